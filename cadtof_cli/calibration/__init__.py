@@ -1,0 +1,1 @@
+"""Dark, response and Petzval calibration: fit, apply, its exact inverse, store."""

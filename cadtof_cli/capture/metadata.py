@@ -1,0 +1,265 @@
+"""What is known of a capture besides its pixels: the records that `capture.toml` describes, one a table."""
+
+import itertools
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field, fields
+from functools import cached_property
+from typing import Any, Literal
+
+from cadtof_cli.errors import MetadataError
+
+Waveform = Literal["sine", "triangle"]
+
+WAVEFORMS: tuple[Waveform, ...] = ("sine", "triangle")
+
+HARMONIC_TOLERANCE = 1e-6
+"""How far periods_ns[0] / period may be from a whole number, relative; recorded periods are rounded decimals."""
+
+
+class InvalidValueError(MetadataError):
+    """A value that a key cannot have. `where` is filled in by whoever knows the file or option it came from."""
+
+    def __init__(self, key: str, found: object, expected: str, where: str = "") -> None:
+        super().__init__(key, found, expected, where)
+        self.key, self.found, self.expected, self.where = key, found, expected, where
+
+    def __str__(self) -> str:
+        place = f"{self.where}: " if self.where else ""
+        return f"{place}{self.key}: found {self.found!r}, expected {self.expected}"
+
+
+def _key(convert: Callable[[Any], Any], about: str, default: Any = None) -> Any:
+    """Declare one key of a table: how a TOML value becomes ours, what it means, and the paper's value if it has one."""
+    return field(default=default, metadata={"convert": convert, "about": about})
+
+
+def _number(value: Any) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise TypeError("a number")
+    return float(value)
+
+
+def _whole_number(value: Any) -> int:
+    if isinstance(value, bool) or not isinstance(value, int):
+        raise TypeError("a whole number")
+    return value
+
+
+def _numbers(value: Any) -> tuple[float, ...]:
+    if not isinstance(value, list | tuple) or not value:
+        raise TypeError("a list of numbers")
+    return tuple(_number(item) for item in value)
+
+
+def _pair(value: Any) -> tuple[float, ...]:
+    if not isinstance(value, list | tuple) or len(value) != 2:
+        raise TypeError("a list of two numbers")
+    return _numbers(value)
+
+
+def _text(value: Any) -> str:
+    if not isinstance(value, str):
+        raise TypeError("a string")
+    return value
+
+
+def _require(holds: bool, key: str, found: object, expected: str) -> None:
+    if not holds:
+        raise InvalidValueError(key, found, expected)
+
+
+def _require_positive(key: str, value: float | None) -> None:
+    _require(value is None or (math.isfinite(value) and value > 0), key, value, "a finite number above 0")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Modulation:
+    """The voltages that the pixel samples."""
+
+    periods_ns: tuple[float, ...] = _key(_numbers, "modulation periods, the fundamental first", (40.0, 20.0))
+    waveform: Waveform = _key(_text, "shape of the modulation, sine or triangle", "sine")
+    amplitude_v: float = _key(_number, "modulation amplitude", 0.2746)
+
+    def __post_init__(self) -> None:
+        for period in self.periods_ns:
+            _require_positive("modulation.periods_ns", period)
+        ratios = [self.periods_ns[0] / period for period in self.periods_ns]
+        harmonic = all(abs(ratio - round(ratio)) <= HARMONIC_TOLERANCE * ratio for ratio in ratios)
+        rising = all(a < b for a, b in itertools.pairwise(ratios))
+        _require(
+            harmonic and rising,
+            "modulation.periods_ns",
+            list(self.periods_ns),
+            "the fundamental first, then falling periods that divide it by whole numbers, such as [40.0, 20.0]",
+        )
+        _require(
+            self.waveform in WAVEFORMS,
+            "modulation.waveform",
+            self.waveform,
+            " or ".join(map(repr, WAVEFORMS)),
+        )
+        _require_positive("modulation.amplitude_v", self.amplitude_v)
+
+    @cached_property
+    def harmonics(self) -> tuple[int, ...]:
+        """Harmonic numbers h, where period h is periods_ns[0] / h."""
+        return tuple(round(self.periods_ns[0] / period) for period in self.periods_ns)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pixel:
+    """The averaging that each photon's sample goes through."""
+
+    integration_length: float | None = _key(_number, "n_av of Eq. (1), per harmonic")
+
+    def __post_init__(self) -> None:
+        n_av = self.integration_length
+        _require(
+            n_av is None or (math.isfinite(n_av) and n_av > 1),
+            "pixel.integration_length",
+            n_av,
+            "a finite number above 1",
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pulse:
+    """The laser pulse, taken as a Gaussian."""
+
+    fwhm_ns: float = _key(_number, "laser pulse, full width at half maximum", 1.7)
+
+    def __post_init__(self) -> None:
+        _require(
+            math.isfinite(self.fwhm_ns) and self.fwhm_ns >= 0,
+            "pulse.fwhm_ns",
+            self.fwhm_ns,
+            "a finite number, 0 or more",
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Voltage:
+    """How stored values stand for volts: (stored − zero_counts) · volts_per_count."""
+
+    zero_counts: float = _key(_number, "stored value of 0 V", 0.0)
+    volts_per_count: float | None = _key(_number, "volts a count; float files without it hold volts")
+    saturated_counts: tuple[float, float] | None = _key(_pair, "stored values at or beyond these are saturated")
+
+    def __post_init__(self) -> None:
+        _require(math.isfinite(self.zero_counts), "voltage.zero_counts", self.zero_counts, "a finite number")
+        scale = self.volts_per_count
+        _require(
+            scale is None or (math.isfinite(scale) and scale != 0),
+            "voltage.volts_per_count",
+            scale,
+            "a finite number other than 0",
+        )
+        limits = self.saturated_counts
+        _require(
+            limits is None or limits[0] < limits[1],
+            "voltage.saturated_counts",
+            limits and list(limits),
+            "the lower limit, then a higher one",
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Optics:
+    """The lens as a pinhole; needed for z depth, Petzval walls and point clouds."""
+
+    focal_length_px: float | None = _key(_number, "focal length in pixels")
+    principal_point_px: tuple[float, float] | None = _key(
+        _pair, "column and row where the optical axis meets the array"
+    )
+
+    def __post_init__(self) -> None:
+        _require_positive("optics.focal_length_px", self.focal_length_px)
+        point = self.principal_point_px
+        _require(
+            point is None or all(map(math.isfinite, point)),
+            "optics.principal_point_px",
+            point,
+            "two finite numbers",
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Target:
+    """A known object that a calibration capture looks at."""
+
+    distance_m: float | None = _key(_number, "perpendicular distance of a flat target")
+
+    def __post_init__(self) -> None:
+        _require_positive("target.distance_m", self.distance_m)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Layout:
+    """How frames are spread over files, where the files do not say it themselves."""
+
+    pattern: str | None = _key(_text, "file name of one plane, such as {frame}_h{harmonic}_sc{channel}.tif")
+    frames: int | None = _key(_whole_number, "frames in each TIFF stack")
+
+    def __post_init__(self) -> None:
+        if self.pattern is not None:
+            missing = [name for name in ("{frame}", "{harmonic}", "{channel}") if self.pattern.count(name) != 1]
+            _require(
+                not missing and "/" not in self.pattern,
+                "layout.pattern",
+                self.pattern,
+                "a file name with {frame}, {harmonic} and {channel} once each",
+            )
+        _require(self.frames is None or self.frames >= 1, "layout.frames", self.frames, "1 or more")
+
+
+@dataclass(frozen=True, kw_only=True)
+class CaptureMetadata:
+    """All that is known of a capture; the tables and keys are those of `capture.toml`."""
+
+    modulation: Modulation = field(default_factory=Modulation)
+    pixel: Pixel = field(default_factory=Pixel)
+    pulse: Pulse = field(default_factory=Pulse)
+    voltage: Voltage = field(default_factory=Voltage)
+    optics: Optics = field(default_factory=Optics)
+    target: Target = field(default_factory=Target)
+    layout: Layout = field(default_factory=Layout)
+
+
+@dataclass(frozen=True)
+class Key:
+    """One key of `capture.toml`, as the reader, the command-line options and the documentation need it."""
+
+    table: str
+    name: str
+    about: str
+    default: Any
+    convert: Callable[[Any], Any]
+
+    @property
+    def path(self) -> str:
+        """Dotted name, such as `pixel.integration_length`."""
+        return f"{self.table}.{self.name}"
+
+    @property
+    def option(self) -> str:
+        """The command-line option that overrides the key."""
+        return "--" + self.name.replace("_", "-")
+
+
+TABLES: dict[str, type] = {
+    "modulation": Modulation,
+    "pixel": Pixel,
+    "pulse": Pulse,
+    "voltage": Voltage,
+    "optics": Optics,
+    "target": Target,
+    "layout": Layout,
+}
+
+KEYS: tuple[Key, ...] = tuple(
+    Key(table, item.name, item.metadata["about"], item.default, item.metadata["convert"])
+    for table, record in TABLES.items()
+    for item in fields(record)
+)
+"""The registry of keys: `capture.toml`, the options that override it, `cadtof info` and the README follow it."""

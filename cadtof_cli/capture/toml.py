@@ -1,0 +1,121 @@
+"""`capture.toml` read into metadata, each value with where it came from, and written back."""
+
+import difflib
+import json
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from cadtof_cli.capture.metadata import KEYS, TABLES, CaptureMetadata, InvalidValueError, Key
+from cadtof_cli.errors import MetadataError
+
+FILE_NAME = "capture.toml"
+
+_KEYS = {key.path: key for key in KEYS}
+
+
+@dataclass(frozen=True)
+class MetadataSource:
+    """Metadata with the origin of every key: a file's path, the option that set it, or `default`."""
+
+    metadata: CaptureMetadata
+    origins: Mapping[str, str]
+
+    @property
+    def defaulted(self) -> tuple[str, ...]:
+        """Dotted names of the keys that took the paper's value because nothing gave them."""
+        return tuple(
+            path for path, origin in self.origins.items() if origin == "default" and _KEYS[path].default is not None
+        )
+
+
+def load_metadata(path: Path | None, overrides: Mapping[str, Any] | None = None) -> MetadataSource:
+    """Read a `capture.toml` (None: there is none) and lay overrides by dotted key over it.
+
+    Raises:
+        MetadataError: the file cannot be read or parsed, or a table, key, type or value in it is not allowed.
+    """
+    values: dict[str, Any] = {}
+    origins: dict[str, str] = {key.path: "default" for key in KEYS}
+    if path is not None:
+        for dotted, value in _flat(_parse(path), path).items():
+            values[dotted] = _converted(_KEYS[dotted], value, where=str(path))
+            origins[dotted] = str(path)
+    for dotted, value in (overrides or {}).items():
+        if value is not None:
+            values[dotted] = _converted(_KEYS[dotted], value, where=_KEYS[dotted].option)
+            origins[dotted] = _KEYS[dotted].option
+    return MetadataSource(_build(values, origins), origins)
+
+
+def _parse(path: Path) -> dict[str, Any]:
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise MetadataError(f"{path}: cannot be read: {error.strerror}") from error
+    except UnicodeDecodeError as error:
+        raise MetadataError(f"{path}: not UTF-8 text: {error}") from error
+    except tomllib.TOMLDecodeError as error:
+        raise MetadataError(f"{path}: not valid TOML: {error}") from error
+
+
+def _flat(document: dict[str, Any], path: Path) -> dict[str, Any]:
+    """Return the document's values by dotted key; refuse tables and keys that are not in the registry."""
+    flat: dict[str, Any] = {}
+    for table, content in document.items():
+        if table not in TABLES:
+            raise MetadataError(_unknown(f"{path}: unknown table [{table}]", table, list(TABLES)))
+        if not isinstance(content, dict):
+            raise MetadataError(f"{path}: {table}: found {content!r}, expected a table [{table}]")
+        for name, value in content.items():
+            if f"{table}.{name}" not in _KEYS:
+                known = [key.name for key in KEYS if key.table == table]
+                raise MetadataError(_unknown(f"{path}: unknown key {table}.{name}", name, known))
+            flat[f"{table}.{name}"] = value
+    return flat
+
+
+def _unknown(what: str, name: str, known: list[str]) -> str:
+    close = difflib.get_close_matches(name, known, n=1)
+    return f"{what}; {f'did you mean {close[0]}? ' if close else ''}allowed: {', '.join(known)}"
+
+
+def _converted(key: Key, value: Any, *, where: str) -> Any:
+    try:
+        return key.convert(value)
+    except TypeError as error:
+        raise InvalidValueError(key.path, value, str(error), where) from None
+
+
+def _build(values: Mapping[str, Any], origins: Mapping[str, str]) -> CaptureMetadata:
+    try:
+        return CaptureMetadata(
+            **{
+                table: record(
+                    **{key.name: values[key.path] for key in KEYS if key.table == table and key.path in values}
+                )
+                for table, record in TABLES.items()
+            }
+        )
+    except InvalidValueError as error:
+        raise InvalidValueError(error.key, error.found, error.expected, origins[error.key]) from None
+
+
+def toml_text(metadata: CaptureMetadata, *, comments: tuple[str, ...] = ()) -> str:
+    """Return `capture.toml` for the metadata, with comment lines on top; keys without a value are left out."""
+    lines = [f"# {comment}" for comment in comments]
+    for table in TABLES:
+        record = getattr(metadata, table)
+        given = [(key.name, getattr(record, key.name)) for key in KEYS if key.table == table]
+        body = [f"{name} = {_toml_value(value)}" for name, value in given if value is not None]
+        if body:
+            lines += ["", f"[{table}]", *body] if lines else [f"[{table}]", *body]
+    return "\n".join(lines) + "\n"
+
+
+def _toml_value(value: Any) -> str:
+    if isinstance(value, tuple):
+        return "[" + ", ".join(map(_toml_value, value)) + "]"
+    return json.dumps(value) if isinstance(value, str) else repr(value)

@@ -1,0 +1,29 @@
+"""What can go wrong in ways that a user can mend. Every kind says what was found, what was expected, and where."""
+
+
+class CadtofError(Exception):
+    """Base of all errors that reach a user as one message; `exit_status` is what the process ends with."""
+
+    exit_status = 2
+
+
+class SettingsError(CadtofError):
+    """An option, or a combination of options, that cannot be carried out."""
+
+
+class MetadataError(CadtofError):
+    """A `capture.toml` or `calibration` file, or a key in it, that is missing, malformed or impossible."""
+
+
+class CaptureError(CadtofError):
+    """An input that holds no frames, or whose frames do not belong together."""
+
+
+class FrameError(CadtofError):
+    """One frame that cannot be read or resolved; the other frames of a run go on."""
+
+    exit_status = 1
+
+
+class OutputError(CadtofError):
+    """A place that cannot be written, or that holds files a run would replace."""

@@ -1,0 +1,1 @@
+"""Tasks → results on one core or many processes; no domain code."""

@@ -1,0 +1,1 @@
+"""Pictures and plots; the only place that imports matplotlib."""

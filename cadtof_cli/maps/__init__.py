@@ -1,0 +1,1 @@
+"""Paths → depth maps; EXR and TIFF writers."""

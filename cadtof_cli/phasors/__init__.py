@@ -1,0 +1,1 @@
+"""Voltages → phasors: zero, scale, normalisation, response."""

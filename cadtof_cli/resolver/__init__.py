@@ -1,0 +1,1 @@
+"""Phasors → paths: closed form, maximum likelihood, order test, uncertainty, status bits."""

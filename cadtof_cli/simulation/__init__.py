@@ -1,0 +1,1 @@
+"""The pixel, its statistics, whole scenes, and the recorder that makes capture files of them."""

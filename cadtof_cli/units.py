@@ -1,0 +1,19 @@
+"""Units and conversions between them: times in ns, lengths in m, phases in rad, voltages in V."""
+
+import math
+
+C_M_PER_NS = 0.299792458
+"""Speed of light in vacuum."""
+
+FWHM_PER_SIGMA = 2.0 * math.sqrt(2.0 * math.log(2.0))
+"""Full width at half maximum of a Gaussian over its standard deviation, 2.3548."""
+
+
+def unambiguous_range_m(period_ns: float) -> float:
+    """Return the range after which the fundamental's phase repeats, c·T1/2, in metres."""
+    return C_M_PER_NS * period_ns / 2.0
+
+
+def metres_per_radian(period_ns: float) -> float:
+    """Return the range in metres that one radian of fundamental phase stands for, c·T1/(4π)."""
+    return C_M_PER_NS * period_ns / (4.0 * math.pi)
