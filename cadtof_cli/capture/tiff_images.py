@@ -26,6 +26,7 @@ from cadtof_cli.capture.tiff_pages import (
 from cadtof_cli.errors import FrameError
 
 _MAP_LAYER = re.compile(r"(direct|mpi)\.\w+|confidence|status")
+_NEEDS_CODECS = re.compile(r"requires?\b.*\bimagecodecs\b")
 _OME_CHANNEL = re.compile(r"""<Channel\b[^>]*?\bName=["']([^"']*)["']""")
 
 Item = int | Page
@@ -63,7 +64,7 @@ def _reading(path: Path) -> Iterator[list[str]]:
         with damage_as_frame_error(path, "TIFF"):
             yield errors
     except FrameError as error:
-        if "imagecodecs" in str(error):
+        if _NEEDS_CODECS.search(str(error)):
             raise FrameError(
                 f"{path}: its compression needs the imagecodecs package, which is not installed;"
                 " try pip install 'cadtof[codecs]'"

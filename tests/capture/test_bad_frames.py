@@ -1,6 +1,8 @@
 """A frame that cannot be read says which file, what was found there and what was expected."""
 
 import builtins
+import logging
+import struct
 import subprocess
 import sys
 from pathlib import Path
@@ -228,6 +230,29 @@ def test_exr_that_ends_early_tells_what_the_library_said(tmp_path: Path, capfd: 
     assert message.startswith(f"{path}: damaged EXR: (EXR_ERR_BAD_CHUNK_LEADER) ")
     assert message.endswith("expected a complete file, try copying it again")
     assert capfd.readouterr() == ("", "")
+
+
+def test_subsampled_exr_channel(tmp_path: Path) -> None:
+    path = _write_exr(tmp_path / "frame.exr", channels_of(known_frame("f4", shape=(6, 8))))
+    content = bytearray(path.read_bytes())
+    # after the name: pixel type, linearity, then the sampling in x and y, four bytes each
+    sampling = content.index(b"H1.SC2\0") + 7 + 8
+    content[sampling : sampling + 4] = (2).to_bytes(4, "little")
+    path.write_bytes(content)
+    assert _message(path) == f"{path}: H1.SC2 is a subsampled channel, expected one value a pixel"
+
+
+def test_what_tifffile_only_remarks_is_damage_here(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    path = _write_pages(
+        tmp_path / "frame.tif", planes_of(known_frame("u2")), planarconfig="separate", compression="zlib"
+    )
+    content = bytearray(path.read_bytes())
+    content[content.index(struct.pack("<HHI", 284, 3, 1)) + 8] = 128
+    path.write_bytes(content)
+    assert "incorrect StripByteCounts count (4 != 1)" in _message(path)
+    assert caplog.records == []
+    logging.getLogger("tifffile").error("to another user of tifffile")
+    assert caplog.messages == ["to another user of tifffile"]
 
 
 def test_a_plane_that_is_missing(tmp_path: Path) -> None:

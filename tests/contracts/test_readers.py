@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import OpenEXR
 import pytest
 import tifffile
 
@@ -61,6 +62,25 @@ def test_any_number_of_harmonics(harmonics: tuple[int, ...], tmp_path: Path) -> 
     recorded = np.arange(len(harmonics) * 2 * 5 * 7, dtype="u2").reshape(-1, 2, 5, 7)
     source = tiff(metadata=None)(tmp_path / "frame", recorded.reshape(-1, 5, 7))
     with open_frames(source, FrameLayout(harmonics)) as frames:
+        _assert_same(frames.read(), recorded)
+
+
+def test_one_harmonic_needs_no_number_in_exr(tmp_path: Path) -> None:
+    recorded = known_frame("f4")[:1]
+    path = tmp_path / "frame.exr"
+    OpenEXR.File({}, {"SC1": recorded[0, 0].copy(), "SC2": recorded[0, 1].copy()}, num_threads=0).write(str(path))
+    with open_frames(FrameSource("frame", (path,)), FrameLayout((1,))) as frames:
+        _assert_same(frames.read(), recorded)
+
+
+@pytest.mark.parametrize("names", [("H1", "H3"), ("H1", "H2")], ids=["numbers", "places"])
+def test_harmonics_in_exr_are_called_by_number_or_place(names: tuple[str, str], tmp_path: Path) -> None:
+    recorded = known_frame("f4")
+    path = tmp_path / "frame.exr"
+    channels = {f"{names[h]}.SC{c + 1}": recorded[h, c].copy() for h in range(2) for c in range(2)}
+    channels["H5.SC1"] = channels["confidence"] = np.zeros_like(recorded[0, 0])
+    OpenEXR.File({}, channels, num_threads=0).write(str(path))
+    with open_frames(FrameSource("frame", (path,)), FrameLayout((1, 3))) as frames:
         _assert_same(frames.read(), recorded)
 
 
