@@ -9,39 +9,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import OpenEXR
 import pytest
 import tifffile
 
-from cadtof_cli.arrays import Stored
-from cadtof_cli.capture.frames import FrameLayout, FrameSource, NotAFrameError
+from cadtof_cli.capture.frames import FrameLayout, NotAFrameError
 from cadtof_cli.capture.reader import open_frames
-from cadtof_cli.errors import FrameError
-from tests.capture.forms import channels_of, known_frame, plane_files, planes_of, tiff
+from tests.capture.forms import known_frame, plane_files, planes_of, tiff
+from tests.capture.refusals import LAYOUT, message, message_of, write_exr, write_pages
 
-LAYOUT = FrameLayout((1, 2))
 ROOT = Path(__file__).parents[2]
-
-
-def _message(path: Path, layout: FrameLayout = LAYOUT, *, kind: type[FrameError] = FrameError) -> str:
-    return _message_of(FrameSource(path.stem, (path,)), layout, kind=kind)
-
-
-def _message_of(source: FrameSource, layout: FrameLayout = LAYOUT, *, kind: type[FrameError] = FrameError) -> str:
-    with pytest.raises(FrameError) as caught, open_frames(source, layout) as frames:
-        frames.read()
-    assert type(caught.value) is kind
-    return str(caught.value)
-
-
-def _write_exr(path: Path, channels: dict[str, Stored], **header: Any) -> Path:
-    OpenEXR.File(header, channels, num_threads=0).write(str(path))
-    return path
-
-
-def _write_pages(path: Path, pages: Stored, **options: Any) -> Path:
-    tifffile.imwrite(path, pages, photometric="minisblack", **{"metadata": None, **options})
-    return path
 
 
 @pytest.mark.parametrize(
@@ -55,16 +31,16 @@ def _write_pages(path: Path, pages: Stored, **options: Any) -> Path:
 def test_neither_tiff_nor_exr(content: bytes, found: str, tmp_path: Path) -> None:
     path = tmp_path / "frame.tif"
     path.write_bytes(content)
-    message = _message(path)
-    assert message == f"{path}: neither TIFF nor EXR: found {found}, expected 76 2f 31 01 or 49 49 2a 00 or 4d 4d 00 2a"
+    told = message(path)
+    assert told == f"{path}: neither TIFF nor EXR: found {found}, expected 76 2f 31 01 or 49 49 2a 00 or 4d 4d 00 2a"
 
 
 def test_a_file_that_is_gone(tmp_path: Path) -> None:
-    assert _message(tmp_path / "gone.tif") == f"{tmp_path / 'gone.tif'}: cannot be read: No such file or directory"
+    assert message(tmp_path / "gone.tif") == f"{tmp_path / 'gone.tif'}: cannot be read: No such file or directory"
 
 
 def test_a_folder_for_a_file(tmp_path: Path) -> None:
-    assert _message(tmp_path).endswith("cannot be read: Is a directory")
+    assert message(tmp_path).endswith("cannot be read: Is a directory")
 
 
 def test_no_permission(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -72,7 +48,7 @@ def test_no_permission(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         raise PermissionError(13, "Permission denied")
 
     monkeypatch.setattr("os.open", refuse)
-    assert _message(tmp_path / "frame.exr") == f"{tmp_path / 'frame.exr'}: cannot be read: Permission denied"
+    assert message(tmp_path / "frame.exr") == f"{tmp_path / 'frame.exr'}: cannot be read: Permission denied"
 
 
 @pytest.mark.parametrize(
@@ -86,20 +62,20 @@ def test_no_permission(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     ],
 )
 def test_wrong_page_count(pages: int, frames: int | None, expected: str, tmp_path: Path) -> None:
-    path = _write_pages(tmp_path / "frame.tif", np.zeros((pages, 5, 7), "u2"))
-    message = _message(path, FrameLayout((1, 2), frames))
-    assert message.startswith(f"{path}: found {pages} pages")
-    assert expected in message
+    path = write_pages(tmp_path / "frame.tif", np.zeros((pages, 5, 7), "u2"))
+    told = message(path, FrameLayout((1, 2), frames))
+    assert told.startswith(f"{path}: found {pages} pages")
+    assert expected in told
 
 
 def test_no_advice_where_the_count_is_no_multiple(tmp_path: Path) -> None:
-    path = _write_pages(tmp_path / "frame.tif", np.zeros((10, 5, 7), "u2"))
-    assert "set [layout]" not in _message(path, FrameLayout((1, 2), 3))
+    path = write_pages(tmp_path / "frame.tif", np.zeros((10, 5, 7), "u2"))
+    assert "set [layout]" not in message(path, FrameLayout((1, 2), 3))
 
 
 def test_axes_in_an_order_that_could_mean_two_things(tmp_path: Path) -> None:
-    path = _write_pages(tmp_path / "frame.tif", np.zeros((4, 3, 5, 7), "u2"), metadata={"axes": "QZYX"})
-    assert "in axes Q=4 Z=3, expected 4 planes a frame in the order H1.SC1" in _message(path)
+    path = write_pages(tmp_path / "frame.tif", np.zeros((4, 3, 5, 7), "u2"), metadata={"axes": "QZYX"})
+    assert "in axes Q=4 Z=3, expected 4 planes a frame in the order H1.SC1" in message(path)
 
 
 def test_pages_that_differ(tmp_path: Path) -> None:
@@ -107,16 +83,16 @@ def test_pages_that_differ(tmp_path: Path) -> None:
     with tifffile.TiffWriter(path) as writer:
         for width in (7, 7, 7, 8):
             writer.write(np.zeros((5, width), "u2"), metadata=None, photometric="minisblack")
-    message = _message(path)
-    assert "found pages that differ (3 pages of 7 × 5 uint16; 1 pages of 8 × 5 uint16)" in message
+    told = message(path)
+    assert "found pages that differ (3 pages of 7 × 5 uint16; 1 pages of 8 × 5 uint16)" in told
 
 
 @pytest.mark.parametrize("dtype", ["i1", "i8", "c8"])
 def test_sample_type_that_we_do_not_read(dtype: str, tmp_path: Path) -> None:
-    path = _write_pages(tmp_path / "frame.tif", np.zeros((4, 5, 7), dtype))
-    message = _message(path)
-    assert f"found {8 * np.dtype(dtype).itemsize} bits a sample" in message
-    assert "expected one of float16, float32, float64, int16" in message
+    path = write_pages(tmp_path / "frame.tif", np.zeros((4, 5, 7), dtype))
+    told = message(path)
+    assert f"found {8 * np.dtype(dtype).itemsize} bits a sample" in told
+    assert "expected one of float16, float32, float64, int16" in told
 
 
 def test_tiff_that_ends_early(tmp_path: Path) -> None:
@@ -124,13 +100,21 @@ def test_tiff_that_ends_early(tmp_path: Path) -> None:
     path = source.paths[0]
     content = path.read_bytes()
     path.write_bytes(content[:-100])
-    message = _message(path)
-    assert message.startswith(f"{path}: damaged or truncated TIFF")
-    assert f"found no page there in a file of {len(content) - 100:,} bytes" in message
+    told = message(path)
+    assert told.startswith(f"{path}: damaged or truncated TIFF")
+    assert f"found no page there in a file of {len(content) - 100:,} bytes" in told
+
+
+def test_tiff_whose_pixels_come_last_and_end_early(tmp_path: Path) -> None:
+    path = write_pages(tmp_path / "frame.tif", planes_of(known_frame("u2")), metadata={}, truncate=True)
+    content = path.read_bytes()
+    path.write_bytes(content[:-1])
+    size = len(content)
+    assert f"truncated TIFF: 4 pages reach to byte {size:,}, found a file of {size - 1:,} bytes" in message(path)
 
 
 def test_pages_in_a_circle(tmp_path: Path) -> None:
-    path = _write_pages(tmp_path / "frame.tif", np.zeros((4, 5, 7), "u2"))
+    path = write_pages(tmp_path / "frame.tif", np.zeros((4, 5, 7), "u2"))
     with tifffile.TiffFile(path) as file:
         first, last = file.pages[0].offset, file.pages[3].offset
     content = bytearray(path.read_bytes())
@@ -138,7 +122,7 @@ def test_pages_in_a_circle(tmp_path: Path) -> None:
     end = last + 2 + 12 * tags
     content[end : end + 4] = first.to_bytes(4, "little")
     path.write_bytes(content)
-    assert "page 4 leads back to an earlier page" in _message(path)
+    assert "page 4 leads back to an earlier page" in message(path)
 
 
 _READ_WITHOUT_CODECS = """
@@ -158,7 +142,7 @@ except FrameError as error:
 
 def test_compression_without_imagecodecs(tmp_path: Path) -> None:
     # a deflated file that says it is LZW gets as far as the decoder that is missing
-    path = _write_pages(tmp_path / "frame.tif", planes_of(known_frame("u2")), compression="zlib")
+    path = write_pages(tmp_path / "frame.tif", planes_of(known_frame("u2")), compression="zlib")
     with tifffile.TiffFile(path, mode="r+") as file:
         for index in range(4):
             page = file.pages.get(index)
@@ -180,76 +164,18 @@ def test_maps_in_a_tiff_are_not_a_frame(tmp_path: Path) -> None:
         path, np.zeros((4, 5, 7), "f4"), ome=True, photometric="minisblack",
         metadata={"axes": "CYX", "Channel": {"Name": names}},
     )  # fmt: skip
-    message = _message(path, kind=NotAFrameError)
-    assert message == f"{path}: holds maps (direct.depth, mpi.depth, confidence, status), expected voltages"
-
-
-def test_maps_in_an_exr_are_not_a_frame(tmp_path: Path) -> None:
-    path = _write_exr(tmp_path / "maps.exr", {"direct.depth": np.zeros((5, 7), "f4")})
-    message = _message(path, kind=NotAFrameError)
-    assert message.startswith(f"{path}: holds the channels direct.depth, expected voltages H1.SC1, H1.SC2")
-
-
-def test_exr_that_lacks_a_harmonic_or_channel(tmp_path: Path) -> None:
-    channels = channels_of(known_frame("f4"))
-    del channels["H2.SC1"]
-    message = _message(_write_exr(tmp_path / "frame.exr", channels))
-    assert "no channel H2.SC1; found H1.SC1, H1.SC2, H2.SC2, expected H1.SC1, H1.SC2, H2.SC1, H2.SC2" in message
-
-
-def test_exr_with_the_wrong_number_of_parts(tmp_path: Path) -> None:
-    part = {"SC1": np.zeros((5, 7), "f4"), "SC2": np.zeros((5, 7), "f4")}
-    path = tmp_path / "frame.exr"
-    parts = [OpenEXR.Part({"type": OpenEXR.scanlineimage}, dict(part), name) for name in "abc"]
-    OpenEXR.File(parts, num_threads=0).write(str(path))
-    assert "found 3 parts with SC1 and SC2 ('a', 'b', 'c'), expected 2, one a harmonic" in _message(path)
-
-
-def test_exr_parts_of_different_sizes(tmp_path: Path) -> None:
-    path = tmp_path / "frame.exr"
-    window = (np.zeros(2, "i4"), np.array((9, 9), "i4"))
-    header = {"type": OpenEXR.scanlineimage, "displayWindow": window}
-    parts = [
-        OpenEXR.Part(dict(header), {"SC1": np.zeros((5, w), "f4"), "SC2": np.zeros((5, w), "f4")}, name)
-        for w, name in ((7, "H1"), (8, "H2"))
-    ]
-    OpenEXR.File(parts, num_threads=0).write(str(path))
-    assert "SC1 of part 'H2' is 8 × 5 pixels, expected 7 × 5" in _message(path)
-
-
-def test_exr_channels_of_different_types(tmp_path: Path) -> None:
-    channels = channels_of(known_frame("f4"))
-    channels["H2.SC2"] = channels["H2.SC2"].astype("f2")
-    assert "H2.SC2 is 53 × 37 float16, expected 53 × 37 float32" in _message(_write_exr(tmp_path / "f.exr", channels))
-
-
-def test_exr_that_ends_early_tells_what_the_library_said(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    path = _write_exr(tmp_path / "frame.exr", channels_of(known_frame("f4")))
-    path.write_bytes(path.read_bytes()[:-50])
-    message = _message(path)
-    assert message.startswith(f"{path}: damaged EXR: (EXR_ERR_BAD_CHUNK_LEADER) ")
-    assert message.endswith("expected a complete file, try copying it again")
-    assert capfd.readouterr() == ("", "")
-
-
-def test_subsampled_exr_channel(tmp_path: Path) -> None:
-    path = _write_exr(tmp_path / "frame.exr", channels_of(known_frame("f4", shape=(6, 8))))
-    content = bytearray(path.read_bytes())
-    # after the name: pixel type, linearity, then the sampling in x and y, four bytes each
-    sampling = content.index(b"H1.SC2\0") + 7 + 8
-    content[sampling : sampling + 4] = (2).to_bytes(4, "little")
-    path.write_bytes(content)
-    assert _message(path) == f"{path}: H1.SC2 is a subsampled channel, expected one value a pixel"
+    told = message(path, kind=NotAFrameError)
+    assert told == f"{path}: holds maps (direct.depth, mpi.depth, confidence, status), expected voltages"
 
 
 def test_what_tifffile_only_remarks_is_damage_here(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
-    path = _write_pages(
+    path = write_pages(
         tmp_path / "frame.tif", planes_of(known_frame("u2")), planarconfig="separate", compression="zlib"
     )
     content = bytearray(path.read_bytes())
     content[content.index(struct.pack("<HHI", 284, 3, 1)) + 8] = 128
     path.write_bytes(content)
-    assert "incorrect StripByteCounts count (4 != 1)" in _message(path)
+    assert "incorrect StripByteCounts count (4 != 1)" in message(path)
     assert caplog.records == []
     logging.getLogger("tifffile").error("to another user of tifffile")
     assert caplog.messages == ["to another user of tifffile"]
@@ -258,22 +184,22 @@ def test_what_tifffile_only_remarks_is_damage_here(tmp_path: Path, caplog: pytes
 def test_a_plane_that_is_missing(tmp_path: Path) -> None:
     source = plane_files(".tif")(tmp_path / "frame", known_frame("u2"))
     source.paths[3].unlink()
-    assert _message_of(source) == f"{source.paths[3]}: no such file, expected H2.SC2 of frame frame there"
+    assert message_of(source) == f"{source.paths[3]}: no such file, expected H2.SC2 of frame frame there"
 
 
 def test_a_plane_of_another_size(tmp_path: Path) -> None:
     source = plane_files(".tif")(tmp_path / "frame", known_frame("u2"))
     tifffile.imwrite(source.paths[2], np.zeros((5, 7), "u2"))
     expected = f"{source.paths[2]}: found 7 × 5 uint16, expected 53 × 37 uint16 as in {source.paths[0].name}"
-    assert _message_of(source) == expected
+    assert message_of(source) == expected
 
 
 def test_a_plane_file_with_more_than_a_plane(tmp_path: Path) -> None:
     source = plane_files(".tif")(tmp_path / "frame", known_frame("u2"))
     tifffile.imwrite(source.paths[1], np.zeros((2, 37, 53), "u2"), photometric="minisblack")
-    assert "found 2 pages of 53 × 37 uint16, expected a single plane" in _message_of(source)
-    _write_exr(source.paths[1], {"A": np.zeros((5, 7), "f4"), "B": np.zeros((5, 7), "f4")})
-    assert "found channels A, B, expected a single plane" in _message_of(source)
+    assert "found 2 pages of 53 × 37 uint16, expected a single plane" in message_of(source)
+    write_exr(source.paths[1], {"A": np.zeros((5, 7), "f4"), "B": np.zeros((5, 7), "f4")})
+    assert "found channels A, B, expected a single plane" in message_of(source)
 
 
 def test_what_a_caller_raises_stays_its_own(tmp_path: Path) -> None:

@@ -135,8 +135,8 @@ def test_frames_of_a_stack_come_back_one_by_one(
 
 def test_a_stack_that_is_written_anew_is_read_anew(tmp_path: Path) -> None:
     path = tmp_path / "stack.tif"
-    for seed in range(3):
-        recorded = np.stack([known_frame("u2", seed=seed), known_frame("u2", seed=seed + 9)])
+    for seed, dtype in enumerate(("u2", "f4", "u1")):
+        recorded = np.stack([known_frame(dtype, seed=seed), known_frame(dtype, seed=seed + 9)])
         tifffile.imwrite(path.with_suffix(".new"), recorded, photometric="minisblack")
         path.with_suffix(".new").rename(path)
         with open_frames(FrameSource("stack", (path,), 1), LAYOUT) as stack:
