@@ -1,12 +1,13 @@
 """Phasors of a block of pixels → the paths of every pixel: the stage between `phasors/` and `maps/`."""
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
-from cadtof_cli.arrays import Bool, Complex, Float, Index, Status
+from cadtof_cli.arrays import Bool, Complex, Float, Float32, Index, Status
 from cadtof_cli.errors import SettingsError
-from cadtof_cli.resolver.closed_form import FundamentalFrame, fundamental_frame, two_paths
+from cadtof_cli.resolver.closed_form import FundamentalFrame, fundamental_frame, is_single, two_paths
 from cadtof_cli.resolver.noise import NoiseModel
 from cadtof_cli.resolver.one_path import one_path
 from cadtof_cli.resolver.order import second_path_threshold, signal_threshold
@@ -26,14 +27,14 @@ FULL_TURN = 2.0 * np.pi
 
 @dataclass(frozen=True)
 class Path:
-    """One path of n pixels: amplitude in units of the phasors, phase in rad, its standard deviation in rad.
+    """One path of n pixels: amplitude in units of the phasors, phase in rad, its standard deviation in rad, (n,) each.
 
     Phases lie in [0, 2π), but that of an MPI path that is known to lie behind the direct one may go on to 4π.
     """
 
     amplitude: Float
     phase_rad: Float
-    sigma_rad: Float
+    sigma_rad: Float | Float32
 
 
 @dataclass(frozen=True)
@@ -81,9 +82,7 @@ def resolve_paths(
             # NaN in the phasor is NaN in all that follows from it.
             frame = replace(frame, u=np.where(answered, frame.u, np.nan))
         decision = _decided(frame, settings, noise)
-        status |= answered * np.where(
-            decision.has_two, np.uint32(StatusBit.TWO_PATHS), np.uint32(StatusBit.ONE_PATH)
-        )
+        status |= answered * np.where(decision.has_two, np.uint32(StatusBit.TWO_PATHS), np.uint32(StatusBit.ONE_PATH))
         direct, mpi = _paths(frame, decision, settings, noise, status)
     return ResolvedPaths(direct, mpi, confidence, status)
 
@@ -117,7 +116,7 @@ def _decided(frame: FundamentalFrame, settings: ResolverSettings, noise: NoiseMo
         fit = one_path(frame, noise=noise, steps=ONE_PATH_STEPS)
         kept = np.ones(count, np.bool_)
     elif settings.order == "2":
-        candidates = np.flatnonzero((frame.pr == frame.u) & (frame.pi == 0.0))
+        candidates = np.flatnonzero(is_single(frame))
         fit = one_path(frame.at(candidates), noise=noise, steps=ORDER_TEST_STEPS)
         kept = np.ones(candidates.size, np.bool_)
     else:
@@ -168,11 +167,9 @@ def _paths(
 def _merged(path: Path, alone: Path | None, single: Index, chosen: slice | Index, count: int) -> Path:
     """Return `path`, which holds the pixels in `chosen`, for all pixels, with `alone` or NaN at the indices `single`."""
 
-    def merge(values: Float, others: Float | float) -> Float:
-        if isinstance(chosen, slice):
-            whole = values
-        else:
-            whole = np.empty(count, values.dtype)
+    def merge(values: Float | Float32, others: Float | Float32 | float) -> Any:
+        whole = values if isinstance(chosen, slice) else np.empty(count, values.dtype)
+        if whole is not values:
             whole[chosen] = values
         whole[single] = others
         return whole
