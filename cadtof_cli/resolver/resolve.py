@@ -22,6 +22,9 @@ noise, and to first order in the noise the fit's start is its end: a step would 
 ONE_PATH_STEPS = 6
 """Newton steps where one path is all that is asked for, however badly it fits."""
 
+ECHO_RATIO = 0.5
+"""A path below this share of the other's amplitude, and over half a turn ahead of it, is its echo, wrapped round the range."""
+
 FULL_TURN = 2.0 * np.pi
 
 
@@ -187,23 +190,23 @@ def _direct_and_mpi(x: Path, y: Path, settings: ResolverSettings) -> tuple[Path,
     """Call one of two paths direct: the first or last that is strong enough, or the strongest.
 
     Phases repeat after a full turn, so a late echo of a far wall shows up ahead of it. Light that took the long way is the
-    weaker: a weaker path that seems to come over half a turn before the stronger one is therefore put behind it, and its
-    phase as the MPI path's goes on beyond 2π.
+    weaker: a path of less than half the other's amplitude that seems to come over half a turn before it is therefore put
+    behind it, and its phase as the MPI path's goes on beyond 2π.
     """
     x_chosen: Bool
-    x_stronger = x.amplitude >= y.amplitude
     lead = y.phase_rad - x.phase_rad
-    wrapped = (np.abs(lead) > 0.5 * FULL_TURN) & (x_stronger == (lead < 0.0))
+    x_wraps = (lead > 0.5 * FULL_TURN) & (x.amplitude < ECHO_RATIO * y.amplitude)
+    y_wraps = (lead < -0.5 * FULL_TURN) & (y.amplitude < ECHO_RATIO * x.amplitude)
     if settings.returns == "strongest":
-        x_chosen = x_stronger
+        x_chosen = x.amplitude >= y.amplitude
     else:
-        x_before = (lead >= 0.0) ^ wrapped
+        x_before = ((lead >= 0.0) & ~x_wraps) | y_wraps
         x_wanted = x_before if settings.returns == "first" else ~x_before
         x_strong = x.amplitude >= settings.min_return_ratio * y.amplitude
         y_strong = y.amplitude >= settings.min_return_ratio * x.amplitude
         x_chosen = (x_wanted & x_strong) | ~y_strong
     direct, mpi = _where(x_chosen, x, y), _where(x_chosen, y, x)
-    np.add(mpi.phase_rad, FULL_TURN, out=mpi.phase_rad, where=wrapped & (x_chosen == x_stronger))
+    np.add(mpi.phase_rad, FULL_TURN, out=mpi.phase_rad, where=(x_wraps & ~x_chosen) | (y_wraps & x_chosen))
     return direct, mpi
 
 
