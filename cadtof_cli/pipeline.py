@@ -1,0 +1,124 @@
+"""One frame through the stages: voltages → phasors → paths → maps, a block of pixels at a time."""
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Literal
+
+import numpy as np
+
+from cadtof_cli.arrays import Stored
+from cadtof_cli.capture.metadata import CaptureMetadata
+from cadtof_cli.errors import FrameError, SettingsError
+from cadtof_cli.maps.depth import DepthScale, write_paths
+from cadtof_cli.maps.geometry import planar_per_range
+from cadtof_cli.maps.layers import DepthMaps, empty_maps
+from cadtof_cli.phasors.voltages import PhasorScale, phasor_scale, phasors_from_voltages, saturated_pixels
+from cadtof_cli.resolver.noise import NoiseModel, estimated_integration_length, noise_model
+from cadtof_cli.resolver.resolve import resolve_paths
+from cadtof_cli.resolver.settings import ResolverSettings
+from cadtof_cli.units import metres_per_radian
+
+DepthKind = Literal["range", "z"]
+
+DEPTH_KINDS: tuple[DepthKind, ...] = ("range", "z")
+
+BLOCK_PIXELS = 8192
+"""Pixels a block: 64 KiB a float64 plane, so that a block's planes stay in cache and numpy's cost a call stays small."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class FramePlan:
+    """All that decides what a frame's maps are, besides its pixels."""
+
+    metadata: CaptureMetadata
+    resolver: ResolverSettings
+    depth: DepthKind = "range"
+    block_pixels: int = BLOCK_PIXELS
+
+    def __post_init__(self) -> None:
+        if self.depth not in DEPTH_KINDS:
+            raise SettingsError(f"--depth: found {self.depth!r}, expected one of {', '.join(DEPTH_KINDS)}")
+        if self.metadata.modulation.harmonics != (1, 2):
+            raise SettingsError(
+                f"modulation.periods_ns: found {list(self.metadata.modulation.periods_ns)}; "
+                "two paths in closed form need two periods, the fundamental and half of it, such as [40.0, 20.0]"
+            )
+
+
+@dataclass(frozen=True)
+class _Stages:
+    """What every block of frames of one plan, type and size shares."""
+
+    phasors: PhasorScale
+    depth: DepthScale
+
+
+@dataclass(frozen=True)
+class ResolvedFrame:
+    """The maps of a frame, and the integration length that its noise was taken from (`noise_estimated`: or found)."""
+
+    maps: DepthMaps
+    integration_length: float
+    noise_estimated: bool
+
+
+@lru_cache(maxsize=4)
+def _stages(plan: FramePlan, dtype: np.dtype[np.generic], height: int, width: int) -> _Stages:
+    metadata = plan.metadata
+    planar = planar_per_range(metadata.optics, height, width).ravel() if plan.depth == "z" else None
+    return _Stages(
+        phasor_scale(metadata, dtype),
+        DepthScale(metres_per_radian(metadata.modulation.periods_ns[0]), metadata.modulation.amplitude_v, planar),
+    )
+
+
+def resolve_frame(stored: Stored, /, *, plan: FramePlan) -> ResolvedFrame:
+    """Return the maps of one frame of stored values, (H, 2, Y, X).
+
+    Raises:
+        FrameError: the noise must be estimated from the frame, and too few of its pixels are finite.
+        SettingsError: the plan does not fit the frame's type, or lacks the optics that it needs.
+    """
+    noise = frame_noise(stored, plan=plan)
+    maps = empty_maps(*stored.shape[2:])
+    resolve_pixels(stored, plan=plan, noise=noise, maps=maps)
+    return ResolvedFrame(maps, noise.integration_length, noise.estimated)
+
+
+def frame_noise(stored: Stored, /, *, plan: FramePlan) -> NoiseModel:
+    """Return the noise of a frame's phasors: from the integration length, or, where that is unknown, from the frame."""
+    n_av = plan.metadata.pixel.integration_length
+    quantised = stored.dtype.kind in "iu"
+    if n_av is not None:
+        return noise_model(plan.metadata, integration_length=n_av, quantised=quantised)
+    height, width = stored.shape[2:]
+    stages = _stages(plan, stored.dtype, height, width)
+    planes = stored.reshape(*stored.shape[:2], -1)
+    phasors = phasors_from_voltages(planes, scale=stages.phasors)
+    phasors[:, saturated_pixels(planes, scale=stages.phasors)] = np.nan
+    estimate = estimated_integration_length(phasors.reshape(-1, height, width))
+    if math.isnan(estimate):
+        raise FrameError(
+            "the integration length is unknown and the noise cannot be estimated: too few pixels are finite and not "
+            "saturated; set integration_length under [pixel] in capture.toml, or --integration-length"
+        )
+    # A frame without any noise (a synthetic one) is given that of float32 rounding, so that every threshold stays finite.
+    return noise_model(plan.metadata, integration_length=min(estimate, 1e12), quantised=False, estimated=True)
+
+
+def resolve_pixels(stored: Stored, /, *, plan: FramePlan, noise: NoiseModel, maps: DepthMaps) -> None:
+    """Fill `maps` block by block; no pixel knows of another, so the size of the blocks changes no bit of the answer."""
+    height, width = stored.shape[2:]
+    stages = _stages(plan, stored.dtype, height, width)
+    planes = stored.reshape(*stored.shape[:2], -1)
+    for start in range(0, height * width, plan.block_pixels):
+        block = planes[:, :, start : start + plan.block_pixels]
+        paths = resolve_paths(
+            phasors_from_voltages(block, scale=stages.phasors),
+            saturated=saturated_pixels(block, scale=stages.phasors),
+            settings=plan.resolver,
+            noise=noise,
+            amplitude_v=stages.phasors.amplitude_v,
+        )
+        write_paths(paths, scale=stages.depth, maps=maps, start=start)

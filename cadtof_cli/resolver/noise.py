@@ -1,0 +1,101 @@
+"""The noise of phasors: known beforehand from the integration length, or estimated from a frame."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from cadtof_cli.arrays import Complex, Float
+from cadtof_cli.capture.metadata import CaptureMetadata
+from cadtof_cli.phasors.pulse import pulse_response
+
+MAD_PER_SIGMA = 0.6744897501960817
+"""Median absolute deviation of a Gaussian over its standard deviation."""
+
+
+LEAST_SHARE = 1e-3
+"""Least variance along a phasor, as a share of the dark one: without ambient light it falls to rounding error."""
+
+
+@dataclass(frozen=True)
+class HarmonicNoise:
+    """Noise of one harmonic's phasor, in units of the modulation amplitude.
+
+    `averaging` is 1/(2·n_av − 1) of the exponentially weighted average, `pulse` and `pulse_double` are r_h and r_2h, and
+    `floor` is a variance a channel that comes on top whatever the light (quantisation).
+    """
+
+    averaging: float
+    pulse: float
+    pulse_double: float
+    floor: float
+
+    @property
+    def dark_variance(self) -> float:
+        """Variance a channel where only ambient light arrives: the most that there can be."""
+        return 0.5 * self.averaging / self.pulse**2 + self.floor
+
+    def one_path_variances(self, amplitude: Float, /) -> tuple[Float, Float]:
+        """Return the variances along and across the phasor of a single path of the given amplitude, shape (n,)."""
+        share = np.clip(amplitude, 0.0, 1.0)
+        scale = 0.5 * self.averaging / self.pulse**2
+        doubled = (scale * self.pulse_double) * share
+        across = (scale + self.floor) - doubled
+        along = (scale + self.floor) + doubled - self.averaging * share * share
+        return np.maximum(along, LEAST_SHARE * scale), across
+
+
+@dataclass(frozen=True)
+class NoiseModel:
+    """Noise of every recorded harmonic, independent of each other, and the integration length that stands behind it."""
+
+    harmonics: tuple[HarmonicNoise, ...]
+    integration_length: float
+    estimated: bool
+
+
+def noise_model(
+    metadata: CaptureMetadata, /, *, integration_length: float, quantised: bool, estimated: bool = False
+) -> NoiseModel:
+    """Return the noise of a capture's phasors at an integration length n_av.
+
+    The covariance of harmonic h is [[(1+Re m_2h)/2 − c², Im m_2h/2 − cs], [·, (1−Re m_2h)/2 − s²]]/(2·n_av − 1) with
+    c + is = m_h (PHYSICS); `quantised` adds a count's rounding error, 1/12 count².
+    """
+    modulation, voltage = metadata.modulation, metadata.voltage
+    step = (voltage.volts_per_count or 0.0) / modulation.amplitude_v if quantised else 0.0
+
+    def response(k: int) -> float:
+        return pulse_response(k, fwhm_ns=metadata.pulse.fwhm_ns, period_ns=modulation.periods_ns[0])
+
+    return NoiseModel(
+        tuple(
+            HarmonicNoise(
+                1.0 / (2.0 * integration_length - 1.0), response(h), response(2 * h), (step / response(h)) ** 2 / 12
+            )
+            for h in modulation.harmonics
+        ),
+        integration_length,
+        estimated,
+    )
+
+
+def estimated_integration_length(phasors: Complex, /) -> float:
+    """Return the n_av that explains the pixel-to-pixel noise of a frame's phasors, complex128 (H, Y, X).
+
+    The diagonal second difference (p[y,x] − p[y,x+1] − p[y+1,x] + p[y+1,x+1])/2 keeps the variance of white noise and
+    removes every gradient along rows and columns; its median absolute deviation ignores edges and outliers. NaN is left
+    out. Returns infinity for a frame without noise, and NaN where fewer than 16 pixels are finite.
+    """
+    difference = 0.5 * (phasors[:, :-1, :-1] - phasors[:, :-1, 1:] - phasors[:, 1:, :-1] + phasors[:, 1:, 1:])
+    estimates = []
+    for plane, phasor in zip(difference, phasors, strict=True):
+        finite = plane[np.isfinite(plane)]
+        if finite.size < 16:
+            return math.nan
+        spread = [np.median(np.abs(part)) / MAD_PER_SIGMA for part in (finite.real, finite.imag)]
+        signal = np.median(np.abs(phasor[np.isfinite(phasor)])) ** 2
+        variance = spread[0] ** 2 + spread[1] ** 2
+        estimates.append(variance / max(1.0 - signal, 0.05))
+    averaging = float(np.mean(estimates))
+    return 0.5 * (1.0 + 1.0 / averaging) if averaging > 0.0 else math.inf

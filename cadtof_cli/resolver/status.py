@@ -1,0 +1,52 @@
+"""The registry of status bits: code, decoder and documentation all read this one list."""
+
+from dataclasses import dataclass
+from enum import IntFlag
+
+import numpy as np
+
+from cadtof_cli.arrays import Status
+
+
+class StatusBit(IntFlag):
+    """What became of a pixel. A pixel without `ONE_PATH` or `TWO_PATHS` has no answer, and NaN in every depth layer."""
+
+    SATURATED = 1
+    NOT_FINITE = 2
+    LOW_CONFIDENCE = 4
+    ONE_PATH = 8
+    TWO_PATHS = 16
+    ILL_CONDITIONED = 32
+    CALIBRATED = 64
+
+
+MEANING: dict[StatusBit, str] = {
+    StatusBit.SATURATED: "a stored value lies at or beyond `saturated_counts`; no answer",
+    StatusBit.NOT_FINITE: "a stored value is NaN or infinite; no answer",
+    StatusBit.LOW_CONFIDENCE: "no signal above the noise, or confidence below `--min-confidence`; no answer",
+    StatusBit.ONE_PATH: "resolved as one path; MPI layers are NaN",
+    StatusBit.TWO_PATHS: "resolved as two paths",
+    StatusBit.ILL_CONDITIONED: "a predicted standard deviation exceeds half the separation of the paths: sigma is a lower bound",
+    StatusBit.CALIBRATED: "a calibration was applied",
+}
+
+
+@dataclass(frozen=True)
+class StatusCounts:
+    """How many pixels of a frame ended how."""
+
+    one_path: int
+    two_paths: int
+    invalid: int
+
+
+def count_status(status: Status, /) -> StatusCounts:
+    """Count the pixels of a status map of any shape that have one path, two paths, and no answer."""
+    one = int(np.count_nonzero(status & StatusBit.ONE_PATH))
+    two = int(np.count_nonzero(status & StatusBit.TWO_PATHS))
+    return StatusCounts(one, two, status.size - one - two)
+
+
+def describe_status(value: int) -> tuple[str, ...]:
+    """Return the names of the bits that are set, such as ('two paths', 'ill-conditioned')."""
+    return tuple(bit.name.lower().replace("_", " ") for bit in StatusBit if value & bit and bit.name)
