@@ -8,8 +8,8 @@ from cadtof_cli.arrays import Float
 from cadtof_cli.capture.metadata import CaptureMetadata
 from cadtof_cli.errors import SettingsError
 from cadtof_cli.simulation.camera import Camera
+from cadtof_cli.simulation.light import Light, Scene
 from cadtof_cli.simulation.mix import PhotonMix
-from cadtof_cli.simulation.scenes import Light, Scene
 from cadtof_cli.simulation.statistics import VoltageStatistics, averaging_gain, draw_voltages, voltage_statistics
 from cadtof_cli.units import unambiguous_range_m
 
@@ -114,5 +114,5 @@ def frame_voltages(exposure: Exposure, whole: Band, index: int, /, *, offsets_v:
         offsets_v: (H, 2, Y, X), dark offsets to add.
     """
     generator = np.random.default_rng(np.random.SeedSequence(exposure.seed, spawn_key=(_FRAME_KEY, index)))
-    voltages = draw_voltages(whole.voltages, generator)[0]
+    voltages: Float = draw_voltages(whole.voltages, generator)[0]
     return voltages if offsets_v is None else voltages + offsets_v

@@ -1,80 +1,23 @@
-"""Scenes with known truth: which light reaches every pixel, over which paths.
-
-A scene answers for a band of rows at a time, and a band never depends on another, so bands can be made anywhere.
-"""
+"""The scenes: a wall, the two-path card, the corner of the paper's Fig. 5 and the inter-reflection of its Fig. 4."""
 
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
-from cadtof_cli.arrays import Float
 from cadtof_cli.errors import SettingsError
 from cadtof_cli.simulation.camera import Camera
 from cadtof_cli.simulation.geometry import (
     Bounce,
-    Hits,
     Surface,
     bounce_by_directions,
     bounce_by_patches,
     hits,
 )
+from cadtof_cli.simulation.light import Light, check_common, light_from_bounces
 from cadtof_cli.simulation.mix import finite_at_least, require
 from cadtof_cli.units import C_M_PER_NS
-
-
-@dataclass(frozen=True)
-class Light:
-    """Light that reaches a band of pixels.
-
-    Attributes:
-        delays_ns: (P, Y, X), the direct path first; the others are MPI.
-        photons: (P, Y, X), in a unit of the scene's own; a direct path without any means that the pixel sees nothing.
-        ambient: (Y, X), in the same unit.
-    """
-
-    delays_ns: Float
-    photons: Float
-    ambient: Float
-
-    def truth(self, amplitude_v: float) -> dict[str, Float]:
-        """Return what a perfect resolver would find, by layer name, (Y, X) each; NaN where there is no answer.
-
-        `mpi.ratio` is MPI over direct photons, `mpi.delay` the mean delay of the MPI after the direct path in ns, and
-        `mpi.depth` the range that this mean stands for.
-        """
-        direct, mpi = self.photons[0], self.photons[1:].sum(axis=0)
-        seen, spread = direct > 0, (direct > 0) & (mpi > 0)
-        later = self.delays_ns[1:] - self.delays_ns[0]
-        delay = np.full_like(direct, np.nan)
-        np.divide((self.photons[1:] * later).sum(axis=0), mpi, out=delay, where=spread)
-        ratio = np.full_like(direct, np.nan)
-        np.divide(mpi, direct, out=ratio, where=seen)
-        total = np.where(direct + mpi + self.ambient > 0, direct + mpi + self.ambient, 1.0)
-        arrival = np.where(seen, self.delays_ns[0], np.nan)
-        return {
-            "direct.depth": arrival * C_M_PER_NS / 2.0,
-            "direct.amplitude": amplitude_v * direct / total,
-            "mpi.depth": (arrival + delay) * C_M_PER_NS / 2.0,
-            "mpi.amplitude": amplitude_v * mpi / total,
-            "mpi.ratio": ratio,
-            "mpi.delay": delay,
-        }
-
-
-class Scene(Protocol):
-    """What a camera can look at."""
-
-    @property
-    def summary(self) -> str:
-        """One sentence about the scene, for the comments of `capture.toml`."""
-        ...
-
-    def light(self, camera: Camera, rows: slice, /) -> Light:
-        """Return the light on the given rows of the camera."""
-        ...
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -94,7 +37,7 @@ class Wall:
     asr: float = 2.0
 
     def __post_init__(self) -> None:
-        _check_common(self.distance_m, self.albedo, self.asr)
+        check_common(self.distance_m, self.albedo, self.asr)
         require(all(abs(tilt) < 60 for tilt in self.tilt_deg), "tilt", self.tilt_deg, "angles below 60°")
 
     @property
@@ -114,7 +57,7 @@ class Wall:
             along=(float(level[0]), float(level[1]), float(level[2])),
             albedo=self.albedo,
         )
-        return _light(hits((wall,), camera.rays(rows)), (), self.albedo, self.distance_m, self.asr)
+        return light_from_bounces(hits((wall,), camera.rays(rows)), (), self.albedo, self.distance_m, self.asr)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -136,7 +79,7 @@ class Card:
     asr: float = 2.0
 
     def __post_init__(self) -> None:
-        _check_common(self.distance_m, 1.0, self.asr)
+        check_common(self.distance_m, 1.0, self.asr)
         require(all(finite_at_least(s, 0) for s in self.separations_ns), "separations", self.separations_ns, "≥ 0 ns")
         require(all(finite_at_least(r, 0) for r in self.mpi_ratios), "MPI ratios", self.mpi_ratios, "0 or more")
 
@@ -190,7 +133,7 @@ class Corner:
     directions: int = 300
 
     def __post_init__(self) -> None:
-        _check_common(self.distance_m, self.albedo, self.asr)
+        check_common(self.distance_m, self.albedo, self.asr)
         require(10 <= self.opening_deg < 180, "opening", f"{self.opening_deg:g}°", "10° to below 180°")
         require(all(extent > 0 for extent in self.extents_m), "extents", self.extents_m, "lengths above 0 m")
         require(1 <= self.directions <= 10_000, "directions", self.directions, "1 to 10000")
@@ -229,7 +172,7 @@ class Corner:
             onto_left.irradiance + onto_right.irradiance,
             onto_left.lengths_m + onto_right.lengths_m,
         )
-        return _light(seen, (bounced,), self.albedo, self.distance_m, self.asr)
+        return light_from_bounces(seen, (bounced,), self.albedo, self.distance_m, self.asr)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -259,7 +202,7 @@ class InterReflection:
     asr: float = 2.0
 
     def __post_init__(self) -> None:
-        _check_common(self.distance_m, self.albedo, self.asr)
+        check_common(self.distance_m, self.albedo, self.asr)
         require(self.wall_m > self.distance_m, "wall", f"{self.wall_m:g} m", f"more than {self.distance_m:g} m")
         require(finite_at_least(self.mpi_ratio, 0), "MPI ratio", self.mpi_ratio, "0 or more")
         require(all(extent > 0 for extent in self.panel_m), "panel", self.panel_m, "lengths above 0 m")
@@ -276,14 +219,15 @@ class InterReflection:
     def surfaces(self) -> tuple[Surface, Surface, Surface]:
         """Return the panel, the wall behind it, and the reflector at the side."""
         width, height = self.panel_m
-        facing = {"across": (1.0, 0.0, 0.0), "along": (0.0, 1.0, 0.0)}
+        right, down = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)
         panel = Surface(
             origin_m=(0.0, 0.0, self.distance_m),
             extents_m=(-width / 2.0, width / 2.0, -height / 2.0, height / 2.0),
             albedo=self.albedo,
-            **facing,
+            across=right,
+            along=down,
         )
-        wall = Surface(origin_m=(0.0, 0.0, self.wall_m), albedo=self.albedo / 2.0, **facing)
+        wall = Surface(origin_m=(0.0, 0.0, self.wall_m), across=right, along=down, albedo=self.albedo / 2.0)
         reflector = Surface(
             origin_m=(self.reflector_m, 0.0, 0.45 * self.distance_m),
             across=(0.0, 0.0, 1.0),
@@ -301,7 +245,7 @@ class InterReflection:
         there = bounce_by_patches(middle, 0, reflector, count=6)
         gain = self.mpi_ratio * float(middle.irradiance[0, 0]) / float(there.irradiance.sum())
         scaled = Bounce(gain * bounced.irradiance, bounced.lengths_m)
-        return _light(seen, (scaled,), self.albedo, self.distance_m, self.asr)
+        return light_from_bounces(seen, (scaled,), self.albedo, self.distance_m, self.asr)
 
 
 SCENES: Mapping[str, type[Wall] | type[Card] | type[Corner] | type[InterReflection]] = {
@@ -312,28 +256,9 @@ SCENES: Mapping[str, type[Wall] | type[Card] | type[Corner] | type[InterReflecti
 }
 
 
-def _light(seen: Hits, bounces: tuple[Bounce, ...], albedo: float, distance_m: float, asr: float) -> Light:
-    """Return light from geometry; photons count 1 where a surface of this albedo faces the light at this distance."""
-    ranges_m = np.nan_to_num(seen.ranges_m)
-    unit = distance_m**2 * seen.albedo / albedo
-    ways_m = [ranges_m[None] * 2.0, *(bounce.lengths_m + ranges_m for bounce in bounces)]
-    photons = [seen.irradiance[None], *(bounce.irradiance for bounce in bounces)]
-    return Light(
-        delays_ns=np.concatenate(ways_m) / C_M_PER_NS,
-        photons=np.concatenate(photons) * unit,
-        ambient=np.where(seen.surface < 0, 1.0, asr * seen.albedo / albedo),
-    )
-
-
 def _unit(x: float, y: float, z: float) -> tuple[float, float, float]:
     length = math.sqrt(x * x + y * y + z * z)
     return x / length, y / length, z / length
-
-
-def _check_common(distance_m: float, albedo: float, asr: float) -> None:
-    require(finite_at_least(distance_m, 0.01), "distance", f"{distance_m:g} m", "0.01 m or more")
-    require(0 < albedo <= 1, "albedo", f"{albedo:g}", "above 0, at most 1")
-    require(finite_at_least(asr, 0), "ASR", f"{asr:g}", "0 or more")
 
 
 def scene_from_name(name: str, /) -> type[Wall] | type[Card] | type[Corner] | type[InterReflection]:
