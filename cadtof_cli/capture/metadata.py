@@ -11,6 +11,8 @@ from cadtof_cli.errors import MetadataError
 
 Waveform = Literal["sine", "triangle"]
 
+Kind = Literal["number", "whole number", "numbers", "pair", "text"]
+
 WAVEFORMS: tuple[Waveform, ...] = ("sine", "triangle")
 
 HARMONIC_TOLERANCE = 1e-6
@@ -29,9 +31,9 @@ class InvalidValueError(MetadataError):
         return f"{place}{self.key}: found {self.found!r}, expected {self.expected}"
 
 
-def _key(convert: Callable[[Any], Any], about: str, default: Any = None) -> Any:
-    """Declare one key of a table: how a TOML value becomes ours, what it means, and the paper's value if it has one."""
-    return field(default=default, metadata={"convert": convert, "about": about})
+def _key(kind: Kind, about: str, default: Any = None) -> Any:
+    """Declare one key of a table: its kind of value, what it means, and the paper's value if it has one."""
+    return field(default=default, metadata={"kind": kind, "about": about})
 
 
 def _number(value: Any) -> float:
@@ -64,6 +66,15 @@ def _text(value: Any) -> str:
     return value
 
 
+_CONVERTERS: dict[Kind, Callable[[Any], Any]] = {
+    "number": _number,
+    "whole number": _whole_number,
+    "numbers": _numbers,
+    "pair": _pair,
+    "text": _text,
+}
+
+
 def _require(holds: bool, key: str, found: object, expected: str) -> None:
     if not holds:
         raise InvalidValueError(key, found, expected)
@@ -77,9 +88,9 @@ def _require_positive(key: str, value: float | None) -> None:
 class Modulation:
     """The voltages that the pixel samples."""
 
-    periods_ns: tuple[float, ...] = _key(_numbers, "modulation periods, the fundamental first", (40.0, 20.0))
-    waveform: Waveform = _key(_text, "shape of the modulation, sine or triangle", "sine")
-    amplitude_v: float = _key(_number, "modulation amplitude", 0.2746)
+    periods_ns: tuple[float, ...] = _key("numbers", "modulation periods, the fundamental first", (40.0, 20.0))
+    waveform: Waveform = _key("text", "shape of the modulation, sine or triangle", "sine")
+    amplitude_v: float = _key("number", "modulation amplitude", 0.2746)
 
     def __post_init__(self) -> None:
         for period in self.periods_ns:
@@ -111,7 +122,7 @@ class Modulation:
 class Pixel:
     """The averaging that each photon's sample goes through."""
 
-    integration_length: float | None = _key(_number, "n_av of Eq. (1), per harmonic")
+    integration_length: float | None = _key("number", "n_av of Eq. (1), per harmonic")
 
     def __post_init__(self) -> None:
         n_av = self.integration_length
@@ -127,7 +138,7 @@ class Pixel:
 class Pulse:
     """The laser pulse, taken as a Gaussian."""
 
-    fwhm_ns: float = _key(_number, "laser pulse, full width at half maximum", 1.7)
+    fwhm_ns: float = _key("number", "laser pulse, full width at half maximum", 1.7)
 
     def __post_init__(self) -> None:
         _require(
@@ -142,9 +153,9 @@ class Pulse:
 class Voltage:
     """How stored values stand for volts: (stored − zero_counts) · volts_per_count."""
 
-    zero_counts: float = _key(_number, "stored value of 0 V", 0.0)
-    volts_per_count: float | None = _key(_number, "volts a count; float files without it hold volts")
-    saturated_counts: tuple[float, float] | None = _key(_pair, "stored values at or beyond these are saturated")
+    zero_counts: float = _key("number", "stored value of 0 V", 0.0)
+    volts_per_count: float | None = _key("number", "volts a count; float files without it hold volts")
+    saturated_counts: tuple[float, float] | None = _key("pair", "stored values at or beyond these are saturated")
 
     def __post_init__(self) -> None:
         _require(math.isfinite(self.zero_counts), "voltage.zero_counts", self.zero_counts, "a finite number")
@@ -168,9 +179,9 @@ class Voltage:
 class Optics:
     """The lens as a pinhole; needed for z depth, Petzval walls and point clouds."""
 
-    focal_length_px: float | None = _key(_number, "focal length in pixels")
+    focal_length_px: float | None = _key("number", "focal length in pixels")
     principal_point_px: tuple[float, float] | None = _key(
-        _pair, "column and row where the optical axis meets the array"
+        "pair", "column and row where the optical axis meets the array"
     )
 
     def __post_init__(self) -> None:
@@ -188,7 +199,7 @@ class Optics:
 class Target:
     """A known object that a calibration capture looks at."""
 
-    distance_m: float | None = _key(_number, "perpendicular distance of a flat target")
+    distance_m: float | None = _key("number", "perpendicular distance of a flat target")
 
     def __post_init__(self) -> None:
         _require_positive("target.distance_m", self.distance_m)
@@ -198,8 +209,8 @@ class Target:
 class Layout:
     """How frames are spread over files, where the files do not say it themselves."""
 
-    pattern: str | None = _key(_text, "file name of one plane, such as {frame}_h{harmonic}_sc{channel}.tif")
-    frames: int | None = _key(_whole_number, "frames in each TIFF stack")
+    pattern: str | None = _key("text", "file name of one plane, such as {frame}_h{harmonic}_sc{channel}.tif")
+    frames: int | None = _key("whole number", "frames in each TIFF stack")
 
     def __post_init__(self) -> None:
         if self.pattern is not None:
@@ -234,7 +245,11 @@ class Key:
     name: str
     about: str
     default: Any
-    convert: Callable[[Any], Any]
+    kind: Kind
+
+    def convert(self, value: Any) -> Any:
+        """Return a value from TOML or the command line as the records hold it; TypeError says what was expected."""
+        return _CONVERTERS[self.kind](value)
 
     @property
     def path(self) -> str:
@@ -258,7 +273,7 @@ TABLES: dict[str, type] = {
 }
 
 KEYS: tuple[Key, ...] = tuple(
-    Key(table, item.name, item.metadata["about"], item.default, item.metadata["convert"])
+    Key(table, item.name, item.metadata["about"], item.default, item.metadata["kind"])
     for table, record in TABLES.items()
     for item in fields(record)
 )

@@ -13,6 +13,9 @@ from cadtof_cli.errors import MetadataError
 
 FILE_NAME = "capture.toml"
 
+DEFAULT_ORIGIN = "default"
+"""Origin of a key that neither a file nor an option gave."""
+
 _KEYS = {key.path: key for key in KEYS}
 
 
@@ -24,11 +27,13 @@ class MetadataSource:
     origins: Mapping[str, str]
 
     @property
-    def defaulted(self) -> tuple[str, ...]:
-        """Dotted names of the keys that took the paper's value because nothing gave them."""
-        return tuple(
-            path for path, origin in self.origins.items() if origin == "default" and _KEYS[path].default is not None
-        )
+    def defaulted(self) -> dict[str, Any]:
+        """Values by dotted key that are the paper's because nothing gave them."""
+        return {
+            path: _KEYS[path].default
+            for path, origin in self.origins.items()
+            if origin == DEFAULT_ORIGIN and _KEYS[path].default is not None
+        }
 
 
 def load_metadata(path: Path | None, overrides: Mapping[str, Any] | None = None) -> MetadataSource:
@@ -38,7 +43,7 @@ def load_metadata(path: Path | None, overrides: Mapping[str, Any] | None = None)
         MetadataError: the file cannot be read or parsed, or a table, key, type or value in it is not allowed.
     """
     values: dict[str, Any] = {}
-    origins: dict[str, str] = {key.path: "default" for key in KEYS}
+    origins: dict[str, str] = {key.path: DEFAULT_ORIGIN for key in KEYS}
     if path is not None:
         for dotted, value in _flat(_parse(path), path).items():
             values[dotted] = _converted(_KEYS[dotted], value, where=str(path))

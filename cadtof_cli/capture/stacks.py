@@ -1,0 +1,64 @@
+"""From files to frames: which of a capture's files are stacks, found out only as far as it must be."""
+
+from collections.abc import Iterator
+
+from cadtof_cli.capture.discovery import Capture
+from cadtof_cli.capture.frames import FrameLayout, FrameSource
+from cadtof_cli.capture.reader import open_frames
+from cadtof_cli.errors import FrameError
+
+
+def capture_layout(capture: Capture, /) -> FrameLayout:
+    """Return how the capture's files are laid out, from its metadata."""
+    metadata = capture.source.metadata
+    return FrameLayout(metadata.modulation.harmonics, metadata.layout.frames)
+
+
+def single_frames(capture: Capture, /) -> Iterator[FrameSource]:
+    """Yield every frame of a capture, a stack's one by one.
+
+    Opening each of thousands of files beforehand would cost as much as reading them, so a file of the very size of one that
+    held a single frame is taken to hold one too (its reader checks). A file that cannot be opened is yielded as it is: it
+    fails when its turn comes.
+    """
+    layout = capture_layout(capture)
+    size_of_one: int | None = None
+    for source in capture.frames:
+        size = _size(source)
+        if size is None or size == size_of_one:
+            yield source
+            continue
+        try:
+            with open_frames(source, layout) as frames:
+                count = frames.count
+        except FrameError:
+            yield source
+            continue
+        if count == 1:
+            size_of_one = size
+            yield source
+        else:
+            yield from source.expanded(count)
+
+
+def first_pixels(capture: Capture, /) -> tuple[int, int] | None:
+    """Return (Y, X) of the first frame that can be opened, which the others are held against; None where none can."""
+    layout = capture_layout(capture)
+    for source in capture.frames:
+        try:
+            with open_frames(source, layout) as frames:
+                return frames.shape[2], frames.shape[3]
+        except FrameError:
+            continue
+    return None
+
+
+def _size(source: FrameSource) -> int | None:
+    """Return a file's size where it could be a stack, else None: only TIFF files can."""
+    path = source.paths[0]
+    if len(source.paths) > 1 or path.suffix.lower() == ".exr":
+        return None
+    try:
+        return path.stat().st_size
+    except OSError:
+        return None

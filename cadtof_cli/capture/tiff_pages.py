@@ -1,0 +1,116 @@
+"""The pages of a TIFF file, checked before a pixel is read, since tifffile fills what is missing with zeros."""
+
+import math
+import os
+import struct
+from dataclasses import dataclass
+from pathlib import Path
+
+import tifffile
+
+from cadtof_cli.errors import FrameError
+
+MAX_TAGS = 4096
+"""As tifffile has it; a page with more is damage."""
+
+SAMPLE_TYPES = frozenset({"uint8", "uint16", "uint32", "int16", "int32", "float16", "float32", "float64"})
+
+Page = tifffile.TiffPage | tifffile.TiffFrame
+
+
+@dataclass(frozen=True)
+class _Form:
+    """Struct formats of one kind of TIFF: the first page's offset, the tag count, a tag's length, an offset."""
+
+    first: int
+    count: str
+    tag_bytes: int
+    offset: str
+
+
+_CLASSIC = _Form(4, "H", 12, "I")
+_BIG = _Form(8, "Q", 20, "Q")
+
+
+def require_sound_chain(path: Path, descriptor: int, size: int) -> None:
+    """Follow the list of pages of an open file from one to the next.
+
+    tifffile takes a list that breaks off for a shorter one, and can follow a list that bites its tail until memory
+    runs out; neither may happen here.
+
+    Raises:
+        FrameError: the list leaves the file, ends within a page or returns to an earlier one.
+    """
+    header = os.pread(descriptor, 4, 0)
+    order = "<" if header[:2] == b"II" else ">"
+    form = _BIG if 43 in header[2:] else _CLASSIC
+    count, link = struct.Struct(order + form.count), struct.Struct(order + form.offset)
+    seen: set[int] = set()
+    (offset,) = link.unpack(os.pread(descriptor, link.size, form.first))
+    while offset:
+        if offset in seen:
+            raise FrameError(f"{path}: damaged TIFF: page {len(seen)} leads back to an earlier page")
+        (tags,) = count.unpack(os.pread(descriptor, count.size, offset)) if offset + count.size <= size else (0,)
+        following = offset + count.size + tags * form.tag_bytes
+        if not 0 < tags <= MAX_TAGS or following + link.size > size:
+            raise FrameError(
+                f"{path}: damaged or truncated TIFF: page {len(seen)} should begin at byte {offset:,},"
+                f" found no page there in a file of {size:,} bytes"
+            )
+        seen.add(offset)
+        (offset,) = link.unpack(os.pread(descriptor, link.size, following))
+
+
+def require_sound_page(path: Path, page: Page, keyframe: tifffile.TiffPage, file_size: int) -> None:
+    """Check that all of a page's strips or tiles are there and within the file.
+
+    Raises:
+        FrameError: strips are missing, empty, or reach beyond the end of the file.
+    """
+    needed = math.prod(keyframe.chunked)
+    segments = list(zip(page.dataoffsets, page.databytecounts, strict=False))
+    sound = sum(1 for offset, count in segments[:needed] if offset > 0 and count > 0)
+    if sound < needed:
+        raise FrameError(f"{path}: damaged TIFF: page {page.index} has {sound} strips or tiles, expected {needed}")
+    end = max(offset + count for offset, count in segments)
+    if end > file_size:
+        raise FrameError(
+            f"{path}: truncated TIFF: page {page.index} reaches to byte {end:,}, found a file of {file_size:,} bytes"
+        )
+
+
+def require_sound_keyframe(path: Path, page: tifffile.TiffPage, *, stored_bytes: int) -> None:
+    """Check what the page that describes a series says of its samples against the bytes it says they take.
+
+    Parameters:
+        path: the file, for messages.
+        page: first page of the series.
+        stored_bytes: bytes that the page's strips take if they are not compressed: those of the page, or of the
+            whole series where one page stands for all.
+
+    Raises:
+        FrameError: the samples are of a type that we do not read, or the bytes are too many or too few.
+    """
+    if page.dtype is None or page.dtype.name not in SAMPLE_TYPES or page.bitspersample != page.dtype.itemsize * 8:
+        found = f"{page.bitspersample} bits a sample, sample format {int(page.sampleformat)}"
+        raise FrameError(f"{path}: found {found}, expected one of {', '.join(sorted(SAMPLE_TYPES))}")
+    if page.compression != 1:
+        return
+    expected = stored_bytes
+    if page.tile is not None:
+        samples = page.samplesperpixel if page.planarconfig == 1 else 1
+        expected = math.prod(page.chunked) * math.prod(page.tile) * samples * page.dtype.itemsize
+    found_bytes = sum(page.databytecounts)
+    if found_bytes not in (expected, page.nbytes if page.tile is None else expected):
+        raise FrameError(
+            f"{path}: damaged TIFF: page {page.index} of {page.imagewidth} × {page.imagelength} {page.dtype.name}"
+            f" says it takes {found_bytes:,} bytes, expected {expected:,}"
+        )
+
+
+def lies_in_one_run(page: Page, keyframe: tifffile.TiffPage) -> bool:
+    """Tell whether a page's pixels follow each other in the file as they do in memory."""
+    if not keyframe.is_final:
+        return False
+    ends = [offset + count for offset, count in zip(page.dataoffsets, page.databytecounts, strict=False)]
+    return ends[:-1] == list(page.dataoffsets[1:])

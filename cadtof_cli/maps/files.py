@@ -1,0 +1,60 @@
+"""Files that appear whole or not at all: written under a temporary name, then renamed."""
+
+import json
+import os
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from cadtof_cli.errors import OutputError
+
+PARTIAL_SUFFIX = ".partial"
+
+
+@contextmanager
+def whole_file(path: Path, /, *, token: str = "") -> Iterator[Path]:
+    """Yield a temporary name beside `path`; what is written there replaces `path` on leaving, or is removed on an error.
+
+    Args:
+        path: the file to be written.
+        token: marks the temporary name, so that `remove_partial_files` finds what a killed writer left.
+
+    Raises:
+        OutputError: the file cannot be written or renamed.
+    """
+    temporary = path.with_name(f".{path.name}.{token or os.getpid()}{PARTIAL_SUFFIX}")
+    try:
+        yield temporary
+        temporary.replace(path)
+    except OSError as error:
+        raise OutputError(f"{path}: cannot be written: {error.strerror or error}") from error
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def remove_partial_files(folder: Path, /, *, token: str) -> None:
+    """Remove the half-written files that killed writers with this token left in a folder."""
+    for leftover in folder.glob(f".*.{token}{PARTIAL_SUFFIX}"):
+        leftover.unlink(missing_ok=True)
+
+
+def write_json(path: Path, document: Mapping[str, Any], /) -> None:
+    """Write a JSON document, readable by people, whole or not at all."""
+    with whole_file(path) as temporary:
+        temporary.write_text(json.dumps(document, indent=2, ensure_ascii=False, default=str) + "\n", encoding="utf-8")
+
+
+def make_folder(path: Path, /) -> None:
+    """Make a folder, and its parents, that files can be written into.
+
+    Raises:
+        OutputError: it is a file, or cannot be made or written into.
+    """
+    probe = path / f".cadtof.{os.getpid()}{PARTIAL_SUFFIX}"
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+        probe.touch()
+        probe.unlink()
+    except OSError as error:
+        raise OutputError(f"{path}: expected a folder that can be written into: {error.strerror}") from error

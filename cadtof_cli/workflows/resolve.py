@@ -1,0 +1,166 @@
+"""`cadtof resolve`: captures in, one map file a frame out, with a record of the run beside them."""
+
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import closing
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+from uuid import uuid4
+
+from cadtof_cli.capture.discovery import Capture, find_captures
+from cadtof_cli.capture.frames import FrameSource
+from cadtof_cli.capture.stacks import capture_layout, first_pixels, single_frames
+from cadtof_cli.errors import SettingsError
+from cadtof_cli.execution.ordered import Outcome, WorkerDied, run_ordered
+from cadtof_cli.execution.workers import StartMethod, available_cores, default_start_method
+from cadtof_cli.maps.files import remove_partial_files
+from cadtof_cli.pipeline import DepthKind, FramePlan
+from cadtof_cli.resolver.settings import ResolverSettings
+from cadtof_cli.workflows.frame_task import FrameReport, FrameTask, resolve_file
+from cadtof_cli.workflows.run_record import RunRecord, prepare_output
+
+MapFormat = Literal["exr", "tif", "same"]
+
+MAP_FORMATS: tuple[MapFormat, ...] = ("exr", "tif", "same")
+
+
+@dataclass(frozen=True, kw_only=True)
+class ResolveSettings:
+    """Everything that a user can choose about a run, besides the inputs and what overrides `capture.toml`."""
+
+    out: Path
+    resolver: ResolverSettings = field(default_factory=ResolverSettings)
+    depth: DepthKind = "range"
+    map_format: MapFormat = "same"
+    jobs: int = field(default_factory=available_cores)
+    start_method: StartMethod = field(default_factory=default_start_method)
+    overwrite: bool = False
+    resume: bool = False
+
+    def __post_init__(self) -> None:
+        if self.jobs < 1:
+            raise SettingsError(f"--jobs: found {self.jobs}, expected 1 or more")
+        if self.overwrite and self.resume:
+            raise SettingsError("--overwrite and --resume exclude each other: replace the old maps, or keep them")
+        if self.map_format not in MAP_FORMATS:
+            raise SettingsError(f"--format: found {self.map_format!r}, expected one of {', '.join(MAP_FORMATS)}")
+
+
+@dataclass
+class RunTotals:
+    """What has become of the frames so far."""
+
+    frames: int = 0
+    ok: int = 0
+    failed: int = 0
+    skipped: int = 0
+    one_path: int = 0
+    two_paths: int = 0
+    invalid: int = 0
+
+    def add(self, report: FrameReport) -> None:
+        """Count one more frame."""
+        self.frames += 1
+        setattr(self, report.status, getattr(self, report.status) + 1)
+        for name in ("one_path", "two_paths", "invalid"):
+            setattr(self, name, getattr(self, name) + (getattr(report, name) or 0))
+
+
+@dataclass(frozen=True)
+class Progress:
+    """Callbacks of a run: how many frames are known of, each frame's report as it comes, and notes for the user."""
+
+    on_total: Callable[[int], None]
+    on_frame: Callable[[FrameReport], None]
+    on_note: Callable[[str], None]
+
+
+def resolve_captures(
+    inputs: Sequence[Path],
+    /,
+    *,
+    settings: ResolveSettings,
+    overrides: Mapping[str, Any],
+    arguments: Mapping[str, Any],
+    progress: Progress,
+) -> RunTotals:
+    """Resolve every frame of the inputs into a file of maps in `settings.out`; frames fail alone.
+
+    Args:
+        inputs: folders of frames, and single files.
+        settings: what to do.
+        overrides: values by dotted key that replace those of `capture.toml`.
+        arguments: what the user asked for, as it goes into `run.json`.
+        progress: told of every frame, in the order of the inputs whatever the number of processes.
+
+    Raises:
+        CadtofError: nothing can be resolved: an input, the metadata, the settings or the output folder is at fault.
+    """
+    captures = find_captures(inputs, overrides=overrides)
+    plans = [FramePlan(metadata=c.source.metadata, resolver=settings.resolver, depth=settings.depth) for c in captures]
+    prepare_output(
+        captures, settings.out, arguments=arguments, overwrite=settings.overwrite, resume=settings.resume
+    )
+    for capture in captures:
+        _note_defaults(capture, progress.on_note)
+    totals, began, token = RunTotals(), time.monotonic(), uuid4().hex[:8]
+    tasks = _tasks(captures, plans, settings, progress, token)
+    outcomes = run_ordered(resolve_file, tasks, jobs=settings.jobs, start_method=settings.start_method)
+    record = RunRecord(settings.out, arguments=arguments, captures=captures)
+    try:
+        with record.opened(append=settings.resume), closing(outcomes):
+            for outcome in outcomes:
+                report = _report(outcome)
+                totals.add(report)
+                record.add(report)
+                progress.on_frame(report)
+            record.finish(asdict(totals), seconds=time.monotonic() - began)
+    finally:
+        remove_partial_files(settings.out, token=token)
+    return totals
+
+
+def _tasks(
+    captures: Sequence[Capture], plans: Sequence[FramePlan], settings: ResolveSettings, progress: Progress, token: str
+) -> Iterator[FrameTask]:
+    """Yield the run's tasks; they are drawn as places for them come free."""
+    total = sum(len(capture.frames) for capture in captures)
+    progress.on_total(total)
+    for capture, plan in zip(captures, plans, strict=True):
+        layout, pixels = capture_layout(capture), first_pixels(capture)
+        known = len(capture.frames)
+        for count, source in enumerate(single_frames(capture), start=1):
+            if count > known:
+                known, total = count, total + 1
+                progress.on_total(total)
+            yield FrameTask(
+                source,
+                layout,
+                plan,
+                pixels,
+                settings.out / f"{source.name}{_suffix(source, settings.map_format)}",
+                keep_existing=settings.resume,
+                token=token,
+            )
+
+
+def _suffix(source: FrameSource, map_format: MapFormat) -> str:
+    if map_format == "same":
+        return ".exr" if source.paths[0].suffix.lower() == ".exr" else ".tif"
+    return f".{map_format}"
+
+
+def _report(outcome: Outcome[FrameTask, FrameReport]) -> FrameReport:
+    if isinstance(outcome.result, WorkerDied):
+        reason = "the worker process died twice on this frame (killed, or out of memory): try fewer --jobs"
+        return FrameReport(str(outcome.task.source), None, "failed", reason, 0.0)
+    return outcome.result
+
+
+def _note_defaults(capture: Capture, on_note: Callable[[str], None]) -> None:
+    taken = [f"{key} = {value}" for key, value in capture.source.defaulted.items()]
+    if taken:
+        on_note(f"{capture.root}: not given, so taken from the paper: {', '.join(taken)}")
+    if capture.source.metadata.pixel.integration_length is None:
+        on_note(f"{capture.root}: pixel.integration_length is not given, so the noise is estimated from each frame")

@@ -1,0 +1,136 @@
+"""What is written beside the maps of a run: `run.json`, and `frames.jsonl`, a line a frame."""
+
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, TextIO
+
+from cadtof_cli import __version__
+from cadtof_cli.capture.discovery import Capture
+from cadtof_cli.errors import OutputError
+from cadtof_cli.maps.files import make_folder, write_json
+from cadtof_cli.maps.layers import LAYER_UNITS
+from cadtof_cli.resolver.status import MEANING
+from cadtof_cli.workflows.frame_task import FrameReport
+
+RUN_FILE = "run.json"
+FRAMES_FILE = "frames.jsonl"
+
+CHANGES_NO_MAP = frozenset({"jobs", "start_method", "overwrite", "resume", "json", "quiet", "inputs", "out"})
+"""Arguments that may differ between a run and its resumption."""
+
+
+def prepare_output(
+    captures: Sequence[Capture], out: Path, /, *, arguments: Mapping[str, Any], overwrite: bool, resume: bool
+) -> None:
+    """Make the output folder, and make sure that a run loses nothing in it.
+
+    Raises:
+        OutputError: it cannot be written into; it is a capture's own folder; two frames would be written to one file; it
+            holds files of a run, and neither `overwrite` nor `resume` is set; or the run to resume had other settings.
+    """
+    make_folder(out)
+    for capture in captures:
+        if out.resolve() == capture.root.resolve():
+            raise OutputError(f"{out}: the maps would be written among the recorded frames; choose another folder with -o")
+    named: dict[str, Path] = {}
+    for capture in captures:
+        for frame in capture.frames:
+            other = named.setdefault(frame.name, frame.paths[0])
+            if other != frame.paths[0]:
+                raise OutputError(
+                    f"{other} and {frame.paths[0]} would both be written as {out}/{frame.name}; "
+                    "resolve them into folders of their own, one command each"
+                )
+    if resume:
+        _check_same_settings(out / RUN_FILE, arguments)
+    elif not overwrite:
+        _check_nothing_replaced(out, named)
+
+
+def _check_nothing_replaced(out: Path, named: Mapping[str, Path]) -> None:
+    there = sorted(
+        path.name
+        for path in out.iterdir()
+        if path.name in {RUN_FILE, FRAMES_FILE} or (path.stem in named and path.suffix in {".exr", ".tif"})
+    )
+    if there:
+        more = f" and {len(there) - 3} more" if len(there) > 3 else ""
+        raise OutputError(
+            f"{out}: {', '.join(there[:3])}{more} would be replaced; add --overwrite to replace, --resume to go on where a run "
+            "stopped, or choose another folder with -o"
+        )
+
+
+def _check_same_settings(path: Path, arguments: Mapping[str, Any]) -> None:
+    if not path.exists():
+        return
+    try:
+        before = json.loads(path.read_text(encoding="utf-8"))["arguments"]
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise OutputError(f"{path}: not the record of a run, so it cannot be resumed ({error})") from error
+    now = json.loads(json.dumps(dict(arguments), default=str))
+    for name in sorted((before.keys() | now.keys()) - CHANGES_NO_MAP):
+        if before.get(name) != now.get(name):
+            raise OutputError(
+                f"{path}: cannot resume: {name} was {before.get(name)!r} and is {now.get(name)!r} now; "
+                "give the same options, or --overwrite"
+            )
+
+
+class RunRecord:
+    """The record of one run, kept while it goes on: whatever ends it, what was finished is on disk."""
+
+    def __init__(self, out: Path, /, *, arguments: Mapping[str, Any], captures: Sequence[Capture]) -> None:
+        self._out = out
+        self._lines: TextIO | None = None
+        self._document: dict[str, Any] = {
+            "cadtof": __version__,
+            "started": datetime.now(UTC).isoformat(timespec="seconds"),
+            "finished": False,
+            "arguments": dict(arguments),
+            "captures": [_capture_record(capture) for capture in captures],
+            "calibration": None,
+            "layers": dict(LAYER_UNITS),
+            "status_bits": {bit.name: int(bit) for bit in MEANING},
+        }
+
+    @contextmanager
+    def opened(self, *, append: bool) -> Iterator["RunRecord"]:
+        """Write `run.json`, and hold `frames.jsonl` open for `add`."""
+        write_json(self._out / RUN_FILE, self._document)
+        with _reported(self._out / FRAMES_FILE), (self._out / FRAMES_FILE).open(
+            "a" if append else "w", encoding="utf-8"
+        ) as self._lines:
+            yield self
+
+    def add(self, report: FrameReport) -> None:
+        """Append a frame's line, and hand it to the system at once."""
+        if self._lines is not None:
+            self._lines.write(json.dumps(report.as_json()) + "\n")
+            self._lines.flush()
+
+    def finish(self, totals: Mapping[str, Any], *, seconds: float) -> None:
+        """Complete `run.json`."""
+        self._document |= {"finished": True, "totals": dict(totals), "seconds": round(seconds, 3)}
+        write_json(self._out / RUN_FILE, self._document)
+
+
+@contextmanager
+def _reported(path: Path) -> Iterator[None]:
+    try:
+        yield
+    except OSError as error:
+        raise OutputError(f"{path}: cannot be written: {error.strerror or error}") from error
+
+
+def _capture_record(capture: Capture) -> dict[str, Any]:
+    return {
+        "root": str(capture.root),
+        "files": len(capture.frames),
+        "metadata": asdict(capture.source.metadata),
+        "origins": dict(capture.source.origins),
+    }
