@@ -1,7 +1,7 @@
 """What arrives at a pixel: laser light over one or many paths, and uniform ambient light."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -68,6 +68,10 @@ class PhotonMix:
     def shares(self) -> Float:
         """Return each path's share of all photons, (P, *pixels)."""
         return np.asarray(self.photons / self.total)
+
+    def jittered(self, jitter_ns: float) -> "PhotonMix":
+        """Return the same photons, seen with the detector's timing."""
+        return replace(self, jitter_ns=jitter_ns)
 
     def moments(self, highest: int) -> Complex:
         """Return m_k = E exp(i k 2π t / T1) over all photons, k = 0 … highest, as (highest + 1, *pixels).

@@ -124,7 +124,7 @@ def record_pixel(
             used = weights[:, -len(phases) :]
             sums = _weighted(model, phases[-used.shape[1] :].astype(np.float32), used)
         else:
-            sums = _weighted_arrivals(model, _jittered(model, mix), used, generator, harmonic)
+            sums = _weighted_arrivals(model, mix.jittered(model.jitter_ns), used, generator, harmonic)
         noise = model.sample_noise_v * np.sqrt((used.astype(np.float64) ** 2).sum(axis=1))
         voltages[row] = _read_out(model, model.modulation.amplitude_v * sums + noise * generator.standard_normal(2))
     return voltages
@@ -141,7 +141,7 @@ def trace_pixel(model: PixelModel, mix: PhotonMix, generator: np.random.Generato
     if model.dead_time_ns > 0:
         phases = _detected_phases(model, mix, generator, harmonic)
     else:
-        jittered = _jittered(model, mix)
+        jittered = mix.jittered(model.jitter_ns)
         drawn = [draw_phases(jittered, generator, count=n, harmonic=1) for n in _chunks(model.photons)]
         phases = np.concatenate(drawn).astype(np.float64) * harmonic
     times = phases / (2.0 * math.pi * harmonic) * model.modulation.periods_ns[0]
@@ -152,17 +152,6 @@ def trace_pixel(model: PixelModel, mix: PhotonMix, generator: np.random.Generato
     number = np.arange(voltages.shape[1]) / voltages.shape[1] * (model.photons / model.photons_per_cycle)
     period = model.modulation.periods_ns[0]
     return PixelTrace(np.mod(times, period), np.floor(number), _read_out(model, voltages))
-
-
-def _jittered(model: PixelModel, mix: PhotonMix) -> PhotonMix:
-    return PhotonMix(
-        delays_ns=mix.delays_ns,
-        photons=mix.photons,
-        ambient=mix.ambient,
-        period_ns=mix.period_ns,
-        fwhm_ns=mix.fwhm_ns,
-        jitter_ns=model.jitter_ns,
-    )
 
 
 def _chunks(count: int) -> list[int]:

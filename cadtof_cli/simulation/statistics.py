@@ -68,7 +68,13 @@ def sample_covariance(moments: Complex, /, *, harmonic: int, waveform: Waveform)
 
 
 def voltage_statistics(
-    mix: PhotonMix, modulation: Modulation, /, *, variance_gain: float, read_noise_v: float = 0.0
+    mix: PhotonMix,
+    modulation: Modulation,
+    /,
+    *,
+    variance_gain: float,
+    mean_gain: float = 1.0,
+    sample_noise_v: float = 0.0,
 ) -> VoltageStatistics:
     """Return the distribution of the averaged voltages of every pixel of a mix.
 
@@ -76,7 +82,8 @@ def voltage_statistics(
         mix: the photons that arrive, (*pixels).
         modulation: periods, waveform and amplitude.
         variance_gain: Σ w_i² of the averaging, from `averaging_gain` or from a cascade's weights.
-        read_noise_v: standard deviation of noise that every sample brings besides, such as kTC noise.
+        mean_gain: Σ w_i, less than 1 until the average has settled.
+        sample_noise_v: standard deviation of noise that every sample brings besides, such as kTC noise.
     """
     moments = mix.moments(highest_order(modulation.harmonics, modulation.waveform, mix.spread_rad))
     shape = (len(modulation.harmonics), 3, *moments.shape[1:])
@@ -87,8 +94,8 @@ def voltage_statistics(
         covariances[row] = modulation.amplitude_v**2 * sample_covariance(
             moments, harmonic=harmonic, waveform=modulation.waveform
         )
-    covariances[:, 0::2] += read_noise_v**2
-    return VoltageStatistics(means, covariances * variance_gain)
+    covariances[:, 0::2] += sample_noise_v**2
+    return VoltageStatistics(means * mean_gain, covariances * variance_gain)
 
 
 def draw_voltages(statistics: VoltageStatistics, generator: np.random.Generator, /, *, draws: int = 1) -> Float:

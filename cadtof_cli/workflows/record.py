@@ -1,8 +1,6 @@
 """Record a simulated scene as a capture: bands of rows in parallel, then frame after frame to disk."""
 
-from collections.abc import Callable, Iterator
-from concurrent.futures import Executor, ProcessPoolExecutor
-from contextlib import nullcontext
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -15,10 +13,7 @@ from cadtof_cli.simulation.exposure import Band, Exposure, band_rows, expose_ban
 from cadtof_cli.simulation.mix import require
 from cadtof_cli.simulation.recorder import FRAME_FORMATS, FrameFormat, write_capture
 from cadtof_cli.workflows.record_folder import new_folder
-
-Progress = Callable[[int, int], None]
-"""Called with steps done and steps in all."""
-
+from cadtof_cli.workflows.simulate_tasks import Advance, no_advance, results
 
 @dataclass(frozen=True, kw_only=True)
 class RecordSettings:
@@ -51,8 +46,13 @@ class RecordReport:
     depths_m: tuple[float, float]
 
 
+def record_steps(settings: RecordSettings, /) -> int:
+    """Return how often `record_scene` calls `advance`: once a band of rows, once a frame."""
+    return len(band_rows(settings.exposure.camera.height)) + settings.frames
+
+
 def record_scene(
-    settings: RecordSettings, out: Path, /, *, jobs: int = 1, progress: Progress | None = None
+    settings: RecordSettings, out: Path, /, *, jobs: int = 1, advance: Advance = no_advance
 ) -> RecordReport:
     """Write the capture to `out`, which must not exist; the files are the same for any number of jobs.
 
@@ -61,13 +61,11 @@ def record_scene(
         SettingsError: the scene cannot be recorded.
     """
     exposure = settings.exposure
-    steps = len(band_rows(exposure.camera.height)) + settings.frames
     with new_folder(out) as folder:
-        whole = expose(exposure, jobs=jobs, progress=progress and partial(_of, progress, steps, 0))
-        frames = _frames(settings, whole, progress and partial(_of, progress, steps, steps - settings.frames))
+        whole = expose(exposure, jobs=jobs, advance=advance)
         write_capture(
             folder,
-            frames,
+            _frames(settings, whole, advance),
             truth=whole.truth,
             metadata=exposure.metadata,
             camera=exposure.camera,
@@ -84,32 +82,19 @@ def record_scene(
     )
 
 
-def expose(exposure: Exposure, /, *, jobs: int = 1, progress: Callable[[int], None] | None = None) -> Band:
+def expose(exposure: Exposure, /, *, jobs: int = 1, advance: Advance = no_advance) -> Band:
     """Return the voltages and truth of a whole frame, its bands shared among processes."""
     rows = band_rows(exposure.camera.height)
-    pool: Executor | None = ProcessPoolExecutor(min(jobs, len(rows))) if jobs > 1 else None
-    with pool or nullcontext():
-        made = (pool.map if pool else map)(partial(expose_band, exposure), rows)
-        bands = []
-        for done, band in enumerate(made, start=1):
-            bands.append(band)
-            if progress:
-                progress(done)
-    return joined(bands)
+    return joined(list(results(partial(expose_band, exposure), rows, jobs=min(jobs, len(rows)), advance=advance)))
 
 
-def _frames(settings: RecordSettings, whole: Band, progress: Callable[[int], None] | None) -> Iterator[Float]:
+def _frames(settings: RecordSettings, whole: Band, advance: Advance) -> Iterator[Float]:
     exposure = settings.exposure
     camera, harmonics = exposure.camera, len(exposure.metadata.modulation.harmonics)
     offsets = camera.dark_offsets_v(exposure.seed, harmonics) if camera.dark_offset_v > 0 else None
     for index in range(settings.frames):
         yield frame_voltages(exposure, whole, index, offsets_v=offsets)
-        if progress:
-            progress(index + 1)
-
-
-def _of(progress: Progress, steps: int, before: int, done: int) -> None:
-    progress(before + done, steps)
+        advance()
 
 
 def _comments(settings: RecordSettings) -> tuple[str, ...]:
