@@ -38,7 +38,7 @@ class LazyGroup(click.Group):
 @click.group(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
 @click.version_option(__version__, "-V", "--version", prog_name="cadtof")
 @click.option("--debug", is_flag=True, help="Show the traceback of an error.")
-def cli(debug: bool) -> None:  # noqa: ARG001
+def cli(debug: bool) -> None:
     """Depth maps free of multi-path interference from recorded frames of CA-dToF cameras."""
 
 
@@ -62,10 +62,12 @@ def main() -> NoReturn:
             raise
         click.echo(f"Error: {error}", err=True)
         sys.exit(error.exit_status)
-    except Exception as error:  # noqa: BLE001  (the last place where a traceback can be kept from a user)
+    except Exception as error:
         if debug:
             raise
-        click.echo(f"Error: unexpected {type(error).__name__}: {error}\nRun `cadtof --debug …` and report it.", err=True)
+        click.echo(
+            f"Error: unexpected {type(error).__name__}: {error}\nRun `cadtof --debug …` and report it.", err=True
+        )
         sys.exit(1)
 
 

@@ -61,7 +61,9 @@ def capture_options(function: Function) -> Function:
     gathered.__doc__, gathered.__name__ = function.__doc__, function.__name__
     gathered.__click_params__ = getattr(function, "__click_params__", [])  # type: ignore[attr-defined]
     for key in reversed(KEYS):
-        gathered = click.option(*_names(key), _parameter(key), cls=CaptureOption, type=_type(key), help=_help(key))(gathered)
+        gathered = click.option(*_names(key), _parameter(key), cls=CaptureOption, type=_type(key), help=_help(key))(
+            gathered
+        )
     return gathered  # type: ignore[return-value]
 
 
@@ -87,7 +89,7 @@ def _type(key: Key) -> click.ParamType:
 
 
 def _help(key: Key) -> str:
-    default = "" if key.default is None else f"  [default: {_shown(key.default)}]"
+    default = "" if key.default is None else f"  [if not given: {_shown(key.default)}, the paper's]"
     return f"{key.path}: {key.about}.{default}"
 
 

@@ -38,6 +38,10 @@ class FrameSource:
         if not self.paths:
             raise ValueError(f"frame {self.name} has no files")
 
+    def __str__(self) -> str:
+        place = str(self.paths[0]) if len(self.paths) == 1 else f"{self.paths[0].parent / self.name}"
+        return place if self.index is None else f"{place}[{self.index}]"
+
     def expanded(self, count: int) -> tuple["FrameSource", ...]:
         """Return a source for each of the `count` frames of the stack that the file turned out to be."""
         digits = max(4, len(str(count - 1)))

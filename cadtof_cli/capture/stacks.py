@@ -3,15 +3,9 @@
 from collections.abc import Iterator
 
 from cadtof_cli.capture.discovery import Capture
-from cadtof_cli.capture.frames import FrameLayout, FrameSource
+from cadtof_cli.capture.frames import FrameSource
 from cadtof_cli.capture.reader import open_frames
 from cadtof_cli.errors import FrameError
-
-
-def capture_layout(capture: Capture, /) -> FrameLayout:
-    """Return how the capture's files are laid out, from its metadata."""
-    metadata = capture.source.metadata
-    return FrameLayout(metadata.modulation.harmonics, metadata.layout.frames)
 
 
 def single_frames(capture: Capture, /) -> Iterator[FrameSource]:
@@ -21,7 +15,7 @@ def single_frames(capture: Capture, /) -> Iterator[FrameSource]:
     held a single frame is taken to hold one too (its reader checks). A file that cannot be opened is yielded as it is: it
     fails when its turn comes.
     """
-    layout = capture_layout(capture)
+    layout = capture.layout
     size_of_one: int | None = None
     for source in capture.frames:
         size = _size(source)
@@ -43,7 +37,7 @@ def single_frames(capture: Capture, /) -> Iterator[FrameSource]:
 
 def first_pixels(capture: Capture, /) -> tuple[int, int] | None:
     """Return (Y, X) of the first frame that can be opened, which the others are held against; None where none can."""
-    layout = capture_layout(capture)
+    layout = capture.layout
     for source in capture.frames:
         try:
             with open_frames(source, layout) as frames:

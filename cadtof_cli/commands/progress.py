@@ -8,7 +8,6 @@ from typing import Protocol
 
 import click
 
-
 REDRAW_SECONDS = 0.1
 """Drawing takes about a millisecond, frames come every few."""
 
@@ -44,7 +43,15 @@ def progress_bar(description: str, unit: str, *, quiet: bool) -> Iterator[Bar]:
         yield _Plain()
         return
     from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, ProgressColumn, Task, TextColumn, TimeRemainingColumn
+    from rich.progress import (
+        BarColumn,
+        MofNCompleteColumn,
+        Progress,
+        ProgressColumn,
+        Task,
+        TextColumn,
+        TimeRemainingColumn,
+    )
     from rich.text import Text
 
     class Rate(ProgressColumn):

@@ -1,7 +1,7 @@
 """Tasks → results in the order of the tasks, on one core or many, with a bounded number of tasks in flight."""
 
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import Future
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
@@ -31,7 +31,7 @@ class Outcome(Generic[Task, Result]):
 
 def run_ordered(
     function: Callable[[Task], Result], tasks: Iterable[Task], /, *, jobs: int, start_method: StartMethod
-) -> Iterator[Outcome[Task, Result]]:
+) -> Generator[Outcome[Task, Result], None, None]:
     """Yield the outcome of function(task) for every task, in the order of the tasks.
 
     With one job everything runs in this process. With more, `function` must be importable from a module, and tasks and

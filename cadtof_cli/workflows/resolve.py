@@ -10,7 +10,7 @@ from uuid import uuid4
 
 from cadtof_cli.capture.discovery import Capture, find_captures
 from cadtof_cli.capture.frames import FrameSource
-from cadtof_cli.capture.stacks import capture_layout, first_pixels, single_frames
+from cadtof_cli.capture.stacks import first_pixels, single_frames
 from cadtof_cli.errors import SettingsError
 from cadtof_cli.execution.ordered import Outcome, WorkerDied, run_ordered
 from cadtof_cli.execution.workers import StartMethod, available_cores, default_start_method
@@ -58,6 +58,7 @@ class RunTotals:
     one_path: int = 0
     two_paths: int = 0
     invalid: int = 0
+    seconds: float = 0.0
 
     def add(self, report: FrameReport) -> None:
         """Count one more frame."""
@@ -99,9 +100,7 @@ def resolve_captures(
     """
     captures = find_captures(inputs, overrides=overrides)
     plans = [FramePlan(metadata=c.source.metadata, resolver=settings.resolver, depth=settings.depth) for c in captures]
-    prepare_output(
-        captures, settings.out, arguments=arguments, overwrite=settings.overwrite, resume=settings.resume
-    )
+    prepare_output(captures, settings.out, arguments=arguments, overwrite=settings.overwrite, resume=settings.resume)
     for capture in captures:
         _note_defaults(capture, progress.on_note)
     totals, began, token = RunTotals(), time.monotonic(), uuid4().hex[:8]
@@ -115,7 +114,8 @@ def resolve_captures(
                 totals.add(report)
                 record.add(report)
                 progress.on_frame(report)
-            record.finish(asdict(totals), seconds=time.monotonic() - began)
+            totals.seconds = round(time.monotonic() - began, 3)
+            record.finish(asdict(totals))
     finally:
         remove_partial_files(settings.out, token=token)
     return totals
@@ -128,7 +128,7 @@ def _tasks(
     total = sum(len(capture.frames) for capture in captures)
     progress.on_total(total)
     for capture, plan in zip(captures, plans, strict=True):
-        layout, pixels = capture_layout(capture), first_pixels(capture)
+        layout, pixels = capture.layout, first_pixels(capture)
         known = len(capture.frames)
         for count, source in enumerate(single_frames(capture), start=1):
             if count > known:

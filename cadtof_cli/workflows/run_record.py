@@ -35,7 +35,9 @@ def prepare_output(
     make_folder(out)
     for capture in captures:
         if out.resolve() == capture.root.resolve():
-            raise OutputError(f"{out}: the maps would be written among the recorded frames; choose another folder with -o")
+            raise OutputError(
+                f"{out}: the maps would be written among the recorded frames; choose another folder with -o"
+            )
     named: dict[str, Path] = {}
     for capture in captures:
         for frame in capture.frames:
@@ -102,9 +104,10 @@ class RunRecord:
     def opened(self, *, append: bool) -> Iterator["RunRecord"]:
         """Write `run.json`, and hold `frames.jsonl` open for `add`."""
         write_json(self._out / RUN_FILE, self._document)
-        with _reported(self._out / FRAMES_FILE), (self._out / FRAMES_FILE).open(
-            "a" if append else "w", encoding="utf-8"
-        ) as self._lines:
+        with (
+            _reported(self._out / FRAMES_FILE),
+            (self._out / FRAMES_FILE).open("a" if append else "w", encoding="utf-8") as self._lines,
+        ):
             yield self
 
     def add(self, report: FrameReport) -> None:
@@ -113,9 +116,9 @@ class RunRecord:
             self._lines.write(json.dumps(report.as_json()) + "\n")
             self._lines.flush()
 
-    def finish(self, totals: Mapping[str, Any], *, seconds: float) -> None:
+    def finish(self, totals: Mapping[str, Any]) -> None:
         """Complete `run.json`."""
-        self._document |= {"finished": True, "totals": dict(totals), "seconds": round(seconds, 3)}
+        self._document |= {"finished": True, "totals": dict(totals)}
         write_json(self._out / RUN_FILE, self._document)
 
 
