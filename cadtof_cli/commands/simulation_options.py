@@ -1,17 +1,19 @@
 """Options that `cadtof simulate` and `cadtof sweep` share: the pixel, how it is recorded, and how it is resolved."""
 
 from collections.abc import Callable
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
+from click.core import ParameterSource
 
 from cadtof_cli.capture.metadata import WAVEFORMS, InvalidValueError, Modulation
 from cadtof_cli.errors import SettingsError
-from cadtof_cli.execution.workers import available_cores
 from cadtof_cli.options import NumberList
-from cadtof_cli.resolver.settings import ORDERS
-from cadtof_cli.simulation.averaging import STAGE_DRIVES, Averaging, Capacitors, Stages
-from cadtof_cli.simulation.pixel import PixelModel
+from cadtof_cli.resolver.settings import ORDERS, ResolverSettings
+
+if TYPE_CHECKING:
+    from cadtof_cli.simulation.averaging import Averaging
+    from cadtof_cli.simulation.pixel import PixelModel
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -35,7 +37,9 @@ PIXEL_OPTIONS = (
     click.option("--gain-mismatch", type=float, default=0.0, help="Gain of SC2 over SC1, less 1."),
     click.option("--offsets-v", "--offsets", type=NUMBERS, default="0,0", help="Offsets of SC1 and SC2, V."),
     click.option("--capacitors", type=NUMBERS, help="C1,…,C12 of Fig. 1 in fF; they set n_av."),
-    click.option("--stages", type=click.Choice(STAGE_DRIVES), default="dc", show_default=True, help="ST1 and ST2."),
+    click.option(
+        "--stages", type=click.Choice(["dc", "switched"]), default="dc", show_default=True, help="ST1 and ST2."
+    ),
     click.option("--f1-hz", "--f1", type=float, default=1e6, show_default=True, help="Switching rate of ST1."),
     click.option("--f2-hz", "--f2", type=float, default=1e4, show_default=True, help="Switching rate of ST2."),
 )
@@ -48,8 +52,8 @@ RUN_OPTIONS = (
 
 PROCESS_OPTIONS = (
     click.option("--seed", type=int, default=0, show_default=True, help="Same seed, same bytes."),
-    click.option("--jobs", type=click.IntRange(min=1), default=available_cores, help="Processes.  [default: all cores]"),
-    click.option("--quiet", is_flag=True, help="No progress bar."),
+    click.option("-j", "--jobs", type=int, metavar="N", help="Worker processes.  [default: all cores]"),
+    click.option("-q", "--quiet", is_flag=True, help="No progress bar."),
 )
 
 
@@ -76,8 +80,10 @@ def modulation_from_options(options: dict[str, Any], /) -> Modulation:
         raise SettingsError(str(error)) from error
 
 
-def averaging_from_options(options: dict[str, Any], integration_length: float | None, /) -> Averaging:
+def averaging_from_options(options: dict[str, Any], integration_length: float | None, /) -> "Averaging":
     """Return the averaging from n_av or, in its place, from capacitors."""
+    from cadtof_cli.simulation.averaging import Averaging, Capacitors, Stages
+
     stages = Stages(drive=options["stages"], f1_hz=options["f1_hz"], f2_hz=options["f2_hz"])
     if options["capacitors"] is None:
         return Averaging(integration_length=1e5 if integration_length is None else integration_length, stages=stages)
@@ -87,8 +93,10 @@ def averaging_from_options(options: dict[str, Any], integration_length: float | 
     return Averaging(integration_length=capacitors.integration_length, capacitors=capacitors, stages=stages)
 
 
-def model_from_options(options: dict[str, Any], averaging: Averaging, /) -> PixelModel:
+def model_from_options(options: dict[str, Any], averaging: "Averaging", /) -> "PixelModel":
     """Return the pixel; raises SettingsError for one that cannot be."""
+    from cadtof_cli.simulation.pixel import PixelModel
+
     offsets = options["offsets_v"]
     if len(offsets) != 2:
         raise SettingsError(f"--offsets: found {len(offsets)} values, expected 2, of SC1 and SC2")
@@ -105,7 +113,28 @@ def model_from_options(options: dict[str, Any], averaging: Averaging, /) -> Pixe
     )
 
 
-def _sample_noise_v(options: dict[str, Any], averaging: Averaging) -> float:
+def resolver_from_options(options: dict[str, Any], /) -> ResolverSettings:
+    """Return how runs are resolved."""
+    return ResolverSettings(order=options["order"], false_alarm=options["false_alarm"])
+
+
+def job_count(jobs: int | None, /) -> int:
+    """Return the number of worker processes; raises SettingsError for less than one."""
+    from cadtof_cli.execution.workers import available_cores
+
+    if jobs is not None and jobs < 1:
+        raise SettingsError(f"--jobs: found {jobs}, expected 1 or more")
+    return jobs or available_cores()
+
+
+def refuse_options(context: click.Context, names: tuple[str, ...], where: str, /) -> None:
+    """Raise SettingsError if any of these options was given on the command line, where it has no effect."""
+    for param in context.command.params:
+        if param.name in names and context.get_parameter_source(param.name) == ParameterSource.COMMANDLINE:
+            raise SettingsError(f"{param.opts[0]}: found {where}, where it has no effect; leave it out")
+
+
+def _sample_noise_v(options: dict[str, Any], averaging: "Averaging") -> float:
     noise: float = options["sample_noise_v"]
     temperature = options["temperature"]
     if temperature is None:

@@ -49,9 +49,8 @@ def evolution(model: PixelModel, mix: PhotonMix, generator: np.random.Generator,
     """Record the fundamental once, photon by photon, and keep what a picture needs."""
     trace: PixelTrace = trace_pixel(model, mix, generator, harmonic=1)
     period = model.modulation.periods_ns[0]
-    counts, edges = np.histogram(trace.times_ns, bins=BINS, range=(0.0, period))
+    counts, _ = np.histogram(trace.times_ns, bins=BINS, range=(0.0, period))
+    middles: Float = (np.arange(BINS) + 0.5) * period / BINS
     count = trace.voltages_v.shape[1]
     kept = np.unique(np.linspace(0, count - 1, min(count, MOST_ROWS)).astype(np.intp))
-    return Evolution(
-        (edges[:-1] + edges[1:]) / 2.0, counts.astype(np.float64), kept + 1.0, trace.voltages_v[:, kept], period
-    )
+    return Evolution(middles, counts.astype(np.float64), kept + 1.0, trace.voltages_v[:, kept], period)

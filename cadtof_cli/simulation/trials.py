@@ -25,8 +25,8 @@ RUNS_PER_BLOCK = 20
 SUCCESS_NS = 1.0
 """Half the width of the paper's success region, Fig. 7."""
 
-MOST_HARMONICS = 2
-"""The closed form resolves two harmonics."""
+_STATISTICS_KEY, _PHOTONS_KEY, EVOLUTION_KEY = 1, 2, 3
+"""Branches of the seed: voltages of a block of runs, photons of one run, photons of the recording that is drawn."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -155,15 +155,15 @@ def block_voltages(trials: Trials, block: int, /) -> Float:
         mean_gain=means,
         sample_noise_v=model.sample_noise_v,
     )
-    key = (trials.stream, 0, block)
+    key = (_STATISTICS_KEY, trials.stream, block)
     generator = np.random.default_rng(np.random.SeedSequence(trials.seed, spawn_key=key))
     voltages = draw_voltages(statistics, generator, draws=len(runs))
-    return voltages * np.array([1.0, 1.0 + model.gain_mismatch]) + np.array(model.offsets_v)
+    return np.asarray(voltages * np.array([1.0, 1.0 + model.gain_mismatch]) + np.array(model.offsets_v))
 
 
 def _generators(trials: Trials, run: int) -> list[np.random.Generator]:
     return [
-        np.random.default_rng(np.random.SeedSequence(trials.seed, spawn_key=(trials.stream, 1, run, row)))
+        np.random.default_rng(np.random.SeedSequence(trials.seed, spawn_key=(_PHOTONS_KEY, trials.stream, run, row)))
         for row in range(len(trials.model.modulation.harmonics))
     ]
 
@@ -191,7 +191,7 @@ def path_times_ns(trials: Trials, voltages_v: Float, /) -> Float:
         voltages_v: (runs, 2, 2), harmonics and channels of each run.
     """
     model = trials.model
-    if model.modulation.harmonics != (1, MOST_HARMONICS):
+    if model.modulation.harmonics != (1, 2):
         raise SettingsError(
             f"periods: found {list(model.modulation.periods_ns)}, expected a fundamental and its half, such as [40, 20]"
         )

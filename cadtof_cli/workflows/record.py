@@ -15,6 +15,7 @@ from cadtof_cli.simulation.recorder import FRAME_FORMATS, FrameFormat, write_cap
 from cadtof_cli.workflows.record_folder import new_folder
 from cadtof_cli.workflows.simulate_tasks import Advance, no_advance, results
 
+
 @dataclass(frozen=True, kw_only=True)
 class RecordSettings:
     """A capture to be made.

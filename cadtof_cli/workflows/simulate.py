@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from cadtof_cli.simulation.evolution import Evolution, evolution
-from cadtof_cli.simulation.trials import Trials, TrialsSummary, block_voltages, summary
+from cadtof_cli.simulation.trials import EVOLUTION_KEY, Trials, TrialsSummary, block_voltages, summary
 from cadtof_cli.workflows.record_folder import new_folder
 from cadtof_cli.workflows.simulate_tasks import Advance, no_advance, results
 
@@ -67,9 +67,9 @@ def write_evolution(trials: Trials, outcome: TrialsSummary, out: Path, /) -> Non
         OutputError: `out` exists or cannot be written.
         SettingsError: the stages are switched, whose evolution is not followed.
     """
-    from cadtof_cli.figures.pixel_evolution import draw_histogram, draw_phase, draw_voltages  # noqa: PLC0415
+    from cadtof_cli.figures.pixel_evolution import draw_histogram, draw_phase, draw_voltages
 
-    generator = np.random.default_rng(np.random.SeedSequence(trials.seed, spawn_key=(trials.stream, 2)))
+    generator = np.random.default_rng(np.random.SeedSequence(trials.seed, spawn_key=(EVOLUTION_KEY, trials.stream)))
     recording = evolution(trials.model, trials.condition.mix(trials.period_ns), generator)
     with new_folder(out) as folder:
         write_rows(
