@@ -50,7 +50,7 @@ def evolution(model: PixelModel, mix: PhotonMix, generator: np.random.Generator,
     trace: PixelTrace = trace_pixel(model, mix, generator, harmonic=1)
     period = model.modulation.periods_ns[0]
     counts, _ = np.histogram(trace.times_ns, bins=BINS, range=(0.0, period))
-    middles: Float = (np.arange(BINS) + 0.5) * period / BINS
+    middles = np.linspace(0.5, BINS - 0.5, BINS) * (period / BINS)
     count = trace.voltages_v.shape[1]
     kept = np.unique(np.linspace(0, count - 1, min(count, MOST_ROWS)).astype(np.intp))
     return Evolution(middles, counts.astype(np.float64), kept + 1.0, trace.voltages_v[:, kept], period)

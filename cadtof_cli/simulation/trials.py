@@ -19,14 +19,14 @@ from cadtof_cli.simulation.mix import PhotonMix, finite_at_least, require, two_p
 from cadtof_cli.simulation.pixel import PixelModel, pixel_weights, record_pixel
 from cadtof_cli.simulation.statistics import averaging_gain, confidence_model_v, draw_voltages, voltage_statistics
 
-RUNS_PER_BLOCK = 20
+PHOTON_RUNS, STATISTICS_RUNS = 10, 1000
 """Runs that are drawn together; fixed, so that results never depend on how many processes share the blocks."""
 
 SUCCESS_NS = 1.0
 """Half the width of the paper's success region, Fig. 7."""
 
-_STATISTICS_KEY, _PHOTONS_KEY, EVOLUTION_KEY = 1, 2, 3
-"""Branches of the seed: voltages of a block of runs, photons of one run, photons of the recording that is drawn."""
+_STATISTICS_KEY, _PHOTONS_KEY, EVOLUTION_KEY = 4, 5, 6
+"""Branches of the seed, after those of `camera`: voltages of a block of runs, photons of one run, and of a drawn one."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -99,9 +99,10 @@ class Trials:
         return self.model.modulation.periods_ns[0]
 
     @property
-    def blocks(self) -> range:
-        """Numbers of the blocks that the runs are divided into."""
-        return range(math.ceil(self.runs / RUNS_PER_BLOCK))
+    def blocks(self) -> tuple[range, ...]:
+        """The runs, divided into blocks of work."""
+        size = PHOTON_RUNS if self.photon_by_photon else STATISTICS_RUNS
+        return tuple(range(first, min(first + size, self.runs)) for first in range(0, self.runs, size))
 
 
 @dataclass(frozen=True)
@@ -141,9 +142,8 @@ def _weights(model: PixelModel) -> Float32:
     return pixel_weights(model)
 
 
-def block_voltages(trials: Trials, block: int, /) -> Float:
-    """Return the voltages of one block of runs, (runs of the block, H, 2), in V."""
-    runs = range(block * RUNS_PER_BLOCK, min((block + 1) * RUNS_PER_BLOCK, trials.runs))
+def block_voltages(trials: Trials, runs: range, /) -> Float:
+    """Return the voltages of one of the blocks of runs, (runs of the block, H, 2), in V."""
     model, mix = trials.model, trials.condition.mix(trials.period_ns)
     if trials.photon_by_photon:
         return np.stack([record_pixel(model, mix, _weights(model), _generators(trials, run)) for run in runs])
@@ -155,7 +155,7 @@ def block_voltages(trials: Trials, block: int, /) -> Float:
         mean_gain=means,
         sample_noise_v=model.sample_noise_v,
     )
-    key = (_STATISTICS_KEY, trials.stream, block)
+    key = (_STATISTICS_KEY, trials.stream, runs.start)
     generator = np.random.default_rng(np.random.SeedSequence(trials.seed, spawn_key=key))
     voltages = draw_voltages(statistics, generator, draws=len(runs))
     return np.asarray(voltages * np.array([1.0, 1.0 + model.gain_mismatch]) + np.array(model.offsets_v))
