@@ -25,7 +25,10 @@ FULL_TURN = 2.0 * np.pi
 
 @dataclass(frozen=True)
 class Path:
-    """One path of n pixels: amplitude in units of the phasors, phase in [0, 2π) rad, its standard deviation in rad."""
+    """One path of n pixels: amplitude in units of the phasors, phase in rad, its standard deviation in rad.
+
+    Phases lie in [0, 2π), but that of an MPI path that is known to lie behind the direct one may go on to 4π.
+    """
 
     amplitude: Float
     phase_rad: Float
@@ -127,20 +130,24 @@ def _direct_and_mpi(x: Path, y: Path, settings: ResolverSettings) -> tuple[Path,
     """Call one of two paths direct: the first or last that is strong enough, or the strongest.
 
     Phases repeat after a full turn, so a late echo of a far wall shows up ahead of it. Light that took the long way is the
-    weaker: a weaker path that seems to come over half a turn before the stronger one is therefore put behind it.
+    weaker: a weaker path that seems to come over half a turn before the stronger one is therefore put behind it, and its
+    phase as the MPI path's goes on beyond 2π.
     """
     x_chosen: Bool
     x_stronger = x.amplitude >= y.amplitude
+    lead = y.phase_rad - x.phase_rad
+    wrapped = (np.abs(lead) > 0.5 * FULL_TURN) & (x_stronger == (lead < 0.0))
     if settings.returns == "strongest":
         x_chosen = x_stronger
     else:
-        lead = y.phase_rad - x.phase_rad
-        x_before = (lead >= 0.0) ^ ((np.abs(lead) > 0.5 * FULL_TURN) & (x_stronger == (lead < 0.0)))
+        x_before = (lead >= 0.0) ^ wrapped
         x_wanted = x_before if settings.returns == "first" else ~x_before
         x_strong = (x.amplitude >= settings.min_return_ratio * y.amplitude) & (x.amplitude > 0.0)
         y_strong = (y.amplitude >= settings.min_return_ratio * x.amplitude) & (y.amplitude > 0.0)
         x_chosen = (x_wanted & x_strong) | ~y_strong
-    return _where(x_chosen, x, y), _where(x_chosen, y, x)
+    direct, mpi = _where(x_chosen, x, y), _where(x_chosen, y, x)
+    np.add(mpi.phase_rad, FULL_TURN, out=mpi.phase_rad, where=wrapped & (x_chosen == x_stronger))
+    return direct, mpi
 
 
 def _where(chosen: Bool, first: Path, second: Path) -> Path:
