@@ -25,7 +25,7 @@ def draw_phases(mix: PhotonMix, generator: np.random.Generator, /, *, count: int
     chance = generator.random(count, dtype=np.float32)
     laser = np.flatnonzero(chance >= ambient) if ambient > 0 else slice(None)
     origin = chance[laser]
-    phases = chance if ambient == 0 else np.multiply(chance, np.float32(2.0 * math.pi / ambient), out=chance)
+    phases = chance if ambient == 0 else np.multiply(chance, np.float32(2.0 * math.pi * harmonic / ambient), out=chance)
     centres = (2.0 * math.pi * harmonic / mix.period_ns * mix.delays_ns).astype(np.float32)
     spread = np.float32(harmonic * mix.spread_rad)
     arrival = generator.standard_normal(len(origin), dtype=np.float32) * spread
