@@ -53,4 +53,6 @@ def evolution(model: PixelModel, mix: PhotonMix, generator: np.random.Generator,
     middles = np.linspace(0.5, BINS - 0.5, BINS) * (period / BINS)
     count = trace.voltages_v.shape[1]
     kept = np.unique(np.linspace(0, count - 1, min(count, MOST_ROWS)).astype(np.intp))
-    return Evolution(middles, counts.astype(np.float64), kept + 1.0, trace.voltages_v[:, kept], period)
+    return Evolution(
+        middles, counts.astype(np.float64), (kept + 1).astype(np.float64), trace.voltages_v[:, kept], period
+    )

@@ -136,7 +136,8 @@ def test_corner_mpi_is_later_and_gathers_at_the_edge() -> None:
     truth = light.truth(1.0)
     middle = truth["mpi.delay"][24, 32:]
     assert (np.diff(middle) > -0.05).all()
-    assert middle[0] < 0.5 < 3.0 < middle[-1]
+    assert middle[0] < 0.5
+    assert middle[-1] > 3.0
     ratio = truth["mpi.ratio"][24]
     assert ratio[31] > 2 * ratio[0]
     assert len(np.unique(np.round(light.delays_ns[1:, 24, 50][carrying[:, 24, 50]], 3))) > 20

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from cadtof_cli.arrays import Float
+from cadtof_cli.capture.metadata import Waveform
 from cadtof_cli.simulation.waveforms import (
     highest_order,
     mean_square,
@@ -37,21 +38,23 @@ def test_triangle_square_series_adds_up_to_its_square() -> None:
     np.testing.assert_allclose(total, straight_lines(PHASES) ** 2, atol=2e-4)
 
 
-@pytest.mark.parametrize("waveform", ["sine", "triangle"])
-def test_product_series_adds_up_to_the_product(waveform: str) -> None:
-    first, second = (
-        (np.cos(PHASES), np.sin(PHASES))
-        if waveform == "sine"
-        else (straight_lines(PHASES), straight_lines(PHASES - np.pi / 2))
-    )
-    kind = "sine" if waveform == "sine" else "triangle"
-    total = sum(np.real(c) * np.sin(n * PHASES) for n, c in product_series(kind, 2000))
+@pytest.mark.parametrize(
+    ("waveform", "first", "second"),
+    [
+        ("sine", np.cos(PHASES), np.sin(PHASES)),
+        ("triangle", straight_lines(PHASES), straight_lines(PHASES - np.pi / 2)),
+    ],
+)
+def test_product_series_adds_up_to_the_product(waveform: Waveform, first: Float, second: Float) -> None:
+    total = np.zeros_like(PHASES)
+    for n, coefficient in product_series(waveform, 2000):
+        total += np.real(coefficient) * np.sin(n * PHASES)
     np.testing.assert_allclose(total, first * second, atol=1e-6)
 
 
 @pytest.mark.parametrize("number", [np.float32, np.float64])
-def test_sampled_triangles_are_straight_lines(number: type) -> None:
-    phases = np.linspace(0, 6 * np.pi, 1000).astype(number)
+def test_sampled_triangles_are_straight_lines(number: type[np.float32] | type[np.float64]) -> None:
+    phases: Float = np.linspace(0, 6 * np.pi, 1000).astype(number)
     first, second = sampled_pair("triangle", phases.copy())
     assert first.dtype == number
     np.testing.assert_allclose(first, straight_lines(phases), atol=3e-6)
