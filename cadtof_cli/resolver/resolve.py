@@ -1,12 +1,13 @@
 """Phasors of a block of pixels → the paths of every pixel: the stage between `phasors/` and `maps/`."""
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
-from cadtof_cli.arrays import Bool, Complex, Float, Index, Status
+from cadtof_cli.arrays import Bool, Complex, Float, Float32, Index, Status
 from cadtof_cli.errors import SettingsError
-from cadtof_cli.resolver.closed_form import FundamentalFrame, fundamental_frame, two_paths
+from cadtof_cli.resolver.closed_form import FundamentalFrame, fundamental_frame, is_single, two_paths
 from cadtof_cli.resolver.noise import NoiseModel
 from cadtof_cli.resolver.one_path import one_path
 from cadtof_cli.resolver.order import second_path_threshold, signal_threshold
@@ -21,19 +22,22 @@ noise, and to first order in the noise the fit's start is its end: a step would 
 ONE_PATH_STEPS = 6
 """Newton steps where one path is all that is asked for, however badly it fits."""
 
+ECHO_RATIO = 0.5
+"""A path below this share of the other's amplitude, and over half a turn ahead of it, is its echo, wrapped round the range."""
+
 FULL_TURN = 2.0 * np.pi
 
 
 @dataclass(frozen=True)
 class Path:
-    """One path of n pixels: amplitude in units of the phasors, phase in rad, its standard deviation in rad.
+    """One path of n pixels: amplitude in units of the phasors, phase in rad, its standard deviation in rad, (n,) each.
 
     Phases lie in [0, 2π), but that of an MPI path that is known to lie behind the direct one may go on to 4π.
     """
 
     amplitude: Float
     phase_rad: Float
-    sigma_rad: Float
+    sigma_rad: Float | Float32
 
 
 @dataclass(frozen=True)
@@ -81,9 +85,7 @@ def resolve_paths(
             # NaN in the phasor is NaN in all that follows from it.
             frame = replace(frame, u=np.where(answered, frame.u, np.nan))
         decision = _decided(frame, settings, noise)
-        status |= answered * np.where(
-            decision.has_two, np.uint32(StatusBit.TWO_PATHS), np.uint32(StatusBit.ONE_PATH)
-        )
+        status |= answered * np.where(decision.has_two, np.uint32(StatusBit.TWO_PATHS), np.uint32(StatusBit.ONE_PATH))
         direct, mpi = _paths(frame, decision, settings, noise, status)
     return ResolvedPaths(direct, mpi, confidence, status)
 
@@ -117,7 +119,7 @@ def _decided(frame: FundamentalFrame, settings: ResolverSettings, noise: NoiseMo
         fit = one_path(frame, noise=noise, steps=ONE_PATH_STEPS)
         kept = np.ones(count, np.bool_)
     elif settings.order == "2":
-        candidates = np.flatnonzero((frame.pr == frame.u) & (frame.pi == 0.0))
+        candidates = np.flatnonzero(is_single(frame))
         fit = one_path(frame.at(candidates), noise=noise, steps=ORDER_TEST_STEPS)
         kept = np.ones(candidates.size, np.bool_)
     else:
@@ -168,11 +170,9 @@ def _paths(
 def _merged(path: Path, alone: Path | None, single: Index, chosen: slice | Index, count: int) -> Path:
     """Return `path`, which holds the pixels in `chosen`, for all pixels, with `alone` or NaN at the indices `single`."""
 
-    def merge(values: Float, others: Float | float) -> Float:
-        if isinstance(chosen, slice):
-            whole = values
-        else:
-            whole = np.empty(count, values.dtype)
+    def merge(values: Float | Float32, others: Float | Float32 | float) -> Any:
+        whole = values if isinstance(chosen, slice) else np.empty(count, values.dtype)
+        if whole is not values:
             whole[chosen] = values
         whole[single] = others
         return whole
@@ -190,23 +190,23 @@ def _direct_and_mpi(x: Path, y: Path, settings: ResolverSettings) -> tuple[Path,
     """Call one of two paths direct: the first or last that is strong enough, or the strongest.
 
     Phases repeat after a full turn, so a late echo of a far wall shows up ahead of it. Light that took the long way is the
-    weaker: a weaker path that seems to come over half a turn before the stronger one is therefore put behind it, and its
-    phase as the MPI path's goes on beyond 2π.
+    weaker: a path of less than half the other's amplitude that seems to come over half a turn before it is therefore put
+    behind it, and its phase as the MPI path's goes on beyond 2π.
     """
     x_chosen: Bool
-    x_stronger = x.amplitude >= y.amplitude
     lead = y.phase_rad - x.phase_rad
-    wrapped = (np.abs(lead) > 0.5 * FULL_TURN) & (x_stronger == (lead < 0.0))
+    x_wraps = (lead > 0.5 * FULL_TURN) & (x.amplitude < ECHO_RATIO * y.amplitude)
+    y_wraps = (lead < -0.5 * FULL_TURN) & (y.amplitude < ECHO_RATIO * x.amplitude)
     if settings.returns == "strongest":
-        x_chosen = x_stronger
+        x_chosen = x.amplitude >= y.amplitude
     else:
-        x_before = (lead >= 0.0) ^ wrapped
+        x_before = ((lead >= 0.0) & ~x_wraps) | y_wraps
         x_wanted = x_before if settings.returns == "first" else ~x_before
         x_strong = x.amplitude >= settings.min_return_ratio * y.amplitude
         y_strong = y.amplitude >= settings.min_return_ratio * x.amplitude
         x_chosen = (x_wanted & x_strong) | ~y_strong
     direct, mpi = _where(x_chosen, x, y), _where(x_chosen, y, x)
-    np.add(mpi.phase_rad, FULL_TURN, out=mpi.phase_rad, where=wrapped & (x_chosen == x_stronger))
+    np.add(mpi.phase_rad, FULL_TURN, out=mpi.phase_rad, where=(x_wraps & ~x_chosen) | (y_wraps & x_chosen))
     return direct, mpi
 
 
