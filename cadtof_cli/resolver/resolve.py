@@ -7,7 +7,14 @@ import numpy as np
 
 from cadtof_cli.arrays import Bool, Complex, Float, Float32, Index, Status
 from cadtof_cli.errors import SettingsError
-from cadtof_cli.resolver.closed_form import FundamentalFrame, fundamental_frame, is_single, two_paths
+from cadtof_cli.resolver.closed_form import (
+    FULL_TURN,
+    FundamentalFrame,
+    fundamental_frame,
+    is_single,
+    phase_of,
+    two_paths,
+)
 from cadtof_cli.resolver.noise import NoiseModel
 from cadtof_cli.resolver.one_path import one_path
 from cadtof_cli.resolver.order import second_path_threshold, signal_threshold
@@ -24,8 +31,6 @@ ONE_PATH_STEPS = 6
 
 ECHO_RATIO = 0.5
 """A path below this share of the other's amplitude, and over half a turn ahead of it, is its echo, wrapped round the range."""
-
-FULL_TURN = 2.0 * np.pi
 
 
 @dataclass(frozen=True)
@@ -95,8 +100,8 @@ def _screened(
 ) -> tuple[Status, Float]:
     """Return the status of pixels that get no answer, 0 for the others, and the confidence of all."""
     first, second = noise.harmonics
-    power = frame.u * frame.u * (1.0 / first.dark_variance)
-    power += (frame.pr * frame.pr + frame.pi * frame.pi) * (1.0 / second.dark_variance)
+    power = frame.powers[0] * (1.0 / first.dark_variance)
+    power += frame.powers[1] * (1.0 / second.dark_variance)
     if settings.min_confidence_v is None:
         low = power <= signal_threshold(settings.false_alarm, harmonics=2)
     else:
@@ -130,7 +135,7 @@ def _decided(frame: FundamentalFrame, settings: ResolverSettings, noise: NoiseMo
     has_two = np.ones(count, np.bool_)
     single = candidates[kept]
     has_two[single] = False
-    return _Decision(has_two, single, fit.amplitude[kept], _phase(fit.cos, fit.sin)[kept], fit.sigma_rad[kept])
+    return _Decision(has_two, single, fit.amplitude[kept], phase_of(fit.cos, fit.sin)[kept], fit.sigma_rad[kept])
 
 
 def _may_be_one_path(frame: FundamentalFrame, threshold: float, noise: NoiseModel) -> Bool:
@@ -156,11 +161,10 @@ def _paths(
     chosen = slice(None) if everywhere else np.flatnonzero(has_two)
     two = two_paths(frame if everywhere else frame.at(chosen))
     sigma_x, sigma_y = two_path_sigmas(two, noise=noise)
-    doubtful = np.maximum(sigma_x, sigma_y) > np.abs(two.sin_half)
+    doubtful = np.maximum(sigma_x, sigma_y) > two.sin_half
     status[chosen] |= (doubtful & has_two[chosen]) * np.uint32(StatusBit.ILL_CONDITIONED)
-    direct, mpi = _direct_and_mpi(
-        Path(two.a, _phase(two.cos_x, two.sin_x), sigma_x), Path(two.b, _phase(two.cos_y, two.sin_y), sigma_y), settings
-    )
+    x, y = two.phases()
+    direct, mpi = _direct_and_mpi(Path(two.a, x, sigma_x), Path(two.b, y, sigma_y), settings)
     if not single.size:
         return direct, mpi
     alone = Path(decision.amplitude, decision.phase_rad, decision.sigma_rad)
@@ -216,15 +220,3 @@ def _where(chosen: Bool, first: Path, second: Path) -> Path:
         np.where(chosen, first.phase_rad, second.phase_rad),
         np.where(chosen, first.sigma_rad, second.sigma_rad),
     )
-
-
-def _phase(cos: Float, sin: Float) -> Float:
-    """Return the phase of a unit rotor in [0, 2π): π + 2·arctan of the tangent of half the angle from −1, in one of two forms.
-
-    It takes half the time of arctan2, whose loop numpy does not vectorise everywhere.
-    """
-    phase = np.arctan(np.where(cos < 0.0, sin / (cos - 1.0), (1.0 + cos) / -sin))
-    phase *= 2.0
-    phase += np.pi
-    phase[phase >= FULL_TURN] = 0.0
-    return phase
