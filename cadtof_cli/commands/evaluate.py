@@ -24,9 +24,8 @@ def evaluate(maps: Path, truth: Path, as_json: bool) -> None:
     if as_json:
         click.echo(json.dumps(evaluation.as_json()))
         return
-    click.echo(
-        f"{'':14}{'median':>10}{'90 %':>10}{'RMSE':>10}{'bias':>10}{'valid':>10}   |error|, cm; {evaluation.frames} frames"
-    )
+    titles = "".join(f"{title:>10}" for title in ("median", "90 %", "RMSE", "bias", "valid"))
+    click.echo(f"{'error, cm':14}{titles}   (median and 90 % of |error|; {evaluation.frames} frames)")
     for title, errors in (("first phasor", evaluation.first_phasor), ("direct path", evaluation.direct)):
         if errors is not None:
             figures = (errors.median_cm, errors.p90_cm, errors.rmse_cm, errors.bias_cm)

@@ -29,7 +29,7 @@ def preview_maps(maps: Path, /, *, out: Path, truth: Path | None, on_note: Calla
     known = None if truth is None else read_layers(truth)[DIRECT_DEPTH].astype(np.float64)
     found = None if truth is None else find_source(path, on_note)
     picture = MapPicture(
-        str(path),
+        f"{path.parent.name}/{path.name}",
         layers[DIRECT_DEPTH].astype(np.float64),
         layers[MPI_DEPTH].astype(np.float64),
         layers[CONFIDENCE].astype(np.float64),
