@@ -163,14 +163,16 @@ def _paths(
     count = frame.u.size
     # Where most pixels need two paths, the few others are computed along and written over: that is faster than to gather.
     everywhere = 2 * np.count_nonzero(~alone.misfit) <= count
-    chosen = np.arange(count) if everywhere else np.delete(np.arange(count), alone.pixels[~alone.misfit])
+    chosen = np.empty(0, np.intp) if everywhere else np.delete(np.arange(count), alone.pixels[~alone.misfit])
     two = two_paths(frame if everywhere else frame.at(chosen))
     sigma_x, sigma_y = two_path_sigmas(two, noise=noise)
-    doubtful = np.maximum(sigma_x, sigma_y) > two.sin_half
-    status[chosen] |= doubtful * np.uint32(StatusBit.ILL_CONDITIONED)
+    doubtful = (np.maximum(sigma_x, sigma_y) > two.sin_half) * np.uint32(StatusBit.ILL_CONDITIONED)
     x, y = two.phases()
     direct, mpi = _direct_and_mpi(Path(two.a, x, sigma_x), Path(two.b, y, sigma_y), settings)
-    if not everywhere:
+    if everywhere:
+        status |= doubtful
+    else:
+        status[chosen] |= doubtful
         direct, mpi = direct.spread(chosen, count), mpi.spread(chosen, count)
     kept = ~alone.misfit
     kept[alone.misfit] = ~_worth_two(direct.at(alone.pixels[alone.misfit]), alone.path.at(alone.misfit))
