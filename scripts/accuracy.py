@@ -125,7 +125,8 @@ def noisy(
             [[(1 + m2.real) / 2 - c * c, m2.imag / 2 - c * s], [m2.imag / 2 - c * s, (1 - m2.real) / 2 - s * s]]
         ) / (2 * n_av - 1)
         drawn = rng.multivariate_normal([c, s], covariance, size=runs)
-        yield (drawn[:, 0] + 1j * drawn[:, 1]) / pulse_response(h, fwhm_ns=1.7, period_ns=T1_NS)
+        phasor: C = (drawn[:, 0] + 1j * drawn[:, 1]) / pulse_response(h, fwhm_ns=1.7, period_ns=T1_NS)
+        yield phasor
 
 
 def depth_errors(capture: Capture) -> None:
