@@ -125,8 +125,9 @@ def noisy(
             [[(1 + m2.real) / 2 - c * c, m2.imag / 2 - c * s], [m2.imag / 2 - c * s, (1 - m2.real) / 2 - s * s]]
         ) / (2 * n_av - 1)
         drawn = rng.multivariate_normal([c, s], covariance, size=runs)
-        phasor: C = (drawn[:, 0] + 1j * drawn[:, 1]) / pulse_response(h, fwhm_ns=1.7, period_ns=T1_NS)
-        yield phasor
+        yield np.asarray(drawn[:, 0] + 1j * drawn[:, 1], np.complex128) / pulse_response(
+            h, fwhm_ns=1.7, period_ns=T1_NS
+        )
 
 
 def depth_errors(capture: Capture) -> None:
