@@ -11,7 +11,7 @@ from cadtof_cli.arrays import Stored
 from cadtof_cli.capture.metadata import CaptureMetadata
 from cadtof_cli.errors import FrameError, SettingsError
 from cadtof_cli.maps.depth import DepthScale, write_paths
-from cadtof_cli.maps.geometry import planar_per_range
+from cadtof_cli.maps.geometry import known_focal_length, planar_per_range
 from cadtof_cli.maps.layers import DepthMaps, empty_maps
 from cadtof_cli.phasors.voltages import PhasorScale, phasor_scale, phasors_from_voltages, saturated_pixels
 from cadtof_cli.resolver.noise import NoiseModel, estimated_integration_length, noise_model
@@ -40,6 +40,8 @@ class FramePlan:
     def __post_init__(self) -> None:
         if self.depth not in DEPTH_KINDS:
             raise SettingsError(f"--depth: found {self.depth!r}, expected one of {', '.join(DEPTH_KINDS)}")
+        if self.depth == "z":
+            known_focal_length(self.metadata.optics)
         if self.metadata.modulation.harmonics != (1, 2):
             raise SettingsError(
                 f"modulation.periods_ns: found {list(self.metadata.modulation.periods_ns)}; "

@@ -42,9 +42,14 @@ class FrameSource:
         place = str(self.paths[0]) if len(self.paths) == 1 else f"{self.paths[0].parent / self.name}"
         return place if self.index is None else f"{place}[{self.index}]"
 
-    def expanded(self, count: int) -> tuple["FrameSource", ...]:
-        """Return a source for each of the `count` frames of the stack that the file turned out to be."""
+    def expanded(self, count: int, *, taken: Collection[str] = ()) -> tuple["FrameSource", ...]:
+        """Return a source for each of the `count` frames of the stack that the file turned out to be.
+
+        They are numbered with four digits, or more where `count` needs them or another frame's name is `taken` already.
+        """
         digits = max(4, len(str(count - 1)))
+        while any(f"{self.name}_{index:0{digits}}" in taken for index in range(count)):
+            digits += 1
         return tuple(replace(self, name=f"{self.name}_{index:0{digits}}", index=index) for index in range(count))
 
 

@@ -2,12 +2,12 @@
 
 from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator
-from concurrent.futures import Future
+from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from typing import Generic, TypeVar
 
-from cadtof_cli.execution.workers import StartMethod, worker_pool
+from cadtof_cli.execution.workers import StartMethod, signals_held_back, worker_pool
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
@@ -44,46 +44,63 @@ def run_ordered(
             yield Outcome(task, function(task))
         return
     waiting = iter(tasks)
-    unfinished: deque[Task] = deque()
+    in_flight: deque[tuple[Task, Future[Result]]] = deque()
     while True:
-        yield from _until_broken(function, waiting, unfinished, jobs, start_method)
-        if not unfinished:
+        yield from _until_broken(function, waiting, in_flight, jobs, start_method)
+        if not in_flight:
             return
-        while unfinished:
-            yield Outcome(unfinished[0], _alone(function, unfinished[0], start_method))
-            unfinished.popleft()
+        while in_flight:
+            task, future = in_flight.popleft()
+            try:
+                result: Result | WorkerDied = future.result()
+            except BrokenProcessPool:
+                result = _alone(function, task, start_method)
+            yield Outcome(task, result)
 
 
 def _until_broken(
     function: Callable[[Task], Result],
     waiting: Iterator[Task],
-    unfinished: deque[Task],
+    in_flight: deque[tuple[Task, Future[Result]]],
     jobs: int,
     start_method: StartMethod,
 ) -> Iterator[Outcome[Task, Result]]:
-    """Run tasks until there are no more, or a worker dies: then `unfinished` holds the ones without a result, in order."""
-    futures: deque[Future[Result]] = deque()
+    """Run tasks until there are no more, or a worker dies: then `in_flight` holds those not yet reported, in order.
+
+    Some of those may have finished before the worker died; the futures know.
+    """
     with worker_pool(jobs, start_method) as pool:
-        try:
-            while True:
-                while len(futures) < jobs * TASKS_PER_WORKER:
-                    task = next(waiting, None)
-                    if task is None:
-                        break
-                    unfinished.append(task)
-                    futures.append(pool.submit(function, task))
-                if not futures:
-                    return
-                result = futures[0].result()
-                futures.popleft()
-                yield Outcome(unfinished.popleft(), result)
-        except BrokenProcessPool:
-            return
+        while True:
+            while len(in_flight) < jobs * TASKS_PER_WORKER:
+                task = next(waiting, None)
+                if task is None:
+                    break
+                in_flight.append((task, _submitted(pool, function, task)))
+            if not in_flight:
+                return
+            task, future = in_flight[0]
+            try:
+                result = future.result()
+            except BrokenProcessPool:
+                return
+            in_flight.popleft()
+            yield Outcome(task, result)
+
+
+def _submitted(pool: ProcessPoolExecutor, function: Callable[[Task], Result], task: Task) -> Future[Result]:
+    """Hand a task to the pool; a pool that is broken gives a future that says so."""
+    try:
+        with signals_held_back():
+            return pool.submit(function, task)
+    except BrokenProcessPool as broken:
+        future: Future[Result] = Future()
+        future.set_exception(broken)
+        return future
 
 
 def _alone(function: Callable[[Task], Result], task: Task, start_method: StartMethod) -> Result | WorkerDied:
     with worker_pool(1, start_method) as pool:
         try:
-            return pool.submit(function, task).result()
+            return _submitted(pool, function, task).result()
         except BrokenProcessPool:
             return WorkerDied()

@@ -14,6 +14,8 @@ StartMethod = Literal["fork", "spawn", "forkserver"]
 
 START_METHODS: tuple[StartMethod, ...] = ("fork", "spawn", "forkserver")
 
+_HELD_BACK = (signal.SIGINT, signal.SIGTERM)
+
 
 def available_cores() -> int:
     """Return how many cores this process may run on."""
@@ -46,9 +48,21 @@ def worker_pool(jobs: int, start_method: StartMethod) -> Iterator[ProcessPoolExe
         listening.close()
 
 
+@contextmanager
+def signals_held_back() -> Iterator[None]:
+    """Put off Ctrl-C and SIGTERM while processes may start: until it has come to `_begin`, one would answer like its parent."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, _HELD_BACK)
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
 def _begin(listening: Connection, held: Connection) -> None:
-    """Prepare a worker: Ctrl-C is the parent's to handle, and the parent's end is ours too."""
+    """Prepare a worker: Ctrl-C is the parent's to handle, SIGTERM ends it, and the parent's end is ours too."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, _HELD_BACK)
     held.close()
     threading.Thread(target=_end_with_parent, args=(listening,), daemon=True).start()
 

@@ -11,4 +11,9 @@ def write_exr(path: Path, maps: DepthMaps, /, *, software: str) -> None:
 
     channels = {name: maps.layer(name) for name in maps.names} | {STATUS: maps.status}
     header = {"compression": OpenEXR.NO_COMPRESSION, "type": OpenEXR.scanlineimage, "software": software}
-    OpenEXR.File(header, channels, num_threads=0).write(str(path))
+    file = OpenEXR.File(header, channels, num_threads=0)
+    try:
+        file.write(str(path))
+    except RuntimeError as error:
+        # the library has no other kind of error, and its message names the temporary file
+        raise OSError(str(error).rpartition('"')[2].strip(" .")) from error

@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -10,6 +11,9 @@ from typing import Any
 from cadtof_cli.errors import OutputError
 
 PARTIAL_SUFFIX = ".partial"
+
+FULL_BYTES = 2**20
+"""A disk with less than this left is what kept a file from being written, where the writer does not say."""
 
 
 @contextmanager
@@ -28,9 +32,17 @@ def whole_file(path: Path, /, *, token: str = "") -> Iterator[Path]:
         yield temporary
         temporary.replace(path)
     except OSError as error:
-        raise OutputError(f"{path}: cannot be written: {error.strerror or error}") from error
+        raise OutputError(
+            f"{path}: cannot be written: {error.strerror or _without_code(error, path.parent)}"
+        ) from error
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def _without_code(error: OSError, folder: Path) -> str:
+    """Return what an error without a system's message means: numpy and OpenEXR say how much they could not write."""
+    full = shutil.disk_usage(folder).free < FULL_BYTES
+    return "No space left on device" if full else str(error)
 
 
 def remove_partial_files(folder: Path, /, *, token: str) -> None:

@@ -7,19 +7,29 @@ from cadtof_cli.capture.metadata import Optics
 from cadtof_cli.errors import SettingsError
 
 
+def known_focal_length(optics: Optics, /) -> float:
+    """Return the focal length in pixels.
+
+    Raises:
+        SettingsError: it is unknown.
+    """
+    if optics.focal_length_px is None:
+        raise SettingsError(
+            "the optics are unknown: set focal_length_px under [optics] in capture.toml, or --focal-length-px"
+        )
+    return optics.focal_length_px
+
+
 def ray_slopes(optics: Optics, height: int, width: int, /) -> tuple[Float, Float]:
     """Return X = (x − cx)/f, shape (1, width), and Y = (y − cy)/f, shape (height, 1), of every pixel's ray.
 
     Raises:
         SettingsError: the focal length is unknown. A principal point that is not given is the middle of the array.
     """
-    if optics.focal_length_px is None:
-        raise SettingsError(
-            "the optics are unknown: set focal_length_px under [optics] in capture.toml, or --focal-length-px"
-        )
+    focal_length_px = known_focal_length(optics)
     cx, cy = optics.principal_point_px or ((width - 1) / 2.0, (height - 1) / 2.0)
-    x = (np.arange(width, dtype=np.float64)[np.newaxis, :] - cx) / optics.focal_length_px
-    y = (np.arange(height, dtype=np.float64)[:, np.newaxis] - cy) / optics.focal_length_px
+    x = (np.arange(width, dtype=np.float64)[np.newaxis, :] - cx) / focal_length_px
+    y = (np.arange(height, dtype=np.float64)[:, np.newaxis] - cy) / focal_length_px
     return x, y
 
 

@@ -18,6 +18,7 @@ from cadtof_cli.maps.files import remove_partial_files
 from cadtof_cli.pipeline import DepthKind, FramePlan
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.workflows.frame_task import FrameReport, FrameTask, resolve_file
+from cadtof_cli.workflows.plan import require_known_volts
 from cadtof_cli.workflows.run_record import RunRecord, prepare_output
 
 MapFormat = Literal["exr", "tif", "same"]
@@ -100,6 +101,8 @@ def resolve_captures(
     """
     captures = find_captures(inputs, overrides=overrides)
     plans = [FramePlan(metadata=c.source.metadata, resolver=settings.resolver, depth=settings.depth) for c in captures]
+    for capture in captures:
+        require_known_volts(capture)
     prepare_output(captures, settings.out, arguments=arguments, overwrite=settings.overwrite, resume=settings.resume)
     for capture in captures:
         _note_defaults(capture, progress.on_note)

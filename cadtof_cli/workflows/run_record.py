@@ -1,15 +1,19 @@
 """What is written beside the maps of a run: `run.json`, and `frames.jsonl`, a line a frame."""
 
 import json
+import os
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict
 from datetime import UTC, datetime
+from io import FileIO
 from pathlib import Path
-from typing import Any, TextIO
+from typing import Any
 
 from cadtof_cli import __version__
 from cadtof_cli.capture.discovery import Capture
+from cadtof_cli.capture.toml import FILE_NAME as CAPTURE_FILE
 from cadtof_cli.errors import OutputError
 from cadtof_cli.maps.files import make_folder, remove_partial_files, write_json
 from cadtof_cli.maps.layers import LAYER_UNITS
@@ -18,6 +22,8 @@ from cadtof_cli.workflows.frame_task import FrameReport
 
 RUN_FILE = "run.json"
 FRAMES_FILE = "frames.jsonl"
+
+_PLACE_IN_STACK = re.compile(r"_\d{4,}$")
 
 CHANGES_NO_MAP = frozenset({"jobs", "start_method", "overwrite", "resume", "json", "quiet", "inputs", "out"})
 """Arguments that may differ between a run and its resumption."""
@@ -32,21 +38,10 @@ def prepare_output(
         OutputError: it cannot be written into; it is a capture's own folder; two frames would be written to one file; it
             holds files of a run, and neither `overwrite` nor `resume` is set; or the run to resume had other settings.
     """
+    if (out / CAPTURE_FILE).exists() or out.resolve() in {capture.root.resolve() for capture in captures}:
+        raise OutputError(f"{out}: the maps would be written among recorded frames; choose another folder with -o")
+    named = _named(captures, out)
     make_folder(out)
-    for capture in captures:
-        if out.resolve() == capture.root.resolve():
-            raise OutputError(
-                f"{out}: the maps would be written among the recorded frames; choose another folder with -o"
-            )
-    named: dict[str, Path] = {}
-    for capture in captures:
-        for frame in capture.frames:
-            other = named.setdefault(frame.name, frame.paths[0])
-            if other != frame.paths[0]:
-                raise OutputError(
-                    f"{other} and {frame.paths[0]} would both be written as {out}/{frame.name}; "
-                    "resolve them into folders of their own, one command each"
-                )
     if overwrite or resume:
         remove_partial_files(out, token="*")
     if resume:
@@ -55,12 +50,29 @@ def prepare_output(
         _check_nothing_replaced(out, named)
 
 
+def _named(captures: Sequence[Capture], out: Path) -> dict[str, Path]:
+    """Return the file of every frame by the name that its maps get."""
+    named: dict[str, Path] = {}
+    for frame in (frame for capture in captures for frame in capture.frames):
+        path = frame.paths[0]
+        other = named.setdefault(frame.name, path)
+        if other is path:
+            continue
+        if other == path:
+            raise OutputError(f"{path} is among the inputs twice; give each frame once")
+        raise OutputError(
+            f"{other} and {path} would both be written as {out}/{frame.name}; "
+            "resolve them into folders of their own, one command each"
+        )
+    return named
+
+
 def _check_nothing_replaced(out: Path, named: Mapping[str, Path]) -> None:
-    there = sorted(
-        path.name
-        for path in out.iterdir()
-        if path.name in {RUN_FILE, FRAMES_FILE} or (path.stem in named and path.suffix in {".exr", ".tif"})
-    )
+    def would_be(path: Path) -> bool:
+        in_stack = _PLACE_IN_STACK.sub("", path.stem)
+        return path.suffix in {".exr", ".tif"} and (path.stem in named or in_stack in named)
+
+    there = sorted(path.name for path in out.iterdir() if path.name in {RUN_FILE, FRAMES_FILE} or would_be(path))
     if there:
         more = f" and {len(there) - 3} more" if len(there) > 3 else ""
         raise OutputError(
@@ -90,7 +102,8 @@ class RunRecord:
 
     def __init__(self, out: Path, /, *, arguments: Mapping[str, Any], captures: Sequence[Capture]) -> None:
         self._out = out
-        self._lines: TextIO | None = None
+        self._lines: FileIO | None = None
+        self._resolved_before: frozenset[str] = frozenset()
         self._document: dict[str, Any] = {
             "cadtof": __version__,
             "started": datetime.now(UTC).isoformat(timespec="seconds"),
@@ -106,22 +119,43 @@ class RunRecord:
     def opened(self, *, append: bool) -> Iterator["RunRecord"]:
         """Write `run.json`, and hold `frames.jsonl` open for `add`."""
         write_json(self._out / RUN_FILE, self._document)
-        with (
-            _reported(self._out / FRAMES_FILE),
-            (self._out / FRAMES_FILE).open("a" if append else "w", encoding="utf-8") as self._lines,
-        ):
+        path = self._out / FRAMES_FILE
+        with _reported(path):
+            self._resolved_before = _whole_lines(path) if append else frozenset()
+            # without a buffer, so that nothing is left to be written, and to fail, on closing
+            lines = path.open("ab" if append else "wb", buffering=0)
+        with lines:
+            self._lines = lines
             yield self
 
     def add(self, report: FrameReport) -> None:
-        """Append a frame's line, and hand it to the system at once."""
-        if self._lines is not None:
-            self._lines.write(json.dumps(report.as_json()) + "\n")
-            self._lines.flush()
+        """Append a frame's line, and hand it to the system at once; a frame that an earlier run resolved has its line."""
+        if self._lines is None or (report.status == "skipped" and report.source in self._resolved_before):
+            return
+        with _reported(self._out / FRAMES_FILE):
+            line = json.dumps(report.as_json()).encode() + b"\n"
+            while line:
+                line = line[self._lines.write(line) :]
 
     def finish(self, totals: Mapping[str, Any]) -> None:
         """Complete `run.json`."""
         self._document |= {"finished": True, "totals": dict(totals)}
         write_json(self._out / RUN_FILE, self._document)
+
+
+def _whole_lines(path: Path) -> frozenset[str]:
+    """Return the sources that `frames.jsonl` calls resolved; what a full disk or a kill left of a last line is cut off."""
+    if not path.exists():
+        return frozenset()
+    content = path.read_bytes()
+    whole = content[: content.rfind(b"\n") + 1]
+    if len(whole) < len(content):
+        os.truncate(path, len(whole))
+    try:
+        reports = [json.loads(line) for line in whole.splitlines()]
+        return frozenset(report["source"] for report in reports if report["status"] == "ok")
+    except (ValueError, KeyError, TypeError) as error:
+        raise OutputError(f"{path}: not the record of a run, so it cannot be resumed ({error})") from error
 
 
 @contextmanager
