@@ -9,7 +9,7 @@ from cadtof_cli.errors import SettingsError
 from cadtof_cli.resolver.closed_form import FundamentalFrame, TwoPaths, fundamental_frame, two_paths
 from cadtof_cli.resolver.noise import NoiseModel
 from cadtof_cli.resolver.one_path import OnePath, one_path
-from cadtof_cli.resolver.order import second_path_threshold, signal_threshold
+from cadtof_cli.resolver.order import chi_squared_threshold
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.resolver.status import StatusBit
 from cadtof_cli.resolver.uncertainty import two_path_sigmas
@@ -85,7 +85,7 @@ def _without_signal(frame: FundamentalFrame, settings: ResolverSettings, noise: 
         return low
     first, second = noise.harmonics
     power = frame.u * frame.u / first.dark_variance + second2 / second.dark_variance
-    weak: Bool = power <= signal_threshold(settings.false_alarm, harmonics=2)
+    weak: Bool = power <= chi_squared_threshold(settings.false_alarm, pairs=2)
     return weak
 
 
@@ -104,7 +104,7 @@ def _paths(
     has_two = ~two.single
     if settings.order == "auto":
         alone = one_path(frame, noise=noise, steps=ORDER_TEST_STEPS)
-        has_two &= alone.chi_squared > second_path_threshold(settings.false_alarm)
+        has_two &= alone.chi_squared > chi_squared_threshold(settings.false_alarm, pairs=1)
         direct = _where(has_two, direct, _only_path(alone))
     mpi = _where(has_two, mpi, Path(*(np.float64(np.nan),) * 3))
     doubtful = has_two & (np.maximum(x.sigma_rad, y.sigma_rad) > np.abs(two.sin_half))
