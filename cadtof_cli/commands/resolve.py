@@ -9,7 +9,7 @@ import click
 
 from cadtof_cli.commands.progress import Bar, progress_bar
 from cadtof_cli.options import SectionedCommand, capture_options, input_paths
-from cadtof_cli.resolver.settings import ORDERS, RETURNS, SOLVERS, ResolverSettings
+from cadtof_cli.resolver.settings import RETURNS, SOLVERS, ResolverSettings
 
 
 @click.command(cls=SectionedCommand, short_help="Recorded frames → depth maps without multi-path interference.")

@@ -61,10 +61,11 @@ class LevenbergMarquardt:
 
     def solve(self, problem: Problem, starts: Float, /) -> "Minimum":
         """Minimise every problem from its start, (P, n); the starts are not changed."""
-        count = starts.shape[1]
-        result = Minimum(starts.copy(), np.full(count, np.inf), np.zeros(count, np.bool_), np.zeros(count, np.intp))
-        at_work: Index = np.arange(count)
+        at_work: Index = np.arange(starts.shape[1])
         state = _begin(problem, starts, self.first_damping)
+        result = Minimum(
+            starts.copy(), state.at.cost, state.at.matrix, state.converged, np.zeros(starts.shape[1], np.intp)
+        )
         for _ in range(self.max_steps):
             state = self._stepped(problem, state)
             result.steps[at_work[~state.stopped]] += 1
@@ -95,13 +96,17 @@ class LevenbergMarquardt:
         down = (there.cost < now.cost) & ~state.stopped
         eased = state.damping * np.maximum(1.0 - (2.0 * gain - 1.0) ** 3, 0.1)
         damping = np.where(down, eased, state.damping * state.growth)
+        if not down.all():
+            for stays, moves in (
+                (state.points, points),
+                (now.matrix, there.matrix),
+                (now.gradient, there.gradient),
+                (now.cost, there.cost),
+            ):
+                np.copyto(moves, stays, where=~down)
         return _State(
-            np.where(down, points, state.points),
-            Linearised(
-                np.where(down, there.matrix, now.matrix),
-                np.where(down, there.gradient, now.gradient),
-                np.where(down, there.cost, now.cost),
-            ),
+            points,
+            there,
             damping,
             np.where(down, 2.0, 2.0 * state.growth),
             state.converged | (done & ~state.stopped),
@@ -111,10 +116,11 @@ class LevenbergMarquardt:
 
 @dataclass(frozen=True)
 class Minimum:
-    """Where n problems ended: points (P, n), cost (n,), which of them converged, and after how many steps."""
+    """Where n problems ended: points (P, n), cost (n,), matrix (M, M, n), which of them converged, after how many steps."""
 
     points: Float
     cost: Float
+    matrix: Float
     converged: Bool
     steps: Index
 
@@ -151,4 +157,5 @@ def _begin(problem: Problem, starts: Float, damping: float) -> _State:
 def _store(result: Minimum, at_work: Index, state: _State) -> None:
     result.points[:, at_work] = state.points
     result.cost[at_work] = state.at.cost
+    result.matrix[..., at_work] = state.at.matrix
     result.converged[at_work] = state.converged

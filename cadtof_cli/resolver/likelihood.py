@@ -4,22 +4,37 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cadtof_cli.arrays import Bool, Complex, Float, Index
+from cadtof_cli.arrays import Bool, Float, Index
 from cadtof_cli.resolver.levenberg_marquardt import LevenbergMarquardt
 from cadtof_cli.resolver.mixture import Measured, Mixture, WeightedFit, WhiteFit
 from cadtof_cli.resolver.noise import NoiseModel
 from cadtof_cli.resolver.normal_equations import cholesky, inverse_diagonal
 from cadtof_cli.resolver.order import chi_squared_threshold
-from cadtof_cli.resolver.starts import best_pair, closed_form_start, strongest_path
+from cadtof_cli.resolver.starts import best_pair, exact_start, strongest_path
 
-SEARCH = LevenbergMarquardt(max_steps=40, absolute=1e-3)
-"""From a start to a minimum, with white noise: to a thirtieth of a standard deviation."""
+SEARCH = LevenbergMarquardt(max_steps=40, absolute=1e-2)
+"""From a start to a minimum, with white noise: to a tenth of a standard deviation, and a step further."""
 
-POLISH = LevenbergMarquardt(max_steps=8, relative=1e-12, absolute=1e-12, first_damping=1e-6)
+POLISH = LevenbergMarquardt(max_steps=40, absolute=1e-4, first_damping=1e-6)
 """From there to the maximum of the likelihood with the noise that the found light has."""
 
-SUSPECT = 0.1
-"""Probability of the misfit below which a minimum is taken for a local one, and the grid of pairs is searched too."""
+SUSPECT = 0.01
+"""Probability of the misfit below which a minimum is taken for a local one, and other starts are tried too."""
+
+EXACT_MISFIT = 1e-2
+"""Most misfit of as many paths as harmonics: there is always an answer that leaves none."""
+
+
+@dataclass(frozen=True)
+class Found:
+    """K paths of n pixels where the search with white noise ended, and the misfit it leaves, (n,)."""
+
+    paths: Mixture
+    chi_squared: Float
+
+    def taken(self, chosen: Index, /) -> "Found":
+        """Return what was found for the given pixels."""
+        return Found(self.paths.taken(chosen), self.chi_squared[chosen])
 
 
 @dataclass(frozen=True)
@@ -42,42 +57,60 @@ class Fit:
         )
 
 
-def fitted(measured: Measured, /, *, fewer: Fit | None, noise: NoiseModel) -> Fit:
-    """Return the most likely paths, one more than in the fit with `fewer`, or one."""
+def found_paths(measured: Measured, /, *, fewer: Found | None, noise: NoiseModel) -> Found:
+    """Return the paths that fit best with white noise: one, or one more than those already found.
+
+    The search starts from the better of two: the paths found so far with the one that explains most of what they leave, and
+    the exact answer of the first harmonics. Where it ends in a misfit that noise seldom has, it starts from the other too,
+    and where there are two paths from the best pair of a grid.
+    """
     white = WhiteFit(measured, tuple(1.0 / harmonic.dark_variance for harmonic in noise.harmonics))
-    rest = measured if fewer is None else measured.without(fewer.paths)
-    more = strongest_path(rest, weights=white.weights)
-    if fewer is not None:
-        more = fewer.paths.joined(more)
-    found = SEARCH.solve(white, more.points)
-    points, cost = found.points, found.cost
-    if fewer is not None and len(more.amplitude) == 2:
-        if measured.harmonics[:2] == (1, 2):
-            _improve(white, closed_form_start(measured), np.arange(cost.size), points, cost)
-        dof_pairs = len(measured.harmonics) - 2
-        limit = chi_squared_threshold(SUSPECT, pairs=dof_pairs) if dof_pairs else 1e-3
-        suspect = np.flatnonzero(cost > limit)
-        if suspect.size:
-            start = best_pair(measured.taken(suspect), weights=white.weights)
-            _improve(white, start, suspect, points, cost)
-    return _polished(measured, Mixture.of_points(points), noise)
+    if fewer is None:
+        end = SEARCH.solve(white, strongest_path(measured, weights=white.weights).points)
+        return Found(Mixture.of_points(end.points), end.cost)
+    more = strongest_path(measured.without(fewer.paths), weights=white.weights)
+    start = other = fewer.paths.joined(more).points
+    exact = exact_start(measured, paths=len(fewer.paths.amplitude) + 1)
+    if exact is not None:
+        nearer = white.cost(exact.points) < white.cost(start)
+        start, other = np.where(nearer, exact.points, start), np.where(nearer, start, exact.points)
+    end = SEARCH.solve(white, start)
+    points, cost = end.points, end.cost
+    suspect = np.flatnonzero(cost > _acceptable(measured, start))
+    if suspect.size and exact is not None:
+        _improve(white, other[:, suspect], suspect, points, cost)
+    if suspect.size and len(fewer.paths.amplitude) == 1:
+        pair = best_pair(measured.taken(suspect), weights=white.weights)
+        _improve(white, pair.points, suspect, points, cost)
+    return Found(Mixture.of_points(points), cost)
 
 
-def _improve(white: WhiteFit, start: Mixture, of: Index, points: Float, cost: Float) -> None:
-    other = SEARCH.solve(white.taken(of), start.points)
+def most_likely(measured: Measured, found: Found, /, *, noise: NoiseModel) -> Fit:
+    """Return the maximum of the likelihood next to what was found, with the noise that such light has."""
+    weighted = WeightedFit.around(measured, found.paths, noise=noise)
+    best = POLISH.solve(weighted, found.paths.points)
+    paths = Mixture.of_points(best.points)
+    return Fit(paths, _sigma(paths, best.matrix), best.cost, best.converged)
+
+
+def fisher_fit(measured: Measured, paths: Mixture, /, *, converged: Bool, noise: NoiseModel) -> Fit:
+    """Return paths that another solver found with the likelihood's standard deviations and misfit."""
+    at = WeightedFit.around(measured, paths, noise=noise).linearised(paths.points)
+    return Fit(paths, _sigma(paths, at.matrix), at.cost, converged)
+
+
+def _sigma(paths: Mixture, matrix: Float) -> Float:
+    """Return the standard deviations of the phases, from the inverse of the Fisher information in (da, a·dx)."""
+    variance = inverse_diagonal(cholesky(matrix))[len(paths.amplitude) :]
+    return np.sqrt(variance) / paths.amplitude
+
+
+def _acceptable(measured: Measured, points: Float) -> float:
+    pairs = len(measured.harmonics) - len(points) // 3
+    return chi_squared_threshold(SUSPECT, pairs=pairs) if pairs else EXACT_MISFIT
+
+
+def _improve(white: WhiteFit, starts: Float, of: Index, points: Float, cost: Float) -> None:
+    other = SEARCH.solve(white.taken(of), starts)
     better = other.cost < cost[of]
     points[:, of[better]], cost[of[better]] = other.points[:, better], other.cost[better]
-
-
-def _polished(measured: Measured, paths: Mixture, noise: NoiseModel) -> Fit:
-    weighted = WeightedFit.around(measured, paths, noise=noise)
-    best = POLISH.solve(weighted, paths.points)
-    k = len(paths.amplitude)
-    found = Mixture.of_points(best.points)
-    variance = inverse_diagonal(cholesky(weighted.linearised(best.points).matrix))[k:]
-    return Fit(found, np.sqrt(variance) / found.amplitude, best.cost, best.converged)
-
-
-def measured_phasors(phasors: Complex, /, *, noise: NoiseModel) -> Measured:
-    """Return phasors, complex128 (N, n), with the harmonics that their noise is of."""
-    return Measured.of_phasors(phasors, harmonics=tuple(h.harmonic for h in noise.harmonics))

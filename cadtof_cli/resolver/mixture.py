@@ -84,6 +84,14 @@ class WhiteFit:
     measured: Measured
     weights: tuple[float, ...]
 
+    def cost(self, points: Float, /) -> Float:
+        """Return what the paths leave over the noise, (n,)."""
+        rest = self.measured.without(Mixture.of_points(points))
+        total = np.zeros(points.shape[1])
+        for weight, re, im in zip(self.weights, rest.re, rest.im, strict=True):
+            total += weight * (re * re + im * im)
+        return total
+
     def linearised(self, points: Float, /) -> Linearised:
         """Return the normal equations: between two paths they depend on the difference of the phases alone."""
         paths = Mixture.of_points(points)

@@ -1,7 +1,7 @@
 """The noise of phasors: known beforehand from the integration length, or estimated from a frame."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -24,16 +24,17 @@ class HarmonicNoise:
 
     `harmonic` is its number h, `averaging` is 1/(2·n_av − 1) of the exponentially weighted average, `pulse` and
     `pulse_double` are r_h and r_2h, and `floor` is a variance a channel that comes on top whatever the light (quantisation).
+    Both variances are arrays, (n,), where pixels have been averaged over different numbers of others.
     """
 
     harmonic: int
-    averaging: float
+    averaging: float | Float
     pulse: float
     pulse_double: float
-    floor: float
+    floor: float | Float
 
     @property
-    def dark_variance(self) -> float:
+    def dark_variance(self) -> float | Float:
         """Variance a channel where only ambient light arrives: the most that there can be."""
         return 0.5 * self.averaging / self.pulse**2 + self.floor
 
@@ -68,6 +69,15 @@ class NoiseModel:
     harmonics: tuple[HarmonicNoise, ...]
     integration_length: float
     estimated: bool
+
+    def averaged_over(self, samples: Float, /) -> "NoiseModel":
+        """Return the noise of phasors that are means of `samples`, (n,), pixels each."""
+        return replace(
+            self,
+            harmonics=tuple(
+                replace(h, averaging=h.averaging / samples, floor=h.floor / samples) for h in self.harmonics
+            ),
+        )
 
 
 def noise_model(

@@ -1,15 +1,19 @@
 """Phasors of a block of pixels → the paths of every pixel: the stage between `phasors/` and `maps/`."""
 
-from dataclasses import dataclass
+from collections.abc import Sequence
 
 import numpy as np
 
-from cadtof_cli.arrays import Bool, Complex, Float, Status
-from cadtof_cli.errors import SettingsError
+from cadtof_cli.arrays import Bool, Complex, Float, Index, Status
 from cadtof_cli.resolver.closed_form import FundamentalFrame, TwoPaths, fundamental_frame, two_paths
+from cadtof_cli.resolver.many_paths import resolve_many
+from cadtof_cli.resolver.mixture import Measured
 from cadtof_cli.resolver.noise import NoiseModel
 from cadtof_cli.resolver.one_path import OnePath, one_path
 from cadtof_cli.resolver.order import chi_squared_threshold
+from cadtof_cli.resolver.paths import Path, ResolvedPaths
+from cadtof_cli.resolver.returns import arranged, choose, direct_and_mpi
+from cadtof_cli.resolver.rotors import phase_of
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.resolver.status import StatusBit
 from cadtof_cli.resolver.uncertainty import two_path_sigmas
@@ -20,73 +24,106 @@ ORDER_TEST_STEPS = 1
 ONE_PATH_STEPS = 6
 """Newton steps where one path is all that is asked for, however badly it fits."""
 
-FULL_TURN = 2.0 * np.pi
-
-
-@dataclass(frozen=True)
-class Path:
-    """One path of n pixels: amplitude in units of the phasors, phase in [0, 2π) rad, its standard deviation in rad."""
-
-    amplitude: Float
-    phase_rad: Float
-    sigma_rad: Float
-
-
-@dataclass(frozen=True)
-class ResolvedPaths:
-    """The answer for n pixels: the direct and the MPI path, float64 (n,) each, NaN where there is none.
-
-    `confidence` is the magnitude of the first phasor; `status` holds bits of `StatusBit`.
-    """
-
-    direct: Path
-    mpi: Path
-    confidence: Float
-    status: Status
-
 
 def resolve_paths(
-    phasors: Complex, /, *, saturated: Bool, settings: ResolverSettings, noise: NoiseModel, amplitude_v: float
+    phasors: Complex,
+    /,
+    *,
+    saturated: Bool,
+    settings: ResolverSettings,
+    noise: NoiseModel,
+    amplitude_v: float,
+    samples: Float | None = None,
 ) -> ResolvedPaths:
-    """Resolve every pixel of phasors (H, n) into one or two paths; inputs are not changed.
+    """Resolve every pixel of phasors (H, n) into paths; inputs are not changed.
 
     A pixel that is saturated, not finite or without a signal gets NaN and a status bit. Every pixel is computed alone, by the
-    same operations wherever it stands, so that blocks of any size give the same bits.
+    same operations wherever it stands, so that blocks of any size give the same bits. `samples`, (n,), is the number of
+    recorded pixels that each phasor has been averaged over; None: 1.
 
     Raises:
-        SettingsError: the harmonics are not the fundamental and its double.
+        SettingsError: the harmonics cannot tell as many paths apart as the settings ask for.
     """
-    if phasors.shape[0] != 2:
-        raise SettingsError(f"two-path resolving: found {phasors.shape[0]} harmonics, expected 2 (T1 and T1/2)")
+    harmonics = tuple(harmonic.harmonic for harmonic in noise.harmonics)
+    settings.check_harmonics(harmonics)
+    averaged = noise if samples is None else noise.averaged_over(samples)
     with np.errstate(all="ignore"):
-        frame = fundamental_frame(phasors[0], phasors[1])
+        if settings.in_closed_form(harmonics):
+            frame = fundamental_frame(phasors[0], phasors[1])
+            modulus, powers = frame.u, (frame.u * frame.u, frame.pr * frame.pr + frame.pi * frame.pi)
+        else:
+            powers = tuple(phasor.real * phasor.real + phasor.imag * phasor.imag for phasor in phasors)
+            modulus = np.sqrt(powers[0])
         status = np.where(saturated, np.uint32(StatusBit.SATURATED), np.uint32(0))
-        confidence = np.where(saturated, np.nan, frame.u)
+        confidence = np.where(saturated, np.nan, modulus)
         status |= np.where(np.isfinite(phasors).all(axis=0), np.uint32(0), np.uint32(StatusBit.NOT_FINITE))
-        low = _without_signal(frame, settings, noise, amplitude_v)
+        low = _without_signal(modulus, powers, settings, averaged, amplitude_v)
         status |= np.where(low & (status == 0), np.uint32(StatusBit.LOW_CONFIDENCE), np.uint32(0))
         answered = status == 0
-        direct, mpi = _paths(frame, settings, noise, status, answered)
+        if samples is not None:
+            status |= np.where(answered & (samples > 1.0), np.uint32(StatusBit.POOLED), np.uint32(0))
+        if not settings.in_closed_form(harmonics):
+            measured = Measured.of_phasors(phasors, harmonics=harmonics)
+            paths, chi_squared = _iterated(measured, settings, noise, samples, status, answered)
+        else:
+            paths, chi_squared = _paths(frame, settings, averaged, status, answered), None
         blank = ~answered
         if blank.any():
-            for values in (direct.amplitude, direct.phase_rad, direct.sigma_rad):
-                values[blank] = np.nan
-            for values in (mpi.amplitude, mpi.phase_rad, mpi.sigma_rad):
-                values[blank] = np.nan
+            for path in paths:
+                for values in (path.amplitude, path.phase_rad, path.sigma_rad):
+                    values[blank] = np.nan
             confidence[~np.isfinite(confidence)] = np.nan
-    return ResolvedPaths(direct, mpi, confidence, status)
+    return ResolvedPaths(*paths[:2], confidence, status, paths[2:], chi_squared)
 
 
-def _without_signal(frame: FundamentalFrame, settings: ResolverSettings, noise: NoiseModel, amplitude_v: float) -> Bool:
-    second2 = frame.pr * frame.pr + frame.pi * frame.pi
+def _without_signal(
+    modulus: Float, powers: Sequence[Float], settings: ResolverSettings, noise: NoiseModel, amplitude_v: float
+) -> Bool:
+    """Return where the first phasor, `modulus`, is below the least confidence, or all of them are no more than noise."""
     if settings.min_confidence_v is not None:
-        least = settings.min_confidence_v / amplitude_v
-        low: Bool = (frame.u < least) | ((frame.u == 0.0) & (second2 == 0.0))
-        return low
-    first, second = noise.harmonics
-    power = frame.u * frame.u / first.dark_variance + second2 / second.dark_variance
-    weak: Bool = power <= chi_squared_threshold(settings.false_alarm, pairs=2)
+        low: Bool = modulus < settings.min_confidence_v / amplitude_v
+        return low | np.logical_and.reduce([power == 0.0 for power in powers])
+    total = powers[0] / noise.harmonics[0].dark_variance
+    for power, harmonic in zip(powers[1:], noise.harmonics[1:], strict=True):
+        total = total + power / harmonic.dark_variance
+    weak: Bool = total <= chi_squared_threshold(settings.false_alarm, pairs=len(powers))
     return weak
+
+
+def _iterated(
+    measured: Measured,
+    settings: ResolverSettings,
+    noise: NoiseModel,
+    samples: Float | None,
+    status: Status,
+    answered: Bool,
+) -> tuple[tuple[Path, ...], Float]:
+    """Return the paths, two at least, and what they leave over the noise, of pixels that need a search."""
+    at: Index = np.flatnonzero(answered)
+    many = np.ones(at.size) if samples is None else samples[at]
+    found = resolve_many(measured.taken(at), settings=settings, noise=noise, samples=many)
+    count = np.isfinite(found.amplitude).sum(axis=0)
+    for marked, bit in (
+        (count == 1, StatusBit.ONE_PATH),
+        (count == 2, StatusBit.TWO_PATHS),
+        (count > 2, StatusBit.MORE_PATHS),
+        (found.doubtful, StatusBit.ILL_CONDITIONED),
+        (~found.converged, StatusBit.NOT_CONVERGED),
+    ):
+        status[at[marked]] |= np.uint32(bit)
+
+    def spread(values: Float) -> Float:
+        everywhere = np.full(answered.size, np.nan)
+        everywhere[at] = values
+        return everywhere
+
+    paths = [
+        Path(spread(path.amplitude), spread(path.phase_rad), spread(path.sigma_rad))
+        for path in arranged(found, settings)
+    ]
+    while len(paths) < max(settings.paths, 2):
+        paths.append(Path(*(np.full(answered.size, np.nan) for _ in range(3))))
+    return tuple(paths), spread(found.chi_squared)
 
 
 def _paths(
@@ -100,13 +137,13 @@ def _paths(
         return single, Path(nothing, nothing.copy(), nothing.copy())
     two = two_paths(frame)
     x, y = _both_paths(two, noise)
-    direct, mpi = _direct_and_mpi(x, y, settings)
+    direct, mpi = direct_and_mpi(x, y, settings)
     has_two = ~two.single
     if settings.order == "auto":
         alone = one_path(frame, noise=noise, steps=ORDER_TEST_STEPS)
         has_two &= alone.chi_squared > chi_squared_threshold(settings.false_alarm, pairs=1)
-        direct = _where(has_two, direct, _only_path(alone))
-    mpi = _where(has_two, mpi, Path(*(np.float64(np.nan),) * 3))
+        direct = choose(has_two, direct, _only_path(alone))
+    mpi = choose(has_two, mpi, Path(*(np.float64(np.nan),) * 3))
     doubtful = has_two & (np.maximum(x.sigma_rad, y.sigma_rad) > np.abs(two.sin_half))
     bits = np.where(has_two, np.uint32(StatusBit.TWO_PATHS), np.uint32(StatusBit.ONE_PATH))
     bits |= np.where(doubtful, np.uint32(StatusBit.ILL_CONDITIONED), np.uint32(0))
@@ -115,46 +152,9 @@ def _paths(
 
 
 def _only_path(fit: OnePath) -> Path:
-    return Path(fit.amplitude, _phase(fit.cos, fit.sin), fit.sigma_rad)
+    return Path(fit.amplitude, phase_of((fit.cos, fit.sin)), fit.sigma_rad)
 
 
 def _both_paths(two: TwoPaths, noise: NoiseModel) -> tuple[Path, Path]:
     sigma_x, sigma_y = two_path_sigmas(two, noise=noise)
-    return Path(two.a, _phase(two.cos_x, two.sin_x), sigma_x), Path(two.b, _phase(two.cos_y, two.sin_y), sigma_y)
-
-
-def _direct_and_mpi(x: Path, y: Path, settings: ResolverSettings) -> tuple[Path, Path]:
-    """Call one of two paths direct: the first or last that is strong enough, or the strongest.
-
-    Phases repeat after a full turn, so a late echo of a far wall shows up ahead of it. Light that took the long way is the
-    weaker: a weaker path that seems to come over half a turn before the stronger one is therefore put behind it.
-    """
-    x_chosen: Bool
-    x_stronger = x.amplitude >= y.amplitude
-    if settings.returns == "strongest":
-        x_chosen = x_stronger
-    else:
-        lead = y.phase_rad - x.phase_rad
-        x_before = (lead >= 0.0) ^ ((np.abs(lead) > 0.5 * FULL_TURN) & (x_stronger == (lead < 0.0)))
-        x_wanted = x_before if settings.returns == "first" else ~x_before
-        x_strong = (x.amplitude >= settings.min_return_ratio * y.amplitude) & (x.amplitude > 0.0)
-        y_strong = (y.amplitude >= settings.min_return_ratio * x.amplitude) & (y.amplitude > 0.0)
-        x_chosen = (x_wanted & x_strong) | ~y_strong
-    return _where(x_chosen, x, y), _where(x_chosen, y, x)
-
-
-def _where(chosen: Bool, first: Path, second: Path) -> Path:
-    return Path(
-        np.where(chosen, first.amplitude, second.amplitude),
-        np.where(chosen, first.phase_rad, second.phase_rad),
-        np.where(chosen, first.sigma_rad, second.sigma_rad),
-    )
-
-
-def _phase(cos: Float, sin: Float) -> Float:
-    """Return the phase of a unit rotor in [0, 2π): arctan2 by the half angle, in half its time and to the last digit."""
-    left = cos < 0.0
-    phase = 2.0 * np.arctan(np.where(left, 1.0 - cos, sin) / np.where(left, sin, 1.0 + cos))
-    phase += np.where(phase < 0.0, FULL_TURN, 0.0)
-    phase[phase >= FULL_TURN] = 0.0
-    return phase
+    return Path(two.a, phase_of((two.cos_x, two.sin_x)), sigma_x), Path(two.b, phase_of((two.cos_y, two.sin_y)), sigma_y)

@@ -11,6 +11,8 @@ import numpy as np
 
 from cadtof_cli.arrays import Float
 
+FULL_TURN = 2.0 * np.pi
+
 Rotor: TypeAlias = tuple[Float, Float]
 """Real and imaginary part, of the same shape."""
 
@@ -38,3 +40,13 @@ def powers(rotor: Rotor, exponents: Sequence[int], /) -> list[Rotor]:
         return found[h]
 
     return [power(h) for h in exponents]
+
+
+def phase_of(rotor: Rotor, /) -> Float:
+    """Return the phase of a unit rotor in [0, 2π): arctan2 by the half angle, in half its time and to the last digit."""
+    cos, sin = rotor
+    left = cos < 0.0
+    phase = 2.0 * np.arctan(np.where(left, 1.0 - cos, sin) / np.where(left, sin, 1.0 + cos))
+    phase += np.where(phase < 0.0, FULL_TURN, 0.0)
+    phase[phase >= FULL_TURN] = 0.0
+    return phase

@@ -7,30 +7,39 @@ import numpy as np
 from cadtof_cli.arrays import Float
 from cadtof_cli.resolver.closed_form import fundamental_frame, two_paths
 from cadtof_cli.resolver.mixture import Measured, Mixture
+from cadtof_cli.resolver.pisarenko import pisarenko, strongest_of
 
 DELAYS_PER_HARMONIC = 8
 """Grid delays in a period of the highest harmonic: an eighth of it is well within where the fit converges."""
 
 
-def closed_form_start(measured: Measured, /) -> Mixture:
-    """Return the two paths that the first two harmonics have exactly, which must be 1 and 2."""
-    first, second = (measured.re[row] + 1j * measured.im[row] for row in (0, 1))
-    two = two_paths(fundamental_frame(first, second))
-    return Mixture(np.stack((two.a, two.b)), np.stack((two.cos_x, two.cos_y)), np.stack((two.sin_x, two.sin_y)))
+PAIR_PIXELS = 128
+"""Pixels at a time in the scan over pairs, of which there are hundreds."""
+
+
+def exact_start(measured: Measured, /, *, paths: int) -> Mixture | None:
+    """Return the paths that the first harmonics have exactly; None where these are not 1, 2, … without a gap.
+
+    For two paths it is the closed form of harmonics 1 and 2. For more, Carathéodory's decomposition of as many harmonics as
+    follow each other has a path for each, of which the strongest are taken.
+    """
+    run = next((i for i, h in enumerate(measured.harmonics) if h != i + 1), len(measured.harmonics))
+    if run < paths:
+        return None
+    if paths == 2:
+        first, second = (measured.re[row] + 1j * measured.im[row] for row in (0, 1))
+        two = two_paths(fundamental_frame(first, second))
+        return Mixture(np.stack((two.a, two.b)), np.stack((two.cos_x, two.cos_y)), np.stack((two.sin_x, two.sin_y)))
+    return strongest_of(pisarenko(measured.re[:run] + 1j * measured.im[:run]), paths)
 
 
 def strongest_path(measured: Measured, /, *, weights: Sequence[float]) -> Mixture:
     """Return the grid's path that explains most of the phasors: the peak of Σ_h w_h·Re(p_h·exp(−i h x))."""
-    best = np.full(measured.re.shape[1], -np.inf)
-    cos, sin = np.ones_like(best), np.zeros_like(best)
-    for phase in _grid(measured.harmonics):
-        peak = _matched(measured, weights, phase)
-        higher = peak > best
-        np.copyto(best, peak, where=higher)
-        np.copyto(cos, np.cos(phase), where=higher)
-        np.copyto(sin, np.sin(phase), where=higher)
-    amplitude = np.maximum(best, 0.0) / sum(weights)
-    return Mixture(amplitude[np.newaxis], cos[np.newaxis], sin[np.newaxis])
+    grid = _grid(measured.harmonics)
+    matched = np.stack([_matched(measured, weights, phase) for phase in grid])
+    peak = matched.argmax(axis=0)
+    amplitude = np.maximum(matched.max(axis=0), 0.0) / sum(weights)
+    return Mixture(amplitude[np.newaxis], np.cos(grid)[np.newaxis, peak], np.sin(grid)[np.newaxis, peak])
 
 
 def best_pair(measured: Measured, /, *, weights: Sequence[float]) -> Mixture:
@@ -40,23 +49,24 @@ def best_pair(measured: Measured, /, *, weights: Sequence[float]) -> Mixture:
     `strongest_path`, S = Σ w_h and ρ = Σ w_h·cos h(x − y)/S; they explain a·B(x) + b·B(y).
     """
     grid = _grid(measured.harmonics)
-    matched = np.stack([_matched(measured, weights, phase) for phase in grid])
-    total, count = sum(weights), measured.re.shape[1]
-    best = np.full(count, -np.inf)
-    found = np.zeros((6, count))
-    for first in range(len(grid)):
-        for second in range(first + 1, len(grid)):
-            lag = grid[second] - grid[first]
-            rho = sum(w * np.cos(h * lag) for w, h in zip(weights, measured.harmonics, strict=True)) / total
-            a, b = matched[first] - rho * matched[second], matched[second] - rho * matched[first]
-            explained = (a * matched[first] + b * matched[second]) / (1.0 - rho * rho)
-            better = (explained > best) & (a > 0.0) & (b > 0.0)
-            best = np.where(better, explained, best)
-            scale = 1.0 / (total * (1.0 - rho * rho))
-            x, y = grid[first], grid[second]
-            for row, value in enumerate((a * scale, b * scale, np.cos(x), np.cos(y), np.sin(x), np.sin(y))):
-                np.copyto(found[row], value, where=better)
-    return Mixture.of_points(found)
+    first, second = np.triu_indices(len(grid), k=1)
+    lag = grid[second] - grid[first]
+    total = sum(weights)
+    rho = sum(w * np.cos(h * lag) for w, h in zip(weights, measured.harmonics, strict=True)) / total
+    rho, scale = rho[:, np.newaxis], (1.0 / (total * (1.0 - rho * rho)))[:, np.newaxis]
+    parts = []
+    for begin in range(0, measured.re.shape[1], PAIR_PIXELS):
+        some = measured.taken(np.arange(begin, min(begin + PAIR_PIXELS, measured.re.shape[1])))
+        matched = np.stack([_matched(some, weights, phase) for phase in grid])
+        a = (matched[first] - rho * matched[second]) * scale
+        b = (matched[second] - rho * matched[first]) * scale
+        explained = np.where((a > 0.0) & (b > 0.0), a * matched[first] + b * matched[second], -np.inf)
+        best = explained.argmax(axis=0)[np.newaxis]
+        x, y = grid[first[best]], grid[second[best]]
+        a, b = np.take_along_axis(a, best, 0), np.take_along_axis(b, best, 0)
+        amplitudes = np.maximum(np.concatenate((a, b)), 0.0)
+        parts.append(np.concatenate((amplitudes, np.cos(x), np.cos(y), np.sin(x), np.sin(y))))
+    return Mixture.of_points(np.concatenate(parts, axis=1))
 
 
 def _grid(harmonics: Sequence[int]) -> Float:

@@ -49,10 +49,10 @@ def _projected(
 ) -> Float32:
     """Return the variance of re·Re q + im·Im q for noise q of one harmonic, whose moments are r_h·phasor and r_2h·doubled."""
     harmonic = noise.harmonics[index]
-    half = np.float32(0.5 * harmonic.averaging)
-    scale = np.float32(0.5 * harmonic.averaging / harmonic.pulse**2)
-    twice = np.float32(harmonic.pulse_double / harmonic.pulse**2 * 0.5 * harmonic.averaging)
-    floor = np.float32(harmonic.floor)
+    half = np.asarray(0.5 * harmonic.averaging, np.float32)
+    scale = np.asarray(0.5 * harmonic.averaging / harmonic.pulse**2, np.float32)
+    twice = np.asarray(harmonic.pulse_double / harmonic.pulse**2 * 0.5 * harmonic.averaging, np.float32)
+    floor = np.asarray(harmonic.floor, np.float32)
     z_re, z_im = phasor
     total = (scale + floor) * (re * re + im * im)
     shape = (re * re - im * im) * doubled[0] + 2.0 * re * im * doubled[1]

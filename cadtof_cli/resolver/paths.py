@@ -1,0 +1,51 @@
+"""What resolving gives: the paths of a block of pixels."""
+
+from dataclasses import dataclass
+
+from cadtof_cli.arrays import Bool, Float, Status
+
+
+@dataclass(frozen=True)
+class Path:
+    """One path of n pixels: amplitude in units of the phasors, phase in [0, 2π) rad, its standard deviation in rad."""
+
+    amplitude: Float
+    phase_rad: Float
+    sigma_rad: Float
+
+
+@dataclass(frozen=True)
+class PathSet:
+    """Up to K paths of n pixels in no particular order: float64 (K, n) each, NaN where a pixel has fewer.
+
+    `chi_squared`, (n,), is what they leave over the noise; `converged` is not set where the solver gave up; `doubtful` where
+    two paths are closer than their standard deviations, so that these are only a lower bound.
+    """
+
+    amplitude: Float
+    phase_rad: Float
+    sigma_rad: Float
+    chi_squared: Float
+    converged: Bool
+    doubtful: Bool
+
+
+@dataclass(frozen=True)
+class ResolvedPaths:
+    """The answer for n pixels: the direct and the MPI path, float64 (n,) each, NaN where there is none.
+
+    `confidence` is the magnitude of the first phasor; `status` holds bits of `StatusBit`; `others` are the third path and so
+    on; `chi_squared` is what the paths leave over the noise, where the solver does not always leave nothing.
+    """
+
+    direct: Path
+    mpi: Path
+    confidence: Float
+    status: Status
+    others: tuple[Path, ...] = ()
+    chi_squared: Float | None = None
+
+    @property
+    def paths(self) -> tuple[Path, ...]:
+        """All paths, the direct one first."""
+        return (self.direct, self.mpi, *self.others)

@@ -1,0 +1,61 @@
+"""Which path is called direct: the first, strongest or last return."""
+
+import numpy as np
+
+from cadtof_cli.arrays import Bool, Float, Index
+from cadtof_cli.resolver.paths import Path, PathSet
+from cadtof_cli.resolver.rotors import FULL_TURN
+from cadtof_cli.resolver.settings import ResolverSettings
+
+
+def direct_and_mpi(x: Path, y: Path, settings: ResolverSettings, /) -> tuple[Path, Path]:
+    """Call one of two paths direct: the first or last that is strong enough, or the strongest.
+
+    Phases repeat after a full turn, so a late echo of a far wall shows up ahead of it. Light that took the long way is the
+    weaker: a weaker path that seems to come over half a turn before the stronger one is therefore put behind it.
+    """
+    x_chosen: Bool
+    x_stronger = x.amplitude >= y.amplitude
+    if settings.returns == "strongest":
+        x_chosen = x_stronger
+    else:
+        lead = y.phase_rad - x.phase_rad
+        x_before = (lead >= 0.0) ^ ((np.abs(lead) > 0.5 * FULL_TURN) & (x_stronger == (lead < 0.0)))
+        x_wanted = x_before if settings.returns == "first" else ~x_before
+        x_strong = (x.amplitude >= settings.min_return_ratio * y.amplitude) & (x.amplitude > 0.0)
+        y_strong = (y.amplitude >= settings.min_return_ratio * x.amplitude) & (y.amplitude > 0.0)
+        x_chosen = (x_wanted & x_strong) | ~y_strong
+    return choose(x_chosen, x, y), choose(x_chosen, y, x)
+
+
+def arranged(paths: PathSet, settings: ResolverSettings, /) -> tuple[Path, ...]:
+    """Return the direct path by the rule of `direct_and_mpi`, then the others in falling amplitude.
+
+    Among several paths, those put behind are the ones that seem to come over half a turn before the strongest.
+    """
+    amplitude = np.where(np.isnan(paths.amplitude), -np.inf, paths.amplitude)
+    strongest = amplitude.argmax(axis=0)
+    chosen = strongest if settings.returns == "strongest" else _first_or_last(paths, amplitude, strongest, settings)
+    np.put_along_axis(amplitude, chosen[np.newaxis], np.inf, axis=0)
+    order = np.argsort(-amplitude, axis=0, kind="stable")
+    parts = (np.take_along_axis(part, order, axis=0) for part in (paths.amplitude, paths.phase_rad, paths.sigma_rad))
+    return tuple(Path(*rows) for rows in zip(*parts, strict=True))
+
+
+def _first_or_last(paths: PathSet, amplitude: Float, strongest: Index, settings: ResolverSettings) -> Index:
+    most = np.take_along_axis(amplitude, strongest[np.newaxis], axis=0)
+    strong = (amplitude >= settings.min_return_ratio * most) & (amplitude > 0.0)
+    lead = paths.phase_rad - np.take_along_axis(paths.phase_rad, strongest[np.newaxis], axis=0)
+    lead += np.where(lead < -0.5 * FULL_TURN, FULL_TURN, 0.0)
+    sign = 1.0 if settings.returns == "first" else -1.0
+    wanted: Index = np.where(strong, sign * lead, np.inf).argmin(axis=0)
+    return wanted
+
+
+def choose(chosen: Bool, first: Path, second: Path, /) -> Path:
+    """Return the first path where chosen, else the second."""
+    return Path(
+        np.where(chosen, first.amplitude, second.amplitude),
+        np.where(chosen, first.phase_rad, second.phase_rad),
+        np.where(chosen, first.sigma_rad, second.sigma_rad),
+    )
