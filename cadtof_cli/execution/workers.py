@@ -27,21 +27,23 @@ def default_start_method() -> StartMethod:
 
 @contextmanager
 def worker_pool(jobs: int, start_method: StartMethod) -> Iterator[ProcessPoolExecutor]:
-    """Yield a pool of `jobs` processes; leaving cancels what has not begun and ends the processes at once.
+    """Yield a pool of `jobs` processes; leaving by an exception abandons their work and ends them at once.
 
-    The workers hold one end of a pipe whose other end lives here: it closes when the pool is left, and also when this
-    process is killed, so that no worker outlives it. Work that has begun when the pool is left is abandoned.
+    The workers hold one end of a pipe whose other end lives here: it closes then, and also when this process is killed,
+    so that no worker outlives it.
     """
     context = multiprocessing.get_context(start_method)
     listening, held = context.Pipe(duplex=False)
     pool = ProcessPoolExecutor(jobs, mp_context=context, initializer=_begin, initargs=(listening, held))
     try:
         yield pool
+    except BaseException:
+        held.close()
+        raise
     finally:
-        pool.shutdown(wait=False, cancel_futures=True)
+        pool.shutdown(wait=True, cancel_futures=True)
         held.close()
         listening.close()
-        pool.shutdown(wait=True)
 
 
 def _begin(listening: Connection, held: Connection) -> None:

@@ -7,7 +7,10 @@ from cadtof_cli.arrays import Bool, Float, Status
 
 @dataclass(frozen=True)
 class Path:
-    """One path of n pixels: amplitude in units of the phasors, phase in [0, 2π) rad, its standard deviation in rad."""
+    """One path of n pixels: amplitude in units of the phasors, phase in rad, its standard deviation in rad.
+
+    Phases lie in [0, 2π), but that of an MPI path that is known to lie behind the direct one may go on to 4π.
+    """
 
     amplitude: Float
     phase_rad: Float

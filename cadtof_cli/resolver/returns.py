@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from cadtof_cli.arrays import Bool, Float, Index
+from cadtof_cli.arrays import Bool
 from cadtof_cli.resolver.paths import Path, PathSet
 from cadtof_cli.resolver.rotors import FULL_TURN
 from cadtof_cli.resolver.settings import ResolverSettings
@@ -12,20 +12,24 @@ def direct_and_mpi(x: Path, y: Path, settings: ResolverSettings, /) -> tuple[Pat
     """Call one of two paths direct: the first or last that is strong enough, or the strongest.
 
     Phases repeat after a full turn, so a late echo of a far wall shows up ahead of it. Light that took the long way is the
-    weaker: a weaker path that seems to come over half a turn before the stronger one is therefore put behind it.
+    weaker: a weaker path that seems to come over half a turn before the stronger one is therefore put behind it, and its
+    phase as the MPI path's goes on beyond 2π.
     """
     x_chosen: Bool
     x_stronger = x.amplitude >= y.amplitude
+    lead = y.phase_rad - x.phase_rad
+    wrapped = (np.abs(lead) > 0.5 * FULL_TURN) & (x_stronger == (lead < 0.0))
     if settings.returns == "strongest":
         x_chosen = x_stronger
     else:
-        lead = y.phase_rad - x.phase_rad
-        x_before = (lead >= 0.0) ^ ((np.abs(lead) > 0.5 * FULL_TURN) & (x_stronger == (lead < 0.0)))
+        x_before = (lead >= 0.0) ^ wrapped
         x_wanted = x_before if settings.returns == "first" else ~x_before
         x_strong = (x.amplitude >= settings.min_return_ratio * y.amplitude) & (x.amplitude > 0.0)
         y_strong = (y.amplitude >= settings.min_return_ratio * x.amplitude) & (y.amplitude > 0.0)
         x_chosen = (x_wanted & x_strong) | ~y_strong
-    return choose(x_chosen, x, y), choose(x_chosen, y, x)
+    direct, mpi = choose(x_chosen, x, y), choose(x_chosen, y, x)
+    np.add(mpi.phase_rad, FULL_TURN, out=mpi.phase_rad, where=wrapped & (x_chosen == x_stronger))
+    return direct, mpi
 
 
 def arranged(paths: PathSet, settings: ResolverSettings, /) -> tuple[Path, ...]:
@@ -34,22 +38,21 @@ def arranged(paths: PathSet, settings: ResolverSettings, /) -> tuple[Path, ...]:
     Among several paths, those put behind are the ones that seem to come over half a turn before the strongest.
     """
     amplitude = np.where(np.isnan(paths.amplitude), -np.inf, paths.amplitude)
-    strongest = amplitude.argmax(axis=0)
-    chosen = strongest if settings.returns == "strongest" else _first_or_last(paths, amplitude, strongest, settings)
-    np.put_along_axis(amplitude, chosen[np.newaxis], np.inf, axis=0)
+    strongest = amplitude.argmax(axis=0)[np.newaxis]
+    lead = paths.phase_rad - np.take_along_axis(paths.phase_rad, strongest, axis=0)
+    behind = np.where(lead < -0.5 * FULL_TURN, FULL_TURN, 0.0)
+    direct = strongest
+    if settings.returns != "strongest":
+        most = np.take_along_axis(amplitude, strongest, axis=0)
+        strong = (amplitude >= settings.min_return_ratio * most) & (amplitude > 0.0)
+        sign = 1.0 if settings.returns == "first" else -1.0
+        direct = np.where(strong, sign * (lead + behind), np.inf).argmin(axis=0)[np.newaxis]
+    np.put_along_axis(amplitude, direct, np.inf, axis=0)
+    np.put_along_axis(behind, direct, 0.0, axis=0)
     order = np.argsort(-amplitude, axis=0, kind="stable")
-    parts = (np.take_along_axis(part, order, axis=0) for part in (paths.amplitude, paths.phase_rad, paths.sigma_rad))
-    return tuple(Path(*rows) for rows in zip(*parts, strict=True))
-
-
-def _first_or_last(paths: PathSet, amplitude: Float, strongest: Index, settings: ResolverSettings) -> Index:
-    most = np.take_along_axis(amplitude, strongest[np.newaxis], axis=0)
-    strong = (amplitude >= settings.min_return_ratio * most) & (amplitude > 0.0)
-    lead = paths.phase_rad - np.take_along_axis(paths.phase_rad, strongest[np.newaxis], axis=0)
-    lead += np.where(lead < -0.5 * FULL_TURN, FULL_TURN, 0.0)
-    sign = 1.0 if settings.returns == "first" else -1.0
-    wanted: Index = np.where(strong, sign * lead, np.inf).argmin(axis=0)
-    return wanted
+    parts = (paths.amplitude, paths.phase_rad + behind, paths.sigma_rad)
+    rows = (np.take_along_axis(part, order, axis=0) for part in parts)
+    return tuple(Path(*path) for path in zip(*rows, strict=True))
 
 
 def choose(chosen: Bool, first: Path, second: Path, /) -> Path:

@@ -11,7 +11,7 @@ from typing import Any, TextIO
 from cadtof_cli import __version__
 from cadtof_cli.capture.discovery import Capture
 from cadtof_cli.errors import OutputError
-from cadtof_cli.maps.files import make_folder, write_json
+from cadtof_cli.maps.files import make_folder, remove_partial_files, write_json
 from cadtof_cli.maps.layers import LAYER_UNITS
 from cadtof_cli.resolver.status import MEANING
 from cadtof_cli.workflows.frame_task import FrameReport
@@ -47,6 +47,8 @@ def prepare_output(
                     f"{other} and {frame.paths[0]} would both be written as {out}/{frame.name}; "
                     "resolve them into folders of their own, one command each"
                 )
+    if overwrite or resume:
+        remove_partial_files(out, token="*")
     if resume:
         _check_same_settings(out / RUN_FILE, arguments)
     elif not overwrite:

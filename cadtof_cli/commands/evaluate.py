@@ -1,0 +1,34 @@
+"""`cadtof evaluate`."""
+
+import json
+from pathlib import Path
+
+import click
+
+
+@click.command(short_help="Errors of depth maps against truth.")
+@click.argument("maps", type=click.Path(path_type=Path), metavar="OUT")
+@click.option(
+    "--truth", required=True, type=click.Path(path_type=Path), help="File with a layer direct.depth, in metres."
+)
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object on stdout instead of the table.")
+def evaluate(maps: Path, truth: Path, as_json: bool) -> None:
+    """Compare the direct depth of maps with truth, beside the depth of the first phasor alone.
+
+    OUT is the folder that `cadtof resolve` wrote, or one map file. All frames are held against the same truth; pixels
+    without truth do not count, and `valid` is the share of the others that have an answer.
+    """
+    from cadtof_cli.workflows.evaluate import evaluate_maps
+
+    evaluation = evaluate_maps(maps, truth=truth, on_note=lambda note: click.echo(note, err=True))
+    if as_json:
+        click.echo(json.dumps(evaluation.as_json()))
+        return
+    click.echo(
+        f"{'':14}{'median':>10}{'90 %':>10}{'RMSE':>10}{'bias':>10}{'valid':>10}   |error|, cm; {evaluation.frames} frames"
+    )
+    for title, errors in (("first phasor", evaluation.first_phasor), ("direct path", evaluation.direct)):
+        if errors is not None:
+            figures = (errors.median_cm, errors.p90_cm, errors.rmse_cm, errors.bias_cm)
+            shown = "".join(f"{'–' if figure is None else f'{figure:.2f}':>10}" for figure in figures)
+            click.echo(f"{title:14}{shown}{errors.valid:>10.1%}")

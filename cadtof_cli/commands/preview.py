@@ -1,0 +1,22 @@
+"""`cadtof preview`."""
+
+from pathlib import Path
+
+import click
+
+
+@click.command(short_help="A picture of a frame's maps.")
+@click.argument("maps", type=click.Path(path_type=Path), metavar="MAPS")
+@click.option("-o", "--out", required=True, type=click.Path(path_type=Path), help="PNG to write.")
+@click.option(
+    "--truth", type=click.Path(path_type=Path), help="File with a layer direct.depth: the errors are drawn too."
+)
+def preview(maps: Path, out: Path, truth: Path | None) -> None:
+    """Draw direct depth, MPI depth, confidence, and predicted sigma or the error against truth.
+
+    MAPS is a map file, or a folder of them, whose first is drawn.
+    """
+    from cadtof_cli.workflows.preview import preview_maps
+
+    preview_maps(maps, out=out, truth=truth, on_note=lambda note: click.echo(note, err=True))
+    click.echo(out)

@@ -1,0 +1,47 @@
+# Sourced by the scripts beside it: makes .venv in the repository, with cadtof and the extras in $1, and puts it on PATH.
+# Twice in a row costs nothing: a stamp says what is installed.
+
+root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
+venv="$root/.venv"
+
+fail() {
+    echo "$(basename "$0"): $*" >&2
+    exit 1
+}
+
+find_python() {
+    local candidate
+    for candidate in python3 python3.14 python3.13 python3.12 python3.11 python; do
+        if command -v "$candidate" >/dev/null 2>&1 &&
+            "$candidate" -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null; then
+            command -v "$candidate"
+            return
+        fi
+    done
+    return 1
+}
+
+setup() {
+    local extras="$1" python stamp wanted
+    stamp="$venv/cadtof-$extras.stamp"
+    wanted=$(cksum <"$root/pyproject.toml")
+    if [ "$(cat "$stamp" 2>/dev/null)" = "$wanted" ] && "$venv/bin/python" -c 'import cadtof_cli' 2>/dev/null; then
+        PATH="$venv/bin:$PATH"
+        return
+    fi
+    if command -v uv >/dev/null 2>&1; then
+        [ -x "$venv/bin/python" ] || uv venv --quiet --python '>=3.11' "$venv" || fail "uv could not make $venv"
+        uv pip install --quiet --python "$venv/bin/python" --editable "$root$extras" || fail "uv could not install cadtof"
+    else
+        python=$(find_python) || fail "no Python 3.11 or newer on PATH; install one (Debian: apt install python3 python3-venv)"
+        if ! "$venv/bin/python" -m pip --version >/dev/null 2>&1; then
+            rm -rf "$venv"
+            "$python" -m venv "$venv" >/dev/null 2>&1 ||
+                fail "$python cannot make virtual environments; on Debian and Ubuntu: apt install python3-venv, or install uv"
+        fi
+        "$venv/bin/python" -m pip install --quiet --disable-pip-version-check --editable "$root$extras" ||
+            fail "pip could not install cadtof; is a package index reachable?"
+    fi
+    echo "$wanted" >"$stamp"
+    PATH="$venv/bin:$PATH"
+}
