@@ -6,7 +6,7 @@ import numpy as np
 
 from cadtof_cli.arrays import Float
 from cadtof_cli.maps.layers import DepthMaps
-from cadtof_cli.resolver.resolve import ResolvedPaths
+from cadtof_cli.resolver.paths import ResolvedPaths
 
 
 @dataclass(frozen=True)

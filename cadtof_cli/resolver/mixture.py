@@ -26,7 +26,7 @@ class Mixture:
     @classmethod
     def of_points(cls, points: Float, /) -> "Mixture":
         """Return the paths that points (3·K, n) of the solver stand for."""
-        amplitude, cos, sin = points.reshape(3, -1, points.shape[1])
+        amplitude, cos, sin = np.split(points, 3)
         return cls(amplitude, cos, sin)
 
     @property
@@ -183,7 +183,7 @@ class WeightedFit:
 def moved_paths(points: Float, steps: Float, /) -> Float:
     """Return points (3·K, n) after steps (2·K, n), amplitudes along the paths first, then across them."""
     paths = Mixture.of_points(points)
-    along, across = steps.reshape(2, -1, steps.shape[1])
+    along, across = np.split(steps, 2)
     amplitude, turn = unit_rotor(paths.amplitude + along, across)
     return Mixture(amplitude, *product((paths.cos, paths.sin), turn)).points
 

@@ -73,7 +73,8 @@ def resolve_paths(
                 for values in (path.amplitude, path.phase_rad, path.sigma_rad):
                     values[blank] = np.nan
             confidence[~np.isfinite(confidence)] = np.nan
-    return ResolvedPaths(*paths[:2], confidence, status, paths[2:], chi_squared)
+    direct, mpi, *others = paths
+    return ResolvedPaths(direct, mpi, confidence, status, tuple(others), chi_squared)
 
 
 def _without_signal(
@@ -81,8 +82,8 @@ def _without_signal(
 ) -> Bool:
     """Return where the first phasor, `modulus`, is below the least confidence, or all of them are no more than noise."""
     if settings.min_confidence_v is not None:
-        low: Bool = modulus < settings.min_confidence_v / amplitude_v
-        return low | np.logical_and.reduce([power == 0.0 for power in powers])
+        dark: Bool = np.logical_and.reduce([power == 0.0 for power in powers])
+        return dark | (modulus < settings.min_confidence_v / amplitude_v)
     total = powers[0] / noise.harmonics[0].dark_variance
     for power, harmonic in zip(powers[1:], noise.harmonics[1:], strict=True):
         total = total + power / harmonic.dark_variance

@@ -52,8 +52,9 @@ def best_pair(measured: Measured, /, *, weights: Sequence[float]) -> Mixture:
     first, second = np.triu_indices(len(grid), k=1)
     lag = grid[second] - grid[first]
     total = sum(weights)
-    rho = sum(w * np.cos(h * lag) for w, h in zip(weights, measured.harmonics, strict=True)) / total
-    rho, scale = rho[:, np.newaxis], (1.0 / (total * (1.0 - rho * rho)))[:, np.newaxis]
+    weighted = [w * np.cos(h * lag) for w, h in zip(weights, measured.harmonics, strict=True)]
+    rho: Float = np.add.reduce(weighted)[:, np.newaxis] / total
+    scale = 1.0 / (total * (1.0 - rho * rho))
     parts = []
     for begin in range(0, measured.re.shape[1], PAIR_PIXELS):
         some = measured.taken(np.arange(begin, min(begin + PAIR_PIXELS, measured.re.shape[1])))

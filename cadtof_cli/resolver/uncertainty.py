@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from cadtof_cli.arrays import Float32
+from cadtof_cli.arrays import Float, Float32
 from cadtof_cli.resolver.closed_form import TwoPaths
 from cadtof_cli.resolver.noise import NoiseModel
 
@@ -49,13 +49,17 @@ def _projected(
 ) -> Float32:
     """Return the variance of re·Re q + im·Im q for noise q of one harmonic, whose moments are r_h·phasor and r_2h·doubled."""
     harmonic = noise.harmonics[index]
-    half = np.asarray(0.5 * harmonic.averaging, np.float32)
-    scale = np.asarray(0.5 * harmonic.averaging / harmonic.pulse**2, np.float32)
-    twice = np.asarray(harmonic.pulse_double / harmonic.pulse**2 * 0.5 * harmonic.averaging, np.float32)
-    floor = np.asarray(harmonic.floor, np.float32)
+    half = _single(0.5 * harmonic.averaging)
+    scale = _single(0.5 * harmonic.averaging / harmonic.pulse**2)
+    twice = _single(harmonic.pulse_double / harmonic.pulse**2 * 0.5 * harmonic.averaging)
+    floor = _single(harmonic.floor)
     z_re, z_im = phasor
     total = (scale + floor) * (re * re + im * im)
     shape = (re * re - im * im) * doubled[0] + 2.0 * re * im * doubled[1]
     signal = re * z_re + im * z_im
     result: Float32 = total + twice * shape - 2.0 * half * signal * signal
     return result
+
+
+def _single(level: float | Float) -> Float32:
+    return np.asarray(level, np.float32)
