@@ -73,15 +73,20 @@ def _stages(plan: FramePlan, dtype: np.dtype[np.generic], height: int, width: in
     )
 
 
-def resolve_frame(stored: Stored, /, *, plan: FramePlan) -> ResolvedFrame:
+def resolve_frame(stored: Stored, /, *, plan: FramePlan, maps: DepthMaps | None = None) -> ResolvedFrame:
     """Return the maps of one frame of stored values, (H, 2, Y, X).
+
+    Args:
+        stored: the frame.
+        plan: what to do with it.
+        maps: maps of the frame's size that are written over and returned; fresh memory costs as much as the arithmetic.
 
     Raises:
         FrameError: the noise must be estimated from the frame, and too few of its pixels are finite.
         SettingsError: the plan does not fit the frame's type, or lacks the optics that it needs.
     """
     noise = frame_noise(stored, plan=plan)
-    maps = empty_maps(*stored.shape[2:])
+    maps = maps or empty_maps(*stored.shape[2:])
     resolve_pixels(stored, plan=plan, noise=noise, maps=maps)
     return ResolvedFrame(maps, noise.integration_length, noise.estimated)
 

@@ -65,10 +65,7 @@ def saturated_pixels(stored: Stored, /, *, scale: PhasorScale) -> Bool:
         return np.zeros(stored.shape[2], np.bool_)
     low, high = scale.saturated
     planes = stored.reshape(-1, stored.shape[2])
-    beyond = np.zeros(stored.shape[2], np.bool_)
-    for plane in planes:
-        beyond |= plane <= low
-        beyond |= plane >= high
+    beyond: Bool = (planes <= low).any(axis=0) | (planes >= high).any(axis=0)
     return beyond
 
 

@@ -10,10 +10,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cadtof_cli.arrays import Bool, Complex, Float
+from cadtof_cli.arrays import Bool, Complex, Float, Index
 
 NEWTON_STEPS = 6
 """From |d| the iteration falls monotonically onto the root; six steps reach machine precision for every input."""
+
+
+SMALLEST_SQUARE = 1e-280
+"""|d|² up to which a pixel has one path: far below any rounding error, and far enough above underflow."""
+
+
+SMALLEST_SINE = 1e-300
+"""Least sin²γ: keeps paths that coincide to the last digit from dividing zero by zero; how they share their sum does not matter."""
 
 
 @dataclass(frozen=True)
@@ -29,12 +37,16 @@ class FundamentalFrame:
     cos: Float
     sin: Float
 
+    def at(self, index: Index, /) -> "FundamentalFrame":
+        """Return the pixels at these indices."""
+        return FundamentalFrame(*(values[index] for values in (self.u, self.pr, self.pi, self.cos, self.sin)))
+
 
 @dataclass(frozen=True)
 class TwoPaths:
     """Amplitudes and unit rotors exp(ix), exp(iy) of two paths, float64 (n,) each; `cos_half`, `sin_half` belong to (x − y)/2.
 
-    Where `single` is set there is one path: `b` is 0, the second rotor that of the first, and the half angle π/2.
+    Where `single` is set there is one path: `b` is 0, the second rotor that of the first, and the half angle 0.
     """
 
     a: Float
@@ -66,32 +78,37 @@ def two_paths(frame: FundamentalFrame, /) -> TwoPaths:
     NaN in gives NaN out. Warnings about divisions by zero are the caller's to silence: they are the pixels in `single`.
     """
     u, dr, di = frame.u, frame.u - frame.pr, -frame.pi
-    h = _excess(u, dr, dr * dr + di * di)
-    den = h * (2.0 * u + h)
-    single = den == 0.0
-    scale = 1.0 / (den + single)
+    d2 = dr * dr + di * di
+    single = d2 <= SMALLEST_SQUARE
+    h = _excess(u, dr, d2)
+    h[single] = 0.0
     u_h = u + h
-    cos_m, sin_m = _half_angle((u_h * dr - u * h) * scale, u_h * di * scale)
-    cos_half = 0.5 * scale * u * ((h + dr) * cos_m + di * sin_m)
-    sin_half = np.sqrt(np.maximum((1.0 - cos_half) * (1.0 + cos_half), 0.0))
-    split = u * sin_m / sin_half
-    a, b = np.maximum(0.5 * (u_h - split), 0.0), np.maximum(0.5 * (u_h + split), 0.0)
-    cc, ss, sc, cs = cos_m * cos_half, sin_m * sin_half, sin_m * cos_half, cos_m * sin_half
+    den = h * (u_h + u)
+    cos_m, sin_m = _half_angle(u_h * dr - u * h, u_h * di, den)
+    cos_half = (h + dr) * cos_m
+    cos_half += di * sin_m
+    cos_half *= 0.5 * u
+    cos_half /= den
+    sin_half = (1.0 - cos_half) * (1.0 + cos_half)
+    np.sqrt(np.maximum(sin_half, SMALLEST_SINE, out=sin_half), out=sin_half)
     if single.any():
-        for values, alone in (
-            (a, u),
-            (b, 0.0),
-            (cc, 1.0),
-            (ss, 0.0),
-            (sc, 0.0),
-            (cs, 0.0),
-            (cos_half, 0.0),
-            (sin_half, 1.0),
-        ):
-            np.copyto(values, alone, where=single)
-    x = _rotated(cc - ss, sc + cs, frame)
-    y = _rotated(cc + ss, sc - cs, frame)
-    return TwoPaths(a, b, *x, *y, cos_half, sin_half, single)
+        for values, alone in ((cos_m, 1.0), (sin_m, 0.0), (cos_half, 1.0), (sin_half, 0.0)):
+            values[single] = alone
+        split = np.where(single, -u, u * sin_m / sin_half)
+    else:
+        split = u * sin_m / sin_half
+    a, b = _shares(u_h, split)
+    # exp(im)·ρ, then times exp(±iγ)
+    cos, sin = cos_m * frame.cos - sin_m * frame.sin, cos_m * frame.sin + sin_m * frame.cos
+    cc, ss, sc, cs = cos * cos_half, sin * sin_half, sin * cos_half, cos * sin_half
+    return TwoPaths(a, b, cc - ss, sc + cs, cc + ss, sc - cs, cos_half, sin_half, single)
+
+
+def _shares(total: Float, split: Float) -> tuple[Float, Float]:
+    """Return (total ∓ split)/2; rounding must not let either fall below 0."""
+    np.minimum(split, total, out=split)
+    np.maximum(split, -total, out=split)
+    return 0.5 * (total - split), 0.5 * (total + split)
 
 
 def _excess(u: Float, dr: Float, d2: Float) -> Float:
@@ -115,16 +132,11 @@ def _excess(u: Float, dr: Float, d2: Float) -> Float:
     return h
 
 
-def _half_angle(re: Float, im: Float) -> tuple[Float, Float]:
-    """Return cosine and sine of half the argument of re + i·im (or of that plus π, which only swaps the two paths)."""
-    modulus = np.sqrt(re * re + im * im)
+def _half_angle(re: Float, im: Float, modulus: Float) -> tuple[Float, Float]:
+    """Return cosine and sine of half the argument of re + i·im, or of that plus π, which only swaps the two paths."""
     large = modulus + np.abs(re)
     norm = 1.0 / np.sqrt(2.0 * modulus * large)
     large *= norm
     small = im * norm
     right = re >= 0.0
     return np.where(right, large, small), np.where(right, small, large)
-
-
-def _rotated(cos: Float, sin: Float, frame: FundamentalFrame) -> tuple[Float, Float]:
-    return cos * frame.cos - sin * frame.sin, cos * frame.sin + sin * frame.cos

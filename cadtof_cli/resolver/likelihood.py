@@ -64,7 +64,7 @@ def found_paths(measured: Measured, /, *, fewer: Found | None, noise: NoiseModel
     the exact answer of the first harmonics. Where it ends in a misfit that noise seldom has, it starts from the other too,
     and where there are two paths from the best pair of a grid.
     """
-    white = WhiteFit(measured, tuple(1.0 / float(harmonic.dark_variance) for harmonic in noise.harmonics))
+    white = WhiteFit(measured, tuple(1.0 / harmonic.dark_variance for harmonic in noise.harmonics))
     if fewer is None:
         end = SEARCH.solve(white, strongest_path(measured, weights=white.weights).points)
         return Found(Mixture.of_points(end.points), end.cost)

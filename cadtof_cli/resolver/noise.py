@@ -1,7 +1,7 @@
 """The noise of phasors: known beforehand from the integration length, or estimated from a frame."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -24,17 +24,16 @@ class HarmonicNoise:
 
     `harmonic` is its number h, `averaging` is 1/(2·n_av − 1) of the exponentially weighted average, `pulse` and
     `pulse_double` are r_h and r_2h, and `floor` is a variance a channel that comes on top whatever the light (quantisation).
-    Both variances are arrays, (n,), where pixels have been averaged over different numbers of others.
     """
 
     harmonic: int
-    averaging: float | Float
+    averaging: float
     pulse: float
     pulse_double: float
-    floor: float | Float
+    floor: float
 
     @property
-    def dark_variance(self) -> float | Float:
+    def dark_variance(self) -> float:
         """Variance a channel where only ambient light arrives: the most that there can be."""
         return 0.5 * self.averaging / self.pulse**2 + self.floor
 
@@ -70,14 +69,10 @@ class NoiseModel:
     integration_length: float
     estimated: bool
 
-    def averaged_over(self, samples: Float, /) -> "NoiseModel":
-        """Return the noise of phasors that are means of `samples`, (n,), pixels each."""
-        return replace(
-            self,
-            harmonics=tuple(
-                replace(h, averaging=h.averaging / samples, floor=h.floor / samples) for h in self.harmonics
-            ),
-        )
+    @property
+    def numbers(self) -> tuple[int, ...]:
+        """The harmonics' numbers h."""
+        return tuple(harmonic.harmonic for harmonic in self.harmonics)
 
 
 def noise_model(

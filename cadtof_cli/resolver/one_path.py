@@ -54,7 +54,7 @@ def one_path(frame: FundamentalFrame, /, *, noise: NoiseModel, steps: int) -> On
     return OnePath(amplitude, cos * frame.cos - sin * frame.sin, cos * frame.sin + sin * frame.cos, sigma, chi_squared)
 
 
-def _start(frame: FundamentalFrame, weight: float | Float) -> tuple[Float, Float, Float]:
+def _start(frame: FundamentalFrame, weight: float) -> tuple[Float, Float, Float]:
     """Return the rotor of the weighted mean phase, and u + 4w·|p2|, the largest curvature there can be."""
     modulus = np.sqrt(frame.pr * frame.pr + frame.pi * frame.pi)
     from_second = 4.0 * weight * modulus

@@ -24,8 +24,8 @@ def direct_and_mpi(x: Path, y: Path, settings: ResolverSettings, /) -> tuple[Pat
     else:
         x_before = (lead >= 0.0) ^ wrapped
         x_wanted = x_before if settings.returns == "first" else ~x_before
-        x_strong = (x.amplitude >= settings.min_return_ratio * y.amplitude) & (x.amplitude > 0.0)
-        y_strong = (y.amplitude >= settings.min_return_ratio * x.amplitude) & (y.amplitude > 0.0)
+        x_strong = x.amplitude >= settings.min_return_ratio * y.amplitude
+        y_strong = y.amplitude >= settings.min_return_ratio * x.amplitude
         x_chosen = (x_wanted & x_strong) | ~y_strong
     direct, mpi = choose(x_chosen, x, y), choose(x_chosen, y, x)
     np.add(mpi.phase_rad, FULL_TURN, out=mpi.phase_rad, where=wrapped & (x_chosen == x_stronger))
