@@ -109,7 +109,9 @@ def resolve(
 
     paths = input_paths(inputs)
     arguments = {"inputs": [str(path) for path in paths], "out": str(out), **options, "overrides": dict(overrides)}
-    running = {name: value for name, value in {"jobs": jobs, "start_method": start_method}.items() if value is not None}
+    running: dict[str, Any] = {
+        name: value for name, value in {"jobs": jobs, "start_method": start_method}.items() if value is not None
+    }
     settings = ResolveSettings(
         out=out,
         resolver=ResolverSettings(

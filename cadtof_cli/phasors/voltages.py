@@ -65,11 +65,11 @@ def saturated_pixels(stored: Stored, /, *, scale: PhasorScale) -> Bool:
         return np.zeros(stored.shape[2], np.bool_)
     low, high = scale.saturated
     planes = stored.reshape(-1, stored.shape[2])
-    beyond: Bool = (planes <= low).any(axis=0) | (planes >= high).any(axis=0)
+    beyond = np.asarray((planes <= low).any(axis=0), np.bool_)
+    beyond |= (planes >= high).any(axis=0)
     return beyond
 
 
 def not_finite_pixels(phasors: Complex, /) -> Bool:
     """Return where any phasor of a pixel, (H, n) → (n,), is NaN or infinite."""
-    bad: Bool = ~np.isfinite(phasors).all(axis=0)
-    return bad
+    return np.asarray(~np.isfinite(phasors).all(axis=0), np.bool_)

@@ -16,12 +16,14 @@ NEWTON_STEPS = 6
 """From |d| the iteration falls monotonically onto the root; six steps reach machine precision for every input."""
 
 
-SMALLEST_SQUARE = 1e-280
-"""|d|² up to which a pixel has one path: far below any rounding error, and far enough above underflow."""
+ROUNDING_SQUARE = 2.0**-100
+"""(|d|/|p1|)² up to which a pixel has one path: two phasors that differ from one path's by rounding alone, |d| ≤ 4 ulp."""
 
+SMALLEST_SQUARE = 1e-280
+"""|d|² up to which a pixel has one path even where p1 is 0: far enough above underflow."""
 
 SMALLEST_SINE = 1e-300
-"""Least sin²γ: keeps paths that coincide to the last digit from dividing zero by zero; how they share their sum does not matter."""
+"""Least sin²γ: keeps paths that coincide to the last digit from dividing zero by zero; how they share their sum is no matter."""
 
 
 @dataclass(frozen=True)
@@ -37,7 +39,7 @@ class FundamentalFrame:
     cos: Float
     sin: Float
 
-    def at(self, index: Index, /) -> "FundamentalFrame":
+    def at(self, index: Index | slice, /) -> "FundamentalFrame":
         """Return the pixels at these indices."""
         return FundamentalFrame(*(values[index] for values in (self.u, self.pr, self.pi, self.cos, self.sin)))
 
@@ -72,6 +74,17 @@ def fundamental_frame(p1: Complex, p2: Complex, /) -> FundamentalFrame:
     return FundamentalFrame(u, p2_re * cos2 + p2_im * sin2, p2_im * cos2 - p2_re * sin2, cos, sin)
 
 
+def is_single(frame: FundamentalFrame, /) -> Bool:
+    """Return where two phasors are those of one path to within rounding, (n,)."""
+    difference = frame.u - frame.pr
+    return _is_single(frame.u, difference * difference + frame.pi * frame.pi)
+
+
+def _is_single(u: Float, d2: Float) -> Bool:
+    single: Bool = d2 <= ROUNDING_SQUARE * (u * u) + SMALLEST_SQUARE
+    return single
+
+
 def two_paths(frame: FundamentalFrame, /) -> TwoPaths:
     """Return the one decomposition of every pixel into two paths; amplitudes are in units of the phasors.
 
@@ -79,7 +92,7 @@ def two_paths(frame: FundamentalFrame, /) -> TwoPaths:
     """
     u, dr, di = frame.u, frame.u - frame.pr, -frame.pi
     d2 = dr * dr + di * di
-    single = d2 <= SMALLEST_SQUARE
+    single = _is_single(u, d2)
     h = _excess(u, dr, d2)
     h[single] = 0.0
     u_h = u + h

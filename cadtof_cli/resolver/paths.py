@@ -2,19 +2,19 @@
 
 from dataclasses import dataclass
 
-from cadtof_cli.arrays import Bool, Float, Status
+from cadtof_cli.arrays import Bool, Float, Float32, Status
 
 
 @dataclass(frozen=True)
 class Path:
-    """One path of n pixels: amplitude in units of the phasors, phase in rad, its standard deviation in rad.
+    """One path of n pixels: amplitude in units of the phasors, phase in rad, its standard deviation in rad, (n,) each.
 
     Phases lie in [0, 2π), but that of an MPI path that is known to lie behind the direct one may go on to 4π.
     """
 
     amplitude: Float
     phase_rad: Float
-    sigma_rad: Float
+    sigma_rad: Float | Float32
 
 
 @dataclass(frozen=True)

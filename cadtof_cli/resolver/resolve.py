@@ -1,11 +1,12 @@
 """Phasors of a block of pixels → the paths of every pixel: the stage between `phasors/` and `maps/`."""
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
-from cadtof_cli.arrays import Bool, Complex, Float, Index, Status
-from cadtof_cli.resolver.closed_form import FundamentalFrame, fundamental_frame, two_paths
+from cadtof_cli.arrays import Bool, Complex, Float, Float32, Index, Status
+from cadtof_cli.resolver.closed_form import FundamentalFrame, fundamental_frame, is_single, two_paths
 from cadtof_cli.resolver.noise import NoiseModel
 from cadtof_cli.resolver.one_path import one_path
 from cadtof_cli.resolver.order import chi_squared_threshold
@@ -114,7 +115,7 @@ def _decided(
         fit = one_path(frame, noise=noise, steps=ONE_PATH_STEPS)
         kept = np.ones(count, np.bool_)
     elif settings.order == "2":
-        candidates = np.flatnonzero((frame.pr == frame.u) & (frame.pi == 0.0))
+        candidates = np.flatnonzero(is_single(frame))
         fit = one_path(frame.at(candidates), noise=noise, steps=ORDER_TEST_STEPS)
         kept = np.ones(candidates.size, np.bool_)
     else:
@@ -176,7 +177,7 @@ def _times(chi_squared: Float, samples: Float | None, of: slice | Index) -> Floa
     return chi_squared if samples is None else chi_squared * samples[of]
 
 
-def _averaged(sigma: Float, samples: Float | None, of: slice | Index) -> Float:
+def _averaged(sigma: Float | Float32, samples: Float | None, of: slice | Index) -> Float | Float32:
     """Return a standard deviation from the noise of one pixel as one from that of means of `samples` pixels."""
     return sigma if samples is None else sigma / np.sqrt(samples[of])
 
@@ -184,11 +185,9 @@ def _averaged(sigma: Float, samples: Float | None, of: slice | Index) -> Float:
 def _merged(path: Path, alone: Path | None, single: Index, chosen: slice | Index, count: int) -> Path:
     """Return `path`, which holds the pixels in `chosen`, for all pixels, with `alone` or NaN at the indices `single`."""
 
-    def merge(values: Float, others: Float | float) -> Float:
-        if isinstance(chosen, slice):
-            whole = values
-        else:
-            whole = np.empty(count, values.dtype)
+    def merge(values: Float | Float32, others: Float | Float32 | float) -> Any:
+        whole = values if isinstance(chosen, slice) else np.empty(count, values.dtype)
+        if whole is not values:
             whole[chosen] = values
         whole[single] = others
         return whole
