@@ -65,5 +65,7 @@ def write_paths(
         }
     for name in maps.names:
         values, unit = layers[name]
+        if values is None:
+            raise ValueError(f"the resolver gave no {name}")
         np.multiply(values, unit, out=maps.layer(name).reshape(-1)[block], casting="same_kind")
     maps.status.reshape(-1)[block] = paths.status

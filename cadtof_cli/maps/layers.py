@@ -38,7 +38,9 @@ class LayerChoice:
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the layers in the order in which they are written; `status` follows them."""
-        later = [f"path{number}.{what}" for number in range(3, self.paths + 1) for what in ("depth", "amplitude", "sigma")]
+        later = [
+            f"path{number}.{what}" for number in range(3, self.paths + 1) for what in ("depth", "amplitude", "sigma")
+        ]
         asked = ((CHI_SQUARED, self.chi_squared), (EFFECTIVE_PIXELS, self.effective_pixels))
         return (*_ALWAYS, *later, *(name for name, wanted in asked if wanted))
 

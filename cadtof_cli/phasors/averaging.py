@@ -10,14 +10,20 @@ from cadtof_cli.arrays import Bool, Float, Stored
 
 @dataclass(frozen=True)
 class FrameMean:
-    """The mean of frames: `stored`, float64 (H, 2, Y, X), over `samples` frames, float64 (Y, X), recorded as `dtype`.
+    """The mean of frames: `stored`, (H, 2, Y, X), over `samples` frames, float64 (Y, X), recorded as `dtype`.
 
-    A pixel that no frame recorded soundly keeps the values of the first, and counts as one sample.
+    A pixel that no frame recorded soundly keeps the values of the first, and counts as one sample. `samples` is None for a
+    frame that stands for itself.
     """
 
-    stored: Float
-    samples: Float
+    stored: Stored
+    samples: Float | None
     dtype: np.dtype[np.generic]
+
+    @classmethod
+    def of_one(cls, stored: Stored, /) -> "FrameMean":
+        """Return a frame as it was recorded."""
+        return cls(stored, None, stored.dtype)
 
 
 def frame_mean(frames: Iterable[Stored], /, *, saturated_counts: tuple[float, float] | None) -> FrameMean:
@@ -42,5 +48,5 @@ def _sound(stored: Stored, saturated_counts: tuple[float, float] | None) -> Bool
     sound = np.isfinite(stored)
     if saturated_counts is not None:
         sound &= (stored > saturated_counts[0]) & (stored < saturated_counts[1])
-    everywhere: Bool = sound.all(axis=(0, 1))
+    everywhere: Bool = np.logical_and.reduce(sound.reshape(-1, *sound.shape[2:]))
     return everywhere

@@ -149,9 +149,7 @@ class _State:
 def _begin(problem: Problem, starts: Float, damping: float) -> _State:
     count = starts.shape[1]
     none = np.zeros(count, np.bool_)
-    return _State(
-        starts, problem.linearised(starts), np.full(count, damping), np.full(count, 2.0), none, none.copy()
-    )
+    return _State(starts, problem.linearised(starts), np.full(count, damping), np.full(count, 2.0), none, none.copy())
 
 
 def _store(result: Minimum, at_work: Index, state: _State) -> None:

@@ -48,7 +48,7 @@ def solve(lower: Float, right: Float, /) -> Float:
 def inverse_diagonal(lower: Float, /) -> Float:
     """Return the diagonal, (M, n), of the inverse of L·Lᵀ: the column sums of squares of 1/L."""
     size = lower.shape[0]
-    diagonal = np.zeros_like(lower[0])
+    diagonal: Float = np.zeros_like(lower[0])
     for j in range(size):
         column: list[Float] = [lower[j, j]]
         diagonal[j] = column[0] * column[0]

@@ -35,7 +35,7 @@ class _Decision:
     single: Index
     amplitude: Float
     phase_rad: Float
-    sigma_rad: Float
+    sigma_rad: Float | Float32
 
 
 def resolve_paths(
@@ -98,9 +98,7 @@ def _in_closed_form(
             # NaN in the phasor is NaN in all that follows from it.
             frame = replace(frame, u=np.where(answered, frame.u, np.nan))
         decision = _decided(frame, settings, noise, samples)
-        status |= answered * np.where(
-            decision.has_two, np.uint32(StatusBit.TWO_PATHS), np.uint32(StatusBit.ONE_PATH)
-        )
+        status |= answered * np.where(decision.has_two, np.uint32(StatusBit.TWO_PATHS), np.uint32(StatusBit.ONE_PATH))
         direct, mpi = _paths(frame, decision, settings, noise, samples, status)
     return ResolvedPaths(direct, mpi, confidence, status)
 
@@ -130,9 +128,7 @@ def _decided(
     return _Decision(has_two, single, fit.amplitude[kept], phase_of((fit.cos, fit.sin))[kept], sigma[kept])
 
 
-def _may_be_one_path(
-    frame: FundamentalFrame, threshold: float, noise: NoiseModel, samples: Float | None
-) -> Bool:
+def _may_be_one_path(frame: FundamentalFrame, threshold: float, noise: NoiseModel, samples: Float | None) -> Bool:
     """Return False where one path leaves a χ² above the threshold for certain, without fitting it.
 
     If the best single path leaves n1 and n2 of the two phasors, then |p1| − p2·conj(ρ)² is at most (1+π)|n1| + |n2|, because
@@ -164,7 +160,9 @@ def _paths(
     doubtful = np.maximum(sigma_x, sigma_y) > np.abs(two.sin_half)
     status[chosen] |= (doubtful & has_two[chosen]) * np.uint32(StatusBit.ILL_CONDITIONED)
     direct, mpi = direct_and_mpi(
-        Path(two.a, phase_of((two.cos_x, two.sin_x)), sigma_x), Path(two.b, phase_of((two.cos_y, two.sin_y)), sigma_y), settings
+        Path(two.a, phase_of((two.cos_x, two.sin_x)), sigma_x),
+        Path(two.b, phase_of((two.cos_y, two.sin_y)), sigma_y),
+        settings,
     )
     if not single.size:
         return direct, mpi

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from cadtof_cli.arrays import Bool, Complex, Float, Index
+from cadtof_cli.arrays import Bool, Complex, Float, Float32, Index
 from cadtof_cli.resolver.many_paths import resolve_many
 from cadtof_cli.resolver.mixture import Measured
 from cadtof_cli.resolver.noise import NoiseModel
@@ -69,7 +69,7 @@ def _marks(found: PathSet) -> tuple[tuple[Bool, StatusBit], ...]:
 def _spread(path: Path, at: Index, count: int) -> Path:
     """Return a path of the pixels `at` as one of all `count` pixels, NaN in the others."""
 
-    def spread(values: Float) -> Float:
+    def spread(values: Float | Float32) -> Float:
         everywhere = np.full(count, np.nan)
         everywhere[at] = values
         return everywhere

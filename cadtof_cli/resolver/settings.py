@@ -12,6 +12,12 @@ Return = Literal["first", "strongest", "last"]
 SOLVERS: tuple[Solver, ...] = ("two-path", "one-path", "lm")
 RETURNS: tuple[Return, ...] = ("first", "strongest", "last")
 
+SECONDS_IN_CLOSED_FORM = 2e-7
+SECONDS_BY_LIKELIHOOD = 4e-6
+SECONDS_BY_MANY_PATHS = 4e-5
+SECONDS_BY_LM = 3e-5
+"""What a pixel costs: enough to decide whether a frame is worth more than one process, and no more than that."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class ResolverSettings:
@@ -54,7 +60,11 @@ class ResolverSettings:
         least = self.min_confidence_v
         if least is not None and not (math.isfinite(least) and least >= 0.0):
             raise SettingsError(f"--min-confidence: found {least}, expected a voltage, 0 or more")
-        for option, number, floor in (("--paths", self.paths, 1), ("--starts", self.starts, 1), ("--seed", self.seed, 0)):
+        for option, number, floor in (
+            ("--paths", self.paths, 1),
+            ("--starts", self.starts, 1),
+            ("--seed", self.seed, 0),
+        ):
             if number < floor:
                 raise SettingsError(f"{option}: found {number}, expected {floor} or more")
         if self.solver == "lm" and self.paths > 2:
@@ -78,6 +88,14 @@ class ResolverSettings:
     def in_closed_form(self, harmonics: tuple[int, ...], /) -> bool:
         """Whether a capture with these harmonics needs no iteration."""
         return harmonics == (1, 2) and self.solver != "lm"
+
+    def seconds_per_pixel(self, harmonics: int, /) -> float:
+        """Return about how long a core takes for a pixel, by what `scripts/benchmark_solvers.py` measures."""
+        if self.solver == "lm" and self.max_paths == 2:
+            return SECONDS_BY_LM
+        if self.max_paths > 2:
+            return SECONDS_BY_MANY_PATHS
+        return SECONDS_IN_CLOSED_FORM if harmonics == 2 else SECONDS_BY_LIKELIHOOD
 
     def check_harmonics(self, harmonics: tuple[int, ...], /) -> None:
         """Make sure that the recorded harmonics can tell the paths apart.

@@ -63,10 +63,9 @@ def best_pair(measured: Measured, /, *, weights: Sequence[float]) -> Mixture:
         b = (matched[second] - rho * matched[first]) * scale
         explained = np.where((a > 0.0) & (b > 0.0), a * matched[first] + b * matched[second], -np.inf)
         best = explained.argmax(axis=0)[np.newaxis]
-        x, y = grid[first[best]], grid[second[best]]
-        a, b = np.take_along_axis(a, best, 0), np.take_along_axis(b, best, 0)
-        amplitudes = np.maximum(np.concatenate((a, b)), 0.0)
-        parts.append(np.concatenate((amplitudes, np.cos(x), np.cos(y), np.sin(x), np.sin(y))))
+        pair = np.concatenate((first[best], second[best]))
+        amplitudes = np.concatenate([np.take_along_axis(part, best, 0) for part in (a, b)])
+        parts.append(np.concatenate((np.maximum(amplitudes, 0.0), np.cos(grid)[pair], np.sin(grid)[pair])))
     return Mixture.of_points(np.concatenate(parts, axis=1))
 
 
