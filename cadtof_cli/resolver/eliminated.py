@@ -12,6 +12,7 @@ import numpy as np
 
 from cadtof_cli.arrays import Bool, Complex, Float, Index
 from cadtof_cli.resolver.levenberg_marquardt import LevenbergMarquardt, Linearised
+from cadtof_cli.resolver.normal_equations import entry
 from cadtof_cli.resolver.rotors import Rotor, powers, unit_rotor
 
 SOLVER = LevenbergMarquardt(max_steps=100, relative=1e-14, absolute=1e-29)
@@ -36,7 +37,7 @@ class EliminatedPath:
         radius, rotor = unit_rotor(re, im)
         other_radius, other_rotor = unit_rotor(1.0 - re, -im)
         first, second = powers(rotor, self.harmonics), powers(other_rotor, self.harmonics)
-        matrix, gradient = np.zeros((2, 2, re.size)), np.zeros((2, re.size))
+        matrix, gradient = np.zeros((3, re.size)), np.zeros((2, re.size))
         cost = np.zeros(re.size)
         for j, q, z_j, w_j in zip(self.harmonics, self.right, first, second, strict=True):
             along_re, along_im = _derivatives(j, rotor, z_j)
@@ -48,9 +49,9 @@ class EliminatedPath:
                 q[1] - radius * z_j[1] - other_radius * w_j[1],
             )
             cost += _dot(rest, rest)
-            matrix[0, 0] += _dot(slope_re, slope_re)
-            matrix[1, 0] += _dot(slope_re, slope_im)
-            matrix[1, 1] += _dot(slope_im, slope_im)
+            matrix[entry(0, 0)] += _dot(slope_re, slope_re)
+            matrix[entry(1, 0)] += _dot(slope_re, slope_im)
+            matrix[entry(1, 1)] += _dot(slope_im, slope_im)
             gradient[0] += _dot(slope_re, rest)
             gradient[1] += _dot(slope_im, rest)
         return Linearised(matrix, gradient, cost)

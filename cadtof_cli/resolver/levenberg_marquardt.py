@@ -10,7 +10,7 @@ from typing import Protocol, Self
 import numpy as np
 
 from cadtof_cli.arrays import Bool, Float, Index
-from cadtof_cli.resolver.normal_equations import cholesky, solve
+from cadtof_cli.resolver.normal_equations import Triangle, cholesky, entry, solve
 
 SHRINK_BELOW = 0.75
 """Share of a block still at work below which the others are dropped: copying costs as much as a fifth of a step."""
@@ -21,9 +21,9 @@ MOST_DAMPING = 1e12
 
 @dataclass(frozen=True)
 class Linearised:
-    """A problem around its points: `matrix` JᵀWJ, (M, M, n), `gradient` JᵀW·residual, (M, n), `cost` rᵀWr, (n,)."""
+    """A problem around its points: `matrix` JᵀWJ by its triangle, `gradient` JᵀW·residual, (M, n), `cost` rᵀWr, (n,)."""
 
-    matrix: Float
+    matrix: Triangle
     gradient: Float
     cost: Float
 
@@ -81,14 +81,10 @@ class LevenbergMarquardt:
     def _stepped(self, problem: Problem, state: "_State") -> "_State":
         """Try one step of every problem; one that has stopped, or whose step leads up, stays where it is."""
         now = state.at
-        matrix = now.matrix.copy()
-        diagonal = np.stack([matrix[i, i] for i in range(matrix.shape[0])])
-        for i, entry in enumerate(diagonal):
-            matrix[i, i] = entry * (1.0 + state.damping)
-        step = solve(cholesky(matrix), now.gradient)
+        step = solve(cholesky(now.matrix, len(now.gradient), damping=state.damping), now.gradient)
         promised = np.zeros_like(now.cost)
-        for part, slope, entry in zip(step, now.gradient, diagonal, strict=True):
-            promised += part * (slope + state.damping * entry * part)
+        for i, (part, slope) in enumerate(zip(step, now.gradient, strict=True)):
+            promised += part * (slope + state.damping * now.matrix[entry(i, i)] * part)
         done = promised <= self.relative * now.cost + self.absolute
         points = problem.moved(state.points, step)
         there = problem.linearised(points)
@@ -116,11 +112,11 @@ class LevenbergMarquardt:
 
 @dataclass(frozen=True)
 class Minimum:
-    """Where n problems ended: points (P, n), cost (n,), matrix (M, M, n), which of them converged, after how many steps."""
+    """Where n problems ended: points (P, n), cost (n,), JᵀWJ there, which of them converged, and after how many steps."""
 
     points: Float
     cost: Float
-    matrix: Float
+    matrix: Triangle
     converged: Bool
     steps: Index
 
@@ -135,7 +131,7 @@ class _State:
     stopped: Bool
 
     def taken(self, chosen: Index) -> "_State":
-        at = Linearised(self.at.matrix[..., chosen], self.at.gradient[:, chosen], self.at.cost[chosen])
+        at = Linearised(self.at.matrix[:, chosen], self.at.gradient[:, chosen], self.at.cost[chosen])
         return _State(
             self.points[:, chosen],
             at,
@@ -155,5 +151,5 @@ def _begin(problem: Problem, starts: Float, damping: float) -> _State:
 def _store(result: Minimum, at_work: Index, state: _State) -> None:
     result.points[:, at_work] = state.points
     result.cost[at_work] = state.at.cost
-    result.matrix[..., at_work] = state.at.matrix
+    result.matrix[:, at_work] = state.at.matrix
     result.converged[at_work] = state.converged

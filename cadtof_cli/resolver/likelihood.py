@@ -12,11 +12,11 @@ from cadtof_cli.resolver.normal_equations import cholesky, inverse_diagonal
 from cadtof_cli.resolver.order import chi_squared_threshold
 from cadtof_cli.resolver.starts import best_pair, exact_start, strongest_path
 
-SEARCH = LevenbergMarquardt(max_steps=40, absolute=1e-2)
-"""From a start to a minimum, with white noise: to a tenth of a standard deviation, and a step further."""
+SEARCH = LevenbergMarquardt(max_steps=40, absolute=0.1)
+"""From a start to a minimum, with white noise: to a third of a standard deviation, and a step further."""
 
-POLISH = LevenbergMarquardt(max_steps=40, absolute=1e-4, first_damping=1e-6)
-"""From there to the maximum of the likelihood with the noise that the found light has."""
+POLISH = LevenbergMarquardt(max_steps=40, absolute=1e-2, first_damping=1e-6)
+"""From there to the maximum of the likelihood with the noise that the found light has: to a tenth, and a step further."""
 
 SUSPECT = 0.01
 """Probability of the misfit below which a minimum is taken for a local one, and other starts are tried too."""
@@ -57,32 +57,33 @@ class Fit:
         )
 
 
-def found_paths(measured: Measured, /, *, fewer: Found | None, noise: NoiseModel) -> Found:
-    """Return the paths that fit best with white noise: one, or one more than those already found.
+def found_paths(measured: Measured, count: int, /, *, noise: NoiseModel) -> Found:
+    """Return the `count` paths that fit best with white noise.
 
-    The search starts from the better of two: the paths found so far with the one that explains most of what they leave, and
-    the exact answer of the first harmonics. Where it ends in a misfit that noise seldom has, it starts from the other too,
-    and where there are two paths from the best pair of a grid.
+    The search starts from the exact answer of the first harmonics. Where there is none, and where it ends in a misfit that
+    noise seldom has, it starts from one path fewer with the one that explains most of what those leave, and for two paths
+    from the best pair of a grid.
     """
     white = WhiteFit(measured, tuple(1.0 / harmonic.dark_variance for harmonic in noise.harmonics))
-    if fewer is None:
+    if count == 1:
         end = SEARCH.solve(white, strongest_path(measured, weights=white.weights).points)
         return Found(Mixture.of_points(end.points), end.cost)
-    more = strongest_path(measured.without(fewer.paths), weights=white.weights)
-    start = other = fewer.paths.joined(more).points
-    exact = exact_start(measured, paths=len(fewer.paths.amplitude) + 1)
-    if exact is not None:
-        nearer = white.cost(exact.points) < white.cost(start)
-        start, other = np.where(nearer, exact.points, start), np.where(nearer, start, exact.points)
+    exact = exact_start(measured, paths=count)
+    start = exact.points if exact else _greedy_start(measured, count, white.weights, noise)
     end = SEARCH.solve(white, start)
     points, cost = end.points, end.cost
-    suspect = np.flatnonzero(cost > _acceptable(measured, start))
-    if suspect.size and exact is not None:
-        _improve(white, other[:, suspect], suspect, points, cost)
-    if suspect.size and len(fewer.paths.amplitude) == 1:
+    suspect = np.flatnonzero(cost > _acceptable(measured, count))
+    if suspect.size and exact:
+        _improve(white, _greedy_start(measured.taken(suspect), count, white.weights, noise), suspect, points, cost)
+    if suspect.size and count == 2:
         pair = best_pair(measured.taken(suspect), weights=white.weights)
         _improve(white, pair.points, suspect, points, cost)
     return Found(Mixture.of_points(points), cost)
+
+
+def _greedy_start(measured: Measured, count: int, weights: tuple[float, ...], noise: NoiseModel) -> Float:
+    fewer = found_paths(measured, count - 1, noise=noise).paths
+    return fewer.joined(strongest_path(measured.without(fewer), weights=weights)).points
 
 
 def most_likely(measured: Measured, found: Found, /, *, noise: NoiseModel) -> Fit:
@@ -101,12 +102,13 @@ def fisher_fit(measured: Measured, paths: Mixture, /, *, converged: Bool, noise:
 
 def _sigma(paths: Mixture, matrix: Float) -> Float:
     """Return the standard deviations of the phases, from the inverse of the Fisher information in (da, a·dx)."""
-    variance = inverse_diagonal(cholesky(matrix))[len(paths.amplitude) :]
+    count = len(paths.amplitude)
+    variance = inverse_diagonal(cholesky(matrix, 2 * count), 2 * count)[count:]
     return np.sqrt(variance) / paths.amplitude
 
 
-def _acceptable(measured: Measured, points: Float) -> float:
-    pairs = len(measured.harmonics) - len(points) // 3
+def _acceptable(measured: Measured, count: int) -> float:
+    pairs = len(measured.harmonics) - count
     return chi_squared_threshold(SUSPECT, pairs=pairs) if pairs else EXACT_MISFIT
 
 

@@ -1,12 +1,16 @@
 """How many paths, and which: from one path on, as many as the noise does not explain, for any number of harmonics."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from cadtof_cli.arrays import Bool, Float, Index
+from cadtof_cli.resolver.closed_form import fundamental_frame
 from cadtof_cli.resolver.eliminated import random_starts, two_shares
-from cadtof_cli.resolver.likelihood import Fit, Found, fisher_fit, found_paths, most_likely
+from cadtof_cli.resolver.likelihood import Fit, fisher_fit, found_paths, most_likely
 from cadtof_cli.resolver.mixture import Measured, Mixture
 from cadtof_cli.resolver.noise import NoiseModel
+from cadtof_cli.resolver.one_path import one_path
 from cadtof_cli.resolver.order import chi_squared_threshold
 from cadtof_cli.resolver.paths import PathSet
 from cadtof_cli.resolver.rotors import phase_of
@@ -27,26 +31,54 @@ def resolve_many(measured: Measured, /, *, settings: ResolverSettings, noise: No
     """
     answer = _Answer(settings.max_paths, measured.re.shape[1])
     at_work: Index = np.arange(samples.size)
-    found: Found | None = None
-    for count in range(1, settings.max_paths + 1):
-        last = count == settings.max_paths
-        if last and settings.solver == "lm" and count == 2:
-            answer.store(at_work, _eliminated(measured, settings, noise), samples[at_work])
-            break
-        found = found_paths(measured, fewer=found, noise=noise)
-        if last:
-            answer.store(at_work, most_likely(measured, found, noise=noise), samples[at_work])
-        elif settings.order == "auto":
-            limit = chi_squared_threshold(settings.false_alarm, pairs=len(measured.harmonics) - count)
-            maybe = np.flatnonzero(found.chi_squared * samples[at_work] <= SURELY_MORE * limit)
-            fit = most_likely(measured.taken(maybe), found.taken(maybe), noise=noise)
-            fits = np.flatnonzero(fit.chi_squared * samples[at_work[maybe]] <= limit)
-            answer.store(at_work[maybe[fits]], fit.taken(fits), samples[at_work[maybe[fits]]])
-            going = np.delete(np.arange(at_work.size), maybe[fits])
-            at_work, measured, found = at_work[going], measured.taken(going), found.taken(going)
-            if not going.size:
-                break
+    if settings.order == "auto":
+        for count in range(1, settings.max_paths):
+            limits = chi_squared_threshold(settings.false_alarm, pairs=len(measured.harmonics) - count) / samples
+            done = _resolved_as(count, answer, at_work, measured, limits[at_work], samples, noise)
+            at_work = np.delete(at_work, done)
+            measured = measured.taken(np.delete(np.arange(measured.re.shape[1]), done))
+    if not at_work.size:
+        return answer.paths
+    if settings.solver == "lm" and settings.max_paths == 2:
+        fit = _eliminated(measured, settings, noise)
+    else:
+        fit = most_likely(measured, found_paths(measured, settings.max_paths, noise=noise), noise=noise)
+    answer.store(at_work, fit, samples)
     return answer.paths
+
+
+def _resolved_as(
+    count: int,
+    answer: "_Answer",
+    at_work: Index,
+    measured: Measured,
+    limits: Float,
+    samples: Float,
+    noise: NoiseModel,
+) -> Index:
+    """Store `count` paths where they leave no more than the limits, and return which of the pixels at work have them."""
+    some: Index = np.flatnonzero(~surely_more_paths(measured, count, limits=limits, noise=noise))
+    found = found_paths(measured.taken(some), count, noise=noise)
+    maybe = np.flatnonzero(found.chi_squared <= SURELY_MORE * limits[some])
+    fit = most_likely(measured.taken(some[maybe]), found.taken(maybe), noise=noise)
+    fits = np.flatnonzero(fit.chi_squared <= limits[some[maybe]])
+    done: Index = some[maybe[fits]]
+    answer.store(at_work[done], fit.taken(fits), samples)
+    return done
+
+
+def surely_more_paths(measured: Measured, count: int, /, *, limits: Float, noise: NoiseModel) -> Bool:
+    """Return where the first two harmonics alone leave more than the limits of one path, without a search.
+
+    What all harmonics leave is no less than what two do. The fit is that of `one_path` without a step, exact to first order in
+    the noise, for which `SURELY_MORE` leaves room.
+    """
+    if count > 1 or measured.harmonics[:2] != (1, 2):
+        return np.zeros(limits.size, np.bool_)
+    first, second = (measured.re[row] + 1j * measured.im[row] for row in (0, 1))
+    fit = one_path(fundamental_frame(first, second), noise=replace(noise, harmonics=noise.harmonics[:2]), steps=0)
+    more: Bool = fit.chi_squared > SURELY_MORE * limits
+    return more
 
 
 def _eliminated(measured: Measured, settings: ResolverSettings, noise: NoiseModel) -> Fit:
@@ -73,15 +105,15 @@ class _Answer:
         )
 
     def store(self, of: Index, fit: Fit, samples: Float) -> None:
-        """Put a fit's paths into the pixels `of`, with the standard deviations that averaging leaves."""
+        """Put a fit's paths into the pixels `of`, with what averaging over `samples`, of all pixels, leaves of the noise."""
         amplitude, paths = fit.paths.amplitude, self.paths
         none = ~(amplitude > NO_AMPLITUDE * amplitude.max(axis=0)) | ~fit.converged
-        sigma = np.where(none, np.nan, fit.sigma_rad / np.sqrt(samples))
+        sigma = np.where(none, np.nan, fit.sigma_rad / np.sqrt(samples[of]))
         rows = slice(0, len(amplitude))
         paths.amplitude[rows, of] = np.where(none, np.nan, amplitude)
         paths.phase_rad[rows, of] = np.where(none, np.nan, phase_of((fit.paths.cos, fit.paths.sin)))
         paths.sigma_rad[rows, of] = sigma
-        paths.chi_squared[of] = fit.chi_squared * samples
+        paths.chi_squared[of] = fit.chi_squared * samples[of]
         paths.converged[of] = fit.converged
         paths.doubtful[of] = _doubtful(fit.paths, sigma)
 

@@ -12,7 +12,8 @@ import numpy as np
 from cadtof_cli.arrays import Complex, Float, Index
 from cadtof_cli.resolver.levenberg_marquardt import Linearised
 from cadtof_cli.resolver.noise import NoiseModel
-from cadtof_cli.resolver.rotors import powers, product, unit_rotor
+from cadtof_cli.resolver.normal_equations import entry
+from cadtof_cli.resolver.rotors import Rotor, powers, product, unit_rotor
 
 
 @dataclass(frozen=True)
@@ -71,6 +72,11 @@ class Measured:
         """Return the phasors of the given pixels."""
         return Measured(self.harmonics, self.re[:, chosen], self.im[:, chosen])
 
+    def rest(self, row: int, amplitude: Float, rotor: Rotor, /) -> Rotor:
+        """Return what paths whose rotors at the harmonic of a row are given leave of its phasor, (n,) each."""
+        cos, sin = rotor
+        return self.re[row] - _summed(amplitude * cos), self.im[row] - _summed(amplitude * sin)
+
     def without(self, paths: Mixture, /) -> "Measured":
         """Return what paths leave of the phasors."""
         re, im = paths.phasors(self.harmonics)
@@ -84,37 +90,27 @@ class WhiteFit:
     measured: Measured
     weights: tuple[float, ...]
 
-    def cost(self, points: Float, /) -> Float:
-        """Return what the paths leave over the noise, (n,)."""
-        rest = self.measured.without(Mixture.of_points(points))
-        total = np.zeros(points.shape[1])
-        for weight, re, im in zip(self.weights, rest.re, rest.im, strict=True):
-            total += weight * (re * re + im * im)
-        return total
-
     def linearised(self, points: Float, /) -> Linearised:
         """Return the normal equations: between two paths they depend on the difference of the phases alone."""
         paths = Mixture.of_points(points)
         k, count = paths.amplitude.shape
-        matrix, gradient, cost = np.zeros((2 * k, 2 * k, count)), np.zeros((2 * k, count)), np.zeros(count)
-        rest = self.measured.without(paths)
+        matrix, gradient, cost = np.zeros((entry(2 * k, 0), count)), np.zeros((2 * k, count)), np.zeros(count)
         rotors = powers((paths.cos, paths.sin), self.measured.harmonics)
-        for h, weight, (cos, sin), re, im in zip(
-            self.measured.harmonics, self.weights, rotors, rest.re, rest.im, strict=True
-        ):
+        for row, (h, weight, (cos, sin)) in enumerate(zip(self.measured.harmonics, self.weights, rotors, strict=True)):
+            re, im = self.measured.rest(row, paths.amplitude, (cos, sin))
             cost += weight * (re * re + im * im)
             gradient[:k] += weight * (cos * re + sin * im)
             gradient[k:] += (weight * h) * (cos * im - sin * re)
             for i in range(k):
-                matrix[i, i] += weight
-                matrix[k + i, k + i] += weight * h * h
+                matrix[entry(i, i)] += weight
+                matrix[entry(k + i, k + i)] += weight * h * h
                 for j in range(i):
                     in_phase = weight * (cos[i] * cos[j] + sin[i] * sin[j])
                     quadrature = (weight * h) * (sin[i] * cos[j] - cos[i] * sin[j])
-                    matrix[i, j] += in_phase
-                    matrix[k + i, k + j] += (h * h) * in_phase
-                    matrix[k + j, i] += quadrature
-                    matrix[k + i, j] -= quadrature
+                    matrix[entry(i, j)] += in_phase
+                    matrix[entry(k + i, k + j)] += (h * h) * in_phase
+                    matrix[entry(k + j, i)] += quadrature
+                    matrix[entry(k + i, j)] -= quadrature
         return Linearised(matrix, gradient, cost)
 
     def moved(self, points: Float, steps: Float, /) -> Float:
@@ -155,18 +151,18 @@ class WeightedFit:
         """Return the normal equations with their weights."""
         paths = Mixture.of_points(points)
         k, count = paths.amplitude.shape
-        matrix, gradient, cost = np.zeros((2 * k, 2 * k, count)), np.zeros((2 * k, count)), np.zeros(count)
-        rest = self.measured.without(paths)
+        matrix, gradient, cost = np.zeros((entry(2 * k, 0), count)), np.zeros((2 * k, count)), np.zeros(count)
         rotors = powers((paths.cos, paths.sin), self.measured.harmonics)
         for row, (h, (cos, sin)) in enumerate(zip(self.measured.harmonics, rotors, strict=True)):
-            re, im = rest.re[row], rest.im[row]
+            re, im = self.measured.rest(row, paths.amplitude, (cos, sin))
             a, b, d = self.re_re[row], self.re_im[row], self.im_im[row]
             slopes_re, slopes_im = np.concatenate((cos, -h * sin)), np.concatenate((sin, h * cos))
             weighted_re, weighted_im = a * slopes_re + b * slopes_im, b * slopes_re + d * slopes_im
-            cost += a * re * re + 2.0 * b * re * im + d * im * im
+            cost += (a * re + 2.0 * b * im) * re + d * im * im
             gradient += weighted_re * re + weighted_im * im
             for i in range(2 * k):
-                matrix[i, : i + 1] += weighted_re[i] * slopes_re[: i + 1] + weighted_im[i] * slopes_im[: i + 1]
+                rows = slice(entry(i, 0), entry(i, i) + 1)
+                matrix[rows] += weighted_re[i] * slopes_re[: i + 1] + weighted_im[i] * slopes_im[: i + 1]
         return Linearised(matrix, gradient, cost)
 
     def moved(self, points: Float, steps: Float, /) -> Float:

@@ -9,7 +9,7 @@ import numpy as np
 
 from cadtof_cli.arrays import Complex, Float
 from cadtof_cli.resolver.mixture import Mixture
-from cadtof_cli.resolver.normal_equations import cholesky, solve
+from cadtof_cli.resolver.normal_equations import cholesky, entry, solve
 from cadtof_cli.resolver.rotors import Rotor, powers, unit_rotor
 
 LEAST_LEADING = 1e-12
@@ -57,9 +57,10 @@ def _toeplitz(phasors: Complex) -> Complex:
 def _amplitudes(phasors: Complex, total: Float, rotor: Rotor) -> Float:
     """Return the amplitudes ≥ 0 that fit the phasors and their own sum, harmonic 0, with least squares."""
     count = len(rotor[0])
-    matrix, right = np.ones((count, count, total.size)), np.repeat(total[np.newaxis], count, axis=0)
+    matrix, right = np.ones((entry(count, 0), total.size)), np.repeat(total[np.newaxis], count, axis=0)
     for phasor, (cos_h, sin_h) in zip(phasors, powers(rotor, range(1, count + 1)), strict=True):
         right += 2.0 * (phasor.real * cos_h + phasor.imag * sin_h)
         for i in range(count):
-            matrix[i] += 2.0 * (cos_h[i] * cos_h + sin_h[i] * sin_h)
-    return np.maximum(solve(cholesky(matrix), right), 0.0)
+            row = slice(entry(i, 0), entry(i, i) + 1)
+            matrix[row] += 2.0 * (cos_h[i] * cos_h[: i + 1] + sin_h[i] * sin_h[: i + 1])
+    return np.maximum(solve(cholesky(matrix, count), right), 0.0)
