@@ -28,6 +28,9 @@ DEPTH_KINDS: tuple[DepthKind, ...] = ("range", "z")
 BLOCK_PIXELS = 8192
 """Pixels a block: 64 KiB a float64 plane, so that a block's planes stay in cache and numpy's cost a call stays small."""
 
+SEARCHED_BLOCK_PIXELS = 32768
+"""Pixels a block where they are searched: the last steps are for a few of them, and cost the same for any block."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class FramePlan:
@@ -39,7 +42,7 @@ class FramePlan:
         depth: radial range, or planar depth.
         pool: side of the square of neighbours whose noise is pooled, in pixels; 1 for none.
         average: recorded frames that are averaged into one.
-        block_pixels: pixels resolved at a time.
+        block_pixels: pixels resolved at a time; None for as many as suit the solver.
     """
 
     metadata: CaptureMetadata
@@ -47,7 +50,7 @@ class FramePlan:
     depth: DepthKind = "range"
     pool: int = 1
     average: int = 1
-    block_pixels: int = BLOCK_PIXELS
+    block_pixels: int | None = None
 
     def __post_init__(self) -> None:
         if self.depth not in DEPTH_KINDS:
@@ -59,11 +62,16 @@ class FramePlan:
         self.resolver.check_harmonics(self.metadata.modulation.harmonics)
 
     @property
+    def is_searched(self) -> bool:
+        """Whether paths are searched for, rather than written down in closed form."""
+        return not self.resolver.in_closed_form(self.metadata.modulation.harmonics)
+
+    @property
     def layers(self) -> LayerChoice:
         """The layers that the maps get."""
         return LayerChoice(
             paths=self.resolver.paths,
-            chi_squared=not self.resolver.in_closed_form(self.metadata.modulation.harmonics),
+            chi_squared=self.is_searched,
             effective_pixels=self.pool > 1 or self.average > 1,
         )
 
@@ -130,8 +138,9 @@ def resolve_pixels(
     noise = _frame_noise(recorded, plan, stages)
     source = _Planes(recorded, stages) if plan.pool == 1 else _pooled(_Planes(recorded, stages), plan, noise)
     asked = range(height * width) if pixels is None else pixels
-    for start in range(asked.start, asked.stop, plan.block_pixels):
-        block = slice(start, min(start + plan.block_pixels, asked.stop))
+    step = plan.block_pixels or (SEARCHED_BLOCK_PIXELS if plan.is_searched else BLOCK_PIXELS)
+    for start in range(asked.start, asked.stop, step):
+        block = slice(start, min(start + step, asked.stop))
         phasors, saturated, samples = source.block(block)
         paths = resolve_paths(
             phasors,
