@@ -10,6 +10,9 @@ Solver = Literal["two-path", "one-path", "lm"]
 Return = Literal["first", "strongest", "last"]
 
 SOLVERS: tuple[Solver, ...] = ("two-path", "one-path", "lm")
+ORDERS: tuple[str, ...] = ("auto", "1", "2")
+"""What `order` may be with two paths; with more, numbers up to theirs."""
+
 RETURNS: tuple[Return, ...] = ("first", "strongest", "last")
 
 SECONDS_IN_CLOSED_FORM = 2e-7

@@ -55,24 +55,24 @@ def best_pair(measured: Measured, /, *, weights: Sequence[float]) -> Mixture:
     weighted = [w * np.cos(h * lag) for w, h in zip(weights, measured.harmonics, strict=True)]
     rho: Float = np.add.reduce(weighted)[:, np.newaxis] / total
     scale = 1.0 / (total * (1.0 - rho * rho))
-    parts = []
+    parts: list[Float] = []
     for begin in range(0, measured.re.shape[1], PAIR_PIXELS):
         some = measured.taken(np.arange(begin, min(begin + PAIR_PIXELS, measured.re.shape[1])))
-        matched = np.stack([_matched(some, weights, phase) for phase in grid])
-        a = (matched[first] - rho * matched[second]) * scale
-        b = (matched[second] - rho * matched[first]) * scale
+        matched: Float = np.stack([_matched(some, weights, phase) for phase in grid])
+        a: Float = (matched[first] - rho * matched[second]) * scale
+        b: Float = (matched[second] - rho * matched[first]) * scale
         explained = np.where((a > 0.0) & (b > 0.0), a * matched[first] + b * matched[second], -np.inf)
         best = explained.argmax(axis=0)[np.newaxis]
         pair = np.concatenate((first[best], second[best]))
-        amplitudes = np.concatenate([np.take_along_axis(part, best, 0) for part in (a, b)])
-        parts.append(np.concatenate((np.maximum(amplitudes, 0.0), np.cos(grid)[pair], np.sin(grid)[pair])))
-    return Mixture.of_points(np.concatenate(parts, axis=1))
+        amplitudes = np.maximum(np.concatenate([np.take_along_axis(part, best, 0) for part in (a, b)]), 0.0)
+        parts.append(np.concatenate((amplitudes, np.cos(grid)[pair], np.sin(grid)[pair])))
+    points: Float = np.concatenate(parts, axis=1)
+    return Mixture.of_points(points)
 
 
 def _grid(harmonics: Sequence[int]) -> Float:
     count = DELAYS_PER_HARMONIC * harmonics[-1]
-    grid: Float = np.arange(count) * (2.0 * np.pi / count)
-    return grid
+    return np.linspace(0.0, 2.0 * np.pi, count, endpoint=False)
 
 
 def _matched(measured: Measured, weights: Sequence[float], phase: float) -> Float:
