@@ -60,7 +60,7 @@ class LevenbergMarquardt:
     first_damping: float = 1e-3
 
     def solve(self, problem: Problem, starts: Float, /) -> "Minimum":
-        """Minimise every problem from its start, (P, n); the starts are not changed."""
+        """Minimise every problem from its start, (P, n); the starts are not changed. NaN does not converge."""
         at_work: Index = np.arange(starts.shape[1])
         state = _begin(problem, starts, self.first_damping)
         result = Minimum(
@@ -88,7 +88,8 @@ class LevenbergMarquardt:
         done = promised <= self.relative * now.cost + self.absolute
         points = problem.moved(state.points, step)
         there = problem.linearised(points)
-        gain = (now.cost - there.cost) / promised
+        with np.errstate(divide="ignore", invalid="ignore"):
+            gain = (now.cost - there.cost) / promised
         down = (there.cost < now.cost) & ~state.stopped
         eased = state.damping * np.maximum(1.0 - (2.0 * gain - 1.0) ** 3, 0.1)
         damping = np.where(down, eased, state.damping * state.growth)
