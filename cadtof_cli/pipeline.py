@@ -25,8 +25,9 @@ DepthKind = Literal["range", "z"]
 
 DEPTH_KINDS: tuple[DepthKind, ...] = ("range", "z")
 
-BLOCK_PIXELS = 8192
-"""Pixels a block: 64 KiB a float64 plane, so that a block's planes stay in cache and numpy's cost a call stays small."""
+BLOCK_PIXELS = 19200
+"""Pixels a block, a quarter of a QVGA frame: enough that the cost of calling numpy hardly counts, and no more, so that memory
+stays small however large the frames are."""
 
 SEARCHED_BLOCK_PIXELS = 32768
 """Pixels a block where they are searched: the last steps are for a few of them, and cost the same for any block."""

@@ -5,7 +5,7 @@ import shutil
 import tempfile
 from pathlib import Path
 
-from cadtof_cli.capture.metadata import CaptureMetadata, Pixel, Target
+from cadtof_cli.capture.metadata import CaptureMetadata, Pixel, Target, Voltage
 from cadtof_cli.simulation.camera import Camera
 from cadtof_cli.simulation.exposure import Exposure
 from cadtof_cli.simulation.light import Scene
@@ -52,7 +52,7 @@ def _capture(
         pixel=Pixel(integration_length=100_000.0),
         optics=camera.optics,
         target=Target(distance_m=target_m),
-        **({"voltage": camera.voltage} if frame_format == "tif" else {}),
+        voltage=camera.voltage if frame_format == "tif" else Voltage(),
     )
     exposure = Exposure(scene=scene, camera=camera, metadata=metadata, seed=SEED)
     return RecordSettings(exposure=exposure, frame_format=frame_format, compress=not isinstance(scene, Corner))

@@ -88,7 +88,7 @@ def _heat_map(figure: Figure, axes: Axes, table: Table, column: str, *, signed: 
     axes.set_yticks(range(len(asrs)), [f"{asr:g}" for asr in asrs], fontsize=8)
     axes.set(xlabel="integration length", ylabel="ASR")
     if len(lengths) <= _READABLE_CELLS:
-        _write_numbers(axes, values, image.cmap, norm)
+        _write_numbers(axes, values, image.cmap, norm, digits="+.3f" if signed else ".2g")
     else:
         figure.colorbar(image, ax=axes, label="ns")
 
@@ -104,9 +104,9 @@ def _norm(values: Float, *, signed: bool) -> Normalize:
     return LogNorm(float(positive.min()), float(positive.max()))
 
 
-def _write_numbers(axes: Axes, values: Float, colours: Colormap, norm: Normalize) -> None:
+def _write_numbers(axes: Axes, values: Float, colours: Colormap, norm: Normalize, *, digits: str) -> None:
     for (row, column), value in np.ndenumerate(values):
         if np.isfinite(value):
             red, green, blue, _ = colours(norm(value))
             ink = "black" if 0.3 * red + 0.59 * green + 0.11 * blue > 0.5 else "white"
-            axes.text(column, row, f"{value:.2g}", ha="center", va="center", fontsize=7, color=ink)
+            axes.text(column, row, f"{value:{digits}}", ha="center", va="center", fontsize=7, color=ink)

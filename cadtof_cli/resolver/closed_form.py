@@ -7,6 +7,7 @@ quadratic. The evaluation below keeps its digits where b → 0, x → y and p1 �
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -15,6 +16,7 @@ from cadtof_cli.arrays import Bool, Complex, Float, Index
 NEWTON_STEPS = 6
 """From |d| the iteration falls monotonically onto the root; six steps reach machine precision for every input."""
 
+FULL_TURN = 2.0 * np.pi
 
 ROUNDING_SQUARE = 2.0**-100
 """(|d|/|p1|)² up to which a pixel has one path: two phasors that differ from one path's by rounding alone, |d| ≤ 4 ulp."""
@@ -30,7 +32,8 @@ SMALLEST_SINE = 1e-300
 class FundamentalFrame:
     """Two phasors of n pixels, turned so that the first is real: p1 = u·ρ and p2 = (pr + i·pi)·ρ².
 
-    `u` ≥ 0, `pr`, `pi` and the unit rotor `cos`, `sin` of ρ are float64 of shape (n,). ρ = 1 where p1 = 0.
+    `u` ≥ 0, `pr`, `pi` and the unit rotor `cos`, `sin` of ρ are float64 of shape (n,). ρ = 1 where p1 = 0. They are planes of
+    real numbers because numpy's complex products round differently at the end of an array than within it.
     """
 
     u: Float
@@ -39,6 +42,11 @@ class FundamentalFrame:
     cos: Float
     sin: Float
 
+    @cached_property
+    def powers(self) -> tuple[Float, Float]:
+        """|p1|² and |p2|²."""
+        return self.u * self.u, self.pr * self.pr + self.pi * self.pi
+
     def at(self, index: Index | slice, /) -> "FundamentalFrame":
         """Return the pixels at these indices."""
         return FundamentalFrame(*(values[index] for values in (self.u, self.pr, self.pi, self.cos, self.sin)))
@@ -46,32 +54,93 @@ class FundamentalFrame:
 
 @dataclass(frozen=True)
 class TwoPaths:
-    """Amplitudes and unit rotors exp(ix), exp(iy) of two paths, float64 (n,) each; `cos_half`, `sin_half` belong to (x − y)/2.
+    """Two paths of n pixels, float64 (n,) each: amplitudes a and b, and phases x, y = mean ± half.
 
-    Where `single` is set there is one path: `b` is 0, the second rotor that of the first, and the half angle 0.
+    The mean phase is kept as the unit rotor `cos_mean`, `sin_mean`, half the difference, between 0 and π, as `cos_half` and
+    `sin_half`. Where `single` is set there is one path: `b` is 0, and so is half the difference.
     """
 
     a: Float
     b: Float
-    cos_x: Float
-    sin_x: Float
-    cos_y: Float
-    sin_y: Float
+    cos_mean: Float
+    sin_mean: Float
     cos_half: Float
     sin_half: Float
     single: Bool
 
+    @cached_property
+    def _products(self) -> tuple[Float, Float, Float, Float]:
+        return (
+            self.cos_mean * self.cos_half,
+            self.sin_mean * self.sin_half,
+            self.sin_mean * self.cos_half,
+            self.cos_mean * self.sin_half,
+        )
+
+    @property
+    def cos_x(self) -> Float:
+        """Real part of exp(ix)."""
+        return self._products[0] - self._products[1]
+
+    @property
+    def sin_x(self) -> Float:
+        """Imaginary part of exp(ix)."""
+        return self._products[2] + self._products[3]
+
+    @property
+    def cos_y(self) -> Float:
+        """Real part of exp(iy)."""
+        return self._products[0] + self._products[1]
+
+    @property
+    def sin_y(self) -> Float:
+        """Imaginary part of exp(iy)."""
+        return self._products[2] - self._products[3]
+
+    def phases(self) -> tuple[Float, Float]:
+        """Return x and y in [0, 2π) rad."""
+        mean = phase_of(self.cos_mean, self.sin_mean)
+        half = np.arctan(self.sin_half / (1.0 + self.cos_half))
+        half *= 2.0
+        x = mean + half
+        x -= (x >= FULL_TURN) * FULL_TURN
+        y = np.subtract(mean, half, out=mean)
+        y += (y < 0.0) * FULL_TURN
+        y[y >= FULL_TURN] = 0.0
+        return x, y
+
 
 def fundamental_frame(p1: Complex, p2: Complex, /) -> FundamentalFrame:
     """Turn two phasors, complex128 (n,), into the frame in which the first is real. NaN in gives NaN out."""
-    p1_re, p1_im = np.ascontiguousarray(p1.real), np.ascontiguousarray(p1.imag)
-    p2_re, p2_im = np.ascontiguousarray(p2.real), np.ascontiguousarray(p2.imag)
-    u = np.sqrt(p1_re * p1_re + p1_im * p1_im)
+    cos, sin = p1.real.copy(), p1.imag.copy()
+    u = cos * cos
+    u += sin * sin
+    np.sqrt(u, out=u)
     zero = u == 0.0
     scale = 1.0 / (u + zero)
-    cos, sin = p1_re * scale + zero, p1_im * scale
-    cos2, sin2 = cos * cos - sin * sin, 2.0 * cos * sin
-    return FundamentalFrame(u, p2_re * cos2 + p2_im * sin2, p2_im * cos2 - p2_re * sin2, cos, sin)
+    cos *= scale
+    cos += zero
+    sin *= scale
+    cos2, sin2 = cos * cos, sin * cos
+    cos2 -= sin * sin
+    sin2 += sin2
+    p2_re, p2_im = p2.real, p2.imag
+    pr, pi = p2_re * cos2, p2_im * cos2
+    pr += p2_im * sin2
+    pi -= p2_re * sin2
+    return FundamentalFrame(u, pr, pi, cos, sin)
+
+
+def phase_of(cos: Float, sin: Float, /) -> Float:
+    """Return the phase of a unit rotor in [0, 2π): π + 2·arctan of the tangent of half the angle from −1, in one of two forms.
+
+    It takes half the time of arctan2, whose loop numpy does not vectorise everywhere.
+    """
+    phase = np.arctan(np.where(cos < 0.0, sin / (cos - 1.0), (1.0 + cos) / -sin))
+    phase *= 2.0
+    phase += np.pi
+    phase[phase >= FULL_TURN] = 0.0
+    return phase
 
 
 def is_single(frame: FundamentalFrame, /) -> Bool:
@@ -90,31 +159,36 @@ def two_paths(frame: FundamentalFrame, /) -> TwoPaths:
 
     NaN in gives NaN out. Warnings about divisions by zero are the caller's to silence: they are the pixels in `single`.
     """
-    u, dr, di = frame.u, frame.u - frame.pr, -frame.pi
-    d2 = dr * dr + di * di
+    u, pi = frame.u, frame.pi
+    dr = u - frame.pr
+    d2 = dr * dr
+    d2 += pi * pi
     single = _is_single(u, d2)
     h = _excess(u, dr, d2)
     h[single] = 0.0
     u_h = u + h
-    den = h * (u_h + u)
-    cos_m, sin_m = _half_angle(u_h * dr - u * h, u_h * di, den)
+    den = (u_h + u) * h
+    # exp(im), where 2m is the argument of u(d − H) + Hd with d = dr − i·pi
+    cos_m, sin_m = _half_angle(u_h * dr - u * h, u_h * pi, den)
     cos_half = (h + dr) * cos_m
-    cos_half += di * sin_m
-    cos_half *= 0.5 * u
+    cos_half += pi * sin_m
+    cos_half *= u
+    den += den
     cos_half /= den
     sin_half = (1.0 - cos_half) * (1.0 + cos_half)
     np.sqrt(np.maximum(sin_half, SMALLEST_SINE, out=sin_half), out=sin_half)
+    split = sin_m * u
+    split /= sin_half
     if single.any():
         for values, alone in ((cos_m, 1.0), (sin_m, 0.0), (cos_half, 1.0), (sin_half, 0.0)):
             values[single] = alone
-        split = np.where(single, -u, u * sin_m / sin_half)
-    else:
-        split = u * sin_m / sin_half
-    a, b = _shares(u_h, split)
-    # exp(im)·ρ, then times exp(±iγ)
-    cos, sin = cos_m * frame.cos - sin_m * frame.sin, cos_m * frame.sin + sin_m * frame.cos
-    cc, ss, sc, cs = cos * cos_half, sin * sin_half, sin * cos_half, cos * sin_half
-    return TwoPaths(a, b, cc - ss, sc + cs, cc + ss, sc - cs, cos_half, sin_half, single)
+        split[single] = u[single]
+    b, a = _shares(u_h, split)
+    cos = cos_m * frame.cos
+    cos += sin_m * frame.sin
+    sin = cos_m * frame.sin
+    sin -= sin_m * frame.cos
+    return TwoPaths(a, b, cos, sin, cos_half, sin_half, single)
 
 
 def _shares(total: Float, split: Float) -> tuple[Float, Float]:
@@ -127,12 +201,22 @@ def _shares(total: Float, split: Float) -> tuple[Float, Float]:
 def _excess(u: Float, dr: Float, d2: Float) -> Float:
     """Return H = p0 − u, the positive root of H³ + 3uH² + (2u·Re d − |d|²)H − u|d|², by a fixed number of Newton steps.
 
-    One step is H ← (H(2H² + 3uH) + u|d|²) / (3H² + 6uH + 2u·Re d − |d|²): the numerator is a sum of positive terms.
+    One step is H ← (H(2H² + 3uH) + u|d|²) / (3H² + 6uH + 2u·Re d − |d|²): the numerator is a sum of positive terms. The first,
+    from |d|, comes to |d|²(|d| + 2u) / (|d|² + u(3|d| + Re d)).
     """
+    constant, linear, u2 = u * d2, u * dr, u + u
+    linear += linear
+    linear -= d2
+    u3 = u2 + u
     h = np.sqrt(d2)
-    u3, linear, constant = 3.0 * u, 2.0 * u * dr - d2, u * d2
-    t, v, w = np.empty_like(h), np.empty_like(h), np.empty_like(h)
-    for _ in range(NEWTON_STEPS):
+    t, v, w = 3.0 * h, np.empty_like(h), np.empty_like(h)
+    t += dr
+    t *= u
+    t += d2
+    h += u2
+    h *= d2
+    h /= t
+    for _ in range(NEWTON_STEPS - 1):
         np.multiply(h, h, out=v)
         np.multiply(u3, h, out=t)
         np.add(t, v, out=t)

@@ -5,15 +5,15 @@ from dataclasses import replace
 import numpy as np
 
 from cadtof_cli.arrays import Bool, Float, Index
-from cadtof_cli.resolver.closed_form import fundamental_frame
+from cadtof_cli.resolver.closed_form import fundamental_frame, phase_of
 from cadtof_cli.resolver.eliminated import random_starts, two_shares
 from cadtof_cli.resolver.likelihood import Fit, fisher_fit, found_paths, most_likely
 from cadtof_cli.resolver.mixture import Measured, Mixture
 from cadtof_cli.resolver.noise import NoiseModel
 from cadtof_cli.resolver.one_path import one_path
-from cadtof_cli.resolver.order import chi_squared_threshold
+from cadtof_cli.resolver.order import chi_squared_threshold, worth_another
 from cadtof_cli.resolver.paths import PathSet
-from cadtof_cli.resolver.rotors import phase_of
+from cadtof_cli.resolver.returns import arranged
 from cadtof_cli.resolver.settings import ResolverSettings
 
 SURELY_MORE = 2.0
@@ -27,9 +27,11 @@ NO_AMPLITUDE = 1e-9
 def resolve_many(measured: Measured, /, *, settings: ResolverSettings, noise: NoiseModel, samples: Float) -> PathSet:
     """Return the paths of n pixels: the fewest, up to `settings.max_paths`, that leave no more than noise does.
 
+    Nor does a pixel get another path that is not worth it (`worth_another`).
+
     With an order given it is that many. `samples`, (n,), is the number of pixels that each has been averaged over.
     """
-    answer = _Answer(settings.max_paths, measured.re.shape[1])
+    answer = _Answer(settings, measured.re.shape[1])
     at_work: Index = np.arange(samples.size)
     if settings.order == "auto":
         for count in range(1, settings.max_paths):
@@ -56,14 +58,13 @@ def _resolved_as(
     samples: Float,
     noise: NoiseModel,
 ) -> Index:
-    """Store `count` paths where they leave no more than the limits, and return which of the pixels at work have them."""
+    """Store `count` paths where they may do, and return where they leave no more than the limits, among the pixels at work."""
     some: Index = np.flatnonzero(~surely_more_paths(measured, count, limits=limits, noise=noise))
     found = found_paths(measured.taken(some), count, noise=noise)
     maybe = np.flatnonzero(found.chi_squared <= SURELY_MORE * limits[some])
     fit = most_likely(measured.taken(some[maybe]), found.taken(maybe), noise=noise)
-    fits = np.flatnonzero(fit.chi_squared <= limits[some[maybe]])
-    done: Index = some[maybe[fits]]
-    answer.store(at_work[done], fit.taken(fits), samples)
+    answer.store(at_work[some[maybe]], fit, samples)
+    done: Index = some[maybe][fit.chi_squared <= limits[some[maybe]]]
     return done
 
 
@@ -91,31 +92,38 @@ def _eliminated(measured: Measured, settings: ResolverSettings, noise: NoiseMode
 class _Answer:
     """The paths of a block as they become known."""
 
-    def __init__(self, most: int, count: int, /) -> None:
+    def __init__(self, settings: ResolverSettings, count: int, /) -> None:
         def unknown() -> Float:
-            return np.full((most, count), np.nan)
+            return np.full((settings.max_paths, count), np.nan)
 
-        self.paths = PathSet(
-            unknown(),
-            unknown(),
-            unknown(),
-            np.full(count, np.nan),
-            np.zeros(count, np.bool_),
-            np.zeros(count, np.bool_),
-        )
+        no = np.zeros(count, np.bool_)
+        self.paths = PathSet(unknown(), unknown(), unknown(), np.full(count, np.nan), no, no.copy())
+        self._settings = settings
 
     def store(self, of: Index, fit: Fit, samples: Float) -> None:
-        """Put a fit's paths into the pixels `of`, with what averaging over `samples`, of all pixels, leaves of the noise."""
-        amplitude, paths = fit.paths.amplitude, self.paths
-        none = ~(amplitude > NO_AMPLITUDE * amplitude.max(axis=0)) | ~fit.converged
-        sigma = np.where(none, np.nan, fit.sigma_rad / np.sqrt(samples[of]))
-        rows = slice(0, len(amplitude))
-        paths.amplitude[rows, of] = np.where(none, np.nan, amplitude)
-        paths.phase_rad[rows, of] = np.where(none, np.nan, phase_of((fit.paths.cos, fit.paths.sin)))
-        paths.sigma_rad[rows, of] = sigma
-        paths.chi_squared[of] = fit.chi_squared * samples[of]
-        paths.converged[of] = fit.converged
-        paths.doubtful[of] = _doubtful(fit.paths, sigma)
+        """Put a fit's paths into the pixels `of`, with what averaging over `samples`, of all pixels, leaves of the noise.
+
+        A pixel that has fewer paths already keeps them, unless another is worth it.
+        """
+        new = _path_set(fit, samples[of])
+        rivals: Index = np.flatnonzero(np.isfinite(self.paths.chi_squared[of]))
+        direct, fewer = (arranged(paths, self._settings)[0] for paths in (new.at(rivals), self.paths.at(of[rivals])))
+        replaced = np.delete(np.arange(of.size), rivals[~worth_another(direct, fewer)])
+        self.paths.put(of[replaced], new.at(replaced))
+
+
+def _path_set(fit: Fit, samples: Float) -> PathSet:
+    amplitude = fit.paths.amplitude
+    none = ~(amplitude > NO_AMPLITUDE * amplitude.max(axis=0)) | ~fit.converged
+    sigma = np.where(none, np.nan, fit.sigma_rad / np.sqrt(samples))
+    return PathSet(
+        np.where(none, np.nan, amplitude),
+        np.where(none, np.nan, phase_of(fit.paths.cos, fit.paths.sin)),
+        sigma,
+        fit.chi_squared * samples,
+        fit.converged,
+        _doubtful(fit.paths, sigma),
+    )
 
 
 def _doubtful(paths: Mixture, sigma: Float) -> Bool:

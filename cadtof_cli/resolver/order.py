@@ -3,6 +3,12 @@
 import math
 from functools import lru_cache
 
+import numpy as np
+
+from cadtof_cli.arrays import Bool
+from cadtof_cli.resolver.closed_form import FULL_TURN
+from cadtof_cli.resolver.paths import Path
+
 
 @lru_cache(maxsize=64)
 def chi_squared_threshold(false_alarm: float, *, pairs: int) -> float:
@@ -19,3 +25,18 @@ def chi_squared_threshold(false_alarm: float, *, pairs: int) -> float:
         survival = math.exp(-half) * sum(half**k / math.factorial(k) for k in range(pairs))
         low, high = (middle, high) if survival > false_alarm else (low, middle)
     return 0.5 * (low + high)
+
+
+def worth_another(direct: Path, fewer: Path, /) -> Bool:
+    """Return where another path moves the direct one by more than the scatter that it costs; `fewer` is that without it.
+
+    One path is biased by δ, two scatter more: E(difference²) = δ² + σ2² − σ1², so the mean squared error of the direct phase is
+    the smaller with two where difference² > 2(σ2² − σ1²): the focused information criterion (Claeskens and Hjort 2003,
+    doi:10.1198/016214503000000819) for that phase. It stops splits of one path into two all but coinciding ones, a hundredth of
+    all pixels by the misfit alone, from doubling the error of all.
+    """
+    difference = np.abs(direct.phase_rad - fewer.phase_rad)
+    difference = np.minimum(difference, FULL_TURN - difference)
+    cost = np.square(direct.sigma_rad, dtype=np.float64) - np.square(fewer.sigma_rad)
+    worth: Bool = difference * difference > 2.0 * cost
+    return worth

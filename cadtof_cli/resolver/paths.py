@@ -1,8 +1,10 @@
 """What resolving gives: the paths of a block of pixels."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
-from cadtof_cli.arrays import Bool, Float, Float32, Status
+import numpy as np
+
+from cadtof_cli.arrays import Bool, Float, Float32, Index, Status
 
 
 @dataclass(frozen=True)
@@ -15,6 +17,22 @@ class Path:
     amplitude: Float
     phase_rad: Float
     sigma_rad: Float | Float32
+
+    def at(self, pixels: Index | Bool, /) -> "Path":
+        """Return the path of some of the pixels."""
+        return Path(self.amplitude[pixels], self.phase_rad[pixels], self.sigma_rad[pixels])
+
+    def put(self, pixels: Index, other: "Path", /) -> None:
+        """Overwrite the path of some of the pixels."""
+        self.amplitude[pixels] = other.amplitude
+        self.phase_rad[pixels] = other.phase_rad
+        self.sigma_rad[pixels] = other.sigma_rad
+
+    def spread(self, pixels: Index, count: int, /) -> "Path":
+        """Return a path of `count` pixels that holds this one's at these indices, and anything elsewhere."""
+        whole = Path(np.empty(count), np.empty(count), np.empty(count, self.sigma_rad.dtype))
+        whole.put(pixels, self)
+        return whole
 
 
 @dataclass(frozen=True)
@@ -31,6 +49,23 @@ class PathSet:
     chi_squared: Float
     converged: Bool
     doubtful: Bool
+
+    def at(self, pixels: Index, /) -> "PathSet":
+        """Return the paths of some of the pixels."""
+        return PathSet(*(getattr(self, name)[..., pixels] for name in _FIELDS))
+
+    def put(self, pixels: Index, others: "PathSet", /) -> None:
+        """Overwrite the paths of some of the pixels with others, of which there may be fewer."""
+        for name in _FIELDS:
+            mine, new = getattr(self, name), getattr(others, name)
+            if mine.ndim == 2:
+                mine[len(new) :, pixels] = np.nan
+                mine[: len(new), pixels] = new
+            else:
+                mine[pixels] = new
+
+
+_FIELDS = tuple(field.name for field in fields(PathSet))
 
 
 @dataclass(frozen=True)

@@ -1,18 +1,22 @@
 """Phasors of a block of pixels → the paths of every pixel: the stage between `phasors/` and `maps/`."""
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
 from cadtof_cli.arrays import Bool, Complex, Float, Float32, Index, Status
-from cadtof_cli.resolver.closed_form import FundamentalFrame, fundamental_frame, is_single, two_paths
+from cadtof_cli.resolver.closed_form import (
+    FundamentalFrame,
+    fundamental_frame,
+    is_single,
+    phase_of,
+    two_paths,
+)
 from cadtof_cli.resolver.noise import NoiseModel
 from cadtof_cli.resolver.one_path import one_path
-from cadtof_cli.resolver.order import chi_squared_threshold
+from cadtof_cli.resolver.order import chi_squared_threshold, worth_another
 from cadtof_cli.resolver.paths import Path, ResolvedPaths
 from cadtof_cli.resolver.returns import direct_and_mpi
-from cadtof_cli.resolver.rotors import phase_of
 from cadtof_cli.resolver.screening import screened
 from cadtof_cli.resolver.searched import searched_paths
 from cadtof_cli.resolver.settings import ResolverSettings
@@ -28,14 +32,12 @@ ONE_PATH_STEPS = 6
 
 
 @dataclass(frozen=True)
-class _Decision:
-    """Which pixels have two paths, and the fit of those that have one: `fields` of shape (single.size,) each."""
+class _Alone:
+    """Pixels that may have one path only, their indices, its fit, and whether its misfit is more than noise; (m,) each."""
 
-    has_two: Bool
-    single: Index
-    amplitude: Float
-    phase_rad: Float
-    sigma_rad: Float | Float32
+    pixels: Index
+    path: Path
+    misfit: Bool
 
 
 def resolve_paths(
@@ -86,7 +88,7 @@ def _in_closed_form(
         frame = fundamental_frame(phasors[0], phasors[1])
         status, confidence = screened(
             frame.u,
-            (frame.u * frame.u, frame.pr * frame.pr + frame.pi * frame.pi),
+            frame.powers,
             saturated=saturated,
             settings=settings,
             noise=noise,
@@ -97,35 +99,28 @@ def _in_closed_form(
         if not answered.all():
             # NaN in the phasor is NaN in all that follows from it.
             frame = replace(frame, u=np.where(answered, frame.u, np.nan))
-        decision = _decided(frame, settings, noise, samples)
-        status |= answered * np.where(decision.has_two, np.uint32(StatusBit.TWO_PATHS), np.uint32(StatusBit.ONE_PATH))
-        direct, mpi = _paths(frame, decision, settings, noise, samples, status)
+        alone = _fitted_alone(frame, settings, noise, samples)
+        status |= answered * np.uint32(StatusBit.TWO_PATHS)
+        direct, mpi = _paths(frame, alone, settings, noise, samples, status)
     return ResolvedPaths(direct, mpi, confidence, status)
 
 
-def _decided(
+def _fitted_alone(
     frame: FundamentalFrame, settings: ResolverSettings, noise: NoiseModel, samples: Float | None
-) -> _Decision:
-    """Fit one path where there may be no more, and keep it where the misfit is within the noise."""
-    count = frame.u.size
+) -> _Alone:
+    """Fit one path wherever there may be no more."""
+    threshold, steps = np.inf, ORDER_TEST_STEPS
     if settings.max_paths == 1:
-        candidates = np.arange(count)
-        fit = one_path(frame, noise=noise, steps=ONE_PATH_STEPS)
-        kept = np.ones(count, np.bool_)
+        pixels, steps = np.arange(frame.u.size), ONE_PATH_STEPS
     elif settings.order == "2":
-        candidates = np.flatnonzero(is_single(frame))
-        fit = one_path(frame.at(candidates), noise=noise, steps=ORDER_TEST_STEPS)
-        kept = np.ones(candidates.size, np.bool_)
+        pixels = np.flatnonzero(is_single(frame))
     else:
         threshold = chi_squared_threshold(settings.false_alarm, pairs=1)
-        candidates = np.flatnonzero(_may_be_one_path(frame, threshold, noise, samples))
-        fit = one_path(frame.at(candidates), noise=noise, steps=ORDER_TEST_STEPS)
-        kept = ~(_times(fit.chi_squared, samples, candidates) > threshold)
-    has_two = np.ones(count, np.bool_)
-    single = candidates[kept]
-    has_two[single] = False
-    sigma = _averaged(fit.sigma_rad, samples, candidates)
-    return _Decision(has_two, single, fit.amplitude[kept], phase_of((fit.cos, fit.sin))[kept], sigma[kept])
+        pixels = np.flatnonzero(_may_be_one_path(frame, threshold, noise, samples))
+    fit = one_path(frame.at(pixels), noise=noise, steps=steps)
+    sigma = _averaged(fit.sigma_rad, samples, pixels)
+    misfit = _times(fit.chi_squared, samples, pixels) > threshold
+    return _Alone(pixels, Path(fit.amplitude, phase_of(fit.cos, fit.sin), sigma), misfit)
 
 
 def _may_be_one_path(frame: FundamentalFrame, threshold: float, noise: NoiseModel, samples: Float | None) -> Bool:
@@ -144,30 +139,32 @@ def _may_be_one_path(frame: FundamentalFrame, threshold: float, noise: NoiseMode
 
 def _paths(
     frame: FundamentalFrame,
-    decision: _Decision,
+    alone: _Alone,
     settings: ResolverSettings,
     noise: NoiseModel,
     samples: Float | None,
     status: Status,
 ) -> tuple[Path, Path]:
-    """Return the direct and the MPI path, and mark in `status` where two paths are too close or too weak to be told apart."""
-    count, has_two, single = frame.u.size, decision.has_two, decision.single
-    # Where most pixels have two paths, the few others are computed along and written over: that is faster than to gather.
-    everywhere = 2 * single.size <= count
-    chosen = slice(None) if everywhere else np.flatnonzero(has_two)
+    """Return the direct and the MPI path; mark in `status` which pixels have one path, and which two cannot be told apart."""
+    count = frame.u.size
+    # Where most pixels need two paths, the few others are computed along and written over: that is faster than to gather.
+    everywhere = 2 * np.count_nonzero(~alone.misfit) <= count
+    chosen = np.arange(count) if everywhere else np.delete(np.arange(count), alone.pixels[~alone.misfit])
     two = two_paths(frame if everywhere else frame.at(chosen))
     sigma_x, sigma_y = (_averaged(sigma, samples, chosen) for sigma in two_path_sigmas(two, noise=noise))
-    doubtful = np.maximum(sigma_x, sigma_y) > np.abs(two.sin_half)
-    status[chosen] |= (doubtful & has_two[chosen]) * np.uint32(StatusBit.ILL_CONDITIONED)
-    direct, mpi = direct_and_mpi(
-        Path(two.a, phase_of((two.cos_x, two.sin_x)), sigma_x),
-        Path(two.b, phase_of((two.cos_y, two.sin_y)), sigma_y),
-        settings,
-    )
-    if not single.size:
-        return direct, mpi
-    alone = Path(decision.amplitude, decision.phase_rad, decision.sigma_rad)
-    return _merged(direct, alone, single, chosen, count), _merged(mpi, None, single, chosen, count)
+    doubtful = np.maximum(sigma_x, sigma_y) > two.sin_half
+    status[chosen] |= doubtful * np.uint32(StatusBit.ILL_CONDITIONED)
+    x, y = two.phases()
+    direct, mpi = direct_and_mpi(Path(two.a, x, sigma_x), Path(two.b, y, sigma_y), settings)
+    if not everywhere:
+        direct, mpi = direct.spread(chosen, count), mpi.spread(chosen, count)
+    kept = ~alone.misfit
+    kept[alone.misfit] = ~worth_another(direct.at(alone.pixels[alone.misfit]), alone.path.at(alone.misfit))
+    single = alone.pixels[kept]
+    direct.put(single, alone.path.at(kept))
+    mpi.put(single, Path(*(np.full(single.size, np.nan),) * 3))
+    status[single] = np.where(status[single] & StatusBit.TWO_PATHS, StatusBit.ONE_PATH, status[single])
+    return direct, mpi
 
 
 def _times(chi_squared: Float, samples: Float | None, of: slice | Index) -> Float:
@@ -178,22 +175,3 @@ def _times(chi_squared: Float, samples: Float | None, of: slice | Index) -> Floa
 def _averaged(sigma: Float | Float32, samples: Float | None, of: slice | Index) -> Float | Float32:
     """Return a standard deviation from the noise of one pixel as one from that of means of `samples` pixels."""
     return sigma if samples is None else sigma / np.sqrt(samples[of])
-
-
-def _merged(path: Path, alone: Path | None, single: Index, chosen: slice | Index, count: int) -> Path:
-    """Return `path`, which holds the pixels in `chosen`, for all pixels, with `alone` or NaN at the indices `single`."""
-
-    def merge(values: Float | Float32, others: Float | Float32 | float) -> Any:
-        whole = values if isinstance(chosen, slice) else np.empty(count, values.dtype)
-        if whole is not values:
-            whole[chosen] = values
-        whole[single] = others
-        return whole
-
-    if alone is None:
-        return Path(*(merge(values, np.nan) for values in (path.amplitude, path.phase_rad, path.sigma_rad)))
-    return Path(
-        merge(path.amplitude, alone.amplitude),
-        merge(path.phase_rad, alone.phase_rad),
-        merge(path.sigma_rad, alone.sigma_rad),
-    )

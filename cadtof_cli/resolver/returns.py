@@ -3,8 +3,8 @@
 import numpy as np
 
 from cadtof_cli.arrays import Bool
+from cadtof_cli.resolver.closed_form import FULL_TURN
 from cadtof_cli.resolver.paths import Path, PathSet
-from cadtof_cli.resolver.rotors import FULL_TURN
 from cadtof_cli.resolver.settings import ResolverSettings
 
 ECHO_RATIO = 0.5

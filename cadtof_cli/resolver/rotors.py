@@ -11,8 +11,6 @@ import numpy as np
 
 from cadtof_cli.arrays import Float
 
-FULL_TURN = 2.0 * np.pi
-
 Rotor: TypeAlias = tuple[Float, Float]
 """Real and imaginary part, of the same shape."""
 
@@ -40,16 +38,3 @@ def powers(rotor: Rotor, exponents: Sequence[int], /) -> list[Rotor]:
         return found[h]
 
     return [power(h) for h in exponents]
-
-
-def phase_of(rotor: Rotor, /) -> Float:
-    """Return the phase of a unit rotor in [0, 2π): π + 2·arctan of the tangent of half the angle from −1, in one of two forms.
-
-    It takes half the time of arctan2, whose loop numpy does not vectorise everywhere.
-    """
-    cos, sin = rotor
-    phase = np.arctan(np.where(cos < 0.0, sin / (cos - 1.0), (1.0 + cos) / -sin))
-    phase *= 2.0
-    phase += np.pi
-    phase[phase >= FULL_TURN] = 0.0
-    return phase

@@ -11,7 +11,7 @@ from cadtof_cli.simulation.pixel import PixelModel, PixelTrace, trace_pixel
 
 BINS = 128
 
-MOST_ROWS = 4000
+MOST_ROWS = 1000
 """Rows of an evolution that are kept; a picture shows no more."""
 
 

@@ -92,6 +92,16 @@ class Hits:
         """Distance from the camera, (Y, X)."""
         return np.asarray(np.linalg.norm(self.points_m, axis=0))
 
+    def of_surface(self, index: int) -> "Hits":
+        """Return what the pixels that see one surface see, in one row, (3, 1, n) and (1, n)."""
+        chosen = self.surface == index
+        return Hits(
+            self.points_m[:, chosen][:, None],
+            self.normals[:, chosen][:, None],
+            self.albedo[chosen][None],
+            self.surface[chosen][None],
+        )
+
     @property
     def irradiance(self) -> Float:
         """Irradiance by the camera's light, cos/r² in 1/m², (Y, X); 0 where a pixel sees nothing."""
@@ -143,8 +153,8 @@ class Bounce:
     lengths_m: Float
 
 
-def bounce_by_directions(seen: Hits, target: int, other: Surface, /, *, count: int) -> Bounce:
-    """Follow `count` directions from every point on surface `target` to the other surface and on to the light.
+def bounce_by_directions(seen: Hits, other: Surface, /, *, count: int) -> Bounce:
+    """Follow `count` directions from every seen point to another surface and on to the light.
 
     For surfaces that fill much of each other's view, such as the two sides of a corner. Each direction stands for
     an equal share of the hemisphere's cosine-weighted solid angle, so it brings ρ E / count.
@@ -153,7 +163,7 @@ def bounce_by_directions(seen: Hits, target: int, other: Surface, /, *, count: i
     across, along = _frame(seen.normals)
     directions = local[0] * across[:, None] + local[1] * along[:, None] + local[2] * seen.normals[:, None]
     times = other.distances(seen.points_m[:, None], directions)
-    reached = np.isfinite(times) & (seen.surface == target)
+    reached = np.isfinite(times)
     times = np.where(reached, times, 0.0)
     points = seen.points_m[:, None] + times * directions
     towards = np.where(_dot(other.normal, points) > 0, -1.0, 1.0)
@@ -162,8 +172,8 @@ def bounce_by_directions(seen: Hits, target: int, other: Surface, /, *, count: i
     return Bounce(arriving, np.where(reached, times + np.sqrt(_dot3(points, points)), 0.0))
 
 
-def bounce_by_patches(seen: Hits, target: int, other: Surface, /, *, count: int) -> Bounce:
-    """Add up light over count² patches of another surface on the way to every point on surface `target`.
+def bounce_by_patches(seen: Hits, other: Surface, /, *, count: int) -> Bounce:
+    """Add up light over count² patches of another surface on the way to every seen point.
 
     For surfaces that are small or far in each other's view. A patch of area dA brings
     (ρ E / π) cos cos dA / d², with the cosines at both ends of the way.
@@ -177,9 +187,16 @@ def bounce_by_patches(seen: Hits, target: int, other: Surface, /, *, count: int)
     leaving = np.maximum(_dot(normal, ways), 0.0)
     arriving = np.maximum(-_dot3(ways, seen.normals[:, None]), 0.0)
     share = other.albedo / math.pi * lit[:, None, None] * leaving * arriving / squared**2 * area
-    share = np.where(seen.surface == target, np.nan_to_num(share), 0.0)
     lengths = np.sqrt(squared) + np.linalg.norm(centres, axis=0)[:, None, None]
     return Bounce(share, np.where(share > 0, lengths, 0.0))
+
+
+def spread_over(seen: Hits, bounces: dict[int, Bounce], /, *, ways: int) -> Bounce:
+    """Return the light on all pixels, (ways, Y, X), from that on the pixels of each surface, (ways, 1, n)."""
+    whole = np.zeros((2, ways, *seen.surface.shape))
+    for index, bounce in bounces.items():
+        whole[:, :, seen.surface == index] = bounce.irradiance[:, 0], bounce.lengths_m[:, 0]
+    return Bounce(whole[0], whole[1])
 
 
 def _dot(vector: Float, field: Float) -> Float:

@@ -14,6 +14,7 @@ from cadtof_cli.simulation.geometry import (
     bounce_by_directions,
     bounce_by_patches,
     hits,
+    spread_over,
 )
 from cadtof_cli.simulation.light import Light, check_common, light_from_bounces
 from cadtof_cli.simulation.mix import finite_at_least, require
@@ -166,12 +167,11 @@ class Corner:
         """Return the direct path and one by each direction; a way that misses the plane carries nothing."""
         left, right = self.surfaces()
         seen = hits((left, right), camera.rays(rows))
-        onto_left = bounce_by_directions(seen, 0, right, count=self.directions)
-        onto_right = bounce_by_directions(seen, 1, left, count=self.directions)
-        bounced = Bounce(
-            onto_left.irradiance + onto_right.irradiance,
-            onto_left.lengths_m + onto_right.lengths_m,
-        )
+        bounces = {
+            index: bounce_by_directions(seen.of_surface(index), other, count=self.directions)
+            for index, other in ((0, right), (1, left))
+        }
+        bounced = spread_over(seen, bounces, ways=self.directions)
         return light_from_bounces(seen, (bounced,), self.albedo, self.distance_m, self.asr)
 
 
@@ -240,11 +240,11 @@ class InterReflection:
         """Return the direct path, and 36 ways by the reflector for the pixels of the panel."""
         panel, wall, reflector = self.surfaces()
         seen = hits((panel, wall), camera.rays(rows))
-        bounced = bounce_by_patches(seen, 0, reflector, count=6)
         middle = hits((panel,), np.array([0.0, 0.0, 1.0]).reshape(3, 1, 1))
-        there = bounce_by_patches(middle, 0, reflector, count=6)
+        there = bounce_by_patches(middle, reflector, count=6)
         gain = self.mpi_ratio * float(middle.irradiance[0, 0]) / float(there.irradiance.sum())
-        scaled = Bounce(gain * bounced.irradiance, bounced.lengths_m)
+        bounced = bounce_by_patches(seen.of_surface(0), reflector, count=6)
+        scaled = spread_over(seen, {0: Bounce(gain * bounced.irradiance, bounced.lengths_m)}, ways=36)
         return light_from_bounces(seen, (scaled,), self.albedo, self.distance_m, self.asr)
 
 

@@ -122,6 +122,17 @@ def confidence_model_v(mix: PhotonMix, modulation: Modulation, /) -> Float:
     return np.asarray(np.hypot(statistics.means_v[0, 0], statistics.means_v[0, 1]))
 
 
+def phase_precision_of_mix_rad(mix: PhotonMix, modulation: Modulation, /, *, variance_gain: float) -> Float:
+    """Return the standard deviation of the first phasor's phase for any mix, to first order in the noise, (*pixels).
+
+    It is the spread of the voltages across their mean, over the length of the mean.
+    """
+    statistics = voltage_statistics(mix, modulation, variance_gain=variance_gain)
+    c, s = statistics.means_v[0]
+    first, both, second = statistics.covariances_v2[0]
+    return np.asarray(np.sqrt(s * s * first - 2.0 * c * s * both + c * c * second) / (c * c + s * s))
+
+
 def phase_precision_model_rad(*, asr: float, integration_length: float, spread_rad: float = 0.0) -> float:
     """Return the analytical standard deviation of the phase of one path and one sine.
 

@@ -74,6 +74,7 @@ class Trials:
         resolver: how voltages become path times.
         runs: how often.
         photon_by_photon: draw photons, rather than voltages from their exact mean and covariance.
+        pulse_correction: divide phasors by the pulse's response r_h; False leaves it in, as the paper's Eq. (3) does.
         seed: of all that is random.
         stream: number of these trials among others of the same seed.
     """
@@ -83,6 +84,7 @@ class Trials:
     resolver: ResolverSettings = field(default_factory=ResolverSettings)
     runs: int = 400
     photon_by_photon: bool = False
+    pulse_correction: bool = True
     seed: int = 0
     stream: int = 0
 
@@ -199,7 +201,7 @@ def path_times_ns(trials: Trials, voltages_v: Float, /) -> Float:
     metadata = CaptureMetadata(
         modulation=model.modulation,
         pixel=Pixel(integration_length=length),
-        pulse=Pulse(fwhm_ns=trials.condition.fwhm_ns),
+        pulse=Pulse(fwhm_ns=trials.condition.fwhm_ns if trials.pulse_correction else 0.0),
     )
     stored = np.moveaxis(voltages_v, 0, -1)
     paths = resolve_paths(

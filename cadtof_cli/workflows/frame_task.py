@@ -11,6 +11,7 @@ from cadtof_cli.arrays import Stored
 from cadtof_cli.capture.frames import FrameLayout, FrameSource, NotAFrameError
 from cadtof_cli.capture.reader import open_frames
 from cadtof_cli.errors import CadtofError, FrameError
+from cadtof_cli.execution.memory import keep_freed_memory
 from cadtof_cli.maps.layers import DepthMaps, LayerChoice, empty_maps
 from cadtof_cli.maps.writer import write_maps
 from cadtof_cli.phasors.averaging import FrameMean, frame_mean
@@ -59,6 +60,7 @@ class FrameReport:
 
 def resolve_file(task: FrameTask, /) -> FrameReport:
     """Read, resolve and write one frame. Whatever is wrong with it becomes a report, never an exception."""
+    keep_freed_memory()
     began = time.monotonic()
 
     def resolve() -> FrameReport:

@@ -7,6 +7,7 @@ from contextlib import closing
 from dataclasses import dataclass
 
 from cadtof_cli.arrays import Float32, Status
+from cadtof_cli.execution.memory import keep_freed_memory
 from cadtof_cli.execution.ordered import Outcome, WorkerDied, run_ordered
 from cadtof_cli.execution.workers import StartMethod
 from cadtof_cli.maps.layers import empty_maps
@@ -57,6 +58,7 @@ def worth_splitting(tasks: int, jobs: int, seconds_per_frame: float, /) -> bool:
 
 def resolve_part(part: FramePart, /) -> PartMaps | FrameReport:
     """Read a frame and resolve a part of its pixels. Whatever is wrong with it becomes a report, never an exception."""
+    keep_freed_memory()
     task = part.task
 
     def resolve() -> PartMaps:

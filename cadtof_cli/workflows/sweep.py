@@ -13,8 +13,8 @@ from cadtof_cli.arrays import Float
 from cadtof_cli.errors import OutputError
 from cadtof_cli.simulation.averaging import Averaging
 from cadtof_cli.simulation.mix import require
-from cadtof_cli.simulation.statistics import phase_precision_model_rad
-from cadtof_cli.simulation.trials import PathSummary, Trials, TrialsSummary, block_voltages, summary
+from cadtof_cli.simulation.statistics import averaging_gain, phase_precision_of_mix_rad
+from cadtof_cli.simulation.trials import PathSummary, Trials, TrialsSummary, block_voltages, noise_length, summary
 from cadtof_cli.workflows.record_folder import new_folder
 from cadtof_cli.workflows.simulate_tasks import Advance, no_advance, results
 
@@ -102,13 +102,14 @@ def rows(cells: Iterable[SweepCell], /) -> Iterator[dict[str, float]]:
         }
         for name, path in (("direct", outcome.direct), ("second", outcome.second)):
             values |= {f"{name}_{column}": getattr(path, column) for column in _PATH_COLUMNS}
-        spread = trials.condition.mix(trials.period_ns).spread_rad
-        model = phase_precision_model_rad(asr=trials.condition.asr, integration_length=length, spread_rad=spread)
+        mix = trials.condition.mix(trials.period_ns).jittered(trials.model.jitter_ns)
+        gain = averaging_gain(noise_length(trials.model))
+        precision = phase_precision_of_mix_rad(mix, trials.model.modulation, variance_gain=gain)
         yield values | {
             "confidence_v": outcome.confidence_v,
             "confidence_model_v": outcome.confidence_model_v,
             "phase_std_rad": outcome.phase_std_rad,
-            "phase_model_std_rad": model,
+            "phase_model_std_rad": float(precision),
             "phase_bias_rad": outcome.phase_bias_rad,
         }
 

@@ -94,19 +94,30 @@ def test_order_1_and_the_one_path_solver_are_the_same_and_never_find_two() -> No
 
 
 @pytest.mark.parametrize("false_alarm", [0.1, 0.01, 0.001])
-def test_light_of_one_path_is_called_two_as_rarely_as_asked(false_alarm: float) -> None:
+def test_light_of_one_path_is_called_two_no_more_often_than_asked(false_alarm: float) -> None:
     size = 50_000
     p = phasors_of(Light(2.0).voltages(np.random.default_rng(3), 1e5, size))
     share = np.mean(resolve(p, false_alarm=false_alarm).status & StatusBit.TWO_PATHS != 0)
-    assert share == pytest.approx(false_alarm, abs=4 * np.sqrt(false_alarm / size))
+    assert 0.1 * false_alarm < share < false_alarm
 
 
-def test_without_mpi_the_order_test_more_than_halves_the_error_of_two_paths() -> None:
-    p = phasors_of(Light(5.0, direct_ns=9.0).voltages(np.random.default_rng(4), 1e5, 5000))
+@pytest.mark.parametrize("asr", [1.0, 5.0])
+def test_without_mpi_the_direct_path_is_as_good_as_the_one_path_fit(asr: float) -> None:
+    p = phasors_of(Light(asr, direct_ns=9.0).voltages(np.random.default_rng(4), 1e5, 50_000))
     errors = {o: ns_from_rad(resolve(p, order=o).direct.phase_rad) - 9.0 for o in ("auto", "1", "2")}
     rmse = {order: np.sqrt(np.mean(error**2)) for order, error in errors.items()}
-    assert rmse["auto"] < 0.5 * rmse["2"]
+    assert rmse["auto"] < 1.02 * rmse["1"]
+    assert rmse["auto"] < 0.3 * rmse["2"]
     assert np.median(np.abs(errors["auto"])) < 1.02 * np.median(np.abs(errors["1"]))
+
+
+@pytest.mark.parametrize("second_ns", [8.0, 11.0, 20.0])
+@pytest.mark.parametrize("mpi", [0.01, 0.03, 0.1, 0.3])
+def test_the_order_test_is_never_much_worse_than_the_better_of_one_and_two_paths(mpi: float, second_ns: float) -> None:
+    p = phasors_of(Light(2.0, mpi, 5.0, second_ns).voltages(np.random.default_rng(5), 1e5, 10_000))
+    errors = [ns_from_rad(resolve(p, order=order).direct.phase_rad) - 5.0 for order in ("auto", "1", "2")]
+    auto, one, two = (float(np.sqrt(np.mean(error**2))) for error in errors)
+    assert auto < 1.6 * min(one, two)
 
 
 def test_bad_pixels_are_nan_with_their_reason_and_leave_the_others_alone() -> None:

@@ -92,8 +92,8 @@ def test_two_ways_of_integrating_a_bounce_agree() -> None:
     rays = np.array([-0.12, 0.05, 1.0]).reshape(3, 1, 1)
     seen = hits((left, right), rays)
     assert seen.surface[0, 0] == 0
-    by_directions = bounce_by_directions(seen, 0, right, count=60_000)
-    by_patches = bounce_by_patches(seen, 0, right, count=150)
+    by_directions = bounce_by_directions(seen, right, count=60_000)
+    by_patches = bounce_by_patches(seen, right, count=150)
     total = by_patches.irradiance.sum()
     assert by_directions.irradiance.sum() == pytest.approx(total, rel=3e-3)
     mean, other = (
@@ -113,7 +113,7 @@ def test_a_bounce_from_a_small_patch_is_the_product_of_its_factors() -> None:
     )
     target = Surface(origin_m=(0.0, 0.0, 2.0), across=(1.0, 0.0, 0.0), along=(0.0, 1.0, 0.0), albedo=0.5)
     seen = hits((target,), np.array([0.0, 0.0, 1.0]).reshape(3, 1, 1))
-    assert bounce_by_patches(seen, 0, patch, count=4).irradiance.sum() == pytest.approx(0.0, abs=1e-12)
+    assert bounce_by_patches(seen, patch, count=4).irradiance.sum() == pytest.approx(0.0, abs=1e-12)
     facing = Surface(
         origin_m=(1.0, 0.0, 1.0),
         across=(0.0, 0.0, 1.0),
@@ -124,7 +124,7 @@ def test_a_bounce_from_a_small_patch_is_the_product_of_its_factors() -> None:
     cosine = math.sqrt(0.5)
     lit = cosine / 2.0
     expected = 0.5 / math.pi * lit * cosine * cosine * 1e-4 / 2.0
-    bounce = bounce_by_patches(seen, 0, facing, count=4)
+    bounce = bounce_by_patches(seen, facing, count=4)
     assert bounce.irradiance.sum() == pytest.approx(expected, rel=1e-4)
     np.testing.assert_allclose(bounce.lengths_m, 2 * math.sqrt(2.0), atol=0.01)
 

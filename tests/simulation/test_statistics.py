@@ -17,6 +17,7 @@ from cadtof_cli.simulation.statistics import (
     confidence_model_v,
     draw_voltages,
     phase_precision_model_rad,
+    phase_precision_of_mix_rad,
     sample_mean,
     voltage_statistics,
 )
@@ -87,6 +88,22 @@ def test_phase_precision_of_a_short_pulse_is_the_published_root() -> None:
     for asr in (0.5, 2.0, 6.0):
         expected = math.sqrt(asr * (1 + asr) / (2 * (2 * 4000 - 1)))
         assert phase_precision_model_rad(asr=asr, integration_length=4000) == pytest.approx(expected, rel=1e-12)
+
+
+def test_phase_precision_of_one_path_is_that_of_any_mix() -> None:
+    """The general formula against the published one, and against draws where two paths make it wider."""
+    spread = 2 * math.pi * 1.7 / 2.354820045 / 40
+    alone = phase_precision_of_mix_rad(paper_mix(2.0, mpi_ratio=0.0), Modulation(), variance_gain=averaging_gain(4000))
+    single = phase_precision_model_rad(asr=2.0, integration_length=4000, spread_rad=spread)
+    assert float(alone) == pytest.approx(single, rel=1e-9)
+    mix, gain = paper_mix(0.5, mpi_ratio=0.8), averaging_gain(4000)
+    drawn = draw_voltages(
+        voltage_statistics(mix, Modulation(), variance_gain=gain), np.random.default_rng(5), draws=20_000
+    )
+    phase = np.angle(drawn[:, 0, 0] + 1j * drawn[:, 0, 1])
+    assert phase.std() == pytest.approx(
+        float(phase_precision_of_mix_rad(mix, Modulation(), variance_gain=gain)), rel=0.02
+    )
 
 
 def test_bound_is_that_of_table_1() -> None:

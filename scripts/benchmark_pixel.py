@@ -1,0 +1,61 @@
+"""Measure the pixel photon by photon: photons a second, beside plain numpy cos and sin of as many float64 values."""
+
+import argparse
+import os
+import time
+from collections.abc import Callable
+from functools import partial
+
+import numpy as np
+
+from cadtof_cli.arrays import Float, Float32
+from cadtof_cli.simulation.averaging import Averaging
+from cadtof_cli.simulation.mix import PhotonMix
+from cadtof_cli.simulation.pixel import CHUNK, PixelModel, pixel_weights, record_pixel
+from cadtof_cli.simulation.trials import Condition, Trials
+from cadtof_cli.workflows.simulate import simulate_pixel
+
+REPEATS = 5
+
+
+def main() -> None:
+    """Print a table of both times, and the time of a whole condition of Table 1."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--quick", action="store_true", help="without the whole condition")
+    arguments = parser.parse_args()
+    model = PixelModel(averaging=Averaging(integration_length=1.0e5))
+    weights = pixel_weights(model)
+    photons = 2 * weights.shape[1]
+    phases = 2 * np.pi * np.random.default_rng(0).random(CHUNK)
+    plain = _best(lambda: [(np.cos(phases), np.sin(phases)) for _ in range(photons // CHUNK)])
+    print(f"numpy cos + sin, float64:    {photons / plain / 1e6:7.1f} M/s, {1e9 * plain / photons:5.1f} ns each")
+    for asr, mpi_ratio in ((5.0, 0.3), (1.0, 0.3), (5.0, 0.0)):
+        mix = Condition(asr=asr, mpi_ratio=mpi_ratio).mix(40.0)
+        ours = _best(partial(_record, model, mix, weights))
+        print(
+            f"photons, ASR {asr:g}, MPI {mpi_ratio:3g}:      {photons / ours / 1e6:7.1f} M/s, "
+            f"{1e9 * ours / photons:5.1f} ns each, {ours / plain:.2f} of numpy (asked: 3 at most)"
+        )
+    if not arguments.quick:
+        jobs = len(os.sched_getaffinity(0))
+        trials = Trials(condition=Condition(asr=5.0, mpi_ratio=0.3), model=model, photon_by_photon=True)
+        begun = time.perf_counter()
+        simulate_pixel(trials, jobs=jobs)
+        print(f"400 runs of 2 harmonics at n_av 1e5: {time.perf_counter() - begun:.1f} s on {jobs} cores")
+
+
+def _record(model: PixelModel, mix: PhotonMix, weights: Float32) -> Float:
+    return record_pixel(model, mix, weights, np.random.default_rng(1).spawn(2))
+
+
+def _best(work: Callable[[], object]) -> float:
+    times = []
+    for _ in range(REPEATS):
+        begun = time.perf_counter()
+        work()
+        times.append(time.perf_counter() - begun)
+    return min(times)
+
+
+if __name__ == "__main__":
+    main()

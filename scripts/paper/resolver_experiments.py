@@ -1,0 +1,158 @@
+"""Figs. 6 to 9 and Table 1: two paths resolved many times."""
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
+
+from cadtof_cli.figures.pixel_evolution import plot_histogram
+from cadtof_cli.figures.sweep_maps import draw_path_maps
+from cadtof_cli.resolver.settings import ResolverSettings
+from cadtof_cli.simulation.averaging import Averaging
+from cadtof_cli.simulation.evolution import evolution
+from cadtof_cli.simulation.pixel import PixelModel
+from cadtof_cli.simulation.trials import Condition, Trials, TrialsSummary, block_voltages, path_times_ns
+from cadtof_cli.workflows.simulate import simulate_pixel, write_rows
+from cadtof_cli.workflows.sweep import SweepCell, SweepSettings, rows, sweep, write_table
+from paper.effort import SEED, Effort
+
+TABLE_1 = {"a": (16.0, 0.05, 0.16), "b": (25.0, 0.03, 0.12), "c": (11.0, 0.17, 0.52)}
+"""Figure 7a, b, c: second peak, then the paper's standard deviations of both, in ns."""
+
+GRID_ASRS = (1.0, 2.0, 3.0, 4.0, 5.0, 6.0)
+GRID_LENGTHS = (1.0e3, 3.0e3, 1.0e4, 3.0e4, 1.0e5)
+
+TWO_PATHS = ResolverSettings(order="2")
+"""The paper's solver always returns two peaks."""
+
+
+def pixel(integration_length: float) -> PixelModel:
+    """Return the paper's pixel."""
+    return PixelModel(averaging=Averaging(integration_length=integration_length))
+
+
+def condition(second_ns: float) -> Condition:
+    """Return a condition of Table 1."""
+    return Condition(asr=5.0, mpi_ratio=0.3, direct_ns=5.0, second_ns=second_ns)
+
+
+def figure_6(effort: Effort) -> None:
+    """Draw arrivals at 5 and 16 ns, as in Table 1, and at 10 and 16 ns, as in the text, with both harmonics."""
+    figure = Figure(figsize=(11, 3.6), dpi=110, layout="constrained")
+    for axes, direct_ns in zip(figure.subplots(1, 2), (5.0, 10.0), strict=True):
+        shown = Condition(asr=5.0, mpi_ratio=0.3, direct_ns=direct_ns)
+        recording = evolution(pixel(2.0e4), shown.mix(40.0), np.random.default_rng([SEED, 6]))
+        plot_histogram(axes, recording, shown)
+        second = axes.twinx()
+        for channel, style in ((np.cos, "-"), (np.sin, "--")):
+            second.plot(
+                recording.bin_ns, channel(4 * np.pi * recording.bin_ns / 40.0), color="#7a5195", lw=0.7, ls=style
+            )
+        second.set(ylim=(-3.2, 1.2), yticks=[])
+        axes.set_title(f"{direct_ns:g} and 16 ns; black: 40 ns, violet: 20 ns")
+        write_rows(
+            effort.out / f"fig6_{direct_ns:g}ns.csv",
+            ("time_ns", "photons"),
+            zip(recording.bin_ns, recording.counts, strict=True),
+        )
+    figure.savefig(effort.out / "fig6.png")
+
+
+@dataclass(frozen=True)
+class Table1Row:
+    """One condition: by statistics at the paper's integration length, and photon by photon at `photon_length`."""
+
+    name: str
+    statistics: TrialsSummary
+    photons: TrialsSummary
+    photon_length: float
+
+
+def table_1(effort: Effort) -> list[Table1Row]:
+    """Resolve each condition both ways, and draw the scatter of Fig. 7."""
+    made, figure = [], Figure(figsize=(13, 4.2), dpi=110, layout="constrained")
+    for axes, (name, (second_ns, *_)) in zip(figure.subplots(1, 3), TABLE_1.items(), strict=True):
+        exact = Trials(
+            condition=condition(second_ns), model=pixel(1.0e5), resolver=TWO_PATHS, runs=effort.resolver_runs, seed=SEED
+        )
+        by_photons = replace(
+            exact,
+            model=pixel(effort.photon_length),
+            photon_by_photon=True,
+            runs=effort.resolver_runs,
+            stream=ord(name),
+        )
+        times = np.concatenate([path_times_ns(exact, block_voltages(exact, runs)) for runs in exact.blocks], axis=1)
+        write_rows(effort.out / f"fig7{name}.csv", ("direct_ns", "second_ns"), times.T)
+        axes.plot(times[0], times[1], ".", ms=3, color="#1b6ca8", label=f"{times.shape[1]} solves")
+        axes.plot(5.0, second_ns, "o", color="#d1495b", ms=5, label="truth")
+        axes.add_patch(Rectangle((4.0, second_ns - 1.0), 2.0, 2.0, fill=False, color="#d1495b"))
+        axes.set(xlim=(3.5, 6.5), ylim=(second_ns - 2.5, second_ns + 2.5), aspect="auto")
+        axes.set(xlabel="first peak (ns)", ylabel="second peak (ns)", title=f"({name}) 5 and {second_ns:g} ns, N = 2")
+        axes.legend(fontsize=8, loc="upper right")
+        photons = simulate_pixel(by_photons, jobs=effort.jobs)
+        made.append(Table1Row(name, simulate_pixel(exact), photons, effort.photon_length))
+    figure.savefig(effort.out / "fig7.png")
+    _write_table_1(effort, made)
+    return made
+
+
+def _write_table_1(effort: Effort, made: list[Table1Row]) -> None:
+    lines = ["figure,second_ns,path,paper_std_ns,statistics_std_ns,photons_std_ns,bound_ns,photon_length"]
+    for row in made:
+        second_ns, *paper = TABLE_1[row.name]
+        for path, stated in zip(("direct", "second"), paper, strict=True):
+            ours, counted = getattr(row.statistics, path), getattr(row.photons, path)
+            lines.append(
+                f"7{row.name},{second_ns:g},{path},{stated},{ours.std_ns:.4f},{counted.std_ns:.4f},"
+                f"{ours.bound_ns:.4f},{row.photon_length:g}"
+            )
+    (effort.out / "table1.csv").write_text("\n".join(lines) + "\n")
+
+
+@dataclass(frozen=True)
+class Maps:
+    """Figs. 8 and 9: every cell, for MPI ratios 0.3, 0.1 and 0.
+
+    Attributes:
+        ours: two paths at MPI 0.3 and 0.1; with the order test at 0.
+        always_two: without MPI, when two paths are always resolved, as the paper does; pulse corrected.
+        as_the_paper: the same with the pulse left in.
+    """
+
+    ours: list[SweepCell]
+    always_two: list[SweepCell]
+    as_the_paper: list[SweepCell]
+
+
+def figures_8_and_9(effort: Effort) -> Maps:
+    """Sweep ASR and integration length, and draw bias and standard deviation."""
+    base = Trials(
+        condition=condition(16.0), model=pixel(1.0e5), resolver=TWO_PATHS, runs=effort.resolver_runs, seed=SEED
+    )
+
+    def swept(trials: Trials, ratios: tuple[float, ...]) -> list[SweepCell]:
+        settings = SweepSettings(base=trials, asrs=GRID_ASRS, mpi_ratios=ratios, integration_lengths=GRID_LENGTHS)
+        return sweep(settings, jobs=1)
+
+    with_mpi = swept(base, (0.3, 0.1))
+    without = swept(replace(base, resolver=ResolverSettings(), runs=10 * effort.resolver_runs), (0.0,))
+    maps = Maps(with_mpi + without, swept(base, (0.0,)), swept(replace(base, pulse_correction=False), (0.0,)))
+    for name, cells in (("", maps.ours), ("_always_two", maps.always_two), ("_as_the_paper", maps.as_the_paper)):
+        with (effort.out / f"fig8_9{name}.csv").open("w", newline="") as file:
+            write_table(cells, file)
+    table = list(rows(maps.ours))
+    draw_path_maps(table, "bias_ns", effort.out / "fig8.png", title="Fig. 8: mean error of the resolved time")
+    draw_path_maps(table, "std_ns", effort.out / "fig9.png", title="Fig. 9: standard deviation of the resolved time")
+    return maps
+
+
+def extremes(cells: list[SweepCell], ratio: float, path: str, column: str) -> tuple[float, float]:
+    """Return the smallest and the largest magnitude of a column over the cells of one MPI ratio."""
+    values = [
+        abs(getattr(getattr(cell.outcome, path), column)) for cell in cells if cell.trials.condition.mpi_ratio == ratio
+    ]
+    finite = [value for value in values if math.isfinite(value)]
+    return min(finite), max(finite)
