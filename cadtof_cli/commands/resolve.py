@@ -9,7 +9,7 @@ import click
 
 from cadtof_cli.commands.progress import Bar, progress_bar
 from cadtof_cli.options import SectionedCommand, capture_options, input_paths
-from cadtof_cli.resolver.settings import ORDERS, RETURNS, SOLVERS, ResolverSettings
+from cadtof_cli.resolver.settings import RETURNS, SOLVERS, ResolverSettings
 
 
 @click.command(cls=SectionedCommand, short_help="Recorded frames → depth maps without multi-path interference.")
@@ -18,14 +18,32 @@ from cadtof_cli.resolver.settings import ORDERS, RETURNS, SOLVERS, ResolverSetti
     "-o", "--out", required=True, type=click.Path(path_type=Path), help="Folder that the maps are written into."
 )
 @click.option(
-    "--solver", type=click.Choice(SOLVERS), default="two-path", show_default=True, help="How paths are found."
+    "--solver",
+    type=click.Choice(SOLVERS),
+    default="two-path",
+    show_default=True,
+    help="How paths are found: two-path in closed form (with more than two periods, or --paths, by maximum likelihood), "
+    "one-path, or lm, the paper's Levenberg–Marquardt from random starts.",
+)
+@click.option(
+    "--paths",
+    type=int,
+    default=2,
+    show_default=True,
+    metavar="K",
+    help="Most paths a pixel; more than 2 need as many periods, and give layers path3.depth and so on.",
 )
 @click.option(
     "--order",
-    type=click.Choice(ORDERS),
     default="auto",
     show_default=True,
-    help="Paths a pixel; auto tests each pixel.",
+    metavar="auto|1|…|K",
+    help="Paths a pixel, whatever the solver: auto tests each pixel, a number is taken as it is "
+    "(--solver lm --order 2 is the paper's method as published).",
+)
+@click.option("--starts", type=int, default=10, show_default=True, metavar="N", help="Random starts of --solver lm.")
+@click.option(
+    "--seed", type=int, default=0, show_default=True, metavar="S", help="Seed of the random starts of --solver lm."
 )
 @click.option(
     "--false-alarm",
@@ -63,6 +81,22 @@ from cadtof_cli.resolver.settings import ORDERS, RETURNS, SOLVERS, ResolverSetti
     default="range",
     show_default=True,
     help="Radial range, or planar depth (needs the optics).",
+)
+@click.option(
+    "--pool",
+    type=int,
+    default=1,
+    show_default=True,
+    metavar="N",
+    help="Pool the noise of N × N neighbours that show the same light, N odd; adds the layer effective_pixels.",
+)
+@click.option(
+    "--average",
+    type=int,
+    default=1,
+    show_default=True,
+    metavar="N",
+    help="Average every N consecutive frames of a capture into one, named after the first; the last one takes those left.",
 )
 @click.option(
     "--format",
@@ -116,6 +150,9 @@ def resolve(
         out=out,
         resolver=ResolverSettings(
             solver=options["solver"],
+            paths=options["paths"],
+            starts=options["starts"],
+            seed=options["seed"],
             order=options["order"],
             false_alarm=options["false_alarm"],
             returns=options["returns"],
@@ -123,6 +160,8 @@ def resolve(
             min_confidence_v=options["min_confidence"],
         ),
         depth=options["depth"],
+        pool=options["pool"],
+        average=options["average"],
         map_format=options["map_format"],
         overwrite=options["overwrite"],
         resume=options["resume"],
@@ -153,11 +192,12 @@ def _frame_reporter(bar: Bar, *, as_json: bool) -> Any:
 
 
 def _summary(totals: Any, out: Path) -> str:
-    pixels = totals.one_path + totals.two_paths + totals.invalid
+    pixels = totals.one_path + totals.two_paths + totals.more_paths + totals.invalid
     line = f"resolved {totals.ok} of {totals.frames} frames in {totals.seconds:.1f} s"
     if totals.ok:
+        more = f"{totals.more_paths / pixels:.1%} of pixels have more than two paths, " if totals.more_paths else ""
         line += (
-            f" ({totals.ok / totals.seconds:.0f} frames/s): {totals.two_paths / pixels:.1%} of pixels have two paths, "
+            f" ({totals.ok / totals.seconds:.0f} frames/s): {more}{totals.two_paths / pixels:.1%} of pixels have two paths, "
             f"{totals.one_path / pixels:.1%} one, {totals.invalid / pixels:.1%} no answer"
         )
     for what in ("failed", "skipped"):

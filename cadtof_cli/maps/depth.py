@@ -5,8 +5,19 @@ from dataclasses import dataclass
 import numpy as np
 
 from cadtof_cli.arrays import Float
-from cadtof_cli.maps.layers import DepthMaps
-from cadtof_cli.resolver.resolve import ResolvedPaths
+from cadtof_cli.maps.layers import (
+    CHI_SQUARED,
+    CONFIDENCE,
+    DIRECT_AMPLITUDE,
+    DIRECT_DEPTH,
+    DIRECT_SIGMA,
+    EFFECTIVE_PIXELS,
+    MPI_AMPLITUDE,
+    MPI_DEPTH,
+    MPI_SIGMA,
+    DepthMaps,
+)
+from cadtof_cli.resolver.paths import ResolvedPaths
 
 
 @dataclass(frozen=True)
@@ -21,26 +32,40 @@ class DepthScale:
     planar_per_range: Float | None = None
 
 
-def write_paths(paths: ResolvedPaths, /, *, scale: DepthScale, maps: DepthMaps, start: int) -> None:
+def write_paths(
+    paths: ResolvedPaths, /, *, scale: DepthScale, maps: DepthMaps, start: int, samples: Float | None = None
+) -> None:
     """Fill the maps' pixels from flat index `start` on with the paths of a block, converting to m and V.
 
-    A depth is c·phase·T1/(4π): the range to where the light turned back, or its z with `planar_per_range`.
+    A depth is c·phase·T1/(4π): the range to where the light turned back, or its z with `planar_per_range`. `samples`, (n,),
+    is what the layer of effective pixels gets.
     """
     count = paths.confidence.size
     block = slice(start, start + count)
     metres: float | Float = scale.metres_per_radian
     if scale.planar_per_range is not None:
         metres = scale.metres_per_radian * scale.planar_per_range[block]
-    planes = maps.values.reshape(len(maps.names), -1)[:, block]
-    layers = (
-        (paths.direct.phase_rad, metres),
-        (paths.mpi.phase_rad, metres),
-        (paths.direct.amplitude, scale.amplitude_v),
-        (paths.mpi.amplitude, scale.amplitude_v),
-        (paths.direct.sigma_rad, metres),
-        (paths.mpi.sigma_rad, metres),
-        (paths.confidence, scale.amplitude_v),
-    )
-    for plane, (values, unit) in zip(planes, layers, strict=True):
-        np.multiply(values, unit, out=plane, casting="same_kind")
+    volts = scale.amplitude_v
+    layers = {
+        DIRECT_DEPTH: (paths.direct.phase_rad, metres),
+        MPI_DEPTH: (paths.mpi.phase_rad, metres),
+        DIRECT_AMPLITUDE: (paths.direct.amplitude, volts),
+        MPI_AMPLITUDE: (paths.mpi.amplitude, volts),
+        DIRECT_SIGMA: (paths.direct.sigma_rad, metres),
+        MPI_SIGMA: (paths.mpi.sigma_rad, metres),
+        CONFIDENCE: (paths.confidence, volts),
+        CHI_SQUARED: (paths.chi_squared, 1.0),
+        EFFECTIVE_PIXELS: (samples, 1.0),
+    }
+    for number, path in enumerate(paths.others, start=3):
+        layers |= {
+            f"path{number}.depth": (path.phase_rad, metres),
+            f"path{number}.amplitude": (path.amplitude, volts),
+            f"path{number}.sigma": (path.sigma_rad, metres),
+        }
+    for name in maps.names:
+        values, unit = layers[name]
+        if values is None:
+            raise ValueError(f"the resolver gave no {name}")
+        np.multiply(values, unit, out=maps.layer(name).reshape(-1)[block], casting="same_kind")
     maps.status.reshape(-1)[block] = paths.status

@@ -8,6 +8,7 @@ import numpy as np
 from cadtof_cli.arrays import Complex, Float
 from cadtof_cli.capture.metadata import CaptureMetadata
 from cadtof_cli.phasors.pulse import pulse_response
+from cadtof_cli.resolver.rotors import Rotor
 
 MAD_PER_SIGMA = 0.6744897501960817
 """Median absolute deviation of a Gaussian over its standard deviation."""
@@ -21,10 +22,11 @@ LEAST_SHARE = 1e-3
 class HarmonicNoise:
     """Noise of one harmonic's phasor, in units of the modulation amplitude.
 
-    `averaging` is 1/(2·n_av − 1) of the exponentially weighted average, `pulse` and `pulse_double` are r_h and r_2h, and
-    `floor` is a variance a channel that comes on top whatever the light (quantisation).
+    `harmonic` is its number h, `averaging` is 1/(2·n_av − 1) of the exponentially weighted average, `pulse` and
+    `pulse_double` are r_h and r_2h, and `floor` is a variance a channel that comes on top whatever the light (quantisation).
     """
 
+    harmonic: int
     averaging: float
     pulse: float
     pulse_double: float
@@ -44,6 +46,20 @@ class HarmonicNoise:
         along = (scale + self.floor) + doubled - self.averaging * share * share
         return np.maximum(along, LEAST_SHARE * scale), across
 
+    def covariance(self, phasor: Rotor, doubled: Rotor, /) -> tuple[Float, Float, Float]:
+        """Return the covariance's entries re·re, re·im and im·im, (n,) each, for light whose phasors at h and 2h are given.
+
+        They are those of `noise_model`, kept positive definite by `LEAST_SHARE`.
+        """
+        scale = 0.5 * self.averaging / self.pulse**2
+        level, double = (1.0 + LEAST_SHARE) * scale + self.floor, scale * self.pulse_double
+        re, im = phasor
+        return (
+            level + double * doubled[0] - self.averaging * re * re,
+            double * doubled[1] - self.averaging * re * im,
+            level - double * doubled[0] - self.averaging * im * im,
+        )
+
 
 @dataclass(frozen=True)
 class NoiseModel:
@@ -52,6 +68,11 @@ class NoiseModel:
     harmonics: tuple[HarmonicNoise, ...]
     integration_length: float
     estimated: bool
+
+    @property
+    def numbers(self) -> tuple[int, ...]:
+        """The harmonics' numbers h."""
+        return tuple(harmonic.harmonic for harmonic in self.harmonics)
 
 
 def noise_model(
@@ -71,7 +92,7 @@ def noise_model(
     return NoiseModel(
         tuple(
             HarmonicNoise(
-                1.0 / (2.0 * integration_length - 1.0), response(h), response(2 * h), (step / response(h)) ** 2 / 12
+                h, 1.0 / (2.0 * integration_length - 1.0), response(h), response(2 * h), (step / response(h)) ** 2 / 12
             )
             for h in modulation.harmonics
         ),

@@ -6,13 +6,20 @@ from typing import Literal
 
 from cadtof_cli.errors import SettingsError
 
-Solver = Literal["two-path", "one-path"]
-Order = Literal["auto", "1", "2"]
+Solver = Literal["two-path", "one-path", "lm"]
 Return = Literal["first", "strongest", "last"]
 
-SOLVERS: tuple[Solver, ...] = ("two-path", "one-path")
-ORDERS: tuple[Order, ...] = ("auto", "1", "2")
+SOLVERS: tuple[Solver, ...] = ("two-path", "one-path", "lm")
+ORDERS: tuple[str, ...] = ("auto", "1", "2")
+"""What `order` may be with two paths; with more, numbers up to theirs."""
+
 RETURNS: tuple[Return, ...] = ("first", "strongest", "last")
+
+SECONDS_IN_CLOSED_FORM = 2e-7
+SECONDS_BY_LIKELIHOOD = 4e-6
+SECONDS_BY_MANY_PATHS = 4e-5
+SECONDS_BY_LM = 3e-5
+"""What a pixel costs: enough to decide whether a frame is worth more than one process, and no more than that."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -20,8 +27,12 @@ class ResolverSettings:
     """How phasors become paths.
 
     Attributes:
-        solver: `two-path` in closed form, or `one-path` maximum likelihood.
-        order: how many paths a pixel has: decided by the order test (`auto`), always one, or always two.
+        solver: `two-path`, in closed form for harmonics 1 and 2 and by maximum likelihood for more; `one-path` maximum
+            likelihood; or `lm`, the paper's, by Levenberg–Marquardt from random starts.
+        paths: the most paths that a pixel may have, no more than there are harmonics.
+        order: how many paths a pixel has: decided by the order test (`auto`), or always that many, whatever the solver.
+        starts: random starts of `lm`.
+        seed: seed of the random starts.
         false_alarm: probability that noise alone passes for a signal, or for a second path.
         returns: which path is called direct.
         min_return_ratio: least amplitude of a direct path, as a share of the strongest path's.
@@ -29,7 +40,10 @@ class ResolverSettings:
     """
 
     solver: Solver = "two-path"
-    order: Order = "auto"
+    paths: int = 2
+    order: str = "auto"
+    starts: int = 10
+    seed: int = 0
     false_alarm: float = 0.01
     returns: Return = "first"
     min_return_ratio: float = 0.1
@@ -38,7 +52,6 @@ class ResolverSettings:
     def __post_init__(self) -> None:
         for name, value, allowed in (
             ("--solver", self.solver, SOLVERS),
-            ("--order", self.order, ORDERS),
             ("--return", self.returns, RETURNS),
         ):
             if value not in allowed:
@@ -50,10 +63,58 @@ class ResolverSettings:
         least = self.min_confidence_v
         if least is not None and not (math.isfinite(least) and least >= 0.0):
             raise SettingsError(f"--min-confidence: found {least}, expected a voltage, 0 or more")
-        if self.solver == "one-path" and self.order == "2":
-            raise SettingsError("--solver one-path cannot give --order 2: use --solver two-path, or leave --order out")
+        for option, number, floor in (
+            ("--paths", self.paths, 1),
+            ("--starts", self.starts, 1),
+            ("--seed", self.seed, 0),
+        ):
+            if number < floor:
+                raise SettingsError(f"{option}: found {number}, expected {floor} or more")
+        if self.solver == "lm" and self.paths > 2:
+            raise SettingsError(f"--solver lm finds two paths, not --paths {self.paths}: use --solver two-path")
+        orders = ("auto", *(str(count) for count in range(1, self._most_paths + 1)))
+        if self.order not in orders:
+            raise SettingsError(
+                f"--order: found {self.order!r}, expected one of {', '.join(orders)} "
+                f"with --solver {self.solver} and --paths {self.paths}"
+            )
+
+    @property
+    def _most_paths(self) -> int:
+        return 1 if self.solver == "one-path" else self.paths
 
     @property
     def max_paths(self) -> int:
         """The most paths that a pixel may get."""
-        return 1 if self.solver == "one-path" or self.order == "1" else 2
+        return self._most_paths if self.order == "auto" else int(self.order)
+
+    def in_closed_form(self, harmonics: tuple[int, ...], /) -> bool:
+        """Whether a capture with these harmonics needs no iteration."""
+        return harmonics == (1, 2) and self.solver != "lm"
+
+    def seconds_per_pixel(self, harmonics: int, /) -> float:
+        """Return about how long a core takes for a pixel, by what `scripts/benchmark_solvers.py` measures."""
+        if self.solver == "lm" and self.max_paths == 2:
+            return SECONDS_BY_LM
+        if self.max_paths > 2:
+            return SECONDS_BY_MANY_PATHS
+        return SECONDS_IN_CLOSED_FORM if harmonics == 2 else SECONDS_BY_LIKELIHOOD
+
+    def check_harmonics(self, harmonics: tuple[int, ...], /) -> None:
+        """Make sure that the recorded harmonics can tell the paths apart.
+
+        Raises:
+            SettingsError: there are fewer harmonics than paths; or two that are not 1 and 2, which two paths fit in
+                several ways.
+        """
+        found = f"modulation.periods_ns: found harmonics {', '.join(map(str, harmonics))} of the first period"
+        if self.max_paths > len(harmonics):
+            raise SettingsError(
+                f"{found}; {self.max_paths} paths need at least {self.max_paths} periods: "
+                "lower --paths or --order, or use --solver one-path"
+            )
+        if self.max_paths == 2 and len(harmonics) == 2 and harmonics != (1, 2):
+            raise SettingsError(
+                f"{found}; two paths from two periods have one answer only for the fundamental and half of it, "
+                "such as [40.0, 20.0]: record a third period, or use --solver one-path"
+            )

@@ -9,7 +9,7 @@ from cadtof_cli.arrays import Status
 
 
 class StatusBit(IntFlag):
-    """What became of a pixel. A pixel without `ONE_PATH` or `TWO_PATHS` has no answer, and NaN in every depth layer."""
+    """What became of a pixel. A pixel without `ONE_PATH`, `TWO_PATHS` or `MORE_PATHS` has no answer: NaN in every depth layer."""
 
     SATURATED = 1
     NOT_FINITE = 2
@@ -18,6 +18,9 @@ class StatusBit(IntFlag):
     TWO_PATHS = 16
     ILL_CONDITIONED = 32
     CALIBRATED = 64
+    NOT_CONVERGED = 128
+    MORE_PATHS = 512
+    POOLED = 1024
 
 
 MEANING: dict[StatusBit, str] = {
@@ -28,6 +31,9 @@ MEANING: dict[StatusBit, str] = {
     StatusBit.TWO_PATHS: "resolved as two paths",
     StatusBit.ILL_CONDITIONED: "a predicted standard deviation exceeds half the separation of the paths: sigma is a lower bound",
     StatusBit.CALIBRATED: "a calibration was applied",
+    StatusBit.NOT_CONVERGED: "the solver ran out of steps; no answer",
+    StatusBit.MORE_PATHS: "resolved as three paths or more",
+    StatusBit.POOLED: "averaged over frames or neighbours: layer `effective_pixels` says over how many",
 }
 
 
@@ -37,14 +43,16 @@ class StatusCounts:
 
     one_path: int
     two_paths: int
+    more_paths: int
     invalid: int
 
 
 def count_status(status: Status, /) -> StatusCounts:
-    """Count the pixels of a status map of any shape that have one path, two paths, and no answer."""
+    """Count the pixels of a status map of any shape that have one path, two paths, more, and no answer."""
     one = int(np.count_nonzero(status & StatusBit.ONE_PATH))
     two = int(np.count_nonzero(status & StatusBit.TWO_PATHS))
-    return StatusCounts(one, two, status.size - one - two)
+    more = int(np.count_nonzero(status & StatusBit.MORE_PATHS))
+    return StatusCounts(one, two, more, status.size - one - two - more)
 
 
 def describe_status(value: int) -> tuple[str, ...]:

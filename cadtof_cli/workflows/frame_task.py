@@ -1,29 +1,36 @@
 """One recorded frame → one file of maps: the unit of work that goes to a worker process."""
 
 import time
+from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, TypeVar
 
 from cadtof_cli.arrays import Stored
 from cadtof_cli.capture.frames import FrameLayout, FrameSource, NotAFrameError
 from cadtof_cli.capture.reader import open_frames
 from cadtof_cli.errors import CadtofError, FrameError
 from cadtof_cli.execution.memory import keep_freed_memory
-from cadtof_cli.maps.layers import DepthMaps, empty_maps
+from cadtof_cli.maps.layers import DepthMaps, LayerChoice, empty_maps
 from cadtof_cli.maps.writer import write_maps
-from cadtof_cli.pipeline import FramePlan, resolve_frame
+from cadtof_cli.phasors.averaging import FrameMean, frame_mean
+from cadtof_cli.pipeline import FramePlan, ResolvedFrame, resolve_frame
 from cadtof_cli.resolver.status import count_status
+
+Result = TypeVar("Result")
 
 FrameStatus = Literal["ok", "failed", "skipped"]
 
 
 @dataclass(frozen=True)
 class FrameTask:
-    """A frame to resolve. `pixels` is the (Y, X) that the capture's frames have; `token` marks temporary files."""
+    """A frame to resolve, or several whose mean is.
 
-    source: FrameSource
+    `pixels` is the (Y, X) that the capture's frames have; `token` marks temporary files.
+    """
+
+    sources: tuple[FrameSource, ...]
     layout: FrameLayout
     plan: FramePlan
     pixels: tuple[int, int] | None
@@ -43,6 +50,7 @@ class FrameReport:
     seconds: float
     one_path: int | None = None
     two_paths: int | None = None
+    more_paths: int | None = None
     invalid: int | None = None
 
     def as_json(self) -> dict[str, Any]:
@@ -54,17 +62,26 @@ def resolve_file(task: FrameTask, /) -> FrameReport:
     """Read, resolve and write one frame. Whatever is wrong with it becomes a report, never an exception."""
     keep_freed_memory()
     began = time.monotonic()
-    source = str(task.source)
+
+    def resolve() -> FrameReport:
+        frame = read_frame(task)
+        maps = reused_maps(*frame.mean.stored.shape[2:], task.plan.layers)
+        resolved = resolve_frame(frame.mean, plan=task.plan, maps=maps)
+        return written(task, resolved, left_out=frame.left_out, began=began)
+
+    return attempted(task, resolve, began=began)
+
+
+def attempted(task: FrameTask, work: Callable[[], Result], /, *, began: float) -> Result | FrameReport:
+    """Return what `work` on a frame returns, or a report of what kept it from returning."""
 
     def report(status: FrameStatus, reason: str) -> FrameReport:
-        return FrameReport(source, None, status, reason, _seconds_since(began))
+        return FrameReport(str(task.sources[0]), None, status, reason, seconds_since(began))
 
     if task.keep_existing and task.output.exists():
         return report("skipped", f"{task.output} exists already")
     try:
-        stored = _read(task)
-        resolved = resolve_frame(stored, plan=task.plan, maps=_reused_maps(*stored.shape[2:]))
-        write_maps(task.output, resolved.maps, token=task.token)
+        return work()
     except NotAFrameError as error:
         return report("skipped", str(error))
     except CadtofError as error:
@@ -73,38 +90,77 @@ def resolve_file(task: FrameTask, /) -> FrameReport:
         return report("failed", "not enough memory for a frame of this size: try fewer --jobs")
     except Exception as error:  # noqa: BLE001  (one frame's surprise must not cost the others)
         return report("failed", f"unexpected {type(error).__name__}: {error}; please report it with the frame")
+
+
+def written(task: FrameTask, resolved: ResolvedFrame, /, *, left_out: str | None, began: float) -> FrameReport:
+    """Write a frame's maps and return its report; `left_out` says which frames of a mean could not be read."""
+    write_maps(task.output, resolved.maps, token=task.token)
     counts = count_status(resolved.maps.status)
-    reason = None
+    reasons = [left_out] if left_out else []
     if resolved.noise_estimated:
-        reason = f"noise estimated from the frame: integration_length {resolved.integration_length:.4g}"
+        reasons.append(f"noise estimated from the frame: integration_length {resolved.integration_length:.4g}")
     return FrameReport(
-        source,
+        str(task.sources[0]),
         str(task.output),
         "ok",
-        reason,
-        _seconds_since(began),
+        "; ".join(reasons) or None,
+        seconds_since(began),
         counts.one_path,
         counts.two_paths,
+        counts.more_paths,
         counts.invalid,
     )
 
 
 @lru_cache(maxsize=1)
-def _reused_maps(height: int, width: int) -> DepthMaps:
+def reused_maps(height: int, width: int, layers: LayerChoice) -> DepthMaps:
     """Return this process's maps of that size: a frame's are written before the next frame's are computed."""
-    return empty_maps(height, width)
+    return empty_maps(height, width, layers=layers)
 
 
-def _read(task: FrameTask) -> Stored:
-    with open_frames(task.source, task.layout) as frames:
-        if task.source.index is None and frames.count != 1:
-            raise FrameError(f"{task.source}: found {frames.count} frames, expected one as in files of the same size")
-        stored: Stored = frames.read(task.source.index or 0)
+@dataclass(frozen=True)
+class ReadFrame:
+    """A task's frame, or the mean of its frames, and which of them could not be read (None: all could)."""
+
+    mean: FrameMean
+    left_out: str | None
+
+
+def read_frame(task: FrameTask, /) -> ReadFrame:
+    """Read a task's frame, or the mean of those of its frames that can be read.
+
+    Raises:
+        FrameError: none of them can be read, or has the size of the capture's first.
+    """
+    errors: list[FrameError] = []
+
+    def readable() -> Iterator[Stored]:
+        for position, source in enumerate(task.sources, start=1):
+            try:
+                yield _stored(task, source)
+            except FrameError as error:
+                errors.append(error)
+                if len(errors) == position == len(task.sources):
+                    raise errors[0] from None
+
+    if len(task.sources) == 1:
+        return ReadFrame(FrameMean.of_one(next(readable())), None)
+    mean = frame_mean(readable(), saturated_counts=task.plan.metadata.voltage.saturated_counts)
+    left_out = f"{len(errors)} of {len(task.sources)} frames left out of the mean: {errors[0]}" if errors else None
+    return ReadFrame(mean, left_out)
+
+
+def _stored(task: FrameTask, source: FrameSource) -> Stored:
+    with open_frames(source, task.layout) as frames:
+        if source.index is None and frames.count != 1:
+            raise FrameError(f"{source}: found {frames.count} frames, expected one as in files of the same size")
+        stored: Stored = frames.read(source.index or 0)
     if task.pixels is not None and stored.shape[2:] != task.pixels:
         found, expected = ("{1} × {0}".format(*size) for size in (stored.shape[2:], task.pixels))
-        raise FrameError(f"{task.source}: found {found} pixels, expected {expected} as in the capture's first frame")
+        raise FrameError(f"{source}: found {found} pixels, expected {expected} as in the capture's first frame")
     return stored
 
 
-def _seconds_since(began: float) -> float:
+def seconds_since(began: float, /) -> float:
+    """Return the seconds since a time of the monotonic clock."""
     return round(time.monotonic() - began, 6)

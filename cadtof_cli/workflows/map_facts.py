@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from cadtof_cli.capture.toml import FILE_NAME
 from cadtof_cli.errors import CadtofError
-from cadtof_cli.maps.layers import DIRECT_DEPTH, LAYER_UNITS, STATUS
+from cadtof_cli.maps.layers import DIRECT_DEPTH, STATUS, layer_unit
 from cadtof_cli.maps.reader import MAP_SUFFIXES, read_layers
 from cadtof_cli.resolver.status import StatusBit
 from cadtof_cli.workflows.run_record import RUN_FILE
@@ -88,4 +88,4 @@ def _describe(facts: MapFacts, layers: Mapping[str, NDArray[Any]]) -> None:
         finite = values[np.isfinite(values)]
         figures = (finite.min(), np.median(finite), finite.max()) if finite.size else (None, None, None)
         lowest, median, highest = (None if figure is None else float(figure) for figure in figures)
-        facts.layers[name] = LayerFacts(LAYER_UNITS.get(name, ""), lowest, median, highest, finite.size / values.size)
+        facts.layers[name] = LayerFacts(layer_unit(name), lowest, median, highest, finite.size / values.size)

@@ -1,7 +1,9 @@
 """`cadtof resolve`: captures in, one map file a frame out, with a record of the run beside them."""
 
+import itertools
+import math
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -20,6 +22,7 @@ from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.workflows.frame_task import FrameReport, FrameTask, resolve_file
 from cadtof_cli.workflows.plan import require_known_volts
 from cadtof_cli.workflows.run_record import RunRecord, prepare_output
+from cadtof_cli.workflows.split_frames import resolve_split, worth_splitting
 
 MapFormat = Literal["exr", "tif", "same"]
 
@@ -33,6 +36,8 @@ class ResolveSettings:
     out: Path
     resolver: ResolverSettings = field(default_factory=ResolverSettings)
     depth: DepthKind = "range"
+    pool: int = 1
+    average: int = 1
     map_format: MapFormat = "same"
     jobs: int = field(default_factory=available_cores)
     start_method: StartMethod = field(default_factory=default_start_method)
@@ -58,6 +63,7 @@ class RunTotals:
     skipped: int = 0
     one_path: int = 0
     two_paths: int = 0
+    more_paths: int = 0
     invalid: int = 0
     seconds: float = 0.0
 
@@ -65,7 +71,7 @@ class RunTotals:
         """Count one more frame."""
         self.frames += 1
         setattr(self, report.status, getattr(self, report.status) + 1)
-        for name in ("one_path", "two_paths", "invalid"):
+        for name in ("one_path", "two_paths", "more_paths", "invalid"):
             setattr(self, name, getattr(self, name) + (getattr(report, name) or 0))
 
 
@@ -100,7 +106,16 @@ def resolve_captures(
         CadtofError: nothing can be resolved: an input, the metadata, the settings or the output folder is at fault.
     """
     captures = find_captures(inputs, overrides=overrides)
-    plans = [FramePlan(metadata=c.source.metadata, resolver=settings.resolver, depth=settings.depth) for c in captures]
+    plans = [
+        FramePlan(
+            metadata=capture.source.metadata,
+            resolver=settings.resolver,
+            depth=settings.depth,
+            pool=settings.pool,
+            average=settings.average,
+        )
+        for capture in captures
+    ]
     for capture in captures:
         require_known_volts(capture)
     prepare_output(captures, settings.out, arguments=arguments, overwrite=settings.overwrite, resume=settings.resume)
@@ -108,8 +123,13 @@ def resolve_captures(
         _note_defaults(capture, progress.on_note)
     totals, began, token = RunTotals(), time.monotonic(), uuid4().hex[:8]
     tasks = _tasks(captures, plans, settings, progress, token)
-    outcomes = run_ordered(resolve_file, tasks, jobs=settings.jobs, start_method=settings.start_method)
-    record = RunRecord(settings.out, arguments=arguments, captures=captures)
+    jobs, start_method = settings.jobs, settings.start_method
+    if _are_worth_splitting(captures, plans, settings):
+        outcomes = resolve_split(tasks, jobs=jobs, start_method=start_method)
+    else:
+        outcomes = run_ordered(resolve_file, tasks, jobs=jobs, start_method=start_method)
+    layers = {name: unit for plan in plans for name, unit in plan.layers.units.items()}
+    record = RunRecord(settings.out, arguments=arguments, captures=captures, layers=layers)
     try:
         with record.opened(append=settings.resume), closing(outcomes):
             for outcome in outcomes:
@@ -128,24 +148,47 @@ def _tasks(
     captures: Sequence[Capture], plans: Sequence[FramePlan], settings: ResolveSettings, progress: Progress, token: str
 ) -> Iterator[FrameTask]:
     """Yield the run's tasks; they are drawn as places for them come free."""
-    total = sum(len(capture.frames) for capture in captures)
+    total = _task_count(captures, settings)
     progress.on_total(total)
     for capture, plan in zip(captures, plans, strict=True):
         layout, pixels = capture.layout, first_pixels(capture)
-        known = len(capture.frames)
-        for count, source in enumerate(single_frames(capture), start=1):
+        known = -(-len(capture.frames) // settings.average)
+        for count, sources in enumerate(_groups(single_frames(capture), settings.average), start=1):
             if count > known:
                 known, total = count, total + 1
                 progress.on_total(total)
             yield FrameTask(
-                source,
+                sources,
                 layout,
                 plan,
                 pixels,
-                settings.out / f"{source.name}{_suffix(source, settings.map_format)}",
+                settings.out / f"{sources[0].name}{_suffix(sources[0], settings.map_format)}",
                 keep_existing=settings.resume,
                 token=token,
             )
+
+
+def _groups(sources: Iterable[FrameSource], size: int) -> Iterator[tuple[FrameSource, ...]]:
+    """Yield consecutive frames by `size`; the last group holds what is left."""
+    waiting = iter(sources)
+    while group := tuple(itertools.islice(waiting, size)):
+        yield group
+
+
+def _task_count(captures: Iterable[Capture], settings: ResolveSettings) -> int:
+    """Return how many maps there will be, as far as the files' names tell."""
+    return sum(-(-len(capture.frames) // settings.average) for capture in captures)
+
+
+def _are_worth_splitting(captures: Sequence[Capture], plans: Sequence[FramePlan], settings: ResolveSettings) -> bool:
+    tasks = _task_count(captures, settings)
+    if tasks >= settings.jobs:
+        return False
+    seconds = [
+        plan.expected_seconds(math.prod(first_pixels(capture) or (0,)))
+        for capture, plan in zip(captures, plans, strict=True)
+    ]
+    return worth_splitting(tasks, settings.jobs, max(seconds))
 
 
 def _suffix(source: FrameSource, map_format: MapFormat) -> str:
@@ -157,7 +200,7 @@ def _suffix(source: FrameSource, map_format: MapFormat) -> str:
 def _report(outcome: Outcome[FrameTask, FrameReport]) -> FrameReport:
     if isinstance(outcome.result, WorkerDied):
         reason = "the worker process died twice on this frame (killed, or out of memory): try fewer --jobs"
-        return FrameReport(str(outcome.task.source), None, "failed", reason, 0.0)
+        return FrameReport(str(outcome.task.sources[0]), None, "failed", reason, 0.0)
     return outcome.result
 
 

@@ -16,7 +16,6 @@ from cadtof_cli.capture.discovery import Capture
 from cadtof_cli.capture.toml import FILE_NAME as CAPTURE_FILE
 from cadtof_cli.errors import OutputError
 from cadtof_cli.maps.files import make_folder, remove_partial_files, write_json
-from cadtof_cli.maps.layers import LAYER_UNITS
 from cadtof_cli.resolver.status import MEANING
 from cadtof_cli.workflows.frame_task import FrameReport
 
@@ -100,7 +99,9 @@ def _check_same_settings(path: Path, arguments: Mapping[str, Any]) -> None:
 class RunRecord:
     """The record of one run, kept while it goes on: whatever ends it, what was finished is on disk."""
 
-    def __init__(self, out: Path, /, *, arguments: Mapping[str, Any], captures: Sequence[Capture]) -> None:
+    def __init__(
+        self, out: Path, /, *, arguments: Mapping[str, Any], captures: Sequence[Capture], layers: Mapping[str, str]
+    ) -> None:
         self._out = out
         self._lines: FileIO | None = None
         self._resolved_before: frozenset[str] = frozenset()
@@ -111,7 +112,7 @@ class RunRecord:
             "arguments": dict(arguments),
             "captures": [_capture_record(capture) for capture in captures],
             "calibration": None,
-            "layers": dict(LAYER_UNITS),
+            "layers": dict(layers),
             "status_bits": {bit.name: int(bit) for bit in MEANING},
         }
 

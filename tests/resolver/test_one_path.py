@@ -8,7 +8,7 @@ from cadtof_cli.capture.metadata import CaptureMetadata
 from cadtof_cli.resolver.closed_form import fundamental_frame
 from cadtof_cli.resolver.noise import NoiseModel, noise_model
 from cadtof_cli.resolver.one_path import OnePath, one_path
-from cadtof_cli.resolver.order import second_path_threshold, signal_threshold
+from cadtof_cli.resolver.order import chi_squared_threshold
 from tests.support.forward import Light, phasors_of
 
 
@@ -27,7 +27,7 @@ def test_the_misfit_of_one_path_is_chi_squared_with_two_degrees_of_freedom(asr: 
     chi_squared = fit(Light(asr), n_av, 40_000, steps=steps).chi_squared
     assert chi_squared.mean() == pytest.approx(2.0, abs=0.05)
     for false_alarm in (0.1, 0.01):
-        share = np.mean(chi_squared > second_path_threshold(false_alarm))
+        share = np.mean(chi_squared > chi_squared_threshold(false_alarm, pairs=1))
         assert share == pytest.approx(false_alarm, abs=4 * math.sqrt(false_alarm / 40_000))
 
 
@@ -84,8 +84,8 @@ def test_nan_stays_nan_and_inputs_stay_as_they_were() -> None:
 
 @pytest.mark.parametrize("false_alarm", [0.3, 0.01, 1e-6])
 def test_thresholds_are_quantiles_of_chi_squared(false_alarm: float) -> None:
-    assert second_path_threshold(false_alarm) == pytest.approx(stats.chi2.isf(false_alarm, 2), rel=1e-12)
+    assert chi_squared_threshold(false_alarm, pairs=1) == pytest.approx(stats.chi2.isf(false_alarm, 2), rel=1e-12)
     for harmonics in (1, 2, 4):
         expected = stats.chi2.isf(false_alarm, 2 * harmonics)
-        assert signal_threshold(false_alarm, harmonics=harmonics) == pytest.approx(expected, rel=1e-9)
-    assert second_path_threshold(0.01) == pytest.approx(9.21, abs=0.005)
+        assert chi_squared_threshold(false_alarm, pairs=harmonics) == pytest.approx(expected, rel=1e-9)
+    assert chi_squared_threshold(0.01, pairs=1) == pytest.approx(9.21, abs=0.005)

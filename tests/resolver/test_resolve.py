@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 from cadtof_cli.capture.metadata import CaptureMetadata
 from cadtof_cli.errors import SettingsError
 from cadtof_cli.resolver.noise import noise_model
-from cadtof_cli.resolver.resolve import ResolvedPaths, resolve_paths
+from cadtof_cli.resolver.paths import ResolvedPaths
+from cadtof_cli.resolver.resolve import resolve_paths
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.resolver.status import MEANING, StatusBit, count_status, describe_status
 from tests.support.forward import Light, ns_from_rad, phasors_of
@@ -194,7 +195,7 @@ def test_inputs_are_not_changed() -> None:
         ({"false_alarm": 0.0}, "--false-alarm: found 0.0"),
         ({"min_return_ratio": -0.1}, "--min-return-ratio: found -0.1, expected 0 to 1"),
         ({"min_confidence_v": float("nan")}, "--min-confidence: found nan, expected a voltage"),
-        ({"solver": "one-path", "order": "2"}, "cannot give --order 2"),
+        ({"solver": "one-path", "order": "2"}, "--order: found '2', expected one of auto, 1 with --solver one-path"),
     ],
 )
 def test_impossible_settings_are_refused(options: dict[str, Any], words: str) -> None:

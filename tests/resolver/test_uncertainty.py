@@ -64,11 +64,13 @@ def test_predicted_sigma_holds_where_the_noise_is_far_from_white(light: Light) -
 
 def test_white_noise_gives_the_formula_of_the_bound() -> None:
     sigma, a, b = 1e-3, 0.4, 0.1
-    white = HarmonicNoise(averaging=0.0, pulse=1.0, pulse_double=1.0, floor=sigma**2)
+    first, second = (
+        HarmonicNoise(harmonic=h, averaging=0.0, pulse=1.0, pulse_double=1.0, floor=sigma**2) for h in (1, 2)
+    )
     gap = np.linspace(0.2, 2 * np.pi - 0.2, 40)
     p = [a + b * np.exp(1j * h * gap) for h in (1, 2)]
     paths = two_paths(fundamental_frame(*p))
-    x, y = two_path_sigmas(paths, noise=NoiseModel((white, white), np.inf, estimated=False))
+    x, y = two_path_sigmas(paths, noise=NoiseModel((first, second), np.inf, estimated=False))
     c = np.cos(gap)
     bound = sigma * np.sqrt(13 + 20 * c + 12 * c**2) / (2 * (1 - c) * (2 + c))
     strong = paths.a > paths.b
