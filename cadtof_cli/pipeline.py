@@ -3,20 +3,24 @@
 import math
 from dataclasses import dataclass
 from functools import lru_cache
+from pathlib import Path
 from typing import Literal
 
 import numpy as np
 
 from cadtof_cli.arrays import Stored
+from cadtof_cli.calibration.frame import FrameCorrection, frame_correction
+from cadtof_cli.calibration.store import cached_calibration
 from cadtof_cli.capture.metadata import CaptureMetadata
 from cadtof_cli.errors import FrameError, SettingsError
 from cadtof_cli.maps.depth import DepthScale, write_paths
 from cadtof_cli.maps.geometry import planar_per_range
 from cadtof_cli.maps.layers import DepthMaps, empty_maps
-from cadtof_cli.phasors.voltages import PhasorScale, phasor_scale, phasors_from_voltages, saturated_pixels
+from cadtof_cli.phasors.voltages import PhasorScale, phasor_scale, saturated_pixels
 from cadtof_cli.resolver.noise import NoiseModel, estimated_integration_length, noise_model
 from cadtof_cli.resolver.resolve import resolve_paths
 from cadtof_cli.resolver.settings import ResolverSettings
+from cadtof_cli.resolver.status import StatusBit
 from cadtof_cli.units import metres_per_radian
 
 DepthKind = Literal["range", "z"]
@@ -27,6 +31,18 @@ BLOCK_PIXELS = 8192
 """Pixels a block: 64 KiB a float64 plane, so that a block's planes stay in cache and numpy's cost a call stays small."""
 
 
+@dataclass(frozen=True)
+class CalibrationUse:
+    """A calibration folder and its digest: what crosses to a worker, which reads the folder once.
+
+    `curved` is false where the ranges are to stay as the lens makes them.
+    """
+
+    folder: Path
+    digest: str
+    curved: bool = True
+
+
 @dataclass(frozen=True, kw_only=True)
 class FramePlan:
     """All that decides what a frame's maps are, besides its pixels."""
@@ -34,6 +50,7 @@ class FramePlan:
     metadata: CaptureMetadata
     resolver: ResolverSettings
     depth: DepthKind = "range"
+    calibration: CalibrationUse | None = None
     block_pixels: int = BLOCK_PIXELS
 
     def __post_init__(self) -> None:
@@ -51,6 +68,7 @@ class _Stages:
     """What every block of frames of one plan, type and size shares."""
 
     phasors: PhasorScale
+    correction: FrameCorrection
     depth: DepthScale
 
 
@@ -67,10 +85,17 @@ class ResolvedFrame:
 def _stages(plan: FramePlan, dtype: np.dtype[np.generic], height: int, width: int) -> _Stages:
     metadata = plan.metadata
     planar = planar_per_range(metadata.optics, height, width).ravel() if plan.depth == "z" else None
-    return _Stages(
-        phasor_scale(metadata, dtype),
-        DepthScale(metres_per_radian(metadata.modulation.periods_ns[0]), metadata.modulation.amplitude_v, planar),
+    use = plan.calibration
+    calibration = cached_calibration(use.folder, use.digest) if use else None
+    scale = phasor_scale(metadata, dtype)
+    correction = frame_correction(calibration, metadata, scale, (height, width))
+    depth = DepthScale(
+        metres_per_radian(metadata.modulation.periods_ns[0]),
+        metadata.modulation.amplitude_v,
+        planar,
+        correction.range_offset_m if use and use.curved else None,
     )
+    return _Stages(scale, correction, depth)
 
 
 def resolve_frame(stored: Stored, /, *, plan: FramePlan) -> ResolvedFrame:
@@ -95,7 +120,7 @@ def frame_noise(stored: Stored, /, *, plan: FramePlan) -> NoiseModel:
     height, width = stored.shape[2:]
     stages = _stages(plan, stored.dtype, height, width)
     planes = stored.reshape(*stored.shape[:2], -1)
-    phasors = phasors_from_voltages(planes, scale=stages.phasors)
+    phasors = stages.correction.phasors(planes, slice(None))
     phasors[:, saturated_pixels(planes, scale=stages.phasors)] = np.nan
     estimate = estimated_integration_length(phasors.reshape(-1, height, width))
     if math.isnan(estimate):
@@ -112,13 +137,19 @@ def resolve_pixels(stored: Stored, /, *, plan: FramePlan, noise: NoiseModel, map
     height, width = stored.shape[2:]
     stages = _stages(plan, stored.dtype, height, width)
     planes = stored.reshape(*stored.shape[:2], -1)
+    correction = stages.correction
     for start in range(0, height * width, plan.block_pixels):
-        block = planes[:, :, start : start + plan.block_pixels]
+        pixels = slice(start, start + plan.block_pixels)
+        block = planes[:, :, pixels]
         paths = resolve_paths(
-            phasors_from_voltages(block, scale=stages.phasors),
+            correction.phasors(block, pixels),
             saturated=saturated_pixels(block, scale=stages.phasors),
             settings=plan.resolver,
             noise=noise,
             amplitude_v=stages.phasors.amplitude_v,
+            response=correction.response.block(pixels) if correction.response else None,
+            hot=None if correction.hot is None else correction.hot[pixels],
         )
         write_paths(paths, scale=stages.depth, maps=maps, start=start)
+    if plan.calibration is not None:
+        np.bitwise_or(maps.status, np.uint32(StatusBit.CALIBRATED), out=maps.status)

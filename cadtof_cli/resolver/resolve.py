@@ -10,6 +10,8 @@ from cadtof_cli.resolver.closed_form import FundamentalFrame, TwoPaths, fundamen
 from cadtof_cli.resolver.noise import NoiseModel
 from cadtof_cli.resolver.one_path import OnePath, one_path
 from cadtof_cli.resolver.order import second_path_threshold, signal_threshold
+from cadtof_cli.resolver.refine import RefinedPaths, refined_one_path, refined_two_paths
+from cadtof_cli.resolver.response_table import ResponseBlock
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.resolver.status import StatusBit
 from cadtof_cli.resolver.uncertainty import two_path_sigmas
@@ -49,12 +51,21 @@ class ResolvedPaths:
 
 
 def resolve_paths(
-    phasors: Complex, /, *, saturated: Bool, settings: ResolverSettings, noise: NoiseModel, amplitude_v: float
+    phasors: Complex,
+    /,
+    *,
+    saturated: Bool,
+    settings: ResolverSettings,
+    noise: NoiseModel,
+    amplitude_v: float,
+    response: ResponseBlock | None = None,
+    hot: Bool | None = None,
 ) -> ResolvedPaths:
     """Resolve every pixel of phasors (H, n) into one or two paths; inputs are not changed.
 
-    A pixel that is saturated, not finite or without a signal gets NaN and a status bit. Every pixel is computed alone, by the
-    same operations wherever it stands, so that blocks of any size give the same bits.
+    A pixel that is saturated, hot, not finite or without a signal gets NaN and a status bit. Every pixel is computed alone, by the
+    same operations wherever it stands, so that blocks of any size give the same bits. Where the channel pairs answer with
+    more than a sine, `response` says how, and the sine's answer is refined.
 
     Raises:
         SettingsError: the harmonics are not the fundamental and its double.
@@ -64,12 +75,14 @@ def resolve_paths(
     with np.errstate(all="ignore"):
         frame = fundamental_frame(phasors[0], phasors[1])
         status = np.where(saturated, np.uint32(StatusBit.SATURATED), np.uint32(0))
-        confidence = np.where(saturated, np.nan, frame.u)
+        if hot is not None:
+            status |= np.where(hot, np.uint32(StatusBit.HOT_PIXEL), np.uint32(0))
+        confidence = np.where(status != 0, np.nan, frame.u)
         status |= np.where(np.isfinite(phasors).all(axis=0), np.uint32(0), np.uint32(StatusBit.NOT_FINITE))
         low = _without_signal(frame, settings, noise, amplitude_v)
         status |= np.where(low & (status == 0), np.uint32(StatusBit.LOW_CONFIDENCE), np.uint32(0))
         answered = status == 0
-        direct, mpi = _paths(frame, settings, noise, status, answered)
+        direct, mpi = _paths(_Task(phasors, frame, settings, noise, response), status, answered)
         blank = ~answered
         if blank.any():
             for values in (direct.amplitude, direct.phase_rad, direct.sigma_rad):
@@ -92,27 +105,57 @@ def _without_signal(frame: FundamentalFrame, settings: ResolverSettings, noise: 
     return weak
 
 
-def _paths(
-    frame: FundamentalFrame, settings: ResolverSettings, noise: NoiseModel, status: Status, answered: Bool
-) -> tuple[Path, Path]:
+@dataclass(frozen=True)
+class _Task:
+    """What the paths of a block follow from."""
+
+    phasors: Complex
+    frame: FundamentalFrame
+    settings: ResolverSettings
+    noise: NoiseModel
+    response: ResponseBlock | None
+
+    def one(self, steps: int) -> OnePath:
+        """Return the best single path; from the sine's, a full response needs one step more."""
+        fit = one_path(self.frame, noise=self.noise, steps=steps)
+        if self.response is None:
+            return fit
+        return refined_one_path(fit, self.phasors, response=self.response, noise=self.noise, steps=steps + 1)
+
+    def two(self, wanted: Bool) -> RefinedPaths:
+        """Return two paths, exact in the wanted pixels."""
+        start = two_paths(self.frame)
+        if self.response is None:
+            return RefinedPaths(start, np.zeros(wanted.shape, np.bool_))
+        return refined_two_paths(
+            start, self.phasors, wanted & ~start.single, response=self.response, noise=self.noise
+        )
+
+
+def _paths(task: _Task, status: Status, answered: Bool) -> tuple[Path, Path]:
     """Return the direct and the MPI path, and mark in `status` how many there are."""
+    settings, noise = task.settings, task.noise
     if settings.max_paths == 1:
         status |= np.where(answered, np.uint32(StatusBit.ONE_PATH), np.uint32(0))
-        single = _only_path(one_path(frame, noise=noise, steps=ONE_PATH_STEPS))
-        nothing = np.full_like(frame.u, np.nan)
+        single = _only_path(task.one(ONE_PATH_STEPS))
+        nothing = np.full_like(task.frame.u, np.nan)
         return single, Path(nothing, nothing.copy(), nothing.copy())
-    two = two_paths(frame)
+    has_two = answered.copy()
+    if settings.order == "auto":
+        alone = task.one(ORDER_TEST_STEPS)
+        has_two &= alone.chi_squared > second_path_threshold(settings.false_alarm)
+    refined = task.two(has_two)
+    two = refined.paths
+    has_two &= ~two.single
     x, y = _both_paths(two, noise)
     direct, mpi = _direct_and_mpi(x, y, settings)
-    has_two = ~two.single
     if settings.order == "auto":
-        alone = one_path(frame, noise=noise, steps=ORDER_TEST_STEPS)
-        has_two &= alone.chi_squared > second_path_threshold(settings.false_alarm)
         direct = _where(has_two, direct, _only_path(alone))
     mpi = _where(has_two, mpi, Path(*(np.float64(np.nan),) * 3))
     doubtful = has_two & (np.maximum(x.sigma_rad, y.sigma_rad) > np.abs(two.sin_half))
     bits = np.where(has_two, np.uint32(StatusBit.TWO_PATHS), np.uint32(StatusBit.ONE_PATH))
-    bits |= np.where(doubtful, np.uint32(StatusBit.ILL_CONDITIONED), np.uint32(0))
+    for marked, bit in ((doubtful, StatusBit.ILL_CONDITIONED), (refined.failed, StatusBit.NOT_CONVERGED)):
+        bits |= np.where(marked, np.uint32(bit), np.uint32(0))
     status |= np.where(answered, bits, np.uint32(0))
     return direct, mpi
 

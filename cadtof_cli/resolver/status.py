@@ -18,6 +18,8 @@ class StatusBit(IntFlag):
     TWO_PATHS = 16
     ILL_CONDITIONED = 32
     CALIBRATED = 64
+    NOT_CONVERGED = 128
+    HOT_PIXEL = 256
 
 
 MEANING: dict[StatusBit, str] = {
@@ -28,6 +30,8 @@ MEANING: dict[StatusBit, str] = {
     StatusBit.TWO_PATHS: "resolved as two paths",
     StatusBit.ILL_CONDITIONED: "a predicted standard deviation exceeds half the separation of the paths: sigma is a lower bound",
     StatusBit.CALIBRATED: "a calibration was applied",
+    StatusBit.NOT_CONVERGED: "the iteration did not meet the equations of the response: depths are its best attempt",
+    StatusBit.HOT_PIXEL: "the dark calibration found the pixel hot, noisy or dead; no answer",
 }
 
 
