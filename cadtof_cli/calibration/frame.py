@@ -13,7 +13,7 @@ from cadtof_cli.capture.metadata import CaptureMetadata
 from cadtof_cli.phasors.correction import PixelCorrection, corrected_phasors, pixel_correction
 from cadtof_cli.phasors.response import ideal_response
 from cadtof_cli.phasors.voltages import PhasorScale, phasors_from_voltages
-from cadtof_cli.resolver.response_table import ResponseModel, response_tables
+from cadtof_cli.resolver.response_table import ResponseModel, response_model
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,8 +42,7 @@ def frame_correction(
         SettingsError: the calibration does not belong to the capture.
     """
     if calibration is None:
-        tables = response_tables(ideal_response(metadata))
-        return FrameCorrection(partial(_ideal_phasors, scale=scale), ResponseModel(tables) if tables else None)
+        return FrameCorrection(partial(_ideal_phasors, scale=scale), response_model(ideal_response(metadata), None))
     calibration.require_match(metadata, pixels)
     dark, response = calibration.dark, calibration.response
     responses = response.responses if response else ideal_response(metadata)
@@ -59,11 +58,10 @@ def frame_correction(
         gain=response.gain.reshape(-1, count) if response else None,
         pixels=count,
     )
-    tables = response_tables(responses)
     hot = dark.hot.ravel() if dark is not None and dark.hot.any() else None
     return FrameCorrection(
         partial(_corrected, correction=correction),
-        ResponseModel(tables, phase) if tables else None,
+        response_model(responses, phase),
         hot,
         _range_offset(calibration, metadata, pixels),
     )

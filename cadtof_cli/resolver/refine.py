@@ -2,21 +2,25 @@
 
 p_h = Σ_paths a·f_h(x), with f_h tabulated. Subtracting the higher terms again and again does not converge for triangles
 (their third harmonic changes four times as fast as the phase it disturbs, by a ninth of the amplitude); Newton's steps do.
+Single precision throughout: its rounding is far below the noise of any frame, and it halves the time.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cadtof_cli.arrays import Bool, Complex, Float
-from cadtof_cli.resolver.closed_form import TwoPaths
+from cadtof_cli.arrays import Bool, Complex, Float32
+from cadtof_cli.resolver.closed_form import TwoPaths, fundamental_frame, two_paths
 from cadtof_cli.resolver.noise import NoiseModel
 from cadtof_cli.resolver.one_path import OnePath
-from cadtof_cli.resolver.response_table import ResponseBlock
+from cadtof_cli.resolver.response_table import STAGES, Answer, ResponseBlock
 
-TWO_PATH_STEPS = 8
-"""Most steps a pixel gets, halvings among them; two or three are what it takes."""
+MOST_STEPS = 6
+"""Most steps a pixel gets from one start, halvings among them; two or three are what it takes."""
+
+STAGE_STEPS = 3
+"""Steps at each stage but the last, on the way from a sine to the response."""
 
 LARGEST_TURN = 0.4
 """Most that one step may turn a path, in rad: a third of the way between neighbouring extremes of a triangle's slope."""
@@ -24,8 +28,8 @@ LARGEST_TURN = 0.4
 TOLERANCE = 0.03
 """A pixel has converged when what is left of its equations is this share of the noise …"""
 
-ROUNDING = 1e-6
-"""… or, for noise-free frames, this share of its phasors: the tables' accuracy."""
+ROUNDING = 2e-6
+"""… or, for noise-free frames, this share of its phasors: the rounding of single precision."""
 
 _EVERYWHERE = slice(None)
 
@@ -45,55 +49,67 @@ def refined_one_path(
         phasors: complex128 (2, n), normalised.
         response: of the same pixels.
         noise: of the phasors.
-        steps: Gauss–Newton steps.
+        steps: Gauss–Newton steps, 1 or more.
     """
     observed = response.observed(phasors)
-    amplitude, phase = start.amplitude, np.arctan2(start.sin, start.cos)
-    chi_squared = sigma = np.empty_like(amplitude)
+    amplitude, phase = start.amplitude.astype(np.float32), _angle(start.cos, start.sin)
+    tiny = np.finfo(np.float32).tiny
     for _ in range(steps):
         step = _one_path_step(amplitude, phase, observed, response, noise)
-        sigma = step.spread / np.maximum(amplitude, np.finfo(np.float64).tiny)
-        turn = np.clip(step.turn / np.maximum(amplitude, np.finfo(np.float64).tiny), -LARGEST_TURN, LARGEST_TURN)
-        phase = phase + turn
+        inverse = 1.0 / np.maximum(amplitude, tiny)
+        sigma = step.spread * inverse
+        phase = phase + np.clip(step.turn * inverse, -LARGEST_TURN, LARGEST_TURN)
         amplitude = np.maximum(amplitude + step.growth, 0.0)
-        chi_squared = step.chi_squared
-    return OnePath(amplitude, np.cos(phase), np.sin(phase), sigma, chi_squared)
+    return OnePath(
+        amplitude.astype(np.float64),
+        np.cos(phase, dtype=np.float64),
+        np.sin(phase, dtype=np.float64),
+        sigma.astype(np.float64),
+        step.chi_squared.astype(np.float64),
+    )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class _OnePathStep:
     """Changes of amplitude and of amplitude × phase, the latter's standard deviation, and χ² after the step: (n,) each."""
 
-    growth: Float
-    turn: Float
-    spread: Float
-    chi_squared: Float
+    growth: Float32
+    turn: Float32
+    spread: Float32
+    chi_squared: Float32
 
 
 def _one_path_step(
-    amplitude: Float, phase: Float, observed: Complex, response: ResponseBlock, noise: NoiseModel
+    amplitude: Float32,
+    phase: Float32,
+    observed: tuple[tuple[Float32, Float32], ...],
+    response: ResponseBlock,
+    noise: NoiseModel,
 ) -> _OnePathStep:
-    n11 = n12 = n22 = g1 = g2 = chi = np.float64(0.0)
+    """Return one Gauss–Newton step; each harmonic's equations are turned so that its answer is real."""
+    n11, n12, n22, g1, g2, chi = np.zeros((6, amplitude.size), np.float32)
     for row, harmonic in enumerate(noise.harmonics):
-        value, slope = response.at(row, phase, _EVERYWHERE)
-        modulus = np.sqrt(value.real**2 + value.imag**2)
-        back = np.conj(value) / modulus
-        left = (observed[row] - amplitude * value) * back
-        column = slope * back
+        f = response.at(row, phase, _EVERYWHERE)
+        re, im = observed[row]
+        left_re, left_im = re - amplitude * f.re, im - amplitude * f.im
+        modulus = np.sqrt(f.re * f.re + f.im * f.im)
+        cos, sin = f.re / modulus, f.im / modulus
+        left_re, left_im = left_re * cos + left_im * sin, left_im * cos - left_re * sin
+        slope_re, slope_im = f.slope_re * cos + f.slope_im * sin, f.slope_im * cos - f.slope_re * sin
         along, across = harmonic.one_path_variances(amplitude)
         w_along, w_across = 1.0 / along, 1.0 / across
-        n11 = n11 + modulus * modulus * w_along
-        n12 = n12 + modulus * column.real * w_along
-        n22 = n22 + column.real**2 * w_along + column.imag**2 * w_across
-        g1 = g1 + modulus * left.real * w_along
-        g2 = g2 + column.real * left.real * w_along + column.imag * left.imag * w_across
-        chi = chi + left.real**2 * w_along + left.imag**2 * w_across
+        n11 += modulus * modulus * w_along
+        n12 += modulus * slope_re * w_along
+        n22 += slope_re * slope_re * w_along + slope_im * slope_im * w_across
+        g1 += modulus * left_re * w_along
+        g2 += slope_re * left_re * w_along + slope_im * left_im * w_across
+        chi += left_re * left_re * w_along + left_im * left_im * w_across
     scale = 1.0 / (n11 * n22 - n12 * n12)
     growth, turn = (n22 * g1 - n12 * g2) * scale, (n11 * g2 - n12 * g1) * scale
     return _OnePathStep(growth, turn, np.sqrt(n11 * scale), chi - growth * g1 - turn * g2)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class RefinedPaths:
     """Two paths under the full response; `failed` marks pixels whose equations were not met, bool (n,)."""
 
@@ -102,115 +118,180 @@ class RefinedPaths:
 
 
 def refined_two_paths(
-    start: TwoPaths, phasors: Complex, chosen: Bool, /, *, response: ResponseBlock, noise: NoiseModel
+    alone: OnePath, phasors: Complex, chosen: Bool, /, *, response: ResponseBlock, noise: NoiseModel
 ) -> RefinedPaths:
-    """Return two paths that meet the four exact equations in the chosen pixels; the others keep their start.
+    """Return two paths that meet the four exact equations in the chosen pixels; in the others, the sine's.
 
-    A step that does not bring a pixel closer is halved; a pixel is done, and costs nothing more, when what is left of its
-    equations is well below the noise. Those that are not done after `TWO_PATH_STEPS` keep their best and are marked.
+    The search starts from the closed form after the higher terms of the best single path have been subtracted. A step that
+    does not bring a pixel closer is halved; a pixel is done, and costs nothing more, when what is left of its equations is
+    well below the noise. Those that are not done are led from the sine's answer to the response's in `STAGES`. What
+    still is not done keeps its best and is marked.
 
     Args:
-        start: the sine's answer.
+        alone: the best single path.
         phasors: complex128 (2, n), normalised.
         chosen: bool (n,), pixels that have two paths.
         response: of the same n pixels.
         noise: of the phasors; it decides when a pixel is done.
     """
-    pixels = np.flatnonzero(chosen)
+    start = two_paths(fundamental_frame(*_sine_part(alone, phasors, response)))
+    pixels = np.flatnonzero(chosen & ~start.single)
     failed = np.zeros(chosen.shape, np.bool_)
     if not pixels.size:
         return RefinedPaths(start, failed)
-    observed = response.observed(phasors)
-    best = _Search(start, observed, pixels, response, noise).run()
-    failed[pixels] = ~best.done
-    a, x, b, y = best.state
-    values = (a, b, np.cos(x), np.sin(x), np.cos(y), np.sin(y), np.cos(0.5 * (x - y)), np.sin(0.5 * (x - y)))
-    names = ("a", "b", "cos_x", "sin_x", "cos_y", "sin_y", "cos_half", "sin_half")
-    changed = {name: getattr(start, name).copy() for name in names}
-    for name, refined in zip(names, values, strict=True):
-        changed[name][pixels] = refined
-    return RefinedPaths(replace(start, **changed), failed)
+    equations = _Equations(response, response.observed(phasors), noise)
+    found = _search(equations, _State.of(start, pixels), pixels, steps=MOST_STEPS)
+    again = np.flatnonzero(~found.done)
+    if again.size:
+        places = pixels[again]
+        turned = fundamental_frame(np.ascontiguousarray(phasors[0, places]), np.ascontiguousarray(phasors[1, places]))
+        led = _State.of(two_paths(turned), _EVERYWHERE)
+        for stage in range(len(STAGES)):
+            last = stage == len(STAGES) - 1
+            led = _search(equations, led, places, steps=MOST_STEPS if last else STAGE_STEPS, stage=stage)
+        better = led.misfit < found.misfit[again]
+        found.values[:, again[better]] = led.values[:, better]
+        found.done[again[better]] = led.done[better]
+    failed[pixels] = ~found.done
+    return RefinedPaths(found.put_into(start, pixels), failed)
 
 
-class _Search:
-    """The state of a block's search: a, x, b, y of every chosen pixel, and which of them are still going on."""
-
-    def __init__(
-        self, start: TwoPaths, observed: Complex, pixels: Index, response: ResponseBlock, noise: NoiseModel
-    ) -> None:
-        self._response, self._pixels = response, pixels
-        self._observed = observed[:, pixels]
-        self._weights = tuple(1.0 / harmonic.dark_variance for harmonic in noise.harmonics)
-        x = np.arctan2(start.sin_x[pixels], start.cos_x[pixels])
-        y = np.arctan2(start.sin_y[pixels], start.cos_y[pixels])
-        self.state = np.stack([start.a[pixels], x, start.b[pixels], y])
-        self.done = np.zeros(pixels.size, np.bool_)
-        power = sum(w * np.abs(p) ** 2 for w, p in zip(self._weights, self._observed, strict=True))
-        self._enough = np.maximum(TOLERANCE**2, ROUNDING**2 * np.asarray(power))
-
-    def run(self) -> "_Search":
-        """Search until every pixel is done or has had its steps."""
-        active = np.arange(self._pixels.size)
-        trial, step = self.state.copy(), np.zeros_like(self.state)
-        least = np.full(active.size, np.inf)
-        for _ in range(TWO_PATH_STEPS + 1):
-            fields = [self._fields(trial, row, active) for row in range(2)]
-            misfit = sum(w * np.abs(field.left) ** 2 for w, field in zip(self._weights, fields, strict=True))
-            better = ~(misfit >= least)
-            self.state[:, active[better]] = trial[:, better]
-            least = np.where(better, misfit, least)
-            self.done[active] = least <= self._enough[active]
-            step = np.where(better, _newton_step(fields[0], fields[1], trial), 0.5 * step)
-            going = ~self.done[active] & np.isfinite(step).all(axis=0)
-            active, step, least = active[going], step[:, going], least[going]
-            if not active.size:
-                break
-            trial = self.state[:, active] + step
-            np.maximum(trial[::2], 0.1 * self.state[::2, active], out=trial[::2])
-        return self
-
-    def _fields(self, state: Float, row: int, active: Index) -> "_Fields":
-        a, x, b, y = state
-        pixels = self._pixels[active]
-        fx, dx = self._response.at(row, x, pixels)
-        fy, dy = self._response.at(row, y, pixels)
-        return _Fields(fx, dx, fy, dy, self._observed[row, active] - a * fx - b * fy)
+def _sine_part(alone: OnePath, phasors: Complex, response: ResponseBlock) -> Complex:
+    """Return what phasors, (2, n), would be with k = 1 alone, if all light came by the best single path."""
+    phase = _angle(alone.cos, alone.sin)
+    cleaned = np.empty_like(phasors)
+    turn = alone.cos + 1j * alone.sin
+    for row in range(len(phasors)):
+        f = response.at(row, phase, _EVERYWHERE)
+        higher = f.re + 1j * f.im
+        if response.rotors is not None:
+            higher = higher * np.conj(response.rotors[row])
+        harmonic = response.stages[-1][row].harmonic
+        cleaned[row] = phasors[row] - alone.amplitude * (higher - turn**harmonic)
+    return cleaned
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+class _State:
+    """Amplitudes and phases of two paths: rows a, x, b, y of `values`, float32 (4, m); their misfit; whether it is done."""
+
+    values: Float32
+    misfit: Float32
+    done: Bool
+
+    @staticmethod
+    def of(paths: TwoPaths, pixels: Index | slice) -> "_State":
+        x = _angle(paths.cos_x[pixels], paths.sin_x[pixels])
+        y = _angle(paths.cos_y[pixels], paths.sin_y[pixels])
+        values = np.stack([paths.a[pixels], x, paths.b[pixels], y]).astype(np.float32)
+        return _State(values, np.full(x.shape, np.inf, np.float32), np.zeros(x.shape, np.bool_))
+
+    def put_into(self, paths: TwoPaths, pixels: Index) -> TwoPaths:
+        a, x, b, y = self.values.astype(np.float64)
+        half = 0.5 * (x - y)
+        values = (a, b, np.cos(x), np.sin(x), np.cos(y), np.sin(y), np.cos(half), np.sin(half))
+        planes = (paths.a, paths.b, paths.cos_x, paths.sin_x, paths.cos_y, paths.sin_y, paths.cos_half, paths.sin_half)
+        changed = []
+        for plane, refined in zip(planes, values, strict=True):
+            changed.append(plane.copy())
+            changed[-1][pixels] = refined
+        return TwoPaths(*changed, paths.single)
+
+
+@dataclass(frozen=True, eq=False)
+class _Equations:
+    """What the paths of a block must meet."""
+
+    response: ResponseBlock
+    observed: tuple[tuple[Float32, Float32], ...]
+    noise: NoiseModel
+
+    def weights(self) -> list[np.float32]:
+        return [np.float32(1.0 / harmonic.dark_variance) for harmonic in self.noise.harmonics]
+
+    def enough(self, pixels: Index) -> Float32:
+        """Return the misfit at which a pixel is done."""
+        power = np.zeros(pixels.size, np.float32)
+        for (re, im), weight in zip(self.observed, self.weights(), strict=True):
+            power += weight * (re[pixels] ** 2 + im[pixels] ** 2)
+        return np.maximum(np.float32(TOLERANCE**2), np.float32(ROUNDING**2) * power)
+
+    def fields(self, values: Float32, row: int, pixels: Index, stage: int) -> "_Fields":
+        a, x, b, y = values
+        fx = self.response.at(row, x, pixels, stage=stage)
+        fy = self.response.at(row, y, pixels, stage=stage)
+        re, im = self.observed[row]
+        return _Fields(fx, fy, re[pixels] - a * fx.re - b * fy.re, im[pixels] - a * fx.im - b * fy.im)
+
+
+@dataclass(frozen=True, eq=False)
 class _Fields:
-    """One harmonic's answer to either path, its derivatives by their phases, and what the paths leave: complex (n,)."""
+    """One harmonic's answer to either path, and what the paths leave of its phasor: float32 (m,)."""
 
-    fx: Complex
-    dx: Complex
-    fy: Complex
-    dy: Complex
-    left: Complex
+    x: Answer
+    y: Answer
+    left_re: Float32
+    left_im: Float32
 
-
-def _minor(p: Complex, q: Complex) -> Float:
-    """Return the determinant of the real 2 × 2 matrix whose columns are p and q."""
-    return np.asarray(p.real * q.imag - p.imag * q.real)
+    @property
+    def left2(self) -> Float32:
+        return self.left_re * self.left_re + self.left_im * self.left_im
 
 
-def _newton_step(first: _Fields, second: _Fields, state: Float) -> Float:
-    """Solve the four real equations for the changes of a, x, b, y, (4, n), by Laplace's expansion into 2 × 2 minors.
+def _search(equations: _Equations, start: _State, pixels: Index, *, steps: int, stage: int = -1) -> _State:
+    """Return the state after at most so many steps from the start."""
+    weights, enough = equations.weights(), equations.enough(pixels)
+    values, misfit, done = start.values.copy(), np.full(pixels.size, np.inf, np.float32), np.zeros(pixels.size, np.bool_)
+    active = np.arange(pixels.size)
+    trial, step, least = values, np.zeros_like(values), misfit
+    for count in range(steps + 1):
+        first, second = (equations.fields(trial, row, pixels[active], stage) for row in range(2))
+        left = weights[0] * first.left2 + weights[1] * second.left2
+        closer = ~(left >= least)
+        least = np.where(closer, left, least)
+        values[:, active] = np.where(closer, trial, values[:, active])
+        misfit[active] = least
+        finished = least <= enough[active]
+        done[active] = finished
+        if count == steps or finished.all():
+            break
+        step = np.where(closer, _newton_step(first, second, trial), np.float32(0.5) * step)
+        going = ~finished & np.isfinite(step).all(axis=0)
+        active, step, least = active[going], step[:, going], least[going]
+        trial = values[:, active] + step
+        np.maximum(trial[::2], np.float32(0.1) * values[::2, active], out=trial[::2])
+    return _State(values, misfit, done)
 
-    With columns A = f(x), B = f'(x), C = f(y), D = f'(y) in either harmonic, det(A, B, C, D) is the sum over pairs of columns
-    of a minor in the first harmonic times the complementary minor in the second.
+
+def _minors(fields: _Fields) -> tuple[Float32, ...]:
+    """Return the determinants of pairs of columns of one harmonic: ab, ac, ad, bc, bd, cd, then ra, rb, rc, rd.
+
+    The columns are the real and imaginary parts of A = f(x), B = f'(x), C = f(y), D = f'(y), and R, what is left.
     """
-    pairs = [
-        (_minor(f.fx, f.dx), _minor(f.fx, f.fy), _minor(f.fx, f.dy), _minor(f.dx, f.fy), _minor(f.dx, f.dy), _minor(f.fy, f.dy))
-        for f in (first, second)
-    ]
-    (ab1, ac1, ad1, bc1, bd1, cd1), (ab2, ac2, ad2, bc2, bd2, cd2) = pairs
-    ra1, rb1, rc1, rd1 = (_minor(first.left, column) for column in (first.fx, first.dx, first.fy, first.dy))
-    ra2, rb2, rc2, rd2 = (_minor(second.left, column) for column in (second.fx, second.dx, second.fy, second.dy))
-    with np.errstate(all="ignore"):
-        scale = 1.0 / (ab1 * cd2 - ac1 * bd2 + ad1 * bc2 + bc1 * ad2 - bd1 * ac2 + cd1 * ab2)
-        grow_a = rb1 * cd2 - rc1 * bd2 + rd1 * bc2 + bc1 * rd2 - bd1 * rc2 + cd1 * rb2
-        turn_x = -ra1 * cd2 - ac1 * rd2 + ad1 * rc2 + rc1 * ad2 - rd1 * ac2 - cd1 * ra2
-        grow_b = ab1 * rd2 + ra1 * bd2 - ad1 * rb2 - rb1 * ad2 + bd1 * ra2 + rd1 * ab2
-        turn_y = -ab1 * rc2 + ac1 * rb2 - ra1 * bc2 - bc1 * ra2 + rb1 * ac2 - rc1 * ab2
-        step = np.stack([grow_a, turn_x / state[0], grow_b, turn_y / state[2]]) * scale
-        return step * np.minimum(1.0, LARGEST_TURN / np.maximum(np.abs(step[1]), np.abs(step[3])))
+    x, y = fields.x, fields.y
+    a, b, c, d = (x.re, x.im), (x.slope_re, x.slope_im), (y.re, y.im), (y.slope_re, y.slope_im)
+    r = (fields.left_re, fields.left_im)
+    pairs = ((a, b), (a, c), (a, d), (b, c), (b, d), (c, d), (r, a), (r, b), (r, c), (r, d))
+    return tuple(p[0] * q[1] - p[1] * q[0] for p, q in pairs)
+
+
+def _newton_step(first: _Fields, second: _Fields, values: Float32) -> Float32:
+    """Solve the four real equations for the changes of a, x, b, y, (4, m).
+
+    By Cramer's rule, with determinants by Laplace's expansion: det(A, B, C, D) is the sum over pairs of columns of a
+    minor in the first harmonic times the complementary minor in the second, with alternating signs.
+    """
+    ab1, ac1, ad1, bc1, bd1, cd1, ra1, rb1, rc1, rd1 = _minors(first)
+    ab2, ac2, ad2, bc2, bd2, cd2, ra2, rb2, rc2, rd2 = _minors(second)
+    scale = 1.0 / (ab1 * cd2 - ac1 * bd2 + ad1 * bc2 + bc1 * ad2 - bd1 * ac2 + cd1 * ab2)
+    step = np.empty_like(values)
+    step[0] = (rb1 * cd2 - rc1 * bd2 + rd1 * bc2 + bc1 * rd2 - bd1 * rc2 + cd1 * rb2) * scale
+    step[1] = (ad1 * rc2 + rc1 * ad2 - ra1 * cd2 - ac1 * rd2 - rd1 * ac2 - cd1 * ra2) * scale / values[0]
+    step[2] = (ab1 * rd2 + ra1 * bd2 - ad1 * rb2 - rb1 * ad2 + bd1 * ra2 + rd1 * ab2) * scale
+    step[3] = (ac1 * rb2 - ab1 * rc2 - ra1 * bc2 - bc1 * ra2 + rb1 * ac2 - rc1 * ab2) * scale / values[2]
+    step *= np.minimum(1.0, LARGEST_TURN / np.maximum(np.abs(step[1]), np.abs(step[3])))
+    return step
+
+
+def _angle(cos: NDArray[np.float64], sin: NDArray[np.float64]) -> Float32:
+    return np.arctan2(sin.astype(np.float32), cos.astype(np.float32))

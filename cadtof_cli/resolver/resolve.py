@@ -122,14 +122,12 @@ class _Task:
             return fit
         return refined_one_path(fit, self.phasors, response=self.response, noise=self.noise, steps=steps + 1)
 
-    def two(self, wanted: Bool) -> RefinedPaths:
-        """Return two paths, exact in the wanted pixels."""
-        start = two_paths(self.frame)
+    def two(self, wanted: Bool, alone: OnePath | None) -> RefinedPaths:
+        """Return two paths, exact in the wanted pixels; `alone` is the best single path, where it is known already."""
         if self.response is None:
-            return RefinedPaths(start, np.zeros(wanted.shape, np.bool_))
-        return refined_two_paths(
-            start, self.phasors, wanted & ~start.single, response=self.response, noise=self.noise
-        )
+            return RefinedPaths(two_paths(self.frame), np.zeros(wanted.shape, np.bool_))
+        alone = alone or self.one(ORDER_TEST_STEPS)
+        return refined_two_paths(alone, self.phasors, wanted, response=self.response, noise=self.noise)
 
 
 def _paths(task: _Task, status: Status, answered: Bool) -> tuple[Path, Path]:
@@ -140,16 +138,16 @@ def _paths(task: _Task, status: Status, answered: Bool) -> tuple[Path, Path]:
         single = _only_path(task.one(ONE_PATH_STEPS))
         nothing = np.full_like(task.frame.u, np.nan)
         return single, Path(nothing, nothing.copy(), nothing.copy())
-    has_two = answered.copy()
+    has_two, alone = answered.copy(), None
     if settings.order == "auto":
         alone = task.one(ORDER_TEST_STEPS)
         has_two &= alone.chi_squared > second_path_threshold(settings.false_alarm)
-    refined = task.two(has_two)
+    refined = task.two(has_two, alone)
     two = refined.paths
     has_two &= ~two.single
     x, y = _both_paths(two, noise)
     direct, mpi = _direct_and_mpi(x, y, settings)
-    if settings.order == "auto":
+    if alone is not None:
         direct = _where(has_two, direct, _only_path(alone))
     mpi = _where(has_two, mpi, Path(*(np.float64(np.nan),) * 3))
     doubtful = has_two & (np.maximum(x.sigma_rad, y.sigma_rad) > np.abs(two.sin_half))
