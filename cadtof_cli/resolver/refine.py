@@ -19,8 +19,11 @@ from cadtof_cli.resolver.response_table import STAGES, Answer, ResponseBlock
 MOST_STEPS = 6
 """Most steps a pixel gets from one start, halvings among them; two or three are what it takes."""
 
-STAGE_STEPS = 3
-"""Steps at each stage but the last, on the way from a sine to the response."""
+STAGE_STEPS = 8
+"""Most steps at each stage on the way from a sine to the response."""
+
+STAGE_TOLERANCE = 10.0
+"""How much more than `TOLERANCE` may be left where the next stage moves the paths anyway."""
 
 LARGEST_TURN = 0.4
 """Most that one step may turn a path, in rad: a third of the way between neighbouring extremes of a triangle's slope."""
@@ -147,8 +150,7 @@ def refined_two_paths(
         turned = fundamental_frame(np.ascontiguousarray(phasors[0, places]), np.ascontiguousarray(phasors[1, places]))
         led = _State.of(two_paths(turned), _EVERYWHERE)
         for stage in range(len(STAGES)):
-            last = stage == len(STAGES) - 1
-            led = _search(equations, led, places, steps=MOST_STEPS if last else STAGE_STEPS, stage=stage)
+            led = _search(equations, led, places, steps=STAGE_STEPS, stage=stage)
         better = led.misfit < found.misfit[again]
         found.values[:, again[better]] = led.values[:, better]
         found.done[again[better]] = led.done[better]
@@ -241,6 +243,8 @@ class _Fields:
 def _search(equations: _Equations, start: _State, pixels: Index, *, steps: int, stage: int = -1) -> _State:
     """Return the state after at most so many steps from the start."""
     weights, enough = equations.weights(), equations.enough(pixels)
+    if stage not in {-1, len(STAGES) - 1}:
+        enough *= np.float32(STAGE_TOLERANCE**2)
     values, misfit, done = start.values.copy(), np.full(pixels.size, np.inf, np.float32), np.zeros(pixels.size, np.bool_)
     active = np.arange(pixels.size)
     trial, step, least = values, np.zeros_like(values), misfit
