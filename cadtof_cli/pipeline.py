@@ -30,6 +30,9 @@ DEPTH_KINDS: tuple[DepthKind, ...] = ("range", "z")
 BLOCK_PIXELS = 8192
 """Pixels a block: 64 KiB a float64 plane, so that a block's planes stay in cache and numpy's cost a call stays small."""
 
+REFINED_BLOCKS = 4
+"""Blocks at a time where paths are refined: few pixels take many steps, whose calls cost more than what cache would save."""
+
 
 @dataclass(frozen=True)
 class CalibrationUse:
@@ -138,8 +141,9 @@ def resolve_pixels(stored: Stored, /, *, plan: FramePlan, noise: NoiseModel, map
     stages = _stages(plan, stored.dtype, height, width)
     planes = stored.reshape(*stored.shape[:2], -1)
     correction = stages.correction
-    for start in range(0, height * width, plan.block_pixels):
-        pixels = slice(start, start + plan.block_pixels)
+    block_pixels = plan.block_pixels * (REFINED_BLOCKS if correction.response else 1)
+    for start in range(0, height * width, block_pixels):
+        pixels = slice(start, start + block_pixels)
         block = planes[:, :, pixels]
         paths = resolve_paths(
             correction.phasors(block, pixels),

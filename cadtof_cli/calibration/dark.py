@@ -160,8 +160,6 @@ def _median_ratio(frames: int) -> float:
     return float(chi2.median(frames - 1)) / (frames - 1)
 
 
-
-
 def defect_summary(counts: Mapping[str, int], /) -> str:
     """Return the counts as words."""
     found = [f"{count} {name.replace('_', ' ')}" for name, count in counts.items() if count]

@@ -81,6 +81,5 @@ def _ideal_phasors(stored: Stored, _block: slice, *, scale: PhasorScale) -> Comp
     return phasors_from_voltages(stored, scale=scale)
 
 
-
 def _corrected(stored: Stored, block: slice, *, correction: PixelCorrection) -> Complex:
     return corrected_phasors(stored, correction=correction, block=block)

@@ -104,9 +104,7 @@ class ResponseCalibration:
         return cls(
             origin,
             tuple(
-                HarmonicResponse(
-                    h, tuple((int(k), complex(re, im)) for k, re, im in tables[f"harmonic_{h}"]["terms"])
-                )
+                HarmonicResponse(h, tuple((int(k), complex(re, im)) for k, re, im in tables[f"harmonic_{h}"]["terms"]))
                 for h in origin.harmonics
             ),
             stacked(maps, plane_names("phase", origin.harmonics)),

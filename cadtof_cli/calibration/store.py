@@ -101,7 +101,9 @@ def require_absent(folder: Path, kind: PartKind, /, *, overwrite: bool) -> None:
     """
     path = folder / f"{kind}.toml"
     if path.exists() and not overwrite:
-        raise OutputError(f"{path}: there already; add --overwrite to replace this part, or choose another folder with -o")
+        raise OutputError(
+            f"{path}: there already; add --overwrite to replace this part, or choose another folder with -o"
+        )
 
 
 def load_calibration(folder: Path, /) -> Calibration:
@@ -186,7 +188,9 @@ def _document(part: Part) -> dict[str, dict[str, Any]]:
 
 
 def _comment(part: Part) -> str:
-    comment = f"# cadtof {part.kind} calibration; made by a program and checked by its digest, so not to be changed by hand"
+    comment = (
+        f"# cadtof {part.kind} calibration; made by a program and checked by its digest, so not to be changed by hand"
+    )
     return comment + (f"\n# its maps are in {part.kind}.exr" if part.maps() else "")
 
 

@@ -2,10 +2,10 @@
 
 p_h = Σ_paths a·f_h(x), with f_h tabulated. Subtracting the higher terms again and again does not converge for triangles
 (their third harmonic changes four times as fast as the phase it disturbs, by a ninth of the amplitude); Newton's steps do.
-Single precision throughout: its rounding is far below the noise of any frame, and it halves the time.
+The fit of one path is here; two paths are searched for in `search`, which is handed its starts from here.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +14,8 @@ from cadtof_cli.arrays import Bool, Complex, Float32
 from cadtof_cli.resolver.closed_form import TwoPaths, fundamental_frame, two_paths
 from cadtof_cli.resolver.noise import NoiseModel
 from cadtof_cli.resolver.one_path import OnePath
-from cadtof_cli.resolver.response_table import STAGES, Answer, ResponseBlock
+from cadtof_cli.resolver.response_table import STAGES, ResponseBlock
+from cadtof_cli.resolver.search import LARGEST_TURN, Equations, Index, SearchState, search
 
 MOST_STEPS = 6
 """Most steps a pixel gets from one start, halvings among them; two or three are what it takes."""
@@ -23,20 +24,9 @@ STAGE_STEPS = 8
 """Most steps at each stage on the way from a sine to the response."""
 
 STAGE_TOLERANCE = 10.0
-"""How much more than `TOLERANCE` may be left where the next stage moves the paths anyway."""
-
-LARGEST_TURN = 0.4
-"""Most that one step may turn a path, in rad: a third of the way between neighbouring extremes of a triangle's slope."""
-
-TOLERANCE = 0.03
-"""A pixel has converged when what is left of its equations is this share of the noise …"""
-
-ROUNDING = 2e-6
-"""… or, for noise-free frames, this share of its phasors: the rounding of single precision."""
+"""How much more may be left of the equations where the next stage moves the paths anyway."""
 
 _EVERYWHERE = slice(None)
-
-Index = NDArray[np.intp]
 
 
 def refined_one_path(
@@ -142,20 +132,43 @@ def refined_two_paths(
     failed = np.zeros(chosen.shape, np.bool_)
     if not pixels.size:
         return RefinedPaths(start, failed)
-    equations = _Equations(response, response.observed(phasors), noise)
-    found = _search(equations, _State.of(start, pixels), pixels, steps=MOST_STEPS)
+    equations = Equations.of(response, phasors, pixels, noise)
+    found = search(equations, _values(start, pixels), steps=MOST_STEPS)
     again = np.flatnonzero(~found.done)
     if again.size:
-        places = pixels[again]
-        turned = fundamental_frame(np.ascontiguousarray(phasors[0, places]), np.ascontiguousarray(phasors[1, places]))
-        led = _State.of(two_paths(turned), _EVERYWHERE)
-        for stage in range(len(STAGES)):
-            led = _search(equations, led, places, steps=STAGE_STEPS, stage=stage)
+        led = _led_by_stages(equations.chosen(again), phasors[:, pixels[again]])
         better = led.misfit < found.misfit[again]
-        found.values[:, again[better]] = led.values[:, better]
-        found.done[again[better]] = led.done[better]
+        found.put(again[better], SearchState(led.values[:, better], led.misfit[better], led.done[better]))
     failed[pixels] = ~found.done
-    return RefinedPaths(found.put_into(start, pixels), failed)
+    return RefinedPaths(_with(start, pixels, found.values), failed)
+
+
+def _led_by_stages(equations: Equations, phasors: Complex) -> SearchState:
+    """Return the state at the end of the stages, from the sine's answer."""
+    values = _values(two_paths(fundamental_frame(*np.ascontiguousarray(phasors))), _EVERYWHERE)
+    coarse = replace(equations, enough=equations.enough * np.float32(STAGE_TOLERANCE**2))
+    for stage in range(len(STAGES) - 1):
+        values = search(coarse, values, steps=STAGE_STEPS, stage=stage).values
+    return search(equations, values, steps=STAGE_STEPS)
+
+
+def _values(paths: TwoPaths, pixels: Index | slice) -> Float32:
+    """Return a, x, b, y of some pixels, (4, m)."""
+    x = _angle(paths.cos_x[pixels], paths.sin_x[pixels])
+    y = _angle(paths.cos_y[pixels], paths.sin_y[pixels])
+    return np.stack([paths.a[pixels], x, paths.b[pixels], y]).astype(np.float32)
+
+
+def _with(paths: TwoPaths, pixels: Index, values: Float32) -> TwoPaths:
+    """Return the paths with a, x, b, y of some pixels replaced."""
+    a, x, b, y = values.astype(np.float64)
+    half = 0.5 * (x - y)
+    refined = (a, b, np.cos(x), np.sin(x), np.cos(y), np.sin(y), np.cos(half), np.sin(half))
+    planes = (paths.a, paths.b, paths.cos_x, paths.sin_x, paths.cos_y, paths.sin_y, paths.cos_half, paths.sin_half)
+    changed = [plane.copy() for plane in planes]
+    for plane, new in zip(changed, refined, strict=True):
+        plane[pixels] = new
+    return TwoPaths(*changed, paths.single)
 
 
 def _sine_part(alone: OnePath, phasors: Complex, response: ResponseBlock) -> Complex:
@@ -171,130 +184,6 @@ def _sine_part(alone: OnePath, phasors: Complex, response: ResponseBlock) -> Com
         harmonic = response.stages[-1][row].harmonic
         cleaned[row] = phasors[row] - alone.amplitude * (higher - turn**harmonic)
     return cleaned
-
-
-@dataclass(frozen=True, eq=False)
-class _State:
-    """Amplitudes and phases of two paths: rows a, x, b, y of `values`, float32 (4, m); their misfit; whether it is done."""
-
-    values: Float32
-    misfit: Float32
-    done: Bool
-
-    @staticmethod
-    def of(paths: TwoPaths, pixels: Index | slice) -> "_State":
-        x = _angle(paths.cos_x[pixels], paths.sin_x[pixels])
-        y = _angle(paths.cos_y[pixels], paths.sin_y[pixels])
-        values = np.stack([paths.a[pixels], x, paths.b[pixels], y]).astype(np.float32)
-        return _State(values, np.full(x.shape, np.inf, np.float32), np.zeros(x.shape, np.bool_))
-
-    def put_into(self, paths: TwoPaths, pixels: Index) -> TwoPaths:
-        a, x, b, y = self.values.astype(np.float64)
-        half = 0.5 * (x - y)
-        values = (a, b, np.cos(x), np.sin(x), np.cos(y), np.sin(y), np.cos(half), np.sin(half))
-        planes = (paths.a, paths.b, paths.cos_x, paths.sin_x, paths.cos_y, paths.sin_y, paths.cos_half, paths.sin_half)
-        changed = []
-        for plane, refined in zip(planes, values, strict=True):
-            changed.append(plane.copy())
-            changed[-1][pixels] = refined
-        return TwoPaths(*changed, paths.single)
-
-
-@dataclass(frozen=True, eq=False)
-class _Equations:
-    """What the paths of a block must meet."""
-
-    response: ResponseBlock
-    observed: tuple[tuple[Float32, Float32], ...]
-    noise: NoiseModel
-
-    def weights(self) -> list[np.float32]:
-        return [np.float32(1.0 / harmonic.dark_variance) for harmonic in self.noise.harmonics]
-
-    def enough(self, pixels: Index) -> Float32:
-        """Return the misfit at which a pixel is done."""
-        power = np.zeros(pixels.size, np.float32)
-        for (re, im), weight in zip(self.observed, self.weights(), strict=True):
-            power += weight * (re[pixels] ** 2 + im[pixels] ** 2)
-        return np.maximum(np.float32(TOLERANCE**2), np.float32(ROUNDING**2) * power)
-
-    def fields(self, values: Float32, row: int, pixels: Index, stage: int) -> "_Fields":
-        a, x, b, y = values
-        fx = self.response.at(row, x, pixels, stage=stage)
-        fy = self.response.at(row, y, pixels, stage=stage)
-        re, im = self.observed[row]
-        return _Fields(fx, fy, re[pixels] - a * fx.re - b * fy.re, im[pixels] - a * fx.im - b * fy.im)
-
-
-@dataclass(frozen=True, eq=False)
-class _Fields:
-    """One harmonic's answer to either path, and what the paths leave of its phasor: float32 (m,)."""
-
-    x: Answer
-    y: Answer
-    left_re: Float32
-    left_im: Float32
-
-    @property
-    def left2(self) -> Float32:
-        return self.left_re * self.left_re + self.left_im * self.left_im
-
-
-def _search(equations: _Equations, start: _State, pixels: Index, *, steps: int, stage: int = -1) -> _State:
-    """Return the state after at most so many steps from the start."""
-    weights, enough = equations.weights(), equations.enough(pixels)
-    if stage not in {-1, len(STAGES) - 1}:
-        enough *= np.float32(STAGE_TOLERANCE**2)
-    values, misfit, done = start.values.copy(), np.full(pixels.size, np.inf, np.float32), np.zeros(pixels.size, np.bool_)
-    active = np.arange(pixels.size)
-    trial, step, least = values, np.zeros_like(values), misfit
-    for count in range(steps + 1):
-        first, second = (equations.fields(trial, row, pixels[active], stage) for row in range(2))
-        left = weights[0] * first.left2 + weights[1] * second.left2
-        closer = ~(left >= least)
-        least = np.where(closer, left, least)
-        values[:, active] = np.where(closer, trial, values[:, active])
-        misfit[active] = least
-        finished = least <= enough[active]
-        done[active] = finished
-        if count == steps or finished.all():
-            break
-        step = np.where(closer, _newton_step(first, second, trial), np.float32(0.5) * step)
-        going = ~finished & np.isfinite(step).all(axis=0)
-        active, step, least = active[going], step[:, going], least[going]
-        trial = values[:, active] + step
-        np.maximum(trial[::2], np.float32(0.1) * values[::2, active], out=trial[::2])
-    return _State(values, misfit, done)
-
-
-def _minors(fields: _Fields) -> tuple[Float32, ...]:
-    """Return the determinants of pairs of columns of one harmonic: ab, ac, ad, bc, bd, cd, then ra, rb, rc, rd.
-
-    The columns are the real and imaginary parts of A = f(x), B = f'(x), C = f(y), D = f'(y), and R, what is left.
-    """
-    x, y = fields.x, fields.y
-    a, b, c, d = (x.re, x.im), (x.slope_re, x.slope_im), (y.re, y.im), (y.slope_re, y.slope_im)
-    r = (fields.left_re, fields.left_im)
-    pairs = ((a, b), (a, c), (a, d), (b, c), (b, d), (c, d), (r, a), (r, b), (r, c), (r, d))
-    return tuple(p[0] * q[1] - p[1] * q[0] for p, q in pairs)
-
-
-def _newton_step(first: _Fields, second: _Fields, values: Float32) -> Float32:
-    """Solve the four real equations for the changes of a, x, b, y, (4, m).
-
-    By Cramer's rule, with determinants by Laplace's expansion: det(A, B, C, D) is the sum over pairs of columns of a
-    minor in the first harmonic times the complementary minor in the second, with alternating signs.
-    """
-    ab1, ac1, ad1, bc1, bd1, cd1, ra1, rb1, rc1, rd1 = _minors(first)
-    ab2, ac2, ad2, bc2, bd2, cd2, ra2, rb2, rc2, rd2 = _minors(second)
-    scale = 1.0 / (ab1 * cd2 - ac1 * bd2 + ad1 * bc2 + bc1 * ad2 - bd1 * ac2 + cd1 * ab2)
-    step = np.empty_like(values)
-    step[0] = (rb1 * cd2 - rc1 * bd2 + rd1 * bc2 + bc1 * rd2 - bd1 * rc2 + cd1 * rb2) * scale
-    step[1] = (ad1 * rc2 + rc1 * ad2 - ra1 * cd2 - ac1 * rd2 - rd1 * ac2 - cd1 * ra2) * scale / values[0]
-    step[2] = (ab1 * rd2 + ra1 * bd2 - ad1 * rb2 - rb1 * ad2 + bd1 * ra2 + rd1 * ab2) * scale
-    step[3] = (ac1 * rb2 - ab1 * rc2 - ra1 * bc2 - bc1 * ra2 + rb1 * ac2 - rc1 * ab2) * scale / values[2]
-    step *= np.minimum(1.0, LARGEST_TURN / np.maximum(np.abs(step[1]), np.abs(step[3])))
-    return step
 
 
 def _angle(cos: NDArray[np.float64], sin: NDArray[np.float64]) -> Float32:

@@ -63,8 +63,8 @@ def resolve_paths(
 ) -> ResolvedPaths:
     """Resolve every pixel of phasors (H, n) into one or two paths; inputs are not changed.
 
-    A pixel that is saturated, hot, not finite or without a signal gets NaN and a status bit. Every pixel is computed alone, by the
-    same operations wherever it stands, so that blocks of any size give the same bits. Where the channel pairs answer with
+    A pixel that is saturated, hot, not finite or without a signal gets NaN and a status bit. Every pixel is computed alone,
+    by the same operations wherever it stands, so that blocks of any size give the same bits. Where the channel pairs answer with
     more than a sine, `response` says how, and the sine's answer is refined.
 
     Raises:
