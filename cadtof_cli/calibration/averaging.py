@@ -27,6 +27,13 @@ class MeanFrame:
         """Size of the array, (Y, X)."""
         return self.mean_v.shape[2], self.mean_v.shape[3]
 
+    def noise_v(self) -> Float:
+        """Return the typical standard deviation of one frame's voltages at each harmonic, (H,): 0 where there is one frame."""
+        if self.frames < 2:
+            return np.zeros(self.mean_v.shape[0])
+        typical = np.median(self.variance_v2[:, :, self.sound], axis=(1, 2)) / median_variance_ratio(self.frames)
+        return np.asarray(np.sqrt(typical))
+
 
 class FrameAverage:
     """A running mean and variance, by Welford's update, which loses no digits to a large offset."""
@@ -76,3 +83,10 @@ class FrameAverage:
             low, high = self._voltage.saturated_counts
             usable &= ((stored > low) & (stored < high)).all(axis=(0, 1))
         return usable
+
+
+def median_variance_ratio(frames: int, /) -> float:
+    """Return the median of the sample variance from so many frames (2 or more) over the true variance, for Gaussian noise."""
+    from scipy.stats import chi2
+
+    return float(chi2.median(frames - 1)) / (frames - 1)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cadtof_cli.arrays import Bool, Float, Float32
-from cadtof_cli.calibration.averaging import MeanFrame
+from cadtof_cli.calibration.averaging import MeanFrame, median_variance_ratio
 from cadtof_cli.calibration.parts import Maps, Origin, PartKind, Tables, plane_names, read_only, stacked
 from cadtof_cli.capture.frames import CHANNELS
 from cadtof_cli.resolver.noise import MAD_PER_SIGMA
@@ -132,7 +132,7 @@ def fit_dark(mean: MeanFrame, /, *, origin: Origin) -> DarkCalibration:
         defects[np.abs(offset - centre) > OFFSET_LIMIT * max(float(spread), resolution)] |= Defect.OFFSET
         if mean.frames > 1:
             low, high = _variance_limits(mean.frames)
-            typical = float(np.nanmedian(variance)) / _median_ratio(mean.frames)
+            typical = float(np.nanmedian(variance)) / median_variance_ratio(mean.frames)
             if typical > 0.0:
                 defects[variance > high * typical] |= Defect.NOISE
                 defects[variance < low * typical] |= Defect.DEAD
@@ -151,13 +151,6 @@ def _variance_limits(frames: int) -> tuple[float, float]:
     freedom = frames - 1
     low, high = chi2.ppf([NOISE_FALSE_ALARM, 1.0 - NOISE_FALSE_ALARM], freedom) / freedom
     return min(float(low), NOISE_RATIO**-2), max(float(high), NOISE_RATIO**2)
-
-
-def _median_ratio(frames: int) -> float:
-    """Return the median of the sample variance from so many frames over the true variance."""
-    from scipy.stats import chi2
-
-    return float(chi2.median(frames - 1)) / (frames - 1)
 
 
 def defect_summary(counts: Mapping[str, int], /) -> str:

@@ -265,8 +265,8 @@ def _findings(
         findings.append(f"{dropped:.1%} of the pixels with a single path do not lie on the walls and were left out")
     if quality.rms_after_m > 1.5 * quality.noise_rms_m:
         findings.append(
-            f"warning: what is left, {1000 * quality.rms_after_m:.2f} mm, is more than noise, {1000 * quality.noise_rms_m:.2f} mm: "
-            "the walls are not flat, or the response is not calibrated"
+            f"warning: what is left, {1000 * quality.rms_after_m:.2f} mm, is more than noise, "
+            f"{1000 * quality.noise_rms_m:.2f} mm: the walls are not flat, or the response is not calibrated"
         )
     return tuple(findings)
 
@@ -274,7 +274,3 @@ def _findings(
 def _rms(values: Float) -> float:
     return float(np.sqrt(np.mean(values**2))) if values.size else float("nan")
 
-
-def measured_curvature(calibration: PetzvalCalibration) -> Float:
-    """Return ρ of every pixel, (Y, X), for pictures."""
-    return np.sqrt(squared_field_radius(calibration.origin.pixels, calibration.principal_point_px))
