@@ -3,11 +3,17 @@
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
 from cadtof_cli.capture.metadata import KEYS, Key, Kind
+
+if TYPE_CHECKING:
+    ParamType = click.ParamType[Any]
+else:
+    # generic at run time only in the newest releases of click
+    ParamType = click.ParamType
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -16,7 +22,7 @@ CAPTURE_SECTION = "Capture options (each overrides a key of capture.toml)"
 _UNITS = ("-ns", "-v", "-px", "-m")
 
 
-class NumberList(click.ParamType):
+class NumberList(ParamType):
     """Numbers with commas between them, such as 40,20."""
 
     name = "N,N…"
@@ -36,7 +42,8 @@ class SectionedCommand(click.Command):
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the command's own options, then the capture options."""
-        own, capture = [], []
+        own: list[tuple[str, str]] = []
+        capture: list[tuple[str, str]] = []
         for param in self.get_params(ctx):
             record = param.get_help_record(ctx)
             if record is not None:
@@ -86,8 +93,8 @@ def _parameter(key: Key) -> str:
     return f"capture_{key.name}"
 
 
-def _type(key: Key) -> click.ParamType:
-    types: dict[Kind, click.ParamType] = {
+def _type(key: Key) -> ParamType:
+    types: dict[Kind, ParamType] = {
         "number": click.FLOAT,
         "whole number": click.INT,
         "numbers": NumberList(),

@@ -27,10 +27,11 @@ DepthKind = Literal["range", "z"]
 
 DEPTH_KINDS: tuple[DepthKind, ...] = ("range", "z")
 
-BLOCK_PIXELS = 8192
-"""Pixels a block: 64 KiB a float64 plane, so that a block's planes stay in cache and numpy's cost a call stays small."""
+BLOCK_PIXELS = 19200
+"""Pixels a block, a quarter of a QVGA frame: enough that the cost of calling numpy hardly counts, and no more, so that memory
+stays small however large the frames are."""
 
-REFINED_BLOCKS = 4
+REFINED_BLOCKS = 2
 """Blocks at a time where paths are refined: few pixels take many steps, whose calls cost more than what cache would save."""
 
 
@@ -101,15 +102,20 @@ def _stages(plan: FramePlan, dtype: np.dtype[np.generic], height: int, width: in
     return _Stages(scale, correction, depth)
 
 
-def resolve_frame(stored: Stored, /, *, plan: FramePlan) -> ResolvedFrame:
+def resolve_frame(stored: Stored, /, *, plan: FramePlan, maps: DepthMaps | None = None) -> ResolvedFrame:
     """Return the maps of one frame of stored values, (H, 2, Y, X).
+
+    Args:
+        stored: the frame.
+        plan: what to do with it.
+        maps: maps of the frame's size that are written over and returned; fresh memory costs as much as the arithmetic.
 
     Raises:
         FrameError: the noise must be estimated from the frame, and too few of its pixels are finite.
         SettingsError: the plan does not fit the frame's type, or lacks the optics that it needs.
     """
     noise = frame_noise(stored, plan=plan)
-    maps = empty_maps(*stored.shape[2:])
+    maps = maps or empty_maps(*stored.shape[2:])
     resolve_pixels(stored, plan=plan, noise=noise, maps=maps)
     return ResolvedFrame(maps, noise.integration_length, noise.estimated)
 

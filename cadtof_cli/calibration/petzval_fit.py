@@ -13,7 +13,6 @@ from cadtof_cli.calibration.petzval import (
     PetzvalQuality,
     WallFit,
     middle_px,
-    squared_field_radius,
 )
 from cadtof_cli.calibration.robust import RobustFit, robust_fit
 from cadtof_cli.capture.metadata import Optics
@@ -273,4 +272,3 @@ def _findings(
 
 def _rms(values: Float) -> float:
     return float(np.sqrt(np.mean(values**2))) if values.size else float("nan")
-

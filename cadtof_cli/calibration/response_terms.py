@@ -152,8 +152,11 @@ def fit_terms(observed: Observations, base: Sequence[dict[int, complex]], /, *, 
         pixels = fit_pixels(observed.some(kept), terms)
         system = _System(pixels, terms, observed.harmonics)
         orders, findings_by_order = system.selection(_needed(orders, terms, base, system))
-        terms = tuple({k: g for k, g in one.items() if k in orders or k in start} | {k: start[k] for k in start if k not in orders}
-            for one, start in zip(terms, base, strict=True))
+        terms = tuple(
+            {k: g for k, g in one.items() if k in orders or k in start}
+            | {k: start[k] for k in start if k not in orders}
+            for one, start in zip(terms, base, strict=True)
+        )
         terms = system.changed(terms, base, orders)
         kept = _without_outliers(fit_pixels(observed, terms).misfit)
     pixels = fit_pixels(observed.some(kept), terms)

@@ -28,7 +28,7 @@ def damage_as_frame_error(path: Path, kind: str) -> Iterator[None]:
     except MemoryError as error:
         raise FrameError(f"{path}: not enough memory for the {kind} image that its header describes") from error
     except Exception as error:
-        words = str(error) or type(error).__name__
+        words = str(error) or f"the library stopped with {type(error).__name__}"
         raise FrameError(f"{path}: damaged {kind}: {words}; expected a complete file, try copying it again") from error
 
 

@@ -26,42 +26,57 @@ from cadtof_cli.capture.tiff_pages import (
 from cadtof_cli.errors import FrameError
 
 _MAP_LAYER = re.compile(r"(direct|mpi)\.\w+|confidence|status")
+_NEEDS_CODECS = re.compile(r"requires?\b.*\bimagecodecs\b")
 _OME_CHANNEL = re.compile(r"""<Channel\b[^>]*?\bName=["']([^"']*)["']""")
 
 Item = int | Page
 """One image of a series: the byte where its pixels begin, if they lie in one run, or the page that knows."""
 
 
-class _Silence(logging.Filter):
-    """Keeps tifffile's remarks on a damaged file from the terminal while one of our threads reads."""
+class _Remarks(logging.Filter):
+    """Keeps what tifffile logs while one of our threads reads, so that none of it reaches the terminal.
+
+    tifffile logs an error and goes on with a guess, such as fewer strips or a plainer order of pages; for depth a guess
+    is damage.
+    """
 
     def __init__(self) -> None:
         super().__init__()
-        self.reading = threading.local()
+        self.kept = threading.local()
 
     def filter(self, record: logging.LogRecord) -> bool:
-        return not getattr(self.reading, "active", False)
+        errors: list[str] | None = getattr(self.kept, "errors", None)
+        if errors is not None and record.levelno >= logging.ERROR:
+            errors.append(record.getMessage())
+        return errors is None
 
 
-_silence = _Silence()
-logging.getLogger("tifffile").addFilter(_silence)
+_remarks = _Remarks()
+logging.getLogger("tifffile").addFilter(_remarks)
 
 
 @contextmanager
-def _reading(path: Path) -> Iterator[None]:
-    _silence.reading.active = True
+def _reading(path: Path) -> Iterator[list[str]]:
+    """Turn whatever tifffile raises within the block into a FrameError; yield the errors that it only remarks."""
+    errors: list[str] = []
+    _remarks.kept.errors = errors
     try:
         with damage_as_frame_error(path, "TIFF"):
-            yield
+            yield errors
     except FrameError as error:
-        if "imagecodecs" in str(error):
+        if _NEEDS_CODECS.search(str(error)):
             raise FrameError(
                 f"{path}: its compression needs the imagecodecs package, which is not installed;"
                 " try pip install 'cadtof[codecs]'"
             ) from error
         raise
     finally:
-        _silence.reading.active = False
+        _remarks.kept.errors = None
+
+
+def _require_no_remarks(path: Path, remarks: Sequence[str]) -> None:
+    if remarks:
+        raise FrameError(f"{path}: damaged TIFF: {'; '.join(remarks)}")
 
 
 class TiffImages:
@@ -77,11 +92,12 @@ class TiffImages:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        with _reading(path):
+        with _reading(path) as remarks:
             self._tiff = tifffile.TiffFile(path)
             try:
                 require_sound_chain(path, self._tiff.filehandle.fileno(), self._tiff.filehandle.size)
                 self._arrange()
+                _require_no_remarks(path, remarks)
             except BaseException:
                 self._tiff.close()
                 raise
@@ -132,12 +148,13 @@ class TiffImages:
         """Return some of the file's images, shape (n, *page shape)."""
         out: Stored = np.empty((len(indices), *self._page_shape), self.dtype)
         items = [self._items[index] for index in indices]
-        with _reading(self.path):
+        with _reading(self.path) as remarks:
             if _follow_each_other(items, out[0].nbytes):
                 self._read_run(items[0], out)
             else:
                 for item, image in zip(items, out, strict=True):
                     self._read_run(item, image)
+            _require_no_remarks(self.path, remarks)
         return out
 
     def _read_run(self, item: Item, out: Stored) -> None:
@@ -155,8 +172,10 @@ def _follow_each_other(items: Sequence[Item], size: int) -> bool:
 
 
 def _require_voltages(path: Path, tiff: tifffile.TiffFile) -> None:
-    description = tiff.ome_metadata if tiff.is_ome else None
-    names = _OME_CHANNEL.findall(description or "")
+    description = tiff.pages.first.description
+    if "<OME" in description and not tiff.is_ome:
+        raise FrameError(f"{path}: damaged TIFF: its OME metadata breaks off, so the order of its planes is not known")
+    names = _OME_CHANNEL.findall(description) if tiff.is_ome else []
     layers = [name for name in names if _MAP_LAYER.fullmatch(name)]
     if layers:
         raise NotAFrameError(f"{path}: holds maps ({', '.join(layers)}), expected voltages")

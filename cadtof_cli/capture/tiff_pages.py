@@ -3,7 +3,6 @@
 import math
 import os
 import struct
-from dataclasses import dataclass
 from pathlib import Path
 
 import tifffile
@@ -18,18 +17,18 @@ SAMPLE_TYPES = frozenset({"uint8", "uint16", "uint32", "int16", "int32", "float1
 Page = tifffile.TiffPage | tifffile.TiffFrame
 
 
-@dataclass(frozen=True)
+_VALUE_BYTES = {3: 2, 4: 4, 5: 8, 8: 2, 9: 4, 10: 8, 11: 4, 12: 8, 13: 4, 16: 8, 17: 8, 18: 8}
+"""Bytes of one value by the type code of its tag; one where not listed."""
+
+
 class _Form:
-    """Struct formats of one kind of TIFF: the first page's offset, the tag count, a tag's length, an offset."""
+    """How the numbers of a TIFF file are packed, by byte order and whether it is a BigTIFF."""
 
-    first: int
-    count: str
-    tag_bytes: int
-    offset: str
-
-
-_CLASSIC = _Form(4, "H", 12, "I")
-_BIG = _Form(8, "Q", 20, "Q")
+    def __init__(self, order: str, *, big: bool) -> None:
+        self.first = 8 if big else 4
+        self.count = struct.Struct(order + ("Q" if big else "H"))
+        self.tag = struct.Struct(order + ("HHQQ" if big else "HHII"))
+        self.link = struct.Struct(order + ("Q" if big else "I"))
 
 
 def require_sound_chain(path: Path, descriptor: int, size: int) -> None:
@@ -42,23 +41,38 @@ def require_sound_chain(path: Path, descriptor: int, size: int) -> None:
         FrameError: the list leaves the file, ends within a page or returns to an earlier one.
     """
     header = os.pread(descriptor, 4, 0)
-    order = "<" if header[:2] == b"II" else ">"
-    form = _BIG if 43 in header[2:] else _CLASSIC
-    count, link = struct.Struct(order + form.count), struct.Struct(order + form.offset)
+    form = _Form("<" if header[:2] == b"II" else ">", big=43 in header[2:])
     seen: set[int] = set()
-    (offset,) = link.unpack(os.pread(descriptor, link.size, form.first))
+    (offset,) = form.link.unpack(os.pread(descriptor, form.link.size, form.first))
     while offset:
         if offset in seen:
             raise FrameError(f"{path}: damaged TIFF: page {len(seen)} leads back to an earlier page")
-        (tags,) = count.unpack(os.pread(descriptor, count.size, offset)) if offset + count.size <= size else (0,)
-        following = offset + count.size + tags * form.tag_bytes
-        if not 0 < tags <= MAX_TAGS or following + link.size > size:
+        begin = offset + form.count.size
+        (tags,) = form.count.unpack(os.pread(descriptor, form.count.size, offset)) if begin <= size else (0,)
+        end = begin + tags * form.tag.size
+        if not 0 < tags <= MAX_TAGS or end + form.link.size > size:
             raise FrameError(
                 f"{path}: damaged or truncated TIFF: page {len(seen)} should begin at byte {offset:,},"
                 f" found no page there in a file of {size:,} bytes"
             )
+        if not seen:
+            _require_values_within(path, form, os.pread(descriptor, end - begin, begin), size)
         seen.add(offset)
-        (offset,) = link.unpack(os.pread(descriptor, link.size, following))
+        (offset,) = form.link.unpack(os.pread(descriptor, form.link.size, end))
+
+
+def _require_values_within(path: Path, form: _Form, tags: bytes, size: int) -> None:
+    """Check that the values of the first page's tags lie within the file.
+
+    Software that learns the axes last writes them last, and a file that lost them would be read in another order.
+    """
+    for code, kind, count, offset in form.tag.iter_unpack(tags):
+        length = _VALUE_BYTES.get(kind, 1) * count
+        if length > form.link.size and offset + length > size:
+            raise FrameError(
+                f"{path}: damaged or truncated TIFF: tag {code} of the first page reaches to byte {offset + length:,},"
+                f" found a file of {size:,} bytes"
+            )
 
 
 def require_sound_page(path: Path, page: Page, keyframe: tifffile.TiffPage, file_size: int) -> None:

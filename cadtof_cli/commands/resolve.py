@@ -65,6 +65,12 @@ from cadtof_cli.resolver.settings import ORDERS, RETURNS, SOLVERS, ResolverSetti
     help="Radial range, or planar depth (needs the optics).",
 )
 @click.option(
+    "--calibration",
+    type=click.Path(path_type=Path),
+    metavar="DIR",
+    help="Folder made by `cadtof calibrate`; what is in it is applied.",
+)
+@click.option(
     "--format",
     "map_format",
     type=click.Choice(["exr", "tif", "same"]),
@@ -109,7 +115,10 @@ def resolve(
 
     paths = input_paths(inputs)
     arguments = {"inputs": [str(path) for path in paths], "out": str(out), **options, "overrides": dict(overrides)}
-    running = {name: value for name, value in {"jobs": jobs, "start_method": start_method}.items() if value is not None}
+    arguments["calibration"] = options["calibration"] and str(options["calibration"])
+    running: dict[str, Any] = {
+        name: value for name, value in {"jobs": jobs, "start_method": start_method}.items() if value is not None
+    }
     settings = ResolveSettings(
         out=out,
         resolver=ResolverSettings(
@@ -121,6 +130,7 @@ def resolve(
             min_confidence_v=options["min_confidence"],
         ),
         depth=options["depth"],
+        calibration=options["calibration"],
         map_format=options["map_format"],
         overwrite=options["overwrite"],
         resume=options["resume"],

@@ -76,7 +76,9 @@ def _radial(axes: Axes, wall: WallSection, petzval: PetzvalCalibration, flat: Fl
     curve = 100 * (petzval.k2_m * centres**2 + petzval.k4_m * centres**4)
     axes.plot(centres, curve, color="black", linewidth=1, label="k2 ρ² + k4 ρ⁴")
     axes.set(
-        xlabel="ρ, distance from the principal point over half the diagonal", ylabel="range − flat wall, cm", title=wall.name
+        xlabel="ρ, distance from the principal point over half the diagonal",
+        ylabel="range − flat wall, cm",
+        title=wall.name,
     )
     axes.legend(fontsize=8)
     axes.grid(alpha=0.3)

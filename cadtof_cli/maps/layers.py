@@ -29,19 +29,28 @@ LAYER_UNITS: dict[str, str] = {
 
 @dataclass(frozen=True)
 class DepthMaps:
-    """The maps of one frame: `values` float32 (layer, Y, X) in the order of `names`, and the `status` bits uint32 (Y, X)."""
+    """The maps of one frame.
+
+    `pages` is float32 (layer, Y, X) in the order of `names`, with one page more at its end, which the TIFF writer keeps
+    for the `status` bits, uint32 (Y, X).
+    """
 
     names: tuple[str, ...]
-    values: Float32
+    pages: Float32
     status: Status
+
+    @property
+    def values(self) -> Float32:
+        """The layers, float32 (layer, Y, X)."""
+        return self.pages[:-1]
 
     def layer(self, name: str, /) -> Float32:
         """Return one float32 layer, (Y, X)."""
-        plane: Float32 = self.values[self.names.index(name)]
+        plane: Float32 = self.pages[self.names.index(name)]
         return plane
 
 
 def empty_maps(height: int, width: int, /) -> DepthMaps:
     """Return uninitialised maps of the given size, for a frame's blocks to be written into."""
     names = tuple(LAYER_UNITS)
-    return DepthMaps(names, np.empty((len(names), height, width), np.float32), np.empty((height, width), np.uint32))
+    return DepthMaps(names, np.empty((len(names) + 1, height, width), np.float32), np.empty((height, width), np.uint32))

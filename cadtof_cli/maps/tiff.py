@@ -3,8 +3,6 @@
 from pathlib import Path
 from xml.sax.saxutils import quoteattr
 
-import numpy as np
-
 from cadtof_cli.maps.layers import STATUS, DepthMaps
 
 
@@ -12,12 +10,12 @@ def write_tiff(path: Path, maps: DepthMaps, /, *, software: str) -> None:
     """Write the maps to `path`. The same maps give the same bytes: no date and no random identifier goes in."""
     import tifffile
 
-    pages = np.concatenate((maps.values, maps.status[np.newaxis].astype(np.float32)))
+    maps.pages[-1] = maps.status
     tifffile.imwrite(
         path,
-        pages,
+        maps.pages,
         photometric="minisblack",
-        description=_ome_xml((*maps.names, STATUS), pages.shape, software),
+        description=_ome_xml((*maps.names, STATUS), maps.pages.shape, software),
         software=software,
         metadata=None,
     )

@@ -50,7 +50,8 @@ def phasors_from_voltages(stored: Stored, /, *, scale: PhasorScale) -> Complex:
     for phasor, channels, per_count in zip(phasors, stored, scale.per_count, strict=True):
         offset = -scale.zero * per_count
         for part, channel in zip((phasor.real, phasor.imag), channels, strict=True):
-            np.multiply(channel, per_count, out=part)
+            # numpy would compute half floats times a Python number in half floats
+            np.multiply(channel, per_count, out=part, dtype=np.float64)
             if offset:
                 part += offset
     return phasors
@@ -62,14 +63,11 @@ def saturated_pixels(stored: Stored, /, *, scale: PhasorScale) -> Bool:
         return np.zeros(stored.shape[2], np.bool_)
     low, high = scale.saturated
     planes = stored.reshape(-1, stored.shape[2])
-    beyond = np.zeros(stored.shape[2], np.bool_)
-    for plane in planes:
-        beyond |= plane <= low
-        beyond |= plane >= high
+    beyond = np.asarray((planes <= low).any(axis=0), np.bool_)
+    beyond |= (planes >= high).any(axis=0)
     return beyond
 
 
 def not_finite_pixels(phasors: Complex, /) -> Bool:
     """Return where any phasor of a pixel, (H, n) → (n,), is NaN or infinite."""
-    bad: Bool = ~np.isfinite(phasors).all(axis=0)
-    return bad
+    return np.asarray(~np.isfinite(phasors).all(axis=0), np.bool_)

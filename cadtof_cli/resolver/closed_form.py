@@ -7,20 +7,33 @@ quadratic. The evaluation below keeps its digits where b → 0, x → y and p1 �
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
-from cadtof_cli.arrays import Bool, Complex, Float
+from cadtof_cli.arrays import Bool, Complex, Float, Index
 
 NEWTON_STEPS = 6
 """From |d| the iteration falls monotonically onto the root; six steps reach machine precision for every input."""
+
+FULL_TURN = 2.0 * np.pi
+
+ROUNDING_SQUARE = 2.0**-100
+"""(|d|/|p1|)² up to which a pixel has one path: two phasors that differ from one path's by rounding alone, |d| ≤ 4 ulp."""
+
+SMALLEST_SQUARE = 1e-280
+"""|d|² up to which a pixel has one path even where p1 is 0: far enough above underflow."""
+
+SMALLEST_SINE = 1e-300
+"""Least sin²γ: keeps paths that coincide to the last digit from dividing zero by zero; how they share their sum is no matter."""
 
 
 @dataclass(frozen=True)
 class FundamentalFrame:
     """Two phasors of n pixels, turned so that the first is real: p1 = u·ρ and p2 = (pr + i·pi)·ρ².
 
-    `u` ≥ 0, `pr`, `pi` and the unit rotor `cos`, `sin` of ρ are float64 of shape (n,). ρ = 1 where p1 = 0.
+    `u` ≥ 0, `pr`, `pi` and the unit rotor `cos`, `sin` of ρ are float64 of shape (n,). ρ = 1 where p1 = 0. They are planes of
+    real numbers because numpy's complex products round differently at the end of an array than within it.
     """
 
     u: Float
@@ -29,35 +42,116 @@ class FundamentalFrame:
     cos: Float
     sin: Float
 
+    @cached_property
+    def powers(self) -> tuple[Float, Float]:
+        """|p1|² and |p2|²."""
+        return self.u * self.u, self.pr * self.pr + self.pi * self.pi
+
+    def at(self, index: Index | slice, /) -> "FundamentalFrame":
+        """Return the pixels at these indices."""
+        return FundamentalFrame(*(values[index] for values in (self.u, self.pr, self.pi, self.cos, self.sin)))
+
 
 @dataclass(frozen=True)
 class TwoPaths:
-    """Amplitudes and unit rotors exp(ix), exp(iy) of two paths, float64 (n,) each; `cos_half`, `sin_half` belong to (x − y)/2.
+    """Two paths of n pixels, float64 (n,) each: amplitudes a and b, and phases x, y = mean ± half.
 
-    Where `single` is set there is one path: `b` is 0, the second rotor that of the first, and the half angle π/2.
+    The mean phase is kept as the unit rotor `cos_mean`, `sin_mean`, half the difference, between 0 and π, as `cos_half` and
+    `sin_half`. Where `single` is set there is one path: `b` is 0, and so is half the difference.
     """
 
     a: Float
     b: Float
-    cos_x: Float
-    sin_x: Float
-    cos_y: Float
-    sin_y: Float
+    cos_mean: Float
+    sin_mean: Float
     cos_half: Float
     sin_half: Float
     single: Bool
 
+    @cached_property
+    def _products(self) -> tuple[Float, Float, Float, Float]:
+        return (
+            self.cos_mean * self.cos_half,
+            self.sin_mean * self.sin_half,
+            self.sin_mean * self.cos_half,
+            self.cos_mean * self.sin_half,
+        )
+
+    @property
+    def cos_x(self) -> Float:
+        """Real part of exp(ix)."""
+        return self._products[0] - self._products[1]
+
+    @property
+    def sin_x(self) -> Float:
+        """Imaginary part of exp(ix)."""
+        return self._products[2] + self._products[3]
+
+    @property
+    def cos_y(self) -> Float:
+        """Real part of exp(iy)."""
+        return self._products[0] + self._products[1]
+
+    @property
+    def sin_y(self) -> Float:
+        """Imaginary part of exp(iy)."""
+        return self._products[2] - self._products[3]
+
+    def phases(self) -> tuple[Float, Float]:
+        """Return x and y in [0, 2π) rad."""
+        mean = phase_of(self.cos_mean, self.sin_mean)
+        half = np.arctan(self.sin_half / (1.0 + self.cos_half))
+        half *= 2.0
+        x = mean + half
+        x -= (x >= FULL_TURN) * FULL_TURN
+        y = np.subtract(mean, half, out=mean)
+        y += (y < 0.0) * FULL_TURN
+        y[y >= FULL_TURN] = 0.0
+        return x, y
+
 
 def fundamental_frame(p1: Complex, p2: Complex, /) -> FundamentalFrame:
     """Turn two phasors, complex128 (n,), into the frame in which the first is real. NaN in gives NaN out."""
-    p1_re, p1_im = np.ascontiguousarray(p1.real), np.ascontiguousarray(p1.imag)
-    p2_re, p2_im = np.ascontiguousarray(p2.real), np.ascontiguousarray(p2.imag)
-    u = np.sqrt(p1_re * p1_re + p1_im * p1_im)
+    cos, sin = p1.real.copy(), p1.imag.copy()
+    u = cos * cos
+    u += sin * sin
+    np.sqrt(u, out=u)
     zero = u == 0.0
     scale = 1.0 / (u + zero)
-    cos, sin = p1_re * scale + zero, p1_im * scale
-    cos2, sin2 = cos * cos - sin * sin, 2.0 * cos * sin
-    return FundamentalFrame(u, p2_re * cos2 + p2_im * sin2, p2_im * cos2 - p2_re * sin2, cos, sin)
+    cos *= scale
+    cos += zero
+    sin *= scale
+    cos2, sin2 = cos * cos, sin * cos
+    cos2 -= sin * sin
+    sin2 += sin2
+    p2_re, p2_im = p2.real, p2.imag
+    pr, pi = p2_re * cos2, p2_im * cos2
+    pr += p2_im * sin2
+    pi -= p2_re * sin2
+    return FundamentalFrame(u, pr, pi, cos, sin)
+
+
+def phase_of(cos: Float, sin: Float, /) -> Float:
+    """Return the phase of a unit rotor in [0, 2π): π + 2·arctan of the tangent of half the angle from −1, in one of two forms.
+
+    It takes half the time of arctan2, whose loop numpy does not vectorise everywhere.
+    """
+    phase = np.arctan(np.where(cos < 0.0, sin / (cos - 1.0), (1.0 + cos) / -sin))
+    phase *= 2.0
+    phase += np.pi
+    phase[phase >= FULL_TURN] = 0.0
+    return phase
+
+
+def is_single(frame: FundamentalFrame, /) -> Bool:
+    """Return where two phasors are those of one path to within rounding, (n,)."""
+    difference = frame.u - frame.pr
+    return _is_single(frame.u, difference * difference + frame.pi * frame.pi)
+
+
+def _is_single(u: Float, d2: Float) -> Bool:
+    single: Bool = d2 <= ROUNDING_SQUARE * (u * u) + SMALLEST_SQUARE
+    return single
 
 
 def two_paths(frame: FundamentalFrame, /) -> TwoPaths:
@@ -65,44 +159,64 @@ def two_paths(frame: FundamentalFrame, /) -> TwoPaths:
 
     NaN in gives NaN out. Warnings about divisions by zero are the caller's to silence: they are the pixels in `single`.
     """
-    u, dr, di = frame.u, frame.u - frame.pr, -frame.pi
-    h = _excess(u, dr, dr * dr + di * di)
-    den = h * (2.0 * u + h)
-    single = den == 0.0
-    scale = 1.0 / (den + single)
+    u, pi = frame.u, frame.pi
+    dr = u - frame.pr
+    d2 = dr * dr
+    d2 += pi * pi
+    single = _is_single(u, d2)
+    h = _excess(u, dr, d2)
+    h[single] = 0.0
     u_h = u + h
-    cos_m, sin_m = _half_angle((u_h * dr - u * h) * scale, u_h * di * scale)
-    cos_half = 0.5 * scale * u * ((h + dr) * cos_m + di * sin_m)
-    sin_half = np.sqrt(np.maximum((1.0 - cos_half) * (1.0 + cos_half), 0.0))
-    split = u * sin_m / sin_half
-    a, b = np.maximum(0.5 * (u_h - split), 0.0), np.maximum(0.5 * (u_h + split), 0.0)
-    cc, ss, sc, cs = cos_m * cos_half, sin_m * sin_half, sin_m * cos_half, cos_m * sin_half
+    den = (u_h + u) * h
+    # exp(im), where 2m is the argument of u(d − H) + Hd with d = dr − i·pi
+    cos_m, sin_m = _half_angle(u_h * dr - u * h, u_h * pi, den)
+    cos_half = (h + dr) * cos_m
+    cos_half += pi * sin_m
+    cos_half *= u
+    den += den
+    cos_half /= den
+    sin_half = (1.0 - cos_half) * (1.0 + cos_half)
+    np.sqrt(np.maximum(sin_half, SMALLEST_SINE, out=sin_half), out=sin_half)
+    split = sin_m * u
+    split /= sin_half
     if single.any():
-        for values, alone in (
-            (a, u),
-            (b, 0.0),
-            (cc, 1.0),
-            (ss, 0.0),
-            (sc, 0.0),
-            (cs, 0.0),
-            (cos_half, 0.0),
-            (sin_half, 1.0),
-        ):
-            np.copyto(values, alone, where=single)
-    x = _rotated(cc - ss, sc + cs, frame)
-    y = _rotated(cc + ss, sc - cs, frame)
-    return TwoPaths(a, b, *x, *y, cos_half, sin_half, single)
+        for values, alone in ((cos_m, 1.0), (sin_m, 0.0), (cos_half, 1.0), (sin_half, 0.0)):
+            values[single] = alone
+        split[single] = u[single]
+    b, a = _shares(u_h, split)
+    cos = cos_m * frame.cos
+    cos += sin_m * frame.sin
+    sin = cos_m * frame.sin
+    sin -= sin_m * frame.cos
+    return TwoPaths(a, b, cos, sin, cos_half, sin_half, single)
+
+
+def _shares(total: Float, split: Float) -> tuple[Float, Float]:
+    """Return (total ∓ split)/2; rounding must not let either fall below 0."""
+    np.minimum(split, total, out=split)
+    np.maximum(split, -total, out=split)
+    return 0.5 * (total - split), 0.5 * (total + split)
 
 
 def _excess(u: Float, dr: Float, d2: Float) -> Float:
     """Return H = p0 − u, the positive root of H³ + 3uH² + (2u·Re d − |d|²)H − u|d|², by a fixed number of Newton steps.
 
-    One step is H ← (H(2H² + 3uH) + u|d|²) / (3H² + 6uH + 2u·Re d − |d|²): the numerator is a sum of positive terms.
+    One step is H ← (H(2H² + 3uH) + u|d|²) / (3H² + 6uH + 2u·Re d − |d|²): the numerator is a sum of positive terms. The first,
+    from |d|, comes to |d|²(|d| + 2u) / (|d|² + u(3|d| + Re d)).
     """
+    constant, linear, u2 = u * d2, u * dr, u + u
+    linear += linear
+    linear -= d2
+    u3 = u2 + u
     h = np.sqrt(d2)
-    u3, linear, constant = 3.0 * u, 2.0 * u * dr - d2, u * d2
-    t, v, w = np.empty_like(h), np.empty_like(h), np.empty_like(h)
-    for _ in range(NEWTON_STEPS):
+    t, v, w = 3.0 * h, np.empty_like(h), np.empty_like(h)
+    t += dr
+    t *= u
+    t += d2
+    h += u2
+    h *= d2
+    h /= t
+    for _ in range(NEWTON_STEPS - 1):
         np.multiply(h, h, out=v)
         np.multiply(u3, h, out=t)
         np.add(t, v, out=t)
@@ -115,16 +229,11 @@ def _excess(u: Float, dr: Float, d2: Float) -> Float:
     return h
 
 
-def _half_angle(re: Float, im: Float) -> tuple[Float, Float]:
-    """Return cosine and sine of half the argument of re + i·im (or of that plus π, which only swaps the two paths)."""
-    modulus = np.sqrt(re * re + im * im)
+def _half_angle(re: Float, im: Float, modulus: Float) -> tuple[Float, Float]:
+    """Return cosine and sine of half the argument of re + i·im, or of that plus π, which only swaps the two paths."""
     large = modulus + np.abs(re)
     norm = 1.0 / np.sqrt(2.0 * modulus * large)
     large *= norm
     small = im * norm
     right = re >= 0.0
     return np.where(right, large, small), np.where(right, small, large)
-
-
-def _rotated(cos: Float, sin: Float, frame: FundamentalFrame) -> tuple[Float, Float]:
-    return cos * frame.cos - sin * frame.sin, cos * frame.sin + sin * frame.cos

@@ -1,6 +1,7 @@
 """How many paths a pixel has: thresholds on what a simpler model leaves over the known noise."""
 
 import math
+from functools import lru_cache
 
 
 def second_path_threshold(false_alarm: float) -> float:
@@ -8,6 +9,7 @@ def second_path_threshold(false_alarm: float) -> float:
     return -2.0 * math.log(false_alarm)
 
 
+@lru_cache
 def signal_threshold(false_alarm: float, *, harmonics: int) -> float:
     """Return the χ² (2·harmonics degrees of freedom) that noise without a signal exceeds with that probability.
 

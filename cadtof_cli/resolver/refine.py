@@ -8,14 +8,13 @@ The fit of one path is here; two paths are searched for in `search`, which is ha
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from cadtof_cli.arrays import Bool, Complex, Float32
-from cadtof_cli.resolver.closed_form import TwoPaths, fundamental_frame, two_paths
+from cadtof_cli.arrays import Bool, Complex, Float, Float32, Index
+from cadtof_cli.resolver.closed_form import FULL_TURN, TwoPaths, fundamental_frame, two_paths
 from cadtof_cli.resolver.noise import NoiseModel
 from cadtof_cli.resolver.one_path import OnePath
 from cadtof_cli.resolver.response_table import STAGES, ResponseBlock
-from cadtof_cli.resolver.search import LARGEST_TURN, Equations, Index, SearchState, search
+from cadtof_cli.resolver.search import LARGEST_TURN, Equations, SearchState, search
 
 MOST_STEPS = 6
 """Most steps a pixel gets from one start, halvings among them; two or three are what it takes."""
@@ -154,17 +153,16 @@ def _led_by_stages(equations: Equations, phasors: Complex) -> SearchState:
 
 def _values(paths: TwoPaths, pixels: Index | slice) -> Float32:
     """Return a, x, b, y of some pixels, (4, m)."""
-    x = _angle(paths.cos_x[pixels], paths.sin_x[pixels])
-    y = _angle(paths.cos_y[pixels], paths.sin_y[pixels])
-    return np.stack([paths.a[pixels], x, paths.b[pixels], y]).astype(np.float32)
+    x, y = paths.phases()
+    return np.stack([paths.a[pixels], x[pixels], paths.b[pixels], y[pixels]]).astype(np.float32)
 
 
 def _with(paths: TwoPaths, pixels: Index, values: Float32) -> TwoPaths:
     """Return the paths with a, x, b, y of some pixels replaced."""
     a, x, b, y = values.astype(np.float64)
-    half = 0.5 * (x - y)
-    refined = (a, b, np.cos(x), np.sin(x), np.cos(y), np.sin(y), np.cos(half), np.sin(half))
-    planes = (paths.a, paths.b, paths.cos_x, paths.sin_x, paths.cos_y, paths.sin_y, paths.cos_half, paths.sin_half)
+    half = 0.5 * ((x - y) % FULL_TURN)
+    refined = (a, b, np.cos(y + half), np.sin(y + half), np.cos(half), np.sin(half))
+    planes = (paths.a, paths.b, paths.cos_mean, paths.sin_mean, paths.cos_half, paths.sin_half)
     changed = [plane.copy() for plane in planes]
     for plane, new in zip(changed, refined, strict=True):
         plane[pixels] = new
@@ -175,16 +173,16 @@ def _sine_part(alone: OnePath, phasors: Complex, response: ResponseBlock) -> Com
     """Return what phasors, (2, n), would be with k = 1 alone, if all light came by the best single path."""
     phase = _angle(alone.cos, alone.sin)
     cleaned = np.empty_like(phasors)
-    turn = alone.cos + 1j * alone.sin
-    for row in range(len(phasors)):
+    cos, sin = alone.cos, alone.sin
+    for row, phasor in enumerate(phasors):
+        if row:
+            cos, sin = cos * cos - sin * sin, 2.0 * cos * sin
         f = response.at(row, phase, _EVERYWHERE)
-        higher = f.re + 1j * f.im
-        if response.rotors is not None:
-            higher = higher * np.conj(response.rotors[row])
-        harmonic = response.stages[-1][row].harmonic
-        cleaned[row] = phasors[row] - alone.amplitude * (higher - turn**harmonic)
+        re, im = response.turned_back(row, f.re, f.im)
+        cleaned[row].real = phasor.real - alone.amplitude * (re - cos)
+        cleaned[row].imag = phasor.imag - alone.amplitude * (im - sin)
     return cleaned
 
 
-def _angle(cos: NDArray[np.float64], sin: NDArray[np.float64]) -> Float32:
+def _angle(cos: Float, sin: Float) -> Float32:
     return np.arctan2(sin.astype(np.float32), cos.astype(np.float32))

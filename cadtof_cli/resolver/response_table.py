@@ -4,9 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from cadtof_cli.arrays import Complex, Float, Float32
+from cadtof_cli.arrays import Complex, Float, Float32, Index
 from cadtof_cli.phasors.response import HarmonicResponse
 
 ENTRIES = 1 << 14
@@ -18,7 +17,7 @@ the end, where paths that lie near each other move fastest."""
 
 _STEP = 2.0 * np.pi / ENTRIES
 
-Pixels = slice | NDArray[np.intp]
+Pixels = slice | Index
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,9 +65,26 @@ class ResponseBlock:
     rotors: Complex | None
 
     def observed(self, phasors: Complex, /) -> tuple[tuple[Float32, Float32], ...]:
-        """Return phasors, (H, n), as the pixel saw them before they were turned by its own phase: re and im, (n,) each."""
-        seen = phasors if self.rotors is None else phasors * self.rotors
-        return tuple((plane.real.astype(np.float32), plane.imag.astype(np.float32)) for plane in seen)
+        """Return phasors, (H, n), as the pixel saw them before they were turned by its own phase: re and im, (n,) each.
+
+        In real numbers, as numpy's complex products round differently at the end of an array than within it.
+        """
+        if self.rotors is None:
+            return tuple((plane.real.astype(np.float32), plane.imag.astype(np.float32)) for plane in phasors)
+        return tuple(
+            (
+                (plane.real * rotor.real - plane.imag * rotor.imag).astype(np.float32),
+                (plane.real * rotor.imag + plane.imag * rotor.real).astype(np.float32),
+            )
+            for plane, rotor in zip(phasors, self.rotors, strict=True)
+        )
+
+    def turned_back(self, row: int, re: Float32, im: Float32, /) -> tuple[Float, Float]:
+        """Return what a pixel of one harmonic saw as `observed` phasors have it, turned by its own phase: float64 (n,)."""
+        if self.rotors is None:
+            return re.astype(np.float64), im.astype(np.float64)
+        rotor = self.rotors[row]
+        return re * rotor.real + im * rotor.imag, im * rotor.real - re * rotor.imag
 
     def at(self, row: int, phase: Float32, pixels: Pixels, /, *, stage: int = -1) -> Answer:
         """Return the answer of one harmonic to paths of fundamental phase x in some of the pixels."""

@@ -7,9 +7,8 @@ Single precision throughout: its rounding is far below the noise of any frame, a
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from cadtof_cli.arrays import Bool, Complex, Float32
+from cadtof_cli.arrays import Bool, Complex, Float32, Index
 from cadtof_cli.resolver.noise import NoiseModel
 from cadtof_cli.resolver.response_table import Answer, ResponseBlock
 
@@ -27,8 +26,6 @@ ROUNDING = 2e-6
 
 STILL_WORTH = 0.8
 """Share of pixels still going on below which the others are left behind."""
-
-Index = NDArray[np.intp]
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,47 +15,51 @@ def two_path_sigmas(paths: TwoPaths, /, *, noise: NoiseModel) -> tuple[Float32, 
 
         α = (−(1+c)s,  1+c+c²)/((1−c)(2+c)),   β = ((1+c)s,  ½−c−c²)/((1−c)(2+c))
 
-    For white noise that gives the Cramér–Rao bound of PHYSICS, (σ/a)·√(13+20c+12c²)/(2(1−c)(2+c)); here q_h has the full
-    covariance that the averaging leaves for this mix of light, which is narrower across the phasor than along it.
-    float32 is enough for a prediction, and halves the time.
+    For white noise that is the Cramér–Rao bound of PHYSICS, (σ/a)·√(13+20c+12c²)/(2(1−c)(2+c)). Here q_h has the covariance
+    that the averaging leaves for this mix of light, E|q|² = ε(1/r_h² − |z_h|²) and E q² = ε(r_2h·z_2h/r_h² − z_h²) with
+    z_k = a + b·exp(ikD) and ε = 1/(2·n_av − 1). Multiplied out,
+
+        σ_x²·(a(1−c)(2+c))² = s1(2+4c+3c²) + s2(5/4+c) − t1(a·c²(3+4c+2c²) + b·c(4+5c))
+                              + t2(a(3/4+3c−4c³−2c⁴) + b(3/4−c−2c²)) − 2ε(1−c²)(b − a(1+c))²
+
+    with s_h the dark variance and t_h = ε·r_2h/(2·r_h²); σ_y with a and b exchanged. float32 is enough for a prediction.
     """
-    half_sin2 = paths.sin_half * paths.sin_half
-    gap = (2.0 * half_sin2).astype(np.float32)
-    sin = (-2.0 * paths.sin_half * paths.cos_half).astype(np.float32)
+    first, second = noise.harmonics
+    epsilon = first.averaging
+    s1, s2 = first.dark_variance, second.dark_variance
+    t1, t2 = (0.5 * epsilon * h.pulse_double / h.pulse**2 for h in (first, second))
+    gap = (2.0 * paths.sin_half * paths.sin_half).astype(np.float32)
     a, b = paths.a.astype(np.float32), paths.b.astype(np.float32)
-    return _sigma(a, b, gap, sin, noise), _sigma(b, a, gap, -sin, noise)
-
-
-def _sigma(a: Float32, b: Float32, gap: Float32, sin: Float32, noise: NoiseModel) -> Float32:
-    """Return the standard deviation of the phase of path a, with 1 − cos D = gap and sin D = sin."""
     cos = 1.0 - gap
-    cos2, sin2 = 2.0 * cos * cos - 1.0, 2.0 * sin * cos
-    cos4, sin4 = 2.0 * cos2 * cos2 - 1.0, 2.0 * sin2 * cos2
-    z1, z2, z4 = (a + b * cos, b * sin), (a + b * cos2, b * sin2), (a + b * cos4, b * sin4)
-    in_phase = (1.0 + cos) * sin
-    variance = _projected(-in_phase, 1.0 + cos + cos * cos, z1, z2, noise, 0)
-    variance += _projected(in_phase, 0.5 - cos - cos * cos, z2, z4, noise, 1)
-    result: Float32 = np.sqrt(np.maximum(variance, 0.0)) / (a * gap * (2.0 + cos))
-    return result
+    one_and_cos = 1.0 + cos
+    alone = _polynomial(cos, 2.0 * s1 + 1.25 * s2, 4.0 * s1 + s2, 3.0 * s1)
+    own = _polynomial(cos, 0.75 * t2, 3.0 * t2, -3.0 * t1, -4.0 * (t1 + t2), -2.0 * (t1 + t2))
+    other = _polynomial(cos, 0.75 * t2, -4.0 * t1 - t2, -5.0 * t1 - 2.0 * t2)
+    signal = gap * one_and_cos
+    signal *= 2.0 * epsilon
+    scale = gap * (2.0 + cos)
+
+    def sigma(strength: Float32, rival: Float32) -> Float32:
+        variance = strength * own
+        variance += rival * other
+        variance += alone
+        excess = rival - strength * one_and_cos
+        excess *= excess
+        excess *= signal
+        variance -= excess
+        result: Float32 = np.sqrt(np.maximum(variance, 0.0, out=variance), out=variance)
+        result /= strength * scale
+        return result
+
+    return sigma(a, b), sigma(b, a)
 
 
-def _projected(
-    re: Float32,
-    im: Float32,
-    phasor: tuple[Float32, Float32],
-    doubled: tuple[Float32, Float32],
-    noise: NoiseModel,
-    index: int,
-) -> Float32:
-    """Return the variance of re·Re q + im·Im q for noise q of one harmonic, whose moments are r_h·phasor and r_2h·doubled."""
-    harmonic = noise.harmonics[index]
-    half = np.float32(0.5 * harmonic.averaging)
-    scale = np.float32(0.5 * harmonic.averaging / harmonic.pulse**2)
-    twice = np.float32(harmonic.pulse_double / harmonic.pulse**2 * 0.5 * harmonic.averaging)
-    floor = np.float32(harmonic.floor)
-    z_re, z_im = phasor
-    total = (scale + floor) * (re * re + im * im)
-    shape = (re * re - im * im) * doubled[0] + 2.0 * re * im * doubled[1]
-    signal = re * z_re + im * z_im
-    result: Float32 = total + twice * shape - 2.0 * half * signal * signal
-    return result
+def _polynomial(x: Float32, *coefficients: float) -> Float32:
+    """Return Σ coefficients[k]·x^k by Horner's rule."""
+    *lower, highest = coefficients
+    value = highest * x
+    for coefficient in reversed(lower[1:]):
+        value += coefficient
+        value *= x
+    value += lower[0]
+    return value

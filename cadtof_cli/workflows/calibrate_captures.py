@@ -61,7 +61,13 @@ class CalibrateReport:
 
 
 def averaged_captures(
-    inputs: Sequence[Path], kind: PartKind, /, *, settings: CalibrateSettings, overrides: Mapping[str, Any], progress: Progress
+    inputs: Sequence[Path],
+    kind: PartKind,
+    /,
+    *,
+    settings: CalibrateSettings,
+    overrides: Mapping[str, Any],
+    progress: Progress,
 ) -> list[AveragedCapture]:
     """Read every frame of the captures and return each capture's mean.
 

@@ -31,7 +31,9 @@ def calibrate_dark(
     dark = fit_dark(averaged[0].mean, origin=origin_of(averaged, Calibration()))
     counts = dark.defect_counts()
     findings = tuple(
-        f"{counts[bit.name.lower()]} pixels with {DEFECT_MEANING[bit]}" for bit in Defect if bit.name and counts[bit.name.lower()]
+        f"{counts[bit.name.lower()]} pixels with {DEFECT_MEANING[bit]}"
+        for bit in Defect
+        if bit.name and counts[bit.name.lower()]
     )
     if averaged[0].mean.frames < 2:
         findings += ("one frame only: no noise was measured, and noisy or dead pixels were not looked for",)

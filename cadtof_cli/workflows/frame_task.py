@@ -2,6 +2,7 @@
 
 import time
 from dataclasses import asdict, dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, Literal
 
@@ -9,6 +10,7 @@ from cadtof_cli.arrays import Stored
 from cadtof_cli.capture.frames import FrameLayout, FrameSource, NotAFrameError
 from cadtof_cli.capture.reader import open_frames
 from cadtof_cli.errors import CadtofError, FrameError
+from cadtof_cli.maps.layers import DepthMaps, empty_maps
 from cadtof_cli.maps.writer import write_maps
 from cadtof_cli.pipeline import FramePlan, resolve_frame
 from cadtof_cli.resolver.status import count_status
@@ -58,7 +60,8 @@ def resolve_file(task: FrameTask, /) -> FrameReport:
     if task.keep_existing and task.output.exists():
         return report("skipped", f"{task.output} exists already")
     try:
-        resolved = resolve_frame(_read(task), plan=task.plan)
+        stored = _read(task)
+        resolved = resolve_frame(stored, plan=task.plan, maps=_reused_maps(*stored.shape[2:]))
         write_maps(task.output, resolved.maps, token=task.token)
     except NotAFrameError as error:
         return report("skipped", str(error))
@@ -82,6 +85,12 @@ def resolve_file(task: FrameTask, /) -> FrameReport:
         counts.two_paths,
         counts.invalid,
     )
+
+
+@lru_cache(maxsize=1)
+def _reused_maps(height: int, width: int) -> DepthMaps:
+    """Return this process's maps of that size: a frame's are written before the next frame's are computed."""
+    return empty_maps(height, width)
 
 
 def _read(task: FrameTask) -> Stored:

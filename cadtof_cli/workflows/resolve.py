@@ -32,6 +32,7 @@ class ResolveSettings:
     out: Path
     resolver: ResolverSettings = field(default_factory=ResolverSettings)
     depth: DepthKind = "range"
+    calibration: Path | None = None
     map_format: MapFormat = "same"
     jobs: int = field(default_factory=available_cores)
     start_method: StartMethod = field(default_factory=default_start_method)

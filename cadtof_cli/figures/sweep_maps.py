@@ -1,0 +1,112 @@
+"""A sweep as heat maps over ASR and integration length, and its first phasor as curves: the paper's Figs. 3, 8, 9."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import Colormap, LogNorm, Normalize, TwoSlopeNorm
+from matplotlib.figure import Figure
+
+from cadtof_cli.arrays import Float
+
+Table = Sequence[Mapping[str, float]]
+
+DOTS_PER_INCH = 120
+
+_READABLE_CELLS = 12
+"""Up to so many columns a map, each cell shows its number."""
+
+
+def draw_path_maps(table: Table, column: str, path: Path, /, *, title: str) -> None:
+    """Draw one heat map a path and MPI ratio: direct on top, second below.
+
+    Args:
+        table: rows of a sweep.
+        column: of each path, `bias_ns` or `std_ns`.
+        path: PNG to write.
+        title: of the figure.
+    """
+    ratios = sorted({row["mpi_ratio"] for row in table}, reverse=True)
+    names = ("direct", "second") if max(ratios) > 0 else ("direct",)
+    figure = Figure(figsize=(1.2 + 3.9 * len(ratios), 0.8 + 2.9 * len(names)), dpi=DOTS_PER_INCH, layout="constrained")
+    grid = figure.subplots(len(names), len(ratios), squeeze=False)
+    for row, name in enumerate(names):
+        for axes, ratio in zip(grid[row], ratios, strict=True):
+            if name == "second" and ratio == 0:
+                axes.set_axis_off()
+                continue
+            chosen = [entry for entry in table if entry["mpi_ratio"] == ratio]
+            _heat_map(figure, axes, chosen, f"{name}_{column}", signed=column == "bias_ns")
+            axes.set_title(f"{name} path, MPI/laser {ratio:g}", fontsize=10)
+    figure.suptitle(f"{title}, ns")
+    figure.savefig(path)
+
+
+def draw_confidence(table: Table, path: Path, /) -> None:
+    """Draw confidence, phase precision and phase error of the first phasor over ASR, a curve an MPI ratio.
+
+    Curves are of the longest integration length; lines are the analytical model, dots the simulation.
+    """
+    longest = max(row["integration_length"] for row in table)
+    chosen = [row for row in table if row["integration_length"] == longest]
+    ratios = sorted({row["mpi_ratio"] for row in chosen})
+    figure = Figure(figsize=(11.5, 3.7), dpi=DOTS_PER_INCH, layout="constrained")
+    for axes, (column, model, scale, label) in zip(
+        figure.subplots(1, 3),
+        (
+            ("confidence_v", "confidence_model_v", 1e3, "confidence (mV)"),
+            ("phase_std_rad", "phase_model_std_rad", 180.0 / np.pi, "phase precision (°)"),
+            ("phase_bias_rad", None, 180.0 / np.pi, "phase error (°)"),
+        ),
+        strict=True,
+    ):
+        for index, ratio in enumerate(ratios):
+            rows = sorted((row for row in chosen if row["mpi_ratio"] == ratio), key=lambda row: row["asr"])
+            asr = [row["asr"] for row in rows]
+            axes.plot(asr, [scale * row[column] for row in rows], "o", ms=4, color=f"C{index}", label=f"{ratio:g}")
+            if model:
+                axes.plot(asr, [scale * row[model] for row in rows], "-", lw=1, color=f"C{index}")
+            if column == "phase_bias_rad":
+                errors = [scale * row["phase_std_rad"] for row in rows]
+                axes.errorbar(asr, [scale * row[column] for row in rows], errors, fmt="none", color=f"C{index}", lw=0.8)
+        axes.set(xlabel="ambient-to-signal ratio", ylabel=label)
+        axes.legend(title="MPI/laser", fontsize=8, title_fontsize=8)
+    figure.suptitle(f"first phasor at integration length {longest:g}; lines: analytical model (Fig. 3)")
+    figure.savefig(path)
+
+
+def _heat_map(figure: Figure, axes: Axes, table: Table, column: str, *, signed: bool) -> None:
+    asrs = sorted({row["asr"] for row in table})
+    lengths = sorted({row["integration_length"] for row in table})
+    values = np.full((len(asrs), len(lengths)), np.nan)
+    for row in table:
+        values[asrs.index(row["asr"]), lengths.index(row["integration_length"])] = row[column]
+    norm = _norm(values, signed=signed)
+    image = axes.imshow(values, origin="lower", aspect="auto", cmap="RdBu_r" if signed else "viridis", norm=norm)
+    axes.set_xticks(range(len(lengths)), [f"{length:,.0f}" for length in lengths], fontsize=8)
+    axes.set_yticks(range(len(asrs)), [f"{asr:g}" for asr in asrs], fontsize=8)
+    axes.set(xlabel="integration length", ylabel="ASR")
+    if len(lengths) <= _READABLE_CELLS:
+        _write_numbers(axes, values, image.cmap, norm)
+    else:
+        figure.colorbar(image, ax=axes, label="ns")
+
+
+def _norm(values: Float, *, signed: bool) -> Normalize:
+    finite = values[np.isfinite(values)]
+    if signed:
+        largest = float(np.abs(finite).max(initial=1e-3))
+        return TwoSlopeNorm(0.0, -largest, largest)
+    positive = finite[finite > 0]
+    if not len(positive) or positive.min() == positive.max():
+        return Normalize(0.0, float(positive.max(initial=1.0)))
+    return LogNorm(float(positive.min()), float(positive.max()))
+
+
+def _write_numbers(axes: Axes, values: Float, colours: Colormap, norm: Normalize) -> None:
+    for (row, column), value in np.ndenumerate(values):
+        if np.isfinite(value):
+            red, green, blue, _ = colours(norm(value))
+            ink = "black" if 0.3 * red + 0.59 * green + 0.11 * blue > 0.5 else "white"
+            axes.text(column, row, f"{value:.2g}", ha="center", va="center", fontsize=7, color=ink)

@@ -1,0 +1,62 @@
+"""Make the captures in sample_data/ from a seed: card, corner, wall and inter-reflection, each with its truth."""
+
+import argparse
+import shutil
+import tempfile
+from pathlib import Path
+
+from cadtof_cli.capture.metadata import CaptureMetadata, Pixel, Target
+from cadtof_cli.simulation.camera import Camera
+from cadtof_cli.simulation.exposure import Exposure
+from cadtof_cli.simulation.light import Scene
+from cadtof_cli.simulation.recorder import FrameFormat
+from cadtof_cli.simulation.scenes import Card, Corner, InterReflection, Wall
+from cadtof_cli.workflows.record import RecordSettings, record_scene
+
+ROOT = Path(__file__).resolve().parent.parent
+SEED = 2024
+WALL_M = 3.35
+
+
+def main() -> None:
+    """Write the captures, in place of those that are there."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--out", type=Path, default=ROOT / "sample_data", help="folder of the captures")
+    out = parser.parse_args().out
+    out.mkdir(parents=True, exist_ok=True)
+    for name, settings in captures().items():
+        with tempfile.TemporaryDirectory(dir=out) as scratch:
+            record_scene(settings, Path(scratch) / name, jobs=2)
+            shutil.rmtree(out / name, ignore_errors=True)
+            (Path(scratch) / name).rename(out / name)
+        size = sum(file.stat().st_size for file in (out / name).iterdir())
+        print(f"{out / name}: {size / 1e6:.2f} MB")
+
+
+def captures() -> dict[str, RecordSettings]:
+    """Return what is recorded, by folder name."""
+    petzval = Camera(petzval_m=(-0.06, 0.015))
+    return {
+        "card": _capture(Card(), frame_format="exr"),
+        "corner": _capture(Corner(asr=1.0)),
+        "wall": _capture(Wall(distance_m=WALL_M), camera=petzval, target_m=WALL_M),
+        "inter-reflection": _capture(InterReflection()),
+    }
+
+
+def _capture(
+    scene: Scene, *, frame_format: FrameFormat = "tif", camera: Camera | None = None, target_m: float | None = None
+) -> RecordSettings:
+    camera = camera or Camera()
+    metadata = CaptureMetadata(
+        pixel=Pixel(integration_length=100_000.0),
+        optics=camera.optics,
+        target=Target(distance_m=target_m),
+        **({"voltage": camera.voltage} if frame_format == "tif" else {}),
+    )
+    exposure = Exposure(scene=scene, camera=camera, metadata=metadata, seed=SEED)
+    return RecordSettings(exposure=exposure, frame_format=frame_format, compress=not isinstance(scene, Corner))
+
+
+if __name__ == "__main__":
+    main()

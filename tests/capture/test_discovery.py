@@ -1,0 +1,191 @@
+"""Captures are found by names alone: what is a frame, in which order, and what is said where there is none."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cadtof_cli.capture.discovery import Capture, find_captures
+from cadtof_cli.capture.frames import FrameSource
+from cadtof_cli.capture.reader import open_frames
+from cadtof_cli.errors import CaptureError, FrameError, MetadataError
+from tests.capture.forms import known_frame, planes_of, tiff
+
+PATTERN = "{frame}_h{harmonic}_sc{channel}.tif"
+
+
+def _touch(folder: Path, *names: str) -> list[Path]:
+    folder.mkdir(parents=True, exist_ok=True)
+    paths = [folder / name for name in names]
+    for path in paths:
+        path.touch()
+    return paths
+
+
+def _names(capture: Capture) -> list[str]:
+    return [frame.name for frame in capture.frames]
+
+
+def _message(*inputs: Path) -> str:
+    with pytest.raises(CaptureError) as caught:
+        find_captures(inputs)
+    return str(caught.value)
+
+
+def test_frames_of_a_folder_come_in_natural_order(tmp_path: Path) -> None:
+    _touch(tmp_path, "frame_10.tif", "frame_2.TIF", "frame_1.exr", "frame_3.tiff", "Frame_4.EXR")
+    (capture,) = find_captures([tmp_path])
+    assert _names(capture) == ["frame_1", "frame_2", "frame_3", "Frame_4", "frame_10"]
+    assert capture.root == tmp_path
+    assert capture.frames[1] == FrameSource("frame_2", (tmp_path / "frame_2.TIF",))
+
+
+def test_what_is_no_frame_is_left_out(tmp_path: Path) -> None:
+    _touch(tmp_path, "frame.tif", "truth.exr", "Truth.TIF", ".hidden.tif", "capture.toml.bak", "notes.txt", "frame.png")
+    _touch(tmp_path / "calibration", "frame_0.tif")
+    (tmp_path / "folder.tif").mkdir()
+    (capture,) = find_captures([tmp_path])
+    assert _names(capture) == ["frame"]
+
+
+def test_files_that_are_listed_are_not_opened(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    _touch(tmp_path, *(f"frame_{index}.tif" for index in range(50)))
+
+    def refuse(*_: object, **__: object) -> None:
+        raise AssertionError("opened")
+
+    monkeypatch.setattr("builtins.open", refuse)
+    monkeypatch.setattr("os.open", refuse)
+    (capture,) = find_captures([tmp_path])
+    assert len(capture.frames) == 50
+
+
+def test_metadata_comes_from_the_folder_and_overrides_go_before_it(tmp_path: Path) -> None:
+    _touch(tmp_path, "frame.tif")
+    (tmp_path / "capture.toml").write_text("[modulation]\nperiods_ns = [30.0, 10.0]\n[layout]\nframes = 5\n")
+    (capture,) = find_captures([tmp_path], overrides={"layout.frames": 7})
+    assert capture.layout.harmonics == (1, 3)
+    assert capture.layout.frames == 7
+    assert capture.source.origins["modulation.periods_ns"] == str(tmp_path / "capture.toml")
+
+
+def test_files_that_follow_each_other_share_their_capture(tmp_path: Path) -> None:
+    here = _touch(tmp_path / "a", "x_2.tif", "x_1.tif")
+    there = _touch(tmp_path / "b", "y.exr")
+    (tmp_path / "b" / "capture.toml").write_text("[voltage]\nzero_counts = 3.0\n")
+    captures = find_captures([*here, *there, here[0], here[0]])
+    assert [_names(capture) for capture in captures] == [["x_2", "x_1"], ["y"], ["x_2"]]
+    assert [capture.source.metadata.voltage.zero_counts for capture in captures] == [0.0, 3.0, 0.0]
+
+
+def test_what_a_shell_makes_of_a_star(tmp_path: Path) -> None:
+    names = _touch(tmp_path, "capture.toml", "frame_0.tif", "frame_1.tif")
+    (capture,) = find_captures(names)
+    assert _names(capture) == ["frame_0", "frame_1"]
+
+
+def test_a_folder_and_a_file_in_it_are_two_captures(tmp_path: Path) -> None:
+    (path,) = _touch(tmp_path, "frame.tif")
+    assert len(find_captures([tmp_path, path])) == 2
+
+
+@pytest.mark.parametrize(
+    ("names", "found"),
+    [
+        ((), "found nothing"),
+        (("truth.exr", "notes.txt"), "found notes.txt, truth.exr"),
+        (tuple(f"{i}.png" for i in range(12)), "found 0.png, 1.png, 2.png, 3.png, 4.png and 7 more"),
+    ],
+)
+def test_empty_folder_says_what_it_holds(names: tuple[str, ...], found: str, tmp_path: Path) -> None:
+    _touch(tmp_path, *names)
+    assert (
+        _message(tmp_path) == f"{tmp_path}: no frames: looked for .exr, .tif, .tiff files other than truth.*, {found}"
+    )
+
+
+def test_input_that_does_not_exist(tmp_path: Path) -> None:
+    assert _message(tmp_path / "nowhere") == (
+        f"{tmp_path / 'nowhere'}: no such file or folder; expected a capture folder or a frame"
+    )
+
+
+def test_no_permission_to_list(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(_: Path) -> None:
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr("os.scandir", refuse)
+    assert _message(tmp_path) == f"{tmp_path}: no permission to list this folder; expected one that can be read"
+
+
+def test_two_frames_of_one_name(tmp_path: Path) -> None:
+    _touch(tmp_path, "frame.exr", "frame.tif")
+    assert "frame.exr and frame.tif would both be written as frame" in _message(tmp_path)
+
+
+def test_metadata_that_is_wrong(tmp_path: Path) -> None:
+    _touch(tmp_path, "frame.tif")
+    (tmp_path / "capture.toml").write_text("[layout]\npattern = 'plane.tif'\n")
+    with pytest.raises(MetadataError, match=r"layout\.pattern: found 'plane\.tif', expected a file name with"):
+        find_captures([tmp_path])
+
+
+def _planes(folder: Path, harmonics: tuple[int, ...], frames: tuple[str, ...] = ("a_2", "a_10")) -> None:
+    _touch(folder, *(f"{f}_h{h}_sc{c}.tif" for f in frames for h in harmonics for c in (1, 2)), "other.tif")
+
+
+def _found_planes(folder: Path, periods: str = "[40.0, 20.0]") -> Capture:
+    (folder / "capture.toml").write_text(f"[modulation]\nperiods_ns = {periods}\n[layout]\npattern = '{PATTERN}'\n")
+    (capture,) = find_captures([folder])
+    return capture
+
+
+def test_planes_are_grouped_into_frames(tmp_path: Path) -> None:
+    _planes(tmp_path, (1, 2))
+    capture = _found_planes(tmp_path)
+    assert _names(capture) == ["a_2", "a_10"]
+    expected = ["a_2_h1_sc1.tif", "a_2_h1_sc2.tif", "a_2_h2_sc1.tif", "a_2_h2_sc2.tif"]
+    assert [path.name for path in capture.frames[0].paths] == expected
+
+
+@pytest.mark.parametrize(
+    ("named", "taken"),
+    [((1, 3), (1, 3)), ((1, 2), (1, 2)), ((1, 2, 3), (1, 3)), ((1,), (1, 3))],
+    ids=["numbers", "places", "numbers-go-first", "neither-asks-for-numbers"],
+)
+def test_harmonics_are_called_by_number_or_place(
+    named: tuple[int, ...], taken: tuple[int, ...], tmp_path: Path
+) -> None:
+    _planes(tmp_path, named, ("a",))
+    capture = _found_planes(tmp_path, "[30.0, 10.0]")
+    expected = [f"a_h{h}_sc{c}.tif" for h in taken for c in (1, 2)]
+    assert [path.name for path in capture.frames[0].paths] == expected
+
+
+def test_a_frame_that_lacks_a_plane_fails_alone(tmp_path: Path) -> None:
+    recorded = known_frame("u2")
+    for name in ("a", "b"):
+        for index, plane in enumerate(planes_of(recorded)):
+            tiff()(tmp_path / f"{name}_h{index // 2 + 1}_sc{index % 2 + 1}", plane)
+    (tmp_path / "a_h2_sc1.tif").unlink()
+    capture = _found_planes(tmp_path)
+    assert _names(capture) == ["a", "b"]
+    with open_frames(capture.frames[1], capture.layout) as frames:
+        assert np.array_equal(frames.read(), recorded)
+    with pytest.raises(FrameError) as caught, open_frames(capture.frames[0], capture.layout):
+        pass
+    assert str(caught.value) == f"{tmp_path / 'a_h2_sc1.tif'}: no such file, expected H2.SC1 of frame a there"
+
+
+def test_one_plane_stands_for_its_frame(tmp_path: Path) -> None:
+    _planes(tmp_path, (1, 2))
+    folder = _found_planes(tmp_path)
+    (capture,) = find_captures([tmp_path / "a_10_h1_sc1.tif"])
+    assert capture.frames == folder.frames[1:]
+
+
+def test_no_file_that_fits_the_pattern(tmp_path: Path) -> None:
+    _touch(tmp_path, "frame_0.tif")
+    (tmp_path / "capture.toml").write_text(f"[layout]\npattern = '{PATTERN}'\n")
+    expected = f"looked for files named {PATTERN} (layout.pattern), found capture.toml, frame_0.tif"
+    assert _message(tmp_path) == f"{tmp_path}: no frames: {expected}"

@@ -1,0 +1,150 @@
+"""`cadtof simulate`: what it prints, what it writes, and what it refuses."""
+
+import csv
+import json
+from pathlib import Path
+
+import numpy as np
+import OpenEXR
+import pytest
+
+from tests.support.run_cadtof import cadtof
+
+PATH_KEYS = {"true_ns", "mean_ns", "bias_ns", "std_ns", "bound_ns", "within_1ns"}
+
+
+def test_the_table_of_the_mission() -> None:
+    done = cadtof("simulate", "--asr", 5, "--mpi", 0.3, "--jobs", 1)
+    assert (done.status, done.err) == (0, "")
+    lines = done.out.splitlines()
+    assert lines[0].startswith("laser : MPI : ambient = 1 : 0.3 : 5, n_av 100000")
+    assert lines[1].split("ns")[0].split() == ["path", "true"]
+    direct, second = lines[2].split(), lines[3].split()
+    assert (direct[0], second[0]) == ("direct", "second")
+    assert float(direct[4]) == pytest.approx(0.05, rel=0.15)
+    assert float(second[4]) == pytest.approx(0.16, rel=0.15)
+    assert "analytical model 43.2" in lines[4]
+
+
+def test_json_has_the_keys_of_the_contract_and_nothing_else_on_stdout() -> None:
+    done = cadtof("simulate", "--runs", 50, "--json", "--jobs", 1)
+    report = json.loads(done.out)
+    assert set(report) == {"settings", "direct", "second", "confidence_v", "confidence_model_v", "runs"}
+    assert set(report["direct"]) == set(report["second"]) == PATH_KEYS
+    assert report["runs"] == 50
+    assert report["settings"]["asr"] == 5.0
+    assert report["confidence_v"] == pytest.approx(report["confidence_model_v"], rel=0.01)
+
+
+def test_a_path_that_is_not_there_is_null() -> None:
+    report = json.loads(cadtof("simulate", "--mpi", 0, "--runs", 50, "--json", "--jobs", 1).out)
+    assert set(report["second"].values()) == {None}
+    assert report["direct"]["std_ns"] == pytest.approx(report["direct"]["bound_ns"], rel=0.5)
+    assert "–" in cadtof("simulate", "--mpi", 0, "--runs", 50, "--jobs", 1).out
+
+
+@pytest.mark.parametrize("way", [(), ("--photons", "--integration-length", "300")])
+def test_same_seed_same_bytes_for_any_number_of_processes(way: tuple[str, ...]) -> None:
+    one, two, other = (
+        cadtof("simulate", "--runs", 1003 if not way else 33, "--json", "--jobs", jobs, "--seed", seed, *way).out
+        for jobs, seed in ((1, 4), (2, 4), (1, 5))
+    )
+    assert one == two
+    assert one != other
+
+
+def test_out_gets_pictures_and_tables_of_one_recording(tmp_path: Path) -> None:
+    settings = ("--asr", 0.8, "--direct", 10, "--second", 17, "--integration-length", 4000, "--cycles", 10000)
+    done = cadtof("simulate", *settings, "--runs", 20, "-o", tmp_path / "out", "--jobs", 1)
+    assert done.status == 0
+    names = sorted(path.name for path in (tmp_path / "out").iterdir())
+    assert names == sorted(
+        ["histogram.csv", "histogram.png", "phase.csv", "phase.png", "voltages.csv", "voltages.png", "summary.json"]
+    )
+    for name in ("histogram.png", "phase.png", "voltages.png"):
+        assert (tmp_path / "out" / name).read_bytes().startswith(b"\x89PNG")
+    with (tmp_path / "out" / "phase.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert float(rows[-1]["photons"]) == 50_000
+    later = [float(row["phase_deg"]) for row in rows[len(rows) // 2 :]]
+    assert np.mean(later) == pytest.approx(103.24, abs=1.5)
+    with (tmp_path / "out" / "histogram.csv").open() as file:
+        assert sum(float(row["photons"]) for row in csv.DictReader(file)) == 50_000
+
+
+@pytest.mark.parametrize("scene", ["card", "wall", "corner", "inter-reflection"])
+@pytest.mark.parametrize("frame_format", ["tif", "exr"])
+def test_scenes_are_captures_that_resolve_reads(tmp_path: Path, scene: str, frame_format: str) -> None:
+    done = cadtof(
+        *("simulate", "--scene", scene, "--frames", 2, "-o", tmp_path / "c", "--width", 40, "--height", 24),
+        *("--format", frame_format, "--jobs", 1),
+    )
+    assert done.status == 0
+    assert done.out == ""
+    assert f"2 frames of {scene}" in done.err
+    assert cadtof("resolve", tmp_path / "c", "-o", tmp_path / "maps", "--format", "exr", "--jobs", 1).status == 0
+    truth = OpenEXR.File(str(tmp_path / "c" / "truth.exr"), separate_channels=True).channels()["direct.depth"].pixels
+    for index in (0, 1):
+        path = tmp_path / "maps" / f"frame_{index:04d}.exr"
+        depth = OpenEXR.File(str(path), separate_channels=True).channels()["direct.depth"].pixels
+        assert np.nanmedian(np.abs(depth - truth)) < (0.04 if scene == "corner" else 0.006)
+
+
+def test_capacitors_and_switched_stages_are_simulated() -> None:
+    capacitors = ("--capacitors", "1,20,1,25,10,9,8,9,12,8,9,8")
+    report = json.loads(cadtof("simulate", *capacitors, "--runs", 20, "--json", "--jobs", 1, "--temperature", 300).out)
+    assert report["settings"]["integration_length"] == pytest.approx(60.0)
+    assert report["settings"]["sample_noise_v"] == pytest.approx(2.035e-3, rel=1e-3)
+    switched = (*capacitors, "--stages", "switched", "--f1", "1e8", "--f2", "1e7", "--cycles", "2000")
+    report = json.loads(cadtof("simulate", *switched, "--runs", 20, "--json", "--jobs", 1, "--photons").out)
+    assert report["settings"]["stages"] == "switched"
+
+
+BAD_INPUT = [
+    (("--asr", "-1"), "ASR: found -1, expected a ratio of 0 or more"),
+    (("--mpi", "-0.3"), "MPI ratio: found -0.3, expected a ratio of 0 or more"),
+    (("--photons", "--dead-time", "41"), "dead time: found 41 ns, expected 0 to less than one cycle of 40 ns"),
+    (("--dead-time", "10"), "dead time: found without photons"),
+    (("--second", "45"), "second: found 45 ns, a separation of 40 ns, expected a time after the direct 5 ns"),
+    (("--second", "4"), "second: found 4 ns, a separation of -1 ns"),
+    (("--integration-length", "1"), "integration length: found 1, expected a finite number above 1"),
+    (("--runs", "0"), "runs: found 0, expected 2 or more"),
+    (("--jobs", "0"), "--jobs: found 0, expected 1 or more"),
+    (("--periods", "40,13"), "modulation.periods_ns: found [40.0, 13.0]"),
+    (("--amplitude", "0"), "modulation.amplitude_v: found 0.0"),
+    (("--capacitors", "1,2,3"), "capacitors: found 3 values, expected 12"),
+    (("--capacitors", "1,2,3", "--integration-length", "5"), "--integration-length: found with --capacitors"),
+    (("--stages", "switched"), "stages: found switched stages without capacitors"),
+    (("--temperature", "300"), "--temperature: found without --capacitors"),
+    (("--offsets", "1"), "--offsets: found 1 values, expected 2"),
+    (("--frames", "3"), "--frames: found without --scene, where it has no effect"),
+    (("--scene", "wall"), "--scene wall: found no -o, expected -o DIR"),
+    (("--scene", "wall", "--runs", "10", "-o", "x"), "--runs: found with --scene wall, where it has no effect"),
+    (("--scene", "wall", "--mpi", "0.3", "-o", "x"), "--mpi: found with --scene wall, which it does not change"),
+    (("--scene", "wall", "--tilt", "3", "-o", "x"), "--tilt: found 1 values, expected 2"),
+    (("--scene", "wall", "--distance", "5.9", "-o", "x"), "expected less than the unambiguous range of 5.996 m"),
+    (("--scene", "corner", "--albedo", "2", "-o", "x"), "albedo: found 2, expected above 0, at most 1"),
+    (("--scene", "card", "--frames", "0", "-o", "x"), "frames: found 0, expected 1 or more"),
+    (("--scene", "cave", "-o", "x"), "'cave' is not one of 'pixel', 'card', 'wall', 'corner', 'inter-reflection'"),
+]
+
+
+@pytest.mark.parametrize(("arguments", "message"), BAD_INPUT)
+def test_bad_input_gets_a_clear_error(
+    arguments: tuple[str, ...], message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    done = cadtof("simulate", *arguments)
+    assert message in done.err
+    assert "Traceback" not in done.err
+    assert (done.status, done.out) == (2, "")
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("scene", ["pixel", "card"])
+def test_an_out_that_exists_is_left_alone(tmp_path: Path, scene: str) -> None:
+    (tmp_path / "mine.txt").write_text("mine")
+    done = cadtof("simulate", "--scene", scene, "-o", tmp_path, "--jobs", 1)
+    assert f"{tmp_path}: found a folder with files, expected nothing there; choose another OUT" in done.err
+    assert done.status == 2
+    assert [path.name for path in tmp_path.iterdir()] == ["mine.txt"]

@@ -1,0 +1,67 @@
+import numpy as np
+import pytest
+from scipy import integrate
+
+from cadtof_cli.arrays import Stored
+from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Pulse, Voltage
+from cadtof_cli.errors import SettingsError
+from cadtof_cli.phasors.pulse import pulse_response
+from cadtof_cli.phasors.voltages import not_finite_pixels, phasor_scale, phasors_from_voltages, saturated_pixels
+
+
+@pytest.mark.parametrize("harmonic", [1, 2, 4])
+def test_the_pulse_response_is_the_fourier_integral_of_the_pulse(harmonic: int) -> None:
+    s = 1.7 / (2 * np.sqrt(2 * np.log(2)))
+    gaussian = integrate.quad(
+        lambda t: np.exp(-((t / s) ** 2) / 2) / (s * np.sqrt(2 * np.pi)) * np.cos(harmonic * 2 * np.pi * t / 40),
+        -10,
+        10,
+    )[0]
+    assert pulse_response(harmonic, fwhm_ns=1.7, period_ns=40.0) == pytest.approx(gaussian, rel=1e-9)
+
+
+def test_the_pulse_of_the_paper_shrinks_the_two_harmonics_unequally() -> None:
+    r1, r2 = (pulse_response(h, fwhm_ns=1.7, period_ns=40.0) for h in (1, 2))
+    assert (round(r1, 3), round(r2, 3)) == (0.994, 0.975)
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.int32, np.float16, np.float32, np.float64])
+def test_stored_values_of_any_type_become_normalised_phasors(dtype: type) -> None:
+    metadata = CaptureMetadata(
+        voltage=Voltage(zero_counts=100.0, volts_per_count=1e-3),
+        modulation=Modulation(amplitude_v=0.25),
+        pulse=Pulse(fwhm_ns=0.0),
+    )
+    stored: Stored = np.array([[[110, 90], [100, 125]], [[100, 200], [50, 100]]]).astype(dtype)
+    before = stored.copy()
+    scale = phasor_scale(metadata, stored.dtype)
+    phasors = phasors_from_voltages(stored, scale=scale)
+    expected = [[0.04 + 0j, -0.04 + 0.1j], [-0.2j, 0.4 + 0j]]
+    np.testing.assert_allclose(phasors, expected, atol=1e-15)
+    assert phasors.dtype == np.complex128
+    np.testing.assert_array_equal(stored, before)
+
+
+def test_each_harmonic_is_divided_by_its_own_pulse_response() -> None:
+    scale = phasor_scale(CaptureMetadata(), np.dtype(np.float32))
+    phasors = phasors_from_voltages(np.full((2, 2, 1), 0.2746 / np.sqrt(2)), scale=scale)
+    np.testing.assert_allclose(np.abs(phasors[:, 0]), [1 / 0.993591, 1 / 0.974609], rtol=1e-5)
+
+
+def test_values_at_or_beyond_the_limits_are_saturated_and_nan_is_not() -> None:
+    metadata = CaptureMetadata(voltage=Voltage(volts_per_count=1.0, saturated_counts=(0.0, 255.0)))
+    stored = np.full((2, 2, 6), 100.0)
+    stored[0, 0, 1], stored[1, 1, 2], stored[0, 1, 3], stored[1, 0, 4] = 255, 0, -3, np.nan
+    scale = phasor_scale(metadata, stored.dtype)
+    assert saturated_pixels(stored, scale=scale).tolist() == [False, True, True, True, False, False]
+    assert not_finite_pixels(phasors_from_voltages(stored, scale=scale)).tolist() == [False] * 4 + [True, False]
+    unlimited = phasor_scale(CaptureMetadata(), stored.dtype)
+    assert not saturated_pixels(stored, scale=unlimited).any()
+
+
+def test_whole_numbers_without_a_scale_are_refused_and_floats_are_volts() -> None:
+    with pytest.raises(SettingsError, match=r"whole numbers \(uint16\).*volts_per_count under \[voltage\]"):
+        phasor_scale(CaptureMetadata(), np.dtype(np.uint16))
+    assert phasor_scale(CaptureMetadata(), np.dtype(np.float16)).per_count[0] == pytest.approx(
+        1 / 0.2746 / 0.993591, rel=1e-5
+    )

@@ -1,0 +1,199 @@
+from operator import attrgetter
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from cadtof_cli.capture.metadata import CaptureMetadata
+from cadtof_cli.errors import SettingsError
+from cadtof_cli.resolver.noise import noise_model
+from cadtof_cli.resolver.resolve import ResolvedPaths, resolve_paths
+from cadtof_cli.resolver.settings import ResolverSettings
+from cadtof_cli.resolver.status import MEANING, StatusBit, count_status, describe_status
+from tests.support.forward import Light, ns_from_rad, phasors_of
+
+C = NDArray[np.complex128]
+NOISE = noise_model(CaptureMetadata(), integration_length=1e5, quantised=False)
+
+
+def resolve(phasors: C, *, saturated: Any = False, **options: Any) -> ResolvedPaths:
+    return resolve_paths(
+        phasors,
+        saturated=np.broadcast_to(np.asarray(saturated), phasors.shape[1:]),
+        settings=ResolverSettings(**options),
+        noise=NOISE,
+        amplitude_v=0.2746,
+    )
+
+
+def mixed(*paths: tuple[float, float]) -> C:
+    """Noiseless phasors of one pixel from (amplitude, delay in ns) pairs."""
+    rotors = [(a, np.exp(2j * np.pi * t / 40.0)) for a, t in paths]
+    return np.array([[sum(a * z**h for a, z in rotors)] for h in (1, 2)])
+
+
+def ns(path: Any) -> float:
+    return float(ns_from_rad(path.phase_rad)[0])
+
+
+def test_two_paths_come_out_first_return_first() -> None:
+    found = resolve(mixed((0.1, 5.0), (0.3, 12.0)))
+    assert (ns(found.direct), ns(found.mpi)) == pytest.approx((5.0, 12.0))
+    assert (found.direct.amplitude[0], found.mpi.amplitude[0]) == pytest.approx((0.1, 0.3))
+    assert found.status[0] == StatusBit.TWO_PATHS
+    assert found.confidence[0] == pytest.approx(abs(mixed((0.1, 5.0), (0.3, 12.0))[0, 0]))
+
+
+@pytest.mark.parametrize(("returns", "expected"), [("first", 5.0), ("strongest", 12.0), ("last", 12.0)])
+def test_which_return_is_direct_can_be_chosen(returns: str, expected: float) -> None:
+    found = resolve(mixed((0.1, 5.0), (0.3, 12.0)), returns=returns)
+    assert ns(found.direct) == pytest.approx(expected)
+    assert ns(found.mpi) == pytest.approx(17.0 - expected)
+
+
+@pytest.mark.parametrize(("ratio", "expected"), [(0.3, 5.0), (0.4, 12.0)])
+def test_a_return_that_is_too_weak_is_not_direct(ratio: float, expected: float) -> None:
+    assert ns(resolve(mixed((0.1, 5.0), (0.3, 12.0)), min_return_ratio=ratio).direct) == pytest.approx(expected)
+    late = resolve(mixed((0.3, 5.0), (0.1, 12.0)), min_return_ratio=ratio, returns="last").direct
+    assert ns(late) == pytest.approx(17.0 - expected)
+
+
+@pytest.mark.parametrize(("direct_ns", "second_ns"), [(5.0, 25.0), (5.0, 39.0), (1.0, 30.0)])
+def test_an_echo_of_any_delay_within_the_range_stays_the_echo(direct_ns: float, second_ns: float) -> None:
+    found = resolve(mixed((0.3, direct_ns), (0.1, second_ns)))
+    assert (ns(found.direct), ns(found.mpi)) == pytest.approx((direct_ns, second_ns))
+
+
+def test_a_weak_echo_that_wraps_round_the_range_is_not_taken_for_a_first_return() -> None:
+    found = resolve(mixed((0.3, 34.0), (0.05, 43.0)))
+    assert (ns(found.direct), ns(found.mpi)) == pytest.approx((34.0, 43.0))
+    near = resolve(mixed((0.05, 24.0), (0.3, 34.0)))
+    assert (ns(near.direct), ns(near.mpi)) == pytest.approx((24.0, 34.0))
+
+
+@pytest.mark.parametrize("order", ["auto", "2", "1"])
+@pytest.mark.parametrize("returns", ["first", "strongest", "last"])
+@pytest.mark.parametrize("ratio", [0.0, 0.1])
+def test_one_exact_path_is_one_path_however_it_is_asked_for(order: str, returns: str, ratio: float) -> None:
+    found = resolve(mixed((0.2, 30.0)), order=order, returns=returns, min_return_ratio=ratio)
+    assert ns(found.direct) == pytest.approx(30.0)
+    assert found.direct.amplitude[0] == pytest.approx(0.2)
+    assert np.isfinite(found.direct.sigma_rad[0])
+    assert found.status[0] == StatusBit.ONE_PATH
+    assert np.isnan([found.mpi.amplitude[0], found.mpi.phase_rad[0], found.mpi.sigma_rad[0]]).all()
+
+
+def test_order_1_and_the_one_path_solver_are_the_same_and_never_find_two() -> None:
+    p = phasors_of(Light(2.0, 0.4).voltages(np.random.default_rng(0), 1e5, 200))
+    one, solver = resolve(p, order="1"), resolve(p, solver="one-path")
+    np.testing.assert_array_equal(one.direct.phase_rad, solver.direct.phase_rad)
+    assert (one.status == StatusBit.ONE_PATH).all()
+    assert np.isnan(one.mpi.phase_rad).all()
+
+
+@pytest.mark.parametrize("false_alarm", [0.1, 0.01, 0.001])
+def test_light_of_one_path_is_called_two_as_rarely_as_asked(false_alarm: float) -> None:
+    size = 50_000
+    p = phasors_of(Light(2.0).voltages(np.random.default_rng(3), 1e5, size))
+    share = np.mean(resolve(p, false_alarm=false_alarm).status & StatusBit.TWO_PATHS != 0)
+    assert share == pytest.approx(false_alarm, abs=4 * np.sqrt(false_alarm / size))
+
+
+def test_without_mpi_the_order_test_more_than_halves_the_error_of_two_paths() -> None:
+    p = phasors_of(Light(5.0, direct_ns=9.0).voltages(np.random.default_rng(4), 1e5, 5000))
+    errors = {o: ns_from_rad(resolve(p, order=o).direct.phase_rad) - 9.0 for o in ("auto", "1", "2")}
+    rmse = {order: np.sqrt(np.mean(error**2)) for order, error in errors.items()}
+    assert rmse["auto"] < 0.5 * rmse["2"]
+    assert np.median(np.abs(errors["auto"])) < 1.02 * np.median(np.abs(errors["1"]))
+
+
+def test_bad_pixels_are_nan_with_their_reason_and_leave_the_others_alone() -> None:
+    good = mixed((0.3, 5.0), (0.1, 12.0))
+    p = np.repeat(good, 6, axis=1)
+    p[0, 1], p[1, 2], p[1, 3], p[:, 4] = np.nan, np.inf, complex(0, np.nan), 1e-5
+    found = resolve(p, saturated=[False, False, False, False, False, True])
+    expected = [StatusBit.TWO_PATHS, *[StatusBit.NOT_FINITE] * 3, StatusBit.LOW_CONFIDENCE, StatusBit.SATURATED]
+    assert found.status.tolist() == [int(bit) for bit in expected]
+    for path in (found.direct, found.mpi):
+        for values in (path.amplitude, path.phase_rad, path.sigma_rad):
+            assert np.isfinite(values).tolist() == [True] + [False] * 5
+            assert np.isnan(values[1:]).all()
+    assert np.isfinite(found.confidence).tolist() == [True, False, False, False, True, False]
+    alone = resolve(good)
+    assert found.direct.phase_rad[0] == alone.direct.phase_rad[0]
+
+
+def test_noise_alone_is_no_signal_as_rarely_passed_as_asked_and_zero_never_is() -> None:
+    rng = np.random.default_rng(6)
+    dark = Light(1e9).voltages(rng, 1e5, 50_000)
+    passed = np.mean(resolve(phasors_of(dark)).status & StatusBit.LOW_CONFIDENCE == 0)
+    assert passed == pytest.approx(0.01, abs=0.002)
+    for least in (None, 0.0):
+        assert resolve(np.zeros((2, 1), complex), min_confidence_v=least).status[0] == StatusBit.LOW_CONFIDENCE
+
+
+def test_opposite_paths_have_no_first_phasor_and_still_an_answer() -> None:
+    found = resolve(mixed((0.2, 5.0), (0.2, 25.0)))
+    assert found.status[0] == StatusBit.TWO_PATHS
+    assert {round(ns(found.direct), 6), round(ns(found.mpi), 6)} == {5.0, 25.0}
+
+
+def test_min_confidence_is_in_volts_of_the_first_phasor() -> None:
+    p = mixed((0.2, 5.0))
+    assert resolve(p, min_confidence_v=0.2746 * 0.19).status[0] == StatusBit.ONE_PATH
+    assert resolve(p, min_confidence_v=0.2746 * 0.21).status[0] == StatusBit.LOW_CONFIDENCE
+
+
+def test_paths_closer_than_their_uncertainty_are_called_ill_conditioned() -> None:
+    close = resolve(mixed((0.1, 5.0), (0.1, 6.0)), order="2")
+    assert close.status[0] == StatusBit.TWO_PATHS | StatusBit.ILL_CONDITIONED
+    assert resolve(mixed((0.1, 5.0), (0.1, 15.0)), order="2").status[0] == StatusBit.TWO_PATHS
+
+
+@pytest.mark.parametrize("options", [{}, {"order": "2"}, {"order": "1"}, {"returns": "last"}])
+def test_every_pixel_has_the_same_bits_wherever_its_block_begins(options: dict[str, Any]) -> None:
+    rng = np.random.default_rng(7)
+    lights = [Light(2.0), Light(2.0, 0.3), Light(50.0, 0.1), Light(1e9), Light(0.1, 0.02)]
+    p = np.concatenate([phasors_of(light.voltages(rng, 1e5, 61)) for light in lights], axis=1)
+    p = np.ascontiguousarray(p[:, rng.permutation(p.shape[1])])
+    p[0, 17] = np.nan
+    whole = resolve(p, **options)
+    for size in (1, 7, 64, 200):
+        parts = [resolve(p[:, i : i + size], **options) for i in range(0, p.shape[1], size)]
+        for name in ("direct.phase_rad", "direct.sigma_rad", "mpi.phase_rad", "mpi.amplitude", "confidence", "status"):
+            get = attrgetter(name)
+            np.testing.assert_array_equal(np.concatenate([get(part) for part in parts]), get(whole))
+
+
+def test_inputs_are_not_changed() -> None:
+    p = mixed((0.3, 5.0), (0.1, 12.0))
+    p = np.repeat(p, 3, axis=1)
+    p[0, 1] = np.nan
+    before = p.copy()
+    resolve(p, saturated=[False, False, True])
+    np.testing.assert_array_equal(p, before)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"solver": "neural"}, "--solver: found 'neural', expected one of two-path, one-path"),
+        ({"false_alarm": 1.5}, "--false-alarm: found 1.5, expected a probability"),
+        ({"false_alarm": 0.0}, "--false-alarm: found 0.0"),
+        ({"min_return_ratio": -0.1}, "--min-return-ratio: found -0.1, expected 0 to 1"),
+        ({"min_confidence_v": float("nan")}, "--min-confidence: found nan, expected a voltage"),
+        ({"solver": "one-path", "order": "2"}, "cannot give --order 2"),
+    ],
+)
+def test_impossible_settings_are_refused(options: dict[str, Any], words: str) -> None:
+    with pytest.raises(SettingsError, match=words.replace("(", r"\(")):
+        ResolverSettings(**options)
+
+
+def test_the_registry_of_status_bits_is_whole() -> None:
+    assert set(MEANING) == set(StatusBit)
+    assert all(bit & (bit - 1) == 0 for bit in StatusBit)
+    assert describe_status(StatusBit.TWO_PATHS | StatusBit.ILL_CONDITIONED) == ("two paths", "ill conditioned")
+    counts = count_status(np.array([8, 16, 48, 1, 4], np.uint32))
+    assert (counts.one_path, counts.two_paths, counts.invalid) == (1, 2, 2)
