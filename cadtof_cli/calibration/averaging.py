@@ -78,10 +78,10 @@ class FrameAverage:
         return (stored.astype(np.float64) - self._voltage.zero_counts) * per_count
 
     def _usable(self, stored: Stored, volts: Float) -> Bool:
-        usable: Bool = np.isfinite(volts).all(axis=(0, 1))
+        usable = np.asarray(np.isfinite(volts).all(axis=(0, 1)), np.bool_)
         if self._voltage.saturated_counts is not None:
             low, high = self._voltage.saturated_counts
-            usable &= ((stored > low) & (stored < high)).all(axis=(0, 1))
+            usable &= np.asarray(((stored > low) & (stored < high)).all(axis=(0, 1)), np.bool_)
         return usable
 
 

@@ -124,18 +124,18 @@ def fit_dark(mean: MeanFrame, /, *, origin: Origin) -> DarkCalibration:
     its noise is outside what χ² allows around the plane's median variance. With one frame there is no noise to judge by.
     """
     defects = np.zeros(mean.pixels, np.uint32)
-    defects[~mean.sound] |= Defect.NOT_FINITE
+    defects[~mean.sound] |= np.uint32(Defect.NOT_FINITE)
     for offset, variance in zip(_planes(mean.mean_v), _planes(mean.variance_v2), strict=True):
-        centre = np.nanmedian(offset)
-        spread = np.nanmedian(np.abs(offset - centre)) / MAD_PER_SIGMA
-        resolution = np.finfo(np.float32).eps * max(abs(float(centre)), 1e-6)
-        defects[np.abs(offset - centre) > OFFSET_LIMIT * max(float(spread), resolution)] |= Defect.OFFSET
+        centre = float(np.nanmedian(offset))
+        spread = float(np.nanmedian(np.abs(offset - centre))) / MAD_PER_SIGMA
+        rounding = float(np.finfo(np.float32).eps) * max(abs(centre), 1e-6)
+        defects[np.abs(offset - centre) > OFFSET_LIMIT * max(spread, rounding)] |= np.uint32(Defect.OFFSET)
         if mean.frames > 1:
             low, high = _variance_limits(mean.frames)
             typical = float(np.nanmedian(variance)) / median_variance_ratio(mean.frames)
             if typical > 0.0:
-                defects[variance > high * typical] |= Defect.NOISE
-                defects[variance < low * typical] |= Defect.DEAD
+                defects[variance > high * typical] |= np.uint32(Defect.NOISE)
+                defects[variance < low * typical] |= np.uint32(Defect.DEAD)
     noise = np.sqrt(np.nan_to_num(mean.variance_v2)).astype(np.float32)
     return DarkCalibration(origin, np.nan_to_num(mean.mean_v).astype(np.float32), noise, defects)
 

@@ -75,7 +75,8 @@ class Origin:
             ("waveform", modulation.waveform, self.waveform),
         ]
         if pixels is not None:
-            checks.append(("size", *("{1} × {0} pixels".format(*size) for size in (pixels, self.pixels))))
+            there, here = ("{1} × {0} pixels".format(*size) for size in (pixels, self.pixels))
+            checks.append(("size", there, here))
         for name, found, expected in checks:
             if found != expected:
                 raise SettingsError(

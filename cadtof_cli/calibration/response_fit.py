@@ -32,6 +32,9 @@ TERM_PIXELS = 6_000
 
 CURVATURE_SIGNIFICANCE = 4.0
 
+LARGEST_RESIDUAL = 1.5
+"""What may be left over the noise before the user is warned."""
+
 
 @dataclass(frozen=True, eq=False)
 class TargetMean:
@@ -72,6 +75,11 @@ def fit_response(targets: Sequence[TargetMean], /, *, metadata: CaptureMetadata,
         findings.append(
             f"field curvature k2 = {curvature[0]:.4f} m, k4 = {curvature[1]:.4f} m was taken out of the phase maps: `resolve` "
             "corrects it, or what `calibrate petzval` finds in its place"
+        )
+    if terms.residual > LARGEST_RESIDUAL:
+        findings.append(
+            f"warning: what is left is {terms.residual:.1f} times the noise: is the dark calibration in the folder, are the "
+            "distances right, and is the target flat, still and without multi-path interference?"
         )
     quality = _quality(pixels, terms, tuple(distances), tuple(findings))
     return _calibration(pixels, own, terms, ideal, usable, curvature, quality, origin)

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cadtof_cli.arrays import Bool, Complex, Float
+from cadtof_cli.arrays import Bool, Complex, Float, Index
 from cadtof_cli.resolver.noise import MAD_PER_SIGMA
 
 CANDIDATES = (-1, 0, -3, 5, 3)
@@ -144,51 +144,54 @@ def fit_terms(observed: Observations, base: Sequence[dict[int, complex]], /, *, 
     kept = np.ones(observed.phase.shape[1], np.bool_)
     if distances < 2:
         pixels = fit_pixels(observed, terms)
-        findings = ("one distance: k = 1 and the maps only; two or more distances tell further terms",)
-        return TermFit(terms, (), tuple(() for _ in terms), 1.0, findings, pixels.misfit >= 0.0)
-    orders: tuple[int, ...] = ()
-    findings_by_order: dict[int, str] = {}
+        said = "one distance: k = 1 and the maps only; two or more distances tell further terms"
+        return TermFit(terms, (), tuple(() for _ in terms), 1.0, (said,), pixels.misfit >= 0.0)
+    changes: Terms = tuple({} for _ in base)
     for _ in range(PASSES):
-        pixels = fit_pixels(observed.some(kept), terms)
-        system = _System(pixels, terms, observed.harmonics)
-        orders, findings_by_order = system.selection(_needed(orders, terms, base, system))
-        terms = tuple(
-            {k: g for k, g in one.items() if k in orders or k in start}
-            | {k: start[k] for k in start if k not in orders}
-            for one, start in zip(terms, base, strict=True)
-        )
-        terms = system.changed(terms, base, orders)
+        system = _System(fit_pixels(observed.some(kept), terms), terms, base, observed.harmonics)
+        orders, reasons = system.selection(_needed(changes, system))
+        changes = system.changed(changes, orders)
+        terms = tuple(composed(start, change) for start, change in zip(base, changes, strict=True))
         kept = _without_outliers(fit_pixels(observed, terms).misfit)
     pixels = fit_pixels(observed.some(kept), terms)
-    system = _System(pixels, terms, observed.harmonics)
-    freedom = system.freedom(len(orders))
-    residual = float(np.sqrt(pixels.misfit.sum() / freedom))
+    system = _System(pixels, terms, base, observed.harmonics)
+    residual = float(np.sqrt(pixels.misfit.sum() / system.freedom(len(orders))))
     errors = system.stderr(orders)
-    findings = tuple(
-        f"k = {k:+d}: {findings_by_order[k]}" if k not in orders else f"k = {k:+d}: {_taken(terms, errors, orders, k)}"
-        for k in CANDIDATES
-    )
+    reasons |= {k: _taken(changes, errors[:, index], k) for index, k in enumerate(orders)}
+    findings = tuple(f"k = {k:+d}: {reasons[k]}" for k in CANDIDATES)
     return TermFit(terms, orders, tuple(map(tuple, errors.tolist())), residual, findings, kept)
 
 
-def _needed(
-    orders: tuple[int, ...], terms: Terms, base: Sequence[dict[int, complex]], system: "_System"
-) -> tuple[int, ...]:
-    """Return the orders that still differ from the ideal waveform's, now that the others have been taken out."""
+def composed(base: dict[int, complex], changes: dict[int, complex]) -> dict[int, complex]:
+    """Return the terms of a waveform `base` after changes by k; that of k = −1 is an imbalance, which mirrors all of the base."""
+    terms = dict(base)
+    for k, change in changes.items():
+        for order, share in _shape(base, k).items():
+            terms[order] = terms.get(order, 0j) + change * share
+    return terms
+
+
+def _shape(base: dict[int, complex], k: int) -> dict[int, complex]:
+    """Return what a change of k by 1 changes, by order."""
+    return {k: 1.0 + 0j} | ({-order: value.conjugate() for order, value in base.items()} if k == -1 else {})
+
+
+def _needed(changes: Terms, system: "_System") -> tuple[int, ...]:
+    """Return the orders whose changes still matter, now that the others have been taken out."""
+    orders = tuple(changes[0])
     errors = system.stderr(orders)
     return tuple(
         k
         for index, k in enumerate(orders)
         if any(
-            abs(one.get(k, 0j) - start.get(k, 0j)) > max(LEAST_TERM, LEAST_SIGNIFICANCE * error)
-            for one, start, error in zip(terms, base, errors[:, index], strict=True)
+            abs(change[k]) > max(LEAST_TERM, LEAST_SIGNIFICANCE * error)
+            for change, error in zip(changes, errors[:, index], strict=True)
         )
     )
 
 
-def _taken(terms: Terms, errors: Float, orders: tuple[int, ...], k: int) -> str:
-    index = orders.index(k)
-    sizes = ", ".join(f"{abs(one.get(k, 0.0)):.5f} ± {errors[row, index]:.5f}" for row, one in enumerate(terms))
+def _taken(changes: Terms, errors: Float, k: int) -> str:
+    sizes = ", ".join(f"{abs(change[k]):.5f} ± {error:.5f}" for change, error in zip(changes, errors, strict=True))
     return f"taken, {sizes} of k = 1"
 
 
@@ -205,7 +208,9 @@ class _System:
     Unknowns are real and imaginary part of k = CANDIDATES[0] in the first harmonic, then the second …, then the next k.
     """
 
-    def __init__(self, pixels: PixelFit, terms: Terms, harmonics: tuple[int, ...]) -> None:
+    def __init__(
+        self, pixels: PixelFit, terms: Terms, base: Sequence[dict[int, complex]], harmonics: tuple[int, ...]
+    ) -> None:
         self._harmonics = len(harmonics)
         self._targets, self._pixels = pixels.left.shape[0], pixels.left.shape[2]
         roots = np.sqrt(pixels.weights)
@@ -214,7 +219,8 @@ class _System:
         for k in CANDIDATES:
             for row in range(len(harmonics)):
                 theta = pixels.theta[:, row]
-                answer = np.exp(1j * (k - 1) * theta) / series(terms[row], theta)
+                shape = sum(g * np.exp(1j * (order - 1) * theta) for order, g in _shape(base[row], k).items())
+                answer = shape / series(terms[row], theta)
                 for unit in (1.0, 1j):
                     column = np.zeros(pixels.left.shape, np.complex128)
                     column[:, row] = unit * answer
@@ -229,11 +235,10 @@ class _System:
     def _imaginary(column: Float, weights: Float) -> Float:
         return np.asarray(column - (column * weights).sum(axis=0) / weights.sum(axis=0))
 
-    def _places(self, orders: Sequence[int]) -> Float:
+    def _places(self, orders: Sequence[int]) -> Index:
         width = 2 * self._harmonics
-        return np.concatenate([np.arange(width) + width * CANDIDATES.index(k) for k in orders] or [np.zeros(0)]).astype(
-            np.intp
-        )
+        starts = np.array([width * CANDIDATES.index(k) for k in orders], np.intp)
+        return np.asarray((starts[:, np.newaxis] + np.arange(width)).ravel(), np.intp)
 
     def freedom(self, orders: int) -> float:
         """Return how many more numbers were measured than fitted."""
@@ -284,16 +289,13 @@ class _System:
                 return taken, findings
             taken = (*taken, max(scores, key=lambda k: scores[k]))
 
-    def changed(self, terms: Terms, base: Sequence[dict[int, complex]], orders: tuple[int, ...]) -> Terms:
-        """Return the terms after one Gauss–Newton step of the orders taken."""
-        if not orders:
-            return terms
-        change, _, _ = self._solved(orders)
-        after: list[dict[int, complex]] = [dict(one) for one in terms]
-        for index, k in enumerate(orders):
-            for row, one in enumerate(after):
-                one[k] = one.get(k, 0j) + complex(change[index, row, 0], change[index, row, 1])
-        return tuple(after)
+    def changed(self, changes: Terms, orders: tuple[int, ...]) -> Terms:
+        """Return the changes of the orders taken after one Gauss–Newton step; those of other orders are dropped."""
+        step, _, _ = self._solved(orders)
+        return tuple(
+            {k: change.get(k, 0j) + complex(*step[index, row]) for index, k in enumerate(orders)}
+            for row, change in enumerate(changes)
+        )
 
     def stderr(self, orders: tuple[int, ...]) -> Float:
         """Return the standard error of each order in each harmonic, (H, len(orders)): the larger of the two parts'."""

@@ -150,8 +150,8 @@ def _response_lines(figures: Mapping[str, Any]) -> list[str]:
     for index, row in enumerate(zip(*(figures[name] for name in columns), strict=True), start=1):
         gain, phase, spread, error, gain_spread, gain_error = row
         lines.append(
-            f"harmonic {index} of the list: gain {gain:.4f}, phase {phase:+.4f} rad; pixel to pixel {spread:.4f} rad (each known to "
-            f"{error:.4f}), {gain_spread:.2%} of gain (known to {gain_error:.2%})"
+            f"harmonic {index}: gain {gain:.4f}, phase {phase:+.4f} rad; pixel to pixel {spread:.4f} rad "
+            f"(each known to {error:.4f}), {gain_spread:.2%} of gain (known to {gain_error:.2%})"
         )
     lines.append(f"left over the noise: {figures['residual']:.3f} (1 is nothing but noise)")
     return lines
@@ -159,7 +159,7 @@ def _response_lines(figures: Mapping[str, Any]) -> list[str]:
 
 def _petzval_lines(figures: Mapping[str, Any]) -> list[str]:
     lines = [
-        f"k2 = {figures['k2_m']:.5f} ± {figures['k2_stderr_m']:.5f} m, k4 = {figures['k4_m']:.5f} ± {figures['k4_stderr_m']:.5f} m",
+        ", ".join(f"{k} = {figures[k + '_m']:.5f} ± {figures[k + '_stderr_m']:.5f} m" for k in ("k2", "k4")),
         f"residual RMS: {1000 * figures['rms_before_m']:.3f} mm before, {1000 * figures['rms_after_m']:.3f} mm after, "
         f"{1000 * figures['noise_rms_m']:.3f} mm by noise alone",
     ]

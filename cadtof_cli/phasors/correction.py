@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cadtof_cli.arrays import Complex, Float, Stored
+from cadtof_cli.arrays import Complex, Float, Float32, Stored
 from cadtof_cli.phasors.response import HarmonicResponse
 
 
@@ -27,9 +27,9 @@ def pixel_correction(
     volts_per_count: float,
     zero_counts: float,
     amplitude_v: float,
-    offset_v: Float | None,
+    offset_v: Float | Float32 | None,
     phase_rad: Float | None,
-    gain: Float | None,
+    gain: Float | Float32 | None,
     pixels: int,
 ) -> PixelCorrection:
     """Return the maps that take out offset, gain, imbalance and phase, in this order.

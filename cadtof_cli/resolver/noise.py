@@ -2,10 +2,11 @@
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from cadtof_cli.arrays import Complex, Float
+from cadtof_cli.arrays import Complex, Float, Float32
 from cadtof_cli.capture.metadata import CaptureMetadata, Waveform
 from cadtof_cli.phasors.pulse import pulse_response
 from cadtof_cli.phasors.response import ideal_response
@@ -47,9 +48,9 @@ class HarmonicNoise:
         """Variance a channel where only ambient light arrives: the most that there can be."""
         return 0.5 * self.averaging / self.pulse**2 + self.floor
 
-    def one_path_variances(self, amplitude: Float, /) -> tuple[Float, Float]:
-        """Return the variances along and across the phasor of a single path of the given amplitude, shape (n,)."""
-        share = np.clip(amplitude, 0.0, 1.0)
+    def one_path_variances(self, amplitude: Float | Float32, /) -> tuple[Any, Any]:
+        """Return the variances along and across the phasor of a single path of the given amplitude, (n,) each of its type."""
+        share: Any = np.clip(amplitude, 0.0, 1.0)
         scale = 0.5 * self.averaging / self.pulse**2
         doubled = (scale * self.pulse_double) * share
         across = (scale + self.floor) - doubled

@@ -79,7 +79,7 @@ def _one_path_step(
     noise: NoiseModel,
 ) -> _OnePathStep:
     """Return one Gauss–Newton step; each harmonic's equations are turned so that its answer is real."""
-    n11, n12, n22, g1, g2, chi = np.zeros((6, amplitude.size), np.float32)
+    n11, n12, n22, g1, g2, chi = (np.zeros_like(amplitude) for _ in range(6))
     for row, harmonic in enumerate(noise.harmonics):
         f = response.at(row, phase, _EVERYWHERE)
         re, im = observed[row]
@@ -96,7 +96,7 @@ def _one_path_step(
         g1 += modulus * left_re * w_along
         g2 += slope_re * left_re * w_along + slope_im * left_im * w_across
         chi += left_re * left_re * w_along + left_im * left_im * w_across
-    scale = 1.0 / (n11 * n22 - n12 * n12)
+    scale: Float32 = np.reciprocal(n11 * n22 - n12 * n12)
     growth, turn = (n22 * g1 - n12 * g2) * scale, (n11 * g2 - n12 * g1) * scale
     return _OnePathStep(growth, turn, np.sqrt(n11 * scale), chi - growth * g1 - turn * g2)
 
@@ -159,14 +159,15 @@ def _values(paths: TwoPaths, pixels: Index | slice) -> Float32:
 
 def _with(paths: TwoPaths, pixels: Index, values: Float32) -> TwoPaths:
     """Return the paths with a, x, b, y of some pixels replaced."""
-    a, x, b, y = values.astype(np.float64)
+    x, y = values[1].astype(np.float64), values[3].astype(np.float64)
     half = 0.5 * ((x - y) % FULL_TURN)
-    refined = (a, b, np.cos(y + half), np.sin(y + half), np.cos(half), np.sin(half))
+    refined = (values[0], values[2], np.cos(y + half), np.sin(y + half), np.cos(half), np.sin(half))
     planes = (paths.a, paths.b, paths.cos_mean, paths.sin_mean, paths.cos_half, paths.sin_half)
     changed = [plane.copy() for plane in planes]
     for plane, new in zip(changed, refined, strict=True):
         plane[pixels] = new
-    return TwoPaths(*changed, paths.single)
+    a, b, cos_mean, sin_mean, cos_half, sin_half = changed
+    return TwoPaths(a, b, cos_mean, sin_mean, cos_half, sin_half, paths.single)
 
 
 def _sine_part(alone: OnePath, phasors: Complex, response: ResponseBlock) -> Complex:

@@ -123,7 +123,7 @@ def resolve_paths(
         frame = fundamental_frame(phasors[0], phasors[1])
         status, confidence = _screened(frame, saturated, settings, noise, amplitude_v)
         if hot is not None:
-            status[hot] |= StatusBit.HOT_PIXEL
+            status |= hot * np.uint32(StatusBit.HOT_PIXEL)
             confidence = np.where(hot, np.nan, confidence)
         answered = status == 0
         if not answered.all():

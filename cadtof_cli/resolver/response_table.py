@@ -124,7 +124,7 @@ def response_model(responses: Sequence[HarmonicResponse], phase_rad: Float | Non
 
 def _table(response: HarmonicResponse, share: float) -> ResponseTable:
     """Return exp(iθ) + share·(f − exp(iθ)), and its derivative by x."""
-    theta = np.arange(ENTRIES) * _STEP
+    theta = _STEP * np.arange(ENTRIES, dtype=np.float64)
     sine = np.exp(1j * theta)
     value = sine + share * (response.without_mirror(response.at(theta)) - sine)
     slope = 1j * sine + share * (response.without_mirror(response.slope_at(theta)) - 1j * sine)

@@ -50,7 +50,10 @@ def _target(capture: AveragedCapture, earlier: Calibration) -> TargetMean:
         volts = np.where(earlier.dark.hot, np.nan, earlier.dark.apply(volts))
     distance = capture.metadata.target.distance_m
     assert distance is not None
-    return TargetMean(volts[:, 0] + 1j * volts[:, 1], _mean_noise(capture), distance)
+    noise = _mean_noise(capture)
+    if earlier.dark is not None:
+        noise = np.hypot(noise, earlier.dark.quality()["offset_stderr_v"])
+    return TargetMean(volts[:, 0] + 1j * volts[:, 1], noise, distance)
 
 
 def _mean_noise(capture: AveragedCapture) -> Float:

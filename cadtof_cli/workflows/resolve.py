@@ -19,6 +19,7 @@ from cadtof_cli.pipeline import DepthKind, FramePlan
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.workflows.frame_task import FrameReport, FrameTask, resolve_file
 from cadtof_cli.workflows.run_record import RunRecord, prepare_output
+from cadtof_cli.workflows.use_calibration import use_calibration
 
 MapFormat = Literal["exr", "tif", "same"]
 
@@ -100,14 +101,25 @@ def resolve_captures(
         CadtofError: nothing can be resolved: an input, the metadata, the settings or the output folder is at fault.
     """
     captures = find_captures(inputs, overrides=overrides)
-    plans = [FramePlan(metadata=c.source.metadata, resolver=settings.resolver, depth=settings.depth) for c in captures]
+    calibration = use_calibration(settings.calibration, captures) if settings.calibration else None
+    plans = [
+        FramePlan(
+            metadata=capture.source.metadata,
+            resolver=settings.resolver,
+            depth=settings.depth,
+            calibration=calibration.use if calibration else None,
+        )
+        for capture in captures
+    ]
     prepare_output(captures, settings.out, arguments=arguments, overwrite=settings.overwrite, resume=settings.resume)
     for capture in captures:
         _note_defaults(capture, progress.on_note)
+    for note in calibration.notes if calibration else ():
+        progress.on_note(note)
     totals, began, token = RunTotals(), time.monotonic(), uuid4().hex[:8]
     tasks = _tasks(captures, plans, settings, progress, token)
     outcomes = run_ordered(resolve_file, tasks, jobs=settings.jobs, start_method=settings.start_method)
-    record = RunRecord(settings.out, arguments=arguments, captures=captures)
+    record = RunRecord(settings.out, arguments=arguments, captures=captures, calibration=calibration)
     try:
         with record.opened(append=settings.resume), closing(outcomes):
             for outcome in outcomes:

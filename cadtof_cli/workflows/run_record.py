@@ -15,6 +15,7 @@ from cadtof_cli.maps.files import make_folder, remove_partial_files, write_json
 from cadtof_cli.maps.layers import LAYER_UNITS
 from cadtof_cli.resolver.status import MEANING
 from cadtof_cli.workflows.frame_task import FrameReport
+from cadtof_cli.workflows.use_calibration import AppliedCalibration
 
 RUN_FILE = "run.json"
 FRAMES_FILE = "frames.jsonl"
@@ -88,7 +89,15 @@ def _check_same_settings(path: Path, arguments: Mapping[str, Any]) -> None:
 class RunRecord:
     """The record of one run, kept while it goes on: whatever ends it, what was finished is on disk."""
 
-    def __init__(self, out: Path, /, *, arguments: Mapping[str, Any], captures: Sequence[Capture]) -> None:
+    def __init__(
+        self,
+        out: Path,
+        /,
+        *,
+        arguments: Mapping[str, Any],
+        captures: Sequence[Capture],
+        calibration: AppliedCalibration | None = None,
+    ) -> None:
         self._out = out
         self._lines: TextIO | None = None
         self._document: dict[str, Any] = {
@@ -97,7 +106,7 @@ class RunRecord:
             "finished": False,
             "arguments": dict(arguments),
             "captures": [_capture_record(capture) for capture in captures],
-            "calibration": None,
+            "calibration": calibration and calibration.as_json(),
             "layers": dict(LAYER_UNITS),
             "status_bits": {bit.name: int(bit) for bit in MEANING},
         }

@@ -35,7 +35,7 @@ def use_calibration(folder: Path, captures: Sequence[Capture], /) -> AppliedCali
     for capture in captures:
         calibration.require_match(capture.source.metadata, first_pixels(capture))
     digests = calibration.digests
-    parts = {
+    parts: dict[str, Mapping[str, Any]] = {
         part.kind: {
             "digest": digests[part.kind],
             "created": part.origin.created,
