@@ -33,7 +33,7 @@ class PetzvalQuality:
         k2_stderr_m, k4_stderr_m: standard errors.
         rms_before_m: residual of the best flat walls without curvature.
         rms_after_m: residual of the best flat walls with it.
-        noise_rms_m: what noise alone would leave.
+        noise_rms_m: what noise alone, of the frames and of the maps applied to them, would leave.
         correlation: the largest between a coefficient and a wall's distance, tilt or the focal length, absolute.
         focal_length_px: of the optics, or fitted where they were not known.
         focal_length_known: which of the two.

@@ -19,7 +19,8 @@ class ResponseQuality:
         distances_m: of the targets.
         residual: what the model leaves over the noise, 1 where it leaves nothing but noise.
         phase_stderr_rad, gain_stderr: of one pixel's map entry, a harmonic each.
-        term_stderr: of every term besides k = 1, relative to G[h,1], a harmonic each.
+        term_stderr: of every term that was fitted, relative to G[h,1], a harmonic each.
+        curvature_stderr_m: of the field curvature: by chance, pixels' own phases may look like some.
         findings: why each term was taken or left, and what was assumed, in words.
     """
 
@@ -28,6 +29,7 @@ class ResponseQuality:
     phase_stderr_rad: tuple[float, ...] = ()
     gain_stderr: tuple[float, ...] = ()
     term_stderr: tuple[tuple[float, ...], ...] = ()
+    curvature_stderr_m: tuple[float, float] = (0.0, 0.0)
     findings: tuple[str, ...] = ()
 
 
@@ -79,7 +81,8 @@ class ResponseCalibration:
             for response in self.responses
         }
         k2, k4 = self.field_curvature_m
-        tables["field_curvature"] = {"k2_m": k2, "k4_m": k4}
+        k2_error, k4_error = quality.curvature_stderr_m
+        tables["field_curvature"] = {"k2_m": k2, "k4_m": k4, "k2_stderr_m": k2_error, "k4_stderr_m": k4_error}
         tables["quality"] = {
             "distances_m": list(quality.distances_m),
             "residual": quality.residual,
@@ -100,7 +103,7 @@ class ResponseCalibration:
     @classmethod
     def from_stored(cls, origin: Origin, tables: Tables, maps: Maps) -> Self:
         """Build the calibration from its tables and maps."""
-        quality = tables["quality"]
+        quality, curved = tables["quality"], tables["field_curvature"]
         return cls(
             origin,
             tuple(
@@ -109,13 +112,14 @@ class ResponseCalibration:
             ),
             stacked(maps, plane_names("phase", origin.harmonics)),
             stacked(maps, plane_names("gain", origin.harmonics)),
-            (float(tables["field_curvature"]["k2_m"]), float(tables["field_curvature"]["k4_m"])),
+            (float(curved["k2_m"]), float(curved["k4_m"])),
             ResponseQuality(
                 tuple(quality["distances_m"]),
                 float(quality["residual"]),
                 tuple(quality["phase_stderr_rad"]),
                 tuple(quality["gain_stderr"]),
                 tuple(tuple(errors) for errors in quality["term_stderr"]),
+                (float(curved["k2_stderr_m"]), float(curved["k4_stderr_m"])),
                 tuple(quality["findings"]),
             ),
         )

@@ -68,9 +68,9 @@ def fit_response(targets: Sequence[TargetMean], /, *, metadata: CaptureMetadata,
     terms = fit_terms(observed.some(slice(None, None, max(1, usable.sum() // TERM_PIXELS))), base, distances=distinct)
     pixels = fit_pixels(observed, terms.terms)
     findings = [*terms.findings, *_assumptions(metadata, usable, known_optics)]
-    curvature, own = (0.0, 0.0), pixels.phase
+    curvature, errors, own = (0.0, 0.0), (0.0, 0.0), pixels.phase
     if known_optics:
-        curvature, own = _without_curvature(pixels, usable, metadata, origin)
+        curvature, errors, own = _without_curvature(pixels, usable, metadata, origin)
     if any(curvature):
         findings.append(
             f"field curvature k2 = {curvature[0]:.4f} m, k4 = {curvature[1]:.4f} m was taken out of the phase maps: `resolve` "
@@ -81,7 +81,7 @@ def fit_response(targets: Sequence[TargetMean], /, *, metadata: CaptureMetadata,
             f"warning: what is left is {terms.residual:.1f} times the noise: is the dark calibration in the folder, are the "
             "distances right, and is the target flat, still and without multi-path interference?"
         )
-    quality = _quality(pixels, terms, tuple(distances), tuple(findings))
+    quality = _quality(pixels, terms, tuple(distances), errors, tuple(findings))
     return _calibration(pixels, own, terms, ideal, usable, curvature, quality, origin)
 
 
@@ -118,8 +118,8 @@ def _assumptions(metadata: CaptureMetadata, usable: Bool, known_optics: bool) ->
 
 def _without_curvature(
     pixels: PixelFit, usable: Bool, metadata: CaptureMetadata, origin: Origin
-) -> tuple[tuple[float, float], Float]:
-    """Return the field curvature (k2, k4) that the phases hold, and the phases, (H, n), without it.
+) -> tuple[tuple[float, float], tuple[float, float], Float]:
+    """Return the field curvature (k2, k4) that the phases hold, its standard errors, and the phases, (H, n), without it.
 
     A lens delays all harmonics alike, as does a delay of the pixel; what the two have in common is told apart by its
     shape, a polynomial in the distance from the principal point.
@@ -143,10 +143,10 @@ def _without_curvature(
     fit = robust_fit(residual, np.zeros(5))
     errors = np.sqrt(np.diag(fit.covariance))
     if not (np.abs(fit.parameters[:2]) > CURVATURE_SIGNIFICANCE * errors[:2]).any():
-        return (0.0, 0.0), pixels.phase
+        return (0.0, 0.0), (0.0, 0.0), pixels.phase
     k2, k4 = float(fit.parameters[0]), float(fit.parameters[1])
     added = curvature_m(origin.pixels, point, (k2, k4)).ravel()[usable] / metres
-    return (k2, k4), pixels.phase - harmonics * added
+    return (k2, k4), (float(errors[0]), float(errors[1])), pixels.phase - harmonics * added
 
 
 def _mean_rotor(phase: Float) -> Complex:
@@ -155,7 +155,11 @@ def _mean_rotor(phase: Float) -> Complex:
 
 
 def _quality(
-    pixels: PixelFit, terms: TermFit, distances: tuple[float, ...], findings: tuple[str, ...]
+    pixels: PixelFit,
+    terms: TermFit,
+    distances: tuple[float, ...],
+    curvature_stderr_m: tuple[float, float],
+    findings: tuple[str, ...],
 ) -> ResponseQuality:
     weights = pixels.weights
     information = weights.sum(axis=0)
@@ -167,6 +171,7 @@ def _quality(
         phase_stderr_rad=tuple(float(np.median(one**-0.5)) for one in information),
         gain_stderr=tuple(gain),
         term_stderr=terms.stderr,
+        curvature_stderr_m=curvature_stderr_m,
         findings=findings,
     )
 

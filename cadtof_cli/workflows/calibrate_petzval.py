@@ -7,15 +7,16 @@ from typing import Any
 
 import numpy as np
 
+from cadtof_cli.arrays import Float
 from cadtof_cli.calibration.petzval import PetzvalCalibration
 from cadtof_cli.calibration.petzval_fit import WallRanges, fit_petzval
 from cadtof_cli.calibration.store import Calibration, load_calibration
-from cadtof_cli.capture.metadata import Voltage
-from cadtof_cli.maps.layers import DIRECT_DEPTH, DIRECT_SIGMA
+from cadtof_cli.capture.metadata import Modulation, Voltage
+from cadtof_cli.maps.layers import DIRECT_AMPLITUDE, DIRECT_DEPTH, DIRECT_SIGMA
 from cadtof_cli.pipeline import CalibrationUse, FramePlan, resolve_frame
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.resolver.status import StatusBit
-from cadtof_cli.units import unambiguous_range_m
+from cadtof_cli.units import metres_per_radian, unambiguous_range_m
 from cadtof_cli.workflows.calibrate_captures import (
     AveragedCapture,
     CalibrateReport,
@@ -26,6 +27,9 @@ from cadtof_cli.workflows.calibrate_captures import (
     parts_before,
     saved,
 )
+
+FALSE_ALARM = 1e-4
+"""Of the order test: the mean of many frames shows the maps' own noise too, which is not MPI."""
 
 
 def calibrate_petzval(
@@ -52,6 +56,7 @@ def calibrate_petzval(
         unambiguous_m=unambiguous_range_m(modulation.periods_ns[0]),
         origin=origin_of(averaged, earlier),
     )
+    petzval = _with_shared_uncertainty(petzval, earlier)
     report = saved(petzval, settings, _figures(petzval), petzval.quality.findings)
     if plot is None:
         return report
@@ -68,14 +73,48 @@ def _wall(capture: AveragedCapture, folder: Path, earlier: Calibration) -> WallR
     if earlier.parts:
         use = CalibrationUse(folder, load_calibration(folder).digest, curved=False)
     plan = FramePlan(
-        metadata=replace(metadata, voltage=Voltage(), pixel=pixel), resolver=ResolverSettings(), calibration=use
+        metadata=replace(metadata, voltage=Voltage(), pixel=pixel),
+        resolver=ResolverSettings(false_alarm=FALSE_ALARM),
+        calibration=use,
     )
     maps = resolve_frame(mean.mean_v, plan=plan).maps
     single = (maps.status & StatusBit.ONE_PATH) != 0
-    ranges, sigma = (
-        np.where(single, maps.layer(name), np.nan).astype(np.float64) for name in (DIRECT_DEPTH, DIRECT_SIGMA)
+    ranges, sigma, amplitude = (
+        np.where(single, maps.layer(name), np.nan).astype(np.float64)
+        for name in (DIRECT_DEPTH, DIRECT_SIGMA, DIRECT_AMPLITUDE)
     )
-    return WallRanges(ranges, sigma, metadata.target.distance_m)
+    own = _calibration_noise_m(earlier, amplitude, metadata.modulation)
+    return WallRanges(ranges, np.hypot(sigma, own), metadata.target.distance_m)
+
+
+def _calibration_noise_m(earlier: Calibration, amplitude_v: Float, modulation: Modulation) -> Float:
+    """Return the standard deviation in m, (Y, X), that noise of the dark and response maps brings into each pixel's range.
+
+    The maps' phase errors a harmonic are independent, and the range is their mean weighted by what each harmonic tells.
+    """
+    dark = earlier.dark.quality()["offset_stderr_v"] if earlier.dark else 0.0
+    phases = earlier.response.quality.phase_stderr_rad if earlier.response else (0.0,) * len(modulation.harmonics)
+    information = sum(
+        h**2 / ((dark / amplitude_v) ** 2 + phase**2 + np.finfo(np.float64).tiny)
+        for h, phase in zip(modulation.harmonics, phases, strict=True)
+    )
+    return np.asarray(metres_per_radian(modulation.periods_ns[0]) / np.sqrt(information))
+
+
+def _with_shared_uncertainty(petzval: PetzvalCalibration, earlier: Calibration) -> PetzvalCalibration:
+    """Add what the response calibration could not tell: curvature from pixels' own phases that happen to look like it."""
+    if earlier.response is None:
+        return petzval
+    k2, k4 = earlier.response.quality.curvature_stderr_m
+    quality = petzval.quality
+    return replace(
+        petzval,
+        quality=replace(
+            quality,
+            k2_stderr_m=float(np.hypot(quality.k2_stderr_m, k2)),
+            k4_stderr_m=float(np.hypot(quality.k4_stderr_m, k4)),
+        ),
+    )
 
 
 def _figures(petzval: PetzvalCalibration) -> dict[str, Any]:
