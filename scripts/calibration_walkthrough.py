@@ -126,18 +126,15 @@ def numbers(diary: Diary) -> dict[str, str]:
 
 
 def flatness(diary: Diary) -> float:
-    """Return the RMS error of frames of a wall that was not fitted over the RMS of their predicted noise."""
+    """Return the RMS error of frames of a wall that was not fitted over that of their noise, seen from frame to frame."""
     seen = camera()
     truth = seen.wall_range_m(2.0, (2.0, 1.0))
     write(diary.place / "fresh", seen, wall(seen, 2.0, (2.0, 1.0), count=10, seed=90))
-    diary.run("resolve", "fresh", "-o", "fresh_maps", "--calibration", "camera", "-q")
-    squares: list[float] = []
-    variances: list[float] = []
-    for path in sorted((diary.place / "fresh_maps").glob("*.tif")):
-        layers = read_layers(path)
-        squares.append(float(np.nanmean((layers[DIRECT_DEPTH] - truth) ** 2)))
-        variances.append(float(np.nanmean(layers["direct.sigma"] ** 2)))
-    return float(np.sqrt(np.mean(squares) / np.mean(variances)))
+    diary.run("resolve", "fresh", "-o", "fresh_maps", "--calibration", "camera", "--order", "1", "-q")
+    maps = sorted((diary.place / "fresh_maps").glob("*.tif"))
+    error = np.stack([read_layers(path)[DIRECT_DEPTH] - truth for path in maps])
+    noise = error.std(axis=0, ddof=1)
+    return float(np.sqrt(np.nanmean(error**2) / np.nanmean(noise**2)))
 
 
 def card_bias(diary: Diary, maps: str) -> float:
