@@ -12,7 +12,7 @@ import click
 from cadtof_cli import __version__
 from cadtof_cli.errors import CadtofError
 
-COMMANDS = ("resolve", "info", "evaluate", "preview", "simulate", "sweep")
+COMMANDS = ("resolve", "info", "evaluate", "preview", "simulate", "sweep", "calibrate")
 """Subcommands in the order of `cadtof --help`; each is `commands/<name>.py` with a click command of that name."""
 
 INTERRUPTED = 130

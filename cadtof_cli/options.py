@@ -1,7 +1,7 @@
 """Options that several commands share: inputs, and what overrides `capture.toml`."""
 
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -60,14 +60,23 @@ class CaptureOption(click.Option):
 
 def capture_options(function: Function) -> Function:
     """Add an option for every key of `capture.toml`; they arrive as one mapping by dotted key, `overrides`."""
+    return _with_options(function, KEYS)
 
+
+def capture_options_without(*paths: str) -> Callable[[Function], Function]:
+    """Add the same options but for keys, by dotted name, that a command has an option of its own for."""
+    keys = tuple(key for key in KEYS if key.path not in paths)
+    return lambda function: _with_options(function, keys)
+
+
+def _with_options(function: Function, keys: Sequence[Key]) -> Function:
     def gathered(**arguments: Any) -> Any:
-        overrides = {key.path: arguments.pop(_parameter(key)) for key in KEYS}
+        overrides = {key.path: arguments.pop(_parameter(key)) for key in keys}
         return function(overrides={path: value for path, value in overrides.items() if value is not None}, **arguments)
 
     gathered.__doc__, gathered.__name__ = function.__doc__, function.__name__
     gathered.__click_params__ = getattr(function, "__click_params__", [])  # type: ignore[attr-defined]
-    for key in reversed(KEYS):
+    for key in reversed(keys):
         gathered = click.option(*_names(key), _parameter(key), cls=CaptureOption, type=_type(key), help=_help(key))(
             gathered
         )

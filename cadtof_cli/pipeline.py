@@ -3,22 +3,26 @@
 import math
 from dataclasses import dataclass
 from functools import lru_cache
+from pathlib import Path
 from typing import Literal
 
 import numpy as np
 
 from cadtof_cli.arrays import Bool, Complex, Float, Stored
+from cadtof_cli.calibration.frame import FrameCorrection, frame_correction
+from cadtof_cli.calibration.store import cached_calibration
 from cadtof_cli.capture.metadata import CaptureMetadata
 from cadtof_cli.errors import FrameError, SettingsError
 from cadtof_cli.maps.depth import DepthScale, write_paths
 from cadtof_cli.maps.geometry import known_focal_length, planar_per_range
 from cadtof_cli.maps.layers import DepthMaps, LayerChoice, empty_maps
 from cadtof_cli.phasors.averaging import FrameMean
-from cadtof_cli.phasors.voltages import PhasorScale, phasor_scale, phasors_from_voltages, saturated_pixels
+from cadtof_cli.phasors.voltages import PhasorScale, phasor_scale, saturated_pixels
 from cadtof_cli.resolver.noise import NoiseModel, estimated_integration_length, noise_model
 from cadtof_cli.resolver.pooling import pooled_phasors
 from cadtof_cli.resolver.resolve import resolve_paths
 from cadtof_cli.resolver.settings import ResolverSettings
+from cadtof_cli.resolver.status import StatusBit
 from cadtof_cli.units import metres_per_radian
 
 DepthKind = Literal["range", "z"]
@@ -30,7 +34,19 @@ BLOCK_PIXELS = 19200
 stays small however large the frames are."""
 
 SEARCHED_BLOCK_PIXELS = 32768
-"""Pixels a block where they are searched: the last steps are for a few of them, and cost the same for any block."""
+"""Pixels a block where paths are searched or refined: the last steps are for a few, and cost the same for any block."""
+
+
+@dataclass(frozen=True)
+class CalibrationUse:
+    """A calibration folder and its digest: what crosses to a worker, which reads the folder once.
+
+    `curved` is false where the ranges are to stay as the lens makes them.
+    """
+
+    folder: Path
+    digest: str
+    curved: bool = True
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,6 +67,7 @@ class FramePlan:
     depth: DepthKind = "range"
     pool: int = 1
     average: int = 1
+    calibration: CalibrationUse | None = None
     block_pixels: int | None = None
 
     def __post_init__(self) -> None:
@@ -63,6 +80,8 @@ class FramePlan:
         if self.average < 1:
             raise SettingsError(f"--average: found {self.average}, expected 1 frame or more")
         self.resolver.check_harmonics(self.metadata.modulation.harmonics)
+        if self.metadata.modulation.waveform != "sine":
+            self.resolver.check_response(self.metadata.modulation.harmonics)
 
     @property
     def is_searched(self) -> bool:
@@ -88,6 +107,7 @@ class _Stages:
     """What every block of frames of one plan, type and size shares."""
 
     phasors: PhasorScale
+    correction: FrameCorrection
     depth: DepthScale
 
 
@@ -104,10 +124,17 @@ class ResolvedFrame:
 def _stages(plan: FramePlan, dtype: np.dtype[np.generic], height: int, width: int) -> _Stages:
     metadata = plan.metadata
     planar = planar_per_range(metadata.optics, height, width).ravel() if plan.depth == "z" else None
-    return _Stages(
-        phasor_scale(metadata, dtype),
-        DepthScale(metres_per_radian(metadata.modulation.periods_ns[0]), metadata.modulation.amplitude_v, planar),
+    use = plan.calibration
+    calibration = cached_calibration(use.folder, use.digest) if use else None
+    scale = phasor_scale(metadata, dtype)
+    correction = frame_correction(calibration, metadata, scale, (height, width))
+    depth = DepthScale(
+        metres_per_radian(metadata.modulation.periods_ns[0]),
+        metadata.modulation.amplitude_v,
+        planar,
+        correction.range_offset_m if use and use.curved else None,
     )
+    return _Stages(scale, correction, depth)
 
 
 def resolve_frame(frame: Stored | FrameMean, /, *, plan: FramePlan, maps: DepthMaps | None = None) -> ResolvedFrame:
@@ -139,9 +166,15 @@ def resolve_pixels(
     height, width = _size(recorded)
     stages = _stages(plan, recorded.dtype, height, width)
     noise = _frame_noise(recorded, plan, stages)
-    source = _Planes(recorded, stages) if plan.pool == 1 else _pooled(_Planes(recorded, stages), plan, noise)
+    source = (
+        _Planes(recorded, stages)
+        if plan.pool == 1
+        else _pooled(_Planes(recorded, stages), plan, noise, stages.correction.hot)
+    )
     asked = range(height * width) if pixels is None else pixels
-    step = plan.block_pixels or (SEARCHED_BLOCK_PIXELS if plan.is_searched else BLOCK_PIXELS)
+    correction = stages.correction
+    few_are_slow = plan.is_searched or correction.response is not None
+    step = plan.block_pixels or (SEARCHED_BLOCK_PIXELS if few_are_slow else BLOCK_PIXELS)
     for start in range(asked.start, asked.stop, step):
         block = slice(start, min(start + step, asked.stop))
         phasors, saturated, samples = source.block(block)
@@ -152,7 +185,11 @@ def resolve_pixels(
             noise=noise,
             amplitude_v=stages.phasors.amplitude_v,
             samples=samples,
+            response=correction.response.block(block) if correction.response else None,
+            hot=None if correction.hot is None else correction.hot[block],
         )
+        if plan.calibration is not None:
+            np.bitwise_or(paths.status, np.uint32(StatusBit.CALIBRATED), out=paths.status)
         write_paths(paths, scale=stages.depth, maps=maps, start=start, samples=samples)
     return noise
 
@@ -169,13 +206,14 @@ class _Planes:
         self.size = _size(frame)
         self._stored = frame.stored.reshape(*frame.stored.shape[:2], -1)
         self._samples = None if frame.samples is None else frame.samples.ravel()
-        self._scale = stages.phasors
+        self._stages = stages
 
     def block(self, pixels: slice, /) -> tuple[Complex, Bool, Float | None]:
         """Return phasors (H, n), which of them are saturated, and over how many frames each is a mean (None: one)."""
         stored = self._stored[:, :, pixels]
         samples = None if self._samples is None else self._samples[pixels]
-        return phasors_from_voltages(stored, scale=self._scale), saturated_pixels(stored, scale=self._scale), samples
+        phasors = self._stages.correction.phasors(stored, pixels)
+        return phasors, saturated_pixels(stored, scale=self._stages.phasors), samples
 
 
 @dataclass(frozen=True)
@@ -191,11 +229,12 @@ class _Pooled:
         return self.phasors[:, pixels], self.saturated[pixels], self.samples[pixels]
 
 
-def _pooled(planes: _Planes, plan: FramePlan, noise: NoiseModel) -> _Pooled:
+def _pooled(planes: _Planes, plan: FramePlan, noise: NoiseModel, hot: Bool | None) -> _Pooled:
     phasors, saturated, samples = planes.block(slice(None))
+    left_out = saturated if hot is None else saturated | hot
     pooled = pooled_phasors(
         phasors.reshape(-1, *planes.size),
-        usable=(np.isfinite(phasors).all(axis=0) & ~saturated).reshape(planes.size),
+        usable=(np.isfinite(phasors).all(axis=0) & ~left_out).reshape(planes.size),
         samples=(np.ones(saturated.size) if samples is None else samples).reshape(planes.size),
         noise=noise,
         window=plan.pool,

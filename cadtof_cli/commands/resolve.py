@@ -99,6 +99,12 @@ from cadtof_cli.resolver.settings import RETURNS, SOLVERS, ResolverSettings
     help="Average every N consecutive frames of a capture into one, named after the first; the last one takes those left.",
 )
 @click.option(
+    "--calibration",
+    type=click.Path(path_type=Path),
+    metavar="DIR",
+    help="Folder made by `cadtof calibrate`; what is in it is applied.",
+)
+@click.option(
     "--format",
     "map_format",
     type=click.Choice(["exr", "tif", "same"]),
@@ -143,6 +149,7 @@ def resolve(
 
     paths = input_paths(inputs)
     arguments = {"inputs": [str(path) for path in paths], "out": str(out), **options, "overrides": dict(overrides)}
+    arguments["calibration"] = options["calibration"] and str(options["calibration"])
     running: dict[str, Any] = {
         name: value for name, value in {"jobs": jobs, "start_method": start_method}.items() if value is not None
     }
@@ -162,6 +169,7 @@ def resolve(
         depth=options["depth"],
         pool=options["pool"],
         average=options["average"],
+        calibration=options["calibration"],
         map_format=options["map_format"],
         overwrite=options["overwrite"],
         resume=options["resume"],

@@ -24,12 +24,18 @@ from cadtof_cli.resolver.paths import ResolvedPaths
 class DepthScale:
     """How paths become metres and volts.
 
-    `metres_per_radian` is c·T1/(4π); `planar_per_range`, float64 (Y·X,), turns range into z depth (None: range is kept).
+    `metres_per_radian` is c·T1/(4π); `planar_per_range`, float64 (Y·X,), turns range into z depth (None: range is kept);
+    `range_offset_m`, float64 (Y·X,), is what the lens adds to every range (None: nothing).
     """
 
     metres_per_radian: float
     amplitude_v: float
     planar_per_range: Float | None = None
+    range_offset_m: Float | None = None
+
+    def phase_offset_rad(self, block: slice) -> Float | None:
+        """Return the phase that stands for the block's range offset, (n,)."""
+        return None if self.range_offset_m is None else self.range_offset_m[block] / self.metres_per_radian
 
 
 def write_paths(
@@ -46,9 +52,10 @@ def write_paths(
     if scale.planar_per_range is not None:
         metres = scale.metres_per_radian * scale.planar_per_range[block]
     volts = scale.amplitude_v
+    offset = scale.phase_offset_rad(block)
     layers = {
-        DIRECT_DEPTH: (paths.direct.phase_rad, metres),
-        MPI_DEPTH: (paths.mpi.phase_rad, metres),
+        DIRECT_DEPTH: (_without(paths.direct.phase_rad, offset), metres),
+        MPI_DEPTH: (_without(paths.mpi.phase_rad, offset), metres),
         DIRECT_AMPLITUDE: (paths.direct.amplitude, volts),
         MPI_AMPLITUDE: (paths.mpi.amplitude, volts),
         DIRECT_SIGMA: (paths.direct.sigma_rad, metres),
@@ -59,7 +66,7 @@ def write_paths(
     }
     for number, path in enumerate(paths.others, start=3):
         layers |= {
-            f"path{number}.depth": (path.phase_rad, metres),
+            f"path{number}.depth": (_without(path.phase_rad, offset), metres),
             f"path{number}.amplitude": (path.amplitude, volts),
             f"path{number}.sigma": (path.sigma_rad, metres),
         }
@@ -69,3 +76,12 @@ def write_paths(
             raise ValueError(f"the resolver gave no {name}")
         np.multiply(values, unit, out=maps.layer(name).reshape(-1)[block], casting="same_kind")
     maps.status.reshape(-1)[block] = paths.status
+
+
+def _without(phase_rad: Float, offset_rad: Float | None) -> Float:
+    """Return phases less an offset; what falls below 0 comes from the end of the unambiguous range."""
+    if offset_rad is None:
+        return phase_rad
+    corrected = phase_rad - offset_rad
+    corrected += np.where(corrected < 0.0, 2.0 * np.pi, 0.0)
+    return corrected

@@ -7,7 +7,7 @@ import numpy as np
 from cadtof_cli.arrays import Bool, Complex, Stored
 from cadtof_cli.capture.metadata import CaptureMetadata
 from cadtof_cli.errors import SettingsError
-from cadtof_cli.phasors.pulse import pulse_response
+from cadtof_cli.phasors.response import ideal_response
 
 
 @dataclass(frozen=True)
@@ -21,7 +21,7 @@ class PhasorScale:
 
 
 def phasor_scale(metadata: CaptureMetadata, dtype: np.dtype[np.generic], /) -> PhasorScale:
-    """Return the scale for values stored as `dtype`: zero and gain, over the amplitude and the pulse response r_h.
+    """Return the scale for values stored as `dtype`: zero and gain, over the amplitude and G[h,1] of waveform and pulse.
 
     Raises:
         SettingsError: the values are integers and nothing says how many volts a count stands for.
@@ -36,10 +36,7 @@ def phasor_scale(metadata: CaptureMetadata, dtype: np.dtype[np.generic], /) -> P
             )
         volts_per_count = 1.0
     per_count = tuple(
-        volts_per_count
-        / modulation.amplitude_v
-        / pulse_response(h, fwhm_ns=metadata.pulse.fwhm_ns, period_ns=modulation.periods_ns[0])
-        for h in modulation.harmonics
+        volts_per_count / modulation.amplitude_v / response.main.real for response in ideal_response(metadata)
     )
     return PhasorScale(voltage.zero_counts, per_count, voltage.saturated_counts, modulation.amplitude_v)
 

@@ -1,10 +1,13 @@
 """Phasors of a block of pixels → the paths of every pixel: the stage between `phasors/` and `maps/`."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
 from cadtof_cli.arrays import Bool, Complex, Float, Float32, Index, Status
+from cadtof_cli.resolver.by_response import paths_by_response
 from cadtof_cli.resolver.closed_form import (
     FundamentalFrame,
     fundamental_frame,
@@ -16,6 +19,7 @@ from cadtof_cli.resolver.noise import NoiseModel
 from cadtof_cli.resolver.one_path import one_path
 from cadtof_cli.resolver.order import chi_squared_threshold, worth_another
 from cadtof_cli.resolver.paths import Path, ResolvedPaths
+from cadtof_cli.resolver.response_table import ResponseBlock
 from cadtof_cli.resolver.returns import direct_and_mpi
 from cadtof_cli.resolver.screening import screened
 from cadtof_cli.resolver.searched import searched_paths
@@ -49,26 +53,40 @@ def resolve_paths(
     noise: NoiseModel,
     amplitude_v: float,
     samples: Float | None = None,
+    response: ResponseBlock | None = None,
+    hot: Bool | None = None,
 ) -> ResolvedPaths:
     """Resolve every pixel of phasors (H, n) into paths; inputs are not changed.
 
-    A pixel that is saturated, not finite or without a signal gets NaN and a status bit. Every pixel is computed alone, by the
-    same operations wherever it stands, so that blocks of any size give the same bits. `samples`, (n,), is the number of
-    recorded pixels that each phasor has been averaged over; None: 1.
+    A pixel that is saturated, hot, not finite or without a signal gets NaN and a status bit. Every pixel is computed alone, by
+    the same operations wherever it stands, so that blocks of any size give the same bits. `samples`, (n,), is the number of
+    recorded pixels that each phasor has been averaged over; None: 1. Where the channel pairs answer with more than a sine,
+    `response` says how.
 
     Raises:
         SettingsError: the harmonics cannot tell as many paths apart as the settings ask for.
     """
     settings.check_harmonics(noise.numbers)
-    resolve = _in_closed_form if settings.in_closed_form(noise.numbers) else searched_paths
+    resolve: Callable[..., ResolvedPaths]
+    if response is not None:
+        settings.check_response(noise.numbers)
+        resolve = partial(paths_by_response, response=response)
+    elif settings.in_closed_form(noise.numbers):
+        resolve = _in_closed_form
+    else:
+        resolve = searched_paths
     resolved = resolve(
         phasors,
-        saturated=saturated,
+        saturated=saturated if hot is None else saturated | hot,
         settings=settings,
         noise=noise,
         amplitude_v=amplitude_v,
         samples=samples,
     )
+    if hot is not None:
+        status = resolved.status
+        status[hot & ~saturated] &= ~np.uint32(StatusBit.SATURATED)
+        status[hot] |= np.uint32(StatusBit.HOT_PIXEL)
     if samples is not None:
         np.bitwise_or(resolved.status, np.uint32(StatusBit.POOLED), out=resolved.status, where=samples > 1.0)
     return resolved

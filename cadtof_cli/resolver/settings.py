@@ -118,3 +118,16 @@ class ResolverSettings:
                 f"{found}; two paths from two periods have one answer only for the fundamental and half of it, "
                 "such as [40.0, 20.0]: record a third period, or use --solver one-path"
             )
+
+    def check_response(self, harmonics: tuple[int, ...], /) -> None:
+        """Make sure that paths can be resolved where the channel pairs answer with more than a sine.
+
+        Raises:
+            SettingsError: for other harmonics than 1 and 2, `lm`, or more than two paths there is no such solver.
+        """
+        if not self.in_closed_form(harmonics) or self.max_paths > 2:
+            raise SettingsError(
+                "waveform or calibrated response is no pure sine: that is resolved for periods T1 and T1/2, "
+                f"with --solver two-path or one-path and at most two paths; found harmonics {', '.join(map(str, harmonics))}, "
+                f"--solver {self.solver}, --paths {self.paths}"
+            )

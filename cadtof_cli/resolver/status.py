@@ -19,6 +19,7 @@ class StatusBit(IntFlag):
     ILL_CONDITIONED = 32
     CALIBRATED = 64
     NOT_CONVERGED = 128
+    HOT_PIXEL = 256
     MORE_PATHS = 512
     POOLED = 1024
 
@@ -31,7 +32,8 @@ MEANING: dict[StatusBit, str] = {
     StatusBit.TWO_PATHS: "resolved as two paths",
     StatusBit.ILL_CONDITIONED: "a predicted standard deviation exceeds half the separation of the paths: sigma is a lower bound",
     StatusBit.CALIBRATED: "a calibration was applied",
-    StatusBit.NOT_CONVERGED: "the solver ran out of steps; no answer",
+    StatusBit.NOT_CONVERGED: "the iteration ran out of steps (no answer), or left the response's equations open (its best attempt)",
+    StatusBit.HOT_PIXEL: "the dark calibration found the pixel hot, noisy or dead; no answer",
     StatusBit.MORE_PATHS: "resolved as three paths or more",
     StatusBit.POOLED: "averaged over frames or neighbours: layer `effective_pixels` says over how many",
 }

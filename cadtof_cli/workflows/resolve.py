@@ -23,6 +23,7 @@ from cadtof_cli.workflows.frame_task import FrameReport, FrameTask, resolve_file
 from cadtof_cli.workflows.plan import require_known_volts
 from cadtof_cli.workflows.run_record import RunRecord, prepare_output
 from cadtof_cli.workflows.split_frames import resolve_split, worth_splitting
+from cadtof_cli.workflows.use_calibration import use_calibration
 
 MapFormat = Literal["exr", "tif", "same"]
 
@@ -38,6 +39,7 @@ class ResolveSettings:
     depth: DepthKind = "range"
     pool: int = 1
     average: int = 1
+    calibration: Path | None = None
     map_format: MapFormat = "same"
     jobs: int = field(default_factory=available_cores)
     start_method: StartMethod = field(default_factory=default_start_method)
@@ -106,6 +108,7 @@ def resolve_captures(
         CadtofError: nothing can be resolved: an input, the metadata, the settings or the output folder is at fault.
     """
     captures = find_captures(inputs, overrides=overrides)
+    calibration = use_calibration(settings.calibration, captures) if settings.calibration else None
     plans = [
         FramePlan(
             metadata=capture.source.metadata,
@@ -113,6 +116,7 @@ def resolve_captures(
             depth=settings.depth,
             pool=settings.pool,
             average=settings.average,
+            calibration=calibration.use if calibration else None,
         )
         for capture in captures
     ]
@@ -121,6 +125,8 @@ def resolve_captures(
     prepare_output(captures, settings.out, arguments=arguments, overwrite=settings.overwrite, resume=settings.resume)
     for capture in captures:
         _note_defaults(capture, progress.on_note)
+    for note in calibration.notes if calibration else ():
+        progress.on_note(note)
     totals, began, token = RunTotals(), time.monotonic(), uuid4().hex[:8]
     tasks = _tasks(captures, plans, settings, progress, token)
     jobs, start_method = settings.jobs, settings.start_method
@@ -129,7 +135,7 @@ def resolve_captures(
     else:
         outcomes = run_ordered(resolve_file, tasks, jobs=jobs, start_method=start_method)
     layers = {name: unit for plan in plans for name, unit in plan.layers.units.items()}
-    record = RunRecord(settings.out, arguments=arguments, captures=captures, layers=layers)
+    record = RunRecord(settings.out, arguments=arguments, captures=captures, layers=layers, calibration=calibration)
     try:
         with record.opened(append=settings.resume), closing(outcomes):
             for outcome in outcomes:

@@ -18,6 +18,7 @@ from cadtof_cli.errors import OutputError
 from cadtof_cli.maps.files import make_folder, remove_partial_files, write_json
 from cadtof_cli.resolver.status import MEANING
 from cadtof_cli.workflows.frame_task import FrameReport
+from cadtof_cli.workflows.use_calibration import AppliedCalibration
 
 RUN_FILE = "run.json"
 FRAMES_FILE = "frames.jsonl"
@@ -100,7 +101,14 @@ class RunRecord:
     """The record of one run, kept while it goes on: whatever ends it, what was finished is on disk."""
 
     def __init__(
-        self, out: Path, /, *, arguments: Mapping[str, Any], captures: Sequence[Capture], layers: Mapping[str, str]
+        self,
+        out: Path,
+        /,
+        *,
+        arguments: Mapping[str, Any],
+        captures: Sequence[Capture],
+        layers: Mapping[str, str],
+        calibration: AppliedCalibration | None = None,
     ) -> None:
         self._out = out
         self._lines: FileIO | None = None
@@ -111,7 +119,7 @@ class RunRecord:
             "finished": False,
             "arguments": dict(arguments),
             "captures": [_capture_record(capture) for capture in captures],
-            "calibration": None,
+            "calibration": calibration and calibration.as_json(),
             "layers": dict(layers),
             "status_bits": {bit.name: int(bit) for bit in MEANING},
         }

@@ -1,0 +1,159 @@
+"""Dark calibration: what each pixel shows without light, and the pixels that cannot be trusted."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import IntFlag
+from typing import Any, ClassVar, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cadtof_cli.arrays import Bool, Float, Float32
+from cadtof_cli.calibration.averaging import MeanFrame, median_variance_ratio
+from cadtof_cli.calibration.parts import Maps, Origin, PartKind, Tables, plane_names, read_only, stacked
+from cadtof_cli.capture.frames import CHANNELS
+from cadtof_cli.resolver.noise import MAD_PER_SIGMA
+
+OFFSET_LIMIT = 8.0
+"""Robust standard deviations beyond which an offset is an outlier: Gaussian offsets reach 5.5 in a megapixel."""
+
+NOISE_FALSE_ALARM = 1e-9
+"""Probability that a sound pixel's noise is taken for an outlier by chance; it must also differ by `NOISE_RATIO`."""
+
+NOISE_RATIO = 2.0
+
+
+class Defect(IntFlag):
+    """What is wrong with a pixel."""
+
+    OFFSET = 1
+    NOISE = 2
+    DEAD = 4
+    NOT_FINITE = 8
+
+
+DEFECT_MEANING: dict[Defect, str] = {
+    Defect.OFFSET: "an offset far from the other pixels'",
+    Defect.NOISE: "noise far above the other pixels'",
+    Defect.DEAD: "a value that hardly changes",
+    Defect.NOT_FINITE: "saturated or not finite in a dark frame",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class DarkCalibration:
+    """Offsets that are there whatever the light, in V, and noise of a single dark frame, float32 (H, 2, Y, X) each.
+
+    `defects`, uint32 (Y, X), holds bits of `Defect`. An offset is what electronics and stray charge add, and the mean of the
+    sampled wave, which all light adds alike because the average of Eq. (1) is one over photons of every origin.
+    """
+
+    kind: ClassVar[PartKind] = "dark"
+
+    origin: Origin
+    offset_v: Float32
+    noise_v: Float32
+    defects: NDArray[np.uint32]
+
+    def __post_init__(self) -> None:
+        shape = (len(self.origin.harmonics), CHANNELS, *self.origin.pixels)
+        for name in ("offset_v", "noise_v"):
+            if getattr(self, name).shape != shape:
+                raise ValueError(f"{name}: found shape {getattr(self, name).shape}, expected {shape}")
+            object.__setattr__(self, name, read_only(getattr(self, name)))
+        if self.defects.shape != self.origin.pixels:
+            raise ValueError(f"defects: found shape {self.defects.shape}, expected {self.origin.pixels}")
+        object.__setattr__(self, "defects", read_only(self.defects))
+
+    def embed(self, voltages_v: Float, /) -> Float:
+        """Return voltages, (H, 2, Y, X), as this camera would have recorded them."""
+        return voltages_v + self.offset_v
+
+    def apply(self, voltages_v: Float, /) -> Float:
+        """Return recorded voltages, (H, 2, Y, X), without the offsets."""
+        return voltages_v - self.offset_v
+
+    @property
+    def hot(self) -> Bool:
+        """Pixels that `resolve` gives no answer for, (Y, X)."""
+        return np.asarray(self.defects != 0)
+
+    def defect_counts(self) -> dict[str, int]:
+        """Return how many pixels have which defect."""
+        return {bit.name.lower(): int(np.count_nonzero(self.defects & bit)) for bit in Defect if bit.name}
+
+    def quality(self) -> dict[str, float]:
+        """Return figures of the fit in V: spread of the offsets, typical noise of a frame, and what is left of it."""
+        sound = ~self.hot
+        noise = float(np.median(self.noise_v[:, :, sound])) if sound.any() else float("nan")
+        offsets = self.offset_v[:, :, sound].astype(np.float64)
+        return {
+            "offset_mean_v": float(offsets.mean()) if sound.any() else float("nan"),
+            "offset_std_v": float(offsets.std()) if sound.any() else float("nan"),
+            "noise_v": noise,
+            "offset_stderr_v": noise / float(np.sqrt(self.origin.frames)),
+        }
+
+    def tables(self) -> dict[str, dict[str, Any]]:
+        """Return fit quality and counts of defects."""
+        return {"quality": dict(self.quality()), "defects": dict(self.defect_counts())}
+
+    def maps(self) -> dict[str, NDArray[Any]]:
+        """Return offsets and noise a channel, and the defects."""
+        harmonics = self.origin.harmonics
+        maps: dict[str, NDArray[Any]] = {"defects": self.defects}
+        for what, values in (("offset", self.offset_v), ("noise", self.noise_v)):
+            planes = values.reshape(-1, *self.origin.pixels)
+            maps |= dict(zip(plane_names(what, harmonics, CHANNELS), planes, strict=True))
+        return maps
+
+    @classmethod
+    def from_stored(cls, origin: Origin, tables: Tables, maps: Maps) -> Self:
+        """Build the calibration from its maps; the tables only repeat what they say."""
+        shape = (len(origin.harmonics), CHANNELS, *origin.pixels)
+        offset, noise = (
+            stacked(maps, plane_names(what, origin.harmonics, CHANNELS)).reshape(shape) for what in ("offset", "noise")
+        )
+        return cls(origin, offset, noise, np.asarray(maps["defects"], np.uint32))
+
+
+def fit_dark(mean: MeanFrame, /, *, origin: Origin) -> DarkCalibration:
+    """Return the dark calibration from the mean of covered-lens frames.
+
+    A pixel is an outlier where its offset lies `OFFSET_LIMIT` robust standard deviations from the median of its plane, or
+    its noise is outside what χ² allows around the plane's median variance. With one frame there is no noise to judge by.
+    """
+    defects = np.zeros(mean.pixels, np.uint32)
+    defects[~mean.sound] |= np.uint32(Defect.NOT_FINITE)
+    for offset, variance in zip(_planes(mean.mean_v), _planes(mean.variance_v2), strict=True):
+        centre = float(np.nanmedian(offset))
+        spread = float(np.nanmedian(np.abs(offset - centre))) / MAD_PER_SIGMA
+        rounding = float(np.finfo(np.float32).eps) * max(abs(centre), 1e-6)
+        defects[np.abs(offset - centre) > OFFSET_LIMIT * max(spread, rounding)] |= np.uint32(Defect.OFFSET)
+        if mean.frames > 1:
+            low, high = _variance_limits(mean.frames)
+            typical = float(np.nanmedian(variance)) / median_variance_ratio(mean.frames)
+            if typical > 0.0:
+                defects[variance > high * typical] |= np.uint32(Defect.NOISE)
+                defects[variance < low * typical] |= np.uint32(Defect.DEAD)
+    noise = np.sqrt(np.nan_to_num(mean.variance_v2)).astype(np.float32)
+    return DarkCalibration(origin, np.nan_to_num(mean.mean_v).astype(np.float32), noise, defects)
+
+
+def _planes(values: Float) -> Float:
+    return values.reshape(-1, *values.shape[-2:])
+
+
+def _variance_limits(frames: int) -> tuple[float, float]:
+    """Return the least and the largest sample variance of a sound pixel over the true one, from so many frames."""
+    from scipy.stats import chi2
+
+    freedom = frames - 1
+    low, high = chi2.ppf([NOISE_FALSE_ALARM, 1.0 - NOISE_FALSE_ALARM], freedom) / freedom
+    return min(float(low), NOISE_RATIO**-2), max(float(high), NOISE_RATIO**2)
+
+
+def defect_summary(counts: Mapping[str, int], /) -> str:
+    """Return the counts as words."""
+    found = [f"{count} {name.replace('_', ' ')}" for name, count in counts.items() if count]
+    return ", ".join(found) or "none"

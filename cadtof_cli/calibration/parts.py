@@ -1,0 +1,135 @@
+"""What the parts of a calibration have in common: where each comes from, and what it must share with a capture."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from typing import Any, ClassVar, Literal, Protocol, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cadtof_cli import __version__
+from cadtof_cli.capture.metadata import WAVEFORMS, CaptureMetadata, Waveform
+from cadtof_cli.errors import MetadataError, SettingsError
+
+PartKind = Literal["dark", "response", "petzval"]
+
+PART_KINDS: tuple[PartKind, ...] = ("dark", "response", "petzval")
+"""In the order in which they are measured and applied."""
+
+Tables = Mapping[str, Mapping[str, Any]]
+"""Values by table and key, as a TOML file holds them."""
+
+Maps = Mapping[str, NDArray[Any]]
+"""(Y, X) maps by name, as an EXR file holds them: float32, or uint32."""
+
+
+def _now() -> str:
+    return datetime.now(UTC).isoformat(timespec="seconds")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Origin:
+    """What a part was made from.
+
+    Attributes:
+        captures: folders of the frames.
+        frames: how many there were in all.
+        pixels: (Y, X) of the array.
+        periods_ns: modulation periods, the fundamental first.
+        waveform: of the modulation.
+        used: digests by kind of the parts that had been applied to the frames.
+        created: time in UTC.
+        version: of cadtof.
+    """
+
+    captures: tuple[str, ...]
+    frames: int
+    pixels: tuple[int, int]
+    periods_ns: tuple[float, ...]
+    waveform: Waveform
+    used: Mapping[str, str] = field(default_factory=dict)
+    created: str = field(default_factory=_now)
+    version: str = __version__
+
+    def __post_init__(self) -> None:
+        if self.frames < 1 or min(self.pixels) < 1 or len(self.pixels) != 2:
+            raise ValueError(f"found {self.frames} frames of {self.pixels} pixels, expected 1 or more")
+        if self.waveform not in WAVEFORMS or not self.periods_ns:
+            raise ValueError(f"found waveform {self.waveform!r} and periods {self.periods_ns}")
+
+    @property
+    def harmonics(self) -> tuple[int, ...]:
+        """Harmonic numbers h."""
+        return tuple(round(self.periods_ns[0] / period) for period in self.periods_ns)
+
+    def require_match(self, metadata: CaptureMetadata, pixels: tuple[int, int] | None, /, *, kind: str) -> None:
+        """Refuse a capture that the part does not belong to; `pixels` (Y, X) None: not known yet.
+
+        Raises:
+            SettingsError: size of the array, periods or waveform differ.
+        """
+        modulation = metadata.modulation
+        checks: list[tuple[str, object, object]] = [
+            ("periods_ns", list(modulation.periods_ns), list(self.periods_ns)),
+            ("waveform", modulation.waveform, self.waveform),
+        ]
+        if pixels is not None:
+            there, here = ("{1} × {0} pixels".format(*size) for size in (pixels, self.pixels))
+            checks.append(("size", there, here))
+        for name, found, expected in checks:
+            if found != expected:
+                raise SettingsError(
+                    f"the {kind} calibration does not belong to this capture: {name} is {found} there and {expected} "
+                    f"in the calibration, made {self.created} from {', '.join(self.captures)}; calibrate with captures of "
+                    "the same camera settings"
+                )
+
+
+class Part(Protocol):
+    """One part of a calibration, as the store sees it."""
+
+    kind: ClassVar[PartKind]
+
+    @property
+    def origin(self) -> Origin:
+        """What it was made from."""
+        ...
+
+    def tables(self) -> dict[str, dict[str, Any]]:
+        """Return all that is not a map, for the part's TOML file."""
+        ...
+
+    def maps(self) -> dict[str, NDArray[Any]]:
+        """Return its maps by name."""
+        ...
+
+    @classmethod
+    def from_stored(cls, origin: Origin, tables: Tables, maps: Maps) -> Self:
+        """Build the part from what `tables` and `maps` returned.
+
+        Raises:
+            KeyError, TypeError, ValueError: something is missing or has the wrong form.
+        """
+        ...
+
+
+def plane_names(what: str, harmonics: tuple[int, ...], channels: int = 0) -> list[str]:
+    """Return map names such as `phase.H1`, or `offset.H1.SC1` with channels."""
+    names = [f"{what}.H{h}" for h in harmonics]
+    return [f"{name}.SC{c}" for name in names for c in range(1, channels + 1)] if channels else names
+
+
+def stacked(maps: Maps, names: list[str]) -> NDArray[np.float32]:
+    """Return the named maps as one float32 array, (len(names), Y, X)."""
+    missing = [name for name in names if name not in maps]
+    if missing:
+        raise MetadataError(f"no map named {missing[0]}, found {', '.join(sorted(maps))}")
+    return np.stack([np.asarray(maps[name], np.float32) for name in names])
+
+
+def read_only(array: NDArray[Any]) -> NDArray[Any]:
+    """Return an array that refuses to be changed."""
+    view = array.view()
+    view.flags.writeable = False
+    return view

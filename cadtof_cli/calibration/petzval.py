@@ -1,0 +1,153 @@
+"""Petzval calibration: the range that a curved field adds, Δ(ρ) = k2 ρ² + k4 ρ⁴."""
+
+import math
+from dataclasses import asdict, dataclass
+from typing import Any, ClassVar, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cadtof_cli.arrays import Float
+from cadtof_cli.calibration.parts import Maps, Origin, PartKind, Tables
+
+
+@dataclass(frozen=True)
+class WallFit:
+    """One wall: its perpendicular distance along the optical axis, tilt as slopes (α, β), and residual RMS in m."""
+
+    distance_m: float
+    distance_stderr_m: float
+    distance_known: bool
+    slopes: tuple[float, float]
+    rms_before_m: float
+    rms_after_m: float
+    noise_rms_m: float
+    pixels: int
+
+
+@dataclass(frozen=True)
+class PetzvalQuality:
+    """How well the coefficients were measured.
+
+    Attributes:
+        k2_stderr_m, k4_stderr_m: standard errors.
+        rms_before_m: residual of the best flat walls without curvature.
+        rms_after_m: residual of the best flat walls with it.
+        noise_rms_m: what noise alone, of the frames and of the maps applied to them, would leave.
+        correlation: the largest between a coefficient and a wall's distance, tilt or the focal length, absolute.
+        focal_length_px: of the optics, or fitted where they were not known.
+        focal_length_known: which of the two.
+        walls: each wall.
+        findings: assumptions and warnings, in words.
+    """
+
+    k2_stderr_m: float = 0.0
+    k4_stderr_m: float = 0.0
+    rms_before_m: float = float("nan")
+    rms_after_m: float = float("nan")
+    noise_rms_m: float = float("nan")
+    correlation: float = float("nan")
+    focal_length_px: float = float("nan")
+    focal_length_known: bool = True
+    walls: tuple[WallFit, ...] = ()
+    findings: tuple[str, ...] = ()
+
+
+def squared_field_radius(pixels: tuple[int, int], principal_point_px: tuple[float, float], /) -> Float:
+    """Return ρ² of every pixel, (Y, X): ρ is the distance from the principal point over half the array's diagonal."""
+    height, width = pixels
+    column, row = principal_point_px
+    x, y = np.arange(width)[np.newaxis, :] - column, np.arange(height)[:, np.newaxis] - row
+    return np.asarray((x * x + y * y) / (0.25 * (height * height + width * width)))
+
+
+def curvature_m(
+    pixels: tuple[int, int], principal_point_px: tuple[float, float], coefficients_m: tuple[float, float], /
+) -> Float:
+    """Return Δ(ρ) = k2 ρ² + k4 ρ⁴ of every pixel in m, (Y, X)."""
+    squared = squared_field_radius(pixels, principal_point_px)
+    k2, k4 = coefficients_m
+    return squared * (k2 + k4 * squared)
+
+
+def middle_px(pixels: tuple[int, int], /) -> tuple[float, float]:
+    """Return the middle of the array as (column, row): the principal point where none is given."""
+    return (pixels[1] - 1) / 2.0, (pixels[0] - 1) / 2.0
+
+
+@dataclass(frozen=True, eq=False)
+class PetzvalCalibration:
+    """The coefficients, and the principal point (column, row) that ρ is counted from."""
+
+    kind: ClassVar[PartKind] = "petzval"
+
+    origin: Origin
+    k2_m: float
+    k4_m: float
+    principal_point_px: tuple[float, float]
+    quality: PetzvalQuality
+
+    def __post_init__(self) -> None:
+        if not all(map(math.isfinite, (self.k2_m, self.k4_m, *self.principal_point_px))):
+            raise ValueError(f"found k2 = {self.k2_m}, k4 = {self.k4_m}, expected finite numbers")
+
+    @property
+    def range_offset_m(self) -> Float:
+        """Δ of every pixel, (Y, X), in m."""
+        return curvature_m(self.origin.pixels, self.principal_point_px, (self.k2_m, self.k4_m))
+
+    def embed(self, range_m: Float, /) -> Float:
+        """Return the ranges, (..., Y, X), that the camera measures where these are true."""
+        return range_m + self.range_offset_m
+
+    def apply(self, range_m: Float, /) -> Float:
+        """Return the true ranges, (..., Y, X), where these were measured."""
+        return range_m - self.range_offset_m
+
+    def tables(self) -> dict[str, dict[str, Any]]:
+        """Return coefficients with standard errors, residuals before and after, and every wall."""
+        quality = asdict(self.quality)
+        walls = quality.pop("walls")
+        tables: dict[str, dict[str, Any]] = {
+            "coefficients": {
+                "k2_m": self.k2_m,
+                "k4_m": self.k4_m,
+                "k2_stderr_m": quality.pop("k2_stderr_m"),
+                "k4_stderr_m": quality.pop("k4_stderr_m"),
+            },
+            "residual": {name: quality.pop(name) for name in ("rms_before_m", "rms_after_m", "noise_rms_m")},
+            "optics": {"principal_point_px": list(self.principal_point_px), **_without(quality, "findings")},
+            "findings": {"text": list(quality["findings"])},
+        }
+        tables["optics"].pop("correlation")
+        tables["residual"]["correlation"] = quality["correlation"]
+        return tables | {f"wall_{index}": wall for index, wall in enumerate(walls, start=1)}
+
+    def maps(self) -> dict[str, NDArray[Any]]:
+        """Return nothing: two numbers say it all."""
+        return {}
+
+    @classmethod
+    def from_stored(cls, origin: Origin, tables: Tables, maps: Maps) -> Self:
+        """Build the calibration from its tables."""
+        coefficients, optics = tables["coefficients"], dict(tables["optics"])
+        column, row = optics.pop("principal_point_px")
+        walls = [dict(tables[name]) for name in tables if name.startswith("wall_")]
+        return cls(
+            origin,
+            float(coefficients["k2_m"]),
+            float(coefficients["k4_m"]),
+            (float(column), float(row)),
+            PetzvalQuality(
+                k2_stderr_m=float(coefficients["k2_stderr_m"]),
+                k4_stderr_m=float(coefficients["k4_stderr_m"]),
+                walls=tuple(WallFit(**wall | {"slopes": tuple(wall["slopes"])}) for wall in walls),
+                findings=tuple(tables["findings"]["text"]),
+                **tables["residual"],
+                **optics,
+            ),
+        )
+
+
+def _without(values: dict[str, Any], name: str) -> dict[str, Any]:
+    return {key: value for key, value in values.items() if key != name}

@@ -1,0 +1,125 @@
+"""Response calibration: what the channel pairs answer to a path, and what each pixel adds to phase and gain."""
+
+from dataclasses import dataclass
+from typing import Any, ClassVar, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cadtof_cli.arrays import Float, Float32
+from cadtof_cli.calibration.parts import Maps, Origin, PartKind, Tables, plane_names, read_only, stacked
+from cadtof_cli.phasors.response import HarmonicResponse
+
+
+@dataclass(frozen=True)
+class ResponseQuality:
+    """How well a response was measured.
+
+    Attributes:
+        distances_m: of the targets.
+        residual: what the model leaves over the noise, 1 where it leaves nothing but noise.
+        phase_stderr_rad, gain_stderr: of one pixel's map entry, a harmonic each.
+        term_stderr: of every term that was fitted, relative to G[h,1], a harmonic each.
+        curvature_stderr_m: of the field curvature: by chance, pixels' own phases may look like some.
+        findings: why each term was taken or left, and what was assumed, in words.
+    """
+
+    distances_m: tuple[float, ...] = ()
+    residual: float = float("nan")
+    phase_stderr_rad: tuple[float, ...] = ()
+    gain_stderr: tuple[float, ...] = ()
+    term_stderr: tuple[tuple[float, ...], ...] = ()
+    curvature_stderr_m: tuple[float, float] = (0.0, 0.0)
+    findings: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class ResponseCalibration:
+    """G[h,k] of every harmonic, and what each pixel adds: v_h = A·gain_h·Σ_paths a·Σ_k G[h,k]·exp(ik(h·x + phase_h)).
+
+    `phase_rad` and `gain` are float32 (H, Y, X). The phase is a delay of the modulation on its way over the array, so
+    it stands inside the series; it has mean 0, as G[h,1] carries the rest. The gain is that against the first harmonic, whose own
+    cannot be told from the target's reflectivity and is 1. `field_curvature_m` (k2, k4) is what the lens adds to the range,
+    taken out of the phase maps; `resolve` uses it where there is no Petzval calibration.
+    """
+
+    kind: ClassVar[PartKind] = "response"
+
+    origin: Origin
+    responses: tuple[HarmonicResponse, ...]
+    phase_rad: Float32
+    gain: Float32
+    field_curvature_m: tuple[float, float]
+    quality: ResponseQuality
+
+    def __post_init__(self) -> None:
+        shape = (len(self.origin.harmonics), *self.origin.pixels)
+        if tuple(response.harmonic for response in self.responses) != self.origin.harmonics:
+            raise ValueError(f"found responses of other harmonics than {self.origin.harmonics}")
+        for name in ("phase_rad", "gain"):
+            values = getattr(self, name)
+            if values.shape != shape or not np.isfinite(values).all():
+                raise ValueError(f"{name}: found shape {values.shape}, expected finite values of shape {shape}")
+            object.__setattr__(self, name, read_only(values))
+        if not (self.gain > 0.0).all():
+            raise ValueError("gain: found 0 or less, expected gains above 0")
+
+    def embed(self, amplitudes: Float, phases_rad: Float, /, *, amplitude_v: float) -> Float:
+        """Return the voltages, (H, 2, Y, X), of paths with these amplitudes and fundamental phases, (P, Y, X) each."""
+        planes = []
+        for response, own, gain in zip(self.responses, self.phase_rad, self.gain, strict=True):
+            theta = response.harmonic * phases_rad + own
+            answer = amplitude_v * gain * (amplitudes * response.at(theta)).sum(axis=0)
+            planes.append(np.stack([answer.real, answer.imag]))
+        return np.stack(planes)
+
+    def tables(self) -> dict[str, dict[str, Any]]:
+        """Return the terms of every harmonic as [k, real, imaginary part], and how well they were measured."""
+        quality = self.quality
+        tables: dict[str, dict[str, Any]] = {
+            f"harmonic_{response.harmonic}": {"terms": [[k, g.real, g.imag] for k, g in response.terms]}
+            for response in self.responses
+        }
+        k2, k4 = self.field_curvature_m
+        k2_error, k4_error = quality.curvature_stderr_m
+        tables["field_curvature"] = {"k2_m": k2, "k4_m": k4, "k2_stderr_m": k2_error, "k4_stderr_m": k4_error}
+        tables["quality"] = {
+            "distances_m": list(quality.distances_m),
+            "residual": quality.residual,
+            "phase_stderr_rad": list(quality.phase_stderr_rad),
+            "gain_stderr": list(quality.gain_stderr),
+            "term_stderr": [list(errors) for errors in quality.term_stderr],
+            "findings": list(quality.findings),
+        }
+        return tables
+
+    def maps(self) -> dict[str, NDArray[Any]]:
+        """Return phase and gain a harmonic."""
+        maps: dict[str, NDArray[Any]] = {}
+        for what, values in (("phase", self.phase_rad), ("gain", self.gain)):
+            maps |= dict(zip(plane_names(what, self.origin.harmonics), values, strict=True))
+        return maps
+
+    @classmethod
+    def from_stored(cls, origin: Origin, tables: Tables, maps: Maps) -> Self:
+        """Build the calibration from its tables and maps."""
+        quality, curved = tables["quality"], tables["field_curvature"]
+        return cls(
+            origin,
+            tuple(
+                HarmonicResponse(h, tuple((int(k), complex(re, im)) for k, re, im in tables[f"harmonic_{h}"]["terms"]))
+                for h in origin.harmonics
+            ),
+            stacked(maps, plane_names("phase", origin.harmonics)),
+            stacked(maps, plane_names("gain", origin.harmonics)),
+            (float(curved["k2_m"]), float(curved["k4_m"])),
+            ResponseQuality(
+                tuple(quality["distances_m"]),
+                float(quality["residual"]),
+                tuple(quality["phase_stderr_rad"]),
+                tuple(quality["gain_stderr"]),
+                tuple(tuple(errors) for errors in quality["term_stderr"]),
+                (float(curved["k2_stderr_m"]), float(curved["k4_stderr_m"])),
+                tuple(quality["findings"]),
+            ),
+        )

@@ -1,0 +1,233 @@
+"""A calibration folder: one TOML file a part that people can read, with the part's maps beside it in an EXR file."""
+
+import hashlib
+import json
+import math
+import tomllib
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cadtof_cli.calibration.dark import DarkCalibration
+from cadtof_cli.calibration.parts import PART_KINDS, Origin, Part, PartKind
+from cadtof_cli.calibration.petzval import PetzvalCalibration
+from cadtof_cli.calibration.response import ResponseCalibration
+from cadtof_cli.capture.metadata import CaptureMetadata
+from cadtof_cli.errors import FrameError, MetadataError, OutputError
+from cadtof_cli.maps.files import make_folder, whole_file
+from cadtof_cli.maps.reader import read_layers
+
+DIGEST_LENGTH = 16
+
+
+@dataclass(frozen=True, eq=False)
+class Calibration:
+    """The parts of a calibration folder, None where one is missing, with the digest of each that is there."""
+
+    dark: DarkCalibration | None = None
+    response: ResponseCalibration | None = None
+    petzval: PetzvalCalibration | None = None
+
+    @property
+    def parts(self) -> tuple[Part, ...]:
+        """The parts that are there, in the order in which they are applied."""
+        return tuple(part for part in (self.dark, self.response, self.petzval) if part is not None)
+
+    @property
+    def digests(self) -> dict[str, str]:
+        """Digest of every part by kind."""
+        return {part.kind: digest_of(part) for part in self.parts}
+
+    @property
+    def digest(self) -> str:
+        """Digest of them all."""
+        return hashlib.sha256(json.dumps(self.digests).encode()).hexdigest()[:DIGEST_LENGTH]
+
+    def require_match(self, metadata: CaptureMetadata, pixels: tuple[int, int] | None, /) -> None:
+        """Refuse a capture that a part does not belong to (see `Origin.require_match`)."""
+        for part in self.parts:
+            part.origin.require_match(metadata, pixels, kind=part.kind)
+
+    def stale(self) -> tuple[str, ...]:
+        """Return a sentence for each part that was measured with another version of an earlier part."""
+        digests = self.digests
+        return tuple(
+            f"the {part.kind} calibration was measured with another {kind} calibration: repeat `cadtof calibrate {part.kind}`"
+            for part in self.parts
+            for kind in PART_KINDS[: PART_KINDS.index(part.kind)]
+            if part.origin.used.get(kind) != digests.get(kind)
+        )
+
+
+def digest_of(part: Part, /) -> str:
+    """Return a digest of all that a part says: origin, tables and maps."""
+    digest = hashlib.sha256(_canonical(_document(part)).encode())
+    for name, plane in sorted(part.maps().items()):
+        digest.update(name.encode())
+        digest.update(np.ascontiguousarray(plane).tobytes())
+    return digest.hexdigest()[:DIGEST_LENGTH]
+
+
+def save_part(folder: Path, part: Part, /, *, overwrite: bool = False) -> tuple[Path, ...]:
+    """Write a part into a calibration folder; the other parts stay. Return what was written.
+
+    Raises:
+        OutputError: the part is there already and `overwrite` is not set, or the folder cannot be written.
+    """
+    require_absent(folder, part.kind, overwrite=overwrite)
+    make_folder(folder)
+    path, maps = folder / f"{part.kind}.toml", part.maps()
+    written = [path]
+    if maps:
+        written.append(folder / f"{part.kind}.exr")
+        _write_maps(written[1], maps)
+    document = _document(part)
+    document["part"]["digest"] = digest_of(part)
+    with whole_file(path) as temporary:
+        temporary.write_text(_toml(document, comment=_comment(part)), encoding="utf-8")
+    return tuple(written)
+
+
+def require_absent(folder: Path, kind: PartKind, /, *, overwrite: bool) -> None:
+    """Refuse to replace a part, before any work is done for it.
+
+    Raises:
+        OutputError: it is there already, and `overwrite` is not set.
+    """
+    path = folder / f"{kind}.toml"
+    if path.exists() and not overwrite:
+        raise OutputError(
+            f"{path}: there already; add --overwrite to replace this part, or choose another folder with -o"
+        )
+
+
+def load_calibration(folder: Path, /) -> Calibration:
+    """Read whatever parts a calibration folder holds.
+
+    Raises:
+        MetadataError: there is no such folder or no part in it, or a part is damaged or has been changed by hand.
+    """
+    if not folder.is_dir():
+        raise MetadataError(f"{folder}: no such folder; expected one that `cadtof calibrate … -o {folder}` made")
+    found: dict[str, Any] = {
+        kind: _load_part(folder, kind) for kind in PART_KINDS if (folder / f"{kind}.toml").exists()
+    }
+    if not found:
+        expected = ", ".join(f"{kind}.toml" for kind in PART_KINDS)
+        raise MetadataError(f"{folder}: no calibration in it; expected {expected}, or some of them")
+    return Calibration(**found)
+
+
+@lru_cache(maxsize=4)
+def cached_calibration(folder: Path, digest: str, /) -> Calibration:
+    """Read a calibration once a process, and make sure that it is the one with this digest.
+
+    Raises:
+        MetadataError: see `load_calibration`; or the folder has changed since the digest was taken.
+    """
+    calibration = load_calibration(folder)
+    if calibration.digest != digest:
+        raise MetadataError(f"{folder}: the calibration changed while it was in use; run again")
+    return calibration
+
+
+_TYPES: dict[PartKind, type[DarkCalibration] | type[ResponseCalibration] | type[PetzvalCalibration]] = {
+    "dark": DarkCalibration,
+    "response": ResponseCalibration,
+    "petzval": PetzvalCalibration,
+}
+
+
+def _load_part(folder: Path, kind: PartKind) -> Part:
+    path, maps_path = folder / f"{kind}.toml", folder / f"{kind}.exr"
+    try:
+        document = tomllib.loads(path.read_text(encoding="utf-8"))
+        maps: dict[str, NDArray[Any]] = read_layers(maps_path) if kind != "petzval" else {}
+        part: Part = _TYPES[kind].from_stored(_origin(document), document, maps)
+        recorded = document["part"]["digest"]
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError, FrameError) as error:
+        raise MetadataError(f"{path}: cannot be read: {error}") from error
+    except (KeyError, TypeError, ValueError, MetadataError) as error:
+        what = f"key {error} is missing" if isinstance(error, KeyError) else str(error)
+        raise MetadataError(f"{path}: not a {kind} calibration: {what}") from error
+    if digest_of(part) != recorded:
+        raise MetadataError(
+            f"{path}: does not match its digest {recorded}: it, or the maps beside it, were changed or belong to another "
+            f"calibration; repeat `cadtof calibrate {kind}`"
+        )
+    return part
+
+
+def _origin(document: Mapping[str, Any]) -> Origin:
+    part, origin = document["part"], document["origin"]
+    width, height = origin["pixels"]
+    return Origin(
+        captures=tuple(origin["captures"]),
+        frames=origin["frames"],
+        pixels=(height, width),
+        periods_ns=tuple(origin["periods_ns"]),
+        waveform=origin["waveform"],
+        used=dict(document.get("used", {})),
+        created=part["created"],
+        version=part["version"],
+    )
+
+
+def _document(part: Part) -> dict[str, dict[str, Any]]:
+    origin = asdict(part.origin)
+    height, width = origin.pop("pixels")
+    used = origin.pop("used")
+    head = {"kind": part.kind, "version": origin.pop("version"), "created": origin.pop("created")}
+    tables = {"part": head, "origin": origin | {"pixels": [width, height]}} | ({"used": dict(used)} if used else {})
+    return tables | part.tables()
+
+
+def _comment(part: Part) -> str:
+    comment = (
+        f"# cadtof {part.kind} calibration; made by a program and checked by its digest, so not to be changed by hand"
+    )
+    return comment + (f"\n# its maps are in {part.kind}.exr" if part.maps() else "")
+
+
+def _canonical(document: Mapping[str, Any]) -> str:
+    return json.dumps(document, sort_keys=True, default=_plain)
+
+
+def _toml(document: Mapping[str, Mapping[str, Any]], *, comment: str) -> str:
+    lines = [comment]
+    for table, values in document.items():
+        lines += ["", f"[{table}]", *(f"{key} = {_value(value)}" for key, value in values.items())]
+    return "\n".join(lines) + "\n"
+
+
+def _value(value: Any) -> str:
+    if isinstance(value, list | tuple):
+        if value and isinstance(value[0], str):
+            return "[\n" + "".join(f"    {_value(item)},\n" for item in value) + "]"
+        return "[" + ", ".join(map(_value, value)) + "]"
+    if isinstance(value, bool | str):
+        return json.dumps(value, ensure_ascii=False)
+    if isinstance(value, float) and not math.isfinite(value):
+        return str(float(value))
+    return repr(_plain(value))
+
+
+def _plain(value: Any) -> Any:
+    """Return a numpy number as Python's own."""
+    return value.item() if isinstance(value, np.generic) else value
+
+
+def _write_maps(path: Path, maps: Mapping[str, NDArray[Any]]) -> None:
+    import OpenEXR
+
+    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    channels = {name: np.ascontiguousarray(plane) for name, plane in maps.items()}
+    with whole_file(path) as temporary:
+        OpenEXR.File(header, channels, num_threads=0).write(str(temporary))
+        if not temporary.exists():
+            raise OutputError(f"{path}: cannot be written")

@@ -1,0 +1,173 @@
+"""`cadtof calibrate dark | response | petzval`."""
+
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import click
+
+from cadtof_cli.commands.progress import progress_bar
+from cadtof_cli.options import Function, SectionedCommand, capture_options_without, input_paths
+
+STATUS_HELP = "Exit status: 0 measured and written; 1 a frame cannot be read; 2 wrong usage, settings or captures."
+
+
+@click.group(short_help="Measure what is wrong with a camera, for `resolve --calibration`.")
+def calibrate() -> None:
+    """Measure dark offsets, response and field curvature of a camera, each in a step of its own, in this order.
+
+    Each step adds its part to the calibration folder given by -o, and applies the parts that are there already.
+    `cadtof resolve --calibration FOLDER` then applies them all. Captures are read, never changed.
+    """
+
+
+def _shared(function: Function) -> Function:
+    """Add the options that all steps share."""
+    options: tuple[Callable[[Function], Function], ...] = (
+        click.argument("captures", nargs=-1, required=True, metavar="CAPTURE..."),
+        click.option(
+            "-o",
+            "--out",
+            required=True,
+            type=click.Path(path_type=Path),
+            help="Calibration folder the part is added to.",
+        ),
+        click.option("--overwrite", is_flag=True, help="Replace this part, if the folder has it."),
+        click.option("--json", "as_json", is_flag=True, help="Print the report as one JSON object on stdout."),
+        click.option("-q", "--quiet", is_flag=True, help="No progress and no notes on stderr; errors only."),
+        capture_options_without("target.distance_m"),
+    )
+    for option in reversed(options):
+        function = option(function)
+    return function
+
+
+_DISTANCE = click.option(
+    "--distance",
+    "--distance-m",
+    "distances",
+    type=float,
+    multiple=True,
+    metavar="M",
+    help="Distance of the flat target along the optical axis, once for all captures, or once for each in their order. "
+    "[default: target.distance_m of capture.toml]",
+)
+
+
+@calibrate.command(cls=SectionedCommand, short_help="Offsets, noise and bad pixels, from covered-lens frames.")
+@_shared
+def dark(captures: tuple[str, ...], **options: Any) -> int:
+    """Measure each pixel's offsets and noise from frames recorded with the lens covered, and find hot and dead pixels."""
+    from cadtof_cli.workflows.calibrate_dark import calibrate_dark
+
+    return _run(calibrate_dark, captures, options, _dark_lines)
+
+
+@calibrate.command(cls=SectionedCommand, short_help="Channel response and maps of phase and gain, from flat targets.")
+@_shared
+@_DISTANCE
+def response(captures: tuple[str, ...], **options: Any) -> int:
+    """Measure what the channels answer to light, from captures of a flat target at known distances, without MPI.
+
+    One distance gives every pixel's phase and gain. Several, spread over the range, also tell the imbalance of SC1 and SC2
+    and how the waveform differs from the ideal one.
+    """
+    from cadtof_cli.workflows.calibrate_response import calibrate_response
+
+    return _run(calibrate_response, captures, options, _response_lines)
+
+
+@calibrate.command(cls=SectionedCommand, short_help="Field curvature of the lens, from flat walls.")
+@_shared
+@_DISTANCE
+@click.option(
+    "--plot", type=click.Path(path_type=Path), metavar="PNG", help="Draw the walls' cross-sections before and after."
+)
+def petzval(captures: tuple[str, ...], plot: Path | None, **options: Any) -> int:
+    """Measure the field curvature k2 ρ² + k4 ρ⁴ from one or several flat walls, one capture each.
+
+    Tilt is fitted, and distance where it is not given; what is not wall (MPI, objects in view) is left out.
+    """
+    from cadtof_cli.workflows.calibrate_petzval import calibrate_petzval
+
+    def measure(inputs: Any, /, **settings: Any) -> Any:
+        return calibrate_petzval(inputs, plot=plot, **settings)
+
+    return _run(measure, captures, options, _petzval_lines)
+
+
+def _run(
+    measure: Callable[..., Any],
+    captures: tuple[str, ...],
+    options: dict[str, Any],
+    lines: Callable[[Mapping[str, Any]], list[str]],
+) -> int:
+    from cadtof_cli.workflows.calibrate_captures import CalibrateSettings, Progress
+
+    settings = CalibrateSettings(
+        out=options["out"], overwrite=options["overwrite"], distances_m=options.get("distances", ())
+    )
+    with progress_bar("reading", "frames", quiet=options["quiet"]) as bar:
+        say: Callable[[str], None] = (lambda _: None) if options["quiet"] else bar.say
+        report = measure(
+            input_paths(captures),
+            settings=settings,
+            overrides=options["overrides"],
+            progress=Progress(bar.total, bar.advance, say),
+        )
+    if options["as_json"]:
+        click.echo(json.dumps(asdict(report)))
+        return 0
+    click.echo(
+        f"{report.part}: from {report.frames} frames, written to {', '.join(report.written)}, digest {report.digest}"
+    )
+    for line in (*lines(report.figures), *report.findings):
+        click.echo(f"  {line}")
+    return 0
+
+
+def _dark_lines(figures: Mapping[str, Any]) -> list[str]:
+    return [
+        f"offsets: {1000 * figures['offset_mean_v']:.2f} mV on average, {1000 * figures['offset_std_v']:.2f} mV from pixel to "
+        f"pixel, each known to {1000 * figures['offset_stderr_v']:.3f} mV",
+        f"noise of one frame: {1000 * figures['noise_v']:.3f} mV a channel",
+        f"bad pixels: {figures['bad_pixels']}",
+    ]
+
+
+def _response_lines(figures: Mapping[str, Any]) -> list[str]:
+    lines = ["distances: " + ", ".join(f"{distance:g} m" for distance in figures["distances_m"])]
+    columns = (
+        "gain",
+        "phase_rad",
+        "pixel_phase_std_rad",
+        "pixel_phase_stderr_rad",
+        "pixel_gain_std",
+        "pixel_gain_stderr",
+    )
+    for index, row in enumerate(zip(*(figures[name] for name in columns), strict=True), start=1):
+        gain, phase, spread, error, gain_spread, gain_error = row
+        lines.append(
+            f"harmonic {index}: gain {gain:.4f}, phase {phase:+.4f} rad; pixel to pixel {spread:.4f} rad "
+            f"(each known to {error:.4f}), {gain_spread:.2%} of gain (known to {gain_error:.2%})"
+        )
+    lines.append(f"left over the noise: {figures['residual']:.3f} (1 is nothing but noise)")
+    return lines
+
+
+def _petzval_lines(figures: Mapping[str, Any]) -> list[str]:
+    lines = [
+        ", ".join(f"{k} = {figures[k + '_m']:.5f} ± {figures[k + '_stderr_m']:.5f} m" for k in ("k2", "k4")),
+        f"residual RMS: {1000 * figures['rms_before_m']:.3f} mm before, {1000 * figures['rms_after_m']:.3f} mm after, "
+        f"{1000 * figures['noise_rms_m']:.3f} mm by noise alone",
+    ]
+    for index, wall in enumerate(figures["walls"], start=1):
+        given = "given" if wall["distance_known"] else f"± {1000 * wall['distance_stderr_m']:.2f} mm"
+        alpha, beta = wall["slopes"]
+        lines.append(
+            f"wall {index}: {wall['distance_m']:.4f} m ({given}), slopes {alpha:+.4f} {beta:+.4f}, {wall['pixels']} pixels, RMS "
+            f"{1000 * wall['rms_before_m']:.2f} mm before, {1000 * wall['rms_after_m']:.2f} mm after"
+        )
+    return lines

@@ -1,0 +1,94 @@
+"""The cross-section of flat walls before and after field curvature is taken out, as in the paper's Fig. 4(c)."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from cadtof_cli.arrays import Float
+from cadtof_cli.calibration.petzval import PetzvalCalibration, squared_field_radius
+from cadtof_cli.calibration.wall import wall_range_m
+from cadtof_cli.capture.metadata import Optics
+from cadtof_cli.maps.files import whole_file
+
+ROWS = 5
+"""Rows about the principal point whose median is drawn."""
+
+
+@dataclass(frozen=True, eq=False)
+class WallSection:
+    """A wall as measured, range in m (Y, X), with its fitted distance and slopes."""
+
+    name: str
+    range_m: Float
+    distance_m: float
+    slopes: tuple[float, float]
+
+
+def draw_petzval(walls: Sequence[WallSection], petzval: PetzvalCalibration, path: Path, /) -> None:
+    """Draw, a wall a row, its planar depth along the row of the principal point, and the deviation from flat in all pixels."""
+    figure = Figure(figsize=(11.0, 3.4 * len(walls) + 0.5), layout="constrained")
+    axes = figure.subplots(len(walls), 2, squeeze=False)
+    quality = petzval.quality
+    figure.suptitle(
+        f"Field curvature: k2 = {100 * petzval.k2_m:.2f} ± {100 * quality.k2_stderr_m:.2f} cm, "
+        f"k4 = {100 * petzval.k4_m:.2f} ± {100 * quality.k4_stderr_m:.2f} cm; residual RMS "
+        f"{1000 * quality.rms_before_m:.2f} mm before, {1000 * quality.rms_after_m:.2f} mm after, "
+        f"{1000 * quality.noise_rms_m:.2f} mm by noise",
+        fontsize=10,
+    )
+    optics = Optics(focal_length_px=quality.focal_length_px, principal_point_px=petzval.principal_point_px)
+    for row, wall in zip(axes, walls, strict=True):
+        flat = wall_range_m(optics, petzval.origin.pixels, distance_m=wall.distance_m, slopes=wall.slopes)
+        facing = wall_range_m(optics, petzval.origin.pixels, distance_m=1.0)
+        _section(row[0], wall, petzval, flat, facing)
+        _radial(row[1], wall, petzval, flat)
+    with whole_file(path) as temporary:
+        figure.savefig(temporary, dpi=110, format="png")
+
+
+def _section(axes: Axes, wall: WallSection, petzval: PetzvalCalibration, flat: Float, facing: Float) -> None:
+    middle = round(petzval.principal_point_px[1])
+    rows = slice(max(middle - ROWS // 2, 0), middle + ROWS // 2 + 1)
+    columns = np.arange(flat.shape[1])
+    measured, corrected = wall.range_m, petzval.apply(wall.range_m)
+    for values, label, colour in ((measured, "before", "tab:red"), (corrected, "after", "tab:blue")):
+        axes.plot(columns, _middle((values / facing)[rows]), ".", markersize=3, color=colour, label=label)
+    axes.plot(columns, (flat / facing)[middle], color="black", linewidth=1, label="flat wall, as fitted")
+    axes.set(xlabel="column, px", ylabel="planar depth, m", title=f"{wall.name}: rows {rows.start} to {rows.stop - 1}")
+    axes.legend(fontsize=8)
+    axes.grid(alpha=0.3)
+
+
+def _radial(axes: Axes, wall: WallSection, petzval: PetzvalCalibration, flat: Float) -> None:
+    rho = np.sqrt(squared_field_radius(petzval.origin.pixels, petzval.principal_point_px))
+    edges = np.linspace(0.0, float(rho.max()), 41)
+    place = np.digitize(rho.ravel(), edges[1:-1])
+    centres = 0.5 * (edges[1:] + edges[:-1])
+    before = 100 * (wall.range_m - flat)
+    after = before - 100 * petzval.range_offset_m
+    for values, label, colour in ((before, "before", "tab:red"), (after, "after", "tab:blue")):
+        medians = [_median(values.ravel()[place == index]) for index in range(centres.size)]
+        axes.plot(centres, medians, "o", markersize=3.5, color=colour, label=f"{label}, median of a ring")
+    curve = 100 * (petzval.k2_m * centres**2 + petzval.k4_m * centres**4)
+    axes.plot(centres, curve, color="black", linewidth=1, label="k2 ρ² + k4 ρ⁴")
+    axes.set(
+        xlabel="ρ, distance from the principal point over half the diagonal",
+        ylabel="range − flat wall, cm",
+        title=wall.name,
+    )
+    axes.legend(fontsize=8)
+    axes.grid(alpha=0.3)
+
+
+def _middle(rows: Float) -> Float:
+    """Return the median of each column of (rows, X), NaN where there is none."""
+    return np.array([_median(column) for column in rows.T])
+
+
+def _median(values: Float) -> float:
+    finite = values[np.isfinite(values)]
+    return float(np.median(finite)) if finite.size else float("nan")

@@ -1,0 +1,88 @@
+"""What a channel pair answers to one short path: the complex Fourier series g_h(t) = Σ_k G[h,k]·exp(i k ω_h t)."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from cadtof_cli.arrays import Complex, Float
+from cadtof_cli.capture.metadata import CaptureMetadata
+from cadtof_cli.phasors.pulse import pulse_response
+
+NEGLIGIBLE_TERM = 1e-4
+"""Terms of a triangle below this share of the fundamental are left out: 0.1 mm of depth at a period of 40 ns."""
+
+HIGHEST_TERM = 199
+"""Where the series of a triangle ends for pulses so short that none of its terms before is negligible."""
+
+
+@dataclass(frozen=True)
+class HarmonicResponse:
+    """The response of one harmonic's channel pair, in units of the modulation amplitude.
+
+    `terms` are pairs (k, G[h,k]), k = 1 among them. A path of amplitude a and fundamental phase x gives the voltages
+    a·Σ_k G[h,k]·exp(ikθ) with θ = h·x plus the pixel's own phase. k = 0 is an offset that comes and goes with the laser;
+    one that is there whatever the light belongs to the dark calibration.
+    """
+
+    harmonic: int
+    terms: tuple[tuple[int, complex], ...]
+
+    def __post_init__(self) -> None:
+        orders = [k for k, _ in self.terms]
+        if len(set(orders)) != len(orders):
+            raise ValueError(f"harmonic {self.harmonic}: an order occurs twice in {orders}")
+        if not abs(self.main) > abs(self.mirror):
+            raise ValueError(f"harmonic {self.harmonic}: found G[k=1] = {self.main}, expected more than k = -1")
+
+    @property
+    def main(self) -> complex:
+        """G[h,1]: gain and delay of the channel pair."""
+        return dict(self.terms).get(1, 0j)
+
+    @property
+    def mirror(self) -> complex:
+        """G[h,−1]: imbalance of SC1 and SC2, in gain or in phase."""
+        return dict(self.terms).get(-1, 0j)
+
+    @property
+    def linear(self) -> bool:
+        """Whether k = ±1 are all there is: then phasors follow from voltages by one real matrix."""
+        return all(k in {1, -1} for k, _ in self.terms)
+
+    def at(self, theta: Float, /) -> Complex:
+        """Return g at phases θ in rad, complex128 of the same shape."""
+        return np.asarray(sum(g * np.exp(1j * k * theta) for k, g in self.terms))
+
+    def slope_at(self, theta: Float, /) -> Complex:
+        """Return dg/dθ at phases θ in rad."""
+        return np.asarray(sum(1j * k * g * np.exp(1j * k * theta) for k, g in self.terms))
+
+    def without_mirror(self, voltages: Complex, /) -> Complex:
+        """Solve v = G[h,1]·q + G[h,−1]·conj(q) for q, in which the imbalance is gone and the main term is 1."""
+        scale = abs(self.main) ** 2 - abs(self.mirror) ** 2
+        return np.asarray((np.conj(self.main) * voltages - self.mirror * np.conj(voltages)) / scale)
+
+
+def ideal_response(metadata: CaptureMetadata, /) -> tuple[HarmonicResponse, ...]:
+    """Return the response of every harmonic as waveform and pulse make it, without any defect.
+
+    Sine: k = 1 alone, r_h. Triangle: (8/π²)·(r_h, r_3h/9, r_5h/25, r_7h/49 …) at k = 1, −3, 5, −7 ….
+    """
+    modulation = metadata.modulation
+
+    def pulse(k: int) -> float:
+        return pulse_response(k, fwhm_ns=metadata.pulse.fwhm_ns, period_ns=modulation.periods_ns[0])
+
+    if modulation.waveform == "sine":
+        return tuple(HarmonicResponse(h, ((1, complex(pulse(h))),)) for h in modulation.harmonics)
+    responses = []
+    for h in modulation.harmonics:
+        terms = []
+        for k in range(1, HIGHEST_TERM + 1, 2):
+            share = pulse(k * h) / pulse(h) / k**2
+            if k > 5 and share < NEGLIGIBLE_TERM:
+                break
+            terms.append((k if k % 4 == 1 else -k, complex(8.0 / math.pi**2 / k**2 * pulse(k * h))))
+        responses.append(HarmonicResponse(h, tuple(terms)))
+    return tuple(responses)

@@ -1,0 +1,205 @@
+"""What every calibration keeps: embed then apply is the identity, truth comes back, files are exact, strangers are refused.
+
+The captures have all defects at once; truth comes from `simulation.defects`, which knows no series and no phasor.
+"""
+
+import re
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cadtof_cli.calibration.parts import PART_KINDS, PartKind
+from cadtof_cli.calibration.store import Calibration, digest_of, load_calibration, save_part
+from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Waveform
+from cadtof_cli.errors import MetadataError, OutputError, SettingsError
+from cadtof_cli.pipeline import CalibrationUse, FramePlan, resolve_frame
+from cadtof_cli.resolver.settings import ResolverSettings
+from cadtof_cli.simulation.defects import DefectiveCamera
+from tests.support.campaign import ALL_DEFECTS, camera, card, record_campaign
+from tests.support.run_cadtof import cadtof
+
+WAVEFORMS: tuple[Waveform, ...] = ("sine", "triangle")
+
+
+@dataclass(frozen=True)
+class Measured:
+    """A camera whose defects are known, and what `cadtof calibrate` made of its captures."""
+
+    seen: DefectiveCamera
+    folder: Path
+    calibration: Calibration
+
+
+@pytest.fixture(scope="module", params=WAVEFORMS)
+def measured(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Measured:
+    place = tmp_path_factory.mktemp(f"campaign_{request.param}")
+    campaign = record_campaign(place, camera(waveform=request.param))
+    out = place / "calibration"
+    for step in (
+        ("dark", campaign.dark),
+        ("response", *campaign.targets),
+        ("petzval", *campaign.walls),
+    ):
+        done = cadtof("calibrate", *step, "-o", out)
+        assert done.status == 0, done.err
+    return Measured(campaign.seen, out, load_calibration(out))
+
+
+def test_dark_embed_then_apply_is_the_identity(measured: Measured) -> None:
+    dark = measured.calibration.dark
+    assert dark is not None
+    volts = np.random.default_rng(0).normal(0.0, 0.1, (2, 2, *measured.seen.pixels))
+    np.testing.assert_allclose(dark.apply(dark.embed(volts)), volts, rtol=0, atol=1e-15)
+
+
+def test_petzval_embed_then_apply_is_the_identity(measured: Measured) -> None:
+    petzval = measured.calibration.petzval
+    assert petzval is not None
+    ranges = np.random.default_rng(1).uniform(0.2, 5.8, (3, *measured.seen.pixels))
+    np.testing.assert_allclose(petzval.apply(petzval.embed(ranges)), ranges, rtol=0, atol=1e-14)
+
+
+def test_response_embed_then_resolve_is_the_identity(measured: Measured) -> None:
+    """Voltages embedded without noise resolve to the paths that they were made of: through series, maps and offsets."""
+    dark, response = measured.calibration.dark, measured.calibration.response
+    assert dark is not None
+    assert response is not None
+    metadata = replace(measured.seen.metadata, voltage=CaptureMetadata().voltage)
+    rng = np.random.default_rng(2)
+    shape = measured.seen.pixels
+    x = rng.uniform(0.3, 2.0, shape)
+    phases = np.stack([x, x + rng.uniform(1.2, 3.0, shape)])
+    amplitudes = np.stack([rng.uniform(0.15, 0.3, shape), rng.uniform(0.05, 0.14, shape)])
+    volts = dark.embed(response.embed(amplitudes, phases, amplitude_v=metadata.modulation.amplitude_v))
+    use = CalibrationUse(measured.folder, measured.calibration.digest, curved=False)
+    plan = FramePlan(metadata=metadata, resolver=ResolverSettings(order="2"), calibration=use)
+    maps = resolve_frame(volts, plan=plan).maps
+    sound = ~dark.hot
+    metres = 0.299792458 * 40.0 / (4 * np.pi)
+    for layer, path in (("direct.depth", 0), ("mpi.depth", 1)):
+        np.testing.assert_allclose(maps.layer(layer)[sound], (metres * phases[path])[sound], rtol=0, atol=2e-5)
+    scale = metadata.modulation.amplitude_v
+    np.testing.assert_allclose(maps.layer("direct.amplitude")[sound], scale * amplitudes[0][sound], rtol=2e-5)
+    assert np.isnan(maps.layer("direct.depth")[dark.hot]).all()
+
+
+def test_dark_truth_is_recovered(measured: Measured) -> None:
+    """Offsets of ± 20 mV: no pixel is off by more than chance allows, and on average they scatter as predicted."""
+    dark, drawn = measured.calibration.dark, measured.seen.drawn()
+    assert dark is not None
+    sound = ~(drawn.hot | drawn.noisy)
+    error = (dark.offset_v - drawn.offset_v)[:, :, sound]
+    scatter = error / dark.quality()["offset_stderr_v"]
+    assert scatter.std() == pytest.approx(1.0, abs=0.2)
+    assert np.abs(scatter).max() < 6.0
+    assert abs(error.mean()) < 3.0 * dark.quality()["offset_stderr_v"] / np.sqrt(error.size) + 1e-6
+    assert (dark.hot == ~sound).all()
+
+
+def test_response_truth_is_recovered(measured: Measured) -> None:
+    response, seen, drawn = measured.calibration.response, measured.seen, measured.seen.drawn()
+    assert response is not None
+    sound = ~(drawn.hot | drawn.noisy)
+    curved = 2.0 * np.pi / 40.0 * 2.0 / 0.299792458 * seen.curvature_m()
+    height, width = seen.pixels
+    y, x = np.mgrid[:height, :width]
+    rho2 = ((x - (width - 1) / 2) ** 2 + (y - (height - 1) / 2) ** 2) / (0.25 * (height**2 + width**2))
+    k2, k4 = response.field_curvature_m
+    found_curved = 2.0 * np.pi / 40.0 * 2.0 / 0.299792458 * (k2 * rho2 + k4 * rho2**2)
+    for row, one in enumerate(response.responses):
+        truth = drawn.phase_rad[row] + ALL_DEFECTS.phase_rad[row] + (row + 1) * curved
+        found = response.phase_rad[row] + np.angle(one.main) + (row + 1) * found_curved
+        error = np.angle(np.exp(1j * (found - truth)))[sound]
+        stderr = response.quality.phase_stderr_rad[row]
+        assert error.std() < 1.3 * stderr
+        assert abs(error.mean()) < 1e-3
+    gain = response.gain[1] * abs(response.responses[1].main) / abs(response.responses[0].main)
+    pulse = [np.exp(-((h * 2 * np.pi * 1.7 / 2.354820045 / 40.0) ** 2) / 2) for h in (1, 2)]
+    expected = 0.8 * drawn.gain[1] * pulse[1] / pulse[0]
+    assert np.median(gain[sound] / expected[sound]) == pytest.approx(1.0, abs=1e-3)
+
+
+def test_imbalance_is_recovered(measured: Measured) -> None:
+    """SC2 stronger by 5 % is G[h,−1]/conj(G[h,1]) = −0.05/2.05, whatever the waveform."""
+    response = measured.calibration.response
+    assert response is not None
+    for one, errors in zip(response.responses, response.quality.term_stderr, strict=True):
+        ratio = one.mirror / np.conj(one.main)
+        assert abs(ratio - (1 - 1.05) / (1 + 1.05)) < 4.0 * max(errors)
+
+
+def test_petzval_truth_is_recovered(measured: Measured) -> None:
+    petzval = measured.calibration.petzval
+    assert petzval is not None
+    assert abs(petzval.k2_m - 0.06) < 3.0 * petzval.quality.k2_stderr_m
+    assert abs(petzval.k4_m + 0.02) < 3.0 * petzval.quality.k4_stderr_m
+    for wall, tilt in zip(petzval.quality.walls, ((3.0, -2.0), (-2.0, 4.0)), strict=True):
+        np.testing.assert_allclose(wall.slopes, np.tan(np.radians(tilt)), atol=2e-3)
+    assert [wall.distance_m for wall in petzval.quality.walls] == pytest.approx([1.0, 3.0], abs=2e-3)
+
+
+def test_everything_together_removes_the_bias(measured: Measured) -> None:
+    """On the two-path card, all defects at once: direct depth within 0.2 cm on average, for triangles 0.5 cm."""
+    seen = measured.seen
+    frame = card(seen, count=1, seed=40)[0]
+    use = CalibrationUse(measured.folder, measured.calibration.digest)
+    plan = FramePlan(metadata=seen.metadata, resolver=ResolverSettings(), calibration=use)
+    maps = resolve_frame(frame, plan=plan).maps
+    error = 100.0 * (maps.layer("direct.depth") - 0.75)
+    two = (maps.status & 16) > 0
+    assert two.mean() > 0.7
+    limit = 0.2 if seen.metadata.modulation.waveform == "sine" else 0.5
+    assert abs(np.median(error[two])) < limit
+    assert abs(np.nanmedian(error[~two])) < limit
+    assert ((maps.status & 64) > 0).all()
+    raw = resolve_frame(frame, plan=replace(plan, calibration=None)).maps
+    assert np.nanmedian(np.abs(100.0 * (raw.layer("direct.depth") - 0.75))) > 1.0
+
+
+@pytest.mark.parametrize("kind", PART_KINDS)
+def test_save_and_load_is_exact(measured: Measured, kind: PartKind, tmp_path: Path) -> None:
+    part = getattr(measured.calibration, kind)
+    save_part(tmp_path / "copy", part)
+    again = getattr(load_calibration(tmp_path / "copy"), kind)
+    assert digest_of(again) == digest_of(part)
+    assert again.tables() == part.tables()
+    assert again.origin == part.origin
+    for name, plane in part.maps().items():
+        np.testing.assert_array_equal(again.maps()[name], plane)
+    with pytest.raises(OutputError, match=r"there already; add --overwrite"):
+        save_part(tmp_path / "copy", part)
+
+
+@pytest.mark.parametrize("kind", PART_KINDS)
+def test_strangers_are_refused(measured: Measured, kind: PartKind) -> None:
+    part = getattr(measured.calibration, kind)
+    alone = Calibration(**{kind: part})
+    metadata = measured.seen.metadata
+    other: Waveform = "sine" if metadata.modulation.waveform == "triangle" else "triangle"
+    alone.require_match(metadata, measured.seen.pixels)
+    for strange, pixels, what in (
+        (metadata, (24, 32), "size is 32 × 24 pixels there and 80 × 60 pixels"),
+        (replace(metadata, modulation=Modulation(waveform=other)), None, f"waveform is {other} there"),
+        (
+            replace(metadata, modulation=replace(metadata.modulation, periods_ns=(60.0, 30.0))),
+            None,
+            r"periods_ns is [60.0, 30.0] there and [40.0, 20.0]",
+        ),
+    ):
+        with pytest.raises(SettingsError, match=rf"the {kind} calibration does not belong.*{re.escape(what)}"):
+            alone.require_match(strange, pixels)
+
+
+@pytest.mark.parametrize("kind", PART_KINDS)
+def test_changes_by_hand_are_noticed(measured: Measured, kind: PartKind, tmp_path: Path) -> None:
+    save_part(tmp_path, getattr(measured.calibration, kind))
+    path = tmp_path / f"{kind}.toml"
+    text = path.read_text()
+    path.write_text(re.sub(r"frames = \d+", "frames = 3", text))
+    with pytest.raises(MetadataError, match=rf"{kind}\.toml: does not match its digest"):
+        load_calibration(tmp_path)
+    path.write_text(text.replace("[origin]", "[orgin]"))
+    with pytest.raises(MetadataError, match=rf"{kind}\.toml: not a {kind} calibration: key 'origin' is missing"):
+        load_calibration(tmp_path)

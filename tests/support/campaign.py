@@ -1,0 +1,107 @@
+"""A small camera with every defect at once, and the captures that calibrate it, made by `simulation.defects`."""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import tifffile
+from numpy.typing import NDArray
+
+from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Optics, Pixel, Target, Waveform
+from cadtof_cli.capture.toml import toml_text
+from cadtof_cli.simulation.defects import DefectiveCamera, Defects, qvga_metadata
+
+PIXELS = (60, 80)
+C_M_PER_NS = 0.299792458
+
+ALL_DEFECTS = Defects(
+    offset_v=0.02,
+    hot_share=0.002,
+    phase_rad=(0.1, 0.3),
+    gain=(1.0, 0.8),
+    sc2_gain=1.05,
+    pixel_phase_rad=0.05,
+    pixel_gain=0.02,
+    petzval_m=(0.06, -0.02),
+    seed=7,
+)
+
+TARGETS_M = (0.5, 1.0, 1.7, 2.4, 3.0)
+
+
+def camera(
+    defects: Defects = ALL_DEFECTS, *, waveform: Waveform = "sine", pixels: tuple[int, int] = PIXELS, n_av: float = 1e5
+) -> DefectiveCamera:
+    """Return a camera with a field of view of a QVGA camera's, whatever its size."""
+    metadata = CaptureMetadata(
+        modulation=Modulation(waveform=waveform),
+        pixel=Pixel(integration_length=n_av),
+        optics=Optics(focal_length_px=0.875 * pixels[1], principal_point_px=((pixels[1] - 1) / 2, (pixels[0] - 1) / 2)),
+    )
+    return DefectiveCamera(metadata=qvga_metadata(metadata), pixels=pixels, defects=defects)
+
+
+def write(
+    folder: Path, seen: DefectiveCamera, frames: list[NDArray[np.uint16]], *, distance_m: float | None = None
+) -> Path:
+    """Write frames as a capture folder."""
+    folder.mkdir(parents=True)
+    metadata = replace(seen.metadata, target=Target(distance_m=distance_m))
+    (folder / "capture.toml").write_text(toml_text(metadata))
+    for index, frame in enumerate(frames):
+        tifffile.imwrite(folder / f"frame_{index:04}.tif", frame, photometric="minisblack", metadata={"axes": "HCYX"})
+    return folder
+
+
+def covered(seen: DefectiveCamera, *, count: int, seed: int = 1) -> list[NDArray[np.uint16]]:
+    """Return frames recorded with the lens covered."""
+    nothing = np.zeros((1, *seen.pixels))
+    return seen.frames(nothing, nothing, count=count, seed=seed)
+
+
+def wall(
+    seen: DefectiveCamera, distance_m: float, *, tilt_deg: tuple[float, float] = (0.0, 0.0), count: int, seed: int
+) -> list[NDArray[np.uint16]]:
+    """Return frames of a wall at ASR 2."""
+    ranges = seen.wall_range_m(distance_m, tilt_deg)[np.newaxis]
+    return seen.frames(ranges, np.full_like(ranges, 1.0 / 3.0), count=count, seed=seed)
+
+
+def card(
+    seen: DefectiveCamera,
+    *,
+    count: int,
+    seed: int,
+    separations_ns: tuple[float, float] = (6.0, 20.0),
+    clean: float = 1 / 6,
+) -> list[NDArray[np.uint16]]:
+    """Return frames of the two-path card: direct path at 0.75 m, ASR 2; the first rows have no MPI."""
+    height, width = seen.pixels
+    separation = np.broadcast_to(np.linspace(*separations_ns, width), (height, width))
+    ratio = np.broadcast_to(np.linspace(0.1, 0.6, height)[:, np.newaxis], (height, width)).copy()
+    ratio[: round(clean * height)] = 0.0
+    total = 3.0 + ratio
+    ranges = np.stack([np.full((height, width), 0.75), 0.75 + 0.5 * C_M_PER_NS * separation])
+    return seen.frames(ranges, np.stack([1.0 / total, ratio / total]), count=count, seed=seed)
+
+
+@dataclass(frozen=True)
+class Campaign:
+    """A camera, and folders of its calibration captures."""
+
+    seen: DefectiveCamera
+    dark: Path
+    targets: tuple[Path, ...]
+    walls: tuple[Path, Path]
+
+
+def record_campaign(folder: Path, seen: DefectiveCamera) -> Campaign:
+    """Record 20 covered frames, 10 of a target at each of five distances, and 10 of each of two tilted walls."""
+    dark = write(folder / "dark", seen, covered(seen, count=20))
+    targets = tuple(
+        write(folder / f"target_{index}", seen, wall(seen, d, count=10, seed=10 + index), distance_m=d)
+        for index, d in enumerate(TARGETS_M)
+    )
+    near = write(folder / "wall_1m", seen, wall(seen, 1.0, tilt_deg=(3.0, -2.0), count=10, seed=20))
+    far = write(folder / "wall_3m", seen, wall(seen, 3.0, tilt_deg=(-2.0, 4.0), count=10, seed=21))
+    return Campaign(seen, dark, targets, (near, far))
