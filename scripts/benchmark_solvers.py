@@ -4,6 +4,7 @@ import argparse
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -69,7 +70,7 @@ def paper_way(p1: complex, p2: complex, starts: C) -> C:
     return np.array([z * p1, (1.0 - z) * p1])
 
 
-def wrong(found: C, truth: C) -> int:
+def wrong(found: NDArray[Any], truth: NDArray[Any]) -> int:
     """Pixels in which a path is not the closed form's, whichever is called the first."""
     error = np.minimum(np.abs(found - truth).max(axis=0), np.abs(found[::-1] - truth).max(axis=0))
     return int((~(error <= WRONG * np.abs(truth).sum(axis=0))).sum())
@@ -90,7 +91,7 @@ def lm(pixels: int) -> None:
             fast = time.perf_counter() - began
         truth = np.stack((two.a * (two.cos_x + 1j * two.sin_x), two.b * (two.cos_y + 1j * two.sin_y)))
         began = time.perf_counter()
-        theirs = np.stack([paper_way(*pixel, starts) for pixel in phasors.T], axis=1)
+        theirs = np.stack([paper_way(p1, p2, starts) for p1, p2 in phasors.T], axis=1)
         slow = time.perf_counter() - began
         row(
             f"MPI {light.amplitudes[1]} at {light.delays_ns[1]:g} ns" if len(light.amplitudes) > 1 else "no MPI",
