@@ -237,7 +237,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("parts", nargs="*", help="of lm, harmonics, paths, pooling, speed; default: all")
     parser.add_argument("--pixels", type=int, default=4000, help="drawn for each row of the accuracy tables")
-    parser.add_argument("--scipy-pixels", type=int, default=1000, help="that scipy solves too; 10 ms each")
+    parser.add_argument("--scipy-pixels", type=int, default=4000, help="that scipy solves too, 2 ms each")
     parser.add_argument("--repeats", type=int, default=5, help="of every frame timed; the fastest counts")
     parser.add_argument(
         "--card",

@@ -95,8 +95,9 @@ def two_shares(
 ) -> TwoShares:
     """Solve Eq. (9) for every pixel of phasors, complex128 (N, n), from every start, and keep the best.
 
-    A pixel whose first phasor is 0 has no q_j: it gets NaN, and is not converged. The first start is tried alone, and a
-    pixel that has met its equations to rounding error, which no other start can better, tries no more.
+    A pixel whose first phasor is 0 has no q_j: it gets NaN, and is not converged. The first start is tried alone,
+    then the next two, then the others: a pixel that has met its equations to rounding error, which no start can better,
+    tries no more.
     """
     count = phasors.shape[1]
     first = (np.ascontiguousarray(phasors[0].real), np.ascontiguousarray(phasors[0].imag))
@@ -104,7 +105,7 @@ def two_shares(
     problem = EliminatedPath(harmonics[1:], _right_sides(phasors, harmonics, modulus, rotor))
     best = np.full((2, count), np.nan)
     cost, converged = np.full(count, np.inf), np.zeros(count, np.bool_)
-    for some in (starts[:1], starts[1:]):
+    for some in (starts[:1], starts[1:3], starts[3:]):
         open_: Index = np.flatnonzero((cost > solver.absolute) & (modulus > 0.0))
         step = max(1, START_COLUMNS // max(1, some.size))
         for begin in range(0, open_.size if some.size else 0, step):
