@@ -44,7 +44,7 @@ def write_paths(
     """Fill the maps' pixels from flat index `start` on with the paths of a block, converting to m and V.
 
     A depth is c·phase·T1/(4π): the range to where the light turned back, or its z with `planar_per_range`. `samples`, (n,),
-    is what the layer of effective pixels gets.
+    is what the layer of effective pixels gets; None: 1.
     """
     count = paths.confidence.size
     block = slice(start, start + count)
@@ -62,7 +62,7 @@ def write_paths(
         MPI_SIGMA: (paths.mpi.sigma_rad, metres),
         CONFIDENCE: (paths.confidence, volts),
         CHI_SQUARED: (paths.chi_squared, 1.0),
-        EFFECTIVE_PIXELS: (samples, 1.0),
+        EFFECTIVE_PIXELS: (1.0 if samples is None else samples, 1.0),
     }
     for number, path in enumerate(paths.others, start=3):
         layers |= {

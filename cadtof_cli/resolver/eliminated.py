@@ -11,11 +11,15 @@ from typing import Self
 import numpy as np
 
 from cadtof_cli.arrays import Bool, Complex, Float, Index
-from cadtof_cli.resolver.levenberg_marquardt import LevenbergMarquardt, Linearised
+from cadtof_cli.resolver.levenberg_marquardt import LevenbergMarquardt, Linearised, Minimum
 from cadtof_cli.resolver.normal_equations import entry
 from cadtof_cli.resolver.rotors import Rotor, powers, unit_rotor
 
-SOLVER = LevenbergMarquardt(max_steps=100, relative=1e-14, absolute=1e-29)
+SOLVER = LevenbergMarquardt(max_steps=100, relative=1e-8, absolute=1e-29)
+"""A start on its way to the answer lowers its cost by a share of it with every step; one that does not is in a false minimum."""
+
+START_COLUMNS = 32768
+"""Pixels times starts solved at a time."""
 
 START_SPREAD = 1.0
 """Standard deviation of the starts' real and imaginary parts around z = 1/2, the point that swapping the paths leaves."""
@@ -91,8 +95,9 @@ def two_shares(
 ) -> TwoShares:
     """Solve Eq. (9) for every pixel of phasors, complex128 (N, n), from every start, and keep the best.
 
-    A pixel whose first phasor is 0 has no q_j: it gets NaN, and is not converged. The starts are tried in their order, and
-    a pixel that has met its equations to rounding error, which no other start can better, tries no more.
+    A pixel whose first phasor is 0 has no q_j: it gets NaN, and is not converged. The first start is tried alone,
+    then the next two, then the others: a pixel that has met its equations to rounding error, which no start can better,
+    tries no more.
     """
     count = phasors.shape[1]
     first = (np.ascontiguousarray(phasors[0].real), np.ascontiguousarray(phasors[0].imag))
@@ -100,17 +105,26 @@ def two_shares(
     problem = EliminatedPath(harmonics[1:], _right_sides(phasors, harmonics, modulus, rotor))
     best = np.full((2, count), np.nan)
     cost, converged = np.full(count, np.inf), np.zeros(count, np.bool_)
-    for start in starts:
+    for some in (starts[:1], starts[1:3], starts[3:]):
         open_: Index = np.flatnonzero((cost > solver.absolute) & (modulus > 0.0))
-        if not open_.size:
-            break
-        begin = np.repeat([[start.real], [start.imag]], open_.size, axis=1)
-        found = solver.solve(problem.taken(open_), begin)
-        better = found.cost < cost[open_]
-        chosen = open_[better]
-        best[:, chosen], cost[chosen] = found.points[:, better], found.cost[better]
-        converged[chosen] = found.converged[better]
+        step = max(1, START_COLUMNS // max(1, some.size))
+        for begin in range(0, open_.size if some.size else 0, step):
+            pixels = open_[begin : begin + step]
+            found = _best_of(some, problem.taken(pixels), solver)
+            better = found.cost < cost[pixels]
+            chosen = pixels[better]
+            best[:, chosen], cost[chosen] = found.points[:, better], found.cost[better]
+            converged[chosen] = found.converged[better]
     return _shares(best, modulus, rotor, cost, converged)
+
+
+def _best_of(starts: Complex, problem: EliminatedPath, solver: LevenbergMarquardt) -> Minimum:
+    """Solve every pixel from every start at once, and return the best end of each; the earlier start where two are equal."""
+    pixels = problem.right[0][0].size
+    column = np.tile(np.arange(pixels), starts.size)
+    found = solver.solve(problem.taken(column), np.repeat([starts.real, starts.imag], pixels, axis=1))
+    best = found.cost.reshape(starts.size, pixels).argmin(axis=0) * pixels + np.arange(pixels)
+    return found.taken(best)
 
 
 def _right_sides(phasors: Complex, harmonics: tuple[int, ...], modulus: Float, rotor: Rotor) -> tuple[Rotor, ...]:

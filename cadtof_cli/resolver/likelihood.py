@@ -15,8 +15,8 @@ from cadtof_cli.resolver.starts import best_pair, exact_start, strongest_path
 SEARCH = LevenbergMarquardt(max_steps=40, absolute=0.1)
 """From a start to a minimum, with white noise: to a third of a standard deviation, and a step further."""
 
-POLISH = LevenbergMarquardt(max_steps=40, absolute=1e-2, first_damping=1e-6)
-"""From there to the maximum of the likelihood with the noise that the found light has: to a tenth, and a step further."""
+POLISH = LevenbergMarquardt(max_steps=40, absolute=0.1, first_damping=1e-6)
+"""From there to the maximum of the likelihood with the noise that the found light has, as closely."""
 
 SUSPECT = 0.01
 """Probability of the misfit below which a minimum is taken for a local one, and other starts are tried too."""

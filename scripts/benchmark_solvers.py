@@ -1,0 +1,265 @@
+"""Every solver against what bounds it: Cramér–Rao, scipy, the closed form. Prints the tables of docs/solvers.md."""
+
+import argparse
+import time
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import leastsq
+
+from cadtof_cli.capture.discovery import find_captures
+from cadtof_cli.capture.reader import open_frames
+from cadtof_cli.maps.layers import DIRECT_DEPTH
+from cadtof_cli.maps.reader import read_layers
+from cadtof_cli.pipeline import FramePlan, resolve_frame
+from cadtof_cli.resolver.closed_form import fundamental_frame, two_paths
+from cadtof_cli.resolver.eliminated import random_starts, two_shares
+from cadtof_cli.resolver.paths import ResolvedPaths
+from cadtof_cli.resolver.resolve import resolve_paths
+from cadtof_cli.resolver.settings import ResolverSettings
+from tests.support.mixtures import C, F, Mixture, noise_of, recorded
+
+ROOT = Path(__file__).resolve().parent.parent
+QVGA = 320 * 240
+NS_PER_RAD = 40.0 / (2.0 * np.pi)
+WRONG = 1e-6
+"""Error of a path, as a share of all light, above which a pixel is wrong: it ended in another minimum."""
+
+
+def table(*columns: str) -> None:
+    print(f"\n| {' | '.join(columns)} |\n|{'|'.join('---' for _ in columns)}|", flush=True)
+
+
+def row(*cells: object) -> None:
+    print(f"| {' | '.join(map(str, cells))} |", flush=True)
+
+
+def seconds(run: Callable[[], object]) -> float:
+    began = time.perf_counter()
+    run()
+    return time.perf_counter() - began
+
+
+def resolved(phasors: C, harmonics: tuple[int, ...], n_av: float, settings: ResolverSettings) -> ResolvedPaths:
+    return resolve_paths(
+        phasors,
+        saturated=np.zeros(phasors.shape[1], np.bool_),
+        settings=settings,
+        noise=noise_of(harmonics, n_av=n_av),
+        amplitude_v=1.0,
+    )
+
+
+# --- lm against scipy ------------------------------------------------------------------------------------------------
+
+
+def paper_way(p1: complex, p2: complex, starts: C) -> C:
+    """Eq. (9) by MINPACK's Levenberg–Marquardt from every start, the best kept: α and β."""
+    q = p2 * abs(p1) / p1**2
+
+    def residual(z: NDArray[np.float64]) -> tuple[float, float]:
+        first, second = complex(*z), 1.0 - complex(*z)
+        rest = q - first * first / abs(first) - second * second / abs(second)
+        return rest.real, rest.imag
+
+    ends = [leastsq(residual, (start.real, start.imag))[0] for start in starts]
+    z = complex(*min(ends, key=lambda end: float(np.hypot(*residual(end)))))
+    return np.array([z * p1, (1.0 - z) * p1])
+
+
+def wrong(found: NDArray[Any], truth: NDArray[Any]) -> int:
+    """Pixels in which a path is not the closed form's, whichever is called the first."""
+    error = np.minimum(np.abs(found - truth).max(axis=0), np.abs(found[::-1] - truth).max(axis=0))
+    return int((~(error <= WRONG * np.abs(truth).sum(axis=0))).sum())
+
+
+def lm(pixels: int) -> None:
+    table(
+        f"{pixels} pixels, n_av 1e5, ASR 5", "scipy, µs", "lm, µs", "times faster (≥ 30)", "scipy wrong", "lm wrong (≤)"
+    )
+    starts = random_starts(10, seed=0)
+    rng = np.random.default_rng(0)
+    for light in (Mixture((1.0, 0.3), (5.0, 16.0)), Mixture((1.0, 0.1), (5.0, 11.0)), Mixture((1.0,), (5.0,))):
+        phasors = light.phasors((1, 2), n_av=1e5, size=pixels, rng=rng)
+        with np.errstate(all="ignore"):
+            two = two_paths(fundamental_frame(phasors[0], phasors[1]))
+            began = time.perf_counter()
+            ours = two_shares(phasors, harmonics=(1, 2), starts=starts)
+            fast = time.perf_counter() - began
+        truth = np.stack((two.a * (two.cos_x + 1j * two.sin_x), two.b * (two.cos_y + 1j * two.sin_y)))
+        began = time.perf_counter()
+        with warnings.catch_warnings(action="ignore"):  # a start that runs out of calls is one of ten
+            theirs = np.stack([paper_way(p1, p2, starts) for p1, p2 in phasors.T], axis=1)
+        slow = time.perf_counter() - began
+        row(
+            f"MPI {light.amplitudes[1]} at {light.delays_ns[1]:g} ns" if len(light.amplitudes) > 1 else "no MPI",
+            f"{slow / pixels * 1e6:.0f}",
+            f"{fast / pixels * 1e6:.1f}",
+            f"{slow / fast:.0f}",
+            wrong(theirs, truth),
+            wrong(ours.amplitude * (ours.cos + 1j * ours.sin), truth),
+        )
+
+
+# --- harmonics and paths against the bound ---------------------------------------------------------------------------
+
+
+def spread(light: Mixture, harmonics: tuple[int, ...], n_av: float, settings: ResolverSettings, size: int) -> F:
+    """Standard deviation, ns, of every path's delay, the paths in the order of the mixture."""
+    drawn = light.phasors(harmonics, n_av=n_av, size=size, rng=np.random.default_rng(1))
+    found: F = np.array([np.nanstd(path.phase_rad) for path in resolved(drawn, harmonics, n_av, settings).paths])
+    return NS_PER_RAD * found
+
+
+def harmonics(pixels: int) -> None:
+    table(
+        "MPI 0.3, ASR 5, n_av 2e5 in all",
+        "direct std, ns",
+        "over the bound (≤ 1.10)",
+        "second over the bound",
+        "times better than {1,2}",
+    )
+    for separation in (4.0, 6.0, 11.0, 20.0):
+        light = Mixture((1.0, 0.3), (5.0, 5.0 + separation))
+        reference = 0.0
+        for numbers in ((1, 2), (1, 2, 3), (1, 2, 3, 4), (1, 2, 4)):
+            n_av = 2e5 / len(numbers)
+            found = spread(light, numbers, n_av, ResolverSettings(), pixels)
+            bound = light.bound_ns(numbers, n_av)
+            reference = reference or float(found[0])
+            row(
+                f"{separation:g} ns apart, {{{','.join(map(str, numbers))}}}",
+                f"{found[0]:.4f}",
+                f"{found[0] / bound[0]:.3f}",
+                f"{found[1] / bound[1]:.3f}",
+                f"{reference / found[0]:.2f}",
+            )
+
+
+def paths(pixels: int) -> None:
+    table("three paths 8 ns apart, ASR 5, n_av 1e6", "std over the bound (≤ 1.15)", "three found")
+    for amplitudes in ((1.0, 0.6, 0.4), (1.0, 0.3, 0.2)):
+        light = Mixture(amplitudes, (5.0, 13.0, 21.0))
+        for numbers in ((1, 2, 3), (1, 2, 3, 4)):
+            drawn = light.phasors(numbers, n_av=1e6, size=pixels, rng=np.random.default_rng(2))
+            found = resolved(drawn, numbers, 1e6, ResolverSettings(paths=3))
+            ratios = [
+                np.nanstd(path.phase_rad) * NS_PER_RAD / bound
+                for path, bound in zip(found.paths, light.bound_ns(numbers, 1e6), strict=True)
+            ]
+            row(
+                f"{amplitudes}, {{{','.join(map(str, numbers))}}}",
+                " / ".join(f"{ratio:.3f}" for ratio in ratios),
+                f"{np.isfinite(found.others[0].phase_rad).mean():.1%}",
+            )
+
+
+# --- pooling ---------------------------------------------------------------------------------------------------------
+
+
+def pooling(card: Path) -> None:
+    table(f"{card}, body of the card", "direct RMSE, cm", "of that without pooling (5 × 5: ≤ 0.35)")
+    capture = find_captures([card])[0]
+    with open_frames(capture.frames[0], capture.layout) as frames:
+        stored = frames.read(0)
+    truth = read_layers(card / "truth.exr")[DIRECT_DEPTH][40:]
+    alone = 0.0
+    for window in (1, 3, 5, 7):
+        plan = FramePlan(metadata=capture.source.metadata, resolver=ResolverSettings(), pool=window)
+        error = resolve_frame(stored, plan=plan).maps.layer(DIRECT_DEPTH)[40:] - truth
+        rmse = 100.0 * float(np.sqrt(np.nanmean(error.astype(np.float64) ** 2)))
+        alone = alone or rmse
+        row(f"{window} × {window}", f"{rmse:.3f}", f"{rmse / alone:.3f}")
+    table("step of 30 cm, ASR 2, MPI 0.3, n_av 1e5", "columns beside the edge off by > 3 cm")
+    for window in (1, 5, 7):
+        row(f"{window} × {window}", _smeared_columns(window))
+
+
+def _smeared_columns(window: int) -> int:
+    """Return the columns, of 20 on each side of a step of 30 cm, whose median direct depth is off by more than a tenth of it."""
+    rng = np.random.default_rng(3)
+    harmonics, n_av, height, width, metres = (1, 2), 1e5, 60, 40, 0.299792458 / 2.0
+    delays = (8.0, 8.0 + 0.3 / metres)
+    halves = []
+    for delay in delays:
+        light = Mixture((1.0, 0.3), (delay, delay + 9.0), asr=2.0)
+        drawn = light.phasors(harmonics, n_av=n_av, size=height * width // 2, rng=rng)
+        drawn *= np.array([[light.pulse(h)] for h in harmonics])
+        halves.append(np.stack((drawn.real, drawn.imag), axis=1).reshape(2, 2, height, width // 2))
+    plan = FramePlan(metadata=recorded(harmonics, n_av=n_av), resolver=ResolverSettings(), pool=window)
+    maps = resolve_frame(0.2746 * np.concatenate(halves, axis=3), plan=plan).maps
+    truth = metres * np.repeat(delays, width // 2)
+    return int((np.abs(np.median(maps.layer(DIRECT_DEPTH), axis=0) - truth) > 0.03).sum())
+
+
+# --- speed -----------------------------------------------------------------------------------------------------------
+
+
+def speed(repeats: int) -> None:
+    table("QVGA frame, voltages to maps, one core", "ms", "times the closed form (three harmonics: ≤ 25)")
+    light, one = Mixture((1.0, 0.3), (5.0, 16.0)), Mixture((1.0,), (5.0,))
+    three = Mixture((1.0, 0.6, 0.4), (5.0, 13.0, 21.0))
+    runs: dict[str, Callable[[], object]] = {
+        "closed form {1,2}, two paths": _frame(light, (1, 2), ResolverSettings()),
+        "closed form {1,2}, one path": _frame(one, (1, 2), ResolverSettings()),
+        "likelihood {1,2,3}, two paths": _frame(light, (1, 2, 3), ResolverSettings()),
+        "likelihood {1,2,3}, two paths 6 ns apart": _frame(
+            Mixture((1.0, 0.3), (5.0, 11.0)), (1, 2, 3), ResolverSettings()
+        ),
+        "likelihood {1,2,3}, one path": _frame(one, (1, 2, 3), ResolverSettings()),
+        "likelihood {1,2,3,4}, two paths": _frame(light, (1, 2, 3, 4), ResolverSettings()),
+        "lm {1,2}, two paths": _frame(light, (1, 2), ResolverSettings(solver="lm")),
+        "lm {1,2,3}, two paths": _frame(light, (1, 2, 3), ResolverSettings(solver="lm")),
+        "three paths, {1,2,3}": _frame(three, (1, 2, 3), ResolverSettings(paths=3)),
+        "closed form {1,2}, pooled 5 × 5": _frame(light, (1, 2), ResolverSettings(), pool=5),
+    }
+    times = {name: min(seconds(run) for _ in range(repeats)) for name, run in runs.items()}
+    closed = times["closed form {1,2}, two paths"]
+    for name, taken in times.items():
+        row(name, f"{taken * 1e3:.0f}", f"{taken / closed:.1f}")
+
+
+def _frame(
+    light: Mixture, harmonics: tuple[int, ...], settings: ResolverSettings, pool: int = 1
+) -> Callable[[], object]:
+    n_av = 1e5
+    drawn = light.phasors(harmonics, n_av=n_av, size=QVGA, rng=np.random.default_rng(4))
+    drawn *= np.array([[light.pulse(h)] for h in harmonics])
+    stored = 0.2746 * np.stack((drawn.real, drawn.imag), axis=1).reshape(len(harmonics), 2, 240, 320)
+    plan = FramePlan(metadata=recorded(harmonics, n_av=n_av), resolver=settings, pool=pool)
+    return lambda: resolve_frame(stored.astype(np.float32), plan=plan)
+
+
+def main() -> None:
+    shared = ROOT.parent / "shared" / "captures" / "card"
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("parts", nargs="*", help="of lm, harmonics, paths, pooling, speed; default: all")
+    parser.add_argument("--pixels", type=int, default=4000, help="drawn for each row of the accuracy tables")
+    parser.add_argument("--scipy-pixels", type=int, default=4000, help="that scipy solves too, 2 ms each")
+    parser.add_argument("--repeats", type=int, default=5, help="of every frame timed; the fastest counts")
+    parser.add_argument(
+        "--card",
+        type=Path,
+        default=shared if shared.exists() else ROOT / "sample_data" / "card",
+        help="a capture of the card, with truth.exr",
+    )
+    arguments = parser.parse_args()
+    parts: dict[str, Callable[[], None]] = {
+        "lm": lambda: lm(arguments.scipy_pixels),
+        "harmonics": lambda: harmonics(arguments.pixels),
+        "paths": lambda: paths(arguments.pixels),
+        "pooling": lambda: pooling(arguments.card),
+        "speed": lambda: speed(arguments.repeats),
+    }
+    for name in arguments.parts or parts:
+        if name not in parts:
+            parser.error(f"parts: found {name!r}, expected some of {', '.join(parts)}")
+        parts[name]()
+
+
+if __name__ == "__main__":
+    main()

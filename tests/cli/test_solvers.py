@@ -1,0 +1,158 @@
+"""`cadtof resolve` with other solvers, more periods, more paths, pooled neighbours and averaged frames."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cadtof_cli.resolver.status import StatusBit
+from cadtof_cli.workflows import split_frames
+from tests.support.captures import read_maps, write_capture
+from tests.support.forward import depth_m
+from tests.support.mixtures import Mixture
+from tests.support.run_cadtof import Finished, cadtof
+
+TWO = Mixture((1.0, 0.3), (5.0, 16.0))
+THREE = Mixture((1.0, 0.6, 0.4), (5.0, 13.0, 21.0))
+
+
+def resolve(capture: Path, out: Path, *options: object) -> Finished:
+    return cadtof("resolve", capture, "-o", out, "--format", "exr", "--quiet", "--jobs", 1, *options)
+
+
+def depth_std_m(light: Mixture, harmonics: tuple[int, ...], n_av: float = 1e5) -> float:
+    return float(depth_m(light.bound_ns(harmonics, n_av)[0]))
+
+
+@pytest.mark.parametrize("harmonics", [(1, 2, 3), (1, 2, 4), (1, 2, 3, 4)])
+def test_a_capture_of_any_periods_becomes_maps(tmp_path: Path, harmonics: tuple[int, ...]) -> None:
+    capture = write_capture(tmp_path / "capture", TWO, harmonics=harmonics)
+    assert resolve(capture, tmp_path / "out") == Finished(0, "", "")
+    maps = read_maps(tmp_path / "out" / "frame_0000.exr")
+    std = depth_std_m(TWO, harmonics)
+    assert maps["direct.depth"].mean() == pytest.approx(depth_m(5.0), abs=0.3 * std)
+    assert maps["direct.depth"].std() == pytest.approx(std, rel=0.2)
+    assert np.median(maps["direct.sigma"]) == pytest.approx(std, rel=0.05)
+    assert maps["mpi.depth"].mean() == pytest.approx(depth_m(16.0), abs=0.02)
+    assert maps["chi_squared"].mean() == pytest.approx(2 * (len(harmonics) - 2), rel=0.3)
+    assert (maps["status"] == StatusBit.TWO_PATHS).all()
+
+
+def test_three_paths_get_layers_of_their_own(tmp_path: Path) -> None:
+    capture = write_capture(tmp_path / "capture", THREE, harmonics=(1, 2, 3), n_av=1e6)
+    assert resolve(capture, tmp_path / "out", "--paths", 3) == Finished(0, "", "")
+    maps = read_maps(tmp_path / "out" / "frame_0000.exr")
+    for name, delay in (("direct", 5.0), ("mpi", 13.0), ("path3", 21.0)):
+        assert np.median(maps[f"{name}.depth"]) == pytest.approx(depth_m(delay), abs=0.02)
+        assert (maps[f"{name}.sigma"] > 0).all()
+    assert np.median(maps["path3.amplitude"]) == pytest.approx(0.2746 * THREE.shares[2], rel=0.05)
+    assert (maps["status"] == StatusBit.MORE_PATHS).all()
+    record = json.loads((tmp_path / "out" / "run.json").read_text())
+    assert record["layers"]["path3.depth"] == "m"
+    line = json.loads((tmp_path / "out" / "frames.jsonl").read_text())
+    assert (line["more_paths"], line["two_paths"], line["invalid"]) == (192, 0, 0)
+
+
+def test_the_papers_solver_gives_the_closed_form_s_maps(tmp_path: Path) -> None:
+    capture = write_capture(tmp_path / "capture", TWO)
+    assert resolve(capture, tmp_path / "closed").status == 0
+    assert resolve(capture, tmp_path / "lm", "--solver", "lm", "--order", 2).status == 0
+    closed, lm = (read_maps(tmp_path / name / "frame_0000.exr") for name in ("closed", "lm"))
+    for name in ("direct.depth", "mpi.depth", "direct.amplitude", "mpi.amplitude"):
+        np.testing.assert_allclose(lm[name], closed[name], rtol=1e-5)
+    np.testing.assert_allclose(lm["direct.sigma"], closed["direct.sigma"], rtol=0.01)
+
+
+def test_pooling_and_averaging_lower_the_noise_and_say_by_how_much(tmp_path: Path) -> None:
+    capture = write_capture(tmp_path / "capture", TWO, frames=5)
+    single = depth_std_m(TWO, (1, 2))
+    for options, names, pixels in (
+        (("--average", 2), ["frame_0000", "frame_0002", "frame_0004"], [2.0, 2.0, 1.0]),
+        (("--pool", 3), [f"frame_{index:04}" for index in range(5)], [7.8] * 5),
+        (("--average", 5, "--pool", 3), ["frame_0000"], [39.0]),
+    ):
+        out = tmp_path / "-".join(map(str, options))
+        assert resolve(capture, out, *options) == Finished(0, "", "")
+        assert [path.stem for path in sorted(out.glob("*.exr"))] == names
+        for name, expected in zip(names, pixels, strict=True):
+            maps = read_maps(out / f"{name}.exr")
+            assert maps["effective_pixels"].mean() == pytest.approx(expected, rel=0.05)
+            assert np.median(maps["direct.sigma"]) == pytest.approx(single / expected**0.5, rel=0.1)
+            assert maps["direct.depth"].std() < 1.5 * single / expected**0.5
+            pooled = (maps["status"].astype(int) & StatusBit.POOLED) > 0
+            assert pooled.all() == (expected > 1.0)
+
+
+def test_a_frame_that_cannot_be_read_is_left_out_of_its_mean(tmp_path: Path) -> None:
+    capture = write_capture(tmp_path / "capture", TWO, frames=3)
+    (capture / "frame_0001.tif").write_bytes(b"II*\0 and no more")
+    assert resolve(capture, tmp_path / "out", "--average", 3).status == 0
+    line = json.loads((tmp_path / "out" / "frames.jsonl").read_text())
+    assert line["status"] == "ok"
+    assert line["reason"].startswith("1 of 3 frames left out of the mean")
+    assert "frame_0001.tif" in line["reason"]
+    assert (read_maps(tmp_path / "out" / "frame_0000.exr")["effective_pixels"] == 2.0).all()
+
+
+@pytest.mark.parametrize("options", [("--solver", "lm"), ("--paths", 3), ("--pool", 3)])
+def test_a_lone_frame_over_processes_is_the_same_to_the_bit(
+    tmp_path: Path, options: tuple[object, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    capture = write_capture(tmp_path / "capture", TWO, harmonics=(1, 2, 3), n_av=3e3, size=(13, 17))
+    assert resolve(capture, tmp_path / "one", *options).status == 0
+    monkeypatch.setattr(split_frames, "WORTH_SPLITTING_S", 0.0)
+    assert resolve(capture, tmp_path / "three", *options, "--jobs", 3).status == 0
+    one, three = ((tmp_path / name / "frame_0000.exr").read_bytes() for name in ("one", "three"))
+    assert one == three
+    lines = [json.loads((tmp_path / name / "frames.jsonl").read_text()) for name in ("one", "three")]
+    assert {**lines[0], "output": None, "seconds": 0} == {**lines[1], "output": None, "seconds": 0}
+
+
+def test_a_lone_frame_that_cannot_be_read_fails_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    capture = write_capture(tmp_path / "capture", TWO)
+    (capture / "frame_0000.tif").write_bytes(b"II*\0 and no more")
+    monkeypatch.setattr(split_frames, "WORTH_SPLITTING_S", -1.0)
+    assert resolve(capture, tmp_path / "out", "--jobs", 2).status == 1
+    assert json.loads((tmp_path / "out" / "frames.jsonl").read_text())["status"] == "failed"
+
+
+@pytest.mark.parametrize(
+    ("harmonics", "options", "words"),
+    [
+        ((1, 2), ("--pool", 4), "--pool: found 4, expected an odd number of pixels such as 3 or 5"),
+        ((1, 2), ("--pool", -1), "--pool: found -1"),
+        ((1, 2), ("--average", 0), "--average: found 0, expected 1 frame or more"),
+        ((1, 2), ("--paths", 3), "3 paths need at least 3 periods: lower --paths or --order, or use --solver one-path"),
+        ((1, 2), ("--paths", 0), "--paths: found 0, expected 1 or more"),
+        ((1, 2), ("--starts", 0), "--starts: found 0, expected 1 or more"),
+        ((1, 2), ("--seed", -1), "--seed: found -1, expected 0 or more"),
+        ((1, 2, 3), ("--solver", "lm", "--paths", 3), "--solver lm finds two paths, not --paths 3"),
+        (
+            (1, 2, 3),
+            ("--order", 3),
+            "--order: found '3', expected one of auto, 1, 2 with --solver two-path and --paths 2",
+        ),
+        ((1, 2), ("--order", "many"), "--order: found 'many'"),
+        ((1, 3), (), "record a third period, or use --solver one-path"),
+        ((1,), (), "2 paths need at least 2 periods"),
+    ],
+)
+def test_what_cannot_be_done_is_refused_before_anything_is_written(
+    tmp_path: Path, harmonics: tuple[int, ...], options: tuple[object, ...], words: str
+) -> None:
+    capture = write_capture(tmp_path / "capture", TWO, harmonics=harmonics, size=(2, 2))
+    done = resolve(capture, tmp_path / "out", *options)
+    assert done.status == 2
+    assert words in done.err
+    assert not (tmp_path / "out" / "run.json").exists()
+
+
+def test_the_random_starts_follow_from_the_seed(tmp_path: Path) -> None:
+    capture = write_capture(tmp_path / "capture", Mixture((1.0,), (5.0,)), n_av=1e4)
+    options = ("--solver", "lm", "--order", 2, "--starts", 1)
+    for name, seed in (("a", 1), ("b", 1), ("c", 2)):
+        assert resolve(capture, tmp_path / name, *options, "--seed", seed).status == 0
+    a, b, c = ((tmp_path / name / "frame_0000.exr").read_bytes() for name in "abc")
+    assert a == b
+    assert a != c
