@@ -32,7 +32,7 @@ MEANING: dict[StatusBit, str] = {
     StatusBit.TWO_PATHS: "resolved as two paths",
     StatusBit.ILL_CONDITIONED: "a predicted standard deviation exceeds half the separation of the paths: sigma is a lower bound",
     StatusBit.CALIBRATED: "a calibration was applied",
-    StatusBit.NOT_CONVERGED: "the iteration ran out of steps (no answer), or left the response's equations open (its best attempt)",
+    StatusBit.NOT_CONVERGED: "the iteration ran out of steps (no answer), or left the response's equations open (best attempt)",
     StatusBit.HOT_PIXEL: "the dark calibration found the pixel hot, noisy or dead; no answer",
     StatusBit.MORE_PATHS: "resolved as three paths or more",
     StatusBit.POOLED: "averaged over frames or neighbours: layer `effective_pixels` says over how many",
