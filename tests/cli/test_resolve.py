@@ -3,10 +3,12 @@
 import json
 import shutil
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 import tifffile
+from numpy.typing import NDArray
 
 from tests.support.captures import (
     PLANE_NAMES,
@@ -50,7 +52,7 @@ def test_maps_hold_the_truth_within_noise(form: Form, map_format: str, tmp_path:
     _hold_truth(layers)
 
 
-def _hold_truth(layers: dict[str, np.ndarray]) -> None:
+def _hold_truth(layers: dict[str, NDArray[Any]]) -> None:
     error = layers["direct.depth"] - step_truth()
     # one path at ASR 2: sigma of the phase is 1.58e-3 · 3 for one harmonic, 4.5 mm, and less for two
     assert np.sqrt(np.median(np.square(error[LEFT]))) < 0.0031

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import OpenEXR
@@ -94,7 +94,7 @@ def write_exr(file: Path, channels: dict[str, NDArray[np.generic]]) -> None:
     OpenEXR.File(header, {name: plane.copy() for name, plane in channels.items()}, num_threads=0).write(str(file))
 
 
-def layers_of(file: Path) -> dict[str, NDArray[np.generic]]:
+def layers_of(file: Path) -> dict[str, NDArray[Any]]:
     """Layers of a map file, read by the libraries alone: EXR channels, or OME-TIFF channels."""
     if file.suffix == ".exr":
         with OpenEXR.File(str(file), separate_channels=True) as opened:
