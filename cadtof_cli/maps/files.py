@@ -54,7 +54,7 @@ def remove_partial_files(folder: Path, /, *, token: str) -> None:
 def write_json(path: Path, document: Mapping[str, Any], /) -> None:
     """Write a JSON document, readable by people, whole or not at all."""
     with whole_file(path) as temporary:
-        temporary.write_text(json.dumps(document, indent=2, ensure_ascii=False, default=str) + "\n", encoding="utf-8")
+        temporary.write_text(json.dumps(document, indent=2, default=str) + "\n", encoding="utf-8")
 
 
 def make_folder(path: Path, /) -> None:

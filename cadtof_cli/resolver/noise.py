@@ -126,7 +126,9 @@ def estimated_integration_length(phasors: Complex, /) -> float:
     removes every gradient along rows and columns; its median absolute deviation ignores edges and outliers. NaN is left
     out. Returns infinity for a frame without noise, and NaN where fewer than 16 pixels are finite.
     """
-    difference = 0.5 * (phasors[:, :-1, :-1] - phasors[:, :-1, 1:] - phasors[:, 1:, :-1] + phasors[:, 1:, 1:])
+    with np.errstate(invalid="ignore", over="ignore"):
+        # infinite pixels make NaN here, which is left out
+        difference = 0.5 * (phasors[:, :-1, :-1] - phasors[:, :-1, 1:] - phasors[:, 1:, :-1] + phasors[:, 1:, 1:])
     estimates = []
     for plane, phasor in zip(difference, phasors, strict=True):
         finite = plane[np.isfinite(plane)]

@@ -41,7 +41,7 @@ class FrameTask:
 
 @dataclass(frozen=True)
 class FrameReport:
-    """A line of `frames.jsonl`; the fields are its keys."""
+    """A line of `frames.jsonl`; the fields are its keys, `more_paths` only where pixels may have more than two."""
 
     source: str
     output: str | None
@@ -55,7 +55,10 @@ class FrameReport:
 
     def as_json(self) -> dict[str, Any]:
         """Return the line as a JSON object."""
-        return asdict(self)
+        line = asdict(self)
+        if self.more_paths is None:
+            del line["more_paths"]
+        return line
 
 
 def resolve_file(task: FrameTask, /) -> FrameReport:
@@ -107,7 +110,7 @@ def written(task: FrameTask, resolved: ResolvedFrame, /, *, left_out: str | None
         seconds_since(began),
         counts.one_path,
         counts.two_paths,
-        counts.more_paths,
+        counts.more_paths if task.plan.resolver.max_paths > 2 else None,
         counts.invalid,
     )
 

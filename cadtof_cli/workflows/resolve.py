@@ -122,7 +122,11 @@ def resolve_captures(
     ]
     for capture in captures:
         require_known_volts(capture)
-    prepare_output(captures, settings.out, arguments=arguments, overwrite=settings.overwrite, resume=settings.resume)
+    layers = {name: unit for plan in plans for name, unit in plan.layers.units.items()}
+    record = RunRecord(settings.out, arguments=arguments, captures=captures, layers=layers, calibration=calibration)
+    prepare_output(captures, settings.out, overwrite=settings.overwrite, resume=settings.resume)
+    if settings.resume:
+        record.require_same_settings()
     for capture in captures:
         _note_defaults(capture, progress.on_note)
     for note in calibration.notes if calibration else ():
@@ -134,8 +138,6 @@ def resolve_captures(
         outcomes = resolve_split(tasks, jobs=jobs, start_method=start_method)
     else:
         outcomes = run_ordered(resolve_file, tasks, jobs=jobs, start_method=start_method)
-    layers = {name: unit for plan in plans for name, unit in plan.layers.units.items()}
-    record = RunRecord(settings.out, arguments=arguments, captures=captures, layers=layers, calibration=calibration)
     try:
         with record.opened(append=settings.resume), closing(outcomes):
             for outcome in outcomes:

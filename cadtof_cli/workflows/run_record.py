@@ -25,18 +25,18 @@ FRAMES_FILE = "frames.jsonl"
 
 _PLACE_IN_STACK = re.compile(r"_\d{4,}$")
 
-CHANGES_NO_MAP = frozenset({"jobs", "start_method", "overwrite", "resume", "json", "quiet", "inputs", "out"})
-"""Arguments that may differ between a run and its resumption."""
+CHANGES_NO_MAP = frozenset(
+    {"jobs", "start_method", "overwrite", "resume", "json", "quiet", "inputs", "out", "overrides"}
+)
+"""Arguments that may differ between a run and its resumption; what `overrides` decides is in the metadata."""
 
 
-def prepare_output(
-    captures: Sequence[Capture], out: Path, /, *, arguments: Mapping[str, Any], overwrite: bool, resume: bool
-) -> None:
+def prepare_output(captures: Sequence[Capture], out: Path, /, *, overwrite: bool, resume: bool) -> None:
     """Make the output folder, and make sure that a run loses nothing in it.
 
     Raises:
-        OutputError: it cannot be written into; it is a capture's own folder; two frames would be written to one file; it
-            holds files of a run, and neither `overwrite` nor `resume` is set; or the run to resume had other settings.
+        OutputError: it cannot be written into; it is a capture's own folder; two frames would be written to one file; or
+            it holds files of a run, and neither `overwrite` nor `resume` is set.
     """
     if (out / CAPTURE_FILE).exists() or out.resolve() in {capture.root.resolve() for capture in captures}:
         raise OutputError(f"{out}: the maps would be written among recorded frames; choose another folder with -o")
@@ -44,9 +44,7 @@ def prepare_output(
     make_folder(out)
     if overwrite or resume:
         remove_partial_files(out, token="*")
-    if resume:
-        _check_same_settings(out / RUN_FILE, arguments)
-    elif not overwrite:
+    else:
         _check_nothing_replaced(out, named)
 
 
@@ -81,20 +79,30 @@ def _check_nothing_replaced(out: Path, named: Mapping[str, Path]) -> None:
         )
 
 
-def _check_same_settings(path: Path, arguments: Mapping[str, Any]) -> None:
+def _check_same_settings(path: Path, document: Mapping[str, Any]) -> None:
     if not path.exists():
         return
     try:
-        before = json.loads(path.read_text(encoding="utf-8"))["arguments"]
-    except (OSError, ValueError, KeyError, TypeError) as error:
+        before = _what_decides_maps(json.loads(path.read_text(encoding="utf-8")))
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise OutputError(f"{path}: not the record of a run, so it cannot be resumed ({error})") from error
-    now = json.loads(json.dumps(dict(arguments), default=str))
-    for name in sorted((before.keys() | now.keys()) - CHANGES_NO_MAP):
-        if before.get(name) != now.get(name):
+    now = _what_decides_maps(json.loads(json.dumps(document, default=str)))
+    for name, value in now.items():
+        if name in before and before[name] != value:
             raise OutputError(
-                f"{path}: cannot resume: {name} was {before.get(name)!r} and is {now.get(name)!r} now; "
+                f"{path}: cannot resume: {name} was {before[name]!r} and is {value!r} now; "
                 "give the same options, or --overwrite"
             )
+
+
+def _what_decides_maps(document: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the arguments and the metadata that decide what the maps of a run are, by the names they have for a user."""
+    deciding = {name: value for name, value in document["arguments"].items() if name not in CHANGES_NO_MAP}
+    deciding["digest of the calibration"] = (document["calibration"] or {}).get("digest")
+    for capture in document["captures"]:
+        for table, keys in capture["metadata"].items():
+            deciding |= {f"{capture['root']}: {table}.{key}": value for key, value in keys.items()}
+    return deciding
 
 
 class RunRecord:
@@ -123,6 +131,14 @@ class RunRecord:
             "layers": dict(layers),
             "status_bits": {bit.name: int(bit) for bit in MEANING},
         }
+
+    def require_same_settings(self) -> None:
+        """Make sure that the run whose record lies in the folder, if there is one, would make the same maps.
+
+        Raises:
+            OutputError: its options, metadata or calibration were others, or what lies there is no record of a run.
+        """
+        _check_same_settings(self._out / RUN_FILE, self._document)
 
     @contextmanager
     def opened(self, *, append: bool) -> Iterator["RunRecord"]:

@@ -8,8 +8,8 @@ import pytest
 
 from cadtof_cli.resolver.status import StatusBit
 from cadtof_cli.workflows import split_frames
-from tests.support.captures import read_maps, write_capture
 from tests.support.forward import depth_m
+from tests.support.mixture_captures import read_maps, write_capture
 from tests.support.mixtures import Mixture
 from tests.support.run_cadtof import Finished, cadtof
 

@@ -1,43 +1,106 @@
-"""Captures on disk whose light is known."""
+"""Small captures for tests, recorded by the forward model: TIFF counts or EXR volts."""
 
-from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any, Literal
 
 import numpy as np
 import OpenEXR
 import tifffile
 from numpy.typing import NDArray
 
-from tests.support.forward import AMPLITUDE_V, T1_NS
-from tests.support.mixtures import Mixture
+from tests.support.forward import step_frame
+
+Form = Literal["tif", "exr"]
+
+ZERO_COUNTS = 8192
+VOLTS_PER_COUNT = 6.0e-5
+PLANE_NAMES = ("H1.SC1", "H1.SC2", "H2.SC1", "H2.SC2")
+
+TOML: dict[Form, str] = {
+    "tif": """\
+[modulation]
+periods_ns = [40.0, 20.0]
+waveform = "sine"
+amplitude_v = 0.2746
+[pixel]
+integration_length = 100000
+[pulse]
+fwhm_ns = 1.7
+[voltage]
+zero_counts = 8192.0
+volts_per_count = 6.0e-5
+saturated_counts = [0, 16383]
+[optics]
+focal_length_px = 28.0
+principal_point_px = [15.0, 10.0]
+""",
+    "exr": """\
+[modulation]
+periods_ns = [40.0, 20.0]
+waveform = "sine"
+amplitude_v = 0.2746
+[pixel]
+integration_length = 100000
+[pulse]
+fwhm_ns = 1.7
+""",
+}
 
 
-def write_capture(
-    folder: Path,
-    light: Mixture,
-    *,
-    harmonics: Sequence[int] = (1, 2),
-    n_av: float = 1e5,
-    size: tuple[int, int] = (12, 16),
-    frames: int = 1,
-    seed: int = 1,
-) -> Path:
-    """Write frames of one light all over, as float TIFF in volts, and the capture.toml to them."""
+@dataclass(frozen=True)
+class Recorded:
+    """A capture folder and its frames' files in order."""
+
+    folder: Path
+    files: tuple[Path, ...]
+
+
+def record(folder: Path, *, frames: int = 1, form: Form = "tif", seed: int = 0, toml: str | None = None) -> Recorded:
+    """Record frames of `step_frame`, 24 × 32 pixels, and a `capture.toml` (its text; "" for none)."""
     rng = np.random.default_rng(seed)
     folder.mkdir(parents=True, exist_ok=True)
-    periods = ", ".join(f"{T1_NS / h:.8g}" for h in harmonics)
-    (folder / "capture.toml").write_text(
-        f"[modulation]\nperiods_ns = [{periods}]\n[pixel]\nintegration_length = {n_av}\n", encoding="utf-8"
-    )
-    for index in range(frames):
-        phasors = light.phasors(harmonics, n_av=n_av, size=size[0] * size[1], rng=rng)
-        measured = phasors * np.array([[light.pulse(h)] for h in harmonics]) * AMPLITUDE_V
-        planes = np.stack((measured.real, measured.imag), axis=1).reshape(len(harmonics), 2, *size)
-        tifffile.imwrite(folder / f"frame_{index:04}.tif", planes.astype(np.float32), metadata={"axes": "QCYX"})
-    return folder
+    files = tuple(folder / f"frame_{index}.{form}" for index in range(frames))
+    for file in files:
+        write_frame(file, step_frame(rng))
+    text = TOML[form] if toml is None else toml
+    if text:
+        (folder / "capture.toml").write_text(text)
+    return Recorded(folder, files)
 
 
-def read_maps(path: Path) -> dict[str, NDArray[np.float32]]:
-    """Layers of an EXR map by name."""
-    with OpenEXR.File(str(path), separate_channels=True) as file:
-        return {name: channel.pixels for name, channel in file.channels().items()}
+def write_frame(file: Path, volts: NDArray[np.float64]) -> None:
+    """Write voltages (2, 2, Y, X) as EXR volts or TIFF counts, as the file's name ends."""
+    if file.suffix == ".exr":
+        write_exr(file, dict(zip(PLANE_NAMES, volts.reshape(4, *volts.shape[2:]).astype(np.float32), strict=True)))
+    else:
+        write_pages(file, counts_of(volts))
+
+
+def counts_of(volts: NDArray[np.float64]) -> NDArray[np.uint16]:
+    """Counts of voltages, (2, 2, Y, X) → (4, Y, X)."""
+    counts = np.rint(volts / VOLTS_PER_COUNT + ZERO_COUNTS).astype(np.uint16)
+    return counts.reshape(-1, *volts.shape[2:])
+
+
+def write_pages(file: Path, pages: NDArray[np.generic]) -> None:
+    """Write a TIFF with a page for each plane."""
+    tifffile.imwrite(file, pages, photometric="minisblack", metadata=None)
+
+
+def write_exr(file: Path, channels: dict[str, NDArray[np.generic]]) -> None:
+    """Write an EXR file with the channels."""
+    header = {"type": OpenEXR.scanlineimage, "compression": OpenEXR.ZIP_COMPRESSION}
+    OpenEXR.File(header, {name: plane.copy() for name, plane in channels.items()}, num_threads=0).write(str(file))
+
+
+def layers_of(file: Path) -> dict[str, NDArray[Any]]:
+    """Layers of a map file, read by the libraries alone: EXR channels, or OME-TIFF channels."""
+    if file.suffix == ".exr":
+        with OpenEXR.File(str(file), separate_channels=True) as opened:
+            return {name: channel.pixels.copy() for name, channel in opened.channels().items()}
+    with tifffile.TiffFile(file) as tiff:
+        assert tiff.ome_metadata is not None
+        document = tifffile.xml2dict(tiff.ome_metadata)
+        channels = document["OME"]["Image"]["Pixels"]["Channel"]
+        return {channel["Name"]: page.asarray() for channel, page in zip(channels, tiff.pages, strict=True)}

@@ -1,0 +1,228 @@
+"""Where maps go: what is refused, what a full or closed place costs, and how a run goes on where another stopped."""
+
+import json
+import os
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from tests.support.captures import Form, record
+from tests.support.run_cadtof import Finished, cadtof, program, with_small_files, without_privilege
+
+
+def _files(folder: Path) -> dict[str, bytes]:
+    return {path.name: path.read_bytes() for path in folder.iterdir()}
+
+
+def _lines(out: Path) -> list[dict[str, object]]:
+    return [json.loads(line) for line in (out / "frames.jsonl").read_text().splitlines()]
+
+
+def _refused(done: Finished, told: str) -> None:
+    assert done.err.startswith(f"Error: {told}")
+    assert (done.status, done.out) == (2, "")
+    assert "Traceback" not in done.err
+
+
+def test_out_is_a_file(tmp_path: Path) -> None:
+    capture = record(tmp_path / "capture")
+    (tmp_path / "out").write_text("mine")
+    for out in (tmp_path / "out", tmp_path / "out" / "deeper"):
+        done = cadtof("resolve", capture.folder, "-o", out, "-j", 1)
+        _refused(done, f"{out}: expected a folder that can be written into: ")
+    assert (tmp_path / "out").read_text() == "mine"
+
+
+def test_out_may_not_be_written_into(tmp_path: Path) -> None:
+    capture = record(tmp_path / "capture")
+    out = tmp_path / "out"
+    out.mkdir(mode=0o555)
+    done = without_privilege("resolve", capture.folder, "-o", out)
+    _refused(done, f"{out}: expected a folder that can be written into: Permission denied")
+    done = without_privilege("resolve", capture.folder, "-o", out / "deeper")
+    _refused(done, f"{out / 'deeper'}: expected a folder that can be written into: Permission denied")
+
+
+def test_out_holds_recorded_frames(tmp_path: Path) -> None:
+    a, b = record(tmp_path / "a"), record(tmp_path / "b", seed=1)
+    before = _files(a.folder)
+    told = f"{a.folder}: the maps would be written among recorded frames; choose another folder with -o"
+    for inputs in ((a.folder,), (a.files[0],), (b.folder,)):
+        for extra in ((), ("--overwrite",), ("--resume",)):
+            _refused(cadtof("resolve", *inputs, "-o", a.folder, "-j", 1, *extra), told)
+    (a.folder / "capture.toml").unlink()
+    _refused(cadtof("resolve", a.folder, "-o", a.folder, "-j", 1, "--volts-per-count", 6e-5), told)
+    _refused(
+        cadtof("resolve", b.folder, "-o", a.folder, "-j", 1),
+        f"{a.folder}: frame_0.tif would be replaced; add --overwrite to replace",
+    )
+    assert _files(a.folder) == {name: content for name, content in before.items() if name != "capture.toml"}
+
+
+def test_nothing_is_replaced_unasked(tmp_path: Path) -> None:
+    capture, out = record(tmp_path / "capture", frames=4), tmp_path / "out"
+    assert cadtof("resolve", capture.folder, "-o", out, "-j", 1, "--order", 1).status == 0
+    before = _files(out)
+    done = cadtof("resolve", capture.folder, "-o", out, "-j", 1)
+    _refused(done, f"{out}: frame_0.tif, frame_1.tif, frame_2.tif and 3 more would be replaced; add --overwrite")
+    assert _files(out) == before
+    assert cadtof("resolve", capture.folder, "-o", out, "-j", 1, "--overwrite").status == 0
+    after = _files(out)
+    assert after.keys() == before.keys()
+    assert all(after[name] != before[name] for name in before)
+
+
+def test_a_map_of_a_stack_is_not_replaced_either(tmp_path: Path) -> None:
+    capture, out = record(tmp_path / "capture"), tmp_path / "out"
+    out.mkdir()
+    (out / "frame_0_0001.tif").write_text("mine")
+    _refused(cadtof("resolve", capture.folder, "-o", out, "-j", 1), f"{out}: frame_0_0001.tif would be replaced")
+
+
+def test_other_files_in_out_stay(tmp_path: Path) -> None:
+    capture, out = record(tmp_path / "capture"), tmp_path / "out"
+    out.mkdir()
+    for name in ("notes.txt", "frame_1.tif", ".frame_0.tif.99.partial"):
+        (out / name).write_text(name)
+    assert cadtof("resolve", capture.folder, "-o", out, "-j", 1).status == 0
+    assert cadtof("resolve", capture.folder, "-o", out, "-j", 1, "--overwrite").status == 0
+    assert sorted(_files(out)) == ["frame_0.tif", "frame_1.tif", "frames.jsonl", "notes.txt", "run.json"]
+    assert (out / "frame_1.tif").read_text() == "frame_1.tif"
+
+
+def test_resume_does_what_is_missing(tmp_path: Path) -> None:
+    capture, out = record(tmp_path / "capture", frames=5), tmp_path / "out"
+    content = capture.files[3].read_bytes()
+    capture.files[3].write_bytes(content[:-50])
+    assert cadtof("resolve", capture.folder, "-o", out, "-j", 1).status == 1
+    capture.files[3].write_bytes(content)
+    (out / "frame_1.tif").unlink()
+    kept = {name: (out / name).stat().st_mtime_ns for name in ("frame_0.tif", "frame_2.tif", "frame_4.tif")}
+    # as a kill or a full disk may leave it
+    with (out / "frames.jsonl").open("a") as lines:
+        lines.write('{"source": "torn')
+    done = cadtof("resolve", capture.folder, "-o", out, "-j", 1, "--resume", "--json")
+    assert done.status == 0
+    assert [json.loads(line)["status"] for line in done.out.splitlines()] == [
+        "skipped",
+        "ok",
+        "skipped",
+        "ok",
+        "skipped",
+    ]
+    assert f"{out / 'frame_0.tif'} exists already" in done.out
+    assert "resolved 2 of 5 frames" in done.err
+    assert {name: (out / name).stat().st_mtime_ns for name in kept} == kept
+    fresh = tmp_path / "fresh"
+    assert cadtof("resolve", capture.folder, "-o", fresh, "-j", 1).status == 0
+    for file in fresh.glob("*.tif"):
+        assert (out / file.name).read_bytes() == file.read_bytes()
+    # every frame's last line says what became of it, and those that were resolved before have not got another
+    states = [(Path(str(line["source"])).name, line["status"]) for line in _lines(out)]
+    first = [(f"frame_{index}.tif", "failed" if index == 3 else "ok") for index in range(5)]
+    assert states == [*first, ("frame_1.tif", "ok"), ("frame_3.tif", "ok")]
+
+
+def test_resume_in_an_empty_folder_is_a_run(tmp_path: Path) -> None:
+    capture, out = record(tmp_path / "capture", frames=2), tmp_path / "out"
+    assert cadtof("resolve", capture.folder, "-o", out, "-j", 1, "--resume").status == 0
+    assert [line["status"] for line in _lines(out)] == ["ok", "ok"]
+
+
+def test_resume_needs_the_same_settings(tmp_path: Path) -> None:
+    capture, out = record(tmp_path / "capture"), tmp_path / "out"
+    assert cadtof("resolve", capture.folder, "-o", out, "-j", 1).status == 0
+    before = _files(out)
+    for options, told in (
+        (("--order", "1"), "order was 'auto' and is '1' now; give the same options, or --overwrite"),
+        (("--depth", "z"), "depth was 'range' and is 'z' now"),
+        (("--format", "exr"), "map_format was 'same' and is 'exr' now"),
+        (("--amplitude", "0.3"), f"{capture.folder}: modulation.amplitude_v was 0.2746 and is 0.3 now"),
+    ):
+        done = cadtof("resolve", capture.folder, "-o", out, "-j", 1, "--resume", *options)
+        _refused(done, f"{out / 'run.json'}: cannot resume: {told}")
+    assert _files(out) == before
+    toml = capture.folder / "capture.toml"
+    toml.write_text(toml.read_text().replace("0.2746", "0.3"))
+    done = cadtof("resolve", capture.folder, "-o", out, "-j", 1, "--resume")
+    _refused(done, f"{out / 'run.json'}: cannot resume: {capture.folder}: modulation.amplitude_v was 0.2746 and is 0.3")
+
+
+@pytest.mark.parametrize("name", ["run.json", "frames.jsonl"])
+@pytest.mark.parametrize("content", ["[]\n", "{\n", "3\n"])
+def test_resume_of_what_is_no_run(name: str, content: str, tmp_path: Path) -> None:
+    capture, out = record(tmp_path / "capture"), tmp_path / "out"
+    assert cadtof("resolve", capture.folder, "-o", out, "-j", 1).status == 0
+    (out / name).write_text(content)
+    done = cadtof("resolve", capture.folder, "-o", out, "-j", 1, "--resume")
+    _refused(done, f"{out / name}: not the record of a run, so it cannot be resumed")
+
+
+@pytest.mark.parametrize("map_format", ["tif", "exr"])
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_maps_that_cannot_grow_leave_nothing_behind(map_format: str, jobs: int, tmp_path: Path) -> None:
+    capture, out = record(tmp_path / "capture", frames=3), tmp_path / "out"
+    done = with_small_files(16_000, "resolve", capture.folder, "-o", out, "-j", jobs, "--format", map_format)
+    assert done.status == 1
+    for index in range(3):
+        assert f"failed: {out / f'frame_{index}.{map_format}'}: cannot be written: " in done.err
+    assert "unexpected" not in done.err
+    assert sorted(path.name for path in out.iterdir()) == ["frames.jsonl", "run.json"]
+    assert [line["status"] for line in _lines(out)] == ["failed"] * 3
+
+
+@pytest.fixture
+def small_disk(tmp_path: Path) -> Iterator[Path]:
+    """A file system of 300 kB; only root can make one."""
+    place = tmp_path / "small"
+    place.mkdir()
+    mount = ("mount", "-t", "tmpfs", "-o", "size=300k", "tmpfs", str(place))
+    if os.geteuid() != 0 or subprocess.run(mount, check=False, capture_output=True).returncode != 0:
+        pytest.skip("nothing can be mounted here")
+    yield place
+    subprocess.run(("umount", str(place)), check=True)
+
+
+@pytest.mark.parametrize("form", ["tif", "exr"])
+def test_a_full_disk(small_disk: Path, form: Form, tmp_path: Path) -> None:
+    capture, out = record(tmp_path / "capture", frames=16, form=form), small_disk / "out"
+    # 16 maps of 27 kB; what is left below a map has room for the lines
+    done = program("resolve", capture.folder, "-o", out, "-j", 2)
+    assert done.status in {1, 2}
+    assert "No space left on device" in done.err
+    assert "Traceback" not in done.err
+    assert "unexpected" not in done.err
+    names = sorted(path.name for path in out.iterdir())
+    assert not [name for name in names if name.endswith(".partial")]
+    written = [name for name in names if name.startswith("frame_")]
+    assert 5 <= len(written) < 16
+    subprocess.run(("mount", "-o", "remount,size=2m", str(small_disk)), check=True)
+    done = program("resolve", capture.folder, "-o", out, "-j", 2, "--resume")
+    assert (done.status, len(list(out.glob("frame_*")))) == (0, 16)
+    fresh = tmp_path / "fresh"
+    assert program("resolve", capture.folder, "-o", fresh, "-j", 2).status == 0
+    for name in written:
+        assert (out / name).read_bytes() == (fresh / name).read_bytes()
+    last = {line["source"]: line["status"] for line in _lines(out)}
+    assert last == dict.fromkeys(map(str, capture.files), "ok")
+
+
+def test_a_disk_that_is_read_only(small_disk: Path, tmp_path: Path) -> None:
+    capture = record(tmp_path / "capture")
+    subprocess.run(("mount", "-o", "remount,ro", str(small_disk)), check=True)
+    out = small_disk / "out"
+    done = cadtof("resolve", capture.folder, "-o", out, "-j", 1)
+    _refused(done, f"{out}: expected a folder that can be written into: Read-only file system")
+
+
+def test_a_reader_that_goes_away_is_no_error(tmp_path: Path) -> None:
+    capture = record(tmp_path / "capture", frames=40)
+    for jobs in (1, 2):
+        out = tmp_path / f"out{jobs}"
+        shell = f'"$@" --json -j {jobs} | head -n 1'
+        done = program("resolve", capture.folder, "-o", out, "-q", before=("bash", "-c", shell, "bash"))
+        assert (done.status, done.err) == (0, "")
+        assert json.loads(done.out)["source"] == str(capture.files[0])
+        assert not list(out.glob(".*"))
