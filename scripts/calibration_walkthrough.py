@@ -1,0 +1,237 @@
+"""Calibrate a simulated QVGA camera that has every defect at once, and write docs/calibration.md from what came out."""
+
+import argparse
+import subprocess
+import sys
+import tempfile
+import time
+from dataclasses import dataclass, replace
+from pathlib import Path
+from string import Template
+
+import numpy as np
+import tifffile
+from numpy.typing import NDArray
+
+from cadtof_cli.calibration.store import load_calibration
+from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Optics, Pixel, Target, Waveform
+from cadtof_cli.capture.toml import toml_text
+from cadtof_cli.maps.exr import write_exr
+from cadtof_cli.maps.layers import DIRECT_DEPTH, DepthMaps
+from cadtof_cli.maps.reader import read_layers
+from cadtof_cli.resolver.status import StatusBit
+from cadtof_cli.simulation.defects import DefectiveCamera, Defects, qvga_metadata
+from cadtof_cli.units import C_M_PER_NS
+
+ROOT = Path(__file__).resolve().parent.parent
+PIXELS = (240, 320)
+DEFECTS = Defects(
+    offset_v=0.02,
+    hot_share=0.001,
+    phase_rad=(0.0, 0.3),
+    gain=(1.0, 0.8),
+    sc2_gain=1.05,
+    pixel_phase_rad=0.05,
+    pixel_gain=0.02,
+    petzval_m=(0.06, -0.02),
+    seed=7,
+)
+TARGETS_M = (0.5, 1.0, 1.7, 2.4, 3.0)
+CLEAN_ROWS = 40
+
+
+@dataclass
+class Diary:
+    """The folder that everything happens in, and the commands with what they printed."""
+
+    place: Path
+
+    def run(self, *arguments: str) -> str:
+        """Run `cadtof` and return the command and what it printed, as it goes into the page."""
+        done = subprocess.run(
+            [sys.executable, "-m", "cadtof_cli", *arguments],
+            cwd=self.place,
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        if done.returncode:
+            sys.exit(f"cadtof {' '.join(arguments)}: {done.stderr}")
+        lines = [f"$ cadtof {' '.join(arguments)}", *done.stderr.splitlines(), *done.stdout.splitlines()]
+        print("\n".join(lines), flush=True)
+        return "\n".join(f"    {line}".rstrip() for line in lines)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--out", type=Path, default=ROOT / "docs", help="folder of the page and its pictures")
+    out: Path = parser.parse_args().out
+    out.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory() as place:
+        diary = Diary(Path(place))
+        said = walk(diary, out)
+        said |= numbers(diary)
+    template = Template((Path(__file__).with_name("calibration_page.md")).read_text(encoding="utf-8"))
+    (out / "calibration.md").write_text(template.substitute(said), encoding="utf-8")
+    print(f"page: {out / 'calibration.md'}")
+
+
+def walk(diary: Diary, out: Path) -> dict[str, str]:
+    seen = camera()
+    record(diary.place, seen)
+    said = {
+        "dark": diary.run("calibrate", "dark", "covered", "-o", "camera"),
+        "response": diary.run("calibrate", "response", *(f"target_{d}m" for d in TARGETS_M), "-o", "camera"),
+        "petzval": diary.run("calibrate", "petzval", "wall_1m", "wall_3m", "-o", "camera", "--plot", "walls.png"),
+        "before": diary.run("resolve", "card", "-o", "before"),
+        "after": diary.run("resolve", "card", "-o", "after", "--calibration", "camera"),
+        "evaluate_before": diary.run("evaluate", "before", "--truth", "card/truth.exr"),
+        "evaluate_after": diary.run("evaluate", "after", "--truth", "card/truth.exr"),
+    }
+    diary.run("preview", "before", "-o", "before.png", "--truth", "card/truth.exr")
+    diary.run("preview", "after", "-o", "after.png", "--truth", "card/truth.exr")
+    for name in ("walls", "before", "after"):
+        (out / f"calibration_{name}.png").write_bytes((diary.place / f"{name}.png").read_bytes())
+    said["petzval_toml"] = "\n".join(
+        f"    {line}".rstrip() for line in (diary.place / "camera/petzval.toml").read_text().splitlines()
+    )
+    return said
+
+
+def numbers(diary: Diary) -> dict[str, str]:
+    """Return the figures of the last table."""
+    calibration = load_calibration(diary.place / "camera")
+    petzval, dark = calibration.petzval, calibration.dark
+    assert petzval is not None
+    assert dark is not None
+    truth = camera().drawn().offset_v
+    sound = ~dark.hot
+    off = np.abs(dark.offset_v - truth)[..., sound] / np.maximum(dark.noise_v[..., sound] / np.sqrt(20), 1e-12)
+    bias, after = card_bias(diary, "before"), card_bias(diary, "after")
+    single, two, converged = triangle(diary)
+    return {
+        "k2": f"{petzval.k2_m:.4f} ± {petzval.quality.k2_stderr_m:.4f}",
+        "k4": f"{petzval.k4_m:.4f} ± {petzval.quality.k4_stderr_m:.4f}",
+        "k2_off": f"{abs(petzval.k2_m - 0.06) / petzval.quality.k2_stderr_m:.1f}",
+        "k4_off": f"{abs(petzval.k4_m + 0.02) / petzval.quality.k4_stderr_m:.1f}",
+        "flatness": f"{flatness(diary):.3f}",
+        "dark_within": f"{np.mean(off <= 3.0):.2%}",
+        "bias_before": f"{bias:.2f}",
+        "bias_after": f"{after:.3f}",
+        "triangle_single": f"{single:.3f}",
+        "triangle_two": f"{two:.3f}",
+        "triangle_converged": f"{converged:.2%}",
+        "cost": f"{cost(diary):.2f}",
+    }
+
+
+def flatness(diary: Diary) -> float:
+    """Return the RMS error of frames of a wall that was not fitted over that of their noise, seen from frame to frame."""
+    seen = camera()
+    truth = seen.wall_range_m(2.0, (2.0, 1.0))
+    write(diary.place / "fresh", seen, wall(seen, 2.0, (2.0, 1.0), count=10, seed=90))
+    diary.run("resolve", "fresh", "-o", "fresh_maps", "--calibration", "camera", "--order", "1", "-q")
+    maps = sorted((diary.place / "fresh_maps").glob("*.tif"))
+    error = np.stack([read_layers(path)[DIRECT_DEPTH] - truth for path in maps])
+    noise = error.std(axis=0, ddof=1)
+    return float(np.sqrt(np.nanmean(error**2) / np.nanmean(noise**2)))
+
+
+def card_bias(diary: Diary, maps: str) -> float:
+    """Return the median error of the direct depth on the card below its clean rows, in cm."""
+    truth = read_layers(diary.place / "card/truth.exr")[DIRECT_DEPTH]
+    errors = [read_layers(p)[DIRECT_DEPTH] - truth for p in sorted((diary.place / maps).glob("*.tif"))]
+    body = np.stack(errors)[:, CLEAN_ROWS:]
+    return float(100 * np.nanmedian(body))
+
+
+def triangle(diary: Diary) -> tuple[float, float, float]:
+    """Return the bias of one and of two paths under triangle modulation, in cm, and the share of pixels that converge."""
+    seen = replace(camera("triangle"), defects=Defects())
+    frames, truth = card(seen, count=4, seed=5, separations_ns=(6.0, 20.0))
+    write(diary.place / "triangle", seen, frames)
+    diary.run("resolve", "triangle", "-o", "triangle_maps", "-q")
+    errors, kept = [], []
+    for path in sorted((diary.place / "triangle_maps").glob("*.tif")):
+        layers = read_layers(path)
+        bounded = layers["direct.sigma"] < 0.1
+        status = layers["status"].astype(np.uint32)
+        kept.append((status[bounded] & StatusBit.NOT_CONVERGED) == 0)
+        errors.append(100 * (layers[DIRECT_DEPTH] - truth))
+    error = np.stack(errors)
+    return (
+        float(abs(np.nanmedian(error[:, :CLEAN_ROWS]))),
+        float(abs(np.nanmedian(error[:, CLEAN_ROWS:]))),
+        float(np.mean(np.concatenate(kept))),
+    )
+
+
+def cost(diary: Diary) -> float:
+    """Return the time of resolving with the calibration over the time without, best of three, on one core."""
+    write(diary.place / "many", camera(), card(camera(), count=30, seed=8)[0])
+    times: dict[str, list[float]] = {"with": [], "without": []}
+    for _ in range(3):
+        for name, more in (("without", ()), ("with", ("--calibration", "camera"))):
+            began = time.perf_counter()
+            diary.run("resolve", "many", "-o", f"many_{name}", "--overwrite", "-q", "-j", "1", *more)
+            times[name].append(time.perf_counter() - began)
+    return min(times["with"]) / min(times["without"])
+
+
+def camera(waveform: Waveform = "sine") -> DefectiveCamera:
+    metadata = CaptureMetadata(
+        modulation=Modulation(waveform=waveform),
+        pixel=Pixel(integration_length=1e5),
+        optics=Optics(focal_length_px=280.0, principal_point_px=(159.5, 119.5)),
+    )
+    return DefectiveCamera(metadata=qvga_metadata(metadata), pixels=PIXELS, defects=DEFECTS)
+
+
+def record(place: Path, seen: DefectiveCamera) -> None:
+    nothing = np.zeros((1, *PIXELS))
+    write(place / "covered", seen, seen.frames(nothing, nothing, count=20, seed=1))
+    for index, distance in enumerate(TARGETS_M):
+        write(
+            place / f"target_{distance}m", seen, wall(seen, distance, (0.0, 0.0), count=10, seed=10 + index), distance
+        )
+    write(place / "wall_1m", seen, wall(seen, 1.0, (3.0, -2.0), count=10, seed=20))
+    write(place / "wall_3m", seen, wall(seen, 3.0, (-2.0, 4.0), count=10, seed=21))
+    frames, truth = card(seen, count=4, seed=30)
+    write(place / "card", seen, frames)
+    pages = np.stack([truth, truth]).astype(np.float32)
+    write_exr(
+        place / "card/truth.exr", DepthMaps((DIRECT_DEPTH,), pages, np.zeros(PIXELS, np.uint32)), software="truth"
+    )
+
+
+def wall(
+    seen: DefectiveCamera, distance_m: float, tilt_deg: tuple[float, float], *, count: int, seed: int
+) -> list[NDArray[np.uint16]]:
+    ranges = seen.wall_range_m(distance_m, tilt_deg)[np.newaxis]
+    return seen.frames(ranges, np.full_like(ranges, 1.0 / 3.0), count=count, seed=seed)
+
+
+def card(
+    seen: DefectiveCamera, *, count: int, seed: int, separations_ns: tuple[float, float] = (3.0, 20.0)
+) -> tuple[list[NDArray[np.uint16]], NDArray[np.float64]]:
+    """Return frames of the two-path card (ASR 2, direct path at 0.75 m, top rows without MPI) and its direct range."""
+    separation = np.broadcast_to(np.linspace(*separations_ns, PIXELS[1]), PIXELS)
+    ratio = np.broadcast_to(np.linspace(0.05, 0.6, PIXELS[0])[:, np.newaxis], PIXELS).copy()
+    ratio[:CLEAN_ROWS] = 0.0
+    total = 3.0 + ratio
+    direct = np.full(PIXELS, 0.75)
+    ranges = np.stack([direct, direct + 0.5 * C_M_PER_NS * separation])
+    return seen.frames(ranges, np.stack([1.0 / total, ratio / total]), count=count, seed=seed), direct
+
+
+def write(
+    folder: Path, seen: DefectiveCamera, frames: list[NDArray[np.uint16]], distance_m: float | None = None
+) -> None:
+    folder.mkdir()
+    (folder / "capture.toml").write_text(toml_text(replace(seen.metadata, target=Target(distance_m=distance_m))))
+    for index, frame in enumerate(frames):
+        tifffile.imwrite(folder / f"frame_{index:04}.tif", frame, photometric="minisblack", metadata={"axes": "HCYX"})
+
+
+if __name__ == "__main__":
+    main()
