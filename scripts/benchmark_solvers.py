@@ -109,6 +109,12 @@ def lm(pixels: int) -> None:
             wrong(theirs, truth),
             wrong(ours.amplitude * (ours.cos + 1j * ours.sin), truth),
         )
+    table("lm on {1,2,3}, MPI 0.3, ASR 5, n_av 2e5 in all", "direct over the bound", "second over the bound")
+    for separation in (6.0, 11.0, 20.0):
+        light, n_av = Mixture((1.0, 0.3), (5.0, 5.0 + separation)), 2e5 / 3
+        found = spread(light, (1, 2, 3), n_av, ResolverSettings(solver="lm"), 4000)
+        direct, second = found / light.bound_ns((1, 2, 3), n_av)
+        row(f"{separation:g} ns apart", f"{direct:.3f}", f"{second:.3f}")
 
 
 # --- harmonics and paths against the bound ---------------------------------------------------------------------------
