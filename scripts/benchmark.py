@@ -257,11 +257,23 @@ def start_up(arguments: argparse.Namespace) -> None:
     row("cadtof --help / python -c 'import click'", "<= 3", f"{ours / click:.2f}")
 
 
+def sibling(*command: str) -> Callable[[argparse.Namespace], None]:
+    """Return a part that runs another script of this folder."""
+
+    def run(_: argparse.Namespace) -> None:
+        subprocess.run([sys.executable, str(ROOT / "scripts" / command[0]), *command[1:]], check=True)
+
+    return run
+
+
 PARTS: dict[str, Callable[[argparse.Namespace], None]] = {
     "solvers": solvers,
     "end-to-end": end_to_end,
     "memory": memory,
     "start-up": start_up,
+    "pixel": sibling("benchmark_pixel.py"),
+    "other-solvers": sibling("benchmark_solvers.py", "speed", "lm"),
+    "calibration": sibling("calibration_walkthrough.py", "--cost"),
 }
 
 if __name__ == "__main__":

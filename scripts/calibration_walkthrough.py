@@ -45,6 +45,7 @@ class Diary:
     """The folder that everything happens in, and the commands with what they printed."""
 
     place: Path
+    quiet: bool = False
 
     def run(self, *arguments: str) -> str:
         """Run `cadtof` and return the command and what it printed, as it goes into the page."""
@@ -58,14 +59,23 @@ class Diary:
         if done.returncode:
             sys.exit(f"cadtof {' '.join(arguments)}: {done.stderr}")
         lines = [f"$ cadtof {' '.join(arguments)}", *done.stderr.splitlines(), *done.stdout.splitlines()]
-        print("\n".join(lines), flush=True)
+        if not self.quiet:
+            print("\n".join(lines), flush=True)
         return "\n".join(f"    {line}".rstrip() for line in lines)
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--out", type=Path, default=ROOT / "docs", help="folder of the page and its pictures")
-    out: Path = parser.parse_args().out
+    parser.add_argument("--cost", action="store_true", help="only print what applying the calibration costs")
+    arguments = parser.parse_args()
+    out: Path = arguments.out
+    if arguments.cost:
+        with tempfile.TemporaryDirectory() as place, tempfile.TemporaryDirectory() as pictures:
+            diary = Diary(Path(place), quiet=True)
+            walk(diary, Path(pictures))
+            print(f"  resolve with every calibration over without, one core (asked: 2.5 at most): {cost(diary):.2f}")
+        return
     out.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory() as place:
         diary = Diary(Path(place))
