@@ -15,7 +15,7 @@ from cadtof_cli.resolver.levenberg_marquardt import LevenbergMarquardt, Linearis
 from cadtof_cli.resolver.normal_equations import entry
 from cadtof_cli.resolver.rotors import Rotor, powers, unit_rotor
 
-SOLVER = LevenbergMarquardt(max_steps=100, relative=1e-8, absolute=1e-29)
+SOLVER = LevenbergMarquardt(max_steps=100, relative=1e-2, absolute=1e-29)
 """A start on its way to the answer lowers its cost by a share of it with every step; one that does not is in a false minimum."""
 
 START_COLUMNS = 32768
