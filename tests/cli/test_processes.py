@@ -1,0 +1,213 @@
+"""Real runs that are stopped, killed, or lose a worker: nothing half-written stays, nobody is left, and nothing is lost."""
+
+import fcntl
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tests.support.captures import TOML, write_frame
+from tests.support.forward import step_frame
+from tests.support.run_cadtof import ENVIRONMENT, program
+
+pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="processes are found by /proc")
+
+FRAMES = 120
+PIPE_BYTES = 4096
+"""Of the lines of that many frames few fit into such a pipe: while nobody empties it, a run cannot end."""
+
+_PROGRAM = (sys.executable, "-m", "cadtof_cli")
+"""Not with warnings as errors: a library that Ctrl-C leaves in the middle of opening a file does not close it at once."""
+
+_AS_IN_THE_FOREGROUND = """
+import os, signal, sys
+signal.signal(signal.SIGINT, signal.SIG_DFL)
+os.execv(sys.argv[1], sys.argv[1:])
+"""
+"""Shells start what runs in the background without Ctrl-C, and children inherit that."""
+
+
+@pytest.fixture(scope="module")
+def capture(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder of many names of one small frame."""
+    folder = tmp_path_factory.mktemp("capture")
+    (folder / "capture.toml").write_text(TOML["tif"])
+    first = folder / "frame_0000.tif"
+    write_frame(first, step_frame(np.random.default_rng(0), height=8, width=10))
+    for index in range(1, FRAMES):
+        os.link(first, folder / f"frame_{index:04}.tif")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def map_bytes(capture: Path, tmp_path_factory: pytest.TempPathFactory) -> bytes:
+    """What the map of that frame holds."""
+    out = tmp_path_factory.mktemp("expected") / "out"
+    assert program("resolve", capture / "frame_0000.tif", "-o", out, "-j", 1).status == 0
+    return (out / "frame_0000.tif").read_bytes()
+
+
+class Run:
+    """A run that goes on: it has reported its first frame, and cannot report its last before its lines are read."""
+
+    def __init__(self, process: "subprocess.Popen[bytes]") -> None:
+        assert process.stdout is not None
+        self.process = process
+        fcntl.fcntl(process.stdout, fcntl.F_SETPIPE_SZ, PIPE_BYTES)
+        # the pipe is not buffered here, so that what follows the first line stays in it
+        self._first = process.stdout.readline()
+
+    @property
+    def workers(self) -> list[int]:
+        pid = self.process.pid
+        return [int(child) for child in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
+
+    def ended(self) -> tuple[int, str, list[dict[str, Any]]]:
+        """Wait for the end; return status, what was said on stderr, and the frames' lines."""
+        out, err = self.process.communicate(timeout=60)
+        return self.process.returncode, err.decode(), [json.loads(line) for line in (self._first + out).splitlines()]
+
+
+@contextmanager
+def _running(*arguments: object, command: tuple[str, ...] = _PROGRAM) -> Iterator[Run]:
+    foreground = (sys.executable, "-c", _AS_IN_THE_FOREGROUND)
+    process = subprocess.Popen(
+        [*foreground, *command, *map(str, arguments), "--json", "--quiet"],
+        env=ENVIRONMENT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, bufsize=0, start_new_session=True,
+    )  # fmt: skip
+    try:
+        yield Run(process)
+    finally:
+        if process.poll() is None:
+            os.killpg(process.pid, signal.SIGKILL)
+        process.communicate()
+
+
+def _alive(pid: int) -> bool:
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] not in "ZX"
+    except (FileNotFoundError, ProcessLookupError):
+        return False
+
+
+def _nobody_left(pids: list[int], within: float) -> bool:
+    until = time.monotonic() + within
+    while any(map(_alive, pids)) and time.monotonic() < until:
+        time.sleep(0.02)
+    return not any(map(_alive, pids))
+
+
+def _sound(out: Path, map_bytes: bytes) -> int:
+    """Make sure that there are whole maps and records alone, and one for every line; return how many."""
+    maps = [path for path in out.iterdir() if path.name not in {"run.json", "frames.jsonl"}]
+    assert all(path.suffix == ".tif" and path.read_bytes() == map_bytes for path in maps)
+    lines = [json.loads(line) for line in (out / "frames.jsonl").read_text().splitlines()]
+    assert all(Path(line["output"]) in maps for line in lines if line["status"] == "ok")
+    json.loads((out / "run.json").read_text())
+    return len(maps)
+
+
+def _to_all(run: Run, number: signal.Signals) -> None:
+    os.killpg(run.process.pid, number)
+
+
+def _to_parent(run: Run, number: signal.Signals) -> None:
+    run.process.send_signal(number)
+
+
+def _ended(run: Run) -> tuple[int, str]:
+    """Wait for the end, but leave its last lines unread, as after a kill they may be cut."""
+    _, err = run.process.communicate(timeout=60)
+    return run.process.returncode, err.decode().strip()
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+@pytest.mark.parametrize("send", [_to_all, _to_parent])
+@pytest.mark.parametrize(("number", "status", "told"), [(signal.SIGINT, 130, "interrupted"), (signal.SIGTERM, 143, "")])
+def test_a_run_that_is_stopped(
+    number: signal.Signals, status: int, told: str, send: Callable[[Run, signal.Signals], None], jobs: int,
+    capture: Path, map_bytes: bytes, tmp_path: Path,
+) -> None:  # fmt: skip
+    out = tmp_path / "out"
+    with _running("resolve", capture, "-o", out, "-j", jobs) as run:
+        workers = run.workers
+        assert len(workers) == (jobs if jobs > 1 else 0)
+        send(run, number)
+        assert _ended(run) == (status, told)
+    assert _nobody_left(workers, 0)
+    assert 1 <= _sound(out, map_bytes) < FRAMES
+    assert json.loads((out / "run.json").read_text())["finished"] is False
+
+
+def test_a_run_that_is_killed_leaves_no_worker_and_can_be_resumed(
+    capture: Path, map_bytes: bytes, tmp_path: Path
+) -> None:
+    out = tmp_path / "out"
+    for start in ("fork", "spawn"):
+        resume = ("--resume",) if out.exists() else ()
+        with _running("resolve", capture, "-o", out, "-j", 2, "--start-method", start, *resume) as run:
+            workers = run.workers
+            assert len(workers) >= 2
+            run.process.kill()
+            assert _ended(run) == (-signal.SIGKILL, "")
+            assert _nobody_left(workers, 10)
+    (out / ".frame_0119.tif.1234abcd.partial").write_bytes(map_bytes[:100])
+    done = program("resolve", capture, "-o", out, "-j", 2, "--resume")
+    assert done.status == 0
+    assert _sound(out, map_bytes) == FRAMES
+    run_record = json.loads((out / "run.json").read_text())
+    assert (run_record["finished"], run_record["totals"]["failed"]) == (True, 0)
+    assert run_record["totals"]["ok"] + run_record["totals"]["skipped"] == FRAMES
+    named = {json.loads(line)["source"] for line in (out / "frames.jsonl").read_text().splitlines()}
+    assert len(named) == FRAMES
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM])
+def test_a_run_that_loses_a_worker_loses_no_frame(
+    number: signal.Signals, capture: Path, map_bytes: bytes, tmp_path: Path
+) -> None:
+    out = tmp_path / "out"
+    with _running("resolve", capture, "-o", out, "-j", 2) as run:
+        os.kill(run.workers[0], number)
+        status, told, reports = run.ended()
+    assert (status, told) == (0, "")
+    assert [report["source"] for report in reports] == [str(capture / f"frame_{i:04}.tif") for i in range(FRAMES)]
+    assert {report["status"] for report in reports} == {"ok"}
+    assert _sound(out, map_bytes) == FRAMES
+
+
+_DEADLY = """
+import os
+from cadtof_cli.cli import main
+from cadtof_cli.workflows import frame_task
+write = frame_task.write_maps
+def deadly(path, *arguments, **options):
+    if path.name == "frame_0007.tif":
+        path.with_name(f".{path.name}.{options['token']}.partial").write_bytes(b"half")
+        os._exit(1)
+    write(path, *arguments, **options)
+frame_task.write_maps = deadly
+main()
+"""
+
+
+def test_a_frame_that_kills_every_worker_fails_alone(capture: Path, map_bytes: bytes, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    inputs = [capture / f"frame_{index:04}.tif" for index in range(20)]
+    with _running("resolve", *inputs, "-o", out, "-j", 2, command=(sys.executable, "-c", _DEADLY)) as run:
+        status, told, reports = run.ended()
+    assert status == 1
+    assert told.startswith("failed: ")
+    assert [report["status"] for report in reports] == ["failed" if index == 7 else "ok" for index in range(20)]
+    assert reports[7]["source"] == str(inputs[7])
+    assert "the worker process died twice on this frame" in reports[7]["reason"]
+    assert _sound(out, map_bytes) == 19
