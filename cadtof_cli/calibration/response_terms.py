@@ -248,6 +248,9 @@ class _System:
     def _solved(self, orders: Sequence[int]) -> tuple[Float, Float, float]:
         """Return changes and standard errors, (len(orders), H, 2) each, and the condition of their normal matrix."""
         places = self._places(orders)
+        if not places.size:
+            nothing = np.zeros((0, self._harmonics, 2))
+            return nothing, nothing, 1.0
         normal, side = self._normal[np.ix_(places, places)], self._side[places]
         norm = 1.0 / np.sqrt(np.maximum(np.diag(normal), np.finfo(np.float64).tiny))
         scaled = normal * np.outer(norm, norm)

@@ -1,0 +1,96 @@
+"""Offsets, noise and bad pixels from frames whose truth is drawn here."""
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from cadtof_cli.calibration.averaging import FrameAverage, MeanFrame
+from cadtof_cli.calibration.dark import DarkCalibration, Defect, fit_dark
+from cadtof_cli.calibration.parts import Origin
+from cadtof_cli.capture.metadata import CaptureMetadata, Voltage
+from cadtof_cli.errors import SettingsError
+
+SHAPE = (2, 2, 30, 40)
+NOISE_V = 0.0004
+
+
+def offsets_v() -> NDArray[np.float64]:
+    return np.random.default_rng(0).uniform(-0.02, 0.02, SHAPE)
+
+
+def frames_v(count: int, *, seed: int = 1) -> NDArray[np.float64]:
+    return offsets_v() + np.random.default_rng(seed).normal(0.0, NOISE_V, (count, *SHAPE))
+
+
+def mean_of(frames: NDArray[np.float64], voltage: Voltage | None = None) -> MeanFrame:
+    average = FrameAverage(CaptureMetadata(voltage=voltage or Voltage()))
+    for frame in frames:
+        average.add(frame)
+    return average.result()
+
+
+def dark_of(frames: NDArray[np.float64]) -> DarkCalibration:
+    origin = Origin(captures=("dark",), frames=len(frames), pixels=SHAPE[2:], periods_ns=(40.0, 20.0), waveform="sine")
+    return fit_dark(mean_of(frames), origin=origin)
+
+
+def test_offsets_scatter_about_the_truth_by_their_standard_error() -> None:
+    dark = dark_of(frames_v(20))
+    stderr = dark.quality()["offset_stderr_v"]
+    assert stderr == pytest.approx(NOISE_V / np.sqrt(20), rel=0.03)
+    off = np.abs(dark.offset_v - offsets_v()) / stderr
+    assert (off < 3.0).mean() > 0.994
+    assert off.max() < 6.0
+    assert not dark.hot.any()
+
+
+def test_mean_and_variance_are_those_of_numpy_whatever_the_offset() -> None:
+    frames = frames_v(7) + 1e3
+    mean = mean_of(frames)
+    np.testing.assert_allclose(mean.mean_v, frames.mean(axis=0), rtol=1e-14)
+    np.testing.assert_allclose(mean.variance_v2, frames.var(axis=0, ddof=1), rtol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("what", "defect"),
+    [("offset", Defect.OFFSET), ("noise", Defect.NOISE), ("stuck", Defect.DEAD), ("nan", Defect.NOT_FINITE)],
+)
+def test_a_bad_pixel_is_found_and_no_other(what: str, defect: Defect) -> None:
+    frames = frames_v(20)
+    spot = (..., 12, 34)
+    if what == "offset":
+        frames[:, 1, 0, 12, 34] += 0.2
+    elif what == "noise":
+        frames[:, 0, 1, 12, 34] += np.random.default_rng(3).normal(0.0, 10 * NOISE_V, 20)
+    elif what == "stuck":
+        frames[spot] = offsets_v()[spot]
+    else:
+        frames[5, 0, 0, 12, 34] = np.nan
+    dark = dark_of(frames)
+    assert dark.defects[12, 34] & defect
+    assert dark.hot.sum() == 1
+
+
+def test_a_saturated_dark_frame_marks_its_pixel() -> None:
+    frames = frames_v(3)
+    frames[1, 0, 0, 4, 5] = 0.5
+    sound = mean_of(frames, Voltage(saturated_counts=(-0.4, 0.4))).sound
+    assert not sound[4, 5]
+    assert (~sound).sum() == 1
+
+
+def test_one_frame_gives_offsets_without_noise() -> None:
+    dark = dark_of(frames_v(1))
+    assert not dark.hot.any()
+    assert (dark.noise_v == 0.0).all()
+
+
+def test_frames_of_another_size_are_refused() -> None:
+    average = FrameAverage(CaptureMetadata()).add(np.zeros(SHAPE))
+    with pytest.raises(SettingsError, match="found a frame of shape"):
+        average.add(np.zeros((2, 2, 30, 41)))
+
+
+def test_whole_numbers_need_volts_a_count() -> None:
+    with pytest.raises(SettingsError, match="set volts_per_count under"):
+        FrameAverage(CaptureMetadata()).add(np.zeros(SHAPE, np.uint16))
