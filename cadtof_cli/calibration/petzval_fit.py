@@ -24,6 +24,9 @@ LEAST_PIXELS = 50
 DISTINCT_DISTANCES = 1.2
 """Ratio of the farthest to the nearest wall from which on the focal length can be fitted."""
 
+LARGEST_STDERR_M = 0.01
+"""Standard error of a coefficient, which is that of the depth in the corners, from which on the user is warned."""
+
 HIGH_CORRELATION = 0.999
 """Correlation of a coefficient with a wall's parameters from which on they cannot be told apart."""
 
@@ -251,7 +254,7 @@ def _findings(
     if not quality.focal_length_known:
         findings.append(f"no focal length given: fitted to the walls, {quality.focal_length_px:.1f} px")
     k2, k4 = fit.parameters[:2]
-    uncertain = quality.k2_stderr_m > max(abs(k2), 0.01) or quality.k4_stderr_m > max(abs(k4), 0.01)
+    uncertain = max(quality.k2_stderr_m, quality.k4_stderr_m) > LARGEST_STDERR_M
     if quality.correlation > HIGH_CORRELATION or uncertain:
         findings.append(
             "warning: curvature, distance and tilt can hardly be told apart: "

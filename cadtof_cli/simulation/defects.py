@@ -4,13 +4,13 @@ What `calibration/` undoes is made here from its physical cause, so that neither
 at time t samples the wave at its phase, the pulse smears it, and electronics add, scale and delay.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from cadtof_cli.arrays import Bool, Float
-from cadtof_cli.capture.metadata import CaptureMetadata, Voltage
+from cadtof_cli.capture.metadata import CaptureMetadata, Voltage, Waveform
 from cadtof_cli.units import C_M_PER_NS, FWHM_PER_SIGMA
 
 _STEPS = 4096
@@ -109,34 +109,80 @@ class DefectiveCamera:
             count: frames.
             seed: of the noise.
         """
-        drawn, means, noise = self.drawn(), [], []
-        modulation, n_av = self.metadata.modulation, self.metadata.pixel.integration_length
-        assert n_av is not None
+        drawn = self.drawn()
+        modulation, voltage = self.metadata.modulation, self.metadata.voltage
         delays = 2.0 / C_M_PER_NS * (ranges_m + self.curvature_m())
-        for row, (h, period) in enumerate(zip(modulation.harmonics, modulation.periods_ns, strict=True)):
+        harmonics = []
+        for row, period in enumerate(modulation.periods_ns):
             theta = 2.0 * np.pi / period * delays + self.defects.phase_rad[row] + drawn.phase_rad[row]
             scale = modulation.amplitude_v * self.defects.gain[row] * drawn.gain[row]
-            wave = smeared_wave(self.metadata, h)
-            first = scale * (shares * wave(theta)).sum(axis=0)
-            second = scale * self.defects.sc2_gain * (shares * wave(theta - 0.5 * np.pi)).sum(axis=0)
-            means.append(np.stack([first, second]) + drawn.offset_v[row])
-            power = 0.5 if modulation.waveform == "sine" else 1.0 / 3.0
-            spread = scale * np.sqrt(power / (2.0 * n_av - 1.0)) * np.where(drawn.noisy, 12.0, 1.0)
-            noise.append(np.stack([spread, self.defects.sc2_gain * spread]))
-        mean, sigma = np.stack(means), np.stack(noise)
+            gains = np.stack([scale, self.defects.sc2_gain * scale])
+            harmonics.append((self._sampled(row, theta, shares), gains))
         rng = np.random.default_rng([self.defects.seed, 2, seed])
-        voltage = self.metadata.voltage
-        per_count = voltage.volts_per_count or 1.0
+        noisy = np.where(drawn.noisy, 12.0, 1.0)
         frames = []
         for _ in range(count):
-            volts = mean + sigma * rng.standard_normal(mean.shape)
-            counts = np.rint(volts / per_count + voltage.zero_counts)
+            planes = []
+            for row, (sampled, gains) in enumerate(harmonics):
+                first, second = rng.standard_normal((2, *self.pixels)) * noisy
+                drawn_noise = np.stack([sampled.first * first, sampled.slope * first + sampled.rest * second])
+                planes.append(gains * (sampled.means + drawn_noise) + drawn.offset_v[row])
+            counts = np.rint(np.stack(planes) / (voltage.volts_per_count or 1.0) + voltage.zero_counts)
             frames.append(np.clip(counts, 0, 2**self.bits - 1).astype(np.uint16))
         return frames
 
+    def _sampled(self, row: int, theta: Float, shares: Float) -> "_Sampled":
+        """Return mean and noise of the samples' average, by the samples' own first and second moments."""
+        n_av = self.metadata.pixel.integration_length
+        assert n_av is not None
+        wave = _waves[self.metadata.modulation.waveform]
+        quarter = 0.5 * np.pi
+        ambient = 1.0 - shares.sum(axis=0)
+
+        def mean(sample: Callable[[Float], Float]) -> Float:
+            """Average over the light of all paths, and of any phase."""
+            answer = smeared(self.metadata, self.metadata.modulation.harmonics[row], sample)
+            turn = np.linspace(0.0, 2.0 * np.pi, _STEPS, endpoint=False)
+            return np.asarray((shares * answer(theta)).sum(axis=0) + ambient * sample(turn).mean())
+
+        first, second = mean(wave), mean(lambda at: wave(at - quarter))
+        variance = mean(lambda at: wave(at) ** 2) - first**2
+        covariance = mean(lambda at: wave(at) * wave(at - quarter)) - first * second
+        other = mean(lambda at: wave(at - quarter) ** 2) - second**2
+        spread = np.sqrt(variance)
+        slope = covariance / spread
+        rest = np.sqrt(np.maximum(other - slope**2, 0.0))
+        gain = 1.0 / np.sqrt(2.0 * n_av - 1.0)
+        return _Sampled(np.stack([first, second]), gain * spread, gain * slope, gain * rest)
+
+
+@dataclass(frozen=True, eq=False)
+class _Sampled:
+    """Means of SC1 and SC2, (2, Y, X), and their noise.
+
+    SC1's is `first` of a draw, SC2's `slope` of the same draw and `rest` of another.
+    """
+
+    means: Float
+    first: Float
+    slope: Float
+    rest: Float
+
+
+_waves: Mapping[Waveform, Callable[[Float], Float]] = {
+    "sine": np.cos,
+    "triangle": lambda at: np.abs((at * 2.0 / np.pi) % 4.0 - 2.0) - 1.0,
+}
+"""What a photon samples at a phase, with the peak of a cosine at 0, in units of the amplitude."""
+
 
 def smeared_wave(metadata: CaptureMetadata, harmonic: int, /) -> Callable[[Float], Float]:
-    """Return the wave that a pulse of the metadata's width samples, with the peak of a cosine at phase 0, in units of A."""
+    """Return the wave that a pulse of the metadata's width samples on average."""
+    return smeared(metadata, harmonic, _waves[metadata.modulation.waveform])
+
+
+def smeared(metadata: CaptureMetadata, harmonic: int, sample: Callable[[Float], Float], /) -> Callable[[Float], Float]:
+    """Return a function of a harmonic's phase averaged over the pulse, tabulated."""
     period = metadata.modulation.periods_ns[0] / harmonic
     spread = 2.0 * np.pi / period * metadata.pulse.fwhm_ns / FWHM_PER_SIGMA
     nodes = np.linspace(-6.0, 6.0, _PULSE_NODES)
@@ -145,16 +191,8 @@ def smeared_wave(metadata: CaptureMetadata, harmonic: int, /) -> Callable[[Float
     phases = np.linspace(0.0, 2.0 * np.pi, _STEPS + 1)
     table = np.zeros_like(phases)
     for node, weight in zip(nodes, weights, strict=True):
-        at = phases + spread * node
-        if metadata.modulation.waveform == "sine":
-            table += weight * np.cos(at)
-        else:
-            table += weight * (np.abs((at * 2.0 / np.pi) % 4.0 - 2.0) - 1.0)
-
-    def wave(theta: Float) -> Float:
-        return np.interp(theta % (2.0 * np.pi), phases, table)
-
-    return wave
+        table += weight * sample(phases + spread * node)
+    return lambda theta: np.interp(theta % (2.0 * np.pi), phases, table)
 
 
 def qvga_metadata(metadata: CaptureMetadata | None = None, /) -> CaptureMetadata:

@@ -121,10 +121,12 @@ def test_without_optics_one_distance_is_refused(distances: tuple[float, ...]) ->
         fitted(*(measured_wall(d, seed=1) for d in distances), optics=Optics())
 
 
-def test_a_narrow_field_of_view_without_optics_warns_with_the_numbers() -> None:
-    """At 4° across, two walls hardly differ in shape: focal length and curvature go together."""
-    walls = (measured_wall(1.0, seed=1, focal_px=1200.0), measured_wall(1.5, seed=2, focal_px=1200.0))
-    found = fitted(*walls, optics=Optics())
+def test_a_wall_in_a_narrow_part_of_the_view_warns_with_the_numbers() -> None:
+    """In the middle ± 8 px of 80, ρ² hardly changes: distance, tilt and curvature go together."""
+    wall = measured_wall(1.0, seed=1)
+    ranges = np.full(PIXELS, np.nan)
+    ranges[22:38, 32:48] = wall.range_m[22:38, 32:48]
+    found = fitted(WallRanges(ranges, wall.sigma_m, None))
     warned = [text for text in found.quality.findings if text.startswith("warning: curvature, distance and tilt")]
     assert len(warned) == 1
     assert f"± {found.quality.k2_stderr_m:.4f} m" in warned[0]
