@@ -132,6 +132,7 @@ def numbers(diary: Diary) -> dict[str, str]:
         "triangle_two": f"{two:.3f}",
         "triangle_converged": f"{converged:.2%}",
         "cost": f"{cost(diary):.2f}",
+        "triangle_cost": f"{triangle_cost(diary):.1f}",
     }
 
 
@@ -186,6 +187,20 @@ def cost(diary: Diary) -> float:
             diary.run("resolve", "many", "-o", f"many_{name}", "--overwrite", "-q", "-j", "1", *more)
             times[name].append(time.perf_counter() - began)
     return min(times["with"]) / min(times["without"])
+
+
+def triangle_cost(diary: Diary) -> float:
+    """Return the time of resolving frames as triangles over that of the same frames taken for sines, on one core."""
+    seen = replace(camera("triangle"), defects=Defects())
+    write(diary.place / "triangles", seen, card(seen, count=30, seed=9)[0])
+    times: dict[str, list[float]] = {"sine": [], "triangle": []}
+    for _ in range(3):
+        for waveform, taken in times.items():
+            began = time.perf_counter()
+            out = f"triangles_{waveform}"
+            diary.run("resolve", "triangles", "-o", out, "--overwrite", "-q", "-j", "1", "--waveform", waveform)
+            taken.append(time.perf_counter() - began)
+    return min(times["triangle"]) / min(times["sine"])
 
 
 def camera(waveform: Waveform = "sine") -> DefectiveCamera:
