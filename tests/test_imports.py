@@ -48,7 +48,7 @@ def _part(path: Path) -> str:
 
 
 def _imported(path: Path) -> Iterator[str]:
-    """Yield the dotted names of the modules that a module imports, wherever in it, but for type checking alone."""
+    """Yield the dotted names of the modules that a module imports, wherever in it."""
     tree = ast.parse(path.read_text(encoding="utf-8"))
     for node in ast.walk(tree):
         if isinstance(node, ast.Import):
