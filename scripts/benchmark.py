@@ -208,16 +208,19 @@ def end_to_end(arguments: argparse.Namespace) -> None:
 
 
 def tree_memory(pid: int) -> int:
-    """Return the proportional memory (PSS) of a process and all that it started, in bytes."""
+    """Return the resident memory of a process and all that it started, in bytes; pages that they share count for each.
+
+    Shares of pages (PSS) would not do: they change with who else on the machine maps them, while nothing is allocated.
+    """
     total, waiting = 0, [pid]
     while waiting:
         pid = waiting.pop()
         try:
             lines = Path(f"/proc/{pid}/smaps_rollup").read_text().splitlines()
-            total += next(int(line.split()[1]) for line in lines if line.startswith("Pss:")) * 1024
+            total += 1024 * sum(int(line.split()[1]) for line in lines if line.startswith("Rss:"))
             for task in Path(f"/proc/{pid}/task").iterdir():
                 waiting += [int(child) for child in (task / "children").read_text().split()]
-        except (OSError, StopIteration):
+        except OSError:
             continue
     return total
 

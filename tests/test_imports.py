@@ -1,105 +1,113 @@
-"""The import direction of the design, read from the sources, and what start-up leaves unimported."""
+"""What may import what: files → voltages → phasors → paths → maps, and libraries only where they are used."""
 
 import ast
-import os
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 from tests.support.captures import record
+from tests.support.run_cadtof import ENVIRONMENT
 
-ROOT = Path(__file__).parent.parent
-PACKAGE = ROOT / "cadtof_cli"
+PACKAGE = Path(__file__).parents[1] / "cadtof_cli"
 
-LATER = {
-    "capture": {
-        "simulation",
-        "phasors",
-        "calibration",
-        "resolver",
-        "maps",
-        "workflows",
-        "execution",
-        "commands",
-        "figures",
-        "pipeline",
-    },
-    "phasors": {
-        "simulation",
-        "calibration",
-        "resolver",
-        "maps",
-        "workflows",
-        "execution",
-        "commands",
-        "figures",
-        "pipeline",
-    },
-    "resolver": {"simulation", "maps", "workflows", "execution", "commands", "figures", "pipeline"},
-    "maps": {"simulation", "workflows", "execution", "commands", "figures", "pipeline"},
-    "execution": {"capture", "phasors", "resolver", "maps", "workflows", "commands", "figures", "pipeline"},
-    "workflows": {"commands", "options", "cli"},
-    "figures": {"workflows", "commands", "execution"},
+ANYBODY = {"errors", "units", "arrays", "cadtof_cli"}
+
+ALLOWED: dict[str, set[str]] = {
+    "errors": set(),
+    "units": set(),
+    "arrays": set(),
+    "capture": set(),
+    "execution": set(),
+    "phasors": {"capture"},
+    "resolver": {"capture", "phasors"},
+    "maps": {"capture", "phasors", "resolver"},
+    "calibration": {"capture", "phasors", "resolver", "maps"},
+    "simulation": {"capture", "phasors", "resolver", "maps"},
+    "figures": {"calibration", "capture", "maps", "resolver", "simulation"},
+}
+"""What a part may import besides itself and what anybody may: only what comes before it."""
+
+LIBRARIES: dict[str, set[str]] = {
+    "click": {"cli", "options", "commands"},
+    "rich": {"commands"},
+    "matplotlib": {"figures"},
+    "OpenEXR": {"calibration", "capture", "maps", "simulation"},
+    "tifffile": {"capture", "maps", "simulation"},
 }
 
 
-def imported(path: Path) -> set[str]:
-    names: set[str] = set()
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+def _modules() -> list[Path]:
+    return sorted(PACKAGE.rglob("*.py"))
+
+
+def _part(path: Path) -> str:
+    return path.relative_to(PACKAGE).parts[0].removesuffix(".py")
+
+
+def _imported(path: Path) -> Iterator[str]:
+    """Yield the dotted names of the modules that a module imports, wherever in it."""
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    for node in ast.walk(tree):
         if isinstance(node, ast.Import):
-            names |= {alias.name for alias in node.names}
+            yield from (alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
-            assert node.level == 0, f"{path}: a relative import"
-            names.add(node.module or "")
-    return names
+            assert node.level == 0, f"{path}: relative import"
+            assert node.module is not None
+            yield node.module
 
 
-@pytest.mark.parametrize("part", LATER)
-def test_nothing_imports_what_comes_later(part: str) -> None:
-    files = sorted((PACKAGE / part).glob("*.py"))
-    assert len(files) > 1
-    for path in files:
-        inner = {name.split(".")[1] for name in imported(path) if name.startswith("cadtof_cli.")}
-        assert not inner & LATER[part], path
+def _own(path: Path) -> set[str]:
+    """Parts of the package that a module imports."""
+    names = [name.split(".") for name in _imported(path) if name.split(".")[0] == "cadtof_cli"]
+    return {words[1] if len(words) > 1 else words[0] for words in names}
 
 
-@pytest.mark.parametrize(
-    ("library", "places"),
-    [("click", {"cli.py", "options.py", "commands"}), ("matplotlib", {"figures"}), ("rich", {"commands"})],
-)
-def test_libraries_have_their_places(library: str, places: set[str]) -> None:
-    users = [
-        path.relative_to(PACKAGE).parts[0]
-        for path in PACKAGE.rglob("*.py")
-        if any(name.split(".")[0] == library for name in imported(path))
-    ]
+@pytest.mark.parametrize("part", ALLOWED)
+def test_a_part_imports_only_what_comes_before_it(part: str) -> None:
+    modules = [path for path in _modules() if _part(path) == part]
+    assert modules
+    for path in modules:
+        beyond = _own(path) - ALLOWED[part] - ANYBODY - {part}
+        assert not beyond, f"{path} imports {', '.join(sorted(beyond))}"
+
+
+def test_only_the_command_line_knows_of_commands() -> None:
+    for path in _modules():
+        if _part(path) not in {"cli", "commands", "options", "__main__"}:
+            assert not _own(path) & {"cli", "commands", "options"}, path
+        if _part(path) not in {"commands", "workflows"}:
+            assert "workflows" not in _own(path), path
+
+
+@pytest.mark.parametrize("library", LIBRARIES)
+def test_a_library_is_imported_only_where_it_is_used(library: str) -> None:
+    users = {_part(path) for path in _modules() if any(name.split(".")[0] == library for name in _imported(path))}
+    assert users <= LIBRARIES[library]
     assert users
-    assert set(users) <= places
 
 
-def modules_after(*arguments: object) -> set[str]:
-    code = (
-        "import sys\nfrom cadtof_cli.cli import main\nsys.argv[0] = 'cadtof'\n"
-        "try:\n    main()\nexcept SystemExit as ended:\n    assert not ended.code\n"
-        "print('MODULES', *{name.split('.')[0] for name in sys.modules})"
+def _loaded(*arguments: str) -> set[str]:
+    """Return what top-level modules are loaded when a command has run."""
+    script = (
+        "import sys\nfrom cadtof_cli.cli import main\ntry:\n    main()\nexcept SystemExit as ended:\n"
+        "    assert not ended.code\n    print('loaded', *{name.split('.')[0] for name in sys.modules})\n"
     )
-    command = [sys.executable, "-c", code, *map(str, arguments)]
-    done = subprocess.run(
-        command, capture_output=True, text=True, check=True, env={**os.environ, "PYTHONPATH": str(ROOT)}, timeout=60
-    )
-    return set(done.stdout.splitlines()[-1].split()[1:])
+    command = [sys.executable, "-c", script, *arguments]
+    done = subprocess.run(command, env=ENVIRONMENT, capture_output=True, text=True, timeout=60, check=True)
+    return set(done.stdout.splitlines()[-1].split())
 
 
-def test_help_imports_no_library_but_click() -> None:
-    loaded = modules_after("--help")
+def test_help_loads_no_heavy_library() -> None:
+    loaded = _loaded("--help")
     assert "click" in loaded
-    assert not loaded & {"numpy", "scipy", "matplotlib", "rich", "tifffile", "OpenEXR"}
+    assert not loaded & {"numpy", "scipy", "matplotlib", "rich", "tifffile", "OpenEXR", "distributed"}
 
 
-def test_resolve_without_a_terminal_imports_only_what_it_needs(tmp_path: Path) -> None:
-    capture = record(tmp_path / "c").folder
-    loaded = modules_after("resolve", capture, "-o", tmp_path / "out", "--jobs", 1)
+def test_resolving_loads_only_what_it_needs(tmp_path: Path) -> None:
+    capture = record(tmp_path / "capture")
+    loaded = _loaded("resolve", str(capture.folder), "-o", str(tmp_path / "out"), "-j", "1")
     assert {"numpy", "tifffile"} <= loaded
-    assert not loaded & {"scipy", "matplotlib", "rich"}
+    assert not loaded & {"scipy", "matplotlib", "rich", "OpenEXR", "distributed"}

@@ -56,7 +56,7 @@ logging.getLogger("tifffile").addFilter(_remarks)
 
 
 @contextmanager
-def _reading(path: Path) -> Iterator[list[str]]:
+def reading_tiff(path: Path) -> Iterator[list[str]]:
     """Turn whatever tifffile raises within the block into a FrameError; yield the errors that it only remarks."""
     errors: list[str] = []
     _remarks.kept.errors = errors
@@ -74,7 +74,8 @@ def _reading(path: Path) -> Iterator[list[str]]:
         _remarks.kept.errors = None
 
 
-def _require_no_remarks(path: Path, remarks: Sequence[str]) -> None:
+def require_no_remarks(path: Path, remarks: Sequence[str]) -> None:
+    """Refuse a file of which tifffile has remarked that it is read by a guess."""
     if remarks:
         raise FrameError(f"{path}: damaged TIFF: {'; '.join(remarks)}")
 
@@ -92,12 +93,12 @@ class TiffImages:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        with _reading(path) as remarks:
+        with reading_tiff(path) as remarks:
             self._tiff = tifffile.TiffFile(path)
             try:
                 require_sound_chain(path, self._tiff.filehandle.fileno(), self._tiff.filehandle.size)
                 self._arrange()
-                _require_no_remarks(path, remarks)
+                require_no_remarks(path, remarks)
             except BaseException:
                 self._tiff.close()
                 raise
@@ -148,13 +149,13 @@ class TiffImages:
         """Return some of the file's images, shape (n, *page shape)."""
         out: Stored = np.empty((len(indices), *self._page_shape), self.dtype)
         items = [self._items[index] for index in indices]
-        with _reading(self.path) as remarks:
+        with reading_tiff(self.path) as remarks:
             if _follow_each_other(items, out[0].nbytes):
                 self._read_run(items[0], out)
             else:
                 for item, image in zip(items, out, strict=True):
                     self._read_run(item, image)
-            _require_no_remarks(self.path, remarks)
+            require_no_remarks(self.path, remarks)
         return out
 
     def _read_run(self, item: Item, out: Stored) -> None:

@@ -43,9 +43,12 @@ def _exr_layers(path: Path) -> dict[str, NDArray[Any]]:
 def _tiff_layers(path: Path) -> dict[str, NDArray[Any]]:
     import tifffile
 
-    with damage_as_frame_error(path, "TIFF"), tifffile.TiffFile(path) as file:
+    from cadtof_cli.capture.tiff_images import reading_tiff, require_no_remarks
+
+    with reading_tiff(path) as remarks, tifffile.TiffFile(path) as file:
         names = _channel_names(file.ome_metadata) if file.ome_metadata else []
         planes = [page.asarray() for page in file.pages]
+    require_no_remarks(path, remarks)
     if not names or len(names) != len(planes):
         raise FrameError(
             f"{path}: found {len(planes)} pages and {len(names)} channel names, expected an OME-TIFF of named maps"

@@ -41,24 +41,21 @@ def evaluate_maps(maps: Path, /, *, truth: Path, on_note: Callable[[str], None])
     Raises:
         CadtofError: maps or truth cannot be read, hold no direct depth, differ in size, or hold z depth.
     """
-    expected = _depth(truth)
-    run = _run_record(maps)
-    if run is not None and run["arguments"].get("depth") == "z":
-        raise SettingsError(f"{maps}: holds z depth, and truth is radial range; resolve with --depth range to evaluate")
-    sources = _sources(run, on_note)
+    expected = direct_depth(truth)
+    require_range_depth(maps)
+    files = list(map_files(maps))
+    if not files:
+        raise CaptureError(f"{maps}: found no maps (.exr, .tif), expected those of `cadtof resolve`")
+    sources = _sources(_run_record(maps), on_note)
     direct, first = ErrorTally(), ErrorTally()
-    found = 0
     compared = 0
-    for path in map_files(maps):
-        direct.add(_checked(_depth(path), expected, path, truth), expected)
-        found += 1
+    for path in files:
+        direct.add(same_size(direct_depth(path), expected, path, truth), expected)
         if path.stem in sources:
             capture, source = sources[path.stem]
-            first.add(_checked(first_phasor_depth(capture, source), expected, source.paths[0], truth), expected)
+            first.add(same_size(first_phasor_depth(capture, source), expected, source.paths[0], truth), expected)
             compared += 1
-    if not found:
-        raise CaptureError(f"{maps}: found no maps (.exr, .tif), expected those of `cadtof resolve`")
-    return Evaluation(found, direct.summary(), first.summary() if compared == found else None)
+    return Evaluation(len(files), direct.summary(), first.summary() if compared == len(files) else None)
 
 
 def first_phasor_depth(capture: Capture, source: FrameSource, /) -> Float:
@@ -74,14 +71,20 @@ def first_phasor_depth(capture: Capture, source: FrameSource, /) -> Float:
     return depth.reshape(stored.shape[2:])
 
 
-def _depth(path: Path) -> Float:
+def direct_depth(path: Path, /) -> Float:
+    """Return the direct depth in a map or truth file, float64 (Y, X) in m.
+
+    Raises:
+        CadtofError: the file cannot be read or has no such layer.
+    """
     layers = read_layers(path)
     if DIRECT_DEPTH not in layers:
         raise CaptureError(f"{path}: found layers {', '.join(layers)}; expected {DIRECT_DEPTH}")
     return layers[DIRECT_DEPTH].astype(np.float64)
 
 
-def _checked(depth: Float, expected: Float, path: Path, truth: Path) -> Float:
+def same_size(depth: Float, expected: Float, path: Path, truth: Path, /) -> Float:
+    """Return a depth read from `path` after making sure that it has the size of the one in `truth`."""
     if depth.shape != expected.shape:
         found, wanted = ("{1} × {0}".format(*shape) for shape in (depth.shape, expected.shape))
         raise CaptureError(f"{path}: found {found} pixels, expected {wanted} as in {truth}")
@@ -103,12 +106,19 @@ def find_source(path: Path, on_note: Callable[[str], None]) -> tuple[Capture, Fr
     return _sources(_run_record(path), on_note).get(path.stem)
 
 
+def require_range_depth(maps: Path, /) -> None:
+    """Make sure that maps, by the record of their run, can be held against truth, which is radial range."""
+    run = _run_record(maps)
+    if run is not None and run["arguments"].get("depth") == "z":
+        raise SettingsError(f"{maps}: holds z depth, and truth is radial range; resolve with --depth range to evaluate")
+
+
 def _run_record(maps: Path) -> dict[str, Any] | None:
     path = (maps if maps.is_dir() else maps.parent) / RUN_FILE
     try:
         record: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
-        return record if {"arguments"} <= record.keys() else None
-    except (OSError, ValueError):
+        return record if record["arguments"].keys() >= {"inputs", "overrides"} else None
+    except (OSError, ValueError, LookupError, TypeError, AttributeError):
         return None
 
 

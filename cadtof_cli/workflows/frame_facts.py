@@ -58,8 +58,9 @@ def _facts(stored: Stored, container: str, task: LookTask) -> FrameFacts:
     planes = stored.reshape(*stored.shape[:2], -1)
     finite = [plane[np.isfinite(plane)] for channels in planes for plane in channels]
     ranges = {
-        name: (float(plane.min()), float(plane.max())) if plane.size else (math.nan, math.nan)
+        name: (float(plane.min()), float(plane.max()))
         for name, plane in zip(task.layout.plane_names, finite, strict=True)
+        if plane.size
     }
     try:
         scale = phasor_scale(task.metadata, stored.dtype)

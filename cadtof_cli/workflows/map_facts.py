@@ -60,11 +60,14 @@ def map_layers(path: Path, /) -> Mapping[str, NDArray[Any]] | None:
 def facts_of_maps(path: Path, /) -> MapFacts:
     """Return what a map file, or a folder of maps, holds; a map that cannot be read is a problem."""
     files = [path]
-    run = None
     if path.is_dir():
         files = sorted(p for p in path.iterdir() if p.suffix in MAP_SUFFIXES and not p.name.startswith("."))
-        run = json.loads((path / RUN_FILE).read_text(encoding="utf-8"))
-    facts = MapFacts(str(path), len(files), run=run)
+    facts = MapFacts(str(path), len(files))
+    if path.is_dir():
+        try:
+            facts.run = dict(json.loads((path / RUN_FILE).read_text(encoding="utf-8")))
+        except (OSError, ValueError, TypeError) as error:
+            facts.problems.append(f"{path / RUN_FILE}: not the record of a run ({error})")
     if not files:
         facts.problems.append(f"{path}: found no maps")
     for index, file in enumerate(files):

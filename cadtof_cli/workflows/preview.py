@@ -10,7 +10,14 @@ from cadtof_cli.figures.maps import MapPicture, draw_maps
 from cadtof_cli.maps.files import whole_file
 from cadtof_cli.maps.layers import CONFIDENCE, DIRECT_DEPTH, DIRECT_SIGMA, MPI_DEPTH
 from cadtof_cli.maps.reader import read_layers
-from cadtof_cli.workflows.evaluate import find_source, first_phasor_depth, map_files
+from cadtof_cli.workflows.evaluate import (
+    direct_depth,
+    find_source,
+    first_phasor_depth,
+    map_files,
+    require_range_depth,
+    same_size,
+)
 
 
 def preview_maps(maps: Path, /, *, out: Path, truth: Path | None, on_note: Callable[[str], None]) -> None:
@@ -26,11 +33,16 @@ def preview_maps(maps: Path, /, *, out: Path, truth: Path | None, on_note: Calla
     missing = [name for name in (DIRECT_DEPTH, MPI_DEPTH, CONFIDENCE, DIRECT_SIGMA) if name not in layers]
     if missing:
         raise CaptureError(f"{path}: found layers {', '.join(layers)}; expected {', '.join(missing)} too")
-    known = None if truth is None else read_layers(truth)[DIRECT_DEPTH].astype(np.float64)
-    found = None if truth is None else find_source(path, on_note)
+    direct = layers[DIRECT_DEPTH].astype(np.float64)
+    known, found = None, None
+    if truth is not None:
+        require_range_depth(path)
+        known = direct_depth(truth)
+        same_size(direct, known, path, truth)
+        found = find_source(path, on_note)
     picture = MapPicture(
         f"{path.parent.name}/{path.name}",
-        layers[DIRECT_DEPTH].astype(np.float64),
+        direct,
         layers[MPI_DEPTH].astype(np.float64),
         layers[CONFIDENCE].astype(np.float64),
         layers[DIRECT_SIGMA].astype(np.float64),

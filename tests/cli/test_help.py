@@ -1,5 +1,6 @@
-"""Every command has help, every option says what it does, and the README names them all."""
+"""Every command and every option says what it is for, and the README knows every command."""
 
+import re
 from pathlib import Path
 
 import click
@@ -8,28 +9,59 @@ import pytest
 from cadtof_cli.cli import COMMANDS, cli
 from tests.support.run_cadtof import cadtof
 
-README = Path(__file__).parents[2] / "README.md"
+ROOT = Path(__file__).parents[2]
+
+GROUP = click.Context(cli, info_name="cadtof")
 
 
-def commands(name: str) -> list[click.Command]:
-    found = cli.get_command(click.Context(cli), name)
-    assert found is not None
-    return [found, *(found.commands.values() if isinstance(found, click.Group) else ())]
+def _commands() -> dict[str, click.Command]:
+    """Every command by the words that call it, those of groups within the group too."""
+    found: dict[str, click.Command] = {}
+    for name in COMMANDS:
+        command = cli.get_command(GROUP, name)
+        assert command is not None
+        found[name] = command
+        if isinstance(command, click.Group):
+            context = click.Context(command, parent=GROUP, info_name=name)
+            for inner in command.list_commands(context):
+                below = command.get_command(context, inner)
+                assert below is not None
+                found[f"{name} {inner}"] = below
+    return found
+
+
+@pytest.mark.parametrize("words", _commands())
+def test_a_command_has_help(words: str) -> None:
+    command = _commands()[words]
+    done = cadtof(*words.split(), "--help")
+    assert (done.status, done.err) == (0, "")
+    assert done.out.startswith(f"Usage: cadtof {words} ")
+    assert command.help
+    assert command.help.strip().partition("\n")[0].endswith(".")
+    for option in (param for param in command.params if isinstance(param, click.Option)):
+        assert option.help, f"{words} {option.opts[0]} has no help"
+        assert option.opts[0] in done.out
+
+
+def test_the_program_lists_its_commands() -> None:
+    done = cadtof("--help")
+    assert (done.status, done.err) == (0, "")
+    listed = re.findall(r"^  (\w+) +\S.*$", done.out.partition("Commands:")[2], re.MULTILINE)
+    assert listed == list(COMMANDS)
+    assert cadtof("--version").out.startswith("cadtof")
 
 
 @pytest.mark.parametrize("name", COMMANDS)
-def test_help(name: str) -> None:
-    for command in commands(name):
-        assert command.help
-        options = [param for param in command.params if isinstance(param, click.Option)]
-        assert not [option.opts for option in options if not option.help]
-    done = cadtof(name, "--help")
-    assert done.status == 0
-    assert done.out.startswith(f"Usage: cadtof {name}")
-    assert f"cadtof {name}" in README.read_text(encoding="utf-8")
+def test_the_readme_knows_the_command(name: str) -> None:
+    assert f"cadtof {name}" in (ROOT / "README.md").read_text(encoding="utf-8")
 
 
-def test_an_unknown_command_is_an_error() -> None:
+def test_every_module_of_commands_is_a_command_or_serves_them() -> None:
+    modules = {path.stem for path in (ROOT / "cadtof_cli" / "commands").glob("*.py")} - {"__init__"}
+    assert set(COMMANDS) <= modules
+
+
+def test_a_command_that_does_not_exist() -> None:
     done = cadtof("resolv")
     assert (done.status, done.out) == (2, "")
     assert "No such command 'resolv'" in done.err

@@ -1,0 +1,139 @@
+"""`cadtof info`: what captures and maps hold, where values came from, and what is wrong."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import tifffile
+
+from tests.support.captures import PLANE_NAMES, Form, layers_of, record, write_exr, write_pages
+from tests.support.forward import AMPLITUDE_V, C_M_PER_NS, step_frame, step_truth
+from tests.support.run_cadtof import cadtof
+
+
+def _facts(*arguments: object) -> dict[str, Any]:
+    done = cadtof("info", *arguments, "--json", "-j", 1)
+    assert (done.status, done.err) == (0, "")
+    facts: dict[str, Any] = json.loads(done.out, parse_constant=_refuse)
+    return facts
+
+
+def _refuse(word: str) -> None:
+    raise AssertionError(f"{word} is no JSON")
+
+
+def test_a_capture_of_counts(tmp_path: Path) -> None:
+    capture = record(tmp_path / "capture", frames=3)
+    pages = [tifffile.imread(file) for file in capture.files]
+    pages[1][0, 2, 3], pages[1][3, 4, 5] = 16383, 0
+    write_pages(capture.files[1], pages[1])
+    facts = _facts(capture.folder)
+    assert facts["kind"] == "capture"
+    assert facts["root"] == str(capture.folder)
+    assert (facts["frames"], facts["containers"], facts["types"]) == (3, {"tif": 3}, {"uint16": 3})
+    assert facts["shape"] == [2, 2, 24, 32]
+    assert facts["saturated"] == pytest.approx(2 / (3 * 24 * 32))
+    assert facts["not_finite"] == 0
+    for index, name in enumerate(PLANE_NAMES):
+        values = np.stack(pages)[:, index]
+        assert facts["planes"][name] == [values.min(), values.max()]
+    assert facts["unambiguous_range_m"] == pytest.approx(C_M_PER_NS * 20)
+    # E x² of a sine is 1/2 of its amplitude, and 2·n_av − 1 samples stand behind a mean
+    assert facts["noise_mv"] == pytest.approx(1e3 * AMPLITUDE_V * (0.5 / (2e5 - 1)) ** 0.5)
+    assert facts["integration_length_seen"] == pytest.approx(1e5, rel=0.3)
+    assert facts["problems"] == facts["not_frames"] == []
+    toml = str(capture.folder / "capture.toml")
+    assert facts["metadata"]["voltage.volts_per_count"] == {"value": 6e-5, "from": toml}
+    assert facts["metadata"]["target.distance_m"] == {"value": None, "from": "default"}
+
+
+def test_where_values_come_from(tmp_path: Path) -> None:
+    capture = record(tmp_path / "capture", form="exr", toml="[pulse]\nfwhm_ns = 1.5\n")
+    metadata = _facts(capture.folder, "--amplitude", 0.25)["metadata"]
+    assert metadata["modulation.amplitude_v"] == {"value": 0.25, "from": "--amplitude-v"}
+    assert metadata["pulse.fwhm_ns"] == {"value": 1.5, "from": str(capture.folder / "capture.toml")}
+    assert metadata["modulation.periods_ns"] == {"value": [40.0, 20.0], "from": "default"}
+    shown = cadtof("info", capture.folder, "--amplitude", 0.25, "-j", 1)
+    assert shown.status == 0
+    rows = {line.split()[0]: line for line in shown.out.splitlines()}
+    assert rows["modulation.amplitude_v"].split()[1:] == ["0.25", "from", "--amplitude-v"]
+    assert "unknown: the noise is estimated from each frame" in rows["pixel.integration_length"]
+    assert "2 harmonics × 2 channels × 24 × 32 (H C Y X)" in rows["shape"]
+    assert "5.996 m" in rows["unambiguous"]
+
+
+def test_a_frame_without_a_finite_value(tmp_path: Path) -> None:
+    capture = record(tmp_path / "capture", form="exr")
+    nothing = np.full((24, 32), np.nan, np.float32)
+    write_exr(capture.files[0], dict.fromkeys(PLANE_NAMES, nothing))
+    facts = _facts(capture.folder)
+    assert (facts["not_finite"], facts["saturated"], facts["planes"]) == (1.0, 0.0, {})
+    assert cadtof("info", capture.folder, "-j", 1).status == 0
+
+
+def test_infinite_values_are_counted(tmp_path: Path) -> None:
+    capture = record(tmp_path / "capture", form="exr")
+    planes = step_frame(np.random.default_rng(0)).reshape(4, 24, 32).astype(np.float32)
+    planes[0, 1, 2], planes[2, 3, 4] = np.inf, np.nan
+    write_exr(capture.files[0], dict(zip(PLANE_NAMES, planes, strict=True)))
+    assert _facts(capture.folder)["not_finite"] == pytest.approx(2 / 768)
+
+
+def test_what_is_wrong_is_told_with_status_1(tmp_path: Path) -> None:
+    capture = record(tmp_path / "capture", frames=3, toml="[pixel]\nintegration_length = 1e5\n")
+    capture.files[1].write_bytes(b"")
+    done = cadtof("info", capture.folder, "-j", 1, "--json")
+    assert done.status == 1
+    empty, unscaled = done.err.splitlines()
+    assert empty.startswith(f"wrong: {capture.files[1]}: neither TIFF nor EXR: found an empty file, expected ")
+    assert unscaled.startswith("wrong: frames hold whole numbers (uint16), and nothing says how many volts a count is")
+    facts = json.loads(done.out)
+    assert [f"wrong: {problem}" for problem in facts["problems"]] == [empty, unscaled]
+    assert (facts["frames"], facts["containers"]) == (3, {"tif": 2})
+
+
+def test_what_is_no_frame_is_named(tmp_path: Path) -> None:
+    capture = record(tmp_path / "capture")
+    write_exr(capture.folder / "depth.exr", {"direct.depth": step_truth().astype(np.float32)})
+    facts = _facts(capture.folder)
+    assert facts["frames"] == 1
+    (named,) = facts["not_frames"]
+    assert named.startswith(str(capture.folder / "depth.exr"))
+
+
+@pytest.mark.parametrize("form", ["tif", "exr"])
+def test_maps_by_file_and_by_folder(form: Form, tmp_path: Path) -> None:
+    capture, out = record(tmp_path / "capture", frames=2, form=form), tmp_path / "out"
+    assert cadtof("resolve", capture.folder, "-o", out, "-j", 1).status == 0
+    layers = layers_of(out / f"frame_0.{form}")
+    for path, files in ((out, 2), (out / f"frame_0.{form}", 1)):
+        facts = _facts(path)
+        assert (facts["kind"], facts["path"], facts["files"], facts["pixels"]) == ("maps", str(path), files, [24, 32])
+        for name in ("direct.depth", "mpi.sigma", "confidence"):
+            finite = layers[name][np.isfinite(layers[name])]
+            described = facts["layers"][name]
+            assert described["unit"] == ("V" if name == "confidence" else "m")
+            assert described["median"] == pytest.approx(float(np.median(finite)))
+            assert (described["lowest"], described["highest"]) == (finite.min(), finite.max())
+            assert described["valid"] == pytest.approx(finite.size / 768)
+        bits = layers["status"].astype(np.uint32)
+        assert facts["status"]["two_paths"] == pytest.approx(np.mean((bits & 16) != 0))
+        assert (facts["run"] is None) == (files == 1)
+    done = cadtof("info", out, out / f"frame_1.{form}", "-j", 1)
+    assert done.status == 0
+    assert "2 of 32 × 24 pixels" in done.out
+    assert str(out / f"frame_1.{form}") in done.out
+
+
+def test_damaged_maps_and_records(tmp_path: Path) -> None:
+    capture, out = record(tmp_path / "capture", frames=2), tmp_path / "out"
+    assert cadtof("resolve", capture.folder, "-o", out, "-j", 1).status == 0
+    (out / "frame_1.tif").write_bytes(b"II*\0garbage")
+    (out / "run.json").write_text("{")
+    done = cadtof("info", out, "-j", 1)
+    assert done.status == 1
+    record_told, map_told = done.err.splitlines()
+    assert record_told.startswith(f"wrong: {out / 'run.json'}: not the record of a run (")
+    assert map_told.startswith(f"wrong: {out / 'frame_1.tif'}: found 0 pages and 0 channel names")
