@@ -6,12 +6,16 @@ at time t samples the wave at its phase, the pulse smears it, and electronics ad
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
+from typing import Literal
 
 import numpy as np
 
 from cadtof_cli.arrays import Bool, Float
 from cadtof_cli.capture.metadata import CaptureMetadata, Voltage, Waveform
 from cadtof_cli.units import C_M_PER_NS, FWHM_PER_SIGMA
+
+Moment = Literal["SC1", "SC2", "SC1²", "SC2²", "SC1·SC2"]
 
 _STEPS = 4096
 _PULSE_NODES = 241
@@ -135,20 +139,19 @@ class DefectiveCamera:
         """Return mean and noise of the samples' average, by the samples' own first and second moments."""
         n_av = self.metadata.pixel.integration_length
         assert n_av is not None
-        wave = _waves[self.metadata.modulation.waveform]
-        quarter = 0.5 * np.pi
+        harmonic = self.metadata.modulation.harmonics[row]
         ambient = 1.0 - shares.sum(axis=0)
 
-        def mean(sample: Callable[[Float], Float]) -> Float:
-            """Average over the light of all paths, and of any phase."""
-            answer = smeared(self.metadata, self.metadata.modulation.harmonics[row], sample)
-            turn = np.linspace(0.0, 2.0 * np.pi, _STEPS, endpoint=False)
-            return np.asarray((shares * answer(theta)).sum(axis=0) + ambient * sample(turn).mean())
+        def mean(moment: Moment) -> Float:
+            """Average over the light of all paths, and over ambient light, which comes at any phase alike."""
+            answer = smeared(self.metadata, harmonic, moment)
+            anywhere = answer(np.linspace(0.0, 2.0 * np.pi, _STEPS, endpoint=False)).mean()
+            return np.asarray((shares * answer(theta)).sum(axis=0) + ambient * anywhere)
 
-        first, second = mean(wave), mean(lambda at: wave(at - quarter))
-        variance = mean(lambda at: wave(at) ** 2) - first**2
-        covariance = mean(lambda at: wave(at) * wave(at - quarter)) - first * second
-        other = mean(lambda at: wave(at - quarter) ** 2) - second**2
+        first, second = mean("SC1"), mean("SC2")
+        variance = mean("SC1²") - first**2
+        covariance = mean("SC1·SC2") - first * second
+        other = mean("SC2²") - second**2
         spread = np.sqrt(variance)
         slope = covariance / spread
         rest = np.sqrt(np.maximum(other - slope**2, 0.0))
@@ -176,13 +179,19 @@ _waves: Mapping[Waveform, Callable[[Float], Float]] = {
 """What a photon samples at a phase, with the peak of a cosine at 0, in units of the amplitude."""
 
 
-def smeared_wave(metadata: CaptureMetadata, harmonic: int, /) -> Callable[[Float], Float]:
-    """Return the wave that a pulse of the metadata's width samples on average."""
-    return smeared(metadata, harmonic, _waves[metadata.modulation.waveform])
+_moments: Mapping[Moment, Callable[[Float, Float], Float]] = {
+    "SC1": lambda first, _: first,
+    "SC2": lambda _, second: second,
+    "SC1²": lambda first, _: first**2,
+    "SC2²": lambda _, second: second**2,
+    "SC1·SC2": lambda first, second: first * second,
+}
 
 
-def smeared(metadata: CaptureMetadata, harmonic: int, sample: Callable[[Float], Float], /) -> Callable[[Float], Float]:
-    """Return a function of a harmonic's phase averaged over the pulse, tabulated."""
+@lru_cache(maxsize=64)
+def smeared(metadata: CaptureMetadata, harmonic: int, moment: Moment, /) -> Callable[[Float], Float]:
+    """Return a moment of the samples as a function of the phase at which the pulse arrives, averaged over the pulse."""
+    wave = _waves[metadata.modulation.waveform]
     period = metadata.modulation.periods_ns[0] / harmonic
     spread = 2.0 * np.pi / period * metadata.pulse.fwhm_ns / FWHM_PER_SIGMA
     nodes = np.linspace(-6.0, 6.0, _PULSE_NODES)
@@ -191,7 +200,8 @@ def smeared(metadata: CaptureMetadata, harmonic: int, sample: Callable[[Float], 
     phases = np.linspace(0.0, 2.0 * np.pi, _STEPS + 1)
     table = np.zeros_like(phases)
     for node, weight in zip(nodes, weights, strict=True):
-        table += weight * sample(phases + spread * node)
+        at = phases + spread * node
+        table += weight * _moments[moment](wave(at), wave(at - 0.5 * np.pi))
     return lambda theta: np.interp(theta % (2.0 * np.pi), phases, table)
 
 

@@ -11,7 +11,7 @@ from cadtof_cli.pipeline import FramePlan, resolve_frame
 from cadtof_cli.resolver.response_table import response_model
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.resolver.status import StatusBit
-from cadtof_cli.simulation.defects import DefectiveCamera, Defects, smeared_wave
+from cadtof_cli.simulation.defects import DefectiveCamera, Defects, smeared
 from tests.support.campaign import camera, card
 
 
@@ -23,8 +23,8 @@ def test_the_series_of_a_triangle_is_the_triangle() -> None:
     metadata = CaptureMetadata(modulation=Modulation(waveform="triangle"))
     theta = np.linspace(0.0, 2.0 * np.pi, 501)
     for response in ideal_response(metadata):
-        wave = smeared_wave(metadata, response.harmonic)
-        sampled = wave(theta) + 1j * wave(theta - 0.5 * np.pi)
+        first, second = (smeared(metadata, response.harmonic, moment) for moment in ("SC1", "SC2"))
+        sampled = first(theta) + 1j * second(theta)
         assert np.abs(response.at(theta) - sampled).max() < 5e-4
 
 
