@@ -10,8 +10,9 @@ from cadtof_cli.arrays import Bool, Complex, Float
 from cadtof_cli.calibration.parts import Origin
 from cadtof_cli.calibration.petzval import curvature_m, middle_px, squared_field_radius
 from cadtof_cli.calibration.response import ResponseCalibration, ResponseQuality
-from cadtof_cli.calibration.response_terms import Observations, PixelFit, TermFit, fit_pixels, fit_terms
+from cadtof_cli.calibration.response_terms import TermFit, fit_terms
 from cadtof_cli.calibration.robust import robust_fit
+from cadtof_cli.calibration.target_pixels import Observations, PixelFit, fit_pixels
 from cadtof_cli.calibration.wall import wall_range_m
 from cadtof_cli.capture.metadata import CaptureMetadata
 from cadtof_cli.errors import SettingsError

@@ -1,11 +1,12 @@
 """Which higher terms of a response a set of targets can tell, and what they are."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from cadtof_cli.arrays import Bool, Complex, Float, Index
+from cadtof_cli.arrays import Bool, Float, Index
+from cadtof_cli.calibration.target_pixels import Observations, PixelFit, Terms, fit_pixels, series, two_way
 from cadtof_cli.resolver.noise import MAD_PER_SIGMA
 
 CANDIDATES = (-1, 0, -3, 5, 3)
@@ -30,93 +31,9 @@ OUTLIER = 5.0
 """Robust standard deviations of a pixel's misfit beyond which it is left out."""
 
 
-@dataclass(frozen=True, eq=False)
-class Observations:
-    """Mean voltages of flat targets, in n pixels.
-
-    `volts` complex128 (N, H, n) and their standard deviation a channel `noise_v` (N, H); `phase` (N, n) of the fundamental,
-    true.
-    """
-
-    volts: Complex
-    noise_v: Float
-    phase: Float
-    harmonics: tuple[int, ...]
-
-    def some(self, pixels: slice | Bool) -> "Observations":
-        """Return some of the pixels."""
-        return replace(self, volts=self.volts[..., pixels], phase=self.phase[..., pixels])
-
-
-Terms = tuple[dict[int, complex], ...]
-"""For every harmonic, G[h,k]/G[h,1] by k, without k = 1, for paths whose phase is counted from the pixel's own."""
-
-
-@dataclass(frozen=True, eq=False)
-class PixelFit:
-    """What is each pixel's own: phases (H, n) in rad, log amplitudes (N, n), log gains (H, n), and what is left.
-
-    `left` is log(measured) − log(modelled), complex (N, H, n); `weights` are the inverse variances of its parts.
-    """
-
-    phase: Float
-    log_amplitude: Float
-    log_gain: Float
-    left: Complex
-    weights: Float
-    theta: Float
-
-    @property
-    def misfit(self) -> Float:
-        """χ² of each pixel, (n,)."""
-        return np.asarray((self.weights * np.abs(self.left) ** 2).sum(axis=(0, 1)))
-
-
-def series(terms: dict[int, complex], theta: Float) -> Complex:
-    """Return Σ_k G[k]/G[1]·exp(i(k−1)θ), with k = 1: the answer over that of the main term."""
-    total = np.ones(theta.shape, np.complex128)
-    for k, value in terms.items():
-        total += value * np.exp(1j * (k - 1) * theta)
-    return total
-
-
-def fit_pixels(observed: Observations, terms: Terms, /) -> PixelFit:
-    """Return every pixel's phase and gain, and every target's amplitude in it, for given terms.
-
-    The phase is the weighted mean over targets; as it stands inside the series too, it is found in a few rounds.
-    """
-    weights = np.abs(observed.volts) ** 2 / observed.noise_v[:, :, np.newaxis] ** 2
-    harmonics = np.array(observed.harmonics)[:, np.newaxis]
-    pure = observed.volts * np.exp(-1j * harmonics * observed.phase[:, np.newaxis, :])
-    phase = np.angle((pure / np.abs(pure) * weights).sum(axis=0))
-    for _ in range(6):
-        theta = harmonics * observed.phase[:, np.newaxis, :] + phase
-        higher = np.stack([series(one, theta[:, row]) for row, one in enumerate(terms)], axis=1)
-        flat = pure / higher
-        phase = np.angle((flat / np.abs(flat) * weights).sum(axis=0))
-    left = np.log(flat * np.exp(-1j * phase))
-    log_gain, log_amplitude = _two_way(left.real, weights)
-    residual = left - log_gain - log_amplitude[:, np.newaxis, :]
-    return PixelFit(phase, log_amplitude, log_gain, residual, weights, theta)
-
-
-def _two_way(values: Float, weights: Float) -> tuple[Float, Float]:
-    """Split (N, H, n) into a part a harmonic, (H, n), and one a target, (N, n), the first harmonic's part being 0.
-
-    Exact for weights that are a product of one a target and one a harmonic, as |v|² over a fixed noise is.
-    """
-    by_target = weights.sum(axis=1)
-    by_harmonic = np.median(weights / by_target[:, np.newaxis, :], axis=(0, 2))
-    by_harmonic = by_harmonic / by_harmonic.sum()
-    harmonic = (values * by_target[:, np.newaxis, :]).sum(axis=0) / by_target.sum(axis=0)
-    mean = (harmonic * by_harmonic[:, np.newaxis]).sum(axis=0)
-    target = (values * by_harmonic[:, np.newaxis]).sum(axis=1)
-    return harmonic - harmonic[0], target - mean + harmonic[0]
-
-
 def _centred(columns: Float, weights: Float) -> Float:
     """Return columns (N, H, n) less what a part a target and one a harmonic explain of them."""
-    harmonic, target = _two_way(columns, weights)
+    harmonic, target = two_way(columns, weights)
     return columns - harmonic - target[:, np.newaxis, :]
 
 
