@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.support.campaign import ALL_DEFECTS, Campaign, camera, card, record_campaign, write
+from cadtof_cli.simulation.defects import Defects
+from tests.support.campaign import ALL_DEFECTS, Campaign, camera, card, covered, record_campaign, wall, write
 from tests.support.run_cadtof import cadtof
 
 
@@ -33,6 +34,28 @@ def test_petzval_toml_holds_what_the_design_promises(calibrated: Path) -> None:
     assert abs(found["k2_m"] - 0.06) < 3 * found["k2_stderr_m"]
     assert abs(found["k4_m"] + 0.02) < 3 * found["k4_stderr_m"]
     assert document["residual"]["rms_after_m"] < 0.2 * document["residual"]["rms_before_m"]
+
+
+@pytest.mark.parametrize("dark_frames", [0, 1])
+def test_petzval_alone_or_after_a_dark_frame_whose_noise_is_unknown(tmp_path: Path, dark_frames: int) -> None:
+    """Without maps before it, or with a map that has no standard error, the frames' own noise is all that there is."""
+    seen = camera(Defects(petzval_m=(0.06, -0.02)))
+    walls = [
+        write(tmp_path / f"wall_{d:g}", seen, wall(seen, d, count=5, seed=index)) for index, d in enumerate((1.0, 3.0))
+    ]
+    out = tmp_path / "camera"
+    if dark_frames:
+        dark = write(tmp_path / "dark", seen, covered(seen, count=dark_frames))
+        assert cadtof("calibrate", "dark", dark, "-o", out).status == 0
+    done = cadtof("calibrate", "petzval", *walls, "-o", out)
+    assert done.status == 0, done.err
+    assert "Warning" not in done.err
+    found = tomllib.loads((out / "petzval.toml").read_text())
+    errors = found["coefficients"]
+    assert abs(errors["k2_m"] - 0.06) < 3 * errors["k2_stderr_m"] < 0.02
+    assert abs(errors["k4_m"] + 0.02) < 3 * errors["k4_stderr_m"] < 0.02
+    if not dark_frames:
+        assert found["residual"]["rms_after_m"] == pytest.approx(found["residual"]["noise_rms_m"], rel=0.05)
 
 
 def test_a_part_is_not_replaced_unasked(campaign: Campaign, calibrated: Path) -> None:
