@@ -67,8 +67,10 @@ KEPT_CALLS = frozenset(
 """Calls that only change a value's type or container: their first argument in their place often means the same."""
 
 SYMMETRIC_CALLS = frozenset(
-    ("maximum", "minimum", "max", "min", "add", "multiply", "hypot", "outer", "logical_and", "logical_or")
-    + ("isinstance", "getattr")
+    (
+        *("maximum", "minimum", "max", "min", "add", "multiply", "hypot", "outer", "logical_and", "logical_or"),
+        *("isinstance", "getattr"),
+    )
 )
 """Calls whose first two arguments may be exchanged without any change of meaning, or are no values."""
 
