@@ -58,7 +58,9 @@ def maps_of(
 
 def ranges_m(seed: int = 0) -> F:
     """Ranges from one end to the other of what can be told apart."""
-    return np.random.default_rng(seed).permutation(np.linspace(0.01, RANGE_M - 0.01, SHAPE[0] * SHAPE[1])).reshape(SHAPE)
+    return (
+        np.random.default_rng(seed).permutation(np.linspace(0.01, RANGE_M - 0.01, SHAPE[0] * SHAPE[1])).reshape(SHAPE)
+    )
 
 
 def petzval(point_px: tuple[float, float] = POINT_PX) -> PetzvalCalibration:

@@ -102,7 +102,15 @@ def test_a_layer_that_nobody_computed_is_a_mistake() -> None:
 
 
 def test_names_units_and_pages_of_the_layers() -> None:
-    always = ["direct.depth", "mpi.depth", "direct.amplitude", "mpi.amplitude", "direct.sigma", "mpi.sigma", "confidence"]
+    always = [
+        "direct.depth",
+        "mpi.depth",
+        "direct.amplitude",
+        "mpi.amplitude",
+        "direct.sigma",
+        "mpi.sigma",
+        "confidence",
+    ]
     assert list(LayerChoice().names) == always
     more = LayerChoice(paths=3, chi_squared=True, effective_pixels=True)
     asked = ["path3.depth", "path3.amplitude", "path3.sigma", "chi_squared", "effective_pixels"]

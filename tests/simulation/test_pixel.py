@@ -108,6 +108,28 @@ def test_dead_time_favours_the_earlier_path() -> None:
     assert late == pytest.approx(5_000, rel=0.05)
 
 
+def test_jitter_of_a_dead_spad_comes_on_top_of_the_pulse() -> None:
+    """What is seen about a path scatters by √(pulse² + jitter²), whichever photons the dead time drops."""
+    light = two_path_mix(direct_ns=10.0, second_ns=17.0, mpi_ratio=0.0, asr=0.0, period_ns=40.0, fwhm_ns=1.7)
+    seen = draw_detections(
+        light, np.random.default_rng(9), cycles=20_000, photons_per_cycle=1, dead_time_ns=5.0, jitter_ns=1.5
+    )
+    times = np.mod(seen, 40.0)
+    assert len(times) == 20_000
+    assert times.std() == pytest.approx(math.hypot(1.7 / 2.354820045, 1.5), rel=0.03)
+    assert times.mean() == pytest.approx(10.0, abs=0.05)
+    exact = draw_detections(
+        light, np.random.default_rng(9), cycles=20_000, photons_per_cycle=1, dead_time_ns=5.0, jitter_ns=0.0
+    )
+    assert np.mod(exact, 40.0).std() == pytest.approx(1.7 / 2.354820045, rel=0.03)
+
+
+def test_jitter_of_a_trace_blurs_its_arrivals() -> None:
+    light = two_path_mix(direct_ns=10.0, second_ns=17.0, mpi_ratio=0.0, asr=0.0, period_ns=40.0, fwhm_ns=0.5)
+    trace = trace_pixel(model(100.0, cycles=4000, jitter_ns=1.5), light, np.random.default_rng(1), harmonic=1)
+    assert trace.times_ns.std() == pytest.approx(math.hypot(0.5 / 2.354820045, 1.5), rel=0.03)
+
+
 def test_negligible_dead_time_changes_nothing_but_noise() -> None:
     light = mix()
     ends = np.mean([final(model(2000.0, dead_time_ns=0.01), light, seed) for seed in range(40)], axis=0)
