@@ -105,7 +105,21 @@ def test_what_is_not_wall_has_no_say(kind: str) -> None:
 def test_ranges_that_wrap_at_the_end_of_the_unambiguous_range() -> None:
     wall = measured_wall(5.5, seed=5)
     assert (wall.range_m < 2.0).any()
-    assert max(deviations(fitted(wall, measured_wall(1.0, seed=6)))) < 3.0
+    found = fitted(wall, measured_wall(1.0, seed=6))
+    assert max(deviations(found)) < 3.0
+    # of Gaussian residuals none to speak of is an outlier: what wraps is no outlier either
+    for fit in found.quality.walls:
+        assert fit.pixels > 0.999 * PIXELS[0] * PIXELS[1]
+    assert found.quality.walls[0].distance_m == pytest.approx(5.5, abs=2e-3)
+    assert found.quality.rms_after_m < 1.1 * SIGMA_M
+
+
+def test_without_a_principal_point_the_middle_of_the_array_is_taken_and_it_is_said() -> None:
+    """The walls here are seen about column 39.5 and row 29.5, the middle of 80 × 60."""
+    found = fitted(measured_wall(1.0, seed=1), measured_wall(3.0, seed=2), optics=Optics(focal_length_px=70.0))
+    assert found.principal_point_px == (39.5, 29.5)
+    assert max(deviations(found)) < 3.0
+    assert any("column 39.5 and row 29.5, is taken" in text for text in found.quality.findings)
 
 
 def test_without_optics_two_distances_give_the_focal_length_too() -> None:

@@ -58,6 +58,20 @@ def test_petzval_alone_or_after_a_dark_frame_whose_noise_is_unknown(tmp_path: Pa
         assert found["residual"]["rms_after_m"] == pytest.approx(found["residual"]["noise_rms_m"], rel=0.05)
 
 
+@pytest.mark.parametrize(("frames", "left"), [(1, 0.91), (2, 0.91), (4, 1.0)])
+def test_what_a_response_leaves_is_the_noise_of_the_means(tmp_path: Path, frames: int, left: float) -> None:
+    """Measured where there are frames enough; else that of ambient light alone, which at ASR 2 is a tenth too much."""
+    seen = camera(Defects())
+    targets = [
+        write(tmp_path / f"target_{index}", seen, wall(seen, d, count=frames, seed=index), distance_m=d)
+        for index, d in enumerate((0.5, 1.7, 3.0))
+    ]
+    done = cadtof("calibrate", "response", *targets, "-o", tmp_path / "camera")
+    assert done.status == 0, done.err
+    quality = tomllib.loads((tmp_path / "camera" / "response.toml").read_text())["quality"]
+    assert quality["residual"] == pytest.approx(left, abs=0.04)
+
+
 def test_a_part_is_not_replaced_unasked(campaign: Campaign, calibrated: Path) -> None:
     before = (calibrated / "dark.toml").read_bytes()
     done = cadtof("calibrate", "dark", campaign.dark, "-o", calibrated)

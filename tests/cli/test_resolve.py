@@ -329,7 +329,8 @@ def test_truth_and_maps_in_a_folder_are_no_frames(tmp_path: Path) -> None:
 
 def test_saturated_and_not_finite_pixels_are_marked_and_cost_no_other(tmp_path: Path) -> None:
     volts = step_frame(np.random.default_rng(0))
-    for form in ("tif", "exr"):
+    forms: tuple[Form, ...] = ("tif", "exr")
+    for form in forms:
         record(tmp_path / form, form=form)
     counts = counts_of(volts)
     counts[2, 3, 4], counts[0, 5, 6] = 16383, 0
@@ -339,7 +340,7 @@ def test_saturated_and_not_finite_pixels_are_marked_and_cost_no_other(tmp_path: 
     write_exr(tmp_path / "exr" / "frame_0.exr", dict(zip(PLANE_NAMES, floats, strict=True)))
     # once with the noise known, by two processes; once estimated from a frame that holds them, by one
     for noise, jobs in (("known", 2), ("estimated", 1)):
-        for form in ("tif", "exr"):
+        for form in forms:
             if noise == "estimated":
                 toml = tmp_path / form / "capture.toml"
                 toml.write_text(toml.read_text().replace("integration_length = 100000\n", ""))
