@@ -32,9 +32,11 @@ def response_of(
     *,
     waveform: Waveform = "sine",
     optics: Optics | None = None,
+    n_av: float = 1e5,
+    seed: int = 0,
 ) -> ResponseCalibration:
-    seen = camera(defects, waveform=waveform)
-    targets = [target(seen, d, seed=index) for index, d in enumerate(distances_m)]
+    seen = camera(defects, waveform=waveform, n_av=n_av)
+    targets = [target(seen, d, seed=seed + index) for index, d in enumerate(distances_m)]
     origin = Origin(
         captures=("targets",),
         frames=FRAMES * len(targets),
@@ -58,6 +60,21 @@ def test_a_perfect_camera_needs_no_terms_but_one() -> None:
     assert found.quality.residual == pytest.approx(1.0, abs=0.05)
     assert found.phase_rad.std(axis=(1, 2)) == pytest.approx(found.quality.phase_stderr_rad, rel=0.2)
     assert found.field_curvature_m == (0.0, 0.0)
+
+
+@pytest.mark.parametrize("seed", [0, 100, 200])
+def test_terms_that_noise_alone_makes_are_not_taken(seed: int) -> None:
+    """At n_av 300 they come to one to three standard errors of 2e-4, which would matter."""
+    found = response_of(Defects(), (0.5, 1.0, 1.7, 2.4, 3.0), n_av=300.0, seed=seed)
+    assert orders(found) == {1}
+    assert sum("left, not needed" in text for text in found.quality.findings) == 5
+
+
+@pytest.mark.parametrize(("sc2_gain", "taken"), [(1.0012, False), (1.005, True)])
+def test_a_term_is_taken_from_six_standard_errors_on(sc2_gain: float, taken: bool) -> None:
+    """An imbalance of 0.6 and 2.5 thousandths, where the standard error is 0.2."""
+    found = response_of(Defects(sc2_gain=sc2_gain), (0.5, 1.0, 1.7, 2.4, 3.0), n_av=300.0, seed=300)
+    assert (-1 in orders(found)) == taken
 
 
 def test_an_ideal_triangle_needs_nothing_besides_its_own_series() -> None:

@@ -110,7 +110,7 @@ def test_of_neighbours_with_the_same_light_noise_keeps_out_a_thousandth(samples:
     rng = np.random.default_rng(4)
     spread = np.sqrt([harmonic.dark_variance / samples for harmonic in noise_of(HARMONICS, n_av=N_AV).harmonics])
     shape = (2, 2 * pairs, 2)
-    noise = (rng.normal(size=shape) + 1j * rng.normal(size=shape)) * spread[:, np.newaxis, np.newaxis]
+    noise: C = (rng.normal(size=shape) + 1j * rng.normal(size=shape)) * spread[:, np.newaxis, np.newaxis]
     usable = np.zeros(shape[1:], np.bool_)
     usable[::2] = True
     given = np.full(shape[1:], samples)
@@ -127,7 +127,7 @@ def test_neighbours_of_unlike_noise_are_compared_by_the_noise_of_both() -> None:
     samples = np.tile([[1.0, 100.0], [1.0, 1.0]], (pairs, 1))
     spread = np.sqrt([harmonic.dark_variance for harmonic in noise_of(HARMONICS, n_av=N_AV).harmonics])
     shape = (2, 2 * pairs, 2)
-    noise = (rng.normal(size=shape) + 1j * rng.normal(size=shape)) * spread[:, np.newaxis, np.newaxis]
+    noise: C = (rng.normal(size=shape) + 1j * rng.normal(size=shape)) * spread[:, np.newaxis, np.newaxis]
     usable = np.tile([[True, True], [False, False]], (pairs, 1))
     given: C = 0.2 + noise / np.sqrt(samples)
     pooled = pool(given, window=3, usable=usable, samples=samples)
