@@ -16,6 +16,7 @@ from typing import Any, NoReturn
 import pytest
 
 from mutation.mutants import Mutant, mutated
+from mutation.reach import reaches
 
 LEFT_BEHIND = (".git", ".venv*", "out", "__pycache__", ".*_cache", ".hypothesis", "docs", "build", "dist")
 
@@ -87,6 +88,8 @@ class Bench:
         try:
             for room in (mutant.room, CONTRACTS):
                 files = self._ordered(room, mutant)
+                if not files:
+                    continue
                 patience = max(PATIENCE * sum(self._seconds.get(file, 0.0) for file in files), LEAST_PATIENCE_S)
                 code, ended = self._run(files, patience)
                 if code in USAGE_ERRORS:
@@ -101,9 +104,10 @@ class Bench:
         return sorted(str(path.relative_to(self.tree)) for path in (self.tree / "tests" / room).rglob("test_*.py"))
 
     def _ordered(self, room: str, mutant: Mutant) -> list[str]:
-        """Return the test files of a room: that of the module, those that name it, and the others, each by duration."""
+        """Return the test files of a room that reach the module: that of its name, those that name it, and the others."""
         stem = Path(mutant.path).stem
         module = ".".join(Path(mutant.path).with_suffix("").parts)
+        files = [file for file in self._files(room) if reaches(self.tree, self.tree / file, module)]
 
         def rank(file: str) -> tuple[int, float]:
             near = 0 if Path(file).stem == f"test_{stem}" else 2
@@ -111,7 +115,7 @@ class Bench:
                 near = 1
             return near, self._seconds.get(file, 0.0)
 
-        return sorted(self._files(room), key=rank)
+        return sorted(files, key=rank)
 
     def _write(self, path: Path, text: str) -> None:
         """Write a module with a time of its own, so that no compiled one from before is taken for it."""

@@ -62,7 +62,7 @@ def test_a_perfect_camera_needs_no_terms_but_one() -> None:
     assert found.field_curvature_m == (0.0, 0.0)
 
 
-@pytest.mark.parametrize("seed", [0, 100, 200])
+@pytest.mark.parametrize("seed", [0, 100])
 def test_terms_that_noise_alone_makes_are_not_taken(seed: int) -> None:
     """At n_av 300 they come to one to three standard errors of 2e-4, which would matter."""
     found = response_of(Defects(), (0.5, 1.0, 1.7, 2.4, 3.0), n_av=300.0, seed=seed)
