@@ -66,8 +66,9 @@ def _outcomes(chosen: Sequence[Mutant], jobs: int) -> Iterator[Outcome]:
         importlib.import_module(name)
     rooms = tuple(sorted({mutant.room for mutant in chosen}))
     with tempfile.TemporaryDirectory(prefix="mutants-") as place:
+        seconds = Bench(ROOT, _folder(Path(place))).measured(rooms)
         context = multiprocessing.get_context("fork")
-        with ProcessPoolExecutor(jobs, context, initializer=_start, initargs=(Path(place), rooms)) as pool:
+        with ProcessPoolExecutor(jobs, context, initializer=_start, initargs=(Path(place), seconds)) as pool:
             for done in as_completed([pool.submit(_try, mutant) for mutant in chosen]):
                 yield done.result()
 
@@ -76,12 +77,15 @@ _benches: list[Bench] = []
 """The bench of this worker process."""
 
 
-def _start(place: Path, rooms: tuple[str, ...]) -> None:
-    own = place / str(os.getpid())
-    own.mkdir()
-    bench = Bench(ROOT, own)
-    bench.measure(rooms)
-    _benches.append(bench)
+def _start(place: Path, seconds: dict[str, float]) -> None:
+    _benches.append(Bench(ROOT, _folder(place), seconds))
+
+
+def _folder(place: Path) -> Path:
+    """Make a folder of this process's own."""
+    own = Path(tempfile.mkdtemp(dir=place))
+    own.chmod(0o755)
+    return own
 
 
 def _try(mutant: Mutant) -> Outcome:

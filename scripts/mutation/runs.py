@@ -9,6 +9,7 @@ import signal
 import sys
 import time
 import traceback
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NoReturn
@@ -64,20 +65,21 @@ class _Durations:
 class Bench:
     """A copy of a tree where mutants are tried one after the other."""
 
-    def __init__(self, root: Path, place: Path) -> None:
+    def __init__(self, root: Path, place: Path, seconds: Mapping[str, float] | None = None) -> None:
         self.tree = place / "tree"
         shutil.copytree(root, self.tree, symlinks=True, ignore=shutil.ignore_patterns(*LEFT_BEHIND))
         self._log = place / "log.txt"
         self._clock = time.time() + 10.0
-        self._seconds: dict[str, float] = {}
+        self._seconds = dict(seconds or {})
 
-    def measure(self, rooms: tuple[str, ...]) -> None:
-        """Run the unchanged tests, which must pass, and remember how long each file takes."""
+    def measured(self, rooms: tuple[str, ...]) -> dict[str, float]:
+        """Run the unchanged tests, which must pass, and return how many seconds each file takes."""
         for room in (*rooms, CONTRACTS):
             code, _ = self._run(self._files(room), 600.0)
             if code != pytest.ExitCode.OK:
                 raise SystemExit(f"tests/{room} fail without any mutant:\n{self._log.read_text()[-4000:]}")
             self._seconds |= json.loads((self.tree / "durations.json").read_text())
+        return self._seconds
 
     def tried(self, mutant: Mutant) -> Outcome:
         """Return what becomes of a mutant."""
