@@ -18,7 +18,8 @@ SIGMA = 0.05
 
 
 def observed(seed: int) -> F:
-    return COLUMNS @ TRUTH + np.random.default_rng(seed).normal(0.0, SIGMA, X.size)
+    noisy: F = COLUMNS @ TRUTH + np.random.default_rng(seed).normal(0.0, SIGMA, X.size)
+    return noisy
 
 
 def parabola(y: F, sigma: float = SIGMA) -> Callable[[F], tuple[F, F]]:
