@@ -155,3 +155,74 @@ def test_a_wall_seen_by_few_pixels_is_refused() -> None:
         SettingsError, match=r"wall 1 \(wall_0\): found 40 pixels with a single path, expected at least 50"
     ):
         fitted(WallRanges(ranges, wall.sigma_m, None))
+
+
+def two_walls() -> tuple[WallRanges, WallRanges]:
+    return measured_wall(1.0, seed=1), measured_wall(3.0, seed=2, normal=(-0.04, 0.07))
+
+
+def test_a_good_fit_has_nothing_to_say_and_knows_its_noise() -> None:
+    quality = fitted(*two_walls()).quality
+    assert quality.findings == ()
+    assert quality.noise_rms_m == pytest.approx(SIGMA_M)
+    assert quality.rms_after_m == pytest.approx(SIGMA_M, rel=0.05)
+    assert quality.focal_length_px == pytest.approx(70.0)
+    assert quality.focal_length_known
+    assert 0.7 < quality.correlation < 0.999
+    for wall in quality.walls:
+        assert not wall.distance_known
+        assert wall.noise_rms_m == pytest.approx(SIGMA_M)
+        assert wall.rms_after_m == pytest.approx(SIGMA_M, rel=0.05)
+        assert wall.rms_before_m > 2.0 * SIGMA_M
+
+
+def test_distances_tilts_and_their_errors_are_those_of_repetitions() -> None:
+    runs = [
+        fitted(measured_wall(1.0, seed=50 + 2 * s), measured_wall(3.0, seed=51 + 2 * s)).quality.walls
+        for s in range(25)
+    ]
+    for wall, distance in ((0, 1.0), (1, 3.0)):
+        found = np.array([run[wall].distance_m for run in runs])
+        assert found.std() == pytest.approx(runs[0][wall].distance_stderr_m, rel=0.4)
+        assert found.mean() == pytest.approx(distance, abs=4 * runs[0][wall].distance_stderr_m / 5)
+        slopes = np.array([run[wall].slopes for run in runs])
+        np.testing.assert_allclose(slopes.mean(axis=0), [0.05, -0.03], atol=1e-3)
+
+
+@pytest.mark.parametrize(("share", "said"), [(0.04, False), (0.07, True)])
+def test_pixels_off_the_walls_are_counted_from_a_twentieth_on(share: float, said: bool) -> None:
+    walls = []
+    for wall in two_walls():
+        ranges = wall.range_m.copy()
+        ranges[np.random.default_rng(4).random(PIXELS) < share] -= 0.5
+        walls.append(WallRanges(ranges, wall.sigma_m, None))
+    found = fitted(*walls)
+    texts = [text for text in found.quality.findings if "do not lie on the walls and were left out" in text]
+    assert len(texts) == said
+    kept = sum(wall.pixels for wall in found.quality.walls) / (2 * PIXELS[0] * PIXELS[1])
+    assert kept == pytest.approx(1 - share, abs=0.01)
+
+
+@pytest.mark.parametrize(("factor", "said"), [(1.4, False), (1.7, True)])
+def test_more_left_than_noise_is_warned_of_from_half_as_much_again_on(factor: float, said: bool) -> None:
+    walls = [WallRanges(wall.range_m, wall.sigma_m / factor, None) for wall in two_walls()]
+    quality = fitted(*walls).quality
+    assert any(text.startswith("warning: what is left, 3.0") for text in quality.findings) == said
+    # what scatters more than thought is known less well, too
+    assert quality.k2_stderr_m == pytest.approx(fitted(*two_walls()).quality.k2_stderr_m, rel=0.02)
+
+
+def test_noise_that_differs_weighs_less_where_it_is_larger() -> None:
+    """The lower half of both walls is worthless; what is left tells k2 nearly as if it were not there."""
+    walls, halves = [], []
+    for index, wall in enumerate(two_walls()):
+        ranges, sigma = wall.range_m.copy(), wall.sigma_m.copy()
+        ranges[30:] += np.random.default_rng(70 + index).normal(0.0, 0.2, (30, 80))
+        sigma[30:] = 0.2
+        walls.append(WallRanges(ranges, sigma, None))
+        half = wall.range_m.copy()
+        half[30:] = np.nan
+        halves.append(WallRanges(half, wall.sigma_m, None))
+    found, expected = fitted(*walls), fitted(*halves)
+    assert found.k2_m == pytest.approx(expected.k2_m, abs=0.3 * expected.quality.k2_stderr_m)
+    assert max(deviations(found)) < 3.0

@@ -8,7 +8,7 @@ import pytest
 from cadtof_cli.calibration.parts import Origin
 from cadtof_cli.calibration.response import ResponseCalibration
 from cadtof_cli.calibration.response_fit import TargetMean, fit_response
-from cadtof_cli.capture.metadata import Optics, Waveform
+from cadtof_cli.capture.metadata import CaptureMetadata, Optics, Waveform
 from cadtof_cli.errors import SettingsError
 from cadtof_cli.simulation.defects import DefectiveCamera, Defects
 from tests.support.campaign import PIXELS, camera
@@ -123,3 +123,72 @@ def test_a_target_that_is_not_seen_is_refused() -> None:
     origin = Origin(captures=("dark room",), frames=1, pixels=PIXELS, periods_ns=(40.0, 20.0), waveform="sine")
     with pytest.raises(SettingsError, match=r"found 0\.0% of the pixels with a signal from every target"):
         fit_response([nothing], metadata=seen.metadata, origin=origin)
+
+
+def blind(count: int) -> np.ndarray:
+    return np.random.default_rng(3).permutation(12 * 16)[:count]
+
+
+def noiseless(
+    *, own: np.ndarray | None = None, gain: float = 1.0, dim: int = 0, distances_m: tuple[float, ...] = (0.7, 1.4, 2.4)
+) -> ResponseCalibration:
+    """Return the response of targets that fill 12 × 16 pixels, made by hand; `dim` of the pixels see nothing."""
+    shape = (12, 16)
+    metadata = CaptureMetadata(optics=Optics(focal_length_px=14.0))
+    y, x = np.mgrid[: shape[0], : shape[1]]
+    stretch = np.sqrt(1 + ((x - 7.5) / 14.0) ** 2 + ((y - 5.5) / 14.0) ** 2)
+    targets = []
+    for index, d in enumerate(distances_m):
+        delay = 2 * np.pi / 40.0 * 2 / 0.299792458 * d * stretch
+        planes = []
+        for h in (1, 2):
+            pulse = np.exp(-((h * 2 * np.pi * 1.7 / 2.354820045 / 40.0) ** 2) / 2)
+            added = 0.0 if own is None else h * own
+            planes.append(0.09 / (1 + index) * gain ** (h - 1) * pulse * np.exp(1j * (h * delay + added)))
+        volts = np.stack(planes)
+        volts.reshape(2, -1)[:, blind(dim)] = 1e-5
+        targets.append(TargetMean(volts, np.full(2, 1e-5), d))
+    origin = Origin(captures=("t",), frames=30, pixels=shape, periods_ns=(40.0, 20.0), waveform="sine")
+    return fit_response(targets, metadata=metadata, origin=origin)
+
+
+def test_targets_without_noise_give_gain_and_pulse_exactly() -> None:
+    found = noiseless(gain=0.8)
+    pulse = [np.exp(-((h * 2 * np.pi * 1.7 / 2.354820045 / 40.0) ** 2) / 2) for h in (1, 2)]
+    assert found.responses[0].main == pytest.approx(pulse[0], rel=1e-6)
+    assert found.responses[1].main == pytest.approx(0.8 * pulse[1], rel=1e-6)
+    np.testing.assert_allclose(found.gain, 1.0, rtol=1e-6)
+    np.testing.assert_allclose(found.phase_rad, 0.0, atol=1e-6)
+    assert found.quality.distances_m == (0.7, 1.4, 2.4)
+    assert not any("could not be used" in text for text in found.quality.findings)
+    assert any("the targets are taken to face the camera" in text for text in found.quality.findings)
+
+
+def test_a_delay_of_each_pixel_goes_into_the_maps_and_their_mean_into_the_response() -> None:
+    own = np.random.default_rng(2).normal(0.2, 0.1, (12, 16))
+    found = noiseless(own=own)
+    for row, h in enumerate((1, 2)):
+        total = found.phase_rad[row] + np.angle(found.responses[row].main)
+        k2, k4 = found.field_curvature_m
+        assert (k2, k4) == (0.0, 0.0)
+        np.testing.assert_allclose(total, h * own, atol=1e-5)
+        assert abs(np.angle(np.exp(1j * found.phase_rad[row]).mean())) < 1e-5
+
+
+@pytest.mark.parametrize(("dim", "refused"), [(182, False), (183, True)])
+def test_a_twentieth_of_the_pixels_must_see_every_target(dim: int, refused: bool) -> None:
+    """192 pixels; those that see nothing get the mean phase and gain."""
+    if refused:
+        with pytest.raises(SettingsError, match="with a signal from every target, expected 5% or more"):
+            noiseless(dim=dim)
+        return
+    found = noiseless(dim=dim)
+    assert (found.phase_rad.reshape(2, -1)[:, blind(dim)] == 0.0).all()
+    assert (found.gain.reshape(2, -1)[:, blind(dim)] == 1.0).all()
+    assert any(f"{dim} pixels could not be used" in text for text in found.quality.findings)
+
+
+@pytest.mark.parametrize(("gap_m", "distinct"), [(0.009, False), (0.012, True)])
+def test_distances_a_centimetre_apart_count_as_two(gap_m: float, distinct: bool) -> None:
+    found = noiseless(distances_m=(1.0, 1.0 + gap_m))
+    assert any(text.startswith("one distance") for text in found.quality.findings) != distinct
