@@ -71,6 +71,17 @@ def test_two_paths_of_a_triangle_converge_without_bias() -> None:
         assert abs(np.nanmedian(error[:, columns])) < 0.5
 
 
+def test_close_and_strong_second_paths_of_a_triangle_are_led_to_their_answer() -> None:
+    """From 2 ns on, with up to 0.6 of the direct light: 12 in 100 of them do not end in the answer without being led to it."""
+    seen = camera(Defects(), waveform="triangle", n_av=1e6)
+    frame = card(seen, count=1, seed=5, separations_ns=(2.0, 30.0), clean=0.0)[0]
+    maps = resolve_frame(frame, plan=plan_for(seen, order="2")).maps
+    assert ((maps.status & StatusBit.NOT_CONVERGED) > 0).mean() < 0.04
+    error = np.abs(maps.layer("direct.depth") - 0.75)
+    assert np.nanmean(error > 0.05) < 0.04
+    assert np.nanmedian(error) < 0.001
+
+
 @pytest.mark.parametrize("block_pixels", [97, 1000])
 def test_blocks_of_any_size_give_the_same_bits(block_pixels: int) -> None:
     seen = camera(Defects(), waveform="triangle")
