@@ -61,7 +61,7 @@ KEPT_CALLS = frozenset(
             "empty_like",
             "zeros_like",
         ),
-        *("finfo", "read_only"),
+        *("finfo", "read_only", "float32", "float64", "uint32", "intp"),
     )
 )
 """Calls that only change a value's type or container: their first argument in their place often means the same."""
@@ -97,7 +97,7 @@ def variants(node: ast.AST, /) -> Iterator[ast.AST]:
     elif isinstance(node, ast.IfExp):
         yield ast.IfExp(node.test, node.orelse, node.body)
     elif isinstance(node, ast.Slice):
-        if node.lower is not None:
+        if node.lower is not None and ast.unparse(node.lower) != "0":
             yield ast.Slice(None, node.upper, node.step)
         if node.upper is not None:
             yield ast.Slice(node.lower, None, node.step)

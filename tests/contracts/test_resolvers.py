@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from cadtof_cli.resolver.paths import ResolvedPaths
 from cadtof_cli.resolver.resolve import resolve_paths
@@ -11,6 +12,8 @@ from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.resolver.status import StatusBit
 from tests.support.forward import ns_from_rad
 from tests.support.mixtures import C, F, Mixture, noise_of
+
+B = NDArray[np.bool_]
 
 N_AV = 1e10
 """So long that noise decides nothing here: what it does to the answers is measured elsewhere."""
@@ -24,12 +27,15 @@ class Resolver:
     settings: ResolverSettings
     harmonics: tuple[int, ...]
 
-    def __call__(self, phasors: C, *, n_av: float = N_AV, samples: F | None = None) -> ResolvedPaths:
-        """Resolve phasors."""
+    def __call__(
+        self, phasors: C, *, n_av: float = N_AV, samples: F | None = None, spoilt: B | None = None, hot: B | None = None
+    ) -> ResolvedPaths:
+        """Resolve phasors, of which `spoilt` have a saturated value and `hot` are hot."""
         count = phasors.shape[1]
         return resolve_paths(
             phasors,
-            saturated=np.zeros(count, np.bool_),
+            saturated=np.zeros(count, np.bool_) if spoilt is None else spoilt,
+            hot=hot,
             settings=self.settings,
             noise=noise_of(self.harmonics, n_av=n_av),
             amplitude_v=1.0,
@@ -229,3 +235,36 @@ def test_a_mean_of_frames_is_a_frame_of_as_many_times_the_length(resolver: Resol
             assert np.nanmedian(apart) < 0.3
     if mean.chi_squared is not None and long.chi_squared is not None:
         assert np.nanmedian(np.abs(mean.chi_squared - long.chi_squared)) < 0.1
+
+
+@pytest.mark.parametrize("resolver", [*RESOLVERS, *ONE_PATH], ids=lambda r: f"{r.name} {r.harmonics}")
+def test_bad_pixels_have_their_reason_and_leave_the_others_as_they_are(resolver: Resolver) -> None:
+    rng = np.random.default_rng(14)
+    good = [one.phasors(resolver.harmonics, n_av=1e5, size=1, rng=rng) for one in TWO_PATHS.values()]
+    given = np.concatenate(good * 2, axis=1)
+    given[0, 1], given[-1, 4] = np.nan, 1j * np.inf
+    given[:, 7] = 1e-9
+    spoilt, hot = np.zeros((2, given.shape[1]), np.bool_)
+    spoilt[[0, 9]], hot[[9, 12]] = True, True
+    found = resolver(given, n_av=1e5, spoilt=spoilt, hot=hot)
+    reasons = {
+        0: StatusBit.SATURATED,
+        1: StatusBit.NOT_FINITE,
+        4: StatusBit.NOT_FINITE,
+        7: StatusBit.LOW_CONFIDENCE,
+        9: StatusBit.SATURATED | StatusBit.HOT_PIXEL,
+        12: StatusBit.HOT_PIXEL,
+    }
+    assert {index: found.status[index] for index in reasons} == reasons
+    for path in found.paths:
+        for values in (path.amplitude, path.phase_rad, path.sigma_rad):
+            assert np.isnan(values[list(reasons)]).all()
+    for index in set(range(given.shape[1])) - set(reasons):
+        alone = resolver(given[:, [index]], n_av=1e5)
+        assert found.status[index] == alone.status[0]
+        assert found.confidence[index] == alone.confidence[0]
+        for one, other in zip(found.paths, alone.paths, strict=True):
+            np.testing.assert_array_equal(one.phase_rad[index], other.phase_rad[0])
+            np.testing.assert_array_equal(one.amplitude[index], other.amplitude[0])
+            np.testing.assert_array_equal(one.sigma_rad[index], other.sigma_rad[0])
+    assert np.isnan(found.confidence[[0, 1, 9]]).all()
