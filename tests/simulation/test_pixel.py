@@ -178,6 +178,35 @@ def test_evolution_holds_all_photons_and_settles_on_the_phase() -> None:
     assert shown.bin_ns[np.argmax(shown.counts)] == pytest.approx(10.0, abs=0.5)
 
 
+def test_evolution_is_the_trace_in_bins_and_thinned() -> None:
+    """128 bins over a period; of 5000 photons a thousand rows, the first and the last among them."""
+    pixel = model(200.0, cycles=1000)
+    shown = evolution(pixel, mix(), np.random.default_rng(3))
+    trace = trace_pixel(pixel, mix(), np.random.default_rng(3), harmonic=1)
+    width = 40.0 / 128
+    np.testing.assert_allclose(shown.bin_ns, width * (np.arange(128) + 0.5))
+    for index in (0, 31, 33, 127):
+        inside = (trace.times_ns >= width * index) & (trace.times_ns < width * (index + 1))
+        assert shown.counts[index] == inside.sum()
+    assert len(shown.photons) == 1000
+    assert (shown.photons[0], shown.photons[-1]) == (1.0, 5000.0)
+    rows = shown.photons.astype(int) - 1
+    np.testing.assert_array_equal(shown.voltages_v, trace.voltages_v[:, rows])
+    phase = np.degrees(np.arctan2(trace.voltages_v[1], trace.voltages_v[0]))[rows]
+    np.testing.assert_allclose(shown.phase_deg, np.where(phase < 0, phase + 360.0, phase), atol=1e-9)
+    later = trace.voltages_v[:, rows[500:]].mean(axis=1)
+    assert shown.settled_phase_deg == pytest.approx(math.degrees(math.atan2(later[1], later[0])))
+    late = evolution(pixel, mix(direct_ns=30.0, second_ns=35.0), np.random.default_rng(3))
+    assert 260.0 < late.settled_phase_deg < 300.0
+
+
+def test_arrivals_of_a_trace_lie_in_the_period_of_the_fundamental() -> None:
+    trace = trace_pixel(model(50.0, cycles=60), mix(), np.random.default_rng(1), harmonic=2)
+    assert trace.times_ns.size == 300
+    assert (trace.times_ns >= 0.0).all()
+    assert (trace.times_ns < 40.0).all()
+
+
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
