@@ -24,15 +24,16 @@ def measured_wall(
     normal: tuple[float, float] = (0.05, -0.03),
     known: bool = False,
     focal_px: float = 70.0,
+    sigma_m: float = SIGMA_M,
 ) -> WallRanges:
     """Return the noisy ranges of the plane n·p = D with n = (nx, ny, 1), bent by the curvature."""
     y, x = np.mgrid[: PIXELS[0], : PIXELS[1]].astype(np.float64)
     rays = np.stack([(x - 39.5) / focal_px, (y - 29.5) / focal_px, np.ones(PIXELS)])
     times = distance_m / np.tensordot(np.array([*normal, 1.0]), rays, axes=1)
     rho2 = ((x - 39.5) ** 2 + (y - 29.5) ** 2) / (40.0**2 + 30.0**2)
-    noise = np.random.default_rng(seed).normal(0.0, SIGMA_M, PIXELS)
+    noise = np.random.default_rng(seed).normal(0.0, sigma_m, PIXELS)
     ranges = times * np.linalg.norm(rays, axis=0) + K2_M * rho2 + K4_M * rho2**2 + noise
-    return WallRanges(ranges % RANGE_M, np.full(PIXELS, SIGMA_M), distance_m if known else None)
+    return WallRanges(ranges % RANGE_M, np.full(PIXELS, sigma_m), distance_m if known else None)
 
 
 def fitted(*walls: WallRanges, optics: Optics = OPTICS) -> PetzvalCalibration:
@@ -226,3 +227,11 @@ def test_noise_that_differs_weighs_less_where_it_is_larger() -> None:
     found, expected = fitted(*walls), fitted(*halves)
     assert found.k2_m == pytest.approx(expected.k2_m, abs=0.3 * expected.quality.k2_stderr_m)
     assert max(deviations(found)) < 3.0
+
+
+@pytest.mark.parametrize(("sigma_m", "said"), [(0.04, False), (0.075, True)])
+def test_coefficients_known_to_less_than_a_centimetre_are_warned_of(sigma_m: float, said: bool) -> None:
+    found = fitted(measured_wall(1.0, seed=1, sigma_m=sigma_m), measured_wall(3.0, seed=2, sigma_m=sigma_m))
+    largest = max(found.quality.k2_stderr_m, found.quality.k4_stderr_m)
+    assert (0.01 < largest < 0.02) == said
+    assert any(text.startswith("warning: curvature, distance and tilt") for text in found.quality.findings) == said

@@ -130,7 +130,12 @@ def blind(count: int) -> np.ndarray:
 
 
 def noiseless(
-    *, own: np.ndarray | None = None, gain: float = 1.0, dim: int = 0, distances_m: tuple[float, ...] = (0.7, 1.4, 2.4)
+    *,
+    own: np.ndarray | None = None,
+    gain: float = 1.0,
+    dim: int = 0,
+    distances_m: tuple[float, ...] = (0.7, 1.4, 2.4),
+    term: tuple[int, complex] = (1, 0j),
 ) -> ResponseCalibration:
     """Return the response of targets that fill 12 × 16 pixels, made by hand; `dim` of the pixels see nothing."""
     shape = (12, 16)
@@ -144,7 +149,9 @@ def noiseless(
         for h in (1, 2):
             pulse = np.exp(-((h * 2 * np.pi * 1.7 / 2.354820045 / 40.0) ** 2) / 2)
             added = 0.0 if own is None else h * own
-            planes.append(0.09 / (1 + index) * gain ** (h - 1) * pulse * np.exp(1j * (h * delay + added)))
+            theta = h * delay + added
+            wave = np.exp(1j * theta) + term[1] * np.exp(1j * term[0] * theta)
+            planes.append(0.09 / (1 + index) * gain ** (h - 1) * pulse * wave)
         volts = np.stack(planes)
         volts.reshape(2, -1)[:, blind(dim)] = 1e-5
         targets.append(TargetMean(volts, np.full(2, 1e-5), d))
@@ -192,3 +199,13 @@ def test_a_twentieth_of_the_pixels_must_see_every_target(dim: int, refused: bool
 def test_distances_a_centimetre_apart_count_as_two(gap_m: float, distinct: bool) -> None:
     found = noiseless(distances_m=(1.0, 1.0 + gap_m))
     assert any(text.startswith("one distance") for text in found.quality.findings) != distinct
+
+
+@pytest.mark.parametrize("k", [-1, 0, -3, 5, 3])
+def test_every_order_that_is_tried_is_found_where_it_is(k: int) -> None:
+    value = 0.02 - 0.01j
+    found = noiseless(distances_m=(0.4, 0.9, 1.5, 2.2, 2.9, 3.6, 4.4), term=(k, value))
+    for one in found.responses:
+        assert dict(one.terms)[k] / one.main == pytest.approx(value, abs=1e-4)
+        assert all(abs(g / one.main) < 1e-4 for order, g in one.terms if order not in {1, k})
+    assert any(text.startswith(f"k = {k:+d}: taken, 0.02236 ± ") for text in found.quality.findings)
