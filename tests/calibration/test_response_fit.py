@@ -59,6 +59,7 @@ def test_a_perfect_camera_needs_no_terms_but_one() -> None:
     assert orders(found) == {1}
     assert found.quality.residual == pytest.approx(1.0, abs=0.05)
     assert found.phase_rad.std(axis=(1, 2)) == pytest.approx(found.quality.phase_stderr_rad, rel=0.2)
+    assert found.gain.std(axis=(1, 2)) == pytest.approx(found.quality.gain_stderr, rel=0.2)
     assert found.field_curvature_m == (0.0, 0.0)
 
 
