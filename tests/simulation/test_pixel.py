@@ -80,6 +80,20 @@ def test_arrivals_without_ambient_light_and_over_many_paths() -> None:
     np.testing.assert_allclose(counts, [0.4, 0.3, 0.2, 0.1], atol=0.006)
 
 
+@pytest.mark.parametrize("asr", [0.0, 1.0])
+def test_arrivals_over_a_single_path(asr: float) -> None:
+    alone = PhotonMix(
+        delays_ns=np.array([12.0]), photons=np.array([1.0]), ambient=np.array(asr), period_ns=40.0, fwhm_ns=1.0
+    )
+    for harmonic in (1, 2):
+        phases = draw_phases(alone, np.random.default_rng(4), count=40_000, harmonic=harmonic)
+        times = phases / (2 * np.pi * harmonic) * 40.0
+        near = np.abs(times - 12.0) < 2.0
+        expected = 1 / (1 + asr) + asr / (1 + asr) * 4.0 / 40.0
+        assert near.mean() == pytest.approx(expected, abs=0.01)
+        assert times[near].mean() == pytest.approx(12.0, abs=0.02)
+
+
 @pytest.mark.parametrize("dead_time_ns", [0.0, 0.5, 3.0, 200.0])
 def test_dead_time_drops_what_a_photon_by_photon_count_drops(dead_time_ns: float) -> None:
     times = np.sort(np.random.default_rng(8).random(2000) * 2000.0)
