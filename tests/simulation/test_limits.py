@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Callable
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -17,6 +16,8 @@ from cadtof_cli.simulation.scenes import Card, Corner, InterReflection, Wall
 from cadtof_cli.simulation.trials import Condition, Trials
 
 AVERAGING = Averaging(integration_length=100.0)
+
+UNKNOWN_DRIVE: Any = "pulsed"
 
 Make = Callable[[], object]
 
@@ -93,7 +94,7 @@ IMPOSSIBLE: list[tuple[Make, str]] = [
     (lambda: InterReflection(panel_m=(1.0, 0.0)), "panel: found"),
     (lambda: InterReflection(reflector_m=0.4), "reflector: found 0.4 m"),
     (lambda: InterReflection(albedo=2.0), "albedo: found 2"),
-    (lambda: replace(Stages(), **{"drive": "pulsed"}), "stages: found pulsed, expected dc or switched"),
+    (lambda: Stages(drive=UNKNOWN_DRIVE), "stages: found pulsed, expected dc or switched"),
     (lambda: Stages(f2_hz=9e-4), "F2: found 0.0009 Hz"),
     (lambda: Stages(f1_hz=9e-4), "F1: found 0.0009 Hz"),
     (lambda: Averaging(integration_length=math.inf), "integration length: found inf"),
