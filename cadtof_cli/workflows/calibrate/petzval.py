@@ -21,12 +21,12 @@ from cadtof_cli.workflows.calibrate.captures import (
     AveragedCapture,
     CalibrateReport,
     CalibrateSettings,
-    Progress,
     averaged_captures,
     origin_of,
     parts_before,
     saved,
 )
+from cadtof_cli.workflows.progress import Progress
 
 FALSE_ALARM = 1e-4
 """Of the order test: the mean of many frames shows the maps' own noise too, which is not MPI."""
@@ -47,7 +47,7 @@ def calibrate_petzval(
         CadtofError: see `averaged_captures` and `fit_petzval`.
     """
     averaged = averaged_captures(inputs, "petzval", settings=settings, overrides=overrides, progress=progress)
-    earlier = parts_before(settings.out, "petzval", averaged, on_note=progress.on_note)
+    earlier = parts_before(settings.out, "petzval", averaged, progress=progress)
     walls = [_wall(capture, settings.out, earlier) for capture in averaged]
     modulation = averaged[0].metadata.modulation
     petzval = fit_petzval(
