@@ -19,7 +19,7 @@ from cadtof_cli.optics.pinhole import known_focal_length, planar_per_range
 from cadtof_cli.phasors.frame_mean import FrameMean
 from cadtof_cli.phasors.noise import NoiseModel, estimated_integration_length, noise_model
 from cadtof_cli.phasors.pooling import pooled_phasors
-from cadtof_cli.phasors.voltages import PhasorScale, phasor_scale, saturated_pixels
+from cadtof_cli.phasors.voltages import phasors_from_stored, saturated_pixels
 from cadtof_cli.resolver.resolve import resolve_paths
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.resolver.status import StatusBit
@@ -106,7 +106,7 @@ class FramePlan:
 class _Stages:
     """What every block of frames of one plan, type and size shares."""
 
-    phasors: PhasorScale
+    saturated_counts: tuple[float, float] | None
     correction: FrameCorrection
     depth: DepthScale
 
@@ -123,18 +123,17 @@ class ResolvedFrame:
 @lru_cache(maxsize=4)
 def _stages(plan: FramePlan, dtype: np.dtype[np.generic], height: int, width: int) -> _Stages:
     metadata = plan.metadata
-    planar = planar_per_range(metadata.optics, height, width).ravel() if plan.depth == "z" else None
+    planar = planar_per_range(metadata.optics, (height, width)).ravel() if plan.depth == "z" else None
     use = plan.calibration
     calibration = cached_calibration(use.folder, use.digest) if use else None
-    scale = phasor_scale(metadata, dtype)
-    correction = frame_correction(calibration, metadata, scale, (height, width))
+    correction = frame_correction(calibration, metadata, dtype, (height, width))
     depth = DepthScale(
         metres_per_radian(metadata.modulation.periods_ns[0]),
         metadata.modulation.amplitude_v,
         planar,
         correction.range_offset_m if use and use.curved else None,
     )
-    return _Stages(scale, correction, depth)
+    return _Stages(metadata.voltage.saturated_counts, correction, depth)
 
 
 def resolve_frame(frame: Stored | FrameMean, /, *, plan: FramePlan, maps: DepthMaps | None = None) -> ResolvedFrame:
@@ -183,7 +182,7 @@ def resolve_pixels(
             saturated=saturated,
             settings=plan.resolver,
             noise=noise,
-            amplitude_v=stages.phasors.amplitude_v,
+            amplitude_v=plan.metadata.modulation.amplitude_v,
             samples=samples,
             response=correction.response.block(block) if correction.response else None,
             hot=None if correction.hot is None else correction.hot[block],
@@ -212,8 +211,8 @@ class _Planes:
         """Return phasors (H, n), which of them are saturated, and over how many frames each is a mean (None: one)."""
         stored = self._stored[:, :, pixels]
         samples = None if self._samples is None else self._samples[pixels]
-        phasors = self._stages.correction.phasors(stored, pixels)
-        return phasors, saturated_pixels(stored, scale=self._stages.phasors), samples
+        phasors = phasors_from_stored(stored, self._stages.correction.phasor_map[pixels])
+        return phasors, saturated_pixels(stored, self._stages.saturated_counts), samples
 
 
 @dataclass(frozen=True)

@@ -25,8 +25,8 @@ from cadtof_cli.errors import SettingsError
 
 if TYPE_CHECKING:
     from cadtof_cli.simulation.scene.light import Scene
-    from cadtof_cli.simulation.trials import PathSummary, Trials, TrialsSummary
     from cadtof_cli.workflows.simulate.record import RecordSettings
+    from cadtof_cli.workflows.simulate.trials import PathSummary, Trials, TrialsSummary
 
 SCENE_NAMES = ("pixel", "card", "wall", "corner", "inter-reflection")
 
@@ -117,7 +117,8 @@ def _simulate_pixel(out: Path | None, options: dict[str, Any]) -> None:
 
 
 def _trials(options: dict[str, Any]) -> "Trials":
-    from cadtof_cli.simulation.trials import Condition, Trials
+    from cadtof_cli.simulation.pixel.mix import Condition
+    from cadtof_cli.workflows.simulate.trials import Trials
 
     averaging = averaging_from_options(options, options["integration_length"])
     return Trials(

@@ -65,9 +65,10 @@ def sweep(out: Path | None, plot: Path | None, **options: Any) -> None:
 
 
 def _settings(options: dict[str, Any]) -> "SweepSettings":
-    from cadtof_cli.simulation.grid import grid_from_text
-    from cadtof_cli.simulation.trials import Condition, Trials
+    from cadtof_cli.commands.grid import grid_from_text
+    from cadtof_cli.simulation.pixel.mix import Condition
     from cadtof_cli.workflows.simulate.sweep import SweepSettings
+    from cadtof_cli.workflows.simulate.trials import Trials
 
     text = options["integration_length"]
     if text is not None and options["capacitors"] is not None:

@@ -77,7 +77,7 @@ def _wall(capture: AveragedCapture, folder: Path, earlier: Calibration) -> WallR
         resolver=ResolverSettings(false_alarm=FALSE_ALARM),
         calibration=use,
     )
-    maps = resolve_frame(mean.mean_v, plan=plan).maps
+    maps = resolve_frame(mean.stored, plan=plan).maps
     single = (maps.status & StatusBit.ONE_PATH) != 0
     ranges, sigma, amplitude = (
         np.where(single, maps.layer(name), np.nan).astype(np.float64)

@@ -7,7 +7,7 @@ import numpy as np
 from cadtof_cli.capture.discovery import Capture
 from cadtof_cli.capture.stacks import first_dtype
 from cadtof_cli.errors import CadtofError, SettingsError
-from cadtof_cli.phasors.voltages import phasor_scale
+from cadtof_cli.phasors.voltages import volts_per_count
 from cadtof_cli.pipeline import FramePlan
 from cadtof_cli.resolver.settings import ResolverSettings
 
@@ -22,7 +22,7 @@ def require_known_volts(capture: Capture, /) -> None:
     if dtype is None:
         return
     try:
-        phasor_scale(capture.source.metadata, dtype)
+        volts_per_count(capture.source.metadata.voltage, dtype)
     except SettingsError as error:
         raise SettingsError(f"{capture.root}: {error}") from error
 
@@ -33,7 +33,7 @@ def capture_problems(capture: Capture, types: Iterable[str]) -> list[str]:
     try:
         FramePlan(metadata=capture.source.metadata, resolver=ResolverSettings())
         for dtype in types:
-            phasor_scale(capture.source.metadata, np.dtype(dtype))
+            volts_per_count(capture.source.metadata.voltage, np.dtype(dtype))
     except CadtofError as error:
         problems.append(str(error))
     return problems

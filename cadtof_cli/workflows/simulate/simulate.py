@@ -13,8 +13,8 @@ import numpy as np
 
 from cadtof_cli.files.new_folder import new_folder
 from cadtof_cli.simulation.pixel.evolution import Evolution, evolution
-from cadtof_cli.simulation.trials import EVOLUTION_KEY, Trials, TrialsSummary, block_voltages, summary
 from cadtof_cli.workflows.simulate.tasks import Advance, no_advance, results
+from cadtof_cli.workflows.simulate.trials import EVOLUTION_KEY, Trials, TrialsSummary, block_voltages, summary
 
 
 def simulate_pixel(trials: Trials, /, *, jobs: int = 1, advance: Advance = no_advance) -> TrialsSummary:
