@@ -3,31 +3,24 @@
 import math
 from dataclasses import dataclass
 from functools import lru_cache
-from pathlib import Path
-from typing import Literal
 
 import numpy as np
 
 from cadtof_cli.arrays import Bool, Complex, Float, Stored
 from cadtof_cli.calibration.apply import FrameCorrection, frame_correction
 from cadtof_cli.calibration.store import cached_calibration
-from cadtof_cli.capture.metadata import CaptureMetadata
-from cadtof_cli.errors import FrameError, SettingsError
+from cadtof_cli.errors import FrameError
+from cadtof_cli.frame_plan import FramePlan
 from cadtof_cli.maps.depth import DepthScale, write_paths
-from cadtof_cli.maps.layers import DepthMaps, LayerChoice, empty_maps
-from cadtof_cli.optics.pinhole import known_focal_length, planar_per_range
+from cadtof_cli.maps.layers import DepthMaps, empty_maps
+from cadtof_cli.optics.pinhole import planar_per_range
 from cadtof_cli.phasors.frame_mean import FrameMean
 from cadtof_cli.phasors.noise import NoiseModel, estimated_integration_length, noise_model
 from cadtof_cli.phasors.pooling import pooled_phasors
-from cadtof_cli.phasors.voltages import PhasorScale, phasor_scale, saturated_pixels
+from cadtof_cli.phasors.voltages import phasors_from_stored, saturated_pixels
 from cadtof_cli.resolver.resolve import resolve_paths
-from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.resolver.status import StatusBit
 from cadtof_cli.units import metres_per_radian
-
-DepthKind = Literal["range", "z"]
-
-DEPTH_KINDS: tuple[DepthKind, ...] = ("range", "z")
 
 BLOCK_PIXELS = 19200
 """Pixels a block, a quarter of a QVGA frame: enough that the cost of calling numpy hardly counts, and no more, so that memory
@@ -38,75 +31,10 @@ SEARCHED_BLOCK_PIXELS = 32768
 
 
 @dataclass(frozen=True)
-class CalibrationUse:
-    """A calibration folder and its digest: what crosses to a worker, which reads the folder once.
-
-    `curved` is false where the ranges are to stay as the lens makes them.
-    """
-
-    folder: Path
-    digest: str
-    curved: bool = True
-
-
-@dataclass(frozen=True, kw_only=True)
-class FramePlan:
-    """All that decides what a frame's maps are, besides its pixels.
-
-    Attributes:
-        metadata: how the frame was recorded.
-        resolver: how phasors become paths.
-        depth: radial range, or planar depth.
-        pool: side of the square of neighbours whose noise is pooled, in pixels; 1 for none.
-        average: recorded frames that are averaged into one.
-        block_pixels: pixels resolved at a time; None for as many as suit the solver.
-    """
-
-    metadata: CaptureMetadata
-    resolver: ResolverSettings
-    depth: DepthKind = "range"
-    pool: int = 1
-    average: int = 1
-    calibration: CalibrationUse | None = None
-    block_pixels: int | None = None
-
-    def __post_init__(self) -> None:
-        if self.depth not in DEPTH_KINDS:
-            raise SettingsError(f"--depth: found {self.depth!r}, expected one of {', '.join(DEPTH_KINDS)}")
-        if self.depth == "z":
-            known_focal_length(self.metadata.optics)
-        if self.pool < 1 or self.pool % 2 == 0:
-            raise SettingsError(f"--pool: found {self.pool}, expected an odd number of pixels such as 3 or 5")
-        if self.average < 1:
-            raise SettingsError(f"--average: found {self.average}, expected 1 frame or more")
-        self.resolver.check_harmonics(self.metadata.modulation.harmonics)
-        if self.metadata.modulation.waveform != "sine":
-            self.resolver.check_response(self.metadata.modulation.harmonics)
-
-    @property
-    def is_searched(self) -> bool:
-        """Whether paths are searched for, rather than written down in closed form."""
-        return not self.resolver.in_closed_form(self.metadata.modulation.harmonics)
-
-    @property
-    def layers(self) -> LayerChoice:
-        """The layers that the maps get."""
-        return LayerChoice(
-            paths=self.resolver.paths,
-            chi_squared=self.is_searched,
-            effective_pixels=self.pool > 1 or self.average > 1,
-        )
-
-    def expected_seconds(self, pixels: int, /) -> float:
-        """Return about how long a core takes for a frame of so many pixels."""
-        return pixels * self.resolver.seconds_per_pixel(len(self.metadata.modulation.harmonics))
-
-
-@dataclass(frozen=True)
 class _Stages:
     """What every block of frames of one plan, type and size shares."""
 
-    phasors: PhasorScale
+    saturated_counts: tuple[float, float] | None
     correction: FrameCorrection
     depth: DepthScale
 
@@ -123,18 +51,17 @@ class ResolvedFrame:
 @lru_cache(maxsize=4)
 def _stages(plan: FramePlan, dtype: np.dtype[np.generic], height: int, width: int) -> _Stages:
     metadata = plan.metadata
-    planar = planar_per_range(metadata.optics, height, width).ravel() if plan.depth == "z" else None
+    planar = planar_per_range(metadata.optics, (height, width)).ravel() if plan.depth == "z" else None
     use = plan.calibration
     calibration = cached_calibration(use.folder, use.digest) if use else None
-    scale = phasor_scale(metadata, dtype)
-    correction = frame_correction(calibration, metadata, scale, (height, width))
+    correction = frame_correction(calibration, metadata, dtype, (height, width))
     depth = DepthScale(
         metres_per_radian(metadata.modulation.periods_ns[0]),
         metadata.modulation.amplitude_v,
         planar,
         correction.range_offset_m if use and use.curved else None,
     )
-    return _Stages(scale, correction, depth)
+    return _Stages(metadata.voltage.saturated_counts, correction, depth)
 
 
 def resolve_frame(frame: Stored | FrameMean, /, *, plan: FramePlan, maps: DepthMaps | None = None) -> ResolvedFrame:
@@ -183,7 +110,7 @@ def resolve_pixels(
             saturated=saturated,
             settings=plan.resolver,
             noise=noise,
-            amplitude_v=stages.phasors.amplitude_v,
+            amplitude_v=plan.metadata.modulation.amplitude_v,
             samples=samples,
             response=correction.response.block(block) if correction.response else None,
             hot=None if correction.hot is None else correction.hot[block],
@@ -212,8 +139,8 @@ class _Planes:
         """Return phasors (H, n), which of them are saturated, and over how many frames each is a mean (None: one)."""
         stored = self._stored[:, :, pixels]
         samples = None if self._samples is None else self._samples[pixels]
-        phasors = self._stages.correction.phasors(stored, pixels)
-        return phasors, saturated_pixels(stored, scale=self._stages.phasors), samples
+        phasors = phasors_from_stored(stored, self._stages.correction.phasor_map[pixels])
+        return phasors, saturated_pixels(stored, self._stages.saturated_counts), samples
 
 
 @dataclass(frozen=True)

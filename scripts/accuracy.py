@@ -15,7 +15,7 @@ from cadtof_cli.capture.stacks import single_frames
 from cadtof_cli.files.layers import read_layers
 from cadtof_cli.maps.layers import DIRECT_DEPTH
 from cadtof_cli.phasors.noise import noise_model
-from cadtof_cli.phasors.pulse import pulse_response
+from cadtof_cli.phasors.response import pulse_response
 from cadtof_cli.pipeline import FramePlan, resolve_frame
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.resolver.status import StatusBit

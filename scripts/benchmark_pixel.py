@@ -11,10 +11,10 @@ import numpy as np
 from cadtof_cli.arrays import Float, Float32
 from cadtof_cli.execution.workers import Workers
 from cadtof_cli.simulation.pixel.averaging import Averaging
-from cadtof_cli.simulation.pixel.mix import PhotonMix
+from cadtof_cli.simulation.pixel.mix import Condition, PhotonMix
 from cadtof_cli.simulation.pixel.pixel import CHUNK, PixelModel, pixel_weights, record_pixel
-from cadtof_cli.simulation.trials import Condition, Trials
 from cadtof_cli.workflows.simulate.simulate import simulate_pixel
+from cadtof_cli.workflows.simulate.trials import Trials
 
 REPEATS = 5
 

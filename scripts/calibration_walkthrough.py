@@ -20,8 +20,8 @@ from cadtof_cli.files.exr.maps import write_exr
 from cadtof_cli.files.layers import read_layers
 from cadtof_cli.maps.layers import DIRECT_DEPTH, DepthMaps
 from cadtof_cli.resolver.status import StatusBit
-from cadtof_cli.simulation.defects import DefectiveCamera, Defects, qvga_metadata
 from cadtof_cli.units import C_M_PER_NS
+from tests.support.defects import DefectiveCamera, Defects, qvga_metadata
 
 ROOT = Path(__file__).resolve().parent.parent
 PIXELS = (240, 320)

@@ -6,7 +6,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from cadtof_cli.arrays import Float, Float32
+from cadtof_cli.arrays import Float32
 from cadtof_cli.calibration.parts import Maps, Origin, PartKind, Tables, plane_names, read_only, stacked
 from cadtof_cli.phasors.response import HarmonicResponse
 
@@ -63,15 +63,6 @@ class ResponseCalibration:
             object.__setattr__(self, name, read_only(values))
         if not (self.gain > 0.0).all():
             raise ValueError("gain: found 0 or less, expected gains above 0")
-
-    def embed(self, amplitudes: Float, phases_rad: Float, /, *, amplitude_v: float) -> Float:
-        """Return the voltages, (H, 2, Y, X), of paths with these amplitudes and fundamental phases, (P, Y, X) each."""
-        planes = []
-        for response, own, gain in zip(self.responses, self.phase_rad, self.gain, strict=True):
-            theta = response.harmonic * phases_rad + own
-            answer = amplitude_v * gain * (amplitudes * response.at(theta)).sum(axis=0)
-            planes.append(np.stack([answer.real, answer.imag]))
-        return np.stack(planes)
 
     def tables(self) -> dict[str, dict[str, Any]]:
         """Return the terms of every harmonic as [k, real, imaginary part], and how well they were measured."""

@@ -45,9 +45,7 @@ from cadtof_cli.workflows.run_folder import FrameReport
         "(--solver lm --order 2 is the paper's method as published).",
     ),
     setting_option("--starts", ResolverSettings, "starts", metavar="N", help="Random starts of --solver lm."),
-    setting_option(
-        "--seed", ResolverSettings, "seed", metavar="S", help="Seed of the random starts of --solver lm."
-    ),
+    setting_option("--seed", ResolverSettings, "seed", metavar="S", help="Seed of the random starts of --solver lm."),
     setting_option(
         "--false-alarm",
         ResolverSettings,
@@ -145,9 +143,7 @@ def resolve(
     """
     settings = ResolveSettings(
         out=out,
-        maps=MapSettings(
-            resolver=resolver, depth=depth, pool=pool, average=average, min_confidence_v=min_confidence_v
-        ),
+        maps=MapSettings(resolver=resolver, depth=depth, pool=pool, average=average, min_confidence_v=min_confidence_v),
         calibration=calibration,
         map_format=map_format,
         workers=workers,

@@ -27,13 +27,14 @@ from cadtof_cli.errors import SettingsError
 from cadtof_cli.execution.workers import Workers
 from cadtof_cli.files.new_folder import require_absent
 from cadtof_cli.resolver.settings import ResolverSettings
+from cadtof_cli.simulation.pixel.mix import Condition
 from cadtof_cli.simulation.scene.camera import Camera
 from cadtof_cli.simulation.scene.exposure import Exposure
 from cadtof_cli.simulation.scene.light import Scene
 from cadtof_cli.simulation.scene.scenes import SCENES, Wall
-from cadtof_cli.simulation.trials import Condition, PathSummary, Trials, TrialsSummary
 from cadtof_cli.workflows.simulate.record import RecordSettings, record_scene
 from cadtof_cli.workflows.simulate.simulate import json_report, simulate_pixel, write_evolution
+from cadtof_cli.workflows.simulate.trials import PathSummary, Trials, TrialsSummary
 
 PIXEL_ONLY = (
     *("runs", "order", "false_alarm", "as_json", "second_ns", "photon_by_photon", "photons_per_cycle", "cycles"),
@@ -139,7 +140,7 @@ class SceneOptions:
             "opening_deg": self.opening_deg,
         }
         taken = SCENE_SETTINGS[name]
-        settings = {} if light.asr is None else {"asr": light.asr}
+        settings: dict[str, Any] = {} if light.asr is None else {"asr": light.asr}
         for option, value in given.items():
             if value is not None:
                 if option not in taken:

@@ -13,7 +13,7 @@ from cadtof_cli.execution.workers import Workers
 from cadtof_cli.resolver.settings import ORDERS, ResolverSettings
 from cadtof_cli.simulation.pixel.averaging import Averaging, Capacitors, Stages
 from cadtof_cli.simulation.pixel.pixel import PixelModel
-from cadtof_cli.simulation.trials import Trials
+from cadtof_cli.workflows.simulate.trials import Trials
 
 INTEGRATION_LENGTH = 1e5
 """n_av where neither it nor the capacitors are given."""

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import click
 
+from cadtof_cli.commands.grid import grid_from_text
 from cadtof_cli.commands.options import setting_option
 from cadtof_cli.commands.progress import progress_bar
 from cadtof_cli.commands.simulation_options import (
@@ -22,9 +23,9 @@ from cadtof_cli.errors import SettingsError
 from cadtof_cli.execution.workers import Workers
 from cadtof_cli.files.new_folder import require_absent
 from cadtof_cli.resolver.settings import ResolverSettings
-from cadtof_cli.simulation.grid import grid_from_text
-from cadtof_cli.simulation.trials import Condition, Trials
+from cadtof_cli.simulation.pixel.mix import Condition
 from cadtof_cli.workflows.simulate import sweep as workflow
+from cadtof_cli.workflows.simulate.trials import Trials
 
 GRID = "GRID"
 

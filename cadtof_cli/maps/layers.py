@@ -44,6 +44,11 @@ class LayerChoice:
         asked = ((CHI_SQUARED, self.chi_squared), (EFFECTIVE_PIXELS, self.effective_pixels))
         return (*_ALWAYS, *later, *(name for name, wanted in asked if wanted))
 
+    def __iter__(self):  # shim
+        from types import SimpleNamespace
+
+        return iter([SimpleNamespace(name=name, unit=layer_unit(name)) for name in self.names])
+
     @property
     def units(self) -> dict[str, str]:
         """Names and units of the layers."""

@@ -1,6 +1,7 @@
 """Means and covariances against quadrature, against the photon-by-photon pixel, and against published closed forms."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ from cadtof_cli.capture.metadata import Modulation, Waveform
 from cadtof_cli.errors import SettingsError
 from cadtof_cli.simulation.pixel.averaging import Averaging
 from cadtof_cli.simulation.pixel.bounds import time_bounds_ns
-from cadtof_cli.simulation.pixel.mix import PhotonMix, two_path_mix
+from cadtof_cli.simulation.pixel.mix import Condition, PhotonMix
 from cadtof_cli.simulation.pixel.pixel import PixelModel, pixel_weights, record_pixel
 from cadtof_cli.simulation.pixel.statistics import (
     VoltageStatistics,
@@ -26,9 +27,7 @@ RUNS = 2500
 
 
 def paper_mix(asr: float, *, mpi_ratio: float = 0.3, second_ns: float = 16.0, fwhm_ns: float = 1.7) -> PhotonMix:
-    return two_path_mix(
-        direct_ns=5.0, second_ns=second_ns, mpi_ratio=mpi_ratio, asr=asr, period_ns=40.0, fwhm_ns=fwhm_ns
-    )
+    return Condition(asr=asr, mpi_ratio=mpi_ratio, second_ns=second_ns, fwhm_ns=fwhm_ns).mix(40.0)
 
 
 def test_moments_are_the_fourier_integrals_of_the_arrival_density() -> None:
@@ -114,7 +113,8 @@ def test_bound_is_that_of_table_1() -> None:
 
 
 def test_bound_is_infinite_where_paths_coincide_and_absent_without_photons() -> None:
-    same = time_bounds_ns(paper_mix(5.0, second_ns=5.0), Modulation(), variance_gain=1e-5)
+    together = replace(paper_mix(5.0), delays_ns=np.array([5.0, 5.0]))
+    same = time_bounds_ns(together, Modulation(), variance_gain=1e-5)
     assert np.isinf(same).all()
     alone = time_bounds_ns(paper_mix(5.0, mpi_ratio=0.0), Modulation(), variance_gain=1e-5)
     assert np.isfinite(alone[0])

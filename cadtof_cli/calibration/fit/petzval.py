@@ -1,6 +1,5 @@
 """Ranges of flat walls → the field curvature, with every wall's distance and tilt fitted beside it."""
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -9,14 +8,11 @@ import numpy as np
 from cadtof_cli.arrays import Bool, Float
 from cadtof_cli.calibration.fit.robust import RobustFit, robust_fit
 from cadtof_cli.calibration.parts import Origin
-from cadtof_cli.calibration.petzval import (
-    PetzvalCalibration,
-    PetzvalQuality,
-    WallFit,
-    middle_px,
-)
+from cadtof_cli.calibration.petzval import PetzvalCalibration, PetzvalQuality, WallFit
 from cadtof_cli.capture.metadata import Optics
 from cadtof_cli.errors import SettingsError
+from cadtof_cli.optics.curvature import half_diagonal_px
+from cadtof_cli.optics.pinhole import principal_point
 
 LEAST_PIXELS = 50
 """Fewest pixels of a wall that its distance and tilt are fitted to."""
@@ -112,9 +108,8 @@ def fit_petzval(
         SettingsError: a wall has too few pixels with a single path; or there are no optics and no two walls at distances
             that differ enough for the focal length to be fitted too.
     """
-    point = optics.principal_point_px or middle_px(origin.pixels)
-    height, width = origin.pixels
-    half_diagonal = 0.5 * math.hypot(height, width)
+    point = principal_point(optics, origin.pixels)
+    half_diagonal = half_diagonal_px(origin.pixels)
     focal = optics.focal_length_px
     if focal is None:
         _require_distinct(walls)

@@ -11,10 +11,11 @@ from cadtof_cli.calibration.fit.pixels import Observations, PixelFit, fit_pixels
 from cadtof_cli.calibration.fit.robust import robust_fit
 from cadtof_cli.calibration.fit.terms import TermFit, fit_terms
 from cadtof_cli.calibration.parts import Origin
-from cadtof_cli.calibration.petzval import curvature_m, middle_px, squared_field_radius
 from cadtof_cli.calibration.response import ResponseCalibration, ResponseQuality
 from cadtof_cli.capture.metadata import CaptureMetadata
 from cadtof_cli.errors import SettingsError
+from cadtof_cli.optics.curvature import curvature_m, squared_field_radius
+from cadtof_cli.optics.pinhole import principal_point
 from cadtof_cli.optics.wall import wall_range_m
 from cadtof_cli.phasors.response import HarmonicResponse, ideal_response
 from cadtof_cli.units import metres_per_radian
@@ -125,7 +126,7 @@ def _without_curvature(
     A lens delays all harmonics alike, as does a delay of the pixel; what the two have in common is told apart by its
     shape, a polynomial in the distance from the principal point.
     """
-    point = metadata.optics.principal_point_px or middle_px(origin.pixels)
+    point = principal_point(metadata.optics, origin.pixels)
     squared = squared_field_radius(origin.pixels, point).ravel()[usable]
     harmonics = np.array(origin.harmonics, np.float64)[:, np.newaxis]
     centred = np.angle(np.exp(1j * pixels.phase) / _mean_rotor(pixels.phase)[:, np.newaxis])

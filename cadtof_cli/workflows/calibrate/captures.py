@@ -1,11 +1,11 @@
 """What every `cadtof calibrate` step does first: captures → their mean frames, and the parts that are there already."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from cadtof_cli.calibration.averaging import FrameAverage, MeanFrame
+from cadtof_cli.arrays import Stored
 from cadtof_cli.calibration.parts import PART_KINDS, Origin, Part, PartKind
 from cadtof_cli.calibration.store import Calibration, digest_of, load_calibration, require_absent, save_part
 from cadtof_cli.capture.discovery import Capture, find_captures
@@ -13,6 +13,7 @@ from cadtof_cli.capture.metadata import CaptureMetadata, Target
 from cadtof_cli.capture.reader import open_frames
 from cadtof_cli.capture.stacks import single_frames
 from cadtof_cli.errors import SettingsError
+from cadtof_cli.phasors.frame_mean import FrameMean, mean_volts
 from cadtof_cli.workflows.progress import Progress
 
 
@@ -33,11 +34,11 @@ class CalibrateSettings:
 
 @dataclass(frozen=True, eq=False)
 class AveragedCapture:
-    """A capture's mean frame, with the metadata that describe it."""
+    """A capture's mean frame in V, with the metadata that describe it."""
 
     root: Path
     metadata: CaptureMetadata
-    mean: MeanFrame
+    mean: FrameMean
 
 
 @dataclass(frozen=True)
@@ -77,7 +78,7 @@ def averaged_captures(
     for capture, described in zip(captures, metadata, strict=True):
         for key, value in capture.source.defaulted.items():
             progress.say(f"{capture.root}: not given, so taken from the paper: {key} = {value}")
-        mean = _mean(capture, progress)
+        mean = mean_volts(_frames(capture, progress), voltage=capture.source.metadata.voltage)
         if averaged and mean.pixels != averaged[0].mean.pixels:
             found, expected = ("{1} × {0}".format(*size) for size in (mean.pixels, averaged[0].mean.pixels))
             raise SettingsError(f"{capture.root}: found {found} pixels, expected {expected} as in {averaged[0].root}")
@@ -85,13 +86,12 @@ def averaged_captures(
     return averaged
 
 
-def _mean(capture: Capture, progress: Progress) -> MeanFrame:
-    average = FrameAverage(capture.source.metadata)
+def _frames(capture: Capture, progress: Progress) -> Iterator[Stored]:
     for source in single_frames(capture):
         with open_frames(source, capture.layout) as frames:
-            average.add(frames.read(source.index or 0))
+            stored = frames.read(source.index or 0)
+        yield stored
         progress.advance()
-    return average.result()
 
 
 def _with_distances(captures: Sequence[Capture], distances: tuple[float, ...]) -> list[CaptureMetadata]:

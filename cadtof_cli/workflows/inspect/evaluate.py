@@ -13,7 +13,7 @@ from cadtof_cli.files.frames import FrameSource
 from cadtof_cli.files.layers import read_layers
 from cadtof_cli.maps.evaluation import DepthErrors, ErrorTally
 from cadtof_cli.maps.layers import DIRECT_DEPTH
-from cadtof_cli.phasors.voltages import phasor_scale, phasors_from_voltages, saturated_pixels
+from cadtof_cli.phasors.voltages import ideal_phasor_map, phasors_from_stored, saturated_pixels
 from cadtof_cli.units import metres_per_radian
 from cadtof_cli.workflows.progress import Progress
 from cadtof_cli.workflows.run_folder import read_run
@@ -54,10 +54,9 @@ def first_phasor_depth(capture: Capture, source: FrameSource, /) -> Float:
     with open_frames(source, capture.layout) as frames:
         stored = frames.read(source.index or 0)
     metadata = capture.source.metadata
-    scale = phasor_scale(metadata, stored.dtype)
     planes = stored.reshape(*stored.shape[:2], -1)
-    phasor = phasors_from_voltages(planes, scale=scale)[0]
-    phasor[saturated_pixels(planes, scale=scale)] = np.nan
+    phasor = phasors_from_stored(planes, ideal_phasor_map(metadata, stored.dtype))[0]
+    phasor[saturated_pixels(planes, metadata.voltage.saturated_counts)] = np.nan
     depth: Float = np.mod(np.angle(phasor), 2.0 * np.pi) * metres_per_radian(metadata.modulation.periods_ns[0])
     return depth.reshape(stored.shape[2:])
 

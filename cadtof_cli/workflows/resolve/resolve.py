@@ -138,7 +138,10 @@ def resolve_captures(
     prepare_output(captures, settings.out, overwrite=settings.overwrite, resume=settings.resume)
     if settings.resume:
         require_same_maps(settings.out, document)
-    for note in (*(note for capture in captures for note in _notes(capture)), *(calibration.notes if calibration else ())):
+    for note in (
+        *(note for capture in captures for note in _notes(capture)),
+        *(calibration.notes if calibration else ()),
+    ):
         progress.say(note)
     totals, began, token = RunTotals(), time.monotonic(), uuid4().hex[:8]
     tasks = _tasks(captures, plans, settings, progress, token)

@@ -7,19 +7,13 @@ from contextlib import closing
 from dataclasses import dataclass
 
 from cadtof_cli.arrays import Float32, Status
-from cadtof_cli.execution.memory import keep_freed_memory
 from cadtof_cli.execution.ordered import Outcome, WorkerDied, run_ordered
-from cadtof_cli.execution.workers import StartMethod
+from cadtof_cli.execution.workers import Workers, keep_freed_memory
 from cadtof_cli.maps.layers import empty_maps
+from cadtof_cli.phasors.frame_mean import FrameMean
 from cadtof_cli.pipeline import ResolvedFrame, resolve_pixels
-from cadtof_cli.workflows.resolve.frame_task import (
-    FrameReport,
-    FrameTask,
-    attempted,
-    read_frame,
-    reused_maps,
-    written,
-)
+from cadtof_cli.workflows.resolve.frame_task import FrameTask, attempted, read_frame, written
+from cadtof_cli.workflows.run_folder import FrameReport
 
 WORTH_SPLITTING_S = 0.5
 """Expected seconds a frame above which its parts are worth a process each: every part reads the whole frame."""
@@ -51,22 +45,17 @@ class PartMaps:
     left_out: str | None
 
 
-def worth_splitting(tasks: int, jobs: int, seconds_per_frame: float, /) -> bool:
-    """Whether frames are so few and so slow that their pixels should be spread over the processes."""
-    return tasks < jobs and seconds_per_frame > WORTH_SPLITTING_S
-
-
 def resolve_part(part: FramePart, /) -> PartMaps | FrameReport:
     """Read a frame and resolve a part of its pixels. Whatever is wrong with it becomes a report, never an exception."""
     keep_freed_memory()
     task = part.task
 
     def resolve() -> PartMaps:
-        frame = read_frame(task)
-        height, width = frame.mean.stored.shape[2:]
+        frame, left_out = read_frame(task)
+        height, width = (frame.stored if isinstance(frame, FrameMean) else frame).shape[2:]
         pixels = part.pixels((height, width))
-        maps = reused_maps(height, width, task.plan.layers)
-        noise = resolve_pixels(frame.mean, plan=task.plan, maps=maps, pixels=pixels)
+        maps = empty_maps(height, width, layers=task.plan.layers)
+        noise = resolve_pixels(frame, plan=task.plan, maps=maps, pixels=pixels)
         some = slice(pixels.start, pixels.stop)
         return PartMaps(
             (height, width),
@@ -74,18 +63,19 @@ def resolve_part(part: FramePart, /) -> PartMaps | FrameReport:
             maps.status.reshape(-1)[some].copy(),
             noise.integration_length,
             noise.estimated,
-            frame.left_out,
+            left_out,
         )
 
     return attempted(task, resolve, began=time.monotonic())
 
 
 def resolve_split(
-    tasks: Iterable[FrameTask], /, *, jobs: int, start_method: StartMethod
+    tasks: Iterable[FrameTask], /, *, workers: Workers
 ) -> Generator[Outcome[FrameTask, FrameReport], None, None]:
     """Resolve and write every frame, in the order of the tasks, each by as many parts as there are jobs."""
+    jobs = workers.jobs
     parts = (FramePart(task, index, jobs) for task in tasks for index in range(jobs))
-    with closing(run_ordered(resolve_part, parts, jobs=jobs, start_method=start_method)) as outcomes:
+    with closing(run_ordered(resolve_part, parts, workers=workers)) as outcomes:
         while frame := _next_frame(outcomes, jobs):
             yield _whole(frame)
 

@@ -14,9 +14,9 @@ import numpy as np
 from cadtof_cli.execution.workers import ALONE, Workers
 from cadtof_cli.files.new_folder import new_folder
 from cadtof_cli.simulation.pixel.evolution import Evolution, evolution
-from cadtof_cli.simulation.trials import EVOLUTION_KEY, Trials, TrialsSummary, block_voltages, summary
 from cadtof_cli.workflows.progress import UNTOLD, Progress
 from cadtof_cli.workflows.simulate.tasks import results
+from cadtof_cli.workflows.simulate.trials import EVOLUTION_KEY, Trials, TrialsSummary, block_voltages, summary
 
 
 def simulate_pixel(trials: Trials, /, *, workers: Workers = ALONE, progress: Progress = UNTOLD) -> TrialsSummary:

@@ -16,9 +16,16 @@ from cadtof_cli.files.new_folder import new_folder
 from cadtof_cli.simulation.pixel.averaging import Averaging
 from cadtof_cli.simulation.pixel.mix import require
 from cadtof_cli.simulation.pixel.statistics import averaging_gain, phase_precision_of_mix_rad
-from cadtof_cli.simulation.trials import PathSummary, Trials, TrialsSummary, block_voltages, noise_length, summary
 from cadtof_cli.workflows.progress import UNTOLD, Progress
 from cadtof_cli.workflows.simulate.tasks import results
+from cadtof_cli.workflows.simulate.trials import (
+    PathSummary,
+    Trials,
+    TrialsSummary,
+    block_voltages,
+    noise_length,
+    summary,
+)
 
 MOST_CELLS = 100_000
 
