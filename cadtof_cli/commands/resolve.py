@@ -12,7 +12,7 @@ from cadtof_cli.commands.progress import progress_bar
 from cadtof_cli.execution.workers import Workers
 from cadtof_cli.frame_plan import MapSettings
 from cadtof_cli.resolver.settings import ResolverSettings
-from cadtof_cli.workflows.resolve.resolve import ResolveSettings, RunTotals, resolve_captures
+from cadtof_cli.workflows.resolve.resolve import FORMAT_CHOICES, ResolveSettings, RunTotals, resolve_captures
 from cadtof_cli.workflows.run_folder import FrameReport
 
 
@@ -91,7 +91,13 @@ from cadtof_cli.workflows.run_folder import FrameReport
     metavar="DIR",
     help="Folder made by `cadtof calibrate`; what is in it is applied.",
 )
-@setting_option("--format", ResolveSettings, "map_format", help="Format of the maps; same as the input's.")
+@setting_option(
+    "--format",
+    ResolveSettings,
+    "map_format",
+    type=click.Choice(FORMAT_CHOICES),
+    help="Format of the maps; same as the input's.",
+)
 @gathered(
     "workers",
     Workers,
@@ -125,7 +131,7 @@ def resolve(
     pool: int,
     average: int,
     calibration: Path | None,
-    map_format: Any,
+    map_format: str,
     workers: Workers,
     overwrite: bool,
     resume: bool,

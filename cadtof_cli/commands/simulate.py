@@ -25,7 +25,8 @@ from cadtof_cli.commands.simulation_options import (
 )
 from cadtof_cli.errors import SettingsError
 from cadtof_cli.execution.workers import Workers
-from cadtof_cli.files.new_folder import require_absent
+from cadtof_cli.files.atomic import require_absent
+from cadtof_cli.files.formats import FRAME_FORMATS, format_named
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.simulation.pixel.mix import Condition
 from cadtof_cli.simulation.scene.camera import Camera
@@ -95,7 +96,7 @@ class SceneOptions:
     """What is said of a scene, its camera and its capture."""
 
     frames: int
-    frame_format: Any
+    frame_format: str
     compress: bool
     distance_m: float | None
     tilt_deg: list[float] | None
@@ -123,7 +124,7 @@ class SceneOptions:
             modulation=modulation.modulation(),
             pixel=Pixel(integration_length=integration_length),
             pulse=Pulse(fwhm_ns=modulation.fwhm_ns),
-            voltage=camera.voltage if self.frame_format == "tif" else Voltage(),
+            voltage=camera.voltage if format_named(self.frame_format).counts else Voltage(),
             optics=camera.optics,
             target=Target(distance_m=scene.distance_m if isinstance(scene, Wall) else None),
         )
@@ -187,7 +188,7 @@ class SceneOptions:
     "scenery",
     SceneOptions,
     setting_option("--frames", RecordSettings, "frames", help="Frames of the capture."),
-    setting_option("--format", RecordSettings, "frame_format", help="Of frames."),
+    setting_option("--format", RecordSettings, "frame_format", type=click.Choice(FRAME_FORMATS), help="Of frames."),
     setting_option("--compress", RecordSettings, "compress", help="Deflate TIFF, ZIP EXR."),
     click.option("--distance-m", "--distance", type=float, help="Distance of the scene, m."),
     click.option("--tilt-deg", "--tilt", type=NUMBERS, help="Tilt of the wall to the right and down, degrees."),

@@ -21,7 +21,7 @@ from cadtof_cli.commands.simulation_options import (
 )
 from cadtof_cli.errors import SettingsError
 from cadtof_cli.execution.workers import Workers
-from cadtof_cli.files.new_folder import require_absent
+from cadtof_cli.files.atomic import require_absent
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.simulation.pixel.mix import Condition
 from cadtof_cli.workflows.simulate import sweep as workflow

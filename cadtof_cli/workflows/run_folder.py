@@ -11,12 +11,12 @@ from pathlib import Path
 from typing import Any, Literal
 
 from cadtof_cli.capture.discovery import Capture, find_captures
-from cadtof_cli.capture.stacks import single_frames
+from cadtof_cli.capture.frame_sources import FrameSource
+from cadtof_cli.capture.frames import single_frames
 from cadtof_cli.capture.toml import FILE_NAME as CAPTURE_FILE
 from cadtof_cli.errors import CadtofError, CaptureError, OutputError, SettingsError
 from cadtof_cli.files.atomic import make_folder, remove_partial_files, write_json
-from cadtof_cli.files.frames import FrameSource
-from cadtof_cli.files.layers import MAP_SUFFIXES
+from cadtof_cli.files.formats import MAP_FORMATS, MAP_SUFFIXES
 
 RUN_FILE = "run.json"
 FRAMES_FILE = "frames.jsonl"
@@ -163,7 +163,7 @@ def prepare_output(captures: Sequence[Capture], out: Path, /, *, overwrite: bool
 def _require_nothing_replaced(out: Path, named: Mapping[str, Path]) -> None:
     def would_be(path: Path) -> bool:
         in_stack = _PLACE_IN_STACK.sub("", path.stem)
-        return path.suffix in {".exr", ".tif"} and (path.stem in named or in_stack in named)
+        return path.suffix.removeprefix(".") in MAP_FORMATS and (path.stem in named or in_stack in named)
 
     there = sorted(path.name for path in out.iterdir() if path.name in {RUN_FILE, FRAMES_FILE} or would_be(path))
     if there:

@@ -7,10 +7,10 @@ import numpy as np
 
 from cadtof_cli.arrays import Float
 from cadtof_cli.capture.discovery import Capture
-from cadtof_cli.capture.reader import open_frames
+from cadtof_cli.capture.frame_sources import FrameSource
+from cadtof_cli.capture.frames import open_frames
 from cadtof_cli.errors import CaptureError
-from cadtof_cli.files.frames import FrameSource
-from cadtof_cli.files.layers import read_layers
+from cadtof_cli.files.maps import read_layers
 from cadtof_cli.maps.evaluation import DepthErrors, ErrorTally
 from cadtof_cli.maps.layers import DIRECT_DEPTH
 from cadtof_cli.phasors.voltages import ideal_phasor_map, phasors_from_stored, saturated_pixels

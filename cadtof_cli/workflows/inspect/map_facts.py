@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cadtof_cli.errors import CadtofError
-from cadtof_cli.files.layers import MAP_SUFFIXES, read_layers
-from cadtof_cli.maps.layers import DIRECT_DEPTH, STATUS, layer_unit
+from cadtof_cli.files.formats import MAP_SUFFIXES
+from cadtof_cli.files.maps import STATUS, read_layers
+from cadtof_cli.maps.layers import DIRECT_DEPTH, layer_unit
 from cadtof_cli.resolver.status import StatusBit
 from cadtof_cli.workflows.run_folder import RUN_FILE, map_files, read_record
 

@@ -8,17 +8,18 @@ from contextlib import closing
 from dataclasses import asdict, dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 from uuid import uuid4
 
 from cadtof_cli import __version__
 from cadtof_cli.capture.discovery import Capture, find_captures
-from cadtof_cli.capture.stacks import first_pixels, single_frames
+from cadtof_cli.capture.frame_sources import FrameSource
+from cadtof_cli.capture.frames import first_pixels, single_frames
 from cadtof_cli.errors import SettingsError
 from cadtof_cli.execution.ordered import WorkerDied, run_ordered
 from cadtof_cli.execution.workers import Workers
 from cadtof_cli.files.atomic import remove_partial_files
-from cadtof_cli.files.frames import FrameSource
+from cadtof_cli.files.formats import MAP_FORMATS, format_named, map_suffix_like
 from cadtof_cli.frame_plan import FramePlan, MapSettings
 from cadtof_cli.resolver.status import MEANING
 from cadtof_cli.workflows.progress import UNTOLD, Progress
@@ -28,11 +29,11 @@ from cadtof_cli.workflows.resolve.plan import require_known_volts
 from cadtof_cli.workflows.resolve.use_calibration import AppliedCalibration, use_calibration
 from cadtof_cli.workflows.run_folder import FrameReport, prepare_output, recorded_run, require_same_maps
 
-MapFormat = Literal["exr", "tif", "same"]
+AS_INPUT = "same"
+
+FORMAT_CHOICES = (*MAP_FORMATS, AS_INPUT)
 
 DIED = "the worker process died twice on this frame (killed, or out of memory): try fewer --jobs"
-
-MAP_FORMATS: tuple[MapFormat, ...] = ("exr", "tif", "same")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,7 +53,7 @@ class ResolveSettings:
     out: Path
     maps: MapSettings = field(default_factory=MapSettings)
     calibration: Path | None = None
-    map_format: MapFormat = "same"
+    map_format: str = AS_INPUT
     workers: Workers = field(default_factory=Workers)
     overwrite: bool = False
     resume: bool = False
@@ -60,8 +61,8 @@ class ResolveSettings:
     def __post_init__(self) -> None:
         if self.overwrite and self.resume:
             raise SettingsError("--overwrite and --resume exclude each other: replace the old maps, or keep them")
-        if self.map_format not in MAP_FORMATS:
-            raise SettingsError(f"--format: found {self.map_format!r}, expected one of {', '.join(MAP_FORMATS)}")
+        if self.map_format not in FORMAT_CHOICES:
+            raise SettingsError(f"--format: found {self.map_format!r}, expected one of {', '.join(FORMAT_CHOICES)}")
 
     def arguments(self, inputs: Sequence[Path], overrides: Mapping[str, Any], /) -> dict[str, Any]:
         """Return what the user asked for, by the names of the options, as `run.json` records it."""
@@ -234,7 +235,5 @@ def _are_worth_splitting(captures: Sequence[Capture], plans: Sequence[FramePlan]
     return max(map(FramePlan.expected_seconds, plans, pixels)) > split_frames.WORTH_SPLITTING_S
 
 
-def _suffix(source: FrameSource, map_format: MapFormat) -> str:
-    if map_format == "same":
-        return ".exr" if source.paths[0].suffix.lower() == ".exr" else ".tif"
-    return f".{map_format}"
+def _suffix(source: FrameSource, map_format: str) -> str:
+    return map_suffix_like(source.paths[0]) if map_format == AS_INPUT else format_named(map_format).suffix

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from cadtof_cli.execution.workers import ALONE, Workers
-from cadtof_cli.files.new_folder import new_folder
+from cadtof_cli.files.atomic import new_folder
 from cadtof_cli.simulation.pixel.evolution import Evolution, evolution
 from cadtof_cli.workflows.progress import UNTOLD, Progress
 from cadtof_cli.workflows.simulate.tasks import results
