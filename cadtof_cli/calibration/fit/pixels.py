@@ -20,8 +20,8 @@ class Observations:
     phase: Float
     harmonics: tuple[int, ...]
 
-    def some(self, pixels: slice | Bool) -> "Observations":
-        """Return some of the pixels."""
+    def __getitem__(self, pixels: slice | Bool) -> "Observations":
+        """Return what was observed in some of the pixels."""
         return replace(self, volts=self.volts[..., pixels], phase=self.phase[..., pixels])
 
 
@@ -31,13 +31,12 @@ Terms = tuple[dict[int, complex], ...]
 
 @dataclass(frozen=True, eq=False)
 class PixelFit:
-    """What is each pixel's own: phases (H, n) in rad, log amplitudes (N, n), log gains (H, n), and what is left.
+    """What is each pixel's own: phases (H, n) in rad, log gains (H, n), and what is left.
 
     `left` is log(measured) − log(modelled), complex (N, H, n); `weights` are the inverse variances of its parts.
     """
 
     phase: Float
-    log_amplitude: Float
     log_gain: Float
     left: Complex
     weights: Float
@@ -74,7 +73,7 @@ def fit_pixels(observed: Observations, terms: Terms, /) -> PixelFit:
     left = np.log(flat * np.exp(-1j * phase))
     log_gain, log_amplitude = two_way(left.real, weights)
     residual = left - log_gain - log_amplitude[:, np.newaxis, :]
-    return PixelFit(phase, log_amplitude, log_gain, residual, weights, theta)
+    return PixelFit(phase, log_gain, residual, weights, theta)
 
 
 def two_way(values: Float, weights: Float) -> tuple[Float, Float]:
