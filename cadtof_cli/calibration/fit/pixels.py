@@ -11,7 +11,7 @@ from cadtof_cli.arrays import Bool, Complex, Float
 class Observations:
     """Mean voltages of flat targets, in n pixels.
 
-    `volts` complex128 (N, H, n) and their standard deviation a channel `noise_v` (N, H); `phase` (N, n) of the fundamental,
+    `volts` complex128 (N, H, n) and their standard deviation per channel `noise_v` (N, H); `phase` (N, n) of the fundamental,
     true.
     """
 
@@ -77,9 +77,9 @@ def fit_pixels(observed: Observations, terms: Terms, /) -> PixelFit:
 
 
 def two_way(values: Float, weights: Float) -> tuple[Float, Float]:
-    """Split (N, H, n) into a part a harmonic, (H, n), and one a target, (N, n), the first harmonic's part being 0.
+    """Split (N, H, n) into one part per harmonic, (H, n), and one per target, (N, n), the first harmonic's part being 0.
 
-    Exact for weights that are a product of one a target and one a harmonic, as |v|² over a fixed noise is.
+    Exact for weights that are a product of one factor per target and one per harmonic, as |v|² over a fixed noise is.
     """
     by_target = weights.sum(axis=1)
     by_harmonic = np.median(weights / by_target[:, np.newaxis, :], axis=(0, 2))

@@ -42,7 +42,7 @@ LARGEST_RESIDUAL = 1.5
 class TargetMean:
     """The mean frame of one flat target, without dark offsets.
 
-    `volts` is complex128 (H, Y, X), NaN where a pixel cannot be used; `noise_v` (H,) the mean's standard deviation a channel.
+    `volts` is complex128 (H, Y, X), NaN where a pixel cannot be used; `noise_v` (H,) the mean's standard deviation per channel.
     """
 
     volts: Complex

@@ -32,7 +32,7 @@ OUTLIER = 5.0
 
 
 def _centred(columns: Float, weights: Float) -> Float:
-    """Return columns (N, H, n) less what a part a target and one a harmonic explain of them."""
+    """Return columns (N, H, n) without what one part per target and one per harmonic explain of them."""
     harmonic, target = two_way(columns, weights)
     return columns - harmonic - target[:, np.newaxis, :]
 
