@@ -37,7 +37,7 @@ def frame_correction(
     """Return the correction of frames of `pixels` (Y, X); without a calibration, what waveform and pulse alone call for.
 
     Raises:
-        SettingsError: the calibration does not belong to the capture, or nothing says how many volts a count stands for.
+        SettingsError: the calibration does not belong to the capture, or nothing says how many volts one count stands for.
     """
     ideal = ideal_response(metadata)
     if calibration is None:

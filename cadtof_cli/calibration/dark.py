@@ -90,7 +90,7 @@ class DarkCalibration:
         return {"quality": dict(self.quality()), "defects": dict(self.defect_counts())}
 
     def maps(self) -> dict[str, NDArray[Any]]:
-        """Return offsets and noise a channel, and the defects."""
+        """Return offsets and noise per channel, and the defects."""
         harmonics = self.origin.harmonics
         maps: dict[str, NDArray[Any]] = {"defects": self.defects}
         for what, values in (("offset", self.offset_v), ("noise", self.noise_v)):

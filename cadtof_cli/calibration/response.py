@@ -18,8 +18,8 @@ class ResponseQuality:
     Attributes:
         distances_m: of the targets.
         residual: what the model leaves over the noise, 1 where it leaves nothing but noise.
-        phase_stderr_rad, gain_stderr: of one pixel's map entry, a harmonic each.
-        term_stderr: of every term that was fitted, relative to G[h,1], a harmonic each.
+        phase_stderr_rad, gain_stderr: of one pixel's map entry, one per harmonic.
+        term_stderr: of every term that was fitted, relative to G[h,1], one tuple per harmonic.
         curvature_stderr_m: of the field curvature: by chance, pixels' own phases may look like some.
         findings: why each term was taken or left, and what was assumed, in words.
     """
@@ -85,7 +85,7 @@ class ResponseCalibration:
         return tables
 
     def maps(self) -> dict[str, NDArray[Any]]:
-        """Return phase and gain a harmonic."""
+        """Return phase and gain per harmonic."""
         maps: dict[str, NDArray[Any]] = {}
         for what, values in (("phase", self.phase_rad), ("gain", self.gain)):
             maps |= dict(zip(plane_names(what, self.origin.harmonics), values, strict=True))

@@ -84,7 +84,7 @@ def mean_volts(frames: Iterable[Stored], /, *, voltage: Voltage) -> FrameMean:
     digits to a large offset.
 
     Raises:
-        SettingsError: sizes of frames differ, or nothing says how many volts a count stands for.
+        SettingsError: sizes of frames differ, or nothing says how many volts one count stands for.
     """
     first, given = _with_first(frames)
     mean, squares, count = np.zeros(first.shape), np.zeros(first.shape), 0

@@ -15,7 +15,7 @@ def volts_per_count(voltage: Voltage, dtype: np.dtype[np.generic], /) -> float:
     """Return how many volts one step of values stored as `dtype` stands for: 1 for floats that nothing else is said of.
 
     Raises:
-        SettingsError: the values are integers and nothing says how many volts a count stands for.
+        SettingsError: the values are integers and nothing says how many volts one count stands for.
     """
     if voltage.volts_per_count is not None:
         return voltage.volts_per_count

@@ -17,7 +17,6 @@ from cadtof_cli.simulation.pixel.statistics import (
     averaging_gain,
     confidence_model_v,
     draw_voltages,
-    phase_precision_model_rad,
     phase_precision_of_mix_rad,
     sample_mean,
     voltage_statistics,
@@ -86,14 +85,16 @@ def test_confidence_of_one_path_follows_the_analytical_model() -> None:
 def test_phase_precision_of_a_short_pulse_is_the_published_root() -> None:
     for asr in (0.5, 2.0, 6.0):
         expected = math.sqrt(asr * (1 + asr) / (2 * (2 * 4000 - 1)))
-        assert phase_precision_model_rad(asr=asr, integration_length=4000) == pytest.approx(expected, rel=1e-12)
+        short = paper_mix(asr, mpi_ratio=0.0, fwhm_ns=0.0)
+        found = phase_precision_of_mix_rad(short, Modulation(), variance_gain=averaging_gain(4000))
+        assert float(found) == pytest.approx(expected, rel=1e-9)
 
 
 def test_phase_precision_of_one_path_is_that_of_any_mix() -> None:
-    """The general formula against the published one, and against draws where two paths make it wider."""
-    spread = 2 * math.pi * 1.7 / 2.354820045 / 40
+    """One path: (1 − r2/(1 + ASR))/2 across the phasor r1/(1 + ASR). Two paths make it wider: against draws."""
+    r1, r2 = (math.exp(-((k * 2 * math.pi * 1.7 / 2.354820045 / 40) ** 2) / 2) for k in (1, 2))
     alone = phase_precision_of_mix_rad(paper_mix(2.0, mpi_ratio=0.0), Modulation(), variance_gain=averaging_gain(4000))
-    single = phase_precision_model_rad(asr=2.0, integration_length=4000, spread_rad=spread)
+    single = math.sqrt((1 - r2 / 3) / 2 / (2 * 4000 - 1)) * 3 / r1
     assert float(alone) == pytest.approx(single, rel=1e-9)
     mix, gain = paper_mix(0.5, mpi_ratio=0.8), averaging_gain(4000)
     drawn = draw_voltages(

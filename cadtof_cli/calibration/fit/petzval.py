@@ -1,11 +1,11 @@
 """Ranges of flat walls → the field curvature, with every wall's distance and tilt fitted beside it."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cadtof_cli.arrays import Bool, Float
+from cadtof_cli.arrays import Bool, Float, Index
 from cadtof_cli.calibration.fit.robust import RobustFit, robust_fit
 from cadtof_cli.calibration.parts import Origin
 from cadtof_cli.calibration.petzval import PetzvalCalibration, PetzvalQuality, WallFit
@@ -52,8 +52,7 @@ class _Layout:
     unambiguous_m: float
     focal_share: float | None
     distances: tuple[float | None, ...]
-    wall: np.ndarray[tuple[int], np.dtype[np.intp]]
-    flat: bool = False
+    wall: Index
 
     @property
     def first_wall(self) -> int:
@@ -72,8 +71,7 @@ class _Layout:
         """Return the ranges, (n,), and their derivatives by the parameters, (n, parameters)."""
         rho2 = self.u**2 + self.v**2
         slopes = np.zeros((rho2.size, self.count))
-        if not self.flat:
-            slopes[:, 0], slopes[:, 1] = rho2, rho2**2
+        slopes[:, 0], slopes[:, 1] = rho2, rho2**2
         curvature = slopes[:, 0] * parameters[0] + slopes[:, 1] * parameters[1]
         q = self.focal_share if self.focal_share is not None else parameters[2]
         stretch = np.sqrt(1.0 + q * rho2)
@@ -188,7 +186,7 @@ def _fitted(layout: _Layout, ranges: Float, sigma: Float, start: Float, *, fixed
     whole, covariance = start.copy(), np.zeros((layout.count, layout.count))
     whole[free] = fit.parameters
     covariance[np.ix_(free, free)] = fit.covariance
-    return RobustFit(whole, covariance, fit.residual, fit.weights, fit.scale, fit.condition)
+    return replace(fit, parameters=whole, covariance=covariance)
 
 
 def _quality(
@@ -206,23 +204,8 @@ def _quality(
     correlation = fit.covariance / np.maximum(np.outer(errors, errors), np.finfo(np.float64).tiny)
     shared = float(np.abs(correlation[:2, 2:]).max(initial=0.0))
     q = layout.focal_share if layout.focal_share is not None else float(fit.parameters[2])
-    walls = []
-    for index, known in enumerate(layout.distances):
-        place, alpha, beta = layout.places(index)
-        here = kept & (layout.wall == index)
-        lean = np.sqrt(max(q, 0.0))
-        walls.append(
-            WallFit(
-                distance_m=float(fit.parameters[place]) if place is not None else float(known or 0.0),
-                distance_stderr_m=float(errors[place]) if place is not None else 0.0,
-                distance_known=known is not None,
-                slopes=(float(fit.parameters[alpha] / lean), float(fit.parameters[beta] / lean)),
-                rms_before_m=_rms(before[here]),
-                rms_after_m=_rms(after[here]),
-                noise_rms_m=_rms(sigma[here]),
-                pixels=int(here.sum()),
-            )
-        )
+    lean = float(np.sqrt(max(q, 0.0)))
+    walls = tuple(_wall_fit(layout, index, fit, before, after, sigma, lean) for index in range(len(layout.distances)))
     quality = PetzvalQuality(
         k2_stderr_m=float(errors[0]),
         k4_stderr_m=float(errors[1]),
@@ -232,10 +215,27 @@ def _quality(
         correlation=shared,
         focal_length_px=float(half_diagonal / np.sqrt(q)) if q > 0.0 else float("nan"),
         focal_length_known=layout.focal_share is not None,
-        walls=tuple(walls),
+        walls=walls,
     )
-    findings = _findings(quality, fit, kept, optics, point)
-    return PetzvalQuality(**{**quality.__dict__, "findings": findings})
+    return replace(quality, findings=_findings(quality, fit, kept, optics, point))
+
+
+def _wall_fit(
+    layout: _Layout, index: int, fit: RobustFit, before: Float, after: Float, sigma: Float, lean: float
+) -> WallFit:
+    """Return what was found of one wall; `lean` is what the tilt's parameters are counted in."""
+    known, (place, alpha, beta) = layout.distances[index], layout.places(index)
+    here = (fit.weights > 0.0) & (layout.wall == index)
+    return WallFit(
+        distance_m=float(fit.parameters[place]) if place is not None else float(known or 0.0),
+        distance_stderr_m=float(np.sqrt(fit.covariance[place, place])) if place is not None else 0.0,
+        distance_known=known is not None,
+        slopes=(float(fit.parameters[alpha] / lean), float(fit.parameters[beta] / lean)),
+        rms_before_m=_rms(before[here]),
+        rms_after_m=_rms(after[here]),
+        noise_rms_m=_rms(sigma[here]),
+        pixels=int(here.sum()),
+    )
 
 
 def _findings(

@@ -42,7 +42,7 @@ LARGEST_RESIDUAL = 1.5
 class TargetMean:
     """The mean frame of one flat target, without dark offsets.
 
-    `volts` is complex128 (H, Y, X), NaN where a pixel cannot be used; `noise_v` (H,) the mean's standard deviation a channel.
+    `volts` is complex128 (H, Y, X), NaN where a pixel cannot be used; `noise_v` (H,) the mean's standard deviation per channel.
     """
 
     volts: Complex
@@ -67,7 +67,7 @@ def fit_response(targets: Sequence[TargetMean], /, *, metadata: CaptureMetadata,
     base = [{k: g / response.main for k, g in response.terms if k != 1} for response in ideal]
     distances = sorted({target.distance_m for target in targets})
     distinct = 1 + sum(b - a > SAME_DISTANCE_M for a, b in itertools.pairwise(distances))
-    terms = fit_terms(observed.some(slice(None, None, max(1, usable.sum() // TERM_PIXELS))), base, distances=distinct)
+    terms = fit_terms(observed[:: max(1, usable.sum() // TERM_PIXELS)], base, distances=distinct)
     pixels = fit_pixels(observed, terms.terms)
     findings = [*terms.findings, *_assumptions(metadata, usable, known_optics)]
     curvature, errors, own = (0.0, 0.0), (0.0, 0.0), pixels.phase

@@ -56,14 +56,9 @@ class PhotonMix:
         return np.asarray(self.photons.sum(axis=0) + self.ambient)
 
     @property
-    def spread_ns(self) -> float:
-        """Standard deviation of a path's arrival times: pulse and jitter together."""
-        return math.hypot(self.fwhm_ns / FWHM_PER_SIGMA, self.jitter_ns)
-
-    @property
     def spread_rad(self) -> float:
-        """The same as a phase of the fundamental."""
-        return 2.0 * math.pi * self.spread_ns / self.period_ns
+        """Standard deviation of a path's arrival times, pulse and jitter together, as a phase of the fundamental."""
+        return 2.0 * math.pi * math.hypot(self.fwhm_ns / FWHM_PER_SIGMA, self.jitter_ns) / self.period_ns
 
     def shares(self) -> Float:
         """Return each path's share of all photons, (P, *pixels)."""

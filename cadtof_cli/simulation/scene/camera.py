@@ -31,7 +31,7 @@ class Camera:
             distance from the principal point over half the diagonal.
         bits: of the converter.
         volts_per_count, zero_counts: volts = (counts − zero_counts) · volts_per_count.
-        dark_offset_v: standard deviation over the array of each pixel's own offsets, one a harmonic and channel.
+        dark_offset_v: standard deviation over the array of each pixel's own offsets, one per harmonic and channel.
         fixed_delay_ns: standard deviation over the array of each pixel's own delay, the fixed-pattern phase.
     """
 
