@@ -1,15 +1,19 @@
-"""All that decides what the maps of a frame are, besides its pixels."""
+"""All that decides what the maps of a frame are, besides its pixels.
+
+Commands read their options' defaults from here, so nothing heavy is imported before it is needed.
+"""
 
 import math
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 from cadtof_cli.capture.metadata import CaptureMetadata
 from cadtof_cli.errors import SettingsError
-from cadtof_cli.maps.layers import LayerChoice
-from cadtof_cli.optics.pinhole import known_focal_length
 from cadtof_cli.resolver.settings import ResolverSettings
+
+if TYPE_CHECKING:
+    from cadtof_cli.maps.layers import Layer
 
 DepthKind = Literal["range", "z"]
 
@@ -77,6 +81,8 @@ class FramePlan:
     def __post_init__(self) -> None:
         modulation, resolver = self.metadata.modulation, self.settings.resolver
         if self.settings.depth == "z":
+            from cadtof_cli.optics.pinhole import known_focal_length
+
             known_focal_length(self.metadata.optics)
         resolver.check_harmonics(modulation.harmonics)
         if modulation.waveform != "sine":
@@ -85,17 +91,9 @@ class FramePlan:
     @property
     def resolver(self) -> ResolverSettings:
         """The settings of the resolver, with the least confidence in units of the phasors."""
-        return replace(self.settings.resolver, min_confidence_v=self.settings.min_confidence_v)
-
-    @property
-    def depth(self) -> DepthKind:
-        """S."""
-        return self.settings.depth
-
-    @property
-    def pool(self) -> int:
-        """S."""
-        return self.settings.pool
+        least_v = self.settings.min_confidence_v
+        least = None if least_v is None else least_v / self.metadata.modulation.amplitude_v
+        return replace(self.settings.resolver, min_confidence=least)
 
     @property
     def is_searched(self) -> bool:
@@ -103,10 +101,12 @@ class FramePlan:
         return not self.settings.resolver.in_closed_form(self.metadata.modulation.harmonics)
 
     @property
-    def layers(self) -> LayerChoice:
+    def layers(self) -> "tuple[Layer, ...]":
         """The layers that the maps get, besides the status."""
+        from cadtof_cli.maps.layers import wanted_layers
+
         averaged = self.settings.pool > 1 or self.settings.average > 1
-        return LayerChoice(paths=self.settings.resolver.paths, chi_squared=self.is_searched, effective_pixels=averaged)
+        return wanted_layers(paths=self.settings.resolver.paths, searched=self.is_searched, averaged=averaged)
 
     def expected_seconds(self, pixels: int, /) -> float:
         """Return about how long a core takes for a frame of so many pixels."""

@@ -17,6 +17,7 @@ from cadtof_cli.frame_plan import FramePlan
 from cadtof_cli.phasors.frame_mean import FrameMean, frame_mean
 from cadtof_cli.pipeline import ResolvedFrame, resolve_frame
 from cadtof_cli.resolver.status import count_status
+from cadtof_cli.workflows.resolve.use_calibration import planned_calibration
 from cadtof_cli.workflows.run_folder import FrameReport, FrameStatus
 
 Result = TypeVar("Result")
@@ -50,7 +51,12 @@ def resolve_file(task: FrameTask, /) -> FrameReport:
 
     def resolve() -> FrameReport:
         frame, left_out = read_frame(task)
-        return written(task, resolve_frame(frame, plan=task.plan), left_out=left_out, began=began)
+        return written(
+            task,
+            resolve_frame(frame, plan=task.plan, calibration=planned_calibration(task.plan)),
+            left_out=left_out,
+            began=began,
+        )
 
     return attempted(task, resolve, began=began)
 
