@@ -4,6 +4,7 @@ import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import click
@@ -15,11 +16,11 @@ REDRAW_SECONDS = 0.1
 """Drawing takes about a millisecond, frames come every few."""
 
 
+@dataclass
 class Bar:
     """Progress without a bar: lines on stderr, of which `quiet` keeps only what went wrong."""
 
-    def __init__(self, *, quiet: bool = False) -> None:
-        self._quiet = quiet
+    quiet: bool = False
 
     def total(self, count: int, /) -> None:
         """There are `count` steps, as far as is known."""
@@ -29,7 +30,7 @@ class Bar:
 
     def say(self, message: str, /) -> None:
         """Show a line above the bar, unless all is to be quiet."""
-        if not self._quiet:
+        if not self.quiet:
             self.warn(message)
 
     def warn(self, message: str, /) -> None:

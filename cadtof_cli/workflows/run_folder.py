@@ -174,24 +174,34 @@ def _require_nothing_replaced(out: Path, named: Mapping[str, Path]) -> None:
         )
 
 
+@dataclass(frozen=True)
 class RunRecorder:
-    """Keeps the record of a run while it goes on: whatever ends it, what was finished is on disk."""
+    """Keeps the record of a run while it goes on: whatever ends it, what was finished is on disk.
 
-    def __init__(self, out: Path, lines: FileIO, document: Mapping[str, Any], resolved_before: frozenset[str]) -> None:
-        self._out, self._lines, self._document, self._resolved_before = out, lines, document, resolved_before
+    Attributes:
+        out: folder of the run.
+        document: what `run.json` says.
+        lines: `frames.jsonl`, open.
+        resolved_before: sources of frames that `frames.jsonl` of an earlier run calls resolved.
+    """
+
+    out: Path
+    document: Mapping[str, Any]
+    lines: FileIO
+    resolved_before: frozenset[str]
 
     def add(self, report: FrameReport) -> None:
         """Append a frame's line, and hand it to the system at once; a frame that an earlier run resolved has its line."""
-        if report.status == "skipped" and report.source in self._resolved_before:
+        if report.status == "skipped" and report.source in self.resolved_before:
             return
-        with _reported(self._out / FRAMES_FILE):
+        with _reported(self.out / FRAMES_FILE):
             line = json.dumps(report.as_json()).encode() + b"\n"
             while line:
-                line = line[self._lines.write(line) :]
+                line = line[self.lines.write(line) :]
 
     def finish(self, totals: Mapping[str, Any]) -> None:
         """Complete `run.json`."""
-        write_json(self._out / RUN_FILE, {**self._document, "finished": True, "totals": dict(totals)})
+        write_json(self.out / RUN_FILE, {**self.document, "finished": True, "totals": dict(totals)})
 
 
 @contextmanager
@@ -208,7 +218,7 @@ def recorded_run(out: Path, document: Mapping[str, Any], /, *, resume: bool) -> 
         # without a buffer, so that nothing is left to be written, and to fail, on closing
         lines = path.open("ab" if resume else "wb", buffering=0)
     with lines:
-        yield RunRecorder(out, lines, document, resolved_before)
+        yield RunRecorder(out, document, lines, resolved_before)
 
 
 def require_same_maps(out: Path, document: Mapping[str, Any], /) -> None:

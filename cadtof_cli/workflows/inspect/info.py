@@ -7,17 +7,20 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from cadtof_cli.capture.discovery import Capture, find_captures
 from cadtof_cli.capture.frames import first_pixels, single_frames
 from cadtof_cli.capture.metadata import KEYS
 from cadtof_cli.errors import CadtofError
 from cadtof_cli.execution.ordered import WorkerDied, run_ordered
 from cadtof_cli.execution.workers import Workers
+from cadtof_cli.frame_plan import FramePlan
+from cadtof_cli.phasors.voltages import volts_per_count
 from cadtof_cli.units import unambiguous_range_m
 from cadtof_cli.workflows.inspect.frame_facts import FrameFacts, LookTask, facts_of_frame
 from cadtof_cli.workflows.inspect.map_facts import MapFacts, facts_of_maps, map_layers
 from cadtof_cli.workflows.progress import Progress
-from cadtof_cli.workflows.resolve.plan import capture_problems
 from cadtof_cli.workflows.run_folder import is_run_folder
 
 
@@ -107,7 +110,9 @@ def _capture_facts(capture: Capture, workers: Workers, progress: Progress) -> Ca
     if n_av is not None:
         facts.noise_mv = 1000.0 * metadata.modulation.amplitude_v * math.sqrt(0.5 / (2.0 * n_av - 1.0))
     try:
-        facts.problems += capture_problems(capture, facts.types)
+        FramePlan(metadata=metadata)
+        for dtype in facts.types:
+            volts_per_count(metadata.voltage, np.dtype(dtype))
     except CadtofError as error:
         facts.problems.append(str(error))
     return facts

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from cadtof_cli.arrays import Stored
+from cadtof_cli.calibration.store import Calibration, cached_calibration
 from cadtof_cli.capture.frame_sources import FrameSource
 from cadtof_cli.capture.frames import open_frames
 from cadtof_cli.errors import CadtofError, FrameError
@@ -17,7 +18,6 @@ from cadtof_cli.frame_plan import FramePlan
 from cadtof_cli.phasors.frame_mean import FrameMean, frame_mean
 from cadtof_cli.pipeline import ResolvedFrame, resolve_frame
 from cadtof_cli.resolver.status import count_status
-from cadtof_cli.workflows.resolve.use_calibration import planned_calibration
 from cadtof_cli.workflows.run_folder import FrameReport, FrameStatus
 
 Result = TypeVar("Result")
@@ -38,6 +38,15 @@ class FrameTask:
     keep_existing: bool = False
     token: str = ""
 
+    def calibration(self) -> Calibration | None:
+        """Return the calibration that the plan names, which each process reads once.
+
+        Raises:
+            MetadataError: it cannot be read, or has changed since the plan was made.
+        """
+        use = self.plan.calibration
+        return cached_calibration(use.folder, use.digest) if use else None
+
     def report(self, status: FrameStatus, reason: str | None, seconds: float, /, **counts: Any) -> FrameReport:
         """Return what has become of the frame."""
         output = str(self.output) if status == "ok" else None
@@ -53,7 +62,7 @@ def resolve_file(task: FrameTask, /) -> FrameReport:
         frame, left_out = read_frame(task)
         return written(
             task,
-            resolve_frame(frame, plan=task.plan, calibration=planned_calibration(task.plan)),
+            resolve_frame(frame, plan=task.plan, calibration=task.calibration()),
             left_out=left_out,
             began=began,
         )

@@ -3,29 +3,29 @@
 import itertools
 import math
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import asdict, dataclass, field
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 from typing import Any
 from uuid import uuid4
 
 from cadtof_cli import __version__
 from cadtof_cli.capture.discovery import Capture, find_captures
-from cadtof_cli.capture.frame_sources import FrameSource
-from cadtof_cli.capture.frames import first_pixels, single_frames
+from cadtof_cli.capture.frames import first_dtype, first_pixels, single_frames
 from cadtof_cli.errors import SettingsError
 from cadtof_cli.execution.ordered import WorkerDied, run_ordered
 from cadtof_cli.execution.workers import Workers
 from cadtof_cli.files.atomic import remove_partial_files
 from cadtof_cli.files.formats import MAP_FORMATS, format_named, map_suffix_like
 from cadtof_cli.frame_plan import FramePlan, MapSettings
+from cadtof_cli.phasors.voltages import volts_per_count
 from cadtof_cli.resolver.status import MEANING
 from cadtof_cli.workflows.progress import UNTOLD, Progress
 from cadtof_cli.workflows.resolve import split_frames
 from cadtof_cli.workflows.resolve.frame_task import FrameTask, resolve_file
-from cadtof_cli.workflows.resolve.plan import require_known_volts
 from cadtof_cli.workflows.resolve.use_calibration import AppliedCalibration, use_calibration
 from cadtof_cli.workflows.run_folder import FrameReport, prepare_output, recorded_run, require_same_maps
 
@@ -34,6 +34,10 @@ AS_INPUT = "same"
 FORMAT_CHOICES = (*MAP_FORMATS, AS_INPUT)
 
 DIED = "the worker process died twice on this frame (killed, or out of memory): try fewer --jobs"
+
+
+Plans = Sequence[tuple[Capture, FramePlan]]
+"""Captures, and what to do with the frames of each."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,25 +67,6 @@ class ResolveSettings:
             raise SettingsError("--overwrite and --resume exclude each other: replace the old maps, or keep them")
         if self.map_format not in FORMAT_CHOICES:
             raise SettingsError(f"--format: found {self.map_format!r}, expected one of {', '.join(FORMAT_CHOICES)}")
-
-    def arguments(self, inputs: Sequence[Path], overrides: Mapping[str, Any], /) -> dict[str, Any]:
-        """Return what the user asked for, by the names of the options, as `run.json` records it."""
-        maps = self.maps
-        return {
-            "inputs": [str(path) for path in inputs],
-            "absolute_inputs": [str(path.absolute()) for path in inputs],
-            "out": str(self.out),
-            **asdict(maps.resolver),
-            "min_confidence": maps.min_confidence_v,
-            "depth": maps.depth,
-            "pool": maps.pool,
-            "average": maps.average,
-            "calibration": self.calibration and str(self.calibration),
-            "map_format": self.map_format,
-            "overwrite": self.overwrite,
-            "resume": self.resume,
-            "overrides": dict(overrides),
-        }
 
 
 @dataclass
@@ -129,13 +114,8 @@ def resolve_captures(
     """
     captures = find_captures(inputs, overrides=overrides)
     calibration = use_calibration(settings.calibration, captures) if settings.calibration else None
-    use = calibration.use if calibration else None
-    plans = [
-        FramePlan(metadata=capture.source.metadata, settings=settings.maps, calibration=use) for capture in captures
-    ]
-    for capture in captures:
-        require_known_volts(capture)
-    document = _document(settings.arguments(inputs, overrides), captures, plans, calibration)
+    plans = _plans(captures, settings, calibration)
+    document = _document(inputs, overrides, settings, plans, calibration)
     prepare_output(captures, settings.out, overwrite=settings.overwrite, resume=settings.resume)
     if settings.resume:
         require_same_maps(settings.out, document)
@@ -145,11 +125,11 @@ def resolve_captures(
     ):
         progress.say(note)
     totals, began, token = RunTotals(), time.monotonic(), uuid4().hex[:8]
-    tasks = _tasks(captures, plans, settings, progress, token)
-    if _are_worth_splitting(captures, plans, settings):
-        outcomes = split_frames.resolve_split(tasks, workers=settings.workers)
-    else:
-        outcomes = run_ordered(resolve_file, tasks, workers=settings.workers)
+    tasks = _tasks(plans, settings, progress, token)
+    resolved = (
+        split_frames.resolve_split if _are_worth_splitting(plans, settings) else partial(run_ordered, resolve_file)
+    )
+    outcomes = resolved(tasks, workers=settings.workers)
     try:
         with recorded_run(settings.out, document, resume=settings.resume) as record, closing(outcomes):
             for outcome in outcomes:
@@ -167,18 +147,55 @@ def resolve_captures(
     return totals
 
 
+def _plans(captures: Sequence[Capture], settings: ResolveSettings, calibration: AppliedCalibration | None) -> Plans:
+    """Return what to do with each capture.
+
+    Raises:
+        SettingsError: its settings do not allow it; or its values are integers and nothing says how many volts a count is.
+    """
+    use = calibration.use if calibration else None
+    plans = [
+        (capture, FramePlan(metadata=capture.source.metadata, settings=settings.maps, calibration=use))
+        for capture in captures
+    ]
+    for capture in captures:
+        dtype = first_dtype(capture)
+        try:
+            if dtype is not None:
+                volts_per_count(capture.source.metadata.voltage, dtype)
+        except SettingsError as error:
+            raise SettingsError(f"{capture.root}: {error}") from error
+    return plans
+
+
 def _document(
-    arguments: Mapping[str, Any],
-    captures: Sequence[Capture],
-    plans: Sequence[FramePlan],
+    inputs: Sequence[Path],
+    overrides: Mapping[str, Any],
+    settings: ResolveSettings,
+    plans: Plans,
     calibration: AppliedCalibration | None,
 ) -> dict[str, Any]:
-    """Return what `run.json` says of a run that begins."""
+    """Return what `run.json` says of a run that begins; its arguments have the names of the options."""
+    maps = settings.maps
     return {
         "cadtof": __version__,
         "started": datetime.now(UTC).isoformat(timespec="seconds"),
         "finished": False,
-        "arguments": arguments,
+        "arguments": {
+            "inputs": [str(path) for path in inputs],
+            "absolute_inputs": [str(path.absolute()) for path in inputs],
+            "out": str(settings.out),
+            **asdict(maps.resolver),
+            "min_confidence": maps.min_confidence_v,
+            "depth": maps.depth,
+            "pool": maps.pool,
+            "average": maps.average,
+            "calibration": settings.calibration and str(settings.calibration),
+            "map_format": settings.map_format,
+            "overwrite": settings.overwrite,
+            "resume": settings.resume,
+            "overrides": dict(overrides),
+        },
         "captures": [
             {
                 "root": str(capture.root),
@@ -186,10 +203,10 @@ def _document(
                 "metadata": asdict(capture.source.metadata),
                 "origins": dict(capture.source.origins),
             }
-            for capture in captures
+            for capture, _ in plans
         ],
         "calibration": calibration and calibration.as_json(),
-        "layers": {layer.name: layer.unit for plan in plans for layer in plan.layers},
+        "layers": {layer.name: layer.unit for _, plan in plans for layer in plan.layers},
         "status_bits": {bit.name: int(bit) for bit in MEANING},
     }
 
@@ -203,37 +220,34 @@ def _notes(capture: Capture) -> Iterator[str]:
         yield f"{capture.root}: pixel.integration_length is not given, so the noise is estimated from each frame"
 
 
-def _tasks(
-    captures: Sequence[Capture], plans: Sequence[FramePlan], settings: ResolveSettings, progress: Progress, token: str
-) -> Iterator[FrameTask]:
+def _tasks(plans: Plans, settings: ResolveSettings, progress: Progress, token: str) -> Iterator[FrameTask]:
     """Yield the run's tasks; they are drawn as places for them come free."""
-    size = settings.maps.average
-    total = _task_count(captures, size)
+    size, total = settings.maps.average, _expected_tasks(plans)
     progress.total(total)
-    for capture, plan in zip(captures, plans, strict=True):
-        layout, pixels, known = capture.layout, first_pixels(capture), _task_count([capture], size)
-        waiting = single_frames(capture)
-        while sources := tuple(itertools.islice(waiting, size)):
-            if known == 0:
-                known, total = 1, total + 1
+    for capture, plan in plans:
+        layout, pixels, waiting = capture.layout, first_pixels(capture), single_frames(capture)
+        known = _expected_tasks([(capture, plan)])
+        for number in itertools.count(1):
+            sources = tuple(itertools.islice(waiting, size))
+            if not sources:
+                break
+            if number > known:
+                total += 1
                 progress.total(total)
-            known -= 1
-            output = settings.out / f"{sources[0].name}{_suffix(sources[0], settings.map_format)}"
+            same = settings.map_format == AS_INPUT
+            suffix = map_suffix_like(sources[0].paths[0]) if same else format_named(settings.map_format).suffix
+            output = settings.out / f"{sources[0].name}{suffix}"
             yield FrameTask(sources, layout, plan, pixels, output, keep_existing=settings.resume, token=token)
 
 
-def _task_count(captures: Iterable[Capture], size: int) -> int:
+def _expected_tasks(plans: Plans) -> int:
     """Return how many maps there will be, as far as the files' names tell."""
-    return sum(-(-len(capture.frames) // size) for capture in captures)
+    return sum(-(-len(capture.frames) // plan.settings.average) for capture, plan in plans)
 
 
-def _are_worth_splitting(captures: Sequence[Capture], plans: Sequence[FramePlan], settings: ResolveSettings) -> bool:
+def _are_worth_splitting(plans: Plans, settings: ResolveSettings) -> bool:
     """Whether frames are so few and so slow that their pixels should be spread over the processes."""
-    if _task_count(captures, settings.maps.average) >= settings.workers.jobs:
+    if _expected_tasks(plans) >= settings.workers.jobs:
         return False
-    pixels = [math.prod(first_pixels(capture) or (0,)) for capture in captures]
-    return max(map(FramePlan.expected_seconds, plans, pixels)) > split_frames.WORTH_SPLITTING_S
-
-
-def _suffix(source: FrameSource, map_format: str) -> str:
-    return map_suffix_like(source.paths[0]) if map_format == AS_INPUT else format_named(map_format).suffix
+    seconds = [plan.expected_seconds(math.prod(first_pixels(capture) or (0,))) for capture, plan in plans]
+    return max(seconds) > split_frames.WORTH_SPLITTING_S

@@ -11,7 +11,6 @@ from cadtof_cli.execution.workers import Workers, keep_freed_memory
 from cadtof_cli.files.maps import DepthMaps
 from cadtof_cli.pipeline import FramePixels, joined_parts, prepare_frame, resolve_pixels
 from cadtof_cli.workflows.resolve.frame_task import FrameTask, attempted, read_frame, written
-from cadtof_cli.workflows.resolve.use_calibration import planned_calibration
 from cadtof_cli.workflows.run_folder import FrameReport
 
 WORTH_SPLITTING_S = 0.5
@@ -30,12 +29,13 @@ class FramePart:
 def resolve_part(part: FramePart, /) -> DepthMaps | FrameReport:
     """Resolve a part of a frame's pixels. Whatever is wrong with it becomes a report, never an exception."""
     keep_freed_memory()
-    pixels, plan = part.pixels, part.task.plan
+    pixels, task = part.pixels, part.task
     if isinstance(pixels, FrameReport):
         return pixels
-    began = time.monotonic()
     return attempted(
-        part.task, lambda: resolve_pixels(pixels, plan=plan, calibration=planned_calibration(plan)), began=began
+        task,
+        lambda: resolve_pixels(pixels, plan=task.plan, calibration=task.calibration()),
+        began=time.monotonic(),
     )
 
 
@@ -54,7 +54,7 @@ def _parts(task: FrameTask, count: int) -> Iterator[FramePart]:
 
     def prepared() -> list[FramePart]:
         frame, left_out = read_frame(task)
-        pixels = prepare_frame(frame, plan=task.plan, calibration=planned_calibration(task.plan))
+        pixels = prepare_frame(frame, plan=task.plan, calibration=task.calibration())
         return [FramePart(task, part, left_out) for part in pixels.parts(count)]
 
     parts = attempted(task, prepared, began=time.monotonic())
