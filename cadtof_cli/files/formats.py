@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
-from cadtof_cli.errors import FrameError, OutputError
+from cadtof_cli.errors import FrameError
 from cadtof_cli.files.damage import damage_as_frame_error
 
 if TYPE_CHECKING:
@@ -33,15 +33,11 @@ class FrameReader(Protocol):
         """Return the one plane of a file, shape (Y, X), native byte order."""
 
 
-class FrameWriter(Protocol):
-    """How a simulated camera records a frame in a format."""
+class FrameFiles(FrameReader, Protocol):
+    """How frames of a format are read, and how a simulated camera records them."""
 
     def write_frame(self, path: Path, stored: "Stored", /, *, layout: "FrameLayout", compress: bool) -> None:
         """Write one frame, shape (H, C, Y, X), without loss."""
-
-
-class FrameFiles(FrameReader, FrameWriter, Protocol):
-    """A module that reads and writes frames."""
 
 
 class LayerFiles(Protocol):
@@ -77,7 +73,7 @@ class Format:
     stacks: bool
     frames: Callable[[], FrameReader]
     layers: Callable[[], LayerFiles] | None = None
-    recording: Callable[[], FrameWriter] | None = None
+    recording: Callable[[], FrameFiles] | None = None
     counts: bool = False
 
     @property
@@ -163,18 +159,6 @@ def map_suffix_like(path: Path, /) -> str:
     """Return the suffix of maps in the format of a frame; TIFF where that format keeps no maps, or its name does not tell."""
     found = suffix_format(path)
     return (found if found and found.layers else TIFF).suffix
-
-
-def layers_of(path: Path, /) -> LayerFiles:
-    """Return what writes maps to `path`, by its suffix.
-
-    Raises:
-        OutputError: no format of maps has that suffix.
-    """
-    found = suffix_format(path)
-    if found is None or found.layers is None:
-        raise OutputError(f"{path}: found the suffix {path.suffix!r}, expected one of {', '.join(MAP_SUFFIXES)}")
-    return found.layers()
 
 
 def format_of(path: Path, /) -> Format:
