@@ -20,7 +20,8 @@ if TYPE_CHECKING:
     from cadtof_cli.files.frames import FrameLayout, Frames
     from cadtof_cli.files.maps import DepthMaps
 
-_MAGIC_BYTES = 4
+_HEAD_BYTES = 16
+"""No format is known by more; of them the first four are shown."""
 
 
 class FrameReader(Protocol):
@@ -142,7 +143,6 @@ MAP_FORMATS = tuple(one.name for one in FORMATS if one.layers)
 
 _BY_NAME = {one.name: one for one in FORMATS}
 _BY_SUFFIX = {suffix: one for one in FORMATS for suffix in one.suffixes}
-_BY_MAGIC = {magic: one for one in FORMATS for magic in one.magics}
 
 
 def format_named(name: str, /) -> Format:
@@ -170,12 +170,13 @@ def format_of(path: Path, /) -> Format:
     with damage_as_frame_error(path, "file"):
         descriptor = os.open(path, os.O_RDONLY)
         try:
-            magic = os.pread(descriptor, _MAGIC_BYTES, 0)
+            head = os.pread(descriptor, _HEAD_BYTES, 0)
         finally:
             os.close(descriptor)
-    if magic not in _BY_MAGIC:
-        found = f"first bytes {magic.hex(' ')}" if magic else "an empty file"
+    known = next((one for one in FORMATS if head.startswith(one.magics)), None)
+    if known is None:
+        found = f"first bytes {head[:4].hex(' ')}" if head else "an empty file"
         titles = " nor ".join(one.title for one in reversed(FORMATS))
-        usual = " or ".join(known.hex(" ") for one in FORMATS for known in one.magics[:2])
+        usual = " or ".join(magic.hex(" ") for one in FORMATS for magic in one.magics[:2])
         raise FrameError(f"{path}: neither {titles}: found {found}, expected {usual}")
-    return _BY_MAGIC[magic]
+    return known
