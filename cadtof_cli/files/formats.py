@@ -107,12 +107,6 @@ def _tiff_layers() -> LayerFiles:
     return layers
 
 
-def _npy_frames() -> FrameFiles:
-    from cadtof_cli.files import npy
-
-    return npy
-
-
 EXR = Format(
     name="exr",
     title="EXR",
@@ -136,18 +130,7 @@ TIFF = Format(
     counts=True,
 )
 
-NPY = Format(
-    name="npy",
-    title="NPY",
-    suffixes=(".npy",),
-    magics=(b"\x93NUMPY",),
-    stacks=False,
-    frames=_npy_frames,
-    recording=_npy_frames,
-    counts=True,
-)
-
-FORMATS = (EXR, NPY, TIFF)
+FORMATS = (EXR, TIFF)
 
 FRAME_SUFFIXES = tuple(suffix for one in FORMATS for suffix in one.suffixes)
 MAP_SUFFIXES = tuple(suffix for one in FORMATS if one.layers for suffix in one.suffixes)
