@@ -13,8 +13,9 @@ from cadtof_cli.calibration.apply import FrameCorrection, frame_correction
 from cadtof_cli.calibration.store import cached_calibration
 from cadtof_cli.capture.metadata import CaptureMetadata
 from cadtof_cli.errors import FrameError, SettingsError
+from cadtof_cli.files.maps import DepthMaps
 from cadtof_cli.maps.depth import DepthScale, write_paths
-from cadtof_cli.maps.layers import DepthMaps, LayerChoice, empty_maps
+from cadtof_cli.maps.layers import LayerChoice, empty_maps
 from cadtof_cli.optics.pinhole import known_focal_length, planar_per_range
 from cadtof_cli.phasors.frame_mean import FrameMean
 from cadtof_cli.phasors.noise import NoiseModel, estimated_integration_length, noise_model

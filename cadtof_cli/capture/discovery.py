@@ -11,11 +11,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from cadtof_cli.capture.file_names import FILE_SUFFIXES, grouped_planes, natural_key
+from cadtof_cli.capture.frame_sources import FrameSource, grouped_planes, natural_key
 from cadtof_cli.capture.metadata import CaptureMetadata
 from cadtof_cli.capture.toml import FILE_NAME, MetadataSource, load_metadata
 from cadtof_cli.errors import CaptureError
-from cadtof_cli.files.frames import FrameLayout, FrameSource
+from cadtof_cli.files.formats import FRAME_SUFFIXES
+from cadtof_cli.files.frames import FrameLayout
 
 _TRUTH = "truth"
 _NAMES_IN_MESSAGE = 5
@@ -49,7 +50,7 @@ def layout_of(metadata: CaptureMetadata) -> FrameLayout:
 def find_captures(inputs: Sequence[Path], *, overrides: Mapping[str, Any] | None = None) -> tuple[Capture, ...]:
     """Return the captures in folders and files.
 
-    A folder is a capture: its .exr, .tif and .tiff files in natural order, without hidden files, `truth.*` and what
+    A folder is a capture: its files of the formats that we read in natural order, without hidden files, `truth.*` and what
     lies in folders within it. Files that follow each other and share a folder are a capture too, with the
     `capture.toml` beside them if there is one. With `[layout] pattern`, files are planes and grouped into frames.
 
@@ -116,7 +117,7 @@ def _listed(root: Path) -> list[str]:
 def _is_image(name: str) -> bool:
     # plain strings: a Path for each of 2,000 names takes longer than listing them
     stem, dot, suffix = name.lower().rpartition(".")
-    return dot + suffix in FILE_SUFFIXES and not name.startswith(".") and stem != _TRUTH
+    return dot + suffix in FRAME_SUFFIXES and not name.startswith(".") and stem != _TRUTH
 
 
 def _capture(root: Path, source: MetadataSource, names: Sequence[str], *, among: Sequence[str]) -> Capture:
@@ -124,7 +125,7 @@ def _capture(root: Path, source: MetadataSource, names: Sequence[str], *, among:
     pattern = source.metadata.layout.pattern
     if pattern is None:
         frames = tuple(FrameSource(name.rpartition(".")[0] or name, (root / name,)) for name in names)
-        looked_for = f"{', '.join(FILE_SUFFIXES)} files other than {_TRUTH}.*"
+        looked_for = f"{', '.join(FRAME_SUFFIXES)} files other than {_TRUTH}.*"
     else:
         frames = grouped_planes(root, names, pattern, layout_of(source.metadata).harmonics)
         looked_for = f"files named {pattern} (layout.pattern)"

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cadtof_cli.arrays import Float
+from cadtof_cli.files.maps import DepthMaps
 from cadtof_cli.maps.layers import (
     CHI_SQUARED,
     CONFIDENCE,
@@ -15,7 +16,6 @@ from cadtof_cli.maps.layers import (
     MPI_AMPLITUDE,
     MPI_DEPTH,
     MPI_SIGMA,
-    DepthMaps,
 )
 from cadtof_cli.resolver.paths import ResolvedPaths
 

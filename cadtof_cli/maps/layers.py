@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cadtof_cli.arrays import Float32, Status
+from cadtof_cli.files.maps import DepthMaps
 
 DIRECT_DEPTH = "direct.depth"
 MPI_DEPTH = "mpi.depth"
@@ -13,7 +13,6 @@ MPI_AMPLITUDE = "mpi.amplitude"
 DIRECT_SIGMA = "direct.sigma"
 MPI_SIGMA = "mpi.sigma"
 CONFIDENCE = "confidence"
-STATUS = "status"
 
 CHI_SQUARED = "chi_squared"
 EFFECTIVE_PIXELS = "effective_pixels"
@@ -53,29 +52,6 @@ class LayerChoice:
 def layer_unit(name: str, /) -> str:
     """Return the unit of a layer's values, by what its name ends with; empty where they are pure numbers."""
     return {"depth": "m", "sigma": "m", "amplitude": "V", CONFIDENCE: "V"}.get(name.rpartition(".")[2], "")
-
-
-@dataclass(frozen=True)
-class DepthMaps:
-    """The maps of one frame.
-
-    `pages` is float32 (layer, Y, X) in the order of `names`, with one page more at its end, which the TIFF writer keeps
-    for the `status` bits, uint32 (Y, X).
-    """
-
-    names: tuple[str, ...]
-    pages: Float32
-    status: Status
-
-    @property
-    def values(self) -> Float32:
-        """The layers, float32 (layer, Y, X)."""
-        return self.pages[:-1]
-
-    def layer(self, name: str, /) -> Float32:
-        """Return one float32 layer, (Y, X)."""
-        plane: Float32 = self.pages[self.names.index(name)]
-        return plane
 
 
 def empty_maps(height: int, width: int, /, *, layers: LayerChoice) -> DepthMaps:

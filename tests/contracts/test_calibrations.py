@@ -15,7 +15,7 @@ from cadtof_cli.calibration.parts import PART_KINDS, PartKind
 from cadtof_cli.calibration.store import Calibration, digest_of, load_calibration, save_part
 from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Waveform
 from cadtof_cli.errors import MetadataError, OutputError, SettingsError
-from cadtof_cli.maps.layers import DepthMaps
+from cadtof_cli.files.maps import DepthMaps
 from cadtof_cli.pipeline import CalibrationUse, FramePlan, resolve_frame
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.resolver.status import StatusBit

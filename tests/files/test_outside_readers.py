@@ -9,9 +9,8 @@ import pytest
 import tifffile
 from numpy.typing import NDArray
 
-from cadtof_cli.files.layers import read_layers
-from cadtof_cli.files.maps import write_maps
-from cadtof_cli.maps.layers import DepthMaps, LayerChoice, empty_maps
+from cadtof_cli.files.maps import DepthMaps, read_layers, write_maps
+from cadtof_cli.maps.layers import LayerChoice, empty_maps
 from tests.conftest import Tool
 
 NAMES = (

@@ -5,7 +5,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from cadtof_cli.capture.discovery import Capture
-from cadtof_cli.capture.stacks import first_dtype
+from cadtof_cli.capture.frames import first_dtype
 from cadtof_cli.errors import CadtofError, SettingsError
 from cadtof_cli.phasors.voltages import volts_per_count
 from cadtof_cli.pipeline import FramePlan
