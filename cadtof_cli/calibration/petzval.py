@@ -77,7 +77,7 @@ class PetzvalCalibration:
     def tables(self) -> dict[str, dict[str, Any]]:
         """Return coefficients with standard errors, residuals before and after, and every wall."""
         quality = asdict(self.quality)
-        walls = quality.pop("walls")
+        walls, findings, correlation = (quality.pop(name) for name in ("walls", "findings", "correlation"))
         tables: dict[str, dict[str, Any]] = {
             "coefficients": {
                 "k2_m": self.k2_m,
@@ -85,12 +85,11 @@ class PetzvalCalibration:
                 "k2_stderr_m": quality.pop("k2_stderr_m"),
                 "k4_stderr_m": quality.pop("k4_stderr_m"),
             },
-            "residual": {name: quality.pop(name) for name in ("rms_before_m", "rms_after_m", "noise_rms_m")},
-            "optics": {"principal_point_px": list(self.principal_point_px), **_without(quality, "findings")},
-            "findings": {"text": list(quality["findings"])},
+            "residual": {name: quality.pop(name) for name in ("rms_before_m", "rms_after_m", "noise_rms_m")}
+            | {"correlation": correlation},
+            "optics": {"principal_point_px": list(self.principal_point_px), **quality},
+            "findings": {"text": list(findings)},
         }
-        tables["optics"].pop("correlation")
-        tables["residual"]["correlation"] = quality["correlation"]
         return tables | {f"wall_{index}": wall for index, wall in enumerate(walls, start=1)}
 
     def maps(self) -> dict[str, NDArray[Any]]:
@@ -117,7 +116,3 @@ class PetzvalCalibration:
                 **optics,
             ),
         )
-
-
-def _without(values: dict[str, Any], name: str) -> dict[str, Any]:
-    return {key: value for key, value in values.items() if key != name}

@@ -44,7 +44,8 @@ class _Layout:
     """Which parameter is which: k2, k4, then the focal length's if it is fitted, then every wall's.
 
     Angles enter through pixels from the principal point over half the diagonal, u and v, and q = (half diagonal / f)²:
-    range = D √(1 + q ρ²)/(1 + αu + βv) + k2 ρ² + k4 ρ⁴.
+    range = D √(1 + q ρ²)/(1 + αu + βv) + k2 ρ² + k4 ρ⁴. `places` are the indices of each wall's distance (None where it is
+    known), α and β.
     """
 
     u: Float
@@ -53,19 +54,8 @@ class _Layout:
     focal_share: float | None
     distances: tuple[float | None, ...]
     wall: Index
-
-    @property
-    def first_wall(self) -> int:
-        return 2 if self.focal_share is not None else 3
-
-    def places(self, wall: int) -> tuple[int | None, int, int]:
-        """Return the indices of a wall's distance (None: known), α and β."""
-        start = self.first_wall + sum(2 if d is not None else 3 for d in self.distances[:wall])
-        return (None, start, start + 1) if self.distances[wall] is not None else (start, start + 1, start + 2)
-
-    @property
-    def count(self) -> int:
-        return self.places(len(self.distances) - 1)[2] + 1
+    places: tuple[tuple[int | None, int, int], ...]
+    count: int
 
     def model(self, parameters: Float) -> tuple[Float, Float]:
         """Return the ranges, (n,), and their derivatives by the parameters, (n, parameters)."""
@@ -77,7 +67,7 @@ class _Layout:
         stretch = np.sqrt(1.0 + q * rho2)
         ranges = np.empty(rho2.size)
         for index, known in enumerate(self.distances):
-            place, alpha, beta = self.places(index)
+            place, alpha, beta = self.places[index]
             here = self.wall == index
             distance = parameters[place] if place is not None else known
             leaning = 1.0 + parameters[alpha] * self.u[here] + parameters[beta] * self.v[here]
@@ -147,14 +137,22 @@ def _layout(
     walls: Sequence[WallRanges],
     unambiguous_m: float,
 ) -> _Layout:
-    places = [np.nonzero(good) for good in usable]
+    pixels = [np.nonzero(good) for good in usable]
+    places: list[tuple[int | None, int, int]] = []
+    count = 2 if focal is not None else 3
+    for wall in walls:
+        known = wall.distance_m is not None
+        places.append((None, count, count + 1) if known else (count, count + 1, count + 2))
+        count += 2 if known else 3
     return _Layout(
-        u=np.concatenate([(column - point[0]) / half_diagonal for _, column in places]),
-        v=np.concatenate([(row - point[1]) / half_diagonal for row, _ in places]),
+        u=np.concatenate([(column - point[0]) / half_diagonal for _, column in pixels]),
+        v=np.concatenate([(row - point[1]) / half_diagonal for row, _ in pixels]),
         unambiguous_m=unambiguous_m,
         focal_share=(half_diagonal / focal) ** 2 if focal is not None else None,
         distances=tuple(wall.distance_m for wall in walls),
         wall=np.repeat(np.arange(len(walls)), [good.sum() for good in usable]),
+        places=tuple(places),
+        count=count,
     )
 
 
@@ -166,7 +164,7 @@ def _start(layout: _Layout, ranges: Float) -> Float:
         parameters[2] = q
     stretch = np.sqrt(1.0 + q * (layout.u**2 + layout.v**2))
     for index in range(len(layout.distances)):
-        place, _, _ = layout.places(index)
+        place, _, _ = layout.places[index]
         if place is not None:
             here = layout.wall == index
             parameters[place] = np.median(ranges[here] / stretch[here])
@@ -224,7 +222,7 @@ def _wall_fit(
     layout: _Layout, index: int, fit: RobustFit, before: Float, after: Float, sigma: Float, lean: float
 ) -> WallFit:
     """Return what was found of one wall; `lean` is what the tilt's parameters are counted in."""
-    known, (place, alpha, beta) = layout.distances[index], layout.places(index)
+    known, (place, alpha, beta) = layout.distances[index], layout.places[index]
     here = (fit.weights > 0.0) & (layout.wall == index)
     return WallFit(
         distance_m=float(fit.parameters[place]) if place is not None else float(known or 0.0),
