@@ -65,8 +65,12 @@ def find_captures(inputs: Sequence[Path], *, overrides: Mapping[str, Any] | None
     captures: list[Capture] = []
     placed = [(path, _is_folder(path)) for path in inputs]
     for (root, is_folder), group in itertools.groupby(placed, key=_root):
-        names = list(dict.fromkeys(path.name for path, _ in group))
-        captures.append(_folder(root, overrides) if is_folder else _files(root, names, overrides))
+        there = _listed(root) if is_folder else list(dict.fromkeys(path.name for path, _ in group))
+        source = load_metadata(root / FILE_NAME if (root / FILE_NAME).exists() else None, overrides)
+        # a shell that expands cap/* hands over the metadata too
+        given = (name for name in there if name != FILE_NAME)
+        names = sorted(filter(_is_image, there), key=natural_key) if is_folder else list(given)
+        captures.append(_capture(root, source, names, among=there))
     return tuple(captures)
 
 
@@ -83,24 +87,6 @@ def _root(placed: tuple[Path, bool]) -> tuple[Path, bool]:
     """Return the folder that an input lies in, or is, and which of the two."""
     path, is_folder = placed
     return (path if is_folder else path.parent), is_folder
-
-
-def _metadata(root: Path, overrides: Mapping[str, Any] | None) -> MetadataSource:
-    path = root / FILE_NAME
-    return load_metadata(path if path.exists() else None, overrides)
-
-
-def _folder(root: Path, overrides: Mapping[str, Any] | None) -> Capture:
-    listed = _listed(root)
-    source = _metadata(root, overrides)
-    images = sorted(filter(_is_image, listed), key=natural_key)
-    return _capture(root, source, images, among=listed)
-
-
-def _files(root: Path, names: Sequence[str], overrides: Mapping[str, Any] | None) -> Capture:
-    # a shell that expands cap/* hands over the metadata too
-    frames = [name for name in names if name != FILE_NAME]
-    return _capture(root, _metadata(root, overrides), frames, among=names)
 
 
 def _listed(root: Path) -> list[str]:

@@ -3,11 +3,11 @@
 import json
 import os
 import shutil
-import tempfile
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
+from uuid import uuid4
 
 from cadtof_cli.errors import OutputError
 
@@ -42,7 +42,7 @@ def whole_file(path: Path, /, *, token: str = "") -> Iterator[Path]:
 
 def _without_code(error: OSError, folder: Path) -> str:
     """Return what an error without a system's message means: numpy and OpenEXR say how much they could not write."""
-    full = shutil.disk_usage(folder).free < FULL_BYTES
+    full = folder.is_dir() and shutil.disk_usage(folder).free < FULL_BYTES
     return "No space left on device" if full else str(error)
 
 
@@ -92,20 +92,14 @@ def new_folder(path: Path, /) -> Iterator[Path]:
     require_absent(path)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        partial = Path(tempfile.mkdtemp(prefix=f".{path.name}.", suffix=PARTIAL_SUFFIX, dir=path.parent))
+        partial = path.with_name(f".{path.name}.{uuid4().hex}{PARTIAL_SUFFIX}")
+        partial.mkdir()
     except OSError as error:
         raise OutputError(f"{path}: cannot be created: {error.strerror}; choose another OUT") from error
     try:
-        partial.chmod(0o777 & ~_umask())
         yield partial
         partial.replace(path)
     except OSError as error:
         raise OutputError(f"{path}: cannot be written: {error.strerror or error}") from error
     finally:
         shutil.rmtree(partial, ignore_errors=True)
-
-
-def _umask() -> int:
-    current = os.umask(0)
-    os.umask(current)
-    return current

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
-from cadtof_cli.errors import FrameError, OutputError
+from cadtof_cli.errors import FrameError
 from cadtof_cli.files.damage import damage_as_frame_error
 
 if TYPE_CHECKING:
@@ -20,7 +20,8 @@ if TYPE_CHECKING:
     from cadtof_cli.files.frames import FrameLayout, Frames
     from cadtof_cli.files.maps import DepthMaps
 
-_MAGIC_BYTES = 4
+_HEAD_BYTES = 16
+"""No format is known by more; of them the first four are shown."""
 
 
 class FrameReader(Protocol):
@@ -33,15 +34,11 @@ class FrameReader(Protocol):
         """Return the one plane of a file, shape (Y, X), native byte order."""
 
 
-class FrameWriter(Protocol):
-    """How a simulated camera records a frame in a format."""
+class FrameFiles(FrameReader, Protocol):
+    """How frames of a format are read, and how a simulated camera records them."""
 
     def write_frame(self, path: Path, stored: "Stored", /, *, layout: "FrameLayout", compress: bool) -> None:
         """Write one frame, shape (H, C, Y, X), without loss."""
-
-
-class FrameFiles(FrameReader, FrameWriter, Protocol):
-    """A module that reads and writes frames."""
 
 
 class LayerFiles(Protocol):
@@ -77,7 +74,7 @@ class Format:
     stacks: bool
     frames: Callable[[], FrameReader]
     layers: Callable[[], LayerFiles] | None = None
-    recording: Callable[[], FrameWriter] | None = None
+    recording: Callable[[], FrameFiles] | None = None
     counts: bool = False
 
     @property
@@ -146,7 +143,6 @@ MAP_FORMATS = tuple(one.name for one in FORMATS if one.layers)
 
 _BY_NAME = {one.name: one for one in FORMATS}
 _BY_SUFFIX = {suffix: one for one in FORMATS for suffix in one.suffixes}
-_BY_MAGIC = {magic: one for one in FORMATS for magic in one.magics}
 
 
 def format_named(name: str, /) -> Format:
@@ -165,18 +161,6 @@ def map_suffix_like(path: Path, /) -> str:
     return (found if found and found.layers else TIFF).suffix
 
 
-def layers_of(path: Path, /) -> LayerFiles:
-    """Return what writes maps to `path`, by its suffix.
-
-    Raises:
-        OutputError: no format of maps has that suffix.
-    """
-    found = suffix_format(path)
-    if found is None or found.layers is None:
-        raise OutputError(f"{path}: found the suffix {path.suffix!r}, expected one of {', '.join(MAP_SUFFIXES)}")
-    return found.layers()
-
-
 def format_of(path: Path, /) -> Format:
     """Return the format of a file by its first bytes.
 
@@ -186,12 +170,13 @@ def format_of(path: Path, /) -> Format:
     with damage_as_frame_error(path, "file"):
         descriptor = os.open(path, os.O_RDONLY)
         try:
-            magic = os.pread(descriptor, _MAGIC_BYTES, 0)
+            head = os.pread(descriptor, _HEAD_BYTES, 0)
         finally:
             os.close(descriptor)
-    if magic not in _BY_MAGIC:
-        found = f"first bytes {magic.hex(' ')}" if magic else "an empty file"
+    known = next((one for one in FORMATS if head.startswith(one.magics)), None)
+    if known is None:
+        found = f"first bytes {head[:4].hex(' ')}" if head else "an empty file"
         titles = " nor ".join(one.title for one in reversed(FORMATS))
-        usual = " or ".join(known.hex(" ") for one in FORMATS for known in one.magics[:2])
+        usual = " or ".join(magic.hex(" ") for one in FORMATS for magic in one.magics[:2])
         raise FrameError(f"{path}: neither {titles}: found {found}, expected {usual}")
-    return _BY_MAGIC[magic]
+    return known

@@ -7,6 +7,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
+from cadtof_cli.execution.workers import Workers
 from cadtof_cli.figures.pixel_evolution import plot_histogram
 from cadtof_cli.figures.sweep_maps import draw_path_maps
 from cadtof_cli.resolver.settings import ResolverSettings
@@ -93,7 +94,7 @@ def table_1(effort: Effort) -> list[Table1Row]:
         axes.set(xlim=(3.5, 6.5), ylim=(second_ns - 2.5, second_ns + 2.5), aspect="auto")
         axes.set(xlabel="first peak (ns)", ylabel="second peak (ns)", title=f"({name}) 5 and {second_ns:g} ns, N = 2")
         axes.legend(fontsize=8, loc="upper right")
-        photons = simulate_pixel(by_photons, jobs=effort.jobs)
+        photons = simulate_pixel(by_photons, workers=Workers(jobs=effort.jobs))
         made.append(Table1Row(name, simulate_pixel(exact), photons, effort.photon_length))
     figure.savefig(effort.out / "fig7.png")
     _write_table_1(effort, made)
@@ -136,7 +137,7 @@ def figures_8_and_9(effort: Effort) -> Maps:
 
     def swept(trials: Trials, ratios: tuple[float, ...]) -> list[SweepCell]:
         settings = SweepSettings(base=trials, asrs=GRID_ASRS, mpi_ratios=ratios, integration_lengths=GRID_LENGTHS)
-        return sweep(settings, jobs=1)
+        return sweep(settings, workers=Workers(jobs=1))
 
     with_mpi = swept(base, (0.3, 0.1))
     without = swept(replace(base, resolver=ResolverSettings(), runs=10 * effort.resolver_runs), (0.0,))

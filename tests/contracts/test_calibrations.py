@@ -16,7 +16,8 @@ from cadtof_cli.calibration.store import Calibration, digest_of, load_calibratio
 from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Waveform
 from cadtof_cli.errors import MetadataError, OutputError, SettingsError
 from cadtof_cli.files.maps import DepthMaps
-from cadtof_cli.pipeline import CalibrationUse, FramePlan, resolve_frame
+from cadtof_cli.frame_plan import CalibrationUse, FramePlan, MapSettings
+from cadtof_cli.pipeline import resolve_frame
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.resolver.status import StatusBit
 from tests.support.campaign import ALL_DEFECTS, camera, card, record_campaign
@@ -70,9 +71,10 @@ def field_curvature_m(measured: Measured) -> NDArray[np.float64]:
 def resolved(volts: NDArray[np.float64], measured: Measured, folder: Path | None, *, order: str = "auto") -> DepthMaps:
     """The maps of voltages by the route of `cadtof resolve`, with the parts that a folder holds, or with none."""
     metadata = replace(measured.seen.metadata, voltage=CaptureMetadata().voltage)
-    use = None if folder is None else CalibrationUse(folder, load_calibration(folder).digest)
-    plan = FramePlan(metadata=metadata, resolver=ResolverSettings(order=order), calibration=use)
-    return resolve_frame(volts, plan=plan).maps
+    calibration = None if folder is None else load_calibration(folder)
+    use = CalibrationUse(folder, calibration.digest) if folder and calibration else None
+    plan = FramePlan(metadata=metadata, settings=MapSettings(resolver=ResolverSettings(order=order)), calibration=use)
+    return resolve_frame(volts, plan=plan, calibration=calibration).maps
 
 
 def test_dark_offsets_are_gone_after_resolving(measured: Measured, tmp_path: Path) -> None:
@@ -199,8 +201,8 @@ def test_everything_together_removes_the_bias(measured: Measured) -> None:
     seen = measured.seen
     frame = card(seen, count=1, seed=40)[0]
     use = CalibrationUse(measured.folder, measured.calibration.digest)
-    plan = FramePlan(metadata=seen.metadata, resolver=ResolverSettings(), calibration=use)
-    maps = resolve_frame(frame, plan=plan).maps
+    plan = FramePlan(metadata=seen.metadata, calibration=use)
+    maps = resolve_frame(frame, plan=plan, calibration=measured.calibration).maps
     error = 100.0 * (maps.layer("direct.depth") - 0.75)
     two = (maps.status & 16) > 0
     assert two.mean() > 0.7

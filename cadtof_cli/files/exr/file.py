@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from cadtof_cli.errors import FrameError
 from cadtof_cli.files.damage import damage_as_frame_error, require_plausible_size
 from cadtof_cli.files.exr.library_output import library_output
+from cadtof_cli.files.named_planes import NamedPart
 
 Compression = Literal["none", "zip", "pxr24"]
 
@@ -28,11 +29,9 @@ _SAMPLE_BYTES = 4
 
 
 @dataclass(frozen=True)
-class ExrPart:
-    """One part, as its header describes it; its name is empty where it has none."""
+class ExrPart(NamedPart):
+    """One part, as its header describes it."""
 
-    name: str
-    channels: tuple[str, ...]
     shape: tuple[int, int]
     subsampled: tuple[str, ...]
     deep: bool

@@ -8,9 +8,9 @@ import numpy as np
 
 from cadtof_cli.arrays import Stored
 from cadtof_cli.errors import FrameError
-from cadtof_cli.files.exr.channels import Place, voltage_places
 from cadtof_cli.files.exr.file import ExrPart, open_pixels, read_parts, write_exr
 from cadtof_cli.files.frames import CHANNELS, FrameLayout, Frames, LoneFrame, shape_text
+from cadtof_cli.files.named_planes import Place, voltage_places
 
 
 @contextmanager

@@ -1,10 +1,8 @@
 """Named layers as EXR channels: maps with their status bits, truth, and the maps of a calibration."""
 
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from numpy.typing import NDArray
 
 from cadtof_cli.files.exr.file import open_pixels, read_parts, write_exr
@@ -18,13 +16,6 @@ def write_maps(path: Path, maps: DepthMaps, /, *, software: str) -> None:
     """
     channels = {name: maps.layer(name) for name in maps.names} | {STATUS: maps.status}
     write_exr(path, channels, compression="none", software=software)
-
-
-def write_layers(path: Path, layers: Mapping[str, NDArray[Any]], /, *, lossy: bool) -> None:
-    """Write (Y, X) layers, compressed; `lossy` rounds them as float32."""
-    if lossy:
-        layers = {name: layer.astype(np.float32) for name, layer in layers.items()}
-    write_exr(path, layers, compression="pxr24" if lossy else "zip")
 
 
 def read_layers(path: Path, /) -> dict[str, NDArray[Any]]:

@@ -3,7 +3,6 @@
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -48,15 +47,14 @@ class TiffFrames:
         return self.images.planes(self._table[index].ravel()).reshape(self.shape)
 
 
-@dataclass(frozen=True)
-class _Stack:
-    """A stack whose pages are known; its file is closed between frames. `key` changes when the file does."""
+class _Last(threading.local):
+    """The stack that was last read in a thread: its pages are known, its file is closed; the key changes when it does."""
 
-    key: tuple[object, ...]
-    frames: TiffFrames
+    key: object = None
+    frames: TiffFrames | None = None
 
 
-_last = threading.local()
+_last = _Last()
 
 
 @contextmanager
@@ -65,9 +63,8 @@ def open_frames(path: Path, layout: FrameLayout, /) -> Iterator[Frames]:
     with damage_as_frame_error(path, "TIFF"):
         state = path.stat()
     key = (path, layout, state.st_ino, state.st_size, state.st_mtime_ns)
-    stack: _Stack | None = getattr(_last, "stack", None)
-    frames = stack.frames if stack and stack.key == key else TiffFrames(path, layout)
-    _last.stack = _Stack(key, frames) if frames.count > 1 else None
+    frames = _last.frames if _last.frames and _last.key == key else TiffFrames(path, layout)
+    _last.key, _last.frames = (key, frames) if frames.count > 1 else (None, None)
     with frames.images:
         yield frames
 

@@ -15,12 +15,12 @@ from cadtof_cli.workflows.calibrate.captures import (
     AveragedCapture,
     CalibrateReport,
     CalibrateSettings,
-    Progress,
     averaged_captures,
     origin_of,
     parts_before,
     saved,
 )
+from cadtof_cli.workflows.progress import Progress
 
 
 def calibrate_response(
@@ -38,7 +38,7 @@ def calibrate_response(
                 f"{capture.root}: the target's distance is not known: set distance_m under [target] in capture.toml, or "
                 "--distance, once for all captures or once each"
             )
-    earlier = parts_before(settings.out, "response", averaged, on_note=progress.on_note)
+    earlier = parts_before(settings.out, "response", averaged, progress=progress)
     targets = [_target(capture, earlier) for capture in averaged]
     response = fit_response(targets, metadata=averaged[0].metadata, origin=origin_of(averaged, earlier))
     return saved(response, settings, _figures(response), response.quality.findings)

@@ -1,15 +1,23 @@
-"""Which channel of which part of an EXR file is which plane of a frame."""
+"""Which channel of which part of a file is which plane of a frame, where the channels have names."""
 
 import re
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import NamedTuple
 
 from cadtof_cli.errors import FrameError
-from cadtof_cli.files.exr.file import ExrPart
 from cadtof_cli.files.frames import CHANNELS, FrameLayout, NotAFrameError, harmonic_labels, plane_name
 
 _VOLTAGE = re.compile(r"(?:H(?P<harmonic>[1-9]\d*)\.)?SC(?P<channel>[12])", re.IGNORECASE)
 _PART = re.compile(r"H(?P<harmonic>[1-9]\d*)", re.IGNORECASE)
+
+
+@dataclass(frozen=True)
+class NamedPart:
+    """One part of a file, such as all of it; its name is empty where it has none."""
+
+    name: str
+    channels: tuple[str, ...]
 
 
 class Place(NamedTuple):
@@ -19,7 +27,7 @@ class Place(NamedTuple):
     channel: str
 
 
-def voltage_places(parts: Sequence[ExrPart], layout: FrameLayout, *, where: str) -> list[Place]:
+def voltage_places(parts: Sequence[NamedPart], layout: FrameLayout, *, where: str) -> list[Place]:
     """Return the places of a frame's planes in the order H1.SC1, H1.SC2, H2.SC1, …
 
     A channel says its harmonic itself (H2.SC1), or its part does (a part H2 with SC1 and SC2), or else the parts count
@@ -44,7 +52,7 @@ def voltage_places(parts: Sequence[ExrPart], layout: FrameLayout, *, where: str)
     return [found[plane] for plane in wanted]
 
 
-def _labelled(parts: Sequence[ExrPart], layout: FrameLayout, where: str) -> dict[tuple[int, int], Place]:
+def _labelled(parts: Sequence[NamedPart], layout: FrameLayout, where: str) -> dict[tuple[int, int], Place]:
     """Return the place of every voltage by harmonic label and channel."""
     by_part = _part_labels(parts, layout, where)
     found: dict[tuple[int, int], Place] = {}
@@ -60,7 +68,7 @@ def _labelled(parts: Sequence[ExrPart], layout: FrameLayout, where: str) -> dict
     return found
 
 
-def _part_labels(parts: Sequence[ExrPart], layout: FrameLayout, where: str) -> dict[int, int]:
+def _part_labels(parts: Sequence[NamedPart], layout: FrameLayout, where: str) -> dict[int, int]:
     """Return the harmonic of each part whose channels leave it open."""
     matches = {i: [_VOLTAGE.fullmatch(name) for name in part.channels] for i, part in enumerate(parts)}
     open_parts = [i for i, names in matches.items() if any(match and not match["harmonic"] for match in names)]
