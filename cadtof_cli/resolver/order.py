@@ -1,5 +1,6 @@
 """How many paths a pixel has: the fewest that leave no more than noise does."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Protocol
 
@@ -17,12 +18,17 @@ LEAST_PATHS = 2
 
 
 class Solver(Protocol):
-    """What a room of the resolver offers by its module `solver`, for the n pixels of a block.
+    """What a room of the resolver offers by its module `solver`, for the phasors of a block of n pixels.
 
-    `sigma_type` is what its standard deviations come in.
+    Attributes:
+        sigma_type: type of its standard deviations.
+        modulus: |p| of the first harmonic, (n,).
+        powers: |p|² of every harmonic, (n,) each.
     """
 
     sigma_type: type[np.floating]
+    modulus: Float
+    powers: Sequence[Float]
 
     def fit(self, count: int, pixels: Bool, /, *, limit: Float | float | None) -> tuple[Index | slice, Fit]:
         """Fit `count` paths to the pixels, bool (n,), and return the indices of those that were fitted, rising.
@@ -94,9 +100,8 @@ def _spread(fit: Fit, pixels: Index | slice, count: int, rows: int, sigma_type: 
     if isinstance(pixels, slice) and len(fit.paths) == rows:
         return fit
     paths = Paths.none((rows, count), sigma_type=sigma_type)
-    paths[: len(fit.paths), pixels] = fit.paths
     whole = Fit(paths, np.full(count, np.nan), np.ones(count, np.bool_), np.zeros(count))
-    whole.chi_squared[pixels], whole.converged[pixels], whole.doubt[pixels] = fit.chi_squared, fit.converged, fit.doubt
+    whole[pixels] = fit
     return whole
 
 
@@ -107,10 +112,7 @@ def _kept(whole: Fit, pixels: Index | slice, fewer: tuple[Index, Fit], waiting: 
     fitted[pixels] = True
     rivals = np.flatnonzero((fitted & waiting)[known])
     kept = np.ones(known.size, np.bool_)
-    kept[rivals] = ~worth_another(whole.paths[0, known[rivals]], fit.paths[0, rivals])
-    put, fit = known[kept], fit[kept]
-    whole.paths[: len(fit.paths), put] = fit.paths
-    if len(fit.paths) < len(whole.paths):
-        whole.paths[len(fit.paths) :, put] = Paths.none((1, 1))
-    whole.chi_squared[put], whole.converged[put], whole.doubt[put] = fit.chi_squared, fit.converged, fit.doubt
+    kept[rivals] = ~worth_another(whole.paths[0][known[rivals]], fit.paths[0][rivals])
+    chosen = np.flatnonzero(kept)
+    whole[known[chosen]] = fit[chosen]
     return whole

@@ -11,7 +11,6 @@ from cadtof_cli.resolver.response.two_paths import two_paths_of_response
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.resolver.two_path.closed_form import fundamental_frame, is_single
 from cadtof_cli.resolver.two_path.one_path import OnePath, one_path
-from cadtof_cli.resolver.two_path.solver import put_single
 from cadtof_cli.resolver.two_path.uncertainty import two_path_sigmas
 
 ORDER_TEST_STEPS = 2
@@ -36,6 +35,7 @@ class FullResponse:
         self._always_two = settings.order == "2"
         steps = ONE_PATH_STEPS if settings.max_paths == 1 else ORDER_TEST_STEPS
         self._frame = fundamental_frame(*phasors)
+        self.modulus, self.powers = self._frame.u, self._frame.powers
         self._alone: OnePath = one_path_of_response(
             one_path(self._frame, noise=noise, steps=1), phasors, response=response, noise=noise, steps=steps
         )
@@ -55,7 +55,7 @@ class FullResponse:
         fit = Fit(Paths(two.amplitude, two.phases(), sigma), np.zeros(doubt.size), converged, doubt)
         if single.any():
             at = np.flatnonzero(single)
-            put_single(fit, at, self._alone.fit()[at])
+            fit[at] = self._alone.fit()[at]
         return slice(None), fit
 
 
