@@ -16,9 +16,9 @@ from cadtof_cli.arrays import Bool, Complex, Status, Stored
 from cadtof_cli.calibration.apply import FrameCorrection, frame_correction
 from cadtof_cli.calibration.store import Calibration
 from cadtof_cli.errors import FrameError
+from cadtof_cli.files.maps import DepthMaps
 from cadtof_cli.frame_plan import FramePlan
 from cadtof_cli.maps.depth import DepthScale, empty_maps, write_block
-from cadtof_cli.maps.layers import DepthMaps
 from cadtof_cli.optics.pinhole import planar_per_range
 from cadtof_cli.phasors.frame_mean import FrameMean
 from cadtof_cli.phasors.noise import NoiseModel, estimated_integration_length, noise_model

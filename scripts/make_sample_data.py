@@ -9,7 +9,6 @@ from cadtof_cli.capture.metadata import CaptureMetadata, Pixel, Target, Voltage
 from cadtof_cli.simulation.scene.camera import Camera
 from cadtof_cli.simulation.scene.exposure import Exposure
 from cadtof_cli.simulation.scene.light import Scene
-from cadtof_cli.simulation.scene.recorder import FrameFormat
 from cadtof_cli.simulation.scene.scenes import Card, Corner, InterReflection, Wall
 from cadtof_cli.workflows.simulate.record import RecordSettings, record_scene
 
@@ -45,7 +44,7 @@ def captures() -> dict[str, RecordSettings]:
 
 
 def _capture(
-    scene: Scene, *, frame_format: FrameFormat = "tif", camera: Camera | None = None, target_m: float | None = None
+    scene: Scene, *, frame_format: str = "tif", camera: Camera | None = None, target_m: float | None = None
 ) -> RecordSettings:
     camera = camera or Camera()
     metadata = CaptureMetadata(

@@ -9,6 +9,7 @@ import click
 
 from cadtof_cli.commands.options import SectionedCommand, capture_options, input_paths
 from cadtof_cli.commands.progress import Bar, progress_bar
+from cadtof_cli.files.formats import MAP_FORMATS
 from cadtof_cli.frame_plan import MapSettings
 from cadtof_cli.resolver.settings import RETURNS, SOLVERS, ResolverSettings
 
@@ -108,7 +109,7 @@ from cadtof_cli.resolver.settings import RETURNS, SOLVERS, ResolverSettings
 @click.option(
     "--format",
     "map_format",
-    type=click.Choice(["exr", "tif", "same"]),
+    type=click.Choice([*MAP_FORMATS, "same"]),
     default="same",
     show_default=True,
     help="Format of the maps; same as the input's.",

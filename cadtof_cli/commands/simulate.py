@@ -22,6 +22,7 @@ from cadtof_cli.commands.simulation_options import (
     with_options,
 )
 from cadtof_cli.errors import SettingsError
+from cadtof_cli.files.formats import FRAME_FORMATS, format_named
 
 if TYPE_CHECKING:
     from cadtof_cli.simulation.scene.light import Scene
@@ -63,7 +64,12 @@ SCENE_SETTINGS = {
 @with_options(*MODULATION_OPTIONS, *PIXEL_OPTIONS)
 @click.option("--frames", type=int, default=1, show_default=True, help="Frames of the capture.")
 @click.option(
-    "--format", "frame_format", type=click.Choice(["tif", "exr"]), default="tif", show_default=True, help="Of frames."
+    "--format",
+    "frame_format",
+    type=click.Choice(FRAME_FORMATS),
+    default=FRAME_FORMATS[0],
+    show_default=True,
+    help="Of frames.",
 )
 @click.option("--compress", is_flag=True, help="Deflate TIFF, ZIP EXR.")
 @click.option("--distance-m", "--distance", type=float, help="Distance of the scene, m.")
@@ -99,7 +105,7 @@ def simulate(context: click.Context, /, scene: str, out: Path | None, **options:
 
 
 def _simulate_pixel(out: Path | None, options: dict[str, Any]) -> None:
-    from cadtof_cli.files.new_folder import require_absent
+    from cadtof_cli.files.atomic import require_absent
     from cadtof_cli.workflows.simulate.simulate import json_report, simulate_pixel, write_evolution
 
     trials = _trials(options)
@@ -193,7 +199,7 @@ def _record_settings(name: str, options: dict[str, Any]) -> "RecordSettings":
         modulation=modulation_from_options(options),
         pixel=Pixel(integration_length=averaging.integration_length),
         pulse=Pulse(fwhm_ns=options["fwhm_ns"]),
-        voltage=camera.voltage if options["frame_format"] == "tif" else Voltage(),
+        voltage=camera.voltage if format_named(options["frame_format"]).counts else Voltage(),
         optics=camera.optics,
         target=Target(distance_m=scene.distance_m if isinstance(scene, Wall) else None),
     )

@@ -45,7 +45,7 @@ def sweep(out: Path | None, plot: Path | None, **options: Any) -> None:
     \b
     Exit status: 0 done; 2 wrong usage or settings, or OUT exists; 130 interrupted.
     """
-    from cadtof_cli.files.new_folder import require_absent
+    from cadtof_cli.files.atomic import require_absent
     from cadtof_cli.workflows.simulate.sweep import draw_sweep, sweep_steps, write_table, write_table_file
     from cadtof_cli.workflows.simulate.sweep import sweep as run_sweep
 

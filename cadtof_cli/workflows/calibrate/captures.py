@@ -9,9 +9,8 @@ from cadtof_cli.calibration.averaging import FrameAverage, MeanFrame
 from cadtof_cli.calibration.parts import PART_KINDS, Origin, Part, PartKind
 from cadtof_cli.calibration.store import Calibration, digest_of, load_calibration, require_absent, save_part
 from cadtof_cli.capture.discovery import Capture, find_captures
+from cadtof_cli.capture.frames import open_frames, single_frames
 from cadtof_cli.capture.metadata import CaptureMetadata, Target
-from cadtof_cli.capture.reader import open_frames
-from cadtof_cli.capture.stacks import single_frames
 from cadtof_cli.errors import SettingsError
 
 

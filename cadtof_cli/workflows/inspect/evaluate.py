@@ -10,11 +10,11 @@ import numpy as np
 
 from cadtof_cli.arrays import Float
 from cadtof_cli.capture.discovery import Capture, find_captures
-from cadtof_cli.capture.reader import open_frames
-from cadtof_cli.capture.stacks import single_frames
+from cadtof_cli.capture.frame_sources import FrameSource
+from cadtof_cli.capture.frames import open_frames, single_frames
 from cadtof_cli.errors import CadtofError, CaptureError, SettingsError
-from cadtof_cli.files.frames import FrameSource
-from cadtof_cli.files.layers import MAP_SUFFIXES, read_layers
+from cadtof_cli.files.formats import MAP_SUFFIXES
+from cadtof_cli.files.maps import read_layers
 from cadtof_cli.maps.evaluation import DepthErrors, ErrorTally
 from cadtof_cli.maps.layers import DIRECT_DEPTH
 from cadtof_cli.phasors.voltages import phasor_scale, phasors_from_voltages, saturated_pixels

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from cadtof_cli.capture.discovery import Capture, find_captures
+from cadtof_cli.capture.frames import first_pixels, single_frames
 from cadtof_cli.capture.metadata import KEYS
-from cadtof_cli.capture.stacks import first_pixels, single_frames
 from cadtof_cli.errors import CadtofError
 from cadtof_cli.execution.ordered import WorkerDied, run_ordered
 from cadtof_cli.execution.workers import available_cores, default_start_method

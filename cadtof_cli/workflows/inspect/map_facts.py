@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 
 from cadtof_cli.capture.toml import FILE_NAME
 from cadtof_cli.errors import CadtofError
-from cadtof_cli.files.layers import MAP_SUFFIXES, read_layers
-from cadtof_cli.maps.layers import DIRECT_DEPTH, STATUS, layer_unit
+from cadtof_cli.files.formats import MAP_SUFFIXES
+from cadtof_cli.files.maps import STATUS, read_layers
+from cadtof_cli.maps.layers import DIRECT_DEPTH, layer_unit
 from cadtof_cli.resolver.status import StatusBit
 from cadtof_cli.workflows.resolve.run_record import RUN_FILE
 

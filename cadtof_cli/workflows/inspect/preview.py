@@ -8,7 +8,7 @@ import numpy as np
 from cadtof_cli.errors import CaptureError
 from cadtof_cli.figures.maps import MapPicture, draw_maps
 from cadtof_cli.files.atomic import whole_file
-from cadtof_cli.files.layers import read_layers
+from cadtof_cli.files.maps import read_layers
 from cadtof_cli.maps.layers import CONFIDENCE, DIRECT_DEPTH, DIRECT_SIGMA, MPI_DEPTH
 from cadtof_cli.workflows.inspect.evaluate import (
     direct_depth,

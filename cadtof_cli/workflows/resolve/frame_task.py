@@ -7,10 +7,11 @@ from pathlib import Path
 from typing import Any, Literal, TypeVar
 
 from cadtof_cli.arrays import Stored
-from cadtof_cli.capture.reader import open_frames
+from cadtof_cli.capture.frame_sources import FrameSource
+from cadtof_cli.capture.frames import open_frames
 from cadtof_cli.errors import CadtofError, FrameError
 from cadtof_cli.execution.memory import keep_freed_memory
-from cadtof_cli.files.frames import FrameLayout, FrameSource, NotAFrameError
+from cadtof_cli.files.frames import FrameLayout, NotAFrameError
 from cadtof_cli.files.maps import write_maps
 from cadtof_cli.frame_plan import FramePlan
 from cadtof_cli.phasors.frame_mean import FrameMean, frame_mean

@@ -5,7 +5,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from cadtof_cli.capture.discovery import Capture
-from cadtof_cli.capture.stacks import first_dtype
+from cadtof_cli.capture.frames import first_frames
 from cadtof_cli.errors import CadtofError, SettingsError
 from cadtof_cli.frame_plan import FramePlan
 from cadtof_cli.phasors.voltages import phasor_scale
@@ -17,11 +17,11 @@ def require_known_volts(capture: Capture, /) -> None:
     Raises:
         SettingsError: the values are integers and nothing says how many volts a count stands for.
     """
-    dtype = first_dtype(capture)
-    if dtype is None:
+    first = first_frames(capture)
+    if first is None:
         return
     try:
-        phasor_scale(capture.source.metadata, dtype)
+        phasor_scale(capture.source.metadata, first.dtype)
     except SettingsError as error:
         raise SettingsError(f"{capture.root}: {error}") from error
 

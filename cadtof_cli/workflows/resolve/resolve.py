@@ -7,16 +7,17 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 from uuid import uuid4
 
 from cadtof_cli.capture.discovery import Capture, find_captures
-from cadtof_cli.capture.stacks import first_pixels, single_frames
+from cadtof_cli.capture.frame_sources import FrameSource
+from cadtof_cli.capture.frames import first_pixels, single_frames
 from cadtof_cli.errors import SettingsError
 from cadtof_cli.execution.ordered import Outcome, WorkerDied, run_ordered
 from cadtof_cli.execution.workers import StartMethod, available_cores, default_start_method
 from cadtof_cli.files.atomic import remove_partial_files
-from cadtof_cli.files.frames import FrameSource
+from cadtof_cli.files.formats import MAP_FORMATS, format_named, map_suffix_like
 from cadtof_cli.frame_plan import FramePlan, MapSettings
 from cadtof_cli.workflows.resolve.frame_task import FrameReport, FrameTask, resolve_file
 from cadtof_cli.workflows.resolve.plan import require_known_volts
@@ -24,9 +25,9 @@ from cadtof_cli.workflows.resolve.run_record import RunRecord, prepare_output
 from cadtof_cli.workflows.resolve.split_frames import resolve_split, worth_splitting
 from cadtof_cli.workflows.resolve.use_calibration import use_calibration
 
-MapFormat = Literal["exr", "tif", "same"]
+AS_INPUT = "same"
 
-MAP_FORMATS: tuple[MapFormat, ...] = ("exr", "tif", "same")
+FORMAT_CHOICES = (*MAP_FORMATS, AS_INPUT)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,7 +37,7 @@ class ResolveSettings:
     out: Path
     maps: MapSettings = field(default_factory=MapSettings)
     calibration: Path | None = None
-    map_format: MapFormat = "same"
+    map_format: str = AS_INPUT
     jobs: int = field(default_factory=available_cores)
     start_method: StartMethod = field(default_factory=default_start_method)
     overwrite: bool = False
@@ -47,8 +48,8 @@ class ResolveSettings:
             raise SettingsError(f"--jobs: found {self.jobs}, expected 1 or more")
         if self.overwrite and self.resume:
             raise SettingsError("--overwrite and --resume exclude each other: replace the old maps, or keep them")
-        if self.map_format not in MAP_FORMATS:
-            raise SettingsError(f"--format: found {self.map_format!r}, expected one of {', '.join(MAP_FORMATS)}")
+        if self.map_format not in FORMAT_CHOICES:
+            raise SettingsError(f"--format: found {self.map_format!r}, expected one of {', '.join(FORMAT_CHOICES)}")
 
 
 @dataclass
@@ -192,10 +193,8 @@ def _are_worth_splitting(captures: Sequence[Capture], plans: Sequence[FramePlan]
     return worth_splitting(tasks, settings.jobs, max(seconds))
 
 
-def _suffix(source: FrameSource, map_format: MapFormat) -> str:
-    if map_format == "same":
-        return ".exr" if source.paths[0].suffix.lower() == ".exr" else ".tif"
-    return f".{map_format}"
+def _suffix(source: FrameSource, map_format: str) -> str:
+    return map_suffix_like(source.paths[0]) if map_format == AS_INPUT else format_named(map_format).suffix
 
 
 def _report(outcome: Outcome[FrameTask, FrameReport]) -> FrameReport:

@@ -16,6 +16,7 @@ from cadtof_cli.capture.discovery import Capture
 from cadtof_cli.capture.toml import FILE_NAME as CAPTURE_FILE
 from cadtof_cli.errors import OutputError
 from cadtof_cli.files.atomic import make_folder, remove_partial_files, write_json
+from cadtof_cli.files.formats import MAP_FORMATS
 from cadtof_cli.resolver.status import MEANING
 from cadtof_cli.workflows.resolve.frame_task import FrameReport
 from cadtof_cli.workflows.resolve.use_calibration import AppliedCalibration
@@ -68,7 +69,7 @@ def _named(captures: Sequence[Capture], out: Path) -> dict[str, Path]:
 def _check_nothing_replaced(out: Path, named: Mapping[str, Path]) -> None:
     def would_be(path: Path) -> bool:
         in_stack = _PLACE_IN_STACK.sub("", path.stem)
-        return path.suffix in {".exr", ".tif"} and (path.stem in named or in_stack in named)
+        return path.suffix.removeprefix(".") in MAP_FORMATS and (path.stem in named or in_stack in named)
 
     there = sorted(path.name for path in out.iterdir() if path.name in {RUN_FILE, FRAMES_FILE} or would_be(path))
     if there:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from cadtof_cli.execution.memory import keep_freed_memory
 from cadtof_cli.execution.ordered import Outcome, WorkerDied, run_ordered
 from cadtof_cli.execution.workers import StartMethod
-from cadtof_cli.maps.layers import DepthMaps
+from cadtof_cli.files.maps import DepthMaps
 from cadtof_cli.pipeline import FramePixels, joined_parts, prepare_frame, resolve_pixels
 from cadtof_cli.workflows.resolve.frame_task import FrameReport, FrameTask, attempted, read_frame, written
 from cadtof_cli.workflows.resolve.use_calibration import planned_calibration

@@ -7,7 +7,7 @@ from typing import Any
 
 from cadtof_cli.calibration.store import Calibration, cached_calibration, load_calibration
 from cadtof_cli.capture.discovery import Capture
-from cadtof_cli.capture.stacks import first_pixels
+from cadtof_cli.capture.frames import first_pixels
 from cadtof_cli.frame_plan import CalibrationUse, FramePlan
 
 

@@ -9,10 +9,11 @@ import numpy as np
 
 from cadtof_cli import __version__
 from cadtof_cli.arrays import Float
-from cadtof_cli.files.new_folder import new_folder
+from cadtof_cli.files.atomic import new_folder
+from cadtof_cli.files.formats import FRAME_FORMATS
 from cadtof_cli.simulation.pixel.mix import require
 from cadtof_cli.simulation.scene.exposure import Band, Exposure, band_rows, expose_band, frame_voltages, joined
-from cadtof_cli.simulation.scene.recorder import FRAME_FORMATS, FrameFormat, write_capture
+from cadtof_cli.simulation.scene.recorder import write_capture
 from cadtof_cli.workflows.simulate.tasks import Advance, no_advance, results
 
 
@@ -29,7 +30,7 @@ class RecordSettings:
 
     exposure: Exposure
     frames: int = 1
-    frame_format: FrameFormat = "tif"
+    frame_format: str = FRAME_FORMATS[0]
     compress: bool = False
 
     def __post_init__(self) -> None:

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from cadtof_cli.files.new_folder import new_folder
+from cadtof_cli.files.atomic import new_folder
 from cadtof_cli.simulation.pixel.evolution import Evolution, evolution
 from cadtof_cli.simulation.trials import EVOLUTION_KEY, Trials, TrialsSummary, block_voltages, summary
 from cadtof_cli.workflows.simulate.tasks import Advance, no_advance, results

@@ -11,7 +11,7 @@ import numpy as np
 
 from cadtof_cli.arrays import Float
 from cadtof_cli.errors import OutputError
-from cadtof_cli.files.new_folder import new_folder
+from cadtof_cli.files.atomic import new_folder
 from cadtof_cli.simulation.pixel.averaging import Averaging
 from cadtof_cli.simulation.pixel.mix import require
 from cadtof_cli.simulation.pixel.statistics import averaging_gain, phase_precision_of_mix_rad
