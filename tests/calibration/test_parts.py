@@ -8,11 +8,9 @@ import pytest
 
 from cadtof_cli.calibration.dark import DarkCalibration
 from cadtof_cli.calibration.parts import Origin, plane_names, stacked
-from cadtof_cli.calibration.petzval import PetzvalCalibration, PetzvalQuality, WallFit, curvature_m, middle_px
+from cadtof_cli.calibration.petzval import PetzvalCalibration, PetzvalQuality, WallFit
 from cadtof_cli.calibration.response import ResponseCalibration, ResponseQuality
 from cadtof_cli.calibration.store import Calibration, cached_calibration, digest_of, load_calibration, save_part
-from cadtof_cli.calibration.wall import wall_range_m
-from cadtof_cli.capture.metadata import Optics
 from cadtof_cli.errors import MetadataError
 from cadtof_cli.phasors.response import HarmonicResponse
 
@@ -104,23 +102,6 @@ def test_a_response_that_cannot_be_is_refused(what: str) -> None:
         gain[0, 0, 0] = 0.0
     with pytest.raises(ValueError, match=r"found|gain"):
         ResponseCalibration(origin(), responses, phase, gain, (0.0, 0.0), ResponseQuality())
-
-
-def test_curvature_is_counted_from_the_point_over_half_the_diagonal() -> None:
-    found = curvature_m((6, 8), (4.0, 3.0), (0.06, -0.02))
-    assert found[3, 4] == 0.0
-    assert found[0, 0] == pytest.approx(0.06 - 0.02)
-    assert found[3, 0] == pytest.approx(0.06 * 0.64 - 0.02 * 0.64**2)
-    assert middle_px((6, 9)) == (4.0, 2.5)
-
-
-def test_a_wall_is_as_far_as_its_plane() -> None:
-    ranges = wall_range_m(
-        Optics(focal_length_px=4.0, principal_point_px=(1.0, 1.0)), (2, 5), distance_m=2.0, slopes=(0.5, -0.25)
-    )
-    assert ranges[1, 1] == 2.0
-    assert ranges[1, 4] == pytest.approx(2.0 * 1.25 / (1 + 0.5 * 0.75))
-    assert ranges[0, 1] == pytest.approx(2.0 * np.sqrt(1 + 1 / 16) / (1 + 0.25 / 4))
 
 
 def test_parts_that_were_measured_with_others_are_stale() -> None:

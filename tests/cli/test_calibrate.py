@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cadtof_cli.simulation.defects import Defects
 from tests.support.campaign import ALL_DEFECTS, Campaign, camera, card, covered, record_campaign, wall, write
-from tests.support.run_cadtof import cadtof
+from tests.support.defects import Defects
+from tests.support.run_cadtof import ROOT, cadtof
 
 
 @pytest.fixture(scope="module")
@@ -70,6 +70,13 @@ def test_what_a_response_leaves_is_the_noise_of_the_means(tmp_path: Path, frames
     assert done.status == 0, done.err
     quality = tomllib.loads((tmp_path / "camera" / "response.toml").read_text())["quality"]
     assert quality["residual"] == pytest.approx(left, abs=0.04)
+
+
+def test_petzval_of_a_camera_without_other_defects(tmp_path: Path) -> None:
+    """Without dark and response parts there is no noise of theirs, and nothing is divided by it."""
+    done = cadtof("calibrate", "petzval", ROOT / "sample_data" / "wall", "-o", tmp_path / "camera", "--quiet")
+    assert (done.status, done.err) == (0, "")
+    assert "used" not in tomllib.loads((tmp_path / "camera" / "petzval.toml").read_text())
 
 
 def test_a_part_is_not_replaced_unasked(campaign: Campaign, calibrated: Path) -> None:

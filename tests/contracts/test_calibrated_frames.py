@@ -13,9 +13,10 @@ from cadtof_cli.calibration.petzval import PetzvalCalibration, PetzvalQuality
 from cadtof_cli.calibration.response import ResponseCalibration, ResponseQuality
 from cadtof_cli.calibration.store import load_calibration, save_part
 from cadtof_cli.capture.metadata import CaptureMetadata, Optics, Pixel
-from cadtof_cli.maps.layers import DepthMaps
+from cadtof_cli.files.maps import DepthMaps
+from cadtof_cli.frame_plan import CalibrationUse, FramePlan, MapSettings
 from cadtof_cli.phasors.response import HarmonicResponse
-from cadtof_cli.pipeline import CalibrationUse, FramePlan, resolve_frame
+from cadtof_cli.pipeline import resolve_frame
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.resolver.status import StatusBit
 from tests.support.forward import AMPLITUDE_V, C_M_PER_NS, T1_NS
@@ -51,9 +52,10 @@ def maps_of(
 ) -> DepthMaps:
     for part in parts:
         save_part(folder, part)
-    use = CalibrationUse(folder, load_calibration(folder).digest, curved) if parts else None
-    plan = FramePlan(metadata=metadata, resolver=ResolverSettings(order=order), calibration=use)
-    return resolve_frame(frame, plan=plan).maps
+    calibration = load_calibration(folder) if parts else None
+    use = CalibrationUse(folder, calibration.digest, curved) if calibration else None
+    plan = FramePlan(metadata=metadata, settings=MapSettings(resolver=ResolverSettings(order=order)), calibration=use)
+    return resolve_frame(frame, plan=plan, calibration=calibration).maps
 
 
 def ranges_m(seed: int = 0) -> F:

@@ -7,8 +7,9 @@ import pytest
 from numpy.typing import NDArray
 
 from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Pixel, Voltage, Waveform
-from cadtof_cli.phasors.averaging import FrameMean
-from cadtof_cli.pipeline import FramePlan, resolve_frame
+from cadtof_cli.frame_plan import FramePlan, MapSettings
+from cadtof_cli.phasors.frame_mean import FrameMean
+from cadtof_cli.pipeline import resolve_frame
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.resolver.status import StatusBit
 from tests.support.forward import AMPLITUDE_V, Light, depth_m
@@ -27,7 +28,7 @@ def recorded_v(light: Light, *, n_av: float = 1e5, seed: int = 1) -> NDArray[np.
 
 def test_whole_numbers_are_noisier_by_their_rounding_and_sigma_says_so() -> None:
     metadata = replace(METADATA, voltage=Voltage(zero_counts=200.0, volts_per_count=COUNT_V))
-    plan = FramePlan(metadata=metadata, resolver=ResolverSettings(order="1"))
+    plan = FramePlan(metadata=metadata, settings=MapSettings(resolver=ResolverSettings(order="1")))
     # every pixel has a delay of its own, so that rounding errors are spread evenly
     delays = np.linspace(4.0, 16.0, 400)
     errors, sigmas = [], []
@@ -39,7 +40,8 @@ def test_whole_numbers_are_noisier_by_their_rounding_and_sigma_says_so() -> None
     scatter = float(np.sqrt(np.mean(np.square(errors))))
     assert np.median(sigmas) == pytest.approx(scatter, rel=0.06)
     exact = resolve_frame(
-        recorded_v(Light(2.0)), plan=FramePlan(metadata=METADATA, resolver=ResolverSettings(order="1"))
+        recorded_v(Light(2.0)),
+        plan=FramePlan(metadata=METADATA, settings=MapSettings(resolver=ResolverSettings(order="1"))),
     )
     assert np.median(sigmas) > 1.4 * np.median(exact.maps.layer("direct.sigma"))
 
@@ -58,7 +60,7 @@ def test_a_mean_of_frames_is_resolved_as_a_frame_of_as_many_times_the_length(wav
         ("long", longer, volts),
     ):
         metadata = replace(METADATA, modulation=Modulation(waveform=waveform), pixel=Pixel(integration_length=n_av))
-        plan = FramePlan(metadata=metadata, resolver=ResolverSettings(order=order), average=9)
+        plan = FramePlan(metadata=metadata, settings=MapSettings(resolver=ResolverSettings(order=order), average=9))
         maps[name] = resolve_frame(frame, plan=plan).maps
     mean, long = maps["mean"], maps["long"]
     assert ((mean.status & StatusBit.POOLED) > 0).all()
@@ -74,7 +76,7 @@ def test_a_mean_of_frames_is_resolved_as_a_frame_of_as_many_times_the_length(wav
 def test_an_unknown_noise_is_that_of_one_frame_however_many_are_averaged() -> None:
     """The estimate comes from the mean, whose noise is that of 9 times the length."""
     volts = recorded_v(Light(2.0), n_av=9e4)
-    plan = FramePlan(metadata=CaptureMetadata(), resolver=ResolverSettings(order="1"), average=9)
+    plan = FramePlan(metadata=CaptureMetadata(), settings=MapSettings(resolver=ResolverSettings(order="1"), average=9))
     resolved = resolve_frame(FrameMean(volts, np.full(SHAPE, 9.0), volts.dtype), plan=plan)
     assert resolved.noise_estimated
     assert resolved.integration_length == pytest.approx(1e4, rel=0.1)

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from cadtof_cli.resolver.order import worth_another
-from cadtof_cli.resolver.paths import Path
+from cadtof_cli.resolver.paths import Paths
 
 
-def path(phase_rad: float, sigma_rad: float) -> Path:
-    return Path(np.array([0.3]), np.array([phase_rad % (2 * np.pi)]), np.array([sigma_rad]))
+def path(phase_rad: float, sigma_rad: float) -> Paths:
+    return Paths(np.array([0.3]), np.array([phase_rad % (2 * np.pi)]), np.array([sigma_rad]))
 
 
 @pytest.mark.parametrize("middle", [0.0, 1.0, np.pi, 6.28])

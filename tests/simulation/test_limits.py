@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from cadtof_cli.errors import SettingsError
-from cadtof_cli.simulation.averaging import Averaging, Capacitors, Stages
-from cadtof_cli.simulation.camera import Camera
-from cadtof_cli.simulation.mix import PhotonMix
-from cadtof_cli.simulation.pixel import PixelModel
-from cadtof_cli.simulation.scenes import Card, Corner, InterReflection, Wall
-from cadtof_cli.simulation.trials import Condition, Trials
+from cadtof_cli.simulation.pixel.averaging import Averaging, Capacitors, Stages
+from cadtof_cli.simulation.pixel.mix import Condition, PhotonMix
+from cadtof_cli.simulation.pixel.pixel import PixelModel
+from cadtof_cli.simulation.scene.camera import Camera
+from cadtof_cli.simulation.scene.scenes import Card, Corner, InterReflection, Wall
+from cadtof_cli.workflows.simulate.trials import Trials
 
 AVERAGING = Averaging(integration_length=100.0)
 
