@@ -74,7 +74,8 @@ def write_paths(
         values, unit = layers[name]
         if values is None:
             raise ValueError(f"the resolver gave no {name}")
-        np.multiply(values, unit, out=maps.layer(name).reshape(-1)[block], casting="same_kind")
+        layer = np.asarray(values * unit).astype(np.float32)
+        maps.layer(name).reshape(-1)[block] = np.where(np.isnan(layer), np.float32(np.nan), layer)
     maps.status.reshape(-1)[block] = paths.status
 
 
@@ -83,5 +84,4 @@ def _without(phase_rad: Float, offset_rad: Float | None) -> Float:
     if offset_rad is None:
         return phase_rad
     corrected = phase_rad - offset_rad
-    corrected += np.where(corrected < 0.0, 2.0 * np.pi, 0.0)
-    return corrected
+    return np.where(corrected < 0.0, corrected + 2.0 * np.pi, corrected)

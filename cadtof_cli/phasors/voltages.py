@@ -50,10 +50,7 @@ def phasors_from_voltages(stored: Stored, /, *, scale: PhasorScale) -> Complex:
     for phasor, channels, per_count in zip(phasors, stored, scale.per_count, strict=True):
         offset = -scale.zero * per_count
         for part, channel in zip((phasor.real, phasor.imag), channels, strict=True):
-            # numpy would compute half floats times a Python number in half floats
-            np.multiply(channel, per_count, out=part, dtype=np.float64)
-            if offset:
-                part += offset
+            part[:] = channel.astype(np.float64) * per_count + offset
     return phasors
 
 

@@ -4,7 +4,7 @@ import numpy as np
 
 from cadtof_cli.arrays import Bool
 from cadtof_cli.resolver.paths import Path
-from cadtof_cli.resolver.two_path.closed_form import FULL_TURN
+from cadtof_cli.resolver.two_path.arctangent import FULL_TURN
 
 
 def worth_another(direct: Path, fewer: Path, /) -> Bool:
@@ -17,6 +17,6 @@ def worth_another(direct: Path, fewer: Path, /) -> Bool:
     """
     difference = np.abs(direct.phase_rad - fewer.phase_rad)
     difference = np.minimum(difference, FULL_TURN - difference)
-    cost = np.square(direct.sigma_rad, dtype=np.float64) - np.square(fewer.sigma_rad)
+    cost = direct.sigma_rad * direct.sigma_rad - fewer.sigma_rad * fewer.sigma_rad
     worth: Bool = difference * difference > 2.0 * cost
     return worth

@@ -18,14 +18,14 @@ from cadtof_cli.resolver.returns import direct_and_mpi
 from cadtof_cli.resolver.screening import screened
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.resolver.status import StatusBit
+from cadtof_cli.resolver.two_path.arctangent import phase_of
 from cadtof_cli.resolver.two_path.closed_form import (
     FundamentalFrame,
     fundamental_frame,
     is_single,
-    phase_of,
     two_paths,
 )
-from cadtof_cli.resolver.two_path.one_path import one_path
+from cadtof_cli.resolver.two_path.one_path import one_path, one_path_limit
 from cadtof_cli.resolver.two_path.uncertainty import two_path_sigmas
 
 ORDER_TEST_STEPS = 0
@@ -143,16 +143,10 @@ def _fitted_alone(
 
 
 def _may_be_one_path(frame: FundamentalFrame, threshold: float, noise: NoiseModel, samples: Float | None) -> Bool:
-    """Return False where one path leaves a χ² above the threshold for certain, without fitting it.
-
-    If the best single path leaves n1 and n2 of the two phasors, then |p1| − p2·conj(ρ)² is at most (1+π)|n1| + |n2|, because
-    n1 turns ρ by no more than π|n1|/2a; and noise along and across a phasor has at most twice its dark variance.
-    """
-    first, second = noise.harmonics
-    limit = 2.0 * threshold * ((1.0 + np.pi) ** 2 * first.dark_variance + second.dark_variance)
+    """Return False where one path leaves a χ² above the threshold for certain, without fitting it."""
     difference = frame.u - frame.pr
     square = difference * difference + frame.pi * frame.pi
-    may: Bool = _times(square, samples, slice(None)) <= limit
+    may: Bool = _times(square, samples, slice(None)) <= one_path_limit(threshold, noise)
     return may
 
 
@@ -173,7 +167,7 @@ def _paths(
     sigma_x, sigma_y = (
         _averaged(sigma, samples, slice(None) if everywhere else chosen) for sigma in two_path_sigmas(two, noise=noise)
     )
-    doubtful = (np.maximum(sigma_x, sigma_y) > two.sin_half) * np.uint32(StatusBit.ILL_CONDITIONED)
+    doubtful = ((sigma_x > two.sin_half) | (sigma_y > two.sin_half)) * np.uint32(StatusBit.ILL_CONDITIONED)
     x, y = two.phases()
     direct, mpi = direct_and_mpi(Path(two.a, x, sigma_x), Path(two.b, y, sigma_y), settings)
     if everywhere:

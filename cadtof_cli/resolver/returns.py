@@ -5,7 +5,7 @@ import numpy as np
 from cadtof_cli.arrays import Bool
 from cadtof_cli.resolver.paths import Path, PathSet
 from cadtof_cli.resolver.settings import ResolverSettings
-from cadtof_cli.resolver.two_path.closed_form import FULL_TURN
+from cadtof_cli.resolver.two_path.arctangent import FULL_TURN
 
 ECHO_RATIO = 0.5
 """A path below this share of the other's amplitude, and over half a turn ahead of it, is its echo, wrapped round the range."""
@@ -31,7 +31,7 @@ def direct_and_mpi(x: Path, y: Path, settings: ResolverSettings, /) -> tuple[Pat
         y_strong = y.amplitude >= settings.min_return_ratio * x.amplitude
         x_chosen = (x_wanted & x_strong) | ~y_strong
     direct, mpi = choose(x_chosen, x, y), choose(x_chosen, y, x)
-    np.add(mpi.phase_rad, FULL_TURN, out=mpi.phase_rad, where=(x_wraps & ~x_chosen) | (y_wraps & x_chosen))
+    np.add(mpi.phase_rad, FULL_TURN, out=mpi.phase_rad, where=np.where(x_chosen, y_wraps, x_wraps))
     return direct, mpi
 
 

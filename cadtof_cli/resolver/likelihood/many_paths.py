@@ -14,7 +14,8 @@ from cadtof_cli.resolver.paper.eliminated import random_starts, two_shares
 from cadtof_cli.resolver.paths import PathSet
 from cadtof_cli.resolver.returns import arranged
 from cadtof_cli.resolver.settings import ResolverSettings
-from cadtof_cli.resolver.two_path.closed_form import fundamental_frame, phase_of
+from cadtof_cli.resolver.two_path.arctangent import phase_of
+from cadtof_cli.resolver.two_path.closed_form import fundamental_frame
 from cadtof_cli.resolver.two_path.one_path import one_path
 
 SURELY_MORE = 2.0

@@ -15,7 +15,8 @@ from cadtof_cli.resolver.returns import direct_and_mpi
 from cadtof_cli.resolver.screening import screened
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.resolver.status import StatusBit
-from cadtof_cli.resolver.two_path.closed_form import fundamental_frame, is_single, phase_of
+from cadtof_cli.resolver.two_path.arctangent import phase_of
+from cadtof_cli.resolver.two_path.closed_form import fundamental_frame, is_single
 from cadtof_cli.resolver.two_path.one_path import one_path
 from cadtof_cli.resolver.two_path.uncertainty import two_path_sigmas
 

@@ -13,7 +13,8 @@ from cadtof_cli.arrays import Bool, Complex, Float, Float32, Index
 from cadtof_cli.phasors.noise import NoiseModel
 from cadtof_cli.resolver.response.newton import LARGEST_TURN, Equations, SearchState, search
 from cadtof_cli.resolver.response.table import STAGES, ResponseBlock
-from cadtof_cli.resolver.two_path.closed_form import FULL_TURN, TwoPaths, fundamental_frame, two_paths
+from cadtof_cli.resolver.two_path.arctangent import FULL_TURN
+from cadtof_cli.resolver.two_path.closed_form import TwoPaths, fundamental_frame, two_paths
 from cadtof_cli.resolver.two_path.one_path import OnePath
 
 MOST_STEPS = 6

@@ -12,11 +12,10 @@ from functools import cached_property
 import numpy as np
 
 from cadtof_cli.arrays import Bool, Complex, Float, Index
+from cadtof_cli.resolver.two_path.arctangent import FULL_TURN, phase_of
 
 NEWTON_STEPS = 6
 """From |d| the iteration falls monotonically onto the root; six steps reach machine precision for every input."""
-
-FULL_TURN = 2.0 * np.pi
 
 ROUNDING_SQUARE = 2.0**-100
 """(|d|/|p1|)² up to which a pixel has one path: two phasors that differ from one path's by rounding alone, |d| ≤ 4 ulp."""
@@ -99,54 +98,28 @@ class TwoPaths:
 
     def phases(self) -> tuple[Float, Float]:
         """Return x and y in [0, 2π) rad."""
-        mean = phase_of(self.cos_mean, self.sin_mean)
-        half = np.arctan(self.sin_half / (1.0 + self.cos_half))
-        half *= 2.0
-        x = mean + half
-        x -= (x >= FULL_TURN) * FULL_TURN
-        y = np.subtract(mean, half, out=mean)
-        y += (y < 0.0) * FULL_TURN
-        y[y >= FULL_TURN] = 0.0
-        return x, y
+        mean, half = phase_of(self.cos_mean, self.sin_mean), phase_of(self.cos_half, self.sin_half)
+        x, y = mean + half, mean - half
+        x = np.where(x >= FULL_TURN, x - FULL_TURN, x)
+        y = np.where(y < 0.0, y + FULL_TURN, y)
+        return x, np.where(y >= FULL_TURN, 0.0, y)
 
 
 def fundamental_frame(p1: Complex, p2: Complex, /) -> FundamentalFrame:
     """Turn two phasors, complex128 (n,), into the frame in which the first is real. NaN in gives NaN out."""
-    cos, sin = p1.real.copy(), p1.imag.copy()
-    u = cos * cos
-    u += sin * sin
-    np.sqrt(u, out=u)
-    zero = u == 0.0
-    scale = 1.0 / (u + zero)
-    cos *= scale
-    cos += zero
-    sin *= scale
-    cos2, sin2 = cos * cos, sin * cos
-    cos2 -= sin * sin
-    sin2 += sin2
-    p2_re, p2_im = p2.real, p2.imag
-    pr, pi = p2_re * cos2, p2_im * cos2
-    pr += p2_im * sin2
-    pi -= p2_re * sin2
-    return FundamentalFrame(u, pr, pi, cos, sin)
-
-
-def phase_of(cos: Float, sin: Float, /) -> Float:
-    """Return the phase of a unit rotor in [0, 2π): π + 2·arctan of the tangent of half the angle from −1, in one of two forms.
-
-    It takes half the time of arctan2, whose loop numpy does not vectorise everywhere.
-    """
-    phase = np.arctan(np.where(cos < 0.0, sin / (cos - 1.0), (1.0 + cos) / -sin))
-    phase *= 2.0
-    phase += np.pi
-    phase[phase >= FULL_TURN] = 0.0
-    return phase
+    re1, im1, re2, im2 = p1.real, p1.imag, p2.real, p2.imag
+    u = np.sqrt(re1 * re1 + im1 * im1)
+    zero = np.where(u == 0.0, 1.0, 0.0)
+    inverse = 1.0 / (u + zero)
+    cos, sin = re1 * inverse + zero, im1 * inverse
+    cos2, sin2 = cos * cos - sin * sin, 2.0 * (sin * cos)
+    return FundamentalFrame(u, re2 * cos2 + im2 * sin2, im2 * cos2 - re2 * sin2, cos, sin)
 
 
 def is_single(frame: FundamentalFrame, /) -> Bool:
     """Return where two phasors are those of one path to within rounding, (n,)."""
-    difference = frame.u - frame.pr
-    return _is_single(frame.u, difference * difference + frame.pi * frame.pi)
+    dr = frame.u - frame.pr
+    return _is_single(frame.u, dr * dr + frame.pi * frame.pi)
 
 
 def _is_single(u: Float, d2: Float) -> Bool:
@@ -157,45 +130,35 @@ def _is_single(u: Float, d2: Float) -> Bool:
 def two_paths(frame: FundamentalFrame, /) -> TwoPaths:
     """Return the one decomposition of every pixel into two paths; amplitudes are in units of the phasors.
 
+    With d = u − p2·conj(ρ)² = dr − i·pi and H = p0 − u, the paths' mean phase m is half the argument of u(d − H) + Hd, half
+    their difference is γ with cos γ = u·Re((H + d)·exp(−im)) / (2H(2u + H)), and a, b = (p0 ± u·sin m / sin γ)/2.
+
     NaN in gives NaN out. Warnings about divisions by zero are the caller's to silence: they are the pixels in `single`.
     """
     u, pi = frame.u, frame.pi
     dr = u - frame.pr
-    d2 = dr * dr
-    d2 += pi * pi
+    d2 = dr * dr + pi * pi
     single = _is_single(u, d2)
-    h = _excess(u, dr, d2)
-    h[single] = 0.0
-    u_h = u + h
-    den = (u_h + u) * h
-    # exp(im), where 2m is the argument of u(d − H) + Hd with d = dr − i·pi
-    cos_m, sin_m = _half_angle(u_h * dr - u * h, u_h * pi, den)
-    cos_half = (h + dr) * cos_m
-    cos_half += pi * sin_m
-    cos_half *= u
-    den += den
-    cos_half /= den
-    sin_half = (1.0 - cos_half) * (1.0 + cos_half)
-    np.sqrt(np.maximum(sin_half, SMALLEST_SINE, out=sin_half), out=sin_half)
-    split = sin_m * u
-    split /= sin_half
-    if single.any():
-        for values, alone in ((cos_m, 1.0), (sin_m, 0.0), (cos_half, 1.0), (sin_half, 0.0)):
-            values[single] = alone
-        split[single] = u[single]
-    b, a = _shares(u_h, split)
-    cos = cos_m * frame.cos
-    cos += sin_m * frame.sin
-    sin = cos_m * frame.sin
-    sin -= sin_m * frame.cos
-    return TwoPaths(a, b, cos, sin, cos_half, sin_half, single)
-
-
-def _shares(total: Float, split: Float) -> tuple[Float, Float]:
-    """Return (total ∓ split)/2; rounding must not let either fall below 0."""
-    np.minimum(split, total, out=split)
-    np.maximum(split, -total, out=split)
-    return 0.5 * (total - split), 0.5 * (total + split)
+    h = np.where(single, 0.0, _excess(u, dr, d2))
+    p0 = u + h
+    product = (p0 + u) * h
+    cos_m, sin_m = _half_angle(p0 * dr - u * h, p0 * pi, product)
+    cos_half = ((h + dr) * cos_m + pi * sin_m) * u / (product + product)
+    sin_half = np.sqrt(np.maximum((1.0 - cos_half) * (1.0 + cos_half), SMALLEST_SINE))
+    split = sin_m * u / sin_half
+    cos_m, sin_m = np.where(single, 1.0, cos_m), np.where(single, 0.0, sin_m)
+    cos_half, sin_half = np.where(single, 1.0, cos_half), np.where(single, 0.0, sin_half)
+    # rounding must not let an amplitude fall below 0
+    split = np.maximum(np.minimum(np.where(single, u, split), p0), -p0)
+    return TwoPaths(
+        0.5 * (p0 + split),
+        0.5 * (p0 - split),
+        cos_m * frame.cos + sin_m * frame.sin,
+        cos_m * frame.sin - sin_m * frame.cos,
+        cos_half,
+        sin_half,
+        single,
+    )
 
 
 def _excess(u: Float, dr: Float, d2: Float) -> Float:
@@ -204,36 +167,22 @@ def _excess(u: Float, dr: Float, d2: Float) -> Float:
     One step is H ← (H(2H² + 3uH) + u|d|²) / (3H² + 6uH + 2u·Re d − |d|²): the numerator is a sum of positive terms. The first,
     from |d|, comes to |d|²(|d| + 2u) / (|d|² + u(3|d| + Re d)).
     """
-    constant, linear, u2 = u * d2, u * dr, u + u
-    linear += linear
-    linear -= d2
-    u3 = u2 + u
-    h = np.sqrt(d2)
-    t, v, w = 3.0 * h, np.empty_like(h), np.empty_like(h)
-    t += dr
-    t *= u
-    t += d2
-    h += u2
-    h *= d2
-    h /= t
+    constant, linear = u * d2, 2.0 * (u * dr) - d2
+    u2, u3 = u + u, u + u + u
+    modulus = np.sqrt(d2)
+    h = (modulus + u2) * d2 / ((3.0 * modulus + dr) * u + d2)
     for _ in range(NEWTON_STEPS - 1):
-        np.multiply(h, h, out=v)
-        np.multiply(u3, h, out=t)
-        np.add(t, v, out=t)
-        np.add(t, v, out=v)
-        np.multiply(v, h, out=w)
-        np.add(w, constant, out=w)
-        np.add(v, t, out=v)
-        np.add(v, linear, out=v)
-        np.divide(w, v, out=h)
+        square = h * h
+        sum2 = u3 * h + square
+        sum3 = sum2 + square
+        h = (sum3 * h + constant) / (sum3 + sum2 + linear)
     return h
 
 
 def _half_angle(re: Float, im: Float, modulus: Float) -> tuple[Float, Float]:
     """Return cosine and sine of half the argument of re + i·im, or of that plus π, which only swaps the two paths."""
-    large = modulus + np.abs(re)
-    norm = 1.0 / np.sqrt(2.0 * modulus * large)
-    large *= norm
-    small = im * norm
+    sum_ = modulus + np.abs(re)
+    norm = 1.0 / np.sqrt(2.0 * modulus * sum_)
+    large, small = sum_ * norm, im * norm
     right = re >= 0.0
     return np.where(right, large, small), np.where(right, small, large)

@@ -1,5 +1,6 @@
 """One path from two harmonics: maximum likelihood."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -45,13 +46,24 @@ def one_path(frame: FundamentalFrame, /, *, noise: NoiseModel, steps: int) -> On
         curvature = along1 + 4.0 * weight * along2
         cos, sin = _turn(cos, sin, slope / np.maximum(curvature, CURVATURE_FLOOR * top))
     along1, across1, along2, across2 = _turned(frame, cos, sin)
-    amplitude = np.maximum((along1 + weight * along2) / (1.0 + weight), 0.0)
+    amplitude = (along1 + weight * along2) / (1.0 + weight)
+    amplitude = np.where(amplitude < 0.0, 0.0, amplitude)
     r1, t1 = first.one_path_variances(amplitude)
     r2, t2 = second.one_path_variances(amplitude)
     disagreement = 4.0 * t1 + t2
     chi_squared = (along1 - along2) ** 2 / (r1 + r2) + (2.0 * across1 - across2) ** 2 / disagreement
     sigma = np.sqrt(t1 * t2 / disagreement) / amplitude
     return OnePath(amplitude, cos * frame.cos - sin * frame.sin, cos * frame.sin + sin * frame.cos, sigma, chi_squared)
+
+
+def one_path_limit(threshold: float, noise: NoiseModel, /) -> float:
+    """Return the |p1·conj(ρ) − p2·conj(ρ)²|² above which one path leaves a χ² above the threshold for certain.
+
+    If the best single path leaves n1 and n2 of the two phasors, then |p1| − p2·conj(ρ)² is at most (1+π)|n1| + |n2|, because
+    n1 turns ρ by no more than π|n1|/2a; and noise along and across a phasor has at most twice its dark variance.
+    """
+    first, second = noise.harmonics
+    return 2.0 * threshold * ((1.0 + math.pi) ** 2 * first.dark_variance + second.dark_variance)
 
 
 def _start(frame: FundamentalFrame, weight: float) -> tuple[Float, Float, Float]:
