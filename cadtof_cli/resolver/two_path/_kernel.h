@@ -26,7 +26,9 @@
 #error "the kernel needs arithmetic that rounds every operation to its own type"
 #endif
 
+#ifndef GROUP
 #define GROUP 32
+#endif
 #define EACH_PIXEL for (int i = 0; i < GROUP; i++)
 #define LAYERS 7
 
@@ -94,9 +96,9 @@ INLINE double at_least(double value, double low) { return value < low ? low : va
 INLINE double at_most(double value, double high) { return high < value ? high : value; } /* numpy.minimum */
 
 INLINE int any(const double *restrict row) {
-    double most = 0.0;
-    EACH_PIXEL most = row[i] > most ? row[i] : most;
-    return most > 0.0;
+    int64_t found = 0;
+    EACH_PIXEL found |= row[i] > 0.0;
+    return found != 0;
 }
 
 /* arctangent.py: phase_of */
@@ -223,7 +225,7 @@ INLINE void choose_pixels(Group *restrict g, const Frame *restrict frame) {
             g->t1[i] = dr * dr + g->pi[i] * g->pi[i];
         }
         if (frame->order == ORDER_TWO) EACH_PIXEL {
-            double single = g->t1[i] <= 0x1p-100 * (g->u[i] * g->u[i]) + 1e-280 ? 1.0 : 0.0;
+            double single = g->t1[i] <= 0x1p-100 * (g->u[i] * g->u[i]) + 1e-120 ? 1.0 : 0.0;
             g->may[i] = g->answered[i] * single;
         }
         else {
@@ -239,19 +241,17 @@ INLINE void choose_pixels(Group *restrict g, const Frame *restrict frame) {
 
 /* one_path.py: _start. The rotor in t1, t2; the largest curvature there can be in t3. */
 INLINE void one_path_start(Group *restrict g, double weight) {
+    const double from_second = 4.0 * weight;
     EACH_PIXEL {
-        double pr = g->pr[i], pi = g->pi[i], modulus = sqrt(pr * pr + pi * pi);
-        g->t1[i] = 4.0 * weight * modulus;
-        g->t2[i] = 0.5 / at_least(modulus, DBL_MIN);
+        double pr = g->pr[i], pi = g->pi[i], modulus = sqrt(pr * pr + pi * pi), half = 0.5 * modulus;
+        g->t1[i] = g->u[i] + from_second * sqrt(half * at_least(modulus + pr, 0.0));
+        g->t2[i] = copysign(from_second * sqrt(half * at_least(modulus - pr, 0.0)), pi);
+        g->t3[i] = g->u[i] + from_second * modulus;
     }
     EACH_PIXEL {
-        double u = g->u[i], from_second = g->t1[i], shrink = g->t2[i], pr = g->pr[i];
-        double cos = u + from_second * sqrt(at_least(0.5 + pr * shrink, 0.0));
-        double sin = copysign(from_second * sqrt(at_least(0.5 - pr * shrink, 0.0)), g->pi[i]);
-        double norm = 1.0 / sqrt(at_least(cos * cos + sin * sin, DBL_MIN));
+        double cos = g->t1[i], sin = g->t2[i], norm = 1.0 / sqrt(at_least(cos * cos + sin * sin, DBL_MIN));
         g->t1[i] = cos * norm;
         g->t2[i] = sin * norm;
-        g->t3[i] = u + from_second;
     }
 }
 
@@ -276,7 +276,7 @@ INLINE void one_path_step(Group *restrict g, double weight) {
 /* one_path.py: one_path; noise.py: one_path_variances */
 INLINE void one_path(Group *restrict g, const Frame *restrict frame) {
     const Constants *k = frame->constants;
-    const double weight = k->weight;
+    const double weight = k->weight, per_weights = 1.0 / (1.0 + weight);
     one_path_start(g, weight);
     if (frame->order == ORDER_ONE)
         for (int step = 0; step < 6; step++) one_path_step(g, weight);
@@ -284,15 +284,15 @@ INLINE void one_path(Group *restrict g, const Frame *restrict frame) {
         double cos = g->t1[i], sin = g->t2[i], u = g->u[i], pr = g->pr[i], pi = g->pi[i];
         double cos2 = cos * cos - sin * sin, sin2 = 2.0 * cos * sin;
         double along1 = u * cos, across1 = -u * sin, along2 = pr * cos2 + pi * sin2, across2 = pi * cos2 - pr * sin2;
-        double amplitude = at_least((along1 + weight * along2) / (1.0 + weight), 0.0), share = at_most(amplitude, 1.0);
+        double amplitude = at_least((along1 + weight * along2) * per_weights, 0.0), share = at_most(amplitude, 1.0);
         double more1 = k->doubled1 * share, more2 = k->doubled2 * share;
         double t1 = k->dark1 - more1, t2 = k->dark2 - more2;
         double r1 = at_least(k->dark1 + more1 - k->averaging1 * share * share, k->least1);
         double r2 = at_least(k->dark2 + more2 - k->averaging2 * share * share, k->least2);
-        double disagreement = 4.0 * t1 + t2, amplitudes = along1 - along2, phases = 2.0 * across1 - across2;
-        g->t3[i] = amplitudes * amplitudes / (r1 + r2) + phases * phases / disagreement;
+        double along = r1 + r2, across = 4.0 * t1 + t2, amplitudes = along1 - along2, phases = 2.0 * across1 - across2;
+        g->t3[i] = (amplitudes * amplitudes * across + phases * phases * along) / (along * across);
         g->one_amplitude[i] = amplitude;
-        g->one_sigma[i] = sqrt(t1 * t2 / disagreement) / amplitude;
+        g->one_sigma[i] = sqrt(t1 * t2 * across) / (across * amplitude);
         g->t4[i] = cos * g->cos[i] - sin * g->sin[i];
         g->t5[i] = cos * g->sin[i] + sin * g->cos[i];
     }
@@ -308,36 +308,46 @@ INLINE void one_path(Group *restrict g, const Frame *restrict frame) {
     }
 }
 
-/* closed_form.py: _excess. H in t3, |d|^2 in t5. */
+/* closed_form.py: _excess, one of Halley's steps. H in t3. */
+INLINE void excess_step(Group *restrict g) {
+    EACH_PIXEL {
+        double u = g->u[i], linear = g->t2[i], h = g->t3[i];
+        double value = ((h + 3.0 * u) * h + linear) * h - g->t1[i];
+        double slope = (h + (u + u)) * (3.0 * h) + linear, half_curvature = 3.0 * (h + u);
+        g->t3[i] = h - value * slope / (slope * slope - value * half_curvature);
+    }
+}
+
+/* closed_form.py: _excess. H in t3, |d|^2 in t4. */
 INLINE void excess(Group *restrict g) {
     EACH_PIXEL {
         double u = g->u[i], pi = g->pi[i], dr = u - g->pr[i], d2 = dr * dr + pi * pi, modulus = sqrt(d2);
         g->t1[i] = u * d2;
         g->t2[i] = 2.0 * (u * dr) - d2;
         g->t3[i] = (modulus + (u + u)) * d2 / ((3.0 * modulus + dr) * u + d2);
-        g->t4[i] = u + u + u;
-        g->t5[i] = d2;
+        g->t4[i] = d2;
     }
-    for (int step = 0; step < 5; step++) EACH_PIXEL {
-        double h = g->t3[i], square = h * h, sum2 = g->t4[i] * h + square, sum3 = sum2 + square;
-        g->t3[i] = (sum3 * h + g->t1[i]) / (sum3 + sum2 + g->t2[i]);
-    }
+    /* not a loop: compilers would turn it inside out */
+    excess_step(g);
+    excess_step(g);
+    excess_step(g);
 }
 
-/* closed_form.py: two_paths, _half_angle */
+/* closed_form.py: two_paths */
 INLINE void two_paths(Group *restrict g) {
     excess(g);
     EACH_PIXEL {
-        double u = g->u[i], pi = g->pi[i], dr = u - g->pr[i], d2 = g->t5[i];
-        double single = d2 <= 0x1p-100 * (u * u) + 1e-280 ? 1.0 : 0.0, h = single > 0.0 ? 0.0 : g->t3[i];
+        double u = g->u[i], pi = g->pi[i], dr = u - g->pr[i], d2 = g->t4[i];
+        double single = d2 <= 0x1p-100 * (u * u) + 1e-120 ? 1.0 : 0.0, h = single > 0.0 ? 0.0 : g->t3[i];
         double p0 = u + h, product = (p0 + u) * h, re = p0 * dr - u * h, im = p0 * pi;
-        double sum = product + fabs(re), norm = 1.0 / sqrt(2.0 * product * sum), large = sum * norm, small = im * norm;
+        double double_square = product + fabs(re), norm = 1.0 / sqrt(2.0 * product * double_square);
+        double large = double_square * norm, small = im * norm;
         double cos_m = re >= 0.0 ? large : small, sin_m = re >= 0.0 ? small : large;
         g->t1[i] = p0;
         g->t2[i] = single;
         g->cos_m[i] = cos_m;
         g->sin_m[i] = sin_m;
-        g->cos_half[i] = ((h + dr) * cos_m + pi * sin_m) * u / (product + product);
+        g->cos_half[i] = ((h + dr) * cos_m + pi * sin_m) * u * (norm * large);
     }
     EACH_PIXEL {
         double u = g->u[i], p0 = g->t1[i], single = g->t2[i], cos = g->cos[i], sin = g->sin[i];
