@@ -38,6 +38,7 @@ typedef struct {
 static int always(void) { return 1; }
 
 #if defined(__x86_64__) && (defined(__GNUC__) || defined(__clang__))
+#include <cpuid.h>
 #ifdef __clang__
 #define WIDE
 #else
@@ -46,11 +47,17 @@ static int always(void) { return 1; }
 LEVEL(avx512, __attribute__((target("avx2,avx512f,avx512dq,avx512bw,avx512vl" WIDE))))
 LEVEL(avx2, __attribute__((target("avx2"))))
 LEVEL(sse2, )
-static int has_avx512(void) {
-    return __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512dq") && __builtin_cpu_supports("avx512bw") &&
-           __builtin_cpu_supports("avx512vl");
+
+/* Asked of the processor itself: not every compiler's runtime library answers __builtin_cpu_supports. */
+static int has(unsigned saved_state, unsigned features) {
+    unsigned eax, ebx, ecx, edx, low, high;
+    if (!__get_cpuid(1, &eax, &ebx, &ecx, &edx) || !(ecx & bit_OSXSAVE)) return 0;
+    __asm__("xgetbv" : "=a"(low), "=d"(high) : "c"(0));
+    if ((low & saved_state) != saved_state || !__get_cpuid_count(7, 0, &eax, &ebx, &ecx, &edx)) return 0;
+    return (ebx & features) == features;
 }
-static int has_avx2(void) { return __builtin_cpu_supports("avx2"); }
+static int has_avx512(void) { return has(0xe6, bit_AVX512F | bit_AVX512DQ | bit_AVX512BW | bit_AVX512VL); }
+static int has_avx2(void) { return has(0x06, bit_AVX2); }
 static const Level LEVELS[] = {
     {"avx512", resolve_avx512, has_avx512}, {"avx2", resolve_avx2, has_avx2}, {"sse2", resolve_sse2, always}};
 #elif defined(__aarch64__) || defined(_M_ARM64)

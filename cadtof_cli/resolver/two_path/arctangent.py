@@ -26,8 +26,8 @@ COEFFICIENTS = (
     0.03923165828348216,
     -0.019176887104237525,
 )
-"""arctan t = t + t·z·Σ_k COEFFICIENTS[k]·z^k with z = t², |t| ≤ tan(π/8), to 5e-18 of its value: by interpolation of
-(arctan(√z)/√z − 1)/z at Chebyshev's nodes (`tests/resolver/two_path/test_arctangent.py` holds it against mpmath's arithmetic)."""
+"""arctan t = t + t·z·Σ_k COEFFICIENTS[k]·z^k with z = t², |t| ≤ tan(π/8), to 6e-18 of its value: the polynomial through
+(arctan(√z)/√z − 1)/z at Chebyshev's 11 nodes between 0 and tan²(π/8)."""
 
 
 def phase_of(cos: Float, sin: Float, /) -> Float:

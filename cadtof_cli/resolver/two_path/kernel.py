@@ -163,7 +163,7 @@ def fill_maps(
     asked = range(count) if pixels is None else pixels
     if asked.step != 1:
         raise ValueError(f"pixels: found {asked}, expected neighbours")
-    given = np.ascontiguousarray(stored if stored.dtype in _STORED_TYPES else stored.astype(np.float64))
+    given = np.require(stored if stored.dtype in _STORED_TYPES else stored.astype(np.float64), requirements=["C", "A"])
     shapes = {
         "stored": (given, (2, count) if given.dtype.kind == "c" else (2, 2, count)),
         "layers": (layers, (7, count)),

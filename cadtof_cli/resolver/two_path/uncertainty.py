@@ -2,10 +2,11 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from cadtof_cli.arrays import Float, Float32
+from cadtof_cli.arrays import Float
 from cadtof_cli.phasors.noise import NoiseModel
 from cadtof_cli.resolver.two_path.closed_form import TwoPaths
 
@@ -28,18 +29,19 @@ def two_path_sigmas(paths: TwoPaths, /, *, noise: NoiseModel) -> tuple[Float, Fl
     with s_h the dark variance and t_h = ε·r_2h/(2·r_h²); σ_y with a and b exchanged. float32 is enough for this.
     """
     terms = variance_terms(noise)
-    gap = (2.0 * paths.sin_half * paths.sin_half).astype(np.float32)
+    # Any: numpy's stubs take a float32 array times a Python number for float64, which it is not
+    gap: Any = (2.0 * paths.sin_half * paths.sin_half).astype(np.float32)
     a, b = paths.a.astype(np.float32), paths.b.astype(np.float32)
     cos = 1.0 - gap
     alone, own, other = (_polynomial(cos, factors) for factors in (terms.alone, terms.own, terms.other))
     signal = gap * (1.0 + cos) * terms.signal
     scale = gap * (2.0 + cos)
 
-    def sigma(strength: Float32, rival: Float32) -> Float:
-        excess: Float32 = rival - strength * (1.0 + cos)
-        variance: Float32 = strength * own + rival * other + alone - excess * excess * signal
-        deviation: Float32 = np.sqrt(np.maximum(variance, 0.0)) / (strength * scale)
-        return deviation.astype(np.float64)
+    def sigma(strength: Any, rival: Any) -> Float:
+        excess = rival - strength * (1.0 + cos)
+        variance = strength * own + rival * other + alone - excess * excess * signal
+        deviation = np.sqrt(np.maximum(variance, 0.0)) / (strength * scale)
+        return np.asarray(deviation, np.float64)
 
     return sigma(a, b), sigma(b, a)
 
@@ -68,9 +70,9 @@ def variance_terms(noise: NoiseModel, /) -> VarianceTerms:
     )
 
 
-def _polynomial(x: Float32, coefficients: Sequence[float]) -> Float32:
-    """Return Σ coefficients[k]·x^k by Horner's rule."""
-    value: Float32 = np.full_like(x, coefficients[-1])
+def _polynomial(x: Any, coefficients: Sequence[float]) -> Any:
+    """Return Σ coefficients[k]·x^k by Horner's rule, in the type of x."""
+    value = np.full_like(x, coefficients[-1])
     for coefficient in reversed(coefficients[:-1]):
         value = value * x + coefficient
     return value

@@ -18,7 +18,7 @@ TABLE_1 = [
 ]
 
 
-def solve(light: Light, n_av: float, size: int) -> tuple[TwoPaths, tuple[NDArray[np.float32], NDArray[np.float32]]]:
+def solve(light: Light, n_av: float, size: int) -> tuple[TwoPaths, tuple[NDArray[np.float64], NDArray[np.float64]]]:
     p = phasors_of(light.voltages(np.random.default_rng(12), n_av, size))
     paths = two_paths(fundamental_frame(p[0], p[1]))
     return paths, two_path_sigmas(paths, noise=noise_model(CaptureMetadata(), integration_length=n_av, quantised=False))
