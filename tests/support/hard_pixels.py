@@ -8,9 +8,10 @@ from numpy.typing import NDArray
 Pair = tuple[NDArray[np.complex128], NDArray[np.complex128]]
 
 SPECIAL = np.array(
-    "0 -0 1 -1 0.5 3e-3 1e-3 nan -nan inf -inf 5e-324 -5e-324 2.2e-308 1e-160 1e-154 1e-140 1e-70 1e-60 "
-    "1e50 1e62 1e150 1e154 1e160 1.7e308 -1.7e308".split(),
-    np.float64,
+    [
+        *(0.0, -0.0, 1.0, -1.0, 0.5, 3e-3, 1e-3, np.nan, -np.nan, np.inf, -np.inf, 5e-324, -5e-324, 2.2e-308),
+        *(1e-160, 1e-154, 1e-140, 1e-70, 1e-60, 1e50, 1e62, 1e150, 1e154, 1e160, 1.7e308, -1.7e308),
+    ]
 )
 
 
