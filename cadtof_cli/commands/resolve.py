@@ -9,6 +9,7 @@ import click
 
 from cadtof_cli.commands.options import SectionedCommand, capture_options, input_paths
 from cadtof_cli.commands.progress import Bar, progress_bar
+from cadtof_cli.frame_plan import MapSettings
 from cadtof_cli.resolver.settings import RETURNS, SOLVERS, ResolverSettings
 
 
@@ -155,20 +156,22 @@ def resolve(
     }
     settings = ResolveSettings(
         out=out,
-        resolver=ResolverSettings(
-            solver=options["solver"],
-            paths=options["paths"],
-            starts=options["starts"],
-            seed=options["seed"],
-            order=options["order"],
-            false_alarm=options["false_alarm"],
-            returns=options["returns"],
-            min_return_ratio=options["min_return_ratio"],
+        maps=MapSettings(
+            resolver=ResolverSettings(
+                solver=options["solver"],
+                paths=options["paths"],
+                starts=options["starts"],
+                seed=options["seed"],
+                order=options["order"],
+                false_alarm=options["false_alarm"],
+                returns=options["returns"],
+                min_return_ratio=options["min_return_ratio"],
+            ),
+            depth=options["depth"],
+            pool=options["pool"],
+            average=options["average"],
             min_confidence_v=options["min_confidence"],
         ),
-        depth=options["depth"],
-        pool=options["pool"],
-        average=options["average"],
         calibration=options["calibration"],
         map_format=options["map_format"],
         overwrite=options["overwrite"],

@@ -206,12 +206,11 @@ def path_times_ns(trials: Trials, voltages_v: Float, /) -> Float:
     stored = np.moveaxis(voltages_v, 0, -1)
     paths = resolve_paths(
         phasors_from_voltages(stored, scale=phasor_scale(metadata, stored.dtype)),
-        saturated=np.zeros(len(voltages_v), dtype=np.bool_),
+        status=np.zeros(len(voltages_v), np.uint32),
         settings=trials.resolver,
         noise=noise_model(metadata, integration_length=length, quantised=False),
-        amplitude_v=model.modulation.amplitude_v,
-    )
-    turns = np.stack([paths.direct.phase_rad, paths.mpi.phase_rad]) / (2.0 * math.pi)
+    ).paths
+    turns = paths.phase_rad[:2] / (2.0 * math.pi)
     return np.asarray(turns * trials.period_ns)
 
 

@@ -14,7 +14,8 @@ from cadtof_cli.calibration.parts import PART_KINDS, PartKind
 from cadtof_cli.calibration.store import Calibration, digest_of, load_calibration, save_part
 from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Waveform
 from cadtof_cli.errors import MetadataError, OutputError, SettingsError
-from cadtof_cli.pipeline import CalibrationUse, FramePlan, resolve_frame
+from cadtof_cli.frame_plan import CalibrationUse, FramePlan, MapSettings
+from cadtof_cli.pipeline import resolve_frame
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.simulation.defects import DefectiveCamera
 from tests.support.campaign import ALL_DEFECTS, camera, card, record_campaign
@@ -74,8 +75,8 @@ def test_response_embed_then_resolve_is_the_identity(measured: Measured) -> None
     amplitudes = np.stack([rng.uniform(0.15, 0.3, shape), rng.uniform(0.05, 0.14, shape)])
     volts = dark.embed(response.embed(amplitudes, phases, amplitude_v=metadata.modulation.amplitude_v))
     use = CalibrationUse(measured.folder, measured.calibration.digest, curved=False)
-    plan = FramePlan(metadata=metadata, resolver=ResolverSettings(order="2"), calibration=use)
-    maps = resolve_frame(volts, plan=plan).maps
+    plan = FramePlan(metadata=metadata, settings=MapSettings(resolver=ResolverSettings(order="2")), calibration=use)
+    maps = resolve_frame(volts, plan=plan, calibration=measured.calibration).maps
     sound = ~dark.hot
     metres = 0.299792458 * 40.0 / (4 * np.pi)
     for name, path in (("direct", 0), ("mpi", 1)):
@@ -148,8 +149,8 @@ def test_everything_together_removes_the_bias(measured: Measured) -> None:
     seen = measured.seen
     frame = card(seen, count=1, seed=40)[0]
     use = CalibrationUse(measured.folder, measured.calibration.digest)
-    plan = FramePlan(metadata=seen.metadata, resolver=ResolverSettings(), calibration=use)
-    maps = resolve_frame(frame, plan=plan).maps
+    plan = FramePlan(metadata=seen.metadata, calibration=use)
+    maps = resolve_frame(frame, plan=plan, calibration=measured.calibration).maps
     error = 100.0 * (maps.layer("direct.depth") - 0.75)
     two = (maps.status & 16) > 0
     assert two.mean() > 0.7

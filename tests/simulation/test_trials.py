@@ -64,7 +64,11 @@ def test_phase_error_does_not_depend_on_asr() -> None:
 
 
 def test_runs_without_an_answer_count_as_failures() -> None:
-    blind = trials(condition=Condition(asr=5.0, mpi_ratio=0.3), runs=500, resolver=ResolverSettings(order="1"))
+    blind = trials(
+        condition=Condition(asr=5.0, mpi_ratio=0.3),
+        runs=500,
+        resolver=ResolverSettings(order="1"),
+    )
     found = outcome(blind)
     assert found.second.within_1ns == 0.0
     assert math.isnan(found.second.std_ns)

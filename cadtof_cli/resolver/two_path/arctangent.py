@@ -7,8 +7,7 @@ roots of IEEE 754 do not, so phases come from those alone. `_kernel.h` holds the
 import numpy as np
 
 from cadtof_cli.arrays import Float
-
-FULL_TURN = 2.0 * np.pi
+from cadtof_cli.resolver.paths import FULL_TURN
 
 TAN_EIGHTH = 0.41421356237309503
 """tan(π/8): steeper tangents are turned back by π/4, so that the polynomial is needed up to here only."""

@@ -12,7 +12,8 @@ from functools import cached_property
 import numpy as np
 
 from cadtof_cli.arrays import Bool, Complex, Float, Index
-from cadtof_cli.resolver.two_path.arctangent import FULL_TURN, phase_of
+from cadtof_cli.resolver.paths import FULL_TURN
+from cadtof_cli.resolver.two_path.arctangent import phase_of
 
 HALLEY_STEPS = 3
 """Each triples the correct digits; three leave 4e-16 of the root for every input."""
@@ -41,31 +42,39 @@ class FundamentalFrame:
     cos: Float
     sin: Float
 
-    @cached_property
+    @property
     def powers(self) -> tuple[Float, Float]:
         """|p1|² and |p2|²."""
         return self.u * self.u, self.pr * self.pr + self.pi * self.pi
 
-    def at(self, index: Index | slice, /) -> "FundamentalFrame":
-        """Return the pixels at these indices."""
-        return FundamentalFrame(*(values[index] for values in (self.u, self.pr, self.pi, self.cos, self.sin)))
+    def __getitem__(self, pixels: Index | slice, /) -> "FundamentalFrame":
+        return FundamentalFrame(*(values[pixels] for values in (self.u, self.pr, self.pi, self.cos, self.sin)))
 
 
 @dataclass(frozen=True)
 class TwoPaths:
-    """Two paths of n pixels, float64 (n,) each: amplitudes a and b, and phases x, y = mean ± half.
+    """Two paths of n pixels, float64: amplitudes a and b, (2, n), and phases x, y = mean ± half.
 
     The mean phase is kept as the unit rotor `cos_mean`, `sin_mean`, half the difference, between 0 and π, as `cos_half` and
     `sin_half`. Where `single` is set there is one path: `b` is 0, and so is half the difference.
     """
 
-    a: Float
-    b: Float
+    amplitude: Float
     cos_mean: Float
     sin_mean: Float
     cos_half: Float
     sin_half: Float
     single: Bool
+
+    @property
+    def a(self) -> Float:
+        """Amplitude of the path at x."""
+        return np.asarray(self.amplitude[0])
+
+    @property
+    def b(self) -> Float:
+        """Amplitude of the path at y."""
+        return np.asarray(self.amplitude[1])
 
     @cached_property
     def _products(self) -> tuple[Float, Float, Float, Float]:
@@ -96,13 +105,13 @@ class TwoPaths:
         """Imaginary part of exp(iy)."""
         return self._products[2] - self._products[3]
 
-    def phases(self) -> tuple[Float, Float]:
-        """Return x and y in [0, 2π) rad."""
+    def phases(self) -> Float:
+        """Return x and y in [0, 2π) rad, (2, n)."""
         mean, half = phase_of(self.cos_mean, self.sin_mean), phase_of(self.cos_half, self.sin_half)
         x, y = mean + half, mean - half
         x = np.where(x >= FULL_TURN, x - FULL_TURN, x)
         y = np.where(y < 0.0, y + FULL_TURN, y)
-        return x, np.where(y >= FULL_TURN, 0.0, y)
+        return np.stack([x, np.where(y >= FULL_TURN, 0.0, y)])
 
 
 def fundamental_frame(p1: Complex, p2: Complex, /) -> FundamentalFrame:
@@ -157,8 +166,7 @@ def two_paths(frame: FundamentalFrame, /) -> TwoPaths:
     # rounding must not let an amplitude fall below 0
     split = np.maximum(np.minimum(np.where(single, u, split), p0), -p0)
     return TwoPaths(
-        0.5 * (p0 + split),
-        0.5 * (p0 - split),
+        np.stack([0.5 * (p0 + split), 0.5 * (p0 - split)]),
         cos_m * frame.cos + sin_m * frame.sin,
         cos_m * frame.sin - sin_m * frame.cos,
         cos_half,

@@ -1,12 +1,13 @@
 """One path from two harmonics: maximum likelihood."""
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
 
 from cadtof_cli.arrays import Float
 from cadtof_cli.phasors.noise import NoiseModel
+from cadtof_cli.resolver.paths import Fit, Paths
+from cadtof_cli.resolver.two_path.arctangent import phase_of
 from cadtof_cli.resolver.two_path.closed_form import FundamentalFrame
 
 CURVATURE_FLOOR = 0.1
@@ -27,6 +28,13 @@ class OnePath:
     sigma_rad: Float
     chi_squared: Float
 
+    def fit(self) -> Fit:
+        """Return it as what a solver gives."""
+        phase_rad = phase_of(self.cos, self.sin)
+        paths = Paths(self.amplitude[np.newaxis], phase_rad[np.newaxis], self.sigma_rad[np.newaxis])
+        count = phase_rad.size
+        return Fit(paths, self.chi_squared, np.ones(count, np.bool_), np.zeros(count))
+
 
 def one_path(frame: FundamentalFrame, /, *, noise: NoiseModel, steps: int) -> OnePath:
     """Fit p1 = a·exp(ix), p2 = a·exp(2ix) to every pixel. NaN in gives NaN out.
@@ -37,7 +45,7 @@ def one_path(frame: FundamentalFrame, /, *, noise: NoiseModel, steps: int) -> On
     The noise of one path is uncorrelated along and across its phasors (see `noise_model`), so the misfit has two
     independent parts: the amplitudes' disagreement, and the phases'.
     """
-    first, second = noise.harmonics
+    first, second = noise.each
     weight = first.dark_variance / second.dark_variance
     cos, sin, top = _start(frame, weight)
     for _ in range(steps):
@@ -55,16 +63,6 @@ def one_path(frame: FundamentalFrame, /, *, noise: NoiseModel, steps: int) -> On
     chi_squared = (amplitudes * amplitudes * across + phases * phases * along) / (along * across)
     sigma = np.sqrt(t1 * t2 * across) / (across * amplitude)
     return OnePath(amplitude, cos * frame.cos - sin * frame.sin, cos * frame.sin + sin * frame.cos, sigma, chi_squared)
-
-
-def one_path_limit(threshold: float, noise: NoiseModel, /) -> float:
-    """Return the |p1·conj(ρ) − p2·conj(ρ)²|² above which one path leaves a χ² above the threshold for certain.
-
-    If the best single path leaves n1 and n2 of the two phasors, then |p1| − p2·conj(ρ)² is at most (1+π)|n1| + |n2|, because
-    n1 turns ρ by no more than π|n1|/2a; and noise along and across a phasor has at most twice its dark variance.
-    """
-    first, second = noise.harmonics
-    return 2.0 * threshold * ((1.0 + math.pi) ** 2 * first.dark_variance + second.dark_variance)
 
 
 def _start(frame: FundamentalFrame, weight: float) -> tuple[Float, Float, Float]:

@@ -11,8 +11,8 @@ from cadtof_cli.phasors.noise import NoiseModel
 from cadtof_cli.resolver.two_path.closed_form import TwoPaths
 
 
-def two_path_sigmas(paths: TwoPaths, /, *, noise: NoiseModel) -> tuple[Float, Float]:
-    """Return the standard deviations of x and y in rad, (n,) each; infinite where a, b or x − y is 0.
+def two_path_sigmas(paths: TwoPaths, /, *, noise: NoiseModel) -> Float:
+    """Return the standard deviations of x and y in rad, (2, n); infinite where a, b or x − y is 0.
 
     With D = y − x, c = cos D and s = sin D, the change of x is (α·q1 + β·q2)/a, where q_h is the noise of p_h turned back by
     h·x and · multiplies real with real and imaginary with imaginary parts:
@@ -37,13 +37,13 @@ def two_path_sigmas(paths: TwoPaths, /, *, noise: NoiseModel) -> tuple[Float, Fl
     signal = gap * (1.0 + cos) * terms.signal
     scale = gap * (2.0 + cos)
 
-    def sigma(strength: Any, rival: Any) -> Float:
+    def sigma(strength: Any, rival: Any) -> Any:
         excess = rival - strength * (1.0 + cos)
         variance = strength * own + rival * other + alone - excess * excess * signal
         deviation = np.sqrt(np.maximum(variance, 0.0)) / (strength * scale)
-        return np.asarray(deviation, np.float64)
+        return deviation.astype(np.float64)
 
-    return sigma(a, b), sigma(b, a)
+    return np.stack([sigma(a, b), sigma(b, a)])
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ class VarianceTerms:
 
 def variance_terms(noise: NoiseModel, /) -> VarianceTerms:
     """Return the factors for the noise of harmonics 1 and 2."""
-    first, second = noise.harmonics
+    first, second = noise.each
     s1, s2 = first.dark_variance, second.dark_variance
     t1, t2 = (0.5 * first.averaging * h.pulse_double / h.pulse**2 for h in (first, second))
     return VarianceTerms(

@@ -12,8 +12,9 @@ from cadtof_cli.calibration.fit.petzval import WallRanges, fit_petzval
 from cadtof_cli.calibration.petzval import PetzvalCalibration
 from cadtof_cli.calibration.store import Calibration, load_calibration
 from cadtof_cli.capture.metadata import Modulation, Voltage
+from cadtof_cli.frame_plan import CalibrationUse, FramePlan, MapSettings
 from cadtof_cli.maps.layers import DIRECT_AMPLITUDE, DIRECT_DEPTH, DIRECT_SIGMA
-from cadtof_cli.pipeline import CalibrationUse, FramePlan, resolve_frame
+from cadtof_cli.pipeline import resolve_frame
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.resolver.status import StatusBit
 from cadtof_cli.units import metres_per_radian, unambiguous_range_m
@@ -69,15 +70,16 @@ def _wall(capture: AveragedCapture, folder: Path, earlier: Calibration) -> WallR
     metadata, mean = capture.metadata, capture.mean
     n_av = metadata.pixel.integration_length
     pixel = replace(metadata.pixel, integration_length=n_av * mean.frames if n_av is not None else None)
-    use = None
+    use = calibration = None
     if earlier.parts:
-        use = CalibrationUse(folder, load_calibration(folder).digest, curved=False)
+        calibration = load_calibration(folder)
+        use = CalibrationUse(folder, calibration.digest, curved=False)
     plan = FramePlan(
         metadata=replace(metadata, voltage=Voltage(), pixel=pixel),
-        resolver=ResolverSettings(false_alarm=FALSE_ALARM),
+        settings=MapSettings(resolver=ResolverSettings(false_alarm=FALSE_ALARM)),
         calibration=use,
     )
-    maps = resolve_frame(mean.mean_v, plan=plan).maps
+    maps = resolve_frame(mean.mean_v, plan=plan, calibration=calibration).maps
     single = (maps.status & StatusBit.ONE_PATH) != 0
     ranges, sigma, amplitude = (
         np.where(single, maps.layer(name), np.nan).astype(np.float64)

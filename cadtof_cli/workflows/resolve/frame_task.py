@@ -3,7 +3,6 @@
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
-from functools import lru_cache
 from pathlib import Path
 from typing import Any, Literal, TypeVar
 
@@ -13,10 +12,11 @@ from cadtof_cli.errors import CadtofError, FrameError
 from cadtof_cli.execution.memory import keep_freed_memory
 from cadtof_cli.files.frames import FrameLayout, FrameSource, NotAFrameError
 from cadtof_cli.files.maps import write_maps
-from cadtof_cli.maps.layers import DepthMaps, LayerChoice, empty_maps
+from cadtof_cli.frame_plan import FramePlan
 from cadtof_cli.phasors.frame_mean import FrameMean, frame_mean
-from cadtof_cli.pipeline import FramePlan, ResolvedFrame, resolve_frame
+from cadtof_cli.pipeline import ResolvedFrame, resolve_frame
 from cadtof_cli.resolver.status import count_status
+from cadtof_cli.workflows.resolve.use_calibration import planned_calibration
 
 Result = TypeVar("Result")
 
@@ -68,8 +68,7 @@ def resolve_file(task: FrameTask, /) -> FrameReport:
 
     def resolve() -> FrameReport:
         frame = read_frame(task)
-        maps = reused_maps(*frame.mean.stored.shape[2:], task.plan.layers)
-        resolved = resolve_frame(frame.mean, plan=task.plan, maps=maps)
+        resolved = resolve_frame(frame.mean, plan=task.plan, calibration=planned_calibration(task.plan))
         return written(task, resolved, left_out=frame.left_out, began=began)
 
     return attempted(task, resolve, began=began)
@@ -110,15 +109,9 @@ def written(task: FrameTask, resolved: ResolvedFrame, /, *, left_out: str | None
         seconds_since(began),
         counts.one_path,
         counts.two_paths,
-        counts.more_paths if task.plan.resolver.max_paths > 2 else None,
+        counts.more_paths if task.plan.settings.resolver.max_paths > 2 else None,
         counts.invalid,
     )
-
-
-@lru_cache(maxsize=1)
-def reused_maps(height: int, width: int, layers: LayerChoice) -> DepthMaps:
-    """Return this process's maps of that size: a frame's are written before the next frame's are computed."""
-    return empty_maps(height, width, layers=layers)
 
 
 @dataclass(frozen=True)

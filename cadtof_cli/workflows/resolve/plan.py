@@ -7,9 +7,8 @@ import numpy as np
 from cadtof_cli.capture.discovery import Capture
 from cadtof_cli.capture.stacks import first_dtype
 from cadtof_cli.errors import CadtofError, SettingsError
+from cadtof_cli.frame_plan import FramePlan
 from cadtof_cli.phasors.voltages import phasor_scale
-from cadtof_cli.pipeline import FramePlan
-from cadtof_cli.resolver.settings import ResolverSettings
 
 
 def require_known_volts(capture: Capture, /) -> None:
@@ -31,7 +30,7 @@ def capture_problems(capture: Capture, types: Iterable[str]) -> list[str]:
     """Return why frames of these types could not be resolved with the capture's metadata; empty where they can."""
     problems = []
     try:
-        FramePlan(metadata=capture.source.metadata, resolver=ResolverSettings())
+        FramePlan(metadata=capture.source.metadata)
         for dtype in types:
             phasor_scale(capture.source.metadata, np.dtype(dtype))
     except CadtofError as error:

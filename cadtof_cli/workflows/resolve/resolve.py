@@ -17,8 +17,7 @@ from cadtof_cli.execution.ordered import Outcome, WorkerDied, run_ordered
 from cadtof_cli.execution.workers import StartMethod, available_cores, default_start_method
 from cadtof_cli.files.atomic import remove_partial_files
 from cadtof_cli.files.frames import FrameSource
-from cadtof_cli.pipeline import DepthKind, FramePlan
-from cadtof_cli.resolver.settings import ResolverSettings
+from cadtof_cli.frame_plan import FramePlan, MapSettings
 from cadtof_cli.workflows.resolve.frame_task import FrameReport, FrameTask, resolve_file
 from cadtof_cli.workflows.resolve.plan import require_known_volts
 from cadtof_cli.workflows.resolve.run_record import RunRecord, prepare_output
@@ -35,10 +34,7 @@ class ResolveSettings:
     """Everything that a user can choose about a run, besides the inputs and what overrides `capture.toml`."""
 
     out: Path
-    resolver: ResolverSettings = field(default_factory=ResolverSettings)
-    depth: DepthKind = "range"
-    pool: int = 1
-    average: int = 1
+    maps: MapSettings = field(default_factory=MapSettings)
     calibration: Path | None = None
     map_format: MapFormat = "same"
     jobs: int = field(default_factory=available_cores)
@@ -112,17 +108,14 @@ def resolve_captures(
     plans = [
         FramePlan(
             metadata=capture.source.metadata,
-            resolver=settings.resolver,
-            depth=settings.depth,
-            pool=settings.pool,
-            average=settings.average,
+            settings=settings.maps,
             calibration=calibration.use if calibration else None,
         )
         for capture in captures
     ]
     for capture in captures:
         require_known_volts(capture)
-    layers = {name: unit for plan in plans for name, unit in plan.layers.units.items()}
+    layers = {layer.name: layer.unit for plan in plans for layer in plan.layers}
     record = RunRecord(settings.out, arguments=arguments, captures=captures, layers=layers, calibration=calibration)
     prepare_output(captures, settings.out, overwrite=settings.overwrite, resume=settings.resume)
     if settings.resume:
@@ -160,8 +153,8 @@ def _tasks(
     progress.on_total(total)
     for capture, plan in zip(captures, plans, strict=True):
         layout, pixels = capture.layout, first_pixels(capture)
-        known = -(-len(capture.frames) // settings.average)
-        for count, sources in enumerate(_groups(single_frames(capture), settings.average), start=1):
+        known = -(-len(capture.frames) // settings.maps.average)
+        for count, sources in enumerate(_groups(single_frames(capture), settings.maps.average), start=1):
             if count > known:
                 known, total = count, total + 1
                 progress.on_total(total)
@@ -185,7 +178,7 @@ def _groups(sources: Iterable[FrameSource], size: int) -> Iterator[tuple[FrameSo
 
 def _task_count(captures: Iterable[Capture], settings: ResolveSettings) -> int:
     """Return how many maps there will be, as far as the files' names tell."""
-    return sum(-(-len(capture.frames) // settings.average) for capture in captures)
+    return sum(-(-len(capture.frames) // settings.maps.average) for capture in captures)
 
 
 def _are_worth_splitting(captures: Sequence[Capture], plans: Sequence[FramePlan], settings: ResolveSettings) -> bool:
