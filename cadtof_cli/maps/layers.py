@@ -16,7 +16,7 @@ DIRECT_SIGMA = "direct.sigma"
 CONFIDENCE = "confidence"
 STATUS = "status"
 
-Factors = tuple[Float | Float32 | float, Float | float]
+Factors = tuple[Float | float, Float | float]
 """Two factors whose product is the value of a layer."""
 
 
@@ -43,7 +43,7 @@ class LayerSource:
         phase = self.resolved.paths.phase_rad[path]
         if self.phase_offset_rad is not None:
             phase = phase - self.phase_offset_rad
-            phase += np.where(phase < 0.0, 2.0 * np.pi, 0.0)
+            phase = np.where(phase < 0.0, phase + 2.0 * np.pi, phase)
         return phase, self.metres
 
     def amplitude(self, path: int, /) -> Factors:

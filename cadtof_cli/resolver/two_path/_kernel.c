@@ -77,16 +77,17 @@ static const Level *find_level(const char *name) {
 
 /* --- buffers ------------------------------------------------------------------------------------------------------------- */
 
-enum { CONSTANT_VALUES, STORED, MATRIX, CONSTANT, SAMPLES, METRES, SHIFT, MAP_LAYERS, STATUS, BUFFERS };
+enum { CONSTANT_VALUES, STORED, OWN, OTHER, CONSTANT, SAMPLES, METRES, SHIFT, MAP_LAYERS, STATUS, BUFFERS };
 static const struct {
     const char *name;
     const char *formats; /* of the struct module, with a space after each */
     int planes;          /* how many values a pixel has; of STORED: those of voltages */
     int optional, writable;
 } BUFFER[BUFFERS] = {
-    {"constants", "d ", 0, 0, 0},      {"stored", "H h f d Zd ", 4, 0, 0}, {"matrix", "d ", 8, 1, 0},
-    {"constant", "d ", 4, 1, 0},       {"samples", "d ", 1, 1, 0},         {"metres", "d ", 1, 1, 0},
-    {"shift", "d ", 1, 1, 0},          {"layers", "f ", LAYERS, 0, 1},     {"status", "I L ", 1, 0, 1},
+    {"constants", "d ", 0, 0, 0}, {"stored", "H h f d Zd ", 4, 0, 0}, {"own", "d ", 4, 1, 0},
+    {"other", "d ", 4, 1, 0},     {"constant", "d ", 4, 1, 0},        {"samples", "d ", 1, 1, 0},
+    {"metres", "d ", 1, 1, 0},    {"shift", "d ", 1, 1, 0},           {"layers", "f ", LAYERS, 0, 1},
+    {"status", "I L ", 1, 0, 1},
 };
 
 #define COUNT(name) +1
@@ -145,8 +146,8 @@ static int fit_together(const Py_buffer *view) {
         const int complex = which == STORED && view[which].format && view[which].format[0] == 'Z';
         if (!has_values(which, &view[which], pixels, complex ? 2 : BUFFER[which].planes)) return 0;
     }
-    if (!view[MATRIX].obj != !view[CONSTANT].obj) {
-        PyErr_SetString(PyExc_ValueError, "matrix and constant: found one of them, expected both or none");
+    if (!view[OWN].obj != !view[OTHER].obj || !view[OWN].obj != !view[CONSTANT].obj) {
+        PyErr_SetString(PyExc_ValueError, "own, other and constant: found some of them, expected all or none");
         return 0;
     }
     for (int which = 0; which < BUFFERS; which++)
@@ -179,7 +180,8 @@ static PyObject *resolve_checked(const Level *level, int order, int returns, Py_
     const Frame frame = {
         .stored = view[STORED].buf,
         .constants = view[CONSTANT_VALUES].buf,
-        .matrix = view[MATRIX].buf,
+        .own = view[OWN].buf,
+        .other = view[OTHER].buf,
         .constant = view[CONSTANT].buf,
         .samples = view[SAMPLES].buf,
         .metres = view[METRES].buf,
@@ -203,8 +205,9 @@ static PyObject *resolve(PyObject *module, PyObject *arguments) {
     int order, returns;
     Py_ssize_t start, stop;
     PyObject *object[BUFFERS];
-    if (!PyArg_ParseTuple(arguments, "siinnOOOOOOOOO", &name, &order, &returns, &start, &stop, &object[0], &object[1], &object[2],
-                          &object[3], &object[4], &object[5], &object[6], &object[7], &object[8]))
+    if (!PyArg_ParseTuple(arguments, "siinnOOOOOOOOOO", &name, &order, &returns, &start, &stop, &object[0], &object[1], &object[2],
+                          &object[3], &object[4], &object[5], &object[6], &object[7], &object[8],
+                          &object[9]))
         return NULL;
     const Level *level = find_level(name);
     if (!level) return PyErr_Format(PyExc_ValueError, "found level %s, expected one that levels() lists", name);
@@ -248,7 +251,8 @@ static PyObject *constant_names(PyObject *module, PyObject *none) {
 
 static PyMethodDef METHODS[] = {
     {"resolve", resolve, METH_VARARGS,
-     "resolve(level, order, returns, start, stop, constants, stored, matrix, constant, samples, metres, shift, layers, status)\n\n"
+     "resolve(level, order, returns, start, stop, constants, stored, own, other, constant, samples, metres, shift, layers, "
+     "status)\n\n"
      "Fill layers and status of the pixels from start up to stop. Everybody but the tests calls it through kernel.py."},
     {"levels", levels, METH_NOARGS, "Names of the instruction sets that this processor has, the fastest first."},
     {"constant_names", constant_names, METH_NOARGS, "Names of the constants, in the order in which resolve takes them."},

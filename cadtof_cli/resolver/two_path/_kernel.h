@@ -1,11 +1,11 @@
 /* Stored values -> maps of harmonics 1 and 2, pixel by pixel: the operations of the modules named below, in their order.
  *
- *   phasors/voltages.py, correction.py     stored values -> phasors
- *   resolver/resolve.py, screening.py      which pixels get an answer; the driver
+ *   phasors/voltages.py                    stored values -> phasors
+ *   resolver/resolve.py, order.py          the driver: which pixels get an answer, and how many paths
+ *   resolver/returns.py                    which path is direct
  *   resolver/two_path/closed_form.py       two paths            arctangent.py   their phases
  *   resolver/two_path/one_path.py          one path             uncertainty.py  standard deviations
- *   resolver/returns.py, order.py          which path is direct; whether two are worth it
- *   maps/depth.py                          paths -> maps
+ *   maps/depth.py, layers.py               paths -> maps
  *
  * Those are written to be read; this is written to be fast. Both use nothing but +, -, *, / and square roots, which IEEE 754
  * rounds in one way only, so both give the same bits, whatever the compiler and the machine (test_kernel.py holds them to it).
@@ -43,11 +43,12 @@ enum type { UINT16, INT16, FLOAT32, FLOAT64, PHASORS };
 
 /* What all pixels of a frame share, by the names that kernel.py gives them. */
 #define CONSTANTS(X) \
-    X(gain1) X(gain2) X(offset1) X(offset2)        /* p_h = stored * gain_h + offset_h, where no pixel has a map of its own */ \
+    X(gain1) X(gain2) X(gain3) X(gain4)            /* parts of phasors, re1, im1, re2, im2, from stored values ... */ \
+    X(offset1) X(offset2) X(offset3) X(offset4)    /* ... where no pixel has a map of its own */ \
     X(saturated_low) X(saturated_high)             /* stored values at or beyond them are saturated; NaN: none are */ \
     X(per_variance1) X(per_variance2)              /* 1 / dark variance of harmonic h */ \
     X(least_power) X(least_modulus)                /* at and below, and below which there is no signal */ \
-    X(one_path_limit) X(misfit_limit)              /* |p1 - p2 conj(rho)^2|^2, and chi^2, above which there are two paths */ \
+    X(misfit_limit) X(misfit_spread)               /* chi^2 above which there are two paths; see may_be_one_path */ \
     X(weight)                                      /* dark variance of harmonic 1 over that of 2 */ \
     X(dark1) X(dark2) X(doubled1) X(doubled2)      /* variance along and across a phasor: dark +- doubled * amplitude ... */ \
     X(averaging1) X(averaging2) X(least1) X(least2)/* ... - averaging * amplitude^2 along it, and at least least */ \
@@ -64,8 +65,9 @@ typedef struct {
 typedef struct {
     const void *stored;      /* 4 planes of `type`; or 2 of complex phasors */
     const Constants *constants;
-    const double *matrix;    /* (H, 2, 2) planes: Re p and Im p from SC1 and SC2 ... */
-    const double *constant;  /* ... and (H, 2) planes to add */
+    const double *own;       /* 4 planes: parts of phasors from the stored values of their own channel, ... */
+    const double *other;     /* ... from those of the harmonic's other channel, ... */
+    const double *constant;  /* ... and from nothing */
     const double *samples;   /* recorded pixels that a phasor is a mean of */
     const double *metres;    /* of a radian */
     const double *shift;     /* radians to take from every phase */
@@ -82,7 +84,7 @@ typedef double Row[GROUP];
 typedef struct {
     Row re1, im1, re2, im2, unsound, samples, root;      /* phasors; 1 where there must be no answer; samples, their root */
     Row u, pr, pi, cos, sin;                             /* FundamentalFrame */
-    Row confidence, refusal, answered, may, need;        /* bits that refuse an answer; may have one path; needs two */
+    Row confidence, refusal, answered, single, may, need;/* bits that refuse an answer; is, may be one path; needs two */
     Row one_amplitude, one_phase, one_sigma, misfit;     /* OnePath; 1 where it leaves more than noise does */
     Row a, b, cos_m, sin_m, cos_half, sin_half;          /* TwoPaths */
     Row x, y, sigma_x, sigma_y, doubtful;
@@ -126,7 +128,7 @@ INLINE double phase_of(double cos, double sin) {
     return phase >= FULL_TURN ? 0.0 : phase;
 }
 
-/* voltages.py: saturated_pixels, phasors_from_voltages; correction.py: corrected_phasors. Columns from m on repeat the first. */
+/* voltages.py: saturated_pixels, phasors_from_stored. Columns from m on repeat the first. */
 #define LOAD(TYPE, VALUE) \
     { \
         const TYPE *stored = frame->stored; \
@@ -159,16 +161,17 @@ INLINE void load(Group *restrict g, const Frame *restrict frame, int64_t start, 
         double beyond = value[c][i] <= k->saturated_low ? (double)SATURATED : g->refusal[i];
         g->refusal[i] = value[c][i] >= k->saturated_high ? (double)SATURATED : beyond;
     }
+    const double gain[4] = {k->gain1, k->gain2, k->gain3, k->gain4};
+    const double offset[4] = {k->offset1, k->offset2, k->offset3, k->offset4};
     for (int c = 0; c < 4; c++) {
-        double *restrict p = phasor[c], *restrict first = value[c & 2], *restrict second = value[c | 1];
-        const double gain = c < 2 ? k->gain1 : k->gain2, offset = c < 2 ? k->offset1 : k->offset2;
+        double *restrict p = phasor[c];
         if (frame->type == PHASORS) EACH_PIXEL p[i] = value[c][i];
-        else if (frame->matrix) {
-            const double *restrict from1 = frame->matrix + 2 * c * n + start, *restrict from2 = from1 + n;
-            const double *restrict add = frame->constant + c * n + start;
-            for (int i = 0; i < m; i++) p[i] = first[i] * from1[i] + second[i] * from2[i] + add[i];
+        else if (frame->own) {
+            const double *restrict own = frame->own + c * n + start, *restrict other = frame->other + c * n + start;
+            const double *restrict constant = frame->constant + c * n + start;
+            for (int i = 0; i < m; i++) p[i] = value[c][i] * own[i] + value[c ^ 1][i] * other[i] + constant[i];
             for (int i = m; i < GROUP; i++) p[i] = p[0];
-        } else EACH_PIXEL p[i] = value[c][i] * gain + offset;
+        } else EACH_PIXEL p[i] = value[c][i] * gain[c] + offset[c];
     }
     if (frame->samples) {
         for (int i = 0; i < GROUP; i++) g->samples[i] = frame->samples[start + (i < m ? i : 0)];
@@ -191,7 +194,7 @@ INLINE void fundamental_frame(Group *restrict g) {
     }
 }
 
-/* screening.py: screened. `refusal` comes in with SATURATED. */
+/* resolve.py: _screened. `refusal` comes in with SATURATED. */
 INLINE void screen(Group *restrict g, const Frame *restrict frame) {
     const Constants *k = frame->constants;
     EACH_PIXEL {
@@ -215,26 +218,22 @@ INLINE void screen(Group *restrict g, const Frame *restrict frame) {
     }
 }
 
-/* resolve.py: which pixels may have one path, and which need two; is_single of closed_form.py */
+/* solver.py: may_be_one_path; closed_form.py: is_single */
 INLINE void choose_pixels(Group *restrict g, const Frame *restrict frame) {
     const Constants *k = frame->constants;
+    EACH_PIXEL {
+        double u = g->u[i], dr = u - g->pr[i], d2 = dr * dr + g->pi[i] * g->pi[i];
+        double single = d2 <= 0x1p-100 * (u * u) + 1e-120 ? 1.0 : 0.0;
+        g->single[i] = single * g->answered[i];
+        g->t1[i] = d2;
+        g->t2[i] = k->misfit_limit;
+    }
+    if (frame->samples) EACH_PIXEL g->t2[i] = k->misfit_limit / g->samples[i];
     if (frame->order == ORDER_ONE) EACH_PIXEL g->may[i] = g->answered[i];
-    else {
-        EACH_PIXEL {
-            double dr = g->u[i] - g->pr[i];
-            g->t1[i] = dr * dr + g->pi[i] * g->pi[i];
-        }
-        if (frame->order == ORDER_TWO) EACH_PIXEL {
-            double single = g->t1[i] <= 0x1p-100 * (g->u[i] * g->u[i]) + 1e-120 ? 1.0 : 0.0;
-            g->may[i] = g->answered[i] * single;
-        }
-        else {
-            if (frame->samples) EACH_PIXEL g->t1[i] = g->t1[i] * g->samples[i];
-            EACH_PIXEL {
-                double may = g->t1[i] <= k->one_path_limit ? 1.0 : 0.0;
-                g->may[i] = g->answered[i] * may;
-            }
-        }
+    else if (frame->order == ORDER_TWO) EACH_PIXEL g->may[i] = g->single[i];
+    else EACH_PIXEL {
+        double may = g->t1[i] <= 2.0 * g->t2[i] * k->misfit_spread ? g->answered[i] : g->single[i];
+        g->may[i] = may;
     }
     EACH_PIXEL g->need[i] = g->answered[i] - g->may[i];
 }
@@ -302,7 +301,7 @@ INLINE void one_path(Group *restrict g, const Frame *restrict frame) {
         g->one_sigma[i] = g->one_sigma[i] / g->root[i];
     }
     EACH_PIXEL {
-        double misfit = g->t3[i] > k->misfit_limit ? g->may[i] : 0.0;
+        double misfit = g->t3[i] > k->misfit_limit ? g->may[i] - g->single[i] : 0.0;
         g->misfit[i] = misfit;
         g->need[i] = misfit > 0.0 ? 1.0 : g->need[i];
     }
@@ -397,13 +396,17 @@ INLINE void two_path_sigmas(Group *restrict g, const Frame *restrict frame) {
         g->sigma_x[i] = sigma(a, b, t);
         g->sigma_y[i] = sigma(b, a, t);
     }
+    EACH_PIXEL {
+        double x = g->sigma_x[i], y = g->sigma_y[i], most = x < y ? y : x;
+        most = y == y ? most : y;
+        /* doubt, most / sin_half, is above 1 just where this is, in floating point too */
+        g->doubtful[i] = most > g->sin_half[i] ? (double)ILL_CONDITIONED : 0.0;
+        g->t1[i] = most;
+    }
     if (frame->samples) EACH_PIXEL {
+        g->doubtful[i] = g->t1[i] / g->sin_half[i] / g->root[i] > 1.0 ? (double)ILL_CONDITIONED : 0.0;
         g->sigma_x[i] = g->sigma_x[i] / g->root[i];
         g->sigma_y[i] = g->sigma_y[i] / g->root[i];
-    }
-    EACH_PIXEL {
-        double doubtful = g->sigma_x[i] > g->sin_half[i] ? (double)ILL_CONDITIONED : 0.0;
-        g->doubtful[i] = g->sigma_y[i] > g->sin_half[i] ? (double)ILL_CONDITIONED : doubtful;
     }
 }
 
@@ -419,7 +422,7 @@ INLINE void phases(Group *restrict g) {
     }
 }
 
-/* returns.py: direct_and_mpi. x_chosen in t1, x_wraps in t2, y_wraps in t3. */
+/* returns.py: _pair. x_chosen in t1, x_wraps in t2, y_wraps in t3. */
 INLINE void direct_and_mpi(Group *restrict g, const Frame *restrict frame) {
     const double ratio = frame->constants->return_ratio, first = frame->returns == RETURN_FIRST ? 1.0 : 0.0;
     EACH_PIXEL {
@@ -428,7 +431,7 @@ INLINE void direct_and_mpi(Group *restrict g, const Frame *restrict frame) {
         g->t2[i] = a < 0.5 * b ? x_wraps : 0.0;
         g->t3[i] = b < 0.5 * a ? y_wraps : 0.0;
     }
-    if (frame->returns == RETURN_STRONGEST) EACH_PIXEL g->t1[i] = g->a[i] >= g->b[i] ? 1.0 : 0.0;
+    if (frame->returns == RETURN_STRONGEST) EACH_PIXEL g->t1[i] = g->a[i] < g->b[i] ? 0.0 : 1.0;
     else EACH_PIXEL {
         double a = g->a[i], b = g->b[i], lead = g->y[i] - g->x[i];
         double before = lead >= 0.0 ? 1.0 - g->t2[i] : 0.0;
@@ -447,7 +450,7 @@ INLINE void direct_and_mpi(Group *restrict g, const Frame *restrict frame) {
     }
 }
 
-/* order.py: worth_another; resolve.py: the paths of every pixel and its status */
+/* order.py: worth_another, _kept; resolve.py: _bits */
 INLINE void decide(Group *restrict g) {
     EACH_PIXEL {
         double difference = fabs(g->phase[0][i] - g->one_phase[i]), two = g->sigma[0][i], one = g->one_sigma[i];
@@ -466,12 +469,15 @@ INLINE void decide(Group *restrict g) {
         g->amplitude[1][i] = no_mpi > 0.0 ? NAN : g->amplitude[1][i];
         g->phase[1][i] = no_mpi > 0.0 ? NAN : g->phase[1][i];
         g->sigma[1][i] = no_mpi > 0.0 ? NAN : g->sigma[1][i];
-        double bits = alone > 0.0 ? (double)ONE_PATH : (double)TWO_PATHS + g->doubtful[i];
-        g->refusal[i] = no_direct > 0.0 ? g->refusal[i] : bits;
+    }
+    EACH_PIXEL {
+        double bits = fabs(g->amplitude[0][i]) <= DBL_MAX ? (double)ONE_PATH : 0.0;
+        bits = fabs(g->amplitude[1][i]) <= DBL_MAX ? (double)TWO_PATHS + g->doubtful[i] : bits;
+        g->refusal[i] = g->refusal[i] + bits;
     }
 }
 
-/* depth.py: write_paths. NaN is written as the one quiet NaN without a sign. */
+/* layers.py, depth.py: write_block. NaN is written as the one quiet NaN without a sign. */
 INLINE void store_layer(const double *restrict values, float *restrict to, int m) {
     float out[GROUP];
     EACH_PIXEL out[i] = (float)(values[i] == values[i] ? values[i] : NAN);

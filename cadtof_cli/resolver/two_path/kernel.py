@@ -5,7 +5,7 @@ the same operations, with the same bits, in `closed_form`, `one_path`, `uncertai
 """
 
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from types import ModuleType
@@ -17,7 +17,7 @@ from cadtof_cli.errors import SettingsError
 from cadtof_cli.phasors.chi_squared import chi_squared_threshold
 from cadtof_cli.phasors.noise import LEAST_SHARE, NoiseModel
 from cadtof_cli.resolver.settings import ResolverSettings
-from cadtof_cli.resolver.two_path.one_path import one_path_limit
+from cadtof_cli.resolver.two_path.solver import misfit_spread
 from cadtof_cli.resolver.two_path.uncertainty import variance_terms
 
 NUMPY = "numpy"
@@ -64,14 +64,16 @@ class PixelMaps:
     """What pixels of a frame have of their own, float64 each and None where they have nothing.
 
     Attributes:
-        matrix: (H, 2, 2, n), Re p and Im p from the stored SC1 and SC2.
-        constant: (H, 2, n), to add to them.
+        own: (H, 2, n), parts of phasors, Re p and Im p, from the stored values of their own channel, SC1 and SC2, ...
+        other: (H, 2, n), ... from those of the other channel, ...
+        constant: (H, 2, n), ... and from nothing.
         samples: (n,), recorded pixels that a phasor is the mean of.
         metres: (n,), per radian.
         shift: (n,) rad, to take from every phase.
     """
 
-    matrix: Float | None = None
+    own: Float | None = None
+    other: Float | None = None
     constant: Float | None = None
     samples: Float | None = None
     metres: Float | None = None
@@ -80,13 +82,14 @@ class PixelMaps:
 
 @dataclass(frozen=True, kw_only=True)
 class KernelScale:
-    """What turns stored values into phasors, p_h = stored·gain[h] + offset[h], and radians and amplitudes into m and V.
+    """What turns stored values into phasors, parts = stored·gain + offset, and radians and amplitudes into m and V.
 
-    Stored values at or beyond `saturated` are saturated; None: none are.
+    `gain` and `offset` are those of Re p1, Im p1, Re p2, Im p2 where no pixel has a map of its own. Stored values at or beyond
+    `saturated` are saturated; None: none are.
     """
 
-    gain: tuple[float, float] = (1.0, 1.0)
-    offset: tuple[float, float] = (0.0, 0.0)
+    gain: Sequence[float] = (1.0, 1.0, 1.0, 1.0)
+    offset: Sequence[float] = (-0.0, -0.0, -0.0, -0.0)
     saturated: tuple[float, float] | None = None
     metres_per_radian: float
     amplitude_v: float
@@ -94,29 +97,26 @@ class KernelScale:
 
 def kernel_constants(settings: ResolverSettings, noise: NoiseModel, scale: KernelScale, /) -> Mapping[str, float]:
     """Return what all pixels of a frame share, by the names of `CONSTANTS` in `_kernel.h`."""
-    first, second = noise.harmonics
+    first, second = noise.each
     terms = variance_terms(noise)
     low, high = scale.saturated or (np.nan, np.nan)
-    detected = settings.min_confidence_v is None
-    threshold = chi_squared_threshold(settings.false_alarm, pairs=1)
+    least, threshold = settings.min_confidence, chi_squared_threshold(settings.false_alarm, pairs=1)
     constants = {
         "saturated_low": low,
         "saturated_high": high,
-        "least_power": chi_squared_threshold(settings.false_alarm, pairs=2) if detected else 0.0,
-        "least_modulus": 0.0 if settings.min_confidence_v is None else settings.min_confidence_v / scale.amplitude_v,
-        "one_path_limit": one_path_limit(threshold, noise),
+        "least_power": chi_squared_threshold(settings.false_alarm, pairs=2) if least is None else 0.0,
+        "least_modulus": least or 0.0,
         "misfit_limit": threshold if settings.order == "auto" and settings.max_paths > 1 else np.inf,
+        "misfit_spread": misfit_spread(noise),
         "weight": first.dark_variance / second.dark_variance,
         "signal": terms.signal,
         "return_ratio": settings.min_return_ratio,
         "metres": scale.metres_per_radian,
         "volts": scale.amplitude_v,
     }
-    for h, harmonic in enumerate(noise.harmonics):
+    for h, harmonic in enumerate(noise.each):
         light = 0.5 * harmonic.averaging / harmonic.pulse**2
         constants |= {
-            f"gain{h + 1}": scale.gain[h],
-            f"offset{h + 1}": scale.offset[h],
             f"per_variance{h + 1}": 1.0 / harmonic.dark_variance,
             f"dark{h + 1}": harmonic.dark_variance,
             f"doubled{h + 1}": light * harmonic.pulse_double,
@@ -125,6 +125,8 @@ def kernel_constants(settings: ResolverSettings, noise: NoiseModel, scale: Kerne
         }
     for name, factors in (("alone", terms.alone), ("own", terms.own), ("other", terms.other)):
         constants |= {f"{name}{power}": factor for power, factor in enumerate(factors)}
+    for part in range(4):
+        constants |= {f"gain{part + 1}": scale.gain[part], f"offset{part + 1}": scale.offset[part]}
     return constants
 
 
@@ -168,7 +170,8 @@ def fill_maps(
         "stored": (given, (2, count) if given.dtype.kind == "c" else (2, 2, count)),
         "layers": (layers, (7, count)),
         "status": (status, (count,)),
-        "matrix": (maps.matrix, (2, 2, 2, count)),
+        "own": (maps.own, (2, 2, count)),
+        "other": (maps.other, (2, 2, count)),
         "constant": (maps.constant, (2, 2, count)),
         "samples": (maps.samples, (count,)),
         "metres": (maps.metres, (count,)),
@@ -185,7 +188,8 @@ def fill_maps(
         asked.stop,
         np.array([constants[name] for name in compiled.constant_names()]),
         given,
-        maps.matrix,
+        maps.own,
+        maps.other,
         maps.constant,
         maps.samples,
         maps.metres,
