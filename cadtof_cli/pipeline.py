@@ -16,14 +16,14 @@ from cadtof_cli.arrays import Bool, Complex, Status, Stored
 from cadtof_cli.calibration.apply import FrameCorrection, frame_correction
 from cadtof_cli.calibration.store import Calibration
 from cadtof_cli.errors import FrameError
+from cadtof_cli.files.maps import DepthMaps
 from cadtof_cli.frame_plan import FramePlan
 from cadtof_cli.maps.depth import DepthScale, empty_maps, write_block
-from cadtof_cli.maps.layers import DepthMaps
 from cadtof_cli.optics.pinhole import planar_per_range
 from cadtof_cli.phasors.frame_mean import FrameMean
 from cadtof_cli.phasors.noise import NoiseModel, estimated_integration_length, noise_model
 from cadtof_cli.phasors.pooling import pooled_phasors
-from cadtof_cli.phasors.voltages import PhasorScale, phasor_scale, saturated_pixels
+from cadtof_cli.phasors.voltages import phasors_from_stored, saturated_pixels
 from cadtof_cli.resolver.resolve import resolve_paths
 from cadtof_cli.resolver.status import StatusBit
 from cadtof_cli.units import metres_per_radian
@@ -94,17 +94,19 @@ class ResolvedFrame:
 class _Stages:
     """What every block of frames of one plan, type and size shares."""
 
-    scale: PhasorScale
+    saturated_counts: tuple[float, float] | None
     correction: FrameCorrection
     depth: DepthScale
 
     def phasors(self, pixels: FramePixels) -> Complex:
         block = slice(pixels.first, pixels.first + pixels.count)
-        return self.correction.phasors(pixels.stored, block) if pixels.pooled is None else pixels.pooled
+        if pixels.pooled is not None:
+            return pixels.pooled
+        return phasors_from_stored(pixels.stored, self.correction.phasor_map[block])
 
     def status(self, pixels: FramePixels) -> Status:
         """Return the bits of pixels that get no answer whatever their phasors: saturated or hot, (n,)."""
-        status = saturated_pixels(pixels.stored, scale=self.scale) * np.uint32(StatusBit.SATURATED)
+        status = saturated_pixels(pixels.stored, self.saturated_counts) * np.uint32(StatusBit.SATURATED)
         if self.correction.hot is not None:
             hot: Bool = self.correction.hot[pixels.first : pixels.first + pixels.count]
             status |= hot * np.uint32(StatusBit.HOT_PIXEL)
@@ -118,15 +120,14 @@ def _stages(
     if (plan.calibration is None) != (calibration is None):
         raise ValueError("a plan with a calibration needs it loaded, and one without has no use for it")
     metadata = plan.metadata
-    scale = phasor_scale(metadata, dtype)
-    correction = frame_correction(calibration, metadata, scale, size)
+    correction = frame_correction(calibration, metadata, dtype, size)
     depth = DepthScale(
         metres_per_radian(metadata.modulation.periods_ns[0]),
         metadata.modulation.amplitude_v,
-        planar_per_range(metadata.optics, *size).ravel() if plan.settings.depth == "z" else None,
+        planar_per_range(metadata.optics, size).ravel() if plan.settings.depth == "z" else None,
         correction.range_offset_m if plan.calibration and plan.calibration.curved else None,
     )
-    return _Stages(scale, correction, depth)
+    return _Stages(metadata.voltage.saturated_counts, correction, depth)
 
 
 def resolve_frame(
@@ -205,7 +206,7 @@ def joined_parts(pixels: FramePixels, parts: Sequence[DepthMaps], /) -> Resolved
 
 def _estimated_noise(pixels: FramePixels, plan: FramePlan, stages: _Stages) -> NoiseModel:
     phasors = stages.phasors(pixels)
-    phasors[:, saturated_pixels(pixels.stored, scale=stages.scale)] = np.nan
+    phasors[:, saturated_pixels(pixels.stored, stages.saturated_counts)] = np.nan
     estimate = estimated_integration_length(phasors.reshape(-1, *pixels.size))
     if math.isnan(estimate):
         raise FrameError(

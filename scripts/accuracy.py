@@ -9,14 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cadtof_cli.capture.discovery import Capture, find_captures
+from cadtof_cli.capture.frames import open_frames, single_frames
 from cadtof_cli.capture.metadata import CaptureMetadata
-from cadtof_cli.capture.reader import open_frames
-from cadtof_cli.capture.stacks import single_frames
-from cadtof_cli.files.layers import read_layers
+from cadtof_cli.files.maps import read_layers
 from cadtof_cli.frame_plan import FramePlan, MapSettings
 from cadtof_cli.maps.layers import DIRECT_DEPTH
 from cadtof_cli.phasors.noise import noise_model
-from cadtof_cli.phasors.pulse import pulse_response
+from cadtof_cli.phasors.response import pulse_response
 from cadtof_cli.pipeline import resolve_frame
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.resolver.status import StatusBit

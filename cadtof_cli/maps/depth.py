@@ -5,7 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from cadtof_cli.arrays import Float
-from cadtof_cli.maps.layers import DepthMaps, Layer, LayerSource
+from cadtof_cli.files.maps import DepthMaps
+from cadtof_cli.maps.layers import Layer, LayerSource
 from cadtof_cli.resolver.paths import ResolvedPaths
 
 

@@ -6,7 +6,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from cadtof_cli.arrays import Float, Float32, Status
+from cadtof_cli.arrays import Float, Float32
 from cadtof_cli.resolver.paths import ResolvedPaths
 
 DIRECT_DEPTH = "direct.depth"
@@ -14,7 +14,6 @@ MPI_DEPTH = "mpi.depth"
 DIRECT_AMPLITUDE = "direct.amplitude"
 DIRECT_SIGMA = "direct.sigma"
 CONFIDENCE = "confidence"
-STATUS = "status"
 
 Factors = tuple[Float | float, Float | float]
 """Two factors whose product is the value of a layer."""
@@ -108,26 +107,3 @@ def layer_unit(name: str, /) -> str:
     units = {layer.name: layer.unit for layer in (*_ALWAYS, _SEARCHED, _AVERAGED)}
     quantity = name.rpartition(".")[2]
     return units.get(quantity, _QUANTITIES.get(quantity, ("",))[0])
-
-
-@dataclass(frozen=True)
-class DepthMaps:
-    """The maps of one frame.
-
-    `pages` is float32 (layer, Y, X) in the order of `names`, with one page more at its end, which the TIFF writer keeps
-    for the `status` bits, uint32 (Y, X).
-    """
-
-    names: tuple[str, ...]
-    pages: Float32
-    status: Status
-
-    @property
-    def values(self) -> Float32:
-        """The layers, float32 (layer, Y, X)."""
-        return self.pages[:-1]
-
-    def layer(self, name: str, /) -> Float32:
-        """Return one float32 layer, (Y, X)."""
-        plane: Float32 = self.pages[self.names.index(name)]
-        return plane

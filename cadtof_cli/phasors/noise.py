@@ -8,8 +8,7 @@ import numpy as np
 
 from cadtof_cli.arrays import Complex, Float, Float32, Index
 from cadtof_cli.capture.metadata import CaptureMetadata, Waveform
-from cadtof_cli.phasors.pulse import pulse_response
-from cadtof_cli.phasors.response import ideal_response
+from cadtof_cli.phasors.response import ideal_response, pulse_response
 from cadtof_cli.phasors.rotors import Rotor
 
 MAD_PER_SIGMA = 0.6744897501960817

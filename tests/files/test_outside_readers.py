@@ -9,10 +9,9 @@ import pytest
 import tifffile
 from numpy.typing import NDArray
 
-from cadtof_cli.files.layers import read_layers
-from cadtof_cli.files.maps import write_maps
+from cadtof_cli.files.maps import DepthMaps, read_layers, write_maps
 from cadtof_cli.maps.depth import empty_maps
-from cadtof_cli.maps.layers import DepthMaps, wanted_layers
+from cadtof_cli.maps.layers import wanted_layers
 from tests.conftest import Tool
 
 NAMES = (

@@ -1,17 +1,17 @@
 """A slow frame's pixels, spread over processes: it is read, prepared and written here, its parts are resolved by workers."""
 
+import itertools
 import time
 from collections.abc import Generator, Iterable, Iterator
 from contextlib import closing
 from dataclasses import dataclass
 
-from cadtof_cli.execution.memory import keep_freed_memory
 from cadtof_cli.execution.ordered import Outcome, WorkerDied, run_ordered
-from cadtof_cli.execution.workers import StartMethod
-from cadtof_cli.maps.layers import DepthMaps
+from cadtof_cli.execution.workers import Workers, keep_freed_memory
+from cadtof_cli.files.maps import DepthMaps
 from cadtof_cli.pipeline import FramePixels, joined_parts, prepare_frame, resolve_pixels
-from cadtof_cli.workflows.resolve.frame_task import FrameReport, FrameTask, attempted, read_frame, written
-from cadtof_cli.workflows.resolve.use_calibration import planned_calibration
+from cadtof_cli.workflows.resolve.frame_task import FrameTask, attempted, read_frame, written
+from cadtof_cli.workflows.run_folder import FrameReport
 
 WORTH_SPLITTING_S = 0.5
 """Expected seconds per frame above which its parts are worth a process each: their pixels go there and back."""
@@ -26,30 +26,26 @@ class FramePart:
     left_out: str | None
 
 
-def worth_splitting(tasks: int, jobs: int, seconds_per_frame: float, /) -> bool:
-    """Whether frames are so few and so slow that their pixels should be spread over the processes."""
-    return tasks < jobs and seconds_per_frame > WORTH_SPLITTING_S
-
-
 def resolve_part(part: FramePart, /) -> DepthMaps | FrameReport:
     """Resolve a part of a frame's pixels. Whatever is wrong with it becomes a report, never an exception."""
     keep_freed_memory()
-    pixels, plan = part.pixels, part.task.plan
+    pixels, task = part.pixels, part.task
     if isinstance(pixels, FrameReport):
         return pixels
-    began = time.monotonic()
     return attempted(
-        part.task, lambda: resolve_pixels(pixels, plan=plan, calibration=planned_calibration(plan)), began=began
+        task,
+        lambda: resolve_pixels(pixels, plan=task.plan, calibration=task.calibration()),
+        began=time.monotonic(),
     )
 
 
 def resolve_split(
-    tasks: Iterable[FrameTask], /, *, jobs: int, start_method: StartMethod
+    tasks: Iterable[FrameTask], /, *, workers: Workers
 ) -> Generator[Outcome[FrameTask, FrameReport], None, None]:
     """Resolve and write every frame, in the order of the tasks, each by as many parts as there are jobs."""
-    parts = (part for task in tasks for part in _parts(task, jobs))
-    with closing(run_ordered(resolve_part, parts, jobs=jobs, start_method=start_method)) as outcomes:
-        while frame := [outcome for _, outcome in zip(range(jobs), outcomes, strict=False)]:
+    parts = (part for task in tasks for part in _parts(task, workers.jobs))
+    with closing(run_ordered(resolve_part, parts, workers=workers)) as outcomes:
+        while frame := list(itertools.islice(outcomes, workers.jobs)):
             yield _whole(frame)
 
 
@@ -57,9 +53,9 @@ def _parts(task: FrameTask, count: int) -> Iterator[FramePart]:
     """Yield the parts of a frame after all that couples its pixels has been done, once."""
 
     def prepared() -> list[FramePart]:
-        frame = read_frame(task)
-        pixels = prepare_frame(frame.mean, plan=task.plan, calibration=planned_calibration(task.plan))
-        return [FramePart(task, part, frame.left_out) for part in pixels.parts(count)]
+        frame, left_out = read_frame(task)
+        pixels = prepare_frame(frame, plan=task.plan, calibration=task.calibration())
+        return [FramePart(task, part, left_out) for part in pixels.parts(count)]
 
     parts = attempted(task, prepared, began=time.monotonic())
     yield from [FramePart(task, parts, None)] * count if isinstance(parts, FrameReport) else parts

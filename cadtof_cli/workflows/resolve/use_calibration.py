@@ -5,10 +5,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from cadtof_cli.calibration.store import Calibration, cached_calibration, load_calibration
+from cadtof_cli.calibration.store import Calibration, load_calibration
 from cadtof_cli.capture.discovery import Capture
-from cadtof_cli.capture.stacks import first_pixels
-from cadtof_cli.frame_plan import CalibrationUse, FramePlan
+from cadtof_cli.capture.frames import first_pixels
+from cadtof_cli.frame_plan import CalibrationUse
 
 
 @dataclass(frozen=True)
@@ -60,13 +60,3 @@ def _said(calibration: Calibration) -> str:
     if calibration.petzval is not None:
         said.append(f"petzval (k2 = {calibration.petzval.k2_m:.4f} m, k4 = {calibration.petzval.k4_m:.4f} m)")
     return ", ".join(said)
-
-
-def planned_calibration(plan: FramePlan, /) -> Calibration | None:
-    """Return the calibration that a plan names, which each process reads once.
-
-    Raises:
-        MetadataError: it cannot be read, or has changed since the plan was made.
-    """
-    use = plan.calibration
-    return cached_calibration(use.folder, use.digest) if use else None

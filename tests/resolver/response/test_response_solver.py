@@ -12,8 +12,8 @@ from cadtof_cli.pipeline import resolve_frame
 from cadtof_cli.resolver.response.table import response_model
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.resolver.status import StatusBit
-from cadtof_cli.simulation.defects import DefectiveCamera, Defects, smeared
 from tests.support.campaign import camera, card
+from tests.support.defects import DefectiveCamera, Defects, smeared
 
 
 def plan_for(seen: DefectiveCamera, **settings: object) -> FramePlan:

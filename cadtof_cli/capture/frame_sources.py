@@ -1,12 +1,11 @@
-"""What file names say: their natural order, and frame, harmonic and channel in the names of single planes."""
+"""Where recorded frames lie, and what file names say of it: natural order, and frame, harmonic and channel of planes."""
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
-from cadtof_cli.files.frames import CHANNELS, FrameSource, harmonic_labels
-
-FILE_SUFFIXES = (".exr", ".tif", ".tiff")
+from cadtof_cli.files.frames import CHANNELS, harmonic_labels
 
 _DIGITS = re.compile(r"(\d+)")
 _GROUPS = {
@@ -14,6 +13,39 @@ _GROUPS = {
     "{harmonic}": r"(?P<harmonic>[1-9]\d*)",
     "{channel}": rf"(?P<channel>[1-{CHANNELS}])",
 }
+
+
+@dataclass(frozen=True)
+class FrameSource:
+    """Where one frame lies.
+
+    Parameters:
+        name: stem of what is written for the frame.
+        paths: one file, or 2·H files of one plane each in the order H1.SC1, H1.SC2, H2.SC1, …
+        index: position in a stack; None where the file is to hold this frame alone.
+    """
+
+    name: str
+    paths: tuple[Path, ...]
+    index: int | None = None
+
+    def __post_init__(self) -> None:
+        if not self.paths:
+            raise ValueError(f"frame {self.name} has no files")
+
+    def __str__(self) -> str:
+        place = str(self.paths[0]) if len(self.paths) == 1 else f"{self.paths[0].parent / self.name}"
+        return place if self.index is None else f"{place}[{self.index}]"
+
+    def expanded(self, count: int, *, taken: Collection[str] = ()) -> tuple["FrameSource", ...]:
+        """Return a source for each of the `count` frames of the stack that the file turned out to be.
+
+        They are numbered with four digits, or more where `count` needs them or another frame's name is `taken` already.
+        """
+        digits = max(4, len(str(count - 1)))
+        while any(f"{self.name}_{index:0{digits}}" in taken for index in range(count)):
+            digits += 1
+        return tuple(replace(self, name=f"{self.name}_{index:0{digits}}", index=index) for index in range(count))
 
 
 def natural_key(name: str) -> tuple[list[str | int], str]:
