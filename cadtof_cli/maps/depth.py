@@ -23,13 +23,20 @@ class DepthScale:
     planar_per_range: Float | None = None
     range_offset_m: Float | None = None
 
+    def metres(self, block: slice, /) -> float | Float:
+        """Return the metres that a radian stands for, of all pixels or of each of a block, (n,)."""
+        if self.planar_per_range is None:
+            return self.metres_per_radian
+        return self.metres_per_radian * self.planar_per_range[block]
+
+    def phase_offset_rad(self, block: slice, /) -> Float | None:
+        """Return what the lens adds to every phase of a block, (n,); None: nothing."""
+        return None if self.range_offset_m is None else self.range_offset_m[block] / self.metres_per_radian
+
     def source(self, resolved: ResolvedPaths, block: slice, /, *, samples: Float | None) -> LayerSource:
         """Return what the layers of a block of the frame's pixels follow from."""
-        metres: float | Float = self.metres_per_radian
-        if self.planar_per_range is not None:
-            metres = metres * self.planar_per_range[block]
-        offset = None if self.range_offset_m is None else self.range_offset_m[block] / self.metres_per_radian
-        return LayerSource(resolved, 1.0 if samples is None else samples, metres, self.amplitude_v, offset)
+        averaged = 1.0 if samples is None else samples
+        return LayerSource(resolved, averaged, self.metres(block), self.amplitude_v, self.phase_offset_rad(block))
 
 
 def empty_maps(height: int, width: int, /, *, layers: tuple[Layer, ...]) -> DepthMaps:

@@ -6,7 +6,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from cadtof_cli.arrays import Float, Float32
+from cadtof_cli.arrays import Float
 from cadtof_cli.resolver.paths import ResolvedPaths
 
 DIRECT_DEPTH = "direct.depth"
@@ -77,7 +77,7 @@ _QUANTITIES: dict[str, tuple[str, Callable[[LayerSource, int], Factors]]] = {
 }
 """Unit and value of what there is of every path."""
 
-_ALWAYS = (
+ALWAYS = (
     *(_of_path(path, quantity) for quantity in _QUANTITIES for path in (0, 1)),
     Layer(CONFIDENCE, "V", lambda source: (source.resolved.confidence, source.volts)),
 )
@@ -99,11 +99,11 @@ def wanted_layers(*, paths: int = 2, searched: bool = False, averaged: bool = Fa
         averaged: whether pixels are averaged, over frames or neighbours.
     """
     others = (_of_path(path, quantity) for path in range(2, paths) for quantity in _QUANTITIES)
-    return (*_ALWAYS, *others, *(_SEARCHED,) * searched, *(_AVERAGED,) * averaged)
+    return (*ALWAYS, *others, *(_SEARCHED,) * searched, *(_AVERAGED,) * averaged)
 
 
 def layer_unit(name: str, /) -> str:
     """Return the unit of a layer's values by its name; empty where they are pure numbers."""
-    units = {layer.name: layer.unit for layer in (*_ALWAYS, _SEARCHED, _AVERAGED)}
+    units = {layer.name: layer.unit for layer in (*ALWAYS, _SEARCHED, _AVERAGED)}
     quantity = name.rpartition(".")[2]
     return units.get(quantity, _QUANTITIES.get(quantity, ("",))[0])
