@@ -1,6 +1,6 @@
 """Response calibration: what the channel pairs answer to a path, and what each pixel adds to phase and gain."""
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any, ClassVar, Self
 
 import numpy as np
@@ -66,23 +66,15 @@ class ResponseCalibration:
 
     def tables(self) -> dict[str, dict[str, Any]]:
         """Return the terms of every harmonic as [k, real, imaginary part], and how well they were measured."""
-        quality = self.quality
+        quality = asdict(self.quality)
+        k2_error, k4_error = quality.pop("curvature_stderr_m")
         tables: dict[str, dict[str, Any]] = {
             f"harmonic_{response.harmonic}": {"terms": [[k, g.real, g.imag] for k, g in response.terms]}
             for response in self.responses
         }
         k2, k4 = self.field_curvature_m
-        k2_error, k4_error = quality.curvature_stderr_m
         tables["field_curvature"] = {"k2_m": k2, "k4_m": k4, "k2_stderr_m": k2_error, "k4_stderr_m": k4_error}
-        tables["quality"] = {
-            "distances_m": list(quality.distances_m),
-            "residual": quality.residual,
-            "phase_stderr_rad": list(quality.phase_stderr_rad),
-            "gain_stderr": list(quality.gain_stderr),
-            "term_stderr": [list(errors) for errors in quality.term_stderr],
-            "findings": list(quality.findings),
-        }
-        return tables
+        return tables | {"quality": quality}
 
     def maps(self) -> dict[str, NDArray[Any]]:
         """Return phase and gain per harmonic."""

@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any
 
 from cadtof_cli.capture.frame_sources import FrameSource, grouped_planes, natural_key
-from cadtof_cli.capture.metadata import CaptureMetadata
 from cadtof_cli.capture.toml import FILE_NAME, MetadataSource, load_metadata
 from cadtof_cli.errors import CaptureError
 from cadtof_cli.files.formats import FRAME_SUFFIXES
@@ -39,12 +38,8 @@ class Capture:
     @property
     def layout(self) -> FrameLayout:
         """How the files are laid out, as a reader needs it."""
-        return layout_of(self.source.metadata)
-
-
-def layout_of(metadata: CaptureMetadata) -> FrameLayout:
-    """Return what the metadata says of how a capture's files are laid out."""
-    return FrameLayout(harmonics=metadata.modulation.harmonics, frames=metadata.layout.frames)
+        metadata = self.source.metadata
+        return FrameLayout(harmonics=metadata.modulation.harmonics, frames=metadata.layout.frames)
 
 
 def find_captures(inputs: Sequence[Path], *, overrides: Mapping[str, Any] | None = None) -> tuple[Capture, ...]:
@@ -113,7 +108,7 @@ def _capture(root: Path, source: MetadataSource, names: Sequence[str], *, among:
         frames = tuple(FrameSource(name.rpartition(".")[0] or name, (root / name,)) for name in names)
         looked_for = f"{', '.join(FRAME_SUFFIXES)} files other than {_TRUTH}.*"
     else:
-        frames = grouped_planes(root, names, pattern, layout_of(source.metadata).harmonics)
+        frames = grouped_planes(root, names, pattern, source.metadata.modulation.harmonics)
         looked_for = f"files named {pattern} (layout.pattern)"
     if not frames:
         raise CaptureError(f"{root}: no frames: looked for {looked_for}, found {_some(among)}")

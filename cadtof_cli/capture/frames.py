@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any
 
 import numpy as np
 
@@ -84,17 +83,12 @@ def single_frames(capture: Capture, /) -> Iterator[FrameSource]:
 
 def first_pixels(capture: Capture, /) -> tuple[int, int] | None:
     """Return (Y, X) of the first frame that can be opened, which the others are held against; None where none can."""
-    first = _first(capture)
+    first = first_frames(capture)
     return None if first is None else (first.shape[2], first.shape[3])
 
 
-def first_dtype(capture: Capture, /) -> np.dtype[Any] | None:
-    """Return the type of the values in the first frame that can be opened; None where none can."""
-    first = _first(capture)
-    return None if first is None else first.dtype
-
-
-def _first(capture: Capture) -> Frames | None:
+def first_frames(capture: Capture, /) -> Frames | None:
+    """Return the first file that can be opened, closed again: shape and type of its frames; None where none can."""
     layout = capture.layout
     for source in capture.frames:
         try:

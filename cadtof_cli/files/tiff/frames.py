@@ -32,11 +32,11 @@ class TiffFrames:
     format = "tif"
 
     def __init__(self, path: Path, layout: FrameLayout) -> None:
-        self.images = TiffImages(path)
+        self.images = images = TiffImages(path)
         try:
-            self._table = plane_table(self.images.labels, self.images.sizes, layout, where=self.images.found)
+            self._table = plane_table(images.labels, images.sizes, layout, where=images.found)
         except FrameError:
-            self.images.close()
+            images.close()
             raise
         self.count = len(self._table)
         self.shape = (len(layout.harmonics), CHANNELS, *self.images.plane_shape)

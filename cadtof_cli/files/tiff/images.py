@@ -146,8 +146,9 @@ class TiffImages:
         out: Stored = np.empty((len(indices), *self._page_shape), self.dtype)
         items = [self._items[index] for index in indices]
         with reading_tiff(self.path):
-            if _follow_each_other(items, out[0].nbytes):
-                self._read_run(items[0], out)
+            first, size = items[0], out[0].nbytes
+            if isinstance(first, int) and items == list(range(first, first + size * len(items), size)):
+                self._read_run(first, out)
             else:
                 for item, image in zip(items, out, strict=True):
                     self._read_run(item, image)
@@ -162,26 +163,16 @@ class TiffImages:
             item.asarray(out=out, maxworkers=1)
 
 
-def _follow_each_other(items: Sequence[Item], size: int) -> bool:
-    first = items[0]
-    return isinstance(first, int) and all(item == first + place * size for place, item in enumerate(items))
-
-
 def _require_voltages(path: Path, tiff: tifffile.TiffFile) -> None:
     description = tiff.pages.first.description
     if "<OME" in description and not tiff.is_ome:
         raise FrameError(f"{path}: damaged TIFF: its OME metadata breaks off, so the order of its planes is not known")
-    layers = list(filter(is_map_layer, _channel_names(tiff)))
-    if layers:
-        raise NotAFrameError(f"{path}: holds maps ({', '.join(layers)}), expected voltages")
+    if tiff.is_ome:
+        from cadtof_cli.files.tiff.ome import channel_names
 
-
-def _channel_names(tiff: tifffile.TiffFile) -> tuple[str, ...]:
-    if not tiff.is_ome:
-        return ()
-    from cadtof_cli.files.tiff.ome import channel_names
-
-    return channel_names(tiff.pages.first.description)
+        layers = list(filter(is_map_layer, channel_names(description)))
+        if layers:
+            raise NotAFrameError(f"{path}: holds maps ({', '.join(layers)}), expected voltages")
 
 
 def _alike_series(path: Path, tiff: tifffile.TiffFile) -> list[tifffile.TiffPageSeries]:

@@ -14,7 +14,7 @@ from uuid import uuid4
 
 from cadtof_cli import __version__
 from cadtof_cli.capture.discovery import Capture, find_captures
-from cadtof_cli.capture.frames import first_dtype, first_pixels, single_frames
+from cadtof_cli.capture.frames import first_frames, first_pixels, single_frames
 from cadtof_cli.errors import SettingsError
 from cadtof_cli.execution.ordered import WorkerDied, run_ordered
 from cadtof_cli.execution.workers import Workers
@@ -159,10 +159,10 @@ def _plans(captures: Sequence[Capture], settings: ResolveSettings, calibration: 
         for capture in captures
     ]
     for capture in captures:
-        dtype = first_dtype(capture)
+        first = first_frames(capture)
         try:
-            if dtype is not None:
-                volts_per_count(capture.source.metadata.voltage, dtype)
+            if first is not None:
+                volts_per_count(capture.source.metadata.voltage, first.dtype)
         except SettingsError as error:
             raise SettingsError(f"{capture.root}: {error}") from error
     return plans
