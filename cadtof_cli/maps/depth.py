@@ -49,7 +49,8 @@ def write_block(maps: DepthMaps, block: slice, source: LayerSource, /, *, layers
     """Fill the maps' pixels of a block of flat indices: every layer by its own rule, and the status."""
     for plane, layer in zip(maps.values.reshape(len(layers), -1), layers, strict=True):
         values = plane[block]
-        np.multiply(*layer.value(source), out=values, casting="same_kind")
+        with np.errstate(over="ignore", invalid="ignore"):
+            np.multiply(*layer.value(source), out=values, casting="same_kind")
         # processors disagree about the sign of a NaN that they make
         values[np.isnan(values)] = np.nan
     maps.status.reshape(-1)[block] = source.resolved.status

@@ -61,6 +61,14 @@ def chosen_kernel() -> str:
     return asked or available[0]
 
 
+def kernel_notes() -> tuple[str, ...]:
+    """Return what a user should know of what runs here: nothing, or that it is slower than it could be."""
+    if chosen_kernel() != NUMPY:
+        return ()
+    why = f"{CHOICE} asks for it" if len(available_kernels()) > 1 else "cadtof was installed without a C compiler"
+    return (f"two paths are resolved by numpy, not by the compiled kernel: the same maps, but slower ({why})",)
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class KernelFrame:
     """n pixels of a frame, and all that turns them into maps besides settings and noise; inputs are not changed.

@@ -23,6 +23,7 @@ from cadtof_cli.files.formats import MAP_FORMATS, format_named, map_suffix_like
 from cadtof_cli.frame_plan import FramePlan, MapSettings
 from cadtof_cli.phasors.voltages import volts_per_count
 from cadtof_cli.resolver.status import MEANING
+from cadtof_cli.resolver.two_path.kernel import chosen_kernel, kernel_notes
 from cadtof_cli.workflows.progress import UNTOLD, Progress
 from cadtof_cli.workflows.resolve import split_frames
 from cadtof_cli.workflows.resolve.frame_task import FrameTask, resolve_file
@@ -122,6 +123,7 @@ def resolve_captures(
     for note in (
         *(note for capture in captures for note in _notes(capture)),
         *(calibration.notes if calibration else ()),
+        *kernel_notes(),
     ):
         progress.say(note)
     totals, began, token = RunTotals(), time.monotonic(), uuid4().hex[:8]
@@ -181,6 +183,7 @@ def _document(
         "cadtof": __version__,
         "started": datetime.now(UTC).isoformat(timespec="seconds"),
         "finished": False,
+        "kernel": chosen_kernel(),
         "arguments": {
             "inputs": [str(path) for path in inputs],
             "absolute_inputs": [str(path.absolute()) for path in inputs],
