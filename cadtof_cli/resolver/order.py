@@ -18,15 +18,15 @@ LEAST_PATHS = 2
 
 
 class Solver(Protocol):
-    """What a room of the resolver offers by its module `solver`, for the phasors of a block of n pixels.
+    """What a room of the resolver offers by its module `solver`, for the phasors of a block of n pixels."""
 
-    Attributes:
-        modulus: |p| of the first harmonic, (n,).
-        powers: |p|² of every harmonic, (n,) each.
-    """
+    @property
+    def modulus(self) -> Float:
+        """|p| of the first harmonic, (n,)."""
 
-    modulus: Float
-    powers: Sequence[Float]
+    @property
+    def powers(self) -> Sequence[Float]:
+        """|p|² of every harmonic, (n,) each."""
 
     def fit(self, count: int, pixels: Bool, /, *, limit: Float | float | None) -> tuple[Index | slice, Fit]:
         """Fit `count` paths to the pixels, bool (n,), and return the indices of those that were fitted, rising.
@@ -61,8 +61,9 @@ def fewest_paths(solver: Solver, answered: Bool, /, *, settings: ResolverSetting
     if fewer is not None and not waiting.any():
         return _spread(fewer[1], fewer[0], answered.size, rows)
     chosen, fit = solver.fit(settings.max_paths, waiting, limit=None)
-    whole = _spread(_told_apart(fit, settings, noise, chosen), chosen, answered.size, rows)
-    return whole if fewer is None else _kept(whole, chosen, fewer, waiting)
+    fit = _told_apart(fit, settings, noise, chosen)
+    whole = _spread(fit, chosen, answered.size, rows)
+    return whole if fewer is None or not fewer[0].size else _kept(whole, chosen, fewer, waiting)
 
 
 def worth_another(direct: Paths, fewer: Paths, /) -> Bool:

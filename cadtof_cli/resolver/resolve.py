@@ -41,13 +41,14 @@ def resolve_paths(
         status, confidence = _screened(solver, status, settings, noise)
         answered = status == 0
         fit = fewest_paths(solver, answered, settings=settings, noise=noise)
+        bits = _bits(fit)
         if not answered.all():
+            bits = np.where(answered, bits, status)
             for values in (fit.paths.amplitude, fit.paths.phase_rad, fit.paths.sigma_rad, fit.chi_squared):
                 np.copyto(values, np.nan, where=~answered)
-        status |= answered * _bits(fit)
     if noise.samples is not None:
-        np.bitwise_or(status, np.uint32(StatusBit.POOLED), out=status, where=noise.samples > 1.0)
-    return ResolvedPaths(fit.paths, confidence, status, fit.chi_squared)
+        np.bitwise_or(bits, np.uint32(StatusBit.POOLED), out=bits, where=noise.samples > 1.0)
+    return ResolvedPaths(fit.paths, confidence, bits, fit.chi_squared)
 
 
 def _screened(solver: Solver, status: Status, settings: ResolverSettings, noise: NoiseModel) -> tuple[Status, Float]:
