@@ -36,7 +36,7 @@ setup(
         Extension(
             "cadtof_cli.resolver.two_path._kernel",
             ["cadtof_cli/resolver/two_path/_kernel.c"],
-            depends=["cadtof_cli/resolver/two_path/_kernel.h"],
+            depends=[f"cadtof_cli/resolver/two_path/_kernel_{part}.h" for part in ("frame", "paths")],
             py_limited_api=not FREE_THREADED,
             optional=True,
         )

@@ -40,9 +40,9 @@ find_compiler() {
 }
 
 setup() {
-    local extras="$1" python stamp wanted kernel="$root/cadtof_cli/resolver/two_path/_kernel"
+    local extras="$1" python stamp wanted kernel="$root/cadtof_cli/resolver/two_path"
     stamp="$venv/cadtof-$extras.stamp"
-    wanted=$(cat "$root/pyproject.toml" "$root/setup.py" "$kernel.c" "$kernel.h" | cksum)
+    wanted=$(cat "$root/pyproject.toml" "$root/setup.py" "$kernel"/*.[ch] | cksum)
     if [ "$(cat "$stamp" 2>/dev/null)" = "$wanted" ] && "$venv/bin/python" -c 'import cadtof_cli' 2>/dev/null; then
         PATH="$venv/bin:$PATH"
         return

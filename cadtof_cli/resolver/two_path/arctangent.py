@@ -1,7 +1,7 @@
 """The phase of a rotor, by a polynomial of our own: the same bits from numpy here and from the kernel in C, on any machine.
 
 Arctangents of C libraries and of numpy's vectorised loops differ in their last bits. Additions, products, quotients and square
-roots of IEEE 754 do not, so phases come from those alone. `_kernel.h` holds the same operations in the same order.
+roots of IEEE 754 do not, so phases come from those alone. `_kernel_paths.h` holds the same operations in the same order.
 """
 
 import numpy as np

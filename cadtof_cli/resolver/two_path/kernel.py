@@ -1,6 +1,6 @@
 """The front of the compiled two-path solver: checks everything, makes constants of settings and noise, and says what runs.
 
-The solver itself is `_kernel.h`, compiled where a C compiler was at hand when cadtof was installed. Where none was, numpy does
+The solver itself is `_kernel_paths.h`, compiled where a C compiler was at hand when cadtof was installed. Where none was, numpy does
 the same operations, with the same bits, in `closed_form`, `one_path`, `uncertainty` and the stages before and after them.
 """
 
@@ -152,7 +152,7 @@ def fill_maps(
 
 
 def kernel_constants(frame: KernelFrame, settings: ResolverSettings, noise: NoiseModel, /) -> Mapping[str, float]:
-    """Return what all pixels of a frame share, by the names of `CONSTANTS` in `_kernel.h`."""
+    """Return what all pixels of a frame share, by the names of `CONSTANTS` in `_kernel_frame.h`."""
     low, high = _limits(frame)
     terms, least, order = variance_terms(noise), settings.min_confidence, _order(settings)
     constants = {
