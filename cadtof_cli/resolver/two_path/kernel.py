@@ -1,7 +1,7 @@
 """The front of the compiled two-path solver: checks everything, makes constants of settings and noise, and says what runs.
 
-The solver itself is `_kernel_paths.h`, compiled where a C compiler was at hand when cadtof was installed. Where none was, numpy does
-the same operations, with the same bits, in `closed_form`, `one_path`, `uncertainty` and the stages before and after them.
+The solver itself is `_kernel_paths.h`, compiled where a C compiler was at hand when cadtof was installed. Where none was, numpy
+does the same operations, with the same bits, in `closed_form`, `one_path`, `uncertainty` and the stages before and after them.
 """
 
 import math
