@@ -14,12 +14,16 @@ from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import asdict
 from pathlib import Path
 
-from mutation.mutants import Mutant, all_mutants, drawn
-from mutation.runs import Bench, Outcome
+from mutation.calls import Calls
+from mutation.mutants import PACKAGE, Mutant, all_mutants, drawn
+from mutation.named import Change, GoneError, changed_files, killer, read_changes
+from mutation.runs import KERNEL_LIBRARY, Bench, Outcome
 
 ROOT = Path(__file__).resolve().parent.parent
 
-ROOMS = ("phasors", "resolver", "maps", "calibration", "simulation")
+ROOMS = ("optics", "phasors", "resolver", "maps", "calibration", "simulation")
+
+NAMED = Path(__file__).with_name("mutation") / "named.toml"
 
 EQUIVALENT = Path(__file__).with_name("mutation") / "equivalent.toml"
 
@@ -32,6 +36,8 @@ Key = tuple[str, str, str, str]
 def main() -> None:
     """Draw mutants, try them, and report; exit 1 where fewer are killed than asked."""
     arguments = _arguments()
+    if arguments.named is not None:
+        sys.exit(_try_named([change for change in read_changes(NAMED) if arguments.named in change.name]))
     places = all_mutants(ROOT, arguments.room or ROOMS)
     known = _equivalent(EQUIVALENT)
     _note_stale(known, places, arguments.room or ROOMS)
@@ -50,14 +56,58 @@ def _arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="scripts/mutants", description=__doc__)
     parser.add_argument("--count", type=int, default=400, help="mutants to draw [default: 400]")
     parser.add_argument("--seed", type=int, default=1, help="of the draw [default: 1]")
-    parser.add_argument("--room", action="append", help="a room of the package; may be repeated [default: all five]")
+    parser.add_argument("--room", action="append", help="a room of the package; may be repeated [default: all six]")
     parser.add_argument("--jobs", type=int, default=len(os.sched_getaffinity(0)), help="processes [default: all cores]")
     parser.add_argument("--least", type=float, default=0.9, help="share to be killed; exit 1 below [default: 0.9]")
     parser.add_argument(
         "--survivors", type=Path, default=ROOT / "out" / "mutants.jsonl", help="list of those that survive"
     )
     parser.add_argument("--again", type=Path, help="try the mutants of such a list instead of drawing")
+    parser.add_argument(
+        "--named",
+        nargs="?",
+        const="",
+        metavar="PART",
+        help="make the changes of scripts/mutation/named.toml instead, one at a time; PART: those with it in their names",
+    )
     return parser.parse_args()
+
+
+def _try_named(changes: Sequence[Change]) -> bool:
+    """Make every change alone, say which test notices it, and return whether one goes unnoticed or a text is gone."""
+    _require_texts(changes)
+    for name in IMPORTED:
+        importlib.import_module(name)
+    killers: dict[bool, set[str]] = {False: set(), True: set()}
+    unnoticed = 0
+    with tempfile.TemporaryDirectory(prefix="mutants-") as place:
+        bench = Bench(ROOT, _folder(Path(place)))
+        compiled = any((ROOT / PACKAGE).rglob(KERNEL_LIBRARY))
+        for change in changes:
+            for kernel in (False, True) if compiled and change.kernel else (False,):
+                found = killer(bench, change, kernel=kernel)
+                unnoticed += not found
+                where = "kernel and numpy" if kernel else "numpy" if change.kernel else "python"
+                print(f"{change.name} [{where}]: {found or 'NO TEST FAILS'}", flush=True)
+                killers[kernel] |= {found} - {""}
+        for kernel, tests in killers.items():
+            with bench.changed({}, kernel=kernel):
+                if tests and (failed := bench.failing(sorted(tests))):
+                    raise SystemExit(f"{failed} fails without any change")
+    print(f"{len(changes)} changes, {unnoticed} of them unnoticed; without any, the tests named here pass")
+    return unnoticed > 0
+
+
+def _require_texts(changes: Sequence[Change]) -> None:
+    """Make sure, before any test is run, that all that is to be changed stands in the package."""
+    gone = []
+    for change in changes:
+        try:
+            changed_files(ROOT, change, kernel=True)
+        except GoneError as error:
+            gone.append(str(error))
+    if gone:
+        raise SystemExit("\n".join(gone))
 
 
 def _outcomes(chosen: Sequence[Mutant], jobs: int) -> Iterator[Outcome]:
@@ -66,9 +116,9 @@ def _outcomes(chosen: Sequence[Mutant], jobs: int) -> Iterator[Outcome]:
         importlib.import_module(name)
     rooms = tuple(sorted({mutant.room for mutant in chosen}))
     with tempfile.TemporaryDirectory(prefix="mutants-") as place:
-        seconds = Bench(ROOT, _folder(Path(place))).measured(rooms)
+        calls = Bench(ROOT, _folder(Path(place))).watched(rooms)
         context = multiprocessing.get_context("fork")
-        with ProcessPoolExecutor(jobs, context, initializer=_start, initargs=(Path(place), seconds)) as pool:
+        with ProcessPoolExecutor(jobs, context, initializer=_start, initargs=(Path(place), calls)) as pool:
             for done in as_completed([pool.submit(_try, mutant) for mutant in chosen]):
                 yield done.result()
 
@@ -77,8 +127,8 @@ _benches: list[Bench] = []
 """The bench of this worker process."""
 
 
-def _start(place: Path, seconds: dict[str, float]) -> None:
-    _benches.append(Bench(ROOT, _folder(place), seconds))
+def _start(place: Path, calls: Calls) -> None:
+    _benches.append(Bench(ROOT, _folder(place), calls))
 
 
 def _folder(place: Path) -> Path:

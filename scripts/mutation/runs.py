@@ -1,27 +1,35 @@
 """Mutants against tests: in a copy of the tree, a fork for each, the likeliest and the quickest tests first."""
 
 import contextlib
-import json
 import os
+import pickle
+import re
 import resource
 import shutil
 import signal
 import sys
 import time
 import traceback
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import NoReturn
 
 import pytest
 
-from mutation.mutants import Mutant, mutated
+from mutation.calls import Calls, Chosen, Watch
+from mutation.mutants import PACKAGE, Mutant, mutated
 from mutation.reach import reaches
 
 LEFT_BEHIND = (".git", ".venv*", "out", "__pycache__", ".*_cache", ".hypothesis", "docs", "build", "dist")
 
 CONTRACTS = "contracts"
+
+KERNEL_LIBRARY = "_kernel*.so"
+
+KERNEL_FRONT = "kernel"
+"""The only module whose mutants are tried with the compiled kernel. Elsewhere numpy does the work: a change must be noticed for
+what it does, and not because the two differ."""
 
 MEMORY_BYTES = 6 * 2**30
 
@@ -29,7 +37,10 @@ PATIENCE = 3.0
 """Times the duration of the unchanged tests, and …"""
 
 LEAST_PATIENCE_S = 15.0
-"""… at least this long, before a mutant counts as one that never ends."""
+"""… at least this long, of the processor's time, before a mutant counts as one that never ends; and …"""
+
+WAITS = 20
+"""… so many times that by the clock, for other programs may keep the processor busy."""
 
 OPTIONS = (
     *("-x", "-q", "-n", "0", "-p", "no:cacheprovider", "--tb=line", "--hypothesis-seed=0"),
@@ -50,74 +61,107 @@ class Outcome:
     by: str
 
 
-class _Durations:
-    """A pytest plugin that adds up how long the tests of each file take."""
-
-    def __init__(self) -> None:
-        self.seconds: dict[str, float] = {}
-
-    def pytest_runtest_logreport(self, report: Any) -> None:
-        """Take in one test's setup, call or teardown."""
-        file = report.nodeid.split("::")[0]
-        self.seconds[file] = self.seconds.get(file, 0.0) + report.duration
-
-
 class Bench:
     """A copy of a tree where mutants are tried one after the other."""
 
-    def __init__(self, root: Path, place: Path, seconds: Mapping[str, float] | None = None) -> None:
+    def __init__(self, root: Path, place: Path, calls: Calls | None = None) -> None:
         self.tree = place / "tree"
         shutil.copytree(root, self.tree, symlinks=True, ignore=shutil.ignore_patterns(*LEFT_BEHIND))
+        self._kernels = {path: place / path.name for path in (self.tree / PACKAGE).rglob(KERNEL_LIBRARY)}
+        self._use_kernel(False)
         self._log = place / "log.txt"
         self._clock = time.time() + 10.0
-        self._seconds = dict(seconds or {})
+        self._calls = calls or Calls()
+        self._noted = place / "calls.pickle"
 
-    def measured(self, rooms: tuple[str, ...]) -> dict[str, float]:
-        """Run the unchanged tests, which must pass, and return how many seconds each file takes."""
+    def watched(self, rooms: tuple[str, ...]) -> Calls:
+        """Run the unchanged tests, which must pass, and return what each of them calls and how long it takes."""
         for room in (*rooms, CONTRACTS):
-            code, _ = self._run(self._files(room), 600.0)
-            if code != pytest.ExitCode.OK:
+            code, _ = self._run(self._files(room), 1800.0, Watch(self.tree / PACKAGE))
+            if code not in {pytest.ExitCode.OK, pytest.ExitCode.NO_TESTS_COLLECTED}:
                 raise SystemExit(f"tests/{room} fail without any mutant:\n{self._log.read_text()[-4000:]}")
-            self._seconds |= json.loads((self.tree / "durations.json").read_text())
-        return self._seconds
+            self._calls |= pickle.loads(self._noted.read_bytes())
+        return self._calls
 
     def tried(self, mutant: Mutant) -> Outcome:
         """Return what becomes of a mutant."""
         path = self.tree / mutant.path
-        source = path.read_text(encoding="utf-8")
-        self._write(path, mutated(source, mutant))
+        text = mutated(path.read_text(encoding="utf-8"), mutant)
         begin = time.monotonic()
-        try:
+        with self.changed({path: text}, kernel=path.stem == KERNEL_FRONT):
             for room in (mutant.room, CONTRACTS):
-                files = self._ordered(room, mutant)
-                if not files:
+                files, tests = self._chosen(room, mutant)
+                if not tests:
                     continue
-                patience = max(PATIENCE * sum(self._seconds.get(file, 0.0) for file in files), LEAST_PATIENCE_S)
-                code, ended = self._run(files, patience)
+                patience = max(PATIENCE * sum(self._seconds(test) for test in tests), LEAST_PATIENCE_S)
+                code, ended = self._run(files, patience, Chosen(tests))
                 if code in USAGE_ERRORS:
                     raise SystemExit(f"pytest could not run tests/{room}:\n{self._log.read_text()[-4000:]}")
                 if code != pytest.ExitCode.OK:
                     return Outcome(mutant, "killed" if ended else "endless", time.monotonic() - begin, room)
-        finally:
-            self._write(path, source)
         return Outcome(mutant, "survived", time.monotonic() - begin, "")
+
+    @contextlib.contextmanager
+    def changed(self, texts: Mapping[Path, str], *, kernel: bool) -> Iterator[None]:
+        """Give files of the tree other texts for a while, with or without the compiled kernel beside them."""
+        before = {path: path.read_text(encoding="utf-8") for path in texts}
+        try:
+            for path, text in texts.items():
+                self._write(path, text)
+            self._use_kernel(kernel)
+            yield
+        finally:
+            for path, text in before.items():
+                self._write(path, text)
+
+    def failing(self, tests: Sequence[str]) -> str:
+        """Return the first that fails of test files or tests, in their order; empty where all pass."""
+        code, _ = self._run(list(tests), 1800.0, None)
+        if code == pytest.ExitCode.OK:
+            return ""
+        failed = re.search(r"^(?:FAILED|ERROR) (.+?)(?: - .*)?$", self._log.read_text(), re.MULTILINE)
+        if code in USAGE_ERRORS or failed is None:
+            raise SystemExit(f"pytest could not run {' '.join(tests)}:\n{self._log.read_text()[-4000:]}")
+        return failed[1]
+
+    def _use_kernel(self, wanted: bool) -> None:
+        """Put the compiled kernel into the tree, or take it out."""
+        for there, aside in self._kernels.items():
+            if there.exists() != wanted:
+                (aside.rename(there) if wanted else there.rename(aside))
 
     def _files(self, room: str) -> list[str]:
         return sorted(str(path.relative_to(self.tree)) for path in (self.tree / "tests" / room).rglob("test_*.py"))
 
-    def _ordered(self, room: str, mutant: Mutant) -> list[str]:
-        """Return the test files of a room that reach the module: that of its name, those that name it, and the others."""
+    def _chosen(self, room: str, mutant: Mutant) -> tuple[list[str], frozenset[str]]:
+        """Return the tests of a room that may notice a mutant, and their files: its module's, those that name it, others."""
         stem = Path(mutant.path).stem
         module = ".".join(Path(mutant.path).with_suffix("").parts)
-        files = [file for file in self._files(room) if reaches(self.tree, self.tree / file, module)]
+
+        def reached(file: str) -> bool:
+            return file == mutant.path or reaches(self.tree, self.tree / file, module)
+
+        files, function = set(self._files(room)), (mutant.path, mutant.function)
+        tests = frozenset(
+            test
+            for test in self._calls.tests
+            if _file(test) in files
+            and (stem == KERNEL_FRONT or self._calls.may_notice(test, function, reached=reached))
+        )
+        seconds = {
+            file: sum(self._seconds(test) for test in tests if _file(test) == file) for file in map(_file, tests)
+        }
 
         def rank(file: str) -> tuple[int, float]:
             near = 0 if Path(file).stem == f"test_{stem}" else 2
             if near and module in (self.tree / file).read_text(encoding="utf-8"):
                 near = 1
-            return near, self._seconds.get(file, 0.0)
+            return near, seconds[file]
 
-        return sorted(files, key=rank)
+        return sorted(seconds, key=rank), tests
+
+    def _seconds(self, test: str) -> float:
+        return self._calls.tests[test].seconds
 
     def _write(self, path: Path, text: str) -> None:
         """Write a module with a time of its own, so that no compiled one from before is taken for it."""
@@ -125,24 +169,25 @@ class Bench:
         self._clock += 2.0
         os.utime(path, (self._clock, self._clock))
 
-    def _run(self, files: list[str], patience_s: float) -> tuple[int, bool]:
-        """Run test files in a fork of this process; return pytest's exit code, and whether it ended by itself."""
+    def _run(self, files: list[str], patience_s: float, plugin: Watch | Chosen | None) -> tuple[int, bool]:
+        """Run tests in a fork of this process; return pytest's exit code, and whether it ended by itself."""
         child = os.fork()
         if child == 0:
-            self._be_pytest(files)
-        deadline = time.monotonic() + patience_s
+            self._be_pytest(files, patience_s, plugin)
+        deadline = time.monotonic() + WAITS * patience_s
         while True:
             ended, status = os.waitpid(child, os.WNOHANG)
             if ended:
                 _kill_group(child)
-                return os.waitstatus_to_exitcode(status), True
+                code = os.waitstatus_to_exitcode(status)
+                return code, code not in {-signal.SIGXCPU, -signal.SIGKILL}
             if time.monotonic() > deadline:
                 _kill_group(child)
                 os.waitpid(child, 0)
                 return -signal.SIGKILL, False
             time.sleep(0.01)
 
-    def _be_pytest(self, files: list[str]) -> NoReturn:
+    def _be_pytest(self, files: list[str], patience_s: float, plugin: Watch | Chosen | None) -> NoReturn:
         code = 99
         try:
             os.setsid()
@@ -150,17 +195,25 @@ class Bench:
             for stream in (1, 2):
                 os.dup2(log, stream)
             resource.setrlimit(resource.RLIMIT_AS, (MEMORY_BYTES, MEMORY_BYTES))
+            resource.setrlimit(resource.RLIMIT_CPU, (int(patience_s) + 1, int(patience_s) + 2))
             os.chdir(self.tree)
             sys.path.insert(0, str(self.tree))
-            durations = _Durations()
-            code = int(pytest.main([*OPTIONS, f"--basetemp={self.tree.parent / 'tmp'}", *files], plugins=[durations]))
-            (self.tree / "durations.json").write_text(json.dumps(durations.seconds))
+            options = [*OPTIONS, f"--basetemp={self.tree.parent / 'tmp'}", *files]
+            if isinstance(plugin, Watch):
+                plugin.start()
+            code = int(pytest.main(options, plugins=[plugin] if plugin else []))
+            if isinstance(plugin, Watch):
+                self._noted.write_bytes(pickle.dumps(plugin.calls()))
         except BaseException:
             traceback.print_exc()
             sys.stderr.flush()
             raise
         finally:
             os._exit(code)
+
+
+def _file(test: str) -> str:
+    return test.split("::", maxsplit=1)[0]
 
 
 def _kill_group(leader: int) -> None:

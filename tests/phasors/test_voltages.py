@@ -72,3 +72,11 @@ def test_whole_numbers_without_a_scale_are_refused_and_floats_are_volts() -> Non
     ideal = ideal_phasor_map(CaptureMetadata(), np.dtype(np.float16))
     np.testing.assert_allclose(ideal.own[0], 1 / 0.2746 / 0.993591, rtol=1e-5)
     np.testing.assert_array_equal(volts_from_stored(np.array([-0.5, 0.25], np.float16), Voltage()), [-0.5, 0.25])
+
+
+def test_one_map_for_all_pixels_serves_any_of_them() -> None:
+    metadata = CaptureMetadata(voltage=Voltage(zero_counts=3.0, volts_per_count=0.5))
+    stored = np.arange(20.0).reshape(2, 2, 5)
+    ideal = ideal_phasor_map(metadata, stored.dtype)
+    whole = phasors_from_stored(stored, ideal)
+    np.testing.assert_array_equal(phasors_from_stored(stored[..., 2:4], ideal[2:4]), whole[:, 2:4])

@@ -1,5 +1,6 @@
 """Captures as files: what another reader finds in them, and that they never depend on who made them."""
 
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,7 @@ from cadtof_cli.errors import OutputError, SettingsError
 from cadtof_cli.execution.workers import Workers
 from cadtof_cli.simulation.scene.camera import Camera
 from cadtof_cli.simulation.scene.exposure import Exposure
+from cadtof_cli.simulation.scene.recorder import write_capture
 from cadtof_cli.simulation.scene.scenes import Card, Corner, Wall
 from cadtof_cli.workflows.simulate.record import RecordSettings, expose, record_scene
 
@@ -155,3 +157,24 @@ def test_a_recording_that_fails_leaves_nothing(tmp_path: Path) -> None:
 def test_no_frames_is_refused() -> None:
     with pytest.raises(SettingsError, match="frames: found 0, expected 1 or more"):
         settings(frames=0)
+
+
+@pytest.mark.parametrize("frame_format", ["tif", "exr"])
+def test_a_capture_is_compressed_only_where_that_is_asked_for(frame_format: str, tmp_path: Path) -> None:
+    """Noise hardly shrinks, and takes long; a frame of nothing shows which of the two it is."""
+    camera = Camera(width=330, height=210)
+    write = partial(
+        write_capture,
+        truth={"direct.depth": np.ones((210, 330))},
+        metadata=CaptureMetadata(voltage=camera.voltage),
+        camera=camera,
+        frame_format=frame_format,
+    )
+    frames = [np.zeros((2, 2, 210, 330))]
+    for name in ("plain", "asked", "refused"):
+        (tmp_path / name).mkdir()
+    write(tmp_path / "plain", frames)
+    write(tmp_path / "asked", frames, compress=True)
+    write(tmp_path / "refused", frames, compress=False)
+    sizes = {path.parent.name: path.stat().st_size for path in tmp_path.glob("*/frame_*")}
+    assert sizes["plain"] == sizes["refused"] > 10 * sizes["asked"]

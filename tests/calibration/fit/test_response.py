@@ -111,6 +111,7 @@ def test_curvature_of_the_lens_is_taken_out_of_the_phase_maps() -> None:
 def test_without_optics_the_distance_stands_for_every_pixel_and_it_is_said() -> None:
     found = response_of(Defects(), (1.0,), optics=Optics())
     assert any("no focal length given, so every pixel's range is taken" in text for text in found.quality.findings)
+    assert (found.field_curvature_m, found.quality.curvature_stderr_m) == ((0.0, 0.0), (0.0, 0.0))
 
 
 def test_offsets_that_nobody_took_out_are_warned_of() -> None:

@@ -4,7 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from cadtof_cli.resolver.two_path.closed_form import TwoPaths, fundamental_frame, two_paths
+from cadtof_cli.resolver.two_path.closed_form import TwoPaths, fundamental_frame, is_single, two_paths
 
 C = NDArray[np.complex128]
 
@@ -174,3 +174,12 @@ def test_inputs_are_not_changed() -> None:
     solve(p1, p2)
     np.testing.assert_array_equal(p1, before[0])
     np.testing.assert_array_equal(p2, before[1])
+
+
+def test_what_differs_from_one_path_by_rounding_alone_is_single() -> None:
+    """Up to 2⁻⁵⁰ of the first phasor, 4 units in its last place."""
+    p1 = np.full(6, 0.3 * np.exp(0.7j))
+    p2 = 0.3 * np.exp(1.4j) * (1.0 + np.array([0.0, 2.0**-52, -(2.0**-51), 2.0**-48, 0.1, -2.0]))
+    frame = fundamental_frame(p1, p2)
+    assert is_single(frame).tolist() == [True, True, True, False, False, False]
+    assert solve(p1, p2).single.tolist() == is_single(frame).tolist()

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from cadtof_cli.capture.metadata import CaptureMetadata, Pixel
+from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Pixel
 from cadtof_cli.errors import SettingsError
 from cadtof_cli.simulation.scene.camera import Camera
 from cadtof_cli.simulation.scene.exposure import Exposure, band_rows, expose_band
@@ -200,6 +200,30 @@ def test_a_scene_beyond_the_unambiguous_range_is_refused() -> None:
         SettingsError, match=r"direct path of 7.208 m, expected less than the unambiguous range of 5.996 m"
     ):
         expose_band(exposure(Wall(distance_m=5.9)), ALL_ROWS)
+
+
+def test_a_scene_just_within_a_short_range_is_not() -> None:
+    """5 ns reach 0.749 m."""
+    metadata = CaptureMetadata(modulation=Modulation(periods_ns=(5.0, 2.5)), pixel=Pixel(integration_length=1e5))
+    band = expose_band(Exposure(scene=Wall(distance_m=0.5), camera=CAMERA, metadata=metadata), ALL_ROWS)
+    assert 0.55 < np.nanmax(band.truth["direct.depth"]) < 0.749
+
+
+def test_the_reflector_is_a_square_of_one_and_a_half_metres_at_the_side() -> None:
+    panel, wall, reflector = InterReflection().surfaces()
+    assert (panel.origin_m, wall.origin_m) == ((0.0, 0.0, 3.35), (0.0, 0.0, 4.2))
+    assert panel.extents_m == (-0.75, 0.75, -0.9, 0.9)
+    assert reflector.origin_m == pytest.approx((5.0, 0.0, 0.45 * 3.35))
+    assert reflector.extents_m == (-0.75, 0.75, -0.75, 0.75)
+    assert np.cross(reflector.across, reflector.along).tolist() in ([1.0, 0.0, 0.0], [-1.0, 0.0, 0.0])
+
+
+def test_every_channel_has_an_offset_of_its_own() -> None:
+    drawn = Camera(width=64, height=48, dark_offset_v=0.01).dark_offsets_v(3, 2)
+    assert drawn.shape == (2, 2, 48, 64)
+    assert np.abs(np.corrcoef(drawn.reshape(4, -1)) - np.eye(4)).max() < 5 / np.sqrt(48 * 64)
+    assert drawn.std() == pytest.approx(0.01, rel=0.03)
+    np.testing.assert_array_equal(Camera(width=64, height=48, dark_offset_v=0.01).dark_offsets_v(3, 2), drawn)
 
 
 def test_a_pixel_that_sees_nothing_has_no_truth() -> None:

@@ -165,3 +165,18 @@ def test_impossible_trials_are_refused() -> None:
     odd = PixelModel(modulation=Modulation(periods_ns=(40.0, 10.0)), averaging=Averaging(integration_length=100.0))
     with pytest.raises(SettingsError, match=r"periods: found \[40.0, 10.0\], expected a fundamental and its half"):
         outcome(trials(model=odd))
+
+
+def test_figures_of_a_handful_of_runs_are_those_of_a_sample() -> None:
+    """Three runs of one path, without noise, at 8.9, 9 and 9.1 ns where 8.95 is true: by n − 1, as for any sample."""
+    times = np.array([8.9, 9.0, 9.1])
+    phasors = [0.2746 * np.exp(-((h * 2 * np.pi * 1.7 / 2.354820045 / 40.0) ** 2) / 2) / 3 for h in (1, 2)]
+    waves = np.stack([a * np.exp(2j * np.pi * h * times / 40.0) for a, h in zip(phasors, (1, 2), strict=True)], axis=1)
+    wanted = trials(condition=Condition(asr=2.0, mpi_ratio=0.0, direct_ns=8.95), runs=3)
+    found = summary(wanted, np.stack([waves.real, waves.imag], axis=2))
+    assert found.direct.std_ns == pytest.approx(0.1, rel=1e-6)
+    assert found.direct.mean_ns == pytest.approx(9.0, rel=1e-6)
+    assert found.direct.bias_ns == pytest.approx(0.05, rel=1e-5)
+    assert found.phase_std_rad == pytest.approx(0.1 * 2 * np.pi / 40.0, rel=1e-6)
+    assert found.phase_bias_rad == pytest.approx(0.05 * 2 * np.pi / 40.0, rel=1e-5)
+    assert found.direct.within_1ns == 1.0

@@ -1,0 +1,108 @@
+"""Changes of meaning by name: the texts that they change, found anywhere in the package."""
+
+import contextlib
+import re
+import subprocess
+import sys
+import tempfile
+import tomllib
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from mutation.mutants import PACKAGE
+from mutation.runs import CONTRACTS, KERNEL_LIBRARY, Bench
+
+BESIDE = {"workflows": ("cli",)}
+"""Folders of tests that belong to a room besides that of its name."""
+
+Pair = tuple[str, str]
+"""What stands there, and what is to stand there."""
+
+
+class GoneError(Exception):
+    """A text that a change names does not stand exactly once."""
+
+
+@dataclass(frozen=True)
+class Change:
+    """A change by its name; `python` and `kernel` are what it replaces in the modules and in the compiled kernel's C."""
+
+    name: str
+    python: tuple[Pair, ...]
+    kernel: tuple[Pair, ...] = ()
+
+
+def read_changes(path: Path, /) -> tuple[Change, ...]:
+    """Return the changes of a file."""
+    return tuple(_change(entry) for entry in tomllib.loads(path.read_text(encoding="utf-8"))["change"])
+
+
+def changed_files(tree: Path, change: Change, /, *, kernel: bool) -> dict[Path, str]:
+    """Return the new texts of the files that a change touches, in modules, or with `kernel` in the kernel's C too.
+
+    Raises:
+        GoneError: what it replaces is gone, or stands there more than once.
+    """
+    texts: dict[Path, str] = {}
+    for pairs, suffixes in ((change.python, {".py"}), (change.kernel if kernel else (), {".c", ".h"})):
+        files = sorted(path for path in (tree / PACKAGE).rglob("*") if path.suffix in suffixes)
+        for before, after in pairs:
+            path, text = _replaced(files, texts, before, after, change.name)
+            texts[path] = text
+    return texts
+
+
+def killer(bench: Bench, change: Change, /, *, kernel: bool) -> str:
+    """Return the first test that fails with a change made, of those of its rooms and the contracts; empty: none does."""
+    texts = changed_files(bench.tree, change, kernel=kernel)
+    modules = [path.relative_to(bench.tree) for path in texts if path.suffix == ".py"]
+    folders = dict.fromkeys(
+        folder for module in modules for folder in (module.parts[1], *BESIDE.get(module.parts[1], ()))
+    )
+    files = [
+        file for folder in (*folders, CONTRACTS) for file in sorted((bench.tree / "tests" / folder).rglob("test_*.py"))
+    ]
+    stems = {f"test_{module.stem}" for module in modules}
+    files.sort(key=lambda file: file.stem not in stems)
+    with bench.changed(texts, kernel=kernel), _compiled_anew(bench.tree) if kernel else contextlib.nullcontext():
+        return bench.failing([str(file.relative_to(bench.tree)) for file in files])
+
+
+@contextlib.contextmanager
+def _compiled_anew(tree: Path) -> Iterator[None]:
+    """Compile the tree's kernel from its changed C, for a while."""
+    (there,) = (tree / PACKAGE).rglob(KERNEL_LIBRARY)
+    before = there.read_bytes()
+    with tempfile.TemporaryDirectory() as place:
+        command = [sys.executable, "-m", "pip", "install", "--quiet", "--disable-pip-version-check", "--no-deps"]
+        subprocess.run([*command, "--target", place, str(tree)], check=True)
+        (made,) = Path(place).rglob(KERNEL_LIBRARY)
+        after = made.read_bytes()
+    if after == before:
+        raise GoneError("the changed kernel was not compiled, or is the same as the unchanged one")
+    try:
+        there.unlink()
+        there.write_bytes(after)
+        yield
+    finally:
+        there.unlink()
+        there.write_bytes(before)
+
+
+def _replaced(files: list[Path], texts: Mapping[Path, str], before: str, after: str, name: str) -> tuple[Path, str]:
+    pattern = re.compile(r"\s+".join(map(re.escape, before.split())))
+    found = []
+    for path in files:
+        text = texts.get(path) or path.read_text(encoding="utf-8")
+        found += [(path, text, match) for match in pattern.finditer(text)]
+    if len(found) != 1:
+        raise GoneError(f"{name}: {before!r} stands in the package {len(found)} times, expected once")
+    ((path, text, match),) = found
+    return path, text[: match.start()] + after + text[match.end() :]
+
+
+def _change(entry: Mapping[str, Any]) -> Change:
+    pairs = {key: tuple((before, after) for before, after in entry.get(key, ())) for key in ("python", "kernel")}
+    return Change(entry["name"], pairs["python"], pairs["kernel"])
