@@ -3,7 +3,9 @@
 from pathlib import Path
 
 import pytest
+from mutation.calls import Calls, Test
 from mutation.mutants import Mutant, all_mutants, drawn, mutated
+from mutation.named import Change, GoneError, changed_files, read_changes
 from mutation.reach import reaches
 
 SOURCE = '''"""A module; its numbers, 3, are no constants."""
@@ -120,3 +122,55 @@ def test_a_test_reaches_what_it_imports_at_any_depth(tree: Path) -> None:
         (tests / f"test_{name}.py").write_text(source)
     reached = {name: reaches(tree, tests / f"test_{name}.py", "cadtof_cli.maps.deep.thing") for name in sources}
     assert reached == {"near": True, "far": True, "none": False, "command": True}
+
+
+def test_a_test_is_tried_that_calls_what_is_changed_or_may() -> None:
+    path = "cadtof_cli/maps/deep/thing.py"
+    called, other = (path, "part"), ("cadtof_cli/other.py", "f")
+    calls = Calls(
+        {
+            "tests/a.py::calls": Test(1.0, frozenset({called}), forks=False),
+            "tests/a.py::else": Test(1.0, frozenset({other}), forks=False),
+            "tests/b.py::forks": Test(1.0, frozenset(), forks=True),
+        },
+        frozenset({(path, "before")}),
+    )
+
+    def noticing(name: str, *reaching: str) -> list[str]:
+        found = [t for t in calls.tests if calls.may_notice(t, (path, name), reached=lambda file: file in reaching)]
+        return [test.split("::")[1] for test in found]
+
+    assert noticing("part", "tests/a.py") == ["calls", "forks"]
+    assert noticing("before") == ["calls", "else", "forks"]
+    assert noticing("", path) == ["calls", "forks"]
+    assert noticing("", "cadtof_cli/other.py") == ["else", "forks"]
+    assert noticing("", "tests/a.py") == ["calls", "else", "forks"]
+    assert noticing("Thing") == ["forks"]
+
+
+def test_a_named_change_is_found_wherever_it_stands_and_however_it_is_spaced(tree: Path) -> None:
+    path = tree / "cadtof_cli" / "maps" / "deep" / "thing.py"
+    change = Change("no wrap", (("x %= LIMIT return", "return"), ("LIMIT = 2.5", "LIMIT = 9.0")))
+    ((found, text),) = changed_files(tree, change, kernel=False).items()
+    assert found == path
+    assert text == SOURCE.replace("x %= LIMIT\n        return", "return").replace("LIMIT = 2.5", "LIMIT = 9.0")
+    moved = path.rename(tree / "cadtof_cli" / "maps" / "moved.py")
+    assert list(changed_files(tree, change, kernel=False)) == [moved]
+
+
+@pytest.mark.parametrize(("text", "times"), [("LIMIT = 2.4", 0), ("x < y", 1), ("return", 3)])
+def test_a_named_change_whose_text_does_not_stand_once_is_told(tree: Path, text: str, times: int) -> None:
+    change = Change("some change", ((text, "pass"),))
+    if times == 1:
+        assert changed_files(tree, change, kernel=False)
+        return
+    with pytest.raises(GoneError, match=f"some change: '{text}' stands in the package {times} times, expected once"):
+        changed_files(tree, change, kernel=False)
+
+
+def test_what_the_named_changes_replace_stands_in_the_package() -> None:
+    root = Path(__file__).parents[1]
+    changes = read_changes(root / "scripts" / "mutation" / "named.toml")
+    assert len([change for change in changes if " (" not in change.name]) == 17
+    for change in changes:
+        assert changed_files(root, change, kernel=True)
