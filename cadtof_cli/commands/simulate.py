@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from cadtof_cli.simulation.trials import PathSummary, Trials, TrialsSummary
     from cadtof_cli.workflows.record import RecordSettings
 
-SCENE_NAMES = ("pixel", "card", "wall", "corner", "inter-reflection")
+SCENE_NAMES = ("pixel", "card", "wall", "corner", "inter-reflection", "room")
 
 PIXEL_ONLY = (
     *("runs", "order", "false_alarm", "as_json", "second_ns", "photons", "photons_per_cycle", "cycles", "dead_time_ns"),
@@ -38,7 +38,7 @@ PIXEL_ONLY = (
 
 SCENE_ONLY = (
     *("frames", "frame_format", "compress", "distance_m", "tilt_deg", "albedo", "opening_deg", "width", "height"),
-    *("petzval_m", "dark_offset_v", "fixed_delay_ns"),
+    *("petzval_m", "dark_offset_v", "fixed_delay_ns", "furniture", "lamp_offset_m", "lamp_beam_deg", "light_paths"),
 )
 
 SCENE_SETTINGS = {
@@ -46,8 +46,18 @@ SCENE_SETTINGS = {
     "wall": {"distance_m": "distance_m", "tilt_deg": "tilt_deg", "albedo": "albedo"},
     "corner": {"distance_m": "distance_m", "opening_deg": "opening_deg", "albedo": "albedo"},
     "inter-reflection": {"mpi": "mpi_ratio", "distance_m": "distance_m", "albedo": "albedo"},
+    "room": {
+        **{"seed": "seed", "furniture": "furniture", "albedo": "albedo", "lamp_offset_m": "lamp_offset_m"},
+        **{"lamp_beam_deg": "beam_deg", "light_paths": "light_paths"},
+    },
 }
 """Which options each scene takes besides --asr, and the attribute that each one sets."""
+
+SCENE_OPTIONS = (
+    *("mpi", "direct_ns", "distance_m", "tilt_deg", "albedo", "opening_deg"),
+    *("furniture", "lamp_offset_m", "lamp_beam_deg", "light_paths"),
+)
+"""Options that belong to some scenes and must be absent with the others."""
 
 
 @click.command(short_help="A simulated pixel, resolved many times; or a scene recorded as a capture.")
@@ -68,8 +78,14 @@ SCENE_SETTINGS = {
 @click.option("--compress", is_flag=True, help="Deflate TIFF, ZIP EXR.")
 @click.option("--distance-m", "--distance", type=float, help="Distance of the scene, m.")
 @click.option("--tilt-deg", "--tilt", type=NUMBERS, help="Tilt of the wall to the right and down, degrees.")
-@click.option("--albedo", type=float, help="Albedo of wall, corner or panel.")
+@click.option("--albedo", type=float, help="Albedo of wall, corner or panel, or of all in a room.")
 @click.option("--opening-deg", "--opening", type=float, help="Angle of the corner, degrees.")
+@click.option("--furniture", type=int, help="Pieces of furniture in the room.  [default: drawn, 0 to 8]")
+@click.option(
+    "--lamp-offset-m", "--lamp-offset", type=NUMBERS, help="Lamp from camera: right,down,forward in m (room)."
+)
+@click.option("--lamp-beam-deg", "--lamp-beam", type=float, help="Half angle of the lamp (room).  [default: drawn]")
+@click.option("--light-paths", type=int, help="Light paths from every fourth pixel (room).  [default: 256]")
 @click.option("--width", type=int, default=320, show_default=True, help="Columns of the camera.")
 @click.option("--height", type=int, default=240, show_default=True, help="Rows of the camera.")
 @click.option("--petzval-m", "--petzval", type=NUMBERS, default="0,0", help="Field curvature k2,k4 of the lens, m.")
@@ -210,7 +226,7 @@ def _scene(name: str, options: dict[str, Any]) -> "Scene":
     from cadtof_cli.simulation.scenes import SCENES
 
     taken, given = SCENE_SETTINGS[name], {"asr": options["asr"]}
-    for option in ("mpi", "direct_ns", "distance_m", "tilt_deg", "albedo", "opening_deg"):
+    for option in SCENE_OPTIONS:
         value = options[option]
         if value is None:
             continue
@@ -220,6 +236,10 @@ def _scene(name: str, options: dict[str, Any]) -> "Scene":
         given[taken[option]] = value
     if "tilt_deg" in given:
         given["tilt_deg"] = _pair("--tilt", given["tilt_deg"])
+    if "lamp_offset_m" in given:
+        given["lamp_offset_m"] = _triple("--lamp-offset", given["lamp_offset_m"])
+    if "seed" in taken:
+        given["seed"] = options["seed"]
     if "mpi_ratios" in given:
         given["mpi_ratios"] = (given["mpi_ratios"], given["mpi_ratios"])
     return SCENES[name](**{key: value for key, value in given.items() if value is not None})
@@ -229,6 +249,12 @@ def _pair(option: str, values: list[float]) -> tuple[float, float]:
     if len(values) != 2:
         raise SettingsError(f"{option}: found {len(values)} values, expected 2")
     return values[0], values[1]
+
+
+def _triple(option: str, values: list[float]) -> tuple[float, float, float]:
+    if len(values) != 3:
+        raise SettingsError(f"{option}: found {len(values)} values, expected 3")
+    return values[0], values[1], values[2]
 
 
 def _or_default(value: float | None, default: float) -> float:

@@ -18,6 +18,7 @@ from cadtof_cli.simulation.geometry import (
 )
 from cadtof_cli.simulation.light import Light, check_common, light_from_bounces
 from cadtof_cli.simulation.mix import finite_at_least, require
+from cadtof_cli.simulation.scene.room import RandomRoom
 from cadtof_cli.units import C_M_PER_NS
 
 
@@ -248,11 +249,12 @@ class InterReflection:
         return light_from_bounces(seen, (scaled,), self.albedo, self.distance_m, self.asr)
 
 
-SCENES: Mapping[str, type[Wall] | type[Card] | type[Corner] | type[InterReflection]] = {
+SCENES: Mapping[str, type[Wall] | type[Card] | type[Corner] | type[InterReflection] | type[RandomRoom]] = {
     "card": Card,
     "wall": Wall,
     "corner": Corner,
     "inter-reflection": InterReflection,
+    "room": RandomRoom,
 }
 
 
@@ -261,7 +263,7 @@ def _unit(x: float, y: float, z: float) -> tuple[float, float, float]:
     return x / length, y / length, z / length
 
 
-def scene_from_name(name: str, /) -> type[Wall] | type[Card] | type[Corner] | type[InterReflection]:
+def scene_from_name(name: str, /) -> type[Wall] | type[Card] | type[Corner] | type[InterReflection] | type[RandomRoom]:
     """Return the scene of that name; raises SettingsError for another."""
     if name not in SCENES:
         raise SettingsError(f"scene: found {name!r}, expected one of {', '.join(SCENES)}")
