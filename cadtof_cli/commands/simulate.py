@@ -47,8 +47,8 @@ SCENE_SETTINGS = {
     "corner": {"distance_m": "distance_m", "opening_deg": "opening_deg", "albedo": "albedo"},
     "inter-reflection": {"mpi": "mpi_ratio", "distance_m": "distance_m", "albedo": "albedo"},
     "room": {
-        **{"seed": "seed", "furniture": "furniture", "albedo": "albedo", "lamp_offset_m": "lamp_offset_m"},
-        **{"lamp_beam_deg": "beam_deg", "light_paths": "light_paths"},
+        "seed": "seed", "furniture": "furniture", "albedo": "albedo", "lamp_offset_m": "lamp_offset_m",
+        "lamp_beam_deg": "beam_deg", "light_paths": "light_paths",
     },
 }
 """Which options each scene takes besides --asr, and the attribute that each one sets."""
@@ -85,7 +85,7 @@ SCENE_OPTIONS = (
     "--lamp-offset-m", "--lamp-offset", type=NUMBERS, help="Lamp from camera: right,down,forward in m (room)."
 )
 @click.option("--lamp-beam-deg", "--lamp-beam", type=float, help="Half angle of the lamp (room).  [default: drawn]")
-@click.option("--light-paths", type=int, help="Light paths from every fourth pixel (room).  [default: 256]")
+@click.option("--light-paths", type=int, help="Light paths from every fourth pixel (room).  [default: 512]")
 @click.option("--width", type=int, default=320, show_default=True, help="Columns of the camera.")
 @click.option("--height", type=int, default=240, show_default=True, help="Rows of the camera.")
 @click.option("--petzval-m", "--petzval", type=NUMBERS, default="0,0", help="Field curvature k2,k4 of the lens, m.")

@@ -55,7 +55,7 @@ def random_room(
     generator = np.random.default_rng(seed)
     kind = str(generator.choice(list(KINDS), p=list(KINDS.values())))
     pieces = int(generator.integers(DRAWN_FURNITURE + 1)) if furniture is None else furniture
-    beam = float(generator.uniform(45.0, 75.0))
+    beam = float(generator.uniform(38.0, 65.0))
     for _ in range(TRIES):
         draft = _draft(kind, generator)
         solids = _furnished(draft, pieces, generator)
@@ -165,9 +165,9 @@ def _room(
 
 def _face_albedos(generator: np.random.Generator) -> tuple[float, float, float, float, float, float]:
     """Return albedos of walls that resemble each other, of a lighter ceiling, and of a darker floor."""
-    walls = np.clip(generator.uniform(0.3, 0.9) + generator.uniform(-0.15, 0.15, 4), 0.2, 0.9)
+    walls = np.clip(generator.uniform(0.25, 0.8) + generator.uniform(-0.15, 0.15, 4), 0.2, 0.9)
     left, right, near, far = (float(wall) for wall in walls)
-    return left, right, float(generator.uniform(0.5, 0.9)), float(generator.uniform(0.2, 0.7)), near, far
+    return left, right, float(generator.uniform(0.4, 0.9)), float(generator.uniform(0.2, 0.6)), near, far
 
 
 def _patches(size_m: Vector, generator: np.random.Generator) -> tuple[tuple[Patch, ...], list[str]]:

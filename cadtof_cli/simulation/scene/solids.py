@@ -24,7 +24,8 @@ MARGIN_M = 1e-4
 BLOCK = 8192
 """Rays that are followed together: few enough for what belongs to them to stay in the cache."""
 
-_SMALLEST_SLOPE = 1e-9
+_TINY = 1e-12
+"""Added to slopes, so that no ray is quite level with a face."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -142,6 +143,12 @@ class Interior:
         every = (*self.albedos, *(part.albedo for part in (*self.patches, *self.boxes, *self.balls)))
         require(all(0 <= albedo <= 1 for albedo in every), "albedos", every, "0 to 1")
 
+    @property
+    def area_m2(self) -> float:
+        """Of the six faces."""
+        width, height, depth = self.size_m
+        return 2.0 * (width * height + height * depth + depth * width)
+
     def meet(self, origins_m: Float32, directions: Float32, /) -> Meetings:
         """Return what rays from within, (3, n) with unit directions, meet first."""
         count = origins_m.shape[1]
@@ -216,7 +223,8 @@ class Interior:
 
 def _slab(starts: Float32, slopes: Float32, half: float) -> tuple[Float32, Float32]:
     """Return where rays enter and leave the space between −half and half."""
-    inverse = 1 / np.where(np.abs(slopes) < _SMALLEST_SLOPE, np.float32(_SMALLEST_SLOPE), slopes)
-    middle = starts * -inverse
-    reach = np.abs(inverse) * half
-    return middle - reach, middle + reach
+    inverse = np.reciprocal(slopes + np.float32(_TINY))
+    middle = starts * inverse
+    reach = np.abs(inverse, out=inverse)
+    reach *= np.float32(half)
+    return -(middle + reach), np.subtract(reach, middle, out=middle)

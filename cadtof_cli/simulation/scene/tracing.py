@@ -17,6 +17,7 @@ import numpy as np
 from cadtof_cli.arrays import Float, Float32, Index
 from cadtof_cli.simulation.scene.directions import about, cosine_weighted, lattice
 from cadtof_cli.simulation.scene.lamp import Lamp
+from cadtof_cli.simulation.scene.light_points import MOST_BOUNCES, LampLight, LightPoints
 from cadtof_cli.simulation.scene.solids import MARGIN_M, Interior
 from cadtof_cli.units import C_M_PER_NS
 
@@ -26,11 +27,6 @@ BINS = 160
 FIRST_NS, LAST_NS = 4.0, 150.0
 """Bins are even in log(FIRST_NS + delay) up to LAST_NS: 0.1 ns wide at the start, 0.6 ns at 20 ns."""
 
-LIT_POINTS = 65_536
-"""Points that the lamp's light finds, to be connected with paths."""
-
-MOST_BOUNCES = 64
-"""Where paths end at the latest; at a mean albedo of 0.8, 10⁻⁶ of the light is beyond."""
 
 @dataclass(frozen=True)
 class Transients:
@@ -46,39 +42,11 @@ class Transients:
 
 
 @dataclass(frozen=True)
-class LitPoints:
-    """Points that the lamp's light falls on, drawn with the density of its irradiance.
-
-    Attributes:
-        points_m, normals: (3, n).
-        albedo: (n,).
-        density: (n,), irradiance over the lamp's flux, 1/m².
-        lengths_m: (n,), from the lamp.
-        flux: of the lamp.
-    """
-
-    points_m: Float32
-    normals: Float32
-    albedo: Float32
-    density: Float32
-    lengths_m: Float32
-    flux: float
-
-
-def lit_points(interior: Interior, lamp: Lamp, /, count: int = LIT_POINTS) -> LitPoints:
-    """Follow the lamp's light in evenly spread directions to what it falls on."""
-    directions = lamp.emitted(count)
-    origins = np.repeat(np.asarray(lamp.position_m, np.float32)[:, None], count, axis=1)
-    met = interior.meet(origins, directions)
-    density = lamp.irradiance(interior, met.points_m, met.normals) / lamp.flux
-    return LitPoints(met.points_m, met.normals, met.albedo, density, met.lengths_m, lamp.flux)
-
-
-@dataclass(frozen=True)
 class _Ends:
     """Ends of the paths that still go on: which point they belong to, where they are, and how long they are."""
 
     pixels: Index
+    numbers: Index
     points_m: Float32
     normals: Float32
     lengths_m: Float32
@@ -87,7 +55,7 @@ class _Ends:
 def transients(
     interior: Interior,
     lamp: Lamp,
-    lit: LitPoints,
+    light: LampLight,
     points_m: Float32,
     normals: Float32,
     /,
@@ -100,25 +68,26 @@ def transients(
     Args:
         interior: the room.
         lamp: its light.
-        lit: where it falls.
+        light: where that goes.
         points_m, normals: (3, n), where and which way the surfaces look.
         paths: traced from each point.
         generator: source of randomness.
     """
     count = points_m.shape[1]
-    pixels = np.repeat(np.arange(count), paths)
-    ends = _Ends(pixels, points_m[:, pixels], normals[:, pixels], -lamp.distances_m(points_m)[pixels])
+    pixels, numbers = np.repeat(np.arange(count), paths), np.tile(np.arange(paths), count)
+    ends = _Ends(pixels, numbers, points_m[:, pixels], normals[:, pixels], -lamp.distances_m(points_m)[pixels])
     first, second = (np.mod(generator.random((count, 1)) + part, 1.0).ravel() for part in lattice(paths))
-    chosen = (generator.integers(len(lit.albedo), size=(count, 1)) + np.arange(paths)).ravel() % len(lit.albedo)
     total = np.zeros((2, count * BINS))
     for _ in range(MOST_BOUNCES):
-        _add_connected(total, interior, lit, chosen, ends)
+        for points in (light.first, light.later):
+            if points.flux > 0:
+                starts = generator.integers(len(points.albedo), size=count)
+                _add_connected(total, interior, points, (starts[ends.pixels] + ends.numbers) % len(points.albedo), ends)
         local = cosine_weighted(first.astype(np.float32), second.astype(np.float32))
-        ends = _continued(total, interior, lamp, lit.flux, ends, local, generator)
+        ends = _continued(total, interior, lamp, light, ends, local, generator)
         if not len(ends.pixels):
             break
         first, second = generator.random((2, len(ends.pixels)), dtype=np.float32)
-        chosen = generator.integers(len(lit.albedo), size=len(ends.pixels))
     irradiance, moments = total.reshape(2, count, BINS) / paths
     return Transients(irradiance, moments)
 
@@ -129,26 +98,25 @@ def bin_numbers(delays_ns: Float, /) -> Index:
     return np.minimum(steps, BINS - 1).astype(np.intp)
 
 
-def _add_connected(total: Float, interior: Interior, lit: LitPoints, chosen: Index, ends: _Ends) -> None:
-    """Connect each end with a point that the lamp's light has found, and add what comes from there."""
-    ways = lit.points_m[:, chosen] - ends.points_m
-    lengths = np.sqrt((ways * ways).sum(axis=0))
-    ways /= np.maximum(lengths, np.float32(MARGIN_M))
-    leaving = np.maximum(-(ways * lit.normals[:, chosen]).sum(axis=0), 0)
-    arriving = np.maximum((ways * ends.normals).sum(axis=0), 0)
-    density = leaving * arriving / (np.float32(math.pi) * np.maximum(lengths, np.float32(MARGIN_M)) ** 2)
-    light = lit.albedo[chosen] * lit.flux * _balanced(density, lit.density[chosen])
+def _add_connected(total: Float, interior: Interior, points: LightPoints, chosen: Index, ends: _Ends) -> None:
+    """Connect each end with a point that light has reached, and add what comes from there."""
+    ways = points.points_m[:, chosen] - ends.points_m
+    lengths = np.maximum(np.sqrt((ways * ways).sum(axis=0)), np.float32(MARGIN_M))
+    ways /= lengths
+    leaving, arriving = -(ways * points.normals[:, chosen]).sum(axis=0), (ways * ends.normals).sum(axis=0)
+    density = _path_density(leaving, arriving, lengths)
+    light = points.albedo[chosen] * np.float32(points.flux) * _balanced(density, points.density[chosen])
     seen = np.flatnonzero(light)
     origins = ends.points_m[:, seen] + np.float32(MARGIN_M) * ends.normals[:, seen]
     seen = seen[interior.clear(origins, ways[:, seen], lengths[seen] - np.float32(3 * MARGIN_M))]
-    _add(total, ends.pixels[seen], light[seen], ends.lengths_m[seen] + lengths[seen] + lit.lengths_m[chosen[seen]])
+    _add(total, ends.pixels[seen], light[seen], ends.lengths_m[seen] + lengths[seen] + points.lengths_m[chosen[seen]])
 
 
 def _continued(
     total: Float,
     interior: Interior,
     lamp: Lamp,
-    flux: float,
+    light: LampLight,
     ends: _Ends,
     local: Float32,
     generator: np.random.Generator,
@@ -157,14 +125,22 @@ def _continued(
     directions = about(ends.normals, local)
     met = interior.meet(ends.points_m + np.float32(MARGIN_M) * ends.normals, directions)
     lengths = ends.lengths_m + met.lengths_m
-    leaving = np.maximum(-(directions * met.normals).sum(axis=0), 0)
-    density = leaving * local[2] / (np.float32(math.pi) * np.maximum(met.lengths_m, np.float32(MARGIN_M)) ** 2)
-    found = lamp.irradiance(interior, met.points_m, met.normals) / flux
-    light = met.albedo * flux * _balanced(density, found)
-    seen = np.flatnonzero(light)
-    _add(total, ends.pixels[seen], light[seen], lengths[seen] + lamp.distances_m(met.points_m[:, seen]))
-    onward = np.flatnonzero(generator.random(len(met.albedo), dtype=np.float32) < met.albedo)
-    return _Ends(ends.pixels[onward], met.points_m[:, onward], met.normals[:, onward], lengths[onward])
+    density = _path_density(-(directions * met.normals).sum(axis=0), local[2], met.lengths_m)
+    flux = np.float32(light.first.flux)
+    arriving = met.albedo * flux * _balanced(density, lamp.irradiance(interior, met.points_m, met.normals) / flux)
+    seen = np.flatnonzero(arriving)
+    _add(total, ends.pixels[seen], arriving[seen], lengths[seen] + lamp.distances_m(met.points_m[:, seen]))
+    chance = met.albedo * density / (density + light.later_density)
+    onward = np.flatnonzero(generator.random(len(chance), dtype=np.float32) < chance)
+    return _Ends(
+        ends.pixels[onward], ends.numbers[onward], met.points_m[:, onward], met.normals[:, onward], lengths[onward]
+    )
+
+
+def _path_density(leaving: Float32, arriving: Float32, lengths_m: Float32) -> Float32:
+    """Return the density, 1/m², with which a path comes to a place: cos cos/(π r²); 0 where one looks away."""
+    lengths_m = np.maximum(lengths_m, np.float32(MARGIN_M))
+    return np.maximum(leaving, 0) * np.maximum(arriving, 0) / (np.float32(math.pi) * lengths_m**2)
 
 
 def _balanced(density: Float32, other: Float32) -> Float32:

@@ -17,8 +17,9 @@ from cadtof_cli.arrays import Float, Float32, Index
 from cadtof_cli.simulation.camera import Camera
 from cadtof_cli.simulation.geometry import Vector
 from cadtof_cli.simulation.scene.lamp import Lamp
+from cadtof_cli.simulation.scene.light_points import LampLight, lamp_light
 from cadtof_cli.simulation.scene.solids import Interior, Meetings
-from cadtof_cli.simulation.scene.tracing import LitPoints, lit_points, transients
+from cadtof_cli.simulation.scene.tracing import transients
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
 STEP = 2
 """Rows and columns from one traced pixel to the next."""
 
-REACH = 2
+REACH = 3
 """Traced pixels to each side that an average may hold; their weights fall off evenly to nothing at REACH + 1/2."""
 
 ROUNDNESS = 8
@@ -35,8 +36,8 @@ ROUNDNESS = 8
 ROWS_KEPT = 16
 """Traced rows that wait for the next band, which shares some of them."""
 
-_GRID_KEY, _ALONE_KEY = 0, 1
-"""Branches of the seed for traced rows and for pixels that are traced for themselves."""
+_GRID_KEY, _ALONE_KEY, _LAMP_KEY = 0, 1, 2
+"""Branches of the seed for traced rows, for pixels that are traced for themselves, and for the light from the lamp."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -187,11 +188,13 @@ def _nearness(pixels: Index, places: Index, count: int) -> Float:
 
 def _light(view: View, points_m: Float32, normals: Float32, *, spawn_key: tuple[int, int]) -> Float:
     generator = np.random.default_rng(np.random.SeedSequence(view.seed, spawn_key=spawn_key))
-    lit = _lit(view.interior, view.lamp)
-    light = transients(view.interior, view.lamp, lit, points_m, normals, paths=view.light_paths, generator=generator)
+    lamp = view.lamp
+    known = _lamp_light(view.interior, lamp, view.seed)
+    light = transients(view.interior, lamp, known, points_m, normals, paths=view.light_paths, generator=generator)
     return np.stack([light.irradiance, light.moments])
 
 
 @lru_cache(maxsize=2)
-def _lit(interior: Interior, lamp: Lamp) -> LitPoints:
-    return lit_points(interior, lamp)
+def _lamp_light(interior: Interior, lamp: Lamp, seed: int) -> LampLight:
+    generator = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(_LAMP_KEY,)))
+    return lamp_light(interior, lamp, generator)
