@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from cadtof_cli.simulation.trials import PathSummary, Trials, TrialsSummary
     from cadtof_cli.workflows.record import RecordSettings
 
-SCENE_NAMES = ("pixel", "card", "wall", "corner", "inter-reflection", "room")
+SCENE_NAMES = ("pixel", "card", "wall", "corner", "inter-reflection", "room", "cornell")
 
 PIXEL_ONLY = (
     *("runs", "order", "false_alarm", "as_json", "second_ns", "photons", "photons_per_cycle", "cycles", "dead_time_ns"),
@@ -47,9 +47,14 @@ SCENE_SETTINGS = {
     "corner": {"distance_m": "distance_m", "opening_deg": "opening_deg", "albedo": "albedo"},
     "inter-reflection": {"mpi": "mpi_ratio", "distance_m": "distance_m", "albedo": "albedo"},
     "room": {
-        "seed": "seed", "furniture": "furniture", "albedo": "albedo", "lamp_offset_m": "lamp_offset_m",
-        "lamp_beam_deg": "beam_deg", "light_paths": "light_paths",
+        "seed": "seed",
+        "furniture": "furniture",
+        "albedo": "albedo",
+        "lamp_offset_m": "lamp_offset_m",
+        "lamp_beam_deg": "beam_deg",
+        "light_paths": "light_paths",
     },
+    "cornell": {"light_paths": "light_paths"},
 }
 """Which options each scene takes besides --asr, and the attribute that each one sets."""
 

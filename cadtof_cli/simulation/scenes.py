@@ -18,6 +18,7 @@ from cadtof_cli.simulation.geometry import (
 )
 from cadtof_cli.simulation.light import Light, check_common, light_from_bounces
 from cadtof_cli.simulation.mix import finite_at_least, require
+from cadtof_cli.simulation.scene.cornell import CornellBox
 from cadtof_cli.simulation.scene.room import RandomRoom
 from cadtof_cli.units import C_M_PER_NS
 
@@ -249,12 +250,15 @@ class InterReflection:
         return light_from_bounces(seen, (scaled,), self.albedo, self.distance_m, self.asr)
 
 
-SCENES: Mapping[str, type[Wall] | type[Card] | type[Corner] | type[InterReflection] | type[RandomRoom]] = {
+SCENES: Mapping[
+    str, type[Wall] | type[Card] | type[Corner] | type[InterReflection] | type[RandomRoom] | type[CornellBox]
+] = {
     "card": Card,
     "wall": Wall,
     "corner": Corner,
     "inter-reflection": InterReflection,
     "room": RandomRoom,
+    "cornell": CornellBox,
 }
 
 
@@ -263,7 +267,9 @@ def _unit(x: float, y: float, z: float) -> tuple[float, float, float]:
     return x / length, y / length, z / length
 
 
-def scene_from_name(name: str, /) -> type[Wall] | type[Card] | type[Corner] | type[InterReflection] | type[RandomRoom]:
+def scene_from_name(
+    name: str, /
+) -> type[Wall] | type[Card] | type[Corner] | type[InterReflection] | type[RandomRoom] | type[CornellBox]:
     """Return the scene of that name; raises SettingsError for another."""
     if name not in SCENES:
         raise SettingsError(f"scene: found {name!r}, expected one of {', '.join(SCENES)}")

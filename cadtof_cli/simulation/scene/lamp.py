@@ -38,7 +38,7 @@ class Lamp:
         lengths = np.sqrt((ways * ways).sum(axis=0))
         directions = ways / lengths
         cosine = -(directions * normals).sum(axis=0)
-        lit = np.maximum(cosine, 0) / lengths**2 * self._intensity(directions)
+        lit: Float32 = np.maximum(cosine, 0) / lengths**2 * self._intensity(directions)
         shone = np.flatnonzero(lit)
         origins = points_m[:, shone] + np.float32(MARGIN_M) * normals[:, shone]
         lit[shone] *= interior.clear(origins, -directions[:, shone], lengths[shone] - np.float32(MARGIN_M))

@@ -58,9 +58,8 @@ def lamp_light(interior: Interior, lamp: Lamp, generator: np.random.Generator, /
     """Follow the lamp's light; at every surface a share of 1 − albedo of the rays ends."""
     directions = lamp.emitted(rays)
     origins = np.repeat(np.asarray(lamp.position_m, np.float32)[:, None], rays, axis=1)
-    numbers, lengths = np.arange(rays), np.zeros(rays, np.float32)
     met = interior.meet(origins, directions)
-    lengths = met.lengths_m
+    numbers, lengths = np.arange(rays), met.lengths_m
     density = lamp.irradiance(interior, met.points_m, met.normals) / np.float32(lamp.flux)
     first = LightPoints(met.points_m, met.normals, met.albedo, lengths, density, lamp.flux)
     later: list[tuple[Float32, Float32, Float32, Float32, Index]] = []
@@ -71,9 +70,8 @@ def lamp_light(interior: Interior, lamp: Lamp, generator: np.random.Generator, /
         numbers, normals = numbers[onward], met.normals[:, onward]
         draws = generator.random((2, len(onward)), dtype=np.float32)
         directions = about(normals, cosine_weighted(draws[0], draws[1]))
-        before = lengths[onward]
         met = interior.meet(met.points_m[:, onward] + np.float32(MARGIN_M) * normals, directions)
-        lengths = before + met.lengths_m
+        lengths = lengths[onward] + met.lengths_m
         later.append((met.points_m, met.normals, met.albedo, lengths, numbers))
     even = np.float32(EVENNESS / interior.area_m2)
     return LampLight(first, _in_order_of_rays(later, even, lamp.flux / rays), even)
@@ -84,8 +82,8 @@ def _in_order_of_rays(
 ) -> LightPoints:
     """Return the points of all bounces, those of one ray together, so that neighbours come from all over the beam."""
     if not bounces:
-        nothing = np.zeros((3, 0), np.float32)
-        return LightPoints(nothing, nothing, *[nothing[0]] * 3, 0.0)
+        none, no_points = np.zeros(0, np.float32), np.zeros((3, 0), np.float32)
+        return LightPoints(no_points, no_points, none, none, none, 0.0)
     points, normals, albedo, lengths, numbers = (np.concatenate(part, axis=-1) for part in zip(*bounces, strict=True))
     order = np.argsort(numbers, kind="stable")
     densities = np.full(len(order), density)

@@ -11,7 +11,8 @@ from cadtof_cli.simulation.camera import Camera
 from cadtof_cli.simulation.geometry import Vector
 from cadtof_cli.simulation.light import Light
 from cadtof_cli.simulation.mix import finite_at_least, require
-from cadtof_cli.simulation.scene.random_rooms import MOST_FURNITURE, Room, random_room
+from cadtof_cli.simulation.scene.placed import Room
+from cadtof_cli.simulation.scene.random_rooms import MOST_FURNITURE, random_room
 from cadtof_cli.simulation.scene.view import View, indirect_light
 from cadtof_cli.units import C_M_PER_NS
 
@@ -80,7 +81,7 @@ def light_in_room(view: View, rows: slice, /, *, asr: float) -> Light:
     direct_ns = (ranges_m + view.lamp.distances_m(seen.points_m)) / C_M_PER_NS
     irradiance, moments = np.moveaxis(indirect_light(view, seen, lines), 1, 2)
     later_ns = np.divide(moments, irradiance, out=np.zeros_like(moments), where=irradiance > 0)
-    photons = np.concatenate([view.direct(seen)[None], irradiance]) * seen.albedo
+    photons = np.concatenate([view.direct(seen)[None], irradiance]) * seen.albedo.astype(np.float64)
     ambient = asr * median_irradiance(view) * np.where(seen.albedo > 0, seen.albedo, 1.0)
     return Light(
         delays_ns=np.concatenate([direct_ns[None], direct_ns + later_ns]).reshape(-1, *shape),

@@ -11,7 +11,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from cadtof_cli.arrays import Bool, Float32
+from cadtof_cli.arrays import Bool, Float32, Index
 from cadtof_cli.simulation.geometry import Vector
 from cadtof_cli.simulation.mix import require
 
@@ -21,8 +21,11 @@ FACES = ("left", "right", "ceiling", "floor", "near", "far")
 MARGIN_M = 1e-4
 """How far before a surface a ray starts, so that rounding never puts it behind."""
 
-BLOCK = 8192
+BLOCK = 16384
 """Rays that are followed together: few enough for what belongs to them to stay in the cache."""
+
+NEIGHBOURS_M = 1.0
+"""How far apart solids of a group may be."""
 
 _TINY = 1e-12
 """Added to slopes, so that no ray is quite level with a face."""
@@ -43,6 +46,11 @@ class Box:
     half_m: Vector
     turn_rad: float = 0.0
     albedo: float = 0.5
+
+    @property
+    def reach_m(self) -> float:
+        """Distance of its corners from its centre."""
+        return math.hypot(*self.half_m)
 
     def entry(self, origins_m: Float32, directions: Float32) -> Float32:
         """Return how far along each ray, (3, n), the box is entered, (n,); inf where it is missed."""
@@ -69,13 +77,18 @@ class Ball:
     radius_m: float
     albedo: float = 0.5
 
+    @property
+    def reach_m(self) -> float:
+        """Its radius."""
+        return self.radius_m
+
     def entry(self, origins_m: Float32, directions: Float32) -> Float32:
         """Return how far along each ray, (3, n), the ball is entered, (n,); inf where it is missed."""
         x, y, z = (origin - centre for origin, centre in zip(origins_m, self.centre_m, strict=True))
         dx, dy, dz = directions
         along = x * dx + y * dy + z * dz
         inside = along * along - (x * x + y * y + z * z - self.radius_m**2)
-        near = -along - np.sqrt(np.maximum(inside, 0))
+        near: Float32 = -along - np.sqrt(np.maximum(inside, 0))
         near[(inside < 0) | (near <= 0)] = np.inf
         return near
 
@@ -101,6 +114,38 @@ class Patch:
             if axis != self.face // 2:
                 within &= (points_m[axis] >= self.low_m[axis]) & (points_m[axis] <= self.high_m[axis])
         return within
+
+
+@dataclass(frozen=True)
+class _Group:
+    """Solids near each other, which most rays pass at a distance.
+
+    Attributes:
+        solids: in the order of the room's.
+        first: number of the first of them.
+    """
+
+    solids: tuple[Box | Ball, ...]
+    first: int
+
+    def near(self, origins_m: Float32, directions: Float32) -> Index:
+        """Return which rays, (3, n), pass through the ball about the group."""
+        centre, radius = self._ball
+        x, y, z = (origin - at for origin, at in zip(origins_m, centre, strict=True))
+        dx, dy, dz = directions
+        along = x * dx + y * dy + z * dz
+        squared = x * x + y * y + z * z
+        squared -= radius**2
+        behind = (along > 0) & (squared > 0)
+        along *= along
+        return np.flatnonzero((along >= squared) & ~behind)
+
+    @cached_property
+    def _ball(self) -> tuple[Vector, float]:
+        """Centre and radius of a ball that holds all solids, and a little more."""
+        x, y, z = (sum(part) / len(self.solids) for part in zip(*(s.centre_m for s in self.solids), strict=True))
+        reach = max(math.dist((x, y, z), solid.centre_m) + solid.reach_m for solid in self.solids)
+        return (x, y, z), 1.001 * reach + 10 * MARGIN_M
 
 
 @dataclass(frozen=True)
@@ -140,8 +185,13 @@ class Interior:
 
     def __post_init__(self) -> None:
         require(all(0 < size < 1000 for size in self.size_m), "room", self.size_m, "lengths above 0 m")
-        every = (*self.albedos, *(part.albedo for part in (*self.patches, *self.boxes, *self.balls)))
+        every = (*self.albedos, *(patch.albedo for patch in self.patches), *(solid.albedo for solid in self.solids))
         require(all(0 <= albedo <= 1 for albedo in every), "albedos", every, "0 to 1")
+
+    @property
+    def solids(self) -> tuple[Box | Ball, ...]:
+        """What stands in the room, boxes first."""
+        return (*self.boxes, *self.balls)
 
     @property
     def area_m2(self) -> float:
@@ -168,13 +218,14 @@ class Interior:
 
     def clear(self, origins_m: Float32, directions: Float32, lengths_m: Float32, /) -> Bool:
         """Return which rays, (3, n), meet no solid before the given lengths, (n,)."""
-        free = np.empty(origins_m.shape[1], dtype=np.bool_)
+        free = np.ones(origins_m.shape[1], dtype=np.bool_)
         for start in range(0, len(free), BLOCK):
             block = slice(start, start + BLOCK)
-            first = np.full_like(lengths_m[block], np.inf)
-            for solid in (*self.boxes, *self.balls):
-                np.minimum(first, solid.entry(origins_m[:, block], directions[:, block]), out=first)
-            free[block] = first >= lengths_m[block]
+            for group in self._groups:
+                near = start + group.near(origins_m[:, block], directions[:, block])
+                starts, ways = origins_m[:, near], directions[:, near]
+                for solid in group.solids if len(near) else ():
+                    free[near] &= solid.entry(starts, ways) >= lengths_m[near]
         return free
 
     def _nearest(self, origins_m: Float32, directions: Float32, lengths: Float32, solid: NDArray[np.intp]) -> None:
@@ -182,11 +233,15 @@ class Interior:
         lengths[:] = np.inf
         for origin, slope, size in zip(origins_m, directions, self.size_m, strict=True):
             np.minimum(lengths, _slab(origin - size / 2, slope, size / 2)[1], out=lengths)
-        for index, part in enumerate((*self.boxes, *self.balls)):
-            entry = part.entry(origins_m, directions)
-            closer = entry < lengths
-            np.copyto(lengths, entry, where=closer)
-            solid[closer] = index + 1
+        for group in self._groups:
+            near = group.near(origins_m, directions)
+            starts, ways, best, whose = origins_m[:, near], directions[:, near], lengths[near], solid[near]
+            for index, part in enumerate(group.solids if len(near) else ()):
+                entry = part.entry(starts, ways)
+                closer = entry < best
+                np.copyto(best, entry, where=closer)
+                whose[closer] = group.first + index
+            lengths[near], solid[near] = best, whose
 
     def _faces(self, points_m: Float32, solid: NDArray[np.intp]) -> tuple[Float32, NDArray[np.intp]]:
         """Return the normals at points of the given solids, (3, n), and which face of its solid each lies on."""
@@ -206,13 +261,24 @@ class Interior:
         return normals, np.where(round_ones, 0, 2 * axis + side)
 
     @cached_property
+    def _groups(self) -> tuple["_Group", ...]:
+        """The solids in groups of neighbours."""
+        groups: list[_Group] = []
+        for number, solid in enumerate(self.solids, start=1):
+            if groups and math.dist(groups[-1].solids[0].centre_m, solid.centre_m) < NEIGHBOURS_M:
+                groups[-1] = _Group((*groups[-1].solids, solid), groups[-1].first)
+            else:
+                groups.append(_Group((solid,), number))
+        return tuple(groups)
+
+    @cached_property
     def _table(self) -> tuple[Float32, Float32, Float32, Float32]:
         """Centres and half sizes, (3, solids), cosine and sine of the turn, (2, solids), and albedos, (solids,)."""
         half = [size / 2 for size in self.size_m]
         centres = [half, *(box.centre_m for box in self.boxes), *(ball.centre_m for ball in self.balls)]
         halves = [half, *(box.half_m for box in self.boxes), *((ball.radius_m,) * 3 for ball in self.balls)]
         turns = np.array([0.0, *(box.turn_rad for box in self.boxes), *(0.0 for _ in self.balls)])
-        albedos = [0.0, *(part.albedo for part in (*self.boxes, *self.balls))]
+        albedos = [0.0, *(part.albedo for part in self.solids)]
         return (
             np.array(centres, np.float32).T,
             np.array(halves, np.float32).T,

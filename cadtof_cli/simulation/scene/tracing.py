@@ -81,7 +81,7 @@ def transients(
     for _ in range(MOST_BOUNCES):
         for points in (light.first, light.later):
             if points.flux > 0:
-                starts = generator.integers(len(points.albedo), size=count)
+                starts = generator.integers(len(points.albedo), size=(count,))
                 _add_connected(total, interior, points, (starts[ends.pixels] + ends.numbers) % len(points.albedo), ends)
         local = cosine_weighted(first.astype(np.float32), second.astype(np.float32))
         ends = _continued(total, interior, lamp, light, ends, local, generator)
@@ -140,12 +140,12 @@ def _continued(
 def _path_density(leaving: Float32, arriving: Float32, lengths_m: Float32) -> Float32:
     """Return the density, 1/m², with which a path comes to a place: cos cos/(π r²); 0 where one looks away."""
     lengths_m = np.maximum(lengths_m, np.float32(MARGIN_M))
-    return np.maximum(leaving, 0) * np.maximum(arriving, 0) / (np.float32(math.pi) * lengths_m**2)
+    return np.asarray(np.maximum(leaving, 0) * np.maximum(arriving, 0) / (np.float32(math.pi) * lengths_m**2))
 
 
 def _balanced(density: Float32, other: Float32) -> Float32:
     """Return the product of two densities over their sum, 0 where both are 0."""
-    return density * other / np.maximum(density + other, np.float32(1e-30))
+    return np.asarray(density * other / np.maximum(density + other, np.float32(1e-30)))
 
 
 def _add(total: Float, pixels: Index, light: Float32, lengths_m: Float32) -> None:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from cadtof_cli.arrays import Float, Float32, Index
 from cadtof_cli.simulation.camera import Camera
 from cadtof_cli.simulation.geometry import Vector
+from cadtof_cli.simulation.mix import require
 from cadtof_cli.simulation.scene.lamp import Lamp
 from cadtof_cli.simulation.scene.light_points import LampLight, lamp_light
 from cadtof_cli.simulation.scene.solids import Interior, Meetings
@@ -64,6 +65,10 @@ class View:
     beam_rad: float
     light_paths: int
     seed: int
+
+    def __post_init__(self) -> None:
+        inside = all(0 < at < size for at, size in zip(self.lamp.position_m, self.interior.size_m, strict=True))
+        require(inside, "lamp offset", self.lamp_offset_m, "a lamp within the room; it stands in or behind a wall")
 
     @property
     def turn(self) -> Float:
@@ -183,7 +188,7 @@ def _traced_at(places: Index, pixels: int) -> Index:
 
 def _nearness(pixels: Index, places: Index, count: int) -> Float:
     """Return 1 where a traced pixel is the pixel itself, falling evenly to 0."""
-    return np.maximum(1.0 - np.abs(pixels - _traced_at(places, count)) / (STEP * (REACH + 0.5)), 0.0)
+    return np.asarray(np.maximum(1.0 - np.abs(pixels - _traced_at(places, count)) / (STEP * (REACH + 0.5)), 0.0))
 
 
 def _light(view: View, points_m: Float32, normals: Float32, *, spawn_key: tuple[int, int]) -> Float:
