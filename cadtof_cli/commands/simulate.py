@@ -90,7 +90,7 @@ SCENE_OPTIONS = (
     "--lamp-offset-m", "--lamp-offset", type=NUMBERS, help="Lamp from camera: right,down,forward in m (room)."
 )
 @click.option("--lamp-beam-deg", "--lamp-beam", type=float, help="Half angle of the lamp (room).  [default: drawn]")
-@click.option("--light-paths", type=int, help="Light paths from every fourth pixel (room).  [default: 512]")
+@click.option("--light-paths", type=int, help="Light paths from every fourth pixel (room).  [default: 256]")
 @click.option("--width", type=int, default=320, show_default=True, help="Columns of the camera.")
 @click.option("--height", type=int, default=240, show_default=True, help="Rows of the camera.")
 @click.option("--petzval-m", "--petzval", type=NUMBERS, default="0,0", help="Field curvature k2,k4 of the lens, m.")

@@ -34,7 +34,7 @@ class CornellBox:
     """
 
     asr: float = 2.0
-    light_paths: int = 512
+    light_paths: int = 256
     tracing_seed: int = 0
 
     def __post_init__(self) -> None:

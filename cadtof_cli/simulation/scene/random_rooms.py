@@ -55,7 +55,7 @@ def random_room(
     generator = np.random.default_rng(seed)
     kind = str(generator.choice(list(KINDS), p=list(KINDS.values())))
     pieces = int(generator.integers(DRAWN_FURNITURE + 1)) if furniture is None else furniture
-    beam = float(generator.uniform(38.0, 65.0))
+    beam = float(generator.uniform(42.0, 65.0))
     for _ in range(TRIES):
         draft = _draft(kind, generator)
         solids = _furnished(draft, pieces, generator)

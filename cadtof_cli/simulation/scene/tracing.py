@@ -33,12 +33,13 @@ class Transients:
     """Irradiance of points by time after their direct light.
 
     Attributes:
-        irradiance: (n, BINS), 1/m², as the lamp's own light cos/r² counts.
-        moments: (n, BINS), irradiance times delay after the direct light, ns/m².
+        once: (2, n, BINS), by way of one other surface: irradiance in 1/m², as the lamp's own light cos/r² counts, and
+            irradiance times delay after the direct light in ns/m².
+        later: (2, n, BINS), the same for light by way of more surfaces.
     """
 
-    irradiance: Float
-    moments: Float
+    once: Float
+    later: Float
 
 
 @dataclass(frozen=True)
@@ -77,19 +78,19 @@ def transients(
     pixels, numbers = np.repeat(np.arange(count), paths), np.tile(np.arange(paths), count)
     ends = _Ends(pixels, numbers, points_m[:, pixels], normals[:, pixels], -lamp.distances_m(points_m)[pixels])
     first, second = (np.mod(generator.random((count, 1)) + part, 1.0).ravel() for part in lattice(paths))
-    total = np.zeros((2, count * BINS))
-    for _ in range(MOST_BOUNCES):
-        for points in (light.first, light.later):
+    once, later = np.zeros((2, count * BINS)), np.zeros((2, count * BINS))
+    for bounce in range(MOST_BOUNCES):
+        ours = once if bounce == 0 else later
+        for points, total in ((light.first, ours), (light.later, later)):
             if points.flux > 0:
                 starts = generator.integers(len(points.albedo), size=(count,))
                 _add_connected(total, interior, points, (starts[ends.pixels] + ends.numbers) % len(points.albedo), ends)
         local = cosine_weighted(first.astype(np.float32), second.astype(np.float32))
-        ends = _continued(total, interior, lamp, light, ends, local, generator)
+        ends = _continued(ours, interior, lamp, light, ends, local, generator)
         if not len(ends.pixels):
             break
         first, second = generator.random((2, len(ends.pixels)), dtype=np.float32)
-    irradiance, moments = total.reshape(2, count, BINS) / paths
-    return Transients(irradiance, moments)
+    return Transients(once.reshape(2, count, BINS) / paths, later.reshape(2, count, BINS) / paths)
 
 
 def bin_numbers(delays_ns: Float, /) -> Index:
