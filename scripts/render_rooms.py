@@ -2,7 +2,7 @@
 
 `python scripts/render_rooms.py OUT --seeds 0-11` writes OUT/room_0000_h2 (periods 40 and 20 ns), OUT/room_0000_h3 (and
 13.3 ns, with the same light for all harmonics together) and so on. Folders that exist are kept, so that a run can be
-taken up again. Light is traced once a room, some 12 s on one core.
+taken up again. Light is traced once a room, some 8 s on one core.
 """
 
 import argparse
@@ -33,7 +33,7 @@ def main() -> None:
     parser.add_argument("--fewest", type=int, default=2, help="harmonics of the smallest capture of each room")
     parser.add_argument("--integration-length", type=float, default=1e5, help="n_av of a capture of two harmonics")
     parser.add_argument("--asr", type=float, default=2.0, help="ambient to direct photons")
-    parser.add_argument("--light-paths", type=int, default=256, help="from every fourth pixel")
+    parser.add_argument("--light-paths", type=int, default=128, help="from every fourth pixel")
     parser.add_argument("--tracing-seed", type=int, default=0, help="of the light paths alone")
     parser.add_argument("--width", type=int, default=320, help="columns; rows are three quarters of it")
     chosen = parser.parse_args()

@@ -221,7 +221,10 @@ def test_a_pixel_that_sees_nothing_has_no_truth() -> None:
         (lambda: InterReflection(wall_m=3.0), "wall: found 3 m, expected more than 3.35 m"),
         (lambda: Camera(width=0), "width: found 0 pixels"),
         (lambda: Camera(bits=20), "converter: found 20 bits, expected 1 to 16 bits"),
-        (lambda: scene_from_name("cave"), "scene: found 'cave', expected one of card, wall, corner, inter-reflection"),
+        (
+            lambda: scene_from_name("cave"),
+            "scene: found 'cave', expected one of card, wall, corner, inter-reflection, room, cornell",
+        ),
     ],
 )
 def test_impossible_scenes_are_refused(make: object, message: str) -> None:
