@@ -9,12 +9,12 @@ import tempfile
 from pathlib import Path
 
 from cadtof_cli.capture.metadata import CaptureMetadata, Pixel, Target, Voltage
-from cadtof_cli.simulation.camera import Camera
-from cadtof_cli.simulation.exposure import Exposure
-from cadtof_cli.simulation.light import Scene
-from cadtof_cli.simulation.recorder import FrameFormat
-from cadtof_cli.simulation.scenes import Card, Corner, InterReflection, Wall
-from cadtof_cli.workflows.record import RecordSettings, record_scene
+from cadtof_cli.execution.workers import Workers
+from cadtof_cli.simulation.scene.camera import Camera
+from cadtof_cli.simulation.scene.exposure import Exposure
+from cadtof_cli.simulation.scene.light import Scene
+from cadtof_cli.simulation.scene.scenes import Card, Corner, InterReflection, Wall
+from cadtof_cli.workflows.simulate.record import RecordSettings, record_scene
 
 ROOT = Path(__file__).resolve().parent.parent
 SEED = 2024
@@ -29,7 +29,7 @@ def main() -> None:
     out.mkdir(parents=True, exist_ok=True)
     for name, settings in captures().items():
         with tempfile.TemporaryDirectory(dir=out) as scratch:
-            record_scene(settings, Path(scratch) / name, jobs=2)
+            record_scene(settings, Path(scratch) / name, workers=Workers(jobs=2))
             shutil.rmtree(out / name, ignore_errors=True)
             (Path(scratch) / name).rename(out / name)
         size = sum(file.stat().st_size for file in (out / name).iterdir())
@@ -48,7 +48,7 @@ def captures() -> dict[str, RecordSettings]:
 
 
 def _capture(
-    scene: Scene, *, frame_format: FrameFormat = "tif", camera: Camera | None = None, target_m: float | None = None
+    scene: Scene, *, frame_format: str = "tif", camera: Camera | None = None, target_m: float | None = None
 ) -> RecordSettings:
     camera = camera or Camera()
     metadata = CaptureMetadata(

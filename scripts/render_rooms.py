@@ -12,13 +12,13 @@ from pathlib import Path
 import numpy as np
 
 from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Pixel
-from cadtof_cli.simulation.camera import Camera
-from cadtof_cli.simulation.exposure import Band, Exposure, frame_voltages
-from cadtof_cli.simulation.recorder import write_capture
-from cadtof_cli.simulation.scene.room import RandomRoom
-from cadtof_cli.simulation.statistics import VoltageStatistics, averaging_gain
-from cadtof_cli.workflows.record import expose
-from cadtof_cli.workflows.record_folder import new_folder
+from cadtof_cli.files.atomic import new_folder
+from cadtof_cli.simulation.pixel.statistics import VoltageStatistics, averaging_gain
+from cadtof_cli.simulation.scene.camera import Camera
+from cadtof_cli.simulation.scene.exposure import Band, Exposure, frame_voltages
+from cadtof_cli.simulation.scene.recorder import write_capture
+from cadtof_cli.simulation.scene.rooms.room import RandomRoom
+from cadtof_cli.workflows.simulate.record import expose
 
 FOCAL_PER_WIDTH = (0.72, 1.05)
 """Lenses from 70° to 51° across, drawn by the seed."""

@@ -11,11 +11,11 @@ import numpy as np
 
 from cadtof_cli.arrays import Complex, Float
 from cadtof_cli.capture.metadata import CaptureMetadata, Pixel
-from cadtof_cli.simulation.camera import Camera
-from cadtof_cli.simulation.exposure import Exposure
-from cadtof_cli.simulation.scene.room import RandomRoom
+from cadtof_cli.simulation.scene.camera import Camera
+from cadtof_cli.simulation.scene.exposure import Exposure
+from cadtof_cli.simulation.scene.rooms.room import RandomRoom
 from cadtof_cli.units import metres_per_radian
-from cadtof_cli.workflows.record import expose
+from cadtof_cli.workflows.simulate.record import expose
 
 
 def main() -> None:

@@ -1,121 +1,111 @@
-"""What a frame is before it is read: where it lies, how its planes are ordered, and how a reader hands it over."""
+"""The frames of a capture, from files of whatever format: whole frames, stacks, or files of one plane each."""
 
-from collections.abc import Collection
-from dataclasses import dataclass, replace
-from pathlib import Path
-from typing import Any, Literal, Protocol
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 import numpy as np
 
-from cadtof_cli.arrays import Stored
+from cadtof_cli.capture.discovery import Capture
+from cadtof_cli.capture.frame_sources import FrameSource
 from cadtof_cli.errors import FrameError
-
-Container = Literal["tif", "exr"]
-
-CHANNELS = 2
-"""SC1, the cosine, and SC2, the sine."""
+from cadtof_cli.files.formats import format_of, suffix_format
+from cadtof_cli.files.frames import CHANNELS, FrameLayout, Frames, LoneFrame, shape_text
 
 
-class NotAFrameError(FrameError):
-    """A sound file that holds something other than voltages, such as a map; a run reports it as skipped."""
-
-
-@dataclass(frozen=True)
-class FrameSource:
-    """Where one frame lies.
+@contextmanager
+def open_frames(source: FrameSource, layout: FrameLayout, /) -> Iterator[Frames]:
+    """Open the file, or the files of single planes, in which a frame lies.
 
     Parameters:
-        name: stem of what is written for the frame.
-        paths: one file, or 2·H files of one plane each in the order H1.SC1, H1.SC2, H2.SC1, …
-        index: position in a stack; None where the file is to hold this frame alone.
+        source: where the frame lies.
+        layout: how the capture's files are laid out.
+
+    Returns:
+        The frames of the file; where there are several and the source names none, it was a stack all along.
+
+    Raises:
+        NotAFrameError: the file is sound but holds something else, such as a map.
+        FrameError: the file cannot be read, is damaged, or lacks a harmonic or channel.
     """
-
-    name: str
-    paths: tuple[Path, ...]
-    index: int | None = None
-
-    def __post_init__(self) -> None:
-        if not self.paths:
-            raise ValueError(f"frame {self.name} has no files")
-
-    def __str__(self) -> str:
-        place = str(self.paths[0]) if len(self.paths) == 1 else f"{self.paths[0].parent / self.name}"
-        return place if self.index is None else f"{place}[{self.index}]"
-
-    def expanded(self, count: int, *, taken: Collection[str] = ()) -> tuple["FrameSource", ...]:
-        """Return a source for each of the `count` frames of the stack that the file turned out to be.
-
-        They are numbered with four digits, or more where `count` needs them or another frame's name is `taken` already.
-        """
-        digits = max(4, len(str(count - 1)))
-        while any(f"{self.name}_{index:0{digits}}" in taken for index in range(count)):
-            digits += 1
-        return tuple(replace(self, name=f"{self.name}_{index:0{digits}}", index=index) for index in range(count))
+    if len(source.paths) > 1:
+        yield _joined_planes(source, layout)
+        return
+    path = source.paths[0]
+    with format_of(path).frames().open_frames(path, layout) as frames:
+        yield frames
 
 
-@dataclass(frozen=True)
-class FrameLayout:
-    """What the metadata says of how files are laid out.
+def _joined_planes(source: FrameSource, layout: FrameLayout) -> LoneFrame:
+    """Return the frame that files of one plane each make up."""
+    if len(source.paths) != layout.planes:
+        raise FrameError(f"frame {source.name}: found {len(source.paths)} files, expected {layout.planes}")
+    for path, name in zip(source.paths, layout.plane_names, strict=True):
+        if not path.exists():
+            raise FrameError(f"{path}: no such file, expected {name} of frame {source.name} there")
+    planes = [format_of(path).frames().read_plane(path) for path in source.paths]
+    first = planes[0]
+    for path, plane in zip(source.paths, planes, strict=True):
+        if plane.shape != first.shape or plane.dtype != first.dtype:
+            raise FrameError(
+                f"{path}: found {shape_text(plane.shape, plane.dtype)}, expected"
+                f" {shape_text(first.shape, first.dtype)} as in {source.paths[0].name}"
+            )
+    stored = np.stack(planes).reshape(len(layout.harmonics), CHANNELS, *first.shape)
+    return LoneFrame(format_of(source.paths[0]).name, stored)
 
-    Parameters:
-        harmonics: harmonic numbers h in rising order, such as (1, 2).
-        frames: frames in each TIFF stack (`[layout] frames`); None where files say it themselves.
+
+def single_frames(capture: Capture, /) -> Iterator[FrameSource]:
+    """Yield every frame of a capture, a stack's one by one.
+
+    Opening each of thousands of files beforehand would cost as much as reading them, so a file of the very size of one that
+    held a single frame is taken to hold one too (its reader checks). A file that cannot be opened is yielded as it is: it
+    fails when its turn comes.
     """
-
-    harmonics: tuple[int, ...]
-    frames: int | None = None
-
-    @property
-    def planes(self) -> int:
-        """Planes in one frame: SC1 and SC2 at every harmonic."""
-        return CHANNELS * len(self.harmonics)
-
-    @property
-    def plane_names(self) -> tuple[str, ...]:
-        """Names of the planes in the order of files and pages."""
-        return tuple(plane_name(harmonic, channel) for harmonic in self.harmonics for channel in (1, 2))
-
-
-class Frames(Protocol):
-    """The frames of one open file."""
-
-    @property
-    def count(self) -> int:
-        """Number of frames in the file."""
-
-    @property
-    def shape(self) -> tuple[int, int, int, int]:
-        """Shape of one frame, H C Y X."""
-
-    @property
-    def dtype(self) -> np.dtype[Any]:
-        """Type of the stored values, native byte order."""
-
-    @property
-    def container(self) -> Container:
-        """Kind of file."""
-
-    def read(self, index: int = 0, /) -> Stored:
-        """Return frame `index` as it is stored: shape (H, C, Y, X), C-contiguous, native byte order."""
+    layout, names = capture.layout, {source.name for source in capture.frames}
+    size_of_one: int | None = None
+    for source in capture.frames:
+        size = _size(source)
+        if size is None or size == size_of_one:
+            yield source
+            continue
+        try:
+            with open_frames(source, layout) as frames:
+                count = frames.count
+        except FrameError:
+            yield source
+            continue
+        if count == 1:
+            size_of_one = size
+            yield source
+        else:
+            yield from source.expanded(count, taken=names)
 
 
-def plane_name(harmonic: int, channel: int) -> str:
-    """Return the name that one plane has in EXR files and in messages, such as H1.SC2."""
-    return f"H{harmonic}.SC{channel}"
+def first_pixels(capture: Capture, /) -> tuple[int, int] | None:
+    """Return (Y, X) of the first frame that can be opened, which the others are held against; None where none can."""
+    first = first_frames(capture)
+    return None if first is None else (first.shape[2], first.shape[3])
 
 
-def harmonic_labels(harmonics: tuple[int, ...], found: Collection[int]) -> tuple[int, ...]:
-    """Return what a capture calls its harmonics: their numbers h, or their places 1, 2, … in the order.
+def first_frames(capture: Capture, /) -> Frames | None:
+    """Return the first file that can be opened, closed again: shape and type of its frames; None where none can."""
+    layout = capture.layout
+    for source in capture.frames:
+        try:
+            with open_frames(source, layout) as frames:
+                return frames
+        except FrameError:
+            continue
+    return None
 
-    The number is the rule. Places are accepted where they are all there and the numbers are not: a capture with
-    harmonics (1, 3) whose files say H1 and H2 has counted them.
-    """
-    places = tuple(range(1, len(harmonics) + 1))
-    if not set(harmonics) <= set(found) and set(places) <= set(found):
-        return places
-    return harmonics
 
-
-def shape_text(shape: tuple[int, ...], dtype: np.dtype[Any]) -> str:
-    """Return an image's size for a message, such as `320 × 240 uint16`, from a shape that ends in Y, X."""
-    return f"{shape[-1]} × {shape[-2]} {dtype.name}"
+def _size(source: FrameSource) -> int | None:
+    """Return a file's size where it could be a stack, else None: not every format has them."""
+    path = source.paths[0]
+    named = suffix_format(path)
+    if len(source.paths) > 1 or (named is not None and not named.stacks):
+        return None
+    try:
+        return path.stat().st_size
+    except OSError:
+        return None

@@ -1,0 +1,74 @@
+"""A calibration made ready for frames of one size and type: what the pipeline applies to every block."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cadtof_cli.arrays import Bool, Float
+from cadtof_cli.calibration.store import Calibration
+from cadtof_cli.capture.metadata import CaptureMetadata
+from cadtof_cli.optics.curvature import curvature_m
+from cadtof_cli.optics.pinhole import principal_point
+from cadtof_cli.phasors.response import ideal_response
+from cadtof_cli.phasors.voltages import PhasorMap, ideal_phasor_map, pixel_phasor_map
+from cadtof_cli.resolver.response.table import ResponseModel, response_model
+
+
+@dataclass(frozen=True, eq=False)
+class FrameCorrection:
+    """What is done to the n = Y·X pixels of a frame.
+
+    Attributes:
+        phasor_map: from stored values to phasors.
+        response: for resolving paths, where the channel pairs answer with more than k = ±1; None where they do not.
+        hot: (n,), pixels that get no answer; None where there are none.
+        range_offset_m: (n,), what the lens adds to every range; None where that is nothing.
+    """
+
+    phasor_map: PhasorMap
+    response: ResponseModel | None = None
+    hot: Bool | None = None
+    range_offset_m: Float | None = None
+
+
+def frame_correction(
+    calibration: Calibration | None, metadata: CaptureMetadata, dtype: np.dtype[np.generic], pixels: tuple[int, int], /
+) -> FrameCorrection:
+    """Return the correction of frames of `pixels` (Y, X); without a calibration, what waveform and pulse alone call for.
+
+    Raises:
+        SettingsError: the calibration does not belong to the capture, or nothing says how many volts one count stands for.
+    """
+    ideal = ideal_response(metadata)
+    if calibration is None:
+        return FrameCorrection(ideal_phasor_map(metadata, dtype), response_model(ideal, None))
+    calibration.require_match(metadata, pixels)
+    dark, response = calibration.dark, calibration.response
+    responses = response.responses if response else ideal
+    count = pixels[0] * pixels[1]
+    phase = response.phase_rad.reshape(-1, count).astype(np.float64) if response else None
+    phasor_map = pixel_phasor_map(
+        responses,
+        metadata,
+        dtype,
+        offset_v=dark.offset_v.reshape(*dark.offset_v.shape[:2], count) if dark else None,
+        phase_rad=phase,
+        gain=response.gain.reshape(-1, count) if response else None,
+        pixels=count,
+    )
+    return FrameCorrection(
+        phasor_map,
+        response_model(responses, phase),
+        dark.hot.ravel() if dark is not None and dark.hot.any() else None,
+        _range_offset_m(calibration, metadata, pixels),
+    )
+
+
+def _range_offset_m(calibration: Calibration, metadata: CaptureMetadata, pixels: tuple[int, int]) -> Float | None:
+    """Return what the Petzval calibration says, or else what the response's phase maps were freed of."""
+    if calibration.petzval is not None:
+        return calibration.petzval.range_offset_m.ravel()
+    if calibration.response is not None and any(calibration.response.field_curvature_m):
+        point = principal_point(metadata.optics, pixels)
+        return curvature_m(pixels, point, calibration.response.field_curvature_m).ravel()
+    return None

@@ -1,0 +1,182 @@
+"""What options are made of: settings records say defaults and choices, keys of `capture.toml` become options."""
+
+import functools
+import sys
+from collections.abc import Callable, Mapping
+from dataclasses import MISSING, fields
+from pathlib import Path
+from types import NoneType
+from typing import TYPE_CHECKING, Any, Literal, TypeVar, cast, get_args, get_origin, get_type_hints
+
+import click
+
+from cadtof_cli.capture.metadata import KEYS, Key, Kind
+
+if TYPE_CHECKING:
+    ParamType = click.ParamType[Any]
+else:
+    # generic at run time only in the newest releases of click
+    ParamType = click.ParamType
+
+Function = TypeVar("Function", bound=Callable[..., Any])
+
+Decorator = Callable[[Function], Function]
+
+CAPTURE_SECTION = "Capture options (each overrides a key of capture.toml)"
+
+_UNITS = ("-ns", "-v", "-px", "-m")
+
+
+class NumberList(ParamType):
+    """Numbers with commas between them, such as 40,20."""
+
+    name = "N,N…"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Return a list of numbers."""
+        if not isinstance(value, str):
+            return value
+        try:
+            return [float(part) for part in value.split(",")]
+        except ValueError:
+            self.fail(f"{value!r} is not a list of numbers such as 40,20", param, ctx)
+
+
+NUMBERS = NumberList()
+
+_TYPES: dict[Any, ParamType] = {
+    bool: click.BOOL,
+    int: click.INT,
+    float: click.FLOAT,
+    str: click.STRING,
+    Path: click.Path(path_type=Path),
+}
+
+
+def setting_option(
+    names: str, record: type, name: str, /, *, help: str, show_default: bool = True, **more: Any
+) -> Callable[[Function], Function]:
+    """Return the option of one field of a settings record, whose type, choices and default it takes.
+
+    Args:
+        names: as typed, such as `-j --jobs`.
+        record: dataclass of the settings.
+        name: of the field, and of the parameter that the command gets.
+        help: what it does.
+        show_default: whether the help names the default, where there is one.
+        more: what `click.option` takes besides, such as `metavar`; it goes before what the record says.
+    """
+    (field,) = (item for item in fields(record) if item.name == name)
+    default = field.default if field.default_factory is MISSING else field.default_factory
+    said = {
+        "type": _type_of(get_type_hints(record)[name]),
+        "default": _typed(default),
+        "show_default": show_default and not callable(default) and default not in {None, MISSING},
+        "is_flag": isinstance(default, bool),
+        "help": help,
+    }
+    return click.option(*names.split(), name, **(said | more))
+
+
+def _type_of(hint: Any) -> ParamType:
+    """Return the type of an option for values of a field's type; None beside it stands for an option that is not given."""
+    (hint,) = [one for one in get_args(hint) if one is not NoneType] if NoneType in get_args(hint) else [hint]
+    if get_origin(hint) is Literal:
+        return click.Choice(get_args(hint))
+    return NUMBERS if get_origin(hint) is tuple else _TYPES[hint]
+
+
+def _typed(default: Any) -> Any:
+    """Return a default as it would be typed."""
+    if default is MISSING:
+        return None
+    return ",".join(f"{item:g}" for item in default) if isinstance(default, tuple) else default
+
+
+def gathered(name: str, record: Callable[..., Any], /, *options: Decorator[Any]) -> Decorator[Any]:
+    """Return a decorator that adds options, in their order, and hands a command what they say as one record.
+
+    Args:
+        name: of the command's parameter that gets the record.
+        record: called with the options' values by their names.
+        options: made by `click.option` or `setting_option`.
+    """
+
+    def decorate(function: Function) -> Function:
+        @functools.wraps(function)
+        def command(*arguments: Any, **values: Any) -> Any:
+            given = {one: values.pop(one) for one in taken}
+            return function(*arguments, **{name: record(**given)}, **values)
+
+        before = len(getattr(command, "__click_params__", ()))
+        with_options: Any = command
+        for option in reversed(options):
+            with_options = option(with_options)
+        taken = [param.name for param in reversed(with_options.__click_params__[before:])]
+        return cast("Function", with_options)
+
+    return decorate
+
+
+class SectionedCommand(click.Command):
+    """A command whose help shows the options that override `capture.toml` apart from its own."""
+
+    def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write the command's own options, then the capture options."""
+        own: list[tuple[str, str]] = []
+        capture: list[tuple[str, str]] = []
+        for param in self.get_params(ctx):
+            record = param.get_help_record(ctx)
+            if record is not None:
+                (capture if isinstance(param, CaptureOption) else own).append(record)
+        for title, records in (("Options", own), (CAPTURE_SECTION, capture)):
+            if records:
+                with formatter.section(title):
+                    formatter.write_dl(records)
+
+
+class CaptureOption(click.Option):
+    """An option that overrides one key of `capture.toml`."""
+
+
+def capture_options(*without: str) -> Decorator[Any]:
+    """Return a decorator that adds an option for every key of `capture.toml`; they arrive by dotted key, as `overrides`.
+
+    Args:
+        without: keys, by dotted name, that a command has an option of its own for.
+    """
+    keys = tuple(key for key in KEYS if key.path not in without)
+
+    def overrides(**values: Any) -> Mapping[str, Any]:
+        return {key.path: value for key, value in zip(keys, values.values(), strict=True) if value is not None}
+
+    return gathered("overrides", overrides, *map(_capture_option, keys))
+
+
+def _capture_option(key: Key) -> Decorator[Any]:
+    """Return the option of a key, by its name with its unit, as the key has it, and without."""
+    plain = next((key.option.removesuffix(unit) for unit in _UNITS if key.option.endswith(unit)), key.option)
+    names = dict.fromkeys((key.option, plain))
+    types: dict[Kind, ParamType] = {
+        "number": click.FLOAT,
+        "whole number": click.INT,
+        "numbers": NUMBERS,
+        "pair": NUMBERS,
+        "text": click.STRING,
+    }
+    default = "" if key.default is None else f"  [if not given: {_typed(key.default)}, the paper's]"
+    about = f"{key.path}: {key.about}.{default}"
+    return click.option(*names, f"capture_{key.name}", cls=CaptureOption, type=types[key.kind], help=about)
+
+
+def input_paths(values: tuple[str, ...]) -> tuple[Path, ...]:
+    """Return the paths that the arguments name; `-` stands for paths on stdin, a line each."""
+    paths: list[Path] = []
+    for value in values:
+        if value == "-":
+            paths += [Path(line) for line in sys.stdin.read().splitlines() if line.strip()]
+        else:
+            paths.append(Path(value))
+    if not paths:
+        raise click.UsageError("no paths arrived on stdin; expected one a line")
+    return tuple(paths)

@@ -1,0 +1,108 @@
+"""What a frame is before it is read: how its planes are ordered, and how a reader hands it over."""
+
+from collections.abc import Collection
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+
+from cadtof_cli.arrays import Stored
+from cadtof_cli.errors import FrameError
+
+CHANNELS = 2
+"""SC1, the cosine, and SC2, the sine."""
+
+
+class NotAFrameError(FrameError):
+    """A sound file that holds something other than voltages, such as a map; a run reports it as skipped."""
+
+
+@dataclass(frozen=True)
+class FrameLayout:
+    """What the metadata says of how files are laid out.
+
+    Parameters:
+        harmonics: harmonic numbers h in rising order, such as (1, 2).
+        frames: frames in each TIFF stack (`[layout] frames`); None where files say it themselves.
+    """
+
+    harmonics: tuple[int, ...]
+    frames: int | None = None
+
+    @property
+    def planes(self) -> int:
+        """Planes in one frame: SC1 and SC2 at every harmonic."""
+        return CHANNELS * len(self.harmonics)
+
+    @property
+    def plane_names(self) -> tuple[str, ...]:
+        """Names of the planes in the order of files and pages."""
+        return tuple(plane_name(harmonic, channel) for harmonic in self.harmonics for channel in (1, 2))
+
+
+class Frames(Protocol):
+    """The frames of one open file."""
+
+    @property
+    def format(self) -> str:
+        """Name of the file's format."""
+
+    @property
+    def count(self) -> int:
+        """Number of frames in the file."""
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Shape of one frame, H C Y X."""
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        """Type of the stored values, native byte order."""
+
+    def read(self, index: int = 0, /) -> Stored:
+        """Return frame `index` as it is stored: shape (H, C, Y, X), C-contiguous, native byte order."""
+
+
+@dataclass(frozen=True, eq=False)
+class LoneFrame:
+    """The only frame of its file or files, which has been read on opening: shape (H, C, Y, X)."""
+
+    format: str
+    stored: Stored
+    count: int = 1
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Shape of the frame, H C Y X."""
+        return self.stored.shape
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        """Type of the stored values, native byte order."""
+        return self.stored.dtype
+
+    def read(self, _index: int = 0, /) -> Stored:
+        """Return the frame as it is stored, C-contiguous."""
+        return self.stored
+
+
+def plane_name(harmonic: int, channel: int) -> str:
+    """Return the name that one plane has in EXR files and in messages, such as H1.SC2."""
+    return f"H{harmonic}.SC{channel}"
+
+
+def harmonic_labels(harmonics: tuple[int, ...], found: Collection[int]) -> tuple[int, ...]:
+    """Return what a capture calls its harmonics: their numbers h, or their places 1, 2, … in the order.
+
+    The number is the rule. Places are accepted where they are all there and the numbers are not: a capture with
+    harmonics (1, 3) whose files say H1 and H2 has counted them.
+    """
+    places = tuple(range(1, len(harmonics) + 1))
+    if not set(harmonics) <= set(found) and set(places) <= set(found):
+        return places
+    return harmonics
+
+
+def shape_text(shape: tuple[int, ...], dtype: np.dtype[Any]) -> str:
+    """Return an image's size for a message, such as `320 × 240 uint16`, from a shape that ends in Y, X."""
+    return f"{shape[-1]} × {shape[-2]} {dtype.name}"

@@ -1,0 +1,93 @@
+"""Frames in TIFF files, one a file or in stacks."""
+
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tifffile
+
+from cadtof_cli.arrays import Stored
+from cadtof_cli.errors import FrameError
+from cadtof_cli.files.damage import damage_as_frame_error
+from cadtof_cli.files.frames import CHANNELS, FrameLayout, Frames
+from cadtof_cli.files.tiff.axes import plane_table
+from cadtof_cli.files.tiff.images import TiffImages
+
+
+class TiffFrames:
+    """The frames of one TIFF file, read one by one.
+
+    Parameters:
+        path: a TIFF or BigTIFF file of either byte order.
+        layout: harmonics of the capture, and frames of a stack where the metadata says it.
+
+    Raises:
+        NotAFrameError: the file holds maps, not voltages.
+        FrameError: the file cannot be read, is damaged, or its planes do not make up whole frames.
+    """
+
+    format = "tif"
+
+    def __init__(self, path: Path, layout: FrameLayout) -> None:
+        self.images = images = TiffImages(path)
+        try:
+            self._table = plane_table(images.labels, images.sizes, layout, where=images.found)
+        except FrameError:
+            images.close()
+            raise
+        self.count = len(self._table)
+        self.shape = (len(layout.harmonics), CHANNELS, *self.images.plane_shape)
+        self.dtype: np.dtype[Any] = self.images.dtype
+
+    def read(self, index: int = 0, /) -> Stored:
+        """Return frame `index` as it is stored: shape (H, C, Y, X), C-contiguous, native byte order."""
+        return self.images.planes(self._table[index].ravel()).reshape(self.shape)
+
+
+class _Last(threading.local):
+    """The stack that was last read in a thread: its pages are known, its file is closed; the key changes when it does."""
+
+    key: object = None
+    frames: TiffFrames | None = None
+
+
+_last = _Last()
+
+
+@contextmanager
+def open_frames(path: Path, layout: FrameLayout, /) -> Iterator[Frames]:
+    """Open a TIFF file; a worker that takes a stack frame by frame finds its thousands of pages once."""
+    with damage_as_frame_error(path, "TIFF"):
+        state = path.stat()
+    key = (path, layout, state.st_ino, state.st_size, state.st_mtime_ns)
+    frames = _last.frames if _last.frames and _last.key == key else TiffFrames(path, layout)
+    _last.key, _last.frames = (key, frames) if frames.count > 1 else (None, None)
+    with frames.images:
+        yield frames
+
+
+def read_plane(path: Path, /) -> Stored:
+    """Return the one plane of a TIFF file, shape (Y, X), native byte order.
+
+    Raises:
+        FrameError: the file cannot be read, is damaged, or holds more than one plane.
+    """
+    with TiffImages(path) as images:
+        if max(images.sizes) > 1:
+            raise FrameError(f"{images.found}, expected a single plane")
+        plane: Stored = images.planes(np.zeros(1, np.intp))[0]
+        return plane
+
+
+def write_frame(path: Path, stored: Stored, /, *, layout: FrameLayout, compress: bool) -> None:
+    """Write a frame, shape (H, C, Y, X), one page per plane; its axes are said as H C Y X."""
+    tifffile.imwrite(
+        path,
+        stored,
+        photometric="minisblack",
+        metadata={"axes": "HCYX"},
+        compression="zlib" if compress else None,
+    )

@@ -1,0 +1,117 @@
+"""What arrives at a pixel: laser light over one or many paths, and uniform ambient light."""
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from cadtof_cli.arrays import Complex, Float
+from cadtof_cli.errors import SettingsError
+from cadtof_cli.units import FWHM_PER_SIGMA
+
+
+def require(holds: bool, name: str, found: object, expected: str) -> None:
+    """Raise a SettingsError that names the setting, unless the condition holds."""
+    if not holds:
+        raise SettingsError(f"{name}: found {found}, expected {expected}")
+
+
+def finite_at_least(value: float, least: float) -> bool:
+    """Return whether a setting is a finite number of at least `least`."""
+    return math.isfinite(value) and value >= least
+
+
+@dataclass(frozen=True, kw_only=True)
+class PhotonMix:
+    """Photons by origin, for one pixel or for a block of them. Only the proportions of photons matter.
+
+    Attributes:
+        delays_ns: (P, *pixels), arrival times of the P paths; the first path is the direct one.
+        photons: (P, *pixels), photons of each path.
+        ambient: (*pixels), photons that arrive at any time of the period alike.
+        period_ns: the laser's period, which is that of the fundamental.
+        fwhm_ns: width of the laser pulse, a Gaussian.
+        jitter_ns: standard deviation of the detector's timing.
+    """
+
+    delays_ns: Float
+    photons: Float
+    ambient: Float
+    period_ns: float
+    fwhm_ns: float
+    jitter_ns: float = 0.0
+
+    def __post_init__(self) -> None:
+        require(bool(np.all(np.isfinite(self.photons) & (self.photons >= 0))), "photons", "others", "finite, 0 or more")
+        require(bool(np.all(np.isfinite(self.ambient) & (self.ambient >= 0))), "ambient", "others", "finite, 0 or more")
+        require(self.delays_ns.shape == self.photons.shape, "delays", self.delays_ns.shape, f"{self.photons.shape}")
+        require(finite_at_least(self.period_ns, 1e-6), "period", f"{self.period_ns:g} ns", "a time above 0")
+        require(finite_at_least(self.fwhm_ns, 0), "pulse width", f"{self.fwhm_ns:g} ns", "a time of 0 or more")
+        require(finite_at_least(self.jitter_ns, 0), "jitter", f"{self.jitter_ns:g} ns", "a time of 0 or more")
+        require(bool(np.all(self.total > 0)), "photons", "a pixel without any", "some light in every pixel")
+
+    @property
+    def total(self) -> Float:
+        """Photons of all origins, (*pixels)."""
+        return np.asarray(self.photons.sum(axis=0) + self.ambient)
+
+    @property
+    def spread_rad(self) -> float:
+        """Standard deviation of a path's arrival times, pulse and jitter together, as a phase of the fundamental."""
+        return 2.0 * math.pi * math.hypot(self.fwhm_ns / FWHM_PER_SIGMA, self.jitter_ns) / self.period_ns
+
+    def shares(self) -> Float:
+        """Return each path's share of all photons, (P, *pixels)."""
+        return np.asarray(self.photons / self.total)
+
+    def jittered(self, jitter_ns: float) -> "PhotonMix":
+        """Return the same photons, seen with the detector's timing."""
+        return replace(self, jitter_ns=jitter_ns)
+
+    def moments(self, highest: int) -> Complex:
+        """Return m_k = E exp(i k 2π t / T1) over all photons, k = 0 … highest, as (highest + 1, *pixels).
+
+        Ambient light adds to m_0 alone; the Gaussian pulse gives m_k the factor r_k = exp(−(k 2π s / T1)² / 2).
+        """
+        turn = np.exp(2j * math.pi / self.period_ns * self.delays_ns)
+        power = self.shares().astype(np.complex128)
+        moments = np.empty((highest + 1, *self.photons.shape[1:]), dtype=np.complex128)
+        moments[0] = 1.0
+        for k in range(1, highest + 1):
+            power *= turn
+            moments[k] = math.exp(-((k * self.spread_rad) ** 2) / 2.0) * power.sum(axis=0)
+        return moments
+
+
+@dataclass(frozen=True, kw_only=True)
+class Condition:
+    """The paper's light on a pixel: laser : MPI : ambient = 1 : mpi_ratio : asr, with arrival times within one period."""
+
+    asr: float
+    mpi_ratio: float
+    direct_ns: float = 5.0
+    second_ns: float = 16.0
+    fwhm_ns: float = 1.7
+
+    def __post_init__(self) -> None:
+        require(finite_at_least(self.asr, 0), "ASR", f"{self.asr:g}", "a ratio of 0 or more")
+        require(finite_at_least(self.mpi_ratio, 0), "MPI ratio", f"{self.mpi_ratio:g}", "a ratio of 0 or more")
+        require(finite_at_least(self.fwhm_ns, 0), "pulse width", f"{self.fwhm_ns:g} ns", "0 ns or more")
+
+    def mix(self, period_ns: float) -> PhotonMix:
+        """Return the photons of one pixel, without pixel axes; raises SettingsError for times that do not fit one period."""
+        require(0 <= self.direct_ns < period_ns, "direct", f"{self.direct_ns:g} ns", f"0 to less than {period_ns:g} ns")
+        separation = self.second_ns - self.direct_ns
+        require(
+            separation > 0 and self.second_ns < period_ns,
+            "second",
+            f"{self.second_ns:g} ns, a separation of {separation:g} ns",
+            f"a time after the direct {self.direct_ns:g} ns and before the period's end at {period_ns:g} ns",
+        )
+        return PhotonMix(
+            delays_ns=np.array([self.direct_ns, self.second_ns]),
+            photons=np.array([1.0, self.mpi_ratio]),
+            ambient=np.array(self.asr),
+            period_ns=period_ns,
+            fwhm_ns=self.fwhm_ns,
+        )

@@ -1,0 +1,161 @@
+"""What every `cadtof calibrate` step does first: captures → their mean frames, and the parts that are there already."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from cadtof_cli.arrays import Stored
+from cadtof_cli.calibration.parts import PART_KINDS, Origin, Part, PartKind
+from cadtof_cli.calibration.store import Calibration, digest_of, load_calibration, require_absent, save_part
+from cadtof_cli.capture.discovery import Capture, find_captures
+from cadtof_cli.capture.frames import open_frames, single_frames
+from cadtof_cli.capture.metadata import CaptureMetadata, Target
+from cadtof_cli.errors import SettingsError
+from cadtof_cli.phasors.frame_mean import FrameMean, mean_volts
+from cadtof_cli.workflows.progress import Progress
+
+
+@dataclass(frozen=True, kw_only=True)
+class CalibrateSettings:
+    """Where a part goes, and what its captures are.
+
+    Attributes:
+        out: calibration folder.
+        overwrite: whether the part may be replaced.
+        distances_m: of the targets, one for all captures or one each; empty: as `capture.toml` says.
+    """
+
+    out: Path
+    overwrite: bool = False
+    distances_m: tuple[float, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class AveragedCapture:
+    """A capture's mean frame in V, with the metadata that describe it."""
+
+    root: Path
+    metadata: CaptureMetadata
+    mean: FrameMean
+
+
+@dataclass(frozen=True)
+class CalibrateReport:
+    """What a step measured: `figures` by name, and what there is to know about it in words."""
+
+    part: PartKind
+    written: tuple[str, ...]
+    digest: str
+    frames: int
+    figures: Mapping[str, Any]
+    findings: tuple[str, ...]
+
+
+def averaged_captures(
+    inputs: Sequence[Path],
+    kind: PartKind,
+    /,
+    *,
+    settings: CalibrateSettings,
+    overrides: Mapping[str, Any],
+    progress: Progress,
+) -> list[AveragedCapture]:
+    """Read every frame of the captures and return each capture's mean.
+
+    Raises:
+        CadtofError: the part is there already, an input or its metadata is at fault, a frame cannot be read, or the captures
+            were not recorded by one camera with one setting.
+    """
+    require_absent(settings.out, kind, overwrite=settings.overwrite)
+    captures = find_captures(inputs, overrides=overrides)
+    metadata = _with_distances(captures, settings.distances_m)
+    _require_same_modulation(captures)
+    total = sum(len(capture.frames) for capture in captures)
+    progress.total(total)
+    averaged: list[AveragedCapture] = []
+    for capture, described in zip(captures, metadata, strict=True):
+        for key, value in capture.source.defaulted.items():
+            progress.say(f"{capture.root}: not given, so taken from the paper: {key} = {value}")
+        mean = mean_volts(_frames(capture, progress), voltage=capture.source.metadata.voltage)
+        if averaged and mean.pixels != averaged[0].mean.pixels:
+            found, expected = ("{1} × {0}".format(*size) for size in (mean.pixels, averaged[0].mean.pixels))
+            raise SettingsError(f"{capture.root}: found {found} pixels, expected {expected} as in {averaged[0].root}")
+        averaged.append(AveragedCapture(capture.root, described, mean))
+    return averaged
+
+
+def _frames(capture: Capture, progress: Progress) -> Iterator[Stored]:
+    for source in single_frames(capture):
+        with open_frames(source, capture.layout) as frames:
+            stored = frames.read(source.index or 0)
+        yield stored
+        progress.advance()
+
+
+def _with_distances(captures: Sequence[Capture], distances: tuple[float, ...]) -> list[CaptureMetadata]:
+    if len(distances) > 1 and len(distances) != len(captures):
+        raise SettingsError(
+            f"--distance: found {len(distances)} distances for {len(captures)} captures, expected one for all, or one each in "
+            "the order of the captures"
+        )
+    described = []
+    for index, capture in enumerate(captures):
+        metadata = capture.source.metadata
+        if distances:
+            target = Target(distance_m=distances[index if len(distances) > 1 else 0])
+            metadata = replace(metadata, target=target)
+        described.append(metadata)
+    return described
+
+
+def _require_same_modulation(captures: Sequence[Capture]) -> None:
+    first = captures[0].source.metadata
+    for capture in captures[1:]:
+        metadata = capture.source.metadata
+        for table in ("modulation", "pulse", "optics"):
+            found, expected = getattr(metadata, table), getattr(first, table)
+            if found != expected:
+                raise SettingsError(
+                    f"{capture.root}: [{table}] is {found}, expected {expected} as in {captures[0].root}: the captures of one "
+                    "calibration need one camera setting"
+                )
+
+
+def parts_before(
+    folder: Path, kind: PartKind, averaged: Sequence[AveragedCapture], /, *, progress: Progress
+) -> Calibration:
+    """Return the parts of the folder that are applied before this one, checked against the captures; say which."""
+    earlier = PART_KINDS[: PART_KINDS.index(kind)]
+    if not any((folder / f"{name}.toml").exists() for name in earlier):
+        progress.say(f"{folder}: no {' or '.join(earlier)} calibration there, so none is applied to the frames")
+        return Calibration()
+    everything = load_calibration(folder)
+    parts = replace(everything, **{name: None for name in PART_KINDS if name not in earlier})
+    parts.require_match(averaged[0].metadata, averaged[0].mean.pixels)
+    progress.say(f"applied to the frames first: {', '.join(part.kind for part in parts.parts)} of {folder}")
+    return parts
+
+
+def origin_of(averaged: Sequence[AveragedCapture], used: Calibration, /) -> Origin:
+    """Return the record of what a part is made from."""
+    first = averaged[0]
+    modulation = first.metadata.modulation
+    return Origin(
+        captures=tuple(str(capture.root) for capture in averaged),
+        frames=sum(capture.mean.frames for capture in averaged),
+        pixels=first.mean.pixels,
+        periods_ns=modulation.periods_ns,
+        waveform=modulation.waveform,
+        used=used.digests,
+    )
+
+
+def saved(
+    part: Part, settings: CalibrateSettings, figures: Mapping[str, Any], findings: tuple[str, ...], /
+) -> CalibrateReport:
+    """Write a part and return the report on it."""
+    written = save_part(settings.out, part, overwrite=settings.overwrite)
+    return CalibrateReport(
+        part.kind, tuple(map(str, written)), digest_of(part), part.origin.frames, dict(figures), findings
+    )

@@ -1,0 +1,78 @@
+"""A slow frame's pixels, spread over processes: it is read, prepared and written here, its parts are resolved by workers."""
+
+import itertools
+import time
+from collections.abc import Generator, Iterable, Iterator
+from contextlib import closing
+from dataclasses import dataclass
+
+from cadtof_cli.execution.ordered import Outcome, WorkerDied, run_ordered
+from cadtof_cli.execution.workers import Workers, keep_freed_memory
+from cadtof_cli.files.maps import DepthMaps
+from cadtof_cli.pipeline import FramePixels, joined_parts, prepare_frame, resolve_pixels
+from cadtof_cli.workflows.resolve.frame_task import FrameTask, attempted, read_frame, written
+from cadtof_cli.workflows.run_folder import FrameReport
+
+WORTH_SPLITTING_S = 0.5
+"""Expected seconds per frame above which its parts are worth a process each: their pixels go there and back."""
+
+
+@dataclass(frozen=True)
+class FramePart:
+    """A part of a frame's pixels, or a report of why the frame has none; and which frames of a mean could not be read."""
+
+    task: FrameTask
+    pixels: FramePixels | FrameReport
+    left_out: str | None
+
+
+def resolve_part(part: FramePart, /) -> DepthMaps | FrameReport:
+    """Resolve a part of a frame's pixels. Whatever is wrong with it becomes a report, never an exception."""
+    keep_freed_memory()
+    pixels, task = part.pixels, part.task
+    if isinstance(pixels, FrameReport):
+        return pixels
+    return attempted(
+        task,
+        lambda: resolve_pixels(pixels, plan=task.plan, calibration=task.calibration()),
+        began=time.monotonic(),
+    )
+
+
+def resolve_split(
+    tasks: Iterable[FrameTask], /, *, workers: Workers
+) -> Generator[Outcome[FrameTask, FrameReport], None, None]:
+    """Resolve and write every frame, in the order of the tasks, each by as many parts as there are jobs."""
+    parts = (part for task in tasks for part in _parts(task, workers.jobs))
+    with closing(run_ordered(resolve_part, parts, workers=workers)) as outcomes:
+        while frame := list(itertools.islice(outcomes, workers.jobs)):
+            yield _whole(frame)
+
+
+def _parts(task: FrameTask, count: int) -> Iterator[FramePart]:
+    """Yield the parts of a frame after all that couples its pixels has been done, once."""
+
+    def prepared() -> list[FramePart]:
+        frame, left_out = read_frame(task)
+        pixels = prepare_frame(frame, plan=task.plan, calibration=task.calibration())
+        return [FramePart(task, part, left_out) for part in pixels.parts(count)]
+
+    parts = attempted(task, prepared, began=time.monotonic())
+    yield from [FramePart(task, parts, None)] * count if isinstance(parts, FrameReport) else parts
+
+
+def _whole(frame: list[Outcome[FramePart, DepthMaps | FrameReport]]) -> Outcome[FrameTask, FrameReport]:
+    """Write the maps that a frame's parts make up, or report what went wrong with the first that has none."""
+    began, first = time.monotonic(), frame[0].task
+    found: list[DepthMaps] = []
+    for outcome in frame:
+        if isinstance(outcome.result, FrameReport | WorkerDied):
+            return Outcome(first.task, outcome.result)
+        found.append(outcome.result)
+
+    def write() -> FrameReport:
+        assert isinstance(first.pixels, FramePixels)
+        resolved = joined_parts(first.pixels, found)
+        return written(first.task, resolved, left_out=first.left_out, began=began)
+
+    return Outcome(first.task, attempted(first.task, write, began=began))
