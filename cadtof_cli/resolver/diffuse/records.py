@@ -1,0 +1,114 @@
+"""What the prediction gives: the frame's model, the answers of pixels, and the numbers behind them."""
+
+from dataclasses import dataclass, fields
+from typing import Literal
+
+import numpy as np
+
+from cadtof_cli.arrays import Bool, Float
+from cadtof_cli.resolver.diffuse.coarse import CoarsePlanes
+from cadtof_cli.resolver.diffuse.settings import DiffuseSettings
+from cadtof_cli.resolver.diffuse.upsampling import Band, Upsampler
+
+
+@dataclass(frozen=True)
+class RoomNumbers:
+    """The frame's state as medians over its patches, and their scatter (half the way from the 16th to the 84th percentile).
+
+    `albedo` s, `later` u, `unseen` v, `decay_ns` τ and `start_ns`, T0 + t; each (median, scatter).
+    """
+
+    albedo: tuple[float, float]
+    later: tuple[float, float]
+    unseen: tuple[float, float]
+    decay_ns: tuple[float, float]
+    start_ns: tuple[float, float]
+
+
+@dataclass(frozen=True)
+class DiffuseChoice:
+    """Which model a frame got and why: `patches` with light, the share of them with separate paths, and the room's numbers."""
+
+    taken: Literal["discrete", "diffuse"]
+    patches: int
+    separate_share: float
+    room: RoomNumbers | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class DiffuseModel:
+    """The coarse model of a whole frame, from which each pixel is answered.
+
+    Attributes:
+        settings: what was asked for.
+        choice: which model was taken.
+        variances: noise of a channel of each harmonic, in squared units of the phasors, of one recorded pixel.
+        coarse: what the planes of `upsampler` hold.
+        upsampler: brings them to the pixels.
+        separate: patches with separate paths, (rows, columns): their pixels are left to the solver of separate paths.
+        separate_variance: variance in rad² that the room's tail adds to those pixels' direct phase.
+        range_offset_m: what is added to every pixel's range, (Y, X); None for nothing.
+    """
+
+    settings: DiffuseSettings
+    choice: DiffuseChoice
+    variances: tuple[float, ...]
+    coarse: CoarsePlanes
+    upsampler: Upsampler
+    separate: Bool
+    separate_variance: float
+    range_offset_m: Float | None = None
+
+    def range_m(self, phase_rad: Float, /) -> Float:
+        """Return the range of a fundamental phase."""
+        return range_from_phase(phase_rad, self.settings)
+
+    def range_offset(self, band: Band, /) -> Float | float:
+        """Return what is added to the ranges of a band's pixels."""
+        if self.range_offset_m is None:
+            return 0.0
+        return self.range_offset_m[band.top : band.bottom, band.left : band.right]
+
+    def is_separate(self, pixels: slice, /) -> Bool:
+        """Return which pixels, flat indices row by row, lie in patches with separate paths."""
+        grid = self.upsampler.grid
+        row, column = np.divmod(np.arange(pixels.start, pixels.stop), grid.width)
+        separate: Bool = self.separate[row // grid.side, column // grid.side]
+        return separate
+
+
+@dataclass(frozen=True, eq=False)
+class DiffusePixels:
+    """Answers for n pixels, float64 (n,) each, NaN where `answered` is not set; amplitudes in units of the phasors.
+
+    `direct_phase_rad` lies in [0, 2π); the MPI light is its phasor at the fundamental, its phase within a turn behind.
+    """
+
+    answered: Bool
+    direct_phase_rad: Float
+    direct_amplitude: Float
+    direct_sigma_rad: Float
+    mpi_phase_rad: Float
+    mpi_amplitude: Float
+    mpi_sigma_rad: Float
+
+    @classmethod
+    def empty(cls, answered: Bool, /) -> "DiffusePixels":
+        """Return answers to be filled in."""
+        return cls(answered, *(np.empty(answered.size) for _ in fields(cls)[1:]))
+
+    def __getitem__(self, pixels: slice, /) -> "DiffusePixels":
+        """Return some of the answers, as views."""
+        return DiffusePixels(*(getattr(self, field.name)[pixels] for field in fields(self)))
+
+    def clear(self, pixels: Bool, /) -> None:
+        """Take the answers of some pixels back."""
+        for field in fields(self)[1:]:
+            getattr(self, field.name)[pixels] = np.nan
+
+
+def range_from_phase(phase_rad: Float, settings: DiffuseSettings, /) -> Float:
+    """Return the range of a fundamental phase, in [nearest, nearest + c·T1/2)."""
+    nearest = settings.nearest_m / settings.m_per_rad
+    ahead: Float = np.mod(phase_rad - nearest, 2.0 * np.pi)
+    return settings.nearest_m + ahead * settings.m_per_rad
