@@ -81,8 +81,9 @@ def coarse_planes(fit: PatchFit, posterior: Conditioned, gap_rad: Float, valid: 
 def _mpi_variance(values: Float, spread: Float, left: dict[Entry, Float]) -> Float:
     """Return the variance of the phase of the MPI light A·e^if·(H_1 − 1), which is p_1·(1 − 1/H_1)."""
     lever = 1.0 / (np.exp(values[-2] + 1j * values[-1]) - 1.0)
-    return (
+    variance: Float = (
         lever.imag**2 * (left[0, 0] + spread[-2, -2])
         + 2.0 * lever.imag * lever.real * (left[1, 0] + spread[-1, -2])
         + lever.real**2 * (left[1, 1] + spread[-1, -1])
     )
+    return variance

@@ -17,7 +17,7 @@ LEAST_PATCH = 4
 """Least side of a patch in pixels: a plane needs points."""
 
 SAMPLES = 8
-"""Pixels that a patch is sampled at along each side: their mean is quiet enough, and large frames cost no more than small ones."""
+"""Pixels that a patch is sampled at along each side: their mean is quiet enough, and large frames cost as little as small."""
 
 UNKNOWN_WIDTH_RAD = math.radians(60.0)
 """Horizontal field of view where the optics are unknown: that of common time-of-flight modules, 55° to 70°."""

@@ -1,12 +1,8 @@
-"""Noise of the data ln|p_h/p_1| and arg p_h − h·arg p_1, which all hold the noise of p_1, and of ln|p_1| and arg p_1 themselves."""
+"""Noise of the data ln|p_h/p_1| and arg p_h − h·arg p_1, all of which hold that of p_1, and of ln|p_1| and arg p_1."""
 
 from collections.abc import Mapping
-from typing import TypeVar
 
-from cadtof_cli.arrays import Float, Float32
-
-Values = TypeVar("Values", Float, Float32)
-"""Variances and covariances: float64 for patches, float32 for pixels."""
+from cadtof_cli.resolver.diffuse.tail import Values
 
 Entry = tuple[int, int]
 """Row and column of a covariance, row ≥ column."""

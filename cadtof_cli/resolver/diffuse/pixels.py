@@ -11,7 +11,7 @@ from cadtof_cli.arrays import Bool, Complex, Float, Float32
 from cadtof_cli.resolver.diffuse.condition import conditioned
 from cadtof_cli.resolver.diffuse.noise import noise_covariance
 from cadtof_cli.resolver.diffuse.records import DiffuseModel, DiffusePixels
-from cadtof_cli.resolver.diffuse.tail import phase_data, residuals, wrapped
+from cadtof_cli.resolver.diffuse.tail import Values, residuals, wrapped
 from cadtof_cli.resolver.diffuse.upsampling import Band
 
 FULL_TURN = 2.0 * np.pi
@@ -34,8 +34,9 @@ NEAREST_M = 0.05
 
 @dataclass(frozen=True, eq=False)
 class PixelData:
-    """The data of pixels: arg p_1 float64; ln|p_h/p_1| and arg p_h − h·arg p_1, float32 (data, …); σ²/|p_h|² per harmonic."""
+    """What pixels (rows, columns) were seen at: |p_1| and arg p_1, float64; their data, float32 (data, …); σ²/|p_h|²."""
 
+    amplitude: Float
     phase_rad: Float
     data: Float32
     relative_noise: list[Float32]
@@ -53,25 +54,29 @@ def diffuse_pixels(
         pixels: which of the frame's pixels these are, flat indices row by row.
         samples: over how many recorded pixels each phasor is a mean, (n,); None: 1.
     """
-    answered = usable & np.isfinite(phasors).all(axis=0) & (phasors[0] != 0.0)
-    answered &= ~model.is_separate(pixels)
-    p = np.where(answered, phasors, 1.0)
-    answer = DiffusePixels.empty(answered)
+    answer = DiffusePixels.empty(usable.size)
     start = pixels.start
     for band in model.upsampler.bands(pixels):
         count = band.shape[0] * band.shape[1]
         chosen = slice(start - pixels.start, start - pixels.start + count)
-        part = p[:, chosen].reshape(-1, *band.shape)
-        per_sample = None if samples is None else samples[chosen].reshape(band.shape)
-        _fill(answer[chosen], part, model, band, per_sample)
+        _fill(
+            answer[chosen],
+            phasors[:, chosen].reshape(-1, *band.shape),
+            model,
+            band,
+            usable[chosen].reshape(band.shape),
+            None if samples is None else samples[chosen].reshape(band.shape),
+        )
         start += count
-    answer.clear(~answered)
     return answer
 
 
-def _fill(answer: DiffusePixels, phasors: Complex, model: DiffuseModel, band: Band, samples: Float | None) -> None:
-    """Write the answer of a band's pixels, phasors (H, rows, columns) without NaN."""
-    seen = _pixel_data(phasors, model, samples)
+def _fill(
+    answer: DiffusePixels, phasors: Complex, model: DiffuseModel, band: Band, usable: Bool, samples: Float | None
+) -> None:
+    """Write the answer of a band's pixels, phasors (H, rows, columns)."""
+    answered = usable & np.isfinite(phasors).all(axis=0) & (phasors[0] != 0.0) & ~model.is_separate(band)
+    seen = _pixel_data(phasors if answered.all() else np.where(answered, phasors, 1.0), model, samples)
     planes = model.upsampler.joint(band, _first_range(seen.phase_rad, model, band))
     count = model.coarse.data
     means, entries = planes[: count + 2], dict(zip(model.coarse.entries, planes[count + 2 :], strict=False))
@@ -81,30 +86,26 @@ def _fill(answer: DiffusePixels, phasors: Complex, model: DiffuseModel, band: Ba
     left = conditioned(list(residuals(seen.data, means[:count])), entries, targets=2)
     log_ratio, lag = means[count] + left.shifts[0], means[count + 1] + left.shifts[1]
     floor = np.float32(LEAST_SHARE) * seen.relative_noise[0]
-    variance = np.maximum(left.covariance[1, 1], floor) + planes[-2]
-    _direct(answer, phasors, seen, log_ratio, lag, variance)
-    _mpi(answer, phasors, seen, log_ratio, lag, planes[-1])
+    answer.answered[:] = answered.ravel()
+    _write_direct(answer, seen, log_ratio, lag, np.maximum(left.covariance[1, 1], floor) + planes[-2])
+    _write_mpi(answer, seen, log_ratio, lag, planes[-1])
+    if not answered.all():
+        answer.clear(~answer.answered)
 
 
-def _direct(
-    answer: DiffusePixels, phasors: Complex, seen: PixelData, log_ratio: Float32, lag: Float32, variance: Float32
-) -> None:
-    magnitude = np.sqrt(phasors[0].real ** 2 + phasors[0].imag ** 2)
-    answer.direct_amplitude[:] = (magnitude * np.exp(-log_ratio)).ravel()
-    answer.direct_phase_rad[:] = np.mod(seen.phase_rad - lag, FULL_TURN).ravel()
+def _write_direct(answer: DiffusePixels, seen: PixelData, log_ratio: Float32, lag: Float32, variance: Float32) -> None:
+    """Write p_1/H_1."""
+    answer.direct_amplitude[:] = (seen.amplitude * np.exp(-log_ratio)).ravel()
+    answer.direct_phase_rad[:] = _within_a_turn(seen.phase_rad - lag).ravel()
     answer.direct_sigma_rad[:] = np.sqrt(variance).ravel()
 
 
-def _mpi(
-    answer: DiffusePixels, phasors: Complex, seen: PixelData, log_ratio: Float32, lag: Float32, variance: Float32
-) -> None:
+def _write_mpi(answer: DiffusePixels, seen: PixelData, log_ratio: Float32, lag: Float32, variance: Float32) -> None:
     """Write p_1·(1 − 1/H_1), the phasor of the MPI light, its phase behind the direct one."""
     shrink = np.exp(-log_ratio)
     re, im = 1.0 - shrink * np.cos(lag), shrink * np.sin(lag)
-    magnitude = np.sqrt(phasors[0].real ** 2 + phasors[0].imag ** 2)
-    answer.mpi_amplitude[:] = (magnitude * np.sqrt(re * re + im * im)).ravel()
-    behind = np.mod(np.arctan2(im, re) + lag, np.float32(FULL_TURN))
-    answer.mpi_phase_rad[:] = answer.direct_phase_rad + behind.ravel()
+    answer.mpi_amplitude[:] = (seen.amplitude * np.sqrt(re * re + im * im)).ravel()
+    answer.mpi_phase_rad[:] = answer.direct_phase_rad + _within_a_turn(np.arctan2(im, re) + lag).ravel()
     sigma = np.sqrt(np.maximum(variance, 0.0) + seen.relative_noise[0])
     answer.mpi_sigma_rad[:] = np.minimum(sigma, np.float32(UNKNOWN_PHASE_RAD)).ravel()
 
@@ -112,28 +113,29 @@ def _mpi(
 def _pixel_data(phasors: Complex, model: DiffuseModel, samples: Float | None) -> PixelData:
     """Return what phasors (H, rows, columns) say of the tail."""
     variances = [v if samples is None else v / samples for v in model.variances]
-    first = _magnitude(phasors[0], variances[0], LEAST_AMPLITUDE)
+    square = phasors.real**2 + phasors.imag**2
     phase = np.arctan2(phasors[0].imag, phasors[0].real)
-    relative = [(variances[0] / first**2).astype(np.float32)]
+    first = np.maximum(square[0], LEAST_AMPLITUDE**2 * variances[0])
+    relative = [(variances[0] / first).astype(np.float32)]
     count = len(phasors) - 1
     data = np.empty((2 * count, *phase.shape), np.float32)
     for i, (p, h) in enumerate(zip(phasors[1:], model.settings.harmonics[1:], strict=True)):
-        magnitude = _magnitude(p, variances[i + 1], LEAST_HARMONIC)
-        data[i] = np.log((magnitude / first).astype(np.float32))
-        data[count + i] = np.arctan2(p.imag, p.real) - h * phase
-        relative.append((variances[i + 1] / magnitude**2).astype(np.float32))
-    phases = phase_data(2 * count)
-    data[phases] = wrapped(data[phases])
-    return PixelData(phase, data, relative)
+        further = np.maximum(square[i + 1], LEAST_HARMONIC**2 * variances[i + 1])
+        data[i] = np.float32(0.5) * np.log((further / first).astype(np.float32))
+        data[count + i] = wrapped(np.arctan2(p.imag, p.real) - h * phase)
+        relative.append((variances[i + 1] / further).astype(np.float32))
+    return PixelData(np.sqrt(square[0]), phase, data, relative)
 
 
-def _magnitude(p: Complex, variance: Float | float, least: float) -> Float:
-    """Return |p|, at least so many standard deviations of its noise."""
-    return np.sqrt(np.maximum(p.real**2 + p.imag**2, least**2 * variance))
+def _within_a_turn(phase: Values) -> Values:
+    """Return phases between −2π and 4π brought to [0, 2π)."""
+    turn = phase.dtype.type(FULL_TURN)
+    inside: Values = phase + turn * (phase < 0.0)
+    inside -= turn * (inside >= turn)
+    return inside
 
 
 def _first_range(phase_rad: Float, model: DiffuseModel, band: Band) -> Float32:
     """Return the ranges of pixels by the lag of the nearest patches, float32: good enough to tell surfaces apart."""
     lag = model.upsampler.linear(model.coarse.data + 1, band)
-    offset = model.range_offset(band)
-    return np.maximum(model.range_m(phase_rad - lag) + offset, NEAREST_M).astype(np.float32)
+    return np.maximum(model.range_m(phase_rad - lag) + model.range_offset(band), NEAREST_M).astype(np.float32)

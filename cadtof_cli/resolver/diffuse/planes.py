@@ -63,7 +63,8 @@ def _median(inverse: Float, seen: Bool) -> Float:
     """Return the (upper) median over the seen pixels of every patch; 1 where there are none."""
     place = np.minimum(seen.sum(-1) // 2, seen.shape[-1] - 1)
     median = np.take_along_axis(np.sort(inverse, axis=-1), place[..., None], axis=-1)[..., 0]
-    return np.where(np.isfinite(median), median, 1.0)
+    found: Float = np.where(np.isfinite(median), median, 1.0)
+    return found
 
 
 def _normals(inverse: Float, on_plane: Bool, grid: PatchGrid) -> Float:
@@ -81,4 +82,4 @@ def _normals(inverse: Float, on_plane: Bool, grid: PatchGrid) -> Float:
     a, b = (xz * yy - yz * xy) / determinant, (yz * xx - xz * xy) / determinant
     normal = -np.stack([a, b, z - a * x - b * y])
     normal /= np.linalg.norm(normal, axis=0) + TINY
-    return normal
+    return np.asarray(normal)

@@ -25,7 +25,7 @@ LEAST_PATCHES = 8
 """Patches with light below which there is no room to predict from."""
 
 DATA_FLOOR = 0.01
-"""What the model cannot say of a patch's data better than this (1 or rad), whatever the noise: surfaces are not flat, nor matt."""
+"""What no model says of a patch's data better than this (1 or rad), whatever the noise: surfaces are not flat, nor matt."""
 
 LEAST_RATIO = 0.05
 """Least |q_h| that the noise of a patch's data is taken for."""
@@ -167,5 +167,7 @@ def _room_numbers(fit: PatchFit) -> RoomNumbers:
     low, middle, high = np.percentile(fit.state, (16, 50, 84), axis=1)
     scatter = 0.5 * (high - low)
     natural = np.exp(middle[:4])
-    pairs = [(float(value), float(value * s)) for value, s in zip(natural, scatter[:4], strict=True)]
-    return RoomNumbers(*pairs, (float(EARLIEST_NS + middle[4]), float(scatter[4])))
+    albedo, later, unseen, decay = (
+        (float(value), float(value * s)) for value, s in zip(natural, scatter, strict=False)
+    )
+    return RoomNumbers(albedo, later, unseen, decay, (float(EARLIEST_NS + middle[4]), float(scatter[4])))

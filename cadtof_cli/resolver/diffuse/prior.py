@@ -1,7 +1,7 @@
 """What rooms are like before their data are seen: the state's mean, its spread between rooms, and its pattern within one.
 
-The components are those of `tail.STATE`. The numbers are medians and spreads over a dozen rendered rooms; rooms that were rendered
-afterwards follow them.
+The components are those of `tail.STATE`. The numbers are medians and spreads over a dozen rendered rooms, and
+hold for rooms that were rendered afterwards.
 """
 
 import numpy as np

@@ -69,12 +69,11 @@ class DiffuseModel:
             return 0.0
         return self.range_offset_m[band.top : band.bottom, band.left : band.right]
 
-    def is_separate(self, pixels: slice, /) -> Bool:
-        """Return which pixels, flat indices row by row, lie in patches with separate paths."""
-        grid = self.upsampler.grid
-        row, column = np.divmod(np.arange(pixels.start, pixels.stop), grid.width)
-        separate: Bool = self.separate[row // grid.side, column // grid.side]
-        return separate
+    def is_separate(self, band: Band, /) -> Bool:
+        """Return which pixels of a band lie in patches with separate paths."""
+        side = self.upsampler.grid.side
+        row, column = np.arange(band.top, band.bottom) // side, np.arange(band.left, band.right) // side
+        return self.separate[np.ix_(row, column)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,9 +92,9 @@ class DiffusePixels:
     mpi_sigma_rad: Float
 
     @classmethod
-    def empty(cls, answered: Bool, /) -> "DiffusePixels":
+    def empty(cls, pixels: int, /) -> "DiffusePixels":
         """Return answers to be filled in."""
-        return cls(answered, *(np.empty(answered.size) for _ in fields(cls)[1:]))
+        return cls(np.empty(pixels, np.bool_), *(np.empty(pixels) for _ in fields(cls)[1:]))
 
     def __getitem__(self, pixels: slice, /) -> "DiffusePixels":
         """Return some of the answers, as views."""
@@ -109,6 +108,6 @@ class DiffusePixels:
 
 def range_from_phase(phase_rad: Float, settings: DiffuseSettings, /) -> Float:
     """Return the range of a fundamental phase, in [nearest, nearest + c·T1/2)."""
-    nearest = settings.nearest_m / settings.m_per_rad
-    ahead: Float = np.mod(phase_rad - nearest, 2.0 * np.pi)
+    turns = (phase_rad - settings.nearest_m / settings.m_per_rad) / (2.0 * np.pi)
+    ahead: Float = (turns - np.floor(turns)) * (2.0 * np.pi)
     return settings.nearest_m + ahead * settings.m_per_rad

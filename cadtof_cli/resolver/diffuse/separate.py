@@ -16,7 +16,7 @@ LARGEST_RATIO = 1.2
 """Largest |q_2| of a tail: below 1 for one that decays; strong light from one far wall reaches 1.15."""
 
 SEPARATE_SHARE = 0.15
-"""Share of separate patches above which a whole frame is taken as two paths: 0 in rendered rooms, .26 to .51 where there are two."""
+"""Share of separate patches above which a whole frame is taken as two paths: 0 in rendered rooms, .26 to .51 on true ones."""
 
 SEEN_SNR = 3.0
 """Amplitude over noise from which a patch counts."""

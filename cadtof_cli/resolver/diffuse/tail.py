@@ -13,11 +13,15 @@ which do not depend on the direct phase; what is wanted is ln H_1.
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TypeVar
 
 import numpy as np
 
-from cadtof_cli.arrays import Complex, Float
+from cadtof_cli.arrays import Complex, Float, Float32
 from cadtof_cli.resolver.diffuse.radiosity import Interreflections
+
+Values = TypeVar("Values", Float, Float32)
+"""float64 for patches, float32 for pixels."""
 
 STATE = ("ln s", "ln u", "ln v", "ln τ", "t")
 """The state's components, in this order everywhere."""
@@ -81,12 +85,13 @@ def phase_data(data: int, /) -> slice:
     return slice(data // 2, data)
 
 
-def wrapped(phase: Float, /) -> Float:
+def wrapped(phase: Values, /) -> Values:
     """Return phases in rad brought to −π … π."""
-    return phase - 2.0 * np.pi * np.rint(phase / (2.0 * np.pi))
+    inside: Values = phase - 2.0 * np.pi * np.rint(phase / (2.0 * np.pi))
+    return inside
 
 
-def residuals(observed: Float, predicted: Float, /) -> Float:
+def residuals(observed: Values, predicted: Values, /) -> Values:
     """Return data minus their prediction, (data, …) each, phases by the short way round."""
     difference = observed - predicted
     phases = phase_data(len(observed))
