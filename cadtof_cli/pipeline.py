@@ -9,17 +9,17 @@ from typing import Literal
 import numpy as np
 
 from cadtof_cli.arrays import Bool, Complex, Float, Stored
-from cadtof_cli.calibration.frame import FrameCorrection, frame_correction
+from cadtof_cli.calibration.apply import FrameCorrection, frame_correction
 from cadtof_cli.calibration.store import cached_calibration
 from cadtof_cli.capture.metadata import CaptureMetadata
 from cadtof_cli.errors import FrameError, SettingsError
 from cadtof_cli.maps.depth import DepthScale, write_paths
-from cadtof_cli.maps.geometry import known_focal_length, planar_per_range
 from cadtof_cli.maps.layers import DepthMaps, LayerChoice, empty_maps
-from cadtof_cli.phasors.averaging import FrameMean
+from cadtof_cli.optics.pinhole import known_focal_length, planar_per_range
+from cadtof_cli.phasors.frame_mean import FrameMean
+from cadtof_cli.phasors.noise import NoiseModel, estimated_integration_length, noise_model
+from cadtof_cli.phasors.pooling import pooled_phasors
 from cadtof_cli.phasors.voltages import PhasorScale, phasor_scale, saturated_pixels
-from cadtof_cli.resolver.noise import NoiseModel, estimated_integration_length, noise_model
-from cadtof_cli.resolver.pooling import pooled_phasors
 from cadtof_cli.resolver.resolve import resolve_paths
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.resolver.status import StatusBit

@@ -12,16 +12,16 @@ from cadtof_cli.capture.discovery import Capture, find_captures
 from cadtof_cli.capture.metadata import CaptureMetadata
 from cadtof_cli.capture.reader import open_frames
 from cadtof_cli.capture.stacks import single_frames
+from cadtof_cli.files.layers import read_layers
 from cadtof_cli.maps.layers import DIRECT_DEPTH
-from cadtof_cli.maps.reader import read_layers
+from cadtof_cli.phasors.noise import noise_model
 from cadtof_cli.phasors.pulse import pulse_response
 from cadtof_cli.pipeline import FramePlan, resolve_frame
-from cadtof_cli.resolver.closed_form import TwoPaths, fundamental_frame, two_paths
-from cadtof_cli.resolver.noise import noise_model
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.resolver.status import StatusBit
-from cadtof_cli.resolver.uncertainty import two_path_sigmas
-from cadtof_cli.workflows.evaluate import first_phasor_depth
+from cadtof_cli.resolver.two_path.closed_form import TwoPaths, fundamental_frame, two_paths
+from cadtof_cli.resolver.two_path.uncertainty import two_path_sigmas
+from cadtof_cli.workflows.inspect.evaluate import first_phasor_depth
 
 ROOT = Path(__file__).resolve().parent.parent
 T1_NS = 40.0

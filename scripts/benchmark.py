@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import leastsq
 
-from cadtof_cli.resolver.closed_form import fundamental_frame, two_paths
+from cadtof_cli.resolver.two_path.closed_form import fundamental_frame, two_paths
 
 ROOT = Path(__file__).resolve().parent.parent
 FRAME = ROOT / "sample_data" / "corner"

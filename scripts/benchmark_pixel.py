@@ -9,11 +9,11 @@ from functools import partial
 import numpy as np
 
 from cadtof_cli.arrays import Float, Float32
-from cadtof_cli.simulation.averaging import Averaging
-from cadtof_cli.simulation.mix import PhotonMix
-from cadtof_cli.simulation.pixel import CHUNK, PixelModel, pixel_weights, record_pixel
+from cadtof_cli.simulation.pixel.averaging import Averaging
+from cadtof_cli.simulation.pixel.mix import PhotonMix
+from cadtof_cli.simulation.pixel.pixel import CHUNK, PixelModel, pixel_weights, record_pixel
 from cadtof_cli.simulation.trials import Condition, Trials
-from cadtof_cli.workflows.simulate import simulate_pixel
+from cadtof_cli.workflows.simulate.simulate import simulate_pixel
 
 REPEATS = 5
 

@@ -14,14 +14,14 @@ from scipy.optimize import leastsq
 from cadtof_cli.capture.discovery import find_captures
 from cadtof_cli.capture.reader import open_frames
 from cadtof_cli.execution.memory import keep_freed_memory
+from cadtof_cli.files.layers import read_layers
 from cadtof_cli.maps.layers import DIRECT_DEPTH
-from cadtof_cli.maps.reader import read_layers
 from cadtof_cli.pipeline import FramePlan, resolve_frame
-from cadtof_cli.resolver.closed_form import fundamental_frame, two_paths
-from cadtof_cli.resolver.eliminated import TwoShares, random_starts, two_shares
+from cadtof_cli.resolver.paper.eliminated import TwoShares, random_starts, two_shares
 from cadtof_cli.resolver.paths import ResolvedPaths
 from cadtof_cli.resolver.resolve import resolve_paths
 from cadtof_cli.resolver.settings import ResolverSettings
+from cadtof_cli.resolver.two_path.closed_form import fundamental_frame, two_paths
 from tests.support.mixtures import C, F, Mixture, noise_of, recorded
 
 ROOT = Path(__file__).resolve().parent.parent

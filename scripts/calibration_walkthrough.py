@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from cadtof_cli.calibration.store import load_calibration
 from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Optics, Pixel, Target, Waveform
 from cadtof_cli.capture.toml import toml_text
-from cadtof_cli.maps.exr import write_exr
+from cadtof_cli.files.exr.maps import write_exr
+from cadtof_cli.files.layers import read_layers
 from cadtof_cli.maps.layers import DIRECT_DEPTH, DepthMaps
-from cadtof_cli.maps.reader import read_layers
 from cadtof_cli.resolver.status import StatusBit
 from cadtof_cli.simulation.defects import DefectiveCamera, Defects, qvga_metadata
 from cadtof_cli.units import C_M_PER_NS

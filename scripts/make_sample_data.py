@@ -6,12 +6,12 @@ import tempfile
 from pathlib import Path
 
 from cadtof_cli.capture.metadata import CaptureMetadata, Pixel, Target, Voltage
-from cadtof_cli.simulation.camera import Camera
-from cadtof_cli.simulation.exposure import Exposure
-from cadtof_cli.simulation.light import Scene
-from cadtof_cli.simulation.recorder import FrameFormat
-from cadtof_cli.simulation.scenes import Card, Corner, InterReflection, Wall
-from cadtof_cli.workflows.record import RecordSettings, record_scene
+from cadtof_cli.simulation.scene.camera import Camera
+from cadtof_cli.simulation.scene.exposure import Exposure
+from cadtof_cli.simulation.scene.light import Scene
+from cadtof_cli.simulation.scene.recorder import FrameFormat
+from cadtof_cli.simulation.scene.scenes import Card, Corner, InterReflection, Wall
+from cadtof_cli.workflows.simulate.record import RecordSettings, record_scene
 
 ROOT = Path(__file__).resolve().parent.parent
 SEED = 2024

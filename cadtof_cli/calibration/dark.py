@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from cadtof_cli.arrays import Bool, Float, Float32
 from cadtof_cli.calibration.averaging import MeanFrame, median_variance_ratio
 from cadtof_cli.calibration.parts import Maps, Origin, PartKind, Tables, plane_names, read_only, stacked
-from cadtof_cli.capture.frames import CHANNELS
-from cadtof_cli.resolver.noise import MAD_PER_SIGMA
+from cadtof_cli.files.frames import CHANNELS
+from cadtof_cli.phasors.noise import MAD_PER_SIGMA
 
 OFFSET_LIMIT = 8.0
 """Robust standard deviations beyond which an offset is an outlier: Gaussian offsets reach 5.5 in a megapixel."""

@@ -19,8 +19,8 @@ from cadtof_cli.calibration.petzval import PetzvalCalibration
 from cadtof_cli.calibration.response import ResponseCalibration
 from cadtof_cli.capture.metadata import CaptureMetadata
 from cadtof_cli.errors import FrameError, MetadataError, OutputError
-from cadtof_cli.maps.files import make_folder, whole_file
-from cadtof_cli.maps.reader import read_layers
+from cadtof_cli.files.atomic import make_folder, whole_file
+from cadtof_cli.files.layers import read_layers
 
 DIGEST_LENGTH = 16
 

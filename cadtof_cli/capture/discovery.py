@@ -12,10 +12,10 @@ from pathlib import Path
 from typing import Any
 
 from cadtof_cli.capture.file_names import FILE_SUFFIXES, grouped_planes, natural_key
-from cadtof_cli.capture.frames import FrameLayout, FrameSource
 from cadtof_cli.capture.metadata import CaptureMetadata
 from cadtof_cli.capture.toml import FILE_NAME, MetadataSource, load_metadata
 from cadtof_cli.errors import CaptureError
+from cadtof_cli.files.frames import FrameLayout, FrameSource
 
 _TRUTH = "truth"
 _NAMES_IN_MESSAGE = 5

@@ -4,7 +4,7 @@ import re
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-from cadtof_cli.capture.frames import CHANNELS, FrameSource, harmonic_labels
+from cadtof_cli.files.frames import CHANNELS, FrameSource, harmonic_labels
 
 FILE_SUFFIXES = (".exr", ".tif", ".tiff")
 

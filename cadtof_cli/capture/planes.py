@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 
 from cadtof_cli.arrays import Stored
-from cadtof_cli.capture.containers import container_of
-from cadtof_cli.capture.frames import CHANNELS, Container, FrameLayout, FrameSource, shape_text
 from cadtof_cli.errors import FrameError
+from cadtof_cli.files.formats import container_of
+from cadtof_cli.files.frames import CHANNELS, Container, FrameLayout, FrameSource, shape_text
 
 
 class PlaneFrames:
@@ -50,9 +50,9 @@ class PlaneFrames:
 
 def _read_plane(path: Path) -> Stored:
     if container_of(path)[0] == "exr":
-        from cadtof_cli.capture.exr import read_plane
+        from cadtof_cli.files.exr.frames import read_plane
 
         return read_plane(path)
-    from cadtof_cli.capture.tiff import read_plane as read_tiff_plane
+    from cadtof_cli.files.tiff.frames import read_plane as read_tiff_plane
 
     return read_tiff_plane(path)

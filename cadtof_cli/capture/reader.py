@@ -7,12 +7,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from cadtof_cli.capture.containers import FileState, container_of
-from cadtof_cli.capture.frames import FrameLayout, Frames, FrameSource
 from cadtof_cli.capture.planes import PlaneFrames
+from cadtof_cli.files.formats import FileState, container_of
+from cadtof_cli.files.frames import FrameLayout, Frames, FrameSource
 
 if TYPE_CHECKING:
-    from cadtof_cli.capture.tiff import TiffFrames
+    from cadtof_cli.files.tiff.frames import TiffFrames
 
 
 @contextmanager
@@ -36,7 +36,7 @@ def open_frames(source: FrameSource, layout: FrameLayout) -> Iterator[Frames]:
     path = source.paths[0]
     container, state = container_of(path)
     if container == "exr":
-        from cadtof_cli.capture.exr import ExrFrames
+        from cadtof_cli.files.exr.frames import ExrFrames
 
         yield ExrFrames(path, layout)
         return
@@ -58,7 +58,7 @@ _last = threading.local()
 @contextmanager
 def _tiff_frames(path: Path, layout: FrameLayout, state: FileState) -> Iterator[Frames]:
     """Open a TIFF file; a worker that takes a stack frame by frame finds its thousands of pages once."""
-    from cadtof_cli.capture.tiff import TiffFrames
+    from cadtof_cli.files.tiff.frames import TiffFrames
 
     key = (path, layout, state)
     stack: _Stack | None = getattr(_last, "stack", None)

@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 
 from cadtof_cli.capture.discovery import Capture
-from cadtof_cli.capture.frames import Frames, FrameSource
 from cadtof_cli.capture.reader import open_frames
 from cadtof_cli.errors import FrameError
+from cadtof_cli.files.frames import Frames, FrameSource
 
 
 def single_frames(capture: Capture, /) -> Iterator[FrameSource]:

@@ -8,8 +8,8 @@ from typing import Any
 
 import click
 
+from cadtof_cli.commands.options import Function, SectionedCommand, capture_options_without, input_paths
 from cadtof_cli.commands.progress import progress_bar
-from cadtof_cli.options import Function, SectionedCommand, capture_options_without, input_paths
 
 STATUS_HELP = "Exit status: 0 measured and written; 1 a frame cannot be read; 2 wrong usage, settings or captures."
 
@@ -60,7 +60,7 @@ _DISTANCE = click.option(
 @_shared
 def dark(captures: tuple[str, ...], **options: Any) -> int:
     """Measure each pixel's offsets and noise from frames recorded with the lens covered, and find hot and dead pixels."""
-    from cadtof_cli.workflows.calibrate_dark import calibrate_dark
+    from cadtof_cli.workflows.calibrate.dark import calibrate_dark
 
     return _run(calibrate_dark, captures, options, _dark_lines)
 
@@ -74,7 +74,7 @@ def response(captures: tuple[str, ...], **options: Any) -> int:
     One distance gives every pixel's phase and gain. Several, spread over the range, also tell the imbalance of SC1 and SC2
     and how the waveform differs from the ideal one.
     """
-    from cadtof_cli.workflows.calibrate_response import calibrate_response
+    from cadtof_cli.workflows.calibrate.response import calibrate_response
 
     return _run(calibrate_response, captures, options, _response_lines)
 
@@ -90,7 +90,7 @@ def petzval(captures: tuple[str, ...], plot: Path | None, **options: Any) -> int
 
     Tilt is fitted, and distance where it is not given; what is not wall (MPI, objects in view) is left out.
     """
-    from cadtof_cli.workflows.calibrate_petzval import calibrate_petzval
+    from cadtof_cli.workflows.calibrate.petzval import calibrate_petzval
 
     def measure(inputs: Any, /, **settings: Any) -> Any:
         return calibrate_petzval(inputs, plot=plot, **settings)
@@ -104,7 +104,7 @@ def _run(
     options: dict[str, Any],
     lines: Callable[[Mapping[str, Any]], list[str]],
 ) -> int:
-    from cadtof_cli.workflows.calibrate_captures import CalibrateSettings, Progress
+    from cadtof_cli.workflows.calibrate.captures import CalibrateSettings, Progress
 
     settings = CalibrateSettings(
         out=options["out"], overwrite=options["overwrite"], distances_m=options.get("distances", ())

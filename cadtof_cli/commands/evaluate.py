@@ -18,7 +18,7 @@ def evaluate(maps: Path, truth: Path, as_json: bool) -> None:
     OUT is the folder that `cadtof resolve` wrote, or one map file. All frames are held against the same truth; pixels
     without truth do not count, and `valid` is the share of the others that have an answer.
     """
-    from cadtof_cli.workflows.evaluate import evaluate_maps
+    from cadtof_cli.workflows.inspect.evaluate import evaluate_maps
 
     evaluation = evaluate_maps(maps, truth=truth, on_note=lambda note: click.echo(note, err=True))
     if as_json:

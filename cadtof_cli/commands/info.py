@@ -7,8 +7,8 @@ from typing import Any
 
 import click
 
+from cadtof_cli.commands.options import SectionedCommand, capture_options, input_paths
 from cadtof_cli.commands.progress import progress_bar
-from cadtof_cli.options import SectionedCommand, capture_options, input_paths
 
 
 @click.command(cls=SectionedCommand, short_help="What a capture or map file holds, and what is wrong with it.")
@@ -27,7 +27,7 @@ def info(inputs: tuple[str, ...], jobs: int | None, as_json: bool, overrides: Ma
     Exit status: 0 all is well; 1 something is wrong with a capture or map, and is said on stderr;
     2 wrong usage, or nothing to look into.
     """
-    from cadtof_cli.workflows.info import CaptureFacts, look_into
+    from cadtof_cli.workflows.inspect.info import CaptureFacts, look_into
 
     with progress_bar("reading", "frames", quiet=False) as bar:
         found = look_into(input_paths(inputs), overrides=overrides, jobs=jobs, on_total=bar.total, on_frame=bar.advance)

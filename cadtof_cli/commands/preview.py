@@ -16,7 +16,7 @@ def preview(maps: Path, out: Path, truth: Path | None) -> None:
 
     MAPS is a map file, or a folder of them, whose first is drawn.
     """
-    from cadtof_cli.workflows.preview import preview_maps
+    from cadtof_cli.workflows.inspect.preview import preview_maps
 
     preview_maps(maps, out=out, truth=truth, on_note=lambda note: click.echo(note, err=True))
     click.echo(out)

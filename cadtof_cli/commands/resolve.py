@@ -7,8 +7,8 @@ from typing import Any
 
 import click
 
+from cadtof_cli.commands.options import SectionedCommand, capture_options, input_paths
 from cadtof_cli.commands.progress import Bar, progress_bar
-from cadtof_cli.options import SectionedCommand, capture_options, input_paths
 from cadtof_cli.resolver.settings import RETURNS, SOLVERS, ResolverSettings
 
 
@@ -145,7 +145,7 @@ def resolve(
     Exit status: 0 all frames resolved; 1 some failed, the others are written;
     2 wrong usage, settings or capture; 130 interrupted.
     """
-    from cadtof_cli.workflows.resolve import Progress, ResolveSettings, resolve_captures
+    from cadtof_cli.workflows.resolve.resolve import Progress, ResolveSettings, resolve_captures
 
     paths = input_paths(inputs)
     arguments = {"inputs": [str(path) for path in paths], "out": str(out), **options, "overrides": dict(overrides)}

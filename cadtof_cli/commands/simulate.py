@@ -24,9 +24,9 @@ from cadtof_cli.commands.simulation_options import (
 from cadtof_cli.errors import SettingsError
 
 if TYPE_CHECKING:
-    from cadtof_cli.simulation.light import Scene
+    from cadtof_cli.simulation.scene.light import Scene
     from cadtof_cli.simulation.trials import PathSummary, Trials, TrialsSummary
-    from cadtof_cli.workflows.record import RecordSettings
+    from cadtof_cli.workflows.simulate.record import RecordSettings
 
 SCENE_NAMES = ("pixel", "card", "wall", "corner", "inter-reflection")
 
@@ -99,8 +99,8 @@ def simulate(context: click.Context, /, scene: str, out: Path | None, **options:
 
 
 def _simulate_pixel(out: Path | None, options: dict[str, Any]) -> None:
-    from cadtof_cli.workflows.record_folder import require_absent
-    from cadtof_cli.workflows.simulate import json_report, simulate_pixel, write_evolution
+    from cadtof_cli.files.new_folder import require_absent
+    from cadtof_cli.workflows.simulate.simulate import json_report, simulate_pixel, write_evolution
 
     trials = _trials(options)
     if out is not None:
@@ -158,7 +158,7 @@ def _row(name: str, path: "PathSummary") -> str:
 
 
 def _record_scene(name: str, out: Path, options: dict[str, Any]) -> None:
-    from cadtof_cli.workflows.record import record_scene, record_steps
+    from cadtof_cli.workflows.simulate.record import record_scene, record_steps
 
     settings = _record_settings(name, options)
     with progress_bar(f"record {name}", "steps", quiet=options["quiet"]) as bar:
@@ -175,10 +175,10 @@ def _record_scene(name: str, out: Path, options: dict[str, Any]) -> None:
 
 def _record_settings(name: str, options: dict[str, Any]) -> "RecordSettings":
     from cadtof_cli.capture.metadata import CaptureMetadata, Pixel, Pulse, Target, Voltage
-    from cadtof_cli.simulation.camera import Camera
-    from cadtof_cli.simulation.exposure import Exposure
-    from cadtof_cli.simulation.scenes import Wall
-    from cadtof_cli.workflows.record import RecordSettings
+    from cadtof_cli.simulation.scene.camera import Camera
+    from cadtof_cli.simulation.scene.exposure import Exposure
+    from cadtof_cli.simulation.scene.scenes import Wall
+    from cadtof_cli.workflows.simulate.record import RecordSettings
 
     averaging = averaging_from_options(options, options["integration_length"])
     camera = Camera(
@@ -207,7 +207,7 @@ def _record_settings(name: str, options: dict[str, Any]) -> "RecordSettings":
 
 def _scene(name: str, options: dict[str, Any]) -> "Scene":
     """Build the scene from the options that it takes; the others must be absent."""
-    from cadtof_cli.simulation.scenes import SCENES
+    from cadtof_cli.simulation.scene.scenes import SCENES
 
     taken, given = SCENE_SETTINGS[name], {"asr": options["asr"]}
     for option in ("mpi", "direct_ns", "distance_m", "tilt_deg", "albedo", "opening_deg"):

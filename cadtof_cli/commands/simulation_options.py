@@ -7,13 +7,13 @@ import click
 from click.core import ParameterSource
 
 from cadtof_cli.capture.metadata import WAVEFORMS, InvalidValueError, Modulation
+from cadtof_cli.commands.options import NumberList
 from cadtof_cli.errors import SettingsError
-from cadtof_cli.options import NumberList
 from cadtof_cli.resolver.settings import ORDERS, ResolverSettings
 
 if TYPE_CHECKING:
-    from cadtof_cli.simulation.averaging import Averaging
-    from cadtof_cli.simulation.pixel import PixelModel
+    from cadtof_cli.simulation.pixel.averaging import Averaging
+    from cadtof_cli.simulation.pixel.pixel import PixelModel
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -82,7 +82,7 @@ def modulation_from_options(options: dict[str, Any], /) -> Modulation:
 
 def averaging_from_options(options: dict[str, Any], integration_length: float | None, /) -> "Averaging":
     """Return the averaging from n_av or, in its place, from capacitors."""
-    from cadtof_cli.simulation.averaging import Averaging, Capacitors, Stages
+    from cadtof_cli.simulation.pixel.averaging import Averaging, Capacitors, Stages
 
     stages = Stages(drive=options["stages"], f1_hz=options["f1_hz"], f2_hz=options["f2_hz"])
     if options["capacitors"] is None:
@@ -95,7 +95,7 @@ def averaging_from_options(options: dict[str, Any], integration_length: float | 
 
 def model_from_options(options: dict[str, Any], averaging: "Averaging", /) -> "PixelModel":
     """Return the pixel; raises SettingsError for one that cannot be."""
-    from cadtof_cli.simulation.pixel import PixelModel
+    from cadtof_cli.simulation.pixel.pixel import PixelModel
 
     offsets = options["offsets_v"]
     if len(offsets) != 2:

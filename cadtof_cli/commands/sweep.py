@@ -21,7 +21,7 @@ from cadtof_cli.commands.simulation_options import (
 from cadtof_cli.errors import SettingsError
 
 if TYPE_CHECKING:
-    from cadtof_cli.workflows.sweep import SweepSettings
+    from cadtof_cli.workflows.simulate.sweep import SweepSettings
 
 GRID = "GRID"
 
@@ -45,9 +45,9 @@ def sweep(out: Path | None, plot: Path | None, **options: Any) -> None:
     \b
     Exit status: 0 done; 2 wrong usage or settings, or OUT exists; 130 interrupted.
     """
-    from cadtof_cli.workflows.record_folder import require_absent
-    from cadtof_cli.workflows.sweep import draw_sweep, sweep_steps, write_table, write_table_file
-    from cadtof_cli.workflows.sweep import sweep as run_sweep
+    from cadtof_cli.files.new_folder import require_absent
+    from cadtof_cli.workflows.simulate.sweep import draw_sweep, sweep_steps, write_table, write_table_file
+    from cadtof_cli.workflows.simulate.sweep import sweep as run_sweep
 
     settings = _settings(options)
     for path in (out, plot):
@@ -67,7 +67,7 @@ def sweep(out: Path | None, plot: Path | None, **options: Any) -> None:
 def _settings(options: dict[str, Any]) -> "SweepSettings":
     from cadtof_cli.simulation.grid import grid_from_text
     from cadtof_cli.simulation.trials import Condition, Trials
-    from cadtof_cli.workflows.sweep import SweepSettings
+    from cadtof_cli.workflows.simulate.sweep import SweepSettings
 
     text = options["integration_length"]
     if text is not None and options["capacitors"] is not None:

@@ -10,9 +10,9 @@ from matplotlib.figure import Figure
 
 from cadtof_cli.arrays import Float
 from cadtof_cli.calibration.petzval import PetzvalCalibration, squared_field_radius
-from cadtof_cli.calibration.wall import wall_range_m
 from cadtof_cli.capture.metadata import Optics
-from cadtof_cli.maps.files import whole_file
+from cadtof_cli.files.atomic import whole_file
+from cadtof_cli.optics.wall import wall_range_m
 
 ROWS = 5
 """Rows about the principal point whose median is drawn."""

@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from cadtof_cli.simulation.evolution import Evolution
+from cadtof_cli.simulation.pixel.evolution import Evolution
 from cadtof_cli.simulation.trials import Condition
 
 DIRECT_COLOUR, MPI_COLOUR, MEASURED_COLOUR, AMBIENT_COLOUR = "#1b6ca8", "#d1495b", "#222222", "#b8b8b8"

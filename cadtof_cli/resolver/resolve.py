@@ -7,25 +7,26 @@ from functools import partial
 import numpy as np
 
 from cadtof_cli.arrays import Bool, Complex, Float, Float32, Index, Status
-from cadtof_cli.resolver.by_response import paths_by_response
-from cadtof_cli.resolver.closed_form import (
+from cadtof_cli.phasors.chi_squared import chi_squared_threshold
+from cadtof_cli.phasors.noise import NoiseModel
+from cadtof_cli.resolver.likelihood.searched import searched_paths
+from cadtof_cli.resolver.order import worth_another
+from cadtof_cli.resolver.paths import Path, ResolvedPaths
+from cadtof_cli.resolver.response.by_response import paths_by_response
+from cadtof_cli.resolver.response.table import ResponseBlock
+from cadtof_cli.resolver.returns import direct_and_mpi
+from cadtof_cli.resolver.screening import screened
+from cadtof_cli.resolver.settings import ResolverSettings
+from cadtof_cli.resolver.status import StatusBit
+from cadtof_cli.resolver.two_path.closed_form import (
     FundamentalFrame,
     fundamental_frame,
     is_single,
     phase_of,
     two_paths,
 )
-from cadtof_cli.resolver.noise import NoiseModel
-from cadtof_cli.resolver.one_path import one_path
-from cadtof_cli.resolver.order import chi_squared_threshold, worth_another
-from cadtof_cli.resolver.paths import Path, ResolvedPaths
-from cadtof_cli.resolver.response_table import ResponseBlock
-from cadtof_cli.resolver.returns import direct_and_mpi
-from cadtof_cli.resolver.screening import screened
-from cadtof_cli.resolver.searched import searched_paths
-from cadtof_cli.resolver.settings import ResolverSettings
-from cadtof_cli.resolver.status import StatusBit
-from cadtof_cli.resolver.uncertainty import two_path_sigmas
+from cadtof_cli.resolver.two_path.one_path import one_path
+from cadtof_cli.resolver.two_path.uncertainty import two_path_sigmas
 
 ORDER_TEST_STEPS = 0
 """Newton steps of the one-path fit where the order test follows. What the test accepts deviates from one path by no more than

@@ -3,9 +3,9 @@
 import numpy as np
 
 from cadtof_cli.arrays import Bool
-from cadtof_cli.resolver.closed_form import FULL_TURN
 from cadtof_cli.resolver.paths import Path, PathSet
 from cadtof_cli.resolver.settings import ResolverSettings
+from cadtof_cli.resolver.two_path.closed_form import FULL_TURN
 
 ECHO_RATIO = 0.5
 """A path below this share of the other's amplitude, and over half a turn ahead of it, is its echo, wrapped round the range."""

@@ -5,8 +5,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from cadtof_cli.arrays import Bool, Float, Status
-from cadtof_cli.resolver.noise import NoiseModel
-from cadtof_cli.resolver.order import chi_squared_threshold
+from cadtof_cli.phasors.chi_squared import chi_squared_threshold
+from cadtof_cli.phasors.noise import NoiseModel
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.resolver.status import StatusBit
 

@@ -9,15 +9,15 @@ import numpy as np
 from cadtof_cli.arrays import Float, Float32
 from cadtof_cli.capture.metadata import CaptureMetadata, Pixel, Pulse
 from cadtof_cli.errors import SettingsError
+from cadtof_cli.phasors.noise import noise_model
 from cadtof_cli.phasors.voltages import phasor_scale, phasors_from_voltages
-from cadtof_cli.resolver.noise import noise_model
 from cadtof_cli.resolver.resolve import resolve_paths
 from cadtof_cli.resolver.settings import ResolverSettings
-from cadtof_cli.simulation.averaging import effective_length
-from cadtof_cli.simulation.bounds import time_bounds_ns
-from cadtof_cli.simulation.mix import PhotonMix, finite_at_least, require, two_path_mix
-from cadtof_cli.simulation.pixel import PixelModel, pixel_weights, record_pixel
-from cadtof_cli.simulation.statistics import averaging_gain, confidence_model_v, draw_voltages, voltage_statistics
+from cadtof_cli.simulation.pixel.averaging import effective_length
+from cadtof_cli.simulation.pixel.bounds import time_bounds_ns
+from cadtof_cli.simulation.pixel.mix import PhotonMix, finite_at_least, require, two_path_mix
+from cadtof_cli.simulation.pixel.pixel import PixelModel, pixel_weights, record_pixel
+from cadtof_cli.simulation.pixel.statistics import averaging_gain, confidence_model_v, draw_voltages, voltage_statistics
 
 PHOTON_RUNS, STATISTICS_RUNS = 10, 1000
 """Runs that are drawn together; fixed, so that results never depend on how many processes share the blocks."""

@@ -7,12 +7,12 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from cadtof_cli.figures.pixel_evolution import plot_histogram, plot_phase, plot_voltages
-from cadtof_cli.simulation.averaging import Averaging
-from cadtof_cli.simulation.evolution import evolution
-from cadtof_cli.simulation.pixel import PixelModel
+from cadtof_cli.simulation.pixel.averaging import Averaging
+from cadtof_cli.simulation.pixel.evolution import evolution
+from cadtof_cli.simulation.pixel.pixel import PixelModel
 from cadtof_cli.simulation.trials import Condition, Trials
-from cadtof_cli.workflows.simulate import simulate_pixel, write_rows
-from cadtof_cli.workflows.sweep import SweepCell, SweepSettings, rows, sweep, write_table
+from cadtof_cli.workflows.simulate.simulate import simulate_pixel, write_rows
+from cadtof_cli.workflows.simulate.sweep import SweepCell, SweepSettings, rows, sweep, write_table
 from paper.effort import SEED, Effort
 
 FIG_2 = (

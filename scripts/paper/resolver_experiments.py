@@ -10,12 +10,12 @@ from matplotlib.patches import Rectangle
 from cadtof_cli.figures.pixel_evolution import plot_histogram
 from cadtof_cli.figures.sweep_maps import draw_path_maps
 from cadtof_cli.resolver.settings import ResolverSettings
-from cadtof_cli.simulation.averaging import Averaging
-from cadtof_cli.simulation.evolution import evolution
-from cadtof_cli.simulation.pixel import PixelModel
+from cadtof_cli.simulation.pixel.averaging import Averaging
+from cadtof_cli.simulation.pixel.evolution import evolution
+from cadtof_cli.simulation.pixel.pixel import PixelModel
 from cadtof_cli.simulation.trials import Condition, Trials, TrialsSummary, block_voltages, path_times_ns
-from cadtof_cli.workflows.simulate import simulate_pixel, write_rows
-from cadtof_cli.workflows.sweep import SweepCell, SweepSettings, rows, sweep, write_table
+from cadtof_cli.workflows.simulate.simulate import simulate_pixel, write_rows
+from cadtof_cli.workflows.simulate.sweep import SweepCell, SweepSettings, rows, sweep, write_table
 from paper.effort import SEED, Effort
 
 TABLE_1 = {"a": (16.0, 0.05, 0.16), "b": (25.0, 0.03, 0.12), "c": (11.0, 0.17, 0.52)}

@@ -9,12 +9,12 @@ from cadtof_cli.arrays import Float
 from cadtof_cli.capture.metadata import CaptureMetadata, Pixel
 from cadtof_cli.pipeline import FramePlan, resolve_frame
 from cadtof_cli.resolver.settings import ResolverSettings
-from cadtof_cli.simulation.camera import Camera
-from cadtof_cli.simulation.exposure import Band, Exposure, frame_voltages
-from cadtof_cli.simulation.light import Scene
-from cadtof_cli.simulation.scenes import Corner, InterReflection
-from cadtof_cli.workflows.record import expose
-from cadtof_cli.workflows.simulate import write_rows
+from cadtof_cli.simulation.scene.camera import Camera
+from cadtof_cli.simulation.scene.exposure import Band, Exposure, frame_voltages
+from cadtof_cli.simulation.scene.light import Scene
+from cadtof_cli.simulation.scene.scenes import Corner, InterReflection
+from cadtof_cli.workflows.simulate.record import expose
+from cadtof_cli.workflows.simulate.simulate import write_rows
 from paper.effort import SEED, Effort
 
 ROW = 120

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from cadtof_cli.calibration.fit.petzval import WallRanges, fit_petzval
 from cadtof_cli.calibration.parts import Origin
 from cadtof_cli.calibration.petzval import PetzvalCalibration
-from cadtof_cli.calibration.petzval_fit import WallRanges, fit_petzval
 from cadtof_cli.capture.metadata import Optics
 from cadtof_cli.errors import SettingsError
 

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from cadtof_cli.calibration.fit.response import TargetMean, fit_response
 from cadtof_cli.calibration.parts import Origin
 from cadtof_cli.calibration.response import ResponseCalibration
-from cadtof_cli.calibration.response_fit import TargetMean, fit_response
 from cadtof_cli.capture.metadata import Optics, Waveform
 from cadtof_cli.errors import SettingsError
 from cadtof_cli.simulation.defects import DefectiveCamera, Defects

@@ -7,7 +7,7 @@ import pytest
 
 from cadtof_cli.arrays import Stored
 from cadtof_cli.capture.metadata import CaptureMetadata, Pixel, Voltage
-from cadtof_cli.phasors.averaging import FrameMean
+from cadtof_cli.phasors.frame_mean import FrameMean
 from cadtof_cli.pipeline import FramePlan, resolve_frame
 from cadtof_cli.resolver.settings import ResolverSettings
 from tests.support.captures import VOLTS_PER_COUNT, ZERO_COUNTS, Form, counts_of, record

@@ -189,7 +189,7 @@ def test_a_run_that_loses_a_worker_loses_no_frame(
 _DEADLY = """
 import os
 from cadtof_cli.cli import main
-from cadtof_cli.workflows import frame_task
+from cadtof_cli.workflows.resolve import frame_task
 write = frame_task.write_maps
 def deadly(path, *arguments, **options):
     if path.name == "frame_0007.tif":

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from cadtof_cli.resolver.status import StatusBit
-from cadtof_cli.workflows import split_frames
+from cadtof_cli.workflows.resolve import split_frames
 from tests.support.forward import depth_m
 from tests.support.mixture_captures import read_maps, write_capture
 from tests.support.mixtures import Mixture

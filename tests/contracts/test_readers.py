@@ -12,9 +12,9 @@ import pytest
 import tifffile
 
 from cadtof_cli.arrays import Stored
-from cadtof_cli.capture.frames import FrameLayout, FrameSource
 from cadtof_cli.capture.reader import open_frames
-from tests.capture.forms import FORMS, Form, exr, known_frame, tiff
+from cadtof_cli.files.frames import FrameLayout, FrameSource
+from tests.files.forms import FORMS, Form, exr, known_frame, tiff
 
 LAYOUT = FrameLayout((1, 2))
 

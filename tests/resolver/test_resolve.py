@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from cadtof_cli.capture.metadata import CaptureMetadata
 from cadtof_cli.errors import SettingsError
-from cadtof_cli.resolver.noise import noise_model
+from cadtof_cli.phasors.noise import noise_model
 from cadtof_cli.resolver.paths import ResolvedPaths
 from cadtof_cli.resolver.resolve import resolve_paths
 from cadtof_cli.resolver.settings import ResolverSettings

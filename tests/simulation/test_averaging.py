@@ -5,7 +5,7 @@ import pytest
 
 from cadtof_cli.arrays import Float
 from cadtof_cli.errors import SettingsError
-from cadtof_cli.simulation.averaging import (
+from cadtof_cli.simulation.pixel.averaging import (
     Averaging,
     Capacitors,
     Stages,

@@ -7,11 +7,11 @@ import pytest
 
 from cadtof_cli.capture.metadata import Modulation, Waveform
 from cadtof_cli.errors import SettingsError
-from cadtof_cli.simulation.arrivals import detected, draw_detections, draw_phases
-from cadtof_cli.simulation.averaging import Averaging, Capacitors, Stages
-from cadtof_cli.simulation.evolution import evolution
-from cadtof_cli.simulation.mix import PhotonMix, two_path_mix
-from cadtof_cli.simulation.pixel import PixelModel, pixel_weights, record_pixel, trace_pixel
+from cadtof_cli.simulation.pixel.arrivals import detected, draw_detections, draw_phases
+from cadtof_cli.simulation.pixel.averaging import Averaging, Capacitors, Stages
+from cadtof_cli.simulation.pixel.evolution import evolution
+from cadtof_cli.simulation.pixel.mix import PhotonMix, two_path_mix
+from cadtof_cli.simulation.pixel.pixel import PixelModel, pixel_weights, record_pixel, trace_pixel
 
 AMPLITUDE_V = 0.2746
 

@@ -10,11 +10,11 @@ import tifffile
 from cadtof_cli.capture.metadata import CaptureMetadata, Pixel
 from cadtof_cli.capture.toml import load_metadata
 from cadtof_cli.errors import OutputError, SettingsError
-from cadtof_cli.simulation.camera import Camera
-from cadtof_cli.simulation.exposure import Exposure
-from cadtof_cli.simulation.recorder import FrameFormat
-from cadtof_cli.simulation.scenes import Card, Corner, Wall
-from cadtof_cli.workflows.record import RecordSettings, expose, record_scene, record_steps
+from cadtof_cli.simulation.scene.camera import Camera
+from cadtof_cli.simulation.scene.exposure import Exposure
+from cadtof_cli.simulation.scene.recorder import FrameFormat
+from cadtof_cli.simulation.scene.scenes import Card, Corner, Wall
+from cadtof_cli.workflows.simulate.record import RecordSettings, expose, record_scene, record_steps
 
 CAMERA = Camera(width=33, height=21)
 

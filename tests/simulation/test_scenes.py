@@ -7,17 +7,17 @@ import pytest
 
 from cadtof_cli.capture.metadata import CaptureMetadata, Pixel
 from cadtof_cli.errors import SettingsError
-from cadtof_cli.simulation.camera import Camera
-from cadtof_cli.simulation.exposure import Exposure, band_rows, expose_band
-from cadtof_cli.simulation.geometry import (
+from cadtof_cli.simulation.scene.camera import Camera
+from cadtof_cli.simulation.scene.exposure import Exposure, band_rows, expose_band
+from cadtof_cli.simulation.scene.geometry import (
     Surface,
     bounce_by_directions,
     bounce_by_patches,
     cosine_directions,
     hits,
 )
-from cadtof_cli.simulation.light import Scene
-from cadtof_cli.simulation.scenes import SCENES, Card, Corner, InterReflection, Wall, scene_from_name
+from cadtof_cli.simulation.scene.light import Scene
+from cadtof_cli.simulation.scene.scenes import SCENES, Card, Corner, InterReflection, Wall, scene_from_name
 
 C_M_PER_NS = 0.299792458
 CAMERA = Camera(width=64, height=48)

@@ -7,11 +7,11 @@ import pytest
 
 from cadtof_cli.capture.metadata import Modulation, Waveform
 from cadtof_cli.errors import SettingsError
-from cadtof_cli.simulation.averaging import Averaging
-from cadtof_cli.simulation.bounds import time_bounds_ns
-from cadtof_cli.simulation.mix import PhotonMix, two_path_mix
-from cadtof_cli.simulation.pixel import PixelModel, pixel_weights, record_pixel
-from cadtof_cli.simulation.statistics import (
+from cadtof_cli.simulation.pixel.averaging import Averaging
+from cadtof_cli.simulation.pixel.bounds import time_bounds_ns
+from cadtof_cli.simulation.pixel.mix import PhotonMix, two_path_mix
+from cadtof_cli.simulation.pixel.pixel import PixelModel, pixel_weights, record_pixel
+from cadtof_cli.simulation.pixel.statistics import (
     VoltageStatistics,
     averaging_gain,
     confidence_model_v,

@@ -9,8 +9,8 @@ import pytest
 from cadtof_cli.capture.metadata import Modulation
 from cadtof_cli.errors import SettingsError
 from cadtof_cli.resolver.settings import ResolverSettings
-from cadtof_cli.simulation.averaging import Averaging, Capacitors, Stages
-from cadtof_cli.simulation.pixel import PixelModel
+from cadtof_cli.simulation.pixel.averaging import Averaging, Capacitors, Stages
+from cadtof_cli.simulation.pixel.pixel import PixelModel
 from cadtof_cli.simulation.trials import Condition, Trials, TrialsSummary, block_voltages, noise_length, summary
 
 TABLE_1 = [(16.0, 0.05, 0.16), (25.0, 0.03, 0.12), (11.0, 0.17, 0.52)]

@@ -5,7 +5,7 @@ import pytest
 
 from cadtof_cli.arrays import Float
 from cadtof_cli.capture.metadata import Waveform
-from cadtof_cli.simulation.waveforms import (
+from cadtof_cli.simulation.pixel.waveforms import (
     highest_order,
     mean_square,
     phasor_series,

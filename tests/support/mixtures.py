@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Pixel
-from cadtof_cli.resolver.noise import NoiseModel, noise_model
+from cadtof_cli.phasors.noise import NoiseModel, noise_model
 from tests.support.forward import T1_NS
 
 F = NDArray[np.float64]

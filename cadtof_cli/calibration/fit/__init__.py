@@ -1,0 +1,1 @@
+"""Recorded frames of known targets → the numbers of a calibration."""

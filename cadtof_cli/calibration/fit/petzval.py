@@ -1,0 +1,277 @@
+"""Ranges of flat walls → the field curvature, with every wall's distance and tilt fitted beside it."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from cadtof_cli.arrays import Bool, Float
+from cadtof_cli.calibration.fit.robust import RobustFit, robust_fit
+from cadtof_cli.calibration.parts import Origin
+from cadtof_cli.calibration.petzval import (
+    PetzvalCalibration,
+    PetzvalQuality,
+    WallFit,
+    middle_px,
+)
+from cadtof_cli.capture.metadata import Optics
+from cadtof_cli.errors import SettingsError
+
+LEAST_PIXELS = 50
+"""Fewest pixels of a wall that its distance and tilt are fitted to."""
+
+DISTINCT_DISTANCES = 1.2
+"""Ratio of the farthest to the nearest wall from which on the focal length can be fitted."""
+
+LARGEST_STDERR_M = 0.01
+"""Standard error of a coefficient, which is that of the depth in the corners, from which on the user is warned."""
+
+HIGH_CORRELATION = 0.999
+"""Correlation of a coefficient with a wall's parameters from which on they cannot be told apart."""
+
+
+@dataclass(frozen=True, eq=False)
+class WallRanges:
+    """One wall as it was measured: ranges and their standard deviations in m, (Y, X), NaN where there is no single path.
+
+    `distance_m` is the known distance along the optical axis, or None.
+    """
+
+    range_m: Float
+    sigma_m: Float
+    distance_m: float | None
+
+
+@dataclass(frozen=True, eq=False)
+class _Layout:
+    """Which parameter is which: k2, k4, then the focal length's if it is fitted, then every wall's.
+
+    Angles enter through pixels from the principal point over half the diagonal, u and v, and q = (half diagonal / f)²:
+    range = D √(1 + q ρ²)/(1 + αu + βv) + k2 ρ² + k4 ρ⁴.
+    """
+
+    u: Float
+    v: Float
+    unambiguous_m: float
+    focal_share: float | None
+    distances: tuple[float | None, ...]
+    wall: np.ndarray[tuple[int], np.dtype[np.intp]]
+    flat: bool = False
+
+    @property
+    def first_wall(self) -> int:
+        return 2 if self.focal_share is not None else 3
+
+    def places(self, wall: int) -> tuple[int | None, int, int]:
+        """Return the indices of a wall's distance (None: known), α and β."""
+        start = self.first_wall + sum(2 if d is not None else 3 for d in self.distances[:wall])
+        return (None, start, start + 1) if self.distances[wall] is not None else (start, start + 1, start + 2)
+
+    @property
+    def count(self) -> int:
+        return self.places(len(self.distances) - 1)[2] + 1
+
+    def model(self, parameters: Float) -> tuple[Float, Float]:
+        """Return the ranges, (n,), and their derivatives by the parameters, (n, parameters)."""
+        rho2 = self.u**2 + self.v**2
+        slopes = np.zeros((rho2.size, self.count))
+        if not self.flat:
+            slopes[:, 0], slopes[:, 1] = rho2, rho2**2
+        curvature = slopes[:, 0] * parameters[0] + slopes[:, 1] * parameters[1]
+        q = self.focal_share if self.focal_share is not None else parameters[2]
+        stretch = np.sqrt(1.0 + q * rho2)
+        ranges = np.empty(rho2.size)
+        for index, known in enumerate(self.distances):
+            place, alpha, beta = self.places(index)
+            here = self.wall == index
+            distance = parameters[place] if place is not None else known
+            leaning = 1.0 + parameters[alpha] * self.u[here] + parameters[beta] * self.v[here]
+            flat = distance * stretch[here] / leaning
+            ranges[here] = flat
+            if place is not None:
+                slopes[here, place] = stretch[here] / leaning
+            slopes[here, alpha] = -flat / leaning * self.u[here]
+            slopes[here, beta] = -flat / leaning * self.v[here]
+            if self.focal_share is None:
+                slopes[here, 2] = 0.5 * flat * rho2[here] / (1.0 + q * rho2[here])
+        return ranges + curvature, slopes
+
+    def wrapped(self, difference: Float) -> Float:
+        """Return differences of ranges, which repeat after the unambiguous range, nearest to 0."""
+        half = 0.5 * self.unambiguous_m
+        return np.asarray((difference + half) % self.unambiguous_m - half)
+
+
+def fit_petzval(
+    walls: Sequence[WallRanges], /, *, optics: Optics, unambiguous_m: float, origin: Origin
+) -> PetzvalCalibration:
+    """Return the curvature that all walls share, by weighted least squares that outliers have no say in.
+
+    Raises:
+        SettingsError: a wall has too few pixels with a single path; or there are no optics and no two walls at distances
+            that differ enough for the focal length to be fitted too.
+    """
+    point = optics.principal_point_px or middle_px(origin.pixels)
+    height, width = origin.pixels
+    half_diagonal = 0.5 * math.hypot(height, width)
+    focal = optics.focal_length_px
+    if focal is None:
+        _require_distinct(walls)
+    usable = [np.isfinite(wall.range_m) & np.isfinite(wall.sigma_m) & (wall.sigma_m > 0.0) for wall in walls]
+    for index, good in enumerate(usable):
+        if good.sum() < LEAST_PIXELS:
+            raise SettingsError(
+                f"wall {index + 1} ({origin.captures[index]}): found {good.sum()} pixels with a single path, expected at "
+                f"least {LEAST_PIXELS}: is it a flat wall without multi-path interference, and the dark and response "
+                "calibration in the folder?"
+            )
+    layout = _layout(usable, point, half_diagonal, focal, walls, unambiguous_m)
+    ranges = np.concatenate([wall.range_m[good] for wall, good in zip(walls, usable, strict=True)])
+    sigma = np.concatenate([wall.sigma_m[good] for wall, good in zip(walls, usable, strict=True)])
+    start = _start(layout, ranges)
+    fit = _fitted(layout, ranges, sigma, start, fixed=())
+    flat = _fitted(layout, ranges, sigma, fit.parameters * np.where(np.arange(layout.count) < 2, 0, 1), fixed=(0, 1))
+    quality = _quality(layout, fit, flat, sigma, half_diagonal, point, optics)
+    return PetzvalCalibration(origin, float(fit.parameters[0]), float(fit.parameters[1]), point, quality)
+
+
+def _require_distinct(walls: Sequence[WallRanges]) -> None:
+    medians = [wall.distance_m or float(np.nanmedian(wall.range_m)) for wall in walls]
+    if len(walls) < 2 or max(medians) < DISTINCT_DISTANCES * min(medians):
+        raise SettingsError(
+            f"the optics are unknown, and {len(walls)} wall(s) at {', '.join(f'{d:.2f} m' for d in medians)} cannot tell the "
+            "shape of a flat wall's ranges from field curvature: set focal_length_px under [optics] in capture.toml, or "
+            f"--focal-length-px, or record walls at distances that differ by {DISTINCT_DISTANCES - 1:.0%} or more"
+        )
+
+
+def _layout(
+    usable: list[Bool],
+    point: tuple[float, float],
+    half_diagonal: float,
+    focal: float | None,
+    walls: Sequence[WallRanges],
+    unambiguous_m: float,
+) -> _Layout:
+    places = [np.nonzero(good) for good in usable]
+    return _Layout(
+        u=np.concatenate([(column - point[0]) / half_diagonal for _, column in places]),
+        v=np.concatenate([(row - point[1]) / half_diagonal for row, _ in places]),
+        unambiguous_m=unambiguous_m,
+        focal_share=(half_diagonal / focal) ** 2 if focal is not None else None,
+        distances=tuple(wall.distance_m for wall in walls),
+        wall=np.repeat(np.arange(len(walls)), [good.sum() for good in usable]),
+    )
+
+
+def _start(layout: _Layout, ranges: Float) -> Float:
+    """Return parameters of walls that face the camera, at their median distance."""
+    parameters = np.zeros(layout.count)
+    q = layout.focal_share if layout.focal_share is not None else 0.5
+    if layout.focal_share is None:
+        parameters[2] = q
+    stretch = np.sqrt(1.0 + q * (layout.u**2 + layout.v**2))
+    for index in range(len(layout.distances)):
+        place, _, _ = layout.places(index)
+        if place is not None:
+            here = layout.wall == index
+            parameters[place] = np.median(ranges[here] / stretch[here])
+    return parameters
+
+
+def _fitted(layout: _Layout, ranges: Float, sigma: Float, start: Float, *, fixed: tuple[int, ...]) -> RobustFit:
+    free = np.array([index for index in range(layout.count) if index not in fixed])
+
+    def residual(parameters: Float) -> tuple[Float, Float]:
+        whole = start.copy()
+        whole[free] = parameters
+        model, slopes = layout.model(whole)
+        return layout.wrapped(ranges - model) / sigma, slopes[:, free] / sigma[:, np.newaxis]
+
+    fit = robust_fit(residual, start[free])
+    whole, covariance = start.copy(), np.zeros((layout.count, layout.count))
+    whole[free] = fit.parameters
+    covariance[np.ix_(free, free)] = fit.covariance
+    return RobustFit(whole, covariance, fit.residual, fit.weights, fit.scale, fit.condition)
+
+
+def _quality(
+    layout: _Layout,
+    fit: RobustFit,
+    flat: RobustFit,
+    sigma: Float,
+    half_diagonal: float,
+    point: tuple[float, float],
+    optics: Optics,
+) -> PetzvalQuality:
+    kept = fit.weights > 0.0
+    after, before = fit.residual * sigma, flat.residual * sigma
+    errors = np.sqrt(np.diag(fit.covariance))
+    correlation = fit.covariance / np.maximum(np.outer(errors, errors), np.finfo(np.float64).tiny)
+    shared = float(np.abs(correlation[:2, 2:]).max(initial=0.0))
+    q = layout.focal_share if layout.focal_share is not None else float(fit.parameters[2])
+    walls = []
+    for index, known in enumerate(layout.distances):
+        place, alpha, beta = layout.places(index)
+        here = kept & (layout.wall == index)
+        lean = np.sqrt(max(q, 0.0))
+        walls.append(
+            WallFit(
+                distance_m=float(fit.parameters[place]) if place is not None else float(known or 0.0),
+                distance_stderr_m=float(errors[place]) if place is not None else 0.0,
+                distance_known=known is not None,
+                slopes=(float(fit.parameters[alpha] / lean), float(fit.parameters[beta] / lean)),
+                rms_before_m=_rms(before[here]),
+                rms_after_m=_rms(after[here]),
+                noise_rms_m=_rms(sigma[here]),
+                pixels=int(here.sum()),
+            )
+        )
+    quality = PetzvalQuality(
+        k2_stderr_m=float(errors[0]),
+        k4_stderr_m=float(errors[1]),
+        rms_before_m=_rms(before[kept]),
+        rms_after_m=_rms(after[kept]),
+        noise_rms_m=_rms(sigma[kept]),
+        correlation=shared,
+        focal_length_px=float(half_diagonal / np.sqrt(q)) if q > 0.0 else float("nan"),
+        focal_length_known=layout.focal_share is not None,
+        walls=tuple(walls),
+    )
+    findings = _findings(quality, fit, kept, optics, point)
+    return PetzvalQuality(**{**quality.__dict__, "findings": findings})
+
+
+def _findings(
+    quality: PetzvalQuality, fit: RobustFit, kept: Bool, optics: Optics, point: tuple[float, float]
+) -> tuple[str, ...]:
+    findings = []
+    if optics.principal_point_px is None:
+        findings.append(
+            f"no principal point given: the middle of the array, column {point[0]:g} and row {point[1]:g}, is taken"
+        )
+    if not quality.focal_length_known:
+        findings.append(f"no focal length given: fitted to the walls, {quality.focal_length_px:.1f} px")
+    k2, k4 = fit.parameters[:2]
+    uncertain = max(quality.k2_stderr_m, quality.k4_stderr_m) > LARGEST_STDERR_M
+    if quality.correlation > HIGH_CORRELATION or uncertain:
+        findings.append(
+            "warning: curvature, distance and tilt can hardly be told apart: "
+            f"k2 = {k2:.4f} ± {quality.k2_stderr_m:.4f} m, k4 = {k4:.4f} ± {quality.k4_stderr_m:.4f} m, correlation with the "
+            f"walls' parameters {quality.correlation:.5f}, condition {fit.condition:.2g}; known distances, more walls at other "
+            "distances, or a wall that fills the whole view help"
+        )
+    dropped = 1.0 - kept.mean()
+    if dropped > 0.05:
+        findings.append(f"{dropped:.1%} of the pixels with a single path do not lie on the walls and were left out")
+    if quality.rms_after_m > 1.5 * quality.noise_rms_m:
+        findings.append(
+            f"warning: what is left, {1000 * quality.rms_after_m:.2f} mm, is more than noise, "
+            f"{1000 * quality.noise_rms_m:.2f} mm: the walls are not flat, or the response is not calibrated"
+        )
+    return tuple(findings)
+
+
+def _rms(values: Float) -> float:
+    return float(np.sqrt(np.mean(values**2))) if values.size else float("nan")

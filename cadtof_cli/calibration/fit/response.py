@@ -1,0 +1,205 @@
+"""Flat targets at known distances → the response of the channel pairs and the maps of phase and gain."""
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from cadtof_cli.arrays import Bool, Complex, Float
+from cadtof_cli.calibration.fit.pixels import Observations, PixelFit, fit_pixels
+from cadtof_cli.calibration.fit.robust import robust_fit
+from cadtof_cli.calibration.fit.terms import TermFit, fit_terms
+from cadtof_cli.calibration.parts import Origin
+from cadtof_cli.calibration.petzval import curvature_m, middle_px, squared_field_radius
+from cadtof_cli.calibration.response import ResponseCalibration, ResponseQuality
+from cadtof_cli.capture.metadata import CaptureMetadata
+from cadtof_cli.errors import SettingsError
+from cadtof_cli.optics.wall import wall_range_m
+from cadtof_cli.phasors.response import HarmonicResponse, ideal_response
+from cadtof_cli.units import metres_per_radian
+
+SAME_DISTANCE_M = 0.01
+"""Distances that differ by less count as one."""
+
+LEAST_SIGNAL = 5.0
+"""Voltage over its noise that a pixel must have at every harmonic and distance."""
+
+LEAST_USABLE = 0.05
+"""Share of the pixels that must be usable."""
+
+TERM_PIXELS = 6_000
+"""Pixels that the terms are fitted to, spread over the array; the maps take all."""
+
+CURVATURE_SIGNIFICANCE = 4.0
+
+LARGEST_RESIDUAL = 1.5
+"""What may be left over the noise before the user is warned."""
+
+
+@dataclass(frozen=True, eq=False)
+class TargetMean:
+    """The mean frame of one flat target, without dark offsets.
+
+    `volts` is complex128 (H, Y, X), NaN where a pixel cannot be used; `noise_v` (H,) the mean's standard deviation a channel.
+    """
+
+    volts: Complex
+    noise_v: Float
+    distance_m: float
+
+
+def fit_response(targets: Sequence[TargetMean], /, *, metadata: CaptureMetadata, origin: Origin) -> ResponseCalibration:
+    """Return the response that explains all targets, with as many terms as their distances can tell.
+
+    Raises:
+        SettingsError: too few pixels see every target.
+    """
+    known_optics = metadata.optics.focal_length_px is not None
+    ranges = np.stack([_range(metadata, origin.pixels, target.distance_m) for target in targets])
+    phase = ranges.reshape(len(targets), -1) / metres_per_radian(origin.periods_ns[0])
+    volts = np.stack([target.volts.reshape(len(origin.harmonics), -1) for target in targets])
+    noise = np.stack([target.noise_v for target in targets])
+    usable = _usable(volts, noise)
+    observed = Observations(volts[..., usable], noise, phase[:, usable], origin.harmonics)
+    ideal = ideal_response(metadata)
+    base = [{k: g / response.main for k, g in response.terms if k != 1} for response in ideal]
+    distances = sorted({target.distance_m for target in targets})
+    distinct = 1 + sum(b - a > SAME_DISTANCE_M for a, b in itertools.pairwise(distances))
+    terms = fit_terms(observed.some(slice(None, None, max(1, usable.sum() // TERM_PIXELS))), base, distances=distinct)
+    pixels = fit_pixels(observed, terms.terms)
+    findings = [*terms.findings, *_assumptions(metadata, usable, known_optics)]
+    curvature, errors, own = (0.0, 0.0), (0.0, 0.0), pixels.phase
+    if known_optics:
+        curvature, errors, own = _without_curvature(pixels, usable, metadata, origin)
+    if any(curvature):
+        findings.append(
+            f"field curvature k2 = {curvature[0]:.4f} m, k4 = {curvature[1]:.4f} m was taken out of the phase maps: `resolve` "
+            "corrects it, or what `calibrate petzval` finds in its place"
+        )
+    if terms.residual > LARGEST_RESIDUAL:
+        findings.append(
+            f"warning: what is left is {terms.residual:.1f} times the noise: is the dark calibration in the folder, are the "
+            "distances right, and is the target flat, still and without multi-path interference?"
+        )
+    quality = _quality(pixels, terms, tuple(distances), errors, tuple(findings))
+    return _calibration(pixels, own, terms, ideal, usable, curvature, quality, origin)
+
+
+def _range(metadata: CaptureMetadata, pixels: tuple[int, int], distance_m: float) -> Float:
+    if metadata.optics.focal_length_px is None:
+        return np.full(pixels, distance_m)
+    return wall_range_m(metadata.optics, pixels, distance_m=distance_m)
+
+
+def _usable(volts: Complex, noise: Float) -> Bool:
+    with np.errstate(invalid="ignore"):
+        usable = (np.abs(volts) > LEAST_SIGNAL * noise[:, :, np.newaxis]).all(axis=(0, 1))
+    if usable.mean() < LEAST_USABLE:
+        raise SettingsError(
+            f"found {usable.mean():.1%} of the pixels with a signal from every target, expected {LEAST_USABLE:.0%} or more: the "
+            "target must fill most of the view, and not be saturated"
+        )
+    return np.asarray(usable)
+
+
+def _assumptions(metadata: CaptureMetadata, usable: Bool, known_optics: bool) -> list[str]:
+    said = ["gains are those against harmonic 1, whose own cannot be told from the target's reflectivity"]
+    if known_optics:
+        said.append("the targets are taken to face the camera; their ranges follow from the optics")
+    else:
+        said.append(
+            "warning: no focal length given, so every pixel's range is taken to be the target's distance; set focal_length_px "
+            "under [optics], or the shape of the walls ends up in the phase maps"
+        )
+    if not usable.all():
+        said.append(f"{(~usable).sum()} pixels could not be used: they get the array's mean phase and gain")
+    return said
+
+
+def _without_curvature(
+    pixels: PixelFit, usable: Bool, metadata: CaptureMetadata, origin: Origin
+) -> tuple[tuple[float, float], tuple[float, float], Float]:
+    """Return the field curvature (k2, k4) that the phases hold, its standard errors, and the phases, (H, n), without it.
+
+    A lens delays all harmonics alike, as does a delay of the pixel; what the two have in common is told apart by its
+    shape, a polynomial in the distance from the principal point.
+    """
+    point = metadata.optics.principal_point_px or middle_px(origin.pixels)
+    squared = squared_field_radius(origin.pixels, point).ravel()[usable]
+    harmonics = np.array(origin.harmonics, np.float64)[:, np.newaxis]
+    centred = np.angle(np.exp(1j * pixels.phase) / _mean_rotor(pixels.phase)[:, np.newaxis])
+    weights = pixels.weights.sum(axis=0)
+    information = (weights * harmonics**2).sum(axis=0)
+    metres = metres_per_radian(origin.periods_ns[0])
+    ranges = metres * (weights * harmonics * centred).sum(axis=0) / information
+    sigma = metres / np.sqrt(information)
+    rows, columns = np.divmod(np.flatnonzero(usable), origin.pixels[1])
+    shapes = np.stack([squared, squared**2, np.ones_like(squared), columns - point[0], rows - point[1]], axis=1)
+    shapes[:, 3:] /= max(origin.pixels)
+
+    def residual(parameters: Float) -> tuple[Float, Float]:
+        return (ranges - shapes @ parameters) / sigma, shapes / sigma[:, np.newaxis]
+
+    fit = robust_fit(residual, np.zeros(5))
+    errors = np.sqrt(np.diag(fit.covariance))
+    if not (np.abs(fit.parameters[:2]) > CURVATURE_SIGNIFICANCE * errors[:2]).any():
+        return (0.0, 0.0), (0.0, 0.0), pixels.phase
+    k2, k4 = float(fit.parameters[0]), float(fit.parameters[1])
+    added = curvature_m(origin.pixels, point, (k2, k4)).ravel()[usable] / metres
+    return (k2, k4), (float(errors[0]), float(errors[1])), pixels.phase - harmonics * added
+
+
+def _mean_rotor(phase: Float) -> Complex:
+    total = np.exp(1j * phase).sum(axis=1)
+    return np.asarray(total / np.abs(total))
+
+
+def _quality(
+    pixels: PixelFit,
+    terms: TermFit,
+    distances: tuple[float, ...],
+    curvature_stderr_m: tuple[float, float],
+    findings: tuple[str, ...],
+) -> ResponseQuality:
+    weights = pixels.weights
+    information = weights.sum(axis=0)
+    against_first = [(1.0 / (1.0 / weights[:, 0] + 1.0 / one)).sum(axis=0) for one in np.moveaxis(weights, 1, 0)]
+    gain = [0.0] + [float(np.median(one**-0.5)) for one in against_first[1:]]
+    return ResponseQuality(
+        distances_m=distances,
+        residual=terms.residual,
+        phase_stderr_rad=tuple(float(np.median(one**-0.5)) for one in information),
+        gain_stderr=tuple(gain),
+        term_stderr=terms.stderr,
+        curvature_stderr_m=curvature_stderr_m,
+        findings=findings,
+    )
+
+
+def _calibration(
+    pixels: PixelFit,
+    own: Float,
+    terms: TermFit,
+    ideal: tuple[HarmonicResponse, ...],
+    usable: Bool,
+    curvature: tuple[float, float],
+    quality: ResponseQuality,
+    origin: Origin,
+) -> ResponseCalibration:
+    """Split phases and gains into the array's mean, which goes into G, and maps around it."""
+    size = origin.pixels[0] * origin.pixels[1]
+    phase = np.zeros((len(ideal), size), np.float32)
+    gain = np.ones((len(ideal), size), np.float32)
+    nominal = np.array([abs(response.main) for response in ideal])
+    responses = []
+    for row, response in enumerate(ideal):
+        rotor = _mean_rotor(own)[row]
+        gains = np.exp(pixels.log_gain[row]) * nominal[0]
+        middle = float(np.median(gains))
+        phase[row, usable] = np.angle(np.exp(1j * own[row]) / rotor)
+        gain[row, usable] = gains / middle
+        higher = [(k, middle * value * complex(rotor) ** k) for k, value in terms.terms[row].items()]
+        responses.append(HarmonicResponse(response.harmonic, ((1, middle * complex(rotor)), *higher)))
+    shape = (len(ideal), *origin.pixels)
+    return ResponseCalibration(origin, tuple(responses), phase.reshape(shape), gain.reshape(shape), curvature, quality)

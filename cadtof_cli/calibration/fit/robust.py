@@ -1,0 +1,94 @@
+"""Least squares that outliers have no say in: Gauss–Newton with Tukey's biweight."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from cadtof_cli.arrays import Float
+from cadtof_cli.errors import SettingsError
+from cadtof_cli.phasors.noise import MAD_PER_SIGMA
+
+BIWEIGHT_LIMIT = 4.685
+"""Residual over scale from which on an observation has no weight; 95 % as efficient as least squares on Gaussian noise."""
+
+BIWEIGHT_EFFICIENCY = 0.95
+
+MOST_STEPS = 60
+
+CONVERGED = 1e-4
+"""Largest change in standard errors at which the fit ends."""
+
+
+@dataclass(frozen=True, eq=False)
+class RobustFit:
+    """A fit of p parameters to n observations.
+
+    Attributes:
+        parameters: (p,).
+        covariance: (p, p), scaled by the residuals' own spread.
+        residual: (n,), over the observations' standard deviations.
+        weights: (n,), between 0, for outliers, and 1.
+        scale: robust standard deviation of the residuals: 1 where they are as predicted.
+        condition: of the normal matrix with unit diagonal.
+    """
+
+    parameters: Float
+    covariance: Float
+    residual: Float
+    weights: Float
+    scale: float
+    condition: float
+
+
+def robust_fit(model: Callable[[Float], tuple[Float, Float]], start: Float, /) -> RobustFit:
+    """Fit parameters, from a start that need not be close where the model is nearly linear.
+
+    Args:
+        model: residuals (n,) over their standard deviations, and derivatives (n, p) of the modelled values over the same.
+        start: (p,).
+
+    Raises:
+        SettingsError: the observations do not determine the parameters.
+    """
+    parameters = start.astype(np.float64)
+    for _ in range(MOST_STEPS):
+        residual, slopes = model(parameters)
+        scale = _scale(residual)
+        weights = _biweight(residual / scale)
+        normal = (slopes * weights[:, np.newaxis]).T @ slopes
+        inverse, condition = _inverse(normal)
+        change = inverse @ (slopes.T @ (weights * residual))
+        parameters = parameters + change
+        if np.all(np.abs(change) <= CONVERGED * scale * np.sqrt(np.diag(inverse))):
+            break
+    residual, slopes = model(parameters)
+    scale = _scale(residual)
+    kept = _biweight(residual / scale)
+    inverse, condition = _inverse(slopes[kept > 0.0].T @ slopes[kept > 0.0])
+    return RobustFit(parameters, inverse * scale**2 / BIWEIGHT_EFFICIENCY, residual, kept, scale, condition)
+
+
+def _scale(residual: Float) -> float:
+    return max(float(np.median(np.abs(residual))) / MAD_PER_SIGMA, float(np.finfo(np.float64).eps))
+
+
+def _biweight(ratio: Float) -> Float:
+    share = np.minimum((ratio / BIWEIGHT_LIMIT) ** 2, 1.0)
+    return np.asarray((1.0 - share) ** 2)
+
+
+def _inverse(normal: Float) -> tuple[Float, float]:
+    """Return the inverse and the condition number of a normal matrix, after its diagonal has been scaled to 1."""
+    diagonal = np.diag(normal)
+    if not (diagonal > 0.0).all():
+        raise SettingsError("the observations do not determine all parameters: a wall or distance has no usable pixels")
+    norm = 1.0 / np.sqrt(diagonal)
+    scaled = normal * np.outer(norm, norm)
+    condition = float(np.linalg.cond(scaled))
+    if not np.isfinite(condition) or condition > 1e13:
+        raise SettingsError(
+            f"the observations do not determine all parameters (condition {condition:.1e}): "
+            "add captures at other distances, or give what is known"
+        )
+    return np.linalg.inv(scaled) * np.outer(norm, norm), condition

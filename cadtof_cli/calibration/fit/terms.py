@@ -1,0 +1,224 @@
+"""Which higher terms of a response a set of targets can tell, and what they are."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from cadtof_cli.arrays import Bool, Float, Index
+from cadtof_cli.calibration.fit.pixels import Observations, PixelFit, Terms, fit_pixels, series, two_way
+from cadtof_cli.phasors.noise import MAD_PER_SIGMA
+
+CANDIDATES = (-1, 0, -3, 5, 3)
+"""Orders k that are tried besides 1: imbalance, offset, and the harmonics of waveforms between sine and triangle."""
+
+LARGEST_STDERR = 2e-3
+"""A term is taken only if it is known this well, relative to G[h,1]: 2 mrad are 2 mm at a period of 40 ns."""
+
+LARGEST_CONDITION = 1e4
+"""… and if the terms taken can be told apart: condition of their normal matrix with unit diagonal."""
+
+LEAST_SIGNIFICANCE = 6.0
+"""… and if it is this many standard errors large in some harmonic,"""
+
+LEAST_TERM = 2e-4
+"""… and large enough to matter: 0.2 mm."""
+
+PASSES = 4
+
+
+OUTLIER = 5.0
+"""Robust standard deviations of a pixel's misfit beyond which it is left out."""
+
+
+def _centred(columns: Float, weights: Float) -> Float:
+    """Return columns (N, H, n) less what a part a target and one a harmonic explain of them."""
+    harmonic, target = two_way(columns, weights)
+    return columns - harmonic - target[:, np.newaxis, :]
+
+
+@dataclass(frozen=True)
+class TermFit:
+    """The terms taken, their standard errors a harmonic in the order of `orders`, and why each was taken or left."""
+
+    terms: Terms
+    orders: tuple[int, ...]
+    stderr: tuple[tuple[float, ...], ...]
+    residual: float
+    findings: tuple[str, ...]
+    kept: Bool
+
+
+def fit_terms(observed: Observations, base: Sequence[dict[int, complex]], /, *, distances: int) -> TermFit:
+    """Return the terms that the observations call for and can tell, starting from those of the ideal waveform.
+
+    Args:
+        observed: of pixels that see nothing but the targets.
+        base: G[h,k]/G[h,1] of the ideal waveform.
+        distances: how many different distances the targets have; with one, no term can be told from the pixels' own phases.
+    """
+    terms: Terms = tuple(dict(one) for one in base)
+    kept = np.ones(observed.phase.shape[1], np.bool_)
+    if distances < 2:
+        pixels = fit_pixels(observed, terms)
+        said = "one distance: k = 1 and the maps only; two or more distances tell further terms"
+        return TermFit(terms, (), tuple(() for _ in terms), 1.0, (said,), pixels.misfit >= 0.0)
+    changes: Terms = tuple({} for _ in base)
+    for _ in range(PASSES):
+        system = _System(fit_pixels(observed.some(kept), terms), terms, base, observed.harmonics)
+        orders, reasons = system.selection(_needed(changes, system))
+        changes = system.changed(changes, orders)
+        terms = tuple(composed(start, change) for start, change in zip(base, changes, strict=True))
+        kept = _without_outliers(fit_pixels(observed, terms).misfit)
+    pixels = fit_pixels(observed.some(kept), terms)
+    system = _System(pixels, terms, base, observed.harmonics)
+    residual = float(np.sqrt(pixels.misfit.sum() / system.freedom(len(orders))))
+    errors = system.stderr(orders)
+    reasons |= {k: _taken(changes, errors[:, index], k) for index, k in enumerate(orders)}
+    findings = tuple(f"k = {k:+d}: {reasons[k]}" for k in CANDIDATES)
+    return TermFit(terms, orders, tuple(map(tuple, errors.tolist())), residual, findings, kept)
+
+
+def composed(base: dict[int, complex], changes: dict[int, complex]) -> dict[int, complex]:
+    """Return the terms of a waveform `base` after changes by k; that of k = −1 is an imbalance, which mirrors all of the base."""
+    terms = dict(base)
+    for k, change in changes.items():
+        for order, share in _shape(base, k).items():
+            terms[order] = terms.get(order, 0j) + change * share
+    return terms
+
+
+def _shape(base: dict[int, complex], k: int) -> dict[int, complex]:
+    """Return what a change of k by 1 changes, by order."""
+    return {k: 1.0 + 0j} | ({-order: value.conjugate() for order, value in base.items()} if k == -1 else {})
+
+
+def _needed(changes: Terms, system: "_System") -> tuple[int, ...]:
+    """Return the orders whose changes still matter, now that the others have been taken out."""
+    orders = tuple(changes[0])
+    errors = system.stderr(orders)
+    return tuple(
+        k
+        for index, k in enumerate(orders)
+        if any(
+            abs(change[k]) > max(LEAST_TERM, LEAST_SIGNIFICANCE * error)
+            for change, error in zip(changes, errors[:, index], strict=True)
+        )
+    )
+
+
+def _taken(changes: Terms, errors: Float, k: int) -> str:
+    sizes = ", ".join(f"{abs(change[k]):.5f} ± {error:.5f}" for change, error in zip(changes, errors, strict=True))
+    return f"taken, {sizes} of k = 1"
+
+
+def _without_outliers(misfit: Float) -> Bool:
+    root = np.sqrt(misfit)
+    centre = np.median(root)
+    spread = np.median(np.abs(root - centre)) / MAD_PER_SIGMA
+    return np.asarray(root <= centre + OUTLIER * spread)
+
+
+class _System:
+    """Normal equations of changes of every candidate term in every harmonic, after the pixels' own parameters are eliminated.
+
+    Unknowns are real and imaginary part of k = CANDIDATES[0] in the first harmonic, then the second …, then the next k.
+    """
+
+    def __init__(
+        self, pixels: PixelFit, terms: Terms, base: Sequence[dict[int, complex]], harmonics: tuple[int, ...]
+    ) -> None:
+        self._harmonics = len(harmonics)
+        self._targets, self._pixels = pixels.left.shape[0], pixels.left.shape[2]
+        roots = np.sqrt(pixels.weights)
+        left = np.stack([_centred(pixels.left.real, pixels.weights), self._imaginary(pixels.left.imag, pixels.weights)])
+        columns = []
+        for k in CANDIDATES:
+            for row in range(len(harmonics)):
+                theta = pixels.theta[:, row]
+                shape = sum(g * np.exp(1j * (order - 1) * theta) for order, g in _shape(base[row], k).items())
+                answer = shape / series(terms[row], theta)
+                for unit in (1.0, 1j):
+                    column = np.zeros(pixels.left.shape, np.complex128)
+                    column[:, row] = unit * answer
+                    parts = (_centred(column.real, pixels.weights), self._imaginary(column.imag, pixels.weights))
+                    columns.append((np.stack(parts) * roots).ravel().astype(np.float32))
+        matrix = np.stack(columns).astype(np.float64)
+        self._normal = matrix @ matrix.T
+        self._side = matrix @ (left * roots).ravel()
+        self._power = float(((left * roots) ** 2).sum())
+
+    @staticmethod
+    def _imaginary(column: Float, weights: Float) -> Float:
+        return np.asarray(column - (column * weights).sum(axis=0) / weights.sum(axis=0))
+
+    def _places(self, orders: Sequence[int]) -> Index:
+        width = 2 * self._harmonics
+        starts = np.array([width * CANDIDATES.index(k) for k in orders], np.intp)
+        return np.asarray((starts[:, np.newaxis] + np.arange(width)).ravel(), np.intp)
+
+    def freedom(self, orders: int) -> float:
+        """Return how many more numbers were measured than fitted."""
+        n, h = self._targets, self._harmonics
+        return float(self._pixels * ((n - 1) * h + (n - 1) * (h - 1)) - 2 * h * orders)
+
+    def _solved(self, orders: Sequence[int]) -> tuple[Float, Float, float]:
+        """Return changes and standard errors, (len(orders), H, 2) each, and the condition of their normal matrix."""
+        places = self._places(orders)
+        if not places.size:
+            nothing = np.zeros((0, self._harmonics, 2))
+            return nothing, nothing, 1.0
+        normal, side = self._normal[np.ix_(places, places)], self._side[places]
+        norm = 1.0 / np.sqrt(np.maximum(np.diag(normal), np.finfo(np.float64).tiny))
+        scaled = normal * np.outer(norm, norm)
+        condition = float(np.linalg.cond(scaled))
+        if not np.isfinite(condition) or condition > 1e12:
+            return (
+                np.zeros((len(orders), self._harmonics, 2)),
+                np.full((len(orders), self._harmonics, 2), np.inf),
+                np.inf,
+            )
+        inverse = np.linalg.inv(scaled) * np.outer(norm, norm)
+        change = inverse @ side
+        left = max(self._power - float(change @ side), 0.0) / self.freedom(len(orders))
+        errors = np.sqrt(np.diag(inverse) * left)
+        shape = (len(orders), self._harmonics, 2)
+        return change.reshape(shape), errors.reshape(shape), condition
+
+    def selection(self, taken: tuple[int, ...]) -> tuple[tuple[int, ...], dict[int, str]]:
+        """Return the orders to be fitted: those taken before, and what else is significant, the strongest first."""
+        findings: dict[int, str] = {}
+        while True:
+            scores: dict[int, float] = {}
+            for k in CANDIDATES:
+                if k in taken:
+                    continue
+                change, errors, condition = self._solved((*taken, k))
+                size, error = np.hypot(change[-1, :, 0], change[-1, :, 1]), errors[-1].max(axis=-1)
+                significance = float((size / error).max())
+                if condition > LARGEST_CONDITION or error.max() > LARGEST_STDERR:
+                    findings[k] = (
+                        f"left, cannot be told: standard error {error.max():.1e}, condition {condition:.1e}; more distances, "
+                        "spread over the range, are needed"
+                    )
+                elif significance < LEAST_SIGNIFICANCE or size.max() < LEAST_TERM:
+                    findings[k] = f"left, not needed: {size.max():.1e} ± {error.max():.1e} of k = 1"
+                else:
+                    scores[k] = significance
+            if not scores:
+                return taken, findings
+            taken = (*taken, max(scores, key=lambda k: scores[k]))
+
+    def changed(self, changes: Terms, orders: tuple[int, ...]) -> Terms:
+        """Return the changes of the orders taken after one Gauss–Newton step; those of other orders are dropped."""
+        step, _, _ = self._solved(orders)
+        return tuple(
+            {k: change.get(k, 0j) + complex(*step[index, row]) for index, k in enumerate(orders)}
+            for row, change in enumerate(changes)
+        )
+
+    def stderr(self, orders: tuple[int, ...]) -> Float:
+        """Return the standard error of each order in each harmonic, (H, len(orders)): the larger of the two parts'."""
+        if not orders:
+            return np.zeros((self._harmonics, 0))
+        return np.asarray(self._solved(orders)[1].max(axis=-1).T)

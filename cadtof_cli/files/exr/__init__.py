@@ -1,0 +1,1 @@
+"""OpenEXR files: frames, planes and maps."""

@@ -1,0 +1,1 @@
+"""TIFF files: frames, stacks, planes and maps."""

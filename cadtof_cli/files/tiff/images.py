@@ -1,0 +1,237 @@
+"""The images of a TIFF file, in order, whatever software wrote it: plain pages, shaped, OME and ImageJ files."""
+
+import logging
+import math
+import re
+import threading
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tifffile
+from numpy.typing import NDArray
+
+from cadtof_cli.arrays import Stored
+from cadtof_cli.errors import FrameError
+from cadtof_cli.files.damage import damage_as_frame_error, require_plausible_size
+from cadtof_cli.files.frames import NotAFrameError, shape_text
+from cadtof_cli.files.tiff.pages import (
+    Page,
+    lies_in_one_run,
+    require_sound_chain,
+    require_sound_keyframe,
+    require_sound_page,
+)
+
+_MAP_LAYER = re.compile(r"(direct|mpi)\.\w+|confidence|status")
+_NEEDS_CODECS = re.compile(r"requires?\b.*\bimagecodecs\b")
+_OME_CHANNEL = re.compile(r"""<Channel\b[^>]*?\bName=["']([^"']*)["']""")
+
+Item = int | Page
+"""One image of a series: the byte where its pixels begin, if they lie in one run, or the page that knows."""
+
+
+class _Remarks(logging.Filter):
+    """Keeps what tifffile logs while one of our threads reads, so that none of it reaches the terminal.
+
+    tifffile logs an error and goes on with a guess, such as fewer strips or a plainer order of pages; for depth a guess
+    is damage.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.kept = threading.local()
+
+    def filter(self, record: logging.LogRecord) -> bool:
+        errors: list[str] | None = getattr(self.kept, "errors", None)
+        if errors is not None and record.levelno >= logging.ERROR:
+            errors.append(record.getMessage())
+        return errors is None
+
+
+_remarks = _Remarks()
+logging.getLogger("tifffile").addFilter(_remarks)
+
+
+@contextmanager
+def reading_tiff(path: Path) -> Iterator[list[str]]:
+    """Turn whatever tifffile raises within the block into a FrameError; yield the errors that it only remarks."""
+    errors: list[str] = []
+    _remarks.kept.errors = errors
+    try:
+        with damage_as_frame_error(path, "TIFF"):
+            yield errors
+    except FrameError as error:
+        if _NEEDS_CODECS.search(str(error)):
+            raise FrameError(
+                f"{path}: its compression needs the imagecodecs package, which is not installed;"
+                " try pip install 'cadtof[codecs]'"
+            ) from error
+        raise
+    finally:
+        _remarks.kept.errors = None
+
+
+def require_no_remarks(path: Path, remarks: Sequence[str]) -> None:
+    """Refuse a file of which tifffile has remarked that it is read by a guess."""
+    if remarks:
+        raise FrameError(f"{path}: damaged TIFF: {'; '.join(remarks)}")
+
+
+class TiffImages:
+    """The images of one TIFF file, read by their place in the file; what is damaged or missing is found on opening.
+
+    Parameters:
+        path: a TIFF or BigTIFF file of either byte order.
+
+    Raises:
+        NotAFrameError: the file holds maps, not voltages.
+        FrameError: the file cannot be read, is damaged, or its pages differ from each other.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        with reading_tiff(path) as remarks:
+            self._tiff = tifffile.TiffFile(path)
+            try:
+                require_sound_chain(path, self._tiff.filehandle.fileno(), self._tiff.filehandle.size)
+                self._arrange()
+                require_no_remarks(path, remarks)
+            except BaseException:
+                self._tiff.close()
+                raise
+
+    def _arrange(self) -> None:
+        """Find where each image lies and how its samples are laid out."""
+        _require_voltages(self.path, self._tiff)
+        series = _alike_series(self.path, self._tiff)
+        labels, outer, page_axes = _divided_axes(self.path, series[0])
+        page = series[0].keyframe
+        self.dtype: np.dtype[Any] = np.dtype(page.dtype).newbyteorder("=")
+        self._page_shape: tuple[int, ...] = page.shape
+        height, width = (page.shape[page_axes.index(axis)] for axis in "YX")
+        self.plane_shape = (height, width)
+        self._samples = page.shape[page_axes.index("S")] if "S" in page_axes else 1
+        self._samples_first = page_axes.startswith("S")
+        self.labels = f"I{labels}S"
+        self.sizes = (len(series), *outer, self._samples)
+        self._items = _items(self.path, series, math.prod(outer))
+        require_plausible_size(self.path, page.nbytes, self._tiff.filehandle.size)
+
+    @property
+    def found(self) -> str:
+        """What the file holds, to begin a message with."""
+        samples = f" of {self._samples} samples" if self._samples > 1 else ""
+        return f"{self.path}: found {len(self._items)} pages{samples} of {shape_text(self.plane_shape, self.dtype)}"
+
+    def open(self) -> None:
+        """Open the file again, if it has been closed."""
+        self._tiff.filehandle.open()
+
+    def close(self) -> None:
+        """Close the file; where its images lie is kept."""
+        self._tiff.filehandle.close()
+
+    def planes(self, indices: NDArray[np.intp], /) -> Stored:
+        """Return planes by their place in the file, in native byte order, shape (n, Y, X), C-contiguous."""
+        if self._samples == 1:
+            return self._images(indices.tolist())
+        images, samples = np.divmod(indices, self._samples)
+        needed, place = np.unique(images, return_inverse=True)
+        stored = self._images(needed.tolist())
+        if not self._samples_first:
+            stored = np.moveaxis(stored, -1, 1)
+        return np.ascontiguousarray(stored[place, samples])
+
+    def _images(self, indices: Sequence[int]) -> Stored:
+        """Return some of the file's images, shape (n, *page shape)."""
+        out: Stored = np.empty((len(indices), *self._page_shape), self.dtype)
+        items = [self._items[index] for index in indices]
+        with reading_tiff(self.path) as remarks:
+            if _follow_each_other(items, out[0].nbytes):
+                self._read_run(items[0], out)
+            else:
+                for item, image in zip(items, out, strict=True):
+                    self._read_run(item, image)
+            require_no_remarks(self.path, remarks)
+        return out
+
+    def _read_run(self, item: Item, out: Stored) -> None:
+        if isinstance(item, int):
+            stored_type = self.dtype.newbyteorder(self._tiff.byteorder)
+            self._tiff.filehandle.read_array(stored_type, out.size, item, out=out)
+        else:
+            # one thread: the frames of a run are what is read side by side
+            item.asarray(out=out, maxworkers=1)
+
+
+def _follow_each_other(items: Sequence[Item], size: int) -> bool:
+    first = items[0]
+    return isinstance(first, int) and all(item == first + place * size for place, item in enumerate(items))
+
+
+def _require_voltages(path: Path, tiff: tifffile.TiffFile) -> None:
+    description = tiff.pages.first.description
+    if "<OME" in description and not tiff.is_ome:
+        raise FrameError(f"{path}: damaged TIFF: its OME metadata breaks off, so the order of its planes is not known")
+    names = _OME_CHANNEL.findall(description) if tiff.is_ome else []
+    layers = [name for name in names if _MAP_LAYER.fullmatch(name)]
+    if layers:
+        raise NotAFrameError(f"{path}: holds maps ({', '.join(layers)}), expected voltages")
+
+
+def _alike_series(path: Path, tiff: tifffile.TiffFile) -> list[tifffile.TiffPageSeries]:
+    """Return the series of a file; software that writes page by page makes a series of each."""
+    series = list(tiff.series)
+    if not series or not math.prod(series[0].shape):
+        raise FrameError(f"{path}: found no image, expected pages of voltages")
+    kinds = {(one.shape, one.dtype): one for one in series}
+    if len(kinds) > 1:
+        found = "; ".join(f"{len(one)} pages of {shape_text(one.keyframe.shape[:2], one.dtype)}" for one in series[:4])
+        raise FrameError(f"{path}: found pages that differ ({found}), expected pages of one size and type")
+    if series[0].is_multifile:
+        raise FrameError(f"{path}: its OME metadata spreads it over several files, expected all planes in one file")
+    return series
+
+
+def _divided_axes(path: Path, series: tifffile.TiffPageSeries) -> tuple[str, tuple[int, ...], str]:
+    """Return labels and lengths of the axes that run over images, and labels of the axes within an image."""
+    axes, shape = series.get_axes(squeeze=False), series.get_shape(squeeze=False)
+    page = series.keyframe
+    if axes.endswith("S") and not page.axes.endswith("S"):
+        axes, shape = axes[:-1], shape[:-1]
+    outer = len(shape) - len(page.shape)
+    if outer < 0 or shape[outer:] != page.shape or not set("YX") <= set(page.axes) <= set("SYX"):
+        raise FrameError(
+            f"{path}: found axes {axes} of lengths {shape} over pages of {page.shape}, expected whole pages of"
+            " height × width"
+        )
+    return axes[:outer], shape[:outer], page.axes
+
+
+def _items(path: Path, series: Sequence[tifffile.TiffPageSeries], images: int) -> list[Item]:
+    """Return the place of every image, each checked to be within the file."""
+    items: list[Item] = []
+    for one in series:
+        page = one.keyframe
+        file_size = page.parent.filehandle.size
+        # ImageJ and truncated files describe a whole stack by its first page
+        run = one.dataoffset
+        require_sound_keyframe(path, page, stored_bytes=page.nbytes * (images if run is not None else 1))
+        if run is not None:
+            end = run + images * page.nbytes
+            if end > file_size:
+                raise FrameError(
+                    f"{path}: truncated TIFF: {images} pages reach to byte {end:,}, found a file of {file_size:,} bytes"
+                )
+            items += [run + place * page.nbytes for place in range(images)]
+            continue
+        pages = [image for image in one if image is not None]
+        if len(pages) != images:
+            raise FrameError(f"{path}: damaged TIFF: found {len(pages)} pages, its metadata promises {images}")
+        for image in pages:
+            require_sound_page(path, image, page, file_size)
+            items.append(image.dataoffsets[0] if lies_in_one_run(image, page) else image)
+    return items

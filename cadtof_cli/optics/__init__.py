@@ -1,0 +1,1 @@
+"""Where pixels look: pinhole, field curvature, walls; the one place where pixels become rays."""

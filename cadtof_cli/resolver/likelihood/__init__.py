@@ -1,0 +1,1 @@
+"""Maximum likelihood for more harmonics and more paths."""

@@ -1,0 +1,192 @@
+"""K paths on N harmonics as a least-squares problem: p_h = Σ_k a_k·exp(i h x_k) with known noise, for Levenberg–Marquardt.
+
+A path's step is taken along its direction and across it, (da, a·dx), in which no derivative vanishes as a → 0; an amplitude
+that would go below zero comes out positive half a turn away, so that a ≥ 0 needs no bounds.
+"""
+
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+
+from cadtof_cli.arrays import Complex, Float, Index
+from cadtof_cli.phasors.noise import NoiseModel
+from cadtof_cli.phasors.rotors import Rotor, powers, product, unit_rotor
+from cadtof_cli.resolver.likelihood.levenberg_marquardt import Linearised
+from cadtof_cli.resolver.likelihood.normal_equations import entry
+
+
+@dataclass(frozen=True)
+class Mixture:
+    """K paths of n pixels: amplitudes in units of the phasors, and the rotors of their phases; float64 (K, n) each."""
+
+    amplitude: Float
+    cos: Float
+    sin: Float
+
+    @classmethod
+    def of_points(cls, points: Float, /) -> "Mixture":
+        """Return the paths that points (3·K, n) of the solver stand for."""
+        amplitude, cos, sin = np.split(points, 3)
+        return cls(amplitude, cos, sin)
+
+    @property
+    def points(self) -> Float:
+        """The paths as points (3·K, n) of the solver."""
+        return np.concatenate((self.amplitude, self.cos, self.sin))
+
+    def joined(self, other: "Mixture", /) -> "Mixture":
+        """Return the paths of both."""
+        return Mixture(
+            np.concatenate((self.amplitude, other.amplitude)),
+            np.concatenate((self.cos, other.cos)),
+            np.concatenate((self.sin, other.sin)),
+        )
+
+    def taken(self, chosen: Index, /) -> "Mixture":
+        """Return the paths of the given pixels."""
+        return Mixture(self.amplitude[:, chosen], self.cos[:, chosen], self.sin[:, chosen])
+
+    def phasors(self, harmonics: tuple[int, ...], /) -> tuple[Float, Float]:
+        """Return real and imaginary part, (N, n) each, of Σ_k a_k·exp(i h x_k)."""
+        re, im = np.empty((2, len(harmonics), self.amplitude.shape[1]))
+        for row, (cos, sin) in enumerate(powers((self.cos, self.sin), harmonics)):
+            re[row], im[row] = _summed(self.amplitude * cos), _summed(self.amplitude * sin)
+        return re, im
+
+
+@dataclass(frozen=True)
+class Measured:
+    """Phasors of n pixels in real and imaginary parts, float64 (N, n) each, and the harmonics they belong to."""
+
+    harmonics: tuple[int, ...]
+    re: Float
+    im: Float
+
+    @classmethod
+    def of_phasors(cls, phasors: Complex, /, *, harmonics: tuple[int, ...]) -> "Measured":
+        """Return the parts of phasors, complex128 (N, n)."""
+        return cls(harmonics, np.ascontiguousarray(phasors.real), np.ascontiguousarray(phasors.imag))
+
+    def taken(self, chosen: Index, /) -> "Measured":
+        """Return the phasors of the given pixels."""
+        return Measured(self.harmonics, self.re[:, chosen], self.im[:, chosen])
+
+    def rest(self, row: int, amplitude: Float, rotor: Rotor, /) -> Rotor:
+        """Return what paths whose rotors at the harmonic of a row are given leave of its phasor, (n,) each."""
+        cos, sin = rotor
+        return self.re[row] - _summed(amplitude * cos), self.im[row] - _summed(amplitude * sin)
+
+    def without(self, paths: Mixture, /) -> "Measured":
+        """Return what paths leave of the phasors."""
+        re, im = paths.phasors(self.harmonics)
+        return Measured(self.harmonics, self.re - re, self.im - im)
+
+
+@dataclass(frozen=True)
+class WhiteFit:
+    """The fit with the noise of ambient light alone: one weight a harmonic, the same in every direction."""
+
+    measured: Measured
+    weights: tuple[float, ...]
+
+    def linearised(self, points: Float, /) -> Linearised:
+        """Return the normal equations: between two paths they depend on the difference of the phases alone."""
+        paths = Mixture.of_points(points)
+        k, count = paths.amplitude.shape
+        matrix, gradient, cost = np.zeros((entry(2 * k, 0), count)), np.zeros((2 * k, count)), np.zeros(count)
+        rotors = powers((paths.cos, paths.sin), self.measured.harmonics)
+        for row, (h, weight, (cos, sin)) in enumerate(zip(self.measured.harmonics, self.weights, rotors, strict=True)):
+            re, im = self.measured.rest(row, paths.amplitude, (cos, sin))
+            cost += weight * (re * re + im * im)
+            gradient[:k] += weight * (cos * re + sin * im)
+            gradient[k:] += (weight * h) * (cos * im - sin * re)
+            for i in range(k):
+                matrix[entry(i, i)] += weight
+                matrix[entry(k + i, k + i)] += weight * h * h
+                for j in range(i):
+                    in_phase = weight * (cos[i] * cos[j] + sin[i] * sin[j])
+                    quadrature = (weight * h) * (sin[i] * cos[j] - cos[i] * sin[j])
+                    matrix[entry(i, j)] += in_phase
+                    matrix[entry(k + i, k + j)] += (h * h) * in_phase
+                    matrix[entry(k + j, i)] += quadrature
+                    matrix[entry(k + i, j)] -= quadrature
+        return Linearised(matrix, gradient, cost)
+
+    def moved(self, points: Float, steps: Float, /) -> Float:
+        """Return the paths after a step along and across."""
+        return moved_paths(points, steps)
+
+    def taken(self, chosen: Index, /) -> Self:
+        """Return the problems of the given pixels."""
+        return type(self)(self.measured.taken(chosen), self.weights)
+
+
+@dataclass(frozen=True)
+class WeightedFit:
+    """The fit with the full noise of each harmonic: the inverse covariances' entries re·re, re·im and im·im, (N, n) each."""
+
+    measured: Measured
+    re_re: Float
+    re_im: Float
+    im_im: Float
+
+    @classmethod
+    def around(cls, measured: Measured, paths: Mixture, /, *, noise: NoiseModel) -> "WeightedFit":
+        """Return the fit with the noise that the light of the given paths would have."""
+        harmonics = measured.harmonics
+        total = np.maximum(_summed(paths.amplitude), 1.0)
+        light = Mixture(paths.amplitude / total, paths.cos, paths.sin)
+        single, doubled = light.phasors(harmonics), light.phasors(tuple(2 * h for h in harmonics))
+        entries = np.empty((3, *measured.re.shape))
+        for row, harmonic in enumerate(noise.harmonics):
+            re_re, re_im, im_im = harmonic.covariance(
+                (single[0][row], single[1][row]), (doubled[0][row], doubled[1][row])
+            )
+            scale = 1.0 / (re_re * im_im - re_im * re_im)
+            entries[:, row] = im_im * scale, -re_im * scale, re_re * scale
+        return cls(measured, *entries)
+
+    def linearised(self, points: Float, /) -> Linearised:
+        """Return the normal equations with their weights."""
+        paths = Mixture.of_points(points)
+        k, count = paths.amplitude.shape
+        matrix, gradient, cost = np.zeros((entry(2 * k, 0), count)), np.zeros((2 * k, count)), np.zeros(count)
+        rotors = powers((paths.cos, paths.sin), self.measured.harmonics)
+        for row, (h, (cos, sin)) in enumerate(zip(self.measured.harmonics, rotors, strict=True)):
+            re, im = self.measured.rest(row, paths.amplitude, (cos, sin))
+            a, b, d = self.re_re[row], self.re_im[row], self.im_im[row]
+            slopes_re, slopes_im = np.concatenate((cos, -h * sin)), np.concatenate((sin, h * cos))
+            weighted_re, weighted_im = a * slopes_re + b * slopes_im, b * slopes_re + d * slopes_im
+            cost += (a * re + 2.0 * b * im) * re + d * im * im
+            gradient += weighted_re * re + weighted_im * im
+            for i in range(2 * k):
+                rows = slice(entry(i, 0), entry(i, i) + 1)
+                matrix[rows] += weighted_re[i] * slopes_re[: i + 1] + weighted_im[i] * slopes_im[: i + 1]
+        return Linearised(matrix, gradient, cost)
+
+    def moved(self, points: Float, steps: Float, /) -> Float:
+        """Return the paths after a step along and across."""
+        return moved_paths(points, steps)
+
+    def taken(self, chosen: Index, /) -> Self:
+        """Return the problems of the given pixels."""
+        return type(self)(
+            self.measured.taken(chosen), self.re_re[:, chosen], self.re_im[:, chosen], self.im_im[:, chosen]
+        )
+
+
+def moved_paths(points: Float, steps: Float, /) -> Float:
+    """Return points (3·K, n) after steps (2·K, n), amplitudes along the paths first, then across them."""
+    paths = Mixture.of_points(points)
+    along, across = np.split(steps, 2)
+    amplitude, turn = unit_rotor(paths.amplitude + along, across)
+    return Mixture(amplitude, *product((paths.cos, paths.sin), turn)).points
+
+
+def _summed(parts: Float) -> Float:
+    """Return the sum over paths in their order; numpy's own order depends on the shape."""
+    total: Float = parts[0].copy()
+    for part in parts[1:]:
+        total += part
+    return total

@@ -1,0 +1,1 @@
+"""Eq. (9), the paper's own method."""

@@ -1,0 +1,1 @@
+"""Paths of channel pairs that answer with more than a sine."""

@@ -1,0 +1,170 @@
+"""Newton's method on the four real equations of two paths under any response, for many pixels at once.
+
+The unknowns are amplitude and fundamental phase of either path: p_h = a·f_h(x) + b·f_h(y), h = 1, 2, with f_h tabulated.
+Single precision throughout: its rounding is far below the noise of any frame, and it halves the time.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from cadtof_cli.arrays import Bool, Complex, Float32, Index
+from cadtof_cli.phasors.noise import NoiseModel
+from cadtof_cli.resolver.response.table import Answer, ResponseBlock
+
+LARGEST_TURN = 0.4
+"""Most that one step may turn a path, in rad: a third of the way between neighbouring extremes of a triangle's slope."""
+
+LARGEST_LOSS = 0.1
+"""Least share of its amplitude that one step leaves to a path, so that no path vanishes by overshooting."""
+
+TOLERANCE = 0.3
+"""A pixel has converged when what is left of its equations before the last step is this share of the noise …"""
+
+ROUNDING = 2e-6
+"""… or, for noise-free frames, this share of its phasors: the rounding of single precision."""
+
+STILL_WORTH = 0.8
+"""Share of pixels still going on below which the others are left behind."""
+
+
+@dataclass(frozen=True, eq=False)
+class SearchState:
+    """Amplitudes and phases of two paths: rows a, x, b, y of `values`, float32 (4, m); their misfit; whether it is done."""
+
+    values: Float32
+    misfit: Float32
+    done: Bool
+
+    @staticmethod
+    def of(values: Float32) -> "SearchState":
+        """Return a state of which nothing is known yet."""
+        count = values.shape[1]
+        return SearchState(values.copy(), np.full(count, np.inf, np.float32), np.zeros(count, np.bool_))
+
+    def put(self, some: Index, other: "SearchState") -> None:
+        """Write over the entries with these indices."""
+        self.values[:, some], self.misfit[some], self.done[some] = other.values, other.misfit, other.done
+
+
+@dataclass(frozen=True, eq=False)
+class Equations:
+    """What the paths of m pixels must meet: the response there, their phasors, and the misfit at which they are done.
+
+    `observed` is float32 (4, m): real and imaginary part of the first phasor, then of the second.
+    """
+
+    response: ResponseBlock
+    pixels: Index
+    observed: Float32
+    enough: Float32
+    weights: tuple[np.float32, ...]
+
+    @staticmethod
+    def of(response: ResponseBlock, phasors: Complex, pixels: Index, noise: NoiseModel) -> "Equations":
+        """Return the equations of some of the pixels of phasors (2, n)."""
+        observed = np.stack([part[pixels] for parts in response.observed(phasors) for part in parts])
+        weights = tuple(np.float32(1.0 / harmonic.dark_variance) for harmonic in noise.harmonics)
+        power = np.zeros(pixels.size, np.float32)
+        for row, weight in enumerate(weights):
+            power += weight * (observed[2 * row] ** 2 + observed[2 * row + 1] ** 2)
+        enough = np.maximum(np.float32(TOLERANCE**2), np.float32(ROUNDING**2) * power)
+        return Equations(response, pixels, observed, enough, weights)
+
+    def chosen(self, some: Bool | Index) -> "Equations":
+        """Return those of some of the pixels."""
+        return replace(self, pixels=self.pixels[some], observed=self.observed[:, some], enough=self.enough[some])
+
+    def fields(self, values: Float32, row: int, stage: int) -> "Fields":
+        """Return one harmonic's side of the equations at paths `values`, (4, m)."""
+        a, x, b, y = values
+        fx = self.response.at(row, x, self.pixels, stage=stage)
+        fy = self.response.at(row, y, self.pixels, stage=stage)
+        left_re = self.observed[2 * row] - a * fx.re
+        left_im = self.observed[2 * row + 1] - a * fx.im
+        left_re -= b * fy.re
+        left_im -= b * fy.im
+        return Fields(fx, fy, left_re, left_im)
+
+
+@dataclass(frozen=True, eq=False)
+class Fields:
+    """One harmonic's answer to either path, and what the paths leave of its phasor: float32 (m,)."""
+
+    x: Answer
+    y: Answer
+    left_re: Float32
+    left_im: Float32
+
+    @property
+    def left2(self) -> Float32:
+        """Squared modulus of what is left."""
+        return self.left_re * self.left_re + self.left_im * self.left_im
+
+
+def search(equations: Equations, start: Float32, /, *, steps: int, stage: int = -1) -> SearchState:
+    """Return the state after at most so many steps from the start, values (4, m).
+
+    A step that does not bring a pixel closer is halved. Pixels that are done take one step more, unseen: what that leaves is
+    of second order in next to nothing. They are carried along until it pays to go on without them.
+    """
+    found = SearchState.of(start)
+    where, going = np.arange(start.shape[1]), np.ones(start.shape[1], np.bool_)
+    trial, values, misfit, step = start, start, found.misfit, np.zeros_like(start)
+    for count in range(steps + 1):
+        first, second = (equations.fields(trial, row, stage) for row in range(2))
+        left = equations.weights[0] * first.left2 + equations.weights[1] * second.left2
+        closer = left < misfit
+        values, misfit = np.where(closer, trial, values), np.where(closer, left, misfit)
+        step = np.where(closer, newton_step(first, second, trial), np.float32(0.5) * step)
+        trial = stepped(values, step)
+        done = going & (left <= equations.enough)
+        if done.any():
+            found.put(where[done], SearchState(trial[:, done], misfit[done], done[done]))
+            going = going & ~done
+        remaining = np.count_nonzero(going)
+        if count == steps or not remaining:
+            break
+        if remaining < STILL_WORTH * where.size:
+            where, equations, misfit = where[going], equations.chosen(going), misfit[going]
+            trial, values, step = trial[:, going], values[:, going], step[:, going]
+            going = going[going]
+    found.put(where[going], SearchState(values[:, going], misfit[going], np.zeros(remaining, np.bool_)))
+    return found
+
+
+def stepped(values: Float32, step: Float32, /) -> Float32:
+    """Return values + step, (4, m), with amplitudes kept above 0."""
+    after = values + step
+    np.maximum(after[::2], np.float32(LARGEST_LOSS) * values[::2], out=after[::2])
+    return after
+
+
+def newton_step(first: Fields, second: Fields, values: Float32, /) -> Float32:
+    """Solve the four real equations for the changes of a, x, b, y, (4, m).
+
+    By Cramer's rule, with determinants by Laplace's expansion: det(A, B, C, D) is the sum over pairs of columns of a
+    minor in the first harmonic times the complementary minor in the second, with alternating signs.
+    """
+    ab1, ac1, ad1, bc1, bd1, cd1, ra1, rb1, rc1, rd1 = _minors(first)
+    ab2, ac2, ad2, bc2, bd2, cd2, ra2, rb2, rc2, rd2 = _minors(second)
+    scale = 1.0 / (ab1 * cd2 - ac1 * bd2 + ad1 * bc2 + bc1 * ad2 - bd1 * ac2 + cd1 * ab2)
+    step = np.empty_like(values)
+    step[0] = (rb1 * cd2 - rc1 * bd2 + rd1 * bc2 + bc1 * rd2 - bd1 * rc2 + cd1 * rb2) * scale
+    step[1] = (ad1 * rc2 + rc1 * ad2 - ra1 * cd2 - ac1 * rd2 - rd1 * ac2 - cd1 * ra2) * scale / values[0]
+    step[2] = (ab1 * rd2 + ra1 * bd2 - ad1 * rb2 - rb1 * ad2 + bd1 * ra2 + rd1 * ab2) * scale
+    step[3] = (ac1 * rb2 - ab1 * rc2 - ra1 * bc2 - bc1 * ra2 + rb1 * ac2 - rc1 * ab2) * scale / values[2]
+    step *= np.minimum(1.0, LARGEST_TURN / np.maximum(np.abs(step[1]), np.abs(step[3])))
+    return step
+
+
+def _minors(fields: Fields) -> tuple[Float32, ...]:
+    """Return the determinants of pairs of columns of one harmonic: ab, ac, ad, bc, bd, cd, then ra, rb, rc, rd.
+
+    The columns are the real and imaginary parts of A = f(x), B = f'(x), C = f(y), D = f'(y), and R, what is left.
+    """
+    x, y = fields.x, fields.y
+    a, b, c, d = (x.re, x.im), (x.slope_re, x.slope_im), (y.re, y.im), (y.slope_re, y.slope_im)
+    r = (fields.left_re, fields.left_im)
+    pairs = ((a, b), (a, c), (a, d), (b, c), (b, d), (c, d), (r, a), (r, b), (r, c), (r, d))
+    return tuple(p[0] * q[1] - p[1] * q[0] for p, q in pairs)

@@ -1,0 +1,85 @@
+"""One path from two harmonics: maximum likelihood."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cadtof_cli.arrays import Float
+from cadtof_cli.phasors.noise import NoiseModel
+from cadtof_cli.resolver.two_path.closed_form import FundamentalFrame
+
+CURVATURE_FLOOR = 0.1
+"""Least curvature that a Newton step divides by, as a share of the largest possible: keeps saddle points from throwing it."""
+
+
+@dataclass(frozen=True)
+class OnePath:
+    """The best single path of n pixels: float64 (n,) each.
+
+    `amplitude` in units of the phasors, the unit rotor of its phase, the phase's predicted standard deviation, and
+    `chi_squared`, what the fit leaves over the noise: χ² with 2 degrees of freedom where there is only one path.
+    """
+
+    amplitude: Float
+    cos: Float
+    sin: Float
+    sigma_rad: Float
+    chi_squared: Float
+
+
+def one_path(frame: FundamentalFrame, /, *, noise: NoiseModel, steps: int) -> OnePath:
+    """Fit p1 = a·exp(ix), p2 = a·exp(2ix) to every pixel. NaN in gives NaN out.
+
+    Maximises w1·Re(p1·exp(−ix)) + w2·Re(p2·exp(−2ix)), the likelihood of white noise after the best amplitude is put in.
+    The maximum lies between arg p1 and the nearer half of arg p2; their mean, weighted by what each knows, is exact to first
+    order in the noise, and `steps` Newton steps follow. Each turns by a rational rotation, so no step needs trigonometry.
+    The noise of one path is uncorrelated along and across its phasors (see `noise_model`), so the misfit has two
+    independent parts: the amplitudes' disagreement, and the phases'.
+    """
+    first, second = noise.harmonics
+    weight = first.dark_variance / second.dark_variance
+    cos, sin, top = _start(frame, weight)
+    for _ in range(steps):
+        along1, across1, along2, across2 = _turned(frame, cos, sin)
+        slope = across1 + 2.0 * weight * across2
+        curvature = along1 + 4.0 * weight * along2
+        cos, sin = _turn(cos, sin, slope / np.maximum(curvature, CURVATURE_FLOOR * top))
+    along1, across1, along2, across2 = _turned(frame, cos, sin)
+    amplitude = np.maximum((along1 + weight * along2) / (1.0 + weight), 0.0)
+    r1, t1 = first.one_path_variances(amplitude)
+    r2, t2 = second.one_path_variances(amplitude)
+    disagreement = 4.0 * t1 + t2
+    chi_squared = (along1 - along2) ** 2 / (r1 + r2) + (2.0 * across1 - across2) ** 2 / disagreement
+    sigma = np.sqrt(t1 * t2 / disagreement) / amplitude
+    return OnePath(amplitude, cos * frame.cos - sin * frame.sin, cos * frame.sin + sin * frame.cos, sigma, chi_squared)
+
+
+def _start(frame: FundamentalFrame, weight: float) -> tuple[Float, Float, Float]:
+    """Return the rotor of the weighted mean phase, and u + 4w·|p2|, the largest curvature there can be."""
+    modulus = np.sqrt(frame.pr * frame.pr + frame.pi * frame.pi)
+    from_second = 4.0 * weight * modulus
+    shrink = 0.5 / np.maximum(modulus, np.finfo(np.float64).tiny)
+    cos = frame.u + from_second * np.sqrt(np.maximum(0.5 + frame.pr * shrink, 0.0))
+    sin = np.copysign(from_second * np.sqrt(np.maximum(0.5 - frame.pr * shrink, 0.0)), frame.pi)
+    norm = 1.0 / np.sqrt(np.maximum(cos * cos + sin * sin, np.finfo(np.float64).tiny))
+    return cos * norm, sin * norm, frame.u + from_second
+
+
+def _turned(frame: FundamentalFrame, cos: Float, sin: Float) -> tuple[Float, Float, Float, Float]:
+    """Return p1 along and across the path, then p2 along and across it."""
+    cos2, sin2 = cos * cos - sin * sin, 2.0 * cos * sin
+    return (
+        frame.u * cos,
+        -frame.u * sin,
+        frame.pr * cos2 + frame.pi * sin2,
+        frame.pi * cos2 - frame.pr * sin2,
+    )
+
+
+def _turn(cos: Float, sin: Float, angle: Float) -> tuple[Float, Float]:
+    """Rotate by 2·atan(angle/2), which is `angle` to second order and stays a rotation for any size of it."""
+    half = 0.5 * angle
+    square = half * half
+    norm = 1.0 / (1.0 + square)
+    cos_turn, sin_turn = (1.0 - square) * norm, 2.0 * half * norm
+    return cos * cos_turn - sin * sin_turn, sin * cos_turn + cos * sin_turn

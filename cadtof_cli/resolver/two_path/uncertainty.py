@@ -1,0 +1,65 @@
+"""Predicted standard deviations of two resolved paths: the noise of the phasors carried through the inverse Jacobian."""
+
+import numpy as np
+
+from cadtof_cli.arrays import Float32
+from cadtof_cli.phasors.noise import NoiseModel
+from cadtof_cli.resolver.two_path.closed_form import TwoPaths
+
+
+def two_path_sigmas(paths: TwoPaths, /, *, noise: NoiseModel) -> tuple[Float32, Float32]:
+    """Return the standard deviations of x and y in rad, float32 (n,) each; infinite where a, b or x − y is 0.
+
+    With D = y − x, c = cos D and s = sin D, the change of x is (α·q1 + β·q2)/a, where q_h is the noise of p_h turned back by
+    h·x and · multiplies real with real and imaginary with imaginary parts:
+
+        α = (−(1+c)s,  1+c+c²)/((1−c)(2+c)),   β = ((1+c)s,  ½−c−c²)/((1−c)(2+c))
+
+    For white noise that is the Cramér–Rao bound of PHYSICS, (σ/a)·√(13+20c+12c²)/(2(1−c)(2+c)). Here q_h has the covariance
+    that the averaging leaves for this mix of light, E|q|² = ε(1/r_h² − |z_h|²) and E q² = ε(r_2h·z_2h/r_h² − z_h²) with
+    z_k = a + b·exp(ikD) and ε = 1/(2·n_av − 1). Multiplied out,
+
+        σ_x²·(a(1−c)(2+c))² = s1(2+4c+3c²) + s2(5/4+c) − t1(a·c²(3+4c+2c²) + b·c(4+5c))
+                              + t2(a(3/4+3c−4c³−2c⁴) + b(3/4−c−2c²)) − 2ε(1−c²)(b − a(1+c))²
+
+    with s_h the dark variance and t_h = ε·r_2h/(2·r_h²); σ_y with a and b exchanged. float32 is enough for a prediction.
+    """
+    first, second = noise.harmonics
+    epsilon = first.averaging
+    s1, s2 = first.dark_variance, second.dark_variance
+    t1, t2 = (0.5 * epsilon * h.pulse_double / h.pulse**2 for h in (first, second))
+    gap = (2.0 * paths.sin_half * paths.sin_half).astype(np.float32)
+    a, b = paths.a.astype(np.float32), paths.b.astype(np.float32)
+    cos = 1.0 - gap
+    one_and_cos = 1.0 + cos
+    alone = _polynomial(cos, 2.0 * s1 + 1.25 * s2, 4.0 * s1 + s2, 3.0 * s1)
+    own = _polynomial(cos, 0.75 * t2, 3.0 * t2, -3.0 * t1, -4.0 * (t1 + t2), -2.0 * (t1 + t2))
+    other = _polynomial(cos, 0.75 * t2, -4.0 * t1 - t2, -5.0 * t1 - 2.0 * t2)
+    signal = gap * one_and_cos
+    signal *= 2.0 * epsilon
+    scale = gap * (2.0 + cos)
+
+    def sigma(strength: Float32, rival: Float32) -> Float32:
+        variance = strength * own
+        variance += rival * other
+        variance += alone
+        excess = rival - strength * one_and_cos
+        excess *= excess
+        excess *= signal
+        variance -= excess
+        result: Float32 = np.sqrt(np.maximum(variance, 0.0, out=variance), out=variance)
+        result /= strength * scale
+        return result
+
+    return sigma(a, b), sigma(b, a)
+
+
+def _polynomial(x: Float32, *coefficients: float) -> Float32:
+    """Return Σ coefficients[k]·x^k by Horner's rule."""
+    *lower, highest = coefficients
+    value = highest * x
+    for coefficient in reversed(lower[1:]):
+        value += coefficient
+        value *= x
+    value += lower[0]
+    return value

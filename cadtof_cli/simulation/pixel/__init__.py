@@ -1,0 +1,1 @@
+"""The pixel: photons, averaging, statistics, bounds."""

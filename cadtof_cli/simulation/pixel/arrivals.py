@@ -1,0 +1,89 @@
+"""Photons one by one: when each arrives, as the phase at which it samples the modulation."""
+
+import math
+
+import numpy as np
+
+from cadtof_cli.arrays import Float, Float32
+from cadtof_cli.simulation.pixel.mix import PhotonMix
+
+
+def draw_phases(mix: PhotonMix, generator: np.random.Generator, /, *, count: int, harmonic: int = 1) -> Float32:
+    """Return the phases at which photons of one pixel arrive, float32 (count,), in rad of a harmonic.
+
+    One uniform number a photon decides both where it comes from and, if that is ambient light, when; laser photons
+    get a Gaussian about their path's delay. float32 resolves 10⁻⁶ of a period, a thousandth of the pulse.
+
+    Args:
+        mix: of one pixel, without pixel axes.
+        generator: source of randomness.
+        count: photons.
+        harmonic: h; the phase of a photon at t is 2π h t/T1.
+    """
+    shares = mix.shares()
+    ambient = float(mix.ambient / mix.total)
+    chance = generator.random(count, dtype=np.float32)
+    laser = np.flatnonzero(chance >= ambient) if ambient > 0 else slice(None)
+    origin = chance[laser]
+    phases = chance if ambient == 0 else np.multiply(chance, np.float32(2.0 * math.pi * harmonic / ambient), out=chance)
+    centres = (2.0 * math.pi * harmonic / mix.period_ns * mix.delays_ns).astype(np.float32)
+    spread = np.float32(harmonic * mix.spread_rad)
+    arrival = generator.standard_normal(len(origin), dtype=np.float32) * spread
+    last = len(shares) - 1
+    for path, limit in enumerate(ambient + np.cumsum(shares)[:-1]):
+        if path == 0:
+            arrival += np.where(origin < np.float32(limit), centres[0], centres[min(1, last)])
+        else:
+            arrival += (origin >= np.float32(limit)) * (centres[path + 1] - centres[path])
+    if last == 0:
+        arrival += centres[0]
+    phases[laser] = arrival
+    return phases
+
+
+def draw_detections(
+    mix: PhotonMix,
+    generator: np.random.Generator,
+    /,
+    *,
+    cycles: int,
+    photons_per_cycle: int,
+    dead_time_ns: float,
+    jitter_ns: float,
+) -> Float:
+    """Return the times of the photons that a SPAD with dead time detects, float64 (n,), in ns from the first cycle on.
+
+    Args:
+        mix: of one pixel, without pixel axes; its own jitter must be 0, since what the SPAD misses is decided by
+            when photons arrive, not by when they are seen.
+        generator: source of randomness.
+        cycles: laser periods.
+        photons_per_cycle: photons that arrive in each.
+        dead_time_ns: after a detection, arrivals within this time are lost and do not prolong it.
+        jitter_ns: standard deviation of the time that detection adds.
+    """
+    phases = draw_phases(mix, generator, count=cycles * photons_per_cycle).astype(np.float64)
+    times = np.mod(phases / (2.0 * math.pi), 1.0).reshape(cycles, photons_per_cycle)
+    times += np.arange(cycles)[:, None]
+    times = np.sort(times.ravel()) * mix.period_ns
+    seen: Float = times[detected(times, dead_time_ns=dead_time_ns)]
+    return seen + jitter_ns * generator.standard_normal(len(seen)) if jitter_ns > 0 else seen
+
+
+def detected(times_ns: Float, /, *, dead_time_ns: float) -> np.ndarray[tuple[int], np.dtype[np.intp]]:
+    """Return which of the sorted arrival times (n,) are detected, as indices.
+
+    Each photon knows which would be the next after it, so the chain from the first photon on is found by doubling
+    the stride, in log2(n) steps over all photons at once.
+    """
+    count = len(times_ns)
+    following = np.append(np.searchsorted(times_ns, times_ns + dead_time_ns), count)
+    following = np.maximum(following, np.minimum(np.arange(count + 1) + 1, count))
+    reached = np.zeros(count + 1, dtype=np.bool_)
+    reached[0] = True
+    stride = 1
+    while stride <= count:
+        reached[following[np.flatnonzero(reached)]] = True
+        following = following[following]
+        stride *= 2
+    return np.flatnonzero(reached[:count])

@@ -1,0 +1,174 @@
+"""How a pixel averages its samples: Eq. (1), from an integration length or from the capacitors of the paper's Fig. 1.
+
+Every way of averaging is linear, so it is known by its weights: the voltage read after n photons is Σ w_i V_m,i.
+"""
+
+import itertools
+import math
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+
+from cadtof_cli.arrays import Float
+from cadtof_cli.errors import SettingsError
+from cadtof_cli.simulation.pixel.mix import finite_at_least, require
+
+StageDrive = Literal["dc", "switched"]
+
+STAGE_DRIVES: tuple[StageDrive, ...] = ("dc", "switched")
+
+BOLTZMANN_J_PER_K = 1.380649e-23
+
+_SAME_LENGTH = 1e-6
+"""How far the integration lengths of the two channels may differ, relative."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Capacitors:
+    """C1 … C12 of Fig. 1, in fF. SC1 uses C1, C2, C5, C6, C9, C10; SC2 uses C3, C4, C7, C8, C11, C12.
+
+    Raises:
+        SettingsError: a capacitor is not above 0, or the channels would average over different lengths.
+    """
+
+    values_ff: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        require(len(self.values_ff) == 12, "capacitors", f"{len(self.values_ff)} values", "12: C1 to C12 in fF")
+        require(all(finite_at_least(c, 1e-9) for c in self.values_ff), "capacitors", self.values_ff, "all above 0 fF")
+        first, second = ((c[0] + sum(c[1:])) / c[0] for c in self.nodes_ff)
+        if abs(first - second) > _SAME_LENGTH * first:
+            raise SettingsError(
+                f"capacitors: found n_av {first:g} for SC1 and {second:g} for SC2, expected the same: "
+                "(C1 + C_total1)/C1 = (C3 + C_total2)/C3"
+            )
+
+    @property
+    def nodes_ff(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
+        """For each channel: the sampling capacitor, then what stands behind SM, ST1 and ST2."""
+        c = self.values_ff
+        return (c[0], c[1], c[4] + c[5], c[8] + c[9]), (c[2], c[3], c[6] + c[7], c[10] + c[11])
+
+    @property
+    def integration_length(self) -> float:
+        """n_av = (C1 + C_total1)/C1, section 2 of the paper."""
+        nodes = self.nodes_ff[0]
+        return sum(nodes) / nodes[0]
+
+    def ktc_noise_v(self, temperature_k: float) -> float:
+        """Return the noise √(kT/C1) of one sample, in V."""
+        return math.sqrt(BOLTZMANN_J_PER_K * temperature_k / (self.values_ff[0] * 1e-15))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Stages:
+    """How ST1 and ST2 are driven.
+
+    Attributes:
+        drive: `dc`, closed for good, so that their capacitances add to C_total; or `switched` at f1 and f2, so that
+            each shares its charge with the stage before at that rate.
+        f1_hz, f2_hz: switching frequencies.
+    """
+
+    drive: StageDrive = "dc"
+    f1_hz: float = 1.0e6
+    f2_hz: float = 1.0e4
+
+    def __post_init__(self) -> None:
+        require(self.drive in STAGE_DRIVES, "stages", self.drive, " or ".join(STAGE_DRIVES))
+        for name, value in (("F1", self.f1_hz), ("F2", self.f2_hz)):
+            require(finite_at_least(value, 1e-3), name, f"{value:g} Hz", "a frequency above 0")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Averaging:
+    """The averaging of one pixel: an integration length, or capacitors, and the stages if they are switched."""
+
+    integration_length: float
+    capacitors: Capacitors | None = None
+    stages: Stages = field(default_factory=Stages)
+
+    def __post_init__(self) -> None:
+        n_av = self.integration_length
+        require(math.isfinite(n_av) and n_av > 1, "integration length", f"{n_av:g}", "a finite number above 1")
+        require(
+            self.capacitors is not None or self.stages.drive == "dc",
+            "stages",
+            "switched stages without capacitors",
+            "the capacitors C1 to C12, whose charge they share",
+        )
+
+    def weights(self, photons: int, *, photon_rate_hz: float) -> Float:
+        """Return the weights of the samples of SC1 and of SC2 in the voltages read last, (2, photons).
+
+        Eq. (1) from 0 V gives w_i = (1/n_av)(1 − 1/n_av)^(N − i).
+        """
+        if self.capacitors is None or self.stages.drive == "dc":
+            decay = math.log1p(-1.0 / self.integration_length)
+            ages = np.arange(photons - 1, -1, -1)
+            return np.broadcast_to(np.exp(decay * ages) / self.integration_length, (2, photons))
+        first, second = self.capacitors.nodes_ff
+        ticks = stage_ticks(self.stages, photons, photon_rate_hz)
+        weights = cascade_weights(first, ticks, photons)
+        return np.stack([weights, weights if second == first else cascade_weights(second, ticks, photons)])
+
+
+def effective_length(weights: Float, /) -> float:
+    """Return the n_av of Eq. (1) whose noise equals that of the weights: (1/Σ w² + 1)/2 for weights that add up to 1."""
+    return (float(weights.sum()) ** 2 / float((weights**2).sum()) + 1.0) / 2.0
+
+
+def stage_ticks(stages: Stages, photons: int, photon_rate_hz: float) -> list[tuple[int, int]]:
+    """Return when the stages switch: pairs (photons sampled before, stage 1 or 2), in the order of time.
+
+    Photons come at an even rate here; that they really come at random moves a tick by a few photons of the hundreds
+    between two.
+    """
+    ticks = []
+    for stage, frequency in ((1, stages.f1_hz), (2, stages.f2_hz)):
+        per_tick = photon_rate_hz / frequency
+        moments = np.arange(1, math.floor(photons / per_tick + 1e-9) + 1) * per_tick
+        ticks += [(float(moment), stage) for moment in moments]
+    return [(min(math.ceil(moment - 1e-9), photons), stage) for moment, stage in sorted(ticks)]
+
+
+def cascade_weights(nodes_ff: tuple[float, ...], ticks: list[tuple[int, int]], photons: int) -> Float:
+    """Return the weights of the samples in the voltage of the last stage, (photons,).
+
+    C1 takes the sample and shares it with the node behind SM, to which it stays connected until the next photon.
+    At a tick, a stage shares its charge with the one before. The effect of each sample on the last voltage is
+    followed backwards in time, so the loop is over ticks, not over photons. When all stages share their charge
+    between any two photons, this is Eq. (1) with C_total.
+
+    Args:
+        nodes_ff: sampling capacitor, then those behind SM, ST1 and ST2.
+        ticks: from `stage_ticks`.
+        photons: how many were sampled.
+    """
+    sampling, first, second, third = nodes_ff
+    keep = first / (sampling + first)
+    share1 = (sampling + first) / (sampling + first + second)
+    share2 = second / (second + third)
+    fall = keep ** np.arange(max((b - a for a, b in _spans(ticks, photons)), default=0), dtype=np.float64)
+    weights = np.zeros(photons)
+    on_first, on_second, on_third = 0.0, 0.0, 1.0
+    stop = photons
+    for before, stage in reversed([(0, 0), *ticks]):
+        if before < stop:
+            count = stop - before
+            weights[before:stop] = on_first * (1.0 - keep) * fall[:count][::-1]
+            on_first *= keep**count
+            stop = before
+        if stage == 1:
+            both = on_first + on_second
+            on_first, on_second = share1 * both, (1.0 - share1) * both
+        elif stage == 2:
+            both = on_second + on_third
+            on_second, on_third = share2 * both, (1.0 - share2) * both
+    return weights
+
+
+def _spans(ticks: list[tuple[int, int]], photons: int) -> list[tuple[int, int]]:
+    edges = [0, *(before for before, _ in ticks), photons]
+    return list(itertools.pairwise(edges))

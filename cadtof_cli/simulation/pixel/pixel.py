@@ -1,0 +1,194 @@
+"""The pixel, photon by photon: each samples the modulation at its arrival, and the samples are averaged."""
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.signal import lfilter
+
+from cadtof_cli.arrays import Float, Float32
+from cadtof_cli.capture.metadata import Modulation
+from cadtof_cli.errors import SettingsError
+from cadtof_cli.simulation.pixel.arrivals import draw_detections, draw_phases
+from cadtof_cli.simulation.pixel.averaging import Averaging
+from cadtof_cli.simulation.pixel.mix import PhotonMix, finite_at_least, require
+from cadtof_cli.simulation.pixel.waveforms import sampled_pair
+
+PHOTONS_PER_LENGTH = 12.5
+"""Photons over n_av when nobody says how many cycles: the paper's 50,000 photons at n_av 4000."""
+
+FORGOTTEN_LENGTHS = 40.0
+"""Photons older than this many n_av weigh less than rounding and are not drawn."""
+
+CHUNK = 1 << 16
+"""Photons drawn at once: their buffers stay in the processor's cache."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class PixelModel:
+    """One pixel and how long it is exposed.
+
+    Attributes:
+        modulation: voltages that it samples.
+        averaging: of the samples.
+        photons_per_cycle: photons of all origins that arrive in one period of the fundamental.
+        cycles: periods that are recorded at each harmonic; None for 12.5 n_av photons.
+        dead_time_ns: of the SPAD; 0 for none.
+        jitter_ns: standard deviation of the SPAD's timing.
+        sample_noise_v: standard deviation of noise in every sample, such as kTC noise √(kT/C1).
+        gain_mismatch: gain of SC2 over that of SC1, less 1.
+        offsets_v: of SC1 and SC2.
+    """
+
+    modulation: Modulation = field(default_factory=Modulation)
+    averaging: Averaging
+    photons_per_cycle: int = 5
+    cycles: int | None = None
+    dead_time_ns: float = 0.0
+    jitter_ns: float = 0.0
+    sample_noise_v: float = 0.0
+    gain_mismatch: float = 0.0
+    offsets_v: tuple[float, float] = (0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        require(self.photons_per_cycle >= 1, "photons per cycle", self.photons_per_cycle, "1 or more")
+        require(self.cycles is None or self.cycles >= 1, "cycles", self.cycles, "1 or more")
+        period = self.modulation.periods_ns[0]
+        require(
+            0 <= self.dead_time_ns < period,
+            "dead time",
+            f"{self.dead_time_ns:g} ns",
+            f"0 to less than one cycle of {period:g} ns",
+        )
+        require(finite_at_least(self.jitter_ns, 0), "jitter", f"{self.jitter_ns:g} ns", "0 ns or more")
+        require(finite_at_least(self.sample_noise_v, 0), "sample noise", f"{self.sample_noise_v:g} V", "0 V or more")
+        require(finite_at_least(self.gain_mismatch, -1), "gain mismatch", self.gain_mismatch, "-1 or more")
+        require(all(map(math.isfinite, self.offsets_v)), "offsets", self.offsets_v, "two finite voltages")
+        if self.dead_time_ns > 0 and self.averaging.stages.drive == "switched":
+            raise SettingsError("dead time: found with switched stages, expected stages closed by dc")
+
+    @property
+    def photons(self) -> int:
+        """Photons that arrive while one harmonic is recorded."""
+        if self.cycles is not None:
+            return self.cycles * self.photons_per_cycle
+        wanted = PHOTONS_PER_LENGTH * self.averaging.integration_length
+        return math.ceil(wanted / self.photons_per_cycle) * self.photons_per_cycle
+
+    @property
+    def photon_rate_hz(self) -> float:
+        """Mean rate of arrivals."""
+        return self.photons_per_cycle / (self.modulation.periods_ns[0] * 1e-9)
+
+
+@dataclass(frozen=True)
+class PixelTrace:
+    """One recording, photon by photon.
+
+    Attributes:
+        times_ns: (n,), arrival within the period of the fundamental.
+        cycles: (n,), number of the laser cycle.
+        voltages_v: (2, n), SC1 and SC2 after each photon.
+    """
+
+    times_ns: Float
+    cycles: Float
+    voltages_v: Float
+
+
+def pixel_weights(model: PixelModel, /) -> Float32:
+    """Return the weights of the photons that count, (2, n) float32, the latest last; they are the same in all runs."""
+    weights = model.averaging.weights(model.photons, photon_rate_hz=model.photon_rate_hz)
+    if model.averaging.stages.drive == "dc":
+        kept = math.ceil(FORGOTTEN_LENGTHS * model.averaging.integration_length)
+        weights = weights[:, -min(kept, model.photons) :]
+    return np.ascontiguousarray(weights, dtype=np.float32)
+
+
+def record_pixel(
+    model: PixelModel, mix: PhotonMix, weights: Float32, generators: list[np.random.Generator], /
+) -> Float:
+    """Return the voltages that one run ends with, (H, 2), in V, without keeping the trace.
+
+    Args:
+        model: the pixel.
+        mix: photons of this pixel, without pixel axes and without jitter, which is the model's.
+        weights: from `pixel_weights`.
+        generators: one for each harmonic, since harmonics are recorded one after the other.
+    """
+    voltages = np.empty((len(model.modulation.harmonics), 2))
+    for row, (harmonic, generator) in enumerate(zip(model.modulation.harmonics, generators, strict=True)):
+        used = weights
+        if model.dead_time_ns > 0:
+            phases = _detected_phases(model, mix, generator, harmonic)
+            used = weights[:, -len(phases) :]
+            sums = _weighted(model, phases[-used.shape[1] :].astype(np.float32), used)
+        else:
+            sums = _weighted_arrivals(model, mix.jittered(model.jitter_ns), used, generator, harmonic)
+        noise = model.sample_noise_v * np.sqrt((used.astype(np.float64) ** 2).sum(axis=1))
+        voltages[row] = _read_out(model, model.modulation.amplitude_v * sums + noise * generator.standard_normal(2))
+    return voltages
+
+
+def trace_pixel(model: PixelModel, mix: PhotonMix, generator: np.random.Generator, /, *, harmonic: int) -> PixelTrace:
+    """Return every voltage of one recording from 0 V on; for averaging by Eq. (1), stages closed by dc.
+
+    Raises:
+        SettingsError: the stages are switched.
+    """
+    if model.averaging.stages.drive == "switched":
+        raise SettingsError("stages: found switched stages, expected stages closed by dc for the evolution of voltages")
+    if model.dead_time_ns > 0:
+        phases = _detected_phases(model, mix, generator, harmonic)
+    else:
+        jittered = mix.jittered(model.jitter_ns)
+        drawn = [draw_phases(jittered, generator, count=n, harmonic=1) for n in _chunks(model.photons)]
+        phases = np.concatenate(drawn).astype(np.float64) * harmonic
+    times = phases / (2.0 * math.pi * harmonic) * model.modulation.periods_ns[0]
+    samples = model.modulation.amplitude_v * np.stack(sampled_pair(model.modulation.waveform, phases))
+    samples += model.sample_noise_v * generator.standard_normal(samples.shape)
+    step = 1.0 / model.averaging.integration_length
+    voltages = lfilter([step], [1.0, step - 1.0], samples, axis=1)
+    number = np.arange(voltages.shape[1]) / voltages.shape[1] * (model.photons / model.photons_per_cycle)
+    period = model.modulation.periods_ns[0]
+    return PixelTrace(np.mod(times, period), np.floor(number), _read_out(model, voltages))
+
+
+def _chunks(count: int) -> list[int]:
+    return [CHUNK] * (count // CHUNK) + ([count % CHUNK] if count % CHUNK else [])
+
+
+def _weighted_arrivals(
+    model: PixelModel, mix: PhotonMix, weights: Float32, generator: np.random.Generator, harmonic: int
+) -> Float:
+    """Return Σ w_i of the samples of SC1 and SC2 in units of A, (2,), a chunk of photons at a time."""
+    sums, start = np.zeros(2), 0
+    for count in _chunks(weights.shape[1]):
+        phases = draw_phases(mix, generator, count=count, harmonic=harmonic)
+        sums += _weighted(model, phases, weights[:, start : start + count])
+        start += count
+    return sums
+
+
+def _weighted(model: PixelModel, phases: Float32, weights: Float32) -> Float:
+    first, second = sampled_pair(model.modulation.waveform, phases)
+    return np.array([weights[0] @ first, weights[1] @ second], dtype=np.float64)
+
+
+def _detected_phases(model: PixelModel, mix: PhotonMix, generator: np.random.Generator, harmonic: int) -> Float:
+    times = draw_detections(
+        mix,
+        generator,
+        cycles=model.photons // model.photons_per_cycle,
+        photons_per_cycle=model.photons_per_cycle,
+        dead_time_ns=model.dead_time_ns,
+        jitter_ns=model.jitter_ns,
+    )
+    return 2.0 * math.pi * harmonic / mix.period_ns * np.mod(times, mix.period_ns)
+
+
+def _read_out(model: PixelModel, voltages_v: Float) -> Float:
+    """Apply gain mismatch and offsets to voltages (2, ...)."""
+    shape = (2, *[1] * (voltages_v.ndim - 1))
+    gain = np.array([1.0, 1.0 + model.gain_mismatch]).reshape(shape)
+    return np.asarray(gain * voltages_v + np.array(model.offsets_v).reshape(shape))

@@ -1,0 +1,150 @@
+"""Exact mean and covariance of a pixel's voltages for any photon mix, and draws from them.
+
+A photon at time t samples both channels at once, and the exponentially weighted moving average of Eq. (1) adds up
+independent samples with weights w_i. So the voltages have the mean of one sample and Σ w_i² of its covariance, which
+is 1/(2 n_av − 1) once the average has settled. Moments m_k of the arrival times give both.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from cadtof_cli.arrays import Complex, Float
+from cadtof_cli.capture.metadata import Modulation, Waveform
+from cadtof_cli.simulation.pixel.mix import PhotonMix
+from cadtof_cli.simulation.pixel.waveforms import (
+    highest_order,
+    mean_square,
+    phasor_series,
+    product_series,
+    square_series,
+)
+
+
+@dataclass(frozen=True)
+class VoltageStatistics:
+    """Distribution of SC1 and SC2 at each harmonic, which are recorded one after the other and so independent.
+
+    Attributes:
+        means_v: (H, 2, *pixels), V.
+        covariances_v2: (H, 3, *pixels), V²: variance of SC1, covariance, variance of SC2.
+    """
+
+    means_v: Float
+    covariances_v2: Float
+
+
+def averaging_gain(integration_length: float) -> float:
+    """Return Σ w_i² = 1/(2 n_av − 1), by which Eq. (1) reduces the variance of one sample."""
+    return 1.0 / (2.0 * integration_length - 1.0)
+
+
+def sample_mean(moments: Complex, /, *, harmonic: int, waveform: Waveform) -> Complex:
+    """Return the mean of SC1 + i·SC2 over photons, in units of A.
+
+    Args:
+        moments: (K + 1, *pixels), from `PhotonMix.moments`; orders beyond K count as 0.
+        harmonic: h of the modulation.
+        waveform: sine, m_h, or triangle, (8/π²)(m_h + conj(m_3h)/9 + m_5h/25 + …).
+    """
+    mean = np.zeros(moments.shape[1:], dtype=np.complex128)
+    for n, coefficient in phasor_series(waveform, (len(moments) - 1) // harmonic):
+        moment = moments[abs(n) * harmonic]
+        mean += coefficient * (moment if n > 0 else np.conj(moment))
+    return mean
+
+
+def sample_covariance(moments: Complex, /, *, harmonic: int, waveform: Waveform) -> Float:
+    """Return variance of SC1, covariance, and variance of SC2 over photons, (3, *pixels), in units of A².
+
+    For a sine, with m_h = c + i·s: (1 + Re m_2h)/2 − c², Im m_2h/2 − c·s and (1 − Re m_2h)/2 − s².
+    """
+    mean = sample_mean(moments, harmonic=harmonic, waveform=waveform)
+    c, s = mean.real, mean.imag
+    covariance = np.stack([mean_square(waveform) - c * c, -c * s, mean_square(waveform) - s * s])
+    largest = (len(moments) - 1) // harmonic
+    for n, coefficient in square_series(waveform, largest):
+        term = np.real(coefficient * moments[n * harmonic])
+        covariance[0] += term
+        covariance[2] += term if n % 4 == 0 else -term
+    for n, coefficient in product_series(waveform, largest):
+        covariance[1] += np.imag(coefficient * moments[n * harmonic])
+    return covariance
+
+
+def voltage_statistics(
+    mix: PhotonMix,
+    modulation: Modulation,
+    /,
+    *,
+    variance_gain: float,
+    mean_gain: float = 1.0,
+    sample_noise_v: float = 0.0,
+) -> VoltageStatistics:
+    """Return the distribution of the averaged voltages of every pixel of a mix.
+
+    Args:
+        mix: the photons that arrive, (*pixels).
+        modulation: periods, waveform and amplitude.
+        variance_gain: Σ w_i² of the averaging, from `averaging_gain` or from a cascade's weights.
+        mean_gain: Σ w_i, less than 1 until the average has settled.
+        sample_noise_v: standard deviation of noise that every sample brings besides, such as kTC noise.
+    """
+    moments = mix.moments(highest_order(modulation.harmonics, modulation.waveform, mix.spread_rad))
+    shape = (len(modulation.harmonics), 3, *moments.shape[1:])
+    means, covariances = np.empty((shape[0], 2, *shape[2:])), np.empty(shape)
+    for row, harmonic in enumerate(modulation.harmonics):
+        mean = sample_mean(moments, harmonic=harmonic, waveform=modulation.waveform)
+        means[row] = modulation.amplitude_v * np.stack([mean.real, mean.imag])
+        covariances[row] = modulation.amplitude_v**2 * sample_covariance(
+            moments, harmonic=harmonic, waveform=modulation.waveform
+        )
+    covariances[:, 0::2] += sample_noise_v**2
+    return VoltageStatistics(means * mean_gain, covariances * variance_gain)
+
+
+def draw_voltages(statistics: VoltageStatistics, generator: np.random.Generator, /, *, draws: int = 1) -> Float:
+    """Return independent voltages in V, (draws, H, 2, *pixels), with the given means and covariances."""
+    variance, covariance, second = np.moveaxis(statistics.covariances_v2, 1, 0)
+    first_scale = np.sqrt(np.maximum(variance, 0.0))
+    slope = np.divide(covariance, first_scale, out=np.zeros_like(covariance), where=first_scale > 0)
+    rest = np.sqrt(np.maximum(second - slope**2, 0.0))
+    voltages = generator.standard_normal((draws, *statistics.means_v.shape))
+    first, other = voltages[:, :, 0], voltages[:, :, 1]
+    other *= rest
+    other += slope * first
+    first *= first_scale
+    voltages += statistics.means_v
+    return voltages
+
+
+def confidence_model_v(mix: PhotonMix, modulation: Modulation, /) -> Float:
+    """Return the analytical confidence, the magnitude of the mean voltages of the fundamental, in V (*pixels).
+
+    For one path and sine modulation this is A·r1/(1 + ASR).
+    """
+    statistics = voltage_statistics(mix, modulation, variance_gain=0.0)
+    return np.asarray(np.hypot(statistics.means_v[0, 0], statistics.means_v[0, 1]))
+
+
+def phase_precision_of_mix_rad(mix: PhotonMix, modulation: Modulation, /, *, variance_gain: float) -> Float:
+    """Return the standard deviation of the first phasor's phase for any mix, to first order in the noise, (*pixels).
+
+    It is the spread of the voltages across their mean, over the length of the mean.
+    """
+    statistics = voltage_statistics(mix, modulation, variance_gain=variance_gain)
+    c, s = statistics.means_v[0]
+    first, both, second = statistics.covariances_v2[0]
+    return np.asarray(np.sqrt(s * s * first - 2.0 * c * s * both + c * c * second) / (c * c + s * s))
+
+
+def phase_precision_model_rad(*, asr: float, integration_length: float, spread_rad: float = 0.0) -> float:
+    """Return the analytical standard deviation of the phase of one path and one sine.
+
+    √(ASR(1 + ASR)/(2(2 n_av − 1))) for a short pulse; in general the spread of samples across the phasor,
+    (1 − r2/(1 + ASR))/2, over the squared length of the phasor, (r1/(1 + ASR))².
+    """
+    first, second = math.exp(-(spread_rad**2) / 2.0), math.exp(-2.0 * spread_rad**2)
+    across = (1.0 - second / (1.0 + asr)) / 2.0
+    return math.sqrt(across * averaging_gain(integration_length)) * (1.0 + asr) / first

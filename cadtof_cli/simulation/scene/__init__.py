@@ -1,0 +1,1 @@
+"""Scenes: geometry, light, camera, recorder."""

@@ -1,0 +1,102 @@
+"""The camera that looks at a scene: array, pinhole, field curvature, analogue-to-digital converter, fixed patterns."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cadtof_cli.arrays import Float
+from cadtof_cli.capture.metadata import Optics, Voltage
+from cadtof_cli.simulation.pixel.mix import finite_at_least, require
+from cadtof_cli.units import C_M_PER_NS
+
+FOCAL_LENGTH_PER_WIDTH = 0.875
+"""A horizontal field of view of 59.5°, as of a QVGA array with 280 px focal length."""
+
+_DARK_KEY, _DELAY_KEY = 1, 2
+"""Branches of the seed for what is fixed in the array; frames draw from branch 0."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Camera:
+    """A QVGA camera with a 14-bit converter, unless told otherwise.
+
+    Attributes:
+        width, height: pixels of the array.
+        focal_length_px: of the pinhole; None keeps the default field of view.
+        petzval_m: k2, k4 of the field curvature, which adds k2 ρ² + k4 ρ⁴ metres to the measured range; ρ is the
+            distance from the principal point over half the diagonal.
+        bits: of the converter.
+        volts_per_count, zero_counts: volts = (counts − zero_counts) · volts_per_count.
+        dark_offset_v: standard deviation over the array of each pixel's own offsets, one a harmonic and channel.
+        fixed_delay_ns: standard deviation over the array of each pixel's own delay, the fixed-pattern phase.
+    """
+
+    width: int = 320
+    height: int = 240
+    focal_length_px: float | None = None
+    petzval_m: tuple[float, float] = (0.0, 0.0)
+    bits: int = 14
+    volts_per_count: float = 6.0e-5
+    zero_counts: float = 8192.0
+    dark_offset_v: float = 0.0
+    fixed_delay_ns: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name, pixels in (("width", self.width), ("height", self.height)):
+            require(1 <= pixels <= 16384, name, f"{pixels} pixels", "1 to 16384 pixels")
+        focal = self.focal_length_px
+        require(focal is None or finite_at_least(focal, 1.0), "focal length", f"{focal} px", "1 px or more")
+        require(all(map(math.isfinite, self.petzval_m)), "Petzval curvature", self.petzval_m, "two finite numbers")
+        require(1 <= self.bits <= 16, "converter", f"{self.bits} bits", "1 to 16 bits")
+        require(finite_at_least(self.volts_per_count, 1e-12), "volts a count", self.volts_per_count, "a value above 0")
+        require(finite_at_least(self.dark_offset_v, 0.0), "dark offsets", f"{self.dark_offset_v} V", "0 V or more")
+        require(finite_at_least(self.fixed_delay_ns, 0.0), "fixed pattern", f"{self.fixed_delay_ns} ns", "0 ns or more")
+
+    @property
+    def optics(self) -> Optics:
+        """The pinhole as `capture.toml` describes it."""
+        focal = self.focal_length_px or FOCAL_LENGTH_PER_WIDTH * self.width
+        return Optics(focal_length_px=focal, principal_point_px=((self.width - 1) / 2, (self.height - 1) / 2))
+
+    @property
+    def voltage(self) -> Voltage:
+        """The converter as `capture.toml` describes it."""
+        return Voltage(
+            zero_counts=self.zero_counts,
+            volts_per_count=self.volts_per_count,
+            saturated_counts=(0.0, float(2**self.bits - 1)),
+        )
+
+    def rays(self, rows: slice) -> Float:
+        """Return the directions that the pixels of some rows look in, (3, Y, X): x right, y down, z = 1 forward."""
+        optics = self.optics
+        assert optics.focal_length_px is not None
+        assert optics.principal_point_px is not None
+        column, row = optics.principal_point_px
+        y, x = np.meshgrid(np.arange(self.height)[rows] - row, np.arange(self.width) - column, indexing="ij")
+        return np.stack([x / optics.focal_length_px, y / optics.focal_length_px, np.ones_like(x)])
+
+    def curvature_delay_ns(self, rows: slice) -> Float:
+        """Return the delay that field curvature adds to every path, (Y, X): 2(k2 ρ² + k4 ρ⁴)/c."""
+        half_diagonal_px = math.hypot(self.width, self.height) / 2.0
+        x, y, _ = self.rays(rows) * (self.optics.focal_length_px or 1.0) / half_diagonal_px
+        squared = x * x + y * y
+        k2, k4 = self.petzval_m
+        return np.asarray(2.0 / C_M_PER_NS * (k2 * squared + k4 * squared**2))
+
+    def fixed_delays_ns(self, seed: int) -> Float:
+        """Return each pixel's own delay, (Y, X), the same in all frames of a seed."""
+        generator = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(_DELAY_KEY,)))
+        return self.fixed_delay_ns * generator.standard_normal((self.height, self.width))
+
+    def dark_offsets_v(self, seed: int, harmonics: int) -> Float:
+        """Return each pixel's own offsets, (H, 2, Y, X), the same in all frames of a seed."""
+        generator = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(_DARK_KEY,)))
+        return self.dark_offset_v * generator.standard_normal((harmonics, 2, self.height, self.width))
+
+    def counts_from_voltages(self, voltages_v: Float, /) -> NDArray[np.uint16]:
+        """Return what the converter stores, uint16 of the same shape; voltages out of its range saturate."""
+        counts = np.rint(voltages_v / self.volts_per_count + self.zero_counts)
+        return np.clip(counts, 0, 2**self.bits - 1).astype(np.uint16)

@@ -1,0 +1,118 @@
+"""A scene through a camera: the distribution of every pixel's voltages, made in bands of rows, and frames from it."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cadtof_cli.arrays import Float
+from cadtof_cli.capture.metadata import CaptureMetadata
+from cadtof_cli.errors import SettingsError
+from cadtof_cli.simulation.pixel.mix import PhotonMix
+from cadtof_cli.simulation.pixel.statistics import VoltageStatistics, averaging_gain, draw_voltages, voltage_statistics
+from cadtof_cli.simulation.scene.camera import Camera
+from cadtof_cli.simulation.scene.light import Light, Scene
+from cadtof_cli.units import unambiguous_range_m
+
+BAND_ROWS = 8
+"""Rows of one band of work; fixed, so that results never depend on how many processes share the bands."""
+
+_FRAME_KEY = 0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Exposure:
+    """What is recorded: a scene, through a camera, with the modulation and averaging that the metadata name.
+
+    Attributes:
+        seed: of all that is random, in the array and in the frames.
+    """
+
+    scene: Scene
+    camera: Camera
+    metadata: CaptureMetadata
+    seed: int = 0
+
+    @property
+    def integration_length(self) -> float:
+        """n_av of Eq. (1)."""
+        length = self.metadata.pixel.integration_length
+        if length is None:
+            raise SettingsError("integration length: found none, expected a number above 1")
+        return length
+
+
+@dataclass(frozen=True)
+class Band:
+    """Voltages of some rows, (H, 2 or 3, Y, X), and their truth by layer name, (Y, X) each."""
+
+    voltages: VoltageStatistics
+    truth: dict[str, Float]
+
+
+def band_rows(height: int) -> tuple[slice, ...]:
+    """Return the rows of each band, from top to bottom."""
+    return tuple(slice(top, min(top + BAND_ROWS, height)) for top in range(0, height, BAND_ROWS))
+
+
+def expose_band(exposure: Exposure, rows: slice, /) -> Band:
+    """Return the voltages and the truth of one band.
+
+    Raises:
+        SettingsError: the scene reaches beyond the unambiguous range, where its truth could not be resolved.
+    """
+    modulation, camera = exposure.metadata.modulation, exposure.camera
+    light = exposure.scene.light(camera, rows)
+    truth = light.truth(modulation.amplitude_v)
+    _check_range(truth["direct.depth"], unambiguous_range_m(modulation.periods_ns[0]))
+    shift = camera.curvature_delay_ns(rows)
+    if camera.fixed_delay_ns > 0:
+        shift = shift + camera.fixed_delays_ns(exposure.seed)[rows]
+    mix = _mix(light, shift, exposure)
+    voltages = voltage_statistics(mix, modulation, variance_gain=averaging_gain(exposure.integration_length))
+    return Band(voltages, truth)
+
+
+def _mix(light: Light, shift_ns: Float, exposure: Exposure) -> PhotonMix:
+    return PhotonMix(
+        delays_ns=light.delays_ns + shift_ns,
+        photons=light.photons,
+        ambient=light.ambient,
+        period_ns=exposure.metadata.modulation.periods_ns[0],
+        fwhm_ns=exposure.metadata.pulse.fwhm_ns,
+    )
+
+
+def _check_range(depth_m: Float, limit_m: float) -> None:
+    farthest = float(np.nanmax(depth_m, initial=0.0))
+    if farthest >= limit_m:
+        raise SettingsError(
+            f"scene: found a direct path of {farthest:.3f} m, expected less than the unambiguous range of "
+            f"{limit_m:.3f} m; bring the scene nearer or lengthen the modulation period"
+        )
+
+
+def joined(bands: list[Band], /) -> Band:
+    """Return the whole frame from its bands, in order."""
+    return Band(
+        VoltageStatistics(
+            np.concatenate([band.voltages.means_v for band in bands], axis=2),
+            np.concatenate([band.voltages.covariances_v2 for band in bands], axis=2),
+        ),
+        {name: np.concatenate([band.truth[name] for band in bands]) for name in bands[0].truth},
+    )
+
+
+def frame_voltages(exposure: Exposure, whole: Band, index: int, /, *, offsets_v: Float | None = None) -> Float:
+    """Return the voltages of one frame in V, (H, 2, Y, X).
+
+    Frames are independent draws: between two read-outs the average forgets what it held.
+
+    Args:
+        exposure: gives the seed.
+        whole: of the whole frame.
+        index: of the frame, 0 or more; the frame depends on nothing else.
+        offsets_v: (H, 2, Y, X), dark offsets to add.
+    """
+    generator = np.random.default_rng(np.random.SeedSequence(exposure.seed, spawn_key=(_FRAME_KEY, index)))
+    voltages: Float = draw_voltages(whole.voltages, generator)[0]
+    return voltages if offsets_v is None else voltages + offsets_v

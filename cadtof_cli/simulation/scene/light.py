@@ -1,0 +1,87 @@
+"""Light on a band of a camera's pixels, with what is true of it, and what a scene must answer.
+
+A scene answers for a band of rows at a time, and a band never depends on another, so bands can be made anywhere.
+"""
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from cadtof_cli.arrays import Float
+from cadtof_cli.simulation.pixel.mix import finite_at_least, require
+from cadtof_cli.simulation.scene.camera import Camera
+from cadtof_cli.simulation.scene.geometry import Bounce, Hits
+from cadtof_cli.units import C_M_PER_NS
+
+
+@dataclass(frozen=True)
+class Light:
+    """Light that reaches a band of pixels.
+
+    Attributes:
+        delays_ns: (P, Y, X), the direct path first; the others are MPI.
+        photons: (P, Y, X), in a unit of the scene's own; a direct path without any means that the pixel sees nothing.
+        ambient: (Y, X), in the same unit.
+    """
+
+    delays_ns: Float
+    photons: Float
+    ambient: Float
+
+    def truth(self, amplitude_v: float) -> dict[str, Float]:
+        """Return what a perfect resolver would find, by layer name, (Y, X) each; NaN where there is no answer.
+
+        `mpi.ratio` is MPI over direct photons, `mpi.delay` the mean delay of the MPI after the direct path in ns, and
+        `mpi.depth` the range that this mean stands for.
+        """
+        direct, mpi = self.photons[0], self.photons[1:].sum(axis=0)
+        seen, spread = direct > 0, (direct > 0) & (mpi > 0)
+        later = self.delays_ns[1:] - self.delays_ns[0]
+        delay = np.full_like(direct, np.nan)
+        np.divide((self.photons[1:] * later).sum(axis=0), mpi, out=delay, where=spread)
+        ratio = np.full_like(direct, np.nan)
+        np.divide(mpi, direct, out=ratio, where=seen)
+        total = np.where(direct + mpi + self.ambient > 0, direct + mpi + self.ambient, 1.0)
+        arrival = np.where(seen, self.delays_ns[0], np.nan)
+        return {
+            "direct.depth": arrival * C_M_PER_NS / 2.0,
+            "direct.amplitude": amplitude_v * direct / total,
+            "mpi.depth": (arrival + delay) * C_M_PER_NS / 2.0,
+            "mpi.amplitude": amplitude_v * mpi / total,
+            "mpi.ratio": ratio,
+            "mpi.delay": delay,
+        }
+
+
+class Scene(Protocol):
+    """What a camera can look at."""
+
+    @property
+    def summary(self) -> str:
+        """One sentence about the scene, for the comments of `capture.toml`."""
+        ...
+
+    def light(self, camera: Camera, rows: slice, /) -> Light:
+        """Return the light on the given rows of the camera."""
+        ...
+
+
+def light_from_bounces(seen: Hits, bounces: tuple[Bounce, ...], albedo: float, distance_m: float, asr: float) -> Light:
+    """Return light from geometry; photons count 1 where a surface of this albedo faces the light at this distance."""
+    ranges_m = np.nan_to_num(seen.ranges_m)
+    unit = distance_m**2 * seen.albedo / albedo
+    ways_m = [ranges_m[None] * 2.0, *(bounce.lengths_m + ranges_m for bounce in bounces)]
+    photons = [seen.irradiance[None], *(bounce.irradiance for bounce in bounces)]
+    return Light(
+        delays_ns=np.concatenate(ways_m) / C_M_PER_NS,
+        photons=np.concatenate(photons) * unit,
+        ambient=np.where(seen.surface < 0, 1.0, asr * seen.albedo / albedo),
+    )
+
+
+def check_common(distance_m: float, albedo: float, asr: float) -> None:
+    """Raise SettingsError for a distance, albedo or ASR that no scene can have."""
+    require(finite_at_least(distance_m, 0.01), "distance", f"{distance_m:g} m", "0.01 m or more")
+    require(0 < albedo <= 1, "albedo", f"{albedo:g}", "above 0, at most 1")
+    require(finite_at_least(asr, 0), "ASR", f"{asr:g}", "0 or more")

@@ -1,0 +1,1 @@
+"""What `cadtof calibrate` does."""

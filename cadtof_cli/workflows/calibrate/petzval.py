@@ -1,0 +1,137 @@
+"""`cadtof calibrate petzval`: flat walls → the field curvature of the lens. Frames are read, never changed."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cadtof_cli.arrays import Float
+from cadtof_cli.calibration.fit.petzval import WallRanges, fit_petzval
+from cadtof_cli.calibration.petzval import PetzvalCalibration
+from cadtof_cli.calibration.store import Calibration, load_calibration
+from cadtof_cli.capture.metadata import Modulation, Voltage
+from cadtof_cli.maps.layers import DIRECT_AMPLITUDE, DIRECT_DEPTH, DIRECT_SIGMA
+from cadtof_cli.pipeline import CalibrationUse, FramePlan, resolve_frame
+from cadtof_cli.resolver.settings import ResolverSettings
+from cadtof_cli.resolver.status import StatusBit
+from cadtof_cli.units import metres_per_radian, unambiguous_range_m
+from cadtof_cli.workflows.calibrate.captures import (
+    AveragedCapture,
+    CalibrateReport,
+    CalibrateSettings,
+    Progress,
+    averaged_captures,
+    origin_of,
+    parts_before,
+    saved,
+)
+
+FALSE_ALARM = 1e-4
+"""Of the order test: the mean of many frames shows the maps' own noise too, which is not MPI."""
+
+
+def calibrate_petzval(
+    inputs: Sequence[Path],
+    /,
+    *,
+    settings: CalibrateSettings,
+    overrides: Mapping[str, Any],
+    progress: Progress,
+    plot: Path | None = None,
+) -> CalibrateReport:
+    """Measure the Petzval part from captures of one or several flat walls, write it, and draw it if asked to.
+
+    Raises:
+        CadtofError: see `averaged_captures` and `fit_petzval`.
+    """
+    averaged = averaged_captures(inputs, "petzval", settings=settings, overrides=overrides, progress=progress)
+    earlier = parts_before(settings.out, "petzval", averaged, on_note=progress.on_note)
+    walls = [_wall(capture, settings.out, earlier) for capture in averaged]
+    modulation = averaged[0].metadata.modulation
+    petzval = fit_petzval(
+        walls,
+        optics=averaged[0].metadata.optics,
+        unambiguous_m=unambiguous_range_m(modulation.periods_ns[0]),
+        origin=origin_of(averaged, earlier),
+    )
+    petzval = _with_shared_uncertainty(petzval, earlier)
+    report = saved(petzval, settings, _figures(petzval), petzval.quality.findings)
+    if plot is None:
+        return report
+    _draw(walls, petzval, [str(capture.root) for capture in averaged], plot)
+    return replace(report, written=(*report.written, str(plot)))
+
+
+def _wall(capture: AveragedCapture, folder: Path, earlier: Calibration) -> WallRanges:
+    """Resolve the mean of a wall's frames, whose noise is that of one frame over the root of their number."""
+    metadata, mean = capture.metadata, capture.mean
+    n_av = metadata.pixel.integration_length
+    pixel = replace(metadata.pixel, integration_length=n_av * mean.frames if n_av is not None else None)
+    use = None
+    if earlier.parts:
+        use = CalibrationUse(folder, load_calibration(folder).digest, curved=False)
+    plan = FramePlan(
+        metadata=replace(metadata, voltage=Voltage(), pixel=pixel),
+        resolver=ResolverSettings(false_alarm=FALSE_ALARM),
+        calibration=use,
+    )
+    maps = resolve_frame(mean.mean_v, plan=plan).maps
+    single = (maps.status & StatusBit.ONE_PATH) != 0
+    ranges, sigma, amplitude = (
+        np.where(single, maps.layer(name), np.nan).astype(np.float64)
+        for name in (DIRECT_DEPTH, DIRECT_SIGMA, DIRECT_AMPLITUDE)
+    )
+    own = _calibration_noise_m(earlier, amplitude, metadata.modulation)
+    return WallRanges(ranges, np.hypot(sigma, own), metadata.target.distance_m)
+
+
+def _calibration_noise_m(earlier: Calibration, amplitude_v: Float, modulation: Modulation) -> Float:
+    """Return the standard deviation in m, (Y, X), that noise of the dark and response maps brings into each pixel's range.
+
+    The maps' phase errors a harmonic are independent, and the range is their mean weighted by what each harmonic tells.
+    """
+    dark = earlier.dark.quality()["offset_stderr_v"] if earlier.dark else 0.0
+    phases = earlier.response.quality.phase_stderr_rad if earlier.response else (0.0,) * len(modulation.harmonics)
+    information = sum(
+        h**2 / ((dark / amplitude_v) ** 2 + phase**2 + np.finfo(np.float64).tiny)
+        for h, phase in zip(modulation.harmonics, phases, strict=True)
+    )
+    return np.asarray(metres_per_radian(modulation.periods_ns[0]) / np.sqrt(information))
+
+
+def _with_shared_uncertainty(petzval: PetzvalCalibration, earlier: Calibration) -> PetzvalCalibration:
+    """Add what the response calibration could not tell: curvature from pixels' own phases that happen to look like it."""
+    if earlier.response is None:
+        return petzval
+    k2, k4 = earlier.response.quality.curvature_stderr_m
+    quality = petzval.quality
+    return replace(
+        petzval,
+        quality=replace(
+            quality,
+            k2_stderr_m=float(np.hypot(quality.k2_stderr_m, k2)),
+            k4_stderr_m=float(np.hypot(quality.k4_stderr_m, k4)),
+        ),
+    )
+
+
+def _figures(petzval: PetzvalCalibration) -> dict[str, Any]:
+    tables = petzval.tables()
+    return {
+        **tables["coefficients"],
+        **tables["residual"],
+        "focal_length_px": petzval.quality.focal_length_px,
+        "walls": [asdict(wall) for wall in petzval.quality.walls],
+    }
+
+
+def _draw(walls: Sequence[WallRanges], petzval: PetzvalCalibration, names: Sequence[str], path: Path) -> None:
+    from cadtof_cli.figures.petzval import WallSection, draw_petzval
+
+    sections = [
+        WallSection(Path(name).name, wall.range_m, fit.distance_m, fit.slopes)
+        for name, wall, fit in zip(names, walls, petzval.quality.walls, strict=True)
+    ]
+    draw_petzval(sections, petzval, path)

@@ -1,0 +1,85 @@
+"""`cadtof calibrate response`: flat targets at known distances → G[h,k], and maps of phase and gain."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cadtof_cli.arrays import Float
+from cadtof_cli.calibration.fit.response import TargetMean, fit_response
+from cadtof_cli.calibration.response import ResponseCalibration
+from cadtof_cli.calibration.store import Calibration
+from cadtof_cli.errors import SettingsError
+from cadtof_cli.workflows.calibrate.captures import (
+    AveragedCapture,
+    CalibrateReport,
+    CalibrateSettings,
+    Progress,
+    averaged_captures,
+    origin_of,
+    parts_before,
+    saved,
+)
+
+
+def calibrate_response(
+    inputs: Sequence[Path], /, *, settings: CalibrateSettings, overrides: Mapping[str, Any], progress: Progress
+) -> CalibrateReport:
+    """Measure the response part from captures of a flat target and write it.
+
+    Raises:
+        CadtofError: see `averaged_captures`; or a target's distance is not known.
+    """
+    averaged = averaged_captures(inputs, "response", settings=settings, overrides=overrides, progress=progress)
+    for capture in averaged:
+        if capture.metadata.target.distance_m is None:
+            raise SettingsError(
+                f"{capture.root}: the target's distance is not known: set distance_m under [target] in capture.toml, or "
+                "--distance, once for all captures or once each"
+            )
+    earlier = parts_before(settings.out, "response", averaged, on_note=progress.on_note)
+    targets = [_target(capture, earlier) for capture in averaged]
+    response = fit_response(targets, metadata=averaged[0].metadata, origin=origin_of(averaged, earlier))
+    return saved(response, settings, _figures(response), response.quality.findings)
+
+
+def _target(capture: AveragedCapture, earlier: Calibration) -> TargetMean:
+    volts = capture.mean.mean_v
+    if earlier.dark is not None:
+        volts = np.where(earlier.dark.hot, np.nan, earlier.dark.apply(volts))
+    distance = capture.metadata.target.distance_m
+    assert distance is not None
+    noise = _mean_noise(capture)
+    if earlier.dark is not None:
+        noise = np.hypot(noise, earlier.dark.quality()["offset_stderr_v"])
+    return TargetMean(volts[:, 0] + 1j * volts[:, 1], noise, distance)
+
+
+def _mean_noise(capture: AveragedCapture) -> Float:
+    """Return the standard deviation of the mean's voltages, (H,): measured where there are frames enough, else predicted."""
+    mean, metadata = capture.mean, capture.metadata
+    if mean.frames >= 3:
+        return np.asarray(mean.noise_v() / np.sqrt(mean.frames))
+    n_av = metadata.pixel.integration_length or 1e5
+    predicted = metadata.modulation.amplitude_v / np.sqrt(2.0 * (2.0 * n_av - 1.0) * mean.frames)
+    return np.full(mean.mean_v.shape[0], predicted)
+
+
+def _figures(response: ResponseCalibration) -> dict[str, Any]:
+    main = [one.main for one in response.responses]
+    return {
+        "distances_m": list(response.quality.distances_m),
+        "gain": [abs(g) for g in main],
+        "phase_rad": [float(np.angle(g)) for g in main],
+        "terms": {
+            f"H{one.harmonic}": {f"{k:+d}": [(g / one.main).real, (g / one.main).imag] for k, g in one.terms if k != 1}
+            for one in response.responses
+        },
+        "pixel_phase_std_rad": response.phase_rad.std(axis=(1, 2)).tolist(),
+        "pixel_phase_stderr_rad": list(response.quality.phase_stderr_rad),
+        "pixel_gain_std": response.gain.std(axis=(1, 2)).tolist(),
+        "pixel_gain_stderr": list(response.quality.gain_stderr),
+        "residual": response.quality.residual,
+        "field_curvature_m": list(response.field_curvature_m),
+    }

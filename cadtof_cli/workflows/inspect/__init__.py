@@ -1,0 +1,1 @@
+"""What `cadtof info`, `evaluate` and `preview` do."""

@@ -1,0 +1,82 @@
+"""What one recorded frame holds: the unit of work of `cadtof info`."""
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from cadtof_cli.arrays import Stored
+from cadtof_cli.capture.metadata import CaptureMetadata
+from cadtof_cli.capture.reader import open_frames
+from cadtof_cli.errors import CadtofError
+from cadtof_cli.files.frames import FrameLayout, FrameSource, NotAFrameError
+from cadtof_cli.phasors.noise import estimated_integration_length
+from cadtof_cli.phasors.voltages import not_finite_pixels, phasor_scale, phasors_from_voltages, saturated_pixels
+
+
+@dataclass(frozen=True)
+class LookTask:
+    """A frame to look into; `pixels` is the (Y, X) that it should have."""
+
+    source: FrameSource
+    layout: FrameLayout
+    metadata: CaptureMetadata
+    pixels: tuple[int, int] | None
+
+
+@dataclass(frozen=True)
+class FrameFacts:
+    """What a frame holds: the range of stored values a plane, shares of bad pixels, and the n_av that its noise shows."""
+
+    problem: str | None = None
+    skipped: bool = False
+    container: str = ""
+    dtype: str = ""
+    shape: tuple[int, ...] = ()
+    planes: dict[str, tuple[float, float]] = field(default_factory=dict)
+    saturated: float = 0.0
+    not_finite: float = 0.0
+    integration_length_seen: float = math.nan
+
+
+def facts_of_frame(task: LookTask, /) -> FrameFacts:
+    """Read one frame and return what it holds; whatever is wrong with it is a `problem`, never an exception."""
+    try:
+        with open_frames(task.source, task.layout) as frames:
+            container, stored = frames.container, frames.read(task.source.index or 0)
+        if task.pixels is not None and stored.shape[2:] != task.pixels:
+            found, expected = ("{1} × {0}".format(*size) for size in (stored.shape[2:], task.pixels))
+            return FrameFacts(problem=f"{task.source}: found {found} pixels, expected {expected} as in the first frame")
+        return _facts(stored, container, task)
+    except NotAFrameError as error:
+        return FrameFacts(problem=str(error), skipped=True)
+    except CadtofError as error:
+        return FrameFacts(problem=str(error))
+
+
+def _facts(stored: Stored, container: str, task: LookTask) -> FrameFacts:
+    planes = stored.reshape(*stored.shape[:2], -1)
+    finite = [plane[np.isfinite(plane)] for channels in planes for plane in channels]
+    ranges = {
+        name: (float(plane.min()), float(plane.max()))
+        for name, plane in zip(task.layout.plane_names, finite, strict=True)
+        if plane.size
+    }
+    try:
+        scale = phasor_scale(task.metadata, stored.dtype)
+    except CadtofError:
+        # what is missing is said once, for the whole capture
+        return FrameFacts(container=container, dtype=str(stored.dtype), shape=stored.shape, planes=ranges)
+    phasors = phasors_from_voltages(planes, scale=scale)
+    saturated = saturated_pixels(planes, scale=scale)
+    bad = not_finite_pixels(phasors)
+    phasors[:, saturated] = np.nan
+    return FrameFacts(
+        container=container,
+        dtype=str(stored.dtype),
+        shape=stored.shape,
+        planes=ranges,
+        saturated=float(saturated.mean()),
+        not_finite=float(bad.mean()),
+        integration_length_seen=estimated_integration_length(phasors.reshape(-1, *stored.shape[2:])),
+    )

@@ -1,0 +1,114 @@
+"""`cadtof info`: what captures and map files hold, and what is wrong with them."""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import closing
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from cadtof_cli.capture.discovery import Capture, find_captures
+from cadtof_cli.capture.metadata import KEYS
+from cadtof_cli.capture.stacks import first_pixels, single_frames
+from cadtof_cli.errors import CadtofError
+from cadtof_cli.execution.ordered import WorkerDied, run_ordered
+from cadtof_cli.execution.workers import available_cores, default_start_method
+from cadtof_cli.units import unambiguous_range_m
+from cadtof_cli.workflows.inspect.frame_facts import FrameFacts, LookTask, facts_of_frame
+from cadtof_cli.workflows.inspect.map_facts import MapFacts, facts_of_maps, is_map_folder, map_layers
+from cadtof_cli.workflows.resolve.plan import capture_problems
+
+
+@dataclass
+class CaptureFacts:
+    """What a capture holds, gathered frame by frame; `problems` is empty where it can be resolved whole."""
+
+    root: str
+    frames: int = 0
+    containers: dict[str, int] = field(default_factory=dict)
+    types: dict[str, int] = field(default_factory=dict)
+    shape: tuple[int, ...] | None = None
+    planes: dict[str, tuple[float, float]] = field(default_factory=dict)
+    saturated: float = 0.0
+    not_finite: float = 0.0
+    metadata: dict[str, dict[str, Any]] = field(default_factory=dict)
+    unambiguous_range_m: float = 0.0
+    noise_mv: float | None = None
+    integration_length_seen: float | None = None
+    not_frames: list[str] = field(default_factory=list)
+    problems: list[str] = field(default_factory=list)
+
+    def add(self, facts: FrameFacts) -> None:
+        """Count one more frame."""
+        if facts.skipped:
+            self.not_frames.append(str(facts.problem))
+            return
+        self.frames += 1
+        if facts.problem is not None:
+            self.problems.append(facts.problem)
+            return
+        self.containers[facts.container] = self.containers.get(facts.container, 0) + 1
+        self.types[facts.dtype] = self.types.get(facts.dtype, 0) + 1
+        self.shape = self.shape or facts.shape
+        for name, (low, high) in facts.planes.items():
+            before = self.planes.get(name, (math.inf, -math.inf))
+            self.planes[name] = (min(before[0], low), max(before[1], high))
+        good = self.frames - len(self.problems)
+        self.saturated += (facts.saturated - self.saturated) / good
+        self.not_finite += (facts.not_finite - self.not_finite) / good
+        if self.integration_length_seen is None and math.isfinite(facts.integration_length_seen):
+            self.integration_length_seen = facts.integration_length_seen
+
+
+def look_into(
+    inputs: Sequence[Path],
+    /,
+    *,
+    overrides: Mapping[str, Any],
+    jobs: int | None = None,
+    on_total: Callable[[int], None],
+    on_frame: Callable[[], None],
+) -> list[CaptureFacts | MapFacts]:
+    """Return what each input holds: captures are read whole, so that what is damaged is found.
+
+    Raises:
+        CadtofError: an input does not exist or holds nothing to look into, or its `capture.toml` is not allowed.
+    """
+    found: list[CaptureFacts | MapFacts] = []
+    recorded: list[Path] = []
+    for path in inputs:
+        if is_map_folder(path) or map_layers(path) is not None:
+            found.append(facts_of_maps(path))
+        else:
+            recorded.append(path)
+    captures = find_captures(recorded, overrides=overrides) if recorded else ()
+    on_total(sum(len(capture.frames) for capture in captures))
+    for capture in captures:
+        found.append(_capture_facts(capture, jobs or available_cores(), on_frame))
+    return found
+
+
+def _capture_facts(capture: Capture, jobs: int, on_frame: Callable[[], None]) -> CaptureFacts:
+    metadata = capture.source.metadata
+    facts = CaptureFacts(str(capture.root), unambiguous_range_m=unambiguous_range_m(metadata.modulation.periods_ns[0]))
+    for key in KEYS:
+        value = getattr(getattr(metadata, key.table), key.name)
+        facts.metadata[key.path] = {"value": value, "from": capture.source.origins[key.path]}
+    pixels = first_pixels(capture)
+    tasks = (LookTask(source, capture.layout, metadata, pixels) for source in single_frames(capture))
+    outcomes = run_ordered(facts_of_frame, tasks, jobs=jobs, start_method=default_start_method())
+    with closing(outcomes):
+        for outcome in outcomes:
+            result = outcome.result
+            if isinstance(result, WorkerDied):
+                result = FrameFacts(problem=f"{outcome.task.source}: the process that read it died, twice")
+            facts.add(result)
+            on_frame()
+    n_av = metadata.pixel.integration_length or facts.integration_length_seen
+    if n_av is not None:
+        facts.noise_mv = 1000.0 * metadata.modulation.amplitude_v * math.sqrt(0.5 / (2.0 * n_av - 1.0))
+    try:
+        facts.problems += capture_problems(capture, facts.types)
+    except CadtofError as error:
+        facts.problems.append(str(error))
+    return facts

@@ -1,0 +1,94 @@
+"""What map files hold: the half of `cadtof info` that looks at what `cadtof resolve` wrote."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cadtof_cli.capture.toml import FILE_NAME
+from cadtof_cli.errors import CadtofError
+from cadtof_cli.files.layers import MAP_SUFFIXES, read_layers
+from cadtof_cli.maps.layers import DIRECT_DEPTH, STATUS, layer_unit
+from cadtof_cli.resolver.status import StatusBit
+from cadtof_cli.workflows.resolve.run_record import RUN_FILE
+
+
+@dataclass(frozen=True)
+class LayerFacts:
+    """One layer of a map: its unit, range and median over the pixels that have an answer, and their share."""
+
+    unit: str
+    lowest: float | None
+    median: float | None
+    highest: float | None
+    valid: float
+
+
+@dataclass
+class MapFacts:
+    """What a map file, or the first of a folder of them, holds; shares of pixels by status bit; the run's record."""
+
+    path: str
+    files: int
+    pixels: tuple[int, int] | None = None
+    layers: dict[str, LayerFacts] = field(default_factory=dict)
+    status: dict[str, float] = field(default_factory=dict)
+    run: dict[str, Any] | None = None
+    problems: list[str] = field(default_factory=list)
+
+
+def is_map_folder(path: Path, /) -> bool:
+    """Return whether a folder is one that `cadtof resolve` wrote."""
+    return path.is_dir() and (path / RUN_FILE).exists() and not (path / FILE_NAME).exists()
+
+
+def map_layers(path: Path, /) -> Mapping[str, NDArray[Any]] | None:
+    """Return the layers of a file that is a map or truth, None for anything else."""
+    if path.suffix.lower() not in MAP_SUFFIXES or not path.is_file():
+        return None
+    try:
+        layers = read_layers(path)
+    except CadtofError:
+        return None
+    return layers if DIRECT_DEPTH in layers else None
+
+
+def facts_of_maps(path: Path, /) -> MapFacts:
+    """Return what a map file, or a folder of maps, holds; a map that cannot be read is a problem."""
+    files = [path]
+    if path.is_dir():
+        files = sorted(p for p in path.iterdir() if p.suffix in MAP_SUFFIXES and not p.name.startswith("."))
+    facts = MapFacts(str(path), len(files))
+    if path.is_dir():
+        try:
+            facts.run = dict(json.loads((path / RUN_FILE).read_text(encoding="utf-8")))
+        except (OSError, ValueError, TypeError) as error:
+            facts.problems.append(f"{path / RUN_FILE}: not the record of a run ({error})")
+    if not files:
+        facts.problems.append(f"{path}: found no maps")
+    for index, file in enumerate(files):
+        try:
+            layers = read_layers(file)
+        except CadtofError as error:
+            facts.problems.append(str(error))
+            continue
+        if index == 0:
+            _describe(facts, layers)
+    return facts
+
+
+def _describe(facts: MapFacts, layers: Mapping[str, NDArray[Any]]) -> None:
+    for name, values in layers.items():
+        if name == STATUS:
+            bits = values.astype(np.uint32)
+            facts.status = {str(bit.name).lower(): float(np.mean((bits & bit) != 0)) for bit in StatusBit}
+            continue
+        facts.pixels = (values.shape[0], values.shape[1])
+        finite = values[np.isfinite(values)]
+        figures = (finite.min(), np.median(finite), finite.max()) if finite.size else (None, None, None)
+        lowest, median, highest = (None if figure is None else float(figure) for figure in figures)
+        facts.layers[name] = LayerFacts(layer_unit(name), lowest, median, highest, finite.size / values.size)

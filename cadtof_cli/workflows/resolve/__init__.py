@@ -1,0 +1,1 @@
+"""What `cadtof resolve` does."""

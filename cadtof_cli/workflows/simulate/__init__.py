@@ -1,0 +1,1 @@
+"""What `cadtof simulate` and `sweep` do."""

@@ -1,0 +1,108 @@
+"""Record a simulated scene as a capture: bands of rows in parallel, then frame after frame to disk."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from cadtof_cli import __version__
+from cadtof_cli.arrays import Float
+from cadtof_cli.files.new_folder import new_folder
+from cadtof_cli.simulation.pixel.mix import require
+from cadtof_cli.simulation.scene.exposure import Band, Exposure, band_rows, expose_band, frame_voltages, joined
+from cadtof_cli.simulation.scene.recorder import FRAME_FORMATS, FrameFormat, write_capture
+from cadtof_cli.workflows.simulate.tasks import Advance, no_advance, results
+
+
+@dataclass(frozen=True, kw_only=True)
+class RecordSettings:
+    """A capture to be made.
+
+    Attributes:
+        exposure: scene, camera, metadata and seed.
+        frames: how many.
+        frame_format: tif for counts, exr for volts.
+        compress: smaller files, losslessly.
+    """
+
+    exposure: Exposure
+    frames: int = 1
+    frame_format: FrameFormat = "tif"
+    compress: bool = False
+
+    def __post_init__(self) -> None:
+        require(self.frames >= 1, "frames", self.frames, "1 or more")
+        require(self.frame_format in FRAME_FORMATS, "format", self.frame_format, " or ".join(FRAME_FORMATS))
+
+
+@dataclass(frozen=True)
+class RecordReport:
+    """What was recorded: where, and the truth's median MPI/direct ratio and range of direct depths in metres."""
+
+    folder: Path
+    frames: int
+    mpi_ratio: float
+    depths_m: tuple[float, float]
+
+
+def record_steps(settings: RecordSettings, /) -> int:
+    """Return how often `record_scene` calls `advance`: once a band of rows, once a frame."""
+    return len(band_rows(settings.exposure.camera.height)) + settings.frames
+
+
+def record_scene(
+    settings: RecordSettings, out: Path, /, *, jobs: int = 1, advance: Advance = no_advance
+) -> RecordReport:
+    """Write the capture to `out`, which must not exist; the files are the same for any number of jobs.
+
+    Raises:
+        OutputError: `out` exists or cannot be written.
+        SettingsError: the scene cannot be recorded.
+    """
+    exposure = settings.exposure
+    with new_folder(out) as folder:
+        whole = expose(exposure, jobs=jobs, advance=advance)
+        write_capture(
+            folder,
+            _frames(settings, whole, advance),
+            truth=whole.truth,
+            metadata=exposure.metadata,
+            camera=exposure.camera,
+            frame_format=settings.frame_format,
+            compress=settings.compress,
+            comments=_comments(settings),
+        )
+    depth = whole.truth["direct.depth"]
+    return RecordReport(
+        out,
+        settings.frames,
+        float(np.nanmedian(whole.truth["mpi.ratio"])),
+        (float(np.nanmin(depth)), float(np.nanmax(depth))),
+    )
+
+
+def expose(exposure: Exposure, /, *, jobs: int = 1, advance: Advance = no_advance) -> Band:
+    """Return the voltages and truth of a whole frame, its bands shared among processes."""
+    rows = band_rows(exposure.camera.height)
+    return joined(list(results(partial(expose_band, exposure), rows, jobs=min(jobs, len(rows)), advance=advance)))
+
+
+def _frames(settings: RecordSettings, whole: Band, advance: Advance) -> Iterator[Float]:
+    exposure = settings.exposure
+    camera, harmonics = exposure.camera, len(exposure.metadata.modulation.harmonics)
+    offsets = camera.dark_offsets_v(exposure.seed, harmonics) if camera.dark_offset_v > 0 else None
+    for index in range(settings.frames):
+        yield frame_voltages(exposure, whole, index, offsets_v=offsets)
+        advance()
+
+
+def _comments(settings: RecordSettings) -> tuple[str, ...]:
+    exposure = settings.exposure
+    return (
+        f"simulated by cadtof {__version__}: {exposure.scene.summary}",
+        f"scene: {exposure.scene!r}",
+        f"camera: {exposure.camera!r}",
+        f"frames: {settings.frames}, seed: {exposure.seed}; truth per pixel in truth.exr",
+    )

@@ -1,0 +1,107 @@
+"""Simulate a pixel at one condition: many runs, what they say together, and pictures of one recording."""
+
+import csv
+import json
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cadtof_cli.files.new_folder import new_folder
+from cadtof_cli.simulation.pixel.evolution import Evolution, evolution
+from cadtof_cli.simulation.trials import EVOLUTION_KEY, Trials, TrialsSummary, block_voltages, summary
+from cadtof_cli.workflows.simulate.tasks import Advance, no_advance, results
+
+
+def simulate_pixel(trials: Trials, /, *, jobs: int = 1, advance: Advance = no_advance) -> TrialsSummary:
+    """Run the trials, block by block in parallel, and sum them up; `advance` is called once a block."""
+    work = partial(block_voltages, trials)
+    blocks = list(results(work, trials.blocks, jobs=min(jobs, len(trials.blocks)), advance=advance))
+    return summary(trials, np.concatenate(blocks))
+
+
+def json_report(trials: Trials, outcome: TrialsSummary, /) -> dict[str, Any]:
+    """Return the object that `cadtof simulate --json` prints; what does not exist is null."""
+    return {
+        "settings": settings(trials),
+        "direct": _finite(asdict(outcome.direct)),
+        "second": _finite(asdict(outcome.second)),
+        "confidence_v": outcome.confidence_v,
+        "confidence_model_v": outcome.confidence_model_v,
+        "runs": trials.runs,
+    }
+
+
+def settings(trials: Trials, /) -> dict[str, Any]:
+    """Return all settings of the trials, flat."""
+    model, modulation = trials.model, trials.model.modulation
+    return {
+        **asdict(trials.condition),
+        "integration_length": model.averaging.integration_length,
+        "periods_ns": list(modulation.periods_ns),
+        "waveform": modulation.waveform,
+        "amplitude_v": modulation.amplitude_v,
+        "runs": trials.runs,
+        "seed": trials.seed,
+        "photon_by_photon": trials.photon_by_photon,
+        "photons_per_cycle": model.photons_per_cycle,
+        "cycles": model.photons // model.photons_per_cycle,
+        "stages": model.averaging.stages.drive,
+        "dead_time_ns": model.dead_time_ns,
+        "jitter_ns": model.jitter_ns,
+        "sample_noise_v": model.sample_noise_v,
+        "gain_mismatch": model.gain_mismatch,
+        "offsets_v": list(model.offsets_v),
+        "order": trials.resolver.order,
+    }
+
+
+def write_evolution(trials: Trials, outcome: TrialsSummary, out: Path, /) -> None:
+    """Write one recording as histogram, voltages and phase, CSV and PNG each, with the report, to a new folder.
+
+    Raises:
+        OutputError: `out` exists or cannot be written.
+        SettingsError: the stages are switched, whose evolution is not followed.
+    """
+    from cadtof_cli.figures.pixel_evolution import draw_histogram, draw_phase, draw_voltages
+
+    generator = np.random.default_rng(np.random.SeedSequence(trials.seed, spawn_key=(EVOLUTION_KEY, trials.stream)))
+    recording = evolution(trials.model, trials.condition.mix(trials.period_ns), generator)
+    with new_folder(out) as folder:
+        write_rows(
+            folder / "histogram.csv", ("time_ns", "photons"), zip(recording.bin_ns, recording.counts, strict=True)
+        )
+        write_rows(folder / "voltages.csv", ("photons", "sc1_v", "sc2_v"), _voltage_rows(recording))
+        write_rows(
+            folder / "phase.csv",
+            ("photons", "phase_deg", "time_ns"),
+            ((n, phase, phase / 360.0 * recording.period_ns) for n, phase in _phases(recording)),
+        )
+        (folder / "summary.json").write_text(json.dumps(json_report(trials, outcome), indent=2) + "\n")
+        draw_histogram(recording, trials.condition, folder / "histogram.png")
+        draw_voltages(recording, folder / "voltages.png")
+        draw_phase(recording, trials.condition, folder / "phase.png")
+
+
+def write_rows(path: Path, names: Sequence[str], rows: Iterable[Iterable[float]], /) -> None:
+    """Write a CSV of numbers, seven digits each."""
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(names)
+        writer.writerows([f"{value:.7g}" for value in row] for row in rows)
+
+
+def _voltage_rows(recording: Evolution) -> Iterable[Iterable[float]]:
+    return zip(recording.photons, *recording.voltages_v, strict=True)
+
+
+def _phases(recording: Evolution) -> Iterable[tuple[float, float]]:
+    return zip(recording.photons, recording.phase_deg, strict=True)
+
+
+def _finite(values: dict[str, float]) -> dict[str, float | None]:
+    return {name: value if math.isfinite(value) else None for name, value in values.items()}

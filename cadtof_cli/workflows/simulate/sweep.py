@@ -1,0 +1,144 @@
+"""Simulate a grid of conditions, and lay the results out as a table and as pictures."""
+
+import csv
+import math
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+from typing import TextIO
+
+import numpy as np
+
+from cadtof_cli.arrays import Float
+from cadtof_cli.errors import OutputError
+from cadtof_cli.files.new_folder import new_folder
+from cadtof_cli.simulation.pixel.averaging import Averaging
+from cadtof_cli.simulation.pixel.mix import require
+from cadtof_cli.simulation.pixel.statistics import averaging_gain, phase_precision_of_mix_rad
+from cadtof_cli.simulation.trials import PathSummary, Trials, TrialsSummary, block_voltages, noise_length, summary
+from cadtof_cli.workflows.simulate.tasks import Advance, no_advance, results
+
+MOST_CELLS = 100_000
+
+
+@dataclass(frozen=True, kw_only=True)
+class SweepSettings:
+    """A grid of conditions.
+
+    Attributes:
+        base: everything that is the same in all cells.
+        asrs, mpi_ratios, integration_lengths: the axes.
+    """
+
+    base: Trials
+    asrs: tuple[float, ...]
+    mpi_ratios: tuple[float, ...]
+    integration_lengths: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        cells = len(self.asrs) * len(self.mpi_ratios) * len(self.integration_lengths)
+        require(1 <= cells <= MOST_CELLS, "grid", f"{cells} conditions", f"1 to {MOST_CELLS}")
+        if self.base.model.averaging.capacitors is not None:
+            require(len(self.integration_lengths) == 1, "grid", "capacitors with several integration lengths", "one")
+
+    def cells(self) -> Iterator[Trials]:
+        """Return the trials of every cell; MPI ratio is the slowest axis, integration length the fastest."""
+        stream = 0
+        for ratio in self.mpi_ratios:
+            for asr in self.asrs:
+                for length in self.integration_lengths:
+                    condition = replace(self.base.condition, asr=asr, mpi_ratio=ratio)
+                    averaging: Averaging = replace(self.base.model.averaging, integration_length=length)
+                    model = replace(self.base.model, averaging=averaging)
+                    yield replace(self.base, condition=condition, model=model, stream=stream)
+                    stream += 1
+
+
+@dataclass(frozen=True)
+class SweepCell:
+    """One condition of a sweep and what its runs say."""
+
+    trials: Trials
+    outcome: TrialsSummary
+
+
+def sweep_steps(settings: SweepSettings, /) -> int:
+    """Return how often `sweep` calls `advance`: once a block of runs."""
+    return sum(len(cell.blocks) for cell in settings.cells())
+
+
+def sweep(settings: SweepSettings, /, *, jobs: int = 1, advance: Advance = no_advance) -> list[SweepCell]:
+    """Simulate every cell; blocks of runs of all cells are shared among processes."""
+    cells = list(settings.cells())
+    made = results(_run, ((cell, block) for cell in cells for block in cell.blocks), jobs=jobs, advance=advance)
+    return [SweepCell(cell, summary(cell, np.concatenate([next(made) for _ in cell.blocks]))) for cell in cells]
+
+
+def _run(task: tuple[Trials, range]) -> Float:
+    return block_voltages(*task)
+
+
+_PATH_COLUMNS = tuple(item.name for item in fields(PathSummary))
+
+COLUMNS = (
+    *("asr", "mpi_ratio", "integration_length", "runs"),
+    *(f"direct_{name}" for name in _PATH_COLUMNS),
+    *(f"second_{name}" for name in _PATH_COLUMNS),
+    *("confidence_v", "confidence_model_v", "phase_std_rad", "phase_model_std_rad", "phase_bias_rad"),
+)
+"""Columns of the table: a row is a condition, and what does not exist is empty."""
+
+
+def rows(cells: Iterable[SweepCell], /) -> Iterator[dict[str, float]]:
+    """Return the table, by column, a row a cell."""
+    for cell in cells:
+        trials, outcome = cell.trials, cell.outcome
+        length = trials.model.averaging.integration_length
+        values: dict[str, float] = {
+            "asr": trials.condition.asr,
+            "mpi_ratio": trials.condition.mpi_ratio,
+            "integration_length": length,
+            "runs": trials.runs,
+        }
+        for name, path in (("direct", outcome.direct), ("second", outcome.second)):
+            values |= {f"{name}_{column}": getattr(path, column) for column in _PATH_COLUMNS}
+        mix = trials.condition.mix(trials.period_ns).jittered(trials.model.jitter_ns)
+        gain = averaging_gain(noise_length(trials.model))
+        precision = phase_precision_of_mix_rad(mix, trials.model.modulation, variance_gain=gain)
+        yield values | {
+            "confidence_v": outcome.confidence_v,
+            "confidence_model_v": outcome.confidence_model_v,
+            "phase_std_rad": outcome.phase_std_rad,
+            "phase_model_std_rad": float(precision),
+            "phase_bias_rad": outcome.phase_bias_rad,
+        }
+
+
+def write_table(cells: Iterable[SweepCell], file: TextIO, /) -> None:
+    """Write the table as CSV, seven digits each."""
+    writer = csv.writer(file, lineterminator="\n")
+    writer.writerow(COLUMNS)
+    for row in rows(cells):
+        writer.writerow(["" if math.isnan(row[name]) else f"{row[name]:.7g}" for name in COLUMNS])
+
+
+def write_table_file(cells: Iterable[SweepCell], path: Path, /) -> None:
+    """Write the table to a new file; raises OutputError where one is, or where it cannot be written."""
+    try:
+        with path.open("x", newline="", encoding="utf-8") as file:
+            write_table(cells, file)
+    except FileExistsError as error:
+        raise OutputError(f"{path}: found a file, expected nothing there; choose another OUT or remove it") from error
+    except OSError as error:
+        raise OutputError(f"{path}: cannot be written: {error.strerror}") from error
+
+
+def draw_sweep(cells: list[SweepCell], folder: Path, /) -> None:
+    """Draw heat maps like the paper's Figs. 3, 8 and 9 into a new folder."""
+    from cadtof_cli.figures.sweep_maps import draw_confidence, draw_path_maps
+
+    table = list(rows(cells))
+    with new_folder(folder) as partial:
+        draw_path_maps(table, "bias_ns", partial / "bias.png", title="mean error of the resolved time (Fig. 8)")
+        draw_path_maps(table, "std_ns", partial / "std.png", title="standard deviation of the resolved time (Fig. 9)")
+        draw_confidence(table, partial / "first_phasor.png")

@@ -1,0 +1,142 @@
+"""How far a command's work has to walk: files, functions and records of the package that it meets, counted by tracing.
+
+scripts/walk [resolve | petzval] [--list] runs the command on a small capture, in one process, from the click command to the
+written file.
+"""
+
+import argparse
+import contextlib
+import io
+import sys
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+from types import FrameType
+from typing import Any
+
+import numpy as np
+import tifffile
+
+ROOT = Path(__file__).resolve().parent.parent
+
+HEIGHT, WIDTH = 12, 20
+"""Of the frame that walks; no other array of a run has as many values along its last axes."""
+
+SETTINGS = """[voltage]
+zero_counts = 8192.0
+volts_per_count = 6.0e-5
+saturated_counts = [0, 16383]
+[pixel]
+integration_length = 100000
+[optics]
+focal_length_px = 20.0
+[target]
+distance_m = 2.0
+"""
+
+
+class Walk:
+    """What a profile hook sees of the package: files, functions, and records that hold values of every pixel."""
+
+    def __init__(self, package: Path) -> None:
+        self.package = str(package)
+        self.files: dict[str, None] = {}
+        self.functions: dict[str, None] = {}
+        self.records: dict[str, None] = {}
+
+    def __call__(self, frame: FrameType, event: str, argument: Any) -> None:
+        """Count one call or return."""
+        code = frame.f_code
+        if event == "return" and code.co_name == "__init__":
+            self._count_record(frame.f_locals.get("self"))
+        if event != "call" or not code.co_filename.startswith(self.package) or code.co_name in {"<module>", "<lambda>"}:
+            return
+        if code.co_name.startswith("<") or (code.co_qualname.split(".")[0] == code.co_name and _is_class_body(frame)):
+            return
+        file = str(Path(code.co_filename).relative_to(self.package))
+        self.files[file] = None
+        self.functions[f"{file}: {code.co_qualname}"] = None
+
+    def _count_record(self, record: object) -> None:
+        if type(record).__module__.startswith("cadtof_cli") and any(map(_is_of_every_pixel, _held(record))):
+            self.records[type(record).__qualname__] = None
+
+
+def _is_class_body(frame: FrameType) -> bool:
+    return "__qualname__" in frame.f_locals and "__module__" in frame.f_locals
+
+
+def _held(record: object) -> Iterator[object]:
+    """Yield what a record holds, and what the records in it hold."""
+    for value in vars(record).values() if hasattr(record, "__dict__") else ():
+        yield value
+        if type(value).__module__.startswith("cadtof_cli") and hasattr(value, "__dict__"):
+            yield from vars(value).values()
+
+
+def _is_of_every_pixel(value: object) -> bool:
+    return isinstance(value, np.ndarray) and value.ndim > 0 and HEIGHT * WIDTH in {value.shape[-1], *_ends(value)}
+
+
+def _ends(values: np.ndarray[Any, Any]) -> tuple[int, ...]:
+    return (values.shape[-1] * values.shape[-2],) if values.ndim > 1 else ()
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("commands", nargs="*", default=["resolve", "petzval"], help="resolve, petzval; default: both")
+    parser.add_argument("--list", action="store_true", help="name what was met")
+    parser.add_argument("--tree", type=Path, default=ROOT, help="another checkout to walk through")
+    arguments = parser.parse_args()
+    sys.path.insert(0, str(arguments.tree.resolve()))
+    from cadtof_cli import cli
+
+    package = Path(cli.__file__).parent
+    with tempfile.TemporaryDirectory() as place:
+        capture = _recorded(Path(place) / "wall")
+        ways = {
+            "resolve": ["resolve", str(capture), "-o", f"{place}/maps", "-j", "1"],
+            "petzval": ["calibrate", "petzval", str(capture), "-o", f"{place}/calibration"],
+        }
+        for name in arguments.commands:
+            walk = _walked(["cadtof", *ways[name]], package)
+            print(
+                f"{name}: {len(walk.files)} files, {len(walk.functions)} functions, {len(walk.records)} records that hold pixels"
+            )
+            if arguments.list:
+                print("\n".join(f"  {line}" for line in (*sorted(walk.functions), *walk.records)))
+
+
+def _walked(argv: list[str], package: Path) -> Walk:
+    """Run the command line twice, the second time watched: what is done at import only is no part of the way."""
+    from cadtof_cli.cli import main as cadtof
+
+    walk = Walk(package)
+    for words in (argv, [*argv, "--overwrite"]):
+        sys.argv = words
+        with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
+            sys.setprofile(walk if words is not argv else None)
+            try:
+                cadtof()
+            except SystemExit as ended:
+                sys.setprofile(None)
+                if ended.code:
+                    raise
+    return walk
+
+
+def _recorded(folder: Path) -> Path:
+    """Write a capture of one frame: light of one delay, and noise."""
+    rng = np.random.default_rng(1)
+    folder.mkdir()
+    (folder / "capture.toml").write_text(SETTINGS)
+    phase = 2.0 * np.pi * 2.0 * 2.0 / 0.299792458 / 40.0
+    planes = [wave(h * phase) for h in (1, 2) for wave in (np.cos, np.sin)]
+    volts = 0.1 * np.array(planes)[:, np.newaxis, np.newaxis] + rng.normal(scale=0.0004, size=(4, HEIGHT, WIDTH))
+    frame = np.rint(volts / 6.0e-5 + 8192.0).astype(np.uint16)
+    tifffile.imwrite(folder / "frame.tif", frame, photometric="minisblack", metadata=None)
+    return folder
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,214 @@
+"""Every form in which a frame may be recorded, written from an array that the test made."""
+
+import importlib.util
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import OpenEXR
+import tifffile
+from numpy.typing import DTypeLike
+
+from cadtof_cli.arrays import Stored
+from cadtof_cli.files.frames import FrameSource
+
+Writer = Callable[[Path, Stored], FrameSource]
+
+HAS_CODECS = importlib.util.find_spec("imagecodecs") is not None
+
+PLANE_NAMES = ("H1.SC1", "H1.SC2", "H2.SC1", "H2.SC2")
+
+
+@dataclass(frozen=True)
+class Form:
+    """One way to record a frame.
+
+    Parameters:
+        name: for the test's name.
+        write: writes an array (H, C, Y, X) near a path without suffix.
+        dtype: type of the stored values.
+        checked: the file carries a checksum over its pixels, so that no damage to them goes unseen.
+    """
+
+    name: str
+    write: Writer
+    dtype: DTypeLike = "u2"
+    checked: bool = False
+
+
+def known_frame(dtype: DTypeLike, *, shape: tuple[int, int] = (37, 53), seed: int = 0) -> Stored:
+    """Return a frame whose planes all differ: smooth enough to be compressed, noisy enough to tell pixels apart."""
+    rng = np.random.default_rng(seed)
+    y, x = np.indices(shape)
+    waves = [np.sin(x / (9 + k)) * np.cos(y / (7 + seed % 5)) for k in range(4)]
+    counts = 100 + 60 * np.stack(waves) + rng.integers(0, 3, (4, *shape))
+    kind = np.dtype(dtype)
+    scale = 1.0 if kind.itemsize == 1 else 100.0
+    offset = -150.0 if kind.kind in "if" else 0.0
+    return np.asarray((counts + offset) * scale / (7 if kind.kind == "f" else 1)).astype(kind).reshape(2, 2, *shape)
+
+
+def tiff(**options: Any) -> Writer:
+    """Return a writer of one TIFF file by one call of tifffile; `arrange` turns the frame into what it is given."""
+    arrange: Callable[[Stored], Stored] = options.pop("arrange", lambda frame: frame)
+    options.setdefault("photometric", "minisblack")
+
+    def write(path: Path, frame: Stored) -> FrameSource:
+        file = path.with_suffix(".tif")
+        tifffile.imwrite(file, arrange(frame), **options)
+        return FrameSource(path.name, (file,))
+
+    return write
+
+
+def tiff_page_by_page(**options: Any) -> Writer:
+    def write(path: Path, frame: Stored) -> FrameSource:
+        file = path.with_suffix(".tif")
+        with tifffile.TiffWriter(file, **{k: options.pop(k) for k in ("bigtiff",) if k in options}) as writer:
+            for plane in planes_of(frame):
+                writer.write(plane, photometric="minisblack", **options)
+        return FrameSource(path.name, (file,))
+
+    return write
+
+
+def planes_of(frame: Stored) -> Stored:
+    return frame.reshape(-1, *frame.shape[2:])
+
+
+def _channel_first(frame: Stored) -> Stored:
+    return np.ascontiguousarray(frame.transpose(1, 0, 2, 3))
+
+
+def _channel_last(frame: Stored) -> Stored:
+    return np.ascontiguousarray(np.moveaxis(frame, 1, -1))
+
+
+def _planes_last(frame: Stored) -> Stored:
+    return np.ascontiguousarray(np.moveaxis(planes_of(frame), 0, -1))
+
+
+def channels_of(frame: Stored) -> dict[str, Stored]:
+    return {name: plane.copy() for name, plane in zip(PLANE_NAMES, planes_of(frame), strict=True)}
+
+
+def exr(**header: Any) -> Writer:
+    """Return a writer of one EXR part with the channels H1.SC1 to H2.SC2."""
+
+    def write(path: Path, frame: Stored) -> FrameSource:
+        file = path.with_suffix(".exr")
+        OpenEXR.File({"type": OpenEXR.scanlineimage, **header}, channels_of(frame), num_threads=0).write(str(file))
+        return FrameSource(path.name, (file,))
+
+    return write
+
+
+def exr_at(left: int, top: int) -> Writer:
+    """Return a writer of an EXR file whose data window does not begin at the origin."""
+
+    def write(path: Path, frame: Stored) -> FrameSource:
+        high = (left + frame.shape[3] - 1, top + frame.shape[2] - 1)
+        window = (np.array((left, top), np.int32), np.array(high, np.int32))
+        return exr(dataWindow=window, displayWindow=window)(path, frame)
+
+    return write
+
+
+def exr_parts(names: Mapping[str, tuple[str, str]]) -> Writer:
+    """Return a writer of an EXR file with a part for each harmonic; `names` maps a part to its two channels."""
+
+    def write(path: Path, frame: Stored) -> FrameSource:
+        file = path.with_suffix(".exr")
+        header = {"type": OpenEXR.scanlineimage}
+        parts = [
+            OpenEXR.Part(
+                dict(header), {channel: plane.copy() for channel, plane in zip(channels, pair, strict=True)}, name
+            )
+            for (name, channels), pair in zip(names.items(), frame, strict=True)
+        ]
+        OpenEXR.File(parts, num_threads=0).write(str(file))
+        return FrameSource(path.name, (file,))
+
+    return write
+
+
+def plane_files(suffix: str, **options: Any) -> Writer:
+    """Return a writer of one file a plane."""
+
+    def write(path: Path, frame: Stored) -> FrameSource:
+        files = tuple(path.with_name(f"{path.name}_{name}{suffix}") for name in PLANE_NAMES)
+        for file, plane in zip(files, planes_of(frame), strict=True):
+            if suffix == ".tif":
+                tifffile.imwrite(file, plane, photometric="minisblack", **options)
+            else:
+                OpenEXR.File({}, {"Y": plane.copy()}, num_threads=0).write(str(file))
+        return FrameSource(path.name, files)
+
+    return write
+
+
+_PAGES = {"arrange": planes_of, "metadata": None}
+
+TIFF_FORMS = [
+    Form("shaped-HCYX", tiff(metadata={"axes": "HCYX"})),
+    Form("shaped-CHYX", tiff(metadata={"axes": "CHYX"}, arrange=_channel_first)),
+    Form("shaped-unlabelled", tiff()),
+    Form("shaped-planes", tiff(arrange=planes_of)),
+    Form("shaped-one-page", tiff(metadata={"axes": "HCYX"}, volumetric=False, truncate=True)),
+    Form("pages", tiff(**_PAGES)),
+    Form("pages-one-by-one", tiff_page_by_page(metadata=None)),
+    Form("series-one-by-one", tiff_page_by_page()),
+    Form("ome-ZC", tiff(ome=True, metadata={"axes": "ZCYX"})),
+    Form("ome-CZ", tiff(ome=True, metadata={"axes": "CZYX"}, arrange=_channel_first)),
+    Form("ome-CT", tiff(ome=True, metadata={"axes": "CTYX"}, arrange=_channel_first)),
+    Form("ome-C4", tiff(ome=True, metadata={"axes": "CYX"}, arrange=planes_of)),
+    Form("imagej-ZC", tiff(imagej=True, metadata={"axes": "ZCYX"})),
+    Form("imagej-TC", tiff(imagej=True, metadata={"axes": "TCYX"}), "f4"),
+    Form("imagej-C4", tiff(imagej=True, metadata={"axes": "CYX"}, arrange=planes_of), "u1"),
+    Form("big-endian", tiff(byteorder=">", **_PAGES)),
+    Form("bigtiff", tiff(bigtiff=True, **_PAGES), "f8"),
+    Form("bigtiff-big-endian-shaped", tiff(bigtiff=True, byteorder=">"), "i4"),
+    Form("strips", tiff(rowsperstrip=5, **_PAGES)),
+    Form("tiles", tiff(tile=(16, 32), **_PAGES), "i2"),
+    Form("samples-channel", tiff(arrange=_channel_last, metadata=None, planarconfig="contig")),
+    Form("samples-planes", tiff(arrange=_planes_last, metadata=None, planarconfig="contig")),
+    Form("samples-separate", tiff(arrange=planes_of, metadata=None, planarconfig="separate")),
+    Form("deflate", tiff(compression="zlib", **_PAGES), checked=True),
+    Form("deflate-strips", tiff(compression="zlib", rowsperstrip=8, metadata={"axes": "HCYX"}), "f4", checked=True),
+    Form("deflate-tiles-big-endian", tiff(compression="zlib", tile=(16, 16), byteorder=">"), checked=True),
+    Form("ome-deflate", tiff(ome=True, compression="zlib", metadata={"axes": "ZCYX"}), checked=True),
+    Form(
+        "samples-separate-deflate", tiff(arrange=planes_of, planarconfig="separate", compression="zlib"), checked=True
+    ),
+]
+
+CODEC_FORMS = [
+    Form("lzw", tiff(compression="lzw", **_PAGES)),
+    Form("lzw-predictor", tiff(compression="lzw", predictor=True, rowsperstrip=6, **_PAGES), "f4"),
+    Form("zstd", tiff(compression="zstd", **_PAGES)),
+    Form("deflate-predictor", tiff(compression="zlib", predictor=True, **_PAGES), checked=True),
+]
+
+EXR_FORMS = [
+    Form("zip", exr(compression=OpenEXR.ZIP_COMPRESSION), "f4"),
+    Form("zips-half", exr(compression=OpenEXR.ZIPS_COMPRESSION), "f2"),
+    Form("piz-uint", exr(compression=OpenEXR.PIZ_COMPRESSION), "u4"),
+    Form("rle", exr(compression=OpenEXR.RLE_COMPRESSION), "f4"),
+    Form("none", exr(compression=OpenEXR.NO_COMPRESSION), "f4"),
+    Form("pxr24-half", exr(compression=OpenEXR.PXR24_COMPRESSION), "f2"),
+    Form("tiled", exr(type=OpenEXR.tiledimage, tiles=OpenEXR.TileDescription()), "f4"),
+    Form("offset-window", exr_at(-7, 11), "f4"),
+    Form("parts", exr_parts({"H1": ("SC1", "SC2"), "h2": ("sc1", "sc2")}), "f4"),
+    Form("parts-full-names", exr_parts({"a": ("H1.SC1", "H1.SC2"), "b": ("H2.SC1", "H2.SC2")}), "f2"),
+    Form("parts-counted", exr_parts({"first": ("SC1", "SC2"), "second": ("SC1", "SC2")}), "u4"),
+]
+
+PLANE_FORMS = [
+    Form("planes-tif", plane_files(".tif")),
+    Form("planes-tif-plain", plane_files(".tif", metadata=None, byteorder=">"), "f4"),
+    Form("planes-exr", plane_files(".exr"), "f2"),
+]
+
+FORMS = TIFF_FORMS + (CODEC_FORMS if HAS_CODECS else []) + EXR_FORMS + PLANE_FORMS

@@ -1,0 +1,78 @@
+"""Files appear whole or not at all."""
+
+import errno
+import json
+from pathlib import Path
+
+import pytest
+
+from cadtof_cli.errors import OutputError
+from cadtof_cli.files.atomic import make_folder, remove_partial_files, whole_file, write_json
+
+
+def test_what_is_written_appears_at_the_end(tmp_path: Path) -> None:
+    path = tmp_path / "maps.exr"
+    path.write_text("before")
+    with whole_file(path, token="mark") as temporary:
+        temporary.write_text("after")
+        assert temporary.name == ".maps.exr.mark.partial"
+        assert path.read_text() == "before"
+    assert path.read_text() == "after"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def _begin(path: Path, raised: BaseException) -> None:
+    with whole_file(path) as temporary:
+        temporary.write_text("half")
+        raise raised
+
+
+@pytest.mark.parametrize("raised", [ValueError("no"), KeyboardInterrupt(), SystemExit(143)])
+def test_an_error_leaves_what_was_there(raised: BaseException, tmp_path: Path) -> None:
+    path = tmp_path / "maps.exr"
+    path.write_text("before")
+    with pytest.raises(type(raised)):
+        _begin(path, raised)
+    assert path.read_text() == "before"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+@pytest.mark.parametrize(
+    ("error", "told"),
+    [
+        (OSError(errno.ENOSPC, "No space left on device"), "cannot be written: No space left on device"),
+        (OSError("6144 requested and 712 written"), "cannot be written: 6144 requested and 712 written"),
+    ],
+)
+def test_an_error_of_the_system_names_the_file(error: OSError, told: str, tmp_path: Path) -> None:
+    path = tmp_path / "maps.exr"
+    with pytest.raises(OutputError) as caught, whole_file(path):
+        raise error
+    assert str(caught.value) == f"{path}: {told}"
+
+
+def test_a_writer_that_wrote_nothing(tmp_path: Path) -> None:
+    with pytest.raises(OutputError, match="cannot be written: No such file"), whole_file(tmp_path / "maps.exr"):
+        pass
+    with pytest.raises(OutputError, match="cannot be written: No such file"):
+        write_json(tmp_path / "gone" / "run.json", {})
+
+
+def test_only_partial_files_with_the_token_are_removed(tmp_path: Path) -> None:
+    names = [".a.tif.one.partial", ".a.tif.two.partial", "a.tif", "a.one.partial"]
+    for name in names:
+        (tmp_path / name).touch()
+    remove_partial_files(tmp_path, token="one")
+    assert sorted(path.name for path in tmp_path.iterdir()) == sorted(names[1:])
+    remove_partial_files(tmp_path, token="*")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.one.partial", "a.tif"]
+
+
+def test_json_can_be_read_back(tmp_path: Path) -> None:
+    write_json(tmp_path / "run.json", {"µ": [1.5, None], "path": Path("a \udcff")})
+    assert json.loads((tmp_path / "run.json").read_text()) == {"µ": [1.5, None], "path": "a \udcff"}
+
+
+def test_a_folder_is_made_with_its_parents(tmp_path: Path) -> None:
+    make_folder(tmp_path / "a" / "b")
+    assert list((tmp_path / "a" / "b").iterdir()) == []

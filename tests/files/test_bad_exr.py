@@ -1,0 +1,69 @@
+"""An EXR file that is no frame, or a damaged one, says what was found in it and what was expected."""
+
+from pathlib import Path
+
+import numpy as np
+import OpenEXR
+import pytest
+
+from cadtof_cli.files.frames import NotAFrameError
+from tests.files.forms import channels_of, known_frame
+from tests.files.refusals import message, write_exr
+
+
+def test_maps_in_an_exr_are_not_a_frame(tmp_path: Path) -> None:
+    path = write_exr(tmp_path / "maps.exr", {"direct.depth": np.zeros((5, 7), "f4")})
+    told = message(path, kind=NotAFrameError)
+    assert told.startswith(f"{path}: holds the channels direct.depth, expected voltages H1.SC1, H1.SC2")
+
+
+def test_exr_that_lacks_a_harmonic_or_channel(tmp_path: Path) -> None:
+    channels = channels_of(known_frame("f4"))
+    del channels["H2.SC1"]
+    told = message(write_exr(tmp_path / "frame.exr", channels))
+    assert "no channel H2.SC1; found H1.SC1, H1.SC2, H2.SC2, expected H1.SC1, H1.SC2, H2.SC1, H2.SC2" in told
+
+
+def test_exr_with_the_wrong_number_of_parts(tmp_path: Path) -> None:
+    part = {"SC1": np.zeros((5, 7), "f4"), "SC2": np.zeros((5, 7), "f4")}
+    path = tmp_path / "frame.exr"
+    parts = [OpenEXR.Part({"type": OpenEXR.scanlineimage}, dict(part), name) for name in "abc"]
+    OpenEXR.File(parts, num_threads=0).write(str(path))
+    assert "found 3 parts with SC1 and SC2 ('a', 'b', 'c'), expected 2, one a harmonic" in message(path)
+
+
+def test_exr_parts_of_different_sizes(tmp_path: Path) -> None:
+    path = tmp_path / "frame.exr"
+    window = (np.zeros(2, "i4"), np.array((9, 9), "i4"))
+    header = {"type": OpenEXR.scanlineimage, "displayWindow": window}
+    parts = [
+        OpenEXR.Part(dict(header), {"SC1": np.zeros((5, w), "f4"), "SC2": np.zeros((5, w), "f4")}, name)
+        for w, name in ((7, "H1"), (8, "H2"))
+    ]
+    OpenEXR.File(parts, num_threads=0).write(str(path))
+    assert "SC1 of part 'H2' is 8 × 5 pixels, expected 7 × 5" in message(path)
+
+
+def test_exr_channels_of_different_types(tmp_path: Path) -> None:
+    channels = channels_of(known_frame("f4"))
+    channels["H2.SC2"] = channels["H2.SC2"].astype("f2")
+    assert "H2.SC2 is 53 × 37 float16, expected 53 × 37 float32" in message(write_exr(tmp_path / "f.exr", channels))
+
+
+def test_exr_that_ends_early_tells_what_the_library_said(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    path = write_exr(tmp_path / "frame.exr", channels_of(known_frame("f4")))
+    path.write_bytes(path.read_bytes()[:-50])
+    told = message(path)
+    assert told.startswith(f"{path}: damaged EXR: (EXR_ERR_BAD_CHUNK_LEADER) ")
+    assert told.endswith("expected a complete file, try copying it again")
+    assert capfd.readouterr() == ("", "")
+
+
+def test_subsampled_exr_channel(tmp_path: Path) -> None:
+    path = write_exr(tmp_path / "frame.exr", channels_of(known_frame("f4", shape=(6, 8))))
+    content = bytearray(path.read_bytes())
+    # after the name: pixel type, linearity, then the sampling in x and y, four bytes each
+    sampling = content.index(b"H1.SC2\0") + 7 + 8
+    content[sampling : sampling + 4] = (2).to_bytes(4, "little")
+    path.write_bytes(content)
+    assert message(path) == f"{path}: H1.SC2 is a subsampled channel, expected one value a pixel"

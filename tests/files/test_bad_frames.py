@@ -1,0 +1,223 @@
+"""A frame that cannot be read says which file, what was found there and what was expected."""
+
+import builtins
+import logging
+import struct
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import tifffile
+
+from cadtof_cli.capture.reader import open_frames
+from cadtof_cli.files.frames import FrameLayout, NotAFrameError
+from tests.files.forms import known_frame, plane_files, planes_of, tiff
+from tests.files.refusals import LAYOUT, message, message_of, write_exr, write_pages
+
+ROOT = Path(__file__).parents[2]
+
+
+@pytest.mark.parametrize(
+    ("content", "found"),
+    [
+        (b"", "an empty file"),
+        (b"\x89PNG\r\n", "first bytes 89 50 4e 47"),
+        (b"[modulation]\n", "first bytes 5b 6d 6f 64"),
+    ],
+)
+def test_neither_tiff_nor_exr(content: bytes, found: str, tmp_path: Path) -> None:
+    path = tmp_path / "frame.tif"
+    path.write_bytes(content)
+    told = message(path)
+    assert told == f"{path}: neither TIFF nor EXR: found {found}, expected 76 2f 31 01 or 49 49 2a 00 or 4d 4d 00 2a"
+
+
+def test_a_file_that_is_gone(tmp_path: Path) -> None:
+    assert message(tmp_path / "gone.tif") == f"{tmp_path / 'gone.tif'}: cannot be read: No such file or directory"
+
+
+def test_a_folder_for_a_file(tmp_path: Path) -> None:
+    assert message(tmp_path).endswith("cannot be read: Is a directory")
+
+
+def test_no_permission(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_: object) -> int:
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr("os.open", refuse)
+    assert message(tmp_path / "frame.exr") == f"{tmp_path / 'frame.exr'}: cannot be read: Permission denied"
+
+
+@pytest.mark.parametrize(
+    ("pages", "frames", "expected"),
+    [
+        (3, None, "found 3 pages of 7 × 5 uint16, expected 4 for one frame (H1.SC1, H1.SC2, H2.SC1, H2.SC2)"),
+        (12, None, "if this is a stack of 3 frames, set [layout] frames = 3"),
+        (12, 2, "found 12 pages of 7 × 5 uint16, expected 8: layout.frames = 2 frames of 4 planes"),
+        (12, 2, "if this is a stack of 3 frames, set [layout] frames = 3"),
+        (10, 3, "found 10 pages of 7 × 5 uint16, expected 12: layout.frames = 3 frames"),
+    ],
+)
+def test_wrong_page_count(pages: int, frames: int | None, expected: str, tmp_path: Path) -> None:
+    path = write_pages(tmp_path / "frame.tif", np.zeros((pages, 5, 7), "u2"))
+    told = message(path, FrameLayout((1, 2), frames))
+    assert told.startswith(f"{path}: found {pages} pages")
+    assert expected in told
+
+
+def test_no_advice_where_the_count_is_no_multiple(tmp_path: Path) -> None:
+    path = write_pages(tmp_path / "frame.tif", np.zeros((10, 5, 7), "u2"))
+    assert "set [layout]" not in message(path, FrameLayout((1, 2), 3))
+
+
+def test_axes_in_an_order_that_could_mean_two_things(tmp_path: Path) -> None:
+    path = write_pages(tmp_path / "frame.tif", np.zeros((4, 3, 5, 7), "u2"), metadata={"axes": "QZYX"})
+    assert "in axes Q=4 Z=3, expected 4 planes a frame in the order H1.SC1" in message(path)
+
+
+def test_pages_that_differ(tmp_path: Path) -> None:
+    path = tmp_path / "frame.tif"
+    with tifffile.TiffWriter(path) as writer:
+        for width in (7, 7, 7, 8):
+            writer.write(np.zeros((5, width), "u2"), metadata=None, photometric="minisblack")
+    told = message(path)
+    assert "found pages that differ (3 pages of 7 × 5 uint16; 1 pages of 8 × 5 uint16)" in told
+
+
+@pytest.mark.parametrize("dtype", ["i1", "i8", "c8"])
+def test_sample_type_that_we_do_not_read(dtype: str, tmp_path: Path) -> None:
+    path = write_pages(tmp_path / "frame.tif", np.zeros((4, 5, 7), dtype))
+    told = message(path)
+    assert f"found {8 * np.dtype(dtype).itemsize} bits a sample" in told
+    assert "expected one of float16, float32, float64, int16" in told
+
+
+def test_tiff_that_ends_early(tmp_path: Path) -> None:
+    source = tiff(arrange=planes_of, metadata={"axes": "IYX"})(tmp_path / "frame", known_frame("u2"))
+    path = source.paths[0]
+    content = path.read_bytes()
+    path.write_bytes(content[:-100])
+    told = message(path)
+    assert told.startswith(f"{path}: damaged or truncated TIFF")
+    assert f"found no page there in a file of {len(content) - 100:,} bytes" in told
+
+
+def test_tiff_whose_pixels_come_last_and_end_early(tmp_path: Path) -> None:
+    path = write_pages(tmp_path / "frame.tif", planes_of(known_frame("u2")), metadata={}, truncate=True)
+    content = path.read_bytes()
+    path.write_bytes(content[:-1])
+    size = len(content)
+    assert f"truncated TIFF: 4 pages reach to byte {size:,}, found a file of {size - 1:,} bytes" in message(path)
+
+
+def test_pages_in_a_circle(tmp_path: Path) -> None:
+    path = write_pages(tmp_path / "frame.tif", np.zeros((4, 5, 7), "u2"))
+    with tifffile.TiffFile(path) as file:
+        first, last = file.pages[0].offset, file.pages[3].offset
+    content = bytearray(path.read_bytes())
+    tags = int.from_bytes(content[last : last + 2], "little")
+    end = last + 2 + 12 * tags
+    content[end : end + 4] = first.to_bytes(4, "little")
+    path.write_bytes(content)
+    assert "page 4 leads back to an earlier page" in message(path)
+
+
+_READ_WITHOUT_CODECS = """
+import sys
+sys.modules["imagecodecs"] = None
+from pathlib import Path
+from cadtof_cli.files.frames import FrameLayout, FrameSource
+from cadtof_cli.capture.reader import open_frames
+from cadtof_cli.errors import FrameError
+try:
+    with open_frames(FrameSource("frame", (Path(sys.argv[1]),)), FrameLayout((1, 2))) as frames:
+        frames.read()
+except FrameError as error:
+    print(error)
+"""
+
+
+def test_compression_without_imagecodecs(tmp_path: Path) -> None:
+    # a deflated file that says it is LZW gets as far as the decoder that is missing
+    path = write_pages(tmp_path / "frame.tif", planes_of(known_frame("u2")), compression="zlib")
+    with tifffile.TiffFile(path, mode="r+") as file:
+        for index in range(4):
+            page = file.pages.get(index)
+            assert isinstance(page, tifffile.TiffPage)
+            page.tags["Compression"].overwrite(5)
+    command = [sys.executable, "-c", _READ_WITHOUT_CODECS, str(path)]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT, timeout=60, check=False)
+    assert done.stderr == ""
+    assert done.stdout == (
+        f"{path}: its compression needs the imagecodecs package, which is not installed;"
+        " try pip install 'cadtof[codecs]'\n"
+    )
+
+
+def test_maps_in_a_tiff_are_not_a_frame(tmp_path: Path) -> None:
+    path = tmp_path / "maps.tif"
+    names = ["direct.depth", "mpi.depth", "confidence", "status"]
+    tifffile.imwrite(
+        path, np.zeros((4, 5, 7), "f4"), ome=True, photometric="minisblack",
+        metadata={"axes": "CYX", "Channel": {"Name": names}},
+    )  # fmt: skip
+    told = message(path, kind=NotAFrameError)
+    assert told == f"{path}: holds maps (direct.depth, mpi.depth, confidence, status), expected voltages"
+
+
+def test_what_tifffile_only_remarks_is_damage_here(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    path = write_pages(
+        tmp_path / "frame.tif", planes_of(known_frame("u2")), planarconfig="separate", compression="zlib"
+    )
+    content = bytearray(path.read_bytes())
+    content[content.index(struct.pack("<HHI", 284, 3, 1)) + 8] = 128
+    path.write_bytes(content)
+    assert "incorrect StripByteCounts count (4 != 1)" in message(path)
+    assert caplog.records == []
+    logging.getLogger("tifffile").error("to another user of tifffile")
+    assert caplog.messages == ["to another user of tifffile"]
+
+
+def test_a_plane_that_is_missing(tmp_path: Path) -> None:
+    source = plane_files(".tif")(tmp_path / "frame", known_frame("u2"))
+    source.paths[3].unlink()
+    assert message_of(source) == f"{source.paths[3]}: no such file, expected H2.SC2 of frame frame there"
+
+
+def test_a_plane_of_another_size(tmp_path: Path) -> None:
+    source = plane_files(".tif")(tmp_path / "frame", known_frame("u2"))
+    tifffile.imwrite(source.paths[2], np.zeros((5, 7), "u2"))
+    expected = f"{source.paths[2]}: found 7 × 5 uint16, expected 53 × 37 uint16 as in {source.paths[0].name}"
+    assert message_of(source) == expected
+
+
+def test_a_plane_file_with_more_than_a_plane(tmp_path: Path) -> None:
+    source = plane_files(".tif")(tmp_path / "frame", known_frame("u2"))
+    tifffile.imwrite(source.paths[1], np.zeros((2, 37, 53), "u2"), photometric="minisblack")
+    assert "found 2 pages of 53 × 37 uint16, expected a single plane" in message_of(source)
+    write_exr(source.paths[1], {"A": np.zeros((5, 7), "f4"), "B": np.zeros((5, 7), "f4")})
+    assert "found channels A, B, expected a single plane" in message_of(source)
+
+
+def test_what_a_caller_raises_stays_its_own(tmp_path: Path) -> None:
+    source = tiff()(tmp_path / "frame", known_frame("u2"))
+    with pytest.raises(ZeroDivisionError), open_frames(source, LAYOUT):
+        _ = 1 / 0
+
+
+def test_a_reader_imports_the_library_it_needs_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    source = tiff()(tmp_path / "frame", known_frame("u2"))
+    imported = builtins.__import__
+
+    def refuse(name: str, *args: Any, **options: Any) -> Any:
+        assert name != "OpenEXR"
+        return imported(name, *args, **options)
+
+    for name in ("OpenEXR", "cadtof_cli.files.exr.frames"):
+        monkeypatch.delitem(sys.modules, name, raising=False)
+    monkeypatch.setattr(builtins, "__import__", refuse)
+    with open_frames(source, LAYOUT) as frames:
+        assert frames.container == "tif"

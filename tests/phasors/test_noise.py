@@ -1,0 +1,62 @@
+import math
+
+import numpy as np
+import pytest
+
+from cadtof_cli.capture.metadata import CaptureMetadata, Pixel, Voltage
+from cadtof_cli.phasors.noise import estimated_integration_length, noise_model
+from tests.support.forward import Light, phasors_of, step_frame
+
+
+@pytest.mark.parametrize("asr", [0.2, 1.0, 5.0])
+def test_the_variances_of_one_path_are_those_of_the_pixel(asr: float) -> None:
+    light, n_av = Light(asr, direct_ns=4.0), 1e4
+    model = noise_model(CaptureMetadata(), integration_length=n_av, quantised=False)
+    for h, harmonic in zip((1, 2), model.harmonics, strict=True):
+        r = light.moment(h) * (1 + asr)
+        turn = np.exp(-2j * np.pi * h * 4.0 / 40.0)
+        basis = np.array([[turn.real, -turn.imag], [turn.imag, turn.real]])
+        covariance = basis @ light.covariance(h, n_av) @ basis.T / abs(r) ** 2
+        along, across = harmonic.one_path_variances(np.array([1 / (1 + asr)]))
+        np.testing.assert_allclose([along[0], across[0]], np.diag(covariance), rtol=1e-9)
+        assert abs(covariance[0, 1]) < 1e-12 * covariance[0, 0]
+
+
+def test_ambient_light_alone_gives_one_over_two_root_n_av() -> None:
+    model = noise_model(CaptureMetadata(), integration_length=1e6, quantised=False)
+    for harmonic in model.harmonics:
+        assert math.sqrt(harmonic.dark_variance) * harmonic.pulse == pytest.approx(1 / (2 * math.sqrt(1e6)), rel=1e-6)
+
+
+def test_counting_adds_a_twelfth_of_a_count_squared() -> None:
+    metadata = CaptureMetadata(voltage=Voltage(volts_per_count=0.01), pixel=Pixel(integration_length=1e9))
+    coarse = noise_model(metadata, integration_length=1e9, quantised=True).harmonics[0]
+    expected = (0.01 / 0.2746) ** 2 / 12
+    assert coarse.dark_variance * coarse.pulse**2 == pytest.approx(expected, rel=1e-3)
+    assert noise_model(metadata, integration_length=1e9, quantised=False).harmonics[0].floor == 0.0
+
+
+@pytest.mark.parametrize("n_av", [1e3, 1e5])
+def test_the_integration_length_is_found_in_a_frame_with_an_edge_and_outliers(n_av: float) -> None:
+    rng = np.random.default_rng(8)
+    volts = step_frame(rng, height=120, width=160, n_av=n_av) / 0.2746
+    p = phasors_of(volts.reshape(2, 2, -1)).reshape(2, 120, 160)
+    assert estimated_integration_length(p) == pytest.approx(n_av, rel=0.06)
+    p[:, rng.random((120, 160)) < 0.05] = np.nan
+    p[:, rng.random((120, 160)) < 0.01] = 40.0
+    assert estimated_integration_length(p) == pytest.approx(n_av, rel=0.12)
+
+
+def test_a_slope_is_not_noise() -> None:
+    rng = np.random.default_rng(9)
+    y, x = np.mgrid[:60, :80]
+    phase = 0.02 * x + 0.03 * y
+    noise = [(rng.normal(size=(60, 80)) + 1j * rng.normal(size=(60, 80))) * 1e-3 for _ in range(2)]
+    p = np.stack([0.2 * np.exp(1j * h * phase) + noise[h - 1] for h in (1, 2)])
+    expected = 0.5 * (1 + (1 - 0.04) / 2e-6)
+    assert estimated_integration_length(p) == pytest.approx(expected, rel=0.1)
+
+
+def test_no_noise_is_infinite_and_no_pixels_are_nothing() -> None:
+    assert estimated_integration_length(np.full((2, 8, 8), 0.3 + 0.1j)) == math.inf
+    assert math.isnan(estimated_integration_length(np.full((2, 8, 8), np.nan + 0j)))

@@ -1,0 +1,83 @@
+"""The loop alone, on Rosenbrock's function as least squares: 10·(y − x²) and 1 − x."""
+
+from dataclasses import dataclass, replace
+from typing import Self
+
+import numpy as np
+import pytest
+
+from cadtof_cli.arrays import Float, Index
+from cadtof_cli.resolver.likelihood.levenberg_marquardt import LevenbergMarquardt, Linearised
+
+SOLVER = LevenbergMarquardt(max_steps=200, absolute=1e-20)
+
+
+@dataclass(frozen=True)
+class Rosenbrock:
+    """Valleys with their lowest point at (root, root²)."""
+
+    root: Float
+
+    def linearised(self, points: Float, /) -> Linearised:
+        x, y = points
+        first, second = 10.0 * (x * x - y), self.root - x
+        matrix = np.stack((400.0 * x * x + 1.0, -200.0 * x, np.full_like(x, 100.0)))
+        gradient = np.stack((-20.0 * x * first + second, 10.0 * first))
+        return Linearised(matrix, gradient, first * first + second * second)
+
+    def moved(self, points: Float, steps: Float, /) -> Float:
+        return points + steps
+
+    def taken(self, chosen: Index, /) -> Self:
+        return replace(self, root=self.root[chosen])
+
+
+def problem(count: int) -> tuple[Rosenbrock, Float]:
+    rng = np.random.default_rng(1)
+    return Rosenbrock(rng.uniform(-2, 2, count)), rng.uniform(-3, 3, (2, count))
+
+
+def test_every_problem_ends_in_its_own_minimum() -> None:
+    valleys, starts = problem(200)
+    before = starts.copy()
+    end = SOLVER.solve(valleys, starts)
+    np.testing.assert_array_equal(starts, before)
+    assert end.converged.all()
+    np.testing.assert_allclose(end.points, [valleys.root, valleys.root**2], atol=1e-8)
+    assert end.cost.max() < 1e-16
+    assert end.steps.min() < end.steps.max()
+
+
+def test_a_problem_solved_alone_takes_the_same_steps() -> None:
+    valleys, starts = problem(40)
+    together = SOLVER.solve(valleys, starts)
+    for index in range(40):
+        some = np.array([index])
+        alone = SOLVER.solve(valleys.taken(some), starts[:, some])
+        assert (alone.points[:, 0] == together.points[:, index]).all()
+        assert alone.cost[0] == together.cost[index]
+        assert alone.steps[0] == together.steps[index]
+
+
+@pytest.mark.parametrize("limit", [1, 3])
+def test_the_limit_is_kept_and_failure_is_told(limit: int) -> None:
+    valleys, starts = problem(50)
+    end = replace(SOLVER, max_steps=limit).solve(valleys, starts)
+    assert not end.converged.all()
+    assert end.steps.max() <= limit
+    assert (end.cost <= valleys.linearised(starts).cost).all()
+
+
+def test_a_start_that_is_the_answer_stays() -> None:
+    valleys = Rosenbrock(np.array([1.5]))
+    end = SOLVER.solve(valleys, np.array([[1.5], [2.25]]))
+    assert end.converged[0]
+    np.testing.assert_array_equal(end.points[:, 0], [1.5, 2.25])
+
+
+def test_not_a_number_is_not_an_answer() -> None:
+    valleys, starts = problem(3)
+    starts[0, 1] = np.nan
+    with np.errstate(all="ignore"):
+        end = SOLVER.solve(valleys, starts)
+    np.testing.assert_array_equal(end.converged, [True, False, True])
