@@ -127,11 +127,11 @@ def _pixel_data(phasors: Complex, model: DiffuseModel, samples: Float | None) ->
     return PixelData(np.sqrt(square[0]), phase, data, relative)
 
 
-def _within_a_turn(phase: Values) -> Values:
+def _within_a_turn(phase: Values, /) -> Values:
     """Return phases between −2π and 4π brought to [0, 2π)."""
     turn = phase.dtype.type(FULL_TURN)
-    inside: Values = phase + turn * (phase < 0.0)
-    inside -= turn * (inside >= turn)
+    inside: Values = np.where(phase < 0.0, phase + turn, phase)
+    np.subtract(inside, turn, out=inside, where=inside >= turn)
     return inside
 
 

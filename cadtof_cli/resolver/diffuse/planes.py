@@ -72,8 +72,8 @@ def _normals(inverse: Float, on_plane: Bool, grid: PatchGrid) -> Float:
     count = np.maximum(on_plane.sum(-1), 1)
 
     def mean(values: Float) -> Float:
-        total: Float = (on_plane * values).sum(-1)
-        return total / count
+        average: Float = (on_plane * values).sum(-1) / count
+        return average
 
     x, y, z = mean(grid.slope_x), mean(grid.slope_y), mean(inverse)
     dx, dy, dz = grid.slope_x - x[..., None], grid.slope_y - y[..., None], inverse - z[..., None]
@@ -81,5 +81,5 @@ def _normals(inverse: Float, on_plane: Bool, grid: PatchGrid) -> Float:
     determinant = xx * yy - xy * xy + TINY**2
     a, b = (xz * yy - yz * xy) / determinant, (yz * xx - xz * xy) / determinant
     normal = -np.stack([a, b, z - a * x - b * y])
-    normal /= np.linalg.norm(normal, axis=0) + TINY
-    return np.asarray(normal)
+    unit: Float = normal / (np.linalg.norm(normal, axis=0) + TINY)
+    return unit

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from cadtof_cli.arrays import Bool, Complex, Float
-from cadtof_cli.resolver.closed_form import fundamental_frame, two_paths
 from cadtof_cli.resolver.diffuse.beyond import surfaces_beyond
 from cadtof_cli.resolver.diffuse.coarse import coarse_planes, patch_posterior
 from cadtof_cli.resolver.diffuse.grid import PatchGrid, View, assumed_view, patch_grid
@@ -20,6 +19,7 @@ from cadtof_cli.resolver.diffuse.separate import SEPARATE_SHARE, lit_patches, se
 from cadtof_cli.resolver.diffuse.settings import DiffuseSettings
 from cadtof_cli.resolver.diffuse.tail import EARLIEST_NS, TailModel
 from cadtof_cli.resolver.diffuse.upsampling import upsampler
+from cadtof_cli.resolver.two_path.closed_form import fundamental_frame, two_paths
 
 LEAST_PATCHES = 8
 """Patches with light below which there is no room to predict from."""

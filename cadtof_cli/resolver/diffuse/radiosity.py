@@ -66,12 +66,18 @@ def interreflections(
 
 def _bounces(kernel: Complex64, lit: Complex) -> tuple[Complex64, Complex64]:
     """Return the light of the second bounce, and of the later ones at unit albedo for the first of them."""
-    second: Complex64 = kernel @ lit.astype(np.complex64)
+    second = _gathered(kernel, lit.astype(np.complex64))
     bounce, later = second, np.zeros_like(second)
     for _ in range(LATER_BOUNCES):
-        bounce = np.float32(LATER_ALBEDO) * (kernel @ bounce)
+        bounce = np.float32(LATER_ALBEDO) * _gathered(kernel, bounce)
         later += bounce
     return second, later / np.float32(LATER_ALBEDO)
+
+
+def _gathered(kernel: Complex64, light: Complex64) -> Complex64:
+    """Return kernel @ light as one inner product a row: the bits of a whole one depend on how many threads share it."""
+    gathered: Complex64 = np.matmul(kernel[:, None, :], light[:, None])[:, 0, 0]
+    return gathered
 
 
 def _rotors(phase_rad: Float32) -> Complex64:
@@ -99,16 +105,24 @@ def _relative_albedo(seen: Surfaces, amplitude: Float, beyond: int) -> Float32:
 
 def _form_factors(of: Surfaces) -> tuple[Float32, Float32]:
     """Return the form factors F_ij, from j to i, and the distances in m, float32 (n, n) each."""
-    point, normal = (of.ray * of.range_m).T.astype(np.float32), of.normal.T.astype(np.float32)
-    along = point @ normal.T
+    point, normal = (of.ray * of.range_m).astype(np.float32), of.normal.astype(np.float32)
+    along = _inner_products(point, normal)
     own = np.diag(along).copy()
-    square = (point * point).sum(1)
-    r2 = np.maximum(square[:, None] + square - 2.0 * (point @ point.T), np.float32(NEAREST_M2))
+    square = (point * point).sum(0)
+    r2 = np.maximum(square[:, None] + square - 2.0 * _inner_products(point, point), np.float32(NEAREST_M2))
     area = of.area_m2.astype(np.float32)
     facing = np.maximum(along.T - own[:, None], 0.0) * np.maximum(along - own, 0.0)
     form = facing * area / (r2 * (np.float32(np.pi) * r2 + area))
     np.fill_diagonal(form, 0.0)
     return form, np.sqrt(r2)
+
+
+def _inner_products(first: Float32, second: Float32) -> Float32:
+    """Return the inner products of all pairs of vectors, (3, n) each, (n, n)."""
+    x, y, z = (a[:, None] * b for a, b in zip(first, second, strict=True))
+    total: Float32 = x + y
+    total += z
+    return total
 
 
 def _joined(first: Surfaces, second: Surfaces) -> Surfaces:
