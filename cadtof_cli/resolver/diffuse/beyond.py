@@ -12,7 +12,7 @@ RINGS = 2
 PIECE_PATCHES = 3
 """Side of a piece in patches."""
 
-LIGHT_BEYOND = 0.6
+LIGHT_BEYOND = 0.8
 """Direct light on a piece, over what the inverse-square law says: lamps light little more than the view, and planes end."""
 
 NEAREST_M = 0.25

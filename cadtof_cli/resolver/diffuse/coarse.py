@@ -12,10 +12,14 @@ from cadtof_cli.resolver.diffuse.prior import WITHIN_PATCH
 from cadtof_cli.resolver.diffuse.tail import residuals
 
 OTHER_FIT = 0.4
-"""Share of the difference between two exact fits of a patch's data, tail and two paths, that counts as the model's error."""
+"""Share of the difference between two exact fits of a patch's data, tail and two paths, that counts as the model's error; less in
+proportion where further harmonics tell them apart."""
+
+LAG_SHARE = 0.12
+"""Share of the tail's own lag that counts as the model's error: surfaces are not flat patches, nor matt, nor all in view."""
 
 PATCH_SHARE = 0.5
-"""Share of a patch's posterior variance that its pixels keep; more where its data surprised (1 + χ²)."""
+"""Share of a patch's posterior variance that its pixels keep: the rest is already in their own."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,16 +58,24 @@ def patch_posterior(data: Float, noise: Float, fit: PatchFit, /) -> Conditioned:
     return conditioned(list(residuals(data, fit.expected[:count])), lower, targets=2)
 
 
-def coarse_planes(fit: PatchFit, posterior: Conditioned, gap_rad: Float, valid: Bool, /) -> CoarsePlanes:
+def other_fit(gap_rad: Float, further: int, /) -> Float:
+    """Return the model's error, rad (n,), from how far the tail's arg H_1 lies from that of two paths.
+
+    `further` is how many harmonics there are besides the fundamental.
+    """
+    return OTHER_FIT / further * gap_rad
+
+
+def coarse_planes(fit: PatchFit, posterior: Conditioned, model_error_rad: Float, valid: Bool, /) -> CoarsePlanes:
     """Gather what pixels need from n valid patches, (rows, columns); the others get the mean of these.
 
-    `gap_rad`, (n,), is how far the predicted tail's arg H_1 lies from that of two paths.
+    `model_error_rad`, (n,), is how much arg H_1 may be off besides what the fit says. Data that surprised (χ²) make it less sure.
     """
     values = len(fit.posterior)
     entries = needed_entries(values - 2)
     spread = np.einsum("jan,j,jbn->abn", fit.jacobian, WITHIN_PATCH**2, fit.jacobian)
-    kept = PATCH_SHARE * (1.0 + posterior.chi_squared)
-    model = (OTHER_FIT * gap_rad) ** 2
+    kept = PATCH_SHARE + posterior.chi_squared
+    model = model_error_rad**2 + (LAG_SHARE * fit.posterior[-1]) ** 2
     left = {key: kept * value for key, value in posterior.covariance.items()}
     left[1, 1] = left[1, 1] + model
     rows = [

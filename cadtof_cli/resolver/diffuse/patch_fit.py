@@ -20,7 +20,7 @@ STEPS = 6
 LARGEST_STEP = 0.8
 """Largest change of a component per step (ln or ns): the model bends over a factor of two."""
 
-INDEPENDENT_PATCHES = 2.0
+INDEPENDENT_PATCHES = 4.0
 """As how many independent patches a frame's patches weigh together."""
 
 FARTHEST = 3.0
@@ -54,7 +54,7 @@ def fitted_patches(data: Float, noise: Float, model: TailModel, pattern: Float, 
 
     `pattern`, (5, n), is how the state differs between patches by rule.
     """
-    within = np.diag(within_room(known_optics=known_optics) ** 2)
+    within = within_room(known_optics=known_optics)
     between = between_rooms(known_optics=known_optics)
     noise_by_patch = noise.transpose(2, 0, 1)
     state = MEAN[:, None] + pattern
@@ -89,13 +89,14 @@ def _room(
         departure: states linearised at, without the pattern, (5, n).
         noise: (n, data, data).
         within: covariance within a room, (5, 5).
-        between: standard deviations between rooms, (5,).
+        between: covariance between rooms, (5, 5).
     """
     linear = difference + np.einsum("naj,jn->na", seen, departure)
     scatter = seen @ within @ seen.transpose(0, 2, 1) + noise
     weighted = np.linalg.solve(scatter, np.concatenate([seen, linear[..., None]], axis=2))
     normal = np.einsum("naj,nak->jk", seen, weighted) * min(1.0, INDEPENDENT_PATCHES / len(seen))
-    precision = np.diag(between**-2.0)
+    precision = np.linalg.inv(between)
     covariance = np.linalg.inv(precision + normal[:, :-1])
     room = covariance @ (precision @ MEAN + normal[:, -1])
-    return np.clip(room, MEAN - FARTHEST * between, MEAN + FARTHEST * between), covariance
+    farthest = FARTHEST * np.sqrt(np.diag(between))
+    return np.clip(room, MEAN - farthest, MEAN + farthest), covariance

@@ -7,7 +7,7 @@ import numpy as np
 from cadtof_cli.arrays import Bool, Float
 from cadtof_cli.resolver.diffuse.grid import PatchGrid
 
-SAME_SURFACE = 0.08
+SAME_SURFACE = 0.1
 """Relative difference of depth within which points, or a pixel and a patch, belong to one surface."""
 
 LEAST_COSINE = 0.08

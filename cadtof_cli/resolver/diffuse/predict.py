@@ -6,7 +6,7 @@ import numpy as np
 
 from cadtof_cli.arrays import Bool, Complex, Float
 from cadtof_cli.resolver.diffuse.beyond import surfaces_beyond
-from cadtof_cli.resolver.diffuse.coarse import coarse_planes, patch_posterior
+from cadtof_cli.resolver.diffuse.coarse import coarse_planes, other_fit, patch_posterior
 from cadtof_cli.resolver.diffuse.grid import PatchGrid, View, assumed_view, patch_grid
 from cadtof_cli.resolver.diffuse.light import PatchLight, PatchMeans, patch_light, patch_means
 from cadtof_cli.resolver.diffuse.noise import noise_covariance
@@ -17,14 +17,14 @@ from cadtof_cli.resolver.diffuse.radiosity import interreflections
 from cadtof_cli.resolver.diffuse.records import DiffuseChoice, DiffuseModel, RoomNumbers, range_from_phase
 from cadtof_cli.resolver.diffuse.separate import SEPARATE_SHARE, lit_patches, separate_patches
 from cadtof_cli.resolver.diffuse.settings import DiffuseSettings
-from cadtof_cli.resolver.diffuse.tail import EARLIEST_NS, TailModel
+from cadtof_cli.resolver.diffuse.tail import TailModel
 from cadtof_cli.resolver.diffuse.upsampling import upsampler
 from cadtof_cli.resolver.two_path.closed_form import fundamental_frame, two_paths
 
 LEAST_PATCHES = 8
 """Patches with light below which there is no room to predict from."""
 
-DATA_FLOOR = 0.01
+DATA_FLOOR = 0.015
 """What no model says of a patch's data better than this (1 or rad), whatever the noise: surfaces are not flat, nor matt."""
 
 LEAST_RATIO = 0.05
@@ -107,7 +107,7 @@ def _model(
     fit = fitted_patches(data, noise, tail, rule, known_optics=frame.grid.view.known)
     posterior = patch_posterior(data, noise, fit)
     gap = fit.posterior[-1] - two_path_lag(ratios[0])
-    coarse = coarse_planes(fit, posterior, gap, valid)
+    coarse = coarse_planes(fit, posterior, other_fit(gap, len(ratios)), valid)
     return DiffuseModel(
         frame.settings,
         DiffuseChoice("diffuse", choice.patches, choice.separate_share, _room_numbers(fit)),
@@ -148,7 +148,7 @@ def _tail(planes: PatchPlanes, valid: Bool, amplitude: Float, frame: _Frame) -> 
         rad_per_m=frame.settings.rad_per_m,
     )
     model = TailModel(light, frame.settings.harmonics, frame.settings.rad_per_ns)
-    return model, pattern(seen.range_m, light.direct)
+    return model, pattern(light.direct)
 
 
 def _data_noise(ratios: Complex, amplitude: Float, pixels: Float, frame: _Frame) -> Float:
@@ -170,4 +170,4 @@ def _room_numbers(fit: PatchFit) -> RoomNumbers:
     albedo, later, unseen, decay = (
         (float(value), float(value * s)) for value, s in zip(natural, scatter, strict=False)
     )
-    return RoomNumbers(albedo, later, unseen, decay, (float(EARLIEST_NS + middle[4]), float(scatter[4])))
+    return RoomNumbers(albedo, later, unseen, decay, (float(middle[4]), float(scatter[4])))

@@ -15,7 +15,7 @@ from cadtof_cli.resolver.diffuse.upsampling import Band, Upsampler
 class RoomNumbers:
     """The frame's state as medians over its patches, and their scatter (half the way from the 16th to the 84th percentile).
 
-    `albedo` s, `later` u, `unseen` v, `decay_ns` τ and `start_ns`, T0 + t; each (median, scatter).
+    `albedo` s, `later` u, `unseen` v, `decay_ns` τ and `start_ns` t; each (median, scatter).
     """
 
     albedo: tuple[float, float]

@@ -1,10 +1,10 @@
 """The model: a surface's light at every harmonic over its direct light, and how that depends on the state of the room.
 
-    H_h = 1 + s·g_h + s²u·m_h + v·(τ/τ0)·exp(ihω(T0 + t) − (hωΔ)²/2)/(1 − ihωτ)
+    H_h = 1 + s·g_h + s²u·m_h + v·(τ/τ0)·exp(ihωt − (hωΔ)²/2)/(1 − ihωτ)
               seen surfaces     unseen surfaces (the room behind and beside)
 
 g_h and m_h come from `radiosity`. s is the mean albedo, u the strength of later bounces. Light of surfaces that the view does
-not show starts T0 + t behind the direct light, not at once but over Δ, at a height v, and decays with τ. The height of its start
+not show starts t behind the direct light, not at once but over Δ, at a height v, and decays with τ. The height of its start
 and its decay are independent between rooms; its sum and its decay are not.
 
 The state of n patches is (ln s, ln u, ln v, ln τ, t), float64 (5, n). What is seen of it are ln|p_h/p_1| and arg p_h − h·arg p_1,
@@ -25,9 +25,6 @@ Values = TypeVar("Values", Float, Float32)
 
 STATE = ("ln s", "ln u", "ln v", "ln τ", "t")
 """The state's components, in this order everywhere."""
-
-EARLIEST_NS = 3.0
-"""T0: when unseen light starts, for t = 0: that of a surface half a metre beside the camera or the target."""
 
 ONSET_NS = 2.0
 """Δ: over how long unseen light sets in, for it is many surfaces and not one."""
@@ -59,7 +56,7 @@ class TailModel:
         ihw = 1j * self._harmonic * self.rad_per_ns
         second, later = s * self.light.second, s * s * u * self.light.later
         held = 1.0 / (1.0 - ihw * decay)
-        start = np.exp(ihw * (EARLIEST_NS + state[4]) + 0.5 * (ihw * ONSET_NS) ** 2)
+        start = np.exp(ihw * state[4] + 0.5 * (ihw * ONSET_NS) ** 2)
         unseen = v * (decay / REFERENCE_DECAY_NS) * start * held
         total = 1.0 + second + later + unseen
         slopes = np.stack([second + 2.0 * later, later, unseen, unseen * held, ihw * unseen]) / total
