@@ -11,7 +11,7 @@ from cadtof_cli.resolver.diffuse.patch_fit import PatchFit
 from cadtof_cli.resolver.diffuse.prior import WITHIN_PATCH
 from cadtof_cli.resolver.diffuse.tail import residuals
 
-OTHER_FIT = 0.4
+OTHER_FIT = 0.3
 """Share of the difference between two exact fits of a patch's data, tail and two paths, that counts as the model's error; less in
 proportion where further harmonics tell them apart."""
 
