@@ -12,9 +12,6 @@ RINGS = 2
 PIECE_PATCHES = 3
 """Side of a piece in patches."""
 
-LIGHT_BEYOND = 0.8
-"""Direct light on a piece, over what the inverse-square law says: lamps light little more than the view, and planes end."""
-
 NEAREST_M = 0.25
 """Least range of a piece: nearer than that a continued plane would run into the camera."""
 

@@ -32,12 +32,12 @@ class PatchFit:
     """The fit of n patches.
 
     Attributes:
-        room: the frame's state, (5,), and its covariance `room_covariance`, (5, 5).
-        state: every patch's state, (5, n).
+        room: the frame's state, (6,), and its covariance `room_covariance`, (6, 6).
+        state: every patch's state, (6, n).
         expected: the model's values before a patch's own data are seen, (data + 2, n).
         posterior: the same after, where the model is linear.
         covariance: prior covariance of the values, without noise, (data + 2, data + 2, n).
-        jacobian: of the values, (5, data + 2, n).
+        jacobian: of the values, (6, data + 2, n).
     """
 
     room: Float
@@ -52,7 +52,7 @@ class PatchFit:
 def fitted_patches(data: Float, noise: Float, model: TailModel, pattern: Float, /, *, known_optics: bool) -> PatchFit:
     """Fit the state of a frame and its patches to their data, (data, n), with noise covariances (data, data, n).
 
-    `pattern`, (5, n), is how the state differs between patches by rule.
+    `pattern`, (6, n), is how the state differs between patches by rule.
     """
     within = within_room(known_optics=known_optics)
     between = between_rooms(known_optics=known_optics)
@@ -84,12 +84,12 @@ def _room(
     """Return the frame's state and its covariance, given all patches linearised.
 
     Args:
-        seen: Jacobians of the data, (n, data, 5).
+        seen: Jacobians of the data, (n, data, 6).
         difference: data minus model, (n, data).
-        departure: states linearised at, without the pattern, (5, n).
+        departure: states linearised at, without the pattern, (6, n).
         noise: (n, data, data).
-        within: covariance within a room, (5, 5).
-        between: covariance between rooms, (5, 5).
+        within: covariance within a room, (6, 6).
+        between: covariance between rooms, (6, 6).
     """
     linear = difference + np.einsum("naj,jn->na", seen, departure)
     scatter = seen @ within @ seen.transpose(0, 2, 1) + noise

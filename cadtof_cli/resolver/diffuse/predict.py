@@ -24,7 +24,7 @@ from cadtof_cli.resolver.two_path.closed_form import fundamental_frame, two_path
 LEAST_PATCHES = 8
 """Patches with light below which there is no room to predict from."""
 
-DATA_FLOOR = 0.015
+DATA_FLOOR = 0.02
 """What no model says of a patch's data better than this (1 or rad), whatever the noise: surfaces are not flat, nor matt."""
 
 LEAST_RATIO = 0.05
@@ -166,8 +166,8 @@ def _data_noise(ratios: Complex, amplitude: Float, pixels: Float, frame: _Frame)
 def _room_numbers(fit: PatchFit) -> RoomNumbers:
     low, middle, high = np.percentile(fit.state, (16, 50, 84), axis=1)
     scatter = 0.5 * (high - low)
-    natural = np.exp(middle[:4])
-    albedo, later, unseen, decay = (
+    natural = np.exp(middle[:5])
+    albedo, beside, later, unseen, decay = (
         (float(value), float(value * s)) for value, s in zip(natural, scatter, strict=False)
     )
-    return RoomNumbers(albedo, later, unseen, decay, (float(middle[4]), float(scatter[4])))
+    return RoomNumbers(albedo, beside, later, unseen, decay, (float(middle[5]), float(scatter[5])))

@@ -8,14 +8,15 @@ import numpy as np
 
 from cadtof_cli.arrays import Float
 
-MEAN = np.array([np.log(0.85), 0.0, np.log(0.05), np.log(12.0), 5.0])
-"""Mean albedo .85 as the radiosity sees it (the view is open where rooms are closed), later bounces as they come, and unseen
-light of .05 of the direct light, which decays with 12 ns and starts 5 ns late: that of a surface .75 m beside the target."""
+MEAN = np.array([np.log(0.9), 0.0, 0.0, np.log(0.05), np.log(12.0), 5.0])
+"""Mean albedo .9 as the radiosity sees it (the view is open where rooms are closed); light beside the view as within it; later
+bounces as they come; unseen light of .05 of the direct light, which decays with 12 ns and starts 5 ns late, as that of a
+surface .75 m beside the target does."""
 
-BETWEEN_ROOMS = np.array([0.3, 0.5, 1.75, 0.6, 2.5])
-"""Standard deviations between rooms: ln s, ln u, ln v, ln τ, and ns. What the view does not show varies most."""
+BETWEEN_ROOMS = np.array([0.3, 0.4, 0.5, 1.75, 0.6, 2.5])
+"""Standard deviations between rooms: ln s, ln b, ln u, ln v, ln τ, and ns. What the view does not show varies most."""
 
-CORRELATIONS = {(0, 2): 0.6, (2, 4): -0.3, (3, 4): 0.3}
+CORRELATIONS = {(0, 3): 0.6, (3, 5): -0.3, (4, 5): 0.3}
 """Correlations between rooms. Unseen light has bounced more often, so bright rooms have more of it (s and v); near walls give
 more and earlier (v and t); large rooms keep light longer, and give it later (τ and t)."""
 
@@ -25,7 +26,7 @@ WITHIN_ROOM = 0.7 * BETWEEN_ROOMS
 WITHIN_PATCH = 0.75 * WITHIN_ROOM
 """Standard deviations between a pixel and its patch."""
 
-UNKNOWN_OPTICS = np.array([0.3, 0.3, 0.0, 0.0, 0.0])
+UNKNOWN_OPTICS = np.array([0.3, 0.0, 0.3, 0.0, 0.0, 0.0])
 """Standard deviations that come on top where the field of view is assumed: 15 % of focal length are 30 % of every area."""
 
 UNSEEN_GAMMA = 0.7
@@ -36,19 +37,19 @@ TYPICAL_DIRECT = 1.0 / 9.0
 
 
 def pattern(direct: Float, /) -> Float:
-    """Return how a room's state differs from patch to patch by rule, (5, n), from their direct light (n,)."""
+    """Return how a room's state differs from patch to patch by rule, (6, n), from their direct light (n,)."""
     rule = np.zeros((len(MEAN), direct.size))
-    rule[2] = -UNSEEN_GAMMA * np.log(direct / TYPICAL_DIRECT)
+    rule[3] = -UNSEEN_GAMMA * np.log(direct / TYPICAL_DIRECT)
     return rule
 
 
 def within_room(*, known_optics: bool) -> Float:
-    """Return the covariance between the patches of a room, (5, 5)."""
+    """Return the covariance between the patches of a room, (6, 6)."""
     return np.diag(WITHIN_ROOM**2 + (0.0 if known_optics else UNKNOWN_OPTICS**2))
 
 
 def between_rooms(*, known_optics: bool) -> Float:
-    """Return the covariance between rooms, (5, 5)."""
+    """Return the covariance between rooms, (6, 6)."""
     covariance = np.diag(BETWEEN_ROOMS**2 + (0.0 if known_optics else UNKNOWN_OPTICS**2))
     for (i, j), correlation in CORRELATIONS.items():
         covariance[i, j] = covariance[j, i] = correlation * BETWEEN_ROOMS[i] * BETWEEN_ROOMS[j]

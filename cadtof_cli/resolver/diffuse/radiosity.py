@@ -6,14 +6,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cadtof_cli.arrays import Complex, Float, Float32
-from cadtof_cli.resolver.diffuse.beyond import LIGHT_BEYOND
 from cadtof_cli.resolver.diffuse.planes import Surfaces
 
-LATER_ALBEDO = 0.75
+LATER_ALBEDO = 0.72
 """Mean albedo inside the later bounces, whose sum it makes finite; their strength is free in the fit."""
 
 LATER_BOUNCES = 6
-"""Bounces summed after the second: .75⁶ of the light is left then, spread over all directions and delays."""
+"""Bounces summed after the second: .72⁶ of the light is left then, spread over all directions and delays."""
 
 ALBEDO_RANGE = (0.1, 4.0)
 """Least and largest albedo of a patch over their median: what lies beyond is a mirror, a lamp or a wrong depth."""
@@ -26,13 +25,14 @@ Complex64 = NDArray[np.complex64]
 
 @dataclass(frozen=True, eq=False)
 class Interreflections:
-    """Light that comes back by way of other seen surfaces, over direct light, at unit albedo; complex (H, n) each.
+    """Light that comes back by way of other surfaces, over direct light, at unit albedo; complex (H, n) each.
 
-    `second` is g_h, light of two bounces; `later` is m_h, of three and more. `direct` is a patch's own direct light, cos θ/d²,
-    float64 (n,).
+    `seen` is g_h, light of two bounces by way of surfaces in the view; `beyond` is b_h, by way of those continued outside;
+    `later` is m_h, light of three bounces and more. `direct` is a patch's own direct light, cos θ/d², float64 (n,).
     """
 
-    second: Complex
+    seen: Complex
+    beyond: Complex
     later: Complex
     direct: Float
 
@@ -49,29 +49,31 @@ def interreflections(
     """
     count = len(seen.range_m)
     both = _joined(seen, beyond)
-    light = np.append(np.ones(count), np.full(len(beyond.range_m), LIGHT_BEYOND))
     form, distance = _form_factors(both)
     form *= _relative_albedo(seen, amplitude, len(beyond.range_m))
     turn = _rotors(np.float32(rad_per_m) * distance)
     direct = both.cosine / both.range_m**2
-    second, later = [], []
+    bounces = []
     for h in harmonics:
         kernel = form * _power(turn, h)
         arrival = direct * np.exp(1j * h * rad_per_m * both.range_m)
-        two, more = _bounces(kernel, light * arrival)
-        second.append(two[:count] / arrival[:count])
-        later.append(more[:count] / arrival[:count])
-    return Interreflections(np.array(second), np.array(later), direct[:count])
+        bounces.append(np.array(_bounces(kernel, arrival, count))[:, :count] / arrival[:count])
+    second, outside, later = np.stack(bounces, axis=1)
+    return Interreflections(second, outside, later, direct[:count])
 
 
-def _bounces(kernel: Complex64, lit: Complex) -> tuple[Complex64, Complex64]:
-    """Return the light of the second bounce, and of the later ones at unit albedo for the first of them."""
-    second = _gathered(kernel, lit.astype(np.complex64))
-    bounce, later = second, np.zeros_like(second)
+def _bounces(kernel: Complex64, arrival: Complex, count: int) -> tuple[Complex64, Complex64, Complex64]:
+    """Return the light of the second bounce from the first `count` surfaces, from the others, and the light of all later bounces.
+
+    The later ones are at unit albedo for the first of them.
+    """
+    lit = arrival.astype(np.complex64)
+    seen, beyond = _gathered(kernel[:, :count], lit[:count]), _gathered(kernel[:, count:], lit[count:])
+    bounce, later = seen + beyond, np.zeros_like(lit)
     for _ in range(LATER_BOUNCES):
         bounce = np.float32(LATER_ALBEDO) * _gathered(kernel, bounce)
         later += bounce
-    return second, later / np.float32(LATER_ALBEDO)
+    return seen, beyond, later / np.float32(LATER_ALBEDO)
 
 
 def _gathered(kernel: Complex64, light: Complex64) -> Complex64:

@@ -15,10 +15,11 @@ from cadtof_cli.resolver.diffuse.upsampling import Band, Upsampler
 class RoomNumbers:
     """The frame's state as medians over its patches, and their scatter (half the way from the 16th to the 84th percentile).
 
-    `albedo` s, `later` u, `unseen` v, `decay_ns` τ and `start_ns` t; each (median, scatter).
+    `albedo` s, `beside` b, `later` u, `unseen` v, `decay_ns` τ and `start_ns` t; each (median, scatter).
     """
 
     albedo: tuple[float, float]
+    beside: tuple[float, float]
     later: tuple[float, float]
     unseen: tuple[float, float]
     decay_ns: tuple[float, float]

@@ -1,14 +1,15 @@
 """The model: a surface's light at every harmonic over its direct light, and how that depends on the state of the room.
 
-    H_h = 1 + s·g_h + s²u·m_h + v·(τ/τ0)·exp(ihωt − (hωΔ)²/2)/(1 − ihωτ)
-              seen surfaces     unseen surfaces (the room behind and beside)
+    H_h = 1 + s·(g_h + b·b_h) + s²u·m_h + v·(τ/τ0)·exp(ihωt − (hωΔ)²/2)/(1 − ihωτ)
+              surfaces in the view and beside it    unseen surfaces (the room around and behind)
 
-g_h and m_h come from `radiosity`. s is the mean albedo, u the strength of later bounces. Light of surfaces that the view does
-not show starts t behind the direct light, not at once but over Δ, at a height v, and decays with τ. The height of its start
-and its decay are independent between rooms; its sum and its decay are not.
+g_h, b_h and m_h come from `radiosity`. s is the mean albedo; b the light on surfaces beside the view, over what it would be if the
+lamp lit them as it lights the view; u the strength of later bounces. Light of surfaces that nothing is known of starts t behind the
+direct light, not at once but over Δ, at a height v, and decays with τ. The height of its start and its decay are independent
+between rooms; its sum and its decay are not.
 
-The state of n patches is (ln s, ln u, ln v, ln τ, t), float64 (5, n). What is seen of it are ln|p_h/p_1| and arg p_h − h·arg p_1,
-which do not depend on the direct phase; what is wanted is ln H_1.
+The state of n patches is (ln s, ln b, ln u, ln v, ln τ, t), float64 (6, n). What is seen of it are ln|p_h/p_1| and
+arg p_h − h·arg p_1, which do not depend on the direct phase; what is wanted is ln H_1.
 """
 
 from dataclasses import dataclass
@@ -23,7 +24,7 @@ from cadtof_cli.resolver.diffuse.radiosity import Interreflections
 Values = TypeVar("Values", Float, Float32)
 """float64 for patches, float32 for pixels."""
 
-STATE = ("ln s", "ln u", "ln v", "ln τ", "t")
+STATE = ("ln s", "ln b", "ln u", "ln v", "ln τ", "t")
 """The state's components, in this order everywhere."""
 
 ONSET_NS = 2.0
@@ -51,15 +52,16 @@ class TailModel:
         return np.array(self.harmonics, np.float64)[:, None]
 
     def values(self, state: Float, /) -> tuple[Float, Float]:
-        """Return the values at a state (5, n), (data + 2, n), and their Jacobian, (5, data + 2, n)."""
-        s, u, v, decay = np.exp(state[:4])
+        """Return the values at a state (6, n), (data + 2, n), and their Jacobian, (6, data + 2, n)."""
+        s, b, u, v, decay = np.exp(state[:5])
         ihw = 1j * self._harmonic * self.rad_per_ns
-        second, later = s * self.light.second, s * s * u * self.light.later
+        seen, beyond = s * self.light.seen, s * b * self.light.beyond
+        later = s * s * u * self.light.later
         held = 1.0 / (1.0 - ihw * decay)
-        start = np.exp(ihw * state[4] + 0.5 * (ihw * ONSET_NS) ** 2)
+        start = np.exp(ihw * state[5] + 0.5 * (ihw * ONSET_NS) ** 2)
         unseen = v * (decay / REFERENCE_DECAY_NS) * start * held
-        total = 1.0 + second + later + unseen
-        slopes = np.stack([second + 2.0 * later, later, unseen, unseen * held, ihw * unseen]) / total
+        total = 1.0 + seen + beyond + later + unseen
+        slopes = np.stack([seen + beyond + 2.0 * later, beyond, later, unseen, unseen * held, ihw * unseen]) / total
         values = free_of_direct(np.log(total), self._harmonic)
         phases = phase_data(self.data)
         values[phases] = wrapped(values[phases])

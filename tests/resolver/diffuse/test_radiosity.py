@@ -36,8 +36,8 @@ def test_light_inside_a_sphere(h: int) -> None:
     )
     second = second_bounce(h)
     later = sum(LATER_ALBEDO ** (n - 1) * second ** (n + 1) for n in range(1, LATER_BOUNCES + 1))
-    np.testing.assert_allclose(light.second[h - 1].mean(), second, rtol=0.02, atol=0.005)
-    np.testing.assert_allclose(light.second[h - 1], second, atol=0.02)
+    np.testing.assert_allclose(light.seen[h - 1].mean(), second, rtol=0.02, atol=0.005)
+    np.testing.assert_allclose(light.seen[h - 1], second, atol=0.02)
     np.testing.assert_allclose(light.later[h - 1].mean(), later, rtol=0.03, atol=0.01)
 
 
@@ -46,14 +46,14 @@ def test_brighter_walls_give_more_light() -> None:
     half = sphere().ray[2] > 0
     amplitude[half] *= 0.5
     light = interreflections(sphere(), nothing(), amplitude, harmonics=(1,), rad_per_m=0.0)
-    np.testing.assert_allclose(light.second[0].real, 1.0, rtol=0.02)
+    np.testing.assert_allclose(light.seen[0].real, 1.0, rtol=0.02)
     near, far = sphere().ray[2] > 0.9, sphere().ray[2] < -0.9
-    assert light.second[0][near].real.mean() == pytest.approx(light.second[0][far].real.mean(), rel=0.02)
+    assert light.seen[0][near].real.mean() == pytest.approx(light.seen[0][far].real.mean(), rel=0.02)
 
 
 def test_surfaces_that_face_away_give_none() -> None:
     wall = sphere()
     outside = Surfaces(wall.range_m, wall.ray, wall.ray, wall.cosine, wall.area_m2)
     light = interreflections(outside, nothing(), np.full(POINTS, 0.3), harmonics=(1, 2), rad_per_m=1.0)
-    assert np.abs(light.second).max() == 0.0
+    assert np.abs(light.seen).max() == 0.0
     assert np.abs(light.later).max() == 0.0

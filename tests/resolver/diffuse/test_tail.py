@@ -22,18 +22,18 @@ def model(n: int = 40, seed: int = 1, strength: float = 0.3) -> TailModel:
         size = (len(HARMONICS), n)
         return np.asarray(strength * np.exp(0.5j * np.pi * rng.random(size)) * rng.random(size))
 
-    return TailModel(Interreflections(some(), some(), np.ones(n)), HARMONICS, OMEGA)
+    return TailModel(Interreflections(some(), some(), some(), np.ones(n)), HARMONICS, OMEGA)
 
 
 def states(n: int = 40, seed: int = 2) -> F:
     rng = np.random.default_rng(seed)
-    return np.stack([rng.normal(m, s, n) for m, s in ((-0.3, 0.3), (0, 0.5), (-2.5, 1), (2.3, 0.5), (4, 2))])
+    return np.stack([rng.normal(m, s, n) for m, s in ((-0.3, 0.3), (0, 0.4), (0, 0.5), (-2.5, 1), (2.3, 0.5), (4, 2))])
 
 
 def test_the_jacobian_is_the_slope() -> None:
     tail, state = model(), states()
     _, jacobian = tail.values(state)
-    for component in range(5):
+    for component in range(6):
         step = np.zeros_like(state)
         step[component] = 1e-5
         slope = (tail.values(state + step)[0] - tail.values(state - step)[0]) / 2e-5
@@ -42,8 +42,8 @@ def test_the_jacobian_is_the_slope() -> None:
 
 def test_unseen_light_alone_is_an_exponential_that_sets_in_gently() -> None:
     nothing = np.zeros((3, 1), complex)
-    tail = TailModel(Interreflections(nothing, nothing, np.ones(1)), HARMONICS, OMEGA)
-    state = np.array([[0.0], [0.0], [np.log(0.2)], [np.log(9.0)], [4.5]])
+    tail = TailModel(Interreflections(nothing, nothing, nothing, np.ones(1)), HARMONICS, OMEGA)
+    state = np.array([[0.0], [0.0], [0.0], [np.log(0.2)], [np.log(9.0)], [4.5]])
     start = Tail(0.2 * 9.0 / REFERENCE_DECAY_NS, 4.5, 9.0)
     light = [1 + start.phasor(h) * np.exp(-0.5 * (h * OMEGA * ONSET_NS) ** 2) for h in HARMONICS]
     expected = [np.log(abs(light[1] / light[0])), np.log(abs(light[2] / light[0]))]
