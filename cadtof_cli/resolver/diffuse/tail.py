@@ -3,10 +3,10 @@
     H_h = 1 + s·(g_h + b·b_h) + s²u·m_h + v·(τ/τ0)·exp(ihωt − (hωΔ)²/2)/(1 − ihωτ)
               surfaces in the view and beside it    unseen surfaces (the room around and behind)
 
-g_h, b_h and m_h come from `radiosity`. s is the mean albedo; b the light on surfaces beside the view, over what it would be if the
-lamp lit them as it lights the view; u the strength of later bounces. Light of surfaces that nothing is known of starts t behind the
-direct light, not at once but over Δ, at a height v, and decays with τ. The height of its start and its decay are independent
-between rooms; its sum and its decay are not.
+g_h, b_h and m_h come from `radiosity`. s is the mean albedo; b the light on surfaces beside the view, over what it would be
+if the lamp lit them as it lights the view; u the strength of later bounces. Light of surfaces that nothing is known of starts
+t behind the direct light, not at once but over Δ, at a height v, and decays with τ. The height of its start and its decay are
+independent between rooms; its sum and its decay are not.
 
 The state of n patches is (ln s, ln b, ln u, ln v, ln τ, t), float64 (6, n). What is seen of it are ln|p_h/p_1| and
 arg p_h − h·arg p_1, which do not depend on the direct phase; what is wanted is ln H_1.
