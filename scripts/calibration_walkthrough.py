@@ -16,12 +16,11 @@ from numpy.typing import NDArray
 from cadtof_cli.calibration.store import load_calibration
 from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Optics, Pixel, Target, Waveform
 from cadtof_cli.capture.toml import toml_text
-from cadtof_cli.files.exr.maps import write_exr
-from cadtof_cli.files.layers import read_layers
-from cadtof_cli.maps.layers import DIRECT_DEPTH, DepthMaps
+from cadtof_cli.files.maps import read_layers, write_layers
+from cadtof_cli.maps.layers import DIRECT_DEPTH
 from cadtof_cli.resolver.status import StatusBit
-from cadtof_cli.simulation.defects import DefectiveCamera, Defects, qvga_metadata
 from cadtof_cli.units import C_M_PER_NS
+from tests.support.defects import DefectiveCamera, Defects, qvga_metadata
 
 ROOT = Path(__file__).resolve().parent.parent
 PIXELS = (240, 320)
@@ -223,10 +222,7 @@ def record(place: Path, seen: DefectiveCamera) -> None:
     write(place / "wall_3m", seen, wall(seen, 3.0, (-2.0, 4.0), count=10, seed=21))
     frames, truth = card(seen, count=4, seed=30)
     write(place / "card", seen, frames)
-    pages = np.stack([truth, truth]).astype(np.float32)
-    write_exr(
-        place / "card/truth.exr", DepthMaps((DIRECT_DEPTH,), pages, np.zeros(PIXELS, np.uint32)), software="truth"
-    )
+    write_layers(place / "card/truth.exr", {DIRECT_DEPTH: truth.astype(np.float32)})
 
 
 def wall(

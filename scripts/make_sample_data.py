@@ -6,10 +6,10 @@ import tempfile
 from pathlib import Path
 
 from cadtof_cli.capture.metadata import CaptureMetadata, Pixel, Target, Voltage
+from cadtof_cli.execution.workers import Workers
 from cadtof_cli.simulation.scene.camera import Camera
 from cadtof_cli.simulation.scene.exposure import Exposure
 from cadtof_cli.simulation.scene.light import Scene
-from cadtof_cli.simulation.scene.recorder import FrameFormat
 from cadtof_cli.simulation.scene.scenes import Card, Corner, InterReflection, Wall
 from cadtof_cli.workflows.simulate.record import RecordSettings, record_scene
 
@@ -26,7 +26,7 @@ def main() -> None:
     out.mkdir(parents=True, exist_ok=True)
     for name, settings in captures().items():
         with tempfile.TemporaryDirectory(dir=out) as scratch:
-            record_scene(settings, Path(scratch) / name, jobs=2)
+            record_scene(settings, Path(scratch) / name, workers=Workers(jobs=2))
             shutil.rmtree(out / name, ignore_errors=True)
             (Path(scratch) / name).rename(out / name)
         size = sum(file.stat().st_size for file in (out / name).iterdir())
@@ -45,7 +45,7 @@ def captures() -> dict[str, RecordSettings]:
 
 
 def _capture(
-    scene: Scene, *, frame_format: FrameFormat = "tif", camera: Camera | None = None, target_m: float | None = None
+    scene: Scene, *, frame_format: str = "tif", camera: Camera | None = None, target_m: float | None = None
 ) -> RecordSettings:
     camera = camera or Camera()
     metadata = CaptureMetadata(

@@ -29,8 +29,8 @@ ALLOWED: dict[str, set[str]] = {
     "calibration": {"capture", "files", "maps", "optics", "phasors", "resolver"},
     "simulation": {"capture", "files", "maps", "optics", "phasors", "resolver"},
     "frame_plan": {"calibration", "capture", "maps", "optics", "phasors", "resolver"},
-    "pipeline": {"calibration", "capture", "frame_plan", "maps", "optics", "phasors", "resolver"},
-    "figures": {"calibration", "capture", "maps", "resolver", "simulation"},
+    "pipeline": {"calibration", "capture", "files", "frame_plan", "maps", "optics", "phasors", "resolver"},
+    "figures": {"calibration", "capture", "files", "maps", "optics", "resolver", "simulation"},
 }
 """What a part may import besides itself and what anybody may: only what comes before it."""
 

@@ -2,8 +2,6 @@
 
 import hashlib
 import json
-import math
-import tomllib
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from functools import lru_cache
@@ -20,7 +18,8 @@ from cadtof_cli.calibration.response import ResponseCalibration
 from cadtof_cli.capture.metadata import CaptureMetadata
 from cadtof_cli.errors import FrameError, MetadataError, OutputError
 from cadtof_cli.files.atomic import make_folder, whole_file
-from cadtof_cli.files.layers import read_layers
+from cadtof_cli.files.maps import read_layers, write_layers
+from cadtof_cli.files.toml import read_toml, toml_from_tables
 
 DIGEST_LENGTH = 16
 
@@ -85,11 +84,11 @@ def save_part(folder: Path, part: Part, /, *, overwrite: bool = False) -> tuple[
     written = [path]
     if maps:
         written.append(folder / f"{part.kind}.exr")
-        _write_maps(written[1], maps)
+        write_layers(written[1], maps)
     document = _document(part)
     document["part"]["digest"] = digest_of(part)
     with whole_file(path) as temporary:
-        temporary.write_text(_toml(document, comment=_comment(part)), encoding="utf-8")
+        temporary.write_text(toml_from_tables(document, comments=_comments(part)), encoding="utf-8")
     return tuple(written)
 
 
@@ -145,12 +144,12 @@ _TYPES: dict[PartKind, type[DarkCalibration] | type[ResponseCalibration] | type[
 
 def _load_part(folder: Path, kind: PartKind) -> Part:
     path, maps_path = folder / f"{kind}.toml", folder / f"{kind}.exr"
+    document = read_toml(path)
     try:
-        document = tomllib.loads(path.read_text(encoding="utf-8"))
         maps: dict[str, NDArray[Any]] = read_layers(maps_path) if kind != "petzval" else {}
         part: Part = _TYPES[kind].from_stored(_origin(document), document, maps)
         recorded = document["part"]["digest"]
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError, FrameError) as error:
+    except FrameError as error:
         raise MetadataError(f"{path}: cannot be read: {error}") from error
     except (KeyError, TypeError, ValueError, MetadataError) as error:
         what = f"key {error} is missing" if isinstance(error, KeyError) else str(error)
@@ -187,47 +186,15 @@ def _document(part: Part) -> dict[str, dict[str, Any]]:
     return tables | part.tables()
 
 
-def _comment(part: Part) -> str:
-    comment = (
-        f"# cadtof {part.kind} calibration; made by a program and checked by its digest, so not to be changed by hand"
-    )
-    return comment + (f"\n# its maps are in {part.kind}.exr" if part.maps() else "")
+def _comments(part: Part) -> list[str]:
+    made = f"cadtof {part.kind} calibration; made by a program and checked by its digest, so not to be changed by hand"
+    return [made, f"its maps are in {part.kind}.exr"] if part.maps() else [made]
 
 
 def _canonical(document: Mapping[str, Any]) -> str:
     return json.dumps(document, sort_keys=True, default=_plain)
 
 
-def _toml(document: Mapping[str, Mapping[str, Any]], *, comment: str) -> str:
-    lines = [comment]
-    for table, values in document.items():
-        lines += ["", f"[{table}]", *(f"{key} = {_value(value)}" for key, value in values.items())]
-    return "\n".join(lines) + "\n"
-
-
-def _value(value: Any) -> str:
-    if isinstance(value, list | tuple):
-        if value and isinstance(value[0], str):
-            return "[\n" + "".join(f"    {_value(item)},\n" for item in value) + "]"
-        return "[" + ", ".join(map(_value, value)) + "]"
-    if isinstance(value, bool | str):
-        return json.dumps(value, ensure_ascii=False)
-    if isinstance(value, float) and not math.isfinite(value):
-        return str(float(value))
-    return repr(_plain(value))
-
-
 def _plain(value: Any) -> Any:
     """Return a numpy number as Python's own."""
     return value.item() if isinstance(value, np.generic) else value
-
-
-def _write_maps(path: Path, maps: Mapping[str, NDArray[Any]]) -> None:
-    import OpenEXR
-
-    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
-    channels = {name: np.ascontiguousarray(plane) for name, plane in maps.items()}
-    with whole_file(path) as temporary:
-        OpenEXR.File(header, channels, num_threads=0).write(str(temporary))
-        if not temporary.exists():
-            raise OutputError(f"{path}: cannot be written")

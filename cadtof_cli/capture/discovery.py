@@ -11,11 +11,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from cadtof_cli.capture.file_names import FILE_SUFFIXES, grouped_planes, natural_key
-from cadtof_cli.capture.metadata import CaptureMetadata
+from cadtof_cli.capture.frame_sources import FrameSource, grouped_planes, natural_key
 from cadtof_cli.capture.toml import FILE_NAME, MetadataSource, load_metadata
 from cadtof_cli.errors import CaptureError
-from cadtof_cli.files.frames import FrameLayout, FrameSource
+from cadtof_cli.files.formats import FRAME_SUFFIXES
+from cadtof_cli.files.frames import FrameLayout
 
 _TRUTH = "truth"
 _NAMES_IN_MESSAGE = 5
@@ -38,18 +38,14 @@ class Capture:
     @property
     def layout(self) -> FrameLayout:
         """How the files are laid out, as a reader needs it."""
-        return layout_of(self.source.metadata)
-
-
-def layout_of(metadata: CaptureMetadata) -> FrameLayout:
-    """Return what the metadata says of how a capture's files are laid out."""
-    return FrameLayout(harmonics=metadata.modulation.harmonics, frames=metadata.layout.frames)
+        metadata = self.source.metadata
+        return FrameLayout(harmonics=metadata.modulation.harmonics, frames=metadata.layout.frames)
 
 
 def find_captures(inputs: Sequence[Path], *, overrides: Mapping[str, Any] | None = None) -> tuple[Capture, ...]:
     """Return the captures in folders and files.
 
-    A folder is a capture: its .exr, .tif and .tiff files in natural order, without hidden files, `truth.*` and what
+    A folder is a capture: its files of the formats that we read in natural order, without hidden files, `truth.*` and what
     lies in folders within it. Files that follow each other and share a folder are a capture too, with the
     `capture.toml` beside them if there is one. With `[layout] pattern`, files are planes and grouped into frames.
 
@@ -64,8 +60,12 @@ def find_captures(inputs: Sequence[Path], *, overrides: Mapping[str, Any] | None
     captures: list[Capture] = []
     placed = [(path, _is_folder(path)) for path in inputs]
     for (root, is_folder), group in itertools.groupby(placed, key=_root):
-        names = list(dict.fromkeys(path.name for path, _ in group))
-        captures.append(_folder(root, overrides) if is_folder else _files(root, names, overrides))
+        there = _listed(root) if is_folder else list(dict.fromkeys(path.name for path, _ in group))
+        source = load_metadata(root / FILE_NAME if (root / FILE_NAME).exists() else None, overrides)
+        # a shell that expands cap/* hands over the metadata too
+        given = (name for name in there if name != FILE_NAME)
+        names = sorted(filter(_is_image, there), key=natural_key) if is_folder else list(given)
+        captures.append(_capture(root, source, names, among=there))
     return tuple(captures)
 
 
@@ -84,24 +84,6 @@ def _root(placed: tuple[Path, bool]) -> tuple[Path, bool]:
     return (path if is_folder else path.parent), is_folder
 
 
-def _metadata(root: Path, overrides: Mapping[str, Any] | None) -> MetadataSource:
-    path = root / FILE_NAME
-    return load_metadata(path if path.exists() else None, overrides)
-
-
-def _folder(root: Path, overrides: Mapping[str, Any] | None) -> Capture:
-    listed = _listed(root)
-    source = _metadata(root, overrides)
-    images = sorted(filter(_is_image, listed), key=natural_key)
-    return _capture(root, source, images, among=listed)
-
-
-def _files(root: Path, names: Sequence[str], overrides: Mapping[str, Any] | None) -> Capture:
-    # a shell that expands cap/* hands over the metadata too
-    frames = [name for name in names if name != FILE_NAME]
-    return _capture(root, _metadata(root, overrides), frames, among=names)
-
-
 def _listed(root: Path) -> list[str]:
     """Return the names of what lies in a folder, without the folders in it."""
     try:
@@ -116,7 +98,7 @@ def _listed(root: Path) -> list[str]:
 def _is_image(name: str) -> bool:
     # plain strings: a Path for each of 2,000 names takes longer than listing them
     stem, dot, suffix = name.lower().rpartition(".")
-    return dot + suffix in FILE_SUFFIXES and not name.startswith(".") and stem != _TRUTH
+    return dot + suffix in FRAME_SUFFIXES and not name.startswith(".") and stem != _TRUTH
 
 
 def _capture(root: Path, source: MetadataSource, names: Sequence[str], *, among: Sequence[str]) -> Capture:
@@ -124,9 +106,9 @@ def _capture(root: Path, source: MetadataSource, names: Sequence[str], *, among:
     pattern = source.metadata.layout.pattern
     if pattern is None:
         frames = tuple(FrameSource(name.rpartition(".")[0] or name, (root / name,)) for name in names)
-        looked_for = f"{', '.join(FILE_SUFFIXES)} files other than {_TRUTH}.*"
+        looked_for = f"{', '.join(FRAME_SUFFIXES)} files other than {_TRUTH}.*"
     else:
-        frames = grouped_planes(root, names, pattern, layout_of(source.metadata).harmonics)
+        frames = grouped_planes(root, names, pattern, source.metadata.modulation.harmonics)
         looked_for = f"files named {pattern} (layout.pattern)"
     if not frames:
         raise CaptureError(f"{root}: no frames: looked for {looked_for}, found {_some(among)}")

@@ -5,7 +5,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, fields
 from functools import cached_property
-from typing import Any, Literal
+from typing import Any, Literal, cast
 
 from cadtof_cli.errors import MetadataError
 
@@ -80,8 +80,9 @@ def _require(holds: bool, key: str, found: object, expected: str) -> None:
         raise InvalidValueError(key, found, expected)
 
 
-def _require_positive(key: str, value: float | None) -> None:
-    _require(value is None or (math.isfinite(value) and value > 0), key, value, "a finite number above 0")
+def _require_finite(key: str, value: float | None, *, above: float | None = None, expected: str = "") -> None:
+    holds = value is None or (math.isfinite(value) and (above is None or value > above))
+    _require(holds, key, value, expected or f"a finite number above {above}")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -94,7 +95,7 @@ class Modulation:
 
     def __post_init__(self) -> None:
         for period in self.periods_ns:
-            _require_positive("modulation.periods_ns", period)
+            _require_finite("modulation.periods_ns", period, above=0)
         ratios = [self.periods_ns[0] / period for period in self.periods_ns]
         harmonic = all(abs(ratio - round(ratio)) <= HARMONIC_TOLERANCE * ratio for ratio in ratios)
         rising = all(a < b for a, b in itertools.pairwise(ratios))
@@ -104,13 +105,9 @@ class Modulation:
             list(self.periods_ns),
             "the fundamental first, then falling periods that divide it by whole numbers, such as [40.0, 20.0]",
         )
-        _require(
-            self.waveform in WAVEFORMS,
-            "modulation.waveform",
-            self.waveform,
-            " or ".join(map(repr, WAVEFORMS)),
-        )
-        _require_positive("modulation.amplitude_v", self.amplitude_v)
+        allowed = " or ".join(map(repr, WAVEFORMS))
+        _require(self.waveform in WAVEFORMS, "modulation.waveform", self.waveform, allowed)
+        _require_finite("modulation.amplitude_v", self.amplitude_v, above=0)
 
     @cached_property
     def harmonics(self) -> tuple[int, ...]:
@@ -125,13 +122,7 @@ class Pixel:
     integration_length: float | None = _key("number", "n_av of Eq. (1), per harmonic")
 
     def __post_init__(self) -> None:
-        n_av = self.integration_length
-        _require(
-            n_av is None or (math.isfinite(n_av) and n_av > 1),
-            "pixel.integration_length",
-            n_av,
-            "a finite number above 1",
-        )
+        _require_finite("pixel.integration_length", self.integration_length, above=1)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -141,12 +132,8 @@ class Pulse:
     fwhm_ns: float = _key("number", "laser pulse, full width at half maximum", 1.7)
 
     def __post_init__(self) -> None:
-        _require(
-            math.isfinite(self.fwhm_ns) and self.fwhm_ns >= 0,
-            "pulse.fwhm_ns",
-            self.fwhm_ns,
-            "a finite number, 0 or more",
-        )
+        holds = math.isfinite(self.fwhm_ns) and self.fwhm_ns >= 0
+        _require(holds, "pulse.fwhm_ns", self.fwhm_ns, "a finite number, 0 or more")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -158,21 +145,12 @@ class Voltage:
     saturated_counts: tuple[float, float] | None = _key("pair", "stored values at or beyond these are saturated")
 
     def __post_init__(self) -> None:
-        _require(math.isfinite(self.zero_counts), "voltage.zero_counts", self.zero_counts, "a finite number")
-        scale = self.volts_per_count
-        _require(
-            scale is None or (math.isfinite(scale) and scale != 0),
-            "voltage.volts_per_count",
-            scale,
-            "a finite number other than 0",
-        )
-        limits = self.saturated_counts
-        _require(
-            limits is None or limits[0] < limits[1],
-            "voltage.saturated_counts",
-            limits and list(limits),
-            "the lower limit, then a higher one",
-        )
+        _require_finite("voltage.zero_counts", self.zero_counts, expected="a finite number")
+        scale, limits = self.volts_per_count, self.saturated_counts
+        holds = scale is None or (math.isfinite(scale) and scale != 0)
+        _require(holds, "voltage.volts_per_count", scale, "a finite number other than 0")
+        holds = limits is None or limits[0] < limits[1]
+        _require(holds, "voltage.saturated_counts", limits and list(limits), "the lower limit, then a higher one")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -185,14 +163,10 @@ class Optics:
     )
 
     def __post_init__(self) -> None:
-        _require_positive("optics.focal_length_px", self.focal_length_px)
+        _require_finite("optics.focal_length_px", self.focal_length_px, above=0)
         point = self.principal_point_px
-        _require(
-            point is None or all(map(math.isfinite, point)),
-            "optics.principal_point_px",
-            point,
-            "two finite numbers",
-        )
+        holds = point is None or all(map(math.isfinite, point))
+        _require(holds, "optics.principal_point_px", point, "two finite numbers")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -202,7 +176,7 @@ class Target:
     distance_m: float | None = _key("number", "perpendicular distance of a flat target")
 
     def __post_init__(self) -> None:
-        _require_positive("target.distance_m", self.distance_m)
+        _require_finite("target.distance_m", self.distance_m, above=0)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -262,15 +236,7 @@ class Key:
         return "--" + self.name.replace("_", "-")
 
 
-TABLES: dict[str, type] = {
-    "modulation": Modulation,
-    "pixel": Pixel,
-    "pulse": Pulse,
-    "voltage": Voltage,
-    "optics": Optics,
-    "target": Target,
-    "layout": Layout,
-}
+TABLES: dict[str, type] = {table.name: cast(type, table.default_factory) for table in fields(CaptureMetadata)}
 
 KEYS: tuple[Key, ...] = tuple(
     Key(table, item.name, item.metadata["about"], item.default, item.metadata["kind"])

@@ -1,8 +1,6 @@
 """`capture.toml` read into metadata, each value with where it came from, and written back."""
 
 import difflib
-import json
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,6 +8,7 @@ from typing import Any
 
 from cadtof_cli.capture.metadata import KEYS, TABLES, CaptureMetadata, InvalidValueError, Key
 from cadtof_cli.errors import MetadataError
+from cadtof_cli.files.toml import read_toml, toml_from_tables
 
 FILE_NAME = "capture.toml"
 
@@ -45,7 +44,7 @@ def load_metadata(path: Path | None, overrides: Mapping[str, Any] | None = None)
     values: dict[str, Any] = {}
     origins: dict[str, str] = {key.path: DEFAULT_ORIGIN for key in KEYS}
     if path is not None:
-        for dotted, value in _flat(_parse(path), path).items():
+        for dotted, value in _flat(read_toml(path), path).items():
             values[dotted] = _converted(_KEYS[dotted], value, where=str(path))
             origins[dotted] = str(path)
     for dotted, value in (overrides or {}).items():
@@ -53,17 +52,6 @@ def load_metadata(path: Path | None, overrides: Mapping[str, Any] | None = None)
             values[dotted] = _converted(_KEYS[dotted], value, where=_KEYS[dotted].option)
             origins[dotted] = _KEYS[dotted].option
     return MetadataSource(_build(values, origins), origins)
-
-
-def _parse(path: Path) -> dict[str, Any]:
-    try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise MetadataError(f"{path}: cannot be read: {error.strerror}") from error
-    except UnicodeDecodeError as error:
-        raise MetadataError(f"{path}: not UTF-8 text: {error}") from error
-    except tomllib.TOMLDecodeError as error:
-        raise MetadataError(f"{path}: not valid TOML: {error}") from error
 
 
 def _flat(document: dict[str, Any], path: Path) -> dict[str, Any]:
@@ -110,17 +98,9 @@ def _build(values: Mapping[str, Any], origins: Mapping[str, str]) -> CaptureMeta
 
 def toml_text(metadata: CaptureMetadata, *, comments: tuple[str, ...] = ()) -> str:
     """Return `capture.toml` for the metadata, with comment lines on top; keys without a value are left out."""
-    lines = [f"# {comment}" for comment in comments]
-    for table in TABLES:
-        record = getattr(metadata, table)
-        given = [(key.name, getattr(record, key.name)) for key in KEYS if key.table == table]
-        body = [f"{name} = {_toml_value(value)}" for name, value in given if value is not None]
-        if body:
-            lines += ["", f"[{table}]", *body] if lines else [f"[{table}]", *body]
-    return "\n".join(lines) + "\n"
-
-
-def _toml_value(value: Any) -> str:
-    if isinstance(value, tuple):
-        return "[" + ", ".join(map(_toml_value, value)) + "]"
-    return json.dumps(value) if isinstance(value, str) else repr(value)
+    tables: dict[str, dict[str, Any]] = {}
+    for key in KEYS:
+        value = getattr(getattr(metadata, key.table), key.name)
+        if value is not None:
+            tables.setdefault(key.table, {})[key.name] = value
+    return toml_from_tables(tables, comments=comments)

@@ -1,4 +1,4 @@
-"""Files that appear whole or not at all: written under a temporary name, then renamed."""
+"""Files and folders that appear whole or not at all: written under a temporary name, then renamed."""
 
 import json
 import os
@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
+from uuid import uuid4
 
 from cadtof_cli.errors import OutputError
 
@@ -41,7 +42,7 @@ def whole_file(path: Path, /, *, token: str = "") -> Iterator[Path]:
 
 def _without_code(error: OSError, folder: Path) -> str:
     """Return what an error without a system's message means: numpy and OpenEXR say how much they could not write."""
-    full = shutil.disk_usage(folder).free < FULL_BYTES
+    full = folder.is_dir() and shutil.disk_usage(folder).free < FULL_BYTES
     return "No space left on device" if full else str(error)
 
 
@@ -70,3 +71,35 @@ def make_folder(path: Path, /) -> None:
         probe.unlink()
     except OSError as error:
         raise OutputError(f"{path}: expected a folder that can be written into: {error.strerror}") from error
+
+
+def require_absent(path: Path, /) -> None:
+    """Raise OutputError where something stands already; an empty folder is as good as none."""
+    if path.is_dir() and not any(path.iterdir()):
+        return
+    if path.exists() or path.is_symlink():
+        kind = "a folder with files" if path.is_dir() else "a file"
+        raise OutputError(f"{path}: found {kind}, expected nothing there; choose another OUT or remove it")
+
+
+@contextmanager
+def new_folder(path: Path, /) -> Iterator[Path]:
+    """Give a temporary folder beside `path` to write to, and rename it to `path` if all went well.
+
+    Raises:
+        OutputError: something is there already, or the place cannot be written.
+    """
+    require_absent(path)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        partial = path.with_name(f".{path.name}.{uuid4().hex}{PARTIAL_SUFFIX}")
+        partial.mkdir()
+    except OSError as error:
+        raise OutputError(f"{path}: cannot be created: {error.strerror}; choose another OUT") from error
+    try:
+        yield partial
+        partial.replace(path)
+    except OSError as error:
+        raise OutputError(f"{path}: cannot be written: {error.strerror or error}") from error
+    finally:
+        shutil.rmtree(partial, ignore_errors=True)

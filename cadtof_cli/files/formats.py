@@ -1,46 +1,182 @@
-"""The kind of a file, by its first bytes: names lie."""
+"""The registry of file formats. A format is one entry here and the modules that the entry names.
+
+Options and discovery read it at start-up, so a format's library is loaded only when a file of that format is met.
+"""
 
 import os
+from collections.abc import Callable
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING, Any, Protocol
 
 from cadtof_cli.errors import FrameError
 from cadtof_cli.files.damage import damage_as_frame_error
-from cadtof_cli.files.frames import Container
 
-_MAGICS: dict[bytes, Container] = {
-    b"\x76\x2f\x31\x01": "exr",
-    b"II*\0": "tif",
-    b"MM\0*": "tif",
-    b"II+\0": "tif",
-    b"MM\0+": "tif",
-}
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from cadtof_cli.arrays import Stored
+    from cadtof_cli.files.frames import FrameLayout, Frames
+    from cadtof_cli.files.maps import DepthMaps
+
+_HEAD_BYTES = 16
+"""No format is known by more; of them the first four are shown."""
+
+
+class FrameReader(Protocol):
+    """How the frames of a format are read. What is wrong with a file is a FrameError that names it."""
+
+    def open_frames(self, path: Path, layout: "FrameLayout", /) -> AbstractContextManager["Frames"]:
+        """Open a file of whole frames; NotAFrameError where it holds something else than voltages."""
+
+    def read_plane(self, path: Path, /) -> "Stored":
+        """Return the one plane of a file, shape (Y, X), native byte order."""
+
+
+class FrameFiles(FrameReader, Protocol):
+    """How frames of a format are read, and how a simulated camera records them."""
+
+    def write_frame(self, path: Path, stored: "Stored", /, *, layout: "FrameLayout", compress: bool) -> None:
+        """Write one frame, shape (H, C, Y, X), without loss."""
+
+
+class LayerFiles(Protocol):
+    """How maps are written in a format, and named layers read from it."""
+
+    def write_maps(self, path: Path, maps: "DepthMaps", /, *, software: str) -> None:
+        """Write the maps of a frame: layers by name, then the status bits. The same maps give the same bytes."""
+
+    def read_layers(self, path: Path, /) -> "dict[str, NDArray[Any]]":
+        """Return the layers of a file by name, (Y, X) each, as they are stored."""
 
 
 @dataclass(frozen=True)
-class FileState:
-    """What changes when a file is replaced or written to."""
+class Format:
+    """One file format.
 
-    inode: int
-    size: int
-    modified_ns: int
+    Attributes:
+        name: what options and `cadtof info` call it; files that we write end with it.
+        title: what messages call it.
+        suffixes: endings of its files in lower case, by which folders are searched.
+        magics: first bytes of its files, by which a file is judged.
+        stacks: whether a file may hold several frames.
+        frames: loads the module that reads its frames.
+        layers: loads the module that writes maps and reads layers; None where maps are not kept in it.
+        recording: loads the module that writes frames; None where frames are only read.
+        counts: whether a recording in it holds counts, not volts.
+    """
+
+    name: str
+    title: str
+    suffixes: tuple[str, ...]
+    magics: tuple[bytes, ...]
+    stacks: bool
+    frames: Callable[[], FrameReader]
+    layers: Callable[[], LayerFiles] | None = None
+    recording: Callable[[], FrameFiles] | None = None
+    counts: bool = False
+
+    @property
+    def suffix(self) -> str:
+        """Ending of the files that we write."""
+        return f".{self.name}"
 
 
-def container_of(path: Path) -> tuple[Container, FileState]:
-    """Return the kind of a file, and what tells later whether it is still the same file.
+def _exr_frames() -> FrameFiles:
+    from cadtof_cli.files.exr import frames
+
+    return frames
+
+
+def _exr_layers() -> LayerFiles:
+    from cadtof_cli.files.exr import layers
+
+    return layers
+
+
+def _tiff_frames() -> FrameFiles:
+    from cadtof_cli.files.tiff import frames
+
+    return frames
+
+
+def _tiff_layers() -> LayerFiles:
+    from cadtof_cli.files.tiff import layers
+
+    return layers
+
+
+EXR = Format(
+    name="exr",
+    title="EXR",
+    suffixes=(".exr",),
+    magics=(b"\x76\x2f\x31\x01",),
+    stacks=False,
+    frames=_exr_frames,
+    layers=_exr_layers,
+    recording=_exr_frames,
+)
+
+TIFF = Format(
+    name="tif",
+    title="TIFF",
+    suffixes=(".tif", ".tiff"),
+    magics=(b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"),
+    stacks=True,
+    frames=_tiff_frames,
+    layers=_tiff_layers,
+    recording=_tiff_frames,
+    counts=True,
+)
+
+FORMATS = (EXR, TIFF)
+
+FRAME_SUFFIXES = tuple(suffix for one in FORMATS for suffix in one.suffixes)
+MAP_SUFFIXES = tuple(suffix for one in FORMATS if one.layers for suffix in one.suffixes)
+
+FRAME_FORMATS = tuple(one.name for one in reversed(FORMATS) if one.recording)
+"""Names of the formats that a simulated camera records in, the usual one first."""
+
+MAP_FORMATS = tuple(one.name for one in FORMATS if one.layers)
+"""Names of the formats that maps are written in."""
+
+_BY_NAME = {one.name: one for one in FORMATS}
+_BY_SUFFIX = {suffix: one for one in FORMATS for suffix in one.suffixes}
+
+
+def format_named(name: str, /) -> Format:
+    """Return the format of that name."""
+    return _BY_NAME[name]
+
+
+def suffix_format(path: Path, /) -> Format | None:
+    """Return the format that a file's name ends with; None where no format ends like that. Names may lie: see `format_of`."""
+    return _BY_SUFFIX.get(path.suffix.lower())
+
+
+def map_suffix_like(path: Path, /) -> str:
+    """Return the suffix of maps in the format of a frame; TIFF where that format keeps no maps, or its name does not tell."""
+    found = suffix_format(path)
+    return (found if found and found.layers else TIFF).suffix
+
+
+def format_of(path: Path, /) -> Format:
+    """Return the format of a file by its first bytes.
 
     Raises:
-        FrameError: the file cannot be read or is neither TIFF nor EXR.
+        FrameError: the file cannot be read, or is of no format that we know.
     """
     with damage_as_frame_error(path, "file"):
         descriptor = os.open(path, os.O_RDONLY)
         try:
-            status = os.fstat(descriptor)
-            magic = os.pread(descriptor, 4, 0)
+            head = os.pread(descriptor, _HEAD_BYTES, 0)
         finally:
             os.close(descriptor)
-    if magic not in _MAGICS:
-        found = f"first bytes {magic.hex(' ')}" if magic else "an empty file"
-        allowed = " or ".join(known.hex(" ") for known in list(_MAGICS)[:3])
-        raise FrameError(f"{path}: neither TIFF nor EXR: found {found}, expected {allowed}")
-    return _MAGICS[magic], FileState(status.st_ino, status.st_size, status.st_mtime_ns)
+    known = next((one for one in FORMATS if head.startswith(one.magics)), None)
+    if known is None:
+        found = f"first bytes {head[:4].hex(' ')}" if head else "an empty file"
+        titles = " nor ".join(one.title for one in reversed(FORMATS))
+        usual = " or ".join(magic.hex(" ") for one in FORMATS for magic in one.magics[:2])
+        raise FrameError(f"{path}: neither {titles}: found {found}, expected {usual}")
+    return known

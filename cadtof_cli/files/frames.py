@@ -1,16 +1,13 @@
-"""What a frame is before it is read: where it lies, how its planes are ordered, and how a reader hands it over."""
+"""What a frame is before it is read: how its planes are ordered, and how a reader hands it over."""
 
 from collections.abc import Collection
-from dataclasses import dataclass, replace
-from pathlib import Path
-from typing import Any, Literal, Protocol
+from dataclasses import dataclass
+from typing import Any, Protocol
 
 import numpy as np
 
 from cadtof_cli.arrays import Stored
 from cadtof_cli.errors import FrameError
-
-Container = Literal["tif", "exr"]
 
 CHANNELS = 2
 """SC1, the cosine, and SC2, the sine."""
@@ -18,39 +15,6 @@ CHANNELS = 2
 
 class NotAFrameError(FrameError):
     """A sound file that holds something other than voltages, such as a map; a run reports it as skipped."""
-
-
-@dataclass(frozen=True)
-class FrameSource:
-    """Where one frame lies.
-
-    Parameters:
-        name: stem of what is written for the frame.
-        paths: one file, or 2·H files of one plane each in the order H1.SC1, H1.SC2, H2.SC1, …
-        index: position in a stack; None where the file is to hold this frame alone.
-    """
-
-    name: str
-    paths: tuple[Path, ...]
-    index: int | None = None
-
-    def __post_init__(self) -> None:
-        if not self.paths:
-            raise ValueError(f"frame {self.name} has no files")
-
-    def __str__(self) -> str:
-        place = str(self.paths[0]) if len(self.paths) == 1 else f"{self.paths[0].parent / self.name}"
-        return place if self.index is None else f"{place}[{self.index}]"
-
-    def expanded(self, count: int, *, taken: Collection[str] = ()) -> tuple["FrameSource", ...]:
-        """Return a source for each of the `count` frames of the stack that the file turned out to be.
-
-        They are numbered with four digits, or more where `count` needs them or another frame's name is `taken` already.
-        """
-        digits = max(4, len(str(count - 1)))
-        while any(f"{self.name}_{index:0{digits}}" in taken for index in range(count)):
-            digits += 1
-        return tuple(replace(self, name=f"{self.name}_{index:0{digits}}", index=index) for index in range(count))
 
 
 @dataclass(frozen=True)
@@ -80,23 +44,46 @@ class Frames(Protocol):
     """The frames of one open file."""
 
     @property
+    def format(self) -> str:
+        """Name of the file's format."""
+
+    @property
     def count(self) -> int:
         """Number of frames in the file."""
 
     @property
-    def shape(self) -> tuple[int, int, int, int]:
+    def shape(self) -> tuple[int, ...]:
         """Shape of one frame, H C Y X."""
 
     @property
     def dtype(self) -> np.dtype[Any]:
         """Type of the stored values, native byte order."""
 
-    @property
-    def container(self) -> Container:
-        """Kind of file."""
-
     def read(self, index: int = 0, /) -> Stored:
         """Return frame `index` as it is stored: shape (H, C, Y, X), C-contiguous, native byte order."""
+
+
+@dataclass(frozen=True, eq=False)
+class LoneFrame:
+    """The only frame of its file or files, which has been read on opening: shape (H, C, Y, X)."""
+
+    format: str
+    stored: Stored
+    count: int = 1
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Shape of the frame, H C Y X."""
+        return self.stored.shape
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        """Type of the stored values, native byte order."""
+        return self.stored.dtype
+
+    def read(self, _index: int = 0, /) -> Stored:
+        """Return the frame as it is stored, C-contiguous."""
+        return self.stored
 
 
 def plane_name(harmonic: int, channel: int) -> str:

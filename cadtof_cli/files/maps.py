@@ -1,25 +1,97 @@
-"""Depth maps → one file, in the format that its name ends with."""
+"""Maps of one frame, and files of named layers: maps, truth and calibration."""
 
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from cadtof_cli import __version__
-from cadtof_cli.errors import OutputError
+from cadtof_cli.arrays import Float32, Status
+from cadtof_cli.errors import FrameError, OutputError
 from cadtof_cli.files.atomic import whole_file
-from cadtof_cli.files.exr.maps import write_exr
-from cadtof_cli.files.tiff.maps import write_tiff
-from cadtof_cli.maps.layers import DepthMaps
+from cadtof_cli.files.formats import MAP_SUFFIXES, format_of, suffix_format
 
-SOFTWARE = f"cadtof {__version__}"
+STATUS = "status"
+
+_SOFTWARE = f"cadtof {__version__}"
+
+_MAP_LAYER = re.compile(rf"(direct|mpi)\.\w+|confidence|{STATUS}")
+
+
+@dataclass(frozen=True)
+class DepthMaps:
+    """The maps of one frame.
+
+    `pages` is float32 (layer, Y, X) in the order of `names`, with one page more at its end, which the TIFF writer keeps
+    for the `status` bits, uint32 (Y, X).
+    """
+
+    names: tuple[str, ...]
+    pages: Float32
+    status: Status
+
+    @property
+    def values(self) -> Float32:
+        """The layers, float32 (layer, Y, X)."""
+        return self.pages[:-1]
+
+    def layer(self, name: str, /) -> Float32:
+        """Return one float32 layer, (Y, X)."""
+        plane: Float32 = self.pages[self.names.index(name)]
+        return plane
+
+
+def is_map_layer(name: str, /) -> bool:
+    """Tell whether a channel of this name belongs to a map, not to a frame."""
+    return _MAP_LAYER.fullmatch(name) is not None
 
 
 def write_maps(path: Path, maps: DepthMaps, /, *, token: str = "") -> None:
-    """Write maps as OpenEXR where `path` ends with .exr, else as OME-TIFF; the file appears whole or not at all.
+    """Write maps in the format that `path` ends with; the file appears whole or not at all.
 
     Raises:
         OutputError: the file cannot be written, for lack of space or permission.
     """
-    write = write_exr if path.suffix == ".exr" else write_tiff
+    kind = suffix_format(path)
+    if kind is None or kind.layers is None:
+        raise OutputError(f"{path}: found the suffix {path.suffix!r}, expected one of {', '.join(MAP_SUFFIXES)}")
     with whole_file(path, token=token) as temporary:
-        write(temporary, maps, software=SOFTWARE)
-        if not temporary.exists():
-            raise OutputError(f"{path}: cannot be written")
+        kind.layers().write_maps(temporary, maps, software=_SOFTWARE)
+
+
+def read_layers(path: Path, /) -> dict[str, NDArray[Any]]:
+    """Return the layers of a map or truth file by name, (Y, X) each, as they are stored.
+
+    Layers are the channels of an EXR file's first part, or the named channels of an OME-TIFF.
+
+    Raises:
+        FrameError: the file cannot be read, is damaged, or its layers have no names.
+    """
+    kind = format_of(path)
+    if kind.layers is None:
+        raise FrameError(f"{path}: found {kind.title}, expected a format of named maps")
+    return kind.layers().read_layers(path)
+
+
+def write_layers(path: Path, layers: Mapping[str, NDArray[Any]], /, *, lossy: bool = False) -> None:
+    """Write (Y, X) layers as channels of one EXR file, which appears whole or not at all.
+
+    Args:
+        path: the file to be written.
+        layers: by name, half, float32 or uint32.
+        lossy: rounded to 16 bits of mantissa by PXR24 compression. That is 0.06 mm at 4 to 8 m, and a quarter of the bytes
+            that lossless compression needs for smooth maps.
+
+    Raises:
+        OutputError: the file cannot be written.
+    """
+    from cadtof_cli.files.exr.file import write_exr
+
+    if lossy:
+        layers = {name: layer.astype(np.float32) for name, layer in layers.items()}
+    with whole_file(path) as temporary:
+        write_exr(temporary, layers, compression="pxr24" if lossy else "zip")

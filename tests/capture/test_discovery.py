@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from cadtof_cli.capture.discovery import Capture, find_captures
-from cadtof_cli.capture.reader import open_frames
+from cadtof_cli.capture.frame_sources import FrameSource
+from cadtof_cli.capture.frames import open_frames
 from cadtof_cli.errors import CaptureError, FrameError, MetadataError
-from cadtof_cli.files.frames import FrameSource
 from tests.files.forms import known_frame, planes_of, tiff
 
 PATTERN = "{frame}_h{harmonic}_sc{channel}.tif"

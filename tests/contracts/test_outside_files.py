@@ -8,8 +8,9 @@ import OpenEXR
 import pytest
 
 from cadtof_cli.arrays import Stored
-from cadtof_cli.capture.reader import open_frames
-from cadtof_cli.files.frames import FrameLayout, FrameSource
+from cadtof_cli.capture.frame_sources import FrameSource
+from cadtof_cli.capture.frames import open_frames
+from cadtof_cli.files.frames import FrameLayout
 from tests.files.forms import HAS_CODECS, channels_of, known_frame, plane_files, planes_of, tiff
 
 Tool = Callable[..., None]

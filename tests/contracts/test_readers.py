@@ -12,8 +12,9 @@ import pytest
 import tifffile
 
 from cadtof_cli.arrays import Stored
-from cadtof_cli.capture.reader import open_frames
-from cadtof_cli.files.frames import FrameLayout, FrameSource
+from cadtof_cli.capture.frame_sources import FrameSource
+from cadtof_cli.capture.frames import open_frames
+from cadtof_cli.files.frames import FrameLayout
 from tests.files.forms import FORMS, Form, exr, known_frame, tiff
 
 LAYOUT = FrameLayout((1, 2))
@@ -28,7 +29,7 @@ def test_frame_comes_back_bit_for_bit(form: Form, tmp_path: Path) -> None:
     with open_frames(source, LAYOUT) as frames:
         frame = frames.read(0)
         assert (frames.count, frames.shape, frames.dtype) == (1, recorded.shape, recorded.dtype)
-        assert f".{frames.container}" == source.paths[0].suffix
+        assert f".{frames.format}" == source.paths[0].suffix
     _assert_same(frame, recorded)
 
 
@@ -89,7 +90,7 @@ def test_the_content_says_what_a_file_is_not_its_name(tmp_path: Path) -> None:
     source = exr()(tmp_path / "frame", recorded)
     disguised = source.paths[0].rename(tmp_path / "frame.tif")
     with open_frames(FrameSource("frame", (disguised,)), LAYOUT) as frames:
-        assert frames.container == "exr"
+        assert frames.format == "exr"
         _assert_same(frames.read(), recorded)
 
 

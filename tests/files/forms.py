@@ -12,7 +12,7 @@ import tifffile
 from numpy.typing import DTypeLike
 
 from cadtof_cli.arrays import Stored
-from cadtof_cli.files.frames import FrameSource
+from cadtof_cli.capture.frame_sources import FrameSource
 
 Writer = Callable[[Path, Stored], FrameSource]
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from cadtof_cli.errors import OutputError
-from cadtof_cli.files.atomic import make_folder, remove_partial_files, whole_file, write_json
+from cadtof_cli.files.atomic import make_folder, new_folder, remove_partial_files, whole_file, write_json
 
 
 def test_what_is_written_appears_at_the_end(tmp_path: Path) -> None:
@@ -76,3 +76,37 @@ def test_json_can_be_read_back(tmp_path: Path) -> None:
 def test_a_folder_is_made_with_its_parents(tmp_path: Path) -> None:
     make_folder(tmp_path / "a" / "b")
     assert list((tmp_path / "a" / "b").iterdir()) == []
+
+
+def test_a_new_folder_appears_at_the_end_with_the_usual_permissions(tmp_path: Path) -> None:
+    path, usual = tmp_path / "sub/capture", tmp_path / "usual"
+    usual.mkdir()
+    with new_folder(path) as partial:
+        (partial / "frame").write_text("all of it")
+        assert not path.exists()
+    assert (path / "frame").read_text() == "all of it"
+    assert [entry.name for entry in path.parent.iterdir()] == ["capture"]
+    assert path.stat().st_mode == usual.stat().st_mode
+
+
+def _begin_folder(path: Path) -> None:
+    with new_folder(path) as partial:
+        (partial / "frame").write_text("half")
+        raise KeyboardInterrupt
+
+
+def test_a_new_folder_that_fails_leaves_nothing(tmp_path: Path) -> None:
+    with pytest.raises(KeyboardInterrupt):
+        _begin_folder(tmp_path / "capture")
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_new_folder_replaces_nothing_but_an_empty_one(tmp_path: Path) -> None:
+    with new_folder(tmp_path) as partial:
+        (partial / "frame").write_text("x")
+    with pytest.raises(OutputError, match="found a folder with files, expected nothing there"):
+        new_folder(tmp_path).__enter__()
+    with pytest.raises(OutputError, match="found a file, expected nothing there"):
+        new_folder(tmp_path / "frame").__enter__()
+    with pytest.raises(OutputError, match="cannot be created: File exists; choose another OUT"):
+        new_folder(tmp_path / "frame" / "capture").__enter__()

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 import tifffile
 
-from cadtof_cli.capture.reader import open_frames
+from cadtof_cli.capture.frames import open_frames
 from cadtof_cli.files.frames import FrameLayout, NotAFrameError
 from tests.files.forms import known_frame, plane_files, planes_of, tiff
 from tests.files.refusals import LAYOUT, message, message_of, write_exr, write_pages
@@ -129,8 +129,9 @@ _READ_WITHOUT_CODECS = """
 import sys
 sys.modules["imagecodecs"] = None
 from pathlib import Path
-from cadtof_cli.files.frames import FrameLayout, FrameSource
-from cadtof_cli.capture.reader import open_frames
+from cadtof_cli.capture.frame_sources import FrameSource
+from cadtof_cli.files.frames import FrameLayout
+from cadtof_cli.capture.frames import open_frames
 from cadtof_cli.errors import FrameError
 try:
     with open_frames(FrameSource("frame", (Path(sys.argv[1]),)), FrameLayout((1, 2))) as frames:
@@ -216,8 +217,8 @@ def test_a_reader_imports_the_library_it_needs_alone(tmp_path: Path, monkeypatch
         assert name != "OpenEXR"
         return imported(name, *args, **options)
 
-    for name in ("OpenEXR", "cadtof_cli.files.exr.frames"):
+    for name in ("OpenEXR", "cadtof_cli.files.exr.file"):
         monkeypatch.delitem(sys.modules, name, raising=False)
     monkeypatch.setattr(builtins, "__import__", refuse)
     with open_frames(source, LAYOUT) as frames:
-        assert frames.container == "tif"
+        assert frames.format == "tif"

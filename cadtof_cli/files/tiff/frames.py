@@ -1,19 +1,24 @@
 """Frames in TIFF files, one a file or in stacks."""
 
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import tifffile
 
 from cadtof_cli.arrays import Stored
 from cadtof_cli.errors import FrameError
-from cadtof_cli.files.frames import CHANNELS, Container, FrameLayout
+from cadtof_cli.files.damage import damage_as_frame_error
+from cadtof_cli.files.frames import CHANNELS, FrameLayout, Frames
 from cadtof_cli.files.tiff.axes import plane_table
 from cadtof_cli.files.tiff.images import TiffImages
 
 
 class TiffFrames:
-    """The frames of one TIFF file, read one by one; entering opens the file, leaving closes it.
+    """The frames of one TIFF file, read one by one.
 
     Parameters:
         path: a TIFF or BigTIFF file of either byte order.
@@ -24,42 +29,65 @@ class TiffFrames:
         FrameError: the file cannot be read, is damaged, or its planes do not make up whole frames.
     """
 
-    container: Container = "tif"
+    format = "tif"
 
     def __init__(self, path: Path, layout: FrameLayout) -> None:
-        self._images = TiffImages(path)
+        self.images = images = TiffImages(path)
         try:
-            self._table = plane_table(self._images.labels, self._images.sizes, layout, where=self._images.found)
+            self._table = plane_table(images.labels, images.sizes, layout, where=images.found)
         except FrameError:
-            self._images.close()
+            images.close()
             raise
         self.count = len(self._table)
-        self.shape = (len(layout.harmonics), CHANNELS, *self._images.plane_shape)
-        self.dtype: np.dtype[Any] = self._images.dtype
-
-    def __enter__(self) -> "TiffFrames":
-        self._images.open()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._images.close()
+        self.shape = (len(layout.harmonics), CHANNELS, *self.images.plane_shape)
+        self.dtype: np.dtype[Any] = self.images.dtype
 
     def read(self, index: int = 0, /) -> Stored:
         """Return frame `index` as it is stored: shape (H, C, Y, X), C-contiguous, native byte order."""
-        return self._images.planes(self._table[index].ravel()).reshape(self.shape)
+        return self.images.planes(self._table[index].ravel()).reshape(self.shape)
 
 
-def read_plane(path: Path) -> Stored:
+class _Last(threading.local):
+    """The stack that was last read in a thread: its pages are known, its file is closed; the key changes when it does."""
+
+    key: object = None
+    frames: TiffFrames | None = None
+
+
+_last = _Last()
+
+
+@contextmanager
+def open_frames(path: Path, layout: FrameLayout, /) -> Iterator[Frames]:
+    """Open a TIFF file; a worker that takes a stack frame by frame finds its thousands of pages once."""
+    with damage_as_frame_error(path, "TIFF"):
+        state = path.stat()
+    key = (path, layout, state.st_ino, state.st_size, state.st_mtime_ns)
+    frames = _last.frames if _last.frames and _last.key == key else TiffFrames(path, layout)
+    _last.key, _last.frames = (key, frames) if frames.count > 1 else (None, None)
+    with frames.images:
+        yield frames
+
+
+def read_plane(path: Path, /) -> Stored:
     """Return the one plane of a TIFF file, shape (Y, X), native byte order.
 
     Raises:
         FrameError: the file cannot be read, is damaged, or holds more than one plane.
     """
-    images = TiffImages(path)
-    try:
+    with TiffImages(path) as images:
         if max(images.sizes) > 1:
             raise FrameError(f"{images.found}, expected a single plane")
         plane: Stored = images.planes(np.zeros(1, np.intp))[0]
         return plane
-    finally:
-        images.close()
+
+
+def write_frame(path: Path, stored: Stored, /, *, layout: FrameLayout, compress: bool) -> None:
+    """Write a frame, shape (H, C, Y, X), one page per plane; its axes are said as H C Y X."""
+    tifffile.imwrite(
+        path,
+        stored,
+        photometric="minisblack",
+        metadata={"axes": "HCYX"},
+        compression="zlib" if compress else None,
+    )

@@ -1,11 +1,11 @@
 """The images of a TIFF file, in order, whatever software wrote it: plain pages, shaped, OME and ImageJ files."""
 
+import contextlib
 import logging
 import math
 import re
 import threading
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +17,7 @@ from cadtof_cli.arrays import Stored
 from cadtof_cli.errors import FrameError
 from cadtof_cli.files.damage import damage_as_frame_error, require_plausible_size
 from cadtof_cli.files.frames import NotAFrameError, shape_text
+from cadtof_cli.files.maps import is_map_layer
 from cadtof_cli.files.tiff.pages import (
     Page,
     lies_in_one_run,
@@ -25,9 +26,7 @@ from cadtof_cli.files.tiff.pages import (
     require_sound_page,
 )
 
-_MAP_LAYER = re.compile(r"(direct|mpi)\.\w+|confidence|status")
 _NEEDS_CODECS = re.compile(r"requires?\b.*\bimagecodecs\b")
-_OME_CHANNEL = re.compile(r"""<Channel\b[^>]*?\bName=["']([^"']*)["']""")
 
 Item = int | Page
 """One image of a series: the byte where its pixels begin, if they lie in one run, or the page that knows."""
@@ -55,14 +54,16 @@ _remarks = _Remarks()
 logging.getLogger("tifffile").addFilter(_remarks)
 
 
-@contextmanager
-def reading_tiff(path: Path) -> Iterator[list[str]]:
-    """Turn whatever tifffile raises within the block into a FrameError; yield the errors that it only remarks."""
+@contextlib.contextmanager
+def reading_tiff(path: Path) -> Iterator[None]:
+    """Turn whatever tifffile raises within the block, or only remarks on, into a FrameError."""
     errors: list[str] = []
     _remarks.kept.errors = errors
     try:
         with damage_as_frame_error(path, "TIFF"):
-            yield errors
+            yield
+            if errors:
+                raise FrameError(f"{path}: damaged TIFF: {'; '.join(errors)}")
     except FrameError as error:
         if _NEEDS_CODECS.search(str(error)):
             raise FrameError(
@@ -72,12 +73,6 @@ def reading_tiff(path: Path) -> Iterator[list[str]]:
         raise
     finally:
         _remarks.kept.errors = None
-
-
-def require_no_remarks(path: Path, remarks: Sequence[str]) -> None:
-    """Refuse a file of which tifffile has remarked that it is read by a guess."""
-    if remarks:
-        raise FrameError(f"{path}: damaged TIFF: {'; '.join(remarks)}")
 
 
 class TiffImages:
@@ -93,15 +88,12 @@ class TiffImages:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        with reading_tiff(path) as remarks:
-            self._tiff = tifffile.TiffFile(path)
-            try:
+        with contextlib.ExitStack() as opened:
+            with reading_tiff(path):
+                self._tiff = opened.enter_context(tifffile.TiffFile(path))
                 require_sound_chain(path, self._tiff.filehandle.fileno(), self._tiff.filehandle.size)
                 self._arrange()
-                require_no_remarks(path, remarks)
-            except BaseException:
-                self._tiff.close()
-                raise
+            opened.pop_all()
 
     def _arrange(self) -> None:
         """Find where each image lies and how its samples are laid out."""
@@ -126,9 +118,13 @@ class TiffImages:
         samples = f" of {self._samples} samples" if self._samples > 1 else ""
         return f"{self.path}: found {len(self._items)} pages{samples} of {shape_text(self.plane_shape, self.dtype)}"
 
-    def open(self) -> None:
+    def __enter__(self) -> "TiffImages":
         """Open the file again, if it has been closed."""
         self._tiff.filehandle.open()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
 
     def close(self) -> None:
         """Close the file; where its images lie is kept."""
@@ -149,13 +145,13 @@ class TiffImages:
         """Return some of the file's images, shape (n, *page shape)."""
         out: Stored = np.empty((len(indices), *self._page_shape), self.dtype)
         items = [self._items[index] for index in indices]
-        with reading_tiff(self.path) as remarks:
-            if _follow_each_other(items, out[0].nbytes):
-                self._read_run(items[0], out)
+        with reading_tiff(self.path):
+            first, size = items[0], out[0].nbytes
+            if isinstance(first, int) and items == list(range(first, first + size * len(items), size)):
+                self._read_run(first, out)
             else:
                 for item, image in zip(items, out, strict=True):
                     self._read_run(item, image)
-            require_no_remarks(self.path, remarks)
         return out
 
     def _read_run(self, item: Item, out: Stored) -> None:
@@ -167,19 +163,16 @@ class TiffImages:
             item.asarray(out=out, maxworkers=1)
 
 
-def _follow_each_other(items: Sequence[Item], size: int) -> bool:
-    first = items[0]
-    return isinstance(first, int) and all(item == first + place * size for place, item in enumerate(items))
-
-
 def _require_voltages(path: Path, tiff: tifffile.TiffFile) -> None:
     description = tiff.pages.first.description
     if "<OME" in description and not tiff.is_ome:
         raise FrameError(f"{path}: damaged TIFF: its OME metadata breaks off, so the order of its planes is not known")
-    names = _OME_CHANNEL.findall(description) if tiff.is_ome else []
-    layers = [name for name in names if _MAP_LAYER.fullmatch(name)]
-    if layers:
-        raise NotAFrameError(f"{path}: holds maps ({', '.join(layers)}), expected voltages")
+    if tiff.is_ome:
+        from cadtof_cli.files.tiff.ome import channel_names
+
+        layers = list(filter(is_map_layer, channel_names(description)))
+        if layers:
+            raise NotAFrameError(f"{path}: holds maps ({', '.join(layers)}), expected voltages")
 
 
 def _alike_series(path: Path, tiff: tifffile.TiffFile) -> list[tifffile.TiffPageSeries]:

@@ -2,20 +2,14 @@
 
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any, Literal
-
-import numpy as np
-import OpenEXR
-import tifffile
 
 from cadtof_cli.arrays import Float
 from cadtof_cli.capture.metadata import CaptureMetadata
 from cadtof_cli.capture.toml import FILE_NAME, toml_text
+from cadtof_cli.files.formats import format_named
+from cadtof_cli.files.frames import FrameLayout
+from cadtof_cli.files.maps import write_layers
 from cadtof_cli.simulation.scene.camera import Camera
-
-FrameFormat = Literal["tif", "exr"]
-
-FRAME_FORMATS: tuple[FrameFormat, ...] = ("tif", "exr")
 
 TRUTH_NAME = "truth.exr"
 
@@ -28,7 +22,7 @@ def write_capture(
     truth: Mapping[str, Float],
     metadata: CaptureMetadata,
     camera: Camera,
-    frame_format: FrameFormat,
+    frame_format: str,
     compress: bool = False,
     comments: tuple[str, ...] = (),
 ) -> None:
@@ -39,49 +33,17 @@ def write_capture(
         frames: voltages in V, (H, 2, Y, X) each.
         truth: (Y, X) layers by name, NaN where there is no answer.
         metadata: of the modulation, pixel and pulse; voltage and optics are the camera's.
-        camera: converts volts to the counts of a TIFF; EXR frames hold volts.
-        frame_format: tif, uint16 with axes H C Y X, or exr, float32 channels H1.SC1, H1.SC2, H2.SC1, …
-        compress: deflate in TIFF, ZIP in EXR.
+        camera: converts volts to counts, where the format holds counts.
+        frame_format: name of a format that frames are recorded in, such as tif for counts or exr for volts.
+        compress: smaller files, losslessly.
         comments: lines on top of `capture.toml`.
     """
     (folder / FILE_NAME).write_text(toml_text(metadata, comments=comments), encoding="utf-8")
-    write_layers(folder / TRUTH_NAME, truth)
+    write_layers(folder / TRUTH_NAME, truth, lossy=True)
+    kind = format_named(frame_format)
+    if kind.recording is None:
+        raise ValueError(f"format {frame_format}: frames are not recorded in it")
+    files, layout = kind.recording(), FrameLayout(metadata.modulation.harmonics)
     for index, voltages_v in enumerate(frames):
-        path = folder / f"frame_{index:04d}.{frame_format}"
-        if frame_format == "tif":
-            _write_tiff(path, camera, voltages_v, compress=compress)
-        else:
-            _write_exr(path, metadata.modulation.harmonics, voltages_v, compress=compress)
-
-
-def write_layers(path: Path, layers: Mapping[str, Float], /) -> None:
-    """Write (Y, X) layers as float32 channels of one EXR file, rounded by its PXR24 compression to 2^-17 of each value.
-
-    That is 0.05 mm at 6 m, and a quarter of the bytes that lossless compression needs for smooth maps.
-    """
-    channels = {name: np.ascontiguousarray(layer, dtype=np.float32) for name, layer in layers.items()}
-    _exr(path, channels, OpenEXR.PXR24_COMPRESSION)
-
-
-def _write_tiff(path: Path, camera: Camera, voltages_v: Float, *, compress: bool) -> None:
-    tifffile.imwrite(
-        path,
-        camera.counts_from_voltages(voltages_v),
-        photometric="minisblack",
-        metadata={"axes": "HCYX"},
-        compression="zlib" if compress else None,
-    )
-
-
-def _write_exr(path: Path, harmonics: tuple[int, ...], voltages_v: Float, *, compress: bool) -> None:
-    planes = {
-        f"H{harmonic}.SC{channel + 1}": np.ascontiguousarray(voltages_v[row, channel], dtype=np.float32)
-        for row, harmonic in enumerate(harmonics)
-        for channel in range(2)
-    }
-    _exr(path, planes, OpenEXR.ZIP_COMPRESSION if compress else OpenEXR.NO_COMPRESSION)
-
-
-def _exr(path: Path, channels: dict[str, Any], compression: Any) -> None:
-    header = {"compression": compression, "type": OpenEXR.scanlineimage}
-    OpenEXR.File(header, channels, num_threads=0).write(str(path))
+        stored = camera.counts_from_voltages(voltages_v) if kind.counts else voltages_v
+        files.write_frame(folder / f"frame_{index:04d}{kind.suffix}", stored, layout=layout, compress=compress)

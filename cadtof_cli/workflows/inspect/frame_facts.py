@@ -6,12 +6,13 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from cadtof_cli.arrays import Stored
+from cadtof_cli.capture.frame_sources import FrameSource
+from cadtof_cli.capture.frames import open_frames
 from cadtof_cli.capture.metadata import CaptureMetadata
-from cadtof_cli.capture.reader import open_frames
 from cadtof_cli.errors import CadtofError
-from cadtof_cli.files.frames import FrameLayout, FrameSource, NotAFrameError
+from cadtof_cli.files.frames import FrameLayout, NotAFrameError
 from cadtof_cli.phasors.noise import estimated_integration_length
-from cadtof_cli.phasors.voltages import not_finite_pixels, phasor_scale, phasors_from_voltages, saturated_pixels
+from cadtof_cli.phasors.voltages import ideal_phasor_map, not_finite_pixels, phasors_from_stored, saturated_pixels
 
 
 @dataclass(frozen=True)
@@ -43,7 +44,7 @@ def facts_of_frame(task: LookTask, /) -> FrameFacts:
     """Read one frame and return what it holds; whatever is wrong with it is a `problem`, never an exception."""
     try:
         with open_frames(task.source, task.layout) as frames:
-            container, stored = frames.container, frames.read(task.source.index or 0)
+            container, stored = frames.format, frames.read(task.source.index or 0)
         if task.pixels is not None and stored.shape[2:] != task.pixels:
             found, expected = ("{1} × {0}".format(*size) for size in (stored.shape[2:], task.pixels))
             return FrameFacts(problem=f"{task.source}: found {found} pixels, expected {expected} as in the first frame")
@@ -63,12 +64,12 @@ def _facts(stored: Stored, container: str, task: LookTask) -> FrameFacts:
         if plane.size
     }
     try:
-        scale = phasor_scale(task.metadata, stored.dtype)
+        phasor_map = ideal_phasor_map(task.metadata, stored.dtype)
     except CadtofError:
         # what is missing is said once, for the whole capture
         return FrameFacts(container=container, dtype=str(stored.dtype), shape=stored.shape, planes=ranges)
-    phasors = phasors_from_voltages(planes, scale=scale)
-    saturated = saturated_pixels(planes, scale=scale)
+    phasors = phasors_from_stored(planes, phasor_map)
+    saturated = saturated_pixels(planes, task.metadata.voltage.saturated_counts)
     bad = not_finite_pixels(phasors)
     phasors[:, saturated] = np.nan
     return FrameFacts(

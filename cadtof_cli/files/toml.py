@@ -1,0 +1,52 @@
+"""TOML read and written: `capture.toml` and the parts of a calibration.
+
+The writer is our own, since tomli-w breaks every list over lines: a pair of numbers should stay on one.
+"""
+
+import json
+import math
+import tomllib
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+from cadtof_cli.errors import MetadataError
+
+
+def read_toml(path: Path, /) -> dict[str, Any]:
+    """Return the document in a TOML file.
+
+    Raises:
+        MetadataError: the file cannot be read, or is not TOML.
+    """
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise MetadataError(f"{path}: cannot be read: {error.strerror}") from error
+    except UnicodeDecodeError as error:
+        raise MetadataError(f"{path}: not UTF-8 text: {error}") from error
+    except tomllib.TOMLDecodeError as error:
+        raise MetadataError(f"{path}: not valid TOML: {error}") from error
+
+
+def toml_from_tables(tables: Mapping[str, Mapping[str, Any]], /, *, comments: Iterable[str] = ()) -> str:
+    """Return TOML text of tables of plain values and lists, with comment lines on top."""
+    blocks = ["\n".join(f"# {comment}" for comment in comments)]
+    blocks += ["\n".join([f"[{name}]", *map(_line, table.items())]) for name, table in tables.items()]
+    return "\n\n".join(filter(None, blocks)) + "\n"
+
+
+def _line(item: tuple[str, Any]) -> str:
+    return f"{item[0]} = {_value(item[1])}"
+
+
+def _value(value: Any) -> str:
+    if isinstance(value, list | tuple):
+        if value and isinstance(value[0], str):
+            return "[\n" + "".join(f"    {_value(item)},\n" for item in value) + "]"
+        return "[" + ", ".join(map(_value, value)) + "]"
+    if isinstance(value, bool | str):
+        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+    if isinstance(value, float) and not math.isfinite(value):
+        return str(float(value))
+    return repr(value.item() if hasattr(value, "item") else value)

@@ -1,0 +1,56 @@
+"""TOML text that any parser reads as the values it was made from."""
+
+import math
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from cadtof_cli.errors import MetadataError
+from cadtof_cli.files.toml import read_toml, toml_from_tables
+
+TEXT = st.text(st.characters(exclude_categories=["Cs"]), max_size=20)
+VALUES = st.one_of(
+    st.booleans(),
+    st.integers(-(2**63), 2**63 - 1),
+    st.floats(allow_nan=False),
+    TEXT,
+    st.lists(st.floats(allow_nan=False), max_size=4),
+    st.lists(TEXT, max_size=4),
+)
+KEYS = st.from_regex(r"[a-z_]{1,8}", fullmatch=True)
+
+
+@given(st.dictionaries(KEYS, st.dictionaries(KEYS, VALUES, max_size=4), max_size=3))
+def test_python_reads_back_what_was_written(tables: dict[str, dict[str, Any]]) -> None:
+    assert tomllib.loads(toml_from_tables(tables, comments=["made by a test", "twice"])) == tables
+
+
+def test_text_as_people_like_to_read_it() -> None:
+    tables: dict[str, dict[str, Any]] = {
+        "modulation": {"periods_ns": (40.0, 20.0), "waveform": "sine"},
+        "origin": {"captures": ["a", "µ/b"], "frames": np.int64(3), "k2_m": np.float64(0.5), "limit": math.inf},
+    }
+    assert toml_from_tables(tables, comments=("by hand",)) == (
+        "# by hand\n\n"
+        '[modulation]\nperiods_ns = [40.0, 20.0]\nwaveform = "sine"\n\n'
+        '[origin]\ncaptures = [\n    "a",\n    "µ/b",\n]\nframes = 3\nk2_m = 0.5\nlimit = inf\n'
+    )
+    assert toml_from_tables({"pixel": {}}) == "[pixel]\n"
+
+
+@pytest.mark.parametrize(
+    ("content", "found"),
+    [(None, "cannot be read: No such file"), (b"a = \xff", "not UTF-8 text: "), (b"a = ", "not valid TOML: ")],
+)
+def test_what_is_not_toml_says_so(content: bytes | None, found: str, tmp_path: Path) -> None:
+    path = tmp_path / "capture.toml"
+    if content is not None:
+        path.write_bytes(content)
+    with pytest.raises(MetadataError) as caught:
+        read_toml(path)
+    assert str(caught.value).startswith(f"{path}: {found}")

@@ -1,0 +1,134 @@
+"""Maximum likelihood against the Cramér–Rao bound, χ², and a search of everything."""
+
+import itertools
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from scipy import optimize
+
+from cadtof_cli.resolver.likelihood.k_paths import found_paths, most_likely
+from cadtof_cli.resolver.likelihood.mixture import Measured
+from cadtof_cli.resolver.paths import ResolvedPaths
+from cadtof_cli.resolver.resolve import resolve_paths
+from cadtof_cli.resolver.settings import ResolverSettings
+from cadtof_cli.resolver.status import StatusBit
+from tests.support.forward import ns_from_rad
+from tests.support.mixtures import C, F, Mixture, noise_of
+
+DEFAULT = ResolverSettings()
+
+RUNS = 3000
+PHOTONS = 2e5
+"""n_av of all harmonics together: that of two harmonics at the paper's 1e5."""
+
+
+def resolved(
+    phasors: C, harmonics: tuple[int, ...], n_av: float, settings: ResolverSettings = DEFAULT
+) -> ResolvedPaths:
+    return resolve_paths(
+        phasors,
+        status=np.zeros(phasors.shape[1], np.uint32),
+        settings=settings,
+        noise=noise_of(harmonics, n_av=n_av),
+    )
+
+
+def spread_ns(
+    problem: Mixture, harmonics: tuple[int, ...], n_av: float, settings: ResolverSettings = DEFAULT
+) -> tuple[F, F]:
+    """Standard deviations of every path's delay, and the medians of those that are predicted."""
+    drawn = problem.phasors(harmonics, n_av=n_av, size=RUNS, rng=np.random.default_rng(7))
+    paths = resolved(drawn, harmonics, n_av, settings).paths
+    delays = np.array([ns_from_rad(path.phase_rad) for path in paths])
+    assert_allclose(delays.mean(axis=1), problem.delays_ns, atol=0.2 * delays.std(axis=1).max())
+    return delays.std(axis=1), np.array([np.median(ns_from_rad(path.sigma_rad)) for path in paths])
+
+
+@pytest.mark.parametrize("separation", [6.0, 11.0, 20.0])
+@pytest.mark.parametrize("harmonics", [(1, 2, 3), (1, 2, 3, 4), (1, 2, 4), (1, 3, 4)])
+def test_two_paths_reach_the_bound_and_their_sigma_is_known(harmonics: tuple[int, ...], separation: float) -> None:
+    problem, n_av = Mixture((1.0, 0.3), (5.0, 5.0 + separation)), PHOTONS / len(harmonics)
+    spread, predicted = spread_ns(problem, harmonics, n_av)
+    assert_allclose(spread, problem.bound_ns(harmonics, n_av), rtol=0.08)
+    assert_allclose(predicted, spread, rtol=0.08)
+
+
+@pytest.mark.parametrize(("harmonics", "gain"), [((1, 2, 3), 2.5), ((1, 2, 3, 4), 5.0)])
+def test_more_harmonics_of_the_same_light_are_worth_it(harmonics: tuple[int, ...], gain: float) -> None:
+    problem = Mixture((1.0, 0.3), (5.0, 11.0))
+    two, _ = spread_ns(problem, (1, 2), PHOTONS / 2)
+    more, _ = spread_ns(problem, harmonics, PHOTONS / len(harmonics))
+    assert two[0] / more[0] >= gain
+
+
+@pytest.mark.parametrize("harmonics", [(1, 2, 3), (1, 2, 3, 4)])
+def test_three_paths_reach_the_bound(harmonics: tuple[int, ...]) -> None:
+    problem = Mixture((1.0, 0.6, 0.4), (5.0, 13.0, 21.0))
+    spread, predicted = spread_ns(problem, harmonics, 1e6, ResolverSettings(paths=3))
+    assert_allclose(spread, problem.bound_ns(harmonics, 1e6), rtol=0.08)
+    assert_allclose(predicted, spread, rtol=0.08)
+
+
+@pytest.mark.parametrize(("paths", "harmonics"), [(1, (1, 2, 3)), (2, (1, 2, 3)), (1, (1, 2, 4)), (2, (1, 2, 3, 4))])
+def test_the_misfit_of_the_true_number_of_paths_is_chi_squared(paths: int, harmonics: tuple[int, ...]) -> None:
+    problem, n_av = Mixture((1.0, 0.5)[:paths], (5.0, 14.0)[:paths], asr=1.0), 1e5
+    measured = Measured.of_phasors(
+        problem.phasors(harmonics, n_av=n_av, size=RUNS, rng=np.random.default_rng(8)), harmonics=harmonics
+    )
+    noise = noise_of(harmonics, n_av=n_av)
+    with np.errstate(all="ignore"):
+        fit = most_likely(measured, found_paths(measured, paths, noise=noise)[0], noise=noise)
+    freedom = 2 * (len(harmonics) - paths)
+    assert fit.chi_squared.mean() == pytest.approx(freedom, rel=0.08)
+    assert fit.chi_squared.var() == pytest.approx(2 * freedom, rel=0.2)
+
+
+@pytest.mark.parametrize("false_alarm", [0.05, 0.01])
+@pytest.mark.parametrize("harmonics", [(1, 2, 3), (1, 2, 4)])
+def test_one_path_is_taken_for_two_no_more_often_than_asked_and_at_no_cost(
+    harmonics: tuple[int, ...], false_alarm: float
+) -> None:
+    drawn = Mixture((1.0,), (5.0,)).phasors(harmonics, n_av=1e5, size=4 * RUNS, rng=np.random.default_rng(9))
+    tested = resolved(drawn, harmonics, 1e5, ResolverSettings(false_alarm=false_alarm))
+    assert 0.0 < np.mean((tested.status & StatusBit.TWO_PATHS) > 0) < 1.1 * false_alarm
+    known = resolved(drawn, harmonics, 1e5, ResolverSettings(order="1"))
+    assert tested.direct.phase_rad.std() / known.direct.phase_rad.std() < 1.05
+
+
+def test_two_paths_are_taken_for_three_no_more_often_than_asked_and_at_little_cost() -> None:
+    drawn = Mixture((1.0, 0.5), (5.0, 15.0)).phasors((1, 2, 3), n_av=1e5, size=RUNS, rng=np.random.default_rng(10))
+    tested = resolved(drawn, (1, 2, 3), 1e5, ResolverSettings(paths=3, false_alarm=0.05))
+    assert 0.0 < np.mean((tested.status & StatusBit.MORE_PATHS) > 0) < 0.055
+    assert np.mean((tested.status & StatusBit.TWO_PATHS) > 0) > 0.94
+    known = resolved(drawn, (1, 2, 3), 1e5)
+    assert tested.direct.phase_rad.std() / known.direct.phase_rad.std() < 1.1
+
+
+@pytest.mark.parametrize(
+    ("harmonics", "n_av"), [((1, 2, 3), 300.0), ((1, 2, 3), 2e3), ((1, 2, 4), 1e3), ((1, 2, 3, 4), 1e3)]
+)
+def test_no_search_of_everything_finds_a_better_pair(harmonics: tuple[int, ...], n_av: float) -> None:
+    """White noise, where the best amplitudes for two delays are a linear problem, solved by NNLS on a fine grid."""
+    drawn = Mixture((1.0, 0.4), (5.0, 13.0), asr=3.0).phasors(
+        harmonics, n_av=n_av, size=25, rng=np.random.default_rng(11)
+    )
+    noise = noise_of(harmonics, n_av=n_av)
+    scale = np.sqrt([1.0 / harmonic.dark_variance for harmonic in noise.each])
+    with np.errstate(all="ignore"):
+        _, found = found_paths(Measured.of_phasors(drawn, harmonics=harmonics), 2, noise=noise)
+    grid = np.linspace(0, 2 * np.pi, 60, endpoint=False)
+    columns = np.exp(1j * np.outer(harmonics, grid)) * scale[:, np.newaxis]
+    real = np.concatenate((columns.real, columns.imag))
+    for pixel, chi_squared in zip((drawn * scale[:, np.newaxis]).T, found, strict=True):
+        right = np.concatenate((pixel.real, pixel.imag))
+        best = min(optimize.nnls(real[:, [i, j]], right)[1] for i, j in itertools.combinations(range(grid.size), 2))
+        assert chi_squared <= best**2 + 0.1
+
+
+def test_chi_squared_says_where_two_paths_are_too_few() -> None:
+    three = Mixture((1.0, 0.6, 0.4), (5.0, 13.0, 21.0)).exact((1, 2, 3, 4))
+    two = Mixture((1.0, 0.6), (5.0, 13.0)).exact((1, 2, 3, 4))
+    left = resolved(np.concatenate((three, two), axis=1), (1, 2, 3, 4), 1e6).chi_squared
+    assert left[0] > 100.0
+    assert left[1] < 1e-6

@@ -1,0 +1,94 @@
+"""Triangle modulation and other responses: paths from voltages that come by sampling the wave, not by its series."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from cadtof_cli.capture.metadata import CaptureMetadata, Modulation
+from cadtof_cli.frame_plan import FramePlan, MapSettings
+from cadtof_cli.phasors.response import HarmonicResponse, ideal_response
+from cadtof_cli.pipeline import resolve_frame
+from cadtof_cli.resolver.response.table import response_model
+from cadtof_cli.resolver.settings import ResolverSettings
+from cadtof_cli.resolver.status import StatusBit
+from tests.support.campaign import camera, card
+from tests.support.defects import DefectiveCamera, Defects, smeared
+
+
+def plan_for(seen: DefectiveCamera, **settings: object) -> FramePlan:
+    return FramePlan(metadata=seen.metadata, settings=MapSettings(resolver=ResolverSettings(**settings)))  # type: ignore[arg-type]
+
+
+def test_the_series_of_a_triangle_is_the_triangle() -> None:
+    metadata = CaptureMetadata(modulation=Modulation(waveform="triangle"))
+    theta = np.linspace(0.0, 2.0 * np.pi, 501)
+    for response in ideal_response(metadata):
+        first, second = (smeared(metadata, response.harmonic, moment) for moment in ("SC1", "SC2"))
+        sampled = first(theta) + 1j * second(theta)
+        assert np.abs(response.at(theta) - sampled).max() < 5e-4
+
+
+def test_tables_are_the_series() -> None:
+    responses = ideal_response(CaptureMetadata(modulation=Modulation(waveform="triangle")))
+    model = response_model(responses, None)
+    assert model is not None
+    phase = np.linspace(-7.0, 7.0, 1001, dtype=np.float32)
+    for row, response in enumerate(responses):
+        found = model.block(slice(None)).at(row, phase, slice(None))
+        expected = response.at(response.harmonic * phase.astype(np.float64)) / response.main
+        np.testing.assert_allclose(found.re + 1j * found.im, expected, atol=3e-6)
+
+
+def test_a_response_of_main_and_mirror_leaves_nothing_to_refine() -> None:
+    responses = [HarmonicResponse(h, ((1, 0.9 + 0.1j), (-1, 0.02j))) for h in (1, 2)]
+    assert response_model(responses, None) is None
+
+
+def test_one_path_of_a_triangle_is_unbiased_and_one() -> None:
+    seen = camera(Defects(), waveform="triangle")
+    ranges = np.linspace(0.2, 5.6, 60 * 80).reshape(1, 60, 80)
+    frame = seen.frames(ranges, np.full_like(ranges, 1.0 / 3.0), count=1, seed=3)[0]
+    maps = resolve_frame(frame, plan=plan_for(seen)).maps
+    error = 100.0 * (maps.layer("direct.depth") - ranges[0])
+    assert abs(error.mean()) < 0.1
+    assert ((maps.status & StatusBit.ONE_PATH) > 0).mean() > 0.97
+    scatter = error / (100.0 * maps.layer("direct.sigma"))
+    assert np.median(np.abs(scatter)) == pytest.approx(0.6745, rel=0.1)
+    sine = replace(plan_for(seen), metadata=replace(seen.metadata, modulation=Modulation(waveform="sine")))
+    wrong = resolve_frame(frame, plan=sine).maps
+    assert ((wrong.status & StatusBit.TWO_PATHS) > 0).mean() > 0.5
+
+
+def test_two_paths_of_a_triangle_converge_without_bias() -> None:
+    """At 6 ns subtracting the third harmonic again and again does not converge; the search does."""
+    seen = camera(Defects(), waveform="triangle")
+    frame = card(seen, count=1, seed=4, clean=0.0)[0]
+    maps = resolve_frame(frame, plan=plan_for(seen)).maps
+    known = maps.layer("direct.sigma") < 0.1
+    assert ((maps.status[known] & StatusBit.NOT_CONVERGED) == 0).mean() >= 0.995
+    error = 100.0 * (maps.layer("direct.depth") - 0.75)
+    for columns in (slice(0, 20), slice(20, 50), slice(50, 80)):
+        assert abs(np.nanmedian(error[:, columns])) < 0.5
+
+
+@pytest.mark.parametrize("block_pixels", [97, 1000])
+def test_blocks_of_any_size_give_the_same_bits(block_pixels: int) -> None:
+    seen = camera(Defects(), waveform="triangle")
+    frame = card(seen, count=1, seed=5, separations_ns=(2.0, 20.0))[0]
+    whole = resolve_frame(frame, plan=plan_for(seen)).maps
+    parts = resolve_frame(frame, plan=replace(plan_for(seen), block_pixels=block_pixels)).maps
+    np.testing.assert_array_equal(whole.values, parts.values)
+    np.testing.assert_array_equal(whole.status, parts.status)
+
+
+def test_an_answer_that_does_not_meet_its_equations_says_so() -> None:
+    """Voltages that no two triangles make: the pixel keeps its best attempt, and the bit."""
+    seen = camera(Defects(), waveform="triangle", n_av=1e8)
+    frame = card(seen, count=1, seed=6, separations_ns=(0.2, 1.2), clean=0.0)[0]
+    maps = resolve_frame(frame, plan=plan_for(seen)).maps
+    two = (maps.status & StatusBit.TWO_PATHS) > 0
+    failed = (maps.status & StatusBit.NOT_CONVERGED) > 0
+    assert failed.any()
+    assert (two | ~failed).all()
+    assert np.isfinite(maps.layer("direct.depth")[failed]).all()

@@ -1,0 +1,181 @@
+"""The pixel photon by photon: Eq. (1) written out, arrivals, dead time, and the paper's Fig. 2."""
+
+import math
+
+import numpy as np
+import pytest
+
+from cadtof_cli.capture.metadata import Modulation, Waveform
+from cadtof_cli.errors import SettingsError
+from cadtof_cli.simulation.pixel.arrivals import detected, draw_detections, draw_phases
+from cadtof_cli.simulation.pixel.averaging import Averaging, Capacitors, Stages
+from cadtof_cli.simulation.pixel.evolution import evolution
+from cadtof_cli.simulation.pixel.mix import Condition, PhotonMix
+from cadtof_cli.simulation.pixel.pixel import PixelModel, pixel_weights, record_pixel, trace_pixel
+
+AMPLITUDE_V = 0.2746
+
+
+def mix(asr: float = 1.0, mpi_ratio: float = 0.3, *, direct_ns: float = 10.0, second_ns: float = 17.0) -> PhotonMix:
+    return Condition(asr=asr, mpi_ratio=mpi_ratio, direct_ns=direct_ns, second_ns=second_ns).mix(40.0)
+
+
+def model(integration_length: float = 200.0, **settings: object) -> PixelModel:
+    return PixelModel(averaging=Averaging(integration_length=integration_length), **settings)  # type: ignore[arg-type]
+
+
+def final(pixel: PixelModel, light: PhotonMix, seed: int) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
+    return record_pixel(pixel, light, pixel_weights(pixel), np.random.default_rng(seed).spawn(2))
+
+
+def test_trace_is_equation_1() -> None:
+    pixel = model(50.0, cycles=60)
+    times_ns, voltages_v = trace_pixel(pixel, mix(), np.random.default_rng(1), harmonic=1)
+    voltage, turn = 0.0, 2 * np.pi * times_ns / 40.0
+    for i in range(300):
+        voltage = AMPLITUDE_V * math.cos(turn[i]) / 50.0 + (1 - 1 / 50.0) * voltage
+        assert voltages_v[0, i] == pytest.approx(voltage, abs=1e-9)
+
+
+@pytest.mark.parametrize("waveform", ["sine", "triangle"])
+def test_final_voltages_are_the_end_of_the_trace(waveform: Waveform) -> None:
+    pixel = model(8000.0, modulation=Modulation(waveform=waveform))
+    ends = final(pixel, mix(), 5)
+    for row, generator in enumerate(np.random.default_rng(5).spawn(2)):
+        _, voltages_v = trace_pixel(pixel, mix(), generator, harmonic=row + 1)
+        np.testing.assert_allclose(voltages_v[:, -1], ends[row], atol=3e-6)
+
+
+def test_forgotten_photons_are_not_drawn() -> None:
+    assert pixel_weights(model(100.0, cycles=10_000)).shape == (2, 4000)
+    assert pixel_weights(model(100.0)).shape == (2, 1250)
+
+
+def test_arrivals_come_from_laser_mpi_and_ambient_in_their_shares() -> None:
+    phases = draw_phases(mix(asr=0.7, mpi_ratio=0.3), np.random.default_rng(2), count=400_000)
+    times = np.mod(phases / (2 * np.pi) * 40.0, 40.0)
+    sigma, total = 1.7 / 2.354820045, 2.0
+    for centre, photons in ((10.0, 1.0), (17.0, 0.3)):
+        near = np.abs(times - centre) < 3 * sigma
+        expected = (0.9973002 * photons + 0.7 * 6 * sigma / 40.0) / total
+        assert near.mean() == pytest.approx(expected, abs=4 * math.sqrt(expected / 400_000))
+    empty = (times > 21.0) & (times < 39.0)
+    assert empty.mean() == pytest.approx(0.7 / total * 18.0 / 40.0, abs=0.003)
+    laser = times[np.abs(times - 10.0) < 2.0]
+    assert laser.mean() == pytest.approx(10.0, abs=0.01)
+
+
+def test_arrivals_without_ambient_light_and_over_many_paths() -> None:
+    many = PhotonMix(
+        delays_ns=np.array([4.0, 12.0, 20.0, 28.0]),
+        photons=np.array([4.0, 3.0, 2.0, 1.0]),
+        ambient=np.array(0.0),
+        period_ns=40.0,
+        fwhm_ns=0.5,
+    )
+    times = draw_phases(many, np.random.default_rng(4), count=100_000) / (2 * np.pi) * 40.0
+    counts = [float((np.abs(times - centre) < 2.0).mean()) for centre in (4.0, 12.0, 20.0, 28.0)]
+    np.testing.assert_allclose(counts, [0.4, 0.3, 0.2, 0.1], atol=0.006)
+
+
+@pytest.mark.parametrize("dead_time_ns", [0.0, 0.5, 3.0, 200.0])
+def test_dead_time_drops_what_a_photon_by_photon_count_drops(dead_time_ns: float) -> None:
+    times = np.sort(np.random.default_rng(8).random(2000) * 2000.0)
+    kept, last = [], -math.inf
+    for index, time in enumerate(times):
+        if time - last >= dead_time_ns:
+            kept.append(index)
+            last = time
+    np.testing.assert_array_equal(detected(times, dead_time_ns=dead_time_ns), kept)
+
+
+def test_dead_time_favours_the_earlier_path() -> None:
+    light = mix(asr=0.0, mpi_ratio=1.0)
+    seen = draw_detections(
+        light,
+        np.random.default_rng(9),
+        cycles=20_000,
+        photons_per_cycle=2,
+        dead_time_ns=20.0,
+        jitter_ns=0.1,
+    )
+    early = (np.abs(np.mod(seen, 40.0) - 10.0) < 3.0).sum()
+    late = (np.abs(np.mod(seen, 40.0) - 17.0) < 3.0).sum()
+    # Two photons a cycle fall on paths at random: a cycle has an early one in 3 of 4 cases, only late ones in 1 of 4.
+    assert early == pytest.approx(15_000, rel=0.03)
+    assert late == pytest.approx(5_000, rel=0.05)
+
+
+def test_negligible_dead_time_changes_nothing_but_noise() -> None:
+    light = mix()
+    ends = np.mean([final(model(2000.0, dead_time_ns=0.01), light, seed) for seed in range(40)], axis=0)
+    without = np.mean([final(model(2000.0), light, seed) for seed in range(100, 140)], axis=0)
+    np.testing.assert_allclose(ends, without, atol=5 * AMPLITUDE_V / math.sqrt(2 * 2 * 2000 * 40) * math.sqrt(2))
+
+
+def test_gain_and_offset_are_those_of_the_channels() -> None:
+    plain, light = model(), mix()
+    changed = model(gain_mismatch=0.1, offsets_v=(0.01, -0.02))
+    first, second = final(plain, light, 3), final(changed, light, 3)
+    np.testing.assert_allclose(second[:, 0], first[:, 0] + 0.01, atol=1e-12)
+    np.testing.assert_allclose(second[:, 1], 1.1 * first[:, 1] - 0.02, atol=1e-12)
+
+
+def test_sample_noise_is_averaged_like_the_samples() -> None:
+    light, noise = mix(), 0.05
+    differences = [
+        final(model(100.0, sample_noise_v=noise), light, seed) - final(model(100.0), light, seed) for seed in range(400)
+    ]
+    assert np.std(differences) == pytest.approx(noise / math.sqrt(199.0), rel=0.08)
+
+
+def test_jitter_shrinks_the_confidence_as_a_gaussian_does() -> None:
+    light = mix(asr=0.0, mpi_ratio=0.0)
+    blurred = np.mean([final(model(1000.0, jitter_ns=2.0), light, seed) for seed in range(30)], axis=0)
+    sharp = np.mean([final(model(1000.0), light, seed) for seed in range(30)], axis=0)
+    ratio = np.hypot(*blurred[0]) / np.hypot(*sharp[0])
+    assert ratio == pytest.approx(math.exp(-((2 * np.pi * 2.0 / 40.0) ** 2) / 2), rel=0.01)
+
+
+def test_fig_2_phase_error_is_13_degrees() -> None:
+    """90° and 153° with ratio 0.3 at ASR 0.8 and n_av 4000 read 13.24° too much, 1.471 ns."""
+    light, pixel = mix(asr=0.8, second_ns=17.0), model(4000.0, cycles=10_000)
+    phasors = np.array([complex(*final(pixel, light, seed)[0]) for seed in range(60)])
+    errors = np.degrees(np.angle(phasors * np.exp(-1j * np.pi / 2)))
+    assert errors.mean() == pytest.approx(13.24, abs=0.3)
+    assert errors.mean() / 360.0 * 40.0 == pytest.approx(1.471, abs=0.033)
+
+
+def test_evolution_holds_all_photons_and_settles_on_the_phase() -> None:
+    shown = evolution(model(4000.0, cycles=10_000), mix(asr=0.8), np.random.default_rng(0))
+    assert shown.counts.sum() == 50_000
+    assert shown.photons[-1] == 50_000
+    assert shown.settled_phase_deg == pytest.approx(103.24, abs=1.5)
+    assert shown.bin_ns[np.argmax(shown.counts)] == pytest.approx(10.0, abs=0.5)
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"dead_time_ns": 40.0}, "dead time: found 40 ns, expected 0 to less than one cycle of 40 ns"),
+        ({"dead_time_ns": -1.0}, "dead time: found -1 ns"),
+        ({"photons_per_cycle": 0}, "photons per cycle: found 0, expected 1 or more"),
+        ({"cycles": 0}, "cycles: found 0"),
+        ({"jitter_ns": math.nan}, "jitter: found nan ns"),
+        ({"sample_noise_v": -0.1}, "sample noise: found -0.1 V"),
+        ({"gain_mismatch": -2.0}, "gain mismatch: found -2.0"),
+        ({"offsets_v": (math.inf, 0.0)}, "offsets: found"),
+    ],
+)
+def test_impossible_pixels_are_refused(settings: dict[str, object], message: str) -> None:
+    with pytest.raises(SettingsError, match=message):
+        model(100.0, **settings)
+
+
+def test_switched_stages_have_no_trace_and_no_dead_time() -> None:
+    capacitors = Capacitors(values_ff=(1.0, 30.0, 1.0, 30.0, *[10.0] * 8))
+    switched = Averaging(integration_length=71.0, capacitors=capacitors, stages=Stages(drive="switched"))
+    with pytest.raises(SettingsError, match="switched stages, expected stages closed by dc"):
+        PixelModel(averaging=switched, dead_time_ns=1.0)
+    with pytest.raises(SettingsError, match="evolution of voltages"):
+        trace_pixel(PixelModel(averaging=switched), mix(), np.random.default_rng(0), harmonic=1)

@@ -1,0 +1,154 @@
+"""Means and covariances against quadrature, against the photon-by-photon pixel, and against published closed forms."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from cadtof_cli.capture.metadata import Modulation, Waveform
+from cadtof_cli.errors import SettingsError
+from cadtof_cli.simulation.pixel.averaging import Averaging
+from cadtof_cli.simulation.pixel.bounds import time_bounds_ns
+from cadtof_cli.simulation.pixel.mix import Condition, PhotonMix
+from cadtof_cli.simulation.pixel.pixel import PixelModel, pixel_weights, record_pixel
+from cadtof_cli.simulation.pixel.statistics import (
+    VoltageStatistics,
+    averaging_gain,
+    confidence_model_v,
+    draw_voltages,
+    phase_precision_of_mix_rad,
+    sample_mean,
+    voltage_statistics,
+)
+
+RUNS = 2500
+
+
+def paper_mix(asr: float, *, mpi_ratio: float = 0.3, second_ns: float = 16.0, fwhm_ns: float = 1.7) -> PhotonMix:
+    return Condition(asr=asr, mpi_ratio=mpi_ratio, second_ns=second_ns, fwhm_ns=fwhm_ns).mix(40.0)
+
+
+def test_moments_are_the_fourier_integrals_of_the_arrival_density() -> None:
+    mix = paper_mix(2.0).jittered(0.4)
+    time = np.linspace(-20.0, 60.0, 400_001)
+    sigma = math.hypot(1.7 / 2.354820045, 0.4)
+    density = np.zeros_like(time)
+    for delay, share in ((5.0, 1 / 3.3), (16.0, 0.3 / 3.3)):
+        density += share * np.exp(-(((time - delay) / sigma) ** 2) / 2) / (sigma * math.sqrt(2 * math.pi))
+    moments = mix.moments(6)
+    for k in range(1, 7):
+        integral = np.trapezoid(density * np.exp(2j * np.pi * k * time / 40.0), time)
+        assert moments[k] == pytest.approx(integral, abs=1e-9)
+
+
+@pytest.mark.parametrize("asr", [0.2, 8.0])
+@pytest.mark.parametrize("waveform", ["sine", "triangle"])
+def test_photon_by_photon_has_the_exact_mean_and_covariance(waveform: Waveform, asr: float) -> None:
+    modulation = Modulation(waveform=waveform)
+    model, mix = PixelModel(modulation=modulation, averaging=Averaging(integration_length=60.0)), paper_mix(asr)
+    weights = pixel_weights(model)
+    streams = np.random.default_rng(20).spawn(2 * RUNS)
+    runs = np.stack([record_pixel(model, mix, weights, streams[2 * i : 2 * i + 2]) for i in range(RUNS)])
+    exact = voltage_statistics(mix, modulation, variance_gain=averaging_gain(60.0))
+    for row in range(2):
+        first, both, second = exact.covariances_v2[row]
+        observed = np.cov(runs[:, row].T)
+        error = np.sqrt(np.array([2 * first**2, first * second + both**2, 2 * second**2]) / (RUNS - 1))
+        difference = np.array([observed[0, 0], observed[0, 1], observed[1, 1]]) - exact.covariances_v2[row]
+        assert np.abs(difference / error).max() < 4.0
+        mean_error = np.sqrt(np.array([first, second]) / RUNS)
+        assert np.abs((runs[:, row].mean(axis=0) - exact.means_v[row]) / mean_error).max() < 4.0
+
+
+def test_drawn_voltages_have_the_covariance_they_are_drawn_from() -> None:
+    exact = voltage_statistics(paper_mix(0.5), Modulation(), variance_gain=0.01)
+    drawn = draw_voltages(exact, np.random.default_rng(3), draws=40_000)
+    for row in range(2):
+        first, both, second = exact.covariances_v2[row]
+        observed = np.cov(drawn[:, row].T)
+        np.testing.assert_allclose(observed, [[first, both], [both, second]], atol=0.03 * max(first, second))
+
+
+def test_voltages_that_cannot_vary_do_not() -> None:
+    still = VoltageStatistics(np.full((1, 2, 3), 0.1), np.zeros((1, 3, 3)))
+    np.testing.assert_array_equal(draw_voltages(still, np.random.default_rng(0), draws=4), np.full((4, 1, 2, 3), 0.1))
+
+
+def test_confidence_of_one_path_follows_the_analytical_model() -> None:
+    first = math.exp(-((2 * math.pi * 1.7 / 2.354820045 / 40) ** 2) / 2)
+    for asr in (0.0, 1.0, 6.0):
+        confidence = float(confidence_model_v(paper_mix(asr, mpi_ratio=0.0), Modulation()))
+        assert confidence == pytest.approx(0.2746 * first / (1 + asr), rel=1e-12)
+
+
+def test_phase_precision_of_a_short_pulse_is_the_published_root() -> None:
+    for asr in (0.5, 2.0, 6.0):
+        expected = math.sqrt(asr * (1 + asr) / (2 * (2 * 4000 - 1)))
+        short = paper_mix(asr, mpi_ratio=0.0, fwhm_ns=0.0)
+        found = phase_precision_of_mix_rad(short, Modulation(), variance_gain=averaging_gain(4000))
+        assert float(found) == pytest.approx(expected, rel=1e-9)
+
+
+def test_phase_precision_of_one_path_is_that_of_any_mix() -> None:
+    """One path: (1 − r2/(1 + ASR))/2 across the phasor r1/(1 + ASR). Two paths make it wider: against draws."""
+    r1, r2 = (math.exp(-((k * 2 * math.pi * 1.7 / 2.354820045 / 40) ** 2) / 2) for k in (1, 2))
+    alone = phase_precision_of_mix_rad(paper_mix(2.0, mpi_ratio=0.0), Modulation(), variance_gain=averaging_gain(4000))
+    single = math.sqrt((1 - r2 / 3) / 2 / (2 * 4000 - 1)) * 3 / r1
+    assert float(alone) == pytest.approx(single, rel=1e-9)
+    mix, gain = paper_mix(0.5, mpi_ratio=0.8), averaging_gain(4000)
+    drawn = draw_voltages(
+        voltage_statistics(mix, Modulation(), variance_gain=gain), np.random.default_rng(5), draws=20_000
+    )
+    phase = np.angle(drawn[:, 0, 0] + 1j * drawn[:, 0, 1])
+    assert phase.std() == pytest.approx(
+        float(phase_precision_of_mix_rad(mix, Modulation(), variance_gain=gain)), rel=0.02
+    )
+
+
+def test_bound_is_that_of_table_1() -> None:
+    """PHYSICS, from the Fisher information derived independently: .049/.165, .032/.107, .157/.510 ns."""
+    for second, expected in ((16.0, (0.049, 0.165)), (25.0, (0.032, 0.107)), (11.0, (0.157, 0.510))):
+        bounds = time_bounds_ns(paper_mix(5.0, second_ns=second), Modulation(), variance_gain=averaging_gain(1e5))
+        np.testing.assert_allclose(bounds, expected, atol=6e-4)
+
+
+def test_bound_is_infinite_where_paths_coincide_and_absent_without_photons() -> None:
+    together = replace(paper_mix(5.0), delays_ns=np.array([5.0, 5.0]))
+    same = time_bounds_ns(together, Modulation(), variance_gain=1e-5)
+    assert np.isinf(same).all()
+    alone = time_bounds_ns(paper_mix(5.0, mpi_ratio=0.0), Modulation(), variance_gain=1e-5)
+    assert np.isfinite(alone[0])
+    assert np.isnan(alone[1])
+
+
+def test_taking_triangles_for_sines_costs_up_to_68_mm() -> None:
+    delays = np.linspace(0.0, 40.0, 801)
+    mix = PhotonMix(
+        delays_ns=delays[None], photons=np.ones((1, 801)), ambient=np.zeros(801), period_ns=40.0, fwhm_ns=0.1
+    )
+    phasors = sample_mean(mix.moments(1500), harmonic=1, waveform="triangle")
+    error_rad = np.angle(phasors * np.exp(-2j * np.pi * delays / 40.0))
+    assert np.abs(error_rad).max() * 0.299792458 * 40.0 / (4 * np.pi) == pytest.approx(0.068, abs=5e-4)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"photons": np.array([1.0, -0.1])}, "photons"),
+        ({"ambient": np.array(-1.0)}, "ambient"),
+        ({"fwhm_ns": -1.0}, "pulse width: found -1 ns, expected a time of 0 or more"),
+        ({"period_ns": 0.0}, "period: found 0 ns"),
+        ({"photons": np.zeros(2), "ambient": np.array(0.0)}, "a pixel without any, expected some light"),
+    ],
+)
+def test_impossible_light_is_refused(change: dict[str, object], message: str) -> None:
+    settings: dict[str, object] = {
+        "delays_ns": np.array([5.0, 16.0]),
+        "photons": np.array([1.0, 0.3]),
+        "ambient": np.array(1.0),
+        "period_ns": 40.0,
+        "fwhm_ns": 1.7,
+    }
+    with pytest.raises(SettingsError, match=message):
+        PhotonMix(**(settings | change))  # type: ignore[arg-type]

@@ -1,0 +1,121 @@
+"""Resolved runs against the paper's Table 1, the Cramér–Rao bound, and the two ways of simulating against each other."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from cadtof_cli.capture.metadata import Modulation
+from cadtof_cli.errors import SettingsError
+from cadtof_cli.resolver.settings import ResolverSettings
+from cadtof_cli.simulation.pixel.averaging import Averaging, Capacitors, Stages
+from cadtof_cli.simulation.pixel.mix import Condition
+from cadtof_cli.simulation.pixel.pixel import PixelModel
+from cadtof_cli.workflows.simulate.trials import Trials, TrialsSummary, block_voltages, noise_length, summary
+
+TABLE_1 = [(16.0, 0.05, 0.16), (25.0, 0.03, 0.12), (11.0, 0.17, 0.52)]
+"""Second path, then the standard deviations of both, in ns, at ASR 5, MPI ratio 0.3 and n_av 1e5."""
+
+
+def trials(integration_length: float = 1e5, **settings: object) -> Trials:
+    base = Trials(
+        condition=Condition(asr=5.0, mpi_ratio=0.3),
+        model=PixelModel(averaging=Averaging(integration_length=integration_length)),
+    )
+    return replace(base, **settings)  # type: ignore[arg-type]
+
+
+def outcome(wanted: Trials) -> TrialsSummary:
+    return summary(wanted, np.concatenate([block_voltages(wanted, runs) for runs in wanted.blocks]))
+
+
+@pytest.mark.parametrize(("second_ns", "direct_std", "second_std"), TABLE_1)
+def test_table_1(second_ns: float, direct_std: float, second_std: float) -> None:
+    found = outcome(trials(condition=Condition(asr=5.0, mpi_ratio=0.3, second_ns=second_ns), runs=4000))
+    for path, paper in ((found.direct, direct_std), (found.second, second_std)):
+        assert path.std_ns == pytest.approx(paper, rel=0.15) or round(path.std_ns, 2) == paper
+        assert path.std_ns == pytest.approx(path.bound_ns, rel=0.06)
+        assert abs(path.bias_ns) < 0.1 * path.std_ns
+
+
+def test_photon_by_photon_agrees_with_statistics_within_sampling_error() -> None:
+    runs = 240
+    by_photons = outcome(trials(3000.0, runs=runs, photon_by_photon=True))
+    exact = outcome(trials(3000.0, runs=20_000))
+    for first, second in ((by_photons.direct, exact.direct), (by_photons.second, exact.second)):
+        assert first.std_ns == pytest.approx(second.std_ns, rel=4 / math.sqrt(2 * runs))
+        assert first.mean_ns == pytest.approx(second.mean_ns, abs=4 * second.std_ns / math.sqrt(runs))
+    assert by_photons.confidence_v == pytest.approx(exact.confidence_v, rel=0.02)
+
+
+def test_direct_path_without_mpi_is_as_sharp_as_asked() -> None:
+    for asr in (1.0, 3.0, 6.0):
+        found = outcome(trials(condition=Condition(asr=asr, mpi_ratio=0.0), runs=20_000))
+        assert found.direct.std_ns <= 0.08
+        assert math.isnan(found.second.true_ns)
+
+
+def test_phase_error_does_not_depend_on_asr() -> None:
+    errors = [
+        outcome(trials(condition=Condition(asr=asr, mpi_ratio=0.3, direct_ns=10.0, second_ns=17.0), runs=2000))
+        for asr in (0.5, 2.0, 6.0)
+    ]
+    np.testing.assert_allclose([math.degrees(found.phase_bias_rad) for found in errors], 13.24, atol=0.1)
+
+
+def test_runs_without_an_answer_count_as_failures() -> None:
+    blind = trials(
+        condition=Condition(asr=5.0, mpi_ratio=0.3),
+        runs=500,
+        resolver=ResolverSettings(order="1"),
+    )
+    found = outcome(blind)
+    assert found.second.within_1ns == 0.0
+    assert math.isnan(found.second.std_ns)
+
+
+def test_streams_of_one_seed_are_independent() -> None:
+    first, second = (block_voltages(trials(stream=stream), range(400)) for stream in (0, 1))
+    correlation = np.corrcoef(first[:, 0, 0], second[:, 0, 0])[0, 1]
+    assert abs(correlation) < 4 / math.sqrt(400)
+
+
+def test_switched_stages_are_known_by_their_effective_length() -> None:
+    capacitors = Capacitors(values_ff=(1.0, 30.0, 1.0, 30.0, *[10.0] * 8))
+    stages = Stages(drive="switched", f1_hz=125e6 / 20, f2_hz=125e6 / 100)
+    averaging = Averaging(integration_length=71.0, capacitors=capacitors, stages=stages)
+    model = PixelModel(averaging=averaging, cycles=4000)
+    settled = trials(model=model, runs=1000)
+    assert noise_length(model) > 71.0
+    voltages = block_voltages(settled, settled.blocks[0])
+    sample_variance = 0.5 * 0.2746**2
+    assert voltages[:, 0].var(axis=0).mean() == pytest.approx(sample_variance / (2 * noise_length(model) - 1), rel=0.15)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"asr": -1.0}, "ASR: found -1, expected a ratio of 0 or more"),
+        ({"mpi_ratio": -0.1}, "MPI ratio: found -0.1, expected a ratio of 0 or more"),
+        ({"direct_ns": 40.0}, "direct: found 40 ns, expected 0 to less than 40 ns"),
+        ({"second_ns": 5.0}, "second: found 5 ns, a separation of 0 ns, expected a time after the direct 5 ns"),
+        ({"second_ns": 41.0}, "second: found 41 ns, a separation of 36 ns"),
+        ({"fwhm_ns": math.inf}, "pulse width: found inf ns"),
+    ],
+)
+def test_impossible_conditions_are_refused(change: dict[str, float], message: str) -> None:
+    with pytest.raises(SettingsError, match=message):
+        trials(condition=Condition(**({"asr": 5.0, "mpi_ratio": 0.3} | change)))
+
+
+def test_impossible_trials_are_refused() -> None:
+    with pytest.raises(SettingsError, match="runs: found 1, expected 2 or more"):
+        trials(runs=1)
+    with pytest.raises(SettingsError, match="seed: found -1"):
+        trials(seed=-1)
+    with pytest.raises(SettingsError, match="dead time: found without photons"):
+        trials(model=PixelModel(averaging=Averaging(integration_length=100.0), dead_time_ns=5.0))
+    odd = PixelModel(modulation=Modulation(periods_ns=(40.0, 10.0)), averaging=Averaging(integration_length=100.0))
+    with pytest.raises(SettingsError, match=r"periods: found \[40.0, 10.0\], expected a fundamental and its half"):
+        outcome(trials(model=odd))
