@@ -7,6 +7,8 @@ import numpy as np
 from cadtof_cli.arrays import Complex, Float, Status
 from cadtof_cli.phasors.chi_squared import chi_squared_threshold
 from cadtof_cli.phasors.noise import NoiseModel
+from cadtof_cli.resolver.diffuse.pixels import diffuse_pixels
+from cadtof_cli.resolver.diffuse.records import DiffuseBlock, DiffusePixels
 from cadtof_cli.resolver.order import Solver, fewest_paths
 from cadtof_cli.resolver.paths import Fit, ResolvedPaths
 from cadtof_cli.resolver.response.table import ResponseBlock
@@ -22,12 +24,14 @@ def resolve_paths(
     settings: ResolverSettings,
     noise: NoiseModel,
     response: ResponseBlock | None = None,
+    tail: DiffuseBlock | None = None,
 ) -> ResolvedPaths:
     """Resolve every pixel of phasors (H, n) into paths; inputs are not changed.
 
     A pixel gets NaN and a status bit where it is not finite or has no signal, and NaN where it comes with a bit in `status`,
     (n,): saturated or hot. Every pixel is computed alone, by the same operations wherever it stands, so that blocks of any
-    size give the same bits. Where the channel pairs answer with more than a sine, `response` says how.
+    size give the same bits. Where the channel pairs answer with more than a sine, `response` says how. Where the frame's MPI is
+    diffuse, `tail` predicts it for all pixels but those of patches with separate paths.
 
     Raises:
         SettingsError: the harmonics cannot tell as many paths apart as the settings ask for.
@@ -37,20 +41,30 @@ def resolve_paths(
         settings.check_response(noise.harmonics)
     room = import_module(f"cadtof_cli.resolver.{settings.room(noise.harmonics, sine=response is None)}.solver")
     with np.errstate(all="ignore"):
-        status, confidence = _screened(phasors, status, settings, noise)
+        status, confidence = screened(phasors, status, settings=settings, noise=noise)
         answered = status == 0
+        predicted = None
+        if tail is not None:
+            predicted = diffuse_pixels(phasors, tail=tail, usable=answered, samples=noise.samples)
+            answered &= ~predicted.answered
         solver: Solver = room.solver(phasors, noise=noise, settings=settings, response=response)
         fit = fewest_paths(solver, answered, settings=settings, noise=noise)
         if not answered.all():
             for values in (fit.paths.amplitude, fit.paths.phase_rad, fit.paths.sigma_rad, fit.chi_squared):
                 np.copyto(values, np.nan, where=~answered)
         status |= answered * _bits(fit)
+        if tail is not None and predicted is not None:
+            fit.paths.sigma_rad[:] = np.sqrt(np.square(fit.paths.sigma_rad) + tail.model.separate_variance)
+            _put_tail(fit, predicted)
+            status |= predicted.answered * np.uint32(StatusBit.DIFFUSE_MPI)
     if noise.samples is not None:
         np.bitwise_or(status, np.uint32(StatusBit.POOLED), out=status, where=noise.samples > 1.0)
     return ResolvedPaths(fit.paths, confidence, status, fit.chi_squared)
 
 
-def _screened(phasors: Complex, status: Status, settings: ResolverSettings, noise: NoiseModel) -> tuple[Status, Float]:
+def screened(
+    phasors: Complex, status: Status, /, *, settings: ResolverSettings, noise: NoiseModel
+) -> tuple[Status, Float]:
     """Return the status of pixels that get no answer, 0 for the others, and the confidence of all, (n,) each."""
     squares = [phasor.real * phasor.real + phasor.imag * phasor.imag for phasor in phasors]
     modulus = np.sqrt(squares[0])
@@ -69,6 +83,16 @@ def _screened(phasors: Complex, status: Status, settings: ResolverSettings, nois
         return found, modulus
     unsound = status | ~np.isfinite(power) * np.uint32(StatusBit.NOT_FINITE)
     return np.where(sound, found, unsound), np.where(sound, modulus, np.nan)
+
+
+def _put_tail(fit: Fit, predicted: DiffusePixels) -> None:
+    """Write the direct path, and the MPI light as if it were one, where a tail was predicted."""
+    where, paths = predicted.answered, fit.paths
+    for row, (amplitude, phase, sigma) in enumerate((predicted.direct, predicted.mpi)):
+        np.copyto(paths.amplitude[row], amplitude, where=where)
+        np.copyto(paths.phase_rad[row], phase, where=where)
+        np.copyto(paths.sigma_rad[row], sigma, where=where, casting="same_kind")
+    np.copyto(fit.chi_squared, predicted.chi_squared, where=where)
 
 
 def _bits(fit: Fit) -> Status:

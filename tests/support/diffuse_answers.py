@@ -9,7 +9,8 @@ from cadtof_cli.resolver.diffuse.grid import View
 from cadtof_cli.resolver.diffuse.pixels import diffuse_pixels
 from cadtof_cli.resolver.diffuse.predict import diffuse_model
 from cadtof_cli.resolver.diffuse.records import DiffuseChoice, DiffuseModel, DiffusePixels
-from cadtof_cli.resolver.diffuse.settings import DiffuseSettings, MpiModel
+from cadtof_cli.resolver.diffuse.settings import DiffuseSettings
+from cadtof_cli.resolver.settings import MpiModel
 from tests.support.diffuse_frames import T1_NS, F, Z, variance
 
 B = NDArray[np.bool_]
@@ -49,7 +50,7 @@ def predicted(phasors: Z, model: DiffuseModel, *, usable: B | None = None, step:
     step = step or count
     parts = [
         diffuse_pixels(
-            flat[:, a : a + step], model=model, usable=use[a : a + step], pixels=slice(a, min(a + step, count))
+            flat[:, a : a + step], tail=model.block(slice(a, min(a + step, count))), usable=use[a : a + step]
         )
         for a in range(0, count, step)
     ]

@@ -10,7 +10,7 @@ import numpy as np
 from cadtof_cli.arrays import Bool, Complex, Float, Float32
 from cadtof_cli.resolver.diffuse.condition import conditioned
 from cadtof_cli.resolver.diffuse.noise import noise_covariance
-from cadtof_cli.resolver.diffuse.records import DiffuseModel, DiffusePixels
+from cadtof_cli.resolver.diffuse.records import DiffuseBlock, DiffuseModel, DiffusePixels
 from cadtof_cli.resolver.diffuse.tail import Values, residuals, wrapped
 from cadtof_cli.resolver.diffuse.upsampling import Band
 
@@ -43,18 +43,18 @@ class PixelData:
 
 
 def diffuse_pixels(
-    phasors: Complex, /, *, model: DiffuseModel, usable: Bool, pixels: slice, samples: Float | None = None
+    phasors: Complex, /, *, tail: DiffuseBlock, usable: Bool, samples: Float | None = None
 ) -> DiffusePixels:
-    """Return the answer for a stretch of pixels of the frame that the model was made from; inputs are not changed.
+    """Return the answers of the pixels that a block of a frame's model is for; inputs are not changed.
 
     Args:
         phasors: (H, n), normalised by the modulation amplitude and corrected for the pulse.
-        model: of the whole frame.
+        tail: the frame's model, and which of its pixels these are.
         usable: (n,); the others get NaN.
-        pixels: which of the frame's pixels these are, flat indices row by row.
         samples: over how many recorded pixels each phasor is a mean, (n,); None: 1.
     """
     answer = DiffusePixels.empty(usable.size)
+    model, pixels = tail.model, tail.pixels
     start = pixels.start
     for band in model.upsampler.bands(pixels):
         count = band.shape[0] * band.shape[1]
@@ -86,7 +86,7 @@ def _fill(
     left = conditioned(list(residuals(seen.data, means[:count])), entries, targets=2)
     log_ratio, lag = means[count] + left.shifts[0], means[count + 1] + left.shifts[1]
     floor = np.float32(LEAST_SHARE) * seen.relative_noise[0]
-    answer.answered[:] = answered.ravel()
+    answer.answered[:], answer.chi_squared[:] = answered.ravel(), left.chi_squared.ravel()
     _write_direct(answer, seen, log_ratio, lag, np.maximum(left.covariance[1, 1], floor) + planes[-2])
     _write_mpi(answer, seen, log_ratio, lag, planes[-1])
     if not answered.all():

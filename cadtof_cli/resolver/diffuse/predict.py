@@ -17,12 +17,12 @@ from cadtof_cli.resolver.diffuse.radiosity import interreflections
 from cadtof_cli.resolver.diffuse.records import DiffuseChoice, DiffuseModel, RoomNumbers, range_from_phase
 from cadtof_cli.resolver.diffuse.separate import SEPARATE_SHARE, lit_patches, separate_patches
 from cadtof_cli.resolver.diffuse.settings import DiffuseSettings
-from cadtof_cli.resolver.diffuse.tail import TailModel
+from cadtof_cli.resolver.diffuse.tail import TailModel, wrapped
 from cadtof_cli.resolver.diffuse.upsampling import upsampler
 from cadtof_cli.resolver.two_path.closed_form import fundamental_frame, two_paths
 
-LEAST_PATCHES = 8
-"""Patches with light below which there is no room to predict from."""
+LEAST_PATCHES = 64
+"""Patches with light below which there is no room to predict from: a view of 32 × 32 pixels, or a fifth of a larger one."""
 
 DATA_FLOOR = 0.02
 """What no model says of a patch's data better than this (1 or rad), whatever the noise: surfaces are not flat, nor matt."""
@@ -126,8 +126,7 @@ def two_path_lag(ratio: Complex, /) -> Float:
         # q_2 = 1 is one path, where the closed form divides zero by zero before it says so
         paths = two_paths(fundamental_frame(np.ones_like(ratio), ratio))
         x, y = paths.phases()
-    lag = -np.where(paths.a >= paths.b, x, y)
-    return lag - 2.0 * np.pi * np.rint(lag / (2.0 * np.pi))
+    return wrapped(-np.where(paths.a >= paths.b, x, y))
 
 
 def _planes(light: PatchLight, means: PatchMeans, frame: _Frame) -> PatchPlanes:

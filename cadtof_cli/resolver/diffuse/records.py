@@ -60,6 +60,10 @@ class DiffuseModel:
     separate_variance: float
     range_offset_m: Float | None = None
 
+    def block(self, pixels: slice, /) -> "DiffuseBlock":
+        """Return the model for a stretch of the frame's pixels, flat indices row by row."""
+        return DiffuseBlock(self, pixels)
+
     def range_m(self, phase_rad: Float, /) -> Float:
         """Return the range of a fundamental phase."""
         return range_from_phase(phase_rad, self.settings)
@@ -78,10 +82,19 @@ class DiffuseModel:
 
 
 @dataclass(frozen=True, eq=False)
+class DiffuseBlock:
+    """A frame's model, and which stretch of its pixels it is to answer: flat indices row by row."""
+
+    model: DiffuseModel
+    pixels: slice
+
+
+@dataclass(frozen=True, eq=False)
 class DiffusePixels:
     """Answers for n pixels, float64 (n,) each, NaN where `answered` is not set; amplitudes in units of the phasors.
 
     `direct_phase_rad` lies in [0, 2π); the MPI light is its phasor at the fundamental, its phase within a turn behind.
+    `chi_squared` is the pixel's data against what its patches expect.
     """
 
     answered: Bool
@@ -91,6 +104,7 @@ class DiffusePixels:
     mpi_phase_rad: Float
     mpi_amplitude: Float
     mpi_sigma_rad: Float
+    chi_squared: Float
 
     @classmethod
     def empty(cls, pixels: int, /) -> "DiffusePixels":
@@ -100,6 +114,16 @@ class DiffusePixels:
     def __getitem__(self, pixels: slice, /) -> "DiffusePixels":
         """Return some of the answers, as views."""
         return DiffusePixels(*(getattr(self, field.name)[pixels] for field in fields(self)))
+
+    @property
+    def direct(self) -> tuple[Float, Float, Float]:
+        """Amplitude, phase and standard deviation of the direct light."""
+        return self.direct_amplitude, self.direct_phase_rad, self.direct_sigma_rad
+
+    @property
+    def mpi(self) -> tuple[Float, Float, Float]:
+        """Amplitude, phase and standard deviation of the MPI light."""
+        return self.mpi_amplitude, self.mpi_phase_rad, self.mpi_sigma_rad
 
     def clear(self, pixels: Bool, /) -> None:
         """Take the answers of some pixels back."""

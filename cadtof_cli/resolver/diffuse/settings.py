@@ -2,14 +2,10 @@
 
 import math
 from dataclasses import dataclass
-from typing import Literal, get_args
 
 from cadtof_cli.errors import SettingsError
+from cadtof_cli.resolver.settings import MpiModel
 from cadtof_cli.units import C_M_PER_NS, metres_per_radian
-
-MpiModel = Literal["auto", "discrete", "diffuse"]
-
-MPI_MODELS: tuple[MpiModel, ...] = get_args(MpiModel)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,8 +26,6 @@ class DiffuseSettings:
     nearest_m: float = 0.0
 
     def __post_init__(self) -> None:
-        if self.model not in MPI_MODELS:
-            raise SettingsError(f"--mpi-model: found {self.model!r}, expected one of {', '.join(MPI_MODELS)}")
         if self.harmonics[:2] != (1, 2):
             found = ", ".join(map(str, self.harmonics))
             raise SettingsError(

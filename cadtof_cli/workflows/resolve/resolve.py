@@ -71,7 +71,7 @@ class ResolveSettings:
 
 @dataclass
 class RunTotals:
-    """What has become of the frames so far."""
+    """What has become of the frames so far; `diffuse_frames` are those whose MPI was taken for diffuse."""
 
     frames: int = 0
     ok: int = 0
@@ -80,6 +80,8 @@ class RunTotals:
     one_path: int = 0
     two_paths: int = 0
     more_paths: int = 0
+    diffuse: int = 0
+    diffuse_frames: int = 0
     invalid: int = 0
     seconds: float = 0.0
 
@@ -87,8 +89,9 @@ class RunTotals:
         """Count one more frame."""
         self.frames += 1
         setattr(self, report.status, getattr(self, report.status) + 1)
-        for name in ("one_path", "two_paths", "more_paths", "invalid"):
+        for name in ("one_path", "two_paths", "more_paths", "diffuse", "invalid"):
             setattr(self, name, getattr(self, name) + (getattr(report, name) or 0))
+        self.diffuse_frames += bool(report.diffuse)
 
 
 def resolve_captures(

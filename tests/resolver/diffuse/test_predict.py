@@ -181,8 +181,8 @@ def test_the_answer_of_a_mean_of_pixels_is_more_certain() -> None:
     flat = p.reshape(2, -1)
     every = slice(0, flat.shape[1])
     usable, samples = np.ones(every.stop, bool), np.full(every.stop, 25.0)
-    alone = diffuse_pixels(flat, model=one, usable=usable, pixels=every).direct_sigma_rad
-    pooled = diffuse_pixels(flat, model=many, usable=usable, pixels=every, samples=samples).direct_sigma_rad
+    alone = diffuse_pixels(flat, tail=one.block(every), usable=usable).direct_sigma_rad
+    pooled = diffuse_pixels(flat, tail=many.block(every), usable=usable, samples=samples).direct_sigma_rad
     assert np.median(pooled) < 0.6 * np.median(alone)
 
 
