@@ -249,7 +249,8 @@ def _pooled(pixels: FramePixels, stages: _Stages, *, window: int) -> FramePixels
 def _predicted_mpi(pixels: FramePixels, plan: FramePlan, stages: _Stages) -> DiffuseModel | DiffuseChoice:
     """Predict the MPI of a frame from its own geometry, where it is diffuse."""
     phasors, noise, modulation = stages.phasors(pixels), pixels.noise, plan.metadata.modulation
-    status, _ = screened(phasors, stages.status(pixels), settings=plan.resolver, noise=noise)
+    powers = [phasor.real**2 + phasor.imag**2 for phasor in phasors]
+    status, _ = screened(np.sqrt(powers[0]), powers, stages.status(pixels), settings=plan.resolver, noise=noise)
     optics, offset = plan.metadata.optics, stages.depth.range_offset_m
     focal = optics.focal_length_px
     return diffuse_model(

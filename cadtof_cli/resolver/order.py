@@ -1,5 +1,6 @@
 """How many paths a pixel has: the fewest that leave no more than noise does."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Protocol
 
@@ -17,12 +18,20 @@ LEAST_PATHS = 2
 
 
 class Solver(Protocol):
-    """What a room of the resolver offers by its module `solver`, for the n pixels of a block.
+    """What a room of the resolver offers by its module `solver`, for the phasors of a block of n pixels.
 
     `sigma_type` is what its standard deviations come in.
     """
 
     sigma_type: type[np.floating]
+
+    @property
+    def modulus(self) -> Float:
+        """|p| of the first harmonic, (n,)."""
+
+    @property
+    def powers(self) -> Sequence[Float]:
+        """|p|² of every harmonic, (n,) each."""
 
     def fit(self, count: int, pixels: Bool, /, *, limit: Float | float | None) -> tuple[Index | slice, Fit]:
         """Fit `count` paths to the pixels, bool (n,), and return the indices of those that were fitted, rising.
@@ -58,8 +67,9 @@ def fewest_paths(solver: Solver, answered: Bool, /, *, settings: ResolverSetting
     if fewer is not None and not waiting.any():
         return _spread(fewer[1], fewer[0], answered.size, rows, sigma_type)
     chosen, fit = solver.fit(settings.max_paths, waiting, limit=None)
-    whole = _spread(_told_apart(fit, settings, noise, chosen), chosen, answered.size, rows, sigma_type)
-    return whole if fewer is None else _kept(whole, chosen, fewer, waiting)
+    fit = _told_apart(fit, settings, noise, chosen)
+    whole = _spread(fit, chosen, answered.size, rows, sigma_type)
+    return whole if fewer is None or not fewer[0].size else _kept(whole, chosen, fewer, waiting)
 
 
 def worth_another(direct: Paths, fewer: Paths, /) -> Bool:
@@ -94,9 +104,8 @@ def _spread(fit: Fit, pixels: Index | slice, count: int, rows: int, sigma_type: 
     if isinstance(pixels, slice) and len(fit.paths) == rows:
         return fit
     paths = Paths.none((rows, count), sigma_type=sigma_type)
-    paths[: len(fit.paths), pixels] = fit.paths
     whole = Fit(paths, np.full(count, np.nan), np.ones(count, np.bool_), np.zeros(count))
-    whole.chi_squared[pixels], whole.converged[pixels], whole.doubt[pixels] = fit.chi_squared, fit.converged, fit.doubt
+    whole[pixels] = fit
     return whole
 
 
@@ -107,10 +116,7 @@ def _kept(whole: Fit, pixels: Index | slice, fewer: tuple[Index, Fit], waiting: 
     fitted[pixels] = True
     rivals = np.flatnonzero((fitted & waiting)[known])
     kept = np.ones(known.size, np.bool_)
-    kept[rivals] = ~worth_another(whole.paths[0, known[rivals]], fit.paths[0, rivals])
-    put, fit = known[kept], fit[kept]
-    whole.paths[: len(fit.paths), put] = fit.paths
-    if len(fit.paths) < len(whole.paths):
-        whole.paths[len(fit.paths) :, put] = Paths.none((1, 1))
-    whole.chi_squared[put], whole.converged[put], whole.doubt[put] = fit.chi_squared, fit.converged, fit.doubt
+    kept[rivals] = ~worth_another(whole.paths[0][known[rivals]], fit.paths[0][rivals])
+    chosen = np.flatnonzero(kept)
+    whole[known[chosen]] = fit[chosen]
     return whole

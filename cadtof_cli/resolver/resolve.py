@@ -1,5 +1,6 @@
 """Phasors of a block of pixels → the paths of every pixel: the stage between `phasors/` and `maps/`, and the one driver in it."""
 
+from collections.abc import Sequence
 from importlib import import_module
 
 import numpy as np
@@ -41,40 +42,37 @@ def resolve_paths(
         settings.check_response(noise.harmonics)
     room = import_module(f"cadtof_cli.resolver.{settings.room(noise.harmonics, sine=response is None)}.solver")
     with np.errstate(all="ignore"):
-        status, confidence = screened(phasors, status, settings=settings, noise=noise)
-        answered = status == 0
-        predicted = None
-        if tail is not None:
-            predicted = diffuse_pixels(phasors, tail=tail, usable=answered, samples=noise.samples)
-            answered &= ~predicted.answered
         solver: Solver = room.solver(phasors, noise=noise, settings=settings, response=response)
+        status, confidence = screened(solver.modulus, solver.powers, status, settings=settings, noise=noise)
+        answered = status == 0
+        predicted = None if tail is None else diffuse_pixels(phasors, tail=tail, usable=answered, samples=noise.samples)
+        if predicted is not None:
+            answered &= ~predicted.answered
         fit = fewest_paths(solver, answered, settings=settings, noise=noise)
+        bits = _bits(fit)
         if not answered.all():
+            bits = np.where(answered, bits, status)
             for values in (fit.paths.amplitude, fit.paths.phase_rad, fit.paths.sigma_rad, fit.chi_squared):
                 np.copyto(values, np.nan, where=~answered)
-        status |= answered * _bits(fit)
-        if tail is not None and predicted is not None:
-            fit.paths.sigma_rad[:] = np.sqrt(np.square(fit.paths.sigma_rad) + tail.model.separate_variance)
+        if predicted is not None:
             _put_tail(fit, predicted)
-            status |= predicted.answered * np.uint32(StatusBit.DIFFUSE_MPI)
+            bits = np.where(predicted.answered, np.uint32(StatusBit.DIFFUSE_MPI), bits)
     if noise.samples is not None:
-        np.bitwise_or(status, np.uint32(StatusBit.POOLED), out=status, where=noise.samples > 1.0)
-    return ResolvedPaths(fit.paths, confidence, status, fit.chi_squared)
+        np.bitwise_or(bits, np.uint32(StatusBit.POOLED), out=bits, where=noise.samples > 1.0)
+    return ResolvedPaths(fit.paths, confidence, bits, fit.chi_squared)
 
 
 def screened(
-    phasors: Complex, status: Status, /, *, settings: ResolverSettings, noise: NoiseModel
+    modulus: Float, powers: Sequence[Float], status: Status, /, *, settings: ResolverSettings, noise: NoiseModel
 ) -> tuple[Status, Float]:
     """Return the status of pixels that get no answer, 0 for the others, and the confidence of all, (n,) each."""
-    squares = [phasor.real * phasor.real + phasor.imag * phasor.imag for phasor in phasors]
-    modulus = np.sqrt(squares[0])
-    power = squares[0] * (1.0 / noise.each[0].dark_variance)
-    for square, harmonic in zip(squares[1:], noise.each[1:], strict=True):
+    power = powers[0] * (1.0 / noise.each[0].dark_variance)
+    for square, harmonic in zip(powers[1:], noise.each[1:], strict=True):
         power += square * (1.0 / harmonic.dark_variance)
     if noise.samples is not None:
         power *= noise.samples
     if settings.min_confidence is None:
-        low = power <= chi_squared_threshold(settings.false_alarm, pairs=len(squares))
+        low = power <= chi_squared_threshold(settings.false_alarm, pairs=len(powers))
     else:
         low = (modulus < settings.min_confidence) | (power == 0.0)
     found: Status = low * np.uint32(StatusBit.LOW_CONFIDENCE)
@@ -86,8 +84,9 @@ def screened(
 
 
 def _put_tail(fit: Fit, predicted: DiffusePixels) -> None:
-    """Write the direct path, and the MPI light as if it were one, where a tail was predicted."""
+    """Write direct and MPI light as two paths where a tail was predicted; in the others the room's is still there."""
     where, paths = predicted.answered, fit.paths
+    paths.sigma_rad[:] = np.sqrt(np.square(paths.sigma_rad) + predicted.separate_variance)
     for row, (amplitude, phase, sigma) in enumerate((predicted.direct, predicted.mpi)):
         np.copyto(paths.amplitude[row], amplitude, where=where)
         np.copyto(paths.phase_rad[row], phase, where=where)
@@ -101,7 +100,7 @@ def _bits(fit: Fit) -> Status:
     bits: Status = np.where(two, np.uint32(StatusBit.TWO_PATHS), one * np.uint32(StatusBit.ONE_PATH))
     for another in more:
         bits[another] = StatusBit.MORE_PATHS
-    bits |= (fit.doubt > 1.0) * np.uint32(StatusBit.ILL_CONDITIONED)
+    bits |= ((fit.doubt > 1.0) & two) * np.uint32(StatusBit.ILL_CONDITIONED)
     if not fit.converged.all():
         bits |= ~fit.converged * np.uint32(StatusBit.NOT_CONVERGED)
     return bits

@@ -54,7 +54,8 @@ def predicted(phasors: Z, model: DiffuseModel, *, usable: B | None = None, step:
         )
         for a in range(0, count, step)
     ]
-    return DiffusePixels(*(np.concatenate([getattr(p, f.name) for p in parts]) for f in fields(DiffusePixels)))
+    joined = (np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(DiffusePixels)[1:])
+    return DiffusePixels(model.separate_variance, *joined)
 
 
 def answers(phasors: Z, *, focal_px: float | None = 60.0, n_av: float = 1e5, model: MpiModel = "auto") -> DiffusePixels:

@@ -53,7 +53,7 @@ def diffuse_pixels(
         usable: (n,); the others get NaN.
         samples: over how many recorded pixels each phasor is a mean, (n,); None: 1.
     """
-    answer = DiffusePixels.empty(usable.size)
+    answer = DiffusePixels.empty(usable.size, tail.model.separate_variance)
     model, pixels = tail.model, tail.pixels
     start = pixels.start
     for band in model.upsampler.bands(pixels):

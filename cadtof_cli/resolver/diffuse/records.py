@@ -94,9 +94,11 @@ class DiffusePixels:
     """Answers for n pixels, float64 (n,) each, NaN where `answered` is not set; amplitudes in units of the phasors.
 
     `direct_phase_rad` lies in [0, 2π); the MPI light is its phasor at the fundamental, its phase within a turn behind.
-    `chi_squared` is the pixel's data against what its patches expect.
+    `chi_squared` is the pixel's data against what its patches expect; `separate_variance`, rad², what the room's tail adds to
+    the phases of pixels that are left to separate paths.
     """
 
+    separate_variance: float
     answered: Bool
     direct_phase_rad: Float
     direct_amplitude: Float
@@ -107,13 +109,13 @@ class DiffusePixels:
     chi_squared: Float
 
     @classmethod
-    def empty(cls, pixels: int, /) -> "DiffusePixels":
+    def empty(cls, pixels: int, separate_variance: float, /) -> "DiffusePixels":
         """Return answers to be filled in."""
-        return cls(np.empty(pixels, np.bool_), *(np.empty(pixels) for _ in fields(cls)[1:]))
+        return cls(separate_variance, np.empty(pixels, np.bool_), *(np.empty(pixels) for _ in fields(cls)[2:]))
 
     def __getitem__(self, pixels: slice, /) -> "DiffusePixels":
         """Return some of the answers, as views."""
-        return DiffusePixels(*(getattr(self, field.name)[pixels] for field in fields(self)))
+        return DiffusePixels(self.separate_variance, *(getattr(self, field.name)[pixels] for field in fields(self)[1:]))
 
     @property
     def direct(self) -> tuple[Float, Float, Float]:
@@ -127,7 +129,7 @@ class DiffusePixels:
 
     def clear(self, pixels: Bool, /) -> None:
         """Take the answers of some pixels back."""
-        for field in fields(self)[1:]:
+        for field in fields(self)[2:]:
             getattr(self, field.name)[pixels] = np.nan
 
 

@@ -25,6 +25,8 @@ class Likelihood:
 
     def __init__(self, phasors: Complex, noise: NoiseModel, /) -> None:
         self.measured, self.noise = Measured.of_phasors(phasors, harmonics=noise.harmonics), noise
+        self.powers = [re * re + im * im for re, im in zip(self.measured.re, self.measured.im, strict=True)]
+        self.modulus = np.sqrt(self.powers[0])
 
     def fit(self, count: int, pixels: Bool, /, *, limit: Float | float | None) -> tuple[Index, Fit]:
         """Fit any number of paths (see `Solver`)."""

@@ -18,6 +18,7 @@ class PaperWay:
 
     def __init__(self, phasors: Complex, noise: NoiseModel, starts: Complex, /) -> None:
         self._likelihood, self._starts = Likelihood(phasors, noise), starts
+        self.modulus, self.powers = self._likelihood.modulus, self._likelihood.powers
 
     def fit(self, count: int, pixels: Bool, /, *, limit: Float | float | None) -> tuple[Index, Fit]:
         """Fit one or two paths (see `Solver`)."""

@@ -11,7 +11,6 @@ from cadtof_cli.resolver.response.two_paths import two_paths_of_response
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.resolver.two_path.closed_form import fundamental_frame, is_single
 from cadtof_cli.resolver.two_path.one_path import OnePath, one_path
-from cadtof_cli.resolver.two_path.solver import put_single
 from cadtof_cli.resolver.two_path.uncertainty import two_path_sigmas
 
 ORDER_TEST_STEPS = 2
@@ -40,6 +39,16 @@ class FullResponse:
             one_path(self._frame, noise=noise, steps=1), phasors, response=response, noise=noise, steps=steps
         )
 
+    @property
+    def modulus(self) -> Float:
+        """|p| of the first harmonic."""
+        return self._frame.u
+
+    @property
+    def powers(self) -> tuple[Float, Float]:
+        """|p|² of both harmonics."""
+        return self._frame.powers
+
     def fit(self, count: int, pixels: Bool, /, *, limit: Float | float | None) -> tuple[Index | slice, Fit]:
         """Fit one or two paths (see `Solver`)."""
         del limit
@@ -55,7 +64,7 @@ class FullResponse:
         fit = Fit(Paths(two.amplitude, two.phases(), sigma), np.zeros(doubt.size), converged, doubt)
         if single.any():
             at = np.flatnonzero(single)
-            put_single(fit, at, self._alone.fit()[at])
+            fit[at] = self._alone.fit()[at]
         return slice(None), fit
 
 

@@ -41,6 +41,11 @@ class FundamentalFrame:
     cos: Float
     sin: Float
 
+    @property
+    def powers(self) -> tuple[Float, Float]:
+        """|p1|² and |p2|²."""
+        return self.u * self.u, self.pr * self.pr + self.pi * self.pi
+
     def __getitem__(self, pixels: Index | slice, /) -> "FundamentalFrame":
         return FundamentalFrame(*(values[pixels] for values in (self.u, self.pr, self.pi, self.cos, self.sin)))
 

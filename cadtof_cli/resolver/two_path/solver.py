@@ -26,6 +26,16 @@ class ClosedForm:
     def __init__(self, phasors: Complex, noise: NoiseModel, /) -> None:
         self._frame, self._noise = fundamental_frame(*phasors), noise
 
+    @property
+    def modulus(self) -> Float:
+        """|p| of the first harmonic."""
+        return self._frame.u
+
+    @property
+    def powers(self) -> tuple[Float, Float]:
+        """|p|² of both harmonics."""
+        return self._frame.powers
+
     def fit(self, count: int, pixels: Bool, /, *, limit: Float | float | None) -> tuple[Index | slice, Fit]:
         """Fit one or two paths (see `Solver`)."""
         if count == 2:
@@ -48,7 +58,7 @@ class ClosedForm:
         fit = Fit(Paths(two.amplitude, two.phases(), sigma), np.zeros(count), np.ones(count, np.bool_), doubt)
         if two.single.any():
             single = np.flatnonzero(two.single)
-            put_single(fit, single, one_path(frame[single], noise=self._noise, steps=ORDER_TEST_STEPS).fit())
+            fit[single] = one_path(frame[single], noise=self._noise, steps=ORDER_TEST_STEPS).fit()
         return chosen, fit
 
 
@@ -56,12 +66,6 @@ def solver(phasors: Complex, /, *, noise: NoiseModel, settings: ResolverSettings
     """Return the solver for a block of phasors, complex128 (2, n)."""
     del settings, response
     return ClosedForm(phasors, noise)
-
-
-def put_single(two: Fit, pixels: Index, one: Fit, /) -> None:
-    """Put one path where two are one to within rounding."""
-    two.paths[:1, pixels], two.paths[1:, pixels] = one.paths, Paths.none((1, 1))
-    two.chi_squared[pixels], two.doubt[pixels], two.converged[pixels] = one.chi_squared, one.doubt, one.converged
 
 
 def may_be_one_path(frame: FundamentalFrame, limit: Float | float, /, *, noise: NoiseModel) -> Bool:

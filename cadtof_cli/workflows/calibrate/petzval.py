@@ -82,8 +82,9 @@ def _wall(capture: AveragedCapture, folder: Path, earlier: Calibration) -> WallR
         np.where(single, maps.layer(name), np.nan).astype(np.float64)
         for name in (DIRECT_DEPTH, DIRECT_SIGMA, DIRECT_AMPLITUDE)
     )
-    own = _calibration_noise_m(earlier, amplitude, metadata.modulation)
-    return WallRanges(ranges, np.hypot(sigma, own), metadata.target.distance_m)
+    if earlier.parts:
+        sigma = np.hypot(sigma, _calibration_noise_m(earlier, amplitude, metadata.modulation))
+    return WallRanges(ranges, sigma, metadata.target.distance_m)
 
 
 def _calibration_noise_m(earlier: Calibration, amplitude_v: Float, modulation: Modulation) -> Float:

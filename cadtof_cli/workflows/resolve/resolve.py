@@ -7,14 +7,13 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import asdict, dataclass, field
 from datetime import UTC, datetime
-from functools import partial
 from pathlib import Path
 from typing import Any
 from uuid import uuid4
 
 from cadtof_cli import __version__
 from cadtof_cli.capture.discovery import Capture, find_captures
-from cadtof_cli.capture.frames import first_frames, first_pixels, single_frames
+from cadtof_cli.capture.frames import first_frames, single_frames
 from cadtof_cli.errors import SettingsError
 from cadtof_cli.execution.ordered import WorkerDied, run_ordered
 from cadtof_cli.execution.workers import Workers
@@ -36,8 +35,18 @@ FORMAT_CHOICES = (*MAP_FORMATS, AS_INPUT)
 DIED = "the worker process died twice on this frame (killed, or out of memory): try fewer --jobs"
 
 
-Plans = Sequence[tuple[Capture, FramePlan]]
-"""Captures, and what to do with the frames of each."""
+@dataclass(frozen=True)
+class CapturePlan:
+    """A capture, what to do with its frames, and their (Y, X); None where no frame can be opened."""
+
+    capture: Capture
+    plan: FramePlan
+    pixels: tuple[int, int] | None
+
+    @property
+    def expected_maps(self) -> int:
+        """How many maps there will be, as far as the files' names tell."""
+        return -(-len(self.capture.frames) // self.plan.settings.average)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -122,17 +131,14 @@ def resolve_captures(
     prepare_output(captures, settings.out, overwrite=settings.overwrite, resume=settings.resume)
     if settings.resume:
         require_same_maps(settings.out, document)
-    for note in (
-        *(note for capture in captures for note in _notes(capture)),
-        *(calibration.notes if calibration else ()),
-    ):
+    for note in (*itertools.chain(*map(_notes, captures)), *(calibration.notes if calibration else ())):
         progress.say(note)
     totals, began, token = RunTotals(), time.monotonic(), uuid4().hex[:8]
     tasks = _tasks(plans, settings, progress, token)
-    resolved = (
-        split_frames.resolve_split if _are_worth_splitting(plans, settings) else partial(run_ordered, resolve_file)
-    )
-    outcomes = resolved(tasks, workers=settings.workers)
+    if _are_worth_splitting(plans, settings):
+        outcomes = split_frames.resolve_split(tasks, workers=settings.workers)
+    else:
+        outcomes = run_ordered(resolve_file, tasks, workers=settings.workers)
     try:
         with recorded_run(settings.out, document, resume=settings.resume) as record, closing(outcomes):
             for outcome in outcomes:
@@ -150,22 +156,23 @@ def resolve_captures(
     return totals
 
 
-def _plans(captures: Sequence[Capture], settings: ResolveSettings, calibration: AppliedCalibration | None) -> Plans:
+def _plans(
+    captures: Sequence[Capture], settings: ResolveSettings, calibration: AppliedCalibration | None
+) -> list[CapturePlan]:
     """Return what to do with each capture.
 
     Raises:
         SettingsError: its settings do not allow it; or its values are integers and nothing says how many volts a count is.
     """
     use = calibration.use if calibration else None
-    plans = [
-        (capture, FramePlan(metadata=capture.source.metadata, settings=settings.maps, calibration=use))
-        for capture in captures
-    ]
+    plans: list[CapturePlan] = []
     for capture in captures:
-        first = first_frames(capture)
+        metadata, first = capture.source.metadata, first_frames(capture)
+        plan = FramePlan(metadata=metadata, settings=settings.maps, calibration=use)
+        plans.append(CapturePlan(capture, plan, None if first is None else (first.shape[2], first.shape[3])))
         try:
             if first is not None:
-                volts_per_count(capture.source.metadata.voltage, first.dtype)
+                volts_per_count(metadata.voltage, first.dtype)
         except SettingsError as error:
             raise SettingsError(f"{capture.root}: {error}") from error
     return plans
@@ -175,7 +182,7 @@ def _document(
     inputs: Sequence[Path],
     overrides: Mapping[str, Any],
     settings: ResolveSettings,
-    plans: Plans,
+    plans: Sequence[CapturePlan],
     calibration: AppliedCalibration | None,
 ) -> dict[str, Any]:
     """Return what `run.json` says of a run that begins; its arguments have the names of the options."""
@@ -206,10 +213,10 @@ def _document(
                 "metadata": asdict(capture.source.metadata),
                 "origins": dict(capture.source.origins),
             }
-            for capture, _ in plans
+            for capture in (one.capture for one in plans)
         ],
         "calibration": calibration and calibration.as_json(),
-        "layers": {layer.name: layer.unit for _, plan in plans for layer in plan.layers},
+        "layers": {layer.name: layer.unit for one in plans for layer in one.plan.layers},
         "status_bits": {bit.name: int(bit) for bit in MEANING},
     }
 
@@ -223,34 +230,30 @@ def _notes(capture: Capture) -> Iterator[str]:
         yield f"{capture.root}: pixel.integration_length is not given, so the noise is estimated from each frame"
 
 
-def _tasks(plans: Plans, settings: ResolveSettings, progress: Progress, token: str) -> Iterator[FrameTask]:
+def _tasks(
+    plans: Sequence[CapturePlan], settings: ResolveSettings, progress: Progress, token: str
+) -> Iterator[FrameTask]:
     """Yield the run's tasks; they are drawn as places for them come free."""
-    size, total = settings.maps.average, _expected_tasks(plans)
+    total = sum(one.expected_maps for one in plans)
     progress.total(total)
-    for capture, plan in plans:
-        layout, pixels, waiting = capture.layout, first_pixels(capture), single_frames(capture)
-        known = _expected_tasks([(capture, plan)])
+    for one in plans:
+        layout, waiting = one.capture.layout, single_frames(one.capture)
         for number in itertools.count(1):
-            sources = tuple(itertools.islice(waiting, size))
+            sources = tuple(itertools.islice(waiting, settings.maps.average))
             if not sources:
                 break
-            if number > known:
+            if number > one.expected_maps:
                 total += 1
                 progress.total(total)
             same = settings.map_format == AS_INPUT
             suffix = map_suffix_like(sources[0].paths[0]) if same else format_named(settings.map_format).suffix
             output = settings.out / f"{sources[0].name}{suffix}"
-            yield FrameTask(sources, layout, plan, pixels, output, keep_existing=settings.resume, token=token)
+            yield FrameTask(sources, layout, one.plan, one.pixels, output, keep_existing=settings.resume, token=token)
 
 
-def _expected_tasks(plans: Plans) -> int:
-    """Return how many maps there will be, as far as the files' names tell."""
-    return sum(-(-len(capture.frames) // plan.settings.average) for capture, plan in plans)
-
-
-def _are_worth_splitting(plans: Plans, settings: ResolveSettings) -> bool:
+def _are_worth_splitting(plans: Sequence[CapturePlan], settings: ResolveSettings) -> bool:
     """Whether frames are so few and so slow that their pixels should be spread over the processes."""
-    if _expected_tasks(plans) >= settings.workers.jobs:
+    if sum(one.expected_maps for one in plans) >= settings.workers.jobs:
         return False
-    seconds = [plan.expected_seconds(math.prod(first_pixels(capture) or (0,))) for capture, plan in plans]
+    seconds = (one.plan.expected_seconds(math.prod(one.pixels or (0,))) for one in plans)
     return max(seconds) > split_frames.WORTH_SPLITTING_S
