@@ -11,11 +11,11 @@ from cadtof_cli.resolver.diffuse.patch_fit import PatchFit
 from cadtof_cli.resolver.diffuse.prior import WITHIN_PATCH
 from cadtof_cli.resolver.diffuse.tail import residuals
 
-OTHER_FIT = 0.3
+OTHER_FIT = 0.28
 """Share of the difference between two exact fits of a patch's data, tail and two paths, that counts as the model's error; less in
 proportion where further harmonics tell them apart."""
 
-LAG_SHARE = 0.12
+LAG_SHARE = 0.1
 """Share of the tail's own lag that counts as the model's error: surfaces are not flat patches, nor matt, nor all in view."""
 
 PATCH_SHARE = 0.5

@@ -8,22 +8,22 @@ import numpy as np
 
 from cadtof_cli.arrays import Float
 
-MEAN = np.array([np.log(0.9), 0.0, 0.0, np.log(0.05), np.log(12.0), 5.0])
-"""Mean albedo .9 as the radiosity sees it (the view is open where rooms are closed); light beside the view as within it; later
+MEAN = np.array([np.log(1.1), 0.0, 0.0, np.log(0.05), np.log(12.0), 5.0])
+"""Mean albedo 1.1 as the radiosity sees it (rooms are closed and it knows only a part of their walls); light beside the view as within it; later
 bounces as they come; unseen light of .05 of the direct light, which decays with 12 ns and starts 5 ns late, as that of a
 surface .75 m beside the target does."""
 
 BETWEEN_ROOMS = np.array([0.3, 0.4, 0.5, 1.75, 0.6, 2.5])
 """Standard deviations between rooms: ln s, ln b, ln u, ln v, ln τ, and ns. What the view does not show varies most."""
 
-CORRELATIONS = {(0, 3): 0.6, (3, 5): -0.3, (4, 5): 0.3}
+CORRELATIONS = {(0, 3): 0.7, (3, 5): -0.3, (4, 5): 0.3}
 """Correlations between rooms. Unseen light has bounced more often, so bright rooms have more of it (s and v); near walls give
 more and earlier (v and t); large rooms keep light longer, and give it later (τ and t)."""
 
-WITHIN_ROOM = 0.7 * BETWEEN_ROOMS
-"""Standard deviations between the patches of one room."""
+WITHIN_ROOM = np.array([0.5, 0.7, 0.7, 0.7, 0.7, 0.7]) * BETWEEN_ROOMS
+"""Standard deviations between the patches of one room: the scale of the albedo is more common to them than the rest."""
 
-WITHIN_PATCH = 0.75 * WITHIN_ROOM
+WITHIN_PATCH = 0.525 * BETWEEN_ROOMS
 """Standard deviations between a pixel and its patch."""
 
 UNKNOWN_OPTICS = np.array([0.3, 0.0, 0.3, 0.0, 0.0, 0.0])

@@ -8,11 +8,11 @@ from numpy.typing import NDArray
 from cadtof_cli.arrays import Complex, Float, Float32
 from cadtof_cli.resolver.diffuse.planes import Surfaces
 
-LATER_ALBEDO = 0.72
+LATER_ALBEDO = 0.7
 """Mean albedo inside the later bounces, whose sum it makes finite; their strength is free in the fit."""
 
 LATER_BOUNCES = 6
-"""Bounces summed after the second: .72⁶ of the light is left then, spread over all directions and delays."""
+"""Bounces summed after the second: .7⁶ of the light is left then, spread over all directions and delays."""
 
 ALBEDO_RANGE = (0.1, 4.0)
 """Least and largest albedo of a patch over their median: what lies beyond is a mirror, a lamp or a wrong depth."""
