@@ -29,6 +29,7 @@ from cadtof_cli.resolver.diffuse.predict import diffuse_model
 from cadtof_cli.resolver.diffuse.records import DiffuseChoice, DiffuseModel
 from cadtof_cli.resolver.diffuse.settings import DiffuseSettings
 from cadtof_cli.resolver.resolve import resolve_paths, screened
+from cadtof_cli.resolver.response.as_sine import phasors_of_sine
 from cadtof_cli.resolver.status import StatusBit
 from cadtof_cli.units import metres_per_radian
 
@@ -174,7 +175,7 @@ def prepare_frame(
     pixels = replace(pixels, noise=replace(noise, samples=samples))
     if plan.settings.pool > 1:
         pixels = _pooled(pixels, stages, window=plan.settings.pool)
-    if plan.resolver.may_be_diffuse(pixels.noise.harmonics) and stages.correction.response is None:
+    if plan.resolver.may_be_diffuse(pixels.noise.harmonics):
         pixels = replace(pixels, mpi=_predicted_mpi(pixels, plan, stages))
     return pixels
 
@@ -251,6 +252,10 @@ def _predicted_mpi(pixels: FramePixels, plan: FramePlan, stages: _Stages) -> Dif
     phasors, noise, modulation = stages.phasors(pixels), pixels.noise, plan.metadata.modulation
     powers = [phasor.real**2 + phasor.imag**2 for phasor in phasors]
     status, _ = screened(np.sqrt(powers[0]), powers, stages.status(pixels), settings=plan.resolver, noise=noise)
+    if stages.correction.response is not None:
+        response = stages.correction.response.block(slice(0, pixels.count))
+        found = resolve_paths(phasors, status=status, settings=plan.resolver, noise=noise, response=response)
+        phasors = phasors_of_sine(phasors, found.paths, response=response)
     optics, offset = plan.metadata.optics, stages.depth.range_offset_m
     focal = optics.focal_length_px
     return diffuse_model(

@@ -12,6 +12,7 @@ from cadtof_cli.resolver.diffuse.pixels import diffuse_pixels
 from cadtof_cli.resolver.diffuse.records import DiffuseBlock, DiffusePixels
 from cadtof_cli.resolver.order import Solver, fewest_paths
 from cadtof_cli.resolver.paths import Fit, ResolvedPaths
+from cadtof_cli.resolver.response.as_sine import phasors_of_sine
 from cadtof_cli.resolver.response.table import ResponseBlock
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.resolver.status import StatusBit
@@ -45,10 +46,14 @@ def resolve_paths(
         solver: Solver = room.solver(phasors, noise=noise, settings=settings, response=response)
         status, confidence = screened(solver.modulus, solver.powers, status, settings=settings, noise=noise)
         answered = status == 0
-        predicted = None if tail is None else diffuse_pixels(phasors, tail=tail, usable=answered, samples=noise.samples)
-        if predicted is not None:
+        predicted = None
+        if tail is not None and response is None:
+            predicted = diffuse_pixels(phasors, tail=tail, usable=answered, samples=noise.samples)
             answered &= ~predicted.answered
         fit = fewest_paths(solver, answered, settings=settings, noise=noise)
+        if tail is not None and response is not None:
+            sine = phasors_of_sine(phasors, fit.paths, response=response)
+            predicted = diffuse_pixels(sine, tail=tail, usable=answered, samples=noise.samples)
         bits = _bits(fit)
         if not answered.all():
             bits = np.where(answered, bits, status)

@@ -1,11 +1,12 @@
 """A frame's diffuse MPI: which model it gets, and the coarse one that its pixels are answered from."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from cadtof_cli.arrays import Bool, Complex, Float
 from cadtof_cli.resolver.diffuse.beyond import surfaces_beyond
+from cadtof_cli.resolver.diffuse.choice import LEAST_PATCHES, PatchKinds, patch_kinds
 from cadtof_cli.resolver.diffuse.coarse import coarse_planes, other_fit, patch_posterior
 from cadtof_cli.resolver.diffuse.grid import PatchGrid, View, assumed_view, patch_grid
 from cadtof_cli.resolver.diffuse.light import PatchLight, PatchMeans, patch_light, patch_means
@@ -15,14 +16,10 @@ from cadtof_cli.resolver.diffuse.planes import PatchPlanes, patch_planes
 from cadtof_cli.resolver.diffuse.prior import pattern
 from cadtof_cli.resolver.diffuse.radiosity import interreflections
 from cadtof_cli.resolver.diffuse.records import DiffuseChoice, DiffuseModel, RoomNumbers, range_from_phase
-from cadtof_cli.resolver.diffuse.separate import SEPARATE_SHARE, lit_patches, separate_patches
 from cadtof_cli.resolver.diffuse.settings import DiffuseSettings
 from cadtof_cli.resolver.diffuse.tail import TailModel, wrapped
 from cadtof_cli.resolver.diffuse.upsampling import upsampler
 from cadtof_cli.resolver.two_path.closed_form import fundamental_frame, two_paths
-
-LEAST_PATCHES = 64
-"""Patches with light below which there is no room to predict from: a view of 32 × 32 pixels, or a fifth of a larger one."""
 
 DATA_FLOOR = 0.02
 """What no model says of a patch's data better than this (1 or rad), whatever the noise: surfaces are not flat, nor matt."""
@@ -75,26 +72,22 @@ def diffuse_model(
     seen = grid.samples(usable) & np.isfinite(taken).all(axis=0) & (taken[0] != 0.0)
     light = patch_light(taken, seen, harmonics=settings.harmonics)
     means = patch_means(light, seen)
-    noise = float(np.sqrt(frame.variances[0]))
-    lit = lit_patches(means, noise, sampled=seen.shape[-1])
-    separate = separate_patches(means, lit, noise) & (settings.model == "auto")
-    share = float(separate.sum() / max(lit.sum(), 1))
-    discrete = DiffuseChoice("discrete", int(lit.sum()), share)
-    if settings.model == "discrete" or share > SEPARATE_SHARE or lit.sum() < LEAST_PATCHES:
-        return discrete
+    kinds = patch_kinds(means, frame.variances, sampled=seen.shape[-1], settings=settings)
+    choice = DiffuseChoice(kinds.reason, int(kinds.lit.sum()), kinds.separate_share)
+    if choice.taken == "discrete":
+        return choice
     planes = _planes(light, means, frame)
-    valid: Bool = planes.found & lit
+    valid: Bool = planes.found & kinds.lit
     if valid.sum() < LEAST_PATCHES:
-        return discrete
-    return _model(light, planes, valid, separate, discrete, frame, variances, range_offset_m)
+        return replace(choice, reason="few patches with light")
+    return _model(light, planes, valid, kinds, frame, variances, range_offset_m)
 
 
 def _model(
     light: PatchLight,
     planes: PatchPlanes,
     valid: Bool,
-    separate: Bool,
-    choice: DiffuseChoice,
+    kinds: PatchKinds,
     frame: _Frame,
     variances: tuple[float, ...],
     range_offset_m: Float | None,
@@ -110,11 +103,11 @@ def _model(
     coarse = coarse_planes(fit, posterior, other_fit(gap, len(ratios)), valid)
     return DiffuseModel(
         frame.settings,
-        DiffuseChoice("diffuse", choice.patches, choice.separate_share, _room_numbers(fit)),
+        DiffuseChoice("tail", int(kinds.lit.sum()), kinds.separate_share, _room_numbers(fit)),
         variances,
         coarse,
         upsampler(coarse.planes, planes.surfaces.range_m, valid, frame.grid),
-        separate,
+        kinds.separate,
         float(np.median(gap**2)),
         range_offset_m,
     )

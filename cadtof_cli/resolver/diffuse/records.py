@@ -6,6 +6,7 @@ from typing import Literal
 import numpy as np
 
 from cadtof_cli.arrays import Bool, Float
+from cadtof_cli.resolver.diffuse.choice import Reason
 from cadtof_cli.resolver.diffuse.coarse import CoarsePlanes
 from cadtof_cli.resolver.diffuse.settings import DiffuseSettings
 from cadtof_cli.resolver.diffuse.upsampling import Band, Upsampler
@@ -30,10 +31,15 @@ class RoomNumbers:
 class DiffuseChoice:
     """Which model a frame got and why: `patches` with light, the share of them with separate paths, and the room's numbers."""
 
-    taken: Literal["discrete", "diffuse"]
+    reason: Reason
     patches: int
     separate_share: float
     room: RoomNumbers | None = None
+
+    @property
+    def taken(self) -> Literal["discrete", "diffuse"]:
+        """The model."""
+        return "diffuse" if self.reason == "tail" else "discrete"
 
 
 @dataclass(frozen=True, eq=False)

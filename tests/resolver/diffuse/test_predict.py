@@ -74,8 +74,15 @@ def test_a_wall_without_mpi_stays_where_it_is(n_av: float, tilt: tuple[float, fl
     p = phasors_of(wall, n_av=n_av)
     x1, x2 = np.angle(p[0]), np.angle(p[1] * np.exp(-2j * wall / M_PER_RAD)) / 2 + wall / M_PER_RAD
     one_path = median_error(((x1 + 4 * x2) / 5).ravel(), wall) if n_av < 1e6 else median_error(x1.ravel(), wall)
-    got = answers(p, focal_px=120.0, n_av=n_av)
+    got = answers(p, focal_px=120.0, n_av=n_av, model="diffuse")
     assert median_error(got.direct_phase_rad, wall) < max(2.5 * one_path, 0.0015)
+
+
+@pytest.mark.parametrize("n_av", [2e3, 1e5, 1e6])
+def test_where_no_mpi_is_to_be_seen_nothing_is_predicted(n_av: float) -> None:
+    found = model_of(phasors_of(wall_range(tilt=(0.3, 0.1)), n_av=n_av), n_av=n_av)
+    assert isinstance(found, DiffuseChoice)
+    assert (found.taken, found.reason) == ("discrete", "no MPI to be seen")
 
 
 @pytest.mark.parametrize("delay_ns", [16.0, 20.0])
@@ -175,7 +182,7 @@ def test_frames_of_noise_alone_are_left_alone() -> None:
 
 def test_the_answer_of_a_mean_of_pixels_is_more_certain() -> None:
     p = phasors_of(wall_range(), n_av=2e3)
-    one, many = (model_of(p, n_av=2e3, samples=np.full((48, 64), n)) for n in (1.0, 25.0))
+    one, many = (model_of(p, n_av=2e3, samples=np.full((48, 64), n), model="diffuse") for n in (1.0, 25.0))
     assert isinstance(one, DiffuseModel)
     assert isinstance(many, DiffuseModel)
     flat = p.reshape(2, -1)

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
+from cadtof_cli.resolver.diffuse.choice import separate_patches
 from cadtof_cli.resolver.diffuse.light import PatchMeans
-from cadtof_cli.resolver.diffuse.separate import separate_patches
 from tests.support.diffuse_frames import OMEGA, Tail
 
 SIGMA = 1e-3
