@@ -12,8 +12,8 @@ from cadtof_cli.resolver.diffuse.prior import WITHIN_PATCH
 from cadtof_cli.resolver.diffuse.tail import residuals
 
 OTHER_FIT = 0.28
-"""Share of the difference between two exact fits of a patch's data, tail and two paths, that counts as the model's error; less in
-proportion where further harmonics tell them apart."""
+"""Share of the difference between two exact fits of a patch's data, tail and two paths, that counts as the model's error; it
+falls with the square of the number of further harmonics, which tell the two apart."""
 
 LAG_SHARE = 0.1
 """Share of the tail's own lag that counts as the model's error: surfaces are not flat patches, nor matt, nor all in view."""
@@ -63,7 +63,7 @@ def other_fit(gap_rad: Float, further: int, /) -> Float:
 
     `further` is how many harmonics there are besides the fundamental.
     """
-    return OTHER_FIT / further * gap_rad
+    return OTHER_FIT / further**2 * gap_rad
 
 
 def coarse_planes(fit: PatchFit, posterior: Conditioned, model_error_rad: Float, valid: Bool, /) -> CoarsePlanes:

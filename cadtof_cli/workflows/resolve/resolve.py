@@ -133,7 +133,11 @@ def resolve_captures(
     if settings.resume:
         require_same_maps(settings.out, document)
     of_calibration = calibration.notes if calibration else ()
-    for note in (*itertools.chain(*map(_notes, captures)), *of_calibration, *kernel_notes()):
+    for note in (
+        *itertools.chain(*(_notes(capture, settings.maps) for capture in captures)),
+        *of_calibration,
+        *kernel_notes(),
+    ):
         progress.say(note)
     totals, began, token = RunTotals(), time.monotonic(), uuid4().hex[:8]
     tasks = _tasks(plans, settings, progress, token)
@@ -224,13 +228,16 @@ def _document(
     }
 
 
-def _notes(capture: Capture) -> Iterator[str]:
+def _notes(capture: Capture, maps: MapSettings) -> Iterator[str]:
     """Yield what is taken for granted about a capture."""
     taken = [f"{key} = {value}" for key, value in capture.source.defaulted.items()]
     if taken:
         yield f"{capture.root}: not given, so taken from the paper: {', '.join(taken)}"
     if capture.source.metadata.pixel.integration_length is None:
         yield f"{capture.root}: pixel.integration_length is not given, so the noise is estimated from each frame"
+    metadata = capture.source.metadata
+    if maps.resolver.may_be_diffuse(metadata.modulation.harmonics) and metadata.optics.focal_length_px is None:
+        yield f"{capture.root}: optics.focal_length_px is not given, so diffuse MPI is predicted for a view of 60° across"
 
 
 def _tasks(
