@@ -290,8 +290,10 @@ def _pooled(pixels: FramePixels, stages: _Stages, *, window: int) -> FramePixels
 def _predicted_mpi(pixels: FramePixels, plan: FramePlan, stages: _Stages) -> DiffuseModel | DiffuseChoice:
     """Predict the MPI of a frame from its own geometry, where it is diffuse."""
     phasors, noise, modulation = stages.phasors(pixels), pixels.noise, plan.metadata.modulation
-    powers = [phasor.real**2 + phasor.imag**2 for phasor in phasors]
-    status, _ = screened(np.sqrt(powers[0]), powers, stages.status(pixels), settings=plan.resolver, noise=noise)
+    with np.errstate(over="ignore", invalid="ignore"):
+        # values that no camera stores, and NaN, are what the screening finds
+        powers = [phasor.real**2 + phasor.imag**2 for phasor in phasors]
+        status, _ = screened(np.sqrt(powers[0]), powers, stages.status(pixels), settings=plan.resolver, noise=noise)
     if stages.correction.response is not None:
         response = stages.correction.response.block(slice(0, pixels.count))
         found = resolve_paths(phasors, status=status, settings=plan.resolver, noise=noise, response=response)

@@ -39,7 +39,11 @@ NOISE_MARGIN = 7.0
 """Three standard deviations of arg q_2 in σ/|p1| of a pixel: its variance is 1 + 4 times that of a phase; √5 · 3."""
 
 
-Reason = Literal["tail", "no MPI to be seen", "separate paths", "few patches with light"]
+LARGEST_MISFIT = 3.0
+"""Median over the patches of χ² per datum, against what the frame expects of them, above which no tail explains it: at most 2
+with three harmonics in rendered rooms, and 3.6 to 40 where there are strong second paths after 6 to 11 ns."""
+
+Reason = Literal["tail", "no MPI to be seen", "separate paths", "no tail fits", "few patches with light"]
 """Why a frame got its model: the first is diffuse."""
 
 
@@ -74,6 +78,14 @@ def patch_kinds(means: PatchMeans, variances: Float, /, *, sampled: int, setting
     if misfit_without_mpi(means, lit, variances, harmonics=settings.harmonics) < LEAST_MISFIT:
         return PatchKinds(lit, kinds.separate, "no MPI to be seen")
     return kinds
+
+
+def tail_fits(chi_squared: Float, data: int, /) -> bool:
+    """Return whether a tail explains a frame whose patches, (n,), leave these χ² of so many data each.
+
+    The two data of two harmonics say nothing about that: some tail comes near any of them.
+    """
+    return data == 2 or float(np.median(chi_squared)) <= LARGEST_MISFIT * data
 
 
 def misfit_without_mpi(means: PatchMeans, lit: Bool, variances: Float, /, *, harmonics: tuple[int, ...]) -> float:

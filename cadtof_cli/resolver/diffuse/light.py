@@ -6,6 +6,9 @@ import numpy as np
 
 from cadtof_cli.arrays import Bool, Complex, Float
 
+LARGEST_AMPLITUDE = 1e3
+"""Largest |p_h| of light, whose phasors are 1 at most: what lies beyond is damage, and would drown a patch."""
+
 TINY = 1e-30
 """Keeps empty patches from dividing by zero; they are never used."""
 
@@ -31,6 +34,12 @@ class PatchMeans:
     ratios: Complex
     amplitude: Float
     pixels: Float
+
+
+def is_light(phasors: Complex, /) -> Bool:
+    """Return which phasors (H, …) can be those of light at all, and of some."""
+    sound = np.abs(phasors.real) + np.abs(phasors.imag) < LARGEST_AMPLITUDE
+    return np.asarray(sound.all(axis=0) & (phasors[0] != 0.0))
 
 
 def patch_light(samples: Complex, seen: Bool, /, *, harmonics: tuple[int, ...]) -> PatchLight:

@@ -9,6 +9,7 @@ import numpy as np
 
 from cadtof_cli.arrays import Bool, Complex, Float, Float32
 from cadtof_cli.resolver.diffuse.condition import conditioned
+from cadtof_cli.resolver.diffuse.light import is_light
 from cadtof_cli.resolver.diffuse.noise import noise_covariance
 from cadtof_cli.resolver.diffuse.records import DiffuseBlock, DiffuseModel, DiffusePixels
 from cadtof_cli.resolver.diffuse.tail import Values, residuals, wrapped
@@ -75,7 +76,7 @@ def _fill(
     answer: DiffusePixels, phasors: Complex, model: DiffuseModel, band: Band, usable: Bool, samples: Float | None
 ) -> None:
     """Write the answer of a band's pixels, phasors (H, rows, columns)."""
-    answered = usable & np.isfinite(phasors).all(axis=0) & (phasors[0] != 0.0) & ~model.is_separate(band)
+    answered = usable & is_light(phasors) & ~model.is_separate(band)
     seen = _pixel_data(phasors if answered.all() else np.where(answered, phasors, 1.0), model, samples)
     planes = model.upsampler.joint(band, _first_range(seen.phase_rad, model, band))
     count = model.coarse.data

@@ -6,10 +6,10 @@ import numpy as np
 
 from cadtof_cli.arrays import Bool, Complex, Float
 from cadtof_cli.resolver.diffuse.beyond import surfaces_beyond
-from cadtof_cli.resolver.diffuse.choice import LEAST_PATCHES, PatchKinds, patch_kinds
+from cadtof_cli.resolver.diffuse.choice import LEAST_PATCHES, PatchKinds, patch_kinds, tail_fits
 from cadtof_cli.resolver.diffuse.coarse import coarse_planes, other_fit, patch_posterior
 from cadtof_cli.resolver.diffuse.grid import PatchGrid, View, assumed_view, patch_grid
-from cadtof_cli.resolver.diffuse.light import PatchLight, PatchMeans, patch_light, patch_means
+from cadtof_cli.resolver.diffuse.light import PatchLight, PatchMeans, is_light, patch_light, patch_means
 from cadtof_cli.resolver.diffuse.noise import noise_covariance
 from cadtof_cli.resolver.diffuse.patch_fit import PatchFit, fitted_patches
 from cadtof_cli.resolver.diffuse.planes import PatchPlanes, patch_planes
@@ -69,7 +69,7 @@ def diffuse_model(
     offset = 0.0 if range_offset_m is None else grid.samples(range_offset_m)
     frame = _Frame(grid, settings, np.array(variances) / per_pixel, offset)
     taken = grid.samples(phasors)
-    seen = grid.samples(usable) & np.isfinite(taken).all(axis=0) & (taken[0] != 0.0)
+    seen = grid.samples(usable) & is_light(taken)
     light = patch_light(taken, seen, harmonics=settings.harmonics)
     means = patch_means(light, seen)
     kinds = patch_kinds(means, frame.variances, sampled=seen.shape[-1], settings=settings)
@@ -80,7 +80,8 @@ def diffuse_model(
     valid: Bool = planes.found & kinds.lit
     if valid.sum() < LEAST_PATCHES:
         return replace(choice, reason="few patches with light")
-    return _model(light, planes, valid, kinds, frame, variances, range_offset_m)
+    model = _model(light, planes, valid, kinds, frame, variances, range_offset_m)
+    return replace(choice, reason="no tail fits") if model is None else model
 
 
 def _model(
@@ -91,7 +92,8 @@ def _model(
     frame: _Frame,
     variances: tuple[float, ...],
     range_offset_m: Float | None,
-) -> DiffuseModel:
+) -> DiffuseModel | None:
+    """Return the model of a frame, None where no tail fits it."""
     means = patch_means(light, planes.on_plane)
     ratios, amplitude = means.ratios[:, valid], means.amplitude[valid]
     tail, rule = _tail(planes, valid, amplitude, frame)
@@ -99,6 +101,8 @@ def _model(
     noise = _data_noise(ratios, amplitude, means.pixels[valid], frame)
     fit = fitted_patches(data, noise, tail, rule, known_optics=frame.grid.view.known)
     posterior = patch_posterior(data, noise, fit)
+    if frame.settings.model == "auto" and not tail_fits(posterior.chi_squared, len(data)):
+        return None
     gap = fit.posterior[-1] - two_path_lag(ratios[0])
     coarse = coarse_planes(fit, posterior, other_fit(gap, len(ratios)), valid)
     return DiffuseModel(

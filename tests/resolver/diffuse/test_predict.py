@@ -102,6 +102,14 @@ def test_a_weak_first_surface_is_left_to_two_paths_unless_told_otherwise() -> No
     assert isinstance(model_of(p, model="discrete"), DiffuseChoice)
 
 
+@pytest.mark.parametrize("delay_ns", [8.0, 11.0])
+def test_with_three_harmonics_a_strong_second_path_is_told_from_a_tail(delay_ns: float) -> None:
+    second = {h: 0.6 * np.exp(1j * h * OMEGA * delay_ns) for h in (1, 2, 3)}
+    found = model_of(phasors_of(wall_range(96, 128, 120.0), second, harmonics=(1, 2, 3)), focal_px=120.0)
+    assert isinstance(found, DiffuseChoice)
+    assert found.reason == "no tail fits"
+
+
 def test_a_few_separate_patches_leave_their_pixels_and_no_others() -> None:
     tail = Tail(0.3, 3.0, 8.0)
     mpi = {h: np.full((48, 64), tail.phasor(h)) for h in (1, 2)}
