@@ -27,7 +27,7 @@ LEAST_PATCHES = 64
 
 LEAST_MISFIT = 2.0
 """Mean square of what patches differ from light without MPI, over its noise, below which there is no MPI to be seen: 1 without
-any; the noise of an integration length of 2e3 leaves 10 to 100 in rooms."""
+any; rooms at an integration length of 2e3 show 20 and more."""
 
 SEEN_SNR = 3.0
 """Amplitude over noise from which a patch counts."""
