@@ -81,7 +81,7 @@ class ResolveSettings:
 
 @dataclass
 class RunTotals:
-    """What has become of the frames so far."""
+    """What has become of the frames so far; `diffuse_frames` are those whose MPI was taken for diffuse."""
 
     frames: int = 0
     ok: int = 0
@@ -90,6 +90,8 @@ class RunTotals:
     one_path: int = 0
     two_paths: int = 0
     more_paths: int = 0
+    diffuse: int = 0
+    diffuse_frames: int = 0
     invalid: int = 0
     seconds: float = 0.0
 
@@ -97,8 +99,9 @@ class RunTotals:
         """Count one more frame."""
         self.frames += 1
         setattr(self, report.status, getattr(self, report.status) + 1)
-        for name in ("one_path", "two_paths", "more_paths", "invalid"):
+        for name in ("one_path", "two_paths", "more_paths", "diffuse", "invalid"):
             setattr(self, name, getattr(self, name) + (getattr(report, name) or 0))
+        self.diffuse_frames += bool(report.diffuse)
 
 
 def resolve_captures(
@@ -130,7 +133,11 @@ def resolve_captures(
     if settings.resume:
         require_same_maps(settings.out, document)
     of_calibration = calibration.notes if calibration else ()
-    for note in (*itertools.chain(*map(_notes, captures)), *of_calibration, *kernel_notes()):
+    for note in (
+        *itertools.chain(*(_notes(capture, settings.maps) for capture in captures)),
+        *of_calibration,
+        *kernel_notes(),
+    ):
         progress.say(note)
     totals, began, token = RunTotals(), time.monotonic(), uuid4().hex[:8]
     tasks = _tasks(plans, settings, progress, token)
@@ -221,13 +228,16 @@ def _document(
     }
 
 
-def _notes(capture: Capture) -> Iterator[str]:
+def _notes(capture: Capture, maps: MapSettings) -> Iterator[str]:
     """Yield what is taken for granted about a capture."""
     taken = [f"{key} = {value}" for key, value in capture.source.defaulted.items()]
     if taken:
         yield f"{capture.root}: not given, so taken from the paper: {', '.join(taken)}"
     if capture.source.metadata.pixel.integration_length is None:
         yield f"{capture.root}: pixel.integration_length is not given, so the noise is estimated from each frame"
+    metadata = capture.source.metadata
+    if maps.resolver.may_be_diffuse(metadata.modulation.harmonics) and metadata.optics.focal_length_px is None:
+        yield f"{capture.root}: optics.focal_length_px is not given, so diffuse MPI is predicted for a view of 60° across"
 
 
 def _tasks(
