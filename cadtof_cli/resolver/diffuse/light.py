@@ -38,7 +38,7 @@ class PatchMeans:
 
 def is_light(phasors: Complex, /) -> Bool:
     """Return which phasors (H, …) can be those of light at all, and of some."""
-    sound = np.abs(phasors.real) + np.abs(phasors.imag) < LARGEST_AMPLITUDE
+    sound = (np.abs(phasors.real) < LARGEST_AMPLITUDE) & (np.abs(phasors.imag) < LARGEST_AMPLITUDE)
     return np.asarray(sound.all(axis=0) & (phasors[0] != 0.0))
 
 
