@@ -3,7 +3,7 @@
 import itertools
 import math
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import asdict, dataclass, field
 from datetime import UTC, datetime
@@ -15,9 +15,9 @@ from cadtof_cli import __version__
 from cadtof_cli.capture.discovery import Capture, find_captures
 from cadtof_cli.capture.frames import first_frames, single_frames
 from cadtof_cli.errors import SettingsError
-from cadtof_cli.execution.ordered import WorkerDied, run_ordered
-from cadtof_cli.execution.workers import Workers
-from cadtof_cli.files.atomic import remove_partial_files
+from cadtof_cli.execution.ordered import Outcome, WorkerDied, run_ordered
+from cadtof_cli.execution.workers import LOCAL, Workers
+from cadtof_cli.files.atomic import PARTIAL_SUFFIX, remove_partial_files
 from cadtof_cli.files.formats import MAP_FORMATS, format_named, map_suffix_like
 from cadtof_cli.frame_plan import FramePlan, MapSettings
 from cadtof_cli.phasors.voltages import volts_per_count
@@ -133,13 +133,9 @@ def resolve_captures(
     for note in (*itertools.chain(*map(_notes, captures)), *of_calibration, *kernel_notes()):
         progress.say(note)
     totals, began, token = RunTotals(), time.monotonic(), uuid4().hex[:8]
-    tasks = _tasks(plans, settings, progress, token)
-    if _are_worth_splitting(plans, settings):
-        outcomes = split_frames.resolve_split(tasks, workers=settings.workers)
-    else:
-        outcomes = run_ordered(resolve_file, tasks, workers=settings.workers)
     try:
-        with recorded_run(settings.out, document, resume=settings.resume) as record, closing(outcomes):
+        outcomes = _outcomes(plans, settings, progress, token)
+        with closing(outcomes), recorded_run(settings.out, document, resume=settings.resume) as record:
             for outcome in outcomes:
                 report = outcome.result
                 if isinstance(report, WorkerDied):
@@ -230,6 +226,17 @@ def _notes(capture: Capture) -> Iterator[str]:
         yield f"{capture.root}: pixel.integration_length is not given, so the noise is estimated from each frame"
 
 
+def _outcomes(
+    plans: Sequence[CapturePlan], settings: ResolveSettings, progress: Progress, token: str
+) -> Generator[Outcome[FrameTask, FrameReport], None, None]:
+    """Return a generator of what becomes of the frames: of whole ones, or of their parts where they are few and slow."""
+    tasks = _tasks(plans, settings, progress, token)
+    if _are_worth_splitting(plans, settings):
+        return split_frames.resolve_split(tasks, workers=settings.workers)
+    probe = _probe(settings, token)
+    return run_ordered(resolve_file, tasks, workers=settings.workers, probe=probe, say=progress.say)
+
+
 def _tasks(
     plans: Sequence[CapturePlan], settings: ResolveSettings, progress: Progress, token: str
 ) -> Iterator[FrameTask]:
@@ -251,9 +258,19 @@ def _tasks(
             yield FrameTask(sources, layout, one.plan, one.pixels, output, keep_existing=settings.resume, token=token)
 
 
+def _probe(settings: ResolveSettings, token: str) -> Path | None:
+    """Make a file in the run's folder that is removed with what is half-written, for workers of a cluster to look for."""
+    if settings.workers.scheduler == LOCAL:
+        return None
+    probe = settings.out / f".cluster.{token}{PARTIAL_SUFFIX}"
+    probe.write_text(token)
+    return probe
+
+
 def _are_worth_splitting(plans: Sequence[CapturePlan], settings: ResolveSettings) -> bool:
     """Whether frames are so few and so slow that their pixels should be spread over the processes."""
-    if sum(one.expected_maps for one in plans) >= settings.workers.jobs:
+    workers = settings.workers
+    if workers.scheduler != LOCAL or sum(one.expected_maps for one in plans) >= workers.jobs:
         return False
     seconds = (one.plan.expected_seconds(math.prod(one.pixels or (0,))) for one in plans)
     return max(seconds) > split_frames.WORTH_SPLITTING_S
