@@ -81,7 +81,8 @@ def local_cluster(folder: Path, *, workers: int, preload: str | None = None) -> 
     cluster = LocalCluster(folder, preload, _started(folder, said, *command))
     try:
         _wait_for(cluster.scheduler, said, "Scheduler at")
-        while not file.exists():
+        # the scheduler says so before the file is whole
+        while not (file.exists() and file.read_text().rstrip().endswith("}")):
             time.sleep(0.02)
         cluster.add_workers(workers)
         yield cluster
