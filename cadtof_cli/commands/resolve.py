@@ -132,6 +132,13 @@ from cadtof_cli.workflows.run_folder import FrameReport
         "start_method",
         help="How worker processes start.  [default: fork on Linux, else spawn]",
     ),
+    setting_option(
+        "--scheduler",
+        Workers,
+        "scheduler",
+        metavar="local|tcp://HOST:PORT",
+        help="Worker processes here, or the workers of a dask scheduler, which share its files (extra cluster).",
+    ),
 )
 @setting_option("--overwrite", ResolveSettings, "overwrite", help="Replace the files of an earlier run.")
 @setting_option(
