@@ -2,6 +2,7 @@
 
 import argparse
 import importlib
+import itertools
 import json
 import multiprocessing
 import os
@@ -87,7 +88,7 @@ def _try_named(changes: Sequence[Change]) -> bool:
             for kernel in (False, True) if compiled and change.kernel else (False,):
                 found = killer(bench, change, kernel=kernel)
                 unnoticed += not found
-                where = "kernel and numpy" if kernel else "numpy" if change.kernel else "python"
+                where = "kernel" if kernel else "numpy" if change.kernel else "python"
                 print(f"{change.name} [{where}]: {found or 'NO TEST FAILS'}", flush=True)
                 killers[kernel] |= {found} - {""}
         for kernel, tests in killers.items():
@@ -101,9 +102,9 @@ def _try_named(changes: Sequence[Change]) -> bool:
 def _require_texts(changes: Sequence[Change]) -> None:
     """Make sure, before any test is run, that all that is to be changed stands in the package."""
     gone = []
-    for change in changes:
+    for change, kernel in itertools.product(changes, (False, True)):
         try:
-            changed_files(ROOT, change, kernel=True)
+            changed_files(ROOT, change, kernel=kernel)
         except GoneError as error:
             gone.append(str(error))
     if gone:

@@ -40,32 +40,35 @@ def read_changes(path: Path, /) -> tuple[Change, ...]:
 
 
 def changed_files(tree: Path, change: Change, /, *, kernel: bool) -> dict[Path, str]:
-    """Return the new texts of the files that a change touches, in modules, or with `kernel` in the kernel's C too.
+    """Return the new texts of the files that a change touches: modules, or the C of the kernel.
 
     Raises:
         GoneError: what it replaces is gone, or stands there more than once.
     """
     texts: dict[Path, str] = {}
-    for pairs, suffixes in ((change.python, {".py"}), (change.kernel if kernel else (), {".c", ".h"})):
-        files = sorted(path for path in (tree / PACKAGE).rglob("*") if path.suffix in suffixes)
-        for before, after in pairs:
-            path, text = _replaced(files, texts, before, after, change.name)
-            texts[path] = text
+    suffixes = {".c", ".h"} if kernel else {".py"}
+    files = sorted(path for path in (tree / PACKAGE).rglob("*") if path.suffix in suffixes)
+    for before, after in change.kernel if kernel else change.python:
+        path, text = _replaced(files, texts, before, after, change.name)
+        texts[path] = text
     return texts
 
 
 def killer(bench: Bench, change: Change, /, *, kernel: bool) -> str:
-    """Return the first test that fails with a change made, of those of its rooms and the contracts; empty: none does."""
+    """Return the first test that fails with a change made, of those of its rooms and the contracts; empty: none does.
+
+    With `kernel` it is made in the kernel alone, and the tests that hold it against numpy are left out.
+    """
+    modules = [path.relative_to(bench.tree) for path in changed_files(bench.tree, change, kernel=False)]
+    rooms = [folder for module in modules for folder in (module.parts[1], *BESIDE.get(module.parts[1], ()))]
+    folders = dict.fromkeys((CONTRACTS, "cli", *rooms) if kernel else (*rooms, CONTRACTS))
+    files = [file for folder in folders for file in sorted((bench.tree / "tests" / folder).rglob("test_*.py"))]
+    if kernel:
+        files = [file for file in files if not file.stem.startswith("test_kernel")]
+    else:
+        stems = {f"test_{module.stem}" for module in modules}
+        files.sort(key=lambda file: file.stem not in stems)
     texts = changed_files(bench.tree, change, kernel=kernel)
-    modules = [path.relative_to(bench.tree) for path in texts if path.suffix == ".py"]
-    folders = dict.fromkeys(
-        folder for module in modules for folder in (module.parts[1], *BESIDE.get(module.parts[1], ()))
-    )
-    files = [
-        file for folder in (*folders, CONTRACTS) for file in sorted((bench.tree / "tests" / folder).rglob("test_*.py"))
-    ]
-    stems = {f"test_{module.stem}" for module in modules}
-    files.sort(key=lambda file: file.stem not in stems)
     with bench.changed(texts, kernel=kernel), _compiled_anew(bench.tree) if kernel else contextlib.nullcontext():
         return bench.failing([str(file.relative_to(bench.tree)) for file in files])
 
