@@ -27,3 +27,7 @@ class FrameError(CadtofError):
 
 class OutputError(CadtofError):
     """A place that cannot be written, or that holds files a run would replace."""
+
+
+class WorkersError(CadtofError):
+    """Processes that cannot be started."""

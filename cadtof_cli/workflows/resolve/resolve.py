@@ -141,7 +141,7 @@ def resolve_captures(
             for outcome in outcomes:
                 report = outcome.result
                 if isinstance(report, WorkerDied):
-                    report = outcome.task.report("failed", DIED, 0.0)
+                    report = outcome.task.report("failed", _lost(report), 0.0)
                 totals.add(report)
                 record.add(report)
                 on_frame(report)
@@ -248,9 +248,16 @@ def _tasks(
             yield FrameTask(sources, layout, one.plan, one.pixels, output, keep_existing=settings.resume, token=token)
 
 
+def _lost(worker: WorkerDied) -> str:
+    """Return why a frame has no maps whose worker was lost twice."""
+    if worker.after_s is None:
+        return DIED
+    return f"not done in the {worker.after_s:g} s of --frame-timeout, twice: does the place that it lies in answer?"
+
+
 def _are_worth_splitting(plans: Sequence[CapturePlan], settings: ResolveSettings) -> bool:
     """Whether frames are so few and so slow that their pixels should be spread over the processes."""
-    if sum(one.expected_maps for one in plans) >= settings.workers.jobs:
+    if sum(one.expected_maps for one in plans) >= settings.workers.processes:
         return False
     seconds = (one.plan.expected_seconds(math.prod(one.pixels or (0,))) for one in plans)
     return max(seconds) > split_frames.WORTH_SPLITTING_S

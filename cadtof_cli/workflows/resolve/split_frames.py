@@ -43,9 +43,9 @@ def resolve_split(
     tasks: Iterable[FrameTask], /, *, workers: Workers
 ) -> Generator[Outcome[FrameTask, FrameReport], None, None]:
     """Resolve and write every frame, in the order of the tasks, each by as many parts as there are jobs."""
-    parts = (part for task in tasks for part in _parts(task, workers.jobs))
+    parts = (part for task in tasks for part in _parts(task, workers.processes))
     with closing(run_ordered(resolve_part, parts, workers=workers)) as outcomes:
-        while frame := list(itertools.islice(outcomes, workers.jobs)):
+        while frame := list(itertools.islice(outcomes, workers.processes)):
             yield _whole(frame)
 
 
