@@ -76,6 +76,8 @@ def _is_folder(path: Path) -> bool:
         raise CaptureError(f"{path}: no such file or folder; expected a capture folder or a frame") from error
     except OSError as error:
         raise CaptureError(f"{path}: cannot be reached: {error.strerror}") from error
+    except ValueError as error:
+        raise CaptureError(f"{path}: no file can have this name ({error}); expected a path a line") from error
 
 
 def _root(placed: tuple[Path, bool]) -> tuple[Path, bool]:

@@ -20,8 +20,8 @@ from cadtof_cli.commands.terminal import tell
 from cadtof_cli.execution.workers import Workers
 from cadtof_cli.frame_plan import MapSettings
 from cadtof_cli.resolver.settings import ResolverSettings
-from cadtof_cli.workflows.resolve.resolve import FORMAT_CHOICES, ResolveSettings, RunTotals, resolve_captures
-from cadtof_cli.workflows.run_folder import FrameReport
+from cadtof_cli.workflows.resolve.resolve import FORMAT_CHOICES, ResolveSettings, resolve_captures
+from cadtof_cli.workflows.run_folder import FrameReport, RunTotals
 
 
 @click.command(cls=SectionedCommand)

@@ -3,22 +3,24 @@
 import itertools
 import math
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import asdict, dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
+from secrets import token_hex
 from typing import Any
-from uuid import uuid4
 
 from cadtof_cli import __version__
 from cadtof_cli.capture.discovery import Capture, find_captures
+from cadtof_cli.capture.frame_sources import FrameSource
 from cadtof_cli.capture.frames import first_frames, single_frames
-from cadtof_cli.errors import SettingsError
+from cadtof_cli.errors import RunStoppedError, SettingsError
 from cadtof_cli.execution.ordered import WorkerDied, run_ordered
 from cadtof_cli.execution.workers import Workers
-from cadtof_cli.files.atomic import remove_partial_files
+from cadtof_cli.files.atomic import make_folder, remove_partial_files
 from cadtof_cli.files.formats import MAP_FORMATS, format_named, map_suffix_like
+from cadtof_cli.files.lock import locked
 from cadtof_cli.frame_plan import FramePlan, MapSettings
 from cadtof_cli.phasors.voltages import volts_per_count
 from cadtof_cli.resolver.status import MEANING
@@ -26,8 +28,10 @@ from cadtof_cli.resolver.two_path.kernel import chosen_kernel, kernel_notes
 from cadtof_cli.workflows.progress import UNTOLD, Progress
 from cadtof_cli.workflows.resolve import split_frames
 from cadtof_cli.workflows.resolve.frame_task import FrameTask, resolve_file
+from cadtof_cli.workflows.resolve.output import frame_names, prepare_output
+from cadtof_cli.workflows.resolve.record import RunRecorder, recorded_run
 from cadtof_cli.workflows.resolve.use_calibration import AppliedCalibration, use_calibration
-from cadtof_cli.workflows.run_folder import FrameReport, prepare_output, recorded_run, require_same_maps
+from cadtof_cli.workflows.run_folder import FrameReport, RunTotals
 
 AS_INPUT = "same"
 
@@ -79,28 +83,6 @@ class ResolveSettings:
             raise SettingsError(f"--format: found {self.map_format!r}, expected one of {', '.join(FORMAT_CHOICES)}")
 
 
-@dataclass
-class RunTotals:
-    """What has become of the frames so far."""
-
-    frames: int = 0
-    ok: int = 0
-    failed: int = 0
-    skipped: int = 0
-    one_path: int = 0
-    two_paths: int = 0
-    more_paths: int = 0
-    invalid: int = 0
-    seconds: float = 0.0
-
-    def add(self, report: FrameReport) -> None:
-        """Count one more frame."""
-        self.frames += 1
-        setattr(self, report.status, getattr(self, report.status) + 1)
-        for name in ("one_path", "two_paths", "more_paths", "invalid"):
-            setattr(self, name, getattr(self, name) + (getattr(report, name) or 0))
-
-
 def resolve_captures(
     inputs: Sequence[Path],
     /,
@@ -126,32 +108,53 @@ def resolve_captures(
     calibration = use_calibration(settings.calibration, captures) if settings.calibration else None
     plans = _plans(captures, settings, calibration)
     document = _document(inputs, overrides, settings, plans, calibration)
-    prepare_output(captures, settings.out, overwrite=settings.overwrite, resume=settings.resume)
-    if settings.resume:
-        require_same_maps(settings.out, document)
-    of_calibration = calibration.notes if calibration else ()
-    for note in (*itertools.chain(*map(_notes, captures)), *of_calibration, *kernel_notes()):
-        progress.say(note)
-    totals, began, token = RunTotals(), time.monotonic(), uuid4().hex[:8]
-    tasks = _tasks(plans, settings, progress, token)
-    if _are_worth_splitting(plans, settings):
+    names = frame_names(captures, settings.out)
+    make_folder(settings.out)
+    with locked(settings.out):
+        resumed = prepare_output(settings.out, names, document, overwrite=settings.overwrite, resume=settings.resume)
+        of_calibration = calibration.notes if calibration else ()
+        for note in (*itertools.chain(*map(_notes, captures)), *of_calibration, *kernel_notes()):
+            progress.say(note)
+        token = token_hex(8)
+        try:
+            with recorded_run(settings.out, document, resume=resumed, say=progress.say) as record:
+                return _resolve_frames(_Drawn(plans, settings, names, record, token), record, progress, on_frame)
+        finally:
+            remove_partial_files(settings.out, token=token)
+
+
+def _resolve_frames(
+    drawn: "_Drawn", record: RunRecorder, progress: Progress, on_frame: Callable[[FrameReport], None]
+) -> RunTotals:
+    """Resolve the frames, and record, count and tell what becomes of each.
+
+    Raises:
+        RunStoppedError: the output folder takes no more maps.
+    """
+    totals, began, settings = RunTotals(), time.monotonic(), drawn.settings
+    tasks = drawn.tasks(progress)
+    if _are_worth_splitting(drawn.plans, settings):
         outcomes = split_frames.resolve_split(tasks, workers=settings.workers)
     else:
         outcomes = run_ordered(resolve_file, tasks, workers=settings.workers)
-    try:
-        with recorded_run(settings.out, document, resume=settings.resume) as record, closing(outcomes):
-            for outcome in outcomes:
-                report = outcome.result
-                if isinstance(report, WorkerDied):
-                    report = outcome.task.report("failed", _lost(report), 0.0)
-                totals.add(report)
-                record.add(report)
-                on_frame(report)
-                progress.advance()
-            totals.seconds = round(time.monotonic() - began, 3)
-            record.finish(asdict(totals))
-    finally:
-        remove_partial_files(settings.out, token=token)
+    with closing(outcomes):
+        for outcome in outcomes:
+            report = outcome.result
+            if isinstance(report, WorkerDied):
+                report = outcome.task.report("failed", _lost(report), 0.0)
+            totals.add(report)
+            if report.note is not None:
+                progress.say(report.note)
+            record.add(report)
+            on_frame(report)
+            if report.stops:
+                raise RunStoppedError(
+                    f"{settings.out}: takes no more maps, so the run stopped there, {totals.ok} frames resolved; "
+                    "mend that and go on with --resume"
+                )
+            progress.advance()
+        totals.seconds = round(time.monotonic() - began, 3)
+        record.finish(totals.seconds)
     return totals
 
 
@@ -194,6 +197,7 @@ def _document(
         "arguments": {
             "inputs": [str(path) for path in inputs],
             "absolute_inputs": [str(path.absolute()) for path in inputs],
+            "resolved_inputs": [str(path.resolve()) for path in inputs],
             "out": str(settings.out),
             **asdict(maps.resolver),
             "min_confidence": maps.min_confidence_v,
@@ -202,13 +206,12 @@ def _document(
             "average": maps.average,
             "calibration": settings.calibration and str(settings.calibration),
             "map_format": settings.map_format,
-            "overwrite": settings.overwrite,
-            "resume": settings.resume,
             "overrides": dict(overrides),
         },
         "captures": [
             {
                 "root": str(capture.root),
+                "resolved_root": str(capture.root.resolve()),
                 "files": len(capture.frames),
                 "metadata": asdict(capture.source.metadata),
                 "origins": dict(capture.source.origins),
@@ -230,25 +233,45 @@ def _notes(capture: Capture) -> Iterator[str]:
         yield f"{capture.root}: pixel.integration_length is not given, so the noise is estimated from each frame"
 
 
-def _tasks(
-    plans: Sequence[CapturePlan], settings: ResolveSettings, progress: Progress, token: str
-) -> Iterator[FrameTask]:
-    """Yield the run's tasks; they are drawn as places for them come free."""
-    total = sum(one.expected_maps for one in plans)
-    progress.total(total)
-    for one in plans:
-        layout, waiting = one.capture.layout, single_frames(one.capture)
-        for number in itertools.count(1):
-            sources = tuple(itertools.islice(waiting, settings.maps.average))
-            if not sources:
-                break
-            if number > one.expected_maps:
-                total += 1
-                progress.total(total)
-            same = settings.map_format == AS_INPUT
-            suffix = map_suffix_like(sources[0].paths[0]) if same else format_named(settings.map_format).suffix
-            output = settings.out / f"{sources[0].name}{suffix}"
-            yield FrameTask(sources, layout, one.plan, one.pixels, output, keep_existing=settings.resume, token=token)
+@dataclass(frozen=True)
+class _Drawn:
+    """What tasks are drawn from, as places for them come free."""
+
+    plans: Sequence[CapturePlan]
+    settings: ResolveSettings
+    names: Collection[str]
+    record: RunRecorder
+    token: str
+
+    def tasks(self, progress: Progress) -> Iterator[FrameTask]:
+        """Yield the run's tasks; their number is known when the last stack has been opened."""
+        total = sum(one.expected_maps for one in self.plans)
+        progress.total(total)
+        for one in self.plans:
+            waiting = single_frames(one.capture, taken=self.names)
+            for number in itertools.count(1):
+                sources = tuple(itertools.islice(waiting, self.settings.maps.average))
+                if not sources:
+                    break
+                if number > one.expected_maps:
+                    total += 1
+                    progress.total(total)
+                yield self._task(one, sources)
+
+    def _task(self, one: CapturePlan, sources: tuple[FrameSource, ...]) -> FrameTask:
+        same = self.settings.map_format == AS_INPUT
+        suffix = map_suffix_like(sources[0].paths[0]) if same else format_named(self.settings.map_format).suffix
+        output = self.settings.out / f"{sources[0].name}{suffix}"
+        return FrameTask(
+            sources,
+            one.capture.layout,
+            one.plan,
+            one.pixels,
+            output,
+            resume=self.settings.resume,
+            before=self.record.before(output),
+            token=self.token,
+        )
 
 
 def _lost(worker: WorkerDied) -> str:
