@@ -6,10 +6,11 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from cadtof_cli.capture.discovery import Capture, find_captures
+from cadtof_cli.capture.discovery import Capture, base_of, find_captures, placed_below
 from cadtof_cli.capture.frame_sources import FrameSource
 from cadtof_cli.capture.frames import single_frames
 from cadtof_cli.capture.toml import FILE_NAME as CAPTURE_FILE
+from cadtof_cli.capture.tree import WRITTEN_BY_US
 from cadtof_cli.errors import CadtofError, CaptureError, SettingsError
 from cadtof_cli.files.formats import MAP_SUFFIXES
 
@@ -119,12 +120,18 @@ class Run:
     Attributes:
         maps: folder or file, as it was given.
         files: its map files, in the order of their names.
-        record: what `run.json` beside them holds; None where there is none, or it is not the record of a run.
+        folder: of the run.
+        record: what `run.json` there holds; None where there is none, or it is not the record of a run.
     """
 
     maps: Path
     files: tuple[Path, ...]
+    folder: Path
     record: Mapping[str, Any] | None
+
+    def name(self, file: Path, /) -> str:
+        """Return the name of a map: its path from the run's folder, without suffix."""
+        return file.relative_to(self.folder).with_suffix("").as_posix()
 
     def require_maps(self) -> tuple[Path, ...]:
         """Return the map files; raises CaptureError where there are none."""
@@ -147,7 +154,14 @@ class Run:
         arguments = self.record["arguments"]
         try:
             inputs = [Path(path) for path in arguments.get("absolute_inputs", arguments["inputs"])]
-            captures = find_captures(inputs, overrides=arguments["overrides"])
+            settings = arguments.get("settings")
+            captures = find_captures(
+                inputs,
+                overrides=arguments["overrides"],
+                settings_file=Path(settings) if settings else None,
+                recursive=bool(arguments.get("recursive")),
+            )
+            captures = placed_below(captures, base_of(inputs, captures))
             return {source.name: (capture, source) for capture in captures for source in single_frames(capture)}
         except (CadtofError, LookupError, TypeError, ValueError, AttributeError) as error:
             say(f"the recorded frames are not where they were, so the first phasor is not evaluated: {error}")
@@ -162,12 +176,13 @@ def read_run(maps: Path, /) -> Run:
     """
     if not maps.exists():
         raise CaptureError(f"{maps}: no such file or folder; expected maps that `cadtof resolve` wrote")
-    files = map_files(maps)
+    files, folder = map_files(maps), maps if maps.is_dir() else maps.parent
+    folder = next((above for above in (folder, *folder.parents) if (above / RUN_FILE).exists()), folder)
     try:
-        record = read_record(maps if maps.is_dir() else maps.parent)
-        return Run(maps, files, record if record["arguments"].keys() >= {"inputs", "overrides"} else None)
+        record = read_record(folder)
+        return Run(maps, files, folder, record if record["arguments"].keys() >= {"inputs", "overrides"} else None)
     except (OSError, ValueError, LookupError, TypeError, AttributeError):
-        return Run(maps, files, None)
+        return Run(maps, files, folder, None)
 
 
 def is_run_folder(path: Path, /) -> bool:
@@ -176,10 +191,13 @@ def is_run_folder(path: Path, /) -> bool:
 
 
 def map_files(maps: Path, /) -> tuple[Path, ...]:
-    """Return a folder's map files in the order of their names, or the one file."""
+    """Return a run's map files in the order of their names, those in folders below it last; or the one file."""
     if maps.is_file():
         return (maps,)
-    return tuple(sorted(p for p in maps.iterdir() if p.suffix in MAP_SUFFIXES and not p.name.startswith(".")))
+    entries = sorted(path for path in maps.iterdir() if not path.name.startswith("."))
+    files = [path for path in entries if path.suffix in MAP_SUFFIXES and not path.is_dir()]
+    below = (path for path in entries if path.is_dir() and WRITTEN_BY_US.isdisjoint(one.name for one in path.iterdir()))
+    return (*files, *(file for folder in below for file in map_files(folder)))
 
 
 def read_record(folder: Path, /) -> dict[str, Any]:

@@ -57,7 +57,7 @@ def test_other_inputs(tmp_path: Path) -> None:
     assert _resolve(*capture.files[:2], "-o", out).status == 0
     done = _resolve(*capture.files, "-o", out, "--resume")
     assert done.status == 2
-    assert "cannot resume: resolved inputs was" in done.err
+    assert "cannot resume: resolved_inputs was" in done.err
 
 
 def test_a_run_without_its_run_json(tmp_path: Path) -> None:
@@ -221,15 +221,16 @@ def test_a_pipe_in_place_of_a_record(name: str, tmp_path: Path) -> None:
 
 def test_stacks_do_not_take_the_names_of_others(tmp_path: Path) -> None:
     frames = [step_frame(np.random.default_rng(index)) for index in range(2)]
-    stack, single, out = tmp_path / "stack", tmp_path / "single", tmp_path / "out"
-    record(stack, frames=0, toml=TOML["tif"] + "[layout]\nframes = 2\n")
-    write_pages(stack / "st.tif", np.concatenate([counts_of(frame) for frame in frames]))
-    record(single, frames=0)
-    write_frame(single / "st_0000.tif", frames[0])
-    for inputs in ((stack, single), (single, stack)):
+    stack, single, out = tmp_path / "A" / "st.tif", tmp_path / "A" / "st_0000.tif", tmp_path / "out"
+    record(tmp_path / "A", frames=0, toml=TOML["tif"] + "[layout]\nframes = 2\n")
+    write_pages(stack, np.concatenate([counts_of(frame) for frame in frames]))
+    write_pages(single, np.concatenate([counts_of(frame) for frame in frames]))
+    other = record(tmp_path / "B")
+    for inputs in ((stack, other.folder, single), (single, other.folder, stack)):
         assert _resolve(*inputs, "-o", out, "--overwrite").status == 0
-        assert sorted(path.name for path in out.glob("*.tif")) == ["st_00000.tif", "st_00001.tif", "st_0000.tif"]
-        assert len(lines_of(out)) == 3
+        names = ["st_00000.tif", "st_00001.tif", "st_0000_0000.tif", "st_0000_0001.tif"]
+        assert sorted(path.name for path in (out / "A").iterdir()) == names
+        assert len(lines_of(out)) == 5
         shutil.rmtree(out)
 
 

@@ -11,11 +11,16 @@ from cadtof_cli.capture.toml import FILE_NAME as CAPTURE_FILE
 from cadtof_cli.errors import OutputError
 from cadtof_cli.files.atomic import remove_partial_files, sync_folder, write_error
 from cadtof_cli.files.formats import MAP_FORMATS
+from cadtof_cli.workflows.resolve.settings import ResolveSettings
 from cadtof_cli.workflows.run_folder import FRAMES_FILE, RUN_FILE, read_record
 
 _PLACE_IN_STACK = re.compile(r"_\d{4,}$")
 
-_CHANGES_NO_MAP = frozenset({"inputs", "absolute_inputs", "out", "overrides", "calibration"})
+_CHANGES_NO_MAP = frozenset(
+    {"inputs", "absolute_inputs", "out", "overrides", "calibration", "recursive", "settings", "frames"}
+)
+_INPUTS, _FOLDERS = "resolved_inputs", "folders of the frames"
+
 """Arguments that may differ between a run and its resumption: what they decide is compared by what it is, not as it was typed."""
 
 
@@ -42,18 +47,20 @@ def frame_names(captures: Sequence[Capture], out: Path, /) -> Mapping[str, Path]
 
 
 def prepare_output(
-    out: Path, names: Mapping[str, Path], document: Mapping[str, Any], /, *, overwrite: bool, resume: bool
+    out: Path, names: Mapping[str, Path], document: Mapping[str, Any], /, *, settings: ResolveSettings, arriving: bool
 ) -> bool:
     """Make sure that a run loses nothing in its folder, which it holds the lock of; return whether it goes on with another.
+
+    With inputs still `arriving`, only those that are there can be compared.
 
     Raises:
         OutputError: the folder holds files of a run, and neither `overwrite` nor `resume` is set; or the run to be resumed was
             another one.
     """
     there = _would_be_replaced(out, names)
-    if resume and there:
-        _require_same_run(out, document, there)
-    elif overwrite:
+    if settings.resume and there:
+        _require_same_run(out, document, there, arriving=arriving)
+    elif settings.overwrite:
         # what it says is not true of the maps to come; once they are there it would be believed
         try:
             (out / FRAMES_FILE).unlink(missing_ok=True)
@@ -65,9 +72,9 @@ def prepare_output(
             f"{out}: {_some(there)} would be replaced; add --overwrite to replace, --resume to go on where a run "
             "stopped, or choose another folder with -o"
         )
-    if overwrite or resume:
+    if settings.overwrite or settings.resume:
         remove_partial_files(out, token="*")
-    return resume and bool(there)
+    return settings.resume and bool(there)
 
 
 def _some(names: Sequence[str]) -> str:
@@ -75,14 +82,17 @@ def _some(names: Sequence[str]) -> str:
 
 
 def _would_be_replaced(out: Path, named: Mapping[str, Path]) -> list[str]:
-    def would_be(path: Path) -> bool:
-        in_stack = _PLACE_IN_STACK.sub("", path.stem)
-        return path.suffix.removeprefix(".") in MAP_FORMATS and (path.stem in named or in_stack in named)
+    def would_be(path: str) -> bool:
+        stem, _, suffix = path.rpartition(".")
+        return suffix in MAP_FORMATS and (stem in named or _PLACE_IN_STACK.sub("", stem) in named)
 
-    return sorted(path.name for path in out.iterdir() if path.name in {RUN_FILE, FRAMES_FILE} or would_be(path))
+    folders = {(out / name).parent for name in named} | {out}
+    present = (path for folder in folders if folder.is_dir() for path in folder.iterdir())
+    names = (path.relative_to(out).as_posix() for path in present)
+    return sorted(name for name in names if name in {RUN_FILE, FRAMES_FILE} or would_be(name))
 
 
-def _require_same_run(out: Path, document: Mapping[str, Any], there: Sequence[str]) -> None:
+def _require_same_run(out: Path, document: Mapping[str, Any], there: Sequence[str], *, arriving: bool) -> None:
     path = out / RUN_FILE
     if not path.exists():
         raise OutputError(
@@ -93,7 +103,11 @@ def _require_same_run(out: Path, document: Mapping[str, Any], there: Sequence[st
         before = _what_decides_maps(read_record(out))
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise OutputError(f"{path}: not the record of a run, so it cannot be resumed ({error})") from error
-    for name, value in _what_decides_maps(json.loads(json.dumps(document, default=str))).items():
+    now = _what_decides_maps(json.loads(json.dumps(document, default=str)))
+    if arriving:
+        del now[_INPUTS], now[_FOLDERS]
+        now = {name: value for name, value in now.items() if name in before}
+    for name, value in now.items():
         if before.get(name) != value:
             raise OutputError(
                 f"{path}: cannot resume: {name} was {before.get(name)!r} and is {value!r} now; "
@@ -105,11 +119,9 @@ def _what_decides_maps(document: Mapping[str, Any]) -> dict[str, Any]:
     """Return what decides the maps of a run, by the names it has for a user: inputs, options, metadata, calibration."""
     captures = document["captures"]
     deciding: dict[str, Any] = {"version of cadtof": document["cadtof"]}
-    deciding["folders of the frames"] = [capture.get("resolved_root") for capture in captures]
+    deciding[_FOLDERS] = [capture.get("resolved_root") for capture in captures]
     arguments = document["arguments"]
-    deciding |= {name.replace("_", " ") if name == "resolved_inputs" else name: arguments[name] for name in arguments}
-    for name in _CHANGES_NO_MAP:
-        deciding.pop(name, None)
+    deciding |= {name: value for name, value in arguments.items() if name not in _CHANGES_NO_MAP}
     deciding["digest of the calibration"] = (document["calibration"] or {}).get("digest")
     for capture in captures:
         for table, keys in capture["metadata"].items():

@@ -5,7 +5,7 @@ import os
 import stat
 from array import array
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -156,5 +156,10 @@ def recorded_run(
         if resume:
             write_json(out / RUN_FILE, document)
         yield recorder
+    except BaseException:
+        with suppress(OutputError):
+            # what arrived while the run went on is recorded too
+            write_json(out / RUN_FILE, document)
+        raise
     finally:
         recorder.close()

@@ -3,84 +3,31 @@
 import itertools
 import math
 import time
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing
-from dataclasses import asdict, dataclass, field
-from datetime import UTC, datetime
 from pathlib import Path
 from secrets import token_hex
 from typing import Any
 
-from cadtof_cli import __version__
-from cadtof_cli.capture.discovery import Capture, find_captures
 from cadtof_cli.capture.frame_sources import FrameSource
-from cadtof_cli.capture.frames import first_frames, single_frames
-from cadtof_cli.errors import RunStoppedError, SettingsError
+from cadtof_cli.errors import RunStoppedError
 from cadtof_cli.execution.ordered import WorkerDied, run_ordered
-from cadtof_cli.execution.workers import Workers
-from cadtof_cli.files.atomic import make_folder, remove_partial_files
-from cadtof_cli.files.formats import MAP_FORMATS, format_named, map_suffix_like
+from cadtof_cli.files.atomic import make_folder, make_folders, remove_partial_files
 from cadtof_cli.files.lock import locked
-from cadtof_cli.frame_plan import FramePlan, MapSettings
-from cadtof_cli.phasors.voltages import volts_per_count
-from cadtof_cli.resolver.status import MEANING
-from cadtof_cli.resolver.two_path.kernel import chosen_kernel, kernel_notes
+from cadtof_cli.resolver.two_path.kernel import kernel_notes
 from cadtof_cli.workflows.progress import UNTOLD, Progress
 from cadtof_cli.workflows.resolve import split_frames
+from cadtof_cli.workflows.resolve.arrivals import Arrivals, held_back
+from cadtof_cli.workflows.resolve.document import record_captures, recorded_arrivals, run_document
 from cadtof_cli.workflows.resolve.frame_task import FrameTask, resolve_file
 from cadtof_cli.workflows.resolve.output import frame_names, prepare_output
+from cadtof_cli.workflows.resolve.plans import CapturePlan, found_captures, planned
 from cadtof_cli.workflows.resolve.record import RunRecorder, recorded_run
-from cadtof_cli.workflows.resolve.use_calibration import AppliedCalibration, use_calibration
+from cadtof_cli.workflows.resolve.settings import ResolveSettings
+from cadtof_cli.workflows.resolve.use_calibration import use_calibration
 from cadtof_cli.workflows.run_folder import FrameReport, RunTotals
 
-AS_INPUT = "same"
-
-FORMAT_CHOICES = (*MAP_FORMATS, AS_INPUT)
-
 DIED = "the worker process died twice on this frame (killed, or out of memory): try fewer --jobs"
-
-
-@dataclass(frozen=True)
-class CapturePlan:
-    """A capture, what to do with its frames, and their (Y, X); None where no frame can be opened."""
-
-    capture: Capture
-    plan: FramePlan
-    pixels: tuple[int, int] | None
-
-    @property
-    def expected_maps(self) -> int:
-        """How many maps there will be, as far as the files' names tell."""
-        return -(-len(self.capture.frames) // self.plan.settings.average)
-
-
-@dataclass(frozen=True, kw_only=True)
-class ResolveSettings:
-    """Everything that a user can choose about a run, besides the inputs and what overrides `capture.toml`.
-
-    Attributes:
-        out: folder of the run.
-        maps: what the maps are.
-        calibration: folder of the calibration that is applied.
-        map_format: of the map files; `same` is that of the frames.
-        workers: what the work is done by.
-        overwrite: whether the files of an earlier run may be replaced.
-        resume: whether the maps of an earlier run are kept, and only those that are missing made.
-    """
-
-    out: Path
-    maps: MapSettings = field(default_factory=MapSettings)
-    calibration: Path | None = None
-    map_format: str = AS_INPUT
-    workers: Workers = field(default_factory=Workers)
-    overwrite: bool = False
-    resume: bool = False
-
-    def __post_init__(self) -> None:
-        if self.overwrite and self.resume:
-            raise SettingsError("--overwrite and --resume exclude each other: replace the old maps, or keep them")
-        if self.map_format not in FORMAT_CHOICES:
-            raise SettingsError(f"--format: found {self.map_format!r}, expected one of {', '.join(FORMAT_CHOICES)}")
 
 
 def resolve_captures(
@@ -89,6 +36,7 @@ def resolve_captures(
     *,
     settings: ResolveSettings,
     overrides: Mapping[str, Any],
+    arriving: Iterable[tuple[Path, ...]] | None = None,
     progress: Progress = UNTOLD,
     on_frame: Callable[[FrameReport], None] = lambda _: None,
 ) -> RunTotals:
@@ -96,6 +44,7 @@ def resolve_captures(
 
     Args:
         inputs: folders of frames, and single files.
+        arriving: more of them, in batches that come while the run goes on.
         settings: what to do.
         overrides: values by dotted key that replace those of `capture.toml`.
         progress: a step is a file of maps.
@@ -104,174 +53,130 @@ def resolve_captures(
     Raises:
         CadtofError: nothing can be resolved: an input, the metadata, the settings or the output folder is at fault.
     """
-    captures = find_captures(inputs, overrides=overrides)
+    captures, base = found_captures(inputs, settings, overrides)
+    captures, waiting = (captures, []) if arriving is None else held_back(captures, inputs, settings)
     calibration = use_calibration(settings.calibration, captures) if settings.calibration else None
-    plans = _plans(captures, settings, calibration)
-    document = _document(inputs, overrides, settings, plans, calibration)
+    plans = planned(captures, settings, calibration)
+    document = run_document(inputs, overrides, settings, plans, calibration)
     names = frame_names(captures, settings.out)
     make_folder(settings.out)
     with locked(settings.out):
-        resumed = prepare_output(settings.out, names, document, overwrite=settings.overwrite, resume=settings.resume)
+        resumed = prepare_output(settings.out, names, document, settings=settings, arriving=arriving is not None)
         of_calibration = calibration.notes if calibration else ()
-        for note in (*itertools.chain(*map(_notes, captures)), *of_calibration, *kernel_notes()):
+        for note in (*(note for one in plans for note in one.notes()), *of_calibration, *kernel_notes()):
             progress.say(note)
         token = token_hex(8)
         try:
             with recorded_run(settings.out, document, resume=resumed, say=progress.say) as record:
-                return _resolve_frames(_Drawn(plans, settings, names, record, token), record, progress, on_frame)
+                run = _Run(settings, record, progress, on_frame, token)
+                arrivals = Arrivals(settings, overrides, calibration, base, run.tell, waiting)
+                arrivals.meet(plans)
+                run.resolve(plans, names)
+                for some in arrivals.plans(recorded_arrivals(arriving or (), document)):
+                    record_captures(document, some)
+                    run.resolve(some, arrivals.sources)
+                return run.finish()
         finally:
             remove_partial_files(settings.out, token=token)
 
 
-def _resolve_frames(
-    drawn: "_Drawn", record: RunRecorder, progress: Progress, on_frame: Callable[[FrameReport], None]
-) -> RunTotals:
-    """Resolve the frames, and record, count and tell what becomes of each.
+class _Run:
+    """A run that goes on: what has become of its frames."""
 
-    Raises:
-        RunStoppedError: the output folder takes no more maps.
-    """
-    totals, began, settings = RunTotals(), time.monotonic(), drawn.settings
-    tasks = drawn.tasks(progress)
-    if _are_worth_splitting(drawn.plans, settings):
-        outcomes = split_frames.resolve_split(tasks, workers=settings.workers)
-    else:
-        outcomes = run_ordered(resolve_file, tasks, workers=settings.workers)
-    with closing(outcomes):
-        for outcome in outcomes:
-            report = outcome.result
-            if isinstance(report, WorkerDied):
-                report = outcome.task.report("failed", _lost(report), 0.0)
-            totals.add(report)
-            if report.note is not None:
-                progress.say(report.note)
-            record.add(report)
-            on_frame(report)
-            if report.stops:
-                raise RunStoppedError(
-                    f"{settings.out}: takes no more maps, so the run stopped there, {totals.ok} frames resolved; "
-                    "mend that and go on with --resume"
-                )
-            progress.advance()
-        totals.seconds = round(time.monotonic() - began, 3)
-        record.finish(totals.seconds)
-    return totals
+    def __init__(
+        self,
+        settings: ResolveSettings,
+        record: RunRecorder,
+        progress: Progress,
+        on_frame: Callable[[FrameReport], None],
+        token: str,
+    ) -> None:
+        self._settings, self._record, self._progress, self._token = settings, record, progress, token
+        self._on_frame, self._steps = on_frame, _Steps(progress)
+        self._totals, self._began = RunTotals(), time.monotonic()
 
+    def resolve(self, plans: Sequence[CapturePlan], taken: Collection[str]) -> None:
+        """Resolve the frames of some captures.
 
-def _plans(
-    captures: Sequence[Capture], settings: ResolveSettings, calibration: AppliedCalibration | None
-) -> list[CapturePlan]:
-    """Return what to do with each capture.
+        Raises:
+            RunStoppedError: the output folder takes no more maps.
+        """
+        tasks, workers = self._tasks(plans, taken), self._settings.workers
+        split = _are_worth_splitting(plans, self._settings)
+        outcomes = (
+            split_frames.resolve_split(tasks, workers=workers)
+            if split
+            else run_ordered(resolve_file, tasks, workers=workers)
+        )
+        with closing(outcomes):
+            for outcome in outcomes:
+                report = outcome.result
+                if isinstance(report, WorkerDied):
+                    report = outcome.task.report("failed", _lost(report), 0.0)
+                self.tell(report)
 
-    Raises:
-        SettingsError: its settings do not allow it; or its values are integers and nothing says how many volts a count is.
-    """
-    use = calibration.use if calibration else None
-    plans: list[CapturePlan] = []
-    for capture in captures:
-        metadata, first = capture.source.metadata, first_frames(capture)
-        plan = FramePlan(metadata=metadata, settings=settings.maps, calibration=use)
-        plans.append(CapturePlan(capture, plan, None if first is None else (first.shape[2], first.shape[3])))
-        try:
-            if first is not None:
-                volts_per_count(metadata.voltage, first.dtype)
-        except SettingsError as error:
-            raise SettingsError(f"{capture.root}: {error}") from error
-    return plans
+    def tell(self, report: FrameReport) -> None:
+        """Record, count and show what has become of a frame."""
+        self._totals.add(report)
+        if report.note is not None:
+            self._progress.say(report.note)
+        self._record.add(report)
+        self._on_frame(report)
+        if report.stops:
+            raise RunStoppedError(
+                f"{self._settings.out}: takes no more maps, so the run stopped there, {self._totals.ok} frames resolved; "
+                "mend that and go on with --resume"
+            )
+        self._progress.advance()
 
+    def finish(self) -> RunTotals:
+        """Complete the record, and return what has become of the frames in this run."""
+        self._totals.seconds = round(time.monotonic() - self._began, 3)
+        self._record.finish(self._totals.seconds)
+        return self._totals
 
-def _document(
-    inputs: Sequence[Path],
-    overrides: Mapping[str, Any],
-    settings: ResolveSettings,
-    plans: Sequence[CapturePlan],
-    calibration: AppliedCalibration | None,
-) -> dict[str, Any]:
-    """Return what `run.json` says of a run that begins; its arguments have the names of the options."""
-    maps = settings.maps
-    return {
-        "cadtof": __version__,
-        "started": datetime.now(UTC).isoformat(timespec="seconds"),
-        "finished": False,
-        "kernel": chosen_kernel(),
-        "arguments": {
-            "inputs": [str(path) for path in inputs],
-            "absolute_inputs": [str(path.absolute()) for path in inputs],
-            "resolved_inputs": [str(path.resolve()) for path in inputs],
-            "out": str(settings.out),
-            **asdict(maps.resolver),
-            "min_confidence": maps.min_confidence_v,
-            "depth": maps.depth,
-            "pool": maps.pool,
-            "average": maps.average,
-            "calibration": settings.calibration and str(settings.calibration),
-            "map_format": settings.map_format,
-            "overrides": dict(overrides),
-        },
-        "captures": [
-            {
-                "root": str(capture.root),
-                "resolved_root": str(capture.root.resolve()),
-                "files": len(capture.frames),
-                "metadata": asdict(capture.source.metadata),
-                "origins": dict(capture.source.origins),
-            }
-            for capture in (one.capture for one in plans)
-        ],
-        "calibration": calibration and calibration.as_json(),
-        "layers": {layer.name: layer.unit for one in plans for layer in one.plan.layers},
-        "status_bits": {bit.name: int(bit) for bit in MEANING},
-    }
-
-
-def _notes(capture: Capture) -> Iterator[str]:
-    """Yield what is taken for granted about a capture."""
-    taken = [f"{key} = {value}" for key, value in capture.source.defaulted.items()]
-    if taken:
-        yield f"{capture.root}: not given, so taken from the paper: {', '.join(taken)}"
-    if capture.source.metadata.pixel.integration_length is None:
-        yield f"{capture.root}: pixel.integration_length is not given, so the noise is estimated from each frame"
-
-
-@dataclass(frozen=True)
-class _Drawn:
-    """What tasks are drawn from, as places for them come free."""
-
-    plans: Sequence[CapturePlan]
-    settings: ResolveSettings
-    names: Collection[str]
-    record: RunRecorder
-    token: str
-
-    def tasks(self, progress: Progress) -> Iterator[FrameTask]:
-        """Yield the run's tasks; their number is known when the last stack has been opened."""
-        total = sum(one.expected_maps for one in self.plans)
-        progress.total(total)
-        for one in self.plans:
-            waiting = single_frames(one.capture, taken=self.names)
+    def _tasks(self, plans: Sequence[CapturePlan], taken: Collection[str]) -> Iterator[FrameTask]:
+        """Yield tasks; they are drawn as places for them come free."""
+        settings = self._settings
+        expected = [one.expected_maps(settings) for one in plans]
+        self._steps.expect(sum(expected))
+        for one, count in zip(plans, expected, strict=True):
+            waiting = one.frames(settings, taken=taken)
             for number in itertools.count(1):
-                sources = tuple(itertools.islice(waiting, self.settings.maps.average))
+                sources = tuple(itertools.islice(waiting, settings.maps.average))
                 if not sources:
+                    self._steps.expect(min(number - 1 - count, 0))
                     break
-                if number > one.expected_maps:
-                    total += 1
-                    progress.total(total)
+                if number > count:
+                    self._steps.expect(1)
                 yield self._task(one, sources)
 
     def _task(self, one: CapturePlan, sources: tuple[FrameSource, ...]) -> FrameTask:
-        same = self.settings.map_format == AS_INPUT
-        suffix = map_suffix_like(sources[0].paths[0]) if same else format_named(self.settings.map_format).suffix
-        output = self.settings.out / f"{sources[0].name}{suffix}"
+        output = one.output(sources[0], self._settings)
+        if "/" in sources[0].name:
+            make_folders(output.parent)
         return FrameTask(
             sources,
             one.capture.layout,
             one.plan,
             one.pixels,
             output,
-            resume=self.settings.resume,
-            before=self.record.before(output),
-            token=self.token,
+            resume=self._settings.resume,
+            before=self._record.before(output),
+            token=self._token,
         )
+
+
+class _Steps:
+    """How many files of maps there will be, as far as is known."""
+
+    def __init__(self, progress: Progress) -> None:
+        self.progress, self._total = progress, 0
+
+    def expect(self, more: int) -> None:
+        """There are so many more, or fewer."""
+        self._total += more
+        self.progress.total(self._total)
 
 
 def _lost(worker: WorkerDied) -> str:
@@ -283,7 +188,8 @@ def _lost(worker: WorkerDied) -> str:
 
 def _are_worth_splitting(plans: Sequence[CapturePlan], settings: ResolveSettings) -> bool:
     """Whether frames are so few and so slow that their pixels should be spread over the processes."""
-    if sum(one.expected_maps for one in plans) >= settings.workers.processes:
+    workers = settings.workers
+    if workers.scheduler != LOCAL or sum(one.expected_maps(settings) for one in plans) >= workers.jobs:
         return False
     seconds = (one.plan.expected_seconds(math.prod(one.pixels or (0,))) for one in plans)
-    return max(seconds) > split_frames.WORTH_SPLITTING_S
+    return max(seconds, default=0.0) > split_frames.WORTH_SPLITTING_S
