@@ -41,3 +41,9 @@ class RunStoppedError(PlaceError):
 
 class WorkersError(CadtofError):
     """Processes that cannot be started."""
+
+
+class ClusterError(CadtofError):
+    """A cluster that cannot do what was asked, or is lost; what it has done is kept."""
+
+    exit_status = 1

@@ -134,6 +134,13 @@ from cadtof_cli.workflows.run_folder import FrameReport, RunTotals
         metavar="S",
         help="Seconds after which a frame that hangs is given up; it is tried twice.",
     ),
+    setting_option(
+        "--scheduler",
+        Workers,
+        "scheduler",
+        metavar="local|tcp://HOST:PORT",
+        help="Worker processes here, or the workers of a dask scheduler, which share its files (extra cluster).",
+    ),
 )
 @setting_option("--overwrite", ResolveSettings, "overwrite", help="Replace the files of an earlier run.")
 @setting_option(

@@ -3,6 +3,7 @@
 import ctypes
 import gc
 import os
+import re
 import signal
 import sys
 import threading
@@ -18,6 +19,10 @@ from cadtof_cli.errors import SettingsError
 StartMethod = Literal["fork", "spawn", "forkserver"]
 
 START_METHODS: tuple[StartMethod, ...] = ("fork", "spawn", "forkserver")
+
+LOCAL = "local"
+
+_SCHEDULER = re.compile(r"tcp://[^\s/:]+:\d+|tcp://\[[0-9a-fA-F:]+\]:\d+")
 
 KEPT_BYTES = 16 * 2**20
 
@@ -47,17 +52,25 @@ class Workers:
         jobs: processes that are asked for; 1 is this one alone.
         start_method: how other processes start.
         task_timeout_s: after how long a task's process is ended; None: it takes the time that it takes.
+        scheduler: `local`, or the address of a dask scheduler whose workers do the work instead.
     """
 
     jobs: int = field(default_factory=available_cores)
     start_method: StartMethod = field(default_factory=default_start_method)
     task_timeout_s: float | None = None
+    scheduler: str = LOCAL
 
     def __post_init__(self) -> None:
         if self.jobs < 1:
             raise SettingsError(f"--jobs: found {self.jobs}, expected 1 or more")
         if self.task_timeout_s is not None and not self.task_timeout_s > 0:
             raise SettingsError(f"--frame-timeout: found {self.task_timeout_s:g}, expected seconds above 0")
+        if self.scheduler != LOCAL and not _SCHEDULER.fullmatch(self.scheduler):
+            raise SettingsError(f"--scheduler: found {self.scheduler!r}, expected local or tcp://HOST:PORT")
+        if self.scheduler != LOCAL and self.task_timeout_s is not None:
+            raise SettingsError(
+                "--frame-timeout holds for processes of this machine; leave out --scheduler, or the limit"
+            )
 
     def at_most(self, tasks: int, /) -> "Workers":
         """Return no more workers than there are tasks."""

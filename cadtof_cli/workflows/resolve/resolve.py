@@ -3,7 +3,7 @@
 import itertools
 import math
 import time
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Generator, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing
 from pathlib import Path
 from secrets import token_hex
@@ -11,8 +11,9 @@ from typing import Any
 
 from cadtof_cli.capture.frame_sources import FrameSource
 from cadtof_cli.errors import RunStoppedError
-from cadtof_cli.execution.ordered import WorkerDied, run_ordered
-from cadtof_cli.files.atomic import make_folder, make_folders, remove_partial_files
+from cadtof_cli.execution.ordered import Outcome, WorkerDied, run_ordered
+from cadtof_cli.execution.workers import LOCAL
+from cadtof_cli.files.atomic import PARTIAL_SUFFIX, make_folder, make_folders, remove_partial_files
 from cadtof_cli.files.lock import locked
 from cadtof_cli.resolver.two_path.kernel import kernel_notes
 from cadtof_cli.workflows.progress import UNTOLD, Progress
@@ -67,14 +68,16 @@ def resolve_captures(
             progress.say(note)
         token = token_hex(8)
         try:
-            with recorded_run(settings.out, document, resume=resumed, say=progress.say) as record:
-                run = _Run(settings, record, progress, on_frame, token)
+            run = _Run(settings, progress, on_frame, token)
+            # a cluster that does not answer is found before anything is written
+            first = run.outcomes(plans, names)
+            with recorded_run(settings.out, document, resume=resumed, say=progress.say) as run.record:
                 arrivals = Arrivals(settings, overrides, calibration, base, run.tell, waiting)
                 arrivals.meet(plans)
-                run.resolve(plans, names)
+                run.tell_all(first)
                 for some in arrivals.plans(recorded_arrivals(arriving or (), document)):
                     record_captures(document, some)
-                    run.resolve(some, arrivals.sources)
+                    run.tell_all(run.outcomes(some, arrivals.sources))
                 return run.finish()
         finally:
             remove_partial_files(settings.out, token=token)
@@ -86,28 +89,37 @@ class _Run:
     def __init__(
         self,
         settings: ResolveSettings,
-        record: RunRecorder,
         progress: Progress,
         on_frame: Callable[[FrameReport], None],
         token: str,
     ) -> None:
-        self._settings, self._record, self._progress, self._token = settings, record, progress, token
-        self._on_frame, self._steps = on_frame, _Steps(progress)
-        self._totals, self._began = RunTotals(), time.monotonic()
+        self._settings, self._progress, self._on_frame, self._token = settings, progress, on_frame, token
+        self._steps, self._totals, self._began = _Steps(progress), RunTotals(), time.monotonic()
+        self.record: RunRecorder
 
-    def resolve(self, plans: Sequence[CapturePlan], taken: Collection[str]) -> None:
-        """Resolve the frames of some captures.
+    def outcomes(
+        self, plans: Sequence[CapturePlan], taken: Collection[str]
+    ) -> Generator[Outcome[FrameTask, FrameReport], None, None]:
+        """Return a generator of what becomes of the frames of some captures; a cluster that is meant to do it is connected to."""
+        tasks, workers = self._tasks(plans, taken), self._settings.workers
+        if _are_worth_splitting(plans, self._settings):
+            return split_frames.resolve_split(tasks, workers=workers)
+        return run_ordered(resolve_file, tasks, workers=workers, probe=self._probe(), say=self._progress.say)
+
+    def _probe(self) -> Path | None:
+        """Make a file in the run's folder that is removed with what is half-written, for workers of a cluster to look for."""
+        if self._settings.workers.scheduler == LOCAL:
+            return None
+        probe = self._settings.out / f".cluster.{self._token}{PARTIAL_SUFFIX}"
+        probe.write_text(self._token)
+        return probe
+
+    def tell_all(self, outcomes: Generator[Outcome[FrameTask, FrameReport], None, None]) -> None:
+        """Record, count and show what becomes of frames.
 
         Raises:
             RunStoppedError: the output folder takes no more maps.
         """
-        tasks, workers = self._tasks(plans, taken), self._settings.workers
-        split = _are_worth_splitting(plans, self._settings)
-        outcomes = (
-            split_frames.resolve_split(tasks, workers=workers)
-            if split
-            else run_ordered(resolve_file, tasks, workers=workers)
-        )
         with closing(outcomes):
             for outcome in outcomes:
                 report = outcome.result
@@ -120,7 +132,7 @@ class _Run:
         self._totals.add(report)
         if report.note is not None:
             self._progress.say(report.note)
-        self._record.add(report)
+        self.record.add(report)
         self._on_frame(report)
         if report.stops:
             raise RunStoppedError(
@@ -132,7 +144,7 @@ class _Run:
     def finish(self) -> RunTotals:
         """Complete the record, and return what has become of the frames in this run."""
         self._totals.seconds = round(time.monotonic() - self._began, 3)
-        self._record.finish(self._totals.seconds)
+        self.record.finish(self._totals.seconds)
         return self._totals
 
     def _tasks(self, plans: Sequence[CapturePlan], taken: Collection[str]) -> Iterator[FrameTask]:
@@ -162,7 +174,7 @@ class _Run:
             one.pixels,
             output,
             resume=self._settings.resume,
-            before=self._record.before(output),
+            before=self.record.before(output),
             token=self._token,
         )
 
@@ -189,7 +201,7 @@ def _lost(worker: WorkerDied) -> str:
 def _are_worth_splitting(plans: Sequence[CapturePlan], settings: ResolveSettings) -> bool:
     """Whether frames are so few and so slow that their pixels should be spread over the processes."""
     workers = settings.workers
-    if workers.scheduler != LOCAL or sum(one.expected_maps(settings) for one in plans) >= workers.jobs:
+    if workers.scheduler != LOCAL or sum(one.expected_maps(settings) for one in plans) >= workers.processes:
         return False
     seconds = (one.plan.expected_seconds(math.prod(one.pixels or (0,))) for one in plans)
     return max(seconds, default=0.0) > split_frames.WORTH_SPLITTING_S
