@@ -60,6 +60,7 @@ class FrameReport:
     one_path: int | None = None
     two_paths: int | None = None
     more_paths: int | None = None
+    diffuse: int | None = None
     invalid: int | None = None
     files: tuple[SourceFile, ...] | None = None
     digest: str | None = None
@@ -93,7 +94,7 @@ def report_of(line: bytes, /) -> FrameReport | None:
 
 @dataclass
 class RunTotals:
-    """What has become of the frames so far."""
+    """What has become of the frames so far; `diffuse_frames` are those whose MPI was taken for diffuse."""
 
     frames: int = 0
     ok: int = 0
@@ -102,6 +103,8 @@ class RunTotals:
     one_path: int = 0
     two_paths: int = 0
     more_paths: int = 0
+    diffuse: int = 0
+    diffuse_frames: int = 0
     invalid: int = 0
     seconds: float = 0.0
 
@@ -109,8 +112,9 @@ class RunTotals:
         """Count one more frame."""
         self.frames += 1
         setattr(self, report.status, getattr(self, report.status) + 1)
-        for name in ("one_path", "two_paths", "more_paths", "invalid"):
+        for name in ("one_path", "two_paths", "more_paths", "diffuse", "invalid"):
             setattr(self, name, getattr(self, name) + (getattr(report, name) or 0))
+        self.diffuse_frames += bool(report.diffuse)
 
 
 @dataclass(frozen=True)
