@@ -34,7 +34,7 @@ class TiffFrames:
     def __init__(self, path: Path, layout: FrameLayout) -> None:
         self.images = images = TiffImages(path)
         try:
-            self._table = plane_table(images.labels, images.sizes, layout, where=images.found)
+            self._table = plane_table(images.labels, images.sizes, layout, where=images.found, names=images.names)
         except FrameError:
             images.close()
             raise
