@@ -12,8 +12,16 @@ import click
 from cadtof_cli import __version__
 from cadtof_cli.errors import CadtofError
 
-COMMANDS = ("resolve", "info", "evaluate", "preview", "simulate", "sweep", "calibrate")
-"""Subcommands in the order of `cadtof --help`; each is `commands/<name>.py` with a click command of that name."""
+COMMANDS = {
+    "resolve": "Recorded frames → depth maps without multi-path interference.",
+    "info": "What a capture or map file holds, and what is wrong with it.",
+    "evaluate": "Errors of depth maps against truth.",
+    "preview": "A picture of a frame's maps.",
+    "simulate": "A simulated pixel, resolved many times; or a scene recorded as a capture.",
+    "sweep": "A grid of simulated conditions: CSV and heat maps.",
+    "calibrate": "Measure what is wrong with a camera, for `resolve --calibration`.",
+}
+"""Subcommands in the order of `cadtof --help`, with what they do; each is a click command in `commands/<name>.py`."""
 
 INTERRUPTED = 130
 TERMINATED = 143
@@ -21,7 +29,7 @@ BROKEN_PIPE = 141
 
 
 class LazyGroup(click.Group):
-    """A group that imports a subcommand's module only when that is run, or all of them to list their help."""
+    """A group that imports the module of a subcommand only when that is run."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         """Return the names of all subcommands."""
@@ -33,6 +41,11 @@ class LazyGroup(click.Group):
             return None
         command: click.Command = getattr(importlib.import_module(f"cadtof_cli.commands.{cmd_name}"), cmd_name)
         return command
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write what each subcommand does, without importing any."""
+        with formatter.section("Commands"):
+            formatter.write_dl(list(COMMANDS.items()))
 
 
 @click.group(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})

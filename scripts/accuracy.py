@@ -12,10 +12,11 @@ from cadtof_cli.capture.discovery import Capture, find_captures
 from cadtof_cli.capture.frames import open_frames, single_frames
 from cadtof_cli.capture.metadata import CaptureMetadata
 from cadtof_cli.files.maps import read_layers
+from cadtof_cli.frame_plan import FramePlan, MapSettings
 from cadtof_cli.maps.layers import DIRECT_DEPTH
 from cadtof_cli.phasors.noise import noise_model
-from cadtof_cli.phasors.pulse import pulse_response
-from cadtof_cli.pipeline import FramePlan, resolve_frame
+from cadtof_cli.phasors.response import pulse_response
+from cadtof_cli.pipeline import resolve_frame
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.resolver.status import StatusBit
 from cadtof_cli.resolver.two_path.closed_form import TwoPaths, fundamental_frame, two_paths
@@ -131,7 +132,7 @@ def noisy(
 
 def depth_errors(capture: Capture) -> None:
     truth = read_layers(capture.root / "truth.exr")[DIRECT_DEPTH].astype(np.float64)
-    plan = FramePlan(metadata=capture.source.metadata, resolver=ResolverSettings())
+    plan = FramePlan(metadata=capture.source.metadata)
     first, direct, scores = [], [], []
     for source in single_frames(capture):
         with open_frames(source, capture.layout) as frames:
@@ -153,8 +154,8 @@ def depth_errors(capture: Capture) -> None:
 def rows_without_mpi(capture: Capture) -> None:
     """The rows of the card that have no MPI: what the order test costs beside the one-path fit."""
     truth = read_layers(capture.root / "truth.exr")[DIRECT_DEPTH][:TOP_ROWS].astype(np.float64)
-    plan = FramePlan(metadata=capture.source.metadata, resolver=ResolverSettings())
-    alone = replace(plan, resolver=ResolverSettings(solver="one-path"))
+    plan = FramePlan(metadata=capture.source.metadata)
+    alone = replace(plan, settings=MapSettings(resolver=ResolverSettings(solver="one-path")))
     errors: dict[str, list[F]] = {"auto": [], "one": []}
     false = []
     for source in single_frames(capture):

@@ -9,11 +9,12 @@ from functools import partial
 import numpy as np
 
 from cadtof_cli.arrays import Float, Float32
+from cadtof_cli.execution.workers import Workers
 from cadtof_cli.simulation.pixel.averaging import Averaging
-from cadtof_cli.simulation.pixel.mix import PhotonMix
+from cadtof_cli.simulation.pixel.mix import Condition, PhotonMix
 from cadtof_cli.simulation.pixel.pixel import CHUNK, PixelModel, pixel_weights, record_pixel
-from cadtof_cli.simulation.trials import Condition, Trials
 from cadtof_cli.workflows.simulate.simulate import simulate_pixel
+from cadtof_cli.workflows.simulate.trials import Trials
 
 REPEATS = 5
 
@@ -40,7 +41,7 @@ def main() -> None:
         jobs = len(os.sched_getaffinity(0))
         trials = Trials(condition=Condition(asr=5.0, mpi_ratio=0.3), model=model, photon_by_photon=True)
         begun = time.perf_counter()
-        simulate_pixel(trials, jobs=jobs)
+        simulate_pixel(trials, workers=Workers(jobs=jobs))
         print(f"400 runs of 2 harmonics at n_av 1e5: {time.perf_counter() - begun:.1f} s on {jobs} cores")
 
 

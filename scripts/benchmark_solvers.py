@@ -13,11 +13,12 @@ from scipy.optimize import leastsq
 
 from cadtof_cli.capture.discovery import find_captures
 from cadtof_cli.capture.frames import open_frames
-from cadtof_cli.execution.memory import keep_freed_memory
+from cadtof_cli.execution.workers import keep_freed_memory
 from cadtof_cli.files.maps import read_layers
+from cadtof_cli.frame_plan import FramePlan, MapSettings
 from cadtof_cli.maps.layers import DIRECT_DEPTH
-from cadtof_cli.pipeline import FramePlan, resolve_frame
-from cadtof_cli.resolver.paper.eliminated import TwoShares, random_starts, two_shares
+from cadtof_cli.pipeline import resolve_frame
+from cadtof_cli.resolver.paper.equation_9 import TwoShares, random_starts, two_shares
 from cadtof_cli.resolver.paths import ResolvedPaths
 from cadtof_cli.resolver.resolve import resolve_paths
 from cadtof_cli.resolver.settings import ResolverSettings
@@ -48,10 +49,9 @@ def seconds(run: Callable[[], object]) -> float:
 def resolved(phasors: C, harmonics: tuple[int, ...], n_av: float, settings: ResolverSettings) -> ResolvedPaths:
     return resolve_paths(
         phasors,
-        saturated=np.zeros(phasors.shape[1], np.bool_),
+        status=np.zeros(phasors.shape[1], np.uint32),
         settings=settings,
         noise=noise_of(harmonics, n_av=n_av),
-        amplitude_v=1.0,
     )
 
 
@@ -107,7 +107,7 @@ def lm(pixels: int) -> None:
             f"{fast / pixels * 1e6:.1f}",
             f"{slow / fast:.0f}",
             wrong(theirs, truth),
-            wrong(ours.amplitude * (ours.cos + 1j * ours.sin), truth),
+            wrong(ours.paths.amplitude * (ours.paths.cos + 1j * ours.paths.sin), truth),
         )
     table("lm on {1,2,3}, MPI 0.3, ASR 5, n_av 2e5 in all", "direct over the bound", "second over the bound")
     for separation in (6.0, 11.0, 20.0):
@@ -166,7 +166,7 @@ def paths(pixels: int) -> None:
             row(
                 f"{amplitudes}, {{{','.join(map(str, numbers))}}}",
                 " / ".join(f"{ratio:.3f}" for ratio in ratios),
-                f"{np.isfinite(found.others[0].phase_rad).mean():.1%}",
+                f"{np.isfinite(found.paths[2].phase_rad).mean():.1%}",
             )
 
 
@@ -181,7 +181,7 @@ def pooling(card: Path) -> None:
     truth = read_layers(card / "truth.exr")[DIRECT_DEPTH][40:]
     alone = 0.0
     for window in (1, 3, 5, 7):
-        plan = FramePlan(metadata=capture.source.metadata, resolver=ResolverSettings(), pool=window)
+        plan = FramePlan(metadata=capture.source.metadata, settings=MapSettings(pool=window))
         error = resolve_frame(stored, plan=plan).maps.layer(DIRECT_DEPTH)[40:] - truth
         rmse = 100.0 * float(np.sqrt(np.nanmean(error.astype(np.float64) ** 2)))
         alone = alone or rmse
@@ -202,7 +202,7 @@ def _smeared_columns(window: int) -> int:
         drawn = light.phasors(harmonics, n_av=n_av, size=height * width // 2, rng=rng)
         drawn *= np.array([[light.pulse(h)] for h in harmonics])
         halves.append(np.stack((drawn.real, drawn.imag), axis=1).reshape(2, 2, height, width // 2))
-    plan = FramePlan(metadata=recorded(harmonics, n_av=n_av), resolver=ResolverSettings(), pool=window)
+    plan = FramePlan(metadata=recorded(harmonics, n_av=n_av), settings=MapSettings(pool=window))
     maps = resolve_frame(0.2746 * np.concatenate(halves, axis=3), plan=plan).maps
     truth = metres * np.repeat(delays, width // 2)
     return int((np.abs(np.median(maps.layer(DIRECT_DEPTH), axis=0) - truth) > 0.03).sum())
@@ -242,7 +242,7 @@ def _frame(
     drawn = light.phasors(harmonics, n_av=n_av, size=QVGA, rng=np.random.default_rng(4))
     drawn *= np.array([[light.pulse(h)] for h in harmonics])
     stored = 0.2746 * np.stack((drawn.real, drawn.imag), axis=1).reshape(len(harmonics), 2, 240, 320)
-    plan = FramePlan(metadata=recorded(harmonics, n_av=n_av), resolver=settings, pool=pool)
+    plan = FramePlan(metadata=recorded(harmonics, n_av=n_av), settings=MapSettings(resolver=settings, pool=pool))
     return lambda: resolve_frame(stored.astype(np.float32), plan=plan)
 
 

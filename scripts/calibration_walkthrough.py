@@ -19,8 +19,8 @@ from cadtof_cli.capture.toml import toml_text
 from cadtof_cli.files.maps import read_layers, write_layers
 from cadtof_cli.maps.layers import DIRECT_DEPTH
 from cadtof_cli.resolver.status import StatusBit
-from cadtof_cli.simulation.defects import DefectiveCamera, Defects, qvga_metadata
 from cadtof_cli.units import C_M_PER_NS
+from tests.support.defects import DefectiveCamera, Defects, qvga_metadata
 
 ROOT = Path(__file__).resolve().parent.parent
 PIXELS = (240, 320)

@@ -6,6 +6,7 @@ import tempfile
 from pathlib import Path
 
 from cadtof_cli.capture.metadata import CaptureMetadata, Pixel, Target, Voltage
+from cadtof_cli.execution.workers import Workers
 from cadtof_cli.simulation.scene.camera import Camera
 from cadtof_cli.simulation.scene.exposure import Exposure
 from cadtof_cli.simulation.scene.light import Scene
@@ -25,7 +26,7 @@ def main() -> None:
     out.mkdir(parents=True, exist_ok=True)
     for name, settings in captures().items():
         with tempfile.TemporaryDirectory(dir=out) as scratch:
-            record_scene(settings, Path(scratch) / name, jobs=2)
+            record_scene(settings, Path(scratch) / name, workers=Workers(jobs=2))
             shutil.rmtree(out / name, ignore_errors=True)
             (Path(scratch) / name).rename(out / name)
         size = sum(file.stat().st_size for file in (out / name).iterdir())

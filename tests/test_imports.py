@@ -30,7 +30,7 @@ ALLOWED: dict[str, set[str]] = {
     "simulation": {"capture", "files", "maps", "optics", "phasors", "resolver"},
     "frame_plan": {"calibration", "capture", "maps", "optics", "phasors", "resolver"},
     "pipeline": {"calibration", "capture", "files", "frame_plan", "maps", "optics", "phasors", "resolver"},
-    "figures": {"calibration", "capture", "maps", "resolver", "simulation"},
+    "figures": {"calibration", "capture", "files", "maps", "optics", "resolver", "simulation"},
 }
 """What a part may import besides itself and what anybody may: only what comes before it."""
 

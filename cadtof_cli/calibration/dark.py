@@ -1,6 +1,5 @@
 """Dark calibration: what each pixel shows without light, and the pixels that cannot be trusted."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import IntFlag
 from typing import Any, ClassVar, Self
@@ -9,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cadtof_cli.arrays import Bool, Float, Float32
-from cadtof_cli.calibration.averaging import MeanFrame, median_variance_ratio
 from cadtof_cli.calibration.parts import Maps, Origin, PartKind, Tables, plane_names, read_only, stacked
 from cadtof_cli.files.frames import CHANNELS
+from cadtof_cli.phasors.frame_mean import FrameMean, median_variance_ratio
 from cadtof_cli.phasors.noise import MAD_PER_SIGMA
 
 OFFSET_LIMIT = 8.0
@@ -65,14 +64,6 @@ class DarkCalibration:
             raise ValueError(f"defects: found shape {self.defects.shape}, expected {self.origin.pixels}")
         object.__setattr__(self, "defects", read_only(self.defects))
 
-    def embed(self, voltages_v: Float, /) -> Float:
-        """Return voltages, (H, 2, Y, X), as this camera would have recorded them."""
-        return voltages_v + self.offset_v
-
-    def apply(self, voltages_v: Float, /) -> Float:
-        """Return recorded voltages, (H, 2, Y, X), without the offsets."""
-        return voltages_v - self.offset_v
-
     @property
     def hot(self) -> Bool:
         """Pixels that `resolve` gives no answer for, (Y, X)."""
@@ -99,7 +90,7 @@ class DarkCalibration:
         return {"quality": dict(self.quality()), "defects": dict(self.defect_counts())}
 
     def maps(self) -> dict[str, NDArray[Any]]:
-        """Return offsets and noise a channel, and the defects."""
+        """Return offsets and noise per channel, and the defects."""
         harmonics = self.origin.harmonics
         maps: dict[str, NDArray[Any]] = {"defects": self.defects}
         for what, values in (("offset", self.offset_v), ("noise", self.noise_v)):
@@ -117,15 +108,16 @@ class DarkCalibration:
         return cls(origin, offset, noise, np.asarray(maps["defects"], np.uint32))
 
 
-def fit_dark(mean: MeanFrame, /, *, origin: Origin) -> DarkCalibration:
-    """Return the dark calibration from the mean of covered-lens frames.
+def fit_dark(mean: FrameMean, /, *, origin: Origin) -> DarkCalibration:
+    """Return the dark calibration from the mean, in V, of covered-lens frames.
 
     A pixel is an outlier where its offset lies `OFFSET_LIMIT` robust standard deviations from the median of its plane, or
     its noise is outside what χ² allows around the plane's median variance. With one frame there is no noise to judge by.
     """
+    variances = np.zeros_like(mean.stored) if mean.variance is None else mean.variance
     defects = np.zeros(mean.pixels, np.uint32)
     defects[~mean.sound] |= np.uint32(Defect.NOT_FINITE)
-    for offset, variance in zip(_planes(mean.mean_v), _planes(mean.variance_v2), strict=True):
+    for offset, variance in zip(_planes(mean.stored), _planes(variances), strict=True):
         centre = float(np.nanmedian(offset))
         spread = float(np.nanmedian(np.abs(offset - centre))) / MAD_PER_SIGMA
         rounding = float(np.finfo(np.float32).eps) * max(abs(centre), 1e-6)
@@ -136,8 +128,8 @@ def fit_dark(mean: MeanFrame, /, *, origin: Origin) -> DarkCalibration:
             if typical > 0.0:
                 defects[variance > high * typical] |= np.uint32(Defect.NOISE)
                 defects[variance < low * typical] |= np.uint32(Defect.DEAD)
-    noise = np.sqrt(np.nan_to_num(mean.variance_v2)).astype(np.float32)
-    return DarkCalibration(origin, np.nan_to_num(mean.mean_v).astype(np.float32), noise, defects)
+    noise = np.sqrt(np.nan_to_num(variances)).astype(np.float32)
+    return DarkCalibration(origin, np.nan_to_num(mean.stored).astype(np.float32), noise, defects)
 
 
 def _planes(values: Float) -> Float:
@@ -151,9 +143,3 @@ def _variance_limits(frames: int) -> tuple[float, float]:
     freedom = frames - 1
     low, high = chi2.ppf([NOISE_FALSE_ALARM, 1.0 - NOISE_FALSE_ALARM], freedom) / freedom
     return min(float(low), NOISE_RATIO**-2), max(float(high), NOISE_RATIO**2)
-
-
-def defect_summary(counts: Mapping[str, int], /) -> str:
-    """Return the counts as words."""
-    found = [f"{count} {name.replace('_', ' ')}" for name, count in counts.items() if count]
-    return ", ".join(found) or "none"

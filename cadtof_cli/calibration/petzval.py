@@ -4,11 +4,11 @@ import math
 from dataclasses import asdict, dataclass
 from typing import Any, ClassVar, Self
 
-import numpy as np
 from numpy.typing import NDArray
 
 from cadtof_cli.arrays import Float
 from cadtof_cli.calibration.parts import Maps, Origin, PartKind, Tables
+from cadtof_cli.optics.curvature import curvature_m
 
 
 @dataclass(frozen=True)
@@ -53,28 +53,6 @@ class PetzvalQuality:
     findings: tuple[str, ...] = ()
 
 
-def squared_field_radius(pixels: tuple[int, int], principal_point_px: tuple[float, float], /) -> Float:
-    """Return ρ² of every pixel, (Y, X): ρ is the distance from the principal point over half the array's diagonal."""
-    height, width = pixels
-    column, row = principal_point_px
-    x, y = np.arange(width)[np.newaxis, :] - column, np.arange(height)[:, np.newaxis] - row
-    return np.asarray((x * x + y * y) / (0.25 * (height * height + width * width)))
-
-
-def curvature_m(
-    pixels: tuple[int, int], principal_point_px: tuple[float, float], coefficients_m: tuple[float, float], /
-) -> Float:
-    """Return Δ(ρ) = k2 ρ² + k4 ρ⁴ of every pixel in m, (Y, X)."""
-    squared = squared_field_radius(pixels, principal_point_px)
-    k2, k4 = coefficients_m
-    return squared * (k2 + k4 * squared)
-
-
-def middle_px(pixels: tuple[int, int], /) -> tuple[float, float]:
-    """Return the middle of the array as (column, row): the principal point where none is given."""
-    return (pixels[1] - 1) / 2.0, (pixels[0] - 1) / 2.0
-
-
 @dataclass(frozen=True, eq=False)
 class PetzvalCalibration:
     """The coefficients, and the principal point (column, row) that ρ is counted from."""
@@ -96,18 +74,10 @@ class PetzvalCalibration:
         """Δ of every pixel, (Y, X), in m."""
         return curvature_m(self.origin.pixels, self.principal_point_px, (self.k2_m, self.k4_m))
 
-    def embed(self, range_m: Float, /) -> Float:
-        """Return the ranges, (..., Y, X), that the camera measures where these are true."""
-        return range_m + self.range_offset_m
-
-    def apply(self, range_m: Float, /) -> Float:
-        """Return the true ranges, (..., Y, X), where these were measured."""
-        return range_m - self.range_offset_m
-
     def tables(self) -> dict[str, dict[str, Any]]:
         """Return coefficients with standard errors, residuals before and after, and every wall."""
         quality = asdict(self.quality)
-        walls = quality.pop("walls")
+        walls, findings, correlation = (quality.pop(name) for name in ("walls", "findings", "correlation"))
         tables: dict[str, dict[str, Any]] = {
             "coefficients": {
                 "k2_m": self.k2_m,
@@ -115,12 +85,11 @@ class PetzvalCalibration:
                 "k2_stderr_m": quality.pop("k2_stderr_m"),
                 "k4_stderr_m": quality.pop("k4_stderr_m"),
             },
-            "residual": {name: quality.pop(name) for name in ("rms_before_m", "rms_after_m", "noise_rms_m")},
-            "optics": {"principal_point_px": list(self.principal_point_px), **_without(quality, "findings")},
-            "findings": {"text": list(quality["findings"])},
+            "residual": {name: quality.pop(name) for name in ("rms_before_m", "rms_after_m", "noise_rms_m")}
+            | {"correlation": correlation},
+            "optics": {"principal_point_px": list(self.principal_point_px), **quality},
+            "findings": {"text": list(findings)},
         }
-        tables["optics"].pop("correlation")
-        tables["residual"]["correlation"] = quality["correlation"]
         return tables | {f"wall_{index}": wall for index, wall in enumerate(walls, start=1)}
 
     def maps(self) -> dict[str, NDArray[Any]]:
@@ -147,7 +116,3 @@ class PetzvalCalibration:
                 **optics,
             ),
         )
-
-
-def _without(values: dict[str, Any], name: str) -> dict[str, Any]:
-    return {key: value for key, value in values.items() if key != name}

@@ -1,12 +1,12 @@
 """Response calibration: what the channel pairs answer to a path, and what each pixel adds to phase and gain."""
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cadtof_cli.arrays import Float, Float32
+from cadtof_cli.arrays import Float32
 from cadtof_cli.calibration.parts import Maps, Origin, PartKind, Tables, plane_names, read_only, stacked
 from cadtof_cli.phasors.response import HarmonicResponse
 
@@ -18,8 +18,8 @@ class ResponseQuality:
     Attributes:
         distances_m: of the targets.
         residual: what the model leaves over the noise, 1 where it leaves nothing but noise.
-        phase_stderr_rad, gain_stderr: of one pixel's map entry, a harmonic each.
-        term_stderr: of every term that was fitted, relative to G[h,1], a harmonic each.
+        phase_stderr_rad, gain_stderr: of one pixel's map entry, one per harmonic.
+        term_stderr: of every term that was fitted, relative to G[h,1], one tuple per harmonic.
         curvature_stderr_m: of the field curvature: by chance, pixels' own phases may look like some.
         findings: why each term was taken or left, and what was assumed, in words.
     """
@@ -64,37 +64,20 @@ class ResponseCalibration:
         if not (self.gain > 0.0).all():
             raise ValueError("gain: found 0 or less, expected gains above 0")
 
-    def embed(self, amplitudes: Float, phases_rad: Float, /, *, amplitude_v: float) -> Float:
-        """Return the voltages, (H, 2, Y, X), of paths with these amplitudes and fundamental phases, (P, Y, X) each."""
-        planes = []
-        for response, own, gain in zip(self.responses, self.phase_rad, self.gain, strict=True):
-            theta = response.harmonic * phases_rad + own
-            answer = amplitude_v * gain * (amplitudes * response.at(theta)).sum(axis=0)
-            planes.append(np.stack([answer.real, answer.imag]))
-        return np.stack(planes)
-
     def tables(self) -> dict[str, dict[str, Any]]:
         """Return the terms of every harmonic as [k, real, imaginary part], and how well they were measured."""
-        quality = self.quality
+        quality = asdict(self.quality)
+        k2_error, k4_error = quality.pop("curvature_stderr_m")
         tables: dict[str, dict[str, Any]] = {
             f"harmonic_{response.harmonic}": {"terms": [[k, g.real, g.imag] for k, g in response.terms]}
             for response in self.responses
         }
         k2, k4 = self.field_curvature_m
-        k2_error, k4_error = quality.curvature_stderr_m
         tables["field_curvature"] = {"k2_m": k2, "k4_m": k4, "k2_stderr_m": k2_error, "k4_stderr_m": k4_error}
-        tables["quality"] = {
-            "distances_m": list(quality.distances_m),
-            "residual": quality.residual,
-            "phase_stderr_rad": list(quality.phase_stderr_rad),
-            "gain_stderr": list(quality.gain_stderr),
-            "term_stderr": [list(errors) for errors in quality.term_stderr],
-            "findings": list(quality.findings),
-        }
-        return tables
+        return tables | {"quality": quality}
 
     def maps(self) -> dict[str, NDArray[Any]]:
-        """Return phase and gain a harmonic."""
+        """Return phase and gain per harmonic."""
         maps: dict[str, NDArray[Any]] = {}
         for what, values in (("phase", self.phase_rad), ("gain", self.gain)):
             maps |= dict(zip(plane_names(what, self.origin.harmonics), values, strict=True))

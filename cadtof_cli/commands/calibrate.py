@@ -8,13 +8,15 @@ from typing import Any
 
 import click
 
-from cadtof_cli.commands.options import Function, SectionedCommand, capture_options_without, input_paths
+from cadtof_cli.commands.options import Function, SectionedCommand, capture_options, input_paths, setting_option
 from cadtof_cli.commands.progress import progress_bar
+from cadtof_cli.workflows.calibrate.captures import CalibrateReport, CalibrateSettings
+from cadtof_cli.workflows.calibrate.dark import calibrate_dark
+from cadtof_cli.workflows.calibrate.petzval import calibrate_petzval
+from cadtof_cli.workflows.calibrate.response import calibrate_response
 
-STATUS_HELP = "Exit status: 0 measured and written; 1 a frame cannot be read; 2 wrong usage, settings or captures."
 
-
-@click.group(short_help="Measure what is wrong with a camera, for `resolve --calibration`.")
+@click.group()
 def calibrate() -> None:
     """Measure dark offsets, response and field curvature of a camera, each in a step of its own, in this order.
 
@@ -25,29 +27,24 @@ def calibrate() -> None:
 
 def _shared(function: Function) -> Function:
     """Add the options that all steps share."""
-    options: tuple[Callable[[Function], Function], ...] = (
-        click.argument("captures", nargs=-1, required=True, metavar="CAPTURE..."),
-        click.option(
-            "-o",
-            "--out",
-            required=True,
-            type=click.Path(path_type=Path),
-            help="Calibration folder the part is added to.",
-        ),
-        click.option("--overwrite", is_flag=True, help="Replace this part, if the folder has it."),
-        click.option("--json", "as_json", is_flag=True, help="Print the report as one JSON object on stdout."),
+    for add in (
+        capture_options("target.distance_m"),
         click.option("-q", "--quiet", is_flag=True, help="No progress and no notes on stderr; errors only."),
-        capture_options_without("target.distance_m"),
-    )
-    for option in reversed(options):
-        function = option(function)
+        click.option("--json", "as_json", is_flag=True, help="Print the report as one JSON object on stdout."),
+        setting_option("--overwrite", CalibrateSettings, "overwrite", help="Replace this part, if the folder has it."),
+        setting_option(
+            "-o --out", CalibrateSettings, "out", required=True, help="Calibration folder the part is added to."
+        ),
+        click.argument("captures", nargs=-1, required=True, metavar="CAPTURE..."),
+    ):
+        function = add(function)
     return function
 
 
-_DISTANCE = click.option(
+_distance = click.option(
     "--distance",
     "--distance-m",
-    "distances",
+    "distances_m",
     type=float,
     multiple=True,
     metavar="M",
@@ -58,74 +55,76 @@ _DISTANCE = click.option(
 
 @calibrate.command(cls=SectionedCommand, short_help="Offsets, noise and bad pixels, from covered-lens frames.")
 @_shared
-def dark(captures: tuple[str, ...], **options: Any) -> int:
+def dark(
+    captures: tuple[str, ...], out: Path, overwrite: bool, as_json: bool, quiet: bool, overrides: Mapping[str, Any]
+) -> None:
     """Measure each pixel's offsets and noise from frames recorded with the lens covered, and find hot and dead pixels."""
-    from cadtof_cli.workflows.calibrate.dark import calibrate_dark
-
-    return _run(calibrate_dark, captures, options, _dark_lines)
+    settings = CalibrateSettings(out=out, overwrite=overwrite)
+    with progress_bar("reading", "frames", quiet=quiet) as bar:
+        report = calibrate_dark(input_paths(captures), settings=settings, overrides=overrides, progress=bar)
+    _print(report, _dark_lines, as_json=as_json)
 
 
 @calibrate.command(cls=SectionedCommand, short_help="Channel response and maps of phase and gain, from flat targets.")
 @_shared
-@_DISTANCE
-def response(captures: tuple[str, ...], **options: Any) -> int:
+@_distance
+def response(
+    captures: tuple[str, ...],
+    out: Path,
+    overwrite: bool,
+    as_json: bool,
+    quiet: bool,
+    overrides: Mapping[str, Any],
+    distances_m: tuple[float, ...],
+) -> None:
     """Measure what the channels answer to light, from captures of a flat target at known distances, without MPI.
 
     One distance gives every pixel's phase and gain. Several, spread over the range, also tell the imbalance of SC1 and SC2
     and how the waveform differs from the ideal one.
     """
-    from cadtof_cli.workflows.calibrate.response import calibrate_response
-
-    return _run(calibrate_response, captures, options, _response_lines)
+    settings = CalibrateSettings(out=out, overwrite=overwrite, distances_m=distances_m)
+    with progress_bar("reading", "frames", quiet=quiet) as bar:
+        report = calibrate_response(input_paths(captures), settings=settings, overrides=overrides, progress=bar)
+    _print(report, _response_lines, as_json=as_json)
 
 
 @calibrate.command(cls=SectionedCommand, short_help="Field curvature of the lens, from flat walls.")
 @_shared
-@_DISTANCE
+@_distance
 @click.option(
     "--plot", type=click.Path(path_type=Path), metavar="PNG", help="Draw the walls' cross-sections before and after."
 )
-def petzval(captures: tuple[str, ...], plot: Path | None, **options: Any) -> int:
+def petzval(
+    captures: tuple[str, ...],
+    out: Path,
+    overwrite: bool,
+    as_json: bool,
+    quiet: bool,
+    overrides: Mapping[str, Any],
+    distances_m: tuple[float, ...],
+    plot: Path | None,
+) -> None:
     """Measure the field curvature k2 ρ² + k4 ρ⁴ from one or several flat walls, one capture each.
 
     Tilt is fitted, and distance where it is not given; what is not wall (MPI, objects in view) is left out.
     """
-    from cadtof_cli.workflows.calibrate.petzval import calibrate_petzval
-
-    def measure(inputs: Any, /, **settings: Any) -> Any:
-        return calibrate_petzval(inputs, plot=plot, **settings)
-
-    return _run(measure, captures, options, _petzval_lines)
-
-
-def _run(
-    measure: Callable[..., Any],
-    captures: tuple[str, ...],
-    options: dict[str, Any],
-    lines: Callable[[Mapping[str, Any]], list[str]],
-) -> int:
-    from cadtof_cli.workflows.calibrate.captures import CalibrateSettings, Progress
-
-    settings = CalibrateSettings(
-        out=options["out"], overwrite=options["overwrite"], distances_m=options.get("distances", ())
-    )
-    with progress_bar("reading", "frames", quiet=options["quiet"]) as bar:
-        say: Callable[[str], None] = (lambda _: None) if options["quiet"] else bar.say
-        report = measure(
-            input_paths(captures),
-            settings=settings,
-            overrides=options["overrides"],
-            progress=Progress(bar.total, bar.advance, say),
+    settings = CalibrateSettings(out=out, overwrite=overwrite, distances_m=distances_m)
+    with progress_bar("reading", "frames", quiet=quiet) as bar:
+        report = calibrate_petzval(
+            input_paths(captures), settings=settings, overrides=overrides, progress=bar, plot=plot
         )
-    if options["as_json"]:
+    _print(report, _petzval_lines, as_json=as_json)
+
+
+def _print(report: CalibrateReport, lines: Callable[[Mapping[str, Any]], list[str]], *, as_json: bool) -> None:
+    if as_json:
         click.echo(json.dumps(asdict(report)))
-        return 0
+        return
     click.echo(
         f"{report.part}: from {report.frames} frames, written to {', '.join(report.written)}, digest {report.digest}"
     )
     for line in (*lines(report.figures), *report.findings):
         click.echo(f"  {line}")
-    return 0
 
 
 def _dark_lines(figures: Mapping[str, Any]) -> list[str]:

@@ -1,12 +1,15 @@
 """`cadtof evaluate`."""
 
 import json
+from dataclasses import asdict
 from pathlib import Path
 
 import click
 
+from cadtof_cli.commands.progress import Bar
 
-@click.command(short_help="Errors of depth maps against truth.")
+
+@click.command()
 @click.argument("maps", type=click.Path(path_type=Path), metavar="OUT")
 @click.option(
     "--truth", required=True, type=click.Path(path_type=Path), help="File with a layer direct.depth, in metres."
@@ -20,9 +23,9 @@ def evaluate(maps: Path, truth: Path, as_json: bool) -> None:
     """
     from cadtof_cli.workflows.inspect.evaluate import evaluate_maps
 
-    evaluation = evaluate_maps(maps, truth=truth, on_note=lambda note: click.echo(note, err=True))
+    evaluation = evaluate_maps(maps, truth=truth, progress=Bar())
     if as_json:
-        click.echo(json.dumps(evaluation.as_json()))
+        click.echo(json.dumps(asdict(evaluation)))
         return
     titles = "".join(f"{title:>10}" for title in ("median", "90 %", "RMSE", "bias", "valid"))
     click.echo(f"{'error, cm':14}{titles}   (median and 90 % of |error|; {evaluation.frames} frames)")

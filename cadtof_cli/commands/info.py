@@ -7,18 +7,28 @@ from typing import Any
 
 import click
 
-from cadtof_cli.commands.options import SectionedCommand, capture_options, input_paths
+from cadtof_cli.commands.options import SectionedCommand, capture_options, gathered, input_paths, setting_option
 from cadtof_cli.commands.progress import progress_bar
+from cadtof_cli.execution.workers import Workers
 
 
-@click.command(cls=SectionedCommand, short_help="What a capture or map file holds, and what is wrong with it.")
+@click.command(cls=SectionedCommand)
 @click.argument("inputs", nargs=-1, required=True, metavar="INPUT...")
-@click.option(
-    "-j", "--jobs", type=click.IntRange(1), metavar="N", help="Processes that read frames.  [default: all cores]"
+@gathered(
+    "workers",
+    Workers,
+    setting_option(
+        "-j --jobs",
+        Workers,
+        "jobs",
+        type=click.IntRange(1),
+        metavar="N",
+        help="Processes that read frames.  [default: all cores]",
+    ),
 )
 @click.option("--json", "as_json", is_flag=True, help="Print a JSON object for each input, a line each.")
-@capture_options
-def info(inputs: tuple[str, ...], jobs: int | None, as_json: bool, overrides: Mapping[str, Any]) -> int:
+@capture_options()
+def info(inputs: tuple[str, ...], workers: Workers, as_json: bool, overrides: Mapping[str, Any]) -> int:
     """Show what captures and maps hold: frames, metadata and where each value came from, ranges, noise.
 
     INPUT is a capture folder, a frame, a map file, the folder of a run, or - for paths on stdin. Every frame is read.
@@ -30,7 +40,7 @@ def info(inputs: tuple[str, ...], jobs: int | None, as_json: bool, overrides: Ma
     from cadtof_cli.workflows.inspect.info import CaptureFacts, look_into
 
     with progress_bar("reading", "frames", quiet=False) as bar:
-        found = look_into(input_paths(inputs), overrides=overrides, jobs=jobs, on_total=bar.total, on_frame=bar.advance)
+        found = look_into(input_paths(inputs), overrides=overrides, workers=workers, progress=bar)
     for facts in found:
         if as_json:
             kind = "capture" if isinstance(facts, CaptureFacts) else "maps"

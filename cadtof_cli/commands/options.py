@@ -1,9 +1,12 @@
-"""Options that several commands share: inputs, and what overrides `capture.toml`."""
+"""What options are made of: settings records say defaults and choices, keys of `capture.toml` become options."""
 
+import functools
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping
+from dataclasses import MISSING, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from types import NoneType
+from typing import TYPE_CHECKING, Any, Literal, TypeVar, cast, get_args, get_origin, get_type_hints
 
 import click
 
@@ -16,6 +19,8 @@ else:
     ParamType = click.ParamType
 
 Function = TypeVar("Function", bound=Callable[..., Any])
+
+Decorator = Callable[[Function], Function]
 
 CAPTURE_SECTION = "Capture options (each overrides a key of capture.toml)"
 
@@ -35,6 +40,82 @@ class NumberList(ParamType):
             return [float(part) for part in value.split(",")]
         except ValueError:
             self.fail(f"{value!r} is not a list of numbers such as 40,20", param, ctx)
+
+
+NUMBERS = NumberList()
+
+_TYPES: dict[Any, ParamType] = {
+    bool: click.BOOL,
+    int: click.INT,
+    float: click.FLOAT,
+    str: click.STRING,
+    Path: click.Path(path_type=Path),
+}
+
+
+def setting_option(
+    names: str, record: type, name: str, /, *, help: str, show_default: bool = True, **more: Any
+) -> Callable[[Function], Function]:
+    """Return the option of one field of a settings record, whose type, choices and default it takes.
+
+    Args:
+        names: as typed, such as `-j --jobs`.
+        record: dataclass of the settings.
+        name: of the field, and of the parameter that the command gets.
+        help: what it does.
+        show_default: whether the help names the default, where there is one.
+        more: what `click.option` takes besides, such as `metavar`; it goes before what the record says.
+    """
+    (field,) = (item for item in fields(record) if item.name == name)
+    default = field.default if field.default_factory is MISSING else field.default_factory
+    said = {
+        "type": _type_of(get_type_hints(record)[name]),
+        "default": _typed(default),
+        "show_default": show_default and not callable(default) and default not in {None, MISSING},
+        "is_flag": isinstance(default, bool),
+        "help": help,
+    }
+    return click.option(*names.split(), name, **(said | more))
+
+
+def _type_of(hint: Any) -> ParamType:
+    """Return the type of an option for values of a field's type; None beside it stands for an option that is not given."""
+    (hint,) = [one for one in get_args(hint) if one is not NoneType] if NoneType in get_args(hint) else [hint]
+    if get_origin(hint) is Literal:
+        return click.Choice(get_args(hint))
+    return NUMBERS if get_origin(hint) is tuple else _TYPES[hint]
+
+
+def _typed(default: Any) -> Any:
+    """Return a default as it would be typed."""
+    if default is MISSING:
+        return None
+    return ",".join(f"{item:g}" for item in default) if isinstance(default, tuple) else default
+
+
+def gathered(name: str, record: Callable[..., Any], /, *options: Decorator[Any]) -> Decorator[Any]:
+    """Return a decorator that adds options, in their order, and hands a command what they say as one record.
+
+    Args:
+        name: of the command's parameter that gets the record.
+        record: called with the options' values by their names.
+        options: made by `click.option` or `setting_option`.
+    """
+
+    def decorate(function: Function) -> Function:
+        @functools.wraps(function)
+        def command(*arguments: Any, **values: Any) -> Any:
+            given = {one: values.pop(one) for one in taken}
+            return function(*arguments, **{name: record(**given)}, **values)
+
+        before = len(getattr(command, "__click_params__", ()))
+        with_options: Any = command
+        for option in reversed(options):
+            with_options = option(with_options)
+        taken = [param.name for param in reversed(with_options.__click_params__[before:])]
+        return cast("Function", with_options)
+
+    return decorate
 
 
 class SectionedCommand(click.Command):
@@ -58,59 +139,34 @@ class CaptureOption(click.Option):
     """An option that overrides one key of `capture.toml`."""
 
 
-def capture_options(function: Function) -> Function:
-    """Add an option for every key of `capture.toml`; they arrive as one mapping by dotted key, `overrides`."""
-    return _with_options(function, KEYS)
+def capture_options(*without: str) -> Decorator[Any]:
+    """Return a decorator that adds an option for every key of `capture.toml`; they arrive by dotted key, as `overrides`.
+
+    Args:
+        without: keys, by dotted name, that a command has an option of its own for.
+    """
+    keys = tuple(key for key in KEYS if key.path not in without)
+
+    def overrides(**values: Any) -> Mapping[str, Any]:
+        return {key.path: value for key, value in zip(keys, values.values(), strict=True) if value is not None}
+
+    return gathered("overrides", overrides, *map(_capture_option, keys))
 
 
-def capture_options_without(*paths: str) -> Callable[[Function], Function]:
-    """Add the same options but for keys, by dotted name, that a command has an option of its own for."""
-    keys = tuple(key for key in KEYS if key.path not in paths)
-    return lambda function: _with_options(function, keys)
-
-
-def _with_options(function: Function, keys: Sequence[Key]) -> Function:
-    def gathered(**arguments: Any) -> Any:
-        overrides = {key.path: arguments.pop(_parameter(key)) for key in keys}
-        return function(overrides={path: value for path, value in overrides.items() if value is not None}, **arguments)
-
-    gathered.__doc__, gathered.__name__ = function.__doc__, function.__name__
-    gathered.__click_params__ = getattr(function, "__click_params__", [])  # type: ignore[attr-defined]
-    for key in reversed(keys):
-        gathered = click.option(*_names(key), _parameter(key), cls=CaptureOption, type=_type(key), help=_help(key))(
-            gathered
-        )
-    return gathered  # type: ignore[return-value]
-
-
-def _names(key: Key) -> tuple[str, ...]:
-    """Return the option with its unit, as the key has it, and without."""
+def _capture_option(key: Key) -> Decorator[Any]:
+    """Return the option of a key, by its name with its unit, as the key has it, and without."""
     plain = next((key.option.removesuffix(unit) for unit in _UNITS if key.option.endswith(unit)), key.option)
-    return (key.option,) if plain == key.option else (key.option, plain)
-
-
-def _parameter(key: Key) -> str:
-    return f"capture_{key.name}"
-
-
-def _type(key: Key) -> ParamType:
+    names = dict.fromkeys((key.option, plain))
     types: dict[Kind, ParamType] = {
         "number": click.FLOAT,
         "whole number": click.INT,
-        "numbers": NumberList(),
-        "pair": NumberList(),
+        "numbers": NUMBERS,
+        "pair": NUMBERS,
         "text": click.STRING,
     }
-    return types[key.kind]
-
-
-def _help(key: Key) -> str:
-    default = "" if key.default is None else f"  [if not given: {_shown(key.default)}, the paper's]"
-    return f"{key.path}: {key.about}.{default}"
-
-
-def _shown(value: Any) -> str:
-    return ",".join(f"{item:g}" for item in value) if isinstance(value, tuple) else str(value)
+    default = "" if key.default is None else f"  [if not given: {_typed(key.default)}, the paper's]"
+    about = f"{key.path}: {key.about}.{default}"
+    return click.option(*names, f"capture_{key.name}", cls=CaptureOption, type=types[key.kind], help=about)
 
 
 def input_paths(values: tuple[str, ...]) -> tuple[Path, ...]:

@@ -4,8 +4,10 @@ from pathlib import Path
 
 import click
 
+from cadtof_cli.commands.progress import Bar
 
-@click.command(short_help="A picture of a frame's maps.")
+
+@click.command()
 @click.argument("maps", type=click.Path(path_type=Path), metavar="MAPS")
 @click.option("-o", "--out", required=True, type=click.Path(path_type=Path), help="PNG to write.")
 @click.option(
@@ -18,5 +20,5 @@ def preview(maps: Path, out: Path, truth: Path | None) -> None:
     """
     from cadtof_cli.workflows.inspect.preview import preview_maps
 
-    preview_maps(maps, out=out, truth=truth, on_note=lambda note: click.echo(note, err=True))
+    preview_maps(maps, out=out, truth=truth, progress=Bar())
     click.echo(out)

@@ -1,46 +1,77 @@
-"""A progress bar on stderr, where stderr is a terminal; nothing where it is not."""
+"""A progress bar on stderr, where stderr is a terminal; lines alone where it is not."""
 
 import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Protocol
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import click
+
+if TYPE_CHECKING:
+    from rich.progress import Progress as RichProgress
 
 REDRAW_SECONDS = 0.1
 """Drawing takes about a millisecond, frames come every few."""
 
 
-class Bar(Protocol):
-    """What a command tells of its progress."""
+@dataclass
+class Bar:
+    """Progress without a bar: lines on stderr, of which `quiet` keeps only what went wrong."""
 
-    def total(self, count: int) -> None:
+    quiet: bool = False
+
+    def total(self, count: int, /) -> None:
         """There are `count` steps, as far as is known."""
 
     def advance(self) -> None:
         """One step is done."""
 
-    def say(self, message: str) -> None:
+    def say(self, message: str, /) -> None:
+        """Show a line above the bar, unless all is to be quiet."""
+        if not self.quiet:
+            self.warn(message)
+
+    def warn(self, message: str, /) -> None:
         """Show a line above the bar."""
+        click.echo(message, err=True)
 
 
-class _Plain:
-    def total(self, count: int) -> None:
-        pass
+class DrawnBar(Bar):
+    """A bar that shows steps, steps a second and the time left."""
+
+    def __init__(self, progress: "RichProgress", description: str) -> None:
+        super().__init__()
+        self._progress, self._drawn = progress, 0.0
+        self._task = progress.add_task(description, total=None)
+
+    def total(self, count: int, /) -> None:
+        """Show how many steps there are."""
+        self._progress.update(self._task, total=count)
+        self._draw()
 
     def advance(self) -> None:
-        pass
+        """Show one step more."""
+        self._progress.advance(self._task)
+        self._draw()
 
-    def say(self, message: str) -> None:
-        click.echo(message, err=True)
+    def warn(self, message: str, /) -> None:
+        """Show a line above the bar."""
+        self._progress.console.print(message, markup=False, highlight=False)
+
+    def _draw(self) -> None:
+        now = time.monotonic()
+        if now - self._drawn >= REDRAW_SECONDS:
+            self._drawn = now
+            self._progress.refresh()
 
 
 @contextmanager
 def progress_bar(description: str, unit: str, *, quiet: bool) -> Iterator[Bar]:
-    """Yield a bar that shows steps, steps a second and the time left; rich is imported only where it can be seen."""
+    """Yield a bar for the steps of a workflow; rich is imported only where it can be seen."""
     if quiet or not sys.stderr.isatty():
-        yield _Plain()
+        yield Bar(quiet=quiet)
         return
     from rich.console import Console
     from rich.progress import (
@@ -60,36 +91,6 @@ def progress_bar(description: str, unit: str, *, quiet: bool) -> Iterator[Bar]:
             return Text("" if speed is None else f"{speed:.1f} {unit}/s", style="progress.data.speed")
 
     # Without a refresh thread: a process that has threads must not fork workers.
-    progress = Progress(
-        TextColumn(description),
-        BarColumn(),
-        MofNCompleteColumn(),
-        Rate(),
-        TimeRemainingColumn(),
-        console=Console(stderr=True),
-        auto_refresh=False,
-    )
-    with progress:
-        task = progress.add_task(description, total=None)
-
-        class Rich:
-            drawn = 0.0
-
-            def total(self, count: int) -> None:
-                progress.update(task, total=count)
-                self._draw()
-
-            def advance(self) -> None:
-                progress.advance(task)
-                self._draw()
-
-            def _draw(self) -> None:
-                now = time.monotonic()
-                if now - self.drawn >= REDRAW_SECONDS:
-                    self.drawn = now
-                    progress.refresh()
-
-            def say(self, message: str) -> None:
-                progress.console.print(message, markup=False, highlight=False)
-
-        yield Rich()
+    columns = (TextColumn(description), BarColumn(), MofNCompleteColumn(), Rate(), TimeRemainingColumn())
+    with Progress(*columns, console=Console(stderr=True), auto_refresh=False) as progress:
+        yield DrawnBar(progress, description)

@@ -7,136 +7,137 @@ from typing import Any
 
 import click
 
-from cadtof_cli.commands.options import SectionedCommand, capture_options, input_paths
-from cadtof_cli.commands.progress import Bar, progress_bar
-from cadtof_cli.files.formats import MAP_FORMATS
-from cadtof_cli.resolver.settings import RETURNS, SOLVERS, ResolverSettings
+from cadtof_cli.commands.options import SectionedCommand, capture_options, gathered, input_paths, setting_option
+from cadtof_cli.commands.progress import progress_bar
+from cadtof_cli.execution.workers import Workers
+from cadtof_cli.frame_plan import MapSettings
+from cadtof_cli.resolver.settings import ResolverSettings
+from cadtof_cli.workflows.resolve.resolve import FORMAT_CHOICES, ResolveSettings, RunTotals, resolve_captures
+from cadtof_cli.workflows.run_folder import FrameReport
 
 
-@click.command(cls=SectionedCommand, short_help="Recorded frames → depth maps without multi-path interference.")
+@click.command(cls=SectionedCommand)
 @click.argument("inputs", nargs=-1, required=True, metavar="INPUT...")
-@click.option(
-    "-o", "--out", required=True, type=click.Path(path_type=Path), help="Folder that the maps are written into."
+@setting_option("-o --out", ResolveSettings, "out", required=True, help="Folder that the maps are written into.")
+@gathered(
+    "resolver",
+    ResolverSettings,
+    setting_option(
+        "--solver",
+        ResolverSettings,
+        "solver",
+        help="How paths are found: two-path in closed form (with more than two periods, or --paths, by maximum likelihood), "
+        "one-path, or lm, the paper's Levenberg–Marquardt from random starts.",
+    ),
+    setting_option(
+        "--paths",
+        ResolverSettings,
+        "paths",
+        metavar="K",
+        help="Most paths a pixel; more than 2 need as many periods, and give layers path3.depth and so on.",
+    ),
+    setting_option(
+        "--order",
+        ResolverSettings,
+        "order",
+        metavar="auto|1|…|K",
+        help="Paths a pixel, whatever the solver: auto tests each pixel, a number is taken as it is "
+        "(--solver lm --order 2 is the paper's method as published).",
+    ),
+    setting_option("--starts", ResolverSettings, "starts", metavar="N", help="Random starts of --solver lm."),
+    setting_option("--seed", ResolverSettings, "seed", metavar="S", help="Seed of the random starts of --solver lm."),
+    setting_option(
+        "--false-alarm",
+        ResolverSettings,
+        "false_alarm",
+        metavar="P",
+        help="Probability that noise alone passes for a signal, or for a second path.",
+    ),
+    setting_option("--return", ResolverSettings, "returns", help="Which of two paths is called direct."),
+    setting_option(
+        "--min-return-ratio",
+        ResolverSettings,
+        "min_return_ratio",
+        metavar="R",
+        help="Least amplitude of a direct path, as a share of the strongest.",
+    ),
 )
-@click.option(
-    "--solver",
-    type=click.Choice(SOLVERS),
-    default="two-path",
-    show_default=True,
-    help="How paths are found: two-path in closed form (with more than two periods, or --paths, by maximum likelihood), "
-    "one-path, or lm, the paper's Levenberg–Marquardt from random starts.",
-)
-@click.option(
-    "--paths",
-    type=int,
-    default=2,
-    show_default=True,
-    metavar="K",
-    help="Most paths a pixel; more than 2 need as many periods, and give layers path3.depth and so on.",
-)
-@click.option(
-    "--order",
-    default="auto",
-    show_default=True,
-    metavar="auto|1|…|K",
-    help="Paths a pixel, whatever the solver: auto tests each pixel, a number is taken as it is "
-    "(--solver lm --order 2 is the paper's method as published).",
-)
-@click.option("--starts", type=int, default=10, show_default=True, metavar="N", help="Random starts of --solver lm.")
-@click.option(
-    "--seed", type=int, default=0, show_default=True, metavar="S", help="Seed of the random starts of --solver lm."
-)
-@click.option(
-    "--false-alarm",
-    type=float,
-    default=0.01,
-    show_default=True,
-    metavar="P",
-    help="Probability that noise alone passes for a signal, or for a second path.",
-)
-@click.option(
-    "--return",
-    "returns",
-    type=click.Choice(RETURNS),
-    default="first",
-    show_default=True,
-    help="Which of two paths is called direct.",
-)
-@click.option(
-    "--min-return-ratio",
-    type=float,
-    default=0.1,
-    show_default=True,
-    metavar="R",
-    help="Least amplitude of a direct path, as a share of the strongest.",
-)
-@click.option(
+@setting_option(
     "--min-confidence",
-    type=float,
+    MapSettings,
+    "min_confidence_v",
     metavar="V",
     help="Least confidence of a pixel with an answer, in volts.  [default: what noise alone reaches with --false-alarm]",
 )
-@click.option(
-    "--depth",
-    type=click.Choice(["range", "z"]),
-    default="range",
-    show_default=True,
-    help="Radial range, or planar depth (needs the optics).",
-)
-@click.option(
+@setting_option("--depth", MapSettings, "depth", help="Radial range, or planar depth (needs the optics).")
+@setting_option(
     "--pool",
-    type=int,
-    default=1,
-    show_default=True,
+    MapSettings,
+    "pool",
     metavar="N",
     help="Pool the noise of N × N neighbours that show the same light, N odd; adds the layer effective_pixels.",
 )
-@click.option(
+@setting_option(
     "--average",
-    type=int,
-    default=1,
-    show_default=True,
+    MapSettings,
+    "average",
     metavar="N",
     help="Average every N consecutive frames of a capture into one, named after the first; the last one takes those left.",
 )
-@click.option(
+@setting_option(
     "--calibration",
-    type=click.Path(path_type=Path),
+    ResolveSettings,
+    "calibration",
     metavar="DIR",
     help="Folder made by `cadtof calibrate`; what is in it is applied.",
 )
-@click.option(
+@setting_option(
     "--format",
+    ResolveSettings,
     "map_format",
-    type=click.Choice([*MAP_FORMATS, "same"]),
-    default="same",
-    show_default=True,
+    type=click.Choice(FORMAT_CHOICES),
     help="Format of the maps; same as the input's.",
 )
-@click.option("-j", "--jobs", type=int, metavar="N", help="Worker processes.  [default: all cores]")
-@click.option(
-    "--start-method",
-    type=click.Choice(["fork", "spawn", "forkserver"]),
-    help="How worker processes start.  [default: fork on Linux, else spawn]",
+@gathered(
+    "workers",
+    Workers,
+    setting_option("-j --jobs", Workers, "jobs", metavar="N", help="Worker processes.  [default: all cores]"),
+    setting_option(
+        "--start-method",
+        Workers,
+        "start_method",
+        help="How worker processes start.  [default: fork on Linux, else spawn]",
+    ),
 )
-@click.option("--overwrite", is_flag=True, help="Replace the files of an earlier run.")
-@click.option(
-    "--resume", is_flag=True, help="Keep the maps of an earlier run with the same options; do what is missing."
+@setting_option("--overwrite", ResolveSettings, "overwrite", help="Replace the files of an earlier run.")
+@setting_option(
+    "--resume",
+    ResolveSettings,
+    "resume",
+    help="Keep the maps of an earlier run with the same options; do what is missing.",
 )
 @click.option(
     "--json", "as_json", is_flag=True, help="Print a JSON line on stdout for every frame, as in frames.jsonl."
 )
 @click.option("-q", "--quiet", is_flag=True, help="No progress, notes or summary on stderr; errors only.")
-@capture_options
+@capture_options()
 def resolve(
+    *,
     inputs: tuple[str, ...],
     out: Path,
-    jobs: int | None,
-    start_method: str | None,
+    resolver: ResolverSettings,
+    min_confidence_v: float | None,
+    depth: Any,
+    pool: int,
+    average: int,
+    calibration: Path | None,
+    map_format: str,
+    workers: Workers,
+    overwrite: bool,
+    resume: bool,
     as_json: bool,
     quiet: bool,
     overrides: Mapping[str, Any],
-    **options: Any,
 ) -> int:
     """Resolve the direct and the MPI path in every pixel of recorded frames, and write their maps.
 
@@ -146,61 +147,32 @@ def resolve(
     Exit status: 0 all frames resolved; 1 some failed, the others are written;
     2 wrong usage, settings or capture; 130 interrupted.
     """
-    from cadtof_cli.workflows.resolve.resolve import Progress, ResolveSettings, resolve_captures
-
-    paths = input_paths(inputs)
-    arguments = {"inputs": [str(path) for path in paths], "out": str(out), **options, "overrides": dict(overrides)}
-    arguments["calibration"] = options["calibration"] and str(options["calibration"])
-    running: dict[str, Any] = {
-        name: value for name, value in {"jobs": jobs, "start_method": start_method}.items() if value is not None
-    }
     settings = ResolveSettings(
         out=out,
-        resolver=ResolverSettings(
-            solver=options["solver"],
-            paths=options["paths"],
-            starts=options["starts"],
-            seed=options["seed"],
-            order=options["order"],
-            false_alarm=options["false_alarm"],
-            returns=options["returns"],
-            min_return_ratio=options["min_return_ratio"],
-            min_confidence_v=options["min_confidence"],
-        ),
-        depth=options["depth"],
-        pool=options["pool"],
-        average=options["average"],
-        calibration=options["calibration"],
-        map_format=options["map_format"],
-        overwrite=options["overwrite"],
-        resume=options["resume"],
-        **running,
+        maps=MapSettings(resolver=resolver, depth=depth, pool=pool, average=average, min_confidence_v=min_confidence_v),
+        calibration=calibration,
+        map_format=map_format,
+        workers=workers,
+        overwrite=overwrite,
+        resume=resume,
     )
     with progress_bar("resolving", "frames", quiet=quiet) as bar:
+
+        def tell(report: FrameReport) -> None:
+            if as_json:
+                click.echo(json.dumps(report.as_json()))
+            if report.status == "failed":
+                bar.warn(f"failed: {report.reason}")
+
         totals = resolve_captures(
-            paths,
-            settings=settings,
-            overrides=overrides,
-            arguments=arguments,
-            progress=Progress(bar.total, _frame_reporter(bar, as_json=as_json), (lambda _: None) if quiet else bar.say),
+            input_paths(inputs), settings=settings, overrides=overrides, progress=bar, on_frame=tell
         )
     if not quiet:
         click.echo(_summary(totals, out), err=True)
     return 1 if totals.failed else 0
 
 
-def _frame_reporter(bar: Bar, *, as_json: bool) -> Any:
-    def on_frame(report: Any) -> None:
-        if as_json:
-            click.echo(json.dumps(report.as_json()))
-        if report.status == "failed":
-            bar.say(f"failed: {report.reason}")
-        bar.advance()
-
-    return on_frame
-
-
-def _summary(totals: Any, out: Path) -> str:
+def _summary(totals: RunTotals, out: Path) -> str:
     pixels = totals.one_path + totals.two_paths + totals.more_paths + totals.invalid
     line = f"resolved {totals.ok} of {totals.frames} frames in {totals.seconds:.1f} s"
     if totals.ok:

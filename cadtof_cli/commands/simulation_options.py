@@ -1,130 +1,161 @@
 """Options that `cadtof simulate` and `cadtof sweep` share: the pixel, how it is recorded, and how it is resolved."""
 
-from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, TypeVar
+from dataclasses import dataclass
+from typing import Any
 
 import click
 from click.core import ParameterSource
 
-from cadtof_cli.capture.metadata import WAVEFORMS, InvalidValueError, Modulation
-from cadtof_cli.commands.options import NumberList
+from cadtof_cli.capture.metadata import InvalidValueError, Modulation, Pulse
+from cadtof_cli.commands.options import NUMBERS, gathered, setting_option
 from cadtof_cli.errors import SettingsError
+from cadtof_cli.execution.workers import Workers
 from cadtof_cli.resolver.settings import ORDERS, ResolverSettings
+from cadtof_cli.simulation.pixel.averaging import Averaging, Capacitors, Stages
+from cadtof_cli.simulation.pixel.pixel import PixelModel
+from cadtof_cli.workflows.simulate.trials import Trials
 
-if TYPE_CHECKING:
-    from cadtof_cli.simulation.pixel.averaging import Averaging
-    from cadtof_cli.simulation.pixel.pixel import PixelModel
-
-Function = TypeVar("Function", bound=Callable[..., Any])
-
-NUMBERS = NumberList()
-
-MODULATION_OPTIONS = (
-    click.option("--periods-ns", "--periods", type=NUMBERS, default="40,20", show_default=True, help="Periods in ns."),
-    click.option("--waveform", type=click.Choice(WAVEFORMS), default="sine", show_default=True, help="Modulation."),
-    click.option("--amplitude-v", "--amplitude", type=float, default=0.2746, show_default=True, help="Amplitude, V."),
-    click.option("--fwhm-ns", "--fwhm", type=float, default=1.7, show_default=True, help="Width of the laser pulse."),
-)
-
-PIXEL_OPTIONS = (
-    click.option("--photons", is_flag=True, help="Photon by photon, instead of from exact mean and covariance."),
-    click.option("--photons-per-cycle", type=int, default=5, show_default=True, help="Photons in a laser cycle."),
-    click.option("--cycles", type=int, help="Laser cycles a harmonic.  [default: 12.5 n_av photons]"),
-    click.option("--dead-time-ns", "--dead-time", type=float, default=0.0, help="Dead time of the SPAD (--photons)."),
-    click.option("--jitter-ns", "--jitter", type=float, default=0.0, help="Timing jitter of the SPAD, one sigma."),
-    click.option("--temperature", type=float, help="Temperature in K: adds kTC noise of C1 (--capacitors)."),
-    click.option("--sample-noise-v", "--sample-noise", type=float, default=0.0, help="Noise of every sample, V."),
-    click.option("--gain-mismatch", type=float, default=0.0, help="Gain of SC2 over SC1, less 1."),
-    click.option("--offsets-v", "--offsets", type=NUMBERS, default="0,0", help="Offsets of SC1 and SC2, V."),
-    click.option("--capacitors", type=NUMBERS, help="C1,…,C12 of Fig. 1 in fF; they set n_av."),
-    click.option(
-        "--stages", type=click.Choice(["dc", "switched"]), default="dc", show_default=True, help="ST1 and ST2."
-    ),
-    click.option("--f1-hz", "--f1", type=float, default=1e6, show_default=True, help="Switching rate of ST1."),
-    click.option("--f2-hz", "--f2", type=float, default=1e4, show_default=True, help="Switching rate of ST2."),
-)
-
-RUN_OPTIONS = (
-    click.option("--runs", type=int, default=400, show_default=True, help="Recordings of each condition."),
-    click.option("--order", type=click.Choice(ORDERS), default="auto", show_default=True, help="Paths to resolve."),
-    click.option("--false-alarm", type=float, default=0.01, show_default=True, help="Of the order test."),
-)
-
-PROCESS_OPTIONS = (
-    click.option("--seed", type=int, default=0, show_default=True, help="Same seed, same bytes."),
-    click.option("-j", "--jobs", type=int, metavar="N", help="Worker processes.  [default: all cores]"),
-    click.option("-q", "--quiet", is_flag=True, help="No progress bar."),
-)
+INTEGRATION_LENGTH = 1e5
+"""n_av where neither it nor the capacitors are given."""
 
 
-def with_options(*options: Callable[[Any], Any]) -> Callable[[Function], Function]:
-    """Return a decorator that adds options in the order given."""
+@dataclass(frozen=True, kw_only=True)
+class ModulationOptions:
+    """What is said of modulation and laser pulse."""
 
-    def add(function: Function) -> Function:
-        for option in reversed(options):
-            function = option(function)
-        return function
+    periods_ns: list[float]
+    waveform: Any
+    amplitude_v: float
+    fwhm_ns: float
 
-    return add
+    def modulation(self) -> Modulation:
+        """Return the modulation; raises SettingsError for one that cannot be."""
+        try:
+            return Modulation(periods_ns=tuple(self.periods_ns), waveform=self.waveform, amplitude_v=self.amplitude_v)
+        except InvalidValueError as error:
+            raise SettingsError(str(error)) from error
 
 
-def modulation_from_options(options: dict[str, Any], /) -> Modulation:
-    """Return the modulation; raises SettingsError for one that cannot be."""
-    try:
-        return Modulation(
-            periods_ns=tuple(options["periods_ns"]),
-            waveform=options["waveform"],
-            amplitude_v=options["amplitude_v"],
+@dataclass(frozen=True, kw_only=True)
+class PixelOptions:
+    """What is said of the pixel."""
+
+    photon_by_photon: bool
+    photons_per_cycle: int
+    cycles: int | None
+    dead_time_ns: float
+    jitter_ns: float
+    temperature: float | None
+    sample_noise_v: float
+    gain_mismatch: float
+    offsets_v: list[float]
+    capacitors: list[float] | None
+    drive: Any
+    f1_hz: float
+    f2_hz: float
+
+    def averaging(self, integration_length: float | None, /) -> Averaging:
+        """Return the averaging from n_av or, in its place, from capacitors."""
+        stages = Stages(drive=self.drive, f1_hz=self.f1_hz, f2_hz=self.f2_hz)
+        if self.capacitors is None:
+            length = INTEGRATION_LENGTH if integration_length is None else integration_length
+            return Averaging(integration_length=length, stages=stages)
+        if integration_length is not None:
+            raise SettingsError("--integration-length: found with --capacitors, expected one of the two")
+        capacitors = Capacitors(values_ff=tuple(self.capacitors))
+        return Averaging(integration_length=capacitors.integration_length, capacitors=capacitors, stages=stages)
+
+    def model(self, modulation: Modulation, averaging: Averaging, /) -> PixelModel:
+        """Return the pixel; raises SettingsError for one that cannot be."""
+        return PixelModel(
+            modulation=modulation,
+            averaging=averaging,
+            photons_per_cycle=self.photons_per_cycle,
+            cycles=self.cycles,
+            dead_time_ns=self.dead_time_ns,
+            jitter_ns=self.jitter_ns,
+            sample_noise_v=self._sample_noise_v(averaging),
+            gain_mismatch=self.gain_mismatch,
+            offsets_v=pair("--offsets", self.offsets_v, ", of SC1 and SC2"),
         )
-    except InvalidValueError as error:
-        raise SettingsError(str(error)) from error
+
+    def _sample_noise_v(self, averaging: Averaging) -> float:
+        if self.temperature is None:
+            return self.sample_noise_v
+        if averaging.capacitors is None:
+            raise SettingsError("--temperature: found without --capacitors, expected C1, whose kTC noise it is")
+        if not self.temperature >= 0:
+            raise SettingsError(f"--temperature: found {self.temperature:g} K, expected 0 K or more")
+        return float((self.sample_noise_v**2 + averaging.capacitors.ktc_noise_v(self.temperature) ** 2) ** 0.5)
 
 
-def averaging_from_options(options: dict[str, Any], integration_length: float | None, /) -> "Averaging":
-    """Return the averaging from n_av or, in its place, from capacitors."""
-    from cadtof_cli.simulation.pixel.averaging import Averaging, Capacitors, Stages
+modulation_options = gathered(
+    "modulation",
+    ModulationOptions,
+    setting_option("--periods-ns --periods", Modulation, "periods_ns", help="Periods in ns."),
+    setting_option("--waveform", Modulation, "waveform", help="Modulation."),
+    setting_option("--amplitude-v --amplitude", Modulation, "amplitude_v", help="Amplitude, V."),
+    setting_option("--fwhm-ns --fwhm", Pulse, "fwhm_ns", help="Width of the laser pulse."),
+)
 
-    stages = Stages(drive=options["stages"], f1_hz=options["f1_hz"], f2_hz=options["f2_hz"])
-    if options["capacitors"] is None:
-        return Averaging(integration_length=1e5 if integration_length is None else integration_length, stages=stages)
-    if integration_length is not None:
-        raise SettingsError("--integration-length: found with --capacitors, expected one of the two")
-    capacitors = Capacitors(values_ff=tuple(options["capacitors"]))
-    return Averaging(integration_length=capacitors.integration_length, capacitors=capacitors, stages=stages)
+pixel_options = gathered(
+    "pixel",
+    PixelOptions,
+    setting_option(
+        "--photons", Trials, "photon_by_photon", help="Photon by photon, instead of from exact mean and covariance."
+    ),
+    setting_option("--photons-per-cycle", PixelModel, "photons_per_cycle", help="Photons in a laser cycle."),
+    setting_option("--cycles", PixelModel, "cycles", help="Laser cycles a harmonic.  [default: 12.5 n_av photons]"),
+    setting_option(
+        "--dead-time-ns --dead-time",
+        PixelModel,
+        "dead_time_ns",
+        show_default=False,
+        help="Dead time of the SPAD (--photons).",
+    ),
+    setting_option(
+        "--jitter-ns --jitter",
+        PixelModel,
+        "jitter_ns",
+        show_default=False,
+        help="Timing jitter of the SPAD, one sigma.",
+    ),
+    click.option("--temperature", type=float, help="Temperature in K: adds kTC noise of C1 (--capacitors)."),
+    setting_option(
+        "--sample-noise-v --sample-noise",
+        PixelModel,
+        "sample_noise_v",
+        show_default=False,
+        help="Noise of every sample, V.",
+    ),
+    setting_option(
+        "--gain-mismatch", PixelModel, "gain_mismatch", show_default=False, help="Gain of SC2 over SC1, less 1."
+    ),
+    setting_option(
+        "--offsets-v --offsets", PixelModel, "offsets_v", show_default=False, help="Offsets of SC1 and SC2, V."
+    ),
+    click.option("--capacitors", type=NUMBERS, help="C1,…,C12 of Fig. 1 in fF; they set n_av."),
+    setting_option("--stages", Stages, "drive", help="ST1 and ST2."),
+    setting_option("--f1-hz --f1", Stages, "f1_hz", help="Switching rate of ST1."),
+    setting_option("--f2-hz --f2", Stages, "f2_hz", help="Switching rate of ST2."),
+)
 
+resolver_options = gathered(
+    "resolver",
+    ResolverSettings,
+    setting_option("--order", ResolverSettings, "order", type=click.Choice(ORDERS), help="Paths to resolve."),
+    setting_option("--false-alarm", ResolverSettings, "false_alarm", help="Of the order test."),
+)
 
-def model_from_options(options: dict[str, Any], averaging: "Averaging", /) -> "PixelModel":
-    """Return the pixel; raises SettingsError for one that cannot be."""
-    from cadtof_cli.simulation.pixel.pixel import PixelModel
+runs_option = setting_option("--runs", Trials, "runs", help="Recordings of each condition.")
+seed_option = setting_option("--seed", Trials, "seed", help="Same seed, same bytes.")
+quiet_option = click.option("-q", "--quiet", is_flag=True, help="No progress bar.")
 
-    offsets = options["offsets_v"]
-    if len(offsets) != 2:
-        raise SettingsError(f"--offsets: found {len(offsets)} values, expected 2, of SC1 and SC2")
-    return PixelModel(
-        modulation=modulation_from_options(options),
-        averaging=averaging,
-        photons_per_cycle=options["photons_per_cycle"],
-        cycles=options["cycles"],
-        dead_time_ns=options["dead_time_ns"],
-        jitter_ns=options["jitter_ns"],
-        sample_noise_v=_sample_noise_v(options, averaging),
-        gain_mismatch=options["gain_mismatch"],
-        offsets_v=(offsets[0], offsets[1]),
-    )
-
-
-def resolver_from_options(options: dict[str, Any], /) -> ResolverSettings:
-    """Return how runs are resolved."""
-    return ResolverSettings(order=options["order"], false_alarm=options["false_alarm"])
-
-
-def job_count(jobs: int | None, /) -> int:
-    """Return the number of worker processes; raises SettingsError for less than one."""
-    from cadtof_cli.execution.workers import available_cores
-
-    if jobs is not None and jobs < 1:
-        raise SettingsError(f"--jobs: found {jobs}, expected 1 or more")
-    return jobs or available_cores()
+workers_option = gathered(
+    "workers",
+    Workers,
+    setting_option("-j --jobs", Workers, "jobs", metavar="N", help="Worker processes.  [default: all cores]"),
+)
 
 
 def refuse_options(context: click.Context, names: tuple[str, ...], where: str, /) -> None:
@@ -134,13 +165,8 @@ def refuse_options(context: click.Context, names: tuple[str, ...], where: str, /
             raise SettingsError(f"{param.opts[0]}: found {where}, where it has no effect; leave it out")
 
 
-def _sample_noise_v(options: dict[str, Any], averaging: "Averaging") -> float:
-    noise: float = options["sample_noise_v"]
-    temperature = options["temperature"]
-    if temperature is None:
-        return noise
-    if averaging.capacitors is None:
-        raise SettingsError("--temperature: found without --capacitors, expected C1, whose kTC noise it is")
-    if not temperature >= 0:
-        raise SettingsError(f"--temperature: found {temperature:g} K, expected 0 K or more")
-    return float((noise**2 + averaging.capacitors.ktc_noise_v(temperature) ** 2) ** 0.5)
+def pair(option: str, values: list[float], of: str = "", /) -> tuple[float, float]:
+    """Return the two values of an option; raises SettingsError for any other number of them."""
+    if len(values) != 2:
+        raise SettingsError(f"{option}: found {len(values)} values, expected 2{of}")
+    return values[0], values[1]

@@ -7,7 +7,7 @@ from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from typing import Generic, TypeVar
 
-from cadtof_cli.execution.workers import StartMethod, signals_held_back, worker_pool
+from cadtof_cli.execution.workers import Workers, signals_held_back, worker_pool
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
@@ -30,7 +30,7 @@ class Outcome(Generic[Task, Result]):
 
 
 def run_ordered(
-    function: Callable[[Task], Result], tasks: Iterable[Task], /, *, jobs: int, start_method: StartMethod
+    function: Callable[[Task], Result], tasks: Iterable[Task], /, *, workers: Workers
 ) -> Generator[Outcome[Task, Result], None, None]:
     """Yield the outcome of function(task) for every task, in the order of the tasks.
 
@@ -39,14 +39,14 @@ def run_ordered(
     number. A task whose process dies is tried once more, alone; the others in flight are not lost. Exceptions of `function`
     are raised here. Closing the iterator, or an exception such as KeyboardInterrupt, abandons what is in flight.
     """
-    if jobs == 1:
+    if workers.jobs == 1:
         for task in tasks:
             yield Outcome(task, function(task))
         return
     waiting = iter(tasks)
     in_flight: deque[tuple[Task, Future[Result]]] = deque()
     while True:
-        yield from _until_broken(function, waiting, in_flight, jobs, start_method)
+        yield from _until_broken(function, waiting, in_flight, workers)
         if not in_flight:
             return
         while in_flight:
@@ -54,7 +54,7 @@ def run_ordered(
             try:
                 result: Result | WorkerDied = future.result()
             except BrokenProcessPool:
-                result = _alone(function, task, start_method)
+                result = _alone(function, task, workers)
             yield Outcome(task, result)
 
 
@@ -62,16 +62,15 @@ def _until_broken(
     function: Callable[[Task], Result],
     waiting: Iterator[Task],
     in_flight: deque[tuple[Task, Future[Result]]],
-    jobs: int,
-    start_method: StartMethod,
+    workers: Workers,
 ) -> Iterator[Outcome[Task, Result]]:
     """Run tasks until there are no more, or a worker dies: then `in_flight` holds those not yet reported, in order.
 
     Some of those may have finished before the worker died; the futures know.
     """
-    with worker_pool(jobs, start_method) as pool:
+    with worker_pool(workers) as pool:
         while True:
-            while len(in_flight) < jobs * TASKS_PER_WORKER:
+            while len(in_flight) < workers.jobs * TASKS_PER_WORKER:
                 task = next(waiting, None)
                 if task is None:
                     break
@@ -98,8 +97,8 @@ def _submitted(pool: ProcessPoolExecutor, function: Callable[[Task], Result], ta
         return future
 
 
-def _alone(function: Callable[[Task], Result], task: Task, start_method: StartMethod) -> Result | WorkerDied:
-    with worker_pool(1, start_method) as pool:
+def _alone(function: Callable[[Task], Result], task: Task, workers: Workers) -> Result | WorkerDied:
+    with worker_pool(workers.at_most(1)) as pool:
         try:
             return _submitted(pool, function, task).result()
         except BrokenProcessPool:

@@ -9,9 +9,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from cadtof_cli.arrays import Float
-from cadtof_cli.calibration.petzval import PetzvalCalibration, squared_field_radius
+from cadtof_cli.calibration.petzval import PetzvalCalibration
 from cadtof_cli.capture.metadata import Optics
 from cadtof_cli.files.atomic import whole_file
+from cadtof_cli.optics.curvature import squared_field_radius
 from cadtof_cli.optics.wall import wall_range_m
 
 ROWS = 5
@@ -54,7 +55,7 @@ def _section(axes: Axes, wall: WallSection, petzval: PetzvalCalibration, flat: F
     middle = round(petzval.principal_point_px[1])
     rows = slice(max(middle - ROWS // 2, 0), middle + ROWS // 2 + 1)
     columns = np.arange(flat.shape[1])
-    measured, corrected = wall.range_m, petzval.apply(wall.range_m)
+    measured, corrected = wall.range_m, wall.range_m - petzval.range_offset_m
     for values, label, colour in ((measured, "before", "tab:red"), (corrected, "after", "tab:blue")):
         axes.plot(columns, _middle((values / facing)[rows]), ".", markersize=3, color=colour, label=label)
     axes.plot(columns, (flat / facing)[middle], color="black", linewidth=1, label="flat wall, as fitted")

@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from cadtof_cli.simulation.pixel.evolution import Evolution
-from cadtof_cli.simulation.trials import Condition
+from cadtof_cli.simulation.pixel.mix import Condition
 
 DIRECT_COLOUR, MPI_COLOUR, MEASURED_COLOUR, AMBIENT_COLOUR = "#1b6ca8", "#d1495b", "#222222", "#b8b8b8"
 

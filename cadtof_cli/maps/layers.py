@@ -1,60 +1,109 @@
-"""The layers of a depth map, and the buffer they are computed in."""
+"""The registry of layers: the name, the unit and the value of each, and when it is wanted."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
-from cadtof_cli.files.maps import DepthMaps
+from cadtof_cli.arrays import Float, Float32
+from cadtof_cli.resolver.paths import ResolvedPaths
 
 DIRECT_DEPTH = "direct.depth"
 MPI_DEPTH = "mpi.depth"
 DIRECT_AMPLITUDE = "direct.amplitude"
-MPI_AMPLITUDE = "mpi.amplitude"
 DIRECT_SIGMA = "direct.sigma"
-MPI_SIGMA = "mpi.sigma"
 CONFIDENCE = "confidence"
 
-CHI_SQUARED = "chi_squared"
-EFFECTIVE_PIXELS = "effective_pixels"
-
-_ALWAYS = (DIRECT_DEPTH, MPI_DEPTH, DIRECT_AMPLITUDE, MPI_AMPLITUDE, DIRECT_SIGMA, MPI_SIGMA, CONFIDENCE)
+Factors = tuple[Float | Float32 | float, Float | float]
+"""Two factors whose product is the value of a layer."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class LayerChoice:
-    """Which float32 layers a map has.
+@dataclass(frozen=True, eq=False)
+class LayerSource:
+    """What the values of a block's layers follow from.
 
     Attributes:
-        paths: how many paths a pixel may have, 2 or more.
-        chi_squared: with what the paths leave over the noise, where the solver does not always leave nothing.
-        effective_pixels: with how many recorded pixels each has been averaged over.
+        resolved: the paths of the block's pixels.
+        samples: recorded pixels that each has been averaged over, (n,), or 1.
+        metres: c·T1/(4π), for planar depths times z over range, (n,); in m/rad.
+        volts: modulation amplitude.
+        phase_offset_rad: what the lens adds to every phase, (n,); None: nothing.
     """
 
-    paths: int = 2
-    chi_squared: bool = False
-    effective_pixels: bool = False
+    resolved: ResolvedPaths
+    samples: Float | float
+    metres: Float | float
+    volts: float
+    phase_offset_rad: Float | None
 
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the layers in the order in which they are written; `status` follows them."""
-        later = [
-            f"path{number}.{what}" for number in range(3, self.paths + 1) for what in ("depth", "amplitude", "sigma")
-        ]
-        asked = ((CHI_SQUARED, self.chi_squared), (EFFECTIVE_PIXELS, self.effective_pixels))
-        return (*_ALWAYS, *later, *(name for name, wanted in asked if wanted))
+    def depth(self, path: int, /) -> Factors:
+        """Depth of a path; what an offset moves below 0 comes from the end of the unambiguous range."""
+        phase = self.resolved.paths.phase_rad[path]
+        if self.phase_offset_rad is not None:
+            phase = phase - self.phase_offset_rad
+            phase += np.where(phase < 0.0, 2.0 * np.pi, 0.0)
+        return phase, self.metres
 
-    @property
-    def units(self) -> dict[str, str]:
-        """Names and units of the layers."""
-        return {name: layer_unit(name) for name in self.names}
+    def amplitude(self, path: int, /) -> Factors:
+        """Amplitude of a path."""
+        return self.resolved.paths.amplitude[path], self.volts
+
+    def sigma(self, path: int, /) -> Factors:
+        """Standard deviation of a path's depth."""
+        return self.resolved.paths.sigma_rad[path], self.metres
+
+
+@dataclass(frozen=True)
+class Layer:
+    """A layer of float32 values: its name, the unit, and how a block's values follow from its paths."""
+
+    name: str
+    unit: str
+    value: Callable[[LayerSource], Factors]
+
+
+def _of_path(path: int, quantity: str) -> Layer:
+    """Return the layer of one quantity of the path in a row of `ResolvedPaths.paths`."""
+    unit, value = _QUANTITIES[quantity]
+    name = ("direct", "mpi")[path] if path < 2 else f"path{path + 1}"
+    return Layer(f"{name}.{quantity}", unit, lambda source: value(source, path))
+
+
+_QUANTITIES: dict[str, tuple[str, Callable[[LayerSource, int], Factors]]] = {
+    "depth": ("m", LayerSource.depth),
+    "amplitude": ("V", LayerSource.amplitude),
+    "sigma": ("m", LayerSource.sigma),
+}
+"""Unit and value of what there is of every path."""
+
+_ALWAYS = (
+    *(_of_path(path, quantity) for quantity in _QUANTITIES for path in (0, 1)),
+    Layer(CONFIDENCE, "V", lambda source: (source.resolved.confidence, source.volts)),
+)
+
+_SEARCHED = Layer("chi_squared", "", lambda source: (source.resolved.chi_squared, 1.0))
+"""What the paths leave over the noise."""
+
+_AVERAGED = Layer("effective_pixels", "", lambda source: (source.samples, 1.0))
+"""Over how many recorded pixels each has been averaged."""
+
+
+@lru_cache(maxsize=16)
+def wanted_layers(*, paths: int = 2, searched: bool = False, averaged: bool = False) -> tuple[Layer, ...]:
+    """Return the layers of a map in the order in which they are written; `status` follows them.
+
+    Args:
+        paths: how many paths a pixel may have.
+        searched: whether the solver searches, so that its paths leave more than nothing.
+        averaged: whether pixels are averaged, over frames or neighbours.
+    """
+    others = (_of_path(path, quantity) for path in range(2, paths) for quantity in _QUANTITIES)
+    return (*_ALWAYS, *others, *(_SEARCHED,) * searched, *(_AVERAGED,) * averaged)
 
 
 def layer_unit(name: str, /) -> str:
-    """Return the unit of a layer's values, by what its name ends with; empty where they are pure numbers."""
-    return {"depth": "m", "sigma": "m", "amplitude": "V", CONFIDENCE: "V"}.get(name.rpartition(".")[2], "")
-
-
-def empty_maps(height: int, width: int, /, *, layers: LayerChoice) -> DepthMaps:
-    """Return uninitialised maps of the given size, for a frame's blocks to be written into."""
-    names = layers.names
-    return DepthMaps(names, np.empty((len(names) + 1, height, width), np.float32), np.empty((height, width), np.uint32))
+    """Return the unit of a layer's values by its name; empty where they are pure numbers."""
+    units = {layer.name: layer.unit for layer in (*_ALWAYS, _SEARCHED, _AVERAGED)}
+    quantity = name.rpartition(".")[2]
+    return units.get(quantity, _QUANTITIES.get(quantity, ("",))[0])

@@ -1,4 +1,4 @@
-"""Where pixels look: the pinhole that turns ranges into planar depths."""
+"""Where pixels look: the pinhole that turns ranges into planar depths. Sizes of the array are (Y, X) everywhere."""
 
 import numpy as np
 
@@ -20,21 +20,25 @@ def known_focal_length(optics: Optics, /) -> float:
     return optics.focal_length_px
 
 
-def ray_slopes(optics: Optics, height: int, width: int, /) -> tuple[Float, Float]:
-    """Return X = (x − cx)/f, shape (1, width), and Y = (y − cy)/f, shape (height, 1), of every pixel's ray.
+def principal_point(optics: Optics, pixels: tuple[int, int], /) -> tuple[float, float]:
+    """Return the column and row where the optical axis meets the array: its middle, where they are not given."""
+    return optics.principal_point_px or ((pixels[1] - 1) / 2.0, (pixels[0] - 1) / 2.0)
+
+
+def ray_slopes(optics: Optics, pixels: tuple[int, int], /) -> tuple[Float, Float]:
+    """Return X = (x − cx)/f, shape (1, X), and Y = (y − cy)/f, shape (Y, 1), of every pixel's ray.
 
     Raises:
-        SettingsError: the focal length is unknown. A principal point that is not given is the middle of the array.
+        SettingsError: the focal length is unknown.
     """
     focal_length_px = known_focal_length(optics)
-    cx, cy = optics.principal_point_px or ((width - 1) / 2.0, (height - 1) / 2.0)
-    x = (np.arange(width, dtype=np.float64)[np.newaxis, :] - cx) / focal_length_px
-    y = (np.arange(height, dtype=np.float64)[:, np.newaxis] - cy) / focal_length_px
+    cx, cy = principal_point(optics, pixels)
+    x = (np.arange(pixels[1], dtype=np.float64)[np.newaxis, :] - cx) / focal_length_px
+    y = (np.arange(pixels[0], dtype=np.float64)[:, np.newaxis] - cy) / focal_length_px
     return x, y
 
 
-def planar_per_range(optics: Optics, height: int, width: int, /) -> Float:
-    """Return z / range = 1/√(1 + X² + Y²) of every pixel, float64 (height, width)."""
-    x, y = ray_slopes(optics, height, width)
-    factor: Float = 1.0 / np.sqrt(1.0 + x * x + y * y)
-    return factor
+def planar_per_range(optics: Optics, pixels: tuple[int, int], /) -> Float:
+    """Return z / range = 1/√(1 + X² + Y²) of every pixel, float64 (Y, X)."""
+    x, y = ray_slopes(optics, pixels)
+    return np.asarray(1.0 / np.sqrt(1.0 + x * x + y * y))

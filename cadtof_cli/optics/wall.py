@@ -21,6 +21,6 @@ def wall_range_m(
     Raises:
         SettingsError: the focal length is unknown.
     """
-    x, y = ray_slopes(optics, *pixels)
+    x, y = ray_slopes(optics, pixels)
     alpha, beta = slopes
     return np.asarray(distance_m * np.sqrt(1.0 + x * x + y * y) / (1.0 + alpha * x + beta * y))

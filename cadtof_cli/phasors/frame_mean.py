@@ -1,52 +1,111 @@
-"""Several recorded frames → one with less noise: the mean of what each pixel stored, soundly, in any of them."""
+"""Recorded frames of a scene that stands still → one with less noise: their mean, and how much they scatter about it."""
 
-from collections.abc import Iterable
+import itertools
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
 from cadtof_cli.arrays import Bool, Float, Stored
+from cadtof_cli.capture.metadata import Voltage
+from cadtof_cli.errors import SettingsError
+from cadtof_cli.phasors.voltages import sound_pixels, volts_from_stored
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class FrameMean:
-    """The mean of frames: `stored`, (H, 2, Y, X), over `samples` frames, float64 (Y, X), recorded as `dtype`.
+    """The mean of frames.
 
-    A pixel that no frame recorded soundly keeps the values of the first, and counts as one sample. `samples` is None for a
-    frame that stands for itself.
+    Attributes:
+        stored: the mean, (H, 2, Y, X).
+        samples: over how many frames each pixel's mean is, float64 (Y, X); None: as `frames` says.
+        dtype: of the values as they were recorded.
+        frames: how many frames there were.
+        variance: sample variance of one frame about the mean, float64 (H, 2, Y, X); None: not measured.
     """
 
     stored: Stored
     samples: Float | None
     dtype: np.dtype[np.generic]
+    frames: int = 1
+    variance: Float | None = None
 
     @classmethod
     def of_one(cls, stored: Stored, /) -> "FrameMean":
         """Return a frame as it was recorded."""
         return cls(stored, None, stored.dtype)
 
+    @property
+    def pixels(self) -> tuple[int, int]:
+        """Size of the array, (Y, X)."""
+        height, width = self.stored.shape[2:]
+        return height, width
+
+    @property
+    def sound(self) -> Bool:
+        """Where the mean is finite at every harmonic and channel, (Y, X)."""
+        return np.asarray(np.isfinite(self.stored).all(axis=(0, 1)))
+
+    def frame_noise(self) -> Float:
+        """Return the typical standard deviation of one frame's values at each harmonic, (H,): 0 where it was not measured."""
+        if self.variance is None or self.frames < 2:
+            return np.zeros(self.stored.shape[0])
+        typical = np.median(self.variance[:, :, self.sound], axis=(1, 2)) / median_variance_ratio(self.frames)
+        return np.asarray(np.sqrt(typical))
+
+
+def median_variance_ratio(frames: int, /) -> float:
+    """Return the median of the sample variance from so many frames (2 or more) over the true variance, for Gaussian noise."""
+    from scipy.stats import chi2
+
+    return float(chi2.median(frames - 1)) / (frames - 1)
+
 
 def frame_mean(frames: Iterable[Stored], /, *, saturated_counts: tuple[float, float] | None) -> FrameMean:
-    """Return the mean of frames of stored values, (H, 2, Y, X) each, of which at least one is given.
+    """Return the mean of frames of stored values, (H, 2, Y, X) each: of those frames that recorded a pixel soundly.
 
-    A frame counts for a pixel where all its values there are finite and inside `saturated_counts`.
+    There must be one frame at least. A pixel that none recorded soundly keeps the values of the first, as one sample.
     """
-    total = count = first = None
-    for stored in frames:
-        if first is None or total is None or count is None:
-            first = stored
-            total, count = np.zeros(stored.shape), np.zeros(stored.shape[2:])
-        sound = _sound(stored, saturated_counts)
+    first, given = _with_first(frames)
+    total, count, number = np.zeros(first.shape), np.zeros(first.shape[2:]), 0
+    for stored in given:
+        sound = sound_pixels(stored, saturated_counts)
         total += np.where(sound, stored, 0)
         count += sound
-    if first is None or total is None or count is None:
+        number += 1
+    samples = np.maximum(count, 1.0)
+    return FrameMean(np.where(count > 0.0, total / samples, first), samples, first.dtype, number)
+
+
+def mean_volts(frames: Iterable[Stored], /, *, voltage: Voltage) -> FrameMean:
+    """Return the mean in V, and the variance in V², of frames of stored values, (H, 2, Y, X) each.
+
+    There must be one frame at least. The mean is NaN where a pixel was not sound in every frame. Welford's update loses no
+    digits to a large offset.
+
+    Raises:
+        SettingsError: sizes of frames differ, or nothing says how many volts one count stands for.
+    """
+    first, given = _with_first(frames)
+    mean, squares, count = np.zeros(first.shape), np.zeros(first.shape), 0
+    sound = np.ones(first.shape[2:], np.bool_)
+    for stored in given:
+        volts = volts_from_stored(stored, voltage)
+        count += 1
+        if volts.shape != mean.shape:
+            raise SettingsError(f"found a frame of shape {volts.shape} (H C Y X), expected {mean.shape}")
+        sound &= sound_pixels(stored, voltage.saturated_counts)
+        change = volts - mean
+        mean += change / count
+        squares += change * (volts - mean)
+    variance = squares / max(count - 1, 1)
+    return FrameMean(np.where(sound, mean, np.nan), None, mean.dtype, count, variance)
+
+
+def _with_first(frames: Iterable[Stored]) -> tuple[Stored, Iterator[Stored]]:
+    """Return the first of the frames, and them all."""
+    given = iter(frames)
+    first = next(given, None)
+    if first is None:
         raise ValueError("the mean of no frames")
-    return FrameMean(np.where(count > 0.0, total / np.maximum(count, 1.0), first), np.maximum(count, 1.0), first.dtype)
-
-
-def _sound(stored: Stored, saturated_counts: tuple[float, float] | None) -> Bool:
-    sound = np.isfinite(stored)
-    if saturated_counts is not None:
-        sound &= (stored > saturated_counts[0]) & (stored < saturated_counts[1])
-    everywhere: Bool = np.logical_and.reduce(sound.reshape(-1, *sound.shape[2:]))
-    return everywhere
+    return first, itertools.chain((first,), given)

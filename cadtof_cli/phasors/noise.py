@@ -1,15 +1,14 @@
 """The noise of phasors: known beforehand from the integration length, or estimated from a frame."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from cadtof_cli.arrays import Complex, Float, Float32
+from cadtof_cli.arrays import Complex, Float, Float32, Index
 from cadtof_cli.capture.metadata import CaptureMetadata, Waveform
-from cadtof_cli.phasors.pulse import pulse_response
-from cadtof_cli.phasors.response import ideal_response
+from cadtof_cli.phasors.response import ideal_response, pulse_response
 from cadtof_cli.phasors.rotors import Rotor
 
 MAD_PER_SIGMA = 0.6744897501960817
@@ -74,18 +73,26 @@ class HarmonicNoise:
         )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class NoiseModel:
-    """Noise of every recorded harmonic, independent of each other, and the integration length that stands behind it."""
+    """Noise of every recorded harmonic, independent of each other, and the integration length that stands behind it.
 
-    harmonics: tuple[HarmonicNoise, ...]
+    `each` is what one recorded pixel's phasors have; `samples`, (n,), is the number of recorded pixels that each phasor is a
+    mean of (None: 1), and `noise[block]` is the noise of some of these n phasors.
+    """
+
+    each: tuple[HarmonicNoise, ...]
     integration_length: float
     estimated: bool
+    samples: Float | None = None
+
+    def __getitem__(self, pixels: slice | Index, /) -> "NoiseModel":
+        return self if self.samples is None else replace(self, samples=self.samples[pixels])
 
     @property
-    def numbers(self) -> tuple[int, ...]:
-        """The harmonics' numbers h."""
-        return tuple(harmonic.harmonic for harmonic in self.harmonics)
+    def harmonics(self) -> tuple[int, ...]:
+        """The numbers of the harmonics."""
+        return tuple(one.harmonic for one in self.each)
 
 
 def noise_model(

@@ -56,7 +56,7 @@ def _means(
 ) -> tuple[Complex, Float]:
     """Return the weighted means of neighbours that agree with the reference of a pixel, and the sums of their weights."""
     limit = chi_squared_threshold(LOST_NEIGHBOURS, pairs=len(given))
-    scales = [1.0 / harmonic.dark_variance for harmonic in noise.harmonics]
+    scales = [1.0 / harmonic.dark_variance for harmonic in noise.each]
     total, weights = given * weight, weight.copy()
     with np.errstate(divide="ignore"):
         spread, reference_spread = 1.0 / weight, 1.0 / reference_weight

@@ -7,7 +7,7 @@ import numpy as np
 
 from cadtof_cli.arrays import Complex, Float
 from cadtof_cli.capture.metadata import CaptureMetadata
-from cadtof_cli.phasors.pulse import pulse_response
+from cadtof_cli.units import FWHM_PER_SIGMA
 
 NEGLIGIBLE_TERM = 1e-4
 """Terms of a triangle below this share of the fundamental are left out: 0.1 mm of depth at a period of 40 ns."""
@@ -62,6 +62,20 @@ class HarmonicResponse:
         """Solve v = G[h,1]·q + G[h,−1]·conj(q) for q, in which the imbalance is gone and the main term is 1."""
         scale = abs(self.main) ** 2 - abs(self.mirror) ** 2
         return np.asarray((np.conj(self.main) * voltages - self.mirror * np.conj(voltages)) / scale)
+
+
+def pulse_response(harmonic: int, /, *, fwhm_ns: float, period_ns: float) -> float:
+    """Return r_k = exp(−(k·2π·s/T1)²/2), by which a Gaussian pulse of standard deviation s shrinks harmonic k.
+
+    The paper's Eq. (3) has another exponent and takes the factor as common to all harmonics; it is not: r1 = .994 and
+    r2 = .975 at 1.7 ns, and undivided they make one clean pulse look like two paths at ±0.72 ns.
+
+    Args:
+        harmonic: k, any whole number.
+        fwhm_ns: full width of the pulse at half its maximum.
+        period_ns: period T1 of the fundamental.
+    """
+    return math.exp(-0.5 * (harmonic * 2.0 * math.pi * fwhm_ns / FWHM_PER_SIGMA / period_ns) ** 2)
 
 
 def ideal_response(metadata: CaptureMetadata, /) -> tuple[HarmonicResponse, ...]:

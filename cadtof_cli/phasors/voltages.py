@@ -1,68 +1,135 @@
-"""Stored values → phasors, a block of pixels at a time."""
+"""Stored values → volts and phasors, and which pixels recorded them soundly."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from cadtof_cli.arrays import Bool, Complex, Stored
-from cadtof_cli.capture.metadata import CaptureMetadata
+from cadtof_cli.arrays import Bool, Complex, Float, Float32, Stored
+from cadtof_cli.capture.metadata import CaptureMetadata, Voltage
 from cadtof_cli.errors import SettingsError
-from cadtof_cli.phasors.response import ideal_response
+from cadtof_cli.phasors.response import HarmonicResponse, ideal_response
 
 
-@dataclass(frozen=True)
-class PhasorScale:
-    """How stored values become phasors: p_h = (stored − zero) · per_count[h], SC1 real and SC2 imaginary."""
-
-    zero: float
-    per_count: tuple[float, ...]
-    saturated: tuple[float, float] | None
-    amplitude_v: float
-
-
-def phasor_scale(metadata: CaptureMetadata, dtype: np.dtype[np.generic], /) -> PhasorScale:
-    """Return the scale for values stored as `dtype`: zero and gain, over the amplitude and G[h,1] of waveform and pulse.
+def volts_per_count(voltage: Voltage, dtype: np.dtype[np.generic], /) -> float:
+    """Return how many volts one step of values stored as `dtype` stands for: 1 for floats that nothing else is said of.
 
     Raises:
-        SettingsError: the values are integers and nothing says how many volts a count stands for.
+        SettingsError: the values are integers and nothing says how many volts one count stands for.
     """
-    modulation, voltage = metadata.modulation, metadata.voltage
-    volts_per_count = voltage.volts_per_count
-    if volts_per_count is None:
-        if dtype.kind != "f":
-            raise SettingsError(
-                f"frames hold whole numbers ({dtype}), and nothing says how many volts a count is: "
-                "set volts_per_count under [voltage] in capture.toml, or --volts-per-count"
-            )
-        volts_per_count = 1.0
-    per_count = tuple(
-        volts_per_count / modulation.amplitude_v / response.main.real for response in ideal_response(metadata)
-    )
-    return PhasorScale(voltage.zero_counts, per_count, voltage.saturated_counts, modulation.amplitude_v)
+    if voltage.volts_per_count is not None:
+        return voltage.volts_per_count
+    if dtype.kind != "f":
+        raise SettingsError(
+            f"frames hold whole numbers ({dtype}), and nothing says how many volts a count is: "
+            "set volts_per_count under [voltage] in capture.toml, or --volts-per-count"
+        )
+    return 1.0
 
 
-def phasors_from_voltages(stored: Stored, /, *, scale: PhasorScale) -> Complex:
+def volts_from_stored(stored: Stored, voltage: Voltage, /) -> Float:
+    """Return stored values of any shape in V, float64; raises SettingsError as `volts_per_count` does."""
+    return (stored.astype(np.float64) - voltage.zero_counts) * volts_per_count(voltage, stored.dtype)
+
+
+@dataclass(frozen=True, eq=False)
+class PhasorMap:
+    """The affine map from stored values to normalised phasors, of each harmonic and pixel, with SC1 real and SC2 imaginary.
+
+    float64 (H, 2, n), Re p and Im p along the second axis, and n = 1 where all pixels have the same map:
+    Re p = own[0]·SC1 + other[0]·SC2 + constant[0] and Im p = own[1]·SC2 + other[1]·SC1 + constant[1]. None stands for zeros.
+    """
+
+    own: Float
+    other: Float | None = None
+    constant: Float | None = None
+
+    def __getitem__(self, pixels: slice) -> "PhasorMap":
+        """Return the maps of some of the pixels."""
+        if self.own.shape[2] == 1:
+            return self
+        other = None if self.other is None else self.other[..., pixels]
+        return PhasorMap(self.own[..., pixels], other, None if self.constant is None else self.constant[..., pixels])
+
+
+def ideal_phasor_map(metadata: CaptureMetadata, dtype: np.dtype[np.generic], /) -> PhasorMap:
+    """Return the map of a camera without defects: zero and gain, over the amplitude and G[h,1] of waveform and pulse.
+
+    Raises:
+        SettingsError: see `volts_per_count`.
+    """
+    volts = volts_per_count(metadata.voltage, dtype)
+    gains = [volts / metadata.modulation.amplitude_v / response.main.real for response in ideal_response(metadata)]
+    own = np.broadcast_to(np.array(gains)[:, np.newaxis, np.newaxis], (len(gains), 2, 1))
+    zero = metadata.voltage.zero_counts
+    return PhasorMap(own, constant=-zero * own if zero else None)
+
+
+def pixel_phasor_map(
+    responses: Sequence[HarmonicResponse],
+    metadata: CaptureMetadata,
+    dtype: np.dtype[np.generic],
+    /,
+    *,
+    offset_v: Float | Float32 | None,
+    phase_rad: Float | None,
+    gain: Float | Float32 | None,
+    pixels: int,
+) -> PhasorMap:
+    """Return the maps that take out offset, gain, imbalance and phase, in this order.
+
+    Args:
+        responses: of every harmonic; the terms k = ±1 are inverted here, exactly.
+        metadata: zero and volts per count of the stored values, and the modulation amplitude that phasors are counted in.
+        dtype: of the stored values.
+        offset_v: (H, 2, n) V, what the pixel shows without light.
+        phase_rad: (H, n), what the pixel adds to the phase of every path at that harmonic.
+        gain: (H, n), by which the pixel multiplies.
+        pixels: n.
+
+    Raises:
+        SettingsError: see `volts_per_count`.
+    """
+    volts = volts_per_count(metadata.voltage, dtype)
+    own, other, constant = (np.empty((len(responses), 2, pixels)) for _ in range(3))
+    for row, response in enumerate(responses):
+        scale = np.ones(pixels, np.complex128) if phase_rad is None else np.exp(-1j * phase_rad[row])
+        amplitude_v = metadata.modulation.amplitude_v
+        scale = scale / (amplitude_v if gain is None else amplitude_v * gain[row].astype(np.float64))
+        first, second = (scale * response.without_mirror(np.array(unit)) for unit in (1.0 + 0.0j, 1.0j))
+        own[row], other[row] = (first.real, second.imag), (second.real, first.imag)
+        shift = metadata.voltage.zero_counts * volts
+        shifts = (shift, shift) if offset_v is None else offset_v[row].astype(np.float64) + shift
+        constant[row, 0] = -(first.real * shifts[0] + second.real * shifts[1])
+        constant[row, 1] = -(first.imag * shifts[0] + second.imag * shifts[1])
+    return PhasorMap(own * volts, other * volts, constant)
+
+
+def phasors_from_stored(stored: Stored, phasor_map: PhasorMap, /) -> Complex:
     """Return normalised phasors, complex128 (H, n), from stored values (H, 2, n); NaN stays NaN.
 
     A phasor of 1 is the full modulation amplitude arriving at one instant: the paper's p_h of Eq. (5).
     """
     phasors = np.empty((stored.shape[0], stored.shape[2]), np.complex128)
-    for phasor, channels, per_count in zip(phasors, stored, scale.per_count, strict=True):
-        offset = -scale.zero * per_count
-        for part, channel in zip((phasor.real, phasor.imag), channels, strict=True):
-            # numpy would compute half floats times a Python number in half floats
-            np.multiply(channel, per_count, out=part, dtype=np.float64)
-            if offset:
-                part += offset
+    crossed = np.empty(stored.shape[2])
+    for row, phasor in enumerate(phasors):
+        for index, part in enumerate((phasor.real, phasor.imag)):
+            # numpy would compute half floats in half floats
+            np.multiply(stored[row, index], phasor_map.own[row, index], out=part, dtype=np.float64)
+            if phasor_map.other is not None:
+                np.multiply(stored[row, 1 - index], phasor_map.other[row, index], out=crossed, dtype=np.float64)
+                part += crossed
+            if phasor_map.constant is not None:
+                part += phasor_map.constant[row, index]
     return phasors
 
 
-def saturated_pixels(stored: Stored, /, *, scale: PhasorScale) -> Bool:
-    """Return where any value of a pixel, (H, 2, n) → (n,), lies at or beyond the limits; NaN does not."""
-    if scale.saturated is None:
-        return np.zeros(stored.shape[2], np.bool_)
-    low, high = scale.saturated
-    planes = stored.reshape(-1, stored.shape[2])
+def saturated_pixels(stored: Stored, saturated_counts: tuple[float, float] | None, /) -> Bool:
+    """Return where any value of a pixel, (H, 2, …) → (…), lies at or beyond the limits; NaN does not."""
+    planes = stored.reshape(-1, *stored.shape[2:])
+    if saturated_counts is None:
+        return np.zeros(planes.shape[1:], np.bool_)
+    low, high = saturated_counts
     beyond = np.asarray((planes <= low).any(axis=0), np.bool_)
     beyond |= (planes >= high).any(axis=0)
     return beyond
@@ -71,3 +138,9 @@ def saturated_pixels(stored: Stored, /, *, scale: PhasorScale) -> Bool:
 def not_finite_pixels(phasors: Complex, /) -> Bool:
     """Return where any phasor of a pixel, (H, n) → (n,), is NaN or infinite."""
     return np.asarray(~np.isfinite(phasors).all(axis=0), np.bool_)
+
+
+def sound_pixels(stored: Stored, saturated_counts: tuple[float, float] | None, /) -> Bool:
+    """Return where all values of a pixel, (H, 2, …) → (…), are finite and inside the limits."""
+    planes = np.isfinite(stored).reshape(-1, *stored.shape[2:])
+    return np.asarray(planes.all(axis=0) & ~saturated_pixels(stored, saturated_counts))

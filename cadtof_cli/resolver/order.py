@@ -1,13 +1,78 @@
-"""How many paths a pixel has: thresholds on what a simpler model leaves over the known noise."""
+"""How many paths a pixel has: the fewest that leave no more than noise does."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Protocol
 
 import numpy as np
 
-from cadtof_cli.arrays import Bool
-from cadtof_cli.resolver.paths import Path
-from cadtof_cli.resolver.two_path.closed_form import FULL_TURN
+from cadtof_cli.arrays import Bool, Float, Index
+from cadtof_cli.phasors.chi_squared import chi_squared_threshold
+from cadtof_cli.phasors.noise import NoiseModel
+from cadtof_cli.resolver.paths import FULL_TURN, Fit, Paths
+from cadtof_cli.resolver.returns import arranged
+from cadtof_cli.resolver.settings import ResolverSettings
+
+LEAST_PATHS = 2
+"""Paths that an answer has room for, whatever was asked: the direct one, and that of the MPI."""
 
 
-def worth_another(direct: Path, fewer: Path, /) -> Bool:
+class Solver(Protocol):
+    """What a room of the resolver offers by its module `solver`, for the phasors of a block of n pixels.
+
+    `sigma_type` is what its standard deviations come in.
+    """
+
+    sigma_type: type[np.floating]
+
+    @property
+    def modulus(self) -> Float:
+        """|p| of the first harmonic, (n,)."""
+
+    @property
+    def powers(self) -> Sequence[Float]:
+        """|p|² of every harmonic, (n,) each."""
+
+    def fit(self, count: int, pixels: Bool, /, *, limit: Float | float | None) -> tuple[Index | slice, Fit]:
+        """Fit `count` paths to the pixels, bool (n,), and return the indices of those that were fitted, rising.
+
+        All of the block may be fitted where that is faster: a slice then. Pixels that leave a χ² above `limit` for
+        certain, a number or (n,), may be left out; None: these are the most paths that there may be.
+        """
+
+
+def fewest_paths(solver: Solver, answered: Bool, /, *, settings: ResolverSettings, noise: NoiseModel) -> Fit:
+    """Return the paths of n pixels, the direct one first: the fewest, up to `settings.max_paths`, that leave only noise.
+
+    Nor does a pixel get another path that is not worth it (`worth_another`). With an order given it is that many. Anything
+    may stand in pixels that are not to be answered.
+    """
+    rows, waiting = max(settings.paths, LEAST_PATHS), answered.copy()
+    sigma_type = solver.sigma_type if noise.samples is None else np.float64
+    first = 1 if settings.order == "auto" else settings.max_paths
+    fewer: tuple[Index, Fit] | None = None
+    for count in range(first, settings.max_paths):
+        threshold = chi_squared_threshold(settings.false_alarm, pairs=len(noise.harmonics) - count)
+        limit = threshold if noise.samples is None else threshold / noise.samples
+        pixels, fit = solver.fit(count, waiting, limit=limit)
+        fit = _told_apart(fit, settings, noise, pixels)
+        assert isinstance(pixels, np.ndarray)
+        if fewer is not None:
+            whole = _spread(fit, pixels, answered.size, rows, sigma_type)
+            known = np.union1d(pixels, fewer[0])
+            fewer = known, _kept(whole, pixels, fewer, waiting)[known]
+        else:
+            fewer = pixels, fit
+        waiting[pixels] &= fit.chi_squared > threshold
+    if fewer is not None and not waiting.any():
+        return _spread(fewer[1], fewer[0], answered.size, rows, sigma_type)
+    chosen, fit = solver.fit(settings.max_paths, waiting, limit=None)
+    fit = _told_apart(fit, settings, noise, chosen)
+    whole = _spread(fit, chosen, answered.size, rows, sigma_type)
+    return whole if fewer is None or not fewer[0].size else _kept(whole, chosen, fewer, waiting)
+
+
+def worth_another(direct: Paths, fewer: Paths, /) -> Bool:
     """Return where another path moves the direct one by more than the scatter that it costs; `fewer` is that without it.
 
     One path is biased by δ, two scatter more: E(difference²) = δ² + σ2² − σ1², so the mean squared error of the direct phase is
@@ -20,3 +85,38 @@ def worth_another(direct: Path, fewer: Path, /) -> Bool:
     cost = np.square(direct.sigma_rad, dtype=np.float64) - np.square(fewer.sigma_rad)
     worth: Bool = difference * difference > 2.0 * cost
     return worth
+
+
+def _told_apart(fit: Fit, settings: ResolverSettings, noise: NoiseModel, pixels: Index | slice) -> Fit:
+    """Return a fit with the direct path first, and with the noise of the means that the phasors are."""
+    paths = arranged(fit.paths, settings)
+    if noise.samples is None:
+        return replace(fit, paths=paths)
+    samples = noise.samples[pixels]
+    root = np.sqrt(samples)
+    return Fit(
+        replace(paths, sigma_rad=paths.sigma_rad / root), fit.chi_squared * samples, fit.converged, fit.doubt / root
+    )
+
+
+def _spread(fit: Fit, pixels: Index | slice, count: int, rows: int, sigma_type: type[np.floating]) -> Fit:
+    """Return a fit of some pixels as one of all, with room for as many paths; NaN elsewhere."""
+    if isinstance(pixels, slice) and len(fit.paths) == rows:
+        return fit
+    paths = Paths.none((rows, count), sigma_type=sigma_type)
+    whole = Fit(paths, np.full(count, np.nan), np.ones(count, np.bool_), np.zeros(count))
+    whole[pixels] = fit
+    return whole
+
+
+def _kept(whole: Fit, pixels: Index | slice, fewer: tuple[Index, Fit], waiting: Bool) -> Fit:
+    """Write the fit of fewer paths over that of more, which is in `pixels`, where fewer do or another is not worth it."""
+    known, fit = fewer
+    fitted = np.zeros(waiting.size, np.bool_)
+    fitted[pixels] = True
+    rivals = np.flatnonzero((fitted & waiting)[known])
+    kept = np.ones(known.size, np.bool_)
+    kept[rivals] = ~worth_another(whole.paths[0][known[rivals]], fit.paths[0][rivals])
+    chosen = np.flatnonzero(kept)
+    whole[known[chosen]] = fit[chosen]
+    return whole

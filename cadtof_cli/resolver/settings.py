@@ -1,6 +1,5 @@
 """What a user can choose about resolving; one frozen record that checks itself."""
 
-import math
 from dataclasses import dataclass
 from typing import Literal
 
@@ -36,7 +35,8 @@ class ResolverSettings:
         false_alarm: probability that noise alone passes for a signal, or for a second path.
         returns: which path is called direct.
         min_return_ratio: least amplitude of a direct path, as a share of the strongest path's.
-        min_confidence_v: pixels with a smaller first phasor, in V, have no answer; None: those with no signal above the noise.
+        min_confidence: pixels with a smaller first phasor, in units of the phasors, have no answer; None: those with no signal
+            above the noise.
     """
 
     solver: Solver = "two-path"
@@ -47,7 +47,7 @@ class ResolverSettings:
     false_alarm: float = 0.01
     returns: Return = "first"
     min_return_ratio: float = 0.1
-    min_confidence_v: float | None = None
+    min_confidence: float | None = None
 
     def __post_init__(self) -> None:
         for name, value, allowed in (
@@ -60,9 +60,6 @@ class ResolverSettings:
             raise SettingsError(f"--false-alarm: found {self.false_alarm}, expected a probability between 0 and 1")
         if not 0.0 <= self.min_return_ratio <= 1.0:
             raise SettingsError(f"--min-return-ratio: found {self.min_return_ratio}, expected 0 to 1")
-        least = self.min_confidence_v
-        if least is not None and not (math.isfinite(least) and least >= 0.0):
-            raise SettingsError(f"--min-confidence: found {least}, expected a voltage, 0 or more")
         for option, number, floor in (
             ("--paths", self.paths, 1),
             ("--starts", self.starts, 1),
@@ -87,6 +84,14 @@ class ResolverSettings:
     def max_paths(self) -> int:
         """The most paths that a pixel may get."""
         return self._most_paths if self.order == "auto" else int(self.order)
+
+    def room(self, harmonics: tuple[int, ...], /, *, sine: bool) -> str:
+        """Return the room of the resolver whose module `solver` answers."""
+        if not sine:
+            return "response"
+        if self.solver == "lm" and self.max_paths == 2:
+            return "paper"
+        return "two_path" if self.in_closed_form(harmonics) else "likelihood"
 
     def in_closed_form(self, harmonics: tuple[int, ...], /) -> bool:
         """Whether a capture with these harmonics needs no iteration."""

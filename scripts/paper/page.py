@@ -1,7 +1,7 @@
 """The Markdown page: ours beside the paper's, condition by condition."""
 
-from cadtof_cli.simulation.trials import TrialsSummary
 from cadtof_cli.workflows.simulate.sweep import SweepCell
+from cadtof_cli.workflows.simulate.trials import TrialsSummary
 from paper.effort import Effort
 from paper.pixel_experiments import Figure2, Figure3
 from paper.resolver_experiments import GRID_ASRS, GRID_LENGTHS, TABLE_1, Maps, Table1Row, extremes

@@ -6,13 +6,15 @@ from dataclasses import dataclass
 import numpy as np
 from matplotlib.figure import Figure
 
+from cadtof_cli.execution.workers import Workers
 from cadtof_cli.figures.pixel_evolution import plot_histogram, plot_phase, plot_voltages
 from cadtof_cli.simulation.pixel.averaging import Averaging
 from cadtof_cli.simulation.pixel.evolution import evolution
+from cadtof_cli.simulation.pixel.mix import Condition
 from cadtof_cli.simulation.pixel.pixel import PixelModel
-from cadtof_cli.simulation.trials import Condition, Trials
 from cadtof_cli.workflows.simulate.simulate import simulate_pixel, write_rows
 from cadtof_cli.workflows.simulate.sweep import SweepCell, SweepSettings, rows, sweep, write_table
+from cadtof_cli.workflows.simulate.trials import Trials
 from paper.effort import SEED, Effort
 
 FIG_2 = (
@@ -56,7 +58,7 @@ def figure_2(effort: Effort) -> Figure2:
         trials = Trials(
             condition=condition, model=PIXEL, runs=effort.pixel_runs, photon_by_photon=True, seed=SEED, stream=column
         )
-        outcome = simulate_pixel(trials, jobs=effort.jobs)
+        outcome = simulate_pixel(trials, workers=Workers(jobs=effort.jobs))
         errors.append(math.degrees(outcome.phase_bias_rad))
         uncertainties.append(math.degrees(outcome.phase_std_rad) / math.sqrt(effort.pixel_runs))
     figure.savefig(effort.out / "fig2.png")
@@ -90,7 +92,7 @@ def figure_3(effort: Effort) -> Figure3:
     """Sweep ASR and MPI ratio photon by photon, and draw confidence, precision and error."""
     base = Trials(condition=FIG_2[1], model=PIXEL, runs=effort.pixel_runs, photon_by_photon=True, seed=SEED)
     settings = SweepSettings(base=base, asrs=FIG_3_ASRS, mpi_ratios=FIG_3_RATIOS, integration_lengths=(4000.0,))
-    cells = sweep(settings, jobs=effort.jobs)
+    cells = sweep(settings, workers=Workers(jobs=effort.jobs))
     with (effort.out / "fig3.csv").open("w", newline="") as file:
         write_table(cells, file)
     single = [_single_path(cell) for cell in cells]

@@ -7,15 +7,17 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
+from cadtof_cli.execution.workers import Workers
 from cadtof_cli.figures.pixel_evolution import plot_histogram
 from cadtof_cli.figures.sweep_maps import draw_path_maps
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.simulation.pixel.averaging import Averaging
 from cadtof_cli.simulation.pixel.evolution import evolution
+from cadtof_cli.simulation.pixel.mix import Condition
 from cadtof_cli.simulation.pixel.pixel import PixelModel
-from cadtof_cli.simulation.trials import Condition, Trials, TrialsSummary, block_voltages, path_times_ns
 from cadtof_cli.workflows.simulate.simulate import simulate_pixel, write_rows
 from cadtof_cli.workflows.simulate.sweep import SweepCell, SweepSettings, rows, sweep, write_table
+from cadtof_cli.workflows.simulate.trials import Trials, TrialsSummary, block_voltages, path_times_ns
 from paper.effort import SEED, Effort
 
 TABLE_1 = {"a": (16.0, 0.05, 0.16), "b": (25.0, 0.03, 0.12), "c": (11.0, 0.17, 0.52)}
@@ -92,7 +94,7 @@ def table_1(effort: Effort) -> list[Table1Row]:
         axes.set(xlim=(3.5, 6.5), ylim=(second_ns - 2.5, second_ns + 2.5), aspect="auto")
         axes.set(xlabel="first peak (ns)", ylabel="second peak (ns)", title=f"({name}) 5 and {second_ns:g} ns, N = 2")
         axes.legend(fontsize=8, loc="upper right")
-        photons = simulate_pixel(by_photons, jobs=effort.jobs)
+        photons = simulate_pixel(by_photons, workers=Workers(jobs=effort.jobs))
         made.append(Table1Row(name, simulate_pixel(exact), photons, effort.photon_length))
     figure.savefig(effort.out / "fig7.png")
     _write_table_1(effort, made)
@@ -135,7 +137,7 @@ def figures_8_and_9(effort: Effort) -> Maps:
 
     def swept(trials: Trials, ratios: tuple[float, ...]) -> list[SweepCell]:
         settings = SweepSettings(base=trials, asrs=GRID_ASRS, mpi_ratios=ratios, integration_lengths=GRID_LENGTHS)
-        return sweep(settings, jobs=1)
+        return sweep(settings, workers=Workers(jobs=1))
 
     with_mpi = swept(base, (0.3, 0.1))
     without = swept(replace(base, resolver=ResolverSettings(), runs=10 * effort.resolver_runs), (0.0,))

@@ -7,8 +7,9 @@ from matplotlib.figure import Figure
 
 from cadtof_cli.arrays import Float
 from cadtof_cli.capture.metadata import CaptureMetadata, Pixel
-from cadtof_cli.pipeline import FramePlan, resolve_frame
-from cadtof_cli.resolver.settings import ResolverSettings
+from cadtof_cli.execution.workers import Workers
+from cadtof_cli.frame_plan import FramePlan
+from cadtof_cli.pipeline import resolve_frame
 from cadtof_cli.simulation.scene.camera import Camera
 from cadtof_cli.simulation.scene.exposure import Band, Exposure, frame_voltages
 from cadtof_cli.simulation.scene.light import Scene
@@ -44,8 +45,8 @@ def recorded(scene: Scene, effort: Effort, *, camera: Camera | None = None) -> R
     camera = camera or Camera()
     metadata = CaptureMetadata(pixel=Pixel(integration_length=1.0e5), optics=camera.optics, voltage=camera.voltage)
     exposure = Exposure(scene=scene, camera=camera, metadata=metadata, seed=SEED)
-    whole = expose(exposure, jobs=effort.jobs)
-    plan = FramePlan(metadata=metadata, resolver=ResolverSettings())
+    whole = expose(exposure, workers=Workers(jobs=effort.jobs))
+    plan = FramePlan(metadata=metadata)
     frames = [_frame(exposure, whole, plan, index) for index in range(effort.frames)]
     first, direct = (np.stack(maps) for maps in zip(*frames, strict=True))
     return Recorded(whole.truth["direct.depth"], first, direct)

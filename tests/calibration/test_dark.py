@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from cadtof_cli.calibration.averaging import FrameAverage, MeanFrame
 from cadtof_cli.calibration.dark import DarkCalibration, Defect, fit_dark
 from cadtof_cli.calibration.parts import Origin
-from cadtof_cli.capture.metadata import CaptureMetadata, Voltage
+from cadtof_cli.capture.metadata import Voltage
 from cadtof_cli.errors import SettingsError
+from cadtof_cli.phasors.frame_mean import FrameMean, mean_volts
 
 SHAPE = (2, 2, 30, 40)
 NOISE_V = 0.0004
@@ -22,11 +22,8 @@ def frames_v(count: int, *, seed: int = 1) -> NDArray[np.float64]:
     return offsets_v() + np.random.default_rng(seed).normal(0.0, NOISE_V, (count, *SHAPE))
 
 
-def mean_of(frames: NDArray[np.float64], voltage: Voltage | None = None) -> MeanFrame:
-    average = FrameAverage(CaptureMetadata(voltage=voltage or Voltage()))
-    for frame in frames:
-        average.add(frame)
-    return average.result()
+def mean_of(frames: NDArray[np.float64], voltage: Voltage | None = None) -> FrameMean:
+    return mean_volts(frames, voltage=voltage or Voltage())
 
 
 def dark_of(frames: NDArray[np.float64]) -> DarkCalibration:
@@ -47,8 +44,9 @@ def test_offsets_scatter_about_the_truth_by_their_standard_error() -> None:
 def test_mean_and_variance_are_those_of_numpy_whatever_the_offset() -> None:
     frames = frames_v(7) + 1e3
     mean = mean_of(frames)
-    np.testing.assert_allclose(mean.mean_v, frames.mean(axis=0), rtol=1e-14)
-    np.testing.assert_allclose(mean.variance_v2, frames.var(axis=0, ddof=1), rtol=1e-5)
+    np.testing.assert_allclose(mean.stored, frames.mean(axis=0), rtol=1e-14)
+    assert mean.variance is not None
+    np.testing.assert_allclose(mean.variance, frames.var(axis=0, ddof=1), rtol=1e-5)
 
 
 @pytest.mark.parametrize(
@@ -86,11 +84,10 @@ def test_one_frame_gives_offsets_without_noise() -> None:
 
 
 def test_frames_of_another_size_are_refused() -> None:
-    average = FrameAverage(CaptureMetadata()).add(np.zeros(SHAPE))
     with pytest.raises(SettingsError, match="found a frame of shape"):
-        average.add(np.zeros((2, 2, 30, 41)))
+        mean_volts([np.zeros(SHAPE), np.zeros((2, 2, 30, 41))], voltage=Voltage())
 
 
 def test_whole_numbers_need_volts_a_count() -> None:
     with pytest.raises(SettingsError, match="set volts_per_count under"):
-        FrameAverage(CaptureMetadata()).add(np.zeros(SHAPE, np.uint16))
+        mean_volts([np.zeros(SHAPE, np.uint16)], voltage=Voltage())

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tests.support.campaign import ALL_DEFECTS, Campaign, camera, card, record_campaign, write
-from tests.support.run_cadtof import cadtof
+from tests.support.run_cadtof import ROOT, cadtof
 
 
 @pytest.fixture(scope="module")
@@ -33,6 +33,13 @@ def test_petzval_toml_holds_what_the_design_promises(calibrated: Path) -> None:
     assert abs(found["k2_m"] - 0.06) < 3 * found["k2_stderr_m"]
     assert abs(found["k4_m"] + 0.02) < 3 * found["k4_stderr_m"]
     assert document["residual"]["rms_after_m"] < 0.2 * document["residual"]["rms_before_m"]
+
+
+def test_petzval_of_a_camera_without_other_defects(tmp_path: Path) -> None:
+    """Without dark and response parts there is no noise of theirs, and nothing is divided by it."""
+    done = cadtof("calibrate", "petzval", ROOT / "sample_data" / "wall", "-o", tmp_path / "camera", "--quiet")
+    assert (done.status, done.err) == (0, "")
+    assert "used" not in tomllib.loads((tmp_path / "camera" / "petzval.toml").read_text())
 
 
 def test_a_part_is_not_replaced_unasked(campaign: Campaign, calibrated: Path) -> None:

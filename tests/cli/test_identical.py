@@ -7,8 +7,9 @@ import pytest
 
 from cadtof_cli.arrays import Stored
 from cadtof_cli.capture.metadata import CaptureMetadata, Pixel, Voltage
+from cadtof_cli.frame_plan import FramePlan, MapSettings
 from cadtof_cli.phasors.frame_mean import FrameMean
-from cadtof_cli.pipeline import FramePlan, resolve_frame
+from cadtof_cli.pipeline import resolve_frame
 from cadtof_cli.resolver.settings import ResolverSettings
 from tests.support.captures import VOLTS_PER_COUNT, ZERO_COUNTS, Form, counts_of, record
 from tests.support.forward import step_frame
@@ -49,7 +50,9 @@ def test_any_size_of_blocks(order: str, known: bool) -> None:
     )
     results = []
     for pixels in (1, 5, 64, 91, 10_000):
-        plan = FramePlan(metadata=metadata, resolver=ResolverSettings(order=order), block_pixels=pixels)
+        plan = FramePlan(
+            metadata=metadata, settings=MapSettings(resolver=ResolverSettings(order=order)), block_pixels=pixels
+        )
         maps = resolve_frame(FrameMean.of_one(counts), plan=plan).maps
         results.append((maps.values.tobytes(), maps.status.tobytes()))
     assert np.isfinite(np.frombuffer(results[0][0], np.float32)).any()

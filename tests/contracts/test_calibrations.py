@@ -1,6 +1,6 @@
-"""What every calibration keeps: embed then apply is the identity, truth comes back, files are exact, strangers are refused.
+"""What every calibration keeps: what a part describes is gone after resolving, truth comes back, files are exact.
 
-The captures have all defects at once; truth comes from `simulation.defects`, which knows no series and no phasor.
+The captures have all defects at once; truth comes from `tests.support.defects`, which knows no series and no phasor.
 """
 
 import re
@@ -9,15 +9,20 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from cadtof_cli.calibration.parts import PART_KINDS, PartKind
 from cadtof_cli.calibration.store import Calibration, digest_of, load_calibration, save_part
 from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Waveform
 from cadtof_cli.errors import MetadataError, OutputError, SettingsError
-from cadtof_cli.pipeline import CalibrationUse, FramePlan, resolve_frame
+from cadtof_cli.files.maps import DepthMaps
+from cadtof_cli.frame_plan import CalibrationUse, FramePlan, MapSettings
+from cadtof_cli.pipeline import resolve_frame
 from cadtof_cli.resolver.settings import ResolverSettings
-from cadtof_cli.simulation.defects import DefectiveCamera
+from cadtof_cli.resolver.status import StatusBit
 from tests.support.campaign import ALL_DEFECTS, camera, card, record_campaign
+from tests.support.campaign import wall as frames_of_wall
+from tests.support.defects import DefectiveCamera, Defects
 from tests.support.run_cadtof import cadtof
 
 WAVEFORMS: tuple[Waveform, ...] = ("sine", "triangle")
@@ -47,40 +52,88 @@ def measured(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFa
     return Measured(campaign.seen, out, load_calibration(out))
 
 
-def test_dark_embed_then_apply_is_the_identity(measured: Measured) -> None:
-    dark = measured.calibration.dark
-    assert dark is not None
-    volts = np.random.default_rng(0).normal(0.0, 0.1, (2, 2, *measured.seen.pixels))
-    np.testing.assert_allclose(dark.apply(dark.embed(volts)), volts, rtol=0, atol=1e-15)
+def volts_without_defects(measured: Measured, distance_m: float) -> NDArray[np.float64]:
+    """One frame of a wall by a camera without any defect, in V."""
+    ideal = camera(Defects(), waveform=measured.seen.metadata.modulation.waveform)
+    return (frames_of_wall(ideal, distance_m, count=1, seed=50)[0].astype(np.float64) - 8192.0) * 6.0e-5
 
 
-def test_petzval_embed_then_apply_is_the_identity(measured: Measured) -> None:
+def field_curvature_m(measured: Measured) -> NDArray[np.float64]:
+    """Δ = k2 ρ² + k4 ρ⁴ with the coefficients that were measured, written down anew."""
     petzval = measured.calibration.petzval
     assert petzval is not None
-    ranges = np.random.default_rng(1).uniform(0.2, 5.8, (3, *measured.seen.pixels))
-    np.testing.assert_allclose(petzval.apply(petzval.embed(ranges)), ranges, rtol=0, atol=1e-14)
+    height, width = measured.seen.pixels
+    y, x = np.mgrid[:height, :width]
+    rho2 = ((x - (width - 1) / 2) ** 2 + (y - (height - 1) / 2) ** 2) / (0.25 * (height**2 + width**2))
+    return np.asarray(petzval.k2_m * rho2 + petzval.k4_m * rho2**2)
 
 
-def test_response_embed_then_resolve_is_the_identity(measured: Measured) -> None:
-    """Voltages embedded without noise resolve to the paths that they were made of: through series, maps and offsets."""
-    dark, response = measured.calibration.dark, measured.calibration.response
+def resolved(volts: NDArray[np.float64], measured: Measured, folder: Path | None, *, order: str = "auto") -> DepthMaps:
+    """The maps of voltages by the route of `cadtof resolve`, with the parts that a folder holds, or with none."""
+    metadata = replace(measured.seen.metadata, voltage=CaptureMetadata().voltage)
+    calibration = None if folder is None else load_calibration(folder)
+    use = CalibrationUse(folder, calibration.digest) if folder and calibration else None
+    plan = FramePlan(metadata=metadata, settings=MapSettings(resolver=ResolverSettings(order=order)), calibration=use)
+    return resolve_frame(volts, plan=plan, calibration=calibration).maps
+
+
+def test_dark_offsets_are_gone_after_resolving(measured: Measured, tmp_path: Path) -> None:
+    """Voltages with the offsets added resolve to what they resolve to without them."""
+    dark = measured.calibration.dark
+    assert dark is not None
+    save_part(tmp_path, dark)
+    volts = volts_without_defects(measured, 2.0)
+    before, after = resolved(volts, measured, None), resolved(volts + dark.offset_v, measured, tmp_path)
+    assert (after.status[~dark.hot] == (before.status[~dark.hot] | StatusBit.CALIBRATED)).all()
+    for name in ("direct.depth", "direct.amplitude", "confidence"):
+        np.testing.assert_allclose(after.layer(name)[~dark.hot], before.layer(name)[~dark.hot], rtol=0, atol=2e-6)
+    assert np.isnan(after.layer("direct.depth")[dark.hot]).all()
+
+
+def test_field_curvature_is_gone_after_resolving(measured: Measured, tmp_path: Path) -> None:
+    """The Petzval part alone takes k2 ρ² + k4 ρ⁴ from every range, and changes nothing else."""
+    petzval = measured.calibration.petzval
+    assert petzval is not None
+    save_part(tmp_path, petzval)
+    volts = volts_without_defects(measured, 2.0)
+    before, after = resolved(volts, measured, None), resolved(volts, measured, tmp_path)
+    shift = before.layer("direct.depth") - after.layer("direct.depth")
+    np.testing.assert_allclose(shift, field_curvature_m(measured), rtol=0, atol=2e-6)
+    assert np.ptp(shift) > 0.03
+    np.testing.assert_allclose(after.layer("direct.amplitude"), before.layer("direct.amplitude"), rtol=0, atol=1e-7)
+
+
+def recorded_v(
+    calibration: Calibration, amplitudes: NDArray[np.float64], ranges_m: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Voltages of paths, (P, Y, X), by what the parts say: offset + A·gain·Σ_paths a·Σ_k G[h,k]·exp(ik(h·x + phase))."""
+    dark, response = calibration.dark, calibration.response
     assert dark is not None
     assert response is not None
-    metadata = replace(measured.seen.metadata, voltage=CaptureMetadata().voltage)
+    x = ranges_m * 4.0 * np.pi / (0.299792458 * 40.0)
+    planes = []
+    for one, phase, gain in zip(response.responses, response.phase_rad, response.gain, strict=True):
+        theta = one.harmonic * x + phase
+        answer = 0.2746 * gain * sum((amplitudes * g * np.exp(1j * k * theta)).sum(axis=0) for k, g in one.terms)
+        planes.append(np.stack([answer.real, answer.imag]))
+    return np.stack(planes) + dark.offset_v
+
+
+def test_voltages_with_every_defect_resolve_to_their_paths(measured: Measured) -> None:
+    """Without noise, the paths come back that the voltages were made of: through series, maps, offsets and curvature."""
+    dark = measured.calibration.dark
+    assert dark is not None
     rng = np.random.default_rng(2)
     shape = measured.seen.pixels
-    x = rng.uniform(0.3, 2.0, shape)
-    phases = np.stack([x, x + rng.uniform(1.2, 3.0, shape)])
+    near = rng.uniform(0.3, 1.9, shape)
+    ranges = np.stack([near, near + rng.uniform(1.2, 2.8, shape)])
     amplitudes = np.stack([rng.uniform(0.15, 0.3, shape), rng.uniform(0.05, 0.14, shape)])
-    volts = dark.embed(response.embed(amplitudes, phases, amplitude_v=metadata.modulation.amplitude_v))
-    use = CalibrationUse(measured.folder, measured.calibration.digest, curved=False)
-    plan = FramePlan(metadata=metadata, resolver=ResolverSettings(order="2"), calibration=use)
-    maps = resolve_frame(volts, plan=plan).maps
+    volts = recorded_v(measured.calibration, amplitudes, ranges + field_curvature_m(measured))
+    maps = resolved(volts, measured, measured.folder, order="2")
     sound = ~dark.hot
-    metres = 0.299792458 * 40.0 / (4 * np.pi)
     for name, path in (("direct", 0), ("mpi", 1)):
-        error = np.abs(maps.layer(f"{name}.depth") - metres * phases[path])[sound]
-        if metadata.modulation.waveform == "sine":
+        error = np.abs(maps.layer(f"{name}.depth") - ranges[path])[sound]
+        if measured.seen.metadata.modulation.waveform == "sine":
             assert error.max() < 2e-5
         else:
             # the search ends well below the noise, and a few pairs of paths have a second answer that fits as well
@@ -148,8 +201,8 @@ def test_everything_together_removes_the_bias(measured: Measured) -> None:
     seen = measured.seen
     frame = card(seen, count=1, seed=40)[0]
     use = CalibrationUse(measured.folder, measured.calibration.digest)
-    plan = FramePlan(metadata=seen.metadata, resolver=ResolverSettings(), calibration=use)
-    maps = resolve_frame(frame, plan=plan).maps
+    plan = FramePlan(metadata=seen.metadata, calibration=use)
+    maps = resolve_frame(frame, plan=plan, calibration=measured.calibration).maps
     error = 100.0 * (maps.layer("direct.depth") - 0.75)
     two = (maps.status & 16) > 0
     assert two.mean() > 0.7

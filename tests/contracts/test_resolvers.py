@@ -29,10 +29,9 @@ class Resolver:
         count = phasors.shape[1]
         return resolve_paths(
             phasors,
-            saturated=np.zeros(count, np.bool_),
+            status=np.zeros(count, np.uint32),
             settings=self.settings,
             noise=noise_of(self.harmonics, n_av=N_AV),
-            amplitude_v=1.0,
         )
 
 
@@ -89,7 +88,7 @@ def test_two_paths_are_found(resolver: Resolver, problem: Mixture) -> None:
     found = [path.amplitude[0] for path in resolved.paths[:2]]
     np.testing.assert_allclose(found, problem.shares, rtol=1e-4)
     assert resolved.status[0] == StatusBit.TWO_PATHS
-    assert all(np.isnan(path.phase_rad[0]) for path in resolved.others)
+    assert all(np.isnan(path.phase_rad[0]) for path in resolved.paths[2:])
     bound = problem.bound_ns(resolver.harmonics, N_AV)
     sigma = [ns_from_rad(path.sigma_rad)[0] for path in resolved.paths[:2]]
     np.testing.assert_allclose(sigma, bound, rtol=0.05 if problem.asr else 0.5)

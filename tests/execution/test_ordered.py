@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from cadtof_cli.execution.ordered import TASKS_PER_WORKER, WorkerDied, run_ordered
-from cadtof_cli.execution.workers import START_METHODS, StartMethod
+from cadtof_cli.execution.workers import START_METHODS, StartMethod, Workers
 
 pytestmark = pytest.mark.filterwarnings("ignore:This process.*is multi-threaded, use of fork:DeprecationWarning")
 
@@ -49,18 +49,18 @@ def faulty(number: int) -> int:
 @pytest.mark.parametrize("jobs", [1, 2, 3])
 @pytest.mark.parametrize("count", [0, 1, 20])
 def test_every_task_has_its_result(count: int, jobs: int) -> None:
-    outcomes = list(run_ordered(square, range(count), jobs=jobs, start_method="fork"))
+    outcomes = list(run_ordered(square, range(count), workers=Workers(jobs=jobs, start_method="fork")))
     assert [(outcome.task, outcome.result) for outcome in outcomes] == [(n, n * n) for n in range(count)]
 
 
 @pytest.mark.parametrize("start_method", START_METHODS)
 def test_any_start_method(start_method: StartMethod) -> None:
-    outcomes = run_ordered(square, range(3), jobs=2, start_method=start_method)
+    outcomes = run_ordered(square, range(3), workers=Workers(jobs=2, start_method=start_method))
     assert [outcome.result for outcome in outcomes] == [0, 1, 4]
 
 
 def test_a_slow_task_keeps_its_place() -> None:
-    outcomes = run_ordered(first_is_slow, range(6), jobs=2, start_method="fork")
+    outcomes = run_ordered(first_is_slow, range(6), workers=Workers(jobs=2, start_method="fork"))
     assert [outcome.result for outcome in outcomes] == list(range(6))
 
 
@@ -74,20 +74,22 @@ def test_tasks_are_drawn_as_places_come_free(jobs: int) -> None:
             drawn += 1
             yield number
 
-    for reported, _ in enumerate(run_ordered(square, tasks(), jobs=jobs, start_method="fork"), start=1):
+    for reported, _ in enumerate(
+        run_ordered(square, tasks(), workers=Workers(jobs=jobs, start_method="fork")), start=1
+    ):
         assert drawn <= reported - 1 + (jobs * TASKS_PER_WORKER if jobs > 1 else 1)
     assert drawn == 100
 
 
 def test_a_task_that_kills_its_process_is_an_outcome_and_costs_no_other() -> None:
-    outcomes = list(run_ordered(deadly, range(14), jobs=2, start_method="fork"))
+    outcomes = list(run_ordered(deadly, range(14), workers=Workers(jobs=2, start_method="fork")))
     assert [outcome.task for outcome in outcomes] == list(range(14))
     assert [outcome.result for outcome in outcomes] == [WorkerDied() if n % 5 == 3 else n for n in range(14)]
 
 
 def test_a_process_that_dies_once_costs_nothing(tmp_path: Path) -> None:
     tasks = [(number, tmp_path / "seen") for number in range(12)]
-    outcomes = list(run_ordered(deadly_once, tasks, jobs=2, start_method="fork"))
+    outcomes = list(run_ordered(deadly_once, tasks, workers=Workers(jobs=2, start_method="fork")))
     assert [outcome.result for outcome in outcomes] == list(range(12))
     # what had been reported, or lay before the task that died, is not done again
     assert [(tmp_path / str(number)).read_text() for number in range(2)] == ["x", "x"]
@@ -96,12 +98,12 @@ def test_a_process_that_dies_once_costs_nothing(tmp_path: Path) -> None:
 @pytest.mark.parametrize("jobs", [1, 2])
 def test_an_exception_is_raised_here(jobs: int) -> None:
     with pytest.raises(ZeroDivisionError, match="three"):
-        list(run_ordered(faulty, range(6), jobs=jobs, start_method="fork"))
+        list(run_ordered(faulty, range(6), workers=Workers(jobs=jobs, start_method="fork")))
 
 
 def test_signals_are_as_before() -> None:
     before = signal.pthread_sigmask(signal.SIG_BLOCK, ())
-    outcomes = run_ordered(square, range(30), jobs=2, start_method="fork")
+    outcomes = run_ordered(square, range(30), workers=Workers(jobs=2, start_method="fork"))
     next(outcomes)
     assert signal.pthread_sigmask(signal.SIG_BLOCK, ()) == before
     outcomes.close()

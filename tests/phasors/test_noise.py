@@ -12,7 +12,7 @@ from tests.support.forward import Light, phasors_of, step_frame
 def test_the_variances_of_one_path_are_those_of_the_pixel(asr: float) -> None:
     light, n_av = Light(asr, direct_ns=4.0), 1e4
     model = noise_model(CaptureMetadata(), integration_length=n_av, quantised=False)
-    for h, harmonic in zip((1, 2), model.harmonics, strict=True):
+    for h, harmonic in zip((1, 2), model.each, strict=True):
         r = light.moment(h) * (1 + asr)
         turn = np.exp(-2j * np.pi * h * 4.0 / 40.0)
         basis = np.array([[turn.real, -turn.imag], [turn.imag, turn.real]])
@@ -24,16 +24,16 @@ def test_the_variances_of_one_path_are_those_of_the_pixel(asr: float) -> None:
 
 def test_ambient_light_alone_gives_one_over_two_root_n_av() -> None:
     model = noise_model(CaptureMetadata(), integration_length=1e6, quantised=False)
-    for harmonic in model.harmonics:
+    for harmonic in model.each:
         assert math.sqrt(harmonic.dark_variance) * harmonic.pulse == pytest.approx(1 / (2 * math.sqrt(1e6)), rel=1e-6)
 
 
 def test_counting_adds_a_twelfth_of_a_count_squared() -> None:
     metadata = CaptureMetadata(voltage=Voltage(volts_per_count=0.01), pixel=Pixel(integration_length=1e9))
-    coarse = noise_model(metadata, integration_length=1e9, quantised=True).harmonics[0]
+    coarse = noise_model(metadata, integration_length=1e9, quantised=True).each[0]
     expected = (0.01 / 0.2746) ** 2 / 12
     assert coarse.dark_variance * coarse.pulse**2 == pytest.approx(expected, rel=1e-3)
-    assert noise_model(metadata, integration_length=1e9, quantised=False).harmonics[0].floor == 0.0
+    assert noise_model(metadata, integration_length=1e9, quantised=False).each[0].floor == 0.0
 
 
 @pytest.mark.parametrize("n_av", [1e3, 1e5])

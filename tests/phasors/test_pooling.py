@@ -1,5 +1,7 @@
 """Pooling on made-up frames whose light is known: less noise, no smeared edges, no leaks."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -38,11 +40,9 @@ def pool(phasors: C, *, window: int = 5, usable: bool | np.ndarray = True, sampl
 def resolve(pooled: PooledPhasors) -> ResolvedPaths:
     return resolve_paths(
         pooled.phasors.reshape(2, -1),
-        saturated=np.zeros(HEIGHT * WIDTH, np.bool_),
+        status=np.zeros(HEIGHT * WIDTH, np.uint32),
         settings=ResolverSettings(),
-        noise=noise_of(HARMONICS, n_av=N_AV),
-        amplitude_v=1.0,
-        samples=pooled.samples.ravel(),
+        noise=replace(noise_of(HARMONICS, n_av=N_AV), samples=pooled.samples.ravel()),
     )
 
 

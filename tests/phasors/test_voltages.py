@@ -5,8 +5,15 @@ from scipy import integrate
 from cadtof_cli.arrays import Stored
 from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Pulse, Voltage
 from cadtof_cli.errors import SettingsError
-from cadtof_cli.phasors.pulse import pulse_response
-from cadtof_cli.phasors.voltages import not_finite_pixels, phasor_scale, phasors_from_voltages, saturated_pixels
+from cadtof_cli.phasors.response import pulse_response
+from cadtof_cli.phasors.voltages import (
+    ideal_phasor_map,
+    not_finite_pixels,
+    phasors_from_stored,
+    saturated_pixels,
+    sound_pixels,
+    volts_from_stored,
+)
 
 
 @pytest.mark.parametrize("harmonic", [1, 2, 4])
@@ -34,8 +41,7 @@ def test_stored_values_of_any_type_become_normalised_phasors(dtype: type) -> Non
     )
     stored: Stored = np.array([[[110, 90], [100, 125]], [[100, 200], [50, 100]]]).astype(dtype)
     before = stored.copy()
-    scale = phasor_scale(metadata, stored.dtype)
-    phasors = phasors_from_voltages(stored, scale=scale)
+    phasors = phasors_from_stored(stored, ideal_phasor_map(metadata, stored.dtype))
     expected = [[0.04 + 0j, -0.04 + 0.1j], [-0.2j, 0.4 + 0j]]
     np.testing.assert_allclose(phasors, expected, atol=1e-15)
     assert phasors.dtype == np.complex128
@@ -43,25 +49,26 @@ def test_stored_values_of_any_type_become_normalised_phasors(dtype: type) -> Non
 
 
 def test_each_harmonic_is_divided_by_its_own_pulse_response() -> None:
-    scale = phasor_scale(CaptureMetadata(), np.dtype(np.float32))
-    phasors = phasors_from_voltages(np.full((2, 2, 1), 0.2746 / np.sqrt(2)), scale=scale)
+    ideal = ideal_phasor_map(CaptureMetadata(), np.dtype(np.float32))
+    phasors = phasors_from_stored(np.full((2, 2, 1), 0.2746 / np.sqrt(2)), ideal)
     np.testing.assert_allclose(np.abs(phasors[:, 0]), [1 / 0.993591, 1 / 0.974609], rtol=1e-5)
 
 
 def test_values_at_or_beyond_the_limits_are_saturated_and_nan_is_not() -> None:
-    metadata = CaptureMetadata(voltage=Voltage(volts_per_count=1.0, saturated_counts=(0.0, 255.0)))
+    metadata = CaptureMetadata(voltage=Voltage(volts_per_count=1.0))
     stored = np.full((2, 2, 6), 100.0)
     stored[0, 0, 1], stored[1, 1, 2], stored[0, 1, 3], stored[1, 0, 4] = 255, 0, -3, np.nan
-    scale = phasor_scale(metadata, stored.dtype)
-    assert saturated_pixels(stored, scale=scale).tolist() == [False, True, True, True, False, False]
-    assert not_finite_pixels(phasors_from_voltages(stored, scale=scale)).tolist() == [False] * 4 + [True, False]
-    unlimited = phasor_scale(CaptureMetadata(), stored.dtype)
-    assert not saturated_pixels(stored, scale=unlimited).any()
+    phasors = phasors_from_stored(stored, ideal_phasor_map(metadata, stored.dtype))
+    assert saturated_pixels(stored, (0.0, 255.0)).tolist() == [False, True, True, True, False, False]
+    assert not_finite_pixels(phasors).tolist() == [False] * 4 + [True, False]
+    assert sound_pixels(stored, (0.0, 255.0)).tolist() == [True, False, False, False, False, True]
+    assert not saturated_pixels(stored, None).any()
+    assert sound_pixels(stored, None).tolist() == [True] * 4 + [False, True]
 
 
 def test_whole_numbers_without_a_scale_are_refused_and_floats_are_volts() -> None:
     with pytest.raises(SettingsError, match=r"whole numbers \(uint16\).*volts_per_count under \[voltage\]"):
-        phasor_scale(CaptureMetadata(), np.dtype(np.uint16))
-    assert phasor_scale(CaptureMetadata(), np.dtype(np.float16)).per_count[0] == pytest.approx(
-        1 / 0.2746 / 0.993591, rel=1e-5
-    )
+        ideal_phasor_map(CaptureMetadata(), np.dtype(np.uint16))
+    ideal = ideal_phasor_map(CaptureMetadata(), np.dtype(np.float16))
+    np.testing.assert_allclose(ideal.own[0], 1 / 0.2746 / 0.993591, rtol=1e-5)
+    np.testing.assert_array_equal(volts_from_stored(np.array([-0.5, 0.25], np.float16), Voltage()), [-0.5, 0.25])

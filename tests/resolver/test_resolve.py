@@ -19,13 +19,9 @@ NOISE = noise_model(CaptureMetadata(), integration_length=1e5, quantised=False)
 
 
 def resolve(phasors: C, *, saturated: Any = False, **options: Any) -> ResolvedPaths:
-    return resolve_paths(
-        phasors,
-        saturated=np.broadcast_to(np.asarray(saturated), phasors.shape[1:]),
-        settings=ResolverSettings(**options),
-        noise=NOISE,
-        amplitude_v=0.2746,
-    )
+    bits = np.uint32(StatusBit.SATURATED) * np.asarray(saturated, np.bool_)
+    status = np.broadcast_to(bits, phasors.shape[1:])
+    return resolve_paths(phasors, status=status, settings=ResolverSettings(**options), noise=NOISE)
 
 
 def mixed(*paths: tuple[float, float]) -> C:
@@ -142,7 +138,7 @@ def test_noise_alone_is_no_signal_as_rarely_passed_as_asked_and_zero_never_is() 
     passed = np.mean(resolve(phasors_of(dark)).status & StatusBit.LOW_CONFIDENCE == 0)
     assert passed == pytest.approx(0.01, abs=0.002)
     for least in (None, 0.0):
-        assert resolve(np.zeros((2, 1), complex), min_confidence_v=least).status[0] == StatusBit.LOW_CONFIDENCE
+        assert resolve(np.zeros((2, 1), complex), min_confidence=least).status[0] == StatusBit.LOW_CONFIDENCE
 
 
 def test_opposite_paths_have_no_first_phasor_and_still_an_answer() -> None:
@@ -151,10 +147,22 @@ def test_opposite_paths_have_no_first_phasor_and_still_an_answer() -> None:
     assert {round(ns(found.direct), 6), round(ns(found.mpi), 6)} == {5.0, 25.0}
 
 
-def test_min_confidence_is_in_volts_of_the_first_phasor() -> None:
+def test_min_confidence_is_that_of_the_first_phasor() -> None:
     p = mixed((0.2, 5.0))
-    assert resolve(p, min_confidence_v=0.2746 * 0.19).status[0] == StatusBit.ONE_PATH
-    assert resolve(p, min_confidence_v=0.2746 * 0.21).status[0] == StatusBit.LOW_CONFIDENCE
+    assert resolve(p, min_confidence=0.19).status[0] == StatusBit.ONE_PATH
+    assert resolve(p, min_confidence=0.21).status[0] == StatusBit.LOW_CONFIDENCE
+
+
+def test_reasons_that_come_in_are_kept_and_others_added() -> None:
+    p = np.repeat(mixed((0.3, 5.0)), 4, axis=1)
+    p[1, 2:] = np.nan
+    hot, both = StatusBit.HOT_PIXEL, StatusBit.HOT_PIXEL | StatusBit.SATURATED
+    given = np.array([hot, both, hot, 0], np.uint32)
+    before = given.copy()
+    found = resolve_paths(p, status=given, settings=ResolverSettings(), noise=NOISE)
+    np.testing.assert_array_equal(given, before)
+    assert found.status.tolist() == [hot, both, hot | StatusBit.NOT_FINITE, StatusBit.NOT_FINITE]
+    assert np.isnan([*found.paths.phase_rad, found.confidence]).all()
 
 
 def test_paths_closer_than_their_uncertainty_are_called_ill_conditioned() -> None:
@@ -194,7 +202,6 @@ def test_inputs_are_not_changed() -> None:
         ({"false_alarm": 1.5}, "--false-alarm: found 1.5, expected a probability"),
         ({"false_alarm": 0.0}, "--false-alarm: found 0.0"),
         ({"min_return_ratio": -0.1}, "--min-return-ratio: found -0.1, expected 0 to 1"),
-        ({"min_confidence_v": float("nan")}, "--min-confidence: found nan, expected a voltage"),
         ({"solver": "one-path", "order": "2"}, "--order: found '2', expected one of auto, 1 with --solver one-path"),
     ],
 )

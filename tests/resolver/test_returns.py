@@ -1,17 +1,14 @@
-from dataclasses import astuple
-
 import numpy as np
 import pytest
 
-from cadtof_cli.resolver.paths import Path, PathSet
-from cadtof_cli.resolver.returns import arranged, direct_and_mpi
+from cadtof_cli.resolver.paths import Paths
+from cadtof_cli.resolver.returns import arranged
 from cadtof_cli.resolver.settings import RETURNS, ResolverSettings, Return
 from tests.support.mixtures import F
 
 
-def path_set(amplitude: F, phase_rad: F) -> PathSet:
-    count = amplitude.shape[1]
-    return PathSet(amplitude, phase_rad, 0.01 * amplitude, np.zeros(count), np.ones(count, bool), np.zeros(count, bool))
+def paths_of(amplitude: F, phase_rad: F) -> Paths:
+    return Paths(amplitude, phase_rad, 0.01 * amplitude)
 
 
 @pytest.mark.parametrize("returns", RETURNS)
@@ -19,17 +16,20 @@ def path_set(amplitude: F, phase_rad: F) -> PathSet:
 def test_many_paths_are_arranged_as_two_are(returns: Return, ratio: float) -> None:
     rng = np.random.default_rng(6)
     amplitude, phase = rng.uniform(0.01, 1.0, (2, 2000)), rng.uniform(0, 2 * np.pi, (2, 2000))
+    amplitude[1, :100] = phase[1, :100] = np.nan
     settings = ResolverSettings(returns=returns, min_return_ratio=ratio)
-    x, y = (Path(amplitude[row], phase[row], 0.01 * amplitude[row]) for row in (0, 1))
-    for one, other in zip(arranged(path_set(amplitude, phase), settings), direct_and_mpi(x, y, settings), strict=True):
-        np.testing.assert_array_equal(astuple(one), astuple(other))
+    room = np.full((1, 2000), np.nan)
+    two = arranged(paths_of(amplitude, phase), settings)
+    many = arranged(paths_of(np.concatenate((amplitude, room)), np.concatenate((phase, room))), settings)
+    for name in ("amplitude", "phase_rad", "sigma_rad"):
+        np.testing.assert_array_equal(getattr(many, name)[:2], getattr(two, name))
 
 
 def test_three_paths_stand_by_time_then_by_strength() -> None:
     amplitude = np.array([[0.2], [1.0], [0.5]])
     phase = np.array([[2.0], [1.0], [1.5]])
     times = {
-        returns: [path.phase_rad[0] for path in arranged(path_set(amplitude, phase), ResolverSettings(returns=returns))]
+        returns: [path.phase_rad[0] for path in arranged(paths_of(amplitude, phase), ResolverSettings(returns=returns))]
         for returns in RETURNS
     }
     assert times == {"first": [1.0, 1.5, 2.0], "strongest": [1.0, 1.5, 2.0], "last": [2.0, 1.0, 1.5]}
@@ -38,5 +38,5 @@ def test_three_paths_stand_by_time_then_by_strength() -> None:
 def test_echoes_of_the_strongest_go_behind_it_and_missing_paths_last() -> None:
     amplitude = np.array([[0.3], [np.nan], [1.0], [0.05]])
     phase = np.array([[0.5], [np.nan], [5.0], [4.9]])
-    found = [path.phase_rad[0] for path in arranged(path_set(amplitude, phase), ResolverSettings())]
+    found = [path.phase_rad[0] for path in arranged(paths_of(amplitude, phase), ResolverSettings())]
     np.testing.assert_allclose(found, [5.0, 0.5 + 2 * np.pi, 4.9, np.nan])

@@ -10,10 +10,11 @@ import tifffile
 from cadtof_cli.capture.metadata import CaptureMetadata, Pixel
 from cadtof_cli.capture.toml import load_metadata
 from cadtof_cli.errors import OutputError, SettingsError
+from cadtof_cli.execution.workers import Workers
 from cadtof_cli.simulation.scene.camera import Camera
 from cadtof_cli.simulation.scene.exposure import Exposure
 from cadtof_cli.simulation.scene.scenes import Card, Corner, Wall
-from cadtof_cli.workflows.simulate.record import RecordSettings, expose, record_scene, record_steps
+from cadtof_cli.workflows.simulate.record import RecordSettings, expose, record_scene
 
 CAMERA = Camera(width=33, height=21)
 
@@ -79,7 +80,7 @@ def test_truth_is_kept_to_a_fifth_of_a_millimetre(tmp_path: Path) -> None:
 @pytest.mark.parametrize("frame_format", ["tif", "exr"])
 def test_same_seed_same_bytes_for_any_number_of_processes(tmp_path: Path, frame_format: str) -> None:
     for name, jobs in (("one", 1), ("three", 3), ("again", 1)):
-        record_scene(settings(scene=Corner(), frame_format=frame_format), tmp_path / name, jobs=jobs)
+        record_scene(settings(scene=Corner(), frame_format=frame_format), tmp_path / name, workers=Workers(jobs=jobs))
     names = sorted(path.name for path in (tmp_path / "one").iterdir())
     assert names == sorted(["capture.toml", "truth.exr", *(f"frame_000{i}.{frame_format}" for i in (0, 1))])
     for name in names:
@@ -114,10 +115,25 @@ def test_voltages_beyond_the_converter_saturate(tmp_path: Path) -> None:
     assert (stored == 1023).mean() > 0.1
 
 
+class Told:
+    """Progress that is counted."""
+
+    expected = steps = 0
+
+    def total(self, count: int, /) -> None:
+        self.expected = count
+
+    def advance(self) -> None:
+        self.steps += 1
+
+    def say(self, message: str, /) -> None:
+        raise AssertionError(message)
+
+
 def test_every_step_is_told(tmp_path: Path) -> None:
-    told: list[None] = []
-    record_scene(settings(frames=3), tmp_path / "c", advance=lambda: told.append(None))
-    assert len(told) == record_steps(settings(frames=3)) == 3 + 3
+    told = Told()
+    record_scene(settings(frames=3), tmp_path / "c", progress=told)
+    assert (told.expected, told.steps) == (3 + 3, 3 + 3)
 
 
 def test_an_out_that_exists_is_left_alone(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""A small camera with every defect at once, and the captures that calibrate it, made by `simulation.defects`."""
+"""A small camera with every defect at once, and the captures that calibrate it, made by `tests.support.defects`."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Optics, Pixel, Target, Waveform
 from cadtof_cli.capture.toml import toml_text
-from cadtof_cli.simulation.defects import DefectiveCamera, Defects, qvga_metadata
+from tests.support.defects import DefectiveCamera, Defects, qvga_metadata
 
 PIXELS = (60, 80)
 C_M_PER_NS = 0.299792458

@@ -1,22 +1,18 @@
 """Ranges of flat walls → the field curvature, with every wall's distance and tilt fitted beside it."""
 
-import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cadtof_cli.arrays import Bool, Float
+from cadtof_cli.arrays import Bool, Float, Index
 from cadtof_cli.calibration.fit.robust import RobustFit, robust_fit
 from cadtof_cli.calibration.parts import Origin
-from cadtof_cli.calibration.petzval import (
-    PetzvalCalibration,
-    PetzvalQuality,
-    WallFit,
-    middle_px,
-)
+from cadtof_cli.calibration.petzval import PetzvalCalibration, PetzvalQuality, WallFit
 from cadtof_cli.capture.metadata import Optics
 from cadtof_cli.errors import SettingsError
+from cadtof_cli.optics.curvature import half_diagonal_px
+from cadtof_cli.optics.pinhole import principal_point
 
 LEAST_PIXELS = 50
 """Fewest pixels of a wall that its distance and tilt are fitted to."""
@@ -48,7 +44,8 @@ class _Layout:
     """Which parameter is which: k2, k4, then the focal length's if it is fitted, then every wall's.
 
     Angles enter through pixels from the principal point over half the diagonal, u and v, and q = (half diagonal / f)²:
-    range = D √(1 + q ρ²)/(1 + αu + βv) + k2 ρ² + k4 ρ⁴.
+    range = D √(1 + q ρ²)/(1 + αu + βv) + k2 ρ² + k4 ρ⁴. `places` are the indices of each wall's distance (None where it is
+    known), α and β.
     """
 
     u: Float
@@ -56,34 +53,21 @@ class _Layout:
     unambiguous_m: float
     focal_share: float | None
     distances: tuple[float | None, ...]
-    wall: np.ndarray[tuple[int], np.dtype[np.intp]]
-    flat: bool = False
-
-    @property
-    def first_wall(self) -> int:
-        return 2 if self.focal_share is not None else 3
-
-    def places(self, wall: int) -> tuple[int | None, int, int]:
-        """Return the indices of a wall's distance (None: known), α and β."""
-        start = self.first_wall + sum(2 if d is not None else 3 for d in self.distances[:wall])
-        return (None, start, start + 1) if self.distances[wall] is not None else (start, start + 1, start + 2)
-
-    @property
-    def count(self) -> int:
-        return self.places(len(self.distances) - 1)[2] + 1
+    wall: Index
+    places: tuple[tuple[int | None, int, int], ...]
+    count: int
 
     def model(self, parameters: Float) -> tuple[Float, Float]:
         """Return the ranges, (n,), and their derivatives by the parameters, (n, parameters)."""
         rho2 = self.u**2 + self.v**2
         slopes = np.zeros((rho2.size, self.count))
-        if not self.flat:
-            slopes[:, 0], slopes[:, 1] = rho2, rho2**2
+        slopes[:, 0], slopes[:, 1] = rho2, rho2**2
         curvature = slopes[:, 0] * parameters[0] + slopes[:, 1] * parameters[1]
         q = self.focal_share if self.focal_share is not None else parameters[2]
         stretch = np.sqrt(1.0 + q * rho2)
         ranges = np.empty(rho2.size)
         for index, known in enumerate(self.distances):
-            place, alpha, beta = self.places(index)
+            place, alpha, beta = self.places[index]
             here = self.wall == index
             distance = parameters[place] if place is not None else known
             leaning = 1.0 + parameters[alpha] * self.u[here] + parameters[beta] * self.v[here]
@@ -112,9 +96,8 @@ def fit_petzval(
         SettingsError: a wall has too few pixels with a single path; or there are no optics and no two walls at distances
             that differ enough for the focal length to be fitted too.
     """
-    point = optics.principal_point_px or middle_px(origin.pixels)
-    height, width = origin.pixels
-    half_diagonal = 0.5 * math.hypot(height, width)
+    point = principal_point(optics, origin.pixels)
+    half_diagonal = half_diagonal_px(origin.pixels)
     focal = optics.focal_length_px
     if focal is None:
         _require_distinct(walls)
@@ -154,14 +137,22 @@ def _layout(
     walls: Sequence[WallRanges],
     unambiguous_m: float,
 ) -> _Layout:
-    places = [np.nonzero(good) for good in usable]
+    pixels = [np.nonzero(good) for good in usable]
+    places: list[tuple[int | None, int, int]] = []
+    count = 2 if focal is not None else 3
+    for wall in walls:
+        known = wall.distance_m is not None
+        places.append((None, count, count + 1) if known else (count, count + 1, count + 2))
+        count += 2 if known else 3
     return _Layout(
-        u=np.concatenate([(column - point[0]) / half_diagonal for _, column in places]),
-        v=np.concatenate([(row - point[1]) / half_diagonal for row, _ in places]),
+        u=np.concatenate([(column - point[0]) / half_diagonal for _, column in pixels]),
+        v=np.concatenate([(row - point[1]) / half_diagonal for row, _ in pixels]),
         unambiguous_m=unambiguous_m,
         focal_share=(half_diagonal / focal) ** 2 if focal is not None else None,
         distances=tuple(wall.distance_m for wall in walls),
         wall=np.repeat(np.arange(len(walls)), [good.sum() for good in usable]),
+        places=tuple(places),
+        count=count,
     )
 
 
@@ -173,7 +164,7 @@ def _start(layout: _Layout, ranges: Float) -> Float:
         parameters[2] = q
     stretch = np.sqrt(1.0 + q * (layout.u**2 + layout.v**2))
     for index in range(len(layout.distances)):
-        place, _, _ = layout.places(index)
+        place, _, _ = layout.places[index]
         if place is not None:
             here = layout.wall == index
             parameters[place] = np.median(ranges[here] / stretch[here])
@@ -193,7 +184,7 @@ def _fitted(layout: _Layout, ranges: Float, sigma: Float, start: Float, *, fixed
     whole, covariance = start.copy(), np.zeros((layout.count, layout.count))
     whole[free] = fit.parameters
     covariance[np.ix_(free, free)] = fit.covariance
-    return RobustFit(whole, covariance, fit.residual, fit.weights, fit.scale, fit.condition)
+    return replace(fit, parameters=whole, covariance=covariance)
 
 
 def _quality(
@@ -211,23 +202,8 @@ def _quality(
     correlation = fit.covariance / np.maximum(np.outer(errors, errors), np.finfo(np.float64).tiny)
     shared = float(np.abs(correlation[:2, 2:]).max(initial=0.0))
     q = layout.focal_share if layout.focal_share is not None else float(fit.parameters[2])
-    walls = []
-    for index, known in enumerate(layout.distances):
-        place, alpha, beta = layout.places(index)
-        here = kept & (layout.wall == index)
-        lean = np.sqrt(max(q, 0.0))
-        walls.append(
-            WallFit(
-                distance_m=float(fit.parameters[place]) if place is not None else float(known or 0.0),
-                distance_stderr_m=float(errors[place]) if place is not None else 0.0,
-                distance_known=known is not None,
-                slopes=(float(fit.parameters[alpha] / lean), float(fit.parameters[beta] / lean)),
-                rms_before_m=_rms(before[here]),
-                rms_after_m=_rms(after[here]),
-                noise_rms_m=_rms(sigma[here]),
-                pixels=int(here.sum()),
-            )
-        )
+    lean = float(np.sqrt(max(q, 0.0)))
+    walls = tuple(_wall_fit(layout, index, fit, before, after, sigma, lean) for index in range(len(layout.distances)))
     quality = PetzvalQuality(
         k2_stderr_m=float(errors[0]),
         k4_stderr_m=float(errors[1]),
@@ -237,10 +213,27 @@ def _quality(
         correlation=shared,
         focal_length_px=float(half_diagonal / np.sqrt(q)) if q > 0.0 else float("nan"),
         focal_length_known=layout.focal_share is not None,
-        walls=tuple(walls),
+        walls=walls,
     )
-    findings = _findings(quality, fit, kept, optics, point)
-    return PetzvalQuality(**{**quality.__dict__, "findings": findings})
+    return replace(quality, findings=_findings(quality, fit, kept, optics, point))
+
+
+def _wall_fit(
+    layout: _Layout, index: int, fit: RobustFit, before: Float, after: Float, sigma: Float, lean: float
+) -> WallFit:
+    """Return what was found of one wall; `lean` is what the tilt's parameters are counted in."""
+    known, (place, alpha, beta) = layout.distances[index], layout.places[index]
+    here = (fit.weights > 0.0) & (layout.wall == index)
+    return WallFit(
+        distance_m=float(fit.parameters[place]) if place is not None else float(known or 0.0),
+        distance_stderr_m=float(np.sqrt(fit.covariance[place, place])) if place is not None else 0.0,
+        distance_known=known is not None,
+        slopes=(float(fit.parameters[alpha] / lean), float(fit.parameters[beta] / lean)),
+        rms_before_m=_rms(before[here]),
+        rms_after_m=_rms(after[here]),
+        noise_rms_m=_rms(sigma[here]),
+        pixels=int(here.sum()),
+    )
 
 
 def _findings(

@@ -11,7 +11,7 @@ from cadtof_cli.arrays import Bool, Complex, Float
 class Observations:
     """Mean voltages of flat targets, in n pixels.
 
-    `volts` complex128 (N, H, n) and their standard deviation a channel `noise_v` (N, H); `phase` (N, n) of the fundamental,
+    `volts` complex128 (N, H, n) and their standard deviation per channel `noise_v` (N, H); `phase` (N, n) of the fundamental,
     true.
     """
 
@@ -20,8 +20,8 @@ class Observations:
     phase: Float
     harmonics: tuple[int, ...]
 
-    def some(self, pixels: slice | Bool) -> "Observations":
-        """Return some of the pixels."""
+    def __getitem__(self, pixels: slice | Bool) -> "Observations":
+        """Return what was observed in some of the pixels."""
         return replace(self, volts=self.volts[..., pixels], phase=self.phase[..., pixels])
 
 
@@ -31,13 +31,12 @@ Terms = tuple[dict[int, complex], ...]
 
 @dataclass(frozen=True, eq=False)
 class PixelFit:
-    """What is each pixel's own: phases (H, n) in rad, log amplitudes (N, n), log gains (H, n), and what is left.
+    """What is each pixel's own: phases (H, n) in rad, log gains (H, n), and what is left.
 
     `left` is log(measured) − log(modelled), complex (N, H, n); `weights` are the inverse variances of its parts.
     """
 
     phase: Float
-    log_amplitude: Float
     log_gain: Float
     left: Complex
     weights: Float
@@ -74,13 +73,13 @@ def fit_pixels(observed: Observations, terms: Terms, /) -> PixelFit:
     left = np.log(flat * np.exp(-1j * phase))
     log_gain, log_amplitude = two_way(left.real, weights)
     residual = left - log_gain - log_amplitude[:, np.newaxis, :]
-    return PixelFit(phase, log_amplitude, log_gain, residual, weights, theta)
+    return PixelFit(phase, log_gain, residual, weights, theta)
 
 
 def two_way(values: Float, weights: Float) -> tuple[Float, Float]:
-    """Split (N, H, n) into a part a harmonic, (H, n), and one a target, (N, n), the first harmonic's part being 0.
+    """Split (N, H, n) into one part per harmonic, (H, n), and one per target, (N, n), the first harmonic's part being 0.
 
-    Exact for weights that are a product of one a target and one a harmonic, as |v|² over a fixed noise is.
+    Exact for weights that are a product of one factor per target and one per harmonic, as |v|² over a fixed noise is.
     """
     by_target = weights.sum(axis=1)
     by_harmonic = np.median(weights / by_target[:, np.newaxis, :], axis=(0, 2))

@@ -11,10 +11,11 @@ from cadtof_cli.calibration.fit.pixels import Observations, PixelFit, fit_pixels
 from cadtof_cli.calibration.fit.robust import robust_fit
 from cadtof_cli.calibration.fit.terms import TermFit, fit_terms
 from cadtof_cli.calibration.parts import Origin
-from cadtof_cli.calibration.petzval import curvature_m, middle_px, squared_field_radius
 from cadtof_cli.calibration.response import ResponseCalibration, ResponseQuality
 from cadtof_cli.capture.metadata import CaptureMetadata
 from cadtof_cli.errors import SettingsError
+from cadtof_cli.optics.curvature import curvature_m, squared_field_radius
+from cadtof_cli.optics.pinhole import principal_point
 from cadtof_cli.optics.wall import wall_range_m
 from cadtof_cli.phasors.response import HarmonicResponse, ideal_response
 from cadtof_cli.units import metres_per_radian
@@ -41,7 +42,7 @@ LARGEST_RESIDUAL = 1.5
 class TargetMean:
     """The mean frame of one flat target, without dark offsets.
 
-    `volts` is complex128 (H, Y, X), NaN where a pixel cannot be used; `noise_v` (H,) the mean's standard deviation a channel.
+    `volts` is complex128 (H, Y, X), NaN where a pixel cannot be used; `noise_v` (H,) the mean's standard deviation per channel.
     """
 
     volts: Complex
@@ -66,7 +67,7 @@ def fit_response(targets: Sequence[TargetMean], /, *, metadata: CaptureMetadata,
     base = [{k: g / response.main for k, g in response.terms if k != 1} for response in ideal]
     distances = sorted({target.distance_m for target in targets})
     distinct = 1 + sum(b - a > SAME_DISTANCE_M for a, b in itertools.pairwise(distances))
-    terms = fit_terms(observed.some(slice(None, None, max(1, usable.sum() // TERM_PIXELS))), base, distances=distinct)
+    terms = fit_terms(observed[:: max(1, usable.sum() // TERM_PIXELS)], base, distances=distinct)
     pixels = fit_pixels(observed, terms.terms)
     findings = [*terms.findings, *_assumptions(metadata, usable, known_optics)]
     curvature, errors, own = (0.0, 0.0), (0.0, 0.0), pixels.phase
@@ -125,7 +126,7 @@ def _without_curvature(
     A lens delays all harmonics alike, as does a delay of the pixel; what the two have in common is told apart by its
     shape, a polynomial in the distance from the principal point.
     """
-    point = metadata.optics.principal_point_px or middle_px(origin.pixels)
+    point = principal_point(metadata.optics, origin.pixels)
     squared = squared_field_radius(origin.pixels, point).ravel()[usable]
     harmonics = np.array(origin.harmonics, np.float64)[:, np.newaxis]
     centred = np.angle(np.exp(1j * pixels.phase) / _mean_rotor(pixels.phase)[:, np.newaxis])

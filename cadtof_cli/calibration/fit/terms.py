@@ -32,17 +32,16 @@ OUTLIER = 5.0
 
 
 def _centred(columns: Float, weights: Float) -> Float:
-    """Return columns (N, H, n) less what a part a target and one a harmonic explain of them."""
+    """Return columns (N, H, n) without what one part per target and one per harmonic explain of them."""
     harmonic, target = two_way(columns, weights)
     return columns - harmonic - target[:, np.newaxis, :]
 
 
 @dataclass(frozen=True)
 class TermFit:
-    """The terms taken, their standard errors a harmonic in the order of `orders`, and why each was taken or left."""
+    """The terms taken, the standard errors of each harmonic in the order they were taken, and why each was taken or left."""
 
     terms: Terms
-    orders: tuple[int, ...]
     stderr: tuple[tuple[float, ...], ...]
     residual: float
     findings: tuple[str, ...]
@@ -62,21 +61,21 @@ def fit_terms(observed: Observations, base: Sequence[dict[int, complex]], /, *, 
     if distances < 2:
         pixels = fit_pixels(observed, terms)
         said = "one distance: k = 1 and the maps only; two or more distances tell further terms"
-        return TermFit(terms, (), tuple(() for _ in terms), 1.0, (said,), pixels.misfit >= 0.0)
+        return TermFit(terms, tuple(() for _ in terms), 1.0, (said,), pixels.misfit >= 0.0)
     changes: Terms = tuple({} for _ in base)
     for _ in range(PASSES):
-        system = _System(fit_pixels(observed.some(kept), terms), terms, base, observed.harmonics)
+        system = _System(fit_pixels(observed[kept], terms), terms, base, observed.harmonics)
         orders, reasons = system.selection(_needed(changes, system))
         changes = system.changed(changes, orders)
         terms = tuple(composed(start, change) for start, change in zip(base, changes, strict=True))
         kept = _without_outliers(fit_pixels(observed, terms).misfit)
-    pixels = fit_pixels(observed.some(kept), terms)
+    pixels = fit_pixels(observed[kept], terms)
     system = _System(pixels, terms, base, observed.harmonics)
     residual = float(np.sqrt(pixels.misfit.sum() / system.freedom(len(orders))))
     errors = system.stderr(orders)
     reasons |= {k: _taken(changes, errors[:, index], k) for index, k in enumerate(orders)}
     findings = tuple(f"k = {k:+d}: {reasons[k]}" for k in CANDIDATES)
-    return TermFit(terms, orders, tuple(map(tuple, errors.tolist())), residual, findings, kept)
+    return TermFit(terms, tuple(map(tuple, errors.tolist())), residual, findings, kept)
 
 
 def composed(base: dict[int, complex], changes: dict[int, complex]) -> dict[int, complex]:

@@ -37,7 +37,7 @@ class Problem(Protocol):
     def moved(self, points: Float, steps: Float, /) -> Float:
         """Return the points after steps of (M, n)."""
 
-    def taken(self, chosen: Index, /) -> Self:
+    def __getitem__(self, chosen: Index, /) -> Self:
         """Return the problems of the given indices."""
 
 
@@ -72,7 +72,7 @@ class LevenbergMarquardt:
             going = np.flatnonzero(~state.stopped)
             if going.size < SHRINK_BELOW * at_work.size:
                 _store(result, at_work, state)
-                at_work, problem, state = at_work[going], problem.taken(going), state.taken(going)
+                at_work, problem, state = at_work[going], problem[going], state[going]
             if not going.size:
                 break
         _store(result, at_work, state)
@@ -121,8 +121,7 @@ class Minimum:
     converged: Bool
     steps: Index
 
-    def taken(self, chosen: Index, /) -> "Minimum":
-        """Return the ends of the given problems."""
+    def __getitem__(self, chosen: Index, /) -> "Minimum":
         return Minimum(
             self.points[:, chosen],
             self.cost[chosen],
@@ -141,7 +140,7 @@ class _State:
     converged: Bool
     stopped: Bool
 
-    def taken(self, chosen: Index) -> "_State":
+    def __getitem__(self, chosen: Index) -> "_State":
         at = Linearised(self.at.matrix[:, chosen], self.at.gradient[:, chosen], self.at.cost[chosen])
         return _State(
             self.points[:, chosen],

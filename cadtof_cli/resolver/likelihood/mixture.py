@@ -43,8 +43,7 @@ class Mixture:
             np.concatenate((self.sin, other.sin)),
         )
 
-    def taken(self, chosen: Index, /) -> "Mixture":
-        """Return the paths of the given pixels."""
+    def __getitem__(self, chosen: Index, /) -> "Mixture":
         return Mixture(self.amplitude[:, chosen], self.cos[:, chosen], self.sin[:, chosen])
 
     def phasors(self, harmonics: tuple[int, ...], /) -> tuple[Float, Float]:
@@ -68,8 +67,7 @@ class Measured:
         """Return the parts of phasors, complex128 (N, n)."""
         return cls(harmonics, np.ascontiguousarray(phasors.real), np.ascontiguousarray(phasors.imag))
 
-    def taken(self, chosen: Index, /) -> "Measured":
-        """Return the phasors of the given pixels."""
+    def __getitem__(self, chosen: Index, /) -> "Measured":
         return Measured(self.harmonics, self.re[:, chosen], self.im[:, chosen])
 
     def rest(self, row: int, amplitude: Float, rotor: Rotor, /) -> Rotor:
@@ -117,9 +115,8 @@ class WhiteFit:
         """Return the paths after a step along and across."""
         return moved_paths(points, steps)
 
-    def taken(self, chosen: Index, /) -> Self:
-        """Return the problems of the given pixels."""
-        return type(self)(self.measured.taken(chosen), self.weights)
+    def __getitem__(self, chosen: Index, /) -> Self:
+        return type(self)(self.measured[chosen], self.weights)
 
 
 @dataclass(frozen=True)
@@ -139,7 +136,7 @@ class WeightedFit:
         light = Mixture(paths.amplitude / total, paths.cos, paths.sin)
         single, doubled = light.phasors(harmonics), light.phasors(tuple(2 * h for h in harmonics))
         entries = np.empty((3, *measured.re.shape))
-        for row, harmonic in enumerate(noise.harmonics):
+        for row, harmonic in enumerate(noise.each):
             re_re, re_im, im_im = harmonic.covariance(
                 (single[0][row], single[1][row]), (doubled[0][row], doubled[1][row])
             )
@@ -169,11 +166,8 @@ class WeightedFit:
         """Return the paths after a step along and across."""
         return moved_paths(points, steps)
 
-    def taken(self, chosen: Index, /) -> Self:
-        """Return the problems of the given pixels."""
-        return type(self)(
-            self.measured.taken(chosen), self.re_re[:, chosen], self.re_im[:, chosen], self.im_im[:, chosen]
-        )
+    def __getitem__(self, chosen: Index, /) -> Self:
+        return type(self)(self.measured[chosen], self.re_re[:, chosen], self.re_im[:, chosen], self.im_im[:, chosen])
 
 
 def moved_paths(points: Float, steps: Float, /) -> Float:

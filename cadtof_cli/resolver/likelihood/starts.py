@@ -57,7 +57,7 @@ def best_pair(measured: Measured, /, *, weights: Sequence[float]) -> Mixture:
     scale = 1.0 / (total * (1.0 - rho * rho))
     parts: list[Float] = []
     for begin in range(0, measured.re.shape[1], PAIR_PIXELS):
-        some = measured.taken(np.arange(begin, min(begin + PAIR_PIXELS, measured.re.shape[1])))
+        some = measured[np.arange(begin, min(begin + PAIR_PIXELS, measured.re.shape[1]))]
         matched: Float = np.stack([_matched(some, weights, phase) for phase in grid])
         a: Float = (matched[first] - rho * matched[second]) * scale
         b: Float = (matched[second] - rho * matched[first]) * scale

@@ -64,7 +64,7 @@ class Equations:
     def of(response: ResponseBlock, phasors: Complex, pixels: Index, noise: NoiseModel) -> "Equations":
         """Return the equations of some of the pixels of phasors (2, n)."""
         observed = np.stack([part[pixels] for parts in response.observed(phasors) for part in parts])
-        weights = tuple(np.float32(1.0 / harmonic.dark_variance) for harmonic in noise.harmonics)
+        weights = tuple(np.float32(1.0 / harmonic.dark_variance) for harmonic in noise.each)
         power = np.zeros(pixels.size, np.float32)
         for row, weight in enumerate(weights):
             power += weight * (observed[2 * row] ** 2 + observed[2 * row + 1] ** 2)

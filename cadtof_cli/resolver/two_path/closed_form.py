@@ -12,11 +12,10 @@ from functools import cached_property
 import numpy as np
 
 from cadtof_cli.arrays import Bool, Complex, Float, Index
+from cadtof_cli.resolver.paths import FULL_TURN
 
 NEWTON_STEPS = 6
 """From |d| the iteration falls monotonically onto the root; six steps reach machine precision for every input."""
-
-FULL_TURN = 2.0 * np.pi
 
 ROUNDING_SQUARE = 2.0**-100
 """(|d|/|p1|)² up to which a pixel has one path: two phasors that differ from one path's by rounding alone, |d| ≤ 4 ulp."""
@@ -42,31 +41,39 @@ class FundamentalFrame:
     cos: Float
     sin: Float
 
-    @cached_property
+    @property
     def powers(self) -> tuple[Float, Float]:
         """|p1|² and |p2|²."""
         return self.u * self.u, self.pr * self.pr + self.pi * self.pi
 
-    def at(self, index: Index | slice, /) -> "FundamentalFrame":
-        """Return the pixels at these indices."""
-        return FundamentalFrame(*(values[index] for values in (self.u, self.pr, self.pi, self.cos, self.sin)))
+    def __getitem__(self, pixels: Index | slice, /) -> "FundamentalFrame":
+        return FundamentalFrame(*(values[pixels] for values in (self.u, self.pr, self.pi, self.cos, self.sin)))
 
 
 @dataclass(frozen=True)
 class TwoPaths:
-    """Two paths of n pixels, float64 (n,) each: amplitudes a and b, and phases x, y = mean ± half.
+    """Two paths of n pixels, float64: amplitudes a and b, (2, n), and phases x, y = mean ± half.
 
     The mean phase is kept as the unit rotor `cos_mean`, `sin_mean`, half the difference, between 0 and π, as `cos_half` and
     `sin_half`. Where `single` is set there is one path: `b` is 0, and so is half the difference.
     """
 
-    a: Float
-    b: Float
+    amplitude: Float
     cos_mean: Float
     sin_mean: Float
     cos_half: Float
     sin_half: Float
     single: Bool
+
+    @property
+    def a(self) -> Float:
+        """Amplitude of the path at x."""
+        return np.asarray(self.amplitude[0])
+
+    @property
+    def b(self) -> Float:
+        """Amplitude of the path at y."""
+        return np.asarray(self.amplitude[1])
 
     @cached_property
     def _products(self) -> tuple[Float, Float, Float, Float]:
@@ -97,17 +104,18 @@ class TwoPaths:
         """Imaginary part of exp(iy)."""
         return self._products[2] - self._products[3]
 
-    def phases(self) -> tuple[Float, Float]:
-        """Return x and y in [0, 2π) rad."""
+    def phases(self) -> Float:
+        """Return x and y in [0, 2π) rad, (2, n)."""
         mean = phase_of(self.cos_mean, self.sin_mean)
         half = np.arctan(self.sin_half / (1.0 + self.cos_half))
         half *= 2.0
-        x = mean + half
+        both = np.empty((2, mean.size))
+        x = np.add(mean, half, out=both[0])
         x -= (x >= FULL_TURN) * FULL_TURN
-        y = np.subtract(mean, half, out=mean)
+        y = np.subtract(mean, half, out=both[1])
         y += (y < 0.0) * FULL_TURN
         y[y >= FULL_TURN] = 0.0
-        return x, y
+        return both
 
 
 def fundamental_frame(p1: Complex, p2: Complex, /) -> FundamentalFrame:
@@ -183,19 +191,22 @@ def two_paths(frame: FundamentalFrame, /) -> TwoPaths:
         for values, alone in ((cos_m, 1.0), (sin_m, 0.0), (cos_half, 1.0), (sin_half, 0.0)):
             values[single] = alone
         split[single] = u[single]
-    b, a = _shares(u_h, split)
     cos = cos_m * frame.cos
     cos += sin_m * frame.sin
     sin = cos_m * frame.sin
     sin -= sin_m * frame.cos
-    return TwoPaths(a, b, cos, sin, cos_half, sin_half, single)
+    return TwoPaths(_shares(u_h, split), cos, sin, cos_half, sin_half, single)
 
 
-def _shares(total: Float, split: Float) -> tuple[Float, Float]:
-    """Return (total ∓ split)/2; rounding must not let either fall below 0."""
+def _shares(total: Float, split: Float) -> Float:
+    """Return (total ± split)/2, (2, n); rounding must not let either fall below 0."""
     np.minimum(split, total, out=split)
     np.maximum(split, -total, out=split)
-    return 0.5 * (total - split), 0.5 * (total + split)
+    shares = np.empty((2, total.size))
+    np.add(total, split, out=shares[0])
+    np.subtract(total, split, out=shares[1])
+    shares *= 0.5
+    return shares
 
 
 def _excess(u: Float, dr: Float, d2: Float) -> Float:

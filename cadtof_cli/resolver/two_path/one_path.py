@@ -6,7 +6,8 @@ import numpy as np
 
 from cadtof_cli.arrays import Float
 from cadtof_cli.phasors.noise import NoiseModel
-from cadtof_cli.resolver.two_path.closed_form import FundamentalFrame
+from cadtof_cli.resolver.paths import Fit, Paths
+from cadtof_cli.resolver.two_path.closed_form import FundamentalFrame, phase_of
 
 CURVATURE_FLOOR = 0.1
 """Least curvature that a Newton step divides by, as a share of the largest possible: keeps saddle points from throwing it."""
@@ -26,6 +27,13 @@ class OnePath:
     sigma_rad: Float
     chi_squared: Float
 
+    def fit(self) -> Fit:
+        """Return it as what a solver gives."""
+        phase_rad = phase_of(self.cos, self.sin)
+        paths = Paths(self.amplitude[np.newaxis], phase_rad[np.newaxis], self.sigma_rad[np.newaxis])
+        count = phase_rad.size
+        return Fit(paths, self.chi_squared, np.ones(count, np.bool_), np.zeros(count))
+
 
 def one_path(frame: FundamentalFrame, /, *, noise: NoiseModel, steps: int) -> OnePath:
     """Fit p1 = a·exp(ix), p2 = a·exp(2ix) to every pixel. NaN in gives NaN out.
@@ -36,7 +44,7 @@ def one_path(frame: FundamentalFrame, /, *, noise: NoiseModel, steps: int) -> On
     The noise of one path is uncorrelated along and across its phasors (see `noise_model`), so the misfit has two
     independent parts: the amplitudes' disagreement, and the phases'.
     """
-    first, second = noise.harmonics
+    first, second = noise.each
     weight = first.dark_variance / second.dark_variance
     cos, sin, top = _start(frame, weight)
     for _ in range(steps):

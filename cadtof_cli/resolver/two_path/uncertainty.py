@@ -7,8 +7,8 @@ from cadtof_cli.phasors.noise import NoiseModel
 from cadtof_cli.resolver.two_path.closed_form import TwoPaths
 
 
-def two_path_sigmas(paths: TwoPaths, /, *, noise: NoiseModel) -> tuple[Float32, Float32]:
-    """Return the standard deviations of x and y in rad, float32 (n,) each; infinite where a, b or x − y is 0.
+def two_path_sigmas(paths: TwoPaths, /, *, noise: NoiseModel) -> Float32:
+    """Return the standard deviations of x and y in rad, float32 (2, n); infinite where a, b or x − y is 0.
 
     With D = y − x, c = cos D and s = sin D, the change of x is (α·q1 + β·q2)/a, where q_h is the noise of p_h turned back by
     h·x and · multiplies real with real and imaginary with imaginary parts:
@@ -24,7 +24,7 @@ def two_path_sigmas(paths: TwoPaths, /, *, noise: NoiseModel) -> tuple[Float32, 
 
     with s_h the dark variance and t_h = ε·r_2h/(2·r_h²); σ_y with a and b exchanged. float32 is enough for a prediction.
     """
-    first, second = noise.harmonics
+    first, second = noise.each
     epsilon = first.averaging
     s1, s2 = first.dark_variance, second.dark_variance
     t1, t2 = (0.5 * epsilon * h.pulse_double / h.pulse**2 for h in (first, second))
@@ -39,19 +39,18 @@ def two_path_sigmas(paths: TwoPaths, /, *, noise: NoiseModel) -> tuple[Float32, 
     signal *= 2.0 * epsilon
     scale = gap * (2.0 + cos)
 
-    def sigma(strength: Float32, rival: Float32) -> Float32:
-        variance = strength * own
+    sigmas = np.empty(paths.amplitude.shape, np.float32)
+    for result, strength, rival in ((sigmas[0], a, b), (sigmas[1], b, a)):
+        variance = np.multiply(strength, own, out=result)
         variance += rival * other
         variance += alone
         excess = rival - strength * one_and_cos
         excess *= excess
         excess *= signal
         variance -= excess
-        result: Float32 = np.sqrt(np.maximum(variance, 0.0, out=variance), out=variance)
-        result /= strength * scale
-        return result
-
-    return sigma(a, b), sigma(b, a)
+        np.sqrt(np.maximum(variance, 0.0, out=variance), out=variance)
+        variance /= strength * scale
+    return sigmas
 
 
 def _polynomial(x: Float32, *coefficients: float) -> Float32:

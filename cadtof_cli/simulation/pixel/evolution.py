@@ -7,7 +7,7 @@ import numpy as np
 
 from cadtof_cli.arrays import Float
 from cadtof_cli.simulation.pixel.mix import PhotonMix
-from cadtof_cli.simulation.pixel.pixel import PixelModel, PixelTrace, trace_pixel
+from cadtof_cli.simulation.pixel.pixel import PixelModel, trace_pixel
 
 BINS = 128
 
@@ -47,12 +47,10 @@ class Evolution:
 
 def evolution(model: PixelModel, mix: PhotonMix, generator: np.random.Generator, /) -> Evolution:
     """Record the fundamental once, photon by photon, and keep what a picture needs."""
-    trace: PixelTrace = trace_pixel(model, mix, generator, harmonic=1)
+    times_ns, voltages_v = trace_pixel(model, mix, generator, harmonic=1)
     period = model.modulation.periods_ns[0]
-    counts, _ = np.histogram(trace.times_ns, bins=BINS, range=(0.0, period))
+    counts, _ = np.histogram(times_ns, bins=BINS, range=(0.0, period))
     middles = np.linspace(0.5, BINS - 0.5, BINS) * (period / BINS)
-    count = trace.voltages_v.shape[1]
+    count = voltages_v.shape[1]
     kept = np.unique(np.linspace(0, count - 1, min(count, MOST_ROWS)).astype(np.intp))
-    return Evolution(
-        middles, counts.astype(np.float64), (kept + 1).astype(np.float64), trace.voltages_v[:, kept], period
-    )
+    return Evolution(middles, counts.astype(np.float64), (kept + 1).astype(np.float64), voltages_v[:, kept], period)

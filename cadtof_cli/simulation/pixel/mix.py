@@ -56,14 +56,9 @@ class PhotonMix:
         return np.asarray(self.photons.sum(axis=0) + self.ambient)
 
     @property
-    def spread_ns(self) -> float:
-        """Standard deviation of a path's arrival times: pulse and jitter together."""
-        return math.hypot(self.fwhm_ns / FWHM_PER_SIGMA, self.jitter_ns)
-
-    @property
     def spread_rad(self) -> float:
-        """The same as a phase of the fundamental."""
-        return 2.0 * math.pi * self.spread_ns / self.period_ns
+        """Standard deviation of a path's arrival times, pulse and jitter together, as a phase of the fundamental."""
+        return 2.0 * math.pi * math.hypot(self.fwhm_ns / FWHM_PER_SIGMA, self.jitter_ns) / self.period_ns
 
     def shares(self) -> Float:
         """Return each path's share of all photons, (P, *pixels)."""
@@ -88,14 +83,35 @@ class PhotonMix:
         return moments
 
 
-def two_path_mix(
-    *, direct_ns: float, second_ns: float, mpi_ratio: float, asr: float, period_ns: float, fwhm_ns: float
-) -> PhotonMix:
-    """Return the paper's mix for one pixel, laser : MPI : ambient = 1 : mpi_ratio : asr (no pixel axes)."""
-    return PhotonMix(
-        delays_ns=np.array([direct_ns, second_ns]),
-        photons=np.array([1.0, mpi_ratio]),
-        ambient=np.array(asr),
-        period_ns=period_ns,
-        fwhm_ns=fwhm_ns,
-    )
+@dataclass(frozen=True, kw_only=True)
+class Condition:
+    """The paper's light on a pixel: laser : MPI : ambient = 1 : mpi_ratio : asr, with arrival times within one period."""
+
+    asr: float
+    mpi_ratio: float
+    direct_ns: float = 5.0
+    second_ns: float = 16.0
+    fwhm_ns: float = 1.7
+
+    def __post_init__(self) -> None:
+        require(finite_at_least(self.asr, 0), "ASR", f"{self.asr:g}", "a ratio of 0 or more")
+        require(finite_at_least(self.mpi_ratio, 0), "MPI ratio", f"{self.mpi_ratio:g}", "a ratio of 0 or more")
+        require(finite_at_least(self.fwhm_ns, 0), "pulse width", f"{self.fwhm_ns:g} ns", "0 ns or more")
+
+    def mix(self, period_ns: float) -> PhotonMix:
+        """Return the photons of one pixel, without pixel axes; raises SettingsError for times that do not fit one period."""
+        require(0 <= self.direct_ns < period_ns, "direct", f"{self.direct_ns:g} ns", f"0 to less than {period_ns:g} ns")
+        separation = self.second_ns - self.direct_ns
+        require(
+            separation > 0 and self.second_ns < period_ns,
+            "second",
+            f"{self.second_ns:g} ns, a separation of {separation:g} ns",
+            f"a time after the direct {self.direct_ns:g} ns and before the period's end at {period_ns:g} ns",
+        )
+        return PhotonMix(
+            delays_ns=np.array([self.direct_ns, self.second_ns]),
+            photons=np.array([1.0, self.mpi_ratio]),
+            ambient=np.array(self.asr),
+            period_ns=period_ns,
+            fwhm_ns=self.fwhm_ns,
+        )

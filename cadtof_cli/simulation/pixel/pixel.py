@@ -81,21 +81,6 @@ class PixelModel:
         return self.photons_per_cycle / (self.modulation.periods_ns[0] * 1e-9)
 
 
-@dataclass(frozen=True)
-class PixelTrace:
-    """One recording, photon by photon.
-
-    Attributes:
-        times_ns: (n,), arrival within the period of the fundamental.
-        cycles: (n,), number of the laser cycle.
-        voltages_v: (2, n), SC1 and SC2 after each photon.
-    """
-
-    times_ns: Float
-    cycles: Float
-    voltages_v: Float
-
-
 def pixel_weights(model: PixelModel, /) -> Float32:
     """Return the weights of the photons that count, (2, n) float32, the latest last; they are the same in all runs."""
     weights = model.averaging.weights(model.photons, photon_rate_hz=model.photon_rate_hz)
@@ -130,8 +115,12 @@ def record_pixel(
     return voltages
 
 
-def trace_pixel(model: PixelModel, mix: PhotonMix, generator: np.random.Generator, /, *, harmonic: int) -> PixelTrace:
-    """Return every voltage of one recording from 0 V on; for averaging by Eq. (1), stages closed by dc.
+def trace_pixel(
+    model: PixelModel, mix: PhotonMix, generator: np.random.Generator, /, *, harmonic: int
+) -> tuple[Float, Float]:
+    """Return one recording photon by photon, from 0 V on; for averaging by Eq. (1), stages closed by dc.
+
+    That is when each arrived within the period of the fundamental, in ns, (n,), and SC1 and SC2 after it, in V, (2, n).
 
     Raises:
         SettingsError: the stages are switched.
@@ -149,9 +138,7 @@ def trace_pixel(model: PixelModel, mix: PhotonMix, generator: np.random.Generato
     samples += model.sample_noise_v * generator.standard_normal(samples.shape)
     step = 1.0 / model.averaging.integration_length
     voltages = lfilter([step], [1.0, step - 1.0], samples, axis=1)
-    number = np.arange(voltages.shape[1]) / voltages.shape[1] * (model.photons / model.photons_per_cycle)
-    period = model.modulation.periods_ns[0]
-    return PixelTrace(np.mod(times, period), np.floor(number), _read_out(model, voltages))
+    return np.mod(times, model.modulation.periods_ns[0]), _read_out(model, voltages)
 
 
 def _chunks(count: int) -> list[int]:

@@ -5,7 +5,6 @@ independent samples with weights w_i. So the voltages have the mean of one sampl
 is 1/(2 n_av − 1) once the average has settled. Moments m_k of the arrival times give both.
 """
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -131,20 +130,10 @@ def confidence_model_v(mix: PhotonMix, modulation: Modulation, /) -> Float:
 def phase_precision_of_mix_rad(mix: PhotonMix, modulation: Modulation, /, *, variance_gain: float) -> Float:
     """Return the standard deviation of the first phasor's phase for any mix, to first order in the noise, (*pixels).
 
-    It is the spread of the voltages across their mean, over the length of the mean.
+    It is the spread of the voltages across their mean, over the length of the mean: √(ASR(1 + ASR)/(2(2 n_av − 1))) for one
+    path, a sine and a short pulse.
     """
     statistics = voltage_statistics(mix, modulation, variance_gain=variance_gain)
     c, s = statistics.means_v[0]
     first, both, second = statistics.covariances_v2[0]
     return np.asarray(np.sqrt(s * s * first - 2.0 * c * s * both + c * c * second) / (c * c + s * s))
-
-
-def phase_precision_model_rad(*, asr: float, integration_length: float, spread_rad: float = 0.0) -> float:
-    """Return the analytical standard deviation of the phase of one path and one sine.
-
-    √(ASR(1 + ASR)/(2(2 n_av − 1))) for a short pulse; in general the spread of samples across the phasor,
-    (1 − r2/(1 + ASR))/2, over the squared length of the phasor, (r1/(1 + ASR))².
-    """
-    first, second = math.exp(-(spread_rad**2) / 2.0), math.exp(-2.0 * spread_rad**2)
-    across = (1.0 - second / (1.0 + asr)) / 2.0
-    return math.sqrt(across * averaging_gain(integration_length)) * (1.0 + asr) / first

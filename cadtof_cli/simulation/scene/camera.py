@@ -8,6 +8,8 @@ from numpy.typing import NDArray
 
 from cadtof_cli.arrays import Float
 from cadtof_cli.capture.metadata import Optics, Voltage
+from cadtof_cli.optics.curvature import curvature_m
+from cadtof_cli.optics.pinhole import principal_point, ray_slopes
 from cadtof_cli.simulation.pixel.mix import finite_at_least, require
 from cadtof_cli.units import C_M_PER_NS
 
@@ -29,7 +31,7 @@ class Camera:
             distance from the principal point over half the diagonal.
         bits: of the converter.
         volts_per_count, zero_counts: volts = (counts − zero_counts) · volts_per_count.
-        dark_offset_v: standard deviation over the array of each pixel's own offsets, one a harmonic and channel.
+        dark_offset_v: standard deviation over the array of each pixel's own offsets, one per harmonic and channel.
         fixed_delay_ns: standard deviation over the array of each pixel's own delay, the fixed-pattern phase.
     """
 
@@ -71,20 +73,14 @@ class Camera:
 
     def rays(self, rows: slice) -> Float:
         """Return the directions that the pixels of some rows look in, (3, Y, X): x right, y down, z = 1 forward."""
-        optics = self.optics
-        assert optics.focal_length_px is not None
-        assert optics.principal_point_px is not None
-        column, row = optics.principal_point_px
-        y, x = np.meshgrid(np.arange(self.height)[rows] - row, np.arange(self.width) - column, indexing="ij")
-        return np.stack([x / optics.focal_length_px, y / optics.focal_length_px, np.ones_like(x)])
+        x, y = ray_slopes(self.optics, (self.height, self.width))
+        return np.stack(np.broadcast_arrays(x, y[rows], 1.0))
 
     def curvature_delay_ns(self, rows: slice) -> Float:
         """Return the delay that field curvature adds to every path, (Y, X): 2(k2 ρ² + k4 ρ⁴)/c."""
-        half_diagonal_px = math.hypot(self.width, self.height) / 2.0
-        x, y, _ = self.rays(rows) * (self.optics.focal_length_px or 1.0) / half_diagonal_px
-        squared = x * x + y * y
-        k2, k4 = self.petzval_m
-        return np.asarray(2.0 / C_M_PER_NS * (k2 * squared + k4 * squared**2))
+        pixels = (self.height, self.width)
+        added_m = curvature_m(pixels, principal_point(self.optics, pixels), self.petzval_m)
+        return np.asarray(2.0 / C_M_PER_NS * added_m[rows])
 
     def fixed_delays_ns(self, seed: int) -> Float:
         """Return each pixel's own delay, (Y, X), the same in all frames of a seed."""

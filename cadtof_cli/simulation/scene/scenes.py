@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cadtof_cli.errors import SettingsError
 from cadtof_cli.simulation.pixel.mix import finite_at_least, require
 from cadtof_cli.simulation.scene.camera import Camera
 from cadtof_cli.simulation.scene.geometry import (
@@ -259,10 +258,3 @@ SCENES: Mapping[str, type[Wall] | type[Card] | type[Corner] | type[InterReflecti
 def _unit(x: float, y: float, z: float) -> tuple[float, float, float]:
     length = math.sqrt(x * x + y * y + z * z)
     return x / length, y / length, z / length
-
-
-def scene_from_name(name: str, /) -> type[Wall] | type[Card] | type[Corner] | type[InterReflection]:
-    """Return the scene of that name; raises SettingsError for another."""
-    if name not in SCENES:
-        raise SettingsError(f"scene: found {name!r}, expected one of {', '.join(SCENES)}")
-    return SCENES[name]

@@ -1,26 +1,19 @@
 """What every `cadtof calibrate` step does first: captures → their mean frames, and the parts that are there already."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from cadtof_cli.calibration.averaging import FrameAverage, MeanFrame
+from cadtof_cli.arrays import Stored
 from cadtof_cli.calibration.parts import PART_KINDS, Origin, Part, PartKind
 from cadtof_cli.calibration.store import Calibration, digest_of, load_calibration, require_absent, save_part
 from cadtof_cli.capture.discovery import Capture, find_captures
 from cadtof_cli.capture.frames import open_frames, single_frames
 from cadtof_cli.capture.metadata import CaptureMetadata, Target
 from cadtof_cli.errors import SettingsError
-
-
-@dataclass(frozen=True)
-class Progress:
-    """Callbacks: how many frames there are, one has been read, and a note for the user."""
-
-    on_total: Callable[[int], None]
-    on_frame: Callable[[], None]
-    on_note: Callable[[str], None]
+from cadtof_cli.phasors.frame_mean import FrameMean, mean_volts
+from cadtof_cli.workflows.progress import Progress
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,11 +33,11 @@ class CalibrateSettings:
 
 @dataclass(frozen=True, eq=False)
 class AveragedCapture:
-    """A capture's mean frame, with the metadata that describe it."""
+    """A capture's mean frame in V, with the metadata that describe it."""
 
     root: Path
     metadata: CaptureMetadata
-    mean: MeanFrame
+    mean: FrameMean
 
 
 @dataclass(frozen=True)
@@ -79,12 +72,12 @@ def averaged_captures(
     metadata = _with_distances(captures, settings.distances_m)
     _require_same_modulation(captures)
     total = sum(len(capture.frames) for capture in captures)
-    progress.on_total(total)
+    progress.total(total)
     averaged: list[AveragedCapture] = []
     for capture, described in zip(captures, metadata, strict=True):
         for key, value in capture.source.defaulted.items():
-            progress.on_note(f"{capture.root}: not given, so taken from the paper: {key} = {value}")
-        mean = _mean(capture, progress)
+            progress.say(f"{capture.root}: not given, so taken from the paper: {key} = {value}")
+        mean = mean_volts(_frames(capture, progress), voltage=capture.source.metadata.voltage)
         if averaged and mean.pixels != averaged[0].mean.pixels:
             found, expected = ("{1} × {0}".format(*size) for size in (mean.pixels, averaged[0].mean.pixels))
             raise SettingsError(f"{capture.root}: found {found} pixels, expected {expected} as in {averaged[0].root}")
@@ -92,13 +85,12 @@ def averaged_captures(
     return averaged
 
 
-def _mean(capture: Capture, progress: Progress) -> MeanFrame:
-    average = FrameAverage(capture.source.metadata)
+def _frames(capture: Capture, progress: Progress) -> Iterator[Stored]:
     for source in single_frames(capture):
         with open_frames(source, capture.layout) as frames:
-            average.add(frames.read(source.index or 0))
-        progress.on_frame()
-    return average.result()
+            stored = frames.read(source.index or 0)
+        yield stored
+        progress.advance()
 
 
 def _with_distances(captures: Sequence[Capture], distances: tuple[float, ...]) -> list[CaptureMetadata]:
@@ -131,17 +123,17 @@ def _require_same_modulation(captures: Sequence[Capture]) -> None:
 
 
 def parts_before(
-    folder: Path, kind: PartKind, averaged: Sequence[AveragedCapture], /, *, on_note: Callable[[str], None]
+    folder: Path, kind: PartKind, averaged: Sequence[AveragedCapture], /, *, progress: Progress
 ) -> Calibration:
     """Return the parts of the folder that are applied before this one, checked against the captures; say which."""
     earlier = PART_KINDS[: PART_KINDS.index(kind)]
     if not any((folder / f"{name}.toml").exists() for name in earlier):
-        on_note(f"{folder}: no {' or '.join(earlier)} calibration there, so none is applied to the frames")
+        progress.say(f"{folder}: no {' or '.join(earlier)} calibration there, so none is applied to the frames")
         return Calibration()
     everything = load_calibration(folder)
     parts = replace(everything, **{name: None for name in PART_KINDS if name not in earlier})
     parts.require_match(averaged[0].metadata, averaged[0].mean.pixels)
-    on_note(f"applied to the frames first: {', '.join(part.kind for part in parts.parts)} of {folder}")
+    progress.say(f"applied to the frames first: {', '.join(part.kind for part in parts.parts)} of {folder}")
     return parts
 
 

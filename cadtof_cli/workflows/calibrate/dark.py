@@ -10,11 +10,11 @@ from cadtof_cli.errors import SettingsError
 from cadtof_cli.workflows.calibrate.captures import (
     CalibrateReport,
     CalibrateSettings,
-    Progress,
     averaged_captures,
     origin_of,
     saved,
 )
+from cadtof_cli.workflows.progress import Progress
 
 
 def calibrate_dark(

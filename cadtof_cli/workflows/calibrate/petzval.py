@@ -10,10 +10,11 @@ import numpy as np
 from cadtof_cli.arrays import Float
 from cadtof_cli.calibration.fit.petzval import WallRanges, fit_petzval
 from cadtof_cli.calibration.petzval import PetzvalCalibration
-from cadtof_cli.calibration.store import Calibration, load_calibration
+from cadtof_cli.calibration.store import Calibration
 from cadtof_cli.capture.metadata import Modulation, Voltage
+from cadtof_cli.frame_plan import CalibrationUse, FramePlan, MapSettings
 from cadtof_cli.maps.layers import DIRECT_AMPLITUDE, DIRECT_DEPTH, DIRECT_SIGMA
-from cadtof_cli.pipeline import CalibrationUse, FramePlan, resolve_frame
+from cadtof_cli.pipeline import resolve_frame
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.resolver.status import StatusBit
 from cadtof_cli.units import metres_per_radian, unambiguous_range_m
@@ -21,12 +22,12 @@ from cadtof_cli.workflows.calibrate.captures import (
     AveragedCapture,
     CalibrateReport,
     CalibrateSettings,
-    Progress,
     averaged_captures,
     origin_of,
     parts_before,
     saved,
 )
+from cadtof_cli.workflows.progress import Progress
 
 FALSE_ALARM = 1e-4
 """Of the order test: the mean of many frames shows the maps' own noise too, which is not MPI."""
@@ -47,7 +48,7 @@ def calibrate_petzval(
         CadtofError: see `averaged_captures` and `fit_petzval`.
     """
     averaged = averaged_captures(inputs, "petzval", settings=settings, overrides=overrides, progress=progress)
-    earlier = parts_before(settings.out, "petzval", averaged, on_note=progress.on_note)
+    earlier = parts_before(settings.out, "petzval", averaged, progress=progress)
     walls = [_wall(capture, settings.out, earlier) for capture in averaged]
     modulation = averaged[0].metadata.modulation
     petzval = fit_petzval(
@@ -69,22 +70,21 @@ def _wall(capture: AveragedCapture, folder: Path, earlier: Calibration) -> WallR
     metadata, mean = capture.metadata, capture.mean
     n_av = metadata.pixel.integration_length
     pixel = replace(metadata.pixel, integration_length=n_av * mean.frames if n_av is not None else None)
-    use = None
-    if earlier.parts:
-        use = CalibrationUse(folder, load_calibration(folder).digest, curved=False)
+    use = CalibrationUse(folder, earlier.digest, curved=False) if earlier.parts else None
     plan = FramePlan(
         metadata=replace(metadata, voltage=Voltage(), pixel=pixel),
-        resolver=ResolverSettings(false_alarm=FALSE_ALARM),
+        settings=MapSettings(resolver=ResolverSettings(false_alarm=FALSE_ALARM)),
         calibration=use,
     )
-    maps = resolve_frame(mean.mean_v, plan=plan).maps
+    maps = resolve_frame(mean.stored, plan=plan, calibration=earlier if use else None).maps
     single = (maps.status & StatusBit.ONE_PATH) != 0
     ranges, sigma, amplitude = (
         np.where(single, maps.layer(name), np.nan).astype(np.float64)
         for name in (DIRECT_DEPTH, DIRECT_SIGMA, DIRECT_AMPLITUDE)
     )
-    own = _calibration_noise_m(earlier, amplitude, metadata.modulation)
-    return WallRanges(ranges, np.hypot(sigma, own), metadata.target.distance_m)
+    if earlier.parts:
+        sigma = np.hypot(sigma, _calibration_noise_m(earlier, amplitude, metadata.modulation))
+    return WallRanges(ranges, sigma, metadata.target.distance_m)
 
 
 def _calibration_noise_m(earlier: Calibration, amplitude_v: Float, modulation: Modulation) -> Float:

@@ -15,12 +15,12 @@ from cadtof_cli.workflows.calibrate.captures import (
     AveragedCapture,
     CalibrateReport,
     CalibrateSettings,
-    Progress,
     averaged_captures,
     origin_of,
     parts_before,
     saved,
 )
+from cadtof_cli.workflows.progress import Progress
 
 
 def calibrate_response(
@@ -38,21 +38,19 @@ def calibrate_response(
                 f"{capture.root}: the target's distance is not known: set distance_m under [target] in capture.toml, or "
                 "--distance, once for all captures or once each"
             )
-    earlier = parts_before(settings.out, "response", averaged, on_note=progress.on_note)
+    earlier = parts_before(settings.out, "response", averaged, progress=progress)
     targets = [_target(capture, earlier) for capture in averaged]
     response = fit_response(targets, metadata=averaged[0].metadata, origin=origin_of(averaged, earlier))
     return saved(response, settings, _figures(response), response.quality.findings)
 
 
 def _target(capture: AveragedCapture, earlier: Calibration) -> TargetMean:
-    volts = capture.mean.mean_v
+    volts, noise = capture.mean.stored, _mean_noise(capture)
     if earlier.dark is not None:
-        volts = np.where(earlier.dark.hot, np.nan, earlier.dark.apply(volts))
+        volts = np.where(earlier.dark.hot, np.nan, volts - earlier.dark.offset_v)
+        noise = np.hypot(noise, earlier.dark.quality()["offset_stderr_v"])
     distance = capture.metadata.target.distance_m
     assert distance is not None
-    noise = _mean_noise(capture)
-    if earlier.dark is not None:
-        noise = np.hypot(noise, earlier.dark.quality()["offset_stderr_v"])
     return TargetMean(volts[:, 0] + 1j * volts[:, 1], noise, distance)
 
 
@@ -60,10 +58,10 @@ def _mean_noise(capture: AveragedCapture) -> Float:
     """Return the standard deviation of the mean's voltages, (H,): measured where there are frames enough, else predicted."""
     mean, metadata = capture.mean, capture.metadata
     if mean.frames >= 3:
-        return np.asarray(mean.noise_v() / np.sqrt(mean.frames))
+        return np.asarray(mean.frame_noise() / np.sqrt(mean.frames))
     n_av = metadata.pixel.integration_length or 1e5
     predicted = metadata.modulation.amplitude_v / np.sqrt(2.0 * (2.0 * n_av - 1.0) * mean.frames)
-    return np.full(mean.mean_v.shape[0], predicted)
+    return np.full(mean.stored.shape[0], predicted)
 
 
 def _figures(response: ResponseCalibration) -> dict[str, Any]:

@@ -12,7 +12,7 @@ from cadtof_cli.capture.metadata import CaptureMetadata
 from cadtof_cli.errors import CadtofError
 from cadtof_cli.files.frames import FrameLayout, NotAFrameError
 from cadtof_cli.phasors.noise import estimated_integration_length
-from cadtof_cli.phasors.voltages import not_finite_pixels, phasor_scale, phasors_from_voltages, saturated_pixels
+from cadtof_cli.phasors.voltages import ideal_phasor_map, not_finite_pixels, phasors_from_stored, saturated_pixels
 
 
 @dataclass(frozen=True)
@@ -64,12 +64,12 @@ def _facts(stored: Stored, container: str, task: LookTask) -> FrameFacts:
         if plane.size
     }
     try:
-        scale = phasor_scale(task.metadata, stored.dtype)
+        phasor_map = ideal_phasor_map(task.metadata, stored.dtype)
     except CadtofError:
         # what is missing is said once, for the whole capture
         return FrameFacts(container=container, dtype=str(stored.dtype), shape=stored.shape, planes=ranges)
-    phasors = phasors_from_voltages(planes, scale=scale)
-    saturated = saturated_pixels(planes, scale=scale)
+    phasors = phasors_from_stored(planes, phasor_map)
+    saturated = saturated_pixels(planes, task.metadata.voltage.saturated_counts)
     bad = not_finite_pixels(phasors)
     phasors[:, saturated] = np.nan
     return FrameFacts(

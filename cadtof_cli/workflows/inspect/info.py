@@ -1,22 +1,27 @@
 """`cadtof info`: what captures and map files hold, and what is wrong with them."""
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from cadtof_cli.capture.discovery import Capture, find_captures
 from cadtof_cli.capture.frames import first_pixels, single_frames
 from cadtof_cli.capture.metadata import KEYS
 from cadtof_cli.errors import CadtofError
 from cadtof_cli.execution.ordered import WorkerDied, run_ordered
-from cadtof_cli.execution.workers import available_cores, default_start_method
+from cadtof_cli.execution.workers import Workers
+from cadtof_cli.frame_plan import FramePlan
+from cadtof_cli.phasors.voltages import volts_per_count
 from cadtof_cli.units import unambiguous_range_m
 from cadtof_cli.workflows.inspect.frame_facts import FrameFacts, LookTask, facts_of_frame
-from cadtof_cli.workflows.inspect.map_facts import MapFacts, facts_of_maps, is_map_folder, map_layers
-from cadtof_cli.workflows.resolve.plan import capture_problems
+from cadtof_cli.workflows.inspect.map_facts import MapFacts, facts_of_maps, map_layers
+from cadtof_cli.workflows.progress import Progress
+from cadtof_cli.workflows.run_folder import is_run_folder
 
 
 @dataclass
@@ -65,9 +70,8 @@ def look_into(
     /,
     *,
     overrides: Mapping[str, Any],
-    jobs: int | None = None,
-    on_total: Callable[[int], None],
-    on_frame: Callable[[], None],
+    workers: Workers,
+    progress: Progress,
 ) -> list[CaptureFacts | MapFacts]:
     """Return what each input holds: captures are read whole, so that what is damaged is found.
 
@@ -77,18 +81,17 @@ def look_into(
     found: list[CaptureFacts | MapFacts] = []
     recorded: list[Path] = []
     for path in inputs:
-        if is_map_folder(path) or map_layers(path) is not None:
+        if is_run_folder(path) or map_layers(path) is not None:
             found.append(facts_of_maps(path))
         else:
             recorded.append(path)
     captures = find_captures(recorded, overrides=overrides) if recorded else ()
-    on_total(sum(len(capture.frames) for capture in captures))
-    for capture in captures:
-        found.append(_capture_facts(capture, jobs or available_cores(), on_frame))
+    progress.total(sum(len(capture.frames) for capture in captures))
+    found += (_capture_facts(capture, workers, progress) for capture in captures)
     return found
 
 
-def _capture_facts(capture: Capture, jobs: int, on_frame: Callable[[], None]) -> CaptureFacts:
+def _capture_facts(capture: Capture, workers: Workers, progress: Progress) -> CaptureFacts:
     metadata = capture.source.metadata
     facts = CaptureFacts(str(capture.root), unambiguous_range_m=unambiguous_range_m(metadata.modulation.periods_ns[0]))
     for key in KEYS:
@@ -96,19 +99,20 @@ def _capture_facts(capture: Capture, jobs: int, on_frame: Callable[[], None]) ->
         facts.metadata[key.path] = {"value": value, "from": capture.source.origins[key.path]}
     pixels = first_pixels(capture)
     tasks = (LookTask(source, capture.layout, metadata, pixels) for source in single_frames(capture))
-    outcomes = run_ordered(facts_of_frame, tasks, jobs=jobs, start_method=default_start_method())
-    with closing(outcomes):
+    with closing(run_ordered(facts_of_frame, tasks, workers=workers)) as outcomes:
         for outcome in outcomes:
             result = outcome.result
             if isinstance(result, WorkerDied):
                 result = FrameFacts(problem=f"{outcome.task.source}: the process that read it died, twice")
             facts.add(result)
-            on_frame()
+            progress.advance()
     n_av = metadata.pixel.integration_length or facts.integration_length_seen
     if n_av is not None:
         facts.noise_mv = 1000.0 * metadata.modulation.amplitude_v * math.sqrt(0.5 / (2.0 * n_av - 1.0))
     try:
-        facts.problems += capture_problems(capture, facts.types)
+        FramePlan(metadata=metadata)
+        for dtype in facts.types:
+            volts_per_count(metadata.voltage, np.dtype(dtype))
     except CadtofError as error:
         facts.problems.append(str(error))
     return facts

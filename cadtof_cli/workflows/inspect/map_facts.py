@@ -1,6 +1,5 @@
 """What map files hold: the half of `cadtof info` that looks at what `cadtof resolve` wrote."""
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -9,13 +8,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cadtof_cli.capture.toml import FILE_NAME
 from cadtof_cli.errors import CadtofError
 from cadtof_cli.files.formats import MAP_SUFFIXES
 from cadtof_cli.files.maps import STATUS, read_layers
 from cadtof_cli.maps.layers import DIRECT_DEPTH, layer_unit
 from cadtof_cli.resolver.status import StatusBit
-from cadtof_cli.workflows.resolve.run_record import RUN_FILE
+from cadtof_cli.workflows.run_folder import RUN_FILE, map_files, read_record
 
 
 @dataclass(frozen=True)
@@ -42,11 +40,6 @@ class MapFacts:
     problems: list[str] = field(default_factory=list)
 
 
-def is_map_folder(path: Path, /) -> bool:
-    """Return whether a folder is one that `cadtof resolve` wrote."""
-    return path.is_dir() and (path / RUN_FILE).exists() and not (path / FILE_NAME).exists()
-
-
 def map_layers(path: Path, /) -> Mapping[str, NDArray[Any]] | None:
     """Return the layers of a file that is a map or truth, None for anything else."""
     if path.suffix.lower() not in MAP_SUFFIXES or not path.is_file():
@@ -60,13 +53,11 @@ def map_layers(path: Path, /) -> Mapping[str, NDArray[Any]] | None:
 
 def facts_of_maps(path: Path, /) -> MapFacts:
     """Return what a map file, or a folder of maps, holds; a map that cannot be read is a problem."""
-    files = [path]
-    if path.is_dir():
-        files = sorted(p for p in path.iterdir() if p.suffix in MAP_SUFFIXES and not p.name.startswith("."))
+    files = map_files(path)
     facts = MapFacts(str(path), len(files))
     if path.is_dir():
         try:
-            facts.run = dict(json.loads((path / RUN_FILE).read_text(encoding="utf-8")))
+            facts.run = read_record(path)
         except (OSError, ValueError, TypeError) as error:
             facts.problems.append(f"{path / RUN_FILE}: not the record of a run ({error})")
     if not files:

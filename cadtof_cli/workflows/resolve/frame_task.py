@@ -2,26 +2,25 @@
 
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import asdict, dataclass
-from functools import lru_cache
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, TypeVar
+from typing import Any, TypeVar
 
 from cadtof_cli.arrays import Stored
+from cadtof_cli.calibration.store import Calibration, cached_calibration
 from cadtof_cli.capture.frame_sources import FrameSource
 from cadtof_cli.capture.frames import open_frames
 from cadtof_cli.errors import CadtofError, FrameError
-from cadtof_cli.execution.memory import keep_freed_memory
+from cadtof_cli.execution.workers import keep_freed_memory
 from cadtof_cli.files.frames import FrameLayout, NotAFrameError
-from cadtof_cli.files.maps import DepthMaps, write_maps
-from cadtof_cli.maps.layers import LayerChoice, empty_maps
+from cadtof_cli.files.maps import write_maps
+from cadtof_cli.frame_plan import FramePlan
 from cadtof_cli.phasors.frame_mean import FrameMean, frame_mean
-from cadtof_cli.pipeline import FramePlan, ResolvedFrame, resolve_frame
+from cadtof_cli.pipeline import ResolvedFrame, resolve_frame
 from cadtof_cli.resolver.status import count_status
+from cadtof_cli.workflows.run_folder import FrameReport, FrameStatus
 
 Result = TypeVar("Result")
-
-FrameStatus = Literal["ok", "failed", "skipped"]
 
 
 @dataclass(frozen=True)
@@ -39,27 +38,19 @@ class FrameTask:
     keep_existing: bool = False
     token: str = ""
 
+    def calibration(self) -> Calibration | None:
+        """Return the calibration that the plan names, which each process reads once.
 
-@dataclass(frozen=True)
-class FrameReport:
-    """A line of `frames.jsonl`; the fields are its keys, `more_paths` only where pixels may have more than two."""
+        Raises:
+            MetadataError: it cannot be read, or has changed since the plan was made.
+        """
+        use = self.plan.calibration
+        return cached_calibration(use.folder, use.digest) if use else None
 
-    source: str
-    output: str | None
-    status: FrameStatus
-    reason: str | None
-    seconds: float
-    one_path: int | None = None
-    two_paths: int | None = None
-    more_paths: int | None = None
-    invalid: int | None = None
-
-    def as_json(self) -> dict[str, Any]:
-        """Return the line as a JSON object."""
-        line = asdict(self)
-        if self.more_paths is None:
-            del line["more_paths"]
-        return line
+    def report(self, status: FrameStatus, reason: str | None, seconds: float, /, **counts: Any) -> FrameReport:
+        """Return what has become of the frame."""
+        output = str(self.output) if status == "ok" else None
+        return FrameReport(str(self.sources[0]), output, status, reason, round(seconds, 6), **counts)
 
 
 def resolve_file(task: FrameTask, /) -> FrameReport:
@@ -68,32 +59,33 @@ def resolve_file(task: FrameTask, /) -> FrameReport:
     began = time.monotonic()
 
     def resolve() -> FrameReport:
-        frame = read_frame(task)
-        maps = reused_maps(*frame.mean.stored.shape[2:], task.plan.layers)
-        resolved = resolve_frame(frame.mean, plan=task.plan, maps=maps)
-        return written(task, resolved, left_out=frame.left_out, began=began)
+        frame, left_out = read_frame(task)
+        return written(
+            task,
+            resolve_frame(frame, plan=task.plan, calibration=task.calibration()),
+            left_out=left_out,
+            began=began,
+        )
 
     return attempted(task, resolve, began=began)
 
 
 def attempted(task: FrameTask, work: Callable[[], Result], /, *, began: float) -> Result | FrameReport:
     """Return what `work` on a frame returns, or a report of what kept it from returning."""
-
-    def report(status: FrameStatus, reason: str) -> FrameReport:
-        return FrameReport(str(task.sources[0]), None, status, reason, seconds_since(began))
-
+    status: FrameStatus = "failed"
     if task.keep_existing and task.output.exists():
-        return report("skipped", f"{task.output} exists already")
+        return task.report("skipped", f"{task.output} exists already", time.monotonic() - began)
     try:
         return work()
     except NotAFrameError as error:
-        return report("skipped", str(error))
+        status, reason = "skipped", str(error)
     except CadtofError as error:
-        return report("failed", str(error))
+        reason = str(error)
     except MemoryError:
-        return report("failed", "not enough memory for a frame of this size: try fewer --jobs")
+        reason = "not enough memory for a frame of this size: try fewer --jobs"
     except Exception as error:  # noqa: BLE001  (one frame's surprise must not cost the others)
-        return report("failed", f"unexpected {type(error).__name__}: {error}; please report it with the frame")
+        reason = f"unexpected {type(error).__name__}: {error}; please report it with the frame"
+    return task.report(status, reason, time.monotonic() - began)
 
 
 def written(task: FrameTask, resolved: ResolvedFrame, /, *, left_out: str | None, began: float) -> FrameReport:
@@ -103,39 +95,25 @@ def written(task: FrameTask, resolved: ResolvedFrame, /, *, left_out: str | None
     reasons = [left_out] if left_out else []
     if resolved.noise_estimated:
         reasons.append(f"noise estimated from the frame: integration_length {resolved.integration_length:.4g}")
-    return FrameReport(
-        str(task.sources[0]),
-        str(task.output),
+    return task.report(
         "ok",
         "; ".join(reasons) or None,
-        seconds_since(began),
-        counts.one_path,
-        counts.two_paths,
-        counts.more_paths if task.plan.resolver.max_paths > 2 else None,
-        counts.invalid,
+        time.monotonic() - began,
+        one_path=counts.one_path,
+        two_paths=counts.two_paths,
+        more_paths=counts.more_paths if task.plan.settings.resolver.max_paths > 2 else None,
+        invalid=counts.invalid,
     )
 
 
-@lru_cache(maxsize=1)
-def reused_maps(height: int, width: int, layers: LayerChoice) -> DepthMaps:
-    """Return this process's maps of that size: a frame's are written before the next frame's are computed."""
-    return empty_maps(height, width, layers=layers)
-
-
-@dataclass(frozen=True)
-class ReadFrame:
-    """A task's frame, or the mean of its frames, and which of them could not be read (None: all could)."""
-
-    mean: FrameMean
-    left_out: str | None
-
-
-def read_frame(task: FrameTask, /) -> ReadFrame:
-    """Read a task's frame, or the mean of those of its frames that can be read.
+def read_frame(task: FrameTask, /) -> tuple[Stored | FrameMean, str | None]:
+    """Read a task's frame, or the mean of those of its frames that can be read; and say which could not (None: all could).
 
     Raises:
         FrameError: none of them can be read, or has the size of the capture's first.
     """
+    if len(task.sources) == 1:
+        return _stored(task, task.sources[0]), None
     errors: list[FrameError] = []
 
     def readable() -> Iterator[Stored]:
@@ -147,11 +125,8 @@ def read_frame(task: FrameTask, /) -> ReadFrame:
                 if len(errors) == position == len(task.sources):
                     raise errors[0] from None
 
-    if len(task.sources) == 1:
-        return ReadFrame(FrameMean.of_one(next(readable())), None)
     mean = frame_mean(readable(), saturated_counts=task.plan.metadata.voltage.saturated_counts)
-    left_out = f"{len(errors)} of {len(task.sources)} frames left out of the mean: {errors[0]}" if errors else None
-    return ReadFrame(mean, left_out)
+    return mean, f"{len(errors)} of {len(task.sources)} frames left out of the mean: {errors[0]}" if errors else None
 
 
 def _stored(task: FrameTask, source: FrameSource) -> Stored:
@@ -163,8 +138,3 @@ def _stored(task: FrameTask, source: FrameSource) -> Stored:
         found, expected = ("{1} × {0}".format(*size) for size in (stored.shape[2:], task.pixels))
         raise FrameError(f"{source}: found {found} pixels, expected {expected} as in the capture's first frame")
     return stored
-
-
-def seconds_since(began: float, /) -> float:
-    """Return the seconds since a time of the monotonic clock."""
-    return round(time.monotonic() - began, 6)

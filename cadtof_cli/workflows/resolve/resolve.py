@@ -3,53 +3,75 @@
 import itertools
 import math
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import asdict, dataclass, field
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 from uuid import uuid4
 
+from cadtof_cli import __version__
 from cadtof_cli.capture.discovery import Capture, find_captures
-from cadtof_cli.capture.frame_sources import FrameSource
-from cadtof_cli.capture.frames import first_pixels, single_frames
+from cadtof_cli.capture.frames import first_frames, single_frames
 from cadtof_cli.errors import SettingsError
-from cadtof_cli.execution.ordered import Outcome, WorkerDied, run_ordered
-from cadtof_cli.execution.workers import StartMethod, available_cores, default_start_method
+from cadtof_cli.execution.ordered import WorkerDied, run_ordered
+from cadtof_cli.execution.workers import Workers
 from cadtof_cli.files.atomic import remove_partial_files
 from cadtof_cli.files.formats import MAP_FORMATS, format_named, map_suffix_like
-from cadtof_cli.pipeline import DepthKind, FramePlan
-from cadtof_cli.resolver.settings import ResolverSettings
-from cadtof_cli.workflows.resolve.frame_task import FrameReport, FrameTask, resolve_file
-from cadtof_cli.workflows.resolve.plan import require_known_volts
-from cadtof_cli.workflows.resolve.run_record import RunRecord, prepare_output
-from cadtof_cli.workflows.resolve.split_frames import resolve_split, worth_splitting
-from cadtof_cli.workflows.resolve.use_calibration import use_calibration
+from cadtof_cli.frame_plan import FramePlan, MapSettings
+from cadtof_cli.phasors.voltages import volts_per_count
+from cadtof_cli.resolver.status import MEANING
+from cadtof_cli.workflows.progress import UNTOLD, Progress
+from cadtof_cli.workflows.resolve import split_frames
+from cadtof_cli.workflows.resolve.frame_task import FrameTask, resolve_file
+from cadtof_cli.workflows.resolve.use_calibration import AppliedCalibration, use_calibration
+from cadtof_cli.workflows.run_folder import FrameReport, prepare_output, recorded_run, require_same_maps
 
 AS_INPUT = "same"
 
 FORMAT_CHOICES = (*MAP_FORMATS, AS_INPUT)
 
+DIED = "the worker process died twice on this frame (killed, or out of memory): try fewer --jobs"
+
+
+@dataclass(frozen=True)
+class CapturePlan:
+    """A capture, what to do with its frames, and their (Y, X); None where no frame can be opened."""
+
+    capture: Capture
+    plan: FramePlan
+    pixels: tuple[int, int] | None
+
+    @property
+    def expected_maps(self) -> int:
+        """How many maps there will be, as far as the files' names tell."""
+        return -(-len(self.capture.frames) // self.plan.settings.average)
+
 
 @dataclass(frozen=True, kw_only=True)
 class ResolveSettings:
-    """Everything that a user can choose about a run, besides the inputs and what overrides `capture.toml`."""
+    """Everything that a user can choose about a run, besides the inputs and what overrides `capture.toml`.
+
+    Attributes:
+        out: folder of the run.
+        maps: what the maps are.
+        calibration: folder of the calibration that is applied.
+        map_format: of the map files; `same` is that of the frames.
+        workers: what the work is done by.
+        overwrite: whether the files of an earlier run may be replaced.
+        resume: whether the maps of an earlier run are kept, and only those that are missing made.
+    """
 
     out: Path
-    resolver: ResolverSettings = field(default_factory=ResolverSettings)
-    depth: DepthKind = "range"
-    pool: int = 1
-    average: int = 1
+    maps: MapSettings = field(default_factory=MapSettings)
     calibration: Path | None = None
     map_format: str = AS_INPUT
-    jobs: int = field(default_factory=available_cores)
-    start_method: StartMethod = field(default_factory=default_start_method)
+    workers: Workers = field(default_factory=Workers)
     overwrite: bool = False
     resume: bool = False
 
     def __post_init__(self) -> None:
-        if self.jobs < 1:
-            raise SettingsError(f"--jobs: found {self.jobs}, expected 1 or more")
         if self.overwrite and self.resume:
             raise SettingsError("--overwrite and --resume exclude each other: replace the old maps, or keep them")
         if self.map_format not in FORMAT_CHOICES:
@@ -78,23 +100,14 @@ class RunTotals:
             setattr(self, name, getattr(self, name) + (getattr(report, name) or 0))
 
 
-@dataclass(frozen=True)
-class Progress:
-    """Callbacks of a run: how many frames are known of, each frame's report as it comes, and notes for the user."""
-
-    on_total: Callable[[int], None]
-    on_frame: Callable[[FrameReport], None]
-    on_note: Callable[[str], None]
-
-
 def resolve_captures(
     inputs: Sequence[Path],
     /,
     *,
     settings: ResolveSettings,
     overrides: Mapping[str, Any],
-    arguments: Mapping[str, Any],
-    progress: Progress,
+    progress: Progress = UNTOLD,
+    on_frame: Callable[[FrameReport], None] = lambda _: None,
 ) -> RunTotals:
     """Resolve every frame of the inputs into a file of maps in `settings.out`; frames fail alone.
 
@@ -102,50 +115,37 @@ def resolve_captures(
         inputs: folders of frames, and single files.
         settings: what to do.
         overrides: values by dotted key that replace those of `capture.toml`.
-        arguments: what the user asked for, as it goes into `run.json`.
-        progress: told of every frame, in the order of the inputs whatever the number of processes.
+        progress: a step is a file of maps.
+        on_frame: called with every report, in the order of the inputs whatever the number of processes.
 
     Raises:
         CadtofError: nothing can be resolved: an input, the metadata, the settings or the output folder is at fault.
     """
     captures = find_captures(inputs, overrides=overrides)
     calibration = use_calibration(settings.calibration, captures) if settings.calibration else None
-    plans = [
-        FramePlan(
-            metadata=capture.source.metadata,
-            resolver=settings.resolver,
-            depth=settings.depth,
-            pool=settings.pool,
-            average=settings.average,
-            calibration=calibration.use if calibration else None,
-        )
-        for capture in captures
-    ]
-    for capture in captures:
-        require_known_volts(capture)
-    layers = {name: unit for plan in plans for name, unit in plan.layers.units.items()}
-    record = RunRecord(settings.out, arguments=arguments, captures=captures, layers=layers, calibration=calibration)
+    plans = _plans(captures, settings, calibration)
+    document = _document(inputs, overrides, settings, plans, calibration)
     prepare_output(captures, settings.out, overwrite=settings.overwrite, resume=settings.resume)
     if settings.resume:
-        record.require_same_settings()
-    for capture in captures:
-        _note_defaults(capture, progress.on_note)
-    for note in calibration.notes if calibration else ():
-        progress.on_note(note)
+        require_same_maps(settings.out, document)
+    for note in (*itertools.chain(*map(_notes, captures)), *(calibration.notes if calibration else ())):
+        progress.say(note)
     totals, began, token = RunTotals(), time.monotonic(), uuid4().hex[:8]
-    tasks = _tasks(captures, plans, settings, progress, token)
-    jobs, start_method = settings.jobs, settings.start_method
-    if _are_worth_splitting(captures, plans, settings):
-        outcomes = resolve_split(tasks, jobs=jobs, start_method=start_method)
+    tasks = _tasks(plans, settings, progress, token)
+    if _are_worth_splitting(plans, settings):
+        outcomes = split_frames.resolve_split(tasks, workers=settings.workers)
     else:
-        outcomes = run_ordered(resolve_file, tasks, jobs=jobs, start_method=start_method)
+        outcomes = run_ordered(resolve_file, tasks, workers=settings.workers)
     try:
-        with record.opened(append=settings.resume), closing(outcomes):
+        with recorded_run(settings.out, document, resume=settings.resume) as record, closing(outcomes):
             for outcome in outcomes:
-                report = _report(outcome)
+                report = outcome.result
+                if isinstance(report, WorkerDied):
+                    report = outcome.task.report("failed", DIED, 0.0)
                 totals.add(report)
                 record.add(report)
-                progress.on_frame(report)
+                on_frame(report)
+                progress.advance()
             totals.seconds = round(time.monotonic() - began, 3)
             record.finish(asdict(totals))
     finally:
@@ -153,67 +153,104 @@ def resolve_captures(
     return totals
 
 
-def _tasks(
-    captures: Sequence[Capture], plans: Sequence[FramePlan], settings: ResolveSettings, progress: Progress, token: str
-) -> Iterator[FrameTask]:
-    """Yield the run's tasks; they are drawn as places for them come free."""
-    total = _task_count(captures, settings)
-    progress.on_total(total)
-    for capture, plan in zip(captures, plans, strict=True):
-        layout, pixels = capture.layout, first_pixels(capture)
-        known = -(-len(capture.frames) // settings.average)
-        for count, sources in enumerate(_groups(single_frames(capture), settings.average), start=1):
-            if count > known:
-                known, total = count, total + 1
-                progress.on_total(total)
-            yield FrameTask(
-                sources,
-                layout,
-                plan,
-                pixels,
-                settings.out / f"{sources[0].name}{_suffix(sources[0], settings.map_format)}",
-                keep_existing=settings.resume,
-                token=token,
-            )
+def _plans(
+    captures: Sequence[Capture], settings: ResolveSettings, calibration: AppliedCalibration | None
+) -> list[CapturePlan]:
+    """Return what to do with each capture.
+
+    Raises:
+        SettingsError: its settings do not allow it; or its values are integers and nothing says how many volts a count is.
+    """
+    use = calibration.use if calibration else None
+    plans: list[CapturePlan] = []
+    for capture in captures:
+        metadata, first = capture.source.metadata, first_frames(capture)
+        plan = FramePlan(metadata=metadata, settings=settings.maps, calibration=use)
+        plans.append(CapturePlan(capture, plan, None if first is None else (first.shape[2], first.shape[3])))
+        try:
+            if first is not None:
+                volts_per_count(metadata.voltage, first.dtype)
+        except SettingsError as error:
+            raise SettingsError(f"{capture.root}: {error}") from error
+    return plans
 
 
-def _groups(sources: Iterable[FrameSource], size: int) -> Iterator[tuple[FrameSource, ...]]:
-    """Yield consecutive frames by `size`; the last group holds what is left."""
-    waiting = iter(sources)
-    while group := tuple(itertools.islice(waiting, size)):
-        yield group
+def _document(
+    inputs: Sequence[Path],
+    overrides: Mapping[str, Any],
+    settings: ResolveSettings,
+    plans: Sequence[CapturePlan],
+    calibration: AppliedCalibration | None,
+) -> dict[str, Any]:
+    """Return what `run.json` says of a run that begins; its arguments have the names of the options."""
+    maps = settings.maps
+    return {
+        "cadtof": __version__,
+        "started": datetime.now(UTC).isoformat(timespec="seconds"),
+        "finished": False,
+        "arguments": {
+            "inputs": [str(path) for path in inputs],
+            "absolute_inputs": [str(path.absolute()) for path in inputs],
+            "out": str(settings.out),
+            **asdict(maps.resolver),
+            "min_confidence": maps.min_confidence_v,
+            "depth": maps.depth,
+            "pool": maps.pool,
+            "average": maps.average,
+            "calibration": settings.calibration and str(settings.calibration),
+            "map_format": settings.map_format,
+            "overwrite": settings.overwrite,
+            "resume": settings.resume,
+            "overrides": dict(overrides),
+        },
+        "captures": [
+            {
+                "root": str(capture.root),
+                "files": len(capture.frames),
+                "metadata": asdict(capture.source.metadata),
+                "origins": dict(capture.source.origins),
+            }
+            for capture in (one.capture for one in plans)
+        ],
+        "calibration": calibration and calibration.as_json(),
+        "layers": {layer.name: layer.unit for one in plans for layer in one.plan.layers},
+        "status_bits": {bit.name: int(bit) for bit in MEANING},
+    }
 
 
-def _task_count(captures: Iterable[Capture], settings: ResolveSettings) -> int:
-    """Return how many maps there will be, as far as the files' names tell."""
-    return sum(-(-len(capture.frames) // settings.average) for capture in captures)
-
-
-def _are_worth_splitting(captures: Sequence[Capture], plans: Sequence[FramePlan], settings: ResolveSettings) -> bool:
-    tasks = _task_count(captures, settings)
-    if tasks >= settings.jobs:
-        return False
-    seconds = [
-        plan.expected_seconds(math.prod(first_pixels(capture) or (0,)))
-        for capture, plan in zip(captures, plans, strict=True)
-    ]
-    return worth_splitting(tasks, settings.jobs, max(seconds))
-
-
-def _suffix(source: FrameSource, map_format: str) -> str:
-    return map_suffix_like(source.paths[0]) if map_format == AS_INPUT else format_named(map_format).suffix
-
-
-def _report(outcome: Outcome[FrameTask, FrameReport]) -> FrameReport:
-    if isinstance(outcome.result, WorkerDied):
-        reason = "the worker process died twice on this frame (killed, or out of memory): try fewer --jobs"
-        return FrameReport(str(outcome.task.sources[0]), None, "failed", reason, 0.0)
-    return outcome.result
-
-
-def _note_defaults(capture: Capture, on_note: Callable[[str], None]) -> None:
+def _notes(capture: Capture) -> Iterator[str]:
+    """Yield what is taken for granted about a capture."""
     taken = [f"{key} = {value}" for key, value in capture.source.defaulted.items()]
     if taken:
-        on_note(f"{capture.root}: not given, so taken from the paper: {', '.join(taken)}")
+        yield f"{capture.root}: not given, so taken from the paper: {', '.join(taken)}"
     if capture.source.metadata.pixel.integration_length is None:
-        on_note(f"{capture.root}: pixel.integration_length is not given, so the noise is estimated from each frame")
+        yield f"{capture.root}: pixel.integration_length is not given, so the noise is estimated from each frame"
+
+
+def _tasks(
+    plans: Sequence[CapturePlan], settings: ResolveSettings, progress: Progress, token: str
+) -> Iterator[FrameTask]:
+    """Yield the run's tasks; they are drawn as places for them come free."""
+    total = sum(one.expected_maps for one in plans)
+    progress.total(total)
+    for one in plans:
+        layout, waiting = one.capture.layout, single_frames(one.capture)
+        for number in itertools.count(1):
+            sources = tuple(itertools.islice(waiting, settings.maps.average))
+            if not sources:
+                break
+            if number > one.expected_maps:
+                total += 1
+                progress.total(total)
+            same = settings.map_format == AS_INPUT
+            suffix = map_suffix_like(sources[0].paths[0]) if same else format_named(settings.map_format).suffix
+            output = settings.out / f"{sources[0].name}{suffix}"
+            yield FrameTask(sources, layout, one.plan, one.pixels, output, keep_existing=settings.resume, token=token)
+
+
+def _are_worth_splitting(plans: Sequence[CapturePlan], settings: ResolveSettings) -> bool:
+    """Whether frames are so few and so slow that their pixels should be spread over the processes."""
+    if sum(one.expected_maps for one in plans) >= settings.workers.jobs:
+        return False
+    seconds = (one.plan.expected_seconds(math.prod(one.pixels or (0,))) for one in plans)
+    return max(seconds) > split_frames.WORTH_SPLITTING_S

@@ -8,7 +8,7 @@ from typing import Any
 from cadtof_cli.calibration.store import Calibration, load_calibration
 from cadtof_cli.capture.discovery import Capture
 from cadtof_cli.capture.frames import first_pixels
-from cadtof_cli.pipeline import CalibrationUse
+from cadtof_cli.frame_plan import CalibrationUse
 
 
 @dataclass(frozen=True)

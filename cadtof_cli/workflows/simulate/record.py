@@ -9,12 +9,14 @@ import numpy as np
 
 from cadtof_cli import __version__
 from cadtof_cli.arrays import Float
+from cadtof_cli.execution.workers import ALONE, Workers
 from cadtof_cli.files.atomic import new_folder
 from cadtof_cli.files.formats import FRAME_FORMATS
 from cadtof_cli.simulation.pixel.mix import require
 from cadtof_cli.simulation.scene.exposure import Band, Exposure, band_rows, expose_band, frame_voltages, joined
 from cadtof_cli.simulation.scene.recorder import write_capture
-from cadtof_cli.workflows.simulate.tasks import Advance, no_advance, results
+from cadtof_cli.workflows.progress import UNTOLD, Progress
+from cadtof_cli.workflows.simulate.tasks import results
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,26 +50,24 @@ class RecordReport:
     depths_m: tuple[float, float]
 
 
-def record_steps(settings: RecordSettings, /) -> int:
-    """Return how often `record_scene` calls `advance`: once a band of rows, once a frame."""
-    return len(band_rows(settings.exposure.camera.height)) + settings.frames
-
-
 def record_scene(
-    settings: RecordSettings, out: Path, /, *, jobs: int = 1, advance: Advance = no_advance
+    settings: RecordSettings, out: Path, /, *, workers: Workers = ALONE, progress: Progress = UNTOLD
 ) -> RecordReport:
     """Write the capture to `out`, which must not exist; the files are the same for any number of jobs.
+
+    A step is a band of rows, and then a frame.
 
     Raises:
         OutputError: `out` exists or cannot be written.
         SettingsError: the scene cannot be recorded.
     """
     exposure = settings.exposure
+    progress.total(len(band_rows(exposure.camera.height)) + settings.frames)
     with new_folder(out) as folder:
-        whole = expose(exposure, jobs=jobs, advance=advance)
+        whole = expose(exposure, workers=workers, progress=progress)
         write_capture(
             folder,
-            _frames(settings, whole, advance),
+            _frames(settings, whole, progress),
             truth=whole.truth,
             metadata=exposure.metadata,
             camera=exposure.camera,
@@ -84,19 +84,20 @@ def record_scene(
     )
 
 
-def expose(exposure: Exposure, /, *, jobs: int = 1, advance: Advance = no_advance) -> Band:
+def expose(exposure: Exposure, /, *, workers: Workers = ALONE, progress: Progress = UNTOLD) -> Band:
     """Return the voltages and truth of a whole frame, its bands shared among processes."""
     rows = band_rows(exposure.camera.height)
-    return joined(list(results(partial(expose_band, exposure), rows, jobs=min(jobs, len(rows)), advance=advance)))
+    bands = results(partial(expose_band, exposure), rows, workers=workers.at_most(len(rows)), progress=progress)
+    return joined(list(bands))
 
 
-def _frames(settings: RecordSettings, whole: Band, advance: Advance) -> Iterator[Float]:
+def _frames(settings: RecordSettings, whole: Band, progress: Progress) -> Iterator[Float]:
     exposure = settings.exposure
     camera, harmonics = exposure.camera, len(exposure.metadata.modulation.harmonics)
     offsets = camera.dark_offsets_v(exposure.seed, harmonics) if camera.dark_offset_v > 0 else None
     for index in range(settings.frames):
         yield frame_voltages(exposure, whole, index, offsets_v=offsets)
-        advance()
+        progress.advance()
 
 
 def _comments(settings: RecordSettings) -> tuple[str, ...]:

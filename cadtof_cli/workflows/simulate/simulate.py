@@ -11,17 +11,20 @@ from typing import Any
 
 import numpy as np
 
+from cadtof_cli.execution.workers import ALONE, Workers
 from cadtof_cli.files.atomic import new_folder
 from cadtof_cli.simulation.pixel.evolution import Evolution, evolution
-from cadtof_cli.simulation.trials import EVOLUTION_KEY, Trials, TrialsSummary, block_voltages, summary
-from cadtof_cli.workflows.simulate.tasks import Advance, no_advance, results
+from cadtof_cli.workflows.progress import UNTOLD, Progress
+from cadtof_cli.workflows.simulate.tasks import results
+from cadtof_cli.workflows.simulate.trials import EVOLUTION_KEY, Trials, TrialsSummary, block_voltages, summary
 
 
-def simulate_pixel(trials: Trials, /, *, jobs: int = 1, advance: Advance = no_advance) -> TrialsSummary:
-    """Run the trials, block by block in parallel, and sum them up; `advance` is called once a block."""
+def simulate_pixel(trials: Trials, /, *, workers: Workers = ALONE, progress: Progress = UNTOLD) -> TrialsSummary:
+    """Run the trials, block by block in parallel, and sum them up; a step is a block."""
     work = partial(block_voltages, trials)
-    blocks = list(results(work, trials.blocks, jobs=min(jobs, len(trials.blocks)), advance=advance))
-    return summary(trials, np.concatenate(blocks))
+    progress.total(len(trials.blocks))
+    blocks = results(work, trials.blocks, workers=workers.at_most(len(trials.blocks)), progress=progress)
+    return summary(trials, np.concatenate(list(blocks)))
 
 
 def json_report(trials: Trials, outcome: TrialsSummary, /) -> dict[str, Any]:

@@ -11,12 +11,21 @@ import numpy as np
 
 from cadtof_cli.arrays import Float
 from cadtof_cli.errors import OutputError
+from cadtof_cli.execution.workers import ALONE, Workers
 from cadtof_cli.files.atomic import new_folder
 from cadtof_cli.simulation.pixel.averaging import Averaging
 from cadtof_cli.simulation.pixel.mix import require
 from cadtof_cli.simulation.pixel.statistics import averaging_gain, phase_precision_of_mix_rad
-from cadtof_cli.simulation.trials import PathSummary, Trials, TrialsSummary, block_voltages, noise_length, summary
-from cadtof_cli.workflows.simulate.tasks import Advance, no_advance, results
+from cadtof_cli.workflows.progress import UNTOLD, Progress
+from cadtof_cli.workflows.simulate.tasks import results
+from cadtof_cli.workflows.simulate.trials import (
+    PathSummary,
+    Trials,
+    TrialsSummary,
+    block_voltages,
+    noise_length,
+    summary,
+)
 
 MOST_CELLS = 100_000
 
@@ -40,6 +49,8 @@ class SweepSettings:
         require(1 <= cells <= MOST_CELLS, "grid", f"{cells} conditions", f"1 to {MOST_CELLS}")
         if self.base.model.averaging.capacitors is not None:
             require(len(self.integration_lengths) == 1, "grid", "capacitors with several integration lengths", "one")
+        for _ in self.cells():  # every condition checks itself before any work begins
+            pass
 
     def cells(self) -> Iterator[Trials]:
         """Return the trials of every cell; MPI ratio is the slowest axis, integration length the fastest."""
@@ -62,15 +73,12 @@ class SweepCell:
     outcome: TrialsSummary
 
 
-def sweep_steps(settings: SweepSettings, /) -> int:
-    """Return how often `sweep` calls `advance`: once a block of runs."""
-    return sum(len(cell.blocks) for cell in settings.cells())
-
-
-def sweep(settings: SweepSettings, /, *, jobs: int = 1, advance: Advance = no_advance) -> list[SweepCell]:
+def sweep(settings: SweepSettings, /, *, workers: Workers = ALONE, progress: Progress = UNTOLD) -> list[SweepCell]:
     """Simulate every cell; blocks of runs of all cells are shared among processes."""
     cells = list(settings.cells())
-    made = results(_run, ((cell, block) for cell in cells for block in cell.blocks), jobs=jobs, advance=advance)
+    work = [(cell, block) for cell in cells for block in cell.blocks]
+    progress.total(len(work))
+    made = results(_run, work, workers=workers, progress=progress)
     return [SweepCell(cell, summary(cell, np.concatenate([next(made) for _ in cell.blocks]))) for cell in cells]
 
 

@@ -28,7 +28,7 @@ class Rosenbrock:
     def moved(self, points: Float, steps: Float, /) -> Float:
         return points + steps
 
-    def taken(self, chosen: Index, /) -> Self:
+    def __getitem__(self, chosen: Index, /) -> Self:
         return replace(self, root=self.root[chosen])
 
 
@@ -53,7 +53,7 @@ def test_a_problem_solved_alone_takes_the_same_steps() -> None:
     together = SOLVER.solve(valleys, starts)
     for index in range(40):
         some = np.array([index])
-        alone = SOLVER.solve(valleys.taken(some), starts[:, some])
+        alone = SOLVER.solve(valleys[some], starts[:, some])
         assert (alone.points[:, 0] == together.points[:, index]).all()
         assert alone.cost[0] == together.cost[index]
         assert alone.steps[0] == together.steps[index]

@@ -52,7 +52,7 @@ def test_the_likelihood_is_that_of_the_best_of_all_phases() -> None:
     p1 = np.exp(1j * rng.uniform(0, 2 * np.pi, size))
     p2 = strength * np.exp(1j * rng.uniform(0, 2 * np.pi, size))
     noise = noise_of(1e5)
-    weight = noise.harmonics[0].dark_variance / noise.harmonics[1].dark_variance
+    weight = noise.each[0].dark_variance / noise.each[1].dark_variance
     found = one_path(fundamental_frame(p1, p2), noise=noise, steps=6)
     rotor = found.cos - 1j * found.sin
     reached = (p1 * rotor).real + weight * (p2 * rotor**2).real

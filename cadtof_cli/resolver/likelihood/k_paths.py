@@ -11,6 +11,8 @@ from cadtof_cli.resolver.likelihood.levenberg_marquardt import LevenbergMarquard
 from cadtof_cli.resolver.likelihood.mixture import Measured, Mixture, WeightedFit, WhiteFit
 from cadtof_cli.resolver.likelihood.normal_equations import cholesky, inverse_diagonal
 from cadtof_cli.resolver.likelihood.starts import best_pair, exact_start, strongest_path
+from cadtof_cli.resolver.paths import Fit, Paths
+from cadtof_cli.resolver.two_path.closed_form import phase_of
 
 SEARCH = LevenbergMarquardt(max_steps=40, absolute=0.1)
 """From a start to a minimum, with white noise: to a third of a standard deviation, and a step further."""
@@ -21,24 +23,15 @@ POLISH = LevenbergMarquardt(max_steps=40, absolute=0.1, first_damping=1e-6)
 SUSPECT = 0.01
 """Probability of the misfit below which a minimum is taken for a local one, and other starts are tried too."""
 
+NO_AMPLITUDE = 1e-9
+"""Share of the strongest path below which a path is none: where the most likely amplitude is 0 it comes out as rounding."""
+
 EXACT_MISFIT = 1e-2
 """Most misfit of as many paths as harmonics: there is always an answer that leaves none."""
 
 
 @dataclass(frozen=True)
-class Found:
-    """K paths of n pixels where the search with white noise ended, and the misfit it leaves, (n,)."""
-
-    paths: Mixture
-    chi_squared: Float
-
-    def taken(self, chosen: Index, /) -> "Found":
-        """Return what was found for the given pixels."""
-        return Found(self.paths.taken(chosen), self.chi_squared[chosen])
-
-
-@dataclass(frozen=True)
-class Fit:
+class LikelyPaths:
     """The most likely K paths of n pixels.
 
     `sigma_rad`, (K, n), comes from the Fisher information; `chi_squared`, (n,), has 2·(N − K) degrees of freedom where there
@@ -50,54 +43,59 @@ class Fit:
     chi_squared: Float
     converged: Bool
 
-    def taken(self, chosen: Index, /) -> "Fit":
-        """Return the fits of the given pixels."""
-        return Fit(
-            self.paths.taken(chosen), self.sigma_rad[:, chosen], self.chi_squared[chosen], self.converged[chosen]
-        )
+    def fit(self) -> Fit:
+        """Return them as what a solver gives: paths without an amplitude, or that did not converge, are NaN."""
+        amplitude, sigma = self.paths.amplitude, self.sigma_rad
+        none = ~(amplitude > NO_AMPLITUDE * amplitude.max(axis=0)) | ~self.converged
+        phase = phase_of(self.paths.cos, self.paths.sin)
+        parts = [np.where(none, np.nan, part) for part in (amplitude, phase, sigma)]
+        if none.any():
+            last = np.argsort(none, axis=0, kind="stable")
+            parts = [np.take_along_axis(part, last, axis=0) for part in parts]
+        return Fit(Paths(*parts), self.chi_squared, self.converged, _doubt(self.paths, np.where(none, np.nan, sigma)))
 
 
-def found_paths(measured: Measured, count: int, /, *, noise: NoiseModel) -> Found:
-    """Return the `count` paths that fit best with white noise.
+def found_paths(measured: Measured, count: int, /, *, noise: NoiseModel) -> tuple[Mixture, Float]:
+    """Return the `count` paths that fit best with white noise, and the misfit that they leave, (n,).
 
     The search starts from the exact answer of the first harmonics. Where there is none, and where it ends in a misfit that
     noise seldom has, it starts from one path fewer with the one that explains most of what those leave, and for two paths
     from the best pair of a grid.
     """
-    white = WhiteFit(measured, tuple(1.0 / harmonic.dark_variance for harmonic in noise.harmonics))
+    white = WhiteFit(measured, tuple(1.0 / harmonic.dark_variance for harmonic in noise.each))
     if count == 1:
         end = SEARCH.solve(white, strongest_path(measured, weights=white.weights).points)
-        return Found(Mixture.of_points(end.points), end.cost)
+        return Mixture.of_points(end.points), end.cost
     exact = exact_start(measured, paths=count)
     start = exact.points if exact else _greedy_start(measured, count, white.weights, noise)
     end = SEARCH.solve(white, start)
     points, cost = end.points, end.cost
     suspect = np.flatnonzero(cost > _acceptable(measured, count))
     if suspect.size and exact:
-        _improve(white, _greedy_start(measured.taken(suspect), count, white.weights, noise), suspect, points, cost)
+        _improve(white, _greedy_start(measured[suspect], count, white.weights, noise), suspect, points, cost)
     if suspect.size and count == 2:
-        pair = best_pair(measured.taken(suspect), weights=white.weights)
+        pair = best_pair(measured[suspect], weights=white.weights)
         _improve(white, pair.points, suspect, points, cost)
-    return Found(Mixture.of_points(points), cost)
+    return Mixture.of_points(points), cost
 
 
 def _greedy_start(measured: Measured, count: int, weights: tuple[float, ...], noise: NoiseModel) -> Float:
-    fewer = found_paths(measured, count - 1, noise=noise).paths
+    fewer, _ = found_paths(measured, count - 1, noise=noise)
     return fewer.joined(strongest_path(measured.without(fewer), weights=weights)).points
 
 
-def most_likely(measured: Measured, found: Found, /, *, noise: NoiseModel) -> Fit:
+def most_likely(measured: Measured, found: Mixture, /, *, noise: NoiseModel) -> LikelyPaths:
     """Return the maximum of the likelihood next to what was found, with the noise that such light has."""
-    weighted = WeightedFit.around(measured, found.paths, noise=noise)
-    best = POLISH.solve(weighted, found.paths.points)
+    weighted = WeightedFit.around(measured, found, noise=noise)
+    best = POLISH.solve(weighted, found.points)
     paths = Mixture.of_points(best.points)
-    return Fit(paths, _sigma(paths, best.matrix), best.cost, best.converged)
+    return LikelyPaths(paths, _sigma(paths, best.matrix), best.cost, best.converged)
 
 
-def fisher_fit(measured: Measured, paths: Mixture, /, *, converged: Bool, noise: NoiseModel) -> Fit:
+def fisher_fit(measured: Measured, paths: Mixture, /, *, converged: Bool, noise: NoiseModel) -> LikelyPaths:
     """Return paths that another solver found with the likelihood's standard deviations and misfit."""
     at = WeightedFit.around(measured, paths, noise=noise).linearised(paths.points)
-    return Fit(paths, _sigma(paths, at.matrix), at.cost, converged)
+    return LikelyPaths(paths, _sigma(paths, at.matrix), at.cost, converged)
 
 
 def _sigma(paths: Mixture, matrix: Float) -> Float:
@@ -113,6 +111,17 @@ def _acceptable(measured: Measured, count: int) -> float:
 
 
 def _improve(white: WhiteFit, starts: Float, of: Index, points: Float, cost: Float) -> None:
-    other = SEARCH.solve(white.taken(of), starts)
+    other = SEARCH.solve(white[of], starts)
     better = other.cost < cost[of]
     points[:, of[better]], cost[of[better]] = other.points[:, better], other.cost[better]
+
+
+def _doubt(paths: Mixture, sigma: Float) -> Float:
+    """Return the largest standard deviation over half the distance of two paths (its sine)."""
+    doubt = np.zeros(sigma.shape[1])
+    for i in range(len(sigma)):
+        for j in range(i):
+            cos = paths.cos[i] * paths.cos[j] + paths.sin[i] * paths.sin[j]
+            half = np.sqrt(np.maximum(0.5 * (1.0 - cos), 0.0))
+            doubt = np.fmax(doubt, np.maximum(sigma[i], sigma[j]) / half)
+    return doubt

@@ -6,17 +6,18 @@ import numpy as np
 import pytest
 
 from cadtof_cli.capture.metadata import CaptureMetadata, Modulation
+from cadtof_cli.frame_plan import FramePlan, MapSettings
 from cadtof_cli.phasors.response import HarmonicResponse, ideal_response
-from cadtof_cli.pipeline import FramePlan, resolve_frame
+from cadtof_cli.pipeline import resolve_frame
 from cadtof_cli.resolver.response.table import response_model
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.resolver.status import StatusBit
-from cadtof_cli.simulation.defects import DefectiveCamera, Defects, smeared
 from tests.support.campaign import camera, card
+from tests.support.defects import DefectiveCamera, Defects, smeared
 
 
 def plan_for(seen: DefectiveCamera, **settings: object) -> FramePlan:
-    return FramePlan(metadata=seen.metadata, resolver=ResolverSettings(**settings))  # type: ignore[arg-type]
+    return FramePlan(metadata=seen.metadata, settings=MapSettings(resolver=ResolverSettings(**settings)))  # type: ignore[arg-type]
 
 
 def test_the_series_of_a_triangle_is_the_triangle() -> None:

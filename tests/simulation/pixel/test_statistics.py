@@ -1,6 +1,7 @@
 """Means and covariances against quadrature, against the photon-by-photon pixel, and against published closed forms."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,14 +10,13 @@ from cadtof_cli.capture.metadata import Modulation, Waveform
 from cadtof_cli.errors import SettingsError
 from cadtof_cli.simulation.pixel.averaging import Averaging
 from cadtof_cli.simulation.pixel.bounds import time_bounds_ns
-from cadtof_cli.simulation.pixel.mix import PhotonMix, two_path_mix
+from cadtof_cli.simulation.pixel.mix import Condition, PhotonMix
 from cadtof_cli.simulation.pixel.pixel import PixelModel, pixel_weights, record_pixel
 from cadtof_cli.simulation.pixel.statistics import (
     VoltageStatistics,
     averaging_gain,
     confidence_model_v,
     draw_voltages,
-    phase_precision_model_rad,
     phase_precision_of_mix_rad,
     sample_mean,
     voltage_statistics,
@@ -26,9 +26,7 @@ RUNS = 2500
 
 
 def paper_mix(asr: float, *, mpi_ratio: float = 0.3, second_ns: float = 16.0, fwhm_ns: float = 1.7) -> PhotonMix:
-    return two_path_mix(
-        direct_ns=5.0, second_ns=second_ns, mpi_ratio=mpi_ratio, asr=asr, period_ns=40.0, fwhm_ns=fwhm_ns
-    )
+    return Condition(asr=asr, mpi_ratio=mpi_ratio, second_ns=second_ns, fwhm_ns=fwhm_ns).mix(40.0)
 
 
 def test_moments_are_the_fourier_integrals_of_the_arrival_density() -> None:
@@ -87,14 +85,16 @@ def test_confidence_of_one_path_follows_the_analytical_model() -> None:
 def test_phase_precision_of_a_short_pulse_is_the_published_root() -> None:
     for asr in (0.5, 2.0, 6.0):
         expected = math.sqrt(asr * (1 + asr) / (2 * (2 * 4000 - 1)))
-        assert phase_precision_model_rad(asr=asr, integration_length=4000) == pytest.approx(expected, rel=1e-12)
+        short = paper_mix(asr, mpi_ratio=0.0, fwhm_ns=0.0)
+        found = phase_precision_of_mix_rad(short, Modulation(), variance_gain=averaging_gain(4000))
+        assert float(found) == pytest.approx(expected, rel=1e-9)
 
 
 def test_phase_precision_of_one_path_is_that_of_any_mix() -> None:
-    """The general formula against the published one, and against draws where two paths make it wider."""
-    spread = 2 * math.pi * 1.7 / 2.354820045 / 40
+    """One path: (1 − r2/(1 + ASR))/2 across the phasor r1/(1 + ASR). Two paths make it wider: against draws."""
+    r1, r2 = (math.exp(-((k * 2 * math.pi * 1.7 / 2.354820045 / 40) ** 2) / 2) for k in (1, 2))
     alone = phase_precision_of_mix_rad(paper_mix(2.0, mpi_ratio=0.0), Modulation(), variance_gain=averaging_gain(4000))
-    single = phase_precision_model_rad(asr=2.0, integration_length=4000, spread_rad=spread)
+    single = math.sqrt((1 - r2 / 3) / 2 / (2 * 4000 - 1)) * 3 / r1
     assert float(alone) == pytest.approx(single, rel=1e-9)
     mix, gain = paper_mix(0.5, mpi_ratio=0.8), averaging_gain(4000)
     drawn = draw_voltages(
@@ -114,7 +114,8 @@ def test_bound_is_that_of_table_1() -> None:
 
 
 def test_bound_is_infinite_where_paths_coincide_and_absent_without_photons() -> None:
-    same = time_bounds_ns(paper_mix(5.0, second_ns=5.0), Modulation(), variance_gain=1e-5)
+    together = replace(paper_mix(5.0), delays_ns=np.array([5.0, 5.0]))
+    same = time_bounds_ns(together, Modulation(), variance_gain=1e-5)
     assert np.isinf(same).all()
     alone = time_bounds_ns(paper_mix(5.0, mpi_ratio=0.0), Modulation(), variance_gain=1e-5)
     assert np.isfinite(alone[0])

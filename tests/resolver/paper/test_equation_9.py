@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.optimize import leastsq
 
-from cadtof_cli.resolver.paper.eliminated import TwoShares, random_starts, two_shares
+from cadtof_cli.resolver.paper.equation_9 import TwoShares, random_starts, two_shares
 from cadtof_cli.resolver.two_path.closed_form import fundamental_frame, two_paths
 from tests.support.mixtures import C, Mixture
 
@@ -24,7 +24,7 @@ def in_closed_form(phasors: C) -> C:
 def by_elimination(phasors: C, starts: C = STARTS) -> tuple[TwoShares, C]:
     with np.errstate(all="ignore"):
         found = two_shares(phasors, harmonics=(1, 2), starts=starts)
-    return found, stronger_first(found.amplitude * (found.cos + 1j * found.sin))
+    return found, stronger_first(found.paths.amplitude * (found.paths.cos + 1j * found.paths.sin))
 
 
 def stronger_first(paths: NDArray[Any]) -> NDArray[Any]:
@@ -84,7 +84,7 @@ def best_of_scipy(p1: complex, p2: complex) -> C:
 def test_without_a_fundamental_there_is_no_equation() -> None:
     found, _ = by_elimination(np.array([[0.0, 0.3], [0.2, 0.1]], np.complex128))
     np.testing.assert_array_equal(found.converged, [False, True])
-    assert np.isnan(found.amplitude[:, 0]).all()
+    assert np.isnan(found.paths.amplitude[:, 0]).all()
 
 
 def test_starts_follow_from_the_seed_alone() -> None:
@@ -100,4 +100,4 @@ def test_higher_harmonics_give_more_equations(harmonics: tuple[int, ...]) -> Non
         found = two_shares(problem.exact(harmonics), harmonics=harmonics, starts=random_starts(20, seed=1))
     assert found.cost[0] < 1e-20
     if harmonics != (1, 3):  # where two pairs of delays have the same phasors
-        np.testing.assert_allclose(sorted(found.amplitude[:, 0]), sorted(problem.shares), rtol=1e-9)
+        np.testing.assert_allclose(sorted(found.paths.amplitude[:, 0]), sorted(problem.shares), rtol=1e-9)

@@ -2,8 +2,8 @@
 
 import pytest
 
+from cadtof_cli.commands.grid import grid_from_text
 from cadtof_cli.errors import SettingsError
-from cadtof_cli.simulation.grid import grid_from_text
 
 
 @pytest.mark.parametrize(

@@ -13,6 +13,7 @@ import numpy as np
 from cadtof_cli.arrays import Bool, Complex, Float, Index
 from cadtof_cli.phasors.rotors import Rotor, powers, unit_rotor
 from cadtof_cli.resolver.likelihood.levenberg_marquardt import LevenbergMarquardt, Linearised, Minimum
+from cadtof_cli.resolver.likelihood.mixture import Mixture
 from cadtof_cli.resolver.likelihood.normal_equations import entry
 
 SOLVER = LevenbergMarquardt(max_steps=100, relative=1e-2, absolute=1e-29)
@@ -64,21 +65,18 @@ class EliminatedPath:
         """Return z after a step."""
         return points + steps
 
-    def taken(self, chosen: Index, /) -> Self:
-        """Return the problems of the given indices."""
+    def __getitem__(self, chosen: Index, /) -> Self:
         return type(self)(self.harmonics, tuple((re[chosen], im[chosen]) for re, im in self.right))
 
 
 @dataclass(frozen=True)
 class TwoShares:
-    """Two paths of n pixels, float64 (2, n) each: amplitudes in units of the phasors, and unit rotors.
+    """Two paths of n pixels, and what Eq. (9) leaves, (n,): 0 where it is met.
 
-    `cost` is what Eq. (9) leaves, (n,), 0 where it is met; `converged` is not set where every start ran out of steps.
+    `converged` is not set where every start ran out of steps.
     """
 
-    amplitude: Float
-    cos: Float
-    sin: Float
+    paths: Mixture
     cost: Float
     converged: Bool
 
@@ -110,7 +108,7 @@ def two_shares(
         step = max(1, START_COLUMNS // max(1, some.size))
         for begin in range(0, open_.size if some.size else 0, step):
             pixels = open_[begin : begin + step]
-            found = _best_of(some, problem.taken(pixels), solver)
+            found = _best_of(some, problem[pixels], solver)
             better = found.cost < cost[pixels]
             chosen = pixels[better]
             best[:, chosen], cost[chosen] = found.points[:, better], found.cost[better]
@@ -122,9 +120,9 @@ def _best_of(starts: Complex, problem: EliminatedPath, solver: LevenbergMarquard
     """Solve every pixel from every start at once, and return the best end of each; the earlier start where two are equal."""
     pixels = problem.right[0][0].size
     column = np.tile(np.arange(pixels), starts.size)
-    found = solver.solve(problem.taken(column), np.repeat([starts.real, starts.imag], pixels, axis=1))
+    found = solver.solve(problem[column], np.repeat([starts.real, starts.imag], pixels, axis=1))
     best = found.cost.reshape(starts.size, pixels).argmin(axis=0) * pixels + np.arange(pixels)
-    return found.taken(best)
+    return found[best]
 
 
 def _right_sides(phasors: Complex, harmonics: tuple[int, ...], modulus: Float, rotor: Rotor) -> tuple[Rotor, ...]:
@@ -144,7 +142,7 @@ def _shares(z: Float, modulus: Float, rotor: Rotor, cost: Float, converged: Bool
         amplitudes.append(share * modulus)
         cosines.append(cos * rotor[0] - sin * rotor[1])
         sines.append(sin * rotor[0] + cos * rotor[1])
-    return TwoShares(np.stack(amplitudes), np.stack(cosines), np.stack(sines), cost, converged)
+    return TwoShares(Mixture(np.stack(amplitudes), np.stack(cosines), np.stack(sines)), cost, converged)
 
 
 def _derivatives(j: int, rotor: Rotor, rotor_j: Rotor) -> tuple[Rotor, Rotor]:

@@ -10,12 +10,12 @@ from cadtof_cli.arrays import Float, Float32
 from cadtof_cli.capture.metadata import CaptureMetadata, Pixel, Pulse
 from cadtof_cli.errors import SettingsError
 from cadtof_cli.phasors.noise import noise_model
-from cadtof_cli.phasors.voltages import phasor_scale, phasors_from_voltages
+from cadtof_cli.phasors.voltages import ideal_phasor_map, phasors_from_stored
 from cadtof_cli.resolver.resolve import resolve_paths
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.simulation.pixel.averaging import effective_length
 from cadtof_cli.simulation.pixel.bounds import time_bounds_ns
-from cadtof_cli.simulation.pixel.mix import PhotonMix, finite_at_least, require, two_path_mix
+from cadtof_cli.simulation.pixel.mix import Condition, require
 from cadtof_cli.simulation.pixel.pixel import PixelModel, pixel_weights, record_pixel
 from cadtof_cli.simulation.pixel.statistics import averaging_gain, confidence_model_v, draw_voltages, voltage_statistics
 
@@ -27,41 +27,6 @@ SUCCESS_NS = 1.0
 
 _STATISTICS_KEY, _PHOTONS_KEY, EVOLUTION_KEY = 4, 5, 6
 """Branches of the seed, after those of `camera`: voltages of a block of runs, photons of one run, and of a drawn one."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Condition:
-    """Light on a pixel: laser : MPI : ambient = 1 : mpi_ratio : asr, with arrival times within one period."""
-
-    asr: float
-    mpi_ratio: float
-    direct_ns: float = 5.0
-    second_ns: float = 16.0
-    fwhm_ns: float = 1.7
-
-    def __post_init__(self) -> None:
-        require(finite_at_least(self.asr, 0), "ASR", f"{self.asr:g}", "a ratio of 0 or more")
-        require(finite_at_least(self.mpi_ratio, 0), "MPI ratio", f"{self.mpi_ratio:g}", "a ratio of 0 or more")
-        require(finite_at_least(self.fwhm_ns, 0), "pulse width", f"{self.fwhm_ns:g} ns", "0 ns or more")
-
-    def mix(self, period_ns: float) -> PhotonMix:
-        """Return the photons; raises SettingsError for times that do not fit one period."""
-        require(0 <= self.direct_ns < period_ns, "direct", f"{self.direct_ns:g} ns", f"0 to less than {period_ns:g} ns")
-        separation = self.second_ns - self.direct_ns
-        require(
-            separation > 0 and self.second_ns < period_ns,
-            "second",
-            f"{self.second_ns:g} ns, a separation of {separation:g} ns",
-            f"a time after the direct {self.direct_ns:g} ns and before the period's end at {period_ns:g} ns",
-        )
-        return two_path_mix(
-            direct_ns=self.direct_ns,
-            second_ns=self.second_ns,
-            mpi_ratio=self.mpi_ratio,
-            asr=self.asr,
-            period_ns=period_ns,
-            fwhm_ns=self.fwhm_ns,
-        )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -205,13 +170,12 @@ def path_times_ns(trials: Trials, voltages_v: Float, /) -> Float:
     )
     stored = np.moveaxis(voltages_v, 0, -1)
     paths = resolve_paths(
-        phasors_from_voltages(stored, scale=phasor_scale(metadata, stored.dtype)),
-        saturated=np.zeros(len(voltages_v), dtype=np.bool_),
+        phasors_from_stored(stored, ideal_phasor_map(metadata, stored.dtype)),
+        status=np.zeros(len(voltages_v), np.uint32),
         settings=trials.resolver,
         noise=noise_model(metadata, integration_length=length, quantised=False),
-        amplitude_v=model.modulation.amplitude_v,
-    )
-    turns = np.stack([paths.direct.phase_rad, paths.mpi.phase_rad]) / (2.0 * math.pi)
+    ).paths
+    turns = paths.phase_rad[:2] / (2.0 * math.pi)
     return np.asarray(turns * trials.period_ns)
 
 

@@ -10,16 +10,14 @@ from cadtof_cli.errors import SettingsError
 from cadtof_cli.simulation.pixel.arrivals import detected, draw_detections, draw_phases
 from cadtof_cli.simulation.pixel.averaging import Averaging, Capacitors, Stages
 from cadtof_cli.simulation.pixel.evolution import evolution
-from cadtof_cli.simulation.pixel.mix import PhotonMix, two_path_mix
+from cadtof_cli.simulation.pixel.mix import Condition, PhotonMix
 from cadtof_cli.simulation.pixel.pixel import PixelModel, pixel_weights, record_pixel, trace_pixel
 
 AMPLITUDE_V = 0.2746
 
 
 def mix(asr: float = 1.0, mpi_ratio: float = 0.3, *, direct_ns: float = 10.0, second_ns: float = 17.0) -> PhotonMix:
-    return two_path_mix(
-        direct_ns=direct_ns, second_ns=second_ns, mpi_ratio=mpi_ratio, asr=asr, period_ns=40.0, fwhm_ns=1.7
-    )
+    return Condition(asr=asr, mpi_ratio=mpi_ratio, direct_ns=direct_ns, second_ns=second_ns).mix(40.0)
 
 
 def model(integration_length: float = 200.0, **settings: object) -> PixelModel:
@@ -32,11 +30,11 @@ def final(pixel: PixelModel, light: PhotonMix, seed: int) -> np.ndarray[tuple[in
 
 def test_trace_is_equation_1() -> None:
     pixel = model(50.0, cycles=60)
-    trace = trace_pixel(pixel, mix(), np.random.default_rng(1), harmonic=1)
-    voltage, turn = 0.0, 2 * np.pi * trace.times_ns / 40.0
+    times_ns, voltages_v = trace_pixel(pixel, mix(), np.random.default_rng(1), harmonic=1)
+    voltage, turn = 0.0, 2 * np.pi * times_ns / 40.0
     for i in range(300):
         voltage = AMPLITUDE_V * math.cos(turn[i]) / 50.0 + (1 - 1 / 50.0) * voltage
-        assert trace.voltages_v[0, i] == pytest.approx(voltage, abs=1e-9)
+        assert voltages_v[0, i] == pytest.approx(voltage, abs=1e-9)
 
 
 @pytest.mark.parametrize("waveform", ["sine", "triangle"])
@@ -44,8 +42,8 @@ def test_final_voltages_are_the_end_of_the_trace(waveform: Waveform) -> None:
     pixel = model(8000.0, modulation=Modulation(waveform=waveform))
     ends = final(pixel, mix(), 5)
     for row, generator in enumerate(np.random.default_rng(5).spawn(2)):
-        trace = trace_pixel(pixel, mix(), generator, harmonic=row + 1)
-        np.testing.assert_allclose(trace.voltages_v[:, -1], ends[row], atol=3e-6)
+        _, voltages_v = trace_pixel(pixel, mix(), generator, harmonic=row + 1)
+        np.testing.assert_allclose(voltages_v[:, -1], ends[row], atol=3e-6)
 
 
 def test_forgotten_photons_are_not_drawn() -> None:

@@ -10,8 +10,9 @@ from cadtof_cli.capture.metadata import Modulation
 from cadtof_cli.errors import SettingsError
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.simulation.pixel.averaging import Averaging, Capacitors, Stages
+from cadtof_cli.simulation.pixel.mix import Condition
 from cadtof_cli.simulation.pixel.pixel import PixelModel
-from cadtof_cli.simulation.trials import Condition, Trials, TrialsSummary, block_voltages, noise_length, summary
+from cadtof_cli.workflows.simulate.trials import Trials, TrialsSummary, block_voltages, noise_length, summary
 
 TABLE_1 = [(16.0, 0.05, 0.16), (25.0, 0.03, 0.12), (11.0, 0.17, 0.52)]
 """Second path, then the standard deviations of both, in ns, at ASR 5, MPI ratio 0.3 and n_av 1e5."""
@@ -64,7 +65,11 @@ def test_phase_error_does_not_depend_on_asr() -> None:
 
 
 def test_runs_without_an_answer_count_as_failures() -> None:
-    blind = trials(condition=Condition(asr=5.0, mpi_ratio=0.3), runs=500, resolver=ResolverSettings(order="1"))
+    blind = trials(
+        condition=Condition(asr=5.0, mpi_ratio=0.3),
+        runs=500,
+        resolver=ResolverSettings(order="1"),
+    )
     found = outcome(blind)
     assert found.second.within_1ns == 0.0
     assert math.isnan(found.second.std_ns)

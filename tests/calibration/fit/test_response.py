@@ -10,8 +10,8 @@ from cadtof_cli.calibration.parts import Origin
 from cadtof_cli.calibration.response import ResponseCalibration
 from cadtof_cli.capture.metadata import Optics, Waveform
 from cadtof_cli.errors import SettingsError
-from cadtof_cli.simulation.defects import DefectiveCamera, Defects
 from tests.support.campaign import PIXELS, camera
+from tests.support.defects import DefectiveCamera, Defects
 
 FRAMES = 10
 

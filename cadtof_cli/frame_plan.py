@@ -1,0 +1,113 @@
+"""All that decides what the maps of a frame are, besides its pixels.
+
+Commands read their options' defaults from here, so nothing heavy is imported before it is needed.
+"""
+
+import math
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+from cadtof_cli.capture.metadata import CaptureMetadata
+from cadtof_cli.errors import SettingsError
+from cadtof_cli.resolver.settings import ResolverSettings
+
+if TYPE_CHECKING:
+    from cadtof_cli.maps.layers import Layer
+
+DepthKind = Literal["range", "z"]
+
+DEPTH_KINDS: tuple[DepthKind, ...] = ("range", "z")
+
+
+@dataclass(frozen=True, kw_only=True)
+class MapSettings:
+    """What a user can choose about maps.
+
+    Attributes:
+        resolver: how phasors become paths.
+        depth: radial range, or planar depth.
+        pool: side of the square of neighbours whose noise is pooled, in pixels; 1 for none.
+        average: recorded frames that are averaged into one.
+        min_confidence_v: pixels with a smaller first phasor, in V, have no answer; None: those with no signal above the noise.
+    """
+
+    resolver: ResolverSettings = field(default_factory=ResolverSettings)
+    depth: DepthKind = "range"
+    pool: int = 1
+    average: int = 1
+    min_confidence_v: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.depth not in DEPTH_KINDS:
+            raise SettingsError(f"--depth: found {self.depth!r}, expected one of {', '.join(DEPTH_KINDS)}")
+        if self.pool < 1 or self.pool % 2 == 0:
+            raise SettingsError(f"--pool: found {self.pool}, expected an odd number of pixels such as 3 or 5")
+        if self.average < 1:
+            raise SettingsError(f"--average: found {self.average}, expected 1 frame or more")
+        least = self.min_confidence_v
+        if least is not None and not (math.isfinite(least) and least >= 0.0):
+            raise SettingsError(f"--min-confidence: found {least}, expected a voltage, 0 or more")
+
+
+@dataclass(frozen=True)
+class CalibrationUse:
+    """A calibration folder and its digest: what crosses to a worker, which reads the folder once.
+
+    `curved` is false where the ranges are to stay as the lens makes them.
+    """
+
+    folder: Path
+    digest: str
+    curved: bool = True
+
+
+@dataclass(frozen=True, kw_only=True)
+class FramePlan:
+    """What to do with the frames of a capture.
+
+    Attributes:
+        metadata: how the frames were recorded.
+        settings: what the user has chosen.
+        calibration: what is applied to the frames; None for nothing.
+        block_pixels: pixels resolved at a time; None for as many as suit the solver.
+    """
+
+    metadata: CaptureMetadata
+    settings: MapSettings = field(default_factory=MapSettings)
+    calibration: CalibrationUse | None = None
+    block_pixels: int | None = None
+
+    def __post_init__(self) -> None:
+        modulation, resolver = self.metadata.modulation, self.settings.resolver
+        if self.settings.depth == "z":
+            from cadtof_cli.optics.pinhole import known_focal_length
+
+            known_focal_length(self.metadata.optics)
+        resolver.check_harmonics(modulation.harmonics)
+        if modulation.waveform != "sine":
+            resolver.check_response(modulation.harmonics)
+
+    @property
+    def resolver(self) -> ResolverSettings:
+        """The settings of the resolver, with the least confidence in units of the phasors."""
+        least_v = self.settings.min_confidence_v
+        least = None if least_v is None else least_v / self.metadata.modulation.amplitude_v
+        return replace(self.settings.resolver, min_confidence=least)
+
+    @property
+    def is_searched(self) -> bool:
+        """Whether paths are searched for, rather than written down in closed form."""
+        return not self.settings.resolver.in_closed_form(self.metadata.modulation.harmonics)
+
+    @property
+    def layers(self) -> "tuple[Layer, ...]":
+        """The layers that the maps get, besides the status."""
+        from cadtof_cli.maps.layers import wanted_layers
+
+        averaged = self.settings.pool > 1 or self.settings.average > 1
+        return wanted_layers(paths=self.settings.resolver.paths, searched=self.is_searched, averaged=averaged)
+
+    def expected_seconds(self, pixels: int, /) -> float:
+        """Return about how long a core takes for a frame of so many pixels."""
+        return pixels * self.settings.resolver.seconds_per_pixel(len(self.metadata.modulation.harmonics))

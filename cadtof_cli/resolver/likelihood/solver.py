@@ -1,0 +1,62 @@
+"""Any number of paths from any harmonics of a sine: maximum likelihood, by a search."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from cadtof_cli.arrays import Bool, Complex, Float, Index
+from cadtof_cli.phasors.noise import NoiseModel
+from cadtof_cli.resolver.likelihood.k_paths import found_paths, most_likely
+from cadtof_cli.resolver.likelihood.mixture import Measured
+from cadtof_cli.resolver.paths import Fit
+from cadtof_cli.resolver.settings import ResolverSettings
+from cadtof_cli.resolver.two_path.closed_form import fundamental_frame
+from cadtof_cli.resolver.two_path.one_path import one_path
+
+SURELY_MORE = 2.0
+"""Misfit with white noise, over the threshold, that settles the order: no light has more than twice the noise of ambient
+light in any direction, so that the best fit with the noise of the light that was found cannot come below the threshold."""
+
+
+class Likelihood:
+    """Maximum likelihood as a solver. Only the pixels asked for are searched: gathering them costs less than a step."""
+
+    sigma_type = np.float64
+
+    def __init__(self, phasors: Complex, noise: NoiseModel, /) -> None:
+        self.measured, self.noise = Measured.of_phasors(phasors, harmonics=noise.harmonics), noise
+        self.powers = [re * re + im * im for re, im in zip(self.measured.re, self.measured.im, strict=True)]
+        self.modulus = np.sqrt(self.powers[0])
+
+    def fit(self, count: int, pixels: Bool, /, *, limit: Float | float | None) -> tuple[Index, Fit]:
+        """Fit any number of paths (see `Solver`)."""
+        chosen: Index = np.flatnonzero(pixels)
+        limits = np.full(chosen.size, np.inf) if limit is None else np.broadcast_to(limit, pixels.shape)[chosen]
+        if limit is not None:
+            more = surely_more_paths(self.measured[chosen], count, limits=limits, noise=self.noise)
+            chosen, limits = chosen[~more], limits[~more]
+        found, misfit = found_paths(self.measured[chosen], count, noise=self.noise)
+        if limit is not None:
+            maybe = np.flatnonzero(misfit <= SURELY_MORE * limits)
+            chosen, found = chosen[maybe], found[maybe]
+        return chosen, most_likely(self.measured[chosen], found, noise=self.noise).fit()
+
+
+def solver(phasors: Complex, /, *, noise: NoiseModel, settings: ResolverSettings, response: None) -> Likelihood:
+    """Return the solver for a block of phasors, complex128 (H, n)."""
+    del settings, response
+    return Likelihood(phasors, noise)
+
+
+def surely_more_paths(measured: Measured, count: int, /, *, limits: Float, noise: NoiseModel) -> Bool:
+    """Return where the first two harmonics alone leave more than the limits of one path, without a search.
+
+    What all harmonics leave is no less than what two do. The fit is that of `one_path` without a step, exact to first order in
+    the noise, for which `SURELY_MORE` leaves room.
+    """
+    if count > 1 or measured.harmonics[:2] != (1, 2):
+        return np.zeros(limits.size, np.bool_)
+    first, second = (measured.re[row] + 1j * measured.im[row] for row in (0, 1))
+    fit = one_path(fundamental_frame(first, second), noise=replace(noise, each=noise.each[:2]), steps=0)
+    more: Bool = fit.chi_squared > SURELY_MORE * limits
+    return more

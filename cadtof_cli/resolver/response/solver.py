@@ -1,0 +1,75 @@
+"""One or two paths of channel pairs that answer with more than a sine: by the exact equations of the response."""
+
+import numpy as np
+
+from cadtof_cli.arrays import Bool, Complex, Float, Index
+from cadtof_cli.phasors.noise import NoiseModel
+from cadtof_cli.resolver.paths import Fit, Paths
+from cadtof_cli.resolver.response.one_path import one_path_of_response
+from cadtof_cli.resolver.response.table import ResponseBlock
+from cadtof_cli.resolver.response.two_paths import two_paths_of_response
+from cadtof_cli.resolver.settings import ResolverSettings
+from cadtof_cli.resolver.two_path.closed_form import fundamental_frame, is_single
+from cadtof_cli.resolver.two_path.one_path import OnePath, one_path
+from cadtof_cli.resolver.two_path.uncertainty import two_path_sigmas
+
+ORDER_TEST_STEPS = 2
+"""Gauss–Newton steps of the one-path fit where the order test or two paths follow."""
+
+ONE_PATH_STEPS = 6
+"""Those where one path is all that is asked for."""
+
+
+class FullResponse:
+    """The response as a solver: the answers of the closed form are where its iterations start.
+
+    The order test compares fits of the full response: to a sine, a triangle's third harmonic looks like a second path.
+    """
+
+    sigma_type = np.float32
+
+    def __init__(
+        self, phasors: Complex, noise: NoiseModel, response: ResponseBlock, settings: ResolverSettings, /
+    ) -> None:
+        self._phasors, self._noise, self._response = phasors, noise, response
+        self._always_two = settings.order == "2"
+        steps = ONE_PATH_STEPS if settings.max_paths == 1 else ORDER_TEST_STEPS
+        self._frame = fundamental_frame(*phasors)
+        self._alone: OnePath = one_path_of_response(
+            one_path(self._frame, noise=noise, steps=1), phasors, response=response, noise=noise, steps=steps
+        )
+
+    @property
+    def modulus(self) -> Float:
+        """|p| of the first harmonic."""
+        return self._frame.u
+
+    @property
+    def powers(self) -> tuple[Float, Float]:
+        """|p|² of both harmonics."""
+        return self._frame.powers
+
+    def fit(self, count: int, pixels: Bool, /, *, limit: Float | float | None) -> tuple[Index | slice, Fit]:
+        """Fit one or two paths (see `Solver`)."""
+        del limit
+        if count == 1:
+            chosen = np.flatnonzero(pixels)
+            return chosen, self._alone.fit()[chosen]
+        single = is_single(self._frame) & self._always_two
+        two, converged = two_paths_of_response(
+            self._alone, self._phasors, pixels & ~single, response=self._response, noise=self._noise
+        )
+        sigma = two_path_sigmas(two, noise=self._noise)
+        doubt = np.maximum(*sigma) / two.sin_half
+        fit = Fit(Paths(two.amplitude, two.phases(), sigma), np.zeros(doubt.size), converged, doubt)
+        if single.any():
+            at = np.flatnonzero(single)
+            fit[at] = self._alone.fit()[at]
+        return slice(None), fit
+
+
+def solver(
+    phasors: Complex, /, *, noise: NoiseModel, settings: ResolverSettings, response: ResponseBlock
+) -> FullResponse:
+    """Return the solver for a block of phasors, complex128 (2, n), of the same pixels as the response."""
+    return FullResponse(phasors, noise, response, settings)

@@ -1,0 +1,106 @@
+"""Two paths under a response that is no pure sine: Gauss–Newton on the exact equations, from the sine's answer.
+
+p_h = Σ_paths a·f_h(x), with f_h tabulated. Subtracting the higher terms again and again does not converge for triangles
+(their third harmonic changes four times as fast as the phase it disturbs, by a ninth of the amplitude); Newton's steps do.
+They are searched for in `search`, which is handed its starts from here.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from cadtof_cli.arrays import Bool, Complex, Float32, Index
+from cadtof_cli.phasors.noise import NoiseModel
+from cadtof_cli.resolver.paths import FULL_TURN
+from cadtof_cli.resolver.response.newton import Equations, SearchState, search
+from cadtof_cli.resolver.response.one_path import angle_of
+from cadtof_cli.resolver.response.table import STAGES, ResponseBlock
+from cadtof_cli.resolver.two_path.closed_form import TwoPaths, fundamental_frame, two_paths
+from cadtof_cli.resolver.two_path.one_path import OnePath
+
+MOST_STEPS = 6
+"""Most steps a pixel gets from one start, halvings among them; two or three are what it takes."""
+
+STAGE_STEPS = 8
+"""Most steps at each stage on the way from a sine to the response."""
+
+STAGE_TOLERANCE = 10.0
+"""How much more may be left of the equations where the next stage moves the paths anyway."""
+
+_EVERYWHERE = slice(None)
+
+
+def two_paths_of_response(
+    alone: OnePath, phasors: Complex, chosen: Bool, /, *, response: ResponseBlock, noise: NoiseModel
+) -> tuple[TwoPaths, Bool]:
+    """Return two paths that meet the four exact equations in the chosen pixels, and where they do; in the others, the sine's.
+
+    The search starts from the closed form after the higher terms of the best single path have been subtracted. A step that
+    does not bring a pixel closer is halved; a pixel is done, and costs nothing more, when what is left of its equations is
+    well below the noise. Those that are not done are led from the sine's answer to the response's in `STAGES`. What
+    still is not done keeps its best and is marked.
+
+    Args:
+        alone: the best single path.
+        phasors: complex128 (2, n), normalised.
+        chosen: bool (n,), pixels that have two paths.
+        response: of the same n pixels.
+        noise: of the phasors; it decides when a pixel is done.
+    """
+    start = two_paths(fundamental_frame(*_sine_part(alone, phasors, response)))
+    pixels = np.flatnonzero(chosen & ~start.single)
+    converged = np.ones(chosen.shape, np.bool_)
+    if not pixels.size:
+        return start, converged
+    equations = Equations.of(response, phasors, pixels, noise)
+    found = search(equations, _values(start, pixels), steps=MOST_STEPS)
+    again = np.flatnonzero(~found.done)
+    if again.size:
+        led = _led_by_stages(equations.chosen(again), phasors[:, pixels[again]])
+        better = led.misfit < found.misfit[again]
+        found.put(again[better], SearchState(led.values[:, better], led.misfit[better], led.done[better]))
+    converged[pixels] = found.done
+    return _with(start, pixels, found.values), converged
+
+
+def _led_by_stages(equations: Equations, phasors: Complex) -> SearchState:
+    """Return the state at the end of the stages, from the sine's answer."""
+    values = _values(two_paths(fundamental_frame(*np.ascontiguousarray(phasors))), _EVERYWHERE)
+    coarse = replace(equations, enough=equations.enough * np.float32(STAGE_TOLERANCE**2))
+    for stage in range(len(STAGES) - 1):
+        values = search(coarse, values, steps=STAGE_STEPS, stage=stage).values
+    return search(equations, values, steps=STAGE_STEPS)
+
+
+def _values(paths: TwoPaths, pixels: Index | slice) -> Float32:
+    """Return a, x, b, y of some pixels, (4, m)."""
+    x, y = paths.phases()
+    return np.stack([paths.a[pixels], x[pixels], paths.b[pixels], y[pixels]]).astype(np.float32)
+
+
+def _with(paths: TwoPaths, pixels: Index, values: Float32) -> TwoPaths:
+    """Return the paths with a, x, b, y of some pixels replaced."""
+    x, y = values[1].astype(np.float64), values[3].astype(np.float64)
+    half = 0.5 * ((x - y) % FULL_TURN)
+    refined = (values[0], values[2], np.cos(y + half), np.sin(y + half), np.cos(half), np.sin(half))
+    planes = (paths.a, paths.b, paths.cos_mean, paths.sin_mean, paths.cos_half, paths.sin_half)
+    changed = [plane.copy() for plane in planes]
+    for plane, new in zip(changed, refined, strict=True):
+        plane[pixels] = new
+    a, b, cos_mean, sin_mean, cos_half, sin_half = changed
+    return TwoPaths(np.stack((a, b)), cos_mean, sin_mean, cos_half, sin_half, paths.single)
+
+
+def _sine_part(alone: OnePath, phasors: Complex, response: ResponseBlock) -> Complex:
+    """Return what phasors, (2, n), would be with k = 1 alone, if all light came by the best single path."""
+    phase = angle_of(alone.cos, alone.sin)
+    cleaned = np.empty_like(phasors)
+    cos, sin = alone.cos, alone.sin
+    for row, phasor in enumerate(phasors):
+        if row:
+            cos, sin = cos * cos - sin * sin, 2.0 * cos * sin
+        f = response.at(row, phase, _EVERYWHERE)
+        re, im = response.turned_back(row, f.re, f.im)
+        cleaned[row].real = phasor.real - alone.amplitude * (re - cos)
+        cleaned[row].imag = phasor.imag - alone.amplitude * (im - sin)
+    return cleaned

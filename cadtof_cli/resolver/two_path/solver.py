@@ -1,0 +1,81 @@
+"""One or two paths from harmonics 1 and 2 of a sine: in closed form, the same work for every pixel."""
+
+import numpy as np
+
+from cadtof_cli.arrays import Bool, Complex, Float, Index
+from cadtof_cli.phasors.noise import NoiseModel
+from cadtof_cli.resolver.paths import Fit, Paths
+from cadtof_cli.resolver.settings import ResolverSettings
+from cadtof_cli.resolver.two_path.closed_form import FundamentalFrame, fundamental_frame, two_paths
+from cadtof_cli.resolver.two_path.one_path import one_path
+from cadtof_cli.resolver.two_path.uncertainty import two_path_sigmas
+
+ORDER_TEST_STEPS = 0
+"""Newton steps of the one-path fit where the order test follows. What the test accepts deviates from one path by no more than
+noise, and to first order in the noise the fit's start is its end: a step would change the scatter by less than 0.1 %."""
+
+ONE_PATH_STEPS = 6
+"""Newton steps where one path is all that is asked for, however badly it fits."""
+
+
+class ClosedForm:
+    """The closed form as a solver."""
+
+    sigma_type = np.float32
+
+    def __init__(self, phasors: Complex, noise: NoiseModel, /) -> None:
+        self._frame, self._noise = fundamental_frame(*phasors), noise
+
+    @property
+    def modulus(self) -> Float:
+        """|p| of the first harmonic."""
+        return self._frame.u
+
+    @property
+    def powers(self) -> tuple[Float, Float]:
+        """|p|² of both harmonics."""
+        return self._frame.powers
+
+    def fit(self, count: int, pixels: Bool, /, *, limit: Float | float | None) -> tuple[Index | slice, Fit]:
+        """Fit one or two paths (see `Solver`)."""
+        if count == 2:
+            return self._two(pixels)
+        if limit is not None:
+            pixels = pixels & may_be_one_path(self._frame, limit, noise=self._noise)
+        chosen = np.flatnonzero(pixels)
+        steps = ONE_PATH_STEPS if limit is None else ORDER_TEST_STEPS
+        return chosen, one_path(self._frame[chosen], noise=self._noise, steps=steps).fit()
+
+    def _two(self, pixels: Bool) -> tuple[Index | slice, Fit]:
+        """Fit two paths; where most pixels need them, the few others are computed along: faster than to gather."""
+        everywhere = 2 * np.count_nonzero(pixels) >= pixels.size
+        chosen: Index | slice = slice(None) if everywhere else np.flatnonzero(pixels)
+        frame = self._frame if everywhere else self._frame[chosen]
+        two = two_paths(frame)
+        sigma = two_path_sigmas(two, noise=self._noise)
+        doubt = np.maximum(*sigma) / two.sin_half
+        count = doubt.size
+        fit = Fit(Paths(two.amplitude, two.phases(), sigma), np.zeros(count), np.ones(count, np.bool_), doubt)
+        if two.single.any():
+            single = np.flatnonzero(two.single)
+            fit[single] = one_path(frame[single], noise=self._noise, steps=ORDER_TEST_STEPS).fit()
+        return chosen, fit
+
+
+def solver(phasors: Complex, /, *, noise: NoiseModel, settings: ResolverSettings, response: None) -> ClosedForm:
+    """Return the solver for a block of phasors, complex128 (2, n)."""
+    del settings, response
+    return ClosedForm(phasors, noise)
+
+
+def may_be_one_path(frame: FundamentalFrame, limit: Float | float, /, *, noise: NoiseModel) -> Bool:
+    """Return False where one path leaves a χ² above the limit for certain, without fitting it.
+
+    If the best single path leaves n1 and n2 of the two phasors, then |p1| − p2·conj(ρ)² is at most (1+π)|n1| + |n2|, because
+    n1 turns ρ by no more than π|n1|/2a; and noise along and across a phasor has at most twice its dark variance.
+    """
+    first, second = noise.each
+    most = 2.0 * limit * ((1.0 + np.pi) ** 2 * first.dark_variance + second.dark_variance)
+    difference = frame.u - frame.pr
+    may: Bool = difference * difference + frame.pi * frame.pi <= most
+    return may

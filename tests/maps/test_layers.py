@@ -1,0 +1,57 @@
+"""The registry of layers: which there are, what they are called, and what they hold."""
+
+import numpy as np
+import pytest
+
+from cadtof_cli.maps.depth import DepthScale, empty_maps, write_block
+from cadtof_cli.maps.layers import layer_unit, wanted_layers
+from cadtof_cli.resolver.paths import Paths, ResolvedPaths
+
+ALWAYS = (
+    *("direct.depth", "mpi.depth", "direct.amplitude", "mpi.amplitude", "direct.sigma", "mpi.sigma"),
+    "confidence",
+)
+
+
+def test_layers_come_in_the_order_of_the_contract() -> None:
+    assert tuple(layer.name for layer in wanted_layers()) == ALWAYS
+    most = [layer.name for layer in wanted_layers(paths=4, searched=True, averaged=True)]
+    later = [f"path{number}.{what}" for number in (3, 4) for what in ("depth", "amplitude", "sigma")]
+    assert most == [*ALWAYS, *later, "chi_squared", "effective_pixels"]
+
+
+@pytest.mark.parametrize(
+    ("name", "unit"),
+    [
+        ("direct.depth", "m"),
+        ("path3.sigma", "m"),
+        ("mpi.amplitude", "V"),
+        ("confidence", "V"),
+        ("chi_squared", ""),
+        ("x", ""),
+    ],
+)
+def test_units_go_by_name(name: str, unit: str) -> None:
+    assert layer_unit(name) == unit
+    assert {layer.name: layer.unit for layer in wanted_layers(paths=3, searched=True)}.get(name, unit) == unit
+
+
+def test_values_are_in_metres_and_volts_and_a_range_below_0_comes_from_the_end() -> None:
+    phases = np.array([[1.0, 0.05], [2.0, np.nan], [3.0, np.nan]])
+    paths = Paths(phases / 10.0, phases, phases / 100.0)
+    resolved = ResolvedPaths(paths, np.array([0.5, 0.25]), np.array([8, 16], np.uint32), np.array([4.0, 5.0]))
+    layers = wanted_layers(paths=3, searched=True, averaged=True)
+    scale = DepthScale(2.0, 0.5, np.array([9.0, 0.5, 1.0]), np.array([9.0, 0.0, 0.2]))
+    maps = empty_maps(1, 3, layers=layers)
+    maps.values[:] = -1.0
+    write_block(maps, slice(1, 3), scale.source(resolved, slice(1, 3), samples=np.array([1.0, 7.0])), layers=layers)
+    found = {name: maps.layer(name)[0].tolist() for name in maps.names}
+    wrapped = (0.05 - 0.1 + 2 * np.pi) * 2.0
+    assert found["direct.depth"] == pytest.approx([-1.0, 1.0, wrapped], abs=1e-6)
+    assert found["path3.depth"] == pytest.approx([-1.0, 3.0, np.nan], nan_ok=True)
+    assert found["mpi.amplitude"] == pytest.approx([-1.0, 0.1, np.nan], nan_ok=True)
+    assert found["direct.sigma"] == pytest.approx([-1.0, 0.01, 0.001])
+    assert found["confidence"] == pytest.approx([-1.0, 0.25, 0.125])
+    assert found["chi_squared"] == [-1.0, 4.0, 5.0]
+    assert found["effective_pixels"] == [-1.0, 1.0, 7.0]
+    assert maps.status[0, 1:].tolist() == [8, 16]

@@ -1,0 +1,53 @@
+"""docs/architecture.md names every room and file of the package, and no other."""
+
+import re
+from pathlib import Path
+
+ROOT = Path(__file__).parents[1]
+PAGE = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+
+
+def _named() -> set[str]:
+    """Paths in the page's tree, by indentation; folders end with a slash."""
+    tree = PAGE.split("```")[1].strip("\n").splitlines()
+    folders: list[str] = []
+    found = set()
+    for line in tree:
+        depth, name = (len(line) - len(line.lstrip())) // 2, line.split()[0]
+        folders = folders[:depth]
+        found.add("".join(folders) + name)
+        if name.endswith("/"):
+            folders.append(name)
+    return found
+
+
+def _there() -> set[str]:
+    package = ROOT / "cadtof_cli"
+    sources = [path for path in package.rglob("*") if path.suffix in {".py", ".c", ".h", ".html", ".js", ".css"}]
+    files = {path.relative_to(ROOT).as_posix() for path in sources if path.name != "__init__.py"}
+    return files | {f"{path.parent.relative_to(ROOT).as_posix()}/" for path in sources if path.suffix == ".py"}
+
+
+def test_every_room_and_file_is_in_the_tree() -> None:
+    missing = _there() - _named()
+    assert not missing, f"docs/architecture.md does not name {', '.join(sorted(missing))}"
+
+
+def test_nothing_in_the_tree_is_gone() -> None:
+    gone = _named() - _there()
+    assert not gone, f"docs/architecture.md names {', '.join(sorted(gone))}, which is not there"
+
+
+def test_functions_on_the_way_of_a_frame_exist() -> None:
+    places = re.findall(r"`([\w/]+\.py): (\w+)`", PAGE)
+    assert len(places) > 10
+    for file, function in places:
+        source = (ROOT / "cadtof_cli" / file).read_text(encoding="utf-8")
+        assert re.search(rf"^def {function}\(", source, re.MULTILINE), f"{file} has no function {function}"
+
+
+def test_files_that_changes_touch_exist() -> None:
+    table = PAGE.split("## What a change touches")[1]
+    for file in re.findall(r"`((?:\w+/)*\w+\.py)`", table):
+        if "NAME" not in file and file != "solver.py":
+            assert (ROOT / "cadtof_cli" / file).is_file(), file

@@ -1,0 +1,82 @@
+"""A frame prepared once and resolved in parts has the bits of a frame resolved whole; plans refuse what cannot be."""
+
+import pickle
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cadtof_cli.capture.metadata import CaptureMetadata, Pixel
+from cadtof_cli.errors import SettingsError
+from cadtof_cli.frame_plan import FramePlan, MapSettings
+from cadtof_cli.phasors.frame_mean import frame_mean
+from cadtof_cli.pipeline import joined_parts, prepare_frame, resolve_frame, resolve_pixels
+from cadtof_cli.resolver.settings import ResolverSettings
+from cadtof_cli.resolver.status import StatusBit
+from tests.support.forward import step_frame
+
+SIZE = (13, 7)
+
+
+def frames(count: int) -> list[np.ndarray]:
+    rng = np.random.default_rng(8)
+    return [step_frame(rng, height=SIZE[0], width=SIZE[1]).reshape(2, 2, *SIZE) for _ in range(count)]
+
+
+@pytest.mark.parametrize("known", [True, False])
+@pytest.mark.parametrize("settings", [MapSettings(), MapSettings(pool=3), MapSettings(pool=3, average=3)])
+def test_parts_that_crossed_to_other_processes_make_up_the_whole(settings: MapSettings, known: bool) -> None:
+    metadata = CaptureMetadata(pixel=Pixel(integration_length=1e5 if known else None))
+    plan = FramePlan(metadata=metadata, settings=settings)
+    mean = frame_mean(frames(settings.average), saturated_counts=None)
+    whole = resolve_frame(mean, plan=plan)
+    assert whole.noise_estimated is not known
+    assert np.isfinite(whole.maps.layer("direct.depth")).any()
+    for count in (2, 5):
+        prepared = prepare_frame(mean, plan=plan)
+        parts = [pickle.loads(pickle.dumps(part)) for part in prepared.parts(count)]
+        assert sum(part.count for part in parts) == SIZE[0] * SIZE[1]
+        joined = joined_parts(parts[0], [resolve_pixels(part, plan=plan) for part in parts])
+        assert joined.integration_length == whole.integration_length
+        np.testing.assert_array_equal(joined.maps.values, whole.maps.values)
+        np.testing.assert_array_equal(joined.maps.status, whole.maps.status)
+
+
+def test_every_frame_has_maps_of_its_own() -> None:
+    plan = FramePlan(metadata=CaptureMetadata(pixel=Pixel(integration_length=1e5)))
+    one, other = (resolve_frame(frame, plan=plan).maps for frame in frames(2))
+    assert not np.shares_memory(one.pages, other.pages)
+    assert (one.values != other.values).any()
+
+
+def test_the_least_confidence_is_in_volts() -> None:
+    metadata = CaptureMetadata(pixel=Pixel(integration_length=1e5))
+    frame = frames(1)[0]
+    confidence_v = np.hypot(*frame[0])
+    least = float(np.median(confidence_v))
+    plan = FramePlan(metadata=metadata, settings=MapSettings(min_confidence_v=least))
+    low = (resolve_frame(frame, plan=plan).maps.status & StatusBit.LOW_CONFIDENCE) > 0
+    pulse = np.exp(-((2 * np.pi * 1.7 / 2.354820045 / 40.0) ** 2) / 2)  # confidence is corrected for it
+    np.testing.assert_array_equal(low, confidence_v / pulse < least)
+
+
+@pytest.mark.parametrize(
+    ("settings", "words"),
+    [
+        ({"min_confidence_v": float("nan")}, "--min-confidence: found nan, expected a voltage"),
+        ({"min_confidence_v": -1.0}, "--min-confidence: found -1.0"),
+        ({"pool": 4}, "--pool: found 4, expected an odd number"),
+        ({"average": 0}, "--average: found 0"),
+        ({"depth": "x"}, "--depth: found 'x', expected one of range, z"),
+    ],
+)
+def test_impossible_settings_are_refused(settings: dict[str, Any], words: str) -> None:
+    with pytest.raises(SettingsError, match=words):
+        MapSettings(**settings)
+
+
+def test_a_plan_refuses_what_its_capture_cannot_give() -> None:
+    with pytest.raises(SettingsError, match="optics are unknown"):
+        FramePlan(metadata=CaptureMetadata(), settings=MapSettings(depth="z"))
+    with pytest.raises(SettingsError, match="3 paths need at least 3 periods"):
+        FramePlan(metadata=CaptureMetadata(), settings=MapSettings(resolver=ResolverSettings(paths=3)))
