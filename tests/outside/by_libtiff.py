@@ -69,6 +69,10 @@ def _raw2tiff(folder: Path, frame: Stored) -> tuple[Path, ...]:
 
 CASES = [
     Case("libtiff", "tiffcp, big-endian strips", _tiffcp("-B", "-s", "-r", "7")),
+    Case("libtiff", "tiffcp -B -8, strips, float32", _tiffcp("-8", "-B", "-s", "-r", "7"), "f4"),
+    Case("libtiff", "tiffcp -c zip, big-endian tiles", _tiffcp("-c", "zip", "-t", "-w", "32", "-l", "16", "-B")),
+    Case("libtiff", "tiffcp -c lzw, strips", _tiffcp("-c", "lzw", "-s", "-r", "9")),
+    Case("libtiff", "tiffcp -c zstd, float32", _tiffcp("-c", "zstd"), "f4"),
     Case("libtiff", "tiffcp -8, tiles", _tiffcp("-8", "-t", "-w", "16", "-l", "32")),
     Case("libtiff", "tiffcp -c lzw:2", _tiffcp("-c", "lzw:2")),
     Case("libtiff", "tiffcp -c zip:3, float32", _tiffcp("-c", "zip:3"), "f4"),

@@ -161,7 +161,8 @@ def _gdal(*, named: bool = False, overviews: bool = False, masked: bool = False,
 
 
 _COLOUR = "colour picture"
-_LZW, _ZSTD, _TIFF_COMPRESSION = 5, 50000, 259
+_TIFF_COMPRESSION = 259
+_TILES: dict[str, Any] = {"tiled": True, "blockxsize": 16, "blockysize": 16}
 
 CASES = [
     Case("OpenCV", "imwritemulti, LZW by default", _opencv_pages()),
@@ -195,7 +196,7 @@ CASES = [
     Case("GDAL (rasterio)", "four bands, by pixel", _gdal(interleave="pixel", photometric="MINISBLACK")),
     Case("GDAL (rasterio)", "four bands, by band", _gdal(interleave="band", photometric="MINISBLACK")),
     Case("GDAL (rasterio)", "band names in another order", _gdal(named=True, photometric="MINISBLACK")),
-    Case("GDAL (rasterio)", "tiles, LZW, predictor", _gdal(tiled=True, blockxsize=16, blockysize=16, compress="lzw", predictor=2)),
+    Case("GDAL (rasterio)", "tiles, LZW, predictor", _gdal(**_TILES, compress="lzw", predictor=2)),
     Case("GDAL (rasterio)", "deflate, predictor 3, float32", _gdal(compress="deflate", predictor=3), "f4"),
     Case("GDAL (rasterio)", "Zstandard, big-endian BigTIFF", _gdal(compress="zstd", BIGTIFF="YES", ENDIANNESS="BIG")),
     Case("GDAL (rasterio)", "LERC, lossless", _gdal(compress="lerc")),

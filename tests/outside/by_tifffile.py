@@ -80,7 +80,7 @@ def _foreign_tag(folder: Path, frame: Stored) -> Path:
 
 
 def _numbered_description(folder: Path, frame: Stored) -> Path:
-    tags = [(270, 4, 1, 12, True), (305, 3, 1, 9, True), (285, 3, 1, 4, True)]
+    tags = [(270, 4, 1, 12, True), (285, 3, 1, 4, True)]
     tifffile.imwrite(
         folder / "frame.tif", np.stack(planes_of(frame)), photometric="minisblack", metadata=None, extratags=tags
     )
@@ -118,6 +118,7 @@ def _stored_in_two_ways(folder: Path, frame: Stored) -> Path:
 
 
 _OME: dict[str, Any] = {"ome": True}
+_LABELS = {"axes": "ZYX", "Labels": list(SHUFFLED)}
 _NAMES = {"Channel": {"Name": list(SHUFFLED)}}
 
 CASES = [
@@ -157,7 +158,7 @@ CASES = [
     ),
     Case("tifffile", "OME over two files", _in_several_files, refused="other files"),
     Case("tifffile", "ImageJ hyperstack, Z C", _whole(imagej=True, metadata={"axes": "ZCYX"})),
-    Case("tifffile", "ImageJ, slice labels in another order", _stack(shuffled=True, imagej=True, metadata={"axes": "ZYX", "Labels": list(SHUFFLED)})),
+    Case("tifffile", "ImageJ, slice labels in another order", _stack(shuffled=True, imagej=True, metadata=_LABELS)),
     Case("tifffile", "page names in another order", _named_pages(285)),
     Case("tifffile", "page descriptions in another order", _named_pages(270)),
     Case("tifffile", "four samples a pixel", _last_axis(photometric="minisblack", planarconfig="contig")),

@@ -3,6 +3,7 @@
 import importlib.util
 import shutil
 import subprocess
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -51,7 +52,10 @@ class Case:
         Raises:
             MissingWriterError: the software is not installed.
         """
-        files = self.write(folder, self.recorded())
+        with warnings.catch_warnings():
+            # what other software warns of is its own affair
+            warnings.simplefilter("ignore")
+            files = self.write(folder, self.recorded())
         return FrameSource("frame", files if isinstance(files, tuple) else (files,))
 
 

@@ -7,10 +7,12 @@ import numpy as np
 from cadtof_cli.capture.frames import open_frames
 from cadtof_cli.errors import FrameError
 from cadtof_cli.files.frames import FrameLayout
-from tests.outside import by_imagemagick, by_libtiff, by_openexr, by_packages, by_tifffile
+from tests.outside import by_imagej, by_imagemagick, by_libtiff, by_openexr, by_packages, by_tifffile
 from tests.outside.cases import Case
 
-CASES = (*by_tifffile.CASES, *by_libtiff.CASES, *by_imagemagick.CASES, *by_packages.CASES, *by_openexr.CASES)
+_WRITERS = (by_tifffile, by_libtiff, by_imagemagick, by_imagej, by_packages, by_openexr)
+
+CASES: tuple[Case, ...] = tuple(case for writer in _WRITERS for case in writer.CASES)
 
 
 def tried(case: Case, folder: Path) -> str | None:

@@ -24,7 +24,7 @@ _MASK_OR_REDUCED = 4 | 1
 
 def is_plain_page(page: tifffile.TiffPage | tifffile.TiffFrame, /) -> bool:
     """Tell whether a page is an image in full size, not a mask or one of a pyramid's smaller copies."""
-    return not page.keyframe.subfiletype & _MASK_OR_REDUCED
+    return page.keyframe is None or not page.keyframe.subfiletype & _MASK_OR_REDUCED
 
 
 def require_voltages(path: Path, page: tifffile.TiffPage, names: Iterable[str], /) -> None:

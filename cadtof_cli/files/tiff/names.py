@@ -2,13 +2,11 @@
 
 import math
 from collections.abc import Sequence
-from xml.etree import ElementTree
 
 import numpy as np
 import tifffile
 
 from cadtof_cli.files.named_planes import plane_label
-from cadtof_cli.files.tiff.ome import channel_names
 
 _DESCRIPTION = 270
 _PAGE_NAME = 285
@@ -28,6 +26,8 @@ def names_of_planes(
     """
     first, samples, images = tiff.pages.first, sizes[-1], math.prod(sizes[:-1])
     if tiff.is_ome:
+        from cadtof_cli.files.tiff.ome import channel_names
+
         return _channels(channel_names(first.description), axes, sizes)
     if tiff.is_gdal and images == 1:
         return _bands(first, samples)
@@ -56,6 +56,8 @@ def _channels(names: Sequence[str], axes: str, sizes: Sequence[int]) -> tuple[st
 
 def _bands(page: tifffile.TiffPage, samples: int) -> tuple[str, ...]:
     """Return the descriptions of a GeoTIFF's bands."""
+    from xml.etree import ElementTree
+
     tag = page.tags.get(_GDAL_METADATA)
     try:
         root = ElementTree.fromstring(str(tag.value) if tag else "")

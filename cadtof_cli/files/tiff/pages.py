@@ -109,6 +109,7 @@ def require_sound_keyframe(path: Path, page: tifffile.TiffPage, *, stored_bytes:
         found = f"{page.bitspersample} bits a sample, sample format {int(page.sampleformat)}"
         raise FrameError(f"{path}: found {found}, expected one of {', '.join(sorted(SAMPLE_TYPES))}")
     if page.compression != 1:
+        _require_known_compression(path, page)
         return
     expected = stored_bytes
     if page.tile is not None:
@@ -120,6 +121,16 @@ def require_sound_keyframe(path: Path, page: tifffile.TiffPage, *, stored_bytes:
             f"{path}: damaged TIFF: page {page.index} of {page.imagewidth} × {page.imagelength} {page.dtype.name}"
             f" says it takes {found_bytes:,} bytes, expected {expected:,}"
         )
+
+
+def _require_known_compression(path: Path, page: tifffile.TiffPage) -> None:
+    try:
+        tifffile.TIFF.DECOMPRESSORS[page.compression]
+    except KeyError as error:
+        raise FrameError(
+            f"{path}: its compression cannot be read here ({error.args[0]}); expected none, deflate, LZW or Zstandard:"
+            " rewrite it, such as by tiffcp -c zip"
+        ) from error
 
 
 def lies_in_one_run(page: Page, keyframe: tifffile.TiffPage) -> bool:

@@ -1,6 +1,7 @@
 """Which images a TIFF holds, in which order, and whether each is whole, by what tifffile makes of its metadata."""
 
 import math
+from collections import Counter
 from collections.abc import Sequence
 from functools import cached_property
 from pathlib import Path
@@ -32,9 +33,9 @@ def alike_series(path: Path, tiff: tifffile.TiffFile, /) -> list[tifffile.TiffPa
     series = [one for one in _series(tiff) if is_plain_page(one.keyframe)]
     if not series or not math.prod(series[0].shape):
         raise FrameError(f"{path}: found no image, expected pages of voltages")
-    kinds = {(one.shape, one.dtype): one for one in series}
-    if len(kinds) > 1:
-        found = "; ".join(f"{len(one)} pages of {shape_text(one.keyframe.shape[:2], one.dtype)}" for one in series[:4])
+    if len({(one.shape, one.dtype) for one in series}) > 1:
+        kinds = Counter(shape_text(one.keyframe.shape[:2], one.dtype) for one in series for _ in one)
+        found = "; ".join(f"{count} of {kind}" for kind, count in kinds.items())
         raise FrameError(f"{path}: found pages that differ ({found}), expected pages of one size and type")
     if series[0].is_multifile:
         raise FrameError(f"{path}: its OME metadata spreads it over several files, expected all planes in one file")
