@@ -14,7 +14,7 @@ from typing import Any
 from cadtof_cli.capture.frame_sources import FrameSource, grouped_planes, natural_key
 from cadtof_cli.capture.toml import FILE_NAME, MetadataSource, load_metadata
 from cadtof_cli.errors import CaptureError
-from cadtof_cli.files.formats import FRAME_SUFFIXES
+from cadtof_cli.files.formats import frame_suffixes
 from cadtof_cli.files.frames import FrameLayout
 
 _TRUTH = "truth"
@@ -39,7 +39,7 @@ class Capture:
     def layout(self) -> FrameLayout:
         """How the files are laid out, as a reader needs it."""
         metadata = self.source.metadata
-        return FrameLayout(harmonics=metadata.modulation.harmonics, frames=metadata.layout.frames)
+        return FrameLayout(metadata.modulation.harmonics, metadata.layout.frames, metadata.layout.raw)
 
 
 def find_captures(inputs: Sequence[Path], *, overrides: Mapping[str, Any] | None = None) -> tuple[Capture, ...]:
@@ -64,7 +64,10 @@ def find_captures(inputs: Sequence[Path], *, overrides: Mapping[str, Any] | None
         source = load_metadata(root / FILE_NAME if (root / FILE_NAME).exists() else None, overrides)
         # a shell that expands cap/* hands over the metadata too
         given = (name for name in there if name != FILE_NAME)
-        names = sorted(filter(_is_image, there), key=natural_key) if is_folder else list(given)
+        layout = source.metadata.layout
+        suffixes = frame_suffixes(planes=layout.pattern is not None, raw=layout.raw is not None)
+        images = (name for name in there if _is_image(name, suffixes))
+        names = sorted(images, key=natural_key) if is_folder else list(given)
         captures.append(_capture(root, source, names, among=there))
     return tuple(captures)
 
@@ -95,10 +98,10 @@ def _listed(root: Path) -> list[str]:
         raise CaptureError(f"{root}: cannot be listed: {error.strerror}") from error
 
 
-def _is_image(name: str) -> bool:
+def _is_image(name: str, suffixes: Sequence[str]) -> bool:
     # plain strings: a Path for each of 2,000 names takes longer than listing them
     stem, dot, suffix = name.lower().rpartition(".")
-    return dot + suffix in FRAME_SUFFIXES and not name.startswith(".") and stem != _TRUTH
+    return dot + suffix in suffixes and not name.startswith(".") and stem != _TRUTH
 
 
 def _capture(root: Path, source: MetadataSource, names: Sequence[str], *, among: Sequence[str]) -> Capture:
@@ -106,7 +109,8 @@ def _capture(root: Path, source: MetadataSource, names: Sequence[str], *, among:
     pattern = source.metadata.layout.pattern
     if pattern is None:
         frames = tuple(FrameSource(name.rpartition(".")[0] or name, (root / name,)) for name in names)
-        looked_for = f"{', '.join(FRAME_SUFFIXES)} files other than {_TRUTH}.*"
+        suffixes = frame_suffixes(planes=False, raw=source.metadata.layout.raw is not None)
+        looked_for = f"{', '.join(suffixes)} files other than {_TRUTH}.*"
     else:
         frames = grouped_planes(root, names, pattern, source.metadata.modulation.harmonics)
         looked_for = f"files named {pattern} (layout.pattern)"

@@ -161,6 +161,7 @@ def _capture_option(key: Key) -> Decorator[Any]:
         "number": click.FLOAT,
         "whole number": click.INT,
         "numbers": NUMBERS,
+        "whole numbers": NUMBERS,
         "pair": NUMBERS,
         "text": click.STRING,
     }

@@ -144,7 +144,7 @@ def resolve(
     INPUT is a capture folder, a file, or - for paths on stdin. OUT gets a file a frame, run.json and frames.jsonl.
 
     \b
-    Exit status: 0 all frames resolved; 1 some failed, the others are written;
+    Exit status: 0 all frames resolved; 1 some failed, the others are written, or nothing was resolved;
     2 wrong usage, settings or capture; 130 interrupted.
     """
     settings = ResolveSettings(
@@ -161,15 +161,15 @@ def resolve(
         def tell(report: FrameReport) -> None:
             if as_json:
                 click.echo(json.dumps(report.as_json()))
-            if report.status == "failed":
-                bar.warn(f"failed: {report.reason}")
+            if report.status == "failed" or (report.status == "skipped" and report.output is None):
+                bar.warn(f"{report.status}: {report.reason}")
 
         totals = resolve_captures(
             input_paths(inputs), settings=settings, overrides=overrides, progress=bar, on_frame=tell
         )
     if not quiet:
         click.echo(_summary(totals, out), err=True)
-    return 1 if totals.failed else 0
+    return 0 if totals.ok + totals.kept and not totals.failed else 1
 
 
 def _summary(totals: RunTotals, out: Path) -> str:

@@ -13,7 +13,7 @@ from cadtof_cli.arrays import Stored
 from cadtof_cli.errors import FrameError
 from cadtof_cli.files.damage import damage_as_frame_error
 from cadtof_cli.files.frames import CHANNELS, FrameLayout, Frames
-from cadtof_cli.files.tiff.axes import plane_table
+from cadtof_cli.files.plane_table import plane_table
 from cadtof_cli.files.tiff.images import TiffImages
 
 
@@ -69,7 +69,7 @@ def open_frames(path: Path, layout: FrameLayout, /) -> Iterator[Frames]:
         yield frames
 
 
-def read_plane(path: Path, /) -> Stored:
+def read_plane(path: Path, _layout: FrameLayout, /) -> Stored:
     """Return the one plane of a TIFF file, shape (Y, X), native byte order.
 
     Raises:

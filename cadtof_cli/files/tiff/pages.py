@@ -8,11 +8,10 @@ from pathlib import Path
 import tifffile
 
 from cadtof_cli.errors import FrameError
+from cadtof_cli.files.frames import SAMPLE_TYPES
 
 MAX_TAGS = 4096
 """As tifffile has it; a page with more is damage."""
-
-SAMPLE_TYPES = frozenset({"uint8", "uint16", "uint32", "int16", "int32", "float16", "float32", "float64"})
 
 Page = tifffile.TiffPage | tifffile.TiffFrame
 
@@ -107,7 +106,7 @@ def require_sound_keyframe(path: Path, page: tifffile.TiffPage, *, stored_bytes:
     """
     if page.dtype is None or page.dtype.name not in SAMPLE_TYPES or page.bitspersample != page.dtype.itemsize * 8:
         found = f"{page.bitspersample} bits a sample, sample format {int(page.sampleformat)}"
-        raise FrameError(f"{path}: found {found}, expected one of {', '.join(sorted(SAMPLE_TYPES))}")
+        raise FrameError(f"{path}: found {found}, expected one of {', '.join(SAMPLE_TYPES)}")
     if page.compression != 1:
         _require_known_compression(path, page)
         return

@@ -100,12 +100,18 @@ def _capture_facts(capture: Capture, workers: Workers, progress: Progress) -> Ca
     pixels = first_pixels(capture)
     tasks = (LookTask(source, capture.layout, metadata, pixels) for source in single_frames(capture))
     with closing(run_ordered(facts_of_frame, tasks, workers=workers)) as outcomes:
+        implausible: list[str] = []
         for outcome in outcomes:
             result = outcome.result
             if isinstance(result, WorkerDied):
                 result = FrameFacts(problem=f"{outcome.task.source}: the process that read it died, twice")
             facts.add(result)
+            if result.implausible is not None:
+                implausible.append(f"{outcome.task.source}: {result.implausible}")
             progress.advance()
+    if implausible:
+        more = f" (and {len(implausible) - 1} frames more)" if len(implausible) > 1 else ""
+        facts.problems.append(f"{implausible[0]}{more}")
     n_av = metadata.pixel.integration_length or facts.integration_length_seen
     if n_av is not None:
         facts.noise_mv = 1000.0 * metadata.modulation.amplitude_v * math.sqrt(0.5 / (2.0 * n_av - 1.0))

@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -17,7 +17,7 @@ from cadtof_cli.files.maps import write_maps
 from cadtof_cli.frame_plan import FramePlan
 from cadtof_cli.phasors.frame_mean import FrameMean, frame_mean
 from cadtof_cli.pipeline import ResolvedFrame, resolve_frame
-from cadtof_cli.resolver.status import count_status
+from cadtof_cli.resolver.status import count_status, why_no_answer
 from cadtof_cli.workflows.run_folder import FrameReport, FrameStatus
 
 Result = TypeVar("Result")
@@ -74,7 +74,8 @@ def attempted(task: FrameTask, work: Callable[[], Result], /, *, began: float) -
     """Return what `work` on a frame returns, or a report of what kept it from returning."""
     status: FrameStatus = "failed"
     if task.keep_existing and task.output.exists():
-        return task.report("skipped", f"{task.output} exists already", time.monotonic() - began)
+        kept = task.report("skipped", f"{task.output} exists already", time.monotonic() - began)
+        return replace(kept, output=str(task.output))
     try:
         return work()
     except NotAFrameError as error:
@@ -89,9 +90,16 @@ def attempted(task: FrameTask, work: Callable[[], Result], /, *, began: float) -
 
 
 def written(task: FrameTask, resolved: ResolvedFrame, /, *, left_out: str | None, began: float) -> FrameReport:
-    """Write a frame's maps and return its report; `left_out` says which frames of a mean could not be read."""
-    write_maps(task.output, resolved.maps, token=task.token)
+    """Write a frame's maps and return its report; `left_out` says which frames of a mean could not be read.
+
+    Raises:
+        FrameError: no pixel has an answer; nothing is written then.
+        OutputError: see `write_maps`.
+    """
     counts = count_status(resolved.maps.status)
+    if counts.invalid == resolved.maps.status.size:
+        raise FrameError(f"{task.sources[0]}: {why_no_answer(resolved.maps.status)}")
+    write_maps(task.output, resolved.maps, token=task.token)
     reasons = [left_out] if left_out else []
     if resolved.noise_estimated:
         reasons.append(f"noise estimated from the frame: integration_length {resolved.integration_length:.4g}")

@@ -13,13 +13,14 @@ from uuid import uuid4
 
 from cadtof_cli import __version__
 from cadtof_cli.capture.discovery import Capture, find_captures
-from cadtof_cli.capture.frames import first_frames, single_frames
-from cadtof_cli.errors import SettingsError
+from cadtof_cli.capture.frames import first_frames, open_frames, single_frames
+from cadtof_cli.errors import FrameError, SettingsError
 from cadtof_cli.execution.ordered import WorkerDied, run_ordered
 from cadtof_cli.execution.workers import Workers
 from cadtof_cli.files.atomic import remove_partial_files
 from cadtof_cli.files.formats import MAP_FORMATS, format_named, map_suffix_like
 from cadtof_cli.frame_plan import FramePlan, MapSettings
+from cadtof_cli.phasors.plausible import implausible
 from cadtof_cli.phasors.voltages import volts_per_count
 from cadtof_cli.resolver.status import MEANING
 from cadtof_cli.resolver.two_path.kernel import chosen_kernel, kernel_notes
@@ -92,10 +93,12 @@ class RunTotals:
     more_paths: int = 0
     invalid: int = 0
     seconds: float = 0.0
+    kept: int = 0
 
     def add(self, report: FrameReport) -> None:
-        """Count one more frame."""
+        """Count one more frame; one that was skipped since its maps are there already is `kept` too."""
         self.frames += 1
+        self.kept += report.status == "skipped" and report.output is not None
         setattr(self, report.status, getattr(self, report.status) + 1)
         for name in ("one_path", "two_paths", "more_paths", "invalid"):
             setattr(self, name, getattr(self, name) + (getattr(report, name) or 0))
@@ -162,6 +165,7 @@ def _plans(
 
     Raises:
         SettingsError: its settings do not allow it; or its values are integers and nothing says how many volts a count is.
+        FrameError: its values cannot be voltages.
     """
     use = calibration.use if calibration else None
     plans: list[CapturePlan] = []
@@ -174,7 +178,28 @@ def _plans(
                 volts_per_count(metadata.voltage, first.dtype)
         except SettingsError as error:
             raise SettingsError(f"{capture.root}: {error}") from error
+        _require_plausible(capture)
     return plans
+
+
+def _require_plausible(capture: Capture) -> None:
+    """Make sure that stored values can be voltages, by the first frame; where they cannot, by the middle and the last too.
+
+    Raises:
+        FrameError: in none of them they can, so it is not the frame that is wrong.
+    """
+    wrong: list[str] = []
+    for source in dict.fromkeys(capture.frames[place] for place in (0, len(capture.frames) // 2, -1)):
+        try:
+            with open_frames(source, capture.layout) as frames:
+                found = implausible(frames.read(), capture.source.metadata)
+        except FrameError:
+            continue
+        if found is None:
+            return
+        wrong.append(f"{source}: {found}")
+    if wrong:
+        raise FrameError(wrong[0])
 
 
 def _document(

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from cadtof_cli.errors import FrameError
 from cadtof_cli.files.frames import FrameLayout
-from cadtof_cli.files.tiff.axes import plane_table
+from cadtof_cli.files.plane_table import plane_table
 
 counts = st.integers(1, 6)
 harmonics = st.integers(1, 3).map(lambda n: tuple(range(1, n + 1)))
