@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     from cadtof_cli.arrays import Stored
     from cadtof_cli.files.frames import FrameLayout, Frames
-    from cadtof_cli.files.maps import DepthMaps
+    from cadtof_cli.files.maps import DepthMaps, MapsAbout
 
 _HEAD_BYTES = 16
 """No format is known by more; of them the first four are shown."""
@@ -44,8 +44,11 @@ class FrameFiles(FrameReader, Protocol):
 class LayerFiles(Protocol):
     """How maps are written in a format, and named layers read from it."""
 
-    def write_maps(self, path: Path, maps: "DepthMaps", /, *, software: str) -> None:
+    def write_maps(self, path: Path, maps: "DepthMaps", /, *, about: "MapsAbout") -> None:
         """Write the maps of a frame: layers by name, then the status bits. The same maps give the same bytes."""
+
+    def read_facts(self, path: Path, /) -> dict[str, str]:
+        """Return what a file of maps says of itself, by name; nothing where another program wrote it."""
 
     def read_layers(self, path: Path, /) -> "dict[str, NDArray[Any]]":
         """Return the layers of a file by name, (Y, X) each, as they are stored."""

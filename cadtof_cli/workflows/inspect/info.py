@@ -18,6 +18,7 @@ from cadtof_cli.execution.workers import Workers
 from cadtof_cli.frame_plan import FramePlan
 from cadtof_cli.phasors.voltages import volts_per_count
 from cadtof_cli.units import unambiguous_range_m
+from cadtof_cli.workflows.inspect.calibration_facts import CalibrationFacts, facts_of_calibration, is_calibration_folder
 from cadtof_cli.workflows.inspect.frame_facts import FrameFacts, LookTask, facts_of_frame
 from cadtof_cli.workflows.inspect.map_facts import MapFacts, facts_of_maps, map_layers
 from cadtof_cli.workflows.progress import Progress
@@ -65,6 +66,9 @@ class CaptureFacts:
             self.integration_length_seen = facts.integration_length_seen
 
 
+Facts = CaptureFacts | MapFacts | CalibrationFacts
+
+
 def look_into(
     inputs: Sequence[Path],
     /,
@@ -72,16 +76,18 @@ def look_into(
     overrides: Mapping[str, Any],
     workers: Workers,
     progress: Progress,
-) -> list[CaptureFacts | MapFacts]:
+) -> list[Facts]:
     """Return what each input holds: captures are read whole, so that what is damaged is found.
 
     Raises:
         CadtofError: an input does not exist or holds nothing to look into, or its `capture.toml` is not allowed.
     """
-    found: list[CaptureFacts | MapFacts] = []
+    found: list[Facts] = []
     recorded: list[Path] = []
     for path in inputs:
-        if is_run_folder(path) or map_layers(path) is not None:
+        if is_calibration_folder(path):
+            found.append(facts_of_calibration(path))
+        elif is_run_folder(path) or map_layers(path) is not None:
             found.append(facts_of_maps(path))
         else:
             recorded.append(path)

@@ -13,7 +13,7 @@ from cadtof_cli.capture.frames import open_frames
 from cadtof_cli.errors import CadtofError, FrameError
 from cadtof_cli.execution.workers import keep_freed_memory
 from cadtof_cli.files.frames import FrameLayout, NotAFrameError
-from cadtof_cli.files.maps import write_maps
+from cadtof_cli.files.maps import MapsAbout, write_maps
 from cadtof_cli.frame_plan import FramePlan
 from cadtof_cli.phasors.frame_mean import FrameMean, frame_mean
 from cadtof_cli.pipeline import ResolvedFrame, resolve_frame
@@ -99,7 +99,7 @@ def written(task: FrameTask, resolved: ResolvedFrame, /, *, left_out: str | None
     counts = count_status(resolved.maps.status)
     if counts.invalid == resolved.maps.status.size:
         raise FrameError(f"{task.sources[0]}: {why_no_answer(resolved.maps.status)}")
-    write_maps(task.output, resolved.maps, token=task.token)
+    write_maps(task.output, resolved.maps, about=_about(task), token=task.token)
     reasons = [left_out] if left_out else []
     if resolved.noise_estimated:
         reasons.append(f"noise estimated from the frame: integration_length {resolved.integration_length:.4g}")
@@ -112,6 +112,20 @@ def written(task: FrameTask, resolved: ResolvedFrame, /, *, left_out: str | None
         more_paths=counts.more_paths if task.plan.settings.resolver.max_paths > 2 else None,
         invalid=counts.invalid,
     )
+
+
+def _about(task: FrameTask) -> MapsAbout:
+    """Return what the file of a frame's maps says of itself; the recorded frame by its name, wherever the folder lies."""
+    plan, source = task.plan, task.sources[0]
+    place = "" if source.index is None else f"[{source.index}]"
+    facts = {
+        "depth": "radial range" if plan.settings.depth == "range" else "planar depth z",
+        "periods_ns": ", ".join(f"{period:g}" for period in plan.metadata.modulation.periods_ns),
+        "source": f"{source.paths[0].name}{place}",
+    }
+    if plan.calibration is not None:
+        facts["calibration"] = plan.calibration.digest
+    return MapsAbout({layer.name: layer.unit for layer in plan.layers}, facts)
 
 
 def read_frame(task: FrameTask, /) -> tuple[Stored | FrameMean, str | None]:
