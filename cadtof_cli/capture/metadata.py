@@ -2,7 +2,7 @@
 
 import itertools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Literal, cast
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 Waveform = Literal["sine", "triangle"]
 
-Kind = Literal["number", "whole number", "numbers", "whole numbers", "pair", "text"]
+Kind = Literal["number", "whole number", "numbers", "whole numbers", "pair", "text", "names", "numbers by name"]
 
 WAVEFORMS: tuple[Waveform, ...] = ("sine", "triangle")
 
@@ -75,6 +75,18 @@ def _text(value: Any) -> str:
     return value
 
 
+def _names(value: Any) -> tuple[str, ...]:
+    if not isinstance(value, list | tuple) or len(value) != 2:
+        raise TypeError("a list of two names")
+    return tuple(map(_text, value))
+
+
+def _numbers_by_name(value: Any) -> tuple[tuple[str, int], ...]:
+    if not isinstance(value, Mapping) or not value:
+        raise TypeError('whole numbers by name, such as { "25" = 1, "50" = 2 }')
+    return tuple((str(name), _whole_number(number)) for name, number in value.items())
+
+
 _CONVERTERS: dict[Kind, Callable[[Any], Any]] = {
     "number": _number,
     "whole number": _whole_number,
@@ -82,6 +94,8 @@ _CONVERTERS: dict[Kind, Callable[[Any], Any]] = {
     "whole numbers": _whole_numbers,
     "pair": _pair,
     "text": _text,
+    "names": _names,
+    "numbers by name": _numbers_by_name,
 }
 
 
@@ -206,6 +220,10 @@ class Layout:
     """How frames are spread over files, where the files do not say it themselves."""
 
     pattern: str | None = _key("text", "file name of one plane, such as {frame}_h{harmonic}_sc{channel}.tif")
+    channel: tuple[str, str] | None = _key("names", "what {channel} is for SC1 and SC2 in the pattern, if not 1 and 2")
+    harmonic: tuple[tuple[str, int], ...] | None = _key(
+        "numbers by name", "what {harmonic} is in the pattern, and which harmonic that stands for"
+    )
     frames: int | None = _key("whole number", "frames in each TIFF stack")
     raw_dtype: str | None = _key(
         "text", "type of the values in raw dumps, such as uint16 or >u2 (in TOML: [layout.raw] dtype)"
@@ -215,13 +233,22 @@ class Layout:
 
     def __post_init__(self) -> None:
         if self.pattern is not None:
-            missing = [name for name in ("{frame}", "{harmonic}", "{channel}") if self.pattern.count(name) != 1]
+            counts = [self.pattern.count(part) for part in ("{harmonic}", "{channel}", "{frame}")]
             _require(
-                not missing and "/" not in self.pattern,
+                counts in ([1, 1, 0], [1, 1, 1]) and not self.pattern.startswith("/"),
                 "layout.pattern",
                 self.pattern,
-                "a file name with {frame}, {harmonic} and {channel} once each",
+                "a file name with {frame}, {harmonic} and {channel} once each; a lone frame needs no {frame}",
             )
+        names = self.channel or ("1", "2")
+        _require(len(set(names)) == 2 and all(names), "layout.channel", list(names), "two different names")
+        numbers = [number for _, number in self.harmonic or ()]
+        _require(
+            len(set(numbers)) == len(numbers),
+            "layout.harmonic",
+            dict(self.harmonic or ()),
+            "a number of its own for each name",
+        )
         _require(self.frames is None or self.frames >= 1, "layout.frames", self.frames, "1 or more")
         given = self.raw_dtype is not None, self.raw_shape is not None
         _require(given[0] == given[1], "layout.raw_dtype", self.raw_dtype, "dtype and shape of raw dumps, both or none")

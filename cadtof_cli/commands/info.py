@@ -3,11 +3,19 @@
 import json
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict
+from pathlib import Path
 from typing import Any
 
 import click
 
-from cadtof_cli.commands.options import SectionedCommand, capture_options, gathered, input_paths, setting_option
+from cadtof_cli.commands.options import (
+    SectionedCommand,
+    capture_options,
+    gathered,
+    input_paths,
+    setting_option,
+    settings_option,
+)
 from cadtof_cli.commands.progress import progress_bar
 from cadtof_cli.execution.workers import Workers
 
@@ -26,9 +34,16 @@ from cadtof_cli.execution.workers import Workers
         help="Processes that read frames.  [default: all cores]",
     ),
 )
+@settings_option()
 @click.option("--json", "as_json", is_flag=True, help="Print a JSON object for each input, a line each.")
 @capture_options()
-def info(inputs: tuple[str, ...], workers: Workers, as_json: bool, overrides: Mapping[str, Any]) -> int:
+def info(
+    inputs: tuple[str, ...],
+    workers: Workers,
+    settings_file: Path | None,
+    as_json: bool,
+    overrides: Mapping[str, Any],
+) -> int:
     """Show what captures, maps and calibrations hold: frames, metadata and where each value came from, ranges, noise.
 
     INPUT is a capture folder, a frame, a map file, the folder of a run or of a calibration, or - for paths on stdin.
@@ -49,7 +64,9 @@ def info(inputs: tuple[str, ...], workers: Workers, as_json: bool, overrides: Ma
     }
 
     with progress_bar("reading", "frames", quiet=False) as bar:
-        found = look_into(input_paths(inputs), overrides=overrides, workers=workers, progress=bar)
+        found = look_into(
+            input_paths(inputs), overrides=overrides, settings_file=settings_file, workers=workers, progress=bar
+        )
     for facts in found:
         kind, lines = shown[type(facts)]
         click.echo(json.dumps({"kind": kind, **asdict(facts)}) if as_json else "\n".join(lines(facts)))

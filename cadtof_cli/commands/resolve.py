@@ -7,18 +7,35 @@ from typing import Any
 
 import click
 
-from cadtof_cli.commands.options import SectionedCommand, capture_options, gathered, input_paths, setting_option
+from cadtof_cli.commands.options import (
+    STDIN,
+    SectionedCommand,
+    arriving_paths,
+    capture_options,
+    gathered,
+    setting_option,
+    settings_option,
+)
 from cadtof_cli.commands.progress import progress_bar
 from cadtof_cli.execution.workers import Workers
 from cadtof_cli.frame_plan import MapSettings
 from cadtof_cli.resolver.settings import ResolverSettings
-from cadtof_cli.workflows.resolve.resolve import FORMAT_CHOICES, ResolveSettings, RunTotals, resolve_captures
+from cadtof_cli.workflows.resolve.resolve import RunTotals, resolve_captures
+from cadtof_cli.workflows.resolve.settings import FORMAT_CHOICES, ResolveSettings
 from cadtof_cli.workflows.run_folder import FrameReport
 
 
 @click.command(cls=SectionedCommand)
 @click.argument("inputs", nargs=-1, required=True, metavar="INPUT...")
 @setting_option("-o --out", ResolveSettings, "out", required=True, help="Folder that the maps are written into.")
+@setting_option(
+    "-r --recursive",
+    ResolveSettings,
+    "recursive",
+    help="Look for captures in all folders below each INPUT, too; OUT gets the same tree.",
+)
+@click.option("-0", "--null", is_flag=True, help="Paths on stdin end with a zero byte, as `find -print0` writes them.")
+@settings_option()
 @gathered(
     "resolver",
     ResolverSettings,
@@ -125,6 +142,9 @@ def resolve(
     *,
     inputs: tuple[str, ...],
     out: Path,
+    recursive: bool,
+    null: bool,
+    settings_file: Path | None,
     resolver: ResolverSettings,
     min_confidence_v: float | None,
     depth: Any,
@@ -141,7 +161,8 @@ def resolve(
 ) -> int:
     """Resolve the direct and the MPI path in every pixel of recorded frames, and write their maps.
 
-    INPUT is a capture folder, a file, or - for paths on stdin. OUT gets a file a frame, run.json and frames.jsonl.
+    INPUT is a capture folder, a file, or - for paths on stdin, a line each, resolved as they arrive. OUT gets a file per
+    frame, run.json and frames.jsonl; with several captures, a folder for each as they lie below the folder that they share.
 
     \b
     Exit status: 0 all frames resolved; 1 some failed, the others are written, or nothing was resolved;
@@ -155,7 +176,10 @@ def resolve(
         workers=workers,
         overwrite=overwrite,
         resume=resume,
+        recursive=recursive,
+        settings_file=settings_file,
     )
+    paths = arriving_paths(inputs, separator=b"\0" if null else b"\n")
     with progress_bar("resolving", "frames", quiet=quiet) as bar:
 
         def tell(report: FrameReport) -> None:
@@ -165,7 +189,12 @@ def resolve(
                 bar.warn(f"{report.status}: {report.reason}")
 
         totals = resolve_captures(
-            input_paths(inputs), settings=settings, overrides=overrides, progress=bar, on_frame=tell
+            next(paths),
+            arriving=paths if STDIN in inputs else None,
+            settings=settings,
+            overrides=overrides,
+            progress=bar,
+            on_frame=tell,
         )
     if not quiet:
         click.echo(_summary(totals, out), err=True)

@@ -19,6 +19,9 @@ STATUS = "status"
 
 SOFTWARE = f"cadtof {__version__}"
 
+SOURCE = "source"
+"""The fact that says which recorded frame maps were made from: what differs from frame to frame."""
+
 _MAP_LAYER = re.compile(rf"(direct|mpi)\.\w+|confidence|{STATUS}")
 
 

@@ -54,6 +54,7 @@ def test_exr_attributes(maps: dict[str, Path], tool: Tool) -> None:
     assert 'cadtof.unit.direct.depth (type string): "m"' in tool("exrheader", maps["exr"])
 
 
+@pytest.mark.filterwarnings("ignore:Dataset has no geotransform")
 def test_gdal_and_what_is_built_on_it(maps: dict[str, Path]) -> None:
     rasterio = pytest.importorskip("rasterio")
     layers = layers_of(maps["tif"])

@@ -1,5 +1,6 @@
 """Named layers as OME-TIFF: one float32 page each, the status bits of maps as whole numbers in the last."""
 
+import threading
 from pathlib import Path
 from typing import Any
 
@@ -7,11 +8,23 @@ import tifffile
 from numpy.typing import NDArray
 
 from cadtof_cli.errors import FrameError
-from cadtof_cli.files.maps import STATUS, DepthMaps, MapsAbout
+from cadtof_cli.files.maps import SOURCE, STATUS, DepthMaps, MapsAbout
+from cadtof_cli.files.tiff.envelope import Envelope
 from cadtof_cli.files.tiff.images import reading_tiff
-from cadtof_cli.files.tiff.ome import annotations, channel_names, gdal_xml, ome_xml
+from cadtof_cli.files.tiff.ome import annotations, channel_names, gdal_xml, marked_source, ome_xml
 
 _PAGE_NAME, _GDAL_METADATA, _ASCII = 285, 42112, 2
+
+
+class _Last(threading.local):
+    """What a thread last said about maps of which names and size, and what stands around their pixels then."""
+
+    kind: object = None
+    source: bytes = b""
+    envelope: Envelope | None = None
+
+
+_last = _Last()
 
 
 def write_maps(path: Path, maps: DepthMaps, /, *, about: MapsAbout) -> None:
@@ -19,27 +32,58 @@ def write_maps(path: Path, maps: DepthMaps, /, *, about: MapsAbout) -> None:
 
     OME-XML in front says what the pages are; each page has its name too, as a page name and as the description of a band, since
     GDAL and what is built on it (rasterio, QGIS) know a page without the others.
+
+    So files of maps with the same names and size differ in their pixels, and in the name of the recorded frame, alone: tifffile
+    makes the first of them.
     """
     maps.pages[-1] = maps.status
+    others = {name: text for name, text in about.facts.items() if name != SOURCE}
+    source = marked_source(about)
+    kind = (maps.names, maps.pages.shape, others, dict(about.units), len(source))
+    if _last.kind == kind and _last.envelope:
+        _last.envelope.written_as(_last.source, source).write(path, maps.pages)
+        return
+    _write_pages(path, maps, about)
+    _last.kind, _last.source, _last.envelope = kind, source, _envelope(path, maps)
+
+
+def _write_pages(path: Path, maps: DepthMaps, about: MapsAbout) -> None:
+    """Write a file as tifffile does, all pixels in one run, then the names of the pages into their tags."""
     names = (*maps.names, STATUS)
-    with tifffile.TiffWriter(path) as writer:
-        for index, (name, page) in enumerate(zip(names, maps.pages, strict=True)):
-            band = gdal_xml(name, about.units.get(name, ""), about.facts if index == 0 else {})
-            writer.write(
-                page,
-                photometric="minisblack",
-                description=ome_xml(names, size=maps.status.shape, about=about) if index == 0 else None,
-                software=about.facts["software"] if index == 0 else None,
-                metadata=None,
-                contiguous=False,
-                extratags=[(_PAGE_NAME, _ASCII, None, name, True), (_GDAL_METADATA, _ASCII, None, band, True)],
-            )
+    bands = [
+        gdal_xml(name, about.units.get(name, ""), {} if place else about.facts) for place, name in enumerate(names)
+    ]
+    tifffile.imwrite(
+        path,
+        maps.pages,
+        photometric="minisblack",
+        description=ome_xml(names, size=maps.status.shape, about=about),
+        software=about.facts["software"],
+        metadata=None,
+        extratags=[(code, _ASCII, None, " ", False) for code in (_PAGE_NAME, _GDAL_METADATA)],
+    )
+    with tifffile.TiffFile(path, mode="r+") as file:
+        for page, name, band in zip(file.pages, names, bands, strict=True):
+            assert isinstance(page, tifffile.TiffPage)
+            # what is longer than its place in the tag goes to the end of the file
+            page.tags[_PAGE_NAME].overwrite(name)
+            page.tags[_GDAL_METADATA].overwrite(band)
 
 
 def read_facts(path: Path, /) -> dict[str, str]:
     """Return what the OME-XML of a file says about its maps."""
     with reading_tiff(path), tifffile.TiffFile(path) as file:
         return annotations(file.ome_metadata) if file.ome_metadata else {}
+
+
+def _envelope(path: Path, maps: DepthMaps) -> Envelope | None:
+    """Return what tifffile has written around the pixels of maps; None where these do not lie in one run, as they are."""
+    page_bytes = maps.pages[0].nbytes
+    with tifffile.TiffFile(path) as file:
+        starts = [page.dataoffsets[0] for page in file.pages if page.databytecounts == (page_bytes,)]
+        if not starts or starts != [starts[0] + place * page_bytes for place in range(len(maps.pages))]:
+            return None
+        return Envelope.of(file.filehandle, starts[0], maps.pages.nbytes)
 
 
 def read_layers(path: Path, /) -> dict[str, NDArray[Any]]:

@@ -1,9 +1,10 @@
 """OME-XML, the description of an OME-TIFF: channel names read from it, and the description of our maps."""
 
+import html
 from collections.abc import Mapping, Sequence
 from xml.etree import ElementTree
 
-from cadtof_cli.files.maps import MapsAbout
+from cadtof_cli.files.maps import SOURCE, MapsAbout
 
 _OURS = "cadtof"
 _UNIT = "unit of "
@@ -31,6 +32,11 @@ def annotations(xml: str, /) -> dict[str, str]:
     ours = (element for element in root.iter(f"{{{_SCHEMA}}}MapAnnotation") if element.get("Namespace") == _OURS)
     pairs = ((pair.get("K", ""), pair.text or "") for one in ours for pair in one.iter(f"{{{_SCHEMA}}}M"))
     return {name: text for name, text in pairs if not name.startswith(_UNIT)}
+
+
+def marked_source(about: MapsAbout, /) -> bytes:
+    """Return how the name of the recorded frame stands in both kinds of XML, with the mark before it and after."""
+    return f'source">{_ascii(html.escape(about.facts.get(SOURCE, ""), quote=False))}<'.encode("ascii")
 
 
 def gdal_xml(name: str, unit: str, facts: Mapping[str, str], /) -> str:

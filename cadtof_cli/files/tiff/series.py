@@ -67,12 +67,18 @@ def _is_alone(tiff: tifffile.TiffFile) -> bool:
     return len(tiff.pages) == 1 and len(first.shape) == 2 and after < 2 * first.nbytes
 
 
+def _axes(series: tifffile.TiffPageSeries) -> tuple[str, tuple[int, ...]]:
+    """Return labels and lengths of a series' axes, without the one sample a pixel that tifffile adds to some."""
+    axes, shape = series.get_axes(squeeze=False), series.get_shape(squeeze=False)
+    if axes.endswith("S") and not series.keyframe.axes.endswith("S"):
+        return axes[:-1], shape[:-1]
+    return axes, shape
+
+
 def divided_axes(path: Path, series: tifffile.TiffPageSeries) -> tuple[str, tuple[int, ...], str]:
     """Return labels and lengths of the axes that run over images, and labels of the axes within an image."""
-    axes, shape = series.get_axes(squeeze=False), series.get_shape(squeeze=False)
+    axes, shape = _axes(series)
     page = series.keyframe
-    if axes.endswith("S") and not page.axes.endswith("S"):
-        axes, shape = axes[:-1], shape[:-1]
     outer = len(shape) - len(page.shape)
     if outer < 0 or shape[outer:] != page.shape or not set("YX") <= set(page.axes) <= set("SYX"):
         raise FrameError(
@@ -113,7 +119,7 @@ def sound_items(path: Path, series: Sequence[tifffile.TiffPageSeries], images: i
 
 def is_scattered(series: tifffile.TiffPageSeries, /) -> bool:
     """Tell whether a plane is spread over pages: its rows or columns are an axis over pages, as in axes Y X C H."""
-    axes, within = series.get_axes(squeeze=False), series.keyframe.axes
+    axes, within = _axes(series)[0], series.keyframe.axes
     pairs = zip(axes[::-1], within[::-1], strict=False) if len(axes) >= len(within) else ()
     return {"Y", "X"} <= set(axes) and any(axis != page_axis for axis, page_axis in pairs if page_axis in "YX")
 
@@ -123,7 +129,7 @@ class ScatteredPlanes:
 
     def __init__(self, path: Path, series: Sequence[tifffile.TiffPageSeries]) -> None:
         self._series = one = series[0]
-        axes, shape = one.get_axes(squeeze=False), one.get_shape(squeeze=False)
+        axes, shape = _axes(one)
         if len(series) > 1 or len(set(axes)) != len(axes):
             raise FrameError(f"{path}: found axes {axes} of lengths {shape}, expected each axis once")
         require_plausible_size(
@@ -137,7 +143,7 @@ class ScatteredPlanes:
 
     @cached_property
     def _planes(self) -> Stored:
-        shape = self._series.get_shape(squeeze=False)
+        shape = _axes(self._series)[1]
         whole: Stored = self._series.asarray(maxworkers=1).reshape(shape).transpose(self._order)
         return whole.reshape(-1, *whole.shape[-2:])
 
