@@ -129,7 +129,7 @@ def test_layers_into_a_folder_that_is_not_there(tmp_path: Path) -> None:
 
 def test_a_tiff_without_names_has_no_layers(tmp_path: Path) -> None:
     tifffile.imwrite(tmp_path / "a.tif", np.zeros((2, 5, 7), "f4"), photometric="minisblack")
-    with pytest.raises(FrameError, match="found 2 pages and 0 channel names, expected an OME-TIFF of named maps"):
+    with pytest.raises(FrameError, match="found 2 pages, expected an OME-TIFF of maps with a name for each"):
         read_layers(tmp_path / "a.tif")
 
 

@@ -76,14 +76,16 @@ class TiffImages:
 
     Parameters:
         path: a TIFF or BigTIFF file of either byte order.
+        voltages: whether maps and pictures are refused.
 
     Raises:
         NotAFrameError: the file holds maps, not voltages.
         FrameError: the file cannot be read, is damaged, or its pages differ from each other.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, *, voltages: bool = True) -> None:
         self.path = path
+        self._are_voltages = voltages
         with contextlib.ExitStack() as opened:
             with reading_tiff(path):
                 self._tiff = opened.enter_context(tifffile.TiffFile(path))
@@ -103,7 +105,8 @@ class TiffImages:
         else:
             self._divide(series)
         self.names = names_of_planes(self._tiff, series, self.labels, self.sizes)
-        require_voltages(self.path, page, self.names)
+        if self._are_voltages:
+            require_voltages(self.path, page, self.names)
         require_plausible_size(self.path, page.nbytes, self._tiff.filehandle.size)
 
     def _divide(self, series: Sequence[tifffile.TiffPageSeries]) -> None:

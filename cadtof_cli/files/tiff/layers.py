@@ -1,17 +1,19 @@
 """Named layers as OME-TIFF: one float32 page each, the status bits of maps as whole numbers in the last."""
 
+import math
 import threading
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import tifffile
 from numpy.typing import NDArray
 
 from cadtof_cli.errors import FrameError
 from cadtof_cli.files.maps import SOURCE, STATUS, DepthMaps, MapsAbout
 from cadtof_cli.files.tiff.envelope import Envelope
-from cadtof_cli.files.tiff.images import reading_tiff
-from cadtof_cli.files.tiff.ome import annotations, channel_names, gdal_xml, marked_source, ome_xml
+from cadtof_cli.files.tiff.images import TiffImages, reading_tiff
+from cadtof_cli.files.tiff.ome import annotations, gdal_xml, marked_source, ome_xml
 
 _PAGE_NAME, _GDAL_METADATA, _ASCII = 285, 42112, 2
 
@@ -92,11 +94,9 @@ def read_layers(path: Path, /) -> dict[str, NDArray[Any]]:
     Raises:
         FrameError: the file cannot be read, is damaged, or its channels have no names.
     """
-    with reading_tiff(path), tifffile.TiffFile(path) as file:
-        names = channel_names(file.ome_metadata) if file.ome_metadata else ()
-        planes = [page.asarray() for page in file.pages]
+    with TiffImages(path, voltages=False) as images:
+        planes = images.planes(np.arange(math.prod(images.sizes)))
+        names = [name for name in images.names if name]
     if not names or len(names) != len(planes):
-        raise FrameError(
-            f"{path}: found {len(planes)} pages and {len(names)} channel names, expected an OME-TIFF of named maps"
-        )
+        raise FrameError(f"{path}: found {len(planes)} pages, expected an OME-TIFF of maps with a name for each")
     return dict(zip(names, planes, strict=True))
