@@ -136,4 +136,4 @@ def test_damaged_maps_and_records(tmp_path: Path) -> None:
     assert done.status == 1
     record_told, map_told = done.err.splitlines()
     assert record_told.startswith(f"wrong: {out / 'run.json'}: not the record of a run (")
-    assert map_told.startswith(f"wrong: {out / 'frame_1.tif'}: found 0 pages and 0 channel names")
+    assert map_told.startswith(f"wrong: {out / 'frame_1.tif'}: damaged or truncated TIFF")

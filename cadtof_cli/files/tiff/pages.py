@@ -13,6 +13,9 @@ from cadtof_cli.files.frames import SAMPLE_TYPES
 MAX_TAGS = 4096
 """As tifffile has it; a page with more is damage."""
 
+_LOOKED_INTO = 64
+"""Pages whose tags are checked one by one; a file of more is a stack, whose pages are alike."""
+
 Page = tifffile.TiffPage | tifffile.TiffFrame
 
 
@@ -54,14 +57,14 @@ def require_sound_chain(path: Path, descriptor: int, size: int) -> None:
                 f"{path}: damaged or truncated TIFF: page {len(seen)} should begin at byte {offset:,},"
                 f" found no page there in a file of {size:,} bytes"
             )
-        if not seen:
-            _require_values_within(path, form, os.pread(descriptor, end - begin, begin), size)
+        if len(seen) < _LOOKED_INTO:
+            _require_values_within(path, len(seen), form, os.pread(descriptor, end - begin, begin), size)
         seen.add(offset)
         (offset,) = form.link.unpack(os.pread(descriptor, form.link.size, end))
 
 
-def _require_values_within(path: Path, form: _Form, tags: bytes, size: int) -> None:
-    """Check that the values of the first page's tags lie within the file.
+def _require_values_within(path: Path, page: int, form: _Form, tags: bytes, size: int) -> None:
+    """Check that the values of a page's tags lie within the file.
 
     Software that learns the axes last writes them last, and a file that lost them would be read in another order.
     """
@@ -69,7 +72,7 @@ def _require_values_within(path: Path, form: _Form, tags: bytes, size: int) -> N
         length = _VALUE_BYTES.get(kind, 1) * count
         if length > form.link.size and offset + length > size:
             raise FrameError(
-                f"{path}: damaged or truncated TIFF: tag {code} of the first page reaches to byte {offset + length:,},"
+                f"{path}: damaged or truncated TIFF: tag {code} of page {page} reaches to byte {offset + length:,},"
                 f" found a file of {size:,} bytes"
             )
 
