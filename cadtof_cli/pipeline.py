@@ -23,7 +23,6 @@ from cadtof_cli.maps.layers import ALWAYS
 from cadtof_cli.optics.pinhole import planar_per_range, principal_point
 from cadtof_cli.phasors.frame_mean import FrameMean
 from cadtof_cli.phasors.noise import NoiseModel, estimated_integration_length, noise_model
-from cadtof_cli.phasors.plausible import implausible
 from cadtof_cli.phasors.pooling import pooled_phasors
 from cadtof_cli.phasors.voltages import phasors_from_stored, saturated_pixels
 from cadtof_cli.resolver.diffuse.grid import View
@@ -171,16 +170,9 @@ def resolve_frame(
 def prepare_frame(
     frame: Stored | FrameMean, /, *, plan: FramePlan, calibration: Calibration | None = None
 ) -> FramePixels:
-    """Do all that couples the pixels of a frame: estimate its noise where it is unknown, pool neighbours, predict its MPI.
-
-    Raises:
-        FrameError: its values cannot be voltages of such a capture; or see `resolve_frame`.
-    """
+    """Do all that couples the pixels of a frame: estimate its noise where it is unknown, pool neighbours, predict its MPI."""
     recorded = frame if isinstance(frame, FrameMean) else FrameMean.of_one(frame)
     height, width = recorded.stored.shape[2:]
-    wrong = implausible(recorded.stored, plan.metadata, dtype=recorded.dtype)
-    if wrong is not None:
-        raise FrameError(wrong)
     stages = _stages(plan, calibration, recorded.dtype, (height, width))
     stored = recorded.stored.reshape(*recorded.stored.shape[:2], -1)
     samples = None if recorded.samples is None else recorded.samples.ravel()

@@ -48,22 +48,19 @@ class _Range:
         return f"stored values ({self.dtype}) lie between {self.low:.6g} and {self.high:.6g}"
 
 
-def implausible(
-    stored: Stored, metadata: CaptureMetadata, /, *, dtype: np.dtype[np.generic] | None = None
-) -> str | None:
+def implausible(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
     """Return why stored values, (H, 2, …), cannot be the voltages that the metadata make of them; None where they can.
 
     Args:
-        stored: a frame, or the mean of frames; NaN and saturated pixels are left out.
-        metadata: how they were recorded.
-        dtype: type that the values were recorded in, where `stored` is a mean.
+        stored: a recorded frame; NaN and saturated pixels are left out.
+        metadata: how it was recorded.
 
     Raises:
         SettingsError: see `volts_per_count`.
     """
     planes = stored.reshape(*stored.shape[:2], -1)
     some = planes[:, :, :: max(1, planes.shape[2] // LOOKED_AT)]
-    kind, voltage = dtype or stored.dtype, metadata.voltage
+    kind, voltage = stored.dtype, metadata.voltage
     sound = sound_pixels(some, voltage.saturated_counts)
     if not sound.any():
         return _all_saturated(planes, metadata, kind)

@@ -16,6 +16,7 @@ from cadtof_cli.files.frames import FrameLayout, NotAFrameError
 from cadtof_cli.files.maps import MapsAbout, write_maps
 from cadtof_cli.frame_plan import FramePlan
 from cadtof_cli.phasors.frame_mean import FrameMean, frame_mean
+from cadtof_cli.phasors.plausible import implausible
 from cadtof_cli.pipeline import ResolvedFrame, resolve_frame
 from cadtof_cli.resolver.status import count_status, why_no_answer
 from cadtof_cli.workflows.run_folder import FrameReport, FrameStatus
@@ -160,4 +161,7 @@ def _stored(task: FrameTask, source: FrameSource) -> Stored:
     if task.pixels is not None and stored.shape[2:] != task.pixels:
         found, expected = ("{1} × {0}".format(*size) for size in (stored.shape[2:], task.pixels))
         raise FrameError(f"{source}: found {found} pixels, expected {expected} as in the capture's first frame")
+    wrong = implausible(stored, task.plan.metadata)
+    if wrong is not None:
+        raise FrameError(f"{source}: {wrong}")
     return stored
