@@ -23,7 +23,7 @@ from cadtof_cli.capture.tree import (
     nearest_settings,
 )
 from cadtof_cli.errors import CaptureError
-from cadtof_cli.files.formats import FRAME_SUFFIXES
+from cadtof_cli.files.formats import frame_suffixes
 from cadtof_cli.files.frames import FrameLayout
 
 _TRUTH = "truth"
@@ -48,7 +48,7 @@ class Capture:
     def layout(self) -> FrameLayout:
         """How the files are laid out, as a reader needs it."""
         metadata = self.source.metadata
-        return FrameLayout(harmonics=metadata.modulation.harmonics, frames=metadata.layout.frames)
+        return FrameLayout(metadata.modulation.harmonics, metadata.layout.frames, metadata.layout.raw)
 
 
 def find_captures(
@@ -136,7 +136,7 @@ def _depth(source: MetadataSource) -> int:
 def _in_folder(root: Path, search: _Search) -> Capture:
     source = search.source(root)
     there = files_in(root, depth=_depth(source))
-    names = sorted(filter(_is_image, there), key=natural_key)
+    names = _images(there, source)
     if not names:
         below = [str(capture.root) for capture in _below(root, search)]
         if below:
@@ -156,7 +156,7 @@ def _below(folder: Path, search: _Search) -> Iterator[Capture]:
         seen.add(real)
         depth = _depth(source := search.source(here))
         names = there if depth == 0 else files_in(here, depth=depth)
-        images = sorted(filter(_is_image, names), key=natural_key)
+        images = _images(names, source)
         if images and (depth == 0 or _frames(here, source, images)):
             yield _capture(here, source, images, among=names)
             if depth:
@@ -175,11 +175,18 @@ def _is_folder(path: Path) -> bool:
         raise CaptureError(f"{path}: no file can have this name ({error}); expected a path a line") from error
 
 
-def _is_image(name: str) -> bool:
+def _images(names: Iterable[str], source: MetadataSource) -> list[str]:
+    """Return the names of files that may be frames of such a capture, in natural order."""
+    layout = source.metadata.layout
+    suffixes = frame_suffixes(planes=layout.pattern is not None, raw=layout.raw is not None)
+    return sorted((name for name in names if _is_image(name, suffixes)), key=natural_key)
+
+
+def _is_image(name: str, suffixes: Sequence[str]) -> bool:
     # plain strings: a Path for each of 2,000 names takes longer than listing them
     last = name.rpartition("/")[2].lower()
     stem, dot, suffix = last.rpartition(".")
-    return dot + suffix in FRAME_SUFFIXES and not last.startswith(".") and stem != _TRUTH
+    return dot + suffix in suffixes and not last.startswith(".") and stem != _TRUTH
 
 
 def _capture(root: Path, source: MetadataSource, names: Sequence[str], *, among: Iterable[str]) -> Capture:
@@ -201,7 +208,7 @@ def _frames(root: Path, source: MetadataSource, names: Sequence[str]) -> tuple[F
 
 def _looked_for(pattern: str | None) -> str:
     if pattern is None:
-        return f"{', '.join(FRAME_SUFFIXES)} files other than {_TRUTH}.*"
+        return f"{', '.join(frame_suffixes(planes=False, raw=False))} files other than {_TRUTH}.*"
     return f"files named {pattern} (layout.pattern)"
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from cadtof_cli.capture.discovery import Capture
 from cadtof_cli.capture.frame_sources import FrameSource
 from cadtof_cli.errors import FrameError
-from cadtof_cli.files.formats import format_of, suffix_format
+from cadtof_cli.files.formats import frame_format, suffix_format
 from cadtof_cli.files.frames import CHANNELS, FrameLayout, Frames, LoneFrame, shape_text
 
 
@@ -32,7 +32,7 @@ def open_frames(source: FrameSource, layout: FrameLayout, /) -> Iterator[Frames]
         yield _joined_planes(source, layout)
         return
     path = source.paths[0]
-    with format_of(path).frames().open_frames(path, layout) as frames:
+    with frame_format(path, layout).frames().open_frames(path, layout) as frames:
         yield frames
 
 
@@ -43,7 +43,7 @@ def _joined_planes(source: FrameSource, layout: FrameLayout) -> LoneFrame:
     for path, name in zip(source.paths, layout.plane_names, strict=True):
         if not path.exists():
             raise FrameError(f"{path}: no such file, expected {name} of frame {source.name} there")
-    planes = [format_of(path).frames().read_plane(path) for path in source.paths]
+    planes = [frame_format(path, layout).frames().read_plane(path, layout) for path in source.paths]
     first = planes[0]
     for path, plane in zip(source.paths, planes, strict=True):
         if plane.shape != first.shape or plane.dtype != first.dtype:
@@ -52,7 +52,7 @@ def _joined_planes(source: FrameSource, layout: FrameLayout) -> LoneFrame:
                 f" {shape_text(first.shape, first.dtype)} as in {source.paths[0].name}"
             )
     stored = np.stack(planes).reshape(len(layout.harmonics), CHANNELS, *first.shape)
-    return LoneFrame(format_of(source.paths[0]).name, stored)
+    return LoneFrame(frame_format(source.paths[0], layout).name, stored)
 
 
 def single_frames(capture: Capture, /, *, taken: Collection[str] = ()) -> Iterator[FrameSource]:

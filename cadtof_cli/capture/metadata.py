@@ -5,13 +5,16 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields
 from functools import cached_property
-from typing import Any, Literal, cast
+from typing import TYPE_CHECKING, Any, Literal, cast
 
 from cadtof_cli.errors import MetadataError
 
+if TYPE_CHECKING:
+    from cadtof_cli.files.frames import RawLayout
+
 Waveform = Literal["sine", "triangle"]
 
-Kind = Literal["number", "whole number", "numbers", "pair", "text", "names", "numbers by name"]
+Kind = Literal["number", "whole number", "numbers", "whole numbers", "pair", "text", "names", "numbers by name"]
 
 WAVEFORMS: tuple[Waveform, ...] = ("sine", "triangle")
 
@@ -54,6 +57,12 @@ def _numbers(value: Any) -> tuple[float, ...]:
     return tuple(_number(item) for item in value)
 
 
+def _whole_numbers(value: Any) -> tuple[int, ...]:
+    if not isinstance(value, list | tuple) or not value:
+        raise TypeError("a list of whole numbers")
+    return tuple(_whole_number(int(item) if isinstance(item, float) and item.is_integer() else item) for item in value)
+
+
 def _pair(value: Any) -> tuple[float, ...]:
     if not isinstance(value, list | tuple) or len(value) != 2:
         raise TypeError("a list of two numbers")
@@ -82,11 +91,19 @@ _CONVERTERS: dict[Kind, Callable[[Any], Any]] = {
     "number": _number,
     "whole number": _whole_number,
     "numbers": _numbers,
+    "whole numbers": _whole_numbers,
     "pair": _pair,
     "text": _text,
     "names": _names,
     "numbers by name": _numbers_by_name,
 }
+
+
+def _is_sample_type(dtype: str) -> bool:
+    # numpy, which options that are only printed need not load
+    from cadtof_cli.files.frames import is_sample_type
+
+    return is_sample_type(dtype)
 
 
 def _require(holds: bool, key: str, found: object, expected: str) -> None:
@@ -154,7 +171,7 @@ class Pulse:
 class Voltage:
     """How stored values stand for volts: (stored − zero_counts) · volts_per_count."""
 
-    zero_counts: float = _key("number", "stored value of 0 V", 0.0)
+    zero_counts: float | None = _key("number", "stored value of 0 V; unsigned values need it, others have 0")
     volts_per_count: float | None = _key("number", "volts a count; float files without it hold volts")
     saturated_counts: tuple[float, float] | None = _key("pair", "stored values at or beyond these are saturated")
 
@@ -165,6 +182,11 @@ class Voltage:
         _require(holds, "voltage.volts_per_count", scale, "a finite number other than 0")
         holds = limits is None or limits[0] < limits[1]
         _require(holds, "voltage.saturated_counts", limits and list(limits), "the lower limit, then a higher one")
+
+    @property
+    def zero(self) -> float:
+        """Stored value of 0 V: 0 where nothing else is said."""
+        return self.zero_counts or 0.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -203,6 +225,11 @@ class Layout:
         "numbers by name", "what {harmonic} is in the pattern, and which harmonic that stands for"
     )
     frames: int | None = _key("whole number", "frames in each TIFF stack")
+    raw_dtype: str | None = _key(
+        "text", "type of the values in raw dumps, such as uint16 or >u2 (in TOML: [layout.raw] dtype)"
+    )
+    raw_shape: tuple[int, ...] | None = _key("whole numbers", "shape of a raw dump, such as 2,2,240,320 for H C Y X")
+    raw_offset_bytes: int | None = _key("whole number", "bytes before the first value of a raw dump")
 
     def __post_init__(self) -> None:
         if self.pattern is not None:
@@ -223,6 +250,25 @@ class Layout:
             "a number of its own for each name",
         )
         _require(self.frames is None or self.frames >= 1, "layout.frames", self.frames, "1 or more")
+        given = self.raw_dtype is not None, self.raw_shape is not None
+        _require(given[0] == given[1], "layout.raw_dtype", self.raw_dtype, "dtype and shape of raw dumps, both or none")
+        kind = self.raw_dtype
+        _require(
+            kind is None or _is_sample_type(kind), "layout.raw_dtype", kind, "a type such as uint16, >u2 or float32"
+        )
+        shape = self.raw_shape or (1, 1)
+        sound = len(shape) >= 2 and all(0 < length < 2**31 for length in shape)
+        _require(sound, "layout.raw_shape", self.raw_shape, "two lengths or more, the last Y and X, each above 0")
+        _require((self.raw_offset_bytes or 0) >= 0, "layout.raw_offset_bytes", self.raw_offset_bytes, "0 or more")
+
+    @property
+    def raw(self) -> "RawLayout | None":
+        """What raw dumps hold, where that is said."""
+        from cadtof_cli.files.frames import RawLayout
+
+        if self.raw_dtype is None or self.raw_shape is None:
+            return None
+        return RawLayout(self.raw_dtype, self.raw_shape, self.raw_offset_bytes or 0)
 
 
 @dataclass(frozen=True, kw_only=True)

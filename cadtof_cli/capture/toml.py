@@ -1,7 +1,7 @@
 """`capture.toml` read into metadata, each value with where it came from, and written back."""
 
 import difflib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -63,12 +63,21 @@ def _flat(document: dict[str, Any], path: Path) -> dict[str, Any]:
             raise MetadataError(_unknown(f"{path}: unknown table [{table}]", table, list(TABLES)))
         if not isinstance(content, dict):
             raise MetadataError(f"{path}: {table}: found {content!r}, expected a table [{table}]")
-        for name, value in content.items():
+        for name, value in _without_tables(content):
             if f"{table}.{name}" not in _KEYS:
                 known = [key.name for key in KEYS if key.table == table]
                 raise MetadataError(_unknown(f"{path}: unknown key {table}.{name}", name, known))
             flat[f"{table}.{name}"] = value
     return flat
+
+
+def _without_tables(content: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
+    """Yield the values of a table; those of a table in it, such as [layout.raw], with both names as one: raw_dtype."""
+    for name, value in content.items():
+        if isinstance(value, dict):
+            yield from ((f"{name}_{inner}", entry) for inner, entry in value.items())
+        else:
+            yield name, value
 
 
 def _unknown(what: str, name: str, known: list[str]) -> str:

@@ -1,7 +1,7 @@
 """`cadtof info`."""
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -38,26 +38,32 @@ def info(
     as_json: bool,
     overrides: Mapping[str, Any],
 ) -> int:
-    """Show what captures and maps hold: frames, metadata and where each value came from, ranges, noise.
+    """Show what captures, maps and calibrations hold: frames, metadata and where each value came from, ranges, noise.
 
-    INPUT is a capture folder, a frame, a map file, the folder of a run, or - for paths on stdin. Every frame is read.
+    INPUT is a capture folder, a frame, a map file, the folder of a run or of a calibration, or - for paths on stdin.
+    Every frame is read.
 
     \b
     Exit status: 0 all is well; 1 something is wrong with a capture or map, and is said on stderr;
     2 wrong usage, or nothing to look into.
     """
+    from cadtof_cli.workflows.inspect.calibration_facts import CalibrationFacts
     from cadtof_cli.workflows.inspect.info import CaptureFacts, look_into
+    from cadtof_cli.workflows.inspect.map_facts import MapFacts
+
+    shown: dict[type, tuple[str, Callable[[Any], Iterator[str]]]] = {
+        CaptureFacts: ("capture", _capture_lines),
+        MapFacts: ("maps", _map_lines),
+        CalibrationFacts: ("calibration", _calibration_lines),
+    }
 
     with progress_bar("reading", "frames", quiet=False) as bar:
         found = look_into(
             input_paths(inputs), overrides=overrides, settings_file=settings_file, workers=workers, progress=bar
         )
     for facts in found:
-        if as_json:
-            kind = "capture" if isinstance(facts, CaptureFacts) else "maps"
-            tell(json.dumps({"kind": kind, **asdict(facts)}))
-        else:
-            tell("\n".join(_capture_lines(facts) if isinstance(facts, CaptureFacts) else _map_lines(facts)))
+        kind, lines = shown[type(facts)]
+        tell(json.dumps({"kind": kind, **asdict(facts)}) if as_json else "\n".join(lines(facts)))
     problems = [problem for facts in found for problem in facts.problems]
     for problem in problems:
         tell(f"wrong: {problem}", err=True)
@@ -101,8 +107,32 @@ def _map_lines(facts: Any) -> Iterator[str]:
     for name, share in facts.status.items():
         if share:
             yield _row(f"status: {name.replace('_', ' ')}", f"{share:.2%} of pixels")
+    for name, text in facts.about.items():
+        yield _row(name, text)
     if facts.run is not None:
-        yield _row("run", f"cadtof {facts.run.get('cadtof')}, {facts.run.get('started')}, {facts.run.get('totals')}")
+        yield _row("run", _run_text(facts.run))
+
+
+def _run_text(run: Mapping[str, Any]) -> str:
+    """Return version, beginning and totals of a run as words."""
+    totals = run.get("totals")
+    done = "not finished"
+    if isinstance(totals, dict):
+        counts = {name: totals.get(name, 0) for name in ("ok", "frames", "failed", "skipped")}
+        done = f"{counts['ok']} of {counts['frames']} frames in {totals.get('seconds', 0):.4g} s"
+        done += "".join(f", {counts[name]} {name}" for name in ("failed", "skipped") if counts[name])
+    return f"cadtof {run.get('cadtof')}, {run.get('started')}: {done}"
+
+
+def _calibration_lines(facts: Any) -> Iterator[str]:
+    yield facts.path
+    yield _row("calibration", f"digest {facts.digest}" if facts.digest else "cannot be read")
+    for kind, part in facts.parts.items():
+        for name, value in part.items():
+            if isinstance(value, dict):
+                yield from (_row(f"{kind}.{name}.{inner}", _value(entry)) for inner, entry in value.items())
+            else:
+                yield _row(f"{kind}.{name}", _value(value))
 
 
 def _row(name: str, text: str) -> str:
@@ -110,4 +140,8 @@ def _row(name: str, text: str) -> str:
 
 
 def _value(value: Any) -> str:
-    return ", ".join(f"{item:g}" for item in value) if isinstance(value, tuple) else str(value)
+    if isinstance(value, dict):
+        return ", ".join(f"{name} {_value(entry)}" for name, entry in value.items()) or "none"
+    if isinstance(value, list | tuple):
+        return ", ".join(map(_value, value)) or "none"
+    return f"{value:g}" if isinstance(value, float) else str(value)

@@ -201,6 +201,7 @@ def _capture_option(key: Key) -> Decorator[Any]:
         "number": click.FLOAT,
         "whole number": click.INT,
         "numbers": NUMBERS,
+        "whole numbers": NUMBERS,
         "pair": NUMBERS,
         "text": click.STRING,
         "names": Names(numbered=False),

@@ -190,7 +190,7 @@ def resolve(
     frame, run.json and frames.jsonl; with several captures, a folder for each as they lie below the folder that they share.
 
     \b
-    Exit status: 0 all frames resolved; 1 some failed, the others are written;
+    Exit status: 0 all frames resolved; 1 some failed, the others are written, or nothing was resolved;
     2 wrong usage, settings or capture; 130 interrupted.
     """
     settings = ResolveSettings(
@@ -210,8 +210,8 @@ def resolve(
         def report_frame(report: FrameReport) -> None:
             if as_json:
                 tell(json.dumps(report.as_json()))
-            if report.status == "failed":
-                bar.warn(f"failed: {report.reason}")
+            if report.status == "failed" or (report.status == "skipped" and report.line is None):
+                bar.warn(f"{report.status}: {report.reason}")
 
         totals = resolve_captures(
             next(paths),
@@ -223,7 +223,7 @@ def resolve(
         )
     if not quiet:
         tell(_summary(totals, out), err=True)
-    return 1 if totals.failed else 0
+    return 0 if totals.ok + totals.kept and not totals.failed else 1
 
 
 def _summary(totals: RunTotals, out: Path) -> str:

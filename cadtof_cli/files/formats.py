@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     from cadtof_cli.arrays import Stored
     from cadtof_cli.files.frames import FrameLayout, Frames
-    from cadtof_cli.files.maps import DepthMaps
+    from cadtof_cli.files.maps import DepthMaps, MapsAbout
 
 _HEAD_BYTES = 16
 """No format is known by more; of them the first four are shown."""
@@ -30,7 +30,7 @@ class FrameReader(Protocol):
     def open_frames(self, path: Path, layout: "FrameLayout", /) -> AbstractContextManager["Frames"]:
         """Open a file of whole frames; NotAFrameError where it holds something else than voltages."""
 
-    def read_plane(self, path: Path, /) -> "Stored":
+    def read_plane(self, path: Path, layout: "FrameLayout", /) -> "Stored":
         """Return the one plane of a file, shape (Y, X), native byte order."""
 
 
@@ -44,8 +44,11 @@ class FrameFiles(FrameReader, Protocol):
 class LayerFiles(Protocol):
     """How maps are written in a format, and named layers read from it."""
 
-    def write_maps(self, path: Path, maps: "DepthMaps", /, *, software: str) -> None:
+    def write_maps(self, path: Path, maps: "DepthMaps", /, *, about: "MapsAbout") -> None:
         """Write the maps of a frame: layers by name, then the status bits. The same maps give the same bytes."""
+
+    def read_facts(self, path: Path, /) -> dict[str, str]:
+        """Return what a file of maps says of itself, by name; nothing where another program wrote it."""
 
     def read_layers(self, path: Path, /) -> "dict[str, NDArray[Any]]":
         """Return the layers of a file by name, (Y, X) each, as they are stored."""
@@ -59,9 +62,10 @@ class Format:
         name: what options and `cadtof info` call it; files that we write end with it.
         title: what messages call it.
         suffixes: endings of its files in lower case, by which folders are searched.
-        magics: first bytes of its files, by which a file is judged.
+        magics: first bytes of its files, by which a file is judged; none where the name has to do.
         stacks: whether a file may hold several frames.
         frames: loads the module that reads its frames.
+        whole: whether a file may hold a whole frame, not one plane only.
         layers: loads the module that writes maps and reads layers; None where maps are not kept in it.
         recording: loads the module that writes frames; None where frames are only read.
         counts: whether a recording in it holds counts, not volts.
@@ -73,6 +77,7 @@ class Format:
     magics: tuple[bytes, ...]
     stacks: bool
     frames: Callable[[], FrameReader]
+    whole: bool = True
     layers: Callable[[], LayerFiles] | None = None
     recording: Callable[[], FrameFiles] | None = None
     counts: bool = False
@@ -107,6 +112,24 @@ def _tiff_layers() -> LayerFiles:
     return layers
 
 
+def _npy_frames() -> FrameReader:
+    from cadtof_cli.files.npy import frames
+
+    return frames
+
+
+def _png_frames() -> FrameReader:
+    from cadtof_cli.files.png import frames
+
+    return frames
+
+
+def _raw_frames() -> FrameReader:
+    from cadtof_cli.files.raw import frames
+
+    return frames
+
+
 EXR = Format(
     name="exr",
     title="EXR",
@@ -130,9 +153,27 @@ TIFF = Format(
     counts=True,
 )
 
-FORMATS = (EXR, TIFF)
+NPY = Format(name="npy", title="NPY", suffixes=(".npy",), magics=(b"\x93NUMPY",), stacks=True, frames=_npy_frames)
 
-FRAME_SUFFIXES = tuple(suffix for one in FORMATS for suffix in one.suffixes)
+PNG = Format(
+    name="png",
+    title="PNG",
+    suffixes=(".png",),
+    magics=(b"\x89PNG\r\n\x1a\n",),
+    stacks=False,
+    frames=_png_frames,
+    whole=False,
+)
+
+RAW = Format(
+    name="raw", title="raw dump", suffixes=(".raw", ".bin", ".dat"), magics=(), stacks=True, frames=_raw_frames
+)
+
+FORMATS = (EXR, TIFF, NPY, PNG, RAW)
+
+FRAME_SUFFIXES = tuple(suffix for one in FORMATS if one.magics and one.whole for suffix in one.suffixes)
+"""Endings of files that are frames wherever they lie."""
+
 MAP_SUFFIXES = tuple(suffix for one in FORMATS if one.layers for suffix in one.suffixes)
 
 FRAME_FORMATS = tuple(one.name for one in reversed(FORMATS) if one.recording)
@@ -161,6 +202,28 @@ def map_suffix_like(path: Path, /) -> str:
     return (found if found and found.layers else TIFF).suffix
 
 
+def frame_suffixes(*, planes: bool, raw: bool) -> tuple[str, ...]:
+    """Return the endings of files that a capture may be recorded in.
+
+    Args:
+        planes: whether files are to hold a plane each, by `[layout] pattern`.
+        raw: whether `[layout.raw]` says what raw dumps hold.
+    """
+    taken = (one for one in FORMATS if (one.magics or raw) and (one.whole or planes))
+    return tuple(suffix for one in taken for suffix in one.suffixes)
+
+
+def frame_format(path: Path, layout: "FrameLayout", /) -> Format:
+    """Return the format of a recorded file: raw where its name and `[layout.raw]` say so, else by its first bytes.
+
+    Raises:
+        FrameError: see `format_of`.
+    """
+    if layout.raw is not None and suffix_format(path) is RAW:
+        return RAW
+    return format_of(path)
+
+
 def format_of(path: Path, /) -> Format:
     """Return the format of a file by its first bytes.
 
@@ -176,7 +239,7 @@ def format_of(path: Path, /) -> Format:
     known = next((one for one in FORMATS if head.startswith(one.magics)), None)
     if known is None:
         found = f"first bytes {head[:4].hex(' ')}" if head else "an empty file"
-        titles = " nor ".join(one.title for one in reversed(FORMATS))
-        usual = " or ".join(magic.hex(" ") for one in FORMATS for magic in one.magics[:2])
-        raise FrameError(f"{path}: neither {titles}: found {found}, expected {usual}")
+        titles = ", ".join(one.title for one in FORMATS if one.magics)
+        raw = "; for a raw dump, give dtype and shape under [layout.raw]" if suffix_format(path) is RAW else ""
+        raise FrameError(f"{path}: found {found}, expected one of {titles}{raw}")
     return known

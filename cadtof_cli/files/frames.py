@@ -13,8 +13,21 @@ CHANNELS = 2
 """SC1, the cosine, and SC2, the sine."""
 
 
+SAMPLE_TYPES = ("float16", "float32", "float64", "int16", "int32", "uint16", "uint32", "uint8")
+"""Types that a frame may be recorded in."""
+
+
 class NotAFrameError(FrameError):
     """A sound file that holds something other than voltages, such as a map; a run reports it as skipped."""
+
+
+@dataclass(frozen=True)
+class RawLayout:
+    """What a raw dump holds (`[layout.raw]`): numpy's name of its type, shape (…, Y, X), and bytes before the first value."""
+
+    dtype: str
+    shape: tuple[int, ...]
+    offset_bytes: int = 0
 
 
 @dataclass(frozen=True)
@@ -23,11 +36,13 @@ class FrameLayout:
 
     Parameters:
         harmonics: harmonic numbers h in rising order, such as (1, 2).
-        frames: frames in each TIFF stack (`[layout] frames`); None where files say it themselves.
+        frames: frames in each stack (`[layout] frames`); None where files say it themselves.
+        raw: what raw dumps hold; None where nothing says it.
     """
 
     harmonics: tuple[int, ...]
     frames: int | None = None
+    raw: RawLayout | None = None
 
     @property
     def planes(self) -> int:
@@ -84,6 +99,14 @@ class LoneFrame:
     def read(self, _index: int = 0, /) -> Stored:
         """Return the frame as it is stored, C-contiguous."""
         return self.stored
+
+
+def is_sample_type(dtype: str, /) -> bool:
+    """Tell whether numpy's name of a type, of any byte order, is one that a frame may be recorded in."""
+    try:
+        return np.dtype(dtype).name in SAMPLE_TYPES
+    except TypeError:
+        return False
 
 
 def plane_name(harmonic: int, channel: int) -> str:

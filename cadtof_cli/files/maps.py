@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +17,10 @@ from cadtof_cli.files.formats import MAP_SUFFIXES, format_of, suffix_format
 
 STATUS = "status"
 
-_SOFTWARE = f"cadtof {__version__}"
+SOFTWARE = f"cadtof {__version__}"
+
+SOURCE = "source"
+"""The fact that says which recorded frame maps were made from: what differs from frame to frame."""
 
 _MAP_LAYER = re.compile(rf"(direct|mpi)\.\w+|confidence|{STATUS}")
 
@@ -45,13 +48,29 @@ class DepthMaps:
         return plane
 
 
+@dataclass(frozen=True)
+class MapsAbout:
+    """What a file of maps says of itself: the unit of each layer, empty for pure numbers, and facts by name.
+
+    Facts are text, such as the kind of depth, the periods, the recorded frame and the digest of a calibration.
+    """
+
+    units: Mapping[str, str] = field(default_factory=dict)
+    facts: Mapping[str, str] = field(default_factory=dict)
+
+
+NOTHING_SAID = MapsAbout()
+
+
 def is_map_layer(name: str, /) -> bool:
     """Tell whether a channel of this name belongs to a map, not to a frame."""
     return _MAP_LAYER.fullmatch(name) is not None
 
 
-def write_maps(path: Path, maps: DepthMaps, /, *, token: str = "") -> None:
-    """Write maps in the format that `path` ends with; the file appears whole or not at all.
+def write_maps(path: Path, maps: DepthMaps, /, *, about: MapsAbout = NOTHING_SAID, token: str = "") -> None:
+    """Write maps in the format that `path` ends with, with what there is to say about them in the file's header.
+
+    The file appears whole or not at all.
 
     Raises:
         OutputError: the file cannot be written, for lack of space or permission.
@@ -60,7 +79,7 @@ def write_maps(path: Path, maps: DepthMaps, /, *, token: str = "") -> None:
     if kind is None or kind.layers is None:
         raise OutputError(f"{path}: found the suffix {path.suffix!r}, expected one of {', '.join(MAP_SUFFIXES)}")
     with whole_file(path, token=token) as temporary:
-        kind.layers().write_maps(temporary, maps, software=_SOFTWARE)
+        kind.layers().write_maps(temporary, maps, about=replace(about, facts={"software": SOFTWARE, **about.facts}))
 
 
 def read_layers(path: Path, /) -> dict[str, NDArray[Any]]:
@@ -75,6 +94,16 @@ def read_layers(path: Path, /) -> dict[str, NDArray[Any]]:
     if kind.layers is None:
         raise FrameError(f"{path}: found {kind.title}, expected a format of named maps")
     return kind.layers().read_layers(path)
+
+
+def read_facts(path: Path, /) -> dict[str, str]:
+    """Return what a file of maps says of itself, such as the kind of depth and the recorded frame; nothing where it does not.
+
+    Raises:
+        FrameError: the file cannot be read, or is damaged.
+    """
+    kind = format_of(path)
+    return kind.layers().read_facts(path) if kind.layers else {}
 
 
 def write_layers(path: Path, layers: Mapping[str, NDArray[Any]], /, *, lossy: bool = False) -> None:

@@ -1,15 +1,26 @@
-"""Which channel of which part of a file is which plane of a frame, where the channels have names."""
+"""Which channel, page or band of a file is which plane of a frame, where they have names: names win over order."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 from cadtof_cli.errors import FrameError
 from cadtof_cli.files.frames import CHANNELS, FrameLayout, NotAFrameError, harmonic_labels, plane_name
 
-_VOLTAGE = re.compile(r"(?:H(?P<harmonic>[1-9]\d*)\.)?SC(?P<channel>[12])", re.IGNORECASE)
-_PART = re.compile(r"H(?P<harmonic>[1-9]\d*)", re.IGNORECASE)
+_PLANE = re.compile(r"(?:H(?P<harmonic>[1-9]\d*))?[\s._/:-]?(?:SC(?P<channel>[12]))?", re.IGNORECASE)
+
+_COLOURS = frozenset({"R", "G", "B", "A", "Y", "RY", "BY"})
+"""Channels of a picture: colours, opacity, luminance and chroma."""
+
+Found = TypeVar("Found")
+
+
+class PlaneLabel(NamedTuple):
+    """What a name says of its plane; None where it leaves harmonic or channel open."""
+
+    harmonic: int | None
+    channel: int | None
 
 
 @dataclass(frozen=True)
@@ -27,20 +38,22 @@ class Place(NamedTuple):
     channel: str
 
 
-def voltage_places(parts: Sequence[NamedPart], layout: FrameLayout, *, where: str) -> list[Place]:
-    """Return the places of a frame's planes in the order H1.SC1, H1.SC2, H2.SC1, …
+def plane_label(name: str, /) -> PlaneLabel | None:
+    """Return what a name such as H1.SC2, h1_sc2, H1/SC2, SC2 or H1 says of its plane; None where it says nothing."""
+    match = _PLANE.fullmatch(name.strip())
+    if match is None or (match["harmonic"] is None and match["channel"] is None):
+        return None
+    return PlaneLabel(*(None if digits is None else int(digits) for digits in match.group("harmonic", "channel")))
 
-    A channel says its harmonic itself (H2.SC1), or its part does (a part H2 with SC1 and SC2), or else the parts count
-    as harmonics in their order. Harmonics are called by number or place: see `harmonic_labels`.
+
+def planes_in_order(found: Mapping[tuple[int, int], Found], layout: FrameLayout, *, where: str) -> list[Found]:
+    """Return what was found for each harmonic and channel in the order H1.SC1, H1.SC2, H2.SC1, …
+
+    Harmonics are called by number or place: see `harmonic_labels`.
 
     Raises:
-        NotAFrameError: no channel holds a voltage.
-        FrameError: a harmonic or channel is missing or there twice.
+        FrameError: a plane is missing.
     """
-    found = _labelled(parts, layout, where)
-    if not found:
-        names = ", ".join(name for part in parts for name in part.channels)
-        raise NotAFrameError(f"{where}: holds the channels {names}, expected voltages {', '.join(layout.plane_names)}")
     labels = harmonic_labels(layout.harmonics, {harmonic for harmonic, _ in found})
     wanted = [(harmonic, channel) for harmonic in labels for channel in range(1, CHANNELS + 1)]
     missing = [plane_name(*plane) for plane in wanted if plane not in found]
@@ -52,16 +65,41 @@ def voltage_places(parts: Sequence[NamedPart], layout: FrameLayout, *, where: st
     return [found[plane] for plane in wanted]
 
 
+def voltage_places(parts: Sequence[NamedPart], layout: FrameLayout, *, where: str) -> list[Place]:
+    """Return the places of a frame's planes in the order H1.SC1, H1.SC2, H2.SC1, …
+
+    A channel says its harmonic itself (H2.SC1), or its part does (a part H2 with SC1 and SC2), or else the parts count
+    as harmonics in their order.
+
+    Raises:
+        NotAFrameError: no channel holds a voltage.
+        FrameError: a harmonic or channel is missing or there twice.
+    """
+    found = _labelled(parts, layout, where)
+    if not found:
+        raise not_a_frame((name for part in parts for name in part.channels), layout, where=where)
+    return planes_in_order(found, layout, where=where)
+
+
+def not_a_frame(names: Iterable[str], layout: FrameLayout, *, where: str) -> NotAFrameError:
+    """Return the error for a file whose channels hold something else than voltages."""
+    found = list(names)
+    what = "a colour picture, " if _COLOURS.issuperset(found) else ""
+    return NotAFrameError(
+        f"{where}: holds {what}the channels {', '.join(found)}, expected voltages {', '.join(layout.plane_names)}"
+    )
+
+
 def _labelled(parts: Sequence[NamedPart], layout: FrameLayout, where: str) -> dict[tuple[int, int], Place]:
     """Return the place of every voltage by harmonic label and channel."""
     by_part = _part_labels(parts, layout, where)
     found: dict[tuple[int, int], Place] = {}
     for index, part in enumerate(parts):
         for name in part.channels:
-            match = _VOLTAGE.fullmatch(name)
-            if match is None:
+            label = plane_label(name)
+            if label is None or label.channel is None:
                 continue
-            plane = int(match["harmonic"] or by_part[index]), int(match["channel"])
+            plane = label.harmonic or by_part[index], label.channel
             if plane in found:
                 raise FrameError(f"{where}: found {plane_name(*plane)} twice, expected it once")
             found[plane] = Place(index, name)
@@ -70,11 +108,13 @@ def _labelled(parts: Sequence[NamedPart], layout: FrameLayout, where: str) -> di
 
 def _part_labels(parts: Sequence[NamedPart], layout: FrameLayout, where: str) -> dict[int, int]:
     """Return the harmonic of each part whose channels leave it open."""
-    matches = {i: [_VOLTAGE.fullmatch(name) for name in part.channels] for i, part in enumerate(parts)}
-    open_parts = [i for i, names in matches.items() if any(match and not match["harmonic"] for match in names)]
-    named = {i: match for i in open_parts if (match := _PART.fullmatch(parts[i].name))}
+    labels = {i: [plane_label(name) for name in part.channels] for i, part in enumerate(parts)}
+    open_parts = [
+        i for i, found in labels.items() if any(label and label.channel and not label.harmonic for label in found)
+    ]
+    named = {i: label.harmonic for i in open_parts if (label := plane_label(parts[i].name)) and label.harmonic}
     if len(named) == len(open_parts):
-        return {i: int(match["harmonic"]) for i, match in named.items()}
+        return named
     if len(open_parts) > len(layout.harmonics):
         names = ", ".join(repr(parts[i].name) for i in open_parts)
         raise FrameError(

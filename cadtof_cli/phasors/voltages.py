@@ -15,21 +15,25 @@ def volts_per_count(voltage: Voltage, dtype: np.dtype[np.generic], /) -> float:
     """Return how many volts one step of values stored as `dtype` stands for: 1 for floats that nothing else is said of.
 
     Raises:
-        SettingsError: the values are integers and nothing says how many volts one count stands for.
+        SettingsError: the values are integers and nothing says how many volts one count stands for, or unsigned and nothing
+            says which of them is 0 V.
     """
-    if voltage.volts_per_count is not None:
-        return voltage.volts_per_count
-    if dtype.kind != "f":
+    if voltage.volts_per_count is None and dtype.kind != "f":
         raise SettingsError(
             f"frames hold whole numbers ({dtype}), and nothing says how many volts a count is: "
             "set volts_per_count under [voltage] in capture.toml, or --volts-per-count"
         )
-    return 1.0
+    if voltage.zero_counts is None and dtype.kind == "u":
+        raise SettingsError(
+            f"frames hold unsigned numbers ({dtype}), and nothing says which of them is 0 V: "
+            "set zero_counts under [voltage] in capture.toml, or --zero-counts"
+        )
+    return 1.0 if voltage.volts_per_count is None else voltage.volts_per_count
 
 
 def volts_from_stored(stored: Stored, voltage: Voltage, /) -> Float:
     """Return stored values of any shape in V, float64; raises SettingsError as `volts_per_count` does."""
-    return (stored.astype(np.float64) - voltage.zero_counts) * volts_per_count(voltage, stored.dtype)
+    return (stored.astype(np.float64) - voltage.zero) * volts_per_count(voltage, stored.dtype)
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +65,7 @@ def ideal_phasor_map(metadata: CaptureMetadata, dtype: np.dtype[np.generic], /) 
     volts = volts_per_count(metadata.voltage, dtype)
     gains = [volts / metadata.modulation.amplitude_v / response.main.real for response in ideal_response(metadata)]
     own = np.broadcast_to(np.array(gains)[:, np.newaxis, np.newaxis], (len(gains), 2, 1))
-    zero = metadata.voltage.zero_counts
+    zero = metadata.voltage.zero
     return PhasorMap(own, constant=-zero * own if zero else None)
 
 
@@ -98,7 +102,7 @@ def pixel_phasor_map(
         scale = scale / (amplitude_v if gain is None else amplitude_v * gain[row].astype(np.float64))
         first, second = (scale * response.without_mirror(np.array(unit)) for unit in (1.0 + 0.0j, 1.0j))
         own[row], other[row] = (first.real, second.imag), (second.real, first.imag)
-        shift = metadata.voltage.zero_counts * volts
+        shift = metadata.voltage.zero * volts
         shifts = (shift, shift) if offset_v is None else offset_v[row].astype(np.float64) + shift
         constant[row, 0] = -(first.real * shifts[0] + second.real * shifts[1])
         constant[row, 1] = -(first.imag * shifts[0] + second.imag * shifts[1])

@@ -62,6 +62,25 @@ def count_status(status: Status, /) -> StatusCounts:
     return StatusCounts(one, two, more, diffuse, status.size - one - two - more - diffuse)
 
 
+def why_no_answer(status: Status, /) -> str:
+    """Return why no pixel of a status map has an answer: the bits that are set, with their share of the pixels."""
+    bits = (
+        StatusBit.SATURATED,
+        StatusBit.NOT_FINITE,
+        StatusBit.HOT_PIXEL,
+        StatusBit.LOW_CONFIDENCE,
+        StatusBit.NOT_CONVERGED,
+    )
+    shares = {bit: float(np.mean((status & bit) != 0)) for bit in bits}
+    found = [f"{share:.1%} {describe_status(int(bit))[0]}" for bit, share in shares.items() if share]
+    hint = (
+        ""
+        if not shares[StatusBit.LOW_CONFIDENCE]
+        else ("; if light was there, look at integration_length, --min-confidence and --false-alarm")
+    )
+    return f"no pixel has an answer ({', '.join(found)}){hint}"
+
+
 def describe_status(value: int) -> tuple[str, ...]:
     """Return the names of the bits that are set, such as ('two paths', 'ill-conditioned')."""
     return tuple(bit.name.lower().replace("_", " ") for bit in StatusBit if value & bit and bit.name)

@@ -94,7 +94,10 @@ def report_of(line: bytes, /) -> FrameReport | None:
 
 @dataclass
 class RunTotals:
-    """What has become of the frames so far; `diffuse_frames` are those whose MPI was taken for diffuse."""
+    """What has become of the frames so far.
+
+    `diffuse_frames` are those whose MPI was taken for diffuse, `kept` those that were skipped since their maps are there already.
+    """
 
     frames: int = 0
     ok: int = 0
@@ -107,6 +110,7 @@ class RunTotals:
     diffuse_frames: int = 0
     invalid: int = 0
     seconds: float = 0.0
+    kept: int = 0
 
     def add(self, report: FrameReport) -> None:
         """Count one more frame."""
@@ -115,6 +119,7 @@ class RunTotals:
         for name in ("one_path", "two_paths", "more_paths", "diffuse", "invalid"):
             setattr(self, name, getattr(self, name) + (getattr(report, name) or 0))
         self.diffuse_frames += bool(report.diffuse)
+        self.kept += report.line is not None
 
 
 @dataclass(frozen=True)

@@ -75,7 +75,7 @@ def test_files_that_follow_each_other_share_their_capture(tmp_path: Path) -> Non
     (tmp_path / "b" / "capture.toml").write_text("[voltage]\nzero_counts = 3.0\n")
     captures = find_captures([*here, *there, here[0], here[0]])
     assert [_names(capture) for capture in captures] == [["x_2", "x_1"], ["y"], ["x_2"]]
-    assert [capture.source.metadata.voltage.zero_counts for capture in captures] == [0.0, 3.0, 0.0]
+    assert [capture.source.metadata.voltage.zero_counts for capture in captures] == [None, 3.0, None]
 
 
 def test_what_a_shell_makes_of_a_star(tmp_path: Path) -> None:
@@ -100,7 +100,8 @@ def test_a_folder_and_a_file_in_it_are_two_captures(tmp_path: Path) -> None:
 def test_empty_folder_says_what_it_holds(names: tuple[str, ...], found: str, tmp_path: Path) -> None:
     _touch(tmp_path, *names)
     assert (
-        _message(tmp_path) == f"{tmp_path}: no frames: looked for .exr, .tif, .tiff files other than truth.*, {found}"
+        _message(tmp_path)
+        == f"{tmp_path}: no frames: looked for .exr, .tif, .tiff, .npy files other than truth.*, {found}"
     )
 
 

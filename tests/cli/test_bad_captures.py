@@ -94,7 +94,7 @@ def test_no_frames(tmp_path: Path) -> None:
     empty = tmp_path / "empty"
     empty.mkdir()
     for inputs, told in (
-        ((empty,), f"{empty}: no frames: looked for .exr, .tif, .tiff files other than truth.*, found nothing"),
+        ((empty,), f"{empty}: no frames: looked for .exr, .tif, .tiff, .npy files other than truth.*, found nothing"),
         ((tmp_path / "gone",), f"{tmp_path / 'gone'}: no such file or folder; expected a capture folder or a frame"),
     ):
         for command in (("resolve", "-o", tmp_path / "out"), ("info",)):
@@ -153,7 +153,7 @@ def _empty(file: Path) -> None:
 
 
 def _picture(file: Path) -> None:
-    file.write_bytes(b"\x89PNG\r\n\x1a\n" + bytes(500))
+    file.write_bytes(b"\xff\xd8\xff\xe0\0\x10JFIF" + bytes(500))
 
 
 DAMAGE: list[tuple[str, Callable[[Path], None], str]] = [
@@ -166,8 +166,8 @@ DAMAGE: list[tuple[str, Callable[[Path], None], str]] = [
     ("tif", _without_last_plane, "found 3 pages of 32 × 24 uint16, expected 4 for one frame"),
     ("exr", _without_last_plane, "H2.SC2"),
     ("tif", _gone, "cannot be read: No such file or directory"),
-    ("tif", _empty, "neither TIFF nor EXR: found an empty file, expected 76 2f 31 01"),
-    ("exr", _picture, "neither TIFF nor EXR: found first bytes 89 50 4e 47, expected 76 2f 31 01"),
+    ("tif", _empty, "found an empty file, expected one of EXR, TIFF, NPY, PNG"),
+    ("exr", _picture, "found first bytes ff d8 ff e0, expected one of EXR, TIFF, NPY, PNG"),
 ]
 
 
@@ -218,11 +218,22 @@ def test_a_frame_of_saturated_pixels_has_no_answer(tmp_path: Path) -> None:
     capture = record(tmp_path / "capture", frames=2)
     write_pages(capture.files[0], np.full((4, 24, 32), 16383, np.uint16))
     done = cadtof("resolve", capture.folder, "-o", tmp_path / "out", "-j", 1, "--json")
-    assert done.status == 0
-    assert json.loads(done.out.splitlines()[0])["invalid"] == 24 * 32
-    layers = layers_of(tmp_path / "out" / "frame_0.tif")
-    assert set(np.unique(layers["status"])) == {1}
-    assert np.isnan(layers["direct.depth"]).all()
+    assert done.status == 1
+    assert json.loads(done.out.splitlines()[0])["status"] == "failed"
+    assert "every pixel is saturated: stored values (uint16) lie between 16383 and 16383" in done.err
+    assert [path.name for path in (tmp_path / "out").glob("*.tif")] == ["frame_1.tif"]
+    text = (capture.folder / "capture.toml").read_text().replace("integration_length = 100000\n", "")
+    (capture.folder / "capture.toml").write_text(text)
+    done = cadtof("resolve", capture.folder, "-o", tmp_path / "estimated", "-j", 1)
+    assert done.status == 1
+    assert "every pixel is saturated" in done.err
+
+
+def test_noise_that_cannot_be_estimated(tmp_path: Path) -> None:
+    capture = record(tmp_path / "capture")
+    pages = np.full((4, 24, 32), 16383, np.uint16)
+    pages[:, :3, :4] = 8200
+    write_pages(capture.files[0], pages)
     text = (capture.folder / "capture.toml").read_text().replace("integration_length = 100000\n", "")
     (capture.folder / "capture.toml").write_text(text)
     done = cadtof("resolve", capture.folder, "-o", tmp_path / "estimated", "-j", 1)
@@ -236,11 +247,9 @@ def test_a_frame_without_light_has_no_answer(tmp_path: Path) -> None:
     write_pages(capture.files[0], np.full((4, 24, 32), 8192, np.uint16))
     for extra in ((), ("--min-confidence", "0"), ("--order", "2"), ("--solver", "one-path")):
         done = cadtof("resolve", capture.folder, "-o", tmp_path / "out", "-j", 1, "--overwrite", *extra)
-        assert done.status == 0
-        layers = layers_of(tmp_path / "out" / "frame_0.tif")
-        assert set(np.unique(layers["status"])) == {4}
-        assert np.isnan(layers["direct.depth"]).all()
-        assert (layers["confidence"] == 0).all()
+        assert done.status == 1
+        assert f"failed: {capture.files[0]}: no pixel has an answer (100.0% low confidence)" in done.err
+        assert not list((tmp_path / "out").glob("*.tif"))
 
 
 def test_files_that_may_not_be_read(tmp_path: Path) -> None:

@@ -10,6 +10,7 @@ import pytest
 import tifffile
 from numpy.typing import NDArray
 
+from cadtof_cli.files.maps import DepthMaps, write_maps
 from tests.support.captures import VOLTS_PER_COUNT, ZERO_COUNTS, layers_of, record, write_exr, write_frame
 from tests.support.forward import AMPLITUDE_V, C_M_PER_NS, T1_NS, Light, depth_m, step_frame, step_truth
 from tests.support.run_cadtof import cadtof
@@ -132,9 +133,11 @@ def test_recordings_that_are_gone_cost_only_the_first_phasor(tmp_path: Path) -> 
 
 
 def test_maps_without_an_answer(tmp_path: Path) -> None:
-    capture, out = record(tmp_path / "capture"), tmp_path / "out"
-    write_frame(capture.files[0], np.zeros((2, 2, 24, 32)))
-    assert cadtof("resolve", capture.folder, "-o", out, "-j", 1).status == 0
+    out = tmp_path / "out"
+    out.mkdir()
+    names = ("direct.depth", "mpi.depth", "confidence")
+    pages = np.full((len(names) + 1, 24, 32), np.nan, np.float32)
+    write_maps(out / "frame_0.tif", DepthMaps(names, pages, np.full((24, 32), 4, np.uint32)))
     done = cadtof("evaluate", out, "--truth", _truth(tmp_path / "truth.exr"), "--json")
     assert done.status == 0
     assert json.loads(done.out)["direct"] == dict.fromkeys(KEYS[:-1]) | {"valid": 0.0}

@@ -87,7 +87,7 @@ def test_what_is_wrong_is_told_with_status_1(tmp_path: Path) -> None:
     done = cadtof("info", capture.folder, "-j", 1, "--json")
     assert done.status == 1
     empty, unscaled = done.err.splitlines()
-    assert empty.startswith(f"wrong: {capture.files[1]}: neither TIFF nor EXR: found an empty file, expected ")
+    assert empty.startswith(f"wrong: {capture.files[1]}: found an empty file, expected one of EXR, TIFF, NPY, PNG")
     assert unscaled.startswith("wrong: frames hold whole numbers (uint16), and nothing says how many volts a count is")
     facts = json.loads(done.out)
     assert [f"wrong: {problem}" for problem in facts["problems"]] == [empty, unscaled]
@@ -136,4 +136,4 @@ def test_damaged_maps_and_records(tmp_path: Path) -> None:
     assert done.status == 1
     record_told, map_told = done.err.splitlines()
     assert record_told.startswith(f"wrong: {out / 'run.json'}: not the record of a run (")
-    assert map_told.startswith(f"wrong: {out / 'frame_1.tif'}: found 0 pages and 0 channel names")
+    assert map_told.startswith(f"wrong: {out / 'frame_1.tif'}: damaged or truncated TIFF")

@@ -53,7 +53,9 @@ def test_out_holds_recorded_frames(tmp_path: Path) -> None:
         for extra in ((), ("--overwrite",), ("--resume",)):
             _refused(cadtof("resolve", *inputs, "-o", a.folder, "-j", 1, *extra), told)
     (a.folder / "capture.toml").unlink()
-    _refused(cadtof("resolve", a.folder, "-o", a.folder, "-j", 1, "--volts-per-count", 6e-5), told)
+    _refused(
+        cadtof("resolve", a.folder, "-o", a.folder, "-j", 1, "--volts-per-count", 6e-5, "--zero-counts", 8192), told
+    )
     _refused(
         cadtof("resolve", b.folder, "-o", a.folder, "-j", 1),
         f"{a.folder}: frame_0.tif would be replaced; add --overwrite to replace",

@@ -1,6 +1,5 @@
 """Every form in which a frame may be recorded, written from an array that the test made."""
 
-import importlib.util
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,8 +14,6 @@ from cadtof_cli.arrays import Stored
 from cadtof_cli.capture.frame_sources import FrameSource
 
 Writer = Callable[[Path, Stored], FrameSource]
-
-HAS_CODECS = importlib.util.find_spec("imagecodecs") is not None
 
 PLANE_NAMES = ("H1.SC1", "H1.SC2", "H2.SC1", "H2.SC2")
 
@@ -211,4 +208,4 @@ PLANE_FORMS = [
     Form("planes-exr", plane_files(".exr"), "f2"),
 ]
 
-FORMS = TIFF_FORMS + (CODEC_FORMS if HAS_CODECS else []) + EXR_FORMS + PLANE_FORMS
+FORMS = TIFF_FORMS + CODEC_FORMS + EXR_FORMS + PLANE_FORMS

@@ -3,7 +3,6 @@
 import builtins
 import logging
 import struct
-import subprocess
 import sys
 from pathlib import Path
 from typing import Any
@@ -17,8 +16,6 @@ from cadtof_cli.files.frames import FrameLayout, NotAFrameError
 from tests.files.forms import known_frame, plane_files, planes_of, tiff
 from tests.files.refusals import LAYOUT, message, message_of, write_exr, write_pages
 
-ROOT = Path(__file__).parents[2]
-
 
 @pytest.mark.parametrize(
     ("content", "found"),
@@ -28,11 +25,11 @@ ROOT = Path(__file__).parents[2]
         (b"[modulation]\n", "first bytes 5b 6d 6f 64"),
     ],
 )
-def test_neither_tiff_nor_exr(content: bytes, found: str, tmp_path: Path) -> None:
+def test_no_format_that_we_know(content: bytes, found: str, tmp_path: Path) -> None:
     path = tmp_path / "frame.tif"
     path.write_bytes(content)
     told = message(path)
-    assert told == f"{path}: neither TIFF nor EXR: found {found}, expected 76 2f 31 01 or 49 49 2a 00 or 4d 4d 00 2a"
+    assert told == f"{path}: found {found}, expected one of EXR, TIFF, NPY, PNG"
 
 
 def test_a_file_that_is_gone(tmp_path: Path) -> None:
@@ -84,7 +81,7 @@ def test_pages_that_differ(tmp_path: Path) -> None:
         for width in (7, 7, 7, 8):
             writer.write(np.zeros((5, width), "u2"), metadata=None, photometric="minisblack")
     told = message(path)
-    assert "found pages that differ (3 pages of 7 × 5 uint16; 1 pages of 8 × 5 uint16)" in told
+    assert "found pages that differ (3 of 7 × 5 uint16; 1 of 8 × 5 uint16)" in told
 
 
 @pytest.mark.parametrize("dtype", ["i1", "i8", "c8"])
@@ -125,37 +122,16 @@ def test_pages_in_a_circle(tmp_path: Path) -> None:
     assert "page 4 leads back to an earlier page" in message(path)
 
 
-_READ_WITHOUT_CODECS = """
-import sys
-sys.modules["imagecodecs"] = None
-from pathlib import Path
-from cadtof_cli.capture.frame_sources import FrameSource
-from cadtof_cli.files.frames import FrameLayout
-from cadtof_cli.capture.frames import open_frames
-from cadtof_cli.errors import FrameError
-try:
-    with open_frames(FrameSource("frame", (Path(sys.argv[1]),)), FrameLayout((1, 2))) as frames:
-        frames.read()
-except FrameError as error:
-    print(error)
-"""
-
-
-def test_compression_without_imagecodecs(tmp_path: Path) -> None:
-    # a deflated file that says it is LZW gets as far as the decoder that is missing
+def test_compression_that_nobody_here_reads(tmp_path: Path) -> None:
     path = write_pages(tmp_path / "frame.tif", planes_of(known_frame("u2")), compression="zlib")
     with tifffile.TiffFile(path, mode="r+") as file:
         for index in range(4):
             page = file.pages.get(index)
             assert isinstance(page, tifffile.TiffPage)
-            page.tags["Compression"].overwrite(5)
-    command = [sys.executable, "-c", _READ_WITHOUT_CODECS, str(path)]
-    done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT, timeout=60, check=False)
-    assert done.stderr == ""
-    assert done.stdout == (
-        f"{path}: its compression needs the imagecodecs package, which is not installed;"
-        " try pip install 'cadtof[codecs]'\n"
-    )
+            page.tags["Compression"].overwrite(32809)
+    told = message(path)
+    assert told.startswith(f"{path}: its compression cannot be read here (")
+    assert told.endswith("rewrite it, such as by tiffcp -c zip")
 
 
 def test_maps_in_a_tiff_are_not_a_frame(tmp_path: Path) -> None:

@@ -50,7 +50,7 @@ def test_only_the_first_part_of_an_exr_file_holds_maps(tmp_path: Path) -> None:
 
 def test_a_tiff_without_names_for_all_its_pages_holds_no_maps(tmp_path: Path) -> None:
     tifffile.imwrite(tmp_path / "plain.tif", np.zeros((3, *SHAPE), np.float32), photometric="minisblack", metadata=None)
-    with pytest.raises(FrameError, match=r"found 3 pages and 0 channel names, expected an OME-TIFF of named maps"):
+    with pytest.raises(FrameError, match=r"found 3 pages, expected an OME-TIFF of maps with a name for each"):
         read_layers(tmp_path / "plain.tif")
     xml = '<OME xmlns="http://www.openmicroscopy.org/Schemas/OME/2016-06"><Channel Name="one"/><Channel Name="two"/></OME>'
     tifffile.imwrite(
@@ -60,5 +60,28 @@ def test_a_tiff_without_names_for_all_its_pages_holds_no_maps(tmp_path: Path) ->
         metadata=None,
         description=xml,
     )
-    with pytest.raises(FrameError, match=r"found 3 pages and 2 channel names"):
+    with pytest.raises(FrameError, match=r"found 3 pages, expected an OME-TIFF of maps"):
         read_layers(tmp_path / "few.tif")
+
+
+def test_pages_in_a_circle_are_refused_at_once(tmp_path: Path) -> None:
+    path = written(tmp_path / "maps.tif")
+    with tifffile.TiffFile(path) as file:
+        first, last = file.pages[0].offset, file.pages[7].offset
+    content = bytearray(path.read_bytes())
+    tags = int.from_bytes(content[last : last + 2], "little")
+    content[last + 2 + 12 * tags : last + 6 + 12 * tags] = first.to_bytes(4, "little")
+    path.write_bytes(content)
+    with pytest.raises(FrameError, match="leads back to an earlier page"):
+        read_layers(path)
+
+
+def test_a_header_that_promises_more_than_its_file_holds(tmp_path: Path) -> None:
+    path = written(tmp_path / "maps.tif")
+    with tifffile.TiffFile(path, mode="r+") as file:
+        for page in file.pages:
+            assert isinstance(page, tifffile.TiffPage)
+            page.tags["ImageWidth"].overwrite(60_000)
+            page.tags["ImageLength"].overwrite(60_000)
+    with pytest.raises(FrameError, match=path.name):
+        read_layers(path)

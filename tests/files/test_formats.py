@@ -20,6 +20,7 @@ from cadtof_cli.files.formats import (
     Format,
     format_named,
     format_of,
+    frame_suffixes,
     map_suffix_like,
 )
 from cadtof_cli.files.frames import FrameLayout
@@ -46,7 +47,10 @@ def test_exr_is_exr_whatever_its_name(tmp_path: Path) -> None:
 
 
 def test_what_the_readme_says_of_suffixes() -> None:
-    assert FRAME_SUFFIXES == MAP_SUFFIXES == (".exr", ".tif", ".tiff")
+    assert MAP_SUFFIXES == (".exr", ".tif", ".tiff")
+    assert (*MAP_SUFFIXES, ".npy") == FRAME_SUFFIXES
+    assert frame_suffixes(planes=True, raw=False) == (*FRAME_SUFFIXES, ".png")
+    assert frame_suffixes(planes=False, raw=True) == (*FRAME_SUFFIXES, ".raw", ".bin", ".dat")
     assert (FRAME_FORMATS, MAP_FORMATS) == (("tif", "exr"), ("exr", "tif"))
 
 
@@ -125,7 +129,7 @@ def test_layers_into_a_folder_that_is_not_there(tmp_path: Path) -> None:
 
 def test_a_tiff_without_names_has_no_layers(tmp_path: Path) -> None:
     tifffile.imwrite(tmp_path / "a.tif", np.zeros((2, 5, 7), "f4"), photometric="minisblack")
-    with pytest.raises(FrameError, match="found 2 pages and 0 channel names, expected an OME-TIFF of named maps"):
+    with pytest.raises(FrameError, match="found 2 pages, expected an OME-TIFF of maps with a name for each"):
         read_layers(tmp_path / "a.tif")
 
 

@@ -83,3 +83,30 @@ def test_library_is_heard_while_another_thread_runs(capfd: pytest.CaptureFixture
     thread.join()
     assert len(said) == 2
     assert capfd.readouterr() == ("", "")
+
+
+def test_what_the_library_prints_on_standard_output_is_kept_from_a_pipeline(capfd: pytest.CaptureFixture[str]) -> None:
+    with library_output() as said:
+        os.write(1, b"ojph error 0x00050044 at ojph_codestream_local.cpp:700: a tile is missing\n")
+    assert said == ["ojph error 0x00050044 at ojph_codestream_local.cpp:700: a tile is missing"]
+    os.write(1, b'{"status": "failed"}\n')
+    assert capfd.readouterr() == ('{"status": "failed"}\n', "")
+
+
+def test_the_programs_own_lines_go_where_they_were_going(capfd: pytest.CaptureFixture[str]) -> None:
+    inside, written = threading.Event(), threading.Event()
+
+    def another() -> None:
+        inside.wait(5)
+        os.write(1, b'{"status": "ok"}\n')
+        written.set()
+
+    thread = threading.Thread(target=another)
+    thread.start()
+    with library_output() as said:
+        inside.set()
+        assert written.wait(5)
+        os.write(1, b"ojph warning: something\n")
+    thread.join()
+    assert said == ["ojph warning: something"]
+    assert capfd.readouterr().out == '{"status": "ok"}\n'

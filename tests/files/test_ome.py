@@ -7,9 +7,11 @@ import numpy as np
 import pytest
 import tifffile
 
-from cadtof_cli.files.maps import read_layers
+from cadtof_cli.files.maps import MapsAbout, read_layers
 from cadtof_cli.files.tiff.ome import channel_names, ome_xml
 from tests.files.refusals import message
+
+ABOUT = MapsAbout(facts={"software": "cadtof 0.1.0"})
 
 WRITTEN_BY_0_1_0 = (
     '<?xml version="1.0" encoding="UTF-8"?>'
@@ -26,12 +28,12 @@ WRITTEN_BY_0_1_0 = (
 
 
 def test_the_description_of_maps_is_that_of_earlier_versions() -> None:
-    assert ome_xml(("direct.depth", "status"), size=(240, 320), software="cadtof 0.1.0") == WRITTEN_BY_0_1_0
+    assert ome_xml(("direct.depth", "status"), size=(240, 320), about=ABOUT) == WRITTEN_BY_0_1_0
 
 
 def test_names_that_need_escaping_come_back() -> None:
     names = ("a < b & c", "with \"quotes\" and 'more'", "slash /> inside", "µV")
-    assert channel_names(ome_xml(names, size=(2, 3), software="x")) == names
+    assert channel_names(ome_xml(names, size=(2, 3), about=ABOUT)) == names
 
 
 @pytest.mark.parametrize("prefix", ["", "ome:"])

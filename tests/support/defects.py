@@ -131,7 +131,7 @@ class DefectiveCamera:
                 first, second = rng.standard_normal((2, *self.pixels)) * noisy
                 drawn_noise = np.stack([sampled.first * first, sampled.slope * first + sampled.rest * second])
                 planes.append(gains * (sampled.means + drawn_noise) + drawn.offset_v[row])
-            counts = np.rint(np.stack(planes) / (voltage.volts_per_count or 1.0) + voltage.zero_counts)
+            counts = np.rint(np.stack(planes) / (voltage.volts_per_count or 1.0) + voltage.zero)
             frames.append(np.clip(counts, 0, 2**self.bits - 1).astype(np.uint16))
         return frames
 

@@ -51,6 +51,13 @@ def read_parts(path: Path, /) -> list[ExrPart]:
     return parts
 
 
+def read_texts(path: Path, /) -> dict[str, str]:
+    """Return the attributes of a file's first part that are text."""
+    file = _opened(path, header_only=True)
+    with damage_as_frame_error(path, "EXR"):
+        return {name: value for name, value in file.header(0).items() if isinstance(value, str)}
+
+
 def _part(header: dict[str, Any]) -> ExrPart:
     low, high = header["dataWindow"]
     width, height = (int(high[axis]) - int(low[axis]) + 1 for axis in (0, 1))

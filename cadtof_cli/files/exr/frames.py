@@ -31,7 +31,7 @@ def open_frames(path: Path, layout: FrameLayout, /) -> Iterator[Frames]:
     yield LoneFrame("exr", planes.reshape(len(layout.harmonics), CHANNELS, *planes.shape[1:]))
 
 
-def read_plane(path: Path, /) -> Stored:
+def read_plane(path: Path, _layout: FrameLayout, /) -> Stored:
     """Return the one plane of an EXR file, shape (Y, X): its only channel, or luminance Y.
 
     Raises:

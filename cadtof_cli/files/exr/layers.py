@@ -5,17 +5,28 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from cadtof_cli.files.exr.file import open_pixels, read_parts, write_exr
-from cadtof_cli.files.maps import STATUS, DepthMaps
+from cadtof_cli.files.exr.file import open_pixels, read_parts, read_texts, write_exr
+from cadtof_cli.files.maps import STATUS, DepthMaps, MapsAbout
+
+_OURS = "cadtof."
+"""How the attributes begin that say something about the maps."""
 
 
-def write_maps(path: Path, maps: DepthMaps, /, *, software: str) -> None:
-    """Write maps as float channels, and the status bits as one of unsigned integers.
+def write_maps(path: Path, maps: DepthMaps, /, *, about: MapsAbout) -> None:
+    """Write maps as float channels, and the status bits as one of unsigned integers; what is said about them as attributes.
 
     They are not compressed: compressing noise takes ten times as long as resolving it.
     """
     channels = {name: maps.layer(name) for name in maps.names} | {STATUS: maps.status}
-    write_exr(path, channels, compression="none", software=software)
+    units = {f"{_OURS}unit.{name}": unit for name, unit in about.units.items() if unit}
+    facts = {name if name == "software" else f"{_OURS}{name}": text for name, text in about.facts.items()}
+    write_exr(path, channels, compression="none", **facts, **units)
+
+
+def read_facts(path: Path, /) -> dict[str, str]:
+    """Return what the attributes of a file say about its maps."""
+    facts = {name.removeprefix(_OURS): text for name, text in read_texts(path).items() if name.startswith(_OURS)}
+    return {name: text for name, text in facts.items() if not name.startswith("unit.")}
 
 
 def read_layers(path: Path, /) -> dict[str, NDArray[Any]]:

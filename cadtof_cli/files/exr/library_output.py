@@ -1,6 +1,6 @@
 """What the OpenEXR library prints, caught before it reaches the terminal.
 
-On damaged files the library writes to file descriptor 2 from C++ and to `sys.stdout` from its Python binding, and then
+On damaged files the library writes to file descriptors 1 and 2 from C++ and to `sys.stdout` from its Python binding, and then
 hands back fewer parts, or wrong pixels, as if nothing had happened. What it prints is the only sign.
 """
 
@@ -13,12 +13,14 @@ import tempfile
 import threading
 from collections.abc import Iterator
 
-_STDERR = 2
+_DESCRIPTORS = (1, 2)
+"""Standard output, on which a pipeline reads our JSON, and standard error."""
 
-_ITS_WORDS = re.compile(r"EXR|^Warning: ", re.IGNORECASE)
+_ITS_WORDS = re.compile(r"EXR|ojph|^Warning: ", re.IGNORECASE)
+"""The library's own, and those of OpenJPH, by which it reads HTJ2K."""
 
 _lock = threading.Lock()
-"""Standard error belongs to the process, so threads take turns."""
+"""The descriptors belong to the process, so threads take turns."""
 
 
 @contextlib.contextmanager
@@ -30,20 +32,31 @@ def library_output() -> Iterator[list[str]]:
     said: list[str] = []
     with _lock:
         printed = io.StringIO()
-        unprinted = b""
-        kept = _unnamed_file()
-        stderr = os.dup(_STDERR)
+        unprinted: dict[int, bytes] = {}
+        alone = threading.active_count() == 1
+        kept = {descriptor: (_unnamed_file(), os.dup(descriptor)) for descriptor in filter(_is_open, _DESCRIPTORS)}
         try:
-            os.dup2(kept, _STDERR)
+            for descriptor, (file, _) in kept.items():
+                os.dup2(file, descriptor)
             with contextlib.redirect_stdout(printed):
                 yield said
         finally:
-            os.dup2(stderr, _STDERR)
-            os.close(stderr)
-            unprinted = os.pread(kept, os.fstat(kept).st_size, 0)
-            os.close(kept)
-            if unprinted or printed.tell():
-                _sort_out(said, printed.getvalue(), unprinted.decode(errors="replace"))
+            for descriptor, (file, before) in kept.items():
+                os.dup2(before, descriptor)
+                unprinted[descriptor] = os.pread(file, os.fstat(file).st_size, 0)
+                os.close(before)
+                os.close(file)
+            if any(unprinted.values()) or printed.tell():
+                out, err = (unprinted.get(descriptor, b"").decode(errors="replace") for descriptor in _DESCRIPTORS)
+                _sort_out(said, printed.getvalue() + out, err, alone=alone and threading.active_count() == 1)
+
+
+def _is_open(descriptor: int) -> bool:
+    try:
+        os.fstat(descriptor)
+    except OSError:
+        return False
+    return True
 
 
 def _unnamed_file() -> int:
@@ -54,9 +67,8 @@ def _unnamed_file() -> int:
         return os.dup(stream.fileno())
 
 
-def _sort_out(said: list[str], printed: str, unprinted: str) -> None:
-    """Keep the library's lines, and write those of other threads to where they were going."""
-    alone = threading.active_count() == 1
+def _sort_out(said: list[str], printed: str, unprinted: str, *, alone: bool) -> None:
+    """Keep the library's lines, and write those of other threads, where there were any, to where they were going."""
     for text, stream in ((unprinted, sys.stderr), (printed, sys.stdout)):
         for line in text.splitlines(keepends=True):
             if alone or _ITS_WORDS.search(line):

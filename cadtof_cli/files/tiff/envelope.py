@@ -46,6 +46,10 @@ class Envelope:
                 rest = rest[count:]
             return not rest and file.read(len(self.tail) + 1) == self.tail
 
+    def written_as(self, old: bytes, new: bytes, /) -> "Envelope":
+        """Return an envelope with other bytes, of the same number, wherever the old ones stand."""
+        return self if old == new else Envelope(self.head.replace(old, new), self.pixels, self.tail.replace(old, new))
+
     def write(self, path: Path, pixels: NDArray[Any], /) -> None:
         """Write a file of these bytes around other pixels."""
         with path.open("wb", buffering=0) as file:

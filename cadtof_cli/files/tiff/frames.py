@@ -14,7 +14,7 @@ from cadtof_cli.arrays import Stored
 from cadtof_cli.errors import FrameError
 from cadtof_cli.files.damage import damage_as_frame_error
 from cadtof_cli.files.frames import CHANNELS, FrameLayout, Frames, LoneFrame
-from cadtof_cli.files.tiff.axes import plane_table
+from cadtof_cli.files.plane_table import plane_table
 from cadtof_cli.files.tiff.envelope import Envelope
 from cadtof_cli.files.tiff.images import TiffImages
 
@@ -36,7 +36,7 @@ class TiffFrames:
     def __init__(self, path: Path, layout: FrameLayout) -> None:
         self.images = images = TiffImages(path)
         try:
-            self._table = plane_table(images.labels, images.sizes, layout, where=images.found)
+            self._table = plane_table(images.labels, images.sizes, layout, where=images.found, names=images.names)
         except FrameError:
             images.close()
             raise
@@ -105,7 +105,7 @@ def open_frames(path: Path, layout: FrameLayout, /) -> Iterator[Frames]:
         yield frames
 
 
-def read_plane(path: Path, /) -> Stored:
+def read_plane(path: Path, _layout: FrameLayout, /) -> Stored:
     """Return the one plane of a TIFF file, shape (Y, X), native byte order.
 
     Raises:

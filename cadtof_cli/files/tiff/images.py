@@ -16,21 +16,22 @@ from numpy.typing import NDArray
 from cadtof_cli.arrays import Stored
 from cadtof_cli.errors import FrameError
 from cadtof_cli.files.damage import damage_as_frame_error, require_plausible_size
-from cadtof_cli.files.frames import NotAFrameError, shape_text
-from cadtof_cli.files.maps import is_map_layer
+from cadtof_cli.files.frames import shape_text
+from cadtof_cli.files.tiff.contents import require_voltages
 from cadtof_cli.files.tiff.envelope import Envelope
-from cadtof_cli.files.tiff.pages import (
-    Page,
-    lies_in_one_run,
-    require_sound_chain,
-    require_sound_keyframe,
-    require_sound_page,
+from cadtof_cli.files.tiff.names import names_of_planes
+from cadtof_cli.files.tiff.pages import require_sound_chain
+from cadtof_cli.files.tiff.series import (
+    Item,
+    ScatteredPlanes,
+    alike_series,
+    divided_axes,
+    is_scattered,
+    sound_items,
 )
 
-_NEEDS_CODECS = re.compile(r"requires?\b.*\bimagecodecs\b")
-
-Item = int | Page
-"""One image of a series: the byte where its pixels begin, if they lie in one run, or the page that knows."""
+_OF_A_PRIVATE_TAG = re.compile(r"TiffTag (?:3[3-9]\d{3}|[4-9]\d{4})\b")
+"""A remark on what some maker keeps in a tag of its own."""
 
 
 class _Remarks(logging.Filter):
@@ -46,8 +47,9 @@ class _Remarks(logging.Filter):
 
     def filter(self, record: logging.LogRecord) -> bool:
         errors: list[str] | None = getattr(self.kept, "errors", None)
-        if errors is not None and record.levelno >= logging.ERROR:
-            errors.append(record.getMessage())
+        remark = record.getMessage()
+        if errors is not None and record.levelno >= logging.ERROR and not _OF_A_PRIVATE_TAG.search(remark):
+            errors.append(remark)
         return errors is None
 
 
@@ -65,13 +67,6 @@ def reading_tiff(path: Path) -> Iterator[None]:
             yield
             if errors:
                 raise FrameError(f"{path}: damaged TIFF: {'; '.join(errors)}")
-    except FrameError as error:
-        if _NEEDS_CODECS.search(str(error)):
-            raise FrameError(
-                f"{path}: its compression needs the imagecodecs package, which is not installed;"
-                " try pip install 'cadtof[codecs]'"
-            ) from error
-        raise
     finally:
         _remarks.kept.errors = None
 
@@ -81,14 +76,16 @@ class TiffImages:
 
     Parameters:
         path: a TIFF or BigTIFF file of either byte order.
+        voltages: whether maps and pictures are refused.
 
     Raises:
         NotAFrameError: the file holds maps, not voltages.
         FrameError: the file cannot be read, is damaged, or its pages differ from each other.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, *, voltages: bool = True) -> None:
         self.path = path
+        self._are_voltages = voltages
         with contextlib.ExitStack() as opened:
             with reading_tiff(path):
                 self._tiff = opened.enter_context(tifffile.TiffFile(path))
@@ -98,26 +95,37 @@ class TiffImages:
 
     def _arrange(self) -> None:
         """Find where each image lies and how its samples are laid out."""
-        _require_voltages(self.path, self._tiff)
-        series = _alike_series(self.path, self._tiff)
-        labels, outer, page_axes = _divided_axes(self.path, series[0])
+        series = alike_series(self.path, self._tiff)
         page = series[0].keyframe
         self.dtype: np.dtype[Any] = np.dtype(page.dtype).newbyteorder("=")
         self._page_shape: tuple[int, ...] = page.shape
-        height, width = (page.shape[page_axes.index(axis)] for axis in "YX")
+        self._scattered = ScatteredPlanes(self.path, series) if is_scattered(series[0]) else None
+        if self._scattered is not None:
+            self.labels, self.sizes, self.plane_shape = self._scattered.described
+        else:
+            self._divide(series)
+        self.names = names_of_planes(self._tiff, series, self.labels, self.sizes)
+        if self._are_voltages:
+            require_voltages(self.path, page, self.names)
+        require_plausible_size(self.path, page.nbytes, self._tiff.filehandle.size)
+
+    def _divide(self, series: Sequence[tifffile.TiffPageSeries]) -> None:
+        """Find the images of a file whose pages are planes, or hold planes as samples of their pixels."""
+        labels, outer, page_axes = divided_axes(self.path, series[0])
+        height, width = (self._page_shape[page_axes.index(axis)] for axis in "YX")
         self.plane_shape = (height, width)
-        self._samples = page.shape[page_axes.index("S")] if "S" in page_axes else 1
+        self._samples = self._page_shape[page_axes.index("S")] if "S" in page_axes else 1
         self._samples_first = page_axes.startswith("S")
         self.labels = f"I{labels}S"
         self.sizes = (len(series), *outer, self._samples)
-        self._items = _items(self.path, series, math.prod(outer))
-        require_plausible_size(self.path, page.nbytes, self._tiff.filehandle.size)
+        self._items = sound_items(self.path, series, math.prod(outer))
 
     @property
     def found(self) -> str:
         """What the file holds, to begin a message with."""
-        samples = f" of {self._samples} samples" if self._samples > 1 else ""
-        return f"{self.path}: found {len(self._items)} pages{samples} of {shape_text(self.plane_shape, self.dtype)}"
+        samples = f" of {self.sizes[-1]} samples" if self.sizes[-1] > 1 else ""
+        pages = math.prod(self.sizes[:-1])
+        return f"{self.path}: found {pages} pages{samples} of {shape_text(self.plane_shape, self.dtype)}"
 
     def __enter__(self) -> "TiffImages":
         """Open the file again, if it has been closed."""
@@ -133,6 +141,9 @@ class TiffImages:
 
     def planes(self, indices: NDArray[np.intp], /) -> Stored:
         """Return planes by their place in the file, in native byte order, shape (n, Y, X), C-contiguous."""
+        if self._scattered is not None:
+            with reading_tiff(self.path):
+                return self._scattered.planes(indices)
         if self._samples == 1:
             return self._images(indices.tolist())
         images, samples = np.divmod(indices, self._samples)
@@ -145,7 +156,8 @@ class TiffImages:
     def envelope(self, indices: NDArray[np.intp], /) -> Envelope | None:
         """Return what stands around planes; None where they do not lie in one run, in this order and native byte order."""
         native = self.dtype.newbyteorder(self._tiff.byteorder) == self.dtype
-        start = self._start_of_run(indices.tolist()) if native and self._samples == 1 else None
+        plain = self._scattered is None and self._samples == 1
+        start = self._start_of_run(indices.tolist()) if native and plain else None
         size = indices.size * math.prod(self.plane_shape) * self.dtype.itemsize
         return None if start is None else Envelope.of(self._tiff.filehandle, start, size)
 
@@ -175,70 +187,3 @@ class TiffImages:
         else:
             # one thread: the frames of a run are what is read side by side
             item.asarray(out=out, maxworkers=1)
-
-
-def _require_voltages(path: Path, tiff: tifffile.TiffFile) -> None:
-    description = tiff.pages.first.description
-    if "<OME" in description and not tiff.is_ome:
-        raise FrameError(f"{path}: damaged TIFF: its OME metadata breaks off, so the order of its planes is not known")
-    if tiff.is_ome:
-        from cadtof_cli.files.tiff.ome import channel_names
-
-        layers = list(filter(is_map_layer, channel_names(description)))
-        if layers:
-            raise NotAFrameError(f"{path}: holds maps ({', '.join(layers)}), expected voltages")
-
-
-def _alike_series(path: Path, tiff: tifffile.TiffFile) -> list[tifffile.TiffPageSeries]:
-    """Return the series of a file; software that writes page by page makes a series of each."""
-    series = list(tiff.series)
-    if not series or not math.prod(series[0].shape):
-        raise FrameError(f"{path}: found no image, expected pages of voltages")
-    kinds = {(one.shape, one.dtype): one for one in series}
-    if len(kinds) > 1:
-        found = "; ".join(f"{len(one)} pages of {shape_text(one.keyframe.shape[:2], one.dtype)}" for one in series[:4])
-        raise FrameError(f"{path}: found pages that differ ({found}), expected pages of one size and type")
-    if series[0].is_multifile:
-        raise FrameError(f"{path}: its OME metadata spreads it over several files, expected all planes in one file")
-    return series
-
-
-def _divided_axes(path: Path, series: tifffile.TiffPageSeries) -> tuple[str, tuple[int, ...], str]:
-    """Return labels and lengths of the axes that run over images, and labels of the axes within an image."""
-    axes, shape = series.get_axes(squeeze=False), series.get_shape(squeeze=False)
-    page = series.keyframe
-    if axes.endswith("S") and not page.axes.endswith("S"):
-        axes, shape = axes[:-1], shape[:-1]
-    outer = len(shape) - len(page.shape)
-    if outer < 0 or shape[outer:] != page.shape or not set("YX") <= set(page.axes) <= set("SYX"):
-        raise FrameError(
-            f"{path}: found axes {axes} of lengths {shape} over pages of {page.shape}, expected whole pages of"
-            " height × width"
-        )
-    return axes[:outer], shape[:outer], page.axes
-
-
-def _items(path: Path, series: Sequence[tifffile.TiffPageSeries], images: int) -> list[Item]:
-    """Return the place of every image, each checked to be within the file."""
-    items: list[Item] = []
-    for one in series:
-        page = one.keyframe
-        file_size = page.parent.filehandle.size
-        # ImageJ and truncated files describe a whole stack by its first page
-        run = one.dataoffset
-        require_sound_keyframe(path, page, stored_bytes=page.nbytes * (images if run is not None else 1))
-        if run is not None:
-            end = run + images * page.nbytes
-            if end > file_size:
-                raise FrameError(
-                    f"{path}: truncated TIFF: {images} pages reach to byte {end:,}, found a file of {file_size:,} bytes"
-                )
-            items += [run + place * page.nbytes for place in range(images)]
-            continue
-        pages = [image for image in one if image is not None]
-        if len(pages) != images:
-            raise FrameError(f"{path}: damaged TIFF: found {len(pages)} pages, its metadata promises {images}")
-        for image in pages:
-            require_sound_page(path, image, page, file_size)
-            items.append(image.dataoffsets[0] if lies_in_one_run(image, page) else image)
-    return items

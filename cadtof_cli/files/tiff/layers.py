@@ -1,49 +1,81 @@
 """Named layers as OME-TIFF: one float32 page each, the status bits of maps as whole numbers in the last."""
 
+import math
 import threading
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import tifffile
 from numpy.typing import NDArray
 
 from cadtof_cli.errors import FrameError
-from cadtof_cli.files.maps import STATUS, DepthMaps
+from cadtof_cli.files.maps import SOURCE, STATUS, DepthMaps, MapsAbout
 from cadtof_cli.files.tiff.envelope import Envelope
-from cadtof_cli.files.tiff.images import reading_tiff
-from cadtof_cli.files.tiff.ome import channel_names, ome_xml
+from cadtof_cli.files.tiff.images import TiffImages, reading_tiff
+from cadtof_cli.files.tiff.ome import annotations, gdal_xml, marked_source, ome_xml
+
+_PAGE_NAME, _GDAL_METADATA, _ASCII = 285, 42112, 2
 
 
 class _Last(threading.local):
-    """The names, size and software of the maps that a thread last wrote, and what stands around their pixels."""
+    """What a thread last said about maps of which names and size, and what stands around their pixels then."""
 
     kind: object = None
+    source: bytes = b""
     envelope: Envelope | None = None
 
 
 _last = _Last()
 
 
-def write_maps(path: Path, maps: DepthMaps, /, *, software: str) -> None:
+def write_maps(path: Path, maps: DepthMaps, /, *, about: MapsAbout) -> None:
     """Write the maps to `path`; no date and no random identifier goes in.
 
-    So files of maps with the same names and size differ in their pixels alone: tifffile makes the first of them.
+    OME-XML in front says what the pages are; each page has its name too, as a page name and as the description of a band, since
+    GDAL and what is built on it (rasterio, QGIS) know a page without the others.
+
+    So files of maps with the same names and size differ in their pixels, and in the name of the recorded frame, alone: tifffile
+    makes the first of them.
     """
     maps.pages[-1] = maps.status
-    kind = (maps.names, maps.pages.shape, software)
+    others = {name: text for name, text in about.facts.items() if name != SOURCE}
+    source = marked_source(about)
+    kind = (maps.names, maps.pages.shape, others, dict(about.units), len(source))
     if _last.kind == kind and _last.envelope:
-        _last.envelope.write(path, maps.pages)
+        _last.envelope.written_as(_last.source, source).write(path, maps.pages)
         return
-    height, width = maps.status.shape
+    _write_pages(path, maps, about)
+    _last.kind, _last.source, _last.envelope = kind, source, _envelope(path, maps)
+
+
+def _write_pages(path: Path, maps: DepthMaps, about: MapsAbout) -> None:
+    """Write a file as tifffile does, all pixels in one run, then the names of the pages into their tags."""
+    names = (*maps.names, STATUS)
+    bands = [
+        gdal_xml(name, about.units.get(name, ""), {} if place else about.facts) for place, name in enumerate(names)
+    ]
     tifffile.imwrite(
         path,
         maps.pages,
         photometric="minisblack",
-        description=ome_xml((*maps.names, STATUS), size=(height, width), software=software),
-        software=software,
+        description=ome_xml(names, size=maps.status.shape, about=about),
+        software=about.facts["software"],
         metadata=None,
+        extratags=[(code, _ASCII, None, " ", False) for code in (_PAGE_NAME, _GDAL_METADATA)],
     )
-    _last.kind, _last.envelope = kind, _envelope(path, maps)
+    with tifffile.TiffFile(path, mode="r+") as file:
+        for page, name, band in zip(file.pages, names, bands, strict=True):
+            assert isinstance(page, tifffile.TiffPage)
+            # what is longer than its place in the tag goes to the end of the file
+            page.tags[_PAGE_NAME].overwrite(name)
+            page.tags[_GDAL_METADATA].overwrite(band)
+
+
+def read_facts(path: Path, /) -> dict[str, str]:
+    """Return what the OME-XML of a file says about its maps."""
+    with reading_tiff(path), tifffile.TiffFile(path) as file:
+        return annotations(file.ome_metadata) if file.ome_metadata else {}
 
 
 def _envelope(path: Path, maps: DepthMaps) -> Envelope | None:
@@ -62,11 +94,9 @@ def read_layers(path: Path, /) -> dict[str, NDArray[Any]]:
     Raises:
         FrameError: the file cannot be read, is damaged, or its channels have no names.
     """
-    with reading_tiff(path), tifffile.TiffFile(path) as file:
-        names = channel_names(file.ome_metadata) if file.ome_metadata else ()
-        planes = [page.asarray() for page in file.pages]
+    with TiffImages(path, voltages=False) as images:
+        planes = images.planes(np.arange(math.prod(images.sizes)))
+        names = [name for name in images.names if name]
     if not names or len(names) != len(planes):
-        raise FrameError(
-            f"{path}: found {len(planes)} pages and {len(names)} channel names, expected an OME-TIFF of named maps"
-        )
+        raise FrameError(f"{path}: found {len(planes)} pages, expected an OME-TIFF of maps with a name for each")
     return dict(zip(names, planes, strict=True))

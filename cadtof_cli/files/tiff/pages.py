@@ -8,11 +8,13 @@ from pathlib import Path
 import tifffile
 
 from cadtof_cli.errors import FrameError
+from cadtof_cli.files.frames import SAMPLE_TYPES
 
 MAX_TAGS = 4096
 """As tifffile has it; a page with more is damage."""
 
-SAMPLE_TYPES = frozenset({"uint8", "uint16", "uint32", "int16", "int32", "float16", "float32", "float64"})
+_LOOKED_INTO = 64
+"""Pages whose tags are checked one by one; a file of more is a stack, whose pages are alike."""
 
 Page = tifffile.TiffPage | tifffile.TiffFrame
 
@@ -55,14 +57,14 @@ def require_sound_chain(path: Path, descriptor: int, size: int) -> None:
                 f"{path}: damaged or truncated TIFF: page {len(seen)} should begin at byte {offset:,},"
                 f" found no page there in a file of {size:,} bytes"
             )
-        if not seen:
-            _require_values_within(path, form, os.pread(descriptor, end - begin, begin), size)
+        if len(seen) < _LOOKED_INTO:
+            _require_values_within(path, len(seen), form, os.pread(descriptor, end - begin, begin), size)
         seen.add(offset)
         (offset,) = form.link.unpack(os.pread(descriptor, form.link.size, end))
 
 
-def _require_values_within(path: Path, form: _Form, tags: bytes, size: int) -> None:
-    """Check that the values of the first page's tags lie within the file.
+def _require_values_within(path: Path, page: int, form: _Form, tags: bytes, size: int) -> None:
+    """Check that the values of a page's tags lie within the file.
 
     Software that learns the axes last writes them last, and a file that lost them would be read in another order.
     """
@@ -70,7 +72,7 @@ def _require_values_within(path: Path, form: _Form, tags: bytes, size: int) -> N
         length = _VALUE_BYTES.get(kind, 1) * count
         if length > form.link.size and offset + length > size:
             raise FrameError(
-                f"{path}: damaged or truncated TIFF: tag {code} of the first page reaches to byte {offset + length:,},"
+                f"{path}: damaged or truncated TIFF: tag {code} of page {page} reaches to byte {offset + length:,},"
                 f" found a file of {size:,} bytes"
             )
 
@@ -107,8 +109,9 @@ def require_sound_keyframe(path: Path, page: tifffile.TiffPage, *, stored_bytes:
     """
     if page.dtype is None or page.dtype.name not in SAMPLE_TYPES or page.bitspersample != page.dtype.itemsize * 8:
         found = f"{page.bitspersample} bits a sample, sample format {int(page.sampleformat)}"
-        raise FrameError(f"{path}: found {found}, expected one of {', '.join(sorted(SAMPLE_TYPES))}")
+        raise FrameError(f"{path}: found {found}, expected one of {', '.join(SAMPLE_TYPES)}")
     if page.compression != 1:
+        _require_known_compression(path, page)
         return
     expected = stored_bytes
     if page.tile is not None:
@@ -120,6 +123,16 @@ def require_sound_keyframe(path: Path, page: tifffile.TiffPage, *, stored_bytes:
             f"{path}: damaged TIFF: page {page.index} of {page.imagewidth} × {page.imagelength} {page.dtype.name}"
             f" says it takes {found_bytes:,} bytes, expected {expected:,}"
         )
+
+
+def _require_known_compression(path: Path, page: tifffile.TiffPage) -> None:
+    try:
+        tifffile.TIFF.DECOMPRESSORS[page.compression]
+    except KeyError as error:
+        raise FrameError(
+            f"{path}: its compression cannot be read here ({error.args[0]}); expected none, deflate, LZW or Zstandard:"
+            " rewrite it, such as by tiffcp -c zip"
+        ) from error
 
 
 def lies_in_one_run(page: Page, keyframe: tifffile.TiffPage) -> bool:

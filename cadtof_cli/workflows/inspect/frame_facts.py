@@ -12,6 +12,7 @@ from cadtof_cli.capture.metadata import CaptureMetadata
 from cadtof_cli.errors import CadtofError
 from cadtof_cli.files.frames import FrameLayout, NotAFrameError
 from cadtof_cli.phasors.noise import estimated_integration_length
+from cadtof_cli.phasors.plausible import implausible
 from cadtof_cli.phasors.voltages import ideal_phasor_map, not_finite_pixels, phasors_from_stored, saturated_pixels
 
 
@@ -27,7 +28,8 @@ class LookTask:
 
 @dataclass(frozen=True)
 class FrameFacts:
-    """What a frame holds: the range of stored values a plane, shares of bad pixels, and the n_av that its noise shows."""
+    """What a frame holds: the range of stored values a plane, shares of bad pixels, the n_av that its noise shows, and
+    why its values cannot be voltages of the capture."""
 
     problem: str | None = None
     skipped: bool = False
@@ -38,6 +40,7 @@ class FrameFacts:
     saturated: float = 0.0
     not_finite: float = 0.0
     integration_length_seen: float = math.nan
+    implausible: str | None = None
 
 
 def facts_of_frame(task: LookTask, /) -> FrameFacts:
@@ -80,4 +83,5 @@ def _facts(stored: Stored, container: str, task: LookTask) -> FrameFacts:
         saturated=float(saturated.mean()),
         not_finite=float(bad.mean()),
         integration_length_seen=estimated_integration_length(phasors.reshape(-1, *stored.shape[2:])),
+        implausible=implausible(stored, task.metadata),
     )

@@ -18,6 +18,7 @@ from cadtof_cli.execution.workers import Workers
 from cadtof_cli.frame_plan import FramePlan
 from cadtof_cli.phasors.voltages import volts_per_count
 from cadtof_cli.units import unambiguous_range_m
+from cadtof_cli.workflows.inspect.calibration_facts import CalibrationFacts, facts_of_calibration, is_calibration_folder
 from cadtof_cli.workflows.inspect.frame_facts import FrameFacts, LookTask, facts_of_frame
 from cadtof_cli.workflows.inspect.map_facts import MapFacts, facts_of_maps, map_layers
 from cadtof_cli.workflows.progress import Progress
@@ -65,6 +66,9 @@ class CaptureFacts:
             self.integration_length_seen = facts.integration_length_seen
 
 
+Facts = CaptureFacts | MapFacts | CalibrationFacts
+
+
 def look_into(
     inputs: Sequence[Path],
     /,
@@ -73,16 +77,18 @@ def look_into(
     workers: Workers,
     progress: Progress,
     settings_file: Path | None = None,
-) -> list[CaptureFacts | MapFacts]:
+) -> list[Facts]:
     """Return what each input holds: captures are read whole, so that what is damaged is found.
 
     Raises:
         CadtofError: an input does not exist or holds nothing to look into, or its `capture.toml` is not allowed.
     """
-    found: list[CaptureFacts | MapFacts] = []
+    found: list[Facts] = []
     recorded: list[Path] = []
     for path in inputs:
-        if is_run_folder(path) or map_layers(path) is not None:
+        if is_calibration_folder(path):
+            found.append(facts_of_calibration(path))
+        elif is_run_folder(path) or map_layers(path) is not None:
             found.append(facts_of_maps(path))
         else:
             recorded.append(path)
@@ -101,12 +107,18 @@ def _capture_facts(capture: Capture, workers: Workers, progress: Progress) -> Ca
     pixels = first_pixels(capture)
     tasks = (LookTask(source, capture.layout, metadata, pixels) for source in single_frames(capture))
     with closing(run_ordered(facts_of_frame, tasks, workers=workers)) as outcomes:
+        implausible: list[str] = []
         for outcome in outcomes:
             result = outcome.result
             if isinstance(result, WorkerDied):
                 result = FrameFacts(problem=f"{outcome.task.source}: the process that read it died, twice")
             facts.add(result)
+            if result.implausible is not None:
+                implausible.append(f"{outcome.task.source}: {result.implausible}")
             progress.advance()
+    if implausible:
+        more = f" (and {len(implausible) - 1} frames more)" if len(implausible) > 1 else ""
+        facts.problems.append(f"{implausible[0]}{more}")
     n_av = metadata.pixel.integration_length or facts.integration_length_seen
     if n_av is not None:
         facts.noise_mv = 1000.0 * metadata.modulation.amplitude_v * math.sqrt(0.5 / (2.0 * n_av - 1.0))

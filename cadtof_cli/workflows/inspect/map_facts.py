@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from cadtof_cli.errors import CadtofError
 from cadtof_cli.files.formats import MAP_SUFFIXES
-from cadtof_cli.files.maps import STATUS, read_layers
+from cadtof_cli.files.maps import STATUS, read_facts, read_layers
 from cadtof_cli.maps.layers import DIRECT_DEPTH, layer_unit
 from cadtof_cli.resolver.status import StatusBit
 from cadtof_cli.workflows.run_folder import RUN_FILE, map_files, read_record
@@ -29,13 +29,15 @@ class LayerFacts:
 
 @dataclass
 class MapFacts:
-    """What a map file, or the first of a folder of them, holds; shares of pixels by status bit; the run's record."""
+    """What a map file, or the first of a folder of them, holds; shares of pixels by status bit; what it says of itself; the
+    run's record."""
 
     path: str
     files: int
     pixels: tuple[int, int] | None = None
     layers: dict[str, LayerFacts] = field(default_factory=dict)
     status: dict[str, float] = field(default_factory=dict)
+    about: dict[str, str] = field(default_factory=dict)
     run: dict[str, Any] | None = None
     problems: list[str] = field(default_factory=list)
 
@@ -65,6 +67,8 @@ def facts_of_maps(path: Path, /) -> MapFacts:
     for index, file in enumerate(files):
         try:
             layers = read_layers(file)
+            if index == 0:
+                facts.about = read_facts(file)
         except CadtofError as error:
             facts.problems.append(str(error))
             continue

@@ -15,11 +15,12 @@ from cadtof_cli.errors import CadtofError, FrameError, PlaceError
 from cadtof_cli.execution.workers import keep_freed_memory
 from cadtof_cli.files.digest import content_digest, file_digest
 from cadtof_cli.files.frames import FrameLayout, NotAFrameError
-from cadtof_cli.files.maps import write_maps
+from cadtof_cli.files.maps import MapsAbout, write_maps
 from cadtof_cli.frame_plan import FramePlan
 from cadtof_cli.phasors.frame_mean import FrameMean, frame_mean
+from cadtof_cli.phasors.plausible import implausible
 from cadtof_cli.pipeline import ResolvedFrame, resolve_frame
-from cadtof_cli.resolver.status import count_status
+from cadtof_cli.resolver.status import count_status, why_no_answer
 from cadtof_cli.workflows.run_folder import FrameReport, FrameStatus, SourceFile
 
 Result = TypeVar("Result")
@@ -121,10 +122,17 @@ def attempted(task: FrameTask, work: Callable[[], Result], /, *, began: float) -
 
 
 def written(task: FrameTask, resolved: ResolvedFrame, recording: Recording, /, *, began: float) -> FrameReport:
-    """Write a frame's maps and return its report."""
-    note = _why_again(task) if task.resume else None
-    write_maps(task.output, resolved.maps, token=task.token)
+    """Write a frame's maps and return its report.
+
+    Raises:
+        FrameError: no pixel has an answer; nothing is written then.
+        OutputError: see `write_maps`.
+    """
     counts = count_status(resolved.maps.status)
+    if counts.invalid == resolved.maps.status.size:
+        raise FrameError(f"{task.sources[0]}: {why_no_answer(resolved.maps.status)}")
+    note = _why_again(task) if task.resume else None
+    write_maps(task.output, resolved.maps, about=_about(task), token=task.token)
     reasons = [recording.left_out] if recording.left_out else []
     if resolved.noise_estimated:
         reasons.append(f"noise estimated from the frame: integration_length {resolved.integration_length:.4g}")
@@ -143,6 +151,20 @@ def written(task: FrameTask, resolved: ResolvedFrame, recording: Recording, /, *
         output_digest=file_digest(task.output),
         note=note,
     )
+
+
+def _about(task: FrameTask) -> MapsAbout:
+    """Return what the file of a frame's maps says of itself; the recorded frame by its name, wherever the folder lies."""
+    plan, source = task.plan, task.sources[0]
+    place = "" if source.index is None else f"[{source.index}]"
+    facts = {
+        "depth": "radial range" if plan.settings.depth == "range" else "planar depth z",
+        "periods_ns": ", ".join(f"{period:g}" for period in plan.metadata.modulation.periods_ns),
+        "source": f"{source.paths[0].name}{place}",
+    }
+    if plan.calibration is not None:
+        facts["calibration"] = plan.calibration.digest
+    return MapsAbout({layer.name: layer.unit for layer in plan.layers}, facts)
 
 
 def kept_maps(task: FrameTask, /, *, began: float) -> FrameReport | None:
@@ -230,4 +252,7 @@ def _stored(task: FrameTask, source: FrameSource) -> Stored:
     if task.pixels is not None and stored.shape[2:] != task.pixels:
         found, expected = ("{1} × {0}".format(*size) for size in (stored.shape[2:], task.pixels))
         raise FrameError(f"{source}: found {found} pixels, expected {expected} as in the capture's first frame")
+    wrong = implausible(stored, task.plan.metadata)
+    if wrong is not None:
+        raise FrameError(f"{source}: {wrong}")
     return stored

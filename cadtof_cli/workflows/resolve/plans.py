@@ -8,10 +8,11 @@ from typing import Any
 
 from cadtof_cli.capture.discovery import Capture, base_of, find_captures, placed_below
 from cadtof_cli.capture.frame_sources import FrameSource
-from cadtof_cli.capture.frames import file_size, first_frames, single_frames
-from cadtof_cli.errors import SettingsError
+from cadtof_cli.capture.frames import file_size, first_frames, open_frames, single_frames
+from cadtof_cli.errors import FrameError, SettingsError
 from cadtof_cli.files.formats import format_named, map_suffix_like
 from cadtof_cli.frame_plan import FramePlan
+from cadtof_cli.phasors.plausible import implausible
 from cadtof_cli.phasors.voltages import volts_per_count
 from cadtof_cli.workflows.resolve.settings import AS_INPUT, ResolveSettings
 from cadtof_cli.workflows.resolve.use_calibration import AppliedCalibration
@@ -92,6 +93,7 @@ def planned(
 
     Raises:
         SettingsError: its settings do not allow it; or its values are integers and nothing says how many volts a count is.
+        FrameError: its values cannot be voltages.
     """
     use = calibration.use if calibration else None
     plans: list[CapturePlan] = []
@@ -106,4 +108,25 @@ def planned(
             volts_per_count(metadata.voltage, first.dtype)
         except SettingsError as error:
             raise SettingsError(f"{capture.root}: {error}") from error
+        _require_plausible(capture)
     return plans
+
+
+def _require_plausible(capture: Capture) -> None:
+    """Make sure that stored values can be voltages, by the first frame; where they cannot, by the middle and the last too.
+
+    Raises:
+        FrameError: in none of them they can, so it is not the frame that is wrong.
+    """
+    wrong: list[str] = []
+    for source in dict.fromkeys(capture.frames[place] for place in (0, len(capture.frames) // 2, -1)):
+        try:
+            with open_frames(source, capture.layout) as frames:
+                found = implausible(frames.read(), capture.source.metadata)
+        except FrameError:
+            continue
+        if found is None:
+            return
+        wrong.append(f"{source}: {found}")
+    if wrong:
+        raise FrameError(wrong[0])

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from cadtof_cli.errors import FrameError
 from cadtof_cli.files.frames import FrameLayout
-from cadtof_cli.files.tiff.axes import plane_table
+from cadtof_cli.files.plane_table import plane_table
 
 counts = st.integers(1, 6)
 harmonics = st.integers(1, 3).map(lambda n: tuple(range(1, n + 1)))
@@ -58,3 +58,52 @@ def test_planes_that_are_not_whole_frames(sizes: tuple[int, int]) -> None:
 def test_a_channel_axis_in_front_of_an_unlabelled_one() -> None:
     table = plane_table("CZ", (2, 2), FrameLayout((1, 2)), where="file")
     assert table.tolist() == [[[0, 2], [1, 3]]]
+
+
+@given(
+    st.permutations(range(12)),
+    st.sampled_from(["H{}.SC{}", "h{}_sc{}", "H{}/SC{}", "H{} Sc{}", "H{}SC{}", " h{}-SC{} "]),
+)
+def test_names_win_over_any_order(order: list[int], form: str) -> None:
+    # three frames, told apart by nothing but which of a name comes first
+    names = [form.format(1 + place // 2 % 2, 1 + place % 2) for place in order]
+    table = plane_table("Q", (12,), FrameLayout((1, 2)), where="file", names=names)
+    for harmonic, channel in itertools.product(range(2), range(2)):
+        places = [i for i, place in enumerate(order) if place % 4 == 2 * harmonic + channel]
+        assert table[:, harmonic, channel].tolist() == places
+
+
+@pytest.mark.parametrize(
+    ("names", "expected"),
+    [
+        (["SC2", "SC1", "SC2", "SC1"], [[[1, 0], [3, 2]]]),
+        (["H2", "H2", "H1", "H1"], [[[2, 3], [0, 1]]]),
+        (["DAPI", "GFP", "", "Cy5"], [[[0, 1], [2, 3]]]),
+        (["H1.SC1", "H1.SC2", "H3.SC1", "H3.SC2"], [[[0, 1], [2, 3]]]),
+    ],
+)
+def test_a_name_says_what_it_says_and_the_axes_the_rest(names: list[str], expected: list[list[list[int]]]) -> None:
+    harmonics = (1, 3) if "H3.SC1" in names else (1, 2)
+    assert plane_table("Q", (4,), FrameLayout(harmonics), where="file", names=names).tolist() == expected
+
+
+def test_planes_without_a_voltages_name_are_passed_over() -> None:
+    names = ["preview", "H2.SC2", "H2.SC1", "H1.SC2", "H1.SC1"]
+    assert plane_table("C", (5,), FrameLayout((1, 2)), where="file", names=names).tolist() == [[[4, 3], [2, 1]]]
+
+
+@pytest.mark.parametrize(
+    ("names", "frames", "found"),
+    [
+        (["H1.SC1", "H1.SC2", "H2.SC1", "x"], None, "file: no channel H2.SC2; found H1.SC1, H1.SC2, H2.SC1"),
+        (["H1.SC1", "H1.SC2", "H2.SC1", "H2.SC2", "H1.SC1"], None, "2 of them are named H1.SC1"),
+        (["H1.SC1", "H1.SC2", "H2.SC1", "H2.SC2"], 2, "expected layout.frames = 2"),
+        (["SC1", "SC1", "SC1", "SC2"], None, "named as if two were one"),
+        (["H1", "H1", "H5", "H5"], None, "found a plane of harmonic 5"),
+    ],
+)
+def test_names_that_do_not_fit(names: list[str], frames: int | None, found: str) -> None:
+    if frames and len(names) == 4:
+        names = names * 3
+    with pytest.raises(FrameError, match=found):
+        plane_table("Q", (len(names),), FrameLayout((1, 2), frames), where="file", names=names)

@@ -1,4 +1,4 @@
-"""The order of a TIFF's planes: from the axes that a file declares to frame, harmonic and channel."""
+"""Which plane of a TIFF is which: from names, and the axes that a file declares, to frame, harmonic and channel."""
 
 import math
 from collections.abc import Sequence
@@ -7,12 +7,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cadtof_cli.errors import FrameError
-from cadtof_cli.files.frames import CHANNELS, FrameLayout
+from cadtof_cli.files.frames import CHANNELS, FrameLayout, harmonic_labels, plane_name
+from cadtof_cli.files.named_planes import PlaneLabel, plane_label, planes_in_order
 
 _CHANNEL_LABELS = "CS"
 
 
-def plane_table(labels: str, sizes: Sequence[int], layout: FrameLayout, *, where: str) -> NDArray[np.intp]:
+def plane_table(
+    labels: str, sizes: Sequence[int], layout: FrameLayout, *, where: str, names: Sequence[str] = ()
+) -> NDArray[np.intp]:
     """Return which plane of a file holds each frame, harmonic and channel.
 
     Parameters:
@@ -20,6 +23,7 @@ def plane_table(labels: str, sizes: Sequence[int], layout: FrameLayout, *, where
         sizes: lengths of those axes.
         layout: harmonics of the capture, and frames of a stack where the metadata says it.
         where: what the file is and what was found in it, to begin a message with.
+        names: of the planes, empty where one has none; they win over the order.
 
     Returns:
         Indices of planes in the order of the file, shape (T, H, C).
@@ -27,6 +31,51 @@ def plane_table(labels: str, sizes: Sequence[int], layout: FrameLayout, *, where
     Raises:
         FrameError: the planes do not make up whole frames, or their order is not certain.
     """
+    named = {place: label for place, name in enumerate(names) if (label := plane_label(name))}
+    if not named:
+        return _table_by_order(labels, sizes, layout, where)
+    if all(None not in label for label in named.values()):
+        return _table_by_names(named, layout, where)
+    return _reordered(_table_by_order(labels, sizes, layout, where), named, layout, where)
+
+
+def _table_by_names(named: dict[int, PlaneLabel], layout: FrameLayout, where: str) -> NDArray[np.intp]:
+    """Return the table of planes that say their harmonic and channel; the n-th of a name belongs to frame n."""
+    found: dict[tuple[int, int], list[int]] = {}
+    for place, (harmonic, channel) in named.items():
+        found.setdefault((harmonic or 0, channel or 0), []).append(place)
+    planes = planes_in_order(found, layout, where=where)
+    count = min(map(len, planes))
+    for plane, places in found.items():
+        if places in planes and len(places) != count:
+            raise FrameError(
+                f"{where}: {len(places)} of them are named {plane_name(*plane)}, expected each name once a frame"
+            )
+    if layout.frames not in (None, count):
+        raise FrameError(f"{where}: found {count} planes of each name, expected layout.frames = {layout.frames}")
+    return np.array(planes, np.intp).T.reshape(count, len(layout.harmonics), CHANNELS)
+
+
+def _reordered(
+    table: NDArray[np.intp], named: dict[int, PlaneLabel], layout: FrameLayout, where: str
+) -> NDArray[np.intp]:
+    """Return a table in the order of names that say only the channel, or only the harmonic, of each plane."""
+    labels = harmonic_labels(layout.harmonics, {label.harmonic for label in named.values() if label.harmonic})
+    ordered = np.full_like(table, -1)
+    for frame, harmonic, channel in np.ndindex(table.shape):
+        place = int(table[frame, harmonic, channel])
+        label = named.get(place, PlaneLabel(None, None))
+        if label.harmonic is not None and label.harmonic not in labels:
+            raise FrameError(f"{where}: found a plane of harmonic {label.harmonic}, expected {list(labels)}")
+        at_harmonic = harmonic if label.harmonic is None else labels.index(label.harmonic)
+        ordered[frame, at_harmonic, channel if label.channel is None else label.channel - 1] = place
+    if (ordered < 0).any():
+        raise FrameError(f"{where}: found planes named as if two were one, expected {_names(layout)} once a frame")
+    return ordered
+
+
+def _table_by_order(labels: str, sizes: Sequence[int], layout: FrameLayout, where: str) -> NDArray[np.intp]:
+    """Return the table from axes alone."""
     total = math.prod(sizes)
     count = _frame_count(total, layout, where)
     axes = [(label, size) for label, size in zip(labels, sizes, strict=True) if size != 1]

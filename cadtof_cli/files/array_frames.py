@@ -1,0 +1,71 @@
+"""Frames in one array that lies in a file as it lies in memory."""
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+
+from cadtof_cli.arrays import Stored
+from cadtof_cli.errors import FrameError
+from cadtof_cli.files.frames import CHANNELS, SAMPLE_TYPES, FrameLayout, shape_text
+from cadtof_cli.files.plane_table import plane_table
+
+
+class ArrayFrames:
+    """The frames of an array whose last axes are Y and X, read one by one from a file that is mapped into memory.
+
+    Parameters:
+        name: of the file's format.
+        path: the file, for messages.
+        array: shape (…, Y, X); the axes before come in the order [frame,] harmonic, channel, the last two perhaps as one.
+        layout: harmonics of the capture, and frames of a stack where the metadata says it.
+
+    Raises:
+        FrameError: the planes do not make up whole frames, or are of a type that we do not read.
+    """
+
+    def __init__(self, name: str, path: Path, array: Stored, layout: FrameLayout) -> None:
+        require_planes(path, array)
+        where = f"{path}: found {array[..., 0, 0].size} planes of {shape_text(array.shape, array.dtype)}"
+        self._table = plane_table("Q" * (array.ndim - 2), array.shape[:-2], layout, where=where)
+        self._planes = array.reshape(-1, *array.shape[-2:])
+        self.format = name
+        self.count = len(self._table)
+        self.shape = (len(layout.harmonics), CHANNELS, *array.shape[-2:])
+        self.dtype = array.dtype.newbyteorder("=")
+
+    def read(self, index: int = 0, /) -> Stored:
+        """Return frame `index` as it is stored: shape (H, C, Y, X), C-contiguous, native byte order."""
+        planes = self._planes[self._table[index].ravel()]
+        return np.ascontiguousarray(planes, self.dtype).reshape(self.shape)
+
+
+@contextmanager
+def open_array(name: str, path: Path, array: Stored, layout: FrameLayout, /) -> Iterator[ArrayFrames]:
+    """Yield the frames of an array."""
+    yield ArrayFrames(name, path, array, layout)
+
+
+def lone_plane(path: Path, array: Stored, /) -> Stored:
+    """Return the one plane of an array, shape (Y, X), native byte order.
+
+    Raises:
+        FrameError: it holds more than one.
+    """
+    require_planes(path, array)
+    if array.size != array.shape[-2] * array.shape[-1]:
+        raise FrameError(f"{path}: found an array of {_shown(array.shape)}, expected a single plane")
+    return np.ascontiguousarray(array.reshape(array.shape[-2:]), array.dtype.newbyteorder("="))
+
+
+def require_planes(path: Path, array: Stored, /) -> None:
+    """Make sure that an array has planes of a type that we read."""
+    if array.dtype.name not in SAMPLE_TYPES:
+        raise FrameError(f"{path}: found values of type {array.dtype}, expected one of {', '.join(SAMPLE_TYPES)}")
+    if array.ndim < 2 or not array.size:
+        raise FrameError(f"{path}: found an array of {_shown(array.shape)}, expected planes (…, Y, X)")
+
+
+def _shown(shape: Sequence[int]) -> str:
+    return " × ".join(map(str, shape)) or "one value"

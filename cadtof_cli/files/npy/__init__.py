@@ -1,0 +1,1 @@
+"""NPY files: frames and planes that numpy saved."""

@@ -1,0 +1,31 @@
+"""Frames and planes in NPY files; the array is mapped into memory, so that a frame of a stack costs a frame."""
+
+from contextlib import AbstractContextManager
+from pathlib import Path
+
+import numpy as np
+
+from cadtof_cli.arrays import Stored
+from cadtof_cli.files.array_frames import lone_plane, open_array
+from cadtof_cli.files.damage import damage_as_frame_error
+from cadtof_cli.files.frames import FrameLayout, Frames
+
+
+def open_frames(path: Path, layout: FrameLayout, /) -> AbstractContextManager[Frames]:
+    """Open a file of axes [T] H C Y X, or [T·]2·H Y X.
+
+    Raises:
+        FrameError: the file cannot be read, is damaged, holds Python objects, or its planes do not make up whole frames.
+    """
+    return open_array("npy", path, _mapped(path), layout)
+
+
+def read_plane(path: Path, _layout: FrameLayout, /) -> Stored:
+    """Return the one plane of a file, shape (Y, X)."""
+    return lone_plane(path, _mapped(path))
+
+
+def _mapped(path: Path) -> Stored:
+    with damage_as_frame_error(path, "NPY"):
+        array: Stored = np.load(path, mmap_mode="r", allow_pickle=False)
+        return array

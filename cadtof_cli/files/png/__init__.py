@@ -1,0 +1,1 @@
+"""PNG files: a plane each."""

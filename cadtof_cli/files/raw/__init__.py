@@ -1,0 +1,1 @@
+"""Raw dumps: frames without a header, described by `[layout.raw]`."""

@@ -1,0 +1,46 @@
+"""Frames and planes in raw dumps: type, shape and offset are those of `[layout.raw]`; what the file says itself is its size."""
+
+import math
+from contextlib import AbstractContextManager
+from pathlib import Path
+
+import numpy as np
+
+from cadtof_cli.arrays import Stored
+from cadtof_cli.errors import FrameError
+from cadtof_cli.files.array_frames import lone_plane, open_array
+from cadtof_cli.files.damage import damage_as_frame_error
+from cadtof_cli.files.frames import FrameLayout, Frames
+
+
+def open_frames(path: Path, layout: FrameLayout, /) -> AbstractContextManager[Frames]:
+    """Open a dump of `layout.raw.shape`, or of a whole number of them: a stack.
+
+    Raises:
+        FrameError: nothing says its shape, the size of the file is another, or its planes do not make up whole frames.
+    """
+    return open_array("raw", path, _mapped(path, layout), layout)
+
+
+def read_plane(path: Path, layout: FrameLayout, /) -> Stored:
+    """Return the one plane of a dump, shape (Y, X)."""
+    return lone_plane(path, _mapped(path, layout))
+
+
+def _mapped(path: Path, layout: FrameLayout) -> Stored:
+    raw = layout.raw
+    if raw is None:
+        raise FrameError(f"{path}: a raw dump does not say what it holds: give dtype and shape under [layout.raw]")
+    with damage_as_frame_error(path, "raw"):
+        dtype, size = np.dtype(raw.dtype), path.stat().st_size
+        once = math.prod(raw.shape) * dtype.itemsize
+        times, rest = divmod(size - raw.offset_bytes, once)
+        if rest or times < 1:
+            lengths = " × ".join(map(str, raw.shape))
+            raise FrameError(
+                f"{path}: found {size:,} bytes, expected {raw.offset_bytes + once:,}: {lengths} values of {raw.dtype} after"
+                f" {raw.offset_bytes:,} bytes (layout.raw), or a whole multiple for a stack"
+            )
+        shape = raw.shape if times == 1 else (times, *raw.shape)
+        mapped: Stored = np.memmap(path, dtype, "r", raw.offset_bytes, shape)
+        return mapped

@@ -1,0 +1,57 @@
+"""What the pages of a TIFF must not be: pictures in colour, inverted or turned images, maps."""
+
+from collections.abc import Iterable
+from pathlib import Path
+
+import tifffile
+
+from cadtof_cli.errors import FrameError
+from cadtof_cli.files.frames import NotAFrameError
+from cadtof_cli.files.maps import is_map_layer
+from cadtof_cli.files.named_planes import plane_label
+
+_ORIENTATION = 274
+
+_MIN_IS_WHITE, _RGB = 0, 2
+
+_COLOURS = {_RGB: "RGB", 3: "a palette", 5: "CMYK", 6: "YCbCr", 8: "CIELAB", 9: "ICCLAB", 10: "ITULAB"}
+"""Photometric interpretations that are pictures."""
+
+_CONTIGUOUS = 1
+
+_MASK_OR_REDUCED = 4 | 1
+
+
+def is_plain_page(page: tifffile.TiffPage | tifffile.TiffFrame, /) -> bool:
+    """Tell whether a page is an image in full size, not a mask or one of a pyramid's smaller copies."""
+    return page.keyframe is None or not page.keyframe.subfiletype & _MASK_OR_REDUCED
+
+
+def require_voltages(path: Path, page: tifffile.TiffPage, names: Iterable[str], /) -> None:
+    """Make sure that pages like this one, whose planes have these names, may hold voltages.
+
+    Raises:
+        NotAFrameError: they are maps, or a colour picture. One whose samples are named as voltages is none.
+        FrameError: their values or their rows are not stored as they are meant.
+    """
+    layers = list(dict.fromkeys(filter(is_map_layer, names)))
+    if layers:
+        raise NotAFrameError(f"{path}: holds maps ({', '.join(layers)}), expected voltages")
+    photometric, samples = int(page.photometric), page.samplesperpixel
+    # what is given four planes, and not told that they are no colours, stores them apart as RGBA
+    apart = photometric == _RGB and page.planarconfig != _CONTIGUOUS and samples > 3
+    if photometric in _COLOURS and not apart and not any(map(plane_label, names)):
+        alpha = "A" if photometric == _RGB and samples == 4 else ""
+        raise NotAFrameError(
+            f"{path}: holds a colour picture ({_COLOURS[photometric]}{alpha}), expected voltages; software that stores"
+            " four channels as RGBA may swap them: write a page for each, or name them H1.SC1, H1.SC2, …"
+        )
+    if photometric == _MIN_IS_WHITE:
+        raise FrameError(
+            f"{path}: found min-is-white pages, whose values may be stored inverted; expected min-is-black"
+        )
+    orientation = page.tags.valueof(_ORIENTATION, default=1)
+    if orientation != 1:
+        raise FrameError(
+            f"{path}: found orientation {orientation}, so rows or columns are turned; expected 1, the first row on top"
+        )

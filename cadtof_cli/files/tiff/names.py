@@ -1,0 +1,78 @@
+"""The names that a TIFF gives its planes: OME channels, GDAL bands, ImageJ slice labels, page names and descriptions."""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+import tifffile
+
+from cadtof_cli.files.named_planes import plane_label
+
+_DESCRIPTION = 270
+_PAGE_NAME = 285
+_GDAL_METADATA = 42112
+
+
+def names_of_planes(
+    tiff: tifffile.TiffFile, series: Sequence[tifffile.TiffPageSeries], axes: str, sizes: Sequence[int]
+) -> tuple[str, ...]:
+    """Return a name for every plane in the order of the file, empty where one has none; nothing where none has one.
+
+    Parameters:
+        tiff: the open file.
+        series: its pages.
+        axes: labels of the axes besides Y and X, slowest first; I runs over images, S over the samples of a pixel.
+        sizes: lengths of those axes.
+    """
+    first, samples, images = tiff.pages.first, sizes[-1], math.prod(sizes[:-1])
+    if tiff.is_ome:
+        from cadtof_cli.files.tiff.ome import channel_names
+
+        return _channels(channel_names(first.description), axes, sizes)
+    if tiff.is_gdal and images == 1:
+        return _bands(first, samples)
+    if samples > 1:
+        return ()
+    labels = (tiff.imagej_metadata or {}).get("Labels", ()) if tiff.is_imagej else ()
+    if len(labels) == images:
+        # ImageJ adds lines about the image that a slice came from
+        return tuple(str(label).partition("\n")[0] for label in labels)
+    if not _page_name(first):
+        return ()
+    names = tuple(_page_name(page) for one in series for page in one)
+    return names if len(names) == images else ()
+
+
+def _channels(names: Sequence[str], axes: str, sizes: Sequence[int]) -> tuple[str, ...]:
+    """Return the name of each plane's channel; several images have channels of their own."""
+    along = axes.find("C") if "C" in axes and sizes[axes.find("C")] > 1 else axes.rindex("S")
+    images, place = np.indices(sizes)[[0, along]].reshape(2, -1)
+    channels = sizes[along]
+    if not any(names) or len(names) not in (channels, sizes[0] * channels):
+        return ()
+    index = place if len(names) == channels else images * channels + place
+    return tuple(names[i] for i in index)
+
+
+def _bands(page: tifffile.TiffPage, samples: int) -> tuple[str, ...]:
+    """Return the descriptions of a GeoTIFF's bands."""
+    from xml.etree import ElementTree
+
+    tag = page.tags.get(_GDAL_METADATA)
+    try:
+        root = ElementTree.fromstring(str(tag.value) if tag else "")
+    except ElementTree.ParseError:
+        return ()
+    items = [item for item in root.iter("Item") if item.get("role") == "description"]
+    names = {item.get("sample"): item.text or "" for item in items}
+    return tuple(names.get(str(sample), "") for sample in range(samples)) if names else ()
+
+
+def _page_name(page: object) -> str:
+    """Return a page's name, or its description where that is the name of a plane."""
+    if isinstance(page, tifffile.TiffFrame):
+        page = page.aspage()
+    if not isinstance(page, tifffile.TiffPage):
+        return ""
+    values = (page.tags.valueof(code) for code in (_PAGE_NAME, _DESCRIPTION))
+    return next((text for text in values if isinstance(text, str) and plane_label(text)), "")

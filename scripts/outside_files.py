@@ -1,0 +1,80 @@
+"""Writes a frame by every program in tests/outside, reads it, and puts the table into docs/formats.md."""
+
+import importlib.metadata
+import subprocess
+import sys
+import tempfile
+import warnings
+from itertools import groupby
+from pathlib import Path
+
+from tests.outside.cases import Case, MissingWriterError
+from tests.outside.matrix import CASES, tried
+
+PAGE = Path(__file__).parents[1] / "docs" / "formats.md"
+BEGIN, END = "<!-- table: scripts/outside_files -->\n", "<!-- end of table -->\n"
+
+PACKAGES = (
+    "tifffile",
+    "imagecodecs",
+    "opencv-python-headless",
+    "scikit-image",
+    "imageio",
+    "pillow",
+    "rasterio",
+    "pyvips-binary",
+    "OpenEXR",
+)
+PROGRAMS = (("tiffcp", "-h"), ("convert", "-version"))
+
+
+def row(case: Case) -> tuple[str, bool]:
+    """Return a row of the table, and whether the case came out as it should."""
+    with tempfile.TemporaryDirectory() as folder:
+        try:
+            told = tried(case, Path(folder))
+        except MissingWriterError as missing:
+            return f"| {case.writer} | {case.form} | not tried: {missing} |", False
+        except AssertionError as wrong:
+            return f"| {case.writer} | {case.form} | **read wrong**: {wrong} |", False
+    if told is None:
+        return f"| {case.writer} | {case.form} | read |", case.refused is None
+    if case.refused is None or case.refused not in told:
+        return f"| {case.writer} | {case.form} | **refused wrongly**: {told} |", False
+    return f"| {case.writer} | {case.form} | refused: {case.refused} |", True
+
+
+def versions() -> str:
+    """Return what the table was made with."""
+    found = [f"{name} {importlib.metadata.version(name)}" for name in PACKAGES]
+    for program, option in PROGRAMS:
+        told = subprocess.run([program, option], capture_output=True, text=True, check=False)
+        first = (told.stdout or told.stderr).strip().splitlines()[:1]
+        found += [line.removeprefix("Version: ").partition(" http")[0] for line in first]
+    return ", ".join(found)
+
+
+def main() -> int:
+    """Try all cases and write the table; the exit status is 1 where one is not as it should be."""
+    warnings.simplefilter("ignore")
+    rows = [row(case) for case in CASES]
+    read = sum(case.refused is None for case in CASES)
+    counts = ", ".join(f"{writer} {len(list(cases))}" for writer, cases in groupby(CASES, key=lambda case: case.writer))
+    text = [
+        f"{len(CASES)} files or sets of files: {read} to be read bit for bit, {len(CASES) - read} to be refused with the reason;"
+        f" {sum(good for _, good in rows)} came out so. By writer: {counts}.\n\n",
+        f"Tried with {versions()}.\n\n",
+        "| writer | file | cadtof |\n|---|---|---|\n",
+        *(f"{line}\n" for line, _ in rows),
+    ]
+    page = PAGE.read_text(encoding="utf-8")
+    before, after = page.split(BEGIN)[0], page.split(END)[1]
+    PAGE.write_text(f"{before}{BEGIN}{''.join(text)}{END}{after}", encoding="utf-8")
+    for line, good in rows:
+        if not good:
+            print(line)
+    return 0 if all(good for _, good in rows) else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,170 @@
+"""Values that cannot be voltages of the capture are refused, with what has likely happened and the option that mends it."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import tifffile
+from numpy.typing import NDArray
+
+from tests.conftest import Tool
+from tests.support.captures import TOML, VOLTS_PER_COUNT, ZERO_COUNTS, record, write_exr, write_pages
+from tests.support.run_cadtof import Finished, cadtof
+
+
+@pytest.fixture
+def recorded(tmp_path: Path) -> Path:
+    """A sound capture's only frame: uint16 counts."""
+    return record(tmp_path / "sound").files[0]
+
+
+def _capture(folder: Path, pages: NDArray[np.generic], *, toml: str = "") -> Path:
+    folder.mkdir()
+    write_pages(folder / "frame.tif", pages)
+    if toml:
+        (folder / "capture.toml").write_text(toml)
+    return folder
+
+
+def _refused(folder: Path, *options: str) -> Finished:
+    out = folder.parent / f"maps-{folder.name}"
+    done = cadtof("resolve", folder, "-o", out, "--jobs", "1", *options)
+    assert done.status in (1, 2)
+    assert not out.exists() or not list(out.glob("*.tif"))
+    return done
+
+
+def test_the_sound_capture_is_resolved(recorded: Path, tmp_path: Path) -> None:
+    assert cadtof("resolve", recorded.parent, "-o", tmp_path / "maps", "--jobs", "1").status == 0
+
+
+def test_float_counts_without_settings(recorded: Path, tmp_path: Path) -> None:
+    folder = _capture(tmp_path / "floats", tifffile.imread(recorded).astype("f4"))
+    done = _refused(folder)
+    assert "they look like counts: give --volts-per-count, and --zero-counts (their middle is 8" in done.err
+    mended = ("--volts-per-count", f"{VOLTS_PER_COUNT}", "--zero-counts", f"{ZERO_COUNTS}")
+    assert cadtof("resolve", folder, "-o", tmp_path / "mended", "--jobs", "1", *mended).status == 0
+
+
+def test_unsigned_counts_need_their_zero(recorded: Path, tmp_path: Path) -> None:
+    folder = _capture(tmp_path / "counts", tifffile.imread(recorded))
+    done = _refused(folder, "--volts-per-count", f"{VOLTS_PER_COUNT}")
+    assert done.status == 2
+    assert "unsigned numbers (uint16), and nothing says which of them is 0 V: set zero_counts" in done.err
+    told = _refused(folder, "--volts-per-count", f"{VOLTS_PER_COUNT}", "--zero-counts", "0")
+    assert "give --zero-counts (their middle is 8" in told.err
+
+
+def test_eight_bits_out_of_imagemagick(recorded: Path, tmp_path: Path, tool: Tool) -> None:
+    folder = tmp_path / "magick"
+    folder.mkdir()
+    (folder / "capture.toml").write_text(TOML["tif"])
+    tool("convert", recorded, "-depth", "8", folder / "frame.tif")
+    assert "they look scaled to 8 bits, as ImageMagick does with -depth 8" in _refused(folder).err
+
+
+def test_floats_out_of_imagemagick(recorded: Path, tmp_path: Path, tool: Tool) -> None:
+    folder = tmp_path / "magick"
+    folder.mkdir()
+    (folder / "capture.toml").write_text(TOML["tif"])
+    tool(
+        "convert",
+        recorded,
+        "-depth",
+        "32",
+        "-define",
+        "quantum:format=floating-point",
+        "-compress",
+        "Zip",
+        folder / "frame.tif",
+    )
+    assert "scaled to 0 … 1, as ImageMagick writes floats" in _refused(folder).err
+
+
+def test_millivolts(recorded: Path, tmp_path: Path) -> None:
+    millivolts = (tifffile.imread(recorded).astype("f8") - ZERO_COUNTS) * VOLTS_PER_COUNT * 1000
+    folder = _capture(tmp_path / "mv", millivolts.astype("f4"), toml=TOML["exr"])
+    assert "they look like millivolts: give --volts-per-count 0.001" in _refused(folder).err
+    mended = ("--volts-per-count", "0.001")
+    assert cadtof("resolve", folder, "-o", tmp_path / "mended", "--jobs", "1", *mended).status == 0
+
+
+def test_counts_with_the_zero_taken_out_under_settings_of_counts(recorded: Path, tmp_path: Path) -> None:
+    shifted = (tifffile.imread(recorded).astype(int) - ZERO_COUNTS).astype("i2")
+    done = _refused(_capture(tmp_path / "shifted", shifted, toml=TOML["tif"]))
+    assert done.status == 1
+    assert "they look like counts with the zero taken out: give --zero-counts 0" in done.err
+
+
+def test_volts_under_settings_of_counts(recorded: Path, tmp_path: Path) -> None:
+    volts = (tifffile.imread(recorded).astype("f8") - ZERO_COUNTS) * VOLTS_PER_COUNT
+    done = _refused(_capture(tmp_path / "volts", volts.astype("f4"), toml=TOML["tif"]))
+    assert done.status == 1
+    assert "they look like volts already: leave out zero_counts, volts_per_count and saturated_counts" in done.err
+
+
+def test_a_frame_without_an_answer_is_a_failed_frame(recorded: Path, tmp_path: Path) -> None:
+    dark = np.random.default_rng(1).normal(ZERO_COUNTS, 5, (4, 24, 32)).round().astype("u2")
+    write_pages(recorded.parent / "frame_1.tif", dark)
+    done = cadtof("resolve", recorded.parent, "-o", tmp_path / "maps", "--jobs", "1")
+    assert done.status == 1
+    assert "frame_1.tif: no pixel has an answer (100.0% low confidence)" in done.err
+    assert [path.name for path in (tmp_path / "maps").glob("*.tif")] == ["frame_0.tif"]
+
+
+def test_one_frame_of_other_values_fails_alone(recorded: Path, tmp_path: Path) -> None:
+    write_pages(recorded.parent / "frame_0a.tif", (tifffile.imread(recorded) >> 8).astype("u1"))
+    write_pages(recorded.parent / "a_first.tif", (tifffile.imread(recorded) >> 8).astype("u1"))
+    done = cadtof("resolve", recorded.parent, "-o", tmp_path / "maps", "--jobs", "1")
+    assert done.status == 1
+    assert done.err.count("they look scaled to 8 bits") == 2
+    assert [path.name for path in (tmp_path / "maps").glob("*.tif")] == ["frame_0.tif"]
+
+
+def test_a_few_hot_pixels_are_no_reason(recorded: Path, tmp_path: Path) -> None:
+    pages = tifffile.imread(recorded)
+    pages[:, ::5, ::5] = 16000
+    folder = _capture(tmp_path / "hot", pages, toml=TOML["tif"])
+    assert cadtof("resolve", folder, "-o", tmp_path / "maps", "--jobs", "1").status == 0
+
+
+def test_info_says_it_too(recorded: Path, tmp_path: Path) -> None:
+    folder = _capture(tmp_path / "floats", tifffile.imread(recorded).astype("f4"))
+    done = cadtof("info", folder, "--jobs", "1")
+    assert done.status == 1
+    assert "wrong: " in done.err
+    assert "they look like counts" in done.err
+
+
+@pytest.mark.parametrize("names", ["RGB", "uvw", "RGBA"])
+def test_a_file_that_is_no_frame_is_skipped_with_its_reason(names: str, tmp_path: Path) -> None:
+    write_exr(tmp_path / "picture.exr", {name: np.full((24, 32), 0.1, "f4") for name in names})
+    done = cadtof("resolve", tmp_path / "picture.exr", "-o", tmp_path / "maps", "--jobs", "1")
+    assert done.status == 1
+    assert f"skipped: {tmp_path / 'picture.exr'}: holds " in done.err
+    assert "expected voltages H1.SC1" in done.err
+
+
+@pytest.mark.parametrize("samples", [3, 4])
+def test_photographs_are_treated_alike_in_tiff(samples: int, tmp_path: Path) -> None:
+    picture = np.full((24, 32, samples), 100, "u1")
+    tifffile.imwrite(tmp_path / "photo.tif", picture, photometric="rgb")
+    settings = ("--volts-per-count", "1e-3", "--zero-counts", "100")
+    done = cadtof("resolve", tmp_path / "photo.tif", "-o", tmp_path / "maps", "--jobs", "1", *settings)
+    assert done.status == 1
+    assert f"skipped: {tmp_path / 'photo.tif'}: holds a colour picture (RGB" in done.err
+
+
+def test_maps_in_place_of_frames(recorded: Path, tmp_path: Path) -> None:
+    cadtof("resolve", recorded.parent, "-o", tmp_path / "maps", "--jobs", "1")
+    done = cadtof("resolve", tmp_path / "maps", "-o", tmp_path / "again", "--jobs", "1")
+    assert done.status == 1
+    assert f"skipped: {tmp_path / 'maps' / 'frame_0.tif'}: holds maps (direct.depth," in done.err
+
+
+def test_one_that_is_no_frame_among_frames(recorded: Path, tmp_path: Path) -> None:
+    write_exr(recorded.parent / "picture.exr", {name: np.zeros((24, 32), "f4") for name in "RGB"})
+    done = cadtof("resolve", recorded.parent, "-o", tmp_path / "maps", "--jobs", "1")
+    assert done.status == 0
+    assert "skipped: " in done.err
+    assert "a colour picture" in done.err

@@ -1,0 +1,189 @@
+"""NPY files, PNG planes and raw dumps, written by numpy, OpenCV, Pillow, scikit-image, imageio, GDAL and ImageMagick."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cadtof_cli.arrays import Stored
+from cadtof_cli.capture.frame_sources import FrameSource
+from cadtof_cli.capture.frames import open_frames
+from cadtof_cli.files.frames import FrameLayout, NotAFrameError, RawLayout
+from tests.files.forms import known_frame
+from tests.files.refusals import message, message_of
+from tests.support.captures import TOML, layers_of, record
+from tests.support.run_cadtof import cadtof
+
+LAYOUT = FrameLayout((1, 2))
+
+
+def _read(path: Path, layout: FrameLayout = LAYOUT, index: int = 0) -> Stored:
+    with open_frames(FrameSource(path.stem, (path,)), layout) as frames:
+        return frames.read(index)
+
+
+@pytest.mark.parametrize("dtype", ["u1", ">u2", "<i2", ">f4", "f8", "f2"])
+@pytest.mark.parametrize(
+    "arrange",
+    [lambda f: f, lambda f: f.reshape(4, 37, 53), np.asfortranarray, lambda f: f[np.newaxis]],
+    ids=["HCYX", "planes", "fortran", "THCYX"],
+)
+def test_npy(dtype: str, arrange: Callable[[Stored], Stored], tmp_path: Path) -> None:
+    recorded = known_frame(np.dtype(dtype).newbyteorder("="))
+    np.save(tmp_path / "frame.npy", arrange(recorded.astype(dtype)))
+    found = _read(tmp_path / "frame.npy")
+    assert found.dtype.isnative
+    assert found.flags.c_contiguous
+    np.testing.assert_array_equal(found, recorded)
+
+
+def test_npy_stack(tmp_path: Path) -> None:
+    recorded = np.stack([known_frame("u2", seed=seed) for seed in range(3)])
+    np.save(tmp_path / "stack.npy", recorded)
+    np.testing.assert_array_equal(_read(tmp_path / "stack.npy", index=2), recorded[2])
+    np.save(tmp_path / "planes.npy", recorded.reshape(-1, 37, 53))
+    assert "set [layout] frames = 3" in message(tmp_path / "planes.npy")
+    np.testing.assert_array_equal(_read(tmp_path / "planes.npy", FrameLayout((1, 2), 3), 1), recorded[1])
+
+
+def test_npy_that_is_no_frame(tmp_path: Path) -> None:
+    path = tmp_path / "frame.npy"
+    np.save(path, np.array([{"not": "numbers"}], object), allow_pickle=True)
+    assert message(path).startswith(f"{path}: damaged NPY: ")
+    np.save(path, np.zeros((4, 5, 7), np.complex64))
+    assert "found values of type complex64, expected one of float16" in message(path)
+    np.save(path, np.float32(3))
+    assert "found an array of one value, expected planes" in message(path)
+    np.save(path, np.zeros((3, 5, 7), "u2"))
+    assert "found 3 planes of 7 × 5 uint16, expected 4 for one frame" in message(path)
+    np.save(path, known_frame("u2"))
+    path.write_bytes(path.read_bytes()[:-1])
+    assert message(path).startswith(f"{path}: damaged NPY: ")
+
+
+@pytest.mark.parametrize(("dtype", "offset"), [("uint16", 0), (">u2", 512), ("<f4", 7), ("float64", 1)])
+def test_raw_dump(dtype: str, offset: int, tmp_path: Path) -> None:
+    recorded = known_frame(np.dtype(dtype).newbyteorder("="))
+    path = tmp_path / "frame.raw"
+    path.write_bytes(b"x" * offset + recorded.astype(dtype).tobytes())
+    layout = FrameLayout((1, 2), raw=RawLayout(dtype, (2, 2, 37, 53), offset))
+    np.testing.assert_array_equal(_read(path, layout), recorded)
+    path.write_bytes(path.read_bytes()[:-1])
+    told = message(path, layout)
+    assert (
+        f"found {offset + recorded.nbytes - 1:,} bytes, expected {offset + recorded.nbytes:,}: 2 × 2 × 37 × 53" in told
+    )
+    assert "for a raw dump, give dtype and shape under [layout.raw]" in message(path)
+
+
+def test_raw_stack(tmp_path: Path) -> None:
+    recorded = np.stack([known_frame("u2", seed=seed) for seed in range(3)])
+    recorded.tofile(tmp_path / "stack.bin")
+    layout = FrameLayout((1, 2), raw=RawLayout("uint16", (2, 2, 37, 53)))
+    with open_frames(FrameSource("stack", (tmp_path / "stack.bin",)), layout) as frames:
+        assert frames.count == 3
+        np.testing.assert_array_equal(frames.read(1), recorded[1])
+
+
+def _opencv(path: Path, plane: Stored) -> None:
+    cv2 = pytest.importorskip("cv2")
+    assert cv2.imwrite(str(path), plane)
+
+
+def _pillow(path: Path, plane: Stored) -> None:
+    from PIL import Image
+
+    Image.fromarray(plane).save(path)
+
+
+def _skimage(path: Path, plane: Stored) -> None:
+    pytest.importorskip("skimage.io").imsave(path, plane, check_contrast=False)
+
+
+def _imageio(path: Path, plane: Stored) -> None:
+    pytest.importorskip("imageio.v3").imwrite(path, plane)
+
+
+def _gdal(path: Path, plane: Stored) -> None:
+    rasterio = pytest.importorskip("rasterio")
+    size: dict[str, Any] = {"height": plane.shape[0], "width": plane.shape[1], "count": 1}
+    with rasterio.open(path, "w", driver="PNG", dtype=plane.dtype.name, **size) as file:
+        file.write(plane, 1)
+
+
+@pytest.mark.parametrize("dtype", ["u2", "u1"])
+@pytest.mark.parametrize("write", [_opencv, _pillow, _skimage, _imageio, _gdal])
+@pytest.mark.filterwarnings("ignore")
+def test_png_planes(write: Callable[[Path, Stored], None], dtype: str, tmp_path: Path) -> None:
+    recorded = known_frame(dtype)
+    files = tuple(tmp_path / f"plane_{index}.png" for index in range(4))
+    for file, plane in zip(files, recorded.reshape(4, 37, 53), strict=True):
+        write(file, np.ascontiguousarray(plane))
+    with open_frames(FrameSource("frame", files), LAYOUT) as frames:
+        np.testing.assert_array_equal(frames.read(), recorded)
+        assert frames.dtype == recorded.dtype
+
+
+def test_png_that_holds_no_plane(tmp_path: Path) -> None:
+    from PIL import Image
+
+    path = tmp_path / "picture.png"
+    Image.fromarray(np.zeros((5, 7, 3), "u1")).save(path)
+    source = FrameSource("frame", (path,) * 4)
+    assert "holds a colour picture (RGB), expected one plane" in message_of(source, kind=NotAFrameError)
+    Image.fromarray(np.zeros((5, 7), "u2")).save(path)
+    assert "holds one plane of 7 × 5, 16 bits; expected 4 planes a frame" in message(path, kind=NotAFrameError)
+    path.write_bytes(path.read_bytes()[:-20])
+    assert message_of(source).startswith(f"{path}: damaged PNG: ")
+    path.write_bytes(path.read_bytes()[:12])
+    assert "damaged PNG: found 12 bytes, expected a header" in message_of(source)
+
+
+@pytest.mark.parametrize("form", ["npy", "png", "raw"])
+def test_captures_of_every_format_give_the_same_maps(form: str, tmp_path: Path) -> None:
+    import tifffile
+    from PIL import Image
+
+    capture = record(tmp_path / "tif")
+    pages = tifffile.imread(capture.files[0])
+    folder = tmp_path / form
+    folder.mkdir()
+    extra = ""
+    if form == "npy":
+        np.save(folder / "frame_0.npy", pages)
+    elif form == "raw":
+        (folder / "frame_0.raw").write_bytes(b"head" + pages.tobytes())
+        extra = '[layout.raw]\ndtype = "uint16"\nshape = [2, 2, 24, 32]\noffset_bytes = 4\n'
+    else:
+        extra = '[layout]\npattern = "{frame}_h{harmonic}_sc{channel}.png"\n'
+        for index, page in enumerate(pages):
+            Image.fromarray(page).save(folder / f"frame_0_h{1 + index // 2}_sc{1 + index % 2}.png")
+    (folder / "capture.toml").write_text(TOML["tif"] + extra)
+    maps = []
+    for one in (capture.folder, folder):
+        out = tmp_path / f"maps-{one.name}"
+        done = cadtof("resolve", one, "-o", out, "--jobs", "1", "--format", "tif")
+        assert done.status == 0, done.err
+        maps.append(layers_of(out / "frame_0.tif"))
+    for name, values in maps[0].items():
+        np.testing.assert_array_equal(maps[1][name], values)
+    assert cadtof("info", folder, "--jobs", "1").status == 0
+
+
+def test_raw_dumps_by_options_alone(tmp_path: Path) -> None:
+    capture = record(tmp_path / "capture", form="tif")
+    import tifffile
+
+    tifffile.imread(capture.files[0]).tofile(capture.folder / "dump.bin")
+    capture.files[0].unlink()
+    options = ("--raw-dtype", "uint16", "--raw-shape", "2,2,24,32")
+    done = cadtof("resolve", capture.folder, "-o", tmp_path / "maps", "--jobs", "1", *options)
+    assert done.status == 0, done.err
+    refused = cadtof("resolve", capture.folder, "-o", tmp_path / "no", "--raw-dtype", "uint16")
+    assert "dtype and shape of raw dumps, both or none" in refused.err
+    refused = cadtof(
+        "resolve", capture.folder, "-o", tmp_path / "no", "--raw-dtype", "words", "--raw-shape", "2,2,24,32"
+    )
+    assert "expected a type such as uint16" in refused.err

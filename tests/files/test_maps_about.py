@@ -1,0 +1,91 @@
+"""Maps say themselves what they are, to tifffile, OpenEXR, GDAL (rasterio, and so QGIS) and OpenCV."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import OpenEXR
+import pytest
+import tifffile
+
+from cadtof_cli import __version__
+from tests.conftest import Tool
+from tests.support.captures import layers_of, record
+from tests.support.run_cadtof import cadtof
+
+UNITS = {
+    **{
+        f"{path}.{name}": unit
+        for path in ("direct", "mpi")
+        for name, unit in (("depth", "m"), ("amplitude", "V"), ("sigma", "m"))
+    },
+    "confidence": "V",
+}
+
+
+@pytest.fixture(scope="module")
+def maps(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """The maps of one frame in both formats, of planar depth in EXR."""
+    folder = tmp_path_factory.mktemp("maps")
+    capture = record(folder / "capture")
+    for form, extra in (("tif", ()), ("exr", ("--depth", "z"))):
+        done = cadtof("resolve", capture.folder, "-o", folder / form, "--jobs", "1", "--format", form, *extra)
+        assert done.status == 0, done.err
+    return {form: folder / form / f"frame_0.{form}" for form in ("tif", "exr")}
+
+
+def test_ome_annotations(maps: dict[str, Path]) -> None:
+    with tifffile.TiffFile(maps["tif"]) as file:
+        assert file.ome_metadata is not None
+        document = tifffile.xml2dict(file.ome_metadata)["OME"]
+        assert len(file.series) == 1
+    pairs = {pair["K"]: pair["value"] for pair in document["StructuredAnnotations"]["MapAnnotation"]["Value"]["M"]}
+    assert document["Creator"] == f"cadtof {__version__}"
+    assert {name.removeprefix("unit of "): unit for name, unit in pairs.items() if name.startswith("unit of ")} == UNITS
+    assert (pairs["depth"], pairs["source"]) == ("radial range", "frame_0.tif")
+    assert str(pairs["periods_ns"]).replace(" ", "").strip("()[]") in ("40,20", "40.0,20.0")
+
+
+def test_exr_attributes(maps: dict[str, Path], tool: Tool) -> None:
+    header = OpenEXR.File(str(maps["exr"]), header_only=True).header()
+    assert (header["cadtof.depth"], header["cadtof.source"]) == ("planar depth z", "frame_0.tif")
+    assert (header["cadtof.periods_ns"], header["software"]) == ("40, 20", f"cadtof {__version__}")
+    assert {name: header[f"cadtof.unit.{name}"] for name in UNITS} == UNITS
+    assert 'cadtof.unit.direct.depth (type string): "m"' in tool("exrheader", maps["exr"])
+
+
+@pytest.mark.filterwarnings("ignore:Dataset has no geotransform")
+def test_gdal_and_what_is_built_on_it(maps: dict[str, Path]) -> None:
+    rasterio = pytest.importorskip("rasterio")
+    layers = layers_of(maps["tif"])
+    for page, (name, values) in enumerate(layers.items(), start=1):
+        with rasterio.open(f"GTIFF_DIR:{page}:{maps['tif']}") as band:
+            assert band.descriptions == (name,)
+            assert (band.units[0] or "") == UNITS.get(name, "")
+            np.testing.assert_array_equal(band.read(1), values)
+    with rasterio.open(maps["tif"]) as file:
+        assert file.descriptions == ("direct.depth",)
+        assert file.tags()["depth"] == "radial range"
+        assert len(file.subdatasets) == len(layers)
+
+
+def test_opencv_reads_every_page(maps: dict[str, Path]) -> None:
+    cv2 = pytest.importorskip("cv2")
+    found, pages = cv2.imreadmulti(str(maps["tif"]), flags=cv2.IMREAD_UNCHANGED)
+    assert found
+    for page, values in zip(pages, layers_of(maps["tif"]).values(), strict=True):
+        np.testing.assert_array_equal(page, values)
+
+
+def test_libtiff_sees_the_names(maps: dict[str, Path], tool: Tool) -> None:
+    assert re.findall(r"PageName: (.*)", tool("tiffinfo", maps["tif"])) == list(layers_of(maps["tif"]))
+
+
+def test_info_reads_like_text(maps: dict[str, Path]) -> None:
+    for form, depth in (("tif", "radial range"), ("exr", "planar depth z")):
+        alone = cadtof("info", maps[form])
+        assert re.search(rf"^  depth +{depth}$", alone.out, re.MULTILINE)
+        assert re.search(r"^  source +frame_0\.tif$", alone.out, re.MULTILINE)
+        whole = cadtof("info", maps[form].parent)
+        assert re.search(rf"^  run +cadtof {__version__}, .*: 1 of 1 frames", whole.out, re.MULTILINE)
+        assert "{" not in whole.out + alone.out

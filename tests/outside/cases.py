@@ -1,0 +1,93 @@
+"""What one case of the matrix is: who writes which file, and what a reader owes for it."""
+
+import importlib.util
+import shutil
+import subprocess
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import DTypeLike
+
+from cadtof_cli.arrays import Stored
+from cadtof_cli.capture.frame_sources import FrameSource
+from tests.files.forms import PLANE_NAMES, known_frame
+
+Writer = Callable[[Path, Stored], Path | tuple[Path, ...]]
+"""Writes a frame (H, C, Y, X) into an empty folder; returns its one file, or its planes' files in order."""
+
+
+class MissingWriterError(Exception):
+    """The software that writes the file is not installed here."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """One file, or the files of one frame, by one writer.
+
+    Parameters:
+        writer: the software, as the table names it.
+        form: how it was asked to write.
+        write: writes the file.
+        dtype: type of the values that it is given.
+        refused: words of the message where the file does not say which plane is which or holds no voltages; None where
+            every value must come back bit for bit.
+    """
+
+    writer: str
+    form: str
+    write: Writer
+    dtype: DTypeLike = "u2"
+    refused: str | None = None
+
+    def recorded(self) -> Stored:
+        """Return the frame that is written: 2 harmonics, 2 channels, 37 × 53 pixels, no two planes alike."""
+        return known_frame(self.dtype)
+
+    def written(self, folder: Path) -> FrameSource:
+        """Write the frame and return where it lies.
+
+        Raises:
+            MissingWriterError: the software is not installed.
+        """
+        with warnings.catch_warnings():
+            # what other software warns of is its own affair
+            warnings.simplefilter("ignore")
+            files = self.write(folder, self.recorded())
+        return FrameSource("frame", files if isinstance(files, tuple) else (files,))
+
+
+def planes_of(frame: Stored) -> list[Stored]:
+    """Return the planes of a frame in order."""
+    return [np.ascontiguousarray(plane) for plane in frame.reshape(-1, *frame.shape[2:])]
+
+
+def named_planes(frame: Stored) -> dict[str, Stored]:
+    """Return the planes of a frame by name."""
+    return dict(zip(PLANE_NAMES, planes_of(frame), strict=True))
+
+
+SHUFFLED = ("H2.SC1", "H1.SC2", "H2.SC2", "H1.SC1")
+"""Names in an order of someone else's, in which no plane keeps its place."""
+
+
+def shuffled_planes(frame: Stored) -> list[Stored]:
+    """Return the planes of a frame in the order of `SHUFFLED`."""
+    planes = named_planes(frame)
+    return [planes[name] for name in SHUFFLED]
+
+
+def run(*command: str | Path) -> None:
+    """Run a program of someone else's; its failure is an error of the case."""
+    program = shutil.which(command[0])
+    if program is None:
+        raise MissingWriterError(f"{command[0]} is not installed")
+    subprocess.run([program, *command[1:]], capture_output=True, text=True, timeout=60, check=True)
+
+
+def need(module: str) -> None:
+    """Raise MissingWriterError where a Python package is not installed."""
+    if importlib.util.find_spec(module) is None:
+        raise MissingWriterError(f"the Python package {module} is not installed")
