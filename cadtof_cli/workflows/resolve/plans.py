@@ -9,7 +9,8 @@ from typing import Any
 from cadtof_cli.capture.discovery import Capture, base_of, find_captures, placed_below
 from cadtof_cli.capture.frame_sources import FrameSource
 from cadtof_cli.capture.frames import file_size, first_frames, single_frames
-from cadtof_cli.errors import SettingsError
+from cadtof_cli.capture.lone_planes import hint_of_planes
+from cadtof_cli.errors import CaptureError, SettingsError
 from cadtof_cli.files.formats import format_named, map_suffix_like
 from cadtof_cli.frame_plan import FramePlan
 from cadtof_cli.phasors.voltages import volts_per_count
@@ -88,6 +89,7 @@ def planned(
     """Return what to do with each capture.
 
     Raises:
+        CaptureError: its files are planes, and nothing says which is which.
         SettingsError: its settings do not allow it; or its values are integers and nothing says how many volts a count is.
     """
     use = calibration.use if calibration else None
@@ -96,6 +98,8 @@ def planned(
         metadata, first = capture.source.metadata, first_frames(capture)
         plan = FramePlan(metadata=metadata, settings=settings.maps, calibration=use)
         if first is None:
+            if hint := hint_of_planes(capture):
+                raise CaptureError(hint)
             plans.append(CapturePlan(capture, plan, None))
             continue
         plans.append(CapturePlan(capture, plan, (first.shape[2], first.shape[3]), first.count))
