@@ -29,8 +29,9 @@ class _Column:
     beside: tuple[str, str]
 
     def says(self, what: str) -> bool:
-        """Whether what stands beside it names a channel, or a harmonic."""
-        return any(_SAYS[what].fullmatch(word) for word in self.beside)
+        """Whether it names a channel, or a harmonic, by itself (letters or numbers) or by what stands beside it."""
+        letters = all(value.isalpha() for value in self.values)
+        return letters == (what == "channel") or any(_SAYS[what].fullmatch(word) for word in self.beside)
 
 
 def hint_of_planes(capture: Capture, /) -> str | None:
@@ -77,8 +78,15 @@ def layout_of_names(names: Sequence[str], harmonics: tuple[int, ...], /) -> Layo
         for harmonic, channel in itertools.permutations(columns, 2)
         if len(harmonic.values) == len(harmonics) and len(channel.values) == CHANNELS
     ]
-    pairs.sort(key=lambda pair: (-pair[0].says("harmonic") - pair[1].says("channel"), pair[0].place > pair[1].place))
+    pairs.sort(key=_unlikely)
     return next((found for pair in pairs if (found := _layout(split, columns, *pair, harmonics))), None)
+
+
+def _unlikely(pair: tuple[_Column, _Column]) -> tuple[int, bool]:
+    """Return a key that sorts the likeliest columns of harmonic and channel to the front."""
+    harmonic, channel = pair
+    wrong = channel.says("harmonic") + harmonic.says("channel")
+    return wrong - harmonic.says("harmonic") - channel.says("channel"), harmonic.place > channel.place
 
 
 def _layout(

@@ -27,8 +27,8 @@ class MapPicture:
     first_phasor_m: Float | None = None
 
 
-def draw_maps(picture: MapPicture, path: Path, /) -> None:
-    """Draw the maps as a PNG; pixels without an answer are light grey."""
+def draw_maps(picture: MapPicture, path: Path, /, *, kind: str = "png") -> None:
+    """Draw the maps as a picture of a kind such as png or pdf; pixels without an answer are light grey."""
     panels = 4 if picture.first_phasor_m is None else 6
     figure = Figure(figsize=(11.0, 8.2 * panels / 4 / (1.5 if panels == 6 else 1)), layout="constrained")
     if panels == 6:
@@ -49,7 +49,7 @@ def draw_maps(picture: MapPicture, path: Path, /) -> None:
         _error_panel(figure, next(cells), picture.direct_m, picture.truth_m, "direct − truth, cm", limit)
     _panel(figure, next(cells), picture.mpi_m, "MPI depth, m (grey: one path)", "viridis", None, None)
     _panel(figure, next(cells), 1000 * picture.confidence_v, "confidence, mV", "gray", 0, None)
-    figure.savefig(path, dpi=110, format="png")
+    figure.savefig(path, dpi=110, format=kind)
 
 
 def _limits(values: NDArray[np.floating]) -> tuple[float, float]:

@@ -29,7 +29,7 @@ class WallSection:
     slopes: tuple[float, float]
 
 
-def draw_petzval(walls: Sequence[WallSection], petzval: PetzvalCalibration, path: Path, /) -> None:
+def draw_petzval(walls: Sequence[WallSection], petzval: PetzvalCalibration, path: Path, /, *, kind: str) -> None:
     """Draw, a wall a row, its planar depth along the row of the principal point, and the deviation from flat in all pixels."""
     figure = Figure(figsize=(11.0, 3.4 * len(walls) + 0.5), layout="constrained")
     axes = figure.subplots(len(walls), 2, squeeze=False)
@@ -48,7 +48,7 @@ def draw_petzval(walls: Sequence[WallSection], petzval: PetzvalCalibration, path
         _section(row[0], wall, petzval, flat, facing)
         _radial(row[1], wall, petzval, flat)
     with whole_file(path) as temporary:
-        figure.savefig(temporary, dpi=110, format="png")
+        figure.savefig(temporary, dpi=110, format=kind)
 
 
 def _section(axes: Axes, wall: WallSection, petzval: PetzvalCalibration, flat: Float, facing: Float) -> None:

@@ -10,6 +10,7 @@ from io import FileIO
 from pathlib import Path
 from typing import Any, Literal
 
+from cadtof_cli.arrays import Float
 from cadtof_cli.capture.discovery import Capture, base_of, find_captures, placed_below
 from cadtof_cli.capture.frame_sources import FrameSource
 from cadtof_cli.capture.frames import single_frames
@@ -25,9 +26,23 @@ FRAMES_FILE = "frames.jsonl"
 _PLACE_IN_STACK = re.compile(r"_\d{4,}$")
 
 CHANGES_NO_MAP = frozenset(
-    {"overwrite", "resume", "inputs", "absolute_inputs", "out", "overrides", "recursive", "settings", "frames"}
+    {
+        "overwrite",
+        "resume",
+        "inputs",
+        "absolute_inputs",
+        "inputs_from_out",
+        "out",
+        "overrides",
+        "recursive",
+        "settings",
+        "frames",
+    }
 )
 """Arguments that may differ between a run and its resumption; what `overrides` decides is in the metadata."""
+
+ALREADY_THERE = "exists already"
+"""How the reason ends of a frame that is skipped since its maps are there."""
 
 FrameStatus = Literal["ok", "failed", "skipped"]
 
@@ -48,6 +63,11 @@ class FrameReport:
     two_paths: int | None = None
     more_paths: int | None = None
     invalid: int | None = None
+
+    @property
+    def is_already_there(self) -> bool:
+        """Whether an earlier run has made the maps."""
+        return self.status == "skipped" and str(self.reason).endswith(ALREADY_THERE)
 
     def as_json(self) -> dict[str, Any]:
         """Return the line as a JSON object."""
@@ -77,6 +97,13 @@ class Run:
         """Return the name of a map: its path from the run's folder, without suffix."""
         return file.relative_to(self.folder).with_suffix("").as_posix()
 
+    def cropped(self, plane: Float, /) -> Float:
+        """Return of a plane of a whole frame what the maps show: the pixels of `--roi`."""
+        roi = self.record and self.record["arguments"].get("roi")
+        if not roi or plane.shape == (roi[3] - roi[1], roi[2] - roi[0]):
+            return plane
+        return plane[roi[1] : roi[3], roi[0] : roi[2]]
+
     def require_maps(self) -> tuple[Path, ...]:
         """Return the map files; raises CaptureError where there are none."""
         if not self.files:
@@ -90,6 +117,14 @@ class Run:
                 f"{self.maps}: holds z depth, and truth is radial range; resolve with --depth range to evaluate"
             )
 
+    def _inputs(self, arguments: Mapping[str, Any]) -> list[Path]:
+        """Return where the inputs of the run lie: where they lay, or in the same place seen from the run, if both were moved."""
+        known = [Path(path) for path in arguments.get("absolute_inputs", arguments["inputs"])]
+        if "inputs_from_out" in arguments and not all(path.exists() for path in known):
+            moved = [self.folder.absolute() / path for path in arguments["inputs_from_out"]]
+            known = moved if all(path.exists() for path in moved) else known
+        return known
+
     def recorded_frames(self, say: Callable[[str], None], /) -> RecordedFrames:
         """Return the frames that the maps were made from; nothing, and a note, where they are not known or gone."""
         if self.record is None:
@@ -97,7 +132,7 @@ class Run:
             return {}
         arguments = self.record["arguments"]
         try:
-            inputs = [Path(path) for path in arguments.get("absolute_inputs", arguments["inputs"])]
+            inputs = self._inputs(arguments)
             settings = arguments.get("settings")
             captures = find_captures(
                 inputs,
@@ -153,8 +188,10 @@ def read_record(folder: Path, /) -> dict[str, Any]:
     return dict(json.loads((folder / RUN_FILE).read_text(encoding="utf-8")))
 
 
-def prepare_output(captures: Sequence[Capture], out: Path, /, *, overwrite: bool, resume: bool) -> None:
-    """Make the output folder, and make sure that a run loses nothing in it.
+def prepare_output(
+    captures: Sequence[Capture], out: Path, /, *, overwrite: bool, resume: bool, dry_run: bool = False
+) -> None:
+    """Make the output folder, and make sure that a run loses nothing in it; a dry run makes nothing.
 
     Raises:
         OutputError: it cannot be written into; it is a capture's own folder; two frames would be written to one file; or
@@ -173,6 +210,10 @@ def prepare_output(captures: Sequence[Capture], out: Path, /, *, overwrite: bool
                 f"{other} and {path} would both be written as {out}/{frame.name}; "
                 "resolve them into folders of their own, one command each"
             )
+    if dry_run:
+        if out.exists() and not (overwrite or resume):
+            _require_nothing_replaced(out, named)
+        return
     make_folder(out)
     if overwrite or resume:
         remove_partial_files(out, token="*")

@@ -18,7 +18,7 @@ from cadtof_cli.frame_plan import FramePlan
 from cadtof_cli.phasors.frame_mean import FrameMean, frame_mean
 from cadtof_cli.pipeline import ResolvedFrame, resolve_frame
 from cadtof_cli.resolver.status import count_status
-from cadtof_cli.workflows.run_folder import FrameReport, FrameStatus
+from cadtof_cli.workflows.run_folder import ALREADY_THERE, FrameReport, FrameStatus
 
 Result = TypeVar("Result")
 
@@ -74,7 +74,7 @@ def attempted(task: FrameTask, work: Callable[[], Result], /, *, began: float) -
     """Return what `work` on a frame returns, or a report of what kept it from returning."""
     status: FrameStatus = "failed"
     if task.keep_existing and task.output.exists():
-        return task.report("skipped", f"{task.output} exists already", time.monotonic() - began)
+        return task.report("skipped", f"{task.output} {ALREADY_THERE}", time.monotonic() - began)
     try:
         return work()
     except NotAFrameError as error:
@@ -90,8 +90,10 @@ def attempted(task: FrameTask, work: Callable[[], Result], /, *, began: float) -
 
 def written(task: FrameTask, resolved: ResolvedFrame, /, *, left_out: str | None, began: float) -> FrameReport:
     """Write a frame's maps and return its report; `left_out` says which frames of a mean could not be read."""
-    write_maps(task.output, resolved.maps, token=task.token)
-    counts = count_status(resolved.maps.status)
+    roi = task.plan.settings.roi
+    maps = resolved.maps.cropped(roi) if roi else resolved.maps
+    write_maps(task.output, maps, token=task.token)
+    counts = count_status(maps.status)
     reasons = [left_out] if left_out else []
     if resolved.noise_estimated:
         reasons.append(f"noise estimated from the frame: integration_length {resolved.integration_length:.4g}")

@@ -2,6 +2,7 @@
 
 import itertools
 import math
+import os
 import time
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing
@@ -21,10 +22,10 @@ from cadtof_cli.workflows.progress import UNTOLD, Progress
 from cadtof_cli.workflows.resolve import split_frames
 from cadtof_cli.workflows.resolve.arrivals import Arrivals, held_back
 from cadtof_cli.workflows.resolve.frame_task import FrameTask, resolve_file
-from cadtof_cli.workflows.resolve.plans import CapturePlan, found_captures, planned
+from cadtof_cli.workflows.resolve.plans import CapturePlan, found_captures, planned, slow_notes
 from cadtof_cli.workflows.resolve.settings import ResolveSettings
 from cadtof_cli.workflows.resolve.use_calibration import AppliedCalibration, use_calibration
-from cadtof_cli.workflows.run_folder import FrameReport, prepare_output, recorded_run, require_same_maps
+from cadtof_cli.workflows.run_folder import ALREADY_THERE, FrameReport, prepare_output, recorded_run, require_same_maps
 
 DIED = "the worker process died twice on this frame (killed, or out of memory): try fewer --jobs"
 
@@ -37,6 +38,7 @@ class RunTotals:
     ok: int = 0
     failed: int = 0
     skipped: int = 0
+    already_there: int = 0
     one_path: int = 0
     two_paths: int = 0
     more_paths: int = 0
@@ -47,6 +49,7 @@ class RunTotals:
         """Count one more frame."""
         self.frames += 1
         setattr(self, report.status, getattr(self, report.status) + 1)
+        self.already_there += report.is_already_there
         for name in ("one_path", "two_paths", "more_paths", "invalid"):
             setattr(self, name, getattr(self, name) + (getattr(report, name) or 0))
 
@@ -78,6 +81,8 @@ def resolve_captures(
     captures, waiting = (captures, []) if arriving is None else held_back(captures, inputs, settings)
     calibration = use_calibration(settings.calibration, captures) if settings.calibration else None
     plans = planned(captures, settings, calibration)
+    if settings.dry_run:
+        return _dry_run(plans, settings, on_frame)
     document = _document(inputs, overrides, settings, plans, calibration)
     prepare_output(captures, settings.out, overwrite=settings.overwrite, resume=settings.resume)
     if settings.resume:
@@ -98,7 +103,9 @@ def resolve_captures(
 
             arrivals = Arrivals(settings, overrides, calibration, base, tell, waiting)
             arrivals.meet(plans)
-            for some in itertools.chain([plans], arrivals.plans(_recorded(arriving or (), document))):
+            for note in slow_notes(plans, settings):
+                progress.say(note)
+            for some in itertools.chain([plans], arrivals.plans(_recorded(arriving or (), document, settings))):
                 if some is not plans:
                     _record_captures(document, some)
                 with closing(_outcomes(some, settings, steps, token)) as outcomes:
@@ -112,6 +119,24 @@ def resolve_captures(
     return totals
 
 
+def _dry_run(
+    plans: Sequence[CapturePlan], settings: ResolveSettings, on_frame: Callable[[FrameReport], None]
+) -> RunTotals:
+    """Tell of every file that would be written, after all checks of a run; nothing is."""
+    prepare_output(
+        [one.capture for one in plans], settings.out, overwrite=settings.overwrite, resume=settings.resume, dry_run=True
+    )
+    totals = RunTotals()
+    for task in _tasks(plans, settings, _Steps(UNTOLD), ""):
+        there = settings.resume and task.output.exists()
+        report = (
+            task.report("skipped", f"{task.output} {ALREADY_THERE}", 0.0) if there else task.report("ok", None, 0.0)
+        )
+        totals.add(report)
+        on_frame(report)
+    return totals
+
+
 def _outcomes(
     plans: Sequence[CapturePlan], settings: ResolveSettings, steps: "_Steps", token: str
 ) -> Generator[Outcome[FrameTask, FrameReport], None, None]:
@@ -122,11 +147,19 @@ def _outcomes(
     return run_ordered(resolve_file, tasks, workers=settings.workers)
 
 
-def _recorded(batches: Iterable[tuple[Path, ...]], document: Mapping[str, Any]) -> Iterator[tuple[Path, ...]]:
+def _from_out(path: Path, settings: ResolveSettings) -> str:
+    """Return an input as it is seen from the run's folder: true after both have been moved."""
+    return os.path.relpath(path.absolute(), settings.out.absolute())
+
+
+def _recorded(
+    batches: Iterable[tuple[Path, ...]], document: Mapping[str, Any], settings: ResolveSettings
+) -> Iterator[tuple[Path, ...]]:
     """Yield the batches of paths, each added to the inputs that `run.json` will name."""
     for paths in batches:
         document["arguments"]["inputs"] += map(str, paths)
         document["arguments"]["absolute_inputs"] += (str(path.absolute()) for path in paths)
+        document["arguments"]["inputs_from_out"] += (_from_out(path, settings) for path in paths)
         yield paths
 
 
@@ -166,6 +199,7 @@ def _document(
         "arguments": {
             "inputs": [str(path) for path in inputs],
             "absolute_inputs": [str(path.absolute()) for path in inputs],
+            "inputs_from_out": [_from_out(path, settings) for path in inputs],
             "out": str(settings.out),
             **asdict(maps.resolver),
             "min_confidence": maps.min_confidence_v,
@@ -177,6 +211,7 @@ def _document(
             "recursive": settings.recursive,
             "settings": settings.settings_file and str(settings.settings_file.absolute()),
             "frames": settings.frames and [settings.frames.start, settings.frames.stop],
+            "roi": maps.roi,
             "overwrite": settings.overwrite,
             "resume": settings.resume,
             "overrides": dict(overrides),
@@ -214,7 +249,7 @@ def _tasks(plans: Sequence[CapturePlan], settings: ResolveSettings, steps: _Step
             if number > count:
                 steps.expect(1)
             output = one.output(sources[0], settings)
-            if "/" in sources[0].name:
+            if "/" in sources[0].name and not settings.dry_run:
                 make_folders(output.parent)
             yield FrameTask(sources, layout, one.plan, one.pixels, output, keep_existing=settings.resume, token=token)
 
