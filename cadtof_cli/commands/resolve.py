@@ -48,6 +48,13 @@ from cadtof_cli.workflows.run_folder import FrameReport
     "resolver",
     ResolverSettings,
     setting_option(
+        "--mpi-model",
+        ResolverSettings,
+        "mpi_model",
+        help="What MPI is: separate paths (discrete), the tail that the room's geometry predicts (diffuse), or what each frame "
+        "says. Another --solver, --order, more --paths or --return last mean discrete.",
+    ),
+    setting_option(
         "--solver",
         ResolverSettings,
         "solver",
@@ -132,6 +139,13 @@ from cadtof_cli.workflows.run_folder import FrameReport
         Workers,
         "start_method",
         help="How worker processes start.  [default: fork on Linux, else spawn]",
+    ),
+    setting_option(
+        "--scheduler",
+        Workers,
+        "scheduler",
+        metavar="local|tcp://HOST:PORT",
+        help="Worker processes here, or the workers of a dask scheduler, which share its files (extra cluster).",
     ),
 )
 @setting_option("--overwrite", ResolveSettings, "overwrite", help="Replace the files of an earlier run.")
@@ -236,10 +250,11 @@ def _dry_summary(totals: RunTotals, out: Path) -> str:
 
 
 def _summary(totals: RunTotals, out: Path) -> str:
-    pixels = totals.one_path + totals.two_paths + totals.more_paths + totals.invalid
+    pixels = totals.one_path + totals.two_paths + totals.more_paths + totals.diffuse + totals.invalid
     line = f"resolved {totals.ok} of {totals.frames} frames in {totals.seconds:.1f} s"
     if totals.ok:
         more = f"{totals.more_paths / pixels:.1%} of pixels have more than two paths, " if totals.more_paths else ""
+        more += f"{totals.diffuse / pixels:.1%} of pixels have diffuse MPI, " if totals.diffuse else ""
         line += (
             f" ({totals.ok / totals.seconds:.0f} frames/s): {more}{totals.two_paths / pixels:.1%} of pixels have two paths, "
             f"{totals.one_path / pixels:.1%} one, {totals.invalid / pixels:.1%} no answer"

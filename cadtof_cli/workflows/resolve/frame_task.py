@@ -104,6 +104,7 @@ def written(task: FrameTask, resolved: ResolvedFrame, /, *, left_out: str | None
         one_path=counts.one_path,
         two_paths=counts.two_paths,
         more_paths=counts.more_paths if task.plan.settings.resolver.max_paths > 2 else None,
+        diffuse=counts.diffuse,
         invalid=counts.invalid,
     )
 
