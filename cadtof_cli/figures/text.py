@@ -14,5 +14,11 @@ def _drawn_characters() -> frozenset[int]:
 
 def drawable(text: str, /) -> str:
     """Return a text with what the font lacks escaped; give it with `parse_math=False`, since names may hold `$`."""
-    return "".join(sign if ord(sign) in _drawn_characters() else repr(sign)[1:-1] if not sign.isprintable() else
-                   f"\\u{{{ord(sign):x}}}" for sign in text)
+    return "".join(
+        sign
+        if ord(sign) in _drawn_characters()
+        else repr(sign)[1:-1]
+        if not sign.isprintable()
+        else f"\\u{{{ord(sign):x}}}"
+        for sign in text
+    )
