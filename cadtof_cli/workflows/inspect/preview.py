@@ -8,7 +8,7 @@ from cadtof_cli.errors import CaptureError
 from cadtof_cli.figures.kinds import require_picture
 from cadtof_cli.figures.maps import MapPicture, draw_maps
 from cadtof_cli.files.atomic import whole_file
-from cadtof_cli.files.maps import read_layers
+from cadtof_cli.files.maps import STATUS, read_layers
 from cadtof_cli.maps.layers import CONFIDENCE, DIRECT_DEPTH, DIRECT_SIGMA, MPI_DEPTH
 from cadtof_cli.workflows.inspect.evaluate import direct_depth, first_phasor_depth, same_size
 from cadtof_cli.workflows.progress import Progress
@@ -37,6 +37,17 @@ def preview_maps(maps: Path, /, *, out: Path, truth: Path | None, overwrite: boo
         found = run.recorded_frames(progress.say).get(run.name(path))
     first_phasor = None if found is None else run.cropped(first_phasor_depth(*found))
     mpi, confidence, sigma = (layers[name].astype(np.float64) for name in (MPI_DEPTH, CONFIDENCE, DIRECT_SIGMA))
-    picture = MapPicture(f"{path.parent.name}/{path.name}", direct, mpi, confidence, sigma, known, first_phasor)
+    z = run.record is not None and run.record["arguments"].get("depth") == "z"
+    picture = MapPicture(
+        title=f"{path.parent.name}/{path.name}",
+        direct_m=direct,
+        mpi_m=mpi,
+        confidence_v=confidence,
+        sigma_m=sigma,
+        status=layers.get(STATUS, np.zeros(direct.shape)).astype(np.uint32),
+        truth_m=known,
+        first_phasor_m=first_phasor,
+        depth="z depth" if z else "depth",
+    )
     with whole_file(out) as temporary:
         draw_maps(picture, temporary, kind=kind)
