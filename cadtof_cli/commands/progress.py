@@ -10,8 +10,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, TextIO
 
-import click
-
+from cadtof_cli.commands.terminal import shown, tell
 from cadtof_cli.errors import OutputError
 
 if TYPE_CHECKING:
@@ -53,7 +52,7 @@ class Bar:
 
     def show(self, message: str, /) -> None:
         """Show a line."""
-        click.echo(message, err=True)
+        tell(message, err=True)
 
 
 class DrawnBar(Bar):
@@ -76,7 +75,7 @@ class DrawnBar(Bar):
 
     def show(self, message: str, /) -> None:
         """Show a line above the bar."""
-        self._progress.console.print(message, markup=False, highlight=False)
+        self._progress.console.print(shown(message), markup=False, highlight=False)
 
     def _draw(self) -> None:
         now = time.monotonic()
