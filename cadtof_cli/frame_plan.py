@@ -29,6 +29,7 @@ class MapSettings:
         depth: radial range, or planar depth.
         pool: side of the square of neighbours whose noise is pooled, in pixels; 1 for none.
         average: recorded frames that are averaged into one.
+        roi: X0, Y0, X1, Y1: maps are of columns X0 ≤ x < X1 and rows Y0 ≤ y < Y1; None: of all.
         min_confidence_v: pixels with a smaller first phasor, in V, have no answer; None: those with no signal above the noise.
     """
 
@@ -36,6 +37,7 @@ class MapSettings:
     depth: DepthKind = "range"
     pool: int = 1
     average: int = 1
+    roi: tuple[int, int, int, int] | None = None
     min_confidence_v: float | None = None
 
     def __post_init__(self) -> None:
@@ -45,6 +47,11 @@ class MapSettings:
             raise SettingsError(f"--pool: found {self.pool}, expected an odd number of pixels such as 3 or 5")
         if self.average < 1:
             raise SettingsError(f"--average: found {self.average}, expected 1 frame or more")
+        x0, y0, x1, y1 = self.roi or (0, 0, 1, 1)
+        if not (0 <= x0 < x1 and 0 <= y0 < y1):
+            raise SettingsError(
+                f"--roi: found {x0},{y0},{x1},{y1}, expected X0,Y0,X1,Y1 with 0 ≤ X0 < X1 and 0 ≤ Y0 < Y1"
+            )
         least = self.min_confidence_v
         if least is not None and not (math.isfinite(least) and least >= 0.0):
             raise SettingsError(f"--min-confidence: found {least}, expected a voltage, 0 or more")

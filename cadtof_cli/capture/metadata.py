@@ -284,6 +284,10 @@ class CaptureMetadata:
     layout: Layout = field(default_factory=Layout)
 
 
+OPTIONS_OF_OTHER_NAME = {"layout.frames": "--stack-frames"}
+"""--frames chooses among a capture's frames."""
+
+
 @dataclass(frozen=True)
 class Key:
     """One key of `capture.toml`, as the reader, the command-line options and the documentation need it."""
@@ -306,7 +310,7 @@ class Key:
     @property
     def option(self) -> str:
         """The command-line option that overrides the key."""
-        return "--" + self.name.replace("_", "-")
+        return OPTIONS_OF_OTHER_NAME.get(self.path, "--" + self.name.replace("_", "-"))
 
 
 TABLES: dict[str, type] = {table.name: cast(type, table.default_factory) for table in fields(CaptureMetadata)}

@@ -1,7 +1,7 @@
 """`cadtof info`."""
 
 import json
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -29,12 +29,26 @@ from cadtof_cli.execution.workers import Workers
     jobs_option("Processes that read frames"),
 )
 @settings_option()
+@click.option(
+    "--write-settings", is_flag=True, help="Write a commented capture.toml of what is known and seen, to be completed."
+)
+@click.option(
+    "-o",
+    "--out",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="What --write-settings writes.  [default: capture.toml in the capture's folder]",
+)
+@click.option("--overwrite", is_flag=True, help="Let --write-settings replace a file.")
 @click.option("--json", "as_json", is_flag=True, help="Print a JSON object for each input, a line each.")
 @capture_options()
 def info(
     inputs: tuple[str, ...],
     workers: Workers,
     settings_file: Path | None,
+    write_settings: bool,
+    out: Path | None,
+    overwrite: bool,
     as_json: bool,
     overrides: Mapping[str, Any],
 ) -> int:
@@ -64,10 +78,22 @@ def info(
     for facts in found:
         kind, lines = shown[type(facts)]
         tell(json.dumps({"kind": kind, **asdict(facts)}) if as_json else "\n".join(lines(facts)))
+    if write_settings:
+        _write_settings([facts for facts in found if isinstance(facts, CaptureFacts)], out, overwrite=overwrite)
     problems = [problem for facts in found for problem in facts.problems]
     for problem in problems:
         tell(f"wrong: {problem}", err=True)
     return 1 if problems else 0
+
+
+def _write_settings(found: Sequence[Any], out: Path | None, *, overwrite: bool) -> None:
+    from cadtof_cli.workflows.inspect.write_settings import write_settings
+
+    if len(found) != 1 and out is not None:
+        raise click.UsageError(f"--out: found {len(found)} captures, expected one to write the settings of")
+    for facts in found:
+        path = write_settings(facts, out=out, overwrite=overwrite)
+        tell(f"wrote {path}: complete it by hand", err=True)
 
 
 def _capture_lines(facts: Any) -> Iterator[str]:
@@ -86,7 +112,10 @@ def _capture_lines(facts: Any) -> Iterator[str]:
     if facts.noise_mv is not None:
         yield _row("noise", f"{facts.noise_mv:.3f} mV a channel, at most, by the integration length")
     if facts.integration_length_seen is not None:
-        yield _row("seen in a frame", f"noise and texture as of integration length {facts.integration_length_seen:.4g}")
+        yield _row(
+            "seen in a frame",
+            f"neighbouring pixels scatter as with an integration length of {facts.integration_length_seen:.4g}, or more",
+        )
     for name, (low, high) in facts.planes.items():
         yield _row(f"{name} stored", f"{low:g} … {high:g}")
     yield _row("saturated", f"{facts.saturated:.3%} of pixels")

@@ -52,6 +52,39 @@ class NumberList(ParamType):
 NUMBERS = NumberList()
 
 
+class Places(ParamType):
+    """Places of frames from 0, such as 10:20, with an end that does not count any more; or one place."""
+
+    name = "A:B"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Return a slice."""
+        first, colon, last = value.partition(":")
+        try:
+            start, stop = int(first or 0), int(last) if last else None
+        except ValueError:
+            start, stop = -1, None
+        if not colon:
+            stop = start + 1
+        if start < 0 or (stop is not None and stop <= start):
+            self.fail(f"{value!r} is not a range of frames such as 10:20, 10: or 7, counted from 0", param, ctx)
+        return slice(start, stop)
+
+
+class Corners(ParamType):
+    """Two corners of a rectangle of pixels: X0,Y0,X1,Y1."""
+
+    name = "X0,Y0,X1,Y1"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Return four whole numbers."""
+        try:
+            x0, y0, x1, y1 = map(int, value.split(","))
+        except ValueError:
+            self.fail(f"{value!r} is not a rectangle of pixels such as 40,30,280,210", param, ctx)
+        return x0, y0, x1, y1
+
+
 class Names(ParamType):
     """Words with commas between them, such as A,B; with `numbered`, each with its number, such as 25=1,50=2."""
 

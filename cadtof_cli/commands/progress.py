@@ -1,13 +1,17 @@
 """A progress bar on stderr, where stderr is a terminal; lines alone where it is not."""
 
+import shlex
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from datetime import datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, TextIO
 
 from cadtof_cli.commands.terminal import shown, tell
+from cadtof_cli.errors import OutputError
 
 if TYPE_CHECKING:
     from rich.progress import Progress as RichProgress
@@ -18,9 +22,10 @@ REDRAW_SECONDS = 0.1
 
 @dataclass
 class Bar:
-    """Progress without a bar: lines on stderr, of which `quiet` keeps only what went wrong."""
+    """Progress without a bar: lines on stderr, of which `quiet` keeps only what went wrong; all of them go into the log."""
 
     quiet: bool = False
+    log: TextIO | None = None
 
     def total(self, count: int, /) -> None:
         """There are `count` steps, as far as is known."""
@@ -30,19 +35,31 @@ class Bar:
 
     def say(self, message: str, /) -> None:
         """Show a line above the bar, unless all is to be quiet."""
+        self.note(message)
         if not self.quiet:
-            self.warn(message)
+            self.show(message)
 
     def warn(self, message: str, /) -> None:
         """Show a line above the bar."""
+        self.note(message)
+        self.show(message)
+
+    def note(self, message: str, /) -> None:
+        """Write a line into the log, with the time."""
+        if self.log is not None:
+            self.log.write(f"{datetime.now().astimezone().isoformat(timespec='seconds')} {message}\n")
+            self.log.flush()
+
+    def show(self, message: str, /) -> None:
+        """Show a line."""
         tell(message, err=True)
 
 
 class DrawnBar(Bar):
     """A bar that shows steps, steps a second and the time left."""
 
-    def __init__(self, progress: "RichProgress", description: str) -> None:
-        super().__init__()
+    def __init__(self, progress: "RichProgress", description: str, log: TextIO | None) -> None:
+        super().__init__(log=log)
         self._progress, self._drawn = progress, 0.0
         self._task = progress.add_task(description, total=None)
 
@@ -56,7 +73,7 @@ class DrawnBar(Bar):
         self._progress.advance(self._task)
         self._draw()
 
-    def warn(self, message: str, /) -> None:
+    def show(self, message: str, /) -> None:
         """Show a line above the bar."""
         self._progress.console.print(shown(message), markup=False, highlight=False)
 
@@ -68,10 +85,32 @@ class DrawnBar(Bar):
 
 
 @contextmanager
-def progress_bar(description: str, unit: str, *, quiet: bool) -> Iterator[Bar]:
-    """Yield a bar for the steps of a workflow; rich is imported only where it can be seen."""
+def progress_bar(description: str, unit: str, *, quiet: bool, log: Path | None = None) -> Iterator[Bar]:
+    """Yield a bar for the steps of a workflow; rich is imported only where it can be seen.
+
+    What is said, and how it ends, is appended to the file `log` too.
+    """
+    with _opened(log) as file:
+        try:
+            with _bar(description, unit, file, quiet=quiet) as bar:
+                bar.note(shlex.join(["cadtof", *sys.argv[1:]]))
+                yield bar
+        except BaseException as error:
+            Bar(log=file).note(f"ended by {type(error).__name__}: {error}")
+            raise
+
+
+def _opened(log: Path | None) -> AbstractContextManager[TextIO | None]:
+    try:
+        return nullcontext() if log is None else log.open("a", encoding="utf-8", errors="backslashreplace")
+    except OSError as error:
+        raise OutputError(f"{log}: cannot be written: {error.strerror}; choose another file with --log") from error
+
+
+@contextmanager
+def _bar(description: str, unit: str, log: TextIO | None, *, quiet: bool) -> Iterator[Bar]:
     if quiet or not sys.stderr.isatty():
-        yield Bar(quiet=quiet)
+        yield Bar(quiet=quiet, log=log)
         return
     from rich.console import Console
     from rich.progress import (
@@ -93,4 +132,4 @@ def progress_bar(description: str, unit: str, *, quiet: bool) -> Iterator[Bar]:
     # Without a refresh thread: a process that has threads must not fork workers.
     columns = (TextColumn(description), BarColumn(), MofNCompleteColumn(), Rate(), TimeRemainingColumn())
     with Progress(*columns, console=Console(stderr=True), auto_refresh=False) as progress:
-        yield DrawnBar(progress, description)
+        yield DrawnBar(progress, description, log)

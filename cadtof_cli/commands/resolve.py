@@ -9,6 +9,8 @@ import click
 
 from cadtof_cli.commands.options import (
     STDIN,
+    Corners,
+    Places,
     SectionedCommand,
     arriving_paths,
     capture_options,
@@ -38,6 +40,12 @@ from cadtof_cli.workflows.run_folder import FrameReport, RunTotals
 )
 @click.option("-0", "--null", is_flag=True, help="Paths on stdin end with a zero byte, as `find -print0` writes them.")
 @settings_option()
+@click.option(
+    "--frames",
+    type=Places(),
+    help="Frames of each capture by their place from 0; 10:20 are the ten from the eleventh on.",
+)
+@click.option("--roi", type=Corners(), help="Write maps of these pixels only: columns X0 to X1 − 1, rows Y0 to Y1 − 1.")
 @gathered(
     "resolver",
     ResolverSettings,
@@ -159,6 +167,15 @@ from cadtof_cli.workflows.run_folder import FrameReport, RunTotals
 @click.option(
     "--json", "as_json", is_flag=True, help="Print a JSON line on stdout for every frame, as in frames.jsonl."
 )
+@setting_option(
+    "--dry-run", ResolveSettings, "dry_run", help="Check everything, list what would be written, write nothing."
+)
+@click.option(
+    "--log",
+    type=click.Path(path_type=Path, dir_okay=False),
+    metavar="FILE",
+    help="Append what is said to a file, with the time.",
+)
 @click.option(
     "-q", "--quiet", is_flag=True, is_eager=True, help="No progress, notes or summary on stderr; errors only."
 )
@@ -170,6 +187,8 @@ def resolve(
     recursive: bool,
     null: bool,
     settings_file: Path | None,
+    frames: slice | None,
+    roi: tuple[int, int, int, int] | None,
     resolver: ResolverSettings,
     min_confidence_v: float | None,
     depth: Any,
@@ -180,6 +199,8 @@ def resolve(
     workers: Workers,
     overwrite: bool,
     resume: bool,
+    dry_run: bool,
+    log: Path | None,
     as_json: bool,
     quiet: bool,
     overrides: Mapping[str, Any],
@@ -195,7 +216,9 @@ def resolve(
     """
     settings = ResolveSettings(
         out=out,
-        maps=MapSettings(resolver=resolver, depth=depth, pool=pool, average=average, min_confidence_v=min_confidence_v),
+        maps=MapSettings(
+            resolver=resolver, depth=depth, pool=pool, average=average, min_confidence_v=min_confidence_v, roi=roi
+        ),
         calibration=calibration,
         map_format=map_format,
         workers=workers,
@@ -203,11 +226,15 @@ def resolve(
         resume=resume,
         recursive=recursive,
         settings_file=settings_file,
+        frames=frames,
+        dry_run=dry_run,
     )
     paths = arriving_paths(inputs, separator=b"\0" if null else b"\n")
-    with progress_bar("resolving", "frames", quiet=quiet) as bar:
+    with progress_bar("resolving", "frames", quiet=quiet, log=log) as bar:
 
         def report_frame(report: FrameReport) -> None:
+            if dry_run and not as_json:
+                tell(f"{report.source} → {report.output or 'nothing, it is already there'}")
             if as_json:
                 tell(json.dumps(report.as_json()))
             if report.status == "failed" or (report.status == "skipped" and report.line is None):
@@ -221,9 +248,16 @@ def resolve(
             progress=bar,
             on_frame=report_frame,
         )
+        summary = _dry_summary(totals, out) if dry_run else _summary(totals, out)
+        bar.note(summary)
     if not quiet:
-        tell(_summary(totals, out), err=True)
-    return 0 if totals.ok + totals.kept and not totals.failed else 1
+        tell(summary, err=True)
+    return 0 if totals.ok + totals.already_there and not totals.failed else 1
+
+
+def _dry_summary(totals: RunTotals, out: Path) -> str:
+    kept = f", {totals.already_there} are already there" if totals.already_there else ""
+    return f"would write {totals.ok} files of maps into {out}{kept}; nothing has been written"
 
 
 def _summary(totals: RunTotals, out: Path) -> str:
@@ -236,7 +270,12 @@ def _summary(totals: RunTotals, out: Path) -> str:
             f" ({totals.ok / totals.seconds:.0f} frames/s): {more}{totals.two_paths / pixels:.1%} of pixels have two paths, "
             f"{totals.one_path / pixels:.1%} one, {totals.invalid / pixels:.1%} no answer"
         )
-    for what in ("failed", "skipped"):
-        if getattr(totals, what):
-            line += f"; {getattr(totals, what)} {what}, see {out / 'frames.jsonl'}"
+    skipped = totals.skipped - totals.already_there
+    if totals.already_there == totals.frames:
+        line = f"already there: the maps of all {totals.frames} frames"
+    elif totals.already_there:
+        line += f"; {totals.already_there} already there"
+    for count, what in ((totals.failed, "failed"), (skipped, "skipped")):
+        if count:
+            line += f"; {count} {what}, see {out / 'frames.jsonl'}"
     return f"{line}; maps in {out}"

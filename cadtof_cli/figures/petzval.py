@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from cadtof_cli.arrays import Float
 from cadtof_cli.calibration.petzval import PetzvalCalibration
 from cadtof_cli.capture.metadata import Optics
+from cadtof_cli.figures.text import drawable
 from cadtof_cli.files.atomic import whole_file
 from cadtof_cli.optics.curvature import squared_field_radius
 from cadtof_cli.optics.wall import wall_range_m
@@ -29,9 +30,9 @@ class WallSection:
     slopes: tuple[float, float]
 
 
-def draw_petzval(walls: Sequence[WallSection], petzval: PetzvalCalibration, path: Path, /) -> None:
+def draw_petzval(walls: Sequence[WallSection], petzval: PetzvalCalibration, path: Path, /, *, kind: str) -> None:
     """Draw, a wall a row, its planar depth along the row of the principal point, and the deviation from flat in all pixels."""
-    figure = Figure(figsize=(11.0, 3.4 * len(walls) + 0.5), layout="constrained")
+    figure = Figure(figsize=(15.0, 3.4 * len(walls) + 0.5), layout="constrained")
     axes = figure.subplots(len(walls), 2, squeeze=False)
     quality = petzval.quality
     figure.suptitle(
@@ -48,7 +49,7 @@ def draw_petzval(walls: Sequence[WallSection], petzval: PetzvalCalibration, path
         _section(row[0], wall, petzval, flat, facing)
         _radial(row[1], wall, petzval, flat)
     with whole_file(path) as temporary:
-        figure.savefig(temporary, dpi=110, format="png")
+        figure.savefig(temporary, dpi=110, format=kind)
 
 
 def _section(axes: Axes, wall: WallSection, petzval: PetzvalCalibration, flat: Float, facing: Float) -> None:
@@ -59,8 +60,12 @@ def _section(axes: Axes, wall: WallSection, petzval: PetzvalCalibration, flat: F
     for values, label, colour in ((measured, "before", "tab:red"), (corrected, "after", "tab:blue")):
         axes.plot(columns, _middle((values / facing)[rows]), ".", markersize=3, color=colour, label=label)
     axes.plot(columns, (flat / facing)[middle], color="black", linewidth=1, label="flat wall, as fitted")
-    axes.set(xlabel="column, px", ylabel="planar depth, m", title=f"{wall.name}: rows {rows.start} to {rows.stop - 1}")
-    axes.legend(fontsize=8)
+    axes.set(
+        xlabel="column, px",
+        ylabel="planar depth, m",
+        title=f"{drawable(wall.name)}: rows {rows.start} to {rows.stop - 1}",
+    )
+    axes.legend(fontsize=8, loc="upper left", bbox_to_anchor=(1.01, 1.0), borderaxespad=0.0)
     axes.grid(alpha=0.3)
 
 
@@ -79,9 +84,9 @@ def _radial(axes: Axes, wall: WallSection, petzval: PetzvalCalibration, flat: Fl
     axes.set(
         xlabel="ρ, distance from the principal point over half the diagonal",
         ylabel="range − flat wall, cm",
-        title=wall.name,
+        title=drawable(wall.name),
     )
-    axes.legend(fontsize=8)
+    axes.legend(fontsize=8, loc="upper left", bbox_to_anchor=(1.01, 1.0), borderaxespad=0.0)
     axes.grid(alpha=0.3)
 
 

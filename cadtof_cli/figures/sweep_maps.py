@@ -7,6 +7,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import Colormap, LogNorm, Normalize, TwoSlopeNorm
 from matplotlib.figure import Figure
+from matplotlib.image import AxesImage
 
 from cadtof_cli.arrays import Float
 
@@ -31,14 +32,17 @@ def draw_path_maps(table: Table, column: str, path: Path, /, *, title: str) -> N
     names = ("direct", "second") if max(ratios) > 0 else ("direct",)
     figure = Figure(figsize=(1.2 + 3.9 * len(ratios), 0.8 + 2.9 * len(names)), dpi=DOTS_PER_INCH, layout="constrained")
     grid = figure.subplots(len(names), len(ratios), squeeze=False)
+    signed = column == "bias_ns"
+    norm = _norm(np.array([entry[f"{name}_{column}"] for entry in table for name in names]), signed=signed)
     for row, name in enumerate(names):
         for axes, ratio in zip(grid[row], ratios, strict=True):
             if name == "second" and ratio == 0:
                 axes.set_axis_off()
                 continue
             chosen = [entry for entry in table if entry["mpi_ratio"] == ratio]
-            _heat_map(figure, axes, chosen, f"{name}_{column}", signed=column == "bias_ns")
+            image = _heat_map(axes, chosen, f"{name}_{column}", norm, signed=signed)
             axes.set_title(f"{name} path, MPI/laser {ratio:g}", fontsize=10)
+    figure.colorbar(image, ax=grid, label="ns")
     figure.suptitle(f"{title}, ns")
     figure.savefig(path)
 
@@ -71,26 +75,24 @@ def draw_confidence(table: Table, path: Path, /) -> None:
                 errors = [scale * row["phase_std_rad"] for row in rows]
                 axes.errorbar(asr, [scale * row[column] for row in rows], errors, fmt="none", color=f"C{index}", lw=0.8)
         axes.set(xlabel="ambient-to-signal ratio", ylabel=label)
-        axes.legend(title="MPI/laser", fontsize=8, title_fontsize=8)
+    figure.legend(*axes.get_legend_handles_labels(), title="MPI/laser", loc="outside right center", fontsize=8)
     figure.suptitle(f"first phasor at integration length {longest:g}; lines: analytical model (Fig. 3)")
     figure.savefig(path)
 
 
-def _heat_map(figure: Figure, axes: Axes, table: Table, column: str, *, signed: bool) -> None:
+def _heat_map(axes: Axes, table: Table, column: str, norm: Normalize, *, signed: bool) -> AxesImage:
     asrs = sorted({row["asr"] for row in table})
     lengths = sorted({row["integration_length"] for row in table})
     values = np.full((len(asrs), len(lengths)), np.nan)
     for row in table:
         values[asrs.index(row["asr"]), lengths.index(row["integration_length"])] = row[column]
-    norm = _norm(values, signed=signed)
     image = axes.imshow(values, origin="lower", aspect="auto", cmap="RdBu_r" if signed else "viridis", norm=norm)
     axes.set_xticks(range(len(lengths)), [f"{length:,.0f}" for length in lengths], fontsize=8)
     axes.set_yticks(range(len(asrs)), [f"{asr:g}" for asr in asrs], fontsize=8)
     axes.set(xlabel="integration length", ylabel="ASR")
     if len(lengths) <= _READABLE_CELLS:
         _write_numbers(axes, values, image.cmap, norm, digits="+.3f" if signed else ".2g")
-    else:
-        figure.colorbar(image, ax=axes, label="ns")
+    return image
 
 
 def _norm(values: Float, *, signed: bool) -> Normalize:

@@ -47,6 +47,12 @@ class DepthMaps:
         plane: Float32 = self.pages[self.names.index(name)]
         return plane
 
+    def cropped(self, roi: tuple[int, int, int, int], /) -> "DepthMaps":
+        """Return the maps of columns X0 ≤ x < X1 and rows Y0 ≤ y < Y1."""
+        x0, y0, x1, y1 = roi
+        pages, status = self.pages[:, y0:y1, x0:x1], self.status[y0:y1, x0:x1]
+        return DepthMaps(self.names, np.ascontiguousarray(pages), np.ascontiguousarray(status))
+
 
 @dataclass(frozen=True)
 class MapsAbout:

@@ -3,6 +3,7 @@
 The writer is our own, since tomli-w breaks every list over lines: a pair of numbers should stay on one.
 """
 
+import itertools
 import json
 import math
 import tomllib
@@ -11,6 +12,9 @@ from pathlib import Path
 from typing import Any
 
 from cadtof_cli.errors import MetadataError
+
+_SHORT = 2
+"""More names than that stand on a line each."""
 
 
 def read_toml(path: Path, /) -> dict[str, Any]:
@@ -32,19 +36,20 @@ def read_toml(path: Path, /) -> dict[str, Any]:
 def toml_from_tables(tables: Mapping[str, Mapping[str, Any]], /, *, comments: Iterable[str] = ()) -> str:
     """Return TOML text of tables of plain values and lists, with comment lines on top."""
     blocks = ["\n".join(f"# {comment}" for comment in comments)]
-    blocks += ["\n".join([f"[{name}]", *map(_line, table.items())]) for name, table in tables.items()]
+    blocks += ["\n".join([f"[{name}]", *itertools.starmap(toml_line, table.items())]) for name, table in tables.items()]
     return "\n\n".join(filter(None, blocks)) + "\n"
 
 
-def _line(item: tuple[str, Any]) -> str:
-    return f"{item[0]} = {_value(item[1])}"
+def toml_line(name: str, value: Any, /) -> str:
+    """Return a key with its value."""
+    return f"{name} = {_value(value)}"
 
 
 def _value(value: Any) -> str:
     if isinstance(value, Mapping):
         return "{ " + ", ".join(f"{_value(name)} = {_value(one)}" for name, one in value.items()) + " }"
     if isinstance(value, list | tuple):
-        if value and isinstance(value[0], str):
+        if len(value) > _SHORT and isinstance(value[0], str):
             return "[\n" + "".join(f"    {_value(item)},\n" for item in value) + "]"
         return "[" + ", ".join(map(_value, value)) + "]"
     if isinstance(value, bool | str):

@@ -6,6 +6,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Literal
 
+from cadtof_cli.arrays import Float
 from cadtof_cli.capture.discovery import Capture, base_of, find_captures, placed_below
 from cadtof_cli.capture.frame_sources import FrameSource
 from cadtof_cli.capture.frames import single_frames
@@ -16,6 +17,9 @@ from cadtof_cli.files.formats import MAP_SUFFIXES
 
 RUN_FILE = "run.json"
 FRAMES_FILE = "frames.jsonl"
+
+ALREADY_THERE = "exists already"
+"""How the reason ends of a frame that is skipped since its maps are there."""
 
 FrameStatus = Literal["ok", "failed", "skipped"]
 
@@ -70,6 +74,11 @@ class FrameReport:
     note: str | None = None
     stops: bool = False
 
+    @property
+    def is_already_there(self) -> bool:
+        """Whether an earlier run has made the maps."""
+        return self.status == "skipped" and str(self.reason).endswith(ALREADY_THERE)
+
     def as_json(self) -> dict[str, Any]:
         """Return the line as a JSON object."""
         line = asdict(self)
@@ -96,13 +105,14 @@ def report_of(line: bytes, /) -> FrameReport | None:
 class RunTotals:
     """What has become of the frames so far.
 
-    `diffuse_frames` are those whose MPI was taken for diffuse, `kept` those that were skipped since their maps are there already.
+    `diffuse_frames` are those whose MPI was taken for diffuse, `already_there` those that were skipped since their maps are.
     """
 
     frames: int = 0
     ok: int = 0
     failed: int = 0
     skipped: int = 0
+    already_there: int = 0
     one_path: int = 0
     two_paths: int = 0
     more_paths: int = 0
@@ -110,16 +120,15 @@ class RunTotals:
     diffuse_frames: int = 0
     invalid: int = 0
     seconds: float = 0.0
-    kept: int = 0
 
     def add(self, report: FrameReport) -> None:
         """Count one more frame."""
         self.frames += 1
         setattr(self, report.status, getattr(self, report.status) + 1)
+        self.already_there += report.is_already_there
         for name in ("one_path", "two_paths", "more_paths", "diffuse", "invalid"):
             setattr(self, name, getattr(self, name) + (getattr(report, name) or 0))
         self.diffuse_frames += bool(report.diffuse)
-        self.kept += report.line is not None
 
 
 @dataclass(frozen=True)
@@ -142,6 +151,13 @@ class Run:
         """Return the name of a map: its path from the run's folder, without suffix."""
         return file.relative_to(self.folder).with_suffix("").as_posix()
 
+    def cropped(self, plane: Float, /) -> Float:
+        """Return of a plane of a whole frame what the maps show: the pixels of `--roi`."""
+        roi = self.record and self.record["arguments"].get("roi")
+        if not roi or plane.shape == (roi[3] - roi[1], roi[2] - roi[0]):
+            return plane
+        return plane[roi[1] : roi[3], roi[0] : roi[2]]
+
     def require_maps(self) -> tuple[Path, ...]:
         """Return the map files; raises CaptureError where there are none."""
         if not self.files:
@@ -155,6 +171,14 @@ class Run:
                 f"{self.maps}: holds z depth, and truth is radial range; resolve with --depth range to evaluate"
             )
 
+    def _inputs(self, arguments: Mapping[str, Any]) -> list[Path]:
+        """Return where the inputs of the run lie: where they lay, or in the same place seen from the run, if both were moved."""
+        known = [Path(path) for path in arguments.get("absolute_inputs", arguments["inputs"])]
+        if "inputs_from_out" in arguments and not all(path.exists() for path in known):
+            moved = [self.folder.absolute() / path for path in arguments["inputs_from_out"]]
+            known = moved if all(path.exists() for path in moved) else known
+        return known
+
     def recorded_frames(self, say: Callable[[str], None], /) -> RecordedFrames:
         """Return the frames that the maps were made from; nothing, and a note, where they are not known or gone."""
         if self.record is None:
@@ -162,7 +186,7 @@ class Run:
             return {}
         arguments = self.record["arguments"]
         try:
-            inputs = [Path(path) for path in arguments.get("absolute_inputs", arguments["inputs"])]
+            inputs = self._inputs(arguments)
             settings = arguments.get("settings")
             captures = find_captures(
                 inputs,

@@ -62,6 +62,22 @@ def test_every_module_of_commands_is_a_command_or_serves_them() -> None:
 
 
 def test_a_command_that_does_not_exist() -> None:
-    done = cadtof("resolv")
+    done = cadtof("frobnicate")
     assert (done.status, done.out) == (2, "")
-    assert "No such command 'resolv'" in done.err
+    assert "No such command 'frobnicate'" in done.err
+
+
+@pytest.mark.parametrize(
+    ("typed", "meant"),
+    [("resolv", "resolve"), ("reslove", "resolve"), ("evalute", "evaluate"), ("calibarte", "calibrate")],
+)
+def test_a_command_that_is_mistyped(typed: str, meant: str) -> None:
+    done = cadtof(typed, "somewhere", "-o", "out")
+    assert (done.status, done.out) == (2, "")
+    assert f"No such command '{typed}': did you mean {meant}?" in done.err
+
+
+def test_an_option_that_is_mistyped() -> None:
+    done = cadtof("resolve", "somewhere", "-o", "out", "--recusive")
+    assert done.status == 2
+    assert "--recursive" in done.err

@@ -12,8 +12,8 @@ from tests.support.captures import Form, record, write_exr, write_frame
 from tests.support.forward import step_frame, step_truth
 from tests.support.run_cadtof import cadtof
 
-NO_ANSWER = 209
-"""The grey of pixels without an answer, 0.82 of white."""
+NO_ANSWER, ONE_PATH, SATURATED = (115, 115, 115), (217, 217, 217), (255, 47, 208)
+"""Colours of pixels without a depth, by the reason."""
 
 
 def _maps(folder: Path, *, form: Form = "tif", dark: bool = False) -> Path:
@@ -31,8 +31,8 @@ def _picture(path: Path) -> NDArray[Any]:
     return np.asarray(np.rint(255 * mpl.image.imread(path)[..., :3])).astype(int)
 
 
-def _grey(picture: NDArray[Any]) -> int:
-    return int(np.count_nonzero((picture == NO_ANSWER).all(axis=-1)))
+def _count(picture: NDArray[Any], colour: tuple[int, int, int]) -> int:
+    return int(np.count_nonzero((abs(picture - colour) <= 1).all(axis=-1)))
 
 
 @pytest.mark.parametrize("form", ["tif", "exr"])
@@ -49,14 +49,49 @@ def test_a_picture_of_maps(form: Form, tmp_path: Path) -> None:
     assert np.count_nonzero(np.ptp(whole, axis=-1) > 60) > 0.05 * height * width
 
 
-def test_pixels_without_an_answer_are_grey(tmp_path: Path) -> None:
+def test_pixels_without_a_depth_have_colours_of_their_own(tmp_path: Path) -> None:
     answered, dark = _maps(tmp_path / "a"), _maps(tmp_path / "b", dark=True)
-    for name, maps in (("a", answered), ("b", dark)):
+    capture = tmp_path / "a" / "capture"
+    saturated = cadtof("resolve", capture, "-o", tmp_path / "c", "-j", 1, "-q", "--saturated-counts", "8000,16383")
+    assert saturated.status == 0, saturated.err
+    for name, maps in (("a", answered), ("b", dark), ("c", tmp_path / "c")):
         assert cadtof("preview", maps, "-o", tmp_path / f"{name}.png").status == 0
-    whole, half = _picture(tmp_path / "a.png"), _picture(tmp_path / "b.png")
-    # the MPI panel is half grey in both, the direct and the sigma panel in one
-    assert _grey(whole) > 0.02 * whole[..., 0].size
-    assert _grey(half) > 2.5 * _grey(whole)
+    whole, half, bright = (_picture(tmp_path / f"{name}.png") for name in "abc")
+    share = 0.02 * whole[..., 0].size
+    # half of the MPI panel has one path in all three
+    assert _count(whole, ONE_PATH) > share
+    # letters have shades of grey
+    assert max(_count(whole, NO_ANSWER), _count(whole, SATURATED), _count(half, SATURATED)) < share / 20
+    assert _count(half, NO_ANSWER) > 2 * share
+    assert _count(bright, SATURATED) > share
+
+
+@pytest.mark.parametrize(("height", "width"), [(24, 320), (320, 24), (48, 64)])
+def test_wide_and_tall_frames_waste_no_room(height: int, width: int, tmp_path: Path) -> None:
+    capture = record(tmp_path / "capture")
+    write_frame(capture.files[0], np.tile(step_frame(np.random.default_rng(0)), (1, 1, 14, 14))[..., :height, :width])
+    assert cadtof("resolve", capture.folder, "-o", tmp_path / "out", "-j", 1, "-q").status == 0
+    assert cadtof("preview", tmp_path / "out", "-o", tmp_path / "a.png").status == 0
+    picture = _picture(tmp_path / "a.png")
+    assert np.count_nonzero((picture != 255).any(axis=-1)) > 0.35 * picture[..., 0].size
+
+
+@pytest.mark.parametrize("name", ["$a$_{b}^2", "深度 ☃ 🎈", "new\nline", "größe\\x"])
+def test_any_file_name_is_drawn(name: str, tmp_path: Path) -> None:
+    maps = _maps(tmp_path)
+    maps.rename(tmp_path / name)
+    done = cadtof("preview", tmp_path / name, "-o", tmp_path / "a.png")
+    assert (done.status, done.err) == (0, "")
+
+
+def test_planar_depth_is_said(tmp_path: Path) -> None:
+    capture = record(tmp_path / "capture")
+    for depth in ("z", "range"):
+        out = tmp_path / depth
+        assert cadtof("resolve", capture.folder, "-o", out, "-j", 1, "-q", "--depth", depth).status == 0
+        assert cadtof("preview", out, "-o", tmp_path / f"{depth}.svg").status == 0
+        # letters of an SVG are outlines with the text as a comment
+        assert ("direct z depth, m" in (tmp_path / f"{depth}.svg").read_text()) == (depth == "z")
 
 
 def test_truth_adds_the_errors(tmp_path: Path) -> None:

@@ -1,45 +1,18 @@
 """Progress is drawn where a person looks, on a terminal, and nowhere else."""
 
-import os
-import pty
-import subprocess
 from pathlib import Path
 
 import pytest
 
 from tests.support.captures import record
-from tests.support.run_cadtof import ENVIRONMENT, PROGRAM, program
-
-
-def _on_terminal(*arguments: object) -> tuple[str, str]:
-    """Run `cadtof` with stderr on a terminal; return stdout and what the terminal got."""
-    ours, theirs = pty.openpty()
-    environment = {**ENVIRONMENT, "TERM": "xterm-256color", "COLUMNS": "120"}
-    process = subprocess.Popen(
-        [*PROGRAM, *map(str, arguments)], env=environment, stdout=subprocess.PIPE, stderr=theirs, text=True
-    )
-    os.close(theirs)
-    shown = b""
-    # the end of a terminal without a process is an error on Linux
-    while piece := _read(ours):
-        shown += piece
-    os.close(ours)
-    out, _ = process.communicate(timeout=60)
-    assert process.returncode == 0
-    return out, shown.decode()
-
-
-def _read(terminal: int) -> bytes:
-    try:
-        return os.read(terminal, 4096)
-    except OSError:
-        return b""
+from tests.support.run_cadtof import program
+from tests.support.terminal import on_terminal
 
 
 @pytest.mark.parametrize("jobs", [1, 2])
 def test_a_terminal_shows_a_bar(jobs: int, tmp_path: Path) -> None:
     capture = record(tmp_path / "capture", frames=4, form="exr", toml="[pixel]\nintegration_length = 1e5\n")
-    out, shown = _on_terminal("resolve", capture.folder, "-o", tmp_path / "out", "-j", jobs, "--json")
+    out, shown = on_terminal("resolve", capture.folder, "-o", tmp_path / "out", "-j", jobs, "--json")
     assert len(out.splitlines()) == 4
     assert "not given, so taken from the paper" in shown
     _, bar, after = shown.partition("━")
@@ -51,14 +24,14 @@ def test_a_terminal_shows_a_bar(jobs: int, tmp_path: Path) -> None:
 
 
 def test_reading_is_shown_too(tmp_path: Path) -> None:
-    out, shown = _on_terminal("info", record(tmp_path / "capture", frames=3).folder, "-j", 1)
+    out, shown = on_terminal("info", record(tmp_path / "capture", frames=3).folder, "-j", 1)
     assert "3/3" in shown.partition("reading")[2]
     assert "frames" in out
 
 
 def test_quiet_is_quiet_on_a_terminal_too(tmp_path: Path) -> None:
     capture = record(tmp_path / "capture", frames=3)
-    assert _on_terminal("resolve", capture.folder, "-o", tmp_path / "out", "-q") == ("", "")
+    assert on_terminal("resolve", capture.folder, "-o", tmp_path / "out", "-q") == ("", "")
 
 
 def test_without_a_terminal_there_is_no_bar(tmp_path: Path) -> None:

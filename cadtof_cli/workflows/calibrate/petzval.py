@@ -12,6 +12,7 @@ from cadtof_cli.calibration.fit.petzval import WallRanges, fit_petzval
 from cadtof_cli.calibration.petzval import PetzvalCalibration
 from cadtof_cli.calibration.store import Calibration
 from cadtof_cli.capture.metadata import Modulation, Voltage
+from cadtof_cli.figures.kinds import require_picture
 from cadtof_cli.frame_plan import CalibrationUse, FramePlan, MapSettings
 from cadtof_cli.maps.layers import DIRECT_AMPLITUDE, DIRECT_DEPTH, DIRECT_SIGMA
 from cadtof_cli.pipeline import resolve_frame
@@ -47,6 +48,7 @@ def calibrate_petzval(
     Raises:
         CadtofError: see `averaged_captures` and `fit_petzval`.
     """
+    kind = require_picture(plot, overwrite=settings.overwrite) if plot else ""
     averaged = averaged_captures(inputs, "petzval", settings=settings, overrides=overrides, progress=progress)
     earlier = parts_before(settings.out, "petzval", averaged, progress=progress)
     walls = [_wall(capture, settings.out, earlier) for capture in averaged]
@@ -61,7 +63,7 @@ def calibrate_petzval(
     report = saved(petzval, settings, _figures(petzval), petzval.quality.findings)
     if plot is None:
         return report
-    _draw(walls, petzval, [str(capture.root) for capture in averaged], plot)
+    _draw(walls, petzval, [str(capture.root) for capture in averaged], plot, kind)
     return replace(report, written=(*report.written, str(plot)))
 
 
@@ -128,11 +130,13 @@ def _figures(petzval: PetzvalCalibration) -> dict[str, Any]:
     }
 
 
-def _draw(walls: Sequence[WallRanges], petzval: PetzvalCalibration, names: Sequence[str], path: Path) -> None:
+def _draw(
+    walls: Sequence[WallRanges], petzval: PetzvalCalibration, names: Sequence[str], path: Path, kind: str
+) -> None:
     from cadtof_cli.figures.petzval import WallSection, draw_petzval
 
     sections = [
         WallSection(Path(name).name, wall.range_m, fit.distance_m, fit.slopes)
         for name, wall, fit in zip(names, walls, petzval.quality.walls, strict=True)
     ]
-    draw_petzval(sections, petzval, path)
+    draw_petzval(sections, petzval, path, kind=kind)

@@ -34,8 +34,8 @@ def evaluate_maps(maps: Path, /, *, truth: Path, progress: Progress) -> Evaluati
     Raises:
         CadtofError: maps or truth cannot be read, hold no direct depth, differ in size, or hold z depth.
     """
-    expected = direct_depth(truth)
     run = read_run(maps)
+    expected = run.cropped(direct_depth(truth))
     run.require_range_depth()
     files, recorded = run.require_maps(), run.recorded_frames(progress.say)
     direct, first = ErrorTally(), ErrorTally()
@@ -44,7 +44,9 @@ def evaluate_maps(maps: Path, /, *, truth: Path, progress: Progress) -> Evaluati
         direct.add(same_size(direct_depth(path), expected, path, truth), expected)
         if run.name(path) in recorded:
             capture, source = recorded[run.name(path)]
-            first.add(same_size(first_phasor_depth(capture, source), expected, source.paths[0], truth), expected)
+            first.add(
+                same_size(run.cropped(first_phasor_depth(capture, source)), expected, source.paths[0], truth), expected
+            )
             compared += 1
     return Evaluation(len(files), direct.summary(), first.summary() if compared == len(files) else None)
 

@@ -11,7 +11,8 @@ import numpy as np
 
 from cadtof_cli.capture.discovery import Capture, find_captures
 from cadtof_cli.capture.frames import first_pixels, single_frames
-from cadtof_cli.capture.metadata import KEYS
+from cadtof_cli.capture.lone_planes import guessed_layout, hint_of_planes
+from cadtof_cli.capture.metadata import KEYS, Layout
 from cadtof_cli.errors import CadtofError
 from cadtof_cli.execution.ordered import WorkerDied, run_ordered
 from cadtof_cli.execution.workers import Workers
@@ -41,6 +42,7 @@ class CaptureFacts:
     unambiguous_range_m: float = 0.0
     noise_mv: float | None = None
     integration_length_seen: float | None = None
+    guessed_layout: Layout | None = None
     not_frames: list[str] = field(default_factory=list)
     problems: list[str] = field(default_factory=list)
 
@@ -105,6 +107,10 @@ def _capture_facts(capture: Capture, workers: Workers, progress: Progress) -> Ca
         value = getattr(getattr(metadata, key.table), key.name)
         facts.metadata[key.path] = {"value": value, "from": capture.source.origins[key.path]}
     pixels = first_pixels(capture)
+    if pixels is None and (hint := hint_of_planes(capture)):
+        facts.problems.append(hint)
+        facts.guessed_layout = guessed_layout(capture)
+        return facts
     tasks = (LookTask(source, capture.layout, metadata, pixels) for source in single_frames(capture))
     with closing(run_ordered(facts_of_frame, tasks, workers=workers)) as outcomes:
         implausible: list[str] = []

@@ -1,5 +1,6 @@
 """What `run.json` says of a run that begins, and of what arrives while it goes on."""
 
+import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict
 from datetime import UTC, datetime
@@ -15,13 +16,21 @@ from cadtof_cli.workflows.resolve.settings import ResolveSettings
 from cadtof_cli.workflows.resolve.use_calibration import AppliedCalibration
 
 
-def recorded_arrivals(batches: Iterable[tuple[Path, ...]], document: Mapping[str, Any]) -> Iterator[tuple[Path, ...]]:
+def recorded_arrivals(
+    batches: Iterable[tuple[Path, ...]], document: Mapping[str, Any], out: Path
+) -> Iterator[tuple[Path, ...]]:
     """Yield the batches of paths, each added to the inputs that `run.json` will name."""
     for paths in batches:
         document["arguments"]["inputs"] += map(str, paths)
         document["arguments"]["absolute_inputs"] += (str(path.absolute()) for path in paths)
+        document["arguments"]["inputs_from_out"] += (_from_out(path, out) for path in paths)
         document["arguments"]["resolved_inputs"] += (str(path.resolve()) for path in paths)
         yield paths
+
+
+def _from_out(path: Path, out: Path) -> str:
+    """Return an input as it is seen from the run's folder: true after both have been moved."""
+    return os.path.relpath(path.absolute(), out.absolute())
 
 
 def record_captures(document: Mapping[str, Any], plans: Iterable[CapturePlan]) -> None:
@@ -61,6 +70,7 @@ def run_document(
         "arguments": {
             "inputs": [str(path) for path in inputs],
             "absolute_inputs": [str(path.absolute()) for path in inputs],
+            "inputs_from_out": [_from_out(path, settings.out) for path in inputs],
             "resolved_inputs": [str(path.resolve()) for path in inputs],
             "out": str(settings.out),
             **asdict(maps.resolver),
@@ -70,6 +80,7 @@ def run_document(
             "average": maps.average,
             "calibration": settings.calibration and str(settings.calibration),
             "map_format": settings.map_format,
+            "roi": maps.roi,
             "recursive": settings.recursive,
             "settings": settings.settings_file and str(settings.settings_file.absolute()),
             "frames": settings.frames and [settings.frames.start, settings.frames.stop],

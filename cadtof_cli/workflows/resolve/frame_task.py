@@ -21,7 +21,7 @@ from cadtof_cli.phasors.frame_mean import FrameMean, frame_mean
 from cadtof_cli.phasors.plausible import implausible
 from cadtof_cli.pipeline import ResolvedFrame, resolve_frame
 from cadtof_cli.resolver.status import count_status, why_no_answer
-from cadtof_cli.workflows.run_folder import FrameReport, FrameStatus, SourceFile
+from cadtof_cli.workflows.run_folder import ALREADY_THERE, FrameReport, FrameStatus, SourceFile
 
 Result = TypeVar("Result")
 
@@ -128,11 +128,13 @@ def written(task: FrameTask, resolved: ResolvedFrame, recording: Recording, /, *
         FrameError: no pixel has an answer; nothing is written then.
         OutputError: see `write_maps`.
     """
-    counts = count_status(resolved.maps.status)
-    if counts.invalid == resolved.maps.status.size:
-        raise FrameError(f"{task.sources[0]}: {why_no_answer(resolved.maps.status)}")
+    roi = task.plan.settings.roi
+    maps = resolved.maps.cropped(roi) if roi else resolved.maps
+    counts = count_status(maps.status)
+    if counts.invalid == maps.status.size:
+        raise FrameError(f"{task.sources[0]}: {why_no_answer(maps.status)}")
     note = _why_again(task) if task.resume else None
-    write_maps(task.output, resolved.maps, about=_about(task), token=task.token)
+    write_maps(task.output, maps, about=_about(task), token=task.token)
     reasons = [recording.left_out] if recording.left_out else []
     if resolved.noise_estimated:
         reasons.append(f"noise estimated from the frame: integration_length {resolved.integration_length:.4g}")
@@ -187,7 +189,7 @@ def kept_maps(task: FrameTask, /, *, began: float) -> FrameReport | None:
         if recording.digest != before.digest:
             return None
     line = replace(before, source=str(task.sources[0]), output=str(task.output), files=files)
-    return task.report("skipped", f"{task.output} exists already", time.monotonic() - began, line=line)
+    return task.report("skipped", f"{task.output} {ALREADY_THERE}", time.monotonic() - began, line=line)
 
 
 def _why_again(task: FrameTask) -> str | None:

@@ -17,7 +17,17 @@ from cadtof_cli.workflows.run_folder import FRAMES_FILE, RUN_FILE, read_record
 _PLACE_IN_STACK = re.compile(r"_\d{4,}$")
 
 _CHANGES_NO_MAP = frozenset(
-    {"inputs", "absolute_inputs", "out", "overrides", "calibration", "recursive", "settings", "frames"}
+    {
+        "inputs",
+        "absolute_inputs",
+        "inputs_from_out",
+        "out",
+        "overrides",
+        "calibration",
+        "recursive",
+        "settings",
+        "frames",
+    }
 )
 _INPUTS, _FOLDERS = "resolved_inputs", "folders of the frames"
 
@@ -57,7 +67,7 @@ def prepare_output(
         OutputError: the folder holds files of a run, and neither `overwrite` nor `resume` is set; or the run to be resumed was
             another one.
     """
-    there = _would_be_replaced(out, names)
+    there = would_be_replaced(out, names)
     if settings.resume and there:
         _require_same_run(out, document, there, arriving=arriving)
     elif settings.overwrite:
@@ -67,21 +77,29 @@ def prepare_output(
             sync_folder(out)
         except OSError as error:
             raise write_error(out / FRAMES_FILE, error) from error
-    elif there:
+    else:
+        require_nothing_replaced(out, names)
+    if settings.overwrite or settings.resume:
+        remove_partial_files(out, token="*")
+    return settings.resume and bool(there)
+
+
+def require_nothing_replaced(out: Path, names: Mapping[str, Path], /) -> None:
+    """Raise OutputError where a run would replace files."""
+    if there := would_be_replaced(out, names):
         raise OutputError(
             f"{out}: {_some(there)} would be replaced; add --overwrite to replace, --resume to go on where a run "
             "stopped, or choose another folder with -o"
         )
-    if settings.overwrite or settings.resume:
-        remove_partial_files(out, token="*")
-    return settings.resume and bool(there)
 
 
 def _some(names: Sequence[str]) -> str:
     return f"{', '.join(names[:3])}{f' and {len(names) - 3} more' if len(names) > 3 else ''}"
 
 
-def _would_be_replaced(out: Path, named: Mapping[str, Path]) -> list[str]:
+def would_be_replaced(out: Path, named: Mapping[str, Path], /) -> list[str]:
+    """Return the files in a run's folder that the run would replace."""
+
     def would_be(path: str) -> bool:
         stem, _, suffix = path.rpartition(".")
         return suffix in MAP_FORMATS and (stem in named or _PLACE_IN_STACK.sub("", stem) in named)

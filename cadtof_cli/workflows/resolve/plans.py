@@ -9,13 +9,18 @@ from typing import Any
 from cadtof_cli.capture.discovery import Capture, base_of, find_captures, placed_below
 from cadtof_cli.capture.frame_sources import FrameSource
 from cadtof_cli.capture.frames import file_size, first_frames, open_frames, single_frames
-from cadtof_cli.errors import FrameError, SettingsError
+from cadtof_cli.capture.lone_planes import hint_of_planes
+from cadtof_cli.errors import CaptureError, FrameError, SettingsError
 from cadtof_cli.files.formats import format_named, map_suffix_like
 from cadtof_cli.frame_plan import FramePlan
+from cadtof_cli.phasors.noise import noise_model
 from cadtof_cli.phasors.plausible import implausible
+from cadtof_cli.phasors.pooling import pooling_seconds
 from cadtof_cli.phasors.voltages import volts_per_count
 from cadtof_cli.workflows.resolve.settings import AS_INPUT, ResolveSettings
 from cadtof_cli.workflows.resolve.use_calibration import AppliedCalibration
+
+_WORTH_SAYING_S = 10.0
 
 
 @dataclass(frozen=True)
@@ -52,6 +57,11 @@ class CapturePlan:
         same = settings.map_format == AS_INPUT
         suffix = map_suffix_like(source.paths[0]) if same else format_named(settings.map_format).suffix
         return settings.out / f"{source.name}{suffix}"
+
+    def pooling_seconds(self) -> float:
+        """Return about how long the pooling of one frame takes."""
+        noise = noise_model(self.plan.metadata, integration_length=1e5, quantised=False)
+        return pooling_seconds(self.pixels or (0, 0), noise, window=self.plan.settings.pool)
 
     def notes(self) -> Iterator[str]:
         """Yield what is taken for granted about the capture."""
@@ -92,6 +102,7 @@ def planned(
     """Return what to do with each capture.
 
     Raises:
+        CaptureError: its files are planes, and nothing says which is which.
         SettingsError: its settings do not allow it; or its values are integers and nothing says how many volts a count is.
         FrameError: its values cannot be voltages.
     """
@@ -101,9 +112,12 @@ def planned(
         metadata, first = capture.source.metadata, first_frames(capture)
         plan = FramePlan(metadata=metadata, settings=settings.maps, calibration=use)
         if first is None:
+            if hint := hint_of_planes(capture):
+                raise CaptureError(hint)
             plans.append(CapturePlan(capture, plan, None))
             continue
         plans.append(CapturePlan(capture, plan, (first.shape[2], first.shape[3]), first.count))
+        _require_inside(settings.maps.roi, capture, plans[-1].pixels)
         try:
             volts_per_count(metadata.voltage, first.dtype)
         except SettingsError as error:
@@ -130,3 +144,24 @@ def _require_plausible(capture: Capture) -> None:
         wrong.append(f"{source}: {found}")
     if wrong:
         raise FrameError(wrong[0])
+
+
+def slow_notes(plans: Sequence[CapturePlan], settings: ResolveSettings, /) -> Iterator[str]:
+    """Yield how long a run will take where that is known to be long, and a frame takes so long that no bar would tell."""
+    pooling = sum(one.expected_maps(settings) * one.pooling_seconds() for one in plans)
+    maps = sum(one.expected_maps(settings) for one in plans)
+    seconds = pooling / max(min(settings.workers.jobs, maps), 1)
+    if seconds > _WORTH_SAYING_S:
+        yield f"--pool {settings.maps.pool}: {maps} frames will take about {_duration(seconds)}"
+
+
+def _duration(seconds: float) -> str:
+    return f"{seconds:.0f} s" if seconds < 100 else f"{seconds / 60:.0f} min"
+
+
+def _require_inside(roi: tuple[int, int, int, int] | None, capture: Capture, pixels: tuple[int, int] | None) -> None:
+    if roi and pixels and (roi[2] > pixels[1] or roi[3] > pixels[0]):
+        found = ",".join(map(str, roi))
+        raise SettingsError(
+            f"--roi: found {found}, expected it inside the {pixels[1]} × {pixels[0]} pixels of {capture.root}"
+        )

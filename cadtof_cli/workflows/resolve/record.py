@@ -64,7 +64,7 @@ class RunRecorder:
             with whole_file(self._path) as temporary, temporary.open("wb") as ordered:
                 ordered.writelines(map(self._line_at, self._places))
         totals = asdict(replace(self._totals, seconds=round(seconds, 3)))
-        del totals["kept"]  # a line of frames.jsonl is that of a frame that was resolved, whichever run did it
+        del totals["already_there"]  # a line of frames.jsonl is that of a frame that was resolved, whichever run did it
         write_json(self._run, {**self._document, "finished": True, "totals": totals})
 
     def close(self) -> None:

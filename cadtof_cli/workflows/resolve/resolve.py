@@ -21,12 +21,12 @@ from cadtof_cli.workflows.resolve import split_frames
 from cadtof_cli.workflows.resolve.arrivals import Arrivals, held_back
 from cadtof_cli.workflows.resolve.document import record_captures, recorded_arrivals, run_document
 from cadtof_cli.workflows.resolve.frame_task import FrameTask, resolve_file
-from cadtof_cli.workflows.resolve.output import frame_names, prepare_output
-from cadtof_cli.workflows.resolve.plans import CapturePlan, found_captures, planned
+from cadtof_cli.workflows.resolve.output import frame_names, prepare_output, require_nothing_replaced
+from cadtof_cli.workflows.resolve.plans import CapturePlan, found_captures, planned, slow_notes
 from cadtof_cli.workflows.resolve.record import RunRecorder, recorded_run
 from cadtof_cli.workflows.resolve.settings import ResolveSettings
 from cadtof_cli.workflows.resolve.use_calibration import use_calibration
-from cadtof_cli.workflows.run_folder import FrameReport, RunTotals
+from cadtof_cli.workflows.run_folder import ALREADY_THERE, FrameReport, RunTotals
 
 DIED = "the worker process died twice on this frame (killed, or out of memory): try fewer --jobs"
 
@@ -58,13 +58,16 @@ def resolve_captures(
     captures, waiting = (captures, []) if arriving is None else held_back(captures, inputs, settings)
     calibration = use_calibration(settings.calibration, captures) if settings.calibration else None
     plans = planned(captures, settings, calibration)
-    document = run_document(inputs, overrides, settings, plans, calibration)
     names = frame_names(captures, settings.out)
+    if settings.dry_run:
+        return _dry_run(plans, settings, names, on_frame)
+    document = run_document(inputs, overrides, settings, plans, calibration)
     make_folder(settings.out)
     with locked(settings.out):
         resumed = prepare_output(settings.out, names, document, settings=settings, arriving=arriving is not None)
         of_calibration = calibration.notes if calibration else ()
-        for note in (*(note for one in plans for note in one.notes()), *of_calibration, *kernel_notes()):
+        of_captures = (note for one in plans for note in one.notes())
+        for note in (*of_captures, *of_calibration, *kernel_notes(), *slow_notes(plans, settings)):
             progress.say(note)
         token = token_hex(8)
         try:
@@ -75,12 +78,33 @@ def resolve_captures(
                 arrivals = Arrivals(settings, overrides, calibration, base, run.tell, waiting)
                 arrivals.meet(plans)
                 run.tell_all(first)
-                for some in arrivals.plans(recorded_arrivals(arriving or (), document)):
+                for some in arrivals.plans(recorded_arrivals(arriving or (), document, settings.out)):
                     record_captures(document, some)
                     run.tell_all(run.outcomes(some, arrivals.sources))
                 return run.finish()
         finally:
             remove_partial_files(settings.out, token=token)
+
+
+def _dry_run(
+    plans: Sequence[CapturePlan],
+    settings: ResolveSettings,
+    names: Mapping[str, Path],
+    on_frame: Callable[[FrameReport], None],
+) -> RunTotals:
+    """Tell of every file that would be written, after the checks of a run; nothing is."""
+    if not (settings.overwrite or settings.resume):
+        require_nothing_replaced(settings.out, names)
+    totals = RunTotals()
+    for one in plans:
+        for source in itertools.islice(one.frames(settings, taken=names), 0, None, settings.maps.average):
+            output = one.output(source, settings)
+            report = FrameReport(str(source), str(output), "ok", None, 0.0)
+            if settings.resume and output.exists():
+                report = FrameReport(str(source), None, "skipped", f"{output} {ALREADY_THERE}", 0.0)
+            totals.add(report)
+            on_frame(report)
+    return totals
 
 
 class _Run:

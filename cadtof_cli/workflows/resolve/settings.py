@@ -28,6 +28,7 @@ class ResolveSettings:
         recursive: whether captures are looked for below the folders that are given, too.
         settings_file: a `capture.toml` that holds for every capture, in place of any other.
         frames: which frames of each capture, by their place from 0; None for all.
+        dry_run: whether all is only checked and told, and nothing written.
     """
 
     out: Path
@@ -40,6 +41,7 @@ class ResolveSettings:
     recursive: bool = False
     settings_file: Path | None = None
     frames: slice | None = None
+    dry_run: bool = False
 
     def __post_init__(self) -> None:
         if self.overwrite and self.resume:

@@ -1,0 +1,24 @@
+"""Text that matplotlib can draw, whatever a file is called."""
+
+from functools import cache
+
+from matplotlib import font_manager
+
+
+@cache
+def _drawn_characters() -> frozenset[int]:
+    """Return the characters that the font of pictures has."""
+    font = font_manager.get_font(font_manager.findfont(font_manager.FontProperties()))
+    return frozenset(font.get_charmap())
+
+
+def drawable(text: str, /) -> str:
+    """Return a text with what the font lacks escaped; give it with `parse_math=False`, since names may hold `$`."""
+    return "".join(
+        sign
+        if ord(sign) in _drawn_characters()
+        else repr(sign)[1:-1]
+        if not sign.isprintable()
+        else f"\\u{{{ord(sign):x}}}"
+        for sign in text
+    )

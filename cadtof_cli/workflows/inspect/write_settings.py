@@ -1,0 +1,97 @@
+"""A `capture.toml` to be completed by hand: what is known of a capture, and what its files suggest."""
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from cadtof_cli.capture.metadata import KEYS, Key
+from cadtof_cli.capture.toml import DEFAULT_ORIGIN, FILE_NAME
+from cadtof_cli.errors import OutputError
+from cadtof_cli.files.atomic import whole_file
+from cadtof_cli.files.toml import toml_line
+from cadtof_cli.workflows.inspect.info import CaptureFacts
+
+_EXAMPLES: Mapping[str, Any] = {
+    "pixel.integration_length": 100000.0,
+    "voltage.volts_per_count": 6.0e-5,
+    "voltage.saturated_counts": (0, 65535),
+    "optics.focal_length_px": 280.0,
+    "optics.principal_point_px": (159.5, 119.5),
+    "target.distance_m": 3.35,
+    "layout.pattern": "{frame}_h{harmonic}_sc{channel}.tif",
+    "layout.channel": ("A", "B"),
+    "layout.harmonic": {"25": 1, "50": 2},
+    "layout.frames": 100,
+}
+"""What a key without a value may look like."""
+
+_BITS = (8, 10, 12, 14, 16)
+
+
+def write_settings(facts: CaptureFacts, /, *, out: Path | None, overwrite: bool) -> Path:
+    """Write a commented `capture.toml` of what is known and seen, and return its path.
+
+    Args:
+        facts: what the capture holds.
+        out: file to be written; None: `capture.toml` in the capture's folder.
+        overwrite: whether a file there may be replaced.
+
+    Raises:
+        OutputError: there is one, or it cannot be written.
+    """
+    path = out or Path(facts.root) / FILE_NAME
+    if path.exists() and not overwrite:
+        raise OutputError(f"{path}: is there already; add --overwrite to replace it, or name another file with -o")
+    text = "\n".join(_lines(facts)) + "\n"
+    with whole_file(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+    return path
+
+
+def _lines(facts: CaptureFacts) -> Iterator[str]:
+    kinds = ", ".join((*facts.containers, *facts.types)) or "none could be read"
+    size = f", {facts.shape[3]} × {facts.shape[2]} pixels" if facts.shape else ""
+    yield f"# Written by `cadtof info --write-settings` after a look at {facts.frames} frames ({kinds}{size})."
+    yield "# Lines that begin with # say nothing: complete those that you know, and take their # away."
+    seen, table = _seen(facts), ""
+    for key in KEYS:
+        if key.table != table:
+            table = key.table
+            yield f"\n[{table}]"
+        entry = facts.metadata[key.path]
+        yield _line(key, entry["value"], entry["from"], seen.get(key.path))
+
+
+def _line(key: Key, value: Any, origin: str, seen: tuple[Any, str] | None) -> str:
+    if origin != DEFAULT_ORIGIN:
+        return f"{toml_line(key.name, _written(key, value))}  # {key.about}"
+    if seen is not None:
+        sure, why = key.table == "layout", seen[1]
+        return f"{'' if sure else '# '}{toml_line(key.name, _written(key, seen[0]))}  # {key.about}; {why}"
+    if key.default is not None:
+        return f"# {toml_line(key.name, key.default)}  # {key.about}; the paper's value, taken if nothing is said"
+    return f"# {toml_line(key.name, _EXAMPLES[key.path])}  # {key.about}; an example"
+
+
+def _written(key: Key, value: Any) -> Any:
+    return dict(value) if key.kind == "numbers by name" else value
+
+
+def _seen(facts: CaptureFacts) -> dict[str, tuple[Any, str]]:
+    """Return values by dotted key that the files suggest, each with the reason."""
+    seen: dict[str, tuple[Any, str]] = {}
+    if facts.integration_length_seen is not None:
+        length = float(f"{facts.integration_length_seen:.2g}")
+        seen["pixel.integration_length"] = length, "the scatter between neighbouring pixels is as with this, or more"
+    if facts.planes and all(name.startswith("u") for name in facts.types):
+        low = min(low for low, _ in facts.planes.values())
+        high = max(high for _, high in facts.planes.values())
+        full = next(2**bits - 1 for bits in _BITS if high < 2**bits or bits == _BITS[-1])
+        range_seen = f"stored values are {low:g} … {high:g}"
+        seen["voltage.saturated_counts"] = (0, full), range_seen
+        seen["voltage.zero_counts"] = (full + 1) // 2, f"{range_seen}; the middle, to be checked"
+    layout = facts.guessed_layout
+    for name in ("pattern", "channel", "harmonic"):
+        if layout is not None and getattr(layout, name) is not None:
+            seen[f"layout.{name}"] = getattr(layout, name), "as the names of the files suggest"
+    return seen

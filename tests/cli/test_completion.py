@@ -1,0 +1,102 @@
+"""The Tab key in bash, zsh and fish, as docs/shells.md sets it up."""
+
+import os
+import pty
+import shutil
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from tests.support.run_cadtof import ENVIRONMENT, ROOT
+
+
+@pytest.fixture(autouse=True)
+def program(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """`cadtof` on the PATH, where shells look for it."""
+    file = tmp_path / "bin" / "cadtof"
+    file.parent.mkdir()
+    file.write_text(f"#!{sys.executable}\nfrom cadtof_cli.cli import main\nmain()\n")
+    file.chmod(0o755)
+    monkeypatch.setenv("PATH", f"{file.parent}:{os.environ['PATH']}")
+    monkeypatch.setenv("PYTHONPATH", str(ROOT))
+    monkeypatch.setenv("HOME", str(tmp_path))
+    return file
+
+
+def _line(shell: str) -> str:
+    """The line that docs/shells.md gives for a shell."""
+    rows = (ROOT / "docs" / "shells.md").read_text(encoding="utf-8").splitlines()
+    return next(row.split("|")[2].strip(" `") for row in rows if row.startswith(f"| {shell}"))
+
+
+def _needs(shell: str) -> str:
+    found = shutil.which(shell)
+    if found is None:
+        assert os.environ.get("CI") != "true", f"{shell} is not installed"
+        pytest.skip(f"{shell} is not installed")
+    return found
+
+
+@pytest.mark.parametrize(
+    ("typed", "completed"),
+    [
+        (("cadtof", "res"), "resolve"),
+        (("cadtof", "resolve", "--recu"), "--recursive"),
+        (("cadtof", "cal"), "calibrate"),
+    ],
+)
+def test_bash(typed: tuple[str, ...], completed: str) -> None:
+    words = " ".join(typed)
+    script = f"""
+    {_line("bash")}
+    COMP_WORDS=({words}) COMP_CWORD={len(typed) - 1}
+    $(complete -p cadtof | sed 's/.*-F \\([^ ]*\\) .*/\\1/') cadtof
+    printf '%s\\n' "${{COMPREPLY[@]}}"
+    """
+    done = subprocess.run([_needs("bash"), "-c", script], capture_output=True, text=True, timeout=60, check=True)
+    assert done.stdout.split() == [completed]
+
+
+@pytest.mark.parametrize(("typed", "completed"), [("cadtof res", "resolve"), ("cadtof resolve --recu", "--recursive")])
+def test_fish(typed: str, completed: str, tmp_path: Path) -> None:
+    (tmp_path / ".config/fish/completions").mkdir(parents=True)
+    script = f"{_line('fish').replace('_CADTOF', 'env _CADTOF')}; complete -C '{typed}'"
+    done = subprocess.run([_needs("fish"), "-c", script], capture_output=True, text=True, timeout=60, check=True)
+    assert [line.split("\t")[0] for line in done.stdout.splitlines()] == [completed]
+
+
+@pytest.mark.parametrize(
+    ("typed", "completed"), [("cadtof reso", "cadtof resolve "), ("cadtof resolve --recu", "--recursive")]
+)
+def test_zsh(typed: str, completed: str, tmp_path: Path) -> None:
+    """A terminal with zsh, into which the letters and the Tab key are typed."""
+    ours, theirs = pty.openpty()
+    environment = {**ENVIRONMENT, **os.environ, "TERM": "dumb", "PS1": "% "}
+    setup = f"autoload -Uz compinit; compinit -u; {_line('zsh')}; print rea''dy\n"
+    with subprocess.Popen(
+        [_needs("zsh"), "-f", "-i"], stdin=theirs, stdout=theirs, stderr=theirs, env=environment, cwd=tmp_path
+    ) as process:
+        os.close(theirs)
+        try:
+            os.write(ours, setup.encode())
+            assert "ready" in _shown(ours, "ready")
+            os.write(ours, f"{typed}\t".encode())
+            assert completed in _shown(ours, completed)
+        finally:
+            process.kill()
+    os.close(ours)
+
+
+def _shown(terminal: int, awaited: str) -> str:
+    """What a terminal shows until the awaited text is there, or a minute is over."""
+    shown, until = "", time.monotonic() + 60
+    os.set_blocking(terminal, False)
+    while awaited not in shown and time.monotonic() < until:
+        try:
+            shown += os.read(terminal, 4096).decode(errors="replace")
+        except BlockingIOError:
+            time.sleep(0.05)
+    return shown

@@ -1,0 +1,248 @@
+"""What people are used to from other programs, typed into a real shell."""
+
+import json
+import re
+import shutil
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+import tifffile
+
+from cadtof_cli.capture.lone_planes import layout_of_names
+from tests.support.captures import layers_of, record
+from tests.support.run_cadtof import ENVIRONMENT, PROGRAM, cadtof
+from tests.support.shell import shell
+from tests.support.terminal import on_terminal
+
+
+@pytest.fixture
+def here(tmp_path: Path) -> Path:
+    """A capture `cap` of three frames."""
+    record(tmp_path / "cap", frames=3)
+    return tmp_path
+
+
+def _stack(folder: Path, frames: int) -> None:
+    record(folder)
+    pages = tifffile.imread(folder / "frame_0.tif")
+    (folder / "frame_0.tif").unlink()
+    tifffile.imwrite(folder / "stack.tif", np.tile(pages, (frames, 1, 1)), photometric="minisblack", metadata=None)
+    toml = folder / "capture.toml"
+    toml.write_text(f"{toml.read_text()}[layout]\nframes = {frames}\n")
+
+
+def test_the_bar_of_a_stack_counts_to_its_frames(tmp_path: Path) -> None:
+    _stack(tmp_path / "cap", 100)
+    _, shown = on_terminal("resolve", tmp_path / "cap", "-o", tmp_path / "out", "-j", 1)
+    counts = re.findall(r"(\d+)/(\d+|\?)", shown)
+    assert ("100", "100") in counts
+    assert {total for _, total in counts} <= {"100", "?"}
+    assert re.search(r"\d:\d\d:\d\d", shown), "no time left"
+
+
+def test_a_slow_pooling_tells_how_long_it_takes(tmp_path: Path) -> None:
+    capture = Path(__file__).parents[2] / "sample_data" / "corner"
+    command = [*PROGRAM, "resolve", str(capture), "-o", str(tmp_path / "out"), "-j", "1", "--pool", "101"]
+    with subprocess.Popen(command, env=ENVIRONMENT, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stderr is not None
+        told = next((line for line in process.stderr if "--pool" in line), "")
+        process.terminate()
+    assert re.search(r"--pool 101: 1 frames will take about \d+ (s|min)", told)
+
+
+def test_a_complete_run_is_already_there(here: Path) -> None:
+    assert shell("cadtof resolve cap -o out -j 1", here).status == 0
+    done = shell("cadtof resolve cap -o out -j 1 --resume", here)
+    assert done.status == 0
+    assert done.err == "already there: the maps of all 3 frames; maps in out\n"
+    (here / "out" / "frame_1.tif").unlink()
+    done = shell("cadtof resolve cap -o out -j 1 --resume", here)
+    assert "resolved 1 of 3 frames" in done.err
+    assert "2 already there; maps in out" in done.err
+
+
+@pytest.mark.parametrize(
+    ("typed", "places"),
+    [("1:3", (1, 2)), ("1:", (1, 2)), (":2", (0, 1)), ("2", (2,)), ("2:9", (2,))],
+)
+def test_some_frames(typed: str, places: tuple[int, ...], here: Path) -> None:
+    done = shell(f"cadtof resolve cap -o out -j 1 --frames {typed}", here)
+    assert done.status == 0, done.err
+    assert sorted(path.name for path in (here / "out").glob("*.tif")) == [f"frame_{place}.tif" for place in places]
+
+
+@pytest.mark.parametrize("typed", ["x", "3:1", "-1:2", "1:1"])
+def test_frames_that_are_no_range(typed: str, here: Path) -> None:
+    done = shell(f"cadtof resolve cap -o out --frames={typed}", here)
+    assert done.status == 2
+    assert "is not a range of frames such as 10:20" in done.err
+
+
+def test_some_frames_of_a_stack(tmp_path: Path) -> None:
+    _stack(tmp_path / "cap", 12)
+    assert shell("cadtof resolve cap -o out -j 1 --frames 5:7", tmp_path).status == 0
+    assert sorted(path.name for path in (tmp_path / "out").glob("*.tif")) == ["stack_0005.tif", "stack_0006.tif"]
+
+
+def test_a_region_holds_the_same_maps(here: Path) -> None:
+    assert shell("cadtof resolve cap -o all -j 1; cadtof resolve cap -o part -j 1 --roi 5,3,20,18", here).status == 0
+    whole, part = layers_of(here / "all" / "frame_0.tif"), layers_of(here / "part" / "frame_0.tif")
+    for name, layer in part.items():
+        np.testing.assert_array_equal(layer, whole[name][3:18, 5:20])
+    done = shell(
+        "cadtof evaluate part --truth all/frame_0.tif; cadtof preview part --truth all/frame_0.tif -o x.png", here
+    )
+    assert done.status == 0, done.err
+    assert "first phasor" in done.out
+    for typed, told in (
+        ("0,0,33,10", "expected it inside the 32 × 24 pixels"),
+        ("5,5,5,9", "0 ≤ X0 < X1"),
+        ("1,2", "rectangle"),
+    ):
+        done = shell(f"cadtof resolve cap -o none --roi {typed}", here)
+        assert done.status == 2
+        assert told in done.err
+    assert not (here / "none").exists()
+
+
+def test_a_dry_run_tells_and_writes_nothing(here: Path) -> None:
+    done = shell("cadtof resolve cap -o out --dry-run", here)
+    assert done.status == 0
+    assert done.out == "".join(f"cap/frame_{n}.tif → out/frame_{n}.tif\n" for n in range(3))
+    assert "would write 3 files of maps into out; nothing has been written" in done.err
+    assert not (here / "out").exists()
+    assert shell("cadtof resolve cap -o out -j 1 --frames :2", here).status == 0
+    done = shell("cadtof resolve cap -o out --dry-run", here)
+    assert done.status == 2
+    assert "would be replaced" in done.err
+    done = shell("cadtof resolve cap -o out --dry-run --resume --json", here)
+    assert [json.loads(line)["status"] for line in done.out.splitlines()] == ["skipped", "skipped", "ok"]
+
+
+def test_a_log_holds_what_is_said(here: Path) -> None:
+    (here / "cap" / "frame_1.tif").write_bytes(b"nothing")
+    assert (
+        shell("cadtof resolve cap -o out -j 1 -q --log run.log; cadtof resolve gone -o x --log run.log", here).status
+        == 2
+    )
+    lines = (here / "run.log").read_text().splitlines()
+    assert all(re.match(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d[+-]\d\d:\d\d ", line) for line in lines)
+    assert "cadtof resolve cap -o out -j 1 -q --log run.log" in lines[0]
+    assert "failed: cap/frame_1.tif" in lines[1]
+    assert "resolved 2 of 3 frames" in lines[2]
+    assert "ended by CaptureError: gone: no such file" in lines[-1]
+
+
+@pytest.mark.parametrize(
+    ("suffix", "magic"), [("png", b"\x89PNG"), ("jpg", b"\xff\xd8\xff"), ("pdf", b"%PDF"), ("svg", b"<?xml")]
+)
+def test_pictures_of_the_kind_that_was_asked_for(suffix: str, magic: bytes, here: Path) -> None:
+    assert shell("cadtof resolve cap -o out -j 1", here).status == 0
+    done = cadtof("preview", here / "out", "-o", here / f"a.{suffix}")
+    assert done.status == 0, done.err
+    before = (here / f"a.{suffix}").read_bytes()
+    assert before.startswith(magic)
+    done = cadtof("preview", here / "out", "-o", here / f"a.{suffix}")
+    assert done.status != 0
+    assert "is there already; add --overwrite" in done.err
+    assert (here / f"a.{suffix}").read_bytes() == before
+    assert cadtof("preview", here / "out", "-o", here / f"a.{suffix}", "--overwrite").status == 0
+
+
+def test_a_picture_of_another_kind_is_refused(here: Path) -> None:
+    assert shell("cadtof resolve cap -o out -j 1", here).status == 0
+    done = shell("cadtof preview out -o a.bmp", here)
+    assert done.status != 0
+    assert "found the suffix '.bmp', expected one of .png, .pdf, .svg, .jpg" in done.err
+
+
+def test_evaluated_and_drawn_from_anywhere_and_after_a_move(here: Path) -> None:
+    (here / "project").mkdir()
+    (here / "cap").rename(here / "project" / "cap")
+    assert shell("cd project; cadtof resolve cap -o out -j 1", here).status == 0
+    for folder, project in ((".", "project"), ("project/out", ".."), ("/", str(here / "project"))):
+        done = shell(f"cd {folder}; cadtof evaluate {project}/out --truth {project}/out/frame_0.tif", here)
+        assert done.status == 0, done.err
+        assert "first phasor" in done.out
+    (here / "project").rename(here / "moved")
+    done = shell("cadtof evaluate moved/out --truth moved/out/frame_0.tif", here)
+    assert "first phasor" in done.out, done.err
+    shutil.rmtree(here / "moved" / "cap")
+    done = shell("cadtof evaluate moved/out --truth moved/out/frame_0.tif", here)
+    assert done.status == 0
+    assert "first phasor " not in done.out
+    assert "not where they were" in done.err
+
+
+def test_a_missing_pattern_is_one_hint(here: Path) -> None:
+    folder = here / "planes"
+    folder.mkdir()
+    (folder / "capture.toml").write_text((here / "cap" / "capture.toml").read_text())
+    for frame in range(3):
+        for index, page in enumerate(tifffile.imread(here / "cap" / f"frame_{frame}.tif")):
+            tifffile.imwrite(folder / f"shot{frame}_h{index // 2 + 1}_sc{index % 2 + 1}.tif", page)
+    done = shell("cadtof resolve planes -o out", here)
+    assert done.status == 2
+    (line,) = done.err.splitlines()
+    assert "12 files of one plane each" in line
+    pattern = "shot{frame}_h{harmonic}_sc{channel}.tif"
+    assert f'pattern = "{pattern}"' in line
+    assert shell(f"cadtof resolve planes -o out -j 1 --pattern '{pattern}'", here).status == 0
+    done = shell("cadtof info planes", here)
+    assert done.status == 1
+    assert done.err.count("wrong: ") == 1
+
+
+@pytest.mark.parametrize(
+    ("names", "pattern", "channel", "harmonic"),
+    [
+        ("f{f}_h{h}_sc{c}.tif", "f{frame}_h{harmonic}_sc{channel}.tif", None, None),
+        ("sc{c}-h{h}-{f}.tif", "sc{channel}-h{harmonic}-{frame}.tif", None, None),
+        ("{f}_{M}MHz_{A}.tif", "{frame}_{harmonic}MHz_{channel}.tif", ("A", "B"), (("25", 1), ("50", 2))),
+        ("day 7, {f}.{A}{h}.tif", "day 7, {frame}.{channel}{harmonic}.tif", ("A", "B"), None),
+    ],
+)
+def test_names_of_planes_suggest_a_pattern(
+    names: str, pattern: str, channel: tuple[str, str] | None, harmonic: tuple[tuple[str, int], ...] | None
+) -> None:
+    files = [
+        names.format(f=f"{f:03}", h=h, c=c, M=25 * h, A="AB"[c - 1]) for f in (3, 4, 17) for h in (1, 2) for c in (1, 2)
+    ]
+    found = layout_of_names(files, (1, 2))
+    assert found is not None
+    assert (found.pattern, found.channel, found.harmonic) == (pattern, channel, harmonic)
+    assert layout_of_names(files[1:], (1, 2)) is None
+    assert layout_of_names(["one.tif", "two.tif", "three.tif", "four.tif"], (1, 2)) is None
+
+
+def test_info_writes_settings_to_be_completed(here: Path) -> None:
+    toml = here / "cap" / "capture.toml"
+    known = toml.read_text()
+    done = shell("cadtof info cap --write-settings", here)
+    assert done.status != 0
+    assert "is there already; add --overwrite" in done.err
+    assert toml.read_text() == known
+    done = shell(
+        "cadtof info cap --write-settings -o mine.toml && cadtof resolve cap -o out -j 1 --settings mine.toml", here
+    )
+    assert done.status == 0, done.err
+    assert shell("cadtof resolve cap -o again -j 1", here).status == 0
+    np.testing.assert_array_equal(
+        tifffile.imread(here / "out" / "frame_2.tif"), tifffile.imread(here / "again" / "frame_2.tif")
+    )
+    toml.unlink()
+    done = shell("cadtof info cap --write-settings", here)
+    assert "wrote cap/capture.toml" in done.err
+    text = toml.read_text()
+    assert (
+        "# saturated_counts = [0, 16383]  # stored values at or beyond these are saturated; stored values are" in text
+    )
+    assert (
+        shell(
+            "sed -i 's/^# volts_per_count/volts_per_count/; s/^# zero_counts/zero_counts/' cap/capture.toml", here
+        ).status
+        == 0
+    )
+    assert shell("cadtof resolve cap -o third -j 1", here).status == 0

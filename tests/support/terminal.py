@@ -1,0 +1,32 @@
+"""Commands whose stderr is a terminal."""
+
+import os
+import pty
+import subprocess
+
+from tests.support.run_cadtof import ENVIRONMENT, PROGRAM
+
+
+def on_terminal(*arguments: object) -> tuple[str, str]:
+    """Run `cadtof` with stderr on a terminal; return stdout and what the terminal got."""
+    ours, theirs = pty.openpty()
+    environment = {**ENVIRONMENT, "TERM": "xterm-256color", "COLUMNS": "120"}
+    process = subprocess.Popen(
+        [*PROGRAM, *map(str, arguments)], env=environment, stdout=subprocess.PIPE, stderr=theirs, text=True
+    )
+    os.close(theirs)
+    shown = b""
+    # the end of a terminal without a process is an error on Linux
+    while piece := _read(ours):
+        shown += piece
+    os.close(ours)
+    out, _ = process.communicate(timeout=60)
+    assert process.returncode == 0
+    return out, shown.decode()
+
+
+def _read(terminal: int) -> bytes:
+    try:
+        return os.read(terminal, 4096)
+    except OSError:
+        return b""
