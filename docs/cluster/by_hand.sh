@@ -9,8 +9,5 @@ trap 'kill $(jobs -p) 2>/dev/null' EXIT
 dask scheduler --host "$host" --port "$port" --no-dashboard &
 dask worker "tcp://$host:$port" --host "$host" --nworkers "$workers" --nthreads 1 --no-dashboard &
 
-until cadtof resolve "$capture" -o "$out" --scheduler "tcp://$host:$port" --resume; do
-    status=$?
-    [ "$status" = 2 ] || exit "$status" # 2: the scheduler is not there yet
-    sleep 1
-done
+until (exec 3<>"/dev/tcp/$host/$port") 2>/dev/null; do sleep 0.2; done
+cadtof resolve "$capture" -o "$out" --scheduler "tcp://$host:$port" --resume

@@ -38,7 +38,16 @@ def main() -> int:
             print(cluster.job_script())
             return 0
         cluster.adapt(maximum_jobs=-(-given.workers // given.per_job))
-        command = ("cadtof", "resolve", given.capture, "-o", given.out, "--scheduler", cluster.scheduler_address, "--resume")
+        command = (
+            "cadtof",
+            "resolve",
+            given.capture,
+            "-o",
+            given.out,
+            "--scheduler",
+            cluster.scheduler_address,
+            "--resume",
+        )
         return subprocess.run(command, check=False).returncode
 
 
