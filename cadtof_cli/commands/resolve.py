@@ -13,16 +13,18 @@ from cadtof_cli.commands.options import (
     arriving_paths,
     capture_options,
     gathered,
+    jobs_option,
     setting_option,
     settings_option,
 )
 from cadtof_cli.commands.progress import progress_bar
+from cadtof_cli.commands.terminal import tell
 from cadtof_cli.execution.workers import Workers
 from cadtof_cli.frame_plan import MapSettings
 from cadtof_cli.resolver.settings import ResolverSettings
-from cadtof_cli.workflows.resolve.resolve import RunTotals, resolve_captures
+from cadtof_cli.workflows.resolve.resolve import resolve_captures
 from cadtof_cli.workflows.resolve.settings import FORMAT_CHOICES, ResolveSettings
-from cadtof_cli.workflows.run_folder import FrameReport
+from cadtof_cli.workflows.run_folder import FrameReport, RunTotals
 
 
 @click.command(cls=SectionedCommand)
@@ -39,6 +41,13 @@ from cadtof_cli.workflows.run_folder import FrameReport
 @gathered(
     "resolver",
     ResolverSettings,
+    setting_option(
+        "--mpi-model",
+        ResolverSettings,
+        "mpi_model",
+        help="What MPI is: separate paths (discrete), the tail that the room's geometry predicts (diffuse), or what each frame "
+        "says. Another --solver, --order, more --paths or --return last mean discrete.",
+    ),
     setting_option(
         "--solver",
         ResolverSettings,
@@ -118,12 +127,19 @@ from cadtof_cli.workflows.run_folder import FrameReport
 @gathered(
     "workers",
     Workers,
-    setting_option("-j --jobs", Workers, "jobs", metavar="N", help="Worker processes.  [default: all cores]"),
+    jobs_option("Worker processes"),
     setting_option(
         "--start-method",
         Workers,
         "start_method",
         help="How worker processes start.  [default: fork on Linux, else spawn]",
+    ),
+    setting_option(
+        "--frame-timeout",
+        Workers,
+        "task_timeout_s",
+        metavar="S",
+        help="Seconds after which a frame that hangs is given up; it is tried twice.",
     ),
     setting_option(
         "--scheduler",
@@ -143,7 +159,9 @@ from cadtof_cli.workflows.run_folder import FrameReport
 @click.option(
     "--json", "as_json", is_flag=True, help="Print a JSON line on stdout for every frame, as in frames.jsonl."
 )
-@click.option("-q", "--quiet", is_flag=True, help="No progress, notes or summary on stderr; errors only.")
+@click.option(
+    "-q", "--quiet", is_flag=True, is_eager=True, help="No progress, notes or summary on stderr; errors only."
+)
 @capture_options()
 def resolve(
     *,
@@ -189,9 +207,9 @@ def resolve(
     paths = arriving_paths(inputs, separator=b"\0" if null else b"\n")
     with progress_bar("resolving", "frames", quiet=quiet) as bar:
 
-        def tell(report: FrameReport) -> None:
+        def report_frame(report: FrameReport) -> None:
             if as_json:
-                click.echo(json.dumps(report.as_json()))
+                tell(json.dumps(report.as_json()))
             if report.status == "failed":
                 bar.warn(f"failed: {report.reason}")
 
@@ -201,18 +219,19 @@ def resolve(
             settings=settings,
             overrides=overrides,
             progress=bar,
-            on_frame=tell,
+            on_frame=report_frame,
         )
     if not quiet:
-        click.echo(_summary(totals, out), err=True)
+        tell(_summary(totals, out), err=True)
     return 1 if totals.failed else 0
 
 
 def _summary(totals: RunTotals, out: Path) -> str:
-    pixels = totals.one_path + totals.two_paths + totals.more_paths + totals.invalid
+    pixels = totals.one_path + totals.two_paths + totals.more_paths + totals.diffuse + totals.invalid
     line = f"resolved {totals.ok} of {totals.frames} frames in {totals.seconds:.1f} s"
     if totals.ok:
         more = f"{totals.more_paths / pixels:.1%} of pixels have more than two paths, " if totals.more_paths else ""
+        more += f"{totals.diffuse / pixels:.1%} of pixels have diffuse MPI, " if totals.diffuse else ""
         line += (
             f" ({totals.ok / totals.seconds:.0f} frames/s): {more}{totals.two_paths / pixels:.1%} of pixels have two paths, "
             f"{totals.one_path / pixels:.1%} one, {totals.invalid / pixels:.1%} no answer"
