@@ -1,5 +1,6 @@
 # Sourced by the scripts beside it: makes .venv in the repository, with cadtof and the extras in $1, and puts it on PATH.
-# Twice in a row costs nothing: a stamp says what is installed.
+# Twice in a row costs nothing: a stamp says what is installed. The versions are those of constraints.txt; with
+# CADTOF_CONSTRAINTS=none, the newest that pyproject.toml allows.
 
 root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
 venv="$root/.venv"
@@ -42,7 +43,9 @@ find_compiler() {
 setup() {
     local extras="$1" python stamp wanted kernel="$root/cadtof_cli/resolver/two_path"
     stamp="$venv/cadtof-$extras.stamp"
-    wanted=$(cat "$root/pyproject.toml" "$root/setup.py" "$kernel"/*.[ch] | cksum)
+    local constraints=(--constraint "$root/constraints.txt")
+    [ "${CADTOF_CONSTRAINTS:-}" != none ] || constraints=()
+    wanted=$(cat "$root/pyproject.toml" "$root/constraints.txt" "$root/setup.py" "$kernel"/*.[ch] | cksum)${constraints[0]:-}
     if [ "$(cat "$stamp" 2>/dev/null)" = "$wanted" ] && "$venv/bin/python" -c 'import cadtof_cli' 2>/dev/null; then
         PATH="$venv/bin:$PATH"
         return
@@ -50,7 +53,7 @@ setup() {
     if command -v uv >/dev/null 2>&1; then
         [ -x "$venv/bin/python" ] || uv venv --quiet --python '>=3.11' "$venv" || fail "uv could not make $venv"
         find_compiler uv pip install --quiet --python "$venv/bin/python"
-        uv pip install --quiet --python "$venv/bin/python" --editable "$root$extras" || fail "uv could not install cadtof"
+        uv pip install --quiet --python "$venv/bin/python" ${constraints[@]+"${constraints[@]}"} --editable "$root$extras" || fail "uv could not install cadtof"
     else
         python=$(find_python) || fail "no Python 3.11 or newer on PATH; install one (Debian: apt install python3 python3-venv)"
         if ! "$venv/bin/python" -m pip --version >/dev/null 2>&1; then
@@ -59,7 +62,7 @@ setup() {
                 fail "$python cannot make virtual environments; on Debian and Ubuntu: apt install python3-venv, or install uv"
         fi
         find_compiler "$venv/bin/python" -m pip install --quiet --disable-pip-version-check
-        "$venv/bin/python" -m pip install --quiet --disable-pip-version-check --editable "$root$extras" ||
+        "$venv/bin/python" -m pip install --quiet --disable-pip-version-check ${constraints[@]+"${constraints[@]}"} --editable "$root$extras" ||
             fail "pip could not install cadtof; is a package index reachable?"
     fi
     echo "$wanted" >"$stamp"

@@ -41,7 +41,7 @@ def hint_of_planes(capture: Capture, /) -> str | None:
         return None
     path = capture.frames[0].paths[0]
     try:
-        format_of(path).frames().read_plane(path)
+        format_of(path).frames().read_plane(path, layout)
     except FrameError:
         return None
     guess = guessed_layout(capture)

@@ -237,7 +237,7 @@ def resolve(
                 tell(f"{report.source} → {report.output or 'nothing, it is already there'}")
             if as_json:
                 tell(json.dumps(report.as_json()))
-            if report.status == "failed" or (report.status == "skipped" and report.line is None):
+            if report.status == "failed" or (report.status == "skipped" and not report.is_already_there):
                 bar.warn(f"{report.status}: {report.reason}")
 
         totals = resolve_captures(

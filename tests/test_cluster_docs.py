@@ -1,0 +1,107 @@
+"""The files of docs/cluster do what docs/cluster.md says: run, dry-run, or parsed."""
+
+import itertools
+import os
+import re
+import shlex
+import socket
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from tests.support.captures import record
+from tests.support.cluster import require_dask
+from tests.support.run_cadtof import ENVIRONMENT, ROOT
+
+PLACE = ROOT / "docs" / "cluster"
+
+WITH_TOOLS = {**ENVIRONMENT, "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"}
+
+
+def _free_port() -> int:
+    with socket.socket() as one:
+        one.bind(("127.0.0.1", 0))
+        return int(one.getsockname()[1])
+
+
+def test_by_hand_runs(tmp_path: Path) -> None:
+    require_dask()
+    capture = record(tmp_path / "room", frames=3)
+    command = ["bash", str(PLACE / "by_hand.sh"), str(capture.folder), str(tmp_path / "out"), "1"]
+    environment = {**WITH_TOOLS, "CADTOF_PORT": str(_free_port()), "DASK_TEMPORARY_DIRECTORY": str(tmp_path)}
+    done = subprocess.run(
+        command, env=environment, cwd=tmp_path, capture_output=True, text=True, timeout=120, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    assert "resolved 3 of 3 frames" in done.stderr
+
+
+def test_the_job_for_slurm(tmp_path: Path) -> None:
+    require_dask()
+    if not os.environ.get("CI"):
+        pytest.importorskip("dask_jobqueue")
+    command = [
+        sys.executable,
+        str(PLACE / "slurm.py"),
+        "room",
+        "out",
+        "--per-job",
+        "8",
+        "--dry-run",
+        "--interface",
+        "lo",
+    ]
+    done = subprocess.run(
+        command, env=ENVIRONMENT, cwd=tmp_path, capture_output=True, text=True, timeout=60, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    options = dict(re.findall(r"(?m)^#SBATCH (-\w|--[\w-]+)[ =](.+)$", done.stdout))
+    assert options["--cpus-per-task"] == "8"
+    assert options["-t"] == "04:00:00"
+    worker = shlex.split(done.stdout.strip().splitlines()[-1])
+    said = dict(itertools.pairwise(worker))
+    assert (said["--nworkers"], said["--nthreads"]) == ("8", "1")
+    assert said["--lifetime"] == "230m"
+    subprocess.run(["bash", "-n"], input=done.stdout, text=True, check=True, timeout=10)
+
+
+def test_the_objects_for_kubernetes() -> None:
+    cluster, job = yaml.safe_load_all((PLACE / "kubernetes.yaml").read_text())
+    assert (cluster["apiVersion"], cluster["kind"]) == ("kubernetes.dask.org/v1", "DaskCluster")
+    assert (job["apiVersion"], job["kind"]) == ("batch/v1", "Job")
+    scheduler, worker, resolve = (
+        _container(part["spec"])
+        for part in (cluster["spec"]["scheduler"], cluster["spec"]["worker"], job["spec"]["template"])
+    )
+    assert scheduler["image"] == worker["image"] == resolve["image"]
+    # what the run writes and reads is what workers see, at one place
+    pods = (cluster["spec"]["worker"]["spec"], job["spec"]["template"]["spec"])
+    assert pods[0]["volumes"] == pods[1]["volumes"]
+    assert worker["volumeMounts"] == resolve["volumeMounts"]
+    name, port = cluster["metadata"]["name"], cluster["spec"]["scheduler"]["service"]["ports"][0]["port"]
+    command = resolve["command"]
+    assert command[command.index("--scheduler") + 1] == f"tcp://{name}-scheduler:{port}"
+    assert all(Path(path).is_relative_to(worker["volumeMounts"][0]["mountPath"]) for path in (command[2], command[4]))
+    assert cluster["spec"]["scheduler"]["service"]["selector"] == {
+        "dask.org/cluster-name": name, "dask.org/component": "scheduler",
+    }  # fmt: skip
+    assert worker["args"][worker["args"].index("--nthreads") + 1] == "1"
+
+
+def _container(pod: dict[str, Any]) -> dict[str, Any]:
+    (container,) = pod["containers"]
+    assert isinstance(container, dict)
+    return container
+
+
+def test_the_image_installs_what_is_here() -> None:
+    steps = [
+        line.split(maxsplit=1) for line in (PLACE / "Dockerfile").read_text().splitlines() if line and line[0] != "#"
+    ]
+    assert [step[0] for step in steps] == ["FROM", "RUN", "COPY", "RUN", "WORKDIR"]
+    assert "-c /cadtof/constraints.txt" in steps[3][1]
+    assert "[cluster,codecs]" in steps[3][1]

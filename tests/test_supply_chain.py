@@ -1,0 +1,76 @@
+"""What CI runs is pinned, may write nothing, and fits what pyproject.toml allows."""
+
+import re
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+from packaging.requirements import Requirement
+from packaging.version import Version
+
+ROOT = Path(__file__).parents[1]
+
+WORKFLOWS = sorted((ROOT / ".github" / "workflows").glob("*.yml"))
+
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+
+PINNED = re.compile(r"(?m)^([A-Za-z0-9_.-]+)==(\S+)$")
+
+
+def constraints() -> dict[str, Version]:
+    pinned = PINNED.findall((ROOT / "constraints.txt").read_text())
+    return {_plain(name): Version(number) for name, number in pinned}
+
+
+def requirements() -> Iterator[Requirement]:
+    for text in (
+        *PROJECT["dependencies"],
+        *(one for extra in PROJECT["optional-dependencies"].values() for one in extra),
+    ):
+        requirement = Requirement(text)
+        if requirement.name != "cadtof":
+            yield requirement
+
+
+def _plain(name: str) -> str:
+    return re.sub(r"[-_.]+", "-", name).lower()
+
+
+@pytest.mark.parametrize("path", WORKFLOWS, ids=lambda path: path.name)
+def test_a_workflow_pins_its_actions_by_digest_and_may_only_read(path: Path) -> None:
+    document: dict[str, Any] = yaml.safe_load(path.read_text())
+    assert document["permissions"] == "read-all"
+    for name, job in document["jobs"].items():
+        assert "permissions" not in job, name
+        for action in (step["uses"] for step in job["steps"] if "uses" in step):
+            assert re.fullmatch(r"[\w-]+/[\w-]+@[0-9a-f]{40}", action), action
+
+
+def test_one_action_has_one_digest_everywhere() -> None:
+    used = {line for path in WORKFLOWS for line in re.findall(r"uses: (\S+@.*)", path.read_text())}
+    assert len({line.split("@")[0] for line in used}) == len(used)
+    assert all(re.search(r"# v\d+\.\d+\.\d+$", line) for line in used)
+
+
+def test_ci_audits_and_tries_the_newest_weekly() -> None:
+    assert "run: scripts/audit" in (ROOT / ".github/workflows/ci.yml").read_text()
+    newest = yaml.safe_load((ROOT / ".github/workflows/newest.yml").read_text())
+    # YAML 1.1 takes the key "on" for true
+    assert [len(one["cron"].split()) for one in newest[True]["schedule"]] == [5]
+    assert all(job["env"] == {"CADTOF_CONSTRAINTS": "none"} for job in newest["jobs"].values())
+
+
+def test_what_is_required_has_a_range_and_a_pinned_version_in_it() -> None:
+    pinned = constraints()
+    for requirement in requirements():
+        assert requirement.specifier, requirement
+        assert requirement.specifier.contains(pinned[_plain(requirement.name)]), requirement
+
+
+def test_the_scripts_install_what_is_pinned() -> None:
+    setup = (ROOT / "scripts" / "setup.sh").read_text()
+    assert '--constraint "$root/constraints.txt"' in setup
+    assert {_plain(name) for name in ("numpy", "tifffile", "OpenEXR", "pytest", "distributed")} <= constraints().keys()
