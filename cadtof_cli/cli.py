@@ -20,6 +20,7 @@ from cadtof_cli.errors import CadtofError
 COMMANDS = {
     "resolve": "Recorded frames → depth maps without multi-path interference.",
     "info": "What a capture or map file holds, and what is wrong with it.",
+    "inspect": "Everything about one pixel of a recorded frame.",
     "evaluate": "Errors of depth maps against truth.",
     "preview": "A picture of a frame's maps.",
     "simulate": "A simulated pixel, resolved many times; or a scene recorded as a capture.",

@@ -102,7 +102,7 @@ class ResolvedFrame:
 
 
 @dataclass(frozen=True, eq=False)
-class _Stages:
+class FrameStages:
     """What every block of frames of one plan, type and size shares."""
 
     saturated_counts: tuple[float, float] | None
@@ -110,6 +110,7 @@ class _Stages:
     depth: DepthScale
 
     def phasors(self, pixels: FramePixels) -> Complex:
+        """Return the phasors of pixels, (H, n): pooled, or from what was stored."""
         block = slice(pixels.first, pixels.first + pixels.count)
         if pixels.pooled is not None:
             return pixels.pooled
@@ -127,9 +128,10 @@ class _Stages:
 
 
 @lru_cache(maxsize=4)
-def _stages(
+def frame_stages(
     plan: FramePlan, calibration: Calibration | None, dtype: np.dtype[np.generic], size: tuple[int, int]
-) -> _Stages:
+) -> FrameStages:
+    """Return what every block of frames of one plan, type and size shares; raises SettingsError where they do not fit."""
     if (plan.calibration is None) != (calibration is None):
         raise ValueError("a plan with a calibration needs it loaded, and one without has no use for it")
     metadata = plan.metadata
@@ -140,7 +142,7 @@ def _stages(
         planar_per_range(metadata.optics, size).ravel() if plan.settings.depth == "z" else None,
         correction.range_offset_m if plan.calibration and plan.calibration.curved else None,
     )
-    return _Stages(metadata.voltage.saturated_counts, correction, depth)
+    return FrameStages(metadata.voltage.saturated_counts, correction, depth)
 
 
 def resolve_frame(
@@ -173,7 +175,7 @@ def prepare_frame(
     """Do all that couples the pixels of a frame: estimate its noise where it is unknown, pool neighbours, predict its MPI."""
     recorded = frame if isinstance(frame, FrameMean) else FrameMean.of_one(frame)
     height, width = recorded.stored.shape[2:]
-    stages = _stages(plan, calibration, recorded.dtype, (height, width))
+    stages = frame_stages(plan, calibration, recorded.dtype, (height, width))
     stored = recorded.stored.reshape(*recorded.stored.shape[:2], -1)
     samples = None if recorded.samples is None else recorded.samples.ravel()
     n_av, unknown = plan.metadata.pixel.integration_length, NoiseModel((), math.nan, estimated=True, samples=samples)
@@ -198,7 +200,7 @@ def resolve_pixels(
     What a pixel gets does not depend on which others are resolved with it, so neither the size of the blocks nor that of the
     part changes a bit of the answer.
     """
-    stages = _stages(plan, calibration, pixels.dtype, pixels.size)
+    stages = frame_stages(plan, calibration, pixels.dtype, pixels.size)
     maps, response = empty_maps(1, pixels.count, layers=plan.layers), stages.correction.response
     kernel = kernel or chosen_kernel()
     alone = not isinstance(pixels.mpi, DiffuseModel)
@@ -225,7 +227,7 @@ def resolve_pixels(
     return maps
 
 
-def _fill_by_kernel(maps: DepthMaps, pixels: FramePixels, plan: FramePlan, stages: _Stages, kernel: str) -> None:
+def _fill_by_kernel(maps: DepthMaps, pixels: FramePixels, plan: FramePlan, stages: FrameStages, kernel: str) -> None:
     """Fill the maps of prepared pixels from their stored values in one go: what the blocks of `resolve_pixels` do in numpy."""
     block, recorded = slice(pixels.first, pixels.first + pixels.count), pixels.pooled is None
     status, samples = maps.status.reshape(-1), pixels.noise.samples
@@ -259,7 +261,7 @@ def joined_parts(pixels: FramePixels, parts: Sequence[DepthMaps], /) -> Resolved
     return ResolvedFrame(maps, pixels.noise.integration_length, pixels.noise.estimated, mpi)
 
 
-def _estimated_noise(pixels: FramePixels, plan: FramePlan, stages: _Stages) -> NoiseModel:
+def _estimated_noise(pixels: FramePixels, plan: FramePlan, stages: FrameStages) -> NoiseModel:
     phasors = stages.phasors(pixels)
     phasors[:, saturated_pixels(pixels.stored, stages.saturated_counts)] = np.nan
     estimate = estimated_integration_length(phasors.reshape(-1, *pixels.size))
@@ -274,7 +276,7 @@ def _estimated_noise(pixels: FramePixels, plan: FramePlan, stages: _Stages) -> N
     return noise_model(plan.metadata, integration_length=length, quantised=False, estimated=True)
 
 
-def _pooled(pixels: FramePixels, stages: _Stages, *, window: int) -> FramePixels:
+def _pooled(pixels: FramePixels, stages: FrameStages, *, window: int) -> FramePixels:
     phasors, samples = stages.phasors(pixels), pixels.noise.samples
     pooled = pooled_phasors(
         phasors.reshape(-1, *pixels.size),
@@ -287,7 +289,7 @@ def _pooled(pixels: FramePixels, stages: _Stages, *, window: int) -> FramePixels
     return replace(pixels, noise=noise, pooled=pooled.phasors.reshape(len(phasors), -1))
 
 
-def _predicted_mpi(pixels: FramePixels, plan: FramePlan, stages: _Stages) -> DiffuseModel | DiffuseChoice:
+def _predicted_mpi(pixels: FramePixels, plan: FramePlan, stages: FrameStages) -> DiffuseModel | DiffuseChoice:
     """Predict the MPI of a frame from its own geometry, where it is diffuse."""
     phasors, noise, modulation = stages.phasors(pixels), pixels.noise, plan.metadata.modulation
     with np.errstate(over="ignore", invalid="ignore"):

@@ -30,7 +30,8 @@ ALLOWED: dict[str, set[str]] = {
     "simulation": {"capture", "files", "maps", "optics", "phasors", "resolver"},
     "frame_plan": {"calibration", "capture", "maps", "optics", "phasors", "resolver"},
     "pipeline": {"calibration", "capture", "files", "frame_plan", "maps", "optics", "phasors", "resolver"},
-    "figures": {"calibration", "capture", "files", "maps", "optics", "resolver", "simulation"},
+    "one_pixel": {"calibration", "frame_plan", "maps", "phasors", "pipeline", "resolver"},
+    "figures": {"calibration", "capture", "files", "maps", "one_pixel", "optics", "resolver", "simulation"},
 }
 """What a part may import besides itself and what anybody may: only what comes before it."""
 

@@ -2,11 +2,13 @@
 
 import json
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import click
 
+from cadtof_cli.commands.map_options import calibration_option, map_options
 from cadtof_cli.commands.options import (
     STDIN,
     Corners,
@@ -23,7 +25,6 @@ from cadtof_cli.commands.progress import progress_bar
 from cadtof_cli.commands.terminal import tell
 from cadtof_cli.execution.workers import Workers
 from cadtof_cli.frame_plan import MapSettings
-from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.workflows.resolve.resolve import resolve_captures
 from cadtof_cli.workflows.resolve.settings import FORMAT_CHOICES, ResolveSettings
 from cadtof_cli.workflows.run_folder import FrameReport, RunTotals
@@ -46,85 +47,8 @@ from cadtof_cli.workflows.run_folder import FrameReport, RunTotals
     help="Frames of each capture by their place from 0; 10:20 are the ten from the eleventh on.",
 )
 @click.option("--roi", type=Corners(), help="Write maps of these pixels only: columns X0 to X1 − 1, rows Y0 to Y1 − 1.")
-@gathered(
-    "resolver",
-    ResolverSettings,
-    setting_option(
-        "--mpi-model",
-        ResolverSettings,
-        "mpi_model",
-        help="What MPI is: separate paths (discrete), the tail that the room's geometry predicts (diffuse), or what each frame "
-        "says. Another --solver, --order, more --paths or --return last mean discrete.",
-    ),
-    setting_option(
-        "--solver",
-        ResolverSettings,
-        "solver",
-        help="How paths are found: two-path in closed form (with more than two periods, or --paths, by maximum likelihood), "
-        "one-path, or lm, the paper's Levenberg–Marquardt from random starts.",
-    ),
-    setting_option(
-        "--paths",
-        ResolverSettings,
-        "paths",
-        metavar="K",
-        help="Most paths a pixel; more than 2 need as many periods, and give layers path3.depth and so on.",
-    ),
-    setting_option(
-        "--order",
-        ResolverSettings,
-        "order",
-        metavar="auto|1|…|K",
-        help="Paths a pixel, whatever the solver: auto tests each pixel, a number is taken as it is "
-        "(--solver lm --order 2 is the paper's method as published).",
-    ),
-    setting_option("--starts", ResolverSettings, "starts", metavar="N", help="Random starts of --solver lm."),
-    setting_option("--seed", ResolverSettings, "seed", metavar="S", help="Seed of the random starts of --solver lm."),
-    setting_option(
-        "--false-alarm",
-        ResolverSettings,
-        "false_alarm",
-        metavar="P",
-        help="Probability that noise alone passes for a signal, or for a second path.",
-    ),
-    setting_option("--return", ResolverSettings, "returns", help="Which of two paths is called direct."),
-    setting_option(
-        "--min-return-ratio",
-        ResolverSettings,
-        "min_return_ratio",
-        metavar="R",
-        help="Least amplitude of a direct path, as a share of the strongest.",
-    ),
-)
-@setting_option(
-    "--min-confidence",
-    MapSettings,
-    "min_confidence_v",
-    metavar="V",
-    help="Least confidence of a pixel with an answer, in volts.  [default: what noise alone reaches with --false-alarm]",
-)
-@setting_option("--depth", MapSettings, "depth", help="Radial range, or planar depth (needs the optics).")
-@setting_option(
-    "--pool",
-    MapSettings,
-    "pool",
-    metavar="N",
-    help="Pool the noise of N × N neighbours that show the same light, N odd; adds the layer effective_pixels.",
-)
-@setting_option(
-    "--average",
-    MapSettings,
-    "average",
-    metavar="N",
-    help="Average every N consecutive frames of a capture into one, named after the first; the last one takes those left.",
-)
-@setting_option(
-    "--calibration",
-    ResolveSettings,
-    "calibration",
-    metavar="DIR",
-    help="Folder made by `cadtof calibrate`; what is in it is applied.",
-)
+@map_options()
+@calibration_option()
 @setting_option(
     "--format",
     ResolveSettings,
@@ -189,11 +113,7 @@ def resolve(
     settings_file: Path | None,
     frames: slice | None,
     roi: tuple[int, int, int, int] | None,
-    resolver: ResolverSettings,
-    min_confidence_v: float | None,
-    depth: Any,
-    pool: int,
-    average: int,
+    maps: MapSettings,
     calibration: Path | None,
     map_format: str,
     workers: Workers,
@@ -216,9 +136,7 @@ def resolve(
     """
     settings = ResolveSettings(
         out=out,
-        maps=MapSettings(
-            resolver=resolver, depth=depth, pool=pool, average=average, min_confidence_v=min_confidence_v, roi=roi
-        ),
+        maps=replace(maps, roi=roi),
         calibration=calibration,
         map_format=map_format,
         workers=workers,

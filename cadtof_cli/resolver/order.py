@@ -49,7 +49,7 @@ def fewest_paths(solver: Solver, answered: Bool, /, *, settings: ResolverSetting
         threshold = chi_squared_threshold(settings.false_alarm, pairs=len(noise.harmonics) - count)
         limit = threshold if noise.samples is None else threshold / noise.samples
         pixels, fit = solver.fit(count, waiting, limit=limit)
-        fit = _told_apart(fit, settings, noise, pixels)
+        fit = told_apart(fit, settings, noise, pixels)
         assert isinstance(pixels, np.ndarray)
         if fewer is not None:
             whole = _spread(fit, pixels, answered.size, rows)
@@ -61,7 +61,7 @@ def fewest_paths(solver: Solver, answered: Bool, /, *, settings: ResolverSetting
     if fewer is not None and not waiting.any():
         return _spread(fewer[1], fewer[0], answered.size, rows)
     chosen, fit = solver.fit(settings.max_paths, waiting, limit=None)
-    fit = _told_apart(fit, settings, noise, chosen)
+    fit = told_apart(fit, settings, noise, chosen)
     whole = _spread(fit, chosen, answered.size, rows)
     return whole if fewer is None or not fewer[0].size else _kept(whole, chosen, fewer, waiting)
 
@@ -81,7 +81,7 @@ def worth_another(direct: Paths, fewer: Paths, /) -> Bool:
     return worth
 
 
-def _told_apart(fit: Fit, settings: ResolverSettings, noise: NoiseModel, pixels: Index | slice) -> Fit:
+def told_apart(fit: Fit, settings: ResolverSettings, noise: NoiseModel, pixels: Index | slice) -> Fit:
     """Return a fit with the direct path first, and with the noise of the means that the phasors are."""
     paths = arranged(fit.paths, settings)
     if noise.samples is None:

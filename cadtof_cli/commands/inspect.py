@@ -1,0 +1,158 @@
+"""`cadtof inspect`."""
+
+import json
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import click
+
+from cadtof_cli.commands.map_options import calibration_option, map_options
+from cadtof_cli.commands.options import SectionedCommand, capture_options, settings_option
+from cadtof_cli.commands.progress import Bar
+from cadtof_cli.frame_plan import MapSettings
+
+_WIDTH = 22
+
+
+class PixelPlace(click.ParamType[tuple[int, int]]):
+    """A column and a row, such as 160,120."""
+
+    name = "X,Y"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[int, int]:
+        """Return the column and the row."""
+        try:
+            x, y = (int(part) for part in str(value).split(","))
+        except ValueError:
+            self.fail(f"{value!r} is not a column and a row such as 160,120", param, ctx)
+        return x, y
+
+
+@click.command(cls=SectionedCommand)
+@click.argument("frame", type=click.Path(path_type=Path), metavar="FRAME")
+@click.option("--pixel", required=True, type=PixelPlace(), help="Column and row of the pixel, from 0 at the top left.")
+@click.option(
+    "--frame",
+    "place",
+    type=click.IntRange(0),
+    default=0,
+    metavar="N",
+    help="Which map, where FRAME is a stack or a folder: 0 is the first.",
+)
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object on stdout instead of the table.")
+@click.option("-o", "--out", type=click.Path(path_type=Path), help="PNG, SVG or PDF: a phasor diagram of the pixel.")
+@settings_option()
+@map_options()
+@calibration_option()
+@click.option("-q", "--quiet", is_flag=True, help="No notes on stderr; errors only.")
+@capture_options()
+def inspect(
+    *,
+    frame: Path,
+    pixel: tuple[int, int],
+    place: int,
+    as_json: bool,
+    out: Path | None,
+    settings_file: Path | None,
+    maps: MapSettings,
+    calibration: Path | None,
+    quiet: bool,
+    overrides: Mapping[str, Any],
+) -> None:
+    """Show everything about one pixel: voltages, phasors, one and two paths, order test, diffuse MPI, status, neighbours.
+
+    FRAME is a frame, a stack of frames, or a capture folder. It goes the way of `cadtof resolve` with the same options, and
+    what is chosen is what the map says, bit for bit.
+
+    \b
+    Example: cadtof inspect sample_data/corner/frame_0.exr --pixel 60,60
+    """
+    from cadtof_cli.workflows.inspect.pixel import inspect_pixel
+    from cadtof_cli.workflows.resolve.settings import ResolveSettings
+
+    settings = ResolveSettings(out=Path(), maps=maps, calibration=calibration, settings_file=settings_file)
+    found = inspect_pixel(frame, pixel, place=place, settings=settings, overrides=overrides, progress=Bar(quiet=quiet))
+    if out is not None:
+        from cadtof_cli.figures.phasor_diagram import draw_phasors
+
+        draw_phasors(
+            found.evidence, found.harmonics, title=f"{found.document['frame']}, pixel {pixel[0]},{pixel[1]}", path=out
+        )
+    click.echo(json.dumps(found.document) if as_json else "\n".join(_lines(found.document, found.harmonics)))
+
+
+def _lines(document: Mapping[str, Any], harmonics: tuple[int, ...]) -> Iterator[str]:
+    """Yield the table."""
+    yield f"{document['frame']}, pixel {document['pixel'][0]},{document['pixel'][1]}: {', '.join(document['status'])}"
+    noise = document["noise"]
+    for row, harmonic in enumerate(harmonics):
+        volts = "  ".join(
+            f"SC{channel} {_number(1000 * value, 3)} mV"
+            for channel, value in enumerate(document["voltages_v"][row], start=1)
+            if value is not None
+        )
+        re, im = document["phasors"][row]
+        spread = " and ".join(_number(None if one is None else 1000 * one, 3) for one in noise["sigma_v"][row])
+        yield _row(f"harmonic {harmonic}", f"{volts}   phasor {_number(re, 5)}, {_number(im, 5)}   σ {spread} mV")
+    origin = "estimated from the frame" if noise["estimated"] else "as given"
+    yield _row("noise", f"integration length {noise['integration_length']:.4g}, {origin}")
+    if document["one_path"]:
+        one = document["one_path"]
+        yield _row("one path", f"{_path(one)}   χ² {_number(one['chi_squared'], 2)}")
+    for name, path in (document["two_paths"] or {}).items():
+        yield _row(f"two paths: {'direct' if name == 'direct' else 'MPI'}", _path(path))
+    yield from _test_lines(document["order_test"])
+    yield from _diffuse_lines(document["diffuse"])
+    for name, value in document["chosen"].items():
+        yield _row(name, "–" if value is None else f"{value:.6g}")
+    yield "direct depth of the neighbours, m"
+    for values in document["neighbours_m"]:
+        yield "".join(f"{_number(value, 4):>10}" for value in values)
+
+
+def _test_lines(test: Mapping[str, Any] | None) -> Iterator[str]:
+    if test is not None:
+        moved, needed = (_number(None if test[key] is None else 100 * test[key], 2) for key in ("moved_m", "needed_m"))
+        yield _row(
+            "order test",
+            f"χ² {_number(test['chi_squared'], 2)} of {test['threshold']:.2f}; another path moves direct by {moved} cm, "
+            f"worth it from {needed} cm",
+        )
+        yield _row("", test["verdict"])
+
+
+def _diffuse_lines(diffuse: Mapping[str, Any] | None) -> Iterator[str]:
+    if diffuse is None:
+        return
+    share = f"{diffuse['patches']} patches with light, {diffuse['separate_share']:.1%} of them with separate paths"
+    yield _row("MPI of the frame", f"{diffuse['model']} ({diffuse['reason']}); {share}")
+    for name, (median, scatter) in (diffuse["room"] or {}).items():
+        yield _row(
+            f"  {name.replace('_ns', ', ns').replace('_', ' ')}", f"{_number(median, 3)} ± {_number(scatter, 3)}"
+        )
+    if diffuse["tail"]:
+        tail = diffuse["tail"]
+        yield _row(
+            "tail at the pixel",
+            f"amplitude × {_number(tail['amplitude_ratio'], 3)}, first phasor {_number(100 * tail['pulled_back_m'], 2)} cm "
+            f"too far, χ² {_number(tail['chi_squared'], 2)}",
+        )
+    elif diffuse["in_separate_patch"]:
+        yield _row("", "the pixel's patch shows separate paths")
+
+
+def _path(path: Mapping[str, float | None]) -> str:
+    depth, sigma, amplitude = path["depth_m"], path["sigma_m"], path["amplitude_v"]
+    if depth is None:
+        return "none"
+    volts = _number(None if amplitude is None else 1000 * amplitude, 3)
+    return f"{_number(depth, 4)} m ± {_number(None if sigma is None else 100 * sigma, 2)} cm, {volts} mV"
+
+
+def _number(value: float | None, digits: int) -> str:
+    return "–" if value is None else f"{value:.{digits}f}"
+
+
+def _row(name: str, text: str) -> str:
+    return f"  {name:{_WIDTH}}{text}"

@@ -1,0 +1,106 @@
+"""A pixel's phasors in the complex plane: one panel per harmonic, with the ellipse of the noise and the paths."""
+
+import itertools
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Ellipse
+
+from cadtof_cli.arrays import Float
+from cadtof_cli.figures.pixel_evolution import DIRECT_COLOUR, DOTS_PER_INCH, MEASURED_COLOUR, MPI_COLOUR
+from cadtof_cli.files.atomic import whole_file
+from cadtof_cli.one_pixel import PixelEvidence
+from cadtof_cli.resolver.status import StatusBit
+
+FORMATS = ("png", "svg", "pdf")
+
+LEAST_ELLIPSE = 0.03
+"""Least standard deviation, as a share of the panel's half width, that is not drawn magnified."""
+
+MOST_ELLIPSE = 0.1
+"""Most that it is magnified to, so that twice as much stays in the panel."""
+
+
+def draw_phasors(evidence: PixelEvidence, harmonics: tuple[int, ...], /, *, title: str, path: Path) -> None:
+    """Draw the diagram as PNG, SVG or PDF, by the ending of `path`; PNG for any other.
+
+    Raises:
+        OutputError: the file cannot be written.
+    """
+    figure = Figure(figsize=(5.2 * len(harmonics), 5.6), layout="constrained")
+    figure.suptitle(title, fontsize=10)
+    panels = figure.subplots(1, len(harmonics), squeeze=False)[0]
+    for row, (axes, harmonic) in enumerate(zip(panels, harmonics, strict=True)):
+        _panel(axes, evidence, row, harmonic)
+    kind = path.suffix.lower().removeprefix(".")
+    with whole_file(path) as temporary:
+        figure.savefig(temporary, dpi=DOTS_PER_INCH, format=kind if kind in FORMATS else "png")
+
+
+def _panel(axes: Axes, evidence: PixelEvidence, row: int, harmonic: int) -> None:
+    phasor = evidence.phasors[row]
+    axes.set(aspect="equal", xlabel="real part (SC1)", ylabel="imaginary part (SC2)", title=f"harmonic {harmonic}")
+    axes.axhline(0.0, color="0.85", lw=0.8, zorder=0)
+    axes.axvline(0.0, color="0.85", lw=0.8, zorder=0)
+    if not np.isfinite(phasor):
+        axes.text(0.5, 0.5, "not finite", ha="center", va="center", transform=axes.transAxes)
+        return
+    ends = _path_ends(evidence, row, harmonic)
+    reach = 1.18 * max(abs(phasor), *(abs(end) for end in ends), 1e-9)
+    _arrow(axes, 0.0, phasor, MEASURED_COLOUR, "recorded", width=1.6)
+    for start, end, colour, name in zip(
+        (0.0, *ends), ends, (DIRECT_COLOUR, MPI_COLOUR), ("direct", "MPI"), strict=False
+    ):
+        _arrow(axes, start, end, colour, name, width=2.4)
+    _ellipse(axes, phasor, evidence.covariance[row], reach)
+    turn = np.linspace(0.0, 2.0 * np.pi, 200)
+    axes.plot(abs(phasor) * np.cos(turn), abs(phasor) * np.sin(turn), color="0.9", lw=0.8, zorder=0)
+    axes.set(xlim=(-reach, reach), ylim=(-reach, reach))
+    axes.legend(loc="lower center", bbox_to_anchor=(0.5, -0.3), ncols=2, fontsize=8, frameon=False)
+
+
+def _path_ends(evidence: PixelEvidence, row: int, harmonic: int) -> list[complex]:
+    """Return where the arrows of the paths end, tip to tail; a tail is what the direct light leaves of the phasor."""
+    paths = evidence.resolved.paths
+    steps = paths.amplitude[:2, 0] * np.exp(1j * harmonic * paths.phase_rad[:2, 0])
+    if evidence.resolved.status[0] & StatusBit.DIFFUSE_MPI:
+        steps[1] = evidence.phasors[row] - steps[0]
+    return [complex(end) for end in np.cumsum(steps[np.isfinite(steps)])]
+
+
+def _arrow(axes: Axes, start: complex, end: complex, colour: str, name: str, *, width: float) -> None:
+    axes.annotate(
+        "",
+        xy=(end.real, end.imag),
+        xytext=(start.real, start.imag),
+        arrowprops={"arrowstyle": "-|>", "color": colour, "lw": width, "shrinkA": 0, "shrinkB": 0},
+    )
+    axes.plot([], [], color=colour, lw=width, label=name)
+
+
+def _ellipse(axes: Axes, phasor: complex, covariance: Float, reach: float) -> None:
+    """Draw one and two standard deviations of the noise; magnified by a power of ten where they would not be seen."""
+    if not np.isfinite(covariance).all():
+        return
+    variances, directions = np.linalg.eigh(covariance)
+    sigmas = np.sqrt(np.maximum(variances, 0.0))
+    times = _magnification(float(sigmas[1]), reach)
+    angle = float(np.degrees(np.arctan2(directions[1, 1], directions[0, 1])))
+    for count in (1, 2):
+        width, height = 2.0 * count * times * sigmas[1], 2.0 * count * times * sigmas[0]
+        label = None if count == 2 else "noise, 1 and 2 σ" + (f", magnified {times:g} times" if times > 1.0 else "")
+        where = (phasor.real, phasor.imag)
+        axes.add_patch(
+            Ellipse(where, width, height, angle=angle, fill=False, color="#e08a00", lw=1.3 / count, label=label)
+        )
+
+
+def _magnification(sigma: float, reach: float) -> float:
+    """Return 1, or the largest of 2, 5, 10, 20 … that brings a small ellipse to a size that can be seen."""
+    times, steps = 1.0, itertools.cycle((2.0, 2.5, 2.0))
+    if 0.0 < sigma < LEAST_ELLIPSE * reach:
+        while sigma * times * (step := next(steps)) <= MOST_ELLIPSE * reach:
+            times *= step
+    return times

@@ -1,0 +1,191 @@
+"""One pixel of a prepared frame: its phasors with their noise, and what each number of paths makes of them."""
+
+import math
+from dataclasses import dataclass, replace
+from importlib import import_module
+
+import numpy as np
+
+from cadtof_cli.arrays import Bool, Complex, Float
+from cadtof_cli.calibration.store import Calibration
+from cadtof_cli.errors import SettingsError
+from cadtof_cli.frame_plan import FramePlan
+from cadtof_cli.maps.layers import LayerSource
+from cadtof_cli.phasors.chi_squared import chi_squared_threshold
+from cadtof_cli.phasors.noise import NoiseModel
+from cadtof_cli.pipeline import FramePixels, FrameStages, frame_stages
+from cadtof_cli.resolver.diffuse.records import DiffuseModel
+from cadtof_cli.resolver.order import Solver, told_apart, worth_another
+from cadtof_cli.resolver.paths import Fit, Paths, ResolvedPaths
+from cadtof_cli.resolver.resolve import resolve_paths
+from cadtof_cli.resolver.status import StatusBit
+
+
+@dataclass(frozen=True)
+class PathNumbers:
+    """A path as a map would tell it: depth and its standard deviation in m, amplitude in V."""
+
+    depth_m: float
+    amplitude_v: float
+    sigma_m: float
+
+
+@dataclass(frozen=True)
+class OrderTest:
+    """The numbers by which a pixel gets one path or two.
+
+    Attributes:
+        chi_squared: what one path leaves over the noise.
+        threshold: what noise alone leaves with a probability of `false_alarm`; more asks for another path.
+        false_alarm: that probability.
+        moved_m: by how much another path moves the direct one.
+        needed_m: by how much it must, so that what it costs in scatter is worth it; NaN where it costs nothing.
+        worth_another: whether it does.
+    """
+
+    chi_squared: float
+    threshold: float
+    false_alarm: float
+    moved_m: float
+    needed_m: float
+    worth_another: bool
+
+
+@dataclass(frozen=True, eq=False)
+class PixelEvidence:
+    """What there is to know of one pixel.
+
+    Attributes:
+        phasors: complex128 (H,), normalised, as they were resolved: calibrated, averaged, pooled.
+        covariance: (H, 2, 2), of real and imaginary part, for the light that was found.
+        noise: that the pixel was resolved with.
+        one: the fit of one path, with its χ²; None where there is none.
+        two: the fit of two paths, direct first; None where the harmonics have none.
+        test: the order test; None where no test is asked for.
+        resolved: the answer.
+        in_separate_patch: whether a frame with a tail leaves the pixel to separate paths; None: there is no tail.
+    """
+
+    phasors: Complex
+    covariance: Float
+    noise: NoiseModel
+    one: tuple[PathNumbers, float] | None
+    two: tuple[PathNumbers, PathNumbers] | None
+    test: OrderTest | None
+    resolved: ResolvedPaths
+    in_separate_patch: bool | None
+
+
+def pixel_evidence(
+    pixels: FramePixels, index: int, /, *, plan: FramePlan, calibration: Calibration | None = None
+) -> PixelEvidence:
+    """Return what there is to know of the pixel with a flat index in a prepared frame.
+
+    Raises:
+        SettingsError: the plan does not fit the frame's type.
+    """
+    stages = frame_stages(plan, calibration, pixels.dtype, pixels.size)
+    here = slice(index, index + 1)
+    pixel = pixels[here]
+    tail = pixels.mpi if isinstance(pixels.mpi, DiffuseModel) else None
+    correction, phasors = stages.correction, stages.phasors(pixel)
+    resolved = resolve_paths(
+        phasors,
+        status=stages.status(pixel),
+        settings=plan.resolver,
+        noise=pixel.noise,
+        response=correction.response.block(here) if correction.response else None,
+        tail=tail.block(here) if tail else None,
+    )
+    fits = {count: _fit(phasors, count, pixel, here, plan, stages) for count in (1, 2)}
+    one, two = fits[1], fits[2]
+    answered_by_tail = bool(resolved.status[0] & StatusBit.DIFFUSE_MPI)
+    extra = tail.separate_variance if tail and not answered_by_tail else 0.0
+    numbers = {
+        count: [_numbers(fit, row, resolved, stages, here, pixel, extra) for row in range(count)]
+        for count, fit in fits.items()
+        if fit is not None
+    }
+    asked = plan.resolver.order == "auto" and plan.resolver.max_paths > 1
+    return PixelEvidence(
+        phasors[:, 0],
+        _covariance(phasors, resolved.paths, pixel.noise),
+        pixel.noise,
+        None if one is None else (numbers[1][0], float(one.chi_squared[0])),
+        None if two is None else (numbers[2][0], numbers[2][1]),
+        _order_test(one, two, plan, pixel.noise, stages.depth.metres(here)) if asked and one and two else None,
+        resolved,
+        None if tail is None else _is_separate(tail, index, pixels.size),
+    )
+
+
+def _fit(
+    phasors: Complex, count: int, pixel: FramePixels, here: slice, plan: FramePlan, stages: FrameStages
+) -> Fit | None:
+    """Return the fit of a number of paths to one pixel, as the driver asks the solver for it; None: it has none."""
+    harmonics, response = pixel.noise.harmonics, stages.correction.response
+    settings = plan.resolver
+    try:
+        if count > settings.max_paths:
+            solver_name = "two-path" if settings.solver == "one-path" else settings.solver
+            settings = replace(settings, solver=solver_name, order="auto", paths=max(count, settings.paths))
+        settings.check_harmonics(harmonics)
+    except SettingsError:
+        return None
+    room = import_module(f"cadtof_cli.resolver.{settings.room(harmonics, sine=response is None)}.solver")
+    with np.errstate(all="ignore"):
+        solver: Solver = room.solver(
+            phasors, noise=pixel.noise, settings=settings, response=response.block(here) if response else None
+        )
+        only: Bool = np.asarray(np.isfinite(phasors).all(axis=0))
+        limit = None if count >= settings.max_paths else math.inf
+        chosen, fit = solver.fit(count, only, limit=limit)
+        return told_apart(fit, settings, pixel.noise, chosen) if only.any() and fit.chi_squared.size else None
+
+
+def _numbers(
+    fit: Fit, row: int, resolved: ResolvedPaths, stages: FrameStages, here: slice, pixel: FramePixels, extra: float
+) -> PathNumbers:
+    """Return a fit's path in the units of a map; `extra` is the variance that a frame's tail adds to its phase."""
+    with np.errstate(all="ignore"):
+        sigma = np.sqrt(np.square(fit.paths.sigma_rad) + extra)
+        paths = Paths(fit.paths.amplitude, fit.paths.phase_rad, sigma)
+        source: LayerSource = stages.depth.source(replace(resolved, paths=paths), here, samples=pixel.noise.samples)
+        depth, amplitude, sigma_m = (
+            float(np.multiply(*factors)[0]) for factors in (source.depth(row), source.amplitude(row), source.sigma(row))
+        )
+    return PathNumbers(depth, amplitude, sigma_m)
+
+
+def _order_test(one: Fit, two: Fit, plan: FramePlan, noise: NoiseModel, metres: Float | float) -> OrderTest:
+    direct, alone = two.paths[0], one.paths[0]
+    lead = np.abs(direct.phase_rad - alone.phase_rad)
+    cost = 2.0 * (np.square(direct.sigma_rad) - np.square(alone.sigma_rad))
+    with np.errstate(invalid="ignore"):
+        moved, needed = np.minimum(lead, 2.0 * np.pi - lead) * metres, np.sqrt(cost) * metres
+        worth = bool(worth_another(direct, alone)[0])
+    threshold = chi_squared_threshold(plan.resolver.false_alarm, pairs=len(noise.harmonics) - 1)
+    chi_squared = float(one.chi_squared[0])
+    return OrderTest(chi_squared, threshold, plan.resolver.false_alarm, float(moved[0]), float(needed[0]), worth)
+
+
+def _covariance(phasors: Complex, paths: Paths, noise: NoiseModel) -> Float:
+    """Return the covariance of each harmonic's phasor, (H, 2, 2), for the light of the paths that were found.
+
+    NaN where no light gives such a phasor: that of a saturated pixel.
+    """
+    samples = 1.0 if noise.samples is None else float(noise.samples[0])
+    amplitude, phase = np.nan_to_num(paths.amplitude), np.nan_to_num(paths.phase_rad)
+    found = np.empty((len(noise.each), 2, 2))
+    for row, (harmonic, phasor) in enumerate(zip(noise.each, phasors, strict=True)):
+        turn = 2 * harmonic.harmonic * phase
+        doubled = (amplitude * np.cos(turn)).sum(axis=0), (amplitude * np.sin(turn)).sum(axis=0)
+        with np.errstate(all="ignore"):
+            along, between, across = harmonic.covariance((phasor.real, phasor.imag), doubled)
+        found[row] = [[along[0], between[0]], [between[0], across[0]]] if min(along[0], across[0]) > 0.0 else np.nan
+    return found / samples
+
+
+def _is_separate(tail: DiffuseModel, index: int, size: tuple[int, int]) -> bool:
+    side, (row, column) = tail.upsampler.grid.side, divmod(index, size[1])
+    return bool(tail.separate[row // side, column // side])

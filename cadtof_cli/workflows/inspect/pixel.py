@@ -1,0 +1,194 @@
+"""`cadtof inspect`: everything about one pixel of a recorded frame, by the way that `cadtof resolve` goes."""
+
+import itertools
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cadtof_cli.errors import CaptureError, SettingsError
+from cadtof_cli.files.maps import STATUS, DepthMaps
+from cadtof_cli.frame_plan import FramePlan
+from cadtof_cli.maps.layers import DIRECT_DEPTH
+from cadtof_cli.one_pixel import OrderTest, PathNumbers, PixelEvidence, pixel_evidence
+from cadtof_cli.phasors.frame_mean import FrameMean
+from cadtof_cli.phasors.noise import NoiseModel
+from cadtof_cli.phasors.voltages import volts_per_count
+from cadtof_cli.pipeline import joined_parts, prepare_frame, resolve_pixels
+from cadtof_cli.resolver.diffuse.records import DiffuseChoice
+from cadtof_cli.resolver.status import StatusBit, describe_status
+from cadtof_cli.units import metres_per_radian
+from cadtof_cli.workflows.progress import Progress
+from cadtof_cli.workflows.resolve.frame_task import FrameTask, read_frame
+from cadtof_cli.workflows.resolve.plans import found_captures, planned
+from cadtof_cli.workflows.resolve.settings import ResolveSettings
+from cadtof_cli.workflows.resolve.use_calibration import use_calibration
+
+NEIGHBOURS = 2
+"""Pixels to each side whose depths are shown."""
+
+
+@dataclass(frozen=True)
+class InspectedPixel:
+    """Everything about a pixel; `document` has the keys of `--json`, the others are what a phasor diagram shows.
+
+    Attributes:
+        document: JSON objects, numbers, text; None for NaN.
+        evidence: phasors, noise and paths.
+        harmonics: the numbers of the harmonics.
+    """
+
+    document: dict[str, Any]
+    evidence: PixelEvidence
+    harmonics: tuple[int, ...]
+
+
+def inspect_pixel(
+    frame: Path,
+    pixel: tuple[int, int],
+    /,
+    *,
+    place: int,
+    settings: ResolveSettings,
+    overrides: Mapping[str, Any],
+    progress: Progress,
+) -> InspectedPixel:
+    """Resolve a frame as `cadtof resolve` does, and return everything about one of its pixels.
+
+    Args:
+        frame: a frame, a stack of them, or a capture folder.
+        pixel: column x and row y, from 0.
+        place: which of the maps that a run on `frame` would write, from 0.
+        settings: those of the run.
+        overrides: values by dotted key that replace those of `capture.toml`.
+        progress: told what is taken for granted.
+
+    Raises:
+        CadtofError: the frame cannot be read or resolved, or has no such pixel.
+    """
+    task, source = _task(frame, place, settings, overrides, progress)
+    stored, recording = read_frame(task)
+    if recording.left_out:
+        progress.say(recording.left_out)
+    calibration, plan = task.calibration(), task.plan
+    pixels = prepare_frame(stored, plan=plan, calibration=calibration)
+    height, width = pixels.size
+    x, y = pixel
+    if not (0 <= x < width and 0 <= y < height):
+        raise SettingsError(
+            f"--pixel: found {x},{y}, expected a column 0 … {width - 1} and a row 0 … {height - 1} of {source}"
+        )
+    resolved = joined_parts(pixels, [resolve_pixels(pixels, plan=plan, calibration=calibration)])
+    evidence = pixel_evidence(pixels, y * width + x, plan=plan, calibration=calibration)
+    recorded = stored.stored if isinstance(stored, FrameMean) else stored
+    voltage = plan.metadata.voltage
+    volts = (recorded[:, :, y, x].astype(np.float64) - voltage.zero) * volts_per_count(voltage, pixels.dtype)
+    status = int(resolved.maps.status[y, x])
+    document = {
+        "frame": source,
+        "pixel": [x, y],
+        "voltages_v": volts.tolist(),
+        "phasors": [[float(p.real), float(p.imag)] for p in evidence.phasors],
+        "noise": _noise(evidence.noise, evidence, plan),
+        "one_path": None if evidence.one is None else asdict(evidence.one[0]) | {"chi_squared": evidence.one[1]},
+        "two_paths": _two_paths(evidence.two),
+        "order_test": _order_test(evidence.test, status),
+        "diffuse": _diffuse(resolved.mpi, evidence, plan, status),
+        "chosen": _chosen(resolved.maps, x, y),
+        "status": list(describe_status(status)),
+        "neighbours_m": _neighbours(resolved.maps, x, y),
+    }
+    return InspectedPixel(_without_nan(document), evidence, evidence.noise.harmonics)
+
+
+def _task(
+    frame: Path, place: int, settings: ResolveSettings, overrides: Mapping[str, Any], progress: Progress
+) -> tuple[FrameTask, str]:
+    """Return the task that a run would have for a map, and the frame's name."""
+    captures, _ = found_captures([frame], settings, overrides)
+    if len(captures) > 1:
+        raise CaptureError(f"{frame}: found {len(captures)} captures, expected a frame or one capture")
+    calibration = use_calibration(settings.calibration, captures) if settings.calibration else None
+    (plan,) = planned(captures, settings, calibration)
+    for note in (*plan.notes(), *(calibration.notes if calibration else ())):
+        progress.say(note)
+    average = settings.maps.average
+    sources = tuple(itertools.islice(plan.frames(settings, taken=()), place * average, (place + 1) * average))
+    if not sources:
+        raise SettingsError(f"--frame: found {place}, expected a map that a run on {frame} would write, from 0")
+    return FrameTask(sources, plan.capture.layout, plan.plan, plan.pixels, settings.out), str(sources[0])
+
+
+def _noise(noise: NoiseModel, evidence: PixelEvidence, plan: FramePlan) -> dict[str, Any]:
+    volts = plan.metadata.modulation.amplitude_v
+    return {
+        "integration_length": noise.integration_length,
+        "estimated": noise.estimated,
+        "averaged_pixels": 1.0 if noise.samples is None else float(noise.samples[0]),
+        "sigma_v": [[volts * float(np.sqrt(one[i, i])) for i in (0, 1)] for one in evidence.covariance],
+    }
+
+
+def _two_paths(two: tuple[PathNumbers, PathNumbers] | None) -> dict[str, Any] | None:
+    return None if two is None else {"direct": asdict(two[0]), "mpi": asdict(two[1])}
+
+
+def _order_test(test: OrderTest | None, status: int) -> dict[str, Any] | None:
+    """Return the order test's numbers, and what came of them in words."""
+    if test is None:
+        return None
+    if status & StatusBit.DIFFUSE_MPI:
+        verdict = "not asked: the MPI is a tail"
+    elif not status & (StatusBit.ONE_PATH | StatusBit.TWO_PATHS | StatusBit.MORE_PATHS):
+        verdict = "not asked: the pixel has no answer"
+    elif test.chi_squared <= test.threshold:
+        verdict = "one path leaves no more than noise does"
+    elif test.worth_another:
+        verdict = "one path leaves too much, and another is worth its scatter"
+    else:
+        verdict = "one path leaves too much, but another moves the direct path by less than it costs in scatter"
+    return asdict(test) | {"verdict": verdict}
+
+
+def _diffuse(
+    choice: DiffuseChoice | None, evidence: PixelEvidence, plan: FramePlan, status: int
+) -> dict[str, Any] | None:
+    """Return the frame's model of its MPI and why, and the tail at the pixel: H₁, what is recorded over what is direct."""
+    if choice is None:
+        return None
+    answered, paths = bool(status & StatusBit.DIFFUSE_MPI), evidence.resolved.paths
+    found: dict[str, Any] = {"model": choice.taken, **asdict(choice), "in_separate_patch": evidence.in_separate_patch}
+    found["tail"] = None
+    if answered:
+        lag = float(np.angle(evidence.phasors[0] * np.exp(-1j * paths.phase_rad[0, 0])))
+        found["tail"] = {
+            "amplitude_ratio": float(np.abs(evidence.phasors[0]) / paths.amplitude[0, 0]),
+            "lag_rad": lag,
+            "pulled_back_m": lag * metres_per_radian(plan.metadata.modulation.periods_ns[0]),
+            "chi_squared": float(evidence.resolved.chi_squared[0]),
+        }
+    return found
+
+
+def _chosen(maps: DepthMaps, x: int, y: int) -> dict[str, float | int]:
+    """Return what a map file says of the pixel, layer by layer."""
+    layers: dict[str, float | int] = {name: float(maps.layer(name)[y, x]) for name in maps.names}
+    return layers | {STATUS: int(maps.status[y, x])}
+
+
+def _neighbours(maps: DepthMaps, x: int, y: int) -> list[list[float]]:
+    """Return the direct depths around the pixel, rows from the top; NaN beyond the frame's edge too."""
+    around = np.pad(maps.layer(DIRECT_DEPTH), NEIGHBOURS, constant_values=np.nan)
+    side = 2 * NEIGHBOURS + 1
+    return [[float(value) for value in row] for row in around[y : y + side, x : x + side]]
+
+
+def _without_nan(value: Any) -> Any:
+    """Return JSON with null where a number is not finite."""
+    if isinstance(value, dict):
+        return {key: _without_nan(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_without_nan(item) for item in value]
+    return None if isinstance(value, float) and not np.isfinite(value) else value

@@ -1,0 +1,221 @@
+"""`cadtof inspect`: one pixel, held against the map that `resolve` writes, the file's values and the light that was recorded."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import tifffile
+
+from tests.support.captures import VOLTS_PER_COUNT, ZERO_COUNTS, layers_of, record, write_exr, write_frame
+from tests.support.forward import AMPLITUDE_V, C_M_PER_NS, T1_NS, Light, depth_m, phasors_of
+from tests.support.run_cadtof import cadtof
+
+DATA = Path(__file__).parents[2] / "sample_data"
+
+
+def _inspected(frame: Path, x: int, y: int, *options: object) -> dict[str, Any]:
+    done = cadtof("inspect", frame, "--pixel", f"{x},{y}", "--json", "-q", *options)
+    assert (done.status, done.err) == (0, "")
+
+    def refused(constant: str) -> None:
+        pytest.fail(f"{constant} is no JSON")
+
+    found: dict[str, Any] = json.loads(done.out, parse_constant=refused)
+    return found
+
+
+def _maps(capture: Path, out: Path, *options: object) -> list[Path]:
+    assert cadtof("resolve", capture, "-o", out, "-j", 1, "-q", *options).status == 0
+    return sorted(path for path in out.iterdir() if path.suffix in {".tif", ".exr"})
+
+
+def _same_bits(chosen: dict[str, Any], file: Path, x: int, y: int) -> None:
+    layers = layers_of(file)
+    assert set(chosen) == set(layers)
+    for name, plane in layers.items():
+        value = plane[y, x]
+        if name == "status":
+            assert chosen[name] == int(value)
+        elif np.isnan(value):
+            assert chosen[name] is None, name
+        else:
+            assert np.float32(chosen[name]).tobytes() == value.tobytes(), name
+            assert float(np.float32(chosen[name])) == chosen[name]
+
+
+@pytest.mark.parametrize(
+    ("name", "options"),
+    [
+        ("corner", ()),
+        ("corner", ("--mpi-model", "discrete", "--pool", "3")),
+        ("corner", ("--depth", "z")),
+        ("card", ()),
+        ("card", ("--order", "2", "--return", "strongest")),
+        ("wall", ("--solver", "one-path")),
+        ("wall", ("--solver", "lm", "--order", "2", "--starts", "2")),
+    ],
+)
+def test_what_is_chosen_is_what_the_map_says(name: str, options: tuple[str, ...], tmp_path: Path) -> None:
+    (file, *_) = _maps(DATA / name, tmp_path / "out", *options)
+    width, height = layers_of(file)["status"].shape[::-1]
+    for x, y in ((0, 0), (width // 2, height // 2), (width - 1, height - 3), (width // 3, height // 4)):
+        found = _inspected(DATA / name, x, y, *options)
+        assert found["pixel"] == [x, y]
+        _same_bits(found["chosen"], file, x, y)
+
+
+def test_frames_of_a_stack_and_means_are_found_by_their_place(tmp_path: Path) -> None:
+    capture = record(tmp_path / "capture", frames=5)
+    files = _maps(capture.folder, tmp_path / "out", "--average", "2")
+    assert len(files) == 3
+    for place, file in enumerate(files):
+        found = _inspected(capture.folder, 20, 7, "--average", "2", "--frame", place)
+        _same_bits(found["chosen"], file, 20, 7)
+        assert found["noise"]["averaged_pixels"] == min(2, 5 - 2 * place)
+    (lone, *_) = _maps(capture.files[3], tmp_path / "lone")
+    found = _inspected(capture.files[3], 20, 7)
+    _same_bits(found["chosen"], lone, 20, 7)
+    assert found["frame"] == str(capture.files[3])
+    done = cadtof("inspect", capture.folder, "--pixel", "1,1", "--frame", 5)
+    assert (done.status, done.out) == (2, "")
+    assert done.err.startswith("Error: --frame: found 5, expected a map that a run on")
+
+
+def test_voltages_and_phasors_are_those_of_the_file(tmp_path: Path) -> None:
+    capture = record(tmp_path / "capture")
+    found = _inspected(capture.files[0], 25, 3)
+    volts = VOLTS_PER_COUNT * (tifffile.imread(capture.files[0])[:, 3, 25].astype(float) - ZERO_COUNTS).reshape(2, 2)
+    np.testing.assert_allclose(found["voltages_v"], volts, rtol=1e-12)
+    phasors = phasors_of(volts[:, :, np.newaxis] / AMPLITUDE_V)[:, 0]
+    np.testing.assert_allclose(found["phasors"], np.stack([phasors.real, phasors.imag], axis=1), rtol=1e-9)
+    # the noise of light with MPI 0.3 at ASR 2 and n_av 1e5
+    light = Light(asr=2.0, mpi=0.3, direct_ns=12.0, second_ns=20.0)
+    for row, h in enumerate((1, 2)):
+        pulse = abs(phasors[row]) / abs(np.hypot(*volts[row]) / AMPLITUDE_V)
+        sigma = AMPLITUDE_V * np.sqrt(np.diag(light.covariance(h, 1e5))) * pulse
+        np.testing.assert_allclose(found["noise"]["sigma_v"][row], sigma, rtol=0.02)
+
+
+def test_two_paths_one_path_and_the_test_between_them(tmp_path: Path) -> None:
+    capture = record(tmp_path / "capture", form="exr")
+    light = Light(asr=2.0, mpi=0.3, direct_ns=12.0, second_ns=20.0)
+    exact = np.stack([[light.moment(h).real, light.moment(h).imag] for h in (1, 2)])
+    volts = np.broadcast_to(AMPLITUDE_V * exact[:, :, np.newaxis, np.newaxis], (2, 2, 24, 32))
+    file = capture.folder / "exact.exr"
+    write_exr(
+        file,
+        dict(zip(("H1.SC1", "H1.SC2", "H2.SC1", "H2.SC2"), volts.reshape(4, 24, 32).astype(np.float32), strict=True)),
+    )
+    found = _inspected(file, 4, 5)
+    for name, delay, share in (("direct", 12.0, 1.0), ("mpi", 20.0, 0.3)):
+        path = found["two_paths"][name]
+        assert path["depth_m"] == pytest.approx(depth_m(delay), abs=2e-5)
+        assert path["amplitude_v"] == pytest.approx(AMPLITUDE_V * share / 3.3, rel=1e-4)
+        assert path["sigma_m"] == pytest.approx(found["chosen"][f"{name}.sigma"], rel=1e-6)
+    assert found["status"] == ["two paths"]
+    assert found["order_test"]["threshold"] == pytest.approx(-2 * np.log(0.01))
+    assert found["order_test"]["chi_squared"] == found["one_path"]["chi_squared"] > 100
+    moved = abs(found["one_path"]["depth_m"] - found["two_paths"]["direct"]["depth_m"])
+    assert found["order_test"]["moved_m"] == pytest.approx(moved, rel=1e-6)
+    assert found["order_test"]["worth_another"] is True
+    assert found["order_test"]["verdict"] == "one path leaves too much, and another is worth its scatter"
+    alone = _inspected(capture.files[0], 3, 3, "--false-alarm", 1e-6)
+    assert alone["status"] == ["one path"]
+    assert alone["one_path"]["depth_m"] == pytest.approx(alone["chosen"]["direct.depth"], rel=1e-6)
+    assert alone["one_path"]["sigma_m"] == pytest.approx(alone["chosen"]["direct.sigma"], rel=1e-6)
+    assert alone["order_test"]["chi_squared"] <= alone["order_test"]["threshold"] == pytest.approx(27.63, abs=0.01)
+    assert alone["chosen"]["mpi.depth"] is None
+
+
+def test_the_tail_of_a_corner() -> None:
+    """H₁ is what the first phasor has over the direct light: its lag is the depth that MPI adds."""
+    found = _inspected(DATA / "corner", 60, 60)
+    tail = found["diffuse"]["tail"]
+    assert (found["status"], found["diffuse"]["model"]) == (["diffuse mpi"], "diffuse")
+    first = (np.arctan2(*reversed(found["phasors"][0])) % (2 * np.pi)) * C_M_PER_NS * T1_NS / (4 * np.pi)
+    assert tail["pulled_back_m"] == pytest.approx(first - found["chosen"]["direct.depth"], abs=1e-6)
+    ratio = found["chosen"]["confidence"] / found["chosen"]["direct.amplitude"]
+    assert tail["amplitude_ratio"] == pytest.approx(ratio, rel=1e-5)
+    assert 0.0 < tail["chi_squared"] < 30.0
+    assert 0.0 < found["diffuse"]["room"]["albedo"][0] < 1.0
+    assert found["order_test"]["verdict"] == "not asked: the MPI is a tail"
+    apart = _inspected(DATA / "corner", 60, 60, "--mpi-model", "discrete")
+    assert (apart["diffuse"], apart["two_paths"]["direct"]) == (None, found["two_paths"]["direct"])
+
+
+def test_neighbours_and_the_edge_of_the_frame(tmp_path: Path) -> None:
+    capture = record(tmp_path / "capture")
+    (file,) = _maps(capture.folder, tmp_path / "out")
+    depth = layers_of(file)["direct.depth"]
+    inside = _inspected(capture.files[0], 10, 9)["neighbours_m"]
+    np.testing.assert_array_equal(np.array(inside, np.float32), depth[7:12, 8:13])
+    corner = _inspected(capture.files[0], 31, 0)["neighbours_m"]
+    assert [row[2] for row in corner[:2]] == [None, None]
+    assert [value is None for value in corner[2]] == [False, False, False, True, True]
+    np.testing.assert_array_equal(np.array(corner[4][:3], np.float32), depth[2, 29:32])
+
+
+def test_a_pixel_without_an_answer_still_shows_what_there_is(tmp_path: Path) -> None:
+    capture = record(tmp_path / "capture")
+    pages = tifffile.imread(capture.files[0])
+    pages[0, 5, 6] = 16383
+    tifffile.imwrite(capture.files[0], pages, photometric="minisblack", metadata=None)
+    found = _inspected(capture.files[0], 6, 5)
+    assert found["status"] == ["saturated"]
+    assert found["voltages_v"][0][0] == pytest.approx(VOLTS_PER_COUNT * (16383 - ZERO_COUNTS))
+    assert found["one_path"]["amplitude_v"] > 0.0
+    assert {value for name, value in found["chosen"].items() if name != "status"} == {None}
+    volts = np.full((2, 2, 24, 32), 0.01)
+    volts[0, 1, 2, 3] = np.nan
+    (tmp_path / "nan").mkdir()
+    (tmp_path / "nan" / "capture.toml").write_text("[pixel]\nintegration_length = 100000\n")
+    write_frame(tmp_path / "nan" / "a.exr", volts)
+    found = _inspected(tmp_path / "nan" / "a.exr", 3, 2, "-o", tmp_path / "nan.png")
+    assert (found["status"], found["one_path"], found["two_paths"]) == (["not finite"], None, None)
+    assert found["voltages_v"][0][1] is None
+    assert (tmp_path / "nan.png").stat().st_size > 1000
+
+
+def test_the_table_says_the_same(tmp_path: Path) -> None:
+    frame, place = DATA / "card" / "frame_0000.exr", ("--pixel", "80,60")
+    done = cadtof("inspect", frame, *place, "-q")
+    found = _inspected(frame, 80, 60)
+    assert (done.status, done.err) == (0, "")
+    lines = done.out.splitlines()
+    assert lines[0] == f"{frame}, pixel 80,60: {', '.join(found['status'])}"
+    said = {line[2:24].strip(): line[24:] for line in lines if line.startswith("  ")}
+    assert float(said["direct.depth"]) == pytest.approx(found["chosen"]["direct.depth"], rel=1e-5)
+    assert f"{1000 * found['voltages_v'][0][0]:.3f} mV" in said["harmonic 1"]
+    assert f"{found['one_path']['depth_m']:.4f} m" in said["one path"]
+    assert len(lines[-1].split()) == 5
+
+
+def test_the_phasor_diagram(tmp_path: Path) -> None:
+    done = cadtof("inspect", DATA / "corner", "--pixel", "9,9", "-q", "-o", tmp_path / "a.svg")
+    assert (done.status, done.err) == (0, "")
+    drawn = (tmp_path / "a.svg").read_text(encoding="utf-8")
+    assert drawn.count("#1b6ca8") >= 2  # the direct path, in the panel of each harmonic
+    assert drawn.count("#d1495b") >= 2  # the MPI
+    assert drawn.count("#e08a00") >= 4  # one and two standard deviations
+    assert cadtof("inspect", DATA / "corner", "--pixel", "9,9", "-q", "-o", tmp_path / "a.png").status == 0
+    assert (tmp_path / "a.png").read_bytes().startswith(b"\x89PNG\r\n")
+    done = cadtof("inspect", DATA / "corner", "--pixel", "9,9", "-q", "-o", tmp_path / "gone" / "a.png")
+    assert (done.status, done.out) == (2, "")
+    assert "cannot be written" in done.err
+
+
+def test_what_cannot_be_inspected(tmp_path: Path) -> None:
+    frame = record(tmp_path / "capture").files[0]
+    for arguments, told in (
+        ((frame, "--pixel", "32,0"), "--pixel: found 32,0, expected a column 0 … 31 and a row 0 … 23 of"),
+        ((frame, "--pixel", "0,-1"), "--pixel: found 0,-1, expected a column 0 … 31 and a row 0 … 23 of"),
+        ((frame, "--pixel", "here"), "'here' is not a column and a row such as 160,120"),
+        ((frame,), "Missing option '--pixel'"),
+        ((tmp_path / "gone.tif", "--pixel", "1,1"), "no such file or folder; expected a capture folder or a frame"),
+        ((frame, "--pixel", "1,1", "--pool", "2"), "--pool: found 2, expected an odd number of pixels"),
+    ):
+        done = cadtof("inspect", *arguments)
+        assert (done.status, done.out) == (2, "")
+        assert told in done.err
