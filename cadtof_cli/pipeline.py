@@ -216,6 +216,7 @@ def resolve_pixels(
             settings=plan.resolver,
             noise=block.noise,
             response=response.block(there) if response else None,
+            first=block.first,
             tail=pixels.mpi.block(there) if isinstance(pixels.mpi, DiffuseModel) else None,
         )
         if calibration is not None:
