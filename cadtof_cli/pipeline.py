@@ -19,6 +19,7 @@ from cadtof_cli.errors import FrameError
 from cadtof_cli.files.maps import DepthMaps
 from cadtof_cli.frame_plan import FramePlan
 from cadtof_cli.maps.depth import DepthScale, empty_maps, write_block
+from cadtof_cli.maps.impossible import clear_impossible
 from cadtof_cli.maps.layers import ALWAYS
 from cadtof_cli.optics.pinhole import planar_per_range, principal_point
 from cadtof_cli.phasors.frame_mean import FrameMean
@@ -201,12 +202,26 @@ def resolve_pixels(
     part changes a bit of the answer.
     """
     stages = frame_stages(plan, calibration, pixels.dtype, pixels.size)
-    maps, response = empty_maps(1, pixels.count, layers=plan.layers), stages.correction.response
+    maps = empty_maps(1, pixels.count, layers=plan.layers)
     kernel = kernel or chosen_kernel()
     alone = not isinstance(pixels.mpi, DiffuseModel)
-    if kernel != NUMPY and alone and plan.settings.resolver.in_kernel(pixels.noise.harmonics, sine=response is None):
+    if (
+        kernel != NUMPY
+        and alone
+        and plan.settings.resolver.in_kernel(pixels.noise.harmonics, sine=stages.correction.response is None)
+    ):
         _fill_by_kernel(maps, pixels, plan, stages, kernel)
-        return maps
+    else:
+        _fill_by_blocks(maps, pixels, plan, stages, calibrated=calibration is not None)
+    clear_impossible(maps, noise=pixels.noise, amplitude_v=plan.metadata.modulation.amplitude_v)
+    return maps
+
+
+def _fill_by_blocks(
+    maps: DepthMaps, pixels: FramePixels, plan: FramePlan, stages: FrameStages, *, calibrated: bool
+) -> None:
+    """Fill the maps of prepared pixels block by block, in numpy."""
+    response = stages.correction.response
     step = plan.block_pixels or (SEARCHED_BLOCK_PIXELS if plan.is_searched or response else BLOCK_PIXELS)
     for start in range(0, pixels.count, step):
         here = slice(start, min(start + step, pixels.count))
@@ -218,13 +233,13 @@ def resolve_pixels(
             settings=plan.resolver,
             noise=block.noise,
             response=response.block(there) if response else None,
+            first=block.first,
             tail=pixels.mpi.block(there) if isinstance(pixels.mpi, DiffuseModel) else None,
         )
-        if calibration is not None:
+        if calibrated:
             np.bitwise_or(resolved.status, np.uint32(StatusBit.CALIBRATED), out=resolved.status)
         source = stages.depth.source(resolved, there, samples=block.noise.samples)
         write_block(maps, here, source, layers=plan.layers)
-    return maps
 
 
 def _fill_by_kernel(maps: DepthMaps, pixels: FramePixels, plan: FramePlan, stages: FrameStages, kernel: str) -> None:

@@ -4,6 +4,7 @@ import argparse
 import time
 import warnings
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +29,7 @@ from tests.support.mixtures import C, F, Mixture, noise_of, recorded
 ROOT = Path(__file__).resolve().parent.parent
 QVGA = 320 * 240
 NS_PER_RAD = 40.0 / (2.0 * np.pi)
+SEEDS = 20
 WRONG = 1e-6
 """Error of a path, as a share of all light, above which a pixel is wrong: it ended in another minimum."""
 
@@ -78,6 +80,13 @@ def wrong(found: NDArray[Any], truth: NDArray[Any]) -> int:
     return int((~(error <= WRONG * np.abs(truth).sum(axis=0))).sum())
 
 
+def in_closed_form(phasors: C) -> C:
+    """Both paths of every pixel by the closed form, (2, n)."""
+    with np.errstate(all="ignore"):
+        two = two_paths(fundamental_frame(phasors[0], phasors[1]))
+    return np.stack((two.a * (two.cos_x + 1j * two.sin_x), two.b * (two.cos_y + 1j * two.sin_y)))
+
+
 def _eliminated(phasors: C, starts: C) -> tuple[TwoShares, float]:
     """Return the paths by lm, and the seconds that it takes: the least of three, as the first one also fetches memory."""
     return two_shares(phasors, harmonics=(1, 2), starts=starts), min(
@@ -89,17 +98,16 @@ def lm(pixels: int) -> None:
     table(
         f"{pixels} pixels, n_av 1e5, ASR 5", "scipy, µs", "lm, µs", "times faster (≥ 30)", "scipy wrong", "lm wrong (≤)"
     )
-    starts = random_starts(10, seed=0)
+    starts = random_starts(10, pixels=range(pixels), seed=0)
     rng = np.random.default_rng(0)
     for light in (Mixture((1.0, 0.3), (5.0, 16.0)), Mixture((1.0, 0.1), (5.0, 11.0)), Mixture((1.0,), (5.0,))):
         phasors = light.phasors((1, 2), n_av=1e5, size=pixels, rng=rng)
+        truth = in_closed_form(phasors)
         with np.errstate(all="ignore"):
-            two = two_paths(fundamental_frame(phasors[0], phasors[1]))
             ours, fast = _eliminated(phasors, starts)
-        truth = np.stack((two.a * (two.cos_x + 1j * two.sin_x), two.b * (two.cos_y + 1j * two.sin_y)))
         began = time.perf_counter()
         with warnings.catch_warnings(action="ignore"):  # a start that runs out of calls is one of ten
-            theirs = np.stack([paper_way(p1, p2, starts) for p1, p2 in phasors.T], axis=1)
+            theirs = np.stack([paper_way(*given) for given in zip(*phasors, starts.T, strict=True)], axis=1)
         slow = time.perf_counter() - began
         row(
             f"MPI {light.amplitudes[1]} at {light.delays_ns[1]:g} ns" if len(light.amplitudes) > 1 else "no MPI",
@@ -115,6 +123,43 @@ def lm(pixels: int) -> None:
         found = spread(light, (1, 2, 3), n_av, ResolverSettings(solver="lm"), 4000)
         direct, second = found / light.bound_ns((1, 2, 3), n_av)
         row(f"{separation:g} ns apart", f"{direct:.3f}", f"{second:.3f}")
+
+
+def starts(pixels: int) -> None:
+    """What ten random starts achieve: over many seeds, beside the closed form on the same pixels."""
+    table(
+        f"{SEEDS} seeds × {pixels} pixels, n_av 1e5, ASR 5",
+        "wrong of lm: mean",
+        "least and most of a seed",
+        "direct RMSE, ns: lm, order 2",
+        "closed form, order 2",
+        "closed form, order test",
+    )
+    ways = [ResolverSettings(solver="lm", order="2"), ResolverSettings(order="2"), ResolverSettings()]
+    for light in (Mixture((1.0, 0.3), (5.0, 16.0)), Mixture((1.0, 0.1), (5.0, 11.0)), Mixture((1.0,), (5.0,))):
+        shares, errors = [], []
+        for seed in range(SEEDS):
+            drawn = light.phasors((1, 2), n_av=1e5, size=pixels, rng=np.random.default_rng([seed, 9]))
+            with np.errstate(all="ignore"):
+                own = random_starts(10, pixels=range(pixels), seed=seed)
+                found = two_shares(drawn, harmonics=(1, 2), starts=own).paths
+            missed = wrong(found.amplitude * (found.cos + 1j * found.sin), in_closed_form(drawn))
+            shares.append(missed / pixels)
+            errors.append([_direct_error(drawn, light, replace(way, seed=seed)) for way in ways])
+        rmse = np.sqrt(np.mean(np.square(errors), axis=0))
+        row(
+            f"MPI {light.amplitudes[1]} at {light.delays_ns[1]:g} ns" if len(light.amplitudes) > 1 else "no MPI",
+            f"{np.mean(shares):.1%}",
+            f"{min(shares):.1%}, {max(shares):.1%}",
+            *(f"{error:.3f}" for error in rmse),
+        )
+
+
+def _direct_error(drawn: C, light: Mixture, settings: ResolverSettings) -> float:
+    """RMSE of the direct path's delay, ns."""
+    direct = resolved(drawn, (1, 2), 1e5, settings).paths[0].phase_rad
+    error = np.angle(np.exp(1j * (direct - light.delays_ns[0] / NS_PER_RAD)))
+    return NS_PER_RAD * float(np.sqrt(np.nanmean(np.square(error))))
 
 
 # --- harmonics and paths against the bound ---------------------------------------------------------------------------
@@ -249,7 +294,7 @@ def _frame(
 def main() -> None:
     shared = ROOT.parent / "shared" / "captures" / "card"
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("parts", nargs="*", help="of lm, harmonics, paths, pooling, speed; default: all")
+    parser.add_argument("parts", nargs="*", help="of lm, starts, harmonics, paths, pooling, speed; default: all")
     parser.add_argument("--pixels", type=int, default=4000, help="drawn for each row of the accuracy tables")
     parser.add_argument("--scipy-pixels", type=int, default=4000, help="that scipy solves too, 2 ms each")
     parser.add_argument("--repeats", type=int, default=5, help="of every frame timed; the fastest counts")
@@ -263,6 +308,7 @@ def main() -> None:
     keep_freed_memory()
     parts: dict[str, Callable[[], None]] = {
         "lm": lambda: lm(arguments.scipy_pixels),
+        "starts": lambda: starts(arguments.pixels),
         "harmonics": lambda: harmonics(arguments.pixels),
         "paths": lambda: paths(arguments.pixels),
         "pooling": lambda: pooling(arguments.card),

@@ -38,7 +38,13 @@ _RESOLVER = (
         "(--solver lm --order 2 is the paper's method as published).",
     ),
     setting_option("--starts", ResolverSettings, "starts", metavar="N", help="Random starts of --solver lm."),
-    setting_option("--seed", ResolverSettings, "seed", metavar="S", help="Seed of the random starts of --solver lm."),
+    setting_option(
+        "--seed",
+        ResolverSettings,
+        "seed",
+        metavar="S",
+        help="Seed of the random starts of --solver lm, drawn for each pixel by its place in the frame.",
+    ),
     setting_option(
         "--false-alarm",
         ResolverSettings,

@@ -27,13 +27,15 @@ def resolve_paths(
     noise: NoiseModel,
     response: ResponseBlock | None = None,
     tail: DiffuseBlock | None = None,
+    first: int = 0,
 ) -> ResolvedPaths:
     """Resolve every pixel of phasors (H, n) into paths; inputs are not changed.
 
     A pixel gets NaN and a status bit where it is not finite or has no signal, and NaN where it comes with a bit in `status`,
     (n,): saturated or hot. Every pixel is computed alone, by the same operations wherever it stands, so that blocks of any
     size give the same bits. Where the channel pairs answer with more than a sine, `response` says how. Where the frame's MPI is
-    diffuse, `tail` predicts it for all pixels but those of patches with separate paths.
+    diffuse, `tail` predicts it for all pixels but those of patches with separate paths. `first` is the place of the first of the
+    n neighbours in the frame, a flat index, which the seed of a random search goes with.
 
     Raises:
         SettingsError: the harmonics cannot tell as many paths apart as the settings ask for.
@@ -43,7 +45,7 @@ def resolve_paths(
         settings.check_response(noise.harmonics)
     room = import_module(f"cadtof_cli.resolver.{settings.room(noise.harmonics, sine=response is None)}.solver")
     with np.errstate(all="ignore"):
-        solver: Solver = room.solver(phasors, noise=noise, settings=settings, response=response)
+        solver: Solver = room.solver(phasors, noise=noise, settings=settings, response=response, first=first)
         status, confidence = screened(solver.modulus, solver.powers, status, settings=settings, noise=noise)
         answered = status == 0
         predicted = None

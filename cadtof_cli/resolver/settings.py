@@ -35,7 +35,7 @@ class ResolverSettings:
         paths: the most paths that a pixel may have, no more than there are harmonics.
         order: how many paths a pixel has: decided by the order test (`auto`), or always that many, whatever the solver.
         starts: random starts of `lm`.
-        seed: seed of the random starts.
+        seed: of the random starts, drawn for each pixel from it and the pixel's place in the frame.
         false_alarm: probability that noise alone passes for a signal, or for a second path.
         returns: which path is called direct.
         min_return_ratio: least amplitude of a direct path, as a share of the strongest path's.

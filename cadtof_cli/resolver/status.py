@@ -26,6 +26,7 @@ class StatusBit(IntFlag):
     MORE_PATHS = 512
     POOLED = 1024
     DIFFUSE_MPI = 2048
+    IMPOSSIBLE = 4096
 
 
 MEANING: dict[StatusBit, str] = {
@@ -41,6 +42,7 @@ MEANING: dict[StatusBit, str] = {
     StatusBit.MORE_PATHS: "resolved as three paths or more",
     StatusBit.POOLED: "averaged over frames or neighbours: layer `effective_pixels` says over how many",
     StatusBit.DIFFUSE_MPI: "the MPI is a tail predicted from the scene's geometry; MPI layers are its phasor at the fundamental",
+    StatusBit.IMPOSSIBLE: "amplitudes beyond what the modulation can record, by more than noise; no answer",
 }
 
 

@@ -28,9 +28,16 @@ class Resolver:
     harmonics: tuple[int, ...]
 
     def __call__(
-        self, phasors: C, *, n_av: float = N_AV, samples: F | None = None, spoilt: B | None = None, hot: B | None = None
+        self,
+        phasors: C,
+        *,
+        n_av: float = N_AV,
+        samples: F | None = None,
+        spoilt: B | None = None,
+        hot: B | None = None,
+        first: int = 0,
     ) -> ResolvedPaths:
-        """Resolve phasors, of which `spoilt` have a saturated value and `hot` are hot."""
+        """Resolve phasors, of which `spoilt` have a saturated value, `hot` are hot, and `first` says where they lie."""
         status = np.zeros(phasors.shape[1], np.uint32)
         for pixels, bit in ((spoilt, StatusBit.SATURATED), (hot, StatusBit.HOT_PIXEL)):
             if pixels is not None:
@@ -40,6 +47,7 @@ class Resolver:
             status=status,
             settings=self.settings,
             noise=replace(noise_of(self.harmonics, n_av=n_av), samples=samples),
+            first=first,
         )
 
 
@@ -160,7 +168,7 @@ def test_inputs_are_not_changed_and_neighbours_do_not_matter(resolver: Resolver)
     together = resolver(phasors)
     np.testing.assert_array_equal(phasors, before)
     for size in (1, 5):
-        alone = [resolver(phasors[:, i : i + size]) for i in range(0, phasors.shape[1], size)]
+        alone = [resolver(phasors[:, i : i + size], first=i) for i in range(0, phasors.shape[1], size)]
         np.testing.assert_array_equal(together.status, np.concatenate([part.status for part in alone]))
         for index, path in enumerate(together.paths):
             for name in ("amplitude", "phase_rad", "sigma_rad"):
@@ -260,7 +268,7 @@ def test_bad_pixels_have_their_reason_and_leave_the_others_as_they_are(resolver:
         for values in (path.amplitude, path.phase_rad, path.sigma_rad):
             assert np.isnan(values[list(reasons)]).all()
     for index in set(range(given.shape[1])) - set(reasons):
-        alone = resolver(given[:, [index]], n_av=1e5)
+        alone = resolver(given[:, [index]], n_av=1e5, first=index)
         assert found.status[index] == alone.status[0]
         assert found.confidence[index] == alone.confidence[0]
         for one, other in zip(found.paths, alone.paths, strict=True):

@@ -40,9 +40,11 @@ class Likelihood:
         return chosen, most_likely(self.measured[chosen], found, noise=self.noise).fit()
 
 
-def solver(phasors: Complex, /, *, noise: NoiseModel, settings: ResolverSettings, response: None) -> Likelihood:
+def solver(
+    phasors: Complex, /, *, noise: NoiseModel, settings: ResolverSettings, response: None, first: int
+) -> Likelihood:
     """Return the solver for a block of phasors, complex128 (H, n)."""
-    del settings, response
+    del settings, response, first
     return Likelihood(phasors, noise)
 
 

@@ -25,6 +25,9 @@ START_COLUMNS = 32768
 START_SPREAD = 1.0
 """Standard deviation of the starts' real and imaginary parts around z = 1/2, the point that swapping the paths leaves."""
 
+DRAWN_PIXELS = 4096
+"""Neighbours in a frame whose starts are drawn together; fixed, so that starts never depend on blocks and processes."""
+
 
 @dataclass(frozen=True)
 class EliminatedPath:
@@ -81,17 +84,27 @@ class TwoShares:
     converged: Bool
 
 
-def random_starts(count: int, /, *, seed: int) -> Complex:
-    """Return the z that every pixel starts from: complex Gaussian around 1/2, the same for any pixel, frame and block."""
-    parts = np.random.default_rng(seed).normal(scale=START_SPREAD, size=(count, 2))
-    starts: Complex = 0.5 + parts[:, 0] + 1j * parts[:, 1]
+def random_starts(count: int, /, *, pixels: range, seed: int) -> Complex:
+    """Return the z that each pixel starts from, complex128 (count, n): complex Gaussian around 1/2.
+
+    They follow from the seed and the pixel's place in the frame alone, `pixels` being flat indices of neighbours: every block
+    and every process draws the same, and no pixel's luck is that of all others. More starts leave the first ones as they are.
+    """
+    drawn = [np.empty((count, 0), np.complex128)]
+    for part in range(pixels.start // DRAWN_PIXELS, -(-pixels.stop // DRAWN_PIXELS)):
+        generator = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(part,)))
+        parts = generator.normal(scale=START_SPREAD, size=(count, 2, DRAWN_PIXELS))
+        begin = part * DRAWN_PIXELS
+        here = slice(max(pixels.start - begin, 0), min(pixels.stop - begin, DRAWN_PIXELS))
+        drawn.append(0.5 + parts[:, 0, here] + 1j * parts[:, 1, here])
+    starts: Complex = np.concatenate(drawn, axis=1)
     return starts
 
 
 def two_shares(
     phasors: Complex, /, *, harmonics: tuple[int, ...], starts: Complex, solver: LevenbergMarquardt = SOLVER
 ) -> TwoShares:
-    """Solve Eq. (9) for every pixel of phasors, complex128 (N, n), from every start, and keep the best.
+    """Solve Eq. (9) for every pixel of phasors, complex128 (N, n), from each of its starts, (S, n), and keep the best.
 
     A pixel whose first phasor is 0 has no q_j: it gets NaN, and is not converged. The first start is tried alone,
     then the next two, then the others: a pixel that has met its equations to rounding error, which no start can better,
@@ -105,10 +118,10 @@ def two_shares(
     cost, converged = np.full(count, np.inf), np.zeros(count, np.bool_)
     for some in (starts[:1], starts[1:3], starts[3:]):
         open_: Index = np.flatnonzero((cost > solver.absolute) & (modulus > 0.0))
-        step = max(1, START_COLUMNS // max(1, some.size))
-        for begin in range(0, open_.size if some.size else 0, step):
+        step = max(1, START_COLUMNS // max(1, len(some)))
+        for begin in range(0, open_.size if len(some) else 0, step):
             pixels = open_[begin : begin + step]
-            found = _best_of(some, problem[pixels], solver)
+            found = _best_of(some[:, pixels], problem[pixels], solver)
             better = found.cost < cost[pixels]
             chosen = pixels[better]
             best[:, chosen], cost[chosen] = found.points[:, better], found.cost[better]
@@ -117,11 +130,11 @@ def two_shares(
 
 
 def _best_of(starts: Complex, problem: EliminatedPath, solver: LevenbergMarquardt) -> Minimum:
-    """Solve every pixel from every start at once, and return the best end of each; the earlier start where two are equal."""
-    pixels = problem.right[0][0].size
-    column = np.tile(np.arange(pixels), starts.size)
-    found = solver.solve(problem[column], np.repeat([starts.real, starts.imag], pixels, axis=1))
-    best = found.cost.reshape(starts.size, pixels).argmin(axis=0) * pixels + np.arange(pixels)
+    """Solve every pixel from its starts, (S, n), at once, and return the best end of each; the earlier start of equal ones."""
+    count, pixels = starts.shape
+    column = np.tile(np.arange(pixels), count)
+    found = solver.solve(problem[column], np.stack([starts.real.ravel(), starts.imag.ravel()]))
+    best = found.cost.reshape(count, pixels).argmin(axis=0) * pixels + np.arange(pixels)
     return found[best]
 
 

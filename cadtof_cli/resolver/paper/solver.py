@@ -14,8 +14,9 @@ from cadtof_cli.resolver.settings import ResolverSettings
 class PaperWay:
     """Eq. (9) as a solver."""
 
-    def __init__(self, phasors: Complex, noise: NoiseModel, starts: Complex, /) -> None:
-        self._likelihood, self._starts = Likelihood(phasors, noise), starts
+    def __init__(self, phasors: Complex, noise: NoiseModel, settings: ResolverSettings, first: int, /) -> None:
+        self._likelihood, self._settings = Likelihood(phasors, noise), settings
+        self._place = range(first, first + phasors.shape[1])
         self.modulus, self.powers = self._likelihood.modulus, self._likelihood.powers
 
     def fit(self, count: int, pixels: Bool, /, *, limit: Float | float | None) -> tuple[Index, Fit]:
@@ -24,12 +25,15 @@ class PaperWay:
             return self._likelihood.fit(count, pixels, limit=limit)
         chosen = np.flatnonzero(pixels)
         measured = self._likelihood.measured[chosen]
-        two = two_shares(measured.re + 1j * measured.im, harmonics=measured.harmonics, starts=self._starts)
+        starts = random_starts(self._settings.starts, pixels=self._place, seed=self._settings.seed)[:, chosen]
+        two = two_shares(measured.re + 1j * measured.im, harmonics=measured.harmonics, starts=starts)
         likely = fisher_fit(measured, two.paths, converged=two.converged, noise=self._likelihood.noise)
         return chosen, likely.fit()
 
 
-def solver(phasors: Complex, /, *, noise: NoiseModel, settings: ResolverSettings, response: None) -> PaperWay:
-    """Return the solver for a block of phasors, complex128 (H, n)."""
+def solver(
+    phasors: Complex, /, *, noise: NoiseModel, settings: ResolverSettings, response: None, first: int
+) -> PaperWay:
+    """Return the solver for a block of phasors, complex128 (H, n), whose first pixel has the flat index `first`."""
     del response
-    return PaperWay(phasors, noise, random_starts(settings.starts, seed=settings.seed))
+    return PaperWay(phasors, noise, settings, first)

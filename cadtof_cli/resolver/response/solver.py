@@ -67,7 +67,8 @@ class FullResponse:
 
 
 def solver(
-    phasors: Complex, /, *, noise: NoiseModel, settings: ResolverSettings, response: ResponseBlock
+    phasors: Complex, /, *, noise: NoiseModel, settings: ResolverSettings, response: ResponseBlock, first: int
 ) -> FullResponse:
     """Return the solver for a block of phasors, complex128 (2, n), of the same pixels as the response."""
+    del first
     return FullResponse(phasors, noise, response, settings)

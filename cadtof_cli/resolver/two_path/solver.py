@@ -62,9 +62,11 @@ class ClosedForm:
         return chosen, fit
 
 
-def solver(phasors: Complex, /, *, noise: NoiseModel, settings: ResolverSettings, response: None) -> ClosedForm:
+def solver(
+    phasors: Complex, /, *, noise: NoiseModel, settings: ResolverSettings, response: None, first: int
+) -> ClosedForm:
     """Return the solver for a block of phasors, complex128 (2, n)."""
-    del settings, response
+    del settings, response, first
     return ClosedForm(phasors, noise)
 
 

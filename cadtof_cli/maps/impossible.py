@@ -1,0 +1,44 @@
+"""Answers that no light gives: amplitudes beyond what the modulation can record."""
+
+import math
+
+import numpy as np
+
+from cadtof_cli.arrays import Float
+from cadtof_cli.files.maps import DepthMaps
+from cadtof_cli.maps.layers import CONFIDENCE
+from cadtof_cli.phasors.noise import NoiseModel
+from cadtof_cli.resolver.status import StatusBit
+
+SIGMAS = 5.0
+"""Noise that an amplitude may exceed the modulation by, in the sum of the harmonics' standard deviations in the dark: where all
+light is the laser's, the most that noise has done in 800,000 pixels of one or two paths, 100 ≤ n_av ≤ 1e5, is 0.9 of them."""
+
+UNKNOWN_SHARE = 0.01
+"""Share that a camera's modulation amplitude may be off by as it is stated, with a few digits."""
+
+_KEPT = np.uint32(StatusBit.CALIBRATED | StatusBit.POOLED)
+
+
+def clear_impossible(maps: DepthMaps, /, *, noise: NoiseModel, amplitude_v: float) -> None:
+    """Set `IMPOSSIBLE`, and NaN in every layer that follows from the phasors, where the paths hold more light than there can be.
+
+    The paths' amplitudes are shares of all light, so their sum is at most the modulation's amplitude, and so is the confidence.
+    Every pixel is looked at alone, in the values that are written, so that whatever resolved it decides the same.
+    """
+    volts = float(sum(math.sqrt(one.dark_variance) for one in noise.each)) * SIGMAS * amplitude_v
+    most: Float | float = (1.0 + UNKNOWN_SHARE) * amplitude_v
+    most = most + (volts if noise.samples is None else volts / np.sqrt(noise.samples))
+    amplitudes = [maps.layer(name).reshape(-1) for name in maps.names if name.endswith(".amplitude")]
+    confidence = maps.layer(CONFIDENCE).reshape(-1)
+    with np.errstate(invalid="ignore", over="ignore"):
+        largest = [float(np.fmax.reduce(values, initial=0.0)) for values in (*amplitudes, confidence)]
+        if max(sum(largest[:-1]), largest[-1]) <= np.min(most, initial=math.inf):
+            return
+        total = np.sum([np.nan_to_num(values, nan=0.0, posinf=np.inf) for values in amplitudes], axis=0)
+        impossible = (total > most) | (confidence > most)
+    for name in maps.names:
+        if name != "effective_pixels":
+            np.copyto(maps.layer(name).reshape(-1), np.nan, where=impossible)
+    status = maps.status.reshape(-1)
+    np.copyto(status, (status & _KEPT) | np.uint32(StatusBit.IMPOSSIBLE), where=impossible)

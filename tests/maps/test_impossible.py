@@ -1,0 +1,111 @@
+"""No light exceeds the modulation: what says otherwise has no answer, and what noise can do keeps it."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from cadtof_cli.capture.metadata import CaptureMetadata, Pixel, Pulse
+from cadtof_cli.files.maps import DepthMaps
+from cadtof_cli.frame_plan import FramePlan, MapSettings
+from cadtof_cli.phasors.frame_mean import FrameMean
+from cadtof_cli.pipeline import resolve_frame
+from cadtof_cli.resolver.settings import ResolverSettings
+from cadtof_cli.resolver.status import StatusBit
+from cadtof_cli.resolver.two_path.kernel import available_kernels
+from tests.support.mixtures import Mixture, recorded
+
+AMPLITUDE_V = 0.2746
+WIDTH = 40
+
+
+def voltages(
+    light: Mixture, *, harmonics: tuple[int, ...] = (1, 2), n_av: float = 1e5, rows: int = 5, seed: int = 0
+) -> NDArray[np.float64]:
+    """What a camera would record, (H, 2, Y, X) V."""
+    rng = np.random.default_rng(seed)
+    drawn = light.phasors(harmonics, n_av=n_av, size=rows * WIDTH, rng=rng)
+    drawn *= np.array([[light.pulse(h)] for h in harmonics])
+    return AMPLITUDE_V * np.stack((drawn.real, drawn.imag), axis=1).reshape(len(harmonics), 2, rows, WIDTH)
+
+
+def resolved(
+    stored: Any, *, metadata: CaptureMetadata | None = None, kernel: str | None = None, **options: Any
+) -> DepthMaps:
+    harmonics = tuple(range(1, 1 + len(getattr(stored, "stored", stored))))
+    plan = FramePlan(
+        metadata=metadata or recorded(harmonics, n_av=1e5), settings=MapSettings(resolver=ResolverSettings(**options))
+    )
+    return resolve_frame(stored, plan=plan, kernel=kernel).maps
+
+
+def assert_impossible(maps: DepthMaps) -> None:
+    assert (maps.status == StatusBit.IMPOSSIBLE).all()
+    assert np.isnan(maps.values).all()
+
+
+TWO = Mixture((1.0, 0.3), (5.0, 16.0))
+
+
+@pytest.mark.parametrize("options", [{}, {"order": "1"}, {"order": "2"}, {"solver": "lm"}, {"mpi_model": "discrete"}])
+@pytest.mark.parametrize("harmonics", [(1, 2), (1, 2, 3)])
+@pytest.mark.parametrize("factor", [10.0, 1e6])
+def test_voltages_beyond_the_modulation_have_no_answer(
+    factor: float, harmonics: tuple[int, ...], options: dict[str, Any]
+) -> None:
+    assert_impossible(resolved(factor * voltages(TWO, harmonics=harmonics), **options))
+
+
+def test_values_that_overflow_a_map_have_no_answer() -> None:
+    stored = np.full((2, 2, 3, WIDTH), 3e38, np.float32)
+    assert_impossible(resolved(stored))
+
+
+def test_a_pulse_longer_than_the_second_period_has_no_answer() -> None:
+    """It leaves 6e-7 of the second harmonic, and what was recorded there would be a million times the light."""
+    metadata = replace(CaptureMetadata(), pixel=Pixel(integration_length=1e5), pulse=Pulse(fwhm_ns=40.0))
+    assert_impossible(resolved(voltages(TWO), metadata=metadata))
+
+
+@pytest.mark.parametrize("kernel", available_kernels())
+def test_the_other_pixels_stay_as_they_are_whatever_resolves_them(kernel: str) -> None:
+    stored = voltages(TWO)
+    sound = resolved(stored, kernel=kernel, mpi_model="discrete")
+    spoilt = stored.copy()
+    spoilt[:, :, 1, 3:9] *= 20.0
+    maps = resolved(spoilt, kernel=kernel, mpi_model="discrete")
+    expected = np.zeros(maps.status.shape, np.bool_)
+    expected[1, 3:9] = True
+    np.testing.assert_array_equal(maps.status == StatusBit.IMPOSSIBLE, expected)
+    np.testing.assert_array_equal(maps.values[:, ~expected], sound.values[:, ~expected])
+    np.testing.assert_array_equal(maps.status[~expected], sound.status[~expected])
+
+
+@pytest.mark.parametrize("order", ["auto", "1", "2"])
+@pytest.mark.parametrize("n_av", [100.0, 1e3, 1e5])
+@pytest.mark.parametrize(
+    "light",
+    [
+        Mixture((1.0,), (5.0,), asr=0.0),
+        Mixture((1.0, 0.3), (5.0, 16.0), asr=0.0),
+        Mixture((1.0, 0.9), (5.0, 7.0), asr=0.0),
+        Mixture((1.0, 1.0), (5.0, 25.0), asr=0.0),
+    ],
+)
+def test_light_without_any_ambient_is_possible(light: Mixture, n_av: float, order: str) -> None:
+    metadata = recorded((1, 2), n_av=n_av)
+    maps = resolved(voltages(light, n_av=n_av, rows=50), metadata=metadata, order=order, mpi_model="discrete")
+    assert not (maps.status & StatusBit.IMPOSSIBLE).any()
+
+
+def test_means_may_exceed_the_modulation_by_less() -> None:
+    """5 % too much is what the noise of one short recording does, and not that of the mean of a thousand."""
+    stored = 1.05 * voltages(Mixture((1.0,), (5.0,), asr=0.0))
+    metadata = recorded((1, 2), n_av=1e3)
+    assert not (resolved(stored, metadata=metadata).status & StatusBit.IMPOSSIBLE).any()
+    samples = np.full(stored.shape[2:], 1000.0)
+    mean = resolved(FrameMean(stored, samples, stored.dtype, 1000), metadata=metadata)
+    assert (mean.status == StatusBit.IMPOSSIBLE | StatusBit.POOLED).all()
+    assert np.isnan(mean.layer("direct.depth")).all()
