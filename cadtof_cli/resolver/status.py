@@ -72,6 +72,7 @@ def why_no_answer(status: Status, /) -> str:
         StatusBit.HOT_PIXEL,
         StatusBit.LOW_CONFIDENCE,
         StatusBit.NOT_CONVERGED,
+        StatusBit.IMPOSSIBLE,
     )
     shares = {bit: float(np.mean((status & bit) != 0)) for bit in bits}
     found = [f"{share:.1%} {describe_status(int(bit))[0]}" for bit, share in shares.items() if share]
