@@ -13,9 +13,6 @@ from typing import Any
 
 from cadtof_cli.errors import MetadataError
 
-_SHORT = 2
-"""More names than that stand on a line each."""
-
 
 def read_toml(path: Path, /) -> dict[str, Any]:
     """Return the document in a TOML file.
@@ -49,7 +46,7 @@ def _value(value: Any) -> str:
     if isinstance(value, Mapping):
         return "{ " + ", ".join(f"{_value(name)} = {_value(one)}" for name, one in value.items()) + " }"
     if isinstance(value, list | tuple):
-        if len(value) > _SHORT and isinstance(value[0], str):
+        if value and isinstance(value[0], str):
             return "[\n" + "".join(f"    {_value(item)},\n" for item in value) + "]"
         return "[" + ", ".join(map(_value, value)) + "]"
     if isinstance(value, bool | str):

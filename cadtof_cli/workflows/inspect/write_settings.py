@@ -64,13 +64,18 @@ def _lines(facts: CaptureFacts) -> Iterator[str]:
 
 def _line(key: Key, value: Any, origin: str, seen: tuple[Any, str] | None) -> str:
     if origin != DEFAULT_ORIGIN:
-        return f"{toml_line(key.name, _written(key, value))}  # {key.about}"
+        return f"{_one_line(key.name, _written(key, value))}  # {key.about}"
     if seen is not None:
         sure, why = key.table == "layout", seen[1]
-        return f"{'' if sure else '# '}{toml_line(key.name, _written(key, seen[0]))}  # {key.about}; {why}"
+        return f"{'' if sure else '# '}{_one_line(key.name, _written(key, seen[0]))}  # {key.about}; {why}"
     if key.default is not None:
-        return f"# {toml_line(key.name, key.default)}  # {key.about}; the paper's value, taken if nothing is said"
-    return f"# {toml_line(key.name, _EXAMPLES[key.path])}  # {key.about}; an example"
+        return f"# {_one_line(key.name, key.default)}  # {key.about}; the paper's value, taken if nothing is said"
+    return f"# {_one_line(key.name, _EXAMPLES[key.path])}  # {key.about}; an example"
+
+
+def _one_line(name: str, value: Any) -> str:
+    """Return a key with its value as a line that may be commented out."""
+    return " ".join(toml_line(name, value).split()).replace("[ ", "[").replace(", ]", "]")
 
 
 def _written(key: Key, value: Any) -> Any:
