@@ -227,5 +227,6 @@ def _are_worth_splitting(plans: Sequence[CapturePlan], settings: ResolveSettings
     workers = settings.workers
     if workers.scheduler != LOCAL or sum(one.expected_maps(settings) for one in plans) >= workers.processes:
         return False
-    seconds = (one.plan.expected_seconds(math.prod(one.pixels or (0,))) for one in plans)
-    return max(seconds, default=0.0) > split_frames.WORTH_SPLITTING_S
+    pixels = [math.prod(one.pixels or (0,)) for one in plans]
+    seconds = (one.plan.expected_seconds(count) for one, count in zip(plans, pixels, strict=True))
+    return max(seconds, default=0.0) > split_frames.WORTH_SPLITTING_S and max(pixels) <= split_frames.MOST_PIXELS

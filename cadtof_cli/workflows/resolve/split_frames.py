@@ -16,6 +16,9 @@ from cadtof_cli.workflows.run_folder import FrameReport
 WORTH_SPLITTING_S = 0.5
 """Expected seconds per frame above which its parts are worth a process each: their pixels go there and back."""
 
+MOST_PIXELS = 2**22
+"""Pixels of a frame above which it is resolved by one process all the same: its parts would be in memory three times."""
+
 
 @dataclass(frozen=True)
 class FramePart:

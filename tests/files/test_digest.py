@@ -1,0 +1,35 @@
+"""Digests find what accidents do to files and values."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cadtof_cli.files.digest import content_digest, file_digest
+
+
+@pytest.mark.parametrize("size", [0, 1, 4095, 4096, 4097, 2**22, 2**22 + 5000, 9_000_001])
+def test_a_file_has_the_digest_of_its_bytes(size: int, tmp_path: Path) -> None:
+    content = np.random.default_rng(size).integers(0, 256, size, np.uint8)
+    path = tmp_path / "file"
+    path.write_bytes(content.tobytes())
+    assert file_digest(path) == content_digest(content)
+
+
+def test_every_change_of_one_byte_is_found() -> None:
+    content = np.random.default_rng(0).integers(0, 256, 20_000, np.uint8)
+    before = content_digest(content)
+    for place in range(0, content.size, 37):
+        content[place] ^= 1
+        assert content_digest(content) != before
+        content[place] ^= 1
+    assert content_digest(content) == before
+
+
+def test_order_shape_and_type_count() -> None:
+    values = np.random.default_rng(0).integers(0, 2**16, (4, 2048), np.uint16)
+    digests = {
+        content_digest(one)
+        for one in (values, values[::-1], values[:, ::-1], values.reshape(8, 1024), values.view(np.int16))
+    }
+    assert len(digests) == 5
