@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from cadtof_cli.commands.options import setting_option
+from cadtof_cli.commands.options import gathered, setting_option
 from cadtof_cli.commands.progress import progress_bar
 from cadtof_cli.workflows.inspect.export import ExportSettings, export_maps
 
@@ -19,31 +19,34 @@ from cadtof_cli.workflows.inspect.export import ExportSettings, export_maps
     metavar="OUT.ply|.pcd|.png|.npz|.csv",
     help="File to write. Several maps get a file each: the map's name goes behind that of OUT.",
 )
-@setting_option("--layer", ExportSettings, "layer", metavar="NAME", help="Depths that points and pictures are made of.")
-@setting_option(
-    "--depth", ExportSettings, "depth", help="What the depths are.  [default: as run.json says, else range]"
-)
-@setting_option(
-    "--focal-length-px",
+@gathered(
+    "settings",
     ExportSettings,
-    "focal_length_px",
-    metavar="F",
-    help="Focal length.  [default: as run.json says]",
-)
-@setting_option(
-    "--principal-point-px",
-    ExportSettings,
-    "principal_point_px",
-    metavar="X,Y",
-    help="Column and row of the optical axis.  [default: as run.json says, else the middle]",
+    setting_option(
+        "--layer", ExportSettings, "layer", metavar="NAME", help="Depths that points and pictures are made of."
+    ),
+    setting_option(
+        "--depth", ExportSettings, "depth", help="What the depths are.  [default: as run.json says, else range]"
+    ),
+    setting_option(
+        "--focal-length-px",
+        ExportSettings,
+        "focal_length_px",
+        metavar="F",
+        help="Focal length.  [default: as run.json says]",
+    ),
+    setting_option(
+        "--principal-point-px",
+        ExportSettings,
+        "principal_point_px",
+        metavar="X,Y",
+        help="Column and row of the optical axis.  [default: as run.json says, else the middle]",
+    ),
 )
 def export(
     maps: tuple[Path, ...],
     out: Path,
-    layer: str,
-    depth: str | None,
-    focal_length_px: float | None,
-    principal_point_px: list[float] | None,
+    settings: ExportSettings,
 ) -> None:
     """Write maps as other software reads them: point clouds, pictures of depths, arrays, tables.
 
@@ -54,12 +57,6 @@ def export(
     \b
     Example: cadtof export maps -o corner.ply
     """
-    settings = ExportSettings(
-        layer=layer,
-        depth=depth,
-        focal_length_px=focal_length_px,
-        principal_point_px=principal_point_px,
-    )
     with progress_bar("exporting", "maps", quiet=False) as bar:
         outputs = export_maps(maps, out, settings=settings, progress=bar)
     for output in outputs:

@@ -45,6 +45,9 @@ class ExportSettings:
     def __post_init__(self) -> None:
         if not self.layer.endswith(".depth"):
             raise SettingsError(f"--layer: found {self.layer!r}, expected a layer of depths such as direct.depth")
+        point = self.principal_point_px
+        if point is not None and len(point) != 2:
+            raise SettingsError(f"--principal-point-px: found {len(point)} numbers, expected a column and a row")
 
 
 @dataclass(frozen=True)
@@ -88,9 +91,10 @@ def _output(out: Path, run: Run, file: Path) -> Path:
 
 def _read(run: Run, file: Path, settings: ExportSettings) -> _Map:
     optics = run.optics(file)
+    focal, point = settings.focal_length_px, settings.principal_point_px
     merged = Optics(
-        focal_length_px=settings.focal_length_px or optics.focal_length_px,
-        principal_point_px=settings.principal_point_px or optics.principal_point_px,
+        focal_length_px=optics.focal_length_px if focal is None else focal,
+        principal_point_px=optics.principal_point_px if point is None else (point[0], point[1]),
     )
     return _Map(file, read_layers(file), settings.depth or run.depth_kind, merged)
 
