@@ -1,15 +1,19 @@
 """The `cadtof` command: finds subcommands, and turns errors into a message and an exit status."""
 
+import contextlib
 import importlib
+import io
 import os
 import signal
 import sys
+from collections.abc import Iterator
 from types import FrameType
-from typing import NoReturn
+from typing import Any, NoReturn
 
 import click
 
 from cadtof_cli import __version__
+from cadtof_cli.commands.terminal import open_closed_streams, tell
 from cadtof_cli.errors import CadtofError
 
 COMMANDS = {
@@ -26,12 +30,33 @@ COMMANDS = {
 """Subcommands in the order of `cadtof --help`, with what they do; each is a click command in `commands/<name>.py`."""
 
 INTERRUPTED = 130
-TERMINATED = 143
 BROKEN_PIPE = 141
+
+
+class ReaderGoneError(Exception):
+    """Whoever read what we write has gone away; click would make an exit status of its own of it."""
+
+
+@contextlib.contextmanager
+def _told_apart() -> Iterator[None]:
+    try:
+        yield
+    except BrokenPipeError as error:
+        raise ReaderGoneError from error
 
 
 class LazyGroup(click.Group):
     """A group that imports the module of a subcommand only when that is run."""
+
+    def make_context(self, *arguments: Any, **more: Any) -> click.Context:
+        """Read the command line, which may print help."""
+        with _told_apart():
+            return super().make_context(*arguments, **more)
+
+    def invoke(self, ctx: click.Context) -> Any:
+        """Run a subcommand."""
+        with _told_apart():
+            return super().invoke(ctx)
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         """Return the names of all subcommands."""
@@ -59,33 +84,56 @@ def cli(debug: bool) -> None:
 
 def main() -> NoReturn:
     """Run the command line and exit; no traceback reaches a user who did not ask for it."""
-    signal.signal(signal.SIGTERM, _terminate)
+    open_closed_streams()
+    for number in (signal.SIGTERM, signal.SIGHUP):
+        # nohup has SIGHUP ignored, and that is to stay
+        if signal.getsignal(number) is not signal.SIG_IGN:
+            signal.signal(number, _terminate)
     debug = "--debug" in sys.argv[1:2]
     try:
-        sys.exit(cli.main(prog_name="cadtof", standalone_mode=False) or 0)
-    except click.ClickException as error:
-        error.show()
-        sys.exit(error.exit_code)
+        status = cli.main(prog_name="cadtof", standalone_mode=False) or 0
+        sys.stdout.flush()
+        sys.exit(status)
     except (click.Abort, KeyboardInterrupt):
-        click.echo("interrupted", err=True)
+        tell("interrupted", err=True)
         sys.exit(INTERRUPTED)
-    except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    except (BrokenPipeError, ReaderGoneError):
+        # as a program ends that knows nothing of pipes
+        _forget_stdout()
         sys.exit(BROKEN_PIPE)
-    except CadtofError as error:
-        if debug:
-            raise
-        click.echo(f"Error: {error}", err=True)
-        sys.exit(error.exit_status)
     except Exception as error:
-        if debug:
+        if debug and not isinstance(error, click.ClickException):
             raise
-        click.echo(
-            f"Error: unexpected {type(error).__name__}: {error}\nRun `cadtof --debug …` and report it.", err=True
-        )
-        sys.exit(1)
+        message, status = _said(error)
+        tell(message, err=True)
+        _forget_stdout()
+        sys.exit(status)
 
 
-def _terminate(_signal: int, _frame: FrameType | None) -> NoReturn:
+def _said(error: Exception) -> tuple[str, int]:
+    """Return the message of an error, and the exit status."""
+    match error:
+        case click.ClickException():
+            text = io.StringIO()
+            error.show(text)
+            return text.getvalue().rstrip(), error.exit_code
+        case CadtofError():
+            return f"Error: {error}", error.exit_status
+        case MemoryError():
+            return "Error: not enough memory; try fewer --jobs, or smaller inputs", 1
+        case OSError():
+            return f"Error: {error.filename or 'standard output'}: {error.strerror or error}", 1
+        case _:
+            told = f"Error: unexpected {type(error).__name__}: {error}"
+            return f"{told}\nRun `cadtof --debug …` and report it.", 1
+
+
+def _forget_stdout() -> None:
+    """Let nothing be written any more that stdout could not take, as Python would try on its way out."""
+    with contextlib.suppress(OSError, ValueError):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+def _terminate(number: int, _frame: FrameType | None) -> NoReturn:
     """Leave by the same way as any other end, so that workers stop and no half-written file stays."""
-    sys.exit(TERMINATED)
+    sys.exit(128 + number)

@@ -29,6 +29,20 @@ class OutputError(CadtofError):
     """A place that cannot be written, or that holds files a run would replace."""
 
 
+class PlaceError(OutputError):
+    """A place that takes no more files, whichever: it is full, read-only, or gone."""
+
+
+class RunStoppedError(PlaceError):
+    """A run that ended before its last frame, as its place takes no more maps; what it had finished is there."""
+
+    exit_status = 1
+
+
+class WorkersError(CadtofError):
+    """Processes that cannot be started."""
+
+
 class ClusterError(CadtofError):
     """A cluster that cannot do what was asked, or is lost; what it has done is kept."""
 

@@ -171,6 +171,8 @@ def _is_folder(path: Path) -> bool:
         raise CaptureError(f"{path}: no such file or folder; expected a capture folder or a frame") from error
     except OSError as error:
         raise CaptureError(f"{path}: cannot be reached: {error.strerror}") from error
+    except ValueError as error:
+        raise CaptureError(f"{path}: no file can have this name ({error}); expected a path a line") from error
 
 
 def _is_image(name: str) -> bool:

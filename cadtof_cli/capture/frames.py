@@ -1,6 +1,6 @@
 """The frames of a capture, from files of whatever format: whole frames, stacks, or files of one plane each."""
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -55,14 +55,14 @@ def _joined_planes(source: FrameSource, layout: FrameLayout) -> LoneFrame:
     return LoneFrame(format_of(source.paths[0]).name, stored)
 
 
-def single_frames(capture: Capture, /) -> Iterator[FrameSource]:
-    """Yield every frame of a capture, a stack's one by one.
+def single_frames(capture: Capture, /, *, taken: Collection[str] = ()) -> Iterator[FrameSource]:
+    """Yield every frame of a capture, a stack's one by one, none under a name that is `taken` by another capture's.
 
     Opening each of thousands of files beforehand would cost as much as reading them, so a file of the very size of one that
     held a single frame is taken to hold one too (its reader checks). A file that cannot be opened is yielded as it is: it
     fails when its turn comes.
     """
-    layout, names = capture.layout, {source.name for source in capture.frames}
+    layout, names = capture.layout, taken or {source.name for source in capture.frames}
     size_of_one: int | None = None
     for source in capture.frames:
         size = _size(source)

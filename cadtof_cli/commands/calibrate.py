@@ -17,6 +17,7 @@ from cadtof_cli.commands.options import (
     settings_option,
 )
 from cadtof_cli.commands.progress import progress_bar
+from cadtof_cli.commands.terminal import tell
 from cadtof_cli.workflows.calibrate.captures import CalibrateReport, CalibrateSettings
 from cadtof_cli.workflows.calibrate.dark import calibrate_dark
 from cadtof_cli.workflows.calibrate.petzval import calibrate_petzval
@@ -134,13 +135,11 @@ def petzval(
 
 def _print(report: CalibrateReport, lines: Callable[[Mapping[str, Any]], list[str]], *, as_json: bool) -> None:
     if as_json:
-        click.echo(json.dumps(asdict(report)))
+        tell(json.dumps(asdict(report)))
         return
-    click.echo(
-        f"{report.part}: from {report.frames} frames, written to {', '.join(report.written)}, digest {report.digest}"
-    )
+    tell(f"{report.part}: from {report.frames} frames, written to {', '.join(report.written)}, digest {report.digest}")
     for line in (*lines(report.figures), *report.findings):
-        click.echo(f"  {line}")
+        tell(f"  {line}")
 
 
 def _dark_lines(figures: Mapping[str, Any]) -> list[str]:

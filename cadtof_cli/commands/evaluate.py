@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 
 from cadtof_cli.commands.progress import Bar
+from cadtof_cli.commands.terminal import tell
 
 
 @click.command()
@@ -25,12 +26,12 @@ def evaluate(maps: Path, truth: Path, as_json: bool) -> None:
 
     evaluation = evaluate_maps(maps, truth=truth, progress=Bar())
     if as_json:
-        click.echo(json.dumps(asdict(evaluation)))
+        tell(json.dumps(asdict(evaluation)))
         return
     titles = "".join(f"{title:>10}" for title in ("median", "90 %", "RMSE", "bias", "valid"))
-    click.echo(f"{'error, cm':14}{titles}   (median and 90 % of |error|; {evaluation.frames} frames)")
+    tell(f"{'error, cm':14}{titles}   (median and 90 % of |error|; {evaluation.frames} frames)")
     for title, errors in (("first phasor", evaluation.first_phasor), ("direct path", evaluation.direct)):
         if errors is not None:
             figures = (errors.median_cm, errors.p90_cm, errors.rmse_cm, errors.bias_cm)
             shown = "".join(f"{'–' if figure is None else f'{figure:.2f}':>10}" for figure in figures)
-            click.echo(f"{title:14}{shown}{errors.valid:>10.1%}")
+            tell(f"{title:14}{shown}{errors.valid:>10.1%}")

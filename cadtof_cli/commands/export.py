@@ -6,6 +6,7 @@ import click
 
 from cadtof_cli.commands.options import gathered, setting_option
 from cadtof_cli.commands.progress import progress_bar
+from cadtof_cli.commands.terminal import tell
 from cadtof_cli.workflows.inspect.export import ExportSettings, export_maps
 
 
@@ -60,4 +61,4 @@ def export(
     with progress_bar("exporting", "maps", quiet=False) as bar:
         outputs = export_maps(maps, out, settings=settings, progress=bar)
     for output in outputs:
-        click.echo(output)
+        tell(output)

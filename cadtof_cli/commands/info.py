@@ -13,10 +13,11 @@ from cadtof_cli.commands.options import (
     capture_options,
     gathered,
     input_paths,
-    setting_option,
+    jobs_option,
     settings_option,
 )
 from cadtof_cli.commands.progress import progress_bar
+from cadtof_cli.commands.terminal import tell
 from cadtof_cli.execution.workers import Workers
 
 
@@ -25,14 +26,7 @@ from cadtof_cli.execution.workers import Workers
 @gathered(
     "workers",
     Workers,
-    setting_option(
-        "-j --jobs",
-        Workers,
-        "jobs",
-        type=click.IntRange(1),
-        metavar="N",
-        help="Processes that read frames.  [default: all cores]",
-    ),
+    jobs_option("Processes that read frames"),
 )
 @settings_option()
 @click.option("--json", "as_json", is_flag=True, help="Print a JSON object for each input, a line each.")
@@ -61,12 +55,12 @@ def info(
     for facts in found:
         if as_json:
             kind = "capture" if isinstance(facts, CaptureFacts) else "maps"
-            click.echo(json.dumps({"kind": kind, **asdict(facts)}))
+            tell(json.dumps({"kind": kind, **asdict(facts)}))
         else:
-            click.echo("\n".join(_capture_lines(facts) if isinstance(facts, CaptureFacts) else _map_lines(facts)))
+            tell("\n".join(_capture_lines(facts) if isinstance(facts, CaptureFacts) else _map_lines(facts)))
     problems = [problem for facts in found for problem in facts.problems]
     for problem in problems:
-        click.echo(f"wrong: {problem}", err=True)
+        tell(f"wrong: {problem}", err=True)
     return 1 if problems else 0
 
 

@@ -13,6 +13,8 @@ import click
 
 from cadtof_cli.capture.metadata import KEYS, Key, Kind
 from cadtof_cli.commands.arrival import paths_as_they_arrive
+from cadtof_cli.commands.terminal import tell
+from cadtof_cli.execution.workers import JOBS_PER_CORE, Workers, available_cores
 
 if TYPE_CHECKING:
     ParamType = click.ParamType[Any]
@@ -101,6 +103,19 @@ def setting_option(
         "help": help,
     }
     return click.option(*names.split(), name, **(said | more))
+
+
+def jobs_option(help: str, /) -> Callable[[Function], Function]:
+    """Return the option `--jobs`, which says so where it asks for more processes than are ever started."""
+
+    def limited(ctx: click.Context, _param: click.Parameter, jobs: int) -> int:
+        most = JOBS_PER_CORE * available_cores()
+        if jobs > most and not ctx.params.get("quiet"):
+            tell(f"--jobs {jobs}: at most {most} processes are started, {JOBS_PER_CORE} per core", err=True)
+        return jobs
+
+    help = f"{help}, never more than {JOBS_PER_CORE} per core.  [default: all cores]"
+    return setting_option("-j --jobs", Workers, "jobs", metavar="N", callback=limited, help=help)
 
 
 def _type_of(hint: Any) -> ParamType:

@@ -5,6 +5,7 @@ from pathlib import Path
 import click
 
 from cadtof_cli.commands.progress import Bar
+from cadtof_cli.commands.terminal import tell
 
 
 @click.command()
@@ -21,4 +22,4 @@ def preview(maps: Path, out: Path, truth: Path | None) -> None:
     from cadtof_cli.workflows.inspect.preview import preview_maps
 
     preview_maps(maps, out=out, truth=truth, progress=Bar())
-    click.echo(out)
+    tell(out)

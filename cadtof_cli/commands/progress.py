@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-import click
+from cadtof_cli.commands.terminal import shown, tell
 
 if TYPE_CHECKING:
     from rich.progress import Progress as RichProgress
@@ -35,7 +35,7 @@ class Bar:
 
     def warn(self, message: str, /) -> None:
         """Show a line above the bar."""
-        click.echo(message, err=True)
+        tell(message, err=True)
 
 
 class DrawnBar(Bar):
@@ -58,7 +58,7 @@ class DrawnBar(Bar):
 
     def warn(self, message: str, /) -> None:
         """Show a line above the bar."""
-        self._progress.console.print(message, markup=False, highlight=False)
+        self._progress.console.print(shown(message), markup=False, highlight=False)
 
     def _draw(self) -> None:
         now = time.monotonic()

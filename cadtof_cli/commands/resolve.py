@@ -14,15 +14,17 @@ from cadtof_cli.commands.options import (
     arriving_paths,
     capture_options,
     gathered,
+    jobs_option,
     setting_option,
     settings_option,
 )
 from cadtof_cli.commands.progress import progress_bar
+from cadtof_cli.commands.terminal import tell
 from cadtof_cli.execution.workers import Workers
 from cadtof_cli.frame_plan import MapSettings
-from cadtof_cli.workflows.resolve.resolve import RunTotals, resolve_captures
+from cadtof_cli.workflows.resolve.resolve import resolve_captures
 from cadtof_cli.workflows.resolve.settings import FORMAT_CHOICES, ResolveSettings
-from cadtof_cli.workflows.run_folder import FrameReport
+from cadtof_cli.workflows.run_folder import FrameReport, RunTotals
 
 
 @click.command(cls=SectionedCommand)
@@ -48,12 +50,19 @@ from cadtof_cli.workflows.run_folder import FrameReport
 @gathered(
     "workers",
     Workers,
-    setting_option("-j --jobs", Workers, "jobs", metavar="N", help="Worker processes.  [default: all cores]"),
+    jobs_option("Worker processes"),
     setting_option(
         "--start-method",
         Workers,
         "start_method",
         help="How worker processes start.  [default: fork on Linux, else spawn]",
+    ),
+    setting_option(
+        "--frame-timeout",
+        Workers,
+        "task_timeout_s",
+        metavar="S",
+        help="Seconds after which a frame that hangs is given up; it is tried twice.",
     ),
     setting_option(
         "--scheduler",
@@ -73,7 +82,9 @@ from cadtof_cli.workflows.run_folder import FrameReport
 @click.option(
     "--json", "as_json", is_flag=True, help="Print a JSON line on stdout for every frame, as in frames.jsonl."
 )
-@click.option("-q", "--quiet", is_flag=True, help="No progress, notes or summary on stderr; errors only.")
+@click.option(
+    "-q", "--quiet", is_flag=True, is_eager=True, help="No progress, notes or summary on stderr; errors only."
+)
 @capture_options()
 def resolve(
     *,
@@ -115,9 +126,9 @@ def resolve(
     paths = arriving_paths(inputs, separator=b"\0" if null else b"\n")
     with progress_bar("resolving", "frames", quiet=quiet) as bar:
 
-        def tell(report: FrameReport) -> None:
+        def report_frame(report: FrameReport) -> None:
             if as_json:
-                click.echo(json.dumps(report.as_json()))
+                tell(json.dumps(report.as_json()))
             if report.status == "failed":
                 bar.warn(f"failed: {report.reason}")
 
@@ -127,10 +138,10 @@ def resolve(
             settings=settings,
             overrides=overrides,
             progress=bar,
-            on_frame=tell,
+            on_frame=report_frame,
         )
     if not quiet:
-        click.echo(_summary(totals, out), err=True)
+        tell(_summary(totals, out), err=True)
     return 1 if totals.failed else 0
 
 

@@ -24,6 +24,7 @@ from cadtof_cli.commands.simulation_options import (
     triple,
     workers_option,
 )
+from cadtof_cli.commands.terminal import tell
 from cadtof_cli.errors import SettingsError
 from cadtof_cli.execution.workers import Workers
 from cadtof_cli.files.atomic import require_absent
@@ -305,9 +306,9 @@ def _simulate_pixel(trials: Trials, out: Path | None, workers: Workers, *, quiet
     if out is not None:
         write_evolution(trials, outcome, out)
     if as_json:
-        click.echo(json.dumps(json_report(trials, outcome)))
+        tell(json.dumps(json_report(trials, outcome)))
     else:
-        click.echo("\n".join(_table(trials, outcome)))
+        tell("\n".join(_table(trials, outcome)))
 
 
 def _record_scene(name: str, settings: RecordSettings, out: Path, workers: Workers, *, quiet: bool) -> None:
@@ -315,7 +316,7 @@ def _record_scene(name: str, settings: RecordSettings, out: Path, workers: Worke
         report = record_scene(settings, out, workers=workers, progress=bar)
     near, far = report.depths_m
     if not quiet:
-        click.echo(
+        tell(
             f"{out}: {report.frames} frames of {name}, direct depth {near:.3f} to {far:.3f} m, "
             f"median MPI/direct {report.mpi_ratio:.3f}; truth in truth.exr",
             err=True,

@@ -7,7 +7,7 @@ import click
 from click.core import ParameterSource
 
 from cadtof_cli.capture.metadata import InvalidValueError, Modulation, Pulse
-from cadtof_cli.commands.options import NUMBERS, gathered, setting_option
+from cadtof_cli.commands.options import NUMBERS, gathered, jobs_option, setting_option
 from cadtof_cli.errors import SettingsError
 from cadtof_cli.execution.workers import Workers
 from cadtof_cli.resolver.settings import ORDERS, ResolverSettings
@@ -154,7 +154,7 @@ quiet_option = click.option("-q", "--quiet", is_flag=True, help="No progress bar
 workers_option = gathered(
     "workers",
     Workers,
-    setting_option("-j --jobs", Workers, "jobs", metavar="N", help="Worker processes.  [default: all cores]"),
+    jobs_option("Worker processes"),
 )
 
 

@@ -1,12 +1,13 @@
 """Worker processes that end with their parent, never answer Ctrl-C themselves, and keep the memory they have freed."""
 
-import multiprocessing
+import ctypes
+import gc
 import os
 import re
 import signal
+import sys
 import threading
 from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import cache
@@ -25,7 +26,12 @@ _SCHEDULER = re.compile(r"tcp://[^\s/:]+:\d+|tcp://\[[0-9a-fA-F:]+\]:\d+")
 
 KEPT_BYTES = 16 * 2**20
 
-_HELD_BACK = (signal.SIGINT, signal.SIGTERM)
+JOBS_PER_CORE = 4
+"""More processes than that a core are never started: each takes memory, and none makes the work faster."""
+
+_HELD_BACK = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+
+_PR_SET_PDEATHSIG = 1
 
 
 def available_cores() -> int:
@@ -43,24 +49,37 @@ class Workers:
     """What work is done by.
 
     Attributes:
-        jobs: processes; 1 is this one alone.
+        jobs: processes that are asked for; 1 is this one alone.
         start_method: how other processes start.
+        task_timeout_s: after how long a task's process is ended; None: it takes the time that it takes.
         scheduler: `local`, or the address of a dask scheduler whose workers do the work instead.
     """
 
     jobs: int = field(default_factory=available_cores)
     start_method: StartMethod = field(default_factory=default_start_method)
+    task_timeout_s: float | None = None
     scheduler: str = LOCAL
 
     def __post_init__(self) -> None:
         if self.jobs < 1:
             raise SettingsError(f"--jobs: found {self.jobs}, expected 1 or more")
+        if self.task_timeout_s is not None and not self.task_timeout_s > 0:
+            raise SettingsError(f"--frame-timeout: found {self.task_timeout_s:g}, expected seconds above 0")
         if self.scheduler != LOCAL and not _SCHEDULER.fullmatch(self.scheduler):
             raise SettingsError(f"--scheduler: found {self.scheduler!r}, expected local or tcp://HOST:PORT")
+        if self.scheduler != LOCAL and self.task_timeout_s is not None:
+            raise SettingsError(
+                "--frame-timeout holds for processes of this machine; leave out --scheduler, or the limit"
+            )
 
     def at_most(self, tasks: int, /) -> "Workers":
         """Return no more workers than there are tasks."""
         return replace(self, jobs=min(self.jobs, tasks))
+
+    @property
+    def processes(self) -> int:
+        """How many there are at most, whatever was asked for."""
+        return min(self.jobs, JOBS_PER_CORE * available_cores())
 
 
 ALONE = Workers(jobs=1)
@@ -68,29 +87,8 @@ ALONE = Workers(jobs=1)
 
 
 @contextmanager
-def worker_pool(workers: Workers, /) -> Iterator[ProcessPoolExecutor]:
-    """Yield a pool of processes; leaving by an exception abandons their work and ends them at once.
-
-    The workers hold one end of a pipe whose other end lives here: it closes then, and also when this process is killed,
-    so that no worker outlives it.
-    """
-    context = multiprocessing.get_context(workers.start_method)
-    listening, held = context.Pipe(duplex=False)
-    pool = ProcessPoolExecutor(workers.jobs, mp_context=context, initializer=_begin, initargs=(listening, held))
-    try:
-        yield pool
-    except BaseException:
-        held.close()
-        raise
-    finally:
-        pool.shutdown(wait=True, cancel_futures=True)
-        held.close()
-        listening.close()
-
-
-@contextmanager
 def signals_held_back() -> Iterator[None]:
-    """Put off Ctrl-C and SIGTERM while processes may start: until it has come to `_begin`, one would answer like its parent."""
+    """Put off what ends us while processes may start: until it has come to `begin_worker`, one would answer like its parent."""
     before = signal.pthread_sigmask(signal.SIG_BLOCK, _HELD_BACK)
     try:
         yield
@@ -98,13 +96,24 @@ def signals_held_back() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-def _begin(listening: Connection, held: Connection) -> None:
-    """Prepare a worker: Ctrl-C is the parent's to handle, SIGTERM ends it, and the parent's end is ours too."""
+def begin_worker(listening: Connection, held: Connection, /) -> None:
+    """Prepare a worker: Ctrl-C and a terminal that goes away are the parent's to handle; SIGTERM, and the parent's end, end it.
+
+    Args:
+        listening: the end of a pipe that gives way when the parent ends.
+        held: the parent's end of it, of which a forked worker has a copy.
+    """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGHUP, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, _HELD_BACK)
     held.close()
+    if sys.platform == "linux":
+        # even where it is stopped
+        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
     threading.Thread(target=_end_with_parent, args=(listening,), daemon=True).start()
+    # what was here before the fork stays shared with the parent: nobody writes marks into it
+    gc.freeze()
 
 
 def _end_with_parent(listening: Connection) -> None:

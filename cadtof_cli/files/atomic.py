@@ -1,17 +1,26 @@
 """Files and folders that appear whole or not at all: written under a temporary name, then renamed."""
 
+import errno
 import json
 import os
 import shutil
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
+from secrets import token_hex
 from typing import Any
-from uuid import uuid4
 
-from cadtof_cli.errors import OutputError
+from cadtof_cli.errors import OutputError, PlaceError
 
 PARTIAL_SUFFIX = ".partial"
+
+_OF_THE_PLACE = frozenset(
+    {
+        errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EIO, errno.ESTALE, errno.ENODEV,
+        errno.ENOENT, errno.ENOTDIR, errno.EACCES, errno.EPERM,
+    }
+)  # fmt: skip
+"""What keeps one file from being written, and the next as well."""
 
 FULL_BYTES = 2**20
 """A disk with less than this left is what kept a file from being written, where the writer does not say."""
@@ -21,35 +30,77 @@ FULL_BYTES = 2**20
 def whole_file(path: Path, /, *, token: str = "") -> Iterator[Path]:
     """Yield a temporary name beside `path`; what is written there replaces `path` on leaving, or is removed on an error.
 
+    The temporary file is there already, empty, made by us and by nobody before us; a symbolic link at `path` is replaced, not
+    followed. It is on the disk before it gets its name, and the name is before we return: whatever happens, there is a whole file
+    or none.
+
     Args:
         path: the file to be written.
         token: marks the temporary name, so that `remove_partial_files` finds what a killed writer left.
 
     Raises:
-        OutputError: the file cannot be written or renamed.
+        OutputError: the file cannot be written or renamed; PlaceError: nor could another.
     """
-    temporary = path.with_name(f".{path.name}.{token or os.getpid()}{PARTIAL_SUFFIX}")
+    temporary = path.with_name(_temporary_name(path.name, token))
+    descriptor = -1
     try:
+        descriptor = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666)
         yield temporary
+        written = os.fstat(descriptor)
+        if not written.st_size or not os.path.samestat(written, temporary.lstat()):
+            raise OSError("nothing was written")
+        os.fsync(descriptor)
         temporary.replace(path)
+        sync_folder(path.parent)
     except OSError as error:
-        raise OutputError(
-            f"{path}: cannot be written: {error.strerror or _without_code(error, path.parent)}"
-        ) from error
+        raise write_error(path, error) from error
     finally:
-        temporary.unlink(missing_ok=True)
+        if descriptor >= 0:
+            os.close(descriptor)
+        with suppress(OSError):
+            temporary.unlink()
 
 
-def _without_code(error: OSError, folder: Path) -> str:
-    """Return what an error without a system's message means: numpy and OpenEXR say how much they could not write."""
-    full = folder.is_dir() and shutil.disk_usage(folder).free < FULL_BYTES
-    return "No space left on device" if full else str(error)
+def _temporary_name(name: str, token: str) -> str:
+    # only the beginning of a name, which may have all the length that names can have
+    return f".{name[:40]}.{token_hex(8)}.{token or os.getpid()}{PARTIAL_SUFFIX}"
+
+
+def sync_folder(folder: Path, /) -> None:
+    """Have the names in a folder on the disk, where its file system can do so.
+
+    Raises:
+        OSError: the folder is gone, or the disk fails.
+    """
+    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+    try:
+        os.fsync(descriptor)
+    except OSError as error:
+        if error.errno not in {errno.EINVAL, errno.ENOTSUP}:
+            raise
+    finally:
+        os.close(descriptor)
+
+
+def write_error(path: Path, error: OSError, /) -> OutputError:
+    """Return what a system's error in writing a file means for a user: whether the file is at fault, or its place.
+
+    numpy and OpenEXR do not hand on the system's code, only how much they could not write.
+    """
+    try:
+        full = error.errno is None and shutil.disk_usage(path.parent).free < FULL_BYTES
+    except OSError:
+        full = False
+    told = "No space left on device" if full else error.strerror or str(error)
+    kind = PlaceError if full or error.errno in _OF_THE_PLACE else OutputError
+    return kind(f"{path}: cannot be written: {told}")
 
 
 def remove_partial_files(folder: Path, /, *, token: str) -> None:
-    """Remove the half-written files that killed writers with this token left in a folder, or below it."""
-    for leftover in folder.rglob(f".*.{token}{PARTIAL_SUFFIX}"):
-        leftover.unlink(missing_ok=True)
+    """Remove the half-written files that killed writers with this token left in a folder, or below it; `*`: with any."""
+    with suppress(OSError):
+        for leftover in folder.rglob(f".*.{token}{PARTIAL_SUFFIX}"):
+            leftover.unlink(missing_ok=True)
 
 
 def write_json(path: Path, document: Mapping[str, Any], /) -> None:
@@ -64,10 +115,10 @@ def make_folder(path: Path, /) -> None:
     Raises:
         OutputError: it is a file, or cannot be made or written into.
     """
-    probe = path / f".cadtof.{os.getpid()}{PARTIAL_SUFFIX}"
+    probe = path / _temporary_name("cadtof", "")
     try:
         path.mkdir(parents=True, exist_ok=True)
-        probe.touch()
+        os.close(os.open(probe, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC))
         probe.unlink()
     except OSError as error:
         raise OutputError(f"{path}: expected a folder that can be written into: {error.strerror}") from error
@@ -104,7 +155,7 @@ def new_folder(path: Path, /) -> Iterator[Path]:
     require_absent(path)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        partial = path.with_name(f".{path.name}.{uuid4().hex}{PARTIAL_SUFFIX}")
+        partial = path.with_name(f".{path.name}.{token_hex(16)}{PARTIAL_SUFFIX}")
         partial.mkdir()
     except OSError as error:
         raise OutputError(f"{path}: cannot be created: {error.strerror}; choose another OUT") from error

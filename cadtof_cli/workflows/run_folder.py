@@ -1,12 +1,8 @@
-"""The folder of a run, written and read here alone: a map file per frame, `run.json`, and `frames.jsonl`, a line per frame."""
+"""The folder of a run: a map file per frame, `run.json`, and `frames.jsonl`, a line per frame. Written by `resolve/record.py`."""
 
 import json
-import os
-import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
-from io import FileIO
 from pathlib import Path
 from typing import Any, Literal
 
@@ -16,20 +12,12 @@ from cadtof_cli.capture.frames import single_frames
 from cadtof_cli.capture.metadata import Optics
 from cadtof_cli.capture.toml import FILE_NAME as CAPTURE_FILE
 from cadtof_cli.capture.tree import WRITTEN_BY_US
-from cadtof_cli.errors import CadtofError, CaptureError, OutputError, SettingsError
-from cadtof_cli.files.atomic import make_folder, remove_partial_files, write_json
-from cadtof_cli.files.formats import MAP_FORMATS, MAP_SUFFIXES
+from cadtof_cli.errors import CadtofError, CaptureError, SettingsError
+from cadtof_cli.files.formats import MAP_SUFFIXES
 from cadtof_cli.frame_plan import DepthKind
 
 RUN_FILE = "run.json"
 FRAMES_FILE = "frames.jsonl"
-
-_PLACE_IN_STACK = re.compile(r"_\d{4,}$")
-
-CHANGES_NO_MAP = frozenset(
-    {"overwrite", "resume", "inputs", "absolute_inputs", "out", "overrides", "recursive", "settings", "frames"}
-)
-"""Arguments that may differ between a run and its resumption; what `overrides` decides is in the metadata."""
 
 FrameStatus = Literal["ok", "failed", "skipped"]
 
@@ -38,8 +26,33 @@ RecordedFrames = Mapping[str, tuple[Capture, FrameSource]]
 
 
 @dataclass(frozen=True)
+class SourceFile:
+    """A file that a frame was read from, as it was then."""
+
+    name: str
+    bytes: int
+    mtime_ns: int
+
+
+@dataclass(frozen=True)
 class FrameReport:
-    """A line of `frames.jsonl`; the fields are its keys, `more_paths` only where pixels may have more than two."""
+    """A line of `frames.jsonl`; the fields are its keys, `more_paths` only where pixels may have more than two.
+
+    Attributes:
+        source: where the frame lies.
+        output: its maps; None where there are none.
+        status: what has become of it.
+        reason: why, or what there is to know besides.
+        seconds: that it took.
+        one_path, two_paths, more_paths, invalid: pixels.
+        files: that it was read from; None where one of them is missing.
+        digest: of the values that were read, see `files/digest.py`.
+        output_bytes: size of its maps' file.
+        output_digest: digest of that file's bytes.
+        line: the frame's line, where that is not this report: of maps that an earlier run made and this one kept.
+        note: what the user should know, and the record should not.
+        stops: whether the next frame could not be written either.
+    """
 
     source: str
     output: str | None
@@ -51,13 +64,59 @@ class FrameReport:
     more_paths: int | None = None
     diffuse: int | None = None
     invalid: int | None = None
+    files: tuple[SourceFile, ...] | None = None
+    digest: str | None = None
+    output_bytes: int | None = None
+    output_digest: str | None = None
+    line: "FrameReport | None" = None
+    note: str | None = None
+    stops: bool = False
 
     def as_json(self) -> dict[str, Any]:
         """Return the line as a JSON object."""
         line = asdict(self)
-        if self.more_paths is None:
-            del line["more_paths"]
+        for name in _UNTOLD if self.more_paths is not None else (*_UNTOLD, "more_paths"):
+            del line[name]
         return line
+
+
+_UNTOLD = ("line", "note", "stops")
+
+
+def report_of(line: bytes, /) -> FrameReport | None:
+    """Return the report that a line of `frames.jsonl` holds; None where it holds none."""
+    try:
+        values = json.loads(line)
+        files = values.get("files")
+        known = None if files is None else tuple(SourceFile(**one) for one in files)
+        return FrameReport(**{**values, "files": known})
+    except (ValueError, TypeError, AttributeError):
+        return None
+
+
+@dataclass
+class RunTotals:
+    """What has become of the frames so far; `diffuse_frames` are those whose MPI was taken for diffuse."""
+
+    frames: int = 0
+    ok: int = 0
+    failed: int = 0
+    skipped: int = 0
+    one_path: int = 0
+    two_paths: int = 0
+    more_paths: int = 0
+    diffuse: int = 0
+    diffuse_frames: int = 0
+    invalid: int = 0
+    seconds: float = 0.0
+
+    def add(self, report: FrameReport) -> None:
+        """Count one more frame."""
+        self.frames += 1
+        setattr(self, report.status, getattr(self, report.status) + 1)
+        for name in ("one_path", "two_paths", "more_paths", "diffuse", "invalid"):
+            setattr(self, name, getattr(self, name) + (getattr(report, name) or 0))
+        self.diffuse_frames += bool(report.diffuse)
 
 
 @dataclass(frozen=True)
@@ -132,7 +191,7 @@ class Run:
             )
             captures = placed_below(captures, base_of(inputs, captures))
             return {source.name: (capture, source) for capture in captures for source in single_frames(capture)}
-        except (CadtofError, KeyError) as error:
+        except (CadtofError, LookupError, TypeError, ValueError, AttributeError) as error:
             say(f"the recorded frames are not where they were, so the first phasor is not evaluated: {error}")
             return {}
 
@@ -175,155 +234,7 @@ def read_record(folder: Path, /) -> dict[str, Any]:
     Raises:
         OSError, ValueError, TypeError: there is none, or it is no JSON object.
     """
-    return dict(json.loads((folder / RUN_FILE).read_text(encoding="utf-8")))
-
-
-def prepare_output(captures: Sequence[Capture], out: Path, /, *, overwrite: bool, resume: bool) -> None:
-    """Make the output folder, and make sure that a run loses nothing in it.
-
-    Raises:
-        OutputError: it cannot be written into; it is a capture's own folder; two frames would be written to one file; or
-            it holds files of a run, and neither `overwrite` nor `resume` is set.
-    """
-    if (out / CAPTURE_FILE).exists() or out.resolve() in {capture.root.resolve() for capture in captures}:
-        raise OutputError(f"{out}: the maps would be written among recorded frames; choose another folder with -o")
-    named: dict[str, Path] = {}
-    for frame in (frame for capture in captures for frame in capture.frames):
-        path = frame.paths[0]
-        other = named.setdefault(frame.name, path)
-        if other == path and other is not path:
-            raise OutputError(f"{path} is among the inputs twice; give each frame once")
-        if other != path:
-            raise OutputError(
-                f"{other} and {path} would both be written as {out}/{frame.name}; "
-                "resolve them into folders of their own, one command each"
-            )
-    make_folder(out)
-    if overwrite or resume:
-        remove_partial_files(out, token="*")
-    else:
-        _require_nothing_replaced(out, named)
-
-
-def _require_nothing_replaced(out: Path, named: Mapping[str, Path]) -> None:
-    def would_be(path: str) -> bool:
-        stem, _, suffix = path.rpartition(".")
-        return suffix in MAP_FORMATS and (stem in named or _PLACE_IN_STACK.sub("", stem) in named)
-
-    folders = {(out / name).parent for name in named} | {out}
-    present = (path for folder in folders if folder.is_dir() for path in folder.iterdir())
-    names = (path.relative_to(out).as_posix() for path in present)
-    there = sorted(name for name in names if name in {RUN_FILE, FRAMES_FILE} or would_be(name))
-    if there:
-        more = f" and {len(there) - 3} more" if len(there) > 3 else ""
-        raise OutputError(
-            f"{out}: {', '.join(there[:3])}{more} would be replaced; add --overwrite to replace, --resume to go on where a run "
-            "stopped, or choose another folder with -o"
-        )
-
-
-@dataclass(frozen=True)
-class RunRecorder:
-    """Keeps the record of a run while it goes on: whatever ends it, what was finished is on disk.
-
-    Attributes:
-        out: folder of the run.
-        document: what `run.json` says.
-        lines: `frames.jsonl`, open.
-        resolved_before: sources of frames that `frames.jsonl` of an earlier run calls resolved.
-    """
-
-    out: Path
-    document: Mapping[str, Any]
-    lines: FileIO
-    resolved_before: frozenset[str]
-
-    def add(self, report: FrameReport) -> None:
-        """Append a frame's line, and hand it to the system at once; a frame that an earlier run resolved has its line."""
-        if report.status == "skipped" and report.source in self.resolved_before:
-            return
-        with _reported(self.out / FRAMES_FILE):
-            line = json.dumps(report.as_json()).encode() + b"\n"
-            while line:
-                line = line[self.lines.write(line) :]
-
-    def finish(self, totals: Mapping[str, Any]) -> None:
-        """Complete `run.json`."""
-        write_json(self.out / RUN_FILE, {**self.document, "finished": True, "totals": dict(totals)})
-
-
-@contextmanager
-def recorded_run(out: Path, document: Mapping[str, Any], /, *, resume: bool) -> Iterator[RunRecorder]:
-    """Write a run's `run.json`, and hold its `frames.jsonl` open for the reports on its frames.
-
-    Raises:
-        OutputError: one of them cannot be written; or the run to be resumed is none.
-    """
-    write_json(out / RUN_FILE, document)
-    path = out / FRAMES_FILE
-    with _reported(path):
-        resolved_before = _whole_lines(path) if resume else frozenset()
-        # without a buffer, so that nothing is left to be written, and to fail, on closing
-        lines = path.open("ab" if resume else "wb", buffering=0)
-    with lines:
-        try:
-            yield RunRecorder(out, document, lines, resolved_before)
-        except BaseException:
-            # what arrived while the run went on is recorded too
-            write_json(out / RUN_FILE, document)
-            raise
-
-
-def require_same_maps(out: Path, document: Mapping[str, Any], /) -> None:
-    """Make sure that the run whose record lies in the folder, if there is one, would make the same maps.
-
-    Raises:
-        OutputError: its options, metadata or calibration were others, or what lies there is no record of a run.
-    """
-    path = out / RUN_FILE
-    if not path.exists():
-        return
-    try:
-        before = _what_decides_maps(read_record(out))
-    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
-        raise OutputError(f"{path}: not the record of a run, so it cannot be resumed ({error})") from error
-    now = _what_decides_maps(json.loads(json.dumps(document, default=str)))
-    for name, value in now.items():
-        if name in before and before[name] != value:
-            raise OutputError(
-                f"{path}: cannot resume: {name} was {before[name]!r} and is {value!r} now; "
-                "give the same options, or --overwrite"
-            )
-
-
-def _what_decides_maps(document: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the arguments and the metadata that decide what the maps of a run are, by the names they have for a user."""
-    deciding = {name: value for name, value in document["arguments"].items() if name not in CHANGES_NO_MAP}
-    deciding["digest of the calibration"] = (document["calibration"] or {}).get("digest")
-    for capture in document["captures"]:
-        for table, keys in capture["metadata"].items():
-            deciding |= {f"{capture['root']}: {table}.{key}": value for key, value in keys.items()}
-    return deciding
-
-
-def _whole_lines(path: Path) -> frozenset[str]:
-    """Return the sources that `frames.jsonl` calls resolved; what a full disk or a kill left of a last line is cut off."""
-    if not path.exists():
-        return frozenset()
-    content = path.read_bytes()
-    whole = content[: content.rfind(b"\n") + 1]
-    if len(whole) < len(content):
-        os.truncate(path, len(whole))
-    try:
-        reports = [json.loads(line) for line in whole.splitlines()]
-        return frozenset(report["source"] for report in reports if report["status"] == "ok")
-    except (ValueError, KeyError, TypeError) as error:
-        raise OutputError(f"{path}: not the record of a run, so it cannot be resumed ({error})") from error
-
-
-@contextmanager
-def _reported(path: Path) -> Iterator[None]:
-    try:
-        yield
-    except OSError as error:
-        raise OutputError(f"{path}: cannot be written: {error.strerror or error}") from error
+    path = folder / RUN_FILE
+    if not path.is_file():
+        raise OSError(f"{path}: no such file")
+    return dict(json.loads(path.read_text(encoding="utf-8")))

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from cadtof_cli.execution.workers import available_cores
 from tests.support.captures import TOML, write_frame
 from tests.support.forward import step_frame
 from tests.support.run_cadtof import ENVIRONMENT, program
@@ -132,7 +133,10 @@ def _ended(run: Run) -> tuple[int, str]:
 
 @pytest.mark.parametrize("jobs", [1, 2])
 @pytest.mark.parametrize("send", [_to_all, _to_parent])
-@pytest.mark.parametrize(("number", "status", "told"), [(signal.SIGINT, 130, "interrupted"), (signal.SIGTERM, 143, "")])
+@pytest.mark.parametrize(
+    ("number", "status", "told"),
+    [(signal.SIGINT, 130, "interrupted"), (signal.SIGTERM, 143, ""), (signal.SIGHUP, 129, "")],
+)
 def test_a_run_that_is_stopped(
     number: signal.Signals, status: int, told: str, send: Callable[[Run, signal.Signals], None], jobs: int,
     capture: Path, map_bytes: bytes, tmp_path: Path,
@@ -184,6 +188,92 @@ def test_a_run_that_loses_a_worker_loses_no_frame(
     assert [report["source"] for report in reports] == [str(capture / f"frame_{i:04}.tif") for i in range(FRAMES)]
     assert {report["status"] for report in reports} == {"ok"}
     assert _sound(out, map_bytes) == FRAMES
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP, signal.SIGINT])
+def test_a_stopped_worker_keeps_nobody_waiting(number: signal.Signals, capture: Path, tmp_path: Path) -> None:
+    with _running("resolve", capture, "-o", tmp_path / "out", "-j", 2) as run:
+        workers = run.workers
+        for worker in workers:
+            os.kill(worker, signal.SIGSTOP)
+        began = time.monotonic()
+        run.process.send_signal(number)
+        assert _ended(run)[0] == 128 + number
+        assert time.monotonic() - began < 5
+        assert _nobody_left(workers, 0)
+
+
+def test_a_stopped_worker_ends_with_its_parent(capture: Path, tmp_path: Path) -> None:
+    with _running("resolve", capture, "-o", tmp_path / "out", "-j", 2) as run:
+        workers = run.workers
+        for worker in workers:
+            os.kill(worker, signal.SIGSTOP)
+        run.process.kill()
+        assert _nobody_left(workers, 10)
+
+
+def test_a_worker_that_hangs_costs_no_frame(capture: Path, map_bytes: bytes, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    with _running("resolve", capture, "-o", out, "-j", 2, "--frame-timeout", 2) as run:
+        os.kill(run.workers[0], signal.SIGSTOP)
+        status, told, reports = run.ended()
+    assert (status, told) == (0, "")
+    assert {report["status"] for report in reports} == {"ok"}
+    assert _sound(out, map_bytes) == FRAMES
+
+
+def test_nohup_is_respected(capture: Path, map_bytes: bytes, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    with _running("-c", _UNHANGABLE, *_PROGRAM, "resolve", capture, "-o", out, "-j", 2, command=_PYTHON) as run:
+        run.process.send_signal(signal.SIGHUP)
+        assert run.ended()[0] == 0
+    assert _sound(out, map_bytes) == FRAMES
+
+
+_PYTHON = (sys.executable,)
+
+_UNHANGABLE = """
+import os, signal, sys
+signal.signal(signal.SIGHUP, signal.SIG_IGN)
+os.execv(sys.argv[1], sys.argv[1:])
+"""
+
+_HANGING = """
+import time
+from cadtof_cli.cli import main
+from cadtof_cli.workflows.resolve import frame_task
+write = frame_task.write_maps
+def hanging(path, *arguments, **options):
+    if path.name == "frame_0007.tif":
+        time.sleep(1000)
+    write(path, *arguments, **options)
+frame_task.write_maps = hanging
+main()
+"""
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_a_frame_that_hangs_fails_alone(jobs: int, capture: Path, map_bytes: bytes, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    inputs = [capture / f"frame_{index:04}.tif" for index in range(10)]
+    limit = ("--frame-timeout", 1.5)
+    with _running("resolve", *inputs, "-o", out, "-j", jobs, *limit, command=(sys.executable, "-c", _HANGING)) as run:
+        status, told, reports = run.ended()
+    assert status == 1
+    assert [report["status"] for report in reports] == ["failed" if index == 7 else "ok" for index in range(10)]
+    assert reports[7]["reason"].startswith("not done in the 1.5 s of --frame-timeout, twice")
+    assert reports[7]["reason"] in told
+    assert _sound(out, map_bytes) == 9
+
+
+@pytest.mark.parametrize("jobs", [1000, 1_000_000_000])
+def test_more_jobs_than_are_any_good(jobs: int, capture: Path, tmp_path: Path) -> None:
+    done = program("resolve", capture / "frame_0000.tif", "-o", tmp_path / "out", "-j", jobs)
+    assert done.status == 0
+    assert f"--jobs {jobs}: at most {4 * available_cores()} processes are started, 4 per core" in done.err
+    with _running("resolve", capture, "-o", tmp_path / "all", "-j", jobs) as run:
+        assert len(run.workers) <= 4 * available_cores()
+        assert run.ended()[0] == 0
 
 
 _DEADLY = """

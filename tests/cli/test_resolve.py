@@ -30,7 +30,10 @@ LAYERS = [
     *("confidence", "status"),
 ]
 ONE_PATH, TWO_PATHS = 8, 16
-LINE_KEYS = ["source", "output", "status", "reason", "seconds", "one_path", "two_paths", "diffuse", "invalid"]
+LINE_KEYS = [
+    *("source", "output", "status", "reason", "seconds", "one_path", "two_paths", "diffuse", "invalid"),
+    *("files", "digest", "output_bytes", "output_digest"),
+]
 PULSE_RESPONSE = np.exp(-((2 * np.pi * 1.7 / 2.354820045 / 40.0) ** 2) / 2)
 LEFT, RIGHT = np.s_[:, :16], np.s_[:, 16:]
 """Of `step_frame`: one path at 5 ns, and 12 ns with MPI of 0.3 at 20 ns."""

@@ -69,9 +69,9 @@ def inspect_pixel(
         CadtofError: the frame cannot be read or resolved, or has no such pixel.
     """
     task, source = _task(frame, place, settings, overrides, progress)
-    stored, left_out = read_frame(task)
-    if left_out:
-        progress.say(left_out)
+    stored, recording = read_frame(task)
+    if recording.left_out:
+        progress.say(recording.left_out)
     calibration, plan = task.calibration(), task.plan
     pixels = prepare_frame(stored, plan=plan, calibration=calibration)
     height, width = pixels.size
@@ -115,7 +115,7 @@ def _task(
     for note in (*plan.notes(), *(calibration.notes if calibration else ())):
         progress.say(note)
     average = settings.maps.average
-    sources = tuple(itertools.islice(plan.frames(settings), place * average, (place + 1) * average))
+    sources = tuple(itertools.islice(plan.frames(settings, taken=()), place * average, (place + 1) * average))
     if not sources:
         raise SettingsError(f"--frame: found {place}, expected a map that a run on {frame} would write, from 0")
     return FrameTask(sources, plan.capture.layout, plan.plan, plan.pixels, settings.out), str(sources[0])

@@ -35,6 +35,13 @@ def preview_maps(maps: Path, /, *, out: Path, truth: Path | None, progress: Prog
         found = run.recorded_frames(progress.say).get(run.name(path))
     first_phasor = None if found is None else first_phasor_depth(*found)
     mpi, confidence, sigma = (layers[name].astype(np.float64) for name in (MPI_DEPTH, CONFIDENCE, DIRECT_SIGMA))
-    picture = MapPicture(f"{path.parent.name}/{path.name}", direct, mpi, confidence, sigma, known, first_phasor)
+    picture = MapPicture(
+        _readable(f"{path.parent.name}/{path.name}"), direct, mpi, confidence, sigma, known, first_phasor
+    )
     with whole_file(out) as temporary:
         draw_maps(picture, temporary)
+
+
+def _readable(name: str) -> str:
+    """Return a file's name in characters that can be drawn, whatever its bytes."""
+    return name.encode(errors="backslashreplace").decode()

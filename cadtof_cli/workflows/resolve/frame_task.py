@@ -2,7 +2,8 @@
 
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from hashlib import blake2b
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -10,15 +11,16 @@ from cadtof_cli.arrays import Stored
 from cadtof_cli.calibration.store import Calibration, cached_calibration
 from cadtof_cli.capture.frame_sources import FrameSource
 from cadtof_cli.capture.frames import open_frames
-from cadtof_cli.errors import CadtofError, FrameError
+from cadtof_cli.errors import CadtofError, FrameError, PlaceError
 from cadtof_cli.execution.workers import keep_freed_memory
+from cadtof_cli.files.digest import content_digest, file_digest
 from cadtof_cli.files.frames import FrameLayout, NotAFrameError
 from cadtof_cli.files.maps import write_maps
 from cadtof_cli.frame_plan import FramePlan
 from cadtof_cli.phasors.frame_mean import FrameMean, frame_mean
 from cadtof_cli.pipeline import ResolvedFrame, resolve_frame
 from cadtof_cli.resolver.status import count_status
-from cadtof_cli.workflows.run_folder import FrameReport, FrameStatus
+from cadtof_cli.workflows.run_folder import FrameReport, FrameStatus, SourceFile
 
 Result = TypeVar("Result")
 
@@ -27,7 +29,8 @@ Result = TypeVar("Result")
 class FrameTask:
     """A frame to resolve, or several whose mean is.
 
-    `pixels` is the (Y, X) that the capture's frames have; `token` marks temporary files.
+    `pixels` is the (Y, X) that the capture's frames have; `resume` whether maps that are there may be kept, and `before` what an
+    earlier run recorded of them; `token` marks temporary files.
     """
 
     sources: tuple[FrameSource, ...]
@@ -35,7 +38,8 @@ class FrameTask:
     plan: FramePlan
     pixels: tuple[int, int] | None
     output: Path
-    keep_existing: bool = False
+    resume: bool = False
+    before: FrameReport | None = None
     token: str = ""
 
     def calibration(self) -> Calibration | None:
@@ -47,10 +51,34 @@ class FrameTask:
         use = self.plan.calibration
         return cached_calibration(use.folder, use.digest) if use else None
 
-    def report(self, status: FrameStatus, reason: str | None, seconds: float, /, **counts: Any) -> FrameReport:
+    def report(self, status: FrameStatus, reason: str | None, seconds: float, /, **more: Any) -> FrameReport:
         """Return what has become of the frame."""
         output = str(self.output) if status == "ok" else None
-        return FrameReport(str(self.sources[0]), output, status, reason, round(seconds, 6), **counts)
+        return FrameReport(str(self.sources[0]), output, status, reason, round(seconds, 6), **more)
+
+    def files(self) -> tuple[SourceFile, ...] | None:
+        """Return the files that the frame lies in, as they are now; None where one of them is not there."""
+        paths = dict.fromkeys(path for source in self.sources for path in source.paths)
+        try:
+            found = [(path.name, path.stat()) for path in paths]
+        except (OSError, ValueError):
+            return None
+        return tuple(SourceFile(name, now.st_size, now.st_mtime_ns) for name, now in found)
+
+
+@dataclass(frozen=True)
+class Recording:
+    """What a frame, or the mean of several, was read from.
+
+    Attributes:
+        digest: of the stored values.
+        files: that they come from, as they were before.
+        left_out: which frames of a mean could not be read; None: all could.
+    """
+
+    digest: str
+    files: tuple[SourceFile, ...] | None
+    left_out: str | None = None
 
 
 def resolve_file(task: FrameTask, /) -> FrameReport:
@@ -59,40 +87,45 @@ def resolve_file(task: FrameTask, /) -> FrameReport:
     began = time.monotonic()
 
     def resolve() -> FrameReport:
-        frame, left_out = read_frame(task)
-        return written(
-            task,
-            resolve_frame(frame, plan=task.plan, calibration=task.calibration()),
-            left_out=left_out,
-            began=began,
-        )
+        frame, recording = read_frame(task)
+        resolved = resolve_frame(frame, plan=task.plan, calibration=task.calibration())
+        return written(task, resolved, recording, began=began)
 
     return attempted(task, resolve, began=began)
 
 
 def attempted(task: FrameTask, work: Callable[[], Result], /, *, began: float) -> Result | FrameReport:
-    """Return what `work` on a frame returns, or a report of what kept it from returning."""
+    """Return what `work` on a frame returns, or a report of what kept it from returning, or of why nothing was to be done."""
     status: FrameStatus = "failed"
-    if task.keep_existing and task.output.exists():
-        return task.report("skipped", f"{task.output} exists already", time.monotonic() - began)
+    failed: CadtofError
     try:
-        return work()
+        kept = kept_maps(task, began=began) if task.resume else None
+        return work() if kept is None else kept
     except NotAFrameError as error:
-        status, reason = "skipped", str(error)
+        status, failed = "skipped", error
     except CadtofError as error:
-        reason = str(error)
+        failed = error
     except MemoryError:
-        reason = "not enough memory for a frame of this size: try fewer --jobs"
+        failed = FrameError("not enough memory for a frame of this size: try fewer --jobs")
     except Exception as error:  # noqa: BLE001  (one frame's surprise must not cost the others)
-        reason = f"unexpected {type(error).__name__}: {error}; please report it with the frame"
-    return task.report(status, reason, time.monotonic() - began)
+        failed = FrameError(f"unexpected {type(error).__name__}: {error}; please report it with the frame")
+    note = None
+    if task.resume and isinstance(failed, FrameError) and task.output.is_file():
+        # they are of a frame that there is no longer
+        task.output.unlink()
+        note = f"{task.output}: removed, as the frame that it was made from cannot be resolved any more"
+    seconds = time.monotonic() - began
+    return task.report(
+        status, str(failed), seconds, files=task.files(), note=note, stops=isinstance(failed, PlaceError)
+    )
 
 
-def written(task: FrameTask, resolved: ResolvedFrame, /, *, left_out: str | None, began: float) -> FrameReport:
-    """Write a frame's maps and return its report; `left_out` says which frames of a mean could not be read."""
+def written(task: FrameTask, resolved: ResolvedFrame, recording: Recording, /, *, began: float) -> FrameReport:
+    """Write a frame's maps and return its report."""
+    note = _why_again(task) if task.resume else None
     write_maps(task.output, resolved.maps, token=task.token)
     counts = count_status(resolved.maps.status)
-    reasons = [left_out] if left_out else []
+    reasons = [recording.left_out] if recording.left_out else []
     if resolved.noise_estimated:
         reasons.append(f"noise estimated from the frame: integration_length {resolved.integration_length:.4g}")
     return task.report(
@@ -104,30 +137,89 @@ def written(task: FrameTask, resolved: ResolvedFrame, /, *, left_out: str | None
         more_paths=counts.more_paths if task.plan.settings.resolver.max_paths > 2 else None,
         diffuse=counts.diffuse,
         invalid=counts.invalid,
+        files=recording.files,
+        digest=recording.digest,
+        output_bytes=task.output.stat().st_size,
+        output_digest=file_digest(task.output),
+        note=note,
     )
 
 
-def read_frame(task: FrameTask, /) -> tuple[Stored | FrameMean, str | None]:
-    """Read a task's frame, or the mean of those of its frames that can be read; and say which could not (None: all could).
+def kept_maps(task: FrameTask, /, *, began: float) -> FrameReport | None:
+    """Return the report on maps of an earlier run that are what they were, of a frame that is what it was; None: do it again.
+
+    A frame's values are read only where the size or the time of one of its files tells nothing: a time can be set back, but
+    not the time of that change.
+
+    Raises:
+        FrameError: the frame cannot be read any more.
+    """
+    before, files = task.before, task.files()
+    if before is None or files is None or _maps_changed(task.output, before):
+        return None
+    if files != before.files or _touched_since(task):
+        try:
+            _, recording = read_frame(task)
+        except NotAFrameError:
+            return None
+        if recording.digest != before.digest:
+            return None
+    line = replace(before, source=str(task.sources[0]), output=str(task.output), files=files)
+    return task.report("skipped", f"{task.output} exists already", time.monotonic() - began, line=line)
+
+
+def _why_again(task: FrameTask) -> str | None:
+    """Return why maps that are there are made again; None where there are none, as after a frame that failed."""
+    if task.before is None:
+        told = "found no line of it in frames.jsonl" if task.output.exists() else None
+    elif _maps_changed(task.output, task.before):
+        told = "changed since it was written" if task.output.exists() else "is gone"
+    else:
+        told = f"{task.sources[0]} has changed since"
+    return told and f"{task.output}: {told}; made again"
+
+
+def _maps_changed(path: Path, before: FrameReport) -> bool:
+    try:
+        return path.stat().st_size != before.output_bytes or file_digest(path) != before.output_digest
+    except OSError:
+        return True
+
+
+def _touched_since(task: FrameTask) -> bool:
+    written_ns = task.output.stat().st_mtime_ns
+    return any(path.stat().st_ctime_ns >= written_ns for source in task.sources for path in source.paths)
+
+
+def read_frame(task: FrameTask, /) -> tuple[Stored | FrameMean, Recording]:
+    """Read a task's frame, or the mean of those of its frames that can be read, and what that was read from.
 
     Raises:
         FrameError: none of them can be read, or has the size of the capture's first.
     """
+    files = task.files()
     if len(task.sources) == 1:
-        return _stored(task, task.sources[0]), None
+        stored = _stored(task, task.sources[0])
+        return stored, Recording(content_digest(stored), files)
     errors: list[FrameError] = []
+    digests: list[str] = []
 
     def readable() -> Iterator[Stored]:
         for position, source in enumerate(task.sources, start=1):
             try:
-                yield _stored(task, source)
+                stored = _stored(task, source)
             except FrameError as error:
                 errors.append(error)
+                digests.append("")
                 if len(errors) == position == len(task.sources):
                     raise errors[0] from None
+                continue
+            digests.append(content_digest(stored))
+            yield stored
 
     mean = frame_mean(readable(), saturated_counts=task.plan.metadata.voltage.saturated_counts)
-    return mean, f"{len(errors)} of {len(task.sources)} frames left out of the mean: {errors[0]}" if errors else None
+    left_out = f"{len(errors)} of {len(task.sources)} frames left out of the mean: {errors[0]}" if errors else None
+    return mean, Recording(blake2b(",".join(digests).encode(), digest_size=16).hexdigest(), files, left_out)
 
 
 def _stored(task: FrameTask, source: FrameSource) -> Stored:

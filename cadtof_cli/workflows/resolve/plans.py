@@ -1,7 +1,7 @@
 """What a run is going to do with each capture: made before anything is written."""
 
 import itertools
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -41,10 +41,10 @@ class CapturePlan:
         of_one = max(sizes[0] / self.in_first_file, 1.0)
         return sum(max(round(size / of_one), 1) for size in sizes)
 
-    def frames(self, settings: ResolveSettings, /) -> Iterator[FrameSource]:
-        """Yield the frames that are to be resolved, a stack's one by one."""
+    def frames(self, settings: ResolveSettings, /, *, taken: Collection[str]) -> Iterator[FrameSource]:
+        """Yield the frames that are to be resolved, a stack's one by one, under names that are not `taken`."""
         chosen = settings.frames or slice(None)
-        return itertools.islice(single_frames(self.capture), chosen.start, chosen.stop, chosen.step)
+        return itertools.islice(single_frames(self.capture, taken=taken), chosen.start, chosen.stop, chosen.step)
 
     def output(self, source: FrameSource, settings: ResolveSettings, /) -> Path:
         """Return the file that the maps of a frame are written into."""

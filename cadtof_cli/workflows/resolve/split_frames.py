@@ -10,7 +10,7 @@ from cadtof_cli.execution.ordered import Outcome, WorkerDied, run_ordered
 from cadtof_cli.execution.workers import Workers, keep_freed_memory
 from cadtof_cli.files.maps import DepthMaps
 from cadtof_cli.pipeline import FramePixels, joined_parts, prepare_frame, resolve_pixels
-from cadtof_cli.workflows.resolve.frame_task import FrameTask, attempted, read_frame, written
+from cadtof_cli.workflows.resolve.frame_task import FrameTask, Recording, attempted, read_frame, written
 from cadtof_cli.workflows.run_folder import FrameReport
 
 WORTH_SPLITTING_S = 0.5
@@ -19,11 +19,11 @@ WORTH_SPLITTING_S = 0.5
 
 @dataclass(frozen=True)
 class FramePart:
-    """A part of a frame's pixels, or a report of why the frame has none; and which frames of a mean could not be read."""
+    """A part of a frame's pixels, or a report of why the frame has none; and what it was read from."""
 
     task: FrameTask
     pixels: FramePixels | FrameReport
-    left_out: str | None
+    recording: Recording | None
 
 
 def resolve_part(part: FramePart, /) -> DepthMaps | FrameReport:
@@ -43,9 +43,9 @@ def resolve_split(
     tasks: Iterable[FrameTask], /, *, workers: Workers
 ) -> Generator[Outcome[FrameTask, FrameReport], None, None]:
     """Resolve and write every frame, in the order of the tasks, each by as many parts as there are jobs."""
-    parts = (part for task in tasks for part in _parts(task, workers.jobs))
+    parts = (part for task in tasks for part in _parts(task, workers.processes))
     with closing(run_ordered(resolve_part, parts, workers=workers)) as outcomes:
-        while frame := list(itertools.islice(outcomes, workers.jobs)):
+        while frame := list(itertools.islice(outcomes, workers.processes)):
             yield _whole(frame)
 
 
@@ -53,9 +53,9 @@ def _parts(task: FrameTask, count: int) -> Iterator[FramePart]:
     """Yield the parts of a frame after all that couples its pixels has been done, once."""
 
     def prepared() -> list[FramePart]:
-        frame, left_out = read_frame(task)
+        frame, recording = read_frame(task)
         pixels = prepare_frame(frame, plan=task.plan, calibration=task.calibration())
-        return [FramePart(task, part, left_out) for part in pixels.parts(count)]
+        return [FramePart(task, part, recording) for part in pixels.parts(count)]
 
     parts = attempted(task, prepared, began=time.monotonic())
     yield from [FramePart(task, parts, None)] * count if isinstance(parts, FrameReport) else parts
@@ -72,7 +72,8 @@ def _whole(frame: list[Outcome[FramePart, DepthMaps | FrameReport]]) -> Outcome[
 
     def write() -> FrameReport:
         assert isinstance(first.pixels, FramePixels)
+        assert first.recording is not None
         resolved = joined_parts(first.pixels, found)
-        return written(first.task, resolved, left_out=first.left_out, began=began)
+        return written(first.task, resolved, first.recording, began=began)
 
     return Outcome(first.task, attempted(first.task, write, began=began))

@@ -1,0 +1,25 @@
+"""What comes of a task."""
+
+from dataclasses import dataclass
+from typing import Generic, TypeVar
+
+Task = TypeVar("Task")
+Result = TypeVar("Result")
+
+
+@dataclass(frozen=True)
+class WorkerDied:
+    """What takes the place of a result where a task's process ended without giving one (killed, or out of memory).
+
+    `after_s` is the time that the task was given, where it was ended for taking longer.
+    """
+
+    after_s: float | None = None
+
+
+@dataclass(frozen=True)
+class Outcome(Generic[Task, Result]):
+    """A task with what its function returned."""
+
+    task: Task
+    result: Result | WorkerDied

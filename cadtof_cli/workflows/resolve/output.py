@@ -1,0 +1,129 @@
+"""The folder that a run writes into: that nothing in it is lost, and that an earlier run in it is the same run."""
+
+import json
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from cadtof_cli.capture.discovery import Capture
+from cadtof_cli.capture.toml import FILE_NAME as CAPTURE_FILE
+from cadtof_cli.errors import OutputError
+from cadtof_cli.files.atomic import remove_partial_files, sync_folder, write_error
+from cadtof_cli.files.formats import MAP_FORMATS
+from cadtof_cli.workflows.resolve.settings import ResolveSettings
+from cadtof_cli.workflows.run_folder import FRAMES_FILE, RUN_FILE, read_record
+
+_PLACE_IN_STACK = re.compile(r"_\d{4,}$")
+
+_CHANGES_NO_MAP = frozenset(
+    {"inputs", "absolute_inputs", "out", "overrides", "calibration", "recursive", "settings", "frames"}
+)
+_INPUTS, _FOLDERS = "resolved_inputs", "folders of the frames"
+
+"""Arguments that may differ between a run and its resumption: what they decide is compared by what it is, not as it was typed."""
+
+
+def frame_names(captures: Sequence[Capture], out: Path, /) -> Mapping[str, Path]:
+    """Return the names that maps will have, with the first file of each frame.
+
+    Raises:
+        OutputError: the output folder is a capture's own; or two frames would be written to one file.
+    """
+    if (out / CAPTURE_FILE).exists() or out.resolve() in {capture.root.resolve() for capture in captures}:
+        raise OutputError(f"{out}: the maps would be written among recorded frames; choose another folder with -o")
+    named: dict[str, Path] = {}
+    for frame in (frame for capture in captures for frame in capture.frames):
+        path = frame.paths[0]
+        other = named.setdefault(frame.name, path)
+        if other == path and other is not path:
+            raise OutputError(f"{path} is among the inputs twice; give each frame once")
+        if other != path:
+            raise OutputError(
+                f"{other} and {path} would both be written as {out}/{frame.name}; "
+                "resolve them into folders of their own, one command each"
+            )
+    return named
+
+
+def prepare_output(
+    out: Path, names: Mapping[str, Path], document: Mapping[str, Any], /, *, settings: ResolveSettings, arriving: bool
+) -> bool:
+    """Make sure that a run loses nothing in its folder, which it holds the lock of; return whether it goes on with another.
+
+    With inputs still `arriving`, only those that are there can be compared.
+
+    Raises:
+        OutputError: the folder holds files of a run, and neither `overwrite` nor `resume` is set; or the run to be resumed was
+            another one.
+    """
+    there = _would_be_replaced(out, names)
+    if settings.resume and there:
+        _require_same_run(out, document, there, arriving=arriving)
+    elif settings.overwrite:
+        # what it says is not true of the maps to come; once they are there it would be believed
+        try:
+            (out / FRAMES_FILE).unlink(missing_ok=True)
+            sync_folder(out)
+        except OSError as error:
+            raise write_error(out / FRAMES_FILE, error) from error
+    elif there:
+        raise OutputError(
+            f"{out}: {_some(there)} would be replaced; add --overwrite to replace, --resume to go on where a run "
+            "stopped, or choose another folder with -o"
+        )
+    if settings.overwrite or settings.resume:
+        remove_partial_files(out, token="*")
+    return settings.resume and bool(there)
+
+
+def _some(names: Sequence[str]) -> str:
+    return f"{', '.join(names[:3])}{f' and {len(names) - 3} more' if len(names) > 3 else ''}"
+
+
+def _would_be_replaced(out: Path, named: Mapping[str, Path]) -> list[str]:
+    def would_be(path: str) -> bool:
+        stem, _, suffix = path.rpartition(".")
+        return suffix in MAP_FORMATS and (stem in named or _PLACE_IN_STACK.sub("", stem) in named)
+
+    folders = {(out / name).parent for name in named} | {out}
+    present = (path for folder in folders if folder.is_dir() for path in folder.iterdir())
+    names = (path.relative_to(out).as_posix() for path in present)
+    return sorted(name for name in names if name in {RUN_FILE, FRAMES_FILE} or would_be(name))
+
+
+def _require_same_run(out: Path, document: Mapping[str, Any], there: Sequence[str], *, arriving: bool) -> None:
+    path = out / RUN_FILE
+    if not path.exists():
+        raise OutputError(
+            f"{out}: cannot resume: found {_some(there)} and no {RUN_FILE}, so nothing tells what was resolved and how; "
+            "add --overwrite, or choose another folder with -o"
+        )
+    try:
+        before = _what_decides_maps(read_record(out))
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+        raise OutputError(f"{path}: not the record of a run, so it cannot be resumed ({error})") from error
+    now = _what_decides_maps(json.loads(json.dumps(document, default=str)))
+    if arriving:
+        del now[_INPUTS], now[_FOLDERS]
+        now = {name: value for name, value in now.items() if name in before}
+    for name, value in now.items():
+        if before.get(name) != value:
+            raise OutputError(
+                f"{path}: cannot resume: {name} was {before.get(name)!r} and is {value!r} now; "
+                "give the same options, or --overwrite"
+            )
+
+
+def _what_decides_maps(document: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what decides the maps of a run, by the names it has for a user: inputs, options, metadata, calibration."""
+    captures = document["captures"]
+    deciding: dict[str, Any] = {"version of cadtof": document["cadtof"]}
+    deciding[_FOLDERS] = [capture.get("resolved_root") for capture in captures]
+    arguments = document["arguments"]
+    deciding |= {name: value for name, value in arguments.items() if name not in _CHANGES_NO_MAP}
+    deciding["digest of the calibration"] = (document["calibration"] or {}).get("digest")
+    for capture in captures:
+        for table, keys in capture["metadata"].items():
+            deciding |= {f"{capture.get('resolved_root')}: {table}.{key}": value for key, value in keys.items()}
+    return deciding

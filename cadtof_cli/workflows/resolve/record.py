@@ -1,0 +1,165 @@
+"""The record of a run while it goes on: whatever ends it, what was finished is on disk, and another run can go on from there."""
+
+import json
+import os
+import stat
+from array import array
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any, BinaryIO
+
+from cadtof_cli.errors import OutputError
+from cadtof_cli.files.atomic import whole_file, write_error, write_json
+from cadtof_cli.workflows.run_folder import FRAMES_FILE, RUN_FILE, FrameReport, RunTotals, read_record, report_of
+
+
+class RunRecorder:
+    """Writes `run.json` and `frames.jsonl`.
+
+    Lines are appended as frames finish, each handed to the system at once. A run that goes on with an earlier one appends too; at
+    its end the lines are brought into the order of the frames, one for each, as if nobody had interrupted anything.
+    """
+
+    def __init__(self, out: Path, document: Mapping[str, Any], *, resume: bool, say: Callable[[str], None]) -> None:
+        self._document, self._say, self._resumed = document, say, resume
+        self._out, self._run, self._path = out, out / RUN_FILE, out / FRAMES_FILE
+        self._totals, self._before, self._places = RunTotals(), dict[str, int](), array("q")
+        self._lines = self._opened(resume=resume)
+        if resume:
+            try:
+                self._find_lines(Path(read_record(out)["arguments"]["out"]))
+            except BaseException:
+                self.close()
+                raise
+
+    def before(self, output: Path, /) -> FrameReport | None:
+        """Return what an earlier run recorded of a frame whose maps it wrote; None where it did not."""
+        place = self._before.get(_place_in(self._out, output))
+        return None if place is None else report_of(self._line_at(place))
+
+    def add(self, report: FrameReport, /) -> None:
+        """Append a frame's line; a frame whose maps were kept has it already, if nothing in it has changed."""
+        line = report.line or report
+        self._totals.add(line)
+        text = json.dumps(line.as_json()).encode() + b"\n"
+        with self._reported():
+            place = self._before.get(_place_in(self._out, Path(line.output or "")))
+            if report.line is None or place is None or self._line_at(place) != text:
+                self._require_there()
+                place = self._lines.seek(0, os.SEEK_END)
+                written = 0
+                while written < len(text):
+                    written += self._lines.write(text[written:])
+            if self._resumed:
+                self._places.append(place)
+
+    def finish(self, seconds: float, /) -> None:
+        """Complete both files; the totals are those of all frames, whichever run resolved them."""
+        with self._reported():
+            self._require_there()
+            os.fsync(self._lines.fileno())
+        if self._resumed:
+            with whole_file(self._path) as temporary, temporary.open("wb") as ordered:
+                ordered.writelines(map(self._line_at, self._places))
+        totals = asdict(replace(self._totals, seconds=round(seconds, 3)))
+        write_json(self._run, {**self._document, "finished": True, "totals": totals})
+
+    def close(self) -> None:
+        """Let go of `frames.jsonl`."""
+        self._lines.close()
+
+    def _opened(self, *, resume: bool) -> BinaryIO:
+        """Return `frames.jsonl`, open; it is not buffered, so that nothing is left to be written, and to fail, on closing."""
+        with self._reported():
+            if not resume:
+                self._path.unlink(missing_ok=True)
+            flags = os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC
+            lines = os.fdopen(os.open(self._path, flags, 0o666), "r+b", buffering=0)
+            if not stat.S_ISREG(os.fstat(lines.fileno()).st_mode):
+                lines.close()
+                raise OSError("found no regular file there")
+            return lines
+
+    def _find_lines(self, out: Path) -> None:
+        """Learn where the lines of frames lie that have maps; what a kill left of a last line is cut off.
+
+        `out` is what the earlier run called its folder.
+        """
+        end = 0
+        with self._reported(), self._path.open("rb") as lines:
+            for line in lines:
+                if not line.endswith(b"\n"):
+                    break
+                report = report_of(line)
+                if report is None:
+                    raise OutputError(f"{self._path}: not the record of a run, so it cannot be resumed ({line[:40]!r})")
+                if report.output is not None:
+                    self._before[_place_in(out, Path(report.output))] = end
+                end += len(line)
+            self._lines.truncate(end)
+
+    def _line_at(self, place: int) -> bytes:
+        """Return the line that begins at a place of the file."""
+        line, size = b"", 1024
+        while not line.endswith(b"\n"):
+            piece = os.pread(self._lines.fileno(), size, place + len(line))
+            if not piece:
+                return line
+            line += piece[: piece.find(b"\n") + 1 or None]
+        return line
+
+    def _require_there(self) -> None:
+        """Write `frames.jsonl` anew where somebody has removed or replaced it meanwhile: what it held is still at hand."""
+        try:
+            if os.path.samestat(self._path.lstat(), os.fstat(self._lines.fileno())):
+                return
+        except FileNotFoundError:
+            pass
+        with whole_file(self._path) as temporary:
+            copy = os.fdopen(os.open(temporary, os.O_RDWR | os.O_CLOEXEC), "r+b", buffering=0)
+            size, place = os.fstat(self._lines.fileno()).st_size, 0
+            while place < size:
+                place += copy.write(os.pread(self._lines.fileno(), 2**20, place))
+        self._lines.close()
+        self._lines = copy
+        self._say(f"{self._path}: was removed or replaced while frames were resolved; written anew")
+
+    @contextmanager
+    def _reported(self) -> Iterator[None]:
+        try:
+            yield
+        except OSError as error:
+            raise write_error(self._path, error) from error
+
+
+def _place_in(out: Path, output: Path) -> str:
+    """Return where maps lie in a run's folder, whatever that was called."""
+    return str(output.relative_to(out)) if output.is_relative_to(out) else output.name
+
+
+@contextmanager
+def recorded_run(
+    out: Path, document: Mapping[str, Any], /, *, resume: bool, say: Callable[[str], None]
+) -> Iterator[RunRecorder]:
+    """Write a run's `run.json`, and hold its `frames.jsonl` open for the reports on its frames.
+
+    Raises:
+        OutputError: one of them cannot be written; or the run to be resumed is none.
+    """
+    if not resume:
+        # the settings first: lines without them would be believed of the next run
+        write_json(out / RUN_FILE, document)
+    recorder = RunRecorder(out, document, resume=resume, say=say)
+    try:
+        if resume:
+            write_json(out / RUN_FILE, document)
+        yield recorder
+    except BaseException:
+        with suppress(OutputError):
+            # what arrived while the run went on is recorded too
+            write_json(out / RUN_FILE, document)
+        raise
+    finally:
+        recorder.close()

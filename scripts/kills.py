@@ -1,0 +1,153 @@
+"""Kills runs at random moments, goes on with them, and holds what comes out against a run that nobody disturbed.
+
+    scripts/kills [--kills 200] [--seed 0]
+
+Four kinds of run of 60 frames in turn: `resolve`, a `--resume` that is killed too, stacks, and `--overwrite` of a run with
+other settings; three victims in turn: the parent, a worker, both. After the last `--resume` every map, `run.json` and
+`frames.jsonl` must be those of the undisturbed run, but for times, and nothing else may lie in the folder.
+"""
+
+import argparse
+import contextlib
+import os
+import random
+import shutil
+import signal
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from cadtof_cli.cli import main
+from tests.support.captures import TOML, counts_of, record, write_frame, write_pages
+from tests.support.forward import step_frame
+from tests.support.runs import require_same_run
+
+FRAMES = 60
+VICTIMS = ("parent", "worker", "both")
+KINDS = ("resolve", "resume", "stacks", "overwrite")
+
+
+def capture_of_frames(folder: Path) -> Path:
+    """Record 60 different small frames, a file each."""
+    record(folder, frames=0)
+    for index in range(FRAMES):
+        write_frame(folder / f"frame_{index:03}.tif", step_frame(np.random.default_rng(index)))
+    return folder
+
+
+def capture_of_stacks(folder: Path) -> Path:
+    """Record 60 different small frames, in five stacks."""
+    count = 12
+    record(folder, frames=0, toml=f"{TOML['tif']}[layout]\nframes = {count}\n")
+    for stack in range(FRAMES // count):
+        frames = [counts_of(step_frame(np.random.default_rng(stack * count + index))) for index in range(count)]
+        write_pages(folder / f"stack_{stack}.tif", np.concatenate(frames))
+    return folder
+
+
+def started(*arguments: object) -> int:
+    """Start `cadtof resolve` in a process of its own, forked from this one, so that kills hit work and not imports."""
+    pid = os.fork()
+    if pid:
+        return pid
+    os.setsid()
+    nowhere = os.open(os.devnull, os.O_RDWR)
+    for number in (0, 1, 2):
+        os.dup2(nowhere, number)
+    sys.argv = ["cadtof", "resolve", *map(str, arguments), "-j", "2"]
+    status = 1
+    try:
+        main()
+    except SystemExit as ended:
+        status = ended.code if isinstance(ended.code, int) else 0
+    finally:
+        os._exit(status)
+
+
+def status_of(pid: int) -> int:
+    """Wait for a process; return its exit status, negative for a signal."""
+    return os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1])
+
+
+def workers_of(pid: int) -> list[int]:
+    """Return the processes that another has started."""
+    with contextlib.suppress(OSError):
+        return [int(child) for child in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
+    return []
+
+
+def kill_after(seconds: float, pid: int, victim: str, rng: random.Random) -> int:
+    """Kill a run's parent, a worker, or both after a time; return how the run ended."""
+    time.sleep(seconds)
+    if victim != "parent":
+        for worker in workers_of(pid)[: rng.randint(1, 2)]:
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(worker, signal.SIGKILL)
+    if victim != "worker":
+        os.kill(pid, signal.SIGKILL)
+    return status_of(pid)
+
+
+def one_kill(kind: str, victim: str, captures: dict[str, Path], out: Path, took: float, rng: random.Random) -> None:
+    """Kill one run, go on with it, and compare; raises AssertionError where something differs."""
+    capture, fresh = captures["stacks" if kind == "stacks" else "resolve"], out.with_name(f"fresh_{kind == 'stacks'}")
+    overwriting: tuple[str, ...] = ()
+    if kind == "overwrite":
+        assert status_of(started(capture, "-o", out, "--order", 1)) == 0
+        overwriting = ("--overwrite",)
+    status = kill_after(rng.uniform(0.0, took), started(capture, "-o", out, *overwriting), victim, rng)
+    assert status in ({0} if victim == "worker" else {0, -signal.SIGKILL}), f"ended with {status}"
+    if kind == "resume":
+        kill_after(rng.uniform(0.0, took), started(capture, "-o", out, "--resume"), victim, rng)
+    status = status_of(started(capture, "-o", out, "--resume"))
+    if kind == "overwrite" and status == 2:
+        # killed before the old record was replaced: it is still that of the old run, which is not gone on with
+        status = status_of(started(capture, "-o", out, "--overwrite"))
+    assert status == 0, f"--resume ended with {status}"
+    require_same_run(out, fresh)
+
+
+def campaign(kills: int, seed: int, say: Callable[[str], None]) -> list[str]:
+    """Kill so many runs; return what went wrong."""
+    rng, faults = random.Random(seed), list[str]()
+    with tempfile.TemporaryDirectory(prefix="kills-") as place:
+        here = Path(place)
+        captures = {"resolve": capture_of_frames(here / "frames"), "stacks": capture_of_stacks(here / "stacks")}
+        took = 0.0
+        for kind, capture in captures.items():
+            began = time.monotonic()
+            assert status_of(started(capture, "-o", here / f"fresh_{kind == 'stacks'}")) == 0
+            took = max(took, time.monotonic() - began)
+        for number in range(kills):
+            kind, victim = KINDS[number % len(KINDS)], VICTIMS[number // len(KINDS) % len(VICTIMS)]
+            out = here / "out"
+            try:
+                one_kill(kind, victim, captures, out, took, rng)
+            except AssertionError as error:
+                faults.append(f"kill {number} ({kind}, {victim}): {str(error)[:500]}")
+                say(faults[-1])
+            shutil.rmtree(out, ignore_errors=True)
+            if (number + 1) % 20 == 0:
+                say(f"{number + 1 - len(faults)} of {number + 1} kills equal an undisturbed run")
+    return faults
+
+
+def run() -> int:
+    """Run the campaign that the command line asks for."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--kills", type=int, default=200, metavar="N")
+    parser.add_argument("--seed", type=int, default=0, metavar="S")
+    options = parser.parse_args()
+    faults = campaign(options.kills, options.seed, lambda line: print(line, flush=True))
+    print(
+        f"{options.kills - len(faults)} of {options.kills} kills: all maps and records equal those of an undisturbed run"
+    )
+    return 1 if faults else 0
+
+
+if __name__ == "__main__":
+    sys.exit(run())

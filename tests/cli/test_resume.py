@@ -1,0 +1,322 @@
+"""A run that goes on where another stopped: only the same run, only where nothing changed, and with the record of one run."""
+
+import json
+import os
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.support.captures import TOML, Recorded, counts_of, record, write_frame, write_pages
+from tests.support.forward import step_frame
+from tests.support.run_cadtof import Finished, cadtof, program, without_privilege
+from tests.support.runs import lines_of, require_same_run, run_of
+
+
+def _resolve(*arguments: object) -> Finished:
+    return cadtof("resolve", *arguments, "-j", 1)
+
+
+def _skipped(done: Finished) -> int:
+    return sum(json.loads(line)["status"] == "skipped" for line in done.out.splitlines())
+
+
+def test_a_capture_is_known_by_where_it_is_not_by_how_it_was_typed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    capture, out = record(tmp_path / "A", frames=3), tmp_path / "out"
+    assert _resolve(capture.folder, "-o", out).status == 0
+    monkeypatch.chdir(tmp_path)
+    done = _resolve("./A", "-o", "out", "--resume", "--periods-ns", "30,15")
+    assert done.status == 2
+    assert "modulation.periods_ns was [40.0, 20.0] and is [30.0, 15.0] now" in done.err
+    done = _resolve("A", "-o", "out", "--resume", "--json")
+    assert (done.status, _skipped(done)) == (0, 3)
+    assert _resolve("A", "-o", "fresh").status == 0
+    require_same_run(Path("out"), Path("fresh"))
+
+
+def test_another_capture_with_the_same_names(tmp_path: Path) -> None:
+    a, b, out = record(tmp_path / "A", frames=2), record(tmp_path / "B", frames=2, seed=1), tmp_path / "out"
+    assert _resolve(a.folder, "-o", out).status == 0
+    done = _resolve(b.folder, "-o", out, "--resume")
+    assert done.status == 2
+    assert f"cannot resume: folders of the frames was [{str(a.folder)!r}] and is [{str(b.folder)!r}] now" in done.err
+    (tmp_path / "link").symlink_to(a.folder)
+    linked = tmp_path / "linked"
+    assert _resolve(tmp_path / "link", "-o", linked).status == 0
+    (tmp_path / "link").unlink()
+    (tmp_path / "link").symlink_to(b.folder)
+    assert _resolve(tmp_path / "link", "-o", linked, "--resume").status == 2
+
+
+def test_other_inputs(tmp_path: Path) -> None:
+    capture, out = record(tmp_path / "A", frames=3), tmp_path / "out"
+    assert _resolve(*capture.files[:2], "-o", out).status == 0
+    done = _resolve(*capture.files, "-o", out, "--resume")
+    assert done.status == 2
+    assert "cannot resume: resolved_inputs was" in done.err
+
+
+def test_a_run_without_its_run_json(tmp_path: Path) -> None:
+    capture, out = record(tmp_path / "A", frames=2), tmp_path / "out"
+    assert _resolve(capture.folder, "-o", out).status == 0
+    (out / "run.json").unlink()
+    done = _resolve(capture.folder, "-o", out, "--resume")
+    assert done.status == 2
+    assert "found frame_0.tif, frame_1.tif, frames.jsonl and no run.json" in done.err
+    assert _resolve(capture.folder, "-o", out, "--overwrite").status == 0
+
+
+def _other_frame(capture: Recorded, _out: Path) -> None:
+    write_frame(capture.files[1], step_frame(np.random.default_rng(99)))
+
+
+def _with_its_old_time(capture: Recorded, out: Path) -> None:
+    before = capture.files[1].stat()
+    _other_frame(capture, out)
+    assert capture.files[1].stat().st_size == before.st_size
+    os.utime(capture.files[1], ns=(before.st_atime_ns, before.st_mtime_ns))
+
+
+def _truncated(capture: Recorded, _out: Path) -> None:
+    os.truncate(capture.files[1], 1000)
+
+
+def _emptied(capture: Recorded, _out: Path) -> None:
+    os.truncate(capture.files[1], 0)
+
+
+def _map_truncated(_capture: Recorded, out: Path) -> None:
+    os.truncate(out / "frame_1.tif", 1000)
+
+
+def _map_emptied(_capture: Recorded, out: Path) -> None:
+    os.truncate(out / "frame_1.tif", 0)
+
+
+def _map_changed(_capture: Recorded, out: Path) -> None:
+    content, before = bytearray((out / "frame_1.tif").read_bytes()), (out / "frame_1.tif").stat()
+    content[len(content) // 2] ^= 1
+    (out / "frame_1.tif").write_bytes(content)
+    os.utime(out / "frame_1.tif", ns=(before.st_atime_ns, before.st_mtime_ns))
+
+
+def _map_gone(_capture: Recorded, out: Path) -> None:
+    (out / "frame_1.tif").unlink()
+
+
+def _line_lost(_capture: Recorded, out: Path) -> None:
+    lines = (out / "frames.jsonl").read_text().splitlines(keepends=True)
+    (out / "frames.jsonl").write_text("".join(lines[:1] + lines[2:]))
+
+
+@pytest.mark.parametrize(
+    ("fault", "told", "status"),
+    [
+        (_other_frame, "frame_1.tif has changed since; made again", 0),
+        (_with_its_old_time, "frame_1.tif has changed since; made again", 0),
+        (_truncated, "frame_1.tif: removed, as the frame that it was made from cannot be resolved any more", 1),
+        (_emptied, "frame_1.tif: removed, as the frame that it was made from cannot be resolved any more", 1),
+        (_map_truncated, "frame_1.tif: changed since it was written; made again", 0),
+        (_map_emptied, "frame_1.tif: changed since it was written; made again", 0),
+        (_map_changed, "frame_1.tif: changed since it was written; made again", 0),
+        (_map_gone, "frame_1.tif: is gone; made again", 0),
+        (_line_lost, "frame_1.tif: found no line of it in frames.jsonl; made again", 0),
+    ],
+)
+def test_what_changed_is_done_again(
+    fault: Callable[[Recorded, Path], None], told: str, status: int, tmp_path: Path
+) -> None:
+    capture, out, fresh = record(tmp_path / "A", frames=3), tmp_path / "out", tmp_path / "fresh"
+    assert _resolve(capture.folder, "-o", out).status == 0
+    fault(capture, out)
+    done = _resolve(capture.folder, "-o", out, "--resume", "--json")
+    assert (done.status, _skipped(done)) == (status, 2)
+    assert told in done.err
+    assert _resolve(capture.folder, "-o", fresh).status == status
+    require_same_run(out, fresh)
+
+
+def test_a_frame_that_was_only_touched_is_kept(tmp_path: Path) -> None:
+    capture, out, fresh = record(tmp_path / "A", frames=3), tmp_path / "out", tmp_path / "fresh"
+    assert _resolve(capture.folder, "-o", out).status == 0
+    capture.files[1].touch()
+    done = _resolve(capture.folder, "-o", out, "--resume", "--json")
+    assert (done.status, _skipped(done)) == (0, 3)
+    assert _resolve(capture.folder, "-o", fresh).status == 0
+    require_same_run(out, fresh)
+
+
+def test_all_lines_lost(tmp_path: Path) -> None:
+    capture, out, fresh = record(tmp_path / "A", frames=3), tmp_path / "out", tmp_path / "fresh"
+    assert _resolve(capture.folder, "-o", fresh).status == 0
+    assert _resolve(capture.folder, "-o", out).status == 0
+    (out / "frames.jsonl").unlink()
+    assert _resolve(capture.folder, "-o", out, "--resume").status == 0
+    require_same_run(out, fresh)
+
+
+def test_the_record_of_a_resumed_run_is_that_of_one_run(tmp_path: Path) -> None:
+    capture, out, fresh = record(tmp_path / "A", frames=5), tmp_path / "out", tmp_path / "fresh"
+    content = capture.files[0].read_bytes()
+    capture.files[0].write_bytes(content[:-50])
+    assert _resolve(capture.folder, "-o", out, "--average", 2).status == 0
+    capture.files[0].write_bytes(content)
+    (out / "frame_2.tif").unlink()
+    done = _resolve(capture.folder, "-o", out, "--average", 2, "--resume", "--json")
+    assert [json.loads(line)["status"] for line in done.out.splitlines()] == ["ok", "ok", "skipped"]
+    assert _resolve(capture.folder, "-o", fresh, "--average", 2).status == 0
+    require_same_run(out, fresh)
+    assert run_of(out)["totals"]["frames"] == 3
+
+
+def test_a_folder_that_was_moved_and_copied_is_the_same_run(tmp_path: Path) -> None:
+    capture, out, other = record(tmp_path / "A", frames=3), tmp_path / "out", tmp_path / "other"
+    assert _resolve(capture.folder, "-o", out).status == 0
+    shutil.copytree(out, other)
+    done = _resolve(capture.folder, "-o", other, "--resume", "--json")
+    assert (done.status, _skipped(done)) == (0, 3)
+    require_same_run(other, out)
+
+
+def test_what_is_recorded_of_a_frame(tmp_path: Path) -> None:
+    capture, out = record(tmp_path / "A", frames=2), tmp_path / "out"
+    assert _resolve(capture.folder, "-o", out).status == 0
+    lines = lines_of(out)
+    for line, file in zip(lines, capture.files, strict=True):
+        now = file.stat()
+        assert line["files"] == [{"name": file.name, "bytes": now.st_size, "mtime_ns": now.st_mtime_ns}]
+        assert line["output_bytes"] == (out / file.name).stat().st_size
+    assert len({line["digest"] for line in lines} | {line["output_digest"] for line in lines}) == 4
+    assert run_of(out)["captures"][0]["resolved_root"] == str(capture.folder.resolve())
+
+
+def test_links_are_replaced_not_written_through(tmp_path: Path) -> None:
+    capture, out, mine = record(tmp_path / "A", frames=2), tmp_path / "out", tmp_path / "mine"
+    mine.write_text("mine")
+    out.mkdir()
+    for name in ("run.json", "frames.jsonl", "frame_0.tif"):
+        (out / name).symlink_to(mine)
+    assert _resolve(capture.folder, "-o", out, "--overwrite").status == 0
+    assert mine.read_text() == "mine"
+    assert not any(path.is_symlink() for path in out.iterdir())
+    (out / "frames.jsonl").rename(tmp_path / "lines")
+    (out / "frames.jsonl").symlink_to(tmp_path / "lines")
+    done = _resolve(capture.folder, "-o", out, "--resume")
+    assert done.status == 2
+    assert f"{out / 'frames.jsonl'}: cannot be written: Too many levels of symbolic links" in done.err
+
+
+@pytest.mark.parametrize("name", ["run.json", "frames.jsonl"])
+def test_a_pipe_in_place_of_a_record(name: str, tmp_path: Path) -> None:
+    capture, out = record(tmp_path / "A"), tmp_path / "out"
+    assert _resolve(capture.folder, "-o", out).status == 0
+    (out / name).unlink()
+    os.mkfifo(out / name)
+    assert _resolve(capture.folder, "-o", out, "--resume").status == 2
+
+
+def test_stacks_do_not_take_the_names_of_others(tmp_path: Path) -> None:
+    frames = [step_frame(np.random.default_rng(index)) for index in range(2)]
+    stack, single, out = tmp_path / "A" / "st.tif", tmp_path / "A" / "st_0000.tif", tmp_path / "out"
+    record(tmp_path / "A", frames=0, toml=TOML["tif"] + "[layout]\nframes = 2\n")
+    write_pages(stack, np.concatenate([counts_of(frame) for frame in frames]))
+    write_pages(single, np.concatenate([counts_of(frame) for frame in frames]))
+    other = record(tmp_path / "B")
+    for inputs in ((stack, other.folder, single), (single, other.folder, stack)):
+        assert _resolve(*inputs, "-o", out, "--overwrite").status == 0
+        names = ["st_00000.tif", "st_00001.tif", "st_0000_0000.tif", "st_0000_0001.tif"]
+        assert sorted(path.name for path in (out / "A").iterdir()) == names
+        assert len(lines_of(out)) == 5
+        shutil.rmtree(out)
+
+
+@pytest.mark.parametrize("form", ["tif", "exr"])
+def test_names_as_long_as_they_can_be(form: str, tmp_path: Path) -> None:
+    capture, out = record(tmp_path / "A"), tmp_path / "out"
+    for name in ("x" * 251 + ".tif", "ä" * 125 + ".tif"):
+        capture.files[0].rename(capture.folder / name)
+        done = _resolve(capture.folder / name, "-o", out, "--format", form)
+        assert (done.status, "failed" in done.err) == (0, False)
+        (capture.folder / name).rename(capture.files[0])
+        shutil.rmtree(out)
+
+
+def test_names_that_are_no_utf_8(tmp_path: Path) -> None:
+    capture, out = record(tmp_path / "A"), tmp_path / "out"
+    name = os.fsdecode(b"frame_\xff\xfe.tif")
+    capture.files[0].rename(capture.folder / name)
+    done = _resolve(capture.folder, "-o", out, "--json")
+    assert (done.status, json.loads(done.out)["source"]) == (0, str(capture.folder / name))
+    assert (out / name).exists()
+    for arguments in (("info", capture.folder), ("info", out), ("preview", out / name, "-o", tmp_path / "a.png")):
+        done = cadtof(*arguments)
+        assert done.status == 0
+        assert "unexpected" not in done.err
+    assert _resolve(capture.folder, "-o", out, "--resume").status == 0
+
+
+def test_records_that_say_nonsense(tmp_path: Path) -> None:
+    capture, out = record(tmp_path / "A"), tmp_path / "out"
+    assert _resolve(capture.folder, "-o", out).status == 0
+    truth = out / "frame_0.tif"
+    sound = json.loads((out / "run.json").read_text())
+    for key, value in (("inputs", 5), ("absolute_inputs", 5), ("overrides", 5), ("depth", []), ("inputs", [None])):
+        nonsense = {**sound["arguments"], key: value}
+        if key == "inputs":
+            del nonsense["absolute_inputs"]
+        (out / "run.json").write_text(json.dumps({**sound, "arguments": nonsense}))
+        for arguments in (
+            ("evaluate", out, "--truth", truth),
+            ("info", out),
+            ("preview", out, "-o", tmp_path / "a.png"),
+        ):
+            assert "unexpected" not in cadtof(*arguments).err
+    for content in ('{"arguments": 5}', "[]", "5", '{"arguments": {}}', '{"arguments": null, "captures": 3}'):
+        (out / "run.json").write_text(content)
+        for arguments in (
+            ("evaluate", out, "--truth", truth),
+            ("info", out),
+            ("preview", out, "-o", tmp_path / "a.png"),
+        ):
+            assert "unexpected" not in cadtof(*arguments).err
+        done = _resolve(capture.folder, "-o", out, "--resume")
+        assert done.status == 2
+        assert "not the record of a run" in done.err
+
+
+def test_places_that_are_no_place(tmp_path: Path) -> None:
+    capture = record(tmp_path / "A")
+    closed = tmp_path / "closed"
+    closed.mkdir()
+    (closed / "deep").mkdir()
+    closed.chmod(0o000)
+    try:
+        for arguments in (
+            ("resolve", capture.folder, "-o", closed / "out"),
+            ("resolve", capture.folder, "-o", closed),
+            ("resolve", closed, "-o", tmp_path / "out"),
+            ("resolve", closed / "deep", "-o", tmp_path / "out"),
+            ("info", closed),
+            ("info", closed / "deep"),
+            ("preview", closed / "deep", "-o", tmp_path / "a.png"),
+            ("preview", "/dev/null", "-o", tmp_path / "a.png"),
+            ("evaluate", closed / "deep", "--truth", closed / "truth.exr"),
+        ):
+            done = without_privilege(*arguments)
+            assert done.status in {1, 2}
+            assert "Error: " in done.err
+            assert "unexpected" not in done.err
+            assert "Traceback" not in done.err
+    finally:
+        closed.chmod(0o755)
+
+
+def test_a_name_with_nul_on_stdin(tmp_path: Path) -> None:
+    capture = record(tmp_path / "A")
+    done = program("resolve", "-", "-o", tmp_path / "out", stdin=f"{capture.files[0]}\0x\n")
+    assert done.status == 2
+    assert "unexpected" not in done.err

@@ -1,0 +1,85 @@
+"""Standard streams that are closed, full, or lose their reader: what happened is said, where it can be, and the status tells."""
+
+import json
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from cadtof_cli.commands.terminal import shown
+from tests.support.captures import record
+from tests.support.run_cadtof import ENVIRONMENT, PROGRAM, Finished
+
+
+def _shell(script: str, *arguments: object) -> Finished:
+    """Run `cadtof` from a shell, where "$@" stands for it and its arguments."""
+    command = ["bash", "-c", script, "bash", *PROGRAM, *map(str, arguments)]
+    done = subprocess.run(command, env=ENVIRONMENT, capture_output=True, text=True, timeout=120, check=False)
+    return Finished(done.returncode, done.stdout, done.stderr)
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_a_reader_that_goes_away_ends_us_like_any_program(jobs: int, tmp_path: Path) -> None:
+    capture = record(tmp_path / "capture", frames=40)
+    script = '"$@" | (read -r line; echo "$line"); exit ${PIPESTATUS[0]}'
+    done = _shell(script, "resolve", capture.folder, "-o", tmp_path / "out", "-j", jobs, "-q", "--json")
+    assert (done.status, done.err) == (141, "")
+    assert json.loads(done.out)["status"] == "ok"
+
+
+@pytest.mark.parametrize("arguments", [("--help",), ("resolve", "--help"), ("info", "{capture}"), ("--version",)])
+def test_nobody_reads_at_all(arguments: tuple[str, ...], tmp_path: Path) -> None:
+    capture = record(tmp_path / "capture").folder
+    # the reader is gone before anything is written
+    script = '{ sleep 1; "$@"; echo $? >&2; } | true'
+    done = _shell(script, *(word.format(capture=capture) for word in arguments))
+    assert done.err == "141\n"
+
+
+@pytest.mark.parametrize(
+    "arguments", [("--help",), ("info", "{capture}"), ("resolve", "{capture}", "-o", "{out}", "--json")]
+)
+@pytest.mark.parametrize(("place", "told"), [(">/dev/full", "No space left on device"), (">&-", "Bad file descriptor")])
+def test_stdout_that_takes_nothing(place: str, told: str, arguments: tuple[str, ...], tmp_path: Path) -> None:
+    capture = record(tmp_path / "capture").folder
+    done = _shell(f'"$@" {place}', *(word.format(capture=capture, out=tmp_path / "out") for word in arguments))
+    assert done.status in {1, 2}
+    assert done.err.splitlines()[-1].startswith("Error: standard output: ")
+    assert told in done.err
+    assert "unexpected" not in done.err
+    assert "Exception ignored" not in done.err
+
+
+@pytest.mark.parametrize("place", ["2>&-", "2>/dev/full"])
+def test_stderr_that_takes_nothing(place: str, tmp_path: Path) -> None:
+    capture, out = record(tmp_path / "capture", frames=2), tmp_path / "out"
+    done = _shell(f'"$@" {place}', "resolve", capture.folder, "-o", out, "-j", 2, "--json")
+    assert done.status == 0
+    assert [json.loads(line)["status"] for line in done.out.splitlines()] == ["ok", "ok"]
+    assert _shell(f'"$@" {place}', "resolve", tmp_path / "nowhere", "-o", out).status == 2
+
+
+def test_all_streams_closed(tmp_path: Path) -> None:
+    capture, out = record(tmp_path / "capture", frames=2), tmp_path / "out"
+    done = _shell('"$@" <&- >&- 2>&-', "resolve", capture.folder, "-o", out, "-j", 2)
+    assert (done.status, done.out, done.err) == (0, "", "")
+    assert sorted(path.name for path in out.iterdir()) == ["frame_0.tif", "frame_1.tif", "frames.jsonl", "run.json"]
+
+
+def test_names_cannot_steer_a_terminal(tmp_path: Path) -> None:
+    folder = tmp_path / "red\x1b[31m\u202e\x07"
+    capture = record(folder)
+    capture.files[0].write_bytes(b"nothing")
+    for arguments in (("resolve", folder, "-o", tmp_path / "out"), ("info", folder), ("info", folder / "\x1b]0;x")):
+        done = _shell('"$@"', *arguments)
+        assert done.status in {1, 2}
+        assert "\x1b" not in done.out + done.err
+        assert "\u202e" not in done.out + done.err
+        assert "\x07" not in done.out + done.err
+        assert "red\\x1b[31m\\u202e\\x07" in done.err
+    assert "\x1b" not in _shell('"$@"', "info", "--no-such\x1b[2J").err
+
+
+def test_what_is_shown() -> None:
+    assert shown("µ – 320 × 240\tB\n") == "µ – 320 × 240\tB\n"
+    assert shown("\x1b[0m\r\udcff\x9b\u2028") == r"\x1b[0m\r\udcff\x9b\u2028"
