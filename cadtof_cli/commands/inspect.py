@@ -10,6 +10,7 @@ import click
 from cadtof_cli.commands.map_options import calibration_option, map_options
 from cadtof_cli.commands.options import SectionedCommand, capture_options, settings_option
 from cadtof_cli.commands.progress import Bar
+from cadtof_cli.commands.terminal import tell
 from cadtof_cli.frame_plan import MapSettings
 
 _WIDTH = 22
@@ -79,7 +80,7 @@ def inspect(
         draw_phasors(
             found.evidence, found.harmonics, title=f"{found.document['frame']}, pixel {pixel[0]},{pixel[1]}", path=out
         )
-    click.echo(json.dumps(found.document) if as_json else "\n".join(_lines(found.document, found.harmonics)))
+    tell(json.dumps(found.document) if as_json else "\n".join(_lines(found.document, found.harmonics)))
 
 
 def _lines(document: Mapping[str, Any], harmonics: tuple[int, ...]) -> Iterator[str]:

@@ -10,10 +10,12 @@ from cadtof_cli.arrays import Float
 from cadtof_cli.capture.discovery import Capture, base_of, find_captures, placed_below
 from cadtof_cli.capture.frame_sources import FrameSource
 from cadtof_cli.capture.frames import single_frames
+from cadtof_cli.capture.metadata import Optics
 from cadtof_cli.capture.toml import FILE_NAME as CAPTURE_FILE
 from cadtof_cli.capture.tree import WRITTEN_BY_US
 from cadtof_cli.errors import CadtofError, CaptureError, SettingsError
 from cadtof_cli.files.formats import MAP_SUFFIXES
+from cadtof_cli.frame_plan import DepthKind
 
 RUN_FILE = "run.json"
 FRAMES_FILE = "frames.jsonl"
@@ -164,9 +166,31 @@ class Run:
             raise CaptureError(f"{self.maps}: found no maps (.exr, .tif), expected those of `cadtof resolve`")
         return self.files
 
+    @property
+    def depth_kind(self) -> DepthKind:
+        """What the depths of the maps are: ranges, where no record says otherwise."""
+        return "z" if self.record is not None and self.record["arguments"].get("depth") == "z" else "range"
+
+    def optics(self, file: Path, /) -> Optics:
+        """Return the optics that the capture of a map was recorded with, as the run's record has them; unknown without one.
+
+        Maps lie below the run's folder as their captures lie below the folder that they share.
+        """
+        captures = [] if self.record is None else self.record.get("captures", [])
+        beside = Path(self.name(file)).parent.parts
+        for capture in captures:
+            folder = Path(capture["root"]).parts
+            if len(captures) == 1 or (beside and folder[-len(beside) :] == beside):
+                known = capture["metadata"]["optics"]
+                point = known["principal_point_px"]
+                return Optics(
+                    focal_length_px=known["focal_length_px"], principal_point_px=point and (point[0], point[1])
+                )
+        return Optics()
+
     def require_range_depth(self) -> None:
         """Make sure that the maps can be held against truth, which is radial range."""
-        if self.record is not None and self.record["arguments"].get("depth") == "z":
+        if self.depth_kind == "z":
             raise SettingsError(
                 f"{self.maps}: holds z depth, and truth is radial range; resolve with --depth range to evaluate"
             )

@@ -1,0 +1,65 @@
+"""Points with what is known of each, as other software reads them: PLY and PCD, binary."""
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cadtof_cli.files.atomic import whole_file
+
+Columns = Mapping[str, NDArray[np.float32] | NDArray[np.uint32]]
+"""Values of n points by the name of what they are, (n,) each."""
+
+_PLY_TYPES = {"f": "float", "u": "uint"}
+
+Header = Callable[[Columns, int, str], str]
+
+
+def write_ply(path: Path, columns: Columns, /, *, comment: str) -> None:
+    """Write points as a binary little-endian PLY, which appears whole or not at all.
+
+    Raises:
+        OutputError: the file cannot be written.
+    """
+    _write(path, columns, _ply_header, comment)
+
+
+def write_pcd(path: Path, columns: Columns, /, *, comment: str) -> None:
+    """Write points as a binary PCD of version 0.7, which appears whole or not at all.
+
+    Raises:
+        OutputError: the file cannot be written.
+    """
+    _write(path, columns, _pcd_header, comment)
+
+
+def _write(path: Path, columns: Columns, header: Header, comment: str) -> None:
+    count = len(next(iter(columns.values())))
+    points = np.empty(count, [(name, values.dtype.newbyteorder("<")) for name, values in columns.items()])
+    for name, values in columns.items():
+        points[name] = values
+    # a line break in a file's name must not end the comment
+    head = header(columns, count, " ".join(comment.split())).encode("utf-8", "replace")
+    with whole_file(path) as temporary:
+        temporary.write_bytes(head + points.tobytes())
+
+
+def _ply_header(columns: Columns, count: int, comment: str) -> str:
+    properties = "".join(f"property {_PLY_TYPES[values.dtype.kind]} {name}\n" for name, values in columns.items())
+    return f"ply\nformat binary_little_endian 1.0\ncomment {comment}\nelement vertex {count}\n{properties}end_header\n"
+
+
+def _pcd_header(columns: Columns, count: int, comment: str) -> str:
+    fields = {
+        "FIELDS": columns,
+        "SIZE": [values.itemsize for values in columns.values()],
+        "TYPE": [values.dtype.kind.upper() for values in columns.values()],
+        "COUNT": [1 for _ in columns],
+        "WIDTH": [count],
+        "HEIGHT": [1],
+        "VIEWPOINT": [0, 0, 0, 1, 0, 0, 0],
+        "POINTS": [count],
+    }
+    lines = "".join(f"{name} {' '.join(map(str, values))}\n" for name, values in fields.items())
+    return f"# .PCD v0.7 - {comment}\nVERSION 0.7\n{lines}DATA binary\n"

@@ -1,0 +1,182 @@
+"""`cadtof export`: maps as other software reads them."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cadtof_cli.capture.metadata import Optics
+from cadtof_cli.errors import CaptureError, SettingsError
+from cadtof_cli.files.atomic import whole_file
+from cadtof_cli.files.grey_png import write_grey_png
+from cadtof_cli.files.maps import STATUS, read_layers
+from cadtof_cli.files.point_cloud import write_pcd, write_ply
+from cadtof_cli.frame_plan import DepthKind
+from cadtof_cli.maps.layers import DIRECT_DEPTH
+from cadtof_cli.optics.pinhole import planar_per_range, ray_slopes
+from cadtof_cli.workflows.progress import Progress
+from cadtof_cli.workflows.run_folder import Run, read_run
+
+MOST_MM = 65535
+"""Farthest depth that 16 bits of millimetres hold."""
+
+Layers = Mapping[str, NDArray[Any]]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExportSettings:
+    """What a user can choose.
+
+    Attributes:
+        layer: the depths that points and pictures are made of.
+        depth: whether they are radial ranges or planar depths; None: as the run says, ranges where there is none.
+        focal_length_px: of the camera; None: as the run says.
+        principal_point_px: column and row where the optical axis meets the array; None: as the run says, or the middle.
+    """
+
+    layer: str = DIRECT_DEPTH
+    depth: DepthKind | None = None
+    focal_length_px: float | None = None
+    principal_point_px: tuple[float, float] | None = None
+
+    def __post_init__(self) -> None:
+        if not self.layer.endswith(".depth"):
+            raise SettingsError(f"--layer: found {self.layer!r}, expected a layer of depths such as direct.depth")
+        point = self.principal_point_px
+        if point is not None and len(point) != 2:
+            raise SettingsError(f"--principal-point-px: found {len(point)} numbers, expected a column and a row")
+
+
+@dataclass(frozen=True)
+class _Map:
+    """A map to be exported, and how its pixels look into the world."""
+
+    path: Path
+    layers: Layers
+    depth: DepthKind
+    optics: Optics
+
+
+def export_maps(
+    maps: Sequence[Path], out: Path, /, *, settings: ExportSettings, progress: Progress
+) -> tuple[Path, ...]:
+    """Write each map into a file of the format that `out` ends with, and return the files.
+
+    Of several maps each goes into a file of its own, whose name is that of `out` with the map's name behind.
+
+    Raises:
+        CadtofError: the maps cannot be read or lack layers, points need optics that are unknown, or a file cannot be written.
+    """
+    write = WRITERS.get(out.suffix.lower())
+    if write is None:
+        raise SettingsError(f"-o: found {out.name!r}, expected a name that ends with {', '.join(WRITERS)}")
+    found = [(run, file) for run in map(read_run, maps) for file in run.require_maps()]
+    outputs = [_output(out, run, file) if len(found) > 1 else out for run, file in found]
+    for position, output in enumerate(outputs):
+        if output in outputs[:position]:
+            raise SettingsError(f"two of the maps would be written as {output}: export them one command each")
+    progress.total(len(found))
+    for (run, file), output in zip(found, outputs, strict=True):
+        write(_read(run, file, settings), output, settings)
+        progress.advance()
+    return tuple(outputs)
+
+
+def _output(out: Path, run: Run, file: Path) -> Path:
+    return out.with_name(f"{out.stem}_{run.name(file).replace('/', '_')}{out.suffix}")
+
+
+def _read(run: Run, file: Path, settings: ExportSettings) -> _Map:
+    optics = run.optics(file)
+    focal, point = settings.focal_length_px, settings.principal_point_px
+    merged = Optics(
+        focal_length_px=optics.focal_length_px if focal is None else focal,
+        principal_point_px=optics.principal_point_px if point is None else (point[0], point[1]),
+    )
+    return _Map(file, read_layers(file), settings.depth or run.depth_kind, merged)
+
+
+def _layer(one: _Map, name: str) -> NDArray[Any]:
+    if name not in one.layers:
+        raise CaptureError(f"{one.path}: found layers {', '.join(one.layers)}; expected {name}")
+    return one.layers[name]
+
+
+def _points(one: _Map, settings: ExportSettings) -> dict[str, NDArray[Any]]:
+    """Return the points of the pixels that have an answer: x right, y down, z forward from the camera, in m."""
+    depth = _layer(one, settings.layer).astype(np.float64)
+    path = settings.layer.removesuffix(".depth")
+    rows, columns = depth.shape
+    right, down = ray_slopes(one.optics, (rows, columns))
+    forward = depth if one.depth == "z" else depth * planar_per_range(one.optics, (rows, columns))
+    planes = {
+        "x": forward * right,
+        "y": forward * down,
+        "z": forward,
+        "amplitude": _layer(one, f"{path}.amplitude"),
+        "sigma": _layer(one, f"{path}.sigma"),
+    }
+    known = np.isfinite(depth)
+    points = {name: plane[known].astype(np.float32) for name, plane in planes.items()}
+    return points | {STATUS: _layer(one, STATUS)[known].astype(np.uint32)}
+
+
+def _write_ply(one: _Map, output: Path, settings: ExportSettings) -> None:
+    write_ply(output, _points(one, settings), comment=_comment(one, settings))
+
+
+def _write_pcd(one: _Map, output: Path, settings: ExportSettings) -> None:
+    write_pcd(output, _points(one, settings), comment=_comment(one, settings))
+
+
+def _comment(one: _Map, settings: ExportSettings) -> str:
+    return f"cadtof: {settings.layer} of {one.path.name}, metres; amplitude V, sigma m"
+
+
+def _write_png(one: _Map, output: Path, settings: ExportSettings) -> None:
+    """Write millimetres, 0 where there is no answer, and where 16 bits do not hold it."""
+    depth = _layer(one, settings.layer).astype(np.float64)
+    mm = np.rint(1000.0 * np.nan_to_num(depth, nan=0.0, posinf=0.0, neginf=0.0))
+    plane = np.where((mm > 0) & (mm <= MOST_MM), mm, 0).astype(np.uint16)
+    kind = "planar depth z" if one.depth == "z" else "radial range"
+    write_grey_png(output, plane, texts={"Description": f"{settings.layer} in mm, {kind}; 0: no answer"})
+
+
+def _write_npz(one: _Map, output: Path, settings: ExportSettings) -> None:
+    """Write all layers by name as they are stored."""
+    del settings
+    with whole_file(output) as temporary, temporary.open("wb") as file:
+        np.savez_compressed(file, allow_pickle=False, **dict(one.layers))
+
+
+def _write_csv(one: _Map, output: Path, settings: ExportSettings) -> None:
+    """Write a line for each pixel: column, row, and every layer; nothing where there is no answer."""
+    del settings
+    rows, columns = next(iter(one.layers.values())).shape
+    y, x = np.divmod(np.arange(rows * columns), columns)
+    texts = [x.astype(str), y.astype(str), *(_texts(plane) for plane in one.layers.values())]
+    lines = [",".join(("x", "y", *one.layers)), *map(",".join, zip(*texts, strict=True))]
+    with whole_file(output) as temporary:
+        temporary.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def _texts(plane: NDArray[Any]) -> NDArray[np.str_]:
+    """Return the shortest texts that give the same values back."""
+    values = plane.ravel()
+    texts = values.astype(str)
+    if plane.dtype.kind == "f":
+        texts[np.isnan(values)] = ""
+    return texts
+
+
+WRITERS: dict[str, Callable[[_Map, Path, ExportSettings], None]] = {
+    ".ply": _write_ply,
+    ".pcd": _write_pcd,
+    ".png": _write_png,
+    ".npz": _write_npz,
+    ".csv": _write_csv,
+}
+"""What writes a map, by the ending of the file."""

@@ -1,0 +1,195 @@
+"""`cadtof export`, opened again by plyfile, pypcd4, OpenCV, Pillow and numpy."""
+
+import csv
+import importlib
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from tests.support.captures import layers_of, record, write_exr
+from tests.support.run_cadtof import cadtof
+
+FIELDS = ("x", "y", "z", "amplitude", "sigma", "status")
+Cloud = dict[str, NDArray[Any]]
+
+
+def _library(name: str) -> Any:
+    """Return someone else's library; where it is missing the test is skipped, but fails under CI."""
+    try:
+        return importlib.import_module(name)
+    except ImportError:
+        if os.environ.get("CI") == "true":
+            pytest.fail(f"{name} is not installed, and CI must have it")
+        pytest.skip(f"{name} is not installed")
+
+
+def _ply(path: Path) -> Cloud:
+    vertices = _library("plyfile").PlyData.read(str(path))["vertex"].data
+    assert vertices.dtype.names == FIELDS
+    return {name: np.array(vertices[name]) for name in FIELDS}
+
+
+def _pcd(path: Path) -> Cloud:
+    cloud = _library("pypcd4").PointCloud.from_path(path)
+    assert tuple(cloud.fields) == FIELDS
+    return {name: np.array(cloud.pc_data[name]) for name in FIELDS}
+
+
+READERS = {".ply": _ply, ".pcd": _pcd}
+
+
+def _exported(out: Path, *arguments: object) -> Path:
+    done = cadtof("export", *arguments, "-o", out)
+    assert (done.status, done.out, done.err) == (0, f"{out}\n", "")
+    return out
+
+
+def _maps(folder: Path, *options: object, frames: int = 1) -> Path:
+    capture = record(folder / "capture", frames=frames)
+    assert cadtof("resolve", capture.folder, "-o", folder / "out", "-j", 1, "-q", *options).status == 0
+    return folder / "out"
+
+
+@pytest.mark.parametrize("ending", READERS)
+def test_a_wall_stays_a_wall(ending: str, tmp_path: Path) -> None:
+    """A wall 3 m away, tilted by 20° and 10°: its plane, fitted to the points in the other library, lies and leans as it did."""
+    wall, tilt = tmp_path / "wall", np.radians([20.0, 10.0])
+    scene = ("--scene", "wall", "--distance-m", 3, "--tilt-deg", "20,10", "--seed", 5)
+    assert cadtof("simulate", *scene, "-o", wall).status == 0
+    assert cadtof("resolve", wall, "-o", tmp_path / "out", "-j", 1, "-q", "--mpi-model", "discrete").status == 0
+    cloud = READERS[ending](_exported(tmp_path / f"wall{ending}", tmp_path / "out"))
+    truth = layers_of(wall / "truth.exr")["direct.depth"].astype(np.float64)
+    depth = layers_of(next((tmp_path / "out").glob("frame_*")))["direct.depth"]
+    points = np.stack([cloud[name].astype(np.float64) for name in "xyz"], axis=1)
+    assert len(points) == np.isfinite(depth).sum() > 0.99 * truth.size
+    np.testing.assert_allclose(np.linalg.norm(points, axis=1), depth[np.isfinite(depth)], rtol=1e-6)
+    middle = points.mean(axis=0)
+    normal = np.linalg.svd(points - middle, full_matrices=False)[2][2]
+    normal *= np.sign(normal[2])
+    # the true plane, from the truth's ranges: 280 px, the axis in the middle
+    rows, columns = truth.shape
+    y, x = np.mgrid[:rows, :columns]
+    rays = np.stack([(x - (columns - 1) / 2) / 280.0, (y - (rows - 1) / 2) / 280.0, np.ones_like(x, float)], axis=-1)
+    rays /= np.linalg.norm(rays, axis=-1, keepdims=True)
+    solid = np.linalg.lstsq((rays * truth[..., None]).reshape(-1, 3), np.ones(truth.size), rcond=None)[0]
+    expected = solid / np.linalg.norm(solid)
+    assert np.degrees(np.arccos(abs(expected @ normal))) < 0.1
+    assert 1.0 / np.linalg.norm(solid) == pytest.approx(normal @ middle, abs=0.005)
+    assert expected[2] == pytest.approx(np.cos(np.arctan(np.hypot(*np.tan(tilt)))), abs=0.02)
+    assert np.median(np.abs((points - middle) @ normal)) < 2.0 * np.median(cloud["sigma"])
+
+
+@pytest.mark.parametrize("ending", READERS)
+def test_points_are_the_map_s_pixels(ending: str, tmp_path: Path) -> None:
+    """Ranges along pixels' rays, by a focal length of 28 px and the axis at column 15, row 10."""
+    out = _maps(tmp_path, "--min-confidence", "0.05")
+    layers = layers_of(out / "frame_0.tif")
+    for layer, path in (("direct.depth", "direct"), ("mpi.depth", "mpi")):
+        cloud = READERS[ending](_exported(tmp_path / f"{path}{ending}", out, "--layer", layer))
+        known = np.isfinite(layers[layer])
+        y, x = np.nonzero(known)
+        rays = np.stack([(x - 15.0) / 28.0, (y - 10.0) / 28.0, np.ones(x.size)])
+        points = rays / np.linalg.norm(rays, axis=0) * layers[layer][known]
+        for name, values in zip("xyz", points, strict=True):
+            np.testing.assert_allclose(cloud[name], values, rtol=1e-6, atol=1e-7)
+        np.testing.assert_array_equal(cloud["amplitude"], layers[f"{path}.amplitude"][known])
+        np.testing.assert_array_equal(cloud["sigma"], layers[f"{path}.sigma"][known])
+        np.testing.assert_array_equal(cloud["status"], layers["status"][known])
+    assert known.sum() < known.size
+
+
+def test_planar_depths_give_the_same_points(tmp_path: Path) -> None:
+    ranges, planar = _maps(tmp_path / "a"), _maps(tmp_path / "b", "--depth", "z")
+    clouds = [_ply(_exported(tmp_path / f"{out.parent.name}.ply", out)) for out in (ranges, planar)]
+    for name in "xyz":
+        np.testing.assert_allclose(clouds[0][name], clouds[1][name], rtol=1e-5, atol=1e-6)
+
+
+def test_a_picture_in_millimetres(tmp_path: Path) -> None:
+    depth = np.linspace(0.2, 70.0, 12, dtype=np.float32).reshape(3, 4)
+    depth[1, 2] = np.nan
+    write_exr(tmp_path / "a.exr", {"direct.depth": depth})
+    png = _exported(tmp_path / "a.png", tmp_path / "a.exr")
+    expected = np.where(np.nan_to_num(depth) < 65.5355, np.rint(1000 * np.nan_to_num(depth).astype(float)), 0)
+    assert expected[2, 3] == expected[1, 2] == 0
+    cv2 = _library("cv2")
+    opened = cv2.imread(str(png), cv2.IMREAD_UNCHANGED)
+    assert opened.dtype == np.uint16
+    np.testing.assert_array_equal(opened, expected)
+    with _library("PIL.Image").open(png) as image:
+        assert (image.format, image.size) == ("PNG", (4, 3))
+        assert image.text["Description"] == "direct.depth in mm, radial range; 0: no answer"
+        np.testing.assert_array_equal(np.array(image), expected)
+
+
+def test_arrays_and_tables_hold_every_layer(tmp_path: Path) -> None:
+    out = _maps(tmp_path)
+    layers = layers_of(out / "frame_0.tif")
+    with np.load(_exported(tmp_path / "a.npz", out)) as arrays:
+        assert set(arrays) == set(layers)
+        for name, plane in layers.items():
+            np.testing.assert_array_equal(arrays[name], plane)
+    with _exported(tmp_path / "a.csv", out).open(encoding="utf-8", newline="") as file:
+        lines = list(csv.DictReader(file))
+    assert [int(line["x"]) for line in lines[:33]] == [*range(32), 0]
+    assert int(lines[-1]["y"]) == 23
+    for name, plane in layers.items():
+        read = np.array([line[name] or "nan" for line in lines], plane.dtype if name == "status" else np.float32)
+        np.testing.assert_array_equal(read.reshape(24, 32), plane)
+
+
+def test_several_maps_get_a_file_each(tmp_path: Path) -> None:
+    out = _maps(tmp_path, frames=3)
+    done = cadtof("export", out, "-o", tmp_path / "cloud.ply")
+    files = [tmp_path / f"cloud_frame_{index}.ply" for index in range(3)]
+    assert (done.status, done.out.split()) == (0, [str(file) for file in files])
+    assert len(_ply(files[2])["x"]) == 24 * 32
+    done = cadtof("export", out, out, "-o", tmp_path / "twice.ply")
+    assert (done.status, done.out) == (2, "")
+    assert "two of the maps would be written as" in done.err
+
+
+def test_hostile_names_and_optics_of_one_s_own(tmp_path: Path) -> None:
+    """A line break in a file's name must not become a line of a header."""
+    plane = np.full((3, 5), 2.0, np.float32)
+    file = tmp_path / "a\nend_header\n.exr"
+    layers = {f"direct.{name}": plane for name in ("depth", "amplitude", "sigma")}
+    write_exr(file, {**layers, "status": np.full((3, 5), 8, np.uint32)})
+    for ending, read in READERS.items():
+        out = _exported(tmp_path / f"a{ending}", file, "--focal-length-px", 4, "--principal-point-px", "2,1")
+        cloud = read(out)
+        assert len(cloud["x"]) == 15
+        assert (cloud["x"][7], cloud["y"][7], cloud["z"][7]) == (0.0, 0.0, 2.0)
+        assert cloud["x"][5] == pytest.approx(-2.0 * 0.5 / np.sqrt(1.25))
+
+
+def test_what_cannot_be_exported(tmp_path: Path) -> None:
+    out = _maps(tmp_path)
+    write_exr(tmp_path / "lone.exr", {"direct.depth": np.ones((3, 4), np.float32)})
+    for arguments, told in (
+        (
+            (out, "-o", tmp_path / "a.obj"),
+            "-o: found 'a.obj', expected a name that ends with .ply, .pcd, .png, .npz, .csv",
+        ),
+        (
+            (out, "-o", tmp_path / "a.ply", "--layer", "confidence"),
+            "--layer: found 'confidence', expected a layer of depths",
+        ),
+        ((out, "-o", tmp_path / "a.ply", "--layer", "path3.depth"), "expected path3.depth"),
+        ((tmp_path / "lone.exr", "-o", tmp_path / "a.ply"), "the optics are unknown"),
+        ((out, "-o", tmp_path / "a.ply", "--focal-length-px", "0"), "optics.focal_length_px"),
+        (
+            (out, "-o", tmp_path / "a.ply", "--principal-point-px", "1,2,3"),
+            "found 3 numbers, expected a column and a row",
+        ),
+        ((tmp_path / "gone", "-o", tmp_path / "a.ply"), "no such file or folder; expected maps"),
+        ((out, "-o", tmp_path / "gone" / "a.ply"), "cannot be written: No such file or directory"),
+    ):
+        done = cadtof("export", *arguments)
+        assert (done.status, done.out) == (2, "")
+        assert told in done.err
+    assert not list(tmp_path.glob("a.*"))
