@@ -135,7 +135,11 @@ def _fit(
     room = import_module(f"cadtof_cli.resolver.{settings.room(harmonics, sine=response is None)}.solver")
     with np.errstate(all="ignore"):
         solver: Solver = room.solver(
-            phasors, noise=pixel.noise, settings=settings, response=response.block(here) if response else None
+            phasors,
+            noise=pixel.noise,
+            settings=settings,
+            response=response.block(here) if response else None,
+            first=here.start,
         )
         only: Bool = np.asarray(np.isfinite(phasors).all(axis=0))
         limit = None if count >= settings.max_paths else math.inf

@@ -63,7 +63,7 @@ def _flat(document: dict[str, Any], path: Path) -> dict[str, Any]:
             raise MetadataError(_unknown(f"{path}: unknown table [{table}]", table, list(TABLES)))
         if not isinstance(content, dict):
             raise MetadataError(f"{path}: {table}: found {content!r}, expected a table [{table}]")
-        for name, value in _without_tables(content):
+        for name, value in _without_tables(table, content):
             if f"{table}.{name}" not in _KEYS:
                 known = [key.name for key in KEYS if key.table == table]
                 raise MetadataError(_unknown(f"{path}: unknown key {table}.{name}", name, known))
@@ -71,10 +71,10 @@ def _flat(document: dict[str, Any], path: Path) -> dict[str, Any]:
     return flat
 
 
-def _without_tables(content: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
-    """Yield the values of a table; those of a table in it, such as [layout.raw], with both names as one: raw_dtype."""
+def _without_tables(table: str, content: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
+    """Yield the values of a table; those of a table in it that is no key, as [layout.raw], with both names as one: raw_dtype."""
     for name, value in content.items():
-        if isinstance(value, dict):
+        if isinstance(value, dict) and f"{table}.{name}" not in _KEYS:
             yield from ((f"{name}_{inner}", entry) for inner, entry in value.items())
         else:
             yield name, value

@@ -58,14 +58,22 @@ class DepthMaps:
 class MapsAbout:
     """What a file of maps says of itself: the unit of each layer, empty for pure numbers, and facts by name.
 
-    Facts are text, such as the kind of depth, the periods, the recorded frame and the digest of a calibration.
+    Facts are text, such as the kind of depth, the periods, the recorded frame and the digest of a calibration; what no header can
+    hold, such as bytes of a file name that are no UTF-8, is escaped.
     """
 
     units: Mapping[str, str] = field(default_factory=dict)
     facts: Mapping[str, str] = field(default_factory=dict)
 
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "facts", {name: _printable(text) for name, text in self.facts.items()})
+
 
 NOTHING_SAID = MapsAbout()
+
+
+def _printable(text: str) -> str:
+    return "".join(sign if sign.isprintable() else repr(sign)[1:-1] for sign in text)
 
 
 def is_map_layer(name: str, /) -> bool:

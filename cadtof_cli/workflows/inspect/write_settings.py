@@ -22,6 +22,9 @@ _EXAMPLES: Mapping[str, Any] = {
     "layout.channel": ("A", "B"),
     "layout.harmonic": {"25": 1, "50": 2},
     "layout.frames": 100,
+    "layout.raw_dtype": "uint16",
+    "layout.raw_shape": (2, 2, 240, 320),
+    "layout.raw_offset_bytes": 0,
 }
 """What a key without a value may look like."""
 
