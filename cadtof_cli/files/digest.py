@@ -17,8 +17,8 @@ def content_digest(values: NDArray[Any], /) -> str:
     """Return a digest of an array's type, shape and values, 32 hexadecimal digits.
 
     It finds accidents, not forgeries: the words of 8 bytes are laid out in rows of 512 and added up along rows and along
-    columns, modulo 2**64, and BLAKE2b goes over the sums. A change of any one word changes two of them for certain. That takes
-    a fifth of the time of BLAKE2b over everything, which would be felt in every frame.
+    columns, modulo 2**64, and BLAKE2b goes over the sums. A change of any one word changes two of them for certain. BLAKE2b over
+    everything would cost each frame more.
     """
     digest = blake2b(f"{values.dtype.str}{values.shape}".encode(), digest_size=16)
     data = np.ascontiguousarray(values).reshape(-1).view(np.uint8)
