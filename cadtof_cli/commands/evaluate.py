@@ -20,7 +20,8 @@ def evaluate(maps: Path, truth: Path, as_json: bool) -> None:
     """Compare the direct depth of maps with truth, beside the depth of the first phasor alone.
 
     OUT is the folder that `cadtof resolve` wrote, or one map file. All frames are held against the same truth; pixels
-    without truth do not count, and `valid` is the share of the others that have an answer.
+    without truth do not count, and `valid` is the share of the others that have an answer. The last two columns are the
+    shares of errors within once and twice the predicted standard deviation: 68 % and 95 % where that is true.
     """
     from cadtof_cli.workflows.inspect.evaluate import evaluate_maps
 
@@ -28,10 +29,11 @@ def evaluate(maps: Path, truth: Path, as_json: bool) -> None:
     if as_json:
         tell(json.dumps(asdict(evaluation)))
         return
-    titles = "".join(f"{title:>10}" for title in ("median", "90 %", "RMSE", "bias", "valid"))
+    titles = "".join(f"{title:>10}" for title in ("median", "90 %", "RMSE", "bias", "valid", "in 1 σ", "in 2 σ"))
     tell(f"{'error, cm':14}{titles}   (median and 90 % of |error|; {evaluation.frames} frames)")
     for title, errors in (("first phasor", evaluation.first_phasor), ("direct path", evaluation.direct)):
         if errors is not None:
             figures = (errors.median_cm, errors.p90_cm, errors.rmse_cm, errors.bias_cm)
             shown = "".join(f"{'–' if figure is None else f'{figure:.2f}':>10}" for figure in figures)
-            tell(f"{title:14}{shown}{errors.valid:>10.1%}")
+            shares = (errors.valid, errors.within_1_sigma, errors.within_2_sigma)
+            tell(f"{title:14}{shown}" + "".join(f"{'–' if share is None else f'{share:.1%}':>10}" for share in shares))

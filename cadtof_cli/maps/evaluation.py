@@ -15,13 +15,19 @@ BINS = 1_000_000
 
 @dataclass(frozen=True)
 class DepthErrors:
-    """Summary of depth errors in cm; `valid` is the share of pixels with truth that have an answer, the rest is of those."""
+    """Summary of depth errors in cm; `valid` is the share of pixels with truth that have an answer, the rest is of those.
+
+    `within_1_sigma` and `within_2_sigma` are the shares of pixels whose error is no larger than once and twice the predicted
+    standard deviation: .68 and .95 where that is true and errors are Gaussian. None where no standard deviation is known.
+    """
 
     median_cm: float | None
     p90_cm: float | None
     rmse_cm: float | None
     bias_cm: float | None
     valid: float
+    within_1_sigma: float | None = None
+    within_2_sigma: float | None = None
 
 
 class ErrorTally:
@@ -32,13 +38,30 @@ class ErrorTally:
         self._sum_cm = 0.0
         self._sum_of_squares = 0.0
         self._with_truth = 0
+        self._within = [0, 0]
+        self._with_sigma = 0
 
-    def add(self, depth_m: NDArray[np.floating], truth_m: NDArray[np.floating], /) -> None:
-        """Add a frame's depths against its truth, (Y, X) each in m; pixels without truth do not count."""
+    def add(
+        self,
+        depth_m: NDArray[np.floating],
+        truth_m: NDArray[np.floating],
+        /,
+        *,
+        sigma_m: NDArray[np.floating] | None = None,
+    ) -> None:
+        """Add a frame's depths against its truth, and their predicted standard deviations, (Y, X) each in m.
+
+        Pixels without truth do not count, and those without a standard deviation not among the shares within it.
+        """
         known = np.isfinite(truth_m)
         self._with_truth += int(np.count_nonzero(known))
         error: Float = 100.0 * (depth_m.astype(np.float64) - truth_m)[known]
-        error = error[np.isfinite(error)]
+        answered = np.isfinite(error)
+        error = error[answered]
+        if sigma_m is not None:
+            ratio: Float = np.abs(error) / (100.0 * sigma_m.astype(np.float64)[known][answered])
+            self._with_sigma += int(np.count_nonzero(np.isfinite(ratio)))
+            self._within = [count + int(np.count_nonzero(ratio <= k)) for k, count in enumerate(self._within, start=1)]
         self._sum_cm += float(error.sum())
         self._sum_of_squares += float(np.square(error).sum())
         bins = np.minimum(np.abs(error) / BIN_CM, BINS).astype(np.int64)
@@ -56,6 +79,7 @@ class ErrorTally:
             float(np.sqrt(self._sum_of_squares / total)),
             self._sum_cm / total,
             valid,
+            *(count / self._with_sigma if self._with_sigma else None for count in self._within),
         )
 
     def _quantile(self, share: float) -> float:

@@ -15,7 +15,7 @@ from tests.support.captures import VOLTS_PER_COUNT, ZERO_COUNTS, layers_of, reco
 from tests.support.forward import AMPLITUDE_V, C_M_PER_NS, T1_NS, Light, depth_m, step_frame, step_truth
 from tests.support.run_cadtof import cadtof
 
-KEYS = ["median_cm", "p90_cm", "rmse_cm", "bias_cm", "valid"]
+KEYS = ["median_cm", "p90_cm", "rmse_cm", "bias_cm", "valid", "within_1_sigma", "within_2_sigma"]
 
 
 def _truth(path: Path, *, known: NDArray[np.bool_] | None = None, height: int = 24) -> Path:
@@ -65,7 +65,14 @@ def test_errors_are_those_of_the_maps(tmp_path: Path) -> None:
     first[0][5, 6] = np.nan
     for name, depths in (("direct", direct), ("first_phasor", first)):
         errors = 100 * (np.stack(depths).astype(np.float64) - step_truth().astype(np.float32))[:, known]
+        shares = [found[name].pop(share) for share in KEYS[-2:]]
         assert found[name] == _expected(errors[np.isfinite(errors)], valid)
+        if name == "first_phasor":
+            assert shares == [None, None]
+            continue
+        sigma = 100 * np.stack([layers_of(out / f"frame_{index}.tif")["direct.sigma"] for index in range(3)])[:, known]
+        ratio = (np.abs(errors) / sigma)[np.isfinite(errors)]
+        assert shares == pytest.approx([np.mean(ratio <= 1), np.mean(ratio <= 2)], abs=0.002)
     assert found["direct"]["rmse_cm"] < 2
     assert found["first_phasor"]["rmse_cm"] > 10
 
@@ -111,7 +118,11 @@ def test_one_map_and_its_table(tmp_path: Path) -> None:
     assert float(first.split()[3]) == pytest.approx(np.quantile(np.abs(error), 0.9), abs=0.02)
     assert float(first.split()[5]) == pytest.approx(error.mean(), abs=0.01)
     assert direct.startswith("direct path")
-    assert direct.split()[-1] == "100.0%"
+    assert direct.split()[-3] == "100.0%"
+    sigma = layers_of(out / "frame_1.tif")["direct.sigma"]
+    off = np.abs(layers_of(out / "frame_1.tif")["direct.depth"] - step_truth())
+    assert direct.split()[-2:] == [f"{np.mean(off <= k * sigma):.1%}" for k in (1, 2)]
+    assert first.split()[-2:] == ["–", "–"]
 
 
 def test_recordings_that_are_gone_cost_only_the_first_phasor(tmp_path: Path) -> None:
@@ -140,7 +151,7 @@ def test_maps_without_an_answer(tmp_path: Path) -> None:
     write_maps(out / "frame_0.tif", DepthMaps(names, pages, np.full((24, 32), 4, np.uint32)))
     done = cadtof("evaluate", out, "--truth", _truth(tmp_path / "truth.exr"), "--json")
     assert done.status == 0
-    assert json.loads(done.out)["direct"] == dict.fromkeys(KEYS[:-1]) | {"valid": 0.0}
+    assert json.loads(done.out)["direct"] == dict.fromkeys(KEYS) | {"valid": 0.0}
     assert "–" in cadtof("evaluate", out, "--truth", tmp_path / "truth.exr").out
 
 

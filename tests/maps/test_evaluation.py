@@ -43,3 +43,22 @@ def test_without_an_answer_or_without_truth_there_are_no_figures() -> None:
     assert tally.summary() == DepthErrors(None, None, None, None, 0.0)
     tally.add(np.ones((2, 2)), np.ones((2, 2)))
     assert tally.summary().valid == 0.5
+
+
+def test_shares_within_the_predicted_standard_deviation() -> None:
+    rng = np.random.default_rng(11)
+    sigma = rng.uniform(0.001, 0.01, (200, 300))
+    truth = np.full(sigma.shape, 2.0)
+    depth = truth + sigma * rng.standard_normal(sigma.shape)
+    truth[:10], depth[10:20], sigma[20:30] = np.nan, np.nan, np.nan
+    tally = ErrorTally()
+    tally.add(depth, truth, sigma_m=sigma)
+    found = tally.summary()
+    assert found.within_1_sigma == pytest.approx(0.6827, abs=0.006)
+    assert found.within_2_sigma == pytest.approx(0.9545, abs=0.003)
+
+
+def test_no_shares_without_a_standard_deviation() -> None:
+    tally = ErrorTally()
+    tally.add(np.full((2, 2), 1.01), np.ones((2, 2)))
+    assert (tally.summary().within_1_sigma, tally.summary().within_2_sigma) == (None, None)

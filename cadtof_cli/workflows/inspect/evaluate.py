@@ -1,9 +1,12 @@
 """`cadtof evaluate`: the maps of a run against truth, beside what the first phasor alone would have said."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cadtof_cli.arrays import Float
 from cadtof_cli.capture.discovery import Capture
@@ -12,7 +15,7 @@ from cadtof_cli.capture.frames import open_frames
 from cadtof_cli.errors import CaptureError
 from cadtof_cli.files.maps import read_layers
 from cadtof_cli.maps.evaluation import DepthErrors, ErrorTally
-from cadtof_cli.maps.layers import DIRECT_DEPTH
+from cadtof_cli.maps.layers import DIRECT_DEPTH, DIRECT_SIGMA
 from cadtof_cli.phasors.voltages import ideal_phasor_map, phasors_from_stored, saturated_pixels
 from cadtof_cli.units import metres_per_radian
 from cadtof_cli.workflows.progress import Progress
@@ -41,7 +44,9 @@ def evaluate_maps(maps: Path, /, *, truth: Path, progress: Progress) -> Evaluati
     direct, first = ErrorTally(), ErrorTally()
     compared = 0
     for path in files:
-        direct.add(same_size(direct_depth(path), expected, path, truth), expected)
+        layers = read_layers(path)
+        depth = same_size(_direct_of(layers, path), expected, path, truth)
+        direct.add(depth, expected, sigma_m=layers.get(DIRECT_SIGMA))
         if run.name(path) in recorded:
             capture, source = recorded[run.name(path)]
             first.add(
@@ -69,7 +74,10 @@ def direct_depth(path: Path, /) -> Float:
     Raises:
         CadtofError: the file cannot be read or has no such layer.
     """
-    layers = read_layers(path)
+    return _direct_of(read_layers(path), path)
+
+
+def _direct_of(layers: Mapping[str, NDArray[Any]], path: Path) -> Float:
     if DIRECT_DEPTH not in layers:
         raise CaptureError(f"{path}: found layers {', '.join(layers)}; expected {DIRECT_DEPTH}")
     return layers[DIRECT_DEPTH].astype(np.float64)
