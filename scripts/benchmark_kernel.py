@@ -13,8 +13,9 @@ from cadtof_cli.arrays import Stored
 from cadtof_cli.capture.discovery import find_captures
 from cadtof_cli.capture.frames import open_frames
 from cadtof_cli.execution.workers import keep_freed_memory
-from cadtof_cli.frame_plan import FramePlan
+from cadtof_cli.frame_plan import FramePlan, MapSettings
 from cadtof_cli.pipeline import resolve_frame
+from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.resolver.two_path.kernel import NUMPY, available_kernels
 
 SAMPLES = Path(__file__).resolve().parent.parent / "sample_data"
@@ -46,7 +47,8 @@ def recorded(folder: Path) -> tuple[Stored, FramePlan]:
     """Return the first frame of a capture, and what to do with it."""
     capture = find_captures([folder], overrides={})[0]
     with open_frames(capture.frames[0], capture.layout) as frames:
-        return frames.read(0), FramePlan(metadata=capture.source.metadata)
+        settings = MapSettings(resolver=ResolverSettings(mpi_model="discrete"))
+        return frames.read(0), FramePlan(metadata=capture.source.metadata, settings=settings)
 
 
 def in_turns(works: Mapping[str, Callable[[], object]], repeats: int) -> dict[str, float]:
