@@ -11,8 +11,8 @@ from cadtof_cli.phasors.noise import NoiseModel
 from cadtof_cli.resolver.status import StatusBit
 
 SIGMAS = 5.0
-"""Noise that an amplitude may exceed the modulation by, in the sum of the harmonics' standard deviations in the dark: where all
-light is the laser's, the most that noise has done in 800,000 pixels of one or two paths, 100 ≤ n_av ≤ 1e5, is 0.9 of them."""
+"""Noise that an amplitude may exceed the modulation by, in the sum of the harmonics' standard deviations in the dark: far more
+than noise does where all light is the laser's (`tests/maps/test_impossible.py`)."""
 
 UNKNOWN_SHARE = 0.01
 """Share that a camera's modulation amplitude may be off by as it is stated, with a few digits."""
