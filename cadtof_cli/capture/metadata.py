@@ -5,7 +5,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, fields
 from functools import cached_property
-from typing import Any, Literal, cast
+from typing import Any, Literal, NamedTuple, cast
 
 from cadtof_cli.errors import MetadataError
 
@@ -14,6 +14,9 @@ Waveform = Literal["sine", "triangle"]
 Kind = Literal["number", "whole number", "numbers", "pair", "text"]
 
 WAVEFORMS: tuple[Waveform, ...] = ("sine", "triangle")
+
+PATTERN_PARTS = ("frame", "harmonic", "channel")
+"""What `[layout] pattern` names once each, in braces."""
 
 HARMONIC_TOLERANCE = 1e-6
 """How far periods_ns[0] / period may be from a whole number, relative; recorded periods are rounded decimals."""
@@ -31,83 +34,67 @@ class InvalidValueError(MetadataError):
         return f"{place}{self.key}: found {self.found!r}, expected {self.expected}"
 
 
-def _key(kind: Kind, about: str, default: Any = None) -> Any:
-    """Declare one key of a table: its kind of value, what it means, and the paper's value if it has one."""
-    return field(default=default, metadata={"kind": kind, "about": about})
+class Check(NamedTuple):
+    """What must hold for a value, what is expected where it does not, and what is then said to have been found."""
+
+    holds: Callable[[Any], bool]
+    expected: str
+    found: Callable[[Any], object] = lambda value: value
 
 
-def _number(value: Any) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        raise TypeError("a number")
-    return float(value)
+def _key(kind: Kind, about: str, default: Any = None, *checks: Check) -> Any:
+    """Declare one key of a table: its kind of value, what it means, the paper's value if it has one, and its checks."""
+    return field(default=default, metadata={"kind": kind, "about": about, "checks": checks})
 
 
-def _whole_number(value: Any) -> int:
-    if isinstance(value, bool) or not isinstance(value, int):
-        raise TypeError("a whole number")
-    return value
+def _above(least: float) -> Check:
+    return Check(lambda value: math.isfinite(value) and value > least, f"a finite number above {least}")
 
 
-def _numbers(value: Any) -> tuple[float, ...]:
-    if not isinstance(value, list | tuple) or not value:
-        raise TypeError("a list of numbers")
-    return tuple(_number(item) for item in value)
-
-
-def _pair(value: Any) -> tuple[float, ...]:
-    if not isinstance(value, list | tuple) or len(value) != 2:
-        raise TypeError("a list of two numbers")
-    return _numbers(value)
-
-
-def _text(value: Any) -> str:
-    if not isinstance(value, str):
-        raise TypeError("a string")
-    return value
-
-
-_CONVERTERS: dict[Kind, Callable[[Any], Any]] = {
-    "number": _number,
-    "whole number": _whole_number,
-    "numbers": _numbers,
-    "pair": _pair,
-    "text": _text,
-}
-
-
-def _require(holds: bool, key: str, found: object, expected: str) -> None:
-    if not holds:
-        raise InvalidValueError(key, found, expected)
-
-
-def _require_finite(key: str, value: float | None, *, above: float | None = None, expected: str = "") -> None:
-    holds = value is None or (math.isfinite(value) and (above is None or value > above))
-    _require(holds, key, value, expected or f"a finite number above {above}")
+def _are_harmonics(periods: tuple[float, ...]) -> bool:
+    ratios = [periods[0] / period for period in periods]
+    whole = all(abs(ratio - round(ratio)) <= HARMONIC_TOLERANCE * ratio for ratio in ratios)
+    return whole and all(a < b for a, b in itertools.pairwise(ratios))
 
 
 @dataclass(frozen=True, kw_only=True)
-class Modulation:
-    """The voltages that the pixel samples."""
-
-    periods_ns: tuple[float, ...] = _key("numbers", "modulation periods, the fundamental first", (40.0, 20.0))
-    waveform: Waveform = _key("text", "shape of the modulation, sine or triangle", "sine")
-    amplitude_v: float = _key("number", "modulation amplitude", 0.2746)
+class Table:
+    """A table of `capture.toml`: its fields are keys, and hold values that their checks allow, or None."""
 
     def __post_init__(self) -> None:
-        for period in self.periods_ns:
-            _require_finite("modulation.periods_ns", period, above=0)
-        ratios = [self.periods_ns[0] / period for period in self.periods_ns]
-        harmonic = all(abs(ratio - round(ratio)) <= HARMONIC_TOLERANCE * ratio for ratio in ratios)
-        rising = all(a < b for a, b in itertools.pairwise(ratios))
-        _require(
-            harmonic and rising,
-            "modulation.periods_ns",
-            list(self.periods_ns),
+        for item in fields(self):
+            value = getattr(self, item.name)
+            for holds, expected, found in item.metadata["checks"] if value is not None else ():
+                if not holds(value):
+                    raise InvalidValueError(f"{type(self).__name__.lower()}.{item.name}", found(value), expected)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Modulation(Table):
+    """The voltages that the pixel samples."""
+
+    periods_ns: tuple[float, ...] = _key(
+        "numbers",
+        "modulation periods, the fundamental first",
+        (40.0, 20.0),
+        Check(
+            lambda periods: all(map(_above(0).holds, periods)),
+            _above(0).expected,
+            lambda periods: next(period for period in periods if not _above(0).holds(period)),
+        ),
+        Check(
+            _are_harmonics,
             "the fundamental first, then falling periods that divide it by whole numbers, such as [40.0, 20.0]",
-        )
-        allowed = " or ".join(map(repr, WAVEFORMS))
-        _require(self.waveform in WAVEFORMS, "modulation.waveform", self.waveform, allowed)
-        _require_finite("modulation.amplitude_v", self.amplitude_v, above=0)
+            list,
+        ),
+    )
+    waveform: Waveform = _key(
+        "text",
+        "shape of the modulation, sine or triangle",
+        "sine",
+        Check(lambda waveform: waveform in WAVEFORMS, " or ".join(map(repr, WAVEFORMS))),
+    )
+    amplitude_v: float = _key("number", "modulation amplitude", 0.2746, _above(0))
 
     @cached_property
     def harmonics(self) -> tuple[int, ...]:
@@ -116,86 +103,77 @@ class Modulation:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Pixel:
+class Pixel(Table):
     """The averaging that each photon's sample goes through."""
 
-    integration_length: float | None = _key("number", "n_av of Eq. (1), per harmonic")
-
-    def __post_init__(self) -> None:
-        _require_finite("pixel.integration_length", self.integration_length, above=1)
+    integration_length: float | None = _key("number", "n_av of Eq. (1), per harmonic", None, _above(1))
 
 
 @dataclass(frozen=True, kw_only=True)
-class Pulse:
+class Pulse(Table):
     """The laser pulse, taken as a Gaussian."""
 
-    fwhm_ns: float = _key("number", "laser pulse, full width at half maximum", 1.7)
-
-    def __post_init__(self) -> None:
-        holds = math.isfinite(self.fwhm_ns) and self.fwhm_ns >= 0
-        _require(holds, "pulse.fwhm_ns", self.fwhm_ns, "a finite number, 0 or more")
-
-
-@dataclass(frozen=True, kw_only=True)
-class Voltage:
-    """How stored values stand for volts: (stored − zero_counts) · volts_per_count."""
-
-    zero_counts: float = _key("number", "stored value of 0 V", 0.0)
-    volts_per_count: float | None = _key("number", "volts a count; float files without it hold volts")
-    saturated_counts: tuple[float, float] | None = _key("pair", "stored values at or beyond these are saturated")
-
-    def __post_init__(self) -> None:
-        _require_finite("voltage.zero_counts", self.zero_counts, expected="a finite number")
-        scale, limits = self.volts_per_count, self.saturated_counts
-        holds = scale is None or (math.isfinite(scale) and scale != 0)
-        _require(holds, "voltage.volts_per_count", scale, "a finite number other than 0")
-        holds = limits is None or limits[0] < limits[1]
-        _require(holds, "voltage.saturated_counts", limits and list(limits), "the lower limit, then a higher one")
-
-
-@dataclass(frozen=True, kw_only=True)
-class Optics:
-    """The lens as a pinhole; needed for z depth, Petzval walls and point clouds."""
-
-    focal_length_px: float | None = _key("number", "focal length in pixels")
-    principal_point_px: tuple[float, float] | None = _key(
-        "pair", "column and row where the optical axis meets the array"
+    fwhm_ns: float = _key(
+        "number",
+        "laser pulse, full width at half maximum",
+        1.7,
+        Check(lambda width: math.isfinite(width) and width >= 0, "a finite number, 0 or more"),
     )
 
-    def __post_init__(self) -> None:
-        _require_finite("optics.focal_length_px", self.focal_length_px, above=0)
-        point = self.principal_point_px
-        holds = point is None or all(map(math.isfinite, point))
-        _require(holds, "optics.principal_point_px", point, "two finite numbers")
+
+@dataclass(frozen=True, kw_only=True)
+class Voltage(Table):
+    """How stored values stand for volts: (stored − zero_counts) · volts_per_count."""
+
+    zero_counts: float = _key("number", "stored value of 0 V", 0.0, Check(math.isfinite, "a finite number"))
+    volts_per_count: float | None = _key(
+        "number",
+        "volts a count; float files without it hold volts",
+        None,
+        Check(lambda scale: math.isfinite(scale) and scale != 0, "a finite number other than 0"),
+    )
+    saturated_counts: tuple[float, float] | None = _key(
+        "pair",
+        "stored values at or beyond these are saturated",
+        None,
+        Check(lambda limits: limits[0] < limits[1], "the lower limit, then a higher one", list),
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
-class Target:
+class Optics(Table):
+    """The lens as a pinhole; needed for z depth, Petzval walls and point clouds."""
+
+    focal_length_px: float | None = _key("number", "focal length in pixels", None, _above(0))
+    principal_point_px: tuple[float, float] | None = _key(
+        "pair",
+        "column and row where the optical axis meets the array",
+        None,
+        Check(lambda point: all(map(math.isfinite, point)), "two finite numbers"),
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Target(Table):
     """A known object that a calibration capture looks at."""
 
-    distance_m: float | None = _key("number", "perpendicular distance of a flat target")
-
-    def __post_init__(self) -> None:
-        _require_finite("target.distance_m", self.distance_m, above=0)
+    distance_m: float | None = _key("number", "perpendicular distance of a flat target", None, _above(0))
 
 
 @dataclass(frozen=True, kw_only=True)
-class Layout:
+class Layout(Table):
     """How frames are spread over files, where the files do not say it themselves."""
 
-    pattern: str | None = _key("text", "file name of one plane, such as {frame}_h{harmonic}_sc{channel}.tif")
-    frames: int | None = _key("whole number", "frames in each TIFF stack")
-
-    def __post_init__(self) -> None:
-        if self.pattern is not None:
-            missing = [name for name in ("{frame}", "{harmonic}", "{channel}") if self.pattern.count(name) != 1]
-            _require(
-                not missing and "/" not in self.pattern,
-                "layout.pattern",
-                self.pattern,
-                "a file name with {frame}, {harmonic} and {channel} once each",
-            )
-        _require(self.frames is None or self.frames >= 1, "layout.frames", self.frames, "1 or more")
+    pattern: str | None = _key(
+        "text",
+        "file name of one plane, such as {frame}_h{harmonic}_sc{channel}.tif",
+        None,
+        Check(
+            lambda name: "/" not in name and all(name.count(f"{{{part}}}") == 1 for part in PATTERN_PARTS),
+            "a file name with {frame}, {harmonic} and {channel} once each",
+        ),
+    )
+    frames: int | None = _key("whole number", "frames in each TIFF stack", None, Check(lambda n: n >= 1, "1 or more"))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -211,6 +189,21 @@ class CaptureMetadata:
     layout: Layout = field(default_factory=Layout)
 
 
+def _converted(kind: Kind, value: Any) -> Any:
+    match kind:
+        case "number" if isinstance(value, int | float) and not isinstance(value, bool):
+            return float(value)
+        case "whole number" if isinstance(value, int) and not isinstance(value, bool):
+            return value
+        case "text" if isinstance(value, str):
+            return value
+        case "numbers" | "pair" if isinstance(value, list | tuple) and (len(value) == 2 if kind == "pair" else value):
+            return tuple(_converted("number", item) for item in value)
+    raise TypeError(
+        {"text": "a string", "numbers": "a list of numbers", "pair": "a list of two numbers"}.get(kind, f"a {kind}")
+    )
+
+
 @dataclass(frozen=True)
 class Key:
     """One key of `capture.toml`, as the reader, the command-line options and the documentation need it."""
@@ -221,9 +214,16 @@ class Key:
     default: Any
     kind: Kind
 
-    def convert(self, value: Any) -> Any:
-        """Return a value from TOML or the command line as the records hold it; TypeError says what was expected."""
-        return _CONVERTERS[self.kind](value)
+    def convert(self, value: Any, /, *, where: str) -> Any:
+        """Return a value from TOML or the command line as the records hold it.
+
+        Raises:
+            InvalidValueError: it is of another kind; `where` it was found is said.
+        """
+        try:
+            return _converted(self.kind, value)
+        except TypeError as error:
+            raise InvalidValueError(self.path, value, str(error), where) from None
 
     @property
     def path(self) -> str:

@@ -3,7 +3,7 @@
 import json
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -12,8 +12,11 @@ from cadtof_cli.commands.progress import progress_bar
 from cadtof_cli.execution.workers import Workers
 from cadtof_cli.frame_plan import MapSettings
 from cadtof_cli.resolver.settings import ResolverSettings
-from cadtof_cli.workflows.resolve.resolve import FORMAT_CHOICES, ResolveSettings, RunTotals, resolve_captures
-from cadtof_cli.workflows.run_folder import FrameReport
+from cadtof_cli.workflows.resolve.settings import FORMAT_CHOICES, ResolveSettings
+
+if TYPE_CHECKING:
+    from cadtof_cli.workflows.resolve.resolve import RunTotals
+    from cadtof_cli.workflows.run_folder import FrameReport
 
 
 @click.command(cls=SectionedCommand)
@@ -147,6 +150,8 @@ def resolve(
     Exit status: 0 all frames resolved; 1 some failed, the others are written;
     2 wrong usage, settings or capture; 130 interrupted.
     """
+    from cadtof_cli.workflows.resolve.resolve import resolve_captures
+
     settings = ResolveSettings(
         out=out,
         maps=MapSettings(resolver=resolver, depth=depth, pool=pool, average=average, min_confidence_v=min_confidence_v),
@@ -158,7 +163,7 @@ def resolve(
     )
     with progress_bar("resolving", "frames", quiet=quiet) as bar:
 
-        def tell(report: FrameReport) -> None:
+        def tell(report: "FrameReport") -> None:
             if as_json:
                 click.echo(json.dumps(report.as_json()))
             if report.status == "failed":
@@ -172,7 +177,7 @@ def resolve(
     return 1 if totals.failed else 0
 
 
-def _summary(totals: RunTotals, out: Path) -> str:
+def _summary(totals: "RunTotals", out: Path) -> str:
     pixels = totals.one_path + totals.two_paths + totals.more_paths + totals.invalid
     line = f"resolved {totals.ok} of {totals.frames} frames in {totals.seconds:.1f} s"
     if totals.ok:

@@ -72,8 +72,15 @@ def _screened(solver: Solver, status: Status, settings: ResolverSettings, noise:
 
 
 def _bits(fit: Fit) -> Status:
-    """Return the bits that say how many paths each pixel has, and what is to be known about them."""
+    """Return the bits that say how many paths each pixel has, and what is to be known about them.
+
+    Where a fit came to its end without a finite answer, they say how many paths it was to have: two leave nothing.
+    """
     one, two, *more = np.isfinite(fit.paths.amplitude)
+    if not one.all():
+        lost = ~one & fit.converged
+        two |= lost & (fit.chi_squared == 0.0)
+        one |= lost
     bits: Status = np.where(two, np.uint32(StatusBit.TWO_PATHS), one * np.uint32(StatusBit.ONE_PATH))
     for another in more:
         bits[another] = StatusBit.MORE_PATHS

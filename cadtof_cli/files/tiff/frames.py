@@ -2,7 +2,7 @@
 
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -65,7 +65,8 @@ def open_frames(path: Path, layout: FrameLayout, /) -> Iterator[Frames]:
     key = (path, layout, state.st_ino, state.st_size, state.st_mtime_ns)
     frames = _last.frames if _last.frames and _last.key == key else TiffFrames(path, layout)
     _last.key, _last.frames = (key, frames) if frames.count > 1 else (None, None)
-    with frames.images:
+    frames.images.open()
+    with closing(frames.images):
         yield frames
 
 
@@ -75,7 +76,7 @@ def read_plane(path: Path, /) -> Stored:
     Raises:
         FrameError: the file cannot be read, is damaged, or holds more than one plane.
     """
-    with TiffImages(path) as images:
+    with closing(TiffImages(path)) as images:
         if max(images.sizes) > 1:
             raise FrameError(f"{images.found}, expected a single plane")
         plane: Stored = images.planes(np.zeros(1, np.intp))[0]

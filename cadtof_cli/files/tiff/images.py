@@ -81,6 +81,12 @@ class TiffImages:
     Parameters:
         path: a TIFF or BigTIFF file of either byte order.
 
+    Attributes:
+        plane_shape: (Y, X) of every image.
+        dtype: native byte order.
+        labels, sizes: of the axes that run over planes, slowest first.
+        found: what the file holds, to begin a message with.
+
     Raises:
         NotAFrameError: the file holds maps, not voltages.
         FrameError: the file cannot be read, is damaged, or its pages differ from each other.
@@ -90,41 +96,30 @@ class TiffImages:
         self.path = path
         with contextlib.ExitStack() as opened:
             with reading_tiff(path):
-                self._tiff = opened.enter_context(tifffile.TiffFile(path))
-                require_sound_chain(path, self._tiff.filehandle.fileno(), self._tiff.filehandle.size)
-                self._arrange()
+                self._tiff = tiff = opened.enter_context(tifffile.TiffFile(path))
+                require_sound_chain(path, tiff.filehandle.fileno(), tiff.filehandle.size)
+                _require_voltages(path, tiff)
+                series = _alike_series(path, tiff)
+                labels, outer, page_axes = _divided_axes(path, series[0])
+                page = series[0].keyframe
+                self.dtype: np.dtype[Any] = np.dtype(page.dtype).newbyteorder("=")
+                self._page_shape: tuple[int, ...] = page.shape
+                self.plane_shape: tuple[int, ...] = tuple(page.shape[page_axes.index(axis)] for axis in "YX")
+                self._samples = page.shape[page_axes.index("S")] if "S" in page_axes else 1
+                self._samples_first = page_axes.startswith("S")
+                self.labels = f"I{labels}S"
+                self.sizes = (len(series), *outer, self._samples)
+                self._items = _items(path, series, math.prod(outer))
+                require_plausible_size(path, page.nbytes, tiff.filehandle.size)
+                samples = f" of {self._samples} samples" if self._samples > 1 else ""
+                self.found = (
+                    f"{path}: found {len(self._items)} pages{samples} of {shape_text(self.plane_shape, self.dtype)}"
+                )
             opened.pop_all()
 
-    def _arrange(self) -> None:
-        """Find where each image lies and how its samples are laid out."""
-        _require_voltages(self.path, self._tiff)
-        series = _alike_series(self.path, self._tiff)
-        labels, outer, page_axes = _divided_axes(self.path, series[0])
-        page = series[0].keyframe
-        self.dtype: np.dtype[Any] = np.dtype(page.dtype).newbyteorder("=")
-        self._page_shape: tuple[int, ...] = page.shape
-        height, width = (page.shape[page_axes.index(axis)] for axis in "YX")
-        self.plane_shape = (height, width)
-        self._samples = page.shape[page_axes.index("S")] if "S" in page_axes else 1
-        self._samples_first = page_axes.startswith("S")
-        self.labels = f"I{labels}S"
-        self.sizes = (len(series), *outer, self._samples)
-        self._items = _items(self.path, series, math.prod(outer))
-        require_plausible_size(self.path, page.nbytes, self._tiff.filehandle.size)
-
-    @property
-    def found(self) -> str:
-        """What the file holds, to begin a message with."""
-        samples = f" of {self._samples} samples" if self._samples > 1 else ""
-        return f"{self.path}: found {len(self._items)} pages{samples} of {shape_text(self.plane_shape, self.dtype)}"
-
-    def __enter__(self) -> "TiffImages":
+    def open(self) -> None:
         """Open the file again, if it has been closed."""
         self._tiff.filehandle.open()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
 
     def close(self) -> None:
         """Close the file; where its images lie is kept."""
@@ -143,24 +138,20 @@ class TiffImages:
 
     def _images(self, indices: Sequence[int]) -> Stored:
         """Return some of the file's images, shape (n, *page shape)."""
-        out: Stored = np.empty((len(indices), *self._page_shape), self.dtype)
-        items = [self._items[index] for index in indices]
+        whole: Stored = np.empty((len(indices), *self._page_shape), self.dtype)
+        items, parts = [self._items[index] for index in indices], whole
+        first, size = items[0], whole[0].nbytes
+        if isinstance(first, int) and items == list(range(first, first + size * len(items), size)):
+            items, parts = [first], whole[np.newaxis]
         with reading_tiff(self.path):
-            first, size = items[0], out[0].nbytes
-            if isinstance(first, int) and items == list(range(first, first + size * len(items), size)):
-                self._read_run(first, out)
-            else:
-                for item, image in zip(items, out, strict=True):
-                    self._read_run(item, image)
-        return out
-
-    def _read_run(self, item: Item, out: Stored) -> None:
-        if isinstance(item, int):
-            stored_type = self.dtype.newbyteorder(self._tiff.byteorder)
-            self._tiff.filehandle.read_array(stored_type, out.size, item, out=out)
-        else:
-            # one thread: the frames of a run are what is read side by side
-            item.asarray(out=out, maxworkers=1)
+            for item, part in zip(items, parts, strict=True):
+                if isinstance(item, int):
+                    stored_type = self.dtype.newbyteorder(self._tiff.byteorder)
+                    self._tiff.filehandle.read_array(stored_type, part.size, item, out=part)
+                else:
+                    # one thread: the frames of a run are what is read side by side
+                    item.asarray(out=part, maxworkers=1)
+        return whole
 
 
 def _require_voltages(path: Path, tiff: tifffile.TiffFile) -> None:

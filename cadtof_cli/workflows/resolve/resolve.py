@@ -25,12 +25,9 @@ from cadtof_cli.resolver.status import MEANING
 from cadtof_cli.workflows.progress import UNTOLD, Progress
 from cadtof_cli.workflows.resolve import split_frames
 from cadtof_cli.workflows.resolve.frame_task import FrameTask, resolve_file
+from cadtof_cli.workflows.resolve.settings import AS_INPUT, ResolveSettings
 from cadtof_cli.workflows.resolve.use_calibration import AppliedCalibration, use_calibration
 from cadtof_cli.workflows.run_folder import FrameReport, prepare_output, recorded_run, require_same_maps
-
-AS_INPUT = "same"
-
-FORMAT_CHOICES = (*MAP_FORMATS, AS_INPUT)
 
 DIED = "the worker process died twice on this frame (killed, or out of memory): try fewer --jobs"
 
@@ -47,35 +44,6 @@ class CapturePlan:
     def expected_maps(self) -> int:
         """How many maps there will be, as far as the files' names tell."""
         return -(-len(self.capture.frames) // self.plan.settings.average)
-
-
-@dataclass(frozen=True, kw_only=True)
-class ResolveSettings:
-    """Everything that a user can choose about a run, besides the inputs and what overrides `capture.toml`.
-
-    Attributes:
-        out: folder of the run.
-        maps: what the maps are.
-        calibration: folder of the calibration that is applied.
-        map_format: of the map files; `same` is that of the frames.
-        workers: what the work is done by.
-        overwrite: whether the files of an earlier run may be replaced.
-        resume: whether the maps of an earlier run are kept, and only those that are missing made.
-    """
-
-    out: Path
-    maps: MapSettings = field(default_factory=MapSettings)
-    calibration: Path | None = None
-    map_format: str = AS_INPUT
-    workers: Workers = field(default_factory=Workers)
-    overwrite: bool = False
-    resume: bool = False
-
-    def __post_init__(self) -> None:
-        if self.overwrite and self.resume:
-            raise SettingsError("--overwrite and --resume exclude each other: replace the old maps, or keep them")
-        if self.map_format not in FORMAT_CHOICES:
-            raise SettingsError(f"--format: found {self.map_format!r}, expected one of {', '.join(FORMAT_CHOICES)}")
 
 
 @dataclass
