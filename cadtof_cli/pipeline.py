@@ -12,13 +12,14 @@ from functools import lru_cache
 
 import numpy as np
 
-from cadtof_cli.arrays import Bool, Complex, Status, Stored
+from cadtof_cli.arrays import Complex, Status, Stored
 from cadtof_cli.calibration.apply import FrameCorrection, frame_correction
 from cadtof_cli.calibration.store import Calibration
 from cadtof_cli.errors import FrameError
 from cadtof_cli.files.maps import DepthMaps
 from cadtof_cli.frame_plan import FramePlan
 from cadtof_cli.maps.depth import DepthScale, empty_maps, write_block
+from cadtof_cli.maps.layers import ALWAYS
 from cadtof_cli.optics.pinhole import planar_per_range
 from cadtof_cli.phasors.frame_mean import FrameMean
 from cadtof_cli.phasors.noise import NoiseModel, estimated_integration_length, noise_model
@@ -26,6 +27,7 @@ from cadtof_cli.phasors.pooling import pooled_phasors
 from cadtof_cli.phasors.voltages import phasors_from_stored, saturated_pixels
 from cadtof_cli.resolver.resolve import resolve_paths
 from cadtof_cli.resolver.status import StatusBit
+from cadtof_cli.resolver.two_path.kernel import NUMPY, KernelFrame, chosen_kernel, fill_maps
 from cadtof_cli.units import metres_per_radian
 
 BLOCK_PIXELS = 19200
@@ -106,11 +108,13 @@ class _Stages:
 
     def status(self, pixels: FramePixels) -> Status:
         """Return the bits of pixels that get no answer whatever their phasors: saturated or hot, (n,)."""
-        status = saturated_pixels(pixels.stored, self.saturated_counts) * np.uint32(StatusBit.SATURATED)
-        if self.correction.hot is not None:
-            hot: Bool = self.correction.hot[pixels.first : pixels.first + pixels.count]
-            status |= hot * np.uint32(StatusBit.HOT_PIXEL)
-        return np.asarray(status, np.uint32)
+        saturated = saturated_pixels(pixels.stored, self.saturated_counts)
+        hot = self.hot(slice(pixels.first, pixels.first + pixels.count))
+        return np.asarray(saturated * np.uint32(StatusBit.SATURATED) | hot)
+
+    def hot(self, block: slice) -> Status | int:
+        """Return the bits of hot pixels, (n,), or 0 where there are none."""
+        return 0 if self.correction.hot is None else self.correction.hot[block] * np.uint32(StatusBit.HOT_PIXEL)
 
 
 @lru_cache(maxsize=4)
@@ -131,7 +135,12 @@ def _stages(
 
 
 def resolve_frame(
-    frame: Stored | FrameMean, /, *, plan: FramePlan, calibration: Calibration | None = None
+    frame: Stored | FrameMean,
+    /,
+    *,
+    plan: FramePlan,
+    calibration: Calibration | None = None,
+    kernel: str | None = None,
 ) -> ResolvedFrame:
     """Return the maps of one frame of stored values, (H, 2, Y, X), or of the mean of several.
 
@@ -139,13 +148,14 @@ def resolve_frame(
         frame: the frame.
         plan: what to do with it.
         calibration: the one that the plan names.
+        kernel: what resolves two paths of a sine, of `available_kernels`, all of which give the same bits; None: the chosen.
 
     Raises:
         FrameError: the noise must be estimated from the frame, and too few of its pixels are finite.
         SettingsError: the plan does not fit the frame's type, or lacks the optics that it needs.
     """
     pixels = prepare_frame(frame, plan=plan, calibration=calibration)
-    return joined_parts(pixels, [resolve_pixels(pixels, plan=plan, calibration=calibration)])
+    return joined_parts(pixels, [resolve_pixels(pixels, plan=plan, calibration=calibration, kernel=kernel)])
 
 
 def prepare_frame(
@@ -167,7 +177,9 @@ def prepare_frame(
     return pixels if plan.settings.pool == 1 else _pooled(pixels, stages, window=plan.settings.pool)
 
 
-def resolve_pixels(pixels: FramePixels, /, *, plan: FramePlan, calibration: Calibration | None = None) -> DepthMaps:
+def resolve_pixels(
+    pixels: FramePixels, /, *, plan: FramePlan, calibration: Calibration | None = None, kernel: str | None = None
+) -> DepthMaps:
     """Return the maps, (1, n), of a prepared frame's pixels, or of a part of them, resolved block by block.
 
     What a pixel gets does not depend on which others are resolved with it, so neither the size of the blocks nor that of the
@@ -175,6 +187,10 @@ def resolve_pixels(pixels: FramePixels, /, *, plan: FramePlan, calibration: Cali
     """
     stages = _stages(plan, calibration, pixels.dtype, pixels.size)
     maps, response = empty_maps(1, pixels.count, layers=plan.layers), stages.correction.response
+    kernel = kernel or chosen_kernel()
+    if kernel != NUMPY and plan.settings.resolver.in_kernel(pixels.noise.harmonics, sine=response is None):
+        _fill_by_kernel(maps, pixels, plan, stages, kernel)
+        return maps
     step = plan.block_pixels or (SEARCHED_BLOCK_PIXELS if plan.is_searched or response else BLOCK_PIXELS)
     for start in range(0, pixels.count, step):
         here = slice(start, min(start + step, pixels.count))
@@ -192,6 +208,29 @@ def resolve_pixels(pixels: FramePixels, /, *, plan: FramePlan, calibration: Cali
         source = stages.depth.source(resolved, there, samples=block.noise.samples)
         write_block(maps, here, source, layers=plan.layers)
     return maps
+
+
+def _fill_by_kernel(maps: DepthMaps, pixels: FramePixels, plan: FramePlan, stages: _Stages, kernel: str) -> None:
+    """Fill the maps of prepared pixels from their stored values in one go: what the blocks of `resolve_pixels` do in numpy."""
+    block, recorded = slice(pixels.first, pixels.first + pixels.count), pixels.pooled is None
+    status, samples = maps.status.reshape(-1), pixels.noise.samples
+    status[:] = stages.hot(block) if recorded else stages.status(pixels)
+    if plan.calibration is not None:
+        status |= np.uint32(StatusBit.CALIBRATED)
+    if samples is not None:
+        status |= (samples > 1.0) * np.uint32(StatusBit.POOLED)
+    frame = KernelFrame(
+        stored=pixels.stored if pixels.pooled is None else pixels.pooled,
+        phasor_map=stages.correction.phasor_map[block] if recorded else None,
+        saturated_counts=stages.saturated_counts,
+        metres=stages.depth.metres(block),
+        volts=stages.depth.amplitude_v,
+        phase_offset_rad=stages.depth.phase_offset_rad(block),
+    )
+    layers, *others = np.split(maps.values.reshape(len(maps.names), -1), [len(ALWAYS)])
+    fill_maps(frame, layers=layers, status=status, settings=plan.resolver, noise=pixels.noise, kernel=kernel)
+    for averaged in others:
+        averaged[:] = 1.0 if samples is None else samples
 
 
 def joined_parts(pixels: FramePixels, parts: Sequence[DepthMaps], /) -> ResolvedFrame:

@@ -4,6 +4,7 @@ import argparse
 import json
 import os
 import shlex
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -144,8 +145,9 @@ def differences(old: Checkout, new: Checkout, capture: Path, options: str, place
     outs = {}
     for side, checkout in (("old", old), ("new", new)):
         out = place / side
+        shutil.rmtree(out, ignore_errors=True)
         words = (*shlex.split(options), *checkout.more)
-        done = checkout.run("resolve", str(capture), "-o", str(out), "--overwrite", "-q", *words, folder=place)
+        done = checkout.run("resolve", str(capture), "-o", str(out), "-q", *words, folder=place)
         outs[side] = (out, done.returncode, done.stderr.strip())
     (out_old, status_old, said_old), (out_new, status_new, said_new) = outs["old"], outs["new"]
     if status_old != status_new:
@@ -165,8 +167,6 @@ def different_maps(old: Path, new: Path) -> list[str]:
         return [*found, f"files {names[0]} and {names[1]}"]
     for name in names[0]:
         found += different_layers(name, layers_of(old / name), layers_of(new / name))
-        (old / name).unlink()
-        (new / name).unlink()
     return found
 
 

@@ -21,16 +21,35 @@ find_python() {
     return 1
 }
 
+# The two-path kernel is compiled: by the system's compiler, or else by the one that comes as the ziglang wheel. Where neither
+# works, numpy does the same, with the same bits.
+find_compiler() {
+    local candidate
+    [ -z "${CC:-}" ] || return 0
+    for candidate in cc gcc clang; do
+        if command -v "$candidate" >/dev/null 2>&1; then
+            export CC="$candidate"
+            return
+        fi
+    done
+    if "$@" ziglang >/dev/null 2>&1; then
+        export CC="$venv/bin/python -m ziglang cc -mcpu=baseline"
+    else
+        echo "$(basename "$0"): no C compiler, and no ziglang wheel either: numpy will do without" >&2
+    fi
+}
+
 setup() {
-    local extras="$1" python stamp wanted
+    local extras="$1" python stamp wanted kernel="$root/cadtof_cli/resolver/two_path"
     stamp="$venv/cadtof-$extras.stamp"
-    wanted=$(cksum <"$root/pyproject.toml")
+    wanted=$(cat "$root/pyproject.toml" "$root/setup.py" "$kernel"/*.[ch] | cksum)
     if [ "$(cat "$stamp" 2>/dev/null)" = "$wanted" ] && "$venv/bin/python" -c 'import cadtof_cli' 2>/dev/null; then
         PATH="$venv/bin:$PATH"
         return
     fi
     if command -v uv >/dev/null 2>&1; then
         [ -x "$venv/bin/python" ] || uv venv --quiet --python '>=3.11' "$venv" || fail "uv could not make $venv"
+        find_compiler uv pip install --quiet --python "$venv/bin/python"
         uv pip install --quiet --python "$venv/bin/python" --editable "$root$extras" || fail "uv could not install cadtof"
     else
         python=$(find_python) || fail "no Python 3.11 or newer on PATH; install one (Debian: apt install python3 python3-venv)"
@@ -39,6 +58,7 @@ setup() {
             "$python" -m venv "$venv" >/dev/null 2>&1 ||
                 fail "$python cannot make virtual environments; on Debian and Ubuntu: apt install python3-venv, or install uv"
         fi
+        find_compiler "$venv/bin/python" -m pip install --quiet --disable-pip-version-check
         "$venv/bin/python" -m pip install --quiet --disable-pip-version-check --editable "$root$extras" ||
             fail "pip could not install cadtof; is a package index reachable?"
     fi

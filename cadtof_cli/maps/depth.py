@@ -23,13 +23,20 @@ class DepthScale:
     planar_per_range: Float | None = None
     range_offset_m: Float | None = None
 
+    def metres(self, block: slice, /) -> float | Float:
+        """Return the metres that a radian stands for, of all pixels or of each of a block, (n,)."""
+        if self.planar_per_range is None:
+            return self.metres_per_radian
+        return self.metres_per_radian * self.planar_per_range[block]
+
+    def phase_offset_rad(self, block: slice, /) -> Float | None:
+        """Return what the lens adds to every phase of a block, (n,); None: nothing."""
+        return None if self.range_offset_m is None else self.range_offset_m[block] / self.metres_per_radian
+
     def source(self, resolved: ResolvedPaths, block: slice, /, *, samples: Float | None) -> LayerSource:
         """Return what the layers of a block of the frame's pixels follow from."""
-        metres: float | Float = self.metres_per_radian
-        if self.planar_per_range is not None:
-            metres = metres * self.planar_per_range[block]
-        offset = None if self.range_offset_m is None else self.range_offset_m[block] / self.metres_per_radian
-        return LayerSource(resolved, 1.0 if samples is None else samples, metres, self.amplitude_v, offset)
+        averaged = 1.0 if samples is None else samples
+        return LayerSource(resolved, averaged, self.metres(block), self.amplitude_v, self.phase_offset_rad(block))
 
 
 def empty_maps(height: int, width: int, /, *, layers: tuple[Layer, ...]) -> DepthMaps:
@@ -41,5 +48,9 @@ def empty_maps(height: int, width: int, /, *, layers: tuple[Layer, ...]) -> Dept
 def write_block(maps: DepthMaps, block: slice, source: LayerSource, /, *, layers: tuple[Layer, ...]) -> None:
     """Fill the maps' pixels of a block of flat indices: every layer by its own rule, and the status."""
     for plane, layer in zip(maps.values.reshape(len(layers), -1), layers, strict=True):
-        np.multiply(*layer.value(source), out=plane[block], casting="same_kind")
+        values = plane[block]
+        with np.errstate(over="ignore", invalid="ignore"):
+            np.multiply(*layer.value(source), out=values, casting="same_kind")
+        # processors disagree about the sign of a NaN that they make
+        values[np.isnan(values)] = np.nan
     maps.status.reshape(-1)[block] = source.resolved.status

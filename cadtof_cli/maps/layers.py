@@ -6,7 +6,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from cadtof_cli.arrays import Float, Float32
+from cadtof_cli.arrays import Float
 from cadtof_cli.resolver.paths import ResolvedPaths
 
 DIRECT_DEPTH = "direct.depth"
@@ -15,7 +15,7 @@ DIRECT_AMPLITUDE = "direct.amplitude"
 DIRECT_SIGMA = "direct.sigma"
 CONFIDENCE = "confidence"
 
-Factors = tuple[Float | Float32 | float, Float | float]
+Factors = tuple[Float | float, Float | float]
 """Two factors whose product is the value of a layer."""
 
 
@@ -42,7 +42,7 @@ class LayerSource:
         phase = self.resolved.paths.phase_rad[path]
         if self.phase_offset_rad is not None:
             phase = phase - self.phase_offset_rad
-            phase += np.where(phase < 0.0, 2.0 * np.pi, 0.0)
+            phase = np.where(phase < 0.0, phase + 2.0 * np.pi, phase)
         return phase, self.metres
 
     def amplitude(self, path: int, /) -> Factors:
@@ -77,7 +77,7 @@ _QUANTITIES: dict[str, tuple[str, Callable[[LayerSource, int], Factors]]] = {
 }
 """Unit and value of what there is of every path."""
 
-_ALWAYS = (
+ALWAYS = (
     *(_of_path(path, quantity) for quantity in _QUANTITIES for path in (0, 1)),
     Layer(CONFIDENCE, "V", lambda source: (source.resolved.confidence, source.volts)),
 )
@@ -99,11 +99,11 @@ def wanted_layers(*, paths: int = 2, searched: bool = False, averaged: bool = Fa
         averaged: whether pixels are averaged, over frames or neighbours.
     """
     others = (_of_path(path, quantity) for path in range(2, paths) for quantity in _QUANTITIES)
-    return (*_ALWAYS, *others, *(_SEARCHED,) * searched, *(_AVERAGED,) * averaged)
+    return (*ALWAYS, *others, *(_SEARCHED,) * searched, *(_AVERAGED,) * averaged)
 
 
 def layer_unit(name: str, /) -> str:
     """Return the unit of a layer's values by its name; empty where they are pure numbers."""
-    units = {layer.name: layer.unit for layer in (*_ALWAYS, _SEARCHED, _AVERAGED)}
+    units = {layer.name: layer.unit for layer in (*ALWAYS, _SEARCHED, _AVERAGED)}
     quantity = name.rpartition(".")[2]
     return units.get(quantity, _QUANTITIES.get(quantity, ("",))[0])

@@ -111,16 +111,17 @@ def phasors_from_stored(stored: Stored, phasor_map: PhasorMap, /) -> Complex:
     A phasor of 1 is the full modulation amplitude arriving at one instant: the paper's p_h of Eq. (5).
     """
     phasors = np.empty((stored.shape[0], stored.shape[2]), np.complex128)
-    crossed = np.empty(stored.shape[2])
-    for row, phasor in enumerate(phasors):
-        for index, part in enumerate((phasor.real, phasor.imag)):
-            # numpy would compute half floats in half floats
-            np.multiply(stored[row, index], phasor_map.own[row, index], out=part, dtype=np.float64)
-            if phasor_map.other is not None:
-                np.multiply(stored[row, 1 - index], phasor_map.other[row, index], out=crossed, dtype=np.float64)
-                part += crossed
-            if phasor_map.constant is not None:
-                part += phasor_map.constant[row, index]
+    own, other, constant = phasor_map.own, phasor_map.other, phasor_map.constant
+    # of no pixel's value is an infinity worth a warning: status says it
+    with np.errstate(over="ignore", invalid="ignore"):
+        for row, phasor in enumerate(phasors):
+            channels = stored[row].astype(np.float64)
+            for index, part in enumerate((phasor.real, phasor.imag)):
+                part[:] = channels[index] * own[row, index]
+                if other is not None:
+                    part += channels[1 - index] * other[row, index]
+                if constant is not None:
+                    part += constant[row, index]
     return phasors
 
 

@@ -18,12 +18,7 @@ LEAST_PATHS = 2
 
 
 class Solver(Protocol):
-    """What a room of the resolver offers by its module `solver`, for the phasors of a block of n pixels.
-
-    `sigma_type` is what its standard deviations come in.
-    """
-
-    sigma_type: type[np.floating]
+    """What a room of the resolver offers by its module `solver`, for the phasors of a block of n pixels."""
 
     @property
     def modulus(self) -> Float:
@@ -48,7 +43,6 @@ def fewest_paths(solver: Solver, answered: Bool, /, *, settings: ResolverSetting
     may stand in pixels that are not to be answered.
     """
     rows, waiting = max(settings.paths, LEAST_PATHS), answered.copy()
-    sigma_type = solver.sigma_type if noise.samples is None else np.float64
     first = 1 if settings.order == "auto" else settings.max_paths
     fewer: tuple[Index, Fit] | None = None
     for count in range(first, settings.max_paths):
@@ -58,17 +52,17 @@ def fewest_paths(solver: Solver, answered: Bool, /, *, settings: ResolverSetting
         fit = _told_apart(fit, settings, noise, pixels)
         assert isinstance(pixels, np.ndarray)
         if fewer is not None:
-            whole = _spread(fit, pixels, answered.size, rows, sigma_type)
+            whole = _spread(fit, pixels, answered.size, rows)
             known = np.union1d(pixels, fewer[0])
             fewer = known, _kept(whole, pixels, fewer, waiting)[known]
         else:
             fewer = pixels, fit
         waiting[pixels] &= fit.chi_squared > threshold
     if fewer is not None and not waiting.any():
-        return _spread(fewer[1], fewer[0], answered.size, rows, sigma_type)
+        return _spread(fewer[1], fewer[0], answered.size, rows)
     chosen, fit = solver.fit(settings.max_paths, waiting, limit=None)
     fit = _told_apart(fit, settings, noise, chosen)
-    whole = _spread(fit, chosen, answered.size, rows, sigma_type)
+    whole = _spread(fit, chosen, answered.size, rows)
     return whole if fewer is None or not fewer[0].size else _kept(whole, chosen, fewer, waiting)
 
 
@@ -82,7 +76,7 @@ def worth_another(direct: Paths, fewer: Paths, /) -> Bool:
     """
     difference = np.abs(direct.phase_rad - fewer.phase_rad)
     difference = np.minimum(difference, FULL_TURN - difference)
-    cost = np.square(direct.sigma_rad, dtype=np.float64) - np.square(fewer.sigma_rad)
+    cost = np.square(direct.sigma_rad) - np.square(fewer.sigma_rad)
     worth: Bool = difference * difference > 2.0 * cost
     return worth
 
@@ -99,11 +93,11 @@ def _told_apart(fit: Fit, settings: ResolverSettings, noise: NoiseModel, pixels:
     )
 
 
-def _spread(fit: Fit, pixels: Index | slice, count: int, rows: int, sigma_type: type[np.floating]) -> Fit:
+def _spread(fit: Fit, pixels: Index | slice, count: int, rows: int) -> Fit:
     """Return a fit of some pixels as one of all, with room for as many paths; NaN elsewhere."""
     if isinstance(pixels, slice) and len(fit.paths) == rows:
         return fit
-    paths = Paths.none((rows, count), sigma_type=sigma_type)
+    paths = Paths.none((rows, count))
     whole = Fit(paths, np.full(count, np.nan), np.ones(count, np.bool_), np.zeros(count))
     whole[pixels] = fit
     return whole

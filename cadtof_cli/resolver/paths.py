@@ -7,7 +7,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from cadtof_cli.arrays import Bool, Float, Float32, Index, Status
+from cadtof_cli.arrays import Bool, Float, Index, Status
 
 Some: TypeAlias = int | slice | Index | Bool | EllipsisType
 Where: TypeAlias = Some | tuple[Some, ...]
@@ -27,12 +27,12 @@ class Paths:
 
     amplitude: Float
     phase_rad: Float
-    sigma_rad: Float | Float32
+    sigma_rad: Float
 
     @classmethod
-    def none(cls, shape: tuple[int, ...], /, *, sigma_type: type[np.floating] = np.float64) -> "Paths":
+    def none(cls, shape: tuple[int, ...], /) -> "Paths":
         """Return paths of which nothing is known: NaN."""
-        return cls(np.full(shape, np.nan), np.full(shape, np.nan), np.full(shape, np.nan, sigma_type))
+        return cls(np.full(shape, np.nan), np.full(shape, np.nan), np.full(shape, np.nan))
 
     def __getitem__(self, where: Where, /) -> "Paths":
         return Paths(self.amplitude[where], self.phase_rad[where], self.sigma_rad[where])

@@ -38,7 +38,7 @@ def _pair(paths: Paths, settings: ResolverSettings) -> Paths:
         x_chosen = (x_wanted & x_strong) | ~y_strong
     parts = (paths.amplitude, paths.phase_rad, paths.sigma_rad)
     amplitude, phase_rad, sigma_rad = (np.where(x_chosen, part, part[::-1]) for part in parts)
-    np.add(phase_rad[1], FULL_TURN, out=phase_rad[1], where=(x_wraps & ~x_chosen) | (y_wraps & x_chosen))
+    np.add(phase_rad[1], FULL_TURN, out=phase_rad[1], where=np.where(x_chosen, y_wraps, x_wraps))
     return Paths(amplitude, phase_rad, sigma_rad)
 
 

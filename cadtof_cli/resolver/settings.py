@@ -93,6 +93,10 @@ class ResolverSettings:
             return "paper"
         return "two_path" if self.in_closed_form(harmonics) else "likelihood"
 
+    def in_kernel(self, harmonics: tuple[int, ...], /, *, sine: bool) -> bool:
+        """Return whether the compiled kernel of the room `two_path` answers, if there is one."""
+        return self.room(harmonics, sine=sine) == "two_path" and self.paths <= 2
+
     def in_closed_form(self, harmonics: tuple[int, ...], /) -> bool:
         """Whether a capture with these harmonics needs no iteration."""
         return harmonics == (1, 2) and self.solver != "lm"

@@ -21,8 +21,6 @@ light in any direction, so that the best fit with the noise of the light that wa
 class Likelihood:
     """Maximum likelihood as a solver. Only the pixels asked for are searched: gathering them costs less than a step."""
 
-    sigma_type = np.float64
-
     def __init__(self, phasors: Complex, noise: NoiseModel, /) -> None:
         self.measured, self.noise = Measured.of_phasors(phasors, harmonics=noise.harmonics), noise
         self.powers = [re * re + im * im for re, im in zip(self.measured.re, self.measured.im, strict=True)]

@@ -14,8 +14,6 @@ from cadtof_cli.resolver.settings import ResolverSettings
 class PaperWay:
     """Eq. (9) as a solver."""
 
-    sigma_type = np.float64
-
     def __init__(self, phasors: Complex, noise: NoiseModel, starts: Complex, /) -> None:
         self._likelihood, self._starts = Likelihood(phasors, noise), starts
         self.modulus, self.powers = self._likelihood.modulus, self._likelihood.powers

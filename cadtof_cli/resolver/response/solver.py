@@ -26,8 +26,6 @@ class FullResponse:
     The order test compares fits of the full response: to a sine, a triangle's third harmonic looks like a second path.
     """
 
-    sigma_type = np.float32
-
     def __init__(
         self, phasors: Complex, noise: NoiseModel, response: ResponseBlock, settings: ResolverSettings, /
     ) -> None:

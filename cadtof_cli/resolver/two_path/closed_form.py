@@ -13,15 +13,16 @@ import numpy as np
 
 from cadtof_cli.arrays import Bool, Complex, Float, Index
 from cadtof_cli.resolver.paths import FULL_TURN
+from cadtof_cli.resolver.two_path.arctangent import phase_of
 
-NEWTON_STEPS = 6
-"""From |d| the iteration falls monotonically onto the root; six steps reach machine precision for every input."""
+HALLEY_STEPS = 3
+"""Each triples the correct digits; three leave 4e-16 of the root for every input."""
 
 ROUNDING_SQUARE = 2.0**-100
 """(|d|/|p1|)² up to which a pixel has one path: two phasors that differ from one path's by rounding alone, |d| ≤ 4 ulp."""
 
-SMALLEST_SQUARE = 1e-280
-"""|d|² up to which a pixel has one path even where p1 is 0: far enough above underflow."""
+SMALLEST_SQUARE = 1e-120
+"""|d|² up to which a pixel has one path even where p1 is 0: its fifth power of |d| must not underflow."""
 
 SMALLEST_SINE = 1e-300
 """Least sin²γ: keeps paths that coincide to the last digit from dividing zero by zero; how they share their sum is no matter."""
@@ -106,55 +107,28 @@ class TwoPaths:
 
     def phases(self) -> Float:
         """Return x and y in [0, 2π) rad, (2, n)."""
-        mean = phase_of(self.cos_mean, self.sin_mean)
-        half = np.arctan(self.sin_half / (1.0 + self.cos_half))
-        half *= 2.0
-        both = np.empty((2, mean.size))
-        x = np.add(mean, half, out=both[0])
-        x -= (x >= FULL_TURN) * FULL_TURN
-        y = np.subtract(mean, half, out=both[1])
-        y += (y < 0.0) * FULL_TURN
-        y[y >= FULL_TURN] = 0.0
-        return both
+        mean, half = phase_of(self.cos_mean, self.sin_mean), phase_of(self.cos_half, self.sin_half)
+        x, y = mean + half, mean - half
+        x = np.where(x >= FULL_TURN, x - FULL_TURN, x)
+        y = np.where(y < 0.0, y + FULL_TURN, y)
+        return np.stack([x, np.where(y >= FULL_TURN, 0.0, y)])
 
 
 def fundamental_frame(p1: Complex, p2: Complex, /) -> FundamentalFrame:
     """Turn two phasors, complex128 (n,), into the frame in which the first is real. NaN in gives NaN out."""
-    cos, sin = p1.real.copy(), p1.imag.copy()
-    u = cos * cos
-    u += sin * sin
-    np.sqrt(u, out=u)
-    zero = u == 0.0
-    scale = 1.0 / (u + zero)
-    cos *= scale
-    cos += zero
-    sin *= scale
-    cos2, sin2 = cos * cos, sin * cos
-    cos2 -= sin * sin
-    sin2 += sin2
-    p2_re, p2_im = p2.real, p2.imag
-    pr, pi = p2_re * cos2, p2_im * cos2
-    pr += p2_im * sin2
-    pi -= p2_re * sin2
-    return FundamentalFrame(u, pr, pi, cos, sin)
-
-
-def phase_of(cos: Float, sin: Float, /) -> Float:
-    """Return the phase of a unit rotor in [0, 2π): π + 2·arctan of the tangent of half the angle from −1, in one of two forms.
-
-    It takes half the time of arctan2, whose loop numpy does not vectorise everywhere.
-    """
-    phase = np.arctan(np.where(cos < 0.0, sin / (cos - 1.0), (1.0 + cos) / -sin))
-    phase *= 2.0
-    phase += np.pi
-    phase[phase >= FULL_TURN] = 0.0
-    return phase
+    re1, im1, re2, im2 = p1.real, p1.imag, p2.real, p2.imag
+    u = np.sqrt(re1 * re1 + im1 * im1)
+    zero = np.where(u == 0.0, 1.0, 0.0)
+    inverse = 1.0 / (u + zero)
+    cos, sin = re1 * inverse + zero, im1 * inverse
+    cos2, sin2 = cos * cos - sin * sin, 2.0 * (sin * cos)
+    return FundamentalFrame(u, re2 * cos2 + im2 * sin2, im2 * cos2 - re2 * sin2, cos, sin)
 
 
 def is_single(frame: FundamentalFrame, /) -> Bool:
     """Return where two phasors are those of one path to within rounding, (n,)."""
-    difference = frame.u - frame.pr
-    return _is_single(frame.u, difference * difference + frame.pi * frame.pi)
+    dr = frame.u - frame.pr
+    return _is_single(frame.u, dr * dr + frame.pi * frame.pi)
 
 
 def _is_single(u: Float, d2: Float) -> Bool:
@@ -165,86 +139,53 @@ def _is_single(u: Float, d2: Float) -> Bool:
 def two_paths(frame: FundamentalFrame, /) -> TwoPaths:
     """Return the one decomposition of every pixel into two paths; amplitudes are in units of the phasors.
 
+    With d = u − p2·conj(ρ)² = dr − i·pi and H = p0 − u, the paths' mean phase m is half the argument of u(d − H) + Hd, half
+    their difference is γ with cos γ = u·Re((H + d)·exp(−im)) / 2M, where M = H(2u + H) is the modulus of that number, and
+    a, b = (p0 ± u·sin m / sin γ)/2. The larger of |cos m| and |sin m| is √((M + |re|)/2M), re the number's real part, and the
+    other follows from the imaginary part; m + π would swap the two paths, no more.
+
     NaN in gives NaN out. Warnings about divisions by zero are the caller's to silence: they are the pixels in `single`.
     """
     u, pi = frame.u, frame.pi
     dr = u - frame.pr
-    d2 = dr * dr
-    d2 += pi * pi
+    d2 = dr * dr + pi * pi
     single = _is_single(u, d2)
-    h = _excess(u, dr, d2)
-    h[single] = 0.0
-    u_h = u + h
-    den = (u_h + u) * h
-    # exp(im), where 2m is the argument of u(d − H) + Hd with d = dr − i·pi
-    cos_m, sin_m = _half_angle(u_h * dr - u * h, u_h * pi, den)
-    cos_half = (h + dr) * cos_m
-    cos_half += pi * sin_m
-    cos_half *= u
-    den += den
-    cos_half /= den
-    sin_half = (1.0 - cos_half) * (1.0 + cos_half)
-    np.sqrt(np.maximum(sin_half, SMALLEST_SINE, out=sin_half), out=sin_half)
-    split = sin_m * u
-    split /= sin_half
-    if single.any():
-        for values, alone in ((cos_m, 1.0), (sin_m, 0.0), (cos_half, 1.0), (sin_half, 0.0)):
-            values[single] = alone
-        split[single] = u[single]
-    cos = cos_m * frame.cos
-    cos += sin_m * frame.sin
-    sin = cos_m * frame.sin
-    sin -= sin_m * frame.cos
-    return TwoPaths(_shares(u_h, split), cos, sin, cos_half, sin_half, single)
-
-
-def _shares(total: Float, split: Float) -> Float:
-    """Return (total ± split)/2, (2, n); rounding must not let either fall below 0."""
-    np.minimum(split, total, out=split)
-    np.maximum(split, -total, out=split)
-    shares = np.empty((2, total.size))
-    np.add(total, split, out=shares[0])
-    np.subtract(total, split, out=shares[1])
-    shares *= 0.5
-    return shares
+    h = np.where(single, 0.0, _excess(u, dr, d2))
+    p0 = u + h
+    product = (p0 + u) * h
+    re = p0 * dr - u * h
+    double_square = product + np.abs(re)
+    norm = 1.0 / np.sqrt(2.0 * product * double_square)
+    large, small = double_square * norm, p0 * pi * norm
+    cos_m, sin_m = np.where(re >= 0.0, large, small), np.where(re >= 0.0, small, large)
+    cos_half = ((h + dr) * cos_m + pi * sin_m) * u * (norm * large)
+    sin_half = np.sqrt(np.maximum((1.0 - cos_half) * (1.0 + cos_half), SMALLEST_SINE))
+    split = sin_m * u / sin_half
+    cos_m, sin_m = np.where(single, 1.0, cos_m), np.where(single, 0.0, sin_m)
+    cos_half, sin_half = np.where(single, 1.0, cos_half), np.where(single, 0.0, sin_half)
+    # rounding must not let an amplitude fall below 0
+    split = np.maximum(np.minimum(np.where(single, u, split), p0), -p0)
+    return TwoPaths(
+        np.stack([0.5 * (p0 + split), 0.5 * (p0 - split)]),
+        cos_m * frame.cos + sin_m * frame.sin,
+        cos_m * frame.sin - sin_m * frame.cos,
+        cos_half,
+        sin_half,
+        single,
+    )
 
 
 def _excess(u: Float, dr: Float, d2: Float) -> Float:
-    """Return H = p0 − u, the positive root of H³ + 3uH² + (2u·Re d − |d|²)H − u|d|², by a fixed number of Newton steps.
+    """Return H = p0 − u, the positive root of f = H³ + 3uH² + (2u·Re d − |d|²)H − u|d|², by a fixed number of Halley's steps.
 
-    One step is H ← (H(2H² + 3uH) + u|d|²) / (3H² + 6uH + 2u·Re d − |d|²): the numerator is a sum of positive terms. The first,
-    from |d|, comes to |d|²(|d| + 2u) / (|d|² + u(3|d| + Re d)).
+    A step is H ← H − f·f′/(f′² − f·f″/2). They start from where Newton's first step from |d| comes to, which is
+    |d|²(|d| + 2u) / (|d|² + u(3|d| + Re d)).
     """
-    constant, linear, u2 = u * d2, u * dr, u + u
-    linear += linear
-    linear -= d2
-    u3 = u2 + u
-    h = np.sqrt(d2)
-    t, v, w = 3.0 * h, np.empty_like(h), np.empty_like(h)
-    t += dr
-    t *= u
-    t += d2
-    h += u2
-    h *= d2
-    h /= t
-    for _ in range(NEWTON_STEPS - 1):
-        np.multiply(h, h, out=v)
-        np.multiply(u3, h, out=t)
-        np.add(t, v, out=t)
-        np.add(t, v, out=v)
-        np.multiply(v, h, out=w)
-        np.add(w, constant, out=w)
-        np.add(v, t, out=v)
-        np.add(v, linear, out=v)
-        np.divide(w, v, out=h)
+    constant, linear = u * d2, 2.0 * (u * dr) - d2
+    modulus = np.sqrt(d2)
+    h = (modulus + (u + u)) * d2 / ((3.0 * modulus + dr) * u + d2)
+    for _ in range(HALLEY_STEPS):
+        value = ((h + 3.0 * u) * h + linear) * h - constant
+        slope, half_curvature = (h + (u + u)) * (3.0 * h) + linear, 3.0 * (h + u)
+        h = h - value * slope / (slope * slope - value * half_curvature)
     return h
-
-
-def _half_angle(re: Float, im: Float, modulus: Float) -> tuple[Float, Float]:
-    """Return cosine and sine of half the argument of re + i·im, or of that plus π, which only swaps the two paths."""
-    large = modulus + np.abs(re)
-    norm = 1.0 / np.sqrt(2.0 * modulus * large)
-    large *= norm
-    small = im * norm
-    right = re >= 0.0
-    return np.where(right, large, small), np.where(right, small, large)

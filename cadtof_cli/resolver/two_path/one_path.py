@@ -7,7 +7,8 @@ import numpy as np
 from cadtof_cli.arrays import Float
 from cadtof_cli.phasors.noise import NoiseModel
 from cadtof_cli.resolver.paths import Fit, Paths
-from cadtof_cli.resolver.two_path.closed_form import FundamentalFrame, phase_of
+from cadtof_cli.resolver.two_path.arctangent import phase_of
+from cadtof_cli.resolver.two_path.closed_form import FundamentalFrame
 
 CURVATURE_FLOOR = 0.1
 """Least curvature that a Newton step divides by, as a share of the largest possible: keeps saddle points from throwing it."""
@@ -53,24 +54,26 @@ def one_path(frame: FundamentalFrame, /, *, noise: NoiseModel, steps: int) -> On
         curvature = along1 + 4.0 * weight * along2
         cos, sin = _turn(cos, sin, slope / np.maximum(curvature, CURVATURE_FLOOR * top))
     along1, across1, along2, across2 = _turned(frame, cos, sin)
-    amplitude = np.maximum((along1 + weight * along2) / (1.0 + weight), 0.0)
+    amplitude = (along1 + weight * along2) * (1.0 / (1.0 + weight))
+    amplitude = np.where(amplitude < 0.0, 0.0, amplitude)
     r1, t1 = first.one_path_variances(amplitude)
     r2, t2 = second.one_path_variances(amplitude)
-    disagreement = 4.0 * t1 + t2
-    chi_squared = (along1 - along2) ** 2 / (r1 + r2) + (2.0 * across1 - across2) ** 2 / disagreement
-    sigma = np.sqrt(t1 * t2 / disagreement) / amplitude
+    along, across = r1 + r2, 4.0 * t1 + t2
+    amplitudes, phases = along1 - along2, 2.0 * across1 - across2
+    chi_squared = (amplitudes * amplitudes * across + phases * phases * along) / (along * across)
+    sigma = np.sqrt(t1 * t2 * across) / (across * amplitude)
     return OnePath(amplitude, cos * frame.cos - sin * frame.sin, cos * frame.sin + sin * frame.cos, sigma, chi_squared)
 
 
 def _start(frame: FundamentalFrame, weight: float) -> tuple[Float, Float, Float]:
     """Return the rotor of the weighted mean phase, and u + 4w·|p2|, the largest curvature there can be."""
     modulus = np.sqrt(frame.pr * frame.pr + frame.pi * frame.pi)
-    from_second = 4.0 * weight * modulus
-    shrink = 0.5 / np.maximum(modulus, np.finfo(np.float64).tiny)
-    cos = frame.u + from_second * np.sqrt(np.maximum(0.5 + frame.pr * shrink, 0.0))
-    sin = np.copysign(from_second * np.sqrt(np.maximum(0.5 - frame.pr * shrink, 0.0)), frame.pi)
+    half = 0.5 * modulus
+    from_second = 4.0 * weight
+    cos = frame.u + from_second * np.sqrt(half * np.maximum(modulus + frame.pr, 0.0))
+    sin = np.copysign(from_second * np.sqrt(half * np.maximum(modulus - frame.pr, 0.0)), frame.pi)
     norm = 1.0 / np.sqrt(np.maximum(cos * cos + sin * sin, np.finfo(np.float64).tiny))
-    return cos * norm, sin * norm, frame.u + from_second
+    return cos * norm, sin * norm, frame.u + from_second * modulus
 
 
 def _turned(frame: FundamentalFrame, cos: Float, sin: Float) -> tuple[Float, Float, Float, Float]:

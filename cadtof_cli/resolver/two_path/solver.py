@@ -1,5 +1,7 @@
 """One or two paths from harmonics 1 and 2 of a sine: in closed form, the same work for every pixel."""
 
+import math
+
 import numpy as np
 
 from cadtof_cli.arrays import Bool, Complex, Float, Index
@@ -20,8 +22,6 @@ ONE_PATH_STEPS = 6
 
 class ClosedForm:
     """The closed form as a solver."""
-
-    sigma_type = np.float32
 
     def __init__(self, phasors: Complex, noise: NoiseModel, /) -> None:
         self._frame, self._noise = fundamental_frame(*phasors), noise
@@ -74,8 +74,12 @@ def may_be_one_path(frame: FundamentalFrame, limit: Float | float, /, *, noise: 
     If the best single path leaves n1 and n2 of the two phasors, then |p1| − p2·conj(ρ)² is at most (1+π)|n1| + |n2|, because
     n1 turns ρ by no more than π|n1|/2a; and noise along and across a phasor has at most twice its dark variance.
     """
-    first, second = noise.each
-    most = 2.0 * limit * ((1.0 + np.pi) ** 2 * first.dark_variance + second.dark_variance)
     difference = frame.u - frame.pr
-    may: Bool = difference * difference + frame.pi * frame.pi <= most
+    may: Bool = difference * difference + frame.pi * frame.pi <= 2.0 * limit * misfit_spread(noise)
     return may
+
+
+def misfit_spread(noise: NoiseModel, /) -> float:
+    """Return the dark variance of |p1| − p2·conj(ρ)² (see `may_be_one_path`)."""
+    first, second = noise.each
+    return (1.0 + math.pi) ** 2 * first.dark_variance + second.dark_variance

@@ -1,14 +1,18 @@
 """Predicted standard deviations of two resolved paths: the noise of the phasors carried through the inverse Jacobian."""
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
 import numpy as np
 
-from cadtof_cli.arrays import Float32
+from cadtof_cli.arrays import Float
 from cadtof_cli.phasors.noise import NoiseModel
 from cadtof_cli.resolver.two_path.closed_form import TwoPaths
 
 
-def two_path_sigmas(paths: TwoPaths, /, *, noise: NoiseModel) -> Float32:
-    """Return the standard deviations of x and y in rad, float32 (2, n); infinite where a, b or x − y is 0.
+def two_path_sigmas(paths: TwoPaths, /, *, noise: NoiseModel) -> Float:
+    """Return the standard deviations of x and y in rad, (2, n); infinite where a, b or x − y is 0.
 
     With D = y − x, c = cos D and s = sin D, the change of x is (α·q1 + β·q2)/a, where q_h is the noise of p_h turned back by
     h·x and · multiplies real with real and imaginary with imaginary parts:
@@ -22,43 +26,53 @@ def two_path_sigmas(paths: TwoPaths, /, *, noise: NoiseModel) -> Float32:
         σ_x²·(a(1−c)(2+c))² = s1(2+4c+3c²) + s2(5/4+c) − t1(a·c²(3+4c+2c²) + b·c(4+5c))
                               + t2(a(3/4+3c−4c³−2c⁴) + b(3/4−c−2c²)) − 2ε(1−c²)(b − a(1+c))²
 
-    with s_h the dark variance and t_h = ε·r_2h/(2·r_h²); σ_y with a and b exchanged. float32 is enough for a prediction.
+    with s_h the dark variance and t_h = ε·r_2h/(2·r_h²); σ_y with a and b exchanged. float32 is enough for this.
     """
-    first, second = noise.each
-    epsilon = first.averaging
-    s1, s2 = first.dark_variance, second.dark_variance
-    t1, t2 = (0.5 * epsilon * h.pulse_double / h.pulse**2 for h in (first, second))
-    gap = (2.0 * paths.sin_half * paths.sin_half).astype(np.float32)
+    terms = variance_terms(noise)
+    # Any: numpy's stubs take a float32 array times a Python number for float64, which it is not
+    gap: Any = (2.0 * paths.sin_half * paths.sin_half).astype(np.float32)
     a, b = paths.a.astype(np.float32), paths.b.astype(np.float32)
     cos = 1.0 - gap
-    one_and_cos = 1.0 + cos
-    alone = _polynomial(cos, 2.0 * s1 + 1.25 * s2, 4.0 * s1 + s2, 3.0 * s1)
-    own = _polynomial(cos, 0.75 * t2, 3.0 * t2, -3.0 * t1, -4.0 * (t1 + t2), -2.0 * (t1 + t2))
-    other = _polynomial(cos, 0.75 * t2, -4.0 * t1 - t2, -5.0 * t1 - 2.0 * t2)
-    signal = gap * one_and_cos
-    signal *= 2.0 * epsilon
+    alone, own, other = (_polynomial(cos, factors) for factors in (terms.alone, terms.own, terms.other))
+    signal = gap * (1.0 + cos) * terms.signal
     scale = gap * (2.0 + cos)
 
-    sigmas = np.empty(paths.amplitude.shape, np.float32)
-    for result, strength, rival in ((sigmas[0], a, b), (sigmas[1], b, a)):
-        variance = np.multiply(strength, own, out=result)
-        variance += rival * other
-        variance += alone
-        excess = rival - strength * one_and_cos
-        excess *= excess
-        excess *= signal
-        variance -= excess
-        np.sqrt(np.maximum(variance, 0.0, out=variance), out=variance)
-        variance /= strength * scale
-    return sigmas
+    def sigma(strength: Any, rival: Any) -> Any:
+        excess = rival - strength * (1.0 + cos)
+        variance = strength * own + rival * other + alone - excess * excess * signal
+        deviation = np.sqrt(np.maximum(variance, 0.0)) / (strength * scale)
+        return deviation.astype(np.float64)
+
+    return np.stack([sigma(a, b), sigma(b, a)])
 
 
-def _polynomial(x: Float32, *coefficients: float) -> Float32:
-    """Return Σ coefficients[k]·x^k by Horner's rule."""
-    *lower, highest = coefficients
-    value = highest * x
-    for coefficient in reversed(lower[1:]):
-        value += coefficient
-        value *= x
-    value += lower[0]
+@dataclass(frozen=True)
+class VarianceTerms:
+    """Factors of cos⁰ D, cos¹ D … in the variance of `two_path_sigmas`: `alone`, times a path's own amplitude, and times the
+    other's; and `signal`, 2ε."""
+
+    alone: tuple[float, ...]
+    own: tuple[float, ...]
+    other: tuple[float, ...]
+    signal: float
+
+
+def variance_terms(noise: NoiseModel, /) -> VarianceTerms:
+    """Return the factors for the noise of harmonics 1 and 2."""
+    first, second = noise.each
+    s1, s2 = first.dark_variance, second.dark_variance
+    t1, t2 = (0.5 * first.averaging * h.pulse_double / h.pulse**2 for h in (first, second))
+    return VarianceTerms(
+        (2.0 * s1 + 1.25 * s2, 4.0 * s1 + s2, 3.0 * s1),
+        (0.75 * t2, 3.0 * t2, -3.0 * t1, -4.0 * (t1 + t2), -2.0 * (t1 + t2)),
+        (0.75 * t2, -4.0 * t1 - t2, -5.0 * t1 - 2.0 * t2),
+        2.0 * first.averaging,
+    )
+
+
+def _polynomial(x: Any, coefficients: Sequence[float]) -> Any:
+    """Return Σ coefficients[k]·x^k by Horner's rule, in the type of x."""
+    value = np.full_like(x, coefficients[-1])
+    for coefficient in reversed(coefficients[:-1]):
+        value = value * x + coefficient
     return value

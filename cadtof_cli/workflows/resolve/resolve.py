@@ -22,6 +22,7 @@ from cadtof_cli.files.formats import MAP_FORMATS, format_named, map_suffix_like
 from cadtof_cli.frame_plan import FramePlan, MapSettings
 from cadtof_cli.phasors.voltages import volts_per_count
 from cadtof_cli.resolver.status import MEANING
+from cadtof_cli.resolver.two_path.kernel import chosen_kernel, kernel_notes
 from cadtof_cli.workflows.progress import UNTOLD, Progress
 from cadtof_cli.workflows.resolve import split_frames
 from cadtof_cli.workflows.resolve.frame_task import FrameTask, resolve_file
@@ -96,7 +97,8 @@ def resolve_captures(
     prepare_output(captures, settings.out, overwrite=settings.overwrite, resume=settings.resume)
     if settings.resume:
         require_same_maps(settings.out, document)
-    for note in (*itertools.chain(*map(_notes, captures)), *(calibration.notes if calibration else ())):
+    of_calibration = calibration.notes if calibration else ()
+    for note in (*itertools.chain(*map(_notes, captures)), *of_calibration, *kernel_notes()):
         progress.say(note)
     totals, began, token = RunTotals(), time.monotonic(), uuid4().hex[:8]
     tasks = _tasks(plans, settings, progress, token)
@@ -156,6 +158,7 @@ def _document(
         "cadtof": __version__,
         "started": datetime.now(UTC).isoformat(timespec="seconds"),
         "finished": False,
+        "kernel": chosen_kernel(),
         "arguments": {
             "inputs": [str(path) for path in inputs],
             "absolute_inputs": [str(path.absolute()) for path in inputs],

@@ -18,13 +18,13 @@ TABLE_1 = [
 ]
 
 
-def solve(light: Light, n_av: float, size: int) -> tuple[TwoPaths, NDArray[np.float32]]:
+def solve(light: Light, n_av: float, size: int) -> tuple[TwoPaths, NDArray[np.float64]]:
     p = phasors_of(light.voltages(np.random.default_rng(12), n_av, size))
     paths = two_paths(fundamental_frame(p[0], p[1]))
     return paths, two_path_sigmas(paths, noise=noise_model(CaptureMetadata(), integration_length=n_av, quantised=False))
 
 
-def delays_ns(paths: TwoPaths, sigmas: NDArray[np.float32]) -> tuple[NDArray[np.float64], ...]:
+def delays_ns(paths: TwoPaths, sigmas: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
     """Delay of the stronger and the weaker path, then their predicted standard deviations."""
     x, y = (
         ns_from_rad(np.arctan2(s, c) % (2 * np.pi)) for c, s in ((paths.cos_x, paths.sin_x), (paths.cos_y, paths.sin_y))

@@ -1,0 +1,192 @@
+/* Stored values -> maps of harmonics 1 and 2, pixel by pixel: the operations of the modules named below, in their order.
+ *
+ *   phasors/voltages.py                    stored values -> phasors
+ *   resolver/resolve.py, order.py          the driver: which pixels get an answer, and how many paths
+ *   resolver/returns.py                    which path is direct
+ *   resolver/two_path/closed_form.py       two paths            arctangent.py   their phases
+ *   resolver/two_path/one_path.py          one path             uncertainty.py  standard deviations
+ *   maps/depth.py, layers.py               paths -> maps
+ *
+ * Those are written to be read; this is written to be fast. Both use nothing but +, -, *, / and square roots, which IEEE 754
+ * rounds in one way only, so both give the same bits, whatever the compiler and the machine (test_kernel.py holds them to it).
+ * That needs a compiler that neither contracts a*b + c nor reorders: -ffp-contract=off, no -ffast-math.
+ *
+ * GROUP neighbours stand in short rows that stay in the first-level cache. Each loop holds a few operations for every pixel of
+ * a group, so compilers make vector instructions of it; what no pixel of a group needs is left out for the whole group.
+ */
+#include <float.h>
+#include <math.h>
+#include <stdint.h>
+#include <string.h>
+
+#ifdef __FAST_MATH__
+#error "the kernel and its numpy reference give the same bits only without -ffast-math"
+#endif
+#if !defined(FLT_EVAL_METHOD) || FLT_EVAL_METHOD != 0
+#error "the kernel needs arithmetic that rounds every operation to its own type"
+#endif
+
+#ifndef GROUP
+#define GROUP 32
+#endif
+#define EACH_PIXEL for (int i = 0; i < GROUP; i++)
+#define LAYERS 7
+
+#define PI 3.141592653589793
+#define FULL_TURN 6.283185307179586
+
+/* Bits of resolver/status.py that are read or set here; the others go through as they came. */
+enum { SATURATED = 1, NOT_FINITE = 2, LOW_CONFIDENCE = 4, ONE_PATH = 8, TWO_PATHS = 16, ILL_CONDITIONED = 32, HOT_PIXEL = 256 };
+enum order { ORDER_AUTO, ORDER_ONE, ORDER_TWO };
+enum returns { RETURN_FIRST, RETURN_STRONGEST, RETURN_LAST };
+enum type { UINT16, INT16, FLOAT32, FLOAT64, PHASORS };
+
+/* What all pixels of a frame share, by the names that kernel.py gives them. */
+#define CONSTANTS(X) \
+    X(gain1) X(gain2) X(gain3) X(gain4)            /* parts of phasors, re1, im1, re2, im2, from stored values ... */ \
+    X(offset1) X(offset2) X(offset3) X(offset4)    /* ... where no pixel has a map of its own */ \
+    X(saturated_low) X(saturated_high)             /* stored values at or beyond them are saturated; NaN: none are */ \
+    X(per_variance1) X(per_variance2)              /* 1 / dark variance of harmonic h */ \
+    X(least_power) X(least_modulus)                /* at and below, and below which there is no signal */ \
+    X(misfit_limit) X(misfit_spread)               /* chi^2 above which there are two paths; see may_be_one_path */ \
+    X(weight)                                      /* dark variance of harmonic 1 over that of 2 */ \
+    X(dark1) X(dark2) X(doubled1) X(doubled2)      /* variance along and across a phasor: dark +- doubled * amplitude ... */ \
+    X(averaging1) X(averaging2) X(least1) X(least2)/* ... - averaging * amplitude^2 along it, and at least least */ \
+    X(alone0) X(alone1) X(alone2) X(own0) X(own1) X(own2) X(own3) X(own4) X(other0) X(other1) X(other2) X(signal) \
+    X(return_ratio)                                /* least amplitude of a direct path over the strongest's */ \
+    X(metres) X(volts)                             /* of a radian, of an amplitude of 1 */
+
+#define MEMBER(name) double name;
+typedef struct {
+    CONSTANTS(MEMBER)
+} Constants;
+
+/* A frame of `pixels` pixels. Pointers to what pixels have of their own are NULL where they have not. */
+typedef struct {
+    const void *stored;      /* 4 planes of `type`; or 2 of complex phasors */
+    const Constants *constants;
+    const double *own;       /* 4 planes: parts of phasors from the stored values of their own channel, ... */
+    const double *other;     /* ... from those of the harmonic's other channel, ... */
+    const double *constant;  /* ... and from nothing */
+    const double *samples;   /* recorded pixels that a phasor is a mean of */
+    const double *metres;    /* of a radian */
+    const double *shift;     /* radians to take from every phase */
+    float *layers;           /* LAYERS planes */
+    uint32_t *status;        /* in: bits known before; out: all */
+    int64_t pixels;
+    enum type type;
+    enum order order;
+    enum returns returns;
+} Frame;
+
+/* One pixel a column. */
+typedef double Row[GROUP];
+typedef struct {
+    Row re1, im1, re2, im2, unsound, samples, root;      /* phasors; 1 where there must be no answer; samples, their root */
+    Row u, pr, pi, cos, sin;                             /* FundamentalFrame */
+    Row confidence, refusal, answered, single, may, need;/* bits that refuse an answer; is, may be one path; needs two */
+    Row one_amplitude, one_phase, one_sigma, misfit;     /* OnePath; 1 where it leaves more than noise does */
+    Row a, b, cos_m, sin_m, cos_half, sin_half;          /* TwoPaths */
+    Row x, y, sigma_x, sigma_y, doubtful;
+    Row amplitude[2], phase[2], sigma[2];                /* direct and MPI path */
+    Row t1, t2, t3, t4, t5;                              /* between the loops of a function */
+} Group;
+
+#define INLINE static inline KERNEL_INLINE
+
+INLINE double at_least(double value, double low) { return value < low ? low : value; }   /* numpy.maximum: NaN stays NaN */
+INLINE double at_most(double value, double high) { return high < value ? high : value; } /* numpy.minimum */
+
+INLINE int any(const double *restrict row) {
+    int64_t found = 0;
+    EACH_PIXEL found |= row[i] > 0.0;
+    return found != 0;
+}
+
+/* voltages.py: saturated_pixels, phasors_from_stored. Columns from m on repeat the first. */
+#define LOAD(TYPE, VALUE) \
+    { \
+        const TYPE *stored = frame->stored; \
+        if (m == GROUP) EACH_PIXEL value[c][i] = VALUE(i); \
+        else EACH_PIXEL value[c][i] = VALUE(i < m ? i : 0); \
+    }
+#define VOLTAGE(i) (double)stored[c * n + start + (i)]
+#define PART(i) stored[2 * ((c / 2) * n + start + (i)) + c % 2]
+
+INLINE void load(Group *restrict g, const Frame *restrict frame, int64_t start, int m) {
+    const Constants *k = frame->constants;
+    const int64_t n = frame->pixels;
+    double *phasor[4] = {g->re1, g->im1, g->re2, g->im2};
+    Row value[4];
+    for (int c = 0; c < 4; c++) {
+        switch (frame->type) {
+        case UINT16: LOAD(uint16_t, VOLTAGE) break;
+        case INT16: LOAD(int16_t, VOLTAGE) break;
+        case FLOAT32: LOAD(float, VOLTAGE) break;
+        case FLOAT64: LOAD(double, VOLTAGE) break;
+        case PHASORS: LOAD(double, PART) break;
+        }
+    }
+    const uint32_t none = SATURATED | NOT_FINITE | HOT_PIXEL;
+    const uint32_t *status = frame->status + start;
+    if (m == GROUP) EACH_PIXEL g->unsound[i] = status[i] & none ? 1.0 : 0.0;
+    else EACH_PIXEL g->unsound[i] = status[i < m ? i : 0] & none ? 1.0 : 0.0;
+    EACH_PIXEL g->refusal[i] = 0.0;
+    for (int c = 0; c < 4; c++) EACH_PIXEL {
+        double beyond = value[c][i] <= k->saturated_low ? (double)SATURATED : g->refusal[i];
+        g->refusal[i] = value[c][i] >= k->saturated_high ? (double)SATURATED : beyond;
+    }
+    const double gain[4] = {k->gain1, k->gain2, k->gain3, k->gain4};
+    const double offset[4] = {k->offset1, k->offset2, k->offset3, k->offset4};
+    for (int c = 0; c < 4; c++) {
+        double *restrict p = phasor[c];
+        if (frame->type == PHASORS) EACH_PIXEL p[i] = value[c][i];
+        else if (frame->own) {
+            const double *restrict own = frame->own + c * n + start, *restrict other = frame->other + c * n + start;
+            const double *restrict constant = frame->constant + c * n + start;
+            for (int i = 0; i < m; i++) p[i] = value[c][i] * own[i] + value[c ^ 1][i] * other[i] + constant[i];
+            for (int i = m; i < GROUP; i++) p[i] = p[0];
+        } else EACH_PIXEL p[i] = value[c][i] * gain[c] + offset[c];
+    }
+    if (frame->samples) {
+        for (int i = 0; i < GROUP; i++) g->samples[i] = frame->samples[start + (i < m ? i : 0)];
+        EACH_PIXEL g->root[i] = sqrt(g->samples[i]);
+    }
+}
+
+/* layers.py, depth.py: write_block. NaN is written as the one quiet NaN without a sign. */
+INLINE void store_layer(const double *restrict values, float *restrict to, int m) {
+    float out[GROUP];
+    EACH_PIXEL out[i] = (float)(values[i] == values[i] ? values[i] : NAN);
+    if (m == GROUP) memcpy(to, out, sizeof out);
+    else memcpy(to, out, (size_t)m * sizeof *out);
+}
+
+INLINE void store(Group *restrict g, const Frame *restrict frame, int64_t start, int m) {
+    const double volts = frame->constants->volts;
+    const int64_t n = frame->pixels;
+    float *layers = frame->layers + start;
+    if (frame->shift) {
+        for (int i = 0; i < GROUP; i++) g->t1[i] = frame->shift[start + (i < m ? i : 0)];
+        for (int path = 0; path < 2; path++) EACH_PIXEL {
+            double phase = g->phase[path][i] - g->t1[i];
+            g->phase[path][i] = phase < 0.0 ? phase + FULL_TURN : phase;
+        }
+    }
+    if (frame->metres)
+        for (int i = 0; i < GROUP; i++) g->t2[i] = frame->metres[start + (i < m ? i : 0)];
+    else EACH_PIXEL g->t2[i] = frame->constants->metres;
+    for (int path = 0; path < 2; path++) {
+        EACH_PIXEL g->t3[i] = g->phase[path][i] * g->t2[i];
+        store_layer(g->t3, layers + path * n, m);
+        EACH_PIXEL g->t3[i] = g->amplitude[path][i] * volts;
+        store_layer(g->t3, layers + (2 + path) * n, m);
+        EACH_PIXEL g->t3[i] = g->sigma[path][i] * g->t2[i];
+        store_layer(g->t3, layers + (4 + path) * n, m);
+    }
+    EACH_PIXEL g->t3[i] = g->confidence[i] * volts;
+    store_layer(g->t3, layers + 6 * n, m);
+    uint32_t *restrict status = frame->status + start;
+    if (m == GROUP) EACH_PIXEL status[i] |= (uint32_t)(int32_t)g->refusal[i];
+    else for (int i = 0; i < m; i++) status[i] |= (uint32_t)(int32_t)g->refusal[i];
+}

@@ -1,0 +1,348 @@
+/* The equations of the kernel, each function named after the one that it is the twin of; see _kernel_frame.h. */
+#include "_kernel_frame.h"
+
+/* arctangent.py: phase_of */
+INLINE double phase_of(double cos, double sin) {
+    double x = fabs(cos), y = fabs(sin);
+    double low = y > x ? x : y, high = y > x ? y : x;
+    int far = low > high * 0.41421356237309503;
+    double tangent = (far ? low - high : low) / (far ? low + high : high);
+    double z = tangent * tangent, series = -0.019176887104237525;
+    series = series * z + 0.03923165828348216;
+    series = series * z + -0.0508544973752125;
+    series = series * z + 0.058581489127221394;
+    series = series * z + -0.06664511447372731;
+    series = series * z + 0.07692183190825433;
+    series = series * z + -0.09090904578123873;
+    series = series * z + 0.11111111015256361;
+    series = series * z + -0.14285714284666542;
+    series = series * z + 0.1999999999999552;
+    series = series * z + -0.3333333333333333;
+    double phase = tangent + tangent * z * series;
+    phase = far ? phase + 0.25 * PI : phase;
+    phase = y > x ? 0.5 * PI - phase : phase;
+    phase = cos < 0.0 ? PI - phase : phase;
+    phase = sin < 0.0 ? FULL_TURN - phase : phase;
+    return phase >= FULL_TURN ? 0.0 : phase;
+}
+
+/* closed_form.py: fundamental_frame */
+INLINE void fundamental_frame(Group *restrict g) {
+    EACH_PIXEL {
+        double re1 = g->re1[i], im1 = g->im1[i], re2 = g->re2[i], im2 = g->im2[i];
+        double u = sqrt(re1 * re1 + im1 * im1), zero = u == 0.0 ? 1.0 : 0.0, inverse = 1.0 / (u + zero);
+        double cos = re1 * inverse + zero, sin = im1 * inverse;
+        double cos2 = cos * cos - sin * sin, sin2 = 2.0 * (sin * cos);
+        g->u[i] = u;
+        g->pr[i] = re2 * cos2 + im2 * sin2;
+        g->pi[i] = im2 * cos2 - re2 * sin2;
+        g->cos[i] = cos;
+        g->sin[i] = sin;
+    }
+}
+
+/* resolve.py: _screened. `refusal` comes in with SATURATED. */
+INLINE void screen(Group *restrict g, const Frame *restrict frame) {
+    const Constants *k = frame->constants;
+    EACH_PIXEL {
+        double u = g->u[i], pr = g->pr[i], pi = g->pi[i];
+        g->t1[i] = u * u * k->per_variance1 + (pr * pr + pi * pi) * k->per_variance2;
+    }
+    if (frame->samples) EACH_PIXEL g->t1[i] = g->t1[i] * g->samples[i];
+    EACH_PIXEL {
+        double u = g->u[i], power = g->t1[i], refusal = g->refusal[i], unsound = g->unsound[i];
+        double low = power <= k->least_power ? (double)LOW_CONFIDENCE : 0.0;
+        low = u < k->least_modulus ? (double)LOW_CONFIDENCE : low;
+        unsound = refusal > 0.0 ? 1.0 : unsound;
+        low = unsound > 0.0 ? 0.0 : low;
+        int finite = power <= DBL_MAX;
+        refusal = finite ? refusal + low : refusal + (double)NOT_FINITE;
+        unsound = finite ? unsound : 1.0;
+        g->confidence[i] = unsound > 0.0 ? NAN : u;
+        g->refusal[i] = refusal;
+        unsound = refusal > 0.0 ? 1.0 : unsound;
+        g->answered[i] = 1.0 - unsound;
+    }
+}
+
+/* solver.py: may_be_one_path; closed_form.py: is_single */
+INLINE void choose_pixels(Group *restrict g, const Frame *restrict frame) {
+    const Constants *k = frame->constants;
+    EACH_PIXEL {
+        double u = g->u[i], dr = u - g->pr[i], d2 = dr * dr + g->pi[i] * g->pi[i];
+        double single = d2 <= 0x1p-100 * (u * u) + 1e-120 ? 1.0 : 0.0;
+        g->single[i] = single * g->answered[i];
+        g->t1[i] = d2;
+        g->t2[i] = k->misfit_limit;
+    }
+    if (frame->samples) EACH_PIXEL g->t2[i] = k->misfit_limit / g->samples[i];
+    if (frame->order == ORDER_ONE) EACH_PIXEL g->may[i] = g->answered[i];
+    else if (frame->order == ORDER_TWO) EACH_PIXEL g->may[i] = g->single[i];
+    else EACH_PIXEL {
+        double may = g->t1[i] <= 2.0 * g->t2[i] * k->misfit_spread ? g->answered[i] : g->single[i];
+        g->may[i] = may;
+    }
+    EACH_PIXEL g->need[i] = g->answered[i] - g->may[i];
+}
+
+/* one_path.py: _start. The rotor in t1, t2; the largest curvature there can be in t3. */
+INLINE void one_path_start(Group *restrict g, double weight) {
+    const double from_second = 4.0 * weight;
+    EACH_PIXEL {
+        double pr = g->pr[i], pi = g->pi[i], modulus = sqrt(pr * pr + pi * pi), half = 0.5 * modulus;
+        g->t1[i] = g->u[i] + from_second * sqrt(half * at_least(modulus + pr, 0.0));
+        g->t2[i] = copysign(from_second * sqrt(half * at_least(modulus - pr, 0.0)), pi);
+        g->t3[i] = g->u[i] + from_second * modulus;
+    }
+    EACH_PIXEL {
+        double cos = g->t1[i], sin = g->t2[i], norm = 1.0 / sqrt(at_least(cos * cos + sin * sin, DBL_MIN));
+        g->t1[i] = cos * norm;
+        g->t2[i] = sin * norm;
+    }
+}
+
+/* one_path.py: a Newton step, and _turn */
+INLINE void one_path_step(Group *restrict g, double weight) {
+    EACH_PIXEL {
+        double cos = g->t1[i], sin = g->t2[i], pr = g->pr[i], pi = g->pi[i];
+        double cos2 = cos * cos - sin * sin, sin2 = 2.0 * cos * sin;
+        double along1 = g->u[i] * cos, across1 = -g->u[i] * sin;
+        double along2 = pr * cos2 + pi * sin2, across2 = pi * cos2 - pr * sin2;
+        double slope = across1 + 2.0 * weight * across2, curvature = along1 + 4.0 * weight * along2;
+        g->t4[i] = slope / at_least(curvature, 0.1 * g->t3[i]);
+    }
+    EACH_PIXEL {
+        double cos = g->t1[i], sin = g->t2[i], half = 0.5 * g->t4[i], square = half * half, norm = 1.0 / (1.0 + square);
+        double cos_turn = (1.0 - square) * norm, sin_turn = 2.0 * half * norm;
+        g->t1[i] = cos * cos_turn - sin * sin_turn;
+        g->t2[i] = sin * cos_turn + cos * sin_turn;
+    }
+}
+
+/* one_path.py: one_path; noise.py: one_path_variances */
+INLINE void one_path(Group *restrict g, const Frame *restrict frame) {
+    const Constants *k = frame->constants;
+    const double weight = k->weight, per_weights = 1.0 / (1.0 + weight);
+    one_path_start(g, weight);
+    if (frame->order == ORDER_ONE)
+        for (int step = 0; step < 6; step++) one_path_step(g, weight);
+    EACH_PIXEL {
+        double cos = g->t1[i], sin = g->t2[i], u = g->u[i], pr = g->pr[i], pi = g->pi[i];
+        double cos2 = cos * cos - sin * sin, sin2 = 2.0 * cos * sin;
+        double along1 = u * cos, across1 = -u * sin, along2 = pr * cos2 + pi * sin2, across2 = pi * cos2 - pr * sin2;
+        double amplitude = at_least((along1 + weight * along2) * per_weights, 0.0), share = at_most(amplitude, 1.0);
+        double more1 = k->doubled1 * share, more2 = k->doubled2 * share;
+        double t1 = k->dark1 - more1, t2 = k->dark2 - more2;
+        double r1 = at_least(k->dark1 + more1 - k->averaging1 * share * share, k->least1);
+        double r2 = at_least(k->dark2 + more2 - k->averaging2 * share * share, k->least2);
+        double along = r1 + r2, across = 4.0 * t1 + t2, amplitudes = along1 - along2, phases = 2.0 * across1 - across2;
+        g->t3[i] = (amplitudes * amplitudes * across + phases * phases * along) / (along * across);
+        g->one_amplitude[i] = amplitude;
+        g->one_sigma[i] = sqrt(t1 * t2 * across) / (across * amplitude);
+        g->t4[i] = cos * g->cos[i] - sin * g->sin[i];
+        g->t5[i] = cos * g->sin[i] + sin * g->cos[i];
+    }
+    EACH_PIXEL g->one_phase[i] = phase_of(g->t4[i], g->t5[i]);
+    if (frame->samples) EACH_PIXEL {
+        g->t3[i] = g->t3[i] * g->samples[i];
+        g->one_sigma[i] = g->one_sigma[i] / g->root[i];
+    }
+    EACH_PIXEL {
+        double misfit = g->t3[i] > k->misfit_limit ? g->may[i] - g->single[i] : 0.0;
+        g->misfit[i] = misfit;
+        g->need[i] = misfit > 0.0 ? 1.0 : g->need[i];
+    }
+}
+
+/* closed_form.py: _excess, one of Halley's steps. H in t3. */
+INLINE void excess_step(Group *restrict g) {
+    EACH_PIXEL {
+        double u = g->u[i], linear = g->t2[i], h = g->t3[i];
+        double value = ((h + 3.0 * u) * h + linear) * h - g->t1[i];
+        double slope = (h + (u + u)) * (3.0 * h) + linear, half_curvature = 3.0 * (h + u);
+        g->t3[i] = h - value * slope / (slope * slope - value * half_curvature);
+    }
+}
+
+/* closed_form.py: _excess. H in t3, |d|^2 in t4. */
+INLINE void excess(Group *restrict g) {
+    EACH_PIXEL {
+        double u = g->u[i], pi = g->pi[i], dr = u - g->pr[i], d2 = dr * dr + pi * pi, modulus = sqrt(d2);
+        g->t1[i] = u * d2;
+        g->t2[i] = 2.0 * (u * dr) - d2;
+        g->t3[i] = (modulus + (u + u)) * d2 / ((3.0 * modulus + dr) * u + d2);
+        g->t4[i] = d2;
+    }
+    /* not a loop: compilers would turn it inside out */
+    excess_step(g);
+    excess_step(g);
+    excess_step(g);
+}
+
+/* closed_form.py: two_paths */
+INLINE void two_paths(Group *restrict g) {
+    excess(g);
+    EACH_PIXEL {
+        double u = g->u[i], pi = g->pi[i], dr = u - g->pr[i], d2 = g->t4[i];
+        double single = d2 <= 0x1p-100 * (u * u) + 1e-120 ? 1.0 : 0.0, h = single > 0.0 ? 0.0 : g->t3[i];
+        double p0 = u + h, product = (p0 + u) * h, re = p0 * dr - u * h, im = p0 * pi;
+        double double_square = product + fabs(re), norm = 1.0 / sqrt(2.0 * product * double_square);
+        double large = double_square * norm, small = im * norm;
+        double cos_m = re >= 0.0 ? large : small, sin_m = re >= 0.0 ? small : large;
+        g->t1[i] = p0;
+        g->t2[i] = single;
+        g->cos_m[i] = cos_m;
+        g->sin_m[i] = sin_m;
+        g->cos_half[i] = ((h + dr) * cos_m + pi * sin_m) * u * (norm * large);
+    }
+    EACH_PIXEL {
+        double u = g->u[i], p0 = g->t1[i], single = g->t2[i], cos = g->cos[i], sin = g->sin[i];
+        double cos_m = g->cos_m[i], sin_m = g->sin_m[i], cos_half = g->cos_half[i];
+        double sin_half = sqrt(at_least((1.0 - cos_half) * (1.0 + cos_half), 1e-300));
+        double split = single > 0.0 ? u : sin_m * u / sin_half;
+        split = at_least(at_most(split, p0), -p0);
+        cos_m = single > 0.0 ? 1.0 : cos_m;
+        sin_m = single > 0.0 ? 0.0 : sin_m;
+        g->a[i] = 0.5 * (p0 + split);
+        g->b[i] = 0.5 * (p0 - split);
+        g->cos_m[i] = cos_m * cos + sin_m * sin;
+        g->sin_m[i] = cos_m * sin - sin_m * cos;
+        g->cos_half[i] = single > 0.0 ? 1.0 : cos_half;
+        g->sin_half[i] = single > 0.0 ? 0.0 : sin_half;
+    }
+}
+
+/* uncertainty.py: two_path_sigmas, in float as there */
+typedef struct {
+    float cos, alone, own, other, signal, scale;
+} VarianceTerms;
+
+INLINE double sigma(float strength, float rival, VarianceTerms t) {
+    float excess = rival - strength * (1.0f + t.cos);
+    float variance = strength * t.own + rival * t.other + t.alone - excess * excess * t.signal;
+    variance = variance < 0.0f ? 0.0f : variance;
+    return (double)(sqrtf(variance) / (strength * t.scale));
+}
+
+INLINE void two_path_sigmas(Group *restrict g, const Frame *restrict frame) {
+    const Constants *k = frame->constants;
+    const float alone0 = (float)k->alone0, alone1 = (float)k->alone1, alone2 = (float)k->alone2;
+    const float own0 = (float)k->own0, own1 = (float)k->own1, own2 = (float)k->own2, own3 = (float)k->own3;
+    const float own4 = (float)k->own4, signal = (float)k->signal;
+    const float other0 = (float)k->other0, other1 = (float)k->other1, other2 = (float)k->other2;
+    EACH_PIXEL {
+        float gap = (float)(2.0 * g->sin_half[i] * g->sin_half[i]), a = (float)g->a[i], b = (float)g->b[i], c = 1.0f - gap;
+        VarianceTerms t = {
+            c,
+            (alone2 * c + alone1) * c + alone0,
+            (((own4 * c + own3) * c + own2) * c + own1) * c + own0,
+            (other2 * c + other1) * c + other0,
+            gap * (1.0f + c) * signal,
+            gap * (2.0f + c),
+        };
+        g->sigma_x[i] = sigma(a, b, t);
+        g->sigma_y[i] = sigma(b, a, t);
+    }
+    EACH_PIXEL {
+        double x = g->sigma_x[i], y = g->sigma_y[i], most = x < y ? y : x;
+        most = y == y ? most : y;
+        /* doubt, most / sin_half, is above 1 just where this is, in floating point too */
+        g->doubtful[i] = most > g->sin_half[i] ? (double)ILL_CONDITIONED : 0.0;
+        g->t1[i] = most;
+    }
+    if (frame->samples) EACH_PIXEL {
+        g->doubtful[i] = g->t1[i] / g->sin_half[i] / g->root[i] > 1.0 ? (double)ILL_CONDITIONED : 0.0;
+        g->sigma_x[i] = g->sigma_x[i] / g->root[i];
+        g->sigma_y[i] = g->sigma_y[i] / g->root[i];
+    }
+}
+
+/* closed_form.py: TwoPaths.phases */
+INLINE void phases(Group *restrict g) {
+    EACH_PIXEL g->t1[i] = phase_of(g->cos_m[i], g->sin_m[i]);
+    EACH_PIXEL g->t2[i] = phase_of(g->cos_half[i], g->sin_half[i]);
+    EACH_PIXEL {
+        double x = g->t1[i] + g->t2[i], y = g->t1[i] - g->t2[i];
+        y = y < 0.0 ? y + FULL_TURN : y;
+        g->x[i] = x >= FULL_TURN ? x - FULL_TURN : x;
+        g->y[i] = y >= FULL_TURN ? 0.0 : y;
+    }
+}
+
+/* returns.py: _pair. x_chosen in t1, x_wraps in t2, y_wraps in t3. */
+INLINE void direct_and_mpi(Group *restrict g, const Frame *restrict frame) {
+    const double ratio = frame->constants->return_ratio, first = frame->returns == RETURN_FIRST ? 1.0 : 0.0;
+    EACH_PIXEL {
+        double a = g->a[i], b = g->b[i], lead = g->y[i] - g->x[i];
+        double x_wraps = lead > 0.5 * FULL_TURN ? 1.0 : 0.0, y_wraps = lead < -0.5 * FULL_TURN ? 1.0 : 0.0;
+        g->t2[i] = a < 0.5 * b ? x_wraps : 0.0;
+        g->t3[i] = b < 0.5 * a ? y_wraps : 0.0;
+    }
+    if (frame->returns == RETURN_STRONGEST) EACH_PIXEL g->t1[i] = g->a[i] < g->b[i] ? 0.0 : 1.0;
+    else EACH_PIXEL {
+        double a = g->a[i], b = g->b[i], lead = g->y[i] - g->x[i];
+        double before = lead >= 0.0 ? 1.0 - g->t2[i] : 0.0;
+        before = g->t3[i] > 0.0 ? 1.0 : before;
+        double wanted = before == first ? 1.0 : 0.0, chosen = a >= ratio * b ? wanted : 0.0;
+        g->t1[i] = b >= ratio * a ? chosen : 1.0;
+    }
+    EACH_PIXEL {
+        double chosen = g->t1[i], behind = chosen > 0.0 ? g->t3[i] : g->t2[i], later = chosen > 0.0 ? g->y[i] : g->x[i];
+        g->amplitude[0][i] = chosen > 0.0 ? g->a[i] : g->b[i];
+        g->amplitude[1][i] = chosen > 0.0 ? g->b[i] : g->a[i];
+        g->phase[0][i] = chosen > 0.0 ? g->x[i] : g->y[i];
+        g->phase[1][i] = behind > 0.0 ? later + FULL_TURN : later;
+        g->sigma[0][i] = chosen > 0.0 ? g->sigma_x[i] : g->sigma_y[i];
+        g->sigma[1][i] = chosen > 0.0 ? g->sigma_y[i] : g->sigma_x[i];
+    }
+}
+
+/* order.py: worth_another, _kept; resolve.py: _bits */
+INLINE void decide(Group *restrict g) {
+    EACH_PIXEL {
+        double difference = fabs(g->phase[0][i] - g->one_phase[i]), two = g->sigma[0][i], one = g->one_sigma[i];
+        difference = at_most(difference, FULL_TURN - difference);
+        double worth = difference * difference > 2.0 * (two * two - one * one) ? 1.0 : 0.0;
+        g->t1[i] = g->may[i] * (1.0 - g->misfit[i] * worth);
+    }
+    EACH_PIXEL {
+        double alone = g->t1[i], no_direct = g->answered[i] > 0.0 ? 0.0 : 1.0, no_mpi = alone > 0.0 ? 1.0 : no_direct;
+        double amplitude = alone > 0.0 ? g->one_amplitude[i] : g->amplitude[0][i];
+        double phase = alone > 0.0 ? g->one_phase[i] : g->phase[0][i];
+        double deviation = alone > 0.0 ? g->one_sigma[i] : g->sigma[0][i];
+        g->amplitude[0][i] = no_direct > 0.0 ? NAN : amplitude;
+        g->phase[0][i] = no_direct > 0.0 ? NAN : phase;
+        g->sigma[0][i] = no_direct > 0.0 ? NAN : deviation;
+        g->amplitude[1][i] = no_mpi > 0.0 ? NAN : g->amplitude[1][i];
+        g->phase[1][i] = no_mpi > 0.0 ? NAN : g->phase[1][i];
+        g->sigma[1][i] = no_mpi > 0.0 ? NAN : g->sigma[1][i];
+    }
+    EACH_PIXEL {
+        double bits = fabs(g->amplitude[0][i]) <= DBL_MAX ? (double)ONE_PATH : 0.0;
+        bits = fabs(g->amplitude[1][i]) <= DBL_MAX ? (double)TWO_PATHS + g->doubtful[i] : bits;
+        g->refusal[i] = g->refusal[i] + bits;
+    }
+}
+
+/* Every pixel from `start` up to `stop`. */
+INLINE void resolve_pixels(const Frame *restrict frame, int64_t start, int64_t stop) {
+    Group group, *g = &group;
+    memset(g, 0, sizeof group);
+    for (; start < stop; start += GROUP) {
+        const int m = stop - start < GROUP ? (int)(stop - start) : GROUP;
+        load(g, frame, start, m);
+        fundamental_frame(g);
+        screen(g, frame);
+        choose_pixels(g, frame);
+        if (any(g->may)) one_path(g, frame);
+        else EACH_PIXEL g->misfit[i] = 0.0;
+        if (any(g->need)) {
+            two_paths(g);
+            two_path_sigmas(g, frame);
+            phases(g);
+            direct_and_mpi(g, frame);
+        }
+        decide(g);
+        store(g, frame, start, m);
+    }
+}

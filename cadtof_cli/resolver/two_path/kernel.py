@@ -1,0 +1,220 @@
+"""The front of the compiled two-path solver: checks everything, makes constants of settings and noise, and says what runs.
+
+The solver itself is `_kernel_paths.h`, compiled where a C compiler was at hand when cadtof was installed. Where none was, numpy
+does the same operations, with the same bits, in `closed_form`, `one_path`, `uncertainty` and the stages before and after them.
+"""
+
+import math
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from types import ModuleType
+
+import numpy as np
+
+from cadtof_cli.arrays import Float, Float32, Status, Stored
+from cadtof_cli.errors import SettingsError
+from cadtof_cli.phasors.chi_squared import chi_squared_threshold
+from cadtof_cli.phasors.noise import LEAST_SHARE, NoiseModel
+from cadtof_cli.phasors.voltages import PhasorMap
+from cadtof_cli.resolver.settings import ResolverSettings
+from cadtof_cli.resolver.two_path.solver import misfit_spread
+from cadtof_cli.resolver.two_path.uncertainty import variance_terms
+
+NUMPY = "numpy"
+
+CHOICE = "CADTOF_KERNEL"
+"""Environment variable that names what runs, of `available_kernels`; without it the first of them does."""
+
+_STORED_TYPES = (np.uint16, np.int16, np.float32, np.float64, np.complex128)
+
+_ORDERS = {"auto": 0, "1": 1, "2": 2}
+_RETURNS = {"first": 0, "strongest": 1, "last": 2}
+
+
+def _compiled() -> ModuleType | None:
+    """Return the extension module, or None where it was not built."""
+    try:
+        from cadtof_cli.resolver.two_path import _kernel
+    except ImportError:
+        return None
+    return _kernel
+
+
+def available_kernels() -> tuple[str, ...]:
+    """Return the names of what can run here, the fastest first: instruction sets of the compiled solver, then `numpy`."""
+    compiled = _compiled()
+    return (*(compiled.levels() if compiled else ()), NUMPY)
+
+
+@lru_cache(maxsize=1)
+def chosen_kernel() -> str:
+    """Return the name of what runs here.
+
+    Raises:
+        SettingsError: the environment asks for what this machine has not.
+    """
+    available, asked = available_kernels(), os.environ.get(CHOICE)
+    if asked and asked not in available:
+        raise SettingsError(f"{CHOICE}: found {asked!r}, expected one of {', '.join(available)}")
+    return asked or available[0]
+
+
+def kernel_notes() -> tuple[str, ...]:
+    """Return what a user should know of what runs here: nothing, or that it is slower than it could be."""
+    if chosen_kernel() != NUMPY:
+        return ()
+    why = f"{CHOICE} asks for it" if len(available_kernels()) > 1 else "cadtof was installed without a C compiler"
+    return (f"two paths are resolved by numpy, not by the compiled kernel: the same maps, but slower ({why})",)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class KernelFrame:
+    """n pixels of a frame, and all that turns them into maps besides settings and noise; inputs are not changed.
+
+    Attributes:
+        stored: values of harmonics 1 and 2 as a file holds them, (2, 2, n); or phasors, complex128 (2, n).
+        phasor_map: from stored values to phasors; None with phasors.
+        saturated_counts: stored values at or beyond these are saturated; None: none are.
+        metres: of a radian, of all pixels or of each, (n,).
+        volts: of an amplitude of 1.
+        phase_offset_rad: what to take from every phase, (n,); None: nothing.
+    """
+
+    stored: Stored
+    phasor_map: PhasorMap | None
+    saturated_counts: tuple[float, float] | None
+    metres: float | Float
+    volts: float
+    phase_offset_rad: Float | None
+
+
+def fill_maps(
+    frame: KernelFrame,
+    /,
+    *,
+    layers: Float32,
+    status: Status,
+    settings: ResolverSettings,
+    noise: NoiseModel,
+    kernel: str | None = None,
+    pixels: range | None = None,
+) -> None:
+    """Fill `layers` and `status` of n pixels from their stored values.
+
+    Args:
+        frame: the pixels.
+        layers: float32 (7, n): depth, amplitude and sigma of the direct path and the MPI's each, and confidence.
+        status: (n,), with the bits that are known already: of those saturated, not finite and hot pixel mean no answer.
+        settings: which paths are asked for, at most two.
+        noise: of the n pixels, with how many recorded ones each is a mean of.
+        kernel: of `available_kernels`, but `numpy`; None: the one chosen for this process.
+        pixels: indices to fill; None: all.
+
+    Raises:
+        ValueError: an array has the wrong shape or layout, or there is no such kernel.
+        TypeError: an array has the wrong type.
+    """
+    compiled = _compiled()
+    if compiled is None:
+        raise ValueError("the compiled kernel was not built")
+    count, asked = status.size, range(status.size) if pixels is None else pixels
+    stored = frame.stored if frame.stored.dtype in _STORED_TYPES else frame.stored.astype(np.float64)
+    own, other, constant = _own_maps(frame.phasor_map, count)
+    arrays = {
+        "stored": (stored, (2, count) if frame.phasor_map is None else (2, 2, count)),
+        "own": (own, (2, 2, count)),
+        "other": (other, (2, 2, count)),
+        "constant": (constant, (2, 2, count)),
+        "samples": (noise.samples, (count,)),
+        "metres": (None if isinstance(frame.metres, float) else frame.metres, (count,)),
+        "phase_offset_rad": (frame.phase_offset_rad, (count,)),
+        "layers": (layers, (7, count)),
+        "status": (status, (count,)),
+    }
+    for name, (array, shape) in arrays.items():
+        if array is not None and array.shape != shape:
+            raise ValueError(f"{name}: found shape {array.shape}, expected {shape}")
+    given = [None if array is None else np.require(array, requirements=["C", "A"]) for array, _ in arrays.values()]
+    if given[-2] is not layers or given[-1] is not status or asked.step != 1:
+        raise ValueError("layers, status and pixels: expected neighbours in memory")
+    constants = kernel_constants(frame, settings, noise)
+    compiled.resolve(
+        kernel or chosen_kernel(),
+        _ORDERS[_order(settings)],
+        _RETURNS[settings.returns],
+        asked.start,
+        asked.stop,
+        np.array([constants[name] for name in compiled.constant_names()]),
+        *given,
+    )
+
+
+def kernel_constants(frame: KernelFrame, settings: ResolverSettings, noise: NoiseModel, /) -> Mapping[str, float]:
+    """Return what all pixels of a frame share, by the names of `CONSTANTS` in `_kernel_frame.h`."""
+    low, high = _limits(frame)
+    terms, least, order = variance_terms(noise), settings.min_confidence, _order(settings)
+    constants = {
+        "saturated_low": low,
+        "saturated_high": high,
+        "least_power": chi_squared_threshold(settings.false_alarm, pairs=2) if least is None else 0.0,
+        "least_modulus": least or 0.0,
+        "misfit_limit": chi_squared_threshold(settings.false_alarm, pairs=1) if order == "auto" else math.inf,
+        "misfit_spread": misfit_spread(noise),
+        "weight": noise.each[0].dark_variance / noise.each[1].dark_variance,
+        "signal": terms.signal,
+        "return_ratio": settings.min_return_ratio,
+        "metres": frame.metres if isinstance(frame.metres, float) else np.nan,
+        "volts": frame.volts,
+    }
+    for name, factors in (("alone", terms.alone), ("own", terms.own), ("other", terms.other)):
+        constants |= {f"{name}{power}": factor for power, factor in enumerate(factors)}
+    for h, harmonic in enumerate(noise.each, start=1):
+        light = 0.5 * harmonic.averaging / harmonic.pulse**2
+        constants |= {
+            f"per_variance{h}": 1.0 / harmonic.dark_variance,
+            f"dark{h}": harmonic.dark_variance,
+            f"doubled{h}": light * harmonic.pulse_double,
+            f"averaging{h}": harmonic.averaging,
+            f"least{h}": LEAST_SHARE * light,
+        }
+    gains, offsets = _shared_map(frame.phasor_map)
+    for part, (gain, offset) in enumerate(zip(gains, offsets, strict=True), start=1):
+        constants |= {f"gain{part}": gain, f"offset{part}": offset}
+    return constants
+
+
+def _order(settings: ResolverSettings) -> str:
+    """Return the order asked for, which is 1 where there is room for one path only."""
+    return "1" if settings.max_paths == 1 else settings.order
+
+
+def _limits(frame: KernelFrame) -> tuple[float, float]:
+    """Return the limits of saturation as numpy compares with them: floats in their own type; NaN where there are none."""
+    if frame.phasor_map is None or frame.saturated_counts is None:
+        return math.nan, math.nan
+    stored_type = frame.stored.dtype.type if frame.stored.dtype.kind == "f" else np.float64
+    with np.errstate(over="ignore"):
+        low, high = (float(stored_type(limit)) for limit in frame.saturated_counts)
+    return low, high
+
+
+def _shared_map(phasor_map: PhasorMap | None) -> tuple[Sequence[float], Sequence[float]]:
+    """Return gain and offset of the four parts of phasors where all pixels have the same; −0 changes no bit of a sum."""
+    if phasor_map is None or phasor_map.own.shape[2] != 1:
+        return (1.0,) * 4, (-0.0,) * 4
+    constant = phasor_map.constant
+    return phasor_map.own.ravel().tolist(), (-0.0,) * 4 if constant is None else constant.ravel().tolist()
+
+
+def _own_maps(phasor_map: PhasorMap | None, count: int) -> tuple[Float | None, Float | None, Float | None]:
+    """Return the affine map of every pixel, (2, 2, n) each, or nothing where they share one."""
+    if phasor_map is None or (phasor_map.own.shape[2] == 1 and phasor_map.other is None):
+        return None, None, None
+    if phasor_map.other is None or phasor_map.constant is None:
+        raise ValueError("phasor_map: found a map of every pixel without other or constant")
+    own, other, constant = phasor_map.own, phasor_map.other, phasor_map.constant
+    if own.shape[2] == 1:
+        own, other, constant = (np.repeat(part, count, axis=2) for part in (own, other, constant))
+    return own, other, constant

@@ -1,0 +1,298 @@
+"""The compiled kernel against numpy, bit for bit: every instruction set, over pixels on which arithmetic goes wrong first."""
+
+import json
+import math
+import sys
+from dataclasses import replace
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from cadtof_cli.calibration.store import Calibration
+from cadtof_cli.capture.metadata import CaptureMetadata, Optics, Pixel, Voltage
+from cadtof_cli.errors import SettingsError
+from cadtof_cli.files.maps import DepthMaps
+from cadtof_cli.frame_plan import CalibrationUse, FramePlan, MapSettings
+from cadtof_cli.phasors.frame_mean import FrameMean
+from cadtof_cli.pipeline import prepare_frame, resolve_frame, resolve_pixels
+from cadtof_cli.resolver.settings import ORDERS, RETURNS, ResolverSettings, Return
+from cadtof_cli.resolver.two_path import kernel as front
+from cadtof_cli.resolver.two_path.kernel import NUMPY, available_kernels
+from tests.support.calibrations import made_up_calibration
+from tests.support.captures import record
+from tests.support.hard_pixels import HARD
+from tests.support.run_cadtof import cadtof, program
+
+FLOATS = CaptureMetadata(pixel=Pixel(integration_length=1e5))
+COUNTS = replace(FLOATS, voltage=Voltage(zero_counts=8192.0, volts_per_count=6.0e-5, saturated_counts=(0.0, 16383.0)))
+
+WIDTH = 97
+
+pytestmark = pytest.mark.usefixtures("compiled")
+
+
+def frame(planes: NDArray[Any], width: int = WIDTH) -> NDArray[Any]:
+    """Four planes of values, (4, n), as a frame (2, 2, Y, X)."""
+    return planes.reshape(2, 2, -1, width)
+
+
+def hard_voltages(name: str, pixels: int, seed: int = 3) -> NDArray[np.float64]:
+    """SC1 and SC2 of both harmonics, (4, n) V."""
+    p1, p2 = HARD[name](np.random.default_rng(seed), pixels)
+    with np.errstate(over="ignore", invalid="ignore"):
+        return np.stack([p1.real, p1.imag, p2.real, p2.imag]) * FLOATS.modulation.amplitude_v
+
+
+def counts(dtype: str = "u2", pixels: int = 20 * WIDTH, seed: int = 4) -> NDArray[Any]:
+    """What a camera stores: two paths and noise, some pixels saturated, dark or at rest."""
+    rng = np.random.default_rng(seed)
+    volts = np.concatenate([hard_voltages(name, pixels // 2, seed) for name in ("close_paths", "faint")], axis=1)
+    stored = 8192.0 + 0.3 * volts / 6.0e-5 + rng.normal(scale=7.0, size=volts.shape)
+    stored[:, rng.integers(0, pixels, pixels // 50)] = 16383
+    stored[:, rng.integers(0, pixels, pixels // 50)] = 8192
+    return frame(np.clip(np.rint(stored), 0, 16383).astype(dtype))
+
+
+def words(maps: DepthMaps) -> NDArray[np.uint32]:
+    """All layers and the status, as they lie in memory."""
+    return np.concatenate([maps.values.view(np.uint32), maps.status[np.newaxis]])
+
+
+def assert_same_bits(stored: Any, plan: FramePlan, calibration: Calibration | None = None) -> DepthMaps:
+    """Resolve by numpy and by every compiled kernel, compare every bit, and return the maps."""
+    maps = resolve_frame(stored, plan=plan, calibration=calibration, kernel=NUMPY).maps
+    compiled = [kernel for kernel in available_kernels() if kernel != NUMPY]
+    assert compiled
+    for kernel in compiled:
+        again = resolve_frame(stored, plan=plan, calibration=calibration, kernel=kernel).maps
+        np.testing.assert_array_equal(words(again), words(maps), err_msg=kernel)
+    return maps
+
+
+def plan_of(metadata: CaptureMetadata = FLOATS, **options: Any) -> FramePlan:
+    of_maps = {name: options.pop(name) for name in ("depth", "pool", "average", "min_confidence_v") if name in options}
+    return FramePlan(metadata=metadata, settings=MapSettings(resolver=ResolverSettings(**options), **of_maps))
+
+
+@pytest.mark.parametrize("name", HARD)
+@pytest.mark.parametrize("order", ORDERS)
+@pytest.mark.parametrize("returns", RETURNS)
+def test_hard_pixels_have_the_same_bits(name: str, order: str, returns: Return) -> None:
+    volts = frame(hard_voltages(name, 20 * WIDTH))
+    assert_same_bits(volts, plan_of(order=order, returns=returns))
+    with np.errstate(over="ignore", invalid="ignore"):
+        assert_same_bits(volts.astype(np.float32), plan_of(order=order, returns=returns))
+
+
+@pytest.mark.parametrize("name", HARD)
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"min_return_ratio": 0.0},
+        {"min_return_ratio": 0.7},
+        {"min_return_ratio": 1.0, "returns": "last"},
+        {"min_confidence_v": 0.0},
+        {"min_confidence_v": 0.01},
+        {"false_alarm": 0.5},
+        {"false_alarm": 1e-9},
+        {"solver": "one-path"},
+        {"paths": 1},
+    ],
+)
+def test_options_have_the_same_bits(name: str, options: dict[str, Any]) -> None:
+    assert_same_bits(frame(hard_voltages(name, 5 * WIDTH)), plan_of(**options))
+
+
+@pytest.mark.parametrize("dtype", ["u1", "u2", "i2", ">u2", ">i2", "u4", "i4", "f2", "f4", ">f4", "f8", ">f8"])
+def test_every_type_of_stored_values_has_the_same_bits(dtype: str) -> None:
+    stored = counts("u2")
+    if dtype == "u1":
+        metadata = replace(
+            COUNTS, voltage=Voltage(zero_counts=128.0, volts_per_count=4e-3, saturated_counts=(0.0, 255.0))
+        )
+        maps = assert_same_bits((stored // 64).astype(dtype), plan_of(metadata))
+    else:
+        maps = assert_same_bits(stored.astype(dtype), plan_of(COUNTS))
+    assert set(np.unique(maps.status)) >= {1, 4}
+
+
+@pytest.mark.parametrize("dtype", ["f2", "f4", "f8"])
+def test_limits_that_no_float_holds_saturate_the_same_pixels(dtype: str) -> None:
+    metadata = replace(FLOATS, voltage=Voltage(saturated_counts=(-0.3, 0.7)))
+    stored = np.random.default_rng(1).choice(np.array([-0.3, 0.7, 0.1, np.nan, np.inf]), (4, 5 * WIDTH)).astype(dtype)
+    maps = assert_same_bits(frame(stored), plan_of(metadata))
+    beyond = (stored <= stored.dtype.type(-0.3)) | (stored >= stored.dtype.type(0.7))
+    np.testing.assert_array_equal(maps.status.ravel() & 1, beyond.any(axis=0))
+
+
+@pytest.mark.parametrize("returns", RETURNS)
+@pytest.mark.parametrize("depth", ["range", "z"])
+@pytest.mark.parametrize("own", [("dark",), ("response",), ("petzval",), ("dark", "response", "petzval")])
+def test_calibrated_pixels_have_the_same_bits(returns: Return, depth: str, own: tuple[str, ...]) -> None:
+    stored = counts()
+    metadata = replace(COUNTS, optics=Optics(focal_length_px=80.0))
+    calibration = made_up_calibration(metadata, (stored.shape[2], WIDTH), own)
+    plan = replace(
+        plan_of(metadata, returns=returns, depth=depth), calibration=CalibrationUse(Path("made up"), calibration.digest)
+    )
+    maps = assert_same_bits(stored, plan, calibration)
+    assert (maps.status & 64).all()
+    assert bool((maps.status & 256).any()) == ("dark" in own)
+
+
+@pytest.mark.parametrize("pool", [1, 3])
+def test_means_over_frames_and_neighbours_have_the_same_bits(pool: int) -> None:
+    stored = counts("f4")
+    samples = np.random.default_rng(6).integers(1, 9, stored.shape[2:]).astype(np.float64)
+    mean = FrameMean(stored.astype(np.float64), samples, stored.dtype, 8)
+    for order in ORDERS:
+        maps = assert_same_bits(mean, plan_of(COUNTS, pool=pool, average=8, order=order))
+        assert (maps.status & 1024).any()
+        assert maps.layer("effective_pixels").max() >= samples.max()
+    assert_same_bits(stored, plan_of(COUNTS, pool=pool))
+
+
+def test_an_estimated_noise_has_the_same_bits() -> None:
+    assert_same_bits(counts(), plan_of(replace(COUNTS, pixel=Pixel(integration_length=None))))
+
+
+@pytest.mark.parametrize("cut", [1, 7, 31, 32, 33, 1000])
+@pytest.mark.parametrize("name", ["close_paths", "special_values"])
+def test_a_pixel_has_the_same_bits_wherever_a_part_begins_and_ends(cut: int, name: str) -> None:
+    plan = plan_of()
+    pixels = prepare_frame(frame(hard_voltages(name, 12 * WIDTH)), plan=plan)
+    for kernel in available_kernels():
+        whole = words(resolve_pixels(pixels, plan=plan, kernel=kernel))
+        parts = [pixels[:cut], pixels[cut : cut + 95], pixels[cut + 95 :]]
+        joined = [words(resolve_pixels(part, plan=plan, kernel=kernel)) for part in parts]
+        np.testing.assert_array_equal(np.concatenate(joined, axis=-1), whole)
+
+
+@settings(max_examples=200, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(
+    st.lists(st.tuples(*[st.floats(width=64)] * 4), min_size=1, max_size=70),
+    st.sampled_from(ORDERS),
+    st.sampled_from(RETURNS),
+)
+def test_whatever_hypothesis_thinks_of_has_the_same_bits(
+    pixels: list[tuple[float, ...]], order: str, returns: Return
+) -> None:
+    stored = np.array(pixels).T.reshape(2, 2, 1, -1)
+    assert_same_bits(stored, plan_of(order=order, returns=returns))
+    with np.errstate(over="ignore"):
+        assert_same_bits(stored.astype(np.float32), plan_of(order=order, returns=returns))
+
+
+@settings(max_examples=100, deadline=None)
+@given(st.lists(st.tuples(*[st.integers(0, 65535)] * 4), min_size=1, max_size=70))
+def test_any_counts_have_the_same_bits(pixels: list[tuple[int, ...]]) -> None:
+    stored = np.array(pixels, np.uint16).T.reshape(2, 2, 1, -1)
+    assert_same_bits(stored, plan_of(COUNTS))
+    assert_same_bits(stored.view(np.int16), plan_of(COUNTS))
+
+
+def test_nothing_but_the_maps_is_written() -> None:
+    stored, plan = counts(), plan_of(COUNTS)
+    before = stored.copy()
+    stored.flags.writeable = False
+    resolve_frame(stored, plan=plan)
+    np.testing.assert_array_equal(stored, before)
+
+
+def front_of(**other: Any) -> tuple[front.KernelFrame, dict[str, Any]]:
+    """A frame of 40 pixels as the front takes it, and the other arguments, some of them replaced."""
+    plan = plan_of()
+    noise = prepare_frame(frame(np.zeros((4, 40)), 40), plan=plan).noise
+    parts: dict[str, Any] = {"stored": np.zeros((2, 40), np.complex128), "phasor_map": None}
+    parts |= {"saturated_counts": None, "metres": 1.0, "volts": 1.0, "phase_offset_rad": None}
+    rest: dict[str, Any] = {"layers": np.zeros((7, 40), np.float32), "status": np.zeros(40, np.uint32)}
+    rest |= {"settings": plan.resolver, "noise": noise}
+    return (
+        front.KernelFrame(**parts | {name: value for name, value in other.items() if name in parts}),
+        rest | {name: value for name, value in other.items() if name not in parts},
+    )
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        {"stored": np.zeros((2, 41), np.complex128)},
+        {"stored": np.zeros((3, 40), np.complex128)},
+        {"stored": np.zeros((2, 2, 40))},
+        {"layers": np.zeros((6, 40), np.float32)},
+        {"layers": np.zeros((7, 80), np.float32)[:, ::2]},
+        {"layers": np.zeros((7, 40))},
+        {"status": np.zeros((2, 40), np.uint32)},
+        {"status": np.zeros(40, np.int64)},
+        {"metres": np.ones(39)},
+        {"metres": np.ones(40, np.float32)},
+        {"phase_offset_rad": np.ones((1, 40))},
+        {"pixels": range(0, 40, 2)},
+        {"pixels": range(41)},
+        {"pixels": range(-1, 40)},
+        {"kernel": "numpy"},
+        {"kernel": "mmx"},
+    ],
+)
+def test_the_front_refuses_what_does_not_fit(other: dict[str, Any]) -> None:
+    arrays, rest = front_of(**other)
+    with pytest.raises((ValueError, TypeError)):
+        front.fill_maps(arrays, **rest)
+
+
+def test_the_front_takes_what_fits() -> None:
+    arrays, rest = front_of()
+    front.fill_maps(arrays, **rest)
+    assert (rest["status"] == 4).all()
+    assert np.isnan(rest["layers"][:6]).all()
+
+
+def test_each_constant_that_the_kernel_reads_has_a_value(compiled: ModuleType) -> None:
+    arrays, rest = front_of()
+    constants = front.kernel_constants(arrays, rest["settings"], rest["noise"])
+    assert set(compiled.constant_names()) == set(constants)
+    assert not [name for name, value in constants.items() if math.isnan(value) and "saturated" not in name]
+
+
+def test_the_environment_chooses_among_what_there_is(monkeypatch: pytest.MonkeyPatch) -> None:
+    front.chosen_kernel.cache_clear()
+    monkeypatch.setenv(front.CHOICE, NUMPY)
+    assert front.chosen_kernel() == NUMPY
+    assert "asks" in front.kernel_notes()[0]
+    front.chosen_kernel.cache_clear()
+    monkeypatch.setenv(front.CHOICE, "mmx")
+    with pytest.raises(SettingsError, match=r"CADTOF_KERNEL: found 'mmx', expected one of .*numpy"):
+        front.chosen_kernel()
+    monkeypatch.delenv(front.CHOICE)
+    assert front.chosen_kernel() == available_kernels()[0] != NUMPY
+    assert front.kernel_notes() == ()
+
+
+WITHOUT_EXTENSION = (
+    "import sys; sys.modules['cadtof_cli.resolver.two_path._kernel'] = None\n"
+    "from cadtof_cli.cli import main\n"
+    "sys.argv = ['cadtof', *sys.argv[sys.argv.index('cadtof_cli') + 1 :]]\n"
+    "main()"
+)
+
+
+def test_without_the_extension_the_same_files_come_and_one_line_says_so(tmp_path: Path) -> None:
+    capture = record(tmp_path / "capture", frames=2).folder
+    assert cadtof("resolve", capture, "-o", tmp_path / "fast", "-j", "1").status == 0
+    done = program(
+        "resolve", capture, "-o", tmp_path / "slow", "-j", "1", before=(sys.executable, "-c", WITHOUT_EXTENSION)
+    )
+    assert done.status == 0, done.err
+    said = [line for line in done.err.splitlines() if "numpy" in line]
+    assert len(said) == 1
+    assert "without a C compiler" in said[0]
+    kernels = [json.loads((tmp_path / run / "run.json").read_text())["kernel"] for run in ("fast", "slow")]
+    assert kernels == [available_kernels()[0], NUMPY]
+    for name in ("frame_0.tif", "frame_1.tif"):
+        assert (tmp_path / "fast" / name).read_bytes() == (tmp_path / "slow" / name).read_bytes()

@@ -1,0 +1,206 @@
+"""What the extension does with buffers that do not fit: an error that names what is wrong, and never a crash.
+
+`scripts/sanitize` runs these with the address and undefined-behaviour sanitizers.
+"""
+
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+PIXELS = 37
+
+PLANES = {
+    "stored": 4,
+    "own": 4,
+    "other": 4,
+    "constant": 4,
+    "samples": 1,
+    "metres": 1,
+    "shift": 1,
+    "layers": 7,
+    "status": 1,
+}
+
+TYPES = {"stored": "u2", "layers": "f4", "status": "u4"}
+
+
+def buffers(compiled: ModuleType, pixels: int = PIXELS) -> dict[str, Any]:
+    """Return buffers that fit: voltages in the middle of their range, and a response of 1."""
+    found: dict[str, Any] = {"constants": np.ones(len(compiled.constant_names()))}
+    for name, planes in PLANES.items():
+        found[name] = np.ones((planes, pixels), TYPES.get(name, "f8"))
+    return found
+
+
+def run(compiled: ModuleType, given: dict[str, Any], **options: Any) -> None:
+    level = options.get("level", compiled.levels()[0])
+    order, returns = options.get("order", 0), options.get("returns", 0)
+    start, stop = options.get("start", 0), options.get("stop", np.size(given["status"]))
+    compiled.resolve(level, order, returns, start, stop, *given.values())
+
+
+def test_buffers_that_fit_are_filled_by_every_instruction_set(compiled: ModuleType) -> None:
+    for level in compiled.levels():
+        given = buffers(compiled)
+        given["layers"][:] = -7.0
+        run(compiled, given, level=level)
+        assert not (given["layers"] == -7.0).any()
+        assert (given["status"] >= 1).all()
+
+
+def test_only_the_asked_pixels_are_written(compiled: ModuleType) -> None:
+    given = buffers(compiled)
+    given["layers"][:] = -7.0
+    given["status"][:] = 1 << 20
+    run(compiled, given, start=5, stop=8)
+    written = (given["layers"] != -7.0).any(axis=0)
+    assert np.flatnonzero(written).tolist() == [5, 6, 7]
+    assert np.flatnonzero(given["status"].ravel() != 1 << 20).tolist() == [5, 6, 7]
+
+
+def test_no_pixels_are_no_work(compiled: ModuleType) -> None:
+    run(compiled, buffers(compiled, 0))
+    run(compiled, buffers(compiled), start=4, stop=4)
+
+
+@pytest.mark.parametrize("name", PLANES)
+@pytest.mark.parametrize("change", [-1, 1])
+def test_a_buffer_of_the_wrong_size_is_refused(compiled: ModuleType, name: str, change: int) -> None:
+    given = buffers(compiled)
+    given[name] = np.ones((PLANES[name], PIXELS + change), given[name].dtype)
+    with pytest.raises(ValueError, match="expected"):
+        run(compiled, given, stop=0)
+
+
+@pytest.mark.parametrize("name", ["constants", *PLANES])
+@pytest.mark.parametrize("dtype", ["u1", "i4", "i8", "f2", "c8", "S3", ">f8", ">u2", ">f4", ">u4"])
+def test_a_buffer_of_another_type_is_refused(compiled: ModuleType, name: str, dtype: str) -> None:
+    given = buffers(compiled)
+    given[name] = np.zeros(given[name].shape, dtype)
+    with pytest.raises((TypeError, ValueError, BufferError)):
+        run(compiled, given)
+
+
+@pytest.mark.parametrize("name", ["constants", *PLANES])
+def test_strides_and_odd_addresses_are_refused(compiled: ModuleType, name: str) -> None:
+    given = buffers(compiled)
+    whole = given[name]
+    given[name] = np.repeat(whole, 2, axis=-1)[..., ::2]
+    with pytest.raises((ValueError, BufferError)):
+        run(compiled, given)
+    odd = memoryview(bytearray(whole.nbytes + 1))[1:]
+    given[name] = odd.cast(whole.dtype.char)
+    with pytest.raises(ValueError, match="aligned"):
+        run(compiled, given)
+
+
+@pytest.mark.parametrize("name", ["layers", "status"])
+def test_memory_that_must_not_be_written_is_refused(compiled: ModuleType, name: str) -> None:
+    given = buffers(compiled)
+    given[name].flags.writeable = False
+    with pytest.raises((ValueError, BufferError)):
+        run(compiled, given)
+    given = buffers(compiled)
+    given[name] = given[name].tobytes()
+    with pytest.raises((TypeError, BufferError)):
+        run(compiled, given)
+
+
+@pytest.mark.parametrize("name", ["constants", "stored", "layers", "status"])
+@pytest.mark.parametrize("value", [None, 3, "text", [1.0, 2.0]])
+def test_what_is_no_buffer_is_refused(compiled: ModuleType, name: str, value: object) -> None:
+    given = buffers(compiled)
+    given[name] = value
+    with pytest.raises(TypeError):
+        run(compiled, given, stop=0)
+
+
+def test_a_frame_in_the_memory_of_its_maps_is_refused(compiled: ModuleType) -> None:
+    given = buffers(compiled)
+    memory = np.zeros(8 * PIXELS, np.float32)
+    given["layers"], given["stored"] = memory[: 7 * PIXELS], memory[PIXELS : 5 * PIXELS]
+    with pytest.raises(ValueError, match="memory"):
+        run(compiled, given)
+
+
+def test_a_part_of_an_affine_map_is_refused(compiled: ModuleType) -> None:
+    for name in ("own", "other", "constant"):
+        with pytest.raises(ValueError, match="all or none"):
+            run(compiled, buffers(compiled) | {name: None})
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"start": -1},
+        {"stop": PIXELS + 1},
+        {"start": 3, "stop": 2},
+        {"start": PIXELS + 1, "stop": PIXELS + 1},
+        {"start": -(2**63)},
+        {"stop": 2**63 - 1},
+        {"order": -1},
+        {"order": 3},
+        {"returns": -1},
+        {"returns": 3},
+        {"level": "mmx"},
+        {"level": ""},
+    ],
+)
+def test_options_out_of_range_are_refused(compiled: ModuleType, options: dict[str, Any]) -> None:
+    with pytest.raises(ValueError, match="expected"):
+        run(compiled, buffers(compiled), **options)
+
+
+def test_too_few_arguments_are_refused(compiled: ModuleType) -> None:
+    with pytest.raises(TypeError):
+        compiled.resolve()
+    with pytest.raises(TypeError):
+        compiled.resolve(compiled.levels()[0], 0, 0, 0, 0)
+
+
+@settings(max_examples=300, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(data=st.data(), pixels=st.integers(0, 70), seed=st.integers(0, 2**32 - 1))
+def test_any_bits_in_buffers_of_any_length_are_an_answer_or_an_error(
+    compiled: ModuleType, data: st.DataObject, pixels: int, seed: int
+) -> None:
+    rng = np.random.default_rng(seed)
+    lengths = data.draw(st.lists(st.sampled_from([0, 0, 0, 0, 0, 0, 0, -1, 1, 31]), min_size=9, max_size=9))
+    options = {
+        "level": data.draw(st.sampled_from(compiled.levels())),
+        "order": data.draw(st.integers(-1, 3)),
+        "returns": data.draw(st.integers(-1, 3)),
+        "start": data.draw(st.integers(-2, pixels + 2)),
+        "stop": data.draw(st.integers(-2, pixels + 2)),
+    }
+    stored = data.draw(st.sampled_from(["u2", "i2", "f4", "f8", "c16", "u1"]))
+    given: dict[str, Any] = {"constants": _random(rng, "f8", len(compiled.constant_names()))}
+    for (name, planes), more in zip(PLANES.items(), lengths, strict=True):
+        dtype = np.dtype(stored if name == "stored" else TYPES.get(name, "f8"))
+        count = max(0, (2 if dtype.kind == "c" else planes) * pixels + more)
+        given[name] = _random(rng, dtype, count)
+    for name in ("own", "samples", "metres", "shift"):
+        if data.draw(st.booleans()):
+            given[name] = None
+    if given["own"] is None:
+        given["other"] = given["constant"] = None
+    fits = not any(
+        given[name] is not None and more
+        for name, more in zip(PLANES, lengths, strict=True)
+        if pixels or more > 0  # nothing is one shorter than nothing
+    )
+    fits &= options["order"] in range(3) and options["returns"] in range(3) and stored != "u1"
+    fits &= 0 <= options["start"] <= options["stop"] <= pixels
+    if fits:
+        run(compiled, given, **options)
+        return
+    with pytest.raises((ValueError, TypeError)):
+        run(compiled, given, **options)
+
+
+def _random(rng: np.random.Generator, dtype: Any, count: int) -> Any:
+    """Return `count` values of random bits."""
+    return np.frombuffer(bytearray(rng.bytes(np.dtype(dtype).itemsize * count)), dtype)

@@ -1,0 +1,48 @@
+"""A calibration that nothing was measured for: every pixel has values of its own, so that nothing can be mixed up unnoticed."""
+
+from collections.abc import Collection
+from dataclasses import replace
+
+import numpy as np
+
+from cadtof_cli.calibration.dark import DarkCalibration
+from cadtof_cli.calibration.parts import Origin
+from cadtof_cli.calibration.petzval import PetzvalCalibration, PetzvalQuality
+from cadtof_cli.calibration.response import ResponseCalibration, ResponseQuality
+from cadtof_cli.calibration.store import Calibration
+from cadtof_cli.capture.metadata import CaptureMetadata
+from cadtof_cli.phasors.response import HarmonicResponse, ideal_response
+
+
+def made_up_calibration(metadata: CaptureMetadata, pixels: tuple[int, int], parts: Collection[str], /) -> Calibration:
+    """Return some of the parts for captures of a sine: offsets, hot pixels, gains, delays, imbalance, field curvature."""
+    rng = np.random.default_rng(11)
+    modulation = metadata.modulation
+    origin = Origin(
+        captures=("made up",),
+        frames=1,
+        pixels=pixels,
+        periods_ns=modulation.periods_ns,
+        waveform=modulation.waveform,
+        created="2026-01-01T00:00:00+00:00",
+    )
+    shape = (len(modulation.periods_ns), *pixels)
+    offset_v = rng.normal(scale=2e-3, size=(shape[0], 2, *pixels)).astype(np.float32)
+    dark = DarkCalibration(
+        origin, offset_v, np.full_like(offset_v, 4e-4), (rng.random(pixels) < 0.02).astype(np.uint32)
+    )
+    responses = tuple(
+        HarmonicResponse(one.harmonic, ((1, one.main * (0.97 + 0.04j)), (-1, 0.02 - 0.01j)))
+        for one in ideal_response(metadata)
+    )
+    response = ResponseCalibration(
+        origin,
+        responses,
+        rng.normal(scale=0.05, size=shape).astype(np.float32),
+        rng.uniform(0.9, 1.1, shape).astype(np.float32),
+        (0.03, -0.02),
+        ResponseQuality(),
+    )
+    petzval = PetzvalCalibration(origin, 0.05, -0.03, (pixels[1] / 3, pixels[0] / 2), PetzvalQuality())
+    every = Calibration(dark, response, petzval)
+    return replace(Calibration(), **{name: getattr(every, name) for name in parts})
