@@ -5,7 +5,7 @@ import math
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -16,10 +16,9 @@ from cadtof_cli.capture.discovery import Capture, find_captures
 from cadtof_cli.capture.frames import first_frames, single_frames
 from cadtof_cli.errors import SettingsError
 from cadtof_cli.execution.ordered import WorkerDied, run_ordered
-from cadtof_cli.execution.workers import Workers
 from cadtof_cli.files.atomic import remove_partial_files
-from cadtof_cli.files.formats import MAP_FORMATS, format_named, map_suffix_like
-from cadtof_cli.frame_plan import FramePlan, MapSettings
+from cadtof_cli.files.formats import format_named, map_suffix_like
+from cadtof_cli.frame_plan import FramePlan
 from cadtof_cli.phasors.voltages import volts_per_count
 from cadtof_cli.resolver.status import MEANING
 from cadtof_cli.resolver.two_path.kernel import chosen_kernel, kernel_notes
