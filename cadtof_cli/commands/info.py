@@ -20,7 +20,6 @@ from cadtof_cli.execution.workers import Workers
     setting_option(
         "-j --jobs",
         Workers,
-        "jobs",
         type=click.IntRange(1),
         metavar="N",
         help="Processes that read frames.  [default: all cores]",

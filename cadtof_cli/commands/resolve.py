@@ -21,38 +21,34 @@ if TYPE_CHECKING:
 
 @click.command(cls=SectionedCommand)
 @click.argument("inputs", nargs=-1, required=True, metavar="INPUT...")
-@setting_option("-o --out", ResolveSettings, "out", required=True, help="Folder that the maps are written into.")
+@setting_option("-o --out", ResolveSettings, required=True, help="Folder that the maps are written into.")
 @gathered(
     "resolver",
     ResolverSettings,
     setting_option(
         "--solver",
         ResolverSettings,
-        "solver",
         help="How paths are found: two-path in closed form (with more than two periods, or --paths, by maximum likelihood), "
         "one-path, or lm, the paper's Levenberg–Marquardt from random starts.",
     ),
     setting_option(
         "--paths",
         ResolverSettings,
-        "paths",
         metavar="K",
         help="Most paths a pixel; more than 2 need as many periods, and give layers path3.depth and so on.",
     ),
     setting_option(
         "--order",
         ResolverSettings,
-        "order",
         metavar="auto|1|…|K",
         help="Paths a pixel, whatever the solver: auto tests each pixel, a number is taken as it is "
         "(--solver lm --order 2 is the paper's method as published).",
     ),
-    setting_option("--starts", ResolverSettings, "starts", metavar="N", help="Random starts of --solver lm."),
-    setting_option("--seed", ResolverSettings, "seed", metavar="S", help="Seed of the random starts of --solver lm."),
+    setting_option("--starts", ResolverSettings, metavar="N", help="Random starts of --solver lm."),
+    setting_option("--seed", ResolverSettings, metavar="S", help="Seed of the random starts of --solver lm."),
     setting_option(
         "--false-alarm",
         ResolverSettings,
-        "false_alarm",
         metavar="P",
         help="Probability that noise alone passes for a signal, or for a second path.",
     ),
@@ -60,7 +56,6 @@ if TYPE_CHECKING:
     setting_option(
         "--min-return-ratio",
         ResolverSettings,
-        "min_return_ratio",
         metavar="R",
         help="Least amplitude of a direct path, as a share of the strongest.",
     ),
@@ -72,27 +67,21 @@ if TYPE_CHECKING:
     metavar="V",
     help="Least confidence of a pixel with an answer, in volts.  [default: what noise alone reaches with --false-alarm]",
 )
-@setting_option("--depth", MapSettings, "depth", help="Radial range, or planar depth (needs the optics).")
+@setting_option("--depth", MapSettings, help="Radial range, or planar depth (needs the optics).")
 @setting_option(
     "--pool",
     MapSettings,
-    "pool",
     metavar="N",
     help="Pool the noise of N × N neighbours that show the same light, N odd; adds the layer effective_pixels.",
 )
 @setting_option(
     "--average",
     MapSettings,
-    "average",
     metavar="N",
     help="Average every N consecutive frames of a capture into one, named after the first; the last one takes those left.",
 )
 @setting_option(
-    "--calibration",
-    ResolveSettings,
-    "calibration",
-    metavar="DIR",
-    help="Folder made by `cadtof calibrate`; what is in it is applied.",
+    "--calibration", ResolveSettings, metavar="DIR", help="Folder made by `cadtof calibrate`; what is in it is applied."
 )
 @setting_option(
     "--format",
@@ -104,20 +93,12 @@ if TYPE_CHECKING:
 @gathered(
     "workers",
     Workers,
-    setting_option("-j --jobs", Workers, "jobs", metavar="N", help="Worker processes.  [default: all cores]"),
-    setting_option(
-        "--start-method",
-        Workers,
-        "start_method",
-        help="How worker processes start.  [default: fork on Linux, else spawn]",
-    ),
+    setting_option("-j --jobs", Workers, metavar="N", help="Worker processes.  [default: all cores]"),
+    setting_option("--start-method", Workers, help="How worker processes start.  [default: fork on Linux, else spawn]"),
 )
-@setting_option("--overwrite", ResolveSettings, "overwrite", help="Replace the files of an earlier run.")
+@setting_option("--overwrite", ResolveSettings, help="Replace the files of an earlier run.")
 @setting_option(
-    "--resume",
-    ResolveSettings,
-    "resume",
-    help="Keep the maps of an earlier run with the same options; do what is missing.",
+    "--resume", ResolveSettings, help="Keep the maps of an earlier run with the same options; do what is missing."
 )
 @click.option(
     "--json", "as_json", is_flag=True, help="Print a JSON line on stdout for every frame, as in frames.jsonl."
