@@ -8,6 +8,7 @@ import os
 import stat
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
@@ -58,9 +59,9 @@ def find_captures(inputs: Sequence[Path], *, overrides: Mapping[str, Any] | None
         MetadataError: a `capture.toml` or an override is not allowed.
     """
     captures: list[Capture] = []
-    placed = [(path, _is_folder(path)) for path in inputs]
-    for (root, is_folder), group in itertools.groupby(placed, key=_root):
-        there = _listed(root) if is_folder else list(dict.fromkeys(path.name for path, _ in group))
+    placed = [(_place(path), path.name) for path in inputs]
+    for (root, is_folder), group in itertools.groupby(placed, key=itemgetter(0)):
+        there = _listed(root) if is_folder else list(dict.fromkeys(name for _, name in group))
         source = load_metadata(root / FILE_NAME if (root / FILE_NAME).exists() else None, overrides)
         # a shell that expands cap/* hands over the metadata too
         given = (name for name in there if name != FILE_NAME)
@@ -69,18 +70,14 @@ def find_captures(inputs: Sequence[Path], *, overrides: Mapping[str, Any] | None
     return tuple(captures)
 
 
-def _is_folder(path: Path) -> bool:
+def _place(path: Path) -> tuple[Path, bool]:
+    """Return the folder that an input is, or lies in, and which of the two."""
     try:
-        return stat.S_ISDIR(path.stat().st_mode)
+        is_folder = stat.S_ISDIR(path.stat().st_mode)
     except (FileNotFoundError, NotADirectoryError) as error:
         raise CaptureError(f"{path}: no such file or folder; expected a capture folder or a frame") from error
     except OSError as error:
         raise CaptureError(f"{path}: cannot be reached: {error.strerror}") from error
-
-
-def _root(placed: tuple[Path, bool]) -> tuple[Path, bool]:
-    """Return the folder that an input lies in, or is, and which of the two."""
-    path, is_folder = placed
     return (path if is_folder else path.parent), is_folder
 
 
@@ -112,7 +109,14 @@ def _capture(root: Path, source: MetadataSource, names: Sequence[str], *, among:
         looked_for = f"files named {pattern} (layout.pattern)"
     if not frames:
         raise CaptureError(f"{root}: no frames: looked for {looked_for}, found {_some(among)}")
-    _require_different_names(root, frames)
+    first: dict[str, FrameSource] = {}
+    for frame in frames:
+        other = first.setdefault(frame.name, frame)
+        if other is not frame:
+            raise CaptureError(
+                f"{root}: {other.paths[0].name} and {frame.paths[0].name} would both be written as {frame.name};"
+                " expected one file a frame, move one of them elsewhere"
+            )
     return Capture(root, source, frames)
 
 
@@ -122,14 +126,3 @@ def _some(names: Iterable[str]) -> str:
         return "nothing"
     more = len(listed) - _NAMES_IN_MESSAGE
     return ", ".join(listed[:_NAMES_IN_MESSAGE]) + (f" and {more} more" if more > 0 else "")
-
-
-def _require_different_names(root: Path, frames: Sequence[FrameSource]) -> None:
-    first: dict[str, FrameSource] = {}
-    for frame in frames:
-        other = first.setdefault(frame.name, frame)
-        if other is not frame:
-            raise CaptureError(
-                f"{root}: {other.paths[0].name} and {frame.paths[0].name} would both be written as {frame.name};"
-                " expected one file a frame, move one of them elsewhere"
-            )

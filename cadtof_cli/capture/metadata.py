@@ -51,6 +51,9 @@ def _above(least: float) -> Check:
     return Check(lambda value: math.isfinite(value) and value > least, f"a finite number above {least}")
 
 
+_POSITIVE = _above(0)
+
+
 def _are_harmonics(periods: tuple[float, ...]) -> bool:
     ratios = [periods[0] / period for period in periods]
     whole = all(abs(ratio - round(ratio)) <= HARMONIC_TOLERANCE * ratio for ratio in ratios)
@@ -78,9 +81,9 @@ class Modulation(Table):
         "modulation periods, the fundamental first",
         (40.0, 20.0),
         Check(
-            lambda periods: all(map(_above(0).holds, periods)),
-            _above(0).expected,
-            lambda periods: next(period for period in periods if not _above(0).holds(period)),
+            lambda periods: all(map(_POSITIVE.holds, periods)),
+            _POSITIVE.expected,
+            lambda periods: next(period for period in periods if not _POSITIVE.holds(period)),
         ),
         Check(
             _are_harmonics,
@@ -94,7 +97,7 @@ class Modulation(Table):
         "sine",
         Check(lambda waveform: waveform in WAVEFORMS, " or ".join(map(repr, WAVEFORMS))),
     )
-    amplitude_v: float = _key("number", "modulation amplitude", 0.2746, _above(0))
+    amplitude_v: float = _key("number", "modulation amplitude", 0.2746, _POSITIVE)
 
     @cached_property
     def harmonics(self) -> tuple[int, ...]:
@@ -144,7 +147,7 @@ class Voltage(Table):
 class Optics(Table):
     """The lens as a pinhole; needed for z depth, Petzval walls and point clouds."""
 
-    focal_length_px: float | None = _key("number", "focal length in pixels", None, _above(0))
+    focal_length_px: float | None = _key("number", "focal length in pixels", None, _POSITIVE)
     principal_point_px: tuple[float, float] | None = _key(
         "pair",
         "column and row where the optical axis meets the array",
@@ -157,7 +160,7 @@ class Optics(Table):
 class Target(Table):
     """A known object that a calibration capture looks at."""
 
-    distance_m: float | None = _key("number", "perpendicular distance of a flat target", None, _above(0))
+    distance_m: float | None = _key("number", "perpendicular distance of a flat target", None, _POSITIVE)
 
 
 @dataclass(frozen=True, kw_only=True)
