@@ -7,6 +7,7 @@ from typing import Protocol
 import numpy as np
 
 from cadtof_cli.arrays import Bool, Float, Index
+from cadtof_cli.phasors.chi_squared import chi_squared_threshold
 from cadtof_cli.phasors.noise import NoiseModel
 from cadtof_cli.resolver.paths import FULL_TURN, Fit, Paths
 from cadtof_cli.resolver.returns import arranged
@@ -36,13 +37,8 @@ class Solver(Protocol):
 
 
 def largest_misfit(settings: ResolverSettings, /, *, harmonics: int, paths: int) -> float:
-    """Return the χ² up to which so many paths are enough for a pixel with so many harmonics: by Akaike's criterion.
-
-    Another path has two numbers more, and must take more than twice as many from χ². `false_alarm` then decides only what has
-    a signal.
-    """
-    del settings, harmonics, paths
-    return 4.0
+    """Return the χ² up to which so many paths are enough for a pixel with so many harmonics: what noise alone leaves."""
+    return chi_squared_threshold(settings.false_alarm, pairs=harmonics - paths)
 
 
 def fewest_paths(solver: Solver, answered: Bool, /, *, settings: ResolverSettings, noise: NoiseModel) -> Fit:
