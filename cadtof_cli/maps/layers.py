@@ -85,9 +85,6 @@ ALWAYS = (
 _SEARCHED = Layer("chi_squared", "", lambda source: (source.resolved.chi_squared, 1.0))
 """What the paths leave over the noise."""
 
-_PATHS = Layer("paths", "", lambda source: (np.isfinite(source.resolved.paths.amplitude).sum(axis=0), 1.0))
-"""How many paths there are."""
-
 _AVERAGED = Layer("effective_pixels", "", lambda source: (source.samples, 1.0))
 """Over how many recorded pixels each has been averaged."""
 
@@ -102,11 +99,11 @@ def wanted_layers(*, paths: int = 2, searched: bool = False, averaged: bool = Fa
         averaged: whether pixels are averaged, over frames or neighbours.
     """
     others = (_of_path(path, quantity) for path in range(2, paths) for quantity in _QUANTITIES)
-    return (*ALWAYS, *others, *(_SEARCHED, _PATHS) * searched, *(_AVERAGED,) * averaged)
+    return (*ALWAYS, *others, *(_SEARCHED,) * searched, *(_AVERAGED,) * averaged)
 
 
 def layer_unit(name: str, /) -> str:
     """Return the unit of a layer's values by its name; empty where they are pure numbers."""
-    units = {layer.name: layer.unit for layer in (*ALWAYS, _SEARCHED, _PATHS, _AVERAGED)}
+    units = {layer.name: layer.unit for layer in (*ALWAYS, _SEARCHED, _AVERAGED)}
     quantity = name.rpartition(".")[2]
     return units.get(quantity, _QUANTITIES.get(quantity, ("",))[0])
