@@ -1,0 +1,1 @@
+"""The first phasor alone, which MPI pulls off: what there was before."""
