@@ -5,10 +5,10 @@ from typing import Literal
 
 from cadtof_cli.errors import SettingsError
 
-Solver = Literal["two-path", "one-path", "lm", "first-phasor"]
+Solver = Literal["two-path", "one-path", "lm"]
 Return = Literal["first", "strongest", "last"]
 
-SOLVERS: tuple[Solver, ...] = ("two-path", "one-path", "lm", "first-phasor")
+SOLVERS: tuple[Solver, ...] = ("two-path", "one-path", "lm")
 ORDERS: tuple[str, ...] = ("auto", "1", "2")
 """What `order` may be with two paths; with more, numbers up to theirs."""
 
@@ -78,7 +78,7 @@ class ResolverSettings:
 
     @property
     def _most_paths(self) -> int:
-        return 1 if self.solver in {"one-path", "first-phasor"} else self.paths
+        return 1 if self.solver == "one-path" else self.paths
 
     @property
     def max_paths(self) -> int:
@@ -87,8 +87,6 @@ class ResolverSettings:
 
     def room(self, harmonics: tuple[int, ...], /, *, sine: bool) -> str:
         """Return the room of the resolver whose module `solver` answers."""
-        if self.solver == "first-phasor":
-            return "first_phasor"
         if not sine:
             return "response"
         if self.solver == "lm" and self.max_paths == 2:

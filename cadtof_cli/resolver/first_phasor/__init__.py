@@ -1,1 +1,0 @@
-"""The first phasor alone, which MPI pulls off: what there was before."""
