@@ -69,6 +69,51 @@ def test_a_bad_pixel_is_found_and_no_other(what: str, defect: Defect) -> None:
     assert dark.hot.sum() == 1
 
 
+@pytest.mark.parametrize(("deviations", "hot"), [(0.0, 0), (7.0, 0), (-7.0, 0), (9.0, 1), (-9.0, 1)])
+def test_an_offset_is_an_outlier_from_eight_deviations_of_the_array_on(deviations: float, hot: int) -> None:
+    """Gaussian offsets of 4 × 1200 pixels reach 4 deviations, and no further; none of those is hot."""
+    offsets = np.random.default_rng(5).normal(0.01, 0.002, SHAPE)
+    offsets[1, 0, 12, 34] = np.median(offsets[1, 0]) + deviations * 0.002
+    noise = np.random.default_rng(6).normal(0.0, NOISE_V, (20, *SHAPE))
+    dark = dark_of(offsets + noise)
+    assert dark.hot.sum() == hot
+    assert dark.defects[12, 34] == (Defect.OFFSET if hot else 0)
+    assert dark.defect_counts() == {"offset": hot, "noise": 0, "dead": 0, "not_finite": 0}
+
+
+@pytest.mark.parametrize(("ratio", "defect"), [(1.7, 0), (2.6, Defect.NOISE), (0.6, 0), (0.35, Defect.DEAD)])
+def test_noise_is_an_outlier_from_twice_or_half_that_of_the_array_on(ratio: float, defect: int) -> None:
+    """By 400 frames a standard deviation is known to a thirtieth, so that the ratio decides and not chance."""
+    frames = np.random.default_rng(7).normal(0.0, NOISE_V, (400, 2, 2, 6, 8))
+    frames[:, 1, 1, 2, 3] *= ratio
+    origin = Origin(captures=("dark",), frames=400, pixels=(6, 8), periods_ns=(40.0, 20.0), waveform="sine")
+    dark = fit_dark(mean_of(frames), origin=origin)
+    assert dark.defects[2, 3] == defect
+    assert dark.hot.sum() == (defect != 0)
+    assert dark.noise_v[0, 0].mean() == pytest.approx(NOISE_V, rel=0.02)
+
+
+def test_chance_makes_no_outlier_of_few_frames() -> None:
+    """By three frames one in ten thousand pixels has a ninth of the variance or less: they are no outliers."""
+    frames = np.random.default_rng(8).normal(0.0, NOISE_V, (3, 2, 2, 100, 100))
+    origin = Origin(captures=("dark",), frames=3, pixels=(100, 100), periods_ns=(40.0, 20.0), waveform="sine")
+    assert not fit_dark(mean_of(frames), origin=origin).hot.any()
+
+
+def test_quality_is_that_of_the_sound_pixels() -> None:
+    frames = frames_v(16)
+    frames[:, 1, 0, 12, 34] += 0.5
+    dark = dark_of(frames)
+    quality = dark.quality()
+    sound = np.ones(SHAPE[2:], np.bool_)
+    sound[12, 34] = False
+    mean = frames.mean(axis=0)[:, :, sound]
+    assert quality["offset_mean_v"] == pytest.approx(mean.mean(), rel=1e-4)
+    assert quality["offset_std_v"] == pytest.approx(mean.std(), rel=1e-4)
+    assert quality["noise_v"] == pytest.approx(NOISE_V, rel=0.04)
+    assert quality["offset_stderr_v"] == pytest.approx(quality["noise_v"] / 4.0)
+
+
 def test_a_saturated_dark_frame_marks_its_pixel() -> None:
     frames = frames_v(3)
     frames[1, 0, 0, 4, 5] = 0.5

@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.support.campaign import ALL_DEFECTS, Campaign, camera, card, record_campaign, write
+from tests.support.campaign import ALL_DEFECTS, Campaign, camera, card, covered, record_campaign, wall, write
+from tests.support.defects import Defects
 from tests.support.run_cadtof import ROOT, cadtof
 
 
@@ -33,6 +34,42 @@ def test_petzval_toml_holds_what_the_design_promises(calibrated: Path) -> None:
     assert abs(found["k2_m"] - 0.06) < 3 * found["k2_stderr_m"]
     assert abs(found["k4_m"] + 0.02) < 3 * found["k4_stderr_m"]
     assert document["residual"]["rms_after_m"] < 0.2 * document["residual"]["rms_before_m"]
+
+
+@pytest.mark.parametrize("dark_frames", [0, 1])
+def test_petzval_alone_or_after_a_dark_frame_whose_noise_is_unknown(tmp_path: Path, dark_frames: int) -> None:
+    """Without maps before it, or with a map that has no standard error, the frames' own noise is all that there is."""
+    seen = camera(Defects(petzval_m=(0.06, -0.02)))
+    walls = [
+        write(tmp_path / f"wall_{d:g}", seen, wall(seen, d, count=5, seed=index)) for index, d in enumerate((1.0, 3.0))
+    ]
+    out = tmp_path / "camera"
+    if dark_frames:
+        dark = write(tmp_path / "dark", seen, covered(seen, count=dark_frames))
+        assert cadtof("calibrate", "dark", dark, "-o", out).status == 0
+    done = cadtof("calibrate", "petzval", *walls, "-o", out)
+    assert done.status == 0, done.err
+    assert "Warning" not in done.err
+    found = tomllib.loads((out / "petzval.toml").read_text())
+    errors = found["coefficients"]
+    assert abs(errors["k2_m"] - 0.06) < 3 * errors["k2_stderr_m"] < 0.02
+    assert abs(errors["k4_m"] + 0.02) < 3 * errors["k4_stderr_m"] < 0.02
+    if not dark_frames:
+        assert found["residual"]["rms_after_m"] == pytest.approx(found["residual"]["noise_rms_m"], rel=0.05)
+
+
+@pytest.mark.parametrize(("frames", "left"), [(1, 0.91), (2, 0.91), (4, 1.0)])
+def test_what_a_response_leaves_is_the_noise_of_the_means(tmp_path: Path, frames: int, left: float) -> None:
+    """Measured where there are frames enough; else that of ambient light alone, which at ASR 2 is a tenth too much."""
+    seen = camera(Defects())
+    targets = [
+        write(tmp_path / f"target_{index}", seen, wall(seen, d, count=frames, seed=index), distance_m=d)
+        for index, d in enumerate((0.5, 1.7, 3.0))
+    ]
+    done = cadtof("calibrate", "response", *targets, "-o", tmp_path / "camera")
+    assert done.status == 0, done.err
+    quality = tomllib.loads((tmp_path / "camera" / "response.toml").read_text())["quality"]
+    assert quality["residual"] == pytest.approx(left, abs=0.04)
 
 
 def test_petzval_of_a_camera_without_other_defects(tmp_path: Path) -> None:

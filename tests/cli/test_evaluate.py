@@ -11,7 +11,7 @@ import tifffile
 from numpy.typing import NDArray
 
 from tests.support.captures import VOLTS_PER_COUNT, ZERO_COUNTS, layers_of, record, write_exr, write_frame
-from tests.support.forward import C_M_PER_NS, T1_NS, step_frame, step_truth
+from tests.support.forward import AMPLITUDE_V, C_M_PER_NS, T1_NS, Light, depth_m, step_frame, step_truth
 from tests.support.run_cadtof import cadtof
 
 KEYS = ["median_cm", "p90_cm", "rmse_cm", "bias_cm", "valid"]
@@ -67,6 +67,18 @@ def test_errors_are_those_of_the_maps(tmp_path: Path) -> None:
         assert found[name] == _expected(errors[np.isfinite(errors)], valid)
     assert found["direct"]["rmse_cm"] < 2
     assert found["first_phasor"]["rmse_cm"] > 10
+
+
+def test_the_first_phasor_of_a_far_wall_lies_in_the_far_half_of_the_range(tmp_path: Path) -> None:
+    """25 ns are 3.75 m, more than half of 6 m: the phase there is above π, not below 0."""
+    capture, out = record(tmp_path / "capture"), tmp_path / "out"
+    far = Light(asr=2.0, direct_ns=25.0).voltages(np.random.default_rng(1), 1e5, 24 * 32)
+    write_frame(capture.files[0], AMPLITUDE_V * far.reshape(2, 2, 24, 32))
+    assert cadtof("resolve", capture.folder, "-o", out, "-j", 1).status == 0
+    write_exr(tmp_path / "truth.exr", {"direct.depth": np.full((24, 32), depth_m(25.0), np.float32)})
+    found = json.loads(cadtof("evaluate", out, "--truth", tmp_path / "truth.exr", "--json").out)
+    assert found["first_phasor"]["rmse_cm"] < 1.0
+    assert found["direct"]["rmse_cm"] < 1.0
 
 
 def test_recordings_are_found_from_anywhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

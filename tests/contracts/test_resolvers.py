@@ -1,16 +1,19 @@
 """Every resolver on every reference problem; what is true comes from the problem."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from cadtof_cli.resolver.paths import ResolvedPaths
 from cadtof_cli.resolver.resolve import resolve_paths
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.resolver.status import StatusBit
 from tests.support.forward import ns_from_rad
-from tests.support.mixtures import C, Mixture, noise_of
+from tests.support.mixtures import C, F, Mixture, noise_of
+
+B = NDArray[np.bool_]
 
 N_AV = 1e10
 """So long that noise decides nothing here: what it does to the answers is measured elsewhere."""
@@ -24,14 +27,19 @@ class Resolver:
     settings: ResolverSettings
     harmonics: tuple[int, ...]
 
-    def __call__(self, phasors: C, **options: object) -> ResolvedPaths:
-        """Resolve phasors."""
-        count = phasors.shape[1]
+    def __call__(
+        self, phasors: C, *, n_av: float = N_AV, samples: F | None = None, spoilt: B | None = None, hot: B | None = None
+    ) -> ResolvedPaths:
+        """Resolve phasors, of which `spoilt` have a saturated value and `hot` are hot."""
+        status = np.zeros(phasors.shape[1], np.uint32)
+        for pixels, bit in ((spoilt, StatusBit.SATURATED), (hot, StatusBit.HOT_PIXEL)):
+            if pixels is not None:
+                status[pixels] |= np.uint32(bit)
         return resolve_paths(
             phasors,
-            status=np.zeros(count, np.uint32),
+            status=status,
             settings=self.settings,
-            noise=noise_of(self.harmonics, n_av=N_AV),
+            noise=replace(noise_of(self.harmonics, n_av=n_av), samples=samples),
         )
 
 
@@ -177,3 +185,86 @@ def test_three_paths_are_found_the_others_in_falling_amplitude(harmonics: tuple[
     np.testing.assert_allclose(delays(resolved), [delay for delay, _ in expected], atol=1e-3)
     np.testing.assert_allclose([path.amplitude[0] for path in resolved.paths], [a for _, a in expected], rtol=1e-3)
     assert resolved.status[0] == StatusBit.MORE_PATHS
+
+
+@every_resolver
+def test_two_paths_are_ill_conditioned_where_a_sigma_exceeds_half_their_separation(resolver: Resolver) -> None:
+    """The sine of half the separation; from it on, the predicted scatter is only a lower bound."""
+    rng = np.random.default_rng(12)
+    lights = [Mixture((1.0, 0.4), (10.0, 10.0 + gap), asr=2.0) for gap in np.geomspace(0.7, 12.0, 60)]
+    drawn = [light.phasors(resolver.harmonics, n_av=3e3, size=6, rng=rng) for light in lights]
+    found = resolver(np.concatenate(drawn, axis=1), n_av=3e3)
+    two = (found.status & StatusBit.TWO_PATHS) > 0
+    half = np.abs(np.sin(0.5 * (found.mpi.phase_rad - found.direct.phase_rad)))[two]
+    ratio = np.maximum(found.direct.sigma_rad, found.mpi.sigma_rad)[two] / half
+    flagged = (found.status[two] & StatusBit.ILL_CONDITIONED) > 0
+    np.testing.assert_array_equal(flagged[ratio > 1.001], True)
+    np.testing.assert_array_equal(flagged[ratio < 0.999], False)
+    if resolver.settings.order == "2":
+        assert ((ratio > 1.001) & (ratio < 1.9)).any()
+    assert ((ratio < 0.999) & (ratio > 0.2)).any()
+
+
+@pytest.mark.parametrize("resolver", [*RESOLVERS, *ONE_PATH], ids=lambda r: f"{r.name} {r.harmonics}")
+def test_a_mean_of_frames_is_a_frame_of_as_many_times_the_length(resolver: Resolver) -> None:
+    """1/(2 n_av − 1) of one frame, over 9; in order test, screening and sigma alike."""
+    rng = np.random.default_rng(13)
+    longer = 0.5 * (9 * (2 * 1e4 - 1) + 1)
+    lights = [
+        *TWO_PATHS.values(),
+        Mixture((1.0,), (5.0,)),
+        Mixture((1.0, 0.02), (5.0, 16.0)),
+        Mixture((1.0,), (5.0,), 300),
+    ]
+    drawn = np.concatenate([one.phasors(resolver.harmonics, n_av=longer, size=4, rng=rng) for one in lights], axis=1)
+    mean, long = resolver(drawn, n_av=1e4, samples=np.full(drawn.shape[1], 9.0)), resolver(drawn, n_av=longer)
+    same = (mean.status & ~np.uint32(StatusBit.POOLED)) == long.status
+    assert same.mean() > 0.95
+    assert (mean.status & StatusBit.POOLED).all()
+    exact = resolver.settings.in_closed_form(resolver.harmonics)
+    for one, other in zip(mean.paths[:2], long.paths[:2], strict=True):
+        ratio = (one.sigma_rad / other.sigma_rad)[np.isfinite(other.sigma_rad)]
+        apart = (np.abs(one.phase_rad - other.phase_rad) / other.sigma_rad)[np.isfinite(other.sigma_rad)]
+        if exact:
+            np.testing.assert_allclose(ratio, 1.0, rtol=1e-5)
+            assert apart.max(initial=0.0) < 1e-6
+        elif np.isfinite(
+            ratio
+        ).any():  # a search ends within a third of the standard deviation of one frame, which the mean's is
+            assert np.nanmedian(ratio) == pytest.approx(1.0, rel=1e-3)
+            assert np.nanmedian(apart) < 0.3
+    if np.isfinite(mean.chi_squared).any():
+        assert np.nanmedian(np.abs(mean.chi_squared - long.chi_squared)) < 0.1
+
+
+@pytest.mark.parametrize("resolver", [*RESOLVERS, *ONE_PATH], ids=lambda r: f"{r.name} {r.harmonics}")
+def test_bad_pixels_have_their_reason_and_leave_the_others_as_they_are(resolver: Resolver) -> None:
+    rng = np.random.default_rng(14)
+    good = [one.phasors(resolver.harmonics, n_av=1e5, size=1, rng=rng) for one in TWO_PATHS.values()]
+    given = np.concatenate(good * 2, axis=1)
+    given[0, 1], given[-1, 4] = np.nan, 1j * np.inf
+    given[:, 7] = 1e-9
+    spoilt, hot = np.zeros((2, given.shape[1]), np.bool_)
+    spoilt[[0, 9]], hot[[9, 12]] = True, True
+    found = resolver(given, n_av=1e5, spoilt=spoilt, hot=hot)
+    reasons = {
+        0: StatusBit.SATURATED,
+        1: StatusBit.NOT_FINITE,
+        4: StatusBit.NOT_FINITE,
+        7: StatusBit.LOW_CONFIDENCE,
+        9: StatusBit.SATURATED | StatusBit.HOT_PIXEL,
+        12: StatusBit.HOT_PIXEL,
+    }
+    assert {index: found.status[index] for index in reasons} == reasons
+    for path in found.paths:
+        for values in (path.amplitude, path.phase_rad, path.sigma_rad):
+            assert np.isnan(values[list(reasons)]).all()
+    for index in set(range(given.shape[1])) - set(reasons):
+        alone = resolver(given[:, [index]], n_av=1e5)
+        assert found.status[index] == alone.status[0]
+        assert found.confidence[index] == alone.confidence[0]
+        for one, other in zip(found.paths, alone.paths, strict=True):
+            np.testing.assert_array_equal(one.phase_rad[index], other.phase_rad[0])
+            np.testing.assert_array_equal(one.amplitude[index], other.amplitude[0])
+            np.testing.assert_array_equal(one.sigma_rad[index], other.sigma_rad[0])
+    assert np.isnan(found.confidence[[0, 1, 9]]).all()

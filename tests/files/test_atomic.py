@@ -3,6 +3,7 @@
 import errno
 import json
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -76,6 +77,16 @@ def test_json_can_be_read_back(tmp_path: Path) -> None:
 def test_a_folder_is_made_with_its_parents(tmp_path: Path) -> None:
     make_folder(tmp_path / "a" / "b")
     assert list((tmp_path / "a" / "b").iterdir()) == []
+
+
+@pytest.mark.parametrize(("free", "told"), [(4096, "No space left on device"), (10**9, "could not write 17 bytes")])
+def test_an_error_that_says_nothing_is_that_of_a_full_disk_where_the_disk_is_full(
+    free: int, told: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As numpy and OpenEXR raise it: without the system's number."""
+    monkeypatch.setattr("shutil.disk_usage", lambda folder: SimpleNamespace(free=free))
+    with pytest.raises(OutputError, match=f"maps.exr: cannot be written: {told}"):
+        _begin(tmp_path / "maps.exr", OSError("could not write 17 bytes"))
 
 
 def test_a_new_folder_appears_at_the_end_with_the_usual_permissions(tmp_path: Path) -> None:

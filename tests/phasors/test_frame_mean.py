@@ -1,7 +1,13 @@
+"""Means of frames: of what was stored, or in volts with their scatter, whatever the number of frames."""
+
 import numpy as np
 import pytest
+from scipy import stats
 
-from cadtof_cli.phasors.frame_mean import FrameMean, frame_mean
+from cadtof_cli.capture.metadata import Voltage
+from cadtof_cli.phasors.frame_mean import FrameMean, frame_mean, mean_volts, median_variance_ratio
+
+SHAPE = (2, 2, 40, 50)
 
 
 def frames(*values: float, dtype: str = "uint16") -> list[np.ndarray]:
@@ -50,3 +56,59 @@ def test_one_frame_stands_for_itself() -> None:
     one = FrameMean.of_one(given)
     assert one.stored is given
     assert one.samples is None
+
+
+def mean_of(given: np.ndarray, voltage: Voltage | None = None) -> FrameMean:
+    return mean_volts(given, voltage=voltage or Voltage())
+
+
+@pytest.mark.parametrize("frames", [2, 3, 20])
+def test_the_typical_noise_is_that_of_one_frame(frames: int) -> None:
+    """Each harmonic's own; the median over pixels of sample variances, which are χ², lies below their mean."""
+    sigma = np.array([3e-4, 5e-4])
+    drawn = np.random.default_rng(1).normal(size=(frames, *SHAPE)) * sigma[:, np.newaxis, np.newaxis, np.newaxis]
+    mean = mean_of(drawn)
+    np.testing.assert_allclose(mean.frame_noise(), sigma, rtol=0.06)
+    assert mean.frames == frames
+    assert mean.pixels == (40, 50)
+
+
+def test_one_frame_has_no_noise_to_tell() -> None:
+    mean = mean_of(np.ones((1, *SHAPE)))
+    np.testing.assert_array_equal(mean.frame_noise(), [0.0, 0.0])
+    np.testing.assert_array_equal(mean.variance, 0.0)
+
+
+@pytest.mark.parametrize("frames", [2, 3, 20])
+def test_the_median_of_a_sample_variance_over_the_true_one(frames: int) -> None:
+    drawn = stats.chi2(frames - 1).rvs(200_000, random_state=1) / (frames - 1)
+    assert median_variance_ratio(frames) == pytest.approx(np.median(drawn), rel=0.02)
+
+
+def test_counts_become_volts_before_they_are_mean_of() -> None:
+    counts = np.random.default_rng(2).integers(1000, 9000, (5, *SHAPE)).astype(np.uint16)
+    mean = mean_of(counts, Voltage(zero_counts=8192.0, volts_per_count=6e-5))
+    volts = (counts.astype(np.float64) - 8192.0) * 6e-5
+    np.testing.assert_allclose(mean.stored, volts.mean(axis=0), rtol=1e-12)
+    assert mean.variance is not None
+    np.testing.assert_allclose(mean.variance, volts.var(axis=0, ddof=1), rtol=1e-9)
+    assert mean.sound.all()
+
+
+@pytest.mark.parametrize(
+    ("value", "sound"), [(0, False), (1, True), (16382, True), (16383, False), (20000, False), (8192, True)]
+)
+def test_a_value_at_or_beyond_the_limits_in_any_frame_spoils_its_pixel_alone(value: int, sound: bool) -> None:
+    counts = np.full((3, *SHAPE), 8000, np.uint16)
+    counts[1, 1, 0, 3, 4] = value
+    voltage = Voltage(zero_counts=8192.0, volts_per_count=6e-5, saturated_counts=(0.0, 16383.0))
+    mean = mean_of(counts, voltage)
+    assert mean.sound[3, 4] == sound
+    assert mean.sound.sum() == 40 * 50 - (not sound)
+    assert np.isfinite(mean.stored[:, :, 3, 4]).all() == sound
+    assert np.isfinite(mean.stored[:, :, 3, 5]).all()
+
+
+def test_the_mean_volts_of_no_frames_are_refused() -> None:
+    with pytest.raises(ValueError, match="no frames"):
+        mean_volts([], voltage=Voltage())

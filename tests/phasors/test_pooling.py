@@ -103,6 +103,41 @@ def test_pixels_that_are_means_already_count_for_more() -> None:
     assert fourfold.samples.mean() < 4.0 * once.samples.mean()  # their noise is held to be half, so fewer are alike
 
 
+@pytest.mark.parametrize("samples", [1.0, 4.0])
+def test_of_neighbours_with_the_same_light_noise_keeps_out_a_thousandth(samples: float) -> None:
+    """Pairs that touch no other: each is compared by the noise of both, which for means of 4 is half."""
+    pairs = 30_000
+    rng = np.random.default_rng(4)
+    spread = np.sqrt([harmonic.dark_variance / samples for harmonic in noise_of(HARMONICS, n_av=N_AV).each])
+    shape = (2, 2 * pairs, 2)
+    noise: C = (rng.normal(size=shape) + 1j * rng.normal(size=shape)) * spread[:, np.newaxis, np.newaxis]
+    usable = np.zeros(shape[1:], np.bool_)
+    usable[::2] = True
+    given = np.full(shape[1:], samples)
+    pooled = pool(0.2 + noise, window=3, usable=usable, samples=given)
+    alone = (pooled.samples[::2, 0] == samples).mean()
+    assert alone == pytest.approx(1e-3, abs=4 * np.sqrt(1e-3 / pairs))
+    assert (pooled.samples[1::2] == samples).all()
+
+
+def test_neighbours_of_unlike_noise_are_compared_by_the_noise_of_both() -> None:
+    """A mean of 100 pixels beside single ones: nearly all of the difference is theirs."""
+    pairs = 30_000
+    rng = np.random.default_rng(5)
+    samples = np.tile([[1.0, 100.0], [1.0, 1.0]], (pairs, 1))
+    spread = np.sqrt([harmonic.dark_variance for harmonic in noise_of(HARMONICS, n_av=N_AV).each])
+    shape = (2, 2 * pairs, 2)
+    noise: C = (rng.normal(size=shape) + 1j * rng.normal(size=shape)) * spread[:, np.newaxis, np.newaxis]
+    usable = np.tile([[True, True], [False, False]], (pairs, 1))
+    given: C = 0.2 + noise / np.sqrt(samples)
+    pooled = pool(given, window=3, usable=usable, samples=samples)
+    assert (pooled.samples[::2, 1] == 100.0).mean() == pytest.approx(1e-3, abs=4 * np.sqrt(1e-3 / pairs))
+    # what is pooled is the mean weighted by what each stands for
+    both = pooled.samples[::2, 0] == 101.0
+    expected = given[:, ::2] * samples[::2] / 101.0
+    np.testing.assert_allclose(pooled.phasors[:, ::2, 0][:, both], expected.sum(axis=2)[:, both], rtol=1e-12)
+
+
 @pytest.mark.parametrize("shape", [(1, 1), (1, 7), (3, 2)])
 def test_a_frame_smaller_than_the_window_is_pooled_as_far_as_it_goes(shape: tuple[int, int]) -> None:
     phasors = np.broadcast_to(Mixture((1.0,), (5.0,)).exact(HARMONICS)[:, :, np.newaxis], (2, *shape))

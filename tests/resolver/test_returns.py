@@ -1,3 +1,5 @@
+"""Which path is direct, and which order the others stand in."""
+
 import numpy as np
 import pytest
 
@@ -40,3 +42,11 @@ def test_echoes_of_the_strongest_go_behind_it_and_missing_paths_last() -> None:
     phase = np.array([[0.5], [np.nan], [5.0], [4.9]])
     found = [path.phase_rad[0] for path in arranged(paths_of(amplitude, phase), ResolverSettings())]
     np.testing.assert_allclose(found, [5.0, 0.5 + 2 * np.pi, 4.9, np.nan])
+
+
+@pytest.mark.parametrize(("ratio", "lead", "echo"), [(0.45, 3.2, True), (0.55, 3.2, False), (0.45, 3.1, False)])
+def test_an_echo_of_the_strongest_is_weak_and_half_a_turn_ahead(ratio: float, lead: float, echo: bool) -> None:
+    amplitude, phase = np.array([[1.0], [ratio], [0.01]]), np.array([[5.0], [5.0 - lead], [5.5]])
+    found = [path.phase_rad[0] for path in arranged(paths_of(amplitude, phase), ResolverSettings(min_return_ratio=0.1))]
+    expected = [5.0, 5.0 - lead + 2 * np.pi, 5.5] if echo else [5.0 - lead, 5.0, 5.5]
+    np.testing.assert_allclose(found, expected)

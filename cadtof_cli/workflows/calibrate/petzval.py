@@ -90,14 +90,15 @@ def _wall(capture: AveragedCapture, folder: Path, earlier: Calibration) -> WallR
 def _calibration_noise_m(earlier: Calibration, amplitude_v: Float, modulation: Modulation) -> Float:
     """Return the standard deviation in m, (Y, X), that noise of the dark and response maps brings into each pixel's range.
 
-    The maps' phase errors a harmonic are independent, and the range is their mean weighted by what each harmonic tells.
+    The maps' phase errors a harmonic are independent, and the range is their mean weighted by what each harmonic tells; one
+    without any error, where no map was applied or a map is of one frame, tells all.
     """
     dark = earlier.dark.quality()["offset_stderr_v"] if earlier.dark else 0.0
     phases = earlier.response.quality.phase_stderr_rad if earlier.response else (0.0,) * len(modulation.harmonics)
-    information = sum(
-        h**2 / ((dark / amplitude_v) ** 2 + phase**2 + np.finfo(np.float64).tiny)
-        for h, phase in zip(modulation.harmonics, phases, strict=True)
-    )
+    with np.errstate(divide="ignore"):
+        information = sum(
+            h**2 / ((dark / amplitude_v) ** 2 + phase**2) for h, phase in zip(modulation.harmonics, phases, strict=True)
+        )
     return np.asarray(metres_per_radian(modulation.periods_ns[0]) / np.sqrt(information))
 
 

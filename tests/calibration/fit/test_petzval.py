@@ -24,15 +24,16 @@ def measured_wall(
     normal: tuple[float, float] = (0.05, -0.03),
     known: bool = False,
     focal_px: float = 70.0,
+    sigma_m: float = SIGMA_M,
 ) -> WallRanges:
     """Return the noisy ranges of the plane n·p = D with n = (nx, ny, 1), bent by the curvature."""
     y, x = np.mgrid[: PIXELS[0], : PIXELS[1]].astype(np.float64)
     rays = np.stack([(x - 39.5) / focal_px, (y - 29.5) / focal_px, np.ones(PIXELS)])
     times = distance_m / np.tensordot(np.array([*normal, 1.0]), rays, axes=1)
     rho2 = ((x - 39.5) ** 2 + (y - 29.5) ** 2) / (40.0**2 + 30.0**2)
-    noise = np.random.default_rng(seed).normal(0.0, SIGMA_M, PIXELS)
+    noise = np.random.default_rng(seed).normal(0.0, sigma_m, PIXELS)
     ranges = times * np.linalg.norm(rays, axis=0) + K2_M * rho2 + K4_M * rho2**2 + noise
-    return WallRanges(ranges % RANGE_M, np.full(PIXELS, SIGMA_M), distance_m if known else None)
+    return WallRanges(ranges % RANGE_M, np.full(PIXELS, sigma_m), distance_m if known else None)
 
 
 def fitted(*walls: WallRanges, optics: Optics = OPTICS) -> PetzvalCalibration:
@@ -105,7 +106,21 @@ def test_what_is_not_wall_has_no_say(kind: str) -> None:
 def test_ranges_that_wrap_at_the_end_of_the_unambiguous_range() -> None:
     wall = measured_wall(5.5, seed=5)
     assert (wall.range_m < 2.0).any()
-    assert max(deviations(fitted(wall, measured_wall(1.0, seed=6)))) < 3.0
+    found = fitted(wall, measured_wall(1.0, seed=6))
+    assert max(deviations(found)) < 3.0
+    # of Gaussian residuals none to speak of is an outlier: what wraps is no outlier either
+    for fit in found.quality.walls:
+        assert fit.pixels > 0.999 * PIXELS[0] * PIXELS[1]
+    assert found.quality.walls[0].distance_m == pytest.approx(5.5, abs=2e-3)
+    assert found.quality.rms_after_m < 1.1 * SIGMA_M
+
+
+def test_without_a_principal_point_the_middle_of_the_array_is_taken_and_it_is_said() -> None:
+    """The walls here are seen about column 39.5 and row 29.5, the middle of 80 × 60."""
+    found = fitted(measured_wall(1.0, seed=1), measured_wall(3.0, seed=2), optics=Optics(focal_length_px=70.0))
+    assert found.principal_point_px == (39.5, 29.5)
+    assert max(deviations(found)) < 3.0
+    assert any("column 39.5 and row 29.5, is taken" in text for text in found.quality.findings)
 
 
 def test_without_optics_two_distances_give_the_focal_length_too() -> None:
@@ -141,3 +156,82 @@ def test_a_wall_seen_by_few_pixels_is_refused() -> None:
         SettingsError, match=r"wall 1 \(wall_0\): found 40 pixels with a single path, expected at least 50"
     ):
         fitted(WallRanges(ranges, wall.sigma_m, None))
+
+
+def two_walls() -> tuple[WallRanges, WallRanges]:
+    return measured_wall(1.0, seed=1), measured_wall(3.0, seed=2, normal=(-0.04, 0.07))
+
+
+def test_a_good_fit_has_nothing_to_say_and_knows_its_noise() -> None:
+    quality = fitted(*two_walls()).quality
+    assert quality.findings == ()
+    assert quality.noise_rms_m == pytest.approx(SIGMA_M)
+    assert quality.rms_after_m == pytest.approx(SIGMA_M, rel=0.05)
+    assert quality.focal_length_px == pytest.approx(70.0)
+    assert quality.focal_length_known
+    assert 0.7 < quality.correlation < 0.999
+    for wall in quality.walls:
+        assert not wall.distance_known
+        assert wall.noise_rms_m == pytest.approx(SIGMA_M)
+        assert wall.rms_after_m == pytest.approx(SIGMA_M, rel=0.05)
+        assert wall.rms_before_m > 2.0 * SIGMA_M
+
+
+def test_distances_tilts_and_their_errors_are_those_of_repetitions() -> None:
+    runs = [
+        fitted(measured_wall(1.0, seed=50 + 2 * s), measured_wall(3.0, seed=51 + 2 * s)).quality.walls
+        for s in range(25)
+    ]
+    for wall, distance in ((0, 1.0), (1, 3.0)):
+        found = np.array([run[wall].distance_m for run in runs])
+        assert found.std() == pytest.approx(runs[0][wall].distance_stderr_m, rel=0.4)
+        assert found.mean() == pytest.approx(distance, abs=4 * runs[0][wall].distance_stderr_m / 5)
+        slopes = np.array([run[wall].slopes for run in runs])
+        np.testing.assert_allclose(slopes.mean(axis=0), [0.05, -0.03], atol=1e-3)
+
+
+@pytest.mark.parametrize(("share", "said"), [(0.04, False), (0.07, True)])
+def test_pixels_off_the_walls_are_counted_from_a_twentieth_on(share: float, said: bool) -> None:
+    walls = []
+    for wall in two_walls():
+        ranges = wall.range_m.copy()
+        ranges[np.random.default_rng(4).random(PIXELS) < share] -= 0.5
+        walls.append(WallRanges(ranges, wall.sigma_m, None))
+    found = fitted(*walls)
+    texts = [text for text in found.quality.findings if "do not lie on the walls and were left out" in text]
+    assert len(texts) == said
+    kept = sum(wall.pixels for wall in found.quality.walls) / (2 * PIXELS[0] * PIXELS[1])
+    assert kept == pytest.approx(1 - share, abs=0.01)
+
+
+@pytest.mark.parametrize(("factor", "said"), [(1.4, False), (1.7, True)])
+def test_more_left_than_noise_is_warned_of_from_half_as_much_again_on(factor: float, said: bool) -> None:
+    walls = [WallRanges(wall.range_m, wall.sigma_m / factor, None) for wall in two_walls()]
+    quality = fitted(*walls).quality
+    assert any(text.startswith("warning: what is left, 3.0") for text in quality.findings) == said
+    # what scatters more than thought is known less well, too
+    assert quality.k2_stderr_m == pytest.approx(fitted(*two_walls()).quality.k2_stderr_m, rel=0.02)
+
+
+def test_noise_that_differs_weighs_less_where_it_is_larger() -> None:
+    """The lower half of both walls is worthless; what is left tells k2 nearly as if it were not there."""
+    walls, halves = [], []
+    for index, wall in enumerate(two_walls()):
+        ranges, sigma = wall.range_m.copy(), wall.sigma_m.copy()
+        ranges[30:] += np.random.default_rng(70 + index).normal(0.0, 0.2, (30, 80))
+        sigma[30:] = 0.2
+        walls.append(WallRanges(ranges, sigma, None))
+        half = wall.range_m.copy()
+        half[30:] = np.nan
+        halves.append(WallRanges(half, wall.sigma_m, None))
+    found, expected = fitted(*walls), fitted(*halves)
+    assert found.k2_m == pytest.approx(expected.k2_m, abs=0.3 * expected.quality.k2_stderr_m)
+    assert max(deviations(found)) < 3.0
+
+
+@pytest.mark.parametrize(("sigma_m", "said"), [(0.04, False), (0.075, True)])
+def test_coefficients_known_to_less_than_a_centimetre_are_warned_of(sigma_m: float, said: bool) -> None:
+    found = fitted(measured_wall(1.0, seed=1, sigma_m=sigma_m), measured_wall(3.0, seed=2, sigma_m=sigma_m))
+    largest = max(found.quality.k2_stderr_m, found.quality.k4_stderr_m)
+    assert (0.01 < largest < 0.02) == said
+    assert any(text.startswith("warning: curvature, distance and tilt") for text in found.quality.findings) == said

@@ -8,7 +8,7 @@ import pytest
 from cadtof_cli.calibration.fit.response import TargetMean, fit_response
 from cadtof_cli.calibration.parts import Origin
 from cadtof_cli.calibration.response import ResponseCalibration
-from cadtof_cli.capture.metadata import Optics, Waveform
+from cadtof_cli.capture.metadata import CaptureMetadata, Optics, Waveform
 from cadtof_cli.errors import SettingsError
 from tests.support.campaign import PIXELS, camera
 from tests.support.defects import DefectiveCamera, Defects
@@ -32,9 +32,11 @@ def response_of(
     *,
     waveform: Waveform = "sine",
     optics: Optics | None = None,
+    n_av: float = 1e5,
+    seed: int = 0,
 ) -> ResponseCalibration:
-    seen = camera(defects, waveform=waveform)
-    targets = [target(seen, d, seed=index) for index, d in enumerate(distances_m)]
+    seen = camera(defects, waveform=waveform, n_av=n_av)
+    targets = [target(seen, d, seed=seed + index) for index, d in enumerate(distances_m)]
     origin = Origin(
         captures=("targets",),
         frames=FRAMES * len(targets),
@@ -57,7 +59,23 @@ def test_a_perfect_camera_needs_no_terms_but_one() -> None:
     assert orders(found) == {1}
     assert found.quality.residual == pytest.approx(1.0, abs=0.05)
     assert found.phase_rad.std(axis=(1, 2)) == pytest.approx(found.quality.phase_stderr_rad, rel=0.2)
+    assert found.gain.std(axis=(1, 2)) == pytest.approx(found.quality.gain_stderr, rel=0.2)
     assert found.field_curvature_m == (0.0, 0.0)
+
+
+@pytest.mark.parametrize("seed", [0, 100])
+def test_terms_that_noise_alone_makes_are_not_taken(seed: int) -> None:
+    """At n_av 300 they come to one to three standard errors of 2e-4, which would matter."""
+    found = response_of(Defects(), (0.5, 1.0, 1.7, 2.4, 3.0), n_av=300.0, seed=seed)
+    assert orders(found) == {1}
+    assert sum("left, not needed" in text for text in found.quality.findings) == 5
+
+
+@pytest.mark.parametrize(("sc2_gain", "taken"), [(1.0012, False), (1.005, True)])
+def test_a_term_is_taken_from_six_standard_errors_on(sc2_gain: float, taken: bool) -> None:
+    """An imbalance of 0.6 and 2.5 thousandths, where the standard error is 0.2."""
+    found = response_of(Defects(sc2_gain=sc2_gain), (0.5, 1.0, 1.7, 2.4, 3.0), n_av=300.0, seed=300)
+    assert (-1 in orders(found)) == taken
 
 
 def test_an_ideal_triangle_needs_nothing_besides_its_own_series() -> None:
@@ -106,3 +124,89 @@ def test_a_target_that_is_not_seen_is_refused() -> None:
     origin = Origin(captures=("dark room",), frames=1, pixels=PIXELS, periods_ns=(40.0, 20.0), waveform="sine")
     with pytest.raises(SettingsError, match=r"found 0\.0% of the pixels with a signal from every target"):
         fit_response([nothing], metadata=seen.metadata, origin=origin)
+
+
+def blind(count: int) -> np.ndarray:
+    return np.random.default_rng(3).permutation(12 * 16)[:count]
+
+
+def noiseless(
+    *,
+    own: np.ndarray | None = None,
+    gain: float = 1.0,
+    dim: int = 0,
+    distances_m: tuple[float, ...] = (0.7, 1.4, 2.4),
+    term: tuple[int, complex] = (1, 0j),
+) -> ResponseCalibration:
+    """Return the response of targets that fill 12 × 16 pixels, made by hand; `dim` of the pixels see nothing."""
+    shape = (12, 16)
+    metadata = CaptureMetadata(optics=Optics(focal_length_px=14.0))
+    y, x = np.mgrid[: shape[0], : shape[1]]
+    stretch = np.sqrt(1 + ((x - 7.5) / 14.0) ** 2 + ((y - 5.5) / 14.0) ** 2)
+    targets = []
+    for index, d in enumerate(distances_m):
+        delay = 2 * np.pi / 40.0 * 2 / 0.299792458 * d * stretch
+        planes = []
+        for h in (1, 2):
+            pulse = np.exp(-((h * 2 * np.pi * 1.7 / 2.354820045 / 40.0) ** 2) / 2)
+            added = 0.0 if own is None else h * own
+            theta = h * delay + added
+            wave = np.exp(1j * theta) + term[1] * np.exp(1j * term[0] * theta)
+            planes.append(0.09 / (1 + index) * gain ** (h - 1) * pulse * wave)
+        volts = np.stack(planes)
+        volts.reshape(2, -1)[:, blind(dim)] = 1e-5
+        targets.append(TargetMean(volts, np.full(2, 1e-5), d))
+    origin = Origin(captures=("t",), frames=30, pixels=shape, periods_ns=(40.0, 20.0), waveform="sine")
+    return fit_response(targets, metadata=metadata, origin=origin)
+
+
+def test_targets_without_noise_give_gain_and_pulse_exactly() -> None:
+    found = noiseless(gain=0.8)
+    pulse = [np.exp(-((h * 2 * np.pi * 1.7 / 2.354820045 / 40.0) ** 2) / 2) for h in (1, 2)]
+    assert found.responses[0].main == pytest.approx(pulse[0], rel=1e-6)
+    assert found.responses[1].main == pytest.approx(0.8 * pulse[1], rel=1e-6)
+    np.testing.assert_allclose(found.gain, 1.0, rtol=1e-6)
+    np.testing.assert_allclose(found.phase_rad, 0.0, atol=1e-6)
+    assert found.quality.distances_m == (0.7, 1.4, 2.4)
+    assert not any("could not be used" in text for text in found.quality.findings)
+    assert any("the targets are taken to face the camera" in text for text in found.quality.findings)
+
+
+def test_a_delay_of_each_pixel_goes_into_the_maps_and_their_mean_into_the_response() -> None:
+    own = np.random.default_rng(2).normal(0.2, 0.1, (12, 16))
+    found = noiseless(own=own)
+    for row, h in enumerate((1, 2)):
+        total = found.phase_rad[row] + np.angle(found.responses[row].main)
+        k2, k4 = found.field_curvature_m
+        assert (k2, k4) == (0.0, 0.0)
+        np.testing.assert_allclose(total, h * own, atol=1e-5)
+        assert abs(np.angle(np.exp(1j * found.phase_rad[row]).mean())) < 1e-5
+
+
+@pytest.mark.parametrize(("dim", "refused"), [(182, False), (183, True)])
+def test_a_twentieth_of_the_pixels_must_see_every_target(dim: int, refused: bool) -> None:
+    """192 pixels; those that see nothing get the mean phase and gain."""
+    if refused:
+        with pytest.raises(SettingsError, match="with a signal from every target, expected 5% or more"):
+            noiseless(dim=dim)
+        return
+    found = noiseless(dim=dim)
+    assert (found.phase_rad.reshape(2, -1)[:, blind(dim)] == 0.0).all()
+    assert (found.gain.reshape(2, -1)[:, blind(dim)] == 1.0).all()
+    assert any(f"{dim} pixels could not be used" in text for text in found.quality.findings)
+
+
+@pytest.mark.parametrize(("gap_m", "distinct"), [(0.009, False), (0.012, True)])
+def test_distances_a_centimetre_apart_count_as_two(gap_m: float, distinct: bool) -> None:
+    found = noiseless(distances_m=(1.0, 1.0 + gap_m))
+    assert any(text.startswith("one distance") for text in found.quality.findings) != distinct
+
+
+@pytest.mark.parametrize("k", [-1, 0, -3, 5, 3])
+def test_every_order_that_is_tried_is_found_where_it_is(k: int) -> None:
+    value = 0.02 - 0.01j
+    found = noiseless(distances_m=(0.4, 0.9, 1.5, 2.2, 2.9, 3.6, 4.4), term=(k, value))
+    for one in found.responses:
+        assert dict(one.terms)[k] / one.main == pytest.approx(value, abs=1e-4)
+        assert all(abs(g / one.main) < 1e-4 for order, g in one.terms if order not in {1, k})
+    assert any(text.startswith(f"k = {k:+d}: taken, 0.02236 ± ") for text in found.quality.findings)

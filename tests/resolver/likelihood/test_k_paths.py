@@ -86,20 +86,21 @@ def test_the_misfit_of_the_true_number_of_paths_is_chi_squared(paths: int, harmo
 
 @pytest.mark.parametrize("false_alarm", [0.05, 0.01])
 @pytest.mark.parametrize("harmonics", [(1, 2, 3), (1, 2, 4)])
-def test_one_path_is_taken_for_two_no_more_often_than_asked_and_at_no_cost(
+def test_one_path_is_taken_for_two_in_a_third_of_the_share_asked_for_and_at_no_cost(
     harmonics: tuple[int, ...], false_alarm: float
 ) -> None:
+    """The misfit alone does so in all of it; of these about a third move the direct path enough (PHYSICS: .3 to .6)."""
     drawn = Mixture((1.0,), (5.0,)).phasors(harmonics, n_av=1e5, size=4 * RUNS, rng=np.random.default_rng(9))
     tested = resolved(drawn, harmonics, 1e5, ResolverSettings(false_alarm=false_alarm))
-    assert 0.0 < np.mean((tested.status & StatusBit.TWO_PATHS) > 0) < 1.1 * false_alarm
+    assert 0.25 * false_alarm < np.mean((tested.status & StatusBit.TWO_PATHS) > 0) < 0.6 * false_alarm
     known = resolved(drawn, harmonics, 1e5, ResolverSettings(order="1"))
     assert tested.direct.phase_rad.std() / known.direct.phase_rad.std() < 1.05
 
 
-def test_two_paths_are_taken_for_three_no_more_often_than_asked_and_at_little_cost() -> None:
+def test_two_paths_are_taken_for_three_in_a_third_of_the_share_asked_for_and_at_little_cost() -> None:
     drawn = Mixture((1.0, 0.5), (5.0, 15.0)).phasors((1, 2, 3), n_av=1e5, size=RUNS, rng=np.random.default_rng(10))
     tested = resolved(drawn, (1, 2, 3), 1e5, ResolverSettings(paths=3, false_alarm=0.05))
-    assert 0.0 < np.mean((tested.status & StatusBit.MORE_PATHS) > 0) < 0.055
+    assert 0.22 * 0.05 < np.mean((tested.status & StatusBit.MORE_PATHS) > 0) < 0.6 * 0.05
     assert np.mean((tested.status & StatusBit.TWO_PATHS) > 0) > 0.94
     known = resolved(drawn, (1, 2, 3), 1e5)
     assert tested.direct.phase_rad.std() / known.direct.phase_rad.std() < 1.1

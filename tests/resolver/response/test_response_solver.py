@@ -72,6 +72,17 @@ def test_two_paths_of_a_triangle_converge_without_bias() -> None:
         assert abs(np.nanmedian(error[:, columns])) < 0.5
 
 
+def test_close_and_strong_second_paths_of_a_triangle_are_led_to_their_answer() -> None:
+    """From 2 ns on, with up to 0.6 of the direct light: 12 in 100 of them do not end in the answer without being led to it."""
+    seen = camera(Defects(), waveform="triangle", n_av=1e6)
+    frame = card(seen, count=1, seed=5, separations_ns=(2.0, 30.0), clean=0.0)[0]
+    maps = resolve_frame(frame, plan=plan_for(seen, order="2")).maps
+    assert ((maps.status & StatusBit.NOT_CONVERGED) > 0).mean() < 0.04
+    error = np.abs(maps.layer("direct.depth") - 0.75)
+    assert np.nanmean(error > 0.05) < 0.04
+    assert np.nanmedian(error) < 0.001
+
+
 @pytest.mark.parametrize("block_pixels", [97, 1000])
 def test_blocks_of_any_size_give_the_same_bits(block_pixels: int) -> None:
     seen = camera(Defects(), waveform="triangle")
@@ -92,3 +103,19 @@ def test_an_answer_that_does_not_meet_its_equations_says_so() -> None:
     assert failed.any()
     assert (two | ~failed).all()
     assert np.isfinite(maps.layer("direct.depth")[failed]).all()
+
+
+def test_paths_of_a_triangle_are_ill_conditioned_where_a_sigma_exceeds_half_their_separation() -> None:
+    """As for a sine: half the separation as a phase of the fundamental, its sine; sigma as a phase too."""
+    seen = camera(Defects(), waveform="triangle", n_av=3e3)
+    frame = card(seen, count=1, seed=5, separations_ns=(1.0, 12.0), clean=0.0)[0]
+    maps = resolve_frame(frame, plan=plan_for(seen, order="2")).maps
+    metres = 0.299792458 * 40.0 / (4 * np.pi)
+    two = ((maps.status & StatusBit.TWO_PATHS) > 0) & ((maps.status & StatusBit.NOT_CONVERGED) == 0)
+    half = np.abs(np.sin(0.5 * (maps.layer("mpi.depth") - maps.layer("direct.depth"))[two] / metres))
+    ratio = np.maximum(maps.layer("direct.sigma"), maps.layer("mpi.sigma"))[two] / metres / half
+    flagged = (maps.status[two] & StatusBit.ILL_CONDITIONED) > 0
+    assert flagged[ratio > 1.01].all()
+    assert not flagged[ratio < 0.99].any()
+    assert ((ratio > 1.01) & (ratio < 1.9)).sum() > 10
+    assert ((ratio > 0.55) & (ratio < 0.99)).sum() > 10

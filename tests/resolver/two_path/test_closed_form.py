@@ -104,6 +104,16 @@ def test_a_fading_second_path_leaves_the_first_exact() -> None:
     np.testing.assert_allclose(weak, b, atol=1e-15)
 
 
+def test_phases_are_those_of_the_rotors_between_nothing_and_a_full_turn() -> None:
+    rng = np.random.default_rng(6)
+    n = 20_000
+    paths = solve(*sums(rng.random(n), rng.uniform(0, 2 * np.pi, n), rng.random(n), rng.uniform(0, 2 * np.pi, n)))
+    for phase, rotor in zip(paths.phases(), rotors(paths), strict=True):
+        assert phase.min() >= 0.0
+        assert phase.max() < 2 * np.pi
+        np.testing.assert_allclose(np.exp(1j * phase), rotor, atol=1e-14)
+
+
 @pytest.mark.parametrize("gap", [1e-1, 1e-2, 1e-3, 1e-5, 1e-8, 1e-12])
 def test_approaching_paths_keep_residual_amplitude_and_mean(gap: float) -> None:
     p1, p2 = sums(0.7, 1.0, 0.3, 1.0 + gap)

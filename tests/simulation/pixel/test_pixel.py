@@ -78,6 +78,20 @@ def test_arrivals_without_ambient_light_and_over_many_paths() -> None:
     np.testing.assert_allclose(counts, [0.4, 0.3, 0.2, 0.1], atol=0.006)
 
 
+@pytest.mark.parametrize("asr", [0.0, 1.0])
+def test_arrivals_over_a_single_path(asr: float) -> None:
+    alone = PhotonMix(
+        delays_ns=np.array([12.0]), photons=np.array([1.0]), ambient=np.array(asr), period_ns=40.0, fwhm_ns=1.0
+    )
+    for harmonic in (1, 2):
+        phases = draw_phases(alone, np.random.default_rng(4), count=40_000, harmonic=harmonic)
+        times = phases / (2 * np.pi * harmonic) * 40.0
+        near = np.abs(times - 12.0) < 2.0
+        expected = 1 / (1 + asr) + asr / (1 + asr) * 4.0 / 40.0
+        assert near.mean() == pytest.approx(expected, abs=0.01)
+        assert times[near].mean() == pytest.approx(12.0, abs=0.02)
+
+
 @pytest.mark.parametrize("dead_time_ns", [0.0, 0.5, 3.0, 200.0])
 def test_dead_time_drops_what_a_photon_by_photon_count_drops(dead_time_ns: float) -> None:
     times = np.sort(np.random.default_rng(8).random(2000) * 2000.0)
@@ -104,6 +118,28 @@ def test_dead_time_favours_the_earlier_path() -> None:
     # Two photons a cycle fall on paths at random: a cycle has an early one in 3 of 4 cases, only late ones in 1 of 4.
     assert early == pytest.approx(15_000, rel=0.03)
     assert late == pytest.approx(5_000, rel=0.05)
+
+
+def test_jitter_of_a_dead_spad_comes_on_top_of_the_pulse() -> None:
+    """What is seen about a path scatters by √(pulse² + jitter²), whichever photons the dead time drops."""
+    light = Condition(asr=0.0, mpi_ratio=0.0, direct_ns=10.0, second_ns=17.0).mix(40.0)
+    seen = draw_detections(
+        light, np.random.default_rng(9), cycles=20_000, photons_per_cycle=1, dead_time_ns=5.0, jitter_ns=1.5
+    )
+    times = np.mod(seen, 40.0)
+    assert len(times) == 20_000
+    assert times.std() == pytest.approx(math.hypot(1.7 / 2.354820045, 1.5), rel=0.03)
+    assert times.mean() == pytest.approx(10.0, abs=0.05)
+    exact = draw_detections(
+        light, np.random.default_rng(9), cycles=20_000, photons_per_cycle=1, dead_time_ns=5.0, jitter_ns=0.0
+    )
+    assert np.mod(exact, 40.0).std() == pytest.approx(1.7 / 2.354820045, rel=0.03)
+
+
+def test_jitter_of_a_trace_blurs_its_arrivals() -> None:
+    light = Condition(asr=0.0, mpi_ratio=0.0, direct_ns=10.0, second_ns=17.0, fwhm_ns=0.5).mix(40.0)
+    times_ns, _ = trace_pixel(model(100.0, cycles=4000, jitter_ns=1.5), light, np.random.default_rng(1), harmonic=1)
+    assert times_ns.std() == pytest.approx(math.hypot(0.5 / 2.354820045, 1.5), rel=0.03)
 
 
 def test_negligible_dead_time_changes_nothing_but_noise() -> None:
@@ -152,6 +188,35 @@ def test_evolution_holds_all_photons_and_settles_on_the_phase() -> None:
     assert shown.photons[-1] == 50_000
     assert shown.settled_phase_deg == pytest.approx(103.24, abs=1.5)
     assert shown.bin_ns[np.argmax(shown.counts)] == pytest.approx(10.0, abs=0.5)
+
+
+def test_evolution_is_the_trace_in_bins_and_thinned() -> None:
+    """128 bins over a period; of 5000 photons a thousand rows, the first and the last among them."""
+    pixel = model(200.0, cycles=1000)
+    shown = evolution(pixel, mix(), np.random.default_rng(3))
+    times_ns, voltages_v = trace_pixel(pixel, mix(), np.random.default_rng(3), harmonic=1)
+    width = 40.0 / 128
+    np.testing.assert_allclose(shown.bin_ns, width * (np.arange(128) + 0.5))
+    for index in (0, 31, 33, 127):
+        inside = (times_ns >= width * index) & (times_ns < width * (index + 1))
+        assert shown.counts[index] == inside.sum()
+    assert len(shown.photons) == 1000
+    assert (shown.photons[0], shown.photons[-1]) == (1.0, 5000.0)
+    rows = shown.photons.astype(int) - 1
+    np.testing.assert_array_equal(shown.voltages_v, voltages_v[:, rows])
+    phase = np.degrees(np.arctan2(voltages_v[1], voltages_v[0]))[rows]
+    np.testing.assert_allclose(shown.phase_deg, np.where(phase < 0, phase + 360.0, phase), atol=1e-9)
+    later = voltages_v[:, rows[500:]].mean(axis=1)
+    assert shown.settled_phase_deg == pytest.approx(math.degrees(math.atan2(later[1], later[0])))
+    late = evolution(pixel, mix(direct_ns=30.0, second_ns=35.0), np.random.default_rng(3))
+    assert 260.0 < late.settled_phase_deg < 300.0
+
+
+def test_arrivals_of_a_trace_lie_in_the_period_of_the_fundamental() -> None:
+    times_ns, _ = trace_pixel(model(50.0, cycles=60), mix(), np.random.default_rng(1), harmonic=2)
+    assert times_ns.size == 300
+    assert (times_ns >= 0.0).all()
+    assert (times_ns < 40.0).all()
 
 
 @pytest.mark.parametrize(

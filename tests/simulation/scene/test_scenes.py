@@ -203,6 +203,9 @@ def test_a_scene_beyond_the_unambiguous_range_is_refused() -> None:
 
 
 def test_a_pixel_that_sees_nothing_has_no_truth() -> None:
+    seen = hits(Corner(extents_m=(0.2, 0.4)).surfaces(), CAMERA.rays(ALL_ROWS))
+    assert (seen.surface[0, 0], seen.albedo[0, 0], seen.irradiance[0, 0]) == (-1, 0.0, 0.0)
+    assert np.isnan(seen.points_m[:, 0, 0]).all()
     truth = Corner(extents_m=(0.2, 0.4)).light(CAMERA, ALL_ROWS).truth(1.0)
     assert np.isnan(truth["direct.depth"][0, 0])
     assert np.isfinite(truth["direct.depth"][24, 32])

@@ -1,0 +1,154 @@
+"""Make small changes of meaning to the package, one at a time, and count how many of them no test notices."""
+
+import argparse
+import importlib
+import json
+import multiprocessing
+import os
+import sys
+import tempfile
+import tomllib
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import asdict
+from pathlib import Path
+
+from mutation.mutants import Mutant, all_mutants, drawn
+from mutation.runs import Bench, Outcome
+
+ROOT = Path(__file__).resolve().parent.parent
+
+ROOMS = ("phasors", "resolver", "maps", "calibration", "simulation")
+
+EQUIVALENT = Path(__file__).with_name("mutation") / "equivalent.toml"
+
+IMPORTED = ("numpy", "scipy.optimize", "scipy.stats", "scipy.integrate", "hypothesis", "tifffile", "OpenEXR", "click")
+"""Libraries that every fork finds already there; the package itself is imported in each anew."""
+
+Key = tuple[str, str, str, str]
+
+
+def main() -> None:
+    """Draw mutants, try them, and report; exit 1 where fewer are killed than asked."""
+    arguments = _arguments()
+    places = all_mutants(ROOT, arguments.room or ROOMS)
+    known = _equivalent(EQUIVALENT)
+    _note_stale(known, places, arguments.room or ROOMS)
+    chosen = _named(places, arguments.again) if arguments.again else drawn(places, arguments.count, arguments.seed)
+    print(f"{len(chosen)} mutants of {len(places)} places, seed {arguments.seed}", file=sys.stderr)
+    outcomes = []
+    for number, outcome in enumerate(_outcomes(chosen, arguments.jobs), start=1):
+        outcomes.append(outcome)
+        _tell(number, len(chosen), outcome, known)
+    rate = _report(outcomes, known)
+    _write_survivors(arguments.survivors, outcomes, known)
+    sys.exit(rate < arguments.least)
+
+
+def _arguments() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(prog="scripts/mutants", description=__doc__)
+    parser.add_argument("--count", type=int, default=400, help="mutants to draw [default: 400]")
+    parser.add_argument("--seed", type=int, default=1, help="of the draw [default: 1]")
+    parser.add_argument("--room", action="append", help="a room of the package; may be repeated [default: all five]")
+    parser.add_argument("--jobs", type=int, default=len(os.sched_getaffinity(0)), help="processes [default: all cores]")
+    parser.add_argument("--least", type=float, default=0.9, help="share to be killed; exit 1 below [default: 0.9]")
+    parser.add_argument(
+        "--survivors", type=Path, default=ROOT / "out" / "mutants.jsonl", help="list of those that survive"
+    )
+    parser.add_argument("--again", type=Path, help="try the mutants of such a list instead of drawing")
+    return parser.parse_args()
+
+
+def _outcomes(chosen: Sequence[Mutant], jobs: int) -> Iterator[Outcome]:
+    """Yield what becomes of the mutants, as they end."""
+    for name in IMPORTED:
+        importlib.import_module(name)
+    rooms = tuple(sorted({mutant.room for mutant in chosen}))
+    with tempfile.TemporaryDirectory(prefix="mutants-") as place:
+        seconds = Bench(ROOT, _folder(Path(place))).measured(rooms)
+        context = multiprocessing.get_context("fork")
+        with ProcessPoolExecutor(jobs, context, initializer=_start, initargs=(Path(place), seconds)) as pool:
+            for done in as_completed([pool.submit(_try, mutant) for mutant in chosen]):
+                yield done.result()
+
+
+_benches: list[Bench] = []
+"""The bench of this worker process."""
+
+
+def _start(place: Path, seconds: dict[str, float]) -> None:
+    _benches.append(Bench(ROOT, _folder(place), seconds))
+
+
+def _folder(place: Path) -> Path:
+    """Make a folder of this process's own."""
+    own = Path(tempfile.mkdtemp(dir=place))
+    own.chmod(0o755)
+    return own
+
+
+def _try(mutant: Mutant) -> Outcome:
+    return _benches[0].tried(mutant)
+
+
+def _equivalent(path: Path) -> dict[Key, str]:
+    """Return the reasons why known survivors change nothing that can be seen, by what names them."""
+    entries = tomllib.loads(path.read_text(encoding="utf-8")).get("mutant", [])
+    return {(e["room"], e["function"], e["before"], e["after"]): e["reason"] for e in entries}
+
+
+def _note_stale(known: dict[Key, str], places: Sequence[Sequence[Mutant]], rooms: Sequence[str]) -> None:
+    there = {mutant.key for group in places for mutant in group}
+    for key in known:
+        if key[0] in rooms and key not in there:
+            print(f"{EQUIVALENT.name}: no such mutant any more: {' | '.join(key)}", file=sys.stderr)
+
+
+def _named(places: Sequence[Sequence[Mutant]], path: Path) -> list[Mutant]:
+    keys = {tuple(json.loads(line)[name] for name in ("room", "function", "before", "after")) for line in path.open()}
+    return [mutant for group in places for mutant in group if mutant.key in keys]
+
+
+def _verdict(outcome: Outcome, known: dict[Key, str]) -> str:
+    return "equivalent" if outcome.verdict == "survived" and outcome.mutant.key in known else outcome.verdict
+
+
+def _tell(number: int, count: int, outcome: Outcome, known: dict[Key, str]) -> None:
+    mutant = outcome.mutant
+    verdict = _verdict(outcome, known)
+    line = f"{number:4}/{count} {verdict:10} {outcome.seconds:5.1f} s  {mutant.path} {mutant.function}"
+    if verdict == "survived":
+        line += f"\n      - {mutant.before}\n      + {mutant.after}"
+    print(line, file=sys.stderr)
+
+
+def _report(outcomes: Sequence[Outcome], known: dict[Key, str]) -> float:
+    """Print a line a room, and return the share of all mutants that were killed, equivalent ones counted against us."""
+    print(f"{'room':<14}{'mutants':>8}{'killed':>8}{'endless':>8}{'equivalent':>12}{'survived':>10}{'killed':>9}")
+    rooms = sorted({outcome.mutant.room for outcome in outcomes})
+    rate = 0.0
+    for room in [*rooms, "all"]:
+        counts = Counter(_verdict(o, known) for o in outcomes if room in {o.mutant.room, "all"})
+        total = counts.total()
+        rate = (counts["killed"] + counts["endless"]) / max(total, 1)
+        numbers = (
+            f"{total:>8}{counts['killed']:>8}{counts['endless']:>8}{counts['equivalent']:>12}{counts['survived']:>10}"
+        )
+        print(f"{room:<14}{numbers}{rate:>9.1%}")
+    return rate
+
+
+def _write_survivors(path: Path, outcomes: Sequence[Outcome], known: dict[Key, str]) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with path.open("w", encoding="utf-8") as file:
+        for outcome in outcomes:
+            if outcome.verdict == "survived":
+                mutant = outcome.mutant
+                record = {"room": mutant.room, **asdict(mutant), "reason": known.get(mutant.key)}
+                file.write(json.dumps(record, ensure_ascii=False) + "\n")
+    print(f"survivors in {path}", file=sys.stderr)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,102 @@
+"""Least squares that outliers have no say in, on curves whose truth is known."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from cadtof_cli.calibration.fit.robust import RobustFit, robust_fit
+from cadtof_cli.errors import SettingsError
+
+F = NDArray[np.float64]
+
+X = np.linspace(-1.0, 1.0, 400)
+TRUTH = np.array([0.7, -1.3, 0.4])
+COLUMNS: F = np.stack([np.ones_like(X), X, X**2], axis=1)
+SIGMA = 0.05
+
+
+def observed(seed: int) -> F:
+    noisy: F = COLUMNS @ TRUTH + np.random.default_rng(seed).normal(0.0, SIGMA, X.size)
+    return noisy
+
+
+def parabola(y: F, sigma: float = SIGMA) -> Callable[[F], tuple[F, F]]:
+    return lambda parameters: ((y - COLUMNS @ parameters) / sigma, COLUMNS / sigma)
+
+
+def fitted(y: F, sigma: float = SIGMA) -> RobustFit:
+    return robust_fit(parabola(y, sigma), np.zeros(3))
+
+
+def test_gaussian_noise_is_fitted_nearly_as_by_least_squares() -> None:
+    runs = [observed(seed) for seed in range(200)]
+    robust = np.array([fitted(y).parameters for y in runs]) - TRUTH
+    plain = np.array([np.linalg.lstsq(COLUMNS, y, rcond=None)[0] for y in runs]) - TRUTH
+    efficiency = (plain.var(axis=0) / robust.var(axis=0)).mean()
+    assert efficiency == pytest.approx(0.95, abs=0.05)
+    # what is predicted is what is seen
+    predicted = np.mean([np.diag(fitted(y).covariance) for y in runs[:20]], axis=0)
+    np.testing.assert_allclose(robust.var(axis=0), predicted, rtol=0.3)
+
+
+def test_the_covariance_is_that_of_least_squares_over_the_efficiency() -> None:
+    fit = fitted(observed(1))
+    expected = np.linalg.inv(COLUMNS.T @ COLUMNS) * SIGMA**2 / 0.95
+    np.testing.assert_allclose(fit.covariance / fit.scale**2, expected, rtol=0.01, atol=1e-12)
+    assert fit.scale == pytest.approx(1.0, abs=0.15)
+    assert fit.residual == pytest.approx((observed(1) - COLUMNS @ fit.parameters) / SIGMA)
+
+
+def test_noise_that_is_larger_than_thought_shows_in_scale_and_errors() -> None:
+    right, wrong = fitted(observed(1)), fitted(observed(1), SIGMA / 3)
+    assert wrong.scale == pytest.approx(3 * right.scale, rel=1e-6)
+    np.testing.assert_allclose(wrong.parameters, right.parameters, atol=1e-3)
+    np.testing.assert_allclose(wrong.covariance, right.covariance, rtol=0.02, atol=1e-12)
+
+
+def test_a_third_of_wild_observations_has_no_say() -> None:
+    y = observed(2)
+    wild = np.random.default_rng(3).permutation(X.size)[:130]
+    y[wild] += 5.0
+    fit = fitted(y)
+    assert (fit.weights[wild] == 0.0).all()
+    assert (np.delete(fit.weights, wild) > 0.0).mean() > 0.99
+    assert (np.abs(fit.parameters - TRUTH) < 4 * np.sqrt(np.diag(fit.covariance))).all()
+    # the weight of what is kept falls as Tukey's biweight does
+    kept = fit.weights > 0.0
+    ratio = fit.residual[kept] / fit.scale / 4.685
+    np.testing.assert_allclose(fit.weights[kept], (1 - ratio**2) ** 2, rtol=1e-9)
+
+
+def test_exact_observations_are_met_exactly() -> None:
+    fit = fitted(COLUMNS @ TRUTH)
+    np.testing.assert_allclose(fit.parameters, TRUTH, atol=1e-12)
+
+
+def test_a_curve_that_is_not_linear_takes_steps() -> None:
+    y = 2.0 * np.exp(-0.8 * X)
+
+    def model(parameters: F) -> tuple[F, F]:
+        a, b = parameters
+        wave = np.exp(-b * X)
+        return (y - a * wave) / SIGMA, np.stack([wave, -a * X * wave], axis=1) / SIGMA
+
+    np.testing.assert_allclose(robust_fit(model, np.array([1.0, 0.1])).parameters, [2.0, 0.8], atol=1e-9)
+
+
+def test_the_condition_is_that_of_columns_of_one_length() -> None:
+    fit = fitted(observed(1))
+    columns = COLUMNS / np.linalg.norm(COLUMNS, axis=0)
+    assert fit.condition == pytest.approx(np.linalg.cond(columns.T @ columns), rel=0.02)
+
+
+def test_parameters_that_nothing_tells_are_refused() -> None:
+    y = observed(1)
+    nothing: F = np.stack([np.ones_like(X), np.zeros_like(X)], axis=1)
+    with pytest.raises(SettingsError, match="a wall or distance has no usable pixels"):
+        robust_fit(lambda p: (y - nothing @ p, nothing), np.zeros(2))
+    twice: F = np.stack([X, 2.0 * X], axis=1)
+    with pytest.raises(SettingsError, match=r"do not determine all parameters \(condition"):
+        robust_fit(lambda p: (y - twice @ p, twice), np.zeros(2))

@@ -1,0 +1,131 @@
+"""Where a part comes from, the maps it is stored as, and what goes wrong with the parts of a folder."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cadtof_cli.calibration.dark import DarkCalibration
+from cadtof_cli.calibration.parts import Origin, plane_names, stacked
+from cadtof_cli.calibration.petzval import PetzvalCalibration, PetzvalQuality, WallFit
+from cadtof_cli.calibration.response import ResponseCalibration, ResponseQuality
+from cadtof_cli.calibration.store import Calibration, cached_calibration, digest_of, load_calibration, save_part
+from cadtof_cli.errors import MetadataError
+from cadtof_cli.phasors.response import HarmonicResponse
+
+SHAPE = (4, 6)
+
+
+def origin(**changes: Any) -> Origin:
+    settings: dict[str, Any] = {
+        "captures": ("a", "b"),
+        "frames": 3,
+        "pixels": SHAPE,
+        "periods_ns": (40.0, 20.0),
+        "waveform": "sine",
+        "created": "2026-01-01T00:00:00+00:00",
+    }
+    return Origin(**(settings | changes))
+
+
+def dark(*, used: dict[str, str] | None = None, offset: float = 0.01) -> DarkCalibration:
+    shape = (2, 2, *SHAPE)
+    values = np.linspace(offset, 2 * offset, np.prod(shape), dtype=np.float32).reshape(shape)
+    return DarkCalibration(origin(used=used or {}), values, 0.1 * values, np.zeros(SHAPE, np.uint32))
+
+
+def petzval(used: dict[str, str] | None = None) -> PetzvalCalibration:
+    walls = (
+        WallFit(1.0, 0.001, True, (0.1, -0.2), 0.02, 0.003, 0.003, 20),
+        WallFit(3.0, 0.0, False, (0.0, 0.3), 1, 2, 3, 4),
+    )
+    return PetzvalCalibration(
+        origin(used=used or {}),
+        0.06,
+        -0.02,
+        (2.5, 1.5),
+        PetzvalQuality(0.1, 0.2, 1, 2, 3, 0.5, 70, True, walls, ("said",)),
+    )
+
+
+@pytest.mark.parametrize(
+    "changes", [{"frames": 0}, {"pixels": (0, 6)}, {"waveform": "square"}, {"periods_ns": ()}, {"pixels": (1, 2, 3)}]
+)
+def test_an_origin_that_cannot_be_is_refused(changes: dict[str, object]) -> None:
+    with pytest.raises(ValueError, match="found"):
+        origin(**changes)
+
+
+def test_an_origin_of_one_frame_of_one_pixel_can_be() -> None:
+    one = origin(frames=1, pixels=(1, 1), periods_ns=(40.0, 20.0, 10.0))
+    assert one.harmonics == (1, 2, 4)
+
+
+def test_planes_are_named_and_stacked_in_order() -> None:
+    assert plane_names("phase", (1, 2)) == ["phase.H1", "phase.H2"]
+    assert plane_names("offset", (1, 3), 2) == ["offset.H1.SC1", "offset.H1.SC2", "offset.H3.SC1", "offset.H3.SC2"]
+    maps = {"a": np.ones(SHAPE), "b": np.full(SHAPE, 2.0)}
+    np.testing.assert_array_equal(stacked(maps, ["b", "a"])[:, 0, 0], [2.0, 1.0])
+    with pytest.raises(MetadataError, match="no map named c, found a, b"):
+        stacked(maps, ["a", "c"])
+
+
+def test_maps_of_a_part_cannot_be_changed() -> None:
+    part = dark()
+    for values in (part.offset_v, part.noise_v, part.defects):
+        with pytest.raises(ValueError, match="read-only"):
+            values[...] = 0
+
+
+def test_maps_of_another_size_are_refused() -> None:
+    good = np.zeros((2, 2, *SHAPE), np.float32)
+    with pytest.raises(ValueError, match="offset_v: found shape"):
+        DarkCalibration(origin(), good[:1], good, np.zeros(SHAPE, np.uint32))
+    with pytest.raises(ValueError, match="noise_v: found shape"):
+        DarkCalibration(origin(), good, good[:, :1], np.zeros(SHAPE, np.uint32))
+    with pytest.raises(ValueError, match="defects: found shape"):
+        DarkCalibration(origin(), good, good, np.zeros((4, 5), np.uint32))
+    with pytest.raises(ValueError, match="expected finite numbers"):
+        PetzvalCalibration(origin(), float("nan"), 0.0, (1.0, 1.0), PetzvalQuality())
+
+
+@pytest.mark.parametrize("what", ["harmonics", "shape", "nan", "zero"])
+def test_a_response_that_cannot_be_is_refused(what: str) -> None:
+    responses = tuple(HarmonicResponse(h, ((1, 1.0 + 0j),)) for h in ((1, 2) if what != "harmonics" else (1, 3)))
+    phase, gain = np.zeros((2, *SHAPE), np.float32), np.ones((2, *SHAPE), np.float32)
+    if what == "shape":
+        phase = phase[:1]
+    elif what == "nan":
+        phase[1, 2, 3] = np.nan
+    elif what == "zero":
+        gain[0, 0, 0] = 0.0
+    with pytest.raises(ValueError, match=r"found|gain"):
+        ResponseCalibration(origin(), responses, phase, gain, (0.0, 0.0), ResponseQuality())
+
+
+def test_parts_that_were_measured_with_others_are_stale() -> None:
+    first, other = dark(), dark(offset=0.02)
+    good = petzval({"dark": digest_of(first)})
+    assert Calibration(dark=first, petzval=good).stale() == ()
+    (said,) = Calibration(dark=other, petzval=good).stale()
+    assert said.startswith("the petzval calibration was measured with another dark calibration: repeat")
+    assert len(Calibration(petzval=good).stale()) == 1
+    assert len(Calibration(dark=first, petzval=petzval()).stale()) == 1
+
+
+def test_the_digest_tells_every_change_and_no_other(tmp_path: Path) -> None:
+    assert digest_of(dark()) == digest_of(dark())
+    assert digest_of(dark()) != digest_of(dark(offset=0.0100001))
+    assert digest_of(dark()) != digest_of(dark(used={"x": "y"}))
+    assert len(digest_of(dark())) == 16
+    assert Calibration(dark=dark()).digest != Calibration(petzval=petzval()).digest
+    save_part(tmp_path, dark())
+    save_part(tmp_path, petzval())
+    found = load_calibration(tmp_path)
+    assert found.digests == {"dark": digest_of(dark()), "petzval": digest_of(petzval())}
+    assert found.petzval is not None
+    assert found.petzval.quality == petzval().quality
+    assert cached_calibration(tmp_path, found.digest).digest == found.digest
+    with pytest.raises(MetadataError, match="changed while it was in use"):
+        cached_calibration(tmp_path, "0" * 16)

@@ -1,0 +1,154 @@
+"""One part of a calibration alone, by the route that `resolve` takes: what the camera adds is taken off again, no more."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from cadtof_cli.calibration.dark import DarkCalibration
+from cadtof_cli.calibration.parts import Origin, Part
+from cadtof_cli.calibration.petzval import PetzvalCalibration, PetzvalQuality
+from cadtof_cli.calibration.response import ResponseCalibration, ResponseQuality
+from cadtof_cli.calibration.store import load_calibration, save_part
+from cadtof_cli.capture.metadata import CaptureMetadata, Optics, Pixel
+from cadtof_cli.files.maps import DepthMaps
+from cadtof_cli.frame_plan import CalibrationUse, FramePlan, MapSettings
+from cadtof_cli.phasors.response import HarmonicResponse
+from cadtof_cli.pipeline import resolve_frame
+from cadtof_cli.resolver.settings import ResolverSettings
+from cadtof_cli.resolver.status import StatusBit
+from tests.support.forward import AMPLITUDE_V, C_M_PER_NS, T1_NS
+
+F = NDArray[np.float64]
+
+SHAPE = (12, 16)
+RANGE_M = C_M_PER_NS * T1_NS / 2
+METADATA = CaptureMetadata(pixel=Pixel(integration_length=1e5))
+ORIGIN = Origin(captures=("made up",), frames=10, pixels=SHAPE, periods_ns=(40.0, 20.0), waveform="sine")
+K2_M, K4_M = 0.06, -0.02
+POINT_PX = (9.0, 4.0)
+
+
+def volts(*paths: tuple[F | float, F]) -> F:
+    """Voltages, (2, 2, Y, X), without noise, of paths given by amplitude and range in m, after the pulse of 1.7 ns."""
+    planes = []
+    for h in (1, 2):
+        pulse = np.exp(-((h * 2 * np.pi * 1.7 / 2.354820045 / T1_NS) ** 2) / 2)
+        phasor = pulse * sum(a * np.exp(2j * np.pi * h * range_m / RANGE_M) for a, range_m in paths)
+        planes.append(AMPLITUDE_V * np.stack([np.real(phasor), np.imag(phasor)]))
+    return np.stack(planes)
+
+
+def curvature_m(point_px: tuple[float, float]) -> F:
+    y, x = np.mgrid[: SHAPE[0], : SHAPE[1]].astype(np.float64)
+    rho = np.hypot(x - point_px[0], y - point_px[1]) / (np.hypot(*SHAPE) / 2)
+    return np.asarray(K2_M * rho**2 + K4_M * rho**4)
+
+
+def maps_of(
+    frame: F, folder: Path, *parts: Part, order: str = "2", metadata: CaptureMetadata = METADATA, curved: bool = True
+) -> DepthMaps:
+    for part in parts:
+        save_part(folder, part)
+    calibration = load_calibration(folder) if parts else None
+    use = CalibrationUse(folder, calibration.digest, curved) if calibration else None
+    plan = FramePlan(metadata=metadata, settings=MapSettings(resolver=ResolverSettings(order=order)), calibration=use)
+    return resolve_frame(frame, plan=plan, calibration=calibration).maps
+
+
+def ranges_m(seed: int = 0) -> F:
+    """Ranges from one end to the other of what can be told apart."""
+    return (
+        np.random.default_rng(seed).permutation(np.linspace(0.01, RANGE_M - 0.01, SHAPE[0] * SHAPE[1])).reshape(SHAPE)
+    )
+
+
+def petzval(point_px: tuple[float, float] = POINT_PX) -> PetzvalCalibration:
+    return PetzvalCalibration(ORIGIN, K2_M, K4_M, point_px, PetzvalQuality())
+
+
+@pytest.mark.parametrize("order", ["1", "2"])
+def test_offsets_of_the_dark_calibration_alone_are_taken_off(tmp_path: Path, order: str) -> None:
+    rng = np.random.default_rng(1)
+    offset = rng.normal(0.0, 0.02, (2, 2, *SHAPE)).astype(np.float32)
+    defects = np.zeros(SHAPE, np.uint32)
+    defects[3, 5] = 1
+    near, far = ranges_m() * 0.4 + 0.1, ranges_m(1) * 0.4 + 3.0
+    clean = volts((0.3, near)) if order == "1" else volts((0.3, near), (0.1, far))
+    dark = DarkCalibration(ORIGIN, offset, np.full_like(offset, 1e-4), defects)
+    maps = maps_of(clean + offset, tmp_path, dark, order=order)
+    sound = defects == 0
+    np.testing.assert_allclose(maps.layer("direct.depth")[sound], near[sound], atol=2e-6)
+    np.testing.assert_allclose(maps.layer("direct.amplitude")[sound], 0.3 * AMPLITUDE_V, rtol=1e-5)
+    if order == "2":
+        np.testing.assert_allclose(maps.layer("mpi.depth")[sound], far[sound], atol=2e-5)
+    answer = StatusBit.ONE_PATH if order == "1" else StatusBit.TWO_PATHS
+    assert (maps.status[sound] == answer | StatusBit.CALIBRATED).all()
+    assert maps.status[3, 5] == StatusBit.HOT_PIXEL | StatusBit.CALIBRATED
+    for name in ("direct.depth", "mpi.depth", "direct.amplitude", "direct.sigma", "confidence"):
+        assert np.isnan(maps.layer(name)[3, 5])
+
+
+def test_field_curvature_of_the_petzval_calibration_alone_is_taken_off(tmp_path: Path) -> None:
+    """Up to 6 cm: without it every pixel off the axis is wrong, and beyond the end of the range it wraps."""
+    true = ranges_m()
+    recorded = true + curvature_m(POINT_PX)
+    assert (recorded > RANGE_M).any()
+    maps = maps_of(volts((0.3, recorded)), tmp_path, petzval(), order="1")
+    np.testing.assert_allclose(maps.layer("direct.depth"), true, atol=2e-6)
+    np.testing.assert_allclose(maps.layer("direct.amplitude"), 0.3 * AMPLITUDE_V, rtol=1e-5)
+    straight = maps_of(volts((0.3, recorded)), tmp_path / "uncalibrated", order="1")
+    np.testing.assert_allclose(straight.layer("direct.depth"), recorded % RANGE_M, atol=2e-6)
+
+
+def test_both_paths_lose_the_curvature(tmp_path: Path) -> None:
+    near, far = ranges_m() * 0.3 + 0.2, ranges_m(1) * 0.4 + 3.0
+    bent = curvature_m(POINT_PX)
+    maps = maps_of(volts((0.3, near + bent), (0.1, far + bent)), tmp_path, petzval())
+    np.testing.assert_allclose(maps.layer("direct.depth"), near, atol=2e-6)
+    np.testing.assert_allclose(maps.layer("mpi.depth"), far, atol=2e-5)
+
+
+def response(curvature: tuple[float, float], **maps: F) -> ResponseCalibration:
+    pulse = [np.exp(-((h * 2 * np.pi * 1.7 / 2.354820045 / T1_NS) ** 2) / 2) for h in (1, 2)]
+    responses = tuple(HarmonicResponse(h, ((1, complex(r)),)) for h, r in zip((1, 2), pulse, strict=True))
+    phase = np.asarray(maps.get("phase", np.zeros((2, *SHAPE))), np.float32)
+    gain = np.asarray(maps.get("gain", np.ones((2, *SHAPE))), np.float32)
+    return ResponseCalibration(ORIGIN, responses, phase, gain, curvature, ResponseQuality())
+
+
+@pytest.mark.parametrize("point_px", [POINT_PX, None])
+def test_the_response_s_own_curvature_counts_where_there_is_no_petzval_part(
+    tmp_path: Path, point_px: tuple[float, float] | None
+) -> None:
+    """Counted from the principal point, or, where none is given, from the middle of the array."""
+    middle = ((SHAPE[1] - 1) / 2, (SHAPE[0] - 1) / 2)
+    metadata = replace(METADATA, optics=Optics(focal_length_px=14.0, principal_point_px=point_px))
+    true = ranges_m()
+    recorded = volts((0.3, true + curvature_m(point_px or middle)))
+    maps = maps_of(recorded, tmp_path, response((K2_M, K4_M)), order="1", metadata=metadata)
+    np.testing.assert_allclose(maps.layer("direct.depth"), true, atol=2e-6)
+
+
+def test_the_petzval_part_replaces_the_response_s_curvature(tmp_path: Path) -> None:
+    true = ranges_m()
+    recorded = volts((0.3, true + curvature_m(POINT_PX)))
+    maps = maps_of(recorded, tmp_path, response((0.5, 0.3)), petzval(), order="1")
+    np.testing.assert_allclose(maps.layer("direct.depth"), true, atol=2e-6)
+    bent = maps_of(recorded, tmp_path / "bent", response((0.5, 0.3)), petzval(), order="1", curved=False)
+    np.testing.assert_allclose(bent.layer("direct.depth"), (true + curvature_m(POINT_PX)) % RANGE_M, atol=2e-6)
+
+
+def test_phase_and_gain_of_each_pixel_and_harmonic_are_taken_off(tmp_path: Path) -> None:
+    rng = np.random.default_rng(3)
+    phase, gain = rng.normal(0.0, 0.2, (2, *SHAPE)), rng.uniform(0.7, 1.3, (2, *SHAPE))
+    near, far = ranges_m() * 0.3 + 0.2, ranges_m(1) * 0.4 + 3.0
+    clean = volts((0.3, near), (0.1, far))
+    turned = gain * np.exp(1j * phase) * (clean[:, 0] + 1j * clean[:, 1])
+    recorded = np.stack([turned.real, turned.imag], axis=1)
+    maps = maps_of(recorded, tmp_path, response((0.0, 0.0), phase=phase, gain=gain))
+    np.testing.assert_allclose(maps.layer("direct.depth"), near, atol=2e-6)
+    np.testing.assert_allclose(maps.layer("mpi.depth"), far, atol=2e-5)
+    np.testing.assert_allclose(maps.layer("direct.amplitude"), 0.3 * AMPLITUDE_V, rtol=1e-5)

@@ -1,0 +1,84 @@
+"""What a frame's maps say of its noise: how it was stored, and of how many frames it is the mean."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Pixel, Voltage, Waveform
+from cadtof_cli.frame_plan import FramePlan, MapSettings
+from cadtof_cli.phasors.frame_mean import FrameMean
+from cadtof_cli.pipeline import resolve_frame
+from cadtof_cli.resolver.settings import ResolverSettings
+from cadtof_cli.resolver.status import StatusBit
+from tests.support.forward import AMPLITUDE_V, Light, depth_m
+
+SHAPE = (40, 50)
+COUNT_V = 0.002
+"""Coarse: its rounding error, a √12th, is larger than the noise at n_av 1e5, 0.43 mV."""
+
+METADATA = CaptureMetadata(pixel=Pixel(integration_length=1e5))
+
+
+def recorded_v(light: Light, *, n_av: float = 1e5, seed: int = 1) -> NDArray[np.float64]:
+    rng = np.random.default_rng(seed)
+    return AMPLITUDE_V * light.voltages(rng, n_av, SHAPE[0] * SHAPE[1]).reshape(2, 2, *SHAPE)
+
+
+def test_whole_numbers_are_noisier_by_their_rounding_and_sigma_says_so() -> None:
+    metadata = replace(METADATA, voltage=Voltage(zero_counts=200.0, volts_per_count=COUNT_V))
+    plan = FramePlan(metadata=metadata, settings=MapSettings(resolver=ResolverSettings(order="1")))
+    # every pixel has a delay of its own, so that rounding errors are spread evenly
+    delays = np.linspace(4.0, 16.0, 400)
+    errors, sigmas = [], []
+    for index, delay in enumerate(delays[::20]):
+        counts = np.rint(recorded_v(Light(2.0, direct_ns=delay), seed=index) / COUNT_V + 200.0).astype(np.uint16)
+        maps = resolve_frame(counts, plan=plan).maps
+        errors.append(maps.layer("direct.depth") - depth_m(delay))
+        sigmas.append(maps.layer("direct.sigma"))
+    scatter = float(np.sqrt(np.mean(np.square(errors))))
+    assert np.median(sigmas) == pytest.approx(scatter, rel=0.06)
+    exact = resolve_frame(
+        recorded_v(Light(2.0)),
+        plan=FramePlan(metadata=METADATA, settings=MapSettings(resolver=ResolverSettings(order="1"))),
+    )
+    assert np.median(sigmas) > 1.4 * np.median(exact.maps.layer("direct.sigma"))
+
+
+@pytest.mark.parametrize("waveform", ["sine", "triangle"])
+@pytest.mark.parametrize("order", ["auto", "1", "2"])
+def test_a_mean_of_frames_is_resolved_as_a_frame_of_as_many_times_the_length(waveform: Waveform, order: str) -> None:
+    """1/(2 n_av − 1), over 9 frames: in order test, screening and sigma."""
+    longer = 0.5 * (9 * (2 * 1e4 - 1) + 1)
+    left, right = recorded_v(Light(2.0), n_av=longer), recorded_v(Light(2.0, 0.1), n_av=longer, seed=2)
+    volts = np.concatenate([left[..., :25], right[..., 25:]], axis=3)
+    volts[:, :, :3] *= 0.01
+    maps = {}
+    for name, n_av, frame in (
+        ("mean", 1e4, FrameMean(volts, np.full(SHAPE, 9.0), volts.dtype)),
+        ("long", longer, volts),
+    ):
+        metadata = replace(METADATA, modulation=Modulation(waveform=waveform), pixel=Pixel(integration_length=n_av))
+        plan = FramePlan(metadata=metadata, settings=MapSettings(resolver=ResolverSettings(order=order), average=9))
+        maps[name] = resolve_frame(frame, plan=plan).maps
+    mean, long = maps["mean"], maps["long"]
+    assert ((mean.status & StatusBit.POOLED) > 0).all()
+    answer = np.uint32(StatusBit.ONE_PATH | StatusBit.TWO_PATHS | StatusBit.LOW_CONFIDENCE)
+    assert ((mean.status & answer) == (long.status & answer)).mean() > 0.995
+    assert ((long.status & StatusBit.LOW_CONFIDENCE) > 0).mean() > 0.05
+    names = ("direct.depth", "direct.sigma") if order == "1" else ("direct.depth", "direct.sigma", "mpi.sigma")
+    for name in names:
+        np.testing.assert_allclose(np.nanmedian(mean.layer(name) / long.layer(name)), 1.0, rtol=1e-4)
+    np.testing.assert_array_equal(mean.layer("effective_pixels"), 9.0)
+
+
+def test_an_unknown_noise_is_that_of_one_frame_however_many_are_averaged() -> None:
+    """The estimate comes from the mean, whose noise is that of 9 times the length."""
+    volts = recorded_v(Light(2.0), n_av=9e4)
+    plan = FramePlan(metadata=CaptureMetadata(), settings=MapSettings(resolver=ResolverSettings(order="1"), average=9))
+    resolved = resolve_frame(FrameMean(volts, np.full(SHAPE, 9.0), volts.dtype), plan=plan)
+    assert resolved.noise_estimated
+    assert resolved.integration_length == pytest.approx(1e4, rel=0.1)
+    scatter = (resolved.maps.layer("direct.depth") - depth_m(5.0)).std()
+    assert np.median(resolved.maps.layer("direct.sigma")) == pytest.approx(scatter, rel=0.1)

@@ -1,0 +1,41 @@
+"""A program counts as a tool only when its version text says what it is."""
+
+import os
+from pathlib import Path
+
+from tests.support.outside_tools import outside_tool
+
+
+def program(folder: Path, name: str, script: str) -> Path:
+    folder.mkdir()
+    made = folder / name
+    made.write_text(f"#!/bin/sh\n{script}\n")
+    made.chmod(0o755)
+    return made
+
+
+def test_a_stand_in_of_the_same_name_is_no_tool(tmp_path: Path) -> None:
+    program(tmp_path / "silent", "convert", "exit 0")
+    program(tmp_path / "other", "convert", "echo 'convert: ImageMagick is not installed here'; exit 1")
+    program(tmp_path / "binary", "convert", "printf '\\377\\376'")
+    folders = [str(tmp_path / name) for name in ("silent", "other", "binary", "missing")]
+    assert outside_tool("convert", os.pathsep.join(folders)) is None
+
+
+def test_the_tool_behind_a_stand_in_is_found(tmp_path: Path) -> None:
+    program(tmp_path / "other", "convert", "echo 'a converter of units'")
+    true = program(tmp_path / "true", "convert", "echo 'Version: ImageMagick 6.9.11-60 Q16 x86_64'")
+    assert outside_tool("convert", os.pathsep.join([str(tmp_path / "other"), str(true.parent)])) == str(true)
+
+
+def test_each_maker_is_known_by_its_text(tmp_path: Path) -> None:
+    said = {
+        "tiffcp": "echo 'LIBTIFF, Version 4.5.0' >&2; exit 1",
+        "identify": "echo 'Version: ImageMagick 7.1.1-21 Q16-HDRI'",
+        "exrheader": 'echo "usage: $0 imagefile [imagefile ...]" >&2; exit 1',
+        "exrmaketiled": 'echo "Usage: $0 [options] infile outfile"',
+        "exrmultipart": "echo 'Usage: exrmultipart -combine -i input.exr[:partnum] -o outfile.exr [options]'; exit 1",
+    }
+    for name, script in said.items():
+        made = program(tmp_path / name, name, script)
+        assert outside_tool(name, str(made.parent)) == str(made)

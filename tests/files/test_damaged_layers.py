@@ -1,0 +1,64 @@
+"""Layers come back by name from what was written, and nothing comes from a damaged file."""
+
+from pathlib import Path
+
+import numpy as np
+import OpenEXR
+import pytest
+import tifffile
+
+from cadtof_cli.errors import FrameError
+from cadtof_cli.files.maps import DepthMaps, read_layers, write_maps
+
+SHAPE = (20, 30)
+
+
+def written(path: Path) -> Path:
+    pages = np.random.default_rng(1).normal(size=(8, *SHAPE)).astype(np.float32)
+    write_maps(path, DepthMaps(tuple("abcdefg"), pages, np.full(SHAPE, 8, np.uint32)))
+    return path
+
+
+@pytest.mark.parametrize("suffix", [".exr", ".tif"])
+@pytest.mark.parametrize("kept", [0.02, 0.1, 0.5, 0.9, 0.99])
+def test_a_file_that_ends_too_early_gives_no_layers(suffix: str, kept: float, tmp_path: Path) -> None:
+    path = written(tmp_path / f"maps{suffix}")
+    whole = path.read_bytes()
+    path.write_bytes(whole[: int(kept * len(whole))])
+    with pytest.raises(FrameError, match=path.name):
+        read_layers(path)
+
+
+def test_channels_named_as_colours_are_layers_like_others(tmp_path: Path) -> None:
+    planes = {name: np.full(SHAPE, index, np.float32) for index, name in enumerate(("R", "G", "B", "depth"))}
+    OpenEXR.File({"type": OpenEXR.scanlineimage}, dict(planes)).write(str(tmp_path / "colours.exr"))
+    layers = read_layers(tmp_path / "colours.exr")
+    assert sorted(layers) == sorted(planes)
+    for name, plane in planes.items():
+        np.testing.assert_array_equal(layers[name], plane)
+
+
+def test_only_the_first_part_of_an_exr_file_holds_maps(tmp_path: Path) -> None:
+    header = {"type": OpenEXR.scanlineimage}
+    parts = [
+        OpenEXR.Part({**header, "name": name}, {name: np.full(SHAPE, index, np.float32)})
+        for index, name in enumerate(("first", "second"))
+    ]
+    OpenEXR.File(parts).write(str(tmp_path / "parts.exr"))
+    assert list(read_layers(tmp_path / "parts.exr")) == ["first"]
+
+
+def test_a_tiff_without_names_for_all_its_pages_holds_no_maps(tmp_path: Path) -> None:
+    tifffile.imwrite(tmp_path / "plain.tif", np.zeros((3, *SHAPE), np.float32), photometric="minisblack", metadata=None)
+    with pytest.raises(FrameError, match=r"found 3 pages and 0 channel names, expected an OME-TIFF of named maps"):
+        read_layers(tmp_path / "plain.tif")
+    xml = '<OME xmlns="http://www.openmicroscopy.org/Schemas/OME/2016-06"><Channel Name="one"/><Channel Name="two"/></OME>'
+    tifffile.imwrite(
+        tmp_path / "few.tif",
+        np.zeros((3, *SHAPE), np.float32),
+        photometric="minisblack",
+        metadata=None,
+        description=xml,
+    )
+    with pytest.raises(FrameError, match=r"found 3 pages and 2 channel names"):
+        read_layers(tmp_path / "few.tif")

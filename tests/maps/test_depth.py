@@ -1,0 +1,112 @@
+"""Paths become metres and volts: a turn of the phase is twice the unambiguous range there and back."""
+
+import numpy as np
+
+from cadtof_cli.files.maps import DepthMaps
+from cadtof_cli.maps.depth import DepthScale, empty_maps, write_block
+from cadtof_cli.maps.layers import Layer, wanted_layers
+from cadtof_cli.resolver.paths import Paths, ResolvedPaths
+from tests.support.mixtures import F
+
+METRES, VOLTS = 0.299792458 * 40.0 / (4 * np.pi), 0.2746
+SCALE = DepthScale(METRES, VOLTS)
+
+
+def resolved(phase_rad: F) -> ResolvedPaths:
+    rng = np.random.default_rng(9)
+    shape, count = phase_rad.shape, phase_rad.shape[1:]
+    return ResolvedPaths(
+        Paths(rng.uniform(0.1, 0.4, shape), phase_rad, rng.uniform(1e-3, 1e-2, shape)),
+        rng.uniform(0.1, 0.5, count),
+        np.arange(1, 7, dtype=np.uint32),
+        rng.uniform(0, 9, count),
+    )
+
+
+def drawn(paths: int = 2) -> ResolvedPaths:
+    return resolved(np.random.default_rng(8).uniform(0.5, 6.0, (paths, 6)))
+
+
+def written(
+    paths: ResolvedPaths,
+    *,
+    start: int,
+    scale: DepthScale = SCALE,
+    layers: tuple[Layer, ...] | None = None,
+    samples: F | None = None,
+) -> DepthMaps:
+    """Maps of 3 × 4 pixels, −1 and 99 where nothing was written."""
+    layers = layers or wanted_layers()
+    maps = empty_maps(3, 4, layers=layers)
+    maps.pages[:] = -1.0
+    maps.status[:] = 99
+    block = slice(start, start + 6)
+    write_block(maps, block, scale.source(paths, block, samples=samples), layers=layers)
+    return maps
+
+
+def test_depth_amplitude_and_sigma_in_metres_and_volts_in_the_block_alone() -> None:
+    paths = drawn()
+    maps = written(paths, start=5)
+    for name, one in (("direct", paths.direct), ("mpi", paths.mpi)):
+        for what, values in (
+            ("depth", one.phase_rad * METRES),
+            ("amplitude", one.amplitude * VOLTS),
+            ("sigma", one.sigma_rad * METRES),
+        ):
+            layer = maps.layer(f"{name}.{what}").ravel()
+            np.testing.assert_allclose(layer[5:11], values, rtol=1e-7)
+            assert (np.delete(layer, range(5, 11)) == -1.0).all()
+    np.testing.assert_allclose(maps.layer("confidence").ravel()[5:11], paths.confidence * VOLTS, rtol=1e-7)
+    assert maps.status.ravel().tolist() == [99] * 5 + [1, 2, 3, 4, 5, 6] + [99]
+
+
+def test_what_the_lens_adds_is_taken_off_and_below_zero_is_the_end_of_the_range() -> None:
+    offset = np.linspace(0.0, 0.11, 12)
+    true = np.array([0.001, 1.0, 3.0, 4.0, 5.9, 5.94])
+    recorded = (true + offset[5:11]) % 5.99584916
+    assert recorded[5] < 1.0
+    echo = true + 6.2
+    paths = resolved(np.stack([recorded, echo + offset[5:11]]) / METRES)
+    before = paths.paths.phase_rad.copy()
+    maps = written(paths, start=5, scale=DepthScale(METRES, VOLTS, range_offset_m=offset))
+    np.testing.assert_allclose(maps.layer("direct.depth").ravel()[5:11], true, rtol=1e-5)
+    # an echo behind the range stays behind it
+    np.testing.assert_allclose(maps.layer("mpi.depth").ravel()[5:11], echo, rtol=1e-5)
+    np.testing.assert_array_equal(paths.paths.phase_rad, before)
+
+
+def test_planar_depth_shrinks_depths_and_sigmas_alone_after_the_lens() -> None:
+    planar, offset = np.linspace(0.5, 1.0, 12), np.full(12, 0.1)
+    paths = drawn(3)
+    maps = written(paths, start=2, scale=DepthScale(METRES, VOLTS, planar, offset), layers=wanted_layers(paths=3))
+    factor = planar[2:8]
+    for name, one in zip(("direct", "mpi", "path3"), paths.paths, strict=True):
+        depth = (one.phase_rad * METRES - 0.1) * factor
+        np.testing.assert_allclose(maps.layer(f"{name}.depth").ravel()[2:8], depth, rtol=1e-6)
+        np.testing.assert_allclose(maps.layer(f"{name}.sigma").ravel()[2:8], one.sigma_rad * METRES * factor, rtol=1e-6)
+        np.testing.assert_allclose(maps.layer(f"{name}.amplitude").ravel()[2:8], one.amplitude * VOLTS, rtol=1e-6)
+
+
+def test_further_layers_are_numbered_from_the_third_path_on() -> None:
+    layers = wanted_layers(paths=4, searched=True, averaged=True)
+    paths = drawn(4)
+    maps = written(paths, start=0, layers=layers, samples=np.arange(6.0) + 2.0)
+    for number, one in ((3, paths.paths[2]), (4, paths.paths[3])):
+        np.testing.assert_allclose(maps.layer(f"path{number}.depth").ravel()[:6], one.phase_rad * METRES, rtol=1e-6)
+    np.testing.assert_allclose(maps.layer("chi_squared").ravel()[:6], paths.chi_squared, rtol=1e-6)
+    assert maps.layer("effective_pixels").ravel()[:7].tolist() == [2.0, 3.0, 4.0, 5.0, 6.0, 7.0, -1.0]
+    assert (written(paths, start=0, layers=layers).layer("effective_pixels").ravel()[:6] == 1.0).all()
+
+
+def test_pages_of_the_layers_and_one_for_the_status() -> None:
+    layers = wanted_layers(paths=3, searched=True, averaged=True)
+    units = ["m", "m", "V", "V", "m", "m", "V", "m", "V", "m", "", ""]
+    assert [layer.unit for layer in layers] == units
+    maps = empty_maps(2, 5, layers=layers)
+    assert maps.names == tuple(layer.name for layer in layers)
+    assert maps.pages.shape == (13, 2, 5)
+    assert maps.values.shape == (12, 2, 5)
+    assert np.shares_memory(maps.layer("mpi.depth"), maps.pages[1])
+    assert maps.status.shape == (2, 5)
+    assert (maps.pages.dtype.name, maps.status.dtype.name) == ("float32", "uint32")

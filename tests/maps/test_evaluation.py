@@ -1,0 +1,45 @@
+"""Errors against truth, held against numpy on all of them at once."""
+
+import numpy as np
+import pytest
+
+from cadtof_cli.maps.evaluation import DepthErrors, ErrorTally
+
+
+def test_the_figures_are_those_of_all_errors_of_all_frames() -> None:
+    rng = np.random.default_rng(1)
+    truth = rng.uniform(0.5, 5.0, (3, 20, 30))
+    depth = truth + rng.normal(0.004, 0.01, truth.shape)
+    truth[0, :3], depth[1, 5:9] = np.nan, np.nan
+    tally = ErrorTally()
+    for found, expected in zip(depth, truth, strict=True):
+        tally.add(found, expected)
+    errors = 100.0 * (depth - truth)
+    errors = errors[np.isfinite(errors)]
+    summary = tally.summary()
+    size = np.abs(errors)
+    # quantiles are the middle of a bin of 10 µm
+    assert summary.median_cm == pytest.approx(np.quantile(size, 0.5, method="inverted_cdf"), abs=0.00051)
+    assert summary.p90_cm == pytest.approx(np.quantile(size, 0.9, method="inverted_cdf"), abs=0.00051)
+    assert summary.rmse_cm == pytest.approx(np.sqrt(np.mean(errors**2)), rel=1e-12)
+    assert summary.bias_cm == pytest.approx(errors.mean(), rel=1e-9)
+    assert summary.valid == pytest.approx((1800 - 90 - 120) / (1800 - 90))
+
+
+@pytest.mark.parametrize(("error_m", "median_cm"), [(0.02, 2.0005), (-0.02, 2.0005), (0.0, 0.0005), (30.0, 1000.0005)])
+def test_an_error_lies_in_its_bin_and_what_is_beyond_the_last_in_the_last(error_m: float, median_cm: float) -> None:
+    tally = ErrorTally()
+    tally.add(np.full((2, 3), 1.0 + error_m), np.full((2, 3), 1.0))
+    assert tally.summary().median_cm == pytest.approx(median_cm, abs=0.0011)
+    assert tally.summary().p90_cm == tally.summary().median_cm
+    assert tally.summary().bias_cm == pytest.approx(100 * error_m, abs=1e-9)
+
+
+def test_without_an_answer_or_without_truth_there_are_no_figures() -> None:
+    tally = ErrorTally()
+    assert tally.summary() == DepthErrors(None, None, None, None, 0.0)
+    tally.add(np.full((2, 2), np.nan), np.ones((2, 2)))
+    tally.add(np.ones((2, 2)), np.full((2, 2), np.nan))
+    assert tally.summary() == DepthErrors(None, None, None, None, 0.0)
+    tally.add(np.ones((2, 2)), np.ones((2, 2)))
+    assert tally.summary().valid == 0.5

@@ -1,0 +1,137 @@
+"""What a user can choose: defaults, limits, and which captures a choice fits."""
+
+from typing import Any
+
+import pytest
+
+from cadtof_cli.errors import SettingsError
+from cadtof_cli.resolver.settings import ResolverSettings
+
+
+def test_what_nobody_chooses() -> None:
+    chosen = ResolverSettings()
+    assert (chosen.solver, chosen.paths, chosen.order, chosen.returns) == ("two-path", 2, "auto", "first")
+    assert (chosen.starts, chosen.seed, chosen.false_alarm, chosen.min_return_ratio) == (10, 0, 0.01, 0.1)
+    assert chosen.min_confidence is None
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"paths": 1, "order": "1"},
+        {"starts": 1, "seed": 0},
+        {"min_return_ratio": 0.0},
+        {"min_return_ratio": 1.0},
+        {"false_alarm": 1e-12},
+        {"false_alarm": 0.999},
+        {"paths": 3, "order": "3"},
+        {"solver": "lm", "paths": 2, "order": "2"},
+    ],
+)
+def test_what_is_just_possible_is_taken(options: dict[str, Any]) -> None:
+    ResolverSettings(**options)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"paths": 0}, "--paths: found 0, expected 1 or more"),
+        ({"starts": 0}, "--starts: found 0, expected 1 or more"),
+        ({"seed": -1}, "--seed: found -1, expected 0 or more"),
+        ({"false_alarm": 1.0}, "--false-alarm: found 1.0"),
+        ({"min_return_ratio": 1.001}, "--min-return-ratio: found 1.001, expected 0 to 1"),
+        ({"returns": "second"}, "--return: found 'second', expected one of first, strongest, last"),
+        ({"solver": "lm", "paths": 3}, "--solver lm finds two paths, not --paths 3"),
+        ({"order": "3"}, "--order: found '3', expected one of auto, 1, 2 with --solver two-path and --paths 2"),
+        ({"order": "0"}, "--order: found '0'"),
+    ],
+)
+def test_what_is_just_impossible_is_refused(options: dict[str, Any], words: str) -> None:
+    with pytest.raises(SettingsError, match=words):
+        ResolverSettings(**options)
+
+
+@pytest.mark.parametrize(
+    ("options", "most"),
+    [
+        ({}, 2),
+        ({"order": "1"}, 1),
+        ({"order": "2"}, 2),
+        ({"solver": "one-path"}, 1),
+        ({"paths": 4}, 4),
+        ({"paths": 4, "order": "2"}, 2),
+    ],
+)
+def test_the_most_paths_that_a_pixel_may_get(options: dict[str, Any], most: int) -> None:
+    assert ResolverSettings(**options).max_paths == most
+
+
+@pytest.mark.parametrize(
+    ("options", "harmonics", "closed"),
+    [
+        ({}, (1, 2), True),
+        ({"solver": "one-path"}, (1, 2), True),
+        ({"solver": "lm"}, (1, 2), False),
+        ({}, (1, 3), False),
+        ({}, (1, 2, 3), False),
+    ],
+)
+def test_the_closed_form_is_for_the_fundamental_and_half_of_it(
+    options: dict[str, Any], harmonics: tuple[int, ...], closed: bool
+) -> None:
+    assert ResolverSettings(**options).in_closed_form(harmonics) == closed
+
+
+@pytest.mark.parametrize(
+    ("options", "harmonics", "words"),
+    [
+        ({}, (1, 2), None),
+        ({}, (1, 3, 4), None),
+        ({"order": "1"}, (1, 3), None),
+        ({"solver": "one-path"}, (1,), None),
+        ({"paths": 3}, (1, 2, 3), None),
+        ({"paths": 3}, (1, 3), "3 paths need at least 3 periods"),
+        ({}, (1,), "2 paths need at least 2 periods"),
+        ({}, (1, 3), "two paths from two periods have one answer only for the fundamental and half of it"),
+    ],
+)
+def test_harmonics_that_cannot_tell_the_paths_apart_are_refused(
+    options: dict[str, Any], harmonics: tuple[int, ...], words: str | None
+) -> None:
+    settings = ResolverSettings(**options)
+    if words is None:
+        settings.check_harmonics(harmonics)
+        return
+    with pytest.raises(SettingsError, match=words):
+        settings.check_harmonics(harmonics)
+
+
+@pytest.mark.parametrize(
+    ("options", "harmonics", "possible"),
+    [
+        ({}, (1, 2), True),
+        ({"solver": "one-path"}, (1, 2), True),
+        ({"solver": "lm"}, (1, 2), False),
+        ({}, (1, 2, 3), False),
+        ({"paths": 3}, (1, 2), False),
+    ],
+)
+def test_a_response_that_is_no_sine_is_resolved_in_few_ways(
+    options: dict[str, Any], harmonics: tuple[int, ...], possible: bool
+) -> None:
+    settings = ResolverSettings(**options)
+    if possible:
+        settings.check_response(harmonics)
+        return
+    with pytest.raises(SettingsError, match="waveform or calibrated response is no pure sine"):
+        settings.check_response(harmonics)
+
+
+def test_the_slower_ways_are_expected_to_take_longer() -> None:
+    """By what was measured: .2 µs, 4 µs, 30 µs and 40 µs per pixel."""
+    closed = ResolverSettings().seconds_per_pixel(2)
+    likelihood = ResolverSettings().seconds_per_pixel(3)
+    lm = ResolverSettings(solver="lm").seconds_per_pixel(2)
+    many = ResolverSettings(paths=3).seconds_per_pixel(3)
+    assert 10 * closed < likelihood < 10 * lm < 20 * many < 20e-4
+    assert ResolverSettings(solver="lm", order="1").seconds_per_pixel(2) == closed

@@ -1,0 +1,167 @@
+"""What can just be simulated is, and what cannot is refused; what nobody says is a QVGA camera and the paper's pixel."""
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cadtof_cli.errors import SettingsError
+from cadtof_cli.simulation.pixel.averaging import Averaging, Capacitors, Stages
+from cadtof_cli.simulation.pixel.mix import Condition, PhotonMix
+from cadtof_cli.simulation.pixel.pixel import PixelModel
+from cadtof_cli.simulation.scene.camera import Camera
+from cadtof_cli.simulation.scene.scenes import Card, Corner, InterReflection, Wall
+from cadtof_cli.workflows.simulate.trials import Trials
+
+AVERAGING = Averaging(integration_length=100.0)
+
+UNKNOWN_DRIVE: Any = "pulsed"
+
+Make = Callable[[], object]
+
+
+def mix(**changes: Any) -> PhotonMix:
+    settings: dict[str, Any] = {
+        "delays_ns": np.array([5.0]),
+        "photons": np.array([1.0]),
+        "ambient": np.array(0.0),
+        "period_ns": 40.0,
+        "fwhm_ns": 1.7,
+    }
+    return PhotonMix(**(settings | changes))
+
+
+POSSIBLE: list[Make] = [
+    lambda: Camera(width=1, height=1),
+    lambda: Camera(width=16384, height=16384),
+    lambda: Camera(focal_length_px=1.0),
+    lambda: Camera(bits=1),
+    lambda: Camera(bits=16),
+    lambda: Camera(volts_per_count=1e-12),
+    lambda: Camera(petzval_m=(-1.0, 1.0)),
+    lambda: Wall(distance_m=0.01, albedo=1.0, asr=0.0),
+    lambda: Wall(tilt_deg=(59.9, -59.9), albedo=1e-3),
+    lambda: Card(separations_ns=(0.0, 0.0), mpi_ratios=(0.0, 0.0), asr=0.0),
+    lambda: Corner(opening_deg=10.0, extents_m=(1e-3, 1e-3), directions=1, asr=0.0),
+    lambda: Corner(opening_deg=179.9, directions=10_000),
+    lambda: InterReflection(distance_m=1.0, wall_m=1.001, mpi_ratio=0.0, reflector_m=0.5, panel_m=(1e-3, 1e-3)),
+    lambda: Stages(f1_hz=1e-3, f2_hz=1e-3),
+    lambda: Averaging(integration_length=1.0001),
+    lambda: Capacitors(values_ff=(1e-9,) * 12),
+    lambda: PixelModel(averaging=AVERAGING, photons_per_cycle=1, cycles=1, gain_mismatch=-1.0),
+    lambda: PixelModel(averaging=AVERAGING, dead_time_ns=39.999, jitter_ns=0.0, sample_noise_v=0.0),
+    lambda: Condition(asr=0.0, mpi_ratio=0.0, fwhm_ns=0.0),
+    lambda: Condition(asr=0.0, mpi_ratio=0.0, direct_ns=0.0, second_ns=39.999).mix(40.0),
+    lambda: Trials(condition=Condition(asr=1.0, mpi_ratio=0.0), model=PixelModel(averaging=AVERAGING), runs=2, seed=0),
+    lambda: mix(fwhm_ns=0.0, jitter_ns=0.0, period_ns=1e-6),
+    lambda: mix(photons=np.array([0.0]), ambient=np.array(1e-9)),
+]
+
+
+@pytest.mark.parametrize("make", POSSIBLE)
+def test_what_is_just_possible_is_taken(make: Make) -> None:
+    make()
+
+
+IMPOSSIBLE: list[tuple[Make, str]] = [
+    (lambda: Camera(width=16385), "width: found 16385 pixels, expected 1 to 16384 pixels"),
+    (lambda: Camera(height=0), "height: found 0 pixels"),
+    (lambda: Camera(focal_length_px=0.9), "focal length: found 0.9 px, expected 1 px or more"),
+    (lambda: Camera(focal_length_px=math.nan), "focal length: found nan px"),
+    (lambda: Camera(petzval_m=(0.0, math.inf)), "Petzval curvature: found"),
+    (lambda: Camera(bits=0), "converter: found 0 bits"),
+    (lambda: Camera(bits=17), "converter: found 17 bits"),
+    (lambda: Camera(volts_per_count=0.0), "volts a count: found 0.0, expected a value above 0"),
+    (lambda: Camera(dark_offset_v=-1e-9), "dark offsets: found -1e-09 V, expected 0 V or more"),
+    (lambda: Camera(fixed_delay_ns=-1e-9), "fixed pattern: found -1e-09 ns, expected 0 ns or more"),
+    (lambda: Wall(distance_m=0.009), "distance: found 0.009 m, expected 0.01 m or more"),
+    (lambda: Wall(albedo=0.0), "albedo: found 0, expected above 0"),
+    (lambda: Wall(albedo=1.001), "albedo: found 1.001"),
+    (lambda: Wall(asr=-0.001), "ASR: found -0.001"),
+    (lambda: Wall(tilt_deg=(0.0, -60.0)), "tilt: found"),
+    (lambda: Card(separations_ns=(3.0, -0.1)), "separations: found"),
+    (lambda: Card(mpi_ratios=(0.0, -0.1)), "MPI ratios: found"),
+    (lambda: Card(distance_m=0.0), "distance: found 0 m"),
+    (lambda: Corner(opening_deg=9.9), "opening: found 9.9°"),
+    (lambda: Corner(extents_m=(0.0, 1.0)), "extents: found"),
+    (lambda: Corner(directions=0), "directions: found 0, expected 1 to 10000"),
+    (lambda: Corner(directions=10_001), "directions: found 10001"),
+    (lambda: Corner(asr=-1.0), "ASR: found -1"),
+    (lambda: InterReflection(wall_m=3.35), "wall: found 3.35 m"),
+    (lambda: InterReflection(mpi_ratio=-0.1), "MPI ratio: found -0.1"),
+    (lambda: InterReflection(panel_m=(1.0, 0.0)), "panel: found"),
+    (lambda: InterReflection(reflector_m=0.4), "reflector: found 0.4 m"),
+    (lambda: InterReflection(albedo=2.0), "albedo: found 2"),
+    (lambda: Stages(drive=UNKNOWN_DRIVE), "stages: found pulsed, expected dc or switched"),
+    (lambda: Stages(f2_hz=9e-4), "F2: found 0.0009 Hz"),
+    (lambda: Stages(f1_hz=9e-4), "F1: found 0.0009 Hz"),
+    (lambda: Averaging(integration_length=math.inf), "integration length: found inf"),
+    (lambda: PixelModel(averaging=AVERAGING, photons_per_cycle=0), "photons per cycle: found 0"),
+    (lambda: PixelModel(averaging=AVERAGING, jitter_ns=-1e-9), "jitter: found -1e-09 ns"),
+    (lambda: PixelModel(averaging=AVERAGING, gain_mismatch=-1.001), "gain mismatch: found -1.001"),
+    (lambda: PixelModel(averaging=AVERAGING, sample_noise_v=-1e-9), "sample noise: found"),
+    (lambda: Condition(asr=-1e-9, mpi_ratio=0.0), "ASR: found -1e-09"),
+    (lambda: Condition(asr=1.0, mpi_ratio=-1e-9), "MPI ratio: found -1e-09"),
+    (lambda: Condition(asr=1.0, mpi_ratio=0.0, fwhm_ns=-1e-9), "pulse width: found -1e-09 ns"),
+    (lambda: Condition(asr=1.0, mpi_ratio=0.0, direct_ns=-1e-9).mix(40.0), "direct: found -1e-09 ns"),
+    (lambda: Condition(asr=1.0, mpi_ratio=0.0, second_ns=40.0).mix(40.0), "second: found 40 ns"),
+    (lambda: mix(jitter_ns=-1e-9), "jitter: found -1e-09 ns"),
+    (lambda: mix(fwhm_ns=-1e-9), "pulse width: found -1e-09 ns"),
+    (lambda: mix(period_ns=9e-7), "period: found 9e-07 ns"),
+    (lambda: mix(photons=np.array([math.inf])), "photons: found others, expected finite"),
+    (lambda: mix(ambient=np.array(math.nan)), "ambient: found others"),
+    (lambda: mix(delays_ns=np.array([1.0, 2.0])), "delays: found"),
+]
+
+
+@pytest.mark.parametrize(("make", "message"), IMPOSSIBLE)
+def test_what_is_just_impossible_is_refused(make: Make, message: str) -> None:
+    with pytest.raises(SettingsError, match=message):
+        make()
+
+
+def test_a_camera_that_nobody_describes_is_qvga_of_14_bits() -> None:
+    camera = Camera()
+    assert (camera.width, camera.height) == (320, 240)
+    assert camera.optics.focal_length_px == 280.0
+    assert camera.optics.principal_point_px == (159.5, 119.5)
+    voltage = camera.voltage
+    assert (voltage.zero_counts, voltage.volts_per_count, voltage.saturated_counts) == (8192.0, 6.0e-5, (0.0, 16383.0))
+    assert (camera.curvature_delay_ns(slice(0, 2)) == 0.0).all()
+    assert (camera.dark_offsets_v(1, 2) == 0.0).all()
+    assert (camera.fixed_delays_ns(1) == 0.0).all()
+
+
+def test_the_converter_rounds_and_saturates_at_its_ends() -> None:
+    camera = Camera(bits=10, zero_counts=512.0, volts_per_count=1e-3)
+    volts = np.array([-1.0, -0.512, -0.5114, 0.0, 0.0006, 0.511, 0.6])
+    assert camera.counts_from_voltages(volts).tolist() == [0, 0, 1, 512, 513, 1023, 1023]
+
+
+def test_scenes_that_nobody_describes_are_those_of_the_documentation() -> None:
+    assert Wall().summary == "wall at 3 m, tilted by 0° and 0°"
+    card = Card()
+    assert (card.distance_m, card.separations_ns, card.mpi_ratios, card.asr) == (0.75, (3.0, 20.0), (0.05, 0.6), 2.0)
+    assert card.clean_share == pytest.approx(1 / 6)
+    corner = Corner()
+    assert (corner.distance_m, corner.opening_deg, corner.extents_m, corner.albedo) == (2.0, 90.0, (1.4, 2.0), 0.8)
+    assert (corner.asr, corner.directions) == (2.0, 300)
+    panel = InterReflection()
+    assert (panel.distance_m, panel.wall_m, panel.panel_m, panel.mpi_ratio) == (3.35, 4.2, (1.5, 1.8), 0.033)
+    assert (panel.reflector_m, panel.albedo, panel.asr) == (5.0, 0.8, 2.0)
+
+
+def test_a_pixel_that_nobody_describes_is_the_paper_s() -> None:
+    pixel = PixelModel(averaging=Averaging(integration_length=4000.0))
+    assert pixel.photons == 50_000
+    assert pixel.photon_rate_hz == pytest.approx(5 / 40e-9)
+    assert (pixel.dead_time_ns, pixel.jitter_ns, pixel.sample_noise_v, pixel.gain_mismatch) == (0.0, 0.0, 0.0, 0.0)
+    assert pixel.offsets_v == (0.0, 0.0)
+    assert PixelModel(averaging=AVERAGING, photons_per_cycle=7).photons == 1253
+    assert PixelModel(averaging=AVERAGING, photons_per_cycle=7, cycles=3).photons == 21
+    condition = Condition(asr=5.0, mpi_ratio=0.3)
+    assert (condition.direct_ns, condition.second_ns, condition.fwhm_ns) == (5.0, 16.0, 1.7)
+    trials = Trials(condition=condition, model=pixel)
+    assert (trials.runs, trials.photon_by_photon, trials.pulse_correction, trials.seed) == (400, False, True, 0)

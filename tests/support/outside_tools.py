@@ -1,0 +1,65 @@
+"""Other people's programs: a name on PATH counts only where the program's own version text says whose it is."""
+
+import os
+import re
+import shutil
+import subprocess
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+
+
+@dataclass(frozen=True)
+class Maker:
+    """How a maker's programs are asked what they are, and what their answer says."""
+
+    name: str
+    question: str
+    answer: str
+
+
+LIBTIFF = Maker("libtiff", "-h", r"LIBTIFF, Version \d")
+IMAGEMAGICK = Maker("ImageMagick", "-version", r"Version: ImageMagick \d")
+OPENEXR = Maker("OpenEXR", "-h", r"(?i)OpenEXR image|usage: .*(imagefile|infile|input\.exr)")
+
+MAKERS = {
+    "tiffcp": LIBTIFF,
+    "tiffinfo": LIBTIFF,
+    "convert": IMAGEMAGICK,
+    "identify": IMAGEMAGICK,
+    "exrheader": OPENEXR,
+    "exrmaketiled": OPENEXR,
+    "exrmultipart": OPENEXR,
+}
+
+
+@lru_cache(maxsize=64)
+def outside_tool(name: str, path: str, /) -> str | None:
+    """Return the first program of this name in the folders of `path` that is its maker's, or None.
+
+    Other programs go by the same names: Windows has a `convert`, and so have unit converters and stand-ins.
+    """
+    maker = MAKERS[name]
+    for folder in path.split(os.pathsep):
+        program = shutil.which(name, path=folder)
+        if program and re.search(maker.answer, _said(program, maker.question)):
+            return program
+    return None
+
+
+def _said(program: str, question: str) -> str:
+    try:
+        done = subprocess.run([program, question], capture_output=True, text=True, timeout=20, check=False)
+    except (OSError, UnicodeDecodeError, subprocess.TimeoutExpired):
+        return ""
+    return done.stdout + done.stderr
+
+
+def run_tool(name: str, *arguments: str | Path) -> str | None:
+    """Run a program of another maker and return what it prints; None where it is not installed."""
+    program = outside_tool(name, os.environ.get("PATH", os.defpath))
+    if program is None:
+        return None
+    done = subprocess.run([program, *arguments], capture_output=True, text=True, timeout=60, check=False)
+    assert done.returncode == 0, done.stderr
+    return done.stdout

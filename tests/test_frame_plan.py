@@ -1,0 +1,41 @@
+"""What may be chosen about maps, and what a plan makes of it."""
+
+from typing import Any
+
+import pytest
+
+from cadtof_cli.capture.metadata import CaptureMetadata, Modulation
+from cadtof_cli.errors import SettingsError
+from cadtof_cli.frame_plan import FramePlan, MapSettings
+
+
+def test_what_nobody_chooses() -> None:
+    chosen = MapSettings()
+    assert (chosen.depth, chosen.pool, chosen.average, chosen.min_confidence_v) == ("range", 1, 1, None)
+
+
+@pytest.mark.parametrize("options", [{"min_confidence_v": 0.0}, {"pool": 3}, {"average": 1}, {"depth": "z"}])
+def test_what_is_just_possible_is_taken(options: dict[str, Any]) -> None:
+    MapSettings(**options)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"min_confidence_v": -1e-9}, "--min-confidence: found -1e-09, expected a voltage"),
+        ({"min_confidence_v": float("inf")}, "--min-confidence: found inf"),
+        ({"pool": 2}, "--pool: found 2, expected an odd number of pixels"),
+        ({"pool": -1}, "--pool: found -1"),
+        ({"average": 0}, "--average: found 0, expected 1 frame or more"),
+        ({"depth": "y"}, "--depth: found 'y', expected one of range, z"),
+    ],
+)
+def test_what_is_just_impossible_is_refused(options: dict[str, Any], words: str) -> None:
+    with pytest.raises(SettingsError, match=words):
+        MapSettings(**options)
+
+
+def test_the_least_confidence_is_counted_in_amplitudes_of_the_modulation() -> None:
+    metadata = CaptureMetadata(modulation=Modulation(amplitude_v=0.25))
+    assert FramePlan(metadata=metadata, settings=MapSettings(min_confidence_v=0.05)).resolver.min_confidence == 0.2
+    assert FramePlan(metadata=metadata).resolver.min_confidence is None

@@ -1,0 +1,122 @@
+"""The mutation tool: what it changes in a small module, what it leaves alone, and which tests it thinks of."""
+
+from pathlib import Path
+
+import pytest
+from mutation.mutants import Mutant, all_mutants, drawn, mutated
+from mutation.reach import reaches
+
+SOURCE = '''"""A module; its numbers, 3, are no constants."""
+
+from functools import lru_cache
+from typing import Literal
+
+Kind = Literal["a", 2]
+LIMIT = 2.5
+
+
+class Thing:
+    size: int = 4
+
+    def __repr__(self) -> str:
+        return "x" * 3
+
+    @lru_cache(maxsize=7)
+    def wrapped(self, x: float, y: float) -> float:
+        """Return 9."""
+        if x < y:
+            raise ValueError(f"found {x + 1}")
+        x %= LIMIT
+        return -abs(x - y) if x and y else max(x, y)
+
+
+def part(values: list[float]) -> list[float]:
+    values[0] = 1.0
+    assert len(values) > 5
+    return values[1:].copy()
+'''
+
+
+@pytest.fixture
+def tree(tmp_path: Path) -> Path:
+    room = tmp_path / "cadtof_cli" / "maps" / "deep"
+    room.mkdir(parents=True)
+    for folder in (tmp_path / "cadtof_cli", room.parent, room):
+        (folder / "__init__.py").touch()
+    (room / "thing.py").write_text(SOURCE)
+    return tmp_path
+
+
+def changes(tree: Path) -> set[tuple[str, str, str]]:
+    return {(m.function, m.before, m.after) for group in all_mutants(tree, ["maps"]) for m in group}
+
+
+def test_what_is_changed(tree: Path) -> None:
+    returned = "return -abs(x - y) if x and y else max(x, y)"
+    assert changes(tree) == {
+        ("", "LIMIT = 2.5", "LIMIT = 5.0"),
+        ("", "LIMIT = 2.5", "LIMIT = 0.0"),
+        ("Thing", "size: int = 4", "size: int = 5"),
+        ("Thing", "size: int = 4", "size: int = 3"),
+        ("Thing", "size: int = 4", "size: int = 0"),
+        ("Thing.wrapped", "if x < y:", "if x <= y:"),
+        ("Thing.wrapped", "if x < y:", "if x >= y:"),
+        ("Thing.wrapped", "raise ValueError(f'found {x + 1}')", "pass"),
+        ("Thing.wrapped", "x %= LIMIT", "pass"),
+        ("Thing.wrapped", "x %= LIMIT", "x *= LIMIT"),
+        ("Thing.wrapped", returned, "return max(x, y) if x and y else -abs(x - y)"),
+        ("Thing.wrapped", returned, "return abs(x - y) if x and y else max(x, y)"),
+        ("Thing.wrapped", returned, "return -(x - y) if x and y else max(x, y)"),
+        ("Thing.wrapped", returned, "return -abs(x + y) if x and y else max(x, y)"),
+        ("Thing.wrapped", returned, "return -abs(x - y) if x or y else max(x, y)"),
+        ("Thing.wrapped", returned, "return -abs(x - y) if x and y else x"),
+        ("part", "values[0] = 1.0", "pass"),
+        ("part", "values[0] = 1.0", "values[1] = 1.0"),
+        ("part", "values[0] = 1.0", "values[-1] = 1.0"),
+        ("part", "values[0] = 1.0", "values[0] = 2.0"),
+        ("part", "values[0] = 1.0", "values[0] = 0.0"),
+        ("part", "return values[1:].copy()", "return values[1:]"),
+        ("part", "return values[1:].copy()", "return values[:].copy()"),
+        ("part", "return values[1:].copy()", "return values[2:].copy()"),
+        ("part", "return values[1:].copy()", "return values[0:].copy()"),
+    }
+
+
+def test_every_mutant_is_a_module_that_differs_in_that_statement(tree: Path) -> None:
+    for group in all_mutants(tree, ["maps"]):
+        for mutant in group:
+            text = mutated(SOURCE, mutant)
+            compile(text, mutant.path, "exec")
+            assert mutant.after.removesuffix(":") in text
+            assert mutant.room == "maps"
+
+
+def test_a_draw_follows_from_its_seed_and_takes_each_place_once(tree: Path) -> None:
+    places = all_mutants(tree, ["maps"])
+    assert drawn(places, 8, 1) == drawn(places, 8, 1)
+    assert drawn(places, 8, 1) != drawn(places, 8, 2)
+    everything = drawn(places, 1000, 1)
+    assert len({mutant.place for mutant in everything}) == len(everything) == len(places)
+
+
+def test_a_mutant_is_named_by_its_text_and_not_by_its_place() -> None:
+    one = Mutant("cadtof_cli/maps/a.py", 3, 0, "f", "x = 1", "x = 2")
+    moved = Mutant("cadtof_cli/maps/b.py", 9, 1, "f", "x = 1", "x = 2")
+    assert one.key == moved.key == ("maps", "f", "x = 1", "x = 2")
+
+
+def test_a_test_reaches_what_it_imports_at_any_depth(tree: Path) -> None:
+    tests = tree / "tests" / "maps"
+    tests.mkdir(parents=True)
+    (tree / "cadtof_cli" / "other.py").write_text("def f():\n    from cadtof_cli.maps.deep import thing\n")
+    (tree / "cadtof_cli" / "cli.py").touch()
+    sources = {
+        "near": "from cadtof_cli.maps.deep.thing import part",
+        "far": "import cadtof_cli.other",
+        "none": "import numpy",
+        "command": "from cadtof_cli.cli import main",
+    }
+    for name, source in sources.items():
+        (tests / f"test_{name}.py").write_text(source)
+    reached = {name: reaches(tree, tests / f"test_{name}.py", "cadtof_cli.maps.deep.thing") for name in sources}
+    assert reached == {"near": True, "far": True, "none": False, "command": True}
