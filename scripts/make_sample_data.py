@@ -1,4 +1,7 @@
-"""Make the captures in sample_data/ from a seed: card, corner, wall and inter-reflection, each with its truth."""
+"""Make the captures in sample_data/ from a seed: card, corner, wall and inter-reflection, each with its truth.
+
+`sample_data/room` is not made here and stays as it is: it was rendered elsewhere, as its capture.toml says.
+"""
 
 import argparse
 import shutil
@@ -20,7 +23,7 @@ WALL_M = 3.35
 
 def main() -> None:
     """Write the captures, in place of those that are there."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--out", type=Path, default=ROOT / "sample_data", help="folder of the captures")
     out = parser.parse_args().out
     out.mkdir(parents=True, exist_ok=True)

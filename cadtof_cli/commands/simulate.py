@@ -21,6 +21,7 @@ from cadtof_cli.commands.simulation_options import (
     resolver_options,
     runs_option,
     seed_option,
+    triple,
     workers_option,
 )
 from cadtof_cli.errors import SettingsError
@@ -55,7 +56,7 @@ PIXEL_ONLY = (
 
 SCENE_ONLY = (
     *("frames", "frame_format", "compress", "distance_m", "tilt_deg", "albedo", "opening_deg", "width", "height"),
-    *("petzval_m", "dark_offset_v", "fixed_delay_ns"),
+    *("petzval_m", "dark_offset_v", "fixed_delay_ns", "furniture", "lamp_offset_m", "lamp_beam_deg", "light_paths"),
 )
 
 SCENE_SETTINGS = {
@@ -63,6 +64,15 @@ SCENE_SETTINGS = {
     "wall": {"distance_m": "distance_m", "tilt_deg": "tilt_deg", "albedo": "albedo"},
     "corner": {"distance_m": "distance_m", "opening_deg": "opening_deg", "albedo": "albedo"},
     "inter-reflection": {"mpi": "mpi_ratio", "distance_m": "distance_m", "albedo": "albedo"},
+    "room": {
+        "seed": "seed",
+        "furniture": "furniture",
+        "albedo": "albedo",
+        "lamp_offset_m": "lamp_offset_m",
+        "lamp_beam_deg": "beam_deg",
+        "light_paths": "light_paths",
+    },
+    "cornell": {"light_paths": "light_paths"},
 }
 """Which options each scene takes besides --asr, and the attribute that each one sets."""
 
@@ -104,6 +114,10 @@ class SceneOptions:
     opening_deg: float | None
     width: int
     height: int
+    furniture: int | None
+    lamp_offset_m: list[float] | None
+    lamp_beam_deg: float | None
+    light_paths: int | None
     petzval_m: list[float]
     dark_offset_v: float
     fixed_delay_ns: float
@@ -119,7 +133,7 @@ class SceneOptions:
             dark_offset_v=self.dark_offset_v,
             fixed_delay_ns=self.fixed_delay_ns,
         )
-        scene = self.scene(name, light)
+        scene = self.scene(name, light, seed=seed)
         metadata = CaptureMetadata(
             modulation=modulation.modulation(),
             pixel=Pixel(integration_length=integration_length),
@@ -130,7 +144,7 @@ class SceneOptions:
         )
         return Exposure(scene=scene, camera=camera, metadata=metadata, seed=seed)
 
-    def scene(self, name: str, light: LightOptions, /) -> Scene:
+    def scene(self, name: str, light: LightOptions, /, *, seed: int) -> Scene:
         """Return the scene from the options that it takes; the others must be absent."""
         given: dict[str, Any] = {
             "mpi": light.mpi,
@@ -139,6 +153,10 @@ class SceneOptions:
             "tilt_deg": self.tilt_deg,
             "albedo": self.albedo,
             "opening_deg": self.opening_deg,
+            "furniture": self.furniture,
+            "lamp_offset_m": self.lamp_offset_m,
+            "lamp_beam_deg": self.lamp_beam_deg,
+            "light_paths": self.light_paths,
         }
         taken = SCENE_SETTINGS[name]
         settings: dict[str, Any] = {} if light.asr is None else {"asr": light.asr}
@@ -148,6 +166,10 @@ class SceneOptions:
                     shown = "--" + option.rsplit("_", maxsplit=1)[0]
                     raise SettingsError(f"{shown}: found with --scene {name}, which it does not change; leave it out")
                 settings[taken[option]] = value
+        if "seed" in taken:
+            settings["seed"] = seed
+        if "lamp_offset_m" in settings:
+            settings["lamp_offset_m"] = triple("--lamp-offset", settings["lamp_offset_m"])
         if "tilt_deg" in settings:
             settings["tilt_deg"] = pair("--tilt", settings["tilt_deg"])
         if "mpi_ratios" in settings:
@@ -192,8 +214,14 @@ class SceneOptions:
     setting_option("--compress", RecordSettings, help="Deflate TIFF, ZIP EXR."),
     click.option("--distance-m", "--distance", type=float, help="Distance of the scene, m."),
     click.option("--tilt-deg", "--tilt", type=NUMBERS, help="Tilt of the wall to the right and down, degrees."),
-    click.option("--albedo", type=float, help="Albedo of wall, corner or panel."),
+    click.option("--albedo", type=float, help="Albedo of wall, corner or panel, or of all in a room."),
     click.option("--opening-deg", "--opening", type=float, help="Angle of the corner, degrees."),
+    click.option("--furniture", type=int, help="Pieces of furniture in the room.  [default: drawn, 0 to 8]"),
+    click.option(
+        "--lamp-offset-m", "--lamp-offset", type=NUMBERS, help="Lamp from camera: right,down,forward in m (room)."
+    ),
+    click.option("--lamp-beam-deg", "--lamp-beam", type=float, help="Half angle of the lamp (room).  [default: drawn]"),
+    click.option("--light-paths", type=int, help="Light paths from every fourth pixel (room).  [default: 256]"),
     setting_option("--width", Camera, help="Columns of the camera."),
     setting_option("--height", Camera, help="Rows of the camera."),
     setting_option("--petzval-m --petzval", Camera, show_default=False, help="Field curvature k2,k4 of the lens, m."),

@@ -152,3 +152,10 @@ def pair(option: str, values: list[float], of: str = "", /) -> tuple[float, floa
     if len(values) != 2:
         raise SettingsError(f"{option}: found {len(values)} values, expected 2{of}")
     return values[0], values[1]
+
+
+def triple(option: str, values: list[float], /) -> tuple[float, float, float]:
+    """Return the three values of an option; raises SettingsError for any other number of them."""
+    if len(values) != 3:
+        raise SettingsError(f"{option}: found {len(values)} values, expected 3")
+    return values[0], values[1], values[2]

@@ -90,6 +90,42 @@ def test_scenes_are_captures_that_resolve_reads(tmp_path: Path, scene: str, fram
         assert np.nanmedian(np.abs(depth - truth)) < (0.04 if scene == "corner" else 0.006)
 
 
+def _depth(path: Path) -> np.ndarray[tuple[int, ...], np.dtype[np.float32]]:
+    return np.asarray(OpenEXR.File(str(path), separate_channels=True).channels()["direct.depth"].pixels)
+
+
+@pytest.mark.parametrize("scene", ["room", "cornell"])
+def test_rooms_are_captures_that_resolve_reads(tmp_path: Path, scene: str) -> None:
+    done = cadtof(
+        *("simulate", "--scene", scene, "--light-paths", 16, "-o", tmp_path / "c", "--width", 40, "--height", 24),
+        *("--periods", "40,20,13.333333333333334", "--jobs", 1),
+    )
+    assert (done.status, done.out) == (0, "")
+    assert f"1 frames of {scene}" in done.err
+    assert cadtof("resolve", tmp_path / "c", "-o", tmp_path / "maps", "--format", "exr", "--jobs", 1).status == 0
+    off = _depth(tmp_path / "maps" / "frame_0000.exr") - _depth(tmp_path / "c" / "truth.exr")
+    assert np.nanmedian(np.abs(off)) < 0.3
+
+
+def test_the_seed_and_the_options_make_the_room(tmp_path: Path) -> None:
+    same = ("--light-paths", 4, "--width", 16, "--height", 12, "--jobs", 1, "--asr", 1)
+    ways: dict[str, tuple[str | float, ...]] = {
+        "a": ("--seed", 5),
+        "b": ("--seed", 5),
+        "c": ("--seed", 6),
+        "d": ("--seed", 5, "--furniture", 3),
+        "e": ("--seed", 5, "--albedo", 0.3, "--lamp-offset", "0.05,0,0", "--lamp-beam", 80),
+    }
+    files = {}
+    for name, options in ways.items():
+        assert cadtof("simulate", "--scene", "room", *options, *same, "-o", tmp_path / name).status == 0
+        files[name] = (tmp_path / name / "frame_0000.tif").read_bytes()
+    assert files["a"] == files["b"]
+    assert len(set(files.values())) == 4
+    text = (tmp_path / "e" / "capture.toml").read_text()
+    assert "albedo=0.3, lamp_offset_m=(0.05, 0.0, 0.0), beam_deg=80.0" in text
+
+
 def test_capacitors_and_switched_stages_are_simulated() -> None:
     capacitors = ("--capacitors", "1,20,1,25,10,9,8,9,12,8,9,8")
     report = json.loads(cadtof("simulate", *capacitors, "--runs", 20, "--json", "--jobs", 1, "--temperature", 300).out)
@@ -125,7 +161,19 @@ BAD_INPUT = [
     (("--scene", "wall", "--distance", "5.9", "-o", "x"), "expected less than the unambiguous range of 5.996 m"),
     (("--scene", "corner", "--albedo", "2", "-o", "x"), "albedo: found 2, expected above 0, at most 1"),
     (("--scene", "card", "--frames", "0", "-o", "x"), "frames: found 0, expected 1 or more"),
-    (("--scene", "cave", "-o", "x"), "'cave' is not one of 'pixel', 'card', 'wall', 'corner', 'inter-reflection'"),
+    (
+        ("--scene", "cave", "-o", "x"),
+        "'cave' is not one of 'pixel', 'card', 'wall', 'corner', 'inter-reflection', 'room'",
+    ),
+    (("--scene", "room", "--furniture", "99", "-o", "x"), "furniture: found 99, expected 0 to 12 pieces"),
+    (("--scene", "room", "--lamp-offset", "1,2", "-o", "x"), "--lamp-offset: found 2 values, expected 3"),
+    (
+        ("--scene", "room", "--lamp-offset", "0,0,-2", "-o", "x"),
+        "lamp offset: found (0.0, 0.0, -2.0), expected 0.3 m or less",
+    ),
+    (("--scene", "room", "--distance", "2", "-o", "x"), "--distance: found with --scene room, which it does not"),
+    (("--scene", "wall", "--furniture", "2", "-o", "x"), "--furniture: found with --scene wall, which it does not"),
+    (("--light-paths", "9"), "--light-paths: found without --scene, where it has no effect"),
 ]
 
 

@@ -13,6 +13,8 @@ from cadtof_cli.errors import OutputError, SettingsError
 from cadtof_cli.execution.workers import Workers
 from cadtof_cli.simulation.scene.camera import Camera
 from cadtof_cli.simulation.scene.exposure import Exposure
+from cadtof_cli.simulation.scene.light import Scene
+from cadtof_cli.simulation.scene.rooms.room import RandomRoom
 from cadtof_cli.simulation.scene.scenes import Card, Corner, Wall
 from cadtof_cli.workflows.simulate.record import RecordSettings, expose, record_scene
 
@@ -21,7 +23,7 @@ CAMERA = Camera(width=33, height=21)
 
 def settings(
     *,
-    scene: Card | Corner | Wall | None = None,
+    scene: Scene | None = None,
     camera: Camera = CAMERA,
     frames: int = 2,
     frame_format: str = "tif",
@@ -87,6 +89,13 @@ def test_same_seed_same_bytes_for_any_number_of_processes(tmp_path: Path, frame_
         expected = (tmp_path / "one" / name).read_bytes()
         assert (tmp_path / "three" / name).read_bytes() == expected
         assert (tmp_path / "again" / name).read_bytes() == expected
+
+
+def test_a_room_has_the_same_bytes_for_any_number_of_processes(tmp_path: Path) -> None:
+    for name, jobs in (("one", 1), ("two", 2)):
+        record_scene(settings(scene=RandomRoom(seed=8, light_paths=8)), tmp_path / name, workers=Workers(jobs=jobs))
+    for name in ("truth.exr", "frame_0000.tif"):
+        assert (tmp_path / "one" / name).read_bytes() == (tmp_path / "two" / name).read_bytes()
 
 
 def test_another_seed_is_another_capture_of_the_same_truth(tmp_path: Path) -> None:

@@ -23,11 +23,14 @@ class Light:
         delays_ns: (P, Y, X), the direct path first; the others are MPI.
         photons: (P, Y, X), in a unit of the scene's own; a direct path without any means that the pixel sees nothing.
         ambient: (Y, X), in the same unit.
+        ranges_m: (Y, X), of what the pixels see, where the lamp is beside the camera; None where half of the direct
+            path is that range.
     """
 
     delays_ns: Float
     photons: Float
     ambient: Float
+    ranges_m: Float | None = None
 
     def truth(self, amplitude_v: float) -> dict[str, Float]:
         """Return what a perfect resolver would find, by layer name, (Y, X) each; NaN where there is no answer.
@@ -44,8 +47,9 @@ class Light:
         np.divide(mpi, direct, out=ratio, where=seen)
         total = np.where(direct + mpi + self.ambient > 0, direct + mpi + self.ambient, 1.0)
         arrival = np.where(seen, self.delays_ns[0], np.nan)
+        ranges_m = arrival * C_M_PER_NS / 2.0 if self.ranges_m is None else np.where(seen, self.ranges_m, np.nan)
         return {
-            "direct.depth": arrival * C_M_PER_NS / 2.0,
+            "direct.depth": ranges_m,
             "direct.amplitude": amplitude_v * direct / total,
             "mpi.depth": (arrival + delay) * C_M_PER_NS / 2.0,
             "mpi.amplitude": amplitude_v * mpi / total,

@@ -17,6 +17,8 @@ from cadtof_cli.simulation.scene.geometry import (
     spread_over,
 )
 from cadtof_cli.simulation.scene.light import Light, check_common, light_from_bounces
+from cadtof_cli.simulation.scene.rooms.cornell import CornellBox
+from cadtof_cli.simulation.scene.rooms.room import RandomRoom
 from cadtof_cli.units import C_M_PER_NS
 
 
@@ -247,11 +249,15 @@ class InterReflection:
         return light_from_bounces(seen, (scaled,), self.albedo, self.distance_m, self.asr)
 
 
-SCENES: Mapping[str, type[Wall] | type[Card] | type[Corner] | type[InterReflection]] = {
+SCENES: Mapping[
+    str, type[Wall] | type[Card] | type[Corner] | type[InterReflection] | type[RandomRoom] | type[CornellBox]
+] = {
     "card": Card,
     "wall": Wall,
     "corner": Corner,
     "inter-reflection": InterReflection,
+    "room": RandomRoom,
+    "cornell": CornellBox,
 }
 
 

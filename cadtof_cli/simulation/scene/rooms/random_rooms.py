@@ -1,0 +1,226 @@
+"""Rooms drawn by a seed: living rooms, corners, corridors and closets, with doors, windows, rugs and furniture."""
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from cadtof_cli.errors import SettingsError
+from cadtof_cli.simulation.scene.camera import Camera
+from cadtof_cli.simulation.scene.geometry import Vector
+from cadtof_cli.simulation.scene.rooms.furniture import random_piece
+from cadtof_cli.simulation.scene.rooms.placed import Room
+from cadtof_cli.simulation.scene.rooms.solids import FACES, Ball, Box, Interior, Patch
+
+MOST_FURNITURE = 12
+"""Pieces that may be asked for; 0 to 8 are drawn."""
+
+DRAWN_FURNITURE = 8
+
+FARTHEST_M, NEAREST_M = 5.7, 0.5
+"""What the camera may see: less than the unambiguous range of 6 m, and nothing right before the lens."""
+
+LIGHT_LOST = 0.3
+"""Largest share of the view that openings may take, and of surfaces without direct light."""
+
+TRIES = 400
+"""Rooms drawn for a seed until one fits; most fit among the first ten."""
+
+LOOKING = Camera(width=40, height=30, focal_length_px=29.0)
+"""The camera that decides whether a room fits: 69° across, wider than the usual one."""
+
+KINDS = {"room": 0.5, "corner": 0.2, "corridor": 0.15, "closet": 0.15}
+"""Kinds of room, and how often each is drawn."""
+
+_CAMERA_ROOM_M = 0.5
+"""Free floor about the camera."""
+
+_FLOOR = 3
+
+
+def random_room(
+    seed: int, /, *, furniture: int | None = None, albedo: float | None = None, beam_deg: float | None = None
+) -> Room:
+    """Return the room of a seed, the same for the same arguments.
+
+    Args:
+        seed: 0 or more.
+        furniture: pieces, up to MOST_FURNITURE; None draws them.
+        albedo: of all surfaces; None draws one for each.
+        beam_deg: half angle of the lamp's beam; None draws it.
+
+    Raises:
+        SettingsError: no room of this seed has place for the furniture.
+    """
+    generator = np.random.default_rng(seed)
+    kind = str(generator.choice(list(KINDS), p=list(KINDS.values())))
+    pieces = int(generator.integers(DRAWN_FURNITURE + 1)) if furniture is None else furniture
+    beam = float(generator.uniform(42.0, 65.0))
+    for _ in range(TRIES):
+        draft = _draft(kind, generator)
+        solids = _furnished(draft, pieces, generator)
+        if solids is None:
+            continue
+        room = _room(kind, draft, solids, generator, beam_deg=beam_deg or beam)
+        if _fits(room):
+            interior = room.interior if albedo is None else _in_one_albedo(room.interior, albedo)
+            return replace(room, interior=interior, summary=f"{room.summary}, pieces of furniture: {pieces}")
+    raise SettingsError(f"furniture: found {pieces} pieces, expected so few that the {kind} of seed {seed} holds them")
+
+
+@dataclass(frozen=True)
+class _Draft:
+    """Size of a room, and the camera in it."""
+
+    size_m: Vector
+    position_m: Vector
+    yaw_rad: float
+    pitch_rad: float
+
+
+def _draft(kind: str, generator: np.random.Generator) -> _Draft:
+    width, height, depth = (float(v) for v in generator.uniform((2.5, 2.3, 2.5), (7.0, 3.2, 7.0)))
+    if kind == "corridor":
+        width, depth = float(generator.uniform(1.2, 2.2)), float(generator.uniform(4.0, 7.0))
+    if kind == "closet":
+        width, depth = (float(v) for v in generator.uniform(1.5, 2.7, 2))
+    margin = min(_CAMERA_ROOM_M, 0.4 * width)
+    x = float(generator.uniform(margin, width - margin))
+    y = height - float(generator.uniform(0.8, min(2.0, height - 0.4)))
+    z = float(generator.uniform(0.25, max(0.5, 0.45 * depth)))
+    yaw = math.radians(float(generator.uniform(-12, 12) if kind == "corridor" else generator.uniform(-40, 40)))
+    if kind == "corner":
+        side = float(generator.choice([0.0, width]))
+        yaw = math.atan2(side - x, depth - z) + math.radians(float(generator.uniform(-12, 12)))
+    pitch = math.radians(float(generator.uniform(-8, 28)))
+    return _Draft((width, height, depth), (x, y, z), yaw, pitch)
+
+
+def _furnished(
+    draft: _Draft, pieces: int, generator: np.random.Generator
+) -> tuple[tuple[Box, ...], tuple[Ball, ...]] | None:
+    """Return furniture that stands free of each other and of the camera; None where there is no place for it."""
+    width, height, depth = draft.size_m
+    boxes: tuple[Box, ...] = ()
+    balls: tuple[Ball, ...] = ()
+    taken = [(draft.position_m[0], draft.position_m[2], _CAMERA_ROOM_M)]
+    for _ in range(pieces):
+        for attempt in range(40):
+            piece = random_piece(generator, scale=0.97**attempt)
+            half_width, half_depth = piece.half_footprint_m
+            radius = math.hypot(half_width, half_depth)
+            turn = float(generator.uniform(-math.pi, math.pi))
+            x, z = float(generator.uniform(0, width)), float(generator.uniform(0, depth))
+            if generator.random() < 0.6:
+                x, z, turn = _against_wall(x, z, half_width, half_depth, draft.size_m)
+                across, along = (half_width, half_depth) if abs(math.cos(turn)) > 0.5 else (half_depth, half_width)
+            else:
+                across = along = radius
+            inside = across < x < width - across and along < z < depth - along and piece.height_m < height - 0.05
+            if inside and all(math.hypot(x - a, z - b) > radius + r for a, b, r in taken):
+                more, rounder = piece.solids(x, height, z, turn_rad=turn, albedo=float(generator.uniform(0.2, 0.9)))
+                boxes, balls = boxes + more, balls + rounder
+                taken.append((x, z, radius))
+                break
+        else:
+            return None
+    return boxes, balls
+
+
+def _against_wall(
+    x: float, z: float, half_width: float, half_depth: float, size_m: Vector
+) -> tuple[float, float, float]:
+    """Return place and turn of a piece with its back to the nearest of the walls left, right and far."""
+    width, _, depth = size_m
+    gap = half_depth + 0.02
+    left, right, far = x, width - x, depth - z
+    if far <= min(left, right):
+        return x, depth - gap, math.pi
+    return (gap, z, -math.pi / 2) if left < right else (width - gap, z, math.pi / 2)
+
+
+def _room(
+    kind: str,
+    draft: _Draft,
+    solids: tuple[tuple[Box, ...], tuple[Ball, ...]],
+    generator: np.random.Generator,
+    *,
+    beam_deg: float,
+) -> Room:
+    width, height, depth = draft.size_m
+    boxes, balls = solids
+    patches, words = _patches(draft.size_m, generator)
+    words.insert(0, f"{kind} of {width:.2f} × {depth:.2f} × {height:.2f} m")
+    return Room(
+        interior=Interior(
+            size_m=draft.size_m, albedos=_face_albedos(generator), patches=patches, boxes=boxes, balls=balls
+        ),
+        position_m=draft.position_m,
+        yaw_rad=draft.yaw_rad,
+        pitch_rad=draft.pitch_rad,
+        beam_rad=math.radians(beam_deg),
+        summary=", ".join(words),
+    )
+
+
+def _face_albedos(generator: np.random.Generator) -> tuple[float, float, float, float, float, float]:
+    """Return albedos of walls that resemble each other, of a lighter ceiling, and of a darker floor."""
+    walls = np.clip(generator.uniform(0.25, 0.8) + generator.uniform(-0.15, 0.15, 4), 0.2, 0.9)
+    left, right, near, far = (float(wall) for wall in walls)
+    return left, right, float(generator.uniform(0.4, 0.9)), float(generator.uniform(0.2, 0.6)), near, far
+
+
+def _patches(size_m: Vector, generator: np.random.Generator) -> tuple[tuple[Patch, ...], list[str]]:
+    """Return pictures and rugs, then a door, a window or an open side, and words for the openings."""
+    width, height, depth = size_m
+    patches, words = [], []
+    for _ in range(int(generator.integers(4))):
+        face = int(generator.choice([0, 1, _FLOOR, 5]))
+        low, high = _rectangle(size_m, generator)
+        patches.append(Patch(face=face, low_m=low, high_m=high, albedo=float(generator.uniform(0.2, 0.9))))
+    chance = float(generator.random())
+    face = int(generator.choice([0, 1, 4, 5]))
+    if chance < 0.12:
+        words.append(f"{FACES[face]} side open")
+        patches.append(Patch(face=face, low_m=(0.0, 0.0, 0.0), high_m=size_m, albedo=0.0))
+    elif chance < 0.5:
+        words.append(f"open door {FACES[face]}")
+        x, z = (float(generator.uniform(0.0, max(length - 0.9, 0.01))) for length in (width, depth))
+        low, high = (x, height - 2.0, z), (x + 0.9, height, z + 0.9)
+        patches.append(Patch(face=face, low_m=low, high_m=high, albedo=0.0))
+    elif chance < 0.7:
+        words.append(f"window {FACES[face]}")
+        low, high = _rectangle(size_m, generator)
+        patches.append(Patch(face=face, low_m=low, high_m=high, albedo=0.0))
+    return tuple(patches), words
+
+
+def _rectangle(size_m: Vector, generator: np.random.Generator) -> tuple[Vector, Vector]:
+    """Return opposite corners of a box within the room, a quarter to six tenths as large along each axis."""
+    spans = generator.uniform(0.25, 0.6, 3) * size_m
+    lows = generator.uniform(0.0, 1.0, 3) * (np.asarray(size_m) - spans)
+    (a, b, c), (d, e, f) = lows, lows + spans
+    return (float(a), float(b), float(c)), (float(d), float(e), float(f))
+
+
+def _in_one_albedo(interior: Interior, albedo: float) -> Interior:
+    """Return the room with this albedo on all surfaces; openings stay open."""
+    return replace(
+        interior,
+        albedos=(albedo,) * 6,
+        patches=tuple(replace(patch, albedo=albedo if patch.albedo > 0 else 0.0) for patch in interior.patches),
+        boxes=tuple(replace(box, albedo=albedo) for box in interior.boxes),
+        balls=tuple(replace(ball, albedo=albedo) for ball in interior.balls),
+    )
+
+
+def _fits(room: Room) -> bool:
+    """Return whether the camera sees surfaces at ranges that it can measure, and most of them lit."""
+    view = room.view(LOOKING, lamp_offset_m=(0.0, 0.0, 0.0), light_paths=1, seed=0)
+    seen = view.meet(LOOKING.rays(slice(None)).reshape(3, -1))
+    closed = seen.albedo > 0
+    if closed.mean() < 1 - LIGHT_LOST:
+        return False
+    ranges_m = seen.lengths_m[closed]
+    lit = (view.direct(seen)[closed] > 0).mean()
+    return bool(ranges_m.max() < FARTHEST_M and ranges_m.min() > NEAREST_M and lit > 1 - LIGHT_LOST)

@@ -1,0 +1,105 @@
+"""The scene of a room: what `simulate --scene room` and `--scene cornell` record."""
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from cadtof_cli.arrays import Float
+from cadtof_cli.simulation.pixel.mix import finite_at_least, require
+from cadtof_cli.simulation.scene.camera import Camera
+from cadtof_cli.simulation.scene.geometry import Vector
+from cadtof_cli.simulation.scene.light import Light
+from cadtof_cli.simulation.scene.rooms.placed import Room
+from cadtof_cli.simulation.scene.rooms.random_rooms import MOST_FURNITURE, random_room
+from cadtof_cli.simulation.scene.rooms.traced_rows import indirect_light
+from cadtof_cli.simulation.scene.rooms.view import View
+from cadtof_cli.units import C_M_PER_NS
+
+COARSE = 8
+"""Every so many rows and columns are looked at for the median of the direct light."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RandomRoom:
+    """A room whose surfaces light each other, with all that is in it drawn by a seed.
+
+    Attributes:
+        seed: of the room.
+        furniture: how many pieces; None draws 0 to 8.
+        albedo: of all surfaces; None draws one for each.
+        lamp_offset_m: from the camera to its lamp: to the right, down, forward.
+        beam_deg: half angle of the lamp's beam; None draws 42° to 65°.
+        asr: ambient photons over direct ones where a surface has the median irradiance of the view.
+        light_paths: traced from every fourth pixel; the scatter of the rendering falls with its root.
+        tracing_seed: of the light paths alone.
+    """
+
+    seed: int = 0
+    furniture: int | None = None
+    albedo: float | None = None
+    lamp_offset_m: Vector = (0.0, 0.0, 0.0)
+    beam_deg: float | None = None
+    asr: float = 2.0
+    light_paths: int = 256
+    tracing_seed: int = 0
+
+    def __post_init__(self) -> None:
+        pieces, albedo, beam = self.furniture, self.albedo, self.beam_deg
+        require(self.seed >= 0, "seed", self.seed, "0 or more")
+        require(pieces is None or 0 <= pieces <= MOST_FURNITURE, "furniture", pieces, f"0 to {MOST_FURNITURE} pieces")
+        require(albedo is None or 0 < albedo <= 0.95, "albedo", albedo, "above 0, at most 0.95")
+        require(math.hypot(*self.lamp_offset_m) <= 0.3, "lamp offset", self.lamp_offset_m, "0.3 m or less")
+        require(beam is None or 1 <= beam <= 180, "beam", beam, "1° to 180°")
+        require(finite_at_least(self.asr, 0), "ASR", f"{self.asr:g}", "0 or more")
+        require(1 <= self.light_paths <= 100_000, "light paths", self.light_paths, "1 to 100000")
+
+    @property
+    def room(self) -> Room:
+        """What the seed draws."""
+        return _drawn(self.seed, self.furniture, self.albedo, self.beam_deg)
+
+    @property
+    def summary(self) -> str:
+        """One sentence about the scene."""
+        return f"{self.room.summary}; all bounces of light, traced"
+
+    def light(self, camera: Camera, rows: slice, /) -> Light:
+        """Return the direct path, and a way for each bin of the transient that other surfaces bring."""
+        view = self.room.view(
+            camera, lamp_offset_m=self.lamp_offset_m, light_paths=self.light_paths, seed=self.tracing_seed
+        )
+        return light_in_room(view, rows, asr=self.asr)
+
+
+def light_in_room(view: View, rows: slice, /, *, asr: float) -> Light:
+    """Return the light on rows of a camera in a room; photons are irradiance times albedo."""
+    lines = range(*rows.indices(view.camera.height))
+    shape = len(lines), view.camera.width
+    seen = view.meet(view.camera.rays(rows).reshape(3, -1))
+    ranges_m = seen.lengths_m.astype(np.float64)
+    direct_ns = (ranges_m + view.lamp.distances_m(seen.points_m)) / C_M_PER_NS
+    irradiance, moments = np.moveaxis(indirect_light(view, seen, lines), 1, 2)
+    later_ns = np.divide(moments, irradiance, out=np.zeros_like(moments), where=irradiance > 0)
+    photons = np.concatenate([view.direct(seen)[None], irradiance]) * seen.albedo.astype(np.float64)
+    ambient = asr * median_irradiance(view) * np.where(seen.albedo > 0, seen.albedo, 1.0)
+    return Light(
+        delays_ns=np.concatenate([direct_ns[None], direct_ns + later_ns]).reshape(-1, *shape),
+        photons=photons.reshape(-1, *shape),
+        ambient=ambient.reshape(shape),
+        ranges_m=ranges_m.reshape(shape),
+    )
+
+
+@lru_cache(maxsize=4)
+def median_irradiance(view: View, /) -> float:
+    """Return the median of the direct irradiance over what the camera sees, 1/m²."""
+    rays: Float = view.camera.rays(slice(None))[:, ::COARSE, ::COARSE].reshape(3, -1)
+    direct = view.direct(view.meet(rays))
+    return float(np.median(direct[direct > 0])) if (direct > 0).any() else 1.0
+
+
+@lru_cache(maxsize=4)
+def _drawn(seed: int, furniture: int | None, albedo: float | None, beam_deg: float | None) -> Room:
+    return random_room(seed, furniture=furniture, albedo=albedo, beam_deg=beam_deg)

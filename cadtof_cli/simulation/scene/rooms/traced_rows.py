@@ -1,0 +1,113 @@
+"""Light by way of other surfaces on a camera's pixels, traced at some of them and averaged for the others.
+
+It changes slowly along a surface, and the slower, the more surfaces it has come by. So it is traced at every second
+row and column. Light by way of one other surface is averaged over a few traced pixels on the same face, light by way of
+more over a wider neighbourhood. What a pixel sees, its direct light and its shadows are its own.
+"""
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from cadtof_cli.arrays import Float, Float32
+from cadtof_cli.simulation.scene.rooms.averages import Faces, Lattice, gathered, means_of_cells
+from cadtof_cli.simulation.scene.rooms.lamp import Lamp
+from cadtof_cli.simulation.scene.rooms.light_points import LampLight, lamp_light
+from cadtof_cli.simulation.scene.rooms.solids import Interior, Meetings
+from cadtof_cli.simulation.scene.rooms.tracing import Transients, transients
+from cadtof_cli.simulation.scene.rooms.view import View
+
+STEP = 2
+"""Rows and columns from one traced pixel to the next."""
+
+REACH = 2
+"""Traced pixels to each side over which light by way of one other surface is averaged."""
+
+CELL = 4
+"""Traced pixels along each side of a cell; light by way of more surfaces is averaged over cells."""
+
+CELLS = 2
+"""Cells to each side that such an average holds."""
+
+ROWS_KEPT = 32
+"""Traced rows that wait for the next band, which shares most of them."""
+
+_GRID_KEY, _ALONE_KEY, _LAMP_KEY = 0, 1, 2
+"""Branches of the seed: traced rows, pixels that are traced for themselves, and the light from the lamp."""
+
+
+@dataclass(frozen=True)
+class TracedRow:
+    """One traced row: what its pixels see, and the light on them."""
+
+    faces: Faces
+    light: Transients
+
+
+@lru_cache(maxsize=ROWS_KEPT)
+def traced_row(view: View, row: int, /) -> TracedRow:
+    """Trace one row of every STEP; it depends on nothing but the view and its own number."""
+    camera = view.camera
+    columns = np.minimum(np.arange(0, camera.width, STEP) + STEP // 2, camera.width - 1)
+    y = min(STEP * row + STEP // 2, camera.height - 1)
+    seen = view.meet(camera.rays(slice(y, y + 1))[:, 0, columns])
+    light = _light(view, seen.points_m, seen.normals, spawn_key=(_GRID_KEY, row))
+    return TracedRow(Faces(seen.surface, seen.normals), light)
+
+
+def indirect_light(view: View, seen: Meetings, rows: range, /) -> Float:
+    """Return light by way of other surfaces on rows of the camera, (2, Y·X, BINS), as Transients have it.
+
+    Neighbours on another face do not count; a pixel without any on its own face is traced itself.
+
+    Args:
+        view: room and camera.
+        seen: what the pixels of these rows see, (Y·X,).
+        rows: of the camera.
+    """
+    width, faces = view.camera.width, Faces(seen.surface, seen.normals)
+    fine, coarse = Lattice(width, STEP, REACH), Lattice(width, CELL * STEP, CELLS)
+    last = (view.camera.height - 1) // STEP
+    near = [traced_row(view, row) for row in fine.rows(rows) if row <= last]
+    cells = coarse.rows(rows)
+    wide = [traced_row(view, row) for row in range(CELL * cells.start, CELL * cells.stop) if row <= last]
+    traced = _together(near)
+    by_pixels = gathered(fine, rows, faces, np.arange(len(traced.surface)), traced)
+    means, places, means_faces = means_of_cells(_together(wide), fine.across, CELL)
+    by_cells = gathered(coarse, rows, faces, places, means_faces)
+    light = np.stack(
+        [
+            by_pixels @ np.concatenate([row.light.once[part] for row in near])
+            + by_cells @ (means @ np.concatenate([row.light.later[part] for row in wide]))
+            for part in range(2)
+        ]
+    )
+    found = np.minimum(by_pixels.sum(axis=1), by_cells.sum(axis=1))
+    for line, y in enumerate(rows):
+        pixels = np.arange(line * width, (line + 1) * width)
+        alone = pixels[(found[pixels] == 0) & (seen.albedo[pixels] > 0)]
+        if len(alone):
+            own = _light(view, seen.points_m[:, alone], seen.normals[:, alone], spawn_key=(_ALONE_KEY, y))
+            light[:, alone] = own.once + own.later
+    return light
+
+
+def _together(rows: list[TracedRow]) -> Faces:
+    return Faces(
+        np.concatenate([row.faces.surface for row in rows]),
+        np.concatenate([row.faces.normals for row in rows], axis=1),
+    )
+
+
+def _light(view: View, points_m: Float32, normals: Float32, *, spawn_key: tuple[int, int]) -> Transients:
+    generator = np.random.default_rng(np.random.SeedSequence(view.seed, spawn_key=spawn_key))
+    lamp = view.lamp
+    known = _lamp_light(view.interior, lamp, view.seed)
+    return transients(view.interior, lamp, known, points_m, normals, paths=view.light_paths, generator=generator)
+
+
+@lru_cache(maxsize=2)
+def _lamp_light(interior: Interior, lamp: Lamp, seed: int) -> LampLight:
+    generator = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(_LAMP_KEY,)))
+    return lamp_light(interior, lamp, generator)

@@ -1,0 +1,157 @@
+"""Light that reaches a point by way of other surfaces, by Monte-Carlo path tracing: exact in expectation.
+
+From the point, a path goes in a direction drawn with the density cos/π to the surface that it meets there. The lamp's
+light on that surface, times its albedo, is one estimate of the irradiance by two bounces. A point that the lamp's own
+light has found is another, better where the lamp is near a surface. With densities p_c and p_v of the two ways to come
+to the same place (per area), irradiance E = Φ p_v and albedo ρ, both count as ρ Φ p_v p_c/(p_c + p_v), the balance
+heuristic (Veach and Guibas 1995, doi:10.1145/218380.218498). With a probability of the albedo the path then goes on,
+for the light of three bounces, and so on. Nothing is divided into patches and no system of equations is solved.
+When light arrives is kept in bins that are finer than any modulation period, each with its mean time.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from cadtof_cli.arrays import Float, Float32, Index
+from cadtof_cli.simulation.scene.rooms.directions import about, cosine_weighted, lattice
+from cadtof_cli.simulation.scene.rooms.lamp import Lamp
+from cadtof_cli.simulation.scene.rooms.light_points import MOST_BOUNCES, LampLight, LightPoints
+from cadtof_cli.simulation.scene.rooms.solids import MARGIN_M, Interior
+from cadtof_cli.units import C_M_PER_NS
+
+BINS = 160
+"""Bins of a transient; light within one counts at its mean time, so only the spread within a bin is lost."""
+
+FIRST_NS, LAST_NS = 4.0, 150.0
+"""Bins are even in log(FIRST_NS + delay) up to LAST_NS: 0.1 ns wide at the start, 0.6 ns at 20 ns."""
+
+
+@dataclass(frozen=True)
+class Transients:
+    """Irradiance of points by time after their direct light.
+
+    Attributes:
+        once: (2, n, BINS), by way of one other surface: irradiance in 1/m², as the lamp's own light cos/r² counts, and
+            irradiance times delay after the direct light in ns/m².
+        later: (2, n, BINS), the same for light by way of more surfaces.
+    """
+
+    once: Float
+    later: Float
+
+
+@dataclass(frozen=True)
+class _Ends:
+    """Ends of the paths that still go on: which point they belong to, where they are, and how long they are."""
+
+    pixels: Index
+    numbers: Index
+    points_m: Float32
+    normals: Float32
+    lengths_m: Float32
+
+
+def transients(
+    interior: Interior,
+    lamp: Lamp,
+    light: LampLight,
+    points_m: Float32,
+    normals: Float32,
+    /,
+    *,
+    paths: int,
+    generator: np.random.Generator,
+) -> Transients:
+    """Trace light to points on surfaces.
+
+    Args:
+        interior: the room.
+        lamp: its light.
+        light: where that goes.
+        points_m, normals: (3, n), where and which way the surfaces look.
+        paths: traced from each point.
+        generator: source of randomness.
+    """
+    count = points_m.shape[1]
+    pixels, numbers = np.repeat(np.arange(count), paths), np.tile(np.arange(paths), count)
+    ends = _Ends(pixels, numbers, points_m[:, pixels], normals[:, pixels], -lamp.distances_m(points_m)[pixels])
+    first, second = (np.mod(generator.random((count, 1)) + part, 1.0).ravel() for part in lattice(paths))
+    once, later = np.zeros((2, count * BINS)), np.zeros((2, count * BINS))
+    for bounce in range(MOST_BOUNCES):
+        ours = once if bounce == 0 else later
+        for points, total in ((light.first, ours), (light.later, later)):
+            if points.flux > 0:
+                starts = generator.integers(len(points.albedo), size=(count,))
+                _add_connected(total, interior, points, (starts[ends.pixels] + ends.numbers) % len(points.albedo), ends)
+        local = cosine_weighted(first.astype(np.float32), second.astype(np.float32))
+        ends = _continued(ours, interior, lamp, light, ends, local, generator)
+        if not len(ends.pixels):
+            break
+        first, second = generator.random((2, len(ends.pixels)), dtype=np.float32)
+    return Transients(once.reshape(2, count, BINS) / paths, later.reshape(2, count, BINS) / paths)
+
+
+def bin_numbers(delays_ns: Float, /) -> Index:
+    """Return the bin of each delay after the direct light."""
+    steps = np.log1p(np.maximum(delays_ns, 0.0) / FIRST_NS) * (BINS / math.log1p(LAST_NS / FIRST_NS))
+    return np.minimum(steps, BINS - 1).astype(np.intp)
+
+
+def _add_connected(total: Float, interior: Interior, points: LightPoints, chosen: Index, ends: _Ends) -> None:
+    """Connect each end with a point that light has reached, and add what comes from there."""
+    ways = points.points_m[:, chosen] - ends.points_m
+    lengths = np.maximum(np.sqrt((ways * ways).sum(axis=0)), np.float32(MARGIN_M))
+    ways /= lengths
+    leaving, arriving = -(ways * points.normals[:, chosen]).sum(axis=0), (ways * ends.normals).sum(axis=0)
+    density = _path_density(leaving, arriving, lengths)
+    light = points.albedo[chosen] * np.float32(points.flux) * _balanced(density, points.density[chosen])
+    seen = np.flatnonzero(light)
+    origins = ends.points_m[:, seen] + np.float32(MARGIN_M) * ends.normals[:, seen]
+    seen = seen[interior.clear(origins, ways[:, seen], lengths[seen] - np.float32(3 * MARGIN_M))]
+    _add(total, ends.pixels[seen], light[seen], ends.lengths_m[seen] + lengths[seen] + points.lengths_m[chosen[seen]])
+
+
+def _continued(
+    total: Float,
+    interior: Interior,
+    lamp: Lamp,
+    light: LampLight,
+    ends: _Ends,
+    local: Float32,
+    generator: np.random.Generator,
+) -> _Ends:
+    """Follow the paths to the next surface, add the lamp's light there, and return those that go on."""
+    directions = about(ends.normals, local)
+    met = interior.meet(ends.points_m + np.float32(MARGIN_M) * ends.normals, directions)
+    lengths = ends.lengths_m + met.lengths_m
+    density = _path_density(-(directions * met.normals).sum(axis=0), local[2], met.lengths_m)
+    flux = np.float32(light.first.flux)
+    arriving = met.albedo * flux * _balanced(density, lamp.irradiance(interior, met.points_m, met.normals) / flux)
+    seen = np.flatnonzero(arriving)
+    _add(total, ends.pixels[seen], arriving[seen], lengths[seen] + lamp.distances_m(met.points_m[:, seen]))
+    chance = met.albedo * density / (density + light.later_density)
+    onward = np.flatnonzero(generator.random(len(chance), dtype=np.float32) < chance)
+    return _Ends(
+        ends.pixels[onward], ends.numbers[onward], met.points_m[:, onward], met.normals[:, onward], lengths[onward]
+    )
+
+
+def _path_density(leaving: Float32, arriving: Float32, lengths_m: Float32) -> Float32:
+    """Return the density, 1/m², with which a path comes to a place: cos cos/(π r²); 0 where one looks away."""
+    lengths_m = np.maximum(lengths_m, np.float32(MARGIN_M))
+    return np.asarray(np.maximum(leaving, 0) * np.maximum(arriving, 0) / (np.float32(math.pi) * lengths_m**2))
+
+
+def _balanced(density: Float32, other: Float32) -> Float32:
+    """Return the product of two densities over their sum, 0 where both are 0."""
+    return np.asarray(density * other / np.maximum(density + other, np.float32(1e-30)))
+
+
+def _add(total: Float, pixels: Index, light: Float32, lengths_m: Float32) -> None:
+    """Add light of ways that are longer than the direct ones by these lengths."""
+    delays_ns = lengths_m.astype(np.float64) / C_M_PER_NS
+    places, weights = pixels * BINS + bin_numbers(delays_ns), light.astype(np.float64)
+    total[0] += np.bincount(places, weights, minlength=total.shape[1])
+    total[1] += np.bincount(places, weights * delays_ns, minlength=total.shape[1])

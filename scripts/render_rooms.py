@@ -1,0 +1,101 @@
+"""Render random rooms as captures with truth: the rooms on which diffuse MPI is measured.
+
+`python scripts/render_rooms.py OUT --seeds 0-11` writes OUT/room_0000_h2 (periods 40 and 20 ns), OUT/room_0000_h3 (and
+13.3 ns, with the same light for all harmonics together) and so on. Folders that exist are kept, so that a run can be
+taken up again. Light is traced once a room, some 8 s on one core.
+"""
+
+import argparse
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Pixel
+from cadtof_cli.files.atomic import new_folder
+from cadtof_cli.simulation.pixel.statistics import VoltageStatistics, averaging_gain
+from cadtof_cli.simulation.scene.camera import Camera
+from cadtof_cli.simulation.scene.exposure import Band, Exposure, frame_voltages
+from cadtof_cli.simulation.scene.recorder import write_capture
+from cadtof_cli.simulation.scene.rooms.room import RandomRoom
+from cadtof_cli.workflows.simulate.record import expose
+
+FOCAL_PER_WIDTH = (0.72, 1.05)
+"""Lenses from 70° to 51° across, drawn by the seed."""
+
+
+def main() -> None:
+    """Render the rooms that are not there yet."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("out", type=Path, help="folder of the captures")
+    parser.add_argument("--seeds", default="0-11", help="first and last seed")
+    parser.add_argument("--periods-ns", default="40,20,13.333333333333334", help="the fundamental first")
+    parser.add_argument("--fewest", type=int, default=2, help="harmonics of the smallest capture of each room")
+    parser.add_argument("--integration-length", type=float, default=1e5, help="n_av of a capture of two harmonics")
+    parser.add_argument("--asr", type=float, default=2.0, help="ambient to direct photons")
+    parser.add_argument("--light-paths", type=int, default=128, help="from every fourth pixel")
+    parser.add_argument("--tracing-seed", type=int, default=0, help="of the light paths alone")
+    parser.add_argument("--width", type=int, default=320, help="columns; rows are three quarters of it")
+    chosen = parser.parse_args()
+    periods = tuple(float(period) for period in chosen.periods_ns.split(","))
+    first, _, last = chosen.seeds.partition("-")
+    for seed in range(int(first), int(last or first) + 1):
+        folders = {n: chosen.out / f"room_{seed:04d}_h{n}" for n in range(chosen.fewest, len(periods) + 1)}
+        if not all(folder.exists() for folder in folders.values()):
+            scene = RandomRoom(
+                seed=seed, asr=chosen.asr, light_paths=chosen.light_paths, tracing_seed=chosen.tracing_seed
+            )
+            _render(_exposure(scene, periods, chosen.integration_length, chosen.width), folders)
+
+
+def _exposure(scene: RandomRoom, periods_ns: tuple[float, ...], integration_length: float, width: int) -> Exposure:
+    share = np.random.default_rng(np.random.SeedSequence(scene.seed, spawn_key=(9,))).uniform(*FOCAL_PER_WIDTH)
+    camera = Camera(width=width, height=width * 3 // 4, focal_length_px=round(share * width, 1))
+    metadata = CaptureMetadata(
+        modulation=Modulation(periods_ns=periods_ns),
+        pixel=Pixel(integration_length=float(round(integration_length * 2 / len(periods_ns)))),
+        optics=camera.optics,
+        voltage=camera.voltage,
+    )
+    return Exposure(scene=scene, camera=camera, metadata=metadata, seed=scene.seed)
+
+
+def _render(exposure: Exposure, folders: dict[int, Path]) -> None:
+    """Trace a room once, and write a capture of its first harmonics, as many as each folder asks for."""
+    traced = expose(exposure)
+    for harmonics, folder in folders.items():
+        if not folder.exists():
+            _write(*_first_harmonics(exposure, traced, harmonics), folder)
+            print(f"{folder}: {exposure.scene.summary}", flush=True)
+
+
+def _first_harmonics(exposure: Exposure, traced: Band, harmonics: int) -> tuple[Exposure, Band]:
+    """Return the exposure of fewer harmonics, each with a larger share of the same light."""
+    metadata = exposure.metadata
+    length = float(round(exposure.integration_length * len(metadata.modulation.periods_ns) / harmonics))
+    gain = averaging_gain(length) / averaging_gain(exposure.integration_length)
+    fewer = replace(
+        metadata,
+        modulation=Modulation(periods_ns=metadata.modulation.periods_ns[:harmonics]),
+        pixel=Pixel(integration_length=length),
+    )
+    voltages = traced.voltages
+    statistics = VoltageStatistics(voltages.means_v[:harmonics], gain * voltages.covariances_v2[:harmonics])
+    return replace(exposure, metadata=fewer), Band(statistics, traced.truth)
+
+
+def _write(exposure: Exposure, whole: Band, folder: Path) -> None:
+    with new_folder(folder) as scratch:
+        write_capture(
+            scratch,
+            [frame_voltages(exposure, whole, 0)],
+            truth=whole.truth,
+            metadata=exposure.metadata,
+            camera=exposure.camera,
+            frame_format="tif",
+            comments=(f"random room: {exposure.scene.summary}", f"scene: {exposure.scene!r}"),
+        )
+
+
+if __name__ == "__main__":
+    main()
