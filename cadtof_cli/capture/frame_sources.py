@@ -1,18 +1,18 @@
 """Where recorded frames lie, and what file names say of it: natural order, and frame, harmonic and channel of planes."""
 
 import re
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from cadtof_cli.capture.metadata import InvalidValueError, Layout
 from cadtof_cli.files.frames import CHANNELS, harmonic_labels
 
 _DIGITS = re.compile(r"(\d+)")
-_GROUPS = {
-    "{frame}": r"(?P<frame>.+)",
-    "{harmonic}": r"(?P<harmonic>[1-9]\d*)",
-    "{channel}": rf"(?P<channel>[1-{CHANNELS}])",
-}
+_CHANNEL_NAMES = tuple(str(channel) for channel in range(1, CHANNELS + 1))
+
+ONLY_FRAME = "frame"
+"""Name of the one frame of a capture whose pattern has no {frame}."""
 
 
 @dataclass(frozen=True)
@@ -20,7 +20,7 @@ class FrameSource:
     """Where one frame lies.
 
     Parameters:
-        name: stem of what is written for the frame.
+        name: of what is written for the frame, without suffix; with slashes where that lies in folders.
         paths: one file, or 2·H files of one plane each in the order H1.SC1, H1.SC2, H2.SC1, …
         index: position in a stack; None where the file is to hold this frame alone.
     """
@@ -30,7 +30,7 @@ class FrameSource:
     index: int | None = None
 
     def __str__(self) -> str:
-        place = str(self.paths[0]) if len(self.paths) == 1 else f"{self.paths[0].parent / self.name}"
+        place = str(self.paths[0]) if len(self.paths) == 1 else f"{self.paths[0].parent / Path(self.name).name}"
         return place if self.index is None else f"{place}[{self.index}]"
 
     def expanded(self, count: int, *, taken: Collection[str] = ()) -> tuple["FrameSource", ...]:
@@ -51,36 +51,50 @@ def natural_key(name: str) -> tuple[list[str | int], str]:
 
 
 def grouped_planes(
-    root: Path, names: Iterable[str], pattern: str, harmonics: tuple[int, ...]
+    root: Path, names: Iterable[str], layout: Layout, harmonics: tuple[int, ...]
 ) -> tuple[FrameSource, ...]:
     """Return a frame for every value of {frame} among file names that fit the pattern, in natural order.
 
-    A file that is missing is named all the same: its frame then fails on reading, and alone.
+    A file that is missing is named all the same: its frame then fails on reading, and alone. Without {frame} in the pattern
+    there is one frame, of the name `frame`.
 
     Parameters:
         root: folder of the files.
-        names: file names, of which those that do not fit are passed over.
-        pattern: file name of one plane with {frame}, {harmonic} and {channel}; {harmonic} is the number h or the place
-            in the order (see `harmonic_labels`), {channel} is 1 for SC1 and 2 for SC2.
+        names: file names, with folders below the root before them, of which those that do not fit are passed over.
+        layout: has a pattern, and says what it calls harmonics and channels. {harmonic} is the number h or the place in the
+            order (see `harmonic_labels`), {channel} is 1 for SC1 and 2 for SC2, where it does not give them other names.
         harmonics: harmonic numbers of the capture.
+
+    Raises:
+        MetadataError: `layout.harmonic` has no name for one of the harmonics.
     """
-    matcher = _matcher(pattern)
-    matches = [match for name in names if (match := matcher.fullmatch(name))]
-    labels = harmonic_labels(harmonics, {int(match["harmonic"]) for match in matches})
+    pattern, channels = str(layout.pattern), layout.channel or _CHANNEL_NAMES
+    parts = {"frame": r"[^/]+", "channel": "|".join(map(re.escape, channels)), "harmonic": r"[1-9]\d*"}
+    if layout.harmonic is not None:
+        parts["harmonic"] = "|".join(re.escape(name) for name, _ in layout.harmonic)
+    pieces = re.split(r"\{(frame|harmonic|channel)\}", pattern)
+    matcher = re.compile(
+        "".join(f"(?P<{piece}>{parts[piece]})" if place % 2 else re.escape(piece) for place, piece in enumerate(pieces))
+    )
+    matches = [match.groupdict() for name in names if (match := matcher.fullmatch(name))]
+    called = _harmonic_names(layout, harmonics, {match["harmonic"] for match in matches})
+
+    def path(frame: str, harmonic: str, channel: str) -> Path:
+        values = {"frame": frame, "harmonic": harmonic, "channel": channel}
+        return root / "".join(values[piece] if place % 2 else piece for place, piece in enumerate(pieces))
+
     return tuple(
-        FrameSource(frame, _plane_paths(root, pattern, frame, labels))
-        for frame in sorted({match["frame"] for match in matches}, key=natural_key)
+        FrameSource(frame, tuple(path(frame, harmonic, channel) for harmonic in called for channel in channels))
+        for frame in sorted({match.get("frame", ONLY_FRAME) for match in matches}, key=natural_key)
     )
 
 
-def _matcher(pattern: str) -> re.Pattern[str]:
-    pieces = re.split("(" + "|".join(map(re.escape, _GROUPS)) + ")", pattern)
-    return re.compile("".join(_GROUPS.get(piece) or re.escape(piece) for piece in pieces))
-
-
-def _plane_paths(root: Path, pattern: str, frame: str, labels: Sequence[int]) -> tuple[Path, ...]:
-    return tuple(
-        root / pattern.replace("{frame}", frame).replace("{harmonic}", str(harmonic)).replace("{channel}", str(channel))
-        for harmonic in labels
-        for channel in range(1, CHANNELS + 1)
-    )
+def _harmonic_names(layout: Layout, harmonics: tuple[int, ...], found: Collection[str]) -> tuple[str, ...]:
+    if layout.harmonic is None:
+        return tuple(map(str, harmonic_labels(harmonics, set(map(int, found)))))
+    names = {number: name for name, number in layout.harmonic}
+    labels = harmonic_labels(harmonics, names)
+    if not set(labels) <= set(names):
+        expected = f"a name for each of the harmonics {', '.join(map(str, harmonics))}"
+        raise InvalidValueError("layout.harmonic", dict(layout.harmonic), expected)
+    return tuple(names[label] for label in labels)

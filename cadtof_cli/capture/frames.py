@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 
 import numpy as np
 
@@ -105,7 +106,12 @@ def _size(source: FrameSource) -> int | None:
     named = suffix_format(path)
     if len(source.paths) > 1 or (named is not None and not named.stacks):
         return None
+    return file_size(path) or None
+
+
+def file_size(path: Path, /) -> int:
+    """Return the size of a file in bytes, 0 where it cannot be told."""
     try:
         return path.stat().st_size
     except OSError:
-        return None
+        return 0

@@ -2,7 +2,7 @@
 
 import itertools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields
 from functools import cached_property
 from typing import Any, Literal, NamedTuple, cast
@@ -11,12 +11,9 @@ from cadtof_cli.errors import MetadataError
 
 Waveform = Literal["sine", "triangle"]
 
-Kind = Literal["number", "whole number", "numbers", "pair", "text"]
+Kind = Literal["number", "whole number", "numbers", "pair", "text", "names", "numbers by name"]
 
 WAVEFORMS: tuple[Waveform, ...] = ("sine", "triangle")
-
-PATTERN_PARTS = ("frame", "harmonic", "channel")
-"""What `[layout] pattern` names once each, in braces."""
 
 HARMONIC_TOLERANCE = 1e-6
 """How far periods_ns[0] / period may be from a whole number, relative; recorded periods are rounded decimals."""
@@ -58,6 +55,11 @@ def _are_harmonics(periods: tuple[float, ...]) -> bool:
     ratios = [periods[0] / period for period in periods]
     whole = all(abs(ratio - round(ratio)) <= HARMONIC_TOLERANCE * ratio for ratio in ratios)
     return whole and all(a < b for a, b in itertools.pairwise(ratios))
+
+
+def _names_planes(pattern: str) -> bool:
+    frame, harmonic, channel = (pattern.count(part) for part in ("{frame}", "{harmonic}", "{channel}"))
+    return harmonic == channel == 1 and frame <= 1 and not pattern.startswith("/")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -172,8 +174,21 @@ class Layout(Table):
         "file name of one plane, such as {frame}_h{harmonic}_sc{channel}.tif",
         None,
         Check(
-            lambda name: "/" not in name and all(name.count(f"{{{part}}}") == 1 for part in PATTERN_PARTS),
-            "a file name with {frame}, {harmonic} and {channel} once each",
+            _names_planes, "a file name with {frame}, {harmonic} and {channel} once each; a lone frame needs no {frame}"
+        ),
+    )
+    channel: tuple[str, str] | None = _key(
+        "names",
+        "what {channel} is for SC1 and SC2 in the pattern, if not 1 and 2",
+        None,
+        Check(lambda names: len(set(names)) == 2 and all(names), "two different names", list),
+    )
+    harmonic: tuple[tuple[str, int], ...] | None = _key(
+        "numbers by name",
+        "what {harmonic} is in the pattern, and which harmonic that stands for",
+        None,
+        Check(
+            lambda pairs: len({number for _, number in pairs}) == len(pairs), "a number of its own for each name", dict
         ),
     )
     frames: int | None = _key("whole number", "frames in each TIFF stack", None, Check(lambda n: n >= 1, "1 or more"))
@@ -192,19 +207,32 @@ class CaptureMetadata:
     layout: Layout = field(default_factory=Layout)
 
 
+_EXPECTED: dict[Kind, str] = {
+    "number": "a number",
+    "whole number": "a whole number",
+    "text": "a string",
+    "numbers": "a list of numbers",
+    "pair": "a list of two numbers",
+    "names": "a list of two names",
+    "numbers by name": 'whole numbers by name, such as { "25" = 1, "50" = 2 }',
+}
+
+
 def _converted(kind: Kind, value: Any) -> Any:
-    match kind:
-        case "number" if isinstance(value, int | float) and not isinstance(value, bool):
+    match kind, value:
+        case ("number", int() | float()) if not isinstance(value, bool):
             return float(value)
-        case "whole number" if isinstance(value, int) and not isinstance(value, bool):
+        case ("whole number", int()) if not isinstance(value, bool):
             return value
-        case "text" if isinstance(value, str):
+        case ("text", str()):
             return value
-        case "numbers" | "pair" if isinstance(value, list | tuple) and (len(value) == 2 if kind == "pair" else value):
+        case ("numbers", [_, *_]) | ("pair", [_, _]):
             return tuple(_converted("number", item) for item in value)
-    raise TypeError(
-        {"text": "a string", "numbers": "a list of numbers", "pair": "a list of two numbers"}.get(kind, f"a {kind}")
-    )
+        case ("names", [_, _]):
+            return tuple(_converted("text", item) for item in value)
+        case ("numbers by name", Mapping()) if value:
+            return tuple((str(name), _converted("whole number", number)) for name, number in value.items())
+    raise TypeError(_EXPECTED[kind])
 
 
 @dataclass(frozen=True)

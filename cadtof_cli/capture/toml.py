@@ -20,10 +20,11 @@ _KEYS = {key.path: key for key in KEYS}
 
 @dataclass(frozen=True)
 class MetadataSource:
-    """Metadata with the origin of every key: a file's path, the option that set it, or `default`."""
+    """Metadata with the origin of every key: a file's path, the option that set it, or `default`; and the file that was read."""
 
     metadata: CaptureMetadata
     origins: Mapping[str, str]
+    file: Path | None = None
 
     @property
     def defaulted(self) -> dict[str, Any]:
@@ -53,7 +54,7 @@ def load_metadata(path: Path | None, overrides: Mapping[str, Any] | None = None)
         metadata = CaptureMetadata(**{table: record(**tables[table]) for table, record in TABLES.items()})
     except InvalidValueError as error:
         raise InvalidValueError(error.key, error.found, error.expected, origins[error.key]) from None
-    return MetadataSource(metadata, origins)
+    return MetadataSource(metadata, origins, path)
 
 
 def _flat(document: dict[str, Any], path: Path) -> dict[str, Any]:
@@ -83,5 +84,5 @@ def toml_text(metadata: CaptureMetadata, *, comments: tuple[str, ...] = ()) -> s
     for key in KEYS:
         value = getattr(getattr(metadata, key.table), key.name)
         if value is not None:
-            tables.setdefault(key.table, {})[key.name] = value
+            tables.setdefault(key.table, {})[key.name] = dict(value) if key.kind == "numbers by name" else value
     return toml_from_tables(tables, comments=comments)

@@ -8,7 +8,14 @@ from typing import Any
 
 import click
 
-from cadtof_cli.commands.options import Function, SectionedCommand, capture_options, input_paths, setting_option
+from cadtof_cli.commands.options import (
+    Function,
+    SectionedCommand,
+    capture_options,
+    input_paths,
+    setting_option,
+    settings_option,
+)
 from cadtof_cli.commands.progress import progress_bar
 from cadtof_cli.workflows.calibrate.captures import CalibrateReport, CalibrateSettings
 from cadtof_cli.workflows.calibrate.dark import calibrate_dark
@@ -33,6 +40,7 @@ def _shared(function: Function) -> Function:
         click.option("--json", "as_json", is_flag=True, help="Print the report as one JSON object on stdout."),
         setting_option("--overwrite", CalibrateSettings, help="Replace this part, if the folder has it."),
         setting_option("-o --out", CalibrateSettings, required=True, help="Calibration folder the part is added to."),
+        settings_option(),
         click.argument("captures", nargs=-1, required=True, metavar="CAPTURE..."),
     ):
         function = add(function)
@@ -54,10 +62,16 @@ _distance = click.option(
 @calibrate.command(cls=SectionedCommand, short_help="Offsets, noise and bad pixels, from covered-lens frames.")
 @_shared
 def dark(
-    captures: tuple[str, ...], out: Path, overwrite: bool, as_json: bool, quiet: bool, overrides: Mapping[str, Any]
+    captures: tuple[str, ...],
+    out: Path,
+    settings_file: Path | None,
+    overwrite: bool,
+    as_json: bool,
+    quiet: bool,
+    overrides: Mapping[str, Any],
 ) -> None:
     """Measure each pixel's offsets and noise from frames recorded with the lens covered, and find hot and dead pixels."""
-    settings = CalibrateSettings(out=out, overwrite=overwrite)
+    settings = CalibrateSettings(out=out, overwrite=overwrite, settings_file=settings_file)
     with progress_bar("reading", "frames", quiet=quiet) as bar:
         report = calibrate_dark(input_paths(captures), settings=settings, overrides=overrides, progress=bar)
     _print(report, _dark_lines, as_json=as_json)
@@ -69,6 +83,7 @@ def dark(
 def response(
     captures: tuple[str, ...],
     out: Path,
+    settings_file: Path | None,
     overwrite: bool,
     as_json: bool,
     quiet: bool,
@@ -80,7 +95,7 @@ def response(
     One distance gives every pixel's phase and gain. Several, spread over the range, also tell the imbalance of SC1 and SC2
     and how the waveform differs from the ideal one.
     """
-    settings = CalibrateSettings(out=out, overwrite=overwrite, distances_m=distances_m)
+    settings = CalibrateSettings(out=out, overwrite=overwrite, settings_file=settings_file, distances_m=distances_m)
     with progress_bar("reading", "frames", quiet=quiet) as bar:
         report = calibrate_response(input_paths(captures), settings=settings, overrides=overrides, progress=bar)
     _print(report, _response_lines, as_json=as_json)
@@ -95,6 +110,7 @@ def response(
 def petzval(
     captures: tuple[str, ...],
     out: Path,
+    settings_file: Path | None,
     overwrite: bool,
     as_json: bool,
     quiet: bool,
@@ -106,7 +122,7 @@ def petzval(
 
     Tilt is fitted, and distance where it is not given; what is not wall (MPI, objects in view) is left out.
     """
-    settings = CalibrateSettings(out=out, overwrite=overwrite, distances_m=distances_m)
+    settings = CalibrateSettings(out=out, overwrite=overwrite, settings_file=settings_file, distances_m=distances_m)
     with progress_bar("reading", "frames", quiet=quiet) as bar:
         report = calibrate_petzval(
             input_paths(captures), settings=settings, overrides=overrides, progress=bar, plot=plot

@@ -3,11 +3,19 @@
 import json
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict
+from pathlib import Path
 from typing import Any
 
 import click
 
-from cadtof_cli.commands.options import SectionedCommand, capture_options, gathered, input_paths, setting_option
+from cadtof_cli.commands.options import (
+    SectionedCommand,
+    capture_options,
+    gathered,
+    input_paths,
+    setting_option,
+    settings_option,
+)
 from cadtof_cli.commands.progress import progress_bar
 from cadtof_cli.execution.workers import Workers
 
@@ -25,9 +33,16 @@ from cadtof_cli.execution.workers import Workers
         help="Processes that read frames.  [default: all cores]",
     ),
 )
+@settings_option()
 @click.option("--json", "as_json", is_flag=True, help="Print a JSON object for each input, a line each.")
 @capture_options()
-def info(inputs: tuple[str, ...], workers: Workers, as_json: bool, overrides: Mapping[str, Any]) -> int:
+def info(
+    inputs: tuple[str, ...],
+    workers: Workers,
+    settings_file: Path | None,
+    as_json: bool,
+    overrides: Mapping[str, Any],
+) -> int:
     """Show what captures and maps hold: frames, metadata and where each value came from, ranges, noise.
 
     INPUT is a capture folder, a frame, a map file, the folder of a run, or - for paths on stdin. Every frame is read.
@@ -39,7 +54,9 @@ def info(inputs: tuple[str, ...], workers: Workers, as_json: bool, overrides: Ma
     from cadtof_cli.workflows.inspect.info import CaptureFacts, look_into
 
     with progress_bar("reading", "frames", quiet=False) as bar:
-        found = look_into(input_paths(inputs), overrides=overrides, workers=workers, progress=bar)
+        found = look_into(
+            input_paths(inputs), overrides=overrides, settings_file=settings_file, workers=workers, progress=bar
+        )
     for facts in found:
         if as_json:
             kind = "capture" if isinstance(facts, CaptureFacts) else "maps"

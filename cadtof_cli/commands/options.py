@@ -1,8 +1,9 @@
 """What options are made of: settings records say defaults and choices, keys of `capture.toml` become options."""
 
 import functools
+import itertools
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import MISSING, fields
 from pathlib import Path
 from types import NoneType
@@ -11,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeVar, cast, get_args, get_ori
 import click
 
 from cadtof_cli.capture.metadata import KEYS, Key, Kind
+from cadtof_cli.commands.arrival import paths_as_they_arrive
 
 if TYPE_CHECKING:
     ParamType = click.ParamType[Any]
@@ -21,6 +23,9 @@ else:
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 Decorator = Callable[[Function], Function]
+
+STDIN = "-"
+"""Stands for paths on stdin."""
 
 CAPTURE_SECTION = "Capture options (each overrides a key of capture.toml)"
 
@@ -43,6 +48,26 @@ class NumberList(ParamType):
 
 
 NUMBERS = NumberList()
+
+
+class Names(ParamType):
+    """Words with commas between them, such as A,B; with `numbered`, each with its number, such as 25=1,50=2."""
+
+    def __init__(self, *, numbered: bool) -> None:
+        self.numbered, self.name = numbered, "NAME=N,NAME=N…" if numbered else "NAME,NAME"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Return a list of names, or numbers by name."""
+        if not isinstance(value, str):
+            return value
+        words = value.split(",")
+        if not self.numbered:
+            return words
+        try:
+            return {name: int(number) for name, number in (word.rsplit("=", 1) for word in words)}
+        except ValueError:
+            self.fail(f"{value!r} is not a list of names with numbers such as 25=1,50=2", param, ctx)
+
 
 _TYPES: dict[Any, ParamType] = {
     bool: click.BOOL,
@@ -164,20 +189,42 @@ def _capture_option(key: Key) -> Decorator[Any]:
         "numbers": NUMBERS,
         "pair": NUMBERS,
         "text": click.STRING,
+        "names": Names(numbered=False),
+        "numbers by name": Names(numbered=True),
     }
     default = "" if key.default is None else f"  [if not given: {_typed(key.default)}, the paper's]"
     about = f"{key.path}: {key.about}.{default}"
     return click.option(*names, f"capture_{key.name}", cls=CaptureOption, type=types[key.kind], help=about)
 
 
-def input_paths(values: tuple[str, ...]) -> tuple[Path, ...]:
+def settings_option() -> Decorator[Any]:
+    """Return the option that names a `capture.toml`, wherever it lies."""
+    return click.option(
+        "--settings",
+        "settings_file",
+        type=click.Path(path_type=Path, exists=True, dir_okay=False),
+        metavar="FILE",
+        help="A capture.toml for all captures, in place of those that lie beside the frames or in a folder above.",
+    )
+
+
+def input_paths(values: tuple[str, ...], /) -> tuple[Path, ...]:
     """Return the paths that the arguments name; `-` stands for paths on stdin, a line each."""
-    paths: list[Path] = []
-    for value in values:
-        if value == "-":
-            paths += [Path(line) for line in sys.stdin.read().splitlines() if line.strip()]
-        else:
-            paths.append(Path(value))
-    if not paths:
+    return tuple(itertools.chain.from_iterable(arriving_paths(values)))
+
+
+def arriving_paths(values: tuple[str, ...], /, *, separator: bytes = b"\n") -> Iterator[tuple[Path, ...]]:
+    """Yield the paths that the arguments name, and, as they arrive, those on stdin that `-` stands for.
+
+    The first are those that arrive before the first pause: what is known of a tree of captures is known from them.
+    """
+    named = tuple(Path(value) for value in values if value != STDIN)
+    if STDIN not in values:
+        yield named
+        return
+    arriving = paths_as_they_arrive(sys.stdin.fileno(), separator=separator)
+    first = next(arriving, ())
+    if not (named or first):
         raise click.UsageError("no paths arrived on stdin; expected one a line")
-    return tuple(paths)
+    yield (*named, *first)
+    yield from arriving

@@ -7,7 +7,15 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from cadtof_cli.commands.options import SectionedCommand, capture_options, gathered, input_paths, setting_option
+from cadtof_cli.commands.options import (
+    STDIN,
+    SectionedCommand,
+    arriving_paths,
+    capture_options,
+    gathered,
+    setting_option,
+    settings_option,
+)
 from cadtof_cli.commands.progress import progress_bar
 from cadtof_cli.execution.workers import Workers
 from cadtof_cli.frame_plan import MapSettings
@@ -22,6 +30,13 @@ if TYPE_CHECKING:
 @click.command(cls=SectionedCommand)
 @click.argument("inputs", nargs=-1, required=True, metavar="INPUT...")
 @setting_option("-o --out", ResolveSettings, required=True, help="Folder that the maps are written into.")
+@setting_option(
+    "-r --recursive",
+    ResolveSettings,
+    help="Look for captures in all folders below each INPUT, too; OUT gets the same tree.",
+)
+@click.option("-0", "--null", is_flag=True, help="Paths on stdin end with a zero byte, as `find -print0` writes them.")
+@settings_option()
 @gathered(
     "resolver",
     ResolverSettings,
@@ -109,6 +124,9 @@ def resolve(
     *,
     inputs: tuple[str, ...],
     out: Path,
+    recursive: bool,
+    null: bool,
+    settings_file: Path | None,
     resolver: ResolverSettings,
     min_confidence_v: float | None,
     depth: Any,
@@ -125,7 +143,8 @@ def resolve(
 ) -> int:
     """Resolve the direct and the MPI path in every pixel of recorded frames, and write their maps.
 
-    INPUT is a capture folder, a file, or - for paths on stdin. OUT gets a file a frame, run.json and frames.jsonl.
+    INPUT is a capture folder, a file, or - for paths on stdin, a line each, resolved as they arrive. OUT gets a file per
+    frame, run.json and frames.jsonl; with several captures, a folder for each as they lie below the folder that they share.
 
     \b
     Exit status: 0 all frames resolved; 1 some failed, the others are written;
@@ -141,7 +160,10 @@ def resolve(
         workers=workers,
         overwrite=overwrite,
         resume=resume,
+        recursive=recursive,
+        settings_file=settings_file,
     )
+    paths = arriving_paths(inputs, separator=b"\0" if null else b"\n")
     with progress_bar("resolving", "frames", quiet=quiet) as bar:
 
         def tell(report: "FrameReport") -> None:
@@ -151,7 +173,12 @@ def resolve(
                 bar.warn(f"failed: {report.reason}")
 
         totals = resolve_captures(
-            input_paths(inputs), settings=settings, overrides=overrides, progress=bar, on_frame=tell
+            next(paths),
+            arriving=paths if STDIN in inputs else None,
+            settings=settings,
+            overrides=overrides,
+            progress=bar,
+            on_frame=tell,
         )
     if not quiet:
         click.echo(_summary(totals, out), err=True)

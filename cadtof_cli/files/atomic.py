@@ -47,8 +47,8 @@ def _without_code(error: OSError, folder: Path) -> str:
 
 
 def remove_partial_files(folder: Path, /, *, token: str) -> None:
-    """Remove the half-written files that killed writers with this token left in a folder."""
-    for leftover in folder.glob(f".*.{token}{PARTIAL_SUFFIX}"):
+    """Remove the half-written files that killed writers with this token left in a folder, or below it."""
+    for leftover in folder.rglob(f".*.{token}{PARTIAL_SUFFIX}"):
         leftover.unlink(missing_ok=True)
 
 
@@ -71,6 +71,18 @@ def make_folder(path: Path, /) -> None:
         probe.unlink()
     except OSError as error:
         raise OutputError(f"{path}: expected a folder that can be written into: {error.strerror}") from error
+
+
+def make_folders(path: Path, /) -> None:
+    """Make a folder, and its parents.
+
+    Raises:
+        OutputError: it cannot be made.
+    """
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OutputError(f"{path}: expected a folder that can be made: {error.strerror}") from error
 
 
 def require_absent(path: Path, /) -> None:

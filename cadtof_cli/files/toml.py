@@ -20,7 +20,7 @@ def read_toml(path: Path, /) -> dict[str, Any]:
         MetadataError: the file cannot be read, or is not TOML.
     """
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
+        return tomllib.loads(path.read_text(encoding="utf-8-sig"))
     except OSError as error:
         raise MetadataError(f"{path}: cannot be read: {error.strerror}") from error
     except UnicodeDecodeError as error:
@@ -41,6 +41,8 @@ def _line(item: tuple[str, Any]) -> str:
 
 
 def _value(value: Any) -> str:
+    if isinstance(value, Mapping):
+        return "{ " + ", ".join(f"{_value(name)} = {_value(one)}" for name, one in value.items()) + " }"
     if isinstance(value, list | tuple):
         if value and isinstance(value[0], str):
             return "[\n" + "".join(f"    {_value(item)},\n" for item in value) + "]"

@@ -10,10 +10,11 @@ from io import FileIO
 from pathlib import Path
 from typing import Any, Literal
 
-from cadtof_cli.capture.discovery import Capture, find_captures
+from cadtof_cli.capture.discovery import Capture, base_of, find_captures, placed_below
 from cadtof_cli.capture.frame_sources import FrameSource
 from cadtof_cli.capture.frames import single_frames
 from cadtof_cli.capture.toml import FILE_NAME as CAPTURE_FILE
+from cadtof_cli.capture.tree import WRITTEN_BY_US
 from cadtof_cli.errors import CadtofError, CaptureError, OutputError, SettingsError
 from cadtof_cli.files.atomic import make_folder, remove_partial_files, write_json
 from cadtof_cli.files.formats import MAP_FORMATS, MAP_SUFFIXES
@@ -23,7 +24,9 @@ FRAMES_FILE = "frames.jsonl"
 
 _PLACE_IN_STACK = re.compile(r"_\d{4,}$")
 
-CHANGES_NO_MAP = frozenset({"overwrite", "resume", "inputs", "absolute_inputs", "out", "overrides"})
+CHANGES_NO_MAP = frozenset(
+    {"overwrite", "resume", "inputs", "absolute_inputs", "out", "overrides", "recursive", "settings", "frames"}
+)
 """Arguments that may differ between a run and its resumption; what `overrides` decides is in the metadata."""
 
 FrameStatus = Literal["ok", "failed", "skipped"]
@@ -61,12 +64,18 @@ class Run:
     Attributes:
         maps: folder or file, as it was given.
         files: its map files, in the order of their names.
-        record: what `run.json` beside them holds; None where there is none, or it is not the record of a run.
+        folder: of the run.
+        record: what `run.json` there holds; None where there is none, or it is not the record of a run.
     """
 
     maps: Path
     files: tuple[Path, ...]
+    folder: Path
     record: Mapping[str, Any] | None
+
+    def name(self, file: Path, /) -> str:
+        """Return the name of a map: its path from the run's folder, without suffix."""
+        return file.relative_to(self.folder).with_suffix("").as_posix()
 
     def require_maps(self) -> tuple[Path, ...]:
         """Return the map files; raises CaptureError where there are none."""
@@ -89,7 +98,14 @@ class Run:
         arguments = self.record["arguments"]
         try:
             inputs = [Path(path) for path in arguments.get("absolute_inputs", arguments["inputs"])]
-            captures = find_captures(inputs, overrides=arguments["overrides"])
+            settings = arguments.get("settings")
+            captures = find_captures(
+                inputs,
+                overrides=arguments["overrides"],
+                settings_file=Path(settings) if settings else None,
+                recursive=bool(arguments.get("recursive")),
+            )
+            captures = placed_below(captures, base_of(inputs, captures))
             return {source.name: (capture, source) for capture in captures for source in single_frames(capture)}
         except (CadtofError, KeyError) as error:
             say(f"the recorded frames are not where they were, so the first phasor is not evaluated: {error}")
@@ -104,12 +120,13 @@ def read_run(maps: Path, /) -> Run:
     """
     if not maps.exists():
         raise CaptureError(f"{maps}: no such file or folder; expected maps that `cadtof resolve` wrote")
-    files = map_files(maps)
+    files, folder = map_files(maps), maps if maps.is_dir() else maps.parent
+    folder = next((above for above in (folder, *folder.parents) if (above / RUN_FILE).exists()), folder)
     try:
-        record = read_record(maps if maps.is_dir() else maps.parent)
-        return Run(maps, files, record if record["arguments"].keys() >= {"inputs", "overrides"} else None)
+        record = read_record(folder)
+        return Run(maps, files, folder, record if record["arguments"].keys() >= {"inputs", "overrides"} else None)
     except (OSError, ValueError, LookupError, TypeError, AttributeError):
-        return Run(maps, files, None)
+        return Run(maps, files, folder, None)
 
 
 def is_run_folder(path: Path, /) -> bool:
@@ -118,10 +135,13 @@ def is_run_folder(path: Path, /) -> bool:
 
 
 def map_files(maps: Path, /) -> tuple[Path, ...]:
-    """Return a folder's map files in the order of their names, or the one file."""
+    """Return a run's map files in the order of their names, those in folders below it last; or the one file."""
     if maps.is_file():
         return (maps,)
-    return tuple(sorted(p for p in maps.iterdir() if p.suffix in MAP_SUFFIXES and not p.name.startswith(".")))
+    entries = sorted(path for path in maps.iterdir() if not path.name.startswith("."))
+    files = [path for path in entries if path.suffix in MAP_SUFFIXES and not path.is_dir()]
+    below = (path for path in entries if path.is_dir() and WRITTEN_BY_US.isdisjoint(one.name for one in path.iterdir()))
+    return (*files, *(file for folder in below for file in map_files(folder)))
 
 
 def read_record(folder: Path, /) -> dict[str, Any]:
@@ -161,11 +181,14 @@ def prepare_output(captures: Sequence[Capture], out: Path, /, *, overwrite: bool
 
 
 def _require_nothing_replaced(out: Path, named: Mapping[str, Path]) -> None:
-    def would_be(path: Path) -> bool:
-        in_stack = _PLACE_IN_STACK.sub("", path.stem)
-        return path.suffix.removeprefix(".") in MAP_FORMATS and (path.stem in named or in_stack in named)
+    def would_be(path: str) -> bool:
+        stem, _, suffix = path.rpartition(".")
+        return suffix in MAP_FORMATS and (stem in named or _PLACE_IN_STACK.sub("", stem) in named)
 
-    there = sorted(path.name for path in out.iterdir() if path.name in {RUN_FILE, FRAMES_FILE} or would_be(path))
+    folders = {(out / name).parent for name in named} | {out}
+    present = (path for folder in folders if folder.is_dir() for path in folder.iterdir())
+    names = (path.relative_to(out).as_posix() for path in present)
+    there = sorted(name for name in names if name in {RUN_FILE, FRAMES_FILE} or would_be(name))
     if there:
         more = f" and {len(there) - 3} more" if len(there) > 3 else ""
         raise OutputError(
@@ -218,7 +241,12 @@ def recorded_run(out: Path, document: Mapping[str, Any], /, *, resume: bool) -> 
         # without a buffer, so that nothing is left to be written, and to fail, on closing
         lines = path.open("ab" if resume else "wb", buffering=0)
     with lines:
-        yield RunRecorder(out, document, lines, resolved_before)
+        try:
+            yield RunRecorder(out, document, lines, resolved_before)
+        except BaseException:
+            # what arrived while the run went on is recorded too
+            write_json(out / RUN_FILE, document)
+            raise
 
 
 def require_same_maps(out: Path, document: Mapping[str, Any], /) -> None:

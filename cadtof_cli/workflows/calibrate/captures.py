@@ -24,11 +24,13 @@ class CalibrateSettings:
         out: calibration folder.
         overwrite: whether the part may be replaced.
         distances_m: of the targets, one for all captures or one each; empty: as `capture.toml` says.
+        settings_file: a `capture.toml` that holds for every capture, in place of any other.
     """
 
     out: Path
     overwrite: bool = False
     distances_m: tuple[float, ...] = ()
+    settings_file: Path | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +70,7 @@ def averaged_captures(
             were not recorded by one camera with one setting.
     """
     require_absent(settings.out, kind, overwrite=settings.overwrite)
-    captures = find_captures(inputs, overrides=overrides)
+    captures = find_captures(inputs, overrides=overrides, settings_file=settings.settings_file)
     metadata = _with_distances(captures, settings.distances_m)
     _require_same_modulation(captures)
     total = sum(len(capture.frames) for capture in captures)

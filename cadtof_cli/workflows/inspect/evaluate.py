@@ -42,8 +42,8 @@ def evaluate_maps(maps: Path, /, *, truth: Path, progress: Progress) -> Evaluati
     compared = 0
     for path in files:
         direct.add(same_size(direct_depth(path), expected, path, truth), expected)
-        if path.stem in recorded:
-            capture, source = recorded[path.stem]
+        if run.name(path) in recorded:
+            capture, source = recorded[run.name(path)]
             first.add(same_size(first_phasor_depth(capture, source), expected, source.paths[0], truth), expected)
             compared += 1
     return Evaluation(len(files), direct.summary(), first.summary() if compared == len(files) else None)

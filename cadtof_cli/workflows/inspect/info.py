@@ -72,6 +72,7 @@ def look_into(
     overrides: Mapping[str, Any],
     workers: Workers,
     progress: Progress,
+    settings_file: Path | None = None,
 ) -> list[CaptureFacts | MapFacts]:
     """Return what each input holds: captures are read whole, so that what is damaged is found.
 
@@ -85,7 +86,7 @@ def look_into(
             found.append(facts_of_maps(path))
         else:
             recorded.append(path)
-    captures = find_captures(recorded, overrides=overrides) if recorded else ()
+    captures = find_captures(recorded, overrides=overrides, settings_file=settings_file) if recorded else ()
     progress.total(sum(len(capture.frames) for capture in captures))
     found += (_capture_facts(capture, workers, progress) for capture in captures)
     return found

@@ -32,7 +32,7 @@ def preview_maps(maps: Path, /, *, out: Path, truth: Path | None, progress: Prog
         run.require_range_depth()
         known = direct_depth(truth)
         same_size(direct, known, path, truth)
-        found = run.recorded_frames(progress.say).get(path.stem)
+        found = run.recorded_frames(progress.say).get(run.name(path))
     first_phasor = None if found is None else first_phasor_depth(*found)
     mpi, confidence, sigma = (layers[name].astype(np.float64) for name in (MPI_DEPTH, CONFIDENCE, DIRECT_SIGMA))
     picture = MapPicture(f"{path.parent.name}/{path.name}", direct, mpi, confidence, sigma, known, first_phasor)

@@ -3,7 +3,7 @@
 import itertools
 import math
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
@@ -12,38 +12,21 @@ from typing import Any
 from uuid import uuid4
 
 from cadtof_cli import __version__
-from cadtof_cli.capture.discovery import Capture, find_captures
-from cadtof_cli.capture.frames import first_frames, single_frames
-from cadtof_cli.errors import SettingsError
-from cadtof_cli.execution.ordered import WorkerDied, run_ordered
-from cadtof_cli.files.atomic import remove_partial_files
-from cadtof_cli.files.formats import format_named, map_suffix_like
-from cadtof_cli.frame_plan import FramePlan
-from cadtof_cli.phasors.voltages import volts_per_count
+from cadtof_cli.capture.discovery import Capture
+from cadtof_cli.execution.ordered import Outcome, WorkerDied, run_ordered
+from cadtof_cli.files.atomic import make_folders, remove_partial_files
 from cadtof_cli.resolver.status import MEANING
 from cadtof_cli.resolver.two_path.kernel import chosen_kernel, kernel_notes
 from cadtof_cli.workflows.progress import UNTOLD, Progress
 from cadtof_cli.workflows.resolve import split_frames
+from cadtof_cli.workflows.resolve.arrivals import Arrivals, held_back
 from cadtof_cli.workflows.resolve.frame_task import FrameTask, resolve_file
-from cadtof_cli.workflows.resolve.settings import AS_INPUT, ResolveSettings
+from cadtof_cli.workflows.resolve.plans import CapturePlan, found_captures, planned
+from cadtof_cli.workflows.resolve.settings import ResolveSettings
 from cadtof_cli.workflows.resolve.use_calibration import AppliedCalibration, use_calibration
 from cadtof_cli.workflows.run_folder import FrameReport, prepare_output, recorded_run, require_same_maps
 
 DIED = "the worker process died twice on this frame (killed, or out of memory): try fewer --jobs"
-
-
-@dataclass(frozen=True)
-class CapturePlan:
-    """A capture, what to do with its frames, and their (Y, X); None where no frame can be opened."""
-
-    capture: Capture
-    plan: FramePlan
-    pixels: tuple[int, int] | None
-
-    @property
-    def expected_maps(self) -> int:
-        """How many maps there will be, as far as the files' names tell."""
-        return -(-len(self.capture.frames) // self.plan.settings.average)
 
 
 @dataclass
@@ -74,6 +57,7 @@ def resolve_captures(
     *,
     settings: ResolveSettings,
     overrides: Mapping[str, Any],
+    arriving: Iterable[tuple[Path, ...]] | None = None,
     progress: Progress = UNTOLD,
     on_frame: Callable[[FrameReport], None] = lambda _: None,
 ) -> RunTotals:
@@ -81,6 +65,7 @@ def resolve_captures(
 
     Args:
         inputs: folders of frames, and single files.
+        arriving: more of them, in batches that come while the run goes on.
         settings: what to do.
         overrides: values by dotted key that replace those of `capture.toml`.
         progress: a step is a file of maps.
@@ -89,32 +74,37 @@ def resolve_captures(
     Raises:
         CadtofError: nothing can be resolved: an input, the metadata, the settings or the output folder is at fault.
     """
-    captures = find_captures(inputs, overrides=overrides)
+    captures, base = found_captures(inputs, settings, overrides)
+    captures, waiting = (captures, []) if arriving is None else held_back(captures, inputs, settings)
     calibration = use_calibration(settings.calibration, captures) if settings.calibration else None
-    plans = _plans(captures, settings, calibration)
+    plans = planned(captures, settings, calibration)
     document = _document(inputs, overrides, settings, plans, calibration)
     prepare_output(captures, settings.out, overwrite=settings.overwrite, resume=settings.resume)
     if settings.resume:
         require_same_maps(settings.out, document)
     of_calibration = calibration.notes if calibration else ()
-    for note in (*itertools.chain(*map(_notes, captures)), *of_calibration, *kernel_notes()):
+    for note in (*(note for one in plans for note in one.notes()), *of_calibration, *kernel_notes()):
         progress.say(note)
     totals, began, token = RunTotals(), time.monotonic(), uuid4().hex[:8]
-    tasks = _tasks(plans, settings, progress, token)
-    if _are_worth_splitting(plans, settings):
-        outcomes = split_frames.resolve_split(tasks, workers=settings.workers)
-    else:
-        outcomes = run_ordered(resolve_file, tasks, workers=settings.workers)
+    steps = _Steps(progress)
     try:
-        with recorded_run(settings.out, document, resume=settings.resume) as record, closing(outcomes):
-            for outcome in outcomes:
-                report = outcome.result
-                if isinstance(report, WorkerDied):
-                    report = outcome.task.report("failed", DIED, 0.0)
+        with recorded_run(settings.out, document, resume=settings.resume) as record:
+
+            def tell(report: FrameReport) -> None:
                 totals.add(report)
                 record.add(report)
                 on_frame(report)
                 progress.advance()
+
+            arrivals = Arrivals(settings, overrides, calibration, base, tell, waiting)
+            arrivals.meet(plans)
+            for some in itertools.chain([plans], arrivals.plans(_recorded(arriving or (), document))):
+                if some is not plans:
+                    _record_captures(document, some)
+                with closing(_outcomes(some, settings, steps, token)) as outcomes:
+                    for outcome in outcomes:
+                        report = outcome.result
+                        tell(outcome.task.report("failed", DIED, 0.0) if isinstance(report, WorkerDied) else report)
             totals.seconds = round(time.monotonic() - began, 3)
             record.finish(asdict(totals))
     finally:
@@ -122,26 +112,41 @@ def resolve_captures(
     return totals
 
 
-def _plans(
-    captures: Sequence[Capture], settings: ResolveSettings, calibration: AppliedCalibration | None
-) -> list[CapturePlan]:
-    """Return what to do with each capture.
+def _outcomes(
+    plans: Sequence[CapturePlan], settings: ResolveSettings, steps: "_Steps", token: str
+) -> Generator[Outcome[FrameTask, FrameReport], None, None]:
+    """Resolve the frames of some captures."""
+    tasks = _tasks(plans, settings, steps, token)
+    if _are_worth_splitting(plans, settings):
+        return split_frames.resolve_split(tasks, workers=settings.workers)
+    return run_ordered(resolve_file, tasks, workers=settings.workers)
 
-    Raises:
-        SettingsError: its settings do not allow it; or its values are integers and nothing says how many volts a count is.
-    """
-    use = calibration.use if calibration else None
-    plans: list[CapturePlan] = []
-    for capture in captures:
-        metadata, first = capture.source.metadata, first_frames(capture)
-        plan = FramePlan(metadata=metadata, settings=settings.maps, calibration=use)
-        plans.append(CapturePlan(capture, plan, None if first is None else (first.shape[2], first.shape[3])))
-        try:
-            if first is not None:
-                volts_per_count(metadata.voltage, first.dtype)
-        except SettingsError as error:
-            raise SettingsError(f"{capture.root}: {error}") from error
-    return plans
+
+def _recorded(batches: Iterable[tuple[Path, ...]], document: Mapping[str, Any]) -> Iterator[tuple[Path, ...]]:
+    """Yield the batches of paths, each added to the inputs that `run.json` will name."""
+    for paths in batches:
+        document["arguments"]["inputs"] += map(str, paths)
+        document["arguments"]["absolute_inputs"] += (str(path.absolute()) for path in paths)
+        yield paths
+
+
+def _record_captures(document: Mapping[str, Any], plans: Iterable[CapturePlan]) -> None:
+    """Add captures, or their further files, to those that `run.json` names."""
+    for capture in (one.capture for one in plans):
+        known = next((one for one in document["captures"] if one["root"] == str(capture.root)), None)
+        if known is None:
+            document["captures"].append(_as_json(capture))
+        else:
+            known["files"] += len(capture.frames)
+
+
+def _as_json(capture: Capture) -> dict[str, Any]:
+    return {
+        "root": str(capture.root),
+        "files": len(capture.frames),
+        "metadata": asdict(capture.source.metadata),
+        "origins": dict(capture.source.origins),
+    }
 
 
 def _document(
@@ -169,58 +174,54 @@ def _document(
             "average": maps.average,
             "calibration": settings.calibration and str(settings.calibration),
             "map_format": settings.map_format,
+            "recursive": settings.recursive,
+            "settings": settings.settings_file and str(settings.settings_file.absolute()),
+            "frames": settings.frames and [settings.frames.start, settings.frames.stop],
             "overwrite": settings.overwrite,
             "resume": settings.resume,
             "overrides": dict(overrides),
         },
-        "captures": [
-            {
-                "root": str(capture.root),
-                "files": len(capture.frames),
-                "metadata": asdict(capture.source.metadata),
-                "origins": dict(capture.source.origins),
-            }
-            for capture in (one.capture for one in plans)
-        ],
+        "captures": [_as_json(one.capture) for one in plans],
         "calibration": calibration and calibration.as_json(),
         "layers": {layer.name: layer.unit for one in plans for layer in one.plan.layers},
         "status_bits": {bit.name: int(bit) for bit in MEANING},
     }
 
 
-def _notes(capture: Capture) -> Iterator[str]:
-    """Yield what is taken for granted about a capture."""
-    taken = [f"{key} = {value}" for key, value in capture.source.defaulted.items()]
-    if taken:
-        yield f"{capture.root}: not given, so taken from the paper: {', '.join(taken)}"
-    if capture.source.metadata.pixel.integration_length is None:
-        yield f"{capture.root}: pixel.integration_length is not given, so the noise is estimated from each frame"
+class _Steps:
+    """How many files of maps there will be, as far as is known."""
+
+    def __init__(self, progress: Progress) -> None:
+        self._progress, self._total = progress, 0
+
+    def expect(self, more: int) -> None:
+        """There are so many more, or fewer."""
+        self._total += more
+        self._progress.total(self._total)
 
 
-def _tasks(
-    plans: Sequence[CapturePlan], settings: ResolveSettings, progress: Progress, token: str
-) -> Iterator[FrameTask]:
+def _tasks(plans: Sequence[CapturePlan], settings: ResolveSettings, steps: _Steps, token: str) -> Iterator[FrameTask]:
     """Yield the run's tasks; they are drawn as places for them come free."""
-    total = sum(one.expected_maps for one in plans)
-    progress.total(total)
-    for one in plans:
-        layout, waiting = one.capture.layout, single_frames(one.capture)
+    expected = [one.expected_maps(settings) for one in plans]
+    steps.expect(sum(expected))
+    for one, count in zip(plans, expected, strict=True):
+        layout, waiting = one.capture.layout, one.frames(settings)
         for number in itertools.count(1):
             sources = tuple(itertools.islice(waiting, settings.maps.average))
             if not sources:
+                steps.expect(min(number - 1 - count, 0))
                 break
-            if number > one.expected_maps:
-                total += 1
-                progress.total(total)
-            same = settings.map_format == AS_INPUT
-            suffix = map_suffix_like(sources[0].paths[0]) if same else format_named(settings.map_format).suffix
-            output = settings.out / f"{sources[0].name}{suffix}"
+            if number > count:
+                steps.expect(1)
+            output = one.output(sources[0], settings)
+            if "/" in sources[0].name:
+                make_folders(output.parent)
             yield FrameTask(sources, layout, one.plan, one.pixels, output, keep_existing=settings.resume, token=token)
 
 
 def _are_worth_splitting(plans: Sequence[CapturePlan], settings: ResolveSettings) -> bool:
     """Whether frames are so few and so slow that their pixels should be spread over the processes."""
-    if sum(one.expected_maps for one in plans) >= settings.workers.jobs:
+    if sum(one.expected_maps(settings) for one in plans) >= settings.workers.jobs:
         return False
     seconds = (one.plan.expected_seconds(math.prod(one.pixels or (0,))) for one in plans)
-    return max(seconds) > split_frames.WORTH_SPLITTING_S
+    return max(seconds, default=0.0) > split_frames.WORTH_SPLITTING_S

@@ -25,6 +25,9 @@ class ResolveSettings:
         workers: what the work is done by.
         overwrite: whether the files of an earlier run may be replaced.
         resume: whether the maps of an earlier run are kept, and only those that are missing made.
+        recursive: whether captures are looked for below the folders that are given, too.
+        settings_file: a `capture.toml` that holds for every capture, in place of any other.
+        frames: which frames of each capture, by their place from 0; None for all.
     """
 
     out: Path
@@ -34,6 +37,9 @@ class ResolveSettings:
     workers: Workers = field(default_factory=Workers)
     overwrite: bool = False
     resume: bool = False
+    recursive: bool = False
+    settings_file: Path | None = None
+    frames: slice | None = None
 
     def __post_init__(self) -> None:
         if self.overwrite and self.resume:

@@ -1,0 +1,124 @@
+"""Files laid out and named by others, and settings that lie elsewhere: the same maps as of the files that we know."""
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+import tifffile
+
+from tests.support.captures import TOML, layers_of, record
+from tests.support.shell import shell
+
+PLANES = ((1, 1), (1, 2), (2, 1), (2, 2))
+
+
+@pytest.fixture
+def whole(tmp_path: Path) -> Path:
+    """A capture of two frames, resolved into `expected`."""
+    record(tmp_path / "whole", frames=2)
+    assert shell("cadtof resolve whole -o expected -j 1", tmp_path).status == 0
+    return tmp_path
+
+
+def _write_planes(folder: Path, names: str, layout: str, *, called: dict[str, str], frames: int = 2) -> None:
+    """Write the frames of `whole` as a plane a file, with names and a `capture.toml` such as other software would."""
+    for frame in range(frames):
+        pages = tifffile.imread(folder / "whole" / f"frame_{frame}.tif")
+        for (harmonic, channel), page in zip(PLANES, pages, strict=True):
+            words = {"frame": str(frame), "harmonic": called[f"h{harmonic}"], "channel": called[f"c{channel}"]}
+            file = folder / "planes" / names.format(**words)
+            file.parent.mkdir(parents=True, exist_ok=True)
+            tifffile.imwrite(file, page)
+    (folder / "planes" / "capture.toml").write_text(f"{TOML['tif']}[layout]\n{layout}\n", encoding="utf-8")
+
+
+def _same(one: Path, other: Path) -> None:
+    expected, found = layers_of(one), layers_of(other)
+    assert found.keys() == expected.keys()
+    for name in expected:
+        np.testing.assert_array_equal(found[name], expected[name])
+
+
+PLAIN = {"h1": "1", "h2": "2", "c1": "1", "c2": "2"}
+NAMED = {"h1": "25", "h2": "50", "c1": "A", "c2": "B"}
+NAMES = 'channel = ["A", "B"]\nharmonic = { "25" = 1, "50" = 2 }'
+
+
+@pytest.mark.parametrize(
+    ("pattern", "more", "called"),
+    [
+        ("H{harmonic}/f{frame}_{channel}.tif", "", PLAIN),
+        ("{frame}/h{harmonic}_sc{channel}.tif", "", PLAIN),
+        ("f{frame}_{harmonic}MHz_{channel}.tif", NAMES, NAMED),
+        ("{harmonic}/{channel}/{frame}.tif", NAMES, NAMED),
+        ("{channel}{harmonic}_größe({frame}).tif", NAMES, NAMED),
+        ("{harmonic}{channel}{frame}.tif", 'channel = ["", "x"]', PLAIN),
+    ],
+)
+def test_planes_in_folders_and_under_other_names(pattern: str, more: str, called: dict[str, str], whole: Path) -> None:
+    _write_planes(whole, pattern, f'pattern = "{pattern}"\n{more}', called=called)
+    done = shell("cadtof resolve planes -o out -j 1", whole)
+    if 'channel = [""' in more:
+        assert done.status == 2
+        assert "layout.channel: found ['', 'x'], expected two different names" in done.err
+        return
+    assert done.status == 0, done.err
+    for frame in (0, 1):
+        _same(whole / "expected" / f"frame_{frame}.tif", whole / "out" / f"{frame}.tif")
+
+
+def test_a_tree_of_planes_and_planes_by_name(whole: Path) -> None:
+    _write_planes(
+        whole, "H{harmonic}/{frame}_{channel}.tif", 'pattern = "H{harmonic}/{frame}_{channel}.tif"', called=PLAIN
+    )
+    done = shell("cadtof resolve -r planes -o out -j 1; cadtof resolve planes/H?/*.tif -o given -j 1", whole)
+    assert done.status == 0, done.err
+    for out in ("out", "given"):
+        _same(whole / "expected" / "frame_1.tif", whole / out / "1.tif")
+
+
+def test_a_pattern_without_frame_is_a_lone_frame(whole: Path) -> None:
+    _write_planes(whole, "{channel}_{harmonic}.tif", "", called=NAMED, frames=1)
+    (whole / "planes" / "capture.toml").write_text(TOML["tif"])
+    named = "--pattern '{channel}_{harmonic}.tif' --channel A,B --harmonic 25=1,50=2"
+    done = shell(f"cadtof resolve planes -o out -j 1 {named}", whole)
+    assert done.status == 0, done.err
+    _same(whole / "expected" / "frame_0.tif", whole / "out" / "frame.tif")
+    done = shell(f"cadtof resolve planes -o out2 -j 1 {named.replace('50=2', '50=3')}", whole)
+    assert done.status == 2
+    assert "layout.harmonic: found {'25': 1, '50': 3}, expected a name for each of the harmonics 1, 2" in done.err
+
+
+def test_a_folder_above_describes_its_captures(whole: Path) -> None:
+    (whole / "archive" / "day").mkdir(parents=True)
+    (whole / "whole").rename(whole / "archive" / "day" / "scene")
+    (whole / "archive" / "day" / "scene" / "capture.toml").rename(whole / "archive" / "capture.toml")
+    done = shell("cd archive/day/scene; cadtof resolve . -o ../../../out -j 1 && cadtof info frame_0.tif", whole)
+    assert done.status == 0, done.err
+    assert f"settings of {whole / 'archive' / 'capture.toml'}" in done.err
+    assert f"from {whole / 'archive' / 'capture.toml'}" in done.out
+    _same(whole / "expected" / "frame_0.tif", whole / "out" / "frame_0.tif")
+
+
+@pytest.mark.parametrize("with_own", [False, True])
+def test_settings_for_an_archive_that_cannot_be_written(with_own: bool, whole: Path) -> None:
+    shutil.move(whole / "whole" / "capture.toml", whole / "mine.toml")
+    if with_own:
+        (whole / "whole" / "capture.toml").write_text("[voltage]\nvolts_per_count = 1.0\n")
+    (whole / "whole").chmod(0o555)
+    done = shell("cadtof resolve whole --settings mine.toml -o out -j 1; cadtof info whole --settings mine.toml", whole)
+    assert done.status == 0, done.err
+    assert "from mine.toml" in done.out
+    _same(whole / "expected" / "frame_0.tif", whole / "out" / "frame_0.tif")
+    evaluated = shell("cd /; cadtof evaluate $OLDPWD/out --truth $OLDPWD/expected/frame_0.tif", whole)
+    assert evaluated.status == 0, evaluated.err
+    assert "first phasor" in evaluated.out
+
+
+def test_a_capture_toml_out_of_a_windows_editor(whole: Path) -> None:
+    toml = whole / "whole" / "capture.toml"
+    toml.write_bytes(b"\xef\xbb\xbf" + toml.read_bytes().replace(b"\n", b"\r\n"))
+    done = shell("cadtof resolve whole -o out -j 1", whole)
+    assert done.status == 0, done.err
+    _same(whole / "expected" / "frame_0.tif", whole / "out" / "frame_0.tif")

@@ -1,0 +1,192 @@
+"""Several captures in one run, as a shell names them: one record, and OUT mirrors the tree that they lie in."""
+
+import json
+import os
+import select
+import shutil
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+import tifffile
+
+from tests.support.captures import TOML, layers_of, record, write_frame
+from tests.support.forward import step_frame
+from tests.support.run_cadtof import ENVIRONMENT, PROGRAM, cadtof
+from tests.support.shell import shell
+
+
+@pytest.fixture
+def tree(tmp_path: Path) -> Path:
+    """rec/a, rec/b/one and rec/b/two, a frame of the same name in each; beside them what is no capture."""
+    for index, place in enumerate(("a", "b/one", "b/two")):
+        record(tmp_path / "rec" / place, seed=index)
+    (tmp_path / "rec" / "notes").mkdir()
+    (tmp_path / "rec" / "notes" / "readme.txt").write_text("nothing")
+    record(tmp_path / "rec" / ".trash", seed=5)
+    return tmp_path
+
+
+MIRRORED = ["a/frame_0.tif", "b/one/frame_0.tif", "b/two/frame_0.tif"]
+
+
+def _maps(out: Path) -> list[str]:
+    return sorted(path.relative_to(out).as_posix() for path in out.rglob("*.tif"))
+
+
+def test_recursive_mirrors_the_tree(tree: Path) -> None:
+    done = shell("cadtof resolve --recursive rec -o out -j 1 --json", tree)
+    assert done.status == 0, done.err
+    assert _maps(tree / "out") == MIRRORED
+    lines = [json.loads(line) for line in done.out.splitlines()]
+    assert [line["output"] for line in lines] == [f"out/{name}" for name in MIRRORED]
+    assert (tree / "out" / "frames.jsonl").read_text() == done.out
+    run = json.loads((tree / "out" / "run.json").read_text())
+    assert [capture["root"] for capture in run["captures"]] == ["rec/a", "rec/b/one", "rec/b/two"]
+    assert run["totals"]["ok"] == 3
+    # the same maps as of each alone
+    assert shell("cadtof resolve rec/b/two -o alone -j 1", tree).status == 0
+    for name, layer in layers_of(tree / "alone" / "frame_0.tif").items():
+        np.testing.assert_array_equal(layer, layers_of(tree / "out" / "b/two/frame_0.tif")[name])
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        "cadtof resolve rec/a rec/b/* -o out -j 1",
+        "cadtof resolve rec/a/*.tif rec/b/*/*.tif -o out -j 1",
+        "cd rec; cadtof resolve a b/one b/two -o ../out -j 1",
+        "find rec -name .trash -prune -o -name '*.tif' -print | sort | cadtof resolve - -o out -j 1",
+        "find rec -name .trash -prune -o -name '*.tif' -print0 | sort -z | cadtof resolve - -0 -o out -j 1",
+        "find $PWD/rec -name .trash -prune -o -name '*.tif' -print | cadtof resolve - -o out -j 2",
+        "mv rec/b 'rec/b c'; mkdir b; cadtof resolve -r rec -o out -j 1; mv 'out/b c' out/b",
+    ],
+)
+def test_however_a_shell_names_them(command: str, tree: Path) -> None:
+    done = shell(command, tree)
+    assert done.status == 0, done.err
+    assert _maps(tree / "out") == MIRRORED
+
+
+def test_names_with_new_lines_arrive_with_zero_bytes(tmp_path: Path) -> None:
+    capture = record(tmp_path / "cap\nture")
+    capture.files[0].rename(capture.folder / "frame\n0.tif")
+    done = shell("find . -name '*.tif' -print0 | cadtof resolve - -0 -o out -j 1", tmp_path)
+    assert done.status == 0, done.err
+    assert (tmp_path / "out" / "frame\n0.tif").exists()
+
+
+def test_a_lone_capture_lies_in_out_itself(tree: Path) -> None:
+    assert shell("cadtof resolve rec/b/one -o out -j 1; cadtof resolve -r rec/a -o below -j 1", tree).status == 0
+    assert _maps(tree / "out") == _maps(tree / "below") == ["frame_0.tif"]
+
+
+def test_a_folder_of_captures_names_them(tree: Path) -> None:
+    done = shell("cadtof resolve rec -o out", tree)
+    assert (done.status, done.out) == (2, "")
+    assert "captures below it: rec/a, rec/b/one, rec/b/two; add --recursive" in done.err
+    done = shell("cadtof resolve -r rec/notes -o out", tree)
+    assert done.status == 2
+    assert "no frames in it or in any folder below it" in done.err
+
+
+def test_maps_and_calibrations_are_no_captures(tree: Path) -> None:
+    assert shell("cadtof resolve -r rec -o rec/maps -j 1", tree).status == 0
+    shutil.copytree(tree / "rec" / "a", tree / "rec" / "camera")
+    (tree / "rec" / "camera" / "capture.toml").rename(tree / "rec" / "camera" / "dark.toml")
+    done = shell("cadtof resolve -r rec -o out -j 1", tree)
+    assert done.status == 0, done.err
+    assert _maps(tree / "out") == MIRRORED
+
+
+def test_a_run_of_many_captures_is_resumed_evaluated_and_drawn(tree: Path) -> None:
+    assert shell("cadtof resolve -r rec -o out -j 1", tree).status == 0
+    kept = (tree / "out" / "a" / "frame_0.tif").stat().st_mtime_ns
+    (tree / "out" / "b" / "one" / "frame_0.tif").unlink()
+    done = shell("cadtof resolve -r rec -o out -j 1 --resume", tree)
+    assert done.status == 0, done.err
+    assert _maps(tree / "out") == MIRRORED
+    assert (tree / "out" / "a" / "frame_0.tif").stat().st_mtime_ns == kept
+    truth = tree / "out" / "a" / "frame_0.tif"
+    done = cadtof("evaluate", tree / "out", "--truth", truth, "--json")
+    assert done.status == 0, done.err
+    evaluation = json.loads(done.out)
+    assert evaluation["frames"] == 3
+    assert evaluation["first_phasor"] is not None
+    done = cadtof("preview", tree / "out" / "b" / "two" / "frame_0.tif", "--truth", truth, "-o", tree / "x.png")
+    assert (done.status, done.err) == (0, "")
+    done = shell("cadtof resolve -r rec -o out -j 1", tree)
+    assert done.status == 2
+    assert "would be replaced; add --overwrite" in done.err
+
+
+def test_frames_are_resolved_as_they_arrive(tmp_path: Path) -> None:
+    """A camera writes frames while we run, into two folders: each line comes before the next frame is there."""
+    rng = np.random.default_rng(3)
+    for place in ("cam", "cam/night"):
+        (tmp_path / place).mkdir(parents=True)
+    (tmp_path / "cam" / "capture.toml").write_text(TOML["tif"])
+    command = [*PROGRAM, "resolve", "-", "-o", "live", "--json", "-j", "2"]
+    names = ["cam/f_0.tif", "cam/f_1.tif", "cam/gone.tif", "cam/night/f_0.tif", "cam/f_2.tif"]
+    with subprocess.Popen(
+        command, cwd=tmp_path, env=ENVIRONMENT, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
+    ) as process:
+        assert process.stdin is not None
+        assert process.stdout is not None
+        for name in names:
+            if "gone" not in name:
+                write_frame(tmp_path / name, step_frame(rng))
+            process.stdin.write(f"{name}\n".encode())
+            process.stdin.flush()
+            assert select.select([process.stdout], [], [], 60)[0]
+            line = json.loads(os.read(process.stdout.fileno(), 65536))
+            assert line["source"] == name
+            assert line["status"] == ("failed" if "gone" in name else "ok"), line
+        process.stdin.close()
+        assert process.wait(60) == 1
+    assert _maps(tmp_path / "live") == ["f_0.tif", "f_1.tif", "f_2.tif", "night/f_0.tif"]
+    run = json.loads((tmp_path / "live" / "run.json").read_text())
+    assert run["finished"]
+    assert run["arguments"]["inputs"] == names
+    assert [(one["root"], one["files"]) for one in run["captures"]] == [("cam", 3), ("cam/night", 1)]
+
+
+def test_planes_that_arrive_one_by_one_wait_for_their_frame(tmp_path: Path) -> None:
+    rng = np.random.default_rng(4)
+    volts = step_frame(rng)
+    record(tmp_path / "whole", seed=4)
+    write_frame(tmp_path / "whole" / "frame_0.tif", volts)
+    (tmp_path / "cam").mkdir()
+    planes = "[layout]\npattern = '{frame}_h{harmonic}_sc{channel}.tif'\n"
+    (tmp_path / "cam" / "capture.toml").write_text(TOML["tif"] + planes)
+    script = """
+    { for f in 0 1; do for p in h1_sc1 h1_sc2 h2_sc1 h2_sc2; do
+        tiffcp_page "$f" "$p"; echo cam/f${f}_$p.tif; sleep 0.7; done; done; } | cadtof resolve - -o live --json -j 1
+    """
+    cut = f"tiffcp_page() {{ mv source/f${{1}}_$2.tif cam/; }}\n{script}"
+    (tmp_path / "source").mkdir()
+    pages = tifffile.imread(tmp_path / "whole" / "frame_0.tif")
+    for frame in (0, 1):
+        for name, page in zip(("h1_sc1", "h1_sc2", "h2_sc1", "h2_sc2"), pages, strict=True):
+            tifffile.imwrite(tmp_path / "source" / f"f{frame}_{name}.tif", page)
+    done = shell(cut, tmp_path)
+    assert done.status == 0, done.err
+    assert [json.loads(line)["status"] for line in done.out.splitlines()] == ["ok", "ok"]
+    assert shell("cadtof resolve whole -o out -j 1", tmp_path).status == 0
+    for name, layer in layers_of(tmp_path / "out" / "frame_0.tif").items():
+        np.testing.assert_array_equal(layer, layers_of(tmp_path / "live" / "f1.tif")[name])
+
+
+@pytest.mark.skipif(shutil.which("inotifywait") is None, reason="inotifywait (inotify-tools) is not installed")
+def test_inotifywait_follows_a_camera(tmp_path: Path) -> None:
+    record(tmp_path / "cam")
+    record(tmp_path / "next", frames=3, seed=2)
+    script = """
+    set -o pipefail
+    (sleep 1.5; for n in 1 2; do cp next/frame_$n.tif cam/; sleep 0.3; done) &
+    timeout 6 inotifywait -q -m -e close_write --format %w%f cam | cadtof resolve - -o live --json -j 1
+    """
+    done = shell(script, tmp_path)
+    assert [json.loads(line)["source"] for line in done.out.splitlines()] == ["cam/frame_1.tif", "cam/frame_2.tif"]
+    assert _maps(tmp_path / "live") == ["frame_1.tif", "frame_2.tif"]
