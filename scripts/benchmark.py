@@ -270,6 +270,7 @@ def sibling(*command: str) -> Callable[[argparse.Namespace], None]:
 
 
 PARTS: dict[str, Callable[[argparse.Namespace], None]] = {
+    "kernel": sibling("benchmark_kernel.py"),
     "solvers": solvers,
     "end-to-end": end_to_end,
     "memory": memory,

@@ -33,7 +33,7 @@ find_compiler() {
         fi
     done
     if "$@" ziglang >/dev/null 2>&1; then
-        export CC="$venv/bin/python -m ziglang cc -mcpu=baseline"
+        export CC="$venv/bin/python -I -m ziglang cc -mcpu=baseline"
     else
         echo "$(basename "$0"): no C compiler, and no ziglang wheel either: numpy will do without" >&2
     fi

@@ -51,9 +51,8 @@ class StatusCounts:
 
 def count_status(status: Status, /) -> StatusCounts:
     """Count the pixels of a status map of any shape that have one path, two paths, more, and no answer."""
-    one = int(np.count_nonzero(status & StatusBit.ONE_PATH))
-    two = int(np.count_nonzero(status & StatusBit.TWO_PATHS))
-    more = int(np.count_nonzero(status & StatusBit.MORE_PATHS))
+    bits = (StatusBit.ONE_PATH, StatusBit.TWO_PATHS, StatusBit.MORE_PATHS)
+    one, two, more = (int(np.count_nonzero(status & np.uint32(bit))) for bit in bits)
     return StatusCounts(one, two, more, status.size - one - two - more)
 
 

@@ -18,6 +18,7 @@ from cadtof_cli.errors import FrameError
 from cadtof_cli.files.damage import damage_as_frame_error, require_plausible_size
 from cadtof_cli.files.frames import NotAFrameError, shape_text
 from cadtof_cli.files.maps import is_map_layer
+from cadtof_cli.files.tiff.envelope import Envelope
 from cadtof_cli.files.tiff.pages import (
     Page,
     lies_in_one_run,
@@ -136,13 +137,27 @@ class TiffImages:
             stored = np.moveaxis(stored, -1, 1)
         return np.ascontiguousarray(stored[place, samples])
 
+    def envelope(self, indices: NDArray[np.intp], /) -> Envelope | None:
+        """Return what stands around planes; None where they do not lie in one run, in this order and native byte order."""
+        native = self.dtype.newbyteorder(self._tiff.byteorder) == self.dtype
+        start = self._start_of_run(indices.tolist()) if native and self._samples == 1 else None
+        size = indices.size * math.prod(self.plane_shape) * self.dtype.itemsize
+        return None if start is None else Envelope.of(self._tiff.filehandle, start, size)
+
+    def _start_of_run(self, indices: Sequence[int]) -> int | None:
+        first, size = self._items[indices[0]], math.prod(self._page_shape) * self.dtype.itemsize
+        if not isinstance(first, int):
+            return None
+        in_a_run = range(first, first + size * len(indices), size)
+        return first if all(self._items[index] == at for index, at in zip(indices, in_a_run, strict=True)) else None
+
     def _images(self, indices: Sequence[int]) -> Stored:
         """Return some of the file's images, shape (n, *page shape)."""
         whole: Stored = np.empty((len(indices), *self._page_shape), self.dtype)
-        items, parts = [self._items[index] for index in indices], whole
-        first, size = items[0], whole[0].nbytes
-        if isinstance(first, int) and items == list(range(first, first + size * len(items), size)):
-            items, parts = [first], whole[np.newaxis]
+        start = self._start_of_run(indices)
+        items, parts = (
+            ([self._items[index] for index in indices], whole) if start is None else ([start], whole[np.newaxis])
+        )
         with reading_tiff(self.path):
             for item, part in zip(items, parts, strict=True):
                 if isinstance(item, int):

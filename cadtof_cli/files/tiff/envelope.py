@@ -1,0 +1,55 @@
+"""What stands around the pixels of a TIFF file. Frames of a recording, and maps of a run, differ in their pixels alone.
+
+So the library, and all our checks, need to meet the first of them only: a file with the same bytes around as many pixels is
+read and written as that one was.
+"""
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from numpy.typing import NDArray
+from tifffile import FileHandle
+
+LARGEST_BYTES = 2**20
+"""More than this around the pixels is not worth to be kept: reading the pages of such a stack costs little beside its pixels."""
+
+
+@dataclass(frozen=True)
+class Envelope:
+    """The bytes of a file before and after one run of `pixels` bytes of pixels."""
+
+    head: bytes
+    pixels: int
+    tail: bytes
+
+    @classmethod
+    def of(cls, file: FileHandle, first: int, pixels: int, /) -> "Envelope | None":
+        """Return what stands in an open file around the pixels from byte `first` on; None where that is too much to keep."""
+        if not 0 <= file.size - pixels <= LARGEST_BYTES:
+            return None
+        file.seek(0)
+        head = file.read(first)
+        file.seek(first + pixels)
+        return cls(head, pixels, file.read())
+
+    def read(self, path: Path, out: NDArray[Any], /) -> bool:
+        """Read the pixels of a file into `out` if it has the same bytes around them, and return whether it has."""
+        with path.open("rb", buffering=0) as file:
+            if os.fstat(file.fileno()).st_size != len(self.head) + self.pixels + len(self.tail):
+                return False
+            if file.read(len(self.head)) != self.head or out.nbytes != self.pixels:
+                return False
+            rest = out.data.cast("B")
+            while rest and (count := file.readinto(rest)):
+                rest = rest[count:]
+            return not rest and file.read(len(self.tail) + 1) == self.tail
+
+    def write(self, path: Path, pixels: NDArray[Any], /) -> None:
+        """Write a file of these bytes around other pixels."""
+        with path.open("wb", buffering=0) as file:
+            for part in (self.head, pixels.data.cast("B"), self.tail):
+                rest = memoryview(part)
+                while rest:
+                    rest = rest[file.write(rest) :]

@@ -1,0 +1,170 @@
+"""Files that differ in their pixels alone are read and written at once: nothing of what is read, refused or written changes."""
+
+import threading
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+import pytest
+import tifffile
+from numpy.typing import NDArray
+
+from cadtof_cli.capture.frame_sources import FrameSource
+from cadtof_cli.capture.frames import open_frames
+from cadtof_cli.errors import FrameError
+from cadtof_cli.files.frames import FrameLayout
+from cadtof_cli.files.maps import DepthMaps, read_layers, write_maps
+
+LAYOUT = FrameLayout(harmonics=(1, 2))
+
+Result = TypeVar("Result")
+
+
+def afresh(work: Callable[[], Result]) -> Result:
+    """Return what a thread that has read and written nothing before returns."""
+    found: list[Result] = []
+    thread = threading.Thread(target=lambda: found.append(work()))
+    thread.start()
+    thread.join()
+    return found[0]
+
+
+def frame(seed: int, dtype: str = "<u2") -> NDArray[Any]:
+    return np.random.default_rng(seed).integers(0, 16384, (2, 2, 6, 9)).astype(dtype)
+
+
+def read(path: Path, layout: FrameLayout = LAYOUT) -> tuple[Any, ...]:
+    """What comes of a file: its frame, or the message."""
+    try:
+        with open_frames(FrameSource(path.stem, (path,)), layout) as frames:
+            stored = frames.read(0)
+            return frames.format, frames.count, frames.shape, frames.dtype, stored.dtype, stored.tobytes()
+    except FrameError as error:
+        return (str(error),)
+
+
+FORMS: dict[str, dict[str, Any]] = {
+    "plain": {"metadata": None, "photometric": "minisblack"},
+    "shaped": {"photometric": "minisblack"},
+    "OME": {"ome": True, "photometric": "minisblack", "metadata": {"axes": "ZCYX"}},
+    "BigTIFF": {"bigtiff": True, "photometric": "minisblack"},
+    "big-endian": {"byteorder": ">", "photometric": "minisblack"},
+    "deflate": {"compression": "zlib", "photometric": "minisblack"},
+    "tiles": {"tile": (16, 16), "photometric": "minisblack"},
+}
+
+
+@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("dtype", ["<u2", ">u2", "f4"])
+def test_frames_of_a_recording_are_read_as_each_alone(form: str, dtype: str, tmp_path: Path) -> None:
+    for number in range(4):
+        path = tmp_path / f"frame_{number}.tif"
+        tifffile.imwrite(path, frame(number, dtype), **FORMS[form])
+        found = read(path)
+        assert found == afresh(partial(read, path))
+        assert found[-1] == frame(number, dtype).astype(np.dtype(dtype).newbyteorder("=")).tobytes()
+
+
+def series(folder: Path) -> tuple[Path, Path]:
+    """Two files that differ in their pixels alone, of which the first has been read."""
+    first, second = folder / "a.tif", folder / "b.tif"
+    for number, path in enumerate((first, second)):
+        tifffile.imwrite(path, frame(number), **FORMS["plain"])
+    read(first)
+    return first, second
+
+
+def test_every_changed_byte_around_the_pixels_is_noticed(tmp_path: Path) -> None:
+    first, second = series(tmp_path)
+    content = second.read_bytes()
+    with tifffile.TiffFile(second) as file:
+        start = file.pages.first.dataoffsets[0]
+    around = [*range(start), *range(start + frame(0).nbytes, len(content))]
+    for place in around[:: max(1, len(around) // 150)]:
+        changed = bytearray(content)
+        changed[place] ^= 0x41
+        second.write_bytes(changed)
+        read(first)
+        assert read(second) == afresh(partial(read, second)), place
+
+
+@pytest.mark.parametrize("change", [-100_000, -400, -1, 1, 50])
+def test_a_file_that_is_cut_or_goes_on_is_judged_as_if_alone(change: int, tmp_path: Path) -> None:
+    first, second = series(tmp_path)
+    content = second.read_bytes()
+    second.write_bytes(content[:change] if change < 0 else content + bytes(change))
+    read(first)
+    assert read(second) == afresh(partial(read, second))
+
+
+def test_a_file_that_shrinks_while_it_is_read_is_not_taken_for_whole(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first, second = series(tmp_path)
+    content = second.read_bytes()
+    read(first)
+    real = np.empty
+
+    def cut(*shape: Any, **options: Any) -> NDArray[Any]:
+        second.write_bytes(content[:-200])
+        return np.asarray(real(*shape, **options))
+
+    monkeypatch.setattr(np, "empty", cut)
+    found = read(second)
+    monkeypatch.undo()
+    assert found == afresh(partial(read, second))
+
+
+def test_another_layout_is_another_question(tmp_path: Path) -> None:
+    first, second = series(tmp_path)
+    three = FrameLayout(harmonics=(1, 2, 3))
+    assert read(second, three) == afresh(partial(read, second, three))
+    assert "expected 6" in read(second, three)[0]
+    assert read(first)[2] == (2, 2, 6, 9)
+
+
+def maps(seed: int, names: tuple[str, ...] = ("direct.depth", "confidence"), width: int = 9) -> DepthMaps:
+    rng = np.random.default_rng(seed)
+    status = rng.integers(0, 4096, (6, width)).astype(np.uint32)
+    pages = rng.normal(size=(len(names) + 1, 6, width)).astype(np.float32)
+    pages[0, 0, 0] = np.nan
+    return DepthMaps(names, pages, status)
+
+
+def test_maps_have_the_bytes_that_tifffile_gives_them(tmp_path: Path) -> None:
+    kinds: list[dict[str, Any]] = [
+        {},
+        {},
+        {},
+        {"width": 12},
+        {"width": 12},
+        {"names": ("a", "b")},
+        {"names": ("a", "b")},
+        {},
+    ]
+    for seed, kind in enumerate(kinds):
+        one, path, alone = maps(seed, **kind), tmp_path / f"{seed}.tif", tmp_path / "alone.tif"
+        write_maps(path, one)
+        afresh(partial(write_maps, alone, one))
+        assert path.read_bytes() == alone.read_bytes(), seed
+        layers = read_layers(path)
+        np.testing.assert_array_equal(layers["status"], one.status)
+        np.testing.assert_array_equal(layers[one.names[0]], one.pages[0])
+
+
+def test_the_library_meets_the_first_of_a_kind_only(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    first, second = series(tmp_path)
+    write_maps(tmp_path / "first.tif", maps(0))
+
+    def met(*_: Any, **__: Any) -> None:
+        raise AssertionError("tifffile was asked")
+
+    monkeypatch.setattr(tifffile, "TiffFile", met)
+    monkeypatch.setattr(tifffile, "imwrite", met)
+    assert read(second)[-1] == frame(1).tobytes()
+    assert read(first)[-1] == frame(0).tobytes()
+    write_maps(tmp_path / "second.tif", maps(1))
+    monkeypatch.undo()
+    np.testing.assert_array_equal(read_layers(tmp_path / "second.tif")["confidence"], maps(1).pages[1])
