@@ -27,3 +27,9 @@ class FrameError(CadtofError):
 
 class OutputError(CadtofError):
     """A place that cannot be written, or that holds files a run would replace."""
+
+
+class ClusterError(CadtofError):
+    """A cluster that cannot do what was asked, or is lost; what it has done is kept."""
+
+    exit_status = 1

@@ -20,12 +20,17 @@ from cadtof_cli.files.maps import DepthMaps
 from cadtof_cli.frame_plan import FramePlan
 from cadtof_cli.maps.depth import DepthScale, empty_maps, write_block
 from cadtof_cli.maps.layers import ALWAYS
-from cadtof_cli.optics.pinhole import planar_per_range
+from cadtof_cli.optics.pinhole import planar_per_range, principal_point
 from cadtof_cli.phasors.frame_mean import FrameMean
 from cadtof_cli.phasors.noise import NoiseModel, estimated_integration_length, noise_model
 from cadtof_cli.phasors.pooling import pooled_phasors
 from cadtof_cli.phasors.voltages import phasors_from_stored, saturated_pixels
-from cadtof_cli.resolver.resolve import resolve_paths
+from cadtof_cli.resolver.diffuse.grid import View
+from cadtof_cli.resolver.diffuse.predict import diffuse_model
+from cadtof_cli.resolver.diffuse.records import DiffuseChoice, DiffuseModel
+from cadtof_cli.resolver.diffuse.settings import DiffuseSettings
+from cadtof_cli.resolver.resolve import resolve_paths, screened
+from cadtof_cli.resolver.response.as_sine import phasors_of_sine
 from cadtof_cli.resolver.status import StatusBit
 from cadtof_cli.resolver.two_path.kernel import NUMPY, KernelFrame, chosen_kernel, fill_maps
 from cadtof_cli.units import metres_per_radian
@@ -53,6 +58,7 @@ class FramePixels:
         first: flat index of the first of the n pixels.
         noise: of a recorded pixel, with how many each of the n is a mean of.
         pooled: means over neighbours, (H, n), instead of the phasors that follow from `stored`; None: there are none.
+        mpi: which model of MPI the frame was found to have, and how its tail is predicted; None where there was no choice.
     """
 
     stored: Stored
@@ -61,6 +67,7 @@ class FramePixels:
     first: int
     noise: NoiseModel
     pooled: Complex | None = None
+    mpi: DiffuseModel | DiffuseChoice | None = None
 
     @property
     def count(self) -> int:
@@ -85,11 +92,13 @@ class FramePixels:
 
 @dataclass(frozen=True)
 class ResolvedFrame:
-    """The maps of a frame, and the integration length that its noise was taken from (`noise_estimated`: or found)."""
+    """The maps of a frame, the integration length that its noise was taken from (`noise_estimated`: or found), and the model of
+    its MPI (None: there was no choice)."""
 
     maps: DepthMaps
     integration_length: float
     noise_estimated: bool
+    mpi: DiffuseChoice | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,7 +170,7 @@ def resolve_frame(
 def prepare_frame(
     frame: Stored | FrameMean, /, *, plan: FramePlan, calibration: Calibration | None = None
 ) -> FramePixels:
-    """Do all that couples the pixels of a frame: estimate its noise where it is unknown, and pool neighbours."""
+    """Do all that couples the pixels of a frame: estimate its noise where it is unknown, pool neighbours, predict its MPI."""
     recorded = frame if isinstance(frame, FrameMean) else FrameMean.of_one(frame)
     height, width = recorded.stored.shape[2:]
     stages = _stages(plan, calibration, recorded.dtype, (height, width))
@@ -174,7 +183,11 @@ def prepare_frame(
     else:
         noise = _estimated_noise(pixels, plan, stages)
     pixels = replace(pixels, noise=replace(noise, samples=samples))
-    return pixels if plan.settings.pool == 1 else _pooled(pixels, stages, window=plan.settings.pool)
+    if plan.settings.pool > 1:
+        pixels = _pooled(pixels, stages, window=plan.settings.pool)
+    if plan.resolver.may_be_diffuse(pixels.noise.harmonics):
+        pixels = replace(pixels, mpi=_predicted_mpi(pixels, plan, stages))
+    return pixels
 
 
 def resolve_pixels(
@@ -188,7 +201,8 @@ def resolve_pixels(
     stages = _stages(plan, calibration, pixels.dtype, pixels.size)
     maps, response = empty_maps(1, pixels.count, layers=plan.layers), stages.correction.response
     kernel = kernel or chosen_kernel()
-    if kernel != NUMPY and plan.settings.resolver.in_kernel(pixels.noise.harmonics, sine=response is None):
+    alone = not isinstance(pixels.mpi, DiffuseModel)
+    if kernel != NUMPY and alone and plan.settings.resolver.in_kernel(pixels.noise.harmonics, sine=response is None):
         _fill_by_kernel(maps, pixels, plan, stages, kernel)
         return maps
     step = plan.block_pixels or (SEARCHED_BLOCK_PIXELS if plan.is_searched or response else BLOCK_PIXELS)
@@ -202,6 +216,7 @@ def resolve_pixels(
             settings=plan.resolver,
             noise=block.noise,
             response=response.block(there) if response else None,
+            tail=pixels.mpi.block(there) if isinstance(pixels.mpi, DiffuseModel) else None,
         )
         if calibration is not None:
             np.bitwise_or(resolved.status, np.uint32(StatusBit.CALIBRATED), out=resolved.status)
@@ -240,7 +255,8 @@ def joined_parts(pixels: FramePixels, parts: Sequence[DepthMaps], /) -> Resolved
         pages = np.concatenate([part.pages for part in parts], axis=-1)
         status = np.concatenate([part.status for part in parts], axis=-1)
     maps = DepthMaps(parts[0].names, pages.reshape(-1, *pixels.size), status.reshape(pixels.size))
-    return ResolvedFrame(maps, pixels.noise.integration_length, pixels.noise.estimated)
+    mpi = pixels.mpi.choice if isinstance(pixels.mpi, DiffuseModel) else pixels.mpi
+    return ResolvedFrame(maps, pixels.noise.integration_length, pixels.noise.estimated, mpi)
 
 
 def _estimated_noise(pixels: FramePixels, plan: FramePlan, stages: _Stages) -> NoiseModel:
@@ -269,3 +285,29 @@ def _pooled(pixels: FramePixels, stages: _Stages, *, window: int) -> FramePixels
     )
     noise = replace(pixels.noise, samples=pooled.samples.ravel())
     return replace(pixels, noise=noise, pooled=pooled.phasors.reshape(len(phasors), -1))
+
+
+def _predicted_mpi(pixels: FramePixels, plan: FramePlan, stages: _Stages) -> DiffuseModel | DiffuseChoice:
+    """Predict the MPI of a frame from its own geometry, where it is diffuse."""
+    phasors, noise, modulation = stages.phasors(pixels), pixels.noise, plan.metadata.modulation
+    with np.errstate(over="ignore", invalid="ignore"):
+        # values that no camera stores, and NaN, are what the screening finds
+        powers = [phasor.real**2 + phasor.imag**2 for phasor in phasors]
+        status, _ = screened(np.sqrt(powers[0]), powers, stages.status(pixels), settings=plan.resolver, noise=noise)
+    if stages.correction.response is not None:
+        response = stages.correction.response.block(slice(0, pixels.count))
+        found = resolve_paths(phasors, status=status, settings=plan.resolver, noise=noise, response=response)
+        phasors = phasors_of_sine(phasors, found.paths, response=response)
+    optics, offset = plan.metadata.optics, stages.depth.range_offset_m
+    focal = optics.focal_length_px
+    return diffuse_model(
+        phasors.reshape(-1, *pixels.size),
+        usable=(status == 0).reshape(pixels.size),
+        variances=tuple(one.dark_variance for one in noise.each),
+        settings=DiffuseSettings(
+            model=plan.resolver.mpi_model, period_ns=modulation.periods_ns[0], harmonics=noise.harmonics
+        ),
+        view=None if focal is None else View(focal, principal_point(optics, pixels.size)),
+        samples=None if noise.samples is None else noise.samples.reshape(pixels.size),
+        range_offset_m=None if offset is None else -offset.reshape(pixels.size),
+    )

@@ -40,6 +40,7 @@ LIBRARIES: dict[str, set[str]] = {
     "matplotlib": {"figures"},
     "OpenEXR": {"files"},
     "tifffile": {"files"},
+    "distributed": {"execution"},
 }
 
 

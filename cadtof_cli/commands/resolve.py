@@ -41,6 +41,12 @@ if TYPE_CHECKING:
     "resolver",
     ResolverSettings,
     setting_option(
+        "--mpi-model",
+        ResolverSettings,
+        help="What MPI is: separate paths (discrete), the tail that the room's geometry predicts (diffuse), or what each frame "
+        "says. Another --solver, --order, more --paths or --return last mean discrete.",
+    ),
+    setting_option(
         "--solver",
         ResolverSettings,
         help="How paths are found: two-path in closed form (with more than two periods, or --paths, by maximum likelihood), "
@@ -110,6 +116,12 @@ if TYPE_CHECKING:
     Workers,
     setting_option("-j --jobs", Workers, metavar="N", help="Worker processes.  [default: all cores]"),
     setting_option("--start-method", Workers, help="How worker processes start.  [default: fork on Linux, else spawn]"),
+    setting_option(
+        "--scheduler",
+        Workers,
+        metavar="local|tcp://HOST:PORT",
+        help="Worker processes here, or the workers of a dask scheduler, which share its files (extra cluster).",
+    ),
 )
 @setting_option("--overwrite", ResolveSettings, help="Replace the files of an earlier run.")
 @setting_option(
@@ -186,10 +198,11 @@ def resolve(
 
 
 def _summary(totals: "RunTotals", out: Path) -> str:
-    pixels = totals.one_path + totals.two_paths + totals.more_paths + totals.invalid
+    pixels = totals.one_path + totals.two_paths + totals.more_paths + totals.diffuse + totals.invalid
     line = f"resolved {totals.ok} of {totals.frames} frames in {totals.seconds:.1f} s"
     if totals.ok:
         more = f"{totals.more_paths / pixels:.1%} of pixels have more than two paths, " if totals.more_paths else ""
+        more += f"{totals.diffuse / pixels:.1%} of pixels have diffuse MPI, " if totals.diffuse else ""
         line += (
             f" ({totals.ok / totals.seconds:.0f} frames/s): {more}{totals.two_paths / pixels:.1%} of pixels have two paths, "
             f"{totals.one_path / pixels:.1%} one, {totals.invalid / pixels:.1%} no answer"

@@ -5,9 +5,10 @@ from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Generic, TypeVar
 
-from cadtof_cli.execution.workers import Workers, signals_held_back, worker_pool
+from cadtof_cli.execution.workers import LOCAL, Workers, signals_held_back, worker_pool
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
@@ -30,15 +31,43 @@ class Outcome(Generic[Task, Result]):
 
 
 def run_ordered(
-    function: Callable[[Task], Result], tasks: Iterable[Task], /, *, workers: Workers
+    function: Callable[[Task], Result],
+    tasks: Iterable[Task],
+    /,
+    *,
+    workers: Workers,
+    probe: Path | None = None,
+    say: Callable[[str], None] = lambda _: None,
 ) -> Generator[Outcome[Task, Result], None, None]:
-    """Yield the outcome of function(task) for every task, in the order of the tasks.
+    """Return a generator of the outcomes of function(task) for every task, in the order of the tasks.
 
-    With one job everything runs in this process. With more, `function` must be importable from a module, and tasks and
-    results must pickle; tasks are drawn from the iterable only as places come free, so memory does not grow with their
-    number. A task whose process dies is tried once more, alone; the others in flight are not lost. Exceptions of `function`
-    are raised here. Closing the iterator, or an exception such as KeyboardInterrupt, abandons what is in flight.
+    With one job everything runs in this process. With more, or on a cluster, `function` must be importable from a module, and
+    tasks and results must pickle; tasks are drawn from the iterable only as places come free, so memory does not grow with
+    their number. A task whose process dies is tried once more, alone; the others in flight are not lost. Exceptions of
+    `function` are raised by the generator. Closing it, or an exception such as KeyboardInterrupt, abandons what is in flight.
+
+    Args:
+        function: what is done.
+        tasks: what it is done to.
+        workers: what it is done by.
+        probe: a file that workers of a cluster must see, or they share no file system with this process.
+        say: told of what a user should know of a cluster.
+
+    Raises:
+        SettingsError: no scheduler answers where `workers` says there is one.
+        ClusterError: it has workers that would not do the same; or, from the generator, it is lost.
     """
+    if workers.scheduler == LOCAL:
+        return _run_here(function, tasks, workers)
+    from cadtof_cli.execution.cluster.ordered import run_on_cluster
+
+    return run_on_cluster(function, tasks, scheduler=workers.scheduler, probe=probe, say=say)
+
+
+def _run_here(
+    function: Callable[[Task], Result], tasks: Iterable[Task], workers: Workers
+) -> Generator[Outcome[Task, Result], None, None]:
+    """Yield outcomes from this process alone, or from a pool of processes."""
     if workers.jobs == 1:
         for task in tasks:
             yield Outcome(task, function(task))

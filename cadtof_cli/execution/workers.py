@@ -2,6 +2,7 @@
 
 import multiprocessing
 import os
+import re
 import signal
 import threading
 from collections.abc import Iterator
@@ -17,6 +18,10 @@ from cadtof_cli.errors import SettingsError
 StartMethod = Literal["fork", "spawn", "forkserver"]
 
 START_METHODS: tuple[StartMethod, ...] = ("fork", "spawn", "forkserver")
+
+LOCAL = "local"
+
+_SCHEDULER = re.compile(r"tcp://[^\s/:]+:\d+|tcp://\[[0-9a-fA-F:]+\]:\d+")
 
 KEPT_BYTES = 16 * 2**20
 
@@ -40,14 +45,18 @@ class Workers:
     Attributes:
         jobs: processes; 1 is this one alone.
         start_method: how other processes start.
+        scheduler: `local`, or the address of a dask scheduler whose workers do the work instead.
     """
 
     jobs: int = field(default_factory=available_cores)
     start_method: StartMethod = field(default_factory=default_start_method)
+    scheduler: str = LOCAL
 
     def __post_init__(self) -> None:
         if self.jobs < 1:
             raise SettingsError(f"--jobs: found {self.jobs}, expected 1 or more")
+        if self.scheduler != LOCAL and not _SCHEDULER.fullmatch(self.scheduler):
+            raise SettingsError(f"--scheduler: found {self.scheduler!r}, expected local or tcp://HOST:PORT")
 
     def at_most(self, tasks: int, /) -> "Workers":
         """Return no more workers than there are tasks."""

@@ -1,5 +1,6 @@
 """Phasors of a block of pixels → the paths of every pixel: the stage between `phasors/` and `maps/`, and the one driver in it."""
 
+from collections.abc import Sequence
 from importlib import import_module
 
 import numpy as np
@@ -7,8 +8,11 @@ import numpy as np
 from cadtof_cli.arrays import Complex, Float, Status
 from cadtof_cli.phasors.chi_squared import chi_squared_threshold
 from cadtof_cli.phasors.noise import NoiseModel
+from cadtof_cli.resolver.diffuse.pixels import diffuse_pixels
+from cadtof_cli.resolver.diffuse.records import DiffuseBlock, DiffusePixels
 from cadtof_cli.resolver.order import Solver, fewest_paths
 from cadtof_cli.resolver.paths import Fit, ResolvedPaths
+from cadtof_cli.resolver.response.as_sine import phasors_of_sine
 from cadtof_cli.resolver.response.table import ResponseBlock
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.resolver.status import StatusBit
@@ -22,12 +26,14 @@ def resolve_paths(
     settings: ResolverSettings,
     noise: NoiseModel,
     response: ResponseBlock | None = None,
+    tail: DiffuseBlock | None = None,
 ) -> ResolvedPaths:
     """Resolve every pixel of phasors (H, n) into paths; inputs are not changed.
 
     A pixel gets NaN and a status bit where it is not finite or has no signal, and NaN where it comes with a bit in `status`,
     (n,): saturated or hot. Every pixel is computed alone, by the same operations wherever it stands, so that blocks of any
-    size give the same bits. Where the channel pairs answer with more than a sine, `response` says how.
+    size give the same bits. Where the channel pairs answer with more than a sine, `response` says how. Where the frame's MPI is
+    diffuse, `tail` predicts it for all pixels but those of patches with separate paths.
 
     Raises:
         SettingsError: the harmonics cannot tell as many paths apart as the settings ask for.
@@ -38,22 +44,33 @@ def resolve_paths(
     room = import_module(f"cadtof_cli.resolver.{settings.room(noise.harmonics, sine=response is None)}.solver")
     with np.errstate(all="ignore"):
         solver: Solver = room.solver(phasors, noise=noise, settings=settings, response=response)
-        status, confidence = _screened(solver, status, settings, noise)
+        status, confidence = screened(solver.modulus, solver.powers, status, settings=settings, noise=noise)
         answered = status == 0
+        predicted = None
+        if tail is not None and response is None:
+            predicted = diffuse_pixels(phasors, tail=tail, usable=answered, samples=noise.samples)
+            answered &= ~predicted.answered
         fit = fewest_paths(solver, answered, settings=settings, noise=noise)
+        if tail is not None and response is not None:
+            sine = phasors_of_sine(phasors, fit.paths, response=response)
+            predicted = diffuse_pixels(sine, tail=tail, usable=answered, samples=noise.samples)
         bits = _bits(fit)
         if not answered.all():
             bits = np.where(answered, bits, status)
             for values in (fit.paths.amplitude, fit.paths.phase_rad, fit.paths.sigma_rad, fit.chi_squared):
                 np.copyto(values, np.nan, where=~answered)
+        if predicted is not None:
+            _put_tail(fit, predicted)
+            bits = np.where(predicted.answered, np.uint32(StatusBit.DIFFUSE_MPI), bits)
     if noise.samples is not None:
         np.bitwise_or(bits, np.uint32(StatusBit.POOLED), out=bits, where=noise.samples > 1.0)
     return ResolvedPaths(fit.paths, confidence, bits, fit.chi_squared)
 
 
-def _screened(solver: Solver, status: Status, settings: ResolverSettings, noise: NoiseModel) -> tuple[Status, Float]:
+def screened(
+    modulus: Float, powers: Sequence[Float], status: Status, /, *, settings: ResolverSettings, noise: NoiseModel
+) -> tuple[Status, Float]:
     """Return the status of pixels that get no answer, 0 for the others, and the confidence of all, (n,) each."""
-    modulus, powers = solver.modulus, solver.powers
     power = powers[0] * (1.0 / noise.each[0].dark_variance)
     for square, harmonic in zip(powers[1:], noise.each[1:], strict=True):
         power += square * (1.0 / harmonic.dark_variance)
@@ -69,6 +86,17 @@ def _screened(solver: Solver, status: Status, settings: ResolverSettings, noise:
         return found, modulus
     unsound = status | ~np.isfinite(power) * np.uint32(StatusBit.NOT_FINITE)
     return np.where(sound, found, unsound), np.where(sound, modulus, np.nan)
+
+
+def _put_tail(fit: Fit, predicted: DiffusePixels) -> None:
+    """Write direct and MPI light as two paths where a tail was predicted; in the others the room's is still there."""
+    where, paths = predicted.answered, fit.paths
+    paths.sigma_rad[:] = np.sqrt(np.square(paths.sigma_rad) + predicted.separate_variance)
+    for row, (amplitude, phase, sigma) in enumerate((predicted.direct, predicted.mpi)):
+        np.copyto(paths.amplitude[row], amplitude, where=where)
+        np.copyto(paths.phase_rad[row], phase, where=where)
+        np.copyto(paths.sigma_rad[row], sigma, where=where, casting="same_kind")
+    np.copyto(fit.chi_squared, predicted.chi_squared, where=where)
 
 
 def _bits(fit: Fit) -> Status:

@@ -7,12 +7,14 @@ from cadtof_cli.errors import SettingsError
 
 Solver = Literal["two-path", "one-path", "lm"]
 Return = Literal["first", "strongest", "last"]
+MpiModel = Literal["auto", "discrete", "diffuse"]
 
 SOLVERS: tuple[Solver, ...] = ("two-path", "one-path", "lm")
 ORDERS: tuple[str, ...] = ("auto", "1", "2")
 """What `order` may be with two paths; with more, numbers up to theirs."""
 
 RETURNS: tuple[Return, ...] = ("first", "strongest", "last")
+MPI_MODELS: tuple[MpiModel, ...] = ("auto", "discrete", "diffuse")
 
 SECONDS_IN_CLOSED_FORM = 2e-7
 SECONDS_BY_LIKELIHOOD = 4e-6
@@ -26,6 +28,8 @@ class ResolverSettings:
     """How phasors become paths.
 
     Attributes:
+        mpi_model: what MPI is: separate paths (`discrete`), the tail that the scene's geometry predicts (`diffuse`), or what the
+            frame says (`auto`).
         solver: `two-path`, in closed form for harmonics 1 and 2 and by maximum likelihood for more; `one-path` maximum
             likelihood; or `lm`, the paper's, by Levenberg–Marquardt from random starts.
         paths: the most paths that a pixel may have, no more than there are harmonics.
@@ -39,6 +43,7 @@ class ResolverSettings:
             above the noise.
     """
 
+    mpi_model: MpiModel = "auto"
     solver: Solver = "two-path"
     paths: int = 2
     order: str = "auto"
@@ -51,6 +56,7 @@ class ResolverSettings:
 
     def __post_init__(self) -> None:
         for name, value, allowed in (
+            ("--mpi-model", self.mpi_model, MPI_MODELS),
             ("--solver", self.solver, SOLVERS),
             ("--return", self.returns, RETURNS),
         ):
@@ -84,6 +90,14 @@ class ResolverSettings:
     def max_paths(self) -> int:
         """The most paths that a pixel may get."""
         return self._most_paths if self.order == "auto" else int(self.order)
+
+    def may_be_diffuse(self, harmonics: tuple[int, ...], /) -> bool:
+        """Whether a frame's MPI may be taken for diffuse: not where another solver, order or return is asked for.
+
+        A tail is predicted from harmonics 1 and 2, and more of them where there are.
+        """
+        free = (self.solver, self.paths, self.order) == ("two-path", 2, "auto") and self.returns != "last"
+        return free and self.mpi_model != "discrete" and harmonics[:2] == (1, 2)
 
     def room(self, harmonics: tuple[int, ...], /, *, sine: bool) -> str:
         """Return the room of the resolver whose module `solver` answers."""

@@ -9,7 +9,10 @@ from cadtof_cli.arrays import Status
 
 
 class StatusBit(IntFlag):
-    """What became of a pixel. A pixel without `ONE_PATH`, `TWO_PATHS` or `MORE_PATHS` has no answer: NaN in every depth layer."""
+    """What became of a pixel.
+
+    Without `ONE_PATH`, `TWO_PATHS`, `MORE_PATHS` or `DIFFUSE_MPI` it has no answer: NaN in every depth layer.
+    """
 
     SATURATED = 1
     NOT_FINITE = 2
@@ -22,6 +25,7 @@ class StatusBit(IntFlag):
     HOT_PIXEL = 256
     MORE_PATHS = 512
     POOLED = 1024
+    DIFFUSE_MPI = 2048
 
 
 MEANING: dict[StatusBit, str] = {
@@ -36,6 +40,7 @@ MEANING: dict[StatusBit, str] = {
     StatusBit.HOT_PIXEL: "the dark calibration found the pixel hot, noisy or dead; no answer",
     StatusBit.MORE_PATHS: "resolved as three paths or more",
     StatusBit.POOLED: "averaged over frames or neighbours: layer `effective_pixels` says over how many",
+    StatusBit.DIFFUSE_MPI: "the MPI is a tail predicted from the scene's geometry; MPI layers are its phasor at the fundamental",
 }
 
 
@@ -46,14 +51,15 @@ class StatusCounts:
     one_path: int
     two_paths: int
     more_paths: int
+    diffuse: int
     invalid: int
 
 
 def count_status(status: Status, /) -> StatusCounts:
-    """Count the pixels of a status map of any shape that have one path, two paths, more, and no answer."""
-    bits = (StatusBit.ONE_PATH, StatusBit.TWO_PATHS, StatusBit.MORE_PATHS)
-    one, two, more = (int(np.count_nonzero(status & np.uint32(bit))) for bit in bits)
-    return StatusCounts(one, two, more, status.size - one - two - more)
+    """Count the pixels of a status map of any shape that have one path, two paths, more, diffuse MPI, and no answer."""
+    bits = (StatusBit.ONE_PATH, StatusBit.TWO_PATHS, StatusBit.MORE_PATHS, StatusBit.DIFFUSE_MPI)
+    one, two, more, diffuse = (int(np.count_nonzero(status & np.uint32(bit))) for bit in bits)
+    return StatusCounts(one, two, more, diffuse, status.size - one - two - more - diffuse)
 
 
 def describe_status(value: int) -> tuple[str, ...]:

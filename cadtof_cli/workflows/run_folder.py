@@ -47,6 +47,7 @@ class FrameReport:
     one_path: int | None = None
     two_paths: int | None = None
     more_paths: int | None = None
+    diffuse: int | None = None
     invalid: int | None = None
 
     def as_json(self) -> dict[str, Any]:

@@ -30,7 +30,7 @@ LAYERS = [
     *("confidence", "status"),
 ]
 ONE_PATH, TWO_PATHS = 8, 16
-LINE_KEYS = ["source", "output", "status", "reason", "seconds", "one_path", "two_paths", "invalid"]
+LINE_KEYS = ["source", "output", "status", "reason", "seconds", "one_path", "two_paths", "diffuse", "invalid"]
 PULSE_RESPONSE = np.exp(-((2 * np.pi * 1.7 / 2.354820045 / 40.0) ** 2) / 2)
 LEFT, RIGHT = np.s_[:, :16], np.s_[:, 16:]
 """Of `step_frame`: one path at 5 ns, and 12 ns with MPI of 0.3 at 20 ns."""
@@ -96,7 +96,7 @@ def test_every_frame_has_its_line_in_the_order_of_the_inputs(tmp_path: Path) -> 
     for line in lines:
         assert list(line) == LINE_KEYS
         assert (line["status"], line["reason"]) == ("ok", None)
-        assert line["one_path"] + line["two_paths"] + line["invalid"] == 24 * 32
+        assert line["one_path"] + line["two_paths"] + line["diffuse"] + line["invalid"] == 24 * 32
         status = layers_of(Path(line["output"]))["status"].astype(np.uint32)
         assert line["two_paths"] == np.count_nonzero(status & TWO_PATHS)
         assert line["seconds"] > 0

@@ -69,11 +69,15 @@ def field_curvature_m(measured: Measured) -> NDArray[np.float64]:
 
 
 def resolved(volts: NDArray[np.float64], measured: Measured, folder: Path | None, *, order: str = "auto") -> DepthMaps:
-    """The maps of voltages by the route of `cadtof resolve`, with the parts that a folder holds, or with none."""
+    """The maps of voltages by the route of `cadtof resolve`, with the parts that a folder holds, or with none.
+
+    Each pixel is resolved alone: a diffuse tail follows from the whole frame, so what a part does to one pixel would move others.
+    """
     metadata = replace(measured.seen.metadata, voltage=CaptureMetadata().voltage)
     calibration = None if folder is None else load_calibration(folder)
     use = CalibrationUse(folder, calibration.digest) if folder and calibration else None
-    plan = FramePlan(metadata=metadata, settings=MapSettings(resolver=ResolverSettings(order=order)), calibration=use)
+    settings = MapSettings(resolver=ResolverSettings(mpi_model="discrete", order=order))
+    plan = FramePlan(metadata=metadata, settings=settings, calibration=use)
     return resolve_frame(volts, plan=plan, calibration=calibration).maps
 
 

@@ -60,7 +60,10 @@ def test_a_mean_of_frames_is_resolved_as_a_frame_of_as_many_times_the_length(wav
         ("long", longer, volts),
     ):
         metadata = replace(METADATA, modulation=Modulation(waveform=waveform), pixel=Pixel(integration_length=n_av))
-        plan = FramePlan(metadata=metadata, settings=MapSettings(resolver=ResolverSettings(order=order), average=9))
+        plan = FramePlan(
+            metadata=metadata,
+            settings=MapSettings(resolver=ResolverSettings(mpi_model="discrete", order=order), average=9),
+        )
         maps[name] = resolve_frame(frame, plan=plan).maps
     mean, long = maps["mean"], maps["long"]
     assert ((mean.status & StatusBit.POOLED) > 0).all()

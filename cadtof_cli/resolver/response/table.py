@@ -88,11 +88,14 @@ class ResponseBlock:
 
     def at(self, row: int, phase: Float32, pixels: Pixels, /, *, stage: int = -1) -> Answer:
         """Return the answer of one harmonic to paths of fundamental phase x in some of the pixels."""
-        table = self.stages[stage][row]
-        theta = phase * np.float32(table.harmonic)
+        return self.stages[stage][row].at(self.theta(row, phase, pixels))
+
+    def theta(self, row: int, phase: Float32, pixels: Pixels, /) -> Float32:
+        """Return the phases θ = h·x plus the pixels' own, of paths of fundamental phase x."""
+        theta = phase * np.float32(self.stages[0][row].harmonic)
         if self.phase_rad is not None:
             theta += self.phase_rad[row][pixels]
-        return table.at(theta)
+        return theta
 
 
 @dataclass(frozen=True, eq=False)

@@ -73,7 +73,7 @@ def _wall(capture: AveragedCapture, folder: Path, earlier: Calibration) -> WallR
     use = CalibrationUse(folder, earlier.digest, curved=False) if earlier.parts else None
     plan = FramePlan(
         metadata=replace(metadata, voltage=Voltage(), pixel=pixel),
-        settings=MapSettings(resolver=ResolverSettings(false_alarm=FALSE_ALARM)),
+        settings=MapSettings(resolver=ResolverSettings(mpi_model="discrete", false_alarm=FALSE_ALARM)),
         calibration=use,
     )
     maps = resolve_frame(mean.stored, plan=plan, calibration=earlier if use else None).maps

@@ -102,6 +102,7 @@ def written(task: FrameTask, resolved: ResolvedFrame, /, *, left_out: str | None
         one_path=counts.one_path,
         two_paths=counts.two_paths,
         more_paths=counts.more_paths if task.plan.settings.resolver.max_paths > 2 else None,
+        diffuse=counts.diffuse,
         invalid=counts.invalid,
     )
 

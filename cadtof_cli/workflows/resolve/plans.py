@@ -62,6 +62,9 @@ class CapturePlan:
             yield f"{root}: not given, so taken from the paper: {', '.join(taken)}"
         if source.metadata.pixel.integration_length is None:
             yield f"{root}: pixel.integration_length is not given, so the noise is estimated from each frame"
+        resolver, harmonics = self.plan.settings.resolver, source.metadata.modulation.harmonics
+        if resolver.may_be_diffuse(harmonics) and source.metadata.optics.focal_length_px is None:
+            yield f"{root}: optics.focal_length_px is not given, so diffuse MPI is predicted for a view of 60° across"
 
 
 def found_captures(

@@ -14,7 +14,8 @@ from uuid import uuid4
 from cadtof_cli import __version__
 from cadtof_cli.capture.discovery import Capture
 from cadtof_cli.execution.ordered import Outcome, WorkerDied, run_ordered
-from cadtof_cli.files.atomic import make_folders, remove_partial_files
+from cadtof_cli.execution.workers import LOCAL
+from cadtof_cli.files.atomic import PARTIAL_SUFFIX, make_folders, remove_partial_files
 from cadtof_cli.resolver.status import MEANING
 from cadtof_cli.resolver.two_path.kernel import chosen_kernel, kernel_notes
 from cadtof_cli.workflows.progress import UNTOLD, Progress
@@ -31,7 +32,7 @@ DIED = "the worker process died twice on this frame (killed, or out of memory): 
 
 @dataclass
 class RunTotals:
-    """What has become of the frames so far."""
+    """What has become of the frames so far; `diffuse_frames` are those whose MPI was taken for diffuse."""
 
     frames: int = 0
     ok: int = 0
@@ -40,6 +41,8 @@ class RunTotals:
     one_path: int = 0
     two_paths: int = 0
     more_paths: int = 0
+    diffuse: int = 0
+    diffuse_frames: int = 0
     invalid: int = 0
     seconds: float = 0.0
 
@@ -47,8 +50,9 @@ class RunTotals:
         """Count one more frame."""
         self.frames += 1
         setattr(self, report.status, getattr(self, report.status) + 1)
-        for name in ("one_path", "two_paths", "more_paths", "invalid"):
+        for name in ("one_path", "two_paths", "more_paths", "diffuse", "invalid"):
             setattr(self, name, getattr(self, name) + (getattr(report, name) or 0))
+        self.diffuse_frames += bool(report.diffuse)
 
 
 def resolve_captures(
@@ -88,6 +92,7 @@ def resolve_captures(
     totals, began, token = RunTotals(), time.monotonic(), uuid4().hex[:8]
     steps = _Steps(progress)
     try:
+        first = _outcomes(plans, settings, steps, token)
         with recorded_run(settings.out, document, resume=settings.resume) as record:
 
             def tell(report: FrameReport) -> None:
@@ -101,7 +106,7 @@ def resolve_captures(
             for some in itertools.chain([plans], arrivals.plans(_recorded(arriving or (), document))):
                 if some is not plans:
                     _record_captures(document, some)
-                with closing(_outcomes(some, settings, steps, token)) as outcomes:
+                with closing(first if some is plans else _outcomes(some, settings, steps, token)) as outcomes:
                     for outcome in outcomes:
                         report = outcome.result
                         tell(outcome.task.report("failed", DIED, 0.0) if isinstance(report, WorkerDied) else report)
@@ -115,11 +120,21 @@ def resolve_captures(
 def _outcomes(
     plans: Sequence[CapturePlan], settings: ResolveSettings, steps: "_Steps", token: str
 ) -> Generator[Outcome[FrameTask, FrameReport], None, None]:
-    """Resolve the frames of some captures."""
+    """Return a generator of what becomes of the frames of some captures; a cluster that is meant to do it is connected to."""
     tasks = _tasks(plans, settings, steps, token)
     if _are_worth_splitting(plans, settings):
         return split_frames.resolve_split(tasks, workers=settings.workers)
-    return run_ordered(resolve_file, tasks, workers=settings.workers)
+    probe = _probe(settings, token)
+    return run_ordered(resolve_file, tasks, workers=settings.workers, probe=probe, say=steps.progress.say)
+
+
+def _probe(settings: ResolveSettings, token: str) -> Path | None:
+    """Make a file in the run's folder that is removed with what is half-written, for workers of a cluster to look for."""
+    if settings.workers.scheduler == LOCAL:
+        return None
+    probe = settings.out / f".cluster.{token}{PARTIAL_SUFFIX}"
+    probe.write_text(token)
+    return probe
 
 
 def _recorded(batches: Iterable[tuple[Path, ...]], document: Mapping[str, Any]) -> Iterator[tuple[Path, ...]]:
@@ -192,12 +207,12 @@ class _Steps:
     """How many files of maps there will be, as far as is known."""
 
     def __init__(self, progress: Progress) -> None:
-        self._progress, self._total = progress, 0
+        self.progress, self._total = progress, 0
 
     def expect(self, more: int) -> None:
         """There are so many more, or fewer."""
         self._total += more
-        self._progress.total(self._total)
+        self.progress.total(self._total)
 
 
 def _tasks(plans: Sequence[CapturePlan], settings: ResolveSettings, steps: _Steps, token: str) -> Iterator[FrameTask]:
@@ -221,7 +236,8 @@ def _tasks(plans: Sequence[CapturePlan], settings: ResolveSettings, steps: _Step
 
 def _are_worth_splitting(plans: Sequence[CapturePlan], settings: ResolveSettings) -> bool:
     """Whether frames are so few and so slow that their pixels should be spread over the processes."""
-    if sum(one.expected_maps(settings) for one in plans) >= settings.workers.jobs:
+    workers = settings.workers
+    if workers.scheduler != LOCAL or sum(one.expected_maps(settings) for one in plans) >= workers.jobs:
         return False
     seconds = (one.plan.expected_seconds(math.prod(one.pixels or (0,))) for one in plans)
     return max(seconds, default=0.0) > split_frames.WORTH_SPLITTING_S

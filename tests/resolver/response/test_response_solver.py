@@ -17,7 +17,8 @@ from tests.support.defects import DefectiveCamera, Defects, smeared
 
 
 def plan_for(seen: DefectiveCamera, **settings: object) -> FramePlan:
-    return FramePlan(metadata=seen.metadata, settings=MapSettings(resolver=ResolverSettings(**settings)))  # type: ignore[arg-type]
+    resolver = ResolverSettings(mpi_model="discrete", **settings)  # type: ignore[arg-type]
+    return FramePlan(metadata=seen.metadata, settings=MapSettings(resolver=resolver))
 
 
 def test_the_series_of_a_triangle_is_the_triangle() -> None:

@@ -1,0 +1,1 @@
+"""Tasks → results on the workers of a dask scheduler."""

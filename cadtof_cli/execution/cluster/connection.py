@@ -1,0 +1,207 @@
+"""A connection to a dask scheduler, the one place that knows dask: work goes to workers by name, news of them comes back."""
+
+import logging
+import queue
+import socket
+import time
+import warnings
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import CancelledError
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Any
+from uuid import uuid4
+
+from cadtof_cli.errors import ClusterError, SettingsError
+from cadtof_cli.execution.cluster.worker import wait_until_idle
+
+CONNECT_S = 10
+"""Longest wait for a scheduler to answer."""
+
+GATHER_S = 5
+"""Longest wait for a result that lies on a worker: when that is lost, there is none."""
+
+LISTEN_S = 1
+"""How often the connection is looked at while there is no news."""
+
+COMPARE_S = 5
+"""How often the scheduler is asked for its workers, should news of one have gone missing."""
+
+STOP_S = 10
+"""Longest wait for workers to finish what they are at when a run is stopped."""
+
+
+@dataclass(frozen=True)
+class WorkerJoined:
+    """The scheduler has a worker more."""
+
+    worker: str
+
+
+@dataclass(frozen=True)
+class WorkerLost:
+    """The scheduler has a worker less; `expected` where it was told to leave."""
+
+    worker: str
+    expected: bool
+
+
+@dataclass(frozen=True)
+class Finished:
+    """A piece of work has ended with what it returned, or with the exception that kept it from returning."""
+
+    work: int
+    result: Any
+    error: BaseException | None = None
+
+
+News = WorkerJoined | WorkerLost | Finished
+
+
+class Connection:
+    """A client of a scheduler. Every piece of work is bound to one worker, so that the scheduler moves none by itself.
+
+    What takes care of lost workers is the client, which alone knows that two pieces have met the same fate.
+    """
+
+    def __init__(self, address: str, /) -> None:
+        """Connect.
+
+        Raises:
+            SettingsError: dask is not installed, or no scheduler answers.
+        """
+        try:
+            from distributed import Client
+        except ImportError as error:
+            raise SettingsError(
+                f"--scheduler {address}: needs the extra cluster: pip install 'cadtof[cluster]'"
+            ) from error
+        logging.getLogger("distributed").setLevel(logging.CRITICAL)
+        self.address = address
+        self._run = uuid4().hex[:8]
+        self._news: queue.SimpleQueue[WorkerJoined | WorkerLost | int] = queue.SimpleQueue()
+        self._futures: dict[int, Any] = {}
+        self._workers: set[str] = set()
+        try:
+            host, _, port = address.removeprefix("tcp://").rpartition(":")
+            # dask would try again and again where nobody listens
+            socket.create_connection((host.strip("[]"), int(port)), timeout=CONNECT_S).close()
+            with warnings.catch_warnings(record=True) as told:
+                warnings.simplefilter("always")
+                self._client = Client(address, timeout=CONNECT_S, set_as_default=False, name="cadtof")
+        except (OSError, ValueError, OverflowError) as error:
+            raise SettingsError(f"--scheduler {address}: no dask scheduler answers there ({error})") from error
+        self.notes = tuple(str(one.message) for one in told)
+        self._client.subscribe_topic("all", self._heard)
+        self._compared = 0.0
+
+    def submit(self, work: int, worker: str, function: Callable[..., Any], /, *arguments: Any) -> None:
+        """Have a worker call a function; news of it comes under the number `work`."""
+        future = self._client.submit(
+            function, *arguments, key=f"{function.__name__}-{self._run}-{work}", pure=False, workers=[worker]
+        )
+        self._futures[work] = future
+        future.add_done_callback(lambda _: self._news.put(work))
+
+    def forget(self, works: Iterable[int], /) -> None:
+        """Take work back, wherever it is; there will be no news of it."""
+        futures = [self._futures.pop(work) for work in works if work in self._futures]
+        if futures and self._client.status == "running":
+            self._client.cancel(futures)
+
+    def news(self) -> list[News]:
+        """Wait for news, and return all there is.
+
+        Raises:
+            ClusterError: the scheduler is lost.
+        """
+        heard: list[WorkerJoined | WorkerLost | int] = []
+        while not heard:
+            self._compare_workers()
+            with suppress(queue.Empty):
+                heard.append(self._news.get(timeout=LISTEN_S))
+                while True:
+                    heard.append(self._news.get_nowait())
+        return [news for one in heard for news in self._understood(one)]
+
+    def close(self) -> None:
+        """Take back all work, wait for what workers are at just now to end, and disconnect."""
+        with suppress(Exception):
+            if self._futures and self._client.status == "running":
+                self.forget(list(self._futures))
+                self._wait_until_idle()
+        with suppress(Exception):
+            self._client.close(timeout=CONNECT_S)
+
+    def _heard(self, event: tuple[float, Any]) -> None:
+        """Take an event of the scheduler; called in the thread of the client."""
+        _, message = event
+        match message.get("action"):
+            case "add-worker":
+                self._news.put(WorkerJoined(message["worker"]))
+            case "remove-worker":
+                self._news.put(WorkerLost(message["worker"], bool(message.get("expected"))))
+
+    def _understood(self, heard: WorkerJoined | WorkerLost | int) -> Iterator[News]:
+        if isinstance(heard, WorkerJoined):
+            if heard.worker not in self._workers:
+                self._workers.add(heard.worker)
+                yield heard
+        elif isinstance(heard, WorkerLost):
+            if heard.worker in self._workers:
+                self._workers.remove(heard.worker)
+                yield heard
+        elif (future := self._futures.get(heard)) is not None:
+            yield from self._ended(heard, future)
+
+    def _ended(self, work: int, future: Any) -> Iterator[Finished]:
+        """Yield what work has ended with; nothing where that went down with its worker, which there is other news of."""
+        try:
+            if future.status == "finished":
+                result = future.result(timeout=GATHER_S)
+                del self._futures[work]
+                yield Finished(work, result)
+            elif future.status == "error":
+                error = future.exception(timeout=GATHER_S)
+                if type(error).__name__ != "KilledWorker":
+                    del self._futures[work]
+                    yield Finished(work, None, error)
+            elif future.status == "cancelled":
+                raise self._lost()
+        except TimeoutError:
+            return
+        except CancelledError as error:
+            raise self._lost() from error
+
+    def _compare_workers(self) -> None:
+        """Make sure that the scheduler is there, and now and then that its workers are those that are known here."""
+        if self._client.status != "running":
+            raise self._lost()
+        if time.monotonic() - self._compared < COMPARE_S:
+            return
+        try:
+            there = set(self._client.nthreads())
+        except (OSError, ValueError, CancelledError) as error:
+            raise self._lost() from error
+        self._compared = time.monotonic()
+        for worker in self._workers - there:
+            self._news.put(WorkerLost(worker, expected=False))
+        for worker in there - self._workers:
+            self._news.put(WorkerJoined(worker))
+
+    def _wait_until_idle(self) -> None:
+        from distributed import wait
+
+        key = f"{wait_until_idle.__name__}-{self._run}"
+        wait(
+            [
+                self._client.submit(wait_until_idle, key=f"{key}-{number}", pure=False, workers=[worker])
+                for number, worker in enumerate(self._workers)
+            ],
+            timeout=STOP_S,
+        )
+
+    def _lost(self) -> ClusterError:
+        return ClusterError(
+            f"the scheduler at {self.address} is lost; what is finished is kept, go on with --resume when it is back"
+        )

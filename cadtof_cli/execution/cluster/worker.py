@@ -1,0 +1,118 @@
+"""What runs on a worker of a cluster: batches of tasks, one at a time, from the folder that the run was started in."""
+
+import hashlib
+import os
+import platform
+import threading
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Generic, TypeVar
+
+import cadtof_cli
+
+Task = TypeVar("Task")
+Result = TypeVar("Result")
+
+_ONE_AT_A_TIME = threading.Lock()
+"""The folder that relative paths start from is the whole process's, so tasks of two runs must not be done at once."""
+
+
+@dataclass(frozen=True)
+class Raised:
+    """What takes the place of a task's result where its function raised an exception."""
+
+    error: BaseException
+
+
+@dataclass(frozen=True)
+class BatchResult(Generic[Result]):
+    """What became of the tasks of a batch, in their order, and how long they took together."""
+
+    results: tuple[Result | Raised, ...]
+    seconds: float
+
+
+@dataclass(frozen=True)
+class Surroundings:
+    """What a process must have in common with a run's client to do its tasks.
+
+    Attributes:
+        python: version of Python; the first two numbers count.
+        cadtof: version of cadtof.
+        code: digest of the source of cadtof, which is another where a version has been changed in place.
+        probe: digest of a file in the run's folder; None where there is no such file.
+    """
+
+    python: str
+    cadtof: str
+    code: str
+    probe: str | None
+
+    def differences(self, expected: "Surroundings", /) -> list[str]:
+        """Return what differs from the client's, in words; nothing where the tasks can be done."""
+        found: list[str] = []
+        if self.python.split(".")[:2] != expected.python.split(".")[:2]:
+            found.append(f"has Python {self.python}, expected {expected.python} as here")
+        if self.cadtof != expected.cadtof:
+            found.append(f"has cadtof {self.cadtof}, expected {expected.cadtof} as here")
+        elif self.code != expected.code:
+            found.append(
+                f"has cadtof {self.cadtof}, but of other source code than here ({self.code}, not {expected.code})"
+            )
+        if self.probe != expected.probe:
+            found.append("does not see the folders of this run; expected a file system that all share")
+        return found
+
+
+def surroundings(folder: Path, probe: Path | None, /) -> Surroundings:
+    """Return those of this process; `probe` is a file, found from `folder`."""
+    try:
+        seen = hashlib.sha256((folder / probe).read_bytes()).hexdigest() if probe else None
+    except OSError:
+        seen = None
+    return Surroundings(platform.python_version(), cadtof_cli.__version__, _code(), seen)
+
+
+def run_batch(function: Callable[[Task], Result], tasks: Sequence[Task], folder: Path, /) -> BatchResult[Result]:
+    """Run function(task) for every task from a folder, as where relative paths start; exceptions become results."""
+    with _ONE_AT_A_TIME, _working_from(folder):
+        began = time.monotonic()
+        results = tuple(_attempted(function, task) for task in tasks)
+        return BatchResult(results, time.monotonic() - began)
+
+
+def wait_until_idle() -> None:
+    """Return when this process is at no task."""
+    with _ONE_AT_A_TIME:
+        pass
+
+
+def _attempted(function: Callable[[Task], Result], task: Task) -> Result | Raised:
+    try:
+        return function(task)
+    except Exception as error:  # noqa: BLE001  (raised again at the client, in its turn)
+        return Raised(error)
+
+
+@contextmanager
+def _working_from(folder: Path) -> Iterator[None]:
+    before = Path.cwd()
+    os.chdir(folder)
+    try:
+        yield
+    finally:
+        os.chdir(before)
+
+
+@cache
+def _code() -> str:
+    """Return a short digest of the package's source."""
+    package = Path(cadtof_cli.__file__).parent
+    digest = hashlib.sha256()
+    for path in sorted(package.rglob("*.py")):
+        digest.update(f"{path.relative_to(package)}\0".encode() + path.read_bytes())
+    return digest.hexdigest()[:12]

@@ -1,0 +1,47 @@
+"""Surfaces outside the view: the planes of the patches at its border, continued."""
+
+import numpy as np
+
+from cadtof_cli.arrays import Bool, Float
+from cadtof_cli.resolver.diffuse.grid import PatchGrid
+from cadtof_cli.resolver.diffuse.planes import LEAST_COSINE, Surfaces
+
+RINGS = 2
+"""Rings of pieces around the view: what lies further out is far away, or ends at the next wall."""
+
+PIECE_PATCHES = 3
+"""Side of a piece in patches."""
+
+NEAREST_M = 0.25
+"""Least range of a piece: nearer than that a continued plane would run into the camera."""
+
+
+def surfaces_beyond(surfaces: Surfaces, valid: Bool, grid: PatchGrid, /) -> Surfaces:
+    """Return pieces of surface around the view, (n,), from the surfaces of the patches, (rows, columns).
+
+    Each piece lies where its ray meets the plane of the nearest patch at the border; those without a valid patch, or whose
+    plane their ray does not meet, are left out.
+    """
+    side = PIECE_PATCHES * grid.side
+    x, y = _middles(grid, side)
+    cx, cy = grid.view.principal_point_px
+    ray = np.stack([(x - 0.5 - cx), (y - 0.5 - cy), np.full(x.shape, grid.view.focal_length_px)])
+    length = np.linalg.norm(ray, axis=0) / grid.view.focal_length_px
+    ray /= length * grid.view.focal_length_px
+    column = np.clip((x / grid.side).astype(np.intp), 0, grid.columns - 1)
+    row = np.clip((y / grid.side).astype(np.intp), 0, grid.rows - 1)
+    normal = surfaces.normal[:, row, column]
+    cosine = -(normal * ray).sum(0)
+    faces = cosine > LEAST_COSINE
+    offset = -(normal * surfaces.ray[:, row, column]).sum(0) * surfaces.range_m[row, column]
+    distance = np.where(faces, offset / np.where(faces, cosine, 1.0), 0.0)
+    area = (side / grid.view.focal_length_px) ** 2 / length**3 * distance**2 / np.where(faces, cosine, 1.0)
+    return Surfaces(distance, normal, ray, cosine, area)[valid[row, column] & (distance > NEAREST_M)]
+
+
+def _middles(grid: PatchGrid, side: int) -> tuple[Float, Float]:
+    """Return the middles (x, y) of the pieces in pixels from the frame's corner, (n,) each."""
+    x, y = (np.arange(-RINGS * side + 0.5 * side, extent + RINGS * side, side) for extent in (grid.width, grid.height))
+    x, y = (values.ravel() for values in np.meshgrid(x, y))
+    outside = (x < 0) | (x > grid.width) | (y < 0) | (y > grid.height)
+    return x[outside], y[outside]

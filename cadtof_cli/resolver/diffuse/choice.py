@@ -1,0 +1,114 @@
+"""Which model a frame gets: a tail where there is MPI, and no sign that it comes by separate paths.
+
+A tail lowers |H_2| below |H_1| and makes it lag. Two paths can do otherwise: a weak first return before a strong one, or a strong
+second one 12 to 28 ns late (T1 = 40 ns), makes H_2 lead, or larger than H_1.
+"""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from cadtof_cli.arrays import Bool, Float
+from cadtof_cli.resolver.diffuse.light import PatchMeans
+from cadtof_cli.resolver.diffuse.settings import DiffuseSettings
+
+LARGEST_LEAD_RAD = 0.1
+"""Largest arg q_2 of a tail: 0 for one that decays, and what renderings of 30 rooms leave of it."""
+
+LARGEST_RATIO = 1.2
+"""Largest |q_2| of a tail: below 1 for one that decays; strong light from one far wall reaches 1.15."""
+
+SEPARATE_SHARE = 0.15
+"""Share of separate patches above which a whole frame is taken as two paths: 0 in rendered rooms, .26 to .51 on true ones."""
+
+LEAST_PATCHES = 64
+"""Patches with light below which there is no room to predict from: a view of 32 × 32 pixels, or a fifth of a larger one."""
+
+LEAST_MISFIT = 2.0
+"""Mean square of what patches differ from light without MPI, over its noise, below which there is no MPI to be seen: 1 without
+any; rooms at an integration length of 2e3 show 20 and more."""
+
+SEEN_SNR = 3.0
+"""Amplitude over noise from which a patch counts."""
+
+SEEN_SHARE = 0.1
+"""Share of a patch's pixels that must have a signal for it to count."""
+
+NOISE_MARGIN = 7.0
+"""Three standard deviations of arg q_2 in σ/|p1| of a pixel: its variance is 1 + 4 times that of a phase; √5 · 3."""
+
+
+LARGEST_MISFIT = 3.0
+"""Median over the patches of χ² per datum, against what the frame expects of them, above which no tail explains it: at most 2
+with three harmonics in rendered rooms, and 3.6 to 40 where there are strong second paths after 6 to 11 ns."""
+
+Reason = Literal["tail", "no MPI to be seen", "separate paths", "no tail fits", "few patches with light"]
+"""Why a frame got its model: the first is diffuse."""
+
+
+@dataclass(frozen=True, eq=False)
+class PatchKinds:
+    """Which patches count, (rows, columns), which of them have separate paths, and what that says of the frame."""
+
+    lit: Bool
+    separate: Bool
+    reason: Reason
+
+    @property
+    def separate_share(self) -> float:
+        """Share of the patches with light that have separate paths."""
+        return float(self.separate.sum() / max(self.lit.sum(), 1))
+
+
+def patch_kinds(means: PatchMeans, variances: Float, /, *, sampled: int, settings: DiffuseSettings) -> PatchKinds:
+    """Look at the mean light of every patch; `variances` are those of a channel of each harmonic.
+
+    With `settings.model` `diffuse`, nothing but too little light speaks against a tail.
+    """
+    sigma = float(np.sqrt(variances[0]))
+    lit = lit_patches(means, sigma, sampled=sampled)
+    if lit.sum() < LEAST_PATCHES:
+        return PatchKinds(lit, np.zeros_like(lit), "few patches with light")
+    if settings.model == "diffuse":
+        return PatchKinds(lit, np.zeros_like(lit), "tail")
+    kinds = PatchKinds(lit, separate_patches(means, lit, sigma), "tail")
+    if kinds.separate_share > SEPARATE_SHARE:
+        return PatchKinds(lit, kinds.separate, "separate paths")
+    if misfit_without_mpi(means, lit, variances, harmonics=settings.harmonics) < LEAST_MISFIT:
+        return PatchKinds(lit, kinds.separate, "no MPI to be seen")
+    return kinds
+
+
+def tail_fits(chi_squared: Float, data: int, /) -> bool:
+    """Return whether a tail explains a frame whose patches, (n,), leave these χ² of so many data each.
+
+    The two data of two harmonics say nothing about that: some tail comes near any of them.
+    """
+    return data == 2 or float(np.median(chi_squared)) <= LARGEST_MISFIT * data
+
+
+def misfit_without_mpi(means: PatchMeans, lit: Bool, variances: Float, /, *, harmonics: tuple[int, ...]) -> float:
+    """Return the mean square, over the noise, of how far the lit patches' q_h are from 1, in size and in phase."""
+    noise = 1.0 / (means.amplitude[lit] ** 2 * means.pixels[lit])
+    misfits = []
+    for ratio, h, variance in zip(means.ratios[:, lit], harmonics[1:], variances[1:], strict=True):
+        misfits.append((np.abs(ratio) - 1.0) ** 2 / (noise * (variances[0] + variance)))
+        misfits.append(np.angle(ratio) ** 2 / (noise * (h * h * variances[0] + variance)))
+    return float(np.mean(misfits))
+
+
+def lit_patches(means: PatchMeans, noise_sigma: float, /, *, sampled: int) -> Bool:
+    """Return which patches count, (rows, columns): enough of their `sampled` pixels are lit enough."""
+    lit: Bool = (means.amplitude > SEEN_SNR * noise_sigma) & (means.pixels > SEEN_SHARE * sampled)
+    return lit
+
+
+def separate_patches(means: PatchMeans, lit: Bool, noise_sigma: float, /) -> Bool:
+    """Return which of the lit patches no tail explains, beyond what noise does to them, (rows, columns)."""
+    margin = (
+        NOISE_MARGIN * noise_sigma / np.where(lit, means.amplitude * np.sqrt(np.maximum(means.pixels, 1.0)), np.inf)
+    )
+    ratio = means.ratios[0]
+    separate: Bool = lit & ((np.angle(ratio) > LARGEST_LEAD_RAD + margin) | (np.abs(ratio) > LARGEST_RATIO + margin))
+    return separate

@@ -1,0 +1,44 @@
+"""Gaussian conditioning, one datum after the other: the same few operations on every pixel, whatever stands beside it."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from cadtof_cli.resolver.diffuse.noise import Entry
+
+Array = Any
+"""float64 (n,) of patches or float32 (rows, columns) of pixels."""
+
+
+@dataclass(frozen=True, eq=False)
+class Conditioned:
+    """What the data say of the targets: by how much their means move, the covariances left, and χ² of the data."""
+
+    shifts: tuple[Array, ...]
+    covariance: Mapping[Entry, Array]
+    chi_squared: Array
+
+
+def conditioned(residuals: Sequence[Array], covariance: Mapping[Entry, Array], /, *, targets: int) -> Conditioned:
+    """Condition the last `targets` variables on the others, by elimination in the order of the data.
+
+    Args:
+        residuals: data minus their means, in order.
+        covariance: lower triangle of the covariance of data and targets. Entries between targets may be left out; they are
+            not computed then.
+        targets: how many variables follow the data.
+    """
+    count = len(residuals)
+    left = dict(covariance)
+    moved: list[Array] = [*residuals, *(0.0 for _ in range(targets))]
+    chi_squared = 0.0
+    for i in range(count):
+        for j in range(i + 1, count + targets):
+            share = left[j, i] / left[i, i]
+            moved[j] = moved[j] - share * moved[i]
+            for k in range(i + 1, j + 1):
+                if (j, k) in left:
+                    left[j, k] = left[j, k] - share * left[k, i]
+        chi_squared = chi_squared + moved[i] ** 2 / left[i, i]
+    remaining = {(j - count, k - count): value for (j, k), value in left.items() if k >= count}
+    return Conditioned(tuple(-shift for shift in moved[count:]), remaining, chi_squared)

@@ -1,0 +1,60 @@
+"""The light of patches: their phasors' ratios to the fundamental, free of the direct phase."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cadtof_cli.arrays import Bool, Complex, Float
+
+LARGEST_AMPLITUDE = 1e3
+"""Largest |p_h| of light, whose phasors are 1 at most: what lies beyond is damage, and would drown a patch."""
+
+TINY = 1e-30
+"""Keeps empty patches from dividing by zero; they are never used."""
+
+
+@dataclass(frozen=True, eq=False)
+class PatchLight:
+    """The sampled pixels of every patch, (rows, columns, n) each.
+
+    `seen` is false where a pixel has no answer; `phase_rad` is arg p1; `power` = |p1|², by which pixels are weighted; and
+    `ratios`, (H − 1, rows, columns, n), is q_h = (p_h/|p1|)·(conj(p1)/|p1|)^h times that weight.
+    """
+
+    seen: Bool
+    phase_rad: Float
+    power: Float
+    ratios: Complex
+
+
+@dataclass(frozen=True, eq=False)
+class PatchMeans:
+    """Means over some pixels of every patch: q_h, (H − 1, rows, columns), the amplitude |p1|, and over how many pixels."""
+
+    ratios: Complex
+    amplitude: Float
+    pixels: Float
+
+
+def is_light(phasors: Complex, /) -> Bool:
+    """Return which phasors (H, …) can be those of light at all, and of some."""
+    sound = (np.abs(phasors.real) < LARGEST_AMPLITUDE) & (np.abs(phasors.imag) < LARGEST_AMPLITUDE)
+    return np.asarray(sound.all(axis=0) & (phasors[0] != 0.0))
+
+
+def patch_light(samples: Complex, seen: Bool, /, *, harmonics: tuple[int, ...]) -> PatchLight:
+    """Return the light of sampled phasors (H, rows, columns, n); those not `seen` may hold anything."""
+    p = np.where(seen, samples, 0.0)
+    magnitude = np.abs(p[0])
+    back = np.conj(p[0]) / np.maximum(magnitude, TINY)
+    ratios = np.stack([magnitude * p_h * back**h for p_h, h in zip(p[1:], harmonics[1:], strict=True)])
+    return PatchLight(seen, np.angle(p[0]), magnitude**2, ratios)
+
+
+def patch_means(light: PatchLight, among: Bool, /) -> PatchMeans:
+    """Return the means over the pixels `among`, (rows, columns, n)."""
+    counted = among & light.seen
+    power = (light.power * counted).sum(-1)
+    ratios = (light.ratios * counted).sum(-1) / np.maximum(power, TINY)
+    pixels = counted.sum(-1).astype(np.float64)
+    return PatchMeans(ratios, np.sqrt(power / np.maximum(pixels, 1.0)), pixels)

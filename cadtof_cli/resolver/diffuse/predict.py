@@ -1,0 +1,169 @@
+"""A frame's diffuse MPI: which model it gets, and the coarse one that its pixels are answered from."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from cadtof_cli.arrays import Bool, Complex, Float
+from cadtof_cli.resolver.diffuse.beyond import surfaces_beyond
+from cadtof_cli.resolver.diffuse.choice import LEAST_PATCHES, PatchKinds, patch_kinds, tail_fits
+from cadtof_cli.resolver.diffuse.coarse import coarse_planes, other_fit, patch_posterior
+from cadtof_cli.resolver.diffuse.grid import PatchGrid, View, assumed_view, patch_grid
+from cadtof_cli.resolver.diffuse.light import PatchLight, PatchMeans, is_light, patch_light, patch_means
+from cadtof_cli.resolver.diffuse.noise import noise_covariance
+from cadtof_cli.resolver.diffuse.patch_fit import PatchFit, fitted_patches
+from cadtof_cli.resolver.diffuse.planes import PatchPlanes, patch_planes
+from cadtof_cli.resolver.diffuse.prior import pattern
+from cadtof_cli.resolver.diffuse.radiosity import interreflections
+from cadtof_cli.resolver.diffuse.records import DiffuseChoice, DiffuseModel, RoomNumbers, range_from_phase
+from cadtof_cli.resolver.diffuse.settings import DiffuseSettings
+from cadtof_cli.resolver.diffuse.tail import TailModel, wrapped
+from cadtof_cli.resolver.diffuse.upsampling import upsampler
+from cadtof_cli.resolver.two_path.closed_form import fundamental_frame, two_paths
+
+DATA_FLOOR = 0.02
+"""What no model says of a patch's data better than this (1 or rad), whatever the noise: surfaces are not flat, nor matt."""
+
+LEAST_RATIO = 0.05
+"""Least |q_h| that the noise of a patch's data is taken for."""
+
+NEAREST_M = 0.05
+"""Least range of a sampled pixel."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Frame:
+    """What a frame is looked at with: its grid, settings, noise, and the offsets of its sampled ranges."""
+
+    grid: PatchGrid
+    settings: DiffuseSettings
+    variances: Float
+    offset_m: Float | float
+
+
+def diffuse_model(
+    phasors: Complex,
+    /,
+    *,
+    usable: Bool,
+    variances: tuple[float, ...],
+    settings: DiffuseSettings,
+    view: View | None = None,
+    samples: Float | None = None,
+    range_offset_m: Float | None = None,
+) -> DiffuseModel | DiffuseChoice:
+    """Return the model of a frame, or only the choice where it is left to separate paths; inputs are not changed.
+
+    Args:
+        phasors: (H, Y, X), normalised by the modulation amplitude, corrected for the pulse, and those of a sine.
+        usable: (Y, X); pixels without an answer (saturated, hot, without signal) are left out, as those are that hold NaN.
+        variances: noise of one channel of each harmonic, in squared units of the phasors, of one recorded pixel.
+        settings: which model is asked for, and the harmonics' periods.
+        view: the optics; None where they are unknown.
+        samples: over how many recorded pixels each phasor is a mean, (Y, X); None: 1.
+        range_offset_m: what is added to the range of every pixel (field curvature), (Y, X); None for nothing.
+    """
+    height, width = phasors.shape[1:]
+    grid = patch_grid(height, width, view or assumed_view(height, width))
+    per_pixel = 1.0 if samples is None else float(np.median(samples))
+    offset = 0.0 if range_offset_m is None else grid.samples(range_offset_m)
+    frame = _Frame(grid, settings, np.array(variances) / per_pixel, offset)
+    taken = grid.samples(phasors)
+    seen = grid.samples(usable) & is_light(taken)
+    light = patch_light(taken, seen, harmonics=settings.harmonics)
+    means = patch_means(light, seen)
+    kinds = patch_kinds(means, frame.variances, sampled=seen.shape[-1], settings=settings)
+    choice = DiffuseChoice(kinds.reason, int(kinds.lit.sum()), kinds.separate_share)
+    if choice.taken == "discrete":
+        return choice
+    planes = _planes(light, means, frame)
+    valid: Bool = planes.found & kinds.lit
+    if valid.sum() < LEAST_PATCHES:
+        return replace(choice, reason="few patches with light")
+    model = _model(light, planes, valid, kinds, frame, variances, range_offset_m)
+    return replace(choice, reason="no tail fits") if model is None else model
+
+
+def _model(
+    light: PatchLight,
+    planes: PatchPlanes,
+    valid: Bool,
+    kinds: PatchKinds,
+    frame: _Frame,
+    variances: tuple[float, ...],
+    range_offset_m: Float | None,
+) -> DiffuseModel | None:
+    """Return the model of a frame, None where no tail fits it."""
+    means = patch_means(light, planes.on_plane)
+    ratios, amplitude = means.ratios[:, valid], means.amplitude[valid]
+    tail, rule = _tail(planes, valid, amplitude, frame)
+    data = np.concatenate([np.log(np.maximum(np.abs(ratios), 1e-9)), np.angle(ratios)])
+    noise = _data_noise(ratios, amplitude, means.pixels[valid], frame)
+    fit = fitted_patches(data, noise, tail, rule, known_optics=frame.grid.view.known)
+    posterior = patch_posterior(data, noise, fit)
+    if frame.settings.model == "auto" and not tail_fits(posterior.chi_squared, len(data)):
+        return None
+    gap = fit.posterior[-1] - two_path_lag(ratios[0])
+    coarse = coarse_planes(fit, posterior, other_fit(gap, len(ratios)), valid)
+    return DiffuseModel(
+        frame.settings,
+        DiffuseChoice("tail", int(kinds.lit.sum()), kinds.separate_share, _room_numbers(fit)),
+        variances,
+        coarse,
+        upsampler(coarse.planes, planes.surfaces.range_m, valid, frame.grid),
+        kinds.separate,
+        float(np.median(gap**2)),
+        range_offset_m,
+    )
+
+
+def two_path_lag(ratio: Complex, /) -> Float:
+    """Return by how much MPI turns arg p_1 if there are two paths, the stronger direct, from q_2 = p_2|p_1|/p_1², (n,)."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        # q_2 = 1 is one path, where the closed form divides zero by zero before it says so
+        paths = two_paths(fundamental_frame(np.ones_like(ratio), ratio))
+        x, y = paths.phases()
+    return wrapped(-np.where(paths.a >= paths.b, x, y))
+
+
+def _planes(light: PatchLight, means: PatchMeans, frame: _Frame) -> PatchPlanes:
+    """Return the surfaces by the first depth: that of two paths, from the mean light of every patch."""
+    lag = two_path_lag(means.ratios[0].ravel()).reshape(means.amplitude.shape)
+    range_m = range_from_phase(light.phase_rad - lag[..., None], frame.settings) + frame.offset_m
+    return patch_planes(np.maximum(range_m, NEAREST_M), light.seen, frame.grid)
+
+
+def _tail(planes: PatchPlanes, valid: Bool, amplitude: Float, frame: _Frame) -> tuple[TailModel, Float]:
+    """Return the model of the valid patches, and how their states differ by rule."""
+    seen = planes.surfaces[valid]
+    light = interreflections(
+        seen,
+        surfaces_beyond(planes.surfaces, valid, frame.grid),
+        amplitude,
+        harmonics=frame.settings.harmonics,
+        rad_per_m=frame.settings.rad_per_m,
+    )
+    model = TailModel(light, frame.settings.harmonics, frame.settings.rad_per_ns)
+    return model, pattern(light.direct)
+
+
+def _data_noise(ratios: Complex, amplitude: Float, pixels: Float, frame: _Frame) -> Float:
+    """Return the noise covariance of the patches' data, (data, data, n): of a mean of pixels, and what no model explains."""
+    strength = np.concatenate([np.ones((1, ratios.shape[1])), np.maximum(np.abs(ratios), LEAST_RATIO)]) * amplitude
+    relative = frame.variances[:, None] / (strength**2 * pixels)
+    count = 2 * len(ratios)
+    covariance = np.zeros((count, count, ratios.shape[1]))
+    for (i, j), value in noise_covariance(list(relative), harmonics=frame.settings.harmonics).items():
+        if i < count:
+            covariance[i, j] = covariance[j, i] = value
+    return covariance + DATA_FLOOR**2 * np.eye(count)[..., None]
+
+
+def _room_numbers(fit: PatchFit) -> RoomNumbers:
+    low, middle, high = np.percentile(fit.state, (16, 50, 84), axis=1)
+    scatter = 0.5 * (high - low)
+    natural = np.exp(middle[:5])
+    albedo, beside, later, unseen, decay = (
+        (float(value), float(value * s)) for value, s in zip(natural, scatter, strict=False)
+    )
+    return RoomNumbers(albedo, beside, later, unseen, decay, (float(middle[5]), float(scatter[5])))

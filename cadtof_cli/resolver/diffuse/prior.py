@@ -1,0 +1,56 @@
+"""What rooms are like before their data are seen: the state's mean, its spread between rooms, and its pattern within one.
+
+The components are those of `tail.STATE`. The numbers are medians and spreads over a dozen rendered rooms, and
+hold for rooms that were rendered afterwards.
+"""
+
+import numpy as np
+
+from cadtof_cli.arrays import Float
+
+MEAN = np.array([np.log(1.1), 0.0, 0.0, np.log(0.05), np.log(12.0), 5.0])
+"""Mean albedo 1.1 as the radiosity sees it (rooms are closed, and it knows a part of their walls alone); light beside the view
+as within it; later bounces as they come; unseen light of .05 of the direct light, which decays with 12 ns and starts 5 ns late,
+as that of a surface .75 m beside the target does."""
+
+BETWEEN_ROOMS = np.array([0.3, 0.4, 0.5, 1.75, 0.6, 2.5])
+"""Standard deviations between rooms: ln s, ln b, ln u, ln v, ln τ, and ns. What the view does not show varies most."""
+
+CORRELATIONS = {(0, 3): 0.7, (3, 5): -0.3, (4, 5): 0.3}
+"""Correlations between rooms. Unseen light has bounced more often, so bright rooms have more of it (s and v); near walls give
+more and earlier (v and t); large rooms keep light longer, and give it later (τ and t)."""
+
+WITHIN_ROOM = np.array([0.5, 0.7, 0.7, 0.7, 0.7, 0.7]) * BETWEEN_ROOMS
+"""Standard deviations between the patches of one room: the scale of the albedo is more common to them than the rest."""
+
+WITHIN_PATCH = 0.525 * BETWEEN_ROOMS
+"""Standard deviations between a pixel and its patch."""
+
+UNKNOWN_OPTICS = np.array([0.3, 0.0, 0.3, 0.0, 0.0, 0.0])
+"""Standard deviations that come on top where the field of view is assumed: 15 % of focal length are 30 % of every area."""
+
+UNSEEN_GAMMA = 0.7
+"""v ~ E^−γ: where a surface gets weak direct light E, unseen light is more of the whole; less than in proportion."""
+
+TYPICAL_DIRECT = 1.0 / 9.0
+"""Direct light cos θ/d² for which the pattern changes nothing: a surface 3 m away, m⁻²."""
+
+
+def pattern(direct: Float, /) -> Float:
+    """Return how a room's state differs from patch to patch by rule, (6, n), from their direct light (n,)."""
+    rule = np.zeros((len(MEAN), direct.size))
+    rule[3] = -UNSEEN_GAMMA * np.log(direct / TYPICAL_DIRECT)
+    return rule
+
+
+def within_room(*, known_optics: bool) -> Float:
+    """Return the covariance between the patches of a room, (6, 6)."""
+    return np.diag(WITHIN_ROOM**2 + (0.0 if known_optics else UNKNOWN_OPTICS**2))
+
+
+def between_rooms(*, known_optics: bool) -> Float:
+    """Return the covariance between rooms, (6, 6)."""
+    covariance = np.diag(BETWEEN_ROOMS**2 + (0.0 if known_optics else UNKNOWN_OPTICS**2))
+    for (i, j), correlation in CORRELATIONS.items():
+        covariance[i, j] = covariance[j, i] = correlation * BETWEEN_ROOMS[i] * BETWEEN_ROOMS[j]
+    return covariance

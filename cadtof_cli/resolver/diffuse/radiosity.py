@@ -1,0 +1,137 @@
+"""Light between the patches: how much each gets from all others, after one bounce and after more, and how late."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cadtof_cli.arrays import Complex, Float, Float32
+from cadtof_cli.resolver.diffuse.planes import Surfaces
+
+LATER_ALBEDO = 0.7
+"""Mean albedo inside the later bounces, whose sum it makes finite; their strength is free in the fit."""
+
+LATER_BOUNCES = 6
+"""Bounces summed after the second: .7⁶ of the light is left then, spread over all directions and delays."""
+
+ALBEDO_RANGE = (0.1, 4.0)
+"""Least and largest albedo of a patch over their median: what lies beyond is a mirror, a lamp or a wrong depth."""
+
+NEAREST_M2 = 1e-6
+"""Least squared distance of two patches."""
+
+Complex64 = NDArray[np.complex64]
+
+
+@dataclass(frozen=True, eq=False)
+class Interreflections:
+    """Light that comes back by way of other surfaces, over direct light, at unit albedo; complex (H, n) each.
+
+    `seen` is g_h, light of two bounces by way of surfaces in the view; `beyond` is b_h, by way of those continued outside;
+    `later` is m_h, light of three bounces and more. `direct` is a patch's own direct light, cos θ/d², float64 (n,).
+    """
+
+    seen: Complex
+    beyond: Complex
+    later: Complex
+    direct: Float
+
+
+def interreflections(
+    seen: Surfaces, beyond: Surfaces, amplitude: Float, /, *, harmonics: tuple[int, ...], rad_per_m: float
+) -> Interreflections:
+    """Solve the radiosity between the patches, whose first phasors have the given amplitudes (n,), and the pieces beyond them.
+
+    With E_j = cos θ_j/d_j² the direct light on patch j and d_j its way from the lamp, what reaches i after one more bounce
+    is Σ_j K_ij·E_j·exp(ihω d_j/c), K_ij = F_ij·a_j·exp(ihω r_ij/c), where F_ij = cos θ_i·cos θ_j·A_j/(π r² + A_j) is the form
+    factor and a_j a relative albedo, |p1|·d²/cos θ. The receiver's own albedo cancels against its direct light. Later
+    bounces repeat K.
+    """
+    count = len(seen.range_m)
+    both = _joined(seen, beyond)
+    form, distance = _form_factors(both)
+    form *= _relative_albedo(seen, amplitude, len(beyond.range_m))
+    turn = _rotors(np.float32(rad_per_m) * distance)
+    direct = both.cosine / both.range_m**2
+    bounces = []
+    for h in harmonics:
+        kernel = form * _power(turn, h)
+        arrival = direct * np.exp(1j * h * rad_per_m * both.range_m)
+        bounces.append(np.array(_bounces(kernel, arrival, count))[:, :count] / arrival[:count])
+    second, outside, later = np.stack(bounces, axis=1)
+    return Interreflections(second, outside, later, direct[:count])
+
+
+def _bounces(kernel: Complex64, arrival: Complex, count: int) -> tuple[Complex64, Complex64, Complex64]:
+    """Return the light of the second bounce from the first `count` surfaces, from the others, and the light of all later bounces.
+
+    The later ones are at unit albedo for the first of them.
+    """
+    lit = arrival.astype(np.complex64)
+    seen, beyond = _gathered(kernel[:, :count], lit[:count]), _gathered(kernel[:, count:], lit[count:])
+    bounce, later = seen + beyond, np.zeros_like(lit)
+    for _ in range(LATER_BOUNCES):
+        bounce = np.float32(LATER_ALBEDO) * _gathered(kernel, bounce)
+        later += bounce
+    return seen, beyond, later / np.float32(LATER_ALBEDO)
+
+
+def _gathered(kernel: Complex64, light: Complex64) -> Complex64:
+    """Return kernel @ light as one inner product a row: the bits of a whole one depend on how many threads share it."""
+    gathered: Complex64 = np.matmul(kernel[:, None, :], light[:, None])[:, 0, 0]
+    return gathered
+
+
+def _rotors(phase_rad: Float32) -> Complex64:
+    """Return exp(i·phase), faster than the complex exponential does it."""
+    rotors = np.empty(phase_rad.shape, np.complex64)
+    rotors.real, rotors.imag = np.cos(phase_rad), np.sin(phase_rad)
+    return rotors
+
+
+def _power(rotors: Complex64, h: int) -> Complex64:
+    """Return their h-th power, h ≥ 1."""
+    power = rotors
+    for _ in range(h - 1):
+        power = power * rotors
+    return power
+
+
+def _relative_albedo(seen: Surfaces, amplitude: Float, beyond: int) -> Float32:
+    """Return albedos over their mean by area, float32; those beyond the view are taken as the mean."""
+    albedo = amplitude * seen.range_m**2 / seen.cosine
+    albedo = np.clip(albedo / np.median(albedo), *ALBEDO_RANGE)
+    albedo /= np.average(albedo, weights=seen.area_m2)
+    return np.append(albedo, np.ones(beyond)).astype(np.float32)
+
+
+def _form_factors(of: Surfaces) -> tuple[Float32, Float32]:
+    """Return the form factors F_ij, from j to i, and the distances in m, float32 (n, n) each."""
+    point, normal = (of.ray * of.range_m).astype(np.float32), of.normal.astype(np.float32)
+    along = _inner_products(point, normal)
+    own = np.diag(along).copy()
+    square = (point * point).sum(0)
+    r2 = np.maximum(square[:, None] + square - 2.0 * _inner_products(point, point), np.float32(NEAREST_M2))
+    area = of.area_m2.astype(np.float32)
+    facing = np.maximum(along.T - own[:, None], 0.0) * np.maximum(along - own, 0.0)
+    form = facing * area / (r2 * (np.float32(np.pi) * r2 + area))
+    np.fill_diagonal(form, 0.0)
+    return form, np.sqrt(r2)
+
+
+def _inner_products(first: Float32, second: Float32) -> Float32:
+    """Return the inner products of all pairs of vectors, (3, n) each, (n, n)."""
+    x, y, z = (a[:, None] * b for a, b in zip(first, second, strict=True))
+    total: Float32 = x + y
+    total += z
+    return total
+
+
+def _joined(first: Surfaces, second: Surfaces) -> Surfaces:
+    return Surfaces(
+        np.append(first.range_m, second.range_m),
+        np.append(first.normal, second.normal, axis=1),
+        np.append(first.ray, second.ray, axis=1),
+        np.append(first.cosine, second.cosine),
+        np.append(first.area_m2, second.area_m2),
+    )

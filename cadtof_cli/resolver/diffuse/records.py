@@ -1,0 +1,146 @@
+"""What the prediction gives: the frame's model, the answers of pixels, and the numbers behind them."""
+
+from dataclasses import dataclass, fields
+from typing import Literal
+
+import numpy as np
+
+from cadtof_cli.arrays import Bool, Float
+from cadtof_cli.resolver.diffuse.choice import Reason
+from cadtof_cli.resolver.diffuse.coarse import CoarsePlanes
+from cadtof_cli.resolver.diffuse.settings import DiffuseSettings
+from cadtof_cli.resolver.diffuse.upsampling import Band, Upsampler
+
+
+@dataclass(frozen=True)
+class RoomNumbers:
+    """The frame's state as medians over its patches, and their scatter (half the way from the 16th to the 84th percentile).
+
+    `albedo` s, `beside` b, `later` u, `unseen` v, `decay_ns` τ and `start_ns` t; each (median, scatter).
+    """
+
+    albedo: tuple[float, float]
+    beside: tuple[float, float]
+    later: tuple[float, float]
+    unseen: tuple[float, float]
+    decay_ns: tuple[float, float]
+    start_ns: tuple[float, float]
+
+
+@dataclass(frozen=True)
+class DiffuseChoice:
+    """Which model a frame got and why: `patches` with light, the share of them with separate paths, and the room's numbers."""
+
+    reason: Reason
+    patches: int
+    separate_share: float
+    room: RoomNumbers | None = None
+
+    @property
+    def taken(self) -> Literal["discrete", "diffuse"]:
+        """The model."""
+        return "diffuse" if self.reason == "tail" else "discrete"
+
+
+@dataclass(frozen=True, eq=False)
+class DiffuseModel:
+    """The coarse model of a whole frame, from which each pixel is answered.
+
+    Attributes:
+        settings: what was asked for.
+        choice: which model was taken.
+        variances: noise of a channel of each harmonic, in squared units of the phasors, of one recorded pixel.
+        coarse: what the planes of `upsampler` hold.
+        upsampler: brings them to the pixels.
+        separate: patches with separate paths, (rows, columns): their pixels are left to the solver of separate paths.
+        separate_variance: variance in rad² that the room's tail adds to those pixels' direct phase.
+        range_offset_m: what is added to every pixel's range, (Y, X); None for nothing.
+    """
+
+    settings: DiffuseSettings
+    choice: DiffuseChoice
+    variances: tuple[float, ...]
+    coarse: CoarsePlanes
+    upsampler: Upsampler
+    separate: Bool
+    separate_variance: float
+    range_offset_m: Float | None = None
+
+    def block(self, pixels: slice, /) -> "DiffuseBlock":
+        """Return the model for a stretch of the frame's pixels, flat indices row by row."""
+        return DiffuseBlock(self, pixels)
+
+    def range_m(self, phase_rad: Float, /) -> Float:
+        """Return the range of a fundamental phase."""
+        return range_from_phase(phase_rad, self.settings)
+
+    def range_offset(self, band: Band, /) -> Float | float:
+        """Return what is added to the ranges of a band's pixels."""
+        if self.range_offset_m is None:
+            return 0.0
+        return self.range_offset_m[band.top : band.bottom, band.left : band.right]
+
+    def is_separate(self, band: Band, /) -> Bool:
+        """Return which pixels of a band lie in patches with separate paths."""
+        side = self.upsampler.grid.side
+        row, column = np.arange(band.top, band.bottom) // side, np.arange(band.left, band.right) // side
+        return self.separate[np.ix_(row, column)]
+
+
+@dataclass(frozen=True, eq=False)
+class DiffuseBlock:
+    """A frame's model, and which stretch of its pixels it is to answer: flat indices row by row."""
+
+    model: DiffuseModel
+    pixels: slice
+
+
+@dataclass(frozen=True, eq=False)
+class DiffusePixels:
+    """Answers for n pixels, float64 (n,) each, NaN where `answered` is not set; amplitudes in units of the phasors.
+
+    `direct_phase_rad` lies in [0, 2π); the MPI light is its phasor at the fundamental, its phase within a turn behind.
+    `chi_squared` is the pixel's data against what its patches expect; `separate_variance`, rad², what the room's tail adds to
+    the phases of pixels that are left to separate paths.
+    """
+
+    separate_variance: float
+    answered: Bool
+    direct_phase_rad: Float
+    direct_amplitude: Float
+    direct_sigma_rad: Float
+    mpi_phase_rad: Float
+    mpi_amplitude: Float
+    mpi_sigma_rad: Float
+    chi_squared: Float
+
+    @classmethod
+    def empty(cls, pixels: int, separate_variance: float, /) -> "DiffusePixels":
+        """Return answers to be filled in."""
+        return cls(separate_variance, np.empty(pixels, np.bool_), *(np.empty(pixels) for _ in fields(cls)[2:]))
+
+    def __getitem__(self, pixels: slice, /) -> "DiffusePixels":
+        """Return some of the answers, as views."""
+        return DiffusePixels(self.separate_variance, *(getattr(self, field.name)[pixels] for field in fields(self)[1:]))
+
+    @property
+    def direct(self) -> tuple[Float, Float, Float]:
+        """Amplitude, phase and standard deviation of the direct light."""
+        return self.direct_amplitude, self.direct_phase_rad, self.direct_sigma_rad
+
+    @property
+    def mpi(self) -> tuple[Float, Float, Float]:
+        """Amplitude, phase and standard deviation of the MPI light."""
+        return self.mpi_amplitude, self.mpi_phase_rad, self.mpi_sigma_rad
+
+    def clear(self, pixels: Bool, /) -> None:
+        """Take the answers of some pixels back."""
+        for field in fields(self)[2:]:
+            getattr(self, field.name)[pixels] = np.nan
+
+
+def range_from_phase(phase_rad: Float, settings: DiffuseSettings, /) -> Float:
+    """Return the range of a fundamental phase, in [nearest, nearest + c·T1/2)."""
+    turns = (phase_rad - settings.nearest_m / settings.m_per_rad) / (2.0 * np.pi)
+    ahead: Float = (turns - np.floor(turns)) * (2.0 * np.pi)
+    return settings.nearest_m + ahead * settings.m_per_rad

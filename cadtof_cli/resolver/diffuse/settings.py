@@ -1,0 +1,48 @@
+"""What the prediction is asked for, and how phases become metres in it."""
+
+import math
+from dataclasses import dataclass
+
+from cadtof_cli.errors import SettingsError
+from cadtof_cli.resolver.settings import MpiModel
+from cadtof_cli.units import C_M_PER_NS, metres_per_radian
+
+
+@dataclass(frozen=True, kw_only=True)
+class DiffuseSettings:
+    """What to predict, and from which harmonics.
+
+    Attributes:
+        model: `discrete` leaves every pixel to the solver of separate paths, `diffuse` predicts a tail for all, `auto` asks
+            the data, patch by patch and then for the frame.
+        period_ns: T1, period of the fundamental.
+        harmonics: numbers h of the phasors; the first two must be 1 and 2.
+        nearest_m: range at which the unambiguous range c·T1/2 starts.
+    """
+
+    model: MpiModel = "auto"
+    period_ns: float
+    harmonics: tuple[int, ...]
+    nearest_m: float = 0.0
+
+    def __post_init__(self) -> None:
+        if self.harmonics[:2] != (1, 2):
+            found = ", ".join(map(str, self.harmonics))
+            raise SettingsError(
+                f"modulation.periods_ns: found harmonics {found}; diffuse MPI needs 1 and 2 to begin with"
+            )
+
+    @property
+    def rad_per_ns(self) -> float:
+        """ω1, the fundamental's phase per delay."""
+        return 2.0 * math.pi / self.period_ns
+
+    @property
+    def rad_per_m(self) -> float:
+        """The fundamental's phase per way of light, from surface to surface: ω1/c."""
+        return self.rad_per_ns / C_M_PER_NS
+
+    @property
+    def m_per_rad(self) -> float:
+        """Range per phase of the fundamental, out and back."""
+        return metres_per_radian(self.period_ns)

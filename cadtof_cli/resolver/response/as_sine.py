@@ -1,0 +1,33 @@
+"""What a pure sine would have recorded: phasors freed of the other terms of their response.
+
+The other terms depend on when light arrives, in another way than a sine's does. They are small, and those of paths that fit the
+phasors are nearly those of the light: for a tail, its part in them is a ninth of a third harmonic in which little of it is left.
+"""
+
+import numpy as np
+
+from cadtof_cli.arrays import Complex, Float32
+from cadtof_cli.resolver.paths import Paths
+from cadtof_cli.resolver.response.table import ResponseBlock
+
+
+def phasors_of_sine(phasors: Complex, paths: Paths, /, *, response: ResponseBlock) -> Complex:
+    """Return phasors (H, n) minus what the response makes of their paths beyond a sine. NaN without a path is no light."""
+    there = np.isfinite(paths.amplitude)
+    amplitude = np.where(there, paths.amplitude, 0.0).astype(np.float32)
+    phase = np.where(there, paths.phase_rad, 0.0).astype(np.float32)
+    sine = np.empty_like(phasors)
+    for row, (re, im) in enumerate(response.observed(phasors)):
+        for strength, x in zip(amplitude, phase, strict=True):
+            beyond_re, beyond_im = _beyond_sine(x, row, response)
+            re = re - strength * beyond_re
+            im = im - strength * beyond_im
+        sine.real[row], sine.imag[row] = response.turned_back(row, re, im)
+    return sine
+
+
+def _beyond_sine(phase: Float32, row: int, response: ResponseBlock) -> tuple[Float32, Float32]:
+    """Return f(θ) − exp(iθ) of one harmonic for paths of fundamental phase x."""
+    answer = response.at(row, phase, slice(None))
+    theta = response.theta(row, phase, slice(None))
+    return answer.re - np.cos(theta), answer.im - np.sin(theta)

@@ -1,0 +1,142 @@
+"""How well diffuse MPI is predicted: captures with truth, as two paths and as `--mpi-model auto` takes them.
+
+`python scripts/diffuse_accuracy.py CAPTURE...` prints a row per capture and what they say together; `--figure PNG` draws the
+errors of the first. Rooms come from `scripts/render_rooms.py`.
+"""
+
+import argparse
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from cadtof_cli.capture.discovery import Capture, find_captures
+from cadtof_cli.capture.frames import open_frames, single_frames
+from cadtof_cli.files.maps import read_layers
+from cadtof_cli.frame_plan import FramePlan, MapSettings
+from cadtof_cli.maps.layers import DIRECT_DEPTH, DIRECT_SIGMA
+from cadtof_cli.pipeline import ResolvedFrame, resolve_frame
+from cadtof_cli.resolver.settings import MpiModel, ResolverSettings
+from cadtof_cli.workflows.inspect.evaluate import first_phasor_depth
+
+F = NDArray[np.float64]
+
+SHARES = (0.55, 0.95)
+"""Share of true errors within one predicted sigma that is called true: 0.68 where errors are Gaussian."""
+
+OFFSET_CM = 0.3
+"""Added to medians before their logarithm is taken, so that errors below the noise do not count for more than they are."""
+
+FIGURE_CM = 10.0
+"""Errors at the ends of the colour scale."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """Errors of a capture in cm, and the share of them within 1 and 2 sigma."""
+
+    name: str
+    first: F
+    two_paths: F
+    taken: F
+    within: tuple[float, float]
+    diffuse: float
+
+    @property
+    def medians(self) -> tuple[float, float, float]:
+        """Median |error| of the first phasor, of two paths, and as taken."""
+        first, two, taken = (float(np.nanmedian(np.abs(error))) for error in (self.first, self.two_paths, self.taken))
+        return first, two, taken
+
+    def line(self) -> str:
+        """A row of the table."""
+        errors = (self.first, self.two_paths, self.taken)
+        cells = [f"{np.nanmedian(abs(e)):.2f} / {np.nanpercentile(abs(e), 90):.1f}" for e in errors]
+        cells[-1] += f"; {self.within[0]:.2f}, {self.within[1]:.2f}"
+        return f"| {self.name} | {' | '.join(cells)} | {self.diffuse:.0%} |"
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("captures", type=Path, nargs="+", help="folders of captures with truth.exr")
+    parser.add_argument("--figure", type=Path, help="PNG of the errors of the first capture")
+    parser.add_argument("--model", default="auto", choices=("auto", "diffuse"), help="what is held against two paths")
+    chosen = parser.parse_args()
+    print("| capture | first phasor, cm: median / 90 % | two paths | as taken; share within 1, 2 sigma | diffuse |")
+    print("|---|---|---|---|---|")
+    rows = []
+    for capture in find_captures(chosen.captures):
+        rows.append(measured(capture, chosen.model))
+        print(rows[-1].line(), flush=True)
+    together(rows)
+    if chosen.figure:
+        draw(find_captures(chosen.captures[:1])[0], chosen.figure)
+
+
+def measured(capture: Capture, model: MpiModel) -> Row:
+    """Resolve all frames of a capture both ways."""
+    truth = read_layers(capture.root / "truth.exr")[DIRECT_DEPTH].astype(np.float64)
+    first, two, taken, score, status = [], [], [], [], []
+    for source in single_frames(capture):
+        with open_frames(source, capture.layout) as frames:
+            stored = frames.read(source.index or 0)
+        found, discrete = (resolved(capture, stored, name).maps for name in (model, "discrete"))
+        error = found.layer(DIRECT_DEPTH) - truth
+        first.append(100 * (first_phasor_depth(capture, source) - truth))
+        two.append(100 * (discrete.layer(DIRECT_DEPTH) - truth))
+        taken.append(100 * error)
+        score.append(np.abs(error / found.layer(DIRECT_SIGMA)))
+        status.append((found.status & 2048) > 0)
+    scores = np.concatenate(score)[np.isfinite(np.concatenate(score))]
+    within = float(np.mean(scores < 1.0)), float(np.mean(scores < 2.0))
+    diffuse = float(np.mean(status))
+    return Row(capture.root.name, np.stack(first), np.stack(two), np.stack(taken), within, diffuse)
+
+
+def resolved(capture: Capture, stored: NDArray[np.generic], model: MpiModel) -> ResolvedFrame:
+    """Return the maps of a frame by one model."""
+    settings = MapSettings(resolver=ResolverSettings(mpi_model=model))
+    return resolve_frame(stored, plan=FramePlan(metadata=capture.source.metadata, settings=settings))
+
+
+def together(rows: Sequence[Row]) -> None:
+    """Print what all captures say together."""
+    medians = np.array([row.medians for row in rows])
+    ratio, within = medians[:, 2] / medians[:, 1], np.array([row.within[0] for row in rows])
+    calibrated = np.count_nonzero((within >= SHARES[0]) & (within <= SHARES[1]))
+    print(
+        f"\n{len(rows)} captures: median error over that of two paths {np.median(ratio):.2f}, {ratio.max():.2f} at worst; "
+        f"within 1 sigma in {SHARES[0]} … {SHARES[1]}: {calibrated}; "
+        f"geometric mean of the medians {np.exp(np.mean(np.log(OFFSET_CM + medians[:, 2]))) - OFFSET_CM:.2f} cm, "
+        f"of two paths {np.exp(np.mean(np.log(OFFSET_CM + medians[:, 1]))) - OFFSET_CM:.2f} cm"
+    )
+
+
+def draw(capture: Capture, path: Path) -> None:
+    """Draw the errors of a capture's first frame, before and after, and the sigma that goes with them."""
+    truth = read_layers(capture.root / "truth.exr")[DIRECT_DEPTH].astype(np.float64)
+    source = next(iter(single_frames(capture)))
+    with open_frames(source, capture.layout) as frames:
+        stored = frames.read(source.index or 0)
+    auto, discrete = (resolved(capture, stored, model).maps for model in ("auto", "discrete"))
+    panels = {
+        "first phasor: error, cm": 100 * (first_phasor_depth(capture, source) - truth),
+        "two paths: error, cm": 100 * (discrete.layer(DIRECT_DEPTH) - truth),
+        "predicted tail: error, cm": 100 * (auto.layer(DIRECT_DEPTH) - truth),
+        "predicted tail: sigma, cm": 100 * auto.layer(DIRECT_SIGMA),
+    }
+    figure = Figure(figsize=(16.0, 3.4), layout="constrained")
+    for axes, (title, values) in zip(figure.subplots(1, len(panels)), panels.items(), strict=True):
+        shown = axes.imshow(values, cmap="RdBu_r", vmin=-FIGURE_CM, vmax=FIGURE_CM)
+        axes.set_title(title)
+        axes.set_axis_off()
+    figure.colorbar(shown, ax=figure.axes, shrink=0.8)
+    figure.savefig(path, dpi=80)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,251 @@
+"""Runs on a real scheduler with real workers: the same files as here, and nothing lost whoever is lost."""
+
+import contextlib
+import json
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tests.support.captures import TOML, write_frame
+from tests.support.cluster import LocalCluster, local_cluster, require_dask
+from tests.support.forward import step_frame
+from tests.support.run_cadtof import ENVIRONMENT, ROOT, Finished
+
+pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="workers that end with the tests need prctl")
+
+FRAMES = 60
+
+_DEADLY = """
+import os, sys
+from pathlib import Path
+from cadtof_cli.workflows.resolve import frame_task
+read = frame_task.read_frame
+def read_frame(task):
+    if task.sources[0].name == "frame_0007":
+        with Path(os.environ["DEATHS"]).open("a") as deaths:
+            deaths.write("x")
+        os._exit(1)
+    return read(task)
+frame_task.read_frame = read_frame
+"""
+"""Put into workers when they start: a frame that kills them, as one that is too large for their memory does."""
+
+
+@pytest.fixture(scope="module")
+def capture(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder of small frames that differ."""
+    folder = tmp_path_factory.mktemp("capture") / "room"
+    folder.mkdir()
+    (folder / "capture.toml").write_text(TOML["tif"])
+    rng = np.random.default_rng(0)
+    for index in range(FRAMES):
+        write_frame(folder / f"frame_{index:04}.tif", step_frame(rng, height=40, width=60))
+    return folder
+
+
+@pytest.fixture(scope="module")
+def here(capture: Path) -> dict[str, Any]:
+    """What a run of this machine's own makes of it."""
+    assert run("resolve", "room", "-o", "here", "-j", 1, cwd=capture.parent).status == 0
+    return contents(capture.parent / "here")
+
+
+@pytest.fixture(scope="module")
+def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[LocalCluster]:
+    """A scheduler with two workers that tests leave as they are."""
+    require_dask()
+    with local_cluster(tmp_path_factory.mktemp("cluster"), workers=2) as started:
+        yield started
+
+
+def command(*arguments: object) -> list[str]:
+    return [sys.executable, "-m", "cadtof_cli", *map(str, arguments)]
+
+
+def run(*arguments: object, cwd: Path) -> Finished:
+    done = subprocess.run(
+        command(*arguments), cwd=cwd, env=ENVIRONMENT, capture_output=True, text=True, timeout=120, check=False
+    )
+    return Finished(done.returncode, done.stdout, done.stderr)
+
+
+@contextlib.contextmanager
+def running(*arguments: object, cwd: Path) -> Iterator["subprocess.Popen[str]"]:
+    """Start a run, and go on when it has reported its first frames."""
+    process = subprocess.Popen(
+        command(*arguments, "--json"),
+        cwd=cwd,
+        env=ENVIRONMENT,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    try:
+        assert process.stdout is not None
+        for _ in range(3):
+            assert process.stdout.readline()
+        yield process
+    finally:
+        process.kill()
+        process.communicate()
+
+
+def contents(out: Path) -> dict[str, Any]:
+    """What a run has left: its maps' bytes, its lines without times and folders, and its totals."""
+    lines = [json.loads(line) for line in (out / "frames.jsonl").read_text().splitlines()]
+    for line in lines:
+        del line["seconds"]
+        line["output"] = line["output"] and Path(line["output"]).name
+    record = json.loads((out / "run.json").read_text())
+    totals = record.get("totals", {})
+    totals.pop("seconds", None)
+    maps = {path.name: path.read_bytes() for path in out.iterdir() if path.suffix == ".tif"}
+    others = {path.name for path in out.iterdir()} - maps.keys()
+    return {"maps": maps, "lines": lines, "totals": totals, "finished": record["finished"], "others": others}
+
+
+def slow(process: "subprocess.Popen[bytes]") -> None:
+    """Leave a worker little of the processor, so that a run on it is still going on when something happens."""
+    os.setpriority(os.PRIO_PROCESS, process.pid, 19)
+
+
+def test_the_same_files_as_here(cluster: LocalCluster, capture: Path, here: dict[str, Any], tmp_path: Path) -> None:
+    out = os.path.relpath(tmp_path / "out", capture.parent)
+    done = run("resolve", "room", "-o", out, "--scheduler", cluster.address, cwd=capture.parent)
+    assert done.status == 0, done.err
+    assert f"resolved {FRAMES} of {FRAMES} frames" in done.err
+    assert contents(tmp_path / "out") == here
+
+
+def test_a_frame_that_cannot_be_read_fails_alone_and_says_the_same(
+    cluster: LocalCluster, capture: Path, tmp_path: Path
+) -> None:
+    folder = tmp_path / "room"
+    folder.mkdir()
+    for name in ("capture.toml", "frame_0000.tif", "frame_0001.tif", "frame_0002.tif"):
+        (folder / name).write_bytes((capture / name).read_bytes())
+    (folder / "frame_0001.tif").write_bytes(b"II*\0 not a frame")
+    ended = [
+        run("resolve", "room", "-o", f"out_{number}", *where, "--quiet", cwd=tmp_path)
+        for number, where in enumerate((("--jobs", 1), ("--scheduler", cluster.address)))
+    ]
+    assert [one.status for one in ended] == [1, 1]
+    assert ended[1].err == ended[0].err
+    assert contents(tmp_path / "out_1") == contents(tmp_path / "out_0")
+
+
+def test_ctrl_c_cancels_and_resume_finishes(
+    cluster: LocalCluster, capture: Path, here: dict[str, Any], tmp_path: Path
+) -> None:
+    arguments = ("resolve", "room", "-o", tmp_path / "out", "--scheduler", cluster.address)
+    with running(*arguments, cwd=capture.parent) as process:
+        process.send_signal(signal.SIGINT)
+        _, err = process.communicate(timeout=60)
+    assert (process.returncode, err.splitlines()[-1]) == (130, "interrupted")
+    left = contents(tmp_path / "out")
+    assert left["finished"] is False
+    assert left["others"] == {"run.json", "frames.jsonl"}
+    # nobody goes on writing
+    time.sleep(0.5)
+    assert contents(tmp_path / "out")["maps"] == left["maps"]
+    assert run(*arguments, "--resume", cwd=capture.parent).status == 0
+    assert contents(tmp_path / "out")["maps"] == here["maps"]
+
+
+def test_a_worker_is_killed_and_one_is_added(capture: Path, here: dict[str, Any], tmp_path: Path) -> None:
+    require_dask()
+    with local_cluster(tmp_path / "cluster", workers=1) as cluster:
+        slow(cluster.workers[0])
+        arguments = ("resolve", "room", "-o", tmp_path / "out", "--scheduler", cluster.address)
+        with running(*arguments, cwd=capture.parent) as process:
+            cluster.workers[0].kill()
+            time.sleep(1)
+            assert process.poll() is None, "there was nobody to finish the run"
+            cluster.add_workers()
+            _, err = process.communicate(timeout=60)
+        assert process.returncode == 0, err
+        assert f"waiting for workers at {cluster.address}" in err
+        assert contents(tmp_path / "out") == here
+
+
+def test_the_scheduler_is_lost_and_resume_finishes(capture: Path, here: dict[str, Any], tmp_path: Path) -> None:
+    require_dask()
+    with local_cluster(tmp_path / "cluster", workers=1) as cluster:
+        slow(cluster.workers[0])
+        with running(
+            "resolve", "room", "-o", tmp_path / "out", "--scheduler", cluster.address, cwd=capture.parent
+        ) as process:
+            cluster.scheduler.kill()
+            _, err = process.communicate(timeout=60)
+        assert process.returncode == 1
+        assert err.splitlines()[-1] == (
+            f"Error: the scheduler at {cluster.address} is lost; what is finished is kept, go on with --resume when it is back"
+        )
+    left = contents(tmp_path / "out")
+    assert left["finished"] is False
+    assert len(left["lines"]) < FRAMES
+    assert left["maps"].items() <= here["maps"].items()
+    assert run("resolve", "room", "-o", tmp_path / "out", "-j", 1, "--resume", cwd=capture.parent).status == 0
+    assert contents(tmp_path / "out")["maps"] == here["maps"]
+
+
+def test_a_frame_that_kills_workers_twice_fails_alone(
+    capture: Path, here: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    require_dask()
+    (tmp_path / "with").mkdir()
+    (tmp_path / "with" / "deadly.py").write_text(_DEADLY)
+    monkeypatch.setenv("DEATHS", str(tmp_path / "deaths"))
+    monkeypatch.setenv("PYTHONPATH", f"{ROOT}{os.pathsep}{tmp_path / 'with'}")
+    with local_cluster(tmp_path / "cluster", workers=3, preload="deadly") as cluster:
+        done = run("resolve", "room", "-o", tmp_path / "out", "--scheduler", cluster.address, cwd=capture.parent)
+    assert (tmp_path / "deaths").read_text() == "xx"
+    assert done.status == 1
+    found = contents(tmp_path / "out")
+    failed = [line for line in found["lines"] if line["status"] != "ok"]
+    assert [(Path(line["source"]).name, "died twice" in line["reason"]) for line in failed] == [
+        ("frame_0007.tif", True)
+    ]
+    assert found["maps"] == {name: data for name, data in here["maps"].items() if name != "frame_0007.tif"}
+
+
+def test_another_version_on_a_worker_is_named(capture: Path, tmp_path: Path) -> None:
+    require_dask()
+    package = tmp_path / "other" / "cadtof_cli"
+    shutil.copytree(ROOT / "cadtof_cli", package, ignore=shutil.ignore_patterns("__pycache__"))
+    with (package / "__init__.py").open("a") as about:
+        about.write('\n__version__ = "0.0.1"\n')
+    with local_cluster(tmp_path / "cluster", workers=1) as cluster:
+        cluster.add_workers(python_path=package.parent)
+        arguments = ("resolve", "room", "-o", tmp_path / "out", "--scheduler", cluster.address)
+        done = run(*arguments, cwd=capture.parent)
+        assert cluster.workers[1].poll() is None
+    assert done.status == 1
+    assert re.search(r"Error: worker tcp://127.0.0.1:\d+ has cadtof 0.0.1, expected \S+ as here\n", done.err)
+    assert list((tmp_path / "out").iterdir()) == []
+
+
+@pytest.mark.parametrize("given", ["tcp://", "localhost:8786", "tcp://x:y", "http://127.0.0.1:8786"])
+def test_what_is_no_address_is_refused(given: str, capture: Path, tmp_path: Path) -> None:
+    done = run("resolve", "room", "-o", tmp_path / "out", "--scheduler", given, cwd=capture.parent)
+    assert done.status == 2
+    assert done.err == f"Error: --scheduler: found {given!r}, expected local or tcp://HOST:PORT\n"
+
+
+def test_where_no_scheduler_answers_nothing_is_begun(capture: Path, tmp_path: Path) -> None:
+    require_dask()
+    nobody = "tcp://127.0.0.1:9"
+    done = run("resolve", "room", "-o", tmp_path / "out", "--scheduler", nobody, cwd=capture.parent)
+    assert done.status == 2
+    assert f"Error: --scheduler {nobody}: no dask scheduler answers there" in done.err
+    assert list((tmp_path / "out").iterdir()) == []

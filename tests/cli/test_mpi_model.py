@@ -1,0 +1,120 @@
+"""`resolve --mpi-model` as a user meets it: what is taken, what is counted, and the same maps whoever does the work."""
+
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+import tifffile
+
+from tests.support.captures import layers_of
+from tests.support.diffuse_frames import F
+from tests.support.run_cadtof import Finished, cadtof, program
+
+DATA = Path(__file__).parents[2] / "sample_data"
+ONE_PATH, TWO_PATHS, ILL_CONDITIONED, POOLED, DIFFUSE = 8, 16, 32, 1024, 2048
+
+
+def maps_of(name: str, out: Path, *options: str) -> tuple[dict[str, F], Finished]:
+    done = cadtof("resolve", DATA / name, "-o", out, "--jobs", "1", "--json", *options)
+    assert done.status == 0, done.err
+    return layers_of(next(path for path in sorted(out.iterdir()) if path.suffix in {".tif", ".exr"})), done
+
+
+def median_error_cm(name: str, layers: dict[str, F]) -> float:
+    truth = layers_of(DATA / name / "truth.exr")["direct.depth"]
+    return float(np.nanmedian(np.abs(100 * (layers["direct.depth"] - truth))))
+
+
+def test_a_corner_s_mpi_is_taken_for_diffuse_and_counted(tmp_path: Path) -> None:
+    layers, done = maps_of("corner", tmp_path / "auto")
+    status = layers["status"].astype(int)
+    line = json.loads(done.out)
+    assert (status & DIFFUSE > 0).all()
+    assert not (status & (ONE_PATH | TWO_PATHS | ILL_CONDITIONED)).any()
+    assert (line["diffuse"], line["one_path"], line["two_paths"], line["invalid"]) == (status.size, 0, 0, 0)
+    run = json.loads((tmp_path / "auto" / "run.json").read_text())
+    assert run["arguments"]["mpi_model"] == "auto"
+    assert (run["totals"]["diffuse"], run["totals"]["diffuse_frames"]) == (status.size, 1)
+    assert run["status_bits"]["DIFFUSE_MPI"] == DIFFUSE
+    assert "100.0% of pixels have diffuse MPI" in done.err
+    discrete, _ = maps_of("corner", tmp_path / "discrete", "--mpi-model", "discrete")
+    assert median_error_cm("corner", layers) < median_error_cm("corner", discrete)
+    for name in ("direct.depth", "mpi.depth", "direct.amplitude", "mpi.amplitude", "direct.sigma", "mpi.sigma"):
+        assert np.isfinite(layers[name]).all(), name
+    assert (layers["mpi.depth"] > layers["direct.depth"]).all()
+
+
+@pytest.mark.parametrize("name", ["card", "wall"])
+def test_two_paths_and_no_mpi_are_as_discrete_to_the_bit(name: str, tmp_path: Path) -> None:
+    auto, done = maps_of(name, tmp_path / "auto")
+    discrete, _ = maps_of(name, tmp_path / "discrete", "--mpi-model", "discrete")
+    assert all(json.loads(line)["diffuse"] == 0 for line in done.out.splitlines())
+    for layer, values in discrete.items():
+        np.testing.assert_array_equal(auto[layer], values, err_msg=layer)
+
+
+@pytest.mark.parametrize("options", [("--solver", "one-path"), ("--order", "2"), ("--return", "last")])
+def test_who_asks_for_paths_gets_paths(options: tuple[str, ...], tmp_path: Path) -> None:
+    layers, _ = maps_of("corner", tmp_path / "out", *options)
+    assert not (layers["status"].astype(int) & DIFFUSE).any()
+
+
+def test_the_same_bytes_for_any_number_of_processes(tmp_path: Path) -> None:
+    folder = tmp_path / "capture"
+    shutil.copytree(DATA / "corner", folder)
+    shutil.copy(folder / "frame_0000.tif", folder / "frame_0001.tif")
+    ways = []
+    for jobs in ("1", "2", "3"):
+        done = program("resolve", folder, "-o", tmp_path / jobs, "--jobs", jobs)
+        assert done.status == 0, done.err
+        ways.append([(tmp_path / jobs / f"frame_000{index}.tif").read_bytes() for index in (0, 1)])
+    assert ways[0] == ways[1] == ways[2]
+
+
+def test_a_wrong_model_is_refused(tmp_path: Path) -> None:
+    done = cadtof("resolve", DATA / "corner", "-o", tmp_path / "out", "--mpi-model", "smooth")
+    assert done.status == 2
+    assert "smooth" in done.err
+
+
+def test_unknown_optics_are_said_once(tmp_path: Path) -> None:
+    folder = tmp_path / "capture"
+    folder.mkdir()
+    shutil.copy(DATA / "corner" / "frame_0000.tif", folder)
+    kept = (DATA / "corner" / "capture.toml").read_text().split("[optics]")[0]
+    (folder / "capture.toml").write_text(kept)
+    done = cadtof("resolve", folder, "-o", tmp_path / "out", "--jobs", "1")
+    assert done.status == 0, done.err
+    assert done.err.count("60° across") == 1
+    layers = layers_of(tmp_path / "out" / "frame_0000.tif")
+    assert (layers["status"].astype(int) & DIFFUSE > 0).all()
+    assert median_error_cm("corner", layers) < 1.5
+
+
+@pytest.mark.parametrize("options", [("--pool", "3"), ("--average", "2"), ("--depth", "z")])
+def test_it_goes_with_what_else_is_asked_for(options: tuple[str, ...], tmp_path: Path) -> None:
+    layers, _ = maps_of("corner", tmp_path / "out", *options)
+    status = layers["status"].astype(int)
+    assert (status & DIFFUSE > 0).mean() > 0.99
+    if options[0] == "--pool":
+        assert (status & POOLED > 0).any()
+    if options[0] != "--depth":
+        assert median_error_cm("corner", layers) < 1.2
+
+
+def test_lost_columns_holes_and_saturation_cost_no_more_than_themselves(tmp_path: Path) -> None:
+    folder = tmp_path / "capture"
+    shutil.copytree(DATA / "corner", folder)
+    stored = tifffile.imread(folder / "frame_0000.tif")
+    lost = np.zeros((240, 320), bool)
+    lost[:, 100:103] = lost[50:90, 200:260] = True
+    stored[..., lost] = 16383
+    tifffile.imwrite(folder / "frame_0000.tif", stored)
+    done = cadtof("resolve", folder, "-o", tmp_path / "out", "--jobs", "1")
+    assert done.status == 0, done.err
+    layers = layers_of(tmp_path / "out" / "frame_0000.tif")
+    np.testing.assert_array_equal(np.isnan(layers["direct.depth"]), lost)
+    whole, _ = maps_of("corner", tmp_path / "whole")
+    assert median_error_cm("corner", layers) < 1.2 * median_error_cm("corner", whole)

@@ -1,0 +1,212 @@
+"""Whatever becomes of a cluster's workers, every task has one outcome, in order: with a pretended cluster, by chance."""
+
+import random
+from collections.abc import Callable, Iterable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from cadtof_cli.errors import ClusterError
+from cadtof_cli.execution.cluster.connection import Finished, News, WorkerJoined, WorkerLost
+from cadtof_cli.execution.cluster.ordered import BATCHES_PER_WORKER, MOST_IN_BATCH, SHORT_S, TASKS_AHEAD, ClusterRun
+from cadtof_cli.execution.cluster.worker import BatchResult, Raised, Surroundings, surroundings
+from cadtof_cli.execution.ordered import Outcome, WorkerDied
+
+OURS = Surroundings("3.11.2", "0.1.0", "abc", None)
+
+
+class PretendedCluster:
+    """Workers that do what they are asked when their turn is drawn, come and go by chance, and die of deadly tasks."""
+
+    def __init__(self, seed: int, *, deadly: frozenset[int] = frozenset(), seconds: float = 1.0) -> None:
+        self.address = "tcp://127.0.0.1:1"
+        self.rng = random.Random(seed)
+        self.deadly, self.seconds = deadly, seconds
+        self.waiting: dict[str, list[tuple[int, Callable[..., Any], tuple[Any, ...]]]] = {}
+        self.joined = 0
+        self.batches: list[tuple[str, list[int]]] = []
+        self.deaths: dict[int, int] = {}
+        self.most_waiting = 0
+        self.losses: frozenset[str] = frozenset()
+        self.closed = False
+        self.different: dict[str, Surroundings] = {}
+
+    def submit(self, work: int, worker: str, function: Callable[..., Any], /, *arguments: Any) -> None:
+        if worker in self.waiting:
+            self.waiting[worker].append((work, function, arguments))
+            self.most_waiting = max(self.most_waiting, len(self.waiting[worker]))
+
+    def forget(self, works: Iterable[int], /) -> None:
+        gone = set(works)
+        for worker, waiting in self.waiting.items():
+            self.waiting[worker] = [one for one in waiting if one[0] not in gone]
+
+    def close(self) -> None:
+        self.closed = True
+
+    def join(self) -> WorkerJoined:
+        self.joined += 1
+        worker = f"tcp://127.0.0.1:{10000 + self.joined}"
+        self.waiting[worker] = []
+        return WorkerJoined(worker)
+
+    def lose(self, worker: str, *, expected: bool) -> WorkerLost:
+        del self.waiting[worker]
+        return WorkerLost(worker, expected)
+
+    def news(self) -> list[News]:
+        busy = [worker for worker, waiting in self.waiting.items() if waiting]
+        chance = self.rng.random()
+        if not self.waiting or ("join" in self.losses and chance < 0.05):
+            return [self.join()]
+        worker = self.rng.choice(busy or list(self.waiting))
+        if "leave" in self.losses and chance < 0.15:
+            return [self.lose(worker, expected=True)]
+        if not busy:
+            return [self.join()]
+        work, function, arguments = self.waiting[worker][0]
+        if function is surroundings:
+            self.waiting[worker].pop(0)
+            return [Finished(work, self.different.get(worker, OURS))]
+        tasks: list[int] = arguments[1]
+        self.batches.append((worker, tasks))
+        for task in (task for task in tasks if task in self.deadly):
+            self.deaths[task] = self.deaths.get(task, 0) + 1
+            return [self.lose(worker, expected=False)]
+        self.waiting[worker].pop(0)
+        results = tuple(_done(arguments[0], task) for task in tasks)
+        return [Finished(work, BatchResult(results, self.seconds * len(tasks)))]
+
+
+def _done(function: Callable[[int], int], task: int) -> int | Raised:
+    try:
+        return function(task)
+    except ZeroDivisionError as error:
+        return Raised(error)
+
+
+def square(number: int) -> int:
+    return number * number
+
+
+def faulty(number: int) -> int:
+    if number == 7:
+        raise ZeroDivisionError("seven")
+    return number
+
+
+def cluster_run(
+    cluster: PretendedCluster,
+    tasks: Iterator[int],
+    function: Callable[[int], int] = square,
+    said: list[str] | None = None,
+) -> ClusterRun[int, int]:
+    say = (lambda _: None) if said is None else said.append
+    return ClusterRun(cluster, function, tasks, OURS, Path("probe"), say)
+
+
+@settings(max_examples=150, deadline=None)
+@given(
+    st.integers(0, 2**32), st.integers(0, 60), st.frozensets(st.integers(0, 59), max_size=4),
+    st.frozensets(st.sampled_from(["join", "leave"])), st.sampled_from([SHORT_S / 30, 1.0]),
+)  # fmt: skip
+def test_every_task_has_one_outcome_in_order(
+    seed: int, count: int, deadly: frozenset[int], losses: frozenset[str], seconds: float
+) -> None:
+    cluster = PretendedCluster(seed, deadly=deadly, seconds=seconds)
+    cluster.losses = losses
+    outcomes = list(cluster_run(cluster, iter(range(count))).outcomes())
+    assert outcomes == [Outcome(n, WorkerDied() if n in deadly else n * n) for n in range(count)]
+    # twice each, no more, and the last time it was alone; with another in its batch, one of them comes only to that
+    assert cluster.deaths.keys() == {task for task in deadly if task < count}
+    assert all(times <= 2 for times in cluster.deaths.values())
+    last = {task: tasks for _, tasks in cluster.batches for task in tasks}
+    assert all(last[task] == [task] for task in cluster.deaths)
+    assert cluster.most_waiting <= BATCHES_PER_WORKER
+    assert cluster.closed
+
+
+@pytest.mark.parametrize(("seconds", "expected"), [(1.0, 1), (SHORT_S, 1), (SHORT_S / 2, 10), (1e-6, MOST_IN_BATCH)])
+def test_short_tasks_go_in_batches(seconds: float, expected: int) -> None:
+    cluster = PretendedCluster(1, seconds=seconds)
+    list(cluster_run(cluster, iter(range(1000))).outcomes())
+    assert max(len(tasks) for _, tasks in cluster.batches) == expected
+    assert len(cluster.batches[0][1]) == 1
+
+
+def test_tasks_are_drawn_as_workers_ask_for_them() -> None:
+    drawn = 0
+
+    def tasks() -> Iterator[int]:
+        nonlocal drawn
+        for number in range(300):
+            drawn += 1
+            yield number
+
+    cluster = PretendedCluster(3)
+    for reported, _ in enumerate(cluster_run(cluster, tasks()).outcomes()):
+        assert drawn <= reported + 1 + cluster.joined * BATCHES_PER_WORKER
+    assert drawn == 300
+
+
+def test_while_one_task_is_slow_others_go_on_but_not_without_end() -> None:
+    class FirstIsStuck(PretendedCluster):
+        def news(self) -> list[News]:
+            if len(self.waiting) < 2:
+                return [self.join()]
+            done = sum(len(tasks) for _, tasks in self.batches)
+            for worker, waiting in self.waiting.items():
+                for place, (work, function, arguments) in enumerate(waiting):
+                    if function is surroundings or 0 not in arguments[1] or done > TASKS_AHEAD * 0.9:
+                        waiting.pop(place)
+                        if function is surroundings:
+                            return [Finished(work, OURS)]
+                        self.batches.append((worker, arguments[1]))
+                        return [Finished(work, BatchResult(tuple(arguments[1]), 1e-3 * len(arguments[1])))]
+            raise AssertionError("nothing to do, and the first task is not let go")
+
+    count = int(TASKS_AHEAD * 1.5)
+    outcomes = list(cluster_run(FirstIsStuck(5), iter(range(count))).outcomes())
+    assert [outcome.task for outcome in outcomes] == list(range(count))
+
+
+def test_an_exception_is_raised_in_its_turn() -> None:
+    cluster = PretendedCluster(4)
+    outcomes = cluster_run(cluster, iter(range(20)), faulty).outcomes()
+    assert [next(outcomes).result for _ in range(7)] == list(range(7))
+    with pytest.raises(ZeroDivisionError, match="seven"):
+        next(outcomes)
+    assert cluster.closed
+
+
+def test_workers_that_differ_at_the_start_are_all_named() -> None:
+    class Other(PretendedCluster):
+        def news(self) -> list[News]:
+            if self.joined < 2:
+                joined = [self.join(), self.join()]
+                self.different = {
+                    joined[0].worker: Surroundings("3.11.4", "0.0.9", "abc", None),
+                    joined[1].worker: Surroundings("3.12.0", "0.1.0", "abd", "seen"),
+                }
+                return [*joined]
+            return super().news()
+
+    with pytest.raises(ClusterError) as refused:
+        cluster_run(Other(0), iter(range(3))).welcome_workers()
+    assert str(refused.value) == (
+        "worker tcp://127.0.0.1:10001 has cadtof 0.0.9, expected 0.1.0 as here; "
+        "worker tcp://127.0.0.1:10002 has Python 3.12.0, expected 3.11.2 as here and has cadtof 0.1.0, but of other source code "
+        "than here (abd, not abc) and does not see the folders of this run; expected a file system that all share"
+    )
+
+
+def test_a_worker_that_differs_and_comes_later_is_left_out_and_named() -> None:
+    cluster, said = PretendedCluster(6), list[str]()
+    cluster.losses = frozenset({"join"})
+    cluster.different = {"tcp://127.0.0.1:10002": Surroundings("3.11.2", "0.2.0", "abc", None)}
+    list(cluster_run(cluster, iter(range(100)), said=said).outcomes())
+    assert said.count("warning: left out: worker tcp://127.0.0.1:10002 has cadtof 0.2.0, expected 0.1.0 as here") == 1
+    assert "tcp://127.0.0.1:10002" not in {worker for worker, _ in cluster.batches}

@@ -1,0 +1,245 @@
+"""What the prediction says of frames whose light is known: walls, tails, two paths, and every kind of bad pixel."""
+
+import numpy as np
+import pytest
+
+from cadtof_cli.errors import SettingsError
+from cadtof_cli.resolver.diffuse.pixels import diffuse_pixels
+from cadtof_cli.resolver.diffuse.records import DiffuseChoice, DiffuseModel
+from cadtof_cli.resolver.diffuse.settings import DiffuseSettings
+from tests.support.diffuse_answers import answers, model_of, predicted
+from tests.support.diffuse_frames import (
+    M_PER_RAD,
+    OMEGA,
+    F,
+    Tail,
+    corner_range,
+    phasors_of,
+    range_error_m,
+    slopes,
+    variance,
+    wall_range,
+)
+
+DECAYS = [Tail(0.15, 3.0, 6.0), Tail(0.3, 3.0, 10.0), Tail(0.5, 5.0, 8.0)]
+
+
+def median_error(found: F, range_m: F) -> float:
+    return float(np.median(np.abs(range_error_m(found, range_m))))
+
+
+def tail_of(tail: Tail, harmonics: tuple[int, ...] = (1, 2)) -> dict[int, complex]:
+    return {h: tail.phasor(h) for h in harmonics}
+
+
+@pytest.mark.parametrize("tail", DECAYS)
+@pytest.mark.parametrize("harmonics", [(1, 2), (1, 2, 3), (1, 2, 4)])
+def test_a_tail_behind_a_wall_is_taken_out(tail: Tail, harmonics: tuple[int, ...]) -> None:
+    wall = wall_range()
+    p = phasors_of(wall, tail_of(tail, harmonics), harmonics=harmonics)
+    found = model_of(p, harmonics=harmonics)
+    assert isinstance(found, DiffuseModel)
+    got = predicted(p, found)
+    first = median_error(np.angle(p[0]).ravel(), wall)
+    assert median_error(got.direct_phase_rad, wall) < 0.25 * first
+    seen = np.abs(range_error_m(got.direct_phase_rad, wall)) < 2 * got.direct_sigma_rad * M_PER_RAD
+    assert seen.mean() > 0.8
+
+
+@pytest.mark.parametrize("tail", DECAYS)
+def test_direct_and_mpi_light_add_up_to_what_was_recorded(tail: Tail) -> None:
+    p = phasors_of(wall_range(), tail_of(tail))
+    got = answers(p)
+    direct = got.direct_amplitude * np.exp(1j * got.direct_phase_rad)
+    mpi = got.mpi_amplitude * np.exp(1j * got.mpi_phase_rad)
+    np.testing.assert_allclose(direct + mpi, p[0].ravel(), atol=1e-6)
+    assert (got.mpi_phase_rad >= got.direct_phase_rad).all()
+
+
+def test_the_mpi_light_is_that_of_the_tail() -> None:
+    tail = Tail(0.4, 3.0, 9.0)
+    wall = wall_range()
+    got = answers(phasors_of(wall, tail_of(tail)))
+    assert np.median(got.mpi_amplitude) / 0.25 == pytest.approx(abs(tail.phasor(1)), rel=0.25)
+    behind = got.mpi_phase_rad - got.direct_phase_rad
+    error = np.abs(behind - np.angle(tail.phasor(1)))
+    assert np.median(error) < 0.25
+    assert (error < 2 * got.mpi_sigma_rad).mean() > 0.8
+
+
+@pytest.mark.parametrize("n_av", [2e3, 1e4, 1e5, 1e6])
+@pytest.mark.parametrize("tilt", [(0.0, 0.0), (0.5, 0.2)])
+def test_a_wall_without_mpi_stays_where_it_is(n_av: float, tilt: tuple[float, float]) -> None:
+    wall = wall_range(96, 128, 120.0, 3.0, tilt)
+    p = phasors_of(wall, n_av=n_av)
+    x1, x2 = np.angle(p[0]), np.angle(p[1] * np.exp(-2j * wall / M_PER_RAD)) / 2 + wall / M_PER_RAD
+    one_path = median_error(((x1 + 4 * x2) / 5).ravel(), wall) if n_av < 1e6 else median_error(x1.ravel(), wall)
+    got = answers(p, focal_px=120.0, n_av=n_av, model="diffuse")
+    assert median_error(got.direct_phase_rad, wall) < max(2.5 * one_path, 0.0015)
+
+
+@pytest.mark.parametrize("n_av", [2e3, 1e5, 1e6])
+def test_where_no_mpi_is_to_be_seen_nothing_is_predicted(n_av: float) -> None:
+    found = model_of(phasors_of(wall_range(tilt=(0.3, 0.1)), n_av=n_av), n_av=n_av)
+    assert isinstance(found, DiffuseChoice)
+    assert (found.taken, found.reason) == ("discrete", "no MPI to be seen")
+
+
+@pytest.mark.parametrize("delay_ns", [16.0, 20.0])
+def test_a_second_surface_far_behind_is_left_to_two_paths(delay_ns: float) -> None:
+    second = {h: 0.5 * np.exp(1j * h * OMEGA * delay_ns) for h in (1, 2)}
+    found = model_of(phasors_of(wall_range(), second))
+    assert isinstance(found, DiffuseChoice)
+    assert found.taken == "discrete"
+    assert found.separate_share > 0.9
+
+
+def test_a_weak_first_surface_is_left_to_two_paths_unless_told_otherwise() -> None:
+    strong = {h: 3.0 * np.exp(1j * h * OMEGA * 10.0) for h in (1, 2)}
+    p = phasors_of(wall_range(distance_m=1.0), strong, amplitude=0.06)
+    assert isinstance(model_of(p), DiffuseChoice)
+    assert isinstance(model_of(p, model="diffuse"), DiffuseModel)
+    assert isinstance(model_of(p, model="discrete"), DiffuseChoice)
+
+
+@pytest.mark.parametrize("delay_ns", [8.0, 11.0])
+def test_with_three_harmonics_a_strong_second_path_is_told_from_a_tail(delay_ns: float) -> None:
+    second = {h: 0.6 * np.exp(1j * h * OMEGA * delay_ns) for h in (1, 2, 3)}
+    found = model_of(phasors_of(wall_range(96, 128, 120.0), second, harmonics=(1, 2, 3)), focal_px=120.0)
+    assert isinstance(found, DiffuseChoice)
+    assert found.reason == "no tail fits"
+
+
+def test_a_few_separate_patches_leave_their_pixels_and_no_others() -> None:
+    tail = Tail(0.3, 3.0, 8.0)
+    mpi = {h: np.full((48, 64), tail.phasor(h)) for h in (1, 2)}
+    for h in (1, 2):
+        mpi[h][8:20, 8:24] = 0.5 * np.exp(1j * h * OMEGA * 18.0)
+    p = phasors_of(wall_range(), mpi)
+    found = model_of(p)
+    assert isinstance(found, DiffuseModel)
+    answered = predicted(p, found).answered.reshape(48, 64)
+    assert not answered[8:20, 8:24].any()
+    assert answered[24:].all()
+    assert 0 < found.choice.separate_share < 0.15
+
+
+@pytest.mark.parametrize("size", [(37, 53), (48, 64)])
+@pytest.mark.parametrize("step", [1, 17, 64, 1000])
+def test_blocks_of_any_size_give_the_same_bits(size: tuple[int, int], step: int) -> None:
+    height, width = size
+    wall = corner_range(height, width)
+    p = phasors_of(wall, tail_of(Tail(0.3, 3.0, 8.0)))
+    p[:, 5, 7], p[0, 9, 11] = np.nan, np.inf
+    found = model_of(p)
+    assert isinstance(found, DiffuseModel)
+    whole, parts = predicted(p, found), predicted(p, found, step=step)
+    for name, values in vars(whole).items():
+        np.testing.assert_array_equal(values, getattr(parts, name), err_msg=name)
+
+
+def test_bad_pixels_have_no_answer_and_harm_no_other() -> None:
+    wall = wall_range()
+    p = phasors_of(wall, tail_of(Tail(0.3, 3.0, 8.0)))
+    clean = answers(p)
+    usable = np.ones(wall.shape, bool)
+    usable[10:20, 30:44] = False
+    spoilt = p.copy()
+    spoilt[:, ~usable] = 40.0 * np.exp(1j)
+    spoilt[:, :, 50] = np.nan
+    spoilt[1, 4, 4] = np.inf
+    spoilt[:, 6, 6] = 0.0
+    given = spoilt.copy()
+    found = model_of(spoilt, usable=usable)
+    assert isinstance(found, DiffuseModel)
+    got = predicted(spoilt, found, usable=usable)
+    np.testing.assert_array_equal(spoilt, given)
+    bad = ~usable
+    bad[:, 50] = bad[4, 4] = bad[6, 6] = True
+    np.testing.assert_array_equal(got.answered, ~bad.ravel())
+    for name, values in vars(got).items():
+        if name not in {"answered", "separate_variance"}:
+            np.testing.assert_array_equal(np.isnan(values), bad.ravel(), err_msg=name)
+    moved = np.abs(got.direct_phase_rad - clean.direct_phase_rad)[~bad.ravel()] * M_PER_RAD
+    assert np.median(moved) < 0.002
+
+
+@pytest.mark.parametrize("size", [(1, 1), (1, 50), (2, 2), (7, 5), (11, 90)])
+def test_small_frames_are_answered_or_left_alone(size: tuple[int, int]) -> None:
+    wall = wall_range(*size)
+    p = phasors_of(wall, tail_of(Tail(0.3, 3.0, 8.0)))
+    found = model_of(p)
+    if isinstance(found, DiffuseModel):
+        assert predicted(p, found).answered.all()
+    else:
+        assert found.taken == "discrete"
+
+
+@pytest.mark.parametrize("value", [0.0, np.nan, np.inf, 1e-300])
+def test_frames_without_light_are_left_alone(value: float) -> None:
+    found = model_of(np.full((2, 30, 40), value, complex))
+    assert isinstance(found, DiffuseChoice)
+    assert found.patches == 0
+
+
+def test_frames_of_noise_alone_are_left_alone() -> None:
+    rng = np.random.default_rng(1)
+    p = np.sqrt(variance(1e5)) * (rng.normal(size=(2, 60, 80)) + 1j * rng.normal(size=(2, 60, 80)))
+    assert isinstance(model_of(p), DiffuseChoice)
+
+
+def test_the_answer_of_a_mean_of_pixels_is_more_certain() -> None:
+    p = phasors_of(wall_range(), n_av=2e3)
+    one, many = (model_of(p, n_av=2e3, samples=np.full((48, 64), n), model="diffuse") for n in (1.0, 25.0))
+    assert isinstance(one, DiffuseModel)
+    assert isinstance(many, DiffuseModel)
+    flat = p.reshape(2, -1)
+    every = slice(0, flat.shape[1])
+    usable, samples = np.ones(every.stop, bool), np.full(every.stop, 25.0)
+    alone = diffuse_pixels(flat, tail=one.block(every), usable=usable).direct_sigma_rad
+    pooled = diffuse_pixels(flat, tail=many.block(every), usable=usable, samples=samples).direct_sigma_rad
+    assert np.median(pooled) < 0.6 * np.median(alone)
+
+
+def test_ranges_are_corrected_before_they_become_geometry() -> None:
+    wall = corner_range()
+    x, y = slopes(48, 64, 60.0)
+    curved = 0.6 * (x * x + y * y)
+    tail = tail_of(Tail(0.3, 3.0, 8.0))
+    straight, bent = (
+        model_of(phasors_of(wall, tail, seed=3)),
+        model_of(phasors_of(wall - curved, tail, seed=3), range_offset_m=curved),
+    )
+    assert isinstance(straight, DiffuseModel)
+    assert isinstance(bent, DiffuseModel)
+    np.testing.assert_allclose(bent.upsampler.range_m[0], straight.upsampler.range_m[0], rtol=0.01)
+
+
+def test_unknown_optics_are_assumed() -> None:
+    wall = wall_range(focal_px=55.0)
+    p = phasors_of(wall, tail_of(Tail(0.3, 3.0, 8.0)))
+    got = answers(p, focal_px=None)
+    assert median_error(got.direct_phase_rad, wall) < 0.3 * median_error(np.angle(p[0]).ravel(), wall)
+
+
+def test_targets_beyond_the_range_are_wrapped() -> None:
+    wall = wall_range(distance_m=7.5)
+    got = answers(phasors_of(wall, tail_of(Tail(0.2, 3.0, 8.0))))
+    assert median_error(got.direct_phase_rad, wall) < 0.05
+    assert ((got.direct_phase_rad >= 0) & (got.direct_phase_rad < 2 * np.pi)).all()
+
+
+def test_the_numbers_of_the_room_are_kept() -> None:
+    found = model_of(phasors_of(wall_range(), tail_of(Tail(0.4, 4.0, 8.0))))
+    assert isinstance(found, DiffuseModel)
+    room = found.choice.room
+    assert room is not None
+    assert found.choice.taken == "diffuse"
+    strength = room.unseen[0] * room.decay_ns[0] / 12.0
+    assert strength == pytest.approx(0.4, rel=0.5)
+    assert room.decay_ns[0] == pytest.approx(8.0, rel=0.5)
+
+
+def test_harmonics_must_begin_with_one_and_two() -> None:
+    with pytest.raises(SettingsError, match="found harmonics 1, 3"):
+        DiffuseSettings(period_ns=40.0, harmonics=(1, 3))

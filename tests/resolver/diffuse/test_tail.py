@@ -1,0 +1,62 @@
+import numpy as np
+import pytest
+
+from cadtof_cli.arrays import Complex
+from cadtof_cli.resolver.diffuse.radiosity import Interreflections
+from cadtof_cli.resolver.diffuse.tail import (
+    ONSET_NS,
+    REFERENCE_DECAY_NS,
+    TailModel,
+    free_of_direct,
+    wrapped,
+)
+from tests.support.diffuse_frames import OMEGA, F, Tail
+
+HARMONICS = (1, 2, 3)
+
+
+def model(n: int = 40, seed: int = 1, strength: float = 0.3) -> TailModel:
+    rng = np.random.default_rng(seed)
+
+    def some() -> Complex:
+        size = (len(HARMONICS), n)
+        return np.asarray(strength * np.exp(0.5j * np.pi * rng.random(size)) * rng.random(size))
+
+    return TailModel(Interreflections(some(), some(), some(), np.ones(n)), HARMONICS, OMEGA)
+
+
+def states(n: int = 40, seed: int = 2) -> F:
+    rng = np.random.default_rng(seed)
+    return np.stack([rng.normal(m, s, n) for m, s in ((-0.3, 0.3), (0, 0.4), (0, 0.5), (-2.5, 1), (2.3, 0.5), (4, 2))])
+
+
+def test_the_jacobian_is_the_slope() -> None:
+    tail, state = model(), states()
+    _, jacobian = tail.values(state)
+    for component in range(6):
+        step = np.zeros_like(state)
+        step[component] = 1e-5
+        slope = (tail.values(state + step)[0] - tail.values(state - step)[0]) / 2e-5
+        np.testing.assert_allclose(jacobian[component], slope, atol=2e-8)
+
+
+def test_unseen_light_alone_is_an_exponential_that_sets_in_gently() -> None:
+    nothing = np.zeros((3, 1), complex)
+    tail = TailModel(Interreflections(nothing, nothing, nothing, np.ones(1)), HARMONICS, OMEGA)
+    state = np.array([[0.0], [0.0], [0.0], [np.log(0.2)], [np.log(9.0)], [4.5]])
+    start = Tail(0.2 * 9.0 / REFERENCE_DECAY_NS, 4.5, 9.0)
+    light = [1 + start.phasor(h) * np.exp(-0.5 * (h * OMEGA * ONSET_NS) ** 2) for h in HARMONICS]
+    expected = [np.log(abs(light[1] / light[0])), np.log(abs(light[2] / light[0]))]
+    expected += [np.angle(light[1] / light[0] ** 2), np.angle(light[2] / light[0] ** 3)]
+    expected += [np.log(abs(light[0])), np.angle(light[0])]
+    np.testing.assert_allclose(tail.values(state)[0][:, 0], expected, rtol=1e-12)
+
+
+@pytest.mark.parametrize("turn", [0.0, 1.0, 2.9])
+def test_the_data_do_not_depend_on_the_direct_light(turn: float) -> None:
+    rng = np.random.default_rng(5)
+    harmonic = np.array([[1.0], [2.0], [3.0]])
+    light = rng.normal(size=(3, 9)) * 0.2 + 1 + 0.2j * rng.normal(size=(3, 9))
+    seen = np.log(light) + np.log(0.37) + 1j * harmonic * turn
+    ours, bare = free_of_direct(seen, harmonic), free_of_direct(np.log(light), harmonic)
+    np.testing.assert_allclose(wrapped(ours[:-2] - bare[:-2]), 0.0, atol=1e-12)

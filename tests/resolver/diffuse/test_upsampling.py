@@ -1,0 +1,74 @@
+import numpy as np
+import pytest
+
+from cadtof_cli.resolver.diffuse.grid import PatchGrid, assumed_view, patch_grid
+from cadtof_cli.resolver.diffuse.upsampling import Upsampler, upsampler
+from tests.support.diffuse_frames import F
+
+SIZES = [(1, 1), (5, 3), (37, 53), (48, 64), (240, 320), (61, 600)]
+
+
+def ramp(grid: PatchGrid) -> Upsampler:
+    """Planes 1, y and x of the patches' middles in pixels; all at 2 m."""
+    y, x = np.mgrid[: grid.rows, : grid.columns] * grid.side + (grid.side - 1) / 2
+    planes = np.stack([np.ones_like(y), y, x]).astype(np.float32)
+    return upsampler(planes, np.full(y.shape, 2.0), np.ones(y.shape, bool), grid)
+
+
+def everywhere(up: Upsampler, range_m: F) -> F:
+    height, width = up.grid.height, up.grid.width
+    whole = np.empty((len(up.planes[0]), height, width))
+    for band in up.bands(slice(0, height * width)):
+        here = (slice(band.top, band.bottom), slice(band.left, band.right))
+        whole[:, *here] = up.joint(band, range_m[here].astype(np.float32))
+    return whole
+
+
+@pytest.mark.parametrize("size", SIZES)
+@pytest.mark.parametrize("step", [1, 7, 100, 19200])
+def test_bands_cover_every_pixel_once_in_order(size: tuple[int, int], step: int) -> None:
+    if size[0] * size[1] > 1000 * step:
+        step *= 97
+    up = ramp(patch_grid(*size, assumed_view(*size)))
+    pixels = []
+    for start in range(0, size[0] * size[1], step):
+        for band in up.bands(slice(start, min(start + step, size[0] * size[1]))):
+            rows, columns = np.mgrid[band.top : band.bottom, band.left : band.right]
+            assert {band.patch_row} == {int(np.floor((y + 0.5) / up.grid.side - 0.5)) for y in rows[:, 0]}
+            pixels.append((rows * size[1] + columns).ravel())
+    np.testing.assert_array_equal(np.concatenate(pixels), np.arange(size[0] * size[1]))
+
+
+@pytest.mark.parametrize("size", SIZES)
+def test_a_ramp_stays_a_ramp_between_the_middles_of_patches(size: tuple[int, int]) -> None:
+    up = ramp(patch_grid(*size, assumed_view(*size)))
+    got = everywhere(up, np.full(size, 2.0))
+    np.testing.assert_allclose(got[0], 1.0, rtol=1e-5)
+    y, x = np.mgrid[: size[0], : size[1]].astype(float)
+    last = [(n - 1) * up.grid.side + (up.grid.side - 1) / 2 for n in (up.grid.rows, up.grid.columns)]
+    first = (up.grid.side - 1) / 2
+    for plane, expected in ((got[1], np.clip(y, first, last[0])), (got[2], np.clip(x, first, last[1]))):
+        np.testing.assert_allclose(plane, expected, atol=0.01 * up.grid.side)
+
+
+def test_a_pixel_listens_to_patches_at_its_own_depth() -> None:
+    grid = patch_grid(48, 64, assumed_view(48, 64))
+    near = np.arange(grid.columns) < grid.columns // 2
+    values = np.where(near, 1.0, 5.0) * np.ones((grid.rows, 1))
+    range_m = np.where(near, 1.0, 3.0) * np.ones((grid.rows, 1))
+    up = upsampler(values[None].astype(np.float32), range_m, np.ones(values.shape, bool), grid)
+    edge = grid.columns // 2 * grid.side
+    pixels = np.where(np.arange(64) < edge + 1, 1.0, 3.0) * np.ones((48, 1))
+    got = everywhere(up, pixels)[0]
+    np.testing.assert_allclose(got[:, : edge + 1], 1.0, atol=0.05)
+    np.testing.assert_allclose(got[:, edge + 1 :], 5.0, atol=0.05)
+
+
+def test_patches_without_a_surface_are_not_listened_to() -> None:
+    grid = patch_grid(48, 64, assumed_view(48, 64))
+    valid = np.ones((grid.rows, grid.columns), bool)
+    valid[3:5, 2:7] = False
+    values = np.where(valid, 1.0, 99.0)
+    up = upsampler(values[None].astype(np.float32), np.full(valid.shape, 2.0), valid, grid)
+    beside = everywhere(up, np.full((48, 64), 2.0))[0, 2 * grid.side]
+    np.testing.assert_allclose(beside, 1.0, atol=1e-3)

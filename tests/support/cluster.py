@@ -1,0 +1,112 @@
+"""A real scheduler of dask and real worker processes of it, on this machine's loopback address alone."""
+
+import importlib.util
+import json
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import pytest
+
+from tests.support.run_cadtof import ROOT
+
+START_S = 60
+"""Longest wait for a process to be there, on a machine that has much else to do."""
+
+HERE = "127.0.0.1"
+
+_ENDED_WITH_PARENT = """
+import ctypes, os, signal, sys
+PR_SET_PDEATHSIG = 1
+ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
+os.execv(sys.argv[1], sys.argv[1:])
+"""
+"""However the tests end, nothing that they have started outlives them."""
+
+
+def require_dask() -> None:
+    """Skip what needs dask where it is not installed; in CI it must be."""
+    if importlib.util.find_spec("distributed") is None:
+        assert not os.environ.get("CI"), "CI installs the extra cluster"
+        pytest.skip("the extra cluster is not installed")
+
+
+@dataclass
+class LocalCluster:
+    """A scheduler and its workers.
+
+    Attributes:
+        folder: where their words and the scheduler's address lie.
+        preload: a module that workers import when they start.
+    """
+
+    folder: Path
+    preload: str | None
+    scheduler: "subprocess.Popen[bytes]"
+    workers: "list[subprocess.Popen[bytes]]" = field(default_factory=list)
+
+    @property
+    def address(self) -> str:
+        return str(json.loads((self.folder / "scheduler.json").read_text())["address"])
+
+    def add_workers(self, count: int = 1, *, python_path: Path = ROOT) -> None:
+        """Start workers, and wait until they have registered."""
+        address, before = self.address, len(self.workers)
+        said = [self.folder / f"worker_{number}.txt" for number in range(before, before + count)]
+        command = ["worker", address, "--nthreads", "1", "--no-nanny", "--no-dashboard", "--host", HERE]
+        if self.preload:
+            command += ["--preload", self.preload]
+        self.workers += [_started(self.folder, words, *command, python_path=python_path) for words in said]
+        for worker, words in zip(self.workers[before:], said, strict=True):
+            _wait_for(worker, words, "Registered to")
+
+    def ended(self) -> None:
+        """End whatever is left."""
+        for process in (*self.workers, self.scheduler):
+            process.kill()
+            process.wait()
+
+
+@contextmanager
+def local_cluster(folder: Path, *, workers: int, preload: str | None = None) -> Iterator[LocalCluster]:
+    """Yield a scheduler with workers; all end on leaving."""
+    folder.mkdir(parents=True, exist_ok=True)
+    said, file = folder / "scheduler.txt", folder / "scheduler.json"
+    command = ("scheduler", "--host", HERE, "--port", "0", "--no-dashboard", "--scheduler-file", str(file))
+    cluster = LocalCluster(folder, preload, _started(folder, said, *command))
+    try:
+        _wait_for(cluster.scheduler, said, "Scheduler at")
+        # the scheduler says so before the file is whole
+        while not (file.exists() and file.read_text().rstrip().endswith("}")):
+            time.sleep(0.02)
+        cluster.add_workers(workers)
+        yield cluster
+    finally:
+        cluster.ended()
+
+
+def _started(folder: Path, said: Path, *command: str, python_path: Path = ROOT) -> "subprocess.Popen[bytes]":
+    environment = {
+        **os.environ,
+        "PYTHONPATH": f"{python_path}:{os.environ.get('PYTHONPATH', '')}",
+        "DASK_TEMPORARY_DIRECTORY": str(folder),
+    }
+    environment.pop("PYTHONWARNINGS", None)
+    with said.open("wb") as words:
+        return subprocess.Popen(
+            [sys.executable, "-c", _ENDED_WITH_PARENT, sys.executable, "-m", "dask", *command],
+            env=environment, stdout=words, stderr=words, cwd=folder,
+        )  # fmt: skip
+
+
+def _wait_for(process: "subprocess.Popen[bytes]", said: Path, word: str) -> None:
+    until = time.monotonic() + START_S
+    while word not in said.read_text():
+        assert process.poll() is None, said.read_text()
+        assert time.monotonic() < until, said.read_text()
+        time.sleep(0.02)
