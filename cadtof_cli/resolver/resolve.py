@@ -55,6 +55,10 @@ def resolve_paths(
             sine = phasors_of_sine(phasors, fit.paths, response=response)
             predicted = diffuse_pixels(sine, tail=tail, usable=answered, samples=noise.samples)
         bits = _bits(fit)
+        if response is not None:
+            # a search that ended without finite numbers was for two paths where nothing is left
+            lost = ~np.isfinite(fit.paths.amplitude[0]) & (fit.chi_squared == 0.0)
+            bits[lost] |= np.uint32(StatusBit.TWO_PATHS)
         if not answered.all():
             bits = np.where(answered, bits, status)
             for values in (fit.paths.amplitude, fit.paths.phase_rad, fit.paths.sigma_rad, fit.chi_squared):
@@ -100,15 +104,8 @@ def _put_tail(fit: Fit, predicted: DiffusePixels) -> None:
 
 
 def _bits(fit: Fit) -> Status:
-    """Return the bits that say how many paths each pixel has, and what is to be known about them.
-
-    Where a fit came to its end without a finite answer, they say how many paths it was to have: two leave nothing.
-    """
+    """Return the bits that say how many paths each pixel has, and what is to be known about them."""
     one, two, *more = np.isfinite(fit.paths.amplitude)
-    if not one.all():
-        lost = ~one & fit.converged
-        two |= lost & (fit.chi_squared == 0.0)
-        one |= lost
     bits: Status = np.where(two, np.uint32(StatusBit.TWO_PATHS), one * np.uint32(StatusBit.ONE_PATH))
     for another in more:
         bits[another] = StatusBit.MORE_PATHS

@@ -176,13 +176,6 @@ def test_opposite_paths_have_no_first_phasor_and_still_an_answer() -> None:
     assert {round(ns(found.direct), 6), round(ns(found.mpi), 6)} == {5.0, 25.0}
 
 
-@pytest.mark.parametrize("order", ["auto", "2"])
-def test_two_paths_that_are_beyond_all_numbers_are_called_two_all_the_same(order: str) -> None:
-    found = resolve(1e120 * mixed((0.3, 5.0), (0.1, 12.0)), order=order)
-    assert np.isnan(found.paths.amplitude).all()
-    assert found.status[0] == StatusBit.TWO_PATHS
-
-
 def test_min_confidence_is_that_of_the_first_phasor() -> None:
     p = mixed((0.2, 5.0))
     assert resolve(p, min_confidence=0.19).status[0] == StatusBit.ONE_PATH

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cadtof_cli.capture.metadata import CaptureMetadata, Modulation
+from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Pixel
 from cadtof_cli.frame_plan import FramePlan, MapSettings
 from cadtof_cli.phasors.response import HarmonicResponse, ideal_response
 from cadtof_cli.pipeline import resolve_frame
@@ -44,6 +44,15 @@ def test_tables_are_the_series() -> None:
 def test_a_response_of_main_and_mirror_leaves_nothing_to_refine() -> None:
     responses = [HarmonicResponse(h, ((1, 0.9 + 0.1j), (-1, 0.02j))) for h in (1, 2)]
     assert response_model(responses, None) is None
+
+
+def test_two_paths_that_are_beyond_all_numbers_are_called_two_all_the_same() -> None:
+    metadata = CaptureMetadata(modulation=Modulation(waveform="triangle"), pixel=Pixel(integration_length=1e5))
+    settings = MapSettings(resolver=ResolverSettings(order="2", mpi_model="discrete"))
+    frame = 1e30 * np.array([[[[0.3]], [[0.1]]], [[[-0.2]], [[0.25]]]])
+    maps = resolve_frame(frame, plan=FramePlan(metadata=metadata, settings=settings)).maps
+    assert np.isnan(maps.layer("direct.depth")).all()
+    assert maps.status[0, 0] == StatusBit.TWO_PATHS | StatusBit.NOT_CONVERGED
 
 
 def test_one_path_of_a_triangle_is_unbiased_and_one() -> None:
