@@ -107,8 +107,9 @@ def _loaded(*arguments: str) -> set[str]:
     return set(done.stdout.splitlines()[-1].split())
 
 
-def test_help_loads_no_heavy_library() -> None:
-    loaded = _loaded("--help")
+@pytest.mark.parametrize("arguments", [("--help",), ("resolve", "--help")])
+def test_help_loads_no_heavy_library(arguments: tuple[str, ...]) -> None:
+    loaded = _loaded(*arguments)
     assert "click" in loaded
     assert not loaded & {"numpy", "scipy", "matplotlib", "rich", "tifffile", "OpenEXR", "distributed"}
 
