@@ -42,7 +42,7 @@ LEAST_PATIENCE_S = 15.0
 """… at least this long, of the processor's time, before a mutant counts as one that never ends; and …"""
 
 FIRST_S = 2.0
-"""The quickest of the tests that may notice a mutant, so long in all, are tried before the others."""
+"""The quickest of the tests that may notice a mutant, so long in all, are tried before all mutants' others."""
 
 WAITS = 20
 """… so many times that by the clock, for other programs may keep the processor busy."""
@@ -87,13 +87,14 @@ class Bench:
             self._calls |= pickle.loads(self._noted.read_bytes())
         return self._calls
 
-    def tried(self, mutant: Mutant) -> Outcome:
-        """Return what becomes of a mutant."""
+    def tried(self, mutant: Mutant, *, quick: bool) -> Outcome:
+        """Return what becomes of a mutant by the quick of the tests that may notice it, or by the others."""
         path = self.tree / mutant.path
         text = mutated(path.read_text(encoding="utf-8"), mutant)
         begin = time.monotonic()
         with self.changed({path: text}, kernel=path.stem == KERNEL_FRONT):
-            for files, tests in self._portions(mutant):
+            files, tests = self._portion(mutant, quick=quick)
+            if tests:
                 patience = max(PATIENCE * sum(self._seconds(test) for test in tests), LEAST_PATIENCE_S)
                 code, ended = self._run(files, patience, Chosen(tests))
                 if code in USAGE_ERRORS:
@@ -134,10 +135,14 @@ class Bench:
     def _files(self, room: str) -> list[str]:
         return sorted(str(path.relative_to(self.tree)) for path in (self.tree / "tests" / room).rglob("test_*.py"))
 
-    def _portions(self, mutant: Mutant) -> Iterator[tuple[list[str], frozenset[str]]]:
-        """Yield the tests that may notice a mutant, of its room and the contracts, and their files: the quickest first.
+    def seconds(self, mutant: Mutant, *, quick: bool) -> float:
+        """Return how long the tests take that `tried` tries it against, if none fails."""
+        return sum(map(self._seconds, self._portion(mutant, quick=quick)[1]))
 
-        Of the others, those of its module come before those that name it.
+    def _portion(self, mutant: Mutant, *, quick: bool) -> tuple[list[str], frozenset[str]]:
+        """Return the quick of the tests that may notice a mutant, of its room and the contracts, or the others, with their files.
+
+        Those of its module come before those that name it, and these before the rest.
         """
         stem, module = Path(mutant.path).stem, ".".join(Path(mutant.path).with_suffix("").parts)
 
@@ -158,13 +163,12 @@ class Bench:
         ]
         tests.sort(key=self._seconds)
         sums = itertools.accumulate(self._seconds(test) for test in tests)
-        quick = sum(1 for total in sums if total <= FIRST_S)
-        for some in (tests[:quick], tests[quick:]):
-            seconds: dict[str, float] = defaultdict(float)
-            for test in some:
-                seconds[_file(test)] += self._seconds(test)
-            if some:
-                yield sorted(seconds, key=lambda file, seconds=seconds: (near(file), seconds[file])), frozenset(some)
+        count = sum(1 for total in sums if total <= FIRST_S)
+        tests = tests[:count] if quick else tests[count:]
+        seconds: dict[str, float] = defaultdict(float)
+        for test in tests:
+            seconds[_file(test)] += self._seconds(test)
+        return sorted(seconds, key=lambda file: (near(file), seconds[file])), frozenset(tests)
 
     def _seconds(self, test: str) -> float:
         return self._calls.tests[test].seconds
