@@ -6,11 +6,17 @@ from pathlib import Path
 
 import click
 
+from cadtof_cli.commands.examples import example
 from cadtof_cli.commands.progress import Bar
 from cadtof_cli.commands.terminal import tell
 
 
-@click.command()
+@click.command(
+    epilog=example(
+        "cadtof resolve sample_data/corner -o maps",
+        "cadtof evaluate maps --truth sample_data/corner/truth.exr",
+    )
+)
 @click.argument("maps", type=click.Path(path_type=Path), metavar="OUT")
 @click.option(
     "--truth", required=True, type=click.Path(path_type=Path), help="File with a layer direct.depth, in metres."
