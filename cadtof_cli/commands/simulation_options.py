@@ -92,10 +92,12 @@ class PixelOptions:
 modulation_options = gathered(
     "modulation",
     ModulationOptions,
-    setting_option("--periods-ns --periods", Modulation, "periods_ns", help="Periods in ns."),
-    setting_option("--waveform", Modulation, "waveform", help="Modulation."),
-    setting_option("--amplitude-v --amplitude", Modulation, "amplitude_v", help="Amplitude, V."),
-    setting_option("--fwhm-ns --fwhm", Pulse, "fwhm_ns", help="Width of the laser pulse."),
+    setting_option(
+        "--periods-ns --periods", Modulation, "periods_ns", help="Modulation periods in ns, the fundamental first."
+    ),
+    setting_option("--waveform", Modulation, "waveform", help="Shape of the modulation."),
+    setting_option("--amplitude-v --amplitude", Modulation, "amplitude_v", help="Modulation amplitude in V."),
+    setting_option("--fwhm-ns --fwhm", Pulse, "fwhm_ns", help="Laser pulse, full width at half maximum, in ns."),
 )
 
 pixel_options = gathered(
