@@ -1,6 +1,6 @@
 """Man pages of every command, from its help by click-man: `python scripts/man_pages.py FOLDER`. setup.py puts them into wheels.
 
-What click-man leaves out is added: the example at the end, paragraphs that are not to be filled, text that roff takes for its own.
+Added is what click-man leaves out: the example at the end, paragraphs that stay as they are, text that roff takes for its own.
 """
 
 import re

@@ -215,9 +215,9 @@ class SceneOptions:
 @gathered(
     "scenery",
     SceneOptions,
-    setting_option("--frames", RecordSettings, "frames", help="Frames of the capture."),
+    setting_option("--frames", RecordSettings, help="Frames of the capture."),
     setting_option("--format", RecordSettings, "frame_format", type=click.Choice(FRAME_FORMATS), help="Of frames."),
-    setting_option("--compress", RecordSettings, "compress", help="Deflate TIFF, ZIP EXR."),
+    setting_option("--compress", RecordSettings, help="Deflate TIFF, ZIP EXR."),
     click.option("--distance-m", "--distance", type=float, help="Distance of the scene, m."),
     click.option("--tilt-deg", "--tilt", type=NUMBERS, help="Tilt of the wall to the right and down, degrees."),
     click.option("--albedo", type=float, help="Albedo of wall, corner or panel, or of all in a room."),
@@ -228,24 +228,14 @@ class SceneOptions:
     ),
     click.option("--lamp-beam-deg", "--lamp-beam", type=float, help="Half angle of the lamp (room).  [default: drawn]"),
     click.option("--light-paths", type=int, help="Light paths from every fourth pixel (room).  [default: 256]"),
-    setting_option("--width", Camera, "width", help="Columns of the camera."),
-    setting_option("--height", Camera, "height", help="Rows of the camera."),
+    setting_option("--width", Camera, help="Columns of the camera."),
+    setting_option("--height", Camera, help="Rows of the camera."),
+    setting_option("--petzval-m --petzval", Camera, show_default=False, help="Field curvature k2,k4 of the lens, m."),
     setting_option(
-        "--petzval-m --petzval", Camera, "petzval_m", show_default=False, help="Field curvature k2,k4 of the lens, m."
+        "--dark-offset-v --dark-offset", Camera, show_default=False, help="Spread of pixels' own offsets, V."
     ),
     setting_option(
-        "--dark-offset-v --dark-offset",
-        Camera,
-        "dark_offset_v",
-        show_default=False,
-        help="Spread of pixels' own offsets, V.",
-    ),
-    setting_option(
-        "--fixed-delay-ns --fixed-delay",
-        Camera,
-        "fixed_delay_ns",
-        show_default=False,
-        help="Spread of pixels' own delays, ns.",
+        "--fixed-delay-ns --fixed-delay", Camera, show_default=False, help="Spread of pixels' own delays, ns."
     ),
 )
 @click.pass_context
