@@ -1,9 +1,14 @@
 """Build the compiled kernel where a C compiler is at hand; without one, cadtof installs all the same and numpy does the work."""
 
+import sys
 import sysconfig
+from pathlib import Path
 
 from setuptools import Extension, setup
 from setuptools.command.build_ext import build_ext
+from setuptools.dist import Distribution
+
+ROOT = Path(__file__).resolve().parent
 
 FREE_THREADED = bool(sysconfig.get_config_var("Py_GIL_DISABLED"))
 """Builds of Python without the global lock have no stable ABI yet."""
@@ -31,7 +36,24 @@ class BuildKernel(build_ext):
         super().build_extension(ext)
 
 
+class InstallManPages(Distribution().get_command_class("install_data")):
+    """The man pages of all commands, made of their help."""
+
+    def run(self) -> None:
+        """Make them, and put them where others' lie; without click-man there are none, as without a compiler no kernel."""
+        sys.path[:0] = [str(ROOT), str(ROOT / "scripts")]
+        try:
+            from man_pages import write_man_pages
+        except ImportError as error:
+            self.announce(f"no man pages: {error}", level=3)
+            return
+        pages = write_man_pages(ROOT / "build" / "man")
+        self.data_files = [("share/man/man1", [str(page.relative_to(ROOT)) for page in pages])]
+        super().run()
+
+
 setup(
+    data_files=[("share/man/man1", [])],
     ext_modules=[
         Extension(
             "cadtof_cli.resolver.two_path._kernel",
@@ -41,6 +63,6 @@ setup(
             optional=True,
         )
     ],
-    cmdclass={"build_ext": BuildKernel},
+    cmdclass={"build_ext": BuildKernel, "install_data": InstallManPages},
     options={} if FREE_THREADED else {"bdist_wheel": {"py_limited_api": "cp311"}},
 )

@@ -8,6 +8,7 @@ from typing import Any
 import click
 
 from cadtof_cli.capture.metadata import Pulse
+from cadtof_cli.commands.examples import example
 from cadtof_cli.commands.options import NUMBERS, gathered, setting_option
 from cadtof_cli.commands.progress import progress_bar
 from cadtof_cli.commands.simulation_options import (
@@ -177,7 +178,12 @@ class SceneOptions:
         return SCENES[name](**settings)
 
 
-@click.command()
+@click.command(
+    epilog=example(
+        "cadtof simulate --asr 5 --mpi 0.3 --second 11 --seed 1",
+        "cadtof simulate --scene corner --width 80 --height 60 -o corner",
+    )
+)
 @click.option(
     "--scene", type=click.Choice(["pixel", *SCENES]), default="pixel", show_default=True, help="What is looked at."
 )

@@ -92,10 +92,10 @@ class PixelOptions:
 modulation_options = gathered(
     "modulation",
     ModulationOptions,
-    setting_option("--periods-ns --periods", Modulation, help="Periods in ns."),
-    setting_option("--waveform", Modulation, help="Modulation."),
-    setting_option("--amplitude-v --amplitude", Modulation, help="Amplitude, V."),
-    setting_option("--fwhm-ns --fwhm", Pulse, help="Width of the laser pulse."),
+    setting_option("--periods-ns --periods", Modulation, help="Modulation periods in ns, the fundamental first."),
+    setting_option("--waveform", Modulation, help="Shape of the modulation."),
+    setting_option("--amplitude-v --amplitude", Modulation, help="Modulation amplitude in V."),
+    setting_option("--fwhm-ns --fwhm", Pulse, help="Laser pulse, full width at half maximum, in ns."),
 )
 
 pixel_options = gathered(

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import click
 
+from cadtof_cli.commands.examples import example
 from cadtof_cli.commands.grid import grid_from_text
 from cadtof_cli.commands.options import setting_option
 from cadtof_cli.commands.progress import progress_bar
@@ -30,7 +31,7 @@ from cadtof_cli.workflows.simulate.trials import Trials
 GRID = "GRID"
 
 
-@click.command()
+@click.command(epilog=example("cadtof sweep --asr 1:5:3 --mpi 0,0.3 --integration-length 1e4 -o sweep.csv"))
 @click.option("--asr", metavar=GRID, default="1:6:6", show_default=True, help="Ambient to laser photons.")
 @click.option("--mpi", metavar=GRID, default="0,0.1,0.3", show_default=True, help="MPI to laser photons.")
 @click.option("--integration-length", metavar=GRID, help="n_av of Eq. (1).  [default: log:1e3:1e5:5]")
