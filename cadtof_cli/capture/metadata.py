@@ -2,21 +2,32 @@
 
 import itertools
 import math
-from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Literal, cast
 
+from cadtof_cli.capture.kinds import Kind, converted
 from cadtof_cli.errors import MetadataError
+from cadtof_cli.units import FWHM_PER_SIGMA
 
 if TYPE_CHECKING:
     from cadtof_cli.files.frames import RawLayout
 
 Waveform = Literal["sine", "triangle"]
 
-Kind = Literal["number", "whole number", "numbers", "whole numbers", "pair", "text", "names", "numbers by name"]
-
 WAVEFORMS: tuple[Waveform, ...] = ("sine", "triangle")
+
+PERIODS_NS, AMPLITUDES_V, VOLTS_PER_COUNT = (1e-3, 1e9), (1e-6, 1e6), (1e-15, 1e6)
+LENGTHS, COUNTS, AVERAGED = (1e-3, 1e9), (-1e15, 1e15), (1.0, 1e15)
+"""What numbers are possible, far beyond what any camera has: squares of others are no numbers any more."""
+
+HIGHEST_HARMONIC = 1000
+
+LEAST_LEFT = 1e-6
+"""A pulse leaves at least this share of the highest harmonic's modulation, or nothing can be resolved."""
+
+_SHOWN = 200
+"""Letters of a value that a message shows."""
 
 HARMONIC_TOLERANCE = 1e-6
 """How far periods_ns[0] / period may be from a whole number, relative; recorded periods are rounded decimals."""
@@ -31,72 +42,18 @@ class InvalidValueError(MetadataError):
 
     def __str__(self) -> str:
         place = f"{self.where}: " if self.where else ""
-        return f"{place}{self.key}: found {self.found!r}, expected {self.expected}"
+        return f"{place}{self.key}: found {shortened(self.found)}, expected {self.expected}"
+
+
+def shortened(found: object, /) -> str:
+    """Return a value as Python writes it, without its middle where it is too long for a message."""
+    text = repr(found)
+    return text if len(text) <= _SHOWN else f"{text[: _SHOWN // 2]} … {text[-_SHOWN // 2 :]}"
 
 
 def _key(kind: Kind, about: str, default: Any = None) -> Any:
     """Declare one key of a table: its kind of value, what it means, and the paper's value if it has one."""
     return field(default=default, metadata={"kind": kind, "about": about})
-
-
-def _number(value: Any) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        raise TypeError("a number")
-    return float(value)
-
-
-def _whole_number(value: Any) -> int:
-    if isinstance(value, bool) or not isinstance(value, int):
-        raise TypeError("a whole number")
-    return value
-
-
-def _numbers(value: Any) -> tuple[float, ...]:
-    if not isinstance(value, list | tuple) or not value:
-        raise TypeError("a list of numbers")
-    return tuple(_number(item) for item in value)
-
-
-def _whole_numbers(value: Any) -> tuple[int, ...]:
-    if not isinstance(value, list | tuple) or not value:
-        raise TypeError("a list of whole numbers")
-    return tuple(_whole_number(int(item) if isinstance(item, float) and item.is_integer() else item) for item in value)
-
-
-def _pair(value: Any) -> tuple[float, ...]:
-    if not isinstance(value, list | tuple) or len(value) != 2:
-        raise TypeError("a list of two numbers")
-    return _numbers(value)
-
-
-def _text(value: Any) -> str:
-    if not isinstance(value, str):
-        raise TypeError("a string")
-    return value
-
-
-def _names(value: Any) -> tuple[str, ...]:
-    if not isinstance(value, list | tuple) or len(value) != 2:
-        raise TypeError("a list of two names")
-    return tuple(map(_text, value))
-
-
-def _numbers_by_name(value: Any) -> tuple[tuple[str, int], ...]:
-    if not isinstance(value, Mapping) or not value:
-        raise TypeError('whole numbers by name, such as { "25" = 1, "50" = 2 }')
-    return tuple((str(name), _whole_number(number)) for name, number in value.items())
-
-
-_CONVERTERS: dict[Kind, Callable[[Any], Any]] = {
-    "number": _number,
-    "whole number": _whole_number,
-    "numbers": _numbers,
-    "whole numbers": _whole_numbers,
-    "pair": _pair,
-    "text": _text,
-    "names": _names,
-    "numbers by name": _numbers_by_name,
-}
 
 
 def _is_sample_type(dtype: str) -> bool:
@@ -111,9 +68,17 @@ def _require(holds: bool, key: str, found: object, expected: str) -> None:
         raise InvalidValueError(key, found, expected)
 
 
-def _require_finite(key: str, value: float | None, *, above: float | None = None, expected: str = "") -> None:
+def _require_finite(
+    key: str, value: float | None, *, above: float | None = None, within: tuple[float, float], expected: str = ""
+) -> None:
     holds = value is None or (math.isfinite(value) and (above is None or value > above))
     _require(holds, key, value, expected or f"a finite number above {above}")
+    _require_within(key, value, within)
+
+
+def _require_within(key: str, value: float | None, within: tuple[float, float]) -> None:
+    low, high = within
+    _require(value is None or low <= value <= high, key, value, f"a number from {low:g} to {high:g}")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -126,19 +91,19 @@ class Modulation:
 
     def __post_init__(self) -> None:
         for period in self.periods_ns:
-            _require_finite("modulation.periods_ns", period, above=0)
+            _require_finite("modulation.periods_ns", period, above=0, within=PERIODS_NS)
         ratios = [self.periods_ns[0] / period for period in self.periods_ns]
         harmonic = all(abs(ratio - round(ratio)) <= HARMONIC_TOLERANCE * ratio for ratio in ratios)
         rising = all(a < b for a, b in itertools.pairwise(ratios))
         _require(
-            harmonic and rising,
+            harmonic and rising and ratios[-1] <= HIGHEST_HARMONIC,
             "modulation.periods_ns",
             list(self.periods_ns),
             "the fundamental first, then falling periods that divide it by whole numbers, such as [40.0, 20.0]",
         )
         allowed = " or ".join(map(repr, WAVEFORMS))
         _require(self.waveform in WAVEFORMS, "modulation.waveform", self.waveform, allowed)
-        _require_finite("modulation.amplitude_v", self.amplitude_v, above=0)
+        _require_finite("modulation.amplitude_v", self.amplitude_v, above=0, within=AMPLITUDES_V)
 
     @cached_property
     def harmonics(self) -> tuple[int, ...]:
@@ -153,7 +118,7 @@ class Pixel:
     integration_length: float | None = _key("number", "n_av of Eq. (1), per harmonic")
 
     def __post_init__(self) -> None:
-        _require_finite("pixel.integration_length", self.integration_length, above=1)
+        _require_finite("pixel.integration_length", self.integration_length, above=1, within=AVERAGED)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -176,10 +141,11 @@ class Voltage:
     saturated_counts: tuple[float, float] | None = _key("pair", "stored values at or beyond these are saturated")
 
     def __post_init__(self) -> None:
-        _require_finite("voltage.zero_counts", self.zero_counts, expected="a finite number")
+        _require_finite("voltage.zero_counts", self.zero_counts, within=COUNTS, expected="a finite number")
         scale, limits = self.volts_per_count, self.saturated_counts
         holds = scale is None or (math.isfinite(scale) and scale != 0)
         _require(holds, "voltage.volts_per_count", scale, "a finite number other than 0")
+        _require_within("voltage.volts_per_count", scale and abs(scale), VOLTS_PER_COUNT)
         holds = limits is None or limits[0] < limits[1]
         _require(holds, "voltage.saturated_counts", limits and list(limits), "the lower limit, then a higher one")
 
@@ -199,10 +165,12 @@ class Optics:
     )
 
     def __post_init__(self) -> None:
-        _require_finite("optics.focal_length_px", self.focal_length_px, above=0)
+        _require_finite("optics.focal_length_px", self.focal_length_px, above=0, within=LENGTHS)
         point = self.principal_point_px
         holds = point is None or all(map(math.isfinite, point))
         _require(holds, "optics.principal_point_px", point, "two finite numbers")
+        for number in point or ():
+            _require_within("optics.principal_point_px", number, (-LENGTHS[1], LENGTHS[1]))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -212,7 +180,7 @@ class Target:
     distance_m: float | None = _key("number", "perpendicular distance of a flat target")
 
     def __post_init__(self) -> None:
-        _require_finite("target.distance_m", self.distance_m, above=0)
+        _require_finite("target.distance_m", self.distance_m, above=0, within=LENGTHS)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -283,6 +251,17 @@ class CaptureMetadata:
     target: Target = field(default_factory=Target)
     layout: Layout = field(default_factory=Layout)
 
+    def __post_init__(self) -> None:
+        shortest = self.modulation.periods_ns[-1]
+        # of a Gaussian pulse, exp(−(2π·s/T)²/2) is left of a sine of period T
+        widest = math.sqrt(-2.0 * math.log(LEAST_LEFT)) / (2.0 * math.pi) * FWHM_PER_SIGMA * shortest
+        _require(
+            self.pulse.fwhm_ns <= widest,
+            "pulse.fwhm_ns",
+            self.pulse.fwhm_ns,
+            f"{widest:.4g} or less: a longer pulse leaves nothing of a modulation of {shortest:g} ns",
+        )
+
 
 OPTIONS_OF_OTHER_NAME = {"layout.frames": "--stack-frames"}
 """--frames chooses among a capture's frames."""
@@ -300,7 +279,7 @@ class Key:
 
     def convert(self, value: Any) -> Any:
         """Return a value from TOML or the command line as the records hold it; TypeError says what was expected."""
-        return _CONVERTERS[self.kind](value)
+        return converted(self.kind, value)
 
     @property
     def path(self) -> str:

@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Any, Literal, TypeVar, cast, get_args, get_ori
 
 import click
 
-from cadtof_cli.capture.metadata import KEYS, Key, Kind
+from cadtof_cli.capture.kinds import Kind
+from cadtof_cli.capture.metadata import KEYS, Key
 from cadtof_cli.commands.arrival import paths_as_they_arrive
 from cadtof_cli.commands.terminal import tell
 from cadtof_cli.execution.workers import JOBS_PER_CORE, Workers, available_cores

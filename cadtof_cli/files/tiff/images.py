@@ -170,6 +170,8 @@ class TiffImages:
 
     def _images(self, indices: Sequence[int]) -> Stored:
         """Return some of the file's images, shape (n, *page shape)."""
+        size = len(indices) * math.prod(self._page_shape) * self.dtype.itemsize
+        require_plausible_size(self.path, size, self._tiff.filehandle.size)
         out: Stored = np.empty((len(indices), *self._page_shape), self.dtype)
         with reading_tiff(self.path):
             start = self._start_of_run(indices)
