@@ -13,7 +13,8 @@ from cadtof_cli.files.formats import MAP_SUFFIXES
 from cadtof_cli.files.maps import STATUS, read_facts, read_layers
 from cadtof_cli.maps.layers import DIRECT_DEPTH, layer_unit
 from cadtof_cli.resolver.status import StatusBit
-from cadtof_cli.workflows.run_folder import RUN_FILE, map_files, read_record, require_sound_record
+from cadtof_cli.workflows.run_folder import RUN_FILE, map_files, read_record
+from cadtof_cli.workflows.sound_record import require_sound_record
 
 
 @dataclass(frozen=True)
