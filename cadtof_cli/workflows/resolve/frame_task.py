@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 from cadtof_cli.arrays import Stored
 from cadtof_cli.calibration.store import Calibration, cached_calibration
 from cadtof_cli.capture.frame_sources import FrameSource
-from cadtof_cli.capture.frames import open_frames
+from cadtof_cli.capture.frames import open_frames, require_usual
 from cadtof_cli.errors import CadtofError, FrameError, PlaceError
 from cadtof_cli.execution.workers import keep_freed_memory
 from cadtof_cli.files.digest import content_digest, file_digest
@@ -232,7 +232,7 @@ def read_frame(task: FrameTask, /) -> tuple[Stored | FrameMean, Recording]:
     """Read a task's frame, or the mean of those of its frames that can be read, and what that was read from.
 
     Raises:
-        FrameError: none of them can be read, or has the size of the capture's first.
+        FrameError: none of them can be read, or has the size of most.
     """
     files = task.files()
     if len(task.sources) == 1:
@@ -264,9 +264,7 @@ def _stored(task: FrameTask, source: FrameSource) -> Stored:
         if source.index is None and frames.count != 1:
             raise FrameError(f"{source}: found {frames.count} frames, expected one as in files of the same size")
         stored: Stored = frames.read(source.index or 0)
-    if task.pixels is not None and stored.shape[2:] != task.pixels:
-        found, expected = ("{1} × {0}".format(*size) for size in (stored.shape[2:], task.pixels))
-        raise FrameError(f"{source}: found {found} pixels, expected {expected} as in the capture's first frame")
+    require_usual(source, stored.shape[2:], task.pixels)
     wrong = implausible(stored, task.plan.metadata)
     if wrong is not None:
         raise FrameError(f"{source}: {wrong}")
