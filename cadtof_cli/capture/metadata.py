@@ -18,7 +18,7 @@ Kind = Literal["number", "whole number", "numbers", "whole numbers", "pair", "te
 
 WAVEFORMS: tuple[Waveform, ...] = ("sine", "triangle")
 
-HARMONIC_TOLERANCE = 1e-6
+HARMONIC_TOLERANCE = 5e-4
 """How far periods_ns[0] / period may be from a whole number, relative; recorded periods are rounded decimals."""
 
 

@@ -7,14 +7,7 @@ from cadtof_cli.frame_plan import DepthKind, MapSettings
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.workflows.resolve.settings import ResolveSettings
 
-_RESOLVER = (
-    setting_option(
-        "--mpi-model",
-        ResolverSettings,
-        "mpi_model",
-        help="What MPI is: separate paths (discrete), the tail that the room's geometry predicts (diffuse), or what each frame "
-        "says. Another --solver, --order, more --paths or --return last mean discrete.",
-    ),
+PATH_OPTIONS = (
     setting_option(
         "--solver",
         ResolverSettings,
@@ -39,13 +32,6 @@ _RESOLVER = (
     ),
     setting_option("--starts", ResolverSettings, "starts", metavar="N", help="Random starts of --solver lm."),
     setting_option(
-        "--seed",
-        ResolverSettings,
-        "seed",
-        metavar="S",
-        help="Seed of the random starts of --solver lm, drawn for each pixel by its place in the frame.",
-    ),
-    setting_option(
         "--false-alarm",
         ResolverSettings,
         "false_alarm",
@@ -59,6 +45,25 @@ _RESOLVER = (
         "min_return_ratio",
         metavar="R",
         help="Least amplitude of a direct path, as a share of the strongest.",
+    ),
+)
+"""How the phasors of a pixel become its paths: of recorded pixels and of simulated ones."""
+
+_RESOLVER = (
+    setting_option(
+        "--mpi-model",
+        ResolverSettings,
+        "mpi_model",
+        help="What MPI is: separate paths (discrete), the tail that the room's geometry predicts (diffuse), or what each frame "
+        "says. Another --solver, --order, more --paths or --return last mean discrete.",
+    ),
+    *PATH_OPTIONS,
+    setting_option(
+        "--seed",
+        ResolverSettings,
+        "seed",
+        metavar="S",
+        help="Seed of the random starts of --solver lm, drawn for each pixel by its place in the frame.",
     ),
 )
 
