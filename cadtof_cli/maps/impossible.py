@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from cadtof_cli.arrays import Float
+from cadtof_cli.arrays import Bool, Float, Float32
 from cadtof_cli.files.maps import DepthMaps
 from cadtof_cli.maps.layers import CONFIDENCE
 from cadtof_cli.phasors.noise import NoiseModel
@@ -20,23 +20,36 @@ UNKNOWN_SHARE = 0.01
 _KEPT = np.uint32(StatusBit.CALIBRATED | StatusBit.POOLED)
 
 
+def most_light(noise: NoiseModel, /) -> Float | float:
+    """Return the most that paths can add up to, in units of the modulation amplitude; (n,) for means of several samples."""
+    sigma = SIGMAS * float(sum(math.sqrt(one.dark_variance) for one in noise.each))
+    return 1.0 + UNKNOWN_SHARE + (sigma if noise.samples is None else sigma / np.sqrt(noise.samples))
+
+
+def beyond_light(
+    amplitudes: Float | Float32, confidence: Float | Float32, /, *, noise: NoiseModel, scale: float = 1.0
+) -> Bool:
+    """Return where paths, (K, n), or the first phasor, (n,), hold more light than there can be; `scale` is an amplitude of 1."""
+    most = scale * most_light(noise)
+    with np.errstate(invalid="ignore", over="ignore"):
+        total = np.nan_to_num(amplitudes, nan=0.0, posinf=np.inf).sum(axis=0)
+        beyond: Bool = (total > most) | (confidence > most)
+    return beyond
+
+
 def clear_impossible(maps: DepthMaps, /, *, noise: NoiseModel, amplitude_v: float) -> None:
     """Set `IMPOSSIBLE`, and NaN in every layer that follows from the phasors, where the paths hold more light than there can be.
 
     The paths' amplitudes are shares of all light, so their sum is at most the modulation's amplitude, and so is the confidence.
     Every pixel is looked at alone, in the values that are written, so that whatever resolved it decides the same.
     """
-    volts = float(sum(math.sqrt(one.dark_variance) for one in noise.each)) * SIGMAS * amplitude_v
-    most: Float | float = (1.0 + UNKNOWN_SHARE) * amplitude_v
-    most = most + (volts if noise.samples is None else volts / np.sqrt(noise.samples))
     amplitudes = [maps.layer(name).reshape(-1) for name in maps.names if name.endswith(".amplitude")]
     confidence = maps.layer(CONFIDENCE).reshape(-1)
     with np.errstate(invalid="ignore", over="ignore"):
         largest = [float(np.fmax.reduce(values, initial=0.0)) for values in (*amplitudes, confidence)]
-        if max(sum(largest[:-1]), largest[-1]) <= np.min(most, initial=math.inf):
-            return
-        total = np.sum([np.nan_to_num(values, nan=0.0, posinf=np.inf) for values in amplitudes], axis=0)
-        impossible = (total > most) | (confidence > most)
+    if max(sum(largest[:-1]), largest[-1]) <= amplitude_v * np.min(most_light(noise), initial=math.inf):
+        return
+    impossible = beyond_light(np.stack(amplitudes), confidence, noise=noise, scale=amplitude_v)
     for name in maps.names:
         if name != "effective_pixels":
             np.copyto(maps.layer(name).reshape(-1), np.nan, where=impossible)
