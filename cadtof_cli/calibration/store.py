@@ -65,7 +65,8 @@ class Calibration:
 
 def digest_of(part: Part, /) -> str:
     """Return a digest of all that a part says: origin, tables and maps."""
-    digest = hashlib.sha256(_canonical(_document(part)).encode())
+    text = json.dumps(_document(part), sort_keys=True, default=np.generic.item)
+    digest = hashlib.sha256(text.encode())
     for name, plane in sorted(part.maps().items()):
         digest.update(name.encode())
         digest.update(np.ascontiguousarray(plane).tobytes())
@@ -87,8 +88,10 @@ def save_part(folder: Path, part: Part, /, *, overwrite: bool = False) -> tuple[
         write_layers(written[1], maps)
     document = _document(part)
     document["part"]["digest"] = digest_of(part)
+    made = f"cadtof {part.kind} calibration; made by a program and checked by its digest, so not to be changed by hand"
+    comments = [made, f"its maps are in {part.kind}.exr"] if maps else [made]
     with whole_file(path) as temporary:
-        temporary.write_text(toml_from_tables(document, comments=_comments(part)), encoding="utf-8")
+        temporary.write_text(toml_from_tables(document, comments=comments), encoding="utf-8")
     return tuple(written)
 
 
@@ -184,17 +187,3 @@ def _document(part: Part) -> dict[str, dict[str, Any]]:
     head = {"kind": part.kind, "version": origin.pop("version"), "created": origin.pop("created")}
     tables = {"part": head, "origin": origin | {"pixels": [width, height]}} | ({"used": dict(used)} if used else {})
     return tables | part.tables()
-
-
-def _comments(part: Part) -> list[str]:
-    made = f"cadtof {part.kind} calibration; made by a program and checked by its digest, so not to be changed by hand"
-    return [made, f"its maps are in {part.kind}.exr"] if part.maps() else [made]
-
-
-def _canonical(document: Mapping[str, Any]) -> str:
-    return json.dumps(document, sort_keys=True, default=_plain)
-
-
-def _plain(value: Any) -> Any:
-    """Return a numpy number as Python's own."""
-    return value.item() if isinstance(value, np.generic) else value

@@ -39,10 +39,8 @@ def _shared(function: Function) -> Function:
         capture_options("target.distance_m"),
         click.option("-q", "--quiet", is_flag=True, help="No progress and no notes on stderr; errors only."),
         click.option("--json", "as_json", is_flag=True, help="Print the report as one JSON object on stdout."),
-        setting_option("--overwrite", CalibrateSettings, "overwrite", help="Replace this part, if the folder has it."),
-        setting_option(
-            "-o --out", CalibrateSettings, "out", required=True, help="Calibration folder the part is added to."
-        ),
+        setting_option("--overwrite", CalibrateSettings, help="Replace this part, if the folder has it."),
+        setting_option("-o --out", CalibrateSettings, required=True, help="Calibration folder the part is added to."),
         settings_option(),
         click.argument("captures", nargs=-1, required=True, metavar="CAPTURE..."),
     ):

@@ -23,23 +23,17 @@ from cadtof_cli.workflows.inspect.export import ExportSettings, export_maps
 @gathered(
     "settings",
     ExportSettings,
-    setting_option(
-        "--layer", ExportSettings, "layer", metavar="NAME", help="Depths that points and pictures are made of."
-    ),
-    setting_option(
-        "--depth", ExportSettings, "depth", help="What the depths are.  [default: as run.json says, else range]"
-    ),
+    setting_option("--layer", ExportSettings, metavar="NAME", help="Depths that points and pictures are made of."),
+    setting_option("--depth", ExportSettings, help="What the depths are.  [default: as run.json says, else range]"),
     setting_option(
         "--focal-length-px",
         ExportSettings,
-        "focal_length_px",
         metavar="F",
         help="Focal length.  [default: as run.json says]",
     ),
     setting_option(
         "--principal-point-px",
         ExportSettings,
-        "principal_point_px",
         metavar="X,Y",
         help="Column and row of the optical axis.  [default: as run.json says, else the middle]",
     ),

@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from cadtof_cli.capture.metadata import CaptureMetadata, Pixel, Pulse, Target, Voltage
+from cadtof_cli.capture.metadata import Pulse
 from cadtof_cli.commands.options import NUMBERS, gathered, setting_option
 from cadtof_cli.commands.progress import progress_bar
 from cadtof_cli.commands.simulation_options import (
@@ -34,8 +34,8 @@ from cadtof_cli.simulation.pixel.mix import Condition
 from cadtof_cli.simulation.scene.camera import Camera
 from cadtof_cli.simulation.scene.exposure import Exposure
 from cadtof_cli.simulation.scene.light import Scene
-from cadtof_cli.simulation.scene.scenes import SCENES, Wall
-from cadtof_cli.workflows.simulate.record import RecordSettings, record_scene
+from cadtof_cli.simulation.scene.scenes import SCENES
+from cadtof_cli.workflows.simulate.record import RecordSettings, record_scene, scene_exposure
 from cadtof_cli.workflows.simulate.simulate import json_report, simulate_pixel, write_evolution
 from cadtof_cli.workflows.simulate.trials import PathSummary, Trials, TrialsSummary
 
@@ -134,16 +134,15 @@ class SceneOptions:
             dark_offset_v=self.dark_offset_v,
             fixed_delay_ns=self.fixed_delay_ns,
         )
-        scene = self.scene(name, light, seed=seed)
-        metadata = CaptureMetadata(
+        return scene_exposure(
+            self.scene(name, light, seed=seed),
+            camera,
             modulation=modulation.modulation(),
-            pixel=Pixel(integration_length=integration_length),
             pulse=Pulse(fwhm_ns=modulation.fwhm_ns),
-            voltage=camera.voltage if format_named(self.frame_format).counts else Voltage(),
-            optics=camera.optics,
-            target=Target(distance_m=scene.distance_m if isinstance(scene, Wall) else None),
+            integration_length=integration_length,
+            counts=format_named(self.frame_format).counts,
+            seed=seed,
         )
-        return Exposure(scene=scene, camera=camera, metadata=metadata, seed=seed)
 
     def scene(self, name: str, light: LightOptions, /, *, seed: int) -> Scene:
         """Return the scene from the options that it takes; the others must be absent."""
@@ -210,9 +209,9 @@ class SceneOptions:
 @gathered(
     "scenery",
     SceneOptions,
-    setting_option("--frames", RecordSettings, "frames", help="Frames of the capture."),
+    setting_option("--frames", RecordSettings, help="Frames of the capture."),
     setting_option("--format", RecordSettings, "frame_format", type=click.Choice(FRAME_FORMATS), help="Of frames."),
-    setting_option("--compress", RecordSettings, "compress", help="Deflate TIFF, ZIP EXR."),
+    setting_option("--compress", RecordSettings, help="Deflate TIFF, ZIP EXR."),
     click.option("--distance-m", "--distance", type=float, help="Distance of the scene, m."),
     click.option("--tilt-deg", "--tilt", type=NUMBERS, help="Tilt of the wall to the right and down, degrees."),
     click.option("--albedo", type=float, help="Albedo of wall, corner or panel, or of all in a room."),
@@ -223,24 +222,14 @@ class SceneOptions:
     ),
     click.option("--lamp-beam-deg", "--lamp-beam", type=float, help="Half angle of the lamp (room).  [default: drawn]"),
     click.option("--light-paths", type=int, help="Light paths from every fourth pixel (room).  [default: 256]"),
-    setting_option("--width", Camera, "width", help="Columns of the camera."),
-    setting_option("--height", Camera, "height", help="Rows of the camera."),
+    setting_option("--width", Camera, help="Columns of the camera."),
+    setting_option("--height", Camera, help="Rows of the camera."),
+    setting_option("--petzval-m --petzval", Camera, show_default=False, help="Field curvature k2,k4 of the lens, m."),
     setting_option(
-        "--petzval-m --petzval", Camera, "petzval_m", show_default=False, help="Field curvature k2,k4 of the lens, m."
+        "--dark-offset-v --dark-offset", Camera, show_default=False, help="Spread of pixels' own offsets, V."
     ),
     setting_option(
-        "--dark-offset-v --dark-offset",
-        Camera,
-        "dark_offset_v",
-        show_default=False,
-        help="Spread of pixels' own offsets, V.",
-    ),
-    setting_option(
-        "--fixed-delay-ns --fixed-delay",
-        Camera,
-        "fixed_delay_ns",
-        show_default=False,
-        help="Spread of pixels' own delays, ns.",
+        "--fixed-delay-ns --fixed-delay", Camera, show_default=False, help="Spread of pixels' own delays, ns."
     ),
 )
 @click.pass_context

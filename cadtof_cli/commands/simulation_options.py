@@ -92,10 +92,10 @@ class PixelOptions:
 modulation_options = gathered(
     "modulation",
     ModulationOptions,
-    setting_option("--periods-ns --periods", Modulation, "periods_ns", help="Periods in ns."),
-    setting_option("--waveform", Modulation, "waveform", help="Modulation."),
-    setting_option("--amplitude-v --amplitude", Modulation, "amplitude_v", help="Amplitude, V."),
-    setting_option("--fwhm-ns --fwhm", Pulse, "fwhm_ns", help="Width of the laser pulse."),
+    setting_option("--periods-ns --periods", Modulation, help="Periods in ns."),
+    setting_option("--waveform", Modulation, help="Modulation."),
+    setting_option("--amplitude-v --amplitude", Modulation, help="Amplitude, V."),
+    setting_option("--fwhm-ns --fwhm", Pulse, help="Width of the laser pulse."),
 )
 
 pixel_options = gathered(
@@ -104,51 +104,33 @@ pixel_options = gathered(
     setting_option(
         "--photons", Trials, "photon_by_photon", help="Photon by photon, instead of from exact mean and covariance."
     ),
-    setting_option("--photons-per-cycle", PixelModel, "photons_per_cycle", help="Photons in a laser cycle."),
-    setting_option("--cycles", PixelModel, "cycles", help="Laser cycles a harmonic.  [default: 12.5 n_av photons]"),
+    setting_option("--photons-per-cycle", PixelModel, help="Photons in a laser cycle."),
+    setting_option("--cycles", PixelModel, help="Laser cycles a harmonic.  [default: 12.5 n_av photons]"),
     setting_option(
-        "--dead-time-ns --dead-time",
-        PixelModel,
-        "dead_time_ns",
-        show_default=False,
-        help="Dead time of the SPAD (--photons).",
+        "--dead-time-ns --dead-time", PixelModel, show_default=False, help="Dead time of the SPAD (--photons)."
     ),
     setting_option(
-        "--jitter-ns --jitter",
-        PixelModel,
-        "jitter_ns",
-        show_default=False,
-        help="Timing jitter of the SPAD, one sigma.",
+        "--jitter-ns --jitter", PixelModel, show_default=False, help="Timing jitter of the SPAD, one sigma."
     ),
     click.option("--temperature", type=float, help="Temperature in K: adds kTC noise of C1 (--capacitors)."),
-    setting_option(
-        "--sample-noise-v --sample-noise",
-        PixelModel,
-        "sample_noise_v",
-        show_default=False,
-        help="Noise of every sample, V.",
-    ),
-    setting_option(
-        "--gain-mismatch", PixelModel, "gain_mismatch", show_default=False, help="Gain of SC2 over SC1, less 1."
-    ),
-    setting_option(
-        "--offsets-v --offsets", PixelModel, "offsets_v", show_default=False, help="Offsets of SC1 and SC2, V."
-    ),
+    setting_option("--sample-noise-v --sample-noise", PixelModel, show_default=False, help="Noise of every sample, V."),
+    setting_option("--gain-mismatch", PixelModel, show_default=False, help="Gain of SC2 over SC1, less 1."),
+    setting_option("--offsets-v --offsets", PixelModel, show_default=False, help="Offsets of SC1 and SC2, V."),
     click.option("--capacitors", type=NUMBERS, help="C1,…,C12 of Fig. 1 in fF; they set n_av."),
     setting_option("--stages", Stages, "drive", help="ST1 and ST2."),
-    setting_option("--f1-hz --f1", Stages, "f1_hz", help="Switching rate of ST1."),
-    setting_option("--f2-hz --f2", Stages, "f2_hz", help="Switching rate of ST2."),
+    setting_option("--f1-hz --f1", Stages, help="Switching rate of ST1."),
+    setting_option("--f2-hz --f2", Stages, help="Switching rate of ST2."),
 )
 
 resolver_options = gathered(
     "resolver",
     ResolverSettings,
-    setting_option("--order", ResolverSettings, "order", type=click.Choice(ORDERS), help="Paths to resolve."),
-    setting_option("--false-alarm", ResolverSettings, "false_alarm", help="Of the order test."),
+    setting_option("--order", ResolverSettings, type=click.Choice(ORDERS), help="Paths to resolve."),
+    setting_option("--false-alarm", ResolverSettings, help="Of the order test."),
 )
 
-runs_option = setting_option("--runs", Trials, "runs", help="Recordings of each condition.")
-seed_option = setting_option("--seed", Trials, "seed", help="Same seed, same bytes.")
+runs_option = setting_option("--runs", Trials, help="Recordings of each condition.")
+seed_option = setting_option("--seed", Trials, help="Same seed, same bytes.")
 quiet_option = click.option("-q", "--quiet", is_flag=True, help="No progress bar.")
 
 workers_option = gathered(

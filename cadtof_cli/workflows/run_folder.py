@@ -1,7 +1,7 @@
 """The folder of a run: a map file per frame, `run.json`, and `frames.jsonl`, a line per frame. Written by `resolve/record.py`."""
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, Literal
@@ -15,7 +15,7 @@ from cadtof_cli.capture.toml import FILE_NAME as CAPTURE_FILE
 from cadtof_cli.capture.tree import WRITTEN_BY_US
 from cadtof_cli.errors import CadtofError, CaptureError, SettingsError
 from cadtof_cli.files.formats import MAP_SUFFIXES
-from cadtof_cli.frame_plan import DepthKind
+from cadtof_cli.frame_plan import CalibrationUse, DepthKind
 
 RUN_FILE = "run.json"
 FRAMES_FILE = "frames.jsonl"
@@ -25,8 +25,8 @@ ALREADY_THERE = "exists already"
 
 FrameStatus = Literal["ok", "failed", "skipped"]
 
-RecordedFrames = Mapping[str, tuple[Capture, FrameSource]]
-"""Recorded frames and their captures, by the name of the maps that were made from them."""
+RecordedFrames = Mapping[str, tuple[Capture, tuple[FrameSource, ...]]]
+"""Recorded frames and their captures, by the name of the map that was made from them: several where it is of their mean."""
 
 
 @dataclass(frozen=True)
@@ -201,6 +201,23 @@ class Run:
             known = moved if all(path.exists() for path in moved) else known
         return known
 
+    def calibration(self) -> CalibrationUse | None:
+        """Return the calibration that was applied, where it lies now; None: none was.
+
+        Raises:
+            LookupError, TypeError: the record has another form.
+        """
+        known = self.record and self.record.get("calibration")
+        if not known:
+            return None
+        places = [
+            known.get("absolute_folder"),
+            self.folder.absolute() / known.get("folder_from_out", "."),
+            known["folder"],
+        ]
+        there = [Path(place) for place in places if place and Path(place).is_dir()]
+        return CalibrationUse((there or [Path(known["folder"])])[0], known["digest"])
+
     def recorded_frames(self, say: Callable[[str], None], /) -> RecordedFrames:
         """Return the frames that the maps were made from; nothing, and a note, where they are not known or gone."""
         if self.record is None:
@@ -217,10 +234,21 @@ class Run:
                 recursive=bool(arguments.get("recursive")),
             )
             captures = placed_below(captures, base_of(inputs, captures))
-            return {source.name: (capture, source) for capture in captures for source in single_frames(capture)}
+            return _by_map(captures, slice(*(arguments.get("frames") or (None,))), int(arguments.get("average", 1)))
         except (CadtofError, LookupError, TypeError, ValueError, AttributeError) as error:
             say(f"the recorded frames are not where they were, so the first phasor is not evaluated: {error}")
             return {}
+
+
+def _by_map(captures: Sequence[Capture], chosen: slice, average: int) -> RecordedFrames:
+    """Return the frames that each map is of, by its name: that of the first."""
+    found: dict[str, tuple[Capture, tuple[FrameSource, ...]]] = {}
+    taken = {source.name for capture in captures for source in capture.frames}
+    for capture in captures:
+        frames = tuple(single_frames(capture, taken=taken))[chosen]
+        for place in range(0, len(frames), average):
+            found[frames[place].name] = capture, frames[place : place + average]
+    return found
 
 
 def read_run(maps: Path, /) -> Run:

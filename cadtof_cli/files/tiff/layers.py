@@ -2,6 +2,7 @@
 
 import math
 import threading
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -95,7 +96,7 @@ def read_layers(path: Path, /) -> dict[str, NDArray[Any]]:
     Raises:
         FrameError: the file cannot be read, is damaged, or its channels have no names.
     """
-    with TiffImages(path, voltages=False) as images:
+    with closing(TiffImages(path, voltages=False)) as images:
         planes = images.planes(np.arange(math.prod(images.sizes)))
         names = [name for name in images.names if name]
     if not names or len(names) != len(planes):

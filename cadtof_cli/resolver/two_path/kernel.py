@@ -18,6 +18,7 @@ from cadtof_cli.errors import SettingsError
 from cadtof_cli.phasors.chi_squared import chi_squared_threshold
 from cadtof_cli.phasors.noise import LEAST_SHARE, NoiseModel
 from cadtof_cli.phasors.voltages import PhasorMap
+from cadtof_cli.resolver.order import largest_misfit
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.resolver.two_path.solver import misfit_spread
 from cadtof_cli.resolver.two_path.uncertainty import variance_terms
@@ -165,7 +166,7 @@ def kernel_constants(frame: KernelFrame, settings: ResolverSettings, noise: Nois
         "saturated_high": high,
         "least_power": chi_squared_threshold(settings.false_alarm, pairs=2) if least is None else 0.0,
         "least_modulus": least or 0.0,
-        "misfit_limit": chi_squared_threshold(settings.false_alarm, pairs=1) if order == "auto" else math.inf,
+        "misfit_limit": largest_misfit(settings, harmonics=2, paths=1) if order == "auto" else math.inf,
         "misfit_spread": misfit_spread(noise),
         "weight": noise.each[0].dark_variance / noise.each[1].dark_variance,
         "signal": terms.signal,

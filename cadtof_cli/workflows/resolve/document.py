@@ -53,6 +53,14 @@ def _as_json(capture: Capture) -> dict[str, Any]:
     }
 
 
+def _of_calibration(calibration: AppliedCalibration, out: Path) -> dict[str, Any]:
+    folder = calibration.use.folder
+    return calibration.as_json() | {
+        "absolute_folder": str(folder.absolute()),
+        "folder_from_out": _from_out(folder, out),
+    }
+
+
 def run_document(
     inputs: Sequence[Path],
     overrides: Mapping[str, Any],
@@ -87,7 +95,7 @@ def run_document(
             "overrides": dict(overrides),
         },
         "captures": [_as_json(one.capture) for one in plans],
-        "calibration": calibration and calibration.as_json(),
+        "calibration": calibration and _of_calibration(calibration, settings.out),
         "layers": {layer.name: layer.unit for one in plans for layer in one.plan.layers},
         "status_bits": {bit.name: int(bit) for bit in MEANING},
     }

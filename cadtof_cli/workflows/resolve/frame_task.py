@@ -16,7 +16,7 @@ from cadtof_cli.execution.outcome import Later
 from cadtof_cli.execution.workers import keep_freed_memory
 from cadtof_cli.files.digest import content_digest, file_digest
 from cadtof_cli.files.frames import FrameLayout, NotAFrameError
-from cadtof_cli.files.maps import MapsAbout, begin_maps
+from cadtof_cli.files.maps import SOURCE, DepthMaps, MapsAbout, begin_maps
 from cadtof_cli.frame_plan import FramePlan
 from cadtof_cli.phasors.frame_mean import FrameMean, frame_mean
 from cadtof_cli.phasors.plausible import implausible
@@ -141,13 +141,11 @@ def written(task: FrameTask, resolved: ResolvedFrame, recording: Recording, /, *
         FrameError: no pixel has an answer; nothing is written then.
         OutputError: see `begin_maps`.
     """
-    roi = task.plan.settings.roi
-    maps = resolved.maps.cropped(roi) if roi else resolved.maps
+    maps = answered_maps(resolved, task.plan, name=str(task.sources[0]))
     counts = count_status(maps.status)
-    if counts.invalid == maps.status.size:
-        raise FrameError(f"{task.sources[0]}: {why_no_answer(maps.status)}")
     note = _why_again(task) if task.resume else None
-    begun = begin_maps(task.output, maps, about=_about(task), token=task.token)
+    about = maps_about(task.plan, source_name(task.sources[0]))
+    begun = begin_maps(task.output, maps, about=about, token=task.token)
     reasons = [recording.left_out] if recording.left_out else []
     if resolved.noise_estimated:
         reasons.append(f"noise estimated from the frame: integration_length {resolved.integration_length:.4g}")
@@ -173,14 +171,30 @@ def written(task: FrameTask, resolved: ResolvedFrame, recording: Recording, /, *
     return Later(lambda: attempted(task, keep, began=began))
 
 
-def _about(task: FrameTask) -> MapsAbout:
-    """Return what the file of a frame's maps says of itself; the recorded frame by its name, wherever the folder lies."""
-    plan, source = task.plan, task.sources[0]
-    place = "" if source.index is None else f"[{source.index}]"
+def answered_maps(resolved: ResolvedFrame, plan: FramePlan, /, *, name: str) -> DepthMaps:
+    """Return the maps of a frame, of the pixels that are asked for; `name` is the frame's in messages.
+
+    Raises:
+        FrameError: no pixel has an answer.
+    """
+    roi = plan.settings.roi
+    maps = resolved.maps.cropped(roi) if roi else resolved.maps
+    if count_status(maps.status).invalid == maps.status.size:
+        raise FrameError(f"{name}: {why_no_answer(maps.status)}")
+    return maps
+
+
+def source_name(source: FrameSource, /) -> str:
+    """Return the name of a recorded frame that holds wherever its folder lies."""
+    return f"{source.paths[0].name}{'' if source.index is None else f'[{source.index}]'}"
+
+
+def maps_about(plan: FramePlan, source: str, /) -> MapsAbout:
+    """Return what the maps of a recorded frame say of themselves."""
     facts = {
         "depth": "radial range" if plan.settings.depth == "range" else "planar depth z",
         "periods_ns": ", ".join(f"{period:g}" for period in plan.metadata.modulation.periods_ns),
-        "source": f"{source.paths[0].name}{place}",
+        SOURCE: source,
     }
     if plan.calibration is not None:
         facts["calibration"] = plan.calibration.digest
