@@ -1,6 +1,7 @@
 """Answers that no light gives: amplitudes beyond what the modulation can record."""
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -20,19 +21,31 @@ UNKNOWN_SHARE = 0.01
 _KEPT = np.uint32(StatusBit.CALIBRATED | StatusBit.POOLED)
 
 
-def most_light(noise: NoiseModel, /) -> Float | float:
-    """Return the most that paths can add up to, in units of the modulation amplitude; (n,) for means of several samples."""
-    sigma = SIGMAS * float(sum(math.sqrt(one.dark_variance) for one in noise.each))
-    return 1.0 + UNKNOWN_SHARE + (sigma if noise.samples is None else sigma / np.sqrt(noise.samples))
+def most_volts(noise: NoiseModel, amplitude_v: float, /) -> tuple[float, float]:
+    """Return what amplitudes may add up to, in V: this much, and the noise of one recorded pixel on top.
+
+    Where every pixel is one recorded, both are in the first, rounded as amplitudes are that are written.
+    """
+    most = (1.0 + UNKNOWN_SHARE) * amplitude_v
+    volts = float(sum(math.sqrt(one.dark_variance) for one in noise.each)) * SIGMAS * amplitude_v
+    return (most, volts) if noise.samples is not None else (float(np.float32(most + volts)), 0.0)
 
 
 def beyond_light(
-    amplitudes: Float | Float32, confidence: Float | Float32, /, *, noise: NoiseModel, scale: float = 1.0
+    amplitudes: Sequence[Float | Float32] | Float,
+    confidence: Float | Float32,
+    /,
+    *,
+    noise: NoiseModel,
+    amplitude_v: float = 1.0,
 ) -> Bool:
-    """Return where paths, (K, n), or the first phasor, (n,), hold more light than there can be; `scale` is an amplitude of 1."""
-    most = scale * most_light(noise)
+    """Return where paths, K of (n,), or the first phasor, (n,), hold more light than there can be."""
+    one, volts = most_volts(noise, amplitude_v)
+    most: Float | float = one if noise.samples is None else one + volts / np.sqrt(noise.samples)
     with np.errstate(invalid="ignore", over="ignore"):
-        total = np.nan_to_num(amplitudes, nan=0.0, posinf=np.inf).sum(axis=0)
+        total = np.fmax(amplitudes[0], np.float32(0.0))
+        for values in amplitudes[1:]:
+            total = np.fmax(values, np.float32(0.0)) + total
         beyond: Bool = (total > most) | (confidence > most)
     return beyond
 
@@ -45,11 +58,9 @@ def clear_impossible(maps: DepthMaps, /, *, noise: NoiseModel, amplitude_v: floa
     """
     amplitudes = [maps.layer(name).reshape(-1) for name in maps.names if name.endswith(".amplitude")]
     confidence = maps.layer(CONFIDENCE).reshape(-1)
-    with np.errstate(invalid="ignore", over="ignore"):
-        largest = [float(np.fmax.reduce(values, initial=0.0)) for values in (*amplitudes, confidence)]
-    if max(sum(largest[:-1]), largest[-1]) <= amplitude_v * np.min(most_light(noise), initial=math.inf):
+    impossible = beyond_light(amplitudes, confidence, noise=noise, amplitude_v=amplitude_v)
+    if not impossible.any():
         return
-    impossible = beyond_light(np.stack(amplitudes), confidence, noise=noise, scale=amplitude_v)
     for name in maps.names:
         if name != "effective_pixels":
             np.copyto(maps.layer(name).reshape(-1), np.nan, where=impossible)
