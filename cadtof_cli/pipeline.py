@@ -12,7 +12,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from cadtof_cli.arrays import Complex, Status, Stored
+from cadtof_cli.arrays import Complex, Status, Stored, sealed
 from cadtof_cli.calibration.apply import FrameCorrection, frame_correction
 from cadtof_cli.calibration.store import Calibration
 from cadtof_cli.errors import FrameError
@@ -143,7 +143,7 @@ def frame_stages(
         planar_per_range(metadata.optics, size).ravel() if plan.settings.depth == "z" else None,
         correction.range_offset_m if plan.calibration and plan.calibration.curved else None,
     )
-    return FrameStages(metadata.voltage.saturated_counts, correction, depth)
+    return sealed(FrameStages(metadata.voltage.saturated_counts, correction, depth))
 
 
 def resolve_frame(
