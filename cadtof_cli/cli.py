@@ -24,6 +24,7 @@ COMMANDS = {
     "inspect": "Everything about one pixel of a recorded frame.",
     "evaluate": "Errors of depth maps against truth.",
     "compare": "What differs between two runs, or between a run and truth.",
+    "profile": "The cross-section of maps along a line.",
     "preview": "A picture of a frame's maps.",
     "export": "Maps as point clouds, pictures of depths, arrays and tables.",
     "simulate": "A simulated pixel, resolved many times; or a scene recorded as a capture.",

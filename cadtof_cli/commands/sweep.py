@@ -11,8 +11,11 @@ from cadtof_cli.commands.options import setting_option
 from cadtof_cli.commands.progress import progress_bar
 from cadtof_cli.commands.simulation_options import (
     ModulationOptions,
+    PaperWays,
     PixelOptions,
+    further_option,
     modulation_options,
+    paper_options,
     pixel_options,
     quiet_option,
     resolver_options,
@@ -39,8 +42,10 @@ GRID = "GRID"
 @click.option("--plot", type=click.Path(path_type=Path), help="New folder for heat maps like Figs. 3, 8 and 9.")
 @setting_option("--direct", Condition, "direct_ns", help="Arrival of the direct path.")
 @setting_option("--second", Condition, "second_ns", help="Arrival of the MPI, ns.")
+@further_option
 @runs_option
 @resolver_options
+@paper_options
 @seed_option
 @workers_option
 @quiet_option
@@ -55,8 +60,10 @@ def sweep(
     plot: Path | None,
     direct_ns: float,
     second_ns: float,
+    further: tuple[tuple[float, float], ...],
     runs: int,
     resolver: ResolverSettings,
+    paper: PaperWays,
     seed: int,
     workers: Workers,
     quiet: bool,
@@ -78,7 +85,12 @@ def sweep(
     averaging = pixel.averaging(None if pixel.capacitors is not None else lengths[0])
     asrs, ratios = grid_from_text(asr, name="--asr"), grid_from_text(mpi, name="--mpi")
     condition = Condition(
-        asr=asrs[0], mpi_ratio=ratios[0], direct_ns=direct_ns, second_ns=second_ns, fwhm_ns=modulation.fwhm_ns
+        asr=asrs[0],
+        mpi_ratio=ratios[0],
+        direct_ns=direct_ns,
+        second_ns=second_ns,
+        fwhm_ns=modulation.fwhm_ns,
+        further=further,
     )
     base = Trials(
         condition=condition,
@@ -86,6 +98,8 @@ def sweep(
         resolver=resolver,
         runs=runs,
         photon_by_photon=pixel.photon_by_photon,
+        pulse_correction=paper.pulse_correction,
+        wrapped=paper.wrapped,
         seed=seed,
     )
     if averaging.capacitors is not None:
