@@ -12,7 +12,7 @@ from cadtof_cli.resolver.diffuse.prior import WITHIN_PATCH
 from cadtof_cli.resolver.diffuse.tail import residuals
 
 BESIDE_MORE = 0.3
-"""By how much the light of surfaces beside the view exceeds what its continued border sends, as a share of the latter: rooms go on
+"""By how much the light of surfaces beside the view exceeds what its continued border sends, as a share of that: rooms go on
 beyond the pieces that are continued. Two harmonics cannot tell; with more of them the fit sees a part of it itself, and
 what is missing falls with their number."""
 

@@ -141,5 +141,5 @@ def _within_a_turn(phase: Values, /) -> Values:
 def _first_range(phase_rad: Float, model: DiffuseModel, band: Band) -> Float32:
     """Return the ranges of pixels by the lag of the nearest patches, float32: good enough to tell surfaces apart."""
     lag = model.upsampler.linear(model.coarse.data + 1, band)
-    range_m = model.range_m(phase_rad.astype(np.float32) - lag)
-    return np.maximum(range_m + model.range_offset(band), NEAREST_M).astype(np.float32, copy=False)
+    range_m = model.range_m(phase_rad.astype(np.float32) - lag) + model.range_offset(band)
+    return np.asarray(np.maximum(range_m, NEAREST_M), np.float32)

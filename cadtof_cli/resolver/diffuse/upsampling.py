@@ -101,12 +101,12 @@ class Upsampler:
 
     def _shares(self, band: Band) -> tuple[Float32, Float32]:
         """Return how far the pixels lie on the way from the upper to the lower patch, (rows, 1), and to the right one."""
-        down, right = (
-            (np.arange(first, last) + 0.5) / self.grid.side - 0.5
-            for first, last in ((band.top, band.bottom), (band.left, band.right))
-        )
-        down, right = (np.asarray(place - np.floor(place), np.float32) for place in (down, right))
+        down, right = (self._share(*edges) for edges in ((band.top, band.bottom), (band.left, band.right)))
         return down[:, None], right
+
+    def _share(self, first: int, last: int) -> Float32:
+        place = (np.arange(first, last) + 0.5) / self.grid.side - 0.5
+        return np.asarray(place - np.floor(place), np.float32)
 
 
 def upsampler(planes: Float32, range_m: Float, valid: Bool, grid: PatchGrid, /) -> Upsampler:
