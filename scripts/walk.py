@@ -107,8 +107,8 @@ def main() -> None:
             )
             met = sorted(longer.functions - walk.functions)
             print(
-                f"{name}: {len(walk.files)} files, {len(walk.functions)} functions, {len(walk.records)} records that hold pixels; "
-                f"a frame meets {len({line.split(':')[0] for line in met})} files, {len(met)} functions"
+                f"{name}: {len(walk.files)} files, {len(walk.functions)} functions, {len(walk.records)} records that hold pixels;"
+                f" a frame meets {len({line.split(':')[0] for line in met})} files, {len(met)} functions"
             )
             if arguments.list:
                 lines = [f"{'frame ' if line in met else '      '}{line}" for line in sorted(walk.functions)]
