@@ -4,13 +4,21 @@ from pathlib import Path
 
 import click
 
+from cadtof_cli.commands.examples import example
 from cadtof_cli.commands.options import gathered, setting_option
 from cadtof_cli.commands.progress import progress_bar
 from cadtof_cli.commands.terminal import tell
 from cadtof_cli.workflows.inspect.preview_settings import PreviewSettings
 
 
-@click.command()
+@click.command(
+    epilog=example(
+        "cadtof resolve sample_data/corner -o maps",
+        "cadtof preview maps -o corner.png --truth sample_data/corner/truth.exr",
+        "cadtof preview maps -o mpi.png --layer mpi.depth --range 1.5,3",
+        "cadtof preview sample_data/corner/frame_0000.tif -o recorded.png",
+    )
+)
 @click.argument("inputs", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="MAPS...")
 @click.option(
     "-o",
@@ -51,12 +59,6 @@ def preview(*, inputs: tuple[Path, ...], out: Path, settings: PreviewSettings) -
 
     MAPS are maps, truth, recorded frames, folders of them, or the folder of a calibration. One frame gets a figure; several get a
     sheet of thumbnails on one scale, or a film where -o is a GIF or MP4 (MP4 needs the extra `video`).
-
-    \b
-    Examples:
-    cadtof preview maps -o corner.png --truth sample_data/corner/truth.exr
-    cadtof preview maps -o mpi.png --layer mpi.depth --range 1.5,3
-    cadtof preview sample_data/corner/frame_0000.tif -o recorded.png
     """
     from cadtof_cli.workflows.inspect.preview import preview as draw
 

@@ -4,13 +4,19 @@ from pathlib import Path
 
 import click
 
+from cadtof_cli.commands.examples import example
 from cadtof_cli.commands.options import Corners, gathered, setting_option
 from cadtof_cli.commands.progress import Bar
 from cadtof_cli.commands.terminal import tell
 from cadtof_cli.workflows.inspect.profile import ProfileSettings, profile_table, read_profile, write_profile
 
 
-@click.command()
+@click.command(
+    epilog=example(
+        "cadtof resolve sample_data/corner -o maps",
+        "cadtof profile maps --row 120 --truth sample_data/corner/truth.exr -o profile.png",
+    )
+)
 @click.argument("maps", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="MAPS...")
 @gathered(
     "settings",
@@ -40,9 +46,6 @@ def profile(
     """Draw the cross-section of maps: runs overlaid, the band of ± 1 predicted sigma, the first phasor, truth.
 
     MAPS are folders that `cadtof resolve` wrote, of which one map each is drawn, and map files, all of the same size.
-
-    \b
-    Example: cadtof profile maps --row 120 --truth sample_data/corner/truth.exr -o profile.png
     """
     found = read_profile(maps, settings=settings, truth=truth, progress=Bar())
     if out is None:

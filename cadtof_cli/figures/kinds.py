@@ -4,6 +4,7 @@ from collections.abc import Collection
 from pathlib import Path
 
 from cadtof_cli.errors import OutputError
+from cadtof_cli.files.regular import is_there
 
 KINDS = {".png": "png", ".pdf": "pdf", ".svg": "svg", ".jpg": "jpg", ".jpeg": "jpg"}
 
@@ -17,6 +18,6 @@ def require_picture(path: Path, /, *, overwrite: bool, more: Collection[str] = (
     kind = KINDS.get(path.suffix.lower())
     if kind is None:
         raise OutputError(f"{path}: found the suffix {path.suffix!r}, expected one of {', '.join((*KINDS, *more))}")
-    if path.exists() and not overwrite:
+    if is_there(path) and not overwrite:
         raise OutputError(f"{path}: is there already; add --overwrite to replace it, or choose another file")
     return kind
