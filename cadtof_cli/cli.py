@@ -23,6 +23,7 @@ COMMANDS = {
     "inspect": "Everything about one pixel of a recorded frame.",
     "evaluate": "Errors of depth maps against truth.",
     "preview": "A picture of a frame's maps.",
+    "report": "A page of a run: totals, failures, a viewer of all layers, points in space.",
     "export": "Maps as point clouds, pictures of depths, arrays and tables.",
     "simulate": "A simulated pixel, resolved many times; or a scene recorded as a capture.",
     "sweep": "A grid of simulated conditions: CSV and heat maps.",
