@@ -31,6 +31,7 @@ ALLOWED: dict[str, set[str]] = {
     "frame_plan": {"calibration", "capture", "maps", "optics", "phasors", "resolver"},
     "pipeline": {"calibration", "capture", "files", "frame_plan", "maps", "optics", "phasors", "resolver"},
     "one_pixel": {"calibration", "frame_plan", "maps", "phasors", "pipeline", "resolver"},
+    "report": {"capture", "files", "maps", "optics", "resolver"},
     "figures": {"calibration", "capture", "files", "maps", "one_pixel", "optics", "resolver", "simulation"},
 }
 """What a part may import besides itself and what anybody may: only what comes before it."""

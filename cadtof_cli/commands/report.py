@@ -12,9 +12,7 @@ from cadtof_cli.workflows.inspect.report import ReportSettings, write_report
 
 @click.command()
 @click.argument("maps", type=click.Path(path_type=Path), metavar="OUT")
-@click.option(
-    "-o", "--out", required=True, type=click.Path(path_type=Path), metavar="PAGE.html", help="Page to write."
-)
+@click.option("-o", "--out", required=True, type=click.Path(path_type=Path), metavar="PAGE.html", help="Page to write.")
 @gathered(
     "settings",
     ReportSettings,

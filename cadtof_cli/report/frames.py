@@ -1,6 +1,6 @@
 """What a page holds of the layers of a frame: all of its pixels, or every n-th, as codes."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -112,7 +112,10 @@ THUMBNAIL_SHARE = 0.25
 _THUMBNAIL_BYTES_PER_PIXEL = 1.2
 """What an indexed PNG of a noisy map takes as base64, and what stands around it."""
 
-_MARGIN = 1.15
+MOST_STEPS = 16
+"""Pixels that the longer side of a frame keeps at least."""
+
+_MARGIN = 1.1
 """Frames differ: those that the sizes are measured on may be smaller than others."""
 
 
@@ -130,16 +133,25 @@ def planned_shares(samples: Sequence[Planes], frames: int, /, *, limit_bytes: fl
     """
     sizes = [(px, frames * _thumbnail_bytes(samples, px)) for px in THUMBNAIL_PX]
     thumbnail_px, taken = next((one for one in sizes if one[1] < THUMBNAIL_SHARE * limit_bytes), sizes[-1])
-    room = limit_bytes - taken
-    full_bytes = _bytes_at(samples, 1)
-    if whole is None:
-        whole = frames if frames * full_bytes <= room else int(0.5 * room / full_bytes)
-    places = np.linspace(0, frames - 1, min(whole, frames)).round().astype(int)
-    chosen = frozenset(int(place) for place in places)
-    left, others = room - len(chosen) * full_bytes, frames - len(chosen)
-    most = max(1, max(max(next(iter(planes.values())).shape) for planes in samples) // 16)
-    step = next((step for step in range(1, most) if others * _bytes_at(samples, step) <= left), most)
-    return Shares(chosen, step, thumbnail_px)
+    room, full_bytes = limit_bytes - taken, _bytes_at(samples, 1)
+    count = frames if frames * full_bytes <= room else int(0.5 * room / full_bytes)
+    count = min(frames, count if whole is None else whole)
+    most = max(1, max(max(next(iter(planes.values())).shape) for planes in samples) // MOST_STEPS)
+    left, others = room - count * full_bytes, frames - count
+    step, each = next(
+        (one for one in _steps(samples, most) if others * one[1] <= left), (most, _bytes_at(samples, most))
+    )
+    if whole is None and step > 1:
+        # steps are coarse, so that room is left for some frames more
+        count += max(0, int((left - others * each) / (full_bytes - each)))
+    places = np.linspace(0, frames - 1, count).round().astype(int)
+    return Shares(frozenset(int(place) for place in places), step, thumbnail_px)
+
+
+def _steps(samples: Sequence[Planes], most: int) -> Iterator[tuple[int, float]]:
+    """Yield steps and what a frame takes with them."""
+    for step in range(1, most):
+        yield step, _bytes_at(samples, step)
 
 
 def _bytes_at(samples: Sequence[Planes], step: int) -> float:
@@ -148,5 +160,5 @@ def _bytes_at(samples: Sequence[Planes], step: int) -> float:
 
 def _thumbnail_bytes(samples: Sequence[Planes], longest_px: int) -> float:
     shapes = [next(iter(planes.values())).shape for planes in samples]
-    pixels = max(height * width * (longest_px / max(height, width)) ** 2 for height, width in shapes)
-    return 250.0 + 4.0 / 3.0 * _THUMBNAIL_BYTES_PER_PIXEL * pixels
+    pixels = max(float(height * width) * (longest_px / max(height, width)) ** 2 for height, width in shapes)
+    return 250.0 + 4.0 / 3.0 * _THUMBNAIL_BYTES_PER_PIXEL * float(pixels)

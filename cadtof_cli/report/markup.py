@@ -12,7 +12,7 @@ class Markup(str):
 
 EMPTY = Markup("")
 
-_ENDLESS = frozenset({"img", "rect"})
+_ENDLESS = frozenset({"img"})
 
 
 def printable(raw: str, /) -> str:
@@ -68,5 +68,7 @@ def table(
         )
         for row in rows
     )
-    parts = (element("caption", caption), element("thead", element("tr", *titles)), element("tbody", *lines))
-    return element("div", element("table", *parts), class_="wide", tabindex=0, role="region", aria_label=caption)
+    body = element("table", element("thead", element("tr", *titles)), element("tbody", *lines), aria_label=caption)
+    # outside, so that the caption stays where the table scrolls
+    title = element("h3", caption, class_="caption")
+    return joined((title, element("div", body, class_="wide", tabindex=0, role="region", aria_label=caption)))

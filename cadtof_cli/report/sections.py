@@ -65,7 +65,9 @@ def summary(page: PageText, /) -> Markup:
     errors = EMPTY
     if page.errors:
         head = ("error, cm", "median", "90 %", "RMSE", "bias", "valid", "in 1 σ", "in 2 σ")
-        errors = table(head, page.errors, caption="Depth against truth (median and 90 % of |error|)", numbers=range(1, 8))
+        errors = table(
+            head, page.errors, caption="Depth against truth (median and 90 % of |error|)", numbers=range(1, 8)
+        )
     return joined((*notes, element("dl", *facts, class_="facts"), _shares(page.pixels), errors))
 
 
@@ -80,7 +82,13 @@ def _shares(pixels: Mapping[str, int]) -> Markup:
             width = BAR_WIDTH * count / total
             shape = {"x": f"{place:.2f}", "y": 0, "width": f"{width:.2f}", "height": BAR_HEIGHT}
             bars.append(element("rect", class_=f"share share-{number}", **shape))
-            key = element("svg", element("rect", width=12, height=12, class_=f"share-{number}"), width=12, height=12, aria_hidden="true")
+            key = element(
+                "svg",
+                element("rect", width=12, height=12, class_=f"share-{number}"),
+                width=12,
+                height=12,
+                aria_hidden="true",
+            )
             entries.append(element("li", key, f" {title}: {_share(count / total)}"))
             place += width
     view = f"0 0 {BAR_WIDTH} {BAR_HEIGHT}"
@@ -144,8 +152,15 @@ def _count(frame: FrameLine, kind: str) -> str:
 
 def settings(page: PageText, /) -> Markup:
     """Return the settings of the run, of its captures and of its calibration."""
-    head = ("setting", "value", "from")
-    return joined(table(head, rows, caption=caption) for caption, rows in page.settings.items())
+    tables = [_setting_table(caption, rows) for caption, rows in page.settings.items()]
+    return joined(element("div", one, class_="settings") for one in tables)
+
+
+def _setting_table(caption: str, rows: Sequence[tuple[str, str, str]]) -> Markup:
+    """Return a table of settings, with the column of where they come from only where that is known."""
+    if any(origin for _, _, origin in rows):
+        return table(("setting", "value", "from"), rows, caption=caption)
+    return table(("setting", "value"), [row[:2] for row in rows], caption=caption)
 
 
 def embedded_section(page: PageText, frames: Sequence[EmbeddedFrame], /) -> Markup:
@@ -165,11 +180,19 @@ def embedded_section(page: PageText, frames: Sequence[EmbeddedFrame], /) -> Mark
         "Values are rounded to 16 bits, between the lowest and the highest of the layer in the frame:"
     )
     rows = [(name, *_loss(known)) for name, known in layers.items()]
-    return joined((element("p", told), table(("layer", "largest rounding", "steps"), rows, caption="What rounding loses")))
+    return joined(
+        (element("p", told), table(("layer", "largest rounding", "steps"), rows, caption="What rounding loses"))
+    )
 
 
 def _held(step: int, count: int) -> str:
-    pixels = "all pixels" if step == 1 else f"every {step}th row and column" if step > 3 else f"every {_ORDINAL[step]} row and column"
+    pixels = (
+        "all pixels"
+        if step == 1
+        else f"every {step}th row and column"
+        if step > 3
+        else f"every {_ORDINAL[step]} row and column"
+    )
     return f"{pixels} of {count}"
 
 
@@ -187,7 +210,9 @@ def _loss(layers: Sequence[EmbeddedLayer]) -> tuple[str, str]:
         told.append(_with_unit(absolute, layers[0].unit))
     if relative is not None:
         told.append(f"{100.0 * relative:.2g} % of the value")
-    return ", or ".join(told), "even" if relative is None else "of the logarithm" if absolute is None else "even, or of the logarithm"
+    return ", or ".join(
+        told
+    ), "even" if relative is None else "of the logarithm" if absolute is None else "even, or of the logarithm"
 
 
 def _with_unit(value: float, unit: str) -> str:

@@ -3,6 +3,7 @@
 const cloudCanvas = byId("cloud");
 const START_VIEW = { yaw: -0.5, pitch: 0.3, zoom: 1, right: 0, down: 0 };
 const CAMERA_DISTANCE = 2.2;
+const MOST_DOT = 24;
 
 function pointsOf(frame, name) {
   const { values } = frame.layers.get(name);
@@ -37,8 +38,8 @@ function drawCloud(frame, points, layer, view) {
   const nearest = new Float32Array(width * height).fill(Infinity);
   const [colours, range, table] = [frame.layers.get(layer).values, rangeOf(frame, layer), coloursOf(layer)];
   const [cy, sy, cp, sp] = [Math.cos(view.yaw), Math.sin(view.yaw), Math.cos(view.pitch), Math.sin(view.pitch)];
-  const scale = (view.zoom * Math.min(width, height) * 1.5) / points.size;
-  const dot = Math.max(1, Math.min(6, Math.ceil((1.3 * scale * points.size) / Math.sqrt(points.place.length) / 1.7)));
+  const scale = (view.zoom * Math.min(width, height) * 1.1) / points.size;
+  const spacing = (1.2 * frame.step) / frame.optics.focal_length_px;
   const away = CAMERA_DISTANCE * points.size;
   for (let k = 0; k < points.place.length; k += 1) {
     const [x, y, z] = [points.x[k] - points.middle[0], points.y[k] - points.middle[1], points.z[k] - points.middle[2]];
@@ -47,6 +48,7 @@ function drawCloud(frame, points, layer, view) {
     const ratio = away / (away + deep);
     if (!(ratio > 0)) continue;
     const [red, green, blue] = colourOf(colours[points.place[k]], range, table);
+    const dot = Math.max(1, Math.min(MOST_DOT, Math.ceil(scale * ratio * spacing * points.z[k])));
     const left = Math.round((0.5 + view.right) * width + scale * ratio * across - dot / 2);
     const top = Math.round((0.5 + view.down) * height + scale * ratio * down - dot / 2);
     for (let v = Math.max(0, top); v < Math.min(height, top + dot); v += 1) {

@@ -41,8 +41,15 @@ function startRange(frame, name) {
   return startRanges.get(key);
 }
 
+// Of layers that share their colours: wide enough for all of them.
+function limitsOf(key) {
+  const known = Object.entries(run.limits).filter(([name]) => rangeKey(name) === key).map(([, limits]) => limits);
+  if (!known.length) return [0, 1, 0, 1];
+  return [Math.min, Math.max, Math.min, Math.max].map((widest, k) => widest(...known.map((limits) => limits[k])));
+}
+
 function layerRange(key) {
-  let [low, high, lowest, highest] = run.limits[key] ?? [0, 1, 0, 1];
+  let [low, high, lowest, highest] = limitsOf(key);
   if (!(high > low)) [low, high] = [low - 0.5 * Math.max(Math.abs(low), 1e-3), high + 0.5 * Math.max(Math.abs(high), 1e-3)];
   const width = high - low;
   return { low, high, lowest: Math.min(low, Math.max(lowest, low - width)), highest: Math.max(high, Math.min(highest, high + width)) };

@@ -10,7 +10,6 @@ const ERROR = "error";
 const FIRST_PHASOR_ERROR = "error of first phasor";
 const STATUS = "status";
 const DIRECT = "direct.depth";
-const SIGMA = "direct.sigma";
 const MOST_KEPT = 8;
 
 async function inflated(id) {

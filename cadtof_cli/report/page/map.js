@@ -39,6 +39,8 @@ function drawMap(frame, state) {
   const image = mapImage(frame, state.layer, { otherName, split, bits: run.bits.filter((bit) => state.bits.has(bit.value)) });
   const small = new OffscreenCanvas(frame.columns, frame.rows);
   small.getContext("2d").putImageData(image, 0, 0);
+  mapCanvas.parentElement.style.maxWidth = `calc(82vh * ${frame.columns / frame.rows})`;
+  mapCanvas.style.aspectRatio = `${frame.columns} / ${frame.rows}`;
   const scale = Math.max(1, Math.ceil((mapCanvas.clientWidth * devicePixelRatio) / frame.columns));
   mapCanvas.width = frame.columns * scale;
   mapCanvas.height = frame.rows * scale;

@@ -1,7 +1,8 @@
 // Values along a line, with the band of one standard deviation.
 
 const profileSvg = byId("profile");
-const MARGIN = { left: 62, right: 12, top: 10, bottom: 30 };
+const LINE_KINDS = { [FIRST_PHASOR]: "phasor", [TRUTH]: "truth" };
+const MARGIN = { left: 62, right: 12, top: 10, bottom: 44 };
 
 function svgElement(tag, attributes, text) {
   const made = document.createElementNS("http://www.w3.org/2000/svg", tag);
@@ -19,10 +20,10 @@ function samplesAlong([[i0, j0], [i1, j1]]) {
   });
 }
 
-// Depths are shown beside each other; any other layer alone.
+// Depths of the direct path are shown beside each other; any other layer alone.
 function profileLayers(frame, name) {
-  const names = isDepth(name) ? [DIRECT, "mpi.depth", FIRST_PHASOR, TRUTH] : [name];
-  return names.map((one, kind) => ({ kind, layer: frame.layers.get(one) })).filter(({ layer }) => layer);
+  const names = rangeKey(name) === DIRECT ? [DIRECT, FIRST_PHASOR, TRUTH] : [name];
+  return names.map((one) => frame.layers.get(one)).filter(Boolean);
 }
 
 function profileOf(frame, name, line) {
@@ -30,11 +31,11 @@ function profileOf(frame, name, line) {
   const places = samples.map(([i, j]) => j * frame.columns + i);
   const [first] = samples;
   const distances = samples.map(([i, j]) => frame.step * Math.hypot(i - first[0], j - first[1]));
-  const series = profileLayers(frame, name).map(({ kind, layer }) => ({
-    kind, name: layer.name, unit: layer.unit, values: places.map((place) => layer.values[place]),
+  const series = profileLayers(frame, name).map((layer) => ({
+    kind: LINE_KINDS[layer.name] ?? "own", name: layer.name, unit: layer.unit, values: places.map((place) => layer.values[place]),
   }));
-  const sigma = isDepth(name) && frame.layers.get(SIGMA);
-  return { samples, distances, series, sigma: sigma ? places.map((place) => sigma.values[place]) : null };
+  const sigma = frame.layers.get(series[0].name.replace(/\.depth$/, ".sigma"));
+  return { samples, distances, series, sigma: sigma && isDepth(series[0].name) ? places.map((place) => sigma.values[place]) : null };
 }
 
 // Round steps, about `count` of them.
@@ -48,8 +49,7 @@ function ticks(low, high, count) {
 }
 
 function verticalRange({ series, sigma }) {
-  const shown = series.filter((one) => one.name !== "mpi.depth");
-  const known = (shown.length ? shown : series).flatMap((one) => one.values).filter(Number.isFinite);
+  const known = series.flatMap((one) => one.values).filter(Number.isFinite);
   const scatter = sigma ? Math.max(0, ...sigma.filter(Number.isFinite)) : 0;
   if (!known.length) return [0, 1];
   const [low, high] = [Math.min(...known), Math.max(...known)];
@@ -111,16 +111,16 @@ function axes({ low, high, longest, x, y, width, height, unit }) {
     made.push(svgElement("text", { x: MARGIN.left - 6, y: y(value) + 4, "text-anchor": "end" }, value.toFixed(vertical.digits).replace("-", "−")));
   }
   for (const value of ticks(0, longest, width > 600 ? 8 : 4).found) {
-    made.push(svgElement("text", { x: x(value), y: height - 12, "text-anchor": "middle" }, String(Math.round(10 * value) / 10)));
+    made.push(svgElement("text", { x: x(value), y: height - 26, "text-anchor": "middle" }, String(Math.round(10 * value) / 10)));
   }
-  made.push(svgElement("text", { x: width - MARGIN.right, y: height, "text-anchor": "end" }, "pixels along the line"));
-  made.push(svgElement("text", { x: 2, y: height - 12 }, unit ? `in ${unit}` : ""));
+  made.push(svgElement("text", { x: (MARGIN.left + width - MARGIN.right) / 2, y: height - 8, "text-anchor": "middle" }, "pixels along the line"));
+  made.push(svgElement("text", { x: 2, y: height - 26 }, unit ? `in ${unit}` : ""));
   return made;
 }
 
 function drawProfileLegend(profile) {
   const entries = profile.series.map((one) => legendEntry(svgElement("path", { class: `line line-${one.kind}`, d: "M0 6h22" }), one.name));
-  if (profile.sigma) entries.splice(1, 0, legendEntry(svgElement("rect", { width: 22, height: 12, fill: "var(--direct)", opacity: 0.22 }), "± 1 sigma"));
+  if (profile.sigma) entries.splice(1, 0, legendEntry(svgElement("rect", { width: 22, height: 12, fill: "var(--direct)", opacity: 0.3 }), "± 1 sigma"));
   byId("profile-legend").replaceChildren(...entries);
 }
 

@@ -4,8 +4,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-import numpy as np
-
 from cadtof_cli.arrays import Float, Float32
 from cadtof_cli.capture.metadata import Optics
 from cadtof_cli.errors import CadtofError, CaptureError, FrameError, OutputError, SettingsError
@@ -202,9 +200,7 @@ def _gathered(reader: _Reader, progress: Progress) -> _Gathered:
         list(_read(reader, files, gathered))
         return gathered
     room = BYTES_PER_MB * reader.settings.max_size_mb - _BESIDE_MAPS - _PER_FRAME * len(files)
-    shares = planned_shares(
-        samples, len(files), limit_bytes=max(room, 0.0), whole=reader.settings.full_frames
-    )
+    shares = planned_shares(samples, len(files), limit_bytes=max(room, 0.0), whole=reader.settings.full_frames)
     del samples
     for file, planes in _read(reader, files, gathered):
         gathered.add(reader, file, planes, shares)

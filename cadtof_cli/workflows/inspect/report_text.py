@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -94,20 +94,29 @@ def _line(
     maps: Mapping[Path, MapOfFrame],
     problems: Mapping[Path, str],
 ) -> FrameLine:
-    shown = maps.get(file) if file is not None else None
-    problem = problems.get(file) if file is not None else None
-    counts = {} if report is None else {words: getattr(report, name) for name, words in _PIXELS.items()}
-    gone = report is not None and report.status == "ok" and shown is None and problem is None
-    return FrameLine(
-        name=run.name(file) if file is not None else str(report and report.source),
-        status="failed" if problem or gone else "" if report is None else report.status,
-        reason=problem or ("its maps are gone" if gone else report and report.reason),
-        seconds=report and report.seconds,
-        pixels={words: count for words, count in counts.items() if count is not None},
-        number=shown and shown.number,
-        thumbnail=shown and thumbnail(shown.depth_m, shown.limits_m),
-        size=(shown.depth_m.shape[1], shown.depth_m.shape[0]) if shown else (0, 0),
-    )
+    if file is None:
+        assert report is not None
+        return _recorded(FrameLine(report.source), report)
+    line = _shown(FrameLine(run.name(file)), maps[file]) if file in maps else FrameLine(run.name(file))
+    if report is not None:
+        line = _recorded(line, report)
+    if file in problems:
+        return replace(line, status="failed", reason=problems[file])
+    return line if file in maps else replace(line, status="failed", reason="its maps are gone")
+
+
+def _shown(line: FrameLine, one: MapOfFrame) -> FrameLine:
+    """Return a frame's line with its place in the viewer and its thumbnail."""
+    height, width = one.depth_m.shape
+    picture = thumbnail(one.depth_m, one.limits_m)
+    return replace(line, number=one.number, thumbnail=picture, size=(width, height))
+
+
+def _recorded(line: FrameLine, report: FrameReport) -> FrameLine:
+    """Return a frame's line with what the run recorded of it."""
+    counts = {words: getattr(report, name) for name, words in _PIXELS.items()}
+    known = {words: count for words, count in counts.items() if count is not None}
+    return replace(line, status=report.status, reason=report.reason, seconds=report.seconds, pixels=known)
 
 
 def _subtitle(record: Mapping[str, Any], run: Run) -> str:
@@ -173,7 +182,9 @@ def _flat(tables: Mapping[str, Any], /, *, above: str = "") -> dict[str, Any]:
     """Return tables within tables as one, by dotted names."""
     found: dict[str, Any] = {}
     for name, value in tables.items():
-        found |= _flat(value, above=f"{above}{name}.") if isinstance(value, Mapping) and value else {above + name: value}
+        found |= (
+            _flat(value, above=f"{above}{name}.") if isinstance(value, Mapping) and value else {above + name: value}
+        )
     return found
 
 
