@@ -1,3 +1,44 @@
-"""Depth maps free of multi-path interference from CA-dToF cameras."""
+"""Depth maps free of multi-path interference from CA-dToF cameras.
+
+From Python: `from cadtof_cli import read_frames, resolve, read_maps, simulate_scene`, see docs/python.md. What they need is
+imported when one of them is first asked for, so importing the package costs nothing.
+"""
+
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from cadtof_cli.door.frames import Frame, read_frames
+    from cadtof_cli.door.maps import Maps, read_maps
+    from cadtof_cli.door.resolve import resolve
+    from cadtof_cli.door.scenes import SimulatedCapture, simulate_scene
 
 __version__ = "0.1.0"
+
+__all__ = ["Frame", "Maps", "SimulatedCapture", "read_frames", "read_maps", "resolve", "simulate_scene"]
+
+_ROOMS = {
+    "Frame": "frames",
+    "read_frames": "frames",
+    "Maps": "maps",
+    "read_maps": "maps",
+    "resolve": "resolve",
+    "SimulatedCapture": "scenes",
+    "simulate_scene": "scenes",
+}
+"""Which module of `cadtof_cli/door` each name comes from."""
+
+
+def __getattr__(name: str) -> Any:
+    """Import what a name of the Python door stands for."""
+    if name not in _ROOMS:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    import importlib
+
+    value = getattr(importlib.import_module(f"cadtof_cli.door.{_ROOMS[name]}"), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    """Return what the package offers, whether it has been asked for yet or not."""
+    return sorted({*globals(), *__all__})

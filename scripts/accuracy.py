@@ -12,6 +12,7 @@ from cadtof_cli.capture.discovery import Capture, find_captures
 from cadtof_cli.capture.frames import open_frames, single_frames
 from cadtof_cli.capture.metadata import CaptureMetadata
 from cadtof_cli.files.maps import read_layers
+from cadtof_cli.first_phasor import first_phasor_depth
 from cadtof_cli.frame_plan import FramePlan, MapSettings
 from cadtof_cli.maps.layers import DIRECT_DEPTH
 from cadtof_cli.phasors.noise import noise_model
@@ -21,7 +22,6 @@ from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.resolver.status import StatusBit
 from cadtof_cli.resolver.two_path.closed_form import TwoPaths, fundamental_frame, two_paths
 from cadtof_cli.resolver.two_path.uncertainty import two_path_sigmas
-from cadtof_cli.workflows.inspect.evaluate import first_phasor_depth
 
 ROOT = Path(__file__).resolve().parent.parent
 T1_NS = 40.0
@@ -136,9 +136,10 @@ def depth_errors(capture: Capture) -> None:
     first, direct, scores = [], [], []
     for source in single_frames(capture):
         with open_frames(source, capture.layout) as frames:
-            maps = resolve_frame(frames.read(source.index or 0), plan=plan).maps
+            stored = frames.read(source.index or 0)
+        maps = resolve_frame(stored, plan=plan).maps
         error = maps.layer(DIRECT_DEPTH) - truth
-        first.append(100 * (first_phasor_depth(capture, source) - truth))
+        first.append(100 * (first_phasor_depth(stored, plan=plan) - truth))
         direct.append(100 * error)
         scores.append(error / maps.layer("direct.sigma"))
     first_cm, direct_cm, score = (

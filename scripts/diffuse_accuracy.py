@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 from cadtof_cli.capture.discovery import Capture, find_captures
 from cadtof_cli.capture.frames import open_frames, single_frames
 from cadtof_cli.files.maps import read_layers
+from cadtof_cli.first_phasor import first_phasor_depth
 from cadtof_cli.frame_plan import FramePlan, MapSettings
 from cadtof_cli.maps.layers import DIRECT_DEPTH, DIRECT_SIGMA
 from cadtof_cli.pipeline import ResolvedFrame, resolve_frame
 from cadtof_cli.resolver.settings import MpiModel, ResolverSettings
-from cadtof_cli.workflows.inspect.evaluate import first_phasor_depth
 
 F = NDArray[np.float64]
 
@@ -86,7 +86,7 @@ def measured(capture: Capture, model: MpiModel) -> Row:
             stored = frames.read(source.index or 0)
         found, discrete = (resolved(capture, stored, name).maps for name in (model, "discrete"))
         error = found.layer(DIRECT_DEPTH) - truth
-        first.append(100 * (first_phasor_depth(capture, source) - truth))
+        first.append(100 * (first_phasor_depth(stored, plan=FramePlan(metadata=capture.source.metadata)) - truth))
         two.append(100 * (discrete.layer(DIRECT_DEPTH) - truth))
         taken.append(100 * error)
         score.append(np.abs(error / found.layer(DIRECT_SIGMA)))
@@ -124,7 +124,8 @@ def draw(capture: Capture, path: Path) -> None:
         stored = frames.read(source.index or 0)
     auto, discrete = (resolved(capture, stored, model).maps for model in ("auto", "discrete"))
     panels = {
-        "first phasor: error, cm": 100 * (first_phasor_depth(capture, source) - truth),
+        "first phasor: error, cm": 100
+        * (first_phasor_depth(stored, plan=FramePlan(metadata=capture.source.metadata)) - truth),
         "two paths: error, cm": 100 * (discrete.layer(DIRECT_DEPTH) - truth),
         "predicted tail: error, cm": 100 * (auto.layer(DIRECT_DEPTH) - truth),
         "predicted tail: sigma, cm": 100 * auto.layer(DIRECT_SIGMA),

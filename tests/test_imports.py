@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from cadtof_cli.cli import COMMANDS
 from tests.support.captures import record
 from tests.support.run_cadtof import ENVIRONMENT
 
@@ -32,6 +33,11 @@ ALLOWED: dict[str, set[str]] = {
     "pipeline": {"calibration", "capture", "files", "frame_plan", "maps", "optics", "phasors", "resolver"},
     "one_pixel": {"calibration", "frame_plan", "maps", "phasors", "pipeline", "resolver"},
     "report": {"capture", "files", "maps", "optics", "resolver"},
+    "door": {
+        *("calibration", "capture", "files", "frame_plan", "maps", "phasors", "pipeline", "resolver", "simulation"),
+        "workflows",
+    },
+    "first_phasor": {"calibration", "frame_plan", "maps", "phasors", "pipeline", "resolver"},
     "figures": {"calibration", "capture", "files", "maps", "one_pixel", "optics", "resolver", "simulation"},
 }
 """What a part may import besides itself and what anybody may: only what comes before it."""
@@ -85,7 +91,7 @@ def test_only_the_command_line_knows_of_commands() -> None:
     for path in _modules():
         if _part(path) not in {"cli", "commands", "__main__"}:
             assert not _own(path) & {"cli", "commands"}, path
-        if _part(path) not in {"commands", "workflows"}:
+        if _part(path) not in {"commands", "door", "workflows"}:
             assert "workflows" not in _own(path), path
 
 
@@ -107,10 +113,23 @@ def _loaded(*arguments: str) -> set[str]:
     return set(done.stdout.splitlines()[-1].split())
 
 
-def test_help_loads_no_heavy_library() -> None:
-    loaded = _loaded("--help")
+@pytest.mark.parametrize("arguments", [("--help",), ("resolve", "--help")])
+def test_help_loads_no_heavy_library(arguments: tuple[str, ...]) -> None:
+    loaded = _loaded(*arguments)
     assert "click" in loaded
     assert not loaded & {"numpy", "scipy", "matplotlib", "rich", "tifffile", "OpenEXR", "distributed"}
+
+
+def test_the_help_of_the_commands_needs_no_more_than_numpy() -> None:
+    """Man pages are made of it where the package is built."""
+    imports = "; ".join(f"import cadtof_cli.commands.{name}" for name in COMMANDS)
+    script = f"import sys; {imports}; print(*{{name.split('.')[0] for name in sys.modules}})"
+    done = subprocess.run(
+        [sys.executable, "-c", script], env=ENVIRONMENT, capture_output=True, text=True, timeout=60, check=True
+    )
+    loaded = set(done.stdout.split())
+    assert "numpy" in loaded
+    assert not loaded & {"scipy", "matplotlib", "rich", "tifffile", "OpenEXR", "distributed"}
 
 
 def test_resolving_loads_only_what_it_needs(tmp_path: Path) -> None:

@@ -1,6 +1,8 @@
 """Dark calibration: what each pixel shows without light, and the pixels that cannot be trusted."""
 
-from dataclasses import dataclass
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from enum import IntFlag
 from typing import Any, ClassVar, Self
 
@@ -43,7 +45,8 @@ DEFECT_MEANING: dict[Defect, str] = {
 class DarkCalibration:
     """Offsets that are there whatever the light, in V, and noise of a single dark frame, float32 (H, 2, Y, X) each.
 
-    `defects`, uint32 (Y, X), holds bits of `Defect`. An offset is what electronics and stray charge add, and the mean of the
+    `defects`, uint32 (Y, X), holds bits of `Defect`; `figures` is what `quality` said when the part was made, without it they
+    follow from the maps. An offset is what electronics and stray charge add, and the mean of the
     sampled wave, which all light adds alike because the average of Eq. (1) is one over photons of every origin.
     """
 
@@ -53,6 +56,7 @@ class DarkCalibration:
     offset_v: Float32
     noise_v: Float32
     defects: NDArray[np.uint32]
+    figures: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         shape = (len(self.origin.harmonics), CHANNELS, *self.origin.pixels)
@@ -75,14 +79,17 @@ class DarkCalibration:
 
     def quality(self) -> dict[str, float]:
         """Return figures of the fit in V: spread of the offsets, typical noise of a frame, and what is left of it."""
-        sound = ~self.hot
+        if self.figures:
+            return dict(self.figures)
+        sound, frames = ~self.hot, self.origin.frames
         noise = float(np.median(self.noise_v[:, :, sound])) if sound.any() else float("nan")
+        noise /= math.sqrt(median_variance_ratio(frames)) if frames > 1 else 1.0
         offsets = self.offset_v[:, :, sound].astype(np.float64)
         return {
             "offset_mean_v": float(offsets.mean()) if sound.any() else float("nan"),
             "offset_std_v": float(offsets.std()) if sound.any() else float("nan"),
             "noise_v": noise,
-            "offset_stderr_v": noise / float(np.sqrt(self.origin.frames)),
+            "offset_stderr_v": noise / math.sqrt(frames),
         }
 
     def tables(self) -> dict[str, dict[str, Any]]:
@@ -100,12 +107,12 @@ class DarkCalibration:
 
     @classmethod
     def from_stored(cls, origin: Origin, tables: Tables, maps: Maps) -> Self:
-        """Build the calibration from its maps; the tables only repeat what they say."""
+        """Build the calibration from its maps, with the figures of its tables."""
         shape = (len(origin.harmonics), CHANNELS, *origin.pixels)
         offset, noise = (
             stacked(maps, plane_names(what, origin.harmonics, CHANNELS)).reshape(shape) for what in ("offset", "noise")
         )
-        return cls(origin, offset, noise, np.asarray(maps["defects"], np.uint32))
+        return cls(origin, offset, noise, np.asarray(maps["defects"], np.uint32), dict(tables["quality"]))
 
 
 def fit_dark(mean: FrameMean, /, *, origin: Origin) -> DarkCalibration:

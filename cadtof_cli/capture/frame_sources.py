@@ -29,10 +29,6 @@ class FrameSource:
     paths: tuple[Path, ...]
     index: int | None = None
 
-    def __post_init__(self) -> None:
-        if not self.paths:
-            raise ValueError(f"frame {self.name} has no files")
-
     def __str__(self) -> str:
         place = str(self.paths[0]) if len(self.paths) == 1 else f"{self.paths[0].parent / Path(self.name).name}"
         return place if self.index is None else f"{place}[{self.index}]"

@@ -2,12 +2,14 @@
 
 import itertools
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Literal, cast
 
+from cadtof_cli.capture.checks import COUNT, LENGTH, PERIOD, POSITIVE, SCALE, VOLTS, Check, above, each, shortened
 from cadtof_cli.errors import MetadataError
+from cadtof_cli.units import FWHM_PER_SIGMA
 
 if TYPE_CHECKING:
     from cadtof_cli.files.frames import RawLayout
@@ -18,7 +20,15 @@ Kind = Literal["number", "whole number", "numbers", "whole numbers", "pair", "te
 
 WAVEFORMS: tuple[Waveform, ...] = ("sine", "triangle")
 
-HARMONIC_TOLERANCE = 1e-6
+HIGHEST_HARMONIC = 1000
+
+LEAST_LEFT = 1e-6
+"""A pulse leaves at least this share of the highest harmonic's modulation, or nothing can be resolved."""
+
+_TOO_LARGE = 2**1023
+"""From here on there are whole numbers that no float holds."""
+
+HARMONIC_TOLERANCE = 5e-4
 """How far periods_ns[0] / period may be from a whole number, relative; recorded periods are rounded decimals."""
 
 
@@ -31,72 +41,18 @@ class InvalidValueError(MetadataError):
 
     def __str__(self) -> str:
         place = f"{self.where}: " if self.where else ""
-        return f"{place}{self.key}: found {self.found!r}, expected {self.expected}"
+        return f"{place}{self.key}: found {shortened(self.found)}, expected {self.expected}"
 
 
-def _key(kind: Kind, about: str, default: Any = None) -> Any:
-    """Declare one key of a table: its kind of value, what it means, and the paper's value if it has one."""
-    return field(default=default, metadata={"kind": kind, "about": about})
+def _key(kind: Kind, about: str, default: Any = None, *checks: Check) -> Any:
+    """Declare one key of a table: its kind of value, what it means, the paper's value if it has one, and its checks."""
+    return field(default=default, metadata={"kind": kind, "about": about, "checks": checks})
 
 
-def _number(value: Any) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        raise TypeError("a number")
-    return float(value)
-
-
-def _whole_number(value: Any) -> int:
-    if isinstance(value, bool) or not isinstance(value, int):
-        raise TypeError("a whole number")
-    return value
-
-
-def _numbers(value: Any) -> tuple[float, ...]:
-    if not isinstance(value, list | tuple) or not value:
-        raise TypeError("a list of numbers")
-    return tuple(_number(item) for item in value)
-
-
-def _whole_numbers(value: Any) -> tuple[int, ...]:
-    if not isinstance(value, list | tuple) or not value:
-        raise TypeError("a list of whole numbers")
-    return tuple(_whole_number(int(item) if isinstance(item, float) and item.is_integer() else item) for item in value)
-
-
-def _pair(value: Any) -> tuple[float, ...]:
-    if not isinstance(value, list | tuple) or len(value) != 2:
-        raise TypeError("a list of two numbers")
-    return _numbers(value)
-
-
-def _text(value: Any) -> str:
-    if not isinstance(value, str):
-        raise TypeError("a string")
-    return value
-
-
-def _names(value: Any) -> tuple[str, ...]:
-    if not isinstance(value, list | tuple) or len(value) != 2:
-        raise TypeError("a list of two names")
-    return tuple(map(_text, value))
-
-
-def _numbers_by_name(value: Any) -> tuple[tuple[str, int], ...]:
-    if not isinstance(value, Mapping) or not value:
-        raise TypeError('whole numbers by name, such as { "25" = 1, "50" = 2 }')
-    return tuple((str(name), _whole_number(number)) for name, number in value.items())
-
-
-_CONVERTERS: dict[Kind, Callable[[Any], Any]] = {
-    "number": _number,
-    "whole number": _whole_number,
-    "numbers": _numbers,
-    "whole numbers": _whole_numbers,
-    "pair": _pair,
-    "text": _text,
-    "names": _names,
-    "numbers by name": _numbers_by_name,
-}
+def _are_harmonics(periods: tuple[float, ...]) -> bool:
+    ratios = [periods[0] / period for period in periods]
+    whole = all(abs(ratio - round(ratio)) <= HARMONIC_TOLERANCE * ratio for ratio in ratios)
+    return whole and all(a < b for a, b in itertools.pairwise(ratios)) and ratios[-1] <= HIGHEST_HARMONIC
 
 
 def _is_sample_type(dtype: str) -> bool:
@@ -106,39 +62,46 @@ def _is_sample_type(dtype: str) -> bool:
     return is_sample_type(dtype)
 
 
-def _require(holds: bool, key: str, found: object, expected: str) -> None:
-    if not holds:
-        raise InvalidValueError(key, found, expected)
-
-
-def _require_finite(key: str, value: float | None, *, above: float | None = None, expected: str = "") -> None:
-    holds = value is None or (math.isfinite(value) and (above is None or value > above))
-    _require(holds, key, value, expected or f"a finite number above {above}")
+def _names_planes(pattern: str) -> bool:
+    frame, harmonic, channel = (pattern.count(part) for part in ("{frame}", "{harmonic}", "{channel}"))
+    return harmonic == channel == 1 and frame <= 1 and not pattern.startswith("/")
 
 
 @dataclass(frozen=True, kw_only=True)
-class Modulation:
-    """The voltages that the pixel samples."""
-
-    periods_ns: tuple[float, ...] = _key("numbers", "modulation periods, the fundamental first", (40.0, 20.0))
-    waveform: Waveform = _key("text", "shape of the modulation, sine or triangle", "sine")
-    amplitude_v: float = _key("number", "modulation amplitude", 0.2746)
+class Table:
+    """A table of `capture.toml`: its fields are keys, and hold values that their checks allow, or None."""
 
     def __post_init__(self) -> None:
-        for period in self.periods_ns:
-            _require_finite("modulation.periods_ns", period, above=0)
-        ratios = [self.periods_ns[0] / period for period in self.periods_ns]
-        harmonic = all(abs(ratio - round(ratio)) <= HARMONIC_TOLERANCE * ratio for ratio in ratios)
-        rising = all(a < b for a, b in itertools.pairwise(ratios))
-        _require(
-            harmonic and rising,
-            "modulation.periods_ns",
-            list(self.periods_ns),
+        for item in fields(self):
+            value = getattr(self, item.name)
+            for holds, expected, found in item.metadata["checks"] if value is not None else ():
+                if not holds(value):
+                    raise InvalidValueError(f"{type(self).__name__.lower()}.{item.name}", found(value), expected)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Modulation(Table):
+    """The voltages that the pixel samples."""
+
+    periods_ns: tuple[float, ...] = _key(
+        "numbers",
+        "modulation periods, the fundamental first",
+        (40.0, 20.0),
+        each(POSITIVE),
+        each(PERIOD),
+        Check(
+            _are_harmonics,
             "the fundamental first, then falling periods that divide it by whole numbers, such as [40.0, 20.0]",
-        )
-        allowed = " or ".join(map(repr, WAVEFORMS))
-        _require(self.waveform in WAVEFORMS, "modulation.waveform", self.waveform, allowed)
-        _require_finite("modulation.amplitude_v", self.amplitude_v, above=0)
+            list,
+        ),
+    )
+    waveform: Waveform = _key(
+        "text",
+        "shape of the modulation, sine or triangle",
+        "sine",
+        Check(lambda waveform: waveform in WAVEFORMS, " or ".join(map(repr, WAVEFORMS))),
+    )
+    amplitude_v: float = _key("number", "modulation amplitude", 0.2746, POSITIVE, VOLTS)
 
     @cached_property
     def harmonics(self) -> tuple[int, ...]:
@@ -147,41 +110,48 @@ class Modulation:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Pixel:
+class Pixel(Table):
     """The averaging that each photon's sample goes through."""
 
-    integration_length: float | None = _key("number", "n_av of Eq. (1), per harmonic")
-
-    def __post_init__(self) -> None:
-        _require_finite("pixel.integration_length", self.integration_length, above=1)
+    integration_length: float | None = _key("number", "n_av of Eq. (1), per harmonic", None, above(1), COUNT)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Pulse:
+class Pulse(Table):
     """The laser pulse, taken as a Gaussian."""
 
-    fwhm_ns: float = _key("number", "laser pulse, full width at half maximum", 1.7)
-
-    def __post_init__(self) -> None:
-        holds = math.isfinite(self.fwhm_ns) and self.fwhm_ns >= 0
-        _require(holds, "pulse.fwhm_ns", self.fwhm_ns, "a finite number, 0 or more")
+    fwhm_ns: float = _key(
+        "number",
+        "laser pulse, full width at half maximum",
+        1.7,
+        Check(lambda width: math.isfinite(width) and width >= 0, "a finite number, 0 or more"),
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
-class Voltage:
+class Voltage(Table):
     """How stored values stand for volts: (stored − zero_counts) · volts_per_count."""
 
-    zero_counts: float | None = _key("number", "stored value of 0 V; unsigned values need it, others have 0")
-    volts_per_count: float | None = _key("number", "volts a count; float files without it hold volts")
-    saturated_counts: tuple[float, float] | None = _key("pair", "stored values at or beyond these are saturated")
-
-    def __post_init__(self) -> None:
-        _require_finite("voltage.zero_counts", self.zero_counts, expected="a finite number")
-        scale, limits = self.volts_per_count, self.saturated_counts
-        holds = scale is None or (math.isfinite(scale) and scale != 0)
-        _require(holds, "voltage.volts_per_count", scale, "a finite number other than 0")
-        holds = limits is None or limits[0] < limits[1]
-        _require(holds, "voltage.saturated_counts", limits and list(limits), "the lower limit, then a higher one")
+    zero_counts: float | None = _key(
+        "number",
+        "stored value of 0 V; unsigned values need it, others have 0",
+        None,
+        Check(math.isfinite, "a finite number"),
+        COUNT,
+    )
+    volts_per_count: float | None = _key(
+        "number",
+        "volts a count; float files without it hold volts",
+        None,
+        Check(lambda scale: math.isfinite(scale) and scale != 0, "a finite number other than 0"),
+        SCALE,
+    )
+    saturated_counts: tuple[float, float] | None = _key(
+        "pair",
+        "stored values at or beyond these are saturated",
+        None,
+        Check(lambda limits: limits[0] < limits[1], "the lower limit, then a higher one", list),
+    )
 
     @property
     def zero(self) -> float:
@@ -190,76 +160,76 @@ class Voltage:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Optics:
+class Optics(Table):
     """The lens as a pinhole; needed for z depth, Petzval walls and point clouds."""
 
-    focal_length_px: float | None = _key("number", "focal length in pixels")
+    focal_length_px: float | None = _key("number", "focal length in pixels", None, POSITIVE, LENGTH)
     principal_point_px: tuple[float, float] | None = _key(
-        "pair", "column and row where the optical axis meets the array"
+        "pair",
+        "column and row where the optical axis meets the array",
+        None,
+        Check(lambda point: all(map(math.isfinite, point)), "two finite numbers"),
+        each(COUNT),
     )
-
-    def __post_init__(self) -> None:
-        _require_finite("optics.focal_length_px", self.focal_length_px, above=0)
-        point = self.principal_point_px
-        holds = point is None or all(map(math.isfinite, point))
-        _require(holds, "optics.principal_point_px", point, "two finite numbers")
 
 
 @dataclass(frozen=True, kw_only=True)
-class Target:
+class Target(Table):
     """A known object that a calibration capture looks at."""
 
-    distance_m: float | None = _key("number", "perpendicular distance of a flat target")
-
-    def __post_init__(self) -> None:
-        _require_finite("target.distance_m", self.distance_m, above=0)
+    distance_m: float | None = _key("number", "perpendicular distance of a flat target", None, POSITIVE, LENGTH)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Layout:
+class Layout(Table):
     """How frames are spread over files, where the files do not say it themselves."""
 
-    pattern: str | None = _key("text", "file name of one plane, such as {frame}_h{harmonic}_sc{channel}.tif")
-    channel: tuple[str, str] | None = _key("names", "what {channel} is for SC1 and SC2 in the pattern, if not 1 and 2")
+    pattern: str | None = _key(
+        "text",
+        "file name of one plane, such as {frame}_h{harmonic}_sc{channel}.tif",
+        None,
+        Check(
+            _names_planes, "a file name with {frame}, {harmonic} and {channel} once each; a lone frame needs no {frame}"
+        ),
+    )
+    channel: tuple[str, str] | None = _key(
+        "names",
+        "what {channel} is for SC1 and SC2 in the pattern, if not 1 and 2",
+        None,
+        Check(lambda names: len(set(names)) == 2 and all(names), "two different names", list),
+    )
     harmonic: tuple[tuple[str, int], ...] | None = _key(
-        "numbers by name", "what {harmonic} is in the pattern, and which harmonic that stands for"
+        "numbers by name",
+        "what {harmonic} is in the pattern, and which harmonic that stands for",
+        None,
+        Check(
+            lambda pairs: len({number for _, number in pairs}) == len(pairs), "a number of its own for each name", dict
+        ),
     )
-    frames: int | None = _key("whole number", "frames in each TIFF stack")
+    frames: int | None = _key("whole number", "frames in each TIFF stack", None, Check(lambda n: n >= 1, "1 or more"))
     raw_dtype: str | None = _key(
-        "text", "type of the values in raw dumps, such as uint16 or >u2 (in TOML: [layout.raw] dtype)"
+        "text",
+        "type of the values in raw dumps, such as uint16 or >u2 (in TOML: [layout.raw] dtype)",
+        None,
+        Check(_is_sample_type, "a type such as uint16, >u2 or float32"),
     )
-    raw_shape: tuple[int, ...] | None = _key("whole numbers", "shape of a raw dump, such as 2,2,240,320 for H C Y X")
-    raw_offset_bytes: int | None = _key("whole number", "bytes before the first value of a raw dump")
+    raw_shape: tuple[int, ...] | None = _key(
+        "whole numbers",
+        "shape of a raw dump, such as 2,2,240,320 for H C Y X",
+        None,
+        Check(
+            lambda shape: len(shape) >= 2 and all(0 < length < 2**31 for length in shape),
+            "two lengths or more, the last Y and X, each above 0",
+        ),
+    )
+    raw_offset_bytes: int | None = _key(
+        "whole number", "bytes before the first value of a raw dump", None, Check(lambda n: n >= 0, "0 or more")
+    )
 
     def __post_init__(self) -> None:
-        if self.pattern is not None:
-            counts = [self.pattern.count(part) for part in ("{harmonic}", "{channel}", "{frame}")]
-            _require(
-                counts in ([1, 1, 0], [1, 1, 1]) and not self.pattern.startswith("/"),
-                "layout.pattern",
-                self.pattern,
-                "a file name with {frame}, {harmonic} and {channel} once each; a lone frame needs no {frame}",
-            )
-        names = self.channel or ("1", "2")
-        _require(len(set(names)) == 2 and all(names), "layout.channel", list(names), "two different names")
-        numbers = [number for _, number in self.harmonic or ()]
-        _require(
-            len(set(numbers)) == len(numbers),
-            "layout.harmonic",
-            dict(self.harmonic or ()),
-            "a number of its own for each name",
-        )
-        _require(self.frames is None or self.frames >= 1, "layout.frames", self.frames, "1 or more")
-        given = self.raw_dtype is not None, self.raw_shape is not None
-        _require(given[0] == given[1], "layout.raw_dtype", self.raw_dtype, "dtype and shape of raw dumps, both or none")
-        kind = self.raw_dtype
-        _require(
-            kind is None or _is_sample_type(kind), "layout.raw_dtype", kind, "a type such as uint16, >u2 or float32"
-        )
-        shape = self.raw_shape or (1, 1)
-        sound = len(shape) >= 2 and all(0 < length < 2**31 for length in shape)
-        _require(sound, "layout.raw_shape", self.raw_shape, "two lengths or more, the last Y and X, each above 0")
-        _require((self.raw_offset_bytes or 0) >= 0, "layout.raw_offset_bytes", self.raw_offset_bytes, "0 or more")
+        super().__post_init__()
+        if (self.raw_dtype is None) != (self.raw_shape is None):
+            raise InvalidValueError("layout.raw_dtype", self.raw_dtype, "dtype and shape of raw dumps, both or none")
 
     @property
     def raw(self) -> "RawLayout | None":
@@ -283,9 +253,50 @@ class CaptureMetadata:
     target: Target = field(default_factory=Target)
     layout: Layout = field(default_factory=Layout)
 
+    def __post_init__(self) -> None:
+        width, shortest = self.pulse.fwhm_ns, self.modulation.periods_ns[-1]
+        # of a Gaussian pulse, exp(−(2π·s/T)²/2) is left of a sine of period T
+        widest = math.sqrt(-2.0 * math.log(LEAST_LEFT)) / (2.0 * math.pi) * FWHM_PER_SIGMA * shortest
+        if width > widest:
+            expected = f"{widest:.4g} or less: a longer pulse leaves nothing of a modulation of {shortest:g} ns"
+            raise InvalidValueError("pulse.fwhm_ns", width, expected)
+
 
 OPTIONS_OF_OTHER_NAME = {"layout.frames": "--stack-frames"}
 """--frames chooses among a capture's frames."""
+
+_EXPECTED: dict[Kind, str] = {
+    "number": "a number",
+    "whole number": "a whole number",
+    "text": "a string",
+    "numbers": "a list of numbers",
+    "whole numbers": "a list of whole numbers",
+    "pair": "a list of two numbers",
+    "names": "a list of two names",
+    "numbers by name": 'whole numbers by name, such as { "25" = 1, "50" = 2 }',
+}
+
+
+def _is_too_large(value: float) -> bool:
+    return isinstance(value, int) and abs(value) >= _TOO_LARGE
+
+
+def _converted(kind: Kind, value: Any) -> Any:
+    match kind, value:
+        case ("number", int() | float()) if not isinstance(value, bool) and not _is_too_large(value):
+            return float(value)
+        case ("whole number", int()) | ("text", str()) if not isinstance(value, bool):
+            return value
+        case ("whole numbers", [_, *_]):
+            whole = (int(item) if isinstance(item, float) and item.is_integer() else item for item in value)
+            return tuple(_converted("whole number", item) for item in whole)
+        case ("numbers", [_, *_]) | ("pair", [_, _]):
+            return tuple(_converted("number", item) for item in value)
+        case ("names", [_, _]):
+            return tuple(_converted("text", item) for item in value)
+        case ("numbers by name", Mapping()) if value:
+            return tuple((str(name), _converted("whole number", number)) for name, number in value.items())
+    raise TypeError(_EXPECTED[kind])
 
 
 @dataclass(frozen=True)
@@ -298,9 +309,16 @@ class Key:
     default: Any
     kind: Kind
 
-    def convert(self, value: Any) -> Any:
-        """Return a value from TOML or the command line as the records hold it; TypeError says what was expected."""
-        return _CONVERTERS[self.kind](value)
+    def convert(self, value: Any, /, *, where: str) -> Any:
+        """Return a value from TOML or the command line as the records hold it.
+
+        Raises:
+            InvalidValueError: it is of another kind; `where` it was found is said.
+        """
+        try:
+            return _converted(self.kind, value)
+        except TypeError as error:
+            raise InvalidValueError(self.path, value, str(error), where) from None
 
     @property
     def path(self) -> str:

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from cadtof_cli.capture.metadata import KEYS, TABLES, CaptureMetadata, InvalidValueError, Key
+from cadtof_cli.capture.checks import shortened
+from cadtof_cli.capture.metadata import KEYS, TABLES, CaptureMetadata, InvalidValueError
 from cadtof_cli.errors import MetadataError
 from cadtof_cli.files.toml import read_toml, toml_from_tables
 
@@ -42,17 +43,19 @@ def load_metadata(path: Path | None, overrides: Mapping[str, Any] | None = None)
     Raises:
         MetadataError: the file cannot be read or parsed, or a table, key, type or value in it is not allowed.
     """
-    values: dict[str, Any] = {}
-    origins: dict[str, str] = {key.path: DEFAULT_ORIGIN for key in KEYS}
-    if path is not None:
-        for dotted, value in _flat(read_toml(path), path).items():
-            values[dotted] = _converted(_KEYS[dotted], value, where=str(path))
-            origins[dotted] = str(path)
-    for dotted, value in (overrides or {}).items():
-        if value is not None:
-            values[dotted] = _converted(_KEYS[dotted], value, where=_KEYS[dotted].option)
-            origins[dotted] = _KEYS[dotted].option
-    return MetadataSource(_build(values, origins), origins, path)
+    given = [(dotted, value, str(path)) for dotted, value in _flat(read_toml(path), path).items()] if path else []
+    given += [(dotted, value, _KEYS[dotted].option) for dotted, value in (overrides or {}).items() if value is not None]
+    tables: dict[str, dict[str, Any]] = {table: {} for table in TABLES}
+    origins = dict.fromkeys(_KEYS, DEFAULT_ORIGIN)
+    for dotted, value, origin in given:
+        key = _KEYS[dotted]
+        tables[key.table][key.name] = key.convert(value, where=origin)
+        origins[dotted] = origin
+    try:
+        metadata = CaptureMetadata(**{table: record(**tables[table]) for table, record in TABLES.items()})
+    except InvalidValueError as error:
+        raise InvalidValueError(error.key, error.found, error.expected, origins[error.key]) from None
+    return MetadataSource(metadata, origins, path)
 
 
 def _flat(document: dict[str, Any], path: Path) -> dict[str, Any]:
@@ -62,7 +65,7 @@ def _flat(document: dict[str, Any], path: Path) -> dict[str, Any]:
         if table not in TABLES:
             raise MetadataError(_unknown(f"{path}: unknown table [{table}]", table, list(TABLES)))
         if not isinstance(content, dict):
-            raise MetadataError(f"{path}: {table}: found {content!r}, expected a table [{table}]")
+            raise MetadataError(f"{path}: {table}: found {shortened(content)}, expected a table [{table}]")
         for name, value in _without_tables(table, content):
             if f"{table}.{name}" not in _KEYS:
                 known = [key.name for key in KEYS if key.table == table]
@@ -83,27 +86,6 @@ def _without_tables(table: str, content: Mapping[str, Any]) -> Iterator[tuple[st
 def _unknown(what: str, name: str, known: list[str]) -> str:
     close = difflib.get_close_matches(name, known, n=1)
     return f"{what}; {f'did you mean {close[0]}? ' if close else ''}allowed: {', '.join(known)}"
-
-
-def _converted(key: Key, value: Any, *, where: str) -> Any:
-    try:
-        return key.convert(value)
-    except TypeError as error:
-        raise InvalidValueError(key.path, value, str(error), where) from None
-
-
-def _build(values: Mapping[str, Any], origins: Mapping[str, str]) -> CaptureMetadata:
-    try:
-        return CaptureMetadata(
-            **{
-                table: record(
-                    **{key.name: values[key.path] for key in KEYS if key.table == table and key.path in values}
-                )
-                for table, record in TABLES.items()
-            }
-        )
-    except InvalidValueError as error:
-        raise InvalidValueError(error.key, error.found, error.expected, origins[error.key]) from None
 
 
 def toml_text(metadata: CaptureMetadata, *, comments: tuple[str, ...] = ()) -> str:

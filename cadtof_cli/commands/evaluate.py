@@ -3,37 +3,117 @@
 import json
 from dataclasses import asdict
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
-from cadtof_cli.commands.progress import Bar
+from cadtof_cli.commands.examples import example
+from cadtof_cli.commands.progress import progress_bar
 from cadtof_cli.commands.terminal import tell
 
+if TYPE_CHECKING:
+    from cadtof_cli.workflows.inspect.evaluate import Evaluation, Scatter
 
-@click.command()
-@click.argument("maps", type=click.Path(path_type=Path), metavar="OUT")
-@click.option(
-    "--truth", required=True, type=click.Path(path_type=Path), help="File with a layer direct.depth, in metres."
+_FILE = click.Path(path_type=Path)
+
+
+@click.command(
+    epilog=example(
+        "cadtof resolve sample_data/corner -o maps",
+        "cadtof evaluate maps --truth sample_data/corner/truth.exr",
+    )
 )
+@click.argument("maps", type=_FILE, metavar="OUT")
+@click.option("--truth", type=_FILE, help="File with a layer direct.depth, in metres.")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object on stdout instead of the table.")
-def evaluate(maps: Path, truth: Path, as_json: bool) -> None:
+@click.option(
+    "--max-median",
+    type=click.FloatRange(0.0),
+    metavar="CM",
+    help="End with status 1 where the median error of the direct depth is larger, in cm, or there is none.",
+)
+@click.option("--csv", "table", type=_FILE, metavar="FILE", help="Write a line for each frame into a CSV file.")
+@click.option(
+    "--over-time",
+    type=_FILE,
+    metavar="EXR",
+    help="Write mean and standard deviation of each pixel's depths over the frames as maps; needs no truth.",
+)
+@click.option("--overwrite", is_flag=True, help="Replace files of --csv and --over-time that are there.")
+def evaluate(
+    *,
+    maps: Path,
+    truth: Path | None,
+    as_json: bool,
+    max_median: float | None,
+    table: Path | None,
+    over_time: Path | None,
+    overwrite: bool,
+) -> int:
     """Compare the direct depth of maps with truth, beside the depth of the first phasor alone.
 
     OUT is the folder that `cadtof resolve` wrote, or one map file. All frames are held against the same truth; pixels
     without truth do not count, and `valid` is the share of the others that have an answer. The last two columns are the
-    shares of errors within once and twice the predicted standard deviation: 68 % and 95 % where that is true.
-    """
-    from cadtof_cli.workflows.inspect.evaluate import evaluate_maps
+    shares of errors within once and twice the predicted standard deviation: 68 % and 95 % where that is true. The first phasor
+    gets the calibration of the run, and is judged over the pixels that the resolver has an answer for.
 
-    evaluation = evaluate_maps(maps, truth=truth, progress=Bar())
+    \b
+    Exit status: 0 done; 1 the median is larger than --max-median; 2 wrong usage, or nothing to evaluate.
+
+    \b
+    Example: cadtof evaluate maps --truth sample_data/corner/truth.exr --max-median 2
+    """
+    if truth is None and (over_time is None or table is not None or max_median is not None):
+        raise click.UsageError(
+            "--truth is missing: expected a file with the layer direct.depth (only --over-time needs none)"
+        )
+    from cadtof_cli.workflows.inspect.evaluate import evaluate_maps, scatter_over_time
+
+    scatter, evaluation = None, None
+    with progress_bar("evaluating", "maps", quiet=False) as bar:
+        if over_time is not None:
+            scatter = scatter_over_time(maps, over_time, progress=bar, overwrite=overwrite)
+        if truth is not None:
+            evaluation = evaluate_maps(maps, truth=truth, progress=bar, table=table, overwrite=overwrite)
     if as_json:
-        tell(json.dumps(asdict(evaluation)))
-        return
+        over = {} if scatter is None else {"over_time": asdict(scatter)}
+        tell(json.dumps((asdict(evaluation) if evaluation else {}) | over))
+    else:
+        tell("\n".join((*_table(evaluation), *_scatter_line(scatter, over_time))))
+    return 1 if evaluation and max_median is not None and _fails(evaluation, max_median) else 0
+
+
+def _fails(evaluation: "Evaluation", max_median: float) -> bool:
+    """Say where the gate is shut, and whether it is."""
+    median = evaluation.direct.median_cm
+    if median is not None and median <= max_median:
+        return False
+    found = "no pixel with truth has an answer" if median is None else f"found a median error of {median:.2f} cm"
+    tell(f"failed: {found}, expected at most {max_median:g} cm (--max-median)", err=True)
+    return True
+
+
+def _table(evaluation: "Evaluation | None") -> tuple[str, ...]:
+    if evaluation is None:
+        return ()
     titles = "".join(f"{title:>10}" for title in ("median", "90 %", "RMSE", "bias", "valid", "in 1 σ", "in 2 σ"))
-    tell(f"{'error, cm':14}{titles}   (median and 90 % of |error|; {evaluation.frames} frames)")
+    lines = [f"{'error, cm':14}{titles}   (median and 90 % of |error|; {evaluation.frames} frames)"]
     for title, errors in (("first phasor", evaluation.first_phasor), ("direct path", evaluation.direct)):
         if errors is not None:
             figures = (errors.median_cm, errors.p90_cm, errors.rmse_cm, errors.bias_cm)
             shown = "".join(f"{'–' if figure is None else f'{figure:.2f}':>10}" for figure in figures)
             shares = (errors.valid, errors.within_1_sigma, errors.within_2_sigma)
-            tell(f"{title:14}{shown}" + "".join(f"{'–' if share is None else f'{share:.1%}':>10}" for share in shares))
+            shown += "".join(f"{'–' if share is None else f'{share:.1%}':>10}" for share in shares)
+            lines.append(f"{title:14}{shown}")
+    return tuple(lines)
+
+
+def _scatter_line(scatter: "Scatter | None", path: Path | None) -> tuple[str, ...]:
+    if scatter is None:
+        return ()
+    std, sigma = (
+        "–" if value is None else f"{value:.2f} cm" for value in (scatter.median_std_cm, scatter.median_sigma_cm)
+    )
+    return (
+        f"over {scatter.frames} frames: direct depth scatters by {std} at the median pixel, predicted {sigma}; {path}",
+    )

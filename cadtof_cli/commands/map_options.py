@@ -7,48 +7,30 @@ from cadtof_cli.frame_plan import DepthKind, MapSettings
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.workflows.resolve.settings import ResolveSettings
 
-_RESOLVER = (
-    setting_option(
-        "--mpi-model",
-        ResolverSettings,
-        "mpi_model",
-        help="What MPI is: separate paths (discrete), the tail that the room's geometry predicts (diffuse), or what each frame "
-        "says. Another --solver, --order, more --paths or --return last mean discrete.",
-    ),
+PATH_OPTIONS = (
     setting_option(
         "--solver",
         ResolverSettings,
-        "solver",
         help="How paths are found: two-path in closed form (with more than two periods, or --paths, by maximum likelihood), "
         "one-path, or lm, the paper's Levenberg–Marquardt from random starts.",
     ),
     setting_option(
         "--paths",
         ResolverSettings,
-        "paths",
         metavar="K",
         help="Most paths a pixel; more than 2 need as many periods, and give layers path3.depth and so on.",
     ),
     setting_option(
         "--order",
         ResolverSettings,
-        "order",
         metavar="auto|1|…|K",
         help="Paths a pixel, whatever the solver: auto tests each pixel, a number is taken as it is "
         "(--solver lm --order 2 is the paper's method as published).",
     ),
-    setting_option("--starts", ResolverSettings, "starts", metavar="N", help="Random starts of --solver lm."),
-    setting_option(
-        "--seed",
-        ResolverSettings,
-        "seed",
-        metavar="S",
-        help="Seed of the random starts of --solver lm, drawn for each pixel by its place in the frame.",
-    ),
+    setting_option("--starts", ResolverSettings, metavar="N", help="Random starts of --solver lm."),
     setting_option(
         "--false-alarm",
         ResolverSettings,
-        "false_alarm",
         metavar="P",
         help="Probability that noise alone passes for a signal, or for a second path.",
     ),
@@ -56,9 +38,25 @@ _RESOLVER = (
     setting_option(
         "--min-return-ratio",
         ResolverSettings,
-        "min_return_ratio",
         metavar="R",
         help="Least amplitude of a direct path, as a share of the strongest.",
+    ),
+)
+"""How the phasors of a pixel become its paths: of recorded pixels and of simulated ones."""
+
+_RESOLVER = (
+    setting_option(
+        "--mpi-model",
+        ResolverSettings,
+        help="What MPI is: separate paths (discrete), the tail that the room's geometry predicts (diffuse), or what each frame "
+        "says. Another --solver, --order, more --paths or --return last mean discrete.",
+    ),
+    *PATH_OPTIONS,
+    setting_option(
+        "--seed",
+        ResolverSettings,
+        metavar="S",
+        help="Seed of the random starts of --solver lm, drawn for each pixel by its place in the frame.",
     ),
 )
 
@@ -70,18 +68,16 @@ _MAPS = (
         metavar="V",
         help="Least confidence of a pixel with an answer, in volts.  [default: what noise alone reaches with --false-alarm]",
     ),
-    setting_option("--depth", MapSettings, "depth", help="Radial range, or planar depth (needs the optics)."),
+    setting_option("--depth", MapSettings, help="Radial range, or planar depth (needs the optics)."),
     setting_option(
         "--pool",
         MapSettings,
-        "pool",
         metavar="N",
         help="Pool the noise of N × N neighbours that show the same light, N odd; adds the layer effective_pixels.",
     ),
     setting_option(
         "--average",
         MapSettings,
-        "average",
         metavar="N",
         help="Average every N consecutive frames of a capture into one, named after the first; the last one takes those left.",
     ),
@@ -110,7 +106,6 @@ def calibration_option() -> Decorator[Any]:
     return setting_option(
         "--calibration",
         ResolveSettings,
-        "calibration",
         metavar="DIR",
         help="Folder made by `cadtof calibrate`; what is in it is applied.",
     )

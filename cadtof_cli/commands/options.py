@@ -114,18 +114,19 @@ _TYPES: dict[Any, ParamType] = {
 
 
 def setting_option(
-    names: str, record: type, name: str, /, *, help: str, show_default: bool = True, **more: Any
+    names: str, record: type, name: str = "", /, *, help: str, show_default: bool = True, **more: Any
 ) -> Callable[[Function], Function]:
     """Return the option of one field of a settings record, whose type, choices and default it takes.
 
     Args:
         names: as typed, such as `-j --jobs`.
         record: dataclass of the settings.
-        name: of the field, and of the parameter that the command gets.
+        name: of the field, and of the parameter that the command gets; without it, the first of `names` in full says it.
         help: what it does.
         show_default: whether the help names the default, where there is one.
         more: what `click.option` takes besides, such as `metavar`; it goes before what the record says.
     """
+    name = name or next(one for one in names.split() if one.startswith("--")).removeprefix("--").replace("-", "_")
     (field,) = (item for item in fields(record) if item.name == name)
     default = field.default if field.default_factory is MISSING else field.default_factory
     said = {
@@ -148,7 +149,7 @@ def jobs_option(help: str, /) -> Callable[[Function], Function]:
         return jobs
 
     help = f"{help}, never more than {JOBS_PER_CORE} per core.  [default: all cores]"
-    return setting_option("-j --jobs", Workers, "jobs", metavar="N", callback=limited, help=help)
+    return setting_option("-j --jobs", Workers, metavar="N", callback=limited, help=help)
 
 
 def _type_of(hint: Any) -> ParamType:
@@ -199,7 +200,8 @@ class SectionedCommand(click.Command):
         own: list[tuple[str, str]] = []
         capture: list[tuple[str, str]] = []
         for param in self.get_params(ctx):
-            record = param.get_help_record(ctx)
+            # what arguments are is said above; the newest click lists them, without a word about them
+            record = param.get_help_record(ctx) if isinstance(param, click.Option) else None
             if record is not None:
                 (capture if isinstance(param, CaptureOption) else own).append(record)
         for title, records in (("Options", own), (CAPTURE_SECTION, capture)):

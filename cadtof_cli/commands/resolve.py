@@ -4,10 +4,11 @@ import json
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
+from cadtof_cli.commands.examples import example
 from cadtof_cli.commands.map_options import calibration_option, map_options
 from cadtof_cli.commands.options import (
     STDIN,
@@ -25,18 +26,24 @@ from cadtof_cli.commands.progress import progress_bar
 from cadtof_cli.commands.terminal import tell
 from cadtof_cli.execution.workers import Workers
 from cadtof_cli.frame_plan import MapSettings
-from cadtof_cli.workflows.resolve.resolve import resolve_captures
 from cadtof_cli.workflows.resolve.settings import FORMAT_CHOICES, ResolveSettings
-from cadtof_cli.workflows.run_folder import FrameReport, RunTotals
+
+if TYPE_CHECKING:
+    from cadtof_cli.workflows.run_folder import FrameReport, RunTotals
 
 
-@click.command(cls=SectionedCommand)
+@click.command(
+    cls=SectionedCommand,
+    epilog=example(
+        "cadtof resolve sample_data/corner -o maps",
+        "cadtof resolve --recursive sample_data -o all --depth z --json",
+    ),
+)
 @click.argument("inputs", nargs=-1, required=True, metavar="INPUT...")
-@setting_option("-o --out", ResolveSettings, "out", required=True, help="Folder that the maps are written into.")
+@setting_option("-o --out", ResolveSettings, required=True, help="Folder that the maps are written into.")
 @setting_option(
     "-r --recursive",
     ResolveSettings,
-    "recursive",
     help="Look for captures in all folders below each INPUT, too; OUT gets the same tree.",
 )
 @click.option("-0", "--null", is_flag=True, help="Paths on stdin end with a zero byte, as `find -print0` writes them.")
@@ -60,12 +67,7 @@ from cadtof_cli.workflows.run_folder import FrameReport, RunTotals
     "workers",
     Workers,
     jobs_option("Worker processes"),
-    setting_option(
-        "--start-method",
-        Workers,
-        "start_method",
-        help="How worker processes start.  [default: fork on Linux, else spawn]",
-    ),
+    setting_option("--start-method", Workers, help="How worker processes start.  [default: fork on Linux, else spawn]"),
     setting_option(
         "--frame-timeout",
         Workers,
@@ -76,24 +78,18 @@ from cadtof_cli.workflows.run_folder import FrameReport, RunTotals
     setting_option(
         "--scheduler",
         Workers,
-        "scheduler",
         metavar="local|tcp://HOST:PORT",
         help="Worker processes here, or the workers of a dask scheduler, which share its files (extra cluster).",
     ),
 )
-@setting_option("--overwrite", ResolveSettings, "overwrite", help="Replace the files of an earlier run.")
+@setting_option("--overwrite", ResolveSettings, help="Replace the files of an earlier run.")
 @setting_option(
-    "--resume",
-    ResolveSettings,
-    "resume",
-    help="Keep the maps of an earlier run with the same options; do what is missing.",
+    "--resume", ResolveSettings, help="Keep the maps of an earlier run with the same options; do what is missing."
 )
 @click.option(
     "--json", "as_json", is_flag=True, help="Print a JSON line on stdout for every frame, as in frames.jsonl."
 )
-@setting_option(
-    "--dry-run", ResolveSettings, "dry_run", help="Check everything, list what would be written, write nothing."
-)
+@setting_option("--dry-run", ResolveSettings, help="Check everything, list what would be written, write nothing.")
 @click.option(
     "--log",
     type=click.Path(path_type=Path, dir_okay=False),
@@ -134,6 +130,8 @@ def resolve(
     Exit status: 0 all frames resolved; 1 some failed, the others are written, or nothing was resolved;
     2 wrong usage, settings or capture; 130 interrupted.
     """
+    from cadtof_cli.workflows.resolve.resolve import resolve_captures
+
     settings = ResolveSettings(
         out=out,
         maps=replace(maps, roi=roi),
@@ -150,7 +148,7 @@ def resolve(
     paths = arriving_paths(inputs, separator=b"\0" if null else b"\n")
     with progress_bar("resolving", "frames", quiet=quiet, log=log) as bar:
 
-        def report_frame(report: FrameReport) -> None:
+        def report_frame(report: "FrameReport") -> None:
             if dry_run and not as_json:
                 tell(f"{report.source} → {report.output or 'nothing, it is already there'}")
             if as_json:
@@ -173,12 +171,12 @@ def resolve(
     return 0 if totals.ok + totals.already_there and not totals.failed else 1
 
 
-def _dry_summary(totals: RunTotals, out: Path) -> str:
+def _dry_summary(totals: "RunTotals", out: Path) -> str:
     kept = f", {totals.already_there} are already there" if totals.already_there else ""
     return f"would write {totals.ok} files of maps into {out}{kept}; nothing has been written"
 
 
-def _summary(totals: RunTotals, out: Path) -> str:
+def _summary(totals: "RunTotals", out: Path) -> str:
     pixels = totals.one_path + totals.two_paths + totals.more_paths + totals.diffuse + totals.invalid
     line = f"resolved {totals.ok} of {totals.frames} frames in {totals.seconds:.1f} s"
     if totals.ok:

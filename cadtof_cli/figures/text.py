@@ -22,3 +22,11 @@ def drawable(text: str, /) -> str:
         else f"\\u{{{ord(sign):x}}}"
         for sign in text
     )
+
+
+def shortened(text: str, length: int, /) -> str:
+    """Return a text of at most `length` signs, the middle left out where it is longer: names tell most at their ends."""
+    if len(text) <= length:
+        return text
+    keep = max(length - 1, 2)
+    return f"{text[: keep // 2]}…{text[-(keep - keep // 2) :]}"

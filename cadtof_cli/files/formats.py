@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 from cadtof_cli.errors import FrameError
 from cadtof_cli.files.damage import damage_as_frame_error
+from cadtof_cli.files.regular import open_regular
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -44,8 +45,11 @@ class FrameFiles(FrameReader, Protocol):
 class LayerFiles(Protocol):
     """How maps are written in a format, and named layers read from it."""
 
-    def write_maps(self, path: Path, maps: "DepthMaps", /, *, about: "MapsAbout") -> None:
-        """Write the maps of a frame: layers by name, then the status bits. The same maps give the same bytes."""
+    def write_maps(self, path: Path, maps: "DepthMaps", /, *, about: "MapsAbout") -> str | None:
+        """Write the maps of a frame: layers by name, then the status bits. The same maps give the same bytes.
+
+        Returns the digest of the file's bytes where they were at hand, so that nobody has to read them again.
+        """
 
     def read_facts(self, path: Path, /) -> dict[str, str]:
         """Return what a file of maps says of itself, by name; nothing where another program wrote it."""
@@ -231,7 +235,7 @@ def format_of(path: Path, /) -> Format:
         FrameError: the file cannot be read, or is of no format that we know.
     """
     with damage_as_frame_error(path, "file"):
-        descriptor = os.open(path, os.O_RDONLY)
+        descriptor = open_regular(path)
         try:
             head = os.pread(descriptor, _HEAD_BYTES, 0)
         finally:

@@ -128,16 +128,7 @@ def _frame_order(axes: list[tuple[str, int]], count: int, layout: FrameLayout) -
     frame = [i for i, (label, size) in enumerate(axes) if label == "T" and size == count and count > 1]
     rest = [i for i in range(len(axes)) if i not in channel + frame]
     order = frame + rest + channel
-    sizes = [axes[i][1] for i in rest]
-    if _in_order(sizes, 1 if frame else count, layout, channel_apart=bool(channel)):
-        return order
-    if layout.frames is not None and not frame and len(sizes) == 1:
-        return order
-    return None
-
-
-def _in_order(sizes: list[int], count: int, layout: FrameLayout, *, channel_apart: bool) -> bool:
-    """Tell whether axes of these lengths are [frame,] harmonic[, channel], the last two perhaps as one."""
-    harmonics = len(layout.harmonics)
-    inner = [[harmonics]] if channel_apart else [[harmonics, CHANNELS], [layout.planes]]
-    return any(sizes == [size for size in (count, *tail) if size != 1] for tail in inner)
+    sizes, harmonics = [axes[i][1] for i in rest], len(layout.harmonics)
+    inner = [[harmonics]] if channel else [[harmonics, CHANNELS], [layout.planes]]
+    wanted = [[size for size in (1 if frame else count, *tail) if size != 1] for tail in inner]
+    return order if sizes in wanted or (layout.frames is not None and not frame and len(sizes) == 1) else None

@@ -86,3 +86,16 @@ class ErrorTally:
         """Return the middle of the bin in which the quantile lies."""
         below = np.cumsum(self._counts)
         return float((np.searchsorted(below, share * below[-1]) + 0.5) * BIN_CM)
+
+
+def depth_errors(
+    depth_m: NDArray[np.floating],
+    truth_m: NDArray[np.floating],
+    /,
+    *,
+    sigma_m: NDArray[np.floating] | None = None,
+) -> DepthErrors:
+    """Return the errors of one frame's depths against its truth, (Y, X) each in m."""
+    tally = ErrorTally()
+    tally.add(depth_m, truth_m, sigma_m=sigma_m)
+    return tally.summary()

@@ -19,6 +19,14 @@ Factors = tuple[Float | float, Float | float]
 """Two factors whose product is the value of a layer."""
 
 
+def without_offset(phase: Float, offset: Float | None, /) -> Float:
+    """Return phases without what the lens adds; what that moves below 0 comes from the end of the unambiguous range."""
+    if offset is None:
+        return phase
+    phase = phase - offset
+    return np.where(phase < 0.0, phase + 2.0 * np.pi, phase)
+
+
 @dataclass(frozen=True, eq=False)
 class LayerSource:
     """What the values of a block's layers follow from.
@@ -38,12 +46,8 @@ class LayerSource:
     phase_offset_rad: Float | None
 
     def depth(self, path: int, /) -> Factors:
-        """Depth of a path; what an offset moves below 0 comes from the end of the unambiguous range."""
-        phase = self.resolved.paths.phase_rad[path]
-        if self.phase_offset_rad is not None:
-            phase = phase - self.phase_offset_rad
-            phase = np.where(phase < 0.0, phase + 2.0 * np.pi, phase)
-        return phase, self.metres
+        """Depth of a path."""
+        return without_offset(self.resolved.paths.phase_rad[path], self.phase_offset_rad), self.metres
 
     def amplitude(self, path: int, /) -> Factors:
         """Amplitude of a path."""

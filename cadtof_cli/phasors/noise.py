@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -106,10 +107,7 @@ def noise_model(
     modulation, voltage = metadata.modulation, metadata.voltage
     step = (voltage.volts_per_count or 0.0) / modulation.amplitude_v if quantised else 0.0
     gain, doubled = _WAVE_NOISE[modulation.waveform]
-
-    def pulse(k: int) -> float:
-        return pulse_response(k, fwhm_ns=metadata.pulse.fwhm_ns, period_ns=modulation.periods_ns[0])
-
+    pulse = partial(pulse_response, fwhm_ns=metadata.pulse.fwhm_ns, period_ns=modulation.periods_ns[0])
     return NoiseModel(
         tuple(
             HarmonicNoise(

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -84,10 +85,7 @@ def ideal_response(metadata: CaptureMetadata, /) -> tuple[HarmonicResponse, ...]
     Sine: k = 1 alone, r_h. Triangle: (8/π²)·(r_h, r_3h/9, r_5h/25, r_7h/49 …) at k = 1, −3, 5, −7 ….
     """
     modulation = metadata.modulation
-
-    def pulse(k: int) -> float:
-        return pulse_response(k, fwhm_ns=metadata.pulse.fwhm_ns, period_ns=modulation.periods_ns[0])
-
+    pulse = partial(pulse_response, fwhm_ns=metadata.pulse.fwhm_ns, period_ns=modulation.periods_ns[0])
     if modulation.waveform == "sine":
         return tuple(HarmonicResponse(h, ((1, complex(pulse(h))),)) for h in modulation.harmonics)
     responses = []

@@ -57,6 +57,10 @@ def resolve_paths(
             sine = phasors_of_sine(phasors, fit.paths, response=response)
             predicted = diffuse_pixels(sine, tail=tail, usable=answered, samples=noise.samples)
         bits = _bits(fit)
+        if response is not None:
+            # a search that ended without finite numbers was for two paths where nothing is left
+            lost = ~np.isfinite(fit.paths.amplitude[0]) & (fit.chi_squared == 0.0)
+            bits[lost] |= np.uint32(StatusBit.TWO_PATHS)
         if not answered.all():
             bits = np.where(answered, bits, status)
             for values in (fit.paths.amplitude, fit.paths.phase_rad, fit.paths.sigma_rad, fit.chi_squared):

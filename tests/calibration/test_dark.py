@@ -114,6 +114,13 @@ def test_quality_is_that_of_the_sound_pixels() -> None:
     assert quality["offset_stderr_v"] == pytest.approx(quality["noise_v"] / 4.0)
 
 
+@pytest.mark.parametrize("frames", [2, 3, 5, 20])
+def test_the_noise_of_a_frame_is_unbiased_however_few_frames_it_is_known_from(frames: int) -> None:
+    """The median of standard deviations from two frames is .67 of the true one."""
+    dark = dark_of(frames_v(frames, seed=frames))
+    assert dark.quality()["noise_v"] == pytest.approx(NOISE_V, rel=0.04)
+
+
 def test_a_saturated_dark_frame_marks_its_pixel() -> None:
     frames = frames_v(3)
     frames[1, 0, 0, 4, 5] = 0.5

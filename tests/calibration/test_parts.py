@@ -1,5 +1,6 @@
 """Where a part comes from, the maps it is stored as, and what goes wrong with the parts of a folder."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -112,6 +113,19 @@ def test_parts_that_were_measured_with_others_are_stale() -> None:
     assert said.startswith("the petzval calibration was measured with another dark calibration: repeat")
     assert len(Calibration(petzval=good).stale()) == 1
     assert len(Calibration(dark=first, petzval=petzval()).stale()) == 1
+
+
+def test_figures_stay_as_they_were_written_and_changed_ones_are_noticed(tmp_path: Path) -> None:
+    """The version that made them may have reckoned otherwise."""
+    part = replace(dark(), figures={"noise_v": 1.25e-3, "offset_mean_v": 0.01})
+    save_part(tmp_path, part)
+    found = load_calibration(tmp_path).dark
+    assert found is not None
+    assert found.quality() == part.figures
+    text = (tmp_path / "dark.toml").read_text()
+    (tmp_path / "dark.toml").write_text(text.replace("0.00125", "0.00126"))
+    with pytest.raises(MetadataError, match="does not match its digest"):
+        load_calibration(tmp_path)
 
 
 def test_the_digest_tells_every_change_and_no_other(tmp_path: Path) -> None:

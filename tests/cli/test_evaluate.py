@@ -1,5 +1,6 @@
 """`cadtof evaluate`: errors against truth, held against numbers computed here."""
 
+import csv
 import json
 import shutil
 from pathlib import Path
@@ -139,7 +140,10 @@ def test_recordings_that_are_gone_cost_only_the_first_phasor(tmp_path: Path) -> 
         else:
             (out / "run.json").write_text(content)
         done = cadtof("evaluate", out, "--truth", truth)
-        assert (done.status, done.err) == (0, "no run.json beside the maps, so the first phasor is not evaluated\n")
+        why = "no run.json beside the maps" if content is None else f"{out / 'run.json'}: not the record of a run ("
+        assert (done.status, done.err.count("\n")) == (0, 1)
+        assert done.err.startswith(why)
+        assert done.err.endswith(", so the first phasor is not evaluated\n")
         assert "direct path" in done.out
 
 
@@ -175,3 +179,48 @@ def test_what_cannot_be_compared(tmp_path: Path) -> None:
         assert done.err.startswith(f"Error: {told}")
         assert done.status in {1, 2}
         assert done.out == ""
+
+
+def test_a_gate_a_table_of_frames_and_maps_over_time(tmp_path: Path) -> None:
+    capture, out = record(tmp_path / "capture", frames=4), tmp_path / "out"
+    assert cadtof("resolve", capture.folder, "-o", out, "-j", 1, "-q", "--mpi-model", "discrete").status == 0
+    truth = _truth(tmp_path / "truth.exr")
+    found = json.loads(cadtof("evaluate", out, "--truth", truth, "--json").out)
+    median = found["direct"]["median_cm"]
+    for limit, status in ((1.01 * median, 0), (0.99 * median, 1)):
+        done = cadtof("evaluate", out, "--truth", truth, "--max-median", limit)
+        assert done.status == status
+        assert ("(--max-median)" in done.err) == (status == 1)
+        assert "direct path" in done.out
+    table, scatter = tmp_path / "frames.csv", tmp_path / "scatter.exr"
+    done = cadtof("evaluate", out, "--truth", truth, "--csv", table, "--over-time", scatter, "--json")
+    assert (done.status, done.err) == (0, "")
+    lines = list(csv.DictReader(table.read_text(encoding="utf-8").splitlines()))
+    assert [line["frame"] for line in lines] == [f"frame_{index}" for index in range(4)]
+    depths = np.stack([layers_of(out / f"frame_{index}.tif")["direct.depth"] for index in range(4)]).astype(float)
+    for line, depth in zip(lines, depths, strict=True):
+        error = 100 * (depth - step_truth().astype(np.float32))
+        assert float(line["rmse_cm"]) == pytest.approx(np.sqrt(np.mean(error**2)), rel=1e-5)
+        assert float(line["first_phasor_rmse_cm"]) > float(line["rmse_cm"])
+    layers = layers_of(scatter)
+    np.testing.assert_allclose(layers["direct.mean"], depths.mean(axis=0), rtol=1e-6)
+    np.testing.assert_allclose(layers["direct.std"], depths.std(axis=0, ddof=1), rtol=1e-4)
+    assert (layers["direct.frames"] == 4).all()
+    over = json.loads(done.out)["over_time"]
+    assert over["median_std_cm"] == pytest.approx(100 * np.median(depths.std(axis=0, ddof=1)), rel=1e-4)
+    done = cadtof("evaluate", out, "--over-time", scatter)
+    assert (done.status, "is there already" in done.err) == (2, True)
+    done = cadtof("evaluate", out, "--over-time", scatter, "--overwrite")
+    assert (done.status, done.out.startswith("over 4 frames: direct depth scatters by ")) == (0, True)
+    done = cadtof("evaluate", out)
+    assert (done.status, "--truth is missing" in done.err) == (2, True)
+
+
+def test_a_gate_is_shut_where_nothing_has_an_answer(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    out.mkdir()
+    pages = np.full((2, 24, 32), np.nan, np.float32)
+    write_maps(out / "frame_0.tif", DepthMaps(("direct.depth",), pages, np.full((24, 32), 4, np.uint32)))
+    done = cadtof("evaluate", out, "--truth", _truth(tmp_path / "truth.exr"), "--max-median", 5)
+    assert done.status == 1
+    assert "failed: no pixel with truth has an answer, expected at most 5 cm (--max-median)" in done.err

@@ -91,7 +91,7 @@ def test_planar_depth_is_said(tmp_path: Path) -> None:
         assert cadtof("resolve", capture.folder, "-o", out, "-j", 1, "-q", "--depth", depth).status == 0
         assert cadtof("preview", out, "-o", tmp_path / f"{depth}.svg").status == 0
         # letters of an SVG are outlines with the text as a comment
-        assert ("direct z depth, m" in (tmp_path / f"{depth}.svg").read_text()) == (depth == "z")
+        assert ("planar depth z, m" in (tmp_path / f"{depth}.svg").read_text()) == (depth == "z")
 
 
 def test_truth_adds_the_errors(tmp_path: Path) -> None:

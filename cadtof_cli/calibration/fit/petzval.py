@@ -81,11 +81,6 @@ class _Layout:
                 slopes[here, 2] = 0.5 * flat * rho2[here] / (1.0 + q * rho2[here])
         return ranges + curvature, slopes
 
-    def wrapped(self, difference: Float) -> Float:
-        """Return differences of ranges, which repeat after the unambiguous range, nearest to 0."""
-        half = 0.5 * self.unambiguous_m
-        return np.asarray((difference + half) % self.unambiguous_m - half)
-
 
 def fit_petzval(
     walls: Sequence[WallRanges], /, *, optics: Optics, unambiguous_m: float, origin: Origin
@@ -178,7 +173,9 @@ def _fitted(layout: _Layout, ranges: Float, sigma: Float, start: Float, *, fixed
         whole = start.copy()
         whole[free] = parameters
         model, slopes = layout.model(whole)
-        return layout.wrapped(ranges - model) / sigma, slopes[:, free] / sigma[:, np.newaxis]
+        # ranges repeat: their difference is that nearest to 0
+        half = 0.5 * layout.unambiguous_m
+        return ((ranges - model + half) % layout.unambiguous_m - half) / sigma, slopes[:, free] / sigma[:, np.newaxis]
 
     fit = robust_fit(residual, start[free])
     whole, covariance = start.copy(), np.zeros((layout.count, layout.count))

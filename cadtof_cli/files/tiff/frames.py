@@ -2,7 +2,7 @@
 
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -98,7 +98,8 @@ def open_frames(path: Path, layout: FrameLayout, /) -> Iterator[Frames]:
     key = (path, layout, state.st_ino, state.st_size, state.st_mtime_ns)
     frames = _last.stack if _last.stack and _last.key == key else TiffFrames(path, layout)
     _last.key, _last.stack = (key, frames) if frames.count > 1 else (None, None)
-    with frames.images:
+    frames.images.open()
+    with closing(frames.images):
         with damage_as_frame_error(path, "TIFF"):
             envelope = frames.envelope()
         _last.file = _LoneFile(layout, frames.shape, frames.dtype, envelope) if envelope else None
@@ -111,7 +112,7 @@ def read_plane(path: Path, _layout: FrameLayout, /) -> Stored:
     Raises:
         FrameError: the file cannot be read, is damaged, or holds more than one plane.
     """
-    with TiffImages(path) as images:
+    with closing(TiffImages(path)) as images:
         if max(images.sizes) > 1:
             raise FrameError(f"{images.found}, expected a single plane")
         plane: Stored = images.planes(np.zeros(1, np.intp))[0]

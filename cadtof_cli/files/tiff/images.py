@@ -22,7 +22,6 @@ from cadtof_cli.files.tiff.envelope import Envelope
 from cadtof_cli.files.tiff.names import names_of_planes
 from cadtof_cli.files.tiff.pages import require_sound_chain
 from cadtof_cli.files.tiff.series import (
-    Item,
     ScatteredPlanes,
     alike_series,
     divided_axes,
@@ -127,13 +126,9 @@ class TiffImages:
         pages = math.prod(self.sizes[:-1])
         return f"{self.path}: found {pages} pages{samples} of {shape_text(self.plane_shape, self.dtype)}"
 
-    def __enter__(self) -> "TiffImages":
+    def open(self) -> None:
         """Open the file again, if it has been closed."""
         self._tiff.filehandle.open()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
 
     def close(self) -> None:
         """Close the file; where its images lie is kept."""
@@ -170,20 +165,19 @@ class TiffImages:
 
     def _images(self, indices: Sequence[int]) -> Stored:
         """Return some of the file's images, shape (n, *page shape)."""
-        out: Stored = np.empty((len(indices), *self._page_shape), self.dtype)
+        size = len(indices) * math.prod(self._page_shape) * self.dtype.itemsize
+        require_plausible_size(self.path, size, self._tiff.filehandle.size)
+        whole: Stored = np.empty((len(indices), *self._page_shape), self.dtype)
+        start = self._start_of_run(indices)
+        items, parts = (
+            ([self._items[index] for index in indices], whole) if start is None else ([start], whole[np.newaxis])
+        )
         with reading_tiff(self.path):
-            start = self._start_of_run(indices)
-            if start is not None:
-                self._read_run(start, out)
-            else:
-                for index, image in zip(indices, out, strict=True):
-                    self._read_run(self._items[index], image)
-        return out
-
-    def _read_run(self, item: Item, out: Stored) -> None:
-        if isinstance(item, int):
-            stored_type = self.dtype.newbyteorder(self._tiff.byteorder)
-            self._tiff.filehandle.read_array(stored_type, out.size, item, out=out)
-        else:
-            # one thread: the frames of a run are what is read side by side
-            item.asarray(out=out, maxworkers=1)
+            for item, part in zip(items, parts, strict=True):
+                if isinstance(item, int):
+                    stored_type = self.dtype.newbyteorder(self._tiff.byteorder)
+                    self._tiff.filehandle.read_array(stored_type, part.size, item, out=part)
+                else:
+                    # one thread: the frames of a run are what is read side by side
+                    item.asarray(out=part, maxworkers=1)
+        return whole

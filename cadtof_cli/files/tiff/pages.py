@@ -4,6 +4,7 @@ import math
 import os
 import struct
 from pathlib import Path
+from typing import NamedTuple
 
 import tifffile
 
@@ -23,14 +24,26 @@ _VALUE_BYTES = {3: 2, 4: 4, 5: 8, 8: 2, 9: 4, 10: 8, 11: 4, 12: 8, 13: 4, 16: 8,
 """Bytes of one value by the type code of its tag; one where not listed."""
 
 
-class _Form:
-    """How the numbers of a TIFF file are packed, by byte order and whether it is a BigTIFF."""
+class _Form(NamedTuple):
+    """How the numbers of a TIFF file are packed; `first` is where the first page's place stands."""
 
-    def __init__(self, order: str, *, big: bool) -> None:
-        self.first = 8 if big else 4
-        self.count = struct.Struct(order + ("Q" if big else "H"))
-        self.tag = struct.Struct(order + ("HHQQ" if big else "HHII"))
-        self.link = struct.Struct(order + ("Q" if big else "I"))
+    first: int
+    tags: struct.Struct
+    tag: struct.Struct
+    link: struct.Struct
+
+
+_FORMS = {
+    (order, big): _Form(
+        8 if big else 4,
+        struct.Struct(order + ("Q" if big else "H")),
+        struct.Struct(order + ("HHQQ" if big else "HHII")),
+        struct.Struct(order + ("Q" if big else "I")),
+    )
+    for order in "<>"
+    for big in (False, True)
+}
+"""By byte order, and whether it is a BigTIFF."""
 
 
 def require_sound_chain(path: Path, descriptor: int, size: int) -> None:
@@ -43,14 +56,14 @@ def require_sound_chain(path: Path, descriptor: int, size: int) -> None:
         FrameError: the list leaves the file, ends within a page or returns to an earlier one.
     """
     header = os.pread(descriptor, 4, 0)
-    form = _Form("<" if header[:2] == b"II" else ">", big=43 in header[2:])
+    form = _FORMS["<" if header[:2] == b"II" else ">", 43 in header[2:]]
     seen: set[int] = set()
     (offset,) = form.link.unpack(os.pread(descriptor, form.link.size, form.first))
     while offset:
         if offset in seen:
             raise FrameError(f"{path}: damaged TIFF: page {len(seen)} leads back to an earlier page")
-        begin = offset + form.count.size
-        (tags,) = form.count.unpack(os.pread(descriptor, form.count.size, offset)) if begin <= size else (0,)
+        begin = offset + form.tags.size
+        (tags,) = form.tags.unpack(os.pread(descriptor, form.tags.size, offset)) if begin <= size else (0,)
         end = begin + tags * form.tag.size
         if not 0 < tags <= MAX_TAGS or end + form.link.size > size:
             raise FrameError(

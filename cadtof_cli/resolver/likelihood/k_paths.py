@@ -15,7 +15,7 @@ from cadtof_cli.resolver.paths import Fit, Paths
 from cadtof_cli.resolver.two_path.arctangent import phase_of
 
 SEARCH = LevenbergMarquardt(max_steps=40, absolute=0.1)
-"""From a start to a minimum, with white noise: to a third of a standard deviation, and a step further."""
+"""From a start to a minimum, with white noise: to a third of a standard deviation of the phasors, and a step further."""
 
 POLISH = LevenbergMarquardt(max_steps=40, absolute=0.1, first_damping=1e-6)
 """From there to the maximum of the likelihood with the noise that the found light has, as closely."""
@@ -64,18 +64,19 @@ def found_paths(measured: Measured, count: int, /, *, noise: NoiseModel) -> tupl
     """
     white = WhiteFit(measured, tuple(1.0 / harmonic.dark_variance for harmonic in noise.each))
     if count == 1:
-        end = SEARCH.solve(white, strongest_path(measured, weights=white.weights).points)
+        end = SEARCH.solve(white, strongest_path(measured, weights=white.weights).points, samples=noise.samples)
         return Mixture.of_points(end.points), end.cost
     exact = exact_start(measured, paths=count)
     start = exact.points if exact else _greedy_start(measured, count, white.weights, noise)
-    end = SEARCH.solve(white, start)
+    end = SEARCH.solve(white, start, samples=noise.samples)
     points, cost = end.points, end.cost
-    suspect = np.flatnonzero(cost > _acceptable(measured, count))
+    suspect = np.flatnonzero(cost > _acceptable(measured, count, noise))
     if suspect.size and exact:
-        _improve(white, _greedy_start(measured[suspect], count, white.weights, noise), suspect, points, cost)
+        greedy = _greedy_start(measured[suspect], count, white.weights, noise[suspect])
+        _improve(white, greedy, suspect, points, cost, noise)
     if suspect.size and count == 2:
         pair = best_pair(measured[suspect], weights=white.weights)
-        _improve(white, pair.points, suspect, points, cost)
+        _improve(white, pair.points, suspect, points, cost, noise)
     return Mixture.of_points(points), cost
 
 
@@ -87,7 +88,7 @@ def _greedy_start(measured: Measured, count: int, weights: tuple[float, ...], no
 def most_likely(measured: Measured, found: Mixture, /, *, noise: NoiseModel) -> LikelyPaths:
     """Return the maximum of the likelihood next to what was found, with the noise that such light has."""
     weighted = WeightedFit.around(measured, found, noise=noise)
-    best = POLISH.solve(weighted, found.points)
+    best = POLISH.solve(weighted, found.points, samples=noise.samples)
     paths = Mixture.of_points(best.points)
     return LikelyPaths(paths, _sigma(paths, best.matrix), best.cost, best.converged)
 
@@ -105,13 +106,14 @@ def _sigma(paths: Mixture, matrix: Float) -> Float:
     return np.sqrt(variance) / paths.amplitude
 
 
-def _acceptable(measured: Measured, count: int) -> float:
+def _acceptable(measured: Measured, count: int, noise: NoiseModel) -> Float | float:
     pairs = len(measured.harmonics) - count
-    return chi_squared_threshold(SUSPECT, pairs=pairs) if pairs else EXACT_MISFIT
+    misfit = chi_squared_threshold(SUSPECT, pairs=pairs) if pairs else EXACT_MISFIT
+    return misfit if noise.samples is None else misfit / noise.samples
 
 
-def _improve(white: WhiteFit, starts: Float, of: Index, points: Float, cost: Float) -> None:
-    other = SEARCH.solve(white[of], starts)
+def _improve(white: WhiteFit, starts: Float, of: Index, points: Float, cost: Float, noise: NoiseModel) -> None:
+    other = SEARCH.solve(white[of], starts, samples=noise[of].samples)
     better = other.cost < cost[of]
     points[:, of[better]], cost[of[better]] = other.points[:, better], other.cost[better]
 

@@ -45,7 +45,7 @@ class Problem(Protocol):
 class LevenbergMarquardt:
     """When to stop, and how carefully to begin.
 
-    A problem has converged once a step promises to lower its cost by no more than `relative`·cost + `absolute`.
+    A problem has converged once a step promises to lower its cost by no more than `relative`·cost + `absolute`/samples.
 
     Attributes:
         max_steps: steps after which a problem that has not converged is given up.
@@ -59,10 +59,15 @@ class LevenbergMarquardt:
     absolute: float = 0.0
     first_damping: float = 1e-3
 
-    def solve(self, problem: Problem, starts: Float, /) -> "Minimum":
-        """Minimise every problem from its start, (P, n); the starts are not changed. NaN does not converge."""
+    def solve(self, problem: Problem, starts: Float, /, *, samples: Float | None = None) -> "Minimum":
+        """Minimise every problem from its start, (P, n); the starts are not changed. NaN does not converge.
+
+        `samples`, (n,): what is solved are means of so many recordings, the cost is in units of one's noise (None: 1).
+        """
         at_work: Index = np.arange(starts.shape[1])
-        state = _begin(problem, starts, self.first_damping)
+        state = _begin(
+            problem, starts, self.first_damping, self.absolute if samples is None else self.absolute / samples
+        )
         result = Minimum(
             starts.copy(), state.at.cost, state.at.matrix, state.converged, np.zeros(starts.shape[1], np.intp)
         )
@@ -85,7 +90,7 @@ class LevenbergMarquardt:
         promised = np.zeros_like(now.cost)
         for i, (part, slope) in enumerate(zip(step, now.gradient, strict=True)):
             promised += part * (slope + state.damping * now.matrix[entry(i, i)] * part)
-        done = promised <= self.relative * now.cost + self.absolute
+        done = promised <= self.relative * now.cost + state.worth
         points = problem.moved(state.points, step)
         there = problem.linearised(points)
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -104,6 +109,7 @@ class LevenbergMarquardt:
         return _State(
             points,
             there,
+            state.worth,
             damping,
             np.where(down, 2.0, 2.0 * state.growth),
             state.converged | (done & ~state.stopped),
@@ -133,8 +139,11 @@ class Minimum:
 
 @dataclass(frozen=True)
 class _State:
+    """n problems on their way; `worth` is what a step must promise to lower their cost by, besides a share of it."""
+
     points: Float
     at: Linearised
+    worth: Float
     damping: Float
     growth: Float
     converged: Bool
@@ -145,6 +154,7 @@ class _State:
         return _State(
             self.points[:, chosen],
             at,
+            self.worth[chosen],
             self.damping[chosen],
             self.growth[chosen],
             self.converged[chosen],
@@ -152,10 +162,11 @@ class _State:
         )
 
 
-def _begin(problem: Problem, starts: Float, damping: float) -> _State:
+def _begin(problem: Problem, starts: Float, damping: float, worth: Float | float) -> _State:
     count = starts.shape[1]
     none = np.zeros(count, np.bool_)
-    return _State(starts, problem.linearised(starts), np.full(count, damping), np.full(count, 2.0), none, none.copy())
+    at, worths = problem.linearised(starts), np.full(count, worth)
+    return _State(starts, at, worths, np.full(count, damping), np.full(count, 2.0), none, none.copy())
 
 
 def _store(result: Minimum, at_work: Index, state: _State) -> None:

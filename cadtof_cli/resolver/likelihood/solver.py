@@ -33,11 +33,11 @@ class Likelihood:
         if limit is not None:
             more = surely_more_paths(self.measured[chosen], count, limits=limits, noise=self.noise)
             chosen, limits = chosen[~more], limits[~more]
-        found, misfit = found_paths(self.measured[chosen], count, noise=self.noise)
+        found, misfit = found_paths(self.measured[chosen], count, noise=self.noise[chosen])
         if limit is not None:
             maybe = np.flatnonzero(misfit <= SURELY_MORE * limits)
             chosen, found = chosen[maybe], found[maybe]
-        return chosen, most_likely(self.measured[chosen], found, noise=self.noise).fit()
+        return chosen, most_likely(self.measured[chosen], found, noise=self.noise[chosen]).fit()
 
 
 def solver(

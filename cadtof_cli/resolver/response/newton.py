@@ -19,7 +19,7 @@ LARGEST_LOSS = 0.1
 """Least share of its amplitude that one step leaves to a path, so that no path vanishes by overshooting."""
 
 TOLERANCE = 0.3
-"""A pixel has converged when what is left of its equations before the last step is this share of the noise …"""
+"""A pixel has converged when what is left of its equations before the last step is this share of its phasors' noise …"""
 
 ROUNDING = 2e-6
 """… or, for noise-free frames, this share of its phasors: the rounding of single precision."""
@@ -68,7 +68,8 @@ class Equations:
         power = np.zeros(pixels.size, np.float32)
         for row, weight in enumerate(weights):
             power += weight * (observed[2 * row] ** 2 + observed[2 * row + 1] ** 2)
-        enough = np.maximum(np.float32(TOLERANCE**2), np.float32(ROUNDING**2) * power)
+        samples = np.float32(1.0) if noise.samples is None else noise.samples[pixels].astype(np.float32)
+        enough = np.maximum(np.float32(TOLERANCE**2) / samples, np.float32(ROUNDING**2) * power)
         return Equations(response, pixels, observed, enough, weights)
 
     def chosen(self, some: Bool | Index) -> "Equations":

@@ -324,6 +324,29 @@ INLINE void decide(Group *restrict g) {
     }
 }
 
+/* impossible.py: clear_impossible. What is compared is what is written, in float. */
+INLINE void clear_impossible(Group *restrict g, const Frame *restrict frame) {
+    const Constants *k = frame->constants;
+    const double volts = k->volts;
+    EACH_PIXEL g->t1[i] = k->most_volts;
+    if (frame->samples) EACH_PIXEL g->t1[i] = k->most_volts + k->noise_volts / g->root[i];
+    EACH_PIXEL {
+        float a = (float)(g->amplitude[0][i] * volts), b = (float)(g->amplitude[1][i] * volts);
+        float confidence = (float)(g->confidence[i] * volts), total = (a > 0.0f ? a : 0.0f) + (b > 0.0f ? b : 0.0f);
+        double most = g->t1[i], beyond = (double)total > most ? 1.0 : 0.0;
+        g->impossible[i] = (double)confidence > most ? 1.0 : beyond;
+    }
+    if (any(g->impossible)) EACH_PIXEL {
+        double clear = g->impossible[i];
+        for (int path = 0; path < 2; path++) {
+            g->amplitude[path][i] = clear > 0.0 ? NAN : g->amplitude[path][i];
+            g->phase[path][i] = clear > 0.0 ? NAN : g->phase[path][i];
+            g->sigma[path][i] = clear > 0.0 ? NAN : g->sigma[path][i];
+        }
+        g->confidence[i] = clear > 0.0 ? NAN : g->confidence[i];
+    }
+}
+
 /* Every pixel from `start` up to `stop`. */
 INLINE void resolve_pixels(const Frame *restrict frame, int64_t start, int64_t stop) {
     Group group, *g = &group;
@@ -343,6 +366,7 @@ INLINE void resolve_pixels(const Frame *restrict frame, int64_t start, int64_t s
             direct_and_mpi(g, frame);
         }
         decide(g);
+        clear_impossible(g, frame);
         store(g, frame, start, m);
     }
 }

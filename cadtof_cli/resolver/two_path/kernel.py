@@ -18,6 +18,7 @@ from cadtof_cli.errors import SettingsError
 from cadtof_cli.phasors.chi_squared import chi_squared_threshold
 from cadtof_cli.phasors.noise import LEAST_SHARE, NoiseModel
 from cadtof_cli.phasors.voltages import PhasorMap
+from cadtof_cli.resolver.order import largest_misfit
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.resolver.two_path.solver import misfit_spread
 from cadtof_cli.resolver.two_path.uncertainty import variance_terms
@@ -80,6 +81,7 @@ class KernelFrame:
         metres: of a radian, of all pixels or of each, (n,).
         volts: of an amplitude of 1.
         phase_offset_rad: what to take from every phase, (n,); None: nothing.
+        most_volts, noise_volts: paths whose amplitudes add up to more than most_volts + noise_volts / √samples are impossible.
     """
 
     stored: Stored
@@ -88,6 +90,8 @@ class KernelFrame:
     metres: float | Float
     volts: float
     phase_offset_rad: Float | None
+    most_volts: float = math.inf
+    noise_volts: float = 0.0
 
 
 def fill_maps(
@@ -139,14 +143,16 @@ def fill_maps(
     given = [None if array is None else np.require(array, requirements=["C", "A"]) for array, _ in arrays.values()]
     if given[-2] is not layers or given[-1] is not status or asked.step != 1:
         raise ValueError("layers, status and pixels: expected neighbours in memory")
-    constants = kernel_constants(frame, settings, noise)
+    constants, names = kernel_constants(frame, settings, noise), compiled.constant_names()
+    if len(names) != len(constants):
+        raise ValueError("the compiled kernel is of another version of its sources: install cadtof anew")
     compiled.resolve(
         kernel or chosen_kernel(),
         _ORDERS[_order(settings)],
         _RETURNS[settings.returns],
         asked.start,
         asked.stop,
-        np.array([constants[name] for name in compiled.constant_names()]),
+        np.array([constants[name] for name in names]),
         *given,
     )
 
@@ -160,13 +166,15 @@ def kernel_constants(frame: KernelFrame, settings: ResolverSettings, noise: Nois
         "saturated_high": high,
         "least_power": chi_squared_threshold(settings.false_alarm, pairs=2) if least is None else 0.0,
         "least_modulus": least or 0.0,
-        "misfit_limit": chi_squared_threshold(settings.false_alarm, pairs=1) if order == "auto" else math.inf,
+        "misfit_limit": largest_misfit(settings, harmonics=2, paths=1) if order == "auto" else math.inf,
         "misfit_spread": misfit_spread(noise),
         "weight": noise.each[0].dark_variance / noise.each[1].dark_variance,
         "signal": terms.signal,
         "return_ratio": settings.min_return_ratio,
         "metres": frame.metres if isinstance(frame.metres, float) else np.nan,
         "volts": frame.volts,
+        "most_volts": frame.most_volts,
+        "noise_volts": frame.noise_volts,
     }
     for name, factors in (("alone", terms.alone), ("own", terms.own), ("other", terms.other)):
         constants |= {f"{name}{power}": factor for power, factor in enumerate(factors)}

@@ -1,7 +1,8 @@
-"""`cadtof evaluate`: the maps of a run against truth, beside what the first phasor alone would have said."""
+"""`cadtof evaluate`: the maps of a run against truth, beside what the first phasor alone would have said; and over time."""
 
+import csv
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
 
@@ -9,15 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cadtof_cli.arrays import Float
-from cadtof_cli.capture.discovery import Capture
-from cadtof_cli.capture.frame_sources import FrameSource
-from cadtof_cli.capture.frames import open_frames
-from cadtof_cli.errors import CaptureError
-from cadtof_cli.files.maps import read_layers
-from cadtof_cli.maps.evaluation import DepthErrors, ErrorTally
-from cadtof_cli.maps.layers import DIRECT_DEPTH, DIRECT_SIGMA
-from cadtof_cli.phasors.voltages import ideal_phasor_map, phasors_from_stored, saturated_pixels
-from cadtof_cli.units import metres_per_radian
+from cadtof_cli.errors import CaptureError, OutputError
+from cadtof_cli.files.atomic import whole_file
+from cadtof_cli.files.maps import read_layers, write_layers
+from cadtof_cli.maps.evaluation import DepthErrors, ErrorTally, depth_errors
+from cadtof_cli.maps.layers import DIRECT_DEPTH, DIRECT_SIGMA, MPI_DEPTH
+from cadtof_cli.maps.over_time import SequenceTally
+from cadtof_cli.workflows.inspect.first_phasors import first_phasors
 from cadtof_cli.workflows.progress import Progress
 from cadtof_cli.workflows.run_folder import read_run
 
@@ -31,41 +30,124 @@ class Evaluation:
     first_phasor: DepthErrors | None
 
 
-def evaluate_maps(maps: Path, /, *, truth: Path, progress: Progress) -> Evaluation:
+@dataclass(frozen=True)
+class FrameErrors:
+    """Errors of one frame, by the name of its map; None where its recorded frame is not there."""
+
+    frame: str
+    direct: DepthErrors
+    first_phasor: DepthErrors | None
+
+
+@dataclass(frozen=True)
+class Scatter:
+    """Medians over the pixels of a sequence: how far the direct depth scatters, and what was predicted; None: nowhere known."""
+
+    frames: int
+    median_std_cm: float | None
+    median_sigma_cm: float | None
+
+
+def evaluate_maps(
+    maps: Path, /, *, truth: Path, progress: Progress, table: Path | None = None, overwrite: bool = False
+) -> Evaluation:
     """Compare the direct depth of a folder of maps, or of one file, with the direct depth in a truth file.
+
+    Both are judged over the same pixels: where the resolver has no answer, the first phasor has none.
+
+    Args:
+        maps: the folder or file.
+        truth: file with a direct depth.
+        progress: told of each map.
+        table: CSV file for a line for each frame; None for none.
+        overwrite: whether that may be replaced.
 
     Raises:
         CadtofError: maps or truth cannot be read, hold no direct depth, differ in size, or hold z depth.
     """
+    _require_free(table, overwrite=overwrite)
     run = read_run(maps)
     expected = run.cropped(direct_depth(truth))
     run.require_range_depth()
-    files, recorded = run.require_maps(), run.recorded_frames(progress.say)
+    files = run.require_maps()
+    recorded = first_phasors(run, progress.say)
     direct, first = ErrorTally(), ErrorTally()
+    lines: list[FrameErrors] = []
     compared = 0
+    progress.total(len(files))
     for path in files:
         layers = read_layers(path)
         depth = same_size(_direct_of(layers, path), expected, path, truth)
+        alone = recorded.depth(path, depth)
         direct.add(depth, expected, sigma_m=layers.get(DIRECT_SIGMA))
-        if run.name(path) in recorded:
-            capture, source = recorded[run.name(path)]
-            first.add(
-                same_size(run.cropped(first_phasor_depth(capture, source)), expected, source.paths[0], truth), expected
-            )
+        if alone is not None:
+            first.add(alone, expected)
             compared += 1
+        if table is not None:
+            lines.append(
+                FrameErrors(
+                    run.name(path),
+                    depth_errors(depth, expected, sigma_m=layers.get(DIRECT_SIGMA)),
+                    None if alone is None else depth_errors(alone, expected),
+                )
+            )
+        progress.advance()
+    if table is not None:
+        _write_table(table, lines)
     return Evaluation(len(files), direct.summary(), first.summary() if compared == len(files) else None)
 
 
-def first_phasor_depth(capture: Capture, source: FrameSource, /) -> Float:
-    """Return the depth that the fundamental's phase alone gives, float64 (Y, X) in m: what MPI pulls off."""
-    with open_frames(source, capture.layout) as frames:
-        stored = frames.read(source.index or 0)
-    metadata = capture.source.metadata
-    planes = stored.reshape(*stored.shape[:2], -1)
-    phasor = phasors_from_stored(planes, ideal_phasor_map(metadata, stored.dtype))[0]
-    phasor[saturated_pixels(planes, metadata.voltage.saturated_counts)] = np.nan
-    depth: Float = np.mod(np.angle(phasor), 2.0 * np.pi) * metres_per_radian(metadata.modulation.periods_ns[0])
-    return depth.reshape(stored.shape[2:])
+def _write_table(path: Path, lines: list[FrameErrors]) -> None:
+    """Write a line for each frame: its name, then the figures of the direct path and of the first phasor."""
+    names = [field.name for field in fields(DepthErrors)]
+    with whole_file(path) as temporary, temporary.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(["frame", *names, *(f"first_phasor_{name}" for name in names)])
+        for line in lines:
+            first = [None] * len(names) if line.first_phasor is None else asdict(line.first_phasor).values()
+            writer.writerow([line.frame, *asdict(line.direct).values(), *first])
+
+
+def scatter_over_time(maps: Path, out: Path, /, *, progress: Progress, overwrite: bool) -> Scatter:
+    """Write, for each pixel, mean and standard deviation of the depths of a folder's maps over time, as layers of an EXR file.
+
+    Layers `direct.mean`, `direct.std`, `direct.sigma` (root mean square of the predicted) in m, and `direct.frames`, in how many
+    maps there is an answer; the same of `mpi` where the maps have it.
+
+    Raises:
+        CadtofError: maps cannot be read, hold no direct depth, or differ in size; or `out` cannot be written.
+    """
+    if out.suffix.lower() != ".exr":
+        raise OutputError(f"{out}: found the suffix {out.suffix!r}, expected .exr")
+    _require_free(out, overwrite=overwrite)
+    run = read_run(maps)
+    files = run.require_maps()
+    progress.total(len(files))
+    first = read_layers(files[0])
+    shape = _direct_of(first, files[0]).shape
+    tallies = {layer: SequenceTally(shape) for layer in (DIRECT_DEPTH, MPI_DEPTH) if layer in first}
+    for path in files:
+        layers = read_layers(path)
+        same_size(_direct_of(layers, path), np.empty(shape), path, files[0])
+        for name, tally in tallies.items():
+            values = layers.get(name, np.full(shape, np.nan))
+            tally.add(values, layers.get(name.replace(".depth", ".sigma")))
+        progress.advance()
+    planes: dict[str, NDArray[Any]] = {}
+    for name, tally in tallies.items():
+        planes |= {f"{name.removesuffix('.depth')}.{one}": plane for one, plane in vars(tally.summary()).items()}
+    write_layers(out, planes)
+    return Scatter(len(files), *(_median_cm(planes[f"direct.{one}"]) for one in ("std", "sigma")))
+
+
+def _median_cm(plane: NDArray[Any]) -> float | None:
+    finite = plane[np.isfinite(plane)]
+    return float(100.0 * np.median(finite)) if finite.size else None
+
+
+def _require_free(path: Path | None, *, overwrite: bool) -> None:
+    if path is not None and path.exists() and not overwrite:
+        raise OutputError(f"{path}: is there already; add --overwrite to replace it, or choose another file")
 
 
 def direct_depth(path: Path, /) -> Float:

@@ -10,7 +10,8 @@ from cadtof_cli.figures.maps import MapPicture, draw_maps
 from cadtof_cli.files.atomic import whole_file
 from cadtof_cli.files.maps import STATUS, read_layers
 from cadtof_cli.maps.layers import CONFIDENCE, DIRECT_DEPTH, DIRECT_SIGMA, MPI_DEPTH
-from cadtof_cli.workflows.inspect.evaluate import direct_depth, first_phasor_depth, same_size
+from cadtof_cli.workflows.inspect.evaluate import direct_depth, same_size
+from cadtof_cli.workflows.inspect.first_phasors import first_phasors
 from cadtof_cli.workflows.progress import Progress
 from cadtof_cli.workflows.run_folder import read_run
 
@@ -29,15 +30,13 @@ def preview_maps(maps: Path, /, *, out: Path, truth: Path | None, overwrite: boo
     if missing:
         raise CaptureError(f"{path}: found layers {', '.join(layers)}; expected {', '.join(missing)} too")
     direct = layers[DIRECT_DEPTH].astype(np.float64)
-    known, found = None, None
+    known, first_phasor = None, None
     if truth is not None:
         run.require_range_depth()
         known = run.cropped(direct_depth(truth))
         same_size(direct, known, path, truth)
-        found = run.recorded_frames(progress.say).get(run.name(path))
-    first_phasor = None if found is None else run.cropped(first_phasor_depth(*found))
+        first_phasor = first_phasors(run, progress.say).depth(path, direct)
     mpi, confidence, sigma = (layers[name].astype(np.float64) for name in (MPI_DEPTH, CONFIDENCE, DIRECT_SIGMA))
-    z = run.record is not None and run.record["arguments"].get("depth") == "z"
     picture = MapPicture(
         title=f"{path.parent.name}/{path.name}",
         direct_m=direct,
@@ -47,7 +46,7 @@ def preview_maps(maps: Path, /, *, out: Path, truth: Path | None, overwrite: boo
         status=layers.get(STATUS, np.zeros(direct.shape)).astype(np.uint32),
         truth_m=known,
         first_phasor_m=first_phasor,
-        depth="z depth" if z else "depth",
+        depth="planar depth z" if run.depth_kind == "z" else "radial range",
     )
     with whole_file(out) as temporary:
         draw_maps(picture, temporary, kind=kind)

@@ -14,10 +14,11 @@ from cadtof_cli.report.frames import FIRST_PHASOR, TRUTH, EmbeddedFrame, Planes,
 from cadtof_cli.report.limits import LayerLimits
 from cadtof_cli.report.page import Page, ShownFrame, write_page
 from cadtof_cli.report.thumbnails import small_plane
-from cadtof_cli.workflows.inspect.evaluate import direct_depth, first_phasor_depth, same_size
+from cadtof_cli.workflows.inspect.evaluate import direct_depth, same_size
+from cadtof_cli.workflows.inspect.first_phasors import FirstPhasors, first_phasors
 from cadtof_cli.workflows.inspect.report_text import MapOfFrame, page_text
 from cadtof_cli.workflows.progress import Progress
-from cadtof_cli.workflows.run_folder import RecordedFrames, Run, read_run
+from cadtof_cli.workflows.run_folder import Run, read_run
 
 SUFFIXES = (".html", ".htm")
 
@@ -80,7 +81,7 @@ def write_report(maps: Path, out: Path, /, *, settings: ReportSettings, progress
     if settings.truth is not None:
         run.require_range_depth()
         truth = run.cropped(direct_depth(settings.truth))
-    reader = _Reader(run, settings, truth, run.recorded_frames(progress.say))
+    reader = _Reader(run, settings, truth, first_phasors(run, progress.say))
     gathered = _gathered(reader, progress)
     text = page_text(
         run,
@@ -98,7 +99,7 @@ class _Reader:
     run: Run
     settings: ReportSettings
     truth_m: Float | None
-    recorded: RecordedFrames
+    recorded: FirstPhasors
 
     def planes(self, file: Path, /) -> Planes:
         """Return a map's layers, and the first phasor's depth where the recorded frame is there and can be compared."""
@@ -108,16 +109,9 @@ class _Reader:
         direct = layers[DIRECT_DEPTH]
         if self.truth_m is not None and self.settings.truth is not None:
             same_size(direct, self.truth_m, file, self.settings.truth)
-        first = self._first_phasor(file, direct.shape)
+        first = self.recorded.depth(file, direct)
         status = {STATUS: layers.pop(STATUS)} if STATUS in layers else {}
         return layers | ({} if first is None else {FIRST_PHASOR: first}) | status
-
-    def _first_phasor(self, file: Path, shape: tuple[int, ...]) -> Float | None:
-        known = self.recorded.get(self.run.name(file))
-        if known is None or self.run.depth_kind == "z":
-            return None
-        depth = self.run.cropped(first_phasor_depth(*known))
-        return depth if depth.shape == shape else None
 
     def optics(self, file: Path, /) -> Optics:
         """Return how the pixels of a map look into the world: as the user says, or the run."""

@@ -135,8 +135,8 @@ def _facts(record: Mapping[str, Any], totals: RunTotals, lines: Sequence[FrameLi
         yield "skipped", str(totals.skipped)
         if totals.diffuse_frames:
             yield "with diffuse MPI", str(totals.diffuse_frames)
-    seconds = record.get("totals", {}).get("seconds")
-    if seconds is not None:
+    seconds = _table(record, "totals").get("seconds")
+    if isinstance(seconds, int | float):
         yield "time", f"{seconds:.1f} s"
 
 
@@ -166,16 +166,22 @@ def _settings(record: Mapping[str, Any]) -> Iterator[tuple[str, Sequence[tuple[s
     if not record:
         return
     about = {name: record[name] for name in ("cadtof", "kernel", "started", "finished") if name in record}
-    arguments = {name: value for name, value in record.get("arguments", {}).items() if not name.endswith("_inputs")}
+    arguments = {name: value for name, value in _table(record, "arguments").items() if not name.endswith("_inputs")}
     yield "Run", [(name, _plain(value), "") for name, value in (about | arguments).items()]
     for number, capture in enumerate(record.get("captures", []), start=1):
-        origins = capture.get("origins", {})
-        known = {"root": capture.get("root"), "files": capture.get("files")} | _flat(capture.get("metadata", {}))
+        origins = _table(capture, "origins")
+        known = {"root": capture.get("root"), "files": capture.get("files")} | _flat(_table(capture, "metadata"))
         rows = [(name, _plain(value), str(origins.get(name, ""))) for name, value in known.items()]
         yield f"Capture {number}: {capture.get('root')}", rows
-    calibration = record.get("calibration")
+    calibration = _table(record, "calibration")
     if calibration:
         yield "Calibration", [(name, _plain(value), "") for name, value in _flat(calibration).items()]
+
+
+def _table(record: Mapping[str, Any], name: str) -> Mapping[str, Any]:
+    """Return a table of the record; an empty one where it holds something else, for it may come from anywhere."""
+    found = record.get(name)
+    return found if isinstance(found, Mapping) else {}
 
 
 def _flat(tables: Mapping[str, Any], /, *, above: str = "") -> dict[str, Any]:

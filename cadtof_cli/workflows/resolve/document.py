@@ -9,6 +9,7 @@ from typing import Any
 
 from cadtof_cli import __version__
 from cadtof_cli.capture.discovery import Capture
+from cadtof_cli.files.regular import real_path
 from cadtof_cli.resolver.status import MEANING
 from cadtof_cli.resolver.two_path.kernel import chosen_kernel
 from cadtof_cli.workflows.resolve.plans import CapturePlan
@@ -24,7 +25,7 @@ def recorded_arrivals(
         document["arguments"]["inputs"] += map(str, paths)
         document["arguments"]["absolute_inputs"] += (str(path.absolute()) for path in paths)
         document["arguments"]["inputs_from_out"] += (_from_out(path, out) for path in paths)
-        document["arguments"]["resolved_inputs"] += (str(path.resolve()) for path in paths)
+        document["arguments"]["resolved_inputs"] += map(real_path, paths)
         yield paths
 
 
@@ -46,10 +47,18 @@ def record_captures(document: Mapping[str, Any], plans: Iterable[CapturePlan]) -
 def _as_json(capture: Capture) -> dict[str, Any]:
     return {
         "root": str(capture.root),
-        "resolved_root": str(capture.root.resolve()),
+        "resolved_root": real_path(capture.root),
         "files": len(capture.frames),
         "metadata": asdict(capture.source.metadata),
         "origins": dict(capture.source.origins),
+    }
+
+
+def _of_calibration(calibration: AppliedCalibration, out: Path) -> dict[str, Any]:
+    folder = calibration.use.folder
+    return calibration.as_json() | {
+        "absolute_folder": str(folder.absolute()),
+        "folder_from_out": _from_out(folder, out),
     }
 
 
@@ -71,7 +80,7 @@ def run_document(
             "inputs": [str(path) for path in inputs],
             "absolute_inputs": [str(path.absolute()) for path in inputs],
             "inputs_from_out": [_from_out(path, settings.out) for path in inputs],
-            "resolved_inputs": [str(path.resolve()) for path in inputs],
+            "resolved_inputs": [real_path(path) for path in inputs],
             "out": str(settings.out),
             **asdict(maps.resolver),
             "min_confidence": maps.min_confidence_v,
@@ -87,7 +96,7 @@ def run_document(
             "overrides": dict(overrides),
         },
         "captures": [_as_json(one.capture) for one in plans],
-        "calibration": calibration and calibration.as_json(),
+        "calibration": calibration and _of_calibration(calibration, settings.out),
         "layers": {layer.name: layer.unit for one in plans for layer in one.plan.layers},
         "status_bits": {bit.name: int(bit) for bit in MEANING},
     }

@@ -10,12 +10,13 @@ from typing import Any, TypeVar
 from cadtof_cli.arrays import Stored
 from cadtof_cli.calibration.store import Calibration, cached_calibration
 from cadtof_cli.capture.frame_sources import FrameSource
-from cadtof_cli.capture.frames import open_frames
+from cadtof_cli.capture.frames import open_frames, require_usual
 from cadtof_cli.errors import CadtofError, FrameError, PlaceError
+from cadtof_cli.execution.outcome import Later
 from cadtof_cli.execution.workers import keep_freed_memory
 from cadtof_cli.files.digest import content_digest, file_digest
 from cadtof_cli.files.frames import FrameLayout, NotAFrameError
-from cadtof_cli.files.maps import MapsAbout, write_maps
+from cadtof_cli.files.maps import SOURCE, DepthMaps, MapsAbout, begin_maps
 from cadtof_cli.frame_plan import FramePlan
 from cadtof_cli.phasors.frame_mean import FrameMean, frame_mean
 from cadtof_cli.phasors.plausible import implausible
@@ -82,26 +83,38 @@ class Recording:
     left_out: str | None = None
 
 
-def resolve_file(task: FrameTask, /) -> FrameReport:
-    """Read, resolve and write one frame. Whatever is wrong with it becomes a report, never an exception."""
+def resolve_file(task: FrameTask, /) -> FrameReport | Later[FrameReport]:
+    """Read, resolve and write one frame; that its maps are on the disk is waited for later.
+
+    Whatever is wrong with it becomes a report, never an exception.
+    """
     keep_freed_memory()
     began = time.monotonic()
 
-    def resolve() -> FrameReport:
+    def resolve() -> Later[FrameReport]:
         frame, recording = read_frame(task)
         resolved = resolve_frame(frame, plan=task.plan, calibration=task.calibration())
         return written(task, resolved, recording, began=began)
 
-    return attempted(task, resolve, began=began)
+    return unless_kept(task, resolve, began=began)
+
+
+def unless_kept(task: FrameTask, work: Callable[[], Result], /, *, began: float) -> Result | FrameReport:
+    """Return what `attempted` does, or a report that maps which are there already are kept."""
+
+    def kept_or_done() -> Result | FrameReport:
+        kept = kept_maps(task, began=began) if task.resume else None
+        return work() if kept is None else kept
+
+    return attempted(task, kept_or_done, began=began)
 
 
 def attempted(task: FrameTask, work: Callable[[], Result], /, *, began: float) -> Result | FrameReport:
-    """Return what `work` on a frame returns, or a report of what kept it from returning, or of why nothing was to be done."""
+    """Return what `work` on a frame returns, or a report of what kept it from returning."""
     status: FrameStatus = "failed"
     failed: CadtofError
     try:
-        kept = kept_maps(task, began=began) if task.resume else None
-        return work() if kept is None else kept
+        return work()
     except NotAFrameError as error:
         status, failed = "skipped", error
     except CadtofError as error:
@@ -121,48 +134,67 @@ def attempted(task: FrameTask, work: Callable[[], Result], /, *, began: float) -
     )
 
 
-def written(task: FrameTask, resolved: ResolvedFrame, recording: Recording, /, *, began: float) -> FrameReport:
-    """Write a frame's maps and return its report.
+def written(task: FrameTask, resolved: ResolvedFrame, recording: Recording, /, *, began: float) -> Later[FrameReport]:
+    """Write a frame's maps; the report on it comes when they are kept.
 
     Raises:
         FrameError: no pixel has an answer; nothing is written then.
-        OutputError: see `write_maps`.
+        OutputError: see `begin_maps`.
     """
-    roi = task.plan.settings.roi
-    maps = resolved.maps.cropped(roi) if roi else resolved.maps
+    maps = answered_maps(resolved, task.plan, name=str(task.sources[0]))
     counts = count_status(maps.status)
-    if counts.invalid == maps.status.size:
-        raise FrameError(f"{task.sources[0]}: {why_no_answer(maps.status)}")
     note = _why_again(task) if task.resume else None
-    write_maps(task.output, maps, about=_about(task), token=task.token)
+    about = maps_about(task.plan, source_name(task.sources[0]))
+    begun = begin_maps(task.output, maps, about=about, token=task.token)
     reasons = [recording.left_out] if recording.left_out else []
     if resolved.noise_estimated:
         reasons.append(f"noise estimated from the frame: integration_length {resolved.integration_length:.4g}")
-    return task.report(
-        "ok",
-        "; ".join(reasons) or None,
-        time.monotonic() - began,
-        one_path=counts.one_path,
-        two_paths=counts.two_paths,
-        more_paths=counts.more_paths if task.plan.settings.resolver.max_paths > 2 else None,
-        diffuse=counts.diffuse,
-        invalid=counts.invalid,
-        files=recording.files,
-        digest=recording.digest,
-        output_bytes=task.output.stat().st_size,
-        output_digest=file_digest(task.output),
-        note=note,
-    )
+
+    def keep() -> FrameReport:
+        size = begun.file.keep()
+        return task.report(
+            "ok",
+            "; ".join(reasons) or None,
+            time.monotonic() - began,
+            one_path=counts.one_path,
+            two_paths=counts.two_paths,
+            more_paths=counts.more_paths if task.plan.settings.resolver.max_paths > 2 else None,
+            diffuse=counts.diffuse,
+            invalid=counts.invalid,
+            files=recording.files,
+            digest=recording.digest,
+            output_bytes=size,
+            output_digest=begun.digest,
+            note=note,
+        )
+
+    return Later(lambda: attempted(task, keep, began=began))
 
 
-def _about(task: FrameTask) -> MapsAbout:
-    """Return what the file of a frame's maps says of itself; the recorded frame by its name, wherever the folder lies."""
-    plan, source = task.plan, task.sources[0]
-    place = "" if source.index is None else f"[{source.index}]"
+def answered_maps(resolved: ResolvedFrame, plan: FramePlan, /, *, name: str) -> DepthMaps:
+    """Return the maps of a frame, of the pixels that are asked for; `name` is the frame's in messages.
+
+    Raises:
+        FrameError: no pixel has an answer.
+    """
+    roi = plan.settings.roi
+    maps = resolved.maps.cropped(roi) if roi else resolved.maps
+    if count_status(maps.status).invalid == maps.status.size:
+        raise FrameError(f"{name}: {why_no_answer(maps.status)}")
+    return maps
+
+
+def source_name(source: FrameSource, /) -> str:
+    """Return the name of a recorded frame that holds wherever its folder lies."""
+    return f"{source.paths[0].name}{'' if source.index is None else f'[{source.index}]'}"
+
+
+def maps_about(plan: FramePlan, source: str, /) -> MapsAbout:
+    """Return what the maps of a recorded frame say of themselves."""
     facts = {
         "depth": "radial range" if plan.settings.depth == "range" else "planar depth z",
         "periods_ns": ", ".join(f"{period:g}" for period in plan.metadata.modulation.periods_ns),
-        "source": f"{source.paths[0].name}{place}",
+        SOURCE: source,
     }
     if plan.calibration is not None:
         facts["calibration"] = plan.calibration.digest
@@ -219,7 +251,7 @@ def read_frame(task: FrameTask, /) -> tuple[Stored | FrameMean, Recording]:
     """Read a task's frame, or the mean of those of its frames that can be read, and what that was read from.
 
     Raises:
-        FrameError: none of them can be read, or has the size of the capture's first.
+        FrameError: none of them can be read, or has the size of most.
     """
     files = task.files()
     if len(task.sources) == 1:
@@ -251,9 +283,7 @@ def _stored(task: FrameTask, source: FrameSource) -> Stored:
         if source.index is None and frames.count != 1:
             raise FrameError(f"{source}: found {frames.count} frames, expected one as in files of the same size")
         stored: Stored = frames.read(source.index or 0)
-    if task.pixels is not None and stored.shape[2:] != task.pixels:
-        found, expected = ("{1} × {0}".format(*size) for size in (stored.shape[2:], task.pixels))
-        raise FrameError(f"{source}: found {found} pixels, expected {expected} as in the capture's first frame")
+    require_usual(source, stored.shape[2:], task.pixels)
     wrong = implausible(stored, task.plan.metadata)
     if wrong is not None:
         raise FrameError(f"{source}: {wrong}")

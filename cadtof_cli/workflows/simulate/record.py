@@ -9,12 +9,16 @@ import numpy as np
 
 from cadtof_cli import __version__
 from cadtof_cli.arrays import Float
+from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Pixel, Pulse, Target, Voltage
 from cadtof_cli.execution.workers import ALONE, Workers
 from cadtof_cli.files.atomic import new_folder
 from cadtof_cli.files.formats import FRAME_FORMATS
 from cadtof_cli.simulation.pixel.mix import require
+from cadtof_cli.simulation.scene.camera import Camera
 from cadtof_cli.simulation.scene.exposure import Band, Exposure, band_rows, expose_band, frame_voltages, joined
+from cadtof_cli.simulation.scene.light import Scene
 from cadtof_cli.simulation.scene.recorder import write_capture
+from cadtof_cli.simulation.scene.scenes import Wall
 from cadtof_cli.workflows.progress import UNTOLD, Progress
 from cadtof_cli.workflows.simulate.tasks import results
 
@@ -50,6 +54,29 @@ class RecordReport:
     depths_m: tuple[float, float]
 
 
+def scene_exposure(
+    scene: Scene,
+    camera: Camera,
+    /,
+    *,
+    modulation: Modulation,
+    pulse: Pulse,
+    integration_length: float,
+    counts: bool,
+    seed: int,
+) -> Exposure:
+    """Return a scene as it is to be recorded, with the metadata that its `capture.toml` gets; `counts`: not volts."""
+    metadata = CaptureMetadata(
+        modulation=modulation,
+        pixel=Pixel(integration_length=integration_length),
+        pulse=pulse,
+        voltage=camera.voltage if counts else Voltage(),
+        optics=camera.optics,
+        target=Target(distance_m=scene.distance_m if isinstance(scene, Wall) else None),
+    )
+    return Exposure(scene=scene, camera=camera, metadata=metadata, seed=seed)
+
+
 def record_scene(
     settings: RecordSettings, out: Path, /, *, workers: Workers = ALONE, progress: Progress = UNTOLD
 ) -> RecordReport:
@@ -67,7 +94,7 @@ def record_scene(
         whole = expose(exposure, workers=workers, progress=progress)
         write_capture(
             folder,
-            _frames(settings, whole, progress),
+            frames_of(settings, whole, progress=progress),
             truth=whole.truth,
             metadata=exposure.metadata,
             camera=exposure.camera,
@@ -91,7 +118,8 @@ def expose(exposure: Exposure, /, *, workers: Workers = ALONE, progress: Progres
     return joined(list(bands))
 
 
-def _frames(settings: RecordSettings, whole: Band, progress: Progress) -> Iterator[Float]:
+def frames_of(settings: RecordSettings, whole: Band, /, *, progress: Progress = UNTOLD) -> Iterator[Float]:
+    """Yield the frames of a capture, voltages in V (H, 2, Y, X) each, from the distribution of a whole frame's."""
     exposure = settings.exposure
     camera, harmonics = exposure.camera, len(exposure.metadata.modulation.harmonics)
     offsets = camera.dark_offsets_v(exposure.seed, harmonics) if camera.dark_offset_v > 0 else None

@@ -1,6 +1,7 @@
 """Maximum likelihood against the Cramér–Rao bound, χ², and a search of everything."""
 
 import itertools
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -82,6 +83,22 @@ def test_the_misfit_of_the_true_number_of_paths_is_chi_squared(paths: int, harmo
     freedom = 2 * (len(harmonics) - paths)
     assert fit.chi_squared.mean() == pytest.approx(freedom, rel=0.08)
     assert fit.chi_squared.var() == pytest.approx(2 * freedom, rel=0.2)
+
+
+@pytest.mark.parametrize(("harmonics", "settings"), [((1, 2, 3), DEFAULT), ((1, 3, 4), ResolverSettings(order="2"))])
+def test_a_mean_is_resolved_as_a_recording_of_all_its_photons(
+    harmonics: tuple[int, ...], settings: ResolverSettings
+) -> None:
+    frames, n_av = 400.0, 3e3
+    as_long = 0.5 * (frames * (2.0 * n_av - 1.0) + 1.0)
+    problem = Mixture((1.0, 0.4), (5.0, 13.0), asr=3.0)
+    drawn = problem.phasors(harmonics, n_av=as_long, size=RUNS, rng=np.random.default_rng(12))
+    one = resolved(drawn, harmonics, as_long, settings)
+    noise = replace(noise_of(harmonics, n_av=n_av), samples=np.full(RUNS, frames))
+    mean = resolve_paths(drawn, status=np.zeros(RUNS, np.uint32), settings=settings, noise=noise)
+    off = np.abs(mean.paths.phase_rad - one.paths.phase_rad) / one.paths.sigma_rad
+    assert np.nanmax(off) < 1e-6
+    assert_allclose(mean.paths.sigma_rad, one.paths.sigma_rad, rtol=1e-6)
 
 
 @pytest.mark.parametrize("false_alarm", [0.05, 0.01])

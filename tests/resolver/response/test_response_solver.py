@@ -7,8 +7,10 @@ import pytest
 
 from cadtof_cli.capture.metadata import CaptureMetadata, Modulation
 from cadtof_cli.frame_plan import FramePlan, MapSettings
+from cadtof_cli.phasors.noise import noise_model
 from cadtof_cli.phasors.response import HarmonicResponse, ideal_response
 from cadtof_cli.pipeline import resolve_frame
+from cadtof_cli.resolver.resolve import resolve_paths
 from cadtof_cli.resolver.response.table import response_model
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.resolver.status import StatusBit
@@ -44,6 +46,47 @@ def test_tables_are_the_series() -> None:
 def test_a_response_of_main_and_mirror_leaves_nothing_to_refine() -> None:
     responses = [HarmonicResponse(h, ((1, 0.9 + 0.1j), (-1, 0.02j))) for h in (1, 2)]
     assert response_model(responses, None) is None
+
+
+def test_two_paths_that_are_beyond_all_numbers_are_called_two_all_the_same() -> None:
+    metadata = CaptureMetadata(modulation=Modulation(waveform="triangle"))
+    model = response_model(ideal_response(metadata), None)
+    assert model is not None
+    found = resolve_paths(
+        np.array([[1.1e30 + 0.4e30j], [-0.7e30 + 0.9e30j]]),
+        status=np.zeros(1, np.uint32),
+        settings=ResolverSettings(order="2"),
+        noise=noise_model(metadata, integration_length=1e5, quantised=False),
+        response=model.block(slice(None)),
+    )
+    assert np.isnan(found.paths.amplitude).all()
+    assert found.status[0] == StatusBit.TWO_PATHS | StatusBit.NOT_CONVERGED
+
+
+def test_a_mean_under_a_response_is_resolved_as_a_recording_of_all_its_photons() -> None:
+    metadata, count, frames, n_av = CaptureMetadata(modulation=Modulation(waveform="triangle")), 4000, 1e4, 300.0
+    as_long = 0.5 * (frames * (2.0 * n_av - 1.0) + 1.0)
+    responses = ideal_response(metadata)
+    model = response_model(responses, None)
+    assert model is not None
+    rng = np.random.default_rng(4)
+    delays = rng.uniform(0.0, 2.0 * np.pi) + np.array([[0.0], [1.6]]) + rng.uniform(-0.2, 0.2, (2, count))
+    light = np.array([[0.3], [0.15]])
+    drawn = np.array([(light * one.at(one.harmonic * delays) / one.main).sum(axis=0) for one in responses])
+    sigma = np.sqrt(noise_model(metadata, integration_length=as_long, quantised=False).each[0].dark_variance)
+    drawn += sigma * (rng.normal(size=drawn.shape) + 1j * rng.normal(size=drawn.shape))
+    block, settings, status = model.block(slice(None)), ResolverSettings(order="2"), np.zeros(count, np.uint32)
+    one = resolve_paths(
+        drawn,
+        status=status,
+        settings=settings,
+        noise=noise_model(metadata, integration_length=as_long, quantised=False),
+        response=block,
+    )
+    noise = replace(noise_model(metadata, integration_length=n_av, quantised=False), samples=np.full(count, frames))
+    mean = resolve_paths(drawn, status=status, settings=settings, noise=noise, response=block)
+    off = np.abs(mean.paths.phase_rad - one.paths.phase_rad) / one.paths.sigma_rad
+    assert np.nanmax(off) < 1e-2
 
 
 def test_one_path_of_a_triangle_is_unbiased_and_one() -> None:

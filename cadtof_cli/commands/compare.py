@@ -1,0 +1,97 @@
+"""`cadtof compare`."""
+
+import json
+from collections.abc import Iterator
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from cadtof_cli.commands.examples import example
+from cadtof_cli.commands.progress import progress_bar
+from cadtof_cli.commands.terminal import tell
+
+if TYPE_CHECKING:
+    from cadtof_cli.workflows.inspect.compare import Comparison, FrameDifference
+
+
+@click.command(
+    epilog=example(
+        "cadtof resolve sample_data/corner -o maps",
+        "cadtof resolve sample_data/corner -o separate --mpi-model discrete",
+        "cadtof compare maps separate -o differences.png",
+        "cadtof compare maps sample_data/corner/truth.exr",
+    )
+)
+@click.argument("first", type=click.Path(path_type=Path), metavar="A")
+@click.argument("second", type=click.Path(path_type=Path), metavar="B")
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object on stdout instead of the table.")
+@click.option(
+    "-o",
+    "--out",
+    type=click.Path(path_type=Path),
+    help="Picture of the frame that differs most: .png, .pdf, .svg or .jpg.",
+)
+@click.option("--overwrite", is_flag=True, help="Replace a picture that is there.")
+def compare(*, first: Path, second: Path, as_json: bool, out: Path | None, overwrite: bool) -> None:
+    """Show what differs between two runs, or between a run and truth, layer by layer and bit by bit.
+
+    A and B are folders that `cadtof resolve` wrote, or map files. Frames are matched by name; a lone file, such as truth, goes
+    with every frame. Figures are of |A − B| over the pixels that have a value in both, all frames together; bits are gained
+    where B has them and A has not.
+    """
+    from cadtof_cli.workflows.inspect.compare import MapPairs, compare_maps, draw_worst
+
+    kind = None
+    if out is not None:
+        from cadtof_cli.figures.kinds import require_picture
+
+        kind = require_picture(out, overwrite=overwrite)
+    with progress_bar("comparing", "frames", quiet=False) as bar:
+        pairs = MapPairs(first, second)
+        found = compare_maps(pairs, progress=bar)
+    if out is not None and kind is not None:
+        draw_worst(pairs, found, out, kind=kind)
+    tell(json.dumps(asdict(found)) if as_json else "\n".join(_lines(found)))
+    if out is not None:
+        tell(out, err=as_json)
+
+
+def _lines(found: "Comparison") -> Iterator[str]:
+    """Yield the table."""
+    from cadtof_cli.maps.layers import layer_unit
+
+    counted = f"{found.frames} frame{'' if found.frames == 1 else 's'}"
+    yield f"{'|A − B|':26}{'median':>12}{'90 %':>12}{'largest':>12}   ({counted})"
+    for name, layer in found.layers.items():
+        figures = (layer.median_abs, layer.p90_abs, layer.max_abs)
+        row = f"{_named(name, layer_unit(name)):26}{''.join(f'{_number(figure):>12}' for figure in figures)}"
+        alone = found.answers.get(name)
+        yield f"{row}   {alone.only_a} pixels only in A, {alone.only_b} only in B" if alone else row
+    if found.status_changed is not None:
+        yield f"{'status differs':26}{found.status_changed:>12} pixels"
+    for bit, change in found.status_bits.items():
+        yield f"  {bit:24}{change.gained:>12} gained{change.lost:>12} lost"
+    for which, only in (("A", found.only_a), ("B", found.only_b)):
+        for what, names in only.items():
+            if names:
+                more = f" and {len(names) - 4} more" if len(names) > 4 else ""
+                yield f"only {which} has the {what} {', '.join(names[:4])}{more}"
+    if found.frames > 1 and found.worst_by:
+        unit = layer_unit(found.worst_by)
+        yield f"frames that differ most, by 90 % of {found.worst_by}:"
+        yield from (_worst(frame, unit) for frame in found.worst)
+
+
+def _worst(frame: "FrameDifference", unit: str) -> str:
+    bits = "" if frame.status_changed is None else f", status of {frame.status_changed} pixels"
+    return f"  {frame.frame}: {_number(frame.p90_abs)} {unit}, at most {_number(frame.max_abs)} {unit}{bits}"
+
+
+def _named(name: str, unit: str) -> str:
+    return f"{name}, {unit}" if unit else name
+
+
+def _number(value: float | None) -> str:
+    return "–" if value is None else f"{value:.4g}"

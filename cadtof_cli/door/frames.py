@@ -1,0 +1,133 @@
+"""Recorded frames for Python: read from captures as `cadtof resolve` reads them, or made of an array."""
+
+import logging
+import os
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cadtof_cli.arrays import Stored
+from cadtof_cli.capture.metadata import KEYS, CaptureMetadata
+from cadtof_cli.capture.toml import load_metadata
+from cadtof_cli.errors import FrameError, SettingsError
+from cadtof_cli.files.frames import CHANNELS, SAMPLE_TYPES
+from cadtof_cli.frame_plan import MapSettings
+from cadtof_cli.resolver.settings import ResolverSettings
+from cadtof_cli.workflows.resolve.frame_task import FrameTask, read_frame, source_name
+from cadtof_cli.workflows.resolve.plans import found_captures, planned
+from cadtof_cli.workflows.resolve.settings import ResolveSettings
+
+Place = str | os.PathLike[str]
+"""A file or folder."""
+
+_log = logging.getLogger("cadtof_cli")
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """One recorded frame.
+
+    Attributes:
+        stored: values as they were recorded, (H, 2, Y, X), of any type that a file may hold.
+        metadata: how they were recorded: what `capture.toml` says.
+        name: of the file of maps that `cadtof resolve` would write, without suffix.
+        source: the recorded file, with the place in a stack: what maps say that they were made from.
+    """
+
+    stored: Stored
+    metadata: CaptureMetadata = field(default_factory=CaptureMetadata)
+    name: str = "frame"
+    source: str = ""
+
+    def __post_init__(self) -> None:
+        stored, harmonics = self.stored, len(self.metadata.modulation.harmonics)
+        if stored.ndim != 4 or stored.shape[:2] != (harmonics, CHANNELS) or 0 in stored.shape:
+            raise FrameError(
+                f"{self}: found an array of shape {stored.shape}, expected ({harmonics}, {CHANNELS}, Y, X): the harmonics "
+                "of modulation.periods_ns, SC1 and SC2, rows, columns"
+            )
+        if stored.dtype.name not in SAMPLE_TYPES:
+            raise FrameError(f"{self}: found values of type {stored.dtype}, expected one of {', '.join(SAMPLE_TYPES)}")
+
+    def __str__(self) -> str:
+        return self.source or self.name
+
+    @classmethod
+    def from_array(
+        cls,
+        stored: Stored,
+        /,
+        metadata: Mapping[str, Any] | None = None,
+        *,
+        settings_file: Place | None = None,
+        name: str = "frame",
+    ) -> "Frame":
+        """Return a frame of values that are in memory already, such as those of a camera's own driver.
+
+        Args:
+            stored: (H, 2, Y, X): harmonics in the order of the periods, SC1 and SC2, rows, columns. Floats are volts, unless
+                `volts_per_count` says otherwise; whole numbers need it.
+            metadata: values by dotted key of `capture.toml`, such as `{"modulation.periods_ns": [40.0, 20.0]}`; keys that are
+                not given have the paper's values.
+            settings_file: a `capture.toml` that holds what `metadata` does not.
+            name: of the frame.
+
+        Raises:
+            MetadataError: a key or value is not allowed.
+            FrameError: the array has another shape or type.
+        """
+        path = None if settings_file is None else Path(settings_file)
+        known = load_metadata(path, _overrides(metadata)).metadata
+        return cls(np.ascontiguousarray(stored), known, name)
+
+
+def read_frames(
+    *inputs: Place,
+    metadata: Mapping[str, Any] | None = None,
+    settings_file: Place | None = None,
+    recursive: bool = False,
+    frames: slice | None = None,
+) -> Iterator[Frame]:
+    """Yield the recorded frames of folders and files, in the order in which `cadtof resolve` takes them, one in memory at a time.
+
+    What is taken for granted, as a default of the paper, is logged by the logger `cadtof_cli`.
+
+    Args:
+        inputs: capture folders, and single files.
+        metadata: values by dotted key that replace those of `capture.toml`, such as `{"pixel.integration_length": 1e5}`.
+        settings_file: a `capture.toml` that holds for all, in place of any other.
+        recursive: whether folders below folders are looked into.
+        frames: which frames of each capture, such as `slice(10, 20)`; None for all.
+
+    Raises:
+        CadtofError: an input is no capture, its metadata are not allowed, or a frame cannot be read; the message says why.
+    """
+    # one path is found in whatever was recorded; what `resolve` is asked for is checked there
+    settings = ResolveSettings(
+        out=Path(os.devnull),
+        maps=MapSettings(resolver=ResolverSettings(solver="one-path")),
+        recursive=recursive,
+        settings_file=None if settings_file is None else Path(settings_file),
+        frames=frames,
+    )
+    captures, _ = found_captures([Path(one) for one in inputs], settings, _overrides(metadata))
+    taken = {source.name for capture in captures for source in capture.frames}
+    for plan in planned(captures, settings, None):
+        for note in plan.notes():
+            _log.warning(note)
+        for source in plan.frames(settings, taken=taken):
+            task = FrameTask((source,), plan.capture.layout, plan.plan, plan.pixels, settings.out)
+            stored, _ = read_frame(task)
+            assert isinstance(stored, np.ndarray)
+            yield Frame(stored, plan.plan.metadata, source.name, source_name(source))
+
+
+def _overrides(metadata: Mapping[str, Any] | None) -> dict[str, Any]:
+    known = {key.path for key in KEYS}
+    for name in metadata or {}:
+        if name not in known:
+            raise SettingsError(f"metadata: found {name!r}, expected keys such as {', '.join(sorted(known)[:3])}, …")
+    return dict(metadata or {})

@@ -1,0 +1,111 @@
+"""Depth maps for Python: named layers as arrays, from `resolve` or from a file."""
+
+import os
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cadtof_cli.arrays import Status
+from cadtof_cli.errors import CaptureError, SettingsError
+from cadtof_cli.files.maps import STATUS, read_facts, read_layers
+from cadtof_cli.maps.layers import layer_unit
+from cadtof_cli.resolver.status import StatusBit
+from cadtof_cli.workflows.run_folder import read_run
+
+if TYPE_CHECKING:
+    import xarray
+
+
+@dataclass(frozen=True, eq=False)
+class Maps(Mapping[str, NDArray[Any]]):
+    """The layers of one frame by name, such as `maps["direct.depth"]`; float32 (Y, X) in m or V, NaN where there is no answer.
+
+    The layer `status` is uint32 (Y, X): the bits of the README's table.
+
+    Attributes:
+        layers: by name.
+        facts: what the maps say of themselves: kind of depth, periods, recorded frame, digest of the calibration.
+    """
+
+    layers: Mapping[str, NDArray[Any]]
+    facts: Mapping[str, str] = field(default_factory=dict)
+
+    def __getitem__(self, name: str) -> NDArray[Any]:
+        try:
+            return self.layers[name]
+        except KeyError:
+            raise KeyError(f"{name}: found layers {', '.join(self.layers)}") from None
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.layers)
+
+    def __len__(self) -> int:
+        return len(self.layers)
+
+    def __repr__(self) -> str:
+        height, width = self.shape
+        return f"<Maps of {width} × {height} pixels: {', '.join(self.layers)}>"
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(Y, X)."""
+        height, width = next(iter(self.layers.values())).shape
+        return height, width
+
+    @property
+    def status(self) -> Status:
+        """The bits of every pixel, uint32 (Y, X)."""
+        bits: Status = self[STATUS]
+        return bits
+
+    @property
+    def units(self) -> dict[str, str]:
+        """The unit of each layer; empty for pure numbers."""
+        return {name: layer_unit(name) for name in self.layers}
+
+    def to_xarray(self) -> "xarray.Dataset":
+        """Return the layers as variables over y and x, with units; `status` with CF's flag_masks and flag_meanings.
+
+        Raises:
+            SettingsError: xarray is not installed.
+        """
+        try:
+            import xarray
+        except ImportError as error:
+            raise SettingsError("to_xarray needs xarray: pip install 'cadtof[xarray]'") from error
+        units = self.units
+        variables: dict[str, tuple[tuple[str, str], NDArray[Any], dict[str, Any]]] = {
+            name: (("y", "x"), plane, {"units": units[name]} if units[name] else {})
+            for name, plane in self.layers.items()
+        }
+        if STATUS in self.layers:
+            bits = [bit for bit in StatusBit if bit.name]
+            masks = np.array([int(bit) for bit in bits], np.uint32)
+            meanings = " ".join(str(bit.name).lower() for bit in bits)
+            variables[STATUS] = (("y", "x"), self.status, {"flag_masks": masks, "flag_meanings": meanings})
+        height, width = self.shape
+        places = {"y": np.arange(height), "x": np.arange(width)}
+        return xarray.Dataset(variables, coords=places, attrs=dict(self.facts))
+
+
+def read_maps(path: str | os.PathLike[str], /) -> Maps:
+    """Return the layers of a file of maps or truth, or of the only one in a folder.
+
+    Raises:
+        CaptureError: there is no such file, or the folder holds several.
+        FrameError: the file cannot be read, or holds no named layers.
+    """
+    files = read_run(Path(path)).require_maps()
+    if len(files) > 1:
+        raise CaptureError(
+            f"{path}: found {len(files)} files of maps, expected one; read them one by one, {files[0]} first"
+        )
+    layers = {name: np.ascontiguousarray(plane) for name, plane in read_layers(files[0]).items()}
+    if STATUS in layers:
+        # TIFF holds the bits as floats
+        layers[STATUS] = layers[STATUS].astype(np.uint32)
+    return Maps(layers, read_facts(files[0]))

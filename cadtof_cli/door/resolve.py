@@ -1,0 +1,124 @@
+"""Frames → maps for Python, by the way that `cadtof resolve` goes: the same bits."""
+
+import os
+from collections.abc import Sequence
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, TypedDict, Unpack
+
+from cadtof_cli.arrays import Stored
+from cadtof_cli.calibration.store import Calibration, load_calibration
+from cadtof_cli.door.frames import Frame
+from cadtof_cli.door.maps import Maps
+from cadtof_cli.errors import FrameError, SettingsError
+from cadtof_cli.files.maps import STATUS
+from cadtof_cli.frame_plan import CalibrationUse, DepthKind, FramePlan, MapSettings
+from cadtof_cli.phasors.frame_mean import FrameMean, frame_mean
+from cadtof_cli.phasors.plausible import implausible
+from cadtof_cli.pipeline import resolve_frame
+from cadtof_cli.resolver.settings import MpiModel, ResolverSettings, Return, Solver
+from cadtof_cli.workflows.resolve.frame_task import answered_maps, maps_about
+
+
+class ResolverOptions(TypedDict, total=False):
+    """How phasors become paths: the fields of `ResolverSettings`, which says what each means and what it is if not given."""
+
+    mpi_model: MpiModel
+    solver: Solver
+    paths: int
+    order: str
+    starts: int
+    seed: int
+    false_alarm: float
+    returns: Return
+    min_return_ratio: float
+
+
+class ResolveOptions(ResolverOptions, total=False):
+    """What may be given to `resolve`: those, and the fields of `MapSettings`."""
+
+    depth: DepthKind
+    pool: int
+    roi: tuple[int, int, int, int] | None
+    min_confidence_v: float | None
+
+
+def resolve(
+    frame: Frame | Sequence[Frame],
+    /,
+    *,
+    calibration: str | os.PathLike[str] | None = None,
+    **options: Unpack[ResolveOptions],
+) -> Maps:
+    """Return the maps of a recorded frame, or of the mean of several: bit by bit what `cadtof resolve` writes for them.
+
+    Args:
+        frame: a frame; or several of one capture, whose mean is resolved, as with `--average`.
+        calibration: folder made by `cadtof calibrate`.
+        options: those of `cadtof resolve` under the names of the settings records, such as `solver="lm"`, `pool=5`,
+            `depth="z"`, `returns="strongest"`, `min_confidence_v=0.001`; defaults are the command's.
+
+    Returns:
+        Named layers, float32 (Y, X) in m and V, NaN where there is no answer; `status` holds the bits that say why.
+
+    Raises:
+        SettingsError: an option that is not allowed, or does not fit the frame.
+        MetadataError: the calibration cannot be read.
+        FrameError: values that cannot be voltages, or a frame in which no pixel has an answer.
+    """
+    frames = [frame] if isinstance(frame, Frame) else list(frame)
+    if not frames:
+        raise SettingsError("resolve: found no frame, expected one or more")
+    first = frames[0]
+    plan = FramePlan(metadata=first.metadata, settings=_settings(options, average=len(frames)))
+    loaded = None
+    if calibration is not None:
+        folder = Path(calibration)
+        loaded = _loaded(folder, _stamp(folder))
+        loaded.require_match(first.metadata, (first.stored.shape[2], first.stored.shape[3]))
+        use = CalibrationUse(folder, loaded.digest)
+        plan = FramePlan(metadata=first.metadata, settings=plan.settings, calibration=use)
+    resolved = resolve_frame(_recorded(frames), plan=plan, calibration=loaded)
+    maps = answered_maps(resolved, plan, name=str(first))
+    layers = {name: maps.layer(name) for name in maps.names} | {STATUS: maps.status}
+    return Maps(layers, maps_about(plan, str(first)).facts)
+
+
+def _settings(options: ResolveOptions, *, average: int) -> MapSettings:
+    """Return the settings that options stand for; those that are not given have the defaults of the records."""
+    of_resolver = ResolverOptions.__annotations__.keys()
+    unknown = options.keys() - ResolveOptions.__annotations__.keys()
+    if unknown:
+        allowed = ", ".join(("calibration", *ResolveOptions.__annotations__))
+        raise SettingsError(f"resolve: found the option {', '.join(sorted(unknown))}, expected some of {allowed}")
+    given: dict[str, Any] = dict(options)
+    resolver = ResolverSettings(**{name: value for name, value in given.items() if name in of_resolver})
+    others = {name: value for name, value in given.items() if name not in of_resolver}
+    return MapSettings(resolver=resolver, average=average, **others)
+
+
+def _recorded(frames: Sequence[Frame]) -> Stored | FrameMean:
+    """Return what is resolved of frames: the values of one, or the mean of several."""
+    first = frames[0]
+    for one in frames:
+        if one.stored.shape != first.stored.shape or one.metadata != first.metadata:
+            raise FrameError(f"{one}: differs in size or metadata from {first}, expected frames of one capture")
+        wrong = implausible(one.stored, one.metadata)
+        if wrong is not None:
+            raise FrameError(f"{one}: {wrong}")
+    if len(frames) == 1:
+        return first.stored
+    return frame_mean((one.stored for one in frames), saturated_counts=first.metadata.voltage.saturated_counts)
+
+
+def _stamp(folder: Path) -> tuple[tuple[str, int, int], ...]:
+    """Return what tells whether a calibration folder has changed."""
+    if not folder.is_dir():
+        return ()
+    return tuple((one.name, one.stat().st_size, one.stat().st_mtime_ns) for one in sorted(folder.iterdir()))
+
+
+@lru_cache(maxsize=4)
+def _loaded(folder: Path, _stamp: tuple[tuple[str, int, int], ...], /) -> Calibration:
+    """Read a calibration once as long as its folder stays what it is."""
+    return load_calibration(folder)

@@ -1,0 +1,90 @@
+"""Simulated captures for Python: what `cadtof simulate --scene` records, without files."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from cadtof_cli.capture.metadata import InvalidValueError, Modulation, Pulse
+from cadtof_cli.door.frames import Frame
+from cadtof_cli.door.maps import Maps
+from cadtof_cli.errors import SettingsError
+from cadtof_cli.simulation.scene.camera import Camera
+from cadtof_cli.simulation.scene.scenes import SCENES
+from cadtof_cli.workflows.simulate.record import RecordSettings, expose, frames_of, scene_exposure
+
+
+@dataclass(frozen=True, eq=False)
+class SimulatedCapture:
+    """Frames as a camera would record them, and what is true of what it saw.
+
+    Attributes:
+        frames: counts of the camera's converter.
+        truth: layers `direct.depth`, `mpi.depth`, their amplitudes, `mpi.ratio` and `mpi.delay`; float64 (Y, X), NaN where the
+            pixel sees nothing.
+    """
+
+    frames: tuple[Frame, ...]
+    truth: Maps
+
+
+def simulate_scene(
+    name: str,
+    /,
+    *,
+    frames: int = 1,
+    seed: int = 0,
+    integration_length: float = 1e5,
+    modulation: Mapping[str, Any] | None = None,
+    fwhm_ns: float = Pulse.fwhm_ns,
+    camera: Mapping[str, Any] | None = None,
+    **scene: Any,
+) -> SimulatedCapture:
+    """Return frames of a simulated scene with its truth: the counts that `cadtof simulate --scene NAME` writes.
+
+    Args:
+        name: of the scene: card, wall, corner, inter-reflection, room or cornell.
+        frames: how many.
+        seed: of all that is random.
+        integration_length: n_av of Eq. (1), per harmonic.
+        modulation: fields of `Modulation`, such as `{"periods_ns": (40.0, 20.0, 40 / 3)}`.
+        fwhm_ns: width of the laser pulse.
+        camera: fields of `Camera`, such as `{"width": 160, "height": 120}`.
+        scene: fields of the scene's record in `simulation/scene/scenes.py`, such as `distance_m=2.0`, `asr=2.0`.
+
+    Raises:
+        SettingsError: a scene, field or value that there is not.
+    """
+    if name not in SCENES:
+        raise SettingsError(f"simulate_scene: found {name!r}, expected one of {', '.join(SCENES)}")
+    given = {"seed": seed, **scene} if "seed" in SCENES[name].__dataclass_fields__ else scene
+    exposure = scene_exposure(
+        _record(SCENES[name], given),
+        _record(Camera, camera or {}),
+        modulation=_record(Modulation, modulation or {}),
+        pulse=Pulse(fwhm_ns=fwhm_ns),
+        integration_length=integration_length,
+        counts=True,
+        seed=seed,
+    )
+    whole = expose(exposure)
+    voltages = frames_of(RecordSettings(exposure=exposure, frames=frames), whole)
+    recorded = tuple(
+        Frame(exposure.camera.counts_from_voltages(volts), exposure.metadata, f"frame_{index:04d}")
+        for index, volts in enumerate(voltages)
+    )
+    truth = {layer: np.asarray(plane) for layer, plane in whole.truth.items()}
+    return SimulatedCapture(recorded, Maps(truth, {"depth": "radial range", "scene": exposure.scene.summary}))
+
+
+def _record(kind: Any, given: Mapping[str, Any]) -> Any:
+    """Return a settings record of some fields."""
+    unknown = given.keys() - kind.__dataclass_fields__.keys()
+    if unknown:
+        allowed = ", ".join(kind.__dataclass_fields__)
+        raise SettingsError(f"{kind.__name__}: found {', '.join(sorted(unknown))}, expected some of {allowed}")
+    try:
+        return kind(**{name: tuple(value) if isinstance(value, list) else value for name, value in given.items()})
+    except InvalidValueError as error:
+        raise SettingsError(str(error)) from error

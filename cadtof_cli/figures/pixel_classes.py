@@ -1,0 +1,72 @@
+"""What became of a pixel, as colours of a picture: none of them is in a scale of colours."""
+
+from enum import Enum
+
+import numpy as np
+
+from cadtof_cli.arrays import Bool, Status
+from cadtof_cli.resolver.status import StatusBit
+
+
+class PixelClass(Enum):
+    """A name for the legend and a colour; the order is that of the legend."""
+
+    ONE_PATH = "one path", "#d9d9d9"
+    TWO_PATHS = "two paths", "#0072b2"
+    ILL_CONDITIONED = "two paths, ill-conditioned", "#56b4e9"
+    MORE_PATHS = "three paths or more", "#009e73"
+    DIFFUSE = "diffuse MPI", "#e69f00"
+    NO_ANSWER = "no answer", "#737373"
+    SATURATED = "saturated", "#ff2fd0"
+
+    @property
+    def label(self) -> str:
+        """What the legend says."""
+        return self.value[0]
+
+    @property
+    def colour(self) -> str:
+        """As matplotlib knows it."""
+        return self.value[1]
+
+
+NO_VALUE = frozenset({PixelClass.ONE_PATH, PixelClass.NO_ANSWER, PixelClass.SATURATED})
+"""Reasons why a pixel of a layer has no value: with one path it has no MPI."""
+
+
+def classes_of(status: Status | None, known: Bool | None = None, /, *, one_path: bool = True) -> dict[PixelClass, Bool]:
+    """Return which pixels are of which class, each of one.
+
+    Args:
+        status: bits, (Y, X); None: not known.
+        known: pixels that have a value, (Y, X): they are of no class; None: every pixel is of one.
+        one_path: whether pixels without a value may be so since they have one path.
+    """
+    if status is None:
+        assert known is not None
+        return {PixelClass.NO_ANSWER: ~known}
+    left: Bool = np.ones(status.shape, np.bool_) if known is None else ~known
+    found = {}
+    for kind, bits in _BITS:
+        if known is not None and (kind not in NO_VALUE or (kind is PixelClass.ONE_PATH and not one_path)):
+            continue
+        pixels = left & ((status & np.uint32(bits)) == np.uint32(bits))
+        found[kind] = pixels
+        left = left & ~pixels
+    found[PixelClass.NO_ANSWER] = left
+    return found
+
+
+_BITS = (
+    (PixelClass.SATURATED, StatusBit.SATURATED),
+    (PixelClass.DIFFUSE, StatusBit.DIFFUSE_MPI),
+    (PixelClass.MORE_PATHS, StatusBit.MORE_PATHS),
+    (PixelClass.ILL_CONDITIONED, StatusBit.TWO_PATHS | StatusBit.ILL_CONDITIONED),
+    (PixelClass.TWO_PATHS, StatusBit.TWO_PATHS),
+    (PixelClass.ONE_PATH, StatusBit.ONE_PATH),
+)
+
+
+def class_shares(status: Status, /) -> dict[PixelClass, float]:
+    """Return the share of the pixels that are of each class."""
+    return {kind: float(np.mean(pixels)) for kind, pixels in classes_of(status).items()}

@@ -1,0 +1,90 @@
+"""What differs between two maps of the same pixels, gathered over any number of frames in bounded memory."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cadtof_cli.arrays import Float, Float32, Status
+from cadtof_cli.resolver.status import StatusBit
+
+EXACT_VALUES = 1 << 23
+"""Up to so many values quantiles are exact; beyond, they are those of bins as wide as 1/4096 of the value."""
+
+_SHIFT = 11
+"""Bits of a float32 that do not count for the bin of a value."""
+
+
+@dataclass(frozen=True)
+class LayerDifference:
+    """How much a layer differs where both maps have a value: median, 90 % and largest of |A − B|; None where there are none."""
+
+    median_abs: float | None
+    p90_abs: float | None
+    max_abs: float | None
+
+
+@dataclass(frozen=True)
+class BitChange:
+    """In how many pixels B has a status bit that A lacks, and the other way round."""
+
+    gained: int
+    lost: int
+
+
+class MagnitudeTally:
+    """Quantiles of magnitudes: of the values themselves while they are few, else of counts in bins."""
+
+    def __init__(self, *, exact: int = EXACT_VALUES) -> None:
+        self._exact, self._values, self._size, self._largest = exact, list[Float32](), 0, -np.inf
+        self._counts: NDArray[np.int64] | None = None
+
+    def add(self, values: NDArray[np.floating], /) -> None:
+        """Add values of any sign; those that are not finite do not count."""
+        found = np.abs(values[np.isfinite(values)]).astype(np.float32)
+        if not found.size:
+            return
+        self._size += found.size
+        self._largest = max(self._largest, float(found.max()))
+        self._values.append(found)
+        if self._counts is not None or self._size > self._exact:
+            self._count()
+
+    def _count(self) -> None:
+        bins = 1 << (31 - _SHIFT)
+        for values in self._values:
+            counts = np.bincount(values.view(np.uint32) >> _SHIFT, minlength=bins)
+            self._counts = counts if self._counts is None else self._counts + counts
+        self._values.clear()
+
+    def summary(self) -> LayerDifference:
+        """Return what there is to say of the values so far."""
+        if not self._size:
+            return LayerDifference(None, None, None)
+        return LayerDifference(self._quantile(0.5), self._quantile(0.9), self._largest)
+
+    def _quantile(self, share: float) -> float:
+        if self._counts is None:
+            return float(np.quantile(np.concatenate(self._values).astype(np.float64), share))
+        place = np.searchsorted(np.cumsum(self._counts), share * self._size)
+        edges = (np.array([place, place + 1], np.uint32) << np.uint32(_SHIFT)).view(np.float32)
+        return 0.0 if place == 0 else min(float(edges.mean()), self._largest)
+
+
+def changed_pixels(before: Status, after: Status, /) -> int:
+    """Return how many pixels of two status maps of the same shape differ in any bit."""
+    return int(np.count_nonzero(before != after))
+
+
+def changed_bits(before: Status, after: Status, /) -> dict[StatusBit, BitChange]:
+    """Return what became of every status bit between two maps of the same shape."""
+    gained, lost = after & ~before, before & ~after
+    return {
+        bit: BitChange(*(int(np.count_nonzero(bits & np.uint32(bit))) for bits in (gained, lost))) for bit in StatusBit
+    }
+
+
+def difference(first: NDArray[np.generic], second: NDArray[np.generic], /) -> Float:
+    """Return A − B of a layer, float64; NaN where either has no value."""
+    with np.errstate(invalid="ignore"):
+        return np.asarray(first.astype(np.float64) - second.astype(np.float64))

@@ -1,0 +1,236 @@
+"""`cadtof compare`: what differs between two runs, or between a run and truth, layer by layer and bit by bit."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cadtof_cli.errors import CaptureError, SettingsError
+from cadtof_cli.files.atomic import whole_file
+from cadtof_cli.files.maps import STATUS, read_layers
+from cadtof_cli.maps.comparison import (
+    BitChange,
+    LayerDifference,
+    MagnitudeTally,
+    changed_bits,
+    changed_pixels,
+    difference,
+)
+from cadtof_cli.maps.layers import DIRECT_DEPTH, MPI_DEPTH, layer_unit
+from cadtof_cli.resolver.status import StatusBit
+from cadtof_cli.workflows.progress import Progress
+from cadtof_cli.workflows.run_folder import Run, read_run
+
+WORST = 5
+"""Frames that are named."""
+
+Layers = Mapping[str, NDArray[Any]]
+
+
+@dataclass(frozen=True)
+class FrameDifference:
+    """How much a frame differs: |A − B| of its leading layer, and pixels whose status changed; None without a status."""
+
+    frame: str
+    p90_abs: float | None
+    max_abs: float | None
+    status_changed: int | None
+
+
+@dataclass(frozen=True)
+class AnswerChange:
+    """In how many pixels only one of the two has a value."""
+
+    only_a: int
+    only_b: int
+
+
+@dataclass
+class Comparison:
+    """What differs; the fields are keys of `--json`.
+
+    Attributes:
+        frames: that were compared.
+        layers: of those that both have, by name, in the units of the layer.
+        status_changed: pixels in which any status bit differs; None where one of the two has no status.
+        status_bits: of each bit that differs anywhere.
+        answers: of each layer in which pixels have a value in one of the two alone.
+        only_a, only_b: frames and layers that only one of the two has.
+        worst: the frames that differ most in `worst_by`, the first first.
+        worst_by: layer by whose 90 % frames are ranked.
+    """
+
+    frames: int = 0
+    layers: dict[str, LayerDifference] = field(default_factory=dict)
+    status_changed: int | None = None
+    status_bits: dict[str, BitChange] = field(default_factory=dict)
+    answers: dict[str, AnswerChange] = field(default_factory=dict)
+    only_a: dict[str, list[str]] = field(default_factory=dict)
+    only_b: dict[str, list[str]] = field(default_factory=dict)
+    worst: list[FrameDifference] = field(default_factory=list)
+    worst_by: str | None = None
+
+
+@dataclass(frozen=True)
+class FramePair:
+    """A frame's layers in both, of the same size."""
+
+    name: str
+    first: Layers
+    second: Layers
+
+    @property
+    def shared(self) -> tuple[str, ...]:
+        """Layers of values that both have."""
+        return tuple(name for name in self.first if name in self.second and name != STATUS)
+
+    def status(self) -> tuple[NDArray[np.uint32], NDArray[np.uint32]] | None:
+        """Return the status bits of both; None where one has none."""
+        if STATUS not in self.first or STATUS not in self.second:
+            return None
+        return self.first[STATUS].astype(np.uint32), self.second[STATUS].astype(np.uint32)
+
+
+class MapPairs:
+    """The frames that two folders of maps, or files, share: by name; a lone file, such as truth, goes with every frame.
+
+    Raises:
+        CaptureError: there are no maps in one of them, or they share no frame.
+        SettingsError: one holds radial range and the other planar depth.
+    """
+
+    def __init__(self, first: Path, second: Path, /) -> None:
+        self.a, self.b = read_run(first), read_run(second)
+        if self.a.depth_kind != self.b.depth_kind:
+            raise SettingsError(
+                f"{first} holds {_depth(self.a)} and {second} {_depth(self.b)}: resolve both with the same --depth"
+            )
+        one, other = ({run.name(file): file for file in run.require_maps()} for run in (self.a, self.b))
+        shared = [name for name in one if name in other]
+        self.files = {name: (one[name], other[name]) for name in shared}
+        self.only: tuple[list[str], list[str]] = ([], [])
+        if not shared and (second.is_file() or len(one) == len(other) == 1):
+            alone = next(iter(other.values()))
+            self.files = {name: (file, alone) for name, file in one.items()}
+        elif not shared and first.is_file():
+            alone = next(iter(one.values()))
+            self.files = {name: (alone, file) for name, file in other.items()}
+        elif not first.is_file() and not second.is_file():
+            self.only = ([name for name in one if name not in other], [name for name in other if name not in one])
+        if not self.files:
+            found = ", ".join(list(one)[:3]), ", ".join(list(other)[:3])
+            raise CaptureError(f"{first} and {second} share no frame: found {found[0]} … and {found[1]} …")
+
+    def pair(self, name: str, /) -> FramePair:
+        """Return a frame's layers in both; raises CadtofError where they cannot be read, or differ in size."""
+        files = self.files[name]
+        first, second = ({key: self._cropped(plane) for key, plane in read_layers(file).items()} for file in files)
+        sizes = [next(iter(layers.values())).shape for layers in (first, second)]
+        if sizes[0] != sizes[1]:
+            found, wanted = ("{1} × {0}".format(*size) for size in sizes)
+            raise CaptureError(f"{files[1]}: found {wanted} pixels, expected {found} as in {files[0]}")
+        return FramePair(name, first, second)
+
+    def _cropped(self, plane: NDArray[Any]) -> NDArray[Any]:
+        return self.b.cropped(self.a.cropped(plane))
+
+
+def _depth(run: Run) -> str:
+    return "planar depth z" if run.depth_kind == "z" else "radial range"
+
+
+def compare_maps(pairs: MapPairs, /, *, progress: Progress) -> Comparison:
+    """Return what differs between the frames that two runs, or a run and truth, share.
+
+    Raises:
+        CadtofError: maps cannot be read, or differ in size.
+    """
+    found, tallies = Comparison(), dict[str, MagnitudeTally]()
+    frames: list[FrameDifference] = []
+    progress.total(len(pairs.files))
+    for pair in map(pairs.pair, pairs.files):
+        found.frames += 1
+        for layer in pair.shared:
+            one, other = pair.first[layer], pair.second[layer]
+            tallies.setdefault(layer, MagnitudeTally()).add(difference(one, other))
+            _count_answers(found, layer, np.isfinite(one), np.isfinite(other))
+        for which, names in (
+            (found.only_a, pair.first.keys() - pair.second),
+            (found.only_b, pair.second.keys() - pair.first),
+        ):
+            which["layers"] = sorted({*which.get("layers", []), *names})
+        frames.append(_frame_difference(pair))
+        _count_bits(found, pair)
+        progress.advance()
+    found.layers = {name: tally.summary() for name, tally in tallies.items()}
+    found.only_a["frames"], found.only_b["frames"] = pairs.only
+    found.worst_by = _leading(tuple(found.layers))
+    found.worst = sorted(frames, key=_badness, reverse=True)[:WORST]
+    return found
+
+
+def _count_answers(found: Comparison, layer: str, one: NDArray[np.bool_], other: NDArray[np.bool_]) -> None:
+    if (one != other).any():
+        before = found.answers.get(layer, AnswerChange(0, 0))
+        only_a, only_b = (int(np.count_nonzero(pixels)) for pixels in (one & ~other, other & ~one))
+        found.answers[layer] = AnswerChange(before.only_a + only_a, before.only_b + only_b)
+
+
+def _count_bits(found: Comparison, pair: FramePair) -> None:
+    bits = pair.status()
+    if bits is None:
+        return
+    found.status_changed = (found.status_changed or 0) + changed_pixels(*bits)
+    for bit, change in _named(changed_bits(*bits)):
+        before = found.status_bits.get(bit, BitChange(0, 0))
+        found.status_bits[bit] = BitChange(before.gained + change.gained, before.lost + change.lost)
+
+
+def _named(changes: Mapping[StatusBit, BitChange]) -> Iterator[tuple[str, BitChange]]:
+    """Yield the bits that changed anywhere, by their names in words."""
+    for bit, change in changes.items():
+        if change.gained or change.lost:
+            yield str(bit.name).lower().replace("_", " "), change
+
+
+def _leading(layers: tuple[str, ...]) -> str | None:
+    return DIRECT_DEPTH if DIRECT_DEPTH in layers else next(iter(layers), None)
+
+
+def _frame_difference(pair: FramePair) -> FrameDifference:
+    layer, bits, tally = _leading(pair.shared), pair.status(), MagnitudeTally()
+    if layer is not None:
+        tally.add(difference(pair.first[layer], pair.second[layer]))
+    summary = tally.summary()
+    return FrameDifference(pair.name, summary.p90_abs, summary.max_abs, None if bits is None else changed_pixels(*bits))
+
+
+def _badness(frame: FrameDifference) -> tuple[float, float, int]:
+    return frame.p90_abs or 0.0, frame.max_abs or 0.0, frame.status_changed or 0
+
+
+def draw_worst(pairs: MapPairs, found: Comparison, out: Path, /, *, kind: str) -> None:
+    """Draw the frame that differs most: both on one scale, their difference, and what became of each pixel.
+
+    Raises:
+        CadtofError: the maps cannot be read, or the picture cannot be written.
+    """
+    from cadtof_cli.figures.comparison import LayerPair, draw_comparison
+
+    pair = pairs.pair(found.worst[0].frame)
+    named = [name for name in (DIRECT_DEPTH, MPI_DEPTH) if name in pair.shared] or list(pair.shared[:2])
+    shown = []
+    for name in named:
+        one, other, unit = pair.first[name], pair.second[name], layer_unit(name)
+        small, small_unit = (100.0, "cm") if unit == "m" else (1.0, unit)
+        change = small * difference(one, other)
+        shown.append(LayerPair(name, one.astype(np.float64), other.astype(np.float64), unit, change, small_unit))
+    status = tuple(
+        layers[STATUS].astype(np.uint32) if STATUS in layers else None for layers in (pair.first, pair.second)
+    )
+    title = f"{pair.name}: A = {pairs.a.maps}, B = {pairs.b.maps}"
+    with whole_file(out) as temporary:
+        draw_comparison(tuple(shown), (status[0], status[1]), temporary, title=title, kind=kind)

@@ -1,0 +1,82 @@
+"""The depth of the first phasor alone beside the maps of a run: with the same calibration, pixels and flags as the resolver."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cadtof_cli.arrays import Float
+from cadtof_cli.errors import CadtofError
+from cadtof_cli.first_phasor import first_phasor_depth
+from cadtof_cli.frame_plan import FramePlan, MapSettings
+from cadtof_cli.resolver.settings import ResolverSettings
+from cadtof_cli.workflows.resolve.frame_task import FrameTask, read_frame
+from cadtof_cli.workflows.run_folder import Run
+
+NOT_EVALUATED = "so the first phasor is not evaluated"
+
+
+@dataclass(frozen=True)
+class FirstPhasors:
+    """The recorded frames of a run, each ready to be read as `cadtof resolve` read it, by the name of its map."""
+
+    run: Run
+    tasks: Mapping[str, FrameTask]
+    say: Callable[[str], None]
+
+    def depth(self, file: Path, direct: NDArray[np.floating], /) -> Float | None:
+        """Return the first phasor's depth of a map's frame, float64 (Y, X) in m, where the map has an answer.
+
+        Args:
+            file: the map.
+            direct: its direct depth, (Y, X); NaN where there is no answer.
+
+        Returns:
+            None, and a note, where the frame is not known, or cannot be read any more, or has another size.
+        """
+        task = self.tasks.get(self.run.name(file))
+        if task is None:
+            return None
+        try:
+            frame, _ = read_frame(task)
+            depth = self.run.cropped(first_phasor_depth(frame, plan=task.plan, calibration=task.calibration()))
+        except CadtofError as error:
+            self.say(f"{file}: its recorded frame is not what it was, {NOT_EVALUATED}: {error}")
+            return None
+        if depth.shape != direct.shape:
+            self.say(f"{file}: its recorded frame has another size now, {NOT_EVALUATED}")
+            return None
+        return np.where(np.isfinite(direct), depth, np.nan)
+
+
+def first_phasors(run: Run, say: Callable[[str], None], /) -> FirstPhasors:
+    """Return the first phasors of a run's frames; none, and a note, where frames or calibration are not known or gone."""
+    recorded = run.recorded_frames(say)
+    try:
+        tasks = {}
+        for name, (capture, sources) in recorded.items():
+            plan = FramePlan(
+                metadata=capture.source.metadata,
+                settings=_map_settings(run.record or {}),
+                calibration=run.calibration(),
+            )
+            tasks[name] = FrameTask(sources, capture.layout, plan, None, Path())
+        for task in list(tasks.values())[:1]:
+            task.calibration()
+    except (CadtofError, LookupError, TypeError, ValueError, AttributeError) as error:
+        say(f"the calibration and the settings of the run are not what they were, {NOT_EVALUATED}: {error}")
+        return FirstPhasors(run, {}, say)
+    return FirstPhasors(run, tasks, say)
+
+
+def _map_settings(record: Mapping[str, Any]) -> MapSettings:
+    """Return of a run's settings what its phasors were made with."""
+    arguments = record["arguments"]
+    known = {field.name for field in fields(ResolverSettings)} & arguments.keys() - {"min_confidence"}
+    resolver = ResolverSettings(**{name: arguments[name] for name in known})
+    return MapSettings(
+        resolver=resolver, depth=arguments["depth"], pool=arguments.get("pool", 1), average=arguments.get("average", 1)
+    )

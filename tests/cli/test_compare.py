@@ -1,0 +1,111 @@
+"""`cadtof compare`: two runs, or a run and truth, held against what numpy says of the same files."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from tests.support.captures import layers_of, record, write_exr
+from tests.support.forward import step_truth
+from tests.support.run_cadtof import cadtof
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    """Two runs on the same three frames; the second takes every pixel for one path, and lacks those of little confidence."""
+    place = tmp_path_factory.mktemp("runs")
+    capture = record(place / "capture", frames=3)
+    for name, options in (("a", ()), ("b", ("--order", 1, "--min-confidence", "0.0917"))):
+        done = cadtof("resolve", capture.folder, "-o", place / name, "-j", 1, "-q", "--mpi-model", "discrete", *options)
+        assert done.status == 0
+    return place / "a", place / "b"
+
+
+def _all(run: Path, layer: str) -> NDArray[Any]:
+    return np.stack([layers_of(run / f"frame_{index}.tif")[layer] for index in range(3)])
+
+
+def test_layer_by_layer_and_bit_by_bit(runs: tuple[Path, Path]) -> None:
+    done = cadtof("compare", *runs, "--json")
+    assert (done.status, done.err) == (0, "")
+    found = json.loads(done.out)
+    assert found["frames"] == 3
+    assert list(found["layers"]) == [name for name in layers_of(runs[0] / "frame_0.tif") if name != "status"]
+    for layer, figures in found["layers"].items():
+        one, other = (_all(run, layer) for run in runs)
+        size = np.abs(one.astype(float) - other)
+        size = size[np.isfinite(size)]
+        expected = [np.median(size), np.quantile(size, 0.9), size.max()] if size.size else None
+        assert list(figures) == ["median_abs", "p90_abs", "max_abs"]
+        assert list(figures.values()) == ([None] * 3 if expected is None else pytest.approx(expected, rel=1e-6))
+        alone = found["answers"].get(layer, {"only_a": 0, "only_b": 0})
+        assert alone["only_a"] == np.count_nonzero(np.isfinite(one) & ~np.isfinite(other))
+        assert alone["only_b"] == np.count_nonzero(np.isfinite(other) & ~np.isfinite(one)) == 0
+    before, after = (_all(run, "status").astype(np.uint32) for run in runs)
+    assert found["status_changed"] == np.count_nonzero(before != after) > 0
+    assert found["status_bits"]["two paths"] == {"gained": 0, "lost": int(np.count_nonzero(before & 16))}
+    assert found["status_bits"]["low confidence"]["gained"] == np.count_nonzero(after & 4) > 0
+    worst = [frame["p90_abs"] for frame in found["worst"]]
+    assert len(worst) == 3
+    assert worst == sorted(worst, reverse=True)
+
+
+def test_a_run_is_itself(runs: tuple[Path, Path]) -> None:
+    found = json.loads(cadtof("compare", runs[0], runs[0], "--json").out)
+    assert found["status_changed"] == 0
+    assert {figure for layer in found["layers"].values() for figure in layer.values()} == {0.0}
+    assert found["status_bits"] == found["answers"] == {}
+
+
+def test_truth_goes_with_every_frame(runs: tuple[Path, Path], tmp_path: Path) -> None:
+    truth = tmp_path / "truth.exr"
+    write_exr(truth, {"direct.depth": step_truth().astype(np.float32), "other": np.zeros((24, 32), np.float32)})
+    for order in ((runs[0], truth), (truth, runs[0])):
+        found = json.loads(cadtof("compare", *order, "--json").out)
+        size = np.abs(_all(runs[0], "direct.depth").astype(float) - step_truth().astype(np.float32))
+        assert (found["frames"], list(found["layers"]), found["status_changed"]) == (3, ["direct.depth"], None)
+        assert found["layers"]["direct.depth"]["median_abs"] == pytest.approx(np.median(size), rel=1e-6)
+        assert {*found["only_a"]["layers"], *found["only_b"]["layers"]} >= {"other", "mpi.depth", "status"}
+
+
+def test_table_and_picture(runs: tuple[Path, Path], tmp_path: Path) -> None:
+    picture = tmp_path / "a.png"
+    done = cadtof("compare", *runs, "-o", picture)
+    assert (done.status, done.err) == (0, "")
+    assert done.out.splitlines()[0].split() == ["|A", "−", "B|", "median", "90", "%", "largest", "(3", "frames)"]
+    assert "two paths" in done.out
+    assert "frames that differ most, by 90 % of direct.depth:" in done.out
+    assert done.out.splitlines()[-1] == str(picture)
+    assert picture.read_bytes().startswith(b"\x89PNG")
+    done = cadtof("compare", *runs, "-o", picture)
+    assert done.status == 2
+    assert "is there already; add --overwrite" in done.err
+
+
+def test_what_cannot_be_compared(runs: tuple[Path, Path], tmp_path: Path) -> None:
+    write_exr(tmp_path / "small.exr", {"direct.depth": np.ones((3, 4), np.float32)})
+    (tmp_path / "other").mkdir()
+    for index in range(2):
+        write_exr(tmp_path / "other" / f"elsewhere_{index}.exr", {"direct.depth": np.ones((24, 32), np.float32)})
+    capture = runs[0].parent / "capture"
+    assert cadtof("resolve", capture, "-o", tmp_path / "z", "-j", 1, "-q", "--depth", "z").status == 0
+    for other, told in (
+        (tmp_path / "gone", "no such file or folder; expected maps"),
+        (tmp_path / "small.exr", "found 4 × 3 pixels, expected 32 × 24 as in"),
+        (tmp_path / "other", "share no frame: found frame_0, frame_1, frame_2 … and elsewhere_0, elsewhere_1 …"),
+        (tmp_path / "z", "resolve both with the same --depth"),
+    ):
+        done = cadtof("compare", runs[0], other)
+        assert (done.status, done.out) == (2, "")
+        assert told in done.err
+
+
+def test_frames_that_only_one_has_are_named(runs: tuple[Path, Path], tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    assert cadtof("resolve", runs[0].parent / "capture", "-o", out, "-j", 1, "-q", "--frames", "1:3").status == 0
+    found = json.loads(cadtof("compare", runs[0], out, "--json").out)
+    assert (found["frames"], found["only_a"]["frames"], found["only_b"]["frames"]) == (2, ["frame_0"], [])
+    assert "only A has the frames frame_0" in cadtof("compare", runs[0], out).out

@@ -1,0 +1,129 @@
+"""The first phasor alone, as the resolver is held against it: with everything that the resolver is given."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import tifffile
+from numpy.typing import NDArray
+
+from cadtof_cli.calibration.dark import DarkCalibration
+from cadtof_cli.calibration.parts import Origin
+from cadtof_cli.calibration.petzval import PetzvalCalibration, PetzvalQuality
+from cadtof_cli.calibration.store import save_part
+from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Pixel
+from cadtof_cli.first_phasor import first_phasor_depth
+from cadtof_cli.frame_plan import FramePlan
+from tests.support.captures import VOLTS_PER_COUNT, ZERO_COUNTS, record, write_exr, write_frame
+from tests.support.forward import AMPLITUDE_V, C_M_PER_NS, T1_NS, Light, depth_m
+from tests.support.run_cadtof import cadtof, program
+
+SHAPE = (24, 32)
+ORIGIN = Origin(captures=("made up",), frames=10, pixels=SHAPE, periods_ns=(40.0, 20.0), waveform="sine")
+
+
+def _triangle_volts(delays_ns: NDArray[np.float64], fwhm_ns: float) -> NDArray[np.float64]:
+    """What triangle modulation records of a path without noise: (8/π²)·(m_1 + conj(m_3)/9 + m_5/25 + …)."""
+    s = fwhm_ns / 2.354820045
+
+    def moment(k: int) -> NDArray[np.complex128]:
+        turn = 2 * np.pi * k / T1_NS
+        return np.asarray(0.2 * np.exp(-((turn * s) ** 2) / 2) * np.exp(1j * turn * delays_ns))
+
+    planes = []
+    for h in (1, 2):
+        terms = [moment(k * h) if k % 4 == 1 else np.conj(moment(k * h)) for k in range(1, 60, 2)]
+        sum_ = np.sum([term / k**2 for term, k in zip(terms, range(1, 60, 2), strict=True)], axis=0)
+        planes.append(np.stack([sum_.real, sum_.imag]) * 8 / np.pi**2)
+    return AMPLITUDE_V * np.stack(planes)
+
+
+def test_a_triangle_bends_no_depth() -> None:
+    """Taken for a sine, a triangle's fundamental is up to 6 cm off for a single path."""
+    delays = np.linspace(0.05, T1_NS - 0.05, 24 * 32).reshape(SHAPE)
+    sine = CaptureMetadata(pixel=Pixel(integration_length=1e5))
+    triangle = replace(sine, modulation=Modulation(waveform="triangle"))
+    volts = _triangle_volts(delays, sine.pulse.fwhm_ns)
+    truth = C_M_PER_NS * delays / 2
+    errors = [first_phasor_depth(volts, plan=FramePlan(metadata=one)) - truth for one in (sine, triangle)]
+    assert 0.04 < np.abs(errors[0]).max() < 0.08
+    assert np.abs(errors[1]).max() < 1e-4
+
+
+def _calibration(folder: Path) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Write offsets of 30 mV, a hot pixel and field curvature; return the offsets and what the lens adds to ranges."""
+    rng = np.random.default_rng(4)
+    offset = (0.03 * rng.choice([-1.0, 1.0], (2, 2, *SHAPE))).astype(np.float32)
+    defects = np.zeros(SHAPE, np.uint32)
+    defects[3, 5] = 1
+    save_part(folder, DarkCalibration(ORIGIN, offset, np.full_like(offset, 1e-4), defects))
+    save_part(folder, PetzvalCalibration(ORIGIN, 0.4, 0.1, (15.0, 10.0), PetzvalQuality()))
+    y, x = np.mgrid[: SHAPE[0], : SHAPE[1]]
+    rho2 = ((x - 15.0) ** 2 + (y - 10.0) ** 2) / (np.hypot(*SHAPE) / 2) ** 2
+    return offset.astype(np.float64), 0.4 * rho2 + 0.1 * rho2**2
+
+
+def test_it_gets_the_calibration_the_pixels_and_the_flags_of_the_resolver(tmp_path: Path) -> None:
+    """A wall behind offsets and a curved field, without MPI: calibrated, both are right; uncalibrated, both are not."""
+    capture = record(tmp_path / "capture")
+    offset, curve = _calibration(tmp_path / "calibration")
+    volts = np.empty((2, 2, *SHAPE))
+    rng = np.random.default_rng(1)
+    for y, x in np.ndindex(*SHAPE):
+        light = Light(asr=1.0, direct_ns=10.0 + 2.0 * float(curve[y, x]) / C_M_PER_NS)
+        volts[:, :, y, x] = AMPLITUDE_V * light.voltages(rng, 1e5, 1)[..., 0]
+    write_frame(capture.files[0], volts + offset)
+    write_exr(tmp_path / "truth.exr", {"direct.depth": np.full(SHAPE, depth_m(10.0), np.float32)})
+    found = {}
+    for name, more in (("with", ("--calibration", tmp_path / "calibration")), ("without", ())):
+        out = tmp_path / name
+        assert cadtof("resolve", capture.folder, "-o", out, "-j", 1, "-q", "--mpi-model", "discrete", *more).status == 0
+        done = cadtof("evaluate", out, "--truth", tmp_path / "truth.exr", "--json")
+        assert (done.status, done.err) == (0, "")
+        found[name] = json.loads(done.out)
+        assert found[name]["direct"]["valid"] == found[name]["first_phasor"]["valid"]
+    assert found["with"]["direct"]["valid"] == (24 * 32 - 1) / (24 * 32)
+    assert max(found["with"]["first_phasor"]["rmse_cm"], found["with"]["direct"]["rmse_cm"]) < 1.0
+    assert min(found["without"]["first_phasor"]["rmse_cm"], found["without"]["direct"]["rmse_cm"]) > 20.0
+
+
+def test_the_calibration_is_found_after_a_move_and_a_changed_one_is_not_used(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    place = tmp_path / "place"
+    record(place / "capture")
+    _calibration(place / "calibration")
+    write_exr(place / "truth.exr", {"direct.depth": np.full(SHAPE, 2.0, np.float32)})
+    monkeypatch.chdir(place)
+    options = ("-o", "out", "-j", 1, "-q", "--calibration", "calibration")
+    assert cadtof("resolve", "capture", *options).status == 0
+    monkeypatch.chdir(tmp_path)
+    place.rename(tmp_path / "moved")
+    arguments = ("evaluate", "moved/out", "--truth", "moved/truth.exr", "--json")
+    done = cadtof(*arguments)
+    assert (done.status, done.err) == (0, "")
+    assert json.loads(done.out)["first_phasor"]["valid"] > 0.9
+    (tmp_path / "moved" / "calibration" / "petzval.toml").unlink()
+    # in a process of its own, as this one has read the calibration
+    done = program(*arguments)
+    assert "so the first phasor is not evaluated" in done.err
+    assert (done.status, json.loads(done.out)["first_phasor"]) == (0, None)
+
+
+def test_it_is_that_of_the_mean_where_frames_are_averaged(tmp_path: Path) -> None:
+    capture, out = record(tmp_path / "capture", frames=5), tmp_path / "out"
+    assert cadtof("resolve", capture.folder, "-o", out, "-j", 1, "-q", "--average", 2, "--frames", "1:5").status == 0
+    write_exr(tmp_path / "truth.exr", {"direct.depth": np.full(SHAPE, 2.0, np.float32)})
+    done = cadtof("evaluate", out, "--truth", tmp_path / "truth.exr", "--json")
+    assert done.err == ""
+    errors = []
+    for first in (1, 3):
+        counts = np.mean([tifffile.imread(file).astype(float) for file in capture.files[first : first + 2]], axis=0)
+        volts = VOLTS_PER_COUNT * (counts - ZERO_COUNTS)
+        phase = np.arctan2(volts[1], volts[0]) % (2 * np.pi)
+        errors.append(100 * (phase * C_M_PER_NS * T1_NS / (4 * np.pi) - 2.0))
+    assert json.loads(done.out)["first_phasor"]["rmse_cm"] == pytest.approx(
+        np.sqrt(np.mean(np.square(errors))), rel=1e-6
+    )

@@ -1,0 +1,311 @@
+"""The Python door says what the command writes, bit by bit, and importing the package costs nothing until it is used."""
+
+import logging
+import subprocess
+import sys
+from collections.abc import Sequence
+from dataclasses import fields
+from pathlib import Path
+from typing import Any, get_type_hints
+
+import numpy as np
+import pytest
+import tifffile
+
+from cadtof_cli import Frame, Maps, read_frames, read_maps, resolve, simulate_scene
+from cadtof_cli.calibration.store import save_part
+from cadtof_cli.capture.metadata import Pixel
+from cadtof_cli.capture.toml import load_metadata
+from cadtof_cli.door.resolve import ResolveOptions, ResolverOptions
+from cadtof_cli.errors import CaptureError, FrameError, MetadataError, SettingsError
+from cadtof_cli.frame_plan import MapSettings
+from cadtof_cli.resolver.settings import ResolverSettings
+from tests.support.calibrations import made_up_calibration
+from tests.support.captures import layers_of, record
+from tests.support.needed import needed_module
+from tests.support.run_cadtof import ENVIRONMENT, ROOT, cadtof
+
+CORNER = ROOT / "sample_data" / "corner"
+ROI = (100, 60, 220, 180)
+
+
+def _same(maps: Maps, file: Path) -> None:
+    written = layers_of(file)
+    assert set(maps) == set(written)
+    for name, plane in written.items():
+        if name == "status":
+            assert maps.status.dtype == np.uint32
+            assert (maps.status == plane).all()
+        else:
+            assert maps[name].dtype == np.float32
+            assert maps[name].tobytes() == plane.astype(np.float32).tobytes(), name
+
+
+def _written(capture: Path, out: Path, *options: str) -> list[Path]:
+    done = cadtof("resolve", capture, "-o", out, "-j", "1", "--quiet", *options)
+    assert done.status == 0, done.err
+    return sorted(path for path in out.iterdir() if path.suffix in {".tif", ".exr"})
+
+
+WAYS: list[tuple[list[str], ResolveOptions]] = [
+    (["--mpi-model", "discrete"], {"mpi_model": "discrete"}),
+    (["--solver", "lm", "--order", "2", "--seed", "3"], {"solver": "lm", "order": "2", "seed": 3}),
+    (["--pool", "3", "--depth", "z"], {"pool": 3, "depth": "z"}),
+    (["--return", "strongest", "--min-confidence", "0.02"], {"returns": "strongest", "min_confidence_v": 0.02}),
+]
+
+
+@pytest.mark.parametrize(("options", "same_options"), WAYS, ids=" ".join)
+@pytest.mark.parametrize("form", ["tif", "exr"])
+def test_resolve_gives_the_bits_that_the_command_writes(
+    tmp_path: Path, form: str, options: list[str], same_options: ResolveOptions
+) -> None:
+    capture = record(tmp_path / "capture", frames=2, form="tif" if form == "tif" else "exr")
+    optics = "" if form == "tif" else "[optics]\nfocal_length_px = 28.0\n"
+    settings = capture.folder / "capture.toml"
+    settings.write_text(settings.read_text() + optics)
+    written = _written(capture.folder, tmp_path / "out", *options)
+    read = list(read_frames(capture.folder))
+    assert [frame.name for frame in read] == [file.stem for file in written]
+    for frame, file in zip(read, written, strict=True):
+        maps = resolve(frame, **same_options)
+        _same(maps, file)
+        assert maps.facts.items() <= read_maps(file).facts.items()
+        assert maps.facts["source"] == file.with_suffix(f".{form}").name
+
+
+def test_diffuse_mpi_and_a_part_of_the_pixels(tmp_path: Path) -> None:
+    (file,) = _written(CORNER, tmp_path / "out", "--mpi-model", "diffuse", "--roi", ",".join(map(str, ROI)))
+    (frame,) = read_frames(CORNER)
+    maps = resolve(frame, mpi_model="diffuse", roi=ROI)
+    assert (maps.status & 2048 > 0).mean() > 0.99
+    _same(maps, file)
+
+
+def test_a_calibration(tmp_path: Path) -> None:
+    capture = record(tmp_path / "capture")
+    metadata = load_metadata(capture.folder / "capture.toml").metadata
+    for part in made_up_calibration(metadata, (24, 32), {"dark", "response", "petzval"}).parts:
+        save_part(tmp_path / "calibration", part)
+    (file,) = _written(capture.folder, tmp_path / "out", "--calibration", str(tmp_path / "calibration"))
+    (frame,) = read_frames(capture.folder)
+    maps = resolve(frame, calibration=tmp_path / "calibration")
+    _same(maps, file)
+    assert maps.facts["calibration"] == read_maps(file).facts["calibration"]
+    assert np.nanmax(np.abs(maps["direct.depth"] - resolve(frame)["direct.depth"])) > 0.01
+    with pytest.raises(MetadataError, match="no such folder"):
+        resolve(frame, calibration=tmp_path / "elsewhere")
+
+
+def test_a_calibration_that_is_replaced_is_read_again(tmp_path: Path) -> None:
+    capture = record(tmp_path / "capture")
+    (frame,) = read_frames(capture.folder)
+    dark, _, curved = made_up_calibration(frame.metadata, (24, 32), {"dark", "response", "petzval"}).parts
+    save_part(tmp_path / "calibration", dark)
+    before = resolve(frame, calibration=tmp_path / "calibration")
+    save_part(tmp_path / "calibration", curved)
+    assert resolve(frame, calibration=tmp_path / "calibration").facts["calibration"] != before.facts["calibration"]
+
+
+def test_the_mean_of_frames(tmp_path: Path) -> None:
+    capture = record(tmp_path / "capture", frames=4)
+    (file,) = _written(capture.folder, tmp_path / "out", "--average", "4")
+    maps = resolve(list(read_frames(capture.folder)), mpi_model="auto")
+    _same(maps, file)
+    assert (maps["effective_pixels"] == 4).all()
+    with pytest.raises(SettingsError, match="found no frame"):
+        resolve([])
+
+
+def test_frames_of_a_stack_one_by_one_and_some_of_them(tmp_path: Path) -> None:
+    capture = record(tmp_path / "capture", frames=5)
+    pages = np.concatenate([tifffile.imread(file) for file in capture.files])
+    for file in capture.files:
+        file.unlink()
+    tifffile.imwrite(capture.folder / "stack.tif", pages, photometric="minisblack", metadata=None)
+    read = list(read_frames(capture.folder, metadata={"layout.frames": 5}, frames=slice(1, 3)))
+    assert [(frame.name, frame.source) for frame in read] == [
+        ("stack_0001", "stack.tif[1]"),
+        ("stack_0002", "stack.tif[2]"),
+    ]
+    assert (read[1].stored.reshape(4, 24, 32) == pages[8:12]).all()
+
+
+def test_an_array_is_a_frame_as_good_as_a_file(tmp_path: Path) -> None:
+    capture = record(tmp_path / "capture")
+    (frame,) = read_frames(capture.folder)
+    known = {
+        "pixel.integration_length": 100000,
+        "voltage.zero_counts": 8192.0,
+        "voltage.volts_per_count": 6.0e-5,
+        "voltage.saturated_counts": [0, 16383],
+        "optics.focal_length_px": 28.0,
+        "optics.principal_point_px": [15.0, 10.0],
+    }
+    made = Frame.from_array(frame.stored, known)
+    assert made.metadata == frame.metadata
+    assert resolve(made)["direct.depth"].tobytes() == resolve(frame)["direct.depth"].tobytes()
+    by_file = Frame.from_array(
+        frame.stored, {"pixel.integration_length": 5e4}, settings_file=capture.folder / "capture.toml"
+    )
+    assert by_file.metadata.pixel == Pixel(integration_length=5e4)
+    assert by_file.metadata.voltage == frame.metadata.voltage
+
+
+@pytest.mark.parametrize(
+    ("shape", "dtype", "told"),
+    [
+        ((3, 2, 4, 4), "uint16", r"shape \(3, 2, 4, 4\), expected \(2, 2, Y, X\)"),
+        ((2, 2, 4), "uint16", "shape"),
+        ((2, 2, 4, 0), "float32", "shape"),
+        ((2, 2, 4, 4), "complex128", "type complex128"),
+    ],
+)
+def test_an_array_that_is_no_frame(shape: Sequence[int], dtype: str, told: str) -> None:
+    with pytest.raises(FrameError, match=told):
+        Frame.from_array(np.zeros(shape, dtype))
+
+
+def test_what_is_wrong_is_an_error_of_our_own(tmp_path: Path) -> None:
+    capture = record(tmp_path / "capture")
+    (frame,) = read_frames(capture.folder)
+    mistyped: Any = {"pooling": 4}
+    dark = Frame(np.full_like(frame.stored, 8192), frame.metadata, name="dark")
+    with pytest.raises(FrameError, match=r"dark: no pixel has an answer \(100.0% low confidence"):
+        resolve(dark)
+    volts = Frame.from_array(frame.stored.astype(np.float32))
+    with pytest.raises(FrameError, match="stored values"):
+        resolve(volts)
+    with pytest.raises(SettingsError, match="--pool: found 4"):
+        resolve(frame, pool=4)
+    with pytest.raises(SettingsError, match="found the option pooling, expected some of calibration, mpi_model"):
+        resolve(frame, **mistyped)
+    with pytest.raises(SettingsError, match=r"metadata: found 'integration_length'"):
+        list(read_frames(capture.folder, metadata={"integration_length": 1e5}))
+    with pytest.raises(CaptureError, match="no such file"):
+        list(read_frames(tmp_path / "nowhere"))
+
+
+def test_options_are_the_fields_of_the_records() -> None:
+    """Names and types are written once more for type checkers; the records decide."""
+    resolver, maps = get_type_hints(ResolverSettings), get_type_hints(MapSettings)
+    typed = get_type_hints(ResolveOptions)
+    assert set(ResolverOptions.__annotations__) == {one.name for one in fields(ResolverSettings)} - {"min_confidence"}
+    assert set(typed) - set(ResolverOptions.__annotations__) == set(maps) - {"resolver", "average"}
+    for name, hint in typed.items():
+        assert hint == (resolver | maps)[name], name
+
+
+def test_defaults_that_were_taken_are_logged(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    capture = record(tmp_path / "capture", form="exr", toml="")
+    with caplog.at_level(logging.WARNING, logger="cadtof_cli"):
+        assert len(list(read_frames(capture.folder))) == 1
+    assert "taken from the paper: modulation.periods_ns = (40.0, 20.0)" in caplog.text
+
+
+def test_a_capture_whose_harmonics_allow_one_path_only_is_read(tmp_path: Path) -> None:
+    capture = record(tmp_path / "capture")
+    (frame,) = read_frames(capture.folder, metadata={"modulation.periods_ns": [60.0, 20.0]})
+    assert (resolve(frame, solver="one-path").status & 8 > 0).mean() > 0.5
+    with pytest.raises(SettingsError, match="two paths from two periods"):
+        resolve(frame)
+
+
+@pytest.mark.parametrize("suffix", ["tif", "exr"])
+def test_maps_are_read_from_files_and_folders(tmp_path: Path, suffix: str) -> None:
+    capture = record(tmp_path / "capture", frames=2)
+    files = _written(capture.folder, tmp_path / "out", "--format", suffix)
+    maps = read_maps(files[0])
+    _same(maps, files[0])
+    assert maps.units["direct.depth"] == maps.units["mpi.sigma"] == "m"
+    assert maps.units["confidence"] == "V"
+    assert maps.units["status"] == ""
+    assert maps.shape == (24, 32)
+    assert "32 × 24 pixels" in repr(maps)
+    with pytest.raises(KeyError, match=r"direct\.deep: found layers .*direct\.depth"):
+        maps["direct.deep"]
+    with pytest.raises(CaptureError, match="found 2 files of maps"):
+        read_maps(tmp_path / "out")
+    files[1].unlink()
+    assert list(read_maps(tmp_path / "out")) == list(maps)
+
+
+def test_truth_is_read_too() -> None:
+    truth = read_maps(CORNER / "truth.exr")
+    assert {"direct.depth", "mpi.ratio"} <= set(truth)
+    assert truth.facts == {} or "software" not in truth.facts
+
+
+def test_to_xarray(tmp_path: Path) -> None:
+    xarray = needed_module("xarray")
+    capture = record(tmp_path / "capture")
+    (frame,) = read_frames(capture.folder)
+    data = resolve(frame).to_xarray()
+    assert isinstance(data, xarray.Dataset)
+    assert data["direct.depth"].dims == ("y", "x")
+    assert data["direct.depth"].attrs == {"units": "m"}
+    assert data.attrs["depth"] == "radial range"
+    assert data["status"].attrs["flag_meanings"].split()[3] == "one_path"
+    assert data["status"].attrs["flag_masks"][3] == 8
+    one = data["status"].to_numpy() & 8 > 0
+    assert np.isnan(data["mpi.depth"].to_numpy()[one]).all()
+    assert float(data["direct.depth"].sel(x=3, y=5)) == resolve(frame)["direct.depth"][5, 3]
+
+
+def test_to_xarray_without_xarray(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "xarray", None)
+    maps = Maps({"direct.depth": np.zeros((2, 3), np.float32)})
+    with pytest.raises(SettingsError, match=r"pip install 'cadtof\[xarray\]'"):
+        maps.to_xarray()
+
+
+def test_a_simulated_scene_is_what_the_command_records(tmp_path: Path) -> None:
+    done = cadtof(
+        *("simulate", "--scene", "corner", "--frames", "2", "--seed", "5", "--width", "32", "--height", "24"),
+        *("--asr", "3", "--opening", "80", "--petzval", "0.03,0", "--quiet", "-j", "1", "-o", tmp_path / "corner"),
+    )
+    assert done.status == 0, done.err
+    read = list(read_frames(tmp_path / "corner"))
+    camera = {"width": 32, "height": 24, "petzval_m": (0.03, 0.0)}
+    made = simulate_scene("corner", frames=2, seed=5, camera=camera, asr=3.0, opening_deg=80.0)
+    assert [frame.name for frame in made.frames] == [frame.name for frame in read]
+    for ours, theirs in zip(made.frames, read, strict=True):
+        assert ours.metadata == theirs.metadata
+        assert ours.stored.dtype == theirs.stored.dtype
+        assert (ours.stored == theirs.stored).all()
+    truth = read_maps(tmp_path / "corner" / "truth.exr")
+    assert set(truth) == set(made.truth)
+    assert np.allclose(truth["direct.depth"], made.truth["direct.depth"], atol=1e-4, equal_nan=True)
+
+
+def test_a_scene_that_there_is_not() -> None:
+    with pytest.raises(SettingsError, match="found 'cave', expected one of card, wall"):
+        simulate_scene("cave")
+    with pytest.raises(SettingsError, match="Wall: found opening_deg, expected some of distance_m"):
+        simulate_scene("wall", opening_deg=80)
+    with pytest.raises(SettingsError, match=r"modulation\.amplitude_v"):
+        simulate_scene("wall", modulation={"amplitude_v": -1.0})
+
+
+def _loaded(statement: str) -> set[str]:
+    script = f"import sys\n{statement}\nprint(*{{name.split('.')[0] for name in sys.modules}})"
+    done = subprocess.run(
+        [sys.executable, "-c", script], env=ENVIRONMENT, capture_output=True, text=True, timeout=60, check=True
+    )
+    return set(done.stdout.split())
+
+
+def test_importing_the_package_loads_nothing() -> None:
+    heavy = {"numpy", "scipy", "click", "rich", "matplotlib", "tifffile", "OpenEXR", "xarray", "logging"}
+    assert not _loaded("import cadtof_cli; assert 'resolve' in dir(cadtof_cli)") & heavy
+    loaded = _loaded("from cadtof_cli import read_frames, resolve, read_maps, simulate_scene")
+    assert "numpy" in loaded
+    assert not loaded & {"click", "rich", "matplotlib", "xarray", "OpenEXR"}
+
+
+def test_a_name_that_there_is_not() -> None:
+    import cadtof_cli
+
+    with pytest.raises(AttributeError, match="no attribute 'resolved'"):
+        assert cadtof_cli.resolved
+    assert cadtof_cli.__all__ == sorted(cadtof_cli.__all__)
