@@ -22,9 +22,7 @@ from cadtof_cli.workflows.inspect.report import ReportSettings, write_report
 @gathered(
     "settings",
     ReportSettings,
-    setting_option(
-        "--truth", ReportSettings, help="File with a layer direct.depth: truth and errors are shown too."
-    ),
+    setting_option("--truth", ReportSettings, help="File with a layer direct.depth: truth and errors are shown too."),
     setting_option(
         "--max-size-mb",
         ReportSettings,
