@@ -95,3 +95,10 @@ def test_any_frame_is_cut_into_patches_that_hold_every_pixel(size: tuple[int, in
     ones = cut.samples(np.ones(size))
     assert 0 < ones.sum() <= size[0] * size[1]
     assert ones.shape[:2] == (cut.rows, cut.columns)
+
+
+def test_where_the_optics_are_unknown_the_view_is_60_degrees_wide_and_centred() -> None:
+    view = assumed_view(240, 320)
+    assert view.focal_length_px == pytest.approx(160.0 / np.tan(np.radians(30.0)))
+    assert view.principal_point_px == (159.5, 119.5)
+    assert not view.known

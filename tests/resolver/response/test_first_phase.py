@@ -13,7 +13,7 @@ PHASE = np.linspace(0.0, 2.0 * np.pi, 721, endpoint=False)
 
 
 def off(found: np.ndarray, expected: np.ndarray) -> np.ndarray:
-    return np.abs(np.mod(found - expected + np.pi, 2.0 * np.pi) - np.pi)
+    return np.asarray(np.abs(np.mod(found - expected + np.pi, 2.0 * np.pi) - np.pi))
 
 
 def test_under_a_sine_it_is_the_phasor_s_own() -> None:

@@ -48,7 +48,8 @@ def test_a_seed_draws_the_room_that_figures_were_reported_for() -> None:
 
 def test_furniture_albedo_and_beam_can_be_asked_for() -> None:
     room = random_room(2003, furniture=0, albedo=0.4, beam_deg=50.0)
-    assert room.interior.boxes == room.interior.balls == ()
+    assert not room.interior.boxes
+    assert not room.interior.balls
     assert set(room.interior.albedos) == {0.4}
     assert room.beam_rad == pytest.approx(math.radians(50.0))
     assert room.summary.endswith("pieces of furniture: 0")
@@ -65,8 +66,8 @@ def corners(block: Box) -> np.ndarray:
 def test_the_blocks_stand_as_in_the_original() -> None:
     """Floor corners in mm, of graphics.cornell.edu/online/box/data.html, where x grows to the left; the box is 5 times larger."""
     measured = {
-        165.0: [(130, 65), (82, 225), (240, 272), (290, 114)],
-        330.0: [(423, 247), (265, 296), (314, 456), (472, 406)],
+        165: [(130, 65), (82, 225), (240, 272), (290, 114)],
+        330: [(423, 247), (265, 296), (314, 456), (472, 406)],
     }
     box = CornellBox().room
     blocks = {round(1000 * 2 * block.half_m[1] / 5): block for block in box.interior.boxes}
