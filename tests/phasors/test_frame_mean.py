@@ -113,3 +113,9 @@ def test_one_frame_does_not_scatter_about_itself() -> None:
     assert mean.variance is not None
     assert not mean.variance.any()
     assert mean.frames == 1
+
+
+def test_a_mean_of_one_frame_does_not_know_a_frame_s_noise() -> None:
+    (given,) = frames(1)
+    mean = mean_volts([given.astype(np.float64)], voltage=Voltage())
+    assert mean.frame_noise().tolist() == [0.0] * len(given)

@@ -152,3 +152,12 @@ def test_impossible_light_is_refused(change: dict[str, object], message: str) ->
     }
     with pytest.raises(SettingsError, match=message):
         PhotonMix(**(settings | change))  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(("ratio", "refused"), [(0.0, False), (0.5, False), (-0.1, True), (np.nan, True)])
+def test_a_further_path_may_be_dark_but_not_less(ratio: float, refused: bool) -> None:
+    if refused:
+        with pytest.raises(SettingsError, match="path: found a ratio of"):
+            Condition(asr=5.0, mpi_ratio=0.1, further=((ratio, 20.0),))
+    else:
+        assert Condition(asr=5.0, mpi_ratio=0.1, further=((ratio, 20.0),)).ratios == (1.0, 0.1, ratio)

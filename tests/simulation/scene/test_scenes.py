@@ -273,3 +273,10 @@ def test_the_edge_of_a_surface_belongs_to_it(x: float, y: float, met: bool) -> N
     )
     times = surface.distances(np.array([[x], [y], [0.0]]), np.array([[0.0], [0.0], [1.5]]))
     assert times[0] == (2.0 if met else np.inf)
+
+
+@pytest.mark.parametrize("scene", [Corner(), Corner(opening_deg=70.0), InterReflection()])
+def test_surfaces_are_measured_in_metres_along_two_upright_directions(scene: Corner | InterReflection) -> None:
+    for surface in scene.surfaces():
+        axes = np.array([surface.across, surface.along])
+        np.testing.assert_allclose(axes @ axes.T, np.eye(2), atol=1e-12)

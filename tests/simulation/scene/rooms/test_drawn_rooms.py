@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from cadtof_cli.simulation.scene.camera import Camera
 from cadtof_cli.simulation.scene.rooms.cornell import CornellBox
 from cadtof_cli.simulation.scene.rooms.placed import Room
 from cadtof_cli.simulation.scene.rooms.random_rooms import KINDS, random_room
@@ -79,3 +80,18 @@ def test_the_blocks_stand_as_in_the_original() -> None:
         for corner in corners(block):
             assert np.hypot(*(expected - corner).T).min() < 0.04
     assert_allclose(box.interior.size_m, (2.765, 2.765, 4.365))
+
+
+@pytest.mark.parametrize("seed", [2001, 2003, 2009, 2015])
+def test_openings_stay_open_where_all_surfaces_get_one_albedo(seed: int) -> None:
+    drawn, same = random_room(seed).interior, random_room(seed, albedo=0.35).interior
+    assert [patch.albedo for patch in same.patches] == [0.35 if patch.albedo else 0.0 for patch in drawn.patches]
+    assert {one.albedo for one in (*same.boxes, *same.balls)} <= {0.35}
+    assert [box.centre_m for box in same.boxes] == [box.centre_m for box in drawn.boxes]
+
+
+def test_cornell_s_box_is_lit_from_the_camera() -> None:
+    """The back wall above the blocks is as bright on the left as on the right."""
+    camera = Camera(width=24, height=18)
+    direct = CornellBox(light_paths=1).light(camera, slice(4, 5)).photons[0, 0]
+    assert_allclose(direct[8:12], direct[12:16][::-1], rtol=1e-4)
