@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from contextlib import suppress
-from hashlib import blake2b
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
@@ -10,6 +9,12 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+try:
+    # hashlib's own, without the library that it loads for other digests
+    from _blake2 import blake2b
+except ImportError:
+    from hashlib import blake2b
 
 compiled: ModuleType | None = None
 """The twin of `numpy_sums`; None where cadtof was installed without a C compiler."""
@@ -73,6 +78,13 @@ def numpy_sums(data: memoryview, columns: NDArray[np.uint64], rows: NDArray[np.u
 
 
 _sums: Callable[[memoryview, NDArray[np.uint64], NDArray[np.uint64]], None] = compiled.sums if compiled else numpy_sums
+
+
+def bytes_digest(data: bytes, /) -> str:
+    """Return the digest of some bytes, that of a file which holds them."""
+    digest = Digest()
+    digest.update(data)
+    return digest.hexdigest()
 
 
 def content_digest(values: NDArray[Any], /) -> str:
