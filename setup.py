@@ -1,9 +1,14 @@
 """Build what is compiled where a C compiler is at hand; without one, cadtof installs all the same and numpy does the work."""
 
+import sys
 import sysconfig
+from pathlib import Path
 
 from setuptools import Extension, setup
 from setuptools.command.build_ext import build_ext
+from setuptools.dist import Distribution
+
+ROOT = Path(__file__).resolve().parent
 
 FREE_THREADED = bool(sysconfig.get_config_var("Py_GIL_DISABLED"))
 """Builds of Python without the global lock have no stable ABI yet."""
@@ -22,7 +27,7 @@ UNIX_FLAGS = [
 MSVC_FLAGS = ["/std:c11", "/O2", "/fp:precise"]
 
 
-COMPILED = {"files/_digest": (), "resolver/two_path/_kernel": ("_kernel_frame.h", "_kernel_paths.h")}
+COMPILED = {"resolver/two_path/_kernel": ("_kernel_frame.h", "_kernel_paths.h")}
 """Extension modules, each of one C file in `cadtof_cli`, with the headers beside it."""
 
 
@@ -33,6 +38,22 @@ class BuildWithFlags(build_ext):
         """Build one extension."""
         ext.extra_compile_args = MSVC_FLAGS if self.compiler.compiler_type == "msvc" else UNIX_FLAGS
         super().build_extension(ext)
+
+
+class InstallManPages(Distribution().get_command_class("install_data")):
+    """The man pages of all commands, made of their help."""
+
+    def run(self) -> None:
+        """Make them, and put them where others' lie; without click-man there are none, as without a compiler no kernel."""
+        sys.path[:0] = [str(ROOT), str(ROOT / "scripts")]
+        try:
+            from man_pages import write_man_pages
+        except ImportError as error:
+            self.announce(f"no man pages: {error}", level=3)
+            return
+        pages = write_man_pages(ROOT / "build" / "man")
+        self.data_files = [("share/man/man1", [str(page.relative_to(ROOT)) for page in pages])]
+        super().run()
 
 
 def extension(path: str, headers: tuple[str, ...]) -> Extension:
@@ -48,7 +69,8 @@ def extension(path: str, headers: tuple[str, ...]) -> Extension:
 
 
 setup(
+    data_files=[("share/man/man1", [])],
     ext_modules=[extension(path, headers) for path, headers in COMPILED.items()],
-    cmdclass={"build_ext": BuildWithFlags},
+    cmdclass={"build_ext": BuildWithFlags, "install_data": InstallManPages},
     options={} if FREE_THREADED else {"bdist_wheel": {"py_limited_api": "cp311"}},
 )

@@ -19,6 +19,7 @@ from cadtof_cli.capture.metadata import CaptureMetadata
 from cadtof_cli.errors import FrameError, MetadataError, OutputError
 from cadtof_cli.files.atomic import make_folder, whole_file
 from cadtof_cli.files.maps import read_layers, write_layers
+from cadtof_cli.files.regular import is_folder, is_there
 from cadtof_cli.files.toml import read_toml, toml_from_tables
 
 DIGEST_LENGTH = 16
@@ -102,7 +103,7 @@ def require_absent(folder: Path, kind: PartKind, /, *, overwrite: bool) -> None:
         OutputError: it is there already, and `overwrite` is not set.
     """
     path = folder / f"{kind}.toml"
-    if path.exists() and not overwrite:
+    if is_there(path) and not overwrite:
         raise OutputError(
             f"{path}: there already; add --overwrite to replace this part, or choose another folder with -o"
         )
@@ -114,11 +115,9 @@ def load_calibration(folder: Path, /) -> Calibration:
     Raises:
         MetadataError: there is no such folder or no part in it, or a part is damaged or has been changed by hand.
     """
-    if not folder.is_dir():
+    if not is_folder(folder):
         raise MetadataError(f"{folder}: no such folder; expected one that `cadtof calibrate … -o {folder}` made")
-    found: dict[str, Any] = {
-        kind: _load_part(folder, kind) for kind in PART_KINDS if (folder / f"{kind}.toml").exists()
-    }
+    found: dict[str, Any] = {kind: _load_part(folder, kind) for kind in PART_KINDS if is_there(folder / f"{kind}.toml")}
     if not found:
         expected = ", ".join(f"{kind}.toml" for kind in PART_KINDS)
         raise MetadataError(f"{folder}: no calibration in it; expected {expected}, or some of them")
@@ -151,13 +150,13 @@ def _load_part(folder: Path, kind: PartKind) -> Part:
     try:
         maps: dict[str, NDArray[Any]] = read_layers(maps_path) if kind != "petzval" else {}
         part: Part = _TYPES[kind].from_stored(_origin(document), document, maps)
-        recorded = document["part"]["digest"]
+        recorded, digest = document["part"]["digest"], digest_of(part)
     except FrameError as error:
         raise MetadataError(f"{path}: cannot be read: {error}") from error
-    except (KeyError, TypeError, ValueError, MetadataError) as error:
+    except (LookupError, TypeError, ValueError, AttributeError, ArithmeticError, MetadataError) as error:
         what = f"key {error} is missing" if isinstance(error, KeyError) else str(error)
         raise MetadataError(f"{path}: not a {kind} calibration: {what}") from error
-    if digest_of(part) != recorded:
+    if digest != recorded:
         raise MetadataError(
             f"{path}: does not match its digest {recorded}: it, or the maps beside it, were changed or belong to another "
             f"calibration; repeat `cadtof calibrate {kind}`"

@@ -150,12 +150,12 @@ def _below(folder: Path, search: _Search) -> Iterator[Capture]:
     while waiting:
         here = waiting.pop()
         real = os.path.realpath(here)
-        there = files_in(here)
+        there = files_in(here, recursive=True)
         if real in seen or (not WRITTEN_BY_US.isdisjoint(there) and FILE_NAME not in there):
             continue
         seen.add(real)
         depth = _depth(source := search.source(here))
-        names = there if depth == 0 else files_in(here, depth=depth)
+        names = there if depth == 0 else files_in(here, depth=depth, recursive=True)
         images = _images(names, source)
         if images and (depth == 0 or _frames(here, source, images)):
             yield _capture(here, source, images, among=names)

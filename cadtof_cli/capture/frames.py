@@ -1,8 +1,12 @@
 """The frames of a capture, from files of whatever format: whole frames, stacks, or files of one plane each."""
 
-from collections.abc import Collection, Iterator
+import itertools
+from collections import Counter
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -11,6 +15,10 @@ from cadtof_cli.capture.frame_sources import FrameSource
 from cadtof_cli.errors import FrameError
 from cadtof_cli.files.formats import frame_format, suffix_format
 from cadtof_cli.files.frames import CHANNELS, FrameLayout, Frames, LoneFrame, shape_text
+from cadtof_cli.files.regular import is_there
+
+_SIZES_LOOKED_AT, _FILES_OPENED = 1000, 15
+"""How many of a capture's files tell what is usual, by their bytes and by what they hold."""
 
 
 @contextmanager
@@ -41,7 +49,7 @@ def _joined_planes(source: FrameSource, layout: FrameLayout) -> LoneFrame:
     if len(source.paths) != layout.planes:
         raise FrameError(f"frame {source.name}: found {len(source.paths)} files, expected {layout.planes}")
     for path, name in zip(source.paths, layout.plane_names, strict=True):
-        if not path.exists():
+        if not is_there(path):
             raise FrameError(f"{path}: no such file, expected {name} of frame {source.name} there")
     planes = [frame_format(path, layout).frames().read_plane(path, layout) for path in source.paths]
     first = planes[0]
@@ -82,22 +90,78 @@ def single_frames(capture: Capture, /, *, taken: Collection[str] = ()) -> Iterat
             yield from source.expanded(count, taken=names)
 
 
-def first_pixels(capture: Capture, /) -> tuple[int, int] | None:
-    """Return (Y, X) of the first frame that can be opened, which the others are held against; None where none can."""
-    first = first_frames(capture)
-    return None if first is None else (first.shape[2], first.shape[3])
+@dataclass(frozen=True)
+class UsualFile:
+    """A file such as most of a capture are: (Y, X) and type of its frames, how many they are, and its size."""
+
+    pixels: tuple[int, int]
+    dtype: np.dtype[Any]
+    frames: int
+    bytes: int
 
 
-def first_frames(capture: Capture, /) -> Frames | None:
-    """Return the first file that can be opened, closed again: shape and type of its frames; None where none can."""
-    layout = capture.layout
-    for source in capture.frames:
-        try:
-            with open_frames(source, layout) as frames:
-                return frames
-        except FrameError:
-            continue
-    return None
+def usual_pixels(capture: Capture, /) -> tuple[int, int] | None:
+    """Return (Y, X) of most of the frames, which all are held against; None where none can be opened."""
+    usual = usual_file(capture)
+    return None if usual is None else usual.pixels
+
+
+def usual_file(capture: Capture, /) -> UsualFile | None:
+    """Return what most of the files hold that can be opened; None where none can.
+
+    Files of as many bytes hold frames of one size, so it is enough to open one of the most common. Where no size is common, as
+    with compressed files, a few are opened that are spread over the capture.
+    """
+    looked_at = _spread(capture.frames, _SIZES_LOOKED_AT)
+    sizes = [_bytes_of(source) for source in looked_at]
+    common, count = Counter(sizes).most_common(1)[0]
+    if 2 * count > len(sizes):
+        alike = (source for source, size in zip(looked_at, sizes, strict=True) if size == common)
+        for source in itertools.islice(alike, _FILES_OPENED):
+            if (found := _opened(source, capture.layout)) is not None:
+                return found
+    known = list(_openable(_spread(looked_at, _FILES_OPENED), capture.layout))
+    known = known or list(itertools.islice(_openable(capture.frames, capture.layout), 1))
+    if not known:
+        return None
+    usual, _ = Counter(one.pixels for one in known).most_common(1)[0]
+    return next(one for one in known if one.pixels == usual)
+
+
+def require_usual(source: FrameSource, found: tuple[int, ...], usual: tuple[int, int] | None, /) -> None:
+    """Make sure that a frame has the (Y, X) that most of its capture's have.
+
+    Raises:
+        FrameError: it has another.
+    """
+    if usual is not None and found != usual:
+        here, there = ("{1} × {0}".format(*size) for size in (found, usual))
+        raise FrameError(f"{source}: found {here} pixels, expected {there} as most frames of the capture have")
+
+
+def _opened(source: FrameSource, layout: FrameLayout) -> UsualFile | None:
+    try:
+        with open_frames(source, layout) as frames:
+            return UsualFile((frames.shape[2], frames.shape[3]), frames.dtype, frames.count, _bytes_of(source))
+    except FrameError:
+        return None
+
+
+def _openable(sources: Iterable[FrameSource], layout: FrameLayout) -> Iterator[UsualFile]:
+    """Yield what each file holds that can be opened."""
+    for source in sources:
+        found = _opened(source, layout)
+        if found is not None:
+            yield found
+
+
+def _spread(sources: Sequence[FrameSource], count: int) -> list[FrameSource]:
+    """Return at most so many of the frames, spread evenly, the first among them."""
+    return list(sources[:: -(-len(sources) // count)])
+
+
+def _bytes_of(source: FrameSource) -> int:
+    return file_size(source.paths[0])
 
 
 def _size(source: FrameSource) -> int | None:

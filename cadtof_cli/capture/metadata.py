@@ -2,12 +2,14 @@
 
 import itertools
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple, cast
+from typing import TYPE_CHECKING, Any, Literal, cast
 
+from cadtof_cli.capture.checks import COUNT, LENGTH, PERIOD, POSITIVE, SCALE, VOLTS, Check, above, each, shortened
 from cadtof_cli.errors import MetadataError
+from cadtof_cli.units import FWHM_PER_SIGMA
 
 if TYPE_CHECKING:
     from cadtof_cli.files.frames import RawLayout
@@ -18,7 +20,15 @@ Kind = Literal["number", "whole number", "numbers", "whole numbers", "pair", "te
 
 WAVEFORMS: tuple[Waveform, ...] = ("sine", "triangle")
 
-HARMONIC_TOLERANCE = 1e-6
+HIGHEST_HARMONIC = 1000
+
+LEAST_LEFT = 1e-6
+"""A pulse leaves at least this share of the highest harmonic's modulation, or nothing can be resolved."""
+
+_TOO_LARGE = 2**1023
+"""From here on there are whole numbers that no float holds."""
+
+HARMONIC_TOLERANCE = 5e-4
 """How far periods_ns[0] / period may be from a whole number, relative; recorded periods are rounded decimals."""
 
 
@@ -31,15 +41,7 @@ class InvalidValueError(MetadataError):
 
     def __str__(self) -> str:
         place = f"{self.where}: " if self.where else ""
-        return f"{place}{self.key}: found {self.found!r}, expected {self.expected}"
-
-
-class Check(NamedTuple):
-    """What must hold for a value, what is expected where it does not, and what is then said to have been found."""
-
-    holds: Callable[[Any], bool]
-    expected: str
-    found: Callable[[Any], object] = lambda value: value
+        return f"{place}{self.key}: found {shortened(self.found)}, expected {self.expected}"
 
 
 def _key(kind: Kind, about: str, default: Any = None, *checks: Check) -> Any:
@@ -47,17 +49,10 @@ def _key(kind: Kind, about: str, default: Any = None, *checks: Check) -> Any:
     return field(default=default, metadata={"kind": kind, "about": about, "checks": checks})
 
 
-def _above(least: float) -> Check:
-    return Check(lambda value: math.isfinite(value) and value > least, f"a finite number above {least}")
-
-
-_POSITIVE = _above(0)
-
-
 def _are_harmonics(periods: tuple[float, ...]) -> bool:
     ratios = [periods[0] / period for period in periods]
     whole = all(abs(ratio - round(ratio)) <= HARMONIC_TOLERANCE * ratio for ratio in ratios)
-    return whole and all(a < b for a, b in itertools.pairwise(ratios))
+    return whole and all(a < b for a, b in itertools.pairwise(ratios)) and ratios[-1] <= HIGHEST_HARMONIC
 
 
 def _is_sample_type(dtype: str) -> bool:
@@ -92,11 +87,8 @@ class Modulation(Table):
         "numbers",
         "modulation periods, the fundamental first",
         (40.0, 20.0),
-        Check(
-            lambda periods: all(map(_POSITIVE.holds, periods)),
-            _POSITIVE.expected,
-            lambda periods: next(period for period in periods if not _POSITIVE.holds(period)),
-        ),
+        each(POSITIVE),
+        each(PERIOD),
         Check(
             _are_harmonics,
             "the fundamental first, then falling periods that divide it by whole numbers, such as [40.0, 20.0]",
@@ -109,7 +101,7 @@ class Modulation(Table):
         "sine",
         Check(lambda waveform: waveform in WAVEFORMS, " or ".join(map(repr, WAVEFORMS))),
     )
-    amplitude_v: float = _key("number", "modulation amplitude", 0.2746, _POSITIVE)
+    amplitude_v: float = _key("number", "modulation amplitude", 0.2746, POSITIVE, VOLTS)
 
     @cached_property
     def harmonics(self) -> tuple[int, ...]:
@@ -121,7 +113,7 @@ class Modulation(Table):
 class Pixel(Table):
     """The averaging that each photon's sample goes through."""
 
-    integration_length: float | None = _key("number", "n_av of Eq. (1), per harmonic", None, _above(1))
+    integration_length: float | None = _key("number", "n_av of Eq. (1), per harmonic", None, above(1), COUNT)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -145,12 +137,14 @@ class Voltage(Table):
         "stored value of 0 V; unsigned values need it, others have 0",
         None,
         Check(math.isfinite, "a finite number"),
+        COUNT,
     )
     volts_per_count: float | None = _key(
         "number",
         "volts a count; float files without it hold volts",
         None,
         Check(lambda scale: math.isfinite(scale) and scale != 0, "a finite number other than 0"),
+        SCALE,
     )
     saturated_counts: tuple[float, float] | None = _key(
         "pair",
@@ -169,12 +163,13 @@ class Voltage(Table):
 class Optics(Table):
     """The lens as a pinhole; needed for z depth, Petzval walls and point clouds."""
 
-    focal_length_px: float | None = _key("number", "focal length in pixels", None, _POSITIVE)
+    focal_length_px: float | None = _key("number", "focal length in pixels", None, POSITIVE, LENGTH)
     principal_point_px: tuple[float, float] | None = _key(
         "pair",
         "column and row where the optical axis meets the array",
         None,
         Check(lambda point: all(map(math.isfinite, point)), "two finite numbers"),
+        each(COUNT),
     )
 
 
@@ -182,7 +177,7 @@ class Optics(Table):
 class Target(Table):
     """A known object that a calibration capture looks at."""
 
-    distance_m: float | None = _key("number", "perpendicular distance of a flat target", None, _POSITIVE)
+    distance_m: float | None = _key("number", "perpendicular distance of a flat target", None, POSITIVE, LENGTH)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -258,6 +253,14 @@ class CaptureMetadata:
     target: Target = field(default_factory=Target)
     layout: Layout = field(default_factory=Layout)
 
+    def __post_init__(self) -> None:
+        width, shortest = self.pulse.fwhm_ns, self.modulation.periods_ns[-1]
+        # of a Gaussian pulse, exp(−(2π·s/T)²/2) is left of a sine of period T
+        widest = math.sqrt(-2.0 * math.log(LEAST_LEFT)) / (2.0 * math.pi) * FWHM_PER_SIGMA * shortest
+        if width > widest:
+            expected = f"{widest:.4g} or less: a longer pulse leaves nothing of a modulation of {shortest:g} ns"
+            raise InvalidValueError("pulse.fwhm_ns", width, expected)
+
 
 OPTIONS_OF_OTHER_NAME = {"layout.frames": "--stack-frames"}
 """--frames chooses among a capture's frames."""
@@ -274,9 +277,13 @@ _EXPECTED: dict[Kind, str] = {
 }
 
 
+def _is_too_large(value: float) -> bool:
+    return isinstance(value, int) and abs(value) >= _TOO_LARGE
+
+
 def _converted(kind: Kind, value: Any) -> Any:
     match kind, value:
-        case ("number", int() | float()) if not isinstance(value, bool):
+        case ("number", int() | float()) if not isinstance(value, bool) and not _is_too_large(value):
             return float(value)
         case ("whole number", int()) | ("text", str()) if not isinstance(value, bool):
             return value

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from cadtof_cli.capture.checks import shortened
 from cadtof_cli.capture.metadata import KEYS, TABLES, CaptureMetadata, InvalidValueError
 from cadtof_cli.errors import MetadataError
 from cadtof_cli.files.toml import read_toml, toml_from_tables
@@ -63,7 +64,7 @@ def _flat(document: dict[str, Any], path: Path) -> dict[str, Any]:
         if table not in TABLES:
             raise MetadataError(_unknown(f"{path}: unknown table [{table}]", table, list(TABLES)))
         if not isinstance(content, dict):
-            raise MetadataError(f"{path}: {table}: found {content!r}, expected a table [{table}]")
+            raise MetadataError(f"{path}: {table}: found {shortened(content)}, expected a table [{table}]")
         for name, value in _without_tables(table, content):
             if f"{table}.{name}" not in _KEYS:
                 known = [key.name for key in KEYS if key.table == table]

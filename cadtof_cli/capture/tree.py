@@ -8,6 +8,8 @@ from pathlib import Path
 from cadtof_cli.capture.frame_sources import FrameSource, natural_key
 from cadtof_cli.capture.toml import FILE_NAME
 from cadtof_cli.errors import CaptureError
+from cadtof_cli.files.formats import FRAME_SUFFIXES
+from cadtof_cli.files.regular import is_there
 
 WRITTEN_BY_US = frozenset({"run.json", "dark.toml", "response.toml", "petzval.toml"})
 """Files that make a folder one of maps, or a calibration: nothing in or below it is a recorded frame."""
@@ -16,20 +18,27 @@ WRITTEN_BY_US = frozenset({"run.json", "dark.toml", "response.toml", "petzval.to
 def nearest_settings(folder: Path, /) -> Path | None:
     """Return the `capture.toml` that holds for a folder: its own, else that of the nearest folder above; None: there is none."""
     own = folder / FILE_NAME
-    # what lies in a folder that cannot be looked into is not there for us
-    if os.access(own, os.F_OK):
+    # what lies in a folder that cannot be looked into is not there for us; a link that leads nowhere is, and cannot be read
+    if is_there(own):
         return own
     above = (parent / FILE_NAME for parent in absolute(folder).parents)
     return next((path for path in above if os.access(path, os.R_OK)), None)
 
 
-def files_in(folder: Path, /, *, depth: int = 0) -> list[str]:
+def files_in(folder: Path, /, *, depth: int = 0, recursive: bool = False) -> list[str]:
     """Return the files that lie so many folders below a folder, by their path from there with slashes between.
+
+    A folder that is called like a frame is among them, so that the frame fails by its name; where folders are looked into, only
+    one that is empty.
 
     Raises:
         CaptureError: the folder cannot be listed.
     """
-    return [name for name, is_folder in _entries(folder, depth) if not is_folder]
+
+    def stands_for_a_frame(name: str) -> bool:
+        return name.lower().endswith(FRAME_SUFFIXES) and not (recursive and any(_entries(folder / name, 0)))
+
+    return [name for name, is_folder in _entries(folder, depth) if not is_folder or stands_for_a_frame(name)]
 
 
 def folders_in(folder: Path, /) -> list[Path]:
@@ -41,7 +50,7 @@ def folders_in(folder: Path, /) -> list[Path]:
 def _entries(folder: Path, depth: int) -> Iterator[tuple[str, bool]]:
     try:
         with os.scandir(folder) as entries:
-            found = [(entry.name, entry.is_dir()) for entry in entries]
+            found = [(entry.name, _is_folder(entry)) for entry in entries]
     except PermissionError as error:
         raise CaptureError(f"{folder}: no permission to list this folder; expected one that can be read") from error
     except OSError as error:
@@ -52,6 +61,14 @@ def _entries(folder: Path, depth: int) -> Iterator[tuple[str, bool]]:
     for name, is_folder in found:
         if is_folder and not name.startswith("."):
             yield from ((f"{name}/{below}", inner) for below, inner in _entries(folder / name, depth - 1))
+
+
+def _is_folder(entry: os.DirEntry[str]) -> bool:
+    try:
+        return entry.is_dir()
+    except OSError:
+        # a link that leads in a circle: whoever reads it says so
+        return False
 
 
 def common_folder(folders: Iterable[Path], /) -> Path:

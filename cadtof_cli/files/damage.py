@@ -6,7 +6,7 @@ from pathlib import Path
 
 from cadtof_cli.errors import FrameError
 
-PLAUSIBLE_BYTES = 2**28
+PLAUSIBLE_BYTES = 2**26
 PLAUSIBLE_RATIO = 4096
 """A header may promise this many bytes, or this many times the size of its file. More is a flipped bit, not a picture:
 deflate reaches a ratio of 1,032, and a frame of a megapixel holds 16 to 32 MB."""

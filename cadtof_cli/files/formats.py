@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 from cadtof_cli.errors import FrameError
 from cadtof_cli.files.damage import damage_as_frame_error
+from cadtof_cli.files.regular import open_regular
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -234,7 +235,7 @@ def format_of(path: Path, /) -> Format:
         FrameError: the file cannot be read, or is of no format that we know.
     """
     with damage_as_frame_error(path, "file"):
-        descriptor = os.open(path, os.O_RDONLY)
+        descriptor = open_regular(path)
         try:
             head = os.pread(descriptor, _HEAD_BYTES, 0)
         finally:

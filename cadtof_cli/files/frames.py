@@ -105,7 +105,8 @@ def is_sample_type(dtype: str, /) -> bool:
     """Tell whether numpy's name of a type, of any byte order, is one that a frame may be recorded in."""
     try:
         return np.dtype(dtype).name in SAMPLE_TYPES
-    except TypeError:
+    except (TypeError, ValueError, SyntaxError):
+        # numpy parses what has commas and brackets
         return False
 
 

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from cadtof_cli.errors import MetadataError
+from cadtof_cli.files.regular import read_text
 
 
 def read_toml(path: Path, /) -> dict[str, Any]:
@@ -21,13 +22,18 @@ def read_toml(path: Path, /) -> dict[str, Any]:
         MetadataError: the file cannot be read, or is not TOML.
     """
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8-sig"))
+        return tomllib.loads(read_text(path, encoding="utf-8-sig"))
     except OSError as error:
         raise MetadataError(f"{path}: cannot be read: {error.strerror}") from error
     except UnicodeDecodeError as error:
         raise MetadataError(f"{path}: not UTF-8 text: {error}") from error
+    except RecursionError as error:
+        raise MetadataError(f"{path}: not valid TOML: tables or lists within each other, hundreds deep") from error
     except tomllib.TOMLDecodeError as error:
         raise MetadataError(f"{path}: not valid TOML: {error}") from error
+    except ValueError as error:
+        # what else Python's own numbers cannot hold
+        raise MetadataError(f"{path}: not valid TOML: a whole number of thousands of digits, or no date") from error
 
 
 def toml_from_tables(tables: Mapping[str, Mapping[str, Any]], /, *, comments: Iterable[str] = ()) -> str:

@@ -4,7 +4,7 @@ import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 from cadtof_cli.arrays import Float
 from cadtof_cli.capture.discovery import Capture, base_of, find_captures, placed_below
@@ -15,7 +15,9 @@ from cadtof_cli.capture.toml import FILE_NAME as CAPTURE_FILE
 from cadtof_cli.capture.tree import WRITTEN_BY_US
 from cadtof_cli.errors import CadtofError, CaptureError, SettingsError
 from cadtof_cli.files.formats import MAP_SUFFIXES
+from cadtof_cli.files.regular import is_folder, is_there, read_text
 from cadtof_cli.frame_plan import CalibrationUse, DepthKind
+from cadtof_cli.workflows.sound_record import require_sound_record
 
 RUN_FILE = "run.json"
 FRAMES_FILE = "frames.jsonl"
@@ -77,6 +79,19 @@ class FrameReport:
     stops: bool = False
 
     @property
+    def is_sound(self) -> bool:
+        """Whether the fields hold what they should: a line may come from anywhere."""
+        texts = (self.output, self.reason, self.digest, self.output_digest)
+        counts = (self.one_path, self.two_paths, self.more_paths, self.diffuse, self.invalid, self.output_bytes)
+        return (
+            isinstance(self.source, str)
+            and self.status in get_args(FrameStatus)
+            and isinstance(self.seconds, int | float)
+            and all(isinstance(text, str | None) for text in texts)
+            and all(isinstance(count, int | None) for count in counts)
+        )
+
+    @property
     def is_already_there(self) -> bool:
         """Whether an earlier run has made the maps."""
         return self.status == "skipped" and str(self.reason).endswith(ALREADY_THERE)
@@ -96,9 +111,10 @@ def report_of(line: bytes, /) -> FrameReport | None:
         values = json.loads(line)
         files = values.get("files")
         known = None if files is None else tuple(SourceFile(**one) for one in files)
-        return FrameReport(**{**values, "files": known})
-    except (ValueError, TypeError, AttributeError):
+        report = FrameReport(**{**values, "files": known})
+    except (ValueError, TypeError, AttributeError, RecursionError):
         return None
+    return report if report.is_sound else None
 
 
 @dataclass
@@ -140,12 +156,14 @@ class Run:
         files: its map files, in the order of their names.
         folder: of the run.
         record: what `run.json` there holds; None where there is none, or it is not the record of a run.
+        no_record: which of the two.
     """
 
     maps: Path
     files: tuple[Path, ...]
     folder: Path
     record: Mapping[str, Any] | None
+    no_record: str = f"no {RUN_FILE} beside the maps"
 
     def name(self, file: Path, /) -> str:
         """Return the name of a map: its path from the run's folder, without suffix."""
@@ -221,7 +239,7 @@ class Run:
     def recorded_frames(self, say: Callable[[str], None], /) -> RecordedFrames:
         """Return the frames that the maps were made from; nothing, and a note, where they are not known or gone."""
         if self.record is None:
-            say(f"no {RUN_FILE} beside the maps, so the first phasor is not evaluated")
+            say(f"{self.no_record}, so the first phasor is not evaluated")
             return {}
         arguments = self.record["arguments"]
         try:
@@ -255,31 +273,42 @@ def read_run(maps: Path, /) -> Run:
     """Return the run that a folder of maps, or one map file, belongs to.
 
     Raises:
-        CaptureError: there is no such folder or file.
+        CaptureError: there is no such folder or file, or the `run.json` of the run cannot be read.
     """
     if not maps.exists():
         raise CaptureError(f"{maps}: no such file or folder; expected maps that `cadtof resolve` wrote")
     files, folder = map_files(maps), maps if maps.is_dir() else maps.parent
-    folder = next((above for above in (folder, *folder.parents) if (above / RUN_FILE).exists()), folder)
-    try:
-        record = read_record(folder)
-        return Run(maps, files, folder, record if record["arguments"].keys() >= {"inputs", "overrides"} else None)
-    except (OSError, ValueError, LookupError, TypeError, AttributeError):
+    folder = next((above for above in (folder, *folder.parents) if is_there(above / RUN_FILE)), None) or folder
+    path = folder / RUN_FILE
+    if not is_there(path):
         return Run(maps, files, folder, None)
+    try:
+        return Run(maps, files, folder, require_sound_record(read_record(folder)))
+    except OSError as error:
+        raise CaptureError(f"{path}: cannot be read: {error.strerror or error}") from error
+    except (ValueError, LookupError, TypeError, AttributeError) as error:
+        return Run(maps, files, folder, None, f"{path}: not the record of a run ({error})")
 
 
 def is_run_folder(path: Path, /) -> bool:
     """Return whether a folder is one that `cadtof resolve` wrote."""
-    return path.is_dir() and (path / RUN_FILE).exists() and not (path / CAPTURE_FILE).exists()
+    return is_folder(path) and is_there(path / RUN_FILE) and not is_there(path / CAPTURE_FILE)
 
 
 def map_files(maps: Path, /) -> tuple[Path, ...]:
-    """Return a run's map files in the order of their names, those in folders below it last; or the one file."""
-    if maps.is_file():
+    """Return a run's map files in the order of their names, those in folders below it last; or the one file.
+
+    An empty folder that is called like a map stands for one, which fails by its name.
+    """
+    if not is_folder(maps):
         return (maps,)
-    entries = sorted(path for path in maps.iterdir() if not path.name.startswith("."))
-    files = [path for path in entries if path.suffix in MAP_SUFFIXES and not path.is_dir()]
-    below = (path for path in entries if path.is_dir() and WRITTEN_BY_US.isdisjoint(one.name for one in path.iterdir()))
+    files, below = list[Path](), list[Path]()
+    for path in sorted(path for path in maps.iterdir() if not path.name.startswith(".")):
+        inside = [one.name for one in path.iterdir()] if is_folder(path) else []
+        if path.suffix in MAP_SUFFIXES and not inside:
+            files.append(path)
+        elif inside and WRITTEN_BY_US.isdisjoint(inside):
+            below.append(path)
     return (*files, *(file for folder in below for file in map_files(folder)))
 
 
@@ -289,7 +318,8 @@ def read_record(folder: Path, /) -> dict[str, Any]:
     Raises:
         OSError, ValueError, TypeError: there is none, or it is no JSON object.
     """
-    path = folder / RUN_FILE
-    if not path.is_file():
-        raise OSError(f"{path}: no such file")
-    return dict(json.loads(path.read_text(encoding="utf-8")))
+    text = read_text(folder / RUN_FILE, most_bytes=None)
+    try:
+        return dict(json.loads(text))
+    except RecursionError as error:
+        raise ValueError("lists or objects within each other, hundreds deep") from error

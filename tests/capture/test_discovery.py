@@ -43,9 +43,20 @@ def test_frames_of_a_folder_come_in_natural_order(tmp_path: Path) -> None:
 def test_what_is_no_frame_is_left_out(tmp_path: Path) -> None:
     _touch(tmp_path, "frame.tif", "truth.exr", "Truth.TIF", ".hidden.tif", "capture.toml.bak", "notes.txt", "frame.png")
     _touch(tmp_path / "calibration", "frame_0.tif")
-    (tmp_path / "folder.tif").mkdir()
+    (tmp_path / "folder").mkdir()
     (capture,) = find_captures([tmp_path])
     assert _names(capture) == ["frame"]
+
+
+def test_a_folder_that_is_called_like_a_frame_stands_for_one(tmp_path: Path) -> None:
+    _touch(tmp_path, "frame_0.tif", "frame_2.tif")
+    (tmp_path / "frame_1.tif").mkdir()
+    for recursive in (False, True):
+        (capture,) = find_captures([tmp_path], recursive=recursive)
+        assert _names(capture) == ["frame_0", "frame_1", "frame_2"]
+    _touch(tmp_path / "frame_1.tif", "a.tif")
+    found = find_captures([tmp_path], recursive=True)
+    assert [_names(capture) for capture in found] == [["frame_0", "frame_2"], ["a"]]
 
 
 def test_files_that_are_listed_are_not_opened(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

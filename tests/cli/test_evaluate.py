@@ -140,7 +140,10 @@ def test_recordings_that_are_gone_cost_only_the_first_phasor(tmp_path: Path) -> 
         else:
             (out / "run.json").write_text(content)
         done = cadtof("evaluate", out, "--truth", truth)
-        assert (done.status, done.err) == (0, "no run.json beside the maps, so the first phasor is not evaluated\n")
+        why = "no run.json beside the maps" if content is None else f"{out / 'run.json'}: not the record of a run ("
+        assert (done.status, done.err.count("\n")) == (0, 1)
+        assert done.err.startswith(why)
+        assert done.err.endswith(", so the first phasor is not evaluated\n")
         assert "direct path" in done.out
 
 

@@ -44,6 +44,7 @@ def test_no_permission(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def refuse(*_: object) -> int:
         raise PermissionError(13, "Permission denied")
 
+    (tmp_path / "frame.exr").touch()
     monkeypatch.setattr("os.open", refuse)
     assert message(tmp_path / "frame.exr") == f"{tmp_path / 'frame.exr'}: cannot be read: Permission denied"
 

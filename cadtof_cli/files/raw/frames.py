@@ -11,6 +11,7 @@ from cadtof_cli.errors import FrameError
 from cadtof_cli.files.array_frames import lone_plane, open_array
 from cadtof_cli.files.damage import damage_as_frame_error
 from cadtof_cli.files.frames import FrameLayout, Frames
+from cadtof_cli.files.regular import require_regular
 
 
 def open_frames(path: Path, layout: FrameLayout, /) -> AbstractContextManager[Frames]:
@@ -32,7 +33,7 @@ def _mapped(path: Path, layout: FrameLayout) -> Stored:
     if raw is None:
         raise FrameError(f"{path}: a raw dump does not say what it holds: give dtype and shape under [layout.raw]")
     with damage_as_frame_error(path, "raw"):
-        dtype, size = np.dtype(raw.dtype), path.stat().st_size
+        dtype, size = np.dtype(raw.dtype), require_regular(path).st_size
         once = math.prod(raw.shape) * dtype.itemsize
         times, rest = divmod(size - raw.offset_bytes, once)
         if rest or times < 1:

@@ -165,6 +165,8 @@ class TiffImages:
 
     def _images(self, indices: Sequence[int]) -> Stored:
         """Return some of the file's images, shape (n, *page shape)."""
+        size = len(indices) * math.prod(self._page_shape) * self.dtype.itemsize
+        require_plausible_size(self.path, size, self._tiff.filehandle.size)
         whole: Stored = np.empty((len(indices), *self._page_shape), self.dtype)
         start = self._start_of_run(indices)
         items, parts = (

@@ -9,9 +9,10 @@ from cadtof_cli.arrays import Stored
 from cadtof_cli.calibration.parts import PART_KINDS, Origin, Part, PartKind
 from cadtof_cli.calibration.store import Calibration, digest_of, load_calibration, require_absent, save_part
 from cadtof_cli.capture.discovery import Capture, find_captures
-from cadtof_cli.capture.frames import open_frames, single_frames
+from cadtof_cli.capture.frames import open_frames, require_usual, single_frames, usual_pixels
 from cadtof_cli.capture.metadata import CaptureMetadata, Target
 from cadtof_cli.errors import SettingsError
+from cadtof_cli.files.regular import is_there
 from cadtof_cli.phasors.frame_mean import FrameMean, mean_volts
 from cadtof_cli.workflows.progress import Progress
 
@@ -88,9 +89,11 @@ def averaged_captures(
 
 
 def _frames(capture: Capture, progress: Progress) -> Iterator[Stored]:
+    usual = usual_pixels(capture)
     for source in single_frames(capture):
         with open_frames(source, capture.layout) as frames:
             stored = frames.read(source.index or 0)
+        require_usual(source, stored.shape[2:], usual)
         yield stored
         progress.advance()
 
@@ -129,7 +132,7 @@ def parts_before(
 ) -> Calibration:
     """Return the parts of the folder that are applied before this one, checked against the captures; say which."""
     earlier = PART_KINDS[: PART_KINDS.index(kind)]
-    if not any((folder / f"{name}.toml").exists() for name in earlier):
+    if not any(is_there(folder / f"{name}.toml") for name in earlier):
         progress.say(f"{folder}: no {' or '.join(earlier)} calibration there, so none is applied to the frames")
         return Calibration()
     everything = load_calibration(folder)

@@ -8,6 +8,7 @@ from typing import Any
 from cadtof_cli.calibration.parts import PART_KINDS
 from cadtof_cli.calibration.store import load_calibration
 from cadtof_cli.errors import CadtofError
+from cadtof_cli.files.regular import is_folder, is_there
 
 
 @dataclass
@@ -22,7 +23,7 @@ class CalibrationFacts:
 
 def is_calibration_folder(path: Path, /) -> bool:
     """Tell whether a folder is one that `cadtof calibrate` wrote."""
-    return path.is_dir() and any((path / f"{kind}.toml").exists() for kind in PART_KINDS)
+    return is_folder(path) and any(is_there(path / f"{kind}.toml") for kind in PART_KINDS)
 
 
 def facts_of_calibration(path: Path, /) -> CalibrationFacts:

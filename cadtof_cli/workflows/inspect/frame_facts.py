@@ -7,7 +7,7 @@ import numpy as np
 
 from cadtof_cli.arrays import Stored
 from cadtof_cli.capture.frame_sources import FrameSource
-from cadtof_cli.capture.frames import open_frames
+from cadtof_cli.capture.frames import open_frames, require_usual
 from cadtof_cli.capture.metadata import CaptureMetadata
 from cadtof_cli.errors import CadtofError
 from cadtof_cli.files.frames import FrameLayout, NotAFrameError
@@ -48,14 +48,14 @@ def facts_of_frame(task: LookTask, /) -> FrameFacts:
     try:
         with open_frames(task.source, task.layout) as frames:
             container, stored = frames.format, frames.read(task.source.index or 0)
-        if task.pixels is not None and stored.shape[2:] != task.pixels:
-            found, expected = ("{1} × {0}".format(*size) for size in (stored.shape[2:], task.pixels))
-            return FrameFacts(problem=f"{task.source}: found {found} pixels, expected {expected} as in the first frame")
+        require_usual(task.source, stored.shape[2:], task.pixels)
         return _facts(stored, container, task)
     except NotAFrameError as error:
         return FrameFacts(problem=str(error), skipped=True)
     except CadtofError as error:
         return FrameFacts(problem=str(error))
+    except MemoryError:
+        return FrameFacts(problem=f"{task.source}: not enough memory for a frame of this size: try fewer --jobs")
 
 
 def _facts(stored: Stored, container: str, task: LookTask) -> FrameFacts:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from cadtof_cli.capture.discovery import Capture, find_captures
-from cadtof_cli.capture.frames import first_pixels, single_frames
+from cadtof_cli.capture.frames import single_frames, usual_pixels
 from cadtof_cli.capture.lone_planes import guessed_layout, hint_of_planes
 from cadtof_cli.capture.metadata import KEYS, Layout
 from cadtof_cli.errors import CadtofError
@@ -106,7 +106,7 @@ def _capture_facts(capture: Capture, workers: Workers, progress: Progress) -> Ca
     for key in KEYS:
         value = getattr(getattr(metadata, key.table), key.name)
         facts.metadata[key.path] = {"value": value, "from": capture.source.origins[key.path]}
-    pixels = first_pixels(capture)
+    pixels = usual_pixels(capture)
     if pixels is None and (hint := hint_of_planes(capture)):
         facts.problems.append(hint)
         facts.guessed_layout = guessed_layout(capture)

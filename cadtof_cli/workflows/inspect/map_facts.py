@@ -14,6 +14,7 @@ from cadtof_cli.files.maps import STATUS, read_facts, read_layers
 from cadtof_cli.maps.layers import DIRECT_DEPTH, layer_unit
 from cadtof_cli.resolver.status import StatusBit
 from cadtof_cli.workflows.run_folder import RUN_FILE, map_files, read_record
+from cadtof_cli.workflows.sound_record import require_sound_record
 
 
 @dataclass(frozen=True)
@@ -59,8 +60,10 @@ def facts_of_maps(path: Path, /) -> MapFacts:
     facts = MapFacts(str(path), len(files))
     if path.is_dir():
         try:
-            facts.run = read_record(path)
-        except (OSError, ValueError, TypeError) as error:
+            facts.run = dict(require_sound_record(read_record(path)))
+        except OSError as error:
+            facts.problems.append(f"{path / RUN_FILE}: cannot be read: {error.strerror or error}")
+        except (ValueError, LookupError, TypeError, AttributeError) as error:
             facts.problems.append(f"{path / RUN_FILE}: not the record of a run ({error})")
     if not files:
         facts.problems.append(f"{path}: found no maps")

@@ -8,6 +8,7 @@ from typing import Any
 from cadtof_cli.capture.discovery import Capture
 from cadtof_cli.capture.tree import absolute
 from cadtof_cli.errors import CadtofError, OutputError
+from cadtof_cli.files.regular import is_folder
 from cadtof_cli.workflows.resolve.plans import CapturePlan, found_captures, planned
 from cadtof_cli.workflows.resolve.settings import ResolveSettings
 from cadtof_cli.workflows.resolve.use_calibration import AppliedCalibration
@@ -74,7 +75,9 @@ class Arrivals:
         new = planned([one for one in captures if one.root not in self.known], self.settings, self.calibration)
         plans = [
             replace(
-                self.known[one.root], capture=replace(self.known[one.root].capture, frames=one.frames), in_first_file=1
+                self.known[one.root],
+                capture=replace(self.known[one.root].capture, frames=one.frames),
+                stack_frame_bytes=None,
             )
             for one in captures
             if one.root in self.known
@@ -114,5 +117,5 @@ def _by_folder(paths: Iterable[Path]) -> dict[Path, list[Path]]:
     """Return paths by the folder that they lie in; a folder by itself."""
     folders: dict[Path, list[Path]] = {}
     for path in dict.fromkeys(paths):
-        folders.setdefault(path if path.is_dir() else path.parent, []).append(path)
+        folders.setdefault(path if is_folder(path) else path.parent, []).append(path)
     return folders

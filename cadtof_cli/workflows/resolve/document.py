@@ -9,6 +9,7 @@ from typing import Any
 
 from cadtof_cli import __version__
 from cadtof_cli.capture.discovery import Capture
+from cadtof_cli.files.regular import real_path
 from cadtof_cli.resolver.status import MEANING
 from cadtof_cli.resolver.two_path.kernel import chosen_kernel
 from cadtof_cli.workflows.resolve.plans import CapturePlan
@@ -24,7 +25,7 @@ def recorded_arrivals(
         document["arguments"]["inputs"] += map(str, paths)
         document["arguments"]["absolute_inputs"] += (str(path.absolute()) for path in paths)
         document["arguments"]["inputs_from_out"] += (_from_out(path, out) for path in paths)
-        document["arguments"]["resolved_inputs"] += (str(path.resolve()) for path in paths)
+        document["arguments"]["resolved_inputs"] += map(real_path, paths)
         yield paths
 
 
@@ -46,7 +47,7 @@ def record_captures(document: Mapping[str, Any], plans: Iterable[CapturePlan]) -
 def _as_json(capture: Capture) -> dict[str, Any]:
     return {
         "root": str(capture.root),
-        "resolved_root": str(capture.root.resolve()),
+        "resolved_root": real_path(capture.root),
         "files": len(capture.frames),
         "metadata": asdict(capture.source.metadata),
         "origins": dict(capture.source.origins),
@@ -79,7 +80,7 @@ def run_document(
             "inputs": [str(path) for path in inputs],
             "absolute_inputs": [str(path.absolute()) for path in inputs],
             "inputs_from_out": [_from_out(path, settings.out) for path in inputs],
-            "resolved_inputs": [str(path.resolve()) for path in inputs],
+            "resolved_inputs": [real_path(path) for path in inputs],
             "out": str(settings.out),
             **asdict(maps.resolver),
             "min_confidence": maps.min_confidence_v,

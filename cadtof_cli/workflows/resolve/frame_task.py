@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from cadtof_cli.arrays import Stored
 from cadtof_cli.capture.frame_sources import FrameSource
-from cadtof_cli.capture.frames import open_frames
+from cadtof_cli.capture.frames import open_frames, require_usual
 from cadtof_cli.errors import CadtofError, FrameError, PlaceError
 from cadtof_cli.execution.outcome import Later
 from cadtof_cli.execution.workers import keep_freed_memory
-from cadtof_cli.files.digest import bytes_digest, content_digest, file_digest
+from cadtof_cli.files.digest import Digest, content_digest, file_digest
 from cadtof_cli.files.frames import FrameLayout, NotAFrameError
 from cadtof_cli.files.maps import SOURCE, DepthMaps, MapsAbout, begin_maps
 from cadtof_cli.frame_plan import FramePlan
@@ -256,7 +256,7 @@ def read_frame(task: FrameTask, /) -> tuple[Stored | FrameMean, Recording]:
     """Read a task's frame, or the mean of those of its frames that can be read, and what that was read from.
 
     Raises:
-        FrameError: none of them can be read, or has the size of the capture's first.
+        FrameError: none of them can be read, or has the size of most.
     """
     files = task.files()
     if len(task.sources) == 1:
@@ -280,7 +280,7 @@ def read_frame(task: FrameTask, /) -> tuple[Stored | FrameMean, Recording]:
 
     mean = frame_mean(readable(), saturated_counts=task.plan.metadata.voltage.saturated_counts)
     left_out = f"{len(errors)} of {len(task.sources)} frames left out of the mean: {errors[0]}" if errors else None
-    return mean, Recording(bytes_digest(",".join(digests).encode()), files, left_out)
+    return mean, Recording(Digest(",".join(digests).encode()).hexdigest(), files, left_out)
 
 
 def _stored(task: FrameTask, source: FrameSource) -> Stored:
@@ -288,9 +288,7 @@ def _stored(task: FrameTask, source: FrameSource) -> Stored:
         if source.index is None and frames.count != 1:
             raise FrameError(f"{source}: found {frames.count} frames, expected one as in files of the same size")
         stored: Stored = frames.read(source.index or 0)
-    if task.pixels is not None and stored.shape[2:] != task.pixels:
-        found, expected = ("{1} × {0}".format(*size) for size in (stored.shape[2:], task.pixels))
-        raise FrameError(f"{source}: found {found} pixels, expected {expected} as in the capture's first frame")
+    require_usual(source, stored.shape[2:], task.pixels)
     wrong = implausible(stored, task.plan.metadata)
     if wrong is not None:
         raise FrameError(f"{source}: {wrong}")

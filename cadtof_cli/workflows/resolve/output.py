@@ -11,6 +11,7 @@ from cadtof_cli.capture.toml import FILE_NAME as CAPTURE_FILE
 from cadtof_cli.errors import OutputError
 from cadtof_cli.files.atomic import remove_partial_files, sync_folder, write_error
 from cadtof_cli.files.formats import MAP_FORMATS
+from cadtof_cli.files.regular import is_there, real_path
 from cadtof_cli.workflows.resolve.settings import ResolveSettings
 from cadtof_cli.workflows.run_folder import FRAMES_FILE, RUN_FILE, read_record
 
@@ -40,7 +41,7 @@ def frame_names(captures: Sequence[Capture], out: Path, /) -> Mapping[str, Path]
     Raises:
         OutputError: the output folder is a capture's own; or two frames would be written to one file.
     """
-    if (out / CAPTURE_FILE).exists() or out.resolve() in {capture.root.resolve() for capture in captures}:
+    if (out / CAPTURE_FILE).exists() or real_path(out) in {real_path(capture.root) for capture in captures}:
         raise OutputError(f"{out}: the maps would be written among recorded frames; choose another folder with -o")
     named: dict[str, Path] = {}
     for frame in (frame for capture in captures for frame in capture.frames):
@@ -112,14 +113,19 @@ def would_be_replaced(out: Path, named: Mapping[str, Path], /) -> list[str]:
 
 def _require_same_run(out: Path, document: Mapping[str, Any], there: Sequence[str], *, arriving: bool) -> None:
     path = out / RUN_FILE
-    if not path.exists():
+    if not is_there(path):
         raise OutputError(
             f"{out}: cannot resume: found {_some(there)} and no {RUN_FILE}, so nothing tells what was resolved and how; "
             "add --overwrite, or choose another folder with -o"
         )
     try:
-        before = _what_decides_maps(read_record(out))
-    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+        earlier = read_record(out)
+        before = _what_decides_maps(earlier)
+        # by it the lines of its frames are known
+        Path(earlier["arguments"]["out"])
+    except OSError as error:
+        raise OutputError(f"{path}: cannot be read: {error.strerror or error}") from error
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
         raise OutputError(f"{path}: not the record of a run, so it cannot be resumed ({error})") from error
     now = _what_decides_maps(json.loads(json.dumps(document, default=str)))
     if arriving:

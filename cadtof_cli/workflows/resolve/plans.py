@@ -8,7 +8,7 @@ from typing import Any
 
 from cadtof_cli.capture.discovery import Capture, base_of, find_captures, placed_below
 from cadtof_cli.capture.frame_sources import FrameSource
-from cadtof_cli.capture.frames import file_size, first_frames, open_frames, single_frames
+from cadtof_cli.capture.frames import file_size, open_frames, single_frames, usual_file
 from cadtof_cli.errors import CaptureError, FrameError, SettingsError
 from cadtof_cli.files.formats import format_named, map_suffix_like
 from cadtof_cli.frame_plan import FramePlan
@@ -23,15 +23,22 @@ _WORTH_SAYING_S = 10.0
 
 @dataclass(frozen=True)
 class CapturePlan:
-    """A capture, what to do with its frames, their (Y, X), None where no file can be opened, and how many the first file has."""
+    """A capture, and what to do with its frames.
+
+    Attributes:
+        capture: folder, metadata and frames.
+        plan: what decides its maps.
+        pixels: (Y, X) of most of the frames; None where no file can be opened.
+        stack_frame_bytes: bytes that a frame takes in a stack; None where files hold one each.
+    """
 
     capture: Capture
     plan: FramePlan
     pixels: tuple[int, int] | None
-    in_first_file: int = 1
+    stack_frame_bytes: float | None = None
 
     def expected_maps(self, settings: ResolveSettings, /) -> int:
-        """Return how many maps there will be, as far as it can be told from the first file and the sizes of the others."""
+        """Return how many maps there will be, as far as it can be told from one file and the sizes of the others."""
         frames = self._expected_frames()
         if settings.frames is not None:
             frames = len(range(*settings.frames.indices(frames)))
@@ -39,11 +46,10 @@ class CapturePlan:
 
     def _expected_frames(self) -> int:
         sources = self.capture.frames
-        if self.in_first_file == 1:
+        of_one = self.stack_frame_bytes
+        if of_one is None:
             return len(sources)
-        sizes = [file_size(source.paths[0]) for source in sources]
-        of_one = max(sizes[0] / self.in_first_file, 1.0)
-        return sum(max(round(size / of_one), 1) for size in sizes)
+        return sum(max(round(file_size(source.paths[0]) / of_one), 1) for source in sources)
 
     def frames(self, settings: ResolveSettings, /, *, taken: Collection[str]) -> Iterator[FrameSource]:
         """Yield the frames that are to be resolved, a stack's one by one, under names that are not `taken`."""
@@ -111,19 +117,20 @@ def planned(
     use = calibration.use if calibration else None
     plans: list[CapturePlan] = []
     for capture in captures:
-        metadata, first = capture.source.metadata, first_frames(capture)
+        metadata, usual = capture.source.metadata, usual_file(capture)
         plan = FramePlan(metadata=metadata, settings=settings.maps, calibration=use)
-        if first is None:
+        if usual is None:
             from cadtof_cli.capture.lone_planes import hint_of_planes
 
             if hint := hint_of_planes(capture):
                 raise CaptureError(hint)
             plans.append(CapturePlan(capture, plan, None))
             continue
-        plans.append(CapturePlan(capture, plan, (first.shape[2], first.shape[3]), first.count))
+        of_one = max(usual.bytes / usual.frames, 1.0) if usual.frames > 1 else None
+        plans.append(CapturePlan(capture, plan, usual.pixels, of_one))
         _require_inside(settings.maps.roi, capture, plans[-1].pixels)
         try:
-            volts_per_count(metadata.voltage, first.dtype)
+            volts_per_count(metadata.voltage, usual.dtype)
         except SettingsError as error:
             raise SettingsError(f"{capture.root}: {error}") from error
         _require_plausible(capture)
