@@ -47,7 +47,7 @@ def test_harmonics_are_evenly_spread_about_the_middle_of_the_frame() -> None:
 
 @pytest.mark.parametrize("harmonics", [2, 3])
 def test_one_path_is_off_by_what_the_harmonics_know_of_its_time(harmonics: int) -> None:
-    """Harmonic h knows h² as much of the time, less what the pulse takes: (−1 + 4)/5 of half the way, (−1 + 9)/14 of all of it."""
+    """Harmonic h knows h² as much of the time: (−1 + 4)/5 of half the way, (−1 + 9)/14 of all of it."""
     expected = {2: 0.25017 * 3 / 5, 3: 0.33356 * 8 / 14}[harmonics]
     assert outcome(harmonics=harmonics).direct.bias_ns == pytest.approx(expected, rel=0.08)
     away = outcome(harmonics=harmonics, motion=replace(FAST, speed_m_s=-3.0)).direct
