@@ -124,6 +124,7 @@ def block_voltages(trials: Trials, runs: range, /) -> Float:
         variance_gain=gain,
         mean_gain=means,
         sample_noise_v=model.sample_noise_v,
+        motion=model.motion,
     )
     key = (_STATISTICS_KEY, trials.stream, runs.start)
     generator = np.random.default_rng(np.random.SeedSequence(trials.seed, spawn_key=key))
