@@ -280,3 +280,9 @@ def test_surfaces_are_measured_in_metres_along_two_upright_directions(scene: Cor
     for surface in scene.surfaces():
         axes = np.array([surface.across, surface.along])
         np.testing.assert_allclose(axes @ axes.T, np.eye(2), atol=1e-12)
+
+
+@pytest.mark.parametrize("distance_m", [0.8, 2.0, 4.5])
+def test_photons_count_one_where_the_wall_faces_the_light(distance_m: float) -> None:
+    light = Wall(distance_m=distance_m).light(Camera(width=41, height=31), slice(None))
+    assert light.photons[0, 15, 20] == pytest.approx(1.0, rel=1e-3)

@@ -86,7 +86,7 @@ def test_the_blocks_stand_as_in_the_original() -> None:
 def test_openings_stay_open_where_all_surfaces_get_one_albedo(seed: int) -> None:
     drawn, same = random_room(seed).interior, random_room(seed, albedo=0.35).interior
     assert [patch.albedo for patch in same.patches] == [0.35 if patch.albedo else 0.0 for patch in drawn.patches]
-    assert {one.albedo for one in (*same.boxes, *same.balls)} <= {0.35}
+    assert {box.albedo for box in same.boxes} | {ball.albedo for ball in same.balls} <= {0.35}
     assert [box.centre_m for box in same.boxes] == [box.centre_m for box in drawn.boxes]
 
 
