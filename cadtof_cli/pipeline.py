@@ -20,7 +20,8 @@ from cadtof_cli.files.maps import DepthMaps
 from cadtof_cli.frame_plan import FramePlan
 from cadtof_cli.maps.depth import DepthScale, empty_maps, write_block
 from cadtof_cli.maps.impossible import clear_impossible, most_volts
-from cadtof_cli.maps.layers import ALWAYS
+from cadtof_cli.maps.layers import ALWAYS, DIRECT_DEPTH
+from cadtof_cli.optics.lamp import LampBeside
 from cadtof_cli.optics.pinhole import planar_per_range, principal_point
 from cadtof_cli.phasors.frame_mean import FrameMean
 from cadtof_cli.phasors.noise import NoiseModel, estimated_integration_length, noise_model
@@ -142,6 +143,7 @@ def frame_stages(
         metadata.modulation.amplitude_v,
         planar_per_range(metadata.optics, size).ravel() if plan.settings.depth == "z" else None,
         correction.range_offset_m if plan.calibration and plan.calibration.curved else None,
+        LampBeside.of(metadata.optics, size),
     )
     return FrameStages(metadata.voltage.saturated_counts, correction, depth)
 
@@ -214,6 +216,9 @@ def resolve_pixels(
     else:
         _fill_by_blocks(maps, pixels, plan, stages, calibrated=calibration is not None)
         clear_impossible(maps, noise=pixels.noise, amplitude_v=plan.metadata.modulation.amplitude_v)
+    if stages.depth.lamp is not None:
+        depth = maps.layer(DIRECT_DEPTH).reshape(-1)
+        depth[:] = stages.depth.depth_from_camera(depth, slice(pixels.first, pixels.first + pixels.count))
     return maps
 
 

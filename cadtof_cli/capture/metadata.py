@@ -7,7 +7,19 @@ from dataclasses import dataclass, field, fields
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Literal, cast
 
-from cadtof_cli.capture.checks import COUNT, LENGTH, PERIOD, POSITIVE, SCALE, VOLTS, Check, above, each, shortened
+from cadtof_cli.capture.checks import (
+    COUNT,
+    LENGTH,
+    PERIOD,
+    POSITIVE,
+    SCALE,
+    VOLTS,
+    Check,
+    above,
+    each,
+    shortened,
+    within,
+)
 from cadtof_cli.errors import MetadataError
 from cadtof_cli.units import FWHM_PER_SIGMA
 
@@ -170,6 +182,13 @@ class Optics(Table):
         None,
         Check(lambda point: all(map(math.isfinite, point)), "two finite numbers"),
         each(COUNT),
+    )
+    lamp_offset_m: tuple[float, ...] | None = _key(
+        "numbers",
+        "from the camera to its lamp: right, down, forward",
+        None,
+        Check(lambda offset: len(offset) == 3, "three numbers: right, down, forward"),
+        each(within(0.0, 10.0)),
     )
 
 
