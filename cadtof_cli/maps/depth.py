@@ -1,14 +1,17 @@
 """Paths → depth maps."""
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from cadtof_cli.arrays import Float, Float32
 from cadtof_cli.files.maps import DepthMaps
 from cadtof_cli.maps.layers import Layer, LayerSource
-from cadtof_cli.optics.lamp import LampBeside
-from cadtof_cli.resolver.paths import ResolvedPaths
+
+if TYPE_CHECKING:
+    from cadtof_cli.optics.lamp import LampBeside
+    from cadtof_cli.resolver.paths import ResolvedPaths
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,7 +27,7 @@ class DepthScale:
     amplitude_v: float
     planar_per_range: Float | None = None
     range_offset_m: Float | None = None
-    lamp: LampBeside | None = None
+    lamp: "LampBeside | None" = None
 
     def metres(self, block: slice, /) -> float | Float:
         """Return the metres that a radian stands for, of all pixels or of each of a block, (n,)."""
@@ -43,7 +46,7 @@ class DepthScale:
         planar: Float | float = 1.0 if self.planar_per_range is None else self.planar_per_range[block]
         return np.asarray(self.lamp.range_m(depth.astype(np.float64) / planar, block) * planar, np.float32)
 
-    def source(self, resolved: ResolvedPaths, block: slice, /, *, samples: Float | None) -> LayerSource:
+    def source(self, resolved: "ResolvedPaths", block: slice, /, *, samples: Float | None) -> LayerSource:
         """Return what the layers of a block of the frame's pixels follow from."""
         averaged = 1.0 if samples is None else samples
         return LayerSource(resolved, averaged, self.metres(block), self.amplitude_v, self.phase_offset_rad(block))
