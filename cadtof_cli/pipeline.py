@@ -20,7 +20,7 @@ from cadtof_cli.files.maps import DepthMaps
 from cadtof_cli.frame_plan import FramePlan
 from cadtof_cli.maps.depth import DepthScale, empty_maps, write_block
 from cadtof_cli.maps.impossible import clear_impossible, most_volts
-from cadtof_cli.maps.layers import ALWAYS, DIRECT_DEPTH
+from cadtof_cli.maps.layers import ALWAYS
 from cadtof_cli.optics.lamp import LampBeside
 from cadtof_cli.optics.pinhole import planar_per_range, principal_point
 from cadtof_cli.phasors.frame_mean import FrameMean
@@ -42,8 +42,7 @@ SEARCHED_BLOCK_PIXELS = 32768
 """Pixels a block where paths are searched or refined: the last steps are for a few, and cost the same for any block."""
 
 MOST_INTEGRATION = 1e12
-"""Integration length of a frame without any noise, a synthetic one: that of float32 rounding, so that every threshold stays
-finite."""
+"""Integration length of a frame without any noise: that of float32 rounding, so that every threshold stays finite."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,8 +99,7 @@ class FramePixels:
 
 @dataclass(frozen=True)
 class ResolvedFrame:
-    """The maps of a frame, the integration length that its noise was taken from (`noise_estimated`: or found), and the model of
-    its MPI (None: there was no choice)."""
+    """A frame's maps, the integration length of its noise (`noise_estimated`: found), and its model of MPI, if one was chosen."""
 
     maps: DepthMaps
     integration_length: float
@@ -221,9 +219,7 @@ def resolve_pixels(
     else:
         _fill_by_blocks(maps, pixels, plan, stages, calibrated=calibration is not None)
         clear_impossible(maps, noise=pixels.noise, amplitude_v=plan.metadata.modulation.amplitude_v)
-    if stages.depth.lamp is not None:
-        depth = maps.layer(DIRECT_DEPTH).reshape(-1)
-        depth[:] = stages.depth.depth_from_camera(depth, slice(pixels.first, pixels.first + pixels.count))
+    stages.depth.measure_from_camera(maps, pixels.first)
     return maps
 
 
@@ -340,7 +336,6 @@ def _predicted_mpi(pixels: FramePixels, plan: FramePlan, stages: FrameStages) ->
 
         phasors = phasors_of_sine(phasors, found.paths, response=response)
     optics, offset = plan.metadata.optics, stages.depth.range_offset_m
-    focal = optics.focal_length_px
     return diffuse_model(
         phasors.reshape(-1, *pixels.size),
         usable=(status == 0).reshape(pixels.size),
@@ -348,7 +343,7 @@ def _predicted_mpi(pixels: FramePixels, plan: FramePlan, stages: FrameStages) ->
         settings=DiffuseSettings(
             model=plan.resolver.mpi_model, period_ns=modulation.periods_ns[0], harmonics=noise.harmonics
         ),
-        view=None if focal is None else View(focal, principal_point(optics, pixels.size)),
+        view=View(focal, principal_point(optics, pixels.size)) if (focal := optics.focal_length_px) else None,
         samples=None if noise.samples is None else noise.samples.reshape(pixels.size),
         range_offset_m=None if offset is None else -offset.reshape(pixels.size),
     )

@@ -7,19 +7,7 @@ from dataclasses import dataclass, field, fields
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Literal, cast
 
-from cadtof_cli.capture.checks import (
-    COUNT,
-    LENGTH,
-    PERIOD,
-    POSITIVE,
-    SCALE,
-    VOLTS,
-    Check,
-    above,
-    each,
-    shortened,
-    within,
-)
+from cadtof_cli.capture.checks import COUNT, LENGTH, PERIOD, POSITIVE, SCALE, VOLTS, Check, above, each, shortened
 from cadtof_cli.errors import MetadataError
 from cadtof_cli.units import FWHM_PER_SIGMA
 
@@ -187,8 +175,7 @@ class Optics(Table):
         "numbers",
         "from the camera to its lamp: right, down, forward",
         None,
-        Check(lambda offset: len(offset) == 3, "three numbers: right, down, forward"),
-        each(within(0.0, 10.0)),
+        Check(lambda offset: len(offset) == 3 and max(map(abs, offset)) <= 10.0, "three numbers from -10 to 10"),
     )
 
 

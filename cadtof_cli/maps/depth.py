@@ -5,9 +5,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cadtof_cli.arrays import Float, Float32
+from cadtof_cli.arrays import Float
 from cadtof_cli.files.maps import DepthMaps
-from cadtof_cli.maps.layers import Layer, LayerSource
+from cadtof_cli.maps.layers import DIRECT_DEPTH, Layer, LayerSource
 
 if TYPE_CHECKING:
     from cadtof_cli.optics.lamp import LampBeside
@@ -39,12 +39,14 @@ class DepthScale:
         """Return what the lens adds to every phase of a block, (n,); None: nothing."""
         return None if self.range_offset_m is None else self.range_offset_m[block] / self.metres_per_radian
 
-    def depth_from_camera(self, depth: Float32, block: slice, /) -> Float32:
-        """Return the depth of a block of direct paths, (n,), from the depth that it has where the lamp is at the camera."""
+    def measure_from_camera(self, maps: DepthMaps, first: int, /) -> None:
+        """Turn direct depths, of pixels from a flat index on, from half the way of the light to that from the camera."""
         if self.lamp is None:
-            return depth
+            return
+        depth = maps.layer(DIRECT_DEPTH).reshape(-1)
+        block = slice(first, first + depth.size)
         planar: Float | float = 1.0 if self.planar_per_range is None else self.planar_per_range[block]
-        return np.asarray(self.lamp.range_m(depth.astype(np.float64) / planar, block) * planar, np.float32)
+        depth[:] = self.lamp.range_m(depth.astype(np.float64) / planar, block) * planar
 
     def source(self, resolved: "ResolvedPaths", block: slice, /, *, samples: Float | None) -> LayerSource:
         """Return what the layers of a block of the frame's pixels follow from."""
