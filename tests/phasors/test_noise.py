@@ -66,6 +66,6 @@ def test_no_noise_is_infinite_and_no_pixels_are_nothing() -> None:
 def test_sixteen_differences_are_the_least_that_noise_is_told_from(broken: int, known: bool) -> None:
     """5 × 5 pixels have 16 second differences, 15 without a corner."""
     rng = np.random.default_rng(1)
-    frame = 0.1 + 1e-3 * (rng.normal(size=(2, 5, 5)) + 1j * rng.normal(size=(2, 5, 5)))
+    frame = np.asarray(0.1 + 1e-3 * (rng.normal(size=(2, 5, 5)) + 1j * rng.normal(size=(2, 5, 5))), np.complex128)
     frame[1, 0, :broken] = np.nan
     assert np.isfinite(estimated_integration_length(frame)) == known
