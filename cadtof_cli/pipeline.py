@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
-from cadtof_cli.arrays import Complex, Status, Stored
+from cadtof_cli.arrays import Complex, Status, Stored, sealed
 from cadtof_cli.calibration.apply import FrameCorrection, frame_correction
 from cadtof_cli.errors import FrameError
 from cadtof_cli.files.maps import DepthMaps
@@ -149,7 +149,7 @@ def frame_stages(
         planar_per_range(metadata.optics, size).ravel() if plan.settings.depth == "z" else None,
         correction.range_offset_m if plan.calibration and plan.calibration.curved else None,
     )
-    return FrameStages(metadata.voltage.saturated_counts, correction, depth)
+    return sealed(FrameStages(metadata.voltage.saturated_counts, correction, depth))
 
 
 def resolve_frame(
@@ -180,15 +180,15 @@ def prepare_frame(
     frame: Stored | FrameMean, /, *, plan: FramePlan, calibration: "Calibration | None" = None
 ) -> FramePixels:
     """Do all that couples the pixels of a frame: estimate its noise where it is unknown, pool neighbours, predict its MPI."""
-    recorded = frame if isinstance(frame, FrameMean) else FrameMean.of_one(frame)
-    height, width = recorded.stored.shape[2:]
-    stages = frame_stages(plan, calibration, recorded.dtype, (height, width))
-    stored = recorded.stored.reshape(*recorded.stored.shape[:2], -1)
-    samples = None if recorded.samples is None else recorded.samples.ravel()
+    recorded, samples = (frame.stored, frame.samples) if isinstance(frame, FrameMean) else (frame, None)
+    height, width = recorded.shape[2:]
+    stages = frame_stages(plan, calibration, frame.dtype, (height, width))
+    stored = recorded.reshape(*recorded.shape[:2], -1)
+    samples = None if samples is None else samples.ravel()
     n_av, unknown = plan.metadata.pixel.integration_length, NoiseModel((), math.nan, estimated=True, samples=samples)
-    pixels = FramePixels(stored, recorded.dtype, (height, width), 0, unknown)
+    pixels = FramePixels(stored, frame.dtype, (height, width), 0, unknown)
     if n_av is not None:
-        noise = noise_model(plan.metadata, integration_length=n_av, quantised=recorded.dtype.kind in "iu")
+        noise = noise_model(plan.metadata, integration_length=n_av, quantised=frame.dtype.kind in "iu")
     else:
         noise = _estimated_noise(pixels, plan, stages)
     pixels = replace(pixels, noise=replace(noise, samples=samples))
