@@ -14,7 +14,7 @@ _MEASURED = re.compile(
 REASON = re.compile(r"<!-- numbers: (.+?) -->", re.DOTALL)
 """What a section says, unseen, of numbers that no script makes: chosen, defined, or of the paper."""
 
-_WHOLE_PAGE = re.compile(r"\b(?:made|written) by\s`scripts/\w+`", re.IGNORECASE)
+_WHOLE_PAGE = re.compile(r"\b(?:made|written) by\s`scripts/\w+[^`]*`", re.IGNORECASE)
 """What a page says that a script has written, numbers and all."""
 
 _PLACE = re.compile(r"`(?:python |pytest |[A-Z_]+=\S+ )*((?:scripts|tests)/[\w./]+)")

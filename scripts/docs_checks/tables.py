@@ -70,7 +70,7 @@ def check_table(table: Table, root: Path, /, printed: str) -> Iterator[str]:
 def _name(row: str) -> str:
     """Return what a row is about: its first cell, of a capture the folder's name."""
     cell = row.split("|")[1].strip()
-    capture = re.match(r"`?sample_data/([\w-]+)", cell)
+    capture = re.match(r"`?(?:sample_data/|simulate --scene )([\w-]+)", cell)
     return capture[1] if capture else cell
 
 
