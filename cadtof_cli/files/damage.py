@@ -1,5 +1,6 @@
 """Whatever a library raises on a damaged file becomes one FrameError that names the file."""
 
+import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -20,7 +21,10 @@ def damage_as_frame_error(path: Path, kind: str) -> Iterator[None]:
     zlib.error, RuntimeError and more have been seen.
     """
     try:
-        yield
+        with warnings.catch_warnings():
+            # what a library only remarks on says nothing about the pixels; what does is asked of them
+            warnings.simplefilter("ignore")
+            yield
     except FrameError:
         raise
     except OSError as error:
