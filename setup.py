@@ -1,9 +1,14 @@
-"""Build the compiled kernel where a C compiler is at hand; without one, cadtof installs all the same and numpy does the work."""
+"""Build what is compiled where a C compiler is at hand; without one, cadtof installs all the same and numpy does the work."""
 
+import sys
 import sysconfig
+from pathlib import Path
 
 from setuptools import Extension, setup
 from setuptools.command.build_ext import build_ext
+from setuptools.dist import Distribution
+
+ROOT = Path(__file__).resolve().parent
 
 FREE_THREADED = bool(sysconfig.get_config_var("Py_GIL_DISABLED"))
 """Builds of Python without the global lock have no stable ABI yet."""
@@ -22,8 +27,12 @@ UNIX_FLAGS = [
 MSVC_FLAGS = ["/std:c11", "/O2", "/fp:precise"]
 
 
-class BuildKernel(build_ext):
-    """The extension with the flags that its compiler understands."""
+COMPILED = {"resolver/two_path/_kernel": ("_kernel_frame.h", "_kernel_paths.h")}
+"""Extension modules, each of one C file in `cadtof_cli`, with the headers beside it."""
+
+
+class BuildWithFlags(build_ext):
+    """Extensions with the flags that their compiler understands."""
 
     def build_extension(self, ext: Extension) -> None:
         """Build one extension."""
@@ -31,16 +40,37 @@ class BuildKernel(build_ext):
         super().build_extension(ext)
 
 
+class InstallManPages(Distribution().get_command_class("install_data")):
+    """The man pages of all commands, made of their help."""
+
+    def run(self) -> None:
+        """Make them, and put them where others' lie; without click-man there are none, as without a compiler no kernel."""
+        sys.path[:0] = [str(ROOT), str(ROOT / "scripts")]
+        try:
+            from man_pages import write_man_pages
+        except ImportError as error:
+            self.announce(f"no man pages: {error}", level=3)
+            return
+        pages = write_man_pages(ROOT / "build" / "man")
+        self.data_files = [("share/man/man1", [str(page.relative_to(ROOT)) for page in pages])]
+        super().run()
+
+
+def extension(path: str, headers: tuple[str, ...]) -> Extension:
+    """Return the extension module of a C file, which cadtof can do without."""
+    folder = f"cadtof_cli/{path.rpartition('/')[0]}"
+    return Extension(
+        f"cadtof_cli.{path.replace('/', '.')}",
+        [f"cadtof_cli/{path}.c"],
+        depends=[f"{folder}/{header}" for header in headers],
+        py_limited_api=not FREE_THREADED,
+        optional=True,
+    )
+
+
 setup(
-    ext_modules=[
-        Extension(
-            "cadtof_cli.resolver.two_path._kernel",
-            ["cadtof_cli/resolver/two_path/_kernel.c"],
-            depends=[f"cadtof_cli/resolver/two_path/_kernel_{part}.h" for part in ("frame", "paths")],
-            py_limited_api=not FREE_THREADED,
-            optional=True,
-        )
-    ],
-    cmdclass={"build_ext": BuildKernel},
+    data_files=[("share/man/man1", [])],
+    ext_modules=[extension(path, headers) for path, headers in COMPILED.items()],
+    cmdclass={"build_ext": BuildWithFlags, "install_data": InstallManPages},
     options={} if FREE_THREADED else {"bdist_wheel": {"py_limited_api": "cp311"}},
 )

@@ -14,6 +14,7 @@ from typing import Any, NoReturn
 import click
 
 from cadtof_cli import __version__
+from cadtof_cli.commands.examples import example
 from cadtof_cli.commands.terminal import open_closed_streams, tell
 from cadtof_cli.errors import CadtofError
 
@@ -23,6 +24,7 @@ COMMANDS = {
     "inspect": "Everything about one pixel of a recorded frame.",
     "evaluate": "Errors of depth maps against truth.",
     "compare": "What differs between two runs, or between a run and truth.",
+    "profile": "The cross-section of maps along a line.",
     "preview": "A picture of a frame's maps.",
     "export": "Maps as point clouds, pictures of depths, arrays and tables.",
     "simulate": "A simulated pixel, resolved many times; or a scene recorded as a capture.",
@@ -86,7 +88,15 @@ class LazyGroup(click.Group):
             formatter.write_dl(list(COMMANDS.items()))
 
 
-@click.group(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
+@click.group(
+    cls=LazyGroup,
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110},
+    epilog=example(
+        "cadtof info sample_data/corner",
+        "cadtof resolve sample_data/corner -o maps",
+        "cadtof evaluate maps --truth sample_data/corner/truth.exr",
+    ),
+)
 @click.version_option(__version__, "-V", "--version", prog_name="cadtof")
 @click.option("--debug", is_flag=True, help="Show the traceback of an error.")
 def cli(debug: bool) -> None:

@@ -19,7 +19,7 @@ from cadtof_cli.errors import FrameError
 from cadtof_cli.files.maps import DepthMaps
 from cadtof_cli.frame_plan import FramePlan
 from cadtof_cli.maps.depth import DepthScale, empty_maps, write_block
-from cadtof_cli.maps.impossible import clear_impossible
+from cadtof_cli.maps.impossible import clear_impossible, most_volts
 from cadtof_cli.maps.layers import ALWAYS
 from cadtof_cli.optics.pinhole import planar_per_range, principal_point
 from cadtof_cli.phasors.frame_mean import FrameMean
@@ -213,7 +213,7 @@ def resolve_pixels(
         _fill_by_kernel(maps, pixels, plan, stages, kernel)
     else:
         _fill_by_blocks(maps, pixels, plan, stages, calibrated=calibration is not None)
-    clear_impossible(maps, noise=pixels.noise, amplitude_v=plan.metadata.modulation.amplitude_v)
+        clear_impossible(maps, noise=pixels.noise, amplitude_v=plan.metadata.modulation.amplitude_v)
     return maps
 
 
@@ -251,6 +251,7 @@ def _fill_by_kernel(maps: DepthMaps, pixels: FramePixels, plan: FramePlan, stage
         status |= np.uint32(StatusBit.CALIBRATED)
     if samples is not None:
         status |= (samples > 1.0) * np.uint32(StatusBit.POOLED)
+    most, more = most_volts(pixels.noise, plan.metadata.modulation.amplitude_v)
     frame = KernelFrame(
         stored=pixels.stored if pixels.pooled is None else pixels.pooled,
         phasor_map=stages.correction.phasor_map[block] if recorded else None,
@@ -258,6 +259,8 @@ def _fill_by_kernel(maps: DepthMaps, pixels: FramePixels, plan: FramePlan, stage
         metres=stages.depth.metres(block),
         volts=stages.depth.amplitude_v,
         phase_offset_rad=stages.depth.phase_offset_rad(block),
+        most_volts=most,
+        noise_volts=more,
     )
     layers, *others = np.split(maps.values.reshape(len(maps.names), -1), [len(ALWAYS)])
     fill_maps(frame, layers=layers, status=status, settings=plan.resolver, noise=pixels.noise, kernel=kernel)

@@ -22,7 +22,7 @@ find_python() {
     return 1
 }
 
-# The two-path kernel is compiled: by the system's compiler, or else by the one that comes as the ziglang wheel. Where neither
+# Kernels are compiled: by the system's compiler, or else by the one that comes as the ziglang wheel. Where neither
 # works, numpy does the same, with the same bits.
 find_compiler() {
     local candidate
@@ -41,11 +41,12 @@ find_compiler() {
 }
 
 setup() {
-    local extras="$1" python stamp wanted kernel="$root/cadtof_cli/resolver/two_path"
+    local extras="$1" python stamp wanted
     stamp="$venv/cadtof-$extras.stamp"
     local constraints=(--constraint "$root/constraints.txt")
     [ "${CADTOF_CONSTRAINTS:-}" != none ] || constraints=()
-    wanted=$(cat "$root/pyproject.toml" "$root/constraints.txt" "$root/setup.py" "$kernel"/*.[ch] | cksum)${constraints[0]:-}
+    wanted=$(find "$root/cadtof_cli" -name '*.[ch]' -print0 | sort -z |
+        xargs -0 cat "$root/pyproject.toml" "$root/constraints.txt" "$root/setup.py" | cksum)${constraints[0]:-}
     if [ "$(cat "$stamp" 2>/dev/null)" = "$wanted" ] && "$venv/bin/python" -c 'import cadtof_cli' 2>/dev/null; then
         PATH="$venv/bin:$PATH"
         return

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from cadtof_cli.cli import COMMANDS
 from tests.support.captures import record
 from tests.support.run_cadtof import ENVIRONMENT
 
@@ -116,6 +117,18 @@ def test_help_loads_no_heavy_library(arguments: tuple[str, ...]) -> None:
     loaded = _loaded(*arguments)
     assert "click" in loaded
     assert not loaded & {"numpy", "scipy", "matplotlib", "rich", "tifffile", "OpenEXR", "distributed"}
+
+
+def test_the_help_of_the_commands_needs_no_more_than_numpy() -> None:
+    """Man pages are made of it where the package is built."""
+    imports = "; ".join(f"import cadtof_cli.commands.{name}" for name in COMMANDS)
+    script = f"import sys; {imports}; print(*{{name.split('.')[0] for name in sys.modules}})"
+    done = subprocess.run(
+        [sys.executable, "-c", script], env=ENVIRONMENT, capture_output=True, text=True, timeout=60, check=True
+    )
+    loaded = set(done.stdout.split())
+    assert "numpy" in loaded
+    assert not loaded & {"scipy", "matplotlib", "rich", "tifffile", "OpenEXR", "distributed"}
 
 
 def test_resolving_loads_only_what_it_needs(tmp_path: Path) -> None:

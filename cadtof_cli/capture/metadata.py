@@ -28,7 +28,7 @@ LEAST_LEFT = 1e-6
 _TOO_LARGE = 2**1023
 """From here on there are whole numbers that no float holds."""
 
-HARMONIC_TOLERANCE = 1e-6
+HARMONIC_TOLERANCE = 5e-4
 """How far periods_ns[0] / period may be from a whole number, relative; recorded periods are rounded decimals."""
 
 

@@ -8,6 +8,8 @@ from typing import Any
 
 import click
 
+from cadtof_cli.calibration.parts import PART_KINDS
+from cadtof_cli.commands.examples import example
 from cadtof_cli.commands.options import (
     Function,
     SectionedCommand,
@@ -23,8 +25,30 @@ from cadtof_cli.workflows.calibrate.dark import calibrate_dark
 from cadtof_cli.workflows.calibrate.petzval import calibrate_petzval
 from cadtof_cli.workflows.calibrate.response import calibrate_response
 
+_SMALL = "--width 80 --height 60"
+_COVERED = f"cadtof simulate --scene wall --asr 1e6 --dark-offset 0.002 {_SMALL} --frames 20 -o covered"
+_TARGETS = tuple(
+    f"cadtof simulate --scene wall --distance {metres} {_SMALL} --frames 5 -o wall_{metres}m" for metres in (1, 2, 3)
+)
 
-@click.group()
+
+class _InOrder(click.Group):
+    """A group whose help lists the steps in the order in which they are taken."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        """Return the names of the steps."""
+        return [name for name in PART_KINDS if name in self.commands]
+
+
+@click.group(
+    cls=_InOrder,
+    epilog=example(
+        _COVERED,
+        "cadtof calibrate dark covered -o camera",
+        f"cadtof simulate --scene corner --dark-offset 0.002 {_SMALL} -o corner",
+        "cadtof resolve corner -o maps --calibration camera",
+    ),
+)
 def calibrate() -> None:
     """Measure dark offsets, response and field curvature of a camera, each in a step of its own, in this order.
 
@@ -60,7 +84,11 @@ _distance = click.option(
 )
 
 
-@calibrate.command(cls=SectionedCommand, short_help="Offsets, noise and bad pixels, from covered-lens frames.")
+@calibrate.command(
+    cls=SectionedCommand,
+    short_help="Offsets, noise and bad pixels, from covered-lens frames.",
+    epilog=example(_COVERED, "cadtof calibrate dark covered -o camera"),
+)
 @_shared
 def dark(
     captures: tuple[str, ...],
@@ -78,7 +106,11 @@ def dark(
     _print(report, _dark_lines, as_json=as_json)
 
 
-@calibrate.command(cls=SectionedCommand, short_help="Channel response and maps of phase and gain, from flat targets.")
+@calibrate.command(
+    cls=SectionedCommand,
+    short_help="Channel response and maps of phase and gain, from flat targets.",
+    epilog=example(*_TARGETS, "cadtof calibrate response wall_1m wall_2m wall_3m -o camera"),
+)
 @_shared
 @_distance
 def response(
@@ -102,7 +134,14 @@ def response(
     _print(report, _response_lines, as_json=as_json)
 
 
-@calibrate.command(cls=SectionedCommand, short_help="Field curvature of the lens, from flat walls.")
+@calibrate.command(
+    cls=SectionedCommand,
+    short_help="Field curvature of the lens, from flat walls.",
+    epilog=example(
+        f"cadtof simulate --scene wall --petzval 0.05,0.01 {_SMALL} --frames 5 -o curved",
+        "cadtof calibrate petzval curved -o camera",
+    ),
+)
 @_shared
 @_distance
 @click.option(

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from cadtof_cli.commands.examples import example
 from cadtof_cli.commands.progress import progress_bar
 from cadtof_cli.commands.terminal import tell
 
@@ -15,7 +16,14 @@ if TYPE_CHECKING:
     from cadtof_cli.workflows.inspect.compare import Comparison, FrameDifference
 
 
-@click.command()
+@click.command(
+    epilog=example(
+        "cadtof resolve sample_data/corner -o maps",
+        "cadtof resolve sample_data/corner -o separate --mpi-model discrete",
+        "cadtof compare maps separate -o differences.png",
+        "cadtof compare maps sample_data/corner/truth.exr",
+    )
+)
 @click.argument("first", type=click.Path(path_type=Path), metavar="A")
 @click.argument("second", type=click.Path(path_type=Path), metavar="B")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object on stdout instead of the table.")
@@ -32,9 +40,6 @@ def compare(*, first: Path, second: Path, as_json: bool, out: Path | None, overw
     A and B are folders that `cadtof resolve` wrote, or map files. Frames are matched by name; a lone file, such as truth, goes
     with every frame. Figures are of |A − B| over the pixels that have a value in both, all frames together; bits are gained
     where B has them and A has not.
-
-    \b
-    Example: cadtof compare maps sample_data/corner/truth.exr -o differences.png
     """
     from cadtof_cli.workflows.inspect.compare import MapPairs, compare_maps, draw_worst
 

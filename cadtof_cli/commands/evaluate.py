@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from cadtof_cli.commands.examples import example
 from cadtof_cli.commands.progress import progress_bar
 from cadtof_cli.commands.terminal import tell
 
@@ -16,7 +17,12 @@ if TYPE_CHECKING:
 _FILE = click.Path(path_type=Path)
 
 
-@click.command()
+@click.command(
+    epilog=example(
+        "cadtof resolve sample_data/corner -o maps",
+        "cadtof evaluate maps --truth sample_data/corner/truth.exr",
+    )
+)
 @click.argument("maps", type=_FILE, metavar="OUT")
 @click.option("--truth", type=_FILE, help="File with a layer direct.depth, in metres.")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object on stdout instead of the table.")

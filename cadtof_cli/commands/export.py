@@ -4,13 +4,20 @@ from pathlib import Path
 
 import click
 
+from cadtof_cli.commands.examples import example
 from cadtof_cli.commands.options import gathered, setting_option
 from cadtof_cli.commands.progress import progress_bar
 from cadtof_cli.commands.terminal import tell
 from cadtof_cli.workflows.inspect.export import ExportSettings, export_maps
 
 
-@click.command()
+@click.command(
+    epilog=example(
+        "cadtof resolve sample_data/corner -o maps",
+        "cadtof export maps -o corner.ply",
+        "cadtof export maps -o corner.png --layer mpi.depth",
+    )
+)
 @click.argument("maps", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="MAPS...")
 @click.option(
     "-o",
@@ -50,7 +57,6 @@ def export(
     CSV: every layer. The files' names go to stdout.
 
     \b
-    Example: cadtof export maps -o corner.ply
     """
     with progress_bar("exporting", "maps", quiet=False) as bar:
         outputs = export_maps(maps, out, settings=settings, progress=bar)

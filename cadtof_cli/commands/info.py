@@ -8,6 +8,7 @@ from typing import Any
 
 import click
 
+from cadtof_cli.commands.examples import example
 from cadtof_cli.commands.options import (
     SectionedCommand,
     capture_options,
@@ -21,7 +22,7 @@ from cadtof_cli.commands.terminal import tell
 from cadtof_cli.execution.workers import Workers
 
 
-@click.command(cls=SectionedCommand)
+@click.command(cls=SectionedCommand, epilog=example("cadtof info sample_data/corner"))
 @click.argument("inputs", nargs=-1, required=True, metavar="INPUT...")
 @gathered(
     "workers",

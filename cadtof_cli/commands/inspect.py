@@ -7,6 +7,7 @@ from typing import Any
 
 import click
 
+from cadtof_cli.commands.examples import example
 from cadtof_cli.commands.map_options import calibration_option, map_options
 from cadtof_cli.commands.options import SectionedCommand, capture_options, settings_option
 from cadtof_cli.commands.progress import Bar
@@ -30,7 +31,10 @@ class PixelPlace(click.ParamType[tuple[int, int]]):
         return x, y
 
 
-@click.command(cls=SectionedCommand)
+@click.command(
+    cls=SectionedCommand,
+    epilog=example("cadtof inspect sample_data/corner/frame_0000.tif --pixel 60,60 -o phasors.png"),
+)
 @click.argument("frame", type=click.Path(path_type=Path), metavar="FRAME")
 @click.option("--pixel", required=True, type=PixelPlace(), help="Column and row of the pixel, from 0 at the top left.")
 @click.option(
@@ -67,7 +71,6 @@ def inspect(
     what is chosen is what the map says, bit for bit.
 
     \b
-    Example: cadtof inspect sample_data/corner/frame_0.exr --pixel 60,60
     """
     from cadtof_cli.workflows.inspect.pixel import inspect_pixel
     from cadtof_cli.workflows.resolve.settings import ResolveSettings

@@ -7,13 +7,7 @@ from cadtof_cli.frame_plan import DepthKind, MapSettings
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.workflows.resolve.settings import ResolveSettings
 
-_RESOLVER = (
-    setting_option(
-        "--mpi-model",
-        ResolverSettings,
-        help="What MPI is: separate paths (discrete), the tail that the room's geometry predicts (diffuse), or what each frame "
-        "says. Another --solver, --order, more --paths or --return last mean discrete.",
-    ),
+PATH_OPTIONS = (
     setting_option(
         "--solver",
         ResolverSettings,
@@ -35,12 +29,6 @@ _RESOLVER = (
     ),
     setting_option("--starts", ResolverSettings, metavar="N", help="Random starts of --solver lm."),
     setting_option(
-        "--seed",
-        ResolverSettings,
-        metavar="S",
-        help="Seed of the random starts of --solver lm, drawn for each pixel by its place in the frame.",
-    ),
-    setting_option(
         "--false-alarm",
         ResolverSettings,
         metavar="P",
@@ -52,6 +40,23 @@ _RESOLVER = (
         ResolverSettings,
         metavar="R",
         help="Least amplitude of a direct path, as a share of the strongest.",
+    ),
+)
+"""How the phasors of a pixel become its paths: of recorded pixels and of simulated ones."""
+
+_RESOLVER = (
+    setting_option(
+        "--mpi-model",
+        ResolverSettings,
+        help="What MPI is: separate paths (discrete), the tail that the room's geometry predicts (diffuse), or what each frame "
+        "says. Another --solver, --order, more --paths or --return last mean discrete.",
+    ),
+    *PATH_OPTIONS,
+    setting_option(
+        "--seed",
+        ResolverSettings,
+        metavar="S",
+        help="Seed of the random starts of --solver lm, drawn for each pixel by its place in the frame.",
     ),
 )
 

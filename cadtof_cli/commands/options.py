@@ -200,7 +200,8 @@ class SectionedCommand(click.Command):
         own: list[tuple[str, str]] = []
         capture: list[tuple[str, str]] = []
         for param in self.get_params(ctx):
-            record = param.get_help_record(ctx)
+            # what arguments are is said above; the newest click lists them, without a word about them
+            record = param.get_help_record(ctx) if isinstance(param, click.Option) else None
             if record is not None:
                 (capture if isinstance(param, CaptureOption) else own).append(record)
         for title, records in (("Options", own), (CAPTURE_SECTION, capture)):

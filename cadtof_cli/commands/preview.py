@@ -4,11 +4,17 @@ from pathlib import Path
 
 import click
 
+from cadtof_cli.commands.examples import example
 from cadtof_cli.commands.progress import Bar
 from cadtof_cli.commands.terminal import tell
 
 
-@click.command()
+@click.command(
+    epilog=example(
+        "cadtof resolve sample_data/corner -o maps",
+        "cadtof preview maps -o corner.png --truth sample_data/corner/truth.exr",
+    )
+)
 @click.argument("maps", type=click.Path(path_type=Path), metavar="MAPS")
 @click.option(
     "-o", "--out", required=True, type=click.Path(path_type=Path), help="Picture to write: .png, .pdf, .svg or .jpg."

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from cadtof_cli.commands.examples import example
 from cadtof_cli.commands.map_options import calibration_option, map_options
 from cadtof_cli.commands.options import (
     STDIN,
@@ -31,7 +32,13 @@ if TYPE_CHECKING:
     from cadtof_cli.workflows.run_folder import FrameReport, RunTotals
 
 
-@click.command(cls=SectionedCommand)
+@click.command(
+    cls=SectionedCommand,
+    epilog=example(
+        "cadtof resolve sample_data/corner -o maps",
+        "cadtof resolve --recursive sample_data -o all --depth z --json",
+    ),
+)
 @click.argument("inputs", nargs=-1, required=True, metavar="INPUT...")
 @setting_option("-o --out", ResolveSettings, required=True, help="Folder that the maps are written into.")
 @setting_option(

@@ -7,13 +7,31 @@ import click
 from click.core import ParameterSource
 
 from cadtof_cli.capture.metadata import InvalidValueError, Modulation, Pulse
-from cadtof_cli.commands.options import NUMBERS, gathered, jobs_option, setting_option
+from cadtof_cli.commands.map_options import PATH_OPTIONS
+from cadtof_cli.commands.options import NUMBERS, ParamType, gathered, jobs_option, setting_option
 from cadtof_cli.errors import SettingsError
 from cadtof_cli.execution.workers import Workers
-from cadtof_cli.resolver.settings import ORDERS, ResolverSettings
+from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.simulation.pixel.averaging import Averaging, Capacitors, Stages
 from cadtof_cli.simulation.pixel.pixel import PixelModel
 from cadtof_cli.workflows.simulate.trials import Trials
+
+
+class FurtherPath(ParamType):
+    """Photons of a path over the laser's, and its arrival in ns, such as 0.2@27."""
+
+    name = "RATIO@NS"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Return both numbers."""
+        try:
+            ratio, time_ns = map(float, value.split("@"))
+        except ValueError:
+            self.fail(f"{value!r} is not a ratio and a time in ns such as 0.2@27", param, ctx)
+        return ratio, time_ns
+
+
+FURTHER = FurtherPath()
 
 INTEGRATION_LENGTH = 1e5
 """n_av where neither it nor the capacitors are given."""
@@ -92,10 +110,10 @@ class PixelOptions:
 modulation_options = gathered(
     "modulation",
     ModulationOptions,
-    setting_option("--periods-ns --periods", Modulation, help="Periods in ns."),
-    setting_option("--waveform", Modulation, help="Modulation."),
-    setting_option("--amplitude-v --amplitude", Modulation, help="Amplitude, V."),
-    setting_option("--fwhm-ns --fwhm", Pulse, help="Width of the laser pulse."),
+    setting_option("--periods-ns --periods", Modulation, help="Modulation periods in ns, the fundamental first."),
+    setting_option("--waveform", Modulation, help="Shape of the modulation."),
+    setting_option("--amplitude-v --amplitude", Modulation, help="Modulation amplitude in V."),
+    setting_option("--fwhm-ns --fwhm", Pulse, help="Laser pulse, full width at half maximum, in ns."),
 )
 
 pixel_options = gathered(
@@ -122,11 +140,40 @@ pixel_options = gathered(
     setting_option("--f2-hz --f2", Stages, help="Switching rate of ST2."),
 )
 
-resolver_options = gathered(
-    "resolver",
-    ResolverSettings,
-    setting_option("--order", ResolverSettings, type=click.Choice(ORDERS), help="Paths to resolve."),
-    setting_option("--false-alarm", ResolverSettings, help="Of the order test."),
+resolver_options = gathered("resolver", ResolverSettings, *PATH_OPTIONS)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PaperWays:
+    """What the paper does with its answers, and cadtof does not."""
+
+    pulse_correction: bool
+    wrapped: bool
+
+
+paper_options = gathered(
+    "paper",
+    PaperWays,
+    click.option(
+        "--pulse-correction/--no-pulse-correction",
+        default=Trials.pulse_correction,
+        help="Divide phasors by the pulse's response, or leave it in, as the paper does.  [default: divide]",
+    ),
+    setting_option(
+        "--wrapped",
+        Trials,
+        show_default=False,
+        help="Take times as angles come, within ± half the period, and their errors as they are, as the paper does.",
+    ),
+)
+"""With `--solver lm --order 2`: the paper's method as published."""
+
+further_option = click.option(
+    "--path",
+    "further",
+    type=FURTHER,
+    multiple=True,
+    help="A further path of MPI: its photons over the laser's, and its arrival in ns.  Any number of times.",
 )
 
 runs_option = setting_option("--runs", Trials, help="Recordings of each condition.")

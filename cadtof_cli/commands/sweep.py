@@ -5,13 +5,17 @@ from pathlib import Path
 
 import click
 
+from cadtof_cli.commands.examples import example
 from cadtof_cli.commands.grid import grid_from_text
 from cadtof_cli.commands.options import setting_option
 from cadtof_cli.commands.progress import progress_bar
 from cadtof_cli.commands.simulation_options import (
     ModulationOptions,
+    PaperWays,
     PixelOptions,
+    further_option,
     modulation_options,
+    paper_options,
     pixel_options,
     quiet_option,
     resolver_options,
@@ -30,7 +34,7 @@ from cadtof_cli.workflows.simulate.trials import Trials
 GRID = "GRID"
 
 
-@click.command()
+@click.command(epilog=example("cadtof sweep --asr 1:5:3 --mpi 0,0.3 --integration-length 1e4 -o sweep.csv"))
 @click.option("--asr", metavar=GRID, default="1:6:6", show_default=True, help="Ambient to laser photons.")
 @click.option("--mpi", metavar=GRID, default="0,0.1,0.3", show_default=True, help="MPI to laser photons.")
 @click.option("--integration-length", metavar=GRID, help="n_av of Eq. (1).  [default: log:1e3:1e5:5]")
@@ -38,8 +42,10 @@ GRID = "GRID"
 @click.option("--plot", type=click.Path(path_type=Path), help="New folder for heat maps like Figs. 3, 8 and 9.")
 @setting_option("--direct", Condition, "direct_ns", help="Arrival of the direct path.")
 @setting_option("--second", Condition, "second_ns", help="Arrival of the MPI, ns.")
+@further_option
 @runs_option
 @resolver_options
+@paper_options
 @seed_option
 @workers_option
 @quiet_option
@@ -54,8 +60,10 @@ def sweep(
     plot: Path | None,
     direct_ns: float,
     second_ns: float,
+    further: tuple[tuple[float, float], ...],
     runs: int,
     resolver: ResolverSettings,
+    paper: PaperWays,
     seed: int,
     workers: Workers,
     quiet: bool,
@@ -77,7 +85,12 @@ def sweep(
     averaging = pixel.averaging(None if pixel.capacitors is not None else lengths[0])
     asrs, ratios = grid_from_text(asr, name="--asr"), grid_from_text(mpi, name="--mpi")
     condition = Condition(
-        asr=asrs[0], mpi_ratio=ratios[0], direct_ns=direct_ns, second_ns=second_ns, fwhm_ns=modulation.fwhm_ns
+        asr=asrs[0],
+        mpi_ratio=ratios[0],
+        direct_ns=direct_ns,
+        second_ns=second_ns,
+        fwhm_ns=modulation.fwhm_ns,
+        further=further,
     )
     base = Trials(
         condition=condition,
@@ -85,6 +98,8 @@ def sweep(
         resolver=resolver,
         runs=runs,
         photon_by_photon=pixel.photon_by_photon,
+        pulse_correction=paper.pulse_correction,
+        wrapped=paper.wrapped,
         seed=seed,
     )
     if averaging.capacitors is not None:

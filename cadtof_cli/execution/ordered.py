@@ -1,10 +1,13 @@
 """Tasks → results in the order of the tasks, on one core or many, with a bounded number of tasks in flight."""
 
+from collections import deque
 from collections.abc import Callable, Generator, Iterable
+from concurrent.futures import Future
 from pathlib import Path
 from typing import TypeVar
 
-from cadtof_cli.execution.outcome import Outcome, WorkerDied
+from cadtof_cli.execution.finisher import LATER_AT_ONCE, Finisher
+from cadtof_cli.execution.outcome import Outcome, Work, WorkerDied
 from cadtof_cli.execution.pool import TASKS_PER_WORKER, run_in_pool
 from cadtof_cli.execution.workers import LOCAL, Workers
 
@@ -15,7 +18,7 @@ Result = TypeVar("Result")
 
 
 def run_ordered(
-    function: Callable[[Task], Result],
+    function: Work[Task, Result],
     tasks: Iterable[Task],
     /,
     *,
@@ -32,7 +35,7 @@ def run_ordered(
     or an exception such as KeyboardInterrupt, abandons what is in flight.
 
     Args:
-        function: what is done.
+        function: what is done; of what returns a `Later`, the waiting is done while the next task is.
         tasks: what it is done to.
         workers: what it is done by.
         probe: a file that workers of a cluster must see, or they share no file system with this process.
@@ -50,11 +53,18 @@ def run_ordered(
 
 
 def _run_here(
-    function: Callable[[Task], Result], tasks: Iterable[Task], workers: Workers
+    function: Work[Task, Result], tasks: Iterable[Task], workers: Workers
 ) -> Generator[Outcome[Task, Result], None, None]:
     """Yield outcomes from this process alone, or from a pool of processes."""
-    if workers.jobs == 1 and workers.task_timeout_s is None:
-        for task in tasks:
-            yield Outcome(task, function(task))
+    if workers.jobs > 1 or workers.task_timeout_s is not None:
+        yield from run_in_pool(function, tasks, workers=workers)
         return
-    yield from run_in_pool(function, tasks, workers=workers)
+    with Finisher[Result]() as finisher:
+        begun: deque[tuple[Task, Future[Result]]] = deque()
+        for task in tasks:
+            begun.append((task, finisher.begin(function(task))))
+            while begun and (begun[0][1].done() or len(begun) > LATER_AT_ONCE):
+                task, future = begun.popleft()
+                yield Outcome(task, future.result())
+        for task, future in begun:
+            yield Outcome(task, future.result())

@@ -1,5 +1,6 @@
 """What comes of a task."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Generic, TypeVar
 
@@ -23,3 +24,22 @@ class Outcome(Generic[Task, Result]):
 
     task: Task
     result: Result | WorkerDied
+
+
+@dataclass(frozen=True)
+class Later(Generic[Result]):
+    """What a task's function returns where nothing but waiting is left, as for a disk: `finish` waits, and gives the result.
+
+    That is done in a thread while the next task is computed.
+    """
+
+    finish: Callable[[], Result]
+
+
+Work = Callable[[Task], Result | Later[Result]]
+"""What is done to tasks."""
+
+
+def finished(result: Result | Later[Result], /) -> Result:
+    """Return what a task's function has returned, or will have."""
+    return result.finish() if isinstance(result, Later) else result

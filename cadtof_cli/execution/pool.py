@@ -3,23 +3,26 @@
 import pickle
 import time
 from collections import deque
-from collections.abc import Callable, Generator, Iterable, Iterator
+from collections.abc import Generator, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from multiprocessing.connection import Connection, wait
 from multiprocessing.context import ForkContext, ForkServerContext, SpawnContext
 from multiprocessing.process import BaseProcess
-from typing import Any, Generic, TypeVar
+from typing import Generic, TypeVar
 
 from cadtof_cli.errors import WorkersError
-from cadtof_cli.execution.outcome import Outcome, WorkerDied
-from cadtof_cli.execution.workers import StartMethod, Workers, begin_worker, signals_held_back
+from cadtof_cli.execution.finisher import LATER_AT_ONCE
+from cadtof_cli.execution.outcome import Outcome, Work, WorkerDied
+from cadtof_cli.execution.serve import Said, serve
+from cadtof_cli.execution.workers import StartMethod, Workers, signals_held_back
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
 
-TASKS_PER_WORKER = 3
-"""Tasks in flight for each worker: one computed, one waiting so that no worker idles, one finished and not yet reported."""
+TASKS_PER_WORKER = 3 + LATER_AT_ONCE
+"""Tasks in flight for each worker: one computed, one waiting so that no worker idles, some on their way to the disk, and one
+finished and not yet reported."""
 
 ATTEMPTS = 2
 """How often a task is tried whose worker is lost."""
@@ -39,10 +42,11 @@ FAREWELL_S = 2.0
 
 @dataclass(eq=False)
 class _Job(Generic[Task, Result]):
-    """A task, how often its worker was lost, and what has come of it."""
+    """A task, how often its worker was lost, whether only waiting is left of it, and what has come of it."""
 
     task: Task
     losses: int = 0
+    computed: bool = False
     outcome: Outcome[Task, Result] | None = None
     error: BaseException | None = None
 
@@ -53,18 +57,22 @@ class _Job(Generic[Task, Result]):
 
 @dataclass(eq=False)
 class _Worker(Generic[Task, Result]):
-    """A process, our end of its connection, the jobs that it was given, and since when it is at the first of them."""
+    """A process, our end of its connection, the jobs that it was given, and when we last heard of them."""
 
     process: BaseProcess
     connection: Connection
     jobs: deque[_Job[Task, Result]] = field(default_factory=deque)
     since: float = 0.0
 
+    def at(self) -> _Job[Task, Result]:
+        """Return the job that the process is at."""
+        return next((job for job in self.jobs if not job.computed), self.jobs[0])
+
 
 class _Pool(Generic[Task, Result]):
     """Workers, started as tasks come, and the jobs that wait for one."""
 
-    def __init__(self, function: Callable[[Task], Result], workers: Workers) -> None:
+    def __init__(self, function: Work[Task, Result], workers: Workers) -> None:
         self._function, self._settings = function, workers
         self._context = _CONTEXTS[workers.start_method]()
         # the workers hold one end of a pipe whose other end lives here: it closes even when this process is killed
@@ -134,13 +142,13 @@ class _Pool(Generic[Task, Result]):
             return idle
         if len(self._workers) < self._settings.processes:
             return self._start()
-        ready = (worker for worker in self._workers if len(worker.jobs) == 1)
+        ready = (worker for worker in self._workers if sum(not job.computed for job in worker.jobs) < 2)
         return next(ready, None) if self._ahead else None
 
     def _start(self) -> _Worker[Task, Result]:
         ours, theirs = self._context.Pipe()
         process = self._context.Process(
-            target=_serve, args=(self._function, theirs, ours, self._listening, self._held), daemon=True
+            target=serve, args=(self._function, theirs, ours, self._listening, self._held), daemon=True
         )
         try:
             with signals_held_back():
@@ -166,32 +174,38 @@ class _Pool(Generic[Task, Result]):
 
     def _receive(self, worker: _Worker[Task, Result]) -> None:
         try:
-            answered, answer = worker.connection.recv()
+            said, answer = worker.connection.recv()
         except (EOFError, OSError):
             self._lose(worker)
             return
-        job = worker.jobs.popleft()
         worker.since = time.monotonic()
-        if answered:
+        if said == Said.COMPUTED:
+            worker.at().computed = True
+            return
+        job = worker.jobs.popleft()
+        if said == Said.RESULT:
             job.outcome = Outcome(job.task, answer)
         else:
             job.error = answer
 
     def _lose(self, worker: _Worker[Task, Result], *, after_s: float | None = None) -> None:
-        """Go on without a worker; the first of its jobs is what it was at, the others are as good as new."""
+        """Go on without a worker; all its jobs but the one that it was at are as good as new."""
         worker.process.kill()
         worker.process.join(FAREWELL_S)
         worker.connection.close()
         self._workers.remove(worker)
-        first = worker.jobs[0]
-        first.losses += 1
-        if first.losses == ATTEMPTS:
-            first.outcome = Outcome(first.task, WorkerDied(after_s))
+        # what waits for a disk that hangs keeps its place, while other tasks are computed behind it
+        lost = worker.at() if after_s is None else worker.jobs[0]
+        lost.losses += 1
+        if lost.losses == ATTEMPTS:
+            lost.outcome = Outcome(lost.task, WorkerDied(after_s))
+        for job in worker.jobs:
+            job.computed = False
         self._waiting.extendleft(job for job in reversed(worker.jobs) if not job.done)
 
 
 def run_in_pool(
-    function: Callable[[Task], Result], tasks: Iterable[Task], /, *, workers: Workers
+    function: Work[Task, Result], tasks: Iterable[Task], /, *, workers: Workers
 ) -> Generator[Outcome[Task, Result], None, None]:
     """Yield the outcome of function(task) for every task, in the order of the tasks, from processes of their own."""
     waiting = iter(tasks)
@@ -216,24 +230,10 @@ def run_in_pool(
 
 
 @contextmanager
-def _pool(function: Callable[[Task], Result], workers: Workers) -> Iterator[_Pool[Task, Result]]:
+def _pool(function: Work[Task, Result], workers: Workers) -> Iterator[_Pool[Task, Result]]:
     pool = _Pool(function, workers)
     try:
         yield pool
         pool.dismiss()
     finally:
         pool.close()
-
-
-def _serve(
-    function: Callable[[Any], Any], connection: Connection, parents: Connection, listening: Connection, held: Connection
-) -> None:
-    """Do what a worker does: answer one task after the other, until an empty message comes."""
-    begin_worker(listening, held)
-    parents.close()
-    while message := connection.recv_bytes():
-        try:
-            answer = (True, function(pickle.loads(message)))
-        except Exception as error:  # noqa: BLE001  (it is raised where the result is asked for)
-            answer = (False, error)
-        connection.send(answer)

@@ -1,5 +1,6 @@
 """Which pictures can be written, by how their names end."""
 
+from collections.abc import Collection
 from pathlib import Path
 
 from cadtof_cli.errors import OutputError
@@ -8,15 +9,15 @@ from cadtof_cli.files.regular import is_there
 KINDS = {".png": "png", ".pdf": "pdf", ".svg": "svg", ".jpg": "jpg", ".jpeg": "jpg"}
 
 
-def require_picture(path: Path, /, *, overwrite: bool) -> str:
-    """Return the kind of picture that a file's name asks for.
+def require_picture(path: Path, /, *, overwrite: bool, more: Collection[str] = ()) -> str:
+    """Return the kind of picture that a file's name asks for; `more` are endings that the message names besides.
 
     Raises:
         OutputError: it asks for none that we write, or the file is there and may not be replaced.
     """
     kind = KINDS.get(path.suffix.lower())
     if kind is None:
-        raise OutputError(f"{path}: found the suffix {path.suffix!r}, expected one of {', '.join(KINDS)}")
+        raise OutputError(f"{path}: found the suffix {path.suffix!r}, expected one of {', '.join((*KINDS, *more))}")
     if is_there(path) and not overwrite:
         raise OutputError(f"{path}: is there already; add --overwrite to replace it, or choose another file")
     return kind

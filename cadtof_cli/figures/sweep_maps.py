@@ -20,7 +20,7 @@ _READABLE_CELLS = 12
 
 
 def draw_path_maps(table: Table, column: str, path: Path, /, *, title: str) -> None:
-    """Draw one heat map a path and MPI ratio: direct on top, second below.
+    """Draw one heat map a path and MPI ratio: direct on top, the others below.
 
     Args:
         table: rows of a sweep.
@@ -29,17 +29,18 @@ def draw_path_maps(table: Table, column: str, path: Path, /, *, title: str) -> N
         title: of the figure.
     """
     ratios = sorted({row["mpi_ratio"] for row in table}, reverse=True)
-    names = ("direct", "second") if max(ratios) > 0 else ("direct",)
+    paths = [name.removesuffix(f"_{column}") for name in table[0] if name.endswith(f"_{column}")]
+    names = [name for name in paths if any(np.isfinite(row[f"{name}_true_ns"]) for row in table)]
     figure = Figure(figsize=(1.2 + 3.9 * len(ratios), 0.8 + 2.9 * len(names)), dpi=DOTS_PER_INCH, layout="constrained")
     grid = figure.subplots(len(names), len(ratios), squeeze=False)
     signed = column == "bias_ns"
     norm = _norm(np.array([entry[f"{name}_{column}"] for entry in table for name in names]), signed=signed)
     for row, name in enumerate(names):
         for axes, ratio in zip(grid[row], ratios, strict=True):
-            if name == "second" and ratio == 0:
+            chosen = [entry for entry in table if entry["mpi_ratio"] == ratio]
+            if not np.isfinite(chosen[0][f"{name}_true_ns"]):
                 axes.set_axis_off()
                 continue
-            chosen = [entry for entry in table if entry["mpi_ratio"] == ratio]
             image = _heat_map(axes, chosen, f"{name}_{column}", norm, signed=signed)
             axes.set_title(f"{name} path, MPI/laser {ratio:g}", fontsize=10)
     figure.colorbar(image, ax=grid, label="ns")

@@ -26,39 +26,76 @@ FULL_BYTES = 2**20
 """A disk with less than this left is what kept a file from being written, where the writer does not say."""
 
 
-@contextmanager
-def whole_file(path: Path, /, *, token: str = "") -> Iterator[Path]:
-    """Yield a temporary name beside `path`; what is written there replaces `path` on leaving, or is removed on an error.
+class PartialFile:
+    """A file that is being written under a temporary name beside `path`, until it is kept or given up.
 
-    The temporary file is there already, empty, made by us and by nobody before us; a symbolic link at `path` is replaced, not
-    followed. It is on the disk before it gets its name, and the name is before we return: whatever happens, there is a whole file
-    or none.
+    The temporary file is there already, empty, made by us and by nobody before us. Keeping it puts it on the disk before it gets
+    its name, and the name before it returns: whatever happens, there is a whole file or none. A symbolic link at `path` is
+    replaced, not followed.
 
     Args:
         path: the file to be written.
         token: marks the temporary name, so that `remove_partial_files` finds what a killed writer left.
 
     Raises:
+        OutputError: the file cannot be made; PlaceError: nor could another.
+    """
+
+    def __init__(self, path: Path, /, *, token: str = "") -> None:
+        self.path, self.temporary = path, path.with_name(_temporary_name(path.name, token))
+        with self.errors_told():
+            self._descriptor = os.open(self.temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666)
+
+    @contextmanager
+    def errors_told(self) -> Iterator[None]:
+        """Turn the system's errors into what they mean for `path`."""
+        try:
+            yield
+        except OSError as error:
+            raise write_error(self.path, error) from error
+
+    def keep(self) -> int:
+        """Give what was written its name, and return its size in bytes: this waits for the disk, and does nothing else.
+
+        Raises:
+            OutputError: it cannot be kept, and is given up; PlaceError: nor could another.
+        """
+        try:
+            with self.errors_told():
+                written = os.fstat(self._descriptor)
+                if not written.st_size or not os.path.samestat(written, self.temporary.lstat()):
+                    raise OSError("nothing was written")
+                os.fsync(self._descriptor)
+                self.temporary.replace(self.path)
+                sync_folder(self.path.parent)
+        except BaseException:
+            self.give_up()
+            raise
+        os.close(self._descriptor)
+        return written.st_size
+
+    def give_up(self) -> None:
+        """Remove what was written."""
+        os.close(self._descriptor)
+        with suppress(OSError):
+            self.temporary.unlink()
+
+
+@contextmanager
+def whole_file(path: Path, /) -> Iterator[Path]:
+    """Yield a temporary name beside `path`; what is written there replaces `path` on leaving, or is removed on an error.
+
+    Raises:
         OutputError: the file cannot be written or renamed; PlaceError: nor could another.
     """
-    temporary = path.with_name(_temporary_name(path.name, token))
-    descriptor = -1
+    partial = PartialFile(path)
     try:
-        descriptor = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666)
-        yield temporary
-        written = os.fstat(descriptor)
-        if not written.st_size or not os.path.samestat(written, temporary.lstat()):
-            raise OSError("nothing was written")
-        os.fsync(descriptor)
-        temporary.replace(path)
-        sync_folder(path.parent)
-    except OSError as error:
-        raise write_error(path, error) from error
-    finally:
-        if descriptor >= 0:
-            os.close(descriptor)
-        with suppress(OSError):
-            temporary.unlink()
+        with partial.errors_told():
+            yield partial.temporary
+    except BaseException:
+        partial.give_up()
+        raise
+    partial.keep()
 
 
 def _temporary_name(name: str, token: str) -> str:

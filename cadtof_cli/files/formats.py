@@ -45,8 +45,11 @@ class FrameFiles(FrameReader, Protocol):
 class LayerFiles(Protocol):
     """How maps are written in a format, and named layers read from it."""
 
-    def write_maps(self, path: Path, maps: "DepthMaps", /, *, about: "MapsAbout") -> None:
-        """Write the maps of a frame: layers by name, then the status bits. The same maps give the same bytes."""
+    def write_maps(self, path: Path, maps: "DepthMaps", /, *, about: "MapsAbout") -> str | None:
+        """Write the maps of a frame: layers by name, then the status bits. The same maps give the same bytes.
+
+        Returns the digest of the file's bytes where they were at hand, so that nobody has to read them again.
+        """
 
     def read_facts(self, path: Path, /) -> dict[str, str]:
         """Return what a file of maps says of itself, by name; nothing where another program wrote it."""

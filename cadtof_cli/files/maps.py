@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from cadtof_cli import __version__
 from cadtof_cli.arrays import Float32, Status
 from cadtof_cli.errors import FrameError, OutputError
-from cadtof_cli.files.atomic import whole_file
+from cadtof_cli.files.atomic import PartialFile, whole_file
+from cadtof_cli.files.digest import file_digest
 from cadtof_cli.files.formats import MAP_SUFFIXES, format_of, suffix_format
 
 STATUS = "status"
@@ -83,10 +84,18 @@ def is_map_layer(name: str, /) -> bool:
     return _MAP_LAYER.fullmatch(name) is not None
 
 
-def write_maps(path: Path, maps: DepthMaps, /, *, about: MapsAbout = NOTHING_SAID, token: str = "") -> None:
+@dataclass(frozen=True)
+class WrittenMaps:
+    """Maps that were written, and the digest of the bytes (`files/digest.py`): a whole file under its name once they are kept."""
+
+    file: PartialFile
+    digest: str
+
+
+def begin_maps(path: Path, maps: DepthMaps, /, *, about: MapsAbout = NOTHING_SAID, token: str = "") -> WrittenMaps:
     """Write maps in the format that `path` ends with, with what there is to say about them in the file's header.
 
-    The file appears whole or not at all.
+    They are still to be kept or given up: the one waits for the disk, and something else can be done meanwhile.
 
     Raises:
         OutputError: the file cannot be written, for lack of space or permission.
@@ -94,8 +103,24 @@ def write_maps(path: Path, maps: DepthMaps, /, *, about: MapsAbout = NOTHING_SAI
     kind = suffix_format(path)
     if kind is None or kind.layers is None:
         raise OutputError(f"{path}: found the suffix {path.suffix!r}, expected one of {', '.join(MAP_SUFFIXES)}")
-    with whole_file(path, token=token) as temporary:
-        kind.layers().write_maps(temporary, maps, about=replace(about, facts={"software": SOFTWARE, **about.facts}))
+    about = replace(about, facts={"software": SOFTWARE, **about.facts})
+    partial = PartialFile(path, token=token)
+    try:
+        with partial.errors_told():
+            known = kind.layers().write_maps(partial.temporary, maps, about=about)
+            return WrittenMaps(partial, known or file_digest(partial.temporary))
+    except BaseException:
+        partial.give_up()
+        raise
+
+
+def write_maps(path: Path, maps: DepthMaps, /, *, about: MapsAbout = NOTHING_SAID) -> None:
+    """Write maps as `begin_maps` does, and keep them: the file appears whole or not at all.
+
+    Raises:
+        OutputError: the file cannot be written, for lack of space or permission.
+    """
+    begin_maps(path, maps, about=about).file.keep()
 
 
 def read_layers(path: Path, /) -> dict[str, NDArray[Any]]:

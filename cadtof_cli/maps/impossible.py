@@ -1,10 +1,11 @@
 """Answers that no light gives: amplitudes beyond what the modulation can record."""
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
-from cadtof_cli.arrays import Float
+from cadtof_cli.arrays import Bool, Float, Float32
 from cadtof_cli.files.maps import DepthMaps
 from cadtof_cli.maps.layers import CONFIDENCE
 from cadtof_cli.phasors.noise import NoiseModel
@@ -20,23 +21,46 @@ UNKNOWN_SHARE = 0.01
 _KEPT = np.uint32(StatusBit.CALIBRATED | StatusBit.POOLED)
 
 
+def most_volts(noise: NoiseModel, amplitude_v: float, /) -> tuple[float, float]:
+    """Return what amplitudes may add up to, in V: this much, and the noise of one recorded pixel on top.
+
+    Where every pixel is one recorded, both are in the first, rounded as amplitudes are that are written.
+    """
+    most = (1.0 + UNKNOWN_SHARE) * amplitude_v
+    volts = float(sum(math.sqrt(one.dark_variance) for one in noise.each)) * SIGMAS * amplitude_v
+    return (most, volts) if noise.samples is not None else (float(np.float32(most + volts)), 0.0)
+
+
+def beyond_light(
+    amplitudes: Sequence[Float | Float32] | Float,
+    confidence: Float | Float32,
+    /,
+    *,
+    noise: NoiseModel,
+    amplitude_v: float = 1.0,
+) -> Bool:
+    """Return where paths, K of (n,), or the first phasor, (n,), hold more light than there can be."""
+    one, volts = most_volts(noise, amplitude_v)
+    most: Float | float = one if noise.samples is None else one + volts / np.sqrt(noise.samples)
+    with np.errstate(invalid="ignore", over="ignore"):
+        total = np.fmax(amplitudes[0], np.float32(0.0))
+        for values in amplitudes[1:]:
+            total = np.fmax(values, np.float32(0.0)) + total
+        beyond: Bool = (total > most) | (confidence > most)
+    return beyond
+
+
 def clear_impossible(maps: DepthMaps, /, *, noise: NoiseModel, amplitude_v: float) -> None:
     """Set `IMPOSSIBLE`, and NaN in every layer that follows from the phasors, where the paths hold more light than there can be.
 
     The paths' amplitudes are shares of all light, so their sum is at most the modulation's amplitude, and so is the confidence.
     Every pixel is looked at alone, in the values that are written, so that whatever resolved it decides the same.
     """
-    volts = float(sum(math.sqrt(one.dark_variance) for one in noise.each)) * SIGMAS * amplitude_v
-    most: Float | float = (1.0 + UNKNOWN_SHARE) * amplitude_v
-    most = most + (volts if noise.samples is None else volts / np.sqrt(noise.samples))
     amplitudes = [maps.layer(name).reshape(-1) for name in maps.names if name.endswith(".amplitude")]
     confidence = maps.layer(CONFIDENCE).reshape(-1)
-    with np.errstate(invalid="ignore", over="ignore"):
-        largest = [float(np.fmax.reduce(values, initial=0.0)) for values in (*amplitudes, confidence)]
-        if max(sum(largest[:-1]), largest[-1]) <= np.min(most, initial=math.inf):
-            return
-        total = np.sum([np.nan_to_num(values, nan=0.0, posinf=np.inf) for values in amplitudes], axis=0)
-        impossible = (total > most) | (confidence > most)
+    impossible = beyond_light(amplitudes, confidence, noise=noise, amplitude_v=amplitude_v)
+    if not impossible.any():
+        return
     for name in maps.names:
         if name != "effective_pixels":
             np.copyto(maps.layer(name).reshape(-1), np.nan, where=impossible)

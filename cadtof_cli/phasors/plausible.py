@@ -61,6 +61,8 @@ def implausible(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
     planes = stored.reshape(*stored.shape[:2], -1)
     some = planes[:, :, :: max(1, planes.shape[2] // LOOKED_AT)]
     kind, voltage = stored.dtype, metadata.voltage
+    if _none_is_large(some, metadata):
+        return None
     sound = sound_pixels(some, voltage.saturated_counts)
     if not sound.any():
         return _all_saturated(planes, metadata, kind)
@@ -76,6 +78,20 @@ def implausible(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
         f"{found}, which would be voltages up to {largest:.4g} V, beyond modulation.amplitude_v = {amplitude:g} V: "
         f"{_likely_cause(found, voltage, amplitude)}"
     )
+
+
+def _none_is_large(some: Stored, metadata: CaptureMetadata) -> bool:
+    """Tell at a glance that no value is saturated, or so large that a phasor of two of them were too long: the usual case."""
+    voltage = metadata.voltage
+    low, high = float(some.min()), float(some.max())
+    if (
+        voltage.saturated_counts is not None
+        and not voltage.saturated_counts[0] < low <= high < voltage.saturated_counts[1]
+    ):
+        return False
+    largest = max(high - voltage.zero, voltage.zero - low) * abs(volts_per_count(voltage, some.dtype))
+    # a comparison with NaN is false
+    return math.sqrt(2.0) * largest <= _longest(metadata) * metadata.modulation.amplitude_v
 
 
 def _longest(metadata: CaptureMetadata) -> float:

@@ -93,9 +93,8 @@ def told_apart(fit: Fit, settings: ResolverSettings, noise: NoiseModel, pixels: 
         return replace(fit, paths=paths)
     samples = noise.samples[pixels]
     root = np.sqrt(samples)
-    return Fit(
-        replace(paths, sigma_rad=paths.sigma_rad / root), fit.chi_squared * samples, fit.converged, fit.doubt / root
-    )
+    doubt = fit.doubt * samples if len(paths) == 1 else fit.doubt / root
+    return Fit(replace(paths, sigma_rad=paths.sigma_rad / root), fit.chi_squared * samples, fit.converged, doubt)
 
 
 def _spread(fit: Fit, pixels: Index | slice, count: int, rows: int) -> Fit:

@@ -111,7 +111,7 @@ def _bits(fit: Fit) -> Status:
     bits: Status = np.where(two, np.uint32(StatusBit.TWO_PATHS), one * np.uint32(StatusBit.ONE_PATH))
     for another in more:
         bits[another] = StatusBit.MORE_PATHS
-    bits |= ((fit.doubt > 1.0) & two) * np.uint32(StatusBit.ILL_CONDITIONED)
+    bits |= ((fit.doubt > 1.0) & one) * np.uint32(StatusBit.ILL_CONDITIONED)
     if not fit.converged.all():
         bits |= ~fit.converged * np.uint32(StatusBit.NOT_CONVERGED)
     return bits

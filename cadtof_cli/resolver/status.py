@@ -35,7 +35,8 @@ MEANING: dict[StatusBit, str] = {
     StatusBit.LOW_CONFIDENCE: "no signal above the noise, or confidence below `--min-confidence`; no answer",
     StatusBit.ONE_PATH: "resolved as one path; MPI layers are NaN",
     StatusBit.TWO_PATHS: "resolved as two paths",
-    StatusBit.ILL_CONDITIONED: "a predicted standard deviation exceeds half the separation of the paths: sigma is a lower bound",
+    StatusBit.ILL_CONDITIONED: "doubtful: a predicted standard deviation exceeds a quarter of the paths' separation, or one path "
+    "that falls off with frequency as two close ones do (one pixel in ten without MPI): sigma is a lower bound",
     StatusBit.CALIBRATED: "a calibration was applied",
     StatusBit.NOT_CONVERGED: "the iteration ran out of steps (no answer), or left the response's equations open (best attempt)",
     StatusBit.HOT_PIXEL: "the dark calibration found the pixel hot, noisy or dead; no answer",

@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, Literal, get_args
 
@@ -98,13 +98,11 @@ class FrameReport:
 
     def as_json(self) -> dict[str, Any]:
         """Return the line as a JSON object."""
-        line = asdict(self)
-        for name in _UNTOLD if self.more_paths is not None else (*_UNTOLD, "more_paths"):
-            del line[name]
-        return line
+        line = {name: getattr(self, name) for name in _TOLD if name != "more_paths" or self.more_paths is not None}
+        return line | {"files": self.files and [vars(file) for file in self.files]}
 
 
-_UNTOLD = ("line", "note", "stops")
+_TOLD = tuple(field.name for field in fields(FrameReport) if field.name not in {"line", "note", "stops"})
 
 
 def report_of(line: bytes, /) -> FrameReport | None:

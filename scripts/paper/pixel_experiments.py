@@ -77,6 +77,7 @@ class Figure3:
         error_deg: mean phase error by MPI ratio.
         error_spread_deg: largest less smallest phase error over ASR, by MPI ratio.
         error_noise_deg: largest standard error of one of these phase errors, by MPI ratio.
+        precision: at the largest MPI ratio, by ASR.
     """
 
     confidence_mix: float
@@ -86,6 +87,24 @@ class Figure3:
     error_deg: dict[float, float]
     error_spread_deg: dict[float, float]
     error_noise_deg: dict[float, float]
+    precision: "list[Precision]"
+
+
+@dataclass(frozen=True)
+class Precision:
+    """Phase precision at one condition in degrees, and by which factors it exceeds the one-path model.
+
+    Attributes:
+        seen_deg, single_deg: photon by photon, and by the one-path model, MPI as signal.
+        shorter: the model's confidence over the mix's: two phasors add up to less than their sum.
+        wider: the mix's standard deviation across its phasor over the model's.
+    """
+
+    asr: float
+    seen_deg: float
+    single_deg: float
+    shorter: float
+    wider: float
 
 
 def figure_3(effort: Effort) -> Figure3:
@@ -108,6 +127,20 @@ def figure_3(effort: Effort) -> Figure3:
         {ratio: float(np.mean(values)) for ratio, values in errors.items()},
         {ratio: max(values) - min(values) for ratio, values in errors.items()},
         {ratio: value / math.sqrt(effort.pixel_runs) for ratio, value in noise.items()},
+        [_precision(cell) for cell in by_ratio[max(FIG_3_RATIOS)]],
+    )
+
+
+def _precision(cell: SweepCell) -> Precision:
+    confidence_v, precision_rad = _single_path(cell)
+    (row,) = rows([cell])
+    shorter = confidence_v / cell.outcome.confidence_model_v
+    return Precision(
+        cell.trials.condition.asr,
+        math.degrees(cell.outcome.phase_std_rad),
+        math.degrees(precision_rad),
+        shorter,
+        row["phase_model_std_rad"] / precision_rad / shorter,
     )
 
 
@@ -133,6 +166,7 @@ def _draw_figure_3(effort: Effort, cells: list[SweepCell]) -> None:
         axes[0].plot(asr, [1e3 * table[i]["confidence_model_v"] for i in chosen], "-", color=colour, lw=1)
         axes[1].plot(asr, [math.degrees(table[i]["phase_std_rad"]) for i in chosen], "o", color=colour)
         axes[1].plot(asr, [math.degrees(table[i]["phase_model_std_rad"]) for i in chosen], "-", color=colour, lw=1)
+        axes[1].plot(asr, [math.degrees(_single_path(cells[i])[1]) for i in chosen], ":", color=colour, lw=1)
         axes[2].errorbar(
             asr,
             [math.degrees(table[i]["phase_bias_rad"]) for i in chosen],
@@ -146,6 +180,7 @@ def _draw_figure_3(effort: Effort, cells: list[SweepCell]) -> None:
         axis.grid(alpha=0.3)
     axes[0].legend(fontsize=8)
     figure.suptitle(
-        "Dots: photon by photon, n_av 4000; lines: analytical model of the mix. Bars: the spread of single runs"
+        "Dots: photon by photon, n_av 4000; lines: analytical model of the mix; dotted: one-path model, MPI as signal. "
+        "Bars: the spread of single runs"
     )
     figure.savefig(effort.out / "fig3.png")

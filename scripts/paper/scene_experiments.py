@@ -8,8 +8,10 @@ from matplotlib.figure import Figure
 from cadtof_cli.arrays import Float
 from cadtof_cli.capture.metadata import CaptureMetadata, Pixel
 from cadtof_cli.execution.workers import Workers
-from cadtof_cli.frame_plan import FramePlan
+from cadtof_cli.frame_plan import FramePlan, MapSettings
+from cadtof_cli.maps.layers import DIRECT_DEPTH
 from cadtof_cli.pipeline import resolve_frame
+from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.simulation.scene.camera import Camera
 from cadtof_cli.simulation.scene.exposure import Band, Exposure, frame_voltages
 from cadtof_cli.simulation.scene.light import Scene
@@ -19,7 +21,7 @@ from cadtof_cli.workflows.simulate.simulate import write_rows
 from paper.effort import SEED, Effort
 
 ROW = 120
-DIRECT, MEASURED, TRUTH = "#1b6ca8", "#d1495b", "#e8871e"
+DIRECT, MEASURED, TRUTH, DISCRETE = "#1b6ca8", "#d1495b", "#e8871e", "#5aa469"
 
 PETZVAL_M = (-0.12, 0.03)
 """Field curvature of Fig. 4(c), which bends the measured distance by some centimetres over the panel."""
@@ -32,12 +34,14 @@ class Recorded:
     Attributes:
         truth_m: (Y, X) range.
         first_m: (T, Y, X) range from the first phasor alone.
-        direct_m: (T, Y, X) range of the resolved direct path.
+        direct_m: (T, Y, X) range of the resolved direct path, by default: MPI is what each frame says.
+        discrete_m: the same where MPI is separate paths.
     """
 
     truth_m: Float
     first_m: Float
     direct_m: Float
+    discrete_m: Float
 
 
 def recorded(scene: Scene, effort: Effort, *, camera: Camera | None = None) -> Recorded:
@@ -46,28 +50,32 @@ def recorded(scene: Scene, effort: Effort, *, camera: Camera | None = None) -> R
     metadata = CaptureMetadata(pixel=Pixel(integration_length=1.0e5), optics=camera.optics, voltage=camera.voltage)
     exposure = Exposure(scene=scene, camera=camera, metadata=metadata, seed=SEED)
     whole = expose(exposure, workers=Workers(jobs=effort.jobs))
-    plan = FramePlan(metadata=metadata)
-    frames = [_frame(exposure, whole, plan, index) for index in range(effort.frames)]
-    first, direct = (np.stack(maps) for maps in zip(*frames, strict=True))
-    return Recorded(whole.truth["direct.depth"], first, direct)
+    frames = [_frame(exposure, whole, index) for index in range(effort.frames)]
+    first, direct, discrete = (np.stack(maps) for maps in zip(*frames, strict=True))
+    return Recorded(whole.truth["direct.depth"], first, direct, discrete)
 
 
-def _frame(exposure: Exposure, whole: Band, plan: FramePlan, index: int) -> tuple[Float, Float]:
+def _frame(exposure: Exposure, whole: Band, index: int) -> tuple[Float, Float, Float]:
     counts = exposure.camera.counts_from_voltages(frame_voltages(exposure, whole, index))
-    maps = resolve_frame(counts, plan=plan).maps
+    plans = (
+        FramePlan(metadata=exposure.metadata),
+        FramePlan(metadata=exposure.metadata, settings=MapSettings(resolver=ResolverSettings(mpi_model="discrete"))),
+    )
+    direct, discrete = (resolve_frame(counts, plan=plan).maps.layer(DIRECT_DEPTH).astype(np.float64) for plan in plans)
     volts = (counts[0].astype(np.float64) - exposure.camera.zero_counts) * exposure.camera.volts_per_count
     turns = np.mod(np.arctan2(volts[1], volts[0]) / (2 * np.pi), 1.0)
     reach = 0.299792458 * exposure.metadata.modulation.periods_ns[0] / 2.0
-    return turns * reach, maps.pages[maps.names.index("direct.depth")].astype(np.float64)
+    return turns * reach, direct, discrete
 
 
 @dataclass(frozen=True)
 class Figure4:
-    """Distance of the panel's middle, in cm: without and with the second object, and resolved with it."""
+    """Distance of the panel's middle, in cm: without and with the second object, and with it resolved, both ways."""
 
     without_cm: float
     with_cm: float
     resolved_cm: float
+    discrete_cm: float
 
 
 def figure_4(effort: Effort) -> Figure4:
@@ -85,7 +93,8 @@ def figure_4(effort: Effort) -> Figure4:
     lines = {
         "without the second object": profile(without.first_m),
         "with it, first phasor": profile(with_object.first_m),
-        "with it, resolved": profile(with_object.direct_m),
+        "with it, resolved: MPI diffuse, by default": profile(with_object.direct_m),
+        "with it, resolved: MPI discrete": profile(with_object.discrete_m),
     }
     figure = Figure(figsize=(11, 4.4), dpi=110, layout="constrained")
     image, axes = figure.subplots(1, 2, width_ratios=(1, 1.3))
@@ -93,7 +102,7 @@ def figure_4(effort: Effort) -> Figure4:
     figure.colorbar(shown, ax=image, label="change by the second object (cm)", shrink=0.75)
     image.set(xlabel="column (px)", ylabel="row (px)", title="first phasor")
     image.axhline(ROW, color="black", lw=0.6)
-    for (label, line), colour in zip(lines.items(), ("black", MEASURED, DIRECT), strict=True):
+    for (label, line), colour in zip(lines.items(), ("black", MEASURED, DIRECT, DISCRETE), strict=True):
         axes.plot(columns, line, color=colour, lw=1.2, label=label)
     axes.set(xlabel="column (px)", ylabel="planar distance (cm)", title="profile across the panel; bent by the lens")
     axes.legend()
@@ -101,7 +110,7 @@ def figure_4(effort: Effort) -> Figure4:
     figure.savefig(effort.out / "fig4.png")
     write_rows(
         effort.out / "fig4.csv",
-        ("column_px", "without_cm", "with_cm", "resolved_cm"),
+        ("column_px", "without_cm", "with_cm", "resolved_cm", "resolved_discrete_cm"),
         zip(columns, *lines.values(), strict=True),
     )
     middle = np.abs(columns - 159.5) < 12
@@ -110,12 +119,14 @@ def figure_4(effort: Effort) -> Figure4:
 
 @dataclass(frozen=True)
 class Figure5:
-    """Median and 90 % of the absolute depth error of the corner in cm, first phasor and resolved; angle in degrees."""
+    """Depth error of the corner in cm: first phasor, resolved, and resolved with MPI discrete; angles in degrees.
 
-    first_cm: tuple[float, float]
-    resolved_cm: tuple[float, float]
-    bias_cm: tuple[float, float]
-    opening_deg: tuple[float, float, float]
+    `spread_cm` are median and 90 % of its magnitude; the first angle is the true one.
+    """
+
+    spread_cm: tuple[tuple[float, float], ...]
+    bias_cm: tuple[float, ...]
+    opening_deg: tuple[float, ...]
 
 
 def figure_5(effort: Effort) -> Figure5:
@@ -126,16 +137,12 @@ def figure_5(effort: Effort) -> Figure5:
     planar = 1.0 / np.linalg.norm(rays, axis=0)
     rows = slice(ROW - 5, ROW + 5)
     truth = corner.truth_m * planar
-    first, direct = corner.first_m * planar, corner.direct_m * planar
-    lines = [
-        np.nanmedian(truth[rows], axis=0),
-        np.nanmedian(first[:, rows], axis=(0, 1)),
-        np.nanmedian(direct[:, rows], axis=(0, 1)),
-    ]
-    _draw_corner(effort, lines, first[0], direct[0])
+    found = [depth * planar for depth in (corner.first_m, corner.direct_m, corner.discrete_m)]
+    lines = [np.nanmedian(truth[rows], axis=0), *(np.nanmedian(depth[:, rows], axis=(0, 1)) for depth in found)]
+    _draw_corner(effort, lines, found[0][0], found[1][0])
     write_rows(
         effort.out / "fig5.csv",
-        ("column_px", "truth_m", "first_phasor_m", "resolved_m"),
+        ("column_px", "truth_m", "first_phasor_m", "resolved_m", "resolved_discrete_m"),
         zip(range(camera.width), *lines, strict=True),
     )
 
@@ -143,10 +150,9 @@ def figure_5(effort: Effort) -> Figure5:
         error = 100 * np.abs(depth - truth)
         return float(np.nanmedian(error)), float(np.nanquantile(error, 0.9))
 
-    biases = [float(100 * np.nanmedian(depth - truth)) for depth in (first, direct)]
-    sides = rays[0, ROW]
-    angles = [_opening_deg(sides, line) for line in lines]
-    return Figure5(spread(first), spread(direct), (biases[0], biases[1]), (angles[0], angles[1], angles[2]))
+    biases = (float(100 * np.nanmedian(depth - truth)) for depth in found)
+    angles = (_opening_deg(rays[0, ROW], line) for line in lines)
+    return Figure5(tuple(map(spread, found)), tuple(biases), tuple(angles))
 
 
 def _opening_deg(sides: Float, depth_m: Float) -> float:
@@ -168,7 +174,10 @@ def _draw_corner(effort: Effort, lines: list[Float], first: Float, direct: Float
         image.set(title=title, xlabel="column (px)", ylabel="row (px)")
     figure.colorbar(shown, ax=(before, after), label="planar depth (m)", shrink=0.75)
     for line, colour, label in zip(
-        lines, (TRUTH, MEASURED, DIRECT), ("true", "first phasor, as measured", "resolved direct path"), strict=True
+        lines,
+        (TRUTH, MEASURED, DIRECT, DISCRETE),
+        ("true", "first phasor, as measured", "resolved: MPI diffuse, by default", "resolved: MPI discrete"),
+        strict=True,
     ):
         axes.plot(line, color=colour, lw=1.3, label=label)
     axes.set(xlabel="column (px)", ylabel="planar depth (m)", title=f"cross-section, {effort.frames} frames")

@@ -6,33 +6,16 @@ from pathlib import Path
 import click
 import pytest
 
-from cadtof_cli.cli import COMMANDS, cli
+from cadtof_cli.cli import COMMANDS
+from tests.support.commands import every_command
 from tests.support.run_cadtof import cadtof
 
 ROOT = Path(__file__).parents[2]
 
-GROUP = click.Context(cli, info_name="cadtof")
 
-
-def _commands() -> dict[str, click.Command]:
-    """Every command by the words that call it, those of groups within the group too."""
-    found: dict[str, click.Command] = {}
-    for name in COMMANDS:
-        command = cli.get_command(GROUP, name)
-        assert command is not None
-        found[name] = command
-        if isinstance(command, click.Group):
-            context = click.Context(command, parent=GROUP, info_name=name)
-            for inner in command.list_commands(context):
-                below = command.get_command(context, inner)
-                assert below is not None
-                found[f"{name} {inner}"] = below
-    return found
-
-
-@pytest.mark.parametrize("words", _commands())
+@pytest.mark.parametrize("words", every_command())
 def test_a_command_has_help(words: str) -> None:
-    command = _commands()[words]
+    command = every_command()[words]
     done = cadtof(*words.split(), "--help")
     assert (done.status, done.err) == (0, "")
     assert done.out.startswith(f"Usage: cadtof {words} ")
@@ -43,7 +26,7 @@ def test_a_command_has_help(words: str) -> None:
         assert option.opts[0] in done.out
 
 
-def test_the_program_lists_its_commands() -> None:
+def test_the_program_lists_itsevery_command() -> None:
     done = cadtof("--help")
     assert (done.status, done.err) == (0, "")
     listed = re.findall(r"^  (\w+) +\S.*$", done.out.partition("Commands:")[2], re.MULTILINE)

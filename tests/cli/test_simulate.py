@@ -29,7 +29,9 @@ def test_the_table_of_the_mission() -> None:
 def test_json_has_the_keys_of_the_contract_and_nothing_else_on_stdout() -> None:
     done = cadtof("simulate", "--runs", 50, "--json", "--jobs", 1)
     report = json.loads(done.out)
-    assert set(report) == {"settings", "direct", "second", "confidence_v", "confidence_model_v", "runs"}
+    assert set(report) == {
+        *("settings", "direct", "second", "confidence_v", "confidence_model_v", "impossible", "steps_per_start", "runs")
+    }
     assert set(report["direct"]) == set(report["second"]) == PATH_KEYS
     assert report["runs"] == 50
     assert report["settings"]["asr"] == 5.0
@@ -174,6 +176,14 @@ BAD_INPUT = [
     (("--scene", "room", "--distance", "2", "-o", "x"), "--distance: found with --scene room, which it does not"),
     (("--scene", "wall", "--furniture", "2", "-o", "x"), "--furniture: found with --scene wall, which it does not"),
     (("--light-paths", "9"), "--light-paths: found without --scene, where it has no effect"),
+    (("--path", "0.2"), "'0.2' is not a ratio and a time in ns such as 0.2@27"),
+    (("--path", "0.2@3"), "path: found 3 ns, a separation of -2 ns, expected a time after the direct 5 ns"),
+    (("--path", "-1@20"), "path: found a ratio of -1, expected a ratio of 0 or more"),
+    (("--paths", "3"), "3 paths need at least 3 periods"),
+    (("--solver", "lm", "--paths", "3"), "--solver lm finds two paths, not --paths 3"),
+    (("--periods", "40,10"), "two paths from two periods have one answer only for the fundamental and half of it"),
+    (("--scene", "wall", "--solver", "lm", "-o", "x"), "--solver: found with --scene wall, where it has no effect"),
+    (("--scene", "wall", "--wrapped", "-o", "x"), "--wrapped: found with --scene wall, where it has no effect"),
 ]
 
 
@@ -196,3 +206,22 @@ def test_an_out_that_exists_is_left_alone(tmp_path: Path, scene: str) -> None:
     assert f"{tmp_path}: found a folder with files, expected nothing there; choose another OUT" in done.err
     assert done.status == 2
     assert [path.name for path in tmp_path.iterdir()] == ["mine.txt"]
+
+
+def test_the_paper_way_three_periods_and_three_paths() -> None:
+    same = ("--runs", 50, "--jobs", 1)
+    paper = cadtof("simulate", *same, "--solver", "lm", "--order", 2, "--no-pulse-correction", "--wrapped")
+    assert paper.status == 0
+    assert "steps of Levenberg–Marquardt from each of 10 starts" in paper.out
+    three = ("--periods-ns", "40,20,13.3333", "--paths", 3, "--mpi", 0.6, "--second", 13, "--path", "0.4@21")
+    report = json.loads(cadtof("simulate", *same, *three, "--integration-length", 1e6, "--json").out)
+    assert [report[name]["true_ns"] for name in ("direct", "second", "path3")] == [5.0, 13.0, 21.0]
+    assert report["path3"]["std_ns"] == pytest.approx(report["path3"]["bound_ns"], rel=0.4)
+    lines = cadtof("simulate", *same, *three).out.splitlines()
+    assert lines[0].startswith("laser : MPI : MPI : ambient = 1 : 0.6 : 0.4 : 5, ")
+    assert lines[4].startswith("path3       21.000")
+
+
+def test_amplitudes_beyond_the_modulation_are_said_to_be_impossible() -> None:
+    done = cadtof("simulate", "--offsets", "0.5,0", "--runs", 20, "--jobs", 1)
+    assert "impossible amplitudes, and no answer, in 100.0% of the runs" in done.out

@@ -87,3 +87,24 @@ def test_an_out_that_exists_is_left_alone(tmp_path: Path) -> None:
     assert f"{tmp_path / 's.csv'}: found a file, expected nothing there" in done.err
     assert done.status == 2
     assert (tmp_path / "s.csv").read_text() == "mine"
+
+
+def test_harmonics_and_paths_that_resolve_takes(tmp_path: Path) -> None:
+    three = ("--periods-ns", "40,20,13.3333", "--paths", "3", "--path", "0.2@27", "--integration-length", "1e6")
+    done = cadtof(
+        "sweep", "--asr", "2,4", "--mpi", "0.4", "--runs", "40", *three, "--jobs", 1, "--plot", tmp_path / "p"
+    )
+    assert done.status == 0
+    for row in table(done.out):
+        assert row["path3_true_ns"] == "27"
+        assert float(row["path3_std_ns"]) == pytest.approx(float(row["path3_bound_ns"]), rel=0.5)
+        assert row["steps_per_start"] == ""
+    assert (tmp_path / "p" / "std.png").exists()
+
+
+def test_the_paper_way() -> None:
+    ways = ("--solver", "lm", "--order", "2", "--no-pulse-correction", "--wrapped", "--return", "strongest")
+    grid = ("--asr", "6", "--mpi", "0.1", "--integration-length", "1e3", "--runs", "400")
+    (row,) = table(cadtof("sweep", *grid, *ways, "--jobs", 1).out)
+    assert float(row["second_std_ns"]) == pytest.approx(12.8, abs=1.0)
+    assert 5 < float(row["steps_per_start"]) < 40

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from cadtof_cli.execution.ordered import TASKS_PER_WORKER, WorkerDied, run_ordered
+from cadtof_cli.execution.outcome import Later
 from cadtof_cli.execution.workers import START_METHODS, StartMethod, Workers
 
 pytestmark = pytest.mark.filterwarnings("ignore:This process.*is multi-threaded, use of fork:DeprecationWarning")
@@ -107,3 +108,60 @@ def test_signals_are_as_before() -> None:
     next(outcomes)
     assert signal.pthread_sigmask(signal.SIG_BLOCK, ()) == before
     outcomes.close()
+
+
+def waits_for_the_next(task: tuple[int, Path]) -> int | Later[int]:
+    """What is done once the next task has been begun, and not before; odd ones need no waiting."""
+    number, folder = task
+    (folder / str(number)).touch()
+    if number % 2:
+        return number
+
+    def finish() -> int:
+        deadline = time.monotonic() + 20
+        while number < 8 and not (folder / str(number + 1)).exists():
+            assert time.monotonic() < deadline
+            time.sleep(0.001)
+        if number == 6:
+            raise ZeroDivisionError("six")
+        return -number
+
+    return Later(finish)
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_what_only_waits_is_done_while_the_next_task_is(jobs: int, tmp_path: Path) -> None:
+    tasks = [(number, tmp_path) for number in range(9)]
+    outcomes = run_ordered(waits_for_the_next, tasks, workers=Workers(jobs=jobs, start_method="fork"))
+    assert [next(outcomes).result for _ in range(6)] == [0, 1, -2, 3, -4, 5]
+    with pytest.raises(ZeroDivisionError, match="six"):
+        next(outcomes)
+
+
+def dies_while_it_waits(number: int) -> int | Later[int]:
+    def finish() -> int:
+        if number == 3:
+            os._exit(1)
+        return number
+
+    return Later(finish)
+
+
+def test_a_process_that_dies_while_it_waits_costs_no_other_task() -> None:
+    outcomes = list(run_ordered(dies_while_it_waits, range(8), workers=Workers(jobs=2, start_method="fork")))
+    assert [outcome.result for outcome in outcomes] == [WorkerDied() if n == 3 else n for n in range(8)]
+
+
+def hangs_while_it_waits(number: int) -> int | Later[int]:
+    def finish() -> int:
+        if number == 3:
+            time.sleep(1000)
+        return number
+
+    return Later(finish)
+
+
+def test_a_task_that_waits_for_ever_fails_alone() -> None:
+    workers = Workers(jobs=2, start_method="fork", task_timeout_s=0.5)
+    outcomes = list(run_ordered(hangs_while_it_waits, range(12), workers=workers))
+    assert [outcome.result for outcome in outcomes] == [WorkerDied(0.5) if n == 3 else n for n in range(12)]

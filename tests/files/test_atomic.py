@@ -9,18 +9,35 @@ from types import SimpleNamespace
 import pytest
 
 from cadtof_cli.errors import OutputError
-from cadtof_cli.files.atomic import make_folder, new_folder, remove_partial_files, whole_file, write_json
+from cadtof_cli.files.atomic import PartialFile, make_folder, new_folder, remove_partial_files, whole_file, write_json
 
 
 def test_what_is_written_appears_at_the_end(tmp_path: Path) -> None:
     path = tmp_path / "maps.exr"
     path.write_text("before")
-    with whole_file(path, token="mark") as temporary:
+    with whole_file(path) as temporary:
         temporary.write_text("after")
-        assert re.fullmatch(r"\.maps\.exr\.[0-9a-f]{16}\.mark\.partial", temporary.name)
         assert path.read_text() == "before"
     assert path.read_text() == "after"
     assert list(tmp_path.iterdir()) == [path]
+
+
+def test_what_is_kept_later_has_its_name_from_then_on(tmp_path: Path) -> None:
+    path = tmp_path / "maps.exr"
+    partial, other = (PartialFile(path, token=token) for token in ("mark", "other"))
+    assert re.fullmatch(r"\.maps\.exr\.[0-9a-f]{16}\.mark\.partial", partial.temporary.name)
+    partial.temporary.write_text("all")
+    other.give_up()
+    assert [one.name for one in tmp_path.iterdir()] == [partial.temporary.name]
+    assert partial.keep() == 3
+    assert [one.name for one in tmp_path.iterdir()] == ["maps.exr"]
+
+
+def test_what_cannot_be_kept_is_given_up(tmp_path: Path) -> None:
+    partial = PartialFile(tmp_path / "maps.exr")
+    with pytest.raises(OutputError, match="nothing was written"):
+        partial.keep()
+    assert list(tmp_path.iterdir()) == []
 
 
 def _begin(path: Path, raised: BaseException) -> None:

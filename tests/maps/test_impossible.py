@@ -64,8 +64,8 @@ def test_values_that_overflow_a_map_have_no_answer() -> None:
 
 
 def test_a_pulse_longer_than_the_second_period_has_no_answer() -> None:
-    """It leaves 6e-7 of the second harmonic, and what was recorded there would be a million times the light."""
-    metadata = replace(CaptureMetadata(), pixel=Pixel(integration_length=1e5), pulse=Pulse(fwhm_ns=40.0))
+    """It leaves 1.3e-6 of the second harmonic: what was recorded there would be 750,000 times the light."""
+    metadata = replace(CaptureMetadata(), pixel=Pixel(integration_length=1e5), pulse=Pulse(fwhm_ns=39.0))
     assert_impossible(resolved(voltages(TWO), metadata=metadata))
 
 

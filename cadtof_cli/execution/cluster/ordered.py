@@ -12,7 +12,7 @@ from typing import Any, Generic, Protocol, TypeVar
 from cadtof_cli.errors import ClusterError
 from cadtof_cli.execution.cluster.connection import Connection, Finished, News, WorkerJoined, WorkerLost
 from cadtof_cli.execution.cluster.worker import BatchResult, Raised, Surroundings, run_batch, surroundings
-from cadtof_cli.execution.ordered import Outcome, WorkerDied
+from cadtof_cli.execution.outcome import Outcome, Work, WorkerDied
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
@@ -76,7 +76,7 @@ class Worker(Generic[Task, Result]):
 
 
 def run_on_cluster(
-    function: Callable[[Task], Result],
+    function: Work[Task, Result],
     tasks: Iterable[Task],
     /,
     *,
@@ -112,7 +112,7 @@ class ClusterRun(Generic[Task, Result]):
     def __init__(
         self,
         cluster: Cluster,
-        function: Callable[[Task], Result],
+        function: Work[Task, Result],
         tasks: Iterator[Task],
         expected: Surroundings,
         probe: Path | None,

@@ -5,14 +5,15 @@ import os
 import platform
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 import cadtof_cli
+from cadtof_cli.execution.outcome import Work, finished
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
@@ -77,12 +78,12 @@ def surroundings(folder: Path, probe: Path | None, /) -> Surroundings:
     return Surroundings(platform.python_version(), cadtof_cli.__version__, _code(), seen)
 
 
-def run_batch(function: Callable[[Task], Result], tasks: Sequence[Task], folder: Path, /) -> BatchResult[Result]:
+def run_batch(function: Work[Task, Result], tasks: Sequence[Task], folder: Path, /) -> BatchResult[Result]:
     """Run function(task) for every task from a folder, as where relative paths start; exceptions become results."""
     with _ONE_AT_A_TIME, _working_from(folder):
         began = time.monotonic()
-        results = tuple(_attempted(function, task) for task in tasks)
-        return BatchResult(results, time.monotonic() - began)
+        results = [_attempted(function, task) for task in tasks]
+        return BatchResult(tuple(results), time.monotonic() - began)
 
 
 def wait_until_idle() -> None:
@@ -91,9 +92,9 @@ def wait_until_idle() -> None:
         pass
 
 
-def _attempted(function: Callable[[Task], Result], task: Task) -> Result | Raised:
+def _attempted(function: Work[Task, Any], task: Task) -> Any:
     try:
-        return function(task)
+        return finished(function(task))
     except Exception as error:  # noqa: BLE001  (raised again at the client, in its turn)
         return Raised(error)
 

@@ -12,6 +12,8 @@ from typing import Any
 from numpy.typing import NDArray
 from tifffile import FileHandle
 
+from cadtof_cli.files.digest import Digest
+
 LARGEST_BYTES = 2**20
 """More than this around the pixels is not worth to be kept: reading the pages of such a stack costs little beside its pixels."""
 
@@ -50,10 +52,13 @@ class Envelope:
         """Return an envelope with other bytes, of the same number, wherever the old ones stand."""
         return self if old == new else Envelope(self.head.replace(old, new), self.pixels, self.tail.replace(old, new))
 
-    def write(self, path: Path, pixels: NDArray[Any], /) -> None:
-        """Write a file of these bytes around other pixels."""
+    def write(self, path: Path, pixels: NDArray[Any], /) -> str:
+        """Write a file of these bytes around other pixels, and return its digest."""
+        digest = Digest()
         with path.open("wb", buffering=0) as file:
             for part in (self.head, pixels.data.cast("B"), self.tail):
                 rest = memoryview(part)
+                digest.update(rest)
                 while rest:
                     rest = rest[file.write(rest) :]
+        return digest.hexdigest()

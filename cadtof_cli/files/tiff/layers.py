@@ -30,24 +30,25 @@ class _Last(threading.local):
 _last = _Last()
 
 
-def write_maps(path: Path, maps: DepthMaps, /, *, about: MapsAbout) -> None:
-    """Write the maps to `path`; no date and no random identifier goes in.
+def write_maps(path: Path, maps: DepthMaps, /, *, about: MapsAbout) -> str | None:
+    """Write the maps to `path`; no date and no random identifier goes in. Returns the file's digest where it was at hand.
 
     OME-XML in front says what the pages are; each page has its name too, as a page name and as the description of a band, since
     GDAL and what is built on it (rasterio, QGIS) know a page without the others.
 
     So files of maps with the same names and size differ in their pixels, and in the name of the recorded frame, alone: tifffile
-    makes the first of them.
+    makes the first two of them, as the header of a lone one is of no further use.
     """
     maps.pages[-1] = maps.status
     others = {name: text for name, text in about.facts.items() if name != SOURCE}
     source = marked_source(about)
     kind = (maps.names, maps.pages.shape, others, dict(about.units), len(source))
     if _last.kind == kind and _last.envelope:
-        _last.envelope.written_as(_last.source, source).write(path, maps.pages)
-        return
+        return _last.envelope.written_as(_last.source, source).write(path, maps.pages)
     _write_pages(path, maps, about)
-    _last.kind, _last.source, _last.envelope = kind, source, _envelope(path, maps)
+    _last.envelope = _envelope(path, maps) if _last.kind == kind else None
+    _last.kind, _last.source = kind, source
+    return None
 
 
 def _write_pages(path: Path, maps: DepthMaps, about: MapsAbout) -> None:

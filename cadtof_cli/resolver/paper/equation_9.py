@@ -129,6 +129,17 @@ def two_shares(
     return _shares(best, modulus, rotor, cost, converged)
 
 
+def steps_of_starts(
+    phasors: Complex, /, *, harmonics: tuple[int, ...], starts: Complex, solver: LevenbergMarquardt = SOLVER
+) -> Index:
+    """Return after how many steps each start of every pixel ends, (S, n): all of them, as the paper runs all ten."""
+    first = (np.ascontiguousarray(phasors[0].real), np.ascontiguousarray(phasors[0].imag))
+    modulus, rotor = unit_rotor(*first)
+    problem = EliminatedPath(harmonics[1:], _right_sides(phasors, harmonics, modulus, rotor))
+    found = [solver.solve(problem, np.stack([row.real, row.imag])).steps for row in starts]
+    return np.stack(found)
+
+
 def _best_of(starts: Complex, problem: EliminatedPath, solver: LevenbergMarquardt) -> Minimum:
     """Solve every pixel from its starts, (S, n), at once, and return the best end of each; the earlier start of equal ones."""
     count, pixels = starts.shape

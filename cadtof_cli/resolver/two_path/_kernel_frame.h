@@ -5,7 +5,7 @@
  *   resolver/returns.py                    which path is direct
  *   resolver/two_path/closed_form.py       two paths            arctangent.py   their phases
  *   resolver/two_path/one_path.py          one path             uncertainty.py  standard deviations
- *   maps/depth.py, layers.py               paths -> maps
+ *   maps/depth.py, layers.py               paths -> maps                    impossible.py   what no light gives
  *
  * Those are written to be read; this is written to be fast. Both use nothing but +, -, *, / and square roots, which IEEE 754
  * rounds in one way only, so both give the same bits, whatever the compiler and the machine (test_kernel.py holds them to it).
@@ -37,6 +37,7 @@
 
 /* Bits of resolver/status.py that are read or set here; the others go through as they came. */
 enum { SATURATED = 1, NOT_FINITE = 2, LOW_CONFIDENCE = 4, ONE_PATH = 8, TWO_PATHS = 16, ILL_CONDITIONED = 32, HOT_PIXEL = 256 };
+enum { CALIBRATED = 64, POOLED = 1024, IMPOSSIBLE = 4096 };
 enum order { ORDER_AUTO, ORDER_ONE, ORDER_TWO };
 enum returns { RETURN_FIRST, RETURN_STRONGEST, RETURN_LAST };
 enum type { UINT16, INT16, FLOAT32, FLOAT64, PHASORS };
@@ -54,7 +55,8 @@ enum type { UINT16, INT16, FLOAT32, FLOAT64, PHASORS };
     X(averaging1) X(averaging2) X(least1) X(least2)/* ... - averaging * amplitude^2 along it, and at least least */ \
     X(alone0) X(alone1) X(alone2) X(own0) X(own1) X(own2) X(own3) X(own4) X(other0) X(other1) X(other2) X(signal) \
     X(return_ratio)                                /* least amplitude of a direct path over the strongest's */ \
-    X(metres) X(volts)                             /* of a radian, of an amplitude of 1 */
+    X(metres) X(volts)                             /* of a radian, of an amplitude of 1 */ \
+    X(most_volts) X(noise_volts)                   /* paths beyond most_volts + noise_volts / sqrt(samples) are impossible */
 
 #define MEMBER(name) double name;
 typedef struct {
@@ -85,10 +87,12 @@ typedef struct {
     Row re1, im1, re2, im2, unsound, samples, root;      /* phasors; 1 where there must be no answer; samples, their root */
     Row u, pr, pi, cos, sin;                             /* FundamentalFrame */
     Row confidence, refusal, answered, single, may, need;/* bits that refuse an answer; is, may be one path; needs two */
-    Row one_amplitude, one_phase, one_sigma, misfit;     /* OnePath; 1 where it leaves more than noise does */
+    Row one_amplitude, one_phase, one_sigma, fall_off;   /* OnePath; its doubt */
+    Row misfit;                                          /* 1 where it leaves more than noise does */
     Row a, b, cos_m, sin_m, cos_half, sin_half;          /* TwoPaths */
     Row x, y, sigma_x, sigma_y, doubtful;
     Row amplitude[2], phase[2], sigma[2];                /* direct and MPI path */
+    Row impossible;                                      /* 1 where they hold more light than there can be */
     Row t1, t2, t3, t4, t5;                              /* between the loops of a function */
 } Group;
 
@@ -189,4 +193,7 @@ INLINE void store(Group *restrict g, const Frame *restrict frame, int64_t start,
     uint32_t *restrict status = frame->status + start;
     if (m == GROUP) EACH_PIXEL status[i] |= (uint32_t)(int32_t)g->refusal[i];
     else for (int i = 0; i < m; i++) status[i] |= (uint32_t)(int32_t)g->refusal[i];
+    if (any(g->impossible))
+        for (int i = 0; i < m; i++)
+            if (g->impossible[i] > 0.0) status[i] = (status[i] & (CALIBRATED | POOLED)) | IMPOSSIBLE;
 }

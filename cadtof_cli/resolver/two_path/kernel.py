@@ -81,6 +81,7 @@ class KernelFrame:
         metres: of a radian, of all pixels or of each, (n,).
         volts: of an amplitude of 1.
         phase_offset_rad: what to take from every phase, (n,); None: nothing.
+        most_volts, noise_volts: paths whose amplitudes add up to more than most_volts + noise_volts / √samples are impossible.
     """
 
     stored: Stored
@@ -89,6 +90,8 @@ class KernelFrame:
     metres: float | Float
     volts: float
     phase_offset_rad: Float | None
+    most_volts: float = math.inf
+    noise_volts: float = 0.0
 
 
 def fill_maps(
@@ -140,14 +143,16 @@ def fill_maps(
     given = [None if array is None else np.require(array, requirements=["C", "A"]) for array, _ in arrays.values()]
     if given[-2] is not layers or given[-1] is not status or asked.step != 1:
         raise ValueError("layers, status and pixels: expected neighbours in memory")
-    constants = kernel_constants(frame, settings, noise)
+    constants, names = kernel_constants(frame, settings, noise), compiled.constant_names()
+    if len(names) != len(constants):
+        raise ValueError("the compiled kernel is of another version of its sources: install cadtof anew")
     compiled.resolve(
         kernel or chosen_kernel(),
         _ORDERS[_order(settings)],
         _RETURNS[settings.returns],
         asked.start,
         asked.stop,
-        np.array([constants[name] for name in compiled.constant_names()]),
+        np.array([constants[name] for name in names]),
         *given,
     )
 
@@ -168,6 +173,8 @@ def kernel_constants(frame: KernelFrame, settings: ResolverSettings, noise: Nois
         "return_ratio": settings.min_return_ratio,
         "metres": frame.metres if isinstance(frame.metres, float) else np.nan,
         "volts": frame.volts,
+        "most_volts": frame.most_volts,
+        "noise_volts": frame.noise_volts,
     }
     for name, factors in (("alone", terms.alone), ("own", terms.own), ("other", terms.other)):
         constants |= {f"{name}{power}": factor for power, factor in enumerate(factors)}

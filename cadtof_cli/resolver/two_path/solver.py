@@ -6,7 +6,7 @@ import numpy as np
 
 from cadtof_cli.arrays import Bool, Complex, Float, Index
 from cadtof_cli.phasors.noise import NoiseModel
-from cadtof_cli.resolver.paths import Fit, Paths
+from cadtof_cli.resolver.paths import CLOSE_ENOUGH, Fit, Paths
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.resolver.two_path.closed_form import FundamentalFrame, fundamental_frame, two_paths
 from cadtof_cli.resolver.two_path.one_path import one_path
@@ -53,7 +53,7 @@ class ClosedForm:
         frame = self._frame if everywhere else self._frame[chosen]
         two = two_paths(frame)
         sigma = two_path_sigmas(two, noise=self._noise)
-        doubt = np.maximum(*sigma) / two.sin_half
+        doubt = np.maximum(*sigma) / (CLOSE_ENOUGH * two.sin_half)
         count = doubt.size
         fit = Fit(Paths(two.amplitude, two.phases(), sigma), np.zeros(count), np.ones(count, np.bool_), doubt)
         if two.single.any():

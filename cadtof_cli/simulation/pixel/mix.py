@@ -85,32 +85,49 @@ class PhotonMix:
 
 @dataclass(frozen=True, kw_only=True)
 class Condition:
-    """The paper's light on a pixel: laser : MPI : ambient = 1 : mpi_ratio : asr, with arrival times within one period."""
+    """The paper's light on a pixel: laser : MPI : ambient = 1 : mpi_ratio : asr, with arrival times within one period.
+
+    `further` are more paths of MPI besides the paper's one: photons over the laser's, and arrival in ns, of each.
+    """
 
     asr: float
     mpi_ratio: float
     direct_ns: float = 5.0
     second_ns: float = 16.0
     fwhm_ns: float = 1.7
+    further: tuple[tuple[float, float], ...] = ()
 
     def __post_init__(self) -> None:
         require(finite_at_least(self.asr, 0), "ASR", f"{self.asr:g}", "a ratio of 0 or more")
         require(finite_at_least(self.mpi_ratio, 0), "MPI ratio", f"{self.mpi_ratio:g}", "a ratio of 0 or more")
         require(finite_at_least(self.fwhm_ns, 0), "pulse width", f"{self.fwhm_ns:g} ns", "0 ns or more")
+        for ratio, _ in self.further:
+            require(finite_at_least(ratio, 0), "path", f"a ratio of {ratio:g}", "a ratio of 0 or more")
+
+    @property
+    def ratios(self) -> tuple[float, ...]:
+        """Photons of every path over the laser's, the direct path first."""
+        return 1.0, self.mpi_ratio, *(ratio for ratio, _ in self.further)
+
+    @property
+    def times_ns(self) -> tuple[float, ...]:
+        """Arrival of every path, the direct one first."""
+        return self.direct_ns, self.second_ns, *(time for _, time in self.further)
 
     def mix(self, period_ns: float) -> PhotonMix:
         """Return the photons of one pixel, without pixel axes; raises SettingsError for times that do not fit one period."""
         require(0 <= self.direct_ns < period_ns, "direct", f"{self.direct_ns:g} ns", f"0 to less than {period_ns:g} ns")
-        separation = self.second_ns - self.direct_ns
-        require(
-            separation > 0 and self.second_ns < period_ns,
-            "second",
-            f"{self.second_ns:g} ns, a separation of {separation:g} ns",
-            f"a time after the direct {self.direct_ns:g} ns and before the period's end at {period_ns:g} ns",
-        )
+        for name, time_ns in zip(("second", *("path" for _ in self.further)), self.times_ns[1:], strict=True):
+            separation = time_ns - self.direct_ns
+            require(
+                separation > 0 and time_ns < period_ns,
+                name,
+                f"{time_ns:g} ns, a separation of {separation:g} ns",
+                f"a time after the direct {self.direct_ns:g} ns and before the period's end at {period_ns:g} ns",
+            )
         return PhotonMix(
-            delays_ns=np.array([self.direct_ns, self.second_ns]),
-            photons=np.array([1.0, self.mpi_ratio]),
+            delays_ns=np.array(self.times_ns),
+            photons=np.array(self.ratios),
             ambient=np.array(self.asr),
             period_ns=period_ns,
             fwhm_ns=self.fwhm_ns,

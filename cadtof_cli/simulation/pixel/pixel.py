@@ -4,7 +4,6 @@ import math
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.signal import lfilter
 
 from cadtof_cli.arrays import Float, Float32
 from cadtof_cli.capture.metadata import Modulation
@@ -137,6 +136,8 @@ def trace_pixel(
     samples = model.modulation.amplitude_v * np.stack(sampled_pair(model.modulation.waveform, phases))
     samples += model.sample_noise_v * generator.standard_normal(samples.shape)
     step = 1.0 / model.averaging.integration_length
+    from scipy.signal import lfilter
+
     voltages = lfilter([step], [1.0, step - 1.0], samples, axis=1)
     return np.mod(times, model.modulation.periods_ns[0]), _read_out(model, voltages)
 

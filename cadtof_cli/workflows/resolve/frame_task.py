@@ -12,10 +12,11 @@ from cadtof_cli.calibration.store import Calibration, cached_calibration
 from cadtof_cli.capture.frame_sources import FrameSource
 from cadtof_cli.capture.frames import open_frames, require_usual
 from cadtof_cli.errors import CadtofError, FrameError, PlaceError
+from cadtof_cli.execution.outcome import Later
 from cadtof_cli.execution.workers import keep_freed_memory
 from cadtof_cli.files.digest import content_digest, file_digest
 from cadtof_cli.files.frames import FrameLayout, NotAFrameError
-from cadtof_cli.files.maps import SOURCE, DepthMaps, MapsAbout, write_maps
+from cadtof_cli.files.maps import SOURCE, DepthMaps, MapsAbout, begin_maps
 from cadtof_cli.frame_plan import FramePlan
 from cadtof_cli.phasors.frame_mean import FrameMean, frame_mean
 from cadtof_cli.phasors.plausible import implausible
@@ -82,26 +83,38 @@ class Recording:
     left_out: str | None = None
 
 
-def resolve_file(task: FrameTask, /) -> FrameReport:
-    """Read, resolve and write one frame. Whatever is wrong with it becomes a report, never an exception."""
+def resolve_file(task: FrameTask, /) -> FrameReport | Later[FrameReport]:
+    """Read, resolve and write one frame; that its maps are on the disk is waited for later.
+
+    Whatever is wrong with it becomes a report, never an exception.
+    """
     keep_freed_memory()
     began = time.monotonic()
 
-    def resolve() -> FrameReport:
+    def resolve() -> Later[FrameReport]:
         frame, recording = read_frame(task)
         resolved = resolve_frame(frame, plan=task.plan, calibration=task.calibration())
         return written(task, resolved, recording, began=began)
 
-    return attempted(task, resolve, began=began)
+    return unless_kept(task, resolve, began=began)
+
+
+def unless_kept(task: FrameTask, work: Callable[[], Result], /, *, began: float) -> Result | FrameReport:
+    """Return what `attempted` does, or a report that maps which are there already are kept."""
+
+    def kept_or_done() -> Result | FrameReport:
+        kept = kept_maps(task, began=began) if task.resume else None
+        return work() if kept is None else kept
+
+    return attempted(task, kept_or_done, began=began)
 
 
 def attempted(task: FrameTask, work: Callable[[], Result], /, *, began: float) -> Result | FrameReport:
-    """Return what `work` on a frame returns, or a report of what kept it from returning, or of why nothing was to be done."""
+    """Return what `work` on a frame returns, or a report of what kept it from returning."""
     status: FrameStatus = "failed"
     failed: CadtofError
     try:
-        kept = kept_maps(task, began=began) if task.resume else None
-        return work() if kept is None else kept
+        return work()
     except NotAFrameError as error:
         status, failed = "skipped", error
     except CadtofError as error:
@@ -121,35 +134,41 @@ def attempted(task: FrameTask, work: Callable[[], Result], /, *, began: float) -
     )
 
 
-def written(task: FrameTask, resolved: ResolvedFrame, recording: Recording, /, *, began: float) -> FrameReport:
-    """Write a frame's maps and return its report.
+def written(task: FrameTask, resolved: ResolvedFrame, recording: Recording, /, *, began: float) -> Later[FrameReport]:
+    """Write a frame's maps; the report on it comes when they are kept.
 
     Raises:
         FrameError: no pixel has an answer; nothing is written then.
-        OutputError: see `write_maps`.
+        OutputError: see `begin_maps`.
     """
     maps = answered_maps(resolved, task.plan, name=str(task.sources[0]))
     counts = count_status(maps.status)
     note = _why_again(task) if task.resume else None
-    write_maps(task.output, maps, about=maps_about(task.plan, source_name(task.sources[0])), token=task.token)
+    about = maps_about(task.plan, source_name(task.sources[0]))
+    begun = begin_maps(task.output, maps, about=about, token=task.token)
     reasons = [recording.left_out] if recording.left_out else []
     if resolved.noise_estimated:
         reasons.append(f"noise estimated from the frame: integration_length {resolved.integration_length:.4g}")
-    return task.report(
-        "ok",
-        "; ".join(reasons) or None,
-        time.monotonic() - began,
-        one_path=counts.one_path,
-        two_paths=counts.two_paths,
-        more_paths=counts.more_paths if task.plan.settings.resolver.max_paths > 2 else None,
-        diffuse=counts.diffuse,
-        invalid=counts.invalid,
-        files=recording.files,
-        digest=recording.digest,
-        output_bytes=task.output.stat().st_size,
-        output_digest=file_digest(task.output),
-        note=note,
-    )
+
+    def keep() -> FrameReport:
+        size = begun.file.keep()
+        return task.report(
+            "ok",
+            "; ".join(reasons) or None,
+            time.monotonic() - began,
+            one_path=counts.one_path,
+            two_paths=counts.two_paths,
+            more_paths=counts.more_paths if task.plan.settings.resolver.max_paths > 2 else None,
+            diffuse=counts.diffuse,
+            invalid=counts.invalid,
+            files=recording.files,
+            digest=recording.digest,
+            output_bytes=size,
+            output_digest=begun.digest,
+            note=note,
+        )
+
+    return Later(lambda: attempted(task, keep, began=began))
 
 
 def answered_maps(resolved: ResolvedFrame, plan: FramePlan, /, *, name: str) -> DepthMaps:

@@ -10,7 +10,7 @@ from cadtof_cli.execution.ordered import Outcome, WorkerDied, run_ordered
 from cadtof_cli.execution.workers import Workers, keep_freed_memory
 from cadtof_cli.files.maps import DepthMaps
 from cadtof_cli.pipeline import FramePixels, joined_parts, prepare_frame, resolve_pixels
-from cadtof_cli.workflows.resolve.frame_task import FrameTask, Recording, attempted, read_frame, written
+from cadtof_cli.workflows.resolve.frame_task import FrameTask, Recording, attempted, read_frame, unless_kept, written
 from cadtof_cli.workflows.run_folder import FrameReport
 
 WORTH_SPLITTING_S = 0.5
@@ -47,7 +47,9 @@ def resolve_split(
 ) -> Generator[Outcome[FrameTask, FrameReport], None, None]:
     """Resolve and write every frame, in the order of the tasks, each by as many parts as there are jobs."""
     parts = (part for task in tasks for part in _parts(task, workers.processes))
-    with closing(run_ordered(resolve_part, parts, workers=workers)) as outcomes:
+    resolved: Generator[Outcome[FramePart, DepthMaps | FrameReport], None, None]
+    resolved = run_ordered(resolve_part, parts, workers=workers)
+    with closing(resolved) as outcomes:
         while frame := list(itertools.islice(outcomes, workers.processes)):
             yield _whole(frame)
 
@@ -60,7 +62,7 @@ def _parts(task: FrameTask, count: int) -> Iterator[FramePart]:
         pixels = prepare_frame(frame, plan=task.plan, calibration=task.calibration())
         return [FramePart(task, part, recording) for part in pixels.parts(count)]
 
-    parts = attempted(task, prepared, began=time.monotonic())
+    parts = unless_kept(task, prepared, began=time.monotonic())
     yield from [FramePart(task, parts, None)] * count if isinstance(parts, FrameReport) else parts
 
 
@@ -77,6 +79,6 @@ def _whole(frame: list[Outcome[FramePart, DepthMaps | FrameReport]]) -> Outcome[
         assert isinstance(first.pixels, FramePixels)
         assert first.recording is not None
         resolved = joined_parts(first.pixels, found)
-        return written(first.task, resolved, first.recording, began=began)
+        return written(first.task, resolved, first.recording, began=began).finish()
 
     return Outcome(first.task, attempted(first.task, write, began=began))

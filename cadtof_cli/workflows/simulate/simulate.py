@@ -15,28 +15,37 @@ from cadtof_cli.execution.workers import ALONE, Workers
 from cadtof_cli.files.atomic import new_folder
 from cadtof_cli.simulation.pixel.evolution import Evolution, evolution
 from cadtof_cli.workflows.progress import UNTOLD, Progress
+from cadtof_cli.workflows.simulate.outcome import PathSummary, TrialsSummary, summary
 from cadtof_cli.workflows.simulate.tasks import results
-from cadtof_cli.workflows.simulate.trials import EVOLUTION_KEY, Trials, TrialsSummary, block_voltages, summary
+from cadtof_cli.workflows.simulate.trials import EVOLUTION_KEY, Recordings, Trials, recordings
 
 
 def simulate_pixel(trials: Trials, /, *, workers: Workers = ALONE, progress: Progress = UNTOLD) -> TrialsSummary:
     """Run the trials, block by block in parallel, and sum them up; a step is a block."""
-    work = partial(block_voltages, trials)
+    work = partial(recordings, trials)
     progress.total(len(trials.blocks))
     blocks = results(work, trials.blocks, workers=workers.at_most(len(trials.blocks)), progress=progress)
-    return summary(trials, np.concatenate(list(blocks)))
+    return summary(trials, Recordings.joined(list(blocks)))
 
 
 def json_report(trials: Trials, outcome: TrialsSummary, /) -> dict[str, Any]:
     """Return the object that `cadtof simulate --json` prints; what does not exist is null."""
+    paths = {name: _finite(asdict(path)) for name, path in named_paths(outcome).items()}
     return {
         "settings": settings(trials),
-        "direct": _finite(asdict(outcome.direct)),
-        "second": _finite(asdict(outcome.second)),
+        **paths,
         "confidence_v": outcome.confidence_v,
         "confidence_model_v": outcome.confidence_model_v,
+        "impossible": outcome.impossible,
+        **_finite({"steps_per_start": outcome.steps}),
         "runs": trials.runs,
     }
+
+
+def named_paths(outcome: TrialsSummary, /) -> dict[str, PathSummary]:
+    """Return every path by its name: direct, second, path3 and so on."""
+    names = ("direct", "second", *(f"path{number}" for number in range(3, 1 + len(outcome.paths))))
+    return dict(zip(names, outcome.paths, strict=True))
 
 
 def settings(trials: Trials, /) -> dict[str, Any]:
@@ -59,7 +68,15 @@ def settings(trials: Trials, /) -> dict[str, Any]:
         "sample_noise_v": model.sample_noise_v,
         "gain_mismatch": model.gain_mismatch,
         "offsets_v": list(model.offsets_v),
+        "solver": trials.resolver.solver,
+        "paths": trials.resolver.paths,
         "order": trials.resolver.order,
+        "starts": trials.resolver.starts,
+        "false_alarm": trials.resolver.false_alarm,
+        "return": trials.resolver.returns,
+        "min_return_ratio": trials.resolver.min_return_ratio,
+        "pulse_correction": trials.pulse_correction,
+        "wrapped": trials.wrapped,
     }
 
 

@@ -7,9 +7,6 @@ from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import TextIO
 
-import numpy as np
-
-from cadtof_cli.arrays import Float
 from cadtof_cli.errors import OutputError
 from cadtof_cli.execution.workers import ALONE, Workers
 from cadtof_cli.files.atomic import new_folder
@@ -17,15 +14,10 @@ from cadtof_cli.simulation.pixel.averaging import Averaging
 from cadtof_cli.simulation.pixel.mix import require
 from cadtof_cli.simulation.pixel.statistics import averaging_gain, phase_precision_of_mix_rad
 from cadtof_cli.workflows.progress import UNTOLD, Progress
+from cadtof_cli.workflows.simulate.outcome import PathSummary, TrialsSummary, summary
+from cadtof_cli.workflows.simulate.simulate import named_paths
 from cadtof_cli.workflows.simulate.tasks import results
-from cadtof_cli.workflows.simulate.trials import (
-    PathSummary,
-    Trials,
-    TrialsSummary,
-    block_voltages,
-    noise_length,
-    summary,
-)
+from cadtof_cli.workflows.simulate.trials import Recordings, Trials, noise_length, recordings
 
 MOST_CELLS = 100_000
 
@@ -79,22 +71,24 @@ def sweep(settings: SweepSettings, /, *, workers: Workers = ALONE, progress: Pro
     work = [(cell, block) for cell in cells for block in cell.blocks]
     progress.total(len(work))
     made = results(_run, work, workers=workers, progress=progress)
-    return [SweepCell(cell, summary(cell, np.concatenate([next(made) for _ in cell.blocks]))) for cell in cells]
+    return [SweepCell(cell, summary(cell, Recordings.joined([next(made) for _ in cell.blocks]))) for cell in cells]
 
 
-def _run(task: tuple[Trials, range]) -> Float:
-    return block_voltages(*task)
+def _run(task: tuple[Trials, range]) -> Recordings:
+    return recordings(*task)
 
 
 _PATH_COLUMNS = tuple(item.name for item in fields(PathSummary))
 
-COLUMNS = (
-    *("asr", "mpi_ratio", "integration_length", "runs"),
-    *(f"direct_{name}" for name in _PATH_COLUMNS),
-    *(f"second_{name}" for name in _PATH_COLUMNS),
-    *("confidence_v", "confidence_model_v", "phase_std_rad", "phase_model_std_rad", "phase_bias_rad"),
-)
-"""Columns of the table: a row is a condition, and what does not exist is empty."""
+
+def columns(cells: list[SweepCell], /) -> tuple[str, ...]:
+    """Return the columns of the table: a row is a condition, and what does not exist is empty."""
+    return (
+        *("asr", "mpi_ratio", "integration_length", "runs"),
+        *(f"{path}_{name}" for path in named_paths(cells[0].outcome) for name in _PATH_COLUMNS),
+        *("confidence_v", "confidence_model_v", "phase_std_rad", "phase_model_std_rad", "phase_bias_rad"),
+        *("impossible", "steps_per_start"),
+    )
 
 
 def rows(cells: Iterable[SweepCell], /) -> Iterator[dict[str, float]]:
@@ -108,7 +102,7 @@ def rows(cells: Iterable[SweepCell], /) -> Iterator[dict[str, float]]:
             "integration_length": length,
             "runs": trials.runs,
         }
-        for name, path in (("direct", outcome.direct), ("second", outcome.second)):
+        for name, path in named_paths(outcome).items():
             values |= {f"{name}_{column}": getattr(path, column) for column in _PATH_COLUMNS}
         mix = trials.condition.mix(trials.period_ns).jittered(trials.model.jitter_ns)
         gain = averaging_gain(noise_length(trials.model))
@@ -119,18 +113,20 @@ def rows(cells: Iterable[SweepCell], /) -> Iterator[dict[str, float]]:
             "phase_std_rad": outcome.phase_std_rad,
             "phase_model_std_rad": float(precision),
             "phase_bias_rad": outcome.phase_bias_rad,
+            "impossible": outcome.impossible,
+            "steps_per_start": outcome.steps,
         }
 
 
-def write_table(cells: Iterable[SweepCell], file: TextIO, /) -> None:
+def write_table(cells: list[SweepCell], file: TextIO, /) -> None:
     """Write the table as CSV, seven digits each."""
-    writer = csv.writer(file, lineterminator="\n")
-    writer.writerow(COLUMNS)
+    writer, names = csv.writer(file, lineterminator="\n"), columns(cells)
+    writer.writerow(names)
     for row in rows(cells):
-        writer.writerow(["" if math.isnan(row[name]) else f"{row[name]:.7g}" for name in COLUMNS])
+        writer.writerow(["" if math.isnan(row[name]) else f"{row[name]:.7g}" for name in names])
 
 
-def write_table_file(cells: Iterable[SweepCell], path: Path, /) -> None:
+def write_table_file(cells: list[SweepCell], path: Path, /) -> None:
     """Write the table to a new file; raises OutputError where one is, or where it cannot be written."""
     try:
         with path.open("x", newline="", encoding="utf-8") as file:

@@ -1,29 +1,28 @@
-"""One condition recorded and resolved many times: how well path times come back."""
+"""One condition recorded and resolved many times."""
 
 import math
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 
 import numpy as np
 
-from cadtof_cli.arrays import Float, Float32
+from cadtof_cli.arrays import Bool, Complex, Float, Float32
 from cadtof_cli.capture.metadata import CaptureMetadata, Pixel, Pulse
 from cadtof_cli.errors import SettingsError
+from cadtof_cli.maps.impossible import beyond_light
 from cadtof_cli.phasors.noise import noise_model
 from cadtof_cli.phasors.voltages import ideal_phasor_map, phasors_from_stored
+from cadtof_cli.resolver.paper.equation_9 import random_starts, steps_of_starts
 from cadtof_cli.resolver.resolve import resolve_paths
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.simulation.pixel.averaging import effective_length
-from cadtof_cli.simulation.pixel.bounds import time_bounds_ns
 from cadtof_cli.simulation.pixel.mix import Condition, require
 from cadtof_cli.simulation.pixel.pixel import PixelModel, pixel_weights, record_pixel
-from cadtof_cli.simulation.pixel.statistics import averaging_gain, confidence_model_v, draw_voltages, voltage_statistics
+from cadtof_cli.simulation.pixel.statistics import averaging_gain, draw_voltages, voltage_statistics
 
 PHOTON_RUNS, STATISTICS_RUNS = 10, 1000
 """Runs that are drawn together; fixed, so that results never depend on how many processes share the blocks."""
-
-SUCCESS_NS = 1.0
-"""Half the width of the paper's success region, Fig. 7."""
 
 _STATISTICS_KEY, _PHOTONS_KEY, EVOLUTION_KEY = 4, 5, 6
 """Branches of the seed, after those of `camera`: voltages of a block of runs, photons of one run, and of a drawn one."""
@@ -36,10 +35,12 @@ class Trials:
     Attributes:
         condition: the light.
         model: the pixel.
-        resolver: how voltages become path times.
+        resolver: how voltages become path times; its seed is that of these trials.
         runs: how often.
         photon_by_photon: draw photons, rather than voltages from their exact mean and covariance.
         pulse_correction: divide phasors by the pulse's response r_h; False leaves it in, as the paper's Eq. (3) does.
+        wrapped: take times as angles come, within ± half the period, and their differences from the truth as they are; else the
+            differences are taken within ± half the period.
         seed: of all that is random.
         stream: number of these trials among others of the same seed.
     """
@@ -50,6 +51,7 @@ class Trials:
     runs: int = 400
     photon_by_photon: bool = False
     pulse_correction: bool = True
+    wrapped: bool = False
     seed: int = 0
     stream: int = 0
 
@@ -57,6 +59,7 @@ class Trials:
         require(self.runs >= 2, "runs", self.runs, "2 or more")
         require(self.seed >= 0, "seed", self.seed, "0 or more")
         self.condition.mix(self.period_ns)
+        self.resolver.check_harmonics(self.model.modulation.harmonics)
         if self.model.dead_time_ns > 0 and not self.photon_by_photon:
             raise SettingsError("dead time: found without photons, expected photon by photon, where it has an effect")
 
@@ -73,35 +76,35 @@ class Trials:
 
 
 @dataclass(frozen=True)
-class PathSummary:
-    """How one path's time came back: in ns, and the share of runs within ±1 ns. NaN where there is no such path."""
-
-    true_ns: float
-    mean_ns: float
-    bias_ns: float
-    std_ns: float
-    bound_ns: float
-    within_1ns: float
-
-
-@dataclass(frozen=True)
-class TrialsSummary:
-    """What all runs of a condition say together.
+class Recordings:
+    """Runs of a condition, recorded and resolved.
 
     Attributes:
-        direct, second: the two paths.
-        confidence_v: mean magnitude of the first phasor's voltages.
-        confidence_model_v: the same by the analytical model.
-        phase_std_rad: standard deviation of the first phasor's phase.
-        phase_bias_rad: mean of the first phasor's phase, less that of the direct path.
+        voltages_v: (runs, H, 2), harmonics and channels.
+        times_ns: (K, runs), K ≥ 2, the direct path first, the others in falling strength; NaN where the resolver has none.
+        impossible: (runs,), amplitudes beyond what the modulation can record: no answer.
+        steps: (S, runs), steps of the paper's search from each start; S is 0 with any other solver.
     """
 
-    direct: PathSummary
-    second: PathSummary
-    confidence_v: float
-    confidence_model_v: float
-    phase_std_rad: float
-    phase_bias_rad: float
+    voltages_v: Float
+    times_ns: Float
+    impossible: Bool
+    steps: Float
+
+    @classmethod
+    def joined(cls, parts: "Sequence[Recordings]", /) -> "Recordings":
+        """Return the runs of all parts, in order."""
+        return cls(
+            np.concatenate([part.voltages_v for part in parts]),
+            np.concatenate([part.times_ns for part in parts], axis=1),
+            np.concatenate([part.impossible for part in parts]),
+            np.concatenate([part.steps for part in parts], axis=1),
+        )
+
+
+def recordings(trials: Trials, runs: range, /) -> Recordings:
+    """Return one of the blocks of runs, recorded and resolved."""
+    return resolved(trials, block_voltages(trials, runs), first=runs.start)
 
 
 @lru_cache(maxsize=2)
@@ -150,18 +153,9 @@ def noise_length(model: PixelModel, /) -> float:
     return effective_length(_weights(model)[0].astype(np.float64))
 
 
-def path_times_ns(trials: Trials, voltages_v: Float, /) -> Float:
-    """Return the direct and the second path's time in every run, (2, runs), in ns; NaN where the resolver has none.
-
-    Args:
-        trials: the condition and how it is resolved.
-        voltages_v: (runs, 2, 2), harmonics and channels of each run.
-    """
-    model = trials.model
-    if model.modulation.harmonics != (1, 2):
-        raise SettingsError(
-            f"periods: found {list(model.modulation.periods_ns)}, expected a fundamental and its half, such as [40, 20]"
-        )
+def resolved(trials: Trials, voltages_v: Float, /, *, first: int = 0) -> Recordings:
+    """Resolve the voltages of runs, (runs, H, 2), of which the first has the number `first`."""
+    model, settings = trials.model, replace(trials.resolver, seed=trials.seed)
     length = noise_length(model)
     metadata = CaptureMetadata(
         modulation=model.modulation,
@@ -169,41 +163,19 @@ def path_times_ns(trials: Trials, voltages_v: Float, /) -> Float:
         pulse=Pulse(fwhm_ns=trials.condition.fwhm_ns if trials.pulse_correction else 0.0),
     )
     stored = np.moveaxis(voltages_v, 0, -1)
-    paths = resolve_paths(
-        phasors_from_stored(stored, ideal_phasor_map(metadata, stored.dtype)),
-        status=np.zeros(len(voltages_v), np.uint32),
-        settings=trials.resolver,
-        noise=noise_model(metadata, integration_length=length, quantised=False),
-    ).paths
-    turns = paths.phase_rad[:2] / (2.0 * math.pi)
-    return np.asarray(turns * trials.period_ns)
-
-
-def summary(trials: Trials, voltages_v: Float, /) -> TrialsSummary:
-    """Return what the voltages of all runs, (runs, H, 2), say."""
-    condition, modulation = trials.condition, trials.model.modulation
-    mix = condition.mix(trials.period_ns).jittered(trials.model.jitter_ns)
-    times = path_times_ns(trials, voltages_v)
-    bounds = time_bounds_ns(mix, modulation, variance_gain=averaging_gain(noise_length(trials.model)))
-    phasors = voltages_v[:, 0, 0] + 1j * voltages_v[:, 0, 1]
-    lag = np.angle(phasors * np.exp(-2j * math.pi * condition.direct_ns / trials.period_ns))
-    second_ns = condition.second_ns if condition.mpi_ratio > 0 else math.nan
-    return TrialsSummary(
-        direct=_path_summary(times[0], condition.direct_ns, float(bounds[0]), trials.period_ns),
-        second=_path_summary(times[1], second_ns, float(bounds[1]), trials.period_ns),
-        confidence_v=float(np.abs(phasors).mean()),
-        confidence_model_v=float(confidence_model_v(mix, modulation)),
-        phase_std_rad=float(np.std(lag, ddof=1)),
-        phase_bias_rad=float(np.mean(lag)),
+    phasors = phasors_from_stored(stored, ideal_phasor_map(metadata, stored.dtype))
+    noise = noise_model(metadata, integration_length=length, quantised=False)
+    found = resolve_paths(
+        phasors, status=np.zeros(len(voltages_v), np.uint32), settings=settings, noise=noise, first=first
     )
+    impossible = beyond_light(found.paths.amplitude, found.confidence, noise=noise)
+    times = np.where(impossible, np.nan, found.paths.phase_rad / (2.0 * math.pi) * trials.period_ns)
+    return Recordings(voltages_v, times, impossible, _steps(phasors, settings, model.modulation.harmonics, first))
 
 
-def _path_summary(times_ns: Float, true_ns: float, bound_ns: float, period_ns: float) -> PathSummary:
-    """Sum up times modulo the period, as differences from the truth; runs without an answer count as failures only."""
-    found = times_ns[np.isfinite(times_ns)]
-    if math.isnan(true_ns) or len(found) < 2:
-        return PathSummary(true_ns, math.nan, math.nan, math.nan, bound_ns, math.nan if math.isnan(true_ns) else 0.0)
-    errors = np.mod(found - true_ns + period_ns / 2.0, period_ns) - period_ns / 2.0
-    bias = float(errors.mean())
-    within = float((np.abs(errors) <= SUCCESS_NS).sum()) / len(times_ns)
-    return PathSummary(true_ns, true_ns + bias, bias, float(errors.std(ddof=1)), bound_ns, within)
+def _steps(phasors: Complex, settings: ResolverSettings, harmonics: tuple[int, ...], first: int) -> Float:
+    if settings.room(harmonics, sine=True) != "paper":
+        return np.empty((0, phasors.shape[1]))
+    starts = random_starts(settings.starts, pixels=range(first, first + phasors.shape[1]), seed=settings.seed)
+    with np.errstate(all="ignore"):
+        return steps_of_starts(phasors, harmonics=harmonics, starts=starts).astype(np.float64)

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,7 +13,15 @@ from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.simulation.pixel.averaging import Averaging, Capacitors, Stages
 from cadtof_cli.simulation.pixel.mix import Condition
 from cadtof_cli.simulation.pixel.pixel import PixelModel
-from cadtof_cli.workflows.simulate.trials import Trials, TrialsSummary, block_voltages, noise_length, summary
+from cadtof_cli.workflows.simulate.outcome import TrialsSummary, summary
+from cadtof_cli.workflows.simulate.trials import (
+    Recordings,
+    Trials,
+    block_voltages,
+    noise_length,
+    recordings,
+    resolved,
+)
 
 TABLE_1 = [(16.0, 0.05, 0.16), (25.0, 0.03, 0.12), (11.0, 0.17, 0.52)]
 """Second path, then the standard deviations of both, in ns, at ASR 5, MPI ratio 0.3 and n_av 1e5."""
@@ -27,7 +36,7 @@ def trials(integration_length: float = 1e5, **settings: object) -> Trials:
 
 
 def outcome(wanted: Trials) -> TrialsSummary:
-    return summary(wanted, np.concatenate([block_voltages(wanted, runs) for runs in wanted.blocks]))
+    return summary(wanted, Recordings.joined([recordings(wanted, runs) for runs in wanted.blocks]))
 
 
 @pytest.mark.parametrize(("second_ns", "direct_std", "second_std"), TABLE_1)
@@ -142,6 +151,7 @@ def test_switched_stages_are_known_by_their_effective_length() -> None:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
+        ({"further": ((0.2, 3.0),)}, "path: found 3 ns, a separation of -2 ns, expected a time after the direct 5 ns"),
         ({"asr": -1.0}, "ASR: found -1, expected a ratio of 0 or more"),
         ({"mpi_ratio": -0.1}, "MPI ratio: found -0.1, expected a ratio of 0 or more"),
         ({"direct_ns": 40.0}, "direct: found 40 ns, expected 0 to less than 40 ns"),
@@ -150,7 +160,7 @@ def test_switched_stages_are_known_by_their_effective_length() -> None:
         ({"fwhm_ns": math.inf}, "pulse width: found inf ns"),
     ],
 )
-def test_impossible_conditions_are_refused(change: dict[str, float], message: str) -> None:
+def test_impossible_conditions_are_refused(change: dict[str, Any], message: str) -> None:
     with pytest.raises(SettingsError, match=message):
         trials(condition=Condition(**({"asr": 5.0, "mpi_ratio": 0.3} | change)))
 
@@ -163,8 +173,8 @@ def test_impossible_trials_are_refused() -> None:
     with pytest.raises(SettingsError, match="dead time: found without photons"):
         trials(model=PixelModel(averaging=Averaging(integration_length=100.0), dead_time_ns=5.0))
     odd = PixelModel(modulation=Modulation(periods_ns=(40.0, 10.0)), averaging=Averaging(integration_length=100.0))
-    with pytest.raises(SettingsError, match=r"periods: found \[40.0, 10.0\], expected a fundamental and its half"):
-        outcome(trials(model=odd))
+    with pytest.raises(SettingsError, match=r"found harmonics 1, 4 of the first period; two paths from two periods"):
+        trials(model=odd)
 
 
 def test_figures_of_a_handful_of_runs_are_those_of_a_sample() -> None:
@@ -173,10 +183,75 @@ def test_figures_of_a_handful_of_runs_are_those_of_a_sample() -> None:
     phasors = [0.2746 * np.exp(-((h * 2 * np.pi * 1.7 / 2.354820045 / 40.0) ** 2) / 2) / 3 for h in (1, 2)]
     waves = np.stack([a * np.exp(2j * np.pi * h * times / 40.0) for a, h in zip(phasors, (1, 2), strict=True)], axis=1)
     wanted = trials(condition=Condition(asr=2.0, mpi_ratio=0.0, direct_ns=8.95), runs=3)
-    found = summary(wanted, np.stack([waves.real, waves.imag], axis=2))
+    found = summary(wanted, resolved(wanted, np.stack([waves.real, waves.imag], axis=2)))
     assert found.direct.std_ns == pytest.approx(0.1, rel=1e-6)
     assert found.direct.mean_ns == pytest.approx(9.0, rel=1e-6)
     assert found.direct.bias_ns == pytest.approx(0.05, rel=1e-5)
     assert found.phase_std_rad == pytest.approx(0.1 * 2 * np.pi / 40.0, rel=1e-6)
     assert found.phase_bias_rad == pytest.approx(0.05 * 2 * np.pi / 40.0, rel=1e-5)
     assert found.direct.within_1ns == 1.0
+
+
+THREE = PixelModel(modulation=Modulation(periods_ns=(40.0, 20.0, 13.3333)), averaging=Averaging(integration_length=1e6))
+
+
+def test_three_harmonics_reach_their_bound_which_is_below_that_of_two() -> None:
+    """At 6 ns and the same light a harmonic, three harmonics are worth much more than a half of variance (PHYSICS: 2.9)."""
+    light = Condition(asr=5.0, mpi_ratio=0.3, second_ns=11.0)
+    three, two = (
+        outcome(trials(condition=light, model=THREE, runs=2000)),
+        outcome(trials(1e6, condition=light, runs=2000)),
+    )
+    for path in three.paths:
+        assert path.std_ns == pytest.approx(path.bound_ns, rel=0.08)
+    assert 2.5 < two.direct.std_ns / three.direct.std_ns < 4.5
+
+
+def test_three_paths_come_back_in_falling_strength() -> None:
+    light = Condition(asr=5.0, mpi_ratio=0.4, second_ns=21.0, further=((0.6, 13.0),))
+    found = outcome(trials(condition=light, model=THREE, runs=1000, resolver=ResolverSettings(paths=3)))
+    assert [path.true_ns for path in found.paths] == [5.0, 13.0, 21.0]
+    for path in found.paths:
+        assert path.std_ns == pytest.approx(path.bound_ns, rel=0.15)
+        assert path.within_1ns > 0.99
+    two = outcome(trials(condition=light, model=THREE, runs=50))
+    assert math.isnan(two.paths[2].std_ns)
+    assert two.paths[2].within_1ns == 0.0
+
+
+def test_the_papers_way_wraps_times_at_half_the_period() -> None:
+    """A uniform angle scatters by 40/√12 = 11.5 ns; one whose truth lies near the end of its range by more."""
+    worst = Condition(asr=6.0, mpi_ratio=0.1)
+    ways = {"pulse_correction": False, "resolver": ResolverSettings(solver="lm", order="2", returns="strongest")}
+    paper = outcome(trials(1e3, condition=worst, runs=1000, wrapped=True, **ways))
+    ours = outcome(trials(1e3, condition=worst, runs=1000, **ways))
+    assert paper.second.std_ns == pytest.approx(12.8, abs=0.7)
+    assert ours.second.std_ns < 9.0
+    assert paper.direct == ours.direct
+    late = Condition(asr=1.0, mpi_ratio=0.3, second_ns=25.0)
+    assert abs(outcome(trials(condition=late, wrapped=True)).second.bias_ns) < 0.05
+
+
+def test_the_papers_search_takes_some_tens_of_steps_from_a_start() -> None:
+    search = ResolverSettings(solver="lm", order="2")
+    found = outcome(trials(runs=200, resolver=search))
+    assert 5 < found.steps < 40
+    assert math.isnan(outcome(trials(runs=200)).steps)
+
+
+def test_the_starts_of_a_run_follow_from_its_number() -> None:
+    wanted = trials(runs=60, resolver=ResolverSettings(solver="lm", order="2", starts=1), seed=4)
+    voltages = block_voltages(wanted, range(60))
+    whole, part = resolved(wanted, voltages), resolved(wanted, voltages[20:], first=20)
+    np.testing.assert_array_equal(whole.times_ns[:, 20:], part.times_ns)
+    np.testing.assert_array_equal(whole.steps[:, 20:], part.steps)
+
+
+def test_amplitudes_that_no_light_has_are_no_answers() -> None:
+    """An offset of .5 V, where the modulation has .2746 V."""
+    model = PixelModel(averaging=Averaging(integration_length=1e5), offsets_v=(0.5, 0.0))
+    found = outcome(trials(model=model, runs=100))
+    assert found.impossible == 1.0
+    assert math.isnan(found.direct.std_ns)
+    assert found.direct.within_1ns == 0.0
+    assert outcome(trials(runs=100)).impossible == 0.0

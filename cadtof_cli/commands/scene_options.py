@@ -1,0 +1,193 @@
+"""What can be said of a simulated scene: its light, its camera and its capture."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import click
+
+from cadtof_cli.capture.metadata import Pulse
+from cadtof_cli.commands.options import NUMBERS, gathered, setting_option
+from cadtof_cli.commands.simulation_options import ModulationOptions, further_option, pair, triple
+from cadtof_cli.errors import SettingsError
+from cadtof_cli.files.formats import FRAME_FORMATS, format_named
+from cadtof_cli.simulation.pixel.mix import Condition
+from cadtof_cli.simulation.scene.camera import Camera
+from cadtof_cli.simulation.scene.exposure import Exposure
+from cadtof_cli.simulation.scene.light import Scene
+from cadtof_cli.simulation.scene.scenes import SCENES
+from cadtof_cli.workflows.simulate.record import RecordSettings, scene_exposure
+
+SCENE_ONLY = (
+    *("frames", "frame_format", "compress", "distance_m", "tilt_deg", "albedo", "opening_deg", "width", "height"),
+    *("petzval_m", "dark_offset_v", "fixed_delay_ns", "furniture", "lamp_offset_m", "lamp_beam_deg", "light_paths"),
+)
+
+SCENE_SETTINGS = {
+    "card": {"mpi": "mpi_ratios", "distance_m": "distance_m"},
+    "wall": {"distance_m": "distance_m", "tilt_deg": "tilt_deg", "albedo": "albedo"},
+    "corner": {"distance_m": "distance_m", "opening_deg": "opening_deg", "albedo": "albedo"},
+    "inter-reflection": {"mpi": "mpi_ratio", "distance_m": "distance_m", "albedo": "albedo"},
+    "room": {
+        "seed": "seed",
+        "furniture": "furniture",
+        "albedo": "albedo",
+        "lamp_offset_m": "lamp_offset_m",
+        "lamp_beam_deg": "beam_deg",
+        "light_paths": "light_paths",
+    },
+    "cornell": {"light_paths": "light_paths"},
+}
+"""Which options each scene takes besides --asr, and the attribute that each one sets."""
+
+ASR, MPI_RATIO = 5.0, 0.3
+"""Of a pixel, where they are not given."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class LightOptions:
+    """What is said of the light: of a pixel's, all of it; of a scene's, what the scene takes."""
+
+    asr: float | None
+    mpi: float | None
+    direct_ns: float | None
+    second_ns: float
+    further: tuple[tuple[float, float], ...]
+    integration_length: float | None
+
+    def condition(self, fwhm_ns: float, /) -> Condition:
+        """Return the light of a pixel; raises SettingsError for one that cannot be."""
+        return Condition(
+            asr=ASR if self.asr is None else self.asr,
+            mpi_ratio=MPI_RATIO if self.mpi is None else self.mpi,
+            direct_ns=Condition.direct_ns if self.direct_ns is None else self.direct_ns,
+            second_ns=self.second_ns,
+            fwhm_ns=fwhm_ns,
+            further=self.further,
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class SceneOptions:
+    """What is said of a scene, its camera and its capture."""
+
+    frames: int
+    frame_format: str
+    compress: bool
+    distance_m: float | None
+    tilt_deg: list[float] | None
+    albedo: float | None
+    opening_deg: float | None
+    width: int
+    height: int
+    furniture: int | None
+    lamp_offset_m: list[float] | None
+    lamp_beam_deg: float | None
+    light_paths: int | None
+    petzval_m: list[float]
+    dark_offset_v: float
+    fixed_delay_ns: float
+
+    def exposure(
+        self, name: str, light: LightOptions, modulation: ModulationOptions, /, *, integration_length: float, seed: int
+    ) -> Exposure:
+        """Return what is recorded; raises SettingsError for what cannot be."""
+        camera = Camera(
+            width=self.width,
+            height=self.height,
+            petzval_m=pair("--petzval", self.petzval_m),
+            dark_offset_v=self.dark_offset_v,
+            fixed_delay_ns=self.fixed_delay_ns,
+        )
+        return scene_exposure(
+            self.scene(name, light, seed=seed),
+            camera,
+            modulation=modulation.modulation(),
+            pulse=Pulse(fwhm_ns=modulation.fwhm_ns),
+            integration_length=integration_length,
+            counts=format_named(self.frame_format).counts,
+            seed=seed,
+        )
+
+    def scene(self, name: str, light: LightOptions, /, *, seed: int) -> Scene:
+        """Return the scene from the options that it takes; the others must be absent."""
+        given: dict[str, Any] = {
+            "mpi": light.mpi,
+            "direct_ns": light.direct_ns,
+            "distance_m": self.distance_m,
+            "tilt_deg": self.tilt_deg,
+            "albedo": self.albedo,
+            "opening_deg": self.opening_deg,
+            "furniture": self.furniture,
+            "lamp_offset_m": self.lamp_offset_m,
+            "lamp_beam_deg": self.lamp_beam_deg,
+            "light_paths": self.light_paths,
+        }
+        taken = SCENE_SETTINGS[name]
+        settings: dict[str, Any] = {} if light.asr is None else {"asr": light.asr}
+        for option, value in given.items():
+            if value is not None:
+                if option not in taken:
+                    shown = "--" + option.rsplit("_", maxsplit=1)[0]
+                    raise SettingsError(f"{shown}: found with --scene {name}, which it does not change; leave it out")
+                settings[taken[option]] = value
+        if "seed" in taken:
+            settings["seed"] = seed
+        if "lamp_offset_m" in settings:
+            settings["lamp_offset_m"] = triple("--lamp-offset", settings["lamp_offset_m"])
+        if "tilt_deg" in settings:
+            settings["tilt_deg"] = pair("--tilt", settings["tilt_deg"])
+        if "mpi_ratios" in settings:
+            settings["mpi_ratios"] = (settings["mpi_ratios"], settings["mpi_ratios"])
+        return SCENES[name](**settings)
+
+
+light_options = gathered(
+    "light",
+    LightOptions,
+    click.option("--asr", type=float, help="Ambient to laser photons.  [default: 5; scenes: 2]"),
+    click.option("--mpi", type=float, help="MPI to laser photons.  [default: 0.3; scenes: their own]"),
+    setting_option(
+        "--direct",
+        Condition,
+        "direct_ns",
+        default=None,
+        show_default=False,
+        help="Arrival of the direct path, ns.  [default: 5]",
+    ),
+    setting_option("--second", Condition, "second_ns", help="Arrival of the MPI, ns."),
+    further_option,
+    click.option("--integration-length", type=float, help="n_av of Eq. (1), per harmonic.  [default: 1e5]"),
+)
+
+scene_options = gathered(
+    "scenery",
+    SceneOptions,
+    setting_option("--frames", RecordSettings, help="Frames of the capture."),
+    setting_option("--format", RecordSettings, "frame_format", type=click.Choice(FRAME_FORMATS), help="Of frames."),
+    setting_option("--compress", RecordSettings, help="Deflate TIFF, ZIP EXR."),
+    click.option("--distance-m", "--distance", type=float, help="Distance of the scene, m."),
+    click.option("--tilt-deg", "--tilt", type=NUMBERS, help="Tilt of the wall to the right and down, degrees."),
+    click.option("--albedo", type=float, help="Albedo of wall, corner or panel, or of all in a room."),
+    click.option("--opening-deg", "--opening", type=float, help="Angle of the corner, degrees."),
+    click.option("--furniture", type=int, help="Pieces of furniture in the room.  [default: drawn, 0 to 8]"),
+    click.option(
+        "--lamp-offset-m", "--lamp-offset", type=NUMBERS, help="Lamp from camera: right,down,forward in m (room)."
+    ),
+    click.option("--lamp-beam-deg", "--lamp-beam", type=float, help="Half angle of the lamp (room).  [default: drawn]"),
+    click.option("--light-paths", type=int, help="Light paths from every fourth pixel (room).  [default: 256]"),
+    setting_option("--width", Camera, help="Columns of the camera."),
+    setting_option("--height", Camera, help="Rows of the camera."),
+    setting_option("--petzval-m --petzval", Camera, show_default=False, help="Field curvature k2,k4 of the lens, m."),
+    setting_option(
+        "--dark-offset-v --dark-offset",
+        Camera,
+        show_default=False,
+        help="Spread of pixels' own offsets, V.",
+    ),
+    setting_option(
+        "--fixed-delay-ns --fixed-delay",
+        Camera,
+        show_default=False,
+        help="Spread of pixels' own delays, ns.",
+    ),
+)

@@ -1,0 +1,140 @@
+"""A cross-section of maps, as in the paper's Figs. 4(c) and 5(d): runs overlaid, with what they were predicted to scatter by."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from cadtof_cli.arrays import Float
+from cadtof_cli.figures.text import drawable, shortened
+from cadtof_cli.files.atomic import whole_file
+
+COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
+"""Of runs, in their order: Okabe and Ito's, told apart by the colour-blind."""
+
+TRUTH_COLOUR = "#000000"
+
+DOTS_PER_INCH = 130
+
+
+@dataclass(frozen=True, eq=False)
+class Curve:
+    """A layer of one map along the section, (n,) each: values, their standard deviations, and the first phasor's depths."""
+
+    name: str
+    values: Float
+    sigma: Float | None = None
+    first_phasor: Float | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Section:
+    """What is drawn.
+
+    Attributes:
+        title: of the picture.
+        along: positions on the line, (n,), in pixels.
+        along_label: what they are.
+        value_label: what the values are, with their unit.
+        curves: one or more.
+        truth: what is true along the line, (n,); None where that is not known.
+        error_unit: how many of its unit a unit of the values is, and its name.
+    """
+
+    title: str
+    along: Float
+    along_label: str
+    value_label: str
+    curves: tuple[Curve, ...]
+    truth: Float | None = None
+    error_unit: tuple[float, str] = (100.0, "cm")
+
+
+def draw_section(section: Section, path: Path, /, *, kind: str) -> None:
+    """Draw the section as a picture of a kind such as png or svg; with truth, the errors below it.
+
+    Raises:
+        OutputError: the file cannot be written.
+    """
+    rows = 1 if section.truth is None else 2
+    figure = Figure(figsize=(10.0, 4.4 if rows == 1 else 6.6), layout="constrained")
+    panels = figure.subplots(rows, 1, sharex=True, squeeze=False, height_ratios=(3, 2)[:rows])[:, 0]
+    figure.suptitle(shortened(drawable(section.title), 110), fontsize=11, parse_math=False)
+    _values(panels[0], section)
+    if section.truth is not None:
+        _errors(panels[1], section, section.truth)
+    panels[-1].set_xlabel(section.along_label)
+    panels[0].set_xlim(section.along.min() - 0.5, section.along.max() + 0.5)
+    handles, labels = panels[0].get_legend_handles_labels()
+    panels[0].legend(handles, labels, fontsize=8, loc="upper left", bbox_to_anchor=(1.01, 1.0), borderaxespad=0.0)
+    with whole_file(path) as temporary:
+        figure.savefig(temporary, dpi=DOTS_PER_INCH, format=kind)
+
+
+def _values(axes: Axes, section: Section) -> None:
+    for name, first, colour in _first_phasors(section):
+        axes.plot(section.along, first, **_DASHED, color=colour, label=name)
+    for curve, name, colour in _named(section):
+        _band(axes, section.along, curve.values, curve.sigma, colour, f"{name}: ± 1 σ, predicted")
+        axes.plot(section.along, curve.values, lw=1.3, **_points(curve.values), color=colour, label=name)
+    if section.truth is not None:
+        axes.plot(section.along, section.truth, lw=1.0, color=TRUTH_COLOUR, label="truth", zorder=1.9)
+    axes.set_ylabel(section.value_label)
+    _to_lines(axes)
+
+
+def _errors(axes: Axes, section: Section, truth: Float) -> None:
+    factor, unit = section.error_unit
+    for _, first, colour in _first_phasors(section):
+        axes.plot(section.along, factor * (first - truth), **_DASHED, color=colour)
+    for curve, _, colour in _named(section):
+        error = factor * (curve.values - truth)
+        _band(axes, section.along, error, None if curve.sigma is None else factor * curve.sigma, colour, None)
+        axes.plot(section.along, error, lw=1.3, **_points(error), color=colour)
+    axes.axhline(0.0, color=TRUTH_COLOUR, lw=0.8, zorder=1.9)
+    axes.set_ylabel(f"error, {unit}")
+    _to_lines(axes)
+
+
+_DASHED: dict[str, Any] = {"lw": 1.0, "ls": (0, (4, 2)), "alpha": 0.8}
+
+
+def _named(section: Section) -> Iterator[tuple[Curve, str, str]]:
+    """Yield each curve with the name that a legend can show, and its colour."""
+    for number, curve in enumerate(section.curves):
+        yield curve, shortened(drawable(curve.name), 34).replace("$", r"\$"), COLOURS[number % len(COLOURS)]
+
+
+def _first_phasors(section: Section) -> Iterator[tuple[str, Float, str]]:
+    """Yield name, depths and colour of the first phasors: one in grey where all runs have the same."""
+    known = [(f"{name}: first phasor", curve.first_phasor, colour) for curve, name, colour in _named(section)]
+    found = [(name, first, colour) for name, first, colour in known if first is not None]
+    if found and all(np.array_equal(first, found[0][1], equal_nan=True) for _, first, _ in found):
+        found = [("first phasor", found[0][1], "0.35")]
+    yield from found
+
+
+def _points(values: Float) -> dict[str, Any]:
+    """Return points for a curve where a pixel stands alone, which no line would show."""
+    known = np.isfinite(values)
+    alone = known & ~np.roll(known, 1) & ~np.roll(known, -1)
+    return {"marker": ".", "markersize": 3.0} if alone.any() or known.size < 40 else {}
+
+
+def _to_lines(axes: Axes) -> None:
+    """Fit the axis to the curves: a band may be so broad that nothing else could be seen."""
+    values = np.concatenate([np.asarray(line.get_ydata(), np.float64) for line in axes.get_lines()])
+    finite = values[np.isfinite(values)]
+    if finite.size:
+        margin = 0.06 * float(np.ptp(finite)) + 1e-6
+        axes.set_ylim(float(finite.min()) - margin, float(finite.max()) + margin)
+    axes.grid(alpha=0.25)
+
+
+def _band(axes: Axes, along: Float, values: Float, sigma: Float | None, colour: str, label: str | None) -> None:
+    if sigma is not None:
+        axes.fill_between(along, values - sigma, values + sigma, color=colour, alpha=0.2, lw=0, label=label)

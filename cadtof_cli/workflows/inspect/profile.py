@@ -1,0 +1,240 @@
+"""`cadtof profile`: maps along a row, a column or any line, beside the first phasor and truth."""
+
+import csv
+import io
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cadtof_cli.arrays import Float, Index
+from cadtof_cli.errors import CaptureError, OutputError, SettingsError
+from cadtof_cli.files.atomic import whole_file
+from cadtof_cli.files.maps import read_layers
+from cadtof_cli.maps.layers import DIRECT_DEPTH, layer_unit
+from cadtof_cli.optics.pinhole import planar_per_range
+from cadtof_cli.workflows.inspect.first_phasors import first_phasors
+from cadtof_cli.workflows.progress import Progress
+from cadtof_cli.workflows.run_folder import Run, read_run
+
+TABLE = ".csv"
+
+
+@dataclass(frozen=True, kw_only=True)
+class ProfileSettings:
+    """What a user can choose; one of row, column and line.
+
+    Attributes:
+        row, column: of the pixels.
+        line: X0, Y0, X1, Y1: from one pixel to another, both among them.
+        layer: what is drawn.
+        frame: which map of each folder, from 0.
+        first_phasor: whether the first phasor's depth is shown, where the recorded frames are there.
+    """
+
+    row: int | None = None
+    column: int | None = None
+    line: tuple[int, int, int, int] | None = None
+    layer: str = DIRECT_DEPTH
+    frame: int = 0
+    first_phasor: bool = True
+
+    def __post_init__(self) -> None:
+        given = [one for one in (self.row, self.column, self.line) if one is not None]
+        if len(given) != 1:
+            raise SettingsError(f"found {len(given)} of --row, --column and --line, expected one of them")
+
+    def pixels(self, height: int, width: int, /) -> tuple[Index, Index]:
+        """Return rows and columns of the pixels on the line, (n,) each.
+
+        Raises:
+            SettingsError: the line leaves the map.
+        """
+        if self.row is not None:
+            ends, option = (0, self.row, width - 1, self.row), f"--row: found {self.row}"
+        elif self.column is not None:
+            ends, option = (self.column, 0, self.column, height - 1), f"--column: found {self.column}"
+        else:
+            assert self.line is not None
+            ends, option = self.line, f"--line: found {','.join(map(str, self.line))}"
+        x0, y0, x1, y1 = ends
+        if not ({x0, x1} <= set(range(width)) and {y0, y1} <= set(range(height))):
+            raise SettingsError(f"{option}, expected columns 0 … {width - 1} and rows 0 … {height - 1}")
+        share = np.linspace(0.0, 1.0, max(abs(x1 - x0), abs(y1 - y0)) + 1)
+        rows, columns = (np.rint(a + share * (b - a)).astype(np.intp) for a, b in ((y0, y1), (x0, x1)))
+        return rows, columns
+
+    @property
+    def words(self) -> str:
+        """What the line is, for a title."""
+        if self.line is not None:
+            x0, y0, x1, y1 = self.line
+            return f"from pixel {x0},{y0} to {x1},{y1}"
+        return f"row {self.row}" if self.row is not None else f"column {self.column}"
+
+
+@dataclass(frozen=True, eq=False)
+class MapProfile:
+    """One map along the line, (n,) each; None: not known."""
+
+    name: str
+    values: Float
+    sigma: Float | None
+    first_phasor: Float | None
+
+
+@dataclass(frozen=True, eq=False)
+class Profile:
+    """Maps along a line: the pixels, (n,) each, what the maps say there, and what is true."""
+
+    settings: ProfileSettings
+    rows: Index
+    columns: Index
+    planar: bool
+    maps: tuple[MapProfile, ...]
+    truth: Float | None
+
+
+def read_profile(
+    maps: Sequence[Path], /, *, settings: ProfileSettings, truth: Path | None, progress: Progress
+) -> Profile:
+    """Return what maps say along a line.
+
+    Args:
+        maps: folders of runs, and map files, of the same size.
+        settings: which line, and what of it.
+        truth: file with the same layer; None where there is none.
+        progress: told of what is left out.
+
+    Raises:
+        CadtofError: maps or truth cannot be read, lack the layer or differ in size; or some are range and some planar.
+    """
+    runs = [read_run(path) for path in maps]
+    if len({run.depth_kind for run in runs}) > 1:
+        raise SettingsError(
+            "some of the maps hold planar depth and some radial range: resolve all with the same --depth"
+        )
+    files = [_chosen(run, settings) for run in runs]
+    found: list[MapProfile] = []
+    size: tuple[int, ...] = ()
+    for run, file, name in zip(runs, files, _names(runs, files), strict=True):
+        layers = read_layers(file)
+        values = _layer(layers, settings.layer, file)
+        size = size or values.shape
+        if values.shape != size:
+            raise CaptureError(f"{file}: found {_text(values.shape)} pixels, expected {_text(size)} as in {files[0]}")
+        where = settings.pixels(*values.shape)
+        sigma = layers.get(settings.layer.replace(".depth", ".sigma")) if settings.layer.endswith(".depth") else None
+        first = None
+        if settings.layer == DIRECT_DEPTH and settings.first_phasor:
+            first = first_phasors(run, progress.say).depth(file, values)
+        along = values[where].astype(np.float64)
+        beside = (None if one is None else one[where].astype(np.float64) for one in (sigma, first))
+        found.append(MapProfile(name, along, *beside))
+    rows, columns = settings.pixels(size[0], size[1])
+    known = None if truth is None else _truth(truth, runs[0], files[0], settings, size)[rows, columns]
+    return Profile(settings, rows, columns, runs[0].depth_kind == "z", tuple(found), known)
+
+
+def _chosen(run: Run, settings: ProfileSettings) -> Path:
+    files = run.require_maps()
+    if settings.frame >= len(files):
+        raise SettingsError(
+            f"--frame: found {settings.frame}, expected 0 … {len(files) - 1}: {run.maps} has {len(files)} maps"
+        )
+    return files[settings.frame]
+
+
+def _names(runs: Sequence[Run], files: Sequence[Path]) -> list[str]:
+    """Return what curves are called: folders' names, with those of the maps where they do not tell them apart."""
+    for names in (
+        [run.folder.absolute().name for run in runs],
+        [f"{run.folder.absolute().name}/{run.name(file)}" for run, file in zip(runs, files, strict=True)],
+    ):
+        if len(set(names)) == len(names):
+            return names
+    return [f"{number}: {file}" for number, file in enumerate(files, start=1)]
+
+
+def _layer(layers: Mapping[str, NDArray[Any]], name: str, path: Path) -> NDArray[Any]:
+    if name not in layers:
+        raise CaptureError(f"{path}: found layers {', '.join(layers)}; expected {name}")
+    return layers[name]
+
+
+def _truth(truth: Path, run: Run, file: Path, settings: ProfileSettings, size: tuple[int, ...]) -> Float:
+    """Return what is true, (Y, X), as the maps have it: planar where they are."""
+    whole = _layer(read_layers(truth), settings.layer, truth).astype(np.float64)
+    if run.depth_kind == "z" and settings.layer.endswith(".depth"):
+        whole = whole * planar_per_range(run.optics(file), (whole.shape[0], whole.shape[1]))
+    known = run.cropped(whole)
+    if known.shape != size:
+        raise CaptureError(f"{truth}: found {_text(known.shape)} pixels, expected {_text(size)} as in {file}")
+    return known
+
+
+def _text(size: tuple[int, ...]) -> str:
+    return f"{size[1]} × {size[0]}"
+
+
+def profile_table(profile: Profile, /) -> str:
+    """Return the profile as CSV: a line for each pixel, nothing between the commas where there is no value."""
+    columns: dict[str, NDArray[np.generic]] = {"x": profile.columns, "y": profile.rows}
+    if profile.truth is not None:
+        columns["truth"] = profile.truth
+    for one in profile.maps:
+        named = {"": one.values, " sigma": one.sigma, " first phasor": one.first_phasor}
+        columns |= {f"{one.name}{what}": values for what, values in named.items() if values is not None}
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(columns)
+    for line in zip(*columns.values(), strict=True):
+        writer.writerow(
+            ["" if isinstance(value, float) and not np.isfinite(value) else f"{value:.9g}" for value in line]
+        )
+    return text.getvalue()
+
+
+def write_profile(profile: Profile, out: Path, /, *, overwrite: bool) -> None:
+    """Write the profile as a table or a picture, by how the file's name ends.
+
+    Raises:
+        OutputError: it ends otherwise, is there already, or cannot be written.
+    """
+    if out.suffix.lower() == TABLE:
+        if out.exists() and not overwrite:
+            raise OutputError(f"{out}: is there already; add --overwrite to replace it, or choose another file")
+        with whole_file(out) as temporary:
+            temporary.write_text(profile_table(profile), encoding="utf-8")
+        return
+    from cadtof_cli.figures.kinds import require_picture
+    from cadtof_cli.figures.profile import Curve, Section, draw_section
+
+    kind = require_picture(out, overwrite=overwrite, more=(TABLE,))
+    settings, unit = profile.settings, layer_unit(profile.settings.layer)
+    depth = settings.layer.endswith(".depth")
+    what = ("planar depth z" if profile.planar else "radial range") if depth else settings.layer
+    section = Section(
+        title=f"{settings.layer}, {settings.words}",
+        along=_along(profile),
+        along_label="row, px"
+        if settings.column is not None
+        else "column, px"
+        if settings.row is not None
+        else "along the line, px",
+        value_label=f"{what}, {unit}" if unit else what,
+        curves=tuple(Curve(one.name, one.values, one.sigma, one.first_phasor) for one in profile.maps),
+        truth=profile.truth,
+        error_unit=(100.0, "cm") if unit == "m" else (1.0, unit or "1"),
+    )
+    draw_section(section, out, kind=kind)
+
+
+def _along(profile: Profile) -> Float:
+    if profile.settings.line is None:
+        axis = profile.columns if profile.settings.row is not None else profile.rows
+        return axis.astype(np.float64)
+    return np.asarray(np.hypot(profile.columns - profile.columns[0], profile.rows - profile.rows[0]), np.float64)

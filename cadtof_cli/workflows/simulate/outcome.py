@@ -1,0 +1,107 @@
+"""What all runs of a condition say together: how well path times come back."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from cadtof_cli.arrays import Float
+from cadtof_cli.simulation.pixel.bounds import time_bounds_ns
+from cadtof_cli.simulation.pixel.mix import Condition
+from cadtof_cli.simulation.pixel.statistics import averaging_gain, confidence_model_v
+from cadtof_cli.workflows.simulate.trials import Recordings, Trials, noise_length
+
+SUCCESS_NS = 1.0
+"""Half the width of the paper's success region, Fig. 7."""
+
+
+@dataclass(frozen=True)
+class PathSummary:
+    """How one path's time came back: in ns, and the share of runs within ±1 ns. NaN where there is no such path."""
+
+    true_ns: float
+    mean_ns: float
+    bias_ns: float
+    std_ns: float
+    bound_ns: float
+    within_1ns: float
+
+
+@dataclass(frozen=True)
+class TrialsSummary:
+    """What all runs of a condition say together.
+
+    Attributes:
+        paths: two or more: the direct path, then those of the MPI in falling strength.
+        confidence_v: mean magnitude of the first phasor's voltages.
+        confidence_model_v: the same by the analytical model.
+        phase_std_rad: standard deviation of the first phasor's phase.
+        phase_bias_rad: mean of the first phasor's phase, less that of the direct path.
+        impossible: share of runs whose amplitudes exceed what the modulation can record.
+        steps: mean steps of the paper's search from one start; NaN with any other solver.
+    """
+
+    paths: tuple[PathSummary, ...]
+    confidence_v: float
+    confidence_model_v: float
+    phase_std_rad: float
+    phase_bias_rad: float
+    impossible: float
+    steps: float
+
+    @property
+    def direct(self) -> PathSummary:
+        """The direct path."""
+        return self.paths[0]
+
+    @property
+    def second(self) -> PathSummary:
+        """The strongest path of the MPI."""
+        return self.paths[1]
+
+
+def summary(trials: Trials, runs: Recordings, /) -> TrialsSummary:
+    """Return what all runs say."""
+    condition, modulation = trials.condition, trials.model.modulation
+    mix = condition.mix(trials.period_ns).jittered(trials.model.jitter_ns)
+    bounds = time_bounds_ns(mix, modulation, variance_gain=averaging_gain(noise_length(trials.model)))
+    phasors = runs.voltages_v[:, 0, 0] + 1j * runs.voltages_v[:, 0, 1]
+    lag = np.angle(phasors * np.exp(-2j * math.pi * condition.direct_ns / trials.period_ns))
+    none = np.full(len(phasors), np.nan)
+    found = [*runs.times_ns, *[none] * len(condition.ratios)]
+    return TrialsSummary(
+        paths=tuple(
+            _path_summary(trials, times, true_ns, float(bounds[path]))
+            for times, (path, true_ns) in zip(found, true_times_ns(condition), strict=False)
+        ),
+        confidence_v=float(np.abs(phasors).mean()),
+        confidence_model_v=float(confidence_model_v(mix, modulation)),
+        phase_std_rad=float(np.std(lag, ddof=1)),
+        phase_bias_rad=float(np.mean(lag)),
+        impossible=float(np.mean(runs.impossible)),
+        steps=float(np.mean(runs.steps)) if runs.steps.size else math.nan,
+    )
+
+
+def true_times_ns(condition: Condition, /) -> list[tuple[int, float]]:
+    """Return which path of the condition comes in each row of an answer, and its arrival: NaN where it has no light."""
+    ratios, times = condition.ratios, condition.times_ns
+    rows = [0, *sorted(range(1, len(ratios)), key=lambda path: -ratios[path])]
+    return [(path, times[path] if ratios[path] > 0 else math.nan) for path in rows]
+
+
+def _path_summary(trials: Trials, times_ns: Float, true_ns: float, bound_ns: float) -> PathSummary:
+    """Sum up times as differences from the truth; runs without an answer count as failures only."""
+    found = times_ns[np.isfinite(times_ns)]
+    if math.isnan(true_ns) or len(found) < 2:
+        return PathSummary(true_ns, math.nan, math.nan, math.nan, bound_ns, math.nan if math.isnan(true_ns) else 0.0)
+    period = trials.period_ns
+    errors = _within(found, period) - _within(true_ns, period) if trials.wrapped else _within(found - true_ns, period)
+    bias = float(errors.mean())
+    within = float((np.abs(errors) <= SUCCESS_NS).sum()) / len(times_ns)
+    return PathSummary(true_ns, true_ns + bias, bias, float(errors.std(ddof=1)), bound_ns, within)
+
+
+def _within(times_ns: Float | float, period_ns: float) -> Float:
+    """Return times less the whole periods that bring them to ± half a period."""
+    return np.asarray(np.mod(times_ns + period_ns / 2.0, period_ns) - period_ns / 2.0)

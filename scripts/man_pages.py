@@ -1,0 +1,112 @@
+"""Man pages of every command, from its help by click-man: `python scripts/man_pages.py FOLDER`. setup.py puts them into wheels.
+
+Added is what click-man leaves out: the example at the end, paragraphs that stay as they are, text that roff takes for its own.
+"""
+
+import re
+import sys
+from collections.abc import Iterator
+from inspect import cleandoc
+from pathlib import Path
+
+import click
+from click_man.man import ManPage
+
+from cadtof_cli import __version__
+from cadtof_cli.cli import COMMANDS, cli
+
+_NO_DATE = ""
+"""The same source gives the same pages."""
+
+
+def main() -> None:
+    """Write the pages into the folder that is named."""
+    write_man_pages(Path(sys.argv[1]))
+
+
+def write_man_pages(folder: Path, /) -> list[Path]:
+    """Write a page for each command into a folder, which is made if need be, and return the files."""
+    folder.mkdir(parents=True, exist_ok=True)
+    written = []
+    for context in contexts():
+        written.append(folder / f"{context.command_path.replace(' ', '-')}.1")
+        written[-1].write_text(man_page(context), encoding="utf-8")
+    return written
+
+
+def contexts() -> Iterator[click.Context]:
+    """Yield a context for every command: the program, its commands, and the commands of those that are groups."""
+    program = click.Context(cli, info_name="cadtof")
+    yield program
+    waiting = [(program, name) for name in COMMANDS]
+    while waiting:
+        parent, name = waiting.pop(0)
+        assert isinstance(parent.command, click.Group)
+        command = parent.command.get_command(parent, name)
+        assert command is not None
+        here = click.Context(command, info_name=name, parent=parent)
+        yield here
+        if isinstance(command, click.Group):
+            waiting += [(here, inner) for inner in command.list_commands(here)]
+
+
+def man_page(context: click.Context, /) -> str:
+    """Return the page of one command, for `man`."""
+    command, name = context.command, context.command_path
+    page = ManPage(name)
+    page.version, page.date = __version__, _NO_DATE
+    help_text = cleandoc(command.help or "")
+    # a page's name line ends what `apropos` shows
+    page.short_help = COMMANDS.get(name.partition(" ")[2], command.short_help or help_text.partition("\n")[0]).rstrip(
+        "."
+    )
+    page.description = _described(help_text)
+    page.synopsis = " ".join(command.collect_usage_pieces(context))
+    records = (param.get_help_record(context) for param in command.params if isinstance(param, click.Option))
+    page.options = [(option, _filled(about)) for option, about in filter(None, records)]
+    page.commands = list(_commands(context))
+    # pages of commands in a group are named with - between
+    text = str(page).replace(f"See \\fB{name}-", f"See \\fB{name.replace(' ', '-')}-")
+    return f"{text}{_example(command.epilog or '')}{_see_also(context)}"
+
+
+def _commands(context: click.Context) -> Iterator[tuple[str, str]]:
+    command = context.command
+    if not isinstance(command, click.Group):
+        return
+    for name in command.list_commands(context):
+        below = command.get_command(context, name)
+        assert below is not None
+        yield name, COMMANDS.get(name) or below.get_short_help_str(limit=100)
+
+
+def _described(help_text: str) -> str:
+    """Return paragraphs as roff; those that click is not to fill stay as they are."""
+    return "\n.PP\n".join(
+        f".nf\n{_lines(part.removeprefix(chr(8)).lstrip())}\n.fi" if part.startswith("\b") else _lines(part)
+        for part in re.split(r"\n\s*\n", help_text)
+    )
+
+
+def _lines(text: str) -> str:
+    r"""Return text in which roff takes no line for a request and no sign for an escape."""
+    return "\n".join(re.sub(r"^([.'])", r"\\&\1", line.replace("\\", r"\e")) for line in text.splitlines())
+
+
+def _filled(text: str) -> str:
+    return _lines(" ".join(text.split()))
+
+
+def _example(epilog: str) -> str:
+    lines = [line.strip() for line in epilog.splitlines() if line.startswith("  ")]
+    return f".SH EXAMPLES\n.nf\n{_lines(chr(10).join(lines)).replace('-', chr(92) + '-')}\n.fi\n" if lines else ""
+
+
+def _see_also(context: click.Context) -> str:
+    if context.parent is None:
+        return ""
+    return f".SH SEE ALSO\n.BR {context.parent.command_path.replace(' ', chr(92) + '-')} (1)\n"
+
+
+if __name__ == "__main__":
+    main()

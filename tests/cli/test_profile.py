@@ -1,0 +1,114 @@
+"""`cadtof profile`: what maps say along a line, held against the pixels of their files."""
+
+import csv
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.support.captures import layers_of, record, write_exr
+from tests.support.forward import step_truth
+from tests.support.run_cadtof import cadtof
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    place = tmp_path_factory.mktemp("runs")
+    capture = record(place / "capture", frames=2)
+    for name, options in (("two", ()), ("one", ("--order", 1))):
+        done = cadtof("resolve", capture.folder, "-o", place / name, "-j", 1, "-q", "--mpi-model", "discrete", *options)
+        assert done.status == 0
+    write_exr(place / "truth.exr", {"direct.depth": step_truth().astype(np.float32)})
+    return place / "two", place / "one"
+
+
+def _table(text: str) -> dict[str, np.ndarray]:
+    lines = list(csv.DictReader(text.splitlines()))
+    return {name: np.array([float(line[name] or "nan") for line in lines]) for name in lines[0]}
+
+
+LINES = {
+    ("--row", "7"): ([7] * 32, list(range(32))),
+    ("--column", "30"): (list(range(24)), [30] * 24),
+    ("--line", "2,3,8,6"): ([3, 4, 4, 4, 5, 6, 6], list(range(2, 9))),
+    ("--line", "9,20,9,18"): ([20, 19, 18], [9, 9, 9]),
+}
+
+
+@pytest.mark.parametrize("line", LINES)
+def test_a_table_holds_the_pixels_of_the_line(line: tuple[str, str], runs: tuple[Path, Path]) -> None:
+    truth = runs[0].parent / "truth.exr"
+    done = cadtof("profile", *runs, *line, "--truth", truth, "--frame", 1)
+    assert (done.status, done.err) == (0, "")
+    found = _table(done.out)
+    rows, columns = LINES[line]
+    np.testing.assert_array_equal(found["x"], columns)
+    if line != ("--line", "2,3,8,6"):
+        np.testing.assert_array_equal(found["y"], rows)
+    rows = found["y"].astype(int).tolist()
+    assert np.abs(np.array(rows) - LINES[line][0]).max() <= 1
+    for run in runs:
+        layers = layers_of(run / "frame_1.tif")
+        np.testing.assert_allclose(found[run.name], layers["direct.depth"][rows, columns], rtol=1e-7)
+        np.testing.assert_allclose(found[f"{run.name} sigma"], layers["direct.sigma"][rows, columns], rtol=1e-7)
+    np.testing.assert_allclose(found["truth"], step_truth()[rows, columns], rtol=1e-6)
+    far = found["truth"] > 1.0
+    off = np.abs(found["two first phasor"] - found["truth"])
+    assert off[far].min(initial=1.0) > 0.05
+    assert off[~far].max(initial=0.0) < 0.05
+
+
+def test_other_layers_and_pixels_without_a_value(runs: tuple[Path, Path]) -> None:
+    found = _table(cadtof("profile", runs[0] / "frame_0.tif", "--row", 3, "--layer", "mpi.depth").out)
+    assert list(found) == ["x", "y", "two", "two sigma"]
+    np.testing.assert_array_equal(np.isnan(found["two"]), np.isnan(layers_of(runs[0] / "frame_0.tif")["mpi.depth"][3]))
+    found = _table(cadtof("profile", runs[0], "--row", 3, "--layer", "confidence").out)
+    assert list(found) == ["x", "y", "two"]
+
+
+def test_pictures_and_a_file_of_the_table(runs: tuple[Path, Path], tmp_path: Path) -> None:
+    truth = runs[0].parent / "truth.exr"
+    for name in ("a.png", "a.svg", "a.csv"):
+        arguments = ("profile", *runs, "--row", 3, "--truth", truth, "-o", tmp_path / name)
+        done = cadtof(*arguments)
+        assert (done.status, done.out, done.err) == (0, f"{tmp_path / name}\n", "")
+        assert (cadtof(*arguments).status, cadtof(*arguments, "--overwrite").status) == (2, 0)
+    assert (tmp_path / "a.png").read_bytes().startswith(b"\x89PNG")
+    assert (tmp_path / "a.csv").read_text() == cadtof("profile", *runs, "--row", 3, "--truth", truth).out
+    # letters are outlines with the text as a comment: both runs, one first phasor for both, truth, errors
+    words = set(re.findall(r"<!-- (.*?) -->", (tmp_path / "a.svg").read_text()))
+    assert {"two", "one", "first phasor", "truth", "radial range, m", "error, cm", "column, px"} <= words
+    assert "direct.depth, row 3" in words
+
+
+def test_planar_truth_for_planar_maps(runs: tuple[Path, Path], tmp_path: Path) -> None:
+    """z over range is 1/√(1 + X² + Y²): 28 px, the axis at column 15, row 10."""
+    out, truth = tmp_path / "z", runs[0].parent / "truth.exr"
+    capture = runs[0].parent / "capture"
+    assert cadtof("resolve", capture, "-o", out, "-j", 1, "-q", "--depth", "z").status == 0
+    found = _table(cadtof("profile", out, "--row", 4, "--truth", truth).out)
+    slope = np.hypot((np.arange(32) - 15.0) / 28.0, (4 - 10.0) / 28.0)
+    np.testing.assert_allclose(found["truth"], step_truth()[4] / np.sqrt(1 + slope**2), rtol=1e-6)
+    half = found["x"] < 16
+    assert np.abs(found["z first phasor"] - found["truth"])[half].max() < 0.05
+    done = cadtof("profile", out, runs[0], "--row", 4)
+    assert (done.status, "resolve all with the same --depth" in done.err) == (2, True)
+
+
+def test_what_cannot_be_drawn(runs: tuple[Path, Path], tmp_path: Path) -> None:
+    write_exr(tmp_path / "small.exr", {"direct.depth": np.ones((3, 4), np.float32)})
+    for arguments, told in (
+        ((runs[0],), "found 0 of --row, --column and --line, expected one of them"),
+        ((runs[0], "--row", 3, "--column", 4), "found 2 of --row, --column and --line"),
+        ((runs[0], "--row", 24), "--row: found 24, expected columns 0 … 31 and rows 0 … 23"),
+        ((runs[0], "--line", "0,0,32,3"), "--line: found 0,0,32,3, expected columns 0 … 31"),
+        ((runs[0], "--row", 3, "--frame", 2), "--frame: found 2, expected 0 … 1"),
+        ((runs[0], "--row", 3, "--layer", "other"), "expected other"),
+        ((runs[0], tmp_path / "small.exr", "--row", 1), "found 4 × 3 pixels, expected 32 × 24 as in"),
+        ((runs[0], "--row", 1, "--truth", tmp_path / "small.exr"), "found 4 × 3 pixels, expected 32 × 24 as in"),
+        ((runs[0], "--row", 1, "-o", tmp_path / "a.gif"), "found the suffix '.gif', expected one of .png"),
+    ):
+        done = cadtof("profile", *arguments)
+        assert (done.status, done.out) == (2, "")
+        assert told in done.err

@@ -1,0 +1,76 @@
+"""Every command has a man page, made of its help, which roff reads without a complaint; the wheel has them all."""
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import click
+import pytest
+
+from tests.support.commands import every_command
+from tests.support.needed import needed_module
+from tests.support.run_cadtof import ENVIRONMENT, ROOT
+
+COMMANDS = every_command()
+
+
+@pytest.fixture(scope="module")
+def pages(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
+    """The pages by the words that call the command."""
+    needed_module("click_man")
+    from man_pages import write_man_pages
+
+    written = write_man_pages(tmp_path_factory.mktemp("man"))
+    return {file.stem.replace("-", " ").removeprefix("cadtof").strip(): file.read_text() for file in written}
+
+
+def test_every_command_has_a_page(pages: dict[str, str]) -> None:
+    assert pages.keys() == {"", *COMMANDS}
+
+
+@pytest.mark.parametrize("words", COMMANDS)
+def test_a_page_says_what_the_help_says(pages: dict[str, str], words: str) -> None:
+    command, page = COMMANDS[words], pages[words].replace("\\-", "-")
+    assert page.startswith(f'.TH "CADTOF {words.upper()}" "1"')
+    sections = re.findall(r"(?m)^\.SH (.+)$", page)
+    assert sections[:3] == ["NAME", "SYNOPSIS", "DESCRIPTION"]
+    assert sections[-2:] == ["EXAMPLES", "SEE ALSO"]
+    for option in (param for param in command.params if isinstance(param, click.Option)):
+        assert option.opts[0] in page
+    assert "\b" not in page
+    for line in str(command.epilog).splitlines()[2:]:
+        assert line.strip() in page
+
+
+def test_roff_has_no_complaint(pages: dict[str, str]) -> None:
+    groff = shutil.which("groff")
+    if groff is None:
+        if os.environ.get("CI") == "true":
+            pytest.fail("groff is not installed, and CI must have it")
+        pytest.skip("groff is not installed")
+    for words, page in pages.items():
+        done = subprocess.run(
+            [groff, "-man", "-ww", "-z", "-T", "utf8", "-K", "utf8"],
+            input=page,
+            capture_output=True,
+            text=True,
+            timeout=60,
+            check=False,
+        )
+        complaints = [
+            line for line in done.stderr.splitlines() if "cannot break line" not in line and "adjust" not in line
+        ]
+        assert (done.returncode, complaints) == (0, []), words
+
+
+def test_an_installation_gets_them(tmp_path: Path) -> None:
+    needed_module("setuptools")
+    needed_module("click_man")
+    command = [sys.executable, "setup.py", "-q", "install_data", "--install-dir", str(tmp_path)]
+    done = subprocess.run(command, cwd=ROOT, env=ENVIRONMENT, capture_output=True, text=True, timeout=120, check=False)
+    assert done.returncode == 0, done.stderr
+    there = {file.name for file in (tmp_path / "share" / "man" / "man1").iterdir()}
+    assert there == {"cadtof.1", *(f"cadtof-{words.replace(' ', '-')}.1" for words in COMMANDS)}
