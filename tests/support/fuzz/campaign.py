@@ -140,6 +140,7 @@ class _Child:
         self.reader, self.first, self.count, self._place = reader, first, count, place
         self.next = first
         self._rest, self._ended = b"", False
+        self._used_s = self._last_used_s = self._waiting_since = 0.0
         self._messages: list[dict[str, object]] = []
 
     def start(self) -> None:

@@ -55,7 +55,7 @@ def word(content: bytes, rng: random.Random) -> bytes:
     """Write a number over 1, 2, 4 or 8 bytes, in either byte order."""
     size = rng.choice((1, 2, 4, 8))
     place = rng.randrange(len(content))
-    value = number(rng, len(content)) % 2 ** (8 * size)
+    value = number(rng, len(content)) % (1 << 8 * size)
     return content[:place] + value.to_bytes(size, rng.choice(("little", "big"))) + content[place + size :]
 
 
