@@ -32,6 +32,7 @@ ALLOWED: dict[str, set[str]] = {
     "frame_plan": {"calibration", "capture", "maps", "optics", "phasors", "resolver"},
     "pipeline": {"calibration", "capture", "files", "frame_plan", "maps", "optics", "phasors", "resolver"},
     "one_pixel": {"calibration", "frame_plan", "maps", "phasors", "pipeline", "resolver"},
+    "report": {"capture", "files", "maps", "optics", "resolver"},
     "door": {
         *("calibration", "capture", "files", "frame_plan", "maps", "phasors", "pipeline", "resolver", "simulation"),
         "workflows",
@@ -45,6 +46,8 @@ LIBRARIES: dict[str, set[str]] = {
     "click": {"cli", "commands"},
     "rich": {"commands"},
     "matplotlib": {"figures"},
+    "PIL": {"figures"},
+    "imageio_ffmpeg": {"figures"},
     "OpenEXR": {"files"},
     "tifffile": {"files"},
     "distributed": {"execution"},

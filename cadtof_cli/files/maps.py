@@ -25,7 +25,7 @@ SOURCE = "source"
 
 _BEYOND_BITS = 2**32
 
-_MAP_LAYER = re.compile(rf"(direct|mpi)\.\w+|confidence|{STATUS}")
+_MAP_LAYER = rf"(direct|mpi)\.\w+|confidence|{STATUS}"
 
 
 @dataclass(frozen=True)
@@ -81,7 +81,7 @@ def _printable(text: str) -> str:
 
 def is_map_layer(name: str, /) -> bool:
     """Tell whether a channel of this name belongs to a map, not to a frame."""
-    return _MAP_LAYER.fullmatch(name) is not None
+    return re.fullmatch(_MAP_LAYER, name) is not None
 
 
 @dataclass(frozen=True)

@@ -1,13 +1,16 @@
 """Paths → depth maps."""
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from cadtof_cli.arrays import Float
 from cadtof_cli.files.maps import DepthMaps
 from cadtof_cli.maps.layers import Layer, LayerSource
-from cadtof_cli.resolver.paths import ResolvedPaths
+
+if TYPE_CHECKING:
+    from cadtof_cli.resolver.paths import ResolvedPaths
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,7 +36,7 @@ class DepthScale:
         """Return what the lens adds to every phase of a block, (n,); None: nothing."""
         return None if self.range_offset_m is None else self.range_offset_m[block] / self.metres_per_radian
 
-    def source(self, resolved: ResolvedPaths, block: slice, /, *, samples: Float | None) -> LayerSource:
+    def source(self, resolved: "ResolvedPaths", block: slice, /, *, samples: Float | None) -> LayerSource:
         """Return what the layers of a block of the frame's pixels follow from."""
         averaged = 1.0 if samples is None else samples
         return LayerSource(resolved, averaged, self.metres(block), self.amplitude_v, self.phase_offset_rad(block))

@@ -14,6 +14,7 @@ from cadtof_cli.execution.workers import ALONE, Workers
 from cadtof_cli.files.atomic import new_folder
 from cadtof_cli.files.formats import FRAME_FORMATS
 from cadtof_cli.simulation.pixel.mix import require
+from cadtof_cli.simulation.pixel.motion import AT_REST, Motion
 from cadtof_cli.simulation.scene.camera import Camera
 from cadtof_cli.simulation.scene.exposure import Band, Exposure, band_rows, expose_band, frame_voltages, joined
 from cadtof_cli.simulation.scene.light import Scene
@@ -64,6 +65,7 @@ def scene_exposure(
     integration_length: float,
     counts: bool,
     seed: int,
+    motion: Motion = AT_REST,
 ) -> Exposure:
     """Return a scene as it is to be recorded, with the metadata that its `capture.toml` gets; `counts`: not volts."""
     metadata = CaptureMetadata(
@@ -74,7 +76,7 @@ def scene_exposure(
         optics=camera.optics,
         target=Target(distance_m=scene.distance_m if isinstance(scene, Wall) else None),
     )
-    return Exposure(scene=scene, camera=camera, metadata=metadata, seed=seed)
+    return Exposure(scene=scene, camera=camera, metadata=metadata, seed=seed, motion=motion)
 
 
 def record_scene(
@@ -134,5 +136,6 @@ def _comments(settings: RecordSettings) -> tuple[str, ...]:
         f"simulated by cadtof {__version__}: {exposure.scene.summary}",
         f"scene: {exposure.scene!r}",
         f"camera: {exposure.camera!r}",
+        *([f"motion: {exposure.motion!r}"] if exposure.motion.speed_m_s else []),
         f"frames: {settings.frames}, seed: {exposure.seed}; truth per pixel in truth.exr",
     )
