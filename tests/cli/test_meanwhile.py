@@ -44,9 +44,8 @@ def undisturbed(capture: Path) -> Path:
 @contextmanager
 def _waiting(capture: Path, out: Path) -> Iterator["subprocess.Popen[bytes]"]:
     """Start a run that has reported a frame, and waits before it reports its last."""
-    command = [*PROGRAM, "resolve", capture, "-o", out, "-j", 2, "--json", "--quiet"]
-    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
-    process = subprocess.Popen([*map(str, command)], env=ENVIRONMENT, bufsize=0, **pipes)
+    command = [*PROGRAM, "resolve", str(capture), "-o", str(out), "-j", "2", "--json", "--quiet"]
+    process = subprocess.Popen(command, env=ENVIRONMENT, bufsize=0, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
     try:
         assert process.stdout is not None
         fcntl.fcntl(process.stdout, fcntl.F_SETPIPE_SZ, PIPE_BYTES)

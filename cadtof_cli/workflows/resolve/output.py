@@ -3,7 +3,9 @@
 import itertools
 import json
 import re
-from collections.abc import Collection, Mapping, Sequence, Set
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -37,7 +39,27 @@ _INPUTS, _FOLDERS = "resolved_inputs", "folders of the frames"
 """Arguments that may differ between a run and its resumption: what they decide is compared by what it is, not as it was typed."""
 
 
-def frame_names(captures: Sequence[Capture], out: Path, /) -> Set[str]:
+@dataclass(frozen=True)
+class FrameNames(Collection[str]):
+    """The names that maps of captures will have. Thousands of them are kept only where one is asked for."""
+
+    captures: Sequence[Capture]
+
+    def __iter__(self) -> Iterator[str]:
+        return (name for capture in self.captures for name in names_of(capture.frames))
+
+    def __len__(self) -> int:
+        return sum(len(capture.frames) for capture in self.captures)
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._known
+
+    @cached_property
+    def _known(self) -> frozenset[str]:
+        return frozenset(self)
+
+
+def frame_names(captures: Sequence[Capture], out: Path, /) -> Collection[str]:
     """Return the names that maps will have.
 
     Raises:
@@ -45,9 +67,9 @@ def frame_names(captures: Sequence[Capture], out: Path, /) -> Set[str]:
     """
     if (out / CAPTURE_FILE).exists() or real_path(out) in {real_path(capture.root) for capture in captures}:
         raise OutputError(f"{out}: the maps would be written among recorded frames; choose another folder with -o")
-    names = set[str]()
-    for name in (name for capture in captures for name in names_of(capture.frames)):
-        if name in names:
+    names, met = FrameNames(captures), set[str]()
+    for name in names:
+        if name in met:
             frames = (frame for capture in captures for frame in capture.frames if frame.name == name)
             first, second = (frame.files[0] for frame in itertools.islice(frames, 2))
             if first == second:
@@ -56,7 +78,7 @@ def frame_names(captures: Sequence[Capture], out: Path, /) -> Set[str]:
                 f"{first} and {second} would both be written as {out}/{name}; "
                 "resolve them into folders of their own, one command each"
             )
-        names.add(name)
+        met.add(name)
     return names
 
 
@@ -108,7 +130,7 @@ def would_be_replaced(out: Path, named: Collection[str], /) -> list[str]:
         stem, _, suffix = path.rpartition(".")
         return suffix in MAP_FORMATS and (stem in named or re.sub(_PLACE_IN_STACK, "", stem) in named)
 
-    folders = {(out / name).parent for name in named} | {out}
+    folders = {out / name.rpartition("/")[0] for name in named if "/" in name} | {out}
     present = (path for folder in folders if folder.is_dir() for path in folder.iterdir())
     names = (path.relative_to(out).as_posix() for path in present)
     return sorted(name for name in names if name in {RUN_FILE, FRAMES_FILE} or would_be(name))
