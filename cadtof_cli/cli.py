@@ -27,6 +27,7 @@ COMMANDS = {
     "compare": "What differs between two runs, or between a run and truth.",
     "profile": "The cross-section of maps along a line.",
     "preview": "A picture of a frame's maps.",
+    "report": "A page of a run: totals, failures, a viewer of all layers, points in space.",
     "export": "Maps as point clouds, pictures of depths, arrays and tables.",
     "simulate": "A simulated pixel, resolved many times; or a scene recorded as a capture.",
     "sweep": "A grid of simulated conditions: CSV and heat maps.",

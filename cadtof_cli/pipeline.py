@@ -13,19 +13,21 @@ from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
-from cadtof_cli.arrays import Complex, Status, Stored
+from cadtof_cli.arrays import Complex, Status, Stored, sealed
 from cadtof_cli.calibration.apply import FrameCorrection, frame_correction
 from cadtof_cli.errors import FrameError
 from cadtof_cli.files.maps import DepthMaps
 from cadtof_cli.frame_plan import FramePlan
 from cadtof_cli.maps.depth import DepthScale, empty_maps, write_block
-from cadtof_cli.maps.impossible import clear_impossible, most_volts
+from cadtof_cli.maps.impossible import clear_impossible, clear_pixels, most_volts
 from cadtof_cli.maps.layers import ALWAYS
+from cadtof_cli.optics.lamp import LampBeside
 from cadtof_cli.optics.pinhole import planar_per_range, principal_point
 from cadtof_cli.phasors.frame_mean import FrameMean
 from cadtof_cli.phasors.noise import NoiseModel, estimated_integration_length, noise_model
+from cadtof_cli.phasors.plausible import is_without_noise
 from cadtof_cli.phasors.voltages import phasors_from_stored, saturated_pixels
-from cadtof_cli.resolver.status import StatusBit
+from cadtof_cli.resolver.status import StatusBit, has_answer
 from cadtof_cli.resolver.two_path.kernel import NUMPY, KernelFrame, chosen_kernel, fill_maps
 from cadtof_cli.units import metres_per_radian
 
@@ -41,8 +43,7 @@ SEARCHED_BLOCK_PIXELS = 32768
 """Pixels a block where paths are searched or refined: the last steps are for a few, and cost the same for any block."""
 
 MOST_INTEGRATION = 1e12
-"""Integration length of a frame without any noise, a synthetic one: that of float32 rounding, so that every threshold stays
-finite."""
+"""Integration length of a frame without any noise: that of float32 rounding, so that every threshold stays finite."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,6 +57,7 @@ class FramePixels:
         first: flat index of the first of the n pixels.
         noise: of a recorded pixel, with how many each of the n is a mean of.
         pooled: means over neighbours, (H, n), instead of the phasors that follow from `stored`; None: there are none.
+        without_noise: whether all pixels of the frame hold the same, which no camera records.
         mpi: which model of MPI the frame was found to have, and how its tail is predicted; None where there was no choice.
     """
 
@@ -65,6 +67,7 @@ class FramePixels:
     first: int
     noise: NoiseModel
     pooled: Complex | None = None
+    without_noise: bool = False
     mpi: "DiffuseModel | DiffuseChoice | None" = None
 
     @property
@@ -99,8 +102,7 @@ class FramePixels:
 
 @dataclass(frozen=True)
 class ResolvedFrame:
-    """The maps of a frame, the integration length that its noise was taken from (`noise_estimated`: or found), and the model of
-    its MPI (None: there was no choice)."""
+    """A frame's maps, the integration length of its noise (`noise_estimated`: found), and its model of MPI, if one was chosen."""
 
     maps: DepthMaps
     integration_length: float
@@ -148,8 +150,9 @@ def frame_stages(
         metadata.modulation.amplitude_v,
         planar_per_range(metadata.optics, size).ravel() if plan.settings.depth == "z" else None,
         correction.range_offset_m if plan.calibration and plan.calibration.curved else None,
+        LampBeside.of(metadata.optics, size),
     )
-    return FrameStages(metadata.voltage.saturated_counts, correction, depth)
+    return sealed(FrameStages(metadata.voltage.saturated_counts, correction, depth))
 
 
 def resolve_frame(
@@ -180,18 +183,18 @@ def prepare_frame(
     frame: Stored | FrameMean, /, *, plan: FramePlan, calibration: "Calibration | None" = None
 ) -> FramePixels:
     """Do all that couples the pixels of a frame: estimate its noise where it is unknown, pool neighbours, predict its MPI."""
-    recorded = frame if isinstance(frame, FrameMean) else FrameMean.of_one(frame)
-    height, width = recorded.stored.shape[2:]
-    stages = frame_stages(plan, calibration, recorded.dtype, (height, width))
-    stored = recorded.stored.reshape(*recorded.stored.shape[:2], -1)
-    samples = None if recorded.samples is None else recorded.samples.ravel()
+    recorded, samples = (frame.stored, frame.samples) if isinstance(frame, FrameMean) else (frame, None)
+    height, width = recorded.shape[2:]
+    stages = frame_stages(plan, calibration, frame.dtype, (height, width))
+    stored = recorded.reshape(*recorded.shape[:2], -1)
+    samples = None if samples is None else samples.ravel()
     n_av, unknown = plan.metadata.pixel.integration_length, NoiseModel((), math.nan, estimated=True, samples=samples)
-    pixels = FramePixels(stored, recorded.dtype, (height, width), 0, unknown)
+    pixels = FramePixels(stored, frame.dtype, (height, width), 0, unknown)
     if n_av is not None:
-        noise = noise_model(plan.metadata, integration_length=n_av, quantised=recorded.dtype.kind in "iu")
+        noise = noise_model(plan.metadata, integration_length=n_av, quantised=frame.dtype.kind in "iu")
     else:
         noise = _estimated_noise(pixels, plan, stages)
-    pixels = replace(pixels, noise=replace(noise, samples=samples))
+    pixels = replace(pixels, noise=replace(noise, samples=samples), without_noise=is_without_noise(stored, noise))
     if plan.settings.pool > 1:
         pixels = _pooled(pixels, stages, window=plan.settings.pool)
     if plan.resolver.may_be_diffuse(pixels.noise.harmonics):
@@ -219,6 +222,9 @@ def resolve_pixels(
     else:
         _fill_by_blocks(maps, pixels, plan, stages, calibrated=calibration is not None)
         clear_impossible(maps, noise=pixels.noise, amplitude_v=plan.metadata.modulation.amplitude_v)
+    stages.depth.measure_from_camera(maps, pixels.first)
+    if pixels.without_noise:
+        clear_pixels(maps, has_answer(maps.status.reshape(-1)))
     return maps
 
 
@@ -335,7 +341,6 @@ def _predicted_mpi(pixels: FramePixels, plan: FramePlan, stages: FrameStages) ->
 
         phasors = phasors_of_sine(phasors, found.paths, response=response)
     optics, offset = plan.metadata.optics, stages.depth.range_offset_m
-    focal = optics.focal_length_px
     return diffuse_model(
         phasors.reshape(-1, *pixels.size),
         usable=(status == 0).reshape(pixels.size),
@@ -343,7 +348,7 @@ def _predicted_mpi(pixels: FramePixels, plan: FramePlan, stages: FrameStages) ->
         settings=DiffuseSettings(
             model=plan.resolver.mpi_model, period_ns=modulation.periods_ns[0], harmonics=noise.harmonics
         ),
-        view=None if focal is None else View(focal, principal_point(optics, pixels.size)),
+        view=View(focal, principal_point(optics, pixels.size)) if (focal := optics.focal_length_px) else None,
         samples=None if noise.samples is None else noise.samples.reshape(pixels.size),
         range_offset_m=None if offset is None else -offset.reshape(pixels.size),
     )

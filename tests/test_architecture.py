@@ -23,9 +23,11 @@ def _named() -> set[str]:
 
 def _there() -> set[str]:
     package = ROOT / "cadtof_cli"
-    sources = [path for path in package.rglob("*") if path.suffix in {".py", ".c", ".h", ".html", ".js", ".css"}]
+    sources = [
+        path for path in package.rglob("*") if path.suffix in {".py", ".c", ".h", ".html", ".js", ".css", ".json"}
+    ]
     files = {path.relative_to(ROOT).as_posix() for path in sources if path.name != "__init__.py"}
-    return files | {f"{path.parent.relative_to(ROOT).as_posix()}/" for path in sources if path.suffix == ".py"}
+    return files | {f"{path.parent.relative_to(ROOT).as_posix()}/" for path in sources}
 
 
 def test_every_room_and_file_is_in_the_tree() -> None:

@@ -32,6 +32,7 @@ ALLOWED: dict[str, set[str]] = {
     "frame_plan": {"calibration", "capture", "maps", "optics", "phasors", "resolver"},
     "pipeline": {"calibration", "capture", "files", "frame_plan", "maps", "optics", "phasors", "resolver"},
     "one_pixel": {"calibration", "frame_plan", "maps", "phasors", "pipeline", "resolver"},
+    "report": {"capture", "files", "maps", "optics", "resolver"},
     "door": {
         *("calibration", "capture", "files", "frame_plan", "maps", "phasors", "pipeline", "resolver", "simulation"),
         "workflows",

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from cadtof_cli.arrays import Status
 from cadtof_cli.figures.pixel_classes import NO_VALUE, PixelClass, classes_of
-from cadtof_cli.figures.text import drawable, shortened
+from cadtof_cli.figures.text import within
 
 Image = NDArray[np.uint8]
 
@@ -180,7 +180,7 @@ def page_figure(
     page = _Page(width, height, panel_width, panel_height, framed)
     figure = Figure(figsize=(width / 100, height / 100))
     x, y, _, _ = page.place(width / 2, _TOP / 2 - 2, 0, 0)
-    heading = shortened(drawable(title), int(width / 7.5))
+    heading = within(title, (width - 20) / 100, size=11)
     figure.text(x, y, heading, ha="center", va="center", fontsize=11, parse_math=False)
     for cell in cells:
         _draw(figure, cell, page)

@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 from cadtof_cli.errors import SettingsError
 from cadtof_cli.figures.page import Block, Image, Scaled, add_bar, add_legend, page_figure
 from cadtof_cli.figures.pixel_classes import PixelClass
-from cadtof_cli.figures.text import drawable, shortened
+from cadtof_cli.figures.text import within
 
 FILMS = (".gif", ".mp4")
 """How the names of films end."""
@@ -77,17 +77,17 @@ def draw_sheet(
     page_width, page_height = max(sheet.shape[1], 320) + 2 * _SPACE + _RIGHT, sheet.shape[0] + _TOP + _BOTTOM
     figure = Figure(figsize=(page_width / PER_INCH, page_height / PER_INCH), dpi=PER_INCH)
     figure.figimage(sheet, _SPACE, _BOTTOM, origin="upper")
-    heading = shortened(drawable(title), page_width // 8)
+    heading = within(title, page_width / PER_INCH - 0.2, size=11)
     figure.text(0.5, 1 - 20 / page_height, heading, ha="center", va="center", fontsize=11, parse_math=False)
     for thumbnail, (row, column) in zip(thumbnails, places, strict=True):
         x = (_SPACE + column * pitch + width / 2) / page_width
         below = _TOP + row * (height + _NAME_HEIGHT) + height
         y = 1 - (below + _NAME_HEIGHT / 2) / page_height
-        name = shortened(drawable(thumbnail.name), max(pitch // 6, 4))
+        name = within(thumbnail.name, pitch / PER_INCH, size=6.5)
         figure.text(x, y, name, ha="center", va="center", fontsize=6.5, parse_math=False)
         if thumbnail.image is None:
             y = 1 - (below - height / 2) / page_height
-            figure.text(x, y, "cannot\nbe read", ha="center", va="center", fontsize=7, color="#b00020")
+            figure.text(x, y, "cannot\nbe drawn", ha="center", va="center", fontsize=7, color="#b00020")
     if isinstance(scale, Scaled):
         length = min(sheet.shape[0], 500)
         left, bottom = (page_width - _RIGHT + 4) / page_width, 1 - (_TOP + length) / page_height
@@ -152,9 +152,9 @@ def _pictures(frames: Iterable[FilmFrame], panel_width: float, kinds: Collection
     for frame in frames:
         if figure is None:
             figure = page_figure(((frame.block,),), title=frame.title, kinds=kinds, panel_width=panel_width)
-            room = int(figure.get_figwidth() * 100 / 7.5)
+            room = figure.get_figwidth() - 0.2
         else:
-            figure.texts[0].set_text(shortened(drawable(frame.title), room))
+            figure.texts[0].set_text(within(frame.title, room, size=11))
             figure.axes[0].images[0].set_data(frame.block.painted(frame.block.panels[0]))
         drawn = io.BytesIO()
         figure.savefig(drawn, format="rgba", dpi=PER_INCH)

@@ -2,6 +2,7 @@
 
 import struct
 import zlib
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 from cadtof_cli.files.atomic import whole_file
 
 _SIGNATURE = b"\x89PNG\r\n\x1a\n"
+_GREY = 0
 
 
 def write_grey_png(path: Path, plane: NDArray[np.uint16], /, *, texts: dict[str, str]) -> None:
@@ -22,13 +24,24 @@ def write_grey_png(path: Path, plane: NDArray[np.uint16], /, *, texts: dict[str,
     rows = np.zeros((height, 1 + 2 * width), np.uint8)  # each row begins with its filter: none
     rows[:, 1:] = plane.astype(">u2").view(np.uint8)
     chunks = [
-        _chunk(b"IHDR", struct.pack(">IIBBBBB", width, height, 16, 0, 0, 0, 0)),
-        *(_chunk(b"tEXt", f"{key}\0{text}".encode("latin-1", "replace")) for key, text in texts.items()),
-        _chunk(b"IDAT", zlib.compress(rows.tobytes(), 6)),
-        _chunk(b"IEND", b""),
+        *((b"tEXt", f"{key}\0{text}".encode("latin-1", "replace")) for key, text in texts.items()),
+        (b"IDAT", zlib.compress(rows.tobytes(), 6)),
     ]
     with whole_file(path) as temporary:
-        temporary.write_bytes(_SIGNATURE + b"".join(chunks))
+        temporary.write_bytes(png_bytes((width, height), depth=16, kind=_GREY, chunks=chunks))
+
+
+def png_bytes(pixels: tuple[int, int], /, *, depth: int, kind: int, chunks: Iterable[tuple[bytes, bytes]]) -> bytes:
+    """Return the bytes of a PNG of columns × rows pixels: its header, chunks by their kinds, and its end.
+
+    Args:
+        pixels: columns and rows.
+        depth: bits of a sample.
+        kind: of colours, by PNG's number.
+        chunks: what stands between header and end.
+    """
+    header = struct.pack(">IIBBBBB", *pixels, depth, kind, 0, 0, 0)
+    return _SIGNATURE + b"".join(_chunk(*one) for one in ((b"IHDR", header), *chunks, (b"IEND", b"")))
 
 
 def _chunk(kind: bytes, content: bytes) -> bytes:

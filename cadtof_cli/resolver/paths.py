@@ -71,6 +71,11 @@ class Fit:
     converged: Bool
     doubt: Float
 
+    @classmethod
+    def none(cls, paths: int, pixels: int, /) -> "Fit":
+        """Return a fit of nothing, to be filled in: NaN."""
+        return cls(Paths.none((paths, pixels)), np.full(pixels, np.nan), np.ones(pixels, np.bool_), np.zeros(pixels))
+
     def __getitem__(self, pixels: Index, /) -> "Fit":
         # take is several times as fast as an index of two axes
         paths = Paths(

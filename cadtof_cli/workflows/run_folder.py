@@ -204,6 +204,22 @@ class Run:
                 )
         return Optics()
 
+    def reports(self) -> tuple[FrameReport, ...]:
+        """Return the lines of `frames.jsonl`, those that can be read; nothing where there is no such file."""
+        try:
+            lines = (self.folder / FRAMES_FILE).read_bytes().splitlines()
+        except OSError:
+            return ()
+        return tuple(report for report in map(report_of, lines) if report is not None)
+
+    def map_of(self, report: FrameReport, /) -> Path | None:
+        """Return where the maps of a frame lie in the run's folder, wherever that has been moved; None where it has none."""
+        if report.output is None:
+            return None
+        output = Path(report.output)
+        called = Path("" if self.record is None else str(self.record["arguments"].get("out", "")))
+        return self.folder / (output.relative_to(called) if output.is_relative_to(called) else output.name)
+
     def require_range_depth(self) -> None:
         """Make sure that the maps can be held against truth, which is radial range."""
         if self.depth_kind == "z":

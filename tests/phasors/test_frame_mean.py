@@ -51,13 +51,6 @@ def test_the_mean_of_no_frames_is_refused() -> None:
         frame_mean([], saturated_counts=None)
 
 
-def test_one_frame_stands_for_itself() -> None:
-    (given,) = frames(7)
-    one = FrameMean.of_one(given)
-    assert one.stored is given
-    assert one.samples is None
-
-
 def mean_of(given: np.ndarray, voltage: Voltage | None = None) -> FrameMean:
     return mean_volts(given, voltage=voltage or Voltage())
 
@@ -112,3 +105,17 @@ def test_a_value_at_or_beyond_the_limits_in_any_frame_spoils_its_pixel_alone(val
 def test_the_mean_volts_of_no_frames_are_refused() -> None:
     with pytest.raises(ValueError, match="no frames"):
         mean_volts([], voltage=Voltage())
+
+
+def test_one_frame_does_not_scatter_about_itself() -> None:
+    (given,) = frames(1)
+    mean = mean_volts([given.astype(np.float64)], voltage=Voltage())
+    assert mean.variance is not None
+    assert not mean.variance.any()
+    assert mean.frames == 1
+
+
+def test_a_mean_of_one_frame_does_not_know_a_frame_s_noise() -> None:
+    (given,) = frames(1)
+    mean = mean_volts([given.astype(np.float64)], voltage=Voltage())
+    assert mean.frame_noise().tolist() == [0.0] * len(given)

@@ -9,7 +9,7 @@ import numpy as np
 
 from cadtof_cli.arrays import Bool, Complex, Float, Float32
 from cadtof_cli.resolver.diffuse.condition import conditioned
-from cadtof_cli.resolver.diffuse.light import is_light
+from cadtof_cli.resolver.diffuse.light import LARGEST_AMPLITUDE
 from cadtof_cli.resolver.diffuse.noise import noise_covariance
 from cadtof_cli.resolver.diffuse.records import DiffuseBlock, DiffuseModel, DiffusePixels
 from cadtof_cli.resolver.diffuse.tail import Values, residuals, wrapped
@@ -76,11 +76,15 @@ def _fill(
     answer: DiffusePixels, phasors: Complex, model: DiffuseModel, band: Band, usable: Bool, samples: Float | None
 ) -> None:
     """Write the answer of a band's pixels, phasors (H, rows, columns)."""
-    answered = usable & is_light(phasors)
+    with np.errstate(over="ignore"):
+        square = phasors.real**2 + phasors.imag**2
+    answered = usable & (square < LARGEST_AMPLITUDE**2).all(axis=0) & (square[0] > 0.0)
     if model.separate.any():
         answered &= ~model.is_separate(band)
     every = bool(answered.all())
-    seen = _pixel_data(phasors if every else np.where(answered, phasors, 1.0), model, samples)
+    if not every:
+        phasors, square = np.where(answered, phasors, 1.0), np.where(answered, square, 1.0)
+    seen = _pixel_data(phasors, square, model, samples)
     planes = model.upsampler.joint(band, _first_range(seen.phase_rad, model, band))
     count = model.coarse.data
     means, entries = planes[: count + 2], dict(zip(model.coarse.entries, planes[count + 2 :], strict=False))
@@ -113,10 +117,9 @@ def _write_mpi(answer: DiffusePixels, seen: PixelData, shrink: Float32, lag: Flo
     answer.mpi_sigma_rad[:] = np.minimum(sigma, np.float32(UNKNOWN_PHASE_RAD)).ravel()
 
 
-def _pixel_data(phasors: Complex, model: DiffuseModel, samples: Float | None) -> PixelData:
-    """Return what phasors (H, rows, columns) say of the tail."""
+def _pixel_data(phasors: Complex, square: Float, model: DiffuseModel, samples: Float | None) -> PixelData:
+    """Return what phasors (H, rows, columns) and their squared amplitudes say of the tail."""
     variances = [v if samples is None else v / samples for v in model.variances]
-    square = phasors.real**2 + phasors.imag**2
     phase = np.arctan2(phasors[0].imag, phasors[0].real)
     first = np.maximum(square[0], LEAST_AMPLITUDE**2 * variances[0])
     relative = [(variances[0] / first).astype(np.float32)]

@@ -1,0 +1,164 @@
+"""What a page holds of the layers of a frame: all of its pixels, or every n-th, as codes."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cadtof_cli.files.maps import STATUS
+from cadtof_cli.maps.layers import layer_unit
+from cadtof_cli.report.codes import Scale, as_text, coded_bits, coded_values, packed
+
+FIRST_PHASOR = "first phasor"
+TRUTH = "truth"
+"""Layers of depths that no map has."""
+
+Planes = Mapping[str, NDArray[Any]]
+"""Layers by name, (Y, X) each: those of a map, and `FIRST_PHASOR` where the recorded frame is still there."""
+
+
+@dataclass(frozen=True)
+class EmbeddedLayer:
+    """A layer in a page: its name, its unit, and what its codes stand for."""
+
+    name: str
+    unit: str
+    scale: Scale
+
+    def as_json(self) -> dict[str, Any]:
+        """Return what the page has to know to show the layer."""
+        return {"name": self.name, "unit": self.unit, **self.scale.as_json()}
+
+
+@dataclass(frozen=True)
+class EmbeddedFrame:
+    """Layers of a frame in a page.
+
+    Attributes:
+        shape: pixels of the frame, rows and columns.
+        step: every step-th row and column is there, see `sampled`.
+        layers: in the order of their codes.
+        data: the codes, as text.
+    """
+
+    shape: tuple[int, int]
+    step: int
+    layers: tuple[EmbeddedLayer, ...]
+    data: str
+
+    def as_json(self) -> dict[str, Any]:
+        """Return what the page has to know, but for the data."""
+        layers = [layer.as_json() for layer in self.layers]
+        return {"height": self.shape[0], "width": self.shape[1], "step": self.step, "layers": layers}
+
+
+def unit_of(name: str, /) -> str:
+    """Return the unit of a layer in a page."""
+    return "m" if is_depth(name) else layer_unit(name)
+
+
+def is_depth(name: str, /) -> bool:
+    """Tell whether a layer of a page holds depths."""
+    return name in {FIRST_PHASOR, TRUTH} or name.endswith(".depth")
+
+
+def sampled(plane: NDArray[Any], step: int, /) -> NDArray[Any]:
+    """Return every step-th pixel of a plane (Y, X) in both directions, the first half a step from the edge."""
+    row, column = (min(step // 2, (size - 1) // 2) for size in plane.shape)
+    return plane[row::step, column::step]
+
+
+def embedded_frame(planes: Planes, /, *, step: int) -> EmbeddedFrame:
+    """Return layers as a page holds them: every step-th pixel."""
+    coded = [_coded(name, sampled(plane, step)) for name, plane in planes.items()]
+    shape = next(iter(planes.values())).shape
+    layers = tuple(layer for _, layer in coded)
+    return EmbeddedFrame((shape[0], shape[1]), step, layers, as_text(packed([codes for codes, _ in coded])))
+
+
+def _coded(name: str, plane: NDArray[Any]) -> tuple[NDArray[np.uint16], EmbeddedLayer]:
+    codes, scale = (
+        coded_bits(plane.astype(np.uint32)) if name == STATUS else coded_values(plane, is_depth=is_depth(name))
+    )
+    return codes, EmbeddedLayer(name, unit_of(name), scale)
+
+
+@dataclass(frozen=True)
+class Shares:
+    """How much of its frames a page holds.
+
+    Attributes:
+        whole: places of the frames with all pixels.
+        step: of the others.
+        thumbnail_px: longest side of the thumbnails.
+    """
+
+    whole: frozenset[int]
+    step: int
+    thumbnail_px: int
+
+    def step_of(self, place: int, /) -> int:
+        """Return the step of a frame."""
+        return 1 if place in self.whole else self.step
+
+
+THUMBNAIL_PX = (80, 40, 20)
+"""Longest sides of thumbnails; the first that takes less than `THUMBNAIL_SHARE` of the page."""
+
+THUMBNAIL_SHARE = 0.25
+
+_THUMBNAIL_BYTES_PER_PIXEL = 1.2
+"""What an indexed PNG of a noisy map takes as base64, and what stands around it."""
+
+MOST_STEPS = 16
+"""Pixels that the longer side of a frame keeps at least."""
+
+_MARGIN = 1.1
+"""Frames differ: those that the sizes are measured on may be smaller than others."""
+
+
+def planned_shares(samples: Sequence[Planes], frames: int, /, *, limit_bytes: float, whole: int | None) -> Shares:
+    """Return how much of each of `frames` frames a page of a given size can hold.
+
+    Where there is no room for all pixels of all frames, `whole` frames have all pixels, evenly spread over the run (None: as many
+    as half the room holds), and of the others every n-th is kept.
+
+    Args:
+        samples: layers of some of the frames, on which sizes are measured.
+        frames: how many there are.
+        limit_bytes: what the page may take, more than that only where `whole` frames need it.
+        whole: how many of them are to have all pixels.
+    """
+    sizes = [(px, frames * _thumbnail_bytes(samples, px)) for px in THUMBNAIL_PX]
+    thumbnail_px, taken = next((one for one in sizes if one[1] < THUMBNAIL_SHARE * limit_bytes), sizes[-1])
+    room, full_bytes = limit_bytes - taken, _bytes_at(samples, 1)
+    count = frames if frames * full_bytes <= room else int(0.5 * room / full_bytes)
+    count = min(frames, count if whole is None else whole)
+    most = max(1, max(max(next(iter(planes.values())).shape) for planes in samples) // MOST_STEPS)
+    left, others = room - count * full_bytes, frames - count
+    step, each = next(
+        (one for one in _steps(samples, most) if others * one[1] <= left), (most, _bytes_at(samples, most))
+    )
+    if whole is None and step > 1:
+        # steps are coarse, so that room is left for some frames more
+        count += max(0, int((left - others * each) / (full_bytes - each)))
+    places = np.linspace(0, frames - 1, count).round().astype(int)
+    return Shares(frozenset(int(place) for place in places), step, thumbnail_px)
+
+
+def _steps(samples: Sequence[Planes], most: int) -> Iterator[tuple[int, float]]:
+    """Yield steps and what a frame takes with them."""
+    for step in range(1, most):
+        yield step, _bytes_at(samples, step)
+
+
+def _bytes_at(samples: Sequence[Planes], step: int) -> float:
+    return _MARGIN * max(len(embedded_frame(planes, step=step).data) for planes in samples)
+
+
+def _thumbnail_bytes(samples: Sequence[Planes], longest_px: int) -> float:
+    shapes = [next(iter(planes.values())).shape for planes in samples]
+    pixels = max(float(height * width) * (longest_px / max(height, width)) ** 2 for height, width in shapes)
+    return 250.0 + 4.0 / 3.0 * _THUMBNAIL_BYTES_PER_PIXEL * float(pixels)

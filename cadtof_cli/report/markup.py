@@ -1,0 +1,74 @@
+"""Markup that no name can break: texts are escaped where they become markup, and nowhere else."""
+
+import html
+from collections.abc import Iterable, Sequence
+
+
+class Markup(str):
+    """Text that stands in a page as it is."""
+
+    __slots__ = ()
+
+
+EMPTY = Markup("")
+
+_ENDLESS = frozenset({"img"})
+
+
+def printable(raw: str, /) -> str:
+    """Return a text in which everything is escaped that cannot be seen, turns the direction of writing, or is no Unicode."""
+    return "".join(sign if sign.isprintable() else repr(sign)[1:-1] for sign in raw)
+
+
+def text(raw: object, /) -> Markup:
+    """Return the markup that shows a text, whatever is in it; markup stays as it is."""
+    return raw if isinstance(raw, Markup) else Markup(html.escape(printable(str(raw))))
+
+
+def joined(pieces: Iterable[Markup], /) -> Markup:
+    """Return pieces of markup one after the other."""
+    return Markup("".join(pieces))
+
+
+def element(tag: str, /, *children: object, **attributes: object) -> Markup:
+    """Return an element of texts and markup.
+
+    Attributes that are None or False are not written; in their names `_` stands for `-`, and for nothing at the end.
+    """
+    given = ((name, value) for name, value in attributes.items() if value is not None and value is not False)
+    written = "".join(_attribute(name, value) for name, value in given)
+    if tag in _ENDLESS:
+        return Markup(f"<{tag}{written}>")
+    return Markup(f"<{tag}{written}>{joined(map(text, children))}</{tag}>")
+
+
+def _attribute(name: str, value: object) -> str:
+    name = name.rstrip("_").replace("_", "-")
+    return f" {name}" if value is True else f' {name}="{text(str(value))}"'
+
+
+def table(
+    head: Sequence[str], rows: Iterable[Sequence[object]], /, *, caption: str, numbers: Iterable[int] = ()
+) -> Markup:
+    """Return a table that scrolls by itself where it is wider than the page; the first column names the row.
+
+    Args:
+        head: titles of the columns.
+        rows: texts and markup.
+        caption: what the table holds.
+        numbers: columns of numbers.
+    """
+    kinds = ["number" if column in frozenset(numbers) else None for column in range(len(head))]
+    titles = (element("th", title, scope="col", class_=kind) for title, kind in zip(head, kinds, strict=True))
+    lines = (
+        element(
+            "tr",
+            element("th", row[0], scope="row", class_=kinds[0]),
+            *(element("td", content, class_=kind) for content, kind in zip(row[1:], kinds[1:], strict=True)),
+        )
+        for row in rows
+    )
+    body = element("table", element("thead", element("tr", *titles)), element("tbody", *lines), aria_label=caption)
+    # outside, so that the caption stays where the table scrolls
+    title = element("h3", caption, class_="caption")
+    return joined((title, element("div", body, class_="wide", tabindex=0, role="region", aria_label=caption)))

@@ -1,0 +1,142 @@
+"""The page of a run as one file: template, style, scripts and data put together, under a policy that lets nothing else run."""
+
+import hashlib
+import json
+from base64 import b64encode
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from importlib.resources import files
+from pathlib import Path
+from string import Template
+from typing import Any
+
+from cadtof_cli import __version__
+from cadtof_cli.capture.metadata import Optics
+from cadtof_cli.files.atomic import whole_file
+from cadtof_cli.optics.pinhole import principal_point
+from cadtof_cli.report.frames import EmbeddedFrame
+from cadtof_cli.report.markup import EMPTY, Markup, element, joined, printable, text
+from cadtof_cli.report.sections import PageText, embedded_section, failures, frame_list, frame_table, settings, summary
+from cadtof_cli.report.thumbnails import palette
+from cadtof_cli.resolver.status import MEANING
+
+SCRIPTS = ("decode.js", "colours.js", "map.js", "scale.js", "profile.js", "cloud.js", "panels.js", "main.js")
+"""In the order in which they use each other."""
+
+
+@dataclass(frozen=True)
+class ShownFrame:
+    """A frame that the viewer shows: its name, its layers, how its pixels look into the world, and what its depths are."""
+
+    name: str
+    embedded: EmbeddedFrame
+    optics: Optics
+    depth: str
+
+    def as_json(self, number: int, /) -> dict[str, Any]:
+        """Return what the page has to know of the frame with a number."""
+        return {
+            "name": printable(self.name),
+            "data": f"frame-{number}",
+            "depth": self.depth,
+            "optics": self._optics(),
+            **self.embedded.as_json(),
+        }
+
+    def _optics(self) -> dict[str, float] | None:
+        if self.optics.focal_length_px is None:
+            return None
+        column, row = principal_point(self.optics, self.embedded.shape)
+        return {"focal_length_px": self.optics.focal_length_px, "column": column, "row": row}
+
+
+@dataclass(frozen=True)
+class Page:
+    """All that a page shows.
+
+    Attributes:
+        text: what it says in words and tables.
+        frames: that the viewer shows.
+        truth: at the steps of the frames, if known.
+        limits: of each layer over the run, in its unit: 1 % and 99 % of the values, the lowest and the highest.
+    """
+
+    text: PageText
+    frames: Sequence[ShownFrame] = ()
+    truth: Sequence[EmbeddedFrame] = ()
+    limits: Mapping[str, tuple[float, float, float, float]] = field(default_factory=dict)
+
+
+def write_page(path: Path, page: Page, /) -> None:
+    """Write a page, whole or not at all.
+
+    Raises:
+        OutputError: the file cannot be written.
+    """
+    style, script = _file("page.css"), "\n".join(_file(name) for name in SCRIPTS)
+    markup = Template(_file("page.html")).substitute(
+        policy=text(_policy(style, script)),
+        version=text(__version__),
+        title=text(page.text.title),
+        subtitle=text(page.text.subtitle),
+        summary=summary(page.text),
+        failures=failures(page.text),
+        strip=frame_list(page.text),
+        settings=settings(page.text),
+        table=frame_table(page.text),
+        embedded=embedded_section(page.text, [frame.embedded for frame in page.frames]),
+        run=_data(json.dumps(_document(page), allow_nan=False, separators=(",", ":"))),
+        data=_payloads(page),
+        style=style,
+        script=script,
+    )
+    with whole_file(path) as temporary:
+        temporary.write_text(markup, encoding="utf-8")
+
+
+def _file(name: str) -> str:
+    return files("cadtof_cli.report").joinpath("page", name).read_text(encoding="utf-8")
+
+
+def _policy(style: str, script: str) -> str:
+    """Return what the page may do: run its own script, use its own style, show pictures that it holds. No network."""
+    script_digest, style_digest = (
+        b64encode(hashlib.sha256(source.encode()).digest()).decode() for source in (script, style)
+    )
+    return (
+        f"default-src 'none'; script-src 'sha256-{script_digest}'; style-src 'sha256-{style_digest}'; img-src data:; "
+        "base-uri 'none'; form-action 'none'; require-trusted-types-for 'script'; trusted-types 'none'"
+    )
+
+
+def _document(page: Page) -> dict[str, Any]:
+    """Return what the scripts have to know, but for the maps."""
+    colours = palette()
+    bits = [
+        {"name": _words(bit.name), "value": int(bit), "meaning": meaning, "colour": colours["status"][bit.name]}
+        for bit, meaning in MEANING.items()
+    ]
+    return {
+        "frames": [frame.as_json(number) for number, frame in enumerate(page.frames)],
+        "truth": [{"data": f"truth-{number}", **one.as_json()} for number, one in enumerate(page.truth)],
+        "limits": {name: list(values) for name, values in page.limits.items()},
+        "bits": bits,
+        "palette": {name: colours[name] for name in ("sequential", "diverging", "no_answer")},
+    }
+
+
+def _words(name: str | None) -> str:
+    return str(name).lower().replace("_", " ")
+
+
+def _data(source: str) -> Markup:
+    """Return JSON that no browser takes for the end of an element, or for the begin of another."""
+    return Markup(source.replace("&", "\\u0026").replace("<", "\\u003c").replace(">", "\\u003e"))
+
+
+def _payloads(page: Page) -> Markup:
+    named = [(f"frame-{number}", frame.embedded) for number, frame in enumerate(page.frames)]
+    named += [(f"truth-{number}", one) for number, one in enumerate(page.truth)]
+    if not named:
+        return EMPTY
+    return joined(element("script", Markup(one.data), type="text/plain", id=name) for name, one in named)

@@ -1,0 +1,220 @@
+"""What a page says in words and tables: all of it can be read where no script runs."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+from cadtof_cli.report.frames import EmbeddedFrame, EmbeddedLayer
+from cadtof_cli.report.markup import EMPTY, Markup, element, joined, table
+
+BAR_WIDTH, BAR_HEIGHT = 1000, 18
+
+
+@dataclass(frozen=True)
+class FrameLine:
+    """A frame of the run, whatever became of it.
+
+    Attributes:
+        name: of its maps; of the recorded frame where there are none.
+        status: `ok`, `failed` or `skipped`; empty where no record says.
+        reason: why, or what there is to know besides.
+        seconds: that it took; None where that is not known.
+        pixels: counts by what became of them; empty where that is not known.
+        number: of the frame in the viewer; None where the page has no maps of it.
+        thumbnail: its depths as a data URI.
+        size: of the thumbnail, columns and rows.
+    """
+
+    name: str
+    status: str = ""
+    reason: str | None = None
+    seconds: float | None = None
+    pixels: Mapping[str, int] = field(default_factory=dict)
+    number: int | None = None
+    thumbnail: str | None = None
+    size: tuple[int, int] = (0, 0)
+
+
+@dataclass(frozen=True)
+class PageText:
+    """What a page says.
+
+    Attributes:
+        title, subtitle: at its head.
+        facts: titles and values of the totals.
+        pixels: of all frames, counted by what became of them.
+        notes: what the reader should know before anything else.
+        errors: lines of the table of errors against truth; empty without truth.
+        frames: of the run.
+        settings: tables of names, values and where these come from, by their captions.
+    """
+
+    title: str
+    subtitle: str
+    facts: Sequence[tuple[str, str]] = ()
+    pixels: Mapping[str, int] = field(default_factory=dict)
+    notes: Sequence[str] = ()
+    errors: Sequence[Sequence[str]] = ()
+    frames: Sequence[FrameLine] = ()
+    settings: Mapping[str, Sequence[tuple[str, str, str]]] = field(default_factory=dict)
+
+
+def summary(page: PageText, /) -> Markup:
+    """Return notes, totals, what became of the pixels, and errors against truth."""
+    notes = (element("p", note, class_="note", role="status") for note in page.notes)
+    facts = (element("div", element("dt", title), element("dd", value)) for title, value in page.facts)
+    errors = EMPTY
+    if page.errors:
+        head = ("error, cm", "median", "90 %", "RMSE", "bias", "valid", "in 1 σ", "in 2 σ")
+        errors = table(
+            head, page.errors, caption="Depth against truth (median and 90 % of |error|)", numbers=range(1, 8)
+        )
+    return joined((*notes, element("dl", *facts, class_="facts"), _shares(page.pixels), errors))
+
+
+def _shares(pixels: Mapping[str, int]) -> Markup:
+    """Return a bar of what became of the pixels, with a legend."""
+    total = sum(pixels.values())
+    if not total:
+        return EMPTY
+    bars, entries, place = [], [], 0.0
+    for number, (title, count) in enumerate(pixels.items()):
+        if count:
+            width = BAR_WIDTH * count / total
+            shape = {"x": f"{place:.2f}", "y": 0, "width": f"{width:.2f}", "height": BAR_HEIGHT}
+            bars.append(element("rect", class_=f"share share-{number}", **shape))
+            key = element(
+                "svg",
+                element("rect", width=12, height=12, class_=f"share-{number}"),
+                width=12,
+                height=12,
+                aria_hidden="true",
+            )
+            entries.append(element("li", key, f" {title}: {_share(count / total)}"))
+            place += width
+    view = f"0 0 {BAR_WIDTH} {BAR_HEIGHT}"
+    bar = element("svg", *bars, viewBox=view, preserveAspectRatio="none", class_="shares", aria_hidden="true")
+    return joined((bar, element("ul", *entries, class_="legend")))
+
+
+def _share(share: float) -> str:
+    """Return a share in per cent; what is there is never said to be nothing."""
+    return "below 0.1 %" if 0.0 < share < 0.001 else f"{share:.1%}".replace("%", " %")
+
+
+def failures(page: PageText, /) -> Markup:
+    """Return the frames without maps, with the reasons."""
+    failed = [frame for frame in page.frames if frame.status == "failed"]
+    skipped = [frame for frame in page.frames if frame.status == "skipped" and frame.number is None]
+    if not (failed or skipped):
+        return element("p", "Every frame has its maps.")
+    rows = [(frame.name, frame.status, frame.reason or "no reason is recorded") for frame in (*failed, *skipped)]
+    caption = f"{len(failed)} failed, {len(skipped)} skipped"
+    return table(("frame", "status", "reason"), rows, caption=caption)
+
+
+def frame_list(page: PageText, /) -> Markup:
+    """Return the thumbnails of all frames in their order."""
+    return element("ol", *map(_thumbnail, page.frames), class_="strip", id="strip", aria_label="All frames")
+
+
+def _thumbnail(frame: FrameLine) -> Markup:
+    name = element("bdi", frame.name)
+    if frame.number is None or frame.thumbnail is None:
+        mark = element("span", frame.status or "no maps", class_="mark")
+        return element("li", element("div", mark, element("span", name), class_="lost", title=frame.reason))
+    width, height = frame.size
+    picture = element("img", src=frame.thumbnail, width=width, height=height, alt="", loading="lazy", decoding="async")
+    label = element("span", name)
+    return element("li", element("button", picture, label, type="button", data_frame=frame.number, title=frame.name))
+
+
+def frame_table(page: PageText, /) -> Markup:
+    """Return a line for each frame: what became of it and of its pixels."""
+    kinds = list(dict.fromkeys(kind for frame in page.frames for kind in frame.pixels))
+    rows = [
+        (
+            frame.name,
+            frame.status or "–",
+            *(_count(frame, kind) for kind in kinds),
+            "–" if frame.seconds is None else f"{frame.seconds:.2f}",
+            frame.reason or "",
+        )
+        for frame in page.frames
+    ]
+    head = ("frame", "status", *kinds, "seconds", "reason")
+    return table(head, rows, caption="All frames", numbers=range(2, 3 + len(kinds)))
+
+
+def _count(frame: FrameLine, kind: str) -> str:
+    total = sum(frame.pixels.values())
+    return _share(frame.pixels.get(kind, 0) / total) if total else "–"
+
+
+def settings(page: PageText, /) -> Markup:
+    """Return the settings of the run, of its captures and of its calibration."""
+    tables = [_setting_table(caption, rows) for caption, rows in page.settings.items()]
+    return joined(element("div", one, class_="settings") for one in tables)
+
+
+def _setting_table(caption: str, rows: Sequence[tuple[str, str, str]]) -> Markup:
+    """Return a table of settings, with the column of where they come from only where that is known."""
+    if any(origin for _, _, origin in rows):
+        return table(("setting", "value", "from"), rows, caption=caption)
+    return table(("setting", "value"), [row[:2] for row in rows], caption=caption)
+
+
+def embedded_section(page: PageText, frames: Sequence[EmbeddedFrame], /) -> Markup:
+    """Return how much of each frame the page holds, and what the codes lose."""
+    if not frames:
+        return element("p", "The page holds no maps.")
+    steps: dict[int, int] = {}
+    layers: dict[str, list[EmbeddedLayer]] = {}
+    for frame in frames:
+        steps[frame.step] = steps.get(frame.step, 0) + 1
+        for layer in frame.layers:
+            layers.setdefault(layer.name, []).append(layer)
+    held = "; ".join(_held(step, count) for step, count in sorted(steps.items()))
+    told = (
+        f"Of {len(frames)} frames the page holds: {held}. "
+        "A pixel that is there has all its layers; the files of the run have all pixels of all frames. "
+        "Values are rounded to 16 bits, between the lowest and the highest of the layer in the frame:"
+    )
+    rows = [(name, *_loss(known)) for name, known in layers.items()]
+    return joined(
+        (element("p", told), table(("layer", "largest rounding", "steps"), rows, caption="What rounding loses"))
+    )
+
+
+def _held(step: int, count: int) -> str:
+    pixels = (
+        "all pixels"
+        if step == 1
+        else f"every {step}th row and column"
+        if step > 3
+        else f"every {_ORDINAL[step]} row and column"
+    )
+    return f"{pixels} of {count}"
+
+
+_ORDINAL = {2: "second", 3: "third"}
+
+
+def _loss(layers: Sequence[EmbeddedLayer]) -> tuple[str, str]:
+    """Return the largest rounding of a layer in any frame, and which kind of steps it has."""
+    if layers[0].scale.kind == "table":
+        return "none", "bits"
+    absolute = max((layer.scale.loss for layer in layers if layer.scale.kind == "linear"), default=None)
+    relative = max((layer.scale.loss for layer in layers if layer.scale.kind == "log"), default=None)
+    told = []
+    if absolute is not None:
+        told.append(_with_unit(absolute, layers[0].unit))
+    if relative is not None:
+        told.append(f"{100.0 * relative:.2g} % of the value")
+    return ", or ".join(
+        told
+    ), "even" if relative is None else "of the logarithm" if absolute is None else "even, or of the logarithm"
+
+
+def _with_unit(value: float, unit: str) -> str:
+    scaled, prefix = (1000.0 * value, "m") if unit in {"m", "V"} else (value, "")
+    return f"{scaled:.2g} {prefix}{unit}".strip()

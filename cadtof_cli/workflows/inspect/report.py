@@ -1,0 +1,220 @@
+"""`cadtof report`: the folder of a run → one HTML page."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from cadtof_cli.arrays import Float, Float32
+from cadtof_cli.capture.metadata import Optics
+from cadtof_cli.errors import CadtofError, CaptureError, FrameError, OutputError, SettingsError
+from cadtof_cli.files.maps import STATUS, read_layers
+from cadtof_cli.maps.evaluation import DepthErrors, ErrorTally
+from cadtof_cli.maps.layers import DIRECT_DEPTH, DIRECT_SIGMA
+from cadtof_cli.report.frames import FIRST_PHASOR, TRUTH, EmbeddedFrame, Planes, Shares, embedded_frame, planned_shares
+from cadtof_cli.report.limits import LayerLimits
+from cadtof_cli.report.page import Page, ShownFrame, write_page
+from cadtof_cli.report.thumbnails import small_plane
+from cadtof_cli.workflows.inspect.evaluate import direct_depth, same_size
+from cadtof_cli.workflows.inspect.first_phasors import FirstPhasors, first_phasors
+from cadtof_cli.workflows.inspect.report_text import MapOfFrame, page_text
+from cadtof_cli.workflows.progress import Progress
+from cadtof_cli.workflows.run_folder import Run, read_run
+
+SUFFIXES = (".html", ".htm")
+
+BYTES_PER_MB = 1_000_000
+
+_BESIDE_MAPS = 150_000
+"""Bytes of a page's scripts, style and settings."""
+
+_PER_FRAME = 1_500
+"""Bytes of what a page says of each frame beside its maps."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReportSettings:
+    """What a user can choose.
+
+    Attributes:
+        truth: file with a layer `direct.depth` that every frame is held against.
+        max_size_mb: size of the page; where it does not hold all pixels of all frames, most frames keep every n-th.
+        full_frames: how many frames keep all pixels whatever that takes; None: as many as half of the size holds.
+        focal_length_px: of the camera; None: as the run says.
+        principal_point_px: column and row where the optical axis meets the maps; None: as the run says, or the middle.
+        overwrite: replace a page that is there.
+    """
+
+    truth: Path | None = None
+    max_size_mb: float = 25.0
+    full_frames: int | None = None
+    focal_length_px: float | None = None
+    principal_point_px: tuple[float, float] | None = None
+    overwrite: bool = False
+
+    def __post_init__(self) -> None:
+        if not self.max_size_mb >= 1.0:
+            raise SettingsError(f"--max-size-mb: found {self.max_size_mb:g}, expected 1 or more")
+        if self.full_frames is not None and self.full_frames < 0:
+            raise SettingsError(f"--full-frames: found {self.full_frames}, expected 0 or more")
+        point = self.principal_point_px
+        if point is not None and len(point) != 2:
+            raise SettingsError(f"--principal-point-px: found {len(point)} numbers, expected a column and a row")
+
+
+def write_report(maps: Path, out: Path, /, *, settings: ReportSettings, progress: Progress) -> None:
+    """Write the page of a run's folder, or of one of its maps.
+
+    A map that cannot be read is told on the page, and does not keep the others from it.
+
+    Raises:
+        CadtofError: there is neither a map nor a record, the truth cannot be read or is of another size, or the page cannot be
+            written.
+    """
+    if out.suffix.lower() not in SUFFIXES:
+        raise OutputError(f"{out}: found the suffix {out.suffix!r}, expected {' or '.join(SUFFIXES)}")
+    if out.exists() and not settings.overwrite:
+        raise OutputError(f"{out}: is there already; add --overwrite to replace it, or choose another file")
+    run = read_run(maps)
+    if run.record is None:
+        run.require_maps()
+    truth = None
+    if settings.truth is not None:
+        run.require_range_depth()
+        truth = run.cropped(direct_depth(settings.truth))
+    reader = _Reader(run, settings, truth, first_phasors(run, progress.say))
+    gathered = _gathered(reader, progress)
+    text = page_text(
+        run,
+        maps={file: one.told(gathered.depth_limits) for file, one in gathered.maps.items()},
+        problems=gathered.problems,
+        errors=gathered.errors(),
+    )
+    write_page(out, Page(text, gathered.shown, gathered.truth, gathered.limits.known()))
+
+
+@dataclass(frozen=True)
+class _Reader:
+    """How the planes of a frame are read: its maps, and beside them the depth of the first phasor."""
+
+    run: Run
+    settings: ReportSettings
+    truth_m: Float | None
+    recorded: FirstPhasors
+
+    def planes(self, file: Path, /) -> Planes:
+        """Return a map's layers, and the first phasor's depth where the recorded frame is there and can be compared."""
+        layers = {name: plane for name, plane in read_layers(file).items() if plane.ndim == 2}
+        if DIRECT_DEPTH not in layers:
+            raise FrameError(f"{file}: found layers {', '.join(layers)}; expected {DIRECT_DEPTH}")
+        direct = layers[DIRECT_DEPTH]
+        if self.truth_m is not None and self.settings.truth is not None:
+            same_size(direct, self.truth_m, file, self.settings.truth)
+        first = self.recorded.depth(file, direct)
+        status = {STATUS: layers.pop(STATUS)} if STATUS in layers else {}
+        return layers | ({} if first is None else {FIRST_PHASOR: first}) | status
+
+    def optics(self, file: Path, /) -> Optics:
+        """Return how the pixels of a map look into the world: as the user says, or the run."""
+        known, focal, point = self.run.optics(file), self.settings.focal_length_px, self.settings.principal_point_px
+        return Optics(
+            focal_length_px=known.focal_length_px if focal is None else focal,
+            principal_point_px=known.principal_point_px if point is None else (point[0], point[1]),
+        )
+
+
+@dataclass
+class _SmallMap:
+    """What the strip of frames shows of a map."""
+
+    number: int
+    depth_m: Float32
+    recorded: bool
+
+    def told(self, limits_m: tuple[float, float]) -> MapOfFrame:
+        """Return it as the page has it."""
+        return MapOfFrame(self.number, self.depth_m, limits_m)
+
+
+@dataclass
+class _Gathered:
+    """What the maps of a run come to on its page."""
+
+    shown: list[ShownFrame] = field(default_factory=list)
+    truth: list[EmbeddedFrame] = field(default_factory=list)
+    maps: dict[Path, _SmallMap] = field(default_factory=dict)
+    problems: dict[Path, str] = field(default_factory=dict)
+    limits: LayerLimits = field(default_factory=LayerLimits)
+    direct: ErrorTally = field(default_factory=ErrorTally)
+    first: ErrorTally = field(default_factory=ErrorTally)
+    with_truth: bool = False
+
+    @property
+    def depth_limits(self) -> tuple[float, float]:
+        """Between which depths the colours of the thumbnails lie, in m."""
+        low, high, _, _ = self.limits.known().get(DIRECT_DEPTH, (0.0, 0.0, 0.0, 0.0))
+        return low, high
+
+    def errors(self) -> Mapping[str, DepthErrors]:
+        """Return the errors against truth by what they are of; the first phasor's only where every map has one."""
+        if not self.with_truth:
+            return {}
+        errors = {"direct path": self.direct.summary()}
+        complete = bool(self.maps) and all(one.recorded for one in self.maps.values())
+        return {"first phasor": self.first.summary(), **errors} if complete else errors
+
+    def add(self, reader: _Reader, file: Path, planes: Planes, shares: Shares) -> None:
+        """Add a map."""
+        number = len(self.shown)
+        embedded = embedded_frame(planes, step=shares.step_of(number))
+        name = reader.run.name(file)
+        self.shown.append(ShownFrame(name, embedded, reader.optics(file), reader.run.depth_kind))
+        small = small_plane(planes[DIRECT_DEPTH], longest_px=shares.thumbnail_px)
+        self.maps[file] = _SmallMap(number, small, FIRST_PHASOR in planes)
+        for layer, plane in planes.items():
+            if layer != STATUS:
+                self.limits.add(layer, plane)
+        if reader.truth_m is not None:
+            self._add_truth(reader.truth_m, planes, embedded.step)
+
+    def _add_truth(self, truth_m: Float, planes: Planes, step: int) -> None:
+        self.with_truth = True
+        self.direct.add(planes[DIRECT_DEPTH], truth_m, sigma_m=planes.get(DIRECT_SIGMA))
+        if FIRST_PHASOR in planes:
+            self.first.add(planes[FIRST_PHASOR], truth_m)
+        if not any(one.step == step for one in self.truth):
+            self.truth.append(embedded_frame({TRUTH: truth_m}, step=step))
+
+
+def _gathered(reader: _Reader, progress: Progress) -> _Gathered:
+    gathered = _Gathered()
+    files = reader.run.files
+    progress.total(len(files))
+    samples = [planes for _, planes in _read(reader, _spread(files), _Gathered())]
+    if not samples:
+        list(_read(reader, files, gathered))
+        return gathered
+    room = BYTES_PER_MB * reader.settings.max_size_mb - _BESIDE_MAPS - _PER_FRAME * len(files)
+    shares = planned_shares(samples, len(files), limit_bytes=max(room, 0.0), whole=reader.settings.full_frames)
+    del samples
+    for file, planes in _read(reader, files, gathered):
+        gathered.add(reader, file, planes, shares)
+        progress.advance()
+    return gathered
+
+
+def _spread(files: Sequence[Path]) -> Sequence[Path]:
+    """Return the first, the middle and the last of the files."""
+    return [files[place] for place in sorted({0, len(files) // 2, len(files) - 1})] if files else []
+
+
+def _read(reader: _Reader, files: Sequence[Path], gathered: _Gathered) -> Iterator[tuple[Path, Planes]]:
+    """Yield the planes of maps that can be read; of the others the reason is kept."""
+    for file in files:
+        try:
+            planes = reader.planes(file)
+        except CaptureError:
+            raise
+        except CadtofError as error:
+            gathered.problems[file] = str(error)
+            continue
+        yield file, planes

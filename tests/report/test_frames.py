@@ -1,0 +1,54 @@
+"""How much of each frame a page holds."""
+
+import numpy as np
+import pytest
+
+from cadtof_cli.report.frames import embedded_frame, planned_shares, sampled
+
+MB = 1_000_000
+
+
+def _planes(height: int = 240, width: int = 320, layers: int = 8) -> dict[str, np.ndarray]:
+    rng = np.random.default_rng(5)
+    return {f"layer{k}.depth": rng.normal(2.0, 0.1, (height, width)).astype(np.float32) for k in range(layers)}
+
+
+@pytest.mark.parametrize(
+    ("shape", "step", "first"), [((7, 9), 3, (1, 1)), ((8, 8), 1, (0, 0)), ((2, 9), 8, (0, 4)), ((1, 1), 5, (0, 0))]
+)
+def test_every_nth_pixel_is_one_of_the_plane(shape: tuple[int, int], step: int, first: tuple[int, int]) -> None:
+    plane = np.arange(shape[0] * shape[1]).reshape(shape)
+    kept = sampled(plane, step)
+    assert kept[0, 0] == plane[first]
+    assert kept.size == -(-(shape[0] - first[0]) // step) * -(-(shape[1] - first[1]) // step)
+
+
+def test_what_fits_is_held_whole() -> None:
+    shares = planned_shares([_planes()], 5, limit_bytes=25 * MB, whole=None)
+    assert [shares.step_of(place) for place in range(5)] == [1] * 5
+    assert shares.thumbnail_px == 80
+
+
+@pytest.mark.parametrize(("frames", "limit_mb"), [(40, 10), (500, 25), (2000, 25)])
+def test_what_does_not_fit_is_thinned_out(frames: int, limit_mb: float) -> None:
+    """The frames that are whole are spread over the run, and all of them together stay below the limit."""
+    planes = _planes()
+    shares = planned_shares([planes], frames, limit_bytes=limit_mb * MB, whole=None)
+    assert shares.step > 1
+    assert 0 < len(shares.whole) < frames
+    assert {0, frames - 1} <= shares.whole or len(shares.whole) == 1
+    whole, thin = (len(embedded_frame(planes, step=step).data) for step in (1, shares.step))
+    taken = len(shares.whole) * whole + (frames - len(shares.whole)) * thin
+    assert 0.5 * limit_mb * MB < taken < limit_mb * MB
+
+
+def test_as_many_whole_frames_as_are_asked_for() -> None:
+    shares = planned_shares([_planes()], 100, limit_bytes=2 * MB, whole=7)
+    assert len(shares.whole) == 7
+    assert shares.step == 20  # the longer side keeps 16 pixels
+    assert planned_shares([_planes()], 3, limit_bytes=2 * MB, whole=7).whole == {0, 1, 2}
+    assert planned_shares([_planes()], 3, limit_bytes=2 * MB, whole=0).whole == set()
+
+
+def test_thumbnails_shrink_where_there_are_many() -> None:
+    assert planned_shares([_planes()], 5000, limit_bytes=25 * MB, whole=None).thumbnail_px < 80

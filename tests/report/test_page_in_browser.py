@@ -1,0 +1,368 @@
+"""The page of a run in a real browser: what it shows is what the files hold, whatever hands, keys and screens it meets."""
+
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from tests.support.browser import Browser, opened_browser
+from tests.support.captures import layers_of, record, write_exr
+from tests.support.forward import step_truth
+from tests.support.run_cadtof import cadtof
+
+HEIGHT, WIDTH = 24, 32
+
+HOSTILE = "<img src=x onerror=alert(1)>\"'&lt;\u202e$title"
+
+SEEN = HOSTILE.replace("\u202e", "\\u202e")
+"""How it is shown: what turns the direction of writing is escaped."""
+
+FRAMES = (HOSTILE, "frame_1", "frame_2", "frame_3")
+"""The third of the four is broken."""
+
+Layers = dict[str, NDArray[Any]]
+
+
+@dataclass(frozen=True)
+class Shown:
+    """A page, and the layers of the frames on it by their place in the viewer."""
+
+    page: Path
+    browser: Browser
+    frames: tuple[Layers, ...]
+
+    def loss(self, layer: str) -> float:
+        """Largest rounding that a layer of the first frame may have: half of its step."""
+        values = self.frames[0][layer]
+        return float(np.nanmax(values) - np.nanmin(values)) / 65533 / 2
+
+
+@pytest.fixture(scope="module")
+def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
+    with opened_browser(tmp_path_factory.mktemp("profile")) as opened:
+        yield opened
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, tuple[Layers, ...]]:
+    """A run of four frames, one with a hostile name, one broken, and its page with truth."""
+    folder = tmp_path_factory.mktemp("run")
+    capture = record(folder / "capture", frames=4)
+    capture.files[0].rename(capture.folder / f"{HOSTILE}.tif")
+    capture.files[2].write_bytes(b"II*\0</script><script>alert(2)</script>")
+    write_exr(folder / "truth.exr", {"direct.depth": step_truth().astype(np.float32)})
+    out = folder / "out"
+    assert cadtof("resolve", capture.folder, "-o", out, "-j", 1, "-q").status == 1
+    done = cadtof("report", out, "-o", folder / "page.html", "--truth", folder / "truth.exr")
+    assert (done.status, done.out) == (0, f"{folder / 'page.html'}\n")
+    names = [name for name in FRAMES if name != "frame_2"]
+    return folder / "page.html", tuple(layers_of(out / f"{name}.tif") for name in names)
+
+
+@pytest.fixture
+def shown(browser: Browser, written: tuple[Path, tuple[Layers, ...]]) -> Shown:
+    """The page, freshly opened."""
+    page, frames = written
+    browser.open(page)
+    return Shown(page, browser, frames)
+
+
+def _readout(browser: Browser) -> dict[str, str]:
+    rows = browser.run(
+        "return [...document.querySelectorAll('#readout tbody tr')].map(row => [...row.cells].map(one => one.textContent))"
+    )
+    return dict(rows)
+
+
+def _number(shown: str) -> tuple[float, float]:
+    """A value as it is shown, and half of its last digit, in m or V."""
+    if shown == "no answer":
+        return np.nan, 0.0
+    digits, unit = shown.replace("−", "-").split(" ")
+    scale = 1e-3 if unit in {"mm", "mV"} else 1.0
+    behind = len(digits.partition(".")[2])
+    return float(digits) * scale, 0.5 * 10.0**-behind * scale
+
+
+def _require_pixel(shown: Shown, frame: int, x: int, y: int) -> None:
+    """Make sure that the readout holds the values of the file at a pixel, within the rounding."""
+    assert shown.browser.find("#readout-title").text == f"Pixel {x}, {y}"
+    readout = _readout(shown.browser)
+    layers = shown.frames[frame]
+    assert set(layers) <= set(readout)
+    for name, plane in layers.items():
+        if name != "status":
+            found, digit = _number(readout[name])
+            np.testing.assert_allclose(found, plane[y, x], rtol=0, atol=digit + 1.5 * shown.loss(name), err_msg=name)
+    assert readout["status"] == {8: "one path", 16: "two paths"}[int(layers["status"][y, x])]
+    error, digit = _number(readout["error"])
+    wanted = layers["direct.depth"][y, x] - step_truth()[y, x]
+    assert error == pytest.approx(wanted, abs=digit + 1.5 * shown.loss("direct.depth") + 1e-6)
+
+
+def _place(x: int, y: int) -> tuple[float, float]:
+    return (x + 0.5) / WIDTH, (y + 0.5) / HEIGHT
+
+
+def _canvas(browser: Browser, css: str = "#map") -> NDArray[np.uint8]:
+    """What a canvas holds, RGB, at the middle of each of the map's pixels."""
+    browser.settle()
+    script = """
+        const [css, columns, rows] = arguments, canvas = document.querySelector(css), found = [];
+        const whole = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height).data;
+        for (let y = 0; y < rows; y += 1) for (let x = 0; x < columns; x += 1) {
+            const across = Math.floor((x + .5) / columns * canvas.width);
+            const place = Math.floor((y + .5) / rows * canvas.height) * canvas.width + across;
+            found.push(...whole.slice(4 * place, 4 * place + 3));
+        }
+        return found;
+    """
+    return np.array(browser.run(script, css, WIDTH, HEIGHT), np.uint8).reshape(HEIGHT, WIDTH, 3)
+
+
+def test_it_opens_without_a_complaint_and_runs_nothing_of_a_name(shown: Shown) -> None:
+    browser = shown.browser
+    assert browser.complaints() == []
+    assert not browser.all("img[src=x]")
+    assert (
+        browser.run("return document.querySelectorAll('script').length") == 3 + 1 + 1 + 1
+    )  # frames, truth, run, its own
+    assert browser.find("#frame-name").text == f"{SEEN} (1 of 3)"
+    assert "frame_2.tif" in browser.find("#failures").text
+    assert (
+        browser.run(
+            "return performance.getEntriesByType('resource').filter(one => !one.name.startsWith('data:')).length"
+        )
+        == 0
+    )
+
+
+def test_scripts_and_markup_from_elsewhere_are_refused(shown: Shown) -> None:
+    browser = shown.browser
+    added = "const made = document.createElement('script'); made.append('window.ran = 1'); document.body.append(made)"
+    browser.run(f"try {{ {added} }} catch {{}}")
+    assert browser.run("return window.ran") is None
+    refused = "try { document.body.innerHTML = '<p>'; return 'taken' } catch (error) { return error.name }"
+    assert browser.run(refused) == "TypeError"
+    refused = "return fetch('https://example.org/').then(() => 'sent', () => 'refused')"
+    assert browser.run(refused) == "refused"
+    assert any("Content Security Policy" in one for one in browser.complaints())
+
+
+def test_pointing_at_a_pixel_shows_the_values_of_the_file(shown: Shown) -> None:
+    for x, y in ((0, 0), (31, 23), (3, 20), (20, 5)):
+        shown.browser.point("#map", _place(x, y))
+        _require_pixel(shown, 0, x, y)
+
+
+def test_keys_move_the_pixel_and_change_the_frame(shown: Shown) -> None:
+    shown.browser.point("#map", _place(10, 10))
+    shown.browser.press("#map", "ARROW_RIGHT", "ARROW_RIGHT", "ARROW_UP")
+    _require_pixel(shown, 0, 12, 9)
+    assert "Column 12, row 9: direct.depth" in shown.browser.find("#said").get_attribute("textContent")
+    shown.browser.press("#map", "PAGE_DOWN")
+    shown.browser.wait("return document.querySelector('#frame-name').textContent.includes('frame_1')")
+    _require_pixel(shown, 1, 12, 9)
+    shown.browser.press("#strip li:first-child button", "END")
+    shown.browser.driver.switch_to.active_element.send_keys("\n")
+    shown.browser.wait("return document.querySelector('#frame-name').textContent.includes('frame_3')")
+    _require_pixel(shown, 2, 12, 9)
+
+
+def test_a_dragged_line_is_a_profile_of_the_file(shown: Shown) -> None:
+    browser = shown.browser
+    browser.click("#profile-table summary")
+    browser.point("#map", _place(2, 4), _place(15, 8), _place(29, 13), drag=True)
+    assert browser.find("#profile-title").text == "Profile from pixel 2, 4 to 29, 13"
+    table = browser.find("#profile-table table").get_attribute("innerText").split("\n")
+    assert table[0].split("\t") == ["column", "row", "direct.depth, m", "sigma, m", "first phasor, m", "truth, m"]
+    rows = np.array([line.split("\t") for line in table[1:] if line], float)
+    x, y = rows[:, 0].astype(int), rows[:, 1].astype(int)
+    np.testing.assert_array_equal(x, np.arange(2, 30))
+    assert np.abs(y - (4 + (x - 2) / 3)).max() <= 0.5
+    for column, name in ((2, "direct.depth"), (3, "direct.sigma")):
+        np.testing.assert_allclose(rows[:, column], shown.frames[0][name][y, x], rtol=5e-6, atol=1.5 * shown.loss(name))
+    np.testing.assert_allclose(rows[:, 5], step_truth()[y, x], rtol=1e-5)
+    assert len(browser.all("#profile .band")) >= 1
+    browser.press("#map", "c")
+    assert browser.find("#profile-title").text == "Profile from pixel 29, 0 to 29, 23"
+
+
+def test_layers_switch_and_share_colours_where_they_are_compared(shown: Shown) -> None:
+    browser = shown.browser
+    chosen = (
+        "const one = document.querySelector('#layer'); one.value = arguments[0]; one.dispatchEvent(new Event('change'))"
+    )
+    names = [option.text for option in browser.all("#layer option")]
+    assert names == [
+        *(name for name in shown.frames[0] if name != "status"),
+        "first phasor",
+        "truth",
+        "error",
+        "error of first phasor",
+    ]
+    pictures, ends = {}, {}
+    for name in names:
+        browser.run(chosen, name)
+        pictures[name] = _canvas(browser)
+        ends[name] = browser.find("#low-text").text, browser.find("#high-text").text
+    assert ends["direct.depth"] == ends["first phasor"] == ends["truth"] != ends["confidence"]
+    assert ends["error"] == ends["error of first phasor"]
+    no_answer = (pictures["mpi.depth"] == (0x8A, 0x8A, 0x92)).all(axis=2)
+    wanted = np.isnan(shown.frames[0]["mpi.depth"])
+    away = np.ones((HEIGHT, WIDTH), bool)
+    away[10:15] = False  # the marks of pixel and profile
+    assert no_answer[away & wanted].all()
+    assert not no_answer[away & ~wanted].any()
+
+
+def test_the_slider_lays_the_first_phasor_over_the_left(shown: Shown) -> None:
+    browser = shown.browser
+    resolved = _canvas(browser)
+    chosen = (
+        "const one = document.querySelector('#layer'); one.value = arguments[0]; one.dispatchEvent(new Event('change'))"
+    )
+    browser.run(chosen, "first phasor")
+    phasor = _canvas(browser)
+    assert (resolved[:10, 16:] != phasor[:10, 16:]).any()
+    browser.run(chosen, "direct.depth")
+    browser.click("#compare")
+    browser.press("#split", *["ARROW_RIGHT"] * 25)
+    both = _canvas(browser)
+    np.testing.assert_array_equal(both[:10, :23], phasor[:10, :23])
+    np.testing.assert_array_equal(both[:10, 25:], resolved[:10, 25:])
+
+
+def test_the_ends_of_the_colours_can_be_dragged_and_typed(shown: Shown) -> None:
+    browser = shown.browser
+    before = _canvas(browser)
+    ends = "return ['low', 'high'].map(end => Number(document.querySelector('#scale-' + end).ariaValueNow))"
+    low, high = browser.run(ends)
+    layers = [frame["direct.depth"] for frame in shown.frames]
+    assert 0.7 < low <= min(np.quantile(one, 0.01) for one in layers) + 1e-4
+    assert 2.5 > high >= max(np.quantile(one, 0.99) for one in layers) - 1e-4  # the first phasor is farther
+    boxes = "const [box, one] = ['scale', 'scale-high'].map(id => document.getElementById(id).getBoundingClientRect());"
+    place = browser.run(f"{boxes} return (one.left + one.width / 2 - box.left) / box.width")
+    browser.point("#scale", (place, 0.5), (place - 0.1, 0.5), (place - 0.3, 0.5), drag=True)
+    moved_low, moved_high = browser.run(ends)
+    assert moved_low == low
+    assert moved_high < high
+    assert (_canvas(browser) != before).any()
+    browser.press("#scale-low", "ARROW_RIGHT")
+    assert browser.run(ends)[0] > low
+    browser.click("#scale-reset")
+    assert browser.run(ends) == [low, high]
+    np.testing.assert_array_equal(_canvas(browser), before)
+
+
+def test_status_bits_lie_over_the_pixels_that_have_them(shown: Shown) -> None:
+    browser = shown.browser
+    status = shown.frames[0]["status"].astype(int)
+    text = browser.find("#overlays").text
+    for bit, name in ((8, "one path"), (16, "two paths")):
+        assert name in text
+        assert f"{100 * np.mean((status & bit) != 0):.1f} %" in text
+    before = _canvas(browser)
+    browser.click("#overlays input[value='16']")
+    changed = (_canvas(browser) != before).any(axis=2)
+    rows = [*range(10), *range(15, HEIGHT)]
+    np.testing.assert_array_equal(changed[rows], ((status & 16) != 0)[rows])
+
+
+def test_the_points_turn_and_come_back(shown: Shown) -> None:
+    browser = shown.browser
+    start = browser.picture("#cloud")
+    assert len(np.unique(start.reshape(-1, 3), axis=0)) > 20
+    browser.point("#cloud", (0.5, 0.5), (0.6, 0.55), (0.7, 0.6), drag=True)
+    turned = browser.picture("#cloud")
+    assert (turned != start).any(axis=2).mean() > 0.01
+    browser.press("#cloud", "ARROW_LEFT", "+")
+    assert (browser.picture("#cloud") != turned).any()
+    browser.press("#cloud", "0")
+    browser.run("document.activeElement.blur()")
+    np.testing.assert_array_equal(browser.picture("#cloud"), start)
+
+
+@pytest.mark.parametrize(("width", "dark"), [(390, True), (768, False), (1440, True)])
+def test_it_fits_any_screen_in_light_and_dark(shown: Shown, width: int, dark: bool) -> None:
+    browser = shown.browser
+    browser.look(width=width, dark=dark)
+    browser.settle()
+    assert browser.run("return document.documentElement.scrollWidth") <= width
+    background = browser.run("return getComputedStyle(document.body).backgroundColor")
+    lightness = sum(map(int, background.strip("rgb()").split(","))) / 3
+    assert lightness < 60 if dark else lightness > 200
+    browser.point("#map", _place(20, 5))
+    _require_pixel(shown, 0, 20, 5)
+    assert browser.picture("#map").shape[1] <= width
+
+
+def test_it_prints_in_light_colours_with_its_tables(shown: Shown) -> None:
+    browser = shown.browser
+    browser.look(dark=True, media="print")
+    assert browser.run("return getComputedStyle(document.body).backgroundColor") == "rgb(255, 255, 255)"
+    assert not browser.find("#split").is_displayed()
+    assert not browser.find("nav").is_displayed()
+    browser.look(dark=True)
+    printed = browser.printed()
+    assert printed.startswith(b"%PDF")
+    assert printed.count(b"/Type /Page\n") >= 2
+
+
+def test_tables_and_thumbnails_need_no_scripts(shown: Shown) -> None:
+    browser = shown.browser
+    browser.tell("Emulation.setScriptExecutionDisabled", value=True)
+    try:
+        browser.driver.refresh()
+        told = browser.find("main").text
+        assert not browser.find("#viewer").is_displayed()
+        assert "need scripts" in told
+        assert "modulation.periods_ns" in told
+        assert "largest rounding" in told
+        assert "damaged or truncated TIFF" in browser.find("#failures").text
+        assert len(browser.all("#strip img")) == 3
+    finally:
+        browser.tell("Emulation.setScriptExecutionDisabled", value=False)
+
+
+def test_a_frame_of_which_every_other_pixel_is_held(
+    browser: Browser, written: tuple[Path, tuple[Layers, ...]], tmp_path: Path
+) -> None:
+    """A page that is far too small for its frames: what it shows are pixels of the file, and it says which."""
+    page, frames = written
+    noise = np.random.default_rng(3).uniform(0.9, 1.1, (480, 640)).astype(np.float32)
+    layers: dict[str, NDArray[np.generic]] = {
+        name: np.tile(plane, (20, 20)) * (1 if name == "status" else noise) for name, plane in frames[1].items()
+    }
+    for name in ("a", "b"):
+        write_exr(tmp_path / f"{name}.exr", layers)
+    done = cadtof(
+        "report",
+        tmp_path,
+        "-o",
+        tmp_path / "page.html",
+        "--max-size-mb",
+        1,
+        "--full-frames",
+        0,
+        "--focal-length-px",
+        400,
+    )
+    assert done.status == 0
+    assert (tmp_path / "page.html").stat().st_size < 1_000_000
+    browser.open(tmp_path / "page.html")
+    told = browser.find("#sampling").text
+    assert told.endswith("of 640 × 480 pixels.")
+    browser.point("#map", (0.3, 0.7))
+    x, y = map(int, browser.find("#readout-title").text.removeprefix("Pixel ").split(", "))
+    found, digit = _number(_readout(browser)["direct.depth"])
+    assert found == pytest.approx(layers["direct.depth"][y, x], abs=digit + 1e-4)
+    assert abs(x / 640 - 0.3) < 0.02
+    assert abs(y / 480 - 0.7) < 0.02
+    assert json.loads(browser.run("return document.querySelector('#run').textContent"))["truth"] == []
+    assert page.exists()
