@@ -19,14 +19,15 @@ from cadtof_cli.errors import FrameError
 from cadtof_cli.files.maps import DepthMaps
 from cadtof_cli.frame_plan import FramePlan
 from cadtof_cli.maps.depth import DepthScale, empty_maps, write_block
-from cadtof_cli.maps.impossible import clear_impossible, most_volts
+from cadtof_cli.maps.impossible import clear_impossible, clear_pixels, most_volts
 from cadtof_cli.maps.layers import ALWAYS
 from cadtof_cli.optics.lamp import LampBeside
 from cadtof_cli.optics.pinhole import planar_per_range, principal_point
 from cadtof_cli.phasors.frame_mean import FrameMean
 from cadtof_cli.phasors.noise import NoiseModel, estimated_integration_length, noise_model
+from cadtof_cli.phasors.plausible import is_without_noise
 from cadtof_cli.phasors.voltages import phasors_from_stored, saturated_pixels
-from cadtof_cli.resolver.status import StatusBit
+from cadtof_cli.resolver.status import StatusBit, has_answer
 from cadtof_cli.resolver.two_path.kernel import NUMPY, KernelFrame, chosen_kernel, fill_maps
 from cadtof_cli.units import metres_per_radian
 
@@ -56,6 +57,7 @@ class FramePixels:
         first: flat index of the first of the n pixels.
         noise: of a recorded pixel, with how many each of the n is a mean of.
         pooled: means over neighbours, (H, n), instead of the phasors that follow from `stored`; None: there are none.
+        without_noise: whether all pixels of the frame hold the same, which no camera records.
         mpi: which model of MPI the frame was found to have, and how its tail is predicted; None where there was no choice.
     """
 
@@ -65,6 +67,7 @@ class FramePixels:
     first: int
     noise: NoiseModel
     pooled: Complex | None = None
+    without_noise: bool = False
     mpi: "DiffuseModel | DiffuseChoice | None" = None
 
     @property
@@ -191,7 +194,7 @@ def prepare_frame(
         noise = noise_model(plan.metadata, integration_length=n_av, quantised=frame.dtype.kind in "iu")
     else:
         noise = _estimated_noise(pixels, plan, stages)
-    pixels = replace(pixels, noise=replace(noise, samples=samples))
+    pixels = replace(pixels, noise=replace(noise, samples=samples), without_noise=is_without_noise(stored, noise))
     if plan.settings.pool > 1:
         pixels = _pooled(pixels, stages, window=plan.settings.pool)
     if plan.resolver.may_be_diffuse(pixels.noise.harmonics):
@@ -220,6 +223,8 @@ def resolve_pixels(
         _fill_by_blocks(maps, pixels, plan, stages, calibrated=calibration is not None)
         clear_impossible(maps, noise=pixels.noise, amplitude_v=plan.metadata.modulation.amplitude_v)
     stages.depth.measure_from_camera(maps, pixels.first)
+    if pixels.without_noise:
+        clear_pixels(maps, has_answer(maps.status.reshape(-1)))
     return maps
 
 

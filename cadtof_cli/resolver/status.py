@@ -5,7 +5,7 @@ from enum import IntFlag
 
 import numpy as np
 
-from cadtof_cli.arrays import Status
+from cadtof_cli.arrays import Bool, Status
 
 
 class StatusBit(IntFlag):
@@ -43,8 +43,15 @@ MEANING: dict[StatusBit, str] = {
     StatusBit.MORE_PATHS: "resolved as three paths or more",
     StatusBit.POOLED: "averaged over frames or neighbours: layer `effective_pixels` says over how many",
     StatusBit.DIFFUSE_MPI: "the MPI is a tail predicted from the scene's geometry; MPI layers are its phasor at the fundamental",
-    StatusBit.IMPOSSIBLE: "amplitudes beyond what the modulation can record, by more than noise; no answer",
+    StatusBit.IMPOSSIBLE: "amplitudes beyond what the modulation can record and noise, or a frame without noise; no answer",
 }
+
+
+def has_answer(status: Status, /) -> Bool:
+    """Return which pixels of a status map have an answer."""
+    bits = StatusBit.ONE_PATH | StatusBit.TWO_PATHS | StatusBit.MORE_PATHS | StatusBit.DIFFUSE_MPI
+    answered: Bool = (status & np.uint32(bits)) != 0
+    return answered
 
 
 @dataclass(frozen=True)
