@@ -105,8 +105,8 @@ def walk(diary: Diary, out: Path) -> dict[str, str]:
         "evaluate_before": diary.run("evaluate", "before", "--truth", "card/truth.exr"),
         "evaluate_after": diary.run("evaluate", "after", "--truth", "card/truth.exr"),
     }
-    diary.run("preview", "before", "-o", "before.png", "--truth", "card/truth.exr")
-    diary.run("preview", "after", "-o", "after.png", "--truth", "card/truth.exr")
+    diary.run("preview", "before", "--frame", "0", "-o", "before.png", "--truth", "card/truth.exr")
+    diary.run("preview", "after", "--frame", "0", "-o", "after.png", "--truth", "card/truth.exr")
     for name in ("walls", "before", "after"):
         (out / f"calibration_{name}.png").write_bytes((diary.place / f"{name}.png").read_bytes())
     said["petzval_toml"] = "\n".join(
