@@ -1,5 +1,7 @@
 """Paths are shares of all light: together they are at most all of it."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -28,3 +30,11 @@ def test_the_sum_of_the_paths_and_the_first_phasor_are_at_most_the_modulation(
     volts = [np.array([0.2746 * amplitude]) for amplitude in amplitudes]
     found = beyond_light(volts, np.array([0.2746 * confidence]), noise=NOISE, amplitude_v=0.2746)
     assert found.tolist() == [beyond]
+
+
+@pytest.mark.parametrize(("amplitude", "beyond"), [(1.05, False), (1.15, True)])
+def test_a_mean_of_a_hundred_has_a_tenth_of_the_noise_on_top(amplitude: float, beyond: bool) -> None:
+    """At n_av 50 five standard deviations of both harmonics are .75 of the modulation, a tenth of it .075."""
+    noise = replace(noise_of((1, 2), n_av=50.0), samples=np.array([100.0]))
+    assert beyond_light([np.array([amplitude])], np.array([0.5]), noise=noise).tolist() == [beyond]
+    assert not beyond_light([np.array([amplitude])], np.array([0.5]), noise=noise_of((1, 2), n_av=50.0)).any()

@@ -128,3 +128,20 @@ def test_the_range_is_that_of_all_but_the_outermost_percent() -> None:
     told = said(stored)
     assert told is not None
     assert "stored values (float64) lie between 1.02 and 2.98" in told
+
+
+def test_volts_about_an_offset_were_not_scaled_to_one_where_some_are_below_zero() -> None:
+    stored = (0.125 + 0.13 / 0.11 * volts()).astype(np.float32)
+    assert stored.min() < 0.0
+    told = said(stored, COUNTS)
+    assert told is not None
+    assert "look like volts already" in told
+    assert "ImageMagick" not in told
+
+
+def test_voltages_may_fall_with_the_counts() -> None:
+    falling = Voltage(zero_counts=ZERO, volts_per_count=-STEP)
+    assert said(counts(), falling) is None
+    told = said((counts() + 20000).astype(np.uint16), falling)
+    assert told is not None
+    assert "zero_counts = 8192 is far from them" in told

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from cadtof_cli.resolver.status import MEANING, StatusBit, count_status
+from cadtof_cli.resolver.status import MEANING, StatusBit, count_status, has_answer
 
 README = Path(__file__).parents[2] / "README.md"
 
@@ -27,3 +27,8 @@ def test_every_pixel_is_counted_once() -> None:
     status = np.array([[8, 8 | 64, 16], [16 | 32, 512, 2048], [1, 4, 0]], np.uint32)
     counts = count_status(status)
     assert (counts.one_path, counts.two_paths, counts.more_paths, counts.diffuse, counts.invalid) == (2, 2, 1, 1, 3)
+
+
+def test_an_answer_is_a_path_or_a_predicted_tail() -> None:
+    status = np.array([0, 1, 2, 4, 256, 4096, 8, 16, 512, 2048, 8 | 64, 16 | 32 | 128, 64 | 1024], np.uint32)
+    assert has_answer(status).tolist() == [False] * 6 + [True] * 6 + [False]

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from cadtof_cli.arrays import Float
 from cadtof_cli.errors import CaptureError, OutputError
 from cadtof_cli.files.atomic import whole_file
+from cadtof_cli.files.formats import EXR, suffix_format
 from cadtof_cli.files.maps import read_layers, write_layers
 from cadtof_cli.maps.evaluation import DepthErrors, ErrorTally, depth_errors
 from cadtof_cli.maps.layers import DIRECT_DEPTH, DIRECT_SIGMA, MPI_DEPTH
@@ -117,8 +118,8 @@ def scatter_over_time(maps: Path, out: Path, /, *, progress: Progress, overwrite
     Raises:
         CadtofError: maps cannot be read, hold no direct depth, or differ in size; or `out` cannot be written.
     """
-    if out.suffix.lower() != ".exr":
-        raise OutputError(f"{out}: found the suffix {out.suffix!r}, expected .exr")
+    if suffix_format(out) is not EXR:
+        raise OutputError(f"{out}: found the suffix {out.suffix!r}, expected {EXR.suffix}")
     _require_free(out, overwrite=overwrite)
     run = read_run(maps)
     files = run.require_maps()
