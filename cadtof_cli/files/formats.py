@@ -237,7 +237,7 @@ def format_of(path: Path, /) -> Format:
     with damage_as_frame_error(path, "file"):
         descriptor = open_regular(path)
         try:
-            head = os.pread(descriptor, _HEAD_BYTES, 0)
+            head = os.read(descriptor, _HEAD_BYTES)
         finally:
             os.close(descriptor)
     known = next((one for one in FORMATS if head.startswith(one.magics)), None)
