@@ -1,0 +1,37 @@
+"""Whether a target was the flat wall that a calibration took it for: what is left over the array, in blocks.
+
+Medians of blocks keep what a scene has, shapes and the paths that it adds, and little of noise and of pixels' own phases. They are held
+against lengths, not against noise: many frames make a sound camera's small errors visible, and those are no reason to refuse it.
+"""
+
+import numpy as np
+
+from cadtof_cli.arrays import Bool, Float
+
+BLOCKS = 12
+"""Blocks that the shorter side of the array has, as far as it has pixels enough."""
+
+LEAST_IN_BLOCK = 4
+"""Values from which on a block's median counts."""
+
+
+def block_medians(values: Float, where: Bool, /) -> Float:
+    """Return the medians of values in square blocks of the array, of those blocks that have enough of them, (n,).
+
+    Args:
+        values: (m,), of the pixels that `where` names, row by row.
+        where: (Y, X).
+    """
+    size = max(2, -(-min(where.shape) // BLOCKS))
+    rows, columns = np.nonzero(where)
+    block = (rows // size) * (where.shape[1] // size + 1) + columns // size
+    order = np.argsort(block, kind="stable")
+    _, starts = np.unique(block[order], return_index=True)
+    groups = np.split(values[order], starts[1:]) if order.size else []
+    return np.array([np.median(group) for group in groups if group.size >= LEAST_IN_BLOCK])
+
+
+def block_rms(values: Float, where: Bool, /) -> float:
+    """Return the root mean square of the blocks' medians; 0 where no block has values enough."""
+    medians = block_medians(values, where)
+    return float(np.sqrt(np.mean(medians**2))) if medians.size else 0.0
