@@ -27,7 +27,7 @@ UNIX_FLAGS = [
 MSVC_FLAGS = ["/std:c11", "/O2", "/fp:precise"]
 
 
-COMPILED = {"files/_digest": (), "resolver/two_path/_kernel": ("_kernel_frame.h", "_kernel_paths.h")}
+COMPILED = {"resolver/two_path/_kernel": ("_kernel_frame.h", "_kernel_paths.h")}
 """Extension modules, each of one C file in `cadtof_cli`, with the headers beside it."""
 
 

@@ -1,6 +1,7 @@
-"""Names for the array types that pass between the stages."""
+"""Names for the array types that pass between the stages, and arrays that many share."""
 
-from typing import Any
+from dataclasses import is_dataclass
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,3 +15,17 @@ Complex = NDArray[np.complex128]
 Bool = NDArray[np.bool_]
 Index = NDArray[np.intp]
 Status = NDArray[np.uint32]
+
+T = TypeVar("T")
+
+
+def sealed(shared: T, /) -> T:
+    """Return an array, or a record with all arrays in it, that refuses to be changed: what a cache hands to many."""
+    if isinstance(shared, np.ndarray):
+        shared.flags.writeable = False
+    elif isinstance(shared, tuple):
+        for one in shared:
+            sealed(one)
+    elif is_dataclass(shared):
+        sealed(tuple(vars(shared).values()))
+    return shared

@@ -1,7 +1,8 @@
 """The `cadtof` command: finds subcommands, and turns errors into a message and an exit status."""
 
+import atexit
 import contextlib
-import difflib
+import gc
 import importlib
 import io
 import os
@@ -33,6 +34,9 @@ COMMANDS = {
     "calibrate": "Measure what is wrong with a camera, for `resolve --calibration`.",
 }
 """Subcommands in the order of `cadtof --help`, with what they do; each is a click command in `commands/<name>.py`."""
+
+OBJECTS_BETWEEN_COLLECTIONS = 100_000
+"""What is imported makes objects by the ten thousand, and no garbage that has to be looked for among them."""
 
 INTERRUPTED = 130
 BROKEN_PIPE = 141
@@ -78,8 +82,12 @@ class LazyGroup(click.Group):
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
         """Return the command that is meant; where there is none of that name, say which one is like it."""
+        if args[0] in COMMANDS:
+            return super().resolve_command(ctx, args)
+        import difflib
+
         close = difflib.get_close_matches(args[0], COMMANDS, n=1)
-        if args[0] not in COMMANDS and close:
+        if close:
             ctx.fail(f"No such command '{args[0]}': did you mean {close[0]}?")
         return super().resolve_command(ctx, args)
 
@@ -106,6 +114,9 @@ def cli(debug: bool) -> None:
 
 def main() -> NoReturn:
     """Run the command line and exit; no traceback reaches a user who did not ask for it."""
+    gc.set_threshold(OBJECTS_BETWEEN_COLLECTIONS)
+    # nor is there on the way out
+    atexit.register(gc.freeze)
     open_closed_streams()
     for number in (signal.SIGTERM, signal.SIGHUP):
         # nohup has SIGHUP ignored, and that is to stay

@@ -9,32 +9,31 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
-from cadtof_cli.arrays import Complex, Status, Stored
+from cadtof_cli.arrays import Complex, Status, Stored, sealed
 from cadtof_cli.calibration.apply import FrameCorrection, frame_correction
-from cadtof_cli.calibration.store import Calibration
 from cadtof_cli.errors import FrameError
 from cadtof_cli.files.maps import DepthMaps
 from cadtof_cli.frame_plan import FramePlan
 from cadtof_cli.maps.depth import DepthScale, empty_maps, write_block
-from cadtof_cli.maps.impossible import clear_impossible, most_volts
+from cadtof_cli.maps.impossible import clear_impossible, clear_pixels, most_volts
 from cadtof_cli.maps.layers import ALWAYS
+from cadtof_cli.optics.lamp import LampBeside
 from cadtof_cli.optics.pinhole import planar_per_range, principal_point
 from cadtof_cli.phasors.frame_mean import FrameMean
 from cadtof_cli.phasors.noise import NoiseModel, estimated_integration_length, noise_model
-from cadtof_cli.phasors.pooling import pooled_phasors
+from cadtof_cli.phasors.plausible import is_without_noise
 from cadtof_cli.phasors.voltages import phasors_from_stored, saturated_pixels
-from cadtof_cli.resolver.diffuse.grid import View
-from cadtof_cli.resolver.diffuse.predict import diffuse_model
-from cadtof_cli.resolver.diffuse.records import DiffuseChoice, DiffuseModel
-from cadtof_cli.resolver.diffuse.settings import DiffuseSettings
-from cadtof_cli.resolver.resolve import resolve_paths, screened
-from cadtof_cli.resolver.response.as_sine import phasors_of_sine
-from cadtof_cli.resolver.status import StatusBit
+from cadtof_cli.resolver.status import StatusBit, has_answer
 from cadtof_cli.resolver.two_path.kernel import NUMPY, KernelFrame, chosen_kernel, fill_maps
 from cadtof_cli.units import metres_per_radian
+
+if TYPE_CHECKING:
+    from cadtof_cli.calibration.store import Calibration
+    from cadtof_cli.resolver.diffuse.records import DiffuseChoice, DiffuseModel
 
 BLOCK_PIXELS = 19200
 """Pixels a block, a quarter of a QVGA frame: enough that the cost of calling numpy hardly counts, and no more, so that memory
@@ -44,8 +43,7 @@ SEARCHED_BLOCK_PIXELS = 32768
 """Pixels a block where paths are searched or refined: the last steps are for a few, and cost the same for any block."""
 
 MOST_INTEGRATION = 1e12
-"""Integration length of a frame without any noise, a synthetic one: that of float32 rounding, so that every threshold stays
-finite."""
+"""Integration length of a frame without any noise: that of float32 rounding, so that every threshold stays finite."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,6 +57,7 @@ class FramePixels:
         first: flat index of the first of the n pixels.
         noise: of a recorded pixel, with how many each of the n is a mean of.
         pooled: means over neighbours, (H, n), instead of the phasors that follow from `stored`; None: there are none.
+        without_noise: whether all pixels of the frame hold the same, which no camera records.
         mpi: which model of MPI the frame was found to have, and how its tail is predicted; None where there was no choice.
     """
 
@@ -68,12 +67,22 @@ class FramePixels:
     first: int
     noise: NoiseModel
     pooled: Complex | None = None
-    mpi: DiffuseModel | DiffuseChoice | None = None
+    without_noise: bool = False
+    mpi: "DiffuseModel | DiffuseChoice | None" = None
 
     @property
     def count(self) -> int:
         """How many pixels there are."""
         return int(self.stored.shape[2])
+
+    @property
+    def tail(self) -> "DiffuseModel | None":
+        """The tail that is predicted; None where there is none."""
+        if self.mpi is None:
+            return None
+        from cadtof_cli.resolver.diffuse.records import DiffuseModel
+
+        return self.mpi if isinstance(self.mpi, DiffuseModel) else None
 
     def __getitem__(self, pixels: slice, /) -> "FramePixels":
         pooled = None if self.pooled is None else self.pooled[:, pixels]
@@ -93,13 +102,12 @@ class FramePixels:
 
 @dataclass(frozen=True)
 class ResolvedFrame:
-    """The maps of a frame, the integration length that its noise was taken from (`noise_estimated`: or found), and the model of
-    its MPI (None: there was no choice)."""
+    """A frame's maps, the integration length of its noise (`noise_estimated`: found), and its model of MPI, if one was chosen."""
 
     maps: DepthMaps
     integration_length: float
     noise_estimated: bool
-    mpi: DiffuseChoice | None = None
+    mpi: "DiffuseChoice | None" = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,7 +138,7 @@ class FrameStages:
 
 @lru_cache(maxsize=4)
 def frame_stages(
-    plan: FramePlan, calibration: Calibration | None, dtype: np.dtype[np.generic], size: tuple[int, int]
+    plan: FramePlan, calibration: "Calibration | None", dtype: np.dtype[np.generic], size: tuple[int, int]
 ) -> FrameStages:
     """Return what every block of frames of one plan, type and size shares; raises SettingsError where they do not fit."""
     if (plan.calibration is None) != (calibration is None):
@@ -142,8 +150,9 @@ def frame_stages(
         metadata.modulation.amplitude_v,
         planar_per_range(metadata.optics, size).ravel() if plan.settings.depth == "z" else None,
         correction.range_offset_m if plan.calibration and plan.calibration.curved else None,
+        LampBeside.of(metadata.optics, size),
     )
-    return FrameStages(metadata.voltage.saturated_counts, correction, depth)
+    return sealed(FrameStages(metadata.voltage.saturated_counts, correction, depth))
 
 
 def resolve_frame(
@@ -151,7 +160,7 @@ def resolve_frame(
     /,
     *,
     plan: FramePlan,
-    calibration: Calibration | None = None,
+    calibration: "Calibration | None" = None,
     kernel: str | None = None,
 ) -> ResolvedFrame:
     """Return the maps of one frame of stored values, (H, 2, Y, X), or of the mean of several.
@@ -171,21 +180,21 @@ def resolve_frame(
 
 
 def prepare_frame(
-    frame: Stored | FrameMean, /, *, plan: FramePlan, calibration: Calibration | None = None
+    frame: Stored | FrameMean, /, *, plan: FramePlan, calibration: "Calibration | None" = None
 ) -> FramePixels:
     """Do all that couples the pixels of a frame: estimate its noise where it is unknown, pool neighbours, predict its MPI."""
-    recorded = frame if isinstance(frame, FrameMean) else FrameMean.of_one(frame)
-    height, width = recorded.stored.shape[2:]
-    stages = frame_stages(plan, calibration, recorded.dtype, (height, width))
-    stored = recorded.stored.reshape(*recorded.stored.shape[:2], -1)
-    samples = None if recorded.samples is None else recorded.samples.ravel()
+    recorded, samples = (frame.stored, frame.samples) if isinstance(frame, FrameMean) else (frame, None)
+    height, width = recorded.shape[2:]
+    stages = frame_stages(plan, calibration, frame.dtype, (height, width))
+    stored = recorded.reshape(*recorded.shape[:2], -1)
+    samples = None if samples is None else samples.ravel()
     n_av, unknown = plan.metadata.pixel.integration_length, NoiseModel((), math.nan, estimated=True, samples=samples)
-    pixels = FramePixels(stored, recorded.dtype, (height, width), 0, unknown)
+    pixels = FramePixels(stored, frame.dtype, (height, width), 0, unknown)
     if n_av is not None:
-        noise = noise_model(plan.metadata, integration_length=n_av, quantised=recorded.dtype.kind in "iu")
+        noise = noise_model(plan.metadata, integration_length=n_av, quantised=frame.dtype.kind in "iu")
     else:
         noise = _estimated_noise(pixels, plan, stages)
-    pixels = replace(pixels, noise=replace(noise, samples=samples))
+    pixels = replace(pixels, noise=replace(noise, samples=samples), without_noise=is_without_noise(stored, noise))
     if plan.settings.pool > 1:
         pixels = _pooled(pixels, stages, window=plan.settings.pool)
     if plan.resolver.may_be_diffuse(pixels.noise.harmonics):
@@ -194,7 +203,7 @@ def prepare_frame(
 
 
 def resolve_pixels(
-    pixels: FramePixels, /, *, plan: FramePlan, calibration: Calibration | None = None, kernel: str | None = None
+    pixels: FramePixels, /, *, plan: FramePlan, calibration: "Calibration | None" = None, kernel: str | None = None
 ) -> DepthMaps:
     """Return the maps, (1, n), of a prepared frame's pixels, or of a part of them, resolved block by block.
 
@@ -204,16 +213,18 @@ def resolve_pixels(
     stages = frame_stages(plan, calibration, pixels.dtype, pixels.size)
     maps = empty_maps(1, pixels.count, layers=plan.layers)
     kernel = kernel or chosen_kernel()
-    alone = not isinstance(pixels.mpi, DiffuseModel)
     if (
         kernel != NUMPY
-        and alone
+        and pixels.tail is None
         and plan.settings.resolver.in_kernel(pixels.noise.harmonics, sine=stages.correction.response is None)
     ):
         _fill_by_kernel(maps, pixels, plan, stages, kernel)
     else:
         _fill_by_blocks(maps, pixels, plan, stages, calibrated=calibration is not None)
         clear_impossible(maps, noise=pixels.noise, amplitude_v=plan.metadata.modulation.amplitude_v)
+    stages.depth.measure_from_camera(maps, pixels.first)
+    if pixels.without_noise:
+        clear_pixels(maps, has_answer(maps.status.reshape(-1)))
     return maps
 
 
@@ -221,7 +232,9 @@ def _fill_by_blocks(
     maps: DepthMaps, pixels: FramePixels, plan: FramePlan, stages: FrameStages, *, calibrated: bool
 ) -> None:
     """Fill the maps of prepared pixels block by block, in numpy."""
-    response = stages.correction.response
+    from cadtof_cli.resolver.resolve import resolve_paths
+
+    response, tail = stages.correction.response, pixels.tail
     step = plan.block_pixels or (SEARCHED_BLOCK_PIXELS if plan.is_searched or response else BLOCK_PIXELS)
     for start in range(0, pixels.count, step):
         here = slice(start, min(start + step, pixels.count))
@@ -234,7 +247,7 @@ def _fill_by_blocks(
             noise=block.noise,
             response=response.block(there) if response else None,
             first=block.first,
-            tail=pixels.mpi.block(there) if isinstance(pixels.mpi, DiffuseModel) else None,
+            tail=tail.block(there) if tail else None,
         )
         if calibrated:
             np.bitwise_or(resolved.status, np.uint32(StatusBit.CALIBRATED), out=resolved.status)
@@ -275,8 +288,8 @@ def joined_parts(pixels: FramePixels, parts: Sequence[DepthMaps], /) -> Resolved
         pages = np.concatenate([part.pages for part in parts], axis=-1)
         status = np.concatenate([part.status for part in parts], axis=-1)
     maps = DepthMaps(parts[0].names, pages.reshape(-1, *pixels.size), status.reshape(pixels.size))
-    mpi = pixels.mpi.choice if isinstance(pixels.mpi, DiffuseModel) else pixels.mpi
-    return ResolvedFrame(maps, pixels.noise.integration_length, pixels.noise.estimated, mpi)
+    choice = pixels.tail.choice if pixels.tail else cast("DiffuseChoice | None", pixels.mpi)
+    return ResolvedFrame(maps, pixels.noise.integration_length, pixels.noise.estimated, choice)
 
 
 def _estimated_noise(pixels: FramePixels, plan: FramePlan, stages: FrameStages) -> NoiseModel:
@@ -296,6 +309,8 @@ def _estimated_noise(pixels: FramePixels, plan: FramePlan, stages: FrameStages) 
 
 def _pooled(pixels: FramePixels, stages: FrameStages, *, window: int) -> FramePixels:
     phasors, samples = stages.phasors(pixels), pixels.noise.samples
+    from cadtof_cli.phasors.pooling import pooled_phasors
+
     pooled = pooled_phasors(
         phasors.reshape(-1, *pixels.size),
         usable=(np.isfinite(phasors).all(axis=0) & (stages.status(pixels) == 0)).reshape(pixels.size),
@@ -307,8 +322,13 @@ def _pooled(pixels: FramePixels, stages: FrameStages, *, window: int) -> FramePi
     return replace(pixels, noise=noise, pooled=pooled.phasors.reshape(len(phasors), -1))
 
 
-def _predicted_mpi(pixels: FramePixels, plan: FramePlan, stages: FrameStages) -> DiffuseModel | DiffuseChoice:
+def _predicted_mpi(pixels: FramePixels, plan: FramePlan, stages: FrameStages) -> "DiffuseModel | DiffuseChoice":
     """Predict the MPI of a frame from its own geometry, where it is diffuse."""
+    from cadtof_cli.resolver.diffuse.grid import View
+    from cadtof_cli.resolver.diffuse.predict import diffuse_model
+    from cadtof_cli.resolver.diffuse.settings import DiffuseSettings
+    from cadtof_cli.resolver.resolve import resolve_paths, screened
+
     phasors, noise, modulation = stages.phasors(pixels), pixels.noise, plan.metadata.modulation
     with np.errstate(over="ignore", invalid="ignore"):
         # values that no camera stores, and NaN, are what the screening finds
@@ -317,9 +337,10 @@ def _predicted_mpi(pixels: FramePixels, plan: FramePlan, stages: FrameStages) ->
     if stages.correction.response is not None:
         response = stages.correction.response.block(slice(0, pixels.count))
         found = resolve_paths(phasors, status=status, settings=plan.resolver, noise=noise, response=response)
+        from cadtof_cli.resolver.response.as_sine import phasors_of_sine
+
         phasors = phasors_of_sine(phasors, found.paths, response=response)
     optics, offset = plan.metadata.optics, stages.depth.range_offset_m
-    focal = optics.focal_length_px
     return diffuse_model(
         phasors.reshape(-1, *pixels.size),
         usable=(status == 0).reshape(pixels.size),
@@ -327,7 +348,7 @@ def _predicted_mpi(pixels: FramePixels, plan: FramePlan, stages: FrameStages) ->
         settings=DiffuseSettings(
             model=plan.resolver.mpi_model, period_ns=modulation.periods_ns[0], harmonics=noise.harmonics
         ),
-        view=None if focal is None else View(focal, principal_point(optics, pixels.size)),
+        view=View(focal, principal_point(optics, pixels.size)) if (focal := optics.focal_length_px) else None,
         samples=None if noise.samples is None else noise.samples.reshape(pixels.size),
         range_offset_m=None if offset is None else -offset.reshape(pixels.size),
     )

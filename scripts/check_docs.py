@@ -14,8 +14,9 @@ DOCS = ROOT / "docs"
 
 
 def python() -> Iterator[str]:
-    """The examples of docs/python.md, and the notebook beside it, print what they say that they print."""
-    yield from check_python(DOCS / "python.md", ROOT)
+    """The examples of docs/python.md and docs/physics.md, and the notebook, print what they say that they print."""
+    for page in ("python.md", "physics.md"):
+        yield from check_python(DOCS / page, ROOT)
     yield from check_notebook(DOCS / "python.ipynb")
 
 

@@ -10,11 +10,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from cadtof_cli.capture.discovery import Capture, find_captures
 from cadtof_cli.capture.frames import open_frames, single_frames
+from cadtof_cli.figures.maps import ERRORS, SIGMAS
+from cadtof_cli.figures.page import Panel, Scaled, draw_page
 from cadtof_cli.files.maps import read_layers
 from cadtof_cli.first_phasor import first_phasor_depth
 from cadtof_cli.frame_plan import FramePlan, MapSettings
@@ -123,20 +124,18 @@ def draw(capture: Capture, path: Path) -> None:
     with open_frames(source, capture.layout) as frames:
         stored = frames.read(source.index or 0)
     auto, discrete = (resolved(capture, stored, model).maps for model in ("auto", "discrete"))
-    panels = {
-        "first phasor: error, cm": 100
-        * (first_phasor_depth(stored, plan=FramePlan(metadata=capture.source.metadata)) - truth),
-        "two paths: error, cm": 100 * (discrete.layer(DIRECT_DEPTH) - truth),
-        "predicted tail: error, cm": 100 * (auto.layer(DIRECT_DEPTH) - truth),
-        "predicted tail: sigma, cm": 100 * auto.layer(DIRECT_SIGMA),
+    depths = {
+        "first phasor": first_phasor_depth(stored, plan=FramePlan(metadata=capture.source.metadata)),
+        "two paths": discrete.layer(DIRECT_DEPTH).astype(np.float64),
+        "predicted tail": auto.layer(DIRECT_DEPTH).astype(np.float64),
     }
-    figure = Figure(figsize=(16.0, 3.4), layout="constrained")
-    for axes, (title, values) in zip(figure.subplots(1, len(panels)), panels.items(), strict=True):
-        shown = axes.imshow(values, cmap="RdBu_r", vmin=-FIGURE_CM, vmax=FIGURE_CM)
-        axes.set_title(title)
-        axes.set_axis_off()
-    figure.colorbar(shown, ax=figure.axes, shrink=0.8)
-    figure.savefig(path, dpi=80)
+    errors = tuple(Panel(f"{name}\nerror, cm", 100 * (depth - truth), auto.status) for name, depth in depths.items())
+    sigma = Panel("predicted tail\nsigma, cm", 100 * auto.layer(DIRECT_SIGMA), auto.status)
+    blocks = (
+        Scaled(errors, "cm", ERRORS, (-FIGURE_CM, FIGURE_CM)),
+        Scaled((sigma,), "cm", SIGMAS, (0.0, FIGURE_CM)),
+    )
+    draw_page((blocks,), path, title=f"{capture.root.name}: direct depth against truth", kind="png")
 
 
 if __name__ == "__main__":

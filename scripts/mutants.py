@@ -120,7 +120,16 @@ def _outcomes(chosen: Sequence[Mutant], jobs: int) -> Iterator[Outcome]:
         calls = Bench(ROOT, _folder(Path(place))).watched(rooms)
         context = multiprocessing.get_context("fork")
         with ProcessPoolExecutor(jobs, context, initializer=_start, initargs=(Path(place), calls)) as pool:
-            for done in as_completed([pool.submit(_try, mutant) for mutant in chosen]):
+            left = []
+            for done in as_completed([pool.submit(_try, mutant, quick=True) for mutant in chosen]):
+                if done.result().verdict == "survived":
+                    left.append(done.result().mutant)
+                else:
+                    yield done.result()
+            bench = Bench(ROOT, _folder(Path(place)), calls)
+            left.sort(key=lambda mutant: bench.seconds(mutant, quick=False))
+            print(f"{len(left)} of {len(chosen)} are left for the slower tests", file=sys.stderr)
+            for done in as_completed([pool.submit(_try, mutant, quick=False) for mutant in left]):
                 yield done.result()
 
 
@@ -139,8 +148,8 @@ def _folder(place: Path) -> Path:
     return own
 
 
-def _try(mutant: Mutant) -> Outcome:
-    return _benches[0].tried(mutant)
+def _try(mutant: Mutant, *, quick: bool) -> Outcome:
+    return _benches[0].tried(mutant, quick=quick)
 
 
 def _equivalent(path: Path) -> dict[Key, str]:

@@ -35,15 +35,21 @@ def main() -> None:
     parser.add_argument("--asr", type=float, default=2.0, help="ambient to direct photons")
     parser.add_argument("--light-paths", type=int, default=128, help="from every fourth pixel")
     parser.add_argument("--tracing-seed", type=int, default=0, help="of the light paths alone")
+    parser.add_argument("--lamp-offset-m", default="0,0,0", help="from camera to lamp: right, down, forward")
     parser.add_argument("--width", type=int, default=320, help="columns; rows are three quarters of it")
     chosen = parser.parse_args()
     periods = tuple(float(period) for period in chosen.periods_ns.split(","))
+    right, down, forward = (float(part) for part in chosen.lamp_offset_m.split(","))
     first, _, last = chosen.seeds.partition("-")
     for seed in range(int(first), int(last or first) + 1):
         folders = {n: chosen.out / f"room_{seed:04d}_h{n}" for n in range(chosen.fewest, len(periods) + 1)}
         if not all(folder.exists() for folder in folders.values()):
             scene = RandomRoom(
-                seed=seed, asr=chosen.asr, light_paths=chosen.light_paths, tracing_seed=chosen.tracing_seed
+                seed=seed,
+                lamp_offset_m=(right, down, forward),
+                asr=chosen.asr,
+                light_paths=chosen.light_paths,
+                tracing_seed=chosen.tracing_seed,
             )
             _render(_exposure(scene, periods, chosen.integration_length, chosen.width), folders)
 
@@ -54,7 +60,7 @@ def _exposure(scene: RandomRoom, periods_ns: tuple[float, ...], integration_leng
     metadata = CaptureMetadata(
         modulation=Modulation(periods_ns=periods_ns),
         pixel=Pixel(integration_length=float(round(integration_length * 2 / len(periods_ns)))),
-        optics=camera.optics,
+        optics=replace(camera.optics, lamp_offset_m=scene.lamp_offset_m if any(scene.lamp_offset_m) else None),
         voltage=camera.voltage,
     )
     return Exposure(scene=scene, camera=camera, metadata=metadata, seed=scene.seed)

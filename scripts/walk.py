@@ -1,14 +1,16 @@
 """How far a command's work has to walk: files, functions and records of the package that it meets, counted by tracing.
 
 scripts/walk [resolve | petzval] [--list] runs the command on a small capture, in one process, from the click command to the
-written file.
+written file; and once more with two frames: what is called more often then is what a frame meets, the rest is done once a run.
 """
 
 import argparse
 import contextlib
 import io
+import shlex
 import sys
 import tempfile
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 from types import FrameType
@@ -35,13 +37,16 @@ distance_m = 2.0
 """
 
 
+WAYS = {"resolve": ["cadtof", "resolve", "-j", "1"], "petzval": ["cadtof", "calibrate", "petzval"]}
+
+
 class Walk:
     """What a profile hook sees of the package: files, functions, and records that hold values of every pixel."""
 
     def __init__(self, package: Path) -> None:
         self.package = str(package)
         self.files: dict[str, None] = {}
-        self.functions: dict[str, None] = {}
+        self.functions: Counter[str] = Counter()
         self.records: dict[str, None] = {}
 
     def __call__(self, frame: FrameType, event: str, argument: Any) -> None:
@@ -55,7 +60,7 @@ class Walk:
             return
         file = str(Path(code.co_filename).relative_to(self.package))
         self.files[file] = None
-        self.functions[f"{file}: {code.co_qualname}"] = None
+        self.functions[f"{file}: {code.co_qualname}"] += 1
 
     def _count_record(self, record: object) -> None:
         if type(record).__module__.startswith("cadtof_cli") and any(map(_is_of_every_pixel, _held(record))):
@@ -86,6 +91,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("commands", nargs="*", default=["resolve", "petzval"], help="resolve, petzval; default: both")
     parser.add_argument("--list", action="store_true", help="name what was met")
+    parser.add_argument("--options", default="", help="that the command gets besides, such as '--mpi-model discrete'")
     parser.add_argument("--tree", type=Path, default=ROOT, help="another checkout to walk through")
     arguments = parser.parse_args()
     sys.path.insert(0, str(arguments.tree.resolve()))
@@ -93,18 +99,20 @@ def main() -> None:
 
     package = Path(cli.__file__).parent
     with tempfile.TemporaryDirectory() as place:
-        capture = _recorded(Path(place) / "wall")
-        ways = {
-            "resolve": ["resolve", str(capture), "-o", f"{place}/maps", "-j", "1"],
-            "petzval": ["calibrate", "petzval", str(capture), "-o", f"{place}/calibration"],
-        }
+        one, two = (_recorded(Path(place) / f"wall{frames}", frames) for frames in (1, 2))
         for name in arguments.commands:
-            walk = _walked(["cadtof", *ways[name]], package)
+            words = [*WAYS[name], *shlex.split(arguments.options)]
+            walk, longer = (
+                _walked([*words, str(folder), "-o", f"{place}/{name}{folder.name}"], package) for folder in (one, two)
+            )
+            met = sorted(longer.functions - walk.functions)
             print(
-                f"{name}: {len(walk.files)} files, {len(walk.functions)} functions, {len(walk.records)} records that hold pixels"
+                f"{name}: {len(walk.files)} files, {len(walk.functions)} functions, {len(walk.records)} records that hold pixels;"
+                f" a frame meets {len({line.split(':')[0] for line in met})} files, {len(met)} functions"
             )
             if arguments.list:
-                print("\n".join(f"  {line}" for line in (*sorted(walk.functions), *walk.records)))
+                lines = [f"{'frame ' if line in met else '      '}{line}" for line in sorted(walk.functions)]
+                print("\n".join(f"  {line}" for line in (*lines, *walk.records)))
 
 
 def _walked(argv: list[str], package: Path) -> Walk:
@@ -125,16 +133,17 @@ def _walked(argv: list[str], package: Path) -> Walk:
     return walk
 
 
-def _recorded(folder: Path) -> Path:
-    """Write a capture of one frame: light of one delay, and noise."""
+def _recorded(folder: Path, frames: int) -> Path:
+    """Write a capture of so many frames: light of one delay, and noise."""
     rng = np.random.default_rng(1)
     folder.mkdir()
     (folder / "capture.toml").write_text(SETTINGS)
     phase = 2.0 * np.pi * 2.0 * 2.0 / 0.299792458 / 40.0
     planes = [wave(h * phase) for h in (1, 2) for wave in (np.cos, np.sin)]
-    volts = 0.1 * np.array(planes)[:, np.newaxis, np.newaxis] + rng.normal(scale=0.0004, size=(4, HEIGHT, WIDTH))
-    frame = np.rint(volts / 6.0e-5 + 8192.0).astype(np.uint16)
-    tifffile.imwrite(folder / "frame.tif", frame, photometric="minisblack", metadata=None)
+    for index in range(frames):
+        volts = 0.1 * np.array(planes)[:, np.newaxis, np.newaxis] + rng.normal(scale=0.0004, size=(4, HEIGHT, WIDTH))
+        frame = np.rint(volts / 6.0e-5 + 8192.0).astype(np.uint16)
+        tifffile.imwrite(folder / f"frame{index}.tif", frame, photometric="minisblack", metadata=None)
     return folder
 
 

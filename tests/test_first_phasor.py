@@ -69,11 +69,10 @@ def test_it_gets_the_calibration_the_pixels_and_the_flags_of_the_resolver(tmp_pa
     """A wall behind offsets and a curved field, without MPI: calibrated, both are right; uncalibrated, both are not."""
     capture = record(tmp_path / "capture")
     offset, curve = _calibration(tmp_path / "calibration")
-    volts = np.empty((2, 2, *SHAPE))
-    rng = np.random.default_rng(1)
-    for y, x in np.ndindex(*SHAPE):
-        light = Light(asr=1.0, direct_ns=10.0 + 2.0 * float(curve[y, x]) / C_M_PER_NS)
-        volts[:, :, y, x] = AMPLITUDE_V * light.voltages(rng, 1e5, 1)[..., 0]
+    turn = 2 * np.pi / T1_NS * (10.0 + 2.0 * curve / C_M_PER_NS)
+    pulse = [Light(asr=1.0, direct_ns=0.0).moment(h).real for h in (1, 2)]
+    volts = np.stack([pulse[h - 1] * np.stack([np.cos(h * turn), np.sin(h * turn)]) for h in (1, 2)])
+    volts = AMPLITUDE_V * (volts + np.random.default_rng(1).normal(scale=0.5 / np.sqrt(1e5), size=volts.shape))
     write_frame(capture.files[0], volts + offset)
     write_exr(tmp_path / "truth.exr", {"direct.depth": np.full(SHAPE, depth_m(10.0), np.float32)})
     found = {}

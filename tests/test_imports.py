@@ -46,6 +46,8 @@ LIBRARIES: dict[str, set[str]] = {
     "click": {"cli", "commands"},
     "rich": {"commands"},
     "matplotlib": {"figures"},
+    "PIL": {"figures"},
+    "imageio_ffmpeg": {"figures"},
     "OpenEXR": {"files"},
     "tifffile": {"files"},
     "distributed": {"execution"},

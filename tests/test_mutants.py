@@ -124,28 +124,35 @@ def test_a_test_reaches_what_it_imports_at_any_depth(tree: Path) -> None:
     assert reached == {"near": True, "far": True, "none": False, "command": True}
 
 
-def test_a_test_is_tried_that_calls_what_is_changed_or_may() -> None:
-    path = "cadtof_cli/maps/deep/thing.py"
-    called, other = (path, "part"), ("cadtof_cli/other.py", "f")
+def test_a_test_is_tried_that_runs_the_lines_that_are_changed_or_may() -> None:
+    path, other = "cadtof_cli/maps/deep/thing.py", "cadtof_cli/other.py"
     calls = Calls(
         {
-            "tests/a.py::calls": Test(1.0, frozenset({called}), forks=False),
-            "tests/a.py::else": Test(1.0, frozenset({other}), forks=False),
-            "tests/b.py::forks": Test(1.0, frozenset(), forks=True),
+            "tests/a.py::runs": Test(1.0, {path: frozenset({20, 21})}, forks=False),
+            "tests/a.py::else": Test(1.0, {other: frozenset({20})}, forks=False),
+            "tests/b.py::forks": Test(1.0, {}, forks=True),
         },
-        frozenset({(path, "before")}),
+        {path: frozenset({1, 2})},
     )
 
-    def noticing(name: str, *reaching: str) -> list[str]:
-        found = [t for t in calls.tests if calls.may_notice(t, (path, name), reached=lambda file: file in reaching)]
+    def noticing(lines: range, *reaching: str) -> list[str]:
+        found = [t for t in calls.tests if calls.may_notice(t, path, lines, reached=lambda file: file in reaching)]
         return [test.split("::")[1] for test in found]
 
-    assert noticing("part", "tests/a.py") == ["calls", "forks"]
-    assert noticing("before") == ["calls", "else", "forks"]
-    assert noticing("", path) == ["calls", "forks"]
-    assert noticing("", "cadtof_cli/other.py") == ["else", "forks"]
-    assert noticing("", "tests/a.py") == ["calls", "else", "forks"]
-    assert noticing("Thing") == ["forks"]
+    assert noticing(range(21, 24), "tests/a.py") == ["runs", "forks"]
+    assert noticing(range(22, 24), "tests/a.py", path) == ["forks"]
+    assert noticing(range(2, 3), path) == ["runs", "forks"]
+    assert noticing(range(2, 3), other) == ["else", "forks"]
+    assert noticing(range(2, 3), "tests/a.py") == ["runs", "else", "forks"]
+    assert noticing(range(2, 3)) == ["forks"]
+
+
+def test_a_mutant_knows_the_lines_of_its_statement(tree: Path) -> None:
+    lines = {m.before: m.lines for group in all_mutants(tree, ["maps"]) for m in group}
+    at = dict(enumerate(SOURCE.splitlines(), start=1))
+    for before, (first, last) in lines.items():
+        assert first == last
+        assert at[first].strip() == before.replace("'", '"')
 
 
 def test_a_named_change_is_found_wherever_it_stands_and_however_it_is_spaced(tree: Path) -> None:

@@ -6,11 +6,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cadtof_cli.capture.metadata import CaptureMetadata, Pixel
+from cadtof_cli.capture.metadata import CaptureMetadata, Optics, Pixel
 from cadtof_cli.errors import SettingsError
 from cadtof_cli.frame_plan import FramePlan, MapSettings
 from cadtof_cli.phasors.frame_mean import frame_mean
-from cadtof_cli.pipeline import joined_parts, prepare_frame, resolve_frame, resolve_pixels
+from cadtof_cli.pipeline import frame_stages, joined_parts, prepare_frame, resolve_frame, resolve_pixels
+from cadtof_cli.resolver.diffuse.grid import View, patch_grid
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.resolver.status import StatusBit
 from tests.support.forward import step_frame
@@ -47,6 +48,18 @@ def test_every_frame_has_maps_of_its_own() -> None:
     one, other = (resolve_frame(frame, plan=plan).maps for frame in frames(2))
     assert not np.shares_memory(one.pages, other.pages)
     assert (one.values != other.values).any()
+
+
+def test_what_frames_share_refuses_to_be_changed() -> None:
+    metadata = CaptureMetadata(optics=Optics(focal_length_px=280.0), pixel=Pixel(integration_length=1e5))
+    stages = frame_stages(
+        FramePlan(metadata=metadata, settings=MapSettings(depth="z")), None, np.dtype(np.float64), SIZE
+    )
+    grid = patch_grid(24, 32, View(30.0, (15.5, 11.5)))
+    for shared in (stages.correction.phasor_map.own, stages.depth.planar_per_range, grid.ray, grid.slope_x):
+        assert shared is not None
+        with pytest.raises(ValueError, match="read-only"):
+            shared[..., 0] = 0.0
 
 
 def test_the_least_confidence_is_in_volts() -> None:

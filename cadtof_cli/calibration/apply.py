@@ -1,17 +1,21 @@
 """A calibration made ready for frames of one size and type: what the pipeline applies to every block."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from cadtof_cli.arrays import Bool, Float
-from cadtof_cli.calibration.store import Calibration
 from cadtof_cli.capture.metadata import CaptureMetadata
 from cadtof_cli.optics.curvature import curvature_m
 from cadtof_cli.optics.pinhole import principal_point
-from cadtof_cli.phasors.response import ideal_response
+from cadtof_cli.phasors.response import HarmonicResponse, ideal_response
 from cadtof_cli.phasors.voltages import PhasorMap, ideal_phasor_map, pixel_phasor_map
-from cadtof_cli.resolver.response.table import ResponseModel, response_model
+
+if TYPE_CHECKING:
+    from cadtof_cli.calibration.store import Calibration
+    from cadtof_cli.resolver.response.table import ResponseModel
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,13 +30,17 @@ class FrameCorrection:
     """
 
     phasor_map: PhasorMap
-    response: ResponseModel | None = None
+    response: "ResponseModel | None" = None
     hot: Bool | None = None
     range_offset_m: Float | None = None
 
 
 def frame_correction(
-    calibration: Calibration | None, metadata: CaptureMetadata, dtype: np.dtype[np.generic], pixels: tuple[int, int], /
+    calibration: "Calibration | None",
+    metadata: CaptureMetadata,
+    dtype: np.dtype[np.generic],
+    pixels: tuple[int, int],
+    /,
 ) -> FrameCorrection:
     """Return the correction of frames of `pixels` (Y, X); without a calibration, what waveform and pulse alone call for.
 
@@ -41,7 +49,7 @@ def frame_correction(
     """
     ideal = ideal_response(metadata)
     if calibration is None:
-        return FrameCorrection(ideal_phasor_map(metadata, dtype), response_model(ideal, None))
+        return FrameCorrection(ideal_phasor_map(metadata, dtype), _refined_by(ideal, None))
     calibration.require_match(metadata, pixels)
     dark, response = calibration.dark, calibration.response
     responses = response.responses if response else ideal
@@ -58,13 +66,22 @@ def frame_correction(
     )
     return FrameCorrection(
         phasor_map,
-        response_model(responses, phase),
+        _refined_by(responses, phase),
         dark.hot.ravel() if dark is not None and dark.hot.any() else None,
         _range_offset_m(calibration, metadata, pixels),
     )
 
 
-def _range_offset_m(calibration: Calibration, metadata: CaptureMetadata, pixels: tuple[int, int]) -> Float | None:
+def _refined_by(responses: Sequence[HarmonicResponse], phase_rad: Float | None) -> "ResponseModel | None":
+    """Return what `response_model` does, whose room is not needed where the channel pairs answer as sines do."""
+    if all(response.linear for response in responses):
+        return None
+    from cadtof_cli.resolver.response.table import response_model
+
+    return response_model(responses, phase_rad)
+
+
+def _range_offset_m(calibration: "Calibration", metadata: CaptureMetadata, pixels: tuple[int, int]) -> Float | None:
     """Return what the Petzval calibration says, or else what the response's phase maps were freed of."""
     if calibration.petzval is not None:
         return calibration.petzval.range_offset_m.ravel()

@@ -171,6 +171,12 @@ class Optics(Table):
         Check(lambda point: all(map(math.isfinite, point)), "two finite numbers"),
         each(COUNT),
     )
+    lamp_offset_m: tuple[float, ...] | None = _key(
+        "numbers",
+        "from the camera to its lamp: right, down, forward",
+        None,
+        Check(lambda offset: len(offset) == 3 and max(map(abs, offset)) <= 10.0, "three numbers from -10 to 10"),
+    )
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,6 +1,5 @@
 """`capture.toml` read into metadata, each value with where it came from, and written back."""
 
-import difflib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -84,6 +83,8 @@ def _without_tables(table: str, content: Mapping[str, Any]) -> Iterator[tuple[st
 
 
 def _unknown(what: str, name: str, known: list[str]) -> str:
+    import difflib
+
     close = difflib.get_close_matches(name, known, n=1)
     return f"{what}; {f'did you mean {close[0]}? ' if close else ''}allowed: {', '.join(known)}"
 

@@ -46,7 +46,10 @@ class PixelPlace(click.ParamType[tuple[int, int]]):
     help="Which map, where FRAME is a stack or a folder: 0 is the first.",
 )
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object on stdout instead of the table.")
-@click.option("-o", "--out", type=click.Path(path_type=Path), help="PNG, SVG or PDF: a phasor diagram of the pixel.")
+@click.option(
+    "-o", "--out", type=click.Path(path_type=Path), help="A phasor diagram of the pixel: .png, .svg, .pdf or .jpg."
+)
+@click.option("--overwrite", is_flag=True, help="Replace a picture that is there.")
 @settings_option()
 @map_options()
 @calibration_option()
@@ -59,6 +62,7 @@ def inspect(
     place: int,
     as_json: bool,
     out: Path | None,
+    overwrite: bool,
     settings_file: Path | None,
     maps: MapSettings,
     calibration: Path | None,
@@ -73,6 +77,12 @@ def inspect(
     \b
     """
     from cadtof_cli.workflows.inspect.pixel import inspect_pixel
+
+    kind = "png"
+    if out is not None:
+        from cadtof_cli.figures.kinds import require_picture
+
+        kind = require_picture(out, overwrite=overwrite)
     from cadtof_cli.workflows.resolve.settings import ResolveSettings
 
     settings = ResolveSettings(out=Path(), maps=maps, calibration=calibration, settings_file=settings_file)
@@ -80,9 +90,8 @@ def inspect(
     if out is not None:
         from cadtof_cli.figures.phasor_diagram import draw_phasors
 
-        draw_phasors(
-            found.evidence, found.harmonics, title=f"{found.document['frame']}, pixel {pixel[0]},{pixel[1]}", path=out
-        )
+        title = f"{found.document['frame']}, pixel {pixel[0]},{pixel[1]}: {', '.join(found.document['status'])}"
+        draw_phasors(found.evidence, found.harmonics, title=title, path=out, kind=kind)
     tell(json.dumps(found.document) if as_json else "\n".join(_lines(found.document, found.harmonics)))
 
 

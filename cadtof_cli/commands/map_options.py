@@ -32,7 +32,8 @@ PATH_OPTIONS = (
         "--false-alarm",
         ResolverSettings,
         metavar="P",
-        help="Probability that noise alone passes for a signal, or for a second path.",
+        help="Probability that noise alone passes for a signal, or leaves more than one path does; about a third of the latter "
+        "end as two paths.",
     ),
     setting_option("--return", ResolverSettings, "returns", help="Which of two paths is called direct."),
     setting_option(

@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any, Literal, TypeVar, cast, get_args, get_ori
 import click
 
 from cadtof_cli.capture.metadata import KEYS, Key, Kind
-from cadtof_cli.commands.arrival import paths_as_they_arrive
 from cadtof_cli.commands.terminal import tell
 from cadtof_cli.execution.workers import JOBS_PER_CORE, Workers, available_cores
 
@@ -113,6 +112,11 @@ _TYPES: dict[Any, ParamType] = {
 }
 
 
+@functools.cache
+def _type_hints(record: type) -> dict[str, Any]:
+    return get_type_hints(record)
+
+
 def setting_option(
     names: str, record: type, name: str = "", /, *, help: str, show_default: bool = True, **more: Any
 ) -> Callable[[Function], Function]:
@@ -130,7 +134,7 @@ def setting_option(
     (field,) = (item for item in fields(record) if item.name == name)
     default = field.default if field.default_factory is MISSING else field.default_factory
     said = {
-        "type": _type_of(get_type_hints(record)[name]),
+        "type": _type_of(_type_hints(record)[name]),
         "default": _typed(default),
         "show_default": show_default and not callable(default) and default not in {None, MISSING},
         "is_flag": isinstance(default, bool),
@@ -272,6 +276,8 @@ def arriving_paths(values: tuple[str, ...], /, *, separator: bytes = b"\n") -> I
     if STDIN not in values:
         yield named
         return
+    from cadtof_cli.commands.arrival import paths_as_they_arrive
+
     arriving = paths_as_they_arrive(sys.stdin.fileno(), separator=separator)
     first = next(arriving, ())
     if not (named or first):

@@ -1,6 +1,5 @@
 """A progress bar on stderr, where stderr is a terminal; lines alone where it is not."""
 
-import shlex
 import sys
 import time
 from collections.abc import Iterator
@@ -93,6 +92,8 @@ def progress_bar(description: str, unit: str, *, quiet: bool, log: Path | None =
     with _opened(log) as file:
         try:
             with _bar(description, unit, file, quiet=quiet) as bar:
+                import shlex
+
                 bar.note(shlex.join(["cadtof", *sys.argv[1:]]))
                 yield bar
         except BaseException as error:

@@ -11,6 +11,7 @@ from cadtof_cli.commands.simulation_options import ModulationOptions, further_op
 from cadtof_cli.errors import SettingsError
 from cadtof_cli.files.formats import FRAME_FORMATS, format_named
 from cadtof_cli.simulation.pixel.mix import Condition
+from cadtof_cli.simulation.pixel.motion import Motion
 from cadtof_cli.simulation.scene.camera import Camera
 from cadtof_cli.simulation.scene.exposure import Exposure
 from cadtof_cli.simulation.scene.light import Scene
@@ -88,7 +89,15 @@ class SceneOptions:
     fixed_delay_ns: float
 
     def exposure(
-        self, name: str, light: LightOptions, modulation: ModulationOptions, /, *, integration_length: float, seed: int
+        self,
+        name: str,
+        light: LightOptions,
+        modulation: ModulationOptions,
+        motion: Motion,
+        /,
+        *,
+        integration_length: float,
+        seed: int,
     ) -> Exposure:
         """Return what is recorded; raises SettingsError for what cannot be."""
         camera = Camera(
@@ -106,6 +115,7 @@ class SceneOptions:
             integration_length=integration_length,
             counts=format_named(self.frame_format).counts,
             seed=seed,
+            motion=motion,
         )
 
     def scene(self, name: str, light: LightOptions, /, *, seed: int) -> Scene:

@@ -19,6 +19,7 @@ from cadtof_cli.commands.simulation_options import (
     PaperWays,
     PixelOptions,
     modulation_options,
+    motion_options,
     paper_options,
     pixel_options,
     quiet_option,
@@ -33,6 +34,7 @@ from cadtof_cli.errors import SettingsError
 from cadtof_cli.execution.workers import Workers
 from cadtof_cli.files.atomic import require_absent
 from cadtof_cli.resolver.settings import ResolverSettings
+from cadtof_cli.simulation.pixel.motion import Motion
 from cadtof_cli.simulation.scene.scenes import SCENES
 from cadtof_cli.workflows.simulate.outcome import PathSummary, TrialsSummary
 from cadtof_cli.workflows.simulate.record import RecordSettings, record_scene
@@ -79,6 +81,7 @@ PIXEL_ONLY = (
 )
 @click.option("-o", "--out", type=click.Path(path_type=Path), help="New folder for pictures and CSV, or the capture.")
 @light_options
+@motion_options
 @runs_option
 @resolver_options
 @paper_options
@@ -97,6 +100,7 @@ def simulate(
     scene: str,
     out: Path | None,
     light: LightOptions,
+    motion: Motion,
     runs: int,
     resolver: ResolverSettings,
     paper: PaperWays,
@@ -124,7 +128,7 @@ def simulate(
         averaging = pixel.averaging(light.integration_length)
         trials = Trials(
             condition=light.condition(modulation.fwhm_ns),
-            model=pixel.model(modulation.modulation(), averaging),
+            model=pixel.model(modulation.modulation(), averaging, motion),
             resolver=resolver,
             runs=runs,
             photon_by_photon=pixel.photon_by_photon,
@@ -139,7 +143,7 @@ def simulate(
         raise SettingsError(f"--scene {scene}: found no -o, expected -o DIR, the folder of the capture")
     n_av = pixel.averaging(light.integration_length).integration_length
     settings = RecordSettings(
-        exposure=scenery.exposure(scene, light, modulation, integration_length=n_av, seed=seed),
+        exposure=scenery.exposure(scene, light, modulation, motion, integration_length=n_av, seed=seed),
         frames=scenery.frames,
         frame_format=scenery.frame_format,
         compress=scenery.compress,

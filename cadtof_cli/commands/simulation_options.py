@@ -13,6 +13,7 @@ from cadtof_cli.errors import SettingsError
 from cadtof_cli.execution.workers import Workers
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.simulation.pixel.averaging import Averaging, Capacitors, Stages
+from cadtof_cli.simulation.pixel.motion import Motion
 from cadtof_cli.simulation.pixel.pixel import PixelModel
 from cadtof_cli.workflows.simulate.trials import Trials
 
@@ -83,7 +84,7 @@ class PixelOptions:
         capacitors = Capacitors(values_ff=tuple(self.capacitors))
         return Averaging(integration_length=capacitors.integration_length, capacitors=capacitors, stages=stages)
 
-    def model(self, modulation: Modulation, averaging: Averaging, /) -> PixelModel:
+    def model(self, modulation: Modulation, averaging: Averaging, motion: Motion, /) -> PixelModel:
         """Return the pixel; raises SettingsError for one that cannot be."""
         return PixelModel(
             modulation=modulation,
@@ -95,6 +96,7 @@ class PixelOptions:
             sample_noise_v=self._sample_noise_v(averaging),
             gain_mismatch=self.gain_mismatch,
             offsets_v=pair("--offsets", self.offsets_v, ", of SC1 and SC2"),
+            motion=motion,
         )
 
     def _sample_noise_v(self, averaging: Averaging) -> float:
@@ -167,6 +169,25 @@ paper_options = gathered(
     ),
 )
 """With `--solver lm --order 2`: the paper's method as published."""
+
+motion_options = gathered(
+    "motion",
+    Motion,
+    setting_option(
+        "--speed",
+        Motion,
+        "speed_m_s",
+        metavar="M_PER_S",
+        help="Of the scene, away from the camera: harmonics are recorded one after the other.",
+    ),
+    setting_option(
+        "--frame-rate",
+        Motion,
+        "frame_rate_hz",
+        metavar="HZ",
+        help="Frames of all harmonics a second; an equal share of a frame's time lies between two harmonics.",
+    ),
+)
 
 further_option = click.option(
     "--path",

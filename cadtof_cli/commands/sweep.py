@@ -15,6 +15,7 @@ from cadtof_cli.commands.simulation_options import (
     PixelOptions,
     further_option,
     modulation_options,
+    motion_options,
     paper_options,
     pixel_options,
     quiet_option,
@@ -28,6 +29,7 @@ from cadtof_cli.execution.workers import Workers
 from cadtof_cli.files.atomic import require_absent
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.simulation.pixel.mix import Condition
+from cadtof_cli.simulation.pixel.motion import Motion
 from cadtof_cli.workflows.simulate import sweep as workflow
 from cadtof_cli.workflows.simulate.trials import Trials
 
@@ -43,6 +45,7 @@ GRID = "GRID"
 @setting_option("--direct", Condition, "direct_ns", help="Arrival of the direct path.")
 @setting_option("--second", Condition, "second_ns", help="Arrival of the MPI, ns.")
 @further_option
+@motion_options
 @runs_option
 @resolver_options
 @paper_options
@@ -61,6 +64,7 @@ def sweep(
     direct_ns: float,
     second_ns: float,
     further: tuple[tuple[float, float], ...],
+    motion: Motion,
     runs: int,
     resolver: ResolverSettings,
     paper: PaperWays,
@@ -94,7 +98,7 @@ def sweep(
     )
     base = Trials(
         condition=condition,
-        model=pixel.model(modulation.modulation(), averaging),
+        model=pixel.model(modulation.modulation(), averaging, motion),
         resolver=resolver,
         runs=runs,
         photon_by_photon=pixel.photon_by_photon,

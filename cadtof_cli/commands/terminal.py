@@ -8,13 +8,13 @@ import click
 
 from cadtof_cli.errors import OutputError
 
-_STEERING = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]")
+_STEERING = "[\x00-\x08\x0b-\x1f\x7f-\x9f\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]"
 """Control characters but tab and new line, those that turn the direction of writing, and bytes of names that are no UTF-8."""
 
 
 def shown(text: str, /) -> str:
     """Return a text with everything escaped in it that a terminal would obey instead of showing it."""
-    return _STEERING.sub(lambda found: repr(found.group())[1:-1], text)
+    return re.sub(_STEERING, lambda found: repr(found.group())[1:-1], text)
 
 
 def tell(text: object, /, *, err: bool = False) -> None:

@@ -8,10 +8,9 @@ from typing import TypeVar
 
 from cadtof_cli.execution.finisher import LATER_AT_ONCE, Finisher
 from cadtof_cli.execution.outcome import Outcome, Work, WorkerDied
-from cadtof_cli.execution.pool import TASKS_PER_WORKER, run_in_pool
 from cadtof_cli.execution.workers import LOCAL, Workers
 
-__all__ = ["TASKS_PER_WORKER", "Outcome", "WorkerDied", "run_ordered"]
+__all__ = ["Outcome", "WorkerDied", "run_ordered"]
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
@@ -57,6 +56,8 @@ def _run_here(
 ) -> Generator[Outcome[Task, Result], None, None]:
     """Yield outcomes from this process alone, or from a pool of processes."""
     if workers.jobs > 1 or workers.task_timeout_s is not None:
+        from cadtof_cli.execution.pool import run_in_pool
+
         yield from run_in_pool(function, tasks, workers=workers)
         return
     with Finisher[Result]() as finisher:

@@ -34,8 +34,10 @@ class _Answers:
 
     def add(self, result: Future[Any]) -> None:
         """Answer for the next task."""
-        if self._begun.unfinished_tasks or not result.done():
-            self._say(Said.COMPUTED, None)
+        if result.done() and not self._begun.unfinished_tasks:
+            self._tell(result)
+            return
+        self._say(Said.COMPUTED, None)
         self._begun.put(result)
 
     def end(self) -> None:
@@ -46,13 +48,19 @@ class _Answers:
     def _send(self) -> None:
         try:
             while (result := self._begun.get()) is not None:
-                error = result.exception()
-                self._say(Said.RESULT, result.result()) if error is None else self._say(Said.ERROR, error)
+                self._tell(result)
                 self._begun.task_done()
         finally:
             if result is not None:
                 # what cannot be sent would be waited for
                 os._exit(1)
+
+    def _tell(self, result: Future[Any]) -> None:
+        error = result.exception()
+        if error is None:
+            self._say(Said.RESULT, result.result())
+        else:
+            self._say(Said.ERROR, error)
 
     def _say(self, said: Said, what: Any) -> None:
         with self._one_at_a_time:

@@ -1,6 +1,5 @@
 """Worker processes that end with their parent, never answer Ctrl-C themselves, and keep the memory they have freed."""
 
-import ctypes
 import gc
 import os
 import re
@@ -11,10 +10,12 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import cache
-from multiprocessing.connection import Connection
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 from cadtof_cli.errors import SettingsError
+
+if TYPE_CHECKING:
+    from multiprocessing.connection import Connection
 
 StartMethod = Literal["fork", "spawn", "forkserver"]
 
@@ -22,7 +23,7 @@ START_METHODS: tuple[StartMethod, ...] = ("fork", "spawn", "forkserver")
 
 LOCAL = "local"
 
-_SCHEDULER = re.compile(r"tcp://[^\s/:]+:\d+|tcp://\[[0-9a-fA-F:]+\]:\d+")
+_SCHEDULER = r"tcp://[^\s/:]+:\d+|tcp://\[[0-9a-fA-F:]+\]:\d+"
 
 KEPT_BYTES = 16 * 2**20
 
@@ -65,7 +66,7 @@ class Workers:
             raise SettingsError(f"--jobs: found {self.jobs}, expected 1 or more")
         if self.task_timeout_s is not None and not self.task_timeout_s > 0:
             raise SettingsError(f"--frame-timeout: found {self.task_timeout_s:g}, expected seconds above 0")
-        if self.scheduler != LOCAL and not _SCHEDULER.fullmatch(self.scheduler):
+        if self.scheduler != LOCAL and not re.fullmatch(_SCHEDULER, self.scheduler):
             raise SettingsError(f"--scheduler: found {self.scheduler!r}, expected local or tcp://HOST:PORT")
         if self.scheduler != LOCAL and self.task_timeout_s is not None:
             raise SettingsError(
@@ -96,7 +97,7 @@ def signals_held_back() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-def begin_worker(listening: Connection, held: Connection, /) -> None:
+def begin_worker(listening: "Connection", held: "Connection", /) -> None:
     """Prepare a worker: Ctrl-C and a terminal that goes away are the parent's to handle; SIGTERM, and the parent's end, end it.
 
     Args:
@@ -109,6 +110,8 @@ def begin_worker(listening: Connection, held: Connection, /) -> None:
     signal.pthread_sigmask(signal.SIG_UNBLOCK, _HELD_BACK)
     held.close()
     if sys.platform == "linux":
+        import ctypes
+
         # even where it is stopped
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
     threading.Thread(target=_end_with_parent, args=(listening,), daemon=True).start()
@@ -116,7 +119,7 @@ def begin_worker(listening: Connection, held: Connection, /) -> None:
     gc.freeze()
 
 
-def _end_with_parent(listening: Connection) -> None:
+def _end_with_parent(listening: "Connection") -> None:
     try:
         listening.recv_bytes()
     except (EOFError, OSError):

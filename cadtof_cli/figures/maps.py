@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,7 +11,10 @@ from cadtof_cli.arrays import Float, Status
 from cadtof_cli.figures.page import Block, Classes, Panel, Scaled, draw_page
 from cadtof_cli.figures.pixel_classes import class_shares
 
-DEPTHS, MPI_DEPTHS, SIGMAS, ERRORS, VOLTAGES = "viridis", "viridis", "magma", "RdBu_r", "inferno"
+DEPTHS: Final = "viridis"
+SIGMAS: Final = "magma"
+ERRORS: Final = "RdBu_r"
+VOLTAGES: Final = "inferno"
 """Scales of colours: perceptually uniform, and told apart by the colour-blind."""
 
 
@@ -27,6 +31,7 @@ class MapPicture:
     truth_m: Float | None = None
     first_phasor_m: Float | None = None
     depth: str = "radial range"
+    amplitude_v: Float | None = None
 
 
 def draw_maps(picture: MapPicture, path: Path, /, *, kind: str = "png") -> None:
@@ -43,7 +48,7 @@ def draw_maps(picture: MapPicture, path: Path, /, *, kind: str = "png") -> None:
         Scaled(
             (Panel("MPI depth", picture.mpi_m, status, one_path=True),),
             depth_unit,
-            MPI_DEPTHS,
+            DEPTHS,
             limits_of(picture.mpi_m),
         ),
     ]
@@ -54,6 +59,9 @@ def draw_maps(picture: MapPicture, path: Path, /, *, kind: str = "png") -> None:
         (Panel("confidence", confidence, status),), "first phasor, mV", VOLTAGES, (0.0, limits_of(confidence)[1])
     )
     lower += [of_sigma, of_light]
+    if picture.truth_m is None and picture.amplitude_v is not None:
+        amplitude = Panel("direct amplitude", 1000 * picture.amplitude_v, status)
+        lower.append(Scaled((amplitude,), "mV", VOLTAGES, (0.0, limits_of(amplitude.values)[1])))
     upper.append(Classes.of(paths=status))
     draw_page((upper, lower), path, title=picture.title, kind=kind, shares=class_shares(status))
 
@@ -75,11 +83,11 @@ def _median(error: Float) -> str:
     return f"median {np.median(finite):.2f} cm off" if finite.size else "nowhere both"
 
 
-def signed_limits(*differences: NDArray[np.floating]) -> tuple[float, float]:
-    """Return limits about 0 that hold 90 % of each of several maps of differences."""
+def signed_limits(*differences: NDArray[np.floating], share: float = 90.0) -> tuple[float, float]:
+    """Return limits about 0 that hold a share, in %, of each of several maps of differences."""
     sizes = [np.abs(one[np.isfinite(one)]) for one in differences]
-    limit = max((float(np.percentile(size, 90)) for size in sizes if size.size), default=1.0)
-    return -max(limit, 1e-3), max(limit, 1e-3)
+    limit = max((float(np.percentile(size, share)) for size in sizes if size.size), default=1.0) or 1e-3
+    return -limit, limit
 
 
 def limits_of(values: NDArray[np.floating]) -> tuple[float, float]:

@@ -5,7 +5,7 @@ between the frames of a sequence. Lengths are in hundredths of an inch.
 """
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from cadtof_cli.arrays import Status
 from cadtof_cli.figures.pixel_classes import NO_VALUE, PixelClass, classes_of
-from cadtof_cli.figures.text import drawable, shortened
+from cadtof_cli.figures.text import within
 
 Image = NDArray[np.uint8]
 
@@ -112,12 +112,13 @@ class _Cell:
 
 @dataclass(frozen=True)
 class _Page:
-    """The size of the page and of every panel on it."""
+    """The size of the page and of every panel on it; `framed`: lines around panels may cover their outermost pixels."""
 
     width: float
     height: float
     panel_width: float
     panel_height: float
+    framed: bool
 
     def place(self, left: float, top: float, width: float, height: float) -> tuple[float, float, float, float]:
         """Return a rectangle, given from the top left, as matplotlib takes it."""
@@ -140,37 +141,52 @@ def draw_page(
     page_figure(rows, title=title, shares=shares).savefig(path, dpi=DOTS_PER_INCH, format=kind)
 
 
-def page_figure(rows: Rows, /, *, title: str, shares: Mapping[PixelClass, float] | None = None) -> Figure:
-    """Return the page as a figure (see `draw_page`)."""
+def page_figure(
+    rows: Rows,
+    /,
+    *,
+    title: str,
+    shares: Mapping[PixelClass, float] | None = None,
+    kinds: Collection[PixelClass] | None = None,
+    panel_width: float | None = None,
+) -> Figure:
+    """Return the page as a figure (see `draw_page`).
+
+    Args:
+        rows: blocks beside each other.
+        title: of the page.
+        shares: of the pixels, for the legend.
+        kinds: of pixels that the legend names; None: those that are there.
+        panel_width: of every panel, in hundredths of an inch; None: as suits the page.
+    """
     rows_px, columns_px = rows[0][0].panels[0].values.shape
     aspect = columns_px / rows_px
-    panel_width = min(math.sqrt(_AREA * aspect), _WIDEST, _TALLEST * aspect)
+    framed = panel_width is None
+    panel_width = panel_width or min(math.sqrt(_AREA * aspect), _WIDEST, _TALLEST * aspect)
     panel_height = panel_width / aspect
     if aspect > _WIDE:
         rows = [(block,) for row in rows for block in row]
     elif aspect < _TALL:
         rows = [[block for row in rows for block in row]]
     cells = list(_cells(rows, panel_width, panel_height, stacked=aspect > _WIDE))
-    shown = set[PixelClass]().union(*(cell.block.shown(cell.panel) for cell in cells))
-    kinds = [one for one in PixelClass if one in shown]
+    shown = set[PixelClass](kinds or ())
+    if kinds is None:
+        shown.update(*(cell.block.shown(cell.panel) for cell in cells))
+    named = [one for one in PixelClass if one in shown]
     width = max(cell.left for cell in cells) + max(panel_width + _BAR, _NARROWEST)
-    columns = max(1, min(len(kinds), int(width // 190)))
-    legend = _LEGEND_ROW * math.ceil(len(kinds) / columns) if kinds else 0.0
+    columns = max(1, min(len(named), int(width // 190)))
+    legend = _LEGEND_ROW * math.ceil(len(named) / columns) if named else 0.0
     height = max(cell.top for cell in cells) + panel_height + _BOTTOM + legend
-    page = _Page(width, height, panel_width, panel_height)
+    page = _Page(width, height, panel_width, panel_height, framed)
     figure = Figure(figsize=(width / 100, height / 100))
     x, y, _, _ = page.place(width / 2, _TOP / 2 - 2, 0, 0)
-    heading = shortened(drawable(title), int(width / 7.5))
+    heading = within(title, (width - 20) / 100, size=11)
     figure.text(x, y, heading, ha="center", va="center", fontsize=11, parse_math=False)
     for cell in cells:
         _draw(figure, cell, page)
         if cell.closes and isinstance(cell.block, Scaled):
             _bar(figure, cell, cells, page)
-    if kinds:
-        handles = [Patch(facecolor=one.colour, edgecolor="black", lw=0.5, label=_label(one, shares)) for one in kinds]
-        figure.legend(
-            handles=handles, loc="lower center", ncols=columns, fontsize=8.5, frameon=False, borderaxespad=0.3
-        )
+    add_legend(figure, named, columns=columns, shares=shares)
     return figure
 
 
@@ -195,6 +211,8 @@ def _cells(rows: Rows, width: float, height: float, *, stacked: bool) -> Iterato
 def _draw(figure: Figure, cell: _Cell, page: _Page) -> None:
     axes = figure.add_axes(page.place(cell.left, cell.top, page.panel_width, page.panel_height))
     axes.imshow(cell.block.painted(cell.panel), interpolation="nearest", aspect="auto")
+    if not page.framed:
+        axes.spines[:].set_position(("outward", 2))
     name, _, detail = cell.panel.title.partition("\n")
     middle = cell.left + page.panel_width / 2
     for text, above, size, ink in ((name, 24, 9.5, "black"), (detail or cell.block.unit, 8, 8, "0.3")):
@@ -215,16 +233,31 @@ def _bar(figure: Figure, cell: _Cell, cells: Sequence[_Cell], page: _Page) -> No
     assert isinstance(block, Scaled)
     mine = [one for one in cells if one.block is block and one.left == cell.left]
     top, bottom = min(one.top for one in mine), max(one.top for one in mine) + page.panel_height
+    add_bar(figure, block, page.place(cell.left + page.panel_width + 8, top, 11, bottom - top), length=bottom - top)
+
+
+def add_bar(figure: Figure, block: Scaled, place: tuple[float, float, float, float], /, *, length: float) -> None:
+    """Add the bar of colours of a block at a place of the figure, `length` hundredths of an inch long."""
     low, high = block.limits
     values = np.concatenate([one.values[np.isfinite(one.values)].ravel() for one in block.panels])
     beyond = bool(values.size and values.min() < low), bool(values.size and values.max() > high)
     extend = {(True, True): "both", (True, False): "min", (False, True): "max"}.get(beyond, "neither")
     mappable = ScalarMappable(Normalize(low, high), mpl.colormaps[block.colours])
-    axes = figure.add_axes(page.place(cell.left + page.panel_width + 8, top, 11, bottom - top))
-    ticks = MaxNLocator(max(2, min(8, int((bottom - top) / 28))))
-    bar = figure.colorbar(mappable, cax=axes, extend=extend, extendfrac=0.03, ticks=ticks)
+    ticks = MaxNLocator(max(2, min(8, int(length / 28))))
+    bar = figure.colorbar(mappable, cax=figure.add_axes(place), extend=extend, extendfrac=0.03, ticks=ticks)
     bar.ax.tick_params(labelsize=7, length=2.5)
     bar.set_label(block.unit.rpartition(", ")[2], fontsize=8, labelpad=2)
+
+
+def add_legend(
+    figure: Figure, kinds: Sequence[PixelClass], /, *, columns: int, shares: Mapping[PixelClass, float] | None = None
+) -> None:
+    """Add what the colours of pixels mean, at the foot of the figure."""
+    if kinds:
+        handles = [Patch(facecolor=one.colour, edgecolor="black", lw=0.5, label=_label(one, shares)) for one in kinds]
+        figure.legend(
+            handles=handles, loc="lower center", ncols=columns, fontsize=8.5, frameon=False, borderaxespad=0.3
+        )
 
 
 def _label(kind: PixelClass, shares: Mapping[PixelClass, float] | None) -> str:

@@ -10,11 +10,13 @@ from matplotlib.patches import Ellipse
 
 from cadtof_cli.arrays import Float
 from cadtof_cli.figures.pixel_evolution import DIRECT_COLOUR, DOTS_PER_INCH, MEASURED_COLOUR, MPI_COLOUR
+from cadtof_cli.figures.text import within
 from cadtof_cli.files.atomic import whole_file
 from cadtof_cli.one_pixel import PixelEvidence
 from cadtof_cli.resolver.status import StatusBit
 
-FORMATS = ("png", "svg", "pdf")
+_SIDE, _LEFT, _GAP, _TOP, _BOTTOM = 4.0, 0.8, 0.6, 0.75, 1.05
+"""Inches: of a panel, and around it."""
 
 LEAST_ELLIPSE = 0.03
 """Least standard deviation, as a share of the panel's half width, that is not drawn magnified."""
@@ -23,25 +25,33 @@ MOST_ELLIPSE = 0.1
 """Most that it is magnified to, so that twice as much stays in the panel."""
 
 
-def draw_phasors(evidence: PixelEvidence, harmonics: tuple[int, ...], /, *, title: str, path: Path) -> None:
-    """Draw the diagram as PNG, SVG or PDF, by the ending of `path`; PNG for any other.
+def draw_phasors(
+    evidence: PixelEvidence, harmonics: tuple[int, ...], /, *, title: str, path: Path, kind: str = "png"
+) -> None:
+    """Draw the diagram as a picture of a kind such as png or svg.
 
     Raises:
         OutputError: the file cannot be written.
     """
-    figure = Figure(figsize=(5.2 * len(harmonics), 5.6), layout="constrained")
-    figure.suptitle(title, fontsize=10)
-    panels = figure.subplots(1, len(harmonics), squeeze=False)[0]
-    for row, (axes, harmonic) in enumerate(zip(panels, harmonics, strict=True)):
+    width, height = _LEFT + len(harmonics) * (_SIDE + _GAP), _TOP + _SIDE + _BOTTOM
+    figure = Figure(figsize=(width, height))
+    heading = within(title, width - 0.3, size=10)
+    figure.text(0.5, 1 - 0.2 / height, heading, fontsize=10, ha="center", va="center", parse_math=False)
+    for row, harmonic in enumerate(harmonics):
+        left = _LEFT + row * (_SIDE + _GAP)
+        axes = figure.add_axes((left / width, _BOTTOM / height, _SIDE / width, _SIDE / height))
         _panel(axes, evidence, row, harmonic)
-    kind = path.suffix.lower().removeprefix(".")
+    figure.axes[0].set_ylabel("imaginary part (SC2)", fontsize=9)
     with whole_file(path) as temporary:
-        figure.savefig(temporary, dpi=DOTS_PER_INCH, format=kind if kind in FORMATS else "png")
+        figure.savefig(temporary, dpi=DOTS_PER_INCH, format=kind)
 
 
 def _panel(axes: Axes, evidence: PixelEvidence, row: int, harmonic: int) -> None:
     phasor = evidence.phasors[row]
-    axes.set(aspect="equal", xlabel="real part (SC1)", ylabel="imaginary part (SC2)", title=f"harmonic {harmonic}")
+    axes.set_aspect("equal")
+    axes.set_xlabel("real part (SC1)", fontsize=9)
+    axes.set_title(f"harmonic {harmonic}, over the modulation amplitude", fontsize=10)
+    axes.tick_params(labelsize=8)
     axes.axhline(0.0, color="0.85", lw=0.8, zorder=0)
     axes.axvline(0.0, color="0.85", lw=0.8, zorder=0)
     if not np.isfinite(phasor):
@@ -58,7 +68,7 @@ def _panel(axes: Axes, evidence: PixelEvidence, row: int, harmonic: int) -> None
     turn = np.linspace(0.0, 2.0 * np.pi, 200)
     axes.plot(abs(phasor) * np.cos(turn), abs(phasor) * np.sin(turn), color="0.9", lw=0.8, zorder=0)
     axes.set(xlim=(-reach, reach), ylim=(-reach, reach))
-    axes.legend(loc="lower center", bbox_to_anchor=(0.5, -0.3), ncols=2, fontsize=8, frameon=False)
+    axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.13), ncols=2, fontsize=8, frameon=False)
 
 
 def _path_ends(evidence: PixelEvidence, row: int, harmonic: int) -> list[complex]:

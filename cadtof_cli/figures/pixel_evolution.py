@@ -11,44 +11,50 @@ from cadtof_cli.simulation.pixel.mix import Condition
 
 DIRECT_COLOUR, MPI_COLOUR, MEASURED_COLOUR, AMBIENT_COLOUR = "#1b6ca8", "#d1495b", "#222222", "#b8b8b8"
 
+OTHER_COLOUR = "#7a5195"
+
 DOTS_PER_INCH = 120
 
 
 def draw_histogram(recording: Evolution, condition: Condition, path: Path, /) -> None:
     """Draw when photons arrived within the period, with the modulation voltages over it."""
-    figure, axes = _figure()
+    figure, axes = _figure("When the photons of a recording arrive")
     plot_histogram(axes, recording, condition)
     figure.savefig(path)
 
 
 def draw_voltages(recording: Evolution, path: Path, /) -> None:
     """Draw how SC1 and SC2 settle."""
-    figure, axes = _figure()
+    figure, axes = _figure("How the voltages settle")
     plot_voltages(axes, recording)
     figure.savefig(path)
 
 
 def draw_phase(recording: Evolution, condition: Condition, path: Path, /) -> None:
     """Draw how the phase settles, beside that of the direct path."""
-    figure, axes = _figure()
+    figure, axes = _figure("How the phase of the first phasor settles")
     plot_phase(axes, recording, condition)
     figure.savefig(path)
 
 
-def plot_histogram(axes: Axes, recording: Evolution, condition: Condition, /) -> None:
-    """Plot arrivals and modulation on the given axes."""
+def plot_histogram(
+    axes: Axes, recording: Evolution, condition: Condition, /, *, harmonics: tuple[int, ...] = (1,)
+) -> None:
+    """Plot arrivals, and the modulation of some harmonics, on the given axes."""
     width = recording.period_ns / len(recording.bin_ns)
     axes.bar(recording.bin_ns, recording.counts, width=width, color=AMBIENT_COLOUR)
     axes.axvline(condition.direct_ns, color=DIRECT_COLOUR, lw=1.2, label=f"direct, {condition.direct_ns:g} ns")
     if condition.mpi_ratio > 0:
         axes.axvline(condition.second_ns, color=MPI_COLOUR, lw=1.2, label=f"MPI, {condition.second_ns:g} ns")
-    axes.set(xlim=(0, recording.period_ns), xlabel="arrival time (ns)", ylabel="photons a bin")
+    axes.set(xlim=(0, recording.period_ns), xlabel="arrival time (ns)", ylabel="photons per bin")
     wave = axes.twinx()
-    turn = 2.0 * np.pi * recording.bin_ns / recording.period_ns
-    wave.plot(recording.bin_ns, np.cos(turn), color=MEASURED_COLOUR, lw=0.8)
-    wave.plot(recording.bin_ns, np.sin(turn), color=MEASURED_COLOUR, lw=0.8, ls="--")
+    for harmonic, colour in zip(harmonics, (MEASURED_COLOUR, OTHER_COLOUR), strict=False):
+        turn = 2.0 * np.pi * harmonic * recording.bin_ns / recording.period_ns
+        for channel, value, style in (("SC1", np.cos(turn), "-"), ("SC2", np.sin(turn), "--")):
+            label = f"{channel}, {recording.period_ns / harmonic:g} ns"
+            wave.plot(recording.bin_ns, value, color=colour, lw=0.8, ls=style, label=label)
     wave.set(ylim=(-3.2, 1.2), yticks=[])
-    axes.legend(loc="upper right", framealpha=0.9)
+    _legend(axes, wave)
 
 
 def plot_voltages(axes: Axes, recording: Evolution, /) -> None:
@@ -57,7 +63,7 @@ def plot_voltages(axes: Axes, recording: Evolution, /) -> None:
     axes.plot(thousands, 1e3 * recording.voltages_v[0], color=DIRECT_COLOUR, lw=0.9, label="SC1")
     axes.plot(thousands, 1e3 * recording.voltages_v[1], color=MPI_COLOUR, lw=0.9, label="SC2")
     axes.set(xlim=(0, thousands[-1]), xlabel="photons sampled (thousands)", ylabel="voltage (mV)")
-    axes.legend(loc="upper right", framealpha=0.9)
+    _legend(axes)
 
 
 def plot_phase(axes: Axes, recording: Evolution, condition: Condition, /) -> None:
@@ -75,9 +81,18 @@ def plot_phase(axes: Axes, recording: Evolution, condition: Condition, /) -> Non
         xlabel="photons sampled (thousands)",
         ylabel="phase (°)",
     )
-    axes.legend(loc="upper right", framealpha=0.9)
+    _legend(axes)
 
 
-def _figure() -> tuple[Figure, Axes]:
-    figure = Figure(figsize=(6.4, 3.6), dpi=DOTS_PER_INCH, layout="constrained")
-    return figure, figure.subplots()
+def _legend(axes: Axes, *others: Axes) -> None:
+    """Add a legend beside the curves of axes, and of others over them."""
+    found = [one.get_legend_handles_labels() for one in (axes, *others)]
+    handles, labels = ([item for part in parts for item in part] for parts in zip(*found, strict=True))
+    axes.legend(handles, labels, loc="upper left", bbox_to_anchor=(1.01, 1.0), borderaxespad=0.0, fontsize=8)
+
+
+def _figure(title: str) -> tuple[Figure, Axes]:
+    figure = Figure(figsize=(7.6, 3.6), dpi=DOTS_PER_INCH, layout="constrained")
+    axes = figure.subplots()
+    axes.set_title(title, fontsize=11)
+    return figure, axes

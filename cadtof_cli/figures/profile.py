@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from cadtof_cli.arrays import Float
-from cadtof_cli.figures.text import drawable, shortened
+from cadtof_cli.figures.text import drawable, shortened, within
 from cadtof_cli.files.atomic import whole_file
 
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
@@ -63,7 +63,7 @@ def draw_section(section: Section, path: Path, /, *, kind: str) -> None:
     rows = 1 if section.truth is None else 2
     figure = Figure(figsize=(10.0, 4.4 if rows == 1 else 6.6), layout="constrained")
     panels = figure.subplots(rows, 1, sharex=True, squeeze=False, height_ratios=(3, 2)[:rows])[:, 0]
-    figure.suptitle(shortened(drawable(section.title), 110), fontsize=11, parse_math=False)
+    figure.suptitle(within(section.title, 9.5, size=11), fontsize=11, parse_math=False)
     _values(panels[0], section)
     if section.truth is not None:
         _errors(panels[1], section, section.truth)

@@ -3,6 +3,7 @@
 from functools import cache
 
 from matplotlib import font_manager
+from matplotlib.textpath import TextPath
 
 
 @cache
@@ -30,3 +31,11 @@ def shortened(text: str, length: int, /) -> str:
         return text
     keep = max(length - 1, 2)
     return f"{text[: keep // 2]}…{text[-(keep - keep // 2) :]}"
+
+
+def within(text: str, inches: float, /, *, size: float) -> str:
+    """Return a text that a picture can show, the middle left out where it would be wider than so many inches at a font size."""
+    text = drawable(text)
+    # as letters, whatever it means as mathematics
+    wide = TextPath((0, 0), text.replace("$", "S"), size=size).get_extents().width / 72 if text.strip() else 0.0
+    return text if wide <= inches else shortened(text, int(len(text) * inches / wide))

@@ -3,11 +3,9 @@
 import errno
 import json
 import os
-import shutil
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from secrets import token_hex
 from typing import Any
 
 from cadtof_cli.errors import OutputError, PlaceError
@@ -98,9 +96,14 @@ def whole_file(path: Path, /) -> Iterator[Path]:
     partial.keep()
 
 
+def random_mark() -> str:
+    """Return 16 hexadecimal digits that nobody guesses."""
+    return os.urandom(8).hex()
+
+
 def _temporary_name(name: str, token: str) -> str:
     # only the beginning of a name, which may have all the length that names can have
-    return f".{name[:40]}.{token_hex(8)}.{token or os.getpid()}{PARTIAL_SUFFIX}"
+    return f".{name[:40]}.{random_mark()}.{token or os.getpid()}{PARTIAL_SUFFIX}"
 
 
 def sync_folder(folder: Path, /) -> None:
@@ -125,6 +128,8 @@ def write_error(path: Path, error: OSError, /) -> OutputError:
     numpy and OpenEXR do not hand on the system's code, only how much they could not write.
     """
     try:
+        import shutil
+
         full = error.errno is None and shutil.disk_usage(path.parent).free < FULL_BYTES
     except OSError:
         full = False
@@ -192,7 +197,7 @@ def new_folder(path: Path, /) -> Iterator[Path]:
     require_absent(path)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        partial = path.with_name(f".{path.name}.{token_hex(16)}{PARTIAL_SUFFIX}")
+        partial = path.with_name(f".{path.name}.{random_mark()}{random_mark()}{PARTIAL_SUFFIX}")
         partial.mkdir()
     except OSError as error:
         raise OutputError(f"{path}: cannot be created: {error.strerror}; choose another OUT") from error
@@ -202,4 +207,6 @@ def new_folder(path: Path, /) -> Iterator[Path]:
     except OSError as error:
         raise OutputError(f"{path}: cannot be written: {error.strerror or error}") from error
     finally:
+        import shutil
+
         shutil.rmtree(partial, ignore_errors=True)

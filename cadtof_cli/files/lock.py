@@ -5,7 +5,7 @@ import errno
 import fcntl
 import json
 import os
-import socket
+import platform
 from collections.abc import Iterator
 from contextlib import contextmanager
 from datetime import UTC, datetime
@@ -42,7 +42,7 @@ def locked(folder: Path, /) -> Iterator[None]:
         with contextlib.suppress(OSError):
             owner = {
                 "pid": os.getpid(),
-                "host": socket.gethostname(),
+                "host": platform.node(),
                 "since": datetime.now(UTC).isoformat(timespec="seconds"),
             }
             os.ftruncate(descriptor, 0)

@@ -23,7 +23,7 @@ SOFTWARE = f"cadtof {__version__}"
 SOURCE = "source"
 """The fact that says which recorded frame maps were made from: what differs from frame to frame."""
 
-_MAP_LAYER = re.compile(rf"(direct|mpi)\.\w+|confidence|{STATUS}")
+_MAP_LAYER = rf"(direct|mpi)\.\w+|confidence|{STATUS}"
 
 
 @dataclass(frozen=True)
@@ -79,7 +79,7 @@ def _printable(text: str) -> str:
 
 def is_map_layer(name: str, /) -> bool:
     """Tell whether a channel of this name belongs to a map, not to a frame."""
-    return _MAP_LAYER.fullmatch(name) is not None
+    return re.fullmatch(_MAP_LAYER, name) is not None
 
 
 @dataclass(frozen=True)

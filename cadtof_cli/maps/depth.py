@@ -1,13 +1,17 @@
 """Paths → depth maps."""
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from cadtof_cli.arrays import Float
 from cadtof_cli.files.maps import DepthMaps
-from cadtof_cli.maps.layers import Layer, LayerSource
-from cadtof_cli.resolver.paths import ResolvedPaths
+from cadtof_cli.maps.layers import DIRECT_DEPTH, Layer, LayerSource
+
+if TYPE_CHECKING:
+    from cadtof_cli.optics.lamp import LampBeside
+    from cadtof_cli.resolver.paths import ResolvedPaths
 
 
 @dataclass(frozen=True, eq=False)
@@ -15,13 +19,15 @@ class DepthScale:
     """How paths become metres and volts.
 
     `metres_per_radian` is c·T1/(4π); `planar_per_range`, float64 (Y·X,), turns range into z depth (None: range is kept);
-    `range_offset_m`, float64 (Y·X,), is what the lens adds to every range (None: nothing).
+    `range_offset_m`, float64 (Y·X,), is what the lens adds to every range (None: nothing); `lamp` says where the light comes
+    from (None: from the camera).
     """
 
     metres_per_radian: float
     amplitude_v: float
     planar_per_range: Float | None = None
     range_offset_m: Float | None = None
+    lamp: "LampBeside | None" = None
 
     def metres(self, block: slice, /) -> float | Float:
         """Return the metres that a radian stands for, of all pixels or of each of a block, (n,)."""
@@ -33,7 +39,16 @@ class DepthScale:
         """Return what the lens adds to every phase of a block, (n,); None: nothing."""
         return None if self.range_offset_m is None else self.range_offset_m[block] / self.metres_per_radian
 
-    def source(self, resolved: ResolvedPaths, block: slice, /, *, samples: Float | None) -> LayerSource:
+    def measure_from_camera(self, maps: DepthMaps, first: int, /) -> None:
+        """Turn direct depths, of pixels from a flat index on, from half the way of the light to that from the camera."""
+        if self.lamp is None:
+            return
+        depth = maps.layer(DIRECT_DEPTH).reshape(-1)
+        block = slice(first, first + depth.size)
+        planar: Float | float = 1.0 if self.planar_per_range is None else self.planar_per_range[block]
+        depth[:] = self.lamp.range_m(depth.astype(np.float64) / planar, block) * planar
+
+    def source(self, resolved: "ResolvedPaths", block: slice, /, *, samples: Float | None) -> LayerSource:
         """Return what the layers of a block of the frame's pixels follow from."""
         averaged = 1.0 if samples is None else samples
         return LayerSource(resolved, averaged, self.metres(block), self.amplitude_v, self.phase_offset_rad(block))

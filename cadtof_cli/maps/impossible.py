@@ -59,8 +59,12 @@ def clear_impossible(maps: DepthMaps, /, *, noise: NoiseModel, amplitude_v: floa
     amplitudes = [maps.layer(name).reshape(-1) for name in maps.names if name.endswith(".amplitude")]
     confidence = maps.layer(CONFIDENCE).reshape(-1)
     impossible = beyond_light(amplitudes, confidence, noise=noise, amplitude_v=amplitude_v)
-    if not impossible.any():
-        return
+    if impossible.any():
+        clear_pixels(maps, impossible)
+
+
+def clear_pixels(maps: DepthMaps, impossible: Bool, /) -> None:
+    """Set `IMPOSSIBLE` in some pixels, (n,), and NaN in every layer that follows from their phasors."""
     for name in maps.names:
         if name != "effective_pixels":
             np.copyto(maps.layer(name).reshape(-1), np.nan, where=impossible)

@@ -3,11 +3,14 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from cadtof_cli.arrays import Float
-from cadtof_cli.resolver.paths import ResolvedPaths
+
+if TYPE_CHECKING:
+    from cadtof_cli.resolver.paths import ResolvedPaths
 
 DIRECT_DEPTH = "direct.depth"
 MPI_DEPTH = "mpi.depth"
@@ -39,7 +42,7 @@ class LayerSource:
         phase_offset_rad: what the lens adds to every phase, (n,); None: nothing.
     """
 
-    resolved: ResolvedPaths
+    resolved: "ResolvedPaths"
     samples: Float | float
     metres: Float | float
     volts: float

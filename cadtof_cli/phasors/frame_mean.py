@@ -30,11 +30,6 @@ class FrameMean:
     frames: int = 1
     variance: Float | None = None
 
-    @classmethod
-    def of_one(cls, stored: Stored, /) -> "FrameMean":
-        """Return a frame as it was recorded."""
-        return cls(stored, None, stored.dtype)
-
     @property
     def pixels(self) -> tuple[int, int]:
         """Size of the array, (Y, X)."""

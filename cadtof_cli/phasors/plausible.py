@@ -11,6 +11,7 @@ import numpy as np
 
 from cadtof_cli.arrays import Float, Stored
 from cadtof_cli.capture.metadata import CaptureMetadata, Voltage
+from cadtof_cli.phasors.noise import NoiseModel
 from cadtof_cli.phasors.voltages import sound_pixels, volts_per_count
 
 LONGEST = 1.35
@@ -18,6 +19,9 @@ LONGEST = 1.35
 
 TOO_MANY = 0.25
 """Share of sound pixels beyond that which is not the doing of a few bad ones."""
+
+FEWEST = 16
+"""Pixels from which on their holding the same is no accident."""
 
 LOOKED_AT = 4096
 """Pixels that a frame is judged by, spread evenly over it."""
@@ -78,6 +82,18 @@ def implausible(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
         f"{found}, which would be voltages up to {largest:.4g} V, beyond modulation.amplitude_v = {amplitude:g} V: "
         f"{_likely_cause(found, voltage, amplitude)}"
     )
+
+
+def is_without_noise(stored: Stored, noise: NoiseModel, /) -> bool:
+    """Return whether all pixels, (H, 2, n), hold the same values, where noise makes that impossible.
+
+    It does so wherever it is more than half a step of the stored values. A few pixels may agree.
+    """
+    count = stored.shape[2]
+    if count < FEWEST or not all((stored[:, :, :some] == stored[:, :, :1]).all() for some in (FEWEST, count)):
+        return False
+    # a step is √12 of its rounding error
+    return all(one.light_variance > 3.0 * one.floor for one in noise.each)
 
 
 def _none_is_large(some: Stored, metadata: CaptureMetadata) -> bool:

@@ -48,6 +48,8 @@ def fewest_paths(solver: Solver, answered: Bool, /, *, settings: ResolverSetting
     may stand in pixels that are not to be answered.
     """
     rows, waiting = max(settings.paths, LEAST_PATHS), answered.copy()
+    if not waiting.any():
+        return Fit.none(rows, waiting.size)
     first = 1 if settings.order == "auto" else settings.max_paths
     fewer: tuple[Index, Fit] | None = None
     for count in range(first, settings.max_paths):
@@ -93,17 +95,15 @@ def told_apart(fit: Fit, settings: ResolverSettings, noise: NoiseModel, pixels: 
         return replace(fit, paths=paths)
     samples = noise.samples[pixels]
     root = np.sqrt(samples)
-    return Fit(
-        replace(paths, sigma_rad=paths.sigma_rad / root), fit.chi_squared * samples, fit.converged, fit.doubt / root
-    )
+    doubt = fit.doubt * samples if len(paths) == 1 else fit.doubt / root
+    return Fit(replace(paths, sigma_rad=paths.sigma_rad / root), fit.chi_squared * samples, fit.converged, doubt)
 
 
 def _spread(fit: Fit, pixels: Index | slice, count: int, rows: int) -> Fit:
     """Return a fit of some pixels as one of all, with room for as many paths; NaN elsewhere."""
     if isinstance(pixels, slice) and len(fit.paths) == rows:
         return fit
-    paths = Paths.none((rows, count))
-    whole = Fit(paths, np.full(count, np.nan), np.ones(count, np.bool_), np.zeros(count))
+    whole = Fit.none(rows, count)
     whole[pixels] = fit
     return whole
 

@@ -61,14 +61,20 @@ class Fit:
         paths: in any order, with the standard deviations that one recorded pixel's noise gives.
         chi_squared: (n,), what they leave over the noise of one recorded pixel.
         converged: (n,), not set where the solver gave up. Such paths are NaN where the attempt is worth nothing.
-        doubt: (n,), the largest standard deviation over half the distance (its sine) of two paths. Above 1 the two cannot be
-            told apart, and the standard deviations are only a lower bound. It means nothing where there is one path.
+        doubt: (n,), above 1 where the answer is doubtful and the standard deviations are only a lower bound. Of two paths or
+            more: the largest standard deviation over a quarter of the distance of two (by the sine of half of it). Of one
+            path: by how much its harmonics fall off, as they do where another path is close by (`doubt_of_one`).
     """
 
     paths: Paths
     chi_squared: Float
     converged: Bool
     doubt: Float
+
+    @classmethod
+    def none(cls, paths: int, pixels: int, /) -> "Fit":
+        """Return a fit of nothing, to be filled in: NaN."""
+        return cls(Paths.none((paths, pixels)), np.full(pixels, np.nan), np.ones(pixels, np.bool_), np.zeros(pixels))
 
     def __getitem__(self, pixels: Index, /) -> "Fit":
         # take is several times as fast as an index of two axes
@@ -85,6 +91,25 @@ class Fit:
             path[pixels] = other.paths[row] if row < len(other.paths) else NO_PATH
         self.chi_squared[pixels], self.doubt[pixels] = other.chi_squared, other.doubt
         self.converged[pixels] = other.converged
+
+
+CLOSE_ENOUGH = 0.5
+"""Standard deviations over half the distance of two paths from which on their errors are often larger: from a half on one in
+twenty-five is beyond three standard deviations, and what the order test lets pass is the farther apart the worse it is."""
+
+PER_FALL_OFF = 1.0 / 1.2815515655446004**2
+"""One over the square of what a normal deviate exceeds once in ten times."""
+
+
+def doubt_of_one(fall_off: Float, /) -> Float:
+    """Return the doubt of one path from how much more its harmonics fall off than noise lets them, (n,).
+
+    `fall_off` is the square of a deviate of unit variance without MPI, with its sign: positive where higher harmonics are the
+    shorter. Paths close together (D rad apart, with shares a and b of their light) leave |p_h| = (a+b)·(1 − h²·D²·ab/2(a+b)²) and
+    next to nothing in the phases, so this sees them where χ², which looks in all directions, does not. One pixel in ten without
+    MPI is in doubt.
+    """
+    return fall_off * PER_FALL_OFF
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,20 +2,21 @@
 
 from collections.abc import Sequence
 from importlib import import_module
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from cadtof_cli.arrays import Complex, Float, Status
 from cadtof_cli.phasors.chi_squared import chi_squared_threshold
 from cadtof_cli.phasors.noise import NoiseModel
-from cadtof_cli.resolver.diffuse.pixels import diffuse_pixels
-from cadtof_cli.resolver.diffuse.records import DiffuseBlock, DiffusePixels
 from cadtof_cli.resolver.order import Solver, fewest_paths
 from cadtof_cli.resolver.paths import Fit, ResolvedPaths
-from cadtof_cli.resolver.response.as_sine import phasors_of_sine
-from cadtof_cli.resolver.response.table import ResponseBlock
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.resolver.status import StatusBit
+
+if TYPE_CHECKING:
+    from cadtof_cli.resolver.diffuse.records import DiffuseBlock, DiffusePixels
+    from cadtof_cli.resolver.response.table import ResponseBlock
 
 
 def resolve_paths(
@@ -25,8 +26,8 @@ def resolve_paths(
     status: Status,
     settings: ResolverSettings,
     noise: NoiseModel,
-    response: ResponseBlock | None = None,
-    tail: DiffuseBlock | None = None,
+    response: "ResponseBlock | None" = None,
+    tail: "DiffuseBlock | None" = None,
     first: int = 0,
 ) -> ResolvedPaths:
     """Resolve every pixel of phasors (H, n) into paths; inputs are not changed.
@@ -50,10 +51,15 @@ def resolve_paths(
         answered = status == 0
         predicted = None
         if tail is not None and response is None:
+            from cadtof_cli.resolver.diffuse.pixels import diffuse_pixels
+
             predicted = diffuse_pixels(phasors, tail=tail, usable=answered, samples=noise.samples)
             answered &= ~predicted.answered
         fit = fewest_paths(solver, answered, settings=settings, noise=noise)
         if tail is not None and response is not None:
+            from cadtof_cli.resolver.diffuse.pixels import diffuse_pixels
+            from cadtof_cli.resolver.response.as_sine import phasors_of_sine
+
             sine = phasors_of_sine(phasors, fit.paths, response=response)
             predicted = diffuse_pixels(sine, tail=tail, usable=answered, samples=noise.samples)
         bits = _bits(fit)
@@ -94,7 +100,7 @@ def screened(
     return np.where(sound, found, unsound), np.where(sound, modulus, np.nan)
 
 
-def _put_tail(fit: Fit, predicted: DiffusePixels) -> None:
+def _put_tail(fit: Fit, predicted: "DiffusePixels") -> None:
     """Write direct and MPI light as two paths where a tail was predicted; in the others the room's is still there."""
     where, paths = predicted.answered, fit.paths
     paths.sigma_rad[:] = np.sqrt(np.square(paths.sigma_rad) + predicted.separate_variance)
@@ -111,7 +117,7 @@ def _bits(fit: Fit) -> Status:
     bits: Status = np.where(two, np.uint32(StatusBit.TWO_PATHS), one * np.uint32(StatusBit.ONE_PATH))
     for another in more:
         bits[another] = StatusBit.MORE_PATHS
-    bits |= ((fit.doubt > 1.0) & two) * np.uint32(StatusBit.ILL_CONDITIONED)
+    bits |= ((fit.doubt > 1.0) & one) * np.uint32(StatusBit.ILL_CONDITIONED)
     if not fit.converged.all():
         bits |= ~fit.converged * np.uint32(StatusBit.NOT_CONVERGED)
     return bits

@@ -36,7 +36,8 @@ class ResolverSettings:
         order: how many paths a pixel has: decided by the order test (`auto`), or always that many, whatever the solver.
         starts: random starts of `lm`.
         seed: of the random starts, drawn for each pixel from it and the pixel's place in the frame.
-        false_alarm: probability that noise alone passes for a signal, or for a second path.
+        false_alarm: probability that noise alone passes for a signal, or for the misfit of a second path, which must be worth its
+            scatter besides: an upper limit for the share of pixels without MPI that get one.
         returns: which path is called direct.
         min_return_ratio: least amplitude of a direct path, as a share of the strongest path's.
         min_confidence: pixels with a smaller first phasor, in units of the phasors, have no answer; None: those with no signal

@@ -5,7 +5,7 @@ from enum import IntFlag
 
 import numpy as np
 
-from cadtof_cli.arrays import Status
+from cadtof_cli.arrays import Bool, Status
 
 
 class StatusBit(IntFlag):
@@ -35,15 +35,23 @@ MEANING: dict[StatusBit, str] = {
     StatusBit.LOW_CONFIDENCE: "no signal above the noise, or confidence below `--min-confidence`; no answer",
     StatusBit.ONE_PATH: "resolved as one path; MPI layers are NaN",
     StatusBit.TWO_PATHS: "resolved as two paths",
-    StatusBit.ILL_CONDITIONED: "a predicted standard deviation exceeds half the separation of the paths: sigma is a lower bound",
+    StatusBit.ILL_CONDITIONED: "doubtful: a predicted standard deviation exceeds a quarter of the paths' separation, or one path "
+    "that falls off with frequency as two close ones do (one pixel in ten without MPI): sigma is a lower bound",
     StatusBit.CALIBRATED: "a calibration was applied",
     StatusBit.NOT_CONVERGED: "the iteration ran out of steps (no answer), or left the response's equations open (best attempt)",
     StatusBit.HOT_PIXEL: "the dark calibration found the pixel hot, noisy or dead; no answer",
     StatusBit.MORE_PATHS: "resolved as three paths or more",
     StatusBit.POOLED: "averaged over frames or neighbours: layer `effective_pixels` says over how many",
     StatusBit.DIFFUSE_MPI: "the MPI is a tail predicted from the scene's geometry; MPI layers are its phasor at the fundamental",
-    StatusBit.IMPOSSIBLE: "amplitudes beyond what the modulation can record, by more than noise; no answer",
+    StatusBit.IMPOSSIBLE: "amplitudes beyond what the modulation can record and noise, or a frame without noise; no answer",
 }
+
+
+def has_answer(status: Status, /) -> Bool:
+    """Return which pixels of a status map have an answer."""
+    bits = StatusBit.ONE_PATH | StatusBit.TWO_PATHS | StatusBit.MORE_PATHS | StatusBit.DIFFUSE_MPI
+    answered: Bool = (status & np.uint32(bits)) != 0
+    return answered
 
 
 @dataclass(frozen=True)

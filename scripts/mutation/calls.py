@@ -1,32 +1,31 @@
-"""Which functions of the package each test calls: the others' mutants need not be tried against it."""
+"""Which lines of the package each test runs: the others' mutants need not be tried against it."""
 
 import importlib
 import os
 import pkgutil
 import sys
-import threading
-from collections.abc import Callable, Iterator
+from collections import defaultdict
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
-from functools import cached_property
 from pathlib import Path
-from types import CodeType, FrameType
 from typing import Any
 
+import coverage
 import pytest
 
-Function = tuple[str, str]
-"""File in the tree, and name with the names of what it stands in, as a mutant has it."""
+Lines = Mapping[str, frozenset[int]]
+"""Numbers of lines by file in the tree."""
 
-PARTS = frozenset(("<lambda>", "<genexpr>", "<listcomp>", "<setcomp>", "<dictcomp>"))
-"""What has a code object of its own, and is no function by name."""
+_ONCE = "once, below "
+"""Before the folder of what is set up once for all tests in it."""
 
 
 @dataclass(frozen=True)
 class Test:
-    """A test: how long it takes, which functions it calls, and whether it starts other processes, which may call any."""
+    """A test: how long it takes, which lines it runs, and whether it starts other processes, which may run any."""
 
     seconds: float
-    calls: frozenset[Function]
+    lines: Lines
     forks: bool
 
     __test__ = False
@@ -34,44 +33,38 @@ class Test:
 
 @dataclass(frozen=True)
 class Calls:
-    """All tests by node id, and the functions that are called before any test runs, so that all of them depend on these."""
+    """All tests by node id, and the lines that run before any test does, so that what comes of them may be anywhere."""
 
-    tests: dict[str, Test] = field(default_factory=dict)
-    before: frozenset[Function] = frozenset()
+    tests: Mapping[str, Test] = field(default_factory=dict)
+    before: Lines = field(default_factory=dict)
 
     def __or__(self, other: "Calls") -> "Calls":
-        return Calls(self.tests | other.tests, self.before | other.before)
+        return Calls({**self.tests, **other.tests}, {**self.before, **other.before})
 
-    def may_notice(self, test: str, function: Function, /, *, reached: Callable[[str], bool]) -> bool:
-        """Return whether a test may notice a change of a function; `reached` tells which files can reach that function's.
+    def may_notice(self, test: str, path: str, lines: range, /, *, reached: Callable[[str], bool]) -> bool:
+        """Return whether a test may notice a change of some lines of a file; `reached` tells which files can reach that one.
 
-        What stands outside functions may be noticed by whoever reaches it, by the test file's own imports or by those of
-        the modules that it calls: rooms are loaded by name, too.
+        What runs on import may be noticed by whoever reaches it, by the test file's own imports or by those of the modules
+        that it runs: rooms are loaded by name, too.
         """
         known = self.tests[test]
-        if known.forks or function in self.before or function in known.calls:
+        if known.forks or not known.lines.get(path, frozenset()).isdisjoint(lines):
             return True
-        if function in self.functions:
+        if self.before.get(path, frozenset()).isdisjoint(lines):
             return False
-        return any(map(reached, {test.split("::", maxsplit=1)[0], *(path for path, _ in known.calls)}))
-
-    @cached_property
-    def functions(self) -> frozenset[Function]:
-        """All that any test calls."""
-        return frozenset().union(*(test.calls for test in self.tests.values()))
+        return any(map(reached, {test.split("::", maxsplit=1)[0], *known.lines}))
 
 
 class Watch:
-    """A pytest plugin that notes what every test calls, and how long it takes.
+    """A pytest plugin that notes what every test runs, and how long it takes.
 
-    What a fixture calls counts for all tests of its file, which may share it. Caches of the package are emptied before each
-    test, so that none finds the answer of another's call.
+    What a fixture runs counts for all tests of its file, which may share it, and what one for all files runs for all in its
+    folder. Caches of the package are emptied before each test, so that none finds the answer of another's call.
     """
 
     def __init__(self, package: Path) -> None:
         self._package = package
-        self._codes: dict[str, dict[int, CodeType]] = {"": {}}
-        self._now = self._codes[""]
+        self._coverage = coverage.Coverage(data_file=None, source=[str(package)], config_file=False, messages=False)
         self._test = ""
         self._forks: set[str] = set()
         self._seconds: dict[str, float] = {}
@@ -80,26 +73,35 @@ class Watch:
         """Begin to note; before the package is imported."""
         os.register_at_fork(before=self._note_fork)
         sys.addaudithook(lambda event, _: self._note_fork() if event == "subprocess.Popen" else None)
-        threading.settrace(self._trace)
-        sys.settrace(self._trace)
+        self._coverage.start()
         for module in pkgutil.walk_packages([str(self._package)], f"{self._package.name}."):
             if not module.name.endswith("__main__"):
                 importlib.import_module(module.name)
 
     @pytest.hookimpl(hookwrapper=True, tryfirst=True)
     def pytest_runtest_setup(self, item: pytest.Item) -> Iterator[None]:
-        """Note what fixtures call for the whole file."""
+        """Note what fixtures run for the whole file."""
         _empty_caches(self._package.name)
         self._test = item.nodeid
-        self._now = self._codes.setdefault(item.nodeid.split("::")[0], {})
+        self._coverage.switch_context(_file(item.nodeid))
         yield
 
     @pytest.hookimpl(hookwrapper=True, tryfirst=True)
-    def pytest_runtest_call(self, item: pytest.Item) -> Iterator[None]:
-        """Note what the test itself calls."""
-        self._now = self._codes.setdefault(item.nodeid, {})
-        sys.settrace(self._trace)
+    def pytest_fixture_setup(self, fixturedef: Any) -> Iterator[None]:
+        """Note what is set up once for many files for all of them."""
+        once = fixturedef.scope in {"session", "package"}
+        if once:
+            self._coverage.switch_context(_ONCE + fixturedef.baseid)
         yield
+        if once:
+            self._coverage.switch_context(_file(self._test))
+
+    @pytest.hookimpl(hookwrapper=True, tryfirst=True)
+    def pytest_runtest_call(self, item: pytest.Item) -> Iterator[None]:
+        """Note what the test itself runs."""
+        self._coverage.switch_context(item.nodeid)
+        yield
+        self._coverage.switch_context(_file(item.nodeid))
 
     def pytest_runtest_logreport(self, report: Any) -> None:
         """Add up how long setup, call and teardown take."""
@@ -107,25 +109,24 @@ class Watch:
 
     def calls(self) -> Calls:
         """Return what was noted."""
-        called = {name: self._functions(codes) for name, codes in self._codes.items()}
-        none: frozenset[Function] = frozenset()
-        tests = {
-            name: Test(seconds, called.get(name, none) | called.get(name.split("::")[0], none), name in self._forks)
-            for name, seconds in self._seconds.items()
-        }
-        return Calls(tests, called[""])
+        self._coverage.stop()
+        noted = self._noted()
+        folders = [context.removeprefix(_ONCE) for context in noted if context.startswith(_ONCE)]
+        tests = {}
+        for name, seconds in self._seconds.items():
+            contexts = [name, _file(name), *(_ONCE + folder for folder in folders if name.startswith(folder))]
+            tests[name] = Test(seconds, _joined([noted.get(context, {}) for context in contexts]), name in self._forks)
+        return Calls(tests, noted.get("", {}))
 
-    def _functions(self, codes: dict[int, CodeType]) -> frozenset[Function]:
-        names = set()
-        for code in codes.values():
-            path = Path(code.co_filename)
-            if path.is_relative_to(self._package):
-                parts = [part for part in code.co_qualname.split(".") if part != "<locals>" and part not in PARTS]
-                names.add((str(path.relative_to(self._package.parent)), ".".join(parts)))
-        return frozenset(names)
-
-    def _trace(self, frame: FrameType, event: str, argument: object) -> None:
-        self._now[id(frame.f_code)] = frame.f_code
+    def _noted(self) -> dict[str, Lines]:
+        """Return the lines of every context."""
+        data, found = self._coverage.get_data(), defaultdict[str, dict[str, set[int]]](lambda: defaultdict(set))
+        for file in data.measured_files():
+            path = str(Path(file).relative_to(self._package.parent))
+            for line, contexts in data.contexts_by_lineno(file).items():
+                for context in contexts:
+                    found[context][path].add(line)
+        return {context: {path: frozenset(lines) for path, lines in files.items()} for context, files in found.items()}
 
     def _note_fork(self) -> None:
         self._forks.add(self._test)
@@ -140,6 +141,18 @@ class Chosen:
     def pytest_collection_modifyitems(self, items: list[pytest.Item]) -> None:
         """Keep the chosen tests."""
         items[:] = [item for item in items if item.nodeid in self._tests]
+
+
+def _joined(parts: list[Lines]) -> Lines:
+    found = defaultdict[str, frozenset[int]](frozenset)
+    for part in parts:
+        for path, lines in part.items():
+            found[path] |= lines
+    return dict(found)
+
+
+def _file(test: str) -> str:
+    return test.split("::", maxsplit=1)[0]
 
 
 def _empty_caches(package: str) -> None:

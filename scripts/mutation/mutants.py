@@ -27,8 +27,8 @@ PACKAGE = "cadtof_cli"
 class Mutant:
     """One change: in which file, at which of its places, by which of the variants there, and what it reads like.
 
-    `before` and `after` are the head of the innermost statement. With room and function they name a mutant for good: line
-    numbers and file names change.
+    `lines` are first and last of the innermost statement, without the block that belongs to it. `before` and `after` are the
+    head of that statement. With room and function they name a mutant for good: line numbers and file names change.
     """
 
     path: str
@@ -37,6 +37,7 @@ class Mutant:
     function: str
     before: str
     after: str
+    lines: tuple[int, int] = (0, 0)
 
     @property
     def room(self) -> str:
@@ -98,7 +99,7 @@ def _mutants_of(path: Path, name: str) -> Iterator[list[Mutant]]:
         for index, variant in enumerate(place.variants):
             place.put(variant)
             after = _head(variant if isinstance(variant, ast.stmt) else place.statement)
-            made.append(Mutant(name, number, index, place.function, before, after))
+            made.append(Mutant(name, number, index, place.function, before, after, _lines(place.statement)))
         place.put(place.node)
         yield [mutant for mutant in made if mutant.after != before]
 
@@ -114,6 +115,14 @@ def _head(statement: ast.AST | None) -> str:
             kept[block] = [head] if block == "body" else []
     text = ast.unparse(ast.fix_missing_locations(type(statement)(**kept)))
     return text.removesuffix("\n    pass") if isinstance(kept.get("body"), list) else text
+
+
+def _lines(statement: ast.stmt | None) -> tuple[int, int]:
+    if statement is None:
+        return 0, 0
+    body = getattr(statement, "body", None)
+    last = max(statement.lineno, body[0].lineno - 1) if body else statement.end_lineno
+    return statement.lineno, last or statement.lineno
 
 
 def _places(module: ast.Module) -> Iterator[_Place]:

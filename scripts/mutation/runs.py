@@ -1,6 +1,7 @@
 """Mutants against tests: in a copy of the tree, a fork for each, the likeliest and the quickest tests first."""
 
 import contextlib
+import itertools
 import os
 import pickle
 import re
@@ -10,6 +11,7 @@ import signal
 import sys
 import time
 import traceback
+from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,7 +23,7 @@ from mutation.calls import Calls, Chosen, Watch
 from mutation.mutants import PACKAGE, Mutant, mutated
 from mutation.reach import reaches
 
-LEFT_BEHIND = (".git", ".venv*", "out", "__pycache__", ".*_cache", ".hypothesis", "docs", "build", "dist")
+LEFT_BEHIND = (".git", ".venv*", "out", "__pycache__", ".*_cache", ".hypothesis", "build", "dist")
 
 CONTRACTS = "contracts"
 
@@ -39,6 +41,9 @@ PATIENCE = 3.0
 LEAST_PATIENCE_S = 15.0
 """… at least this long, of the processor's time, before a mutant counts as one that never ends; and …"""
 
+FIRST_S = 2.0
+"""The quickest of the tests that may notice a mutant, so long in all, are tried before all mutants' others."""
+
 WAITS = 20
 """… so many times that by the clock, for other programs may keep the processor busy."""
 
@@ -53,12 +58,11 @@ USAGE_ERRORS = frozenset((pytest.ExitCode.USAGE_ERROR, pytest.ExitCode.NO_TESTS_
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of a mutant: `killed`, `endless`, or `survived`, after how many seconds, by which room's tests."""
+    """What became of a mutant: `killed`, `endless`, or `survived`, after how many seconds."""
 
     mutant: Mutant
     verdict: str
     seconds: float
-    by: str
 
 
 class Bench:
@@ -83,23 +87,21 @@ class Bench:
             self._calls |= pickle.loads(self._noted.read_bytes())
         return self._calls
 
-    def tried(self, mutant: Mutant) -> Outcome:
-        """Return what becomes of a mutant."""
+    def tried(self, mutant: Mutant, *, quick: bool) -> Outcome:
+        """Return what becomes of a mutant by the quick of the tests that may notice it, or by the others."""
         path = self.tree / mutant.path
         text = mutated(path.read_text(encoding="utf-8"), mutant)
         begin = time.monotonic()
         with self.changed({path: text}, kernel=path.stem == KERNEL_FRONT):
-            for room in (mutant.room, CONTRACTS):
-                files, tests = self._chosen(room, mutant)
-                if not tests:
-                    continue
+            files, tests = self._portion(mutant, quick=quick)
+            if tests:
                 patience = max(PATIENCE * sum(self._seconds(test) for test in tests), LEAST_PATIENCE_S)
                 code, ended = self._run(files, patience, Chosen(tests))
                 if code in USAGE_ERRORS:
-                    raise SystemExit(f"pytest could not run tests/{room}:\n{self._log.read_text()[-4000:]}")
+                    raise SystemExit(f"pytest could not run {' '.join(files)}:\n{self._log.read_text()[-4000:]}")
                 if code != pytest.ExitCode.OK:
-                    return Outcome(mutant, "killed" if ended else "endless", time.monotonic() - begin, room)
-        return Outcome(mutant, "survived", time.monotonic() - begin, "")
+                    return Outcome(mutant, "killed" if ended else "endless", time.monotonic() - begin)
+        return Outcome(mutant, "survived", time.monotonic() - begin)
 
     @contextlib.contextmanager
     def changed(self, texts: Mapping[Path, str], *, kernel: bool) -> Iterator[None]:
@@ -133,32 +135,40 @@ class Bench:
     def _files(self, room: str) -> list[str]:
         return sorted(str(path.relative_to(self.tree)) for path in (self.tree / "tests" / room).rglob("test_*.py"))
 
-    def _chosen(self, room: str, mutant: Mutant) -> tuple[list[str], frozenset[str]]:
-        """Return the tests of a room that may notice a mutant, and their files: its module's, those that name it, others."""
-        stem = Path(mutant.path).stem
-        module = ".".join(Path(mutant.path).with_suffix("").parts)
+    def seconds(self, mutant: Mutant, *, quick: bool) -> float:
+        """Return how long the tests take that `tried` tries it against, if none fails."""
+        return sum(map(self._seconds, self._portion(mutant, quick=quick)[1]))
+
+    def _portion(self, mutant: Mutant, *, quick: bool) -> tuple[list[str], frozenset[str]]:
+        """Return the quick of the tests that may notice a mutant, of its room and the contracts, or the others, with their files.
+
+        Those of its module come before those that name it, and these before the rest.
+        """
+        stem, module = Path(mutant.path).stem, ".".join(Path(mutant.path).with_suffix("").parts)
 
         def reached(file: str) -> bool:
             return file == mutant.path or reaches(self.tree, self.tree / file, module)
 
-        files, function = set(self._files(room)), (mutant.path, mutant.function)
-        tests = frozenset(
+        def near(file: str) -> int:
+            if Path(file).stem == f"test_{stem}":
+                return 0
+            return 1 if module in (self.tree / file).read_text(encoding="utf-8") else 2
+
+        files, lines = {*self._files(mutant.room), *self._files(CONTRACTS)}, range(mutant.lines[0], mutant.lines[1] + 1)
+        tests = [
             test
             for test in self._calls.tests
             if _file(test) in files
-            and (stem == KERNEL_FRONT or self._calls.may_notice(test, function, reached=reached))
-        )
-        seconds = {
-            file: sum(self._seconds(test) for test in tests if _file(test) == file) for file in map(_file, tests)
-        }
-
-        def rank(file: str) -> tuple[int, float]:
-            near = 0 if Path(file).stem == f"test_{stem}" else 2
-            if near and module in (self.tree / file).read_text(encoding="utf-8"):
-                near = 1
-            return near, seconds[file]
-
-        return sorted(seconds, key=rank), tests
+            and (stem == KERNEL_FRONT or self._calls.may_notice(test, mutant.path, lines, reached=reached))
+        ]
+        tests.sort(key=self._seconds)
+        sums = itertools.accumulate(self._seconds(test) for test in tests)
+        count = sum(1 for total in sums if total <= FIRST_S)
+        tests = tests[:count] if quick else tests[count:]
+        seconds: dict[str, float] = defaultdict(float)
+        for test in tests:
+            seconds[_file(test)] += self._seconds(test)
+        return sorted(seconds, key=lambda file: (near(file), seconds[file])), frozenset(tests)
 
     def _seconds(self, test: str) -> float:
         return self._calls.tests[test].seconds
@@ -198,6 +208,8 @@ class Bench:
             resource.setrlimit(resource.RLIMIT_CPU, (int(patience_s) + 1, int(patience_s) + 2))
             os.chdir(self.tree)
             sys.path.insert(0, str(self.tree))
+            # what is not changed is compiled once
+            sys.dont_write_bytecode = False
             options = [*OPTIONS, f"--basetemp={self.tree.parent / 'tmp'}", *files]
             if isinstance(plugin, Watch):
                 plugin.start()

@@ -39,7 +39,7 @@ class Figure2:
 
 def figure_2(effort: Effort) -> Figure2:
     """Draw one recording of each condition; measure the phase error over many."""
-    figure = Figure(figsize=(11, 9), dpi=110, layout="constrained")
+    figure = Figure(figsize=(13, 9), dpi=110, layout="constrained")
     grid = figure.subplots(3, 2)
     errors, uncertainties = [], []
     for column, condition in enumerate(FIG_2):
@@ -178,7 +178,7 @@ def _draw_figure_3(effort: Effort, cells: list[SweepCell]) -> None:
     for axis, name in zip(axes, ("confidence (mV)", "phase precision (°)", "phase error (°)"), strict=True):
         axis.set(xlabel="ambient-to-signal ratio", ylabel=name)
         axis.grid(alpha=0.3)
-    axes[0].legend(fontsize=8)
+    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside right upper", fontsize=8)
     figure.suptitle(
         "Dots: photon by photon, n_av 4000; lines: analytical model of the mix; dotted: one-path model, MPI as signal. "
         "Bars: the spread of single runs"

@@ -96,7 +96,7 @@ def figure_4(effort: Effort) -> Figure4:
         "with it, resolved: MPI diffuse, by default": profile(with_object.direct_m),
         "with it, resolved: MPI discrete": profile(with_object.discrete_m),
     }
-    figure = Figure(figsize=(11, 4.4), dpi=110, layout="constrained")
+    figure = Figure(figsize=(13.5, 4.4), dpi=110, layout="constrained")
     image, axes = figure.subplots(1, 2, width_ratios=(1, 1.3))
     shown = image.imshow(100 * (with_object.first_m - without.first_m).mean(axis=0), vmin=-3, vmax=3, cmap="RdBu_r")
     figure.colorbar(shown, ax=image, label="change by the second object (cm)", shrink=0.75)
@@ -105,7 +105,7 @@ def figure_4(effort: Effort) -> Figure4:
     for (label, line), colour in zip(lines.items(), ("black", MEASURED, DIRECT, DISCRETE), strict=True):
         axes.plot(columns, line, color=colour, lw=1.2, label=label)
     axes.set(xlabel="column (px)", ylabel="planar distance (cm)", title="profile across the panel; bent by the lens")
-    axes.legend()
+    axes.legend(loc="upper left", bbox_to_anchor=(1.01, 1.0), borderaxespad=0.0, fontsize=8)
     axes.grid(alpha=0.3)
     figure.savefig(effort.out / "fig4.png")
     write_rows(
@@ -166,7 +166,7 @@ def _opening_deg(sides: Float, depth_m: Float) -> float:
 
 
 def _draw_corner(effort: Effort, lines: list[Float], first: Float, direct: Float) -> None:
-    figure = Figure(figsize=(14, 4.2), dpi=110, layout="constrained")
+    figure = Figure(figsize=(16.5, 4.2), dpi=110, layout="constrained")
     before, after, axes = figure.subplots(1, 3, width_ratios=(1, 1, 1.4))
     for image, depth, title in ((before, first, "first phasor"), (after, direct, "resolved, one frame")):
         shown = image.imshow(depth, vmin=1.25, vmax=2.05, cmap="viridis")
@@ -181,6 +181,6 @@ def _draw_corner(effort: Effort, lines: list[Float], first: Float, direct: Float
     ):
         axes.plot(line, color=colour, lw=1.3, label=label)
     axes.set(xlabel="column (px)", ylabel="planar depth (m)", title=f"cross-section, {effort.frames} frames")
-    axes.legend()
+    axes.legend(loc="upper left", bbox_to_anchor=(1.01, 1.0), borderaxespad=0.0, fontsize=8)
     axes.grid(alpha=0.3)
     figure.savefig(effort.out / "fig5.png")

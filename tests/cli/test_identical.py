@@ -8,7 +8,6 @@ import pytest
 from cadtof_cli.arrays import Stored
 from cadtof_cli.capture.metadata import CaptureMetadata, Pixel, Voltage
 from cadtof_cli.frame_plan import FramePlan, MapSettings
-from cadtof_cli.phasors.frame_mean import FrameMean
 from cadtof_cli.pipeline import resolve_frame
 from cadtof_cli.resolver.settings import ResolverSettings
 from tests.support.captures import VOLTS_PER_COUNT, ZERO_COUNTS, Form, counts_of, record
@@ -53,7 +52,7 @@ def test_any_size_of_blocks(order: str, known: bool) -> None:
         plan = FramePlan(
             metadata=metadata, settings=MapSettings(resolver=ResolverSettings(order=order)), block_pixels=pixels
         )
-        maps = resolve_frame(FrameMean.of_one(counts), plan=plan).maps
+        maps = resolve_frame(counts, plan=plan).maps
         results.append((maps.values.tobytes(), maps.status.tobytes()))
     assert np.isfinite(np.frombuffer(results[0][0], np.float32)).any()
     assert all(result == results[0] for result in results)

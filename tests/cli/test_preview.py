@@ -1,5 +1,8 @@
 """`cadtof preview`: a picture that shows answers in colour and their absence in grey."""
 
+import importlib.util
+import os
+import re
 from pathlib import Path
 from typing import Any
 
@@ -7,8 +10,12 @@ import matplotlib as mpl
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from PIL import Image, ImageSequence
 
-from tests.support.captures import Form, record, write_exr, write_frame
+from cadtof_cli.calibration.store import save_part
+from cadtof_cli.capture.metadata import CaptureMetadata
+from tests.support.calibrations import made_up_calibration
+from tests.support.captures import Form, layers_of, record, write_exr, write_frame
 from tests.support.forward import step_frame, step_truth
 from tests.support.run_cadtof import cadtof
 
@@ -94,6 +101,152 @@ def test_planar_depth_is_said(tmp_path: Path) -> None:
         assert ("planar depth z, m" in (tmp_path / f"{depth}.svg").read_text()) == (depth == "z")
 
 
+@pytest.mark.parametrize(("height", "width"), [(24, 32), (5, 40), (700, 3)])
+def test_a_layer_is_drawn_at_full_resolution(height: int, width: int, tmp_path: Path) -> None:
+    """Every pixel of the map is a square of its colour, as many as there are, in the colours of matplotlib's own scale."""
+    depth = np.random.default_rng(0).uniform(1.0, 2.0, (height, width)).astype(np.float32)
+    depth[1, 2] = np.nan
+    write_exr(tmp_path / "a.exr", {"direct.depth": depth})
+    options = ("--layer", "direct.depth", "--range", "1,2", "--cmap", "magma")
+    assert cadtof("preview", tmp_path / "a.exr", "-o", tmp_path / "a.png", *options).status == 0
+    picture = _picture(tmp_path / "a.png")
+    expected = np.asarray(mpl.colormaps["magma"](depth.astype(float) - 1.0, bytes=True))[..., :3].astype(int)
+    expected[1, 2] = NO_ANSWER
+    side = max(1, 960 // max(height, width))
+    whole = np.repeat(np.repeat(expected, side, axis=0), side, axis=1)
+    left, top = 58, 82
+    found = picture[top : top + height * side, left : left + width * side]
+    np.testing.assert_allclose(found, whole, rtol=0, atol=1)
+
+
+def test_status_as_a_picture(tmp_path: Path) -> None:
+    maps = _maps(tmp_path, dark=True)
+    assert cadtof("preview", maps, "-o", tmp_path / "a.png", "--layer", "status").status == 0
+    picture = _picture(tmp_path / "a.png")
+    status = layers_of(maps / "frame_0.tif")["status"].astype(int)
+    none = np.count_nonzero(status & (8 + 16 + 2048) == 0)
+    assert none == 24 * 16
+    side = (960 // 32) ** 2
+    assert _count(picture, NO_ANSWER) == pytest.approx(none * side, rel=0.05)
+
+
+def test_recorded_frames_truth_and_other_layers(tmp_path: Path) -> None:
+    capture = record(tmp_path / "capture", frames=2)
+    write_exr(tmp_path / "truth.exr", {"direct.depth": step_truth().astype(np.float32)})
+    write_exr(tmp_path / "other.exr", {"Y": np.zeros((24, 32), np.float32)})
+    for name, what, told in (
+        ("frame", capture.files[0], {"H1.SC1", "H2.SC2", "H1.amplitude", "H2.phase", "V", "rad"}),
+        ("truth", tmp_path / "truth.exr", {"direct.depth", "radial range, m"}),
+        ("other", tmp_path / "other.exr", {"Y"}),
+        ("sheet", capture.folder, {"frame_0", "frame_1", "capture: H1.amplitude (V), 2 frames"}),
+        ("second", ("--frame", 1, capture.folder), {"H1.SC1", f"{capture.files[1]}: as recorded"}),
+    ):
+        done = cadtof("preview", *(what if isinstance(what, tuple) else (what,)), "-o", tmp_path / f"{name}.svg")
+        assert (done.status, done.err) == (0, "")
+        words = set(re.findall(r"<!-- (.*?) -->", (tmp_path / f"{name}.svg").read_text()))
+        shortened = {word for word in told if "as recorded" in word and word not in words}
+        assert told - shortened <= words
+
+
+def test_counts_are_drawn_where_nothing_says_how_many_volts_they_are(tmp_path: Path) -> None:
+    capture = record(tmp_path / "capture", toml="")
+    done = cadtof("preview", capture.files[0], "-o", tmp_path / "a.svg", "--layer", "H2.SC1")
+    assert (done.status, done.err) == (0, "")
+    assert "<!-- counts -->" in (tmp_path / "a.svg").read_text()
+
+
+def test_a_calibration(tmp_path: Path) -> None:
+    metadata = CaptureMetadata()
+    calibration = made_up_calibration(metadata, (24, 32), ("dark", "response", "petzval"))
+    for part in calibration.parts:
+        save_part(tmp_path / "calibration", part)
+    done = cadtof("preview", tmp_path / "calibration", "-o", tmp_path / "a.svg")
+    assert (done.status, done.err) == (0, "")
+    words = set(re.findall(r"<!-- (.*?) -->", (tmp_path / "a.svg").read_text()))
+    assert {
+        "dark offset H1.SC1",
+        "dark noise H2.SC2",
+        "phase H2",
+        "gain H2",
+        "field curvature",
+        "mV",
+        "cm",
+        "°",
+    } <= words
+    done = cadtof("preview", tmp_path / "calibration", "-o", tmp_path / "b.png", "--layer", "gain")
+    assert (done.status, "a calibration is drawn whole" in done.err) == (2, True)
+
+
+def _sequence(folder: Path, count: int) -> Path:
+    """Maps whose depth grows from frame to frame, 1 m, 1.5 m, …, and the same in all pixels."""
+    folder.mkdir()
+    for index in range(count):
+        write_exr(folder / f"frame_{index}.exr", {"direct.depth": np.full((20, 30), 1.0 + 0.5 * index, np.float32)})
+    return folder
+
+
+def test_a_sheet_of_thumbnails_on_one_scale(tmp_path: Path) -> None:
+    maps = _sequence(tmp_path / "maps", 7)
+    (maps / "frame_3.exr").write_bytes((maps / "frame_3.exr").read_bytes()[:300])
+    done = cadtof("preview", maps, "-o", tmp_path / "a.png", "--range", "1,4")
+    assert done.status == 0
+    assert done.err.startswith(f"left out: {maps / 'frame_3.exr'}: ")
+    picture = _picture(tmp_path / "a.png")
+    for index in (0, 1, 2, 4, 5, 6):
+        red, green, blue = mpl.colormaps["viridis"](0.5 * index / 3.0, bytes=True)[:3]
+        assert _count(picture, (int(red), int(green), int(blue))) > 20 * 30
+
+
+def test_a_film_with_a_scale_that_stays(tmp_path: Path) -> None:
+    """Opened by Pillow and by OpenCV (an MP4 loses a little of its colours)."""
+    maps = _sequence(tmp_path / "maps", 5)
+    for name in ("a.gif", "a.mp4"):
+        if name == "a.mp4" and importlib.util.find_spec("imageio_ffmpeg") is None:
+            continue
+        arguments = ("preview", maps, "-o", tmp_path / name, "--range", "1,3", "--fps", 5)
+        done = cadtof(*arguments)
+        assert (done.status, done.out, done.err) == (0, f"{tmp_path / name}\n", "")
+        assert "is there already" in cadtof(*arguments).err
+    with Image.open(tmp_path / "a.gif") as film:
+        assert film.info["duration"] == 200
+        size = film.size
+        frames = [np.array(one.convert("RGB")).astype(int) for one in ImageSequence.Iterator(film)]
+        assert len(frames) == 5
+        for index, frame in enumerate(frames):
+            middle = frame[size[1] // 2, size[0] // 2]
+            expected = np.array(mpl.colormaps["viridis"](0.25 * index, bytes=True))[:3].astype(int)
+            assert np.abs(middle - expected).max() <= 4
+    assert size[0] > 600
+
+
+def test_an_mp4_opened_by_opencv(tmp_path: Path) -> None:
+    for library in ("imageio_ffmpeg", "cv2"):
+        if importlib.util.find_spec(library) is None:
+            assert os.environ.get("CI") != "true", f"{library} is not installed, and CI must have it"
+            pytest.skip(f"{library} is not installed")
+    import cv2
+
+    maps = _sequence(tmp_path / "maps", 5)
+    assert cadtof("preview", maps, "-o", tmp_path / "a.mp4", "--range", "1,3").status == 0
+    film = cv2.VideoCapture(str(tmp_path / "a.mp4"))
+    for index in range(5):
+        there, picture = film.read()
+        assert there
+        middle = picture[picture.shape[0] // 2, picture.shape[1] // 2, ::-1].astype(int)
+        expected = np.array(mpl.colormaps["viridis"](0.25 * index, bytes=True))[:3].astype(int)
+        assert np.abs(middle - expected).max() <= 12
+    assert not film.read()[0]
+    film.release()
+
+
+def test_mp4_says_what_it_needs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    maps = _sequence(tmp_path / "maps", 2)
+    monkeypatch.setattr(importlib.util, "find_spec", lambda _: None)
+    done = cadtof("preview", maps, "-o", tmp_path / "a.mp4")
+    assert (done.status, done.out) == (2, "")
+    assert "MP4 needs imageio-ffmpeg, which is not installed: pip install 'cadtof[video]', or write a .gif" in done.err
+
+
 def test_truth_adds_the_errors(tmp_path: Path) -> None:
     maps, truth = _maps(tmp_path), tmp_path / "truth.exr"
     write_exr(truth, {"direct.depth": step_truth().astype(np.float32)})
@@ -101,6 +254,9 @@ def test_truth_adds_the_errors(tmp_path: Path) -> None:
     done = cadtof("preview", maps, "-o", tmp_path / "truth.png", "--truth", truth)
     assert (done.status, done.err) == (0, "")
     assert _picture(tmp_path / "truth.png").shape[1] > _picture(tmp_path / "plain.png").shape[1]
+    several = _sequence(tmp_path / "several", 2)
+    done = cadtof("preview", several, "-o", tmp_path / "no.png", "--truth", truth)
+    assert (done.status, "--truth goes with the figure of one frame, found 2" in done.err) == (2, True)
 
 
 def test_what_cannot_be_drawn(tmp_path: Path) -> None:
@@ -112,7 +268,15 @@ def test_what_cannot_be_drawn(tmp_path: Path) -> None:
     for arguments, told in (
         ((tmp_path / "gone",), f"{tmp_path / 'gone'}: no such file or folder; expected maps that"),
         ((tmp_path / "empty",), f"{tmp_path / 'empty'}: found no maps (.exr, .tif)"),
-        ((other,), f"{other}: found layers Y; expected direct.depth, mpi.depth, confidence, direct.sigma too"),
+        (
+            (other, "--truth", other),
+            f"{other}: found layers Y; expected direct.depth, mpi.depth, confidence, direct.sigma too",
+        ),
+        ((maps, "--layer", "mpi.dept"), "--layer: found 'mpi.dept', expected one of direct.depth, mpi.depth,"),
+        ((maps, "--range", "3,1"), "--range: found 3,1, expected a least and a larger value such as 0.5,3"),
+        ((maps, "--truth", small, "--layer", "status"), "--truth draws the errors of a whole frame"),
+        ((maps, "--frame", 1), "--frame: found 1, expected 0 … 0"),
+        ((maps, "--fps", 0), "--fps: found 0, expected 0.1 to 50 frames a second"),
         ((maps, "--truth", other), f"{other}: found layers Y; expected direct.depth"),
         ((maps, "--truth", small), f"{maps / 'frame_0.tif'}: found 32 × 24 pixels, expected 32 × 20 as in {small}"),
     ):

@@ -176,6 +176,8 @@ BAD_INPUT = [
     (("--scene", "room", "--distance", "2", "-o", "x"), "--distance: found with --scene room, which it does not"),
     (("--scene", "wall", "--furniture", "2", "-o", "x"), "--furniture: found with --scene wall, which it does not"),
     (("--light-paths", "9"), "--light-paths: found without --scene, where it has no effect"),
+    (("--speed", "nan"), "speed: found nan m/s, expected a finite speed"),
+    (("--frame-rate", "0"), "frame rate: found 0 Hz, expected a rate above 0"),
     (("--path", "0.2"), "'0.2' is not a ratio and a time in ns such as 0.2@27"),
     (("--path", "0.2@3"), "path: found 3 ns, a separation of -2 ns, expected a time after the direct 5 ns"),
     (("--path", "-1@20"), "path: found a ratio of -1, expected a ratio of 0 or more"),
@@ -225,3 +227,17 @@ def test_the_paper_way_three_periods_and_three_paths() -> None:
 def test_amplitudes_beyond_the_modulation_are_said_to_be_impossible() -> None:
     done = cadtof("simulate", "--offsets", "0.5,0", "--runs", 20, "--jobs", 1)
     assert "impossible amplitudes, and no answer, in 100.0% of the runs" in done.out
+
+
+def test_a_moving_scene_and_a_moving_pixel(tmp_path: Path) -> None:
+    """2 m/s at 30 frames a second: 3.3 cm from the first harmonic to the second, .222 ns; one path is off by 0.3 of it."""
+    fast = ("--speed", 2, "--jobs", 1)
+    report = json.loads(cadtof("simulate", "--mpi", 0, "--asr", 1, "--order", 1, *fast, "--json").out)
+    assert report["direct"]["bias_ns"] == pytest.approx(0.3 * 0.2224, abs=0.005)
+    assert report["settings"]["speed_m_s"] == 2.0
+    small = ("--width", 16, "--height", 12, "-o")
+    assert cadtof("simulate", "--scene", "wall", *fast, *small, tmp_path / "fast").status == 0
+    assert cadtof("simulate", "--scene", "wall", "--jobs", 1, *small, tmp_path / "still").status == 0
+    assert "motion: Motion(speed_m_s=2.0, frame_rate_hz=30.0)" in (tmp_path / "fast" / "capture.toml").read_text()
+    assert "motion" not in (tmp_path / "still" / "capture.toml").read_text()
+    assert (tmp_path / "fast" / "frame_0000.tif").read_bytes() != (tmp_path / "still" / "frame_0000.tif").read_bytes()

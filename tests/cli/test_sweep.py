@@ -108,3 +108,11 @@ def test_the_paper_way() -> None:
     (row,) = table(cadtof("sweep", *grid, *ways, "--jobs", 1).out)
     assert float(row["second_std_ns"]) == pytest.approx(12.8, abs=1.0)
     assert 5 < float(row["steps_per_start"]) < 40
+
+
+def test_a_sweep_of_a_moving_target() -> None:
+    grid = ("--asr", "1", "--mpi", "0", "--integration-length", "1e6", "--order", "1", "--jobs", 1)
+    (still,), (fast,) = (
+        table(cadtof("sweep", *grid, *way).out) for way in ((), ("--speed", "-2", "--frame-rate", "15"))
+    )
+    assert float(fast["direct_bias_ns"]) - float(still["direct_bias_ns"]) == pytest.approx(-0.6 * 0.2224, abs=0.005)

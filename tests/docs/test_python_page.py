@@ -1,4 +1,4 @@
-"""docs/python.md and the notebook beside it run, and print what they say."""
+"""Examples in Python on pages, and the notebook, run and print what they say."""
 
 import json
 from pathlib import Path
@@ -12,9 +12,10 @@ from tests.support.needed import needed_module
 from tests.support.run_cadtof import ROOT
 
 
-def test_the_examples_of_the_page() -> None:
+@pytest.mark.parametrize("page", ["python.md", "physics.md"])
+def test_the_examples_of_a_page(page: str) -> None:
     needed_module("xarray")
-    assert not list(check_python(ROOT / "docs" / "python.md", ROOT))
+    assert not list(check_python(ROOT / "docs" / page, ROOT))
 
 
 def test_the_notebook() -> None:

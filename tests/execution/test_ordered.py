@@ -8,8 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from cadtof_cli.execution.ordered import TASKS_PER_WORKER, WorkerDied, run_ordered
+from cadtof_cli.execution.ordered import WorkerDied, run_ordered
 from cadtof_cli.execution.outcome import Later
+from cadtof_cli.execution.pool import TASKS_PER_WORKER
 from cadtof_cli.execution.workers import START_METHODS, StartMethod, Workers
 
 pytestmark = pytest.mark.filterwarnings("ignore:This process.*is multi-threaded, use of fork:DeprecationWarning")

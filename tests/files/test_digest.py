@@ -6,7 +6,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cadtof_cli.files import digest as room
 from cadtof_cli.files.digest import Digest, content_digest, file_digest
 
 
@@ -19,27 +18,6 @@ def test_a_file_has_the_digest_of_its_bytes(size: int, tmp_path: Path) -> None:
     for start, stop in itertools.pairwise([*range(0, min(size, 9000), 1000), size]):
         pieces.update(content[start:stop].data)
     assert file_digest(path) == pieces.hexdigest()
-
-
-@pytest.mark.parametrize("offset", [0, 1, 7])
-def test_numpy_and_the_compiled_sums_agree(offset: int) -> None:
-    if room.compiled is None:
-        pytest.skip("cadtof was installed without a C compiler")
-    data = np.random.default_rng(1).integers(0, 256, 50 * 4096 + offset, np.uint8)[offset:].data
-    found = []
-    for one in (room.numpy_sums, room.compiled.sums):
-        columns, rows = np.arange(512, dtype=np.uint64), np.empty(50, np.uint64)
-        one(data, columns, rows)
-        found.append((columns.tolist(), rows.tolist()))
-    assert found[0] == found[1]
-
-
-@pytest.mark.parametrize(("data", "columns", "rows"), [(4095, 512, 1), (4096, 511, 1), (4096, 512, 2), (8192, 512, 1)])
-def test_buffers_that_do_not_fit_are_refused(data: int, columns: int, rows: int) -> None:
-    if room.compiled is None:
-        pytest.skip("cadtof was installed without a C compiler")
-    with pytest.raises(ValueError, match="do not fit"):
-        room.compiled.sums(bytes(data), np.zeros(columns, np.uint64), np.zeros(rows, np.uint64))
 
 
 def test_every_change_of_one_byte_is_found() -> None:

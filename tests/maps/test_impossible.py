@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from cadtof_cli.capture.metadata import CaptureMetadata, Pixel, Pulse
+from cadtof_cli.capture.metadata import CaptureMetadata, Pixel, Pulse, Voltage
 from cadtof_cli.files.maps import DepthMaps
 from cadtof_cli.frame_plan import FramePlan, MapSettings
 from cadtof_cli.phasors.frame_mean import FrameMean
@@ -109,3 +109,35 @@ def test_means_may_exceed_the_modulation_by_less() -> None:
     mean = resolved(FrameMean(stored, samples, stored.dtype, 1000), metadata=metadata)
     assert (mean.status == StatusBit.IMPOSSIBLE | StatusBit.POOLED).all()
     assert np.isnan(mean.layer("direct.depth")).all()
+
+
+@pytest.mark.parametrize("kernel", available_kernels())
+@pytest.mark.parametrize("options", [{}, {"order": "1"}, {"mpi_model": "discrete"}])
+def test_a_frame_whose_pixels_all_hold_the_same_is_not_of_a_camera(kernel: str, options: dict[str, Any]) -> None:
+    """Noise of 10⁻³ V never gives 200 pixels the same voltages."""
+    constant = np.broadcast_to(voltages(TWO)[:, :, :1, :1], (2, 2, 5, WIDTH))
+    assert_impossible(resolved(constant.copy(), kernel=kernel, **options))
+    assert_impossible(resolved(constant.astype(np.float32), kernel=kernel, metadata=CaptureMetadata(), **options))
+    almost = constant.copy()
+    almost[0, 0, 2, 3] *= 1.001
+    assert not (resolved(almost, kernel=kernel, **options).status & StatusBit.IMPOSSIBLE).any()
+
+
+def test_whole_numbers_may_agree_where_a_step_is_larger_than_the_noise() -> None:
+    """At n_av 1e5 noise is .43 mV a channel: seven steps of 60 µV, and a fifth of one of 2 mV."""
+    for volts_per_count, wrong in ((6e-5, True), (2e-3, False)):
+        metadata = replace(
+            CaptureMetadata(),
+            pixel=Pixel(integration_length=1e5),
+            voltage=Voltage(zero_counts=0.0, volts_per_count=volts_per_count),
+        )
+        counts = np.rint(voltages(TWO)[:, :, :1, :1] / volts_per_count).astype(np.int16)
+        status = resolved(np.repeat(np.repeat(counts, 5, axis=2), WIDTH, axis=3), metadata=metadata).status
+        assert ((status & StatusBit.IMPOSSIBLE) > 0).all() == wrong
+
+
+def test_pixels_of_a_frame_without_noise_keep_the_reason_why_they_have_no_answer() -> None:
+    dark = np.zeros((2, 2, 5, WIDTH))
+    assert (resolved(dark).status == StatusBit.LOW_CONFIDENCE).all()
+    few = np.broadcast_to(voltages(TWO)[:, :, :1, :1], (2, 2, 3, 5))
+    assert not (resolved(few.copy()).status & StatusBit.IMPOSSIBLE).any()

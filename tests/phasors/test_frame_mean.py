@@ -51,13 +51,6 @@ def test_the_mean_of_no_frames_is_refused() -> None:
         frame_mean([], saturated_counts=None)
 
 
-def test_one_frame_stands_for_itself() -> None:
-    (given,) = frames(7)
-    one = FrameMean.of_one(given)
-    assert one.stored is given
-    assert one.samples is None
-
-
 def mean_of(given: np.ndarray, voltage: Voltage | None = None) -> FrameMean:
     return mean_volts(given, voltage=voltage or Voltage())
 

@@ -111,7 +111,7 @@ def test_order_1_and_the_one_path_solver_are_the_same_and_never_find_two() -> No
     p = phasors_of(Light(2.0, 0.4).voltages(np.random.default_rng(0), 1e5, 200))
     one, solver = resolve(p, order="1"), resolve(p, solver="one-path")
     np.testing.assert_array_equal(one.direct.phase_rad, solver.direct.phase_rad)
-    assert (one.status == StatusBit.ONE_PATH).all()
+    assert (one.status == StatusBit.ONE_PATH | StatusBit.ILL_CONDITIONED).all()
     assert np.isnan(one.mpi.phase_rad).all()
 
 

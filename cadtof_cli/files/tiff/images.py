@@ -29,7 +29,7 @@ from cadtof_cli.files.tiff.series import (
     sound_items,
 )
 
-_OF_A_PRIVATE_TAG = re.compile(r"TiffTag (?:3[3-9]\d{3}|[4-9]\d{4})\b")
+_OF_A_PRIVATE_TAG = r"TiffTag (?:3[3-9]\d{3}|[4-9]\d{4})\b"
 """A remark on what some maker keeps in a tag of its own."""
 
 
@@ -47,7 +47,7 @@ class _Remarks(logging.Filter):
     def filter(self, record: logging.LogRecord) -> bool:
         errors: list[str] | None = getattr(self.kept, "errors", None)
         remark = record.getMessage()
-        if errors is not None and record.levelno >= logging.ERROR and not _OF_A_PRIVATE_TAG.search(remark):
+        if errors is not None and record.levelno >= logging.ERROR and not re.search(_OF_A_PRIVATE_TAG, remark):
             errors.append(remark)
         return errors is None
 

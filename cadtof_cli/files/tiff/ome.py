@@ -1,6 +1,5 @@
 """OME-XML, the description of an OME-TIFF: channel names read from it, and the description of our maps."""
 
-import html
 from collections.abc import Mapping, Sequence
 from xml.etree import ElementTree
 
@@ -34,9 +33,13 @@ def annotations(xml: str, /) -> dict[str, str]:
     return {name: text for name, text in pairs if not name.startswith(_UNIT)}
 
 
+def _escaped(text: str) -> str:
+    return text.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")
+
+
 def marked_source(about: MapsAbout, /) -> bytes:
     """Return how the name of the recorded frame stands in both kinds of XML, with the mark before it and after."""
-    return f'source">{_ascii(html.escape(about.facts.get(SOURCE, ""), quote=False))}<'.encode("ascii")
+    return f'source">{_ascii(_escaped(about.facts.get(SOURCE, "")))}<'.encode("ascii")
 
 
 def gdal_xml(name: str, unit: str, facts: Mapping[str, str], /) -> str:

@@ -11,15 +11,19 @@ from cadtof_cli.resolver.diffuse.patch_fit import PatchFit
 from cadtof_cli.resolver.diffuse.prior import WITHIN_PATCH
 from cadtof_cli.resolver.diffuse.tail import residuals
 
-OTHER_FIT = 0.28
-"""Share of the difference between two exact fits of a patch's data, tail and two paths, that counts as the model's error; it
-falls with the square of the number of further harmonics, which tell the two apart."""
+BESIDE_MORE = 0.3
+"""By how much the light of surfaces beside the view exceeds what its continued border sends, as a share of that: rooms go on
+beyond the pieces that are continued. Two harmonics cannot tell; with more of them the fit sees a part of it itself, and
+what is missing falls with their number."""
 
-LAG_SHARE = 0.1
-"""Share of the tail's own lag that counts as the model's error: surfaces are not flat patches, nor matt, nor all in view."""
+BESIDE_ERROR = 0.5
+"""Standard deviation of that share between rooms: what is beside the view is the least known."""
 
-PATCH_SHARE = 0.5
-"""Share of a patch's posterior variance that its pixels keep: the rest is already in their own."""
+PATCH_SHARE = 1.7
+"""Variance that a patch leaves to all its pixels, over its posterior variance. More than 1: patches err together."""
+
+SURPRISE = 0.35
+"""By how much that share grows with χ² of the patch: where the model fits badly, it is not to be relied on."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,36 +62,24 @@ def patch_posterior(data: Float, noise: Float, fit: PatchFit, /) -> Conditioned:
     return conditioned(list(residuals(data, fit.expected[:count])), lower, targets=2)
 
 
-def other_fit(gap_rad: Float, further: int, /) -> Float:
-    """Return the model's error, rad (n,), from how far the tail's arg H_1 lies from that of two paths.
-
-    `further` is how many harmonics there are besides the fundamental.
-    """
-    return OTHER_FIT / further**2 * gap_rad
-
-
-def coarse_planes(fit: PatchFit, posterior: Conditioned, model_error_rad: Float, valid: Bool, /) -> CoarsePlanes:
+def coarse_planes(fit: PatchFit, posterior: Conditioned, beside_rad: Float, valid: Bool, /) -> CoarsePlanes:
     """Gather what pixels need from n valid patches, (rows, columns); the others get the mean of these.
 
-    `model_error_rad`, (n,), is how much arg H_1 may be off besides what the fit says. Data that surprised (χ²) make it less sure.
+    `beside_rad`, (n,), is how much of arg H_1 is put down to surfaces beside the view.
     """
-    values = len(fit.posterior)
-    entries = needed_entries(values - 2)
+    values, count = fit.posterior.copy(), len(fit.posterior)
+    entries = needed_entries(count - 2)
+    unsure = beside_rad / ((count - 2) // 2)
+    values[-1] += BESIDE_MORE * unsure
     spread = np.einsum("jan,j,jbn->abn", fit.jacobian, WITHIN_PATCH**2, fit.jacobian)
-    kept = PATCH_SHARE + posterior.chi_squared
-    model = model_error_rad**2 + (LAG_SHARE * fit.posterior[-1]) ** 2
+    kept = PATCH_SHARE + SURPRISE * posterior.chi_squared
     left = {key: kept * value for key, value in posterior.covariance.items()}
-    left[1, 1] = left[1, 1] + model
-    rows = [
-        *fit.posterior,
-        *(spread[entry] for entry in entries),
-        left[1, 1],
-        _mpi_variance(fit.posterior, spread, left),
-    ]
+    left[1, 1] = left[1, 1] + (BESIDE_ERROR * unsure) ** 2
+    rows = [*values, *(spread[entry] for entry in entries), left[1, 1], _mpi_variance(values, spread, left)]
     planes = np.empty((len(rows), *valid.shape), np.float32)
     for plane, row in zip(planes, rows, strict=True):
         plane[valid], plane[~valid] = row, row.mean()
-    return CoarsePlanes(planes, values, entries)
+    return CoarsePlanes(planes, count, entries)
 
 
 def _mpi_variance(values: Float, spread: Float, left: dict[Entry, Float]) -> Float:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cadtof_cli.arrays import Float
+from cadtof_cli.arrays import Float, sealed
 
 PATCHES = 300
 """Patches per frame: 16 × 16 pixels each in QVGA. Radiosity costs their square; more of them changed no error by a tenth."""
@@ -82,7 +82,7 @@ def patch_grid(height: int, width: int, view: View, /) -> PatchGrid:
     cosine = 1.0 / np.sqrt(1.0 + slope_x * slope_x + slope_y * slope_y)
     ray = np.stack([(slope_x * cosine).mean(-1), (slope_y * cosine).mean(-1), cosine.mean(-1)])
     ray /= np.linalg.norm(ray, axis=0)
-    return PatchGrid(view, height, width, side, stride, rows, columns, slope_x, slope_y, cosine, ray)
+    return sealed(PatchGrid(view, height, width, side, stride, rows, columns, slope_x, slope_y, cosine, ray))
 
 
 def _side_and_stride(height: int, width: int) -> tuple[int, int]:

@@ -9,7 +9,7 @@ import numpy as np
 
 from cadtof_cli.arrays import Bool, Complex, Float, Float32
 from cadtof_cli.resolver.diffuse.condition import conditioned
-from cadtof_cli.resolver.diffuse.light import is_light
+from cadtof_cli.resolver.diffuse.light import LARGEST_AMPLITUDE
 from cadtof_cli.resolver.diffuse.noise import noise_covariance
 from cadtof_cli.resolver.diffuse.records import DiffuseBlock, DiffuseModel, DiffusePixels
 from cadtof_cli.resolver.diffuse.tail import Values, residuals, wrapped
@@ -76,8 +76,15 @@ def _fill(
     answer: DiffusePixels, phasors: Complex, model: DiffuseModel, band: Band, usable: Bool, samples: Float | None
 ) -> None:
     """Write the answer of a band's pixels, phasors (H, rows, columns)."""
-    answered = usable & is_light(phasors) & ~model.is_separate(band)
-    seen = _pixel_data(phasors if answered.all() else np.where(answered, phasors, 1.0), model, samples)
+    with np.errstate(over="ignore"):
+        square = phasors.real**2 + phasors.imag**2
+    answered = usable & (square < LARGEST_AMPLITUDE**2).all(axis=0) & (square[0] > 0.0)
+    if model.separate.any():
+        answered &= ~model.is_separate(band)
+    every = bool(answered.all())
+    if not every:
+        phasors, square = np.where(answered, phasors, 1.0), np.where(answered, square, 1.0)
+    seen = _pixel_data(phasors, square, model, samples)
     planes = model.upsampler.joint(band, _first_range(seen.phase_rad, model, band))
     count = model.coarse.data
     means, entries = planes[: count + 2], dict(zip(model.coarse.entries, planes[count + 2 :], strict=False))
@@ -85,25 +92,24 @@ def _fill(
         if entry in entries:
             entries[entry] = entries[entry] + value
     left = conditioned(list(residuals(seen.data, means[:count])), entries, targets=2)
-    log_ratio, lag = means[count] + left.shifts[0], means[count + 1] + left.shifts[1]
+    shrink, lag = np.exp(-(means[count] + left.shifts[0])), means[count + 1] + left.shifts[1]
     floor = np.float32(LEAST_SHARE) * seen.relative_noise[0]
     answer.answered[:], answer.chi_squared[:] = answered.ravel(), left.chi_squared.ravel()
-    _write_direct(answer, seen, log_ratio, lag, np.maximum(left.covariance[1, 1], floor) + planes[-2])
-    _write_mpi(answer, seen, log_ratio, lag, planes[-1])
-    if not answered.all():
+    _write_direct(answer, seen, shrink, lag, np.maximum(left.covariance[1, 1], floor) + planes[-2])
+    _write_mpi(answer, seen, shrink, lag, planes[-1])
+    if not every:
         answer.clear(~answer.answered)
 
 
-def _write_direct(answer: DiffusePixels, seen: PixelData, log_ratio: Float32, lag: Float32, variance: Float32) -> None:
-    """Write p_1/H_1."""
-    answer.direct_amplitude[:] = (seen.amplitude * np.exp(-log_ratio)).ravel()
+def _write_direct(answer: DiffusePixels, seen: PixelData, shrink: Float32, lag: Float32, variance: Float32) -> None:
+    """Write p_1/H_1; `shrink` is 1/|H_1|."""
+    answer.direct_amplitude[:] = (seen.amplitude * shrink).ravel()
     answer.direct_phase_rad[:] = _within_a_turn(seen.phase_rad - lag).ravel()
     answer.direct_sigma_rad[:] = np.sqrt(variance).ravel()
 
 
-def _write_mpi(answer: DiffusePixels, seen: PixelData, log_ratio: Float32, lag: Float32, variance: Float32) -> None:
+def _write_mpi(answer: DiffusePixels, seen: PixelData, shrink: Float32, lag: Float32, variance: Float32) -> None:
     """Write p_1·(1 − 1/H_1), the phasor of the MPI light, its phase behind the direct one."""
-    shrink = np.exp(-log_ratio)
     re, im = 1.0 - shrink * np.cos(lag), shrink * np.sin(lag)
     answer.mpi_amplitude[:] = (seen.amplitude * np.sqrt(re * re + im * im)).ravel()
     answer.mpi_phase_rad[:] = answer.direct_phase_rad + _within_a_turn(np.arctan2(im, re) + lag).ravel()
@@ -111,10 +117,9 @@ def _write_mpi(answer: DiffusePixels, seen: PixelData, log_ratio: Float32, lag: 
     answer.mpi_sigma_rad[:] = np.minimum(sigma, np.float32(UNKNOWN_PHASE_RAD)).ravel()
 
 
-def _pixel_data(phasors: Complex, model: DiffuseModel, samples: Float | None) -> PixelData:
-    """Return what phasors (H, rows, columns) say of the tail."""
+def _pixel_data(phasors: Complex, square: Float, model: DiffuseModel, samples: Float | None) -> PixelData:
+    """Return what phasors (H, rows, columns) and their squared amplitudes say of the tail."""
     variances = [v if samples is None else v / samples for v in model.variances]
-    square = phasors.real**2 + phasors.imag**2
     phase = np.arctan2(phasors[0].imag, phasors[0].real)
     first = np.maximum(square[0], LEAST_AMPLITUDE**2 * variances[0])
     relative = [(variances[0] / first).astype(np.float32)]
@@ -139,4 +144,5 @@ def _within_a_turn(phase: Values, /) -> Values:
 def _first_range(phase_rad: Float, model: DiffuseModel, band: Band) -> Float32:
     """Return the ranges of pixels by the lag of the nearest patches, float32: good enough to tell surfaces apart."""
     lag = model.upsampler.linear(model.coarse.data + 1, band)
-    return np.maximum(model.range_m(phase_rad - lag) + model.range_offset(band), NEAREST_M).astype(np.float32)
+    range_m = model.range_m(phase_rad.astype(np.float32) - lag) + model.range_offset(band)
+    return np.asarray(np.maximum(range_m, NEAREST_M), np.float32)

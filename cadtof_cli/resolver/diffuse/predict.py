@@ -7,7 +7,7 @@ import numpy as np
 from cadtof_cli.arrays import Bool, Complex, Float
 from cadtof_cli.resolver.diffuse.beyond import surfaces_beyond
 from cadtof_cli.resolver.diffuse.choice import LEAST_PATCHES, PatchKinds, patch_kinds, tail_fits
-from cadtof_cli.resolver.diffuse.coarse import coarse_planes, other_fit, patch_posterior
+from cadtof_cli.resolver.diffuse.coarse import coarse_planes, patch_posterior
 from cadtof_cli.resolver.diffuse.grid import PatchGrid, View, assumed_view, patch_grid
 from cadtof_cli.resolver.diffuse.light import PatchLight, PatchMeans, is_light, patch_light, patch_means
 from cadtof_cli.resolver.diffuse.noise import noise_covariance
@@ -103,8 +103,8 @@ def _model(
     posterior = patch_posterior(data, noise, fit)
     if frame.settings.model == "auto" and not tail_fits(posterior.chi_squared, len(data)):
         return None
+    coarse = coarse_planes(fit, posterior, tail.beside_lag(fit.state), valid)
     gap = fit.posterior[-1] - two_path_lag(ratios[0])
-    coarse = coarse_planes(fit, posterior, other_fit(gap, len(ratios)), valid)
     return DiffuseModel(
         frame.settings,
         DiffuseChoice("tail", int(kinds.lit.sum()), kinds.separate_share, _room_numbers(fit)),

@@ -8,11 +8,11 @@ from numpy.typing import NDArray
 from cadtof_cli.arrays import Complex, Float, Float32
 from cadtof_cli.resolver.diffuse.planes import Surfaces
 
-LATER_ALBEDO = 0.7
+LATER_ALBEDO = 0.65
 """Mean albedo inside the later bounces, whose sum it makes finite; their strength is free in the fit."""
 
-LATER_BOUNCES = 6
-"""Bounces summed after the second: .7⁶ of the light is left then, spread over all directions and delays."""
+LATER_BOUNCES = 5
+"""Bounces summed after the second: .65⁵ of the light is left then, spread over all directions and delays."""
 
 ALBEDO_RANGE = (0.1, 4.0)
 """Least and largest albedo of a patch over their median: what lies beyond is a mirror, a lamp or a wrong depth."""
@@ -53,9 +53,11 @@ def interreflections(
     form *= _relative_albedo(seen, amplitude, len(beyond.range_m))
     turn = _rotors(np.float32(rad_per_m) * distance)
     direct = both.cosine / both.range_m**2
-    bounces = []
+    bounces, kernel, power = [], form.astype(np.complex64), 0
     for h in harmonics:
-        kernel = form * _power(turn, h)
+        for _ in range(power, h):
+            kernel *= turn
+        power = h
         arrival = direct * np.exp(1j * h * rad_per_m * both.range_m)
         bounces.append(np.array(_bounces(kernel, arrival, count))[:, :count] / arrival[:count])
     second, outside, later = np.stack(bounces, axis=1)
@@ -89,14 +91,6 @@ def _rotors(phase_rad: Float32) -> Complex64:
     return rotors
 
 
-def _power(rotors: Complex64, h: int) -> Complex64:
-    """Return their h-th power, h ≥ 1."""
-    power = rotors
-    for _ in range(h - 1):
-        power = power * rotors
-    return power
-
-
 def _relative_albedo(seen: Surfaces, amplitude: Float, beyond: int) -> Float32:
     """Return albedos over their mean by area, float32; those beyond the view are taken as the mean."""
     albedo = amplitude * seen.range_m**2 / seen.cosine
@@ -108,22 +102,31 @@ def _relative_albedo(seen: Surfaces, amplitude: Float, beyond: int) -> Float32:
 def _form_factors(of: Surfaces) -> tuple[Float32, Float32]:
     """Return the form factors F_ij, from j to i, and the distances in m, float32 (n, n) each."""
     point, normal = (of.ray * of.range_m).astype(np.float32), of.normal.astype(np.float32)
-    along = _inner_products(point, normal)
-    own = np.diag(along).copy()
+    facing = _inner_products(point, normal)
+    facing -= np.diag(facing).copy()
+    np.maximum(facing, 0.0, out=facing)
     square = (point * point).sum(0)
-    r2 = np.maximum(square[:, None] + square - 2.0 * _inner_products(point, point), np.float32(NEAREST_M2))
+    r2 = _inner_products(point, -2.0 * point)
+    r2 += square
+    r2 += square[:, None]
+    np.maximum(r2, np.float32(NEAREST_M2), out=r2)
     area = of.area_m2.astype(np.float32)
-    facing = np.maximum(along.T - own[:, None], 0.0) * np.maximum(along - own, 0.0)
-    form = facing * area / (r2 * (np.float32(np.pi) * r2 + area))
+    reach = np.float32(np.pi) * r2
+    reach += area
+    reach *= r2
+    form = facing.T * facing
+    form *= area
+    form /= reach
     np.fill_diagonal(form, 0.0)
-    return form, np.sqrt(r2)
+    return form, np.sqrt(r2, out=r2)
 
 
 def _inner_products(first: Float32, second: Float32) -> Float32:
     """Return the inner products of all pairs of vectors, (3, n) each, (n, n)."""
-    x, y, z = (a[:, None] * b for a, b in zip(first, second, strict=True))
-    total: Float32 = x + y
-    total += z
+    total: Float32 = first[0, :, None] * second[0]
+    term = np.empty_like(total)
+    for a, b in zip(first[1:], second[1:], strict=True):
+        total += np.multiply(a[:, None], b, out=term)
     return total
 
 

@@ -9,6 +9,7 @@ from cadtof_cli.arrays import Bool, Float
 from cadtof_cli.resolver.diffuse.choice import Reason
 from cadtof_cli.resolver.diffuse.coarse import CoarsePlanes
 from cadtof_cli.resolver.diffuse.settings import DiffuseSettings
+from cadtof_cli.resolver.diffuse.tail import Values
 from cadtof_cli.resolver.diffuse.upsampling import Band, Upsampler
 
 
@@ -70,7 +71,7 @@ class DiffuseModel:
         """Return the model for a stretch of the frame's pixels, flat indices row by row."""
         return DiffuseBlock(self, pixels)
 
-    def range_m(self, phase_rad: Float, /) -> Float:
+    def range_m(self, phase_rad: Values, /) -> Values:
         """Return the range of a fundamental phase."""
         return range_from_phase(phase_rad, self.settings)
 
@@ -139,8 +140,9 @@ class DiffusePixels:
             getattr(self, field.name)[pixels] = np.nan
 
 
-def range_from_phase(phase_rad: Float, settings: DiffuseSettings, /) -> Float:
+def range_from_phase(phase_rad: Values, settings: DiffuseSettings, /) -> Values:
     """Return the range of a fundamental phase, in [nearest, nearest + c·T1/2)."""
     turns = (phase_rad - settings.nearest_m / settings.m_per_rad) / (2.0 * np.pi)
-    ahead: Float = (turns - np.floor(turns)) * (2.0 * np.pi)
-    return settings.nearest_m + ahead * settings.m_per_rad
+    ahead: Values = (turns - np.floor(turns)) * (2.0 * np.pi)
+    range_m: Values = settings.nearest_m + ahead * settings.m_per_rad
+    return range_m

@@ -53,19 +53,29 @@ class TailModel:
 
     def values(self, state: Float, /) -> tuple[Float, Float]:
         """Return the values at a state (6, n), (data + 2, n), and their Jacobian, (6, data + 2, n)."""
-        s, b, u, v, decay = np.exp(state[:5])
+        seen, beyond, later, unseen, held = self._terms(state)
         ihw = 1j * self._harmonic * self.rad_per_ns
-        seen, beyond = s * self.light.seen, s * b * self.light.beyond
-        later = s * s * u * self.light.later
-        held = 1.0 / (1.0 - ihw * decay)
-        start = np.exp(ihw * state[5] + 0.5 * (ihw * ONSET_NS) ** 2)
-        unseen = v * (decay / REFERENCE_DECAY_NS) * start * held
         total = 1.0 + seen + beyond + later + unseen
         slopes = np.stack([seen + beyond + 2.0 * later, beyond, later, unseen, unseen * held, ihw * unseen]) / total
         values = free_of_direct(np.log(total), self._harmonic)
         phases = phase_data(self.data)
         values[phases] = wrapped(values[phases])
         return values, free_of_direct(slopes, self._harmonic)
+
+    def beside_lag(self, state: Float, /) -> Float:
+        """Return how much of arg H_1 is due to surfaces beside the view, rad (n,), at a state (6, n)."""
+        seen, beyond, later, unseen, _ = self._terms(state)
+        lag: Float = (beyond[0] / (1.0 + seen[0] + beyond[0] + later[0] + unseen[0])).imag
+        return lag
+
+    def _terms(self, state: Float) -> tuple[Complex, Complex, Complex, Complex, Complex]:
+        """Return the four terms of H_h, (H, n) each, in the order above, and 1/(1 − ihωτ)."""
+        s, b, u, v, decay = np.exp(state[:5])
+        ihw = 1j * self._harmonic * self.rad_per_ns
+        held = 1.0 / (1.0 - ihw * decay)
+        start = np.exp(ihw * state[5] + 0.5 * (ihw * ONSET_NS) ** 2)
+        unseen = v * (decay / REFERENCE_DECAY_NS) * start * held
+        return s * self.light.seen, s * b * self.light.beyond, s * s * u * self.light.later, unseen, held
 
 
 def free_of_direct(logarithm: Complex, harmonic: Float, /) -> Float:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cadtof_cli.arrays import Bool, Float, Float32, Index
+from cadtof_cli.arrays import Bool, Float, Float32
 from cadtof_cli.resolver.diffuse.grid import PatchGrid
 from cadtof_cli.resolver.diffuse.planes import SAME_SURFACE
 
@@ -58,28 +58,30 @@ class Upsampler:
 
     def linear(self, plane: int, band: Band, /) -> Float32:
         """Return a plane at the pixels of a band, by distance in the image alone."""
-        weights = self._weights(band)
-        total, weight = np.zeros(band.shape, np.float32), np.zeros(band.shape, np.float32)
-        for near, values in zip(weights, _corners(self.planes, band), strict=True):
-            total += near * values[plane]
-            weight += near
-        return total / weight
+        down, right = self._shares(band)
+        upper_left, upper_right, lower_left, lower_right = (corner[plane] for corner in _corners(self.planes, band))
+        upper = upper_left + right * (upper_right - upper_left)
+        between: Float32 = upper + down * (lower_left + right * (lower_right - lower_left) - upper)
+        return between
 
     def joint(self, band: Band, range_m: Float32, /) -> Float32:
         """Return all planes at the pixels of a band, (plane, rows, columns), by distance and by agreement with their ranges."""
         scale = 1.0 / (np.float32(SAME_SURFACE) * range_m)
-        total = np.zeros((len(self.planes[0]), *band.shape), np.float32)
-        weight = np.zeros(band.shape, np.float32)
-        term = np.empty_like(total)
-        corners = zip(self._weights(band), _corners(self.planes, band), _corners(self.range_m, band), strict=True)
-        for near, values, there in corners:
+        weights = self._weights(band)
+        for weight, there in zip(weights, _corners(self.range_m, band), strict=True):
             apart = (there - range_m) * scale
-            share = 1.0 + apart * apart
-            share = near / (share * share)
-            np.multiply(values, share, out=term)
-            total += term
-            weight += share
-        total /= weight
+            apart *= apart
+            apart += 1.0
+            apart *= apart
+            weight /= apart
+        share = 1.0 / (weights[0] + weights[1] + weights[2] + weights[3])
+        *others, last = _corners(self.planes, band)
+        # the last patch's planes and what the others differ by: fewer passes over many planes than four products and a quotient
+        total: Float32 = np.repeat(last, band.shape[0], axis=1)
+        term = np.empty_like(total)
+        for weight, values in zip(weights, others, strict=False):
+            weight *= share
+            total += np.multiply(values - last, weight, out=term)
         return total
 
     def _patch_row(self, row: int) -> int:
@@ -93,13 +95,17 @@ class Upsampler:
 
     def _weights(self, band: Band) -> list[Float32]:
         """Return the bilinear weights of the upper left, upper right, lower left and lower right patch, (rows, columns)."""
-        down = self._share(np.arange(band.top, band.bottom))[:, None]
-        right = self._share(np.arange(band.left, band.right))
+        down, right = self._shares(band)
         even = np.float32(EVEN_WEIGHT)
         return [v * u + even for v in (1.0 - down, down) for u in (1.0 - right, right)]
 
-    def _share(self, pixel: Index) -> Float32:
-        place = (pixel + 0.5) / self.grid.side - 0.5
+    def _shares(self, band: Band) -> tuple[Float32, Float32]:
+        """Return how far the pixels lie on the way from the upper to the lower patch, (rows, 1), and to the right one."""
+        down, right = (self._share(*edges) for edges in ((band.top, band.bottom), (band.left, band.right)))
+        return down[:, None], right
+
+    def _share(self, first: int, last: int) -> Float32:
+        place = (np.arange(first, last) + 0.5) / self.grid.side - 0.5
         return np.asarray(place - np.floor(place), np.float32)
 
 

@@ -7,11 +7,12 @@ import numpy as np
 from cadtof_cli.arrays import Bool, Float, Index
 from cadtof_cli.phasors.chi_squared import chi_squared_threshold
 from cadtof_cli.phasors.noise import NoiseModel
+from cadtof_cli.phasors.rotors import powers
 from cadtof_cli.resolver.likelihood.levenberg_marquardt import LevenbergMarquardt
 from cadtof_cli.resolver.likelihood.mixture import Measured, Mixture, WeightedFit, WhiteFit
 from cadtof_cli.resolver.likelihood.normal_equations import cholesky, inverse_diagonal
 from cadtof_cli.resolver.likelihood.starts import best_pair, exact_start, strongest_path
-from cadtof_cli.resolver.paths import Fit, Paths
+from cadtof_cli.resolver.paths import CLOSE_ENOUGH, Fit, Paths, doubt_of_one
 from cadtof_cli.resolver.two_path.arctangent import phase_of
 
 SEARCH = LevenbergMarquardt(max_steps=40, absolute=0.1)
@@ -35,13 +36,15 @@ class LikelyPaths:
     """The most likely K paths of n pixels.
 
     `sigma_rad`, (K, n), comes from the Fisher information; `chi_squared`, (n,), has 2·(N − K) degrees of freedom where there
-    are no more than K paths; `converged` is not set where the maximum was not reached.
+    are no more than K paths; `converged` is not set where the maximum was not reached. `fall_off`, (n,), is for one path how much
+    its harmonics fall off (`doubt_of_one`), None for more.
     """
 
     paths: Mixture
     sigma_rad: Float
     chi_squared: Float
     converged: Bool
+    fall_off: Float | None = None
 
     def fit(self) -> Fit:
         """Return them as what a solver gives: paths without an amplitude, or that did not converge, are NaN."""
@@ -52,6 +55,8 @@ class LikelyPaths:
         if none.any():
             last = np.argsort(none, axis=0, kind="stable")
             parts = [np.take_along_axis(part, last, axis=0) for part in parts]
+        if self.fall_off is not None:
+            return Fit(Paths(*parts), self.chi_squared, self.converged, doubt_of_one(self.fall_off))
         return Fit(Paths(*parts), self.chi_squared, self.converged, _doubt(self.paths, np.where(none, np.nan, sigma)))
 
 
@@ -90,7 +95,22 @@ def most_likely(measured: Measured, found: Mixture, /, *, noise: NoiseModel) -> 
     weighted = WeightedFit.around(measured, found, noise=noise)
     best = POLISH.solve(weighted, found.points, samples=noise.samples)
     paths = Mixture.of_points(best.points)
-    return LikelyPaths(paths, _sigma(paths, best.matrix), best.cost, best.converged)
+    fall_off = _fall_off(measured, paths, noise) if len(paths.amplitude) == 1 else None
+    return LikelyPaths(paths, _sigma(paths, best.matrix), best.cost, best.converged, fall_off)
+
+
+def _fall_off(measured: Measured, path: Mixture, noise: NoiseModel) -> Float:
+    """Return by how much the phasors fall off along one path with h², over what noise leaves there, squared, with its sign."""
+    (amplitude,) = path.amplitude
+    rotors = powers((path.cos[0], path.sin[0]), measured.harmonics)
+    weights = [1.0 / one.one_path_variances(amplitude)[0] for one in noise.each]
+    squares = [float(h * h) for h in measured.harmonics]
+    mean = sum(w * h2 for w, h2 in zip(weights, squares, strict=True)) / sum(weights)
+    score, variance = np.zeros_like(amplitude), np.zeros_like(amplitude)
+    for re, im, (cos, sin), weight, square in zip(measured.re, measured.im, rotors, weights, squares, strict=True):
+        score += weight * (mean - square) * (re * cos + im * sin)
+        variance += weight * (mean - square) ** 2
+    return np.asarray(score * np.abs(score) / variance)
 
 
 def fisher_fit(measured: Measured, paths: Mixture, /, *, converged: Bool, noise: NoiseModel) -> LikelyPaths:
@@ -119,11 +139,11 @@ def _improve(white: WhiteFit, starts: Float, of: Index, points: Float, cost: Flo
 
 
 def _doubt(paths: Mixture, sigma: Float) -> Float:
-    """Return the largest standard deviation over half the distance of two paths (its sine)."""
+    """Return the largest standard deviation over a quarter of the distance of two paths (by the sine of half of it)."""
     doubt = np.zeros(sigma.shape[1])
     for i in range(len(sigma)):
         for j in range(i):
             cos = paths.cos[i] * paths.cos[j] + paths.sin[i] * paths.sin[j]
             half = np.sqrt(np.maximum(0.5 * (1.0 - cos), 0.0))
-            doubt = np.fmax(doubt, np.maximum(sigma[i], sigma[j]) / half)
+            doubt = np.fmax(doubt, np.maximum(sigma[i], sigma[j]) / (CLOSE_ENOUGH * half))
     return doubt

@@ -41,17 +41,20 @@ def one_path_of_response(
         np.sin(phase, dtype=np.float64),
         sigma.astype(np.float64),
         step.chi_squared.astype(np.float64),
+        step.fall_off.astype(np.float64),
     )
 
 
 @dataclass(frozen=True, eq=False)
 class _OnePathStep:
-    """Changes of amplitude and of amplitude × phase, the latter's standard deviation, and χ² after the step: (n,) each."""
+    """Changes of amplitude and of amplitude × phase, the latter's standard deviation, χ² after the step, and `OnePath.fall_off`
+    before it: (n,) each."""
 
     growth: Float32
     turn: Float32
     spread: Float32
     chi_squared: Float32
+    fall_off: Float32
 
 
 def _one_path_step(
@@ -62,7 +65,7 @@ def _one_path_step(
     noise: NoiseModel,
 ) -> _OnePathStep:
     """Return one Gauss–Newton step; each harmonic's equations are turned so that its answer is real."""
-    n11, n12, n22, g1, g2, chi = (np.zeros_like(amplitude) for _ in range(6))
+    n11, n12, n22, g1, g2, chi, shorter, variance = (np.zeros_like(amplitude) for _ in range(8))
     for row, harmonic in enumerate(noise.each):
         f = response.at(row, phase, slice(None))
         re, im = observed[row]
@@ -79,9 +82,12 @@ def _one_path_step(
         g1 += modulus * left_re * w_along
         g2 += slope_re * left_re * w_along + slope_im * left_im * w_across
         chi += left_re * left_re * w_along + left_im * left_im * w_across
+        shorter += (left_re if row == 0 else -left_re) / modulus
+        variance += along / (modulus * modulus)
     scale: Float32 = np.reciprocal(n11 * n22 - n12 * n12)
     growth, turn = (n22 * g1 - n12 * g2) * scale, (n11 * g2 - n12 * g1) * scale
-    return _OnePathStep(growth, turn, np.sqrt(n11 * scale), chi - growth * g1 - turn * g2)
+    fall_off = shorter * np.abs(shorter) / variance
+    return _OnePathStep(growth, turn, np.sqrt(n11 * scale), chi - growth * g1 - turn * g2, fall_off)
 
 
 def angle_of(cos: Float, sin: Float, /) -> Float32:

@@ -4,7 +4,7 @@ import numpy as np
 
 from cadtof_cli.arrays import Bool, Complex, Float, Index
 from cadtof_cli.phasors.noise import NoiseModel
-from cadtof_cli.resolver.paths import Fit, Paths
+from cadtof_cli.resolver.paths import CLOSE_ENOUGH, Fit, Paths
 from cadtof_cli.resolver.response.one_path import one_path_of_response
 from cadtof_cli.resolver.response.table import ResponseBlock
 from cadtof_cli.resolver.response.two_paths import two_paths_of_response
@@ -58,7 +58,7 @@ class FullResponse:
             self._alone, self._phasors, pixels & ~single, response=self._response, noise=self._noise
         )
         sigma = two_path_sigmas(two, noise=self._noise)
-        doubt = np.maximum(*sigma) / two.sin_half
+        doubt = np.maximum(*sigma) / (CLOSE_ENOUGH * two.sin_half)
         fit = Fit(Paths(two.amplitude, two.phases(), sigma), np.zeros(doubt.size), converged, doubt)
         if single.any():
             at = np.flatnonzero(single)

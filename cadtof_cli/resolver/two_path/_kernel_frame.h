@@ -87,7 +87,8 @@ typedef struct {
     Row re1, im1, re2, im2, unsound, samples, root;      /* phasors; 1 where there must be no answer; samples, their root */
     Row u, pr, pi, cos, sin;                             /* FundamentalFrame */
     Row confidence, refusal, answered, single, may, need;/* bits that refuse an answer; is, may be one path; needs two */
-    Row one_amplitude, one_phase, one_sigma, misfit;     /* OnePath; 1 where it leaves more than noise does */
+    Row one_amplitude, one_phase, one_sigma, fall_off;   /* OnePath; its doubt */
+    Row misfit;                                          /* 1 where it leaves more than noise does */
     Row a, b, cos_m, sin_m, cos_half, sin_half;          /* TwoPaths */
     Row x, y, sigma_x, sigma_y, doubtful;
     Row amplitude[2], phase[2], sigma[2];                /* direct and MPI path */

@@ -137,6 +137,7 @@ INLINE void one_path(Group *restrict g, const Frame *restrict frame) {
         double r2 = at_least(k->dark2 + more2 - k->averaging2 * share * share, k->least2);
         double along = r1 + r2, across = 4.0 * t1 + t2, amplitudes = along1 - along2, phases = 2.0 * across1 - across2;
         g->t3[i] = (amplitudes * amplitudes * across + phases * phases * along) / (along * across);
+        g->fall_off[i] = amplitudes * fabs(amplitudes) / along * (1.0 / (1.2815515655446004 * 1.2815515655446004));
         g->one_amplitude[i] = amplitude;
         g->one_sigma[i] = sqrt(t1 * t2 * across) / (across * amplitude);
         g->t4[i] = cos * g->cos[i] - sin * g->sin[i];
@@ -145,6 +146,7 @@ INLINE void one_path(Group *restrict g, const Frame *restrict frame) {
     EACH_PIXEL g->one_phase[i] = phase_of(g->t4[i], g->t5[i]);
     if (frame->samples) EACH_PIXEL {
         g->t3[i] = g->t3[i] * g->samples[i];
+        g->fall_off[i] = g->fall_off[i] * g->samples[i];
         g->one_sigma[i] = g->one_sigma[i] / g->root[i];
     }
     EACH_PIXEL {
@@ -246,12 +248,12 @@ INLINE void two_path_sigmas(Group *restrict g, const Frame *restrict frame) {
     EACH_PIXEL {
         double x = g->sigma_x[i], y = g->sigma_y[i], most = x < y ? y : x;
         most = y == y ? most : y;
-        /* doubt, most / sin_half, is above 1 just where this is, in floating point too */
-        g->doubtful[i] = most > g->sin_half[i] ? (double)ILL_CONDITIONED : 0.0;
+        /* doubt, most / (0.5 * sin_half), is above 1 just where this is, in floating point too */
+        g->doubtful[i] = most > 0.5 * g->sin_half[i] ? (double)ILL_CONDITIONED : 0.0;
         g->t1[i] = most;
     }
     if (frame->samples) EACH_PIXEL {
-        g->doubtful[i] = g->t1[i] / g->sin_half[i] / g->root[i] > 1.0 ? (double)ILL_CONDITIONED : 0.0;
+        g->doubtful[i] = g->t1[i] / (0.5 * g->sin_half[i]) / g->root[i] > 1.0 ? (double)ILL_CONDITIONED : 0.0;
         g->sigma_x[i] = g->sigma_x[i] / g->root[i];
         g->sigma_y[i] = g->sigma_y[i] / g->root[i];
     }
@@ -318,7 +320,8 @@ INLINE void decide(Group *restrict g) {
         g->sigma[1][i] = no_mpi > 0.0 ? NAN : g->sigma[1][i];
     }
     EACH_PIXEL {
-        double bits = fabs(g->amplitude[0][i]) <= DBL_MAX ? (double)ONE_PATH : 0.0;
+        double one = g->fall_off[i] > 1.0 ? (double)(ONE_PATH + ILL_CONDITIONED) : (double)ONE_PATH;
+        double bits = fabs(g->amplitude[0][i]) <= DBL_MAX ? one : 0.0;
         bits = fabs(g->amplitude[1][i]) <= DBL_MAX ? (double)TWO_PATHS + g->doubtful[i] : bits;
         g->refusal[i] = g->refusal[i] + bits;
     }

@@ -20,8 +20,7 @@ from cadtof_cli.phasors.noise import LEAST_SHARE, NoiseModel
 from cadtof_cli.phasors.voltages import PhasorMap
 from cadtof_cli.resolver.order import largest_misfit
 from cadtof_cli.resolver.settings import ResolverSettings
-from cadtof_cli.resolver.two_path.solver import misfit_spread
-from cadtof_cli.resolver.two_path.uncertainty import variance_terms
+from cadtof_cli.resolver.two_path.uncertainty import misfit_spread, variance_terms
 
 NUMPY = "numpy"
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from cadtof_cli.arrays import Float
 from cadtof_cli.phasors.noise import NoiseModel
-from cadtof_cli.resolver.paths import Fit, Paths
+from cadtof_cli.resolver.paths import Fit, Paths, doubt_of_one
 from cadtof_cli.resolver.two_path.arctangent import phase_of
 from cadtof_cli.resolver.two_path.closed_form import FundamentalFrame
 
@@ -18,8 +18,9 @@ CURVATURE_FLOOR = 0.1
 class OnePath:
     """The best single path of n pixels: float64 (n,) each.
 
-    `amplitude` in units of the phasors, the unit rotor of its phase, the phase's predicted standard deviation, and
-    `chi_squared`, what the fit leaves over the noise: χ² with 2 degrees of freedom where there is only one path.
+    `amplitude` in units of the phasors, the unit rotor of its phase, the phase's predicted standard deviation,
+    `chi_squared`, what the fit leaves over the noise: χ² with 2 degrees of freedom where there is only one path, and
+    `fall_off`, the part of it by which the second harmonic is the shorter, negative where it is the longer.
     """
 
     amplitude: Float
@@ -27,13 +28,14 @@ class OnePath:
     sin: Float
     sigma_rad: Float
     chi_squared: Float
+    fall_off: Float
 
     def fit(self) -> Fit:
         """Return it as what a solver gives."""
         phase_rad = phase_of(self.cos, self.sin)
         paths = Paths(self.amplitude[np.newaxis], phase_rad[np.newaxis], self.sigma_rad[np.newaxis])
         count = phase_rad.size
-        return Fit(paths, self.chi_squared, np.ones(count, np.bool_), np.zeros(count))
+        return Fit(paths, self.chi_squared, np.ones(count, np.bool_), doubt_of_one(self.fall_off))
 
 
 def one_path(frame: FundamentalFrame, /, *, noise: NoiseModel, steps: int) -> OnePath:
@@ -62,7 +64,9 @@ def one_path(frame: FundamentalFrame, /, *, noise: NoiseModel, steps: int) -> On
     amplitudes, phases = along1 - along2, 2.0 * across1 - across2
     chi_squared = (amplitudes * amplitudes * across + phases * phases * along) / (along * across)
     sigma = np.sqrt(t1 * t2 * across) / (across * amplitude)
-    return OnePath(amplitude, cos * frame.cos - sin * frame.sin, cos * frame.sin + sin * frame.cos, sigma, chi_squared)
+    fall_off = amplitudes * np.abs(amplitudes) / along
+    turned = cos * frame.cos - sin * frame.sin, cos * frame.sin + sin * frame.cos
+    return OnePath(amplitude, *turned, sigma, chi_squared, fall_off)
 
 
 def _start(frame: FundamentalFrame, weight: float) -> tuple[Float, Float, Float]:

@@ -1,16 +1,14 @@
 """One or two paths from harmonics 1 and 2 of a sine: in closed form, the same work for every pixel."""
 
-import math
-
 import numpy as np
 
 from cadtof_cli.arrays import Bool, Complex, Float, Index
 from cadtof_cli.phasors.noise import NoiseModel
-from cadtof_cli.resolver.paths import Fit, Paths
+from cadtof_cli.resolver.paths import CLOSE_ENOUGH, Fit, Paths
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.resolver.two_path.closed_form import FundamentalFrame, fundamental_frame, two_paths
 from cadtof_cli.resolver.two_path.one_path import one_path
-from cadtof_cli.resolver.two_path.uncertainty import two_path_sigmas
+from cadtof_cli.resolver.two_path.uncertainty import misfit_spread, two_path_sigmas
 
 ORDER_TEST_STEPS = 0
 """Newton steps of the one-path fit where the order test follows. What the test accepts deviates from one path by no more than
@@ -53,7 +51,7 @@ class ClosedForm:
         frame = self._frame if everywhere else self._frame[chosen]
         two = two_paths(frame)
         sigma = two_path_sigmas(two, noise=self._noise)
-        doubt = np.maximum(*sigma) / two.sin_half
+        doubt = np.maximum(*sigma) / (CLOSE_ENOUGH * two.sin_half)
         count = doubt.size
         fit = Fit(Paths(two.amplitude, two.phases(), sigma), np.zeros(count), np.ones(count, np.bool_), doubt)
         if two.single.any():
@@ -79,9 +77,3 @@ def may_be_one_path(frame: FundamentalFrame, limit: Float | float, /, *, noise: 
     difference = frame.u - frame.pr
     may: Bool = difference * difference + frame.pi * frame.pi <= 2.0 * limit * misfit_spread(noise)
     return may
-
-
-def misfit_spread(noise: NoiseModel, /) -> float:
-    """Return the dark variance of |p1| − p2·conj(ρ)² (see `may_be_one_path`)."""
-    first, second = noise.each
-    return (1.0 + math.pi) ** 2 * first.dark_variance + second.dark_variance

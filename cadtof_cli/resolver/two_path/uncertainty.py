@@ -1,17 +1,20 @@
 """Predicted standard deviations of two resolved paths: the noise of the phasors carried through the inverse Jacobian."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from cadtof_cli.arrays import Float
 from cadtof_cli.phasors.noise import NoiseModel
-from cadtof_cli.resolver.two_path.closed_form import TwoPaths
+
+if TYPE_CHECKING:
+    from cadtof_cli.resolver.two_path.closed_form import TwoPaths
 
 
-def two_path_sigmas(paths: TwoPaths, /, *, noise: NoiseModel) -> Float:
+def two_path_sigmas(paths: "TwoPaths", /, *, noise: NoiseModel) -> Float:
     """Return the standard deviations of x and y in rad, (2, n); infinite where a, b or x − y is 0.
 
     With D = y − x, c = cos D and s = sin D, the change of x is (α·q1 + β·q2)/a, where q_h is the noise of p_h turned back by
@@ -76,3 +79,9 @@ def _polynomial(x: Any, coefficients: Sequence[float]) -> Any:
     for coefficient in reversed(coefficients[:-1]):
         value = value * x + coefficient
     return value
+
+
+def misfit_spread(noise: NoiseModel, /) -> float:
+    """Return the dark variance of |p1| − p2·conj(ρ)² (see `solver.py: may_be_one_path`)."""
+    first, second = noise.each
+    return (1.0 + math.pi) ** 2 * first.dark_variance + second.dark_variance

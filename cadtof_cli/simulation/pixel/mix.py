@@ -68,6 +68,10 @@ class PhotonMix:
         """Return the same photons, seen with the detector's timing."""
         return replace(self, jitter_ns=jitter_ns)
 
+    def later(self, delay_ns: float) -> "PhotonMix":
+        """Return the same photons, all paths of which take longer by a delay."""
+        return replace(self, delays_ns=self.delays_ns + delay_ns) if delay_ns else self
+
     def moments(self, highest: int) -> Complex:
         """Return m_k = E exp(i k 2π t / T1) over all photons, k = 0 … highest, as (highest + 1, *pixels).
 

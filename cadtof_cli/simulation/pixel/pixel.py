@@ -11,6 +11,7 @@ from cadtof_cli.errors import SettingsError
 from cadtof_cli.simulation.pixel.arrivals import draw_detections, draw_phases
 from cadtof_cli.simulation.pixel.averaging import Averaging
 from cadtof_cli.simulation.pixel.mix import PhotonMix, finite_at_least, require
+from cadtof_cli.simulation.pixel.motion import AT_REST, Motion
 from cadtof_cli.simulation.pixel.waveforms import sampled_pair
 
 PHOTONS_PER_LENGTH = 12.5
@@ -37,6 +38,7 @@ class PixelModel:
         sample_noise_v: standard deviation of noise in every sample, such as kTC noise √(kT/C1).
         gain_mismatch: gain of SC2 over that of SC1, less 1.
         offsets_v: of SC1 and SC2.
+        motion: of what it sees, from harmonic to harmonic.
     """
 
     modulation: Modulation = field(default_factory=Modulation)
@@ -48,6 +50,7 @@ class PixelModel:
     sample_noise_v: float = 0.0
     gain_mismatch: float = 0.0
     offsets_v: tuple[float, float] = (0.0, 0.0)
+    motion: Motion = AT_REST
 
     def __post_init__(self) -> None:
         require(self.photons_per_cycle >= 1, "photons per cycle", self.photons_per_cycle, "1 or more")
@@ -101,14 +104,15 @@ def record_pixel(
         generators: one for each harmonic, since harmonics are recorded one after the other.
     """
     voltages = np.empty((len(model.modulation.harmonics), 2))
+    delays = model.motion.delays_ns(len(generators))
     for row, (harmonic, generator) in enumerate(zip(model.modulation.harmonics, generators, strict=True)):
-        used = weights
+        used, seen = weights, mix.later(delays[row])
         if model.dead_time_ns > 0:
-            phases = _detected_phases(model, mix, generator, harmonic)
+            phases = _detected_phases(model, seen, generator, harmonic)
             used = weights[:, -len(phases) :]
             sums = _weighted(model, phases[-used.shape[1] :].astype(np.float32), used)
         else:
-            sums = _weighted_arrivals(model, mix.jittered(model.jitter_ns), used, generator, harmonic)
+            sums = _weighted_arrivals(model, seen.jittered(model.jitter_ns), used, generator, harmonic)
         noise = model.sample_noise_v * np.sqrt((used.astype(np.float64) ** 2).sum(axis=1))
         voltages[row] = _read_out(model, model.modulation.amplitude_v * sums + noise * generator.standard_normal(2))
     return voltages

@@ -12,6 +12,7 @@ import numpy as np
 from cadtof_cli.arrays import Complex, Float
 from cadtof_cli.capture.metadata import Modulation, Waveform
 from cadtof_cli.simulation.pixel.mix import PhotonMix
+from cadtof_cli.simulation.pixel.motion import AT_REST, Motion
 from cadtof_cli.simulation.pixel.waveforms import (
     highest_order,
     mean_square,
@@ -80,6 +81,7 @@ def voltage_statistics(
     variance_gain: float,
     mean_gain: float = 1.0,
     sample_noise_v: float = 0.0,
+    motion: Motion = AT_REST,
 ) -> VoltageStatistics:
     """Return the distribution of the averaged voltages of every pixel of a mix.
 
@@ -89,11 +91,14 @@ def voltage_statistics(
         variance_gain: Σ w_i² of the averaging, from `averaging_gain` or from a cascade's weights.
         mean_gain: Σ w_i, less than 1 until the average has settled.
         sample_noise_v: standard deviation of noise that every sample brings besides, such as kTC noise.
+        motion: of all that the light comes from, from harmonic to harmonic.
     """
     moments = mix.moments(highest_order(modulation.harmonics, modulation.waveform, mix.spread_rad))
+    at_rest, delays = moments, motion.delays_ns(len(modulation.harmonics))
     shape = (len(modulation.harmonics), 3, *moments.shape[1:])
     means, covariances = np.empty((shape[0], 2, *shape[2:])), np.empty(shape)
     for row, harmonic in enumerate(modulation.harmonics):
+        moments = _later(at_rest, delays[row] / mix.period_ns)
         mean = sample_mean(moments, harmonic=harmonic, waveform=modulation.waveform)
         means[row] = modulation.amplitude_v * np.stack([mean.real, mean.imag])
         covariances[row] = modulation.amplitude_v**2 * sample_covariance(
@@ -101,6 +106,15 @@ def voltage_statistics(
         )
     covariances[:, 0::2] += sample_noise_v**2
     return VoltageStatistics(means * mean_gain, covariances * variance_gain)
+
+
+def _later(moments: Complex, turns: float) -> Complex:
+    """Return the moments of light that comes later by a share of the period."""
+    if turns == 0.0:
+        return moments
+    orders = np.arange(len(moments)).reshape(-1, *[1] * (moments.ndim - 1))
+    later: Complex = moments * np.exp(2j * np.pi * turns * orders)
+    return later
 
 
 def draw_voltages(statistics: VoltageStatistics, generator: np.random.Generator, /, *, draws: int = 1) -> Float:

@@ -8,6 +8,7 @@ from cadtof_cli.arrays import Float
 from cadtof_cli.capture.metadata import CaptureMetadata
 from cadtof_cli.errors import SettingsError
 from cadtof_cli.simulation.pixel.mix import PhotonMix
+from cadtof_cli.simulation.pixel.motion import AT_REST, Motion
 from cadtof_cli.simulation.pixel.statistics import VoltageStatistics, averaging_gain, draw_voltages, voltage_statistics
 from cadtof_cli.simulation.scene.camera import Camera
 from cadtof_cli.simulation.scene.light import Light, Scene
@@ -25,12 +26,14 @@ class Exposure:
 
     Attributes:
         seed: of all that is random, in the array and in the frames.
+        motion: of the whole scene, from harmonic to harmonic; every frame catches it in the same place.
     """
 
     scene: Scene
     camera: Camera
     metadata: CaptureMetadata
     seed: int = 0
+    motion: Motion = AT_REST
 
     @property
     def integration_length(self) -> float:
@@ -68,7 +71,8 @@ def expose_band(exposure: Exposure, rows: slice, /) -> Band:
     if camera.fixed_delay_ns > 0:
         shift = shift + camera.fixed_delays_ns(exposure.seed)[rows]
     mix = _mix(light, shift, exposure)
-    voltages = voltage_statistics(mix, modulation, variance_gain=averaging_gain(exposure.integration_length))
+    gain = averaging_gain(exposure.integration_length)
+    voltages = voltage_statistics(mix, modulation, variance_gain=gain, motion=exposure.motion)
     return Band(voltages, truth)
 
 

@@ -1,52 +1,251 @@
-"""`cadtof preview`: one picture of a frame's maps."""
+"""`cadtof preview`: one picture of a frame, or a film or a sheet of many."""
 
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
-from cadtof_cli.errors import CaptureError
+from cadtof_cli.calibration.store import load_calibration
+from cadtof_cli.errors import CadtofError, CaptureError, OutputError, SettingsError
+from cadtof_cli.figures.calibration import draw_calibration
 from cadtof_cli.figures.kinds import require_picture
+from cadtof_cli.figures.layers import (
+    Shown,
+    block_of,
+    default_scale,
+    draw_all_layers,
+    draw_layer,
+    draw_recorded,
+)
 from cadtof_cli.figures.maps import MapPicture, draw_maps
+from cadtof_cli.figures.page import Block
+from cadtof_cli.figures.pixel_classes import PixelClass
+from cadtof_cli.figures.sequence import (
+    FILMS,
+    FilmFrame,
+    Thumbnail,
+    draw_film,
+    draw_sheet,
+    fitted,
+    require_film,
+    thumbnail_size,
+)
 from cadtof_cli.files.atomic import whole_file
-from cadtof_cli.files.maps import STATUS, read_layers
-from cadtof_cli.maps.layers import CONFIDENCE, DIRECT_DEPTH, DIRECT_SIGMA, MPI_DEPTH
+from cadtof_cli.maps.layers import CONFIDENCE, DIRECT_AMPLITUDE, DIRECT_DEPTH, DIRECT_SIGMA, MPI_DEPTH
+from cadtof_cli.workflows.inspect.calibration_facts import is_calibration_folder
 from cadtof_cli.workflows.inspect.evaluate import direct_depth, same_size
 from cadtof_cli.workflows.inspect.first_phasors import first_phasors
+from cadtof_cli.workflows.inspect.pictured import Pictured, pictured
+from cadtof_cli.workflows.inspect.preview_settings import PreviewSettings
 from cadtof_cli.workflows.progress import Progress
-from cadtof_cli.workflows.run_folder import read_run
+
+OF_A_MAP = (DIRECT_DEPTH, MPI_DEPTH, CONFIDENCE, DIRECT_SIGMA)
+"""Layers that `cadtof resolve` writes, whatever its options."""
+
+_VALUES_A_FRAME = 4096
+"""Values of each frame that the scale of many is found by."""
 
 
-def preview_maps(maps: Path, /, *, out: Path, truth: Path | None, overwrite: bool, progress: Progress) -> None:
-    """Draw the first map of a folder, or a map file, into the picture `out`; with truth also the errors.
+def preview(inputs: Sequence[Path], out: Path, /, *, settings: PreviewSettings, progress: Progress) -> None:
+    """Draw maps, truth, recorded frames or a calibration into the picture or film `out`.
+
+    One frame gets a figure, or one layer of it at full resolution; several get a sheet of thumbnails, or, where `out` is a GIF
+    or MP4, a film.
 
     Raises:
-        CadtofError: the maps or the truth cannot be read or lack layers, or the PNG cannot be written.
+        CadtofError: an input cannot be read or drawn, or the file cannot be written.
     """
-    kind = require_picture(out, overwrite=overwrite)
-    run = read_run(maps)
-    path = run.require_maps()[0]
-    layers = read_layers(path)
-    missing = [name for name in (DIRECT_DEPTH, MPI_DEPTH, CONFIDENCE, DIRECT_SIGMA) if name not in layers]
+    film = out.suffix.lower() in FILMS
+    if film and out.exists() and not settings.overwrite:
+        raise OutputError(f"{out}: is there already; add --overwrite to replace it, or choose another file")
+    kind = require_film(out) if film else require_picture(out, overwrite=settings.overwrite, more=FILMS)
+    if len(inputs) == 1 and is_calibration_folder(inputs[0]):
+        _draw_calibration(inputs[0], out, kind, settings)
+        return
+    found = list(pictured(inputs))
+    if settings.frame is not None:
+        if settings.frame >= len(found):
+            raise SettingsError(f"--frame: found {settings.frame}, expected 0 … {len(found) - 1}")
+        found = [found[settings.frame]]
+    if not found:
+        raise CaptureError(f"{inputs[0]}: found no frames and no maps")
+    if film:
+        _film(found, out, kind, settings, progress)
+    elif len(found) > 1:
+        _sheet(found, out, kind, settings, progress, title=" ".join(path.name or str(path) for path in inputs))
+    else:
+        _one(found[0], out, kind, settings, progress)
+
+
+def _draw_calibration(folder: Path, out: Path, kind: str, settings: PreviewSettings) -> None:
+    if settings.of_layers or kind in {"gif", "mp4"}:
+        raise SettingsError(
+            f"{folder}: a calibration is drawn whole, as a picture: without --layer, --range, --cmap and --truth"
+        )
+    calibration = load_calibration(folder)
+    parts = ", ".join(f"{kind_of} {digest}" for kind_of, digest in calibration.digests.items())
+    with whole_file(out) as temporary:
+        draw_calibration(calibration, temporary, title=f"calibration {folder.absolute().name}: {parts}", kind=kind)
+
+
+def _one(one: Pictured, out: Path, kind: str, settings: PreviewSettings, progress: Progress) -> None:
+    """Draw one frame: one of its layers, or all of it."""
+    shown = one.read()
+    whole = settings.layer is None and settings.limits is None and settings.colours is None
+    picture = _map_picture(one, shown, settings, progress) if whole and one.run is not None else None
+    with whole_file(out) as temporary:
+        if picture is not None:
+            draw_maps(picture, temporary, kind=kind)
+        elif not whole:
+            draw_layer(_block(one, shown, settings), shown, temporary, kind=kind)
+        elif one.run is None and "H1.phase" in shown.layers:
+            draw_recorded(shown, temporary, kind=kind)
+        else:
+            draw_all_layers(shown, temporary, kind=kind)
+
+
+def _map_picture(one: Pictured, shown: Shown, settings: PreviewSettings, progress: Progress) -> MapPicture | None:
+    """Return what is drawn of a map of `cadtof resolve`; None where it is another file of layers."""
+    assert one.run is not None
+    assert one.file is not None
+    missing = [name for name in OF_A_MAP if name not in shown.layers]
+    if missing and settings.truth is None:
+        return None
     if missing:
-        raise CaptureError(f"{path}: found layers {', '.join(layers)}; expected {', '.join(missing)} too")
-    direct = layers[DIRECT_DEPTH].astype(np.float64)
-    known, first_phasor = None, None
-    if truth is not None:
-        run.require_range_depth()
-        known = run.cropped(direct_depth(truth))
-        same_size(direct, known, path, truth)
-        first_phasor = first_phasors(run, progress.say).depth(path, direct)
-    mpi, confidence, sigma = (layers[name].astype(np.float64) for name in (MPI_DEPTH, CONFIDENCE, DIRECT_SIGMA))
-    picture = MapPicture(
-        title=f"{path.parent.name}/{path.name}",
+        raise CaptureError(f"{one.file}: found layers {', '.join(shown.layers)}; expected {', '.join(missing)} too")
+    direct, mpi, confidence, sigma = (shown.layers[name].astype(np.float64) for name in OF_A_MAP)
+    known, first = None, None
+    if settings.truth is not None:
+        one.run.require_range_depth()
+        known = one.run.cropped(direct_depth(settings.truth))
+        same_size(direct, known, one.file, settings.truth)
+        first = first_phasors(one.run, progress.say).depth(one.file, direct)
+    amplitude = shown.layers.get(DIRECT_AMPLITUDE)
+    return MapPicture(
+        title=shown.title,
         direct_m=direct,
         mpi_m=mpi,
         confidence_v=confidence,
         sigma_m=sigma,
-        status=layers.get(STATUS, np.zeros(direct.shape)).astype(np.uint32),
+        status=np.zeros(direct.shape, np.uint32) if shown.status is None else shown.status,
         truth_m=known,
-        first_phasor_m=first_phasor,
-        depth="planar depth z" if run.depth_kind == "z" else "radial range",
+        first_phasor_m=first,
+        depth=shown.depth,
+        amplitude_v=None if amplitude is None else amplitude.astype(np.float64),
     )
+
+
+def _layer_name(one: Pictured, shown: Shown, settings: PreviewSettings) -> str:
+    """Return the layer that is drawn where one is: the chosen, or the leading of its kind that there is."""
+    name = settings.layer or (one.layer if one.layer in shown.layers else next(iter(shown.layers)))
+    if name not in shown.layers:
+        raise SettingsError(f"--layer: found {name!r}, expected one of {', '.join(shown.layers)}: {shown.title}")
+    return name
+
+
+def _block(one: Pictured, shown: Shown, settings: PreviewSettings) -> Block:
+    return block_of(shown, _layer_name(one, shown, settings), limits=settings.limits, colours=settings.colours)
+
+
+@dataclass
+class _Scale:
+    """What frames that are drawn together share: found in one look at each."""
+
+    layer: str
+    limits: tuple[float, float]
+    colours: str
+    kinds: set[PixelClass]
+    shape: tuple[int, int]
+
+
+def _common_scale(found: Sequence[Pictured], settings: PreviewSettings, progress: Progress) -> _Scale:
+    """Return the scale that suits all frames; those that cannot be read are passed over, and that is said."""
+    values: list[NDArray[np.floating]] = []
+    kinds: set[PixelClass] = set()
+    layer, shape = "", (0, 0)
+    for one in found:
+        progress.advance()
+        try:
+            shown = one.read()
+        except CadtofError as error:
+            progress.say(f"left out: {error}")
+            continue
+        layer = layer or _layer_name(one, shown, settings)
+        block = block_of(shown, _layer_name(one, shown, settings))
+        plane = block.panels[0].values
+        shape = shape if any(shape) else (plane.shape[0], plane.shape[1])
+        kinds |= block.shown(block.panels[0])
+        values.append(plane.ravel()[:: max(1, plane.size // _VALUES_A_FRAME)].copy())
+    if not values:
+        raise CaptureError(f"none of the {len(found)} frames can be read")
+    colours, limits = default_scale(layer, np.concatenate(values))
+    return _Scale(layer, settings.limits or limits, settings.colours or colours, kinds, shape)
+
+
+def _same_scale(one: Pictured, scale: _Scale) -> Block:
+    shown = one.read()
+    name = scale.layer if scale.layer in shown.layers else next(iter(shown.layers))
+    return block_of(shown, name, limits=scale.limits, colours=scale.colours)
+
+
+def _require_no_truth(settings: PreviewSettings, count: int) -> None:
+    if settings.truth is not None:
+        raise SettingsError(f"--truth goes with the figure of one frame, found {count}: choose one with --frame")
+
+
+def _sheet(
+    found: Sequence[Pictured], out: Path, kind: str, settings: PreviewSettings, progress: Progress, *, title: str
+) -> None:
+    """Draw a thumbnail of every frame."""
+    _require_no_truth(settings, len(found))
+    progress.total(2 * len(found))
+    scale = _common_scale(found, settings, progress)
+    size = thumbnail_size(len(found), scale.shape)
+    thumbnails: list[Thumbnail] = []
+    bar: Block | None = None
+    unit = ""
+    for one in found:
+        progress.advance()
+        try:
+            block = _same_scale(one, scale)
+        except CadtofError:
+            thumbnails.append(Thumbnail(one.name, None))
+            continue
+        bar, unit = bar or block, block.unit if hasattr(block, "unit") else ""
+        thumbnails.append(Thumbnail(one.name, fitted(block.painted(block.panels[0]), size)))
+    assert bar is not None
+    heading = f"{title}: {scale.layer}{f' ({unit})' if unit else ''}, {len(found)} frames"
     with whole_file(out) as temporary:
-        draw_maps(picture, temporary, kind=kind)
+        draw_sheet(thumbnails, bar, temporary, title=heading, size=size, kinds=scale.kinds, kind=kind)
+
+
+def _film(found: Sequence[Pictured], out: Path, kind: str, settings: PreviewSettings, progress: Progress) -> None:
+    """Draw one layer of every frame, one after the other."""
+    _require_no_truth(settings, len(found))
+    progress.total(2 * len(found))
+    scale = _common_scale(found, settings, progress)
+
+    def frames() -> Iterator[FilmFrame]:
+        for number, one in enumerate(found, start=1):
+            progress.advance()
+            try:
+                block = _same_scale(one, scale)
+            except CadtofError:
+                continue
+            if block.panels[0].values.shape != scale.shape:
+                progress.say(f"left out: {one.name} has another size than the first frame")
+                continue
+            yield FilmFrame(f"{one.name}  ({number} of {len(found)})", block)
+
+    width = _film_width(scale.shape)
+    with whole_file(out) as temporary:
+        draw_film(
+            frames(), temporary, kind=kind, per_second=settings.frames_per_second, panel_width=width, kinds=scale.kinds
+        )
+
+
+def _film_width(shape: tuple[int, int], /) -> float:
+    """Return the width of a map of a shape (Y, X) in a film."""
+    return float(shape[1] * max(1, 640 // max(shape)))

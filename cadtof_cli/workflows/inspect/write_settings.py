@@ -18,6 +18,7 @@ _EXAMPLES: Mapping[str, Any] = {
     "voltage.saturated_counts": (0, 65535),
     "optics.focal_length_px": 280.0,
     "optics.principal_point_px": (159.5, 119.5),
+    "optics.lamp_offset_m": (0.03, 0.0, 0.0),
     "target.distance_m": 3.35,
     "layout.pattern": "{frame}_h{harmonic}_sc{channel}.tif",
     "layout.channel": ("A", "B"),

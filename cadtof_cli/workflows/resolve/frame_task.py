@@ -3,18 +3,16 @@
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from hashlib import blake2b
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from cadtof_cli.arrays import Stored
-from cadtof_cli.calibration.store import Calibration, cached_calibration
 from cadtof_cli.capture.frame_sources import FrameSource
 from cadtof_cli.capture.frames import open_frames, require_usual
 from cadtof_cli.errors import CadtofError, FrameError, PlaceError
 from cadtof_cli.execution.outcome import Later
 from cadtof_cli.execution.workers import keep_freed_memory
-from cadtof_cli.files.digest import content_digest, file_digest
+from cadtof_cli.files.digest import Digest, content_digest, file_digest
 from cadtof_cli.files.frames import FrameLayout, NotAFrameError
 from cadtof_cli.files.maps import SOURCE, DepthMaps, MapsAbout, begin_maps
 from cadtof_cli.frame_plan import FramePlan
@@ -23,6 +21,9 @@ from cadtof_cli.phasors.plausible import implausible
 from cadtof_cli.pipeline import ResolvedFrame, resolve_frame
 from cadtof_cli.resolver.status import count_status, why_no_answer
 from cadtof_cli.workflows.run_folder import ALREADY_THERE, FrameReport, FrameStatus, SourceFile
+
+if TYPE_CHECKING:
+    from cadtof_cli.calibration.store import Calibration
 
 Result = TypeVar("Result")
 
@@ -44,14 +45,18 @@ class FrameTask:
     before: FrameReport | None = None
     token: str = ""
 
-    def calibration(self) -> Calibration | None:
+    def calibration(self) -> "Calibration | None":
         """Return the calibration that the plan names, which each process reads once.
 
         Raises:
             MetadataError: it cannot be read, or has changed since the plan was made.
         """
         use = self.plan.calibration
-        return cached_calibration(use.folder, use.digest) if use else None
+        if use is None:
+            return None
+        from cadtof_cli.calibration.store import cached_calibration
+
+        return cached_calibration(use.folder, use.digest)
 
     def report(self, status: FrameStatus, reason: str | None, seconds: float, /, **more: Any) -> FrameReport:
         """Return what has become of the frame."""
@@ -275,7 +280,7 @@ def read_frame(task: FrameTask, /) -> tuple[Stored | FrameMean, Recording]:
 
     mean = frame_mean(readable(), saturated_counts=task.plan.metadata.voltage.saturated_counts)
     left_out = f"{len(errors)} of {len(task.sources)} frames left out of the mean: {errors[0]}" if errors else None
-    return mean, Recording(blake2b(",".join(digests).encode(), digest_size=16).hexdigest(), files, left_out)
+    return mean, Recording(Digest(",".join(digests).encode()).hexdigest(), files, left_out)
 
 
 def _stored(task: FrameTask, source: FrameSource) -> Stored:

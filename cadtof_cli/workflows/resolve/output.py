@@ -15,7 +15,7 @@ from cadtof_cli.files.regular import is_there, real_path
 from cadtof_cli.workflows.resolve.settings import ResolveSettings
 from cadtof_cli.workflows.run_folder import FRAMES_FILE, RUN_FILE, read_record
 
-_PLACE_IN_STACK = re.compile(r"_\d{4,}$")
+_PLACE_IN_STACK = r"_\d{4,}$"
 
 _CHANGES_NO_MAP = frozenset(
     {
@@ -103,7 +103,7 @@ def would_be_replaced(out: Path, named: Mapping[str, Path], /) -> list[str]:
 
     def would_be(path: str) -> bool:
         stem, _, suffix = path.rpartition(".")
-        return suffix in MAP_FORMATS and (stem in named or _PLACE_IN_STACK.sub("", stem) in named)
+        return suffix in MAP_FORMATS and (stem in named or re.sub(_PLACE_IN_STACK, "", stem) in named)
 
     folders = {(out / name).parent for name in named} | {out}
     present = (path for folder in folders if folder.is_dir() for path in folder.iterdir())

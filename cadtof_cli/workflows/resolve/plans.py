@@ -9,13 +9,11 @@ from typing import Any
 from cadtof_cli.capture.discovery import Capture, base_of, find_captures, placed_below
 from cadtof_cli.capture.frame_sources import FrameSource
 from cadtof_cli.capture.frames import file_size, open_frames, single_frames, usual_file
-from cadtof_cli.capture.lone_planes import hint_of_planes
 from cadtof_cli.errors import CaptureError, FrameError, SettingsError
 from cadtof_cli.files.formats import format_named, map_suffix_like
 from cadtof_cli.frame_plan import FramePlan
 from cadtof_cli.phasors.noise import noise_model
 from cadtof_cli.phasors.plausible import implausible
-from cadtof_cli.phasors.pooling import pooling_seconds
 from cadtof_cli.phasors.voltages import volts_per_count
 from cadtof_cli.workflows.resolve.settings import AS_INPUT, ResolveSettings
 from cadtof_cli.workflows.resolve.use_calibration import AppliedCalibration
@@ -66,6 +64,10 @@ class CapturePlan:
 
     def pooling_seconds(self) -> float:
         """Return about how long the pooling of one frame takes."""
+        if self.plan.settings.pool == 1:
+            return 0.0
+        from cadtof_cli.phasors.pooling import pooling_seconds
+
         noise = noise_model(self.plan.metadata, integration_length=1e5, quantised=False)
         return pooling_seconds(self.pixels or (0, 0), noise, window=self.plan.settings.pool)
 
@@ -118,6 +120,8 @@ def planned(
         metadata, usual = capture.source.metadata, usual_file(capture)
         plan = FramePlan(metadata=metadata, settings=settings.maps, calibration=use)
         if usual is None:
+            from cadtof_cli.capture.lone_planes import hint_of_planes
+
             if hint := hint_of_planes(capture):
                 raise CaptureError(hint)
             plans.append(CapturePlan(capture, plan, None))

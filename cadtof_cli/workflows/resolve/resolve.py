@@ -6,14 +6,13 @@ import time
 from collections.abc import Callable, Collection, Generator, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing
 from pathlib import Path
-from secrets import token_hex
 from typing import Any
 
 from cadtof_cli.capture.frame_sources import FrameSource
 from cadtof_cli.errors import RunStoppedError
 from cadtof_cli.execution.ordered import Outcome, WorkerDied, run_ordered
 from cadtof_cli.execution.workers import LOCAL
-from cadtof_cli.files.atomic import PARTIAL_SUFFIX, make_folder, make_folders, remove_partial_files
+from cadtof_cli.files.atomic import PARTIAL_SUFFIX, make_folder, make_folders, random_mark, remove_partial_files
 from cadtof_cli.files.lock import locked
 from cadtof_cli.resolver.two_path.kernel import kernel_notes
 from cadtof_cli.workflows.progress import UNTOLD, Progress
@@ -69,7 +68,7 @@ def resolve_captures(
         of_captures = (note for one in plans for note in one.notes())
         for note in (*of_captures, *of_calibration, *kernel_notes(), *slow_notes(plans, settings)):
             progress.say(note)
-        token = token_hex(8)
+        token = random_mark()
         try:
             run = _Run(settings, progress, on_frame, token)
             # a cluster that does not answer is found before anything is written
@@ -128,6 +127,8 @@ class _Run:
         tasks, workers = self._tasks(plans, taken), self._settings.workers
         if _are_worth_splitting(plans, self._settings):
             return split_frames.resolve_split(tasks, workers=workers)
+        # no process is started for which there is no frame
+        workers = workers.at_most(max(sum(one.expected_maps(self._settings) for one in plans), 1))
         return run_ordered(resolve_file, tasks, workers=workers, probe=self._probe(), say=self._progress.say)
 
     def _probe(self) -> Path | None:

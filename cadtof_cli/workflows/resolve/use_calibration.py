@@ -3,12 +3,14 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from cadtof_cli.calibration.store import Calibration, load_calibration
 from cadtof_cli.capture.discovery import Capture
 from cadtof_cli.capture.frames import usual_pixels
 from cadtof_cli.frame_plan import CalibrationUse
+
+if TYPE_CHECKING:
+    from cadtof_cli.calibration.store import Calibration
 
 
 @dataclass(frozen=True)
@@ -31,6 +33,8 @@ def use_calibration(folder: Path, captures: Sequence[Capture], /) -> AppliedCali
         MetadataError: it cannot be read, or is damaged.
         SettingsError: size of the array, periods or waveform differ from a capture's.
     """
+    from cadtof_cli.calibration.store import load_calibration
+
     calibration = load_calibration(folder)
     for capture in captures:
         calibration.require_match(capture.source.metadata, usual_pixels(capture))
@@ -48,7 +52,7 @@ def use_calibration(folder: Path, captures: Sequence[Capture], /) -> AppliedCali
     return AppliedCalibration(CalibrationUse(folder, calibration.digest), parts, notes)
 
 
-def _said(calibration: Calibration) -> str:
+def _said(calibration: "Calibration") -> str:
     said = []
     if calibration.dark is not None:
         said.append(f"dark ({int(calibration.dark.hot.sum())} bad pixels)")

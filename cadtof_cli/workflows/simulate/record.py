@@ -1,7 +1,7 @@
 """Record a simulated scene as a capture: bands of rows in parallel, then frame after frame to disk."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
@@ -9,11 +9,12 @@ import numpy as np
 
 from cadtof_cli import __version__
 from cadtof_cli.arrays import Float
-from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Pixel, Pulse, Target, Voltage
+from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Optics, Pixel, Pulse, Target, Voltage
 from cadtof_cli.execution.workers import ALONE, Workers
 from cadtof_cli.files.atomic import new_folder
 from cadtof_cli.files.formats import FRAME_FORMATS
 from cadtof_cli.simulation.pixel.mix import require
+from cadtof_cli.simulation.pixel.motion import AT_REST, Motion
 from cadtof_cli.simulation.scene.camera import Camera
 from cadtof_cli.simulation.scene.exposure import Band, Exposure, band_rows, expose_band, frame_voltages, joined
 from cadtof_cli.simulation.scene.light import Scene
@@ -64,6 +65,7 @@ def scene_exposure(
     integration_length: float,
     counts: bool,
     seed: int,
+    motion: Motion = AT_REST,
 ) -> Exposure:
     """Return a scene as it is to be recorded, with the metadata that its `capture.toml` gets; `counts`: not volts."""
     metadata = CaptureMetadata(
@@ -71,10 +73,16 @@ def scene_exposure(
         pixel=Pixel(integration_length=integration_length),
         pulse=pulse,
         voltage=camera.voltage if counts else Voltage(),
-        optics=camera.optics,
+        optics=_optics(scene, camera),
         target=Target(distance_m=scene.distance_m if isinstance(scene, Wall) else None),
     )
-    return Exposure(scene=scene, camera=camera, metadata=metadata, seed=seed)
+    return Exposure(scene=scene, camera=camera, metadata=metadata, seed=seed, motion=motion)
+
+
+def _optics(scene: Scene, camera: Camera) -> Optics:
+    """Return the camera's optics, with the scene's lamp where that is not at the camera."""
+    offset = getattr(scene, "lamp_offset_m", (0.0, 0.0, 0.0))
+    return replace(camera.optics, lamp_offset_m=offset) if any(offset) else camera.optics
 
 
 def record_scene(
@@ -134,5 +142,6 @@ def _comments(settings: RecordSettings) -> tuple[str, ...]:
         f"simulated by cadtof {__version__}: {exposure.scene.summary}",
         f"scene: {exposure.scene!r}",
         f"camera: {exposure.camera!r}",
+        *([f"motion: {exposure.motion!r}"] if exposure.motion.speed_m_s else []),
         f"frames: {settings.frames}, seed: {exposure.seed}; truth per pixel in truth.exr",
     )

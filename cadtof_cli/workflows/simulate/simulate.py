@@ -68,6 +68,7 @@ def settings(trials: Trials, /) -> dict[str, Any]:
         "sample_noise_v": model.sample_noise_v,
         "gain_mismatch": model.gain_mismatch,
         "offsets_v": list(model.offsets_v),
+        **asdict(model.motion),
         "solver": trials.resolver.solver,
         "paths": trials.resolver.paths,
         "order": trials.resolver.order,

@@ -7,7 +7,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from cadtof_cli.arrays import Bool, Complex, Float, Float32
+from cadtof_cli.arrays import Bool, Complex, Float, Float32, sealed
 from cadtof_cli.capture.metadata import CaptureMetadata, Pixel, Pulse
 from cadtof_cli.errors import SettingsError
 from cadtof_cli.maps.impossible import beyond_light
@@ -109,7 +109,7 @@ def recordings(trials: Trials, runs: range, /) -> Recordings:
 
 @lru_cache(maxsize=2)
 def _weights(model: PixelModel) -> Float32:
-    return pixel_weights(model)
+    return sealed(pixel_weights(model))
 
 
 def block_voltages(trials: Trials, runs: range, /) -> Float:
@@ -124,6 +124,7 @@ def block_voltages(trials: Trials, runs: range, /) -> Float:
         variance_gain=gain,
         mean_gain=means,
         sample_noise_v=model.sample_noise_v,
+        motion=model.motion,
     )
     key = (_STATISTICS_KEY, trials.stream, runs.start)
     generator = np.random.default_rng(np.random.SeedSequence(trials.seed, spawn_key=key))

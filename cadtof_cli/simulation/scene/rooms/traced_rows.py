@@ -10,7 +10,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from cadtof_cli.arrays import Float, Float32
+from cadtof_cli.arrays import Float, Float32, sealed
 from cadtof_cli.simulation.scene.rooms.averages import Faces, Lattice, gathered, means_of_cells
 from cadtof_cli.simulation.scene.rooms.lamp import Lamp
 from cadtof_cli.simulation.scene.rooms.light_points import LampLight, lamp_light
@@ -53,7 +53,7 @@ def traced_row(view: View, row: int, /) -> TracedRow:
     y = min(STEP * row + STEP // 2, camera.height - 1)
     seen = view.meet(camera.rays(slice(y, y + 1))[:, 0, columns])
     light = _light(view, seen.points_m, seen.normals, spawn_key=(_GRID_KEY, row))
-    return TracedRow(Faces(seen.surface, seen.normals), light)
+    return sealed(TracedRow(Faces(seen.surface, seen.normals), light))
 
 
 def indirect_light(view: View, seen: Meetings, rows: range, /) -> Float:
@@ -110,4 +110,4 @@ def _light(view: View, points_m: Float32, normals: Float32, *, spawn_key: tuple[
 @lru_cache(maxsize=2)
 def _lamp_light(interior: Interior, lamp: Lamp, seed: int) -> LampLight:
     generator = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(_LAMP_KEY,)))
-    return lamp_light(interior, lamp, generator)
+    return sealed(lamp_light(interior, lamp, generator))

@@ -1,0 +1,63 @@
+"""A picture of a calibration: offsets and noise, phases and gains, field curvature, each on one scale."""
+
+from pathlib import Path
+
+import numpy as np
+
+from cadtof_cli.arrays import Float
+from cadtof_cli.calibration.dark import DarkCalibration
+from cadtof_cli.calibration.response import ResponseCalibration
+from cadtof_cli.calibration.store import Calibration
+from cadtof_cli.figures.maps import DEPTHS, ERRORS, SIGMAS, limits_of, signed_limits
+from cadtof_cli.figures.page import Block, Panel, Scaled, draw_page
+
+
+def draw_calibration(calibration: Calibration, path: Path, /, *, title: str, kind: str) -> None:
+    """Draw all parts of a calibration; bad pixels of its dark part have the colour of pixels without an answer."""
+    rows: list[list[Block]] = []
+    if calibration.dark is not None:
+        rows += _dark_rows(calibration.dark)
+    if calibration.response is not None:
+        rows.append(_response_row(calibration.response))
+    if calibration.petzval is not None:
+        offset = 100.0 * calibration.petzval.range_offset_m
+        block = Scaled(
+            (Panel("field curvature", offset),), "added to the range, cm", ERRORS, signed_limits(offset, share=100.0)
+        )
+        rows[-1:] = [[*rows[-1], block]] if rows and _panels(rows[-1]) < 4 else [*rows[-1:], [block]]
+    draw_page(rows, path, title=title, kind=kind)
+
+
+def _panels(row: list[Block]) -> int:
+    return sum(len(block.panels) for block in row)
+
+
+def _dark_rows(dark: DarkCalibration) -> list[list[Block]]:
+    """Return a row for each harmonic: offsets, and the noise of a frame, of both channels."""
+    offset, noise = 1000.0 * dark.offset_v.astype(np.float64), 1000.0 * dark.noise_v.astype(np.float64)
+    bad = dark.defects != 0
+    offset[..., bad], noise[..., bad] = np.nan, np.nan
+    of_offset, of_noise = signed_limits(offset, share=99.5), (0.0, limits_of(noise)[1])
+    return [
+        [
+            Scaled(_channels("dark offset", harmonic, offset[row]), "mV", ERRORS, of_offset),
+            Scaled(_channels("dark noise", harmonic, noise[row]), "of a frame, mV", SIGMAS, of_noise),
+        ]
+        for row, harmonic in enumerate(dark.origin.harmonics)
+    ]
+
+
+def _channels(what: str, harmonic: int, planes: Float) -> tuple[Panel, ...]:
+    return tuple(Panel(f"{what} H{harmonic}.SC{channel}", plane) for channel, plane in enumerate(planes, start=1))
+
+
+def _response_row(response: ResponseCalibration) -> list[Block]:
+    """Return what pixels add to the phase of each harmonic, and by what they multiply."""
+    harmonics = response.origin.harmonics
+    phase, gain = np.degrees(response.phase_rad.astype(np.float64)), response.gain.astype(np.float64)
+    of_phase = tuple(Panel(f"phase H{h}", plane) for h, plane in zip(harmonics, phase, strict=True))
+    of_gain = tuple(Panel(f"gain H{h}", plane) for h, plane in zip(harmonics, gain, strict=True))
+    return [
+        Scaled(of_phase, "added by the pixel, °", ERRORS, signed_limits(phase, share=99.5)),
+        Scaled(of_gain, "times", DEPTHS, limits_of(gain)),
+    ]

@@ -1,0 +1,207 @@
+"""Pictures of many frames: a sheet of thumbnails on one scale, and GIF or MP4 with a scale that stays."""
+
+import importlib.util
+import io
+import itertools
+import math
+from collections.abc import Collection, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.colors import to_rgb
+from matplotlib.figure import Figure
+
+from cadtof_cli.errors import SettingsError
+from cadtof_cli.figures.page import Block, Image, Scaled, add_bar, add_legend, page_figure
+from cadtof_cli.figures.pixel_classes import PixelClass
+from cadtof_cli.figures.text import within
+
+FILMS = (".gif", ".mp4")
+"""How the names of films end."""
+
+PER_INCH = 100
+
+_SHEET_WIDTH, _LEAST_THUMB, _MOST_THUMB = 1800, 48, 320
+_NAME_HEIGHT, _SPACE, _TOP, _RIGHT, _BOTTOM = 15, 6, 44, 92, 34
+
+
+@dataclass(frozen=True, eq=False)
+class Thumbnail:
+    """A frame's picture, small, and its name; None where it could not be read."""
+
+    name: str
+    image: Image | None
+
+
+def thumbnail_size(count: int, shape: tuple[int, int], /) -> tuple[int, int]:
+    """Return width and height of each of `count` thumbnails of frames of a shape (Y, X), and so their columns on the sheet."""
+    aspect = shape[1] / shape[0]
+    columns = max(1, min(count, round(math.sqrt(1.6 * count / aspect))))
+    width = float(np.clip(_SHEET_WIDTH / columns - _SPACE, _LEAST_THUMB, _MOST_THUMB))
+    if width / aspect > 2 * _MOST_THUMB:
+        width = 2 * _MOST_THUMB * aspect
+    return max(round(width), 1), max(round(width / aspect), 1)
+
+
+def fitted(image: Image, size: tuple[int, int], /) -> Image:
+    """Return an image at another size (width, height), by the nearest pixels."""
+    rows, columns = ((np.arange(new) + 0.5) / new for new in size[::-1])
+    small: Image = image[(rows * image.shape[0]).astype(int)[:, None], (columns * image.shape[1]).astype(int)]
+    return small
+
+
+def draw_sheet(
+    thumbnails: Sequence[Thumbnail],
+    scale: Block,
+    path: Path,
+    /,
+    *,
+    title: str,
+    size: tuple[int, int],
+    kinds: Collection[PixelClass],
+    kind: str,
+) -> None:
+    """Draw thumbnails of a size (width, height) with their names in rows, one bar of colours, and the legend of `kinds`."""
+    width, height = size
+    pitch = max(width, 64) + _SPACE
+    columns = max(1, min(len(thumbnails), (_SHEET_WIDTH + _SPACE) // pitch))
+    rows = math.ceil(len(thumbnails) / columns)
+    sheet: Image = np.full((rows * (height + _NAME_HEIGHT), columns * pitch, 4), 255, np.uint8)
+    places = [divmod(number, columns) for number in range(len(thumbnails))]
+    for thumbnail, (row, column) in zip(thumbnails, places, strict=True):
+        top, left = row * (height + _NAME_HEIGHT), column * pitch
+        if thumbnail.image is not None:
+            sheet[top : top + height, left : left + width] = thumbnail.image
+    page_width, page_height = max(sheet.shape[1], 320) + 2 * _SPACE + _RIGHT, sheet.shape[0] + _TOP + _BOTTOM
+    figure = Figure(figsize=(page_width / PER_INCH, page_height / PER_INCH), dpi=PER_INCH)
+    figure.figimage(sheet, _SPACE, _BOTTOM, origin="upper")
+    heading = within(title, page_width / PER_INCH - 0.2, size=11)
+    figure.text(0.5, 1 - 20 / page_height, heading, ha="center", va="center", fontsize=11, parse_math=False)
+    for thumbnail, (row, column) in zip(thumbnails, places, strict=True):
+        x = (_SPACE + column * pitch + width / 2) / page_width
+        below = _TOP + row * (height + _NAME_HEIGHT) + height
+        y = 1 - (below + _NAME_HEIGHT / 2) / page_height
+        name = within(thumbnail.name, pitch / PER_INCH, size=6.5)
+        figure.text(x, y, name, ha="center", va="center", fontsize=6.5, parse_math=False)
+        if thumbnail.image is None:
+            y = 1 - (below - height / 2) / page_height
+            figure.text(x, y, "cannot\nbe read", ha="center", va="center", fontsize=7, color="#b00020")
+    if isinstance(scale, Scaled):
+        length = min(sheet.shape[0], 500)
+        left, bottom = (page_width - _RIGHT + 4) / page_width, 1 - (_TOP + length) / page_height
+        add_bar(figure, scale, (left, bottom, 12 / page_width, length / page_height), length=length)
+    add_legend(figure, [one for one in PixelClass if one in kinds], columns=max(1, page_width // 190))
+    figure.savefig(path, dpi=PER_INCH, format=kind)
+
+
+@dataclass(frozen=True, eq=False)
+class FilmFrame:
+    """A frame of a film: its title and its block, of the same size and scale in all frames."""
+
+    title: str
+    block: Block
+
+
+def draw_film(
+    frames: Iterable[FilmFrame],
+    path: Path,
+    /,
+    *,
+    kind: str,
+    per_second: float,
+    panel_width: float,
+    kinds: Collection[PixelClass],
+) -> None:
+    """Draw frames one after the other as GIF or MP4; nothing moves between them but what they show.
+
+    Args:
+        frames: drawn as they come, in the memory of one (of all, for GIF).
+        path: file to write.
+        kind: gif or mp4.
+        per_second: how many are shown in a second.
+        panel_width: in pixels of the film.
+        kinds: of pixels that the legend names.
+
+    Raises:
+        SettingsError: MP4 is asked for, and imageio-ffmpeg is not installed.
+    """
+    waiting = iter(frames)
+    first = next(waiting)
+    pictures = _pictures(itertools.chain((first,), waiting), panel_width, kinds)
+    if kind == "gif":
+        _write_gif(pictures, path, _palette(first.block), per_second)
+    else:
+        _write_mp4(pictures, path, per_second)
+
+
+def require_film(path: Path, /) -> str:
+    """Return the kind of film that a file's name asks for; raises SettingsError where what writes it is missing."""
+    kind = path.suffix.lower().removeprefix(".")
+    if kind == "mp4" and importlib.util.find_spec("imageio_ffmpeg") is None:
+        raise SettingsError(
+            f"{path}: MP4 needs imageio-ffmpeg, which is not installed: pip install 'cadtof[video]', or write a .gif"
+        )
+    return kind
+
+
+def _pictures(frames: Iterable[FilmFrame], panel_width: float, kinds: Collection[PixelClass]) -> Iterator[Image]:
+    """Yield the frames as pictures (Y, X, 3): the first drawn whole, in the others only what changes."""
+    figure: Figure | None = None
+    for frame in frames:
+        if figure is None:
+            figure = page_figure(((frame.block,),), title=frame.title, kinds=kinds, panel_width=panel_width)
+            room = figure.get_figwidth() - 0.2
+        else:
+            figure.texts[0].set_text(within(frame.title, room, size=11))
+            figure.axes[0].images[0].set_data(frame.block.painted(frame.block.panels[0]))
+        drawn = io.BytesIO()
+        figure.savefig(drawn, format="rgba", dpi=PER_INCH)
+        height = int(figure.bbox.height * PER_INCH / figure.dpi)
+        yield np.frombuffer(drawn.getbuffer(), np.uint8).reshape(height, -1, 4)[..., :3].copy()
+
+
+def _write_gif(pictures: Iterator[Image], path: Path, colours: Image, per_second: float) -> None:
+    """Write a GIF whose frames share a palette, so that a colour is the same in all of them."""
+    from PIL import Image as Pillow
+
+    palette = Pillow.new("P", (1, 1))
+    palette.putpalette(colours.tobytes())
+
+    def quantised(picture: Image) -> Pillow.Image:
+        return Pillow.fromarray(picture).quantize(palette=palette, dither=Pillow.Dither.NONE)
+
+    first = quantised(next(pictures))
+    duration = max(round(1000.0 / per_second), 20)
+    others = map(quantised, pictures)
+    first.save(path, format="GIF", save_all=True, append_images=others, duration=duration, loop=0, optimize=False)
+
+
+def _palette(block: Block) -> Image:
+    """Return 256 colours, (256, 3): those of the scale, of pixels without a value, and greys for letters."""
+    greys = np.linspace(0, 255, 32).round().astype(np.uint8)[:, None].repeat(3, axis=1)
+    classes = np.array([[round(255 * part) for part in to_rgb(kind.colour)] for kind in PixelClass], np.uint8)
+    name = block.colours if isinstance(block, Scaled) else "gray"
+    scale = mpl.colormaps[name](np.linspace(0.0, 1.0, 256 - len(greys) - len(classes)), bytes=True)[:, :3]
+    return np.concatenate([classes, scale, greys])
+
+
+def _write_mp4(pictures: Iterator[Image], path: Path, per_second: float) -> None:
+    """Write an MP4 (H.264, 4:2:0), which every player knows; its sides are even."""
+    import imageio_ffmpeg
+
+    first = next(pictures)
+    height, width = (side + side % 2 for side in first.shape[:2])
+    even = np.full((height, width, 3), 255, np.uint8)
+    writer = imageio_ffmpeg.write_frames(
+        str(path), (width, height), fps=per_second, quality=8, codec="libx264", macro_block_size=2,
+        ffmpeg_log_level="error", output_params=["-f", "mp4", "-movflags", "+faststart"],
+    )  # fmt: skip
+    writer.send(None)
+    try:
+        for picture in itertools.chain((first,), pictures):
+            even[: picture.shape[0], : picture.shape[1]] = picture
+            writer.send(even.tobytes())
+    finally:
+        writer.close()

@@ -1,0 +1,119 @@
+"""What `cadtof preview` can draw: maps, truth and any named layers, recorded frames, each with its layers by name."""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cadtof_cli.capture.discovery import Capture, find_captures
+from cadtof_cli.capture.frame_sources import FrameSource
+from cadtof_cli.capture.frames import open_frames, single_frames
+from cadtof_cli.capture.toml import FILE_NAME as CAPTURE_FILE
+from cadtof_cli.errors import CadtofError, SettingsError
+from cadtof_cli.figures.layers import Shown
+from cadtof_cli.files.maps import STATUS, is_map_layer, read_layers
+from cadtof_cli.maps.layers import DIRECT_DEPTH, layer_unit
+from cadtof_cli.phasors.voltages import saturated_pixels, volts_from_stored
+from cadtof_cli.resolver.status import StatusBit
+from cadtof_cli.workflows.run_folder import RUN_FILE, Run, map_files, read_run
+
+LIGHT = "H1.amplitude"
+"""The layer of a recorded frame that is shown where one is."""
+
+_UNITS = {"mean": "m", "std": "m", "ratio": "", "delay": "ns"}
+
+
+@dataclass(frozen=True)
+class Pictured:
+    """A frame that can be drawn: its name, how it is read, its leading layer, and the map file where it is one."""
+
+    name: str
+    read: Callable[[], Shown]
+    layer: str
+    run: Run | None = None
+    file: Path | None = None
+
+
+def pictured(inputs: Sequence[Path], /) -> Iterator[Pictured]:
+    """Yield what can be drawn of folders of maps, map files, truth, captures and recorded frames.
+
+    Raises:
+        CadtofError: an input does not exist, or holds nothing that can be drawn.
+    """
+    for path in inputs:
+        if _holds_maps(path):
+            run = read_run(path)
+            for file in run.require_maps():
+                yield Pictured(run.name(file), _MapReader(run, file), DIRECT_DEPTH, run, file)
+            continue
+        for capture in find_captures([path], overrides={}):
+            for source in single_frames(capture):
+                yield Pictured(source.name, _FrameReader(capture, source), LIGHT)
+
+
+def _holds_maps(path: Path) -> bool:
+    """Tell whether a folder or file is one of maps or named layers, not of recorded frames; what is not there counts as maps."""
+    if path.is_dir():
+        if (path / RUN_FILE).exists():
+            return True
+        files = () if (path / CAPTURE_FILE).exists() else map_files(path)
+        return not any(one.is_file() for one in path.rglob("*")) or any(_is_of_layers(file) for file in files[:1])
+    return not path.exists() or _is_of_layers(path)
+
+
+def _is_of_layers(path: Path) -> bool:
+    try:
+        layers = read_layers(path)
+    except CadtofError:
+        return False
+    return any(map(is_map_layer, layers)) or not any(".SC" in name.upper() for name in layers)
+
+
+@dataclass(frozen=True)
+class _MapReader:
+    """Reads a map, or any file of named layers."""
+
+    run: Run
+    file: Path
+
+    def __call__(self) -> Shown:
+        layers = read_layers(self.file)
+        status = layers[STATUS].astype(np.uint32) if STATUS in layers else None
+        units = {name: _unit(name) for name in layers}
+        depth = "planar depth z" if self.run.depth_kind == "z" else "radial range"
+        return Shown(f"{self.file.parent.name}/{self.file.name}", layers, units, status, depth)
+
+
+def _unit(name: str) -> str:
+    return layer_unit(name) or _UNITS.get(name.rpartition(".")[2], "")
+
+
+@dataclass(frozen=True)
+class _FrameReader:
+    """Reads a recorded frame: volts, or what is stored where nothing says how many volts that is; amplitudes and phases."""
+
+    capture: Capture
+    source: FrameSource
+
+    def __call__(self) -> Shown:
+        with open_frames(self.source, self.capture.layout) as frames:
+            stored = frames.read(self.source.index or 0)
+        metadata = self.capture.source.metadata
+        try:
+            values, unit = volts_from_stored(stored, metadata.voltage), "V"
+        except SettingsError:
+            values, unit = stored.astype(np.float64), "counts"
+        saturated = saturated_pixels(stored, metadata.voltage.saturated_counts)
+        values[..., saturated] = np.nan
+        layers: dict[str, NDArray[Any]] = {}
+        for harmonic, (cosine, sine) in zip(metadata.modulation.harmonics, values, strict=True):
+            layers |= {f"H{harmonic}.SC1": cosine, f"H{harmonic}.SC2": sine}
+            if unit == "V":
+                phase = np.mod(np.arctan2(sine, cosine), 2.0 * np.pi)
+                layers |= {f"H{harmonic}.amplitude": np.hypot(cosine, sine), f"H{harmonic}.phase": phase}
+        units = {name: "rad" if name.endswith(".phase") else unit for name in layers}
+        bits = np.where(saturated, np.uint32(StatusBit.SATURATED), np.uint32(0))
+        return Shown(f"{self.source}: as recorded", layers, units, bits)

@@ -1,0 +1,165 @@
+"""The error messages in the source, and the entries of docs/troubleshooting.md that say what to do about them."""
+
+import ast
+import re
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+HOLE = "…"
+"""Stands for whatever a message is filled with, and for anything in an entry."""
+
+REASONS = frozenset(
+    {
+        "implausible",
+        "_all_saturated",
+        "_likely_cause",
+        "_shifted_or_scaled",
+        "why_no_answer",
+        "hint_of_planes",
+        "_lost",
+        "_said",
+    }
+)
+"""Functions that return the words of a message rather than raise it."""
+
+CHECKS = {"require": 1, "_require": 1, "_require_finite": 0}
+"""Functions that raise “NAME: found …, expected …” where something does not hold; and which argument is the name."""
+
+_PASSED_ON = f"{HOLE}: found {HOLE}, expected {HOLE}"
+"""What only puts together a message whose words come from elsewhere."""
+
+_CLICK = frozenset({"UsageError", "BadParameter", "ClickException"})
+
+
+@dataclass(frozen=True)
+class Message:
+    """An error message with holes, and where in the source it is."""
+
+    text: str
+    file: Path
+    line: int
+
+    def __str__(self) -> str:
+        return f"{self.file}:{self.line}: {self.text!r}"
+
+
+def messages(package: Path, /) -> Iterator[Message]:
+    """Yield every error message that the modules of a package can show; those that only pass another on are left out."""
+    trees = {file: ast.parse(file.read_text(encoding="utf-8")) for file in sorted(package.rglob("*.py"))}
+    kinds = _CLICK | _error_kinds(trees.values())
+    for file, tree in trees.items():
+        for line, text in _texts(tree, kinds):
+            if text != _PASSED_ON and len(_words(text)) >= 2:
+                yield Message(" ".join(text.split()), file, line)
+
+
+def _words(text: str) -> list[str]:
+    return re.findall(r"[A-Za-z]{2,}", text)
+
+
+def _error_kinds(trees: Iterable[ast.Module]) -> frozenset[str]:
+    """Return the names of the kinds of errors that a user meets: CadtofError, and what is derived from it anywhere."""
+    classes = [node for tree in trees for node in ast.walk(tree) if isinstance(node, ast.ClassDef)]
+    kinds, before = {"CadtofError"}, 0
+    while before < len(kinds):
+        before = len(kinds)
+        kinds |= {
+            one.name for one in classes if any(isinstance(base, ast.Name) and base.id in kinds for base in one.bases)
+        }
+    return frozenset(kinds)
+
+
+def _texts(tree: ast.Module, kinds: frozenset[str]) -> Iterator[tuple[int, str]]:
+    constants = {
+        node.targets[0].id: node.value
+        for node in tree.body
+        if isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Name)
+    }
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Call):
+            name = node.func.id if isinstance(node.func, ast.Name) else getattr(node.func, "attr", "")
+            if name in kinds and len(node.args) >= 3:
+                yield node.lineno, f"{_text(node.args[0])}: found {HOLE}, expected {_text(node.args[2])}"
+            elif (name in kinds or name == "fail") and node.args:
+                yield node.lineno, _text(node.args[0])
+            elif name in CHECKS and len(node.args) > CHECKS[name] + 1:
+                yield from _checked(node, CHECKS[name])
+        elif isinstance(node, ast.FunctionDef) and node.name in REASONS:
+            for inner in ast.walk(node):
+                if isinstance(inner, ast.Return | ast.Assign | ast.AugAssign) and inner.value is not None:
+                    yield from ((inner.lineno, text) for text in map(_text, _strings(inner.value, constants)))
+
+
+def _checked(node: ast.Call, first: int) -> Iterator[tuple[int, str]]:
+    expected = [keyword.value for keyword in node.keywords if keyword.arg == "expected"]
+    if len(node.args) > first + 2:
+        expected.append(node.args[first + 2])
+    told = _text(expected[0]) if expected else "a finite number"
+    yield node.lineno, f"{_text(node.args[first])}: found {HOLE}, expected {told}"
+
+
+def _strings(value: ast.expr, constants: Mapping[str, ast.expr]) -> Iterator[ast.expr]:
+    """Yield the strings that an expression may be: of a choice, a constant of the module, or itself."""
+    match value:
+        case ast.Tuple():
+            yield from (part for item in value.elts for part in _strings(item, constants))
+        case ast.IfExp():
+            yield from (*_strings(value.body, constants), *_strings(value.orelse, constants))
+        case ast.BoolOp():
+            yield from (part for item in value.values for part in _strings(item, constants))
+        case ast.Name() if value.id in constants:
+            yield from _strings(constants[value.id], {})
+        case ast.Constant(value=str()) | ast.JoinedStr() | ast.BinOp():
+            yield value
+
+
+def _text(node: ast.expr) -> str:
+    match node:
+        case ast.Constant():
+            return str(node.value)
+        case ast.JoinedStr():
+            return "".join(map(_text, node.values))
+        case ast.BinOp(op=ast.Add()):
+            return _text(node.left) + _text(node.right)
+        case _:
+            return HOLE
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A message of the page, with holes, and what to do about it."""
+
+    pattern: str
+    cure: str
+
+    def holds(self, message: str, /) -> bool:
+        """Tell whether the entry is about a message."""
+        return re.fullmatch(".*".join(map(re.escape, self.pattern.split(HOLE))), message) is not None
+
+
+def entries(page: Path, /) -> Iterator[Entry]:
+    """Yield the entries of the page, the rows of its tables: messages in code spans, “or” between them.
+
+    A message with NAME in it stands for as many as there are names in the list that follows it.
+    """
+    for message, cure in re.findall(r"(?m)^\| (`.*?) \| (.+) \|$", page.read_text(encoding="utf-8")):
+        shown, _, names = message.partition(" with NAME one of ")
+        for pattern in re.findall(r"`(.+?)`(?= or `|$)", shown):
+            named = (pattern.replace("NAME", name.strip("`")) for name in names.split(", "))
+            yield from (Entry(one, cure) for one in dict.fromkeys(named))
+
+
+def unexplained(package: Path, page: Path, /) -> Iterator[str]:
+    """Yield the messages that no entry is about, entries that are about no message, and entries that say too little."""
+    every, rows = list(messages(package)), list(entries(page))
+    for message in every:
+        if not any(row.holds(message.text) for row in rows):
+            yield f"{message} has no entry"
+    for row in rows:
+        if not any(row.holds(message.text) for message in every):
+            yield f"{page.name}: no message is like {row.pattern!r} any more"
+        if not re.sub(rf"found|expected|[\s:,{HOLE}]", "", row.pattern):
+            yield f"{page.name}: {row.pattern!r} is like anything"
+        if len(row.cure.split()) < 3:
+            yield f"{page.name}: {row.pattern!r} has no cure"

@@ -1,0 +1,97 @@
+"""A page for each command, made of its help."""
+
+import re
+from collections.abc import Iterator
+from inspect import cleandoc
+from pathlib import Path
+
+import click
+from man_pages import contexts
+
+from cadtof_cli.cli import COMMANDS
+from cadtof_cli.commands.examples import example_lines
+from cadtof_cli.commands.options import CAPTURE_SECTION, CaptureOption
+
+
+def write_command_pages(folder: Path, /) -> list[str]:
+    """Write the pages into a folder, and return their names, in the order of `cadtof --help`."""
+    folder.mkdir(parents=True, exist_ok=True)
+    names = []
+    for context in contexts():
+        if context.parent is not None:
+            names.append(context.command_path.replace(" ", "-"))
+            (folder / f"{names[-1]}.md").write_text(_page(context), encoding="utf-8")
+    (folder / "index.md").write_text(_index(names), encoding="utf-8")
+    return names
+
+
+def _index(names: list[str]) -> str:
+    rows = [f"| [`cadtof {name}`](cadtof-{name}.md) | {_plain(about)} |" for name, about in COMMANDS.items()]
+    listed = "\n".join(names)
+    return f"""# Commands
+
+| command | what it does |
+|---|---|
+{chr(10).join(rows)}
+
+`cadtof --debug COMMAND …` shows the traceback of an error. Every page here is what `--help` says. Files and layers are in
+[What comes out](../capture.md#what-comes-out).
+
+```{{toctree}}
+:hidden:
+{listed}
+```
+"""
+
+
+def _page(context: click.Context) -> str:
+    command = context.command
+    parts = [f"# {context.command_path}", _description(cleandoc(command.help or ""))]
+    parts.append(f"```text\n{context.command_path} {' '.join(command.collect_usage_pieces(context))}\n```")
+    if isinstance(command, click.Group):
+        parts.append(_steps(context, command))
+    options = [param for param in command.params if isinstance(param, click.Option)]
+    own = [option for option in options if not isinstance(option, CaptureOption)]
+    for title, some in (("Options", own), (CAPTURE_SECTION, [one for one in options if one not in own])):
+        if some:
+            parts += [f"## {title}", *_options(context, some)]
+    lines = example_lines(command.epilog)
+    parts += ["## Example" if len(lines) == 1 else "## Examples", f"```text\n{chr(10).join(lines)}\n```"]
+    return "\n\n".join(parts) + "\n"
+
+
+def _steps(context: click.Context, group: click.Group) -> str:
+    rows = []
+    for name in group.list_commands(context):
+        below = group.get_command(context, name)
+        assert below is not None
+        page = f"{context.command_path} {name}".replace(" ", "-")
+        rows.append(f"| [`{context.command_path} {name}`]({page}.md) | {_plain(below.get_short_help_str(limit=200))} |")
+    return "| step | what it does |\n|---|---|\n" + "\n".join(rows)
+
+
+def _options(context: click.Context, options: list[click.Option]) -> Iterator[str]:
+    for option in options:
+        record = option.get_help_record(context)
+        if record is not None:
+            names, about = record
+            yield f"`{names}`\n: {_plain(' '.join(about.split()))}"
+
+
+def _description(help_text: str) -> str:
+    """Return the paragraphs of a help text; those that are not to be filled keep their lines."""
+    parts = []
+    for part in re.split(r"\n\s*\n", help_text):
+        if part.startswith("\b"):
+            lines = part.removeprefix("\b").strip().splitlines()
+            parts.append("\\\n".join(_plain(line) for line in lines))
+        else:
+            parts.append(_plain(" ".join(part.split())))
+    return "\n\n".join(parts)
+
+
+def _plain(text: str) -> str:
+    """Return text whose signs mean nothing to Markdown, but for `code`."""
+    pieces = text.split("`")
+    pieces[::2] = [re.sub(r"([\\*_<>\[\]$|#{}~^])", r"\\\1", piece) for piece in pieces[::2]]
+    return "`".join(pieces)

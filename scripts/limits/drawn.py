@@ -1,0 +1,61 @@
+"""Pixels drawn many times, resolved, and summed up: what the pages of docs/limits have in common."""
+
+import csv
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from cadtof_cli.resolver.paths import ResolvedPaths
+from cadtof_cli.resolver.resolve import resolve_paths
+from cadtof_cli.resolver.settings import ResolverSettings
+from tests.support.mixtures import C, F, Mixture, noise_of
+
+SEEDS = 20
+
+CM_PER_RAD = 100.0 * 0.299792458 / 2.0 * 40.0 / (2.0 * np.pi)
+"""Depth of a phase of the fundamental of 40 ns."""
+
+
+def resolved(phasors: C, harmonics: Sequence[int], n_av: float, settings: ResolverSettings) -> ResolvedPaths:
+    """Resolve phasors, (H, n), with the noise that n_av gives."""
+    status = np.zeros(phasors.shape[1], np.uint32)
+    return resolve_paths(phasors, status=status, settings=settings, noise=noise_of(harmonics, n_av=n_av))
+
+
+def drawn(light: Mixture, harmonics: Sequence[int], n_av: float, *, pixels: int, key: Sequence[int]) -> C:
+    """Draw the phasors of pixels under the same light, SEEDS times, each from its own seed, (H, SEEDS × pixels)."""
+    generators = (np.random.default_rng([seed, *key]) for seed in range(SEEDS))
+    return np.concatenate(
+        [light.phasors(harmonics, n_av=n_av, size=pixels, rng=generator) for generator in generators], axis=1
+    )
+
+
+def errors_cm(found: ResolvedPaths, light: Mixture) -> F:
+    """Errors of the direct depth."""
+    error: F = CM_PER_RAD * np.angle(np.exp(1j * (found.direct.phase_rad - light.phases[0])))
+    return error
+
+
+def rms(values: F) -> float:
+    """Root of the mean square of what is finite."""
+    return float(np.sqrt(np.nanmean(np.square(values))))
+
+
+def write_csv(path: Path, rows: Iterable[Mapping[str, float]]) -> None:
+    """Write rows of the same columns, five digits each."""
+    table = list(rows)
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(table[0])
+        writer.writerows([f"{value:.5g}" for value in row.values()] for row in table)
+
+
+def markdown(head: Sequence[str], lines: Iterable[Sequence[str]]) -> str:
+    """Return a table."""
+    return "\n".join("| " + " | ".join(line) + " |" for line in (head, ["---"] * len(head), *lines))
+
+
+def power(length: float) -> str:
+    """Return an integration length as it is written here: 1e5."""
+    return f"{length:.0e}".replace("e+0", "e")

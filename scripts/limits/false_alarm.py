@@ -1,0 +1,100 @@
+"""How often light without MPI is taken for two paths, by the misfit alone and by the whole order test."""
+
+import itertools
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+
+from cadtof_cli.phasors.chi_squared import chi_squared_threshold
+from cadtof_cli.resolver.settings import ResolverSettings
+from cadtof_cli.resolver.status import StatusBit
+from limits.drawn import SEEDS, drawn, markdown, power, resolved, write_csv
+from tests.support.mixtures import Mixture
+
+ASKED = (0.05, 0.01, 0.001)
+HARMONICS = ((1, 2), (1, 2, 3))
+LIGHTS = ((1.0, 1e4), (2.0, 1e5), (6.0, 1e5), (2.0, 1e6))
+"""ASR and n_av."""
+
+WITHIN = 0.15
+
+
+@dataclass(frozen=True)
+class Rate:
+    """Shares of pixels without MPI: asked for, with a misfit of one path beyond its threshold, and found as two paths."""
+
+    harmonics: int
+    asr: float
+    n_av: float
+    asked: float
+    misfit: float
+    two: float
+
+
+def measured(harmonics: tuple[int, ...], asr: float, n_av: float, *, pixels: int) -> list[Rate]:
+    """Return the shares of one light, for all probabilities that are asked for."""
+    phasors = drawn(
+        Mixture((1.0,), (5.0,), asr=asr), harmonics, n_av, pixels=pixels, key=[len(harmonics), round(asr), round(n_av)]
+    )
+    misfit = resolved(phasors, harmonics, n_av, ResolverSettings(order="1")).chi_squared
+    rates = []
+    for asked in ASKED:
+        found = resolved(phasors, harmonics, n_av, ResolverSettings(false_alarm=asked)).status
+        beyond = misfit > chi_squared_threshold(asked, pairs=len(harmonics) - 1)
+        two = float(np.mean((found & StatusBit.TWO_PATHS) > 0))
+        rates.append(Rate(len(harmonics), asr, n_av, asked, float(beyond.mean()), two))
+    return rates
+
+
+def false_alarm(out: Path, *, pixels: int) -> str:
+    """Measure, write the table, and return the page."""
+    rates = [
+        rate
+        for numbers, (asr, n_av) in itertools.product(HARMONICS, LIGHTS)
+        for rate in measured(numbers, asr, n_av, pixels=pixels // (len(numbers) - 1))
+    ]
+    write_csv(out / "false_alarm.csv", (asdict(rate) for rate in rates))
+    head = ["harmonics", "ASR, n_av", "asked", "misfit alone", "of asked", "found as two", "of asked"]
+    lines = [
+        [
+            "{1,2}" if rate.harmonics == 2 else "{1,2,3}",
+            f"{rate.asr:g}, {power(rate.n_av)}",
+            f"{rate.asked:g}",
+            *(f"{rate.misfit:.5f}", f"{rate.misfit / rate.asked:.2f}"),
+            *(f"{rate.two:.5f}", f"{rate.two / rate.asked:.2f}"),
+        ]
+        for rate in rates
+    ]
+    off = max(abs(rate.misfit / rate.asked - 1.0) for rate in rates)
+    shares = [rate.two / rate.asked for rate in rates]
+    return PAGE.format(
+        seeds=SEEDS,
+        pixels=pixels,
+        pixels_three=pixels // 2,
+        table=markdown(head, lines),
+        off=off,
+        verdict="so" if off <= WITHIN else "**not so**",
+        least=min(shares),
+        most=max(shares),
+        scatter=1.0 / (min(ASKED) * SEEDS * pixels / 2) ** 0.5,
+    )
+
+
+PAGE = """# False alarms
+
+Made by `scripts/measure_limits false_alarm`: pixels without MPI, {seeds} seeds × {pixels} pixels a light with harmonics 1
+and 2 ({pixels_three} with three), in [false_alarm.csv](false_alarm.csv).
+
+`--false-alarm P` is used three times: a pixel has a signal where noise alone exceeds its power with probability P; one
+path is not enough where noise alone leaves its misfit with probability P; and then a second path must also move the
+direct one by more than the scatter that it costs. The last makes the share of pixels that **end** as two paths without
+MPI smaller than P: for them P is an upper limit. Where the misfit alone decides, P is what it says:
+
+{table}
+
+Asked: the misfit alone within 15 % of P. That is {verdict}: it is off by {off:.0%} at most, where counting alone scatters
+by up to {scatter:.0%}. Found as two are {least:.2f} to {most:.2f} of P, a larger part of it the smaller it is. Making
+that share P itself would mean to take for two paths what makes the depth worse: the second condition is what keeps splits
+of one path from doubling the error of all.
+"""

@@ -1,0 +1,150 @@
+"""Every picture that a command draws: nothing cut off, nothing on top of curves, axes labelled, any name, no file replaced."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.transforms import BboxBase
+
+from cadtof_cli.calibration.store import save_part
+from cadtof_cli.capture.metadata import CaptureMetadata
+from tests.support.calibrations import made_up_calibration
+from tests.support.captures import record, write_exr, write_frame
+from tests.support.forward import step_frame, step_truth
+from tests.support.run_cadtof import cadtof
+
+HOSTILE = "$a$_{b}^2 深度 ☃ new\nline \\x"
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder of a hostile name with captures of several shapes, their maps, truth, a calibration and two walls."""
+    place = tmp_path_factory.mktemp("pictures") / HOSTILE
+    shapes = {"usual": (24, 32), "wide": (6, 96), "tall": (120, 8)}
+    for name, (height, width) in shapes.items():
+        capture = record(place / f"{name} capture", frames=2)
+        for file in capture.files:
+            volts = np.tile(step_frame(np.random.default_rng(0)), (1, 1, 5, 3))
+            write_frame(file, volts[..., :height, :width])
+        done = cadtof("resolve", capture.folder, "-o", place / name, "-j", 1, "-q", "--mpi-model", "discrete")
+        assert done.status == 0
+    write_exr(place / "truth.exr", {"direct.depth": step_truth().astype(np.float32)})
+    for part in made_up_calibration(CaptureMetadata(), (24, 32), ("dark", "response", "petzval")).parts:
+        save_part(place / "calibration", part)
+    return place
+
+
+@pytest.fixture
+def figures(monkeypatch: pytest.MonkeyPatch) -> list[Figure]:
+    """The figures that are drawn meanwhile."""
+    drawn: list[Figure] = []
+    save = Figure.savefig
+
+    def recorded(figure: Figure, *arguments: Any, **more: Any) -> None:
+        save(figure, *arguments, **more)
+        drawn.append(figure)
+
+    monkeypatch.setattr(Figure, "savefig", recorded)
+    return drawn
+
+
+COMMANDS: dict[str, tuple[object, ...]] = {
+    "preview of maps": ("preview", "usual", "--frame", 0),
+    "preview with truth": ("preview", "usual", "--frame", 0, "--truth", "truth.exr"),
+    "preview of a wide map": ("preview", "wide", "--frame", 0),
+    "preview of a tall map": ("preview", "tall", "--frame", 0),
+    "preview of a layer": ("preview", "usual", "--frame", 1, "--layer", "mpi.depth"),
+    "preview of a sheet": ("preview", "usual"),
+    "preview of a recorded frame": ("preview", "usual capture", "--frame", 0),
+    "preview of truth": ("preview", "truth.exr"),
+    "preview of a calibration": ("preview", "calibration"),
+    "compare": ("compare", "usual", "truth.exr"),
+    "compare runs": ("compare", "wide", "wide"),
+    "profile": ("profile", "usual", "--row", 3, "--truth", "truth.exr"),
+    "inspect": ("inspect", "usual capture", "--pixel", "20,3"),
+}
+
+FOLDERS = {"usual", "wide", "tall", "usual capture", "truth.exr", "calibration"}
+
+
+def _typed(place: Path, command: str) -> list[object]:
+    return [place / str(word) if word in FOLDERS else word for word in COMMANDS[command]]
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_a_picture_is_whole(command: str, place: Path, figures: list[Figure], tmp_path: Path) -> None:
+    done = cadtof(*_typed(place, command), "-o", tmp_path / "a.png")
+    assert (done.status, done.err) == (0, "")
+    (figure,) = figures
+    _require_whole(figure)
+
+
+def test_pictures_of_simulations_are_whole(figures: list[Figure], tmp_path: Path) -> None:
+    cycles = ("--cycles", 2000, "--runs", 5, "-j", 1, "-q")
+    assert cadtof("simulate", "--integration-length", 1000, *cycles, "-o", tmp_path / "simulated").status == 0
+    grid = ("--asr", "1:5:3", "--mpi", "0,0.3", "--integration-length", "1e3,1e5", "--runs", 5, "-j", 1, "-q")
+    assert cadtof("sweep", *grid, "-o", tmp_path / "a.csv", "--plot", tmp_path / "plots").status == 0
+    assert len(figures) == 6
+    for figure in figures:
+        _require_whole(figure)
+
+
+def _require_whole(figure: Figure) -> None:
+    """Make sure that all text lies within the figure, headings do not overlap, legends are beside curves, axes are labelled."""
+    figure.draw_without_rendering()
+    page = figure.bbox
+    shown = [axes for axes in figure.axes if axes.get_visible() and axes.axison]
+    legends = [one for one in (*figure.legends, *(axes.get_legend() for axes in shown)) if one is not None]
+    for text in _texts(figure, shown):
+        assert _inside(text[1], page), f"{text[0]!r} is cut off"
+    for legend in legends:
+        box = legend.get_window_extent()
+        assert _inside(box, page), "a legend is cut off"
+        for axes in shown:
+            if axes.get_lines() or axes.images:
+                assert not _overlap(box, axes.get_window_extent()), "a legend lies on curves"
+    headings = [(text.get_text(), text.get_window_extent()) for text in figure.texts if text.get_text()]
+    headings += [(axes.get_title(), axes.title.get_window_extent()) for axes in shown if axes.get_title()]
+    for number, (name, box) in enumerate(headings):
+        for other, there in headings[:number]:
+            assert not _overlap(box, there), f"{name!r} overlaps {other!r}"
+    assert any(axes.get_xlabel() for axes in shown) or not any(axes.images for axes in shown)
+    assert any(axes.get_ylabel() for axes in shown)
+
+
+def _texts(figure: Figure, shown: list[Axes]) -> Iterator[tuple[str, BboxBase]]:
+    for axes in shown:
+        texts = [axes.title, axes.xaxis.label, axes.yaxis.label]
+        for axis in (axes.xaxis, axes.yaxis):
+            low, high = sorted(axis.get_view_interval())
+            texts += [tick.label1 for tick in axis.get_major_ticks() if low <= tick.get_loc() <= high]
+        for text in texts:
+            if text.get_text() and text.get_visible():
+                yield text.get_text(), text.get_window_extent()
+    for text in figure.texts:
+        yield text.get_text(), text.get_window_extent()
+
+
+def _inside(box: BboxBase, page: BboxBase) -> bool:
+    return bool(box.x0 >= -1 and box.y0 >= -1 and box.x1 <= page.x1 + 1 and box.y1 <= page.y1 + 1)
+
+
+def _overlap(box: BboxBase, other: BboxBase) -> bool:
+    return bool(min(box.x1, other.x1) - max(box.x0, other.x0) > 1 and min(box.y1, other.y1) - max(box.y0, other.y0) > 1)
+
+
+@pytest.mark.parametrize("command", ["preview of maps", "compare", "profile", "inspect"])
+def test_nothing_is_replaced_and_only_pictures_are_written(command: str, place: Path, tmp_path: Path) -> None:
+    there = tmp_path / "a.svg"
+    there.write_text("mine")
+    done = cadtof(*_typed(place, command), "-o", there)
+    assert (done.status, "is there already; add --overwrite" in done.err) == (2, True)
+    assert there.read_text() == "mine"
+    assert cadtof(*_typed(place, command), "-o", there, "--overwrite").status == 0
+    assert there.read_text(encoding="utf-8").startswith("<?xml")
+    done = cadtof(*_typed(place, command), "-o", tmp_path / "a.bmp")
+    assert (done.status, "found the suffix '.bmp', expected one of .png" in done.err) == (2, True)

@@ -1,0 +1,57 @@
+"""docs/troubleshooting.md says what to do about every error message in the source."""
+
+from pathlib import Path
+
+from docs_checks.messages import Entry, entries, messages, unexplained
+
+from tests.support.run_cadtof import ROOT, cadtof
+
+PACKAGE, PAGE = ROOT / "cadtof_cli", ROOT / "docs" / "troubleshooting.md"
+
+
+def test_every_message_has_an_entry_and_every_entry_a_message() -> None:
+    wrong = list(unexplained(PACKAGE, PAGE))
+    assert not wrong, "docs/troubleshooting.md: " + "\n".join(wrong)
+
+
+def test_messages_are_found_in_the_source() -> None:
+    found = {message.text for message in messages(PACKAGE)}
+    assert len(found) > 250
+    # one of each way in which a message comes about
+    assert "--pool: found …, expected an odd number of pixels such as 3 or 5" in found
+    assert "tilt: found …, expected angles below 60°" in found
+    assert "they look like millivolts: give --volts-per-count 0.001" in found
+    assert any(text.startswith("the worker process died twice") for text in found)
+    assert "No such command '…': did you mean …?" in found
+
+
+def test_an_entry_is_about_what_a_user_sees(tmp_path: Path) -> None:
+    seen = cadtof("resolve", tmp_path / "nowhere", "-o", tmp_path / "out").err.strip().removeprefix("Error: ")
+    assert any(entry.holds(seen) for entry in entries(PAGE))
+
+
+def test_what_is_missing_is_seen(tmp_path: Path) -> None:
+    package = tmp_path / "package"
+    package.mkdir()
+    (package / "errors.py").write_text("class CadtofError(Exception): ...\nclass LensError(CadtofError): ...\n")
+    (package / "lens.py").write_text("def f(x):\n    raise LensError(f'{x}: the lens is dirty, clean it')\n")
+    page = tmp_path / "page.md"
+    page.write_text("| message | what to do |\n|---|---|\n| `the sensor is cold` | warm it up slowly |\n")
+    missing, stale = unexplained(package, page)
+    assert missing.endswith("'…: the lens is dirty, clean it' has no entry")
+    assert stale == "page.md: no message is like 'the sensor is cold' any more"
+    page.write_text("| `…: the lens is dirty, …` | wipe the lens with a cloth |\n")
+    assert not list(unexplained(package, page))
+    page.write_text("| `…: the LENS` or `…: the NAME is dirty, …` with NAME one of lens, `mirror` | wipe it |\n")
+    assert [entry.pattern for entry in entries(page)] == [
+        "…: the LENS",
+        "…: the lens is dirty, …",
+        "…: the mirror is dirty, …",
+    ]
+
+
+def test_an_entry_that_is_like_anything_or_has_no_cure_is_seen() -> None:
+    assert Entry("…: found …, expected …", "x").holds("a: found b, expected c")
+    wrong = list(unexplained(PACKAGE, PAGE.parent / "glossary.md"))
+    assert all("has no entry" in line or "glossary.md" in line for line in wrong)
+    assert len(wrong) > 250

@@ -1,0 +1,107 @@
+"""A lamp beside the camera: ranges from the way that light goes, against that way laid out in space."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Optics, Pixel, Pulse
+from cadtof_cli.errors import SettingsError
+from cadtof_cli.frame_plan import FramePlan, MapSettings
+from cadtof_cli.maps.layers import DIRECT_DEPTH
+from cadtof_cli.optics.lamp import LampBeside
+from cadtof_cli.pipeline import joined_parts, prepare_frame, resolve_frame, resolve_pixels
+from tests.support.diffuse_frames import F, phasors_of, slopes
+from tests.support.run_cadtof import cadtof
+
+OFFSETS = [(0.1, 0.0, 0.0), (0.0, -0.05, 0.0), (0.02, 0.03, 0.1), (0.0, 0.0, -0.2)]
+SIZE = (48, 64)
+
+
+def rays() -> F:
+    x, y = slopes(*SIZE, focal_px=60.0)
+    r = np.stack([x, y, np.ones(SIZE)])
+    return np.asarray(r / np.linalg.norm(r, axis=0))
+
+
+def half_way(range_m: F, offset: tuple[float, float, float]) -> F:
+    """Lamp to surface to camera, over two."""
+    to_lamp = np.linalg.norm(rays() * range_m - np.array(offset)[:, None, None], axis=0)
+    return np.asarray(0.5 * (to_lamp + range_m))
+
+
+def metadata(offset: tuple[float, float, float] | None, focal_px: float | None = 60.0) -> CaptureMetadata:
+    return CaptureMetadata(
+        modulation=Modulation(amplitude_v=1.0),
+        pixel=Pixel(integration_length=1e5),
+        pulse=Pulse(fwhm_ns=0.0),
+        optics=Optics(focal_length_px=focal_px, lamp_offset_m=offset),
+    )
+
+
+def volts(half_m: F) -> F:
+    p = phasors_of(half_m, n_av=1e5)
+    return np.stack([np.stack([one.real, one.imag]) for one in p])
+
+
+@pytest.mark.parametrize("offset", OFFSETS)
+def test_the_range_is_that_from_the_camera(offset: tuple[float, float, float]) -> None:
+    range_m = np.linspace(0.3, 5.0, SIZE[0] * SIZE[1]).reshape(SIZE)
+    lamp = LampBeside.of(Optics(focal_length_px=60.0, lamp_offset_m=offset), SIZE)
+    assert lamp is not None
+    found = lamp.range_m(half_way(range_m, offset).ravel(), slice(None))
+    np.testing.assert_allclose(found, range_m.ravel(), atol=1e-9)
+
+
+def test_light_that_went_less_far_than_the_lamp_is_away_comes_from_the_camera() -> None:
+    lamp = LampBeside.of(Optics(focal_length_px=60.0, lamp_offset_m=(0.1, 0.0, 0.0)), SIZE)
+    assert lamp is not None
+    np.testing.assert_array_equal(lamp.range_m(np.array([0.0, 0.02, 0.05]), slice(0, 3)), 0.0)
+
+
+@pytest.mark.parametrize("offset", [None, (0.0, 0.0, 0.0)])
+def test_a_lamp_at_the_camera_is_none(offset: tuple[float, float, float] | None) -> None:
+    assert LampBeside.of(Optics(lamp_offset_m=offset), SIZE) is None
+
+
+def test_a_lamp_needs_the_focal_length() -> None:
+    with pytest.raises(SettingsError, match="focal_length_px"):
+        LampBeside.of(Optics(lamp_offset_m=(0.1, 0.0, 0.0)), SIZE)
+
+
+@pytest.mark.parametrize("depth", ["range", "z"])
+@pytest.mark.parametrize("kernel", [None, "numpy"])
+def test_maps_hold_depth_from_the_camera(depth: str, kernel: str | None) -> None:
+    offset = (0.1, 0.02, 0.0)
+    range_m = np.full(SIZE, 0.8)
+    truth = range_m * rays()[2] if depth == "z" else range_m
+    plan = FramePlan(metadata=metadata(offset), settings=MapSettings(depth="z" if depth == "z" else "range"))
+    found = resolve_frame(volts(half_way(range_m, offset)), plan=plan, kernel=kernel).maps.layer(DIRECT_DEPTH)
+    # noise of .1 rad/√(n) a pixel is some 3 mm; the lamp moves the depth by 3 mm to 3 cm
+    assert abs(np.median(found - truth)) < 2e-4
+    left, right = (np.median((found - truth)[:, part]) for part in (slice(0, 16), slice(48, 64)))
+    assert max(abs(left), abs(right)) < 5e-4
+
+
+def test_parts_of_a_frame_know_where_they_look() -> None:
+    offset = (0.1, 0.02, 0.0)
+    plan = FramePlan(metadata=metadata(offset))
+    pixels = prepare_frame(volts(half_way(np.full(SIZE, 0.8), offset)), plan=plan)
+    split = joined_parts(pixels, [resolve_pixels(part, plan=plan) for part in pixels.parts(5)])
+    whole = joined_parts(pixels, [resolve_pixels(pixels, plan=plan)])
+    np.testing.assert_array_equal(split.maps.values, whole.maps.values)
+
+
+def test_a_pixel_without_an_answer_stays_without() -> None:
+    stored = volts(np.full(SIZE, 0.8))
+    stored[:, :, 3, 4] = np.nan
+    maps = resolve_frame(stored, plan=FramePlan(metadata=metadata((0.1, 0.0, 0.0)))).maps
+    assert np.isnan(maps.layer(DIRECT_DEPTH)[3, 4])
+    assert np.isfinite(maps.layer(DIRECT_DEPTH)).sum() == SIZE[0] * SIZE[1] - 1
+
+
+def test_a_simulated_capture_names_its_lamp(tmp_path: Path) -> None:
+    out = tmp_path / "room"
+    size = ("--width", "32", "--height", "24", "--light-paths", "4")
+    cadtof("simulate", "--scene", "room", "--seed", "3", *size, "--lamp-offset", "0.1,0,0", "-o", str(out))
+    assert "lamp_offset_m = [0.1, 0.0, 0.0]" in (out / "capture.toml").read_text()
