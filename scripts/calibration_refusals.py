@@ -1,4 +1,4 @@
-"""How often calibration captures are refused that are sound, and how often those that are not: over seeds, each its own camera."""
+"""How often calibration captures are refused that are sound, and how often those that are not: over seeds, a camera each."""
 
 import argparse
 import sys

@@ -17,13 +17,25 @@ OF_README = {
 
 CHAPTERS = {
     "Begin": ("tour", "capture", "commands/index", "troubleshooting", "glossary"),
-    "Use": ("looking", "formats", "calibration", "solvers", "diffuse", "cluster", "reliability", "python", "shells"),
+    "Use": (
+        "looking",
+        "report",
+        "formats",
+        "calibration",
+        "solvers",
+        "diffuse",
+        "cluster",
+        "reliability",
+        "python",
+        "shells",
+    ),
     "Understand": ("physics", "simulation", "paper/README", "architecture"),
 }
 """Chapters of the site with their pages; a page of docs that is in none stands under “More”."""
 
 SHORT = {
     "looking": "Looking at results",
+    "report": "The page of a run",
     "formats": "File formats",
     "calibration": "Calibration",
     "solvers": "Solvers",

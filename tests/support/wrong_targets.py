@@ -1,4 +1,4 @@
-"""Calibration captures that are what they should be, and captures that are not: light on dark frames, things before walls, MPI."""
+"""Calibration captures that are what they should be, and captures that are not: light on dark frames, things before walls."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -123,7 +123,7 @@ def _targets(scene: str, distances_m: tuple[float, ...]) -> Callable[[Path, int]
 
 
 def _with_floor(seen: DefectiveCamera, distance_m: float, *, seed: int) -> Frames:
-    """A wall that gets light by way of a floor: up to 30 % of its own at the lower edge, by ways that differ with the distance."""
+    """A wall that gets light by way of a floor: up to 30 % of its own at the lower edge, by ways that differ."""
     ranges = seen.wall_range_m(distance_m)
     height = np.linspace(1.0, 0.0, seen.pixels[0])[:, np.newaxis]
     ratio = 0.3 * (1.0 - height) * np.ones(seen.pixels)

@@ -1,9 +1,9 @@
 """Whether frames that should be dark saw light: what light does to pixels, harmonics and channels, and offsets do not.
 
-Light that arrives at a phase φ gives the fundamental A·exp(iφ), and harmonic h a multiple of A·exp(ihφ), the same multiple in every
-pixel, whatever gains and delays the camera has. Offsets may differ from pixel to pixel, lean over the array, be alike in rows, in columns
-or in all harmonics: what they tie together is tied by a linear map, if at all. Where all light comes at one phase that tells nothing;
-then there is the level, which a stored zero that is known keeps small.
+Light that arrives at a phase φ gives the fundamental A·exp(iφ), and harmonic h a multiple of A·exp(ihφ), the same multiple in
+every pixel, whatever gains and delays the camera has. Offsets may differ from pixel to pixel, lean over the array, be alike in
+rows, in columns or in all harmonics: what they tie together is tied by a linear map, if at all. Where all light comes at one
+phase that tells nothing; then there is the level, which a stored zero that is known keeps small.
 """
 
 from dataclasses import dataclass
@@ -41,7 +41,8 @@ class LightSeen:
     Attributes:
         law: share of what a linear map of the fundamental leaves of a harmonic in one half of the array, that the law of light
             foretells with the multiple of the other half; over the share that chance reaches.
-        level: length of the phasor that the pixels have in common, over the modulation amplitude, at the harmonic where it is least.
+        level: length of the phasor that the pixels have in common, over the modulation amplitude, at the harmonic of the
+            least.
     """
 
     law: float
@@ -124,7 +125,7 @@ def _foretold(first: Complex, other: Complex, law: Complex, half: Bool) -> float
         return 0.0
     multiples = [complex(np.vdot(b, one)) / p for b, one, p in zip(bent, left, power, strict=True)]
     missed = [one - multiple * b for one, b, multiple in zip(left, bent, reversed(multiples), strict=True)]
-    return 1.0 - sum(float(np.vdot(one, one).real) for one in missed) / total
+    return 1.0 - float(sum(np.vdot(one, one).real for one in missed)) / total
 
 
 def _without_affine(first: Complex, values: Complex) -> Complex:

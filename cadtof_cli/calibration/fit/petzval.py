@@ -132,9 +132,9 @@ def _require_walls(layout: _Layout, fit: RobustFit, sigma: Float, usable: Sequen
         if on_wall < LEAST_ON_WALL:
             raise SettingsError(
                 f"wall {index + 1} ({origin.captures[index]}): {on_wall:.0%} of what has a single path lies on a wall within "
-                f"{1000 * OFF_WALL_M:.0f} mm and noise, expected {LEAST_ON_WALL:.0%} or more: it is no flat wall, or bent by other "
-                "light (MPI: floor, corners, shiny things). Take a plain wall that fills the view; other things in view may hide a "
-                "third of it"
+                f"{1000 * OFF_WALL_M:.0f} mm and noise, expected {LEAST_ON_WALL:.0%} or more: it is no flat wall, or bent by "
+                "other light (MPI: floor, corners, shiny things). Take a plain wall that fills the view; other things in view "
+                "may hide a third of it"
             )
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cadtof_cli.arrays import Bool, Complex, Float
-from cadtof_cli.calibration.fit.flatness import block_rms
+from cadtof_cli.calibration.fit.flatness import shape_rms
 from cadtof_cli.calibration.fit.pixels import Observations, PixelFit, fit_pixels
 from cadtof_cli.calibration.fit.robust import RobustFit, robust_fit
 from cadtof_cli.calibration.fit.terms import TermFit, fit_terms
@@ -64,7 +64,7 @@ def fit_response(targets: Sequence[TargetMean], /, *, metadata: CaptureMetadata,
     """Return the response that explains all targets, with as many terms as their distances can tell.
 
     Raises:
-        SettingsError: too few pixels see every target; or the targets are no flat walls that face the camera, as far as can be told.
+        SettingsError: too few pixels see every target; or the targets are no flat walls that face the camera.
     """
     known_optics = metadata.optics.focal_length_px is not None
     ranges = np.stack([_range(metadata, origin.pixels, target.distance_m) for target in targets])
@@ -167,34 +167,35 @@ def _require_one_response(pixels: PixelFit, where: Bool, origin: Origin) -> None
     """Make sure that every target is what the response of the others, and its own distance, make of it."""
     metres = metres_per_radian(origin.periods_ns[0])
     misfits = [
-        max(metres * block_rms(left.imag / h, where) for h, left in zip(origin.harmonics, one, strict=True))
+        max(metres * shape_rms(left.imag / h, where) for h, left in zip(origin.harmonics, one, strict=True))
         for one in pixels.left
     ]
     worst = int(np.argmax(misfits))
     if misfits[worst] > LARGEST_MISFIT_M:
         raise SettingsError(
             f"{origin.captures[worst]}: over the array this target departs from what the others show by "
-            f"{1000 * misfits[worst]:.0f} mm, expected {1000 * LARGEST_MISFIT_M:.0f} mm at most: it is not flat, leans, sees light "
-            "by other ways (MPI: floor, walls, shiny things beside it), or its distance is wrong; or the dark calibration is missing "
-            "in the folder. Point the camera square at a plain wall, clear the sides, measure the distance, and record anew"
+            f"{1000 * misfits[worst]:.0f} mm, expected {1000 * LARGEST_MISFIT_M:.0f} mm at most: it is not flat, leans, sees "
+            "light by other ways (MPI: floor, walls, shiny things beside it), or its distance is wrong; or the dark calibration "
+            "is missing in the folder. Point the camera square at a plain wall, clear the sides, measure the distance, and "
+            "record anew"
         )
 
 
 def _require_flat(fit: RobustFit, sigma: Float, where: Bool) -> None:
-    """Make sure that what pixels have of their own looks like no thing in view: that would go into every frame that is corrected."""
+    """Make sure that what pixels have of their own looks like no thing in view: it goes into every frame that is corrected."""
     lean = float(np.hypot(*fit.parameters[3:]))
-    shape = block_rms(fit.residual * sigma, where)
+    shape = shape_rms(fit.residual * sigma, where)
     if lean > LARGEST_LEAN_M:
         raise SettingsError(
             f"one side of the array sees the targets {1000 * lean:.0f} mm nearer than the other, expected "
-            f"{1000 * LARGEST_LEAN_M:.0f} mm at most: the targets do not face the camera, or light comes by other ways on one side (MPI: "
-            "floor, side walls). Point the camera square at a plain wall, clear the sides, and record anew"
+            f"{1000 * LARGEST_LEAN_M:.0f} mm at most: the targets do not face the camera, or light comes by other ways on one "
+            "side (MPI: floor, side walls). Point the camera square at a plain wall, clear the sides, and record anew"
         )
     if shape > LARGEST_SHAPE_M:
         raise SettingsError(
             f"the targets have a shape: blocks of the array depart from a wall by {1000 * shape:.0f} mm, expected "
-            f"{1000 * LARGEST_SHAPE_M:.0f} mm at most: they are not flat, something stands before them, or light comes by other ways "
-            "(MPI). Take a plain wall that fills the view, and record anew"
+            f"{1000 * LARGEST_SHAPE_M:.0f} mm at most: they are not flat, something stands before them, or light comes by "
+            "other ways (MPI). Take a plain wall that fills the view, and record anew"
         )
 
 

@@ -15,7 +15,7 @@ def _seen(volts: NDArray[np.float64], harmonics: tuple[int, ...] = (1, 2)) -> Li
 
 
 def _light(amplitude_v: float, phase: NDArray[np.float64], harmonics: tuple[int, ...] = (1, 2)) -> NDArray[np.float64]:
-    """Voltages of light at a phase of the fundamental, (H, 2, Y, X): gains and delays of harmonics beyond it are the camera's own."""
+    """Voltages of light at a phase of the fundamental, (H, 2, Y, X): harmonics beyond it have gains and delays."""
     phasors = [amplitude_v * 0.8 ** (h - 1) * np.exp(1j * (h * phase + 0.3 * (h - 1))) for h in harmonics]
     return np.stack([[one.real, one.imag] for one in phasors])
 
