@@ -36,6 +36,7 @@ CHAPTERS = {
 
 SHORT = {
     "looking": "Looking at results",
+    "report": "The page of a run",
     "formats": "File formats",
     "calibration": "Calibration",
     "solvers": "Solvers",

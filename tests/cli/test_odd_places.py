@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 import tifffile
 
-from tests.support.captures import record, write_exr, write_pages
+from tests.support.captures import record, write_exr, write_frame, write_pages
 from tests.support.forward import step_truth
 from tests.support.run_cadtof import Finished, cadtof, program
 
@@ -88,7 +88,10 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
     place = tmp_path_factory.mktemp("odd") / "place"
     capture = record(place / "cap", frames=3)
     assert cadtof("resolve", capture.folder, "-o", place / "out", "-j", 1).status == 0
-    assert cadtof("calibrate", "dark", capture.folder, "-o", place / "cal").status == 0
+    dark, rng = record(place.parent / "dark", frames=2), np.random.default_rng(1)
+    for file in dark.files:
+        write_frame(file, rng.normal(scale=4e-4, size=(2, 2, 24, 32)))
+    assert cadtof("calibrate", "dark", dark.folder, "-o", place / "cal").status == 0
     write_exr(place / "truth.exr", {"direct.depth": step_truth().astype(np.float32)})
     return place
 

@@ -165,6 +165,8 @@ def test_keys_move_the_pixel_and_change_the_frame(shown: Shown) -> None:
     shown.browser.press("#map", "ARROW_RIGHT", "ARROW_RIGHT", "ARROW_UP")
     _require_pixel(shown, 0, 12, 9)
     assert "Column 12, row 9: direct.depth" in shown.browser.find("#said").get_attribute("textContent")
+    shown.browser.press("#map", "ENTER", "ARROW_DOWN", "ARROW_DOWN", "ENTER", "ARROW_UP", "ARROW_UP")
+    assert shown.browser.find("#profile-title").text == "Profile from pixel 12, 9 to 12, 11"
     shown.browser.press("#map", "PAGE_DOWN")
     shown.browser.wait("return document.querySelector('#frame-name').textContent.includes('frame_1')")
     _require_pixel(shown, 1, 12, 9)

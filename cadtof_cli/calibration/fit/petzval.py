@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cadtof_cli.arrays import Bool, Float, Index
+from cadtof_cli.calibration.fit.flatness import block_medians
 from cadtof_cli.calibration.fit.robust import RobustFit, robust_fit
 from cadtof_cli.calibration.parts import Origin
 from cadtof_cli.calibration.petzval import PetzvalCalibration, PetzvalQuality, WallFit
@@ -19,6 +20,12 @@ LEAST_PIXELS = 50
 
 DISTINCT_DISTANCES = 1.2
 """Ratio of the farthest to the nearest wall from which on the focal length can be fitted."""
+
+OFF_WALL_M = 0.02
+"""What the median of a block may depart from its wall, beside noise, and lie on it."""
+
+LEAST_ON_WALL = 0.6
+"""Share of the blocks with a single path that must lie on their wall."""
 
 LARGEST_STDERR_M = 0.01
 """Standard error of a coefficient, which is that of the depth in the corners, from which on the user is warned."""
@@ -89,7 +96,7 @@ def fit_petzval(
 
     Raises:
         SettingsError: a wall has too few pixels with a single path; or there are no optics and no two walls at distances
-            that differ enough for the focal length to be fitted too.
+            that differ enough for the focal length to be fitted too; or what was seen is no wall.
     """
     point = principal_point(optics, origin.pixels)
     half_diagonal = half_diagonal_px(origin.pixels)
@@ -109,9 +116,26 @@ def fit_petzval(
     sigma = np.concatenate([wall.sigma_m[good] for wall, good in zip(walls, usable, strict=True)])
     start = _start(layout, ranges)
     fit = _fitted(layout, ranges, sigma, start, fixed=())
+    _require_walls(layout, fit, sigma, usable, origin)
     flat = _fitted(layout, ranges, sigma, fit.parameters * np.where(np.arange(layout.count) < 2, 0, 1), fixed=(0, 1))
     quality = _quality(layout, fit, flat, sigma, half_diagonal, point, optics)
     return PetzvalCalibration(origin, float(fit.parameters[0]), float(fit.parameters[1]), point, quality)
+
+
+def _require_walls(layout: _Layout, fit: RobustFit, sigma: Float, usable: Sequence[Bool], origin: Origin) -> None:
+    """Make sure that most of what each capture shows lies on the wall that was fitted to it."""
+    for index, where in enumerate(usable):
+        here = layout.wall == index
+        off = np.abs(block_medians((fit.residual * sigma)[here], where))
+        noise = block_medians(sigma[here], where)
+        on_wall = float(np.mean(off <= OFF_WALL_M + noise)) if off.size else 1.0
+        if on_wall < LEAST_ON_WALL:
+            raise SettingsError(
+                f"wall {index + 1} ({origin.captures[index]}): {on_wall:.0%} of what has a single path lies on a wall within "
+                f"{1000 * OFF_WALL_M:.0f} mm and noise, expected {LEAST_ON_WALL:.0%} or more: it is no flat wall, or bent by "
+                "other light (MPI: floor, corners, shiny things). Take a plain wall that fills the view; other things in view "
+                "may hide a third of it"
+            )
 
 
 def _require_distinct(walls: Sequence[WallRanges]) -> None:

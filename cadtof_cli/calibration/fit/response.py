@@ -7,8 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from cadtof_cli.arrays import Bool, Complex, Float
+from cadtof_cli.calibration.fit.flatness import shape_rms
 from cadtof_cli.calibration.fit.pixels import Observations, PixelFit, fit_pixels
-from cadtof_cli.calibration.fit.robust import robust_fit
+from cadtof_cli.calibration.fit.robust import RobustFit, robust_fit
 from cadtof_cli.calibration.fit.terms import TermFit, fit_terms
 from cadtof_cli.calibration.parts import Origin
 from cadtof_cli.calibration.response import ResponseCalibration, ResponseQuality
@@ -37,6 +38,15 @@ CURVATURE_SIGNIFICANCE = 4.0
 LARGEST_RESIDUAL = 1.5
 """What may be left over the noise before the user is warned."""
 
+LARGEST_MISFIT_M = 0.01
+"""What blocks of a target may depart from what all targets have in common, as a range, root mean square, before it is refused."""
+
+LARGEST_LEAN_M = 0.1
+"""What one side of the array may be nearer than the other, on targets that face the camera, before they are refused."""
+
+LARGEST_SHAPE_M = 0.03
+"""What blocks may depart from a wall seen through a curved field, root mean square, before the targets are refused."""
+
 
 @dataclass(frozen=True, eq=False)
 class TargetMean:
@@ -54,7 +64,7 @@ def fit_response(targets: Sequence[TargetMean], /, *, metadata: CaptureMetadata,
     """Return the response that explains all targets, with as many terms as their distances can tell.
 
     Raises:
-        SettingsError: too few pixels see every target.
+        SettingsError: too few pixels see every target; or the targets are no flat walls that face the camera.
     """
     known_optics = metadata.optics.focal_length_px is not None
     ranges = np.stack([_range(metadata, origin.pixels, target.distance_m) for target in targets])
@@ -69,6 +79,7 @@ def fit_response(targets: Sequence[TargetMean], /, *, metadata: CaptureMetadata,
     distinct = 1 + sum(b - a > SAME_DISTANCE_M for a, b in itertools.pairwise(distances))
     terms = fit_terms(observed[:: max(1, usable.sum() // TERM_PIXELS)], base, distances=distinct)
     pixels = fit_pixels(observed, terms.terms)
+    _require_one_response(pixels, usable.reshape(origin.pixels), origin)
     findings = [*terms.findings, *_assumptions(metadata, usable, known_optics)]
     curvature, errors, own = (0.0, 0.0), (0.0, 0.0), pixels.phase
     if known_optics:
@@ -143,12 +154,49 @@ def _without_curvature(
         return (ranges - shapes @ parameters) / sigma, shapes / sigma[:, np.newaxis]
 
     fit = robust_fit(residual, np.zeros(5))
+    _require_flat(fit, sigma, usable.reshape(origin.pixels))
     errors = np.sqrt(np.diag(fit.covariance))
     if not (np.abs(fit.parameters[:2]) > CURVATURE_SIGNIFICANCE * errors[:2]).any():
         return (0.0, 0.0), (0.0, 0.0), pixels.phase
     k2, k4 = float(fit.parameters[0]), float(fit.parameters[1])
     added = curvature_m(origin.pixels, point, (k2, k4)).ravel()[usable] / metres
     return (k2, k4), (float(errors[0]), float(errors[1])), pixels.phase - harmonics * added
+
+
+def _require_one_response(pixels: PixelFit, where: Bool, origin: Origin) -> None:
+    """Make sure that every target is what the response of the others, and its own distance, make of it."""
+    metres = metres_per_radian(origin.periods_ns[0])
+    misfits = [
+        max(metres * shape_rms(left.imag / h, where) for h, left in zip(origin.harmonics, one, strict=True))
+        for one in pixels.left
+    ]
+    worst = int(np.argmax(misfits))
+    if misfits[worst] > LARGEST_MISFIT_M:
+        raise SettingsError(
+            f"{origin.captures[worst]}: over the array this target departs from what the others show by "
+            f"{1000 * misfits[worst]:.0f} mm, expected {1000 * LARGEST_MISFIT_M:.0f} mm at most: it is not flat, leans, sees "
+            "light by other ways (MPI: floor, walls, shiny things beside it), or its distance is wrong; or the dark calibration "
+            "is missing in the folder. Point the camera square at a plain wall, clear the sides, measure the distance, and "
+            "record anew"
+        )
+
+
+def _require_flat(fit: RobustFit, sigma: Float, where: Bool) -> None:
+    """Make sure that what pixels have of their own looks like no thing in view: it goes into every frame that is corrected."""
+    lean = float(np.hypot(*fit.parameters[3:]))
+    shape = shape_rms(fit.residual * sigma, where)
+    if lean > LARGEST_LEAN_M:
+        raise SettingsError(
+            f"one side of the array sees the targets {1000 * lean:.0f} mm nearer than the other, expected "
+            f"{1000 * LARGEST_LEAN_M:.0f} mm at most: the targets do not face the camera, or light comes by other ways on one "
+            "side (MPI: floor, side walls). Point the camera square at a plain wall, clear the sides, and record anew"
+        )
+    if shape > LARGEST_SHAPE_M:
+        raise SettingsError(
+            f"the targets have a shape: blocks of the array depart from a wall by {1000 * shape:.0f} mm, expected "
+            f"{1000 * LARGEST_SHAPE_M:.0f} mm at most: they are not flat, something stands before them, or light comes by "
+            "other ways (MPI). Take a plain wall that fills the view, and record anew"
+        )
 
 
 def _mean_rotor(phase: Float) -> Complex:

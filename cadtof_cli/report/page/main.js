@@ -194,6 +194,10 @@ function onPage() {
 async function start() {
   onStrip();
   if (!run.frames.length) return;
+  if (!("DecompressionStream" in window) || !("OffscreenCanvas" in window)) {
+    byId("too-old").hidden = false;
+    return;
+  }
   byId("viewer").hidden = byId("points").hidden = false;
   await showFrame(0);
   onMap();

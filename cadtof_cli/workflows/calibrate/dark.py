@@ -5,9 +5,11 @@ from pathlib import Path
 from typing import Any
 
 from cadtof_cli.calibration.dark import DEFECT_MEANING, Defect, fit_dark
+from cadtof_cli.calibration.fit.light import light_seen
 from cadtof_cli.calibration.store import Calibration
-from cadtof_cli.errors import SettingsError
+from cadtof_cli.errors import CaptureError, SettingsError
 from cadtof_cli.workflows.calibrate.captures import (
+    AveragedCapture,
     CalibrateReport,
     CalibrateSettings,
     averaged_captures,
@@ -23,11 +25,12 @@ def calibrate_dark(
     """Measure the dark part from one capture and write it.
 
     Raises:
-        CadtofError: see `averaged_captures`; or there are several captures.
+        CadtofError: see `averaged_captures`; or there are several captures, or the frames saw light.
     """
     averaged = averaged_captures(inputs, "dark", settings=settings, overrides=overrides, progress=progress)
     if len(averaged) > 1:
         raise SettingsError(f"found {len(averaged)} captures, expected one of covered-lens frames")
+    _require_dark(averaged[0])
     dark = fit_dark(averaged[0].mean, origin=origin_of(averaged, Calibration()))
     counts = dark.defect_counts()
     findings = tuple(
@@ -39,3 +42,20 @@ def calibrate_dark(
         findings += ("one frame only: no noise was measured, and noisy or dead pixels were not looked for",)
     bad = int(dark.hot.sum())
     return saved(dark, settings, {**dark.quality(), "bad_pixels": bad, "defects": counts}, findings)
+
+
+def _require_dark(capture: AveragedCapture) -> None:
+    """Make sure that the frames saw no light; offsets taken from lit frames would take the scene out of every other."""
+    modulation = capture.metadata.modulation
+    seen = light_seen(capture.mean.stored, harmonics=modulation.harmonics, amplitude_v=modulation.amplitude_v)
+    if seen.follows_law:
+        raise CaptureError(
+            f"{capture.root}: these frames saw light: over the array harmonics and channels follow each other as light ties "
+            "them, and offsets do not; cover the lens, or switch the laser off and darken the room, and record anew"
+        )
+    if seen.is_lit:
+        raise CaptureError(
+            f"{capture.root}: these frames saw light, or zero_counts is wrong: all pixels have {seen.level:.0%} of the "
+            "modulation amplitude, or more, in common at every harmonic, which is no offset; cover the lens and record anew; if "
+            "it was covered, mend --zero-counts, the stored value of 0 V"
+        )

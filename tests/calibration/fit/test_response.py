@@ -38,7 +38,7 @@ def response_of(
     seen = camera(defects, waveform=waveform, n_av=n_av)
     targets = [target(seen, d, seed=seed + index) for index, d in enumerate(distances_m)]
     origin = Origin(
-        captures=("targets",),
+        captures=tuple(f"target_{d}m" for d in distances_m),
         frames=FRAMES * len(targets),
         pixels=PIXELS,
         periods_ns=(40.0, 20.0),
@@ -115,8 +115,13 @@ def test_without_optics_the_distance_stands_for_every_pixel_and_it_is_said() -> 
 
 
 def test_offsets_that_nobody_took_out_are_warned_of() -> None:
-    found = response_of(Defects(offset_v=0.02), (0.5, 1.0, 1.7, 2.4, 3.0))
+    found = response_of(Defects(offset_v=0.004), (0.5, 1.0, 1.7, 2.4, 3.0))
     assert any(text.startswith("warning: what is left is") for text in found.quality.findings)
+
+
+def test_offsets_that_move_ranges_by_centimetres_are_refused() -> None:
+    with pytest.raises(SettingsError, match="or the dark calibration is missing in the folder"):
+        response_of(Defects(offset_v=0.02), (0.5, 1.0, 1.7, 2.4, 3.0))
 
 
 def test_a_target_that_is_not_seen_is_refused() -> None:

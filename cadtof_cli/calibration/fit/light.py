@@ -1,0 +1,134 @@
+"""Whether frames that should be dark saw light: what light does to pixels, harmonics and channels, and offsets do not.
+
+Light that arrives at a phase φ gives the fundamental A·exp(iφ), and harmonic h a multiple of A·exp(ihφ), the same multiple in
+every pixel, whatever gains and delays the camera has. Offsets may differ from pixel to pixel, lean over the array, be alike in
+rows, in columns or in all harmonics: what they tie together is tied by a linear map, if at all. Where all light comes at one
+phase that tells nothing; then there is the level, which a stored zero that is known keeps small.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cadtof_cli.arrays import Bool, Complex, Float
+from cadtof_cli.phasors.noise import MAD_PER_SIGMA
+
+OUTLIER = 6.0
+"""Robust standard deviations from the median of its plane beyond which a pixel is not asked."""
+
+LEAST_PIXELS = 200
+
+LEAST_KNOWN = 50
+"""Pixels or blocks that the law is asked of."""
+
+BLOCK = 5
+"""Pixels that a block's side has: the median of a block keeps the light of a scene, and little of the pixels' own offsets."""
+
+LAW_SHARE = 0.05
+"""Share of what a linear map leaves of a harmonic, from which on it is no chance that the law of light foretells it."""
+
+LAW_SHARE_OF_ROWS = 6.0
+"""That share times the rows or columns, whichever are fewer: of offsets that whole rows have in common there are no more."""
+
+LIGHT_LEVEL = 0.1
+"""What pixels have in common at every harmonic, over the modulation amplitude, from which on it is no offset."""
+
+
+@dataclass(frozen=True)
+class LightSeen:
+    """What speaks for light.
+
+    Attributes:
+        law: share of what a linear map of the fundamental leaves of a harmonic in one half of the array, that the law of light
+            foretells with the multiple of the other half; over the share that chance reaches.
+        level: length of the phasor that the pixels have in common, over the modulation amplitude, at the harmonic of the
+            least.
+    """
+
+    law: float
+    level: float
+
+    @property
+    def follows_law(self) -> bool:
+        """Whether the harmonics are tied as light ties them."""
+        return self.law > 1.0
+
+    @property
+    def is_lit(self) -> bool:
+        """Whether that is light, or as much as if it was."""
+        return self.follows_law or self.level > LIGHT_LEVEL
+
+
+def light_seen(volts: Float, /, *, harmonics: tuple[int, ...], amplitude_v: float) -> LightSeen:
+    """Return what speaks for light in the mean of dark frames, (H, 2, Y, X) in V; NaN stands where a pixel is not sound."""
+    phasors: Complex = volts[:, 0] + 1j * volts[:, 1]
+    usual = _usual(phasors)
+    if usual.sum() < LEAST_PIXELS:
+        return LightSeen(0.0, 0.0)
+    phasors = np.where(usual, phasors, np.nan)
+    common = [complex(np.nanmedian(one.real), np.nanmedian(one.imag)) for one in phasors]
+    law = max(_law_share(one, harmonics) for one in (phasors, _block_medians(phasors)))
+    return LightSeen(law, float(min(map(abs, common))) / amplitude_v)
+
+
+def _usual(phasors: Complex) -> Bool:
+    """Return which pixels, (Y, X), lie among the others in every plane."""
+    usual = np.isfinite(phasors).all(axis=0)
+    for plane in (*phasors.real, *phasors.imag):
+        if not usual.any():
+            break
+        centre = np.median(plane[usual])
+        spread = float(np.median(np.abs(plane[usual] - centre))) / MAD_PER_SIGMA
+        with np.errstate(invalid="ignore"):
+            usual &= np.abs(plane - centre) <= OUTLIER * max(spread, float(np.finfo(np.float32).eps))
+    return np.asarray(usual)
+
+
+def _block_medians(phasors: Complex) -> Complex:
+    """Return medians of blocks of `BLOCK` × `BLOCK` pixels, (H, rows, columns); NaN where a block has not half its pixels."""
+    count, height, width = phasors.shape
+    rows, columns = height // BLOCK, width // BLOCK
+    cut = phasors[:, : rows * BLOCK, : columns * BLOCK].reshape(count, rows, BLOCK, columns, BLOCK)
+    pixels = cut.transpose(0, 1, 3, 2, 4).reshape(count, rows, columns, BLOCK**2)
+    some = np.isfinite(pixels).sum(axis=3) >= BLOCK**2 // 2
+    medians = np.full(some.shape, np.nan, np.complex128)
+    medians[some] = np.nanmedian(pixels.real[some], axis=1) + 1j * np.nanmedian(pixels.imag[some], axis=1)
+    return medians
+
+
+def _law_share(phasors: Complex, harmonics: tuple[int, ...]) -> float:
+    """Return the largest share, over the harmonics, of what an affine map leaves that the law of light foretells, over chance.
+
+    The multiple of one half of the array foretells the other, and the other way round, left and right, and above and below: what
+    rows or columns have in common by chance fails in one of the two.
+    """
+    known = np.isfinite(phasors).all(axis=0)
+    rows, columns = np.nonzero(known)
+    if rows.size < LEAST_KNOWN:
+        return 0.0
+    halves = (columns < phasors.shape[2] / 2, rows < phasors.shape[1] / 2)
+    first = phasors[0, known]
+    length = np.maximum(np.abs(first), np.finfo(np.float64).tiny)
+    shares = [0.0]
+    for other, harmonic in zip(phasors[1:, known], harmonics[1:], strict=True):
+        law = length * (first / length) ** harmonic
+        shares.append(min(_foretold(first, other, law, half) for half in halves))
+    return max(shares) / max(LAW_SHARE, LAW_SHARE_OF_ROWS / min(known.shape))
+
+
+def _foretold(first: Complex, other: Complex, law: Complex, half: Bool) -> float:
+    """Return the share of what is left in both halves that the law foretells, each with the multiple of the other half."""
+    left, bent = ([_without_affine(first[part], one[part]) for part in (half, ~half)] for one in (other, law))
+    power = [float(np.vdot(one, one).real) for one in bent]
+    total = sum(float(np.vdot(one, one).real) for one in left)
+    if min(power) <= 0.0 or total <= 0.0:
+        return 0.0
+    multiples = [complex(np.vdot(b, one)) / p for b, one, p in zip(bent, left, power, strict=True)]
+    missed = [one - multiple * b for one, b, multiple in zip(left, bent, reversed(multiples), strict=True)]
+    return 1.0 - float(sum(np.vdot(one, one).real for one in missed)) / total
+
+
+def _without_affine(first: Complex, values: Complex) -> Complex:
+    """Return what the best affine map of the fundamental leaves of values."""
+    affine = np.stack([np.ones_like(first), first, np.conj(first)], axis=1)
+    return np.asarray(values - affine @ np.linalg.lstsq(affine, values, rcond=None)[0])

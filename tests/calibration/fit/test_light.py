@@ -1,0 +1,76 @@
+"""Light in frames that should be dark: told from offsets by the law that ties harmonics, and by its level."""
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from cadtof_cli.calibration.fit.light import LightSeen, light_seen
+
+HEIGHT, WIDTH = 60, 80
+AMPLITUDE_V = 0.2746
+
+
+def _seen(volts: NDArray[np.float64], harmonics: tuple[int, ...] = (1, 2)) -> LightSeen:
+    return light_seen(volts, harmonics=harmonics, amplitude_v=AMPLITUDE_V)
+
+
+def _light(amplitude_v: float, phase: NDArray[np.float64], harmonics: tuple[int, ...] = (1, 2)) -> NDArray[np.float64]:
+    """Voltages of light at a phase of the fundamental, (H, 2, Y, X): harmonics beyond it have gains and delays."""
+    phasors = [amplitude_v * 0.8 ** (h - 1) * np.exp(1j * (h * phase + 0.3 * (h - 1))) for h in harmonics]
+    return np.stack([[one.real, one.imag] for one in phasors])
+
+
+def _phases() -> NDArray[np.float64]:
+    """Phases of a wall seen at a slant, over 2 rad."""
+    y, x = np.mgrid[:HEIGHT, :WIDTH] / HEIGHT
+    return np.asarray(1.0 + 1.3 * x**2 - 0.4 * y)
+
+
+@pytest.mark.parametrize("harmonics", [(1, 2), (1, 2, 3), (1, 3)])
+def test_light_follows_its_law_and_offsets_do_not(harmonics: tuple[int, ...]) -> None:
+    rng = np.random.default_rng(3)
+    offsets = rng.uniform(-0.02, 0.02, (len(harmonics), 2, HEIGHT, WIDTH))
+    dark = _seen(offsets, harmonics)
+    assert not dark.is_lit
+    assert dark.law < 0.2
+    lit = _seen(offsets + _light(0.09, _phases(), harmonics), harmonics)
+    assert lit.follows_law
+    assert lit.law > 1.5
+
+
+@pytest.mark.parametrize(
+    "shape", [(2, 2, 1, WIDTH), (1, 2, 1, WIDTH), (2, 2, HEIGHT, 1), (1, 1, HEIGHT, WIDTH), (2, 2, 1, 1)]
+)
+@pytest.mark.parametrize("seed", range(6))
+def test_patterns_of_offsets_are_no_light(shape: tuple[int, ...], seed: int) -> None:
+    """Columns, rows, pixels that are alike in all harmonics and channels, one offset for all."""
+    rng = np.random.default_rng([seed, *shape])
+    pattern = rng.normal(scale=0.006, size=shape) + rng.normal(scale=2e-4, size=(2, 2, HEIGHT, WIDTH))
+    assert not _seen(pattern).is_lit
+
+
+def test_light_at_one_phase_is_known_by_its_level() -> None:
+    """Without any change of phase the law says nothing; a tenth of the modulation amplitude in every pixel is no offset."""
+    even = np.full((HEIGHT, WIDTH), 2.0)
+    noise = np.random.default_rng(1).normal(scale=2e-3, size=(2, 2, HEIGHT, WIDTH))
+    seen = _seen(_light(0.09, even) + noise)
+    assert seen.level == pytest.approx(0.8 * 0.09 / AMPLITUDE_V, rel=0.01)
+    assert seen.is_lit
+    assert not seen.follows_law
+    assert not _seen(_light(0.02, even) + noise).is_lit
+
+
+def test_pixels_that_are_hot_or_not_sound_are_not_asked() -> None:
+    rng = np.random.default_rng(2)
+    volts = rng.uniform(-0.002, 0.002, (2, 2, HEIGHT, WIDTH))
+    volts[:, :, rng.random((HEIGHT, WIDTH)) < 0.02] += 0.25
+    volts[:, :, :5] = np.nan
+    assert _seen(volts).law == _seen(volts).law < 0.5
+    assert not _seen(volts).is_lit
+    volts[:] = np.nan
+    assert _seen(volts) == LightSeen(0.0, 0.0)
+
+
+def test_with_the_fundamental_alone_the_level_is_all_there_is() -> None:
+    assert _seen(_light(0.09, np.full((HEIGHT, WIDTH), 2.0), (1,)), (1,)).is_lit
+    assert not _seen(_light(0.01, _phases(), (1,)), (1,)).is_lit

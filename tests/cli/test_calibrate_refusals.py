@@ -1,0 +1,63 @@
+"""`cadtof calibrate` takes captures that are what they should be, and refuses those that are not, with cause and cure."""
+
+from pathlib import Path
+
+import pytest
+
+from tests.support.run_cadtof import ROOT, cadtof
+from tests.support.wrong_targets import CASES, calibrated
+
+SEED = 4
+
+TOLD = {
+    "lit: wall, offsets ± 20 mV": ("saw light", "cover the lens"),
+    "lit: tilted wall, a third of that light, ± 2 mV": ("as light ties them, and offsets do not", "cover the lens"),
+    "lit: card with MPI, offsets ± 20 mV": ("saw light", "mend --zero-counts"),
+    "response: corner at 5 distances": ("departs from what the others show", "plain wall"),
+    "response: corner at 1 distance": ("the targets have a shape", "plain wall"),
+    "response: box of .3 m before the wall, 1 distance": ("the targets have a shape", "something stands before them"),
+    "response: wall that leans by 5°, 1 distance": ("do not face the camera", "Point the camera square"),
+    "response: MPI by way of the floor, 1 distance": ("light comes by other ways", "clear the sides"),
+    "response: one distance wrong by .1 m of 5": ("departs from what the others show", "measure the distance"),
+    "petzval: corner": ("it is no flat wall", "Take a plain wall"),
+    "petzval: curtain": ("it is no flat wall", "Take a plain wall"),
+}
+
+TAKEN = (
+    "dark: offsets ± 20 mV, 10 frames",
+    "dark: columns of their own",
+    "dark: pixels, alike in harmonics and channels",
+    "response: wall at 1 distance",
+    "petzval: wall with a box in view",
+)
+
+
+@pytest.mark.parametrize("title", TOLD)
+def test_what_is_not_what_it_should_be_is_refused(title: str, tmp_path: Path) -> None:
+    done = calibrated(CASES[title], tmp_path, SEED)
+    assert (done.status, done.out) == (2, "")
+    for words in TOLD[title]:
+        assert words in done.err
+    assert not (tmp_path / "camera" / f"{CASES[title].step}.toml").exists()
+
+
+@pytest.mark.parametrize("title", TAKEN)
+def test_what_is_what_it_should_be_is_taken(title: str, tmp_path: Path) -> None:
+    done = calibrated(CASES[title], tmp_path, SEED)
+    assert done.status == 0, done.err
+    assert (tmp_path / "camera" / f"{CASES[title].step}.toml").exists()
+
+
+@pytest.mark.parametrize("name", ["wall", "corner", "card", "inter-reflection", "room"])
+def test_every_sample_capture_is_too_bright_to_be_dark(name: str, tmp_path: Path) -> None:
+    done = cadtof("calibrate", "dark", ROOT / "sample_data" / name, "-o", tmp_path / "camera")
+    assert done.status == 2
+    assert "saw light" in done.err
+    assert not (tmp_path / "camera").exists()
+
+
+@pytest.mark.parametrize("name", ["corner", "room"])
+def test_a_sample_that_is_no_wall_has_no_field_curvature(name: str, tmp_path: Path) -> None:
+    done = cadtof("calibrate", "petzval", ROOT / "sample_data" / name, "-o", tmp_path / "camera")
+    assert done.status == 2
+    assert "flat wall" in done.err
