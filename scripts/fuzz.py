@@ -53,7 +53,7 @@ def summary(tally: Tally, seconds: float) -> str:
     by_reader = ", ".join(f"{name} {count:,}" for name, count in sorted(tally.inputs.items()))
     found = ", ".join(f"{tally.count(kind)} {kind}" for kind in ("hang", "crash", "exception", "output", "memory"))
     return (
-        f"{by_reader}\n{tally.total:,} inputs in {seconds:.0f} s, at most {tally.longest_s:.2f} s and "
+        f"{by_reader}\n{tally.total:,} inputs in {seconds:.0f} s, at most {tally.longest_s:.2f} s ({tally.longest}) and "
         f"{tally.peak_bytes / 2**20:.0f} MB each; found: {found}"
     )
 

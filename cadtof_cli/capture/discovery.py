@@ -221,6 +221,8 @@ def _some(names: Iterable[str]) -> str:
 
 
 def _require_different_names(root: Path, frames: Sequence[FrameSource]) -> None:
+    if isinstance(frames, FilesAsFrames) and len({file.rpartition(".")[2] for file in frames.files}) == 1:
+        return
     known = set[str]()
     for name in names_of(frames):
         if name in known:

@@ -101,10 +101,10 @@ def names_of(frames: Sequence[FrameSource], /) -> Iterator[str]:
     return frames.names() if isinstance(frames, FilesAsFrames) else (frame.name for frame in frames)
 
 
-def natural_key(name: str) -> tuple[str, str]:
-    """Return a key that sorts frame_2 before frame_10; it is text, since thousands of them are there at once."""
+def natural_key(name: str) -> str:
+    """Return a key that sorts frame_2 before frame_10; it is one text, since thousands of them are there at once."""
     # a number by how many digits it has, then by these; what ends before a number comes before what goes on
-    return _DIGITS.sub(_sortable, name.casefold()), name
+    return f"{_DIGITS.sub(_sortable, name.casefold())}\0\0{name}"
 
 
 def _sortable(number: re.Match[str]) -> str:

@@ -140,6 +140,9 @@ def setting_option(
         "is_flag": isinstance(default, bool),
         "help": help,
     }
+    if default is MISSING:
+        # to click, a default of None is one: an option that is required would be given
+        del said["default"]
     return click.option(*names.split(), name, **(said | more))
 
 

@@ -112,3 +112,14 @@ def test_the_same_as_options(tmp_path: Path) -> None:
         assert done.status == 2
         assert "Error: " in done.err
         _require_told(done)
+
+
+@pytest.mark.parametrize(
+    "command", ["resolve cap", "calibrate dark cap", "calibrate petzval cap", "export cap", "preview cap"]
+)
+def test_an_option_that_is_required_is_missed(command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    record(tmp_path / "cap")
+    monkeypatch.chdir(tmp_path)
+    done = cadtof(*command.split())
+    assert done.status == 2
+    assert "Error: Missing option '-o' / '--out'." in done.err

@@ -68,7 +68,8 @@ def frame_names(captures: Sequence[Capture], out: Path, /) -> Collection[str]:
     if (out / CAPTURE_FILE).exists() or real_path(out) in {real_path(capture.root) for capture in captures}:
         raise OutputError(f"{out}: the maps would be written among recorded frames; choose another folder with -o")
     names, met = FrameNames(captures), set[str]()
-    for name in names:
+    # a capture's own names differ
+    for name in names if len(captures) > 1 else ():
         if name in met:
             frames = (frame for capture in captures for frame in capture.frames if frame.name == name)
             first, second = (frame.files[0] for frame in itertools.islice(frames, 2))

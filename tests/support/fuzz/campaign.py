@@ -26,7 +26,7 @@ from tests.support.fuzz.spoil import spoiled
 MOST_SECONDS, MOST_BYTES = 5.0, 512 * 2**20
 """What one input may take, of a processor; one that waits for something has as long to get it."""
 
-PER_CHILD = 250
+PER_CHILD = 50
 """Inputs that a child reads, one after the other."""
 
 _BEYOND = 4 * 2**30
@@ -54,6 +54,7 @@ class Tally:
     refused: int = 0
     peak_bytes: int = 0
     longest_s: float = 0.0
+    longest: str = ""
     findings: list[Finding] = field(default_factory=list)
 
     @property
@@ -231,7 +232,9 @@ class _Child:
                 )
             else:
                 tally.refused += int(str(message["refused"]))
-                tally.longest_s = max(tally.longest_s, float(str(message["longest_s"])))
+                longest_s = float(str(message["longest_s"]))
+                if longest_s > tally.longest_s:
+                    tally.longest_s, tally.longest = longest_s, f"{self.reader}:{message['longest']}"
                 tally.peak_bytes = max(tally.peak_bytes, int(str(message["peak_bytes"])))
         return findings
 
@@ -276,7 +279,7 @@ class _Reading:
 
     def __init__(self, reader: Reader, place: Path, here: Path, pipe: int, output: int) -> None:
         self._reader, self._place, self._here, self._pipe, self._output = reader, place, here, pipe, output
-        self._refused, self._longest_s = 0, 0.0
+        self._refused, self._longest_s, self._longest = 0, 0.0, 0
 
     def __call__(self, number: int) -> None:
         self._say({"at": number})
@@ -288,7 +291,9 @@ class _Reading:
             self._refused += 1
         except Exception:  # noqa: BLE001
             self._find(number, "exception", traceback.format_exc()[-3000:])
-        self._longest_s = max(self._longest_s, time.process_time() - began)
+        took_s = time.process_time() - began
+        if took_s > self._longest_s:
+            self._longest_s, self._longest = took_s, number
         sys.stdout.flush()
         sys.stderr.flush()
         if size := os.fstat(self._output).st_size:
@@ -302,7 +307,8 @@ class _Reading:
 
     def sum_up(self) -> None:
         """Say what has come of all."""
-        self._say({"refused": self._refused, "longest_s": self._longest_s, "peak_bytes": peak_bytes()})
+        found = {"refused": self._refused, "longest_s": self._longest_s, "longest": self._longest}
+        self._say({**found, "peak_bytes": peak_bytes()})
 
     def _find(self, number: int, kind: str, told: str) -> None:
         self._say({"number": number, "kind": kind, "told": told})
