@@ -254,9 +254,13 @@ def test_truth_adds_the_errors(tmp_path: Path) -> None:
     done = cadtof("preview", maps, "-o", tmp_path / "truth.png", "--truth", truth)
     assert (done.status, done.err) == (0, "")
     assert _picture(tmp_path / "truth.png").shape[1] > _picture(tmp_path / "plain.png").shape[1]
-    several = _sequence(tmp_path / "several", 2)
-    done = cadtof("preview", several, "-o", tmp_path / "no.png", "--truth", truth)
-    assert (done.status, "--truth goes with the figure of one frame, found 2" in done.err) == (2, True)
+    for name in ("frame_1.tif", "frame_2.tif"):
+        (maps / name).write_bytes((maps / "frame_0.tif").read_bytes())
+    done = cadtof("preview", maps, "-o", tmp_path / "first.png", "--truth", truth)
+    assert (done.status, done.err) == (0, "drawn with truth: the first of 3 frames; --frame N draws another\n")
+    np.testing.assert_array_equal(_picture(tmp_path / "first.png"), _picture(tmp_path / "truth.png"))
+    done = cadtof("preview", maps, "-o", tmp_path / "no.gif", "--truth", truth)
+    assert (done.status, "--truth goes with the figure of one frame, not with a film" in done.err) == (2, True)
 
 
 def test_what_cannot_be_drawn(tmp_path: Path) -> None:

@@ -71,6 +71,9 @@ def preview(inputs: Sequence[Path], out: Path, /, *, settings: PreviewSettings, 
         found = [found[settings.frame]]
     if not found:
         raise CaptureError(f"{inputs[0]}: found no frames and no maps")
+    if settings.truth is not None and len(found) > 1 and not film:
+        progress.say(f"drawn with truth: the first of {len(found)} frames; --frame N draws another")
+        found = found[:1]
     if film:
         _film(found, out, kind, settings, progress)
     elif len(found) > 1:
@@ -190,16 +193,10 @@ def _same_scale(one: Pictured, scale: _Scale, settings: PreviewSettings) -> Bloc
     return block_of(shown, _layer_name(one, shown, settings), limits=scale.limits, colours=scale.colours)
 
 
-def _require_no_truth(settings: PreviewSettings, count: int) -> None:
-    if settings.truth is not None:
-        raise SettingsError(f"--truth goes with the figure of one frame, found {count}: choose one with --frame")
-
-
 def _sheet(
     found: Sequence[Pictured], out: Path, kind: str, settings: PreviewSettings, progress: Progress, *, title: str
 ) -> None:
     """Draw a thumbnail of every frame."""
-    _require_no_truth(settings, len(found))
     progress.total(2 * len(found))
     scale = _common_scale(found, settings, progress)
     size = thumbnail_size(len(found), scale.shape)
@@ -223,7 +220,8 @@ def _sheet(
 
 def _film(found: Sequence[Pictured], out: Path, kind: str, settings: PreviewSettings, progress: Progress) -> None:
     """Draw one layer of every frame, one after the other."""
-    _require_no_truth(settings, len(found))
+    if settings.truth is not None:
+        raise SettingsError("--truth goes with the figure of one frame, not with a film")
     progress.total(2 * len(found))
     scale = _common_scale(found, settings, progress)
 
