@@ -27,7 +27,7 @@ UNIX_FLAGS = [
 MSVC_FLAGS = ["/std:c11", "/O2", "/fp:precise"]
 
 
-COMPILED = {"resolver/two_path/_kernel": ("_kernel_frame.h", "_kernel_paths.h")}
+COMPILED = {"resolver/two_path/_kernel": ("_kernel_frame.h", "_kernel_paths.h", "_kernel_answers.h")}
 """Extension modules, each of one C file in `cadtof_cli`, with the headers beside it."""
 
 

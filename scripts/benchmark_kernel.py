@@ -2,12 +2,12 @@
 
 import argparse
 import os
-import time
-from collections.abc import Callable, Mapping
+from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 
 import numpy as np
+from speed.measure import Row, least_seconds
 
 from cadtof_cli.arrays import Stored
 from cadtof_cli.capture.discovery import find_captures
@@ -30,16 +30,25 @@ def main() -> None:
     parser.add_argument("--repeats", type=int, default=30, help="turns that are taken; the best of each kernel counts")
     arguments = parser.parse_args()
     keep_freed_memory()
-    print(f"{'':18}{'kernel':>8}{'ms':>9}{'x numpy':>9}{'asked':>7}{'words that differ':>19}")
+    print("| what | asked | measured |\n|---|---|---|")
+    for row in kernel_rows(arguments.repeats):
+        print(row.as_markdown(), flush=True)
+
+
+def kernel_rows(repeats: int) -> Iterator[Row]:
+    """Measure every kernel that runs here on the first frame of every sample, beside numpy."""
     for capture in sorted(path for path in SAMPLES.iterdir() if path.is_dir()):
         stored, plan = recorded(capture)
         works = {kernel: partial(resolve_frame, stored, plan=plan, kernel=kernel) for kernel in available_kernels()}
-        times = in_turns(works, arguments.repeats)
-        for kernel in works:
-            asked = ASKED.get((capture.name, kernel))
-            print(
-                f"{capture.name:18}{kernel:>8}{times[kernel] * 1e3:9.2f}{times[NUMPY] / times[kernel]:9.1f}"
-                f"{'' if asked is None else f'>= {asked:g}':>7}{differing(stored, plan, kernel):19}"
+        times = least_seconds(works, repeats)
+        for kernel in (name for name in works if name != NUMPY):
+            asked, faster = ASKED.get((capture.name, kernel)), times[NUMPY] / times[kernel]
+            other = differing(stored, plan, kernel)
+            yield Row(
+                f"compiled kernel over numpy, {capture.name}, {kernel}",
+                None if asked is None else f"≥ {asked:g}",
+                f"{faster:.1f} ({times[kernel] * 1e3:.2f} and {times[NUMPY] * 1e3:.2f} ms), {other} words differ",
+                (faster, times[kernel], times[NUMPY], other),
             )
 
 
@@ -49,17 +58,6 @@ def recorded(folder: Path) -> tuple[Stored, FramePlan]:
     with open_frames(capture.frames[0], capture.layout) as frames:
         settings = MapSettings(resolver=ResolverSettings(mpi_model="discrete"))
         return frames.read(0), FramePlan(metadata=capture.source.metadata, settings=settings)
-
-
-def in_turns(works: Mapping[str, Callable[[], object]], repeats: int) -> dict[str, float]:
-    """Return the least CPU time of each, in s: what else the machine does strikes all alike."""
-    times: dict[str, list[float]] = {name: [] for name in works}
-    for _ in range(repeats):
-        for name, work in works.items():
-            began = time.thread_time()
-            work()
-            times[name].append(time.thread_time() - began)
-    return {name: min(found) for name, found in times.items()}
 
 
 def differing(stored: Stored, plan: FramePlan, kernel: str) -> int:

@@ -66,9 +66,17 @@ class Diary:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--out", type=Path, default=ROOT / "docs", help="folder of the page and its pictures")
+    parser.add_argument(
+        "--keep", type=Path, metavar="DIR", help="only record the captures of the page, into this new folder"
+    )
     parser.add_argument("--cost", action="store_true", help="only print what applying the calibration costs")
     arguments = parser.parse_args()
     out: Path = arguments.out
+    if arguments.keep is not None:
+        arguments.keep.mkdir(parents=True)
+        record(arguments.keep, camera())
+        print(f"{arguments.keep}: {', '.join(sorted(folder.name for folder in arguments.keep.iterdir()))}")
+        return
     if arguments.cost:
         with tempfile.TemporaryDirectory() as place, tempfile.TemporaryDirectory() as pictures:
             diary = Diary(Path(place), quiet=True)

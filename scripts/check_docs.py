@@ -3,24 +3,104 @@
 import argparse
 import os
 import sys
+import tempfile
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
+from docs_checks.console import check_commands
+from docs_checks.messages import unexplained
 from docs_checks.notebook import check_notebook, write_notebook
+from docs_checks.numbers import stale_options, unsourced
 from docs_checks.python_page import check_python
+from docs_checks.tables import TABLES, check_table, printed_by
+from man_pages import contexts
 
 ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / "docs"
 
 
-def python() -> Iterator[str]:
+PAGES = (ROOT / "README.md", ROOT / "SECURITY.md", *sorted(DOCS.rglob("*.md")))
+"""What is checked. Changes of earlier versions are history."""
+
+OTHERS = frozenset(
+    {
+        *(
+            "--keep",
+            "--cost",
+            "--scipy-pixels",
+            "--card",
+            "--named",
+            "--list",
+            "--write",
+            "--full",
+            "--figure",
+            "--seeds",
+        ),
+        *("--print0", "--kills", "--privileged", "--lifetime", "--constraint", "--quick", "--model"),
+    }
+)
+"""Options on the pages that are those of scripts or of other programs."""
+
+
+@dataclass(frozen=True)
+class Form:
+    """How much is run: everything, or what takes no longer than a minute together."""
+
+    full: bool
+
+
+def python(_form: Form) -> Iterator[str]:
     """The examples of docs/python.md and docs/physics.md, and the notebook, print what they say that they print."""
     for page in ("python.md", "physics.md"):
         yield from check_python(DOCS / page, ROOT)
     yield from check_notebook(DOCS / "python.ipynb")
 
 
-CHECKS: dict[str, Callable[[], Iterator[str]]] = {"python": python}
+def commands(form: Form) -> Iterator[str]:
+    """Commands on the pages work, and print what the page says: words, and numbers within 2 % or one in the last digit."""
+    for page in PAGES:
+        is_calibration = page.name == "calibration.md"
+        if is_calibration and not form.full:
+            continue
+        with tempfile.TemporaryDirectory() as place:
+            folder = Path(place) / "here"
+            if is_calibration:
+                printed_by(f"scripts/calibration_walkthrough.py --keep {folder}", ROOT)
+            folder.mkdir(exist_ok=True)
+            yield from check_commands(page, ROOT, folder, slow=form.full)
+
+
+def tables(form: Form) -> Iterator[str]:
+    """Rows of tables are what the script beneath them prints, within 2 % or one in the last digit, residuals times ten."""
+    asked = [table for table in TABLES if form.full or not table.slow]
+    printed = {script: printed_by(script, ROOT) for script in dict.fromkeys(table.script for table in asked)}
+    for table in asked:
+        yield from check_table(table, ROOT, printed[table.script])
+
+
+def numbers(_form: Form) -> Iterator[str]:
+    """Every section with measured numbers says which script or test makes them, and that is there."""
+    for page in PAGES:
+        yield from unsourced(page, ROOT)
+
+
+def options(_form: Form) -> Iterator[str]:
+    """Every option on the pages is one that a command has."""
+    params = [param for context in contexts() for param in context.command.params]
+    known = frozenset(option for param in params for option in (*param.opts, *param.secondary_opts))
+    for page in PAGES:
+        yield from stale_options(page, known | OTHERS | {"--help", "--version"})
+
+
+def messages(_form: Form) -> Iterator[str]:
+    """docs/troubleshooting.md says what to do about every error message in the source."""
+    yield from unexplained(ROOT / "cadtof_cli", DOCS / "troubleshooting.md")
+
+
+CHECKS: dict[str, Callable[[Form], Iterator[str]]] = {
+    check.__name__: check for check in (python, commands, tables, numbers, options, messages)
+}
 
 
 def main() -> None:
@@ -32,6 +112,9 @@ def main() -> None:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("checks", nargs="*", metavar="CHECK", help="which; all if none is named")
+    parser.add_argument(
+        "--full", action="store_true", help="also what takes long: tables of an hour, the calibration page"
+    )
     parser.add_argument("--write", action="store_true", help="store what the notebook shows, instead of checking it")
     asked = parser.parse_args()
     unknown = set(asked.checks) - set(CHECKS)
@@ -44,7 +127,7 @@ def main() -> None:
     wrong = 0
     for name in asked.checks or CHECKS:
         print(f"{name}: {CHECKS[name].__doc__}", flush=True)
-        for difference in CHECKS[name]():
+        for difference in CHECKS[name](Form(asked.full)):
             print(f"  {difference}", flush=True)
             wrong += 1
     print("all as the pages say" if not wrong else f"{wrong} differences")

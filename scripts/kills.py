@@ -1,14 +1,16 @@
 """Kills runs at random moments, goes on with them, and holds what comes out against a run that nobody disturbed.
 
-    scripts/kills [--kills 200] [--seed 0]
+    scripts/kills [--kills 200] [--seed 0] [--kinds resolve,resume,stacks,overwrite,cluster]
 
-Four kinds of run of 60 frames in turn: `resolve`, a `--resume` that is killed too, stacks, and `--overwrite` of a run with
-other settings; three victims in turn: the parent, a worker, both. After the last `--resume` every map, `run.json` and
-`frames.jsonl` must be those of the undisturbed run, but for times, and nothing else may lie in the folder.
+Five kinds of run of 60 frames in turn: `resolve`, a `--resume` that is killed too, stacks, `--overwrite` of a run with other
+settings, and `resolve` on a cluster; three victims in turn: the parent, a worker, and both, or on a cluster its scheduler. After
+the last `--resume`, on this machine, every map, `run.json` and `frames.jsonl` must be those of the undisturbed run, but for
+times, and nothing else may lie in the folder. Without dask (extra cluster) there is no kind `cluster`.
 """
 
 import argparse
 import contextlib
+import importlib.util
 import os
 import random
 import shutil
@@ -16,19 +18,20 @@ import signal
 import sys
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from cadtof_cli.cli import main
 from tests.support.captures import TOML, counts_of, record, write_frame, write_pages
+from tests.support.cluster import LocalCluster, local_cluster
 from tests.support.forward import step_frame
 from tests.support.runs import require_same_run
 
 FRAMES = 60
 VICTIMS = ("parent", "worker", "both")
-KINDS = ("resolve", "resume", "stacks", "overwrite")
+KINDS = ("resolve", "resume", "stacks", "overwrite", "cluster")
 
 
 def capture_of_frames(folder: Path) -> Path:
@@ -58,7 +61,9 @@ def started(*arguments: object) -> int:
     nowhere = os.open(os.devnull, os.O_RDWR)
     for number in (0, 1, 2):
         os.dup2(nowhere, number)
-    sys.argv = ["cadtof", "resolve", *map(str, arguments), "-j", "2"]
+    sys.argv = ["cadtof", "resolve", *map(str, arguments)]
+    if "--scheduler" not in arguments:
+        sys.argv += ["-j", "2"]
     status = 1
     try:
         main()
@@ -111,11 +116,63 @@ def one_kill(kind: str, victim: str, captures: dict[str, Path], out: Path, took:
     require_same_run(out, fresh)
 
 
-def campaign(kills: int, seed: int, say: Callable[[str], None]) -> list[str]:
+class Clusters:
+    """A scheduler with two workers of dask, and others in their place when they have been killed."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder, self._number, self._held = folder, 0, contextlib.ExitStack()
+        self._cluster: LocalCluster | None = None
+
+    def sound(self) -> LocalCluster:
+        """Return one whose scheduler and two workers live."""
+        if self._cluster is None or self._cluster.scheduler.poll() is not None:
+            self.close()
+            self._number += 1
+            self._cluster = self._held.enter_context(local_cluster(self._folder / str(self._number), workers=2))
+        living = [worker for worker in self._cluster.workers if worker.poll() is None]
+        self._cluster.add_workers(2 - len(living))
+        return self._cluster
+
+    def close(self) -> None:
+        """End the processes."""
+        self._held.close()
+        self._cluster = None
+
+
+def one_kill_on_a_cluster(
+    victim: str, capture: Path, out: Path, clusters: Clusters, took: float, rng: random.Random
+) -> None:
+    """Kill a run on a cluster, one of the workers, or the scheduler, go on with the run here, and compare."""
+    cluster = clusters.sound()
+    pid = started(capture, "-o", out, "--scheduler", cluster.address)
+    time.sleep(rng.uniform(0.0, took))
+    if victim == "parent":
+        os.kill(pid, signal.SIGKILL)
+    else:
+        living = [worker for worker in cluster.workers if worker.poll() is None]
+        (cluster.scheduler if victim == "both" else rng.choice(living)).kill()
+    status = status_of(pid)
+    # a scheduler that is gone before a run has found it is a wrong option
+    allowed = {"parent": {0, -signal.SIGKILL}, "worker": {0}, "both": {0, 1, 2}}[victim]
+    assert status in allowed, f"ended with {status}"
+    status = status_of(started(capture, "-o", out, "--resume"))
+    assert status == 0, f"--resume ended with {status}"
+    require_same_run(out, out.with_name("fresh_False"))
+
+
+def kinds_there() -> tuple[str, ...]:
+    """Return the kinds of run that can be tried here."""
+    has_dask = importlib.util.find_spec("distributed") is not None
+    return KINDS if has_dask else KINDS[:-1]
+
+
+def campaign(kills: int, seed: int, say: Callable[[str], None], *, kinds: Sequence[str]) -> list[str]:
     """Kill so many runs; return what went wrong."""
     rng, faults = random.Random(seed), list[str]()
-    with tempfile.TemporaryDirectory(prefix="kills-") as place:
+    with tempfile.TemporaryDirectory(prefix="kills-") as place, contextlib.ExitStack() as held:
         here = Path(place)
+        clusters = Clusters(here / "cluster")
+        held.callback(clusters.close)
         captures = {"resolve": capture_of_frames(here / "frames"), "stacks": capture_of_stacks(here / "stacks")}
         took = 0.0
         for kind, capture in captures.items():
@@ -123,10 +180,14 @@ def campaign(kills: int, seed: int, say: Callable[[str], None]) -> list[str]:
             assert status_of(started(capture, "-o", here / f"fresh_{kind == 'stacks'}")) == 0
             took = max(took, time.monotonic() - began)
         for number in range(kills):
-            kind, victim = KINDS[number % len(KINDS)], VICTIMS[number // len(KINDS) % len(VICTIMS)]
+            kind, victim = kinds[number % len(kinds)], VICTIMS[number // len(kinds) % len(VICTIMS)]
             out = here / "out"
             try:
-                one_kill(kind, victim, captures, out, took, rng)
+                if kind == "cluster":
+                    # it takes its time to connect, too
+                    one_kill_on_a_cluster(victim, captures["resolve"], out, clusters, 3 * took, rng)
+                else:
+                    one_kill(kind, victim, captures, out, took, rng)
             except AssertionError as error:
                 faults.append(f"kill {number} ({kind}, {victim}): {str(error)[:500]}")
                 say(faults[-1])
@@ -141,8 +202,10 @@ def run() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--kills", type=int, default=200, metavar="N")
     parser.add_argument("--seed", type=int, default=0, metavar="S")
+    parser.add_argument("--kinds", default=",".join(kinds_there()), metavar="KIND,…")
     options = parser.parse_args()
-    faults = campaign(options.kills, options.seed, lambda line: print(line, flush=True))
+    kinds = options.kinds.split(",")
+    faults = campaign(options.kills, options.seed, lambda line: print(line, flush=True), kinds=kinds)
     print(
         f"{options.kills - len(faults)} of {options.kills} kills: all maps and records equal those of an undisturbed run"
     )

@@ -154,7 +154,9 @@ def _load_part(folder: Path, kind: PartKind) -> Part:
     except FrameError as error:
         raise MetadataError(f"{path}: cannot be read: {error}") from error
     except (LookupError, TypeError, ValueError, AttributeError, ArithmeticError, MetadataError) as error:
+        # a TypeError speaks of Python: of a key that there is not, or of a value of another kind
         what = f"key {error} is missing" if isinstance(error, KeyError) else str(error)
+        what = "its keys, or the kinds of their values, are others" if isinstance(error, TypeError) else what
         raise MetadataError(f"{path}: not a {kind} calibration: {what}") from error
     if digest != recorded:
         raise MetadataError(

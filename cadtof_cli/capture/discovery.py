@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from cadtof_cli.capture.frame_sources import FrameSource, grouped_planes, natural_key
+from cadtof_cli.capture.frame_sources import FilesAsFrames, FrameSource, grouped_planes, names_of, natural_key
 from cadtof_cli.capture.toml import FILE_NAME, MetadataSource, load_metadata
 from cadtof_cli.capture.tree import (
     WRITTEN_BY_US,
@@ -42,7 +42,7 @@ class Capture:
 
     root: Path
     source: MetadataSource
-    frames: tuple[FrameSource, ...]
+    frames: Sequence[FrameSource]
 
     @property
     def layout(self) -> FrameLayout:
@@ -199,10 +199,10 @@ def _capture(root: Path, source: MetadataSource, names: Sequence[str], *, among:
     return Capture(root, source, frames)
 
 
-def _frames(root: Path, source: MetadataSource, names: Sequence[str]) -> tuple[FrameSource, ...]:
+def _frames(root: Path, source: MetadataSource, names: Sequence[str]) -> Sequence[FrameSource]:
     layout = source.metadata.layout
     if layout.pattern is None:
-        return tuple(FrameSource(name.rpartition(".")[0] or name, (root / name,)) for name in names)
+        return FilesAsFrames(root, names)
     return grouped_planes(root, names, layout, source.metadata.modulation.harmonics)
 
 
@@ -221,11 +221,12 @@ def _some(names: Iterable[str]) -> str:
 
 
 def _require_different_names(root: Path, frames: Sequence[FrameSource]) -> None:
-    first: dict[str, FrameSource] = {}
-    for frame in frames:
-        other = first.setdefault(frame.name, frame)
-        if other is not frame:
+    known = set[str]()
+    for name in names_of(frames):
+        if name in known:
+            first, second, *_ = (frame.paths[0].name for frame in frames if frame.name == name)
             raise CaptureError(
-                f"{root}: {other.paths[0].name} and {frame.paths[0].name} would both be written as {frame.name};"
+                f"{root}: {first} and {second} would both be written as {name};"
                 " expected one file a frame, move one of them elsewhere"
             )
+        known.add(name)

@@ -1,9 +1,12 @@
 """Where recorded frames lie, and what file names say of it: natural order, and frame, harmonic and channel of planes."""
 
+import os
 import re
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
+from typing import overload
 
 from cadtof_cli.capture.metadata import InvalidValueError, Layout
 from cadtof_cli.files.frames import CHANNELS, harmonic_labels
@@ -15,22 +18,31 @@ ONLY_FRAME = "frame"
 """Name of the one frame of a capture whose pattern has no {frame}."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class FrameSource:
-    """Where one frame lies.
+    """Where one frame lies; each frame of a run is known from its beginning, so this is small.
 
     Parameters:
         name: of what is written for the frame, without suffix; with slashes where that lies in folders.
-        paths: one file, or 2·H files of one plane each in the order H1.SC1, H1.SC2, H2.SC1, …
+        files: one file, or 2·H files of one plane each in the order H1.SC1, H1.SC2, H2.SC1, …
         index: position in a stack; None where the file is to hold this frame alone.
     """
 
     name: str
-    paths: tuple[Path, ...]
+    files: tuple[str | Path, ...]
     index: int | None = None
 
+    def __post_init__(self) -> None:
+        # a Path, with all that it remembers, takes ten times as much
+        object.__setattr__(self, "files", tuple(map(os.fspath, self.files)))
+
+    @property
+    def paths(self) -> tuple[Path, ...]:
+        """The files."""
+        return tuple(map(Path, self.files))
+
     def __str__(self) -> str:
-        place = str(self.paths[0]) if len(self.paths) == 1 else f"{self.paths[0].parent / Path(self.name).name}"
+        place = str(self.files[0]) if len(self.files) == 1 else f"{self.paths[0].parent / Path(self.name).name}"
         return place if self.index is None else f"{place}[{self.index}]"
 
     def expanded(self, count: int, *, taken: Collection[str] = ()) -> tuple["FrameSource", ...]:
@@ -44,10 +56,60 @@ class FrameSource:
         return tuple(replace(self, name=f"{self.name}_{index:0{digits}}", index=index) for index in range(count))
 
 
-def natural_key(name: str) -> tuple[list[str | int], str]:
-    """Return a key that sorts frame_2 before frame_10."""
-    parts = _DIGITS.split(name.casefold())
-    return [int(part) if place % 2 else part for place, part in enumerate(parts)], name
+@dataclass(frozen=True)
+class FilesAsFrames(Sequence[FrameSource]):
+    """Frames that are a file each, of one folder; of thousands, nothing is kept but their names.
+
+    Parameters:
+        folder: of the files.
+        files: their names.
+        below: what comes before the names of frames, ends with a slash where it is not empty.
+    """
+
+    folder: Path
+    files: Sequence[str]
+    below: str = ""
+
+    def __len__(self) -> int:
+        return len(self.files)
+
+    @overload
+    def __getitem__(self, place: int) -> FrameSource: ...
+    @overload
+    def __getitem__(self, place: slice) -> "FilesAsFrames": ...
+    def __getitem__(self, place: int | slice) -> "FrameSource | FilesAsFrames":
+        if isinstance(place, slice):
+            return replace(self, files=self.files[place])
+        file = self.files[place]
+        return FrameSource(self._name(file), (self._before + file,))
+
+    def names(self) -> Iterator[str]:
+        """Yield the names of the frames."""
+        return map(self._name, self.files)
+
+    def _name(self, file: str) -> str:
+        return self.below + (file.rpartition(".")[0] or file)
+
+    @cached_property
+    def _before(self) -> str:
+        """What stands before the name of a file: the folder, with a slash, as a Path has it."""
+        return str(self.folder / "x")[:-1]
+
+
+def names_of(frames: Sequence[FrameSource], /) -> Iterator[str]:
+    """Yield the names of frames."""
+    return frames.names() if isinstance(frames, FilesAsFrames) else (frame.name for frame in frames)
+
+
+def natural_key(name: str) -> tuple[str, str]:
+    """Return a key that sorts frame_2 before frame_10; it is text, since thousands of them are there at once."""
+    # a number by how many digits it has, then by these; what ends before a number comes before what goes on
+    return _DIGITS.sub(_sortable, name.casefold()), name
+
+
+def _sortable(number: re.Match[str]) -> str:
+    digits = str(int(number.group()))
+    return f"\0{len(digits):04}{digits}"
 
 
 def grouped_planes(

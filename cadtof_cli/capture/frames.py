@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from cadtof_cli.capture.discovery import Capture
-from cadtof_cli.capture.frame_sources import FrameSource
+from cadtof_cli.capture.frame_sources import FrameSource, names_of
 from cadtof_cli.errors import FrameError
 from cadtof_cli.files.formats import frame_format, suffix_format
 from cadtof_cli.files.frames import CHANNELS, FrameLayout, Frames, LoneFrame, shape_text
@@ -70,7 +70,7 @@ def single_frames(capture: Capture, /, *, taken: Collection[str] = ()) -> Iterat
     held a single frame is taken to hold one too (its reader checks). A file that cannot be opened is yielded as it is: it
     fails when its turn comes.
     """
-    layout, names = capture.layout, taken or {source.name for source in capture.frames}
+    layout, names = capture.layout, taken or set(names_of(capture.frames))
     size_of_one: int | None = None
     for source in capture.frames:
         size = _size(source)

@@ -5,7 +5,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from cadtof_cli.capture.frame_sources import FrameSource, natural_key
+from cadtof_cli.capture.frame_sources import FilesAsFrames, FrameSource, natural_key
 from cadtof_cli.capture.toml import FILE_NAME
 from cadtof_cli.errors import CaptureError
 from cadtof_cli.files.formats import FRAME_SUFFIXES
@@ -81,10 +81,13 @@ def absolute(path: Path, /) -> Path:
     return Path(os.path.normpath(path.absolute()))
 
 
-def mirrored(frames: Sequence[FrameSource], root: Path, base: Path, /) -> tuple[FrameSource, ...]:
+def mirrored(frames: Sequence[FrameSource], root: Path, base: Path, /) -> Sequence[FrameSource]:
     """Return the frames of a folder with names that put their maps where the folder lies below `base`.
 
     A folder elsewhere is placed by the part of its path that it does not share with `base`.
     """
     steps = [step for step in Path(os.path.relpath(absolute(root), base)).parts if step != os.pardir]
-    return tuple(replace(frame, name="/".join((*steps, frame.name))) for frame in frames)
+    below = "".join(f"{step}/" for step in steps)
+    if isinstance(frames, FilesAsFrames):
+        return replace(frames, below=below + frames.below)
+    return tuple(replace(frame, name=below + frame.name) for frame in frames)

@@ -3,6 +3,7 @@
 import json
 from collections.abc import Callable, Mapping
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -11,9 +12,11 @@ import click
 from cadtof_cli.calibration.parts import PART_KINDS
 from cadtof_cli.commands.examples import example
 from cadtof_cli.commands.options import (
+    Decorator,
     Function,
     SectionedCommand,
     capture_options,
+    gathered,
     input_paths,
     setting_option,
     settings_option,
@@ -57,21 +60,6 @@ def calibrate() -> None:
     """
 
 
-def _shared(function: Function) -> Function:
-    """Add the options that all steps share."""
-    for add in (
-        capture_options("target.distance_m"),
-        click.option("-q", "--quiet", is_flag=True, help="No progress and no notes on stderr; errors only."),
-        click.option("--json", "as_json", is_flag=True, help="Print the report as one JSON object on stdout."),
-        setting_option("--overwrite", CalibrateSettings, help="Replace this part, if the folder has it."),
-        setting_option("-o --out", CalibrateSettings, required=True, help="Calibration folder the part is added to."),
-        settings_option(),
-        click.argument("captures", nargs=-1, required=True, metavar="CAPTURE..."),
-    ):
-        function = add(function)
-    return function
-
-
 _distance = click.option(
     "--distance",
     "--distance-m",
@@ -84,26 +72,48 @@ _distance = click.option(
 )
 
 
+def _step(*more: Decorator[Any]) -> Decorator[Any]:
+    """Return a decorator that adds the options of a step, those that all share and `more`."""
+
+    def decorate(function: Function) -> Function:
+        for add in (
+            capture_options("target.distance_m"),
+            click.option("-q", "--quiet", is_flag=True, help="No progress and no notes on stderr; errors only."),
+            click.option("--json", "as_json", is_flag=True, help="Print the report as one JSON object on stdout."),
+            gathered(
+                "settings",
+                CalibrateSettings,
+                settings_option(),
+                setting_option(
+                    "-o --out", CalibrateSettings, required=True, help="Calibration folder the part is added to."
+                ),
+                setting_option("--overwrite", CalibrateSettings, help="Replace this part, if the folder has it."),
+                *more,
+            ),
+            click.argument("captures", nargs=-1, required=True, metavar="CAPTURE..."),
+        ):
+            function = add(function)
+        return function
+
+    return decorate
+
+
 @calibrate.command(
     cls=SectionedCommand,
     short_help="Offsets, noise and bad pixels, from covered-lens frames.",
     epilog=example(_COVERED, "cadtof calibrate dark covered -o camera"),
 )
-@_shared
+@_step()
 def dark(
     captures: tuple[str, ...],
-    out: Path,
-    settings_file: Path | None,
-    overwrite: bool,
+    settings: CalibrateSettings,
     as_json: bool,
     quiet: bool,
     overrides: Mapping[str, Any],
 ) -> None:
     """Measure each pixel's offsets and noise from frames recorded with the lens covered, and find hot and dead pixels."""
-    settings = CalibrateSettings(out=out, overwrite=overwrite, settings_file=settings_file)
-    with progress_bar("reading", "frames", quiet=quiet) as bar:
-        report = calibrate_dark(input_paths(captures), settings=settings, overrides=overrides, progress=bar)
-    _print(report, _dark_lines, as_json=as_json)
+    measure = partial(calibrate_dark, input_paths(captures), settings=settings, overrides=overrides)
+    _measured(measure, _dark_lines, quiet=quiet, as_json=as_json)
 
 
 @calibrate.command(
@@ -111,27 +121,21 @@ def dark(
     short_help="Channel response and maps of phase and gain, from flat targets.",
     epilog=example(*_TARGETS, "cadtof calibrate response wall_1m wall_2m wall_3m -o camera"),
 )
-@_shared
-@_distance
+@_step(_distance)
 def response(
     captures: tuple[str, ...],
-    out: Path,
-    settings_file: Path | None,
-    overwrite: bool,
+    settings: CalibrateSettings,
     as_json: bool,
     quiet: bool,
     overrides: Mapping[str, Any],
-    distances_m: tuple[float, ...],
 ) -> None:
     """Measure what the channels answer to light, from captures of a flat target at known distances, without MPI.
 
     One distance gives every pixel's phase and gain. Several, spread over the range, also tell the imbalance of SC1 and SC2
     and how the waveform differs from the ideal one.
     """
-    settings = CalibrateSettings(out=out, overwrite=overwrite, settings_file=settings_file, distances_m=distances_m)
-    with progress_bar("reading", "frames", quiet=quiet) as bar:
-        report = calibrate_response(input_paths(captures), settings=settings, overrides=overrides, progress=bar)
-    _print(report, _response_lines, as_json=as_json)
+    measure = partial(calibrate_response, input_paths(captures), settings=settings, overrides=overrides)
+    _measured(measure, _response_lines, quiet=quiet, as_json=as_json)
 
 
 @calibrate.command(
@@ -142,35 +146,36 @@ def response(
         "cadtof calibrate petzval curved -o camera",
     ),
 )
-@_shared
-@_distance
+@_step(_distance)
 @click.option(
     "--plot", type=click.Path(path_type=Path), metavar="PNG", help="Draw the walls' cross-sections before and after."
 )
 def petzval(
     captures: tuple[str, ...],
-    out: Path,
-    settings_file: Path | None,
-    overwrite: bool,
+    settings: CalibrateSettings,
     as_json: bool,
     quiet: bool,
     overrides: Mapping[str, Any],
-    distances_m: tuple[float, ...],
     plot: Path | None,
 ) -> None:
     """Measure the field curvature k2 ρ² + k4 ρ⁴ from one or several flat walls, one capture each.
 
     Tilt is fitted, and distance where it is not given; what is not wall (MPI, objects in view) is left out.
     """
-    settings = CalibrateSettings(out=out, overwrite=overwrite, settings_file=settings_file, distances_m=distances_m)
+    measure = partial(calibrate_petzval, input_paths(captures), settings=settings, overrides=overrides, plot=plot)
+    _measured(measure, _petzval_lines, quiet=quiet, as_json=as_json)
+
+
+def _measured(
+    measure: Callable[..., CalibrateReport],
+    lines: Callable[[Mapping[str, Any]], list[str]],
+    *,
+    quiet: bool,
+    as_json: bool,
+) -> None:
+    """Take a step, and print its report."""
     with progress_bar("reading", "frames", quiet=quiet) as bar:
-        report = calibrate_petzval(
-            input_paths(captures), settings=settings, overrides=overrides, progress=bar, plot=plot
-        )
-    _print(report, _petzval_lines, as_json=as_json)
-
-
-def _print(report: CalibrateReport, lines: Callable[[Mapping[str, Any]], list[str]], *, as_json: bool) -> None:
+        report = measure(progress=bar)
     if as_json:
         tell(json.dumps(asdict(report)))
         return

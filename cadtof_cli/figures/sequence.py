@@ -87,7 +87,7 @@ def draw_sheet(
         figure.text(x, y, name, ha="center", va="center", fontsize=6.5, parse_math=False)
         if thumbnail.image is None:
             y = 1 - (below - height / 2) / page_height
-            figure.text(x, y, "cannot\nbe read", ha="center", va="center", fontsize=7, color="#b00020")
+            figure.text(x, y, "cannot\nbe drawn", ha="center", va="center", fontsize=7, color="#b00020")
     if isinstance(scale, Scaled):
         length = min(sheet.shape[0], 500)
         left, bottom = (page_width - _RIGHT + 4) / page_width, 1 - (_TOP + length) / page_height

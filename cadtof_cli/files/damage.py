@@ -1,5 +1,6 @@
 """Whatever a library raises on a damaged file becomes one FrameError that names the file."""
 
+import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -20,13 +21,18 @@ def damage_as_frame_error(path: Path, kind: str) -> Iterator[None]:
     zlib.error, RuntimeError and more have been seen.
     """
     try:
-        yield
+        with warnings.catch_warnings():
+            # what a library only remarks on says nothing about the pixels; what does is asked of them
+            warnings.simplefilter("ignore")
+            yield
     except FrameError:
         raise
     except OSError as error:
         raise FrameError(f"{path}: cannot be read: {error.strerror or error}") from error
     except MemoryError as error:
         raise FrameError(f"{path}: not enough memory for the {kind} image that its header describes") from error
+    except UnicodeDecodeError as error:
+        raise FrameError(f"{path}: damaged {kind}: a name in it is no UTF-8; expected a complete file") from error
     except Exception as error:
         words = str(error) or f"the library stopped with {type(error).__name__}"
         raise FrameError(f"{path}: damaged {kind}: {words}; expected a complete file, try copying it again") from error

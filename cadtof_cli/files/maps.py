@@ -23,6 +23,8 @@ SOFTWARE = f"cadtof {__version__}"
 SOURCE = "source"
 """The fact that says which recorded frame maps were made from: what differs from frame to frame."""
 
+_BEYOND_BITS = 2**32
+
 _MAP_LAYER = rf"(direct|mpi)\.\w+|confidence|{STATUS}"
 
 
@@ -127,12 +129,16 @@ def read_layers(path: Path, /) -> dict[str, NDArray[Any]]:
     Layers are the channels of an EXR file's first part, or the named channels of an OME-TIFF.
 
     Raises:
-        FrameError: the file cannot be read, is damaged, or its layers have no names.
+        FrameError: the file cannot be read, is damaged, or its layers have no names, or its status is no bits.
     """
     kind = format_of(path)
     if kind.layers is None:
         raise FrameError(f"{path}: found {kind.title}, expected a format of named maps")
-    return kind.layers().read_layers(path)
+    layers = kind.layers().read_layers(path)
+    status = layers.get(STATUS)
+    if status is not None and not (np.isfinite(status) & (status >= 0) & (status < _BEYOND_BITS)).all():
+        raise FrameError(f"{path}: damaged maps: their status holds numbers that are no bits")
+    return layers
 
 
 def read_facts(path: Path, /) -> dict[str, str]:

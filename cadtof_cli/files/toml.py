@@ -26,7 +26,7 @@ def read_toml(path: Path, /) -> dict[str, Any]:
     except OSError as error:
         raise MetadataError(f"{path}: cannot be read: {error.strerror}") from error
     except UnicodeDecodeError as error:
-        raise MetadataError(f"{path}: not UTF-8 text: {error}") from error
+        raise MetadataError(f"{path}: not UTF-8 text (byte {error.start})") from error
     except RecursionError as error:
         raise MetadataError(f"{path}: not valid TOML: tables or lists within each other, hundreds deep") from error
     except tomllib.TOMLDecodeError as error:

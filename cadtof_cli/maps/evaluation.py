@@ -59,7 +59,9 @@ class ErrorTally:
         answered = np.isfinite(error)
         error = error[answered]
         if sigma_m is not None:
-            ratio: Float = np.abs(error) / (100.0 * sigma_m.astype(np.float64)[known][answered])
+            with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+                # of no standard deviation, or one of 0, nothing is a share
+                ratio: Float = np.abs(error) / (100.0 * sigma_m.astype(np.float64)[known][answered])
             self._with_sigma += int(np.count_nonzero(np.isfinite(ratio)))
             self._within = [count + int(np.count_nonzero(ratio <= k)) for k, count in enumerate(self._within, start=1)]
         self._sum_cm += float(error.sum())

@@ -129,6 +129,7 @@ def noise_model(
     )
 
 
+@np.errstate(invalid="ignore", over="ignore")
 def estimated_integration_length(phasors: Complex, /) -> float:
     """Return the n_av that explains the pixel-to-pixel noise of a frame's phasors, complex128 (H, Y, X).
 
@@ -136,9 +137,8 @@ def estimated_integration_length(phasors: Complex, /) -> float:
     removes every gradient along rows and columns; its median absolute deviation ignores edges and outliers. NaN is left
     out. Returns infinity for a frame without noise, and NaN where fewer than 16 pixels are finite.
     """
-    with np.errstate(invalid="ignore", over="ignore"):
-        # infinite pixels make NaN here, which is left out
-        difference = 0.5 * (phasors[:, :-1, :-1] - phasors[:, :-1, 1:] - phasors[:, 1:, :-1] + phasors[:, 1:, 1:])
+    # infinite pixels make NaN here, which is left out
+    difference = 0.5 * (phasors[:, :-1, :-1] - phasors[:, :-1, 1:] - phasors[:, 1:, :-1] + phasors[:, 1:, 1:])
     estimates = []
     for plane, phasor in zip(difference, phasors, strict=True):
         finite = plane[np.isfinite(plane)]

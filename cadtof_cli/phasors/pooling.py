@@ -18,6 +18,9 @@ from cadtof_cli.phasors.noise import NoiseModel
 LOST_NEIGHBOURS = 1e-3
 """Share of neighbours with the same light that noise alone keeps out."""
 
+ROWS = 8
+"""Rows of a frame that are dealt with at a time."""
+
 Offset = tuple[slice, slice]
 
 
@@ -44,57 +47,69 @@ def pooled_phasors(
         noise: noise of a recorded pixel.
         window: side of the square of neighbours, an odd number of pixels.
     """
-    given = np.where(usable, phasors, 0.0)
-    weight = np.where(usable, samples, 0.0)
+    scales = np.array([1.0 / np.sqrt(harmonic.dark_variance) for harmonic in noise.each])[:, np.newaxis, np.newaxis]
+    scaled = np.where(usable, phasors, 0.0) * scales
+    given, weight = np.stack([scaled.real, scaled.imag]).reshape(-1, *usable.shape), np.where(usable, samples, 0.0)
+    limit = chi_squared_threshold(LOST_NEIGHBOURS, pairs=len(phasors))
     mean, pooled = given, weight
     for _ in range(2):
-        mean, pooled = _means(given, weight, mean, pooled, noise, window // 2)
-    return PooledPhasors(np.where(usable, mean, phasors), np.where(usable, pooled, samples))
+        mean, pooled = _means(given, weight, mean, pooled, limit, window // 2)
+    real, imag = mean.reshape(2, *phasors.shape) / scales
+    return PooledPhasors(np.where(usable, real + 1j * imag, phasors), np.where(usable, pooled, samples))
 
 
 def pooling_seconds(size: tuple[int, int], noise: NoiseModel, /, *, window: int) -> float:
     """Return about how long the pooling of a frame of (Y, X) pixels takes, by timing a few of its steps."""
     if window == 1 or 0 in size:
         return 0.0
-    pixel, weight = np.ones((len(noise.each), *size), np.complex128), np.ones(size)
+    phasors, samples = np.ones((len(noise.each), *size), np.complex128), np.ones(size)
     began = time.perf_counter()
-    _means(pixel, weight, pixel, weight, noise, 1)
+    pooled_phasors(phasors, usable=samples > 0.0, samples=samples, noise=noise, window=3)
     of_one = (time.perf_counter() - began) / 8
-    offsets = sum(1 for _ in _neighbours(size, window // 2))
-    # of an offset that reaches far, few pixels are left; twice over
+    # of an offset that reaches far, few pixels are left
     kept = np.mean([max(extent - window / 4, 0.0) / extent for extent in size])
-    return float(2 * offsets * of_one * kept)
+    return float((window**2 - 1) * of_one * kept)
 
 
 def _means(
-    given: Complex, weight: Float, reference: Complex, reference_weight: Float, noise: NoiseModel, reach: int
-) -> tuple[Complex, Float]:
-    """Return the weighted means of neighbours that agree with the reference of a pixel, and the sums of their weights."""
-    limit = chi_squared_threshold(LOST_NEIGHBOURS, pairs=len(given))
-    scales = [1.0 / harmonic.dark_variance for harmonic in noise.each]
+    given: Float, weight: Float, reference: Float, reference_weight: Float, limit: float, reach: int
+) -> tuple[Float, Float]:
+    """Return the weighted means of neighbours that agree with the reference of a pixel, and the sums of their weights.
+
+    `given` and `reference` are planes of numbers, (n, Y, X), whose noise is 1 for a pixel of weight 1. Where both are the same,
+    neighbours agree with each other or do not: each pair is looked at once. A few rows are dealt with at a time, for all
+    offsets, as they stay in the processor's cache then.
+    """
+    both = reference is given
     total, weights = given * weight, weight.copy()
-    with np.errstate(divide="ignore"):
-        spread, reference_spread = 1.0 / weight, 1.0 / reference_weight
-    for here, there in _neighbours(weight.shape, reach):
-        misfit = np.zeros(weight[here].shape)
-        for scale, pixel, neighbour in zip(scales, reference, given, strict=True):
-            difference = pixel[here] - neighbour[there]
-            misfit += scale * (difference.real * difference.real + difference.imag * difference.imag)
-        alike = (misfit <= limit * (reference_spread[here] + spread[there])) & (weight[here] > 0.0)
-        counted = alike * weight[there]
-        total[:, *here] += counted * given[:, *there]
-        weights[here] += counted
-    with np.errstate(invalid="ignore"):
+    with np.errstate(divide="ignore", invalid="ignore"):
+        most, reference_most = limit / weight, limit / reference_weight
+        for first in range(0, weight.shape[0], ROWS):
+            for here, there in _neighbours(weight.shape, reach, range(first, first + ROWS), half=both):
+                misfit = reference[:, *here] - given[:, *there]
+                misfit *= misfit
+                # what is not usable has no limit, and no weight; nobody looks at its own mean
+                alike = np.add.reduce(misfit, axis=0) <= reference_most[here] + most[there]
+                for to, other in ((here, there), (there, here))[: 1 + both]:
+                    counted = alike * weight[other]
+                    total[:, *to] += np.multiply(given[:, *other], counted, out=misfit)
+                    weights[to] += counted
         return total / weights, weights
 
 
-def _neighbours(shape: tuple[int, ...], reach: int) -> Iterator[tuple[Offset, Offset]]:
-    """Yield, for every offset but none, the pixels that have such a neighbour, and those neighbours."""
+def _neighbours(shape: tuple[int, ...], reach: int, rows: range, *, half: bool) -> Iterator[tuple[Offset, Offset]]:
+    """Yield, for every offset but none, the pixels of some rows that have such a neighbour, and those neighbours.
+
+    `half`: leave out the offsets that are the opposite of another.
+    """
     height, width = shape
-    for dy in range(-reach, reach + 1):
+    for dy in range(0 if half else -reach, reach + 1):
+        begin, end = max(rows.start, -dy), min(rows.stop, height, height - dy)
         for dx in range(-reach, reach + 1):
-            if (dy or dx) and abs(dy) < height and abs(dx) < width:
+            wanted = dy > 0 or dx > 0 if half else dy != 0 or dx != 0
+            if wanted and begin < end and abs(dx) < width:
+                left, right = max(0, -dx), width - max(0, dx)
                 yield (
-                    (slice(max(0, -dy), height - max(0, dy)), slice(max(0, -dx), width - max(0, dx))),
-                    (slice(max(0, dy), height + min(0, dy)), slice(max(0, dx), width + min(0, dx))),
+                    (slice(begin, end), slice(left, right)),
+                    (slice(begin + dy, end + dy), slice(left + dx, right + dx)),
                 )

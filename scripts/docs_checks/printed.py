@@ -10,10 +10,10 @@ RELATIVE = 0.02
 ELLIPSIS = "…"
 """Stands for anything within a line; alone on a line, for any lines."""
 
-_NUMBER = re.compile(r"(?<![\w.])[-+−]?(?:\d+(?:\.\d*)?|\.\d+)(?:e[-+]?\d+)?")
+NUMBER = re.compile(r"(?<![\w.])[-+−]?(?:\d+(?:\.\d*)?|\.\d+)(?:e[-+]?\d+)?")
 
-_TIMING = re.compile(r"\d[\d.]*(?= (?:s\b|ms\b|seconds|frames/s|µs))")
-"""Numbers that say how long something took, which differ from machine to machine."""
+_TIMING = re.compile(r"\d[\d.]*(?= (?:s\b|ms\b|seconds|frames/s|µs))|\b[0-9a-f]{16}\b")
+"""How long something took, which differs from machine to machine, and digests, which hold the time."""
 
 
 def differences(expected: str, found: str, /, *, relative: float = RELATIVE) -> Iterator[str]:
@@ -40,16 +40,16 @@ def differences(expected: str, found: str, /, *, relative: float = RELATIVE) -> 
 def like(expected: str, found: str, /, *, relative: float = RELATIVE) -> bool:
     """Tell whether a line is the expected one, but for timings and for numbers within the tolerance."""
     expected, found = (_TIMING.sub("0", text) for text in (expected, found))
-    pieces = [_NUMBER.split(part) for part in expected.split(ELLIPSIS)]
+    pieces = [NUMBER.split(part) for part in expected.split(ELLIPSIS)]
     pattern = r".*?".join(_NUMBERS.join(map(_words, part)) for part in pieces)
     match = re.fullmatch(pattern + r"\s*", found)
     if match is None:
         return False
-    numbers = [number for part in expected.split(ELLIPSIS) for number in _NUMBER.findall(part)]
+    numbers = [number for part in expected.split(ELLIPSIS) for number in NUMBER.findall(part)]
     return all(close(a, b, relative=relative) for a, b in zip(numbers, match.groups(), strict=True))
 
 
-_NUMBERS = rf"({_NUMBER.pattern})"
+_NUMBERS = rf"({NUMBER.pattern})"
 
 
 def _words(text: str) -> str:

@@ -30,6 +30,7 @@ CHAPTERS = {
         "shells",
     ),
     "Understand": ("physics", "simulation", "paper/README", "architecture"),
+    "Limits": ("limits/README", "limits/separation", "limits/false_alarm", "limits/motion", "limits/stages"),
 }
 """Chapters of the site with their pages; a page of docs that is in none stands under “More”."""
 
@@ -45,6 +46,12 @@ SHORT = {
     "python": "Python",
     "shells": "Shells and man pages",
     "physics": "Physics",
+    "report": "The page of a run",
+    "limits/README": "Overview",
+    "limits/separation": "Close paths",
+    "limits/false_alarm": "False alarms",
+    "limits/motion": "Motion",
+    "limits/stages": "Switched stages",
     "simulation": "Simulation",
     "paper/README": "The paper, reproduced",
     "architecture": "Architecture",

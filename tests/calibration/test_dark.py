@@ -143,3 +143,10 @@ def test_frames_of_another_size_are_refused() -> None:
 def test_whole_numbers_need_volts_a_count() -> None:
     with pytest.raises(SettingsError, match="set volts_per_count under"):
         mean_volts([np.zeros(SHAPE, np.uint16)], voltage=Voltage())
+
+
+def test_rounding_is_no_outlier_where_there_is_no_noise() -> None:
+    frames = np.zeros((3, *SHAPE))
+    frames[:, 0, 0, 4, 5] = 1e-14
+    dark = dark_of(frames)
+    assert not (dark.defects & Defect.OFFSET).any()

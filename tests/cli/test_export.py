@@ -1,4 +1,4 @@
-"""`cadtof export`, opened again by plyfile, pypcd4, OpenCV, Pillow and numpy."""
+"""`cadtof export`, opened again by trimesh, plyfile, pypcd4, OpenCV, Pillow and numpy."""
 
 import csv
 import importlib
@@ -81,6 +81,27 @@ def test_a_wall_stays_a_wall(ending: str, tmp_path: Path) -> None:
     assert 1.0 / np.linalg.norm(solid) == pytest.approx(normal @ middle, abs=0.005)
     assert expected[2] == pytest.approx(np.cos(np.arctan(np.hypot(*np.tan(tilt)))), abs=0.02)
     assert np.median(np.abs((points - middle) @ normal)) < 2.0 * np.median(cloud["sigma"])
+
+
+def test_a_wall_fitted_by_trimesh_lies_and_leans_within_its_noise(tmp_path: Path) -> None:
+    """3 m along the axis, slopes tan 20° and tan 10°: off by no more than five standard errors of a plane through such points."""
+    trimesh, wall = _library("trimesh"), tmp_path / "wall"
+    scene = ("--scene", "wall", "--distance-m", 3, "--tilt-deg", "20,10", "--seed", 8)
+    assert cadtof("simulate", *scene, "-o", wall).status == 0
+    assert cadtof("resolve", wall, "-o", tmp_path / "out", "-j", 1, "-q", "--mpi-model", "discrete").status == 0
+    cloud = trimesh.load(_exported(tmp_path / "wall.ply", tmp_path / "out"))
+    fields = cloud.metadata["_ply_raw"]["vertex"]["data"]
+    assert fields.dtype.names == FIELDS
+    assert set(np.unique(fields["status"] & ~np.uint32(32))) <= {8, 16}
+    points = np.asarray(cloud.vertices)
+    middle, normal = trimesh.points.plane_fit(points)
+    normal = normal * np.sign(normal[2])
+    noise = np.median(fields["sigma"]) / np.sqrt(len(points))
+    assert abs(middle @ normal / normal[2] - 3.0) < 5.0 * noise / normal[2]
+    tilts_deg, spread_m = np.degrees(np.arctan(normal[:2] / normal[2])), points.std(axis=0)[:2]
+    assert (np.abs(tilts_deg - (20.0, 10.0)) < 5.0 * np.degrees(noise / spread_m)).all()
+    # and that is a tenth of a millimetre and a thousandth of a degree or so
+    assert 5.0 * noise < 2e-4
 
 
 @pytest.mark.parametrize("ending", READERS)

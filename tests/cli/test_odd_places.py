@@ -65,9 +65,9 @@ REFUSED: list[tuple[str, tuple[str, ...]]] = [
     (TOML, ("resolve cap -o new -j 1", "info cap -j 1", "calibrate dark cap -o new", "inspect cap --pixel 1,1")),
     (
         "out/frame_0.tif",
-        ("preview out -o new.png", "evaluate out --truth truth.exr", "export out -o new.npz"),
+        ("evaluate out --truth truth.exr", "export out -o new.npz"),
     ),
-    ("truth.exr", ("evaluate out --truth truth.exr", "preview out -o new.png --truth truth.exr")),
+    ("truth.exr", ("evaluate out --truth truth.exr", "preview out/frame_1.tif -o new.png --truth truth.exr")),
     ("cal/dark.toml", ("resolve cap -o new -j 1 --calibration cal", "calibrate response cap -o cal --distance 1")),
     ("cal/dark.exr", ("resolve cap -o new -j 1 --calibration cal", "inspect cap --pixel 1,1 --calibration cal")),
     (
@@ -162,6 +162,7 @@ def test_in_place_of_a_map_it_is_told_by_info_and_made_again(kind: str, here: Pa
     told = _put(kind, here / "again" / "frame_1.tif")
     done = cadtof("info", "again", "-j", 1)
     assert (done.status, done.err) == (1, f"wrong: again/frame_1.tif: cannot be read: {told}\n")
+    assert f"again/frame_1.tif: cannot be read: {told}\n" in cadtof("preview", "again", "-o", "all.png").err
     done = cadtof("resolve", "cap", "-o", "again", "-j", 1, "--resume")
     if kind == "folder":
         assert "failed: again/frame_1.tif: cannot be written: Is a directory" in done.err

@@ -1,6 +1,7 @@
 """Standard streams that are closed, full, or lose their reader: what happened is said, where it can be, and the status tells."""
 
 import json
+import re
 import subprocess
 from pathlib import Path
 
@@ -8,7 +9,7 @@ import pytest
 
 from cadtof_cli.commands.terminal import shown
 from tests.support.captures import record
-from tests.support.run_cadtof import ENVIRONMENT, PROGRAM, Finished
+from tests.support.run_cadtof import ENVIRONMENT, PROGRAM, ROOT, Finished
 
 
 def _shell(script: str, *arguments: object) -> Finished:
@@ -83,3 +84,11 @@ def test_names_cannot_steer_a_terminal(tmp_path: Path) -> None:
 def test_what_is_shown() -> None:
     assert shown("µ – 320 × 240\tB\n") == "µ – 320 × 240\tB\n"
     assert shown("\x1b[0m\r\udcff\x9b\u2028") == r"\x1b[0m\r\udcff\x9b\u2028"
+
+
+def test_everything_that_is_said_goes_through_tell() -> None:
+    """So that nothing steers a terminal, and what could not be written is said."""
+    package = ROOT / "cadtof_cli"
+    for path in package.rglob("*.py"):
+        if path != package / "commands" / "terminal.py":
+            assert not re.search(r"\bclick\.s?echo\(|(?<!\.)\bprint\(", path.read_text(encoding="utf-8")), path

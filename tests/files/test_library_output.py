@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from cadtof_cli.files.exr.library_output import library_output
+from cadtof_cli.files.library_output import library_output
 
 
 def _print_like_the_library() -> None:

@@ -45,7 +45,7 @@ def test_text_as_people_like_to_read_it() -> None:
 
 @pytest.mark.parametrize(
     ("content", "found"),
-    [(None, "cannot be read: No such file"), (b"a = \xff", "not UTF-8 text: "), (b"a = ", "not valid TOML: ")],
+    [(None, "cannot be read: No such file"), (b"a = \xff", "not UTF-8 text (byte 4)"), (b"a = ", "not valid TOML: ")],
 )
 def test_what_is_not_toml_says_so(content: bytes | None, found: str, tmp_path: Path) -> None:
     path = tmp_path / "capture.toml"

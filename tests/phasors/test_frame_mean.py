@@ -105,3 +105,17 @@ def test_a_value_at_or_beyond_the_limits_in_any_frame_spoils_its_pixel_alone(val
 def test_the_mean_volts_of_no_frames_are_refused() -> None:
     with pytest.raises(ValueError, match="no frames"):
         mean_volts([], voltage=Voltage())
+
+
+def test_one_frame_does_not_scatter_about_itself() -> None:
+    (given,) = frames(1)
+    mean = mean_volts([given.astype(np.float64)], voltage=Voltage())
+    assert mean.variance is not None
+    assert not mean.variance.any()
+    assert mean.frames == 1
+
+
+def test_a_mean_of_one_frame_does_not_know_a_frame_s_noise() -> None:
+    (given,) = frames(1)
+    mean = mean_volts([given.astype(np.float64)], voltage=Voltage())
+    assert mean.frame_noise().tolist() == [0.0] * len(given)

@@ -60,3 +60,12 @@ def test_a_slope_is_not_noise() -> None:
 def test_no_noise_is_infinite_and_no_pixels_are_nothing() -> None:
     assert estimated_integration_length(np.full((2, 8, 8), 0.3 + 0.1j)) == math.inf
     assert math.isnan(estimated_integration_length(np.full((2, 8, 8), np.nan + 0j)))
+
+
+@pytest.mark.parametrize(("broken", "known"), [(0, True), (1, False)])
+def test_sixteen_differences_are_the_least_that_noise_is_told_from(broken: int, known: bool) -> None:
+    """5 × 5 pixels have 16 second differences, 15 without a corner."""
+    rng = np.random.default_rng(1)
+    frame = np.asarray(0.1 + 1e-3 * (rng.normal(size=(2, 5, 5)) + 1j * rng.normal(size=(2, 5, 5))), np.complex128)
+    frame[1, 0, :broken] = np.nan
+    assert np.isfinite(estimated_integration_length(frame)) == known

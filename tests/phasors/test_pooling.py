@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cadtof_cli.phasors.pooling import PooledPhasors, pooled_phasors
+from cadtof_cli.phasors.pooling import PooledPhasors, pooled_phasors, pooling_seconds
 from cadtof_cli.resolver.paths import ResolvedPaths
 from cadtof_cli.resolver.resolve import resolve_paths
 from cadtof_cli.resolver.settings import ResolverSettings
@@ -144,3 +144,24 @@ def test_a_frame_smaller_than_the_window_is_pooled_as_far_as_it_goes(shape: tupl
     pooled = pool(phasors)
     np.testing.assert_allclose(pooled.phasors, phasors, rtol=1e-12)
     assert pooled.samples.max() == min(shape[0], 5) * min(shape[1], 5)
+
+
+@pytest.mark.parametrize(("window", "steps"), [(3, 8), (5, 24), (9, 80)])
+def test_the_time_that_pooling_takes_grows_with_the_neighbours(
+    window: int, steps: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A step a neighbour, over the pixels that have it; the eight of a 3 × 3 window take 8 s here."""
+    clock = iter([100.0, 108.0])
+    monkeypatch.setattr("cadtof_cli.phasors.pooling.time.perf_counter", lambda: next(clock))
+    found = pooling_seconds((200, 400), noise_of((1, 2), n_av=1e5), window=window)
+    reach = window // 2
+    moved = np.abs(np.arange(-reach, reach + 1))
+    pixels = np.outer(200 - moved, 400 - moved).sum() / (200 * 400) - 1.0
+    assert found == pytest.approx(pixels, rel=0.02)
+    assert found == pytest.approx(steps, rel=0.1)
+
+
+def test_no_time_is_needed_for_no_pixels_or_no_neighbours() -> None:
+    noise = noise_of((1, 2), n_av=1e5)
+    assert pooling_seconds((200, 400), noise, window=1) == 0.0
+    assert pooling_seconds((0, 400), noise, window=3) == 0.0

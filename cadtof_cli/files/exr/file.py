@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from cadtof_cli.errors import FrameError
 from cadtof_cli.files.damage import damage_as_frame_error, require_plausible_size
-from cadtof_cli.files.exr.library_output import library_output
+from cadtof_cli.files.library_output import library_output
 from cadtof_cli.files.named_planes import NamedPart
 
 Compression = Literal["none", "zip", "pxr24"]
@@ -93,7 +93,7 @@ def _opened(path: Path, *, header_only: bool) -> Any:
         # no threads of the library's own: its pool does not survive a fork
         file = OpenEXR.File(str(path), separate_channels=True, header_only=header_only, num_threads=0)
     if said:
-        words = "; ".join(line.removeprefix(f"{path}: ") for line in said)
+        words = "; ".join(line.removeprefix(f"{path}: ").removeprefix("Warning: ") for line in said)
         raise FrameError(f"{path}: damaged EXR: {words}; expected a complete file, try copying it again")
     if not file.parts:
         raise FrameError(f"{path}: damaged EXR: found no parts, expected at least one")

@@ -11,9 +11,13 @@ from cadtof_cli.arrays import Stored
 from cadtof_cli.errors import FrameError
 from cadtof_cli.files.damage import damage_as_frame_error, require_plausible_size
 from cadtof_cli.files.frames import FrameLayout, Frames, NotAFrameError
+from cadtof_cli.files.library_output import library_output
 
 _HEADER = struct.Struct(">8xI4sIIBB")
 _GREY = 0
+_HARMLESS = "Interlace handling"
+"""The library remarks on every interlaced picture, and decodes it."""
+
 _COLOUR_TYPES = {2: "RGB", 3: "a palette", 4: "grey and opacity", 6: "RGBA"}
 
 
@@ -41,7 +45,11 @@ def read_plane(path: Path, _layout: FrameLayout, /) -> Stored:
         content = path.read_bytes()
         height, width, bits = _size(path, content)
         require_plausible_size(path, height * width * 2, len(content))
-        plane: Stored = imagecodecs.png_decode(content)
+        with library_output() as printed:
+            plane: Stored = imagecodecs.png_decode(content)
+    said = [line for line in printed if _HARMLESS not in line]
+    if said:
+        raise FrameError(f"{path}: damaged PNG: {'; '.join(said)}; expected a complete file, try copying it again")
     if plane.shape != (height, width) or plane.dtype != np.dtype(f"u{bits // 8}"):
         raise FrameError(
             f"{path}: damaged PNG: found {plane.shape} {plane.dtype}, its header promises {height}, {width}"

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from cadtof_cli.arrays import Float
+from cadtof_cli.arrays import Float, Index
 from cadtof_cli.resolver.likelihood.mixture import Measured, Mixture
 from cadtof_cli.resolver.likelihood.pisarenko import pisarenko, strongest_of
 from cadtof_cli.resolver.two_path.closed_form import fundamental_frame, two_paths
@@ -13,7 +13,7 @@ DELAYS_PER_HARMONIC = 8
 """Grid delays in a period of the highest harmonic: an eighth of it is well within where the fit converges."""
 
 
-PAIR_PIXELS = 128
+PAIR_PIXELS = 512
 """Pixels at a time in the scan over pairs, of which there are hundreds."""
 
 
@@ -46,28 +46,50 @@ def best_pair(measured: Measured, /, *, weights: Sequence[float]) -> Mixture:
     """Return the grid's pair of paths that explains most of the phasors, each with an amplitude above 0.
 
     For delays x and y the best amplitudes solve S·[[1, ρ], [ρ, 1]]·(a, b) = (B(x), B(y)), with B the matched sum of
-    `strongest_path`, S = Σ w_h and ρ = Σ w_h·cos h(x − y)/S; they explain a·B(x) + b·B(y).
+    `strongest_path`, S = Σ w_h and ρ = Σ w_h·cos h(x − y)/S; they explain a·B(x) + b·B(y). All pairs a lag apart have one ρ.
     """
     grid = _grid(measured.harmonics)
-    first, second = np.triu_indices(len(grid), k=1)
-    lag = grid[second] - grid[first]
-    total = sum(weights)
-    weighted = [w * np.cos(h * lag) for w, h in zip(weights, measured.harmonics, strict=True)]
-    rho: Float = np.add.reduce(weighted)[:, np.newaxis] / total
-    scale = 1.0 / (total * (1.0 - rho * rho))
+    count, pixels = len(grid), measured.re.shape[1]
+    cosines = [
+        np.array([w * np.cos(h * lag) for w, h in zip(weights, measured.harmonics, strict=True)]) for lag in grid
+    ]
     parts: list[Float] = []
-    for begin in range(0, measured.re.shape[1], PAIR_PIXELS):
-        some = measured[np.arange(begin, min(begin + PAIR_PIXELS, measured.re.shape[1]))]
+    for begin in range(0, pixels, PAIR_PIXELS):
+        some = measured[np.arange(begin, min(begin + PAIR_PIXELS, pixels))]
         matched: Float = np.stack([_matched(some, weights, phase) for phase in grid])
-        a: Float = (matched[first] - rho * matched[second]) * scale
-        b: Float = (matched[second] - rho * matched[first]) * scale
-        explained = np.where((a > 0.0) & (b > 0.0), a * matched[first] + b * matched[second], -np.inf)
-        best = explained.argmax(axis=0)[np.newaxis]
-        pair = np.concatenate((first[best], second[best]))
-        amplitudes = np.maximum(np.concatenate([np.take_along_axis(part, best, 0) for part in (a, b)]), 0.0)
-        parts.append(np.concatenate((amplitudes, np.cos(grid)[pair], np.sin(grid)[pair])))
-    points: Float = np.concatenate(parts, axis=1)
-    return Mixture.of_points(points)
+        # the grid goes round: the second path of a pair lies `lag` places behind the first
+        around = np.concatenate((matched, matched))
+        squares = around * around
+        most, lags = np.full(matched.shape, -np.inf), np.ones(matched.shape, np.intp)
+        for lag in range(1, count // 2 + 1):
+            rho = float(cosines[lag].sum()) / sum(weights)
+            there = around[lag : lag + count]
+            explained = matched * there
+            explained *= -2.0 * rho
+            explained += squares[:count]
+            explained += squares[lag : lag + count]
+            explained *= 1.0 / (1.0 - rho * rho)
+            better = explained > most
+            better &= matched > rho * there
+            better &= there > rho * matched
+            np.copyto(most, explained, where=better)
+            np.copyto(lags, lag, where=better)
+        first = most.argmax(axis=0)
+        second = (first + np.take_along_axis(lags, first[np.newaxis], 0)[0]) % count
+        parts.append(_amplitudes_of_pairs(matched, first, second, grid, cosines, sum(weights)))
+    return Mixture.of_points(np.concatenate(parts, axis=1))
+
+
+def _amplitudes_of_pairs(
+    matched: Float, first: Index, second: Index, grid: Float, cosines: Sequence[Float], total: float
+) -> Float:
+    """Return pairs of the grid's delays as points, with the amplitudes that explain most, not below 0."""
+    rho = np.array([float(one.sum()) / total for one in cosines])[np.abs(second - first)]
+    pair = np.stack((first, second))
+    b_first, b_second = np.take_along_axis(matched, pair, 0)
+    scale = 1.0 / (total * (1.0 - rho * rho))
+    amplitudes = np.maximum(np.stack(((b_first - rho * b_second) * scale, (b_second - rho * b_first) * scale)), 0.0)
+    return np.concatenate((amplitudes, np.cos(grid)[pair], np.sin(grid)[pair]))
 
 
 def _grid(harmonics: Sequence[int]) -> Float:

@@ -33,19 +33,10 @@ class FullResponse:
         self._always_two = settings.order == "2"
         steps = ONE_PATH_STEPS if settings.max_paths == 1 else ORDER_TEST_STEPS
         self._frame = fundamental_frame(*phasors)
+        self.modulus, self.powers = self._frame.u, self._frame.powers
         self._alone: OnePath = one_path_of_response(
             one_path(self._frame, noise=noise, steps=1), phasors, response=response, noise=noise, steps=steps
         )
-
-    @property
-    def modulus(self) -> Float:
-        """|p| of the first harmonic."""
-        return self._frame.u
-
-    @property
-    def powers(self) -> tuple[Float, Float]:
-        """|p|² of both harmonics."""
-        return self._frame.powers
 
     def fit(self, count: int, pixels: Bool, /, *, limit: Float | float | None) -> tuple[Index | slice, Fit]:
         """Fit one or two paths (see `Solver`)."""

@@ -1,7 +1,7 @@
 /* The compiled twin of the two-path solver as a Python module: buffers in, buffers filled, nothing kept.
  *
  * kernel.py is its front. What comes here is checked again all the same: a buffer of the wrong type, size, alignment or layout
- * is a ValueError or TypeError, never a crash. The equations are in _kernel_paths.h, compiled once for every instruction set in
+ * is a ValueError or TypeError, never a crash. The equations are in the headers beside it, compiled once for every instruction set in
  * LEVELS; which of them this processor has is asked when the module is loaded.
  */
 #ifndef Py_GIL_DISABLED
@@ -21,7 +21,7 @@
 #elif defined(__clang__)
 #pragma STDC FP_CONTRACT OFF
 #endif
-#include "_kernel_paths.h"
+#include "_kernel_answers.h"
 
 /* --- one function for every instruction set ----------------------------------------------------------------------------- */
 

@@ -94,6 +94,7 @@ typedef struct {
     Row amplitude[2], phase[2], sigma[2];                /* direct and MPI path */
     Row impossible;                                      /* 1 where they hold more light than there can be */
     Row t1, t2, t3, t4, t5;                              /* between the loops of a function */
+    int pairs;                                           /* whether any pixel has two paths */
 } Group;
 
 #define INLINE static inline KERNEL_INLINE
@@ -166,13 +167,18 @@ INLINE void store_layer(const double *restrict values, float *restrict to, int m
     else memcpy(to, out, (size_t)m * sizeof *out);
 }
 
+INLINE void store_none(float *restrict to, int m) {
+    if (m == GROUP) EACH_PIXEL to[i] = NAN;
+    else for (int i = 0; i < m; i++) to[i] = NAN;
+}
+
 INLINE void store(Group *restrict g, const Frame *restrict frame, int64_t start, int m) {
     const double volts = frame->constants->volts;
     const int64_t n = frame->pixels;
     float *layers = frame->layers + start;
     if (frame->shift) {
         for (int i = 0; i < GROUP; i++) g->t1[i] = frame->shift[start + (i < m ? i : 0)];
-        for (int path = 0; path < 2; path++) EACH_PIXEL {
+        for (int path = 0; path < 1 + g->pairs; path++) EACH_PIXEL {
             double phase = g->phase[path][i] - g->t1[i];
             g->phase[path][i] = phase < 0.0 ? phase + FULL_TURN : phase;
         }
@@ -180,7 +186,7 @@ INLINE void store(Group *restrict g, const Frame *restrict frame, int64_t start,
     if (frame->metres)
         for (int i = 0; i < GROUP; i++) g->t2[i] = frame->metres[start + (i < m ? i : 0)];
     else EACH_PIXEL g->t2[i] = frame->constants->metres;
-    for (int path = 0; path < 2; path++) {
+    for (int path = 0; path < 1 + g->pairs; path++) {
         EACH_PIXEL g->t3[i] = g->phase[path][i] * g->t2[i];
         store_layer(g->t3, layers + path * n, m);
         EACH_PIXEL g->t3[i] = g->amplitude[path][i] * volts;
@@ -188,6 +194,8 @@ INLINE void store(Group *restrict g, const Frame *restrict frame, int64_t start,
         EACH_PIXEL g->t3[i] = g->sigma[path][i] * g->t2[i];
         store_layer(g->t3, layers + (4 + path) * n, m);
     }
+    if (!g->pairs)
+        for (int layer = 1; layer < 6; layer += 2) store_none(layers + layer * n, m);
     EACH_PIXEL g->t3[i] = g->confidence[i] * volts;
     store_layer(g->t3, layers + 6 * n, m);
     uint32_t *restrict status = frame->status + start;

@@ -23,16 +23,7 @@ class ClosedForm:
 
     def __init__(self, phasors: Complex, noise: NoiseModel, /) -> None:
         self._frame, self._noise = fundamental_frame(*phasors), noise
-
-    @property
-    def modulus(self) -> Float:
-        """|p| of the first harmonic."""
-        return self._frame.u
-
-    @property
-    def powers(self) -> tuple[Float, Float]:
-        """|p|² of both harmonics."""
-        return self._frame.powers
+        self.modulus, self.powers = self._frame.u, self._frame.powers
 
     def fit(self, count: int, pixels: Bool, /, *, limit: Float | float | None) -> tuple[Index | slice, Fit]:
         """Fit one or two paths (see `Solver`)."""

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cadtof_cli.capture.discovery import Capture, find_captures
+from cadtof_cli.capture.discovery import Capture, base_of, find_captures, placed_below
 from cadtof_cli.capture.frame_sources import FrameSource
 from cadtof_cli.capture.frames import open_frames, single_frames
 from cadtof_cli.capture.toml import FILE_NAME as CAPTURE_FILE
@@ -47,9 +47,11 @@ def pictured(inputs: Sequence[Path], /) -> Iterator[Pictured]:
         if _holds_maps(path):
             run = read_run(path)
             for file in run.require_maps():
-                yield Pictured(run.name(file), _MapReader(run, file), DIRECT_DEPTH, run, file)
+                name = run.name(file) if len(inputs) == 1 or path.is_dir() else f"{file.parent.name}/{file.stem}"
+                yield Pictured(name, _MapReader(run, file), DIRECT_DEPTH, run, file)
             continue
-        for capture in find_captures([path], overrides={}):
+        captures = find_captures([path], overrides={}, recursive=path.is_dir())
+        for capture in placed_below(captures, base_of([path], captures)):
             for source in single_frames(capture):
                 yield Pictured(source.name, _FrameReader(capture, source), LIGHT)
 

@@ -169,25 +169,25 @@ def _common_scale(found: Sequence[Pictured], settings: PreviewSettings, progress
         progress.advance()
         try:
             shown = one.read()
+            name = _layer_name(one, shown, settings)
         except CadtofError as error:
             progress.say(f"left out: {error}")
             continue
-        layer = layer or _layer_name(one, shown, settings)
-        block = block_of(shown, _layer_name(one, shown, settings))
+        layer = layer or name
+        block = block_of(shown, name)
         plane = block.panels[0].values
         shape = shape if any(shape) else (plane.shape[0], plane.shape[1])
         kinds |= block.shown(block.panels[0])
         values.append(plane.ravel()[:: max(1, plane.size // _VALUES_A_FRAME)].copy())
     if not values:
-        raise CaptureError(f"none of the {len(found)} frames can be read")
+        raise CaptureError(f"none of the {len(found)} frames can be drawn")
     colours, limits = default_scale(layer, np.concatenate(values))
     return _Scale(layer, settings.limits or limits, settings.colours or colours, kinds, shape)
 
 
-def _same_scale(one: Pictured, scale: _Scale) -> Block:
+def _same_scale(one: Pictured, scale: _Scale, settings: PreviewSettings) -> Block:
     shown = one.read()
-    name = scale.layer if scale.layer in shown.layers else next(iter(shown.layers))
-    return block_of(shown, name, limits=scale.limits, colours=scale.colours)
+    return block_of(shown, _layer_name(one, shown, settings), limits=scale.limits, colours=scale.colours)
 
 
 def _require_no_truth(settings: PreviewSettings, count: int) -> None:
@@ -209,7 +209,7 @@ def _sheet(
     for one in found:
         progress.advance()
         try:
-            block = _same_scale(one, scale)
+            block = _same_scale(one, scale, settings)
         except CadtofError:
             thumbnails.append(Thumbnail(one.name, None))
             continue
@@ -231,7 +231,7 @@ def _film(found: Sequence[Pictured], out: Path, kind: str, settings: PreviewSett
         for number, one in enumerate(found, start=1):
             progress.advance()
             try:
-                block = _same_scale(one, scale)
+                block = _same_scale(one, scale, settings)
             except CadtofError:
                 continue
             if block.panels[0].values.shape != scale.shape:

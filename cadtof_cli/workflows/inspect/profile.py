@@ -129,7 +129,7 @@ def read_profile(
         where = settings.pixels(*values.shape)
         sigma = layers.get(settings.layer.replace(".depth", ".sigma")) if settings.layer.endswith(".depth") else None
         first = None
-        if settings.layer == DIRECT_DEPTH and settings.first_phasor:
+        if settings.layer == DIRECT_DEPTH and settings.first_phasor and run.record is not None:
             first = first_phasors(run, progress.say).depth(file, values)
         along = values[where].astype(np.float64)
         beside = (None if one is None else one[where].astype(np.float64) for one in (sigma, first))

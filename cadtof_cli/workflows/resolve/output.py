@@ -1,12 +1,16 @@
 """The folder that a run writes into: that nothing in it is lost, and that an earlier run in it is the same run."""
 
+import itertools
 import json
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 from cadtof_cli.capture.discovery import Capture
+from cadtof_cli.capture.frame_sources import names_of
 from cadtof_cli.capture.toml import FILE_NAME as CAPTURE_FILE
 from cadtof_cli.errors import OutputError
 from cadtof_cli.files.atomic import remove_partial_files, sync_folder, write_error
@@ -35,30 +39,51 @@ _INPUTS, _FOLDERS = "resolved_inputs", "folders of the frames"
 """Arguments that may differ between a run and its resumption: what they decide is compared by what it is, not as it was typed."""
 
 
-def frame_names(captures: Sequence[Capture], out: Path, /) -> Mapping[str, Path]:
-    """Return the names that maps will have, with the first file of each frame.
+@dataclass(frozen=True)
+class FrameNames(Collection[str]):
+    """The names that maps of captures will have. Thousands of them are kept only where one is asked for."""
+
+    captures: Sequence[Capture]
+
+    def __iter__(self) -> Iterator[str]:
+        return (name for capture in self.captures for name in names_of(capture.frames))
+
+    def __len__(self) -> int:
+        return sum(len(capture.frames) for capture in self.captures)
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._known
+
+    @cached_property
+    def _known(self) -> frozenset[str]:
+        return frozenset(self)
+
+
+def frame_names(captures: Sequence[Capture], out: Path, /) -> Collection[str]:
+    """Return the names that maps will have.
 
     Raises:
         OutputError: the output folder is a capture's own; or two frames would be written to one file.
     """
     if (out / CAPTURE_FILE).exists() or real_path(out) in {real_path(capture.root) for capture in captures}:
         raise OutputError(f"{out}: the maps would be written among recorded frames; choose another folder with -o")
-    named: dict[str, Path] = {}
-    for frame in (frame for capture in captures for frame in capture.frames):
-        path = frame.paths[0]
-        other = named.setdefault(frame.name, path)
-        if other == path and other is not path:
-            raise OutputError(f"{path} is among the inputs twice; give each frame once")
-        if other != path:
+    names, met = FrameNames(captures), set[str]()
+    for name in names:
+        if name in met:
+            frames = (frame for capture in captures for frame in capture.frames if frame.name == name)
+            first, second = (frame.files[0] for frame in itertools.islice(frames, 2))
+            if first == second:
+                raise OutputError(f"{first} is among the inputs twice; give each frame once")
             raise OutputError(
-                f"{other} and {path} would both be written as {out}/{frame.name}; "
+                f"{first} and {second} would both be written as {out}/{name}; "
                 "resolve them into folders of their own, one command each"
             )
-    return named
+        met.add(name)
+    return names
 
 
 def prepare_output(
-    out: Path, names: Mapping[str, Path], document: Mapping[str, Any], /, *, settings: ResolveSettings, arriving: bool
+    out: Path, names: Collection[str], document: Mapping[str, Any], /, *, settings: ResolveSettings, arriving: bool
 ) -> bool:
     """Make sure that a run loses nothing in its folder, which it holds the lock of; return whether it goes on with another.
 
@@ -85,7 +110,7 @@ def prepare_output(
     return settings.resume and bool(there)
 
 
-def require_nothing_replaced(out: Path, names: Mapping[str, Path], /) -> None:
+def require_nothing_replaced(out: Path, names: Collection[str], /) -> None:
     """Raise OutputError where a run would replace files."""
     if there := would_be_replaced(out, names):
         raise OutputError(
@@ -98,14 +123,14 @@ def _some(names: Sequence[str]) -> str:
     return f"{', '.join(names[:3])}{f' and {len(names) - 3} more' if len(names) > 3 else ''}"
 
 
-def would_be_replaced(out: Path, named: Mapping[str, Path], /) -> list[str]:
+def would_be_replaced(out: Path, named: Collection[str], /) -> list[str]:
     """Return the files in a run's folder that the run would replace."""
 
     def would_be(path: str) -> bool:
         stem, _, suffix = path.rpartition(".")
         return suffix in MAP_FORMATS and (stem in named or re.sub(_PLACE_IN_STACK, "", stem) in named)
 
-    folders = {(out / name).parent for name in named} | {out}
+    folders = {out / name.rpartition("/")[0] for name in named if "/" in name} | {out}
     present = (path for folder in folders if folder.is_dir() for path in folder.iterdir())
     names = (path.relative_to(out).as_posix() for path in present)
     return sorted(name for name in names if name in {RUN_FILE, FRAMES_FILE} or would_be(name))

@@ -75,7 +75,8 @@ def resolve_captures(
             first = run.outcomes(plans, names)
             with recorded_run(settings.out, document, resume=resumed, say=progress.say) as run.record:
                 arrivals = Arrivals(settings, overrides, calibration, base, run.tell, waiting)
-                arrivals.meet(plans)
+                if arriving is not None:
+                    arrivals.meet(plans)
                 run.tell_all(first)
                 for some in arrivals.plans(recorded_arrivals(arriving or (), document, settings.out)):
                     record_captures(document, some)
@@ -88,7 +89,7 @@ def resolve_captures(
 def _dry_run(
     plans: Sequence[CapturePlan],
     settings: ResolveSettings,
-    names: Mapping[str, Path],
+    names: Collection[str],
     on_frame: Callable[[FrameReport], None],
 ) -> RunTotals:
     """Tell of every file that would be written, after the checks of a run; nothing is."""

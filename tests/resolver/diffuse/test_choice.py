@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from cadtof_cli.resolver.diffuse.choice import separate_patches
-from cadtof_cli.resolver.diffuse.light import PatchMeans
+from cadtof_cli.resolver.diffuse.light import PatchMeans, is_light
 from tests.support.diffuse_frames import OMEGA, Tail
 
 SIGMA = 1e-3
@@ -36,3 +36,9 @@ def test_a_strong_late_second_path_is_two_paths(delay_ns: float) -> None:
 def test_noise_alone_is_not_two_paths() -> None:
     assert is_separate(1.0, 1.25)
     assert not is_separate(1.0, 1.25, sigma=0.02)
+
+
+@pytest.mark.parametrize("value", [1e200, -1e200, 1e200j, -1e200j, np.nan, 0.0])
+def test_what_cannot_be_squared_or_is_nothing_is_no_light(value: complex) -> None:
+    phasors = np.array([[0.1 + 0.1j, value], [0.1j, 0.1]])
+    assert is_light(phasors).tolist() == [True, False]

@@ -3,7 +3,7 @@ import pytest
 
 from cadtof_cli.resolver.diffuse.beyond import surfaces_beyond
 from cadtof_cli.resolver.diffuse.grid import PatchGrid, View, assumed_view, patch_grid
-from cadtof_cli.resolver.diffuse.planes import PatchPlanes, patch_planes
+from cadtof_cli.resolver.diffuse.planes import PatchPlanes, Surfaces, patch_planes
 from tests.support.diffuse_frames import F, wall_range
 
 HEIGHT, WIDTH, FOCAL = 90, 130, 120.0
@@ -82,6 +82,7 @@ def test_pieces_beyond_the_view_lie_on_the_wall_that_goes_on_there() -> None:
 def test_unknown_optics_are_sixty_degrees_across() -> None:
     view = assumed_view(240, 320)
     assert not view.known
+    assert view.principal_point_px == (159.5, 119.5)
     assert 2 * np.degrees(np.arctan(160 / view.focal_length_px)) == pytest.approx(60)
 
 
@@ -95,3 +96,20 @@ def test_any_frame_is_cut_into_patches_that_hold_every_pixel(size: tuple[int, in
     ones = cut.samples(np.ones(size))
     assert 0 < ones.sum() <= size[0] * size[1]
     assert ones.shape[:2] == (cut.rows, cut.columns)
+
+
+@pytest.mark.parametrize("distance_m", [1.0, 2.5])
+def test_a_wall_that_faces_the_camera_goes_on_beside_the_view_in_pieces_of_one_size(distance_m: float) -> None:
+    """Squares of the same angle at the array are squares of the same size on a wall parallel to it."""
+    grid = patch_grid(120, 160, View(140.0, (79.5, 59.5)))
+    normal = np.zeros_like(grid.ray)
+    normal[2] = -1.0
+    wall = Surfaces(distance_m / grid.ray[2], normal, grid.ray, grid.ray[2], np.ones(grid.ray.shape[1:]))
+    found = surfaces_beyond(wall, np.ones(grid.ray.shape[1:], bool), grid)
+    assert len(found.range_m)
+    np.testing.assert_allclose(found.range_m * found.ray[2], distance_m)
+    np.testing.assert_allclose(found.cosine, found.ray[2])
+    np.testing.assert_allclose(found.area_m2, found.area_m2[0])
+    side_px = round(float(np.sqrt(found.area_m2[0]) * 140.0 / distance_m), 6)
+    assert side_px == pytest.approx(round(side_px))
+    assert side_px % grid.side == 0

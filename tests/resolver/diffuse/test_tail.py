@@ -8,6 +8,7 @@ from cadtof_cli.resolver.diffuse.tail import (
     REFERENCE_DECAY_NS,
     TailModel,
     free_of_direct,
+    residuals,
     wrapped,
 )
 from tests.support.diffuse_frames import OMEGA, F, Tail
@@ -60,3 +61,8 @@ def test_the_data_do_not_depend_on_the_direct_light(turn: float) -> None:
     seen = np.log(light) + np.log(0.37) + 1j * harmonic * turn
     ours, bare = free_of_direct(seen, harmonic), free_of_direct(np.log(light), harmonic)
     np.testing.assert_allclose(wrapped(ours[:-2] - bare[:-2]), 0.0, atol=1e-12)
+
+
+def test_residuals_of_phases_go_the_short_way_round_and_those_of_moduli_do_not() -> None:
+    observed, predicted = np.array([[4.0], [3.1]]), np.array([[-1.0], [-3.1]])
+    np.testing.assert_allclose(residuals(observed, predicted), [[5.0], [6.2 - 2.0 * np.pi]])

@@ -152,3 +152,24 @@ def test_impossible_light_is_refused(change: dict[str, object], message: str) ->
     }
     with pytest.raises(SettingsError, match=message):
         PhotonMix(**(settings | change))  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(("ratio", "refused"), [(0.0, False), (0.5, False), (-0.1, True), (np.nan, True)])
+def test_a_further_path_may_be_dark_but_not_less(ratio: float, refused: bool) -> None:
+    if refused:
+        with pytest.raises(SettingsError, match="path: found a ratio of"):
+            Condition(asr=5.0, mpi_ratio=0.1, further=((ratio, 20.0),))
+    else:
+        assert Condition(asr=5.0, mpi_ratio=0.1, further=((ratio, 20.0),)).ratios == (1.0, 0.1, ratio)
+
+
+def test_gains_and_noise_of_samples_go_where_the_average_puts_them() -> None:
+    """Means by Σ w, variances by Σ w²; the samples' own noise is independent in SC1 and SC2."""
+    mix = PhotonMix(
+        delays_ns=np.array([5.0]), photons=np.array([1.0]), ambient=np.array(2.0), period_ns=40.0, fwhm_ns=1.7
+    )
+    settled = voltage_statistics(mix, Modulation(), variance_gain=1.0)
+    found = voltage_statistics(mix, Modulation(), variance_gain=0.01, mean_gain=0.8, sample_noise_v=0.05)
+    np.testing.assert_allclose(found.means_v, 0.8 * settled.means_v)
+    more = found.covariances_v2 / 0.01 - settled.covariances_v2
+    np.testing.assert_allclose(more, [[0.05**2, 0.0, 0.05**2]] * 2, atol=1e-12)

@@ -254,3 +254,35 @@ def test_impossible_scenes_are_refused(make: object, message: str) -> None:
     assert callable(make)
     with pytest.raises(SettingsError, match=message):
         make()
+
+
+@pytest.mark.parametrize(("width", "height"), [(1, 5), (5, 1), (1, 1)])
+def test_a_card_of_one_column_or_row_has_the_first_separation_and_ratio(width: int, height: int) -> None:
+    card = Card(separations_ns=(2.0, 9.0), mpi_ratios=(0.3, 0.9), clean_share=0.0)
+    light = card.light(Camera(width=width, height=height), slice(None))
+    assert light.delays_ns[1, 0, 0] - light.delays_ns[0, 0, 0] == pytest.approx(2.0)
+    assert light.photons[1, 0, 0] == pytest.approx(0.3)
+
+
+@pytest.mark.parametrize(
+    ("x", "y", "met"), [(0.0, 0.0, True), (2.0, 1.0, True), (2.001, 0.5, False), (1.0, -0.001, False)]
+)
+def test_the_edge_of_a_surface_belongs_to_it(x: float, y: float, met: bool) -> None:
+    surface = Surface(
+        origin_m=(0.0, 0.0, 3.0), across=(1.0, 0.0, 0.0), along=(0.0, 1.0, 0.0), extents_m=(0.0, 2.0, 0.0, 1.0)
+    )
+    times = surface.distances(np.array([[x], [y], [0.0]]), np.array([[0.0], [0.0], [1.5]]))
+    assert times[0] == (2.0 if met else np.inf)
+
+
+@pytest.mark.parametrize("scene", [Corner(), Corner(opening_deg=70.0), InterReflection()])
+def test_surfaces_are_measured_in_metres_along_two_upright_directions(scene: Corner | InterReflection) -> None:
+    for surface in scene.surfaces():
+        axes = np.array([surface.across, surface.along])
+        np.testing.assert_allclose(axes @ axes.T, np.eye(2), atol=1e-12)
+
+
+@pytest.mark.parametrize("distance_m", [0.8, 2.0, 4.5])
+def test_photons_count_one_where_the_wall_faces_the_light(distance_m: float) -> None:
+    light = Wall(distance_m=distance_m).light(Camera(width=41, height=31), slice(None))
+    assert light.photons[0, 15, 20] == pytest.approx(1.0, rel=1e-3)

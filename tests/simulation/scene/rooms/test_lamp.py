@@ -68,3 +68,17 @@ def test_emitted_light_goes_where_the_beam_goes() -> None:
     assert cosine.min() > math.cos(0.7 + EDGE_RAD) - 1e-4
     within = 2 * math.pi * (1 - math.cos(0.35)) / lamp.flux
     assert (cosine > math.cos(0.35)).mean() == pytest.approx(within, abs=2e-3)
+
+
+@pytest.mark.parametrize("beam_deg", [30.0, 180.0])
+def test_the_directions_of_its_light_go_round_the_axis_evenly_and_are_spread_as_it_shines(beam_deg: float) -> None:
+    lamp = Lamp(position_m=(0.0, 0.0, 0.0), axis=(0.0, 0.6, 0.8), beam_rad=math.radians(beam_deg))
+    found = lamp.emitted(20_000).astype(np.float64)
+    np.testing.assert_allclose(np.linalg.norm(found, axis=0), 1.0, atol=1e-5)
+    mean = found.mean(axis=1)
+    share = (1.0 + math.cos(math.radians(beam_deg + math.degrees(EDGE_RAD) / 2))) / 2 if beam_deg < 180 else 0.0
+    np.testing.assert_allclose(mean, share * np.array(lamp.axis), atol=0.01)
+    across = np.cross(lamp.axis, (1.0, 0.0, 0.0))
+    turns = np.arctan2(across @ found, found[0])
+    counts, _ = np.histogram(turns, bins=12, range=(-np.pi, np.pi))
+    np.testing.assert_allclose(counts, 20_000 / 12, rtol=0.05)

@@ -193,3 +193,10 @@ def test_a_lamp_behind_the_wall_is_refused() -> None:
     room = Interior(size_m=(3.0, 2.5, 4.0), albedos=(0.5,) * 6)
     with pytest.raises(SettingsError, match="expected a lamp within the room"):
         view(room, lamp_offset_m=(0.0, 0.0, -0.6))
+
+
+@pytest.mark.parametrize("asr", [0.5, 4.0])
+def test_ambient_light_is_that_many_times_the_direct_light_where_it_is_the_median_of_the_view(asr: float) -> None:
+    light = RandomRoom(seed=2003, asr=asr, light_paths=1).light(CAMERA, ALL_ROWS)
+    lit = light.photons[0] > 0.0
+    assert np.median(light.photons[0][lit] / light.ambient[lit]) == pytest.approx(1.0 / asr, rel=0.1)

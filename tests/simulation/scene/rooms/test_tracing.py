@@ -8,10 +8,11 @@ import pytest
 from cadtof_cli.arrays import Float, Float32
 from cadtof_cli.simulation.scene.geometry import Hits, Surface, bounce_by_patches
 from cadtof_cli.simulation.scene.rooms import light_points
+from cadtof_cli.simulation.scene.rooms.directions import about
 from cadtof_cli.simulation.scene.rooms.lamp import Lamp
 from cadtof_cli.simulation.scene.rooms.light_points import lamp_light
 from cadtof_cli.simulation.scene.rooms.solids import Box, Interior
-from cadtof_cli.simulation.scene.rooms.tracing import Transients, transients
+from cadtof_cli.simulation.scene.rooms.tracing import Transients, bin_numbers, transients
 
 C_M_PER_NS = 0.299792458
 
@@ -110,3 +111,25 @@ def test_light_never_comes_before_the_direct_light() -> None:
     assert (light.once[1] >= 0).all()
     assert (light.later[1] >= 0).all()
     assert light.later[1].sum() / light.later[0].sum() > light.once[1].sum() / light.once[0].sum()
+
+
+def test_directions_about_a_normal_are_turned_and_nothing_else() -> None:
+    rng = np.random.default_rng(6)
+    normals, local = (rng.normal(size=(3, 500)) for _ in range(2))
+    normals[:, :2] = [[0.0, 0.0], [0.0, 0.0], [1.0, -1.0]]
+    normals, local = (vectors / np.linalg.norm(vectors, axis=0) for vectors in (normals, local))
+    found = about(normals.astype(np.float32), local.astype(np.float32))
+    np.testing.assert_allclose((found * normals).sum(axis=0), local[2], atol=1e-5)
+    np.testing.assert_allclose(np.linalg.norm(found, axis=0), 1.0, atol=1e-5)
+    for normal in normals.T[:10]:
+        same = about(np.repeat(normal[:, None], 500, axis=1).astype(np.float32), local.astype(np.float32))
+        np.testing.assert_allclose(same.T @ same, local.T @ local, atol=1e-5)
+
+
+def test_bins_grow_from_the_direct_light_to_the_last() -> None:
+    """Their edges are evenly spread over ln(1 + delay/4 ns), from 0 to 150 ns; what is beyond goes into the last."""
+    assert bin_numbers(np.array([-1.0, 0.0])).tolist() == [0, 0]
+    edges = 4.0 * np.expm1(np.arange(161) / 160 * np.log1p(150.0 / 4.0))
+    middles = 0.5 * (edges[1:] + edges[:-1])
+    np.testing.assert_array_equal(bin_numbers(middles), np.arange(160))
+    assert bin_numbers(np.array([149.0, 151.0, 1e6])).tolist() == [159, 159, 159]

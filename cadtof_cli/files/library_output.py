@@ -1,7 +1,7 @@
-"""What the OpenEXR library prints, caught before it reaches the terminal.
+"""What the libraries of OpenEXR and PNG print, caught before it reaches the terminal.
 
-On damaged files the library writes to file descriptors 1 and 2 from C++ and to `sys.stdout` from its Python binding, and then
-hands back fewer parts, or wrong pixels, as if nothing had happened. What it prints is the only sign.
+On damaged files they write to file descriptors 1 and 2 from C++ and to `sys.stdout` from a Python binding, and may then hand back
+fewer parts, or wrong pixels, as if nothing had happened. What they print is the only sign.
 """
 
 import contextlib
@@ -16,8 +16,8 @@ from collections.abc import Iterator
 _DESCRIPTORS = (1, 2)
 """Standard output, on which a pipeline reads our JSON, and standard error."""
 
-_ITS_WORDS = re.compile(r"EXR|ojph|^Warning: ", re.IGNORECASE)
-"""The library's own, and those of OpenJPH, by which it reads HTJ2K."""
+_ITS_WORDS = re.compile(r"EXR|ojph|^Warning: |^PNG ", re.IGNORECASE)
+"""The libraries' own, and those of OpenJPH, by which one reads HTJ2K."""
 
 _lock = threading.Lock()
 """The descriptors belong to the process, so threads take turns."""
@@ -25,7 +25,7 @@ _lock = threading.Lock()
 
 @contextlib.contextmanager
 def library_output() -> Iterator[list[str]]:
-    """Collect the lines that the library prints within the block; the list is filled when the block ends.
+    """Collect the lines that a library prints within the block; the list is filled when the block ends.
 
     Lines that other threads print meanwhile, such as a progress bar, are passed on.
     """

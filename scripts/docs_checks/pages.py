@@ -1,0 +1,67 @@
+"""Pages of the documentation taken apart: sections, prose without code, and commands with what they print."""
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+_FENCE = re.compile(r"(?ms)^```(\w*)[^\n]*\n(.*?)^```$")
+_INDENTED = re.compile(r"(?m)(?:^ {4}[^\n]*\n(?:[ \t]*\n(?= {4}))*)+")
+
+SLOW = "<!-- slow -->"
+"""Stands before a block whose commands take too long for the quick form of `scripts/check_docs`."""
+
+
+@dataclass(frozen=True)
+class Section:
+    """A heading of a page and what stands below it, up to the next heading."""
+
+    page: Path
+    heading: str
+    text: str
+
+    def __str__(self) -> str:
+        return f"{self.page.name}: “{self.heading}”"
+
+    @property
+    def prose(self) -> str:
+        """The text without code, comments and pictures."""
+        text = re.sub(r"(?s)<!--.*?-->", "", self.text)
+        text = _INDENTED.sub("", _FENCE.sub("", text))
+        text = re.sub(r"(?s)\$\$.*?\$\$|\$[^$\n]+\$", "", text)
+        return re.sub(r"`[^`\n]*`|!?\[[^\]]*\]\([^)]*\)|doi:\S+|https?://\S+", "", text)
+
+
+@dataclass(frozen=True)
+class Command:
+    """A command on a page with what it is said to print.
+
+    `slow`: it is run in the full form alone.
+    """
+
+    words: str
+    printed: str
+    slow: bool
+
+
+def sections(page: Path, /) -> Iterator[Section]:
+    """Yield the sections of a page; what stands above the first heading belongs to the page's title."""
+    text = page.read_text(encoding="utf-8")
+    kept = _FENCE.sub(lambda match: re.sub(r"(?m)^#", "\\\\#", match.group(0)), text)
+    for part in re.split(r"(?m)^(?=#{1,4} )", kept):
+        heading, _, rest = part.partition("\n")
+        if heading.startswith("#"):
+            yield Section(page, heading.lstrip("# "), rest)
+
+
+def commands(page: Path, /) -> Iterator[Command]:
+    """Yield the commands of a page's blocks, those of lines that begin with `$`, in their order."""
+    text = page.read_text(encoding="utf-8")
+    blocks = [(match.start(), match.group(2)) for match in _FENCE.finditer(text)]
+    bare = _FENCE.sub(lambda match: re.sub(r"[^\n]", "x", match.group(0)), text)
+    blocks += [(match.start(), re.sub(r"(?m)^ {4}", "", match.group(0))) for match in _INDENTED.finditer(bare)]
+    for start, block in sorted(blocks):
+        slow = text[:start].rstrip().endswith(SLOW)
+        for part in re.split(r"(?m)^\$ ", block)[1:]:
+            words, _, printed = part.partition("\n")
+            yield Command(words.strip(), printed, slow)

@@ -1,0 +1,103 @@
+"""Tables of the documentation held against what the script beneath them prints."""
+
+import os
+import re
+import subprocess
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from docs_checks.pages import sections
+from docs_checks.printed import NUMBER, RELATIVE, close
+
+
+@dataclass(frozen=True)
+class Table:
+    """A script whose printed rows a section of a page shows.
+
+    Attributes:
+        page, heading: where the rows stand.
+        script: with its arguments, as it is run from the root of the repository.
+        rows: which rows are the script's: those that this is found in.
+        relative: how far a number may be off, as a share of it.
+        slow: whether it is run in the full form alone.
+    """
+
+    page: str
+    heading: str
+    script: str
+    rows: str = ""
+    relative: float = RELATIVE
+    slow: bool = False
+
+
+TABLES = (
+    Table("README.md", "Accuracy", "scripts/accuracy.py", rows=r"^\| (5,|card|corner|inter-reflection|room|wall)"),
+    Table("README.md", "Accuracy", "scripts/accuracy.py", rows=r"e[-+]\d\d \|", relative=0.9),
+    Table(
+        "docs/diffuse.md",
+        "How good it is",
+        "scripts/diffuse_accuracy.py sample_data/room sample_data/corner sample_data/inter-reflection sample_data/card",
+        rows=r"^\| `sample_data/(room|corner|inter-reflection|card)`",
+    ),
+    Table("docs/diffuse.md", "How good it is", "scripts/cornell.py", rows=r"^\| `simulate --scene cornell`", slow=True),
+    Table("docs/solvers.md", "More harmonics", "scripts/benchmark_solvers.py harmonics", slow=True),
+    Table("docs/solvers.md", "The paper's solver", "scripts/benchmark_solvers.py starts", rows="%, .*%", slow=True),
+    Table("docs/solvers.md", "Three paths", "scripts/benchmark_solvers.py paths", slow=True),
+)
+"""Which rows of the documentation which script prints. Residuals are of the last bits, which differ between machines."""
+
+
+_ASKED = re.compile(r"\(asked[^)]*\)")
+"""What was asked for, beside what is measured."""
+
+
+def check_table(table: Table, root: Path, /, printed: str) -> Iterator[str]:
+    """Yield the rows of a section whose numbers are not those of the line that the script printed of the same name."""
+    lines = {_name(line): line for line in printed.splitlines() if line.startswith("| ")}
+    found = [section for section in sections(root / table.page) if section.heading == table.heading]
+    rows = [row for section in found for row in _rows(section.text) if re.search(table.rows, row)]
+    where = f"{table.page}, “{table.heading}”"
+    if not rows:
+        yield f"{where}: no rows of {table.script}"
+    for row in rows:
+        line = lines.get(_name(row))
+        if line is None:
+            yield f"{where}: {table.script} prints no row like {row}"
+            continue
+        expected, there = (NUMBER.findall(_ASKED.sub("", text.split("|", 2)[2])) for text in (row, line))
+        pairs = list(zip(expected, there, strict=False))
+        if len(pairs) < len(expected) or not all(close(a, b, relative=table.relative) for a, b in pairs):
+            yield f"{where}: {row}: {table.script} prints {line}"
+
+
+def _name(row: str) -> str:
+    """Return what a row is about: its first cell, of a capture the folder's name."""
+    cell = row.split("|")[1].strip()
+    capture = re.match(r"`?(?:sample_data/|simulate --scene )([\w-]+)", cell)
+    return capture[1] if capture else cell
+
+
+def printed_by(script: str, root: Path, /) -> str:
+    """Run a script of the repository and return what it prints."""
+    done = subprocess.run(
+        [sys.executable, *script.split()],
+        cwd=root,
+        env={**os.environ, "PYTHONPATH": str(root)},
+        stdout=subprocess.PIPE,
+        text=True,
+        check=False,
+    )
+    return done.stdout if done.returncode == 0 else ""
+
+
+def _rows(text: str) -> list[str]:
+    """Return the rows of a section's tables, without heads."""
+    rows: list[str] = []
+    lines = text.splitlines()
+    for line, after in zip(lines, [*lines[1:], ""], strict=True):
+        is_head = after.startswith("|---") or line.startswith("|---")
+        if line.startswith("|") and not is_head:
+            rows.append(line.strip())
+    return rows

@@ -1,0 +1,100 @@
+"""Two commits side by side: `cadtof resolve` of each, by CPU time per frame without the start-up, and the start-up."""
+
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from speed.measure import ENVIRONMENT, ROOT, Row, capture_of, in_turns, resolve
+
+MPI_MODEL = "--mpi-model"
+
+
+@dataclass(frozen=True)
+class Case:
+    """A kind of run: options of `resolve`, of which a commit may lack some, and as many frames as make a second or so."""
+
+    options: tuple[str, ...]
+    frames: int
+    scene: tuple[str, ...] = ()
+    asked: str | None = None
+    environment: tuple[tuple[str, str], ...] = ()
+
+
+THREE_HARMONICS = ("--periods-ns", "40,20,13.3333333333")
+
+CASES = {
+    "two paths": Case((MPI_MODEL, "discrete"), 100),
+    "two paths by numpy": Case((MPI_MODEL, "discrete"), 20, asked="≤ 2", environment=(("CADTOF_KERNEL", "numpy"),)),
+    "diffuse MPI": Case((), 10),
+    "triangle waves": Case((MPI_MODEL, "discrete", "--waveform", "triangle"), 6, asked="≤ 1"),
+    "likelihood, three harmonics": Case((MPI_MODEL, "discrete"), 4, THREE_HARMONICS, asked="≤ 0.33"),
+    "three paths": Case((MPI_MODEL, "discrete", "--paths", "3"), 2, THREE_HARMONICS, asked="≤ 0.33"),
+    "lm": Case((MPI_MODEL, "discrete", "--solver", "lm"), 4, asked="≤ 0.33"),
+    "pooling 5 × 5": Case((MPI_MODEL, "discrete", "--pool", "5"), 6, asked="≤ 0.33"),
+}
+
+
+def against(reference: str, place: Path, repeats: int) -> Iterator[Row]:
+    """Measure this working tree and a commit; rows hold the time of this one over that of the commit."""
+    trees = {"this": ROOT, "that": _installed(reference, place)}
+    known = {name: _help(tree) for name, tree in trees.items()}
+    out = place / "out"
+    for what, case in CASES.items():
+        captures = [_capture(case, place / f"{what} {count}", count) for count in (1, 1 + case.frames)]
+        commands = {}
+        for name, tree in trees.items():
+            options = _understood(case.options, known[name])
+            environment = {**dict(case.environment), "PYTHONPATH": str(tree)}
+            for capture in captures:
+                commands[f"{name} {capture.name}"] = resolve(capture, out, *options, "-j", "1", environment=environment)
+        costs = in_turns(commands, repeats)
+        per_frame, start = {}, {}
+        for name in trees:
+            one, many = (costs[f"{name} {capture.name}"].cpu_s for capture in captures)
+            per_frame[name], start[name] = (many - one) / case.frames, one
+        for capture in captures:
+            shutil.rmtree(capture)
+        ratio = per_frame["this"] / per_frame["that"]
+        measured = f"{ratio:.2f} ({per_frame['this'] * 1e3:.1f} and {per_frame['that'] * 1e3:.1f} ms)"
+        yield Row(f"{what}: CPU time per frame over that of {reference}", case.asked, measured, (ratio,))
+        ratio = start["this"] / start["that"]
+        yield Row("… of a run of one frame", None, f"{ratio:.2f}", (ratio,))
+
+
+def _installed(reference: str, place: Path) -> Path:
+    """Install a commit into a folder of its own, with what it compiles, and return the folder."""
+    source, target = place / "source", place / "that"
+    source.mkdir()
+    archive = subprocess.run(["git", "-C", str(ROOT), "archive", reference], check=True, stdout=subprocess.PIPE)
+    subprocess.run(["tar", "-x", "-C", str(source)], input=archive.stdout, check=True)
+    pip = ["uv", "pip"] if shutil.which("uv") else [sys.executable, "-m", "pip"]
+    python = ["--python", sys.executable] if pip[0] == "uv" else []
+    command = [*pip, "install", "--quiet", *python, "--no-deps", "--target", str(target), str(source)]
+    subprocess.run(command, check=True, env={**os.environ, "CC": os.environ.get("CC", "cc")})
+    return target
+
+
+def _help(tree: Path) -> str:
+    command = [sys.executable, "-m", "cadtof_cli", "resolve", "--help"]
+    environment = {**ENVIRONMENT, "PYTHONPATH": str(tree)}
+    return subprocess.run(command, env=environment, cwd=tree, check=True, capture_output=True, text=True).stdout
+
+
+def _understood(options: tuple[str, ...], help_text: str) -> list[str]:
+    """Return options, which have a value each, without those that a commit does not know yet."""
+    pairs = zip(options[::2], options[1::2], strict=True)
+    return [word for name, value in pairs if name in help_text for word in (name, value)]
+
+
+def _capture(case: Case, folder: Path, frames: int) -> Path:
+    if not case.scene:
+        return capture_of(folder, frames)
+    sample = folder.with_name("three harmonics")
+    if not sample.exists():
+        words = [sys.executable, "-m", "cadtof_cli", "simulate", "--scene", "corner", "-o", str(sample), *case.scene]
+        subprocess.run(words, env={**ENVIRONMENT, "PYTHONPATH": str(ROOT)}, check=True, stdout=subprocess.DEVNULL)
+    return capture_of(folder, frames, sample=sample)

@@ -1,0 +1,103 @@
+"""CPU time of whole process trees, side by side and in turns; rows of what was asked and what came out."""
+
+import os
+import resource
+import shutil
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+
+ENVIRONMENT = {
+    name: value for name, value in os.environ.items() if name not in {"PYTHONDONTWRITEBYTECODE", "PYTHONPATH"}
+} | {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+"""Python keeps its bytecode, as it does for a user, and nothing but cadtof's own processes shares the work out."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """What was measured, what was asked (None: nothing) and what came out, as text and as numbers."""
+
+    what: str
+    asked: str | None
+    measured: str
+    values: tuple[float, ...] = ()
+
+    def as_json(self) -> dict[str, object]:
+        """Return the row as a JSON object."""
+        return asdict(self)
+
+    def as_markdown(self) -> str:
+        """Return the row of a table."""
+        return f"| {self.what} | {self.asked or ''} | {self.measured} |"
+
+
+@dataclass(frozen=True)
+class Cost:
+    """What a command cost: CPU time of its process tree, user and system, and the time on the clock, in s."""
+
+    cpu_s: float
+    wall_s: float
+
+
+@dataclass(frozen=True)
+class Command:
+    """A command, and the folder that it writes into, which is emptied before it."""
+
+    words: Sequence[str]
+    out: Path
+    environment: Mapping[str, str] | None = None
+
+    def cost(self) -> Cost:
+        """Run it once."""
+        shutil.rmtree(self.out, ignore_errors=True)
+        self.out.mkdir()
+        before, began = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
+        subprocess.run(
+            self.words, env={**ENVIRONMENT, **(self.environment or {})}, stdout=subprocess.DEVNULL, check=True
+        )
+        wall, after = time.perf_counter() - began, resource.getrusage(resource.RUSAGE_CHILDREN)
+        return Cost(after.ru_utime - before.ru_utime + after.ru_stime - before.ru_stime, wall)
+
+
+def resolve(capture: Path, out: Path, *options: str, environment: Mapping[str, str] | None = None) -> Command:
+    """Return `cadtof resolve` of a capture, by the Python that runs this."""
+    words = [sys.executable, "-m", "cadtof_cli", "resolve", str(capture), "-o", str(out), "-q", "--overwrite", *options]
+    return Command(words, out, environment)
+
+
+def in_turns(commands: Mapping[str, Command], repeats: int) -> dict[str, Cost]:
+    """Return the least CPU and clock time of each command: they take turns, so that what else the machine does strikes all."""
+    costs: dict[str, list[Cost]] = {name: [] for name in commands}
+    for _ in range(repeats):
+        for name, command in commands.items():
+            costs[name].append(command.cost())
+    return {
+        name: Cost(min(cost.cpu_s for cost in found), min(cost.wall_s for cost in found))
+        for name, found in costs.items()
+    }
+
+
+def least_seconds(works: Mapping[str, Callable[[], object]], repeats: int) -> dict[str, float]:
+    """Return the least CPU time of this thread that each work takes, in turns."""
+    times: dict[str, list[float]] = {name: [] for name in works}
+    for _ in range(repeats):
+        for name, work in works.items():
+            began = time.thread_time()
+            work()
+            times[name].append(time.thread_time() - began)
+    return {name: min(found) for name, found in times.items()}
+
+
+def capture_of(folder: Path, frames: int, *, sample: Path = ROOT / "sample_data" / "corner") -> Path:
+    """Make a capture of so many copies of a sample's first frame."""
+    folder.mkdir()
+    shutil.copy(sample / "capture.toml", folder)
+    first = min(sample.glob("frame_*.tif"))
+    for index in range(frames):
+        shutil.copy(first, folder / f"frame_{index:05}.tif")
+    return folder

@@ -1,0 +1,139 @@
+"""Whole runs: `cadtof resolve` beside only reading and writing as much, its start-up and its memory."""
+
+import shutil
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+from speed.measure import ENVIRONMENT, Command, Row, capture_of, in_turns, resolve
+
+COPY = """
+import sys
+from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
+import numpy as np, tifffile
+
+def copy(task):
+    source, target = task
+    frame = tifffile.imread(source)
+    pages = PAGES[0] if PAGES else PAGES.append(np.zeros((8, *frame.shape[-2:]), np.float32)) or PAGES[0]
+    tifffile.imwrite(target, pages, photometric="minisblack", metadata=None)
+
+PAGES = []
+folder, out, jobs = sys.argv[1:]
+tasks = [(path, f"{out}/{path.name}") for path in sorted(Path(folder).glob("*.tif"))]
+if jobs == "1":
+    for task in tasks:
+        copy(task)
+else:
+    with ProcessPoolExecutor(int(jobs)) as pool:
+        list(pool.map(copy, tasks))
+"""
+"""Reads frames and writes as many bytes as `resolve` does, with tifffile and nothing else, nor waiting for the disk."""
+
+ASKED = {200: 0.5, 1000: 0.58}
+"""Throughput over that, of a run of so many frames, with AVX-512."""
+
+
+def end_to_end(place: Path, repeats: int, frames: int) -> Iterator[Row]:
+    """`cadtof resolve` of some hundreds of frames against only reading and writing, by CPU time of the process tree."""
+    capture, out, script = capture_of(place / f"in{frames}", frames), place / "out", place / "copy_frames.py"
+    script.write_text(COPY)
+    discrete = ("--mpi-model", "discrete")
+    commands = {}
+    for jobs in ("1", "2"):
+        commands[f"copy {jobs}"] = Command([sys.executable, str(script), str(capture), str(out), jobs], out)
+        commands[f"discrete {jobs}"] = resolve(capture, out, *discrete, "-j", jobs)
+    if frames <= min(ASKED):
+        commands["diffuse 1"] = resolve(capture, out, "-j", "1")
+    costs = in_turns(commands, repeats)
+    shutil.rmtree(capture)
+
+    def ratio(jobs: str, model: str) -> float:
+        return costs[f"copy {jobs}"].cpu_s / costs[f"{model} {jobs}"].cpu_s
+
+    ratios = (ratio("1", "discrete"), ratio("2", "discrete"))
+    yield Row(
+        f"`resolve --mpi-model discrete` of {frames} TIFF frames over only reading them and writing as many bytes, one job / two",
+        f"≥ {ASKED[frames]:g}",
+        " / ".join(f"{one:.2f}" for one in ratios),
+        ratios,
+    )
+    if "diffuse 1" in costs:
+        yield Row("… where the MPI is diffuse", "≥ 0.2", f"{ratio('1', 'diffuse'):.2f}", (ratio("1", "diffuse"),))
+    if frames > min(ASKED):
+        faster = costs["discrete 1"].wall_s / costs["discrete 2"].wall_s
+        yield Row("two jobs over one, by the clock", "≥ 1.7", f"{faster:.2f}", (faster,))
+    rate = frames / costs["discrete 2"].wall_s
+    yield Row("frames a second with two jobs, start-up and all", None, f"{rate:.0f}", (rate,))
+
+
+def start_up(place: Path, repeats: int) -> Iterator[Row]:
+    """One frame, and help, against importing the libraries that they need."""
+    capture, out = capture_of(place / "one", 1), place / "out"
+    program = Path(sys.executable).with_name("cadtof")
+    commands = {
+        "frame": resolve(capture, out, "--mpi-model", "discrete"),
+        "libraries": Command([sys.executable, "-c", "import numpy, tifffile"], out),
+        "help": Command([str(program), "--help"], out),
+        "click": Command([sys.executable, "-c", "import click"], out),
+    }
+    costs = in_turns(commands, 5 * repeats)
+    for what, asked, ours, other in (
+        (
+            "`resolve --mpi-model discrete` of one frame over `python -c 'import numpy, tifffile'`",
+            1.7,
+            "frame",
+            "libraries",
+        ),
+        ("`cadtof --help` over `python -c 'import click'`", 3.0, "help", "click"),
+    ):
+        ratio = costs[ours].cpu_s / costs[other].cpu_s
+        yield Row(what, f"≤ {asked:g}", f"{ratio:.2f}", (ratio,))
+
+
+def memory(place: Path, frames: int) -> Iterator[Row]:
+    """Peak memory of the whole process tree, few frames against many."""
+    peaks = []
+    for count, runs in ((50, 3), (frames, 1)):
+        capture, out = capture_of(place / f"in{count}", count), place / "out"
+        command = resolve(capture, out, "--mpi-model", "discrete", "-j", "2")
+        peaks.append(max(_peak(command) for _ in range(runs)))
+        shutil.rmtree(capture)
+    few, many = peaks
+    yield Row(
+        f"peak memory of the process tree, {frames} frames over 50",
+        "≤ 1.10",
+        f"{many / few:.2f} ({many / 1e6:.0f} and {few / 1e6:.0f} MB)",
+        (many / few, many, few),
+    )
+
+
+def _peak(command: Command) -> int:
+    shutil.rmtree(command.out, ignore_errors=True)
+    seen = [0]
+    with subprocess.Popen(command.words, env=ENVIRONMENT) as process:
+        while process.poll() is None:
+            seen.append(tree_memory(process.pid))
+            time.sleep(0.01)
+    return max(seen)
+
+
+def tree_memory(pid: int) -> int:
+    """Return the resident memory of a process and all that it started, in bytes; pages that they share count for each.
+
+    Shares of pages (PSS) would not do: they change with who else on the machine maps them, while nothing is allocated.
+    """
+    total, waiting = 0, [pid]
+    while waiting:
+        pid = waiting.pop()
+        try:
+            lines = Path(f"/proc/{pid}/smaps_rollup").read_text().splitlines()
+            total += 1024 * sum(int(line.split()[1]) for line in lines if line.startswith("Rss:"))
+            for task in Path(f"/proc/{pid}/task").iterdir():
+                waiting += [int(child) for child in (task / "children").read_text().split()]
+        except OSError:
+            continue
+    return total

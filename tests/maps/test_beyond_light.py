@@ -1,0 +1,30 @@
+"""Paths are shares of all light: together they are at most all of it."""
+
+import numpy as np
+import pytest
+
+from cadtof_cli.maps.impossible import beyond_light
+from tests.support.mixtures import noise_of
+
+NOISE = noise_of((1, 2), n_av=1e6)
+
+
+@pytest.mark.parametrize(
+    ("amplitudes", "confidence", "beyond"),
+    [
+        ((0.7, 0.29), 0.5, False),
+        ((0.7, 0.7), 0.5, True),
+        ((1.2, np.nan), 0.5, True),
+        ((0.6, np.nan), 0.5, False),
+        ((np.nan, np.nan), 0.5, False),
+        ((0.4, 0.4, 0.4), 0.5, True),
+        ((0.3, 0.3, 0.3), 1.2, True),
+        ((0.3, 0.3, np.nan), np.nan, False),
+    ],
+)
+def test_the_sum_of_the_paths_and_the_first_phasor_are_at_most_the_modulation(
+    amplitudes: tuple[float, ...], confidence: float, beyond: bool
+) -> None:
+    volts = [np.array([0.2746 * amplitude]) for amplitude in amplitudes]
+    found = beyond_light(volts, np.array([0.2746 * confidence]), noise=NOISE, amplitude_v=0.2746)
+    assert found.tolist() == [beyond]

@@ -1,0 +1,130 @@
+"""Frames whose light is known, stored rightly and in the ways of programs that changed them."""
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Pixel, Voltage
+from cadtof_cli.phasors.plausible import implausible
+
+AMPLITUDE_V = 0.2746
+ZERO, STEP = 8192.0, 6e-5
+COUNTS = Voltage(zero_counts=ZERO, volts_per_count=STEP)
+
+
+def volts(share: float = 0.4, *, pixels: int = 4000, seed: int = 1) -> NDArray[np.float64]:
+    """Voltages of light whose phasors are `share` of the modulation amplitude, of any phase, (2, 2, n)."""
+    phase = np.random.default_rng(seed).uniform(0.0, 2.0 * np.pi, (2, pixels))
+    return share * AMPLITUDE_V * np.stack([np.cos(phase), np.sin(phase)], axis=1)
+
+
+def counts(share: float = 0.4) -> NDArray[np.uint16]:
+    return np.rint(volts(share) / STEP + ZERO).astype(np.uint16)
+
+
+def said(stored: NDArray[np.generic], voltage: Voltage | None = None, n_av: float | None = None) -> str | None:
+    modulation = Modulation(amplitude_v=AMPLITUDE_V)
+    return implausible(
+        stored,
+        CaptureMetadata(modulation=modulation, voltage=voltage or Voltage(), pixel=Pixel(integration_length=n_av)),
+    )
+
+
+@pytest.mark.parametrize("share", [0.01, 0.4, 1.0, 1.3])
+def test_light_can_be_as_long_as_the_modulation_and_offsets(share: float) -> None:
+    assert said(volts(share)) is None
+    assert said(counts(share), COUNTS) is None
+
+
+@pytest.mark.parametrize(("n_av", "share"), [(None, 1.4), (1e5, 1.4), (50.0, 1.75)])
+def test_a_phasor_that_is_longer_than_offsets_and_noise_make_it_is_no_light(n_av: float | None, share: float) -> None:
+    told = said(volts(share), n_av=n_av)
+    assert told is not None
+    assert f"beyond modulation.amplitude_v = {AMPLITUDE_V:g} V" in told
+
+
+def test_short_averages_are_noisier_so_that_more_can_be() -> None:
+    """At n_av 50 a channel's standard deviation is .07 of the amplitude."""
+    assert said(volts(1.65), n_av=50.0) is None
+    assert said(volts(1.65), n_av=1e5) is not None
+
+
+@pytest.mark.parametrize(("bad", "refused"), [(0.2, False), (0.3, True)])
+@pytest.mark.parametrize("harmonic", [0, 1])
+def test_a_quarter_of_the_pixels_may_be_broken(harmonic: int, bad: float, refused: bool) -> None:
+    stored = volts()
+    stored[harmonic, :, : int(bad * stored.shape[2])] = 1.0
+    assert (said(stored) is not None) == refused
+
+
+def test_saturated_and_nan_pixels_are_left_out() -> None:
+    stored = counts().astype(np.float64)
+    stored[0, 0, :2000] = 16383.0
+    stored[1, 1, 2000:2500] = np.nan
+    limits = (0.0, 16383.0)
+    assert said(stored, Voltage(zero_counts=ZERO, volts_per_count=STEP, saturated_counts=limits)) is None
+    assert said(stored, COUNTS) is not None
+
+
+@pytest.mark.parametrize(
+    ("stored", "voltage", "cause"),
+    [
+        (counts().astype(np.float32), Voltage(), "they look like counts: give --volts-per-count, and --zero-counts"),
+        (1000.0 * volts(), Voltage(), "they look like millivolts: give --volts-per-count 0.001"),
+        (10.0 * volts(), Voltage(), "give --volts-per-count, how many volts a stored step of 1 is, and --zero-counts"),
+        (1e6 * volts() + 0.5, Voltage(), "give --volts-per-count, how many volts a stored step of 1 is"),
+        (counts(), Voltage(zero_counts=0.0, volts_per_count=STEP), "nothing says which stored value is 0 V"),
+        (
+            counts(),
+            Voltage(zero_counts=ZERO, volts_per_count=0.01),
+            "mend --volts-per-count, --zero-counts or --amplitude-v",
+        ),
+        (volts().astype(np.float32), COUNTS, "look like volts already: leave out zero_counts"),
+        ((counts() / 65535.0).astype(np.float32), COUNTS, "; or scaled to 0 … 1, as ImageMagick writes floats"),
+        (
+            (counts(1.0) / 16383.0 * 255).astype(np.uint8),
+            Voltage(zero_counts=32896.0, volts_per_count=STEP),
+            "scaled to 8 bits",
+        ),
+        ((counts() - ZERO).astype(np.int16), COUNTS, "like counts with the zero taken out: give --zero-counts 0"),
+        ((counts() + 20000).astype(np.uint16), COUNTS, "zero_counts = 8192 is far from them: give --zero-counts"),
+    ],
+)
+def test_what_has_likely_been_done_is_said(stored: NDArray[np.generic], voltage: Voltage, cause: str) -> None:
+    told = said(stored, voltage)
+    assert told is not None
+    assert cause in told
+
+
+def test_volts_below_zero_were_not_scaled_to_one() -> None:
+    told = said(volts().astype(np.float32), COUNTS)
+    assert told is not None
+    assert "ImageMagick" not in told
+
+
+def test_floats_from_0_to_1_that_are_too_large_for_volts_are_only_scaled() -> None:
+    """Counts about 32768 of 65535 are about .5, beyond 1.35 × .2746 V."""
+    middle = Voltage(zero_counts=32768.0, volts_per_count=STEP)
+    told = said((np.rint(volts() / STEP + 32768.0) / 65535.0).astype(np.float32), middle)
+    assert told is not None
+    assert "they look scaled to 0 … 1, as ImageMagick writes floats" in told
+    assert "volts already" not in told
+
+
+def test_a_frame_that_is_saturated_everywhere_says_why() -> None:
+    limits = Voltage(zero_counts=ZERO, volts_per_count=STEP, saturated_counts=(4000.0, 12000.0))
+    told = said(np.full((2, 2, 50), 12000, np.uint16), limits)
+    assert told == (
+        "every pixel is saturated: stored values (uint16) lie between 12000 and 12000, and saturated_counts = [4000, 12000]"
+    )
+    volts_of_counts = said(volts().astype(np.float32), limits)
+    assert volts_of_counts is not None
+    assert volts_of_counts.startswith("every pixel is saturated")
+    assert "look like volts already" in volts_of_counts
+
+
+def test_the_range_is_that_of_all_but_the_outermost_percent() -> None:
+    stored = np.tile(np.linspace(1.0, 3.0, 2001), (2, 2, 1))
+    told = said(stored)
+    assert told is not None
+    assert "stored values (float64) lie between 1.02 and 2.98" in told

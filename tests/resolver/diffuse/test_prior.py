@@ -1,0 +1,47 @@
+"""What is held of rooms before they are seen: as documented, and a distribution that there can be."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from cadtof_cli.resolver.diffuse import prior
+from cadtof_cli.resolver.diffuse.prior import MEAN, between_rooms, pattern, within_room
+
+
+def test_the_typical_room_is_the_documented_one() -> None:
+    """Albedo .95, beside as within, bounces as they come, a tenth of unseen light, 12 ns of decay, 5 ns late."""
+    s, b, u, v, decay_ns = np.exp(MEAN[:5])
+    assert_allclose((s, b, u, v, decay_ns, MEAN[5]), (0.95, 1.0, 1.0, 0.1, 12.0, 5.0))
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_rooms_differ_by_the_documented_spreads_and_more_where_the_optics_are_assumed(known: bool) -> None:
+    """15 % of focal length are 30 % of every area, and of the albedo and of what is bounced once more."""
+    spreads = np.array([0.3, 0.6, 0.5, 1.75, 0.6, 2.5])
+    assumed = 0.0 if known else np.array([0.3, 0.0, 0.3, 0.0, 0.0, 0.0])
+    between, within = between_rooms(known_optics=known), within_room(known_optics=known)
+    assert_allclose(np.diag(between), spreads**2 + assumed**2)
+    assert_allclose(np.diag(within), (np.array([0.5, 0.7, 0.7, 0.7, 0.7, 0.7]) * spreads) ** 2 + assumed**2)
+    assert_allclose(prior.WITHIN_PATCH, 0.525 * spreads)
+
+
+def test_bright_rooms_have_more_unseen_light_near_walls_give_it_earlier_and_large_rooms_keep_it() -> None:
+    between = between_rooms(known_optics=True)
+    assert (np.linalg.eigvalsh(between) > 0.0).all()
+    assert_allclose(between, between.T)
+    spreads = np.sqrt(np.diag(between))
+    correlation = between / np.outer(spreads, spreads)
+    expected = np.eye(6)
+    for (i, j), value in {(0, 3): 0.7, (3, 5): -0.4, (4, 5): 0.6}.items():
+        expected[i, j] = expected[j, i] = value
+    assert_allclose(correlation, expected)
+    within = within_room(known_optics=True)
+    assert_allclose(within, np.diag(np.diag(within)))
+
+
+def test_weakly_lit_surfaces_get_more_unseen_light_in_the_documented_power() -> None:
+    """v ~ E^−.7, 1 for the direct light of a surface 3 m away."""
+    distance_m = np.array([1.0, 3.0, 6.0])
+    found = pattern(1.0 / distance_m**2)
+    assert_allclose(np.exp(found[3]), (distance_m / 3.0) ** 1.4)
+    assert_allclose(np.delete(found, 3, axis=0), 0.0)

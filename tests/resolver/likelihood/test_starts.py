@@ -1,0 +1,38 @@
+"""Where searches begin, and what is known before one."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from cadtof_cli.resolver.likelihood.mixture import Measured
+from cadtof_cli.resolver.likelihood.solver import Likelihood
+from cadtof_cli.resolver.likelihood.starts import best_pair, strongest_path
+from tests.support.forward import T1_NS
+from tests.support.mixtures import Mixture, noise_of
+
+HARMONICS = (1, 2, 3)
+STEPS = 24
+"""Grid delays a turn: eight in a period of the highest harmonic."""
+
+
+@pytest.mark.parametrize("place", range(0, STEPS, 5))
+@pytest.mark.parametrize("weights", [(1.0, 1.0, 1.0), (1e5, 3e4, 2e3)])
+def test_the_strongest_path_of_a_single_one_on_the_grid_is_that_one(place: int, weights: tuple[float, ...]) -> None:
+    problem = Mixture((1.0,), (place / STEPS * T1_NS,), asr=2.0)
+    found = strongest_path(Measured.of_phasors(problem.exact(HARMONICS), harmonics=HARMONICS), weights=weights)
+    assert_allclose(found.amplitude[0], 1.0 / 3.0, rtol=1e-12)
+    assert_allclose(found.cos[0] + 1j * found.sin[0], np.exp(2j * np.pi * place / STEPS), atol=1e-12)
+
+
+def test_the_best_pair_of_two_on_the_grid_is_these_two() -> None:
+    problem = Mixture((1.0, 0.5), (3 / STEPS * T1_NS, 11 / STEPS * T1_NS), asr=1.5)
+    found = best_pair(Measured.of_phasors(problem.exact(HARMONICS), harmonics=HARMONICS), weights=(5.0, 2.0, 1.0))
+    assert_allclose(found.amplitude[:, 0], np.array([1.0, 0.5]) / 3.0, rtol=1e-9)
+    assert_allclose(np.angle(found.cos + 1j * found.sin)[:, 0], 2 * np.pi * np.array([3, 11]) / STEPS, atol=1e-9)
+
+
+def test_the_confidence_is_the_length_of_the_fundamental_and_every_harmonic_has_its_power() -> None:
+    exact = Mixture((1.0, 0.8), (5.0, 14.0)).exact(HARMONICS, 3)
+    solver = Likelihood(exact, noise_of(HARMONICS, n_av=1e5))
+    assert_allclose(solver.modulus, np.abs(exact[0]))
+    assert_allclose(solver.powers, np.abs(exact) ** 2)

@@ -1,0 +1,46 @@
+"""The phase that the fundamental alone tells: that of the one path that would answer so."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from cadtof_cli.capture.metadata import CaptureMetadata, Modulation
+from cadtof_cli.phasors.response import ideal_response
+from cadtof_cli.resolver.response.first_phase import first_phase
+from cadtof_cli.resolver.response.table import response_model
+
+PHASE = np.linspace(0.0, 2.0 * np.pi, 721, endpoint=False)
+
+
+def off(found: np.ndarray, expected: np.ndarray) -> np.ndarray:
+    return np.asarray(np.abs(np.mod(found - expected + np.pi, 2.0 * np.pi) - np.pi))
+
+
+def test_under_a_sine_it_is_the_phasor_s_own() -> None:
+    found = first_phase(0.3 * np.exp(1j * (PHASE - 4.0 * np.pi)), response=None)
+    assert off(found, PHASE).max() < 1e-12
+    assert found.min() >= 0.0
+    assert found.max() < 2.0 * np.pi
+
+
+@pytest.mark.parametrize("own", [None, 0.7, -2.0, 3.1])
+def test_under_a_triangle_a_path_s_own_phase_comes_back(own: float | None) -> None:
+    responses = ideal_response(CaptureMetadata(modulation=Modulation(waveform="triangle")))
+    of_pixels = None if own is None else np.stack([np.full(PHASE.size, own), np.full(PHASE.size, 1.0)])
+    model = response_model(responses, of_pixels)
+    assert model is not None
+    turn = own or 0.0
+    phasor = 0.2 * responses[0].at(PHASE + turn) / responses[0].main * np.exp(-1j * turn)
+    assert off(np.angle(phasor), PHASE).max() > 0.05
+    found = first_phase(phasor, response=model.block(slice(None)))
+    assert off(found, PHASE).max() < 1e-5
+    assert found.min() >= 0.0
+    assert found.max() < 2.0 * np.pi
+
+
+def test_nan_stays_nan() -> None:
+    model = response_model(ideal_response(CaptureMetadata(modulation=Modulation(waveform="triangle"))), None)
+    assert model is not None
+    phasors = np.array([0.1 + 0.1j, complex(np.nan, 0.1)])
+    for response in (None, model.block(slice(None))):
+        assert_allclose(np.isnan(first_phase(phasors, response=response)), [False, True])
