@@ -46,7 +46,6 @@ SHORT = {
     "python": "Python",
     "shells": "Shells and man pages",
     "physics": "Physics",
-    "report": "The page of a run",
     "limits/README": "Overview",
     "limits/separation": "Close paths",
     "limits/false_alarm": "False alarms",

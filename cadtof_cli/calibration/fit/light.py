@@ -113,7 +113,7 @@ def _law_share(phasors: Complex, harmonics: tuple[int, ...]) -> float:
     for other, harmonic in zip(phasors[1:, known], harmonics[1:], strict=True):
         law = length * (first / length) ** harmonic
         shares.append(min(_foretold(first, other, law, half) for half in halves))
-    return max(shares) / max(LAW_SHARE, LAW_SHARE_OF_ROWS / min(known.shape))
+    return float(max(shares) / max(LAW_SHARE, LAW_SHARE_OF_ROWS / min(known.shape)))
 
 
 def _foretold(first: Complex, other: Complex, law: Complex, half: Bool) -> float:
@@ -125,7 +125,8 @@ def _foretold(first: Complex, other: Complex, law: Complex, half: Bool) -> float
         return 0.0
     multiples = [complex(np.vdot(b, one)) / p for b, one, p in zip(bent, left, power, strict=True)]
     missed = [one - multiple * b for one, b, multiple in zip(left, bent, reversed(multiples), strict=True)]
-    return 1.0 - float(sum(np.vdot(one, one).real for one in missed)) / total
+    wrong = float(sum(float(np.vdot(one, one).real) for one in missed))
+    return 1.0 - wrong / total
 
 
 def _without_affine(first: Complex, values: Complex) -> Complex:
