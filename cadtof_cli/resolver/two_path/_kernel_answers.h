@@ -29,6 +29,10 @@ INLINE void direct_and_mpi(Group *restrict g, const Frame *restrict frame) {
     }
 }
 
+INLINE double bits_of_one(const Group *restrict g, int i) {
+    return g->fall_off[i] > 1.0 ? (double)(ONE_PATH + ILL_CONDITIONED) : (double)ONE_PATH;
+}
+
 /* order.py: worth_another, _kept; resolve.py: _bits */
 INLINE void decide(Group *restrict g) {
     EACH_PIXEL {
@@ -50,7 +54,7 @@ INLINE void decide(Group *restrict g) {
         g->sigma[1][i] = no_mpi > 0.0 ? NAN : g->sigma[1][i];
     }
     EACH_PIXEL {
-        double one = g->fall_off[i] > 1.0 ? (double)(ONE_PATH + ILL_CONDITIONED) : (double)ONE_PATH;
+        double one = bits_of_one(g, i);
         double bits = fabs(g->amplitude[0][i]) <= DBL_MAX ? one : 0.0;
         bits = fabs(g->amplitude[1][i]) <= DBL_MAX ? (double)TWO_PATHS + g->doubtful[i] : bits;
         g->refusal[i] = g->refusal[i] + bits;
@@ -65,7 +69,7 @@ INLINE void decide_one(Group *restrict g) {
         g->phase[0][i] = answered > 0.0 ? g->one_phase[i] : NAN;
         g->sigma[0][i] = answered > 0.0 ? g->one_sigma[i] : NAN;
         g->amplitude[1][i] = NAN;
-        double one = g->fall_off[i] > 1.0 ? (double)(ONE_PATH + ILL_CONDITIONED) : (double)ONE_PATH;
+        double one = bits_of_one(g, i);
         g->refusal[i] = g->refusal[i] + (fabs(amplitude) <= DBL_MAX ? one : 0.0);
     }
 }
