@@ -22,11 +22,12 @@ from cadtof_cli.maps.depth import DepthScale, empty_maps, write_block
 from cadtof_cli.maps.impossible import clear_impossible, clear_pixels, most_volts
 from cadtof_cli.maps.layers import ALWAYS
 from cadtof_cli.optics.lamp import LampBeside
-from cadtof_cli.optics.pinhole import planar_per_range, principal_point
+from cadtof_cli.optics.pinhole import planar_per_range
 from cadtof_cli.phasors.frame_mean import FrameMean
 from cadtof_cli.phasors.noise import NoiseModel, estimated_integration_length, noise_model
 from cadtof_cli.phasors.plausible import is_without_noise
 from cadtof_cli.phasors.voltages import phasors_from_stored, saturated_pixels
+from cadtof_cli.predicted_mpi import predicted_mpi
 from cadtof_cli.resolver.status import StatusBit, has_answer
 from cadtof_cli.resolver.two_path.kernel import NUMPY, KernelFrame, chosen_kernel, fill_maps
 from cadtof_cli.units import metres_per_radian
@@ -198,7 +199,7 @@ def prepare_frame(
     if plan.settings.pool > 1:
         pixels = _pooled(pixels, stages, window=plan.settings.pool)
     if plan.resolver.may_be_diffuse(pixels.noise.harmonics):
-        pixels = replace(pixels, mpi=_predicted_mpi(pixels, plan, stages))
+        pixels = replace(pixels, mpi=predicted_mpi(pixels, plan, stages))
     return pixels
 
 
@@ -320,35 +321,3 @@ def _pooled(pixels: FramePixels, stages: FrameStages, *, window: int) -> FramePi
     )
     noise = replace(pixels.noise, samples=pooled.samples.ravel())
     return replace(pixels, noise=noise, pooled=pooled.phasors.reshape(len(phasors), -1))
-
-
-def _predicted_mpi(pixels: FramePixels, plan: FramePlan, stages: FrameStages) -> "DiffuseModel | DiffuseChoice":
-    """Predict the MPI of a frame from its own geometry, where it is diffuse."""
-    from cadtof_cli.resolver.diffuse.grid import View
-    from cadtof_cli.resolver.diffuse.predict import diffuse_model
-    from cadtof_cli.resolver.diffuse.settings import DiffuseSettings
-    from cadtof_cli.resolver.resolve import resolve_paths, screened
-
-    phasors, noise, modulation = stages.phasors(pixels), pixels.noise, plan.metadata.modulation
-    with np.errstate(over="ignore", invalid="ignore"):
-        # values that no camera stores, and NaN, are what the screening finds
-        powers = [phasor.real**2 + phasor.imag**2 for phasor in phasors]
-        status, _ = screened(np.sqrt(powers[0]), powers, stages.status(pixels), settings=plan.resolver, noise=noise)
-    if stages.correction.response is not None:
-        response = stages.correction.response.block(slice(0, pixels.count))
-        found = resolve_paths(phasors, status=status, settings=plan.resolver, noise=noise, response=response)
-        from cadtof_cli.resolver.response.as_sine import phasors_of_sine
-
-        phasors = phasors_of_sine(phasors, found.paths, response=response)
-    optics, offset = plan.metadata.optics, stages.depth.range_offset_m
-    return diffuse_model(
-        phasors.reshape(-1, *pixels.size),
-        usable=(status == 0).reshape(pixels.size),
-        variances=tuple(one.dark_variance for one in noise.each),
-        settings=DiffuseSettings(
-            model=plan.resolver.mpi_model, period_ns=modulation.periods_ns[0], harmonics=noise.harmonics
-        ),
-        view=View(focal, principal_point(optics, pixels.size)) if (focal := optics.focal_length_px) else None,
-        samples=None if noise.samples is None else noise.samples.reshape(pixels.size),
-        range_offset_m=None if offset is None else -offset.reshape(pixels.size),
-    )

@@ -24,6 +24,7 @@ from cadtof_cli.resolver.paths import ResolvedPaths
 from cadtof_cli.resolver.resolve import resolve_paths
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.resolver.two_path.closed_form import fundamental_frame, two_paths
+from cadtof_cli.resolver.two_path.kernel import NUMPY
 from tests.support.mixtures import C, F, Mixture, noise_of, recorded
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -46,6 +47,12 @@ def seconds(run: Callable[[], object]) -> float:
     began = time.perf_counter()
     run()
     return time.perf_counter() - began
+
+
+def processor_seconds(run: Callable[[], object]) -> float:
+    began = time.process_time()
+    run()
+    return time.process_time() - began
 
 
 def resolved(phasors: C, harmonics: tuple[int, ...], n_av: float, settings: ResolverSettings) -> ResolvedPaths:
@@ -257,38 +264,43 @@ def _smeared_columns(window: int) -> int:
 
 
 def speed(repeats: int) -> None:
-    table("QVGA frame, voltages to maps, one core", "ms", "times the closed form (three harmonics: ≤ 25)")
+    table(
+        "QVGA frame, voltages to maps, processor time", "ms", "times the closed form in numpy (three harmonics: ≤ 25)"
+    )
     light, one = Mixture((1.0, 0.3), (5.0, 16.0)), Mixture((1.0,), (5.0,))
     three = Mixture((1.0, 0.6, 0.4), (5.0, 13.0, 21.0))
     runs: dict[str, Callable[[], object]] = {
-        "closed form {1,2}, two paths": _frame(light, (1, 2), ResolverSettings()),
-        "closed form {1,2}, one path": _frame(one, (1, 2), ResolverSettings()),
-        "likelihood {1,2,3}, two paths": _frame(light, (1, 2, 3), ResolverSettings()),
-        "likelihood {1,2,3}, two paths 6 ns apart": _frame(
-            Mixture((1.0, 0.3), (5.0, 11.0)), (1, 2, 3), ResolverSettings()
+        "closed form {1,2} in numpy, two paths": _frame(
+            light, (1, 2), ResolverSettings(mpi_model="discrete"), kernel=NUMPY
         ),
-        "likelihood {1,2,3}, one path": _frame(one, (1, 2, 3), ResolverSettings()),
-        "likelihood {1,2,3,4}, two paths": _frame(light, (1, 2, 3, 4), ResolverSettings()),
+        "closed form {1,2}, two paths": _frame(light, (1, 2), ResolverSettings(mpi_model="discrete")),
+        "closed form {1,2}, one path": _frame(one, (1, 2), ResolverSettings(mpi_model="discrete")),
+        "likelihood {1,2,3}, two paths": _frame(light, (1, 2, 3), ResolverSettings(mpi_model="discrete")),
+        "likelihood {1,2,3}, two paths 6 ns apart": _frame(
+            Mixture((1.0, 0.3), (5.0, 11.0)), (1, 2, 3), ResolverSettings(mpi_model="discrete")
+        ),
+        "likelihood {1,2,3}, one path": _frame(one, (1, 2, 3), ResolverSettings(mpi_model="discrete")),
+        "likelihood {1,2,3,4}, two paths": _frame(light, (1, 2, 3, 4), ResolverSettings(mpi_model="discrete")),
         "lm {1,2}, two paths": _frame(light, (1, 2), ResolverSettings(solver="lm")),
         "lm {1,2,3}, two paths": _frame(light, (1, 2, 3), ResolverSettings(solver="lm")),
         "three paths, {1,2,3}": _frame(three, (1, 2, 3), ResolverSettings(paths=3)),
-        "closed form {1,2}, pooled 5 × 5": _frame(light, (1, 2), ResolverSettings(), pool=5),
+        "closed form {1,2}, pooled 5 × 5": _frame(light, (1, 2), ResolverSettings(mpi_model="discrete"), pool=5),
     }
-    times = {name: min(seconds(run) for _ in range(repeats)) for name, run in runs.items()}
-    closed = times["closed form {1,2}, two paths"]
+    times = {name: min(processor_seconds(run) for _ in range(repeats)) for name, run in runs.items()}
+    closed = times["closed form {1,2} in numpy, two paths"]
     for name, taken in times.items():
         row(name, f"{taken * 1e3:.0f}", f"{taken / closed:.1f}")
 
 
 def _frame(
-    light: Mixture, harmonics: tuple[int, ...], settings: ResolverSettings, pool: int = 1
+    light: Mixture, harmonics: tuple[int, ...], settings: ResolverSettings, pool: int = 1, kernel: str | None = None
 ) -> Callable[[], object]:
     n_av = 1e5
     drawn = light.phasors(harmonics, n_av=n_av, size=QVGA, rng=np.random.default_rng(4))
     drawn *= np.array([[light.pulse(h)] for h in harmonics])
     stored = 0.2746 * np.stack((drawn.real, drawn.imag), axis=1).reshape(len(harmonics), 2, 240, 320)
     plan = FramePlan(metadata=recorded(harmonics, n_av=n_av), settings=MapSettings(resolver=settings, pool=pool))
-    return lambda: resolve_frame(stored.astype(np.float32), plan=plan)
+    return lambda: resolve_frame(stored.astype(np.float32), plan=plan, kernel=kernel)
 
 
 def main() -> None:

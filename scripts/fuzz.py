@@ -2,14 +2,21 @@
 
     scripts/fuzz [--for SECONDS] [--inputs N] [--first N] [--readers NAME,…] [--jobs N]
     scripts/fuzz --repeat READER:NUMBER
+    scripts/fuzz --guided [--for SECONDS] [--readers NAME,…]
 
 An input is a sound sample that was spoiled by something that knows its structure; its number makes it again. It is read in a
 child with limits: what takes over 5 s, crashes, raises anything but a CadtofError, says "unexpected", prints, or takes over
 512 MB is told with the number, and status 1. `--repeat` writes such an input into the current folder and reads it here.
+
+`--guided` lets libFuzzer choose what to spoil further, by what code an input reaches, where atheris is installed (`pip install
+atheris`); what must not be is left in fuzz-READER in the current folder.
 """
 
 import argparse
+import importlib.util
 import os
+import re
+import subprocess
 import sys
 import time
 from pathlib import Path
@@ -19,6 +26,8 @@ from tests.support.fuzz.campaign import Tally, input_of, run_campaign, sound_pla
 from tests.support.fuzz.readers import READERS
 
 INPUTS = 50_000
+
+GUIDED_S = 600.0
 
 
 def repeat(reader: str, number: int) -> int:
@@ -49,6 +58,28 @@ def summary(tally: Tally, seconds: float) -> str:
     )
 
 
+def guided(readers: list[str], seconds: float) -> int:
+    """Let libFuzzer lead, one reader after the other."""
+    if importlib.util.find_spec("atheris") is None:
+        print("atheris is not installed: pip install atheris", file=sys.stderr)
+        return 2
+    found = 0
+    for name in readers:
+        folder = Path(f"fuzz-{name}").absolute()
+        script = Path(__file__).with_name("fuzz_guided.py")
+        command = [sys.executable, str(script), name, str(max(int(seconds / len(readers)), 1)), str(folder)]
+        done = subprocess.run(command, capture_output=True, text=True, errors="backslashreplace", check=False)
+        inputs = re.search(r"stat::number_of_executed_units: *(\d+)", done.stderr)
+        lines = re.findall(r"cov: (\d+)", done.stderr)
+        print(
+            f"{name}: {inputs[1] if inputs else 0} inputs, {lines[-1] if lines else 0} places of the code", flush=True
+        )
+        if done.returncode:
+            found += 1
+            print(done.stderr[-3000:], flush=True)
+    return 1 if found else 0
+
+
 def run() -> int:
     """Run the campaign that the command line asks for."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -60,10 +91,13 @@ def run() -> int:
     parser.add_argument("--readers", default=",".join(READERS), metavar="NAME,…")
     parser.add_argument("--jobs", type=int, default=1, metavar="N", help="children at once")
     parser.add_argument("--repeat", metavar="READER:NUMBER")
+    parser.add_argument("--guided", action="store_true", help="by atheris, where it is installed")
     options = parser.parse_args()
     if options.repeat:
         reader, _, number = options.repeat.rpartition(":")
         return repeat(reader, int(number))
+    if options.guided:
+        return guided(options.readers.split(","), options.seconds or GUIDED_S)
     began = time.monotonic()
     inputs = options.inputs or (INPUTS if options.seconds is None else 10**9)
     with sound_place() as place:

@@ -30,7 +30,10 @@ ALLOWED: dict[str, set[str]] = {
     "calibration": {"capture", "files", "maps", "optics", "phasors", "resolver"},
     "simulation": {"capture", "files", "maps", "optics", "phasors", "resolver"},
     "frame_plan": {"calibration", "capture", "maps", "optics", "phasors", "resolver"},
-    "pipeline": {"calibration", "capture", "files", "frame_plan", "maps", "optics", "phasors", "resolver"},
+    "predicted_mpi": {"frame_plan", "optics", "pipeline", "resolver"},  # of the pipeline, it knows types alone
+    "pipeline": {
+        *("calibration", "capture", "files", "frame_plan", "maps", "optics", "phasors", "predicted_mpi", "resolver"),
+    },
     "one_pixel": {"calibration", "frame_plan", "maps", "phasors", "pipeline", "resolver"},
     "report": {"capture", "files", "maps", "optics", "resolver"},
     "door": {

@@ -63,8 +63,8 @@ def _section(axes: Axes, wall: WallSection, petzval: PetzvalCalibration, flat: F
     axes.set(
         xlabel="column, px",
         ylabel="planar depth, m",
-        title=f"{drawable(wall.name)}: rows {rows.start} to {rows.stop - 1}",
     )
+    axes.set_title(f"{drawable(wall.name)}: rows {rows.start} to {rows.stop - 1}", parse_math=False)
     axes.legend(fontsize=8, loc="upper left", bbox_to_anchor=(1.01, 1.0), borderaxespad=0.0)
     axes.grid(alpha=0.3)
 
@@ -84,8 +84,8 @@ def _radial(axes: Axes, wall: WallSection, petzval: PetzvalCalibration, flat: Fl
     axes.set(
         xlabel="ρ, distance from the principal point over half the diagonal",
         ylabel="range − flat wall, cm",
-        title=drawable(wall.name),
     )
+    axes.set_title(drawable(wall.name), parse_math=False)
     axes.legend(fontsize=8, loc="upper left", bbox_to_anchor=(1.01, 1.0), borderaxespad=0.0)
     axes.grid(alpha=0.3)
 

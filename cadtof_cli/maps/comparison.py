@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from cadtof_cli.arrays import Float, Float32, Status
 from cadtof_cli.resolver.status import StatusBit
 
-EXACT_VALUES = 1 << 23
+EXACT_VALUES = 1 << 22
 """Up to so many values quantiles are exact; beyond, they are those of bins as wide as 1/4096 of the value."""
 
 _SHIFT = 11

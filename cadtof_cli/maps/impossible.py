@@ -18,6 +18,8 @@ than noise does where all light is the laser's (`tests/maps/test_impossible.py`)
 UNKNOWN_SHARE = 0.01
 """Share that a camera's modulation amplitude may be off by as it is stated, with a few digits."""
 
+_BLOCK_PIXELS = 2**18
+
 _KEPT = np.uint32(StatusBit.CALIBRATED | StatusBit.POOLED)
 
 
@@ -58,7 +60,12 @@ def clear_impossible(maps: DepthMaps, /, *, noise: NoiseModel, amplitude_v: floa
     """
     amplitudes = [maps.layer(name).reshape(-1) for name in maps.names if name.endswith(".amplitude")]
     confidence = maps.layer(CONFIDENCE).reshape(-1)
-    impossible = beyond_light(amplitudes, confidence, noise=noise, amplitude_v=amplitude_v)
+    impossible = np.empty(confidence.size, np.bool_)
+    for start in range(0, confidence.size, _BLOCK_PIXELS):
+        # sums over a whole frame of many megapixels would take as much as its maps
+        here = slice(start, min(start + _BLOCK_PIXELS, confidence.size))
+        of_block = [values[here] for values in amplitudes]
+        impossible[here] = beyond_light(of_block, confidence[here], noise=noise[here], amplitude_v=amplitude_v)
     if impossible.any():
         clear_pixels(maps, impossible)
 

@@ -10,14 +10,18 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.transforms import BboxBase
 
+from cadtof_cli.calibration.parts import Origin
+from cadtof_cli.calibration.petzval import PetzvalCalibration, PetzvalQuality
 from cadtof_cli.calibration.store import save_part
-from cadtof_cli.capture.metadata import CaptureMetadata
+from cadtof_cli.capture.metadata import CaptureMetadata, Optics
+from cadtof_cli.figures.petzval import WallSection, draw_petzval
+from cadtof_cli.optics.wall import wall_range_m
 from tests.support.calibrations import made_up_calibration
 from tests.support.captures import record, write_exr, write_frame
 from tests.support.forward import step_frame, step_truth
 from tests.support.run_cadtof import cadtof
 
-HOSTILE = "$a$_{b}^2 深度 ☃ new\nline \\x"
+HOSTILE = "$a$_{b}^2 $\\frac$ 深度 ☃ new\nline \\x"
 
 
 @pytest.fixture(scope="module")
@@ -91,6 +95,16 @@ def test_pictures_of_simulations_are_whole(figures: list[Figure], tmp_path: Path
     assert len(figures) == 6
     for figure in figures:
         _require_whole(figure)
+
+
+def test_the_picture_of_walls_is_whole(figures: list[Figure], tmp_path: Path) -> None:
+    quality = PetzvalQuality(0.001, 0.002, 0.01, 0.001, 0.001, 0.5, 28.0)
+    origin = Origin(captures=("made up",), frames=1, pixels=(24, 32), periods_ns=(40.0, 20.0), waveform="sine")
+    petzval = PetzvalCalibration(origin, 0.05, -0.03, (15.0, 11.0), quality)
+    flat = wall_range_m(Optics(focal_length_px=28.0, principal_point_px=(15.0, 11.0)), (24, 32), distance_m=2.0)
+    walls = [WallSection(name, flat + petzval.range_offset_m, 2.0, (0.0, 0.0)) for name in ("wall", HOSTILE)]
+    draw_petzval(walls, petzval, tmp_path / "a.png", kind="png")
+    _require_whole(figures[0])
 
 
 def _require_whole(figure: Figure) -> None:

@@ -38,7 +38,7 @@ depth = 3.5
 | capture | cm |
 |---|---|
 | `sample_data/card` | .23 |
-| wall | 1.69 |
+| wall | 1.69 (asked ≤ 2.0) |
 """
 
 
@@ -96,7 +96,7 @@ def test_commands_are_run(page: Path, tmp_path: Path) -> None:
 
 def test_numbers_from_nowhere(page: Path) -> None:
     (told,) = unsourced(page, ROOT)
-    assert told.startswith("page.md: “Two” has numbers (.23, 1.69)")
+    assert told.startswith("page.md: “Two” has numbers (.23, 1.69, 2.0)")
     for source in ("`scripts/accuracy` prints it", "see `tests/test_imports.py`", "<!-- numbers: chosen -->"):
         page.write_text(f"{PAGE}\n{source}\n")
         assert not list(unsourced(page, ROOT))
@@ -121,7 +121,7 @@ def test_rows_that_a_script_prints_otherwise(page: Path, tmp_path: Path) -> None
     (told,) = check_table(table, tmp_path, printed=printed.replace("0.23", "0.31"))
     assert told == "page.md, “Two”: | `sample_data/card` | .23 |: scripts/x.py prints | card | 0.31 | 99% |"
     (told,) = check_table(table, tmp_path, printed=printed.replace("wall", "hall"))
-    assert told == "page.md, “Two”: scripts/x.py prints no row like | wall | 1.69 |"
+    assert told == "page.md, “Two”: scripts/x.py prints no row like | wall | 1.69 (asked ≤ 2.0) |"
     assert list(check_table(Table("page.md", "Three", "scripts/x.py"), tmp_path, printed=printed)) == [
         "page.md, “Three”: no rows of scripts/x.py"
     ]

@@ -77,12 +77,22 @@ def patch_grid(height: int, width: int, view: View, /) -> PatchGrid:
     rows, columns = -(-height // side), -(-width // side)
     bare = PatchGrid(view, height, width, side, stride, rows, columns, *(np.empty(0),) * 4)
     cx, cy = view.principal_point_px
-    y, x = np.mgrid[: rows * side, : columns * side].astype(np.float64)
-    slope_x, slope_y = bare.samples((x - cx) / view.focal_length_px), bare.samples((y - cy) / view.focal_length_px)
+    across = (np.arange(columns * side, dtype=np.float64) - cx) / view.focal_length_px
+    down = (np.arange(rows * side, dtype=np.float64) - cy) / view.focal_length_px
+    # views: of a large frame, images of slopes would take more than the frame itself
+    slope_x, slope_y = (
+        bare.samples(np.broadcast_to(slope, (len(down), len(across)))) for slope in (across, down[:, np.newaxis])
+    )
     cosine = 1.0 / np.sqrt(1.0 + slope_x * slope_x + slope_y * slope_y)
     ray = np.stack([(slope_x * cosine).mean(-1), (slope_y * cosine).mean(-1), cosine.mean(-1)])
     ray /= np.linalg.norm(ray, axis=0)
     return sealed(PatchGrid(view, height, width, side, stride, rows, columns, slope_x, slope_y, cosine, ray))
+
+
+def sampled_rows(height: int, width: int, rows: slice, /) -> NDArray[np.intp]:
+    """Return which of some rows of a frame hold sampled pixels."""
+    _, stride = _side_and_stride(height, width)
+    return np.array([row for row in range(rows.start, rows.stop) if row % stride == stride // 2], np.intp)
 
 
 def _side_and_stride(height: int, width: int) -> tuple[int, int]:

@@ -1,6 +1,9 @@
 /* From one path and two to a pixel's answer, and all of it in its order; see _kernel_frame.h. */
 #include "_kernel_paths.h"
 
+/* Bits of one path, in doubt where its harmonics fall off by more than noise lets them. */
+INLINE double bits_of_one(double fall_off) { return fall_off > 1.0 ? (double)(ONE_PATH + ILL_CONDITIONED) : (double)ONE_PATH; }
+
 /* returns.py: _pair. x_chosen in t1, x_wraps in t2, y_wraps in t3. */
 INLINE void direct_and_mpi(Group *restrict g, const Frame *restrict frame) {
     const double ratio = frame->constants->return_ratio, first = frame->returns == RETURN_FIRST ? 1.0 : 0.0;
@@ -29,10 +32,6 @@ INLINE void direct_and_mpi(Group *restrict g, const Frame *restrict frame) {
     }
 }
 
-INLINE double bits_of_one(const Group *restrict g, int i) {
-    return g->fall_off[i] > 1.0 ? (double)(ONE_PATH + ILL_CONDITIONED) : (double)ONE_PATH;
-}
-
 /* order.py: worth_another, _kept; resolve.py: _bits */
 INLINE void decide(Group *restrict g) {
     EACH_PIXEL {
@@ -54,7 +53,7 @@ INLINE void decide(Group *restrict g) {
         g->sigma[1][i] = no_mpi > 0.0 ? NAN : g->sigma[1][i];
     }
     EACH_PIXEL {
-        double one = bits_of_one(g, i);
+        double one = bits_of_one(g->fall_off[i]);
         double bits = fabs(g->amplitude[0][i]) <= DBL_MAX ? one : 0.0;
         bits = fabs(g->amplitude[1][i]) <= DBL_MAX ? (double)TWO_PATHS + g->doubtful[i] : bits;
         g->refusal[i] = g->refusal[i] + bits;
@@ -69,7 +68,7 @@ INLINE void decide_one(Group *restrict g) {
         g->phase[0][i] = answered > 0.0 ? g->one_phase[i] : NAN;
         g->sigma[0][i] = answered > 0.0 ? g->one_sigma[i] : NAN;
         g->amplitude[1][i] = NAN;
-        double one = bits_of_one(g, i);
+        double one = bits_of_one(g->fall_off[i]);
         g->refusal[i] = g->refusal[i] + (fabs(amplitude) <= DBL_MAX ? one : 0.0);
     }
 }

@@ -1,0 +1,234 @@
+"""What every model of MPI promises of every scene, at any light: scenes × models × integration lengths, truth simulated."""
+
+from dataclasses import replace
+from functools import cache, partial
+
+import numpy as np
+import pytest
+
+from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Optics, Pixel
+from cadtof_cli.frame_plan import FramePlan, MapSettings
+from cadtof_cli.maps.layers import DIRECT_DEPTH, DIRECT_SIGMA
+from cadtof_cli.phasors.frame_mean import FrameMean
+from cadtof_cli.pipeline import ResolvedFrame, resolve_frame
+from cadtof_cli.resolver.settings import MpiModel, ResolverSettings
+from cadtof_cli.simulation.pixel.statistics import VoltageStatistics, averaging_gain
+from cadtof_cli.simulation.scene.camera import Camera
+from cadtof_cli.simulation.scene.exposure import Band, Exposure, frame_voltages
+from cadtof_cli.simulation.scene.light import Scene
+from cadtof_cli.simulation.scene.rooms.cornell import CornellBox
+from cadtof_cli.simulation.scene.rooms.room import RandomRoom
+from cadtof_cli.simulation.scene.scenes import Card, Corner, Wall
+from cadtof_cli.workflows.simulate.record import expose
+from tests.support.diffuse_frames import F
+
+DIFFUSE = 2048
+
+LENGTHS = (2e3, 1e4, 1e6)
+
+MODELS: tuple[MpiModel, ...] = ("discrete", "diffuse", "auto")
+
+SCENES: dict[str, Scene] = {
+    "card": Card(distance_m=3.0, separations_ns=(6.0, 20.0), mpi_ratios=(0.3, 0.6)),
+    "weak first": Card(distance_m=1.0, separations_ns=(9.0, 12.0), mpi_ratios=(2.5, 3.0), clean_share=0.0),
+    "wall": Wall(distance_m=2.0),
+    "corner": Corner(),
+    "room": RandomRoom(seed=5, light_paths=48),
+    "cornell": CornellBox(light_paths=48),
+}
+
+TAILS = ("corner", "room", "cornell")
+"""Scenes whose MPI is a tail."""
+
+CAMERA = Camera(width=96, height=72)
+
+
+@cache
+def exposure(name: str) -> Exposure:
+    metadata = CaptureMetadata(pixel=Pixel(integration_length=1e5), optics=CAMERA.optics)
+    return Exposure(scene=SCENES[name], camera=CAMERA, metadata=metadata, seed=3)
+
+
+@cache
+def traced(name: str) -> Band:
+    return expose(exposure(name))
+
+
+@cache
+def recorded(name: str, length: float) -> tuple[F, F, CaptureMetadata]:
+    """Volts of one frame, the true range, and what is known of it."""
+    usual, whole = exposure(name), traced(name)
+    gain = averaging_gain(length) / averaging_gain(usual.integration_length)
+    noisy = VoltageStatistics(whole.voltages.means_v, gain * whole.voltages.covariances_v2)
+    metadata = replace(usual.metadata, pixel=Pixel(integration_length=length))
+    shown = replace(usual, metadata=metadata)
+    return frame_voltages(shown, Band(noisy, whole.truth), 0), whole.truth["direct.depth"], metadata
+
+
+@cache
+def resolved(name: str, model: MpiModel, length: float) -> ResolvedFrame:
+    volts, _, metadata = recorded(name, length)
+    settings = MapSettings(resolver=ResolverSettings(mpi_model=model))
+    return resolve_frame(volts, plan=FramePlan(metadata=metadata, settings=settings))
+
+
+def error_m(frame: ResolvedFrame, truth_m: F) -> F:
+    found = np.abs(frame.maps.layer(DIRECT_DEPTH) - truth_m)
+    return np.asarray(found[np.isfinite(found)])
+
+
+@pytest.mark.parametrize("length", LENGTHS)
+@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize("name", SCENES)
+def test_every_pixel_with_light_has_a_depth_and_a_sigma(name: str, model: MpiModel, length: float) -> None:
+    frame, (_, truth_m, _) = resolved(name, model, length), recorded(name, length)
+    depth, sigma = (frame.maps.layer(layer) for layer in (DIRECT_DEPTH, DIRECT_SIGMA))
+    seen = np.isfinite(truth_m)
+    assert np.isfinite(depth[seen]).mean() > 0.97
+    np.testing.assert_array_equal(np.isfinite(sigma), np.isfinite(depth))
+    assert (sigma[np.isfinite(sigma)] > 0).all()
+    answered_by_tail = (frame.maps.status & DIFFUSE) > 0
+    assert not (answered_by_tail & ((frame.maps.status & 3) > 0)).any()
+    if model == "discrete":
+        assert not answered_by_tail.any()
+    if model == "diffuse":
+        np.testing.assert_array_equal(answered_by_tail, np.isfinite(depth))
+
+
+@pytest.mark.parametrize("length", LENGTHS)
+@pytest.mark.parametrize("name", ["card", "weak first", "wall"])
+def test_frames_without_a_tail_are_left_alone_to_the_bit(name: str, length: float) -> None:
+    taken, discrete = resolved(name, "auto", length), resolved(name, "discrete", length)
+    assert taken.mpi is not None
+    assert taken.mpi.taken == "discrete"
+    np.testing.assert_array_equal(taken.maps.values, discrete.maps.values)
+    np.testing.assert_array_equal(taken.maps.status, discrete.maps.status)
+
+
+@pytest.mark.parametrize("length", LENGTHS)
+@pytest.mark.parametrize("name", TAILS)
+def test_a_tail_is_taken_out_where_there_is_one(name: str, length: float) -> None:
+    """In rooms errors fall to half of those of two paths, whose own are small in a bare corner; sigma knows what is left."""
+    taken, truth_m = resolved(name, "auto", length), recorded(name, length)[1]
+    assert taken.mpi is not None
+    assert taken.mpi.taken == "diffuse"
+    found, two = error_m(taken, truth_m), error_m(resolved(name, "discrete", length), truth_m)
+    assert np.median(found) < (1.0 if name == "corner" else 0.5) * np.median(two)
+    depth, sigma = (taken.maps.layer(layer) for layer in (DIRECT_DEPTH, DIRECT_SIGMA))
+    share = np.mean(np.abs(depth - truth_m)[np.isfinite(depth)] < sigma[np.isfinite(depth)])
+    assert 0.4 < share < 0.995
+
+
+@pytest.mark.parametrize("size", [(1, 1), (1, 96), (72, 1), (3, 50), (31, 33), (72, 96)])
+@pytest.mark.parametrize("model", ["diffuse", "auto"])
+def test_frames_of_any_size_are_answered(size: tuple[int, int], model: MpiModel) -> None:
+    volts, truth_m, metadata = recorded("room", 1e4)
+    cut = np.ascontiguousarray(volts[..., : size[0], : size[1]])
+    plan = FramePlan(metadata=metadata, settings=MapSettings(resolver=ResolverSettings(mpi_model=model)))
+    depth = resolve_frame(cut, plan=plan).maps.layer(DIRECT_DEPTH)
+    assert depth.shape == size
+    assert np.isfinite(depth[np.isfinite(truth_m[: size[0], : size[1]])]).mean() > 0.97
+
+
+def test_a_megapixel_is_answered_as_its_quarter_million_is() -> None:
+    """Four pixels for each: the same patches, and the same depths but for the noise of the pixels that patches are sampled at."""
+    volts, truth_m, metadata = recorded("room", 1e5)
+    large = np.repeat(np.repeat(volts, 12, axis=2), 12, axis=3)
+    x, y = (12 * c + 5.5 for c in ((CAMERA.width - 1) / 2, (CAMERA.height - 1) / 2))
+    focal = 12 * float(metadata.optics.focal_length_px or 0.0)
+    wide = replace(metadata, optics=Optics(focal_length_px=focal, principal_point_px=(x, y)))
+    assert large[0, 0].size > 9e5
+    found = resolve_frame(large, plan=FramePlan(metadata=wide))
+    truth = np.repeat(np.repeat(truth_m, 12, axis=0), 12, axis=1)
+    usual = np.median(error_m(resolved("room", "auto", 1e5), truth_m))
+    assert np.median(error_m(found, truth)) == pytest.approx(usual, rel=0.2)
+
+
+def defects(volts: F) -> tuple[F, np.ndarray[tuple[int, ...], np.dtype[np.bool_]]]:
+    """A lost column, a hole, and single pixels without a value."""
+    lost = np.zeros(volts.shape[2:], np.bool_)
+    lost[:, 17] = lost[20:31, 40:55] = True
+    lost[np.random.default_rng(1).random(lost.shape) < 0.02] = True
+    return np.where(lost, np.nan, volts), lost
+
+
+@pytest.mark.parametrize("model", ["diffuse", "auto"])
+@pytest.mark.parametrize("name", ["room", "corner"])
+def test_no_value_in_is_no_answer_out_and_harms_no_other(name: str, model: MpiModel) -> None:
+    volts, truth_m, metadata = recorded(name, 1e4)
+    broken, lost = defects(volts)
+    plan = FramePlan(metadata=metadata, settings=MapSettings(resolver=ResolverSettings(mpi_model=model)))
+    found = resolve_frame(broken, plan=plan)
+    depth = found.maps.layer(DIRECT_DEPTH)
+    np.testing.assert_array_equal(np.isnan(depth[lost]), True)
+    assert np.isfinite(depth[~lost & np.isfinite(truth_m)]).mean() > 0.97
+    whole = np.median(error_m(resolved(name, model, 1e4), truth_m))
+    assert np.median(error_m(found, truth_m)) < 1.5 * whole + 0.002
+
+
+def averaged(volts: F) -> FrameMean:
+    return FrameMean(volts, np.full(volts.shape[2:], 4.0), volts.dtype, frames=4)
+
+
+@pytest.mark.parametrize("what", ["pool 3", "average 4", "z", "unknown optics", "estimated noise", "beyond 6 m"])
+def test_the_ways_around_it_lead_to_a_tail_too(what: str) -> None:
+    volts, truth_m, metadata = recorded("room", 1e4)
+    settings = MapSettings()
+    frame: F | FrameMean = volts
+    if what == "pool 3":
+        settings = MapSettings(pool=3)
+    if what == "average 4":
+        frame = averaged(volts)
+    if what == "z":
+        settings = MapSettings(depth="z")
+    if what == "unknown optics":
+        metadata = replace(metadata, optics=Optics())
+    if what == "estimated noise":
+        metadata = replace(metadata, pixel=Pixel(integration_length=None))
+    if what == "beyond 6 m":
+        frame = turned(volts, metadata, 4.5)
+    found = resolve_frame(frame, plan=FramePlan(metadata=metadata, settings=settings))
+    assert found.mpi is not None
+    depth = found.maps.layer(DIRECT_DEPTH)
+    if what == "beyond 6 m":
+        assert np.isfinite(depth).mean() > 0.97
+        return
+    assert found.mpi.taken == "diffuse"
+    if what == "z":
+        truth_m = truth_m * cosines()
+    two = np.median(error_m(resolved("room", "discrete", 1e4), truth_m))
+    assert np.nanmedian(np.abs(depth - truth_m)) < 0.75 * two
+
+
+def cosines() -> F:
+    rays = CAMERA.rays(slice(None))
+    return np.asarray(1.0 / np.linalg.norm(rays, axis=0))
+
+
+def turned(volts: F, metadata: CaptureMetadata, further_m: float) -> F:
+    """The scene so much further away."""
+    turn = 4 * np.pi * further_m / (0.299792458 * metadata.modulation.periods_ns[0])
+    phasors = [(pair[0] + 1j * pair[1]) * np.exp(1j * h * turn) for h, pair in enumerate(volts, 1)]
+    return np.stack([np.stack([p.real, p.imag]) for p in phasors])
+
+
+def test_a_triangle_wave_is_freed_of_its_other_terms() -> None:
+    """Waves that the patches take for sines would turn the phases of corners by some centimetres."""
+    modulation = Modulation(waveform="triangle")
+    metadata = CaptureMetadata(modulation=modulation, pixel=Pixel(integration_length=1e5), optics=CAMERA.optics)
+    shown = Exposure(scene=SCENES["corner"], camera=CAMERA, metadata=metadata, seed=3)
+    whole = expose(shown)
+    plan = partial(FramePlan, metadata=metadata)
+    found = resolve_frame(frame_voltages(shown, whole, 0), plan=plan())
+    settings = MapSettings(resolver=ResolverSettings(mpi_model="discrete"))
+    two = resolve_frame(frame_voltages(shown, whole, 0), plan=plan(settings=settings))
+    truth_m = whole.truth["direct.depth"]
+    assert np.median(error_m(found, truth_m)) < max(np.median(error_m(two, truth_m)), 0.01)
+
+
+@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize("value", [0.0, np.nan])
+def test_a_frame_without_any_signal_has_no_depth(model: MpiModel, value: float) -> None:
+    volts, _, metadata = recorded("room", 1e4)
+    plan = FramePlan(metadata=metadata, settings=MapSettings(resolver=ResolverSettings(mpi_model=model)))
+    assert np.isnan(resolve_frame(np.full_like(volts, value), plan=plan).maps.layer(DIRECT_DEPTH)).all()
