@@ -36,6 +36,8 @@ OTHERS = frozenset(
             "--full",
             "--figure",
             "--seeds",
+            "--against",
+            "--count",
         ),
         *("--print0", "--kills", "--privileged", "--lifetime", "--constraint", "--quick", "--model"),
     }

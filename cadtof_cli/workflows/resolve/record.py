@@ -48,12 +48,22 @@ class RunRecorder:
             place = self._before.get(_place_in(self._out, Path(line.output or "")))
             if report.line is None or place is None or self._line_at(place) != text:
                 self._require_there()
-                place = self._lines.seek(0, os.SEEK_END)
-                written = 0
-                while written < len(text):
-                    written += self._lines.write(text[written:])
+                place = self._append(text)
             if self._resumed:
                 self._places.append(place)
+
+    def _append(self, text: bytes) -> int:
+        """Write a line behind the others, whole or not at all, and return its place."""
+        place = self._lines.seek(0, os.SEEK_END)
+        written = 0
+        try:
+            while written < len(text):
+                written += self._lines.write(text[written:])
+        except OSError:
+            # a full disk may have taken a part of it
+            self._lines.truncate(place)
+            raise
+        return place
 
     def finish(self, seconds: float, /) -> None:
         """Complete both files; the totals are those of all frames, whichever run resolved them."""
