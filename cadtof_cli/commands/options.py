@@ -137,7 +137,8 @@ def setting_option(
         "type": _type_of(_type_hints(record)[name]),
         "default": _typed(default),
         "show_default": show_default and not callable(default) and default not in {None, MISSING},
-        "is_flag": isinstance(default, bool),
+        # False said outright would let an option without a default be typed without its value
+        "is_flag": isinstance(default, bool) or None,
         "help": help,
     }
     if default is MISSING:

@@ -129,7 +129,7 @@ class _Pool(Generic[Task, Result]):
             # one that lost its worker is tried again alone: memory may have been short
             if (job.losses and given) or any(other.losses for other in given):
                 return
-            worker = self._place()
+            worker = self._started_afresh() if job.losses else self._place()
             if worker is None:
                 return
             self._waiting.popleft()
@@ -144,6 +144,18 @@ class _Pool(Generic[Task, Result]):
             return self._start()
         ready = (worker for worker in self._workers if sum(not job.computed for job in worker.jobs) < 2)
         return next(ready, None) if self._ahead else None
+
+    def _started_afresh(self) -> _Worker[Task, Result]:
+        """Return a new process in place of an idle one, which may be dead as well without anybody having asked it since."""
+        if len(self._workers) == self._settings.processes:
+            self._end(self._workers[-1])
+        return self._start()
+
+    def _end(self, worker: _Worker[Task, Result]) -> None:
+        worker.process.kill()
+        worker.process.join(FAREWELL_S)
+        worker.connection.close()
+        self._workers.remove(worker)
 
     def _start(self) -> _Worker[Task, Result]:
         ours, theirs = self._context.Pipe()
@@ -190,10 +202,7 @@ class _Pool(Generic[Task, Result]):
 
     def _lose(self, worker: _Worker[Task, Result], *, after_s: float | None = None) -> None:
         """Go on without a worker; all its jobs but the one that it was at are as good as new."""
-        worker.process.kill()
-        worker.process.join(FAREWELL_S)
-        worker.connection.close()
-        self._workers.remove(worker)
+        self._end(worker)
         # what waits for a disk that hangs keeps its place, while other tasks are computed behind it
         lost = worker.at() if after_s is None else worker.jobs[0]
         lost.losses += 1

@@ -42,6 +42,18 @@ def deadly_once(task: tuple[int, Path]) -> int:
     return number
 
 
+def deadly_once_for_all(task: tuple[int, Path]) -> int:
+    """The second of two tasks waits until the first one's process has nothing to do, and kills both processes, once."""
+    number, seen = task
+    if number == 1 and not seen.exists():
+        time.sleep(0.2)
+        seen.touch()
+        siblings = Path(f"/proc/{os.getppid()}/task/{os.getppid()}/children").read_text().split()
+        for process in sorted(map(int, siblings), key=os.getpid().__eq__):
+            os.kill(process, signal.SIGKILL)
+    return number
+
+
 def faulty(number: int) -> int:
     if number == 3:
         raise ZeroDivisionError("three")
@@ -95,6 +107,12 @@ def test_a_process_that_dies_once_costs_nothing(tmp_path: Path) -> None:
     assert [outcome.result for outcome in outcomes] == list(range(12))
     # what had been reported, or lay before the task that died, is not done again
     assert [(tmp_path / str(number)).read_text() for number in range(2)] == ["x", "x"]
+
+
+def test_processes_that_die_together_cost_nothing_even_where_one_was_idle(tmp_path: Path) -> None:
+    tasks = [(number, tmp_path / "seen") for number in range(2)]
+    outcomes = list(run_ordered(deadly_once_for_all, tasks, workers=Workers(jobs=2, start_method="fork")))
+    assert [outcome.result for outcome in outcomes] == [0, 1]
 
 
 @pytest.mark.parametrize("jobs", [1, 2])

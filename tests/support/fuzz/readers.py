@@ -206,7 +206,7 @@ def _options(place: Path, content: bytes) -> None:
     # what would take long, start processes, or listen, as it was asked to
     if any(word in {"-j", "--jobs", "--scheduler", "--start-method", "--frame-timeout"} for word in words[:1]):
         return
-    with contextlib.suppress(ValueError):
+    with contextlib.suppress(ValueError, IndexError):
         words[words.index("-j") + 1] = "1"
     run_command(words)
 
