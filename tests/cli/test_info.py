@@ -127,6 +127,15 @@ def test_maps_by_file_and_by_folder(form: Form, tmp_path: Path) -> None:
     assert str(out / f"frame_1.{form}") in done.out
 
 
+def test_maps_of_one_capture_of_many(tmp_path: Path) -> None:
+    """The run's record lies above them."""
+    for name in ("hall", "stairs"):
+        record(tmp_path / name)
+    assert cadtof("resolve", tmp_path / "hall", tmp_path / "stairs", "-o", tmp_path / "out", "-j", 1).status == 0
+    done = cadtof("info", tmp_path / "out" / "stairs")
+    assert (done.status, done.out.splitlines()[1].split()[:2]) == (0, ["maps", "1"])
+
+
 def test_damaged_maps_and_records(tmp_path: Path) -> None:
     capture, out = record(tmp_path / "capture", frames=2), tmp_path / "out"
     assert cadtof("resolve", capture.folder, "-o", out, "-j", 1).status == 0

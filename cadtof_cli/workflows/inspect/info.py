@@ -21,7 +21,7 @@ from cadtof_cli.phasors.voltages import volts_per_count
 from cadtof_cli.units import unambiguous_range_m
 from cadtof_cli.workflows.inspect.calibration_facts import CalibrationFacts, facts_of_calibration, is_calibration_folder
 from cadtof_cli.workflows.inspect.frame_facts import FrameFacts, LookTask, facts_of_frame
-from cadtof_cli.workflows.inspect.map_facts import MapFacts, facts_of_maps, map_layers
+from cadtof_cli.workflows.inspect.map_facts import MapFacts, facts_of_maps, is_map
 from cadtof_cli.workflows.progress import Progress
 from cadtof_cli.workflows.run_folder import is_run_folder
 
@@ -90,7 +90,7 @@ def look_into(
     for path in inputs:
         if is_calibration_folder(path):
             found.append(facts_of_calibration(path))
-        elif is_run_folder(path) or map_layers(path) is not None:
+        elif is_run_folder(path) or is_map(path):
             found.append(facts_of_maps(path))
         else:
             recorded.append(path)

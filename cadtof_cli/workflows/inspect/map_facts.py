@@ -8,12 +8,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cadtof_cli.capture.toml import FILE_NAME as CAPTURE_FILE
 from cadtof_cli.errors import CadtofError
 from cadtof_cli.files.formats import MAP_SUFFIXES
 from cadtof_cli.files.maps import STATUS, read_facts, read_layers
 from cadtof_cli.maps.layers import DIRECT_DEPTH, layer_unit
 from cadtof_cli.resolver.status import StatusBit
-from cadtof_cli.workflows.run_folder import RUN_FILE, map_files, read_record
+from cadtof_cli.workflows.run_folder import RUN_FILE, is_run_folder, map_files, read_record
 from cadtof_cli.workflows.sound_record import require_sound_record
 
 
@@ -43,22 +44,22 @@ class MapFacts:
     problems: list[str] = field(default_factory=list)
 
 
-def map_layers(path: Path, /) -> Mapping[str, NDArray[Any]] | None:
-    """Return the layers of a file that is a map or truth, None for anything else."""
-    if path.suffix.lower() not in MAP_SUFFIXES or not path.is_file():
-        return None
+def is_map(path: Path, /) -> bool:
+    """Tell whether a file, or the first image of a folder without a capture.toml, is a map or truth."""
     try:
-        layers = read_layers(path)
-    except CadtofError:
-        return None
-    return layers if DIRECT_DEPTH in layers else None
+        if path.is_dir() and not (path / CAPTURE_FILE).exists():
+            inside = (one for one in path.iterdir() if one.suffix in MAP_SUFFIXES and one.is_file())
+            path = min(inside, default=path)
+        return path.suffix.lower() in MAP_SUFFIXES and path.is_file() and DIRECT_DEPTH in read_layers(path)
+    except (CadtofError, OSError):
+        return False
 
 
 def facts_of_maps(path: Path, /) -> MapFacts:
     """Return what a map file, or a folder of maps, holds; a map that cannot be read is a problem."""
     files = map_files(path)
     facts = MapFacts(str(path), len(files))
-    if path.is_dir():
+    if is_run_folder(path):
         try:
             facts.run = dict(require_sound_record(read_record(path)))
         except OSError as error:
