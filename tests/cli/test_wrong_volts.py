@@ -128,6 +128,17 @@ def test_a_few_hot_pixels_are_no_reason(recorded: Path, tmp_path: Path) -> None:
     assert cadtof("resolve", folder, "-o", tmp_path / "maps", "--jobs", "1").status == 0
 
 
+@pytest.mark.parametrize("part", ["dark", "response", "petzval"])
+def test_nothing_is_calibrated_by_them(part: str, recorded: Path, tmp_path: Path) -> None:
+    pages = tifffile.imread(recorded).astype(np.float32)
+    capture = _capture(tmp_path / "float", pages)
+    distance = () if part == "dark" else ("--distance", 1)
+    done = cadtof("calibrate", part, capture, "-o", tmp_path / "camera", *distance)
+    assert done.status == 1
+    assert "they look like counts: give --volts-per-count" in done.err
+    assert not (tmp_path / "camera").exists()
+
+
 def test_info_says_it_too(recorded: Path, tmp_path: Path) -> None:
     folder = _capture(tmp_path / "floats", tifffile.imread(recorded).astype("f4"))
     done = cadtof("info", folder, "--jobs", "1")

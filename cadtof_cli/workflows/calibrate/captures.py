@@ -11,9 +11,10 @@ from cadtof_cli.calibration.store import Calibration, digest_of, load_calibratio
 from cadtof_cli.capture.discovery import Capture, find_captures
 from cadtof_cli.capture.frames import open_frames, require_usual, single_frames, usual_pixels
 from cadtof_cli.capture.metadata import CaptureMetadata, Target
-from cadtof_cli.errors import SettingsError
+from cadtof_cli.errors import FrameError, SettingsError
 from cadtof_cli.files.regular import is_there
 from cadtof_cli.phasors.frame_mean import FrameMean, mean_volts
+from cadtof_cli.phasors.plausible import implausible
 from cadtof_cli.workflows.progress import Progress
 
 
@@ -94,6 +95,9 @@ def _frames(capture: Capture, progress: Progress) -> Iterator[Stored]:
         with open_frames(source, capture.layout) as frames:
             stored = frames.read(source.index or 0)
         require_usual(source, stored.shape[2:], usual)
+        wrong = implausible(stored, capture.source.metadata)
+        if wrong is not None:
+            raise FrameError(f"{source}: {wrong}")
         yield stored
         progress.advance()
 
