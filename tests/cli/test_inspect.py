@@ -132,6 +132,13 @@ def test_two_paths_one_path_and_the_test_between_them(tmp_path: Path) -> None:
     assert alone["chosen"]["mpi.depth"] is None
 
 
+def test_one_path_that_leaves_far_too_much_is_not_weighed() -> None:
+    found = _inspected(DATA / "card" / "frame_0000.exr", 160, 120)
+    assert found["status"] == ["two paths"]
+    assert found["order_test"]["moved_m"] < found["order_test"]["needed_m"]
+    assert found["order_test"]["verdict"].startswith("one path leaves far too much")
+
+
 def test_the_tail_of_a_corner() -> None:
     """H₁ is what the first phasor has over the direct light: its lag is the depth that MPI adds."""
     found = _inspected(DATA / "corner", 60, 60)

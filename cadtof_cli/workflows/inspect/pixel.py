@@ -147,6 +147,9 @@ def _order_test(test: OrderTest | None, status: int) -> dict[str, Any] | None:
         verdict = "one path leaves no more than noise does"
     elif test.worth_another:
         verdict = "one path leaves too much, and another is worth its scatter"
+    elif status & (StatusBit.TWO_PATHS | StatusBit.MORE_PATHS):
+        # solvers leave one path out where it is certain not to do
+        verdict = "one path leaves far too much: another is taken, whatever it costs in scatter"
     else:
         verdict = "one path leaves too much, but another moves the direct path by less than it costs in scatter"
     return asdict(test) | {"verdict": verdict}
