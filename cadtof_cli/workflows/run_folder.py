@@ -334,8 +334,9 @@ def read_record(folder: Path, /) -> dict[str, Any]:
     Raises:
         OSError, ValueError, TypeError: there is none, or it is no JSON object.
     """
-    text = read_text(folder / RUN_FILE, most_bytes=None)
     try:
-        return dict(json.loads(text))
+        return dict(json.loads(read_text(folder / RUN_FILE, most_bytes=None)))
+    except UnicodeDecodeError as error:
+        raise ValueError(f"not UTF-8 text: byte {error.start}") from error
     except RecursionError as error:
         raise ValueError("lists or objects within each other, hundreds deep") from error

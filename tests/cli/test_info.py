@@ -140,6 +140,9 @@ def test_damaged_maps_and_records(tmp_path: Path) -> None:
     capture, out = record(tmp_path / "capture", frames=2), tmp_path / "out"
     assert cadtof("resolve", capture.folder, "-o", out, "-j", 1).status == 0
     (out / "frame_1.tif").write_bytes(b"II*\0garbage")
+    (out / "run.json").write_bytes(b'{"a": "\xe2')
+    done = cadtof("info", out, "-j", 1)
+    assert (done.status, "not the record of a run (not UTF-8 text: byte 7)" in done.err) == (1, True)
     (out / "run.json").write_text("{")
     done = cadtof("info", out, "-j", 1)
     assert done.status == 1
