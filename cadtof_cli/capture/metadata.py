@@ -5,14 +5,11 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Literal, cast
+from typing import Any, Literal, cast
 
 from cadtof_cli.capture.checks import COUNT, LENGTH, PERIOD, POSITIVE, SCALE, VOLTS, Check, above, each, shortened
 from cadtof_cli.errors import MetadataError
 from cadtof_cli.units import FWHM_PER_SIGMA
-
-if TYPE_CHECKING:
-    from cadtof_cli.files.frames import RawLayout
 
 Waveform = Literal["sine", "triangle"]
 
@@ -237,15 +234,6 @@ class Layout(Table):
         if (self.raw_dtype is None) != (self.raw_shape is None):
             raise InvalidValueError("layout.raw_dtype", self.raw_dtype, "dtype and shape of raw dumps, both or none")
 
-    @property
-    def raw(self) -> "RawLayout | None":
-        """What raw dumps hold, where that is said."""
-        from cadtof_cli.files.frames import RawLayout
-
-        if self.raw_dtype is None or self.raw_shape is None:
-            return None
-        return RawLayout(self.raw_dtype, self.raw_shape, self.raw_offset_bytes or 0)
-
 
 @dataclass(frozen=True, kw_only=True)
 class CaptureMetadata:
@@ -283,13 +271,11 @@ _EXPECTED: dict[Kind, str] = {
 }
 
 
-def _is_too_large(value: float) -> bool:
-    return isinstance(value, int) and abs(value) >= _TOO_LARGE
-
-
 def _converted(kind: Kind, value: Any) -> Any:
     match kind, value:
-        case ("number", int() | float()) if not isinstance(value, bool) and not _is_too_large(value):
+        case ("number", int() | float()) if not isinstance(value, bool) and (
+            type(value) is float or abs(value) < _TOO_LARGE
+        ):
             return float(value)
         case ("whole number", int()) | ("text", str()) if not isinstance(value, bool):
             return value

@@ -9,7 +9,7 @@ from cadtof_cli.arrays import Stored
 from cadtof_cli.calibration.parts import PART_KINDS, Origin, Part, PartKind
 from cadtof_cli.calibration.store import Calibration, digest_of, load_calibration, require_absent, save_part
 from cadtof_cli.capture.discovery import Capture, find_captures
-from cadtof_cli.capture.frames import open_frames, require_usual, single_frames, usual_pixels
+from cadtof_cli.capture.frames import read_stored, single_frames, usual_file
 from cadtof_cli.capture.metadata import CaptureMetadata, Target
 from cadtof_cli.errors import FrameError, SettingsError
 from cadtof_cli.files.regular import is_there
@@ -90,11 +90,9 @@ def averaged_captures(
 
 
 def _frames(capture: Capture, progress: Progress) -> Iterator[Stored]:
-    usual = usual_pixels(capture)
+    usual = usual_file(capture)
     for source in single_frames(capture):
-        with open_frames(source, capture.layout) as frames:
-            stored = frames.read(source.index or 0)
-        require_usual(source, stored.shape[2:], usual)
+        stored = read_stored(source, capture.layout, usual=usual.pixels if usual else None)
         wrong = implausible(stored, capture.source.metadata)
         if wrong is not None:
             raise FrameError(f"{source}: {wrong}")
