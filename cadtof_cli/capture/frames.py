@@ -15,7 +15,7 @@ from cadtof_cli.capture.discovery import Capture
 from cadtof_cli.capture.frame_sources import FrameSource
 from cadtof_cli.errors import FrameError
 from cadtof_cli.files.formats import frame_format, suffix_format
-from cadtof_cli.files.frames import CHANNELS, FrameLayout, Frames, LoneFrame, shape_text
+from cadtof_cli.files.frames import CHANNELS, FrameLayout, Frames, lone_frame, shape_text
 from cadtof_cli.files.regular import is_there
 
 _SIZES_LOOKED_AT, _FILES_OPENED = 1000, 15
@@ -45,7 +45,7 @@ def open_frames(source: FrameSource, layout: FrameLayout, /) -> Iterator[Frames]
         yield frames
 
 
-def _joined_planes(source: FrameSource, layout: FrameLayout) -> LoneFrame:
+def _joined_planes(source: FrameSource, layout: FrameLayout) -> Frames:
     """Return the frame that files of one plane each make up."""
     if len(source.paths) != layout.planes:
         raise FrameError(f"frame {source.name}: found {len(source.paths)} files, expected {layout.planes}")
@@ -61,7 +61,7 @@ def _joined_planes(source: FrameSource, layout: FrameLayout) -> LoneFrame:
                 f" {shape_text(first.shape, first.dtype)} as in {source.paths[0].name}"
             )
     stored = np.stack(planes).reshape(len(layout.harmonics), CHANNELS, *first.shape)
-    return LoneFrame(frame_format(source.paths[0], layout).name, stored)
+    return lone_frame(stored)
 
 
 def read_stored(source: FrameSource, layout: FrameLayout, /, *, usual: tuple[int, int] | None = None) -> Stored:

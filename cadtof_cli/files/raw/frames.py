@@ -20,7 +20,7 @@ def open_frames(path: Path, layout: FrameLayout, /) -> AbstractContextManager[Fr
     Raises:
         FrameError: nothing says its shape, the size of the file is another, or its planes do not make up whole frames.
     """
-    return open_array("raw", path, _mapped(path, layout), layout)
+    return open_array(path, _mapped(path, layout), layout)
 
 
 def read_plane(path: Path, layout: FrameLayout, /) -> Stored:
