@@ -22,7 +22,7 @@ from cadtof_cli.maps.depth import DepthScale, empty_maps, write_block
 from cadtof_cli.maps.impossible import clear_impossible, clear_pixels, most_volts
 from cadtof_cli.maps.layers import ALWAYS
 from cadtof_cli.optics.lamp import LampBeside
-from cadtof_cli.optics.pinhole import planar_per_range
+from cadtof_cli.optics.lens import planar_per_range
 from cadtof_cli.phasors.frame_mean import FrameMean
 from cadtof_cli.phasors.noise import NoiseModel, estimated_integration_length, noise_model
 from cadtof_cli.phasors.plausible import is_without_noise

@@ -17,7 +17,7 @@ from cadtof_cli.capture.toml import FILE_NAME, MetadataSource, load_metadata
 from cadtof_cli.errors import CaptureError
 from cadtof_cli.files.formats import FRAME_SUFFIXES, frame_suffixes
 from cadtof_cli.files.frames import FrameLayout, RawLayout
-from cadtof_cli.files.regular import is_folder, is_there
+from cadtof_cli.files.reading import is_folder, is_there
 
 WRITTEN_BY_US = frozenset({"run.json", "dark.toml", "response.toml", "petzval.toml"})
 """Files that make a folder one of maps, or a calibration: nothing in or below it is a recorded frame."""

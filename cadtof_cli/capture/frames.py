@@ -16,7 +16,7 @@ from cadtof_cli.capture.frame_sources import FrameSource
 from cadtof_cli.errors import FrameError
 from cadtof_cli.files.formats import frame_format, suffix_format
 from cadtof_cli.files.frames import CHANNELS, FrameLayout, Frames, lone_frame, shape_text
-from cadtof_cli.files.regular import is_there
+from cadtof_cli.files.reading import is_there
 
 _SIZES_LOOKED_AT, _FILES_OPENED = 1000, 15
 """How many of a capture's files tell what is usual, by their bytes and by what they hold."""

@@ -13,8 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
 from cadtof_cli.errors import FrameError
-from cadtof_cli.files.damage import damage_as_frame_error
-from cadtof_cli.files.regular import open_regular
+from cadtof_cli.files.reading import damage_as_frame_error, open_regular
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -14,7 +14,7 @@ from cadtof_cli.capture.metadata import Optics
 from cadtof_cli.capture.toml import FILE_NAME as CAPTURE_FILE
 from cadtof_cli.errors import CadtofError, CaptureError, SettingsError
 from cadtof_cli.files.formats import MAP_SUFFIXES
-from cadtof_cli.files.regular import is_folder, is_there, read_text
+from cadtof_cli.files.reading import is_folder, is_there, read_text
 from cadtof_cli.frame_plan import CalibrationUse, DepthKind
 from cadtof_cli.workflows.sound_record import require_sound_record
 

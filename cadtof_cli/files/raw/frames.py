@@ -9,9 +9,8 @@ import numpy as np
 from cadtof_cli.arrays import Stored
 from cadtof_cli.errors import FrameError
 from cadtof_cli.files.array_frames import lone_plane, open_array
-from cadtof_cli.files.damage import damage_as_frame_error
 from cadtof_cli.files.frames import FrameLayout, Frames
-from cadtof_cli.files.regular import require_regular
+from cadtof_cli.files.reading import damage_as_frame_error, require_regular
 
 
 def open_frames(path: Path, layout: FrameLayout, /) -> AbstractContextManager[Frames]:

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from cadtof_cli.arrays import Stored
 from cadtof_cli.errors import FrameError
-from cadtof_cli.files.damage import damage_as_frame_error
 from cadtof_cli.files.frames import CHANNELS, FrameLayout, Frames, lone_frame
 from cadtof_cli.files.plane_table import plane_table
+from cadtof_cli.files.reading import damage_as_frame_error
 from cadtof_cli.files.tiff.envelope import Envelope
 from cadtof_cli.files.tiff.images import TiffImages
 

@@ -12,7 +12,7 @@ from cadtof_cli.capture.discovery import Capture, find_captures
 from cadtof_cli.capture.frames import read_stored, single_frames, usual_file
 from cadtof_cli.capture.metadata import CaptureMetadata, Target
 from cadtof_cli.errors import FrameError, SettingsError
-from cadtof_cli.files.regular import is_there
+from cadtof_cli.files.reading import is_there
 from cadtof_cli.phasors.frame_mean import FrameMean, mean_volts
 from cadtof_cli.phasors.plausible import implausible
 from cadtof_cli.workflows.progress import Progress

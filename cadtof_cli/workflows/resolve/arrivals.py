@@ -7,7 +7,7 @@ from typing import Any
 
 from cadtof_cli.capture.discovery import Capture, absolute
 from cadtof_cli.errors import CadtofError, OutputError
-from cadtof_cli.files.regular import is_folder
+from cadtof_cli.files.reading import is_folder
 from cadtof_cli.workflows.resolve.plans import CapturePlan, found_captures, planned
 from cadtof_cli.workflows.resolve.settings import ResolveSettings
 from cadtof_cli.workflows.resolve.use_calibration import AppliedCalibration
