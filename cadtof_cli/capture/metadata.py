@@ -229,11 +229,6 @@ class Layout(Table):
         "whole number", "bytes before the first value of a raw dump", None, Check(lambda n: n >= 0, "0 or more")
     )
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if (self.raw_dtype is None) != (self.raw_shape is None):
-            raise InvalidValueError("layout.raw_dtype", self.raw_dtype, "dtype and shape of raw dumps, both or none")
-
 
 @dataclass(frozen=True, kw_only=True)
 class CaptureMetadata:
@@ -254,6 +249,9 @@ class CaptureMetadata:
         if width > widest:
             expected = f"{widest:.4g} or less: a longer pulse leaves nothing of a modulation of {shortest:g} ns"
             raise InvalidValueError("pulse.fwhm_ns", width, expected)
+        raw = self.layout.raw_dtype
+        if (raw is None) != (self.layout.raw_shape is None):
+            raise InvalidValueError("layout.raw_dtype", raw, "dtype and shape of raw dumps, both or none")
 
 
 OPTIONS_OF_OTHER_NAME = {"layout.frames": "--stack-frames"}
