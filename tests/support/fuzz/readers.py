@@ -103,8 +103,9 @@ def read_frame(path: Path, layout: FrameLayout = _LAYOUT, others: tuple[Path, ..
     source = source if count == 1 else source.expanded(count)[0]
     facts_of_frame(LookTask(source, layout, _METADATA, None))
     task = FrameTask((source,), layout, FramePlan(metadata=_METADATA), None, path.parent / "frame_out.tif")
-    result = resolve_file(task)
-    report = result.finish() if isinstance(result, Later) else result
+    report = resolve_file(task)
+    if isinstance(report, Later):
+        report = report.finish()
     if "unexpected" in str(report.reason):
         raise SurpriseError(str(report.reason))
 
