@@ -8,15 +8,17 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from multiprocessing import get_context
 from multiprocessing.connection import Connection, wait
-from multiprocessing.context import BaseContext
 from multiprocessing.process import BaseProcess
-from typing import Generic, TypeVar
+from typing import TYPE_CHECKING, Generic, TypeVar, cast
 
 from cadtof_cli.errors import WorkersError
 from cadtof_cli.execution.finisher import LATER_AT_ONCE
 from cadtof_cli.execution.outcome import Outcome, Work, WorkerDied
 from cadtof_cli.execution.serve import Said, serve
 from cadtof_cli.execution.workers import Workers, signals_held_back
+
+if TYPE_CHECKING:
+    from multiprocessing.context import SpawnContext
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
@@ -69,7 +71,8 @@ class _Pool(Generic[Task, Result]):
 
     def __init__(self, function: Work[Task, Result], workers: Workers) -> None:
         self._function, self._settings = function, workers
-        self._context: BaseContext = get_context(workers.start_method)
+        # each makes processes in the same way; only this one is there on every system
+        self._context = cast("SpawnContext", get_context(workers.start_method))
         # the workers hold one end of a pipe whose other end lives here: it closes even when this process is killed
         self._listening, self._held = self._context.Pipe(duplex=False)
         self._workers: list[_Worker[Task, Result]] = []
