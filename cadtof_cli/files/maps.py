@@ -69,16 +69,14 @@ class MapsAbout:
     facts: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "facts", {name: _printable(text) for name, text in self.facts.items()})
+        facts = {
+            name: "".join(sign if sign.isprintable() else repr(sign)[1:-1] for sign in text)
+            for name, text in self.facts.items()
+        }
+        object.__setattr__(self, "facts", facts)
 
 
 NOTHING_SAID = MapsAbout()
-
-
-def _printable(text: str) -> str:
-    if text.isprintable():
-        return text
-    return "".join(sign if sign.isprintable() else repr(sign)[1:-1] for sign in text)
 
 
 def is_map_layer(name: str, /) -> bool:

@@ -96,22 +96,15 @@ def resolve_file(task: FrameTask, /) -> FrameReport | Later[FrameReport]:
     keep_freed_memory()
     began = time.monotonic()
 
-    def resolve() -> Later[FrameReport]:
+    def resolve() -> FrameReport | Later[FrameReport]:
+        kept = kept_maps(task, began=began) if task.resume else None
+        if kept is not None:
+            return kept
         frame, recording = read_frame(task)
         resolved = resolve_frame(frame, plan=task.plan, calibration=task.calibration())
         return written(task, resolved, recording, began=began)
 
-    return unless_kept(task, resolve, began=began)
-
-
-def unless_kept(task: FrameTask, work: Callable[[], Result], /, *, began: float) -> Result | FrameReport:
-    """Return what `attempted` does, or a report that maps which are there already are kept."""
-
-    def kept_or_done() -> Result | FrameReport:
-        kept = kept_maps(task, began=began) if task.resume else None
-        return work() if kept is None else kept
-
-    return attempted(task, kept_or_done, began=began)
+    return attempted(task, resolve, began=began)
 
 
 def attempted(task: FrameTask, work: Callable[[], Result], /, *, began: float) -> Result | FrameReport:
