@@ -90,7 +90,7 @@ def main() -> NoReturn:
     # nor is there on the way out
     atexit.register(gc.freeze)
     open_closed_streams()
-    for number in (signal.SIGTERM, signal.SIGHUP):
+    for number in filter(None, (signal.SIGTERM, getattr(signal, "SIGHUP", None))):
         # nohup has SIGHUP ignored, and that is to stay
         if signal.getsignal(number) is not signal.SIG_IGN:
             signal.signal(number, _terminate)

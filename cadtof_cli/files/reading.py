@@ -11,6 +11,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from cadtof_cli.errors import FrameError
+from cadtof_cli.files.system import READ
 
 MOST_TEXT_BYTES = 2**22
 """Larger than any text that people write; what is read into memory as a whole should not be without end."""
@@ -71,7 +72,7 @@ def open_regular(path: Path, /) -> int:
     """
     require_regular(path)
     # whatever takes its place between the two: nobody waits
-    return os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+    return os.open(path, READ)
 
 
 def read_text(path: Path, /, *, encoding: str = "utf-8", most_bytes: int | None = MOST_TEXT_BYTES) -> str:
