@@ -15,7 +15,6 @@ from cadtof_cli.errors import OutputError
 from cadtof_cli.files.atomic import remove_partial_files, write_error
 from cadtof_cli.files.formats import MAP_FORMATS
 from cadtof_cli.files.reading import is_there, real_path
-from cadtof_cli.files.regular import is_there, real_path
 from cadtof_cli.files.system import sync_folder
 from cadtof_cli.workflows.resolve.settings import ResolveSettings
 from cadtof_cli.workflows.run_folder import FRAMES_FILE, RUN_FILE, read_record
