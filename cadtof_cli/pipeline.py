@@ -18,8 +18,7 @@ from cadtof_cli.calibration.apply import FrameCorrection, frame_correction
 from cadtof_cli.errors import FrameError
 from cadtof_cli.files.maps import DepthMaps
 from cadtof_cli.frame_plan import FramePlan
-from cadtof_cli.maps.depth import DepthScale, empty_maps, write_block
-from cadtof_cli.maps.impossible import clear_impossible, clear_pixels, most_volts
+from cadtof_cli.maps.depth import DepthScale, clear_impossible, clear_pixels, empty_maps, most_volts, write_block
 from cadtof_cli.maps.layers import ALWAYS
 from cadtof_cli.optics.lamp import LampBeside
 from cadtof_cli.optics.lens import planar_per_range

@@ -14,7 +14,7 @@ from cadtof_cli.arrays import Stored
 from cadtof_cli.capture.discovery import Capture
 from cadtof_cli.capture.frame_sources import FrameSource
 from cadtof_cli.errors import FrameError
-from cadtof_cli.files.formats import frame_format, suffix_format
+from cadtof_cli.files.formats import format_of, suffix_format
 from cadtof_cli.files.frames import CHANNELS, FrameLayout, Frames, lone_frame, shape_text
 from cadtof_cli.files.reading import is_there
 
@@ -41,7 +41,7 @@ def open_frames(source: FrameSource, layout: FrameLayout, /) -> Iterator[Frames]
         yield _joined_planes(source, layout)
         return
     path = source.paths[0]
-    with frame_format(path, layout).frames().open_frames(path, layout) as frames:
+    with format_of(path, raw=layout.raw is not None).frames().open_frames(path, layout) as frames:
         yield frames
 
 
@@ -52,7 +52,7 @@ def _joined_planes(source: FrameSource, layout: FrameLayout) -> Frames:
     for path, name in zip(source.paths, layout.plane_names, strict=True):
         if not is_there(path):
             raise FrameError(f"{path}: no such file, expected {name} of frame {source.name} there")
-    planes = [frame_format(path, layout).frames().read_plane(path, layout) for path in source.paths]
+    planes = [format_of(path, raw=layout.raw is not None).frames().read_plane(path, layout) for path in source.paths]
     first = planes[0]
     for path, plane in zip(source.paths, planes, strict=True):
         if plane.shape != first.shape or plane.dtype != first.dtype:
