@@ -1,9 +1,10 @@
 """A progress bar on stderr, where stderr is a terminal; lines alone where it is not."""
 
+import shlex
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
@@ -89,11 +90,14 @@ def progress_bar(description: str, unit: str, *, quiet: bool, log: Path | None =
 
     What is said, and how it ends, is appended to the file `log` too.
     """
-    with _opened(log) as file:
+    try:
+        opened = nullcontext() if log is None else log.open("a", encoding="utf-8", errors="backslashreplace")
+    except OSError as error:
+        raise OutputError(f"{log}: cannot be written: {error.strerror}; choose another file with --log") from error
+    with opened as file:
         try:
-            with _bar(description, unit, file, quiet=quiet) as bar:
-                import shlex
-
+            seen = not quiet and sys.stderr.isatty()
+            with _drawn(description, unit, file) if seen else nullcontext(Bar(quiet=quiet, log=file)) as bar:
                 bar.note(shlex.join(["cadtof", *sys.argv[1:]]))
                 yield bar
         except BaseException as error:
@@ -101,18 +105,8 @@ def progress_bar(description: str, unit: str, *, quiet: bool, log: Path | None =
             raise
 
 
-def _opened(log: Path | None) -> AbstractContextManager[TextIO | None]:
-    try:
-        return nullcontext() if log is None else log.open("a", encoding="utf-8", errors="backslashreplace")
-    except OSError as error:
-        raise OutputError(f"{log}: cannot be written: {error.strerror}; choose another file with --log") from error
-
-
 @contextmanager
-def _bar(description: str, unit: str, log: TextIO | None, *, quiet: bool) -> Iterator[Bar]:
-    if quiet or not sys.stderr.isatty():
-        yield Bar(quiet=quiet, log=log)
-        return
+def _drawn(description: str, unit: str, log: TextIO | None) -> Iterator[Bar]:
     from rich.console import Console
     from rich.progress import (
         BarColumn,

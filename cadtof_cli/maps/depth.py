@@ -41,8 +41,7 @@ class DepthScale:
 
     def measure_from_camera(self, maps: DepthMaps, first: int, /) -> None:
         """Turn direct depths, of pixels from a flat index on, from half the way of the light to that from the camera."""
-        if self.lamp is None:
-            return
+        assert self.lamp is not None
         depth = maps.layer(DIRECT_DEPTH).reshape(-1)
         block = slice(first, first + depth.size)
         planar: Float | float = 1.0 if self.planar_per_range is None else self.planar_per_range[block]
