@@ -7,7 +7,7 @@ import itertools
 import os
 import stat
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +25,7 @@ from cadtof_cli.capture.tree import (
 from cadtof_cli.errors import CaptureError
 from cadtof_cli.files.formats import frame_suffixes
 from cadtof_cli.files.frames import FrameLayout
+from cadtof_cli.records import dataclass
 
 _TRUTH = "truth"
 _NAMES_IN_MESSAGE = 5

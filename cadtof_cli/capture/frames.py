@@ -4,7 +4,6 @@ import itertools
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +15,7 @@ from cadtof_cli.errors import FrameError
 from cadtof_cli.files.formats import frame_format, suffix_format
 from cadtof_cli.files.frames import CHANNELS, FrameLayout, Frames, LoneFrame, shape_text
 from cadtof_cli.files.regular import is_there
+from cadtof_cli.records import dataclass
 
 _SIZES_LOOKED_AT, _FILES_OPENED = 1000, 15
 """How many of a capture's files tell what is usual, by their bytes and by what they hold."""

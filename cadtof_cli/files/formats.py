@@ -6,13 +6,13 @@ Options and discovery read it at start-up, so a format's library is loaded only 
 import os
 from collections.abc import Callable
 from contextlib import AbstractContextManager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
 from cadtof_cli.errors import FrameError
 from cadtof_cli.files.damage import damage_as_frame_error
 from cadtof_cli.files.regular import open_regular
+from cadtof_cli.records import dataclass
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -1,6 +1,5 @@
 """Paths → depth maps."""
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -8,6 +7,7 @@ import numpy as np
 from cadtof_cli.arrays import Float
 from cadtof_cli.files.maps import DepthMaps
 from cadtof_cli.maps.layers import DIRECT_DEPTH, Layer, LayerSource
+from cadtof_cli.records import dataclass
 
 if TYPE_CHECKING:
     from cadtof_cli.optics.lamp import LampBeside

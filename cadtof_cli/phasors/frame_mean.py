@@ -2,7 +2,6 @@
 
 import itertools
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -10,6 +9,7 @@ from cadtof_cli.arrays import Bool, Float, Stored
 from cadtof_cli.capture.metadata import Voltage
 from cadtof_cli.errors import SettingsError
 from cadtof_cli.phasors.voltages import sound_pixels, volts_from_stored
+from cadtof_cli.records import dataclass
 
 
 @dataclass(frozen=True, eq=False)

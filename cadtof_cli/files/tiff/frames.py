@@ -3,7 +3,6 @@
 import threading
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +16,7 @@ from cadtof_cli.files.frames import CHANNELS, FrameLayout, Frames, LoneFrame
 from cadtof_cli.files.plane_table import plane_table
 from cadtof_cli.files.tiff.envelope import Envelope
 from cadtof_cli.files.tiff.images import TiffImages
+from cadtof_cli.records import dataclass
 
 
 class TiffFrames:
