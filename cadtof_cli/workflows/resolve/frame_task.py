@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from cadtof_cli.arrays import Stored
 from cadtof_cli.capture.frame_sources import FrameSource
-from cadtof_cli.capture.frames import open_frames, require_usual
+from cadtof_cli.capture.frames import read_stored
 from cadtof_cli.errors import CadtofError, FrameError, PlaceError
 from cadtof_cli.execution.outcome import Later
 from cadtof_cli.execution.workers import keep_freed_memory
@@ -285,11 +285,7 @@ def read_frame(task: FrameTask, /) -> tuple[Stored | FrameMean, Recording]:
 
 
 def _stored(task: FrameTask, source: FrameSource) -> Stored:
-    with open_frames(source, task.layout) as frames:
-        if source.index is None and frames.count != 1:
-            raise FrameError(f"{source}: found {frames.count} frames, expected one as in files of the same size")
-        stored: Stored = frames.read(source.index or 0)
-    require_usual(source, stored.shape[2:], task.pixels)
+    stored = read_stored(source, task.layout, usual=task.pixels)
     wrong = implausible(stored, task.plan.metadata)
     if wrong is not None:
         raise FrameError(f"{source}: {wrong}")
