@@ -7,7 +7,7 @@ pixel alone, block by block. A frame split over processes is prepared once, and 
 import itertools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import lru_cache
 from typing import TYPE_CHECKING, cast
 
@@ -27,6 +27,7 @@ from cadtof_cli.phasors.noise import NoiseModel, estimated_integration_length, n
 from cadtof_cli.phasors.plausible import is_without_noise
 from cadtof_cli.phasors.voltages import phasors_from_stored, saturated_pixels
 from cadtof_cli.predicted_mpi import predicted_mpi
+from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.status import StatusBit, has_answer
 from cadtof_cli.resolver.two_path.kernel import NUMPY, KernelFrame, chosen_kernel, fill_maps
 from cadtof_cli.units import metres_per_radian

@@ -4,7 +4,6 @@ import itertools
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +16,7 @@ from cadtof_cli.errors import FrameError
 from cadtof_cli.files.formats import format_of, suffix_format
 from cadtof_cli.files.frames import CHANNELS, FrameLayout, Frames, lone_frame, shape_text
 from cadtof_cli.files.reading import is_there
+from cadtof_cli.records import dataclass
 
 _SIZES_LOOKED_AT, _FILES_OPENED = 1000, 15
 """How many of a capture's files, spread evenly over it, tell what is usual by their bytes and by what they hold."""

@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +15,7 @@ from cadtof_cli.errors import FrameError, OutputError
 from cadtof_cli.files.atomic import PartialFile, whole_file
 from cadtof_cli.files.digest import file_digest
 from cadtof_cli.files.formats import MAP_SUFFIXES, format_of, suffix_format
+from cadtof_cli.records import dataclass
 
 STATUS = "status"
 

@@ -1,7 +1,6 @@
 """Stored values → volts and phasors, and which pixels recorded them soundly."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -9,6 +8,7 @@ from cadtof_cli.arrays import Bool, Complex, Float, Float32, Stored
 from cadtof_cli.capture.metadata import CaptureMetadata, Voltage
 from cadtof_cli.errors import SettingsError
 from cadtof_cli.phasors.response import HarmonicResponse, ideal_response
+from cadtof_cli.records import dataclass
 
 
 def volts_per_count(voltage: Voltage, dtype: np.dtype[np.generic], /) -> float:

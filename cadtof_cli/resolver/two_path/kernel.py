@@ -7,7 +7,6 @@ does the same operations, with the same bits, in `closed_form`, `one_path`, `unc
 import math
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from functools import lru_cache
 from types import ModuleType
 
@@ -18,6 +17,7 @@ from cadtof_cli.errors import SettingsError
 from cadtof_cli.phasors.chi_squared import chi_squared_threshold
 from cadtof_cli.phasors.noise import LEAST_SHARE, NoiseModel
 from cadtof_cli.phasors.voltages import PhasorMap
+from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.order import largest_misfit
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.resolver.two_path.uncertainty import misfit_spread, variance_terms

@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -19,6 +19,7 @@ from cadtof_cli.frame_plan import FramePlan
 from cadtof_cli.phasors.frame_mean import FrameMean, frame_mean
 from cadtof_cli.phasors.plausible import implausible
 from cadtof_cli.pipeline import ResolvedFrame, resolve_frame
+from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.status import StatusCounts, count_status, why_no_answer
 from cadtof_cli.workflows.run_folder import ALREADY_THERE, FrameReport, FrameStatus, SourceFile
 

@@ -2,7 +2,6 @@
 
 import itertools
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +14,7 @@ from cadtof_cli.frame_plan import FramePlan
 from cadtof_cli.phasors.noise import noise_model
 from cadtof_cli.phasors.plausible import implausible
 from cadtof_cli.phasors.voltages import volts_per_count
+from cadtof_cli.records import dataclass
 from cadtof_cli.workflows.resolve.settings import AS_INPUT, ResolveSettings
 from cadtof_cli.workflows.resolve.use_calibration import AppliedCalibration
 

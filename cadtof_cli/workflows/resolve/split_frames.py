@@ -4,12 +4,12 @@ import itertools
 import time
 from collections.abc import Generator, Iterable, Iterator
 from contextlib import closing
-from dataclasses import dataclass
 
 from cadtof_cli.execution.ordered import Outcome, WorkerDied, run_ordered
 from cadtof_cli.execution.workers import Workers, keep_freed_memory
 from cadtof_cli.files.maps import DepthMaps
 from cadtof_cli.pipeline import FramePixels, joined_parts, prepare_frame, resolve_pixels
+from cadtof_cli.records import dataclass
 from cadtof_cli.workflows.resolve.frame_task import FrameTask, Recording, attempted, kept_maps, read_frame, written
 from cadtof_cli.workflows.run_folder import FrameReport
 

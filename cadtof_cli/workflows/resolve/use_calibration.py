@@ -1,13 +1,13 @@
 """A calibration folder as a run of `resolve` uses it: checked against the captures, and what is said of it."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cadtof_cli.capture.discovery import Capture
 from cadtof_cli.capture.frames import usual_file
 from cadtof_cli.frame_plan import CalibrationUse
+from cadtof_cli.records import dataclass
 
 if TYPE_CHECKING:
     from cadtof_cli.calibration.store import Calibration
