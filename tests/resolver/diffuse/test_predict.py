@@ -212,7 +212,7 @@ def test_ranges_are_corrected_before_they_become_geometry() -> None:
     )
     assert isinstance(straight, DiffuseModel)
     assert isinstance(bent, DiffuseModel)
-    np.testing.assert_allclose(bent.upsampler.range_m[0], straight.upsampler.range_m[0], rtol=0.01)
+    np.testing.assert_allclose(bent.upsampler.range_m, straight.upsampler.range_m, rtol=0.01)
 
 
 def test_unknown_optics_are_assumed() -> None:
