@@ -214,14 +214,12 @@ def resolve_pixels(
     stages = frame_stages(plan, calibration, pixels.dtype, pixels.size)
     maps = empty_maps(1, pixels.count, layers=plan.layers)
     kernel = kernel or chosen_kernel()
-    if (
-        kernel != NUMPY
-        and pixels.tail is None
-        and plan.settings.resolver.in_kernel(pixels.noise.harmonics, sine=stages.correction.response is None)
+    if kernel != NUMPY and plan.settings.resolver.in_kernel(
+        pixels.noise.harmonics, sine=stages.correction.response is None
     ):
         _fill_by_kernel(maps, pixels, plan, stages, kernel)
     else:
-        _fill_by_blocks(maps, pixels, plan, stages, calibrated=calibration is not None)
+        _fill_by_blocks(maps, pixels, plan, stages, kernel, calibrated=calibration is not None)
         clear_impossible(maps, noise=pixels.noise, amplitude_v=plan.metadata.modulation.amplitude_v)
     stages.depth.measure_from_camera(maps, pixels.first)
     if pixels.without_noise:
@@ -230,9 +228,9 @@ def resolve_pixels(
 
 
 def _fill_by_blocks(
-    maps: DepthMaps, pixels: FramePixels, plan: FramePlan, stages: FrameStages, *, calibrated: bool
+    maps: DepthMaps, pixels: FramePixels, plan: FramePlan, stages: FrameStages, kernel: str, *, calibrated: bool
 ) -> None:
-    """Fill the maps of prepared pixels block by block, in numpy."""
+    """Fill the maps of prepared pixels block by block, in numpy but for what `kernel` has of them."""
     from cadtof_cli.resolver.resolve import resolve_paths
 
     response, tail = stages.correction.response, pixels.tail
@@ -249,6 +247,7 @@ def _fill_by_blocks(
             response=response.block(there) if response else None,
             first=block.first,
             tail=tail.block(there) if tail else None,
+            kernel=kernel,
         )
         if calibrated:
             np.bitwise_or(resolved.status, np.uint32(StatusBit.CALIBRATED), out=resolved.status)
@@ -266,6 +265,11 @@ def _fill_by_kernel(maps: DepthMaps, pixels: FramePixels, plan: FramePlan, stage
     if samples is not None:
         status |= (samples > 1.0) * np.uint32(StatusBit.POOLED)
     most, more = most_volts(pixels.noise, plan.metadata.modulation.amplitude_v)
+    tail = None
+    if pixels.tail is not None:
+        from cadtof_cli.resolver.diffuse.compiled import tail_buffers
+
+        tail = tail_buffers(pixels.tail.block(block))
     frame = KernelFrame(
         stored=pixels.stored if pixels.pooled is None else pixels.pooled,
         phasor_map=stages.correction.phasor_map[block] if recorded else None,
@@ -273,6 +277,7 @@ def _fill_by_kernel(maps: DepthMaps, pixels: FramePixels, plan: FramePlan, stage
         metres=stages.depth.metres(block),
         volts=stages.depth.amplitude_v,
         phase_offset_rad=stages.depth.phase_offset_rad(block),
+        tail=tail,
         most_volts=most,
         noise_volts=more,
     )

@@ -1,18 +1,19 @@
 """Logarithm, exponential, rotor and phase in single precision, by polynomials of our own.
 
 Those of C libraries and of numpy's vectorised loops differ in their last bits; additions, products, quotients and square roots of
-IEEE 754 do not. `_tail.h` holds the same operations in the same order, so that pixels get the same bits from numpy and from C. All are
-right to 2e-7 of their value or of 1, a thousandth of the noise of any frame.
+IEEE 754 do not. `_elementary.h` holds the same operations in the same order, so that pixels get the same bits from numpy and from
+C. All are right to 2e-7 of their value or of 1, a thousandth of the noise of any frame.
 """
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
 from cadtof_cli.arrays import Float32
 
 LOGARITHM = (0.33333343, 0.19994386, 0.147902)
-"""artanh s = s + s·z·Σ_k LOGARITHM[k]·z^k with z = s², |s| ≤ .1716: the polynomial through it at Chebyshev's nodes, as all here."""
+"""artanh s = s + s·z·Σ_k LOGARITHM[k]·z^k with z = s², |s| ≤ .1716: the polynomial through it at Chebyshev's nodes, as all."""
 
 EXPONENTIAL = (0.5, 0.16666578, 0.041666556, 0.008363173, 0.0013926176)
 """exp r = 1 + r + r²·Σ_k EXPONENTIAL[k]·r^k, |r| ≤ ½·ln 2."""
@@ -43,6 +44,9 @@ LARGEST_EXPONENT = 80.0
 LARGEST_PHASE = 1e4
 """The same for phases, in rad."""
 
+Array = Any
+"""float32 (…): numpy's stubs take such an array times a Python number for float64, which it is not."""
+
 TINY = np.float32(np.finfo(np.float32).tiny)
 
 
@@ -50,18 +54,18 @@ def logarithm(x: Float32, /) -> Float32:
     """Return ln x for positive, finite x, (…)."""
     bits = x.view(np.int32)
     power = (bits - HALF_ROOT_BITS) >> MANTISSA_BITS
-    mantissa = (bits - (power << MANTISSA_BITS)).view(np.float32)
+    mantissa: Array = (bits - (power << MANTISSA_BITS)).view(np.float32)
     s = (mantissa - 1.0) / (mantissa + 1.0)
     z = s * s
     half = s + s * z * _series(LOGARITHM, z)
-    n = power.astype(np.float32)
+    n: Array = power.astype(np.float32)
     found: Float32 = n * LN_2[0] + (n * LN_2[1] + (half + half))
     return found
 
 
 def exponential(x: Float32, /) -> Float32:
     """Return exp x, (…); NaN stays NaN."""
-    n = np.rint(np.fmin(np.fmax(x, -LARGEST_EXPONENT), LARGEST_EXPONENT) * np.float32(1.0 / np.log(2.0)))
+    n: Array = np.rint(np.fmin(np.fmax(x, -LARGEST_EXPONENT), LARGEST_EXPONENT) * np.float32(1.0 / np.log(2.0)))
     r = x - n * LN_2[0] - n * LN_2[1]
     mantissa = r + r * r * _series(EXPONENTIAL, r) + 1.0
     found: Float32 = mantissa * ((n.astype(np.int32) + 127) << MANTISSA_BITS).view(np.float32)
@@ -70,7 +74,7 @@ def exponential(x: Float32, /) -> Float32:
 
 def rotor(phase_rad: Float32, /) -> tuple[Float32, Float32]:
     """Return cosine and sine of phases, (…) each; NaN stays NaN."""
-    n = np.rint(np.fmin(np.fmax(phase_rad, -LARGEST_PHASE), LARGEST_PHASE) * np.float32(2.0 / np.pi))
+    n: Array = np.rint(np.fmin(np.fmax(phase_rad, -LARGEST_PHASE), LARGEST_PHASE) * np.float32(2.0 / np.pi))
     r = phase_rad - n * QUARTER_TURN[0] - n * QUARTER_TURN[1] - n * QUARTER_TURN[2]
     z = r * r
     sin = r + r * z * _series(SINE, z)
@@ -85,15 +89,16 @@ def phase_of(cos: Float32, sin: Float32, /) -> Float32:
     """Return the phase of cos + i·sin, of any length, in [−π, π] rad, (…); that of 0 is 0. NaN stays NaN."""
     x, y = np.abs(cos), np.abs(sin)
     steep = y > x
-    tangent = np.where(steep, x, y) / np.maximum(np.where(steep, y, x), TINY)
+    tangent: Array = np.where(steep, x, y) / np.maximum(np.where(steep, y, x), TINY)
     z = tangent * tangent
     phase = tangent + tangent * z * _series(ARCTANGENT, z)
     phase = np.where(steep, np.float32(0.5 * np.pi) - phase, phase)
     phase = np.where(cos < 0.0, np.float32(np.pi) - phase, phase)
-    return np.where(sin < 0.0, -phase, phase)
+    signed: Float32 = np.where(sin < 0.0, -phase, phase)
+    return signed
 
 
-def _series(coefficients: Sequence[float], z: Float32) -> Float32:
+def _series(coefficients: Sequence[float], z: Array) -> Array:
     """Return Σ_k coefficients[k]·z^k by Horner's rule."""
     total = np.full_like(z, coefficients[-1])
     for coefficient in reversed(coefficients[:-1]):

@@ -1,7 +1,7 @@
 """A pixel's answer: its own data through its patches' linear model of the tail.
 
-Every pixel alone, by the same operations wherever it stands, so that blocks of any size give the same bits; and in single precision
-from the data on, which is a thousandth of their noise. `_tail.h` is the compiled twin.
+Every pixel alone, by the same operations wherever it stands, so that blocks of any size give the same bits; and in single
+precision from the data on, whose rounding is a thousandth of their noise. `_tail.h` is the compiled twin.
 """
 
 from dataclasses import dataclass
@@ -82,9 +82,7 @@ def diffuse_pixels(
     return answer
 
 
-def _direct(
-    seen: PixelData, shrink: Float32, lag: Float32, variance: Float32
-) -> tuple[Float32, Float32, Float32]:
+def _direct(seen: PixelData, shrink: Float32, lag: Float32, variance: Float32) -> tuple[Float32, Float32, Float32]:
     """Return amplitude, phase and sigma of p_1/H_1; `shrink` is 1/|H_1|."""
     return seen.amplitude * shrink, _within_a_turn(seen.phase_rad - lag), np.sqrt(variance)
 

@@ -82,7 +82,8 @@ class DiffuseModel:
     def is_separate(self, pixels: slice, /) -> Bool:
         """Return which of a stretch of pixels lie in patches with separate paths, (n,)."""
         row, column = np.divmod(np.arange(pixels.start, pixels.stop), self.upsampler.grid.width)
-        return self.separate[row // self.upsampler.grid.side, column // self.upsampler.grid.side]
+        found: Bool = self.separate[row // self.upsampler.grid.side, column // self.upsampler.grid.side]
+        return found
 
 
 @dataclass(frozen=True, eq=False)

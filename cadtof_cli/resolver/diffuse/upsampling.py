@@ -111,7 +111,9 @@ class Upsampler:
         """Return the shares of the upper left, upper right, lower left and lower right patch, (rows, columns) each."""
         down, right = self._shares(band)
         scale = 1.0 / (np.float32(SAME_SURFACE) * range_m)
-        weights = [v * u + np.float32(EVEN_WEIGHT) for v in (1.0 - down, down) for u in (1.0 - right, right)]
+        weights: list[Float32] = [
+            v * u + np.float32(EVEN_WEIGHT) for v in (1.0 - down, down) for u in (1.0 - right, right)
+        ]
         for weight, there in zip(weights, self._corners(self.range_m, band), strict=True):
             apart = (there - range_m) * scale
             nearness = apart * apart + 1.0

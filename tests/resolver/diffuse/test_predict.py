@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from cadtof_cli.arrays import Float32
 from cadtof_cli.errors import SettingsError
 from cadtof_cli.resolver.diffuse.pixels import diffuse_pixels
 from cadtof_cli.resolver.diffuse.records import DiffuseChoice, DiffuseModel
@@ -24,7 +25,7 @@ from tests.support.diffuse_frames import (
 DECAYS = [Tail(0.15, 3.0, 6.0), Tail(0.3, 3.0, 10.0), Tail(0.5, 5.0, 8.0)]
 
 
-def median_error(found: F, range_m: F) -> float:
+def median_error(found: F | Float32, range_m: F) -> float:
     return float(np.median(np.abs(range_error_m(found, range_m))))
 
 
