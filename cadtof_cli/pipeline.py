@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
-from cadtof_cli.arrays import Complex, Status, Stored, sealed
+from cadtof_cli.arrays import Complex, Index, Status, Stored, sealed
 from cadtof_cli.calibration.apply import FrameCorrection, frame_correction
 from cadtof_cli.errors import FrameError
 from cadtof_cli.files.maps import DepthMaps
@@ -45,6 +45,12 @@ SEARCHED_BLOCK_PIXELS = 32768
 
 MOST_INTEGRATION = 1e12
 """Integration length of a frame without any noise: that of float32 rounding, so that every threshold stays finite."""
+
+
+Where = slice | Index
+"""Some of a frame's pixels: neighbours, or any."""
+
+EVERY = slice(None)
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,6 +91,13 @@ class FramePixels:
 
         return self.mpi if isinstance(self.mpi, DiffuseModel) else None
 
+    def places(self, chosen: Where, /) -> Where:
+        """Return where in the frame some of the pixels stand, as flat indices."""
+        if isinstance(chosen, slice):
+            start, stop, _ = chosen.indices(self.count)
+            return slice(self.first + start, self.first + stop)
+        return self.first + chosen
+
     def __getitem__(self, pixels: slice, /) -> "FramePixels":
         pooled = None if self.pooled is None else self.pooled[:, pixels]
         return replace(
@@ -119,22 +132,25 @@ class FrameStages:
     correction: FrameCorrection
     depth: DepthScale
 
-    def phasors(self, pixels: FramePixels) -> Complex:
-        """Return the phasors of pixels, (H, n): pooled, or from what was stored."""
-        block = slice(pixels.first, pixels.first + pixels.count)
+    def phasors(self, pixels: FramePixels, chosen: Where = EVERY) -> Complex:
+        """Return the phasors of pixels or some of them, (H, n): pooled, or from what was stored."""
         if pixels.pooled is not None:
-            return pixels.pooled
-        return phasors_from_stored(pixels.stored, self.correction.phasor_map[block])
+            return _some(pixels.pooled, chosen)
+        return phasors_from_stored(_some(pixels.stored, chosen), self.correction.phasor_map[pixels.places(chosen)])
 
-    def status(self, pixels: FramePixels) -> Status:
-        """Return the bits of pixels that get no answer whatever their phasors: saturated or hot, (n,)."""
-        saturated = saturated_pixels(pixels.stored, self.saturated_counts)
-        hot = self.hot(slice(pixels.first, pixels.first + pixels.count))
-        return np.asarray(saturated * np.uint32(StatusBit.SATURATED) | hot)
+    def status(self, pixels: FramePixels, chosen: Where = EVERY) -> Status:
+        """Return the bits of pixels, or some of them, that get no answer whatever their phasors: saturated or hot, (n,)."""
+        saturated = saturated_pixels(_some(pixels.stored, chosen), self.saturated_counts)
+        return np.asarray(saturated * np.uint32(StatusBit.SATURATED) | self.hot(pixels.places(chosen)))
 
-    def hot(self, block: slice) -> Status | int:
-        """Return the bits of hot pixels, (n,), or 0 where there are none."""
-        return 0 if self.correction.hot is None else self.correction.hot[block] * np.uint32(StatusBit.HOT_PIXEL)
+    def hot(self, places: Where) -> Status | int:
+        """Return the bits of hot pixels at places of the frame, (n,), or 0 where there are none."""
+        return 0 if self.correction.hot is None else self.correction.hot[places] * np.uint32(StatusBit.HOT_PIXEL)
+
+
+def _some(planes: Stored, chosen: Where) -> Stored:
+    """Return some pixels of planes, (…, n), each plane's as neighbours."""
+    return planes[..., chosen] if isinstance(chosen, slice) else planes.take(chosen, axis=-1)
 
 
 @lru_cache(maxsize=4)

@@ -72,7 +72,7 @@ def diffuse_rows(repeats: int) -> Iterator[Row]:
             ours, numpys = times[f"pixels {kernel}"], times[f"pixels {NUMPY}"]
             other = differing(stored, plan, kernel)
             yield Row(
-                f"… through the tail of diffuse MPI, {name}, {kernel}",
+                f"compiled kernel over numpy, pixels through the tail of diffuse MPI, {name}, {kernel}",
                 None,
                 f"{numpys / ours:.1f} ({ours * 1e3:.2f} and {numpys * 1e3:.2f} ms), {other} words differ",
                 (numpys / ours, ours, numpys, other),
