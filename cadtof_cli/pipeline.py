@@ -18,11 +18,10 @@ from cadtof_cli.calibration.apply import FrameCorrection, frame_correction
 from cadtof_cli.errors import FrameError
 from cadtof_cli.files.maps import DepthMaps
 from cadtof_cli.frame_plan import FramePlan
-from cadtof_cli.maps.depth import DepthScale, empty_maps, write_block
-from cadtof_cli.maps.impossible import clear_impossible, clear_pixels, most_volts
+from cadtof_cli.maps.depth import DepthScale, clear_impossible, clear_pixels, empty_maps, most_volts, write_block
 from cadtof_cli.maps.layers import ALWAYS
 from cadtof_cli.optics.lamp import LampBeside
-from cadtof_cli.optics.pinhole import planar_per_range
+from cadtof_cli.optics.lens import planar_per_range
 from cadtof_cli.phasors.frame_mean import FrameMean
 from cadtof_cli.phasors.noise import NoiseModel, estimated_integration_length, noise_model
 from cadtof_cli.phasors.plausible import is_without_noise
@@ -138,14 +137,18 @@ class FrameStages:
             return _some(pixels.pooled, chosen)
         return phasors_from_stored(_some(pixels.stored, chosen), self.correction.phasor_map[pixels.places(chosen)])
 
-    def status(self, pixels: FramePixels, chosen: Where = EVERY) -> Status:
-        """Return the bits of pixels, or some of them, that get no answer whatever their phasors: saturated or hot, (n,)."""
-        saturated = saturated_pixels(_some(pixels.stored, chosen), self.saturated_counts)
-        return np.asarray(saturated * np.uint32(StatusBit.SATURATED) | self.hot(pixels.places(chosen)))
-
-    def hot(self, places: Where) -> Status | int:
-        """Return the bits of hot pixels at places of the frame, (n,), or 0 where there are none."""
-        return 0 if self.correction.hot is None else self.correction.hot[places] * np.uint32(StatusBit.HOT_PIXEL)
+    def status(self, pixels: FramePixels, chosen: Where = EVERY, *, saturated: bool = True) -> Status:
+        """Return the bits of pixels or some of them that get no answer whatever they hold, (n,): hot; saturated if asked for."""
+        places = pixels.places(chosen)
+        status = np.zeros(
+            chosen.size if isinstance(chosen, np.ndarray) else len(range(pixels.count)[chosen]), np.uint32
+        )
+        if saturated:
+            beyond = saturated_pixels(_some(pixels.stored, chosen), self.saturated_counts)
+            status |= beyond * np.uint32(StatusBit.SATURATED)
+        if self.correction.hot is not None:
+            status |= self.correction.hot[places] * np.uint32(StatusBit.HOT_PIXEL)
+        return status
 
 
 def _some(planes: Stored, chosen: Where) -> Stored:
@@ -229,15 +232,15 @@ def resolve_pixels(
     """
     stages = frame_stages(plan, calibration, pixels.dtype, pixels.size)
     maps = empty_maps(1, pixels.count, layers=plan.layers)
-    kernel = kernel or chosen_kernel()
-    if kernel != NUMPY and plan.settings.resolver.in_kernel(
-        pixels.noise.harmonics, sine=stages.correction.response is None
-    ):
+    kernel, resolver = kernel or chosen_kernel(), plan.settings.resolver
+    room = resolver.room(pixels.noise.harmonics, sine=stages.correction.response is None)
+    if kernel != NUMPY and room == "two_path" and resolver.paths <= 2:
         _fill_by_kernel(maps, pixels, plan, stages, kernel)
     else:
         _fill_by_blocks(maps, pixels, plan, stages, kernel, calibrated=calibration is not None)
         clear_impossible(maps, noise=pixels.noise, amplitude_v=plan.metadata.modulation.amplitude_v)
-    stages.depth.measure_from_camera(maps, pixels.first)
+    if stages.depth.lamp is not None:
+        stages.depth.measure_from_camera(maps, pixels.first)
     if pixels.without_noise:
         clear_pixels(maps, has_answer(maps.status.reshape(-1)))
     return maps
@@ -250,7 +253,8 @@ def _fill_by_blocks(
     from cadtof_cli.resolver.resolve import resolve_paths
 
     response, tail = stages.correction.response, pixels.tail
-    step = plan.block_pixels or (SEARCHED_BLOCK_PIXELS if plan.is_searched or response else BLOCK_PIXELS)
+    in_closed_form = response is None and plan.settings.resolver.in_closed_form(pixels.noise.harmonics)
+    step = plan.block_pixels or (BLOCK_PIXELS if in_closed_form else SEARCHED_BLOCK_PIXELS)
     for start in range(0, pixels.count, step):
         here = slice(start, min(start + step, pixels.count))
         block = pixels[here]
@@ -275,7 +279,8 @@ def _fill_by_kernel(maps: DepthMaps, pixels: FramePixels, plan: FramePlan, stage
     """Fill the maps of prepared pixels from their stored values in one go: what the blocks of `resolve_pixels` do in numpy."""
     block, recorded = slice(pixels.first, pixels.first + pixels.count), pixels.pooled is None
     status, samples = maps.status.reshape(-1), pixels.noise.samples
-    status[:] = stages.hot(block) if recorded else stages.status(pixels)
+    # what was recorded, the kernel looks at itself
+    status[:] = stages.status(pixels, saturated=not recorded)
     if plan.calibration is not None:
         status |= np.uint32(StatusBit.CALIBRATED)
     if samples is not None:
