@@ -188,6 +188,14 @@ def test_what_the_named_changes_replace_stands_in_the_package() -> None:
         assert bool(changed_files(root, change, kernel=True)) == bool(change.kernel)
 
 
+def test_the_tests_that_notice_named_changes_are_there() -> None:
+    root = Path(__file__).parents[1]
+    for change in read_changes(root / "scripts" / "mutation" / "named.toml"):
+        if change.test:
+            file, _, name = change.test.partition("::")
+            assert f"def {name}(" in (root / file).read_text()
+
+
 def imported(path: Path, source: str) -> ModuleType:
     path.write_text(source)
     spec = importlib.util.spec_from_file_location(path.stem, path)
