@@ -6,13 +6,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cadtof_cli.arrays import Complex, Float, Status
+from cadtof_cli.arrays import Bool, Complex, Float, Status
 from cadtof_cli.phasors.chi_squared import chi_squared_threshold
 from cadtof_cli.phasors.noise import NoiseModel
 from cadtof_cli.resolver.order import Solver, fewest_paths
 from cadtof_cli.resolver.paths import Fit, ResolvedPaths
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.resolver.status import StatusBit
+from cadtof_cli.resolver.two_path.kernel import NUMPY
 
 if TYPE_CHECKING:
     from cadtof_cli.resolver.diffuse.records import DiffuseBlock, DiffusePixels
@@ -29,6 +30,7 @@ def resolve_paths(
     response: "ResponseBlock | None" = None,
     tail: "DiffuseBlock | None" = None,
     first: int = 0,
+    kernel: str = NUMPY,
 ) -> ResolvedPaths:
     """Resolve every pixel of phasors (H, n) into paths; inputs are not changed.
 
@@ -36,7 +38,8 @@ def resolve_paths(
     (n,): saturated or hot. Every pixel is computed alone, by the same operations wherever it stands, so that blocks of any
     size give the same bits. Where the channel pairs answer with more than a sine, `response` says how. Where the frame's MPI is
     diffuse, `tail` predicts it for all pixels but those of patches with separate paths. `first` is the place of the first of the
-    n neighbours in the frame, a flat index, which the seed of a random search goes with.
+    n neighbours in the frame, a flat index, which the seed of a random search goes with. `kernel`, of `available_kernels`, is
+    what answers pixels through the tail: all give the same bits.
 
     Raises:
         SettingsError: the harmonics cannot tell as many paths apart as the settings ask for.
@@ -51,17 +54,14 @@ def resolve_paths(
         answered = status == 0
         predicted = None
         if tail is not None and response is None:
-            from cadtof_cli.resolver.diffuse.pixels import diffuse_pixels
-
-            predicted = diffuse_pixels(phasors, tail=tail, usable=answered, samples=noise.samples)
+            predicted = _predicted(phasors, tail, answered, noise, kernel)
             answered &= ~predicted.answered
         fit = fewest_paths(solver, answered, settings=settings, noise=noise)
         if tail is not None and response is not None:
-            from cadtof_cli.resolver.diffuse.pixels import diffuse_pixels
             from cadtof_cli.resolver.response.as_sine import phasors_of_sine
 
             sine = phasors_of_sine(phasors, fit.paths, response=response)
-            predicted = diffuse_pixels(sine, tail=tail, usable=answered, samples=noise.samples)
+            predicted = _predicted(sine, tail, answered, noise, kernel)
         bits = _bits(fit)
         if response is not None:
             # a search that ended without finite numbers was for two paths where nothing is left
@@ -98,6 +98,16 @@ def screened(
         return found, modulus
     unsound = status | ~np.isfinite(power) * np.uint32(StatusBit.NOT_FINITE)
     return np.where(sound, found, unsound), np.where(sound, modulus, np.nan)
+
+
+def _predicted(phasors: Complex, tail: "DiffuseBlock", usable: Bool, noise: NoiseModel, kernel: str) -> "DiffusePixels":
+    """Return what the tail says of the pixels, by numpy or by its compiled twin."""
+    from cadtof_cli.resolver.diffuse.compiled import compiled_pixels, runs_compiled
+    from cadtof_cli.resolver.diffuse.pixels import diffuse_pixels
+
+    if runs_compiled(tail.model, kernel):
+        return compiled_pixels(phasors, tail=tail, usable=usable, samples=noise.samples, kernel=kernel)
+    return diffuse_pixels(phasors, tail=tail, usable=usable, samples=noise.samples)
 
 
 def _put_tail(fit: Fit, predicted: "DiffusePixels") -> None:

@@ -75,7 +75,7 @@ def variance(n_av: float) -> float:
     return 1 / (2 * (2 * n_av - 1))
 
 
-def range_error_m(phase_rad: F, range_m: F) -> F:
+def range_error_m(phase_rad: F | NDArray[np.float32], range_m: F) -> F:
     """Error of the range that a phase stands for, by the short way round the unambiguous range."""
     difference = phase_rad - range_m.ravel() / M_PER_RAD
     return np.asarray((difference - 2 * np.pi * np.rint(difference / (2 * np.pi))) * M_PER_RAD)

@@ -45,6 +45,7 @@ def diffuse_model(
     phasors: Complex,
     /,
     *,
+    size: tuple[int, int],
     usable: Bool,
     variances: tuple[float, ...],
     settings: DiffuseSettings,
@@ -55,21 +56,23 @@ def diffuse_model(
     """Return the model of a frame, or only the choice where it is left to separate paths; inputs are not changed.
 
     Args:
-        phasors: (H, Y, X), normalised by the modulation amplitude, corrected for the pulse, and those of a sine.
-        usable: (Y, X); pixels without an answer (saturated, hot, without signal) are left out, as those are that hold NaN.
+        phasors: of the frame's `sampled_pixels`, (H, rows, columns), normalised by the modulation amplitude, corrected for the
+            pulse, and those of a sine.
+        size: (Y, X) of the frame.
+        usable: of the same pixels; those without an answer (saturated, hot, without signal) are left out, as those are that
+            hold NaN.
         variances: noise of one channel of each harmonic, in squared units of the phasors, of one recorded pixel.
         settings: which model is asked for, and the harmonics' periods.
         view: the optics; None where they are unknown.
         samples: over how many recorded pixels each phasor is a mean, (Y, X); None: 1.
         range_offset_m: what is added to the range of every pixel (field curvature), (Y, X); None for nothing.
     """
-    height, width = phasors.shape[1:]
-    grid = patch_grid(height, width, view or assumed_view(height, width))
+    grid = patch_grid(*size, view or assumed_view(*size))
     per_pixel = 1.0 if samples is None else float(np.median(samples))
     offset = 0.0 if range_offset_m is None else grid.samples(range_offset_m)
     frame = _Frame(grid, settings, np.array(variances) / per_pixel, offset)
-    taken = grid.samples(phasors)
-    seen = grid.samples(usable) & is_light(taken)
+    taken = grid.by_patch(phasors)
+    seen = grid.by_patch(usable) & is_light(taken)
     light = patch_light(taken, seen, harmonics=settings.harmonics)
     means = patch_means(light, seen)
     kinds = patch_kinds(means, frame.variances, sampled=seen.shape[-1], settings=settings)
