@@ -139,7 +139,7 @@ class FrameStages:
         return phasors_from_stored(_some(pixels.stored, chosen), self.correction.phasor_map[pixels.places(chosen)])
 
     def status(self, pixels: FramePixels, chosen: Where = EVERY, *, saturated: bool = True) -> Status:
-        """Return the bits of pixels, or some of them, that get no answer whatever their phasors, (n,): hot, and saturated if asked for."""
+        """Return the bits of pixels or some of them that get no answer whatever they hold, (n,): hot; saturated if asked for."""
         stored = _some(pixels.stored, chosen)
         status = np.zeros(stored.shape[-1], np.uint32)
         if saturated:

@@ -89,17 +89,14 @@ def test_a_pixel_takes_its_four_patches_by_place_and_depth_as_written_out(size: 
     pixels = rng.uniform(1.0, 3.0, size)
     up = upsampler(planes.astype(np.float32), there, valid, grid)
     joint, known = everywhere(up, pixels), np.where(valid, there, 1000.0)
-    for band in up.bands(slice(0, size[0] * size[1])):
-        bare = up.linear(1, band)
-        assert band.shape == bare.shape
-        for y, x in np.ndindex(band.shape):
-            row, column = band.top + y, band.left + x
-            above, below, down = patch_below((row + 0.5) / grid.side - 0.5, shape[0])
-            left, right, across = patch_below((column + 0.5) / grid.side - 0.5, shape[1])
-            corners = [(above, left), (above, right), (below, left), (below, right)]
-            even = np.array([(1 - down) * (1 - across), (1 - down) * across, down * (1 - across), down * across])
-            assert bare[y, x] == pytest.approx(even @ [planes[1][corner] for corner in corners], abs=1e-5)
-            apart = np.array([known[corner] - pixels[row, column] for corner in corners]) / (0.1 * pixels[row, column])
-            weights = (even + 1e-3) / (1.0 + apart**2) ** 2
-            expected = sum(w * planes[:, i, j] for w, (i, j) in zip(weights, corners, strict=True)) / weights.sum()
-            np.testing.assert_allclose(joint[:, row, column], expected, atol=1e-4)
+    bare = up.linear(1, slice(0, size[0] * size[1])).reshape(size)
+    for row, column in np.ndindex(size):
+        above, below, down = patch_below((row + 0.5) / grid.side - 0.5, shape[0])
+        left, right, across = patch_below((column + 0.5) / grid.side - 0.5, shape[1])
+        corners = [(above, left), (above, right), (below, left), (below, right)]
+        even = np.array([(1 - down) * (1 - across), (1 - down) * across, down * (1 - across), down * across])
+        assert bare[row, column] == pytest.approx(even @ [planes[1][corner] for corner in corners], abs=1e-5)
+        apart = np.array([known[corner] - pixels[row, column] for corner in corners]) / (0.1 * pixels[row, column])
+        weights = (even + 1e-3) / (1.0 + apart**2) ** 2
+        expected = sum(w * planes[:, i, j] for w, (i, j) in zip(weights, corners, strict=True)) / weights.sum()
+        np.testing.assert_allclose(joint[:, row, column], expected, atol=1e-4)
