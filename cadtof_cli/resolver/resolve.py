@@ -16,6 +16,7 @@ from cadtof_cli.resolver.status import StatusBit
 
 if TYPE_CHECKING:
     from cadtof_cli.resolver.diffuse.records import DiffuseBlock, DiffusePixels
+    from cadtof_cli.resolver.diffuse.through_pixels import ThroughPixels
     from cadtof_cli.resolver.response.table import ResponseBlock
 
 
@@ -46,14 +47,20 @@ def resolve_paths(
         settings.check_response(noise.harmonics)
     room = import_module(f"cadtof_cli.resolver.{settings.room(noise.harmonics, sine=response is None)}.solver")
     with np.errstate(all="ignore"):
-        solver: Solver = room.solver(phasors, noise=noise, settings=settings, response=response, first=first)
+        free, through = phasors, None
+        if tail is not None and tail.model.through is not None and response is None:
+            from cadtof_cli.resolver.diffuse.through_pixels import freed_pixels
+
+            free, through = freed_pixels(phasors, tail.pixels, tail.model, tail.model.through)
+        solver: Solver = room.solver(free, noise=noise, settings=settings, response=response, first=first)
         status, confidence = screened(solver.modulus, solver.powers, status, settings=settings, noise=noise)
         answered = status == 0
         predicted = None
         if tail is not None and response is None:
             from cadtof_cli.resolver.diffuse.pixels import diffuse_pixels
 
-            predicted = diffuse_pixels(phasors, tail=tail, usable=answered, samples=noise.samples)
+            usable = answered if through is None else answered & ~through.where
+            predicted = diffuse_pixels(phasors, tail=tail, usable=usable, samples=noise.samples)
             answered &= ~predicted.answered
         fit = fewest_paths(solver, answered, settings=settings, noise=noise)
         if tail is not None and response is not None:
@@ -72,7 +79,7 @@ def resolve_paths(
             for values in (fit.paths.amplitude, fit.paths.phase_rad, fit.paths.sigma_rad, fit.chi_squared):
                 np.copyto(values, np.nan, where=~answered)
         if predicted is not None:
-            _put_tail(fit, predicted)
+            _put_tail(fit, predicted, through)
             bits = np.where(predicted.answered, np.uint32(StatusBit.DIFFUSE_MPI), bits)
     if noise.samples is not None:
         np.bitwise_or(bits, np.uint32(StatusBit.POOLED), out=bits, where=noise.samples > 1.0)
@@ -100,10 +107,11 @@ def screened(
     return np.where(sound, found, unsound), np.where(sound, modulus, np.nan)
 
 
-def _put_tail(fit: Fit, predicted: "DiffusePixels") -> None:
-    """Write direct and MPI light as two paths where a tail was predicted; in the others the room's is still there."""
+def _put_tail(fit: Fit, predicted: "DiffusePixels", through: "ThroughPixels | None") -> None:
+    """Write direct and MPI light as two paths where a tail was predicted; in the others the room's is still there, or was freed."""
     where, paths = predicted.answered, fit.paths
-    paths.sigma_rad[:] = np.sqrt(np.square(paths.sigma_rad) + predicted.separate_variance)
+    left = predicted.separate_variance
+    paths.sigma_rad[:] = np.sqrt(np.square(paths.sigma_rad) + (left if through is None else through.variance(left)))
     for row, (amplitude, phase, sigma) in enumerate((predicted.direct, predicted.mpi)):
         np.copyto(paths.amplitude[row], amplitude, where=where)
         np.copyto(paths.phase_rad[row], phase, where=where)

@@ -15,9 +15,10 @@ from cadtof_cli.resolver.diffuse.patch_fit import PatchFit, fitted_patches
 from cadtof_cli.resolver.diffuse.planes import PatchPlanes, patch_planes
 from cadtof_cli.resolver.diffuse.prior import pattern
 from cadtof_cli.resolver.diffuse.radiosity import interreflections
-from cadtof_cli.resolver.diffuse.records import DiffuseChoice, DiffuseModel, RoomNumbers, range_from_phase
+from cadtof_cli.resolver.diffuse.records import DiffuseChoice, DiffuseModel, RoomNumbers, SeenThrough, range_from_phase
 from cadtof_cli.resolver.diffuse.settings import DiffuseSettings
 from cadtof_cli.resolver.diffuse.tail import TailModel, wrapped
+from cadtof_cli.resolver.diffuse.through import seen_through, typical_tail
 from cadtof_cli.resolver.diffuse.upsampling import upsampler
 from cadtof_cli.resolver.two_path.closed_form import fundamental_frame, two_paths
 
@@ -26,6 +27,9 @@ DATA_FLOOR = 0.02
 
 LEAST_RATIO = 0.05
 """Least |q_h| that the noise of a patch's data is taken for."""
+
+UNHEARD = 1e6
+"""By how much the noise of patches with two surfaces is raised, so that they say nothing of the room."""
 
 NEAREST_M = 0.05
 """Least range of a sampled pixel."""
@@ -99,12 +103,19 @@ def _model(
     tail, rule = _tail(planes, valid, amplitude, frame)
     data = np.concatenate([np.log(np.maximum(np.abs(ratios), 1e-9)), np.angle(ratios)])
     noise = _data_noise(ratios, amplitude, means.pixels[valid], frame)
-    fit = fitted_patches(data, noise, tail, rule, known_optics=frame.grid.view.known)
-    posterior = patch_posterior(data, noise, fit)
-    if frame.settings.model == "auto" and not tail_fits(posterior.chi_squared, len(data)):
+    known, auto = frame.grid.view.known, frame.settings.model == "auto"
+    fit = fitted_patches(data, noise, tail, rule, known_optics=known)
+    through = _seen_through(light, planes, means, valid, fit, frame) if auto else None
+    heard = np.ones(amplitude.size, np.bool_)
+    if through is not None:
+        heard = ~through.found[valid]
+        fit = fitted_patches(data, np.where(heard, noise, UNHEARD * noise), tail, rule, known_optics=known)
+        through = _seen_through(light, planes, means, valid, fit, frame, heard) or through
+    posterior = patch_posterior(data, np.where(heard, noise, UNHEARD * noise), fit)
+    if auto and not tail_fits(posterior.chi_squared[heard], len(data)):
         return None
     coarse = coarse_planes(fit, posterior, tail.beside_lag(fit.state), valid)
-    gap = fit.posterior[-1] - two_path_lag(ratios[0])
+    gap = (fit.posterior[-1] - two_path_lag(ratios[0]))[heard]
     return DiffuseModel(
         frame.settings,
         DiffuseChoice("tail", int(kinds.lit.sum()), kinds.separate_share, _room_numbers(fit)),
@@ -114,7 +125,30 @@ def _model(
         kinds.separate,
         float(np.median(gap**2)),
         range_offset_m,
+        through,
     )
+
+
+def _seen_through(
+    light: PatchLight,
+    planes: PatchPlanes,
+    means: PatchMeans,
+    valid: Bool,
+    fit: PatchFit,
+    frame: _Frame,
+    heard: Bool | None = None,
+) -> SeenThrough | None:
+    """Return what lets light through in a frame, None where nothing does."""
+    harmonics = np.array(frame.settings.harmonics)[:, None, None]
+    turn = (light.power * np.exp(1j * light.phase_rad) * (planes.on_plane & light.seen)).sum(-1)
+    phase = np.angle(turn)
+    ratios = np.concatenate([np.ones((1, *valid.shape)), means.ratios])
+    phasors = ratios * means.amplitude * np.exp(1j * harmonics * phase)
+    lag = np.zeros(valid.shape)
+    lag[valid] = fit.posterior[-1]
+    typical = typical_tail(fit.posterior if heard is None else fit.posterior[:, heard], frame.settings.harmonics)
+    range_m = range_from_phase(phase - lag, frame.settings)
+    return seen_through(phasors, range_m, valid, typical, grid=frame.grid, settings=frame.settings)
 
 
 def two_path_lag(ratio: Complex, /) -> Float:

@@ -5,7 +5,7 @@ from typing import Literal
 
 import numpy as np
 
-from cadtof_cli.arrays import Bool, Float
+from cadtof_cli.arrays import Bool, Complex, Float
 from cadtof_cli.resolver.diffuse.choice import Reason
 from cadtof_cli.resolver.diffuse.coarse import CoarsePlanes
 from cadtof_cli.resolver.diffuse.settings import DiffuseSettings
@@ -44,6 +44,23 @@ class DiffuseChoice:
 
 
 @dataclass(frozen=True, eq=False)
+class SeenThrough:
+    """What lets light through, such as a net.
+
+    Attributes:
+        found: patches that it covers, (rows, columns).
+        near_m: its range there, NaN elsewhere.
+        tail: H_h of the light that reaches and passes it, (H,).
+        variance: of the phase of its direct light, rad², besides that of noise.
+    """
+
+    found: Bool
+    near_m: Float
+    tail: Complex
+    variance: float
+
+
+@dataclass(frozen=True, eq=False)
 class DiffuseModel:
     """The coarse model of a whole frame, from which each pixel is answered.
 
@@ -56,6 +73,7 @@ class DiffuseModel:
         separate: patches with separate paths, (rows, columns): their pixels are left to the solver of separate paths.
         separate_variance: variance in rad² that the room's tail adds to those pixels' direct phase.
         range_offset_m: what is added to every pixel's range, (Y, X); None for nothing.
+        through: what lets light through; None where nothing does.
     """
 
     settings: DiffuseSettings
@@ -66,6 +84,7 @@ class DiffuseModel:
     separate: Bool
     separate_variance: float
     range_offset_m: Float | None = None
+    through: SeenThrough | None = None
 
     def block(self, pixels: slice, /) -> "DiffuseBlock":
         """Return the model for a stretch of the frame's pixels, flat indices row by row."""

@@ -1,0 +1,48 @@
+"""Pixels that see through something: freed of the room's tail, so that they can be resolved as separate paths."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cadtof_cli.arrays import Bool, Complex, Float
+from cadtof_cli.resolver.diffuse.records import DiffuseModel, SeenThrough, range_from_phase
+from cadtof_cli.resolver.diffuse.through import freed, freed_paths
+
+LEAST_SHARE = 0.1
+"""Least share of either path in a pixel's light: below, it may be what the typical tail is wrong by."""
+
+SAME_NET = 0.1
+"""Relative difference of range within which a pixel belongs to the net of its patch."""
+
+
+@dataclass(frozen=True, eq=False)
+class ThroughPixels:
+    """Which of n pixels see through something, and the variance of their direct phase besides noise, rad²."""
+
+    where: Bool
+    own_variance: float
+
+    def variance(self, others: float, /) -> Float:
+        """Return that variance, (n,), where that of the other pixels is given."""
+        return np.where(self.where, self.own_variance, others)
+
+
+def freed_pixels(
+    phasors: Complex, pixels: slice, model: DiffuseModel, through: SeenThrough, /
+) -> tuple[Complex, ThroughPixels]:
+    """Return phasors (H, n) of a stretch of a frame's pixels, freed of the tail where they see through something, and where."""
+    grid = model.upsampler.grid
+    place = np.arange(pixels.start, pixels.start + phasors.shape[1])
+    net_m = through.near_m[place // grid.width // grid.side, place % grid.width // grid.side]
+    there = np.flatnonzero(np.isfinite(net_m))
+    where = np.zeros(len(place), np.bool_)
+    free = phasors.copy()
+    if there.size:
+        seen, net_m = phasors[:, there], net_m[there]
+        paths = freed_paths(seen, through.tail)
+        near_m = range_from_phase(paths.near_rad, model.settings)
+        two = (paths.near_share > LEAST_SHARE) & (paths.near_share < 1.0 - LEAST_SHARE)
+        two &= np.abs(near_m - net_m) < SAME_NET * net_m
+        where[there] = two
+        free[:, there] = np.where(two, freed(seen, through.tail), seen)
+    return free, ThroughPixels(where, through.variance)
