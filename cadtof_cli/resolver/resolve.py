@@ -48,12 +48,14 @@ def resolve_paths(
     room = import_module(f"cadtof_cli.resolver.{settings.room(noise.harmonics, sine=response is None)}.solver")
     with np.errstate(all="ignore"):
         free, through = phasors, None
-        if tail is not None and tail.model.through is not None and response is None:
+        if tail is not None and response is None:
             from cadtof_cli.resolver.diffuse.through_pixels import freed_pixels
 
-            free, through = freed_pixels(phasors, tail.pixels, tail.model, tail.model.through)
+            free, through = freed_pixels(phasors, tail)
         solver: Solver = room.solver(free, noise=noise, settings=settings, response=response, first=first)
         status, confidence = screened(solver.modulus, solver.powers, status, settings=settings, noise=noise)
+        if through is not None:
+            confidence = np.where(through.where, confidence * through.size, confidence)
         answered = status == 0
         predicted = None
         if tail is not None and response is None:
@@ -108,7 +110,7 @@ def screened(
 
 
 def _put_tail(fit: Fit, predicted: "DiffusePixels", through: "ThroughPixels | None") -> None:
-    """Write direct and MPI light as two paths where a tail was predicted; in the others the room's is still there, or was freed."""
+    """Write direct and MPI light as two paths where a tail was predicted; elsewhere the room's is still there, or was freed."""
     where, paths = predicted.answered, fit.paths
     left = predicted.separate_variance
     paths.sigma_rad[:] = np.sqrt(np.square(paths.sigma_rad) + (left if through is None else through.variance(left)))

@@ -15,7 +15,14 @@ from cadtof_cli.resolver.diffuse.patch_fit import PatchFit, fitted_patches
 from cadtof_cli.resolver.diffuse.planes import PatchPlanes, patch_planes
 from cadtof_cli.resolver.diffuse.prior import pattern
 from cadtof_cli.resolver.diffuse.radiosity import interreflections
-from cadtof_cli.resolver.diffuse.records import DiffuseChoice, DiffuseModel, RoomNumbers, SeenThrough, range_from_phase
+from cadtof_cli.resolver.diffuse.records import (
+    DiffuseChoice,
+    DiffuseModel,
+    RoomNumbers,
+    SeenThrough,
+    Tails,
+    range_from_phase,
+)
 from cadtof_cli.resolver.diffuse.settings import DiffuseSettings
 from cadtof_cli.resolver.diffuse.tail import TailModel, wrapped
 from cadtof_cli.resolver.diffuse.through import seen_through, typical_tail
@@ -115,10 +122,11 @@ def _model(
     if auto and not tail_fits(posterior.chi_squared[heard], len(data)):
         return None
     coarse = coarse_planes(fit, posterior, tail.beside_lag(fit.state), valid)
+    covered = 0 if through is None else int(through.found.sum())
     gap = (fit.posterior[-1] - two_path_lag(ratios[0]))[heard]
     return DiffuseModel(
         frame.settings,
-        DiffuseChoice("tail", int(kinds.lit.sum()), kinds.separate_share, _room_numbers(fit)),
+        DiffuseChoice("tail", int(kinds.lit.sum()), kinds.separate_share, _room_numbers(fit), covered),
         variances,
         coarse,
         upsampler(coarse.planes, planes.surfaces.range_m, valid, frame.grid),
@@ -146,9 +154,16 @@ def _seen_through(
     phasors = ratios * means.amplitude * np.exp(1j * harmonics * phase)
     lag = np.zeros(valid.shape)
     lag[valid] = fit.posterior[-1]
-    typical = typical_tail(fit.posterior if heard is None else fit.posterior[:, heard], frame.settings.harmonics)
-    range_m = range_from_phase(phase - lag, frame.settings)
-    return seen_through(phasors, range_m, valid, typical, grid=frame.grid, settings=frame.settings)
+    far = typical_tail(fit.posterior if heard is None else fit.posterior[:, heard], frame.settings.harmonics)
+    near = far if heard is None else typical_tail(fit.posterior[:, ~heard], frame.settings.harmonics)
+    return seen_through(
+        phasors,
+        range_from_phase(phase - lag, frame.settings),
+        valid,
+        Tails(near, far, frame.settings.harmonics),
+        grid=frame.grid,
+        settings=frame.settings,
+    )
 
 
 def two_path_lag(ratio: Complex, /) -> Float:

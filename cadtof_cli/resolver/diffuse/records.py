@@ -30,12 +30,15 @@ class RoomNumbers:
 
 @dataclass(frozen=True)
 class DiffuseChoice:
-    """Which model a frame got and why: `patches` with light, the share of them with separate paths, and the room's numbers."""
+    """Which model a frame got and why: `patches` with light, the share of them with separate paths, the room's numbers, and how
+    many patches something covers that lets light through.
+    """
 
     reason: Reason
     patches: int
     separate_share: float
     room: RoomNumbers | None = None
+    through_patches: int = 0
 
     @property
     def taken(self) -> Literal["discrete", "diffuse"]:
@@ -44,19 +47,28 @@ class DiffuseChoice:
 
 
 @dataclass(frozen=True, eq=False)
+class Tails:
+    """H_h of the nearer and of the farther of two paths, (H,) each, for so numbered harmonics."""
+
+    near: Complex
+    far: Complex
+    harmonics: tuple[int, ...]
+
+
+@dataclass(frozen=True, eq=False)
 class SeenThrough:
     """What lets light through, such as a net.
 
     Attributes:
         found: patches that it covers, (rows, columns).
-        near_m: its range there, NaN elsewhere.
-        tail: H_h of the light that reaches and passes it, (H,).
+        near_m: its range there and in the patches around, NaN elsewhere.
+        tails: H_h of the light that it sends back, and of what lies behind it.
         variance: of the phase of its direct light, rad², besides that of noise.
     """
 
     found: Bool
     near_m: Float
-    tail: Complex
+    tails: Tails
     variance: float
 
 

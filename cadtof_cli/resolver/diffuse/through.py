@@ -11,10 +11,10 @@ import numpy as np
 
 from cadtof_cli.arrays import Bool, Complex, Float
 from cadtof_cli.resolver.diffuse.grid import PatchGrid
-from cadtof_cli.resolver.diffuse.records import SeenThrough, range_from_phase
+from cadtof_cli.resolver.diffuse.records import SeenThrough, Tails, range_from_phase
 from cadtof_cli.resolver.diffuse.settings import DiffuseSettings
 from cadtof_cli.resolver.diffuse.walls import over_neighbours, walls_behind
-from cadtof_cli.resolver.two_path.closed_form import fundamental_frame, two_paths
+from cadtof_cli.resolver.two_path.closed_form import TwoPaths, fundamental_frame, two_paths
 
 NEAR_SHARE, FAR_SHARE = 0.25, 0.2
 """Least share of the nearer and of the farther path in a patch's light: below, it may be what the typical tail is wrong by."""
@@ -25,19 +25,33 @@ APART_NS = (2.0, 18.0)
 ON_WALL_M = 0.15
 """How far from a wall the farther path may end."""
 
-LEAST_PATCHES = 10
-"""Patches side by side that must say the same: at most 8 do in rendered rooms without a net."""
+LEAST_PATCHES = 12
+"""Patches side by side that must say the same: at most 10 do in rendered rooms without a net."""
+
+BESIDE_SHARE = 0.15
+"""The same of the farther path in a patch beside such ones, whatever its farther path ends on."""
 
 SAME_NET = 0.06
 """Relative difference of range within which a patch with two paths belongs to the net beside it."""
+
+STEPS = 3
+"""Steps in which the difference of the two paths' tails is taken away."""
+
+OFF_SHARE, LAG_SHARE = 0.5, 0.15
+"""Standard deviation of the nearer path's phase, as a share of what the farther ones miss the walls by, and of the lag that the
+tail brings: both are wrong by the same tail."""
 
 FULL_TURN = 2.0 * np.pi
 
 
 @dataclass(frozen=True, eq=False)
 class FreedPaths:
-    """Two paths freed of a tail: phase of the nearer, how much later the farther comes, rad, and the nearer's share of the light."""
+    """Phasors freed of tails, (H, …), and the two paths that they are.
 
+    Phase of the nearer, how much later the farther comes, rad, and the nearer's share of the light, (…) each.
+    """
+
+    phasors: Complex
     near_rad: Float
     later_rad: Float
     near_share: Float
@@ -52,32 +66,65 @@ def typical_tail(values: Float, harmonics: tuple[int, ...], /) -> Complex:
     return tail
 
 
-def freed(phasors: Complex, tail: Complex, /) -> Complex:
-    """Return phasors (H, …) divided by a tail's H_h, (H,)."""
-    free = np.empty_like(phasors)
-    for out, p, h in zip(free, phasors, 1.0 / tail, strict=True):
-        # in real numbers, so that a pixel gets the same bits wherever it stands
-        out.real, out.imag = p.real * h.real - p.imag * h.imag, p.real * h.imag + p.imag * h.real
-    return free
+def freed_paths(phasors: Complex, tails: Tails, /) -> FreedPaths:
+    """Resolve phasors (H, …) as two paths, each with its tail, by their first two harmonics.
 
-
-def freed_paths(phasors: Complex, tail: Complex, /) -> FreedPaths:
-    """Resolve phasors (H, …), freed of a tail, as two paths, by their first two harmonics."""
-    first, second = freed(phasors[:2], tail[:2]).reshape(2, -1)
+    p_h = a·exp(ihx)·N_h + b·exp(ihy)·F_h is two paths for the closed form once b·exp(ihy)·(F_h − N_h) is taken away and the rest
+    divided by N_h: solved with the last step's b and y, a few times over.
+    """
+    shape = phasors.shape[1:]
+    base = _times(phasors.reshape(len(phasors), -1), 1.0 / tails.near)
+    excess = (tails.far - tails.near) / tails.near
+    free = base
     with np.errstate(all="ignore"):
         # without light, zero is divided by zero
-        paths = two_paths(fundamental_frame(first, second))
+        for _ in range(STEPS if excess.any() else 0):
+            far = _farther(two_paths(fundamental_frame(free[0], free[1])))
+            free = base - _times(_at_harmonics(far, tails.harmonics), excess)
+        paths = two_paths(fundamental_frame(free[0], free[1]))
         x, y = paths.phases()
         ahead = np.mod(y - x, FULL_TURN)
         x_near = ahead < np.pi
         near, later = np.where(x_near, x, y), np.where(x_near, ahead, FULL_TURN - ahead)
         share = np.where(x_near, paths.a, paths.b) / (paths.a + paths.b)
-    shape = phasors.shape[1:]
-    return FreedPaths(near.reshape(shape), later.reshape(shape), share.reshape(shape))
+    return FreedPaths(
+        free.reshape(phasors.shape), near.reshape(shape), later.reshape(shape), np.asarray(share).reshape(shape)
+    )
+
+
+def _times(phasors: Complex, factors: Complex) -> Complex:
+    """Return phasors (H, n) times a factor a harmonic, in real numbers: the same bits wherever a pixel stands."""
+    product = np.empty_like(phasors)
+    for out, p, factor in zip(product, phasors, factors, strict=True):
+        out.real, out.imag = p.real * factor.real - p.imag * factor.imag, p.real * factor.imag + p.imag * factor.real
+    return product
+
+
+def _farther(paths: TwoPaths) -> tuple[Float, Float, Float]:
+    """Return amplitude, cosine and sine of the farther of two paths less than half a turn apart."""
+    # sin(y − x) > 0: y is behind x
+    y_far = paths.sin_y * paths.cos_x - paths.cos_y * paths.sin_x > 0.0
+    return (
+        np.where(y_far, paths.b, paths.a),
+        np.where(y_far, paths.cos_y, paths.cos_x),
+        np.where(y_far, paths.sin_y, paths.sin_x),
+    )
+
+
+def _at_harmonics(path: tuple[Float, Float, Float], harmonics: tuple[int, ...]) -> Complex:
+    """Return the phasors of a path at every harmonic, (H, n)."""
+    amplitude, cosine, sine = path
+    phasors = np.empty((len(harmonics), amplitude.size), np.complex128)
+    re, im, power = amplitude, np.zeros_like(amplitude), 0
+    for out, h in zip(phasors, harmonics, strict=True):
+        for _ in range(power, h):
+            re, im = re * cosine - im * sine, re * sine + im * cosine
+        power, out.real, out.imag = h, re, im
+    return phasors
 
 
 def seen_through(
-    phasors: Complex, range_m: Float, valid: Bool, tail: Complex, /, *, grid: PatchGrid, settings: DiffuseSettings
+    phasors: Complex, range_m: Float, valid: Bool, tails: Tails, /, *, grid: PatchGrid, settings: DiffuseSettings
 ) -> SeenThrough | None:
     """Return what lets light through; None where nothing does.
 
@@ -85,11 +132,11 @@ def seen_through(
         phasors: of the patches, (H, rows, columns).
         range_m: of their surfaces where a tail is all their MPI, (rows, columns).
         valid: patches that count, (rows, columns).
-        tail: H_h that is typical of the frame, (H,).
+        tails: those that are typical of what is near, and of what may lie behind it.
         grid: where the patches lie.
         settings: how phases become metres.
     """
-    paths = freed_paths(phasors, tail)
+    paths = freed_paths(phasors, tails)
     apart_ns = paths.later_rad / settings.rad_per_ns
     two: Bool = valid & (paths.near_share > NEAR_SHARE) & (paths.near_share < 1.0 - FAR_SHARE)
     two &= (apart_ns > APART_NS[0]) & (apart_ns < APART_NS[1])
@@ -102,8 +149,12 @@ def seen_through(
     found = _together(on_wall)
     if not found.any():
         return None
-    off = np.median(missed[found]) / settings.m_per_rad
-    return SeenThrough(found, _with_surroundings(near_m, found), tail, float(off**2))
+    off_rad = float(np.median(missed[found])) / settings.m_per_rad
+    lag_rad = float(np.angle(tails.far[0]))
+    more = valid & (paths.near_share > NEAR_SHARE) & (paths.near_share < 1.0 - BESIDE_SHARE) & (apart_ns > APART_NS[0])
+    found = _grown(found, more, near_m)
+    variance = (OFF_SHARE * off_rad) ** 2 + (LAG_SHARE * lag_rad) ** 2
+    return SeenThrough(found, _with_surroundings(near_m, found), tails, variance)
 
 
 def _with_surroundings(near_m: Float, found: Bool) -> Float:
@@ -111,6 +162,16 @@ def _with_surroundings(near_m: Float, found: Bool) -> Float:
     count, total = over_neighbours(found.astype(np.float64)), over_neighbours(np.where(found, near_m, 0.0))
     around = np.where(count > 0.0, total / np.maximum(count, 1.0), np.nan)
     return np.where(found, near_m, around)
+
+
+def _grown(found: Bool, more: Bool, near_m: Float) -> Bool:
+    """Return the patches found and those of `more` beside them, and beside those, whose nearer path goes on with theirs."""
+    while True:
+        around = _with_surroundings(near_m, found)
+        grown = found | (more & (np.abs(near_m - around) < SAME_NET * near_m))
+        if (grown == found).all():
+            return found
+        found = grown
 
 
 def _together(patches: Bool) -> Bool:

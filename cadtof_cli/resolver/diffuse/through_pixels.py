@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from cadtof_cli.arrays import Bool, Complex, Float
-from cadtof_cli.resolver.diffuse.records import DiffuseModel, SeenThrough, range_from_phase
-from cadtof_cli.resolver.diffuse.through import freed, freed_paths
+from cadtof_cli.resolver.diffuse.records import DiffuseBlock, range_from_phase
+from cadtof_cli.resolver.diffuse.through import freed_paths
 
 LEAST_SHARE = 0.1
 """Least share of either path in a pixel's light: below, it may be what the typical tail is wrong by."""
@@ -17,9 +17,12 @@ SAME_NET = 0.1
 
 @dataclass(frozen=True, eq=False)
 class ThroughPixels:
-    """Which of n pixels see through something, and the variance of their direct phase besides noise, rad²."""
+    """Which of n pixels see through something, (n,); |p1| over what is left of it, (n,); and the variance of their direct phase
+    besides noise, rad².
+    """
 
     where: Bool
+    size: Float
     own_variance: float
 
     def variance(self, others: float, /) -> Float:
@@ -27,22 +30,27 @@ class ThroughPixels:
         return np.where(self.where, self.own_variance, others)
 
 
-def freed_pixels(
-    phasors: Complex, pixels: slice, model: DiffuseModel, through: SeenThrough, /
-) -> tuple[Complex, ThroughPixels]:
-    """Return phasors (H, n) of a stretch of a frame's pixels, freed of the tail where they see through something, and where."""
+def freed_pixels(phasors: Complex, tail: DiffuseBlock, /) -> tuple[Complex, ThroughPixels | None]:
+    """Return phasors (H, n) of a block of a frame's pixels, freed of tails where these see through something, and where.
+
+    They are those that were given, and None, where the frame has nothing that lets light through.
+    """
+    model, through = tail.model, tail.model.through
+    if through is None:
+        return phasors, None
     grid = model.upsampler.grid
-    place = np.arange(pixels.start, pixels.start + phasors.shape[1])
+    place = np.arange(tail.pixels.start, tail.pixels.start + phasors.shape[1])
     net_m = through.near_m[place // grid.width // grid.side, place % grid.width // grid.side]
     there = np.flatnonzero(np.isfinite(net_m))
     where = np.zeros(len(place), np.bool_)
-    free = phasors.copy()
+    free, size = phasors.copy(), np.ones(len(place))
     if there.size:
         seen, net_m = phasors[:, there], net_m[there]
-        paths = freed_paths(seen, through.tail)
+        paths = freed_paths(seen, through.tails)
         near_m = range_from_phase(paths.near_rad, model.settings)
         two = (paths.near_share > LEAST_SHARE) & (paths.near_share < 1.0 - LEAST_SHARE)
         two &= np.abs(near_m - net_m) < SAME_NET * net_m
         where[there] = two
-        free[:, there] = np.where(two, freed(seen, through.tail), seen)
-    return free, ThroughPixels(where, through.variance)
+        free[:, there] = np.where(two, paths.phasors, seen)
+        size[there] = np.abs(seen[0]) / np.abs(free[0, there])
+    return free, ThroughPixels(where, size, through.variance)

@@ -34,7 +34,8 @@ def walls_behind(range_m: Float, among: Bool, grid: PatchGrid, /) -> Float:
     inverse = 1.0 / np.where(among, range_m * grid.ray[2], np.inf)
     planes = _planes_of_neighbours(slopes, inverse, among)
     on_plane = _on_planes(planes, slopes, inverse)
-    left, walls = among.copy(), []
+    left = among.copy()
+    walls: list[Float] = []
     while len(planes) and len(walls) < MOST_WALLS:
         seen = (on_plane & left).sum(axis=(1, 2))
         best = int(seen.argmax())
@@ -64,18 +65,15 @@ def _moments(slopes: Float, inverse: Float, among: Bool) -> tuple[Float, Float]:
 def over_neighbours(values: Float) -> Float:
     """Return sums over every patch and its eight neighbours, (…, rows, columns)."""
     rows, columns = values.shape[-2:]
-    padded = np.pad(values, ((0, 0),) * (values.ndim - 2) + ((1, 1), (1, 1)))
-    total = np.zeros_like(values)
-    for i in range(3):
-        for j in range(3):
-            total += padded[..., i : i + rows, j : j + columns]
-    return total
+    padded = np.zeros((*values.shape[:-2], rows + 2, columns + 2))
+    padded[..., 1:-1, 1:-1] = values
+    shifted = [padded[..., i : i + rows, j : j + columns] for i in range(3) for j in range(3)]
+    return np.asarray(sum(shifted))
 
 
 def _solved(square: Float, product: Float) -> Float:
     """Return the planes of least squares, (…, 3)."""
-    plane: Float = np.linalg.solve(square + RIDGE * np.eye(3), product[..., None])[..., 0]
-    return plane
+    return np.asarray(np.linalg.solve(square + RIDGE * np.eye(3), product[..., None])[..., 0], np.float64)
 
 
 def _on_planes(planes: Float, slopes: Float, inverse: Float) -> Bool:

@@ -55,7 +55,9 @@ class Net:
         direct = threads * panel.photons[0] + np.where(hidden, 0.0, holes * room.photons[0])
         behind = np.where(hidden, holes * room.photons[0], 0.0)
         return Light(
-            delays_ns=np.concatenate([panel.delays_ns[:1], room.delays_ns[:1], panel.delays_ns[1:], room.delays_ns[1:]]),
+            delays_ns=np.concatenate(
+                [panel.delays_ns[:1], room.delays_ns[:1], panel.delays_ns[1:], room.delays_ns[1:]]
+            ),
             photons=np.concatenate([direct[None], behind[None], threads * panel.photons[1:], holes * room.photons[1:]]),
             ambient=threads * panel.ambient + holes * room.ambient,
             ranges_m=panel.ranges_m,

@@ -88,9 +88,7 @@ class RandomRoom:
         return light if self.net is None else self.net.mixed(self._light(self.net.hung(self.room), camera, rows), light)
 
     def _light(self, room: Room, camera: Camera, rows: slice) -> Light:
-        view = room.view(
-            camera, lamp_offset_m=self.lamp_offset_m, light_paths=self.light_paths, seed=self.tracing_seed
-        )
+        view = room.view(camera, lamp_offset_m=self.lamp_offset_m, light_paths=self.light_paths, seed=self.tracing_seed)
         return light_in_room(view, rows, asr=self.asr)
 
 
