@@ -9,7 +9,7 @@ from cadtof_cli.resolver.diffuse.beyond import surfaces_beyond
 from cadtof_cli.resolver.diffuse.choice import LEAST_PATCHES, PatchKinds, patch_kinds, tail_fits
 from cadtof_cli.resolver.diffuse.coarse import coarse_planes, patch_posterior
 from cadtof_cli.resolver.diffuse.grid import PatchGrid, View, assumed_view, patch_grid
-from cadtof_cli.resolver.diffuse.light import PatchLight, PatchMeans, is_light, patch_light, patch_means
+from cadtof_cli.resolver.diffuse.light import PatchLight, PatchMeans, is_light, patch_light, patch_means, patch_phasors
 from cadtof_cli.resolver.diffuse.noise import noise_covariance
 from cadtof_cli.resolver.diffuse.patch_fit import PatchFit, fitted_patches
 from cadtof_cli.resolver.diffuse.planes import PatchPlanes, patch_planes
@@ -112,12 +112,13 @@ def _model(
     noise = _data_noise(ratios, amplitude, means.pixels[valid], frame)
     known, auto = frame.grid.view.known, frame.settings.model == "auto"
     fit = fitted_patches(data, noise, tail, rule, known_optics=known)
-    through = _seen_through(light, planes, means, valid, fit, frame) if auto else None
+    phasors = patch_phasors(light, planes.on_plane, means, harmonics=frame.settings.harmonics)
+    through = _seen_through(phasors, valid, fit, frame) if auto else None
     heard = np.ones(amplitude.size, np.bool_)
     if through is not None:
         heard = ~through.found[valid]
         fit = fitted_patches(data, np.where(heard, noise, UNHEARD * noise), tail, rule, known_optics=known)
-        through = _seen_through(light, planes, means, valid, fit, frame, heard) or through
+        through = _seen_through(phasors, valid, fit, frame, heard) or through
     posterior = patch_posterior(data, np.where(heard, noise, UNHEARD * noise), fit)
     if auto and not tail_fits(posterior.chi_squared[heard], len(data)):
         return None
@@ -138,27 +139,16 @@ def _model(
 
 
 def _seen_through(
-    light: PatchLight,
-    planes: PatchPlanes,
-    means: PatchMeans,
-    valid: Bool,
-    fit: PatchFit,
-    frame: _Frame,
-    heard: Bool | None = None,
+    phasors: Complex, valid: Bool, fit: PatchFit, frame: _Frame, heard: Bool | None = None
 ) -> SeenThrough | None:
-    """Return what lets light through in a frame, None where nothing does."""
-    harmonics = np.array(frame.settings.harmonics)[:, None, None]
-    turn = (light.power * np.exp(1j * light.phase_rad) * (planes.on_plane & light.seen)).sum(-1)
-    phase = np.angle(turn)
-    ratios = np.concatenate([np.ones((1, *valid.shape)), means.ratios])
-    phasors = ratios * means.amplitude * np.exp(1j * harmonics * phase)
+    """Return what lets light through in a frame, None where nothing does; patches not `heard`, (n,), had no say in the fit."""
     lag = np.zeros(valid.shape)
     lag[valid] = fit.posterior[-1]
     far = typical_tail(fit.posterior if heard is None else fit.posterior[:, heard], frame.settings.harmonics)
     near = far if heard is None else typical_tail(fit.posterior[:, ~heard], frame.settings.harmonics)
     return seen_through(
         phasors,
-        range_from_phase(phase - lag, frame.settings),
+        range_from_phase(np.angle(phasors[0]) - lag, frame.settings),
         valid,
         Tails(near, far, frame.settings.harmonics),
         grid=frame.grid,

@@ -49,9 +49,10 @@ def walls_behind(range_m: Float, among: Bool, grid: PatchGrid, /) -> Float:
 
 
 def _planes_of_neighbours(slopes: Float, inverse: Float, among: Bool) -> Float:
-    """Return the planes 1/z = aX + bY + c through patches and their neighbours, (n, 3)."""
+    """Return the planes 1/z = aX + bY + c through every second patch of every second row and its neighbours, (n, 3)."""
     count = over_neighbours(among.astype(np.float64))
-    middle = among & (count >= LEAST_NEIGHBOURS)
+    middle = np.zeros_like(among)
+    middle[1::2, 1::2] = (among & (count >= LEAST_NEIGHBOURS))[1::2, 1::2]
     square, product = (over_neighbours(part)[..., middle] for part in _moments(slopes, inverse, among))
     return _solved(np.moveaxis(square, -1, 0), np.moveaxis(product, -1, 0))
 
