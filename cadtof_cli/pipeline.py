@@ -232,7 +232,8 @@ def resolve_pixels(
     maps = empty_maps(1, pixels.count, layers=plan.layers)
     kernel, resolver = kernel or chosen_kernel(), plan.settings.resolver
     room = resolver.room(pixels.noise.harmonics, sine=stages.correction.response is None)
-    if kernel != NUMPY and room == "two_path" and resolver.paths <= 2:
+    in_kernel = room == "two_path" and resolver.paths <= 2 and (pixels.tail is None or pixels.tail.through is None)
+    if kernel != NUMPY and in_kernel:
         _fill_by_kernel(maps, pixels, plan, stages, kernel)
     else:
         _fill_by_blocks(maps, pixels, plan, stages, kernel, calibrated=calibration is not None)
