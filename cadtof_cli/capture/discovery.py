@@ -8,7 +8,7 @@ import itertools
 import os
 import stat
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +18,7 @@ from cadtof_cli.errors import CaptureError
 from cadtof_cli.files.formats import FRAME_SUFFIXES, frame_suffixes
 from cadtof_cli.files.frames import FrameLayout, RawLayout
 from cadtof_cli.files.reading import is_folder, is_there
+from cadtof_cli.records import dataclass
 
 WRITTEN_BY_US = frozenset({"run.json", "dark.toml", "response.toml", "petzval.toml"})
 """Files that make a folder one of maps, or a calibration: nothing in or below it is a recorded frame."""
@@ -81,7 +82,10 @@ def find_captures(
             # a shell that expands cap/* hands over the metadata too
             names = dict.fromkeys(path.absolute().relative_to(root.absolute()).as_posix() for path in group)
             source = source_of(root)
-            captures.append(_capture(root, source, [name for name in names if name != FILE_NAME], among=names))
+            found = _capture(root, source, [name for name in names if name != FILE_NAME])
+            if found is None:
+                raise _no_frames(root, source, names)
+            captures.append(found)
         elif recursive:
             below = list(_below(root, source_of))
             if not below:
@@ -162,7 +166,10 @@ def _in_folder(root: Path, source_of: _SourceOf) -> Capture:
         below = [str(capture.root) for capture in _below(root, source_of)]
         if below:
             raise CaptureError(f"{root}: no frames in this folder; captures below it: {_some(below)}; add --recursive")
-    return _capture(root, source, names, among=there)
+    found = _capture(root, source, names)
+    if found is None:
+        raise _no_frames(root, source, there)
+    return found
 
 
 def _below(folder: Path, source_of: _SourceOf) -> Iterator[Capture]:
@@ -178,10 +185,13 @@ def _below(folder: Path, source_of: _SourceOf) -> Iterator[Capture]:
         depth = _depth(source := source_of(here))
         names = there if depth == 0 else _files_in(here, depth=depth, recursive=True)
         images = _images(names, source)
-        if images and (depth == 0 or _frames(here, source, images)):
-            yield _capture(here, source, images, among=names)
+        found = _capture(here, source, images) if images else None
+        if found:
+            yield found
             if depth:
                 continue
+        elif images and not depth:
+            raise _no_frames(here, source, names)
         below = (name for name, is_dir in _entries(here, 0) if is_dir and not name.startswith("."))
         waiting += (here / name for name in sorted(below, key=natural_key, reverse=True))
 
@@ -235,21 +245,19 @@ def _images(names: Iterable[str], source: MetadataSource) -> list[str]:
     return sorted(images, key=natural_key)
 
 
-def _capture(root: Path, source: MetadataSource, names: Sequence[str], *, among: Iterable[str]) -> Capture:
-    """Return the capture whose files have these names, or say why there is none."""
-    frames = _frames(root, source, names)
-    if not frames:
-        looked_for = _looked_for(source.metadata.layout.pattern)
-        raise CaptureError(f"{root}: no frames: looked for {looked_for}, found {_some(among)}")
-    _require_different_names(root, frames)
-    return Capture(root, source, frames)
-
-
-def _frames(root: Path, source: MetadataSource, names: Sequence[str]) -> Sequence[FrameSource]:
+def _capture(root: Path, source: MetadataSource, names: Sequence[str]) -> Capture | None:
+    """Return the capture whose files have these names; None where they make up no frame."""
     layout = source.metadata.layout
-    if layout.pattern is None:
-        return FilesAsFrames(root, names)
-    return grouped_planes(root, names, layout, source.metadata.modulation.harmonics)
+    frames: Sequence[FrameSource] = FilesAsFrames(root, names)
+    if layout.pattern is not None:
+        frames = grouped_planes(root, names, layout, source.metadata.modulation.harmonics)
+    _require_different_names(root, frames)
+    return Capture(root, source, frames) if frames else None
+
+
+def _no_frames(root: Path, source: MetadataSource, among: Iterable[str]) -> CaptureError:
+    looked_for = _looked_for(source.metadata.layout.pattern)
+    return CaptureError(f"{root}: no frames: looked for {looked_for}, found {_some(among)}")
 
 
 def _looked_for(pattern: str | None) -> str:

@@ -6,7 +6,6 @@ Options and discovery read it at start-up, so a format's library is loaded only 
 import os
 from collections.abc import Callable
 from contextlib import AbstractContextManager
-from dataclasses import dataclass
 from functools import partial
 from importlib import import_module
 from pathlib import Path
@@ -14,6 +13,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 from cadtof_cli.errors import FrameError
 from cadtof_cli.files.reading import damage_as_frame_error, open_regular
+from cadtof_cli.records import dataclass
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -188,23 +188,14 @@ def frame_suffixes(*, planes: bool, raw: bool) -> tuple[str, ...]:
     return tuple(suffix for one in taken for suffix in one.suffixes)
 
 
-def frame_format(path: Path, layout: "FrameLayout", /) -> Format:
-    """Return the format of a recorded file: raw where its name and `[layout.raw]` say so, else by its first bytes.
-
-    Raises:
-        FrameError: see `format_of`.
-    """
-    if layout.raw is not None and suffix_format(path) is RAW:
-        return RAW
-    return format_of(path)
-
-
-def format_of(path: Path, /) -> Format:
-    """Return the format of a file by its first bytes.
+def format_of(path: Path, /, *, raw: bool = False) -> Format:
+    """Return the format of a file by its first bytes; where `[layout.raw]` says what raw dumps hold, theirs by its name.
 
     Raises:
         FrameError: the file cannot be read, or is of no format that we know.
     """
+    if raw and suffix_format(path) is RAW:
+        return RAW
     with damage_as_frame_error(path, "file"):
         descriptor = open_regular(path)
         try:
@@ -215,6 +206,6 @@ def format_of(path: Path, /) -> Format:
     if known is None:
         found = f"first bytes {head[:4].hex(' ')}" if head else "an empty file"
         titles = ", ".join(one.title for one in FORMATS if one.magics)
-        raw = "; for a raw dump, give dtype and shape under [layout.raw]" if suffix_format(path) is RAW else ""
-        raise FrameError(f"{path}: found {found}, expected one of {titles}{raw}")
+        hint = "; for a raw dump, give dtype and shape under [layout.raw]" if suffix_format(path) is RAW else ""
+        raise FrameError(f"{path}: found {found}, expected one of {titles}{hint}")
     return known
