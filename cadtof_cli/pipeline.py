@@ -18,11 +18,10 @@ from cadtof_cli.calibration.apply import FrameCorrection, frame_correction
 from cadtof_cli.errors import FrameError
 from cadtof_cli.files.maps import DepthMaps
 from cadtof_cli.frame_plan import FramePlan
-from cadtof_cli.maps.depth import DepthScale, empty_maps, write_block
-from cadtof_cli.maps.impossible import clear_impossible, clear_pixels, most_volts
+from cadtof_cli.maps.depth import DepthScale, clear_impossible, clear_pixels, empty_maps, most_volts, write_block
 from cadtof_cli.maps.layers import ALWAYS
 from cadtof_cli.optics.lamp import LampBeside
-from cadtof_cli.optics.pinhole import planar_per_range
+from cadtof_cli.optics.lens import planar_per_range
 from cadtof_cli.phasors.frame_mean import FrameMean
 from cadtof_cli.phasors.noise import NoiseModel, estimated_integration_length, noise_model
 from cadtof_cli.phasors.plausible import is_without_noise
@@ -126,15 +125,15 @@ class FrameStages:
             return pixels.pooled
         return phasors_from_stored(pixels.stored, self.correction.phasor_map[block])
 
-    def status(self, pixels: FramePixels) -> Status:
-        """Return the bits of pixels that get no answer whatever their phasors: saturated or hot, (n,)."""
-        saturated = saturated_pixels(pixels.stored, self.saturated_counts)
-        hot = self.hot(slice(pixels.first, pixels.first + pixels.count))
-        return np.asarray(saturated * np.uint32(StatusBit.SATURATED) | hot)
-
-    def hot(self, block: slice) -> Status | int:
-        """Return the bits of hot pixels, (n,), or 0 where there are none."""
-        return 0 if self.correction.hot is None else self.correction.hot[block] * np.uint32(StatusBit.HOT_PIXEL)
+    def status(self, pixels: FramePixels, *, saturated: bool = True) -> Status:
+        """Return the bits of pixels that get no answer whatever their phasors, (n,): hot, and saturated if that is asked for."""
+        status = np.zeros(pixels.count, np.uint32)
+        if saturated:
+            status |= saturated_pixels(pixels.stored, self.saturated_counts) * np.uint32(StatusBit.SATURATED)
+        if self.correction.hot is not None:
+            hot = self.correction.hot[pixels.first : pixels.first + pixels.count]
+            status |= hot * np.uint32(StatusBit.HOT_PIXEL)
+        return status
 
 
 @lru_cache(maxsize=4)
@@ -213,17 +212,15 @@ def resolve_pixels(
     """
     stages = frame_stages(plan, calibration, pixels.dtype, pixels.size)
     maps = empty_maps(1, pixels.count, layers=plan.layers)
-    kernel = kernel or chosen_kernel()
-    if (
-        kernel != NUMPY
-        and pixels.tail is None
-        and plan.settings.resolver.in_kernel(pixels.noise.harmonics, sine=stages.correction.response is None)
-    ):
+    kernel, resolver = kernel or chosen_kernel(), plan.settings.resolver
+    room = resolver.room(pixels.noise.harmonics, sine=stages.correction.response is None)
+    if kernel != NUMPY and room == "two_path" and resolver.paths <= 2 and pixels.tail is None:
         _fill_by_kernel(maps, pixels, plan, stages, kernel)
     else:
         _fill_by_blocks(maps, pixels, plan, stages, calibrated=calibration is not None)
         clear_impossible(maps, noise=pixels.noise, amplitude_v=plan.metadata.modulation.amplitude_v)
-    stages.depth.measure_from_camera(maps, pixels.first)
+    if stages.depth.lamp is not None:
+        stages.depth.measure_from_camera(maps, pixels.first)
     if pixels.without_noise:
         clear_pixels(maps, has_answer(maps.status.reshape(-1)))
     return maps
@@ -236,7 +233,8 @@ def _fill_by_blocks(
     from cadtof_cli.resolver.resolve import resolve_paths
 
     response, tail = stages.correction.response, pixels.tail
-    step = plan.block_pixels or (SEARCHED_BLOCK_PIXELS if plan.is_searched or response else BLOCK_PIXELS)
+    in_closed_form = response is None and plan.settings.resolver.in_closed_form(pixels.noise.harmonics)
+    step = plan.block_pixels or (BLOCK_PIXELS if in_closed_form else SEARCHED_BLOCK_PIXELS)
     for start in range(0, pixels.count, step):
         here = slice(start, min(start + step, pixels.count))
         block = pixels[here]
@@ -260,7 +258,8 @@ def _fill_by_kernel(maps: DepthMaps, pixels: FramePixels, plan: FramePlan, stage
     """Fill the maps of prepared pixels from their stored values in one go: what the blocks of `resolve_pixels` do in numpy."""
     block, recorded = slice(pixels.first, pixels.first + pixels.count), pixels.pooled is None
     status, samples = maps.status.reshape(-1), pixels.noise.samples
-    status[:] = stages.hot(block) if recorded else stages.status(pixels)
+    # what was recorded, the kernel looks at itself
+    status[:] = stages.status(pixels, saturated=not recorded)
     if plan.calibration is not None:
         status |= np.uint32(StatusBit.CALIBRATED)
     if samples is not None:

@@ -12,7 +12,7 @@ import numpy as np
 from benchmark_kernel import kernel_rows, recorded
 from numpy.typing import NDArray
 from scipy.optimize import leastsq
-from speed.against import against
+from speed.against import CASES, against
 from speed.measure import ROOT, Row, least_seconds
 from speed.runs import end_to_end, memory, start_up
 
@@ -26,18 +26,19 @@ SCIPY_PIXELS = 300
 def main() -> None:
     """Print a table of rows, as they are measured."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("parts", nargs="*", help=f"of {', '.join(PARTS)}; default: all")
     parser.add_argument(
-        "--against", metavar="REF", help="hold this working tree against a commit, instead of the parts"
+        "parts", nargs="*", help=f"of {', '.join(PARTS)}; with --against of {', '.join(CASES)}; default: all"
     )
+    parser.add_argument("--against", metavar="REF", help="hold this working tree against a commit, run by run")
     parser.add_argument("--repeats", type=int, default=3, help="turns that are taken; the least of each side counts")
     parser.add_argument("--long", type=int, default=1000, help="frames of the memory part")
     parser.add_argument("--place", type=Path, help="folder that the runs write below; default: that of temporary files")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the rows there, too")
     arguments = parser.parse_args()
-    unknown = [name for name in arguments.parts if name not in PARTS]
+    known = CASES if arguments.against else PARTS
+    unknown = [name for name in arguments.parts if name not in known]
     if unknown:
-        parser.error(f"parts: found {', '.join(unknown)}, expected some of {', '.join(PARTS)}")
+        parser.error(f"parts: found {', '.join(unknown)}, expected some of {', '.join(known)}")
     keep_freed_memory()
     rows: list[Row] = []
     print("| what | asked | measured |\n|---|---|---|", flush=True)
@@ -55,7 +56,7 @@ def _rows(arguments: argparse.Namespace) -> Iterator[Row]:
 
 
 def _against(arguments: argparse.Namespace, place: Path) -> Iterator[Row]:
-    yield from against(arguments.against, place, arguments.repeats)
+    yield from against(arguments.against, place, arguments.repeats, cases=arguments.parts or list(CASES))
 
 
 # --- the paper's way -------------------------------------------------------------------------------------------------

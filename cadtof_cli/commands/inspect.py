@@ -10,8 +10,7 @@ import click
 from cadtof_cli.commands.examples import example
 from cadtof_cli.commands.map_options import calibration_option, map_options
 from cadtof_cli.commands.options import SectionedCommand, capture_options, settings_option
-from cadtof_cli.commands.progress import Bar
-from cadtof_cli.commands.terminal import tell
+from cadtof_cli.commands.terminal import Bar, tell
 from cadtof_cli.frame_plan import MapSettings
 
 _WIDTH = 22

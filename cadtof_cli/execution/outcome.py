@@ -38,8 +38,3 @@ class Later(Generic[Result]):
 
 Work = Callable[[Task], Result | Later[Result]]
 """What is done to tasks."""
-
-
-def finished(result: Result | Later[Result], /) -> Result:
-    """Return what a task's function has returned, or will have."""
-    return result.finish() if isinstance(result, Later) else result

@@ -76,6 +76,8 @@ NOTHING_SAID = MapsAbout()
 
 
 def _printable(text: str) -> str:
+    if text.isprintable():
+        return text
     return "".join(sign if sign.isprintable() else repr(sign)[1:-1] for sign in text)
 
 
@@ -108,6 +110,7 @@ def begin_maps(path: Path, maps: DepthMaps, /, *, about: MapsAbout = NOTHING_SAI
     try:
         with partial.errors_told():
             known = kind.layers().write_maps(partial.temporary, maps, about=about)
+            partial.written()
             return WrittenMaps(partial, known or file_digest(partial.temporary))
     except BaseException:
         partial.give_up()

@@ -6,7 +6,7 @@ import numpy as np
 
 from cadtof_cli.arrays import Float
 from cadtof_cli.capture.metadata import Optics
-from cadtof_cli.optics.pinhole import ray_slopes
+from cadtof_cli.optics.lens import ray_slopes
 
 
 @dataclass(frozen=True, eq=False)

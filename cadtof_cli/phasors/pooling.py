@@ -6,7 +6,6 @@ does; across an edge they differ by far more, so edges stay where they are.
 """
 
 import time
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,10 +17,9 @@ from cadtof_cli.phasors.noise import NoiseModel
 LOST_NEIGHBOURS = 1e-3
 """Share of neighbours with the same light that noise alone keeps out."""
 
-ROWS = 8
-"""Rows of a frame that are dealt with at a time."""
-
-Offset = tuple[slice, slice]
+BLOCK_PIXELS = 4096
+"""Least number of pixels that are dealt with at a time: numpy's loops over planes of fewer take thrice as long a pixel, and as
+many more do not stay in the processor's cache."""
 
 
 @dataclass(frozen=True)
@@ -48,14 +46,24 @@ def pooled_phasors(
         window: side of the square of neighbours, an odd number of pixels.
     """
     scales = np.array([1.0 / np.sqrt(harmonic.dark_variance) for harmonic in noise.each])[:, np.newaxis, np.newaxis]
-    scaled = np.where(usable, phasors, 0.0) * scales
-    given, weight = np.stack([scaled.real, scaled.imag]).reshape(-1, *usable.shape), np.where(usable, samples, 0.0)
+    height, width = usable.shape
+    margins = _Margins(height, width, window // 2)
+    given, weight = margins.around(2 * len(phasors)), margins.around(1)
+    for plane, part in zip(margins.inside(given), (*phasors.real, *phasors.imag), strict=True):
+        np.copyto(plane, part, where=usable)
+    inside = margins.inside(given).reshape(2, *phasors.shape)
+    inside *= scales
+    np.copyto(margins.inside(weight)[0], samples, where=usable)
     limit = chi_squared_threshold(LOST_NEIGHBOURS, pairs=len(phasors))
-    mean, pooled = given, weight
-    for _ in range(2):
-        mean, pooled = _means(given, weight, mean, pooled, limit, window // 2)
-    real, imag = mean.reshape(2, *phasors.shape) / scales
-    return PooledPhasors(np.where(usable, real + 1j * imag, phasors), np.where(usable, pooled, samples))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        light = _Light(given, np.concatenate((given * weight, weight)), limit / weight[0])
+        first = _sums_of_alike(light, given, light.most, margins)
+        sums = _sums_of_alike(light, first[:-1] / first[-1], limit / first[-1], margins)
+        mean = margins.inside(sums[:-1] / sums[-1]).reshape(2, *phasors.shape) / scales
+    pooled = np.empty_like(phasors)
+    pooled.real, pooled.imag = mean
+    np.copyto(pooled, phasors, where=~usable)
+    return PooledPhasors(pooled, np.where(usable, margins.inside(sums)[-1], samples))
 
 
 def pooling_seconds(size: tuple[int, int], noise: NoiseModel, /, *, window: int) -> float:
@@ -71,45 +79,83 @@ def pooling_seconds(size: tuple[int, int], noise: NoiseModel, /, *, window: int)
     return float((window**2 - 1) * of_one * kept)
 
 
-def _means(
-    given: Float, weight: Float, reference: Float, reference_weight: Float, limit: float, reach: int
-) -> tuple[Float, Float]:
-    """Return the weighted means of neighbours that agree with the reference of a pixel, and the sums of their weights.
+@dataclass(frozen=True)
+class _Margins:
+    """Frames of (height, width) pixels with margins of 0, as wide as neighbours reach, laid out flat.
 
-    `given` and `reference` are planes of numbers, (n, Y, X), whose noise is 1 for a pixel of weight 1. Where both are the same,
-    neighbours agree with each other or do not: each pair is looked at once. A few rows are dealt with at a time, for all
-    offsets, as they stay in the processor's cache then.
+    A neighbour is then as many places away for every pixel, and a block of rows with its neighbours is a slice: all of it one
+    stretch of memory. The margin right of a row is also that left of the next.
     """
-    both = reference is given
-    total, weights = given * weight, weight.copy()
-    with np.errstate(divide="ignore", invalid="ignore"):
-        most, reference_most = limit / weight, limit / reference_weight
-        for first in range(0, weight.shape[0], ROWS):
-            for here, there in _neighbours(weight.shape, reach, range(first, first + ROWS), half=both):
-                misfit = reference[:, *here] - given[:, *there]
-                misfit *= misfit
-                # what is not usable has no limit, and no weight; nobody looks at its own mean
-                alike = np.add.reduce(misfit, axis=0) <= reference_most[here] + most[there]
-                for to, other in ((here, there), (there, here))[: 1 + both]:
-                    counted = alike * weight[other]
-                    total[:, *to] += np.multiply(given[:, *other], counted, out=misfit)
-                    weights[to] += counted
-        return total / weights, weights
+
+    height: int
+    width: int
+    reach: int
+
+    @property
+    def row(self) -> int:
+        """Places from a pixel to the one below."""
+        return self.width + self.reach
+
+    @property
+    def first(self) -> int:
+        """Place of the first pixel."""
+        return self.reach * self.row + self.reach
+
+    def around(self, planes: int) -> Float:
+        """Return planes of 0, (planes, places)."""
+        return np.zeros((planes, self.height * self.row + 2 * self.first))
+
+    def inside(self, flat: Float) -> Float:
+        """Return the frames, (planes, Y, X), that flat planes hold, as a view."""
+        frames = flat[:, self.first : self.first + self.height * self.row]
+        return frames.reshape(len(flat), self.height, self.row)[:, :, : self.width]
+
+    def blocks(self) -> list[slice]:
+        """Return the places of some rows at a time, with the margins right of them."""
+        rows = -(-BLOCK_PIXELS // self.row)
+        begins = range(0, self.height, rows)
+        return [
+            slice(self.first + begin * self.row, self.first + min(begin + rows, self.height) * self.row)
+            for begin in begins
+        ]
+
+    def offsets(self, *, half: bool) -> list[int]:
+        """Return how many places neighbours are away; with `half`, only those that come after the pixel."""
+        reach = range(-self.reach, self.reach + 1)
+        away = [(dy, dx) for dy in reach for dx in reach if (dy, dx) != (0, 0)]
+        return [dy * self.row + dx for dy, dx in away if not half or dy * self.row + dx > 0]
 
 
-def _neighbours(shape: tuple[int, ...], reach: int, rows: range, *, half: bool) -> Iterator[tuple[Offset, Offset]]:
-    """Yield, for every offset but none, the pixels of some rows that have such a neighbour, and those neighbours.
+@dataclass(frozen=True)
+class _Light:
+    """What neighbours give, flat: planes whose noise is 1 for a pixel of weight 1, and as they count.
 
-    `half`: leave out the offsets that are the opposite of another.
+    `counted` is each plane times the weight, then the weight; `most` is the misfit that each pixel's noise explains.
     """
-    height, width = shape
-    for dy in range(0 if half else -reach, reach + 1):
-        begin, end = max(rows.start, -dy), min(rows.stop, height, height - dy)
-        for dx in range(-reach, reach + 1):
-            wanted = dy > 0 or dx > 0 if half else dy != 0 or dx != 0
-            if wanted and begin < end and abs(dx) < width:
-                left, right = max(0, -dx), width - max(0, dx)
-                yield (
-                    (slice(begin, end), slice(left, right)),
-                    (slice(begin + dy, end + dy), slice(left + dx, right + dx)),
-                )
+
+    given: Float
+    counted: Float
+    most: Float
+
+
+def _sums_of_alike(light: _Light, reference: Float, reference_most: Float, margins: _Margins) -> Float:
+    """Return the sums of what counts of all neighbours that agree with a pixel's reference, and of the pixel itself.
+
+    Where the references are what is given, neighbours agree with each other or do not: each pair is looked at once. A few rows
+    are dealt with at a time, for all offsets, as they stay in the processor's cache then.
+    """
+    both = reference is light.given
+    sums = light.counted.copy()
+    for here in margins.blocks():
+        counted, misfit = np.empty((2, *sums[:, here].shape))
+        for offset in margins.offsets(half=both):
+            there = slice(here.start + offset, here.stop + offset)
+            np.subtract(reference[:, here], light.given[:, there], out=misfit[:-1])
+            np.multiply(misfit[:-1], misfit[:-1], out=misfit[:-1])
+            # what is not usable has no limit, and counts for nothing; nobody looks at its own mean
+            limit = reference_most[here] + light.most[there]
+            alike = (np.add.reduce(misfit[:-1], axis=0, out=misfit[-1]) <= limit).astype(np.float64)
+            for to, other in ((here, there), (there, here))[: 1 + both]:
+                total = sums[:, to]  # added to in place: an index on the left of += would be written back once more
+                total += np.multiply(light.counted[:, other], alike, out=counted)
+    return sums

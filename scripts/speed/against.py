@@ -34,16 +34,19 @@ CASES = {
     "likelihood, three harmonics": Case((MPI_MODEL, "discrete"), 4, THREE_HARMONICS, asked="≤ 0.33"),
     "three paths": Case((MPI_MODEL, "discrete", "--paths", "3"), 2, THREE_HARMONICS, asked="≤ 0.33"),
     "lm": Case((MPI_MODEL, "discrete", "--solver", "lm"), 4, asked="≤ 0.33"),
+    "lm, three harmonics": Case((MPI_MODEL, "discrete", "--solver", "lm"), 1, THREE_HARMONICS),
+    "pooling 3 × 3": Case((MPI_MODEL, "discrete", "--pool", "3"), 12, asked="≤ 0.33"),
     "pooling 5 × 5": Case((MPI_MODEL, "discrete", "--pool", "5"), 6, asked="≤ 0.33"),
 }
 
 
-def against(reference: str, place: Path, repeats: int) -> Iterator[Row]:
-    """Measure this working tree and a commit; rows hold the time of this one over that of the commit."""
+def against(reference: str, place: Path, repeats: int, *, cases: list[str]) -> Iterator[Row]:
+    """Measure this working tree and a commit in some cases; rows hold the time of this one over that of the commit."""
     trees = {"this": ROOT, "that": _installed(reference, place)}
     known = {name: _help(tree) for name, tree in trees.items()}
     out = place / "out"
-    for what, case in CASES.items():
+    for what in cases:
+        case = CASES[what]
         captures = [_capture(case, place / f"{what} {count}", count) for count in (1, 1 + case.frames)]
         commands = {}
         for name, tree in trees.items():

@@ -12,9 +12,9 @@ import OpenEXR
 from numpy.typing import NDArray
 
 from cadtof_cli.errors import FrameError
-from cadtof_cli.files.damage import damage_as_frame_error, require_plausible_size
 from cadtof_cli.files.library_output import library_output
 from cadtof_cli.files.named_planes import NamedPart
+from cadtof_cli.files.reading import damage_as_frame_error, require_plausible_size
 
 Compression = Literal["none", "zip", "pxr24"]
 

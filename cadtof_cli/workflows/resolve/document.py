@@ -9,7 +9,7 @@ from typing import Any
 
 from cadtof_cli import __version__
 from cadtof_cli.capture.discovery import Capture
-from cadtof_cli.files.regular import real_path
+from cadtof_cli.files.reading import real_path
 from cadtof_cli.resolver.status import MEANING
 from cadtof_cli.resolver.two_path.kernel import chosen_kernel
 from cadtof_cli.workflows.resolve.plans import CapturePlan

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from cadtof_cli.capture.discovery import Capture, base_of, find_captures, placed_below
+from cadtof_cli.capture.discovery import Capture, find_captures, placed_below
 from cadtof_cli.capture.frame_sources import FrameSource
 from cadtof_cli.capture.frames import file_size, open_frames, single_frames, usual_file
 from cadtof_cli.errors import CaptureError, FrameError, SettingsError
@@ -100,8 +100,7 @@ def found_captures(
     captures = find_captures(
         inputs, overrides=overrides, settings_file=settings.settings_file, recursive=settings.recursive
     )
-    base = base or base_of(inputs, captures)
-    return placed_below(captures, base), base
+    return placed_below(captures, inputs, base=base)
 
 
 def planned(

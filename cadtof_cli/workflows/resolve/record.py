@@ -12,6 +12,7 @@ from typing import Any, BinaryIO
 
 from cadtof_cli.errors import OutputError
 from cadtof_cli.files.atomic import whole_file, write_error, write_json
+from cadtof_cli.files.system import KEEP, read_at
 from cadtof_cli.workflows.run_folder import FRAMES_FILE, RUN_FILE, FrameReport, RunTotals, read_record, report_of
 
 
@@ -36,7 +37,7 @@ class RunRecorder:
 
     def before(self, output: Path, /) -> FrameReport | None:
         """Return what an earlier run recorded of a frame whose maps it wrote; None where it did not."""
-        place = self._before.get(_place_in(self._out, output))
+        place = self._known_place(output)
         return None if place is None else report_of(self._line_at(place))
 
     def add(self, report: FrameReport, /) -> None:
@@ -45,12 +46,16 @@ class RunRecorder:
         self._totals.add(line)
         text = json.dumps(line.as_json()).encode() + b"\n"
         with self._reported():
-            place = self._before.get(_place_in(self._out, Path(line.output or "")))
+            place = self._known_place(Path(line.output or ""))
             if report.line is None or place is None or self._line_at(place) != text:
                 self._require_there()
                 place = self._append(text)
             if self._resumed:
                 self._places.append(place)
+
+    def _known_place(self, output: Path) -> int | None:
+        """Return where an earlier run's line on a frame begins, by where its maps lie; None where there is none."""
+        return self._before.get(_place_in(self._out, output)) if self._before else None
 
     def _append(self, text: bytes) -> int:
         """Write a line behind the others, whole or not at all, and return its place."""
@@ -86,8 +91,7 @@ class RunRecorder:
         with self._reported():
             if not resume:
                 self._path.unlink(missing_ok=True)
-            flags = os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC
-            lines = os.fdopen(os.open(self._path, flags, 0o666), "r+b", buffering=0)
+            lines = os.fdopen(os.open(self._path, KEEP, 0o666), "r+b", buffering=0)
             if not stat.S_ISREG(os.fstat(lines.fileno()).st_mode):
                 lines.close()
                 raise OSError("found no regular file there")
@@ -115,7 +119,7 @@ class RunRecorder:
         """Return the line that begins at a place of the file."""
         line, size = b"", 1024
         while not line.endswith(b"\n"):
-            piece = os.pread(self._lines.fileno(), size, place + len(line))
+            piece = read_at(self._lines.fileno(), size, place + len(line))
             if not piece:
                 return line
             line += piece[: piece.find(b"\n") + 1 or None]
@@ -129,10 +133,10 @@ class RunRecorder:
         except FileNotFoundError:
             pass
         with whole_file(self._path) as temporary:
-            copy = os.fdopen(os.open(temporary, os.O_RDWR | os.O_CLOEXEC), "r+b", buffering=0)
+            copy = temporary.open("r+b", buffering=0)
             size, place = os.fstat(self._lines.fileno()).st_size, 0
             while place < size:
-                place += copy.write(os.pread(self._lines.fileno(), 2**20, place))
+                place += copy.write(read_at(self._lines.fileno(), 2**20, place))
         self._lines.close()
         self._lines = copy
         self._say(f"{self._path}: was removed or replaced while frames were resolved; written anew")

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cadtof_cli.capture.discovery import Capture
-from cadtof_cli.capture.frames import usual_pixels
+from cadtof_cli.capture.frames import usual_file
 from cadtof_cli.frame_plan import CalibrationUse
 
 if TYPE_CHECKING:
@@ -37,7 +37,8 @@ def use_calibration(folder: Path, captures: Sequence[Capture], /) -> AppliedCali
 
     calibration = load_calibration(folder)
     for capture in captures:
-        calibration.require_match(capture.source.metadata, usual_pixels(capture))
+        usual = usual_file(capture)
+        calibration.require_match(capture.source.metadata, usual.pixels if usual else None)
     digests = calibration.digests
     parts: dict[str, Mapping[str, Any]] = {
         part.kind: {
