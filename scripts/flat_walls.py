@@ -3,7 +3,6 @@
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cadtof_cli.capture.metadata import CaptureMetadata, Pixel
 from cadtof_cli.frame_plan import FramePlan, MapSettings
@@ -49,9 +48,8 @@ def error_cm(wall: Exposure, whole: Band, length: float, solver: Solver, model: 
     metadata = replace(wall.metadata, pixel=Pixel(integration_length=length))
     volts = frame_voltages(replace(wall, metadata=metadata), Band(noisy, whole.truth), 0)
     settings = MapSettings(resolver=ResolverSettings(solver=solver, mpi_model=model))
-    found: NDArray[np.float64] = resolve_frame(volts, plan=FramePlan(metadata=metadata, settings=settings)).maps.layer(
-        DIRECT_DEPTH
-    )
+    frame = resolve_frame(volts, plan=FramePlan(metadata=metadata, settings=settings))
+    found = frame.maps.layer(DIRECT_DEPTH)
     return 100.0 * float(np.nanmedian(np.abs(found - whole.truth["direct.depth"])))
 
 
