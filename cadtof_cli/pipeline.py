@@ -100,13 +100,12 @@ class FramePixels:
         return self.first + chosen
 
     def __getitem__(self, pixels: slice, /) -> "FramePixels":
-        pooled = None if self.pooled is None else self.pooled[:, pixels]
         return replace(
             self,
             stored=self.stored[:, :, pixels],
             first=self.first + pixels.indices(self.count)[0],
             noise=self.noise[pixels],
-            pooled=pooled,
+            pooled=None if self.pooled is None else self.pooled[:, pixels],
         )
 
     def parts(self, count: int, /) -> tuple["FramePixels", ...]:
@@ -178,8 +177,8 @@ def frame_stages(
     room = resolver.room(metadata.modulation.harmonics, sine=correction.response is None)
     if n_av is not None:
         noise = noise_model(metadata, integration_length=n_av, quantised=dtype.kind in "iu")
-    stages = FrameStages(metadata.voltage.saturated_counts, correction, depth, resolver, room, plan.layers, noise)
-    return sealed(stages)
+    saturated = metadata.voltage.saturated_counts
+    return sealed(FrameStages(saturated, correction, depth, resolver, room, plan.layers, noise))
 
 
 def resolve_frame(
@@ -237,7 +236,8 @@ def resolve_pixels(
     """
     stages = frame_stages(plan, calibration, pixels.dtype, pixels.size)
     maps, kernel = empty_maps(1, pixels.count, layers=stages.layers), kernel or chosen_kernel()
-    if kernel != NUMPY and stages.room == "two_path" and stages.resolver.paths <= 2:
+    in_kernel = stages.room == "two_path" and stages.resolver.paths <= 2
+    if kernel != NUMPY and in_kernel and (pixels.tail is None or pixels.tail.through is None):
         _fill_by_kernel(maps, pixels, plan, stages, kernel)
     else:
         _fill_by_blocks(maps, pixels, plan, stages, kernel, calibrated=calibration is not None)

@@ -17,6 +17,7 @@ from cadtof_cli.resolver.two_path.kernel import NUMPY
 
 if TYPE_CHECKING:
     from cadtof_cli.resolver.diffuse.records import DiffuseBlock, DiffusePixels
+    from cadtof_cli.resolver.diffuse.through_pixels import ThroughPixels
     from cadtof_cli.resolver.response.table import ResponseBlock
 
 
@@ -49,12 +50,20 @@ def resolve_paths(
         settings.check_response(noise.harmonics)
     room = import_module(f"cadtof_cli.resolver.{settings.room(noise.harmonics, sine=response is None)}.solver")
     with np.errstate(all="ignore"):
-        solver: Solver = room.solver(phasors, noise=noise, settings=settings, response=response, first=first)
+        free, through = phasors, None
+        if tail is not None and response is None:
+            from cadtof_cli.resolver.diffuse.through_pixels import freed_pixels
+
+            free, through = freed_pixels(phasors, tail)
+        solver: Solver = room.solver(free, noise=noise, settings=settings, response=response, first=first)
         status, confidence = screened(solver.modulus, solver.powers, status, settings=settings, noise=noise)
+        if through is not None:
+            confidence = np.where(through.where, confidence * through.size, confidence)
         answered = status == 0
         predicted = None
         if tail is not None and response is None:
-            predicted = _predicted(phasors, tail, answered, noise, kernel)
+            usable = answered if through is None else answered & ~through.where
+            predicted = _predicted(phasors, tail, usable, noise, kernel)
             answered &= ~predicted.answered
         fit = fewest_paths(solver, answered, settings=settings, noise=noise)
         if tail is not None and response is not None:
@@ -72,7 +81,7 @@ def resolve_paths(
             for values in (fit.paths.amplitude, fit.paths.phase_rad, fit.paths.sigma_rad, fit.chi_squared):
                 np.copyto(values, np.nan, where=~answered)
         if predicted is not None:
-            _put_tail(fit, predicted)
+            _put_tail(fit, predicted, through)
             bits = np.where(predicted.answered, np.uint32(StatusBit.DIFFUSE_MPI), bits)
     if noise.samples is not None:
         np.bitwise_or(bits, np.uint32(StatusBit.POOLED), out=bits, where=noise.samples > 1.0)
@@ -110,10 +119,11 @@ def _predicted(phasors: Complex, tail: "DiffuseBlock", usable: Bool, noise: Nois
     return diffuse_pixels(phasors, tail=tail, usable=usable, samples=noise.samples)
 
 
-def _put_tail(fit: Fit, predicted: "DiffusePixels") -> None:
-    """Write direct and MPI light as two paths where a tail was predicted; in the others the room's is still there."""
+def _put_tail(fit: Fit, predicted: "DiffusePixels", through: "ThroughPixels | None") -> None:
+    """Write direct and MPI light as two paths where a tail was predicted; elsewhere the room's is still there, or was freed."""
     where, paths = predicted.answered, fit.paths
-    paths.sigma_rad[:] = np.sqrt(np.square(paths.sigma_rad) + predicted.separate_variance)
+    left = predicted.separate_variance
+    paths.sigma_rad[:] = np.sqrt(np.square(paths.sigma_rad) + (left if through is None else through.variance(left)))
     for row, (amplitude, phase, sigma) in enumerate((predicted.direct, predicted.mpi)):
         np.copyto(paths.amplitude[row], amplitude, where=where)
         np.copyto(paths.phase_rad[row], phase, where=where)

@@ -5,7 +5,7 @@ from typing import Literal
 
 import numpy as np
 
-from cadtof_cli.arrays import Bool, Float, Float32
+from cadtof_cli.arrays import Bool, Complex, Float, Float32
 from cadtof_cli.resolver.diffuse.choice import Reason
 from cadtof_cli.resolver.diffuse.coarse import CoarsePlanes
 from cadtof_cli.resolver.diffuse.settings import DiffuseSettings
@@ -30,17 +30,46 @@ class RoomNumbers:
 
 @dataclass(frozen=True)
 class DiffuseChoice:
-    """Which model a frame got and why: `patches` with light, the share of them with separate paths, and the room's numbers."""
+    """Which model a frame got and why: `patches` with light, the share of them with separate paths, the room's numbers, and how
+    many patches something covers that lets light through.
+    """
 
     reason: Reason
     patches: int
     separate_share: float
     room: RoomNumbers | None = None
+    through_patches: int = 0
 
     @property
     def taken(self) -> Literal["discrete", "diffuse"]:
         """The model."""
         return "diffuse" if self.reason == "tail" else "discrete"
+
+
+@dataclass(frozen=True, eq=False)
+class Tails:
+    """H_h of the nearer and of the farther of two paths, (H,) each, for so numbered harmonics."""
+
+    near: Complex
+    far: Complex
+    harmonics: tuple[int, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class SeenThrough:
+    """What lets light through, such as a net.
+
+    Attributes:
+        found: patches that it covers, (rows, columns).
+        near_m: its range there and in the patches around, NaN elsewhere.
+        tails: H_h of the light that it sends back, and of what lies behind it.
+        variance: of the phase of its direct light, rad², besides that of noise.
+    """
+
+    found: Bool
+    near_m: Float
+    tails: Tails
+    variance: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,6 +85,7 @@ class DiffuseModel:
         separate: patches with separate paths, (rows, columns): their pixels are left to the solver of separate paths.
         separate_variance: variance in rad² that the room's tail adds to those pixels' direct phase.
         range_offset_m: what is added to every pixel's range, (Y, X); None for nothing.
+        through: what lets light through; None where nothing does.
     """
 
     settings: DiffuseSettings
@@ -66,6 +96,7 @@ class DiffuseModel:
     separate: Bool
     separate_variance: float
     range_offset_m: Float | None = None
+    through: SeenThrough | None = None
 
     def block(self, pixels: slice, /) -> "DiffuseBlock":
         """Return the model for a stretch of the frame's pixels, flat indices row by row."""
