@@ -17,11 +17,16 @@ from cadtof_cli.resolver.two_path.kernel import kernel_notes
 from cadtof_cli.workflows.progress import UNTOLD, Progress
 from cadtof_cli.workflows.resolve import split_frames
 from cadtof_cli.workflows.resolve.arrivals import Arrivals, held_back
-from cadtof_cli.workflows.resolve.document import record_captures, recorded_arrivals, run_document
 from cadtof_cli.workflows.resolve.frame_task import FrameTask, resolve_file
 from cadtof_cli.workflows.resolve.output import frame_names, prepare_output, require_nothing_replaced
 from cadtof_cli.workflows.resolve.plans import CapturePlan, found_captures, planned, slow_notes
-from cadtof_cli.workflows.resolve.record import RunRecorder, recorded_run
+from cadtof_cli.workflows.resolve.record import (
+    RunRecorder,
+    record_captures,
+    recorded_arrivals,
+    recorded_run,
+    run_document,
+)
 from cadtof_cli.workflows.resolve.settings import ResolveSettings
 from cadtof_cli.workflows.resolve.use_calibration import use_calibration
 from cadtof_cli.workflows.run_folder import ALREADY_THERE, FrameReport, RunTotals

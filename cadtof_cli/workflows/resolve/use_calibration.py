@@ -21,10 +21,6 @@ class AppliedCalibration:
     parts: Mapping[str, Mapping[str, Any]]
     notes: tuple[str, ...]
 
-    def as_json(self) -> dict[str, Any]:
-        """Return what goes into `run.json`."""
-        return {"folder": str(self.use.folder), "digest": self.use.digest, "applied": dict(self.parts)}
-
 
 def use_calibration(folder: Path, captures: Sequence[Capture], /) -> AppliedCalibration:
     """Read a calibration folder and make sure that it belongs to the captures.
