@@ -7,27 +7,27 @@ pixel alone, block by block. A frame split over processes is prepared once, and 
 import itertools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import lru_cache
 from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
-from cadtof_cli.arrays import Complex, Status, Stored, sealed
+from cadtof_cli.arrays import Complex, Index, Status, Stored, sealed
 from cadtof_cli.calibration.apply import FrameCorrection, frame_correction
 from cadtof_cli.errors import FrameError
 from cadtof_cli.files.maps import DepthMaps
 from cadtof_cli.frame_plan import FramePlan
-from cadtof_cli.maps.depth import DepthScale, empty_maps, write_block
-from cadtof_cli.maps.impossible import clear_impossible, clear_pixels, most_volts
+from cadtof_cli.maps.depth import DepthScale, clear_impossible, clear_pixels, empty_maps, most_volts, write_block
 from cadtof_cli.maps.layers import ALWAYS
 from cadtof_cli.optics.lamp import LampBeside
-from cadtof_cli.optics.pinhole import planar_per_range
+from cadtof_cli.optics.lens import planar_per_range
 from cadtof_cli.phasors.frame_mean import FrameMean
 from cadtof_cli.phasors.noise import NoiseModel, estimated_integration_length, noise_model
 from cadtof_cli.phasors.plausible import is_without_noise
 from cadtof_cli.phasors.voltages import phasors_from_stored, saturated_pixels
 from cadtof_cli.predicted_mpi import predicted_mpi
+from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.status import StatusBit, has_answer
 from cadtof_cli.resolver.two_path.kernel import NUMPY, KernelFrame, chosen_kernel, fill_maps
 from cadtof_cli.units import metres_per_radian
@@ -45,6 +45,12 @@ SEARCHED_BLOCK_PIXELS = 32768
 
 MOST_INTEGRATION = 1e12
 """Integration length of a frame without any noise: that of float32 rounding, so that every threshold stays finite."""
+
+
+Where = slice | Index
+"""Some of a frame's pixels: neighbours, or any."""
+
+EVERY = slice(None)
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,6 +91,13 @@ class FramePixels:
 
         return self.mpi if isinstance(self.mpi, DiffuseModel) else None
 
+    def places(self, chosen: Where, /) -> Where:
+        """Return where in the frame some of the pixels stand, as flat indices."""
+        if isinstance(chosen, slice):
+            start, stop, _ = chosen.indices(self.count)
+            return slice(self.first + start, self.first + stop)
+        return self.first + chosen
+
     def __getitem__(self, pixels: slice, /) -> "FramePixels":
         pooled = None if self.pooled is None else self.pooled[:, pixels]
         return replace(
@@ -119,22 +132,26 @@ class FrameStages:
     correction: FrameCorrection
     depth: DepthScale
 
-    def phasors(self, pixels: FramePixels) -> Complex:
-        """Return the phasors of pixels, (H, n): pooled, or from what was stored."""
-        block = slice(pixels.first, pixels.first + pixels.count)
+    def phasors(self, pixels: FramePixels, chosen: Where = EVERY) -> Complex:
+        """Return the phasors of pixels or some of them, (H, n): pooled, or from what was stored."""
         if pixels.pooled is not None:
-            return pixels.pooled
-        return phasors_from_stored(pixels.stored, self.correction.phasor_map[block])
+            return _some(pixels.pooled, chosen)
+        return phasors_from_stored(_some(pixels.stored, chosen), self.correction.phasor_map[pixels.places(chosen)])
 
-    def status(self, pixels: FramePixels) -> Status:
-        """Return the bits of pixels that get no answer whatever their phasors: saturated or hot, (n,)."""
-        saturated = saturated_pixels(pixels.stored, self.saturated_counts)
-        hot = self.hot(slice(pixels.first, pixels.first + pixels.count))
-        return np.asarray(saturated * np.uint32(StatusBit.SATURATED) | hot)
+    def status(self, pixels: FramePixels, chosen: Where = EVERY, *, saturated: bool = True) -> Status:
+        """Return the bits of pixels or some of them that get no answer whatever they hold, (n,): hot; saturated if asked for."""
+        stored = _some(pixels.stored, chosen)
+        status = np.zeros(stored.shape[-1], np.uint32)
+        if saturated:
+            status |= saturated_pixels(stored, self.saturated_counts) * np.uint32(StatusBit.SATURATED)
+        if self.correction.hot is not None:
+            status |= self.correction.hot[pixels.places(chosen)] * np.uint32(StatusBit.HOT_PIXEL)
+        return status
 
-    def hot(self, block: slice) -> Status | int:
-        """Return the bits of hot pixels, (n,), or 0 where there are none."""
-        return 0 if self.correction.hot is None else self.correction.hot[block] * np.uint32(StatusBit.HOT_PIXEL)
+
+def _some(planes: Stored, chosen: Where) -> Stored:
+    """Return some pixels of planes, (…, n), each plane's as neighbours."""
+    return planes[..., chosen] if isinstance(chosen, slice) else planes.take(chosen, axis=-1)
 
 
 @lru_cache(maxsize=4)
@@ -213,30 +230,30 @@ def resolve_pixels(
     """
     stages = frame_stages(plan, calibration, pixels.dtype, pixels.size)
     maps = empty_maps(1, pixels.count, layers=plan.layers)
-    kernel = kernel or chosen_kernel()
-    if (
-        kernel != NUMPY
-        and pixels.tail is None
-        and plan.settings.resolver.in_kernel(pixels.noise.harmonics, sine=stages.correction.response is None)
-    ):
+    kernel, resolver = kernel or chosen_kernel(), plan.settings.resolver
+    room = resolver.room(pixels.noise.harmonics, sine=stages.correction.response is None)
+    in_kernel = room == "two_path" and resolver.paths <= 2 and (pixels.tail is None or pixels.tail.through is None)
+    if kernel != NUMPY and in_kernel:
         _fill_by_kernel(maps, pixels, plan, stages, kernel)
     else:
-        _fill_by_blocks(maps, pixels, plan, stages, calibrated=calibration is not None)
+        _fill_by_blocks(maps, pixels, plan, stages, kernel, calibrated=calibration is not None)
         clear_impossible(maps, noise=pixels.noise, amplitude_v=plan.metadata.modulation.amplitude_v)
-    stages.depth.measure_from_camera(maps, pixels.first)
+    if stages.depth.lamp is not None:
+        stages.depth.measure_from_camera(maps, pixels.first)
     if pixels.without_noise:
         clear_pixels(maps, has_answer(maps.status.reshape(-1)))
     return maps
 
 
 def _fill_by_blocks(
-    maps: DepthMaps, pixels: FramePixels, plan: FramePlan, stages: FrameStages, *, calibrated: bool
+    maps: DepthMaps, pixels: FramePixels, plan: FramePlan, stages: FrameStages, kernel: str, *, calibrated: bool
 ) -> None:
-    """Fill the maps of prepared pixels block by block, in numpy."""
+    """Fill the maps of prepared pixels block by block, in numpy but for what `kernel` has of them."""
     from cadtof_cli.resolver.resolve import resolve_paths
 
     response, tail = stages.correction.response, pixels.tail
-    step = plan.block_pixels or (SEARCHED_BLOCK_PIXELS if plan.is_searched or response else BLOCK_PIXELS)
+    in_closed_form = response is None and plan.settings.resolver.in_closed_form(pixels.noise.harmonics)
+    step = plan.block_pixels or (BLOCK_PIXELS if in_closed_form else SEARCHED_BLOCK_PIXELS)
     for start in range(0, pixels.count, step):
         here = slice(start, min(start + step, pixels.count))
         block = pixels[here]
@@ -249,6 +266,7 @@ def _fill_by_blocks(
             response=response.block(there) if response else None,
             first=block.first,
             tail=tail.block(there) if tail else None,
+            kernel=kernel,
         )
         if calibrated:
             np.bitwise_or(resolved.status, np.uint32(StatusBit.CALIBRATED), out=resolved.status)
@@ -260,12 +278,18 @@ def _fill_by_kernel(maps: DepthMaps, pixels: FramePixels, plan: FramePlan, stage
     """Fill the maps of prepared pixels from their stored values in one go: what the blocks of `resolve_pixels` do in numpy."""
     block, recorded = slice(pixels.first, pixels.first + pixels.count), pixels.pooled is None
     status, samples = maps.status.reshape(-1), pixels.noise.samples
-    status[:] = stages.hot(block) if recorded else stages.status(pixels)
+    # what was recorded, the kernel looks at itself
+    status[:] = stages.status(pixels, saturated=not recorded)
     if plan.calibration is not None:
         status |= np.uint32(StatusBit.CALIBRATED)
     if samples is not None:
         status |= (samples > 1.0) * np.uint32(StatusBit.POOLED)
     most, more = most_volts(pixels.noise, plan.metadata.modulation.amplitude_v)
+    tail = None
+    if pixels.tail is not None:
+        from cadtof_cli.resolver.diffuse.compiled import tail_buffers
+
+        tail = tail_buffers(pixels.tail.block(block))
     frame = KernelFrame(
         stored=pixels.stored if pixels.pooled is None else pixels.pooled,
         phasor_map=stages.correction.phasor_map[block] if recorded else None,
@@ -273,6 +297,7 @@ def _fill_by_kernel(maps: DepthMaps, pixels: FramePixels, plan: FramePlan, stage
         metres=stages.depth.metres(block),
         volts=stages.depth.amplitude_v,
         phase_offset_rad=stages.depth.phase_offset_rad(block),
+        tail=tail,
         most_volts=most,
         noise_volts=more,
     )

@@ -1,8 +1,6 @@
 """Every command has a man page, made of its help, which roff reads without a complaint; the wheel has them all."""
 
-import os
 import re
-import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -11,7 +9,7 @@ import click
 import pytest
 
 from tests.support.commands import every_command
-from tests.support.needed import needed_module
+from tests.support.needed import needed_module, needed_program
 from tests.support.run_cadtof import ENVIRONMENT, ROOT
 
 COMMANDS = every_command()
@@ -46,11 +44,7 @@ def test_a_page_says_what_the_help_says(pages: dict[str, str], words: str) -> No
 
 
 def test_roff_has_no_complaint(pages: dict[str, str]) -> None:
-    groff = shutil.which("groff")
-    if groff is None:
-        if os.environ.get("CI") == "true":
-            pytest.fail("groff is not installed, and CI must have it")
-        pytest.skip("groff is not installed")
+    groff = needed_program("groff")
     for words, page in pages.items():
         done = subprocess.run(
             [groff, "-man", "-ww", "-z", "-T", "utf8", "-K", "utf8"],

@@ -79,7 +79,7 @@ def resolve(
         use = CalibrationUse(folder, loaded.digest)
         plan = FramePlan(metadata=first.metadata, settings=plan.settings, calibration=use)
     resolved = resolve_frame(_recorded(frames), plan=plan, calibration=loaded)
-    maps = answered_maps(resolved, plan, name=str(first))
+    maps, _ = answered_maps(resolved, plan, name=str(first))
     layers = {name: maps.layer(name) for name in maps.names} | {STATUS: maps.status}
     return Maps(layers, maps_about(plan, str(first)).facts)
 

@@ -4,8 +4,9 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from types import TracebackType
 from typing import Generic, Self, TypeVar
 
-from cadtof_cli.execution.outcome import Later
+from cadtof_cli.execution.outcome import Later, Work
 
+Task = TypeVar("Task")
 Result = TypeVar("Result")
 
 LATER_AT_ONCE = 4
@@ -26,6 +27,15 @@ class Finisher(Generic[Result]):
         future = Future[Result]()
         future.set_result(result)
         return future
+
+    def attempt(self, function: Work[Task, Result], task: Task, /) -> Future[Result]:
+        """Do a task; return where its result will be, or the exception that it raised."""
+        try:
+            return self.begin(function(task))
+        except Exception as error:  # noqa: BLE001  (it is raised where the result is asked for)
+            future = Future[Result]()
+            future.set_exception(error)
+            return future
 
     def __enter__(self) -> Self:
         return self

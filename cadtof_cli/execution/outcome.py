@@ -1,8 +1,9 @@
 """What comes of a task."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Generic, TypeVar
+
+from cadtof_cli.records import dataclass
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
@@ -38,8 +39,3 @@ class Later(Generic[Result]):
 
 Work = Callable[[Task], Result | Later[Result]]
 """What is done to tasks."""
-
-
-def finished(result: Result | Later[Result], /) -> Result:
-    """Return what a task's function has returned, or will have."""
-    return result.finish() if isinstance(result, Later) else result

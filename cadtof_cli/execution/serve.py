@@ -83,10 +83,5 @@ def serve(
     answers = _Answers(connection)
     with Finisher[Any]() as finisher:
         while message := connection.recv_bytes():
-            try:
-                result = finisher.begin(function(pickle.loads(message)))
-            except Exception as error:  # noqa: BLE001  (it is raised where the result is asked for)
-                result = Future()
-                result.set_exception(error)
-            answers.add(result)
+            answers.add(finisher.attempt(lambda message: function(pickle.loads(message)), message))
         answers.end()

@@ -2,7 +2,6 @@
 
 import os
 import pty
-import shutil
 import subprocess
 import sys
 import time
@@ -10,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.support.needed import needed_program
 from tests.support.run_cadtof import ENVIRONMENT, ROOT
 
 
@@ -32,14 +32,6 @@ def _line(shell: str) -> str:
     return next(row.split("|")[2].strip(" `") for row in rows if row.startswith(f"| {shell}"))
 
 
-def _needs(shell: str) -> str:
-    found = shutil.which(shell)
-    if found is None:
-        assert os.environ.get("CI") != "true", f"{shell} is not installed"
-        pytest.skip(f"{shell} is not installed")
-    return found
-
-
 @pytest.mark.parametrize(
     ("typed", "completed"),
     [
@@ -56,7 +48,9 @@ def test_bash(typed: tuple[str, ...], completed: str) -> None:
     $(complete -p cadtof | sed 's/.*-F \\([^ ]*\\) .*/\\1/') cadtof
     printf '%s\\n' "${{COMPREPLY[@]}}"
     """
-    done = subprocess.run([_needs("bash"), "-c", script], capture_output=True, text=True, timeout=60, check=True)
+    done = subprocess.run(
+        [needed_program("bash"), "-c", script], capture_output=True, text=True, timeout=60, check=True
+    )
     assert done.stdout.split() == [completed]
 
 
@@ -64,7 +58,9 @@ def test_bash(typed: tuple[str, ...], completed: str) -> None:
 def test_fish(typed: str, completed: str, tmp_path: Path) -> None:
     (tmp_path / ".config/fish/completions").mkdir(parents=True)
     script = f"{_line('fish').replace('_CADTOF', 'env _CADTOF')}; complete -C '{typed}'"
-    done = subprocess.run([_needs("fish"), "-c", script], capture_output=True, text=True, timeout=60, check=True)
+    done = subprocess.run(
+        [needed_program("fish"), "-c", script], capture_output=True, text=True, timeout=60, check=True
+    )
     assert [line.split("\t")[0] for line in done.stdout.splitlines()] == [completed]
 
 
@@ -77,7 +73,7 @@ def test_zsh(typed: str, completed: str, tmp_path: Path) -> None:
     environment = {**ENVIRONMENT, **os.environ, "TERM": "dumb", "PS1": "% "}
     setup = f"autoload -Uz compinit; compinit -u; {_line('zsh')}; print rea''dy\n"
     with subprocess.Popen(
-        [_needs("zsh"), "-f", "-i"], stdin=theirs, stdout=theirs, stderr=theirs, env=environment, cwd=tmp_path
+        [needed_program("zsh"), "-f", "-i"], stdin=theirs, stdout=theirs, stderr=theirs, env=environment, cwd=tmp_path
     ) as process:
         os.close(theirs)
         try:

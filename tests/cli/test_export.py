@@ -1,8 +1,6 @@
 """`cadtof export`, opened again by trimesh, plyfile, pypcd4, OpenCV, Pillow and numpy."""
 
 import csv
-import importlib
-import os
 from pathlib import Path
 from typing import Any
 
@@ -11,30 +9,21 @@ import pytest
 from numpy.typing import NDArray
 
 from tests.support.captures import layers_of, record, write_exr
+from tests.support.needed import needed_module
 from tests.support.run_cadtof import cadtof
 
 FIELDS = ("x", "y", "z", "amplitude", "sigma", "status")
 Cloud = dict[str, NDArray[Any]]
 
 
-def _library(name: str) -> Any:
-    """Return someone else's library; where it is missing the test is skipped, but fails under CI."""
-    try:
-        return importlib.import_module(name)
-    except ImportError:
-        if os.environ.get("CI") == "true":
-            pytest.fail(f"{name} is not installed, and CI must have it")
-        pytest.skip(f"{name} is not installed")
-
-
 def _ply(path: Path) -> Cloud:
-    vertices = _library("plyfile").PlyData.read(str(path))["vertex"].data
+    vertices = needed_module("plyfile").PlyData.read(str(path))["vertex"].data
     assert vertices.dtype.names == FIELDS
     return {name: np.array(vertices[name]) for name in FIELDS}
 
 
 def _pcd(path: Path) -> Cloud:
-    cloud = _library("pypcd4").PointCloud.from_path(path)
+    cloud = needed_module("pypcd4").PointCloud.from_path(path)
     assert tuple(cloud.fields) == FIELDS
     return {name: np.array(cloud.pc_data[name]) for name in FIELDS}
 
@@ -85,7 +74,7 @@ def test_a_wall_stays_a_wall(ending: str, tmp_path: Path) -> None:
 
 def test_a_wall_fitted_by_trimesh_lies_and_leans_within_its_noise(tmp_path: Path) -> None:
     """3 m along the axis, slopes tan 20° and tan 10°: off by no more than five standard errors of a plane through such points."""
-    trimesh, wall = _library("trimesh"), tmp_path / "wall"
+    trimesh, wall = needed_module("trimesh"), tmp_path / "wall"
     scene = ("--scene", "wall", "--distance-m", 3, "--tilt-deg", "20,10", "--seed", 8)
     assert cadtof("simulate", *scene, "-o", wall).status == 0
     assert cadtof("resolve", wall, "-o", tmp_path / "out", "-j", 1, "-q", "--mpi-model", "discrete").status == 0
@@ -137,11 +126,11 @@ def test_a_picture_in_millimetres(tmp_path: Path) -> None:
     png = _exported(tmp_path / "a.png", tmp_path / "a.exr")
     expected = np.where(np.nan_to_num(depth) < 65.5355, np.rint(1000 * np.nan_to_num(depth).astype(float)), 0)
     assert expected[2, 3] == expected[1, 2] == 0
-    cv2 = _library("cv2")
+    cv2 = needed_module("cv2")
     opened = cv2.imread(str(png), cv2.IMREAD_UNCHANGED)
     assert opened.dtype == np.uint16
     np.testing.assert_array_equal(opened, expected)
-    with _library("PIL.Image").open(png) as image:
+    with needed_module("PIL.Image").open(png) as image:
         assert (image.format, image.size) == ("PNG", (4, 3))
         assert image.text["Description"] == "direct.depth in mm, radial range; 0: no answer"
         np.testing.assert_array_equal(np.array(image), expected)

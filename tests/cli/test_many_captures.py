@@ -13,6 +13,7 @@ import tifffile
 
 from tests.support.captures import TOML, layers_of, record, write_frame
 from tests.support.forward import step_frame
+from tests.support.needed import needed_program
 from tests.support.run_cadtof import ENVIRONMENT, PROGRAM, cadtof
 from tests.support.shell import shell
 
@@ -178,8 +179,8 @@ def test_planes_that_arrive_one_by_one_wait_for_their_frame(tmp_path: Path) -> N
         np.testing.assert_array_equal(layer, layers_of(tmp_path / "live" / "f1.tif")[name])
 
 
-@pytest.mark.skipif(shutil.which("inotifywait") is None, reason="inotifywait (inotify-tools) is not installed")
 def test_inotifywait_follows_a_camera(tmp_path: Path) -> None:
+    needed_program("inotifywait")
     record(tmp_path / "cam")
     record(tmp_path / "next", frames=3, seed=2)
     script = """

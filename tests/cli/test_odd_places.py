@@ -1,5 +1,6 @@
 """FIFOs, devices, sockets, folders and links in a circle in place of files: refused at once, by name, each alone."""
 
+import contextlib
 import os
 import shutil
 import signal
@@ -31,14 +32,9 @@ def _device(path: Path) -> None:
 
 def _socket(path: Path) -> None:
     listening = socket.socket(socket.AF_UNIX)
-    here = Path.cwd()
     # paths of sockets are short
-    os.chdir(path.parent)
-    try:
+    with contextlib.chdir(path.parent), contextlib.closing(listening):
         listening.bind(path.name)
-    finally:
-        os.chdir(here)
-        listening.close()
 
 
 def _folder(path: Path) -> None:

@@ -1,7 +1,6 @@
 """`cadtof preview`: a picture that shows answers in colour and their absence in grey."""
 
 import importlib.util
-import os
 import re
 from pathlib import Path
 from typing import Any
@@ -17,6 +16,7 @@ from cadtof_cli.capture.metadata import CaptureMetadata
 from tests.support.calibrations import made_up_calibration
 from tests.support.captures import Form, layers_of, record, write_exr, write_frame
 from tests.support.forward import step_frame, step_truth
+from tests.support.needed import needed_module
 from tests.support.run_cadtof import cadtof
 
 NO_ANSWER, ONE_PATH, SATURATED = (115, 115, 115), (217, 217, 217), (255, 47, 208)
@@ -220,11 +220,8 @@ def test_a_film_with_a_scale_that_stays(tmp_path: Path) -> None:
 
 
 def test_an_mp4_opened_by_opencv(tmp_path: Path) -> None:
-    for library in ("imageio_ffmpeg", "cv2"):
-        if importlib.util.find_spec(library) is None:
-            assert os.environ.get("CI") != "true", f"{library} is not installed, and CI must have it"
-            pytest.skip(f"{library} is not installed")
-    import cv2
+    needed_module("imageio_ffmpeg")
+    cv2 = needed_module("cv2")
 
     maps = _sequence(tmp_path / "maps", 5)
     assert cadtof("preview", maps, "-o", tmp_path / "a.mp4", "--range", "1,3").status == 0

@@ -3,16 +3,15 @@
 import base64
 import importlib
 import io
-import os
-import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pytest
 from numpy.typing import NDArray
+
+from tests.support.needed import needed_module, needed_program
 
 FLAGS = (
     "--headless=new",
@@ -128,17 +127,8 @@ class Browser:
 @contextmanager
 def opened_browser(profile: Path) -> Iterator[Browser]:
     """Start Chromium with a profile of its own; where there is none, the test is skipped, but fails under CI."""
-    chromium, chromedriver = shutil.which("chromium"), shutil.which("chromedriver")
-    try:
-        webdriver = importlib.import_module("selenium.webdriver")
-        service = importlib.import_module("selenium.webdriver.chrome.service")
-    except ImportError:
-        webdriver = None
-    if webdriver is None or chromium is None or chromedriver is None:
-        missing = "selenium, chromium or chromedriver is not installed"
-        if os.environ.get("CI") == "true":
-            pytest.fail(f"{missing}, and CI must have them")
-        pytest.skip(missing)
+    chromium, chromedriver = needed_program("chromium"), needed_program("chromedriver")
+    webdriver, service = needed_module("selenium.webdriver"), needed_module("selenium.webdriver.chrome.service")
     options = webdriver.ChromeOptions()
     options.binary_location = chromium
     for flag in (*FLAGS, f"--user-data-dir={profile}"):

@@ -1,6 +1,5 @@
 """A real scheduler of dask and real worker processes of it, on this machine's loopback address alone."""
 
-import importlib.util
 import json
 import os
 import subprocess
@@ -11,8 +10,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
-import pytest
-
+from tests.support.needed import needed_module
 from tests.support.run_cadtof import ROOT
 
 START_S = 60
@@ -31,9 +29,7 @@ os.execv(sys.argv[1], sys.argv[1:])
 
 def require_dask() -> None:
     """Skip what needs dask where it is not installed; in CI it must be."""
-    if importlib.util.find_spec("distributed") is None:
-        assert not os.environ.get("CI"), "CI installs the extra cluster"
-        pytest.skip("the extra cluster is not installed")
+    needed_module("distributed")
 
 
 @dataclass

@@ -1,8 +1,9 @@
-"""Python packages that some tests need: a missing one skips the test, but fails it under CI."""
+"""Packages and programs that some tests need: a missing one skips the test, but fails it under CI."""
 
 import importlib
 import os
-from typing import Any
+import shutil
+from typing import Any, NoReturn
 
 import pytest
 
@@ -12,6 +13,16 @@ def needed_module(name: str) -> Any:
     try:
         return importlib.import_module(name)
     except ImportError:
-        if os.environ.get("CI") == "true":
-            pytest.fail(f"{name} is not installed, and CI must have it")
-        pytest.skip(f"{name} is not installed")
+        miss(f"{name} is not installed")
+
+
+def needed_program(name: str) -> str:
+    """Return the path of a program, or skip the test that asks for it where it is not installed."""
+    return shutil.which(name) or miss(f"{name} is not installed")
+
+
+def miss(what: str) -> NoReturn:
+    """Skip a test for what it misses; under CI, which must have everything, it fails."""
+    if os.environ.get("CI") == "true":
+        pytest.fail(f"{what}, and CI must have it")
+    pytest.skip(what)

@@ -1,19 +1,19 @@
 """What runs on a worker of a cluster: batches of tasks, one at a time, from the folder that the run was started in."""
 
 import hashlib
-import os
 import platform
 import threading
 import time
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
+from contextlib import chdir
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import Any, Generic, TypeVar
+from typing import Generic, TypeVar
 
 import cadtof_cli
-from cadtof_cli.execution.outcome import Work, finished
+from cadtof_cli.execution.finisher import Finisher
+from cadtof_cli.execution.outcome import Work
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
@@ -80,9 +80,11 @@ def surroundings(folder: Path, probe: Path | None, /) -> Surroundings:
 
 def run_batch(function: Work[Task, Result], tasks: Sequence[Task], folder: Path, /) -> BatchResult[Result]:
     """Run function(task) for every task from a folder, as where relative paths start; exceptions become results."""
-    with _ONE_AT_A_TIME, _working_from(folder):
+    with _ONE_AT_A_TIME, chdir(folder):
         began = time.monotonic()
-        results = [_attempted(function, task) for task in tasks]
+        with Finisher[Result]() as finisher:
+            begun = [finisher.attempt(function, task) for task in tasks]
+        results = [Raised(error) if (error := one.exception()) else one.result() for one in begun]
         return BatchResult(tuple(results), time.monotonic() - began)
 
 
@@ -90,23 +92,6 @@ def wait_until_idle() -> None:
     """Return when this process is at no task."""
     with _ONE_AT_A_TIME:
         pass
-
-
-def _attempted(function: Work[Task, Any], task: Task) -> Any:
-    try:
-        return finished(function(task))
-    except Exception as error:  # noqa: BLE001  (raised again at the client, in its turn)
-        return Raised(error)
-
-
-@contextmanager
-def _working_from(folder: Path) -> Iterator[None]:
-    before = Path.cwd()
-    os.chdir(folder)
-    try:
-        yield
-    finally:
-        os.chdir(before)
 
 
 @cache

@@ -1,6 +1,7 @@
 """Triangle modulation and other responses: paths from voltages that come by sampling the wave, not by its series."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -18,8 +19,8 @@ from tests.support.campaign import camera, card
 from tests.support.defects import DefectiveCamera, Defects, smeared
 
 
-def plan_for(seen: DefectiveCamera, **settings: object) -> FramePlan:
-    resolver = ResolverSettings(mpi_model="discrete", **settings)  # type: ignore[arg-type]
+def plan_for(seen: DefectiveCamera, **settings: Any) -> FramePlan:
+    resolver = ResolverSettings(mpi_model="discrete", **settings)
     return FramePlan(metadata=seen.metadata, settings=MapSettings(resolver=resolver))
 
 

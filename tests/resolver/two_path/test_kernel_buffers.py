@@ -40,7 +40,7 @@ def run(compiled: ModuleType, given: dict[str, Any], **options: Any) -> None:
     level = options.get("level", compiled.levels()[0])
     order, returns = options.get("order", 0), options.get("returns", 0)
     start, stop = options.get("start", 0), options.get("stop", np.size(given["status"]))
-    compiled.resolve(level, order, returns, start, stop, *given.values())
+    compiled.resolve(level, order, returns, start, stop, *given.values(), None)
 
 
 def test_buffers_that_fit_are_filled_by_every_instruction_set(compiled: ModuleType) -> None:
@@ -64,7 +64,11 @@ def test_only_the_asked_pixels_are_written(compiled: ModuleType) -> None:
 
 def test_no_pixels_are_no_work(compiled: ModuleType) -> None:
     run(compiled, buffers(compiled, 0))
-    run(compiled, buffers(compiled), start=4, stop=4)
+    given = buffers(compiled)
+    before = {name: np.array(values) for name, values in given.items() if isinstance(values, np.ndarray)}
+    run(compiled, given, start=4, stop=4)
+    for name, values in before.items():
+        np.testing.assert_array_equal(given[name], values)
 
 
 @pytest.mark.parametrize("name", PLANES)

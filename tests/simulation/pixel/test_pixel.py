@@ -1,6 +1,7 @@
 """The pixel photon by photon: Eq. (1) written out, arrivals, dead time, and the paper's Fig. 2."""
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -20,8 +21,8 @@ def mix(asr: float = 1.0, mpi_ratio: float = 0.3, *, direct_ns: float = 10.0, se
     return Condition(asr=asr, mpi_ratio=mpi_ratio, direct_ns=direct_ns, second_ns=second_ns).mix(40.0)
 
 
-def model(integration_length: float = 200.0, **settings: object) -> PixelModel:
-    return PixelModel(averaging=Averaging(integration_length=integration_length), **settings)  # type: ignore[arg-type]
+def model(integration_length: float = 200.0, **settings: Any) -> PixelModel:
+    return PixelModel(averaging=Averaging(integration_length=integration_length), **settings)
 
 
 def final(pixel: PixelModel, light: PhotonMix, seed: int) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -142,8 +143,8 @@ def test_taking_triangles_for_sines_costs_up_to_68_mm() -> None:
         ({"photons": np.zeros(2), "ambient": np.array(0.0)}, "a pixel without any, expected some light"),
     ],
 )
-def test_impossible_light_is_refused(change: dict[str, object], message: str) -> None:
-    settings: dict[str, object] = {
+def test_impossible_light_is_refused(change: dict[str, Any], message: str) -> None:
+    settings: dict[str, Any] = {
         "delays_ns": np.array([5.0, 16.0]),
         "photons": np.array([1.0, 0.3]),
         "ambient": np.array(1.0),
@@ -151,7 +152,7 @@ def test_impossible_light_is_refused(change: dict[str, object], message: str) ->
         "fwhm_ns": 1.7,
     }
     with pytest.raises(SettingsError, match=message):
-        PhotonMix(**(settings | change))  # type: ignore[arg-type]
+        PhotonMix(**(settings | change))
 
 
 @pytest.mark.parametrize(("ratio", "refused"), [(0.0, False), (0.5, False), (-0.1, True), (np.nan, True)])

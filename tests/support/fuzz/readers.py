@@ -19,7 +19,7 @@ from cadtof_cli.capture.frame_sources import FrameSource
 from cadtof_cli.capture.frames import open_frames
 from cadtof_cli.capture.metadata import CaptureMetadata, Pixel, Voltage
 from cadtof_cli.cli import main
-from cadtof_cli.execution.outcome import finished
+from cadtof_cli.execution.outcome import Later
 from cadtof_cli.files.formats import format_of
 from cadtof_cli.files.frames import FrameLayout, RawLayout
 from cadtof_cli.frame_plan import FramePlan
@@ -103,7 +103,9 @@ def read_frame(path: Path, layout: FrameLayout = _LAYOUT, others: tuple[Path, ..
     source = source if count == 1 else source.expanded(count)[0]
     facts_of_frame(LookTask(source, layout, _METADATA, None))
     task = FrameTask((source,), layout, FramePlan(metadata=_METADATA), None, path.parent / "frame_out.tif")
-    report = finished(resolve_file(task))
+    report = resolve_file(task)
+    if isinstance(report, Later):
+        report = report.finish()
     if "unexpected" in str(report.reason):
         raise SurpriseError(str(report.reason))
 

@@ -27,12 +27,12 @@ TABLE_1 = [(16.0, 0.05, 0.16), (25.0, 0.03, 0.12), (11.0, 0.17, 0.52)]
 """Second path, then the standard deviations of both, in ns, at ASR 5, MPI ratio 0.3 and n_av 1e5."""
 
 
-def trials(integration_length: float = 1e5, **settings: object) -> Trials:
+def trials(integration_length: float = 1e5, **settings: Any) -> Trials:
     base = Trials(
         condition=Condition(asr=5.0, mpi_ratio=0.3),
         model=PixelModel(averaging=Averaging(integration_length=integration_length)),
     )
-    return replace(base, **settings)  # type: ignore[arg-type]
+    return replace(base, **settings)
 
 
 def outcome(wanted: Trials) -> TrialsSummary:
