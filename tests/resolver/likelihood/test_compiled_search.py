@@ -30,7 +30,8 @@ COUNTS = (0, 1, 7, 33, 1001)
 
 def hard(rows: int, count: int, rng: np.random.Generator) -> C:
     """Noise, light, and what no light gives."""
-    phasors: C = 0.1 * (rng.normal(size=(rows, count)) + 1j * rng.normal(size=(rows, count)))
+    phasors: C = np.empty((rows, count), np.complex128)
+    phasors.real, phasors.imag = 0.1 * rng.normal(size=(2, rows, count))
     for first, poison in enumerate((np.nan, 0.0, 1e150, np.inf, 1e-200)):
         phasors[:, first::50] = poison
     return phasors
@@ -63,7 +64,7 @@ def assert_same_bits(one: Any, other: Any) -> None:
 
 
 def assert_every_level_agrees(search: ModuleType, problem: Problem, starts: Float) -> None:
-    samples = np.random.default_rng(1).uniform(1.0, 400.0, starts.shape[1])
+    samples = np.random.default_rng(1).uniform(1.0, 400.0, size=(starts.shape[1],))
     with np.errstate(all="ignore"):
         for solver in SOLVERS:
             expected = solver.solve(problem, starts, samples=samples, kernel=NUMPY)
@@ -115,7 +116,7 @@ def ends(planes: Planes, starts: Float, level: str) -> Minimum | None:
     found = compiled_ends(
         planes, starts, worth=np.ones(starts.shape[1]), most_steps=3, relative=0.0, first_damping=1e-3, kernel=level
     )
-    return found and Minimum(found.points, found.cost, found.matrix, found.converged, found.steps)
+    return None if found is None else Minimum(found.points, found.cost, found.matrix, found.converged, found.steps)
 
 
 def test_what_there_is_no_room_for_is_left_to_numpy(search: ModuleType) -> None:
