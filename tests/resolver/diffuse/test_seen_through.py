@@ -91,7 +91,7 @@ def test_a_quarter_of_the_nearer_and_a_fifth_of_the_farther_path_are_the_least(s
 
 
 def test_beside_a_net_less_of_what_is_farther_will_do() -> None:
-    """From 15 % on; and whatever the farther path ends on, if the nearer goes on within six hundredths."""
+    """From 15 % on, where the nearer path goes on within six hundredths."""
     net = rectangle(4, 8)
     shares = np.full(net.shape, 0.5)
     shares[3, 5:] = 0.82
@@ -101,8 +101,6 @@ def test_beside_a_net_less_of_what_is_farther_will_do() -> None:
     ends = np.zeros(net.shape)
     ends[3, 5:] = 0.21
     np.testing.assert_array_equal(found_by(net, off_m=ends, delay_ns=4.0), net & (ends == 0.0))
-    ends[3, 5:] = 0.165
-    np.testing.assert_array_equal(found_by(net, off_m=ends, delay_ns=4.0), net)
 
 
 @pytest.mark.parametrize(("off_m", "found"), [(0.14, True), (-0.14, True), (0.16, False), (-0.16, False)])
