@@ -37,6 +37,9 @@ COMPILED = {
         "../diffuse/_elementary.h",
         "../diffuse/_tail.h",
         "../diffuse/_tail_buffers.h",
+        "../diffuse/_tail_call.h",
+        "../response/_search.h",
+        "../response/_search_call.h",
     )
 }
 """Extension modules, each of one C file in `cadtof_cli`, with the headers beside it."""
