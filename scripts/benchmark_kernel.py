@@ -91,7 +91,7 @@ def triangle_rows(place: Path, repeats: int) -> Iterator[Row]:
     """Measure a frame of triangle waves, most of whose pixels have two paths, by every kernel and numpy."""
     folder = place / "triangle"
     program = Path(sys.executable).with_name("cadtof")
-    command = [program, "simulate", "--scene", "corner", "--waveform", "triangle", "-o", folder]
+    command = [str(program), "simulate", "--scene", "corner", "--waveform", "triangle", "-o", str(folder)]
     subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
     yield from _frame_rows("triangle waves, corner", *recorded(folder), repeats)
 
