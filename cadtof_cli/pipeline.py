@@ -221,7 +221,7 @@ def prepare_frame(
     pixels = replace(pixels, noise=noise, without_noise=is_without_noise(stored, noise))
     if plan.settings.pool > 1:
         pixels = _pooled(pixels, stages, window=plan.settings.pool)
-    if stages.resolver.may_be_diffuse(pixels.noise.harmonics):
+    if stages.resolver.may_be_diffuse(plan.metadata.modulation.harmonics):
         pixels = replace(pixels, mpi=predicted_mpi(pixels, plan, stages))
     return pixels
 
