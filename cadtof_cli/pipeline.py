@@ -126,11 +126,12 @@ class ResolvedFrame:
 
 @dataclass(frozen=True, eq=False)
 class FrameStages:
-    """What every block of frames of one plan, type and size shares."""
+    """What every block of frames of one plan, type and size shares; the noise is None where it is estimated from each frame."""
 
     saturated_counts: tuple[float, float] | None
     correction: FrameCorrection
     depth: DepthScale
+    noise: NoiseModel | None
 
     def phasors(self, pixels: FramePixels, chosen: Where = EVERY) -> Complex:
         """Return the phasors of pixels or some of them, (H, n): pooled, or from what was stored."""
@@ -170,7 +171,9 @@ def frame_stages(
         correction.range_offset_m if plan.calibration and plan.calibration.curved else None,
         LampBeside.of(metadata.optics, size),
     )
-    return sealed(FrameStages(metadata.voltage.saturated_counts, correction, depth))
+    n_av = metadata.pixel.integration_length
+    known = None if n_av is None else noise_model(metadata, integration_length=n_av, quantised=dtype.kind in "iu")
+    return sealed(FrameStages(metadata.voltage.saturated_counts, correction, depth, known))
 
 
 def resolve_frame(
@@ -206,13 +209,14 @@ def prepare_frame(
     stages = frame_stages(plan, calibration, frame.dtype, (height, width))
     stored = recorded.reshape(*recorded.shape[:2], -1)
     samples = None if samples is None else samples.ravel()
-    n_av, unknown = plan.metadata.pixel.integration_length, NoiseModel((), math.nan, estimated=True, samples=samples)
-    pixels = FramePixels(stored, frame.dtype, (height, width), 0, unknown)
-    if n_av is not None:
-        noise = noise_model(plan.metadata, integration_length=n_av, quantised=frame.dtype.kind in "iu")
-    else:
-        noise = _estimated_noise(pixels, plan, stages)
-    pixels = replace(pixels, noise=replace(noise, samples=samples), without_noise=is_without_noise(stored, noise))
+    noise = stages.noise
+    if noise is None:
+        unknown = NoiseModel((), math.nan, estimated=True, samples=samples)
+        noise = _estimated_noise(FramePixels(stored, frame.dtype, (height, width), 0, unknown), plan, stages)
+    if samples is not None:
+        noise = replace(noise, samples=samples)
+    still = is_without_noise(stored, noise)
+    pixels = FramePixels(stored, frame.dtype, (height, width), 0, noise, without_noise=still)
     if plan.settings.pool > 1:
         pixels = _pooled(pixels, stages, window=plan.settings.pool)
     if plan.resolver.may_be_diffuse(pixels.noise.harmonics):
