@@ -27,7 +27,18 @@ UNIX_FLAGS = [
 MSVC_FLAGS = ["/std:c11", "/O2", "/fp:precise"]
 
 
-COMPILED = {"resolver/two_path/_kernel": ("_kernel_frame.h", "_kernel_paths.h", "_kernel_answers.h")}
+COMPILED = {
+    "resolver/two_path/_kernel": (
+        "_kernel_answers.h",
+        "_kernel_buffers.h",
+        "_kernel_frame.h",
+        "_kernel_group.h",
+        "_kernel_paths.h",
+        "../diffuse/_elementary.h",
+        "../diffuse/_tail.h",
+        "../diffuse/_tail_buffers.h",
+    )
+}
 """Extension modules, each of one C file in `cadtof_cli`, with the headers beside it."""
 
 

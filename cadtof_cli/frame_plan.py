@@ -4,12 +4,13 @@ Commands read their options' defaults from here, so nothing heavy is imported be
 """
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from cadtof_cli.capture.metadata import CaptureMetadata
 from cadtof_cli.errors import SettingsError
+from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.settings import ResolverSettings
 
 if TYPE_CHECKING:

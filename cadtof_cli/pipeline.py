@@ -7,13 +7,13 @@ pixel alone, block by block. A frame split over processes is prepared once, and 
 import itertools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import lru_cache
 from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
-from cadtof_cli.arrays import Complex, Status, Stored, sealed
+from cadtof_cli.arrays import Complex, Index, Status, Stored, sealed
 from cadtof_cli.calibration.apply import FrameCorrection, frame_correction
 from cadtof_cli.errors import FrameError
 from cadtof_cli.files.maps import DepthMaps
@@ -27,6 +27,7 @@ from cadtof_cli.phasors.noise import NoiseModel, estimated_integration_length, n
 from cadtof_cli.phasors.plausible import is_without_noise
 from cadtof_cli.phasors.voltages import phasors_from_stored, saturated_pixels
 from cadtof_cli.predicted_mpi import predicted_mpi
+from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.status import StatusBit, has_answer
 from cadtof_cli.resolver.two_path.kernel import NUMPY, KernelFrame, chosen_kernel, fill_maps
 from cadtof_cli.units import metres_per_radian
@@ -44,6 +45,12 @@ SEARCHED_BLOCK_PIXELS = 32768
 
 MOST_INTEGRATION = 1e12
 """Integration length of a frame without any noise: that of float32 rounding, so that every threshold stays finite."""
+
+
+Where = slice | Index
+"""Some of a frame's pixels: neighbours, or any."""
+
+EVERY = slice(None)
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,6 +91,13 @@ class FramePixels:
 
         return self.mpi if isinstance(self.mpi, DiffuseModel) else None
 
+    def places(self, chosen: Where, /) -> Where:
+        """Return where in the frame some of the pixels stand, as flat indices."""
+        if isinstance(chosen, slice):
+            start, stop, _ = chosen.indices(self.count)
+            return slice(self.first + start, self.first + stop)
+        return self.first + chosen
+
     def __getitem__(self, pixels: slice, /) -> "FramePixels":
         pooled = None if self.pooled is None else self.pooled[:, pixels]
         return replace(
@@ -118,22 +132,26 @@ class FrameStages:
     correction: FrameCorrection
     depth: DepthScale
 
-    def phasors(self, pixels: FramePixels) -> Complex:
-        """Return the phasors of pixels, (H, n): pooled, or from what was stored."""
-        block = slice(pixels.first, pixels.first + pixels.count)
+    def phasors(self, pixels: FramePixels, chosen: Where = EVERY) -> Complex:
+        """Return the phasors of pixels or some of them, (H, n): pooled, or from what was stored."""
         if pixels.pooled is not None:
-            return pixels.pooled
-        return phasors_from_stored(pixels.stored, self.correction.phasor_map[block])
+            return _some(pixels.pooled, chosen)
+        return phasors_from_stored(_some(pixels.stored, chosen), self.correction.phasor_map[pixels.places(chosen)])
 
-    def status(self, pixels: FramePixels, *, saturated: bool = True) -> Status:
-        """Return the bits of pixels that get no answer whatever their phasors, (n,): hot, and saturated if that is asked for."""
-        status = np.zeros(pixels.count, np.uint32)
+    def status(self, pixels: FramePixels, chosen: Where = EVERY, *, saturated: bool = True) -> Status:
+        """Return the bits of pixels or some of them that get no answer whatever they hold, (n,): hot; saturated if asked for."""
+        stored = _some(pixels.stored, chosen)
+        status = np.zeros(stored.shape[-1], np.uint32)
         if saturated:
-            status |= saturated_pixels(pixels.stored, self.saturated_counts) * np.uint32(StatusBit.SATURATED)
+            status |= saturated_pixels(stored, self.saturated_counts) * np.uint32(StatusBit.SATURATED)
         if self.correction.hot is not None:
-            hot = self.correction.hot[pixels.first : pixels.first + pixels.count]
-            status |= hot * np.uint32(StatusBit.HOT_PIXEL)
+            status |= self.correction.hot[pixels.places(chosen)] * np.uint32(StatusBit.HOT_PIXEL)
         return status
+
+
+def _some(planes: Stored, chosen: Where) -> Stored:
+    """Return some pixels of planes, (…, n), each plane's as neighbours."""
+    return planes[..., chosen] if isinstance(chosen, slice) else planes.take(chosen, axis=-1)
 
 
 @lru_cache(maxsize=4)
@@ -214,10 +232,11 @@ def resolve_pixels(
     maps = empty_maps(1, pixels.count, layers=plan.layers)
     kernel, resolver = kernel or chosen_kernel(), plan.settings.resolver
     room = resolver.room(pixels.noise.harmonics, sine=stages.correction.response is None)
-    if kernel != NUMPY and room == "two_path" and resolver.paths <= 2 and pixels.tail is None:
+    in_kernel = room == "two_path" and resolver.paths <= 2 and (pixels.tail is None or pixels.tail.through is None)
+    if kernel != NUMPY and in_kernel:
         _fill_by_kernel(maps, pixels, plan, stages, kernel)
     else:
-        _fill_by_blocks(maps, pixels, plan, stages, calibrated=calibration is not None)
+        _fill_by_blocks(maps, pixels, plan, stages, kernel, calibrated=calibration is not None)
         clear_impossible(maps, noise=pixels.noise, amplitude_v=plan.metadata.modulation.amplitude_v)
     if stages.depth.lamp is not None:
         stages.depth.measure_from_camera(maps, pixels.first)
@@ -227,9 +246,9 @@ def resolve_pixels(
 
 
 def _fill_by_blocks(
-    maps: DepthMaps, pixels: FramePixels, plan: FramePlan, stages: FrameStages, *, calibrated: bool
+    maps: DepthMaps, pixels: FramePixels, plan: FramePlan, stages: FrameStages, kernel: str, *, calibrated: bool
 ) -> None:
-    """Fill the maps of prepared pixels block by block, in numpy."""
+    """Fill the maps of prepared pixels block by block, in numpy but for what `kernel` has of them."""
     from cadtof_cli.resolver.resolve import resolve_paths
 
     response, tail = stages.correction.response, pixels.tail
@@ -247,6 +266,7 @@ def _fill_by_blocks(
             response=response.block(there) if response else None,
             first=block.first,
             tail=tail.block(there) if tail else None,
+            kernel=kernel,
         )
         if calibrated:
             np.bitwise_or(resolved.status, np.uint32(StatusBit.CALIBRATED), out=resolved.status)
@@ -265,6 +285,11 @@ def _fill_by_kernel(maps: DepthMaps, pixels: FramePixels, plan: FramePlan, stage
     if samples is not None:
         status |= (samples > 1.0) * np.uint32(StatusBit.POOLED)
     most, more = most_volts(pixels.noise, plan.metadata.modulation.amplitude_v)
+    tail = None
+    if pixels.tail is not None:
+        from cadtof_cli.resolver.diffuse.compiled import tail_buffers
+
+        tail = tail_buffers(pixels.tail.block(block))
     frame = KernelFrame(
         stored=pixels.stored if pixels.pooled is None else pixels.pooled,
         phasor_map=stages.correction.phasor_map[block] if recorded else None,
@@ -272,6 +297,7 @@ def _fill_by_kernel(maps: DepthMaps, pixels: FramePixels, plan: FramePlan, stage
         metres=stages.depth.metres(block),
         volts=stages.depth.amplitude_v,
         phase_offset_rad=stages.depth.phase_offset_rad(block),
+        tail=tail,
         most_volts=most,
         noise_volts=more,
     )

@@ -8,7 +8,7 @@ import itertools
 import os
 import stat
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +18,7 @@ from cadtof_cli.errors import CaptureError
 from cadtof_cli.files.formats import FRAME_SUFFIXES, frame_suffixes
 from cadtof_cli.files.frames import FrameLayout, RawLayout
 from cadtof_cli.files.reading import is_folder, is_there
+from cadtof_cli.records import dataclass
 
 WRITTEN_BY_US = frozenset({"run.json", "dark.toml", "response.toml", "petzval.toml"})
 """Files that make a folder one of maps, or a calibration: nothing in or below it is a recorded frame."""

@@ -2,12 +2,13 @@
 
 import re
 from collections.abc import Collection, Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import overload
 
 from cadtof_cli.capture.metadata import InvalidValueError, Layout
 from cadtof_cli.files.frames import CHANNELS, harmonic_labels
+from cadtof_cli.records import dataclass
 
 _DIGITS = re.compile(r"(\d+)")
 _CHANNEL_NAMES = tuple(str(channel) for channel in range(1, CHANNELS + 1))

@@ -2,9 +2,8 @@
 
 import itertools
 from collections import Counter
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -17,9 +16,10 @@ from cadtof_cli.errors import FrameError
 from cadtof_cli.files.formats import format_of, suffix_format
 from cadtof_cli.files.frames import CHANNELS, FrameLayout, Frames, lone_frame, shape_text
 from cadtof_cli.files.reading import is_there
+from cadtof_cli.records import dataclass
 
 _SIZES_LOOKED_AT, _FILES_OPENED = 1000, 15
-"""How many of a capture's files tell what is usual, by their bytes and by what they hold."""
+"""How many of a capture's files, spread evenly over it, tell what is usual by their bytes and by what they hold."""
 
 
 @contextmanager
@@ -128,7 +128,7 @@ def usual_file(capture: Capture, /) -> UsualFile | None:
     Files of as many bytes hold frames of one size, so it is enough to open one of the most common. Where no size is common, as
     with compressed files, a few are opened that are spread over the capture.
     """
-    looked_at = _spread(capture.frames, _SIZES_LOOKED_AT)
+    looked_at = list(capture.frames[:: -(-len(capture.frames) // _SIZES_LOOKED_AT)])
     sizes = [file_size(source.paths[0]) for source in looked_at]
     common, count = Counter(sizes).most_common(1)[0]
     if 2 * count > len(sizes):
@@ -136,7 +136,7 @@ def usual_file(capture: Capture, /) -> UsualFile | None:
         for source in itertools.islice(alike, _FILES_OPENED):
             if (found := _opened(source, capture.layout)) is not None:
                 return found
-    known = list(_openable(_spread(looked_at, _FILES_OPENED), capture.layout))
+    known = list(_openable(looked_at[:: -(-len(looked_at) // _FILES_OPENED)], capture.layout))
     known = known or list(itertools.islice(_openable(capture.frames, capture.layout), 1))
     if not known:
         return None
@@ -158,11 +158,6 @@ def _openable(sources: Iterable[FrameSource], layout: FrameLayout) -> Iterator[U
         found = _opened(source, layout)
         if found is not None:
             yield found
-
-
-def _spread(sources: Sequence[FrameSource], count: int) -> list[FrameSource]:
-    """Return at most so many of the frames, spread evenly, the first among them."""
-    return list(sources[:: -(-len(sources) // count)])
 
 
 def file_size(path: Path, /) -> int:

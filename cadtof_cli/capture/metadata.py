@@ -3,12 +3,13 @@
 import itertools
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import field, fields
 from functools import cached_property
 from typing import Any, Literal, cast
 
 from cadtof_cli.capture.checks import COUNT, LENGTH, PERIOD, POSITIVE, SCALE, VOLTS, Check, above, each, shortened
 from cadtof_cli.errors import MetadataError
+from cadtof_cli.records import dataclass
 from cadtof_cli.units import FWHM_PER_SIGMA
 
 Waveform = Literal["sine", "triangle"]

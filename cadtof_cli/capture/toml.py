@@ -1,7 +1,6 @@
 """`capture.toml` read into metadata, each value with where it came from, and written back."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +8,7 @@ from cadtof_cli.capture.checks import shortened
 from cadtof_cli.capture.metadata import KEYS, TABLES, CaptureMetadata, InvalidValueError
 from cadtof_cli.errors import MetadataError
 from cadtof_cli.files.toml import read_toml, toml_from_tables
+from cadtof_cli.records import dataclass
 
 FILE_NAME = "capture.toml"
 

@@ -8,11 +8,12 @@ import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from functools import cache
 from typing import TYPE_CHECKING, Literal
 
 from cadtof_cli.errors import SettingsError
+from cadtof_cli.records import dataclass
 
 if TYPE_CHECKING:
     from multiprocessing.connection import Connection

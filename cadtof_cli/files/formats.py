@@ -6,7 +6,6 @@ Options and discovery read it at start-up, so a format's library is loaded only 
 import os
 from collections.abc import Callable
 from contextlib import AbstractContextManager
-from dataclasses import dataclass
 from functools import partial
 from importlib import import_module
 from pathlib import Path
@@ -14,6 +13,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 from cadtof_cli.errors import FrameError
 from cadtof_cli.files.reading import damage_as_frame_error, open_regular
+from cadtof_cli.records import dataclass
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -1,13 +1,13 @@
 """What a frame is before it is read: how its planes are ordered, and how a reader hands it over."""
 
 from collections.abc import Collection
-from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
 
 from cadtof_cli.arrays import Stored
 from cadtof_cli.errors import FrameError
+from cadtof_cli.records import dataclass
 
 CHANNELS = 2
 """SC1, the cosine, and SC2, the sine."""

@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,6 +10,7 @@ from cadtof_cli.arrays import Bool, Float, Float32
 from cadtof_cli.files.maps import DepthMaps
 from cadtof_cli.maps.layers import CONFIDENCE, DIRECT_DEPTH, Layer, LayerSource
 from cadtof_cli.phasors.noise import NoiseModel
+from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.status import StatusBit
 
 if TYPE_CHECKING:

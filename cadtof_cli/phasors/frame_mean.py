@@ -1,7 +1,6 @@
 """Recorded frames of a scene that stands still → one with less noise: their mean, and how much they scatter about it."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -9,6 +8,7 @@ from cadtof_cli.arrays import Bool, Float, Stored
 from cadtof_cli.capture.metadata import Voltage
 from cadtof_cli.errors import SettingsError
 from cadtof_cli.phasors.voltages import sound_pixels, volts_from_stored
+from cadtof_cli.records import dataclass
 
 
 @dataclass(frozen=True, eq=False)

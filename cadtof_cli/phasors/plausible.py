@@ -5,7 +5,6 @@ for volts, a zero or a unit that is missing, or values that a program has scaled
 """
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -13,6 +12,7 @@ from cadtof_cli.arrays import Float, Stored
 from cadtof_cli.capture.metadata import CaptureMetadata, Voltage
 from cadtof_cli.phasors.noise import NoiseModel
 from cadtof_cli.phasors.voltages import sound_pixels, volts_per_count
+from cadtof_cli.records import dataclass
 
 LONGEST = 1.35
 """Length of a phasor, over the modulation amplitude, that offsets of its channels may bring about; noise comes on top."""

@@ -1,9 +1,9 @@
 """What a user can choose about resolving; one frozen record that checks itself."""
 
-from dataclasses import dataclass
 from typing import Literal
 
 from cadtof_cli.errors import SettingsError
+from cadtof_cli.records import dataclass
 
 Solver = Literal["two-path", "one-path", "lm"]
 Return = Literal["first", "strongest", "last"]

@@ -1,11 +1,11 @@
 """The registry of status bits: code, decoder and documentation all read this one list."""
 
-from dataclasses import dataclass
 from enum import IntFlag
 
 import numpy as np
 
 from cadtof_cli.arrays import Bool, Status
+from cadtof_cli.records import dataclass
 
 
 class StatusBit(IntFlag):

@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import fields
 from pathlib import Path
 from typing import Any, Literal, get_args
 
@@ -16,6 +16,7 @@ from cadtof_cli.errors import CadtofError, CaptureError, SettingsError
 from cadtof_cli.files.formats import MAP_SUFFIXES
 from cadtof_cli.files.reading import is_folder, is_there, read_text
 from cadtof_cli.frame_plan import CalibrationUse, DepthKind
+from cadtof_cli.records import dataclass
 from cadtof_cli.workflows.sound_record import require_sound_record
 
 RUN_FILE = "run.json"

@@ -5,7 +5,6 @@ read and written as that one was.
 """
 
 import os
-from dataclasses import dataclass
 from io import FileIO
 from pathlib import Path
 from typing import Any
@@ -15,6 +14,7 @@ from tifffile import FileHandle
 
 from cadtof_cli.files.digest import Digest
 from cadtof_cli.files.system import read_parts, write_parts
+from cadtof_cli.records import dataclass
 
 LARGEST_BYTES = 2**20
 """More than this around the pixels is not worth to be kept: reading the pages of such a stack costs little beside its pixels."""

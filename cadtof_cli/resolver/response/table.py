@@ -104,7 +104,7 @@ class ResponseModel:
 
     whole: ResponseBlock
 
-    def block(self, pixels: slice, /) -> ResponseBlock:
+    def block(self, pixels: Pixels, /) -> ResponseBlock:
         """Return the response for some of the pixels."""
         whole = self.whole
         if whole.phase_rad is None or whole.rotors is None:

@@ -7,17 +7,19 @@ does the same operations, with the same bits, in `closed_form`, `one_path`, `unc
 import math
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from functools import lru_cache
 from types import ModuleType
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cadtof_cli.arrays import Float, Float32, Status, Stored
 from cadtof_cli.errors import SettingsError
 from cadtof_cli.phasors.chi_squared import chi_squared_threshold
 from cadtof_cli.phasors.noise import LEAST_SHARE, NoiseModel
 from cadtof_cli.phasors.voltages import PhasorMap
+from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.order import largest_misfit
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.resolver.two_path.uncertainty import misfit_spread, variance_terms
@@ -26,6 +28,9 @@ NUMPY = "numpy"
 
 CHOICE = "CADTOF_KERNEL"
 """Environment variable that names what runs, of `available_kernels`; without it the first of them does."""
+
+Buffers = tuple[NDArray[Any] | None, ...]
+"""Arrays as the extension takes them: neighbours in memory, each of one type."""
 
 _STORED_TYPES = (np.uint16, np.int16, np.float32, np.float64, np.complex128)
 
@@ -40,6 +45,14 @@ def _compiled() -> ModuleType | None:
     except ImportError:
         return None
     return _kernel
+
+
+def extension() -> ModuleType:
+    """Return the extension module; raises ValueError where it was not built."""
+    compiled = _compiled()
+    if compiled is None:
+        raise ValueError("the compiled kernel was not built")
+    return compiled
 
 
 def available_kernels() -> tuple[str, ...]:
@@ -80,6 +93,7 @@ class KernelFrame:
         metres: of a radian, of all pixels or of each, (n,).
         volts: of an amplitude of 1.
         phase_offset_rad: what to take from every phase, (n,); None: nothing.
+        tail: the frame's diffuse MPI for these pixels, of `diffuse.compiled.tail_buffers`; None: there is none.
         most_volts, noise_volts: paths whose amplitudes add up to more than most_volts + noise_volts / √samples are impossible.
     """
 
@@ -89,6 +103,7 @@ class KernelFrame:
     metres: float | Float
     volts: float
     phase_offset_rad: Float | None
+    tail: Buffers | None = None
     most_volts: float = math.inf
     noise_volts: float = 0.0
 
@@ -119,9 +134,7 @@ def fill_maps(
         ValueError: an array has the wrong shape or layout, or there is no such kernel.
         TypeError: an array has the wrong type.
     """
-    compiled = _compiled()
-    if compiled is None:
-        raise ValueError("the compiled kernel was not built")
+    compiled = extension()
     count, asked = status.size, range(status.size) if pixels is None else pixels
     stored = frame.stored if frame.stored.dtype in _STORED_TYPES else frame.stored.astype(np.float64)
     own, other, constant = _own_maps(frame.phasor_map, count)
@@ -153,6 +166,7 @@ def fill_maps(
         asked.stop,
         np.array([constants[name] for name in names]),
         *given,
+        frame.tail,
     )
 
 

@@ -2,13 +2,13 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from cadtof_cli.arrays import Float
 from cadtof_cli.phasors.noise import NoiseModel
+from cadtof_cli.records import dataclass
 
 if TYPE_CHECKING:
     from cadtof_cli.resolver.two_path.closed_form import TwoPaths

@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -19,6 +19,7 @@ from cadtof_cli.frame_plan import FramePlan
 from cadtof_cli.phasors.frame_mean import FrameMean, frame_mean
 from cadtof_cli.phasors.plausible import implausible
 from cadtof_cli.pipeline import ResolvedFrame, resolve_frame
+from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.status import StatusCounts, count_status, why_no_answer
 from cadtof_cli.workflows.run_folder import ALREADY_THERE, FrameReport, FrameStatus, SourceFile
 
@@ -96,22 +97,15 @@ def resolve_file(task: FrameTask, /) -> FrameReport | Later[FrameReport]:
     keep_freed_memory()
     began = time.monotonic()
 
-    def resolve() -> Later[FrameReport]:
+    def resolve() -> FrameReport | Later[FrameReport]:
+        kept = kept_maps(task, began=began) if task.resume else None
+        if kept is not None:
+            return kept
         frame, recording = read_frame(task)
         resolved = resolve_frame(frame, plan=task.plan, calibration=task.calibration())
         return written(task, resolved, recording, began=began)
 
-    return unless_kept(task, resolve, began=began)
-
-
-def unless_kept(task: FrameTask, work: Callable[[], Result], /, *, began: float) -> Result | FrameReport:
-    """Return what `attempted` does, or a report that maps which are there already are kept."""
-
-    def kept_or_done() -> Result | FrameReport:
-        kept = kept_maps(task, began=began) if task.resume else None
-        return work() if kept is None else kept
-
-    return attempted(task, kept_or_done, began=began)
+    return attempted(task, resolve, began=began)
 
 
 def attempted(task: FrameTask, work: Callable[[], Result], /, *, began: float) -> Result | FrameReport:

@@ -4,7 +4,6 @@ import itertools
 import json
 import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -16,6 +15,7 @@ from cadtof_cli.files.atomic import remove_partial_files, write_error
 from cadtof_cli.files.formats import MAP_FORMATS
 from cadtof_cli.files.reading import is_there, real_path
 from cadtof_cli.files.system import sync_folder
+from cadtof_cli.records import dataclass
 from cadtof_cli.workflows.resolve.settings import ResolveSettings
 from cadtof_cli.workflows.run_folder import FRAMES_FILE, RUN_FILE, read_record
 

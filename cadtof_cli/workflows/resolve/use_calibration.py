@@ -1,13 +1,13 @@
 """A calibration folder as a run of `resolve` uses it: checked against the captures, and what is said of it."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cadtof_cli.capture.discovery import Capture
 from cadtof_cli.capture.frames import usual_file
 from cadtof_cli.frame_plan import CalibrationUse
+from cadtof_cli.records import dataclass
 
 if TYPE_CHECKING:
     from cadtof_cli.calibration.store import Calibration
@@ -20,10 +20,6 @@ class AppliedCalibration:
     use: CalibrationUse
     parts: Mapping[str, Mapping[str, Any]]
     notes: tuple[str, ...]
-
-    def as_json(self) -> dict[str, Any]:
-        """Return what goes into `run.json`."""
-        return {"folder": str(self.use.folder), "digest": self.use.digest, "applied": dict(self.parts)}
 
 
 def use_calibration(folder: Path, captures: Sequence[Capture], /) -> AppliedCalibration:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from cadtof_cli.resolver.diffuse.grid import PatchGrid, View, patch_grid, sampled_rows
+from cadtof_cli.resolver.diffuse.grid import PatchGrid, View, patch_grid, sampled_pixels
 
 OFF_CENTRE = View(100.0, (30.5, 17.25))
 
@@ -51,9 +51,8 @@ def test_samples_are_spread_over_their_patch(size: tuple[int, int]) -> None:
             taken = here[:, here[0] > 0].T
             assert [tuple(pair) for pair in taken.tolist()] == expected
             assert (here[1] > 0).tolist() == (here[0] > 0).tolist()
-    held = [row for inside in rows for row in inside]
-    for part in (slice(0, size[0]), slice(3, 20), slice(20, 21)):
-        assert sampled_rows(*size, part).tolist() == [row for row in held if part.start <= row < part.stop]
+    for part, length, held in zip(sampled_pixels(*size), size, (rows, columns), strict=True):
+        assert list(range(length))[part] == [pixel for inside in held for pixel in inside]
 
 
 @pytest.mark.parametrize("size", [(240, 320), (50, 70)])

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from cadtof_cli.arrays import Float32
 from cadtof_cli.errors import SettingsError
 from cadtof_cli.resolver.diffuse.pixels import diffuse_pixels
 from cadtof_cli.resolver.diffuse.predict import two_path_lag
@@ -26,7 +27,7 @@ from tests.support.diffuse_frames import (
 DECAYS = [Tail(0.15, 3.0, 6.0), Tail(0.3, 3.0, 10.0), Tail(0.5, 5.0, 8.0)]
 
 
-def median_error(found: F, range_m: F) -> float:
+def median_error(found: F | Float32, range_m: F) -> float:
     return float(np.median(np.abs(range_error_m(found, range_m))))
 
 
@@ -214,7 +215,7 @@ def test_ranges_are_corrected_before_they_become_geometry() -> None:
     )
     assert isinstance(straight, DiffuseModel)
     assert isinstance(bent, DiffuseModel)
-    np.testing.assert_allclose(bent.upsampler.range_m[0], straight.upsampler.range_m[0], rtol=0.01)
+    np.testing.assert_allclose(bent.upsampler.range_m, straight.upsampler.range_m, rtol=0.01)
 
 
 def test_unknown_optics_are_assumed() -> None:
