@@ -154,7 +154,7 @@ def _root(path: Path, source_of: _SourceOf) -> tuple[Path, bool]:
     except OSError as error:
         raise CaptureError(f"{path}: cannot be reached: {error.strerror}") from error
     except ValueError as error:
-        raise CaptureError(f"{path}: no file can have this name ({error}); expected a path a line") from error
+        raise CaptureError(f"{path}: this is not a possible file name ({error}); expected one path per line") from error
     depth = _depth(source_of(path.parent))
     return (path.parent if depth == 0 else absolute(path).parents[depth]), False
 
@@ -275,6 +275,6 @@ def _require_different_names(root: Path, frames: Sequence[FrameSource]) -> None:
             first, second, *_ = (frame.paths[0].name for frame in frames if frame.name == name)
             raise CaptureError(
                 f"{root}: {first} and {second} would both be written as {name};"
-                " expected one file a frame, move one of them elsewhere"
+                " expected one file per frame, move one of them elsewhere"
             )
         known.add(name)
