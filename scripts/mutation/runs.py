@@ -30,6 +30,8 @@ CONTRACTS = "contracts"
 
 KERNEL_LIBRARY = "_kernel*.so"
 
+COMPILED_LIBRARIES = "_*.so"
+
 KERNEL_FRONTS = frozenset(("kernel", "compiled"))
 """Modules whose mutants are tried with the compiled kernel. Elsewhere numpy does the work: a change must be noticed for
 what it does, and not because the two differ."""
@@ -70,7 +72,7 @@ class Bench:
     def __init__(self, root: Path, place: Path, calls: Calls | None = None, most_s: float = math.inf) -> None:
         self.tree = place / "tree"
         shutil.copytree(root, self.tree, symlinks=True, ignore=shutil.ignore_patterns(*LEFT_BEHIND))
-        self._kernels = {path: place / path.name for path in (self.tree / PACKAGE).rglob(KERNEL_LIBRARY)}
+        self._kernels = {path: place / path.name for path in (self.tree / PACKAGE).rglob(COMPILED_LIBRARIES)}
         self._use_kernel(False)
         self._log = place / "log.txt"
         self._clock = time.time() + 10.0
