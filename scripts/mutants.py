@@ -4,6 +4,7 @@ import argparse
 import importlib
 import itertools
 import json
+import math
 import multiprocessing
 import os
 import sys
@@ -45,7 +46,7 @@ def main() -> None:
     chosen = _named(places, arguments.again) if arguments.again else drawn(places, arguments.count, arguments.seed)
     print(f"{len(chosen)} mutants of {len(places)} places, seed {arguments.seed}", file=sys.stderr)
     outcomes = []
-    for number, outcome in enumerate(_outcomes(chosen, arguments.jobs), start=1):
+    for number, outcome in enumerate(_outcomes(chosen, arguments.jobs, arguments.most_seconds), start=1):
         outcomes.append(outcome)
         _tell(number, len(chosen), outcome, known)
     rate = _report(outcomes, known)
@@ -59,6 +60,12 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument("--seed", type=int, default=1, help="of the draw [default: 1]")
     parser.add_argument("--room", action="append", help="a room of the package; may be repeated [default: all six]")
     parser.add_argument("--jobs", type=int, default=len(os.sched_getaffinity(0)), help="processes [default: all cores]")
+    parser.add_argument(
+        "--most-seconds",
+        type=float,
+        default=math.inf,
+        help="of the processor's time for each mutant: the slower of its tests are left out then [default: no limit]",
+    )
     parser.add_argument("--least", type=float, default=0.9, help="share to be killed; exit 1 below [default: 0.9]")
     parser.add_argument(
         "--survivors", type=Path, default=ROOT / "out" / "mutants.jsonl", help="list of those that survive"
@@ -111,7 +118,7 @@ def _require_texts(changes: Sequence[Change]) -> None:
         raise SystemExit("\n".join(gone))
 
 
-def _outcomes(chosen: Sequence[Mutant], jobs: int) -> Iterator[Outcome]:
+def _outcomes(chosen: Sequence[Mutant], jobs: int, most_s: float) -> Iterator[Outcome]:
     """Yield what becomes of the mutants, as they end."""
     for name in IMPORTED:
         importlib.import_module(name)
@@ -119,14 +126,14 @@ def _outcomes(chosen: Sequence[Mutant], jobs: int) -> Iterator[Outcome]:
     with tempfile.TemporaryDirectory(prefix="mutants-") as place:
         calls = Bench(ROOT, _folder(Path(place))).watched(rooms)
         context = multiprocessing.get_context("fork")
-        with ProcessPoolExecutor(jobs, context, initializer=_start, initargs=(Path(place), calls)) as pool:
+        with ProcessPoolExecutor(jobs, context, initializer=_start, initargs=(Path(place), calls, most_s)) as pool:
             left = []
             for done in as_completed([pool.submit(_try, mutant, quick=True) for mutant in chosen]):
                 if done.result().verdict == "survived":
                     left.append(done.result().mutant)
                 else:
                     yield done.result()
-            bench = Bench(ROOT, _folder(Path(place)), calls)
+            bench = Bench(ROOT, _folder(Path(place)), calls, most_s)
             left.sort(key=lambda mutant: bench.seconds(mutant, quick=False))
             print(f"{len(left)} of {len(chosen)} are left for the slower tests", file=sys.stderr)
             for done in as_completed([pool.submit(_try, mutant, quick=False) for mutant in left]):
@@ -137,8 +144,8 @@ _benches: list[Bench] = []
 """The bench of this worker process."""
 
 
-def _start(place: Path, calls: Calls) -> None:
-    _benches.append(Bench(ROOT, _folder(place), calls))
+def _start(place: Path, calls: Calls, most_s: float) -> None:
+    _benches.append(Bench(ROOT, _folder(place), calls, most_s))
 
 
 def _folder(place: Path) -> Path:

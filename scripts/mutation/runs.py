@@ -2,6 +2,7 @@
 
 import contextlib
 import itertools
+import math
 import os
 import pickle
 import re
@@ -66,9 +67,9 @@ class Outcome:
 
 
 class Bench:
-    """A copy of a tree where mutants are tried one after the other."""
+    """A copy of a tree where mutants are tried one after the other, against tests of `most_s` seconds in all at the most."""
 
-    def __init__(self, root: Path, place: Path, calls: Calls | None = None) -> None:
+    def __init__(self, root: Path, place: Path, calls: Calls | None = None, most_s: float = math.inf) -> None:
         self.tree = place / "tree"
         shutil.copytree(root, self.tree, symlinks=True, ignore=shutil.ignore_patterns(*LEFT_BEHIND))
         self._kernels = {path: place / path.name for path in (self.tree / PACKAGE).rglob(COMPILED_LIBRARIES)}
@@ -76,6 +77,7 @@ class Bench:
         self._log = place / "log.txt"
         self._clock = time.time() + 10.0
         self._calls = calls or Calls()
+        self._most_s = most_s
         self._noted = place / "calls.pickle"
 
     def watched(self, rooms: tuple[str, ...]) -> Calls:
@@ -183,9 +185,9 @@ class Bench:
             and (stem in KERNEL_FRONTS or self._calls.may_notice(test, mutant.path, lines, reached=reached))
         ]
         tests.sort(key=lambda test: self._seconds(test) * NEAR_FIRST[near(_file(test))])
-        sums = itertools.accumulate(self._seconds(test) for test in tests)
-        count = sum(1 for total in sums if total <= FIRST_S)
-        tests = tests[:count] if quick else tests[count:]
+        sums = list(itertools.accumulate(self._seconds(test) for test in tests))
+        count, most = (sum(1 for total in sums if total <= limit) for limit in (FIRST_S, self._most_s))
+        tests = tests[:count] if quick else tests[count:most]
         seconds: dict[str, float] = defaultdict(float)
         for test in tests:
             seconds[_file(test)] += self._seconds(test)

@@ -143,3 +143,10 @@ def test_the_digest_tells_every_change_and_no_other(tmp_path: Path) -> None:
     assert cached_calibration(tmp_path, found.digest).digest == found.digest
     with pytest.raises(MetadataError, match="changed during the run"):
         cached_calibration(tmp_path, "0" * 16)
+
+
+def test_maps_that_are_cut_off_cannot_be_read(tmp_path: Path) -> None:
+    _, maps = sorted(save_part(tmp_path, dark()), key=lambda path: path.suffix == ".exr")
+    maps.write_bytes(maps.read_bytes()[:200])
+    with pytest.raises(MetadataError, match=r"dark\.toml: cannot be read: "):
+        load_calibration(tmp_path)

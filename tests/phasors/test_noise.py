@@ -69,3 +69,11 @@ def test_sixteen_differences_are_the_least_that_noise_is_told_from(broken: int, 
     frame = np.asarray(0.1 + 1e-3 * (rng.normal(size=(2, 5, 5)) + 1j * rng.normal(size=(2, 5, 5))), np.complex128)
     frame[1, 0, :broken] = np.nan
     assert np.isfinite(estimated_integration_length(frame)) == known
+
+
+@pytest.mark.parametrize(("signal", "share"), [(0.5, 0.75), (0.96, 1.0 - 0.96**2), (0.99, 0.05)])
+def test_of_light_that_is_nearly_all_signal_a_twentieth_counts_as_noisy_at_least(signal: float, share: float) -> None:
+    rng = np.random.default_rng(3)
+    noise = 1e-3 * (rng.normal(size=(2, 200, 200)) + 1j * rng.normal(size=(2, 200, 200)))
+    expected = 0.5 * (1.0 + share / 2e-6)
+    assert estimated_integration_length(np.asarray(signal + noise, np.complex128)) == pytest.approx(expected, rel=0.03)

@@ -145,3 +145,11 @@ def test_voltages_may_fall_with_the_counts() -> None:
     told = said((counts() + 20000).astype(np.uint16), falling)
     assert told is not None
     assert "zero_counts = 8192 is far from them" in told
+
+
+def test_values_of_one_sign_are_as_large_as_their_largest() -> None:
+    """Millivolts from 0 up, and from 0 down: thousands of times what volts would be."""
+    for sign in (1.0, -1.0):
+        told = said(sign * np.abs(volts()) * 1000.0)
+        assert told is not None
+        assert "they look like millivolts: give --volts-per-count 0.001" in told

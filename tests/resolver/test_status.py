@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from cadtof_cli.resolver.status import MEANING, StatusBit, count_status, has_answer
+from cadtof_cli.resolver.status import MEANING, StatusBit, count_status, has_answer, why_no_answer
 
 README = Path(__file__).parents[2] / "README.md"
 
@@ -32,3 +32,15 @@ def test_every_pixel_is_counted_once() -> None:
 def test_an_answer_is_a_path_or_a_predicted_tail() -> None:
     status = np.array([0, 1, 2, 4, 256, 4096, 8, 16, 512, 2048, 8 | 64, 16 | 32 | 128, 64 | 1024], np.uint32)
     assert has_answer(status).tolist() == [False] * 6 + [True] * 6 + [False]
+
+
+def test_what_keeps_a_frame_from_an_answer_is_said_with_its_share() -> None:
+    dark = np.array([4, 4, 4, 1], np.uint32)
+    said = why_no_answer(dark)
+    assert said.startswith("no pixel has an answer (25.0% ")
+    assert "75.0%" in said
+    assert said.endswith("; if light was there, look at integration_length, --min-confidence and --false-alarm")
+    assert why_no_answer(np.full(4, StatusBit.SATURATED, np.uint32)).endswith(")")
+    low = np.full(4, StatusBit.LOW_CONFIDENCE, np.uint32)
+    assert "--min-confidence" in why_no_answer(low)
+    assert "100.0%" in why_no_answer(low)

@@ -44,12 +44,11 @@ def strongest_of(paths: Mixture, count: int, /) -> Mixture:
 
 
 def _toeplitz(phasors: Complex) -> Complex:
-    """Return the Hermitian matrices with p_{j−i} above the diagonal and 0 on it, (n, N + 1, N + 1)."""
+    """Return the Hermitian matrices with p_{j−i} above the diagonal and 0 on it, (n, N + 1, N + 1), by their lower triangles."""
     size = phasors.shape[0] + 1
     matrix = np.zeros((phasors.shape[1], size, size), np.complex128)
     for i in range(size):
         for j in range(i + 1, size):
-            matrix[:, i, j] = phasors[j - i - 1]
             matrix[:, j, i] = phasors[j - i - 1].conj()
     return matrix
 

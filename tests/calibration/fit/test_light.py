@@ -108,3 +108,11 @@ def test_light_under_the_noise_of_pixels_is_found_in_blocks() -> None:
     light = _light(0.06, np.asarray(1.0 + 1.6 * x**2 - 0.5 * y))
     assert _seen(offsets + light).law > 1.0
     assert _seen(offsets).law < 1.0
+
+
+def test_a_fundamental_without_any_signal_foretells_nothing() -> None:
+    volts = np.zeros((2, 2, HEIGHT, WIDTH))
+    volts[1] = np.random.default_rng(8).normal(scale=0.01, size=(2, HEIGHT, WIDTH))
+    seen = _seen(volts)
+    assert (seen.law, seen.level) == (0.0, 0.0)
+    assert not seen.is_lit

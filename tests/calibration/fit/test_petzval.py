@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.optimize import least_squares
 
 from cadtof_cli.calibration.fit.petzval import WallRanges, fit_petzval
 from cadtof_cli.calibration.parts import Origin
@@ -235,3 +236,23 @@ def test_coefficients_known_to_less_than_a_centimetre_are_warned_of(sigma_m: flo
     largest = max(found.quality.k2_stderr_m, found.quality.k4_stderr_m)
     assert (0.01 < largest < 0.02) == said
     assert any(text.startswith("warning: curvature, distance and tilt") for text in found.quality.findings) == said
+
+
+def test_what_was_left_before_is_what_walls_without_curvature_leave() -> None:
+    """Against scipy's least squares of distance and tilts alone, in the pixels that counted."""
+    quality = fitted(*two_walls()).quality
+    y, x = np.mgrid[: PIXELS[0], : PIXELS[1]].astype(np.float64)
+    u, v = (x - 39.5) / 70.0, (y - 29.5) / 70.0
+    squares, count = 0.0, 0
+    for wall, found in zip(two_walls(), quality.walls, strict=True):
+
+        def left(values: NDArray[np.float64], wall: WallRanges = wall) -> NDArray[np.float64]:
+            distance, alpha, beta = values
+            model = distance * np.sqrt(1.0 + u * u + v * v) / (1.0 + alpha * u + beta * v)
+            return np.asarray((wall.range_m - model).ravel())
+
+        best = least_squares(left, [found.distance_m, 0.0, 0.0], loss="soft_l1", f_scale=0.05)
+        own = float(np.mean(left(best.x) ** 2))
+        assert found.rms_before_m == pytest.approx(np.sqrt(own), rel=0.1)
+        squares, count = squares + own, count + 1
+    assert quality.rms_before_m == pytest.approx(np.sqrt(squares / count), rel=0.1)

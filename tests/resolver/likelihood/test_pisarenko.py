@@ -35,3 +35,10 @@ def test_nothing_and_no_number_give_no_light() -> None:
     phasors = np.zeros((3, 2), np.complex128)
     phasors[1, 1] = np.nan
     np.testing.assert_allclose(pisarenko(phasors).amplitude, 0.0, atol=1e-12)
+
+
+def test_no_path_has_less_than_no_light() -> None:
+    """As many paths as harmonics have amplitudes above 0, whatever the phasors (Carathéodory 1911)."""
+    rng = np.random.default_rng(3)
+    phasors = 0.02 * (rng.normal(size=(3, 300)) + 1j * rng.normal(size=(3, 300))) + 0.3
+    assert (pisarenko(np.asarray(phasors, np.complex128)).amplitude >= 0.0).all()

@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.optimize import leastsq
 
-from cadtof_cli.resolver.paper.equation_9 import TwoShares, two_shares
+from cadtof_cli.resolver.paper.equation_9 import TwoShares, steps_of_starts, two_shares
 from cadtof_cli.resolver.paper.starts import random_starts
 from cadtof_cli.resolver.two_path.closed_form import fundamental_frame, two_paths
 from tests.support.mixtures import C, Mixture
@@ -123,3 +123,19 @@ def test_higher_harmonics_give_more_equations(harmonics: tuple[int, ...]) -> Non
     assert found.cost[0] < 1e-20
     if harmonics != (1, 3):  # where two pairs of delays have the same phasors
         np.testing.assert_allclose(sorted(found.paths.amplitude[:, 0]), sorted(problem.shares), rtol=1e-9)
+
+
+def test_a_start_at_the_answer_ends_at_once_and_others_take_steps() -> None:
+    """Of light of two paths z = α/p_1; each pixel's steps are its own."""
+    rng = np.random.default_rng(5)
+    amplitudes, phases = rng.uniform(0.2, 1.0, (2, 200)), rng.uniform(0, 2 * np.pi, (2, 200))
+    paths = amplitudes * np.exp(1j * phases)
+    phasors = np.stack([(amplitudes * np.exp(1j * h * phases)).sum(axis=0) for h in (1, 2, 3)])
+    there = paths[0] / phasors[0]
+    starts = np.stack([there, there + 0.2, random_starts(1, pixels=range(200), seed=1)[0]])
+    steps = steps_of_starts(phasors, harmonics=(1, 2, 3), starts=starts)
+    assert steps.shape == (3, 200)
+    assert (steps[0] <= 1).all()
+    assert (steps[1:] > 1).mean() > 0.95
+    alone = steps_of_starts(phasors[:, 30:40], harmonics=(1, 2, 3), starts=starts[:, 30:40])
+    np.testing.assert_array_equal(alone, steps[:, 30:40])

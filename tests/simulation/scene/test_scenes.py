@@ -286,3 +286,16 @@ def test_surfaces_are_measured_in_metres_along_two_upright_directions(scene: Cor
 def test_photons_count_one_where_the_wall_faces_the_light(distance_m: float) -> None:
     light = Wall(distance_m=distance_m).light(Camera(width=41, height=31), slice(None))
     assert light.photons[0, 15, 20] == pytest.approx(1.0, rel=1e-3)
+
+
+@pytest.mark.parametrize("tilt_deg", [(25.0, 0.0), (-10.0, 35.0)])
+def test_a_tilted_wall_gets_less_light_by_the_cosine_of_incidence(tilt_deg: tuple[float, float]) -> None:
+    """cos θ/r² over that of a wall at this distance that faces the light."""
+    light = Wall(distance_m=2.0, tilt_deg=tilt_deg, asr=3.0).light(CAMERA, ALL_ROWS)
+    x, y, z = CAMERA.rays(ALL_ROWS)
+    slope_x, slope_y = (math.tan(math.radians(angle)) for angle in tilt_deg)
+    normal = np.array([slope_x, slope_y, 1.0]) / math.sqrt(1.0 + slope_x**2 + slope_y**2)
+    length = np.sqrt(1.0 + x * x + y * y)
+    range_m = 2.0 * length / (1.0 + slope_x * x + slope_y * y)
+    cosine = (normal[0] * x + normal[1] * y + normal[2] * z) / length
+    np.testing.assert_allclose(light.photons[0], 4.0 * cosine / range_m**2, rtol=1e-9)

@@ -108,7 +108,7 @@ def test_cornell_s_walls_are_those_of_the_original_and_space_before_it_is_black(
     assert {patch.face for patch in interior.patches} == {0, 1, 2, 3}
     for patch in interior.patches:
         assert patch.albedo == 0.0
-        assert (patch.low_m[2], patch.high_m[2]) == (0.0, 1.6)
+        assert (patch.low_m, patch.high_m) == ((0.0, 0.0, 0.0), (2.765, 2.765, 1.6))
     assert {box.albedo for box in interior.boxes} == {0.75}
     assert CornellBox().room.beam_rad == pytest.approx(math.radians(40.0))
     assert CornellBox().room.position_m == pytest.approx((2.765 / 2, 2.765 / 2, 0.05))
