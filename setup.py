@@ -27,7 +27,22 @@ UNIX_FLAGS = [
 MSVC_FLAGS = ["/std:c11", "/O2", "/fp:precise"]
 
 
-COMPILED = {"resolver/two_path/_kernel": ("_kernel_frame.h", "_kernel_paths.h", "_kernel_answers.h")}
+COMPILED = {
+    "resolver/two_path/_kernel": (
+        "_kernel_answers.h",
+        "_kernel_buffers.h",
+        "_kernel_frame.h",
+        "_kernel_group.h",
+        "_kernel_paths.h",
+        "../diffuse/_elementary.h",
+        "../diffuse/_tail.h",
+        "../diffuse/_tail_buffers.h",
+        "../diffuse/_tail_call.h",
+        "../response/_search.h",
+        "../response/_search_call.h",
+    ),
+    "resolver/likelihood/_search": ("_instruction_sets.h", "_search.h", "../two_path/_kernel_buffers.h"),
+}
 """Extension modules, each of one C file in `cadtof_cli`, with the headers beside it."""
 
 

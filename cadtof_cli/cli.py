@@ -8,9 +8,8 @@ import io
 import os
 import signal
 import sys
-from collections.abc import Iterator
 from types import FrameType
-from typing import Any, NoReturn
+from typing import NoReturn
 
 import click
 
@@ -38,58 +37,31 @@ COMMANDS = {
 OBJECTS_BETWEEN_COLLECTIONS = 100_000
 """What is imported makes objects by the ten thousand, and no garbage that has to be looked for among them."""
 
+PROGRAM = "cadtof"
+COMPLETE = "_CADTOF_COMPLETE"
+"""Environment variable by which a shell asks how a line may go on (docs/shells.md)."""
+
 INTERRUPTED = 130
 BROKEN_PIPE = 141
 
 
-class ReaderGoneError(Exception):
-    """Whoever read what we write has gone away; click would make an exit status of its own of it."""
-
-
-@contextlib.contextmanager
-def _told_apart() -> Iterator[None]:
-    try:
-        yield
-    except BrokenPipeError as error:
-        raise ReaderGoneError from error
-
-
 class LazyGroup(click.Group):
     """A group that imports the module of a subcommand only when that is run."""
-
-    def make_context(self, *arguments: Any, **more: Any) -> click.Context:
-        """Read the command line, which may print help."""
-        with _told_apart():
-            return super().make_context(*arguments, **more)
-
-    def invoke(self, ctx: click.Context) -> Any:
-        """Run a subcommand."""
-        with _told_apart():
-            return super().invoke(ctx)
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         """Return the names of all subcommands."""
         return list(COMMANDS)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        """Import a subcommand; None where there is none of that name."""
-        if cmd_name not in COMMANDS:
-            return None
-        command: click.Command = getattr(importlib.import_module(f"cadtof_cli.commands.{cmd_name}"), cmd_name)
-        return command
-
-    def resolve_command(
-        self, ctx: click.Context, args: list[str]
-    ) -> tuple[str | None, click.Command | None, list[str]]:
-        """Return the command that is meant; where there is none of that name, say which one is like it."""
-        if args[0] in COMMANDS:
-            return super().resolve_command(ctx, args)
+        """Import a subcommand; None where there is none of that name, or one like it."""
+        if cmd_name in COMMANDS:
+            command: click.Command = getattr(importlib.import_module(f"cadtof_cli.commands.{cmd_name}"), cmd_name)
+            return command
         import difflib
 
-        close = difflib.get_close_matches(args[0], COMMANDS, n=1)
-        if close:
-            ctx.fail(f"No such command '{args[0]}': did you mean {close[0]}?")
-        return super().resolve_command(ctx, args)
+        if close := difflib.get_close_matches(cmd_name, COMMANDS, n=1):
+            ctx.fail(f"No such command '{cmd_name}': did you mean {close[0]}?")
+        return None
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write what each subcommand does, without importing any."""
@@ -106,7 +78,7 @@ class LazyGroup(click.Group):
         "cadtof evaluate maps --truth sample_data/corner/truth.exr",
     ),
 )
-@click.version_option(__version__, "-V", "--version", prog_name="cadtof")
+@click.version_option(__version__, "-V", "--version", prog_name=PROGRAM)
 @click.option("--debug", is_flag=True, help="Show the traceback of an error.")
 def cli(debug: bool) -> None:
     """Depth maps free of multi-path interference from recorded frames of CA-dToF cameras."""
@@ -118,19 +90,26 @@ def main() -> NoReturn:
     # nor is there on the way out
     atexit.register(gc.freeze)
     open_closed_streams()
-    for number in (signal.SIGTERM, signal.SIGHUP):
+    for number in filter(None, (signal.SIGTERM, getattr(signal, "SIGHUP", None))):
         # nohup has SIGHUP ignored, and that is to stay
         if signal.getsignal(number) is not signal.SIG_IGN:
             signal.signal(number, _terminate)
     debug = "--debug" in sys.argv[1:2]
+    if instruction := os.environ.get(COMPLETE):
+        from click.shell_completion import shell_complete
+
+        sys.exit(shell_complete(cli, {}, PROGRAM, COMPLETE, instruction))
+    status = 0
     try:
-        status = cli.main(prog_name="cadtof", standalone_mode=False) or 0
+        # as `cli.main` does, but for the exit status that it makes of a reader who has gone away; help ends by Exit
+        with contextlib.suppress(click.exceptions.Exit), cli.make_context(PROGRAM, sys.argv[1:]) as context:
+            status = cli.invoke(context) or 0
         sys.stdout.flush()
         sys.exit(status)
     except (click.Abort, KeyboardInterrupt):
-        tell("interrupted", err=True)
+        tell("\ninterrupted", err=True)
         sys.exit(INTERRUPTED)
-    except (BrokenPipeError, ReaderGoneError):
+    except BrokenPipeError:
         # as a program ends that knows nothing of pipes
         _forget_stdout()
         sys.exit(BROKEN_PIPE)

@@ -4,12 +4,13 @@ Commands read their options' defaults from here, so nothing heavy is imported be
 """
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from cadtof_cli.capture.metadata import CaptureMetadata
 from cadtof_cli.errors import SettingsError
+from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.settings import ResolverSettings
 
 if TYPE_CHECKING:
@@ -88,7 +89,7 @@ class FramePlan:
     def __post_init__(self) -> None:
         modulation, resolver = self.metadata.modulation, self.settings.resolver
         if self.settings.depth == "z":
-            from cadtof_cli.optics.pinhole import known_focal_length
+            from cadtof_cli.optics.lens import known_focal_length
 
             known_focal_length(self.metadata.optics)
         resolver.check_harmonics(modulation.harmonics)
@@ -103,17 +104,13 @@ class FramePlan:
         return replace(self.settings.resolver, min_confidence=least)
 
     @property
-    def is_searched(self) -> bool:
-        """Whether paths are searched for, rather than written down in closed form."""
-        return not self.settings.resolver.in_closed_form(self.metadata.modulation.harmonics)
-
-    @property
     def layers(self) -> "tuple[Layer, ...]":
         """The layers that the maps get, besides the status."""
         from cadtof_cli.maps.layers import wanted_layers
 
-        averaged = self.settings.pool > 1 or self.settings.average > 1
-        return wanted_layers(paths=self.settings.resolver.paths, searched=self.is_searched, averaged=averaged)
+        resolver, averaged = self.settings.resolver, self.settings.pool > 1 or self.settings.average > 1
+        searched = not resolver.in_closed_form(self.metadata.modulation.harmonics)
+        return wanted_layers(paths=resolver.paths, searched=searched, averaged=averaged)
 
     def expected_seconds(self, pixels: int, /) -> float:
         """Return about how long a core takes for a frame of so many pixels."""

@@ -15,6 +15,7 @@ from cadtof_cli.phasors.chi_squared import chi_squared_threshold
 from cadtof_cli.phasors.noise import NoiseModel
 from cadtof_cli.pipeline import FramePixels, FrameStages, frame_stages
 from cadtof_cli.resolver.diffuse.records import DiffuseModel
+from cadtof_cli.resolver.diffuse.through_pixels import freed_pixels
 from cadtof_cli.resolver.order import Solver, told_apart, worth_another
 from cadtof_cli.resolver.paths import Fit, Paths, ResolvedPaths
 from cadtof_cli.resolver.resolve import resolve_paths
@@ -97,10 +98,13 @@ def pixel_evidence(
         response=correction.response.block(here) if correction.response else None,
         tail=tail.block(here) if tail else None,
     )
-    fits = {count: _fit(phasors, count, pixel, here, plan, stages) for count in (1, 2)}
+    free, through = (phasors, None) if tail is None or correction.response else freed_pixels(phasors, tail.block(here))
+    fits = {count: _fit(free, count, pixel, here, plan, stages) for count in (1, 2)}
     one, two = fits[1], fits[2]
     answered_by_tail = bool(resolved.status[0] & StatusBit.DIFFUSE_MPI)
     extra = tail.separate_variance if tail and not answered_by_tail else 0.0
+    if through is not None:
+        extra = float(through.variance(extra)[0])
     numbers = {
         count: [_numbers(fit, row, resolved, stages, here, pixel, extra) for row in range(count)]
         for count, fit in fits.items()
@@ -115,7 +119,9 @@ def pixel_evidence(
         None if two is None else (numbers[2][0], numbers[2][1]),
         _order_test(one, two, plan, pixel.noise, stages.depth.metres(here)) if asked and one and two else None,
         resolved,
-        None if tail is None else _is_separate(tail, index, pixels.size),
+        None
+        if tail is None
+        else _is_separate(tail, index, pixels.size) or (through is not None and bool(through.where[0])),
     )
 
 

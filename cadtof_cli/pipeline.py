@@ -7,29 +7,30 @@ pixel alone, block by block. A frame split over processes is prepared once, and 
 import itertools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import lru_cache
 from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
-from cadtof_cli.arrays import Complex, Status, Stored, sealed
+from cadtof_cli.arrays import Complex, Index, Status, Stored, sealed
 from cadtof_cli.calibration.apply import FrameCorrection, frame_correction
 from cadtof_cli.errors import FrameError
 from cadtof_cli.files.maps import DepthMaps
 from cadtof_cli.frame_plan import FramePlan
-from cadtof_cli.maps.depth import DepthScale, empty_maps, write_block
-from cadtof_cli.maps.impossible import clear_impossible, clear_pixels, most_volts
-from cadtof_cli.maps.layers import ALWAYS
+from cadtof_cli.maps.depth import DepthScale, clear_impossible, clear_pixels, empty_maps, most_volts, write_block
+from cadtof_cli.maps.layers import ALWAYS, Layer
 from cadtof_cli.optics.lamp import LampBeside
-from cadtof_cli.optics.pinhole import planar_per_range
+from cadtof_cli.optics.lens import planar_per_range
 from cadtof_cli.phasors.frame_mean import FrameMean
 from cadtof_cli.phasors.noise import NoiseModel, estimated_integration_length, noise_model
 from cadtof_cli.phasors.plausible import is_without_noise
 from cadtof_cli.phasors.voltages import phasors_from_stored, saturated_pixels
 from cadtof_cli.predicted_mpi import predicted_mpi
+from cadtof_cli.records import dataclass
+from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.resolver.status import StatusBit, has_answer
-from cadtof_cli.resolver.two_path.kernel import NUMPY, KernelFrame, chosen_kernel, fill_maps
+from cadtof_cli.resolver.two_path.kernel import NUMPY, KernelScales, chosen_kernel, fill_maps
 from cadtof_cli.units import metres_per_radian
 
 if TYPE_CHECKING:
@@ -45,6 +46,12 @@ SEARCHED_BLOCK_PIXELS = 32768
 
 MOST_INTEGRATION = 1e12
 """Integration length of a frame without any noise: that of float32 rounding, so that every threshold stays finite."""
+
+
+Where = slice | Index
+"""Some of a frame's pixels: neighbours, or any."""
+
+EVERY = slice(None)
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,14 +92,20 @@ class FramePixels:
 
         return self.mpi if isinstance(self.mpi, DiffuseModel) else None
 
+    def places(self, chosen: Where, /) -> Where:
+        """Return where in the frame some of the pixels stand, as flat indices."""
+        if isinstance(chosen, slice):
+            start, stop, _ = chosen.indices(self.count)
+            return slice(self.first + start, self.first + stop)
+        return self.first + chosen
+
     def __getitem__(self, pixels: slice, /) -> "FramePixels":
-        pooled = None if self.pooled is None else self.pooled[:, pixels]
         return replace(
             self,
             stored=self.stored[:, :, pixels],
             first=self.first + pixels.indices(self.count)[0],
             noise=self.noise[pixels],
-            pooled=pooled,
+            pooled=None if self.pooled is None else self.pooled[:, pixels],
         )
 
     def parts(self, count: int, /) -> tuple["FramePixels", ...]:
@@ -113,28 +126,35 @@ class ResolvedFrame:
 
 @dataclass(frozen=True, eq=False)
 class FrameStages:
-    """What every block of frames of one plan, type and size shares."""
+    """What every block of frames of one plan, type and size shares; `noise` None: it is to be estimated from each frame."""
 
     saturated_counts: tuple[float, float] | None
     correction: FrameCorrection
     depth: DepthScale
+    resolver: ResolverSettings
+    room: str
+    layers: tuple[Layer, ...]
+    noise: NoiseModel | None
 
-    def phasors(self, pixels: FramePixels) -> Complex:
-        """Return the phasors of pixels, (H, n): pooled, or from what was stored."""
-        block = slice(pixels.first, pixels.first + pixels.count)
+    def phasors(self, pixels: FramePixels, chosen: Where = EVERY) -> Complex:
+        """Return the phasors of pixels or some of them, (H, n): pooled, or from what was stored."""
         if pixels.pooled is not None:
-            return pixels.pooled
-        return phasors_from_stored(pixels.stored, self.correction.phasor_map[block])
+            return _some(pixels.pooled, chosen)
+        return phasors_from_stored(_some(pixels.stored, chosen), self.correction.phasor_map[pixels.places(chosen)])
 
-    def status(self, pixels: FramePixels) -> Status:
-        """Return the bits of pixels that get no answer whatever their phasors: saturated or hot, (n,)."""
-        saturated = saturated_pixels(pixels.stored, self.saturated_counts)
-        hot = self.hot(slice(pixels.first, pixels.first + pixels.count))
-        return np.asarray(saturated * np.uint32(StatusBit.SATURATED) | hot)
+    def status(self, pixels: FramePixels, chosen: Where = EVERY, *, saturated: bool = True) -> Status:
+        """Return the bits of pixels or some of them that get no answer whatever they hold, (n,): hot; saturated if asked for."""
+        hot = self.correction.hot
+        bits = np.uint32(0) if hot is None else hot[pixels.places(chosen)] * np.uint32(StatusBit.HOT_PIXEL)
+        if saturated:
+            beyond = saturated_pixels(_some(pixels.stored, chosen), self.saturated_counts)
+            bits = bits | beyond * np.uint32(StatusBit.SATURATED)
+        return np.asarray(bits, np.uint32)
 
-    def hot(self, block: slice) -> Status | int:
-        """Return the bits of hot pixels, (n,), or 0 where there are none."""
-        return 0 if self.correction.hot is None else self.correction.hot[block] * np.uint32(StatusBit.HOT_PIXEL)
+
+def _some(planes: Stored, chosen: Where) -> Stored:
+    """Return some pixels of planes, (…, n), each plane's as neighbours."""
+    return planes[..., chosen] if isinstance(chosen, slice) else planes.take(chosen, axis=-1)
 
 
 @lru_cache(maxsize=4)
@@ -153,7 +173,12 @@ def frame_stages(
         correction.range_offset_m if plan.calibration and plan.calibration.curved else None,
         LampBeside.of(metadata.optics, size),
     )
-    return sealed(FrameStages(metadata.voltage.saturated_counts, correction, depth))
+    resolver, n_av, noise = plan.resolver, metadata.pixel.integration_length, None
+    room = resolver.room(metadata.modulation.harmonics, sine=correction.response is None)
+    if n_av is not None:
+        noise = noise_model(metadata, integration_length=n_av, quantised=dtype.kind in "iu")
+    saturated = metadata.voltage.saturated_counts
+    return sealed(FrameStages(saturated, correction, depth, resolver, room, plan.layers, noise))
 
 
 def resolve_frame(
@@ -167,7 +192,7 @@ def resolve_frame(
     """Return the maps of one frame of stored values, (H, 2, Y, X), or of the mean of several.
 
     Args:
-        frame: the frame.
+        frame: stored values, or their mean.
         plan: what to do with it.
         calibration: the one that the plan names.
         kernel: what resolves two paths of a sine, of `available_kernels`, all of which give the same bits; None: the chosen.
@@ -176,12 +201,17 @@ def resolve_frame(
         FrameError: the noise must be estimated from the frame, and too few of its pixels are finite.
         SettingsError: the plan does not fit the frame's type, or lacks the optics that it needs.
     """
-    pixels = prepare_frame(frame, plan=plan, calibration=calibration)
+    pixels = prepare_frame(frame, plan=plan, calibration=calibration, kernel=kernel)
     return joined_parts(pixels, [resolve_pixels(pixels, plan=plan, calibration=calibration, kernel=kernel)])
 
 
 def prepare_frame(
-    frame: Stored | FrameMean, /, *, plan: FramePlan, calibration: "Calibration | None" = None
+    frame: Stored | FrameMean,
+    /,
+    *,
+    plan: FramePlan,
+    calibration: "Calibration | None" = None,
+    kernel: str | None = None,
 ) -> FramePixels:
     """Do all that couples the pixels of a frame: estimate its noise where it is unknown, pool neighbours, predict its MPI."""
     recorded, samples = (frame.stored, frame.samples) if isinstance(frame, FrameMean) else (frame, None)
@@ -189,17 +219,15 @@ def prepare_frame(
     stages = frame_stages(plan, calibration, frame.dtype, (height, width))
     stored = recorded.reshape(*recorded.shape[:2], -1)
     samples = None if samples is None else samples.ravel()
-    n_av, unknown = plan.metadata.pixel.integration_length, NoiseModel((), math.nan, estimated=True, samples=samples)
+    unknown = NoiseModel((), math.nan, estimated=True, samples=samples)
     pixels = FramePixels(stored, frame.dtype, (height, width), 0, unknown)
-    if n_av is not None:
-        noise = noise_model(plan.metadata, integration_length=n_av, quantised=frame.dtype.kind in "iu")
-    else:
-        noise = _estimated_noise(pixels, plan, stages)
-    pixels = replace(pixels, noise=replace(noise, samples=samples), without_noise=is_without_noise(stored, noise))
+    noise = stages.noise or _estimated_noise(pixels, plan, stages)
+    noise = noise if samples is None else replace(noise, samples=samples)
+    pixels = replace(pixels, noise=noise, without_noise=is_without_noise(stored, noise))
     if plan.settings.pool > 1:
         pixels = _pooled(pixels, stages, window=plan.settings.pool)
-    if plan.resolver.may_be_diffuse(pixels.noise.harmonics):
-        pixels = replace(pixels, mpi=predicted_mpi(pixels, plan, stages))
+    if stages.resolver.may_be_diffuse(pixels.noise.harmonics):
+        pixels = replace(pixels, mpi=predicted_mpi(pixels, plan, stages, kernel or chosen_kernel()))
     return pixels
 
 
@@ -212,72 +240,75 @@ def resolve_pixels(
     part changes a bit of the answer.
     """
     stages = frame_stages(plan, calibration, pixels.dtype, pixels.size)
-    maps = empty_maps(1, pixels.count, layers=plan.layers)
-    kernel = kernel or chosen_kernel()
-    if (
-        kernel != NUMPY
-        and pixels.tail is None
-        and plan.settings.resolver.in_kernel(pixels.noise.harmonics, sine=stages.correction.response is None)
-    ):
+    maps, kernel = empty_maps(1, pixels.count, layers=stages.layers), kernel or chosen_kernel()
+    in_kernel = stages.room == "two_path" and stages.resolver.paths <= 2
+    if kernel != NUMPY and in_kernel and (pixels.tail is None or pixels.tail.through is None):
         _fill_by_kernel(maps, pixels, plan, stages, kernel)
     else:
-        _fill_by_blocks(maps, pixels, plan, stages, calibrated=calibration is not None)
+        _fill_by_blocks(maps, pixels, plan, stages, kernel, calibrated=calibration is not None)
         clear_impossible(maps, noise=pixels.noise, amplitude_v=plan.metadata.modulation.amplitude_v)
-    stages.depth.measure_from_camera(maps, pixels.first)
+    if stages.depth.lamp is not None:
+        stages.depth.measure_from_camera(maps, pixels.first)
     if pixels.without_noise:
         clear_pixels(maps, has_answer(maps.status.reshape(-1)))
     return maps
 
 
 def _fill_by_blocks(
-    maps: DepthMaps, pixels: FramePixels, plan: FramePlan, stages: FrameStages, *, calibrated: bool
+    maps: DepthMaps, pixels: FramePixels, plan: FramePlan, stages: FrameStages, kernel: str, *, calibrated: bool
 ) -> None:
-    """Fill the maps of prepared pixels block by block, in numpy."""
+    """Fill the maps of prepared pixels block by block, in numpy but for what `kernel` has of them."""
     from cadtof_cli.resolver.resolve import resolve_paths
 
     response, tail = stages.correction.response, pixels.tail
-    step = plan.block_pixels or (SEARCHED_BLOCK_PIXELS if plan.is_searched or response else BLOCK_PIXELS)
+    step = plan.block_pixels or (BLOCK_PIXELS if stages.room == "two_path" else SEARCHED_BLOCK_PIXELS)
     for start in range(0, pixels.count, step):
         here = slice(start, min(start + step, pixels.count))
-        block = pixels[here]
-        there = slice(block.first, block.first + block.count)
+        block, there = pixels[here], slice(pixels.first + here.start, pixels.first + here.stop)
         resolved = resolve_paths(
             stages.phasors(block),
             status=stages.status(block),
-            settings=plan.resolver,
+            settings=stages.resolver,
             noise=block.noise,
-            response=response.block(there) if response else None,
+            response=response.block(there, kernel=kernel) if response else None,
             first=block.first,
             tail=tail.block(there) if tail else None,
+            kernel=kernel,
         )
         if calibrated:
             np.bitwise_or(resolved.status, np.uint32(StatusBit.CALIBRATED), out=resolved.status)
         source = stages.depth.source(resolved, there, samples=block.noise.samples)
-        write_block(maps, here, source, layers=plan.layers)
+        write_block(maps, here, source, layers=stages.layers)
 
 
 def _fill_by_kernel(maps: DepthMaps, pixels: FramePixels, plan: FramePlan, stages: FrameStages, kernel: str) -> None:
     """Fill the maps of prepared pixels from their stored values in one go: what the blocks of `resolve_pixels` do in numpy."""
     block, recorded = slice(pixels.first, pixels.first + pixels.count), pixels.pooled is None
     status, samples = maps.status.reshape(-1), pixels.noise.samples
-    status[:] = stages.hot(block) if recorded else stages.status(pixels)
+    status[:] = stages.status(pixels, saturated=not recorded)  # what was recorded, the kernel looks at itself
     if plan.calibration is not None:
         status |= np.uint32(StatusBit.CALIBRATED)
     if samples is not None:
         status |= (samples > 1.0) * np.uint32(StatusBit.POOLED)
     most, more = most_volts(pixels.noise, plan.metadata.modulation.amplitude_v)
-    frame = KernelFrame(
-        stored=pixels.stored if pixels.pooled is None else pixels.pooled,
+    tail = None
+    if pixels.tail is not None:
+        from cadtof_cli.resolver.diffuse.compiled import tail_buffers
+
+        tail = tail_buffers(pixels.tail.block(block))
+    scales = KernelScales(
         phasor_map=stages.correction.phasor_map[block] if recorded else None,
         saturated_counts=stages.saturated_counts,
         metres=stages.depth.metres(block),
         volts=stages.depth.amplitude_v,
         phase_offset_rad=stages.depth.phase_offset_rad(block),
+        tail=tail,
         most_volts=most,
         noise_volts=more,
     )
     layers, *others = np.split(maps.values.reshape(len(maps.names), -1), [len(ALWAYS)])
-    fill_maps(frame, layers=layers, status=status, settings=plan.resolver, noise=pixels.noise, kernel=kernel)
+    stored = pixels.stored if pixels.pooled is None else pixels.pooled
+    fill_maps(stored, scales, layers=layers, status=status, settings=stages.resolver, noise=pixels.noise, kernel=kernel)
     for averaged in others:
         averaged[:] = 1.0 if samples is None else samples
 

@@ -1,8 +1,10 @@
-"""The compiled two-path kernel beside its numpy reference, in one process, in turns: ms per frame, and bits that differ."""
+"""The compiled kernel beside its numpy reference, in one process, in turns: ms per frame, and bits that differ."""
 
 import argparse
 import os
-from collections.abc import Iterator
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
 
@@ -14,14 +16,20 @@ from cadtof_cli.capture.discovery import find_captures
 from cadtof_cli.capture.frames import open_frames
 from cadtof_cli.execution.workers import keep_freed_memory
 from cadtof_cli.frame_plan import FramePlan, MapSettings
-from cadtof_cli.pipeline import resolve_frame
-from cadtof_cli.resolver.settings import ResolverSettings
+from cadtof_cli.pipeline import prepare_frame, resolve_frame, resolve_pixels
+from cadtof_cli.resolver.settings import MpiModel, ResolverSettings
 from cadtof_cli.resolver.two_path.kernel import NUMPY, available_kernels
 
 SAMPLES = Path(__file__).resolve().parent.parent / "sample_data"
 
 ASKED = {("corner", "avx2"): 5.0, ("corner", "avx512"): 6.0, ("wall", "avx2"): 6.0, ("wall", "avx512"): 8.0}
 """How many times faster than numpy: two paths in most pixels, and one path everywhere."""
+
+ROOMS = ("corner", "room")
+"""Samples whose MPI is diffuse."""
+
+MOST_MS = 25.0
+"""Milliseconds that a frame with diffuse MPI may take in numpy."""
 
 
 def main() -> None:
@@ -31,7 +39,7 @@ def main() -> None:
     arguments = parser.parse_args()
     keep_freed_memory()
     print("| what | asked | measured |\n|---|---|---|")
-    for row in kernel_rows(arguments.repeats):
+    for row in (*kernel_rows(arguments.repeats), *diffuse_rows(arguments.repeats)):
         print(row.as_markdown(), flush=True)
 
 
@@ -52,11 +60,60 @@ def kernel_rows(repeats: int) -> Iterator[Row]:
             )
 
 
-def recorded(folder: Path) -> tuple[Stored, FramePlan]:
+def diffuse_rows(repeats: int) -> Iterator[Row]:
+    """Measure frames whose MPI is diffuse: all of a frame, and what of it goes pixel by pixel, by every kernel and numpy."""
+    for name in ROOMS:
+        stored, plan = recorded(SAMPLES / name, mpi_model="auto")
+        prepared, kernels = prepare_frame(stored, plan=plan), available_kernels()
+        works: dict[str, Callable[[], object]] = {
+            f"pixels {kernel}": partial(resolve_pixels, prepared, plan=plan, kernel=kernel) for kernel in kernels
+        }
+        works |= {f"frame {kernel}": partial(resolve_frame, stored, plan=plan, kernel=kernel) for kernel in kernels}
+        times = least_seconds(works, repeats)
+        for kernel in (one for one in kernels if one != NUMPY):
+            ours, numpys = times[f"pixels {kernel}"], times[f"pixels {NUMPY}"]
+            other = differing(stored, plan, kernel)
+            yield Row(
+                f"compiled kernel over numpy, pixels through the tail of diffuse MPI, {name}, {kernel}",
+                None,
+                f"{numpys / ours:.1f} ({ours * 1e3:.2f} and {numpys * 1e3:.2f} ms), {other} words differ",
+                (numpys / ours, ours, numpys, other),
+            )
+        yield Row(
+            f"a frame with diffuse MPI, {name}, voltages to maps, ms: {NUMPY} / {kernels[0]}",
+            f"≤ {MOST_MS:g} / -",
+            " / ".join(f"{times[f'frame {kernel}'] * 1e3:.1f}" for kernel in (NUMPY, kernels[0])),
+            tuple(times[f"frame {kernel}"] for kernel in (NUMPY, kernels[0])),
+        )
+
+
+def triangle_rows(place: Path, repeats: int) -> Iterator[Row]:
+    """Measure a frame of triangle waves, most of whose pixels have two paths, by every kernel and numpy."""
+    folder = place / "triangle"
+    program = Path(sys.executable).with_name("cadtof")
+    command = [str(program), "simulate", "--scene", "corner", "--waveform", "triangle", "-o", str(folder)]
+    subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
+    yield from _frame_rows("triangle waves, corner", *recorded(folder), repeats)
+
+
+def _frame_rows(what: str, stored: Stored, plan: FramePlan, repeats: int) -> Iterator[Row]:
+    works = {kernel: partial(resolve_frame, stored, plan=plan, kernel=kernel) for kernel in available_kernels()}
+    times = least_seconds(works, repeats)
+    for kernel in (name for name in works if name != NUMPY):
+        other, faster = differing(stored, plan, kernel), times[NUMPY] / times[kernel]
+        yield Row(
+            f"compiled kernel over numpy, {what}, {kernel}",
+            None,
+            f"{faster:.1f} ({times[kernel] * 1e3:.1f} and {times[NUMPY] * 1e3:.1f} ms), {other} words differ",
+            (faster, times[kernel], times[NUMPY], other),
+        )
+
+
+def recorded(folder: Path, mpi_model: MpiModel = "discrete") -> tuple[Stored, FramePlan]:
     """Return the first frame of a capture, and what to do with it."""
     capture = find_captures([folder], overrides={})[0]
     with open_frames(capture.frames[0], capture.layout) as frames:
-        settings = MapSettings(resolver=ResolverSettings(mpi_model="discrete"))
+        settings = MapSettings(resolver=ResolverSettings(mpi_model=mpi_model))
         return frames.read(0), FramePlan(metadata=capture.source.metadata, settings=settings)
 
 

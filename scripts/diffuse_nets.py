@@ -1,12 +1,14 @@
-"""What a net inside a room does to the prediction: rendered rooms behind a strong first surface.
+"""What a net in a room does to the prediction, and the prediction to a net.
 
-`python scripts/diffuse_nets.py ROOM...` hangs a net over the middle of each capture of `scripts/render_rooms.py` (60 % of the
-light of its pixels, as far before the wall as each row says) and prints the median error in its pixels, cm.
+`python scripts/diffuse_nets.py ROOM... --without FOLDER` takes captures of `scripts/render_rooms.py --net-fill S`, and the same
+rooms without a net in FOLDER, which tell where the net is; `python scripts/diffuse_nets.py ROOM...` hangs a net of its own
+before the middle of captures without one (60 % of the light of its pixels, as far before the wall as each row says, without MPI
+of its own). Median errors in cm.
 """
 
 import argparse
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -15,43 +17,91 @@ from numpy.typing import NDArray
 
 from cadtof_cli.capture.discovery import Capture, find_captures
 from cadtof_cli.capture.frames import open_frames, single_frames
-from cadtof_cli.capture.metadata import Voltage
+from cadtof_cli.capture.metadata import CaptureMetadata, Voltage
 from cadtof_cli.files.maps import read_layers
 from cadtof_cli.frame_plan import FramePlan, MapSettings
-from cadtof_cli.maps.layers import DIRECT_DEPTH
+from cadtof_cli.maps.layers import DIRECT_DEPTH, DIRECT_SIGMA
 from cadtof_cli.phasors.response import pulse_response
 from cadtof_cli.pipeline import resolve_frame
 from cadtof_cli.resolver.settings import MpiModel, ResolverSettings
 from cadtof_cli.units import C_M_PER_NS, metres_per_radian
 
+B = NDArray[np.bool_]
+
 DELAYS_NS = (4.0, 6.0, 9.0, 12.0, 14.0)
 
 SHARE = 0.6
-"""Of the light of a pixel that the net sends back."""
+"""Of the light of a pixel that a net of our own sends back."""
 
 NEAREST_M = 0.4
+
+HIDDEN_M = 0.05
+"""How much nearer a pixel must be than without a net to be one of it."""
+
+HEADS = "net: two paths | as taken; share within 1, 2 sigma | elsewhere: two paths | as taken | patches found"
+
+
+@dataclass(frozen=True)
+class Row:
+    """Errors of a frame in cm, in the pixels of a net and elsewhere, of two paths and as taken."""
+
+    net: tuple[float, float]
+    elsewhere: tuple[float, float]
+    within: tuple[float, float]
+    found: int
+
+    def line(self) -> str:
+        """The cells of a table."""
+        (two, taken), (two_else, taken_else), (one, more) = self.net, self.elsewhere, self.within
+        errors = f"{two:.1f} | {taken:.1f}; {one:.2f}, {more:.2f} | {two_else:.1f} | {taken_else:.1f}"
+        return f"{errors} | {self.found}"
 
 
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("captures", type=Path, nargs="+", help="folders of captures with truth.exr")
-    captures = find_captures(parser.parse_args().captures)
-    print(
-        "| net before the wall, ns | two paths, cm | as taken by default, cm | frames taken as tails |\n|---|---|---|---|"
-    )
+    parser.add_argument("--without", type=Path, help="folder of the same captures without a net")
+    chosen = parser.parse_args()
+    captures = find_captures(chosen.captures)
+    if chosen.without:
+        print(f"| room | net before what is behind, ns | {HEADS} |\n|---|---|---|---|---|---|---|")
+        rows = [rendered(capture, chosen.without / capture.root.name) for capture in captures]
+        together(rows)
+        return
+    print(f"| net before the wall, ns | {HEADS} |\n|---|---|---|---|---|---|")
     for delay_ns in DELAYS_NS:
-        rows = [row for capture in captures if (row := errors(capture, delay_ns)) is not None]
-        (two, taken, _), tails = np.median(rows, axis=0), sum(row[2] for row in rows)
-        print(f"| {delay_ns:g} | {two:.1f} | {taken:.1f} | {tails:.0f} of {len(rows)} |", flush=True)
+        hung = [row for capture in captures if (row := with_net(capture, delay_ns)) is not None]
+        print(f"| {delay_ns:g} | {_median(hung).line()} |", flush=True)
 
 
-def errors(capture: Capture, delay_ns: float) -> tuple[float, float, float] | None:
-    """Return median errors in the pixels of the net, cm, of two paths and as taken, and whether that is a tail."""
-    truth = read_layers(capture.root / "truth.exr")[DIRECT_DEPTH].astype(np.float64)
-    source = next(iter(single_frames(capture)))
-    with open_frames(source, capture.layout) as frames:
-        stored = frames.read(source.index or 0)
+def rendered(capture: Capture, without: Path) -> Row:
+    """Print and return the row of a room that was rendered with a net."""
+    net_m, behind_m = (_truth(folder) for folder in (capture.root, without))
+    covered = net_m < behind_m - HIDDEN_M
+    row = _row(_volts(capture), replace(capture.source.metadata, voltage=Voltage()), net_m, covered)
+    delay_ns = 2 / C_M_PER_NS * float(np.nanmedian((behind_m - net_m)[covered]))
+    print(f"| {capture.root.name} | {delay_ns:.1f} | {row.line()} |", flush=True)
+    return row
+
+
+def together(rows: Sequence[Row]) -> None:
+    """Print what all rooms say together."""
+    two, taken = (np.array([row.net[i] for row in rows]) for i in (0, 1))
+    rest = np.array([row.elsewhere[1] for row in rows])
+    found = sum(row.found > 0 for row in rows)
+    means = (float(np.exp(np.mean(np.log(errors)))) for errors in (two, taken, rest))
+    print(
+        "\n{} rooms, a net found in {}: geometric means of the medians: net, two paths {:.2f} cm, as taken {:.2f} cm; "
+        "elsewhere {:.2f} cm; nets taken better than by two paths: {}".format(
+            len(rows), found, *means, int((taken < two).sum())
+        )
+    )
+
+
+def with_net(capture: Capture, delay_ns: float) -> Row | None:
+    """Return the errors where a net of our own hangs before a room; None where there is no place for it."""
+    truth = _truth(capture.root)
     net_m = truth - 0.5 * C_M_PER_NS * delay_ns
     covered = np.zeros(truth.shape, np.bool_)
     height, width = truth.shape
@@ -59,21 +109,13 @@ def errors(capture: Capture, delay_ns: float) -> tuple[float, float, float] | No
     covered &= net_m > NEAREST_M
     if not covered.any():
         return None
-    volts, metadata = behind_net(stored, capture, net_m, covered), replace(capture.source.metadata, voltage=Voltage())
-    found = []
-    models: Sequence[MpiModel] = ("discrete", "auto")
-    for model in models:
-        settings = MapSettings(resolver=ResolverSettings(mpi_model=model))
-        frame = resolve_frame(volts, plan=FramePlan(metadata=metadata, settings=settings))
-        found.append(100 * float(np.nanmedian(np.abs(frame.maps.layer(DIRECT_DEPTH) - net_m)[covered])))
-    return found[0], found[1], float(frame.mpi is not None and frame.mpi.taken == "diffuse")
+    metadata = replace(capture.source.metadata, voltage=Voltage())
+    volts = behind_net(_volts(capture), metadata, net_m, covered)
+    return _row(volts, metadata, np.where(covered, net_m, truth), covered)
 
 
-def behind_net(stored: NDArray[np.generic], capture: Capture, net_m: F, covered: NDArray[np.bool_]) -> F:
+def behind_net(volts: F, metadata: CaptureMetadata, net_m: F, covered: B) -> F:
     """Return the volts of a frame whose covered pixels get most of their light from a net."""
-    metadata = capture.source.metadata
-    voltage = metadata.voltage
-    volts = (stored.astype(np.float64) - (voltage.zero_counts or 0.0)) * (voltage.volts_per_count or 1.0)
     phasors = volts[:, 0] + 1j * volts[:, 1]
     fwhm_ns, period_ns = metadata.pulse.fwhm_ns, metadata.modulation.periods_ns[0]
     left = [pulse_response(h, fwhm_ns=fwhm_ns, period_ns=period_ns) for h in metadata.modulation.harmonics]
@@ -83,6 +125,49 @@ def behind_net(stored: NDArray[np.generic], capture: Capture, net_m: F, covered:
         net = SHARE * amplitude * share * np.exp(1j * h * phase)
         phasor[covered] = ((1.0 - SHARE) * phasor + net)[covered]
     return np.stack([phasors.real, phasors.imag], axis=1)
+
+
+def _row(volts: F, metadata: CaptureMetadata, range_m: F, covered: B) -> Row:
+    errors: list[F] = []
+    found = 0
+    models: Sequence[MpiModel] = ("discrete", "auto")
+    for model in models:
+        settings = MapSettings(resolver=ResolverSettings(mpi_model=model))
+        frame = resolve_frame(volts, plan=FramePlan(metadata=metadata, settings=settings))
+        errors.append(np.abs(frame.maps.layer(DIRECT_DEPTH) - range_m))
+        sigma = frame.maps.layer(DIRECT_SIGMA)
+        found = frame.mpi.through_patches if frame.mpi else 0
+    score = np.asarray(errors[1] / sigma, np.float64)[covered]
+    net, elsewhere = ([100 * float(np.nanmedian(error[where])) for error in errors] for where in (covered, ~covered))
+    return Row(
+        (net[0], net[1]),
+        (elsewhere[0], elsewhere[1]),
+        (float(np.mean(score < 1.0)), float(np.mean(score < 2.0))),
+        found,
+    )
+
+
+def _median(rows: Sequence[Row]) -> Row:
+    """Return the medians over rows."""
+    net, elsewhere, within = (
+        tuple(float(value) for value in np.median([getattr(row, name) for row in rows], axis=0))
+        for name in ("net", "elsewhere", "within")
+    )
+    found = int(np.median([row.found for row in rows]))
+    return Row((net[0], net[1]), (elsewhere[0], elsewhere[1]), (within[0], within[1]), found)
+
+
+def _truth(folder: Path) -> F:
+    return read_layers(folder / "truth.exr")[DIRECT_DEPTH].astype(np.float64)
+
+
+def _volts(capture: Capture) -> F:
+    """Return the first frame of a capture in V, (H, 2, Y, X)."""
+    source, voltage = next(iter(single_frames(capture))), capture.source.metadata.voltage
+    with open_frames(source, capture.layout) as frames:
+        stored = frames.read(source.index or 0)
+    volts: F = (stored.astype(np.float64) - (voltage.zero_counts or 0.0)) * (voltage.volts_per_count or 1.0)
+    return volts
 
 
 if __name__ == "__main__":

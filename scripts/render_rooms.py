@@ -36,6 +36,7 @@ def main() -> None:
     parser.add_argument("--light-paths", type=int, default=128, help="from every fourth pixel")
     parser.add_argument("--tracing-seed", type=int, default=0, help="of the light paths alone")
     parser.add_argument("--lamp-offset-m", default="0,0,0", help="from camera to lamp: right, down, forward")
+    parser.add_argument("--net-fill", type=float, help="share of light that a net in the middle of the view sends back")
     parser.add_argument("--width", type=int, default=320, help="columns; rows are three quarters of it")
     chosen = parser.parse_args()
     periods = tuple(float(period) for period in chosen.periods_ns.split(","))
@@ -50,6 +51,7 @@ def main() -> None:
                 asr=chosen.asr,
                 light_paths=chosen.light_paths,
                 tracing_seed=chosen.tracing_seed,
+                net_fill=chosen.net_fill,
             )
             _render(_exposure(scene, periods, chosen.integration_length, chosen.width), folders)
 

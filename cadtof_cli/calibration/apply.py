@@ -1,17 +1,16 @@
 """A calibration made ready for frames of one size and type: what the pipeline applies to every block."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from cadtof_cli.arrays import Bool, Float
 from cadtof_cli.capture.metadata import CaptureMetadata
-from cadtof_cli.optics.curvature import curvature_m
-from cadtof_cli.optics.pinhole import principal_point
+from cadtof_cli.optics.lens import curvature_m, principal_point
 from cadtof_cli.phasors.response import HarmonicResponse, ideal_response
 from cadtof_cli.phasors.voltages import PhasorMap, ideal_phasor_map, pixel_phasor_map
+from cadtof_cli.records import dataclass
 
 if TYPE_CHECKING:
     from cadtof_cli.calibration.store import Calibration

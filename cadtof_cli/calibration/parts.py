@@ -24,10 +24,6 @@ Maps = Mapping[str, NDArray[Any]]
 """(Y, X) maps by name, as an EXR file holds them: float32, or uint32."""
 
 
-def _now() -> str:
-    return datetime.now(UTC).isoformat(timespec="seconds")
-
-
 @dataclass(frozen=True, kw_only=True)
 class Origin:
     """What a part was made from.
@@ -49,7 +45,7 @@ class Origin:
     periods_ns: tuple[float, ...]
     waveform: Waveform
     used: Mapping[str, str] = field(default_factory=dict)
-    created: str = field(default_factory=_now)
+    created: str = field(default_factory=lambda: datetime.now(UTC).isoformat(timespec="seconds"))
     version: str = __version__
 
     def __post_init__(self) -> None:

@@ -19,7 +19,7 @@ from cadtof_cli.capture.metadata import CaptureMetadata
 from cadtof_cli.errors import FrameError, MetadataError, OutputError
 from cadtof_cli.files.atomic import make_folder, whole_file
 from cadtof_cli.files.maps import read_layers, write_layers
-from cadtof_cli.files.regular import is_folder, is_there
+from cadtof_cli.files.reading import is_folder, is_there
 from cadtof_cli.files.toml import read_toml, toml_from_tables
 
 DIGEST_LENGTH = 16

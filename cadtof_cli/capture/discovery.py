@@ -3,28 +3,25 @@
 What a file holds is judged when it is read, so that a bad one fails alone and 2,000 files are listed in milliseconds.
 """
 
+import functools
 import itertools
 import os
 import stat
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from cadtof_cli.capture.frame_sources import FilesAsFrames, FrameSource, grouped_planes, names_of, natural_key
+from cadtof_cli.capture.frame_sources import FilesAsFrames, FrameSource, grouped_planes, natural_key
 from cadtof_cli.capture.toml import FILE_NAME, MetadataSource, load_metadata
-from cadtof_cli.capture.tree import (
-    WRITTEN_BY_US,
-    absolute,
-    common_folder,
-    files_in,
-    folders_in,
-    mirrored,
-    nearest_settings,
-)
 from cadtof_cli.errors import CaptureError
-from cadtof_cli.files.formats import frame_suffixes
-from cadtof_cli.files.frames import FrameLayout
+from cadtof_cli.files.formats import FRAME_SUFFIXES, frame_suffixes
+from cadtof_cli.files.frames import FrameLayout, RawLayout
+from cadtof_cli.files.reading import is_folder, is_there
+from cadtof_cli.records import dataclass
+
+WRITTEN_BY_US = frozenset({"run.json", "dark.toml", "response.toml", "petzval.toml"})
+"""Files that make a folder one of maps, or a calibration: nothing in or below it is a recorded frame."""
 
 _TRUTH = "truth"
 _NAMES_IN_MESSAGE = 5
@@ -47,8 +44,11 @@ class Capture:
     @property
     def layout(self) -> FrameLayout:
         """How the files are laid out, as a reader needs it."""
-        metadata = self.source.metadata
-        return FrameLayout(metadata.modulation.harmonics, metadata.layout.frames, metadata.layout.raw)
+        layout = self.source.metadata.layout
+        raw = None
+        if layout.raw_dtype is not None and layout.raw_shape is not None:
+            raw = RawLayout(layout.raw_dtype, layout.raw_shape, layout.raw_offset_bytes or 0)
+        return FrameLayout(self.source.metadata.modulation.harmonics, layout.frames, raw)
 
 
 def find_captures(
@@ -75,57 +75,82 @@ def find_captures(
         CaptureError: an input does not exist, cannot be listed, or holds no frames, or two frames share a name.
         MetadataError: a `capture.toml` or an override is not allowed.
     """
-    search = _Search(overrides or {}, settings_file)
+    source_of = functools.cache(lambda folder: load_metadata(settings_file or nearest_settings(folder), overrides))
     captures: list[Capture] = []
-    placed = [(path, _is_folder(path)) for path in inputs]
-    for (root, is_folder), group in itertools.groupby(placed, key=search.root):
-        if not is_folder:
+    for (root, is_whole), group in itertools.groupby(inputs, key=lambda path: _root(path, source_of)):
+        if not is_whole:
             # a shell that expands cap/* hands over the metadata too
-            names = dict.fromkeys(path.absolute().relative_to(root.absolute()).as_posix() for path, _ in group)
-            source = search.source(root)
-            captures.append(_capture(root, source, [name for name in names if name != FILE_NAME], among=names))
+            names = dict.fromkeys(path.absolute().relative_to(root.absolute()).as_posix() for path in group)
+            source = source_of(root)
+            found = _capture(root, source, [name for name in names if name != FILE_NAME])
+            if found is None:
+                raise _no_frames(root, source, names)
+            captures.append(found)
         elif recursive:
-            below = list(_below(root, search))
+            below = list(_below(root, source_of))
             if not below:
                 raise CaptureError(f"{root}: no frames in it or in any folder below it: looked for {_looked_for(None)}")
             captures += below
         else:
-            captures.append(_in_folder(root, search))
+            captures.append(_in_folder(root, source_of))
     return tuple(captures)
 
 
-def placed_below(captures: Sequence[Capture], base: Path, /) -> tuple[Capture, ...]:
-    """Return the captures with their frames named as they lie below `base`: OUT gets the same tree."""
-    return tuple(replace(one, frames=mirrored(one.frames, one.root, base)) for one in captures)
+def placed_below(
+    captures: Sequence[Capture], inputs: Sequence[Path], /, *, base: Path | None = None
+) -> tuple[tuple[Capture, ...], Path]:
+    """Return the captures with their frames named as they lie below a folder whose tree OUT mirrors, and that folder.
+
+    A capture elsewhere is placed by the part of its path that it does not share with `base`; None: the deepest folder that all
+    inputs and captures lie in.
+    """
+    if base is None:
+        folders = [path if path.is_dir() else path.parent for path in inputs] + [one.root for one in captures]
+        base = Path(os.path.commonpath(map(absolute, folders)))
+    placed = []
+    for one in captures:
+        steps = [step for step in Path(os.path.relpath(absolute(one.root), base)).parts if step != os.pardir]
+        below, frames = "".join(f"{step}/" for step in steps), one.frames
+        if isinstance(frames, FilesAsFrames):
+            frames = replace(frames, below=below + frames.below)
+        else:
+            frames = tuple(replace(frame, name=below + frame.name) for frame in frames)
+        placed.append(replace(one, frames=frames))
+    return tuple(placed), base
 
 
-def base_of(inputs: Sequence[Path], captures: Sequence[Capture], /) -> Path:
-    """Return the folder whose tree OUT mirrors: the deepest that all inputs and captures lie in."""
-    folders = (path if path.is_dir() else path.parent for path in inputs)
-    return common_folder([*folders, *(capture.root for capture in captures)])
+def absolute(path: Path, /) -> Path:
+    """Return an absolute path without `..`; links are taken as they are named."""
+    return Path(os.path.normpath(path.absolute()))
 
 
-@dataclass(frozen=True)
-class _Search:
-    """Where metadata come from; each `capture.toml` is looked for once."""
+def nearest_settings(folder: Path, /) -> Path | None:
+    """Return the `capture.toml` that holds for a folder: its own, else that of the nearest folder above; None: there is none."""
+    own = folder / FILE_NAME
+    # what lies in a folder that cannot be looked into is not there for us; a link that leads nowhere is, and cannot be read
+    if is_there(own):
+        return own
+    above = (parent / FILE_NAME for parent in absolute(folder).parents)
+    return next((path for path in above if os.access(path, os.R_OK)), None)
 
-    overrides: Mapping[str, Any]
-    settings_file: Path | None
-    known: dict[Path, MetadataSource] = field(default_factory=dict)
 
-    def source(self, folder: Path) -> MetadataSource:
-        """Return the metadata of what lies in a folder."""
-        if folder not in self.known:
-            self.known[folder] = load_metadata(self.settings_file or nearest_settings(folder), self.overrides)
-        return self.known[folder]
+_SourceOf = Callable[[Path], MetadataSource]
+"""The metadata of what lies in a folder; each `capture.toml` is looked for once."""
 
-    def root(self, placed: tuple[Path, bool]) -> tuple[Path, bool]:
-        """Return the folder that an input is, or whose capture a file belongs to, and which of the two."""
-        path, is_folder = placed
-        if is_folder:
+
+def _root(path: Path, source_of: _SourceOf) -> tuple[Path, bool]:
+    """Return the folder that an input is, or whose capture a file belongs to, and which of the two."""
+    try:
+        if stat.S_ISDIR(path.stat().st_mode):
             return path, True
-        depth = _depth(self.source(path.parent))
-        return (path.parent if depth == 0 else absolute(path).parents[depth]), False
+    except (FileNotFoundError, NotADirectoryError) as error:
+        raise CaptureError(f"{path}: no such file or folder; expected a capture folder or a frame") from error
+    except OSError as error:
+        raise CaptureError(f"{path}: cannot be reached: {error.strerror}") from error
+    except ValueError as error:
+        raise CaptureError(f"{path}: no file can have this name ({error}); expected a path a line") from error
+    depth = _depth(source_of(path.parent))
+    return (path.parent if depth == 0 else absolute(path).parents[depth]), False
 
 
 def _depth(source: MetadataSource) -> int:
@@ -133,77 +158,106 @@ def _depth(source: MetadataSource) -> int:
     return (source.metadata.layout.pattern or "").count("/")
 
 
-def _in_folder(root: Path, search: _Search) -> Capture:
-    source = search.source(root)
-    there = files_in(root, depth=_depth(source))
+def _in_folder(root: Path, source_of: _SourceOf) -> Capture:
+    source = source_of(root)
+    there = _files_in(root, depth=_depth(source))
     names = _images(there, source)
     if not names:
-        below = [str(capture.root) for capture in _below(root, search)]
+        below = [str(capture.root) for capture in _below(root, source_of)]
         if below:
             raise CaptureError(f"{root}: no frames in this folder; captures below it: {_some(below)}; add --recursive")
-    return _capture(root, source, names, among=there)
+    found = _capture(root, source, names)
+    if found is None:
+        raise _no_frames(root, source, there)
+    return found
 
 
-def _below(folder: Path, search: _Search) -> Iterator[Capture]:
+def _below(folder: Path, source_of: _SourceOf) -> Iterator[Capture]:
     """Yield the captures that a folder and those below it are, in natural order."""
     waiting, seen = [folder], set[str]()
     while waiting:
         here = waiting.pop()
         real = os.path.realpath(here)
-        there = files_in(here, recursive=True)
+        there = _files_in(here, recursive=True)
         if real in seen or (not WRITTEN_BY_US.isdisjoint(there) and FILE_NAME not in there):
             continue
         seen.add(real)
-        depth = _depth(source := search.source(here))
-        names = there if depth == 0 else files_in(here, depth=depth, recursive=True)
+        depth = _depth(source := source_of(here))
+        names = there if depth == 0 else _files_in(here, depth=depth, recursive=True)
         images = _images(names, source)
-        if images and (depth == 0 or _frames(here, source, images)):
-            yield _capture(here, source, images, among=names)
+        found = _capture(here, source, images) if images else None
+        if found:
+            yield found
             if depth:
                 continue
-        waiting += reversed(folders_in(here))
+        elif images and not depth:
+            raise _no_frames(here, source, names)
+        below = (name for name, is_dir in _entries(here, 0) if is_dir and not name.startswith("."))
+        waiting += (here / name for name in sorted(below, key=natural_key, reverse=True))
 
 
-def _is_folder(path: Path) -> bool:
+def _files_in(folder: Path, *, depth: int = 0, recursive: bool = False) -> list[str]:
+    """Return the files that lie so many folders below a folder, by their path from there with slashes between.
+
+    A folder that is called like a frame is among them, so that the frame fails by its name; where folders are looked into, only
+    one that is empty.
+
+    Raises:
+        CaptureError: the folder cannot be listed.
+    """
+
+    def stands_for_a_frame(name: str) -> bool:
+        return name.lower().endswith(FRAME_SUFFIXES) and not (recursive and any(_entries(folder / name, 0)))
+
+    return [name for name, is_dir in _entries(folder, depth) if not is_dir or stands_for_a_frame(name)]
+
+
+def _entries(folder: Path, depth: int) -> Iterator[tuple[str, bool]]:
     try:
-        return stat.S_ISDIR(path.stat().st_mode)
-    except (FileNotFoundError, NotADirectoryError) as error:
-        raise CaptureError(f"{path}: no such file or folder; expected a capture folder or a frame") from error
+        with os.scandir(folder) as entries:
+            found = [
+                # of a link that leads in a circle, whoever reads it says so
+                (entry.name, entry.is_dir(follow_symlinks=False) or (entry.is_symlink() and is_folder(Path(entry))))
+                for entry in entries
+            ]
+    except PermissionError as error:
+        raise CaptureError(f"{folder}: no permission to list this folder; expected one that can be read") from error
     except OSError as error:
-        raise CaptureError(f"{path}: cannot be reached: {error.strerror}") from error
-    except ValueError as error:
-        raise CaptureError(f"{path}: no file can have this name ({error}); expected a path a line") from error
+        raise CaptureError(f"{folder}: cannot be listed: {error.strerror}") from error
+    if depth == 0:
+        yield from found
+        return
+    for name, is_dir in found:
+        if is_dir and not name.startswith("."):
+            yield from ((f"{name}/{below}", inner) for below, inner in _entries(folder / name, depth - 1))
 
 
 def _images(names: Iterable[str], source: MetadataSource) -> list[str]:
     """Return the names of files that may be frames of such a capture, in natural order."""
+    layout, images = source.metadata.layout, []
+    suffixes = frame_suffixes(planes=layout.pattern is not None, raw=layout.raw_dtype is not None)
+    for name in names:
+        # plain strings: a Path for each of 2,000 names takes longer than listing them
+        last = name.rpartition("/")[2].lower()
+        stem, dot, suffix = last.rpartition(".")
+        if dot + suffix in suffixes and not last.startswith(".") and stem != _TRUTH:
+            images.append(name)
+    return sorted(images, key=natural_key)
+
+
+def _capture(root: Path, source: MetadataSource, names: Sequence[str]) -> Capture | None:
+    """Return the capture whose files have these names; None where they make up no frame."""
     layout = source.metadata.layout
-    suffixes = frame_suffixes(planes=layout.pattern is not None, raw=layout.raw is not None)
-    return sorted((name for name in names if _is_image(name, suffixes)), key=natural_key)
-
-
-def _is_image(name: str, suffixes: Sequence[str]) -> bool:
-    # plain strings: a Path for each of 2,000 names takes longer than listing them
-    last = name.rpartition("/")[2].lower()
-    stem, dot, suffix = last.rpartition(".")
-    return dot + suffix in suffixes and not last.startswith(".") and stem != _TRUTH
-
-
-def _capture(root: Path, source: MetadataSource, names: Sequence[str], *, among: Iterable[str]) -> Capture:
-    """Return the capture whose files have these names, or say why there is none."""
-    frames = _frames(root, source, names)
-    if not frames:
-        looked_for = _looked_for(source.metadata.layout.pattern)
-        raise CaptureError(f"{root}: no frames: looked for {looked_for}, found {_some(among)}")
+    frames: Sequence[FrameSource] = FilesAsFrames(root, names)
+    if layout.pattern is not None:
+        frames = grouped_planes(root, names, layout, source.metadata.modulation.harmonics)
     _require_different_names(root, frames)
-    return Capture(root, source, frames)
+    return Capture(root, source, frames) if frames else None
 
 
-def _frames(root: Path, source: MetadataSource, names: Sequence[str]) -> Sequence[FrameSource]:
-    layout = source.metadata.layout
-    if layout.pattern is None:
-        return FilesAsFrames(root, names)
-    return grouped_planes(root, names, layout, source.metadata.modulation.harmonics)
+def _no_frames(root: Path, source: MetadataSource, among: Iterable[str]) -> CaptureError:
+    looked_for = _looked_for(source.metadata.layout.pattern)
+    return CaptureError(f"{root}: no frames: looked for {looked_for}, found {_some(among)}")
 
 
 def _looked_for(pattern: str | None) -> str:
@@ -224,7 +278,7 @@ def _require_different_names(root: Path, frames: Sequence[FrameSource]) -> None:
     if isinstance(frames, FilesAsFrames) and len({file.rpartition(".")[2] for file in frames.files}) == 1:
         return
     known = set[str]()
-    for name in names_of(frames):
+    for name in (frame.name for frame in frames):
         if name in known:
             first, second, *_ = (frame.paths[0].name for frame in frames if frame.name == name)
             raise CaptureError(

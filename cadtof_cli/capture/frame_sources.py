@@ -1,15 +1,14 @@
 """Where recorded frames lie, and what file names say of it: natural order, and frame, harmonic and channel of planes."""
 
-import os
 import re
-from collections.abc import Collection, Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
+from collections.abc import Collection, Iterable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import overload
 
 from cadtof_cli.capture.metadata import InvalidValueError, Layout
 from cadtof_cli.files.frames import CHANNELS, harmonic_labels
+from cadtof_cli.records import dataclass
 
 _DIGITS = re.compile(r"(\d+)")
 _CHANNEL_NAMES = tuple(str(channel) for channel in range(1, CHANNELS + 1))
@@ -20,30 +19,22 @@ ONLY_FRAME = "frame"
 
 @dataclass(frozen=True, slots=True)
 class FrameSource:
-    """Where one frame lies; each frame of a run is known from its beginning, so this is small.
+    """Where one frame lies.
 
     Parameters:
         name: of what is written for the frame, without suffix; with slashes where that lies in folders.
-        files: one file, or 2·H files of one plane each in the order H1.SC1, H1.SC2, H2.SC1, …
+        paths: one file, or 2·H files of one plane each in the order H1.SC1, H1.SC2, H2.SC1, …
         index: position in a stack; None where the file is to hold this frame alone.
     """
 
     name: str
-    files: tuple[str | Path, ...]
+    paths: tuple[Path, ...]
     index: int | None = None
 
-    def __post_init__(self) -> None:
-        # a Path, with all that it remembers, takes ten times as much
-        object.__setattr__(self, "files", tuple(map(os.fspath, self.files)))
-
-    @property
-    def paths(self) -> tuple[Path, ...]:
-        """The files."""
-        return tuple(map(Path, self.files))
-
     def __str__(self) -> str:
-        place = str(self.files[0]) if len(self.files) == 1 else f"{self.paths[0].parent / Path(self.name).name}"
-        return place if self.index is None else f"{place}[{self.index}]"
+        first = self.paths[0]
+        place = first if len(self.paths) == 1 else first.parent / Path(self.name).name
+        return str(place) if self.index is None else f"{place}[{self.index}]"
 
     def expanded(self, count: int, *, taken: Collection[str] = ()) -> tuple["FrameSource", ...]:
         """Return a source for each of the `count` frames of the stack that the file turned out to be.
@@ -81,24 +72,7 @@ class FilesAsFrames(Sequence[FrameSource]):
         if isinstance(place, slice):
             return replace(self, files=self.files[place])
         file = self.files[place]
-        return FrameSource(self._name(file), (self._before + file,))
-
-    def names(self) -> Iterator[str]:
-        """Yield the names of the frames."""
-        return map(self._name, self.files)
-
-    def _name(self, file: str) -> str:
-        return self.below + (file.rpartition(".")[0] or file)
-
-    @cached_property
-    def _before(self) -> str:
-        """What stands before the name of a file: the folder, with a slash, as a Path has it."""
-        return str(self.folder / "x")[:-1]
-
-
-def names_of(frames: Sequence[FrameSource], /) -> Iterator[str]:
-    """Yield the names of frames."""
-    return frames.names() if isinstance(frames, FilesAsFrames) else (frame.name for frame in frames)
+        return FrameSource(self.below + (file.rpartition(".")[0] or file), (self.folder / file,))
 
 
 def natural_key(name: str) -> str:

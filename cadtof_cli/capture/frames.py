@@ -2,23 +2,24 @@
 
 import itertools
 from collections import Counter
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from cadtof_cli.arrays import Stored
 from cadtof_cli.capture.discovery import Capture
-from cadtof_cli.capture.frame_sources import FrameSource, names_of
+from cadtof_cli.capture.frame_sources import FrameSource
 from cadtof_cli.errors import FrameError
-from cadtof_cli.files.formats import frame_format, suffix_format
-from cadtof_cli.files.frames import CHANNELS, FrameLayout, Frames, LoneFrame, shape_text
-from cadtof_cli.files.regular import is_there
+from cadtof_cli.files.formats import format_of, suffix_format
+from cadtof_cli.files.frames import CHANNELS, FrameLayout, Frames, lone_frame, shape_text
+from cadtof_cli.files.reading import is_there
+from cadtof_cli.records import dataclass
 
 _SIZES_LOOKED_AT, _FILES_OPENED = 1000, 15
-"""How many of a capture's files tell what is usual, by their bytes and by what they hold."""
+"""How many of a capture's files, spread evenly over it, tell what is usual by their bytes and by what they hold."""
 
 
 @contextmanager
@@ -40,18 +41,18 @@ def open_frames(source: FrameSource, layout: FrameLayout, /) -> Iterator[Frames]
         yield _joined_planes(source, layout)
         return
     path = source.paths[0]
-    with frame_format(path, layout).frames().open_frames(path, layout) as frames:
+    with format_of(path, raw=layout.raw is not None).frames().open_frames(path, layout) as frames:
         yield frames
 
 
-def _joined_planes(source: FrameSource, layout: FrameLayout) -> LoneFrame:
+def _joined_planes(source: FrameSource, layout: FrameLayout) -> Frames:
     """Return the frame that files of one plane each make up."""
     if len(source.paths) != layout.planes:
         raise FrameError(f"frame {source.name}: found {len(source.paths)} files, expected {layout.planes}")
     for path, name in zip(source.paths, layout.plane_names, strict=True):
         if not is_there(path):
             raise FrameError(f"{path}: no such file, expected {name} of frame {source.name} there")
-    planes = [frame_format(path, layout).frames().read_plane(path, layout) for path in source.paths]
+    planes = [format_of(path, raw=layout.raw is not None).frames().read_plane(path, layout) for path in source.paths]
     first = planes[0]
     for path, plane in zip(source.paths, planes, strict=True):
         if plane.shape != first.shape or plane.dtype != first.dtype:
@@ -60,7 +61,25 @@ def _joined_planes(source: FrameSource, layout: FrameLayout) -> LoneFrame:
                 f" {shape_text(first.shape, first.dtype)} as in {source.paths[0].name}"
             )
     stored = np.stack(planes).reshape(len(layout.harmonics), CHANNELS, *first.shape)
-    return LoneFrame(frame_format(source.paths[0], layout).name, stored)
+    return lone_frame(stored)
+
+
+def read_stored(source: FrameSource, layout: FrameLayout, /, *, usual: tuple[int, int] | None = None) -> Stored:
+    """Return a frame as it is stored, (H, C, Y, X).
+
+    Raises:
+        NotAFrameError, FrameError: see `open_frames`; or its file holds several where the source names none, or it has another
+            (Y, X) than is usual in its capture.
+    """
+    with open_frames(source, layout) as frames:
+        if source.index is None and frames.count != 1:
+            raise FrameError(f"{source}: found {frames.count} frames, expected one as in files of the same size")
+        stored: Stored = frames.read(source.index or 0)
+    found = stored.shape[2:]
+    if usual is not None and found != usual:
+        here, there = ("{1} × {0}".format(*size) for size in (found, usual))
+        raise FrameError(f"{source}: found {here} pixels, expected {there} as most frames of the capture have")
+    return stored
 
 
 def single_frames(capture: Capture, /, *, taken: Collection[str] = ()) -> Iterator[FrameSource]:
@@ -70,11 +89,14 @@ def single_frames(capture: Capture, /, *, taken: Collection[str] = ()) -> Iterat
     held a single frame is taken to hold one too (its reader checks). A file that cannot be opened is yielded as it is: it
     fails when its turn comes.
     """
-    layout, names = capture.layout, taken or set(names_of(capture.frames))
-    size_of_one: int | None = None
+    layout, names = capture.layout, taken or {source.name for source in capture.frames}
+    size_of_one = 0
     for source in capture.frames:
-        size = _size(source)
-        if size is None or size == size_of_one:
+        path = source.paths[0]
+        named = suffix_format(path)
+        may_be_stack = len(source.paths) == 1 and (named is None or named.stacks)
+        size = file_size(path) if may_be_stack else 0
+        if not size or size == size_of_one:
             yield source
             continue
         try:
@@ -100,27 +122,21 @@ class UsualFile:
     bytes: int
 
 
-def usual_pixels(capture: Capture, /) -> tuple[int, int] | None:
-    """Return (Y, X) of most of the frames, which all are held against; None where none can be opened."""
-    usual = usual_file(capture)
-    return None if usual is None else usual.pixels
-
-
 def usual_file(capture: Capture, /) -> UsualFile | None:
     """Return what most of the files hold that can be opened; None where none can.
 
     Files of as many bytes hold frames of one size, so it is enough to open one of the most common. Where no size is common, as
     with compressed files, a few are opened that are spread over the capture.
     """
-    looked_at = _spread(capture.frames, _SIZES_LOOKED_AT)
-    sizes = [_bytes_of(source) for source in looked_at]
+    looked_at = list(capture.frames[:: -(-len(capture.frames) // _SIZES_LOOKED_AT)])
+    sizes = [file_size(source.paths[0]) for source in looked_at]
     common, count = Counter(sizes).most_common(1)[0]
     if 2 * count > len(sizes):
         alike = (source for source, size in zip(looked_at, sizes, strict=True) if size == common)
         for source in itertools.islice(alike, _FILES_OPENED):
             if (found := _opened(source, capture.layout)) is not None:
                 return found
-    known = list(_openable(_spread(looked_at, _FILES_OPENED), capture.layout))
+    known = list(_openable(looked_at[:: -(-len(looked_at) // _FILES_OPENED)], capture.layout))
     known = known or list(itertools.islice(_openable(capture.frames, capture.layout), 1))
     if not known:
         return None
@@ -128,21 +144,10 @@ def usual_file(capture: Capture, /) -> UsualFile | None:
     return next(one for one in known if one.pixels == usual)
 
 
-def require_usual(source: FrameSource, found: tuple[int, ...], usual: tuple[int, int] | None, /) -> None:
-    """Make sure that a frame has the (Y, X) that most of its capture's have.
-
-    Raises:
-        FrameError: it has another.
-    """
-    if usual is not None and found != usual:
-        here, there = ("{1} × {0}".format(*size) for size in (found, usual))
-        raise FrameError(f"{source}: found {here} pixels, expected {there} as most frames of the capture have")
-
-
 def _opened(source: FrameSource, layout: FrameLayout) -> UsualFile | None:
     try:
         with open_frames(source, layout) as frames:
-            return UsualFile((frames.shape[2], frames.shape[3]), frames.dtype, frames.count, _bytes_of(source))
+            return UsualFile((frames.shape[2], frames.shape[3]), frames.dtype, frames.count, file_size(source.paths[0]))
     except FrameError:
         return None
 
@@ -153,24 +158,6 @@ def _openable(sources: Iterable[FrameSource], layout: FrameLayout) -> Iterator[U
         found = _opened(source, layout)
         if found is not None:
             yield found
-
-
-def _spread(sources: Sequence[FrameSource], count: int) -> list[FrameSource]:
-    """Return at most so many of the frames, spread evenly, the first among them."""
-    return list(sources[:: -(-len(sources) // count)])
-
-
-def _bytes_of(source: FrameSource) -> int:
-    return file_size(source.paths[0])
-
-
-def _size(source: FrameSource) -> int | None:
-    """Return a file's size where it could be a stack, else None: not every format has them."""
-    path = source.paths[0]
-    named = suffix_format(path)
-    if len(source.paths) > 1 or (named is not None and not named.stacks):
-        return None
-    return file_size(path) or None
 
 
 def file_size(path: Path, /) -> int:

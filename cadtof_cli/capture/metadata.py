@@ -3,16 +3,14 @@
 import itertools
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import field, fields
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Literal, cast
+from typing import Any, Literal, cast
 
 from cadtof_cli.capture.checks import COUNT, LENGTH, PERIOD, POSITIVE, SCALE, VOLTS, Check, above, each, shortened
 from cadtof_cli.errors import MetadataError
+from cadtof_cli.records import dataclass
 from cadtof_cli.units import FWHM_PER_SIGMA
-
-if TYPE_CHECKING:
-    from cadtof_cli.files.frames import RawLayout
 
 Waveform = Literal["sine", "triangle"]
 
@@ -232,20 +230,6 @@ class Layout(Table):
         "whole number", "bytes before the first value of a raw dump", None, Check(lambda n: n >= 0, "0 or more")
     )
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if (self.raw_dtype is None) != (self.raw_shape is None):
-            raise InvalidValueError("layout.raw_dtype", self.raw_dtype, "dtype and shape of raw dumps, both or none")
-
-    @property
-    def raw(self) -> "RawLayout | None":
-        """What raw dumps hold, where that is said."""
-        from cadtof_cli.files.frames import RawLayout
-
-        if self.raw_dtype is None or self.raw_shape is None:
-            return None
-        return RawLayout(self.raw_dtype, self.raw_shape, self.raw_offset_bytes or 0)
-
 
 @dataclass(frozen=True, kw_only=True)
 class CaptureMetadata:
@@ -266,6 +250,9 @@ class CaptureMetadata:
         if width > widest:
             expected = f"{widest:.4g} or less: a longer pulse leaves nothing of a modulation of {shortest:g} ns"
             raise InvalidValueError("pulse.fwhm_ns", width, expected)
+        raw = self.layout.raw_dtype
+        if (raw is None) != (self.layout.raw_shape is None):
+            raise InvalidValueError("layout.raw_dtype", raw, "dtype and shape of raw dumps, both or none")
 
 
 OPTIONS_OF_OTHER_NAME = {"layout.frames": "--stack-frames"}
@@ -283,13 +270,11 @@ _EXPECTED: dict[Kind, str] = {
 }
 
 
-def _is_too_large(value: float) -> bool:
-    return isinstance(value, int) and abs(value) >= _TOO_LARGE
-
-
 def _converted(kind: Kind, value: Any) -> Any:
     match kind, value:
-        case ("number", int() | float()) if not isinstance(value, bool) and not _is_too_large(value):
+        case ("number", int() | float()) if not isinstance(value, bool) and (
+            type(value) is float or abs(value) < _TOO_LARGE
+        ):
             return float(value)
         case ("whole number", int()) | ("text", str()) if not isinstance(value, bool):
             return value

@@ -1,7 +1,6 @@
 """`capture.toml` read into metadata, each value with where it came from, and written back."""
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +8,7 @@ from cadtof_cli.capture.checks import shortened
 from cadtof_cli.capture.metadata import KEYS, TABLES, CaptureMetadata, InvalidValueError
 from cadtof_cli.errors import MetadataError
 from cadtof_cli.files.toml import read_toml, toml_from_tables
+from cadtof_cli.records import dataclass
 
 FILE_NAME = "capture.toml"
 
@@ -65,21 +65,19 @@ def _flat(document: dict[str, Any], path: Path) -> dict[str, Any]:
             raise MetadataError(_unknown(f"{path}: unknown table [{table}]", table, list(TABLES)))
         if not isinstance(content, dict):
             raise MetadataError(f"{path}: {table}: found {shortened(content)}, expected a table [{table}]")
-        for name, value in _without_tables(table, content):
+        given: dict[str, Any] = {}
+        for name, value in content.items():
+            if isinstance(value, dict) and f"{table}.{name}" not in _KEYS:
+                # a table in it that is no key, as [layout.raw]: both names as one, such as raw_dtype
+                given |= {f"{name}_{inner}": entry for inner, entry in value.items()}
+            else:
+                given[name] = value
+        for name, value in given.items():
             if f"{table}.{name}" not in _KEYS:
                 known = [key.name for key in KEYS if key.table == table]
                 raise MetadataError(_unknown(f"{path}: unknown key {table}.{name}", name, known))
             flat[f"{table}.{name}"] = value
     return flat
-
-
-def _without_tables(table: str, content: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
-    """Yield the values of a table; those of a table in it that is no key, as [layout.raw], with both names as one: raw_dtype."""
-    for name, value in content.items():
-        if isinstance(value, dict) and f"{table}.{name}" not in _KEYS:
-            yield from ((f"{name}_{inner}", entry) for inner, entry in value.items())
-        else:
-            yield name, value
 
 
 def _unknown(what: str, name: str, known: list[str]) -> str:

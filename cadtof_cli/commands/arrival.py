@@ -39,8 +39,16 @@ def _read_batch(descriptor: int, *, pause_s: float) -> tuple[bytes, bool]:
     """Wait for something to read; return it with all that follows before a pause, and whether that is the end."""
     content, until = os.read(descriptor, _READ_BYTES), time.monotonic() + SETTLED_S
     ended = not content
-    while not ended and time.monotonic() < until and select.select([descriptor], [], [], pause_s)[0]:
+    while not ended and time.monotonic() < until and _has_more(descriptor, pause_s):
         piece = os.read(descriptor, _READ_BYTES)
         ended = not piece
         content += piece
     return content, ended
+
+
+def _has_more(descriptor: int, pause_s: float) -> bool:
+    """Wait until there is more to read, or for the pause; no pipe can be waited for so on Windows: one piece is all then."""
+    try:
+        return bool(select.select([descriptor], [], [], pause_s)[0])
+    except OSError:
+        return False

@@ -21,8 +21,7 @@ from cadtof_cli.commands.options import (
     setting_option,
     settings_option,
 )
-from cadtof_cli.commands.progress import progress_bar
-from cadtof_cli.commands.terminal import tell
+from cadtof_cli.commands.terminal import progress_bar, tell
 from cadtof_cli.workflows.calibrate.captures import CalibrateReport, CalibrateSettings
 from cadtof_cli.workflows.calibrate.dark import calibrate_dark
 from cadtof_cli.workflows.calibrate.petzval import calibrate_petzval

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 from cadtof_cli.commands.examples import example
-from cadtof_cli.commands.progress import progress_bar
-from cadtof_cli.commands.terminal import tell
+from cadtof_cli.commands.terminal import progress_bar, tell
 
 if TYPE_CHECKING:
     from cadtof_cli.workflows.inspect.compare import Comparison, FrameDifference

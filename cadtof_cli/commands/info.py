@@ -17,8 +17,7 @@ from cadtof_cli.commands.options import (
     jobs_option,
     settings_option,
 )
-from cadtof_cli.commands.progress import progress_bar
-from cadtof_cli.commands.terminal import tell
+from cadtof_cli.commands.terminal import progress_bar, tell
 from cadtof_cli.execution.workers import Workers
 
 

@@ -10,8 +10,7 @@ import click
 from cadtof_cli.commands.examples import example
 from cadtof_cli.commands.map_options import calibration_option, map_options
 from cadtof_cli.commands.options import SectionedCommand, capture_options, settings_option
-from cadtof_cli.commands.progress import Bar
-from cadtof_cli.commands.terminal import tell
+from cadtof_cli.commands.terminal import Bar, tell
 from cadtof_cli.frame_plan import MapSettings
 
 _WIDTH = 22
@@ -139,6 +138,8 @@ def _diffuse_lines(diffuse: Mapping[str, Any] | None) -> Iterator[str]:
     if diffuse is None:
         return
     share = f"{diffuse['patches']} patches with light, {diffuse['separate_share']:.1%} of them with separate paths"
+    if diffuse["through_patches"]:
+        share += f", {diffuse['through_patches']} with something before a wall that lets light through"
     yield _row("MPI of the frame", f"{diffuse['model']} ({diffuse['reason']}); {share}")
     for name, (median, scatter) in (diffuse["room"] or {}).items():
         yield _row(
@@ -152,7 +153,7 @@ def _diffuse_lines(diffuse: Mapping[str, Any] | None) -> Iterator[str]:
             f"too far, χ² {_number(tail['chi_squared'], 2)}",
         )
     elif diffuse["in_separate_patch"]:
-        yield _row("", "the pixel's patch shows separate paths")
+        yield _row("", "the pixel has separate paths")
 
 
 def _path(path: Mapping[str, float | None]) -> str:

@@ -6,8 +6,7 @@ import click
 
 from cadtof_cli.commands.examples import example
 from cadtof_cli.commands.options import Corners, gathered, setting_option
-from cadtof_cli.commands.progress import Bar
-from cadtof_cli.commands.terminal import tell
+from cadtof_cli.commands.terminal import Bar, tell
 from cadtof_cli.workflows.inspect.profile import ProfileSettings, profile_table, read_profile, write_profile
 
 

@@ -6,8 +6,7 @@ import click
 
 from cadtof_cli.commands.examples import example
 from cadtof_cli.commands.options import gathered, setting_option
-from cadtof_cli.commands.progress import progress_bar
-from cadtof_cli.commands.terminal import tell
+from cadtof_cli.commands.terminal import progress_bar, tell
 from cadtof_cli.workflows.inspect.report import ReportSettings, write_report
 
 

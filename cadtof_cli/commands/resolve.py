@@ -22,8 +22,7 @@ from cadtof_cli.commands.options import (
     setting_option,
     settings_option,
 )
-from cadtof_cli.commands.progress import progress_bar
-from cadtof_cli.commands.terminal import tell
+from cadtof_cli.commands.terminal import progress_bar, tell
 from cadtof_cli.execution.workers import Workers
 from cadtof_cli.frame_plan import MapSettings
 from cadtof_cli.workflows.resolve.settings import FORMAT_CHOICES, ResolveSettings

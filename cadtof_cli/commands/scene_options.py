@@ -21,6 +21,7 @@ from cadtof_cli.workflows.simulate.record import RecordSettings, scene_exposure
 SCENE_ONLY = (
     *("frames", "frame_format", "compress", "distance_m", "tilt_deg", "albedo", "opening_deg", "width", "height"),
     *("petzval_m", "dark_offset_v", "fixed_delay_ns", "furniture", "lamp_offset_m", "lamp_beam_deg", "light_paths"),
+    *("net_fill", "net_distance_m"),
 )
 
 SCENE_SETTINGS = {
@@ -35,6 +36,8 @@ SCENE_SETTINGS = {
         "lamp_offset_m": "lamp_offset_m",
         "lamp_beam_deg": "beam_deg",
         "light_paths": "light_paths",
+        "net_fill": "net_fill",
+        "net_distance_m": "net_distance_m",
     },
     "cornell": {"light_paths": "light_paths"},
 }
@@ -84,6 +87,8 @@ class SceneOptions:
     lamp_offset_m: list[float] | None
     lamp_beam_deg: float | None
     light_paths: int | None
+    net_fill: float | None
+    net_distance_m: float | None
     petzval_m: list[float]
     dark_offset_v: float
     fixed_delay_ns: float
@@ -131,13 +136,15 @@ class SceneOptions:
             "lamp_offset_m": self.lamp_offset_m,
             "lamp_beam_deg": self.lamp_beam_deg,
             "light_paths": self.light_paths,
+            "net_fill": self.net_fill,
+            "net_distance_m": self.net_distance_m,
         }
         taken = SCENE_SETTINGS[name]
         settings: dict[str, Any] = {} if light.asr is None else {"asr": light.asr}
         for option, value in given.items():
             if value is not None:
                 if option not in taken:
-                    shown = "--" + option.rsplit("_", maxsplit=1)[0]
+                    shown = "--" + option.removesuffix("_m").removesuffix("_deg").removesuffix("_ns").replace("_", "-")
                     raise SettingsError(f"{shown}: found with --scene {name}, which it does not change; leave it out")
                 settings[taken[option]] = value
         if "seed" in taken:
@@ -185,6 +192,8 @@ scene_options = gathered(
     ),
     click.option("--lamp-beam-deg", "--lamp-beam", type=float, help="Half angle of the lamp (room).  [default: drawn]"),
     click.option("--light-paths", type=int, help="Light paths from every fourth pixel (room).  [default: 256]"),
+    click.option("--net-fill", type=float, help="Share of light that a net in the room sends back.  [default: no net]"),
+    click.option("--net-distance-m", "--net-distance", type=float, help="Of the net, m.  [default: drawn]"),
     setting_option("--width", Camera, help="Columns of the camera."),
     setting_option("--height", Camera, help="Rows of the camera."),
     setting_option("--petzval-m --petzval", Camera, show_default=False, help="Field curvature k2,k4 of the lens, m."),

@@ -6,7 +6,6 @@ from pathlib import Path
 import click
 
 from cadtof_cli.commands.examples import example
-from cadtof_cli.commands.progress import progress_bar
 from cadtof_cli.commands.scene_options import (
     SCENE_ONLY,
     LightOptions,
@@ -29,7 +28,7 @@ from cadtof_cli.commands.simulation_options import (
     seed_option,
     workers_option,
 )
-from cadtof_cli.commands.terminal import tell
+from cadtof_cli.commands.terminal import progress_bar, tell
 from cadtof_cli.errors import SettingsError
 from cadtof_cli.execution.workers import Workers
 from cadtof_cli.files.atomic import require_absent

@@ -8,7 +8,6 @@ import click
 from cadtof_cli.commands.examples import example
 from cadtof_cli.commands.grid import grid_from_text
 from cadtof_cli.commands.options import setting_option
-from cadtof_cli.commands.progress import progress_bar
 from cadtof_cli.commands.simulation_options import (
     ModulationOptions,
     PaperWays,
@@ -24,6 +23,7 @@ from cadtof_cli.commands.simulation_options import (
     seed_option,
     workers_option,
 )
+from cadtof_cli.commands.terminal import progress_bar
 from cadtof_cli.errors import SettingsError
 from cadtof_cli.execution.workers import Workers
 from cadtof_cli.files.atomic import require_absent

@@ -1,12 +1,23 @@
-"""Lines for people and programs: nothing in them can steer a terminal, and what keeps them from being written is said."""
+"""What people see of a command: lines, and a progress bar on stderr where that is a terminal."""
 
 import os
 import re
+import shlex
 import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, nullcontext
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, TextIO
 
 import click
 
 from cadtof_cli.errors import OutputError
+
+if TYPE_CHECKING:
+    from rich.progress import Progress as RichProgress
 
 _STEERING = "[\x00-\x08\x0b-\x1f\x7f-\x9f\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]"
 """Control characters but tab and new line, those that turn the direction of writing, and bytes of names that are no UTF-8."""
@@ -47,3 +58,117 @@ def open_closed_streams() -> None:
     sys.stdin = sys.stdin or os.fdopen(0, "r", encoding="utf-8", closefd=False)
     sys.stdout = sys.stdout or os.fdopen(1, "w", encoding="utf-8", closefd=False)
     sys.stderr = sys.stderr or os.fdopen(2, "w", encoding="utf-8", errors="backslashreplace", closefd=False)
+
+
+REDRAW_SECONDS = 0.1
+"""Drawing takes about a millisecond, frames come every few."""
+
+
+@dataclass
+class Bar:
+    """Progress without a bar: lines on stderr, of which `quiet` keeps only what went wrong; all of them go into the log."""
+
+    quiet: bool = False
+    log: TextIO | None = None
+
+    def total(self, count: int, /) -> None:
+        """There are `count` steps, as far as is known."""
+
+    def advance(self) -> None:
+        """One step is done."""
+
+    def say(self, message: str, /) -> None:
+        """Show a line above the bar, unless all is to be quiet."""
+        self.note(message)
+        if not self.quiet:
+            self.show(message)
+
+    def warn(self, message: str, /) -> None:
+        """Show a line above the bar."""
+        self.note(message)
+        self.show(message)
+
+    def note(self, message: str, /) -> None:
+        """Write a line into the log, with the time."""
+        if self.log is not None:
+            self.log.write(f"{datetime.now().astimezone().isoformat(timespec='seconds')} {message}\n")
+            self.log.flush()
+
+    def show(self, message: str, /) -> None:
+        """Show a line."""
+        tell(message, err=True)
+
+
+class DrawnBar(Bar):
+    """A bar that shows steps, steps a second and the time left."""
+
+    def __init__(self, progress: "RichProgress", description: str, log: TextIO | None) -> None:
+        super().__init__(log=log)
+        self._progress, self._drawn = progress, 0.0
+        self._task = progress.add_task(description, total=None)
+
+    def total(self, count: int, /) -> None:
+        """Show how many steps there are."""
+        self._progress.update(self._task, total=count)
+        self._draw()
+
+    def advance(self) -> None:
+        """Show one step more."""
+        self._progress.advance(self._task)
+        self._draw()
+
+    def show(self, message: str, /) -> None:
+        """Show a line above the bar."""
+        self._progress.console.print(shown(message), markup=False, highlight=False)
+
+    def _draw(self) -> None:
+        now = time.monotonic()
+        if now - self._drawn >= REDRAW_SECONDS:
+            self._drawn = now
+            self._progress.refresh()
+
+
+@contextmanager
+def progress_bar(description: str, unit: str, *, quiet: bool, log: Path | None = None) -> Iterator[Bar]:
+    """Yield a bar for the steps of a workflow; rich is imported only where it can be seen.
+
+    What is said, and how it ends, is appended to the file `log` too.
+    """
+    try:
+        opened = nullcontext() if log is None else log.open("a", encoding="utf-8", errors="backslashreplace")
+    except OSError as error:
+        raise OutputError(f"{log}: cannot be written: {error.strerror}; choose another file with --log") from error
+    with opened as file:
+        try:
+            seen = not quiet and sys.stderr.isatty()
+            with _drawn(description, unit, file) if seen else nullcontext(Bar(quiet=quiet, log=file)) as bar:
+                bar.note(shlex.join(["cadtof", *sys.argv[1:]]))
+                yield bar
+        except BaseException as error:
+            Bar(log=file).note(f"ended by {type(error).__name__}: {error}")
+            raise
+
+
+@contextmanager
+def _drawn(description: str, unit: str, log: TextIO | None) -> Iterator[Bar]:
+    from rich.console import Console
+    from rich.progress import (
+        BarColumn,
+        MofNCompleteColumn,
+        Progress,
+        ProgressColumn,
+        Task,
+        TextColumn,
+        TimeRemainingColumn,
+    )
+    from rich.text import Text
+
+    class Rate(ProgressColumn):
+        def render(self, task: Task) -> Text:
+            speed = task.finished_speed or task.speed
+            return Text("" if speed is None else f"{speed:.1f} {unit}/s", style="progress.data.speed")
+
+    # Without a refresh thread: a process that has threads must not fork workers.
+    columns = (TextColumn(description), BarColumn(), MofNCompleteColumn(), Rate(), TimeRemainingColumn())
+    with Progress(*columns, console=Console(stderr=True), auto_refresh=False) as progress:
+        yield DrawnBar(progress, description, log)

@@ -1,8 +1,9 @@
 """What comes of a task."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Generic, TypeVar
+
+from cadtof_cli.records import dataclass
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")

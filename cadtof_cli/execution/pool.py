@@ -6,16 +6,19 @@ from collections import deque
 from collections.abc import Generator, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from multiprocessing import get_context
 from multiprocessing.connection import Connection, wait
-from multiprocessing.context import ForkContext, ForkServerContext, SpawnContext
 from multiprocessing.process import BaseProcess
-from typing import Generic, TypeVar
+from typing import TYPE_CHECKING, Generic, TypeVar, cast
 
 from cadtof_cli.errors import WorkersError
 from cadtof_cli.execution.finisher import LATER_AT_ONCE
 from cadtof_cli.execution.outcome import Outcome, Work, WorkerDied
 from cadtof_cli.execution.serve import Said, serve
-from cadtof_cli.execution.workers import StartMethod, Workers, signals_held_back
+from cadtof_cli.execution.workers import Workers, signals_held_back
+
+if TYPE_CHECKING:
+    from multiprocessing.context import SpawnContext
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
@@ -26,12 +29,6 @@ finished and not yet reported."""
 
 ATTEMPTS = 2
 """How often a task is tried whose worker is lost."""
-
-_CONTEXTS: dict[StartMethod, type[ForkContext | SpawnContext | ForkServerContext]] = {
-    "fork": ForkContext,
-    "spawn": SpawnContext,
-    "forkserver": ForkServerContext,
-}
 
 AHEAD_BYTES = 16 * 2**10
 """A task up to this size goes to a busy worker ahead of time: the connection holds it, so handing it over makes nobody wait."""
@@ -74,7 +71,8 @@ class _Pool(Generic[Task, Result]):
 
     def __init__(self, function: Work[Task, Result], workers: Workers) -> None:
         self._function, self._settings = function, workers
-        self._context = _CONTEXTS[workers.start_method]()
+        # each makes processes in the same way; only this one is there on every system
+        self._context = cast("SpawnContext", get_context(workers.start_method))
         # the workers hold one end of a pipe whose other end lives here: it closes even when this process is killed
         self._listening, self._held = self._context.Pipe(duplex=False)
         self._workers: list[_Worker[Task, Result]] = []

@@ -8,18 +8,20 @@ import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from functools import cache
 from typing import TYPE_CHECKING, Literal
 
 from cadtof_cli.errors import SettingsError
+from cadtof_cli.records import dataclass
 
 if TYPE_CHECKING:
     from multiprocessing.connection import Connection
 
 StartMethod = Literal["fork", "spawn", "forkserver"]
 
-START_METHODS: tuple[StartMethod, ...] = ("fork", "spawn", "forkserver")
+START_METHODS: tuple[StartMethod, ...] = ("fork", "spawn", "forkserver") if hasattr(os, "fork") else ("spawn",)
+"""Those of this system."""
 
 LOCAL = "local"
 
@@ -30,7 +32,10 @@ KEPT_BYTES = 16 * 2**20
 JOBS_PER_CORE = 4
 """More processes than that a core are never started: each takes memory, and none makes the work faster."""
 
-_HELD_BACK = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+HANGUP: signal.Signals | None = getattr(signal, "SIGHUP", None)
+"""What a terminal that goes away sends; None where the system knows nothing of it, as on Windows."""
+
+_HELD_BACK = (signal.SIGINT, signal.SIGTERM) + ((HANGUP,) if HANGUP else ())
 
 _PR_SET_PDEATHSIG = 1
 
@@ -42,7 +47,7 @@ def available_cores() -> int:
 
 def default_start_method() -> StartMethod:
     """Return `fork` on Linux, where it is safe before any thread runs and starts in milliseconds; else `spawn`."""
-    return "fork" if os.uname().sysname == "Linux" else "spawn"
+    return "fork" if sys.platform == "linux" and hasattr(os, "fork") else "spawn"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,6 +69,10 @@ class Workers:
     def __post_init__(self) -> None:
         if self.jobs < 1:
             raise SettingsError(f"--jobs: found {self.jobs}, expected 1 or more")
+        if self.start_method not in START_METHODS:
+            raise SettingsError(
+                f"--start-method: found {self.start_method}, which this system does not have; expected {', '.join(START_METHODS)}"
+            )
         if self.task_timeout_s is not None and not self.task_timeout_s > 0:
             raise SettingsError(f"--frame-timeout: found {self.task_timeout_s:g}, expected seconds above 0")
         if self.scheduler != LOCAL and not re.fullmatch(_SCHEDULER, self.scheduler):
@@ -89,7 +98,13 @@ ALONE = Workers(jobs=1)
 
 @contextmanager
 def signals_held_back() -> Iterator[None]:
-    """Put off what ends us while processes may start: until it has come to `begin_worker`, one would answer like its parent."""
+    """Put off what ends us while processes may start: until it has come to `begin_worker`, one would answer like its parent.
+
+    Where signals cannot be put off, as on Windows, nothing is.
+    """
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
     before = signal.pthread_sigmask(signal.SIG_BLOCK, _HELD_BACK)
     try:
         yield
@@ -105,9 +120,11 @@ def begin_worker(listening: "Connection", held: "Connection", /) -> None:
         held: the parent's end of it, of which a forked worker has a copy.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    if HANGUP:
+        signal.signal(HANGUP, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
-    signal.pthread_sigmask(signal.SIG_UNBLOCK, _HELD_BACK)
+    if hasattr(signal, "pthread_sigmask"):
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, _HELD_BACK)
     held.close()
     if sys.platform == "linux":
         import ctypes

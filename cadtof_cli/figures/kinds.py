@@ -4,7 +4,7 @@ from collections.abc import Collection
 from pathlib import Path
 
 from cadtof_cli.errors import OutputError
-from cadtof_cli.files.regular import is_there
+from cadtof_cli.files.reading import is_there
 
 KINDS = {".png": "png", ".pdf": "pdf", ".svg": "svg", ".jpg": "jpg", ".jpeg": "jpg"}
 

@@ -8,15 +8,15 @@ import numpy as np
 
 from cadtof_cli.arrays import Stored
 from cadtof_cli.errors import FrameError
-from cadtof_cli.files.frames import CHANNELS, SAMPLE_TYPES, FrameLayout, shape_text
+from cadtof_cli.files.frames import CHANNELS, SAMPLE_TYPES, FrameLayout, Frames, shape_text
 from cadtof_cli.files.plane_table import plane_table
 
 
-class ArrayFrames:
-    """The frames of an array whose last axes are Y and X, read one by one from a file that is mapped into memory.
+@contextmanager
+def open_array(path: Path, array: Stored, layout: FrameLayout, /) -> Iterator[Frames]:
+    """Yield the frames of an array whose last axes are Y and X, read one by one from a file that is mapped into memory.
 
     Parameters:
-        name: of the file's format.
         path: the file, for messages.
         array: shape (…, Y, X); the axes before come in the order [frame,] harmonic, channel, the last two perhaps as one.
         layout: harmonics of the capture, and frames of a stack where the metadata says it.
@@ -24,27 +24,16 @@ class ArrayFrames:
     Raises:
         FrameError: the planes do not make up whole frames, or are of a type that we do not read.
     """
+    require_planes(path, array)
+    where = f"{path}: found {array[..., 0, 0].size} planes of {shape_text(array.shape, array.dtype)}"
+    table = plane_table("Q" * (array.ndim - 2), array.shape[:-2], layout, where=where)
+    planes, dtype = array.reshape(-1, *array.shape[-2:]), array.dtype.newbyteorder("=")
+    shape = (len(layout.harmonics), CHANNELS, *array.shape[-2:])
 
-    def __init__(self, name: str, path: Path, array: Stored, layout: FrameLayout) -> None:
-        require_planes(path, array)
-        where = f"{path}: found {array[..., 0, 0].size} planes of {shape_text(array.shape, array.dtype)}"
-        self._table = plane_table("Q" * (array.ndim - 2), array.shape[:-2], layout, where=where)
-        self._planes = array.reshape(-1, *array.shape[-2:])
-        self.format = name
-        self.count = len(self._table)
-        self.shape = (len(layout.harmonics), CHANNELS, *array.shape[-2:])
-        self.dtype = array.dtype.newbyteorder("=")
+    def read(index: int = 0, /) -> Stored:
+        return np.ascontiguousarray(planes[table[index].ravel()], dtype).reshape(shape)
 
-    def read(self, index: int = 0, /) -> Stored:
-        """Return frame `index` as it is stored: shape (H, C, Y, X), C-contiguous, native byte order."""
-        planes = self._planes[self._table[index].ravel()]
-        return np.ascontiguousarray(planes, self.dtype).reshape(self.shape)
-
-
-@contextmanager
-def open_array(name: str, path: Path, array: Stored, layout: FrameLayout, /) -> Iterator[ArrayFrames]:
-    """Yield the frames of an array."""
-    yield ArrayFrames(name, path, array, layout)
+    yield Frames(len(table), shape, dtype, read)
 
 
 def lone_plane(path: Path, array: Stored, /) -> Stored:

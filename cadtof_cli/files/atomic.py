@@ -3,12 +3,14 @@
 import errno
 import json
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
 from cadtof_cli.errors import OutputError, PlaceError
+from cadtof_cli.files.direct import write_parts
+from cadtof_cli.files.system import MAKE, remove_and_close, sync_folder
 
 PARTIAL_SUFFIX = ".partial"
 
@@ -40,9 +42,13 @@ class PartialFile:
     """
 
     def __init__(self, path: Path, /, *, token: str = "") -> None:
-        self.path, self.temporary = path, path.with_name(_temporary_name(path.name, token))
+        self.path, self._folder = path, path.parent
+        self.temporary = self._folder / _temporary_name(path.name, token)
+        self._descriptor: int | None = None
+        self._bytes = 0
+        self._parts: Sequence[memoryview] = ()
         with self.errors_told():
-            self._descriptor = os.open(self.temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666)
+            self._descriptor = os.open(self.temporary, MAKE, 0o666)
 
     @contextmanager
     def errors_told(self) -> Iterator[None]:
@@ -52,31 +58,55 @@ class PartialFile:
         except OSError as error:
             raise write_error(self.path, error) from error
 
+    def hold(self, parts: Sequence[memoryview], /) -> None:
+        """Take what is to be written, one part after the other, when the file is kept; nobody changes it until then."""
+        self._parts = parts
+
+    def written(self) -> int:
+        """Return how many bytes were written; raises OSError where there are none, or not in our file."""
+        if not self._bytes:
+            assert self._descriptor is not None
+            found = os.fstat(self._descriptor)
+            if not found.st_size or not os.path.samestat(found, self.temporary.lstat()):
+                raise OSError("nothing was written")
+            self._bytes = found.st_size
+        return self._bytes
+
     def keep(self) -> int:
-        """Give what was written its name, and return its size in bytes: this waits for the disk, and does nothing else.
+        """Give what was written its name, and return its size in bytes: this waits for the disk, and hardly computes.
 
         Raises:
             OutputError: it cannot be kept, and is given up; PlaceError: nor could another.
         """
         try:
             with self.errors_told():
-                written = os.fstat(self._descriptor)
-                if not written.st_size or not os.path.samestat(written, self.temporary.lstat()):
-                    raise OSError("nothing was written")
-                os.fsync(self._descriptor)
+                if self._parts:
+                    assert self._descriptor is not None
+                    write_parts(self._descriptor, self._parts)
+                    self._parts = ()
+                size = self.written()
+                self._sync_and_close()
                 self.temporary.replace(self.path)
-                sync_folder(self.path.parent)
+                sync_folder(self._folder)
         except BaseException:
             self.give_up()
             raise
-        os.close(self._descriptor)
-        return written.st_size
+        return size
 
     def give_up(self) -> None:
         """Remove what was written."""
-        os.close(self._descriptor)
-        with suppress(OSError):
-            self.temporary.unlink()
+        if self._descriptor is not None:
+            remove_and_close(self.temporary, self._descriptor)
+        else:
+            with suppress(OSError):
+                self.temporary.unlink()
+
+    def _sync_and_close(self) -> None:
+        """Have the bytes on the disk; not every system renames an open file."""
+        assert self._descriptor is not None
+        os.fsync(self._descriptor)
+        descriptor, self._descriptor = self._descriptor, None
+        os.close(descriptor)
 
 
 @contextmanager
@@ -104,22 +134,6 @@ def random_mark() -> str:
 def _temporary_name(name: str, token: str) -> str:
     # only the beginning of a name, which may have all the length that names can have
     return f".{name[:40]}.{random_mark()}.{token or os.getpid()}{PARTIAL_SUFFIX}"
-
-
-def sync_folder(folder: Path, /) -> None:
-    """Have the names in a folder on the disk, where its file system can do so.
-
-    Raises:
-        OSError: the folder is gone, or the disk fails.
-    """
-    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
-    try:
-        os.fsync(descriptor)
-    except OSError as error:
-        if error.errno not in {errno.EINVAL, errno.ENOTSUP}:
-            raise
-    finally:
-        os.close(descriptor)
 
 
 def write_error(path: Path, error: OSError, /) -> OutputError:
@@ -160,7 +174,7 @@ def make_folder(path: Path, /) -> None:
     probe = path / _temporary_name("cadtof", "")
     try:
         path.mkdir(parents=True, exist_ok=True)
-        os.close(os.open(probe, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC))
+        os.close(os.open(probe, MAKE))
         probe.unlink()
     except OSError as error:
         raise OutputError(f"{path}: expected a folder that can be written into: {error.strerror}") from error

@@ -4,15 +4,16 @@ Options and discovery read it at start-up, so a format's library is loaded only 
 """
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
-from dataclasses import dataclass
+from functools import partial
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
 from cadtof_cli.errors import FrameError
-from cadtof_cli.files.damage import damage_as_frame_error
-from cadtof_cli.files.regular import open_regular
+from cadtof_cli.files.reading import damage_as_frame_error, open_regular
+from cadtof_cli.records import dataclass
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -45,10 +46,10 @@ class FrameFiles(FrameReader, Protocol):
 class LayerFiles(Protocol):
     """How maps are written in a format, and named layers read from it."""
 
-    def write_maps(self, path: Path, maps: "DepthMaps", /, *, about: "MapsAbout") -> str | None:
+    def write_maps(self, path: Path, maps: "DepthMaps", /, *, about: "MapsAbout") -> Sequence[memoryview]:
         """Write the maps of a frame: layers by name, then the status bits. The same maps give the same bytes.
 
-        Returns the digest of the file's bytes where they were at hand, so that nobody has to read them again.
+        Where the file's bytes are at hand, they are returned in parts instead of written: whoever asks writes them.
         """
 
     def read_facts(self, path: Path, /) -> dict[str, str]:
@@ -92,46 +93,9 @@ class Format:
         return f".{self.name}"
 
 
-def _exr_frames() -> FrameFiles:
-    from cadtof_cli.files.exr import frames
-
-    return frames
-
-
-def _exr_layers() -> LayerFiles:
-    from cadtof_cli.files.exr import layers
-
-    return layers
-
-
-def _tiff_frames() -> FrameFiles:
-    from cadtof_cli.files.tiff import frames
-
-    return frames
-
-
-def _tiff_layers() -> LayerFiles:
-    from cadtof_cli.files.tiff import layers
-
-    return layers
-
-
-def _npy_frames() -> FrameReader:
-    from cadtof_cli.files.npy import frames
-
-    return frames
-
-
-def _png_frames() -> FrameReader:
-    from cadtof_cli.files.png import frames
-
-    return frames
-
-
-def _raw_frames() -> FrameReader:
-    from cadtof_cli.files.raw import frames
-
-    return frames
+def _module(name: str) -> Callable[[], Any]:
+    """Return what loads a module of this room, when it is called."""
+    return partial(import_module, f"cadtof_cli.files.{name}")
 
 
 EXR = Format(
@@ -140,9 +104,9 @@ EXR = Format(
     suffixes=(".exr",),
     magics=(b"\x76\x2f\x31\x01",),
     stacks=False,
-    frames=_exr_frames,
-    layers=_exr_layers,
-    recording=_exr_frames,
+    frames=_module("exr.frames"),
+    layers=_module("exr.layers"),
+    recording=_module("exr.frames"),
 )
 
 TIFF = Format(
@@ -151,13 +115,15 @@ TIFF = Format(
     suffixes=(".tif", ".tiff"),
     magics=(b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"),
     stacks=True,
-    frames=_tiff_frames,
-    layers=_tiff_layers,
-    recording=_tiff_frames,
+    frames=_module("tiff.frames"),
+    layers=_module("tiff.layers"),
+    recording=_module("tiff.frames"),
     counts=True,
 )
 
-NPY = Format(name="npy", title="NPY", suffixes=(".npy",), magics=(b"\x93NUMPY",), stacks=True, frames=_npy_frames)
+NPY = Format(
+    name="npy", title="NPY", suffixes=(".npy",), magics=(b"\x93NUMPY",), stacks=True, frames=_module("npy.frames")
+)
 
 PNG = Format(
     name="png",
@@ -165,12 +131,17 @@ PNG = Format(
     suffixes=(".png",),
     magics=(b"\x89PNG\r\n\x1a\n",),
     stacks=False,
-    frames=_png_frames,
+    frames=_module("png.frames"),
     whole=False,
 )
 
 RAW = Format(
-    name="raw", title="raw dump", suffixes=(".raw", ".bin", ".dat"), magics=(), stacks=True, frames=_raw_frames
+    name="raw",
+    title="raw dump",
+    suffixes=(".raw", ".bin", ".dat"),
+    magics=(),
+    stacks=True,
+    frames=_module("raw.frames"),
 )
 
 FORMATS = (EXR, TIFF, NPY, PNG, RAW)
@@ -217,23 +188,14 @@ def frame_suffixes(*, planes: bool, raw: bool) -> tuple[str, ...]:
     return tuple(suffix for one in taken for suffix in one.suffixes)
 
 
-def frame_format(path: Path, layout: "FrameLayout", /) -> Format:
-    """Return the format of a recorded file: raw where its name and `[layout.raw]` say so, else by its first bytes.
-
-    Raises:
-        FrameError: see `format_of`.
-    """
-    if layout.raw is not None and suffix_format(path) is RAW:
-        return RAW
-    return format_of(path)
-
-
-def format_of(path: Path, /) -> Format:
-    """Return the format of a file by its first bytes.
+def format_of(path: Path, /, *, raw: bool = False) -> Format:
+    """Return the format of a file by its first bytes; where `[layout.raw]` says what raw dumps hold, theirs by its name.
 
     Raises:
         FrameError: the file cannot be read, or is of no format that we know.
     """
+    if raw and suffix_format(path) is RAW:
+        return RAW
     with damage_as_frame_error(path, "file"):
         descriptor = open_regular(path)
         try:
@@ -244,6 +206,6 @@ def format_of(path: Path, /) -> Format:
     if known is None:
         found = f"first bytes {head[:4].hex(' ')}" if head else "an empty file"
         titles = ", ".join(one.title for one in FORMATS if one.magics)
-        raw = "; for a raw dump, give dtype and shape under [layout.raw]" if suffix_format(path) is RAW else ""
-        raise FrameError(f"{path}: found {found}, expected one of {titles}{raw}")
+        hint = "; for a raw dump, give dtype and shape under [layout.raw]" if suffix_format(path) is RAW else ""
+        raise FrameError(f"{path}: found {found}, expected one of {titles}{hint}")
     return known

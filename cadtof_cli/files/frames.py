@@ -1,13 +1,13 @@
 """What a frame is before it is read: how its planes are ordered, and how a reader hands it over."""
 
 from collections.abc import Collection
-from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
 
 from cadtof_cli.arrays import Stored
 from cadtof_cli.errors import FrameError
+from cadtof_cli.records import dataclass
 
 CHANNELS = 2
 """SC1, the cosine, and SC2, the sine."""
@@ -55,50 +55,33 @@ class FrameLayout:
         return tuple(plane_name(harmonic, channel) for harmonic in self.harmonics for channel in (1, 2))
 
 
-class Frames(Protocol):
-    """The frames of one open file."""
+class ReadFrame(Protocol):
+    """How a frame of an open file is read."""
 
-    @property
-    def format(self) -> str:
-        """Name of the file's format."""
-
-    @property
-    def count(self) -> int:
-        """Number of frames in the file."""
-
-    @property
-    def shape(self) -> tuple[int, ...]:
-        """Shape of one frame, H C Y X."""
-
-    @property
-    def dtype(self) -> np.dtype[Any]:
-        """Type of the stored values, native byte order."""
-
-    def read(self, index: int = 0, /) -> Stored:
+    def __call__(self, index: int = 0, /) -> Stored:
         """Return frame `index` as it is stored: shape (H, C, Y, X), C-contiguous, native byte order."""
 
 
 @dataclass(frozen=True, eq=False)
-class LoneFrame:
-    """The only frame of its file or files, which has been read on opening: shape (H, C, Y, X)."""
+class Frames:
+    """The frames of one open file.
 
-    format: str
-    stored: Stored
-    count: int = 1
+    Attributes:
+        count: how many there are.
+        shape: of one frame, H C Y X.
+        dtype: of the stored values, native byte order.
+        read: reads one of them.
+    """
 
-    @property
-    def shape(self) -> tuple[int, ...]:
-        """Shape of the frame, H C Y X."""
-        return self.stored.shape
+    count: int
+    shape: tuple[int, ...]
+    dtype: np.dtype[Any]
+    read: ReadFrame
 
-    @property
-    def dtype(self) -> np.dtype[Any]:
-        """Type of the stored values, native byte order."""
-        return self.stored.dtype
 
-    def read(self, _index: int = 0, /) -> Stored:
-        """Return the frame as it is stored, C-contiguous."""
-        return self.stored
+def lone_frame(stored: Stored, /) -> Frames:
+    """Return the only frame of its file or files, (H, C, Y, X), which has been read on opening."""
+    return Frames(1, stored.shape, stored.dtype, lambda _index=0, /: stored)
 
 
 def is_sample_type(dtype: str, /) -> bool:

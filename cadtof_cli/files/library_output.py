@@ -13,6 +13,8 @@ import tempfile
 import threading
 from collections.abc import Iterator
 
+from cadtof_cli.files.system import read_at
+
 _DESCRIPTORS = (1, 2)
 """Standard output, on which a pipeline reads our JSON, and standard error."""
 
@@ -43,7 +45,7 @@ def library_output() -> Iterator[list[str]]:
         finally:
             for descriptor, (file, before) in kept.items():
                 os.dup2(before, descriptor)
-                unprinted[descriptor] = os.pread(file, os.fstat(file).st_size, 0)
+                unprinted[descriptor] = read_at(file, os.fstat(file).st_size, 0)
                 os.close(before)
                 os.close(file)
             if any(unprinted.values()) or printed.tell():

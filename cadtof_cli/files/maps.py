@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from pathlib import Path
 from typing import Any
 
@@ -13,8 +13,9 @@ from cadtof_cli import __version__
 from cadtof_cli.arrays import Float32, Status
 from cadtof_cli.errors import FrameError, OutputError
 from cadtof_cli.files.atomic import PartialFile, whole_file
-from cadtof_cli.files.digest import file_digest
+from cadtof_cli.files.digest import file_digest, parts_digest
 from cadtof_cli.files.formats import MAP_SUFFIXES, format_of, suffix_format
+from cadtof_cli.records import dataclass
 
 STATUS = "status"
 
@@ -69,14 +70,14 @@ class MapsAbout:
     facts: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "facts", {name: _printable(text) for name, text in self.facts.items()})
+        facts = {
+            name: "".join(sign if sign.isprintable() else repr(sign)[1:-1] for sign in text)
+            for name, text in self.facts.items()
+        }
+        object.__setattr__(self, "facts", facts)
 
 
 NOTHING_SAID = MapsAbout()
-
-
-def _printable(text: str) -> str:
-    return "".join(sign if sign.isprintable() else repr(sign)[1:-1] for sign in text)
 
 
 def is_map_layer(name: str, /) -> bool:
@@ -107,8 +108,12 @@ def begin_maps(path: Path, maps: DepthMaps, /, *, about: MapsAbout = NOTHING_SAI
     partial = PartialFile(path, token=token)
     try:
         with partial.errors_told():
-            known = kind.layers().write_maps(partial.temporary, maps, about=about)
-            return WrittenMaps(partial, known or file_digest(partial.temporary))
+            parts = kind.layers().write_maps(partial.temporary, maps, about=about)
+            if parts:
+                partial.hold(parts)
+            else:
+                partial.written()
+            return WrittenMaps(partial, parts_digest(parts) if parts else file_digest(partial.temporary))
     except BaseException:
         partial.give_up()
         raise

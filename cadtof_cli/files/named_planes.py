@@ -2,11 +2,11 @@
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import NamedTuple, TypeVar
 
 from cadtof_cli.errors import FrameError
 from cadtof_cli.files.frames import CHANNELS, FrameLayout, NotAFrameError, harmonic_labels, plane_name
+from cadtof_cli.records import dataclass
 
 _PLANE = re.compile(r"(?:H(?P<harmonic>[1-9]\d*))?[\s._/:-]?(?:SC(?P<channel>[12]))?", re.IGNORECASE)
 

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from cadtof_cli.errors import MetadataError
-from cadtof_cli.files.regular import read_text
+from cadtof_cli.files.reading import read_text
 
 
 def read_toml(path: Path, /) -> dict[str, Any]:

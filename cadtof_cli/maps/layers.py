@@ -1,13 +1,13 @@
 """The registry of layers: the name, the unit and the value of each, and when it is wanted."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from cadtof_cli.arrays import Float
+from cadtof_cli.records import dataclass
 
 if TYPE_CHECKING:
     from cadtof_cli.resolver.paths import ResolvedPaths

@@ -1,12 +1,11 @@
 """A lamp beside the camera: light goes out from one place and comes back to another."""
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from cadtof_cli.arrays import Float
 from cadtof_cli.capture.metadata import Optics
-from cadtof_cli.optics.pinhole import ray_slopes
+from cadtof_cli.optics.lens import ray_slopes
+from cadtof_cli.records import dataclass
 
 
 @dataclass(frozen=True, eq=False)

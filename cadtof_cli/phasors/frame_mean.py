@@ -1,8 +1,6 @@
 """Recorded frames of a scene that stands still → one with less noise: their mean, and how much they scatter about it."""
 
-import itertools
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from collections.abc import Iterable
 
 import numpy as np
 
@@ -10,6 +8,7 @@ from cadtof_cli.arrays import Bool, Float, Stored
 from cadtof_cli.capture.metadata import Voltage
 from cadtof_cli.errors import SettingsError
 from cadtof_cli.phasors.voltages import sound_pixels, volts_from_stored
+from cadtof_cli.records import dataclass
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,13 +60,15 @@ def frame_mean(frames: Iterable[Stored], /, *, saturated_counts: tuple[float, fl
 
     There must be one frame at least. A pixel that none recorded soundly keeps the values of the first, as one sample.
     """
-    first, given = _with_first(frames)
-    total, count, number = np.zeros(first.shape), np.zeros(first.shape[2:]), 0
-    for stored in given:
+    number = 0
+    for number, stored in enumerate(frames, start=1):
+        if number == 1:
+            first, total, count = stored, np.zeros(stored.shape), np.zeros(stored.shape[2:])
         sound = sound_pixels(stored, saturated_counts)
         total += np.where(sound, stored, 0)
         count += sound
-        number += 1
+    if not number:
+        raise ValueError("the mean of no frames")
     samples = np.maximum(count, 1.0)
     return FrameMean(np.where(count > 0.0, total / samples, first), samples, first.dtype, number)
 
@@ -81,26 +82,18 @@ def mean_volts(frames: Iterable[Stored], /, *, voltage: Voltage) -> FrameMean:
     Raises:
         SettingsError: sizes of frames differ, or nothing says how many volts one count stands for.
     """
-    first, given = _with_first(frames)
-    mean, squares, count = np.zeros(first.shape), np.zeros(first.shape), 0
-    sound = np.ones(first.shape[2:], np.bool_)
-    for stored in given:
+    count = 0
+    for count, stored in enumerate(frames, start=1):
         volts = volts_from_stored(stored, voltage)
-        count += 1
+        if count == 1:
+            mean, squares, sound = np.zeros(volts.shape), np.zeros(volts.shape), np.ones(volts.shape[2:], np.bool_)
         if volts.shape != mean.shape:
             raise SettingsError(f"found a frame of shape {volts.shape} (H C Y X), expected {mean.shape}")
         sound &= sound_pixels(stored, voltage.saturated_counts)
         change = volts - mean
         mean += change / count
         squares += change * (volts - mean)
+    if not count:
+        raise ValueError("the mean of no frames")
     variance = squares / max(count - 1, 1)
     return FrameMean(np.where(sound, mean, np.nan), None, mean.dtype, count, variance)
-
-
-def _with_first(frames: Iterable[Stored]) -> tuple[Stored, Iterator[Stored]]:
-    """Return the first of the frames, and them all."""
-    given = iter(frames)
-    first = next(given, None)
-    if first is None:
-        raise ValueError("the mean of no frames")
-    return first, itertools.chain((first,), given)

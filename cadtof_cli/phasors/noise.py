@@ -1,7 +1,7 @@
 """The noise of phasors: known beforehand from the integration length, or estimated from a frame."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -11,6 +11,7 @@ from cadtof_cli.arrays import Complex, Float, Float32, Index
 from cadtof_cli.capture.metadata import CaptureMetadata, Waveform
 from cadtof_cli.phasors.response import ideal_response, pulse_response
 from cadtof_cli.phasors.rotors import Rotor
+from cadtof_cli.records import dataclass
 
 MAD_PER_SIGMA = 0.6744897501960817
 """Median absolute deviation of a Gaussian over its standard deviation."""

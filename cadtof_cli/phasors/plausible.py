@@ -5,7 +5,6 @@ for volts, a zero or a unit that is missing, or values that a program has scaled
 """
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -13,6 +12,7 @@ from cadtof_cli.arrays import Float, Stored
 from cadtof_cli.capture.metadata import CaptureMetadata, Voltage
 from cadtof_cli.phasors.noise import NoiseModel
 from cadtof_cli.phasors.voltages import sound_pixels, volts_per_count
+from cadtof_cli.records import dataclass
 
 LONGEST = 1.35
 """Length of a phasor, over the modulation amplitude, that offsets of its channels may bring about; noise comes on top."""
@@ -65,7 +65,11 @@ def implausible(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
     planes = stored.reshape(*stored.shape[:2], -1)
     some = planes[:, :, :: max(1, planes.shape[2] // LOOKED_AT)]
     kind, voltage = stored.dtype, metadata.voltage
-    if _none_is_large(some, metadata):
+    n_av = metadata.pixel.integration_length
+    # with five standard deviations of the noise
+    longest = LONGEST + (0.0 if n_av is None else 5.0 * math.sqrt(0.5 / (2.0 * n_av - 1.0)))
+    longest *= metadata.modulation.amplitude_v
+    if _none_is_large(some, voltage, longest):
         return None
     sound = sound_pixels(some, voltage.saturated_counts)
     if not sound.any():
@@ -73,7 +77,7 @@ def implausible(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
     values = some[:, :, sound].astype(np.float64)
     volts = (values - voltage.zero) * volts_per_count(voltage, kind)
     amplitude = metadata.modulation.amplitude_v
-    beyond = np.hypot(volts[:, 0], volts[:, 1]) > _longest(metadata) * amplitude
+    beyond = np.hypot(volts[:, 0], volts[:, 1]) > longest
     if beyond.mean(axis=1).max() <= TOO_MANY:
         return None
     found = _range_of(values, kind)
@@ -96,9 +100,8 @@ def is_without_noise(stored: Stored, noise: NoiseModel, /) -> bool:
     return all(one.light_variance > 3.0 * one.floor for one in noise.each)
 
 
-def _none_is_large(some: Stored, metadata: CaptureMetadata) -> bool:
+def _none_is_large(some: Stored, voltage: Voltage, longest_v: float) -> bool:
     """Tell at a glance that no value is saturated, or so large that a phasor of two of them were too long: the usual case."""
-    voltage = metadata.voltage
     low, high = float(some.min()), float(some.max())
     if (
         voltage.saturated_counts is not None
@@ -107,13 +110,7 @@ def _none_is_large(some: Stored, metadata: CaptureMetadata) -> bool:
         return False
     largest = max(high - voltage.zero, voltage.zero - low) * abs(volts_per_count(voltage, some.dtype))
     # a comparison with NaN is false
-    return math.sqrt(2.0) * largest <= _longest(metadata) * metadata.modulation.amplitude_v
-
-
-def _longest(metadata: CaptureMetadata) -> float:
-    """Return the length beyond which a phasor is implausible, with five standard deviations of the noise."""
-    n_av = metadata.pixel.integration_length
-    return LONGEST + (0.0 if n_av is None else 5.0 * math.sqrt(0.5 / (2.0 * n_av - 1.0)))
+    return math.sqrt(2.0) * largest <= longest_v
 
 
 def _range_of(values: Float, dtype: np.dtype[np.generic]) -> _Range:

@@ -1,13 +1,13 @@
 """What a channel pair answers to one short path: the complex Fourier series g_h(t) = Σ_k G[h,k]·exp(i k ω_h t)."""
 
 import math
-from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
 
 from cadtof_cli.arrays import Complex, Float
 from cadtof_cli.capture.metadata import CaptureMetadata
+from cadtof_cli.records import dataclass
 from cadtof_cli.units import FWHM_PER_SIGMA
 
 NEGLIGIBLE_TERM = 1e-4

@@ -1,14 +1,14 @@
 """Stored values → volts and phasors, and which pixels recorded them soundly."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
-from cadtof_cli.arrays import Bool, Complex, Float, Float32, Stored
+from cadtof_cli.arrays import Bool, Complex, Float, Float32, Index, Stored
 from cadtof_cli.capture.metadata import CaptureMetadata, Voltage
 from cadtof_cli.errors import SettingsError
 from cadtof_cli.phasors.response import HarmonicResponse, ideal_response
+from cadtof_cli.records import dataclass
 
 
 def volts_per_count(voltage: Voltage, dtype: np.dtype[np.generic], /) -> float:
@@ -48,7 +48,7 @@ class PhasorMap:
     other: Float | None = None
     constant: Float | None = None
 
-    def __getitem__(self, pixels: slice) -> "PhasorMap":
+    def __getitem__(self, pixels: slice | Index) -> "PhasorMap":
         """Return the maps of some of the pixels."""
         if self.own.shape[2] == 1:
             return self

@@ -1,13 +1,13 @@
 """The records of the resolver: the paths of a block of pixels, a fit of them, and what is resolved."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from types import EllipsisType
 from typing import TypeAlias
 
 import numpy as np
 
 from cadtof_cli.arrays import Bool, Float, Index, Status
+from cadtof_cli.records import dataclass
 
 Some: TypeAlias = int | slice | Index | Bool | EllipsisType
 Where: TypeAlias = Some | tuple[Some, ...]

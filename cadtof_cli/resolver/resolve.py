@@ -6,16 +6,18 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cadtof_cli.arrays import Complex, Float, Status
+from cadtof_cli.arrays import Bool, Complex, Float, Status
 from cadtof_cli.phasors.chi_squared import chi_squared_threshold
 from cadtof_cli.phasors.noise import NoiseModel
 from cadtof_cli.resolver.order import Solver, fewest_paths
 from cadtof_cli.resolver.paths import Fit, ResolvedPaths
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.resolver.status import StatusBit
+from cadtof_cli.resolver.two_path.kernel import NUMPY
 
 if TYPE_CHECKING:
     from cadtof_cli.resolver.diffuse.records import DiffuseBlock, DiffusePixels
+    from cadtof_cli.resolver.diffuse.through_pixels import ThroughPixels
     from cadtof_cli.resolver.response.table import ResponseBlock
 
 
@@ -29,6 +31,7 @@ def resolve_paths(
     response: "ResponseBlock | None" = None,
     tail: "DiffuseBlock | None" = None,
     first: int = 0,
+    kernel: str = NUMPY,
 ) -> ResolvedPaths:
     """Resolve every pixel of phasors (H, n) into paths; inputs are not changed.
 
@@ -36,7 +39,8 @@ def resolve_paths(
     (n,): saturated or hot. Every pixel is computed alone, by the same operations wherever it stands, so that blocks of any
     size give the same bits. Where the channel pairs answer with more than a sine, `response` says how. Where the frame's MPI is
     diffuse, `tail` predicts it for all pixels but those of patches with separate paths. `first` is the place of the first of the
-    n neighbours in the frame, a flat index, which the seed of a random search goes with.
+    n neighbours in the frame, a flat index, which the seed of a random search goes with. `kernel`, of `available_kernels`, is
+    what answers pixels through the tail: all give the same bits.
 
     Raises:
         SettingsError: the harmonics cannot tell as many paths apart as the settings ask for.
@@ -46,22 +50,27 @@ def resolve_paths(
         settings.check_response(noise.harmonics)
     room = import_module(f"cadtof_cli.resolver.{settings.room(noise.harmonics, sine=response is None)}.solver")
     with np.errstate(all="ignore"):
-        solver: Solver = room.solver(phasors, noise=noise, settings=settings, response=response, first=first)
+        free, through = phasors, None
+        if tail is not None and response is None:
+            from cadtof_cli.resolver.diffuse.through_pixels import freed_pixels
+
+            free, through = freed_pixels(phasors, tail)
+        solver: Solver = room.solver(free, noise=noise, settings=settings, response=response, first=first)
         status, confidence = screened(solver.modulus, solver.powers, status, settings=settings, noise=noise)
+        if through is not None:
+            confidence = np.where(through.where, confidence * through.size, confidence)
         answered = status == 0
         predicted = None
         if tail is not None and response is None:
-            from cadtof_cli.resolver.diffuse.pixels import diffuse_pixels
-
-            predicted = diffuse_pixels(phasors, tail=tail, usable=answered, samples=noise.samples)
+            usable = answered if through is None else answered & ~through.where
+            predicted = _predicted(phasors, tail, usable, noise, kernel)
             answered &= ~predicted.answered
         fit = fewest_paths(solver, answered, settings=settings, noise=noise)
         if tail is not None and response is not None:
-            from cadtof_cli.resolver.diffuse.pixels import diffuse_pixels
             from cadtof_cli.resolver.response.as_sine import phasors_of_sine
 
             sine = phasors_of_sine(phasors, fit.paths, response=response)
-            predicted = diffuse_pixels(sine, tail=tail, usable=answered, samples=noise.samples)
+            predicted = _predicted(sine, tail, answered, noise, kernel)
         bits = _bits(fit)
         if response is not None:
             # a search that ended without finite numbers was for two paths where nothing is left
@@ -72,7 +81,7 @@ def resolve_paths(
             for values in (fit.paths.amplitude, fit.paths.phase_rad, fit.paths.sigma_rad, fit.chi_squared):
                 np.copyto(values, np.nan, where=~answered)
         if predicted is not None:
-            _put_tail(fit, predicted)
+            _put_tail(fit, predicted, through)
             bits = np.where(predicted.answered, np.uint32(StatusBit.DIFFUSE_MPI), bits)
     if noise.samples is not None:
         np.bitwise_or(bits, np.uint32(StatusBit.POOLED), out=bits, where=noise.samples > 1.0)
@@ -100,10 +109,21 @@ def screened(
     return np.where(sound, found, unsound), np.where(sound, modulus, np.nan)
 
 
-def _put_tail(fit: Fit, predicted: "DiffusePixels") -> None:
-    """Write direct and MPI light as two paths where a tail was predicted; in the others the room's is still there."""
+def _predicted(phasors: Complex, tail: "DiffuseBlock", usable: Bool, noise: NoiseModel, kernel: str) -> "DiffusePixels":
+    """Return what the tail says of the pixels, by numpy or by its compiled twin."""
+    from cadtof_cli.resolver.diffuse.compiled import compiled_pixels, runs_compiled
+    from cadtof_cli.resolver.diffuse.pixels import diffuse_pixels
+
+    if runs_compiled(tail.model, kernel):
+        return compiled_pixels(phasors, tail=tail, usable=usable, samples=noise.samples, kernel=kernel)
+    return diffuse_pixels(phasors, tail=tail, usable=usable, samples=noise.samples)
+
+
+def _put_tail(fit: Fit, predicted: "DiffusePixels", through: "ThroughPixels | None") -> None:
+    """Write direct and MPI light as two paths where a tail was predicted; elsewhere the room's is still there, or was freed."""
     where, paths = predicted.answered, fit.paths
-    paths.sigma_rad[:] = np.sqrt(np.square(paths.sigma_rad) + predicted.separate_variance)
+    left = predicted.separate_variance
+    paths.sigma_rad[:] = np.sqrt(np.square(paths.sigma_rad) + (left if through is None else through.variance(left)))
     for row, (amplitude, phase, sigma) in enumerate((predicted.direct, predicted.mpi)):
         np.copyto(paths.amplitude[row], amplitude, where=where)
         np.copyto(paths.phase_rad[row], phase, where=where)

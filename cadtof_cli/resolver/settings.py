@@ -1,9 +1,9 @@
 """What a user can choose about resolving; one frozen record that checks itself."""
 
-from dataclasses import dataclass
 from typing import Literal
 
 from cadtof_cli.errors import SettingsError
+from cadtof_cli.records import dataclass
 
 Solver = Literal["two-path", "one-path", "lm"]
 Return = Literal["first", "strongest", "last"]
@@ -76,7 +76,8 @@ class ResolverSettings:
                 raise SettingsError(f"{option}: found {number}, expected {floor} or more")
         if self.solver == "lm" and self.paths > 2:
             raise SettingsError(f"--solver lm finds two paths, not --paths {self.paths}: use --solver two-path")
-        orders = ("auto", *(str(count) for count in range(1, self._most_paths + 1)))
+        most = 1 if self.solver == "one-path" else self.paths
+        orders = ("auto", *map(str, range(1, most + 1)))
         if self.order not in orders:
             raise SettingsError(
                 f"--order: found {self.order!r}, expected one of {', '.join(orders)} "
@@ -84,13 +85,11 @@ class ResolverSettings:
             )
 
     @property
-    def _most_paths(self) -> int:
-        return 1 if self.solver == "one-path" else self.paths
-
-    @property
     def max_paths(self) -> int:
         """The most paths that a pixel may get."""
-        return self._most_paths if self.order == "auto" else int(self.order)
+        if self.order != "auto":
+            return int(self.order)
+        return 1 if self.solver == "one-path" else self.paths
 
     def may_be_diffuse(self, harmonics: tuple[int, ...], /) -> bool:
         """Whether a frame's MPI may be taken for diffuse: not where another solver, order or return is asked for.
@@ -107,10 +106,6 @@ class ResolverSettings:
         if self.solver == "lm" and self.max_paths == 2:
             return "paper"
         return "two_path" if self.in_closed_form(harmonics) else "likelihood"
-
-    def in_kernel(self, harmonics: tuple[int, ...], /, *, sine: bool) -> bool:
-        """Return whether the compiled kernel of the room `two_path` answers, if there is one."""
-        return self.room(harmonics, sine=sine) == "two_path" and self.paths <= 2
 
     def in_closed_form(self, harmonics: tuple[int, ...], /) -> bool:
         """Whether a capture with these harmonics needs no iteration."""

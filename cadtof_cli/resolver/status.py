@@ -1,11 +1,11 @@
 """The registry of status bits: code, decoder and documentation all read this one list."""
 
-from dataclasses import dataclass
 from enum import IntFlag
 
 import numpy as np
 
 from cadtof_cli.arrays import Bool, Status
+from cadtof_cli.records import dataclass
 
 
 class StatusBit(IntFlag):
@@ -68,7 +68,9 @@ class StatusCounts:
 def count_status(status: Status, /) -> StatusCounts:
     """Count the pixels of a status map of any shape that have one path, two paths, more, diffuse MPI, and no answer."""
     bits = (StatusBit.ONE_PATH, StatusBit.TWO_PATHS, StatusBit.MORE_PATHS, StatusBit.DIFFUSE_MPI)
-    one, two, more, diffuse = (int(np.count_nonzero(status & np.uint32(bit))) for bit in bits)
+    # most frames have no pixel of some kinds
+    there = int(np.bitwise_or.reduce(status, axis=None))
+    one, two, more, diffuse = (int(np.count_nonzero(status & np.uint32(bit))) if there & bit else 0 for bit in bits)
     return StatusCounts(one, two, more, diffuse, status.size - one - two - more - diffuse)
 
 

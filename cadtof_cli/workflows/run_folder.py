@@ -2,21 +2,21 @@
 
 import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import fields
 from pathlib import Path
 from typing import Any, Literal, get_args
 
 from cadtof_cli.arrays import Float
-from cadtof_cli.capture.discovery import Capture, base_of, find_captures, placed_below
+from cadtof_cli.capture.discovery import WRITTEN_BY_US, Capture, find_captures, placed_below
 from cadtof_cli.capture.frame_sources import FrameSource
 from cadtof_cli.capture.frames import single_frames
 from cadtof_cli.capture.metadata import Optics
 from cadtof_cli.capture.toml import FILE_NAME as CAPTURE_FILE
-from cadtof_cli.capture.tree import WRITTEN_BY_US
 from cadtof_cli.errors import CadtofError, CaptureError, SettingsError
 from cadtof_cli.files.formats import MAP_SUFFIXES
-from cadtof_cli.files.regular import is_folder, is_there, read_text
+from cadtof_cli.files.reading import is_folder, is_there, read_text
 from cadtof_cli.frame_plan import CalibrationUse, DepthKind
+from cadtof_cli.records import dataclass
 from cadtof_cli.workflows.sound_record import require_sound_record
 
 RUN_FILE = "run.json"
@@ -267,7 +267,7 @@ class Run:
                 settings_file=Path(settings) if settings else None,
                 recursive=bool(arguments.get("recursive")),
             )
-            captures = placed_below(captures, base_of(inputs, captures))
+            captures, _ = placed_below(captures, inputs)
             return _by_map(captures, slice(*(arguments.get("frames") or (None,))), int(arguments.get("average", 1)))
         except (CadtofError, LookupError, TypeError, ValueError, AttributeError) as error:
             say(f"the recorded frames are not where they were, so the first phasor is not evaluated: {error}")

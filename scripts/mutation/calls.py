@@ -22,7 +22,7 @@ _ONCE = "once, below "
 
 @dataclass(frozen=True)
 class Test:
-    """A test: how long it takes, which lines it runs, and whether it starts other processes, which may run any."""
+    """A test: seconds of the processor's time, lines that it runs, and whether it starts other processes, which may run any."""
 
     seconds: float
     lines: Lines
@@ -39,7 +39,7 @@ class Calls:
     before: Lines = field(default_factory=dict)
 
     def __or__(self, other: "Calls") -> "Calls":
-        return Calls({**self.tests, **other.tests}, {**self.before, **other.before})
+        return Calls({**self.tests, **other.tests}, _joined([self.before, other.before]))
 
     def may_notice(self, test: str, path: str, lines: range, /, *, reached: Callable[[str], bool]) -> bool:
         """Return whether a test may notice a change of some lines of a file; `reached` tells which files can reach that one.
@@ -53,6 +53,10 @@ class Calls:
         if self.before.get(path, frozenset()).isdisjoint(lines):
             return False
         return any(map(reached, {test.split("::", maxsplit=1)[0], *known.lines}))
+
+    def may_be_put_in(self, path: str, lines: range, /) -> bool:
+        """Return whether nothing can come of some lines of a file before a test runs."""
+        return self.before.get(path, frozenset()).isdisjoint(lines)
 
 
 class Watch:
@@ -74,9 +78,7 @@ class Watch:
         os.register_at_fork(before=self._note_fork)
         sys.addaudithook(lambda event, _: self._note_fork() if event == "subprocess.Popen" else None)
         self._coverage.start()
-        for module in pkgutil.walk_packages([str(self._package)], f"{self._package.name}."):
-            if not module.name.endswith("__main__"):
-                importlib.import_module(module.name)
+        import_all(self._package)
 
     @pytest.hookimpl(hookwrapper=True, tryfirst=True)
     def pytest_runtest_setup(self, item: pytest.Item) -> Iterator[None]:
@@ -103,9 +105,12 @@ class Watch:
         yield
         self._coverage.switch_context(_file(item.nodeid))
 
-    def pytest_runtest_logreport(self, report: Any) -> None:
-        """Add up how long setup, call and teardown take."""
-        self._seconds[report.nodeid] = self._seconds.get(report.nodeid, 0.0) + report.duration
+    @pytest.hookimpl(hookwrapper=True, tryfirst=True)
+    def pytest_runtest_protocol(self, item: pytest.Item) -> Iterator[None]:
+        """Note how much of the processor's time a test takes, with the processes that it starts."""
+        before = sum(os.times()[:4])
+        yield
+        self._seconds[item.nodeid] = sum(os.times()[:4]) - before
 
     def calls(self) -> Calls:
         """Return what was noted."""
@@ -141,6 +146,13 @@ class Chosen:
     def pytest_collection_modifyitems(self, items: list[pytest.Item]) -> None:
         """Keep the chosen tests."""
         items[:] = [item for item in items if item.nodeid in self._tests]
+
+
+def import_all(package: Path, /) -> None:
+    """Import every module of a package."""
+    for module in pkgutil.walk_packages([str(package)], f"{package.name}."):
+        if not module.name.endswith("__main__"):
+            importlib.import_module(module.name)
 
 
 def _joined(parts: list[Lines]) -> Lines:

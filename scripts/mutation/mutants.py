@@ -85,10 +85,15 @@ def drawn(places: Sequence[Sequence[Mutant]], count: int, seed: int, /) -> list[
 
 def mutated(source: str, mutant: Mutant, /) -> str:
     """Return a module's text with the change made."""
+    return ast.unparse(mutated_module(source, mutant)) + "\n"
+
+
+def mutated_module(source: str, mutant: Mutant, /) -> ast.Module:
+    """Return a module with the change made; what is not changed keeps its lines."""
     module = ast.parse(source)
     place = next(place for index, place in enumerate(_places(module)) if index == mutant.place)
     place.put(place.variants[mutant.variant])
-    return ast.unparse(ast.fix_missing_locations(module)) + "\n"
+    return ast.fix_missing_locations(module)
 
 
 def _mutants_of(path: Path, name: str) -> Iterator[list[Mutant]]:

@@ -5,15 +5,14 @@ import itertools
 import os
 import pickle
 import re
-import resource
 import shutil
-import signal
 import sys
 import time
 import traceback
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache, cached_property
 from pathlib import Path
 from typing import NoReturn
 
@@ -22,6 +21,7 @@ import pytest
 from mutation.calls import Calls, Chosen, Watch
 from mutation.mutants import PACKAGE, Mutant, mutated
 from mutation.reach import reaches
+from mutation.session import NOT_PUT_IN, Request, Session, ended, limit
 
 LEFT_BEHIND = (".git", ".venv*", "out", "__pycache__", ".*_cache", ".hypothesis", "build", "dist")
 
@@ -29,23 +29,23 @@ CONTRACTS = "contracts"
 
 KERNEL_LIBRARY = "_kernel*.so"
 
-KERNEL_FRONT = "kernel"
-"""The only module whose mutants are tried with the compiled kernel. Elsewhere numpy does the work: a change must be noticed for
-what it does, and not because the two differ."""
+COMPILED_LIBRARIES = "_*.so"
 
-MEMORY_BYTES = 6 * 2**30
+KERNEL_FRONTS = frozenset(("kernel", "compiled"))
+"""Modules whose mutants are tried with the compiled kernel. Elsewhere numpy does the work: a change must be noticed for
+what it does, and not because the two differ."""
 
 PATIENCE = 3.0
 """Times the duration of the unchanged tests, and …"""
 
 LEAST_PATIENCE_S = 15.0
-"""… at least this long, of the processor's time, before a mutant counts as one that never ends; and …"""
+"""… at least this long, of the processor's time, before a mutant counts as one that never ends."""
 
 FIRST_S = 2.0
 """The quickest of the tests that may notice a mutant, so long in all, are tried before all mutants' others."""
 
-WAITS = 20
-"""… so many times that by the clock, for other programs may keep the processor busy."""
+NEAR_FIRST = (0.1, 0.3, 1.0)
+"""By how much the tests of a mutant's own module, those that name it, and the rest count as quick."""
 
 OPTIONS = (
     *("-x", "-q", "-n", "0", "-p", "no:cacheprovider", "--tb=line", "--hypothesis-seed=0"),
@@ -71,7 +71,7 @@ class Bench:
     def __init__(self, root: Path, place: Path, calls: Calls | None = None) -> None:
         self.tree = place / "tree"
         shutil.copytree(root, self.tree, symlinks=True, ignore=shutil.ignore_patterns(*LEFT_BEHIND))
-        self._kernels = {path: place / path.name for path in (self.tree / PACKAGE).rglob(KERNEL_LIBRARY)}
+        self._kernels = {path: place / path.name for path in (self.tree / PACKAGE).rglob(COMPILED_LIBRARIES)}
         self._use_kernel(False)
         self._log = place / "log.txt"
         self._clock = time.time() + 10.0
@@ -90,18 +90,38 @@ class Bench:
     def tried(self, mutant: Mutant, *, quick: bool) -> Outcome:
         """Return what becomes of a mutant by the quick of the tests that may notice it, or by the others."""
         path = self.tree / mutant.path
-        text = mutated(path.read_text(encoding="utf-8"), mutant)
+        before = path.read_text(encoding="utf-8")
+        text = mutated(before, mutant)
         begin = time.monotonic()
-        with self.changed({path: text}, kernel=path.stem == KERNEL_FRONT):
+        with self.changed({path: text}, kernel=path.stem in KERNEL_FRONTS):
             files, tests = self._portion(mutant, quick=quick)
             if tests:
                 patience = max(PATIENCE * sum(self._seconds(test) for test in tests), LEAST_PATIENCE_S)
-                code, ended = self._run(files, patience, Chosen(tests))
-                if code in USAGE_ERRORS:
-                    raise SystemExit(f"pytest could not run {' '.join(files)}:\n{self._log.read_text()[-4000:]}")
+                code, by_itself = self._outcome(mutant, before, files, tests, patience)
                 if code != pytest.ExitCode.OK:
-                    return Outcome(mutant, "killed" if ended else "endless", time.monotonic() - begin)
+                    return Outcome(mutant, "killed" if by_itself else "endless", time.monotonic() - begin)
         return Outcome(mutant, "survived", time.monotonic() - begin)
+
+    def _outcome(
+        self, mutant: Mutant, source: str, files: list[str], tests: frozenset[str], patience_s: float
+    ) -> tuple[int, bool]:
+        """Run tests against a mutant that stands in the tree: in the session that waits, where that is the same."""
+        if self._calls.may_be_put_in(mutant.path, _lines(mutant)) and Path(mutant.path).stem not in KERNEL_FRONTS:
+            rank = {file: number for number, file in enumerate(files)}
+            ordered = sorted((test for test in self._calls.tests if test in tests), key=lambda test: rank[_file(test)])
+            code, by_itself = self._waiting.tried(Request(mutant, source, tuple(ordered), patience_s))
+            if code != NOT_PUT_IN:
+                return code, by_itself
+        code, by_itself = self._run(files, patience_s, Chosen(tests))
+        if code in USAGE_ERRORS:
+            raise SystemExit(f"pytest could not run {' '.join(files)}:\n{self._log.read_text()[-4000:]}")
+        return code, by_itself
+
+    @cached_property
+    def _waiting(self) -> Session:
+        files = sorted({_file(test) for test in self._calls.tests})
+        options = [*OPTIONS, f"--basetemp={self.tree.parent / 'tmp'}", *files]
+        return Session(self.tree, options, self._log.with_name("session.txt"))
 
     @contextlib.contextmanager
     def changed(self, texts: Mapping[Path, str], *, kernel: bool) -> Iterator[None]:
@@ -149,19 +169,20 @@ class Bench:
         def reached(file: str) -> bool:
             return file == mutant.path or reaches(self.tree, self.tree / file, module)
 
+        @cache
         def near(file: str) -> int:
             if Path(file).stem == f"test_{stem}":
                 return 0
             return 1 if module in (self.tree / file).read_text(encoding="utf-8") else 2
 
-        files, lines = {*self._files(mutant.room), *self._files(CONTRACTS)}, range(mutant.lines[0], mutant.lines[1] + 1)
+        files, lines = {*self._files(mutant.room), *self._files(CONTRACTS)}, _lines(mutant)
         tests = [
             test
             for test in self._calls.tests
             if _file(test) in files
-            and (stem == KERNEL_FRONT or self._calls.may_notice(test, mutant.path, lines, reached=reached))
+            and (stem in KERNEL_FRONTS or self._calls.may_notice(test, mutant.path, lines, reached=reached))
         ]
-        tests.sort(key=self._seconds)
+        tests.sort(key=lambda test: self._seconds(test) * NEAR_FIRST[near(_file(test))])
         sums = itertools.accumulate(self._seconds(test) for test in tests)
         count = sum(1 for total in sums if total <= FIRST_S)
         tests = tests[:count] if quick else tests[count:]
@@ -184,28 +205,15 @@ class Bench:
         child = os.fork()
         if child == 0:
             self._be_pytest(files, patience_s, plugin)
-        deadline = time.monotonic() + WAITS * patience_s
-        while True:
-            ended, status = os.waitpid(child, os.WNOHANG)
-            if ended:
-                _kill_group(child)
-                code = os.waitstatus_to_exitcode(status)
-                return code, code not in {-signal.SIGXCPU, -signal.SIGKILL}
-            if time.monotonic() > deadline:
-                _kill_group(child)
-                os.waitpid(child, 0)
-                return -signal.SIGKILL, False
-            time.sleep(0.01)
+        return ended(child, patience_s)
 
     def _be_pytest(self, files: list[str], patience_s: float, plugin: Watch | Chosen | None) -> NoReturn:
         code = 99
         try:
-            os.setsid()
+            limit(patience_s)
             log = os.open(self._log, os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
             for stream in (1, 2):
                 os.dup2(log, stream)
-            resource.setrlimit(resource.RLIMIT_AS, (MEMORY_BYTES, MEMORY_BYTES))
-            resource.setrlimit(resource.RLIMIT_CPU, (int(patience_s) + 1, int(patience_s) + 2))
             os.chdir(self.tree)
             sys.path.insert(0, str(self.tree))
             # what is not changed is compiled once
@@ -228,6 +236,5 @@ def _file(test: str) -> str:
     return test.split("::", maxsplit=1)[0]
 
 
-def _kill_group(leader: int) -> None:
-    with contextlib.suppress(ProcessLookupError):
-        os.killpg(leader, signal.SIGKILL)
+def _lines(mutant: Mutant) -> range:
+    return range(mutant.lines[0], mutant.lines[1] + 1)

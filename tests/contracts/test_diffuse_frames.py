@@ -12,6 +12,7 @@ from cadtof_cli.capture.frames import open_frames, single_frames
 from cadtof_cli.frame_plan import FramePlan
 from cadtof_cli.pipeline import FramePixels, joined_parts, prepare_frame, resolve_frame, resolve_pixels
 from cadtof_cli.resolver.diffuse.records import DiffuseModel
+from cadtof_cli.resolver.two_path.kernel import NUMPY
 
 CORNER = Path(__file__).parents[2] / "sample_data" / "corner"
 
@@ -44,9 +45,11 @@ def test_a_frame_in_parts_has_the_same_bits(corner: tuple[Stored, FramePlan], co
 def test_blocks_of_any_size_have_the_same_bits(corner: tuple[Stored, FramePlan], block_pixels: int) -> None:
     stored, plan = corner
     cut = FramePlan(metadata=plan.metadata, block_pixels=block_pixels)
-    np.testing.assert_array_equal(
-        resolve_frame(stored, plan=cut).maps.pages, resolve_frame(stored, plan=plan).maps.pages
-    )
+    whole = resolve_frame(stored, plan=plan).maps
+    for kernel in (NUMPY, None):
+        found = resolve_frame(stored, plan=cut, kernel=kernel).maps
+        np.testing.assert_array_equal(found.values, whole.values)
+        np.testing.assert_array_equal(found.status, whole.status)
 
 
 def test_an_odd_cut_of_a_frame_is_answered_everywhere(corner: tuple[Stored, FramePlan]) -> None:

@@ -29,7 +29,6 @@ def test_frame_comes_back_bit_for_bit(form: Form, tmp_path: Path) -> None:
     with open_frames(source, LAYOUT) as frames:
         frame = frames.read(0)
         assert (frames.count, frames.shape, frames.dtype) == (1, recorded.shape, recorded.dtype)
-        assert f".{frames.format}" == source.paths[0].suffix
     _assert_same(frame, recorded)
 
 
@@ -90,7 +89,6 @@ def test_the_content_says_what_a_file_is_not_its_name(tmp_path: Path) -> None:
     source = exr()(tmp_path / "frame", recorded)
     disguised = source.paths[0].rename(tmp_path / "frame.tif")
     with open_frames(FrameSource("frame", (disguised,)), LAYOUT) as frames:
-        assert frames.format == "exr"
         _assert_same(frames.read(), recorded)
 
 

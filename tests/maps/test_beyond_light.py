@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cadtof_cli.maps.impossible import beyond_light
+from cadtof_cli.maps.depth import beyond_light
 from tests.support.mixtures import noise_of
 
 NOISE = noise_of((1, 2), n_av=1e6)

@@ -5,7 +5,7 @@ from dataclasses import fields
 import numpy as np
 from numpy.typing import NDArray
 
-from cadtof_cli.resolver.diffuse.grid import View
+from cadtof_cli.resolver.diffuse.grid import View, sampled_pixels
 from cadtof_cli.resolver.diffuse.pixels import diffuse_pixels
 from cadtof_cli.resolver.diffuse.predict import diffuse_model
 from cadtof_cli.resolver.diffuse.records import DiffuseChoice, DiffuseModel, DiffusePixels
@@ -31,9 +31,11 @@ def model_of(
     height, width = phasors.shape[1:]
     view = None if focal_px is None else View(focal_px, ((width - 1) / 2, (height - 1) / 2))
     harmonics = harmonics or tuple(range(1, len(phasors) + 1))
+    sampled = sampled_pixels(height, width)
     return diffuse_model(
-        phasors,
-        usable=np.ones((height, width), bool) if usable is None else usable,
+        phasors[:, *sampled],
+        size=(height, width),
+        usable=(np.ones((height, width), bool) if usable is None else usable)[sampled],
         variances=(variance(n_av),) * len(phasors),
         settings=DiffuseSettings(model=model, period_ns=T1_NS, harmonics=harmonics),
         view=view,

@@ -75,7 +75,21 @@ def variance(n_av: float) -> float:
     return 1 / (2 * (2 * n_av - 1))
 
 
-def range_error_m(phase_rad: F, range_m: F) -> F:
+def range_error_m(phase_rad: F | NDArray[np.float32], range_m: F) -> F:
     """Error of the range that a phase stands for, by the short way round the unambiguous range."""
     difference = phase_rad - range_m.ravel() / M_PER_RAD
     return np.asarray((difference - 2 * np.pi * np.rint(difference / (2 * np.pi))) * M_PER_RAD)
+
+
+def hung_before(
+    frame: Z, net: F, mpi: dict[int, complex], *, share: float, amplitude: float = 0.25
+) -> tuple[Z, NDArray[np.bool_]]:
+    """A frame of `phasors_of` with a net at the ranges `net` before its middle, and where that is.
+
+    A `share` of the light there is that of the net, direct light times 1 + `mpi[h]`; the rest is what there was.
+    """
+    height, width = net.shape
+    covered = np.zeros(net.shape, np.bool_)
+    covered[height // 4 : -(height // 4), width // 3 : -(width // 3)] = True
+    light = np.stack([amplitude * np.exp(1j * h * net / M_PER_RAD) * (1 + mpi[h]) for h in range(1, len(frame) + 1)])
+    return np.where(covered, share * light + (1 - share) * frame, frame), covered

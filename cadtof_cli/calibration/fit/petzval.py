@@ -12,8 +12,7 @@ from cadtof_cli.calibration.parts import Origin
 from cadtof_cli.calibration.petzval import PetzvalCalibration, PetzvalQuality, WallFit
 from cadtof_cli.capture.metadata import Optics
 from cadtof_cli.errors import SettingsError
-from cadtof_cli.optics.curvature import half_diagonal_px
-from cadtof_cli.optics.pinhole import principal_point
+from cadtof_cli.optics.lens import half_diagonal_px, principal_point
 
 LEAST_PIXELS = 50
 """Fewest pixels of a wall that its distance and tilt are fitted to."""

@@ -54,8 +54,7 @@ def robust_fit(model: Callable[[Float], tuple[Float, Float]], start: Float, /) -
     parameters = start.astype(np.float64)
     for _ in range(MOST_STEPS):
         residual, slopes = model(parameters)
-        scale = _scale(residual)
-        weights = _biweight(residual / scale)
+        scale, weights = _weighted(residual)
         normal = (slopes * weights[:, np.newaxis]).T @ slopes
         inverse, condition = _inverse(normal)
         change = inverse @ (slopes.T @ (weights * residual))
@@ -63,19 +62,16 @@ def robust_fit(model: Callable[[Float], tuple[Float, Float]], start: Float, /) -
         if np.all(np.abs(change) <= CONVERGED * scale * np.sqrt(np.diag(inverse))):
             break
     residual, slopes = model(parameters)
-    scale = _scale(residual)
-    kept = _biweight(residual / scale)
+    scale, kept = _weighted(residual)
     inverse, condition = _inverse(slopes[kept > 0.0].T @ slopes[kept > 0.0])
     return RobustFit(parameters, inverse * scale**2 / BIWEIGHT_EFFICIENCY, residual, kept, scale, condition)
 
 
-def _scale(residual: Float) -> float:
-    return max(float(np.median(np.abs(residual))) / MAD_PER_SIGMA, float(np.finfo(np.float64).eps))
-
-
-def _biweight(ratio: Float) -> Float:
-    share = np.minimum((ratio / BIWEIGHT_LIMIT) ** 2, 1.0)
-    return np.asarray((1.0 - share) ** 2)
+def _weighted(residual: Float) -> tuple[float, Float]:
+    """Return the robust standard deviation of residuals, and their weights by it."""
+    scale = max(float(np.median(np.abs(residual))) / MAD_PER_SIGMA, float(np.finfo(np.float64).eps))
+    share = np.minimum((residual / scale / BIWEIGHT_LIMIT) ** 2, 1.0)
+    return scale, np.asarray((1.0 - share) ** 2)
 
 
 def _inverse(normal: Float) -> tuple[Float, float]:

@@ -3,7 +3,6 @@
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
@@ -12,9 +11,10 @@ import OpenEXR
 from numpy.typing import NDArray
 
 from cadtof_cli.errors import FrameError
-from cadtof_cli.files.damage import damage_as_frame_error, require_plausible_size
 from cadtof_cli.files.library_output import library_output
 from cadtof_cli.files.named_planes import NamedPart
+from cadtof_cli.files.reading import damage_as_frame_error, require_plausible_size
+from cadtof_cli.records import dataclass
 
 Compression = Literal["none", "zip", "pxr24"]
 

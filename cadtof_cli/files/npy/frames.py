@@ -7,8 +7,8 @@ import numpy as np
 
 from cadtof_cli.arrays import Stored
 from cadtof_cli.files.array_frames import lone_plane, open_array
-from cadtof_cli.files.damage import damage_as_frame_error
 from cadtof_cli.files.frames import FrameLayout, Frames
+from cadtof_cli.files.reading import damage_as_frame_error
 
 
 def open_frames(path: Path, layout: FrameLayout, /) -> AbstractContextManager[Frames]:
@@ -17,7 +17,7 @@ def open_frames(path: Path, layout: FrameLayout, /) -> AbstractContextManager[Fr
     Raises:
         FrameError: the file cannot be read, is damaged, holds Python objects, or its planes do not make up whole frames.
     """
-    return open_array("npy", path, _mapped(path), layout)
+    return open_array(path, _mapped(path), layout)
 
 
 def read_plane(path: Path, _layout: FrameLayout, /) -> Stored:

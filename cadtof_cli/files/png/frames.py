@@ -9,9 +9,9 @@ import numpy as np
 
 from cadtof_cli.arrays import Stored
 from cadtof_cli.errors import FrameError
-from cadtof_cli.files.damage import damage_as_frame_error, require_plausible_size
 from cadtof_cli.files.frames import FrameLayout, Frames, NotAFrameError
 from cadtof_cli.files.library_output import library_output
+from cadtof_cli.files.reading import damage_as_frame_error, require_plausible_size
 
 _HEADER = struct.Struct(">8xI4sIIBB")
 _GREY = 0

@@ -9,9 +9,8 @@ import numpy as np
 from cadtof_cli.arrays import Stored
 from cadtof_cli.errors import FrameError
 from cadtof_cli.files.array_frames import lone_plane, open_array
-from cadtof_cli.files.damage import damage_as_frame_error
 from cadtof_cli.files.frames import FrameLayout, Frames
-from cadtof_cli.files.regular import require_regular
+from cadtof_cli.files.reading import damage_as_frame_error, require_regular
 
 
 def open_frames(path: Path, layout: FrameLayout, /) -> AbstractContextManager[Frames]:
@@ -20,7 +19,7 @@ def open_frames(path: Path, layout: FrameLayout, /) -> AbstractContextManager[Fr
     Raises:
         FrameError: nothing says its shape, the size of the file is another, or its planes do not make up whole frames.
     """
-    return open_array("raw", path, _mapped(path, layout), layout)
+    return open_array(path, _mapped(path, layout), layout)
 
 
 def read_plane(path: Path, layout: FrameLayout, /) -> Stored:

@@ -5,14 +5,15 @@ read and written as that one was.
 """
 
 import os
-from dataclasses import dataclass
+from io import FileIO
 from pathlib import Path
 from typing import Any
 
 from numpy.typing import NDArray
 from tifffile import FileHandle
 
-from cadtof_cli.files.digest import Digest
+from cadtof_cli.files.system import read_parts
+from cadtof_cli.records import dataclass
 
 LARGEST_BYTES = 2**20
 """More than this around the pixels is not worth to be kept: reading the pages of such a stack costs little beside its pixels."""
@@ -38,27 +39,19 @@ class Envelope:
 
     def read(self, path: Path, out: NDArray[Any], /) -> bool:
         """Read the pixels of a file into `out` if it has the same bytes around them, and return whether it has."""
-        with path.open("rb", buffering=0) as file:
-            if os.fstat(file.fileno()).st_size != len(self.head) + self.pixels + len(self.tail):
+        if out.nbytes != self.pixels:
+            return False
+        head, tail = bytearray(len(self.head)), bytearray(len(self.tail))
+        with FileIO(path) as file:
+            if os.fstat(file.fileno()).st_size != len(head) + self.pixels + len(tail):
                 return False
-            if file.read(len(self.head)) != self.head or out.nbytes != self.pixels:
-                return False
-            rest = out.data.cast("B")
-            while rest and (count := file.readinto(rest)):
-                rest = rest[count:]
-            return not rest and file.read(len(self.tail) + 1) == self.tail
+            whole = read_parts(file, (memoryview(head), out.data.cast("B"), memoryview(tail)))
+            return whole and head == self.head and tail == self.tail and not file.read(1)
 
     def written_as(self, old: bytes, new: bytes, /) -> "Envelope":
         """Return an envelope with other bytes, of the same number, wherever the old ones stand."""
         return self if old == new else Envelope(self.head.replace(old, new), self.pixels, self.tail.replace(old, new))
 
-    def write(self, path: Path, pixels: NDArray[Any], /) -> str:
-        """Write a file of these bytes around other pixels, and return its digest."""
-        digest = Digest()
-        with path.open("wb", buffering=0) as file:
-            for part in (self.head, pixels.data.cast("B"), self.tail):
-                rest = memoryview(part)
-                digest.update(rest)
-                while rest:
-                    rest = rest[file.write(rest) :]
-        return digest.hexdigest()
+    def around(self, pixels: NDArray[Any], /) -> tuple[memoryview, memoryview, memoryview]:
+        """Return the parts of a file of these bytes around other pixels."""
+        return memoryview(self.head), pixels.data.cast("B"), memoryview(self.tail)

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from cadtof_cli.arrays import Stored
 from cadtof_cli.errors import FrameError
-from cadtof_cli.files.damage import damage_as_frame_error, require_plausible_size
 from cadtof_cli.files.frames import shape_text
+from cadtof_cli.files.reading import damage_as_frame_error, require_plausible_size
 from cadtof_cli.files.tiff.contents import require_voltages
 from cadtof_cli.files.tiff.envelope import Envelope
 from cadtof_cli.files.tiff.names import names_of_planes

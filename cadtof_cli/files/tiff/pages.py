@@ -1,7 +1,6 @@
 """The pages of a TIFF file, checked before a pixel is read, since tifffile fills what is missing with zeros."""
 
 import math
-import os
 import struct
 from pathlib import Path
 from typing import NamedTuple
@@ -10,6 +9,7 @@ import tifffile
 
 from cadtof_cli.errors import FrameError
 from cadtof_cli.files.frames import SAMPLE_TYPES
+from cadtof_cli.files.system import read_at
 
 MAX_TAGS = 4096
 """As tifffile has it; a page with more is damage."""
@@ -55,15 +55,15 @@ def require_sound_chain(path: Path, descriptor: int, size: int) -> None:
     Raises:
         FrameError: the list leaves the file, ends within a page or returns to an earlier one.
     """
-    header = os.pread(descriptor, 4, 0)
+    header = read_at(descriptor, 4, 0)
     form = _FORMS["<" if header[:2] == b"II" else ">", 43 in header[2:]]
     seen: set[int] = set()
-    (offset,) = form.link.unpack(os.pread(descriptor, form.link.size, form.first))
+    (offset,) = form.link.unpack(read_at(descriptor, form.link.size, form.first))
     while offset:
         if offset in seen:
             raise FrameError(f"{path}: damaged TIFF: page {len(seen)} leads back to an earlier page")
         begin = offset + form.tags.size
-        (tags,) = form.tags.unpack(os.pread(descriptor, form.tags.size, offset)) if begin <= size else (0,)
+        (tags,) = form.tags.unpack(read_at(descriptor, form.tags.size, offset)) if begin <= size else (0,)
         end = begin + tags * form.tag.size
         if not 0 < tags <= MAX_TAGS or end + form.link.size > size:
             raise FrameError(
@@ -71,9 +71,9 @@ def require_sound_chain(path: Path, descriptor: int, size: int) -> None:
                 f" found no page there in a file of {size:,} bytes"
             )
         if len(seen) < _LOOKED_INTO:
-            _require_values_within(path, len(seen), form, os.pread(descriptor, end - begin, begin), size)
+            _require_values_within(path, len(seen), form, read_at(descriptor, end - begin, begin), size)
         seen.add(offset)
-        (offset,) = form.link.unpack(os.pread(descriptor, form.link.size, end))
+        (offset,) = form.link.unpack(read_at(descriptor, form.link.size, end))
 
 
 def _require_values_within(path: Path, page: int, form: _Form, tags: bytes, size: int) -> None:

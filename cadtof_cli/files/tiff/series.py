@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from cadtof_cli.arrays import Stored
 from cadtof_cli.errors import FrameError
-from cadtof_cli.files.damage import require_plausible_size
 from cadtof_cli.files.frames import shape_text
+from cadtof_cli.files.reading import require_plausible_size
 from cadtof_cli.files.tiff.contents import is_plain_page
 from cadtof_cli.files.tiff.pages import Page, lies_in_one_run, require_sound_keyframe, require_sound_page
 

@@ -20,7 +20,7 @@ GUESSED_SHARE = 0.15
 """The share of the light of guessed walls that is counted with two harmonics: such early light they hardly tell from none.
 Three tell it."""
 
-GUESSED_ERROR = 0.5
+GUESSED_ERROR = 0.35
 """Standard deviation of that share."""
 
 PATCH_SHARE = (0.3, 0.1)

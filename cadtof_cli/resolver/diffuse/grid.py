@@ -60,14 +60,18 @@ class PatchGrid:
 
     def samples(self, image: NDArray[Any], /) -> NDArray[Any]:
         """Return the sampled pixels of images (…, Y, X) by patch, (…, rows, columns, n); 0 or False outside the frame."""
-        first, per_side = self.stride // 2, self.side // self.stride
-        taken = image[..., first :: self.stride, first :: self.stride]
-        height, width = taken.shape[-2:]
-        shape = (*image.shape[:-2], self.rows * per_side, self.columns * per_side)
-        padded = np.zeros(shape, image.dtype)
-        padded[..., :height, :width] = taken
-        cut = padded.reshape(*image.shape[:-2], self.rows, per_side, self.columns, per_side)
-        return cut.swapaxes(-3, -2).reshape(*image.shape[:-2], self.rows, self.columns, -1)
+        rows, columns = sampled_pixels(self.height, self.width)
+        return self.by_patch(image[..., rows, columns])
+
+    def by_patch(self, sampled: NDArray[Any], /) -> NDArray[Any]:
+        """Return images of the sampled pixels alone, (…, rows, columns), by patch, (…, rows, columns, n)."""
+        per_side = self.side // self.stride
+        height, width = sampled.shape[-2:]
+        shape = (*sampled.shape[:-2], self.rows * per_side, self.columns * per_side)
+        padded = np.zeros(shape, sampled.dtype)
+        padded[..., :height, :width] = sampled
+        cut = padded.reshape(*shape[:-2], self.rows, per_side, self.columns, per_side)
+        return cut.swapaxes(-3, -2).reshape(*shape[:-2], self.rows, self.columns, -1)
 
 
 @lru_cache(maxsize=4)
@@ -89,10 +93,10 @@ def patch_grid(height: int, width: int, view: View, /) -> PatchGrid:
     return sealed(PatchGrid(view, height, width, side, stride, rows, columns, slope_x, slope_y, cosine, ray))
 
 
-def sampled_rows(height: int, width: int, rows: slice, /) -> NDArray[np.intp]:
-    """Return which of some rows of a frame hold sampled pixels."""
+def sampled_pixels(height: int, width: int, /) -> tuple[slice, slice]:
+    """Return which rows and columns of a frame are sampled."""
     _, stride = _side_and_stride(height, width)
-    return np.array([row for row in range(rows.start, rows.stop) if row % stride == stride // 2], np.intp)
+    return slice(stride // 2, None, stride), slice(stride // 2, None, stride)
 
 
 def _side_and_stride(height: int, width: int) -> tuple[int, int]:

@@ -17,11 +17,12 @@ TINY = 1e-30
 class PatchLight:
     """The sampled pixels of every patch, (rows, columns, n) each.
 
-    `seen` is false where a pixel has no answer; `phase_rad` is arg p1; `power` = |p1|², by which pixels are weighted; and
-    `ratios`, (H − 1, rows, columns, n), is q_h = (p_h/|p1|)·(conj(p1)/|p1|)^h times that weight.
+    `seen` is false where a pixel has no answer; `first` is p1·|p1|, `phase_rad` arg p1; `power` = |p1|², by which pixels are
+    weighted; and `ratios`, (H − 1, rows, columns, n), is q_h = (p_h/|p1|)·(conj(p1)/|p1|)^h times that weight.
     """
 
     seen: Bool
+    first: Complex
     phase_rad: Float
     power: Float
     ratios: Complex
@@ -48,7 +49,7 @@ def patch_light(samples: Complex, seen: Bool, /, *, harmonics: tuple[int, ...]) 
     magnitude = np.abs(p[0])
     back = np.conj(p[0]) / np.maximum(magnitude, TINY)
     ratios = np.stack([magnitude * p_h * back**h for p_h, h in zip(p[1:], harmonics[1:], strict=True)])
-    return PatchLight(seen, np.angle(p[0]), magnitude**2, ratios)
+    return PatchLight(seen, magnitude * p[0], np.angle(p[0]), magnitude**2, ratios)
 
 
 def patch_means(light: PatchLight, among: Bool, /) -> PatchMeans:
@@ -58,3 +59,11 @@ def patch_means(light: PatchLight, among: Bool, /) -> PatchMeans:
     ratios = (light.ratios * counted).sum(-1) / np.maximum(power, TINY)
     pixels = counted.sum(-1).astype(np.float64)
     return PatchMeans(ratios, np.sqrt(power / np.maximum(pixels, 1.0)), pixels)
+
+
+def patch_phasors(light: PatchLight, among: Bool, means: PatchMeans, /, *, harmonics: tuple[int, ...]) -> Complex:
+    """Return the phasors p_h of patches, (H, rows, columns), whose `means` over the pixels `among` are known: arg p1 is added."""
+    phase = np.angle((light.first * (among & light.seen)).sum(-1))
+    ratios = np.concatenate([np.ones((1, *phase.shape)), means.ratios])
+    phasors: Complex = means.amplitude * ratios * np.exp(1j * np.array(harmonics)[:, None, None] * phase)
+    return phasors

@@ -1,6 +1,7 @@
 """A pixel's answer: its own data through its patches' linear model of the tail.
 
-Elementwise throughout, by rectangles between rows of patches, so that blocks of any size give the same bits.
+Every pixel alone, by the same operations wherever it stands, so that blocks of any size give the same bits; and in single
+precision from the data on, whose rounding is a thousandth of their noise. `_tail.h` is the compiled twin.
 """
 
 from dataclasses import dataclass
@@ -9,11 +10,11 @@ import numpy as np
 
 from cadtof_cli.arrays import Bool, Complex, Float, Float32
 from cadtof_cli.resolver.diffuse.condition import conditioned
+from cadtof_cli.resolver.diffuse.elementary import exponential, logarithm, phase_of, rotor
 from cadtof_cli.resolver.diffuse.light import LARGEST_AMPLITUDE
 from cadtof_cli.resolver.diffuse.noise import noise_covariance
 from cadtof_cli.resolver.diffuse.records import DiffuseBlock, DiffuseModel, DiffusePixels
-from cadtof_cli.resolver.diffuse.tail import Values, residuals, wrapped
-from cadtof_cli.resolver.diffuse.upsampling import Band
+from cadtof_cli.resolver.diffuse.tail import residuals
 
 FULL_TURN = 2.0 * np.pi
 
@@ -35,10 +36,10 @@ NEAREST_M = 0.05
 
 @dataclass(frozen=True, eq=False)
 class PixelData:
-    """What pixels (rows, columns) were seen at: |p_1| and arg p_1, float64; their data, float32 (data, …); σ²/|p_h|²."""
+    """What n pixels were seen at: |p_1| and arg p_1, (n,); their data, (data, n); σ²/|p_h|² of every harmonic, (n,) each."""
 
-    amplitude: Float
-    phase_rad: Float
+    amplitude: Float32
+    phase_rad: Float32
     data: Float32
     relative_noise: list[Float32]
 
@@ -54,95 +55,83 @@ def diffuse_pixels(
         usable: (n,); the others get NaN.
         samples: over how many recorded pixels each phasor is a mean, (n,); None: 1.
     """
-    answer = DiffusePixels.empty(usable.size, tail.model.separate_variance)
     model, pixels = tail.model, tail.pixels
-    start = pixels.start
-    for band in model.upsampler.bands(pixels):
-        count = band.shape[0] * band.shape[1]
-        chosen = slice(start - pixels.start, start - pixels.start + count)
-        _fill(
-            answer[chosen],
-            phasors[:, chosen].reshape(-1, *band.shape),
-            model,
-            band,
-            usable[chosen].reshape(band.shape),
-            None if samples is None else samples[chosen].reshape(band.shape),
-        )
-        start += count
-    return answer
-
-
-def _fill(
-    answer: DiffusePixels, phasors: Complex, model: DiffuseModel, band: Band, usable: Bool, samples: Float | None
-) -> None:
-    """Write the answer of a band's pixels, phasors (H, rows, columns)."""
     with np.errstate(over="ignore"):
         square = phasors.real**2 + phasors.imag**2
     answered = usable & (square < LARGEST_AMPLITUDE**2).all(axis=0) & (square[0] > 0.0)
     if model.separate.any():
-        answered &= ~model.is_separate(band)
+        answered &= ~model.is_separate(pixels)
     every = bool(answered.all())
     if not every:
         phasors, square = np.where(answered, phasors, 1.0), np.where(answered, square, 1.0)
     seen = _pixel_data(phasors, square, model, samples)
-    planes = model.upsampler.joint(band, _first_range(seen.phase_rad, model, band))
+    planes = model.upsampler.joint(pixels, _first_range(seen.phase_rad, model, pixels))
     count = model.coarse.data
     means, entries = planes[: count + 2], dict(zip(model.coarse.entries, planes[count + 2 :], strict=False))
     for entry, value in noise_covariance(seen.relative_noise, harmonics=model.settings.harmonics).items():
         if entry in entries:
             entries[entry] = entries[entry] + value
     left = conditioned(list(residuals(seen.data, means[:count])), entries, targets=2)
-    shrink, lag = np.exp(-(means[count] + left.shifts[0])), means[count + 1] + left.shifts[1]
+    shrink, lag = exponential(-(means[count] + left.shifts[0])), means[count + 1] + left.shifts[1]
     floor = np.float32(LEAST_SHARE) * seen.relative_noise[0]
-    answer.answered[:], answer.chi_squared[:] = answered.ravel(), left.chi_squared.ravel()
-    _write_direct(answer, seen, shrink, lag, np.maximum(left.covariance[1, 1], floor) + planes[-2])
-    _write_mpi(answer, seen, shrink, lag, planes[-1])
+    direct = _direct(seen, shrink, lag, np.maximum(left.covariance[1, 1], floor) + planes[-2])
+    mpi = _mpi(seen, direct[1], shrink, lag, planes[-1])
+    answer = DiffusePixels(model.separate_variance, answered, *direct, *mpi, left.chi_squared)
     if not every:
-        answer.clear(~answer.answered)
+        answer.clear(~answered)
+    return answer
 
 
-def _write_direct(answer: DiffusePixels, seen: PixelData, shrink: Float32, lag: Float32, variance: Float32) -> None:
-    """Write p_1/H_1; `shrink` is 1/|H_1|."""
-    answer.direct_amplitude[:] = (seen.amplitude * shrink).ravel()
-    answer.direct_phase_rad[:] = _within_a_turn(seen.phase_rad - lag).ravel()
-    answer.direct_sigma_rad[:] = np.sqrt(variance).ravel()
+def _direct(seen: PixelData, shrink: Float32, lag: Float32, variance: Float32) -> tuple[Float32, Float32, Float32]:
+    """Return amplitude, phase and sigma of p_1/H_1; `shrink` is 1/|H_1|."""
+    return seen.amplitude * shrink, _within_a_turn(seen.phase_rad - lag), np.sqrt(variance)
 
 
-def _write_mpi(answer: DiffusePixels, seen: PixelData, shrink: Float32, lag: Float32, variance: Float32) -> None:
-    """Write p_1·(1 − 1/H_1), the phasor of the MPI light, its phase behind the direct one."""
-    re, im = 1.0 - shrink * np.cos(lag), shrink * np.sin(lag)
-    answer.mpi_amplitude[:] = (seen.amplitude * np.sqrt(re * re + im * im)).ravel()
-    answer.mpi_phase_rad[:] = answer.direct_phase_rad + _within_a_turn(np.arctan2(im, re) + lag).ravel()
+def _mpi(
+    seen: PixelData, direct_rad: Float32, shrink: Float32, lag: Float32, variance: Float32
+) -> tuple[Float32, Float32, Float32]:
+    """Return amplitude, phase and sigma of p_1·(1 − 1/H_1), the phasor of the MPI light, its phase behind the direct one."""
+    cos, sin = rotor(lag)
+    re, im = 1.0 - shrink * cos, shrink * sin
     sigma = np.sqrt(np.maximum(variance, 0.0) + seen.relative_noise[0])
-    answer.mpi_sigma_rad[:] = np.minimum(sigma, np.float32(UNKNOWN_PHASE_RAD)).ravel()
+    return (
+        seen.amplitude * np.sqrt(re * re + im * im),
+        direct_rad + _within_a_turn(phase_of(re, im) + lag),
+        np.minimum(sigma, np.float32(UNKNOWN_PHASE_RAD)),
+    )
 
 
 def _pixel_data(phasors: Complex, square: Float, model: DiffuseModel, samples: Float | None) -> PixelData:
-    """Return what phasors (H, rows, columns) and their squared amplitudes say of the tail."""
+    """Return what phasors (H, n) and their squared amplitudes say of the tail."""
     variances = [v if samples is None else v / samples for v in model.variances]
-    phase = np.arctan2(phasors[0].imag, phasors[0].real)
+    amplitude = np.sqrt(square[0])
+    cos, sin = ((part / amplitude).astype(np.float32) for part in (phasors[0].real, phasors[0].imag))
     first = np.maximum(square[0], LEAST_AMPLITUDE**2 * variances[0])
     relative = [(variances[0] / first).astype(np.float32)]
     count = len(phasors) - 1
-    data = np.empty((2 * count, *phase.shape), np.float32)
+    data = np.empty((2 * count, amplitude.size), np.float32)
+    power, cos_h, sin_h = 1, cos, sin
     for i, (p, h) in enumerate(zip(phasors[1:], model.settings.harmonics[1:], strict=True)):
+        for _ in range(power, h):
+            cos_h, sin_h = cos_h * cos - sin_h * sin, sin_h * cos + cos_h * sin
+        power = h
         further = np.maximum(square[i + 1], LEAST_HARMONIC**2 * variances[i + 1])
-        data[i] = np.float32(0.5) * np.log((further / first).astype(np.float32))
-        data[count + i] = wrapped(np.arctan2(p.imag, p.real) - h * phase)
+        re, im = p.real.astype(np.float32), p.imag.astype(np.float32)
+        data[i] = 0.5 * logarithm((further / first).astype(np.float32))
+        data[count + i] = phase_of(re * cos_h + im * sin_h, im * cos_h - re * sin_h)
         relative.append((variances[i + 1] / further).astype(np.float32))
-    return PixelData(np.sqrt(square[0]), phase, data, relative)
+    return PixelData(amplitude.astype(np.float32), phase_of(cos, sin), data, relative)
 
 
-def _within_a_turn(phase: Values, /) -> Values:
+def _within_a_turn(phase: Float32, /) -> Float32:
     """Return phases between −2π and 4π brought to [0, 2π)."""
-    turn = phase.dtype.type(FULL_TURN)
-    inside: Values = np.where(phase < 0.0, phase + turn, phase)
-    np.subtract(inside, turn, out=inside, where=inside >= turn)
-    return inside
+    turn = np.float32(FULL_TURN)
+    inside = np.where(phase < 0.0, phase + turn, phase)
+    return np.where(inside >= turn, inside - turn, inside)
 
 
-def _first_range(phase_rad: Float, model: DiffuseModel, band: Band) -> Float32:
-    """Return the ranges of pixels by the lag of the nearest patches, float32: good enough to tell surfaces apart."""
-    lag = model.upsampler.linear(model.coarse.data + 1, band)
-    range_m = model.range_m(phase_rad.astype(np.float32) - lag) + model.range_offset(band)
-    return np.asarray(np.maximum(range_m, NEAREST_M), np.float32)
+def _first_range(phase_rad: Float32, model: DiffuseModel, pixels: slice) -> Float32:
+    """Return the ranges of pixels by the lag of the nearest patches: good enough to tell surfaces apart."""
+    lag = model.upsampler.linear(model.coarse.data + 1, pixels)
+    range_m = model.range_m(phase_rad - lag) + model.range_offset(pixels)
+    return np.asarray(np.maximum(range_m, np.float32(NEAREST_M)))

@@ -9,16 +9,24 @@ from cadtof_cli.resolver.diffuse.beyond import surfaces_beyond, surfaces_guessed
 from cadtof_cli.resolver.diffuse.choice import LEAST_PATCHES, PatchKinds, patch_kinds, tail_fits
 from cadtof_cli.resolver.diffuse.coarse import Beside, coarse_planes, patch_posterior
 from cadtof_cli.resolver.diffuse.grid import PatchGrid, View, assumed_view, patch_grid
-from cadtof_cli.resolver.diffuse.light import PatchLight, PatchMeans, is_light, patch_light, patch_means
+from cadtof_cli.resolver.diffuse.light import PatchLight, PatchMeans, is_light, patch_light, patch_means, patch_phasors
 from cadtof_cli.resolver.diffuse.model_error import model_error, mpi_share
 from cadtof_cli.resolver.diffuse.noise import noise_covariance
 from cadtof_cli.resolver.diffuse.patch_fit import PatchFit, fitted_patches
 from cadtof_cli.resolver.diffuse.planes import PatchPlanes, patch_planes
 from cadtof_cli.resolver.diffuse.prior import pattern
 from cadtof_cli.resolver.diffuse.radiosity import interreflections, light_of
-from cadtof_cli.resolver.diffuse.records import DiffuseChoice, DiffuseModel, RoomNumbers, range_from_phase
+from cadtof_cli.resolver.diffuse.records import (
+    DiffuseChoice,
+    DiffuseModel,
+    RoomNumbers,
+    SeenThrough,
+    Tails,
+    range_from_phase,
+)
 from cadtof_cli.resolver.diffuse.settings import DiffuseSettings
 from cadtof_cli.resolver.diffuse.tail import TailModel, wrapped
+from cadtof_cli.resolver.diffuse.through import seen_through, typical_tail
 from cadtof_cli.resolver.diffuse.upsampling import upsampler
 from cadtof_cli.resolver.two_path.closed_form import fundamental_frame, two_paths
 
@@ -28,6 +36,9 @@ LEAST_RATIO = 0.05
 GUESSED_POWER = 4
 """Power of the share of what a patch faces that is unknown, with which the light of guessed walls counts: a view that shows
 walls at right angles holds most of the early light, one of a single wall nothing of it."""
+
+UNHEARD = 1e6
+"""By how much the noise of patches with two surfaces is raised, so that they say nothing of the room."""
 
 NEAREST_M = 0.05
 """Least range of a sampled pixel."""
@@ -47,6 +58,7 @@ def diffuse_model(
     phasors: Complex,
     /,
     *,
+    size: tuple[int, int],
     usable: Bool,
     variances: tuple[float, ...],
     settings: DiffuseSettings,
@@ -57,21 +69,23 @@ def diffuse_model(
     """Return the model of a frame, or only the choice where it is left to separate paths; inputs are not changed.
 
     Args:
-        phasors: (H, Y, X), normalised by the modulation amplitude, corrected for the pulse, and those of a sine.
-        usable: (Y, X); pixels without an answer (saturated, hot, without signal) are left out, as those are that hold NaN.
+        phasors: of the frame's `sampled_pixels`, (H, rows, columns), normalised by the modulation amplitude, corrected for the
+            pulse, and those of a sine.
+        size: (Y, X) of the frame.
+        usable: of the same pixels; those without an answer (saturated, hot, without signal) are left out, as those are that
+            hold NaN.
         variances: noise of one channel of each harmonic, in squared units of the phasors, of one recorded pixel.
         settings: which model is asked for, and the harmonics' periods.
         view: the optics; None where they are unknown.
         samples: over how many recorded pixels each phasor is a mean, (Y, X); None: 1.
         range_offset_m: what is added to the range of every pixel (field curvature), (Y, X); None for nothing.
     """
-    height, width = phasors.shape[1:]
-    grid = patch_grid(height, width, view or assumed_view(height, width))
+    grid = patch_grid(*size, view or assumed_view(*size))
     per_pixel = 1.0 if samples is None else float(np.median(samples))
     offset = 0.0 if range_offset_m is None else grid.samples(range_offset_m)
     frame = _Frame(grid, settings, np.array(variances) / per_pixel, offset)
-    taken = grid.samples(phasors)
-    seen = grid.samples(usable) & is_light(taken)
+    taken = grid.by_patch(phasors)
+    seen = grid.by_patch(usable) & is_light(taken)
     light = patch_light(taken, seen, harmonics=settings.harmonics)
     means = patch_means(light, seen)
     kinds = patch_kinds(means, frame.variances, sampled=seen.shape[-1], settings=settings)
@@ -101,21 +115,50 @@ def _model(
     tail, rule = _tail(planes, valid, amplitude, frame)
     data = np.concatenate([np.log(np.maximum(np.abs(ratios), 1e-9)), np.angle(ratios)])
     error = _error(ratios, amplitude, means.pixels[valid], frame)
-    fit = fitted_patches(data, error, tail, rule, known_optics=frame.grid.view.known)
+    known, auto = frame.grid.view.known, frame.settings.model == "auto"
+    fit = fitted_patches(data, error, tail, rule, known_optics=known)
+    phasors = patch_phasors(light, planes.on_plane, means, harmonics=frame.settings.harmonics)
+    through = _seen_through(phasors, valid, fit, frame) if auto else None
+    heard = np.ones(amplitude.size, np.bool_)
+    if through is not None:
+        heard = ~through.found[valid]
+        error = np.where(heard, error, _unheard(error))
+        fit = fitted_patches(data, error, tail, rule, known_optics=known)
+        through = _seen_through(phasors, valid, fit, frame, heard) or through
     posterior = patch_posterior(data, error, fit)
-    if frame.settings.model == "auto" and not tail_fits(posterior.chi_squared, len(data)):
+    if auto and not tail_fits(posterior.chi_squared[heard], len(data)):
         return None
     coarse = coarse_planes(fit, posterior, _beside(fit, tail, planes, valid, frame, mpi_share(ratios)), valid)
-    gap = fit.posterior[-1] - two_path_lag(ratios[0])
+    covered = 0 if through is None else int(through.found.sum())
+    gap = (fit.posterior[-1] - two_path_lag(ratios[0]))[heard]
     return DiffuseModel(
         frame.settings,
-        DiffuseChoice("tail", int(kinds.lit.sum()), kinds.separate_share, _room_numbers(fit)),
+        DiffuseChoice("tail", int(kinds.lit.sum()), kinds.separate_share, _room_numbers(fit), covered),
         variances,
         coarse,
         upsampler(coarse.planes, planes.surfaces.range_m, valid, frame.grid),
         kinds.separate,
         float(np.median(gap**2)),
         range_offset_m,
+        through,
+    )
+
+
+def _seen_through(
+    phasors: Complex, valid: Bool, fit: PatchFit, frame: _Frame, heard: Bool | None = None
+) -> SeenThrough | None:
+    """Return what lets light through in a frame, None where nothing does; patches not `heard`, (n,), had no say in the fit."""
+    lag = np.zeros(valid.shape)
+    lag[valid] = fit.posterior[-1]
+    far = typical_tail(fit.posterior if heard is None else fit.posterior[:, heard], frame.settings.harmonics)
+    near = far if heard is None else typical_tail(fit.posterior[:, ~heard], frame.settings.harmonics)
+    return seen_through(
+        phasors,
+        range_from_phase(np.angle(phasors[0]) - lag, frame.settings),
+        valid,
+        Tails(near, far, frame.settings.harmonics),
+        grid=frame.grid,
+        settings=frame.settings,
     )
 
 
@@ -171,6 +214,13 @@ def _error(ratios: Complex, amplitude: Float, pixels: Float, frame: _Frame) -> F
             covariance[i, j] += value
             covariance[j, i] = covariance[i, j]
     return covariance
+
+
+def _unheard(error: Float) -> Float:
+    """Return the errors (data + 2, data + 2, n) of patches whose data are to say nothing."""
+    silent = np.zeros_like(error)
+    silent[:-2, :-2], silent[-2:, -2:] = UNHEARD * error[:-2, :-2], error[-2:, -2:]
+    return silent
 
 
 def _room_numbers(fit: PatchFit) -> RoomNumbers:

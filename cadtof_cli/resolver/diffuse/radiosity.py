@@ -111,39 +111,40 @@ def _relative_albedo(seen: Surfaces, amplitude: Float, beyond: int) -> Float32:
     """Return albedos over their mean by area, float32; those beyond the view are taken as the mean."""
     albedo = amplitude * seen.range_m**2 / seen.cosine
     albedo = np.clip(albedo / np.median(albedo), *ALBEDO_RANGE)
-    albedo /= np.average(albedo, weights=seen.area_m2)
+    albedo *= seen.area_m2.sum() / (albedo * seen.area_m2).sum()
     return np.append(albedo, np.ones(beyond)).astype(np.float32)
 
 
 def _form_factors(of: Surfaces) -> tuple[Float32, Float32]:
-    """Return the form factors F_ij, from j to i, and the distances in m, float32 (n, n) each."""
+    """Return the form factors F_ij, from j to i, and the distances in m, float32 (n, n) each.
+
+    A point over a plane, and squared distances, are inner products of vectors with a few more components.
+    """
     point, normal = (of.ray * of.range_m).astype(np.float32), of.normal.astype(np.float32)
-    facing = _inner_products(point, normal)
-    facing -= np.diag(facing).copy()
-    np.maximum(facing, 0.0, out=facing)
-    square = (point * point).sum(0)
-    r2 = _inner_products(point, -2.0 * point)
-    r2 += square
-    r2 += square[:, None]
+    one, square = np.ones((1, point.shape[1]), np.float32), (point * point).sum(0, keepdims=True)
+    points, planes = np.concatenate([point, one]), np.concatenate([normal, -(point * normal).sum(0, keepdims=True)])
+    form, facing = _inner_products(points, planes), _inner_products(planes, points)
+    for over_plane in (form, facing):
+        np.maximum(over_plane, 0.0, out=over_plane)
+    form *= facing
+    form *= (area := of.area_m2.astype(np.float32))
+    r2 = _inner_products(np.concatenate([-2.0 * point, one, square]), np.concatenate([point, square, one]))
     np.maximum(r2, np.float32(NEAREST_M2), out=r2)
-    area = of.area_m2.astype(np.float32)
-    reach = np.float32(np.pi) * r2
+    reach = np.multiply(r2, np.float32(np.pi), out=facing)
     reach += area
     reach *= r2
-    form = facing.T * facing
-    form *= area
     form /= reach
     np.fill_diagonal(form, 0.0)
     return form, np.sqrt(r2, out=r2)
 
 
 def _inner_products(first: Float32, second: Float32) -> Float32:
-    """Return the inner products of all pairs of vectors, (3, n) each, (n, n)."""
-    total: Float32 = first[0, :, None] * second[0]
-    term = np.empty_like(total)
-    for a, b in zip(first[1:], second[1:], strict=True):
-        total += np.multiply(a[:, None], b, out=term)
-    return total
+    """Return the inner products of all pairs of vectors, (few, n) each, (n, n).
+
+    Of so few components that no number of threads changes the order in which they are summed.
+    """
+    products: Float32 = np.matmul(first.T, second)
+    return products
 
 
 def _joined(first: Surfaces, second: Surfaces) -> Surfaces:

@@ -5,12 +5,12 @@ from typing import Literal
 
 import numpy as np
 
-from cadtof_cli.arrays import Bool, Float
+from cadtof_cli.arrays import Bool, Complex, Float, Float32
 from cadtof_cli.resolver.diffuse.choice import Reason
 from cadtof_cli.resolver.diffuse.coarse import CoarsePlanes
 from cadtof_cli.resolver.diffuse.settings import DiffuseSettings
 from cadtof_cli.resolver.diffuse.tail import Values
-from cadtof_cli.resolver.diffuse.upsampling import Band, Upsampler
+from cadtof_cli.resolver.diffuse.upsampling import Upsampler
 
 
 @dataclass(frozen=True)
@@ -30,17 +30,46 @@ class RoomNumbers:
 
 @dataclass(frozen=True)
 class DiffuseChoice:
-    """Which model a frame got and why: `patches` with light, the share of them with separate paths, and the room's numbers."""
+    """Which model a frame got and why: `patches` with light, the share of them with separate paths, the room's numbers, and how
+    many patches something covers that lets light through.
+    """
 
     reason: Reason
     patches: int
     separate_share: float
     room: RoomNumbers | None = None
+    through_patches: int = 0
 
     @property
     def taken(self) -> Literal["discrete", "diffuse"]:
         """The model."""
         return "diffuse" if self.reason == "tail" else "discrete"
+
+
+@dataclass(frozen=True, eq=False)
+class Tails:
+    """H_h of the nearer and of the farther of two paths, (H,) each, for so numbered harmonics."""
+
+    near: Complex
+    far: Complex
+    harmonics: tuple[int, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class SeenThrough:
+    """What lets light through, such as a net.
+
+    Attributes:
+        found: patches that it covers, (rows, columns).
+        near_m: its range there and in the patches around, NaN elsewhere.
+        tails: H_h of the light that it sends back, and of what lies behind it.
+        variance: of the phase of its direct light, rad², besides that of noise.
+    """
+
+    found: Bool
+    near_m: Float
+    tails: Tails
+    variance: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,6 +85,7 @@ class DiffuseModel:
         separate: patches with separate paths, (rows, columns): their pixels are left to the solver of separate paths.
         separate_variance: variance in rad² that the room's tail adds to those pixels' direct phase.
         range_offset_m: what is added to every pixel's range, (Y, X); None for nothing.
+        through: what lets light through; None where nothing does.
     """
 
     settings: DiffuseSettings
@@ -66,6 +96,7 @@ class DiffuseModel:
     separate: Bool
     separate_variance: float
     range_offset_m: Float | None = None
+    through: SeenThrough | None = None
 
     def block(self, pixels: slice, /) -> "DiffuseBlock":
         """Return the model for a stretch of the frame's pixels, flat indices row by row."""
@@ -75,17 +106,15 @@ class DiffuseModel:
         """Return the range of a fundamental phase."""
         return range_from_phase(phase_rad, self.settings)
 
-    def range_offset(self, band: Band, /) -> Float | float:
-        """Return what is added to the ranges of a band's pixels."""
-        if self.range_offset_m is None:
-            return 0.0
-        return self.range_offset_m[band.top : band.bottom, band.left : band.right]
+    def range_offset(self, pixels: slice, /) -> Float32 | float:
+        """Return what is added to the ranges of a stretch of pixels, flat indices row by row, (n,)."""
+        return 0.0 if self.range_offset_m is None else self.range_offset_m.ravel()[pixels].astype(np.float32)
 
-    def is_separate(self, band: Band, /) -> Bool:
-        """Return which pixels of a band lie in patches with separate paths."""
-        side = self.upsampler.grid.side
-        row, column = np.arange(band.top, band.bottom) // side, np.arange(band.left, band.right) // side
-        return self.separate[np.ix_(row, column)]
+    def is_separate(self, pixels: slice, /) -> Bool:
+        """Return which of a stretch of pixels lie in patches with separate paths, (n,)."""
+        row, column = np.divmod(np.arange(pixels.start, pixels.stop), self.upsampler.grid.width)
+        found: Bool = self.separate[row // self.upsampler.grid.side, column // self.upsampler.grid.side]
+        return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,7 +127,7 @@ class DiffuseBlock:
 
 @dataclass(frozen=True, eq=False)
 class DiffusePixels:
-    """Answers for n pixels, float64 (n,) each, NaN where `answered` is not set; amplitudes in units of the phasors.
+    """Answers for n pixels, float32 (n,) each, NaN where `answered` is not set; amplitudes in units of the phasors.
 
     `direct_phase_rad` lies in [0, 2π); the MPI light is its phasor at the fundamental, its phase within a turn behind.
     `chi_squared` is the pixel's data against what its patches expect; `separate_variance`, rad², what the room's tail adds to
@@ -107,30 +136,21 @@ class DiffusePixels:
 
     separate_variance: float
     answered: Bool
-    direct_phase_rad: Float
-    direct_amplitude: Float
-    direct_sigma_rad: Float
-    mpi_phase_rad: Float
-    mpi_amplitude: Float
-    mpi_sigma_rad: Float
-    chi_squared: Float
-
-    @classmethod
-    def empty(cls, pixels: int, separate_variance: float, /) -> "DiffusePixels":
-        """Return answers to be filled in."""
-        return cls(separate_variance, np.empty(pixels, np.bool_), *(np.empty(pixels) for _ in fields(cls)[2:]))
-
-    def __getitem__(self, pixels: slice, /) -> "DiffusePixels":
-        """Return some of the answers, as views."""
-        return DiffusePixels(self.separate_variance, *(getattr(self, field.name)[pixels] for field in fields(self)[1:]))
+    direct_amplitude: Float32
+    direct_phase_rad: Float32
+    direct_sigma_rad: Float32
+    mpi_amplitude: Float32
+    mpi_phase_rad: Float32
+    mpi_sigma_rad: Float32
+    chi_squared: Float32
 
     @property
-    def direct(self) -> tuple[Float, Float, Float]:
+    def direct(self) -> tuple[Float32, Float32, Float32]:
         """Amplitude, phase and standard deviation of the direct light."""
         return self.direct_amplitude, self.direct_phase_rad, self.direct_sigma_rad
 
     @property
-    def mpi(self) -> tuple[Float, Float, Float]:
+    def mpi(self) -> tuple[Float32, Float32, Float32]:
         """Amplitude, phase and standard deviation of the MPI light."""
         return self.mpi_amplitude, self.mpi_phase_rad, self.mpi_sigma_rad
 

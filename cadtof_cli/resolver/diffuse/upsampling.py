@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cadtof_cli.arrays import Bool, Float, Float32
+from cadtof_cli.arrays import Bool, Float, Float32, Index
 from cadtof_cli.resolver.diffuse.grid import PatchGrid
 from cadtof_cli.resolver.diffuse.planes import SAME_SURFACE
 
@@ -18,12 +18,16 @@ NOWHERE_M = 1e3
 
 @dataclass(frozen=True)
 class Band:
-    """A rectangle of pixels, rows `top` … `bottom` and columns `left` … `right` (exclusive), between two rows of patches."""
+    """A rectangle of pixels, rows `top` … `bottom` and columns `left` … `right` (exclusive), between two rows of patches.
+
+    `pixels` are their places in the stretch that was cut; `patch_row` is the upper row of patches, of those that planes hold.
+    """
 
     top: int
     bottom: int
     left: int
     right: int
+    pixels: slice
     patch_row: int
 
     @property
@@ -36,13 +40,44 @@ class Band:
 class Upsampler:
     """Planes over the patches and their ranges, brought to every column of pixels, float32.
 
-    `planes` are those of the patches to the left and to the right of a column, (plane, rows + 2, width) each, and `range_m`,
-    (rows + 2, width) each, the ranges; the first and last row and column of patches count once more beyond the edge.
+    `planes`, (plane, rows + 2, columns), and `range_m`, (rows + 2, columns), hold every patch as often as it has columns of
+    pixels; the first and last row and column of patches count once more beyond the edge. The patch to the left of pixel x
+    stands at `first` + x, that to its right a patch's side further on.
     """
 
     grid: PatchGrid
-    planes: tuple[Float32, Float32]
-    range_m: tuple[Float32, Float32]
+    planes: Float32
+    range_m: Float32
+
+    @property
+    def first(self) -> int:
+        """Where the patch to the left of the pixels of column 0 stands."""
+        return (self.grid.side + 1) // 2
+
+    def linear(self, plane: int, pixels: slice, /) -> Float32:
+        """Return a plane at a stretch of pixels, flat indices row by row, by distance in the image alone, (n,)."""
+        found = np.empty(pixels.stop - pixels.start, np.float32)
+        for band in self.bands(pixels):
+            down, right = self._shares(band)
+            upper_left, upper_right, lower_left, lower_right = self._corners(self.planes[plane], band)
+            upper = upper_left + right * (upper_right - upper_left)
+            between = upper + down * (lower_left + right * (lower_right - lower_left) - upper)
+            found[band.pixels] = between.ravel()
+        return found
+
+    def joint(self, pixels: slice, range_m: Float32, /) -> Float32:
+        """Return all planes at a stretch of pixels, (plane, n), by distance and by agreement with their ranges, (n,)."""
+        found = np.empty((len(self.planes), range_m.size), np.float32)
+        for band in self.bands(pixels):
+            weights = self._weights(band, range_m[band.pixels].reshape(band.shape))
+            *others, last = self._corners(self.planes, band)
+            # the last patch's planes and what the others differ by: fewer passes over many planes than four products
+            total = (others[0] - last) * weights[0]
+            term = np.empty_like(total)
+            for weight, values in zip(weights[1:], others[1:], strict=False):
+                total += np.multiply(values - last, weight, out=term)
+            found[:, band.pixels] = np.add(total, last, out=total).reshape(len(found), -1)
+        return found
 
     def bands(self, pixels: slice, /) -> Iterator[Band]:
         """Cut a stretch of pixels, flat indices row by row, into bands, in order."""
@@ -53,81 +88,57 @@ class Upsampler:
                 bottom, right = top + 1, min(width, left + stop - start)
             else:
                 bottom, right = min(stop // width, self._band_end(top)), width
-            yield Band(top, bottom, left, right, self._patch_row(top))
-            start = (bottom - 1) * width + right
+            end = (bottom - 1) * width + right
+            chosen = slice(start - pixels.start, end - pixels.start)
+            yield Band(top, bottom, left, right, chosen, int(self.above(top)))
+            start = end
 
-    def linear(self, plane: int, band: Band, /) -> Float32:
-        """Return a plane at the pixels of a band, by distance in the image alone."""
-        down, right = self._shares(band)
-        upper_left, upper_right, lower_left, lower_right = (corner[plane] for corner in _corners(self.planes, band))
-        upper = upper_left + right * (upper_right - upper_left)
-        between: Float32 = upper + down * (lower_left + right * (lower_right - lower_left) - upper)
-        return between
+    def above(self, row: int | Index, /) -> int | Index:
+        """Return which row of `planes` lies above (or at) the middle of a row of pixels."""
+        return (2 * row + 1 + self.grid.side) // (2 * self.grid.side)
 
-    def joint(self, band: Band, range_m: Float32, /) -> Float32:
-        """Return all planes at the pixels of a band, (plane, rows, columns), by distance and by agreement with their ranges."""
-        scale = 1.0 / (np.float32(SAME_SURFACE) * range_m)
-        weights = self._weights(band)
-        for weight, there in zip(weights, _corners(self.range_m, band), strict=True):
-            apart = (there - range_m) * scale
-            apart *= apart
-            apart += 1.0
-            apart *= apart
-            weight /= apart
-        share = 1.0 / (weights[0] + weights[1] + weights[2] + weights[3])
-        *others, last = _corners(self.planes, band)
-        # the last patch's planes and what the others differ by: fewer passes over many planes than four products and a quotient
-        total: Float32 = np.repeat(last, band.shape[0], axis=1)
-        term = np.empty_like(total)
-        for weight, values in zip(weights, others, strict=False):
-            weight *= share
-            total += np.multiply(values - last, weight, out=term)
-        return total
-
-    def _patch_row(self, row: int) -> int:
-        """Return which patch's middle lies above (or at) the middle of a row of pixels, −1 for none."""
-        return _patch_before(row, self.grid.side)
+    def share(self, first: int, last: int, /) -> Float32:
+        """Return how far rows or columns of pixels lie on the way from one patch to the next, (last − first,)."""
+        place = (np.arange(first, last) + 0.5) / self.grid.side - 0.5
+        return np.asarray(place - np.floor(place), np.float32)
 
     def _band_end(self, row: int) -> int:
         """Return the first row of pixels below this one that lies between two other rows of patches."""
         side = self.grid.side
-        return -(-((2 * self._patch_row(row) + 3) * side - 1) // 2)
+        return -(-((2 * int(self.above(row)) + 1) * side - 1) // 2)
 
-    def _weights(self, band: Band) -> list[Float32]:
-        """Return the bilinear weights of the upper left, upper right, lower left and lower right patch, (rows, columns)."""
+    def _weights(self, band: Band, range_m: Float32) -> list[Float32]:
+        """Return the shares of the upper left, upper right, lower left and lower right patch, (rows, columns) each."""
         down, right = self._shares(band)
-        even = np.float32(EVEN_WEIGHT)
-        return [v * u + even for v in (1.0 - down, down) for u in (1.0 - right, right)]
+        scale = 1.0 / (np.float32(SAME_SURFACE) * range_m)
+        weights: list[Float32] = [
+            v * u + np.float32(EVEN_WEIGHT) for v in (1.0 - down, down) for u in (1.0 - right, right)
+        ]
+        for weight, there in zip(weights, self._corners(self.range_m, band), strict=True):
+            apart = (there - range_m) * scale
+            nearness = apart * apart + 1.0
+            weight /= nearness * nearness
+        share = 1.0 / (weights[0] + weights[1] + weights[2] + weights[3])
+        return [weight * share for weight in weights]
 
     def _shares(self, band: Band) -> tuple[Float32, Float32]:
         """Return how far the pixels lie on the way from the upper to the lower patch, (rows, 1), and to the right one."""
-        down, right = (self._share(*edges) for edges in ((band.top, band.bottom), (band.left, band.right)))
-        return down[:, None], right
+        return self.share(band.top, band.bottom)[:, None], self.share(band.left, band.right)
 
-    def _share(self, first: int, last: int) -> Float32:
-        place = (np.arange(first, last) + 0.5) / self.grid.side - 0.5
-        return np.asarray(place - np.floor(place), np.float32)
+    def _corners(self, planes: Float32, band: Band) -> list[Float32]:
+        """Return the planes of the four patches around every pixel, (…, 1, columns) each."""
+        starts = (self.first + band.left, self.first + band.left + self.grid.side)
+        count = band.right - band.left
+        return [planes[..., band.patch_row + i, None, start : start + count] for i in (0, 1) for start in starts]
 
 
 def upsampler(planes: Float32, range_m: Float, valid: Bool, grid: PatchGrid, /) -> Upsampler:
     """Make planes (plane, rows, columns) ready for pixels; ranges, (rows, columns), count where valid."""
     there = np.where(valid, range_m, NOWHERE_M).astype(np.float32)
-    return Upsampler(grid, _beside_columns(planes, grid), _beside_columns(there, grid))
+    return Upsampler(grid, _stretched(planes, grid.side), _stretched(there, grid.side))
 
 
-def _beside_columns(planes: Float32, grid: PatchGrid) -> tuple[Float32, Float32]:
-    """Return planes (…, rows, columns) of the patches left and right of every column of pixels, (…, rows + 2, width) each."""
+def _stretched(planes: Float32, side: int) -> Float32:
+    """Return planes (…, rows, columns) with their edges once more all around, and every column as often as a patch has them."""
     padded = np.pad(planes, ((0, 0),) * (planes.ndim - 2) + ((1, 1),) * 2, mode="edge")
-    left = np.array([_patch_before(column, grid.side) for column in range(grid.width)]) + 1
-    return padded[..., left], padded[..., left + 1]
-
-
-def _patch_before(pixel: int, side: int) -> int:
-    """Return which patch's middle lies before (or at) the middle of a pixel, −1 for none."""
-    return (2 * pixel + 1 - side) // (2 * side)
-
-
-def _corners(planes: tuple[Float32, Float32], band: Band) -> list[Float32]:
-    """Return the planes of the four patches around every pixel, (…, 1, columns) each."""
-    columns = slice(band.left, band.right)
-    return [beside[..., band.patch_row + 1 + i, None, columns] for i in (0, 1) for beside in planes]
+    return np.repeat(padded, side, axis=-1)

@@ -22,18 +22,29 @@
 #pragma STDC FP_CONTRACT OFF
 #endif
 #include "_kernel_answers.h"
+#include "_kernel_buffers.h"
+#include "../diffuse/_tail_buffers.h"
+#include "../response/_search.h"
 
 /* --- one function for every instruction set ----------------------------------------------------------------------------- */
 
 typedef void Resolve(const Frame *frame, int64_t start, int64_t stop);
+typedef void Answer(const TailAnswers *answers, int64_t start, int64_t stop);
+typedef void SearchAll(const Search *search);
 typedef struct {
     const char *name;
     Resolve *resolve;
+    Answer *answer;
+    SearchAll *search;
     int (*supported)(void);
 } Level;
 
 #define LEVEL(name, attributes) \
-    attributes static void resolve_##name(const Frame *frame, int64_t start, int64_t stop) { resolve_pixels(frame, start, stop); }
+    attributes static void resolve_##name(const Frame *frame, int64_t start, int64_t stop) { resolve_pixels(frame, start, stop); } \
+    attributes static void answer_##name(const TailAnswers *answers, int64_t start, int64_t stop) { \
+        answer_pixels(answers, start, stop); \
+    } \
+    attributes static void search_##name(const Search *search) { search_pixels(search); }
 
 static int always(void) { return 1; }
 
@@ -59,13 +70,13 @@ static int has(unsigned saved_state, unsigned features) {
 static int has_avx512(void) { return has(0xe6, bit_AVX512F | bit_AVX512DQ | bit_AVX512BW | bit_AVX512VL); }
 static int has_avx2(void) { return has(0x06, bit_AVX2); }
 static const Level LEVELS[] = {
-    {"avx512", resolve_avx512, has_avx512}, {"avx2", resolve_avx2, has_avx2}, {"sse2", resolve_sse2, always}};
+    {"avx512", resolve_avx512, answer_avx512, search_avx512, has_avx512}, {"avx2", resolve_avx2, answer_avx2, search_avx2, has_avx2}, {"sse2", resolve_sse2, answer_sse2, search_sse2, always}};
 #elif defined(__aarch64__) || defined(_M_ARM64)
 LEVEL(neon, )
-static const Level LEVELS[] = {{"neon", resolve_neon, always}};
+static const Level LEVELS[] = {{"neon", resolve_neon, answer_neon, search_neon, always}};
 #else
 LEVEL(plain, )
-static const Level LEVELS[] = {{"plain", resolve_plain, always}};
+static const Level LEVELS[] = {{"plain", resolve_plain, answer_plain, search_plain, always}};
 #endif
 #define LEVEL_COUNT (sizeof LEVELS / sizeof *LEVELS)
 
@@ -78,85 +89,39 @@ static const Level *find_level(const char *name) {
 /* --- buffers ------------------------------------------------------------------------------------------------------------- */
 
 enum { CONSTANT_VALUES, STORED, OWN, OTHER, CONSTANT, SAMPLES, METRES, SHIFT, MAP_LAYERS, STATUS, BUFFERS };
-static const struct {
-    const char *name;
-    const char *formats; /* of the struct module, with a space after each */
-    int planes;          /* how many values a pixel has; of STORED: those of voltages */
-    int optional, writable;
-} BUFFER[BUFFERS] = {
-    {"constants", "d ", 0, 0, 0}, {"stored", "H h f d Zd ", 4, 0, 0}, {"own", "d ", 4, 1, 0},
-    {"other", "d ", 4, 1, 0},     {"constant", "d ", 4, 1, 0},        {"samples", "d ", 1, 1, 0},
-    {"metres", "d ", 1, 1, 0},    {"shift", "d ", 1, 1, 0},           {"layers", "f ", LAYERS, 0, 1},
-    {"status", "I L ", 1, 0, 1},
+static const Wanted BUFFER[BUFFERS] = {
+    {"constants", "d ", 0, 0, 0}, {"stored", "H h f d Zd ", 0, 0, 0}, {"own", "d ", 0, 1, 0},   {"other", "d ", 0, 1, 0},
+    {"constant", "d ", 0, 1, 0},  {"samples", "d ", 0, 1, 0},         {"metres", "d ", 0, 1, 0}, {"shift", "d ", 0, 1, 0},
+    {"layers", "f ", 0, 0, 1},    {"status", "I L ", 4, 0, 1},
 };
 
-#define COUNT(name) +1
-enum { CONSTANT_COUNT = 0 CONSTANTS(COUNT) };
+/* How many values a pixel has in them; of STORED: those of voltages. */
+static const int PLANE_COUNT[BUFFERS] = {0, 4, 4, 4, 4, 1, 1, 1, LAYERS, 1};
 
-static int has_format(const char *formats, const char *format) {
-    const size_t length = strlen(format);
-    for (const char *one = formats; *one; one = strchr(one, ' ') + 1)
-        if ((size_t)(strchr(one, ' ') - one) == length && !memcmp(one, format, length)) return 1;
+/* Whether a part from `start` up to `stop` is one of `pixels` pixels; or set an error. */
+static int is_part(Py_ssize_t start, Py_ssize_t stop, Py_ssize_t pixels) {
+    if (pixels > PY_SSIZE_T_MAX / 128) PyErr_SetString(PyExc_ValueError, "found too many pixels, expected fewer");
+    else if (start < 0 || start > stop || stop > pixels)
+        PyErr_Format(PyExc_ValueError, "found pixels %zd to %zd, expected some of %zd", start, stop, pixels);
+    else return 1;
     return 0;
 }
 
-/* Fill `view`, whose obj stays NULL for None, or set an error and return 0. */
-static int get_buffer(int which, PyObject *object, Py_buffer *view) {
-    const char *name = BUFFER[which].name;
-    if (object == Py_None && BUFFER[which].optional) return 1;
-    if (PyObject_GetBuffer(object, view, PyBUF_C_CONTIGUOUS | PyBUF_FORMAT | (BUFFER[which].writable ? PyBUF_WRITABLE : 0)) < 0)
-        return 0;
-    const char *format = view->format ? view->format : "B";
-    if (!has_format(BUFFER[which].formats, format) || view->itemsize < 1 || (which == STATUS && view->itemsize != 4)) {
-        PyErr_Format(PyExc_TypeError, "%s: found values of format %s, expected one of %s", name, format, BUFFER[which].formats);
-        return 0;
-    }
-    const Py_ssize_t part = format[0] == 'Z' ? view->itemsize / 2 : view->itemsize;
-    if (view->len && (uintptr_t)view->buf % (uintptr_t)part) {
-        PyErr_Format(PyExc_ValueError, "%s: values are not aligned in memory", name);
-        return 0;
-    }
-    return 1;
-}
-
-static int has_values(int which, const Py_buffer *view, Py_ssize_t pixels, int planes) {
-    if (!view->obj || (view->len / view->itemsize == pixels * planes && view->len % view->itemsize == 0)) return 1;
-    PyErr_Format(PyExc_ValueError, "%s: found %zd values, expected %d for each of %zd pixels", BUFFER[which].name,
-                 view->len / view->itemsize, planes, pixels);
-    return 0;
-}
-
-static int overlap(const Py_buffer *a, const Py_buffer *b) {
-    const uintptr_t first = (uintptr_t)a->buf, second = (uintptr_t)b->buf;
-    return a->obj && b->obj && first < second + (uintptr_t)b->len && second < first + (uintptr_t)a->len;
-}
-
-/* Whether all buffers fit a frame of as many pixels as `status` has; or set an error. */
-static int fit_together(const Py_buffer *view) {
-    const Py_ssize_t pixels = view[STATUS].len / view[STATUS].itemsize;
-    if (pixels > PY_SSIZE_T_MAX / 128) {
-        PyErr_SetString(PyExc_ValueError, "status: too many pixels");
-        return 0;
-    }
+/* Whether all buffers fit a frame of so many pixels; or set an error. */
+static int fit_together(const Py_buffer *view, Py_ssize_t pixels) {
     if (view[CONSTANT_VALUES].len != (Py_ssize_t)sizeof(Constants)) {
         PyErr_Format(PyExc_ValueError, "constants: found %zd bytes, expected %zu", view[CONSTANT_VALUES].len, sizeof(Constants));
         return 0;
     }
     for (int which = STORED; which < BUFFERS; which++) {
         const int complex = which == STORED && view[which].format && view[which].format[0] == 'Z';
-        if (!has_values(which, &view[which], pixels, complex ? 2 : BUFFER[which].planes)) return 0;
+        if (!has_values(BUFFER[which].name, &view[which], (int64_t)(complex ? 2 : PLANE_COUNT[which]) * pixels)) return 0;
     }
     if (!view[OWN].obj != !view[OTHER].obj || !view[OWN].obj != !view[CONSTANT].obj) {
         PyErr_SetString(PyExc_ValueError, "own, other and constant: found some of them, expected all or none");
         return 0;
     }
-    for (int which = 0; which < BUFFERS; which++)
-        if ((which != MAP_LAYERS && overlap(&view[MAP_LAYERS], &view[which])) ||
-            (which != STATUS && overlap(&view[STATUS], &view[which]))) {
-            PyErr_Format(PyExc_ValueError, "%s: lies in the memory of what is written", BUFFER[which].name);
-            return 0;
-        }
-    return 1;
+    return lies_apart(&view[MAP_LAYERS], BUFFER, view, BUFFERS) && lies_apart(&view[STATUS], BUFFER, view, BUFFERS);
 }
 
 static enum type type_of(const Py_buffer *view) {
@@ -169,14 +134,19 @@ static enum type type_of(const Py_buffer *view) {
     }
 }
 
-/* --- the module ---------------------------------------------------------------------------------------------------------- */
+/* --- stored values -> maps ----------------------------------------------------------------------------------------------- */
 
 static PyObject *resolve_checked(const Level *level, int order, int returns, Py_ssize_t start, Py_ssize_t stop,
-                                 const Py_buffer *view) {
-    if (!fit_together(view)) return NULL;
-    const Py_ssize_t pixels = view[STATUS].len / view[STATUS].itemsize;
-    if (start < 0 || start > stop || stop > pixels)
-        return PyErr_Format(PyExc_ValueError, "found pixels %zd to %zd, expected some of %zd", start, stop, pixels);
+                                 const Py_buffer *view, const Py_buffer *of_tail) {
+    const Py_ssize_t pixels = values_in(&view[STATUS]);
+    Tail tail;
+    if (!is_part(start, stop, pixels) || !fit_together(view, pixels)) return NULL;
+    if (of_tail) {
+        if (!make_tail(&tail, of_tail, pixels)) return NULL;
+        if (tail.sizes->harmonics != 2 || tail.number[1] != 2) return fails("harmonics"), NULL;
+        for (int written = MAP_LAYERS; written <= STATUS; written++)
+            if (!lies_apart(&view[written], TAIL_BUFFER, of_tail, TAIL_BUFFERS)) return NULL;
+    }
     const Frame frame = {
         .stored = view[STORED].buf,
         .constants = view[CONSTANT_VALUES].buf,
@@ -186,6 +156,7 @@ static PyObject *resolve_checked(const Level *level, int order, int returns, Py_
         .samples = view[SAMPLES].buf,
         .metres = view[METRES].buf,
         .shift = view[SHIFT].buf,
+        .tail = of_tail ? &tail : NULL,
         .layers = view[MAP_LAYERS].buf,
         .status = view[STATUS].buf,
         .pixels = pixels,
@@ -204,25 +175,29 @@ static PyObject *resolve(PyObject *module, PyObject *arguments) {
     const char *name;
     int order, returns;
     Py_ssize_t start, stop;
-    PyObject *object[BUFFERS];
-    if (!PyArg_ParseTuple(arguments, "siinnOOOOOOOOOO", &name, &order, &returns, &start, &stop, &object[0], &object[1], &object[2],
-                          &object[3], &object[4], &object[5], &object[6], &object[7], &object[8],
-                          &object[9]))
+    PyObject *object[BUFFERS], *tail;
+    if (!PyArg_ParseTuple(arguments, "siinnOOOOOOOOOOO", &name, &order, &returns, &start, &stop, &object[0], &object[1], &object[2],
+                          &object[3], &object[4], &object[5], &object[6], &object[7], &object[8], &object[9], &tail))
         return NULL;
     const Level *level = find_level(name);
     if (!level) return PyErr_Format(PyExc_ValueError, "found level %s, expected one that levels() lists", name);
     if (order < ORDER_AUTO || order > ORDER_TWO || returns < RETURN_FIRST || returns > RETURN_LAST)
         return PyErr_Format(PyExc_ValueError, "found order %d and returns %d, expected 0, 1 or 2 each", order, returns);
-    Py_buffer view[BUFFERS];
+    Py_buffer view[BUFFERS], of_tail[TAIL_BUFFERS];
     memset(view, 0, sizeof view);
+    memset(of_tail, 0, sizeof of_tail);
     PyObject *result = NULL;
-    int got = 1;
-    for (int which = 0; got && which < BUFFERS; which++) got = get_buffer(which, object[which], &view[which]);
-    if (got) result = resolve_checked(level, order, returns, start, stop, view);
-    for (int which = 0; which < BUFFERS; which++)
-        if (view[which].obj) PyBuffer_Release(&view[which]);
+    if (get_buffers(BUFFER, BUFFERS, object, view) && (tail == Py_None || get_tail(tail, of_tail)))
+        result = resolve_checked(level, order, returns, start, stop, view, tail == Py_None ? NULL : of_tail);
+    release_buffers(view, BUFFERS);
+    release_buffers(of_tail, TAIL_BUFFERS);
     return result;
 }
+
+#include "../diffuse/_tail_call.h"
+#include "../response/_search_call.h"
+
+/* --- the module ---------------------------------------------------------------------------------------------------------- */
 
 static PyObject *levels(PyObject *module, PyObject *none) {
     (void)module, (void)none;
@@ -236,26 +211,38 @@ static PyObject *levels(PyObject *module, PyObject *none) {
     return names;
 }
 
-static PyObject *constant_names(PyObject *module, PyObject *none) {
-    (void)module, (void)none;
 #define NAME(name) #name,
-    static const char *const NAMES[] = {CONSTANTS(NAME)};
-    PyObject *names = PyList_New(0);
-    for (size_t i = 0; names && i < CONSTANT_COUNT; i++) {
-        PyObject *name = PyUnicode_FromString(NAMES[i]);
-        if (!name || PyList_Append(names, name) < 0) Py_CLEAR(names);
-        Py_XDECREF(name);
+#define LIST_OF(function, LIST) \
+    static PyObject *function(PyObject *module, PyObject *none) { \
+        (void)module, (void)none; \
+        static const char *const NAMES[] = {LIST(NAME)}; \
+        PyObject *names = PyList_New(0); \
+        for (size_t i = 0; names && i < sizeof NAMES / sizeof *NAMES; i++) { \
+            PyObject *name = PyUnicode_FromString(NAMES[i]); \
+            if (!name || PyList_Append(names, name) < 0) Py_CLEAR(names); \
+            Py_XDECREF(name); \
+        } \
+        return names; \
     }
-    return names;
-}
+LIST_OF(constant_names, CONSTANTS)
+LIST_OF(tail_sizes, TAIL_SIZES)
+LIST_OF(tail_constants, TAIL_CONSTANTS)
 
 static PyMethodDef METHODS[] = {
     {"resolve", resolve, METH_VARARGS,
      "resolve(level, order, returns, start, stop, constants, stored, own, other, constant, samples, metres, shift, layers, "
-     "status)\n\n"
+     "status, tail)\n\n"
      "Fill layers and status of the pixels from start up to stop. Everybody but the tests calls it through kernel.py."},
+    {"answer_tail", answer_tail, METH_VARARGS,
+     "answer_tail(level, start, stop, phasors, usable, samples, answered, answers, tail)\n\n"
+     "Fill answered and answers of the pixels from start up to stop. Everybody but the tests calls it through compiled.py."},
+    {"search", search, METH_VARARGS,
+     "search(level, steps, constants, first table, second table, phases, observed, enough, start, values, misfit, done)\n\n"
+     "Fill values, misfit and done. Everybody but the tests calls it through response/compiled.py."},
     {"levels", levels, METH_NOARGS, "Names of the instruction sets that this processor has, the fastest first."},
     {"constant_names", constant_names, METH_NOARGS, "Names of the constants, in the order in which resolve takes them."},
+    {"tail_sizes", tail_sizes, METH_NOARGS, "Names of a tail's sizes, in the order in which they are taken."},
+    {"tail_constants", tail_constants, METH_NOARGS, "Names of a tail's constants, in the order in which they are taken."},
     {NULL, NULL, 0, NULL}};
 
 static PyModuleDef_Slot SLOTS[] = {
@@ -266,7 +253,7 @@ static PyModuleDef_Slot SLOTS[] = {
 
 static struct PyModuleDef MODULE = {.m_base = PyModuleDef_HEAD_INIT,
                                     .m_name = "_kernel",
-                                    .m_doc = "Two paths from harmonics 1 and 2, compiled.",
+                                    .m_doc = "Two paths of a sine or of any response, and pixels through a tail, compiled.",
                                     .m_methods = METHODS,
                                     .m_slots = SLOTS};
 

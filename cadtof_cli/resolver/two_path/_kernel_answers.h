@@ -96,15 +96,53 @@ INLINE void clear_impossible(Group *restrict g, const Frame *restrict frame) {
     }
 }
 
+/* resolve.py: diffuse_pixels, for the pixels that have an answer; those that get one there need no other. */
+INLINE void predict(Group *restrict g, const Frame *restrict frame, int64_t start, int m) {
+    TailGroup *restrict t = &g->tail;
+    EACH_PIXEL {
+        t->re[0][i] = g->re1[i];
+        t->im[0][i] = g->im1[i];
+        t->re[1][i] = g->re2[i];
+        t->im[1][i] = g->im2[i];
+        t->samples[i] = g->samples[i];
+        t->answered[i] = g->answered[i];
+    }
+    answer_group(t, frame->tail, frame->tail->sizes->first + start, m, frame->samples != NULL);
+    EACH_PIXEL {
+        g->predicted[i] = t->answered[i];
+        g->answered[i] = g->answered[i] - t->answered[i];
+    }
+}
+
+/* resolve.py: _put_tail */
+INLINE void put_tail(Group *restrict g, const Frame *restrict frame) {
+    const TailGroup *restrict t = &g->tail;
+    const double variance = frame->tail->constants->separate_variance;
+    if (!g->pairs) EACH_PIXEL g->phase[1][i] = g->sigma[1][i] = NAN;
+    g->pairs = 1;
+    for (int path = 0; path < 2; path++) {
+        EACH_PIXEL {
+            const double predicted = g->predicted[i], sigma = sqrt(g->sigma[path][i] * g->sigma[path][i] + variance);
+            const float amplitude = path ? t->mpi[0][i] : t->direct[0][i], phase = path ? t->mpi[1][i] : t->direct[1][i];
+            const float deviation = path ? t->mpi[2][i] : t->direct[2][i];
+            g->amplitude[path][i] = predicted > 0.0 ? (double)amplitude : g->amplitude[path][i];
+            g->phase[path][i] = predicted > 0.0 ? (double)phase : g->phase[path][i];
+            g->sigma[path][i] = predicted > 0.0 ? (double)deviation : sigma;
+        }
+    }
+    EACH_PIXEL g->refusal[i] = g->predicted[i] > 0.0 ? (double)DIFFUSE_MPI : g->refusal[i];
+}
+
 /* Every pixel from `start` up to `stop`. */
 INLINE void resolve_pixels(const Frame *restrict frame, int64_t start, int64_t stop) {
     Group group, *g = &group;
     memset(g, 0, sizeof group);
-    for (; start < stop; start += GROUP) {
-        const int m = stop - start < GROUP ? (int)(stop - start) : GROUP;
+    for (int m; start < stop; start += m) {
+        m = frame->tail ? in_group(frame->tail, start, stop) : stop - start < GROUP ? (int)(stop - start) : GROUP;
         load(g, frame, start, m);
         fundamental_frame(g);
         screen(g, frame);
+        if (frame->tail) predict(g, frame, start, m);
         choose_pixels(g, frame);
         if (any(g->may)) one_path(g, frame);
         else EACH_PIXEL g->misfit[i] = 0.0;
@@ -116,6 +154,7 @@ INLINE void resolve_pixels(const Frame *restrict frame, int64_t start, int64_t s
             direct_and_mpi(g, frame);
             decide(g);
         } else decide_one(g);
+        if (frame->tail) put_tail(g, frame);
         clear_impossible(g, frame);
         store(g, frame, start, m);
     }

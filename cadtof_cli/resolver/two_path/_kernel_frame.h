@@ -6,6 +6,7 @@
  *   resolver/two_path/closed_form.py       two paths            arctangent.py   their phases
  *   resolver/two_path/one_path.py          one path             uncertainty.py  standard deviations
  *   maps/depth.py, layers.py               paths -> maps                    impossible.py   what no light gives
+ *   resolver/diffuse/                      the tail where MPI is diffuse: _tail.h
  *
  * Those are written to be read; this is written to be fast. Both use nothing but +, -, *, / and square roots, which IEEE 754
  * rounds in one way only, so both give the same bits, whatever the compiler and the machine (test_kernel.py holds them to it).
@@ -14,30 +15,13 @@
  * GROUP neighbours stand in short rows that stay in the first-level cache. Each loop holds a few operations for every pixel of
  * a group, so compilers make vector instructions of it; what no pixel of a group needs is left out for the whole group.
  */
-#include <float.h>
-#include <math.h>
-#include <stdint.h>
-#include <string.h>
+#include "../diffuse/_tail.h"
 
-#ifdef __FAST_MATH__
-#error "the kernel and its numpy reference give the same bits only without -ffast-math"
-#endif
-#if !defined(FLT_EVAL_METHOD) || FLT_EVAL_METHOD != 0
-#error "the kernel needs arithmetic that rounds every operation to its own type"
-#endif
-
-#ifndef GROUP
-#define GROUP 32
-#endif
-#define EACH_PIXEL for (int i = 0; i < GROUP; i++)
 #define LAYERS 7
-
-#define PI 3.141592653589793
-#define FULL_TURN 6.283185307179586
 
 /* Bits of resolver/status.py that are read or set here; the others go through as they came. */
 enum { SATURATED = 1, NOT_FINITE = 2, LOW_CONFIDENCE = 4, ONE_PATH = 8, TWO_PATHS = 16, ILL_CONDITIONED = 32, HOT_PIXEL = 256 };
-enum { CALIBRATED = 64, POOLED = 1024, IMPOSSIBLE = 4096 };
+enum { CALIBRATED = 64, POOLED = 1024, DIFFUSE_MPI = 2048, IMPOSSIBLE = 4096 };
 enum order { ORDER_AUTO, ORDER_ONE, ORDER_TWO };
 enum returns { RETURN_FIRST, RETURN_STRONGEST, RETURN_LAST };
 enum type { UINT16, INT16, FLOAT32, FLOAT64, PHASORS };
@@ -73,6 +57,7 @@ typedef struct {
     const double *samples;   /* recorded pixels that a phasor is a mean of */
     const double *metres;    /* of a radian */
     const double *shift;     /* radians to take from every phase */
+    const Tail *tail;        /* the frame's diffuse MPI; NULL: there is none */
     float *layers;           /* LAYERS planes */
     uint32_t *status;        /* in: bits known before; out: all */
     int64_t pixels;
@@ -81,8 +66,6 @@ typedef struct {
     enum returns returns;
 } Frame;
 
-/* One pixel a column. */
-typedef double Row[GROUP];
 typedef struct {
     Row re1, im1, re2, im2, unsound, samples, root;      /* phasors; 1 where there must be no answer; samples, their root */
     Row u, pr, pi, cos, sin;                             /* FundamentalFrame */
@@ -95,18 +78,9 @@ typedef struct {
     Row impossible;                                      /* 1 where they hold more light than there can be */
     Row t1, t2, t3, t4, t5;                              /* between the loops of a function */
     int pairs;                                           /* whether any pixel has two paths */
+    Row predicted;                                       /* 1 where the MPI is a tail, ... */
+    TailGroup tail;                                      /* ... which is here */
 } Group;
-
-#define INLINE static inline KERNEL_INLINE
-
-INLINE double at_least(double value, double low) { return value < low ? low : value; }   /* numpy.maximum: NaN stays NaN */
-INLINE double at_most(double value, double high) { return high < value ? high : value; } /* numpy.minimum */
-
-INLINE int any(const double *restrict row) {
-    int64_t found = 0;
-    EACH_PIXEL found |= row[i] > 0.0;
-    return found != 0;
-}
 
 /* voltages.py: saturated_pixels, phasors_from_stored. Columns from m on repeat the first. */
 #define LOAD(TYPE, VALUE) \

@@ -9,10 +9,10 @@ from cadtof_cli.arrays import Stored
 from cadtof_cli.calibration.parts import PART_KINDS, Origin, Part, PartKind
 from cadtof_cli.calibration.store import Calibration, digest_of, load_calibration, require_absent, save_part
 from cadtof_cli.capture.discovery import Capture, find_captures
-from cadtof_cli.capture.frames import open_frames, require_usual, single_frames, usual_pixels
-from cadtof_cli.capture.metadata import CaptureMetadata, Target
+from cadtof_cli.capture.frames import read_stored, single_frames, usual_file
+from cadtof_cli.capture.metadata import Target
 from cadtof_cli.errors import FrameError, SettingsError
-from cadtof_cli.files.regular import is_there
+from cadtof_cli.files.reading import is_there
 from cadtof_cli.phasors.frame_mean import FrameMean, mean_volts
 from cadtof_cli.phasors.plausible import implausible
 from cadtof_cli.workflows.progress import Progress
@@ -35,13 +35,8 @@ class CalibrateSettings:
     settings_file: Path | None = None
 
 
-@dataclass(frozen=True, eq=False)
-class AveragedCapture:
-    """A capture's mean frame in V, with the metadata that describe it."""
-
-    root: Path
-    metadata: CaptureMetadata
-    mean: FrameMean
+Averaged = Sequence[tuple[Capture, FrameMean]]
+"""Captures, with the mean of the frames of each, in V."""
 
 
 @dataclass(frozen=True)
@@ -64,8 +59,8 @@ def averaged_captures(
     settings: CalibrateSettings,
     overrides: Mapping[str, Any],
     progress: Progress,
-) -> list[AveragedCapture]:
-    """Read every frame of the captures and return each capture's mean.
+) -> Averaged:
+    """Read every frame of the captures and return each capture, its target where the settings say, with its mean.
 
     Raises:
         CadtofError: the part is there already, an input or its metadata is at fault, a frame cannot be read, or the captures
@@ -73,28 +68,26 @@ def averaged_captures(
     """
     require_absent(settings.out, kind, overwrite=settings.overwrite)
     captures = find_captures(inputs, overrides=overrides, settings_file=settings.settings_file)
-    metadata = _with_distances(captures, settings.distances_m)
+    captures = _at_distances(captures, settings.distances_m) if settings.distances_m else captures
     _require_same_modulation(captures)
-    total = sum(len(capture.frames) for capture in captures)
-    progress.total(total)
-    averaged: list[AveragedCapture] = []
-    for capture, described in zip(captures, metadata, strict=True):
+    progress.total(sum(len(capture.frames) for capture in captures))
+    averaged: list[tuple[Capture, FrameMean]] = []
+    for capture in captures:
         for key, value in capture.source.defaulted.items():
             progress.say(f"{capture.root}: not given, so taken from the paper: {key} = {value}")
         mean = mean_volts(_frames(capture, progress), voltage=capture.source.metadata.voltage)
-        if averaged and mean.pixels != averaged[0].mean.pixels:
-            found, expected = ("{1} × {0}".format(*size) for size in (mean.pixels, averaged[0].mean.pixels))
-            raise SettingsError(f"{capture.root}: found {found} pixels, expected {expected} as in {averaged[0].root}")
-        averaged.append(AveragedCapture(capture.root, described, mean))
+        first, expected = averaged[0] if averaged else (capture, mean)
+        if mean.pixels != expected.pixels:
+            here, there = ("{1} × {0}".format(*one.pixels) for one in (mean, expected))
+            raise SettingsError(f"{capture.root}: found {here} pixels, expected {there} as in {first.root}")
+        averaged.append((capture, mean))
     return averaged
 
 
 def _frames(capture: Capture, progress: Progress) -> Iterator[Stored]:
-    usual = usual_pixels(capture)
+    usual = usual_file(capture)
     for source in single_frames(capture):
-        with open_frames(source, capture.layout) as frames:
-            stored = frames.read(source.index or 0)
-        require_usual(source, stored.shape[2:], usual)
+        stored = read_stored(source, capture.layout, usual=usual.pixels if usual else None)
         wrong = implausible(stored, capture.source.metadata)
         if wrong is not None:
             raise FrameError(f"{source}: {wrong}")
@@ -102,20 +95,18 @@ def _frames(capture: Capture, progress: Progress) -> Iterator[Stored]:
         progress.advance()
 
 
-def _with_distances(captures: Sequence[Capture], distances: tuple[float, ...]) -> list[CaptureMetadata]:
-    if len(distances) > 1 and len(distances) != len(captures):
+def _at_distances(captures: Sequence[Capture], distances: tuple[float, ...]) -> tuple[Capture, ...]:
+    """Return captures whose targets stand at these distances: one for all, or one each."""
+    if len(distances) not in {1, len(captures)}:
         raise SettingsError(
             f"--distance: found {len(distances)} distances for {len(captures)} captures, expected one for all, or one each in "
             "the order of the captures"
         )
     described = []
-    for index, capture in enumerate(captures):
-        metadata = capture.source.metadata
-        if distances:
-            target = Target(distance_m=distances[index if len(distances) > 1 else 0])
-            metadata = replace(metadata, target=target)
-        described.append(metadata)
-    return described
+    for one, distance in zip(captures, distances * (len(captures) // len(distances)), strict=True):
+        metadata = replace(one.source.metadata, target=Target(distance_m=distance))
+        described.append(replace(one, source=replace(one.source, metadata=metadata)))
+    return tuple(described)
 
 
 def _require_same_modulation(captures: Sequence[Capture]) -> None:
@@ -131,9 +122,7 @@ def _require_same_modulation(captures: Sequence[Capture]) -> None:
                 )
 
 
-def parts_before(
-    folder: Path, kind: PartKind, averaged: Sequence[AveragedCapture], /, *, progress: Progress
-) -> Calibration:
+def parts_before(folder: Path, kind: PartKind, averaged: Averaged, /, *, progress: Progress) -> Calibration:
     """Return the parts of the folder that are applied before this one, checked against the captures; say which."""
     earlier = PART_KINDS[: PART_KINDS.index(kind)]
     if not any(is_there(folder / f"{name}.toml") for name in earlier):
@@ -141,19 +130,20 @@ def parts_before(
         return Calibration()
     everything = load_calibration(folder)
     parts = replace(everything, **{name: None for name in PART_KINDS if name not in earlier})
-    parts.require_match(averaged[0].metadata, averaged[0].mean.pixels)
+    capture, mean = averaged[0]
+    parts.require_match(capture.source.metadata, mean.pixels)
     progress.say(f"applied to the frames first: {', '.join(part.kind for part in parts.parts)} of {folder}")
     return parts
 
 
-def origin_of(averaged: Sequence[AveragedCapture], used: Calibration, /) -> Origin:
+def origin_of(averaged: Averaged, used: Calibration, /) -> Origin:
     """Return the record of what a part is made from."""
-    first = averaged[0]
-    modulation = first.metadata.modulation
+    capture, mean = averaged[0]
+    modulation = capture.source.metadata.modulation
     return Origin(
-        captures=tuple(str(capture.root) for capture in averaged),
-        frames=sum(capture.mean.frames for capture in averaged),
-        pixels=first.mean.pixels,
+        captures=tuple(str(one.root) for one, _ in averaged),
+        frames=sum(one.frames for _, one in averaged),
+        pixels=mean.pixels,
         periods_ns=modulation.periods_ns,
         waveform=modulation.waveform,
         used=used.digests,

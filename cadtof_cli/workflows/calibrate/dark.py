@@ -7,9 +7,10 @@ from typing import Any
 from cadtof_cli.calibration.dark import DEFECT_MEANING, Defect, fit_dark
 from cadtof_cli.calibration.fit.light import light_seen
 from cadtof_cli.calibration.store import Calibration
+from cadtof_cli.capture.discovery import Capture
 from cadtof_cli.errors import CaptureError, SettingsError
+from cadtof_cli.phasors.frame_mean import FrameMean
 from cadtof_cli.workflows.calibrate.captures import (
-    AveragedCapture,
     CalibrateReport,
     CalibrateSettings,
     averaged_captures,
@@ -30,24 +31,25 @@ def calibrate_dark(
     averaged = averaged_captures(inputs, "dark", settings=settings, overrides=overrides, progress=progress)
     if len(averaged) > 1:
         raise SettingsError(f"found {len(averaged)} captures, expected one of covered-lens frames")
-    _require_dark(averaged[0])
-    dark = fit_dark(averaged[0].mean, origin=origin_of(averaged, Calibration()))
+    capture, mean = averaged[0]
+    _require_dark(capture, mean)
+    dark = fit_dark(mean, origin=origin_of(averaged, Calibration()))
     counts = dark.defect_counts()
     findings = tuple(
         f"{counts[bit.name.lower()]} pixels with {DEFECT_MEANING[bit]}"
         for bit in Defect
         if bit.name and counts[bit.name.lower()]
     )
-    if averaged[0].mean.frames < 2:
+    if mean.frames < 2:
         findings += ("one frame only: no noise was measured, and noisy or dead pixels were not looked for",)
     bad = int(dark.hot.sum())
     return saved(dark, settings, {**dark.quality(), "bad_pixels": bad, "defects": counts}, findings)
 
 
-def _require_dark(capture: AveragedCapture) -> None:
+def _require_dark(capture: Capture, mean: FrameMean) -> None:
     """Make sure that the frames saw no light; offsets taken from lit frames would take the scene out of every other."""
-    modulation = capture.metadata.modulation
-    seen = light_seen(capture.mean.stored, harmonics=modulation.harmonics, amplitude_v=modulation.amplitude_v)
+    modulation = capture.source.metadata.modulation
+    seen = light_seen(mean.stored, harmonics=modulation.harmonics, amplitude_v=modulation.amplitude_v)
     if seen.follows_law:
         raise CaptureError(
             f"{capture.root}: these frames saw light: over the array harmonics and channels follow each other as light ties "

@@ -11,16 +11,17 @@ from cadtof_cli.arrays import Float
 from cadtof_cli.calibration.fit.petzval import WallRanges, fit_petzval
 from cadtof_cli.calibration.petzval import PetzvalCalibration
 from cadtof_cli.calibration.store import Calibration
+from cadtof_cli.capture.discovery import Capture
 from cadtof_cli.capture.metadata import Modulation, Voltage
 from cadtof_cli.figures.kinds import require_picture
 from cadtof_cli.frame_plan import CalibrationUse, FramePlan, MapSettings
 from cadtof_cli.maps.layers import DIRECT_AMPLITUDE, DIRECT_DEPTH, DIRECT_SIGMA
+from cadtof_cli.phasors.frame_mean import FrameMean
 from cadtof_cli.pipeline import resolve_frame
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.resolver.status import StatusBit
 from cadtof_cli.units import metres_per_radian, unambiguous_range_m
 from cadtof_cli.workflows.calibrate.captures import (
-    AveragedCapture,
     CalibrateReport,
     CalibrateSettings,
     averaged_captures,
@@ -51,25 +52,28 @@ def calibrate_petzval(
     kind = require_picture(plot, overwrite=settings.overwrite) if plot else ""
     averaged = averaged_captures(inputs, "petzval", settings=settings, overrides=overrides, progress=progress)
     earlier = parts_before(settings.out, "petzval", averaged, progress=progress)
-    walls = [_wall(capture, settings.out, earlier) for capture in averaged]
-    modulation = averaged[0].metadata.modulation
+    walls = [_wall(capture, mean, settings.out, earlier) for capture, mean in averaged]
+    metadata = averaged[0][0].source.metadata
     petzval = fit_petzval(
         walls,
-        optics=averaged[0].metadata.optics,
-        unambiguous_m=unambiguous_range_m(modulation.periods_ns[0]),
+        optics=metadata.optics,
+        unambiguous_m=unambiguous_range_m(metadata.modulation.periods_ns[0]),
         origin=origin_of(averaged, earlier),
     )
-    petzval = _with_shared_uncertainty(petzval, earlier)
-    report = saved(petzval, settings, _figures(petzval), petzval.quality.findings)
+    if earlier.response is not None:
+        petzval = _with_shared_uncertainty(petzval, earlier.response.quality.curvature_stderr_m)
+    tables, quality = petzval.tables(), petzval.quality
+    figures = tables["coefficients"] | tables["residual"] | {"focal_length_px": quality.focal_length_px}
+    report = saved(petzval, settings, figures | {"walls": [asdict(wall) for wall in quality.walls]}, quality.findings)
     if plot is None:
         return report
-    _draw(walls, petzval, [str(capture.root) for capture in averaged], plot, kind)
+    _draw(walls, petzval, [str(capture.root) for capture, _ in averaged], plot, kind)
     return replace(report, written=(*report.written, str(plot)))
 
 
-def _wall(capture: AveragedCapture, folder: Path, earlier: Calibration) -> WallRanges:
+def _wall(capture: Capture, mean: FrameMean, folder: Path, earlier: Calibration) -> WallRanges:
     """Resolve the mean of a wall's frames, whose noise is that of one frame over the root of their number."""
-    metadata, mean = capture.metadata, capture.mean
+    metadata = capture.source.metadata
     n_av = metadata.pixel.integration_length
     pixel = replace(metadata.pixel, integration_length=n_av * mean.frames if n_av is not None else None)
     use = CalibrationUse(folder, earlier.digest, curved=False) if earlier.parts else None
@@ -104,30 +108,11 @@ def _calibration_noise_m(earlier: Calibration, amplitude_v: Float, modulation: M
     return np.asarray(metres_per_radian(modulation.periods_ns[0]) / np.sqrt(information))
 
 
-def _with_shared_uncertainty(petzval: PetzvalCalibration, earlier: Calibration) -> PetzvalCalibration:
+def _with_shared_uncertainty(petzval: PetzvalCalibration, stderr_m: tuple[float, float]) -> PetzvalCalibration:
     """Add what the response calibration could not tell: curvature from pixels' own phases that happen to look like it."""
-    if earlier.response is None:
-        return petzval
-    k2, k4 = earlier.response.quality.curvature_stderr_m
-    quality = petzval.quality
-    return replace(
-        petzval,
-        quality=replace(
-            quality,
-            k2_stderr_m=float(np.hypot(quality.k2_stderr_m, k2)),
-            k4_stderr_m=float(np.hypot(quality.k4_stderr_m, k4)),
-        ),
-    )
-
-
-def _figures(petzval: PetzvalCalibration) -> dict[str, Any]:
-    tables = petzval.tables()
-    return {
-        **tables["coefficients"],
-        **tables["residual"],
-        "focal_length_px": petzval.quality.focal_length_px,
-        "walls": [asdict(wall) for wall in petzval.quality.walls],
-    }
+    quality, (k2, k4) = petzval.quality, stderr_m
+    k2_stderr_m, k4_stderr_m = float(np.hypot(quality.k2_stderr_m, k2)), float(np.hypot(quality.k4_stderr_m, k4))
+    return replace(petzval, quality=replace(quality, k2_stderr_m=k2_stderr_m, k4_stderr_m=k4_stderr_m))
 
 
 def _draw(

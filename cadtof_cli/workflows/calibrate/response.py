@@ -10,9 +10,10 @@ from cadtof_cli.arrays import Float
 from cadtof_cli.calibration.fit.response import TargetMean, fit_response
 from cadtof_cli.calibration.response import ResponseCalibration
 from cadtof_cli.calibration.store import Calibration
+from cadtof_cli.capture.discovery import Capture
 from cadtof_cli.errors import SettingsError
+from cadtof_cli.phasors.frame_mean import FrameMean
 from cadtof_cli.workflows.calibrate.captures import (
-    AveragedCapture,
     CalibrateReport,
     CalibrateSettings,
     averaged_captures,
@@ -32,33 +33,33 @@ def calibrate_response(
         CadtofError: see `averaged_captures`; or a target's distance is not known.
     """
     averaged = averaged_captures(inputs, "response", settings=settings, overrides=overrides, progress=progress)
-    for capture in averaged:
-        if capture.metadata.target.distance_m is None:
+    for capture, _ in averaged:
+        if capture.source.metadata.target.distance_m is None:
             raise SettingsError(
                 f"{capture.root}: the target's distance is not known: set distance_m under [target] in capture.toml, or "
                 "--distance, once for all captures or once each"
             )
     earlier = parts_before(settings.out, "response", averaged, progress=progress)
-    targets = [_target(capture, earlier) for capture in averaged]
-    response = fit_response(targets, metadata=averaged[0].metadata, origin=origin_of(averaged, earlier))
+    targets = [_target(capture, mean, earlier) for capture, mean in averaged]
+    response = fit_response(targets, metadata=averaged[0][0].source.metadata, origin=origin_of(averaged, earlier))
     return saved(response, settings, _figures(response), response.quality.findings)
 
 
-def _target(capture: AveragedCapture, earlier: Calibration) -> TargetMean:
-    volts, noise = capture.mean.stored, _mean_noise(capture)
+def _target(capture: Capture, mean: FrameMean, earlier: Calibration) -> TargetMean:
+    volts, noise = mean.stored, _mean_noise(capture, mean)
     if earlier.dark is not None:
         volts = np.where(earlier.dark.hot, np.nan, volts - earlier.dark.offset_v)
         noise = np.hypot(noise, earlier.dark.quality()["offset_stderr_v"])
-    distance = capture.metadata.target.distance_m
+    distance = capture.source.metadata.target.distance_m
     assert distance is not None
     return TargetMean(volts[:, 0] + 1j * volts[:, 1], noise, distance)
 
 
-def _mean_noise(capture: AveragedCapture) -> Float:
+def _mean_noise(capture: Capture, mean: FrameMean) -> Float:
     """Return the standard deviation of the mean's voltages, (H,): measured where there are frames enough, else predicted."""
-    mean, metadata = capture.mean, capture.metadata
     if mean.frames >= 3:
         return np.asarray(mean.frame_noise() / np.sqrt(mean.frames))
+    metadata = capture.source.metadata
     n_av = metadata.pixel.integration_length or 1e5
     predicted = metadata.modulation.amplitude_v / np.sqrt(2.0 * (2.0 * n_av - 1.0) * mean.frames)
     return np.full(mean.stored.shape[0], predicted)

@@ -8,7 +8,7 @@ from typing import Any
 from cadtof_cli.calibration.parts import PART_KINDS
 from cadtof_cli.calibration.store import load_calibration
 from cadtof_cli.errors import CadtofError
-from cadtof_cli.files.regular import is_folder, is_there
+from cadtof_cli.files.reading import is_folder, is_there
 
 
 @dataclass

@@ -7,9 +7,10 @@ import numpy as np
 
 from cadtof_cli.arrays import Stored
 from cadtof_cli.capture.frame_sources import FrameSource
-from cadtof_cli.capture.frames import open_frames, require_usual
+from cadtof_cli.capture.frames import read_stored
 from cadtof_cli.capture.metadata import CaptureMetadata
 from cadtof_cli.errors import CadtofError
+from cadtof_cli.files.formats import format_of
 from cadtof_cli.files.frames import FrameLayout, NotAFrameError
 from cadtof_cli.phasors.noise import estimated_integration_length
 from cadtof_cli.phasors.plausible import implausible
@@ -46,9 +47,8 @@ class FrameFacts:
 def facts_of_frame(task: LookTask, /) -> FrameFacts:
     """Read one frame and return what it holds; whatever is wrong with it is a `problem`, never an exception."""
     try:
-        with open_frames(task.source, task.layout) as frames:
-            container, stored = frames.format, frames.read(task.source.index or 0)
-        require_usual(task.source, stored.shape[2:], task.pixels)
+        stored = read_stored(task.source, task.layout, usual=task.pixels)
+        container = format_of(task.source.paths[0], raw=task.layout.raw is not None).name
         return _facts(stored, container, task)
     except NotAFrameError as error:
         return FrameFacts(problem=str(error), skipped=True)

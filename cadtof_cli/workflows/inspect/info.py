@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from cadtof_cli.capture.discovery import Capture, find_captures
-from cadtof_cli.capture.frames import single_frames, usual_pixels
+from cadtof_cli.capture.frames import single_frames, usual_file
 from cadtof_cli.capture.lone_planes import guessed_layout, hint_of_planes
 from cadtof_cli.capture.metadata import KEYS, Layout
 from cadtof_cli.errors import CadtofError
@@ -106,12 +106,14 @@ def _capture_facts(capture: Capture, workers: Workers, progress: Progress) -> Ca
     for key in KEYS:
         value = getattr(getattr(metadata, key.table), key.name)
         facts.metadata[key.path] = {"value": value, "from": capture.source.origins[key.path]}
-    pixels = usual_pixels(capture)
-    if pixels is None and (hint := hint_of_planes(capture)):
+    usual = usual_file(capture)
+    if usual is None and (hint := hint_of_planes(capture)):
         facts.problems.append(hint)
         facts.guessed_layout = guessed_layout(capture)
         return facts
-    tasks = (LookTask(source, capture.layout, metadata, pixels) for source in single_frames(capture))
+    tasks = (
+        LookTask(source, capture.layout, metadata, usual.pixels if usual else None) for source in single_frames(capture)
+    )
     with closing(run_ordered(facts_of_frame, tasks, workers=workers)) as outcomes:
         implausible: list[str] = []
         for outcome in outcomes:

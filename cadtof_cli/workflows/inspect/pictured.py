@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cadtof_cli.capture.discovery import Capture, base_of, find_captures, placed_below
+from cadtof_cli.capture.discovery import Capture, find_captures, placed_below
 from cadtof_cli.capture.frame_sources import FrameSource
 from cadtof_cli.capture.frames import open_frames, single_frames
 from cadtof_cli.capture.toml import FILE_NAME as CAPTURE_FILE
@@ -51,7 +51,7 @@ def pictured(inputs: Sequence[Path], /) -> Iterator[Pictured]:
                 yield Pictured(name, _MapReader(run, file), DIRECT_DEPTH, run, file)
             continue
         captures = find_captures([path], overrides={}, recursive=path.is_dir())
-        for capture in placed_below(captures, base_of([path], captures)):
+        for capture in placed_below(captures, [path])[0]:
             for source in single_frames(capture):
                 yield Pictured(source.name, _FrameReader(capture, source), LIGHT)
 

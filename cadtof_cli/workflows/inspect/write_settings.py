@@ -8,7 +8,7 @@ from cadtof_cli.capture.metadata import KEYS, Key
 from cadtof_cli.capture.toml import DEFAULT_ORIGIN, FILE_NAME
 from cadtof_cli.errors import OutputError
 from cadtof_cli.files.atomic import whole_file
-from cadtof_cli.files.regular import is_there
+from cadtof_cli.files.reading import is_there
 from cadtof_cli.files.toml import toml_line
 from cadtof_cli.workflows.inspect.info import CaptureFacts
 

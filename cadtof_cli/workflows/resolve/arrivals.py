@@ -5,10 +5,9 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from cadtof_cli.capture.discovery import Capture
-from cadtof_cli.capture.tree import absolute
+from cadtof_cli.capture.discovery import Capture, absolute
 from cadtof_cli.errors import CadtofError, OutputError
-from cadtof_cli.files.regular import is_folder
+from cadtof_cli.files.reading import is_folder
 from cadtof_cli.workflows.resolve.plans import CapturePlan, found_captures, planned
 from cadtof_cli.workflows.resolve.settings import ResolveSettings
 from cadtof_cli.workflows.resolve.use_calibration import AppliedCalibration
@@ -37,13 +36,13 @@ class Arrivals:
     on_failure: Callable[[FrameReport], None]
     waiting: list[Path] = field(default_factory=list)
     known: dict[Path, CapturePlan] = field(default_factory=dict)
-    sources: dict[str, str | Path] = field(default_factory=dict)
+    sources: dict[str, Path] = field(default_factory=dict)
 
     def meet(self, plans: Iterable[CapturePlan], /) -> None:
         """Remember captures and what their frames are called."""
         for one in plans:
             self.known.setdefault(one.capture.root, one)
-            self.sources.update((frame.name, frame.files[0]) for frame in one.capture.frames)
+            self.sources.update((frame.name, frame.paths[0]) for frame in one.capture.frames)
 
     def plans(self, batches: Iterable[tuple[Path, ...]], /) -> Iterator[list[CapturePlan]]:
         """Yield what to do with each batch of paths; a frame of several files waits for all of them."""
@@ -83,10 +82,10 @@ class Arrivals:
             if one.root in self.known
         ] + new
         for frame in (frame for one in plans for frame in one.capture.frames):
-            other = self.sources.get(frame.name, frame.files[0])
-            if other != frame.files[0]:
+            other = self.sources.get(frame.name, frame.paths[0])
+            if other != frame.paths[0]:
                 raise OutputError(
-                    f"{frame.files[0]} would be written as {self.settings.out}/{frame.name}, as {other} was"
+                    f"{frame.paths[0]} would be written as {self.settings.out}/{frame.name}, as {other} was"
                 )
         self.meet(plans)
         return plans

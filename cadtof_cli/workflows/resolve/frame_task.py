@@ -2,13 +2,13 @@
 
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from cadtof_cli.arrays import Stored
 from cadtof_cli.capture.frame_sources import FrameSource
-from cadtof_cli.capture.frames import open_frames, require_usual
+from cadtof_cli.capture.frames import read_stored
 from cadtof_cli.errors import CadtofError, FrameError, PlaceError
 from cadtof_cli.execution.outcome import Later
 from cadtof_cli.execution.workers import keep_freed_memory
@@ -19,7 +19,8 @@ from cadtof_cli.frame_plan import FramePlan
 from cadtof_cli.phasors.frame_mean import FrameMean, frame_mean
 from cadtof_cli.phasors.plausible import implausible
 from cadtof_cli.pipeline import ResolvedFrame, resolve_frame
-from cadtof_cli.resolver.status import count_status, why_no_answer
+from cadtof_cli.records import dataclass
+from cadtof_cli.resolver.status import StatusCounts, count_status, why_no_answer
 from cadtof_cli.workflows.run_folder import ALREADY_THERE, FrameReport, FrameStatus, SourceFile
 
 if TYPE_CHECKING:
@@ -96,22 +97,15 @@ def resolve_file(task: FrameTask, /) -> FrameReport | Later[FrameReport]:
     keep_freed_memory()
     began = time.monotonic()
 
-    def resolve() -> Later[FrameReport]:
+    def resolve() -> FrameReport | Later[FrameReport]:
+        kept = kept_maps(task, began=began) if task.resume else None
+        if kept is not None:
+            return kept
         frame, recording = read_frame(task)
         resolved = resolve_frame(frame, plan=task.plan, calibration=task.calibration())
         return written(task, resolved, recording, began=began)
 
-    return unless_kept(task, resolve, began=began)
-
-
-def unless_kept(task: FrameTask, work: Callable[[], Result], /, *, began: float) -> Result | FrameReport:
-    """Return what `attempted` does, or a report that maps which are there already are kept."""
-
-    def kept_or_done() -> Result | FrameReport:
-        kept = kept_maps(task, began=began) if task.resume else None
-        return work() if kept is None else kept
-
-    return attempted(task, kept_or_done, began=began)
+    return attempted(task, resolve, began=began)
 
 
 def attempted(task: FrameTask, work: Callable[[], Result], /, *, began: float) -> Result | FrameReport:
@@ -146,8 +140,7 @@ def written(task: FrameTask, resolved: ResolvedFrame, recording: Recording, /, *
         FrameError: no pixel has an answer; nothing is written then.
         OutputError: see `begin_maps`.
     """
-    maps = answered_maps(resolved, task.plan, name=str(task.sources[0]))
-    counts = count_status(maps.status)
+    maps, counts = answered_maps(resolved, task.plan, name=str(task.sources[0]))
     note = _why_again(task) if task.resume else None
     about = maps_about(task.plan, source_name(task.sources[0]))
     begun = begin_maps(task.output, maps, about=about, token=task.token)
@@ -176,17 +169,18 @@ def written(task: FrameTask, resolved: ResolvedFrame, recording: Recording, /, *
     return Later(lambda: attempted(task, keep, began=began))
 
 
-def answered_maps(resolved: ResolvedFrame, plan: FramePlan, /, *, name: str) -> DepthMaps:
-    """Return the maps of a frame, of the pixels that are asked for; `name` is the frame's in messages.
+def answered_maps(resolved: ResolvedFrame, plan: FramePlan, /, *, name: str) -> tuple[DepthMaps, StatusCounts]:
+    """Return the maps of a frame, of the pixels that are asked for, and how these ended; `name` is the frame's in messages.
 
     Raises:
         FrameError: no pixel has an answer.
     """
     roi = plan.settings.roi
     maps = resolved.maps.cropped(roi) if roi else resolved.maps
-    if count_status(maps.status).invalid == maps.status.size:
+    counts = count_status(maps.status)
+    if counts.invalid == maps.status.size:
         raise FrameError(f"{name}: {why_no_answer(maps.status)}")
-    return maps
+    return maps, counts
 
 
 def source_name(source: FrameSource, /) -> str:
@@ -284,11 +278,7 @@ def read_frame(task: FrameTask, /) -> tuple[Stored | FrameMean, Recording]:
 
 
 def _stored(task: FrameTask, source: FrameSource) -> Stored:
-    with open_frames(source, task.layout) as frames:
-        if source.index is None and frames.count != 1:
-            raise FrameError(f"{source}: found {frames.count} frames, expected one as in files of the same size")
-        stored: Stored = frames.read(source.index or 0)
-    require_usual(source, stored.shape[2:], task.pixels)
+    stored = read_stored(source, task.layout, usual=task.pixels)
     wrong = implausible(stored, task.plan.metadata)
     if wrong is not None:
         raise FrameError(f"{source}: {wrong}")

@@ -4,18 +4,18 @@ import itertools
 import json
 import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 from cadtof_cli.capture.discovery import Capture
-from cadtof_cli.capture.frame_sources import names_of
 from cadtof_cli.capture.toml import FILE_NAME as CAPTURE_FILE
 from cadtof_cli.errors import OutputError
-from cadtof_cli.files.atomic import remove_partial_files, sync_folder, write_error
+from cadtof_cli.files.atomic import remove_partial_files, write_error
 from cadtof_cli.files.formats import MAP_FORMATS
-from cadtof_cli.files.regular import is_there, real_path
+from cadtof_cli.files.reading import is_there, real_path
+from cadtof_cli.files.system import sync_folder
+from cadtof_cli.records import dataclass
 from cadtof_cli.workflows.resolve.settings import ResolveSettings
 from cadtof_cli.workflows.run_folder import FRAMES_FILE, RUN_FILE, read_record
 
@@ -46,7 +46,7 @@ class FrameNames(Collection[str]):
     captures: Sequence[Capture]
 
     def __iter__(self) -> Iterator[str]:
-        return (name for capture in self.captures for name in names_of(capture.frames))
+        return (name for capture in self.captures for name in (frame.name for frame in capture.frames))
 
     def __len__(self) -> int:
         return sum(len(capture.frames) for capture in self.captures)
@@ -72,7 +72,7 @@ def frame_names(captures: Sequence[Capture], out: Path, /) -> Collection[str]:
     for name in names if len(captures) > 1 else ():
         if name in met:
             frames = (frame for capture in captures for frame in capture.frames if frame.name == name)
-            first, second = (frame.files[0] for frame in itertools.islice(frames, 2))
+            first, second = (frame.paths[0] for frame in itertools.islice(frames, 2))
             if first == second:
                 raise OutputError(f"{first} is among the inputs twice; give each frame once")
             raise OutputError(

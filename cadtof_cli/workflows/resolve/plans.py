@@ -2,11 +2,10 @@
 
 import itertools
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from cadtof_cli.capture.discovery import Capture, base_of, find_captures, placed_below
+from cadtof_cli.capture.discovery import Capture, find_captures, placed_below
 from cadtof_cli.capture.frame_sources import FrameSource
 from cadtof_cli.capture.frames import file_size, open_frames, single_frames, usual_file
 from cadtof_cli.errors import CaptureError, FrameError, SettingsError
@@ -15,6 +14,7 @@ from cadtof_cli.frame_plan import FramePlan
 from cadtof_cli.phasors.noise import noise_model
 from cadtof_cli.phasors.plausible import implausible
 from cadtof_cli.phasors.voltages import volts_per_count
+from cadtof_cli.records import dataclass
 from cadtof_cli.workflows.resolve.settings import AS_INPUT, ResolveSettings
 from cadtof_cli.workflows.resolve.use_calibration import AppliedCalibration
 
@@ -39,17 +39,13 @@ class CapturePlan:
 
     def expected_maps(self, settings: ResolveSettings, /) -> int:
         """Return how many maps there will be, as far as it can be told from one file and the sizes of the others."""
-        frames = self._expected_frames()
+        frames, of_one = len(self.capture.frames), self.stack_frame_bytes
+        if of_one is not None:
+            sizes = (file_size(source.paths[0]) for source in self.capture.frames)
+            frames = sum(max(round(size / of_one), 1) for size in sizes)
         if settings.frames is not None:
             frames = len(range(*settings.frames.indices(frames)))
         return -(-frames // self.plan.settings.average)
-
-    def _expected_frames(self) -> int:
-        sources = self.capture.frames
-        of_one = self.stack_frame_bytes
-        if of_one is None:
-            return len(sources)
-        return sum(max(round(file_size(source.paths[0]) / of_one), 1) for source in sources)
 
     def frames(self, settings: ResolveSettings, /, *, taken: Collection[str]) -> Iterator[FrameSource]:
         """Yield the frames that are to be resolved, a stack's one by one, under names that are not `taken`."""
@@ -64,8 +60,6 @@ class CapturePlan:
 
     def pooling_seconds(self) -> float:
         """Return about how long the pooling of one frame takes."""
-        if self.plan.settings.pool == 1:
-            return 0.0
         from cadtof_cli.phasors.pooling import pooling_seconds
 
         noise = noise_model(self.plan.metadata, integration_length=1e5, quantised=False)
@@ -100,8 +94,7 @@ def found_captures(
     captures = find_captures(
         inputs, overrides=overrides, settings_file=settings.settings_file, recursive=settings.recursive
     )
-    base = base or base_of(inputs, captures)
-    return placed_below(captures, base), base
+    return placed_below(captures, inputs, base=base)
 
 
 def planned(
@@ -128,7 +121,8 @@ def planned(
             continue
         of_one = max(usual.bytes / usual.frames, 1.0) if usual.frames > 1 else None
         plans.append(CapturePlan(capture, plan, usual.pixels, of_one))
-        _require_inside(settings.maps.roi, capture, plans[-1].pixels)
+        if settings.maps.roi:
+            _require_inside(settings.maps.roi, capture, usual.pixels)
         try:
             volts_per_count(metadata.voltage, usual.dtype)
         except SettingsError as error:
@@ -159,6 +153,8 @@ def _require_plausible(capture: Capture) -> None:
 
 def slow_notes(plans: Sequence[CapturePlan], settings: ResolveSettings, /) -> Iterator[str]:
     """Yield how long a run will take where that is known to be long, and a frame takes so long that no bar would tell."""
+    if settings.maps.pool == 1:
+        return
     pooling = sum(one.expected_maps(settings) * one.pooling_seconds() for one in plans)
     maps = sum(one.expected_maps(settings) for one in plans)
     seconds = pooling / max(min(settings.workers.jobs, maps), 1)
@@ -170,8 +166,8 @@ def _duration(seconds: float) -> str:
     return f"{seconds:.0f} s" if seconds < 100 else f"{seconds / 60:.0f} min"
 
 
-def _require_inside(roi: tuple[int, int, int, int] | None, capture: Capture, pixels: tuple[int, int] | None) -> None:
-    if roi and pixels and (roi[2] > pixels[1] or roi[3] > pixels[0]):
+def _require_inside(roi: tuple[int, int, int, int], capture: Capture, pixels: tuple[int, int]) -> None:
+    if roi[2] > pixels[1] or roi[3] > pixels[0]:
         found = ",".join(map(str, roi))
         raise SettingsError(
             f"--roi: found {found}, expected it inside the {pixels[1]} × {pixels[0]} pixels of {capture.root}"

@@ -1,18 +1,117 @@
-"""The record of a run while it goes on: whatever ends it, what was finished is on disk, and another run can go on from there."""
+"""The record of a run: what `run.json` says of it, and `frames.jsonl` while it goes on.
+
+Whatever ends a run, what was finished is on disk, and another run can go on from there.
+"""
 
 import json
 import os
 import stat
 from array import array
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, replace
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, BinaryIO
 
+from cadtof_cli import __version__
+from cadtof_cli.capture.discovery import Capture
 from cadtof_cli.errors import OutputError
 from cadtof_cli.files.atomic import whole_file, write_error, write_json
+from cadtof_cli.files.reading import real_path
+from cadtof_cli.files.system import KEEP, read_at
+from cadtof_cli.resolver.status import MEANING
+from cadtof_cli.resolver.two_path.kernel import chosen_kernel
+from cadtof_cli.workflows.resolve.plans import CapturePlan
+from cadtof_cli.workflows.resolve.settings import ResolveSettings
+from cadtof_cli.workflows.resolve.use_calibration import AppliedCalibration
 from cadtof_cli.workflows.run_folder import FRAMES_FILE, RUN_FILE, FrameReport, RunTotals, read_record, report_of
+
+
+def run_document(
+    inputs: Sequence[Path],
+    overrides: Mapping[str, Any],
+    settings: ResolveSettings,
+    plans: Sequence[CapturePlan],
+    calibration: AppliedCalibration | None,
+) -> dict[str, Any]:
+    """Return what `run.json` says of a run that begins; its arguments have the names of the options."""
+    maps, applied = settings.maps, None
+    if calibration is not None:
+        folder = calibration.use.folder
+        applied = {
+            "folder": str(folder),
+            "digest": calibration.use.digest,
+            "applied": dict(calibration.parts),
+            "absolute_folder": str(folder.absolute()),
+            "folder_from_out": _from_out(folder, settings.out),
+        }
+    return {
+        "cadtof": __version__,
+        "started": datetime.now(UTC).isoformat(timespec="seconds"),
+        "finished": False,
+        "kernel": chosen_kernel(),
+        "arguments": {
+            "inputs": [str(path) for path in inputs],
+            "absolute_inputs": [str(path.absolute()) for path in inputs],
+            "inputs_from_out": [_from_out(path, settings.out) for path in inputs],
+            "resolved_inputs": [real_path(path) for path in inputs],
+            "out": str(settings.out),
+            **asdict(maps.resolver),
+            "min_confidence": maps.min_confidence_v,
+            "depth": maps.depth,
+            "pool": maps.pool,
+            "average": maps.average,
+            "calibration": settings.calibration and str(settings.calibration),
+            "map_format": settings.map_format,
+            "roi": maps.roi,
+            "recursive": settings.recursive,
+            "settings": settings.settings_file and str(settings.settings_file.absolute()),
+            "frames": settings.frames and [settings.frames.start, settings.frames.stop],
+            "overrides": dict(overrides),
+        },
+        "captures": [_as_json(one.capture) for one in plans],
+        "calibration": applied,
+        "layers": {layer.name: layer.unit for one in plans for layer in one.plan.layers},
+        "status_bits": {bit.name: int(bit) for bit in MEANING},
+    }
+
+
+def recorded_arrivals(
+    batches: Iterable[tuple[Path, ...]], document: Mapping[str, Any], out: Path
+) -> Iterator[tuple[Path, ...]]:
+    """Yield the batches of paths, each added to the inputs that `run.json` will name."""
+    for paths in batches:
+        document["arguments"]["inputs"] += map(str, paths)
+        document["arguments"]["absolute_inputs"] += (str(path.absolute()) for path in paths)
+        document["arguments"]["inputs_from_out"] += (_from_out(path, out) for path in paths)
+        document["arguments"]["resolved_inputs"] += map(real_path, paths)
+        yield paths
+
+
+def _from_out(path: Path, out: Path) -> str:
+    """Return an input as it is seen from the run's folder: true after both have been moved."""
+    return os.path.relpath(path.absolute(), out.absolute())
+
+
+def record_captures(document: Mapping[str, Any], plans: Iterable[CapturePlan]) -> None:
+    """Add captures, or their further files, to those that `run.json` names."""
+    for capture in (one.capture for one in plans):
+        known = next((one for one in document["captures"] if one["root"] == str(capture.root)), None)
+        if known is None:
+            document["captures"].append(_as_json(capture))
+        else:
+            known["files"] += len(capture.frames)
+
+
+def _as_json(capture: Capture) -> dict[str, Any]:
+    return {
+        "root": str(capture.root),
+        "resolved_root": real_path(capture.root),
+        "files": len(capture.frames),
+        "metadata": asdict(capture.source.metadata),
+        "origins": dict(capture.source.origins),
+    }
 
 
 class RunRecorder:
@@ -36,7 +135,7 @@ class RunRecorder:
 
     def before(self, output: Path, /) -> FrameReport | None:
         """Return what an earlier run recorded of a frame whose maps it wrote; None where it did not."""
-        place = self._before.get(_place_in(self._out, output))
+        place = self._known_place(output)
         return None if place is None else report_of(self._line_at(place))
 
     def add(self, report: FrameReport, /) -> None:
@@ -45,12 +144,16 @@ class RunRecorder:
         self._totals.add(line)
         text = json.dumps(line.as_json()).encode() + b"\n"
         with self._reported():
-            place = self._before.get(_place_in(self._out, Path(line.output or "")))
+            place = self._known_place(Path(line.output or ""))
             if report.line is None or place is None or self._line_at(place) != text:
                 self._require_there()
                 place = self._append(text)
             if self._resumed:
                 self._places.append(place)
+
+    def _known_place(self, output: Path) -> int | None:
+        """Return where an earlier run's line on a frame begins, by where its maps lie; None where there is none."""
+        return self._before.get(_place_in(self._out, output)) if self._before else None
 
     def _append(self, text: bytes) -> int:
         """Write a line behind the others, whole or not at all, and return its place."""
@@ -86,8 +189,7 @@ class RunRecorder:
         with self._reported():
             if not resume:
                 self._path.unlink(missing_ok=True)
-            flags = os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC
-            lines = os.fdopen(os.open(self._path, flags, 0o666), "r+b", buffering=0)
+            lines = os.fdopen(os.open(self._path, KEEP, 0o666), "r+b", buffering=0)
             if not stat.S_ISREG(os.fstat(lines.fileno()).st_mode):
                 lines.close()
                 raise OSError("found no regular file there")
@@ -115,7 +217,7 @@ class RunRecorder:
         """Return the line that begins at a place of the file."""
         line, size = b"", 1024
         while not line.endswith(b"\n"):
-            piece = os.pread(self._lines.fileno(), size, place + len(line))
+            piece = read_at(self._lines.fileno(), size, place + len(line))
             if not piece:
                 return line
             line += piece[: piece.find(b"\n") + 1 or None]
@@ -129,10 +231,10 @@ class RunRecorder:
         except FileNotFoundError:
             pass
         with whole_file(self._path) as temporary:
-            copy = os.fdopen(os.open(temporary, os.O_RDWR | os.O_CLOEXEC), "r+b", buffering=0)
+            copy = temporary.open("r+b", buffering=0)
             size, place = os.fstat(self._lines.fileno()).st_size, 0
             while place < size:
-                place += copy.write(os.pread(self._lines.fileno(), 2**20, place))
+                place += copy.write(read_at(self._lines.fileno(), 2**20, place))
         self._lines.close()
         self._lines = copy
         self._say(f"{self._path}: was removed or replaced while frames were resolved; written anew")

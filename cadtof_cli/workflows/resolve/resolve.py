@@ -8,7 +8,6 @@ from contextlib import closing
 from pathlib import Path
 from typing import Any
 
-from cadtof_cli.capture.frame_sources import FrameSource
 from cadtof_cli.errors import RunStoppedError
 from cadtof_cli.execution.ordered import Outcome, WorkerDied, run_ordered
 from cadtof_cli.execution.workers import LOCAL
@@ -18,11 +17,16 @@ from cadtof_cli.resolver.two_path.kernel import kernel_notes
 from cadtof_cli.workflows.progress import UNTOLD, Progress
 from cadtof_cli.workflows.resolve import split_frames
 from cadtof_cli.workflows.resolve.arrivals import Arrivals, held_back
-from cadtof_cli.workflows.resolve.document import record_captures, recorded_arrivals, run_document
 from cadtof_cli.workflows.resolve.frame_task import FrameTask, resolve_file
 from cadtof_cli.workflows.resolve.output import frame_names, prepare_output, require_nothing_replaced
 from cadtof_cli.workflows.resolve.plans import CapturePlan, found_captures, planned, slow_notes
-from cadtof_cli.workflows.resolve.record import RunRecorder, recorded_run
+from cadtof_cli.workflows.resolve.record import (
+    RunRecorder,
+    record_captures,
+    recorded_arrivals,
+    recorded_run,
+    run_document,
+)
 from cadtof_cli.workflows.resolve.settings import ResolveSettings
 from cadtof_cli.workflows.resolve.use_calibration import use_calibration
 from cadtof_cli.workflows.run_folder import ALREADY_THERE, FrameReport, RunTotals
@@ -74,13 +78,13 @@ def resolve_captures(
             # a cluster that does not answer is found before anything is written
             first = run.outcomes(plans, names)
             with recorded_run(settings.out, document, resume=resumed, say=progress.say) as run.record:
-                arrivals = Arrivals(settings, overrides, calibration, base, run.tell, waiting)
-                if arriving is not None:
-                    arrivals.meet(plans)
                 run.tell_all(first)
-                for some in arrivals.plans(recorded_arrivals(arriving or (), document, settings.out)):
-                    record_captures(document, some)
-                    run.tell_all(run.outcomes(some, arrivals.sources))
+                if arriving is not None:
+                    arrivals = Arrivals(settings, overrides, calibration, base, run.tell, waiting)
+                    arrivals.meet(plans)
+                    for some in arrivals.plans(recorded_arrivals(arriving, document, settings.out)):
+                        record_captures(document, some)
+                        run.tell_all(run.outcomes(some, arrivals.sources))
                 return run.finish()
         finally:
             remove_partial_files(settings.out, token=token)
@@ -118,24 +122,24 @@ class _Run:
         token: str,
     ) -> None:
         self._settings, self._progress, self._on_frame, self._token = settings, progress, on_frame, token
-        self._steps, self._totals, self._began = _Steps(progress), RunTotals(), time.monotonic()
+        self._expected, self._totals, self._began = 0, RunTotals(), time.monotonic()
         self.record: RunRecorder
 
     def outcomes(
         self, plans: Sequence[CapturePlan], taken: Collection[str]
     ) -> Generator[Outcome[FrameTask, FrameReport], None, None]:
         """Return a generator of what becomes of the frames of some captures; a cluster that is meant to do it is connected to."""
-        tasks, workers = self._tasks(plans, taken), self._settings.workers
-        if _are_worth_splitting(plans, self._settings):
+        expected, workers = [one.expected_maps(self._settings) for one in plans], self._settings.workers
+        tasks = self._tasks(plans, expected, taken)
+        if sum(expected) < workers.processes and _are_worth_splitting(plans, self._settings):
             return split_frames.resolve_split(tasks, workers=workers)
         # no process is started for which there is no frame
-        workers = workers.at_most(max(sum(one.expected_maps(self._settings) for one in plans), 1))
-        return run_ordered(resolve_file, tasks, workers=workers, probe=self._probe(), say=self._progress.say)
+        workers = workers.at_most(max(sum(expected), 1))
+        probe = None if workers.scheduler == LOCAL else self._probe()
+        return run_ordered(resolve_file, tasks, workers=workers, probe=probe, say=self._progress.say)
 
-    def _probe(self) -> Path | None:
+    def _probe(self) -> Path:
         """Make a file in the run's folder that is removed with what is half-written, for workers of a cluster to look for."""
-        if self._settings.workers.scheduler == LOCAL:
-            return None
         probe = self._settings.out / f".cluster.{self._token}{PARTIAL_SUFFIX}"
         probe.write_text(self._token)
         return probe
@@ -173,48 +177,39 @@ class _Run:
         self.record.finish(self._totals.seconds)
         return self._totals
 
-    def _tasks(self, plans: Sequence[CapturePlan], taken: Collection[str]) -> Iterator[FrameTask]:
-        """Yield tasks; they are drawn as places for them come free."""
+    def _tasks(
+        self, plans: Sequence[CapturePlan], expected: Sequence[int], taken: Collection[str]
+    ) -> Iterator[FrameTask]:
+        """Yield tasks, so many of each plan as far as is known; they are drawn as places for them come free."""
         settings = self._settings
-        expected = [one.expected_maps(settings) for one in plans]
-        self._steps.expect(sum(expected))
+        self._expect(sum(expected))
         for one, count in zip(plans, expected, strict=True):
             waiting = one.frames(settings, taken=taken)
             for number in itertools.count(1):
                 sources = tuple(itertools.islice(waiting, settings.maps.average))
                 if not sources:
-                    self._steps.expect(min(number - 1 - count, 0))
+                    self._expect(min(number - 1 - count, 0))
                     break
                 if number > count:
-                    self._steps.expect(1)
-                yield self._task(one, sources)
+                    self._expect(1)
+                output = one.output(sources[0], settings)
+                if "/" in sources[0].name:
+                    make_folders(output.parent)
+                yield FrameTask(
+                    sources,
+                    one.capture.layout,
+                    one.plan,
+                    one.pixels,
+                    output,
+                    resume=settings.resume,
+                    before=self.record.before(output) if settings.resume else None,
+                    token=self._token,
+                )
 
-    def _task(self, one: CapturePlan, sources: tuple[FrameSource, ...]) -> FrameTask:
-        output = one.output(sources[0], self._settings)
-        if "/" in sources[0].name:
-            make_folders(output.parent)
-        return FrameTask(
-            sources,
-            one.capture.layout,
-            one.plan,
-            one.pixels,
-            output,
-            resume=self._settings.resume,
-            before=self.record.before(output),
-            token=self._token,
-        )
-
-
-class _Steps:
-    """How many files of maps there will be, as far as is known."""
-
-    def __init__(self, progress: Progress) -> None:
-        self.progress, self._total = progress, 0
-
-    def expect(self, more: int) -> None:
-        """There are so many more, or fewer."""
-        self._total += more
-        self.progress.total(self._total)
+    def _expect(self, more: int) -> None:
+        """There will be so many files of maps more, or fewer, as far as is known."""
+        self._expected += more
+        self._progress.total(self._expected)
 
 
 def _lost(worker: WorkerDied) -> str:
@@ -225,9 +220,8 @@ def _lost(worker: WorkerDied) -> str:
 
 
 def _are_worth_splitting(plans: Sequence[CapturePlan], settings: ResolveSettings) -> bool:
-    """Whether frames are so few and so slow that their pixels should be spread over the processes."""
-    workers = settings.workers
-    if workers.scheduler != LOCAL or sum(one.expected_maps(settings) for one in plans) >= workers.processes:
+    """Whether a few frames are so slow that their pixels should be spread over the processes."""
+    if settings.workers.scheduler != LOCAL:
         return False
     pixels = [math.prod(one.pixels or (0,)) for one in plans]
     seconds = (one.plan.expected_seconds(count) for one, count in zip(plans, pixels, strict=True))

@@ -1,12 +1,13 @@
 """What a user can choose about a run of `cadtof resolve`. Its options are made from it, so nothing heavy is imported here."""
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 
 from cadtof_cli.errors import SettingsError
 from cadtof_cli.execution.workers import Workers
 from cadtof_cli.files.formats import MAP_FORMATS
 from cadtof_cli.frame_plan import MapSettings
+from cadtof_cli.records import dataclass
 
 AS_INPUT = "same"
 

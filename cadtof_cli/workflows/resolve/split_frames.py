@@ -4,13 +4,13 @@ import itertools
 import time
 from collections.abc import Generator, Iterable, Iterator
 from contextlib import closing
-from dataclasses import dataclass
 
 from cadtof_cli.execution.ordered import Outcome, WorkerDied, run_ordered
 from cadtof_cli.execution.workers import Workers, keep_freed_memory
 from cadtof_cli.files.maps import DepthMaps
 from cadtof_cli.pipeline import FramePixels, joined_parts, prepare_frame, resolve_pixels
-from cadtof_cli.workflows.resolve.frame_task import FrameTask, Recording, attempted, read_frame, unless_kept, written
+from cadtof_cli.records import dataclass
+from cadtof_cli.workflows.resolve.frame_task import FrameTask, Recording, attempted, kept_maps, read_frame, written
 from cadtof_cli.workflows.run_folder import FrameReport
 
 WORTH_SPLITTING_S = 0.5
@@ -57,12 +57,17 @@ def resolve_split(
 def _parts(task: FrameTask, count: int) -> Iterator[FramePart]:
     """Yield the parts of a frame after all that couples its pixels has been done, once."""
 
-    def prepared() -> list[FramePart]:
+    began = time.monotonic()
+
+    def prepared() -> FrameReport | list[FramePart]:
+        kept = kept_maps(task, began=began) if task.resume else None
+        if kept is not None:
+            return kept
         frame, recording = read_frame(task)
         pixels = prepare_frame(frame, plan=task.plan, calibration=task.calibration())
         return [FramePart(task, part, recording) for part in pixels.parts(count)]
 
-    parts = unless_kept(task, prepared, began=time.monotonic())
+    parts = attempted(task, prepared, began=began)
     yield from [FramePart(task, parts, None)] * count if isinstance(parts, FrameReport) else parts
 
 

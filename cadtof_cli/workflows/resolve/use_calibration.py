@@ -1,13 +1,13 @@
 """A calibration folder as a run of `resolve` uses it: checked against the captures, and what is said of it."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cadtof_cli.capture.discovery import Capture
-from cadtof_cli.capture.frames import usual_pixels
+from cadtof_cli.capture.frames import usual_file
 from cadtof_cli.frame_plan import CalibrationUse
+from cadtof_cli.records import dataclass
 
 if TYPE_CHECKING:
     from cadtof_cli.calibration.store import Calibration
@@ -21,10 +21,6 @@ class AppliedCalibration:
     parts: Mapping[str, Mapping[str, Any]]
     notes: tuple[str, ...]
 
-    def as_json(self) -> dict[str, Any]:
-        """Return what goes into `run.json`."""
-        return {"folder": str(self.use.folder), "digest": self.use.digest, "applied": dict(self.parts)}
-
 
 def use_calibration(folder: Path, captures: Sequence[Capture], /) -> AppliedCalibration:
     """Read a calibration folder and make sure that it belongs to the captures.
@@ -37,7 +33,8 @@ def use_calibration(folder: Path, captures: Sequence[Capture], /) -> AppliedCali
 
     calibration = load_calibration(folder)
     for capture in captures:
-        calibration.require_match(capture.source.metadata, usual_pixels(capture))
+        usual = usual_file(capture)
+        calibration.require_match(capture.source.metadata, usual.pixels if usual else None)
     digests = calibration.digests
     parts: dict[str, Mapping[str, Any]] = {
         part.kind: {

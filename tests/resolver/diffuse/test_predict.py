@@ -3,8 +3,10 @@
 import numpy as np
 import pytest
 
+from cadtof_cli.arrays import Float32
 from cadtof_cli.errors import SettingsError
 from cadtof_cli.resolver.diffuse.pixels import diffuse_pixels
+from cadtof_cli.resolver.diffuse.predict import two_path_lag
 from cadtof_cli.resolver.diffuse.records import DiffuseChoice, DiffuseModel
 from cadtof_cli.resolver.diffuse.settings import DiffuseSettings
 from tests.support.diffuse_answers import answers, model_of, predicted
@@ -13,6 +15,7 @@ from tests.support.diffuse_frames import (
     OMEGA,
     F,
     Tail,
+    Z,
     corner_range,
     phasors_of,
     range_error_m,
@@ -24,7 +27,7 @@ from tests.support.diffuse_frames import (
 DECAYS = [Tail(0.15, 3.0, 6.0), Tail(0.3, 3.0, 10.0), Tail(0.5, 5.0, 8.0)]
 
 
-def median_error(found: F, range_m: F) -> float:
+def median_error(found: F | Float32, range_m: F) -> float:
     return float(np.median(np.abs(range_error_m(found, range_m))))
 
 
@@ -212,7 +215,7 @@ def test_ranges_are_corrected_before_they_become_geometry() -> None:
     )
     assert isinstance(straight, DiffuseModel)
     assert isinstance(bent, DiffuseModel)
-    np.testing.assert_allclose(bent.upsampler.range_m[0], straight.upsampler.range_m[0], rtol=0.01)
+    np.testing.assert_allclose(bent.upsampler.range_m, straight.upsampler.range_m, rtol=0.01)
 
 
 def test_unknown_optics_are_assumed() -> None:
@@ -243,3 +246,73 @@ def test_the_numbers_of_the_room_are_kept() -> None:
 def test_harmonics_must_begin_with_one_and_two() -> None:
     with pytest.raises(SettingsError, match="found harmonics 1, 3"):
         DiffuseSettings(period_ns=40.0, harmonics=(1, 3))
+
+
+def two_paths_lag(ratio: float, delay_rad: float) -> tuple[complex, float]:
+    """q_2 of two paths, and by how much the second turns the sum against the stronger."""
+    light = [1.0 + ratio * np.exp(1j * h * delay_rad) for h in (1, 2)]
+    stronger = 0.0 if ratio <= 1.0 else delay_rad
+    return light[1] * abs(light[0]) / light[0] ** 2, float(np.angle(light[0] * np.exp(-1j * stronger)))
+
+
+@pytest.mark.parametrize("ratio", [0.05, 0.4, 0.8, 1.5, 4.0])
+@pytest.mark.parametrize("delay_rad", [0.6, 1.4, 2.2])
+def test_the_first_depth_is_that_of_the_stronger_of_two_paths(ratio: float, delay_rad: float) -> None:
+    q, lag = two_paths_lag(ratio, delay_rad)
+    np.testing.assert_allclose(two_path_lag(np.array([q])), [lag], atol=1e-9)
+
+
+def test_light_of_one_path_does_not_lag() -> None:
+    assert two_path_lag(np.array([1.0 + 0.0j])).tolist() == [0.0]
+
+
+def rough(seed: int = 4) -> tuple[F, Z]:
+    """A corner with a tail of its own for every square of 8 × 8 pixels, hardly any noise."""
+    rng, wall = np.random.default_rng(seed), corner_range()
+    scale = np.repeat(np.repeat(rng.uniform(0.7, 1.4, (6, 8)), 8, axis=0), 8, axis=1)
+    return wall, phasors_of(wall, {h: np.asarray(scale * Tail(0.3, 3.0, 8.0).phasor(h)) for h in (1, 2)}, n_av=1e6)
+
+
+def test_the_room_s_numbers_are_the_middle_and_half_the_spread_of_its_patches() -> None:
+    _, p = rough()
+    found = model_of(p, n_av=1e6)
+    assert isinstance(found, DiffuseModel)
+    room = found.choice.room
+    assert room is not None
+    medians = [room.albedo, room.beside, room.later, room.unseen, room.decay_ns]
+    for median, scatter in medians:
+        assert 0.0 < scatter < median
+    assert 2.0 < room.start_ns[0] < 8.0
+    assert 0.0 < room.start_ns[1] < 2.5
+    assert found.choice.patches == 12 * 16
+
+
+def test_pixels_left_to_two_paths_are_as_unsure_as_a_tail_and_two_paths_differ() -> None:
+    """For the whole of a wall with one tail the two lags differ by one number, whose square that is."""
+    tail = Tail(0.4, 3.0, 9.0)
+    found = model_of(phasors_of(wall_range(), tail_of(tail), n_av=1e7), n_av=1e7)
+    assert isinstance(found, DiffuseModel)
+    first, second = (1.0 + tail.phasor(h) for h in (1, 2))
+    by_two = float(two_path_lag(np.array([second * abs(first) / first**2]))[0])
+    by_tail = float(np.median(found.coarse.planes[found.coarse.data + 1]))
+    assert found.separate_variance == pytest.approx((by_tail - by_two) ** 2, rel=0.35)
+
+
+def test_a_frame_of_little_light_is_taken_for_no_room() -> None:
+    wall = wall_range()
+    usable = np.zeros(wall.shape, bool)
+    usable[:, :20] = True
+    found = model_of(phasors_of(wall, tail_of(Tail())), usable=usable)
+    assert isinstance(found, DiffuseChoice)
+    assert (found.reason, found.patches) == ("few patches with light", 12 * 5)
+    usable[:, :24] = True
+    assert isinstance(model_of(phasors_of(wall, tail_of(Tail())), usable=usable), DiffuseModel)
+
+
+def test_patches_whose_depths_disagree_are_no_surfaces() -> None:
+    """Light of random phases: every patch is lit and none is a plane, so there is no room, whatever is asked for."""
+    rng = np.random.default_rng(3)
+    wall = rng.uniform(0.3, 5.7, (48, 64))
+    found = model_of(phasors_of(wall, tail_of(Tail(0.4))), model="diffuse")
+    assert isinstance(found, DiffuseChoice)
+    assert (found.reason, found.patches) == ("few patches with light", 12 * 16)

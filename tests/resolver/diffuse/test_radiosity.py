@@ -82,3 +82,55 @@ def test_a_closed_sphere_leaves_nothing_open() -> None:
     half = sphere().ray[2] > 0
     light = interreflections(sphere()[half], nothing(), np.full(half.sum(), 0.3), harmonics=(1,), rad_per_m=0.0)
     np.testing.assert_allclose(light.open_share, 0.5, atol=0.03)
+
+
+def pieces(count: int, seed: int) -> Surfaces:
+    """Small pieces of surface that look about, in no order."""
+    rng = np.random.default_rng(seed)
+    ray, normal = rng.normal(size=(2, 3, count))
+    ray[2] = np.abs(ray[2]) + 0.5
+    ray /= np.linalg.norm(ray, axis=0)
+    normal -= 2.0 * ray
+    normal /= np.linalg.norm(normal, axis=0)
+    return Surfaces(rng.uniform(1.0, 4.0, count), normal, ray, -(ray * normal).sum(0), rng.uniform(0.05, 0.4, count))
+
+
+def together(seen: Surfaces, beyond: Surfaces) -> tuple[F, F, F, F]:
+    """Points, normals, areas and direct light of all pieces."""
+    point = np.concatenate([s.ray * s.range_m for s in (seen, beyond)], axis=1)
+    normal = np.concatenate([seen.normal, beyond.normal], axis=1)
+    area = np.concatenate([seen.area_m2, beyond.area_m2])
+    return point, normal, area, np.concatenate([s.cosine / s.range_m**2 for s in (seen, beyond)])
+
+
+@pytest.mark.parametrize("outside", [0, 4])
+@pytest.mark.parametrize("harmonics", [(1, 2), (1, 2, 4)])
+def test_light_between_pieces_is_the_sum_over_them_one_by_one(harmonics: tuple[int, ...], outside: int) -> None:
+    seen, beyond = pieces(7, 1), pieces(outside, 2)
+    amplitude = np.random.default_rng(3).uniform(0.05, 0.5, 7)
+    amplitude[2], amplitude[5] = 40.0, 1e-4
+    albedo = amplitude * seen.range_m**2 / seen.cosine
+    albedo = np.clip(albedo / np.median(albedo), 0.1, 4.0)
+    albedo = np.append(albedo / np.average(albedo, weights=seen.area_m2), np.ones(outside))
+    point, normal, area, direct = together(seen, beyond)
+    count, per_m = 7 + outside, 0.9
+    light = interreflections(seen, beyond, amplitude, harmonics=harmonics, rad_per_m=per_m)
+    np.testing.assert_allclose(light.direct, direct[:7])
+    for row, h in enumerate(harmonics):
+        kernel = np.zeros((count, count), complex)
+        for i in range(count):
+            for j in range(count):
+                way = point[:, i] - point[:, j]
+                square = way @ way
+                leaving, arriving = max(float(way @ normal[:, j]), 0.0), max(float(-way @ normal[:, i]), 0.0)
+                if i != j:
+                    form = leaving * arriving / square * area[j] / (np.pi * square + area[j])
+                    kernel[i, j] = form * albedo[j] * np.exp(1j * h * per_m * np.sqrt(square))
+        arrival = direct * np.exp(1j * h * per_m * np.linalg.norm(point, axis=0))
+        from_seen, from_beyond = kernel[:, :7] @ arrival[:7], kernel[:, 7:] @ arrival[7:]
+        later, bounce = np.zeros(count, complex), from_seen + from_beyond
+        for n in range(5):
+            bounce = kernel @ bounce
+            later += LATER_ALBEDO**n * bounce
+        for ours, theirs in ((light.seen, from_seen), (light.beyond, from_beyond), (light.later, later)):
+            np.testing.assert_allclose(ours[row], (theirs / arrival)[:7], rtol=2e-3, atol=2e-5)

@@ -66,3 +66,33 @@ def test_the_data_do_not_depend_on_the_direct_light(turn: float) -> None:
 def test_residuals_of_phases_go_the_short_way_round_and_those_of_moduli_do_not() -> None:
     observed, predicted = np.array([[4.0], [3.1]]), np.array([[-1.0], [-3.1]])
     np.testing.assert_allclose(residuals(observed, predicted), [[5.0], [6.2 - 2.0 * np.pi]])
+
+
+def test_light_beside_the_view_lags_by_its_share_across_the_whole() -> None:
+    """arg(1 + … + b) grows by Im(b/H) with b."""
+    tail, state = model(), states()
+    less = state.copy()
+    less[1] -= 1e-6
+    slope = (tail.values(state)[0][-1] - tail.values(less)[0][-1]) / 1e-6
+    np.testing.assert_allclose(tail.beside_lag(state), slope, atol=1e-7)
+
+
+def test_surfaces_in_the_view_beside_it_and_later_bounces_add_up() -> None:
+    """H = 1 + s·g + s·b·b_h + s²·u·m_h, with as good as no unseen light."""
+    tail = model(seed=7)
+    s, b, u = 0.6, 1.7, 0.8
+    state = np.tile(np.array([[np.log(s)], [np.log(b)], [np.log(u)], [-80.0], [2.0], [4.0]]), 40)
+    light = 1.0 + s * tail.light.seen + s * b * tail.light.beyond + s * s * u * tail.light.later
+    values, _ = tail.values(state)
+    np.testing.assert_allclose(values[0], np.log(np.abs(light[1] / light[0])))
+    np.testing.assert_allclose(values[1], np.log(np.abs(light[2] / light[0])))
+    np.testing.assert_allclose(values[2], np.angle(light[1] / light[0] ** 2))
+    np.testing.assert_allclose(values[3], np.angle(light[2] / light[0] ** 3))
+    np.testing.assert_allclose(values[4], np.log(np.abs(light[0])))
+    np.testing.assert_allclose(values[5], np.angle(light[0]))
+    assert tail.data == 4
+
+
+def test_phases_are_brought_within_half_a_turn() -> None:
+    turned = np.array([-7.0, -3.2, -3.1, 0.0, 3.1, 3.2, 7.0, 13.0])
+    np.testing.assert_allclose(wrapped(turned), np.angle(np.exp(1j * turned)), atol=1e-12)

@@ -17,11 +17,8 @@ def ramp(grid: PatchGrid) -> Upsampler:
 
 def everywhere(up: Upsampler, range_m: F) -> F:
     height, width = up.grid.height, up.grid.width
-    whole = np.empty((len(up.planes[0]), height, width))
-    for band in up.bands(slice(0, height * width)):
-        here = (slice(band.top, band.bottom), slice(band.left, band.right))
-        whole[:, *here] = up.joint(band, range_m[here].astype(np.float32))
-    return whole
+    whole = up.joint(slice(0, height * width), range_m.ravel().astype(np.float32))
+    return whole.reshape(-1, height, width).astype(np.float64)
 
 
 @pytest.mark.parametrize("size", SIZES)
@@ -34,8 +31,10 @@ def test_bands_cover_every_pixel_once_in_order(size: tuple[int, int], step: int)
     for start in range(0, size[0] * size[1], step):
         for band in up.bands(slice(start, min(start + step, size[0] * size[1]))):
             rows, columns = np.mgrid[band.top : band.bottom, band.left : band.right]
-            assert {band.patch_row} == {int(np.floor((y + 0.5) / up.grid.side - 0.5)) for y in rows[:, 0]}
-            pixels.append((rows * size[1] + columns).ravel())
+            assert {band.patch_row} == {int(np.floor((y + 0.5) / up.grid.side + 0.5)) for y in rows[:, 0]}
+            here = (rows * size[1] + columns).ravel()
+            np.testing.assert_array_equal(here, start + np.arange(band.pixels.start, band.pixels.stop))
+            pixels.append(here)
     np.testing.assert_array_equal(np.concatenate(pixels), np.arange(size[0] * size[1]))
 
 
@@ -72,3 +71,32 @@ def test_patches_without_a_surface_are_not_listened_to() -> None:
     up = upsampler(values[None].astype(np.float32), np.full(valid.shape, 2.0), valid, grid)
     beside = everywhere(up, np.full((48, 64), 2.0))[0, 2 * grid.side]
     np.testing.assert_allclose(beside, 1.0, atol=1e-3)
+
+
+def patch_below(place: float, count: int) -> tuple[int, int, float]:
+    """The patches before and after a place in patches, and how far it lies on the way; those at the edge go on beyond it."""
+    before = int(np.floor(place))
+    return max(before, 0), min(before + 1, count - 1), place - before
+
+
+@pytest.mark.parametrize("size", [(13, 21), (37, 53)])
+def test_a_pixel_takes_its_four_patches_by_place_and_depth_as_written_out(size: tuple[int, int]) -> None:
+    """Bilinear weights and a thousandth, over (1 + (difference/tenth of the range)²)²; and bilinear weights alone."""
+    grid, rng = patch_grid(*size, assumed_view(*size)), np.random.default_rng(8)
+    shape = (grid.rows, grid.columns)
+    planes, there = rng.normal(size=(3, *shape)), rng.uniform(1.0, 3.0, shape)
+    valid = rng.random(shape) < 0.9
+    pixels = rng.uniform(1.0, 3.0, size)
+    up = upsampler(planes.astype(np.float32), there, valid, grid)
+    joint, known = everywhere(up, pixels), np.where(valid, there, 1000.0)
+    bare = up.linear(1, slice(0, size[0] * size[1])).reshape(size)
+    for row, column in np.ndindex(size):
+        above, below, down = patch_below((row + 0.5) / grid.side - 0.5, shape[0])
+        left, right, across = patch_below((column + 0.5) / grid.side - 0.5, shape[1])
+        corners = [(above, left), (above, right), (below, left), (below, right)]
+        even = np.array([(1 - down) * (1 - across), (1 - down) * across, down * (1 - across), down * across])
+        assert bare[row, column] == pytest.approx(even @ [planes[1][corner] for corner in corners], abs=1e-5)
+        apart = np.array([known[corner] - pixels[row, column] for corner in corners]) / (0.1 * pixels[row, column])
+        weights = (even + 1e-3) / (1.0 + apart**2) ** 2
+        expected = sum(w * planes[:, i, j] for w, (i, j) in zip(weights, corners, strict=True)) / weights.sum()
+        np.testing.assert_allclose(joint[:, row, column], expected, atol=1e-4)

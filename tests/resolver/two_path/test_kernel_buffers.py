@@ -40,7 +40,7 @@ def run(compiled: ModuleType, given: dict[str, Any], **options: Any) -> None:
     level = options.get("level", compiled.levels()[0])
     order, returns = options.get("order", 0), options.get("returns", 0)
     start, stop = options.get("start", 0), options.get("stop", np.size(given["status"]))
-    compiled.resolve(level, order, returns, start, stop, *given.values())
+    compiled.resolve(level, order, returns, start, stop, *given.values(), None)
 
 
 def test_buffers_that_fit_are_filled_by_every_instruction_set(compiled: ModuleType) -> None:

@@ -11,6 +11,7 @@ from cadtof_cli.simulation.pixel.mix import finite_at_least, require
 from cadtof_cli.simulation.scene.camera import Camera
 from cadtof_cli.simulation.scene.geometry import Vector
 from cadtof_cli.simulation.scene.light import Light
+from cadtof_cli.simulation.scene.rooms.net import Net, drawn_net
 from cadtof_cli.simulation.scene.rooms.placed import Room
 from cadtof_cli.simulation.scene.rooms.random_rooms import MOST_FURNITURE, random_room
 from cadtof_cli.simulation.scene.rooms.traced_rows import indirect_light
@@ -34,6 +35,8 @@ class RandomRoom:
         asr: ambient photons over direct ones where a surface has the median irradiance of the view.
         light_paths: traced from every fourth pixel; the scatter of the rendering falls with its root.
         tracing_seed: of the light paths alone.
+        net_fill: share of light that a net across the middle of the view sends back; None for no net.
+        net_distance_m: of the net along the optical axis; None draws it.
     """
 
     seed: int = 0
@@ -44,6 +47,8 @@ class RandomRoom:
     asr: float = 2.0
     light_paths: int = 256
     tracing_seed: int = 0
+    net_fill: float | None = None
+    net_distance_m: float | None = None
 
     def __post_init__(self) -> None:
         pieces, albedo, beam = self.furniture, self.albedo, self.beam_deg
@@ -54,22 +59,36 @@ class RandomRoom:
         require(beam is None or 1 <= beam <= 180, "beam", beam, "1° to 180°")
         require(finite_at_least(self.asr, 0), "ASR", f"{self.asr:g}", "0 or more")
         require(1 <= self.light_paths <= 100_000, "light paths", self.light_paths, "1 to 100000")
+        fill, distance = self.net_fill, self.net_distance_m
+        require(fill is None or 0 < fill < 1, "net fill", fill, "a share above 0 and below 1")
+        require(distance is None or 0.2 <= distance <= 10, "net distance", distance, "0.2 to 10 m")
+        require(distance is None or fill is not None, "net distance", distance, "one with a net fill")
 
     @property
     def room(self) -> Room:
-        """What the seed draws."""
+        """What the seed draws, without a net."""
         return _drawn(self.seed, self.furniture, self.albedo, self.beam_deg)
+
+    @property
+    def net(self) -> Net | None:
+        """The net, if there is one."""
+        if self.net_fill is None:
+            return None
+        return drawn_net(self.room, fill=self.net_fill, distance_m=self.net_distance_m, seed=self.seed)
 
     @property
     def summary(self) -> str:
         """One sentence about the scene."""
-        return f"{self.room.summary}; all bounces of light, traced"
+        net = "" if self.net is None else f", a net {self.net.distance_m:.2f} m away with a fill of {self.net.fill:g}"
+        return f"{self.room.summary}{net}; all bounces of light, traced"
 
     def light(self, camera: Camera, rows: slice, /) -> Light:
         """Return the direct path, and a way for each bin of the transient that other surfaces bring."""
-        view = self.room.view(
-            camera, lamp_offset_m=self.lamp_offset_m, light_paths=self.light_paths, seed=self.tracing_seed
-        )
+        light = self._light(self.room, camera, rows)
+        return light if self.net is None else self.net.mixed(self._light(self.net.hung(self.room), camera, rows), light)
+
+    def _light(self, room: Room, camera: Camera, rows: slice) -> Light:
+        view = room.view(camera, lamp_offset_m=self.lamp_offset_m, light_paths=self.light_paths, seed=self.tracing_seed)
         return light_in_room(view, rows, asr=self.asr)
 
 

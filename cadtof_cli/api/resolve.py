@@ -6,10 +6,10 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any, TypedDict, Unpack
 
+from cadtof_cli.api.frames import Frame
+from cadtof_cli.api.maps import Maps
 from cadtof_cli.arrays import Stored
 from cadtof_cli.calibration.store import Calibration, load_calibration
-from cadtof_cli.door.frames import Frame
-from cadtof_cli.door.maps import Maps
 from cadtof_cli.errors import FrameError, SettingsError
 from cadtof_cli.files.maps import STATUS
 from cadtof_cli.frame_plan import CalibrationUse, DepthKind, FramePlan, MapSettings
@@ -79,7 +79,7 @@ def resolve(
         use = CalibrationUse(folder, loaded.digest)
         plan = FramePlan(metadata=first.metadata, settings=plan.settings, calibration=use)
     resolved = resolve_frame(_recorded(frames), plan=plan, calibration=loaded)
-    maps = answered_maps(resolved, plan, name=str(first))
+    maps, _ = answered_maps(resolved, plan, name=str(first))
     layers = {name: maps.layer(name) for name in maps.names} | {STATUS: maps.status}
     return Maps(layers, maps_about(plan, str(first)).facts)
 

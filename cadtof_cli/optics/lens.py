@@ -1,0 +1,87 @@
+"""The lens: where pixels look, how far that is to a flat wall, and what a curved field adds. Sizes of arrays are (Y, X)."""
+
+import math
+
+import numpy as np
+
+from cadtof_cli.arrays import Float
+from cadtof_cli.capture.metadata import Optics
+from cadtof_cli.errors import SettingsError
+
+
+def known_focal_length(optics: Optics, /) -> float:
+    """Return the focal length in pixels.
+
+    Raises:
+        SettingsError: it is unknown.
+    """
+    if optics.focal_length_px is None:
+        raise SettingsError(
+            "the optics are unknown: set focal_length_px under [optics] in capture.toml, or --focal-length-px"
+        )
+    return optics.focal_length_px
+
+
+def principal_point(optics: Optics, pixels: tuple[int, int], /) -> tuple[float, float]:
+    """Return the column and row where the optical axis meets the array: its middle, where they are not given."""
+    return optics.principal_point_px or ((pixels[1] - 1) / 2.0, (pixels[0] - 1) / 2.0)
+
+
+def ray_slopes(optics: Optics, pixels: tuple[int, int], /) -> tuple[Float, Float]:
+    """Return X = (x − cx)/f, shape (1, X), and Y = (y − cy)/f, shape (Y, 1), of every pixel's ray.
+
+    Raises:
+        SettingsError: the focal length is unknown.
+    """
+    focal_length_px = known_focal_length(optics)
+    cx, cy = principal_point(optics, pixels)
+    x = (np.arange(pixels[1], dtype=np.float64)[np.newaxis, :] - cx) / focal_length_px
+    y = (np.arange(pixels[0], dtype=np.float64)[:, np.newaxis] - cy) / focal_length_px
+    return x, y
+
+
+def planar_per_range(optics: Optics, pixels: tuple[int, int], /) -> Float:
+    """Return z / range = 1/√(1 + X² + Y²) of every pixel, float64 (Y, X)."""
+    x, y = ray_slopes(optics, pixels)
+    return np.asarray(1.0 / np.sqrt(1.0 + x * x + y * y))
+
+
+def wall_range_m(
+    optics: Optics, pixels: tuple[int, int], /, *, distance_m: float, slopes: tuple[float, float] = (0.0, 0.0)
+) -> Float:
+    """Return the range to a flat wall, D·√(1 + X² + Y²)/(1 + αX + βY), of every pixel in m, (Y, X).
+
+    Args:
+        optics: gives X = (x − cx)/f and Y = (y − cy)/f.
+        pixels: (Y, X) of the array.
+        distance_m: D, along the optical axis; the perpendicular distance where the wall faces the camera.
+        slopes: (α, β), the tilt of the wall.
+
+    Raises:
+        SettingsError: the focal length is unknown.
+    """
+    x, y = ray_slopes(optics, pixels)
+    alpha, beta = slopes
+    return np.asarray(distance_m * np.sqrt(1.0 + x * x + y * y) / (1.0 + alpha * x + beta * y))
+
+
+def half_diagonal_px(pixels: tuple[int, int], /) -> float:
+    """Return half the diagonal of an array of (Y, X) pixels, where ρ = 1."""
+    return 0.5 * math.hypot(*pixels)
+
+
+def squared_field_radius(pixels: tuple[int, int], principal_point_px: tuple[float, float], /) -> Float:
+    """Return ρ² of every pixel, float64 (Y, X): ρ is the distance from the principal point over half the array's diagonal."""
+    height, width = pixels
+    column, row = principal_point_px
+    x, y = np.arange(width)[np.newaxis, :] - column, np.arange(height)[:, np.newaxis] - row
+    return np.asarray((x * x + y * y) / (0.25 * (height * height + width * width)))
+
+
+def curvature_m(
+    pixels: tuple[int, int], principal_point_px: tuple[float, float], coefficients_m: tuple[float, float], /
+) -> Float:
+    """Return what the lens adds to every range, Δ(ρ) = k2 ρ² + k4 ρ⁴, of every pixel in m, float64 (Y, X)."""
+    squared = squared_field_radius(pixels, principal_point_px)
+    k2, k4 = coefficients_m
+    return squared * (k2 + k4 * squared)

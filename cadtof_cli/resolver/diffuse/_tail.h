@@ -1,0 +1,340 @@
+/* A pixel's answer through its patches' model of the tail: the operations of the modules named below, in their order.
+ *
+ *   pixels.py   data of a pixel, its answer        upsampling.py  from patches to pixels
+ *   noise.py    noise of the data                  condition.py   Gaussian conditioning
+ *
+ * All pixels of a group stand in one row of the frame, so that the patches above and below are the same for all of them.
+ */
+#include "_elementary.h"
+
+#define MOST_HARMONICS 8
+#define MOST_DATA (2 * (MOST_HARMONICS - 1))
+#define MOST_PLANES (MOST_DATA + 2 + MOST_DATA * (MOST_DATA + 1) / 2 + 2 * MOST_DATA + 1 + 2)
+
+/* How the planes over the patches lie in memory, and the frame over them. `first` is the place of the first pixel in the frame. */
+#define TAIL_SIZES(X) X(first) X(height) X(width) X(side) X(left) X(rows) X(columns) X(harmonics)
+/* What all pixels share: variance that the tail adds where paths are separate, metres of a radian, the nearest range and its phase. */
+#define TAIL_CONSTANTS(X) X(separate_variance) X(metres) X(nearest_m) X(nearest_rad)
+
+#define SIZE_MEMBER(name) int64_t name;
+#define CONSTANT_MEMBER(name) double name;
+typedef struct {
+    TAIL_SIZES(SIZE_MEMBER)
+} TailSizes;
+typedef struct {
+    TAIL_CONSTANTS(CONSTANT_MEMBER)
+} TailConstants;
+
+typedef struct {
+    const TailSizes *sizes;
+    const TailConstants *constants;
+    const int64_t *number;      /* of each harmonic */
+    const double *variance;     /* noise of a channel of each harmonic */
+    const float *planes;        /* planes x rows x columns, see upsampling.py */
+    const float *range_m;       /* rows x columns */
+    const float *down, *right;  /* of each row and column of pixels: how far from the patch before to that after */
+    const int64_t *above;       /* of each row of pixels: the row of patches above it */
+    const uint8_t *separate;    /* patches with separate paths; NULL: there are none */
+    const double *offset_m;     /* what is added to every pixel's range; NULL: nothing */
+} Tail;
+
+/* One pixel a column. re, im, answered and samples come in. */
+typedef struct {
+    Row re[MOST_HARMONICS], im[MOST_HARMONICS], square[MOST_HARMONICS], answered, samples;
+    FloatRow plane[MOST_PLANES];                 /* of the pixel; then what the data leave of them */
+    FloatRow data[MOST_DATA], relative[MOST_HARMONICS], moved[MOST_DATA + 2];
+    FloatRow weight[4], right, range_m;
+    FloatRow cos, sin, cos_h, sin_h, shrink, lag;
+    FloatRow amplitude, phase_rad;               /* of p_1 */
+    FloatRow direct[3], mpi[3], chi_squared;     /* amplitude, phase, sigma */
+} TailGroup;
+
+INLINE int data_of(int harmonics) { return 2 * (harmonics - 1); }
+
+/* coarse.py: needed_entries, in their order after the means. Row j, column k. */
+INLINE int entry(int data, int j, int k) {
+    const int among = data * (data + 1) / 2, means = data + 2;
+    if (j < data) return means + j * (j + 1) / 2 + k;
+    if (j == data) return means + among + k;
+    return means + among + data + (k < data ? k : data);
+}
+
+INLINE int planes_of(int data) { return entry(data, data + 1, data + 1) + 3; }
+
+#define FROM(row, source) \
+    if (m == GROUP) EACH_PIXEL (row)[i] = (source)[i]; \
+    else EACH_PIXEL (row)[i] = (source)[i < m ? i : 0]
+
+/* pixels.py: diffuse_pixels, who is answered */
+INLINE void choose(TailGroup *restrict g, const Tail *restrict tail, int64_t pixel, int m, int harmonics) {
+    for (int h = 0; h < harmonics; h++) EACH_PIXEL {
+        const double square = g->re[h][i] * g->re[h][i] + g->im[h][i] * g->im[h][i];
+        g->answered[i] = square < 1e3 * 1e3 ? g->answered[i] : 0.0;
+        g->square[h][i] = square;
+    }
+    EACH_PIXEL g->answered[i] = g->square[0][i] > 0.0 ? g->answered[i] : 0.0;
+    if (tail->separate) {
+        const int64_t side = tail->sizes->side, y = pixel / tail->sizes->width, x = pixel % tail->sizes->width;
+        const uint8_t *separate = tail->separate + y / side * ((tail->sizes->width + side - 1) / side);
+        for (int i = 0; i < m; i++) g->answered[i] = separate[(x + i) / side] ? 0.0 : g->answered[i];
+    }
+    for (int h = 0; h < harmonics; h++) EACH_PIXEL {
+        const double answered = g->answered[i];
+        g->re[h][i] = answered > 0.0 ? g->re[h][i] : 1.0;
+        g->im[h][i] = answered > 0.0 ? g->im[h][i] : 0.0;
+        g->square[h][i] = answered > 0.0 ? g->square[h][i] : 1.0;
+    }
+}
+
+/* pixels.py: _pixel_data */
+INLINE void look(TailGroup *restrict g, const Tail *restrict tail, int pooled, int harmonics) {
+    const int count = harmonics - 1;
+    const double *variance = tail->variance;
+    EACH_PIXEL {
+        const double amplitude = sqrt(g->square[0][i]);
+        g->cos[i] = (float)(g->re[0][i] / amplitude);
+        g->sin[i] = (float)(g->im[0][i] / amplitude);
+        g->amplitude[i] = (float)amplitude;
+    }
+    EACH_PIXEL {
+        const double of_one = pooled ? variance[0] / g->samples[i] : variance[0];
+        g->square[0][i] = at_least(g->square[0][i], 0.1 * 0.1 * of_one);
+        g->relative[0][i] = (float)(of_one / g->square[0][i]);
+    }
+    EACH_PIXEL {
+        g->phase_rad[i] = phase_of_f(g->cos[i], g->sin[i]);
+        g->cos_h[i] = g->cos[i];
+        g->sin_h[i] = g->sin[i];
+    }
+    for (int h = 1, power = 1; h < harmonics; h++) {
+        float *restrict size = g->data[h - 1], *restrict phase = g->data[count + h - 1];
+        for (; power < tail->number[h]; power++) EACH_PIXEL {
+            const float cos = g->cos_h[i], sin = g->sin_h[i];
+            g->cos_h[i] = cos * g->cos[i] - sin * g->sin[i];
+            g->sin_h[i] = sin * g->cos[i] + cos * g->sin[i];
+        }
+        EACH_PIXEL {
+            const double of_one = pooled ? variance[h] / g->samples[i] : variance[h];
+            const double further = at_least(g->square[h][i], of_one);
+            size[i] = (float)(further / g->square[0][i]);
+            g->relative[h][i] = (float)(of_one / further);
+        }
+        EACH_PIXEL size[i] = 0.5f * logarithm(size[i]);
+        EACH_PIXEL {
+            const float re = (float)g->re[h][i], im = (float)g->im[h][i];
+            phase[i] = phase_of_f(re * g->cos_h[i] + im * g->sin_h[i], im * g->cos_h[i] - re * g->sin_h[i]);
+        }
+    }
+}
+
+/* upsampling.py: linear; pixels.py: _first_range */
+INLINE void first_range(TailGroup *restrict g, const Tail *restrict tail, int64_t pixel, int m, const float *upper_left) {
+    const TailSizes *sizes = tail->sizes;
+    const float *lower_left = upper_left + sizes->columns, down = tail->down[pixel / sizes->width];
+    const float metres = (float)tail->constants->metres, nearest_m = (float)tail->constants->nearest_m;
+    const float nearest_rad = (float)tail->constants->nearest_rad;
+    FloatRow a, b, c, d, offset;
+    FROM(g->right, tail->right + pixel % sizes->width);
+    FROM(a, upper_left);
+    FROM(b, upper_left + sizes->side);
+    FROM(c, lower_left);
+    FROM(d, lower_left + sizes->side);
+    if (tail->offset_m) for (int i = 0; i < GROUP; i++) offset[i] = (float)tail->offset_m[pixel + (i < m ? i : 0)];
+    else EACH_PIXEL offset[i] = 0.0f;
+    EACH_PIXEL {
+        const float right = g->right[i], upper = a[i] + right * (b[i] - a[i]);
+        const float lag = upper + down * (c[i] + right * (d[i] - c[i]) - upper);
+        const float turns = (g->phase_rad[i] - lag - nearest_rad) / 6.283185307179586f;
+        const float range_m = nearest_m + (turns - floorf(turns)) * 6.283185307179586f * metres + offset[i];
+        g->range_m[i] = at_least_f(range_m, 0.05f);
+    }
+}
+
+/* upsampling.py: _weights */
+INLINE void weigh(TailGroup *restrict g, const Tail *restrict tail, int64_t pixel, int m, const float *upper_left) {
+    const TailSizes *sizes = tail->sizes;
+    const float down = tail->down[pixel / sizes->width];
+    for (int corner = 0; corner < 4; corner++) {
+        const float v = corner < 2 ? 1.0f - down : down;
+        float *restrict weight = g->weight[corner];
+        FloatRow there;
+        FROM(there, upper_left + corner / 2 * sizes->columns + corner % 2 * sizes->side);
+        EACH_PIXEL {
+            const float u = corner % 2 ? g->right[i] : 1.0f - g->right[i];
+            const float apart = (there[i] - g->range_m[i]) * (1.0f / (0.1f * g->range_m[i])), nearness = apart * apart + 1.0f;
+            weight[i] = (v * u + 1e-3f) / (nearness * nearness);
+        }
+    }
+    EACH_PIXEL {
+        const float share = 1.0f / (g->weight[0][i] + g->weight[1][i] + g->weight[2][i] + g->weight[3][i]);
+        g->weight[0][i] *= share;
+        g->weight[1][i] *= share;
+        g->weight[2][i] *= share;
+    }
+}
+
+/* upsampling.py: joint */
+INLINE void upsample(TailGroup *restrict g, const Tail *restrict tail, int64_t place, int m, int planes) {
+    const int64_t size = tail->sizes->rows * tail->sizes->columns, side = tail->sizes->side, below = tail->sizes->columns;
+    for (int p = 0; p < planes; p++) {
+        const float *restrict corner = tail->planes + p * size + place;
+        float *restrict to = g->plane[p];
+        if (m == GROUP) EACH_PIXEL {
+            const float last = corner[below + side + i];
+            const float total = (corner[i] - last) * g->weight[0][i] + (corner[side + i] - last) * g->weight[1][i];
+            to[i] = total + (corner[below + i] - last) * g->weight[2][i] + last;
+        }
+        else for (int i = 0; i < GROUP; i++) {
+            const int at = i < m ? i : 0;
+            const float last = corner[below + side + at];
+            const float total = (corner[at] - last) * g->weight[0][i] + (corner[side + at] - last) * g->weight[1][i];
+            to[i] = total + (corner[below + at] - last) * g->weight[2][i] + last;
+        }
+    }
+}
+
+/* noise.py: noise_covariance, added to the covariances of the planes */
+INLINE void add_noise(TailGroup *restrict g, const Tail *restrict tail, int harmonics) {
+    const int count = harmonics - 1, data = 2 * count;
+    const float *restrict first = g->relative[0];
+    for (int j = 0; j < count; j++) {
+        const float h = (float)tail->number[j + 1];
+        const float *restrict own = g->relative[j + 1];
+        for (int k = 0; k < j; k++) {
+            float *restrict sizes = g->plane[entry(data, j, k)], *restrict phases = g->plane[entry(data, count + j, count + k)];
+            const float both = (float)(tail->number[j + 1] * tail->number[k + 1]);
+            EACH_PIXEL {
+                sizes[i] = sizes[i] + first[i];
+                phases[i] = phases[i] + first[i] * both;
+            }
+        }
+        float *restrict size = g->plane[entry(data, j, j)], *restrict phase = g->plane[entry(data, count + j, count + j)];
+        float *restrict of_size = g->plane[entry(data, data, j)], *restrict of_phase = g->plane[entry(data, data + 1, count + j)];
+        EACH_PIXEL {
+            size[i] = size[i] + (first[i] + own[i]);
+            phase[i] = phase[i] + (first[i] * (h * h) + own[i]);
+            of_size[i] = of_size[i] + -first[i];
+            of_phase[i] = of_phase[i] + first[i] * -h;
+        }
+    }
+    float *restrict of_lag = g->plane[entry(data, data + 1, data + 1)];
+    EACH_PIXEL of_lag[i] = of_lag[i] + first[i];
+}
+
+/* condition.py: conditioned. The shifts, with the other sign, in moved[data] and moved[data + 1]. */
+INLINE void condition(TailGroup *restrict g, int harmonics) {
+    const int data = data_of(harmonics);
+    for (int j = 0; j < data; j++) EACH_PIXEL {
+        const float difference = g->data[j][i] - g->plane[j][i];
+        g->moved[j][i] = j < data / 2 ? difference : wrapped(difference);
+    }
+    EACH_PIXEL g->moved[data][i] = g->moved[data + 1][i] = g->chi_squared[i] = 0.0f;
+    for (int from = 0; from < data; from++) {
+        const float *restrict own = g->plane[entry(data, from, from)], *restrict moved = g->moved[from];
+        for (int j = from + 1; j < data + 2; j++) {
+            const float *restrict with = g->plane[entry(data, j, from)];
+            float *restrict to = g->moved[j];
+            FloatRow share;
+            EACH_PIXEL {
+                share[i] = with[i] / own[i];
+                to[i] = to[i] - share[i] * moved[i];
+            }
+            for (int k = from + 1; k <= j; k++) {
+                if (k >= data && !(j == data + 1 && k == j)) continue;
+                float *restrict left = g->plane[entry(data, j, k)];
+                const float *restrict other = g->plane[entry(data, k, from)];
+                EACH_PIXEL left[i] = left[i] - share[i] * other[i];
+            }
+        }
+        EACH_PIXEL g->chi_squared[i] = g->chi_squared[i] + moved[i] * moved[i] / own[i];
+    }
+}
+
+/* pixels.py: _direct, _mpi */
+INLINE void answer(TailGroup *restrict g, int harmonics) {
+    const int data = data_of(harmonics), last = planes_of(data) - 1;
+    const float *restrict of_lag = g->plane[entry(data, data + 1, data + 1)];
+    EACH_PIXEL {
+        const float variance = at_least_f(of_lag[i], 0.05f * g->relative[0][i]) + g->plane[last - 1][i];
+        g->shrink[i] = exponential(-(g->plane[data][i] + -g->moved[data][i]));
+        g->lag[i] = g->plane[data + 1][i] + -g->moved[data + 1][i];
+        g->direct[0][i] = g->amplitude[i] * g->shrink[i];
+        g->direct[1][i] = within_a_turn(g->phase_rad[i] - g->lag[i]);
+        g->direct[2][i] = sqrtf(variance);
+    }
+    EACH_PIXEL rotor(g->lag[i], &g->cos[i], &g->sin[i]);
+    EACH_PIXEL {
+        const float re = 1.0f - g->shrink[i] * g->cos[i], im = g->shrink[i] * g->sin[i];
+        const float sigma = sqrtf(at_least_f(g->plane[last][i], 0.0f) + g->relative[0][i]);
+        g->mpi[0][i] = g->amplitude[i] * sqrtf(re * re + im * im);
+        g->mpi[1][i] = g->direct[1][i] + within_a_turn(phase_of_f(re, im) + g->lag[i]);
+        g->mpi[2][i] = at_most_f(sigma, 1.8137993642342178f);
+    }
+}
+
+INLINE void answer_with(TailGroup *restrict g, const Tail *restrict tail, int64_t pixel, int m, int pooled, int harmonics) {
+    const TailSizes *sizes = tail->sizes;
+    const int data = data_of(harmonics);
+    const int64_t place = tail->above[pixel / sizes->width] * sizes->columns + sizes->left + pixel % sizes->width;
+    choose(g, tail, pixel, m, harmonics);
+    if (!any(g->answered)) return;
+    look(g, tail, pooled, harmonics);
+    first_range(g, tail, pixel, m, tail->planes + (data + 1) * sizes->rows * sizes->columns + place);
+    weigh(g, tail, pixel, m, tail->range_m + place);
+    upsample(g, tail, place, m, planes_of(data));
+    add_noise(g, tail, harmonics);
+    condition(g, harmonics);
+    answer(g, harmonics);
+}
+
+/* Pixels from `pixel` of the frame on, m of them, in one row. */
+INLINE void answer_group(TailGroup *restrict g, const Tail *restrict tail, int64_t pixel, int m, int pooled) {
+    /* the same twice: where the number of harmonics is known, compilers unroll */
+    if (tail->sizes->harmonics == 2) answer_with(g, tail, pixel, m, pooled, 2);
+    else answer_with(g, tail, pixel, m, pooled, (int)tail->sizes->harmonics);
+}
+
+/* How many pixels from the p-th of a part on stand in one group. */
+INLINE int in_group(const Tail *restrict tail, int64_t p, int64_t stop) {
+    const int64_t in_row = tail->sizes->width - (tail->sizes->first + p) % tail->sizes->width;
+    const int64_t left = stop - p < in_row ? stop - p : in_row;
+    return left < GROUP ? (int)left : GROUP;
+}
+
+#define TAIL_ANSWERS 7
+
+/* Pixels whose phasors are known: `pixels` of them, in planes as of pixels.py's DiffusePixels. */
+typedef struct {
+    const Tail *tail;
+    const double *phasors;  /* harmonics x pixels, re and im */
+    const uint8_t *usable;
+    const double *samples;  /* NULL: 1 */
+    uint8_t *answered;
+    float *rows;            /* direct amplitude, phase and sigma, those of the MPI light, chi^2 */
+    int64_t pixels;
+} TailAnswers;
+
+/* Every pixel from `start` up to `stop`. */
+INLINE void answer_pixels(const TailAnswers *restrict all, int64_t start, int64_t stop) {
+    TailGroup group, *g = &group;
+    memset(g, 0, sizeof group);
+    for (int m; start < stop; start += m) {
+        m = in_group(all->tail, start, stop);
+        for (int64_t h = 0; h < all->tail->sizes->harmonics; h++) {
+            const double *phasor = all->phasors + 2 * (h * all->pixels + start);
+            for (int i = 0; i < GROUP; i++) {
+                g->re[h][i] = phasor[2 * (i < m ? i : 0)];
+                g->im[h][i] = phasor[2 * (i < m ? i : 0) + 1];
+            }
+        }
+        for (int i = 0; i < GROUP; i++) g->answered[i] = all->usable[start + (i < m ? i : 0)] ? 1.0 : 0.0;
+        if (all->samples) for (int i = 0; i < GROUP; i++) g->samples[i] = all->samples[start + (i < m ? i : 0)];
+        answer_group(g, all->tail, all->tail->sizes->first + start, m, all->samples != NULL);
+        const float *row[TAIL_ANSWERS] = {g->direct[0], g->direct[1], g->direct[2], g->mpi[0], g->mpi[1], g->mpi[2], g->chi_squared};
+        for (int i = 0; i < m; i++) all->answered[start + i] = g->answered[i] > 0.0;
+        for (int r = 0; r < TAIL_ANSWERS; r++) {
+            float *restrict to = all->rows + r * all->pixels + start;
+            for (int i = 0; i < m; i++) to[i] = g->answered[i] > 0.0 ? row[r][i] : NAN;
+        }
+    }
+}

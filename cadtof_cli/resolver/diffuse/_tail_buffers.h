@@ -1,0 +1,84 @@
+/* A frame's tail as Python hands it over, a tuple of buffers in the order of TAIL_BUFFER; see compiled.py. After _tail.h and _kernel_buffers.h. */
+
+#define LARGEST_SIDE ((int64_t)1 << 20)
+#define LARGEST_NUMBER 1000
+
+#define COUNT_ONE(name) +1
+enum { TAIL_SIZE_COUNT = 0 TAIL_SIZES(COUNT_ONE), TAIL_CONSTANT_COUNT = 0 TAIL_CONSTANTS(COUNT_ONE) };
+enum { SIZES, SHARED, NUMBERS, VARIANCES, PLANES, RANGES, DOWN, RIGHT, ABOVE, SEPARATE, OFFSET, TAIL_BUFFERS };
+static const Wanted TAIL_BUFFER[TAIL_BUFFERS] = {
+    {"tail sizes", "l q ", 8, 0, 0},   {"tail constants", "d ", 0, 0, 0}, {"tail harmonics", "l q ", 8, 0, 0},
+    {"tail variances", "d ", 0, 0, 0}, {"tail planes", "f ", 0, 0, 0},    {"tail ranges", "f ", 0, 0, 0},
+    {"tail down", "f ", 0, 0, 0},      {"tail right", "f ", 0, 0, 0},     {"tail above", "l q ", 8, 0, 0},
+    {"tail separate", "? ", 1, 1, 0},  {"tail offset", "d ", 0, 1, 0},
+};
+
+static int fails(const char *what) {
+    PyErr_Format(PyExc_ValueError, "tail: found %s that do not fit, expected those of a frame", what);
+    return 0;
+}
+
+/* Whether a part of `pixels` pixels lies in the frame, and its patches under it. */
+static int sizes_fit(const TailSizes *sizes, int64_t pixels) {
+    const int64_t side[] = {sizes->height, sizes->width, sizes->side, sizes->rows, sizes->columns};
+    for (size_t i = 0; i < sizeof side / sizeof *side; i++)
+        if (side[i] < 1 || side[i] > LARGEST_SIDE) return fails("sizes");
+    if (sizes->harmonics < 2 || sizes->harmonics > MOST_HARMONICS) return fails("harmonics");
+    if (sizes->first < 0 || sizes->first > sizes->height * sizes->width - pixels) return fails("pixels");
+    if (sizes->left < 0 || sizes->left > sizes->columns - sizes->width - sizes->side) return fails("columns");
+    if ((sizes->height - 1) / sizes->side > sizes->rows - 3) return fails("rows");
+    return 1;
+}
+
+/* Fill `tail` for a part of `pixels` pixels from views of its buffers, or set an error and return 0. */
+static int make_tail(Tail *tail, const Py_buffer *view, int64_t pixels) {
+    if (!has_values(TAIL_BUFFER[SIZES].name, &view[SIZES], TAIL_SIZE_COUNT)) return 0;
+    if (!has_values(TAIL_BUFFER[SHARED].name, &view[SHARED], TAIL_CONSTANT_COUNT)) return 0;
+    const TailSizes *sizes = view[SIZES].buf;
+    if (!sizes_fit(sizes, pixels)) return 0;
+    const int64_t plane = sizes->rows * sizes->columns, across = (sizes->width + sizes->side - 1) / sizes->side;
+    const int64_t expected[TAIL_BUFFERS] = {
+        [SIZES] = TAIL_SIZE_COUNT,       [SHARED] = TAIL_CONSTANT_COUNT,
+        [NUMBERS] = sizes->harmonics,    [VARIANCES] = sizes->harmonics,
+        [PLANES] = planes_of(data_of((int)sizes->harmonics)) * plane,
+        [RANGES] = plane,                [DOWN] = sizes->height,
+        [RIGHT] = sizes->width,          [ABOVE] = sizes->height,
+        [SEPARATE] = (sizes->rows - 2) * across,
+        [OFFSET] = sizes->height * sizes->width,
+    };
+    for (int which = NUMBERS; which < TAIL_BUFFERS; which++)
+        if (!has_values(TAIL_BUFFER[which].name, &view[which], expected[which])) return 0;
+    const int64_t *number = view[NUMBERS].buf, *above = view[ABOVE].buf;
+    if (number[0] != 1) return fails("harmonics");
+    for (int64_t h = 1; h < sizes->harmonics; h++)
+        if (number[h] <= number[h - 1] || number[h] > LARGEST_NUMBER) return fails("harmonics");
+    for (int64_t y = 0; y < sizes->height; y++)
+        if (above[y] < 0 || above[y] > sizes->rows - 2) return fails("rows of patches");
+    *tail = (Tail){
+        .sizes = sizes,
+        .constants = view[SHARED].buf,
+        .number = number,
+        .variance = view[VARIANCES].buf,
+        .planes = view[PLANES].buf,
+        .range_m = view[RANGES].buf,
+        .down = view[DOWN].buf,
+        .right = view[RIGHT].buf,
+        .above = above,
+        .separate = view[SEPARATE].buf,
+        .offset_m = view[OFFSET].buf,
+    };
+    return 1;
+}
+
+/* Fill views, all zero before, from a tuple of buffers. */
+static int get_tail(PyObject *tuple, Py_buffer *view) {
+    PyObject *object[TAIL_BUFFERS];
+    if (!PyTuple_Check(tuple)) {
+        PyErr_SetString(PyExc_TypeError, "tail: found no tuple, expected one or None");
+        return 0;
+    }
+    if (!PyArg_ParseTuple(tuple, "OOOOOOOOOOO;tail: expected 11 buffers", &object[0], &object[1], &object[2], &object[3], &object[4],
+                          &object[5], &object[6], &object[7], &object[8], &object[9], &object[10]))
+        return 0;
+    return get_buffers(TAIL_BUFFER, TAIL_BUFFERS, object, view);
+}

@@ -1,0 +1,191 @@
+"""Surfaces that let light through, inside a room: a net, or a pane that scatters, before a wall that is seen beside it.
+
+A tail can look like any two paths, so no patch alone tells. But behind a net lies the wall that its neighbours see. So the tail
+that is typical of the frame is taken out of every patch's phasors, by division; what is left is resolved as two paths; and
+where the farther one ends on the plane of such a wall, in patch beside patch, there are two surfaces.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cadtof_cli.arrays import Bool, Complex, Float
+from cadtof_cli.resolver.diffuse.grid import PatchGrid
+from cadtof_cli.resolver.diffuse.records import SeenThrough, Tails, range_from_phase
+from cadtof_cli.resolver.diffuse.settings import DiffuseSettings
+from cadtof_cli.resolver.diffuse.walls import over_neighbours, walls_behind
+from cadtof_cli.resolver.two_path.closed_form import TwoPaths, fundamental_frame, two_paths
+
+NEAR_SHARE, FAR_SHARE = 0.25, 0.2
+"""Least share of the nearer and of the farther path in a patch's light: below, it may be what the typical tail is wrong by."""
+
+APART_NS = (2.0, 18.0)
+"""Least and largest delay between the two: closer ones cannot be told, and later ones come from round the period."""
+
+ON_WALL_M = 0.15
+"""How far from a wall the farther path may end."""
+
+LEAST_PATCHES = 14
+"""Patches side by side that must say the same: at most 12 do in 119 rendered rooms without a net."""
+
+BESIDE_SHARE = 0.15
+"""The same of the farther path in a patch beside such ones, whatever its farther path ends on."""
+
+SAME_NET = 0.06
+"""Relative difference of range within which a patch with two paths belongs to the net beside it."""
+
+STEPS = 3
+"""Steps in which the difference of the two paths' tails is taken away."""
+
+OFF_SHARE, LAG_SHARE = 0.5, 0.15
+"""Standard deviation of the nearer path's phase, as a share of what the farther ones miss the walls by, and of the lag that the
+tail brings: both are wrong by the same tail."""
+
+FULL_TURN = 2.0 * np.pi
+
+
+@dataclass(frozen=True, eq=False)
+class FreedPaths:
+    """Phasors freed of tails, (H, …), and the two paths that they are.
+
+    Phase of the nearer, how much later the farther comes, rad, and the nearer's share of the light, (…) each.
+    """
+
+    phasors: Complex
+    near_rad: Float
+    later_rad: Float
+    near_share: Float
+
+
+def typical_tail(values: Float, harmonics: tuple[int, ...], /) -> Complex:
+    """Return the median H_h, (H,), of patches with the model's values (data + 2, n), in the order of `tail.free_of_direct`."""
+    middle, count = np.median(values, axis=1), len(harmonics) - 1
+    size = np.append(0.0, middle[:count]) + middle[-2]
+    phase = np.append(0.0, middle[count : 2 * count]) + np.array(harmonics) * middle[-1]
+    tail: Complex = np.exp(size + 1j * phase)
+    return tail
+
+
+def freed_paths(phasors: Complex, tails: Tails, /) -> FreedPaths:
+    """Resolve phasors (H, …) as two paths, each with its tail, by their first two harmonics.
+
+    p_h = a·exp(ihx)·N_h + b·exp(ihy)·F_h is two paths for the closed form once b·exp(ihy)·(F_h − N_h) is taken away and the rest
+    divided by N_h: solved with the last step's b and y, a few times over.
+    """
+    shape = phasors.shape[1:]
+    base = _times(phasors.reshape(len(phasors), -1), 1.0 / tails.near)
+    excess = (tails.far - tails.near) / tails.near
+    free = base
+    with np.errstate(all="ignore"):
+        # without light, zero is divided by zero
+        for _ in range(STEPS if excess.any() else 0):
+            far = _farther(two_paths(fundamental_frame(free[0], free[1])))
+            free = base - _times(_at_harmonics(far, tails.harmonics), excess)
+        paths = two_paths(fundamental_frame(free[0], free[1]))
+        x, y = paths.phases()
+        ahead = np.mod(y - x, FULL_TURN)
+        x_near = ahead < np.pi
+        near, later = np.where(x_near, x, y), np.where(x_near, ahead, FULL_TURN - ahead)
+        share = np.where(x_near, paths.a, paths.b) / (paths.a + paths.b)
+    return FreedPaths(
+        free.reshape(phasors.shape), near.reshape(shape), later.reshape(shape), np.asarray(share).reshape(shape)
+    )
+
+
+def _times(phasors: Complex, factors: Complex) -> Complex:
+    """Return phasors (H, n) times a factor a harmonic, in real numbers: the same bits wherever a pixel stands."""
+    product = np.empty_like(phasors)
+    for out, p, factor in zip(product, phasors, factors, strict=True):
+        out.real, out.imag = p.real * factor.real - p.imag * factor.imag, p.real * factor.imag + p.imag * factor.real
+    return product
+
+
+def _farther(paths: TwoPaths) -> tuple[Float, Float, Float]:
+    """Return amplitude, cosine and sine of the farther of two paths less than half a turn apart."""
+    # sin(y − x) > 0: y is behind x
+    y_far = paths.sin_y * paths.cos_x - paths.cos_y * paths.sin_x > 0.0
+    return (
+        np.where(y_far, paths.b, paths.a),
+        np.where(y_far, paths.cos_y, paths.cos_x),
+        np.where(y_far, paths.sin_y, paths.sin_x),
+    )
+
+
+def _at_harmonics(path: tuple[Float, Float, Float], harmonics: tuple[int, ...]) -> Complex:
+    """Return the phasors of a path at every harmonic, (H, n)."""
+    amplitude, cosine, sine = path
+    phasors = np.empty((len(harmonics), amplitude.size), np.complex128)
+    re, im, power = amplitude, np.zeros_like(amplitude), 0
+    for out, h in zip(phasors, harmonics, strict=True):
+        for _ in range(power, h):
+            re, im = re * cosine - im * sine, re * sine + im * cosine
+        power, out.real, out.imag = h, re, im
+    return phasors
+
+
+def seen_through(
+    phasors: Complex, range_m: Float, valid: Bool, tails: Tails, /, *, grid: PatchGrid, settings: DiffuseSettings
+) -> SeenThrough | None:
+    """Return what lets light through; None where nothing does.
+
+    Args:
+        phasors: of the patches, (H, rows, columns).
+        range_m: of their surfaces where a tail is all their MPI, (rows, columns).
+        valid: patches that count, (rows, columns).
+        tails: those that are typical of what is near, and of what may lie behind it.
+        grid: where the patches lie.
+        settings: how phases become metres.
+    """
+    paths = freed_paths(phasors, tails)
+    apart_ns = paths.later_rad / settings.rad_per_ns
+    two: Bool = valid & (paths.near_share > NEAR_SHARE) & (paths.near_share < 1.0 - FAR_SHARE)
+    two &= (apart_ns > APART_NS[0]) & (apart_ns < APART_NS[1])
+    if two.sum() < LEAST_PATCHES:
+        return None
+    near_m = range_from_phase(paths.near_rad, settings)
+    far_m = near_m + paths.later_rad * settings.m_per_rad
+    missed = np.abs(walls_behind(range_m, valid & ~two, grid) - far_m).min(axis=0, initial=np.inf)
+    on_wall = two & (missed < ON_WALL_M)
+    found = _together(on_wall)
+    if not found.any():
+        return None
+    off_rad = float(np.median(missed[found])) / settings.m_per_rad
+    lag_rad = float(np.angle(tails.far[0]))
+    more = valid & (paths.near_share > NEAR_SHARE) & (paths.near_share < 1.0 - BESIDE_SHARE) & (apart_ns > APART_NS[0])
+    found = _grown(found, more, near_m)
+    variance = (OFF_SHARE * off_rad) ** 2 + (LAG_SHARE * lag_rad) ** 2
+    return SeenThrough(found, _with_surroundings(near_m, found), tails, variance)
+
+
+def _with_surroundings(near_m: Float, found: Bool) -> Float:
+    """Return ranges where found, their means over neighbours in the patches around, and NaN elsewhere."""
+    count, total = over_neighbours(found.astype(np.float64)), over_neighbours(np.where(found, near_m, 0.0))
+    around = np.where(count > 0.0, total / np.maximum(count, 1.0), np.nan)
+    return np.where(found, near_m, around)
+
+
+def _grown(found: Bool, more: Bool, near_m: Float) -> Bool:
+    """Return the patches found and those of `more` beside them, and beside those, whose nearer path goes on with theirs."""
+    while True:
+        around = _with_surroundings(near_m, found)
+        grown = found | (more & (np.abs(near_m - around) < SAME_NET * near_m))
+        if (grown == found).all():
+            return found
+        found = grown
+
+
+def _together(patches: Bool) -> Bool:
+    """Return those of the patches that lie side by side, corners included, with enough others."""
+    left = {(int(row), int(column)) for row, column in np.argwhere(patches)}
+    found = np.zeros_like(patches)
+    while left:
+        group, edge = [], [left.pop()]
+        while edge:
+            row, column = here = edge.pop()
+            group.append(here)
+            beside = {(row + i, column + j) for i in (-1, 0, 1) for j in (-1, 0, 1)} & left
+            left -= beside
+            edge.extend(beside)
+        if len(group) >= LEAST_PATCHES:
+            found[tuple(np.array(group).T)] = True
+    return found

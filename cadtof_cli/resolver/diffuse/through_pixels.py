@@ -1,0 +1,56 @@
+"""Pixels that see through something: freed of the room's tail, so that they can be resolved as separate paths."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cadtof_cli.arrays import Bool, Complex, Float
+from cadtof_cli.resolver.diffuse.records import DiffuseBlock, range_from_phase
+from cadtof_cli.resolver.diffuse.through import freed_paths
+
+LEAST_SHARE = 0.1
+"""Least share of either path in a pixel's light: below, it may be what the typical tail is wrong by."""
+
+SAME_NET = 0.1
+"""Relative difference of range within which a pixel belongs to the net of its patch."""
+
+
+@dataclass(frozen=True, eq=False)
+class ThroughPixels:
+    """Which of n pixels see through something, (n,); |p1| over what is left of it, (n,); and the variance of their direct phase
+    besides noise, rad².
+    """
+
+    where: Bool
+    size: Float
+    own_variance: float
+
+    def variance(self, others: float, /) -> Float:
+        """Return that variance, (n,), where that of the other pixels is given."""
+        return np.where(self.where, self.own_variance, others)
+
+
+def freed_pixels(phasors: Complex, tail: DiffuseBlock, /) -> tuple[Complex, ThroughPixels | None]:
+    """Return phasors (H, n) of a block of a frame's pixels, freed of tails where these see through something, and where.
+
+    They are those that were given, and None, where the frame has nothing that lets light through.
+    """
+    model, through = tail.model, tail.model.through
+    if through is None:
+        return phasors, None
+    grid = model.upsampler.grid
+    place = np.arange(tail.pixels.start, tail.pixels.start + phasors.shape[1])
+    net_m = through.near_m[place // grid.width // grid.side, place % grid.width // grid.side]
+    there = np.flatnonzero(np.isfinite(net_m))
+    where = np.zeros(len(place), np.bool_)
+    free, size = phasors.copy(), np.ones(len(place))
+    if there.size:
+        seen, net_m = phasors[:, there], net_m[there]
+        paths = freed_paths(seen, through.tails)
+        near_m = range_from_phase(paths.near_rad, model.settings)
+        two = (paths.near_share > LEAST_SHARE) & (paths.near_share < 1.0 - LEAST_SHARE)
+        two &= np.abs(near_m - net_m) < SAME_NET * net_m
+        where[there] = two
+        free[:, there] = np.where(two, paths.phasors, seen)
+        size[there] = np.abs(seen[0]) / np.abs(free[0, there])
+    return free, ThroughPixels(where, size, through.variance)

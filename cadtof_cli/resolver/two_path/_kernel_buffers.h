@@ -1,0 +1,67 @@
+/* Buffers of the buffer protocol, checked: what does not fit is a TypeError or ValueError, and nothing of it is read. */
+typedef struct {
+    const char *name;
+    const char *formats; /* of the struct module, with a space after each */
+    int itemsize;        /* 0: whatever the format has */
+    int optional, writable;
+} Wanted;
+
+static int has_format(const char *formats, const char *format) {
+    const size_t length = strlen(format);
+    for (const char *one = formats; *one; one = strchr(one, ' ') + 1)
+        if ((size_t)(strchr(one, ' ') - one) == length && !memcmp(one, format, length)) return 1;
+    return 0;
+}
+
+/* Fill `view`, whose obj stays NULL for None, or set an error and return 0. */
+static int get_buffer(const Wanted *wanted, PyObject *object, Py_buffer *view) {
+    if (object == Py_None && wanted->optional) return 1;
+    if (PyObject_GetBuffer(object, view, PyBUF_C_CONTIGUOUS | PyBUF_FORMAT | (wanted->writable ? PyBUF_WRITABLE : 0)) < 0) return 0;
+    const char *format = view->format ? view->format : "B";
+    if (!has_format(wanted->formats, format) || view->itemsize < 1 || (wanted->itemsize && view->itemsize != wanted->itemsize)) {
+        PyErr_Format(PyExc_TypeError, "%s: found values of format %s, expected one of %s", wanted->name, format, wanted->formats);
+        return 0;
+    }
+    const Py_ssize_t part = format[0] == 'Z' ? view->itemsize / 2 : view->itemsize;
+    if (view->len && (uintptr_t)view->buf % (uintptr_t)part) {
+        PyErr_Format(PyExc_ValueError, "%s: values are not aligned in memory", wanted->name);
+        return 0;
+    }
+    return 1;
+}
+
+/* Fill views, all zero before, from as many objects. */
+static int get_buffers(const Wanted *wanted, int count, PyObject *const *object, Py_buffer *view) {
+    int got = 1;
+    for (int which = 0; got && which < count; which++) got = get_buffer(&wanted[which], object[which], &view[which]);
+    return got;
+}
+
+static void release_buffers(Py_buffer *view, int count) {
+    for (int which = 0; which < count; which++)
+        if (view[which].obj) PyBuffer_Release(&view[which]);
+}
+
+/* How many values a buffer holds: 0 of what is not there. */
+static Py_ssize_t values_in(const Py_buffer *view) { return view->obj ? view->len / view->itemsize : 0; }
+
+static int has_values(const char *name, const Py_buffer *view, int64_t count) {
+    if (!view->obj || (values_in(view) == count && view->len % view->itemsize == 0)) return 1;
+    PyErr_Format(PyExc_ValueError, "%s: found %zd values, expected %lld", name, values_in(view), (long long)count);
+    return 0;
+}
+
+static int overlap(const Py_buffer *a, const Py_buffer *b) {
+    const uintptr_t first = (uintptr_t)a->buf, second = (uintptr_t)b->buf;
+    return a->obj && b->obj && first < second + (uintptr_t)b->len && second < first + (uintptr_t)a->len;
+}
+
+/* Whether no buffer of `of` lies in the memory of a buffer that is written, itself aside; or set an error. */
+static int lies_apart(const Py_buffer *written, const Wanted *wanted, const Py_buffer *of, int count) {
+    for (int which = 0; which < count; which++)
+        if (&of[which] != written && overlap(written, &of[which])) {
+            PyErr_Format(PyExc_ValueError, "%s: lies in the memory of what is written", wanted[which].name);
+            return 0;
+        }
+    return 1;
+}

@@ -1,0 +1,40 @@
+/* What all of the kernel stands on: pixels in groups, and arithmetic that gives the same bits everywhere; see _kernel_frame.h. */
+#ifndef KERNEL_GROUP_H
+#define KERNEL_GROUP_H
+#include <float.h>
+#include <math.h>
+#include <stdint.h>
+#include <string.h>
+
+#ifdef __FAST_MATH__
+#error "the kernel and its numpy reference give the same bits only without -ffast-math"
+#endif
+#if !defined(FLT_EVAL_METHOD) || FLT_EVAL_METHOD != 0
+#error "the kernel needs arithmetic that rounds every operation to its own type"
+#endif
+
+#ifndef GROUP
+#define GROUP 32
+#endif
+#define EACH_PIXEL for (int i = 0; i < GROUP; i++)
+
+#define PI 3.141592653589793
+#define FULL_TURN 6.283185307179586
+
+/* One pixel a column. */
+typedef double Row[GROUP];
+typedef float FloatRow[GROUP];
+
+#define INLINE static inline KERNEL_INLINE
+
+INLINE double at_least(double value, double low) { return value < low ? low : value; }   /* numpy.maximum: NaN stays NaN */
+INLINE double at_most(double value, double high) { return high < value ? high : value; } /* numpy.minimum */
+INLINE float at_least_f(float value, float low) { return value < low ? low : value; }
+INLINE float at_most_f(float value, float high) { return high < value ? high : value; }
+
+INLINE int any(const double *restrict row) {
+    int64_t found = 0;
+    EACH_PIXEL found |= row[i] > 0.0;
+    return found != 0;
+}
+#endif

@@ -1,0 +1,96 @@
+"""A net, or a pane that scatters, in a room: it sends a share of each pixel's light back and lets the others through.
+
+What a pixel sees is then the sum of two rooms: one with the net as a panel, weighted by the share of it that is thread, and
+one without, by the share that is hole. Light that comes by way of other surfaces is mixed the same way, which is exact for a
+net that is as open for it, and counts light that would pass the net twice as often as light that passes once.
+"""
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from cadtof_cli.simulation.scene.camera import Camera
+from cadtof_cli.simulation.scene.light import Light
+from cadtof_cli.simulation.scene.rooms.placed import Room
+from cadtof_cli.simulation.scene.rooms.solids import Box
+
+SEED_KEY = 7
+"""Branch of the seed that a net is drawn from, so that the room is the same with and without."""
+
+DRAWN_DISTANCE = (0.35, 0.85)
+"""A net's distance over that of what lies behind it, as it is drawn."""
+
+DRAWN_HALF = ((0.12, 0.3), (0.12, 0.25))
+"""Half its width and half its height over its distance: 6 to 36 % of the view."""
+
+DRAWN_ASIDE_RAD = math.radians(8.0)
+"""How far its middle is to the side of the view's at most."""
+
+DRAWN_ALBEDO = (0.4, 0.9)
+
+HALF_THICKNESS_M = 0.002
+
+LOOKING = Camera(width=40, height=30, focal_length_px=29.0)
+"""The camera that tells how far away what lies behind is."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Net:
+    """A net in a room: the share of light that it sends back, the panel that its threads would make, and how far away it is."""
+
+    fill: float
+    panel: Box
+    distance_m: float
+
+    def hung(self, room: Room, /) -> Room:
+        """Return the room with the panel in it."""
+        interior = replace(room.interior, boxes=(*room.interior.boxes, self.panel))
+        return replace(room, interior=interior)
+
+    def mixed(self, panel: Light, room: Light, /) -> Light:
+        """Return light on pixels from that in the room with the whole panel and in the room without."""
+        hidden = panel.delays_ns[0] < room.delays_ns[0] - 1e-3
+        threads, holes = self.fill, 1.0 - self.fill
+        direct = threads * panel.photons[0] + np.where(hidden, 0.0, holes * room.photons[0])
+        behind = np.where(hidden, holes * room.photons[0], 0.0)
+        return Light(
+            delays_ns=np.concatenate(
+                [panel.delays_ns[:1], room.delays_ns[:1], panel.delays_ns[1:], room.delays_ns[1:]]
+            ),
+            photons=np.concatenate([direct[None], behind[None], threads * panel.photons[1:], holes * room.photons[1:]]),
+            ambient=threads * panel.ambient + holes * room.ambient,
+            ranges_m=panel.ranges_m,
+        )
+
+
+def drawn_net(room: Room, /, *, fill: float, distance_m: float | None, seed: int) -> Net:
+    """Return the net of a seed: upright, facing the camera, about the middle of its view.
+
+    Args:
+        room: with its camera.
+        fill: share of the light that it sends back.
+        distance_m: along the optical axis; None draws it.
+        seed: of what is drawn.
+    """
+    generator = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(SEED_KEY,)))
+    share, aside = float(generator.uniform(*DRAWN_DISTANCE)), float(generator.uniform(-1.0, 1.0)) * DRAWN_ASIDE_RAD
+    distance = share * _middle_range_m(room) if distance_m is None else distance_m
+    half_width, half_height = (distance * float(generator.uniform(*span)) for span in DRAWN_HALF)
+    yaw, level = room.yaw_rad + aside, distance * math.cos(room.pitch_rad)
+    x, y, z = room.position_m
+    panel = Box(
+        centre_m=(x + level * math.sin(yaw), y + distance * math.sin(room.pitch_rad), z + level * math.cos(yaw)),
+        half_m=(half_width, half_height, HALF_THICKNESS_M),
+        turn_rad=-room.yaw_rad,
+        albedo=float(generator.uniform(*DRAWN_ALBEDO)),
+    )
+    return Net(fill=fill, panel=panel, distance_m=distance)
+
+
+def _middle_range_m(room: Room) -> float:
+    """Return how far away the middle of the view is: the median over its middle third."""
+    view = room.view(LOOKING, lamp_offset_m=(0.0, 0.0, 0.0), light_paths=1, seed=0)
+    height, width = LOOKING.height, LOOKING.width
+    rays = LOOKING.rays(slice(height // 3, -(height // 3)))[:, :, width // 3 : -(width // 3)]
+    return float(np.median(view.meet(rays.reshape(3, -1)).lengths_m))

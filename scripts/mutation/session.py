@@ -1,0 +1,173 @@
+"""A session of pytest that has collected all tests and waits: each mutant gets a fork of it, with the changed functions put in.
+
+Nothing is imported or collected again, so a mutant costs what its tests do.
+"""
+
+import ast
+import gc
+import multiprocessing
+import os
+import resource
+import signal
+import sys
+import time
+import traceback
+from collections import defaultdict
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from multiprocessing.connection import Connection
+from pathlib import Path
+from types import CodeType, FunctionType
+from typing import NoReturn
+
+import pytest
+
+from mutation.calls import import_all
+from mutation.mutants import PACKAGE, Mutant, mutated_module
+
+NOT_PUT_IN = 98
+"""Exit code where a change cannot be put into functions that are there already."""
+
+MEMORY_BYTES = 6 * 2**30
+
+WAITS = 20
+"""Times the processor's time that a mutant has by the clock, for other programs may keep the processor busy."""
+
+
+class NotPutInError(Exception):
+    """A changed function takes more or fewer names from around it than the one that is there."""
+
+
+@dataclass(frozen=True)
+class Request:
+    """A mutant of a file with this text, the tests to try in order, and the processor's time that they may take."""
+
+    mutant: Mutant
+    source: str
+    tests: tuple[str, ...]
+    patience_s: float
+
+
+class Session:
+    """The process that waits, seen from outside."""
+
+    def __init__(self, tree: Path, options: Sequence[str], log: Path) -> None:
+        self._connection, theirs = multiprocessing.Pipe()
+        if os.fork() == 0:
+            self._connection.close()
+            _wait_for_requests(tree, options, log, theirs)
+        theirs.close()
+
+    def tried(self, request: Request, /) -> tuple[int, bool]:
+        """Return the exit code of the tests, and whether they ended by themselves."""
+        self._connection.send(request)
+        code, ended = self._connection.recv()
+        return int(code), bool(ended)
+
+
+def put_in(path: Path, module: ast.Module, /) -> None:
+    """Give the functions of a file that is imported already the code that they have in this module.
+
+    Raises:
+        NotPutInError: that cannot be done.
+    """
+    codes = defaultdict[tuple[str, int], list[CodeType]](list)
+    for code in _codes(compile(module, str(path), "exec")):
+        codes[code.co_qualname, code.co_firstlineno].append(code)
+    for function in gc.get_objects():
+        if isinstance(function, FunctionType) and function.__code__.co_filename == str(path):
+            old = function.__code__
+            found = codes[old.co_qualname, old.co_firstlineno]
+            if len(found) != 1 or found[0].co_freevars != old.co_freevars:
+                raise NotPutInError(old.co_qualname)
+            function.__code__ = found[0]
+
+
+def limit(patience_s: float, /) -> None:
+    """Make this process the head of a group, with so much of the processor's time and not all of the memory."""
+    os.setsid()
+    resource.setrlimit(resource.RLIMIT_AS, (MEMORY_BYTES, MEMORY_BYTES))
+    resource.setrlimit(resource.RLIMIT_CPU, (int(patience_s) + 1, int(patience_s) + 2))
+
+
+def ended(child: int, patience_s: float, /) -> tuple[int, bool]:
+    """Wait for a process and end its group; return its exit code, and whether it ended by itself."""
+    deadline = time.monotonic() + WAITS * patience_s
+    while True:
+        there, status = os.waitpid(child, os.WNOHANG)
+        if there:
+            _kill_group(child)
+            code = os.waitstatus_to_exitcode(status)
+            return code, code not in {-signal.SIGXCPU, -signal.SIGKILL}
+        if time.monotonic() > deadline:
+            _kill_group(child)
+            os.waitpid(child, 0)
+            return -signal.SIGKILL, False
+        time.sleep(0.005)
+
+
+def _wait_for_requests(tree: Path, options: Sequence[str], log: Path, connection: Connection) -> NoReturn:
+    code = 99
+    try:
+        target = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
+        for stream in (1, 2):
+            os.dup2(target, stream)
+        os.chdir(tree)
+        sys.path.insert(0, str(tree))
+        import_all(tree / PACKAGE)
+        code = int(pytest.main(list(options), plugins=[_Waiting(tree, connection)]))
+    except BaseException:
+        traceback.print_exc()
+        sys.stderr.flush()
+        raise
+    finally:
+        os._exit(code)
+
+
+class _Waiting:
+    """A pytest plugin that runs what is asked for, again and again, in forks."""
+
+    def __init__(self, tree: Path, connection: Connection) -> None:
+        self._tree = tree
+        self._connection = connection
+
+    @pytest.hookimpl(tryfirst=True)
+    def pytest_runtestloop(self, session: pytest.Session) -> bool:
+        """Answer requests until nobody asks any more."""
+        items = {item.nodeid: item for item in session.items}
+        with suppress(EOFError):
+            while True:
+                request: Request = self._connection.recv()
+                child = os.fork()
+                if child == 0:
+                    self._run(session, [items[test] for test in request.tests], request)
+                self._connection.send(ended(child, request.patience_s))
+        return True
+
+    def _run(self, session: pytest.Session, items: list[pytest.Item], request: Request) -> NoReturn:
+        code = 97
+        try:
+            limit(request.patience_s)
+            put_in(self._tree / request.mutant.path, mutated_module(request.source, request.mutant))
+            for item, following in zip(items, [*items[1:], None], strict=True):
+                item.config.hook.pytest_runtest_protocol(item=item, nextitem=following)
+                if session.testsfailed:
+                    break
+            code = int(session.testsfailed > 0)
+        except NotPutInError:
+            code = NOT_PUT_IN
+        finally:
+            os._exit(code)
+
+
+def _codes(code: CodeType) -> Iterator[CodeType]:
+    yield code
+    for constant in code.co_consts:
+        if isinstance(constant, CodeType):
+            yield from _codes(constant)
+
+
+def _kill_group(leader: int) -> None:
+    with suppress(ProcessLookupError):
+        os.killpg(leader, signal.SIGKILL)

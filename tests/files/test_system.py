@@ -1,0 +1,213 @@
+"""Systems that lack what POSIX has: the same maps and records, and nothing that needs what is not there.
+
+Windows itself is not at hand here; what it lacks is taken away from every process (`tests/support/elsewhere`), and its locks have
+a stand-in.
+"""
+
+import errno
+import fcntl
+import json
+import os
+import re
+import subprocess
+import sys
+from collections.abc import Callable
+from functools import partial
+from io import FileIO
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from cadtof_cli.errors import PlaceError
+from cadtof_cli.files import system
+from cadtof_cli.files.atomic import PartialFile
+from cadtof_cli.files.direct import BLOCK_BYTES, empty_blocks, write_parts
+from cadtof_cli.files.system import KEEP, read_at, read_parts, remove_and_close
+from tests.support.captures import record
+from tests.support.run_cadtof import PROGRAM, ROOT, Finished, program
+from tests.support.runs import require_same_run
+
+ELSEWHERE = {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT / "tests" / "support" / "elsewhere"), str(ROOT)])}
+
+_HOLD = """
+import sys
+from pathlib import Path
+from cadtof_cli.files.lock import locked
+with locked(Path(sys.argv[1])):
+    print("held", flush=True)
+    sys.stdin.read()
+"""
+
+
+def elsewhere(*arguments: object, stdin: str = "") -> Finished:
+    """Run `cadtof` as a program on a system that lacks what only POSIX has."""
+    done = subprocess.run(
+        [*PROGRAM, *map(str, arguments)],
+        input=stdin, env=ELSEWHERE, capture_output=True, text=True, timeout=120, check=False,
+    )  # fmt: skip
+    return Finished(done.returncode, done.stdout, done.stderr)
+
+
+@pytest.mark.parametrize("form", ["tif", "exr"])
+def test_a_run_elsewhere_is_the_same_run(form: str, tmp_path: Path) -> None:
+    capture = record(tmp_path / "A", frames=5, form="tif" if form == "tif" else "exr")
+    for out, run in ((tmp_path / "here", program), (tmp_path / "there", elsewhere)):
+        done = run("resolve", capture.folder, "-o", out, "-j", 2, "--start-method", "spawn")
+        assert (done.status, "resolved 5 of 5 frames" in done.err) == (0, True), done.err
+    require_same_run(tmp_path / "there", tmp_path / "here")
+
+
+def test_a_run_elsewhere_goes_on_where_it_stopped(tmp_path: Path) -> None:
+    capture, out = record(tmp_path / "A", frames=4), tmp_path / "out"
+    for options in ((), ("--resume",)):
+        assert elsewhere("resolve", capture.folder, "-o", out, "-j", 1, *options).status == 0
+        lines = [json.loads(line) for line in (out / "frames.jsonl").read_text().splitlines()]
+        assert [line["status"] for line in lines] == ["ok"] * 4
+        (out / "frame_1.tif").unlink()
+    assert elsewhere("resolve", capture.folder, "-o", out, "-j", 1, "--resume").status == 0
+    assert program("resolve", capture.folder, "-o", tmp_path / "whole", "-j", 1).status == 0
+    require_same_run(out, tmp_path / "whole")
+
+
+def test_paths_on_stdin_are_resolved_elsewhere(tmp_path: Path) -> None:
+    capture, out = record(tmp_path / "A", frames=3), tmp_path / "out"
+    done = elsewhere("resolve", "-", "-o", out, stdin="".join(f"{path}\n" for path in capture.files))
+    assert done.status == 0, done.err
+    assert len(list(out.glob("*.tif"))) == 3
+
+
+def test_a_folder_is_locked_elsewhere(tmp_path: Path) -> None:
+    capture, out = record(tmp_path / "A", frames=1), tmp_path / "out"
+    out.mkdir()
+    with subprocess.Popen(
+        [sys.executable, "-c", _HOLD, str(out)], env=ELSEWHERE, stdin=subprocess.PIPE, stdout=subprocess.PIPE
+    ) as holder:
+        assert holder.stdout is not None
+        assert holder.stdout.readline() == b"held\n"
+        done = elsewhere("resolve", capture.folder, "-o", out, "-j", 1)
+        assert done.status == 2
+        assert f"{out}: process {holder.pid} on " in done.err
+        holder.communicate()
+    assert elsewhere("resolve", capture.folder, "-o", out, "-j", 1).status == 0
+    assert not (out / ".cadtof.lock").exists()
+
+
+def test_a_start_method_that_a_system_lacks(tmp_path: Path) -> None:
+    done = elsewhere("resolve", tmp_path, "-o", tmp_path / "out", "--start-method", "fork")
+    assert done.status == 2
+    assert "--start-method: found fork, which this system does not have; expected spawn" in done.err
+
+
+@pytest.mark.parametrize("removes", [True, False])
+def test_a_file_is_removed_and_closed_in_either_order(
+    removes: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(system, "REMOVES_OPEN_FILES", removes)
+    path = tmp_path / "lock"
+    descriptor = os.open(path, KEEP, 0o666)
+    remove_and_close(path, descriptor)
+    assert not path.exists()
+    with pytest.raises(OSError, match="Bad file descriptor"):
+        os.fstat(descriptor)
+
+
+@pytest.mark.parametrize("vectors", [True, False])
+def test_parts_are_written_and_read_as_one_file(vectors: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    if not vectors:
+        for name in ("readv", "pread"):
+            monkeypatch.delattr(os, name, raising=False)
+    path, pieces = tmp_path / "file", (b"head", b"", bytes(range(256)) * 300, b"t")
+    with FileIO(path, "wb") as file:
+        write_parts(file.fileno(), [memoryview(piece) for piece in pieces])
+    assert path.read_bytes() == b"".join(pieces)
+    found = [bytearray(len(piece)) for piece in pieces]
+    with FileIO(path) as file:
+        assert read_parts(file, [memoryview(one) for one in found])
+        assert read_at(file.fileno(), 6, 2) == b"ad\x00\x01\x02\x03"
+    assert found == [bytearray(piece) for piece in pieces]
+    with FileIO(path) as file:
+        assert not read_parts(file, [memoryview(bytearray(path.stat().st_size + 1))])
+
+
+def test_a_system_that_moves_a_few_bytes_at_a_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    whole_write, whole_read = os.write, os.readv
+    monkeypatch.setattr(os, "write", lambda file, part: whole_write(file, part[:7]))
+    monkeypatch.setattr(os, "readv", lambda file, parts: whole_read(file, [parts[0][:5], *parts[1:1]]))
+    values, path = np.arange(100, dtype=np.uint8), tmp_path / "file"
+    with FileIO(path, "wb") as file:
+        write_parts(file.fileno(), [memoryview(b"before"), values.data, memoryview(b"after")])
+    assert path.read_bytes() == b"before" + values.tobytes() + b"after"
+    out = np.zeros(105, np.uint8)
+    with FileIO(path) as file:
+        assert read_parts(file, [memoryview(bytearray(6)), out.data])
+    assert out.tobytes() == values.tobytes() + b"after"
+
+
+def blocks(count: int, more: int = 0) -> NDArray[np.float32]:
+    """Values that begin with a block of a disk, so many blocks and a few bytes more."""
+    values = empty_blocks((count * BLOCK_BYTES // 4 + more,))
+    values[:] = np.random.default_rng(5).random(values.shape)
+    return values
+
+
+Write = Callable[[int, memoryview], int]
+
+
+def refused(write: Write, descriptor: int, part: memoryview) -> int:
+    """What a file system does that lets a file be opened for this, and then does not do it."""
+    if fcntl.fcntl(descriptor, fcntl.F_GETFL) & os.O_DIRECT:
+        raise OSError(errno.EINVAL, "Invalid argument")
+    return write(descriptor, part)
+
+
+def in_pieces(write: Write, descriptor: int, part: memoryview) -> int:
+    """What a file system does that takes less at a time than it is given."""
+    return write(descriptor, part[: 2**17])
+
+
+@pytest.mark.parametrize("system", [None, refused, in_pieces])
+@pytest.mark.parametrize("head", [BLOCK_BYTES, BLOCK_BYTES - 4])
+@pytest.mark.parametrize("more", [0, 300])
+def test_whole_blocks_are_written_past_the_cache(
+    system: Callable[..., int] | None, head: int, more: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if system is not None:
+        monkeypatch.setattr(os, "write", partial(system, os.write))
+    values, path = blocks(100, more), tmp_path / "file"
+    with FileIO(path, "wb") as file:
+        write_parts(file.fileno(), [memoryview(b"h" * head), values.data.cast("B"), memoryview(b"tail")])
+        # what is written afterwards is written as usual
+        assert not fcntl.fcntl(file.fileno(), fcntl.F_GETFL) & os.O_DIRECT
+    assert path.read_bytes() == b"h" * head + values.tobytes() + b"tail"
+
+
+def test_a_disk_that_is_full_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(_descriptor: int, _part: memoryview) -> int:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(os, "write", full)
+    path = tmp_path / "maps.tif"
+    held = PartialFile(path)
+    held.hold([blocks(100).data.cast("B")])
+    with pytest.raises(PlaceError, match="cannot be written: No space left on device"):
+        held.keep()
+    assert list(tmp_path.iterdir()) == []
+
+
+POSIX_ALONE = (
+    r"\b(fcntl|O_NOFOLLOW|O_CLOEXEC|O_NONBLOCK|O_DIRECTORY|O_DIRECT|pread|pwrite|readv|writev|uname"
+    r"|SIGHUP|SIGKILL|pthread_sigmask)\b"
+)
+
+
+def test_what_not_every_system_has_is_asked_for_in_one_place() -> None:
+    package = ROOT / "cadtof_cli"
+    asking = {
+        path.relative_to(package).as_posix()
+        for path in package.rglob("*.py")
+        if re.search(POSIX_ALONE, re.sub(r'"""[\s\S]*?"""|#.*', "", path.read_text()))
+    }
+    # signals are not files; a worker's death with its parent is Linux's
+    assert asking == {"files/direct.py", "files/system.py", "execution/workers.py", "cli.py"}

@@ -1,0 +1,77 @@
+"""How a frame is cut and sampled: sizes, which pixels stand for a patch, and where they look."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from cadtof_cli.resolver.diffuse.grid import PatchGrid, View, patch_grid, sampled_pixels
+
+OFF_CENTRE = View(100.0, (30.5, 17.25))
+
+
+def sampled_at(grid: PatchGrid, length: int, patches: int) -> list[list[int]]:
+    """The sampled rows (or columns) of every patch: the middle one of each stride."""
+    everywhere = [[pixel for pixel in range(length) if pixel // grid.side == patch] for patch in range(patches)]
+    return [[pixel for pixel in pixels if pixel % grid.stride == grid.stride // 2] for pixels in everywhere]
+
+
+@pytest.mark.parametrize(
+    ("size", "side", "stride", "patches"),
+    [
+        ((240, 320), 16, 2, (15, 20)),
+        ((480, 640), 32, 4, (15, 20)),
+        ((1000, 1300), 64, 8, (16, 21)),
+        ((120, 160), 8, 1, (15, 20)),
+        ((48, 64), 4, 1, (12, 16)),
+        ((9, 10), 4, 1, (3, 3)),
+    ],
+)
+def test_a_frame_is_cut_into_about_three_hundred_squares_of_eight_samples_a_side(
+    size: tuple[int, int], side: int, stride: int, patches: tuple[int, int]
+) -> None:
+    """Where 300 patches would be smaller than a dozen pixels, all of their pixels are samples; four a side are the least."""
+    grid = patch_grid(*size, OFF_CENTRE)
+    assert (grid.side, grid.stride, (grid.rows, grid.columns)) == (side, stride, patches)
+    assert (grid.height, grid.width, grid.view) == (*size, OFF_CENTRE)
+
+
+@pytest.mark.parametrize("size", [(240, 320), (50, 70), (37, 53), (250, 330)])
+def test_samples_are_spread_over_their_patch(size: tuple[int, int]) -> None:
+    grid = patch_grid(*size, OFF_CENTRE)
+    y, x = np.mgrid[: size[0], : size[1]]
+    image = np.stack([y + 1, x + 1])
+    found = grid.samples(image)
+    rows, columns = sampled_at(grid, size[0], grid.rows), sampled_at(grid, size[1], grid.columns)
+    per_side = grid.side // grid.stride
+    assert found.shape == (2, grid.rows, grid.columns, per_side**2)
+    for i, inside in enumerate(rows):
+        for j, across in enumerate(columns):
+            expected = [(a + 1, b + 1) for a in inside for b in across]
+            here = found[:, i, j]
+            taken = here[:, here[0] > 0].T
+            assert [tuple(pair) for pair in taken.tolist()] == expected
+            assert (here[1] > 0).tolist() == (here[0] > 0).tolist()
+    for part, length, held in zip(sampled_pixels(*size), size, (rows, columns), strict=True):
+        assert list(range(length))[part] == [pixel for inside in held for pixel in inside]
+
+
+@pytest.mark.parametrize("size", [(240, 320), (50, 70)])
+def test_samples_look_where_the_pinhole_says(size: tuple[int, int]) -> None:
+    grid = patch_grid(*size, OFF_CENTRE)
+    y, x = np.mgrid[: size[0], : size[1]].astype(float)
+    inside = grid.samples(np.ones(size, bool))
+    slope_x, slope_y = (x - 30.5) / 100.0, (y - 17.25) / 100.0
+    cosine = 1.0 / np.sqrt(1.0 + slope_x**2 + slope_y**2)
+    for found, image in ((grid.slope_x, slope_x), (grid.slope_y, slope_y), (grid.cosine, cosine)):
+        assert_allclose(found[inside], grid.samples(image)[inside])
+
+
+def test_a_patch_s_ray_is_the_unit_vector_through_its_middle() -> None:
+    grid = patch_grid(240, 320, OFF_CENTRE)
+    assert_allclose(np.linalg.norm(grid.ray, axis=0), 1.0)
+    middle_x, middle_y = np.arange(20) * 16 + 8.5, np.arange(15) * 16 + 8.5
+    assert_allclose(grid.ray[0] / grid.ray[2], np.broadcast_to((middle_x - 30.5) / 100.0, (15, 20)), atol=0.01)
+    assert_allclose(
+        grid.ray[1] / grid.ray[2], np.broadcast_to((middle_y - 17.25)[:, None] / 100.0, (15, 20)), atol=0.01
+    )
+    assert (grid.ray[2] > 0.0).all()

@@ -1,0 +1,121 @@
+"""Which patches count, and what a frame of them gets: each limit of `choice` from both sides."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from cadtof_cli.arrays import Bool, Complex, Float
+from cadtof_cli.resolver.diffuse.choice import (
+    PatchKinds,
+    lit_patches,
+    misfit_without_mpi,
+    patch_kinds,
+    separate_patches,
+    tail_fits,
+)
+from cadtof_cli.resolver.diffuse.light import PatchMeans
+from cadtof_cli.resolver.diffuse.settings import DiffuseSettings
+from cadtof_cli.resolver.settings import MpiModel
+
+SIGMA = 1e-3
+
+VARIANCES: Float = np.array([SIGMA**2, 2 * SIGMA**2, 3 * SIGMA**2])
+
+TAIL = 0.8 * np.exp(-0.2j)
+
+
+def frame(ratios: list[complex], *, third: complex = 0.7) -> PatchMeans:
+    """Patches in a row, all with 64 pixels of amplitude .2."""
+    second: Complex = np.array([ratios])
+    return PatchMeans(
+        np.stack([second, np.full_like(second, third)]), np.full((1, len(ratios)), 0.2), np.full((1, len(ratios)), 64.0)
+    )
+
+
+def kinds(means: PatchMeans, model: MpiModel = "auto") -> PatchKinds:
+    settings = DiffuseSettings(model=model, period_ns=40.0, harmonics=(1, 2, 3))
+    return patch_kinds(means, VARIANCES, sampled=64, settings=settings)
+
+
+def test_a_room_with_a_tail_gets_one() -> None:
+    found = kinds(frame([TAIL] * 64))
+    assert (found.reason, found.separate_share, int(found.lit.sum())) == ("tail", 0.0, 64)
+
+
+def test_sixty_four_patches_with_light_make_a_room() -> None:
+    assert kinds(frame([TAIL] * 63)).reason == "few patches with light"
+    assert kinds(frame([TAIL] * 63), "diffuse").reason == "few patches with light"
+    assert not kinds(frame([TAIL] * 63)).separate.any()
+
+
+def test_up_to_fifteen_in_a_hundred_patches_may_be_separate() -> None:
+    early = np.exp(0.5j)
+    within, beyond = (kinds(frame([early] * count + [TAIL] * (100 - count))) for count in (15, 16))
+    assert (within.reason, within.separate_share) == ("tail", 0.15)
+    assert (beyond.reason, beyond.separate_share) == ("separate paths", 0.16)
+    assert within.separate.sum() == 15
+    told = kinds(frame([early] * 100), "diffuse")
+    assert (told.reason, told.separate_share) == ("tail", 0.0)
+
+
+def test_ratios_of_one_are_no_mpi_and_separate_patches_among_them_stay_known() -> None:
+    found = kinds(frame([np.exp(0.5j)] + [1.0] * 99, third=1.0))
+    assert found.reason == "tail"
+    none = kinds(frame([1.0] * 100, third=1.0))
+    assert (none.reason, none.separate_share) == ("no MPI to be seen", 0.0)
+    assert kinds(frame([1.0] * 100, third=1.0), "diffuse").reason == "tail"
+
+
+@pytest.mark.parametrize(("times", "reason"), [(1.3, "no MPI to be seen"), (1.5, "tail")])
+def test_mpi_is_to_be_seen_from_twice_the_noise_s_square_on(times: float, reason: str) -> None:
+    """|q_2| off by so many times its own noise, arg q_2 alike, those of q_3 too: the mean square is the square of it."""
+    relative = np.sqrt(1.0 / (0.2**2 * 64.0))
+    size = [times * np.sqrt(VARIANCES[0] + v) * relative for v in VARIANCES[1:]]
+    phase = [times * np.sqrt(h * h * VARIANCES[0] + v) * relative for h, v in zip((2, 3), VARIANCES[1:], strict=True)]
+    second, third = ((1.0 - a) * np.exp(-1j * b) for a, b in zip(size, phase, strict=True))
+    means = frame([second] * 80, third=third)
+    assert kinds(means).reason == reason
+    lit = np.ones((1, 80), bool)
+    assert_allclose(misfit_without_mpi(means, lit, VARIANCES, harmonics=(1, 2, 3)), times**2)
+
+
+def test_the_misfit_is_the_mean_over_lit_patches_alone() -> None:
+    means = frame([1.0, 1.0 - 5e-3, 7.0], third=1.0)
+    lit: Bool = np.array([[True, True, False]])
+    alone = (5e-3) ** 2 / (3 * SIGMA**2) * 0.2**2 * 64.0
+    assert_allclose(misfit_without_mpi(means, lit, VARIANCES, harmonics=(1, 2, 3)), alone / 8, rtol=1e-9)
+
+
+def test_a_patch_counts_with_light_in_a_tenth_of_its_pixels_and_three_times_its_noise() -> None:
+    amplitude, pixels = np.array([0.0031, 0.0029, 0.2, 0.2]), np.array([64.0, 64.0, 6.0, 7.0])
+    means = PatchMeans(np.ones((1, 4), complex), amplitude, pixels)
+    assert lit_patches(means, SIGMA, sampled=64).tolist() == [True, False, False, True]
+    assert lit_patches(means, SIGMA, sampled=60).tolist() == [True, False, False, True]
+    assert lit_patches(
+        PatchMeans(np.ones((1, 1), complex), np.array([3 * SIGMA]), np.array([64.0])), SIGMA, sampled=64
+    ).tolist() == [False]
+
+
+@pytest.mark.parametrize(
+    ("ratio", "separate"),
+    [
+        (np.exp(0.0998j), False),
+        (np.exp(0.106j), True),
+        (1.2, False),
+        (1.203, False),
+        (1.206, True),
+        (np.exp(-2j), False),
+    ],
+)
+def test_a_lead_of_a_tenth_and_a_ratio_of_six_fifths_are_the_most_of_a_tail(ratio: complex, separate: bool) -> None:
+    """Beyond seven times the noise of a mean of 64 pixels: 7 · .001/(.2 · 8) = .0044."""
+    means = PatchMeans(np.full((1, 1, 1), ratio), np.full((1, 1), 0.2), np.full((1, 1), 64.0))
+    assert bool(separate_patches(means, np.ones((1, 1), bool), SIGMA)[0, 0]) is separate
+    assert not separate_patches(means, np.zeros((1, 1), bool), SIGMA).any()
+
+
+def test_a_tail_fits_up_to_three_times_the_expected_misfit_in_half_of_the_patches() -> None:
+    assert tail_fits(np.array([1.0, 12.0, 500.0]), 4)
+    assert not tail_fits(np.array([1.0, 12.1, 500.0]), 4)
+    assert tail_fits(np.array([500.0]), 2)
+    assert not tail_fits(np.array([19.0]), 6)

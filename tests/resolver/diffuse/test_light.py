@@ -1,0 +1,59 @@
+"""The light of patches against sums over their pixels one by one."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from cadtof_cli.resolver.diffuse.light import is_light, patch_light, patch_means
+
+HARMONICS = (1, 2, 4)
+
+
+def test_ratios_are_free_of_the_direct_phase_and_weighted_by_power() -> None:
+    """Of light A·e^(iφ)·H_1, A·e^(ihφ)·H_h: q_h is H_h·|H_1|/H_1^h·…, whatever A and φ of each pixel."""
+    rng = np.random.default_rng(1)
+    strength, phase = rng.uniform(0.1, 0.5, (2, 3, 9)), rng.uniform(-np.pi, np.pi, (2, 3, 9))
+    light = {1: 0.9 * np.exp(0.3j), 2: 0.6 * np.exp(0.1j), 4: 0.3 * np.exp(-0.7j)}
+    p = np.stack([strength * np.exp(1j * h * phase) * light[h] for h in HARMONICS])
+    seen = rng.random((2, 3, 9)) < 0.8
+    spoilt = np.where(seen, p, 1e200)
+    found = patch_light(spoilt, seen, harmonics=HARMONICS)
+    means = patch_means(found, np.ones_like(seen))
+    for row, h in zip(means.ratios, HARMONICS[1:], strict=True):
+        expected = light[h] / abs(light[1]) * np.exp(-1j * h * np.angle(light[1]))
+        assert_allclose(row, np.full((2, 3), expected))
+    power = np.where(seen, np.abs(p[0]) ** 2, 0.0)
+    assert_allclose(found.power, power)
+    assert_allclose(found.phase_rad[seen], np.angle(p[0])[seen])
+    assert_allclose(means.pixels, seen.sum(-1))
+    assert_allclose(means.amplitude, np.sqrt(power.sum(-1) / seen.sum(-1)))
+
+
+def test_pixels_of_different_light_count_by_their_power() -> None:
+    first = np.array([0.1, 0.3, 0.2])
+    second = first * np.array([0.5, 1.0 + 0.2j, -0.4j])
+    light = patch_light(np.stack([first + 0j, second]), np.ones(3, bool), harmonics=(1, 2))
+    among = np.array([True, True, False])
+    means = patch_means(light, among)
+    assert_allclose(means.ratios, [(0.01 * 0.5 + 0.09 * (1.0 + 0.2j)) / 0.1])
+    assert_allclose((means.amplitude, means.pixels), (np.sqrt(0.05), 2.0))
+
+
+def test_patches_without_pixels_have_no_amplitude_and_finite_ratios() -> None:
+    light = patch_light(np.full((2, 4), np.nan + 0j), np.zeros(4, bool), harmonics=(1, 2))
+    means = patch_means(light, np.ones(4, bool))
+    assert (means.ratios.tolist(), float(means.amplitude), float(means.pixels)) == ([0.0], 0.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "expected"),
+    [(999.0, 999.0j, True), (1000.0, 0.1, False), (-1000.0j, 0.1, False), (0.1, -1000.0, False), (0.1, 1000.0j, False)],
+)
+def test_light_is_below_a_thousand_in_every_part_of_every_harmonic(
+    first: complex, second: complex, expected: bool
+) -> None:
+    assert bool(is_light(np.array([[first], [second]]))[0]) is expected
+
+
+def test_a_harmonic_that_has_gone_is_light_and_a_fundamental_that_has_gone_is_not() -> None:
+    assert is_light(np.array([[0.1, 0.0], [0.0, 0.1]], complex)).tolist() == [True, False]

@@ -1,0 +1,125 @@
+"""The state of a room and of its patches: where the model is linear, what Gaussians that are conditioned all at once give."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from cadtof_cli.resolver.diffuse.patch_fit import PatchFit, fitted_patches
+from cadtof_cli.resolver.diffuse.prior import MEAN, between_rooms, within_room
+from cadtof_cli.resolver.diffuse.radiosity import Interreflections
+from cadtof_cli.resolver.diffuse.tail import TailModel
+from tests.support.diffuse_frames import OMEGA, F
+
+NOTHING = np.zeros((3, 1), complex)
+
+DATA = 4
+
+VALUES = DATA + 2
+
+
+@dataclass(frozen=True)
+class Straight(TailModel):
+    """A model whose values are straight lines, slope (values, 6, n) and constant (values, n)."""
+
+    slope: F = field(default_factory=lambda: np.empty(0))
+    constant: F = field(default_factory=lambda: np.empty(0))
+
+    def values(self, state: F, /) -> tuple[F, F]:
+        return np.einsum("ajn,jn->an", self.slope, state) + self.constant, np.swapaxes(self.slope, 0, 1).copy()
+
+
+def straight(patches: int, *, seed: int = 1, strength: float = 0.1) -> Straight:
+    rng = np.random.default_rng(seed)
+    light = Interreflections(NOTHING, NOTHING, NOTHING, np.ones(1), np.ones(1))
+    slope, constant = strength * rng.normal(size=(VALUES, 6, patches)), 0.1 * rng.normal(size=(VALUES, patches))
+    return Straight(light, (1, 2, 3), OMEGA, slope, constant)
+
+
+def problem(patches: int, seed: int = 2) -> tuple[Straight, F, F, F]:
+    """A model, data that come from a room of its own, errors, the last value's tied to the data's, and a pattern."""
+    model, rng = straight(patches), np.random.default_rng(seed)
+    pattern = 0.3 * rng.normal(size=(6, patches))
+    state = MEAN[:, None] + pattern + 0.3 * rng.normal(size=(6, 1)) + 0.1 * rng.normal(size=(6, patches))
+    error = np.zeros((VALUES, VALUES, patches))
+    error[:DATA, :DATA] = np.stack(
+        [0.01 * np.diag(rng.uniform(0.5, 2.0, DATA)) + 0.003 for _ in range(patches)], axis=-1
+    )
+    error[-1, :DATA] = error[:DATA, -1] = 0.002 * rng.normal(size=(DATA, patches))
+    return model, model.values(state)[0][:DATA], error, pattern
+
+
+def room_by_conditioning(model: Straight, data: F, error: F, pattern: F, *, known: bool) -> tuple[F, F]:
+    """Mean and covariance of the room's state, from the covariance of all data of all patches with it and each other.
+
+    More than four patches weigh together as four: each has so much more scatter.
+    """
+    between, within = between_rooms(known_optics=known), within_room(known_optics=known)
+    patches = data.shape[1]
+    slopes = np.concatenate([model.slope[:DATA, :, n] for n in range(patches)])
+    among = slopes @ between @ slopes.T
+    for n in range(patches):
+        own, here = slice(DATA * n, DATA * (n + 1)), model.slope[:DATA, :, n]
+        among[own, own] += (here @ within @ here.T + error[:DATA, :DATA, n]) * max(1.0, patches / 4.0)
+    off = (data - model.values(MEAN[:, None] + pattern)[0][:DATA]).T.ravel()
+    with_room = between @ slopes.T
+    room = MEAN + with_room @ np.linalg.solve(among, off)
+    return room, between - with_room @ np.linalg.solve(among, with_room.T)
+
+
+@pytest.mark.parametrize("known", [True, False])
+@pytest.mark.parametrize("patches", [1, 3, 4, 9])
+def test_room_and_patches_are_those_of_conditioned_gaussians(patches: int, known: bool) -> None:
+    model, data, error, pattern = problem(patches)
+    found = fitted_patches(data, error, model, pattern, known_optics=known)
+    room, room_covariance = room_by_conditioning(model, data, error, pattern, known=known)
+    assert_allclose(found.room, room, rtol=1e-9)
+    assert_allclose(found.room_covariance, room_covariance, atol=1e-10)
+    spread = within_room(known_optics=known) + room_covariance
+    for n in range(patches):
+        slope, prior = model.slope[..., n], room + pattern[:, n]
+        expected = slope @ prior + model.constant[:, n]
+        covariance = slope @ spread @ slope.T
+        among = covariance[:DATA, :DATA] + error[:DATA, :DATA, n]
+        gain = (covariance + error[..., n])[:, :DATA] @ np.linalg.inv(among)
+        off = data[:, n] - expected[:DATA]
+        assert_allclose(found.expected[:, n], expected, rtol=1e-8)
+        assert_allclose(found.covariance[..., n], covariance, atol=1e-10)
+        assert_allclose(found.posterior[:, n], expected + gain @ off, rtol=1e-8)
+        assert_allclose(found.jacobian[..., n], slope.T)
+        pull = np.linalg.solve(among, off)
+        assert_allclose(found.state[:, n], prior + spread @ slope[:DATA].T @ pull, rtol=1e-8)
+
+
+def one_way(target: float) -> PatchFit:
+    """One patch whose data say without noise that the fourth component is so far from the mean."""
+    model = straight(1, strength=0.0)
+    model.slope[0, 3, 0] = 1.0
+    state = MEAN[:, None].copy()
+    state[3] += target
+    error = 1e-9 * np.eye(VALUES)[..., None]
+    return fitted_patches(model.values(state)[0][:DATA], error, model, np.zeros((6, 1)), known_optics=True)
+
+
+@pytest.mark.parametrize(("target", "reached"), [(0.5, 0.5), (-2.9, -2.9), (3.1, 3.1), (3.9, 3.2), (-4.5, -3.2)])
+def test_a_state_gets_as_far_as_four_steps_of_four_fifths(target: float, reached: float) -> None:
+    assert_allclose(one_way(target).state[3, 0] - MEAN[3], reached, rtol=1e-6)
+
+
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_a_room_is_never_further_from_the_usual_one_than_three_spreads(side: float) -> None:
+    """ln v varies by 1.8 between rooms, and by 1.2 within."""
+    found = one_way(side * 40.0)
+    assert_allclose(found.room[3] - MEAN[3], side * 3.0 * 1.8)
+    assert_allclose(one_way(side * 2.0).room[3] - MEAN[3], side * 2.0 / (1.0 + (1.2 / 1.8) ** 2), rtol=1e-5)
+
+
+def test_phases_that_differ_by_turns_say_the_same() -> None:
+    model, data, error, pattern = problem(5)
+    turned = data.copy()
+    turned[2] += 2.0 * np.pi
+    turned[3, ::2] -= 4.0 * np.pi
+    ours, same = (fitted_patches(given, error, model, pattern, known_optics=True) for given in (data, turned))
+    assert_allclose(same.room, ours.room)
+    assert_allclose(same.posterior, ours.posterior)

@@ -1,0 +1,74 @@
+"""What the prediction gives: parts of it, ranges of phases, and pixels of separate patches."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from cadtof_cli.resolver.diffuse.choice import Reason
+from cadtof_cli.resolver.diffuse.records import DiffuseChoice, DiffuseModel, DiffusePixels, range_from_phase
+from cadtof_cli.resolver.diffuse.settings import DiffuseSettings
+from tests.support.diffuse_answers import model_of
+from tests.support.diffuse_frames import C_M_PER_NS, Tail, phasors_of, wall_range
+
+
+def settings(nearest_m: float = 0.0, period_ns: float = 40.0) -> DiffuseSettings:
+    return DiffuseSettings(period_ns=period_ns, harmonics=(1, 2), nearest_m=nearest_m)
+
+
+def test_phases_become_metres_by_the_period() -> None:
+    """A turn of the fundamental is c·T1/2 of range, and c·T1 of way."""
+    asked = settings(period_ns=50.0)
+    assert asked.m_per_rad * 2 * np.pi == pytest.approx(C_M_PER_NS * 25.0)
+    assert 2 * np.pi / asked.rad_per_m == pytest.approx(C_M_PER_NS * 50.0)
+    assert 2 * np.pi / asked.rad_per_ns == pytest.approx(50.0)
+
+
+@pytest.mark.parametrize("nearest_m", [0.0, 2.0, -1.5, 9.0])
+def test_ranges_are_those_of_the_phase_from_the_nearest_on(nearest_m: float) -> None:
+    phase = np.linspace(-7.0, 13.0, 41)
+    found = range_from_phase(phase, settings(nearest_m))
+    turn_m = C_M_PER_NS * 20.0
+    assert ((found >= nearest_m) & (found < nearest_m + turn_m)).all()
+    off = (found - phase * turn_m / (2 * np.pi)) / turn_m
+    assert_allclose(off, np.rint(off), atol=1e-9)
+
+
+def test_answers_are_taken_back() -> None:
+    rows = np.arange(7.0, dtype=np.float32)[:, None] + np.zeros(6, np.float32)
+    pixels = DiffusePixels(0.4, np.ones(6, bool), *rows)
+    pixels.clear(np.arange(6) == 3)
+    assert pixels.answered.all()
+    for number, values in enumerate((*pixels.direct, *pixels.mpi, pixels.chi_squared)):
+        assert_allclose(values, [number, number, number, np.nan, number, number])
+    amplitude, phase, sigma = pixels.direct
+    assert amplitude is pixels.direct_amplitude
+    assert phase is pixels.direct_phase_rad
+    assert sigma is pixels.direct_sigma_rad
+    assert all(
+        a is b
+        for a, b in zip(pixels.mpi, (pixels.mpi_amplitude, pixels.mpi_phase_rad, pixels.mpi_sigma_rad), strict=True)
+    )
+
+
+@pytest.mark.parametrize("reason", ["no MPI to be seen", "separate paths", "no tail fits", "few patches with light"])
+def test_only_a_tail_is_diffuse(reason: Reason) -> None:
+    assert DiffuseChoice("tail", 70, 0.0).taken == "diffuse"
+    assert DiffuseChoice(reason, 70, 0.0).taken == "discrete"
+
+
+def test_pixels_of_separate_patches_and_offsets_are_those_of_the_stretch() -> None:
+    tail = {h: Tail().phasor(h) for h in (1, 2)}
+    offset = np.arange(48.0 * 64.0).reshape(48, 64) * 1e-5
+    found = model_of(phasors_of(wall_range(), tail), range_offset_m=offset)
+    assert isinstance(found, DiffuseModel)
+    found.separate[:] = False
+    found.separate[2, 3] = True
+    stretch = slice(9 * 64 + 10, 13 * 64 + 20)
+    expected = np.zeros((48, 64), bool)
+    expected[8:12, 12:16] = True
+    assert found.is_separate(stretch).tolist() == expected.ravel()[stretch].tolist()
+    assert_allclose(found.range_offset(stretch), offset.ravel()[stretch])
+    bare = model_of(phasors_of(wall_range(), tail))
+    assert isinstance(bare, DiffuseModel)
+    assert bare.range_offset(stretch) == 0.0
+    assert found.block(slice(3, 9)).pixels == slice(3, 9)

@@ -1,0 +1,141 @@
+"""Nets in rooms: two paths where the farther one ends on a wall that neighbours see, and nowhere else."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Optics, Pixel, Pulse
+from cadtof_cli.frame_plan import FramePlan, MapSettings
+from cadtof_cli.maps.layers import DIRECT_DEPTH, DIRECT_SIGMA
+from cadtof_cli.pipeline import ResolvedFrame, resolve_frame
+from cadtof_cli.resolver.diffuse.records import Tails
+from cadtof_cli.resolver.diffuse.through import freed_paths
+from cadtof_cli.resolver.settings import MpiModel, ResolverSettings
+from tests.support.diffuse_answers import B
+from tests.support.diffuse_frames import M_PER_RAD, OMEGA, F, Tail, Z, hung_before, phasors_of, wall_range
+
+HEIGHT, WIDTH, FOCAL = 96, 128, 120.0
+
+TWO_PATHS, DIFFUSE = 16, 2048
+
+WALL = wall_range(HEIGHT, WIDTH, FOCAL, 3.2, (0.2, 0.0))
+
+TAIL = Tail(0.25, 3.0, 9.0)
+
+
+def before_wall(delay_ns: float, share: float, *, harmonics: int = 2) -> tuple[Z, F, B]:
+    """Phasors of a wall with a tail and a net before its middle; their ranges; where the net is."""
+    numbers = tuple(range(1, harmonics + 1))
+    frame = phasors_of(WALL, {h: TAIL.phasor(h) for h in numbers}, harmonics=numbers)
+    net = WALL - delay_ns * OMEGA * M_PER_RAD
+    phasors, covered = hung_before(frame, net, {h: 0.7 * TAIL.phasor(h) for h in numbers}, share=share)
+    return phasors, np.where(covered, net, WALL), covered
+
+
+def resolved(phasors: Z, model: MpiModel = "auto", *, block_pixels: int | None = None) -> ResolvedFrame:
+    """The maps of phasors by the way of `cadtof resolve`."""
+    metadata = CaptureMetadata(
+        modulation=Modulation(periods_ns=tuple(40.0 / h for h in range(1, len(phasors) + 1)), amplitude_v=1.0),
+        pixel=Pixel(integration_length=1e5),
+        pulse=Pulse(fwhm_ns=0.0),
+        optics=Optics(focal_length_px=FOCAL),
+    )
+    plan = FramePlan(
+        metadata=metadata, settings=MapSettings(resolver=ResolverSettings(mpi_model=model)), block_pixels=block_pixels
+    )
+    return resolve_frame(np.stack([phasors.real, phasors.imag], axis=1), plan=plan)
+
+
+def error_cm(found: ResolvedFrame, range_m: F) -> F:
+    return np.asarray(100 * np.abs(found.maps.layer(DIRECT_DEPTH) - range_m))
+
+
+@pytest.mark.parametrize("harmonics", [2, 3])
+@pytest.mark.parametrize(("delay_ns", "share"), [(7.0, 0.6), (9.0, 0.5), (9.0, 0.6), (12.0, 0.7)])
+def test_a_net_before_a_wall_is_seen_as_a_net(delay_ns: float, share: float, harmonics: int) -> None:
+    phasors, range_m, covered = before_wall(delay_ns, share, harmonics=harmonics)
+    found, discrete = resolved(phasors), resolved(phasors, "discrete")
+    assert found.mpi is not None
+    assert found.mpi.taken == "diffuse"
+    assert found.mpi.through_patches > 0
+    error = error_cm(found, range_m)
+    assert np.median(error[covered]) < 3.0
+    assert np.median(error[covered]) < 0.8 * np.median(error_cm(discrete, range_m)[covered])
+    assert np.median(error[~covered]) < 1.0
+    assert ((found.maps.status & TWO_PATHS) > 0)[covered].mean() > 0.9
+    assert ((found.maps.status & DIFFUSE) > 0)[~covered].mean() > 0.98
+    assert (error <= 200 * found.maps.layer(DIRECT_SIGMA))[covered].mean() > 0.8
+    behind = found.maps.layer("mpi.depth")[covered]
+    assert np.median(np.abs(behind - WALL[covered])) < 0.1
+
+
+def test_without_a_net_nothing_is_seen_through() -> None:
+    phasors = phasors_of(WALL, {h: TAIL.phasor(h) for h in (1, 2)})
+    found = resolved(phasors)
+    assert found.mpi is not None
+    assert found.mpi.through_patches == 0
+    assert ((found.maps.status & DIFFUSE) > 0).all()
+
+
+def test_a_surface_whose_second_path_ends_in_front_of_the_wall_is_no_net() -> None:
+    """Light by way of something beside the view, as strong as that of a net, but not from the wall behind."""
+    _, range_m, covered = before_wall(9.0, 0.6)
+    strong = {
+        h: np.where(covered, (1 + TAIL.phasor(h)) * (1 + 0.6 * np.exp(1j * h * OMEGA * 6.0)) - 1, TAIL.phasor(h))
+        for h in (1, 2)
+    }
+    found = resolved(phasors_of(range_m, strong))
+    assert found.mpi is not None
+    assert found.mpi.through_patches == 0
+
+
+def test_a_tail_that_is_asked_for_is_a_tail() -> None:
+    found = resolved(before_wall(9.0, 0.6)[0], "diffuse")
+    assert ((found.maps.status & DIFFUSE) > 0).all()
+
+
+@pytest.mark.parametrize("block_pixels", [97, 5000])
+def test_blocks_of_any_size_have_the_same_bits(block_pixels: int) -> None:
+    phasors = before_wall(9.0, 0.6)[0]
+    whole, cut = resolved(phasors), resolved(phasors, block_pixels=block_pixels)
+    np.testing.assert_array_equal(cut.maps.values, whole.maps.values)
+    np.testing.assert_array_equal(cut.maps.status, whole.maps.status)
+
+
+def test_pixels_without_a_value_stay_without_and_change_no_others_much() -> None:
+    phasors, range_m, covered = before_wall(9.0, 0.6)
+    lost = np.random.default_rng(1).random(covered.shape) < 0.1
+    phasors[:, lost] = np.nan
+    found = resolved(phasors)
+    depth = found.maps.layer(DIRECT_DEPTH)
+    np.testing.assert_array_equal(np.isnan(depth), lost)
+    assert np.median(error_cm(found, range_m)[covered & ~lost]) < 3.0
+
+
+def test_what_is_recorded_is_what_confidence_says() -> None:
+    phasors = before_wall(9.0, 0.6)[0]
+    np.testing.assert_allclose(resolved(phasors).maps.layer("confidence"), np.abs(phasors[0]), rtol=1e-6)
+
+
+@settings(max_examples=50, deadline=None)
+@given(
+    near=st.floats(0.0, 6.0),
+    delay_ns=st.floats(6.0, 17.0),
+    share=st.floats(0.3, 0.8),
+    strength=st.floats(0.0, 0.3),
+    less=st.floats(0.5, 1.0),
+)
+def test_two_paths_with_a_tail_each_are_found(
+    near: float, delay_ns: float, share: float, strength: float, less: float
+) -> None:
+    """What is nearer gets more direct light, so that its tail is the less."""
+    later, numbers = delay_ns * OMEGA, (1, 2, 3)
+    first, second = (np.array([1 + Tail(s, 3.0, 9.0).phasor(h) for h in numbers]) for s in (less * strength, strength))
+    h = np.array(numbers)
+    phasors = share * np.exp(1j * h * near) * first + (1 - share) * np.exp(1j * h * (near + later)) * second
+    found = freed_paths(phasors[:, None], Tails(first, second, numbers))
+    off = np.exp(1j * (found.near_rad[0] - near))
+    assert abs(np.angle(off)) * M_PER_RAD < 0.05
+    assert found.later_rad[0] == pytest.approx(later, abs=0.1)
+    assert found.near_share[0] == pytest.approx(share, abs=0.1)
