@@ -20,11 +20,11 @@ GUESSED_SHARE = 0.15
 """The share of the light of guessed walls that is counted with two harmonics: such early light they hardly tell from none.
 Three tell it."""
 
-GUESSED_ERROR = 0.35
-"""Standard deviation of that share."""
+GUESSED_ERROR = (0.35, 0.5)
+"""Standard deviation of that share: with two harmonics, and with more."""
 
 PATCH_SHARE = (0.3, 0.1)
-"""Variance that a patch leaves to all its pixels, over its posterior variance: with two harmonics, and with more."""
+"""Variance that a patch leaves to all its pixels, over its posterior variance."""
 
 SURPRISE = (6.0, 0.1)
 """How that share grows with χ² of the patch: two data are hardly missed by so many unknowns, so that a small misfit says much."""
@@ -92,7 +92,11 @@ def coarse_planes(fit: PatchFit, posterior: Conditioned, beside: Beside, valid: 
     more = min(further, 2) - 1
     kept = PATCH_SHARE[more] + SURPRISE[more] * posterior.chi_squared
     left = {key: kept * value for key, value in posterior.covariance.items()}
-    shared = (LAG_ERROR[more] * lag, BESIDE_ERROR[more] * beside.continued_rad, GUESSED_ERROR * beside.guessed_rad)
+    shared = (
+        LAG_ERROR[more] * lag,
+        BESIDE_ERROR[more] * beside.continued_rad,
+        GUESSED_ERROR[more] * beside.guessed_rad,
+    )
     left[1, 1] = left[1, 1] + sum(part**2 for part in shared)
     rows = [*values, *(spread[entry] for entry in entries), left[1, 1], _mpi_variance(values, spread, left)]
     planes = np.empty((len(rows), *valid.shape), np.float32)
