@@ -49,14 +49,15 @@ class PatchFit:
     jacobian: Float
 
 
-def fitted_patches(data: Float, noise: Float, model: TailModel, pattern: Float, /, *, known_optics: bool) -> PatchFit:
-    """Fit the state of a frame and its patches to their data, (data, n), with noise covariances (data, data, n).
+def fitted_patches(data: Float, error: Float, model: TailModel, pattern: Float, /, *, known_optics: bool) -> PatchFit:
+    """Fit the state of a frame and its patches to their data, (data, n).
 
-    `pattern`, (6, n), is how the state differs between patches by rule.
+    `error`, (data + 2, data + 2, n), is the covariance of what the model's values are wrong by, and of noise; `pattern`, (6, n),
+    how the state differs between patches by rule.
     """
     within = within_room(known_optics=known_optics)
     between = between_rooms(known_optics=known_optics)
-    noise_by_patch = noise.transpose(2, 0, 1)
+    noise_by_patch = error[: model.data, : model.data].transpose(2, 0, 1)
     state = MEAN[:, None] + pattern
     for step in range(STEPS + 1):
         values, jacobian = model.values(state)
@@ -74,7 +75,7 @@ def fitted_patches(data: Float, noise: Float, model: TailModel, pattern: Float, 
         change = prior + np.einsum("jan,na->jn", spread[:, : model.data], pull) - state
         if step < STEPS:
             state = state + np.clip(change, -LARGEST_STEP, LARGEST_STEP)
-    posterior = expected + np.einsum("abn,nb->an", covariance[:, : model.data], pull)
+    posterior = expected + np.einsum("abn,nb->an", (covariance + error)[:, : model.data], pull)
     return PatchFit(room, room_covariance, state, expected, posterior, covariance, jacobian)
 
 

@@ -62,10 +62,14 @@ class TailModel:
         values[phases] = wrapped(values[phases])
         return values, free_of_direct(slopes, self._harmonic)
 
-    def beside_lag(self, state: Float, /) -> Float:
-        """Return how much of arg H_1 is due to surfaces beside the view, rad (n,), at a state (6, n)."""
-        seen, beyond, later, unseen, _ = self._terms(state)
-        lag: Float = (beyond[0] / (1.0 + seen[0] + beyond[0] + later[0] + unseen[0])).imag
+    def beside_lag(self, state: Float, /, beyond: Complex | None = None) -> Float:
+        """Return how much of arg H_1 is due to surfaces beside the view, rad (n,), at a state (6, n).
+
+        Others than those of the model may be asked for, by the light `beyond` that they would give, (n,).
+        """
+        terms = self._terms(state)
+        light = terms[1][0] if beyond is None else np.exp(state[0] + state[1]) * beyond
+        lag: Float = (light / (1.0 + sum(term[0] for term in terms[:4]))).imag
         return lag
 
     def _terms(self, state: Float) -> tuple[Complex, Complex, Complex, Complex, Complex]:
