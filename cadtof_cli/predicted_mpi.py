@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 def predicted_mpi(
-    pixels: "FramePixels", plan: FramePlan, stages: "FrameStages"
+    pixels: "FramePixels", plan: FramePlan, stages: "FrameStages", kernel: str
 ) -> "tuple[DiffuseChoice, DiffuseModel | None]":
     """Return which model of MPI a frame has and, where that is diffuse, what predicts it from the frame's own geometry."""
     from cadtof_cli.resolver.diffuse.grid import View, sampled_pixels
@@ -24,7 +24,7 @@ def predicted_mpi(
 
     noise, modulation = pixels.noise, plan.metadata.modulation
     chosen = np.arange(pixels.count).reshape(pixels.size)[sampled_pixels(*pixels.size)]
-    phasors, usable = _as_of_a_sine(pixels, chosen.ravel(), stages)
+    phasors, usable = _as_of_a_sine(pixels, chosen.ravel(), stages, kernel)
     optics, offset = plan.metadata.optics, stages.depth.range_offset_m
     found = diffuse_model(
         phasors.reshape(-1, *chosen.shape),
@@ -41,7 +41,7 @@ def predicted_mpi(
     return (found.choice, found) if isinstance(found, DiffuseModel) else (found, None)
 
 
-def _as_of_a_sine(pixels: "FramePixels", chosen: Index, stages: "FrameStages") -> tuple[Complex, Bool]:
+def _as_of_a_sine(pixels: "FramePixels", chosen: Index, stages: "FrameStages", kernel: str) -> tuple[Complex, Bool]:
     """Return the phasors of chosen pixels of a frame as a sine would have them, (H, n), and which have an answer, (n,)."""
     from cadtof_cli.resolver.resolve import resolve_paths, screened
 
@@ -53,7 +53,7 @@ def _as_of_a_sine(pixels: "FramePixels", chosen: Index, stages: "FrameStages") -
             np.sqrt(powers[0]), powers, stages.status(pixels, chosen), settings=stages.resolver, noise=noise
         )
     if stages.correction.response is not None:
-        response = stages.correction.response.block(chosen)
+        response = stages.correction.response.block(chosen, kernel=kernel)
         found = resolve_paths(phasors, status=status, settings=stages.resolver, noise=noise, response=response)
         from cadtof_cli.resolver.response.as_sine import phasors_of_sine
 
