@@ -1,8 +1,8 @@
 """What surfaces that mirror do to the prediction: rooms with a gloss on all surfaces.
 
 `python scripts/diffuse_gloss.py ROOM...` takes captures of `scripts/render_rooms.py` and adds to every pixel what its surface
-mirrors: the lamp's direct light on what lies in the mirror's direction, spread over a lobe, times each share of the table. A waxed
-floor mirrors .04 to .1 of it, a lacquered cupboard up to .3. Medians over the rooms of median errors, cm.
+mirrors: the lamp's direct light on what lies in the mirror's direction, spread over a lobe, times each share of the table. A
+waxed floor mirrors .04 to .1 of it, a lacquered cupboard up to .3. Medians over the rooms of median errors, cm.
 """
 
 import argparse
