@@ -37,7 +37,8 @@ COMPILED = {
         "../diffuse/_elementary.h",
         "../diffuse/_tail.h",
         "../diffuse/_tail_buffers.h",
-    )
+    ),
+    "resolver/likelihood/_search": ("_instruction_sets.h", "_search.h", "../two_path/_kernel_buffers.h"),
 }
 """Extension modules, each of one C file in `cadtof_cli`, with the headers beside it."""
 

@@ -7,16 +7,16 @@ imported when one of them is first asked for, so importing the package costs not
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from cadtof_cli.door.frames import Frame, read_frames
-    from cadtof_cli.door.maps import Maps, read_maps
-    from cadtof_cli.door.resolve import resolve
-    from cadtof_cli.door.scenes import SimulatedCapture, simulate_scene
+    from cadtof_cli.api.frames import Frame, read_frames
+    from cadtof_cli.api.maps import Maps, read_maps
+    from cadtof_cli.api.resolve import resolve
+    from cadtof_cli.api.scenes import SimulatedCapture, simulate_scene
 
 __version__ = "0.1.0"
 
 __all__ = ["Frame", "Maps", "SimulatedCapture", "read_frames", "read_maps", "resolve", "simulate_scene"]
 
-_ROOMS = {
+_MODULES = {
     "Frame": "frames",
     "read_frames": "frames",
     "Maps": "maps",
@@ -25,16 +25,16 @@ _ROOMS = {
     "SimulatedCapture": "scenes",
     "simulate_scene": "scenes",
 }
-"""Which module of `cadtof_cli/door` each name comes from."""
+"""Which module of `cadtof_cli/api` each name comes from."""
 
 
 def __getattr__(name: str) -> Any:
-    """Import what a name of the Python door stands for."""
-    if name not in _ROOMS:
+    """Import what a name of the Python interface stands for."""
+    if name not in _MODULES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     import importlib
 
-    value = getattr(importlib.import_module(f"cadtof_cli.door.{_ROOMS[name]}"), name)
+    value = getattr(importlib.import_module(f"cadtof_cli.api.{_MODULES[name]}"), name)
     globals()[name] = value
     return value
 

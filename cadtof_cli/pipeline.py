@@ -19,7 +19,7 @@ from cadtof_cli.errors import FrameError
 from cadtof_cli.files.maps import DepthMaps
 from cadtof_cli.frame_plan import FramePlan
 from cadtof_cli.maps.depth import DepthScale, clear_impossible, clear_pixels, empty_maps, most_volts, write_block
-from cadtof_cli.maps.layers import ALWAYS
+from cadtof_cli.maps.layers import ALWAYS, Layer
 from cadtof_cli.optics.lamp import LampBeside
 from cadtof_cli.optics.lens import planar_per_range
 from cadtof_cli.phasors.frame_mean import FrameMean
@@ -28,8 +28,9 @@ from cadtof_cli.phasors.plausible import is_without_noise
 from cadtof_cli.phasors.voltages import phasors_from_stored, saturated_pixels
 from cadtof_cli.predicted_mpi import predicted_mpi
 from cadtof_cli.records import dataclass
+from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.resolver.status import StatusBit, has_answer
-from cadtof_cli.resolver.two_path.kernel import NUMPY, KernelFrame, chosen_kernel, fill_maps
+from cadtof_cli.resolver.two_path.kernel import NUMPY, KernelScales, chosen_kernel, fill_maps
 from cadtof_cli.units import metres_per_radian
 
 if TYPE_CHECKING:
@@ -99,13 +100,12 @@ class FramePixels:
         return self.first + chosen
 
     def __getitem__(self, pixels: slice, /) -> "FramePixels":
-        pooled = None if self.pooled is None else self.pooled[:, pixels]
         return replace(
             self,
             stored=self.stored[:, :, pixels],
             first=self.first + pixels.indices(self.count)[0],
             noise=self.noise[pixels],
-            pooled=pooled,
+            pooled=None if self.pooled is None else self.pooled[:, pixels],
         )
 
     def parts(self, count: int, /) -> tuple["FramePixels", ...]:
@@ -126,11 +126,15 @@ class ResolvedFrame:
 
 @dataclass(frozen=True, eq=False)
 class FrameStages:
-    """What every block of frames of one plan, type and size shares."""
+    """What every block of frames of one plan, type and size shares; `noise` None: it is to be estimated from each frame."""
 
     saturated_counts: tuple[float, float] | None
     correction: FrameCorrection
     depth: DepthScale
+    resolver: ResolverSettings
+    room: str
+    layers: tuple[Layer, ...]
+    noise: NoiseModel | None
 
     def phasors(self, pixels: FramePixels, chosen: Where = EVERY) -> Complex:
         """Return the phasors of pixels or some of them, (H, n): pooled, or from what was stored."""
@@ -140,13 +144,12 @@ class FrameStages:
 
     def status(self, pixels: FramePixels, chosen: Where = EVERY, *, saturated: bool = True) -> Status:
         """Return the bits of pixels or some of them that get no answer whatever they hold, (n,): hot; saturated if asked for."""
-        stored = _some(pixels.stored, chosen)
-        status = np.zeros(stored.shape[-1], np.uint32)
+        hot = self.correction.hot
+        bits = np.uint32(0) if hot is None else hot[pixels.places(chosen)] * np.uint32(StatusBit.HOT_PIXEL)
         if saturated:
-            status |= saturated_pixels(stored, self.saturated_counts) * np.uint32(StatusBit.SATURATED)
-        if self.correction.hot is not None:
-            status |= self.correction.hot[pixels.places(chosen)] * np.uint32(StatusBit.HOT_PIXEL)
-        return status
+            beyond = saturated_pixels(_some(pixels.stored, chosen), self.saturated_counts)
+            bits = bits | beyond * np.uint32(StatusBit.SATURATED)
+        return np.asarray(bits, np.uint32)
 
 
 def _some(planes: Stored, chosen: Where) -> Stored:
@@ -170,7 +173,12 @@ def frame_stages(
         correction.range_offset_m if plan.calibration and plan.calibration.curved else None,
         LampBeside.of(metadata.optics, size),
     )
-    return sealed(FrameStages(metadata.voltage.saturated_counts, correction, depth))
+    resolver, n_av, noise = plan.resolver, metadata.pixel.integration_length, None
+    room = resolver.room(metadata.modulation.harmonics, sine=correction.response is None)
+    if n_av is not None:
+        noise = noise_model(metadata, integration_length=n_av, quantised=dtype.kind in "iu")
+    saturated = metadata.voltage.saturated_counts
+    return sealed(FrameStages(saturated, correction, depth, resolver, room, plan.layers, noise))
 
 
 def resolve_frame(
@@ -184,7 +192,7 @@ def resolve_frame(
     """Return the maps of one frame of stored values, (H, 2, Y, X), or of the mean of several.
 
     Args:
-        frame: the frame.
+        frame: stored values, or their mean.
         plan: what to do with it.
         calibration: the one that the plan names.
         kernel: what resolves two paths of a sine, of `available_kernels`, all of which give the same bits; None: the chosen.
@@ -206,16 +214,14 @@ def prepare_frame(
     stages = frame_stages(plan, calibration, frame.dtype, (height, width))
     stored = recorded.reshape(*recorded.shape[:2], -1)
     samples = None if samples is None else samples.ravel()
-    n_av, unknown = plan.metadata.pixel.integration_length, NoiseModel((), math.nan, estimated=True, samples=samples)
+    unknown = NoiseModel((), math.nan, estimated=True, samples=samples)
     pixels = FramePixels(stored, frame.dtype, (height, width), 0, unknown)
-    if n_av is not None:
-        noise = noise_model(plan.metadata, integration_length=n_av, quantised=frame.dtype.kind in "iu")
-    else:
-        noise = _estimated_noise(pixels, plan, stages)
-    pixels = replace(pixels, noise=replace(noise, samples=samples), without_noise=is_without_noise(stored, noise))
+    noise = stages.noise or _estimated_noise(pixels, plan, stages)
+    noise = noise if samples is None else replace(noise, samples=samples)
+    pixels = replace(pixels, noise=noise, without_noise=is_without_noise(stored, noise))
     if plan.settings.pool > 1:
         pixels = _pooled(pixels, stages, window=plan.settings.pool)
-    if plan.resolver.may_be_diffuse(pixels.noise.harmonics):
+    if stages.resolver.may_be_diffuse(pixels.noise.harmonics):
         pixels = replace(pixels, mpi=predicted_mpi(pixels, plan, stages))
     return pixels
 
@@ -229,11 +235,9 @@ def resolve_pixels(
     part changes a bit of the answer.
     """
     stages = frame_stages(plan, calibration, pixels.dtype, pixels.size)
-    maps = empty_maps(1, pixels.count, layers=plan.layers)
-    kernel, resolver = kernel or chosen_kernel(), plan.settings.resolver
-    room = resolver.room(pixels.noise.harmonics, sine=stages.correction.response is None)
-    in_kernel = room == "two_path" and resolver.paths <= 2 and (pixels.tail is None or pixels.tail.through is None)
-    if kernel != NUMPY and in_kernel:
+    maps, kernel = empty_maps(1, pixels.count, layers=stages.layers), kernel or chosen_kernel()
+    in_kernel = stages.room == "two_path" and stages.resolver.paths <= 2
+    if kernel != NUMPY and in_kernel and (pixels.tail is None or pixels.tail.through is None):
         _fill_by_kernel(maps, pixels, plan, stages, kernel)
     else:
         _fill_by_blocks(maps, pixels, plan, stages, kernel, calibrated=calibration is not None)
@@ -252,16 +256,14 @@ def _fill_by_blocks(
     from cadtof_cli.resolver.resolve import resolve_paths
 
     response, tail = stages.correction.response, pixels.tail
-    in_closed_form = response is None and plan.settings.resolver.in_closed_form(pixels.noise.harmonics)
-    step = plan.block_pixels or (BLOCK_PIXELS if in_closed_form else SEARCHED_BLOCK_PIXELS)
+    step = plan.block_pixels or (BLOCK_PIXELS if stages.room == "two_path" else SEARCHED_BLOCK_PIXELS)
     for start in range(0, pixels.count, step):
         here = slice(start, min(start + step, pixels.count))
-        block = pixels[here]
-        there = slice(block.first, block.first + block.count)
+        block, there = pixels[here], slice(pixels.first + here.start, pixels.first + here.stop)
         resolved = resolve_paths(
             stages.phasors(block),
             status=stages.status(block),
-            settings=plan.resolver,
+            settings=stages.resolver,
             noise=block.noise,
             response=response.block(there) if response else None,
             first=block.first,
@@ -271,15 +273,14 @@ def _fill_by_blocks(
         if calibrated:
             np.bitwise_or(resolved.status, np.uint32(StatusBit.CALIBRATED), out=resolved.status)
         source = stages.depth.source(resolved, there, samples=block.noise.samples)
-        write_block(maps, here, source, layers=plan.layers)
+        write_block(maps, here, source, layers=stages.layers)
 
 
 def _fill_by_kernel(maps: DepthMaps, pixels: FramePixels, plan: FramePlan, stages: FrameStages, kernel: str) -> None:
     """Fill the maps of prepared pixels from their stored values in one go: what the blocks of `resolve_pixels` do in numpy."""
     block, recorded = slice(pixels.first, pixels.first + pixels.count), pixels.pooled is None
     status, samples = maps.status.reshape(-1), pixels.noise.samples
-    # what was recorded, the kernel looks at itself
-    status[:] = stages.status(pixels, saturated=not recorded)
+    status[:] = stages.status(pixels, saturated=not recorded)  # what was recorded, the kernel looks at itself
     if plan.calibration is not None:
         status |= np.uint32(StatusBit.CALIBRATED)
     if samples is not None:
@@ -290,8 +291,7 @@ def _fill_by_kernel(maps: DepthMaps, pixels: FramePixels, plan: FramePlan, stage
         from cadtof_cli.resolver.diffuse.compiled import tail_buffers
 
         tail = tail_buffers(pixels.tail.block(block))
-    frame = KernelFrame(
-        stored=pixels.stored if pixels.pooled is None else pixels.pooled,
+    scales = KernelScales(
         phasor_map=stages.correction.phasor_map[block] if recorded else None,
         saturated_counts=stages.saturated_counts,
         metres=stages.depth.metres(block),
@@ -302,7 +302,8 @@ def _fill_by_kernel(maps: DepthMaps, pixels: FramePixels, plan: FramePlan, stage
         noise_volts=more,
     )
     layers, *others = np.split(maps.values.reshape(len(maps.names), -1), [len(ALWAYS)])
-    fill_maps(frame, layers=layers, status=status, settings=plan.resolver, noise=pixels.noise, kernel=kernel)
+    stored = pixels.stored if pixels.pooled is None else pixels.pooled
+    fill_maps(stored, scales, layers=layers, status=status, settings=stages.resolver, noise=pixels.noise, kernel=kernel)
     for averaged in others:
         averaged[:] = 1.0 if samples is None else samples
 

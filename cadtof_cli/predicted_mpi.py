@@ -21,7 +21,7 @@ def predicted_mpi(pixels: "FramePixels", plan: FramePlan, stages: "FrameStages")
 
     noise, modulation = pixels.noise, plan.metadata.modulation
     chosen = np.arange(pixels.count).reshape(pixels.size)[sampled_pixels(*pixels.size)]
-    phasors, usable = _as_of_a_sine(pixels, chosen.ravel(), plan, stages)
+    phasors, usable = _as_of_a_sine(pixels, chosen.ravel(), stages)
     optics, offset = plan.metadata.optics, stages.depth.range_offset_m
     return diffuse_model(
         phasors.reshape(-1, *chosen.shape),
@@ -29,7 +29,7 @@ def predicted_mpi(pixels: "FramePixels", plan: FramePlan, stages: "FrameStages")
         usable=usable.reshape(chosen.shape),
         variances=tuple(one.dark_variance for one in noise.each),
         settings=DiffuseSettings(
-            model=plan.resolver.mpi_model, period_ns=modulation.periods_ns[0], harmonics=noise.harmonics
+            model=stages.resolver.mpi_model, period_ns=modulation.periods_ns[0], harmonics=noise.harmonics
         ),
         view=View(focal, principal_point(optics, pixels.size)) if (focal := optics.focal_length_px) else None,
         samples=None if noise.samples is None else noise.samples.reshape(pixels.size),
@@ -37,7 +37,7 @@ def predicted_mpi(pixels: "FramePixels", plan: FramePlan, stages: "FrameStages")
     )
 
 
-def _as_of_a_sine(pixels: "FramePixels", chosen: Index, plan: FramePlan, stages: "FrameStages") -> tuple[Complex, Bool]:
+def _as_of_a_sine(pixels: "FramePixels", chosen: Index, stages: "FrameStages") -> tuple[Complex, Bool]:
     """Return the phasors of chosen pixels of a frame as a sine would have them, (H, n), and which have an answer, (n,)."""
     from cadtof_cli.resolver.resolve import resolve_paths, screened
 
@@ -46,11 +46,11 @@ def _as_of_a_sine(pixels: "FramePixels", chosen: Index, plan: FramePlan, stages:
         # values that no camera stores, and NaN, are what the screening finds
         powers = [phasor.real**2 + phasor.imag**2 for phasor in phasors]
         status, _ = screened(
-            np.sqrt(powers[0]), powers, stages.status(pixels, chosen), settings=plan.resolver, noise=noise
+            np.sqrt(powers[0]), powers, stages.status(pixels, chosen), settings=stages.resolver, noise=noise
         )
     if stages.correction.response is not None:
         response = stages.correction.response.block(chosen)
-        found = resolve_paths(phasors, status=status, settings=plan.resolver, noise=noise, response=response)
+        found = resolve_paths(phasors, status=status, settings=stages.resolver, noise=noise, response=response)
         from cadtof_cli.resolver.response.as_sine import phasors_of_sine
 
         phasors = phasors_of_sine(phasors, found.paths, response=response)

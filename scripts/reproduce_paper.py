@@ -7,10 +7,11 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TypeVar
 
+import numpy as np
 from paper.effort import Effort, quick
 from paper.page import page
-from paper.pixel_experiments import figure_2, figure_3
-from paper.resolver_experiments import figure_6, figures_8_and_9, table_1
+from paper.pixel_experiments import draw_figure_3, figure_2, figure_3, read_table
+from paper.resolver_experiments import TABLE_1, draw_figure_7, draw_figures_8_and_9, figure_6, figures_8_and_9, table_1
 from paper.scene_experiments import figure_4, figure_5
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -22,11 +23,17 @@ def main() -> None:
     """Run all experiments, and write the page."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--quick", action="store_true", help="few runs, for CI; noisier numbers")
+    parser.add_argument(
+        "--redraw", action="store_true", help="draw Figs. 3, 7, 8 and 9 again from the CSV files that are there"
+    )
     parser.add_argument("--out", type=Path, help="folder [default: docs/paper; --quick: out/paper]")
     parser.add_argument("--jobs", type=int, default=len(os.sched_getaffinity(0)), help="processes")
     arguments = parser.parse_args()
     out = arguments.out or ROOT / ("out/paper" if arguments.quick else "docs/paper")
     out.mkdir(parents=True, exist_ok=True)
+    if arguments.redraw:
+        redraw(out)
+        return
     effort = quick(out, arguments.jobs) if arguments.quick else Effort(out, arguments.jobs)
     made = page(
         effort,
@@ -40,6 +47,13 @@ def main() -> None:
     _timed("Fig. 6", figure_6, effort)
     (out / "README.md").write_text(made, encoding="utf-8")
     print(f"page: {out / 'README.md'}")
+
+
+def redraw(out: Path) -> None:
+    """Draw the figures again whose numbers are all in the CSV files beside them."""
+    draw_figure_3(read_table(out / "fig3.csv"), out)
+    draw_figure_7({name: np.loadtxt(out / f"fig7{name}.csv", delimiter=",", skiprows=1).T for name in TABLE_1}, out)
+    draw_figures_8_and_9(read_table(out / "fig8_9.csv"), read_table(out / "fig8_9_as_the_paper.csv"), out)
 
 
 def _timed(name: str, experiment: Callable[[Effort], Result], effort: Effort) -> Result:

@@ -37,7 +37,7 @@ ALLOWED: dict[str, set[str]] = {
     },
     "one_pixel": {"calibration", "frame_plan", "maps", "phasors", "pipeline", "resolver"},
     "report": {"capture", "files", "maps", "optics", "resolver"},
-    "door": {
+    "api": {
         *("calibration", "capture", "files", "frame_plan", "maps", "phasors", "pipeline", "resolver", "simulation"),
         "workflows",
     },
@@ -97,7 +97,7 @@ def test_only_the_command_line_knows_of_commands() -> None:
     for path in _modules():
         if _part(path) not in {"cli", "commands", "__main__"}:
             assert not _own(path) & {"cli", "commands"}, path
-        if _part(path) not in {"commands", "door", "workflows"}:
+        if _part(path) not in {"commands", "api", "workflows"}:
             assert "workflows" not in _own(path), path
 
 

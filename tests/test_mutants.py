@@ -1,12 +1,16 @@
 """The mutation tool: what it changes in a small module, what it leaves alone, and which tests it thinks of."""
 
+import ast
+import importlib.util
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 from mutation.calls import Calls, Test
 from mutation.mutants import Mutant, all_mutants, drawn, mutated
 from mutation.named import Change, GoneError, changed_files, read_changes
 from mutation.reach import reaches
+from mutation.session import NotPutInError, put_in
 
 SOURCE = '''"""A module; its numbers, 3, are no constants."""
 
@@ -182,3 +186,51 @@ def test_what_the_named_changes_replace_stands_in_the_package() -> None:
     for change in changes:
         assert changed_files(root, change, kernel=False)
         assert bool(changed_files(root, change, kernel=True)) == bool(change.kernel)
+
+
+def test_the_tests_that_notice_named_changes_are_there() -> None:
+    root = Path(__file__).parents[1]
+    for change in read_changes(root / "scripts" / "mutation" / "named.toml"):
+        if change.test:
+            file, _, name = change.test.partition("::")
+            assert f"def {name}(" in (root / file).read_text()
+
+
+def imported(path: Path, source: str) -> ModuleType:
+    path.write_text(source)
+    spec = importlib.util.spec_from_file_location(path.stem, path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_a_change_is_put_into_functions_that_others_hold_already(tmp_path: Path) -> None:
+    path = tmp_path / "thing.py"
+    source = (
+        "from functools import lru_cache\n\n\nclass Thing:\n    @property\n    def size(self):\n        return 2\n\n\n"
+        "@lru_cache(maxsize=7)\ndef part(x):\n    return [x + y for y in (1, 2)]\n"
+    )
+    module = imported(path, source)
+    thing, part = module.Thing(), module.part
+    changed = source.replace("return 2", "return 3").replace("x + y", "x - y")
+    put_in(path, ast.parse(changed))
+    assert thing.size == 3
+    assert part(5) == [4, 3]
+
+
+def test_of_two_functions_in_one_line_none_is_guessed(tmp_path: Path) -> None:
+    path = tmp_path / "thing.py"
+    source = "both = (lambda x: x + 1, lambda x: x - 1)\n"
+    module = imported(path, source)
+    with pytest.raises(NotPutInError):
+        put_in(path, ast.parse(source.replace("x + 1", "x * 1")))
+    assert [one(4) for one in module.both] == [5, 3]
+
+
+def test_what_runs_on_import_is_not_put_in() -> None:
+    path = "cadtof_cli/maps/deep/thing.py"
+    calls = Calls({}, {path: frozenset({1, 2})}) | Calls({}, {path: frozenset({9}), "other.py": frozenset({4})})
+    assert [calls.may_be_put_in(path, range(line, line + 1)) for line in (1, 4, 9)] == [False, True, False]
+    assert not calls.may_be_put_in(path, range(2, 5))

@@ -90,9 +90,10 @@ def _heat_map(axes: Axes, table: Table, column: str, norm: Normalize, *, signed:
     image = axes.imshow(values, origin="lower", aspect="auto", cmap="RdBu_r" if signed else "viridis", norm=norm)
     axes.set_xticks(range(len(lengths)), [f"{length:,.0f}" for length in lengths], fontsize=8)
     axes.set_yticks(range(len(asrs)), [f"{asr:g}" for asr in asrs], fontsize=8)
-    axes.set(xlabel="integration length", ylabel="ASR")
+    axes.set_xlabel("integration length", fontsize=9)
+    axes.set_ylabel("ASR", fontsize=9)
     if len(lengths) <= _READABLE_CELLS:
-        _write_numbers(axes, values, image.cmap, norm, digits="+.3f" if signed else ".2g")
+        _write_numbers(axes, values, image.cmap, norm, digits="+.3f" if signed else "#.2g")
     return image
 
 
@@ -112,4 +113,7 @@ def _write_numbers(axes: Axes, values: Float, colours: Colormap, norm: Normalize
         if np.isfinite(value):
             red, green, blue, _ = colours(norm(value))
             ink = "black" if 0.3 * red + 0.59 * green + 0.11 * blue > 0.5 else "white"
-            axes.text(column, row, f"{value:{digits}}", ha="center", va="center", fontsize=7, color=ink)
+            shown = f"{value:{digits}}".rstrip(".").replace("-0.000", "0.000").replace("+0.000", "0.000")
+            axes.text(
+                column, row, shown.replace("-", "\N{MINUS SIGN}"), ha="center", va="center", fontsize=7, color=ink
+            )

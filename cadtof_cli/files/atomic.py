@@ -3,12 +3,13 @@
 import errno
 import json
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
 from cadtof_cli.errors import OutputError, PlaceError
+from cadtof_cli.files.direct import write_parts
 from cadtof_cli.files.system import MAKE, remove_and_close, sync_folder
 
 PARTIAL_SUFFIX = ".partial"
@@ -45,6 +46,7 @@ class PartialFile:
         self.temporary = self._folder / _temporary_name(path.name, token)
         self._descriptor: int | None = None
         self._bytes = 0
+        self._parts: Sequence[memoryview] = ()
         with self.errors_told():
             self._descriptor = os.open(self.temporary, MAKE, 0o666)
 
@@ -55,6 +57,10 @@ class PartialFile:
             yield
         except OSError as error:
             raise write_error(self.path, error) from error
+
+    def hold(self, parts: Sequence[memoryview], /) -> None:
+        """Take what is to be written, one part after the other, when the file is kept; nobody changes it until then."""
+        self._parts = parts
 
     def written(self) -> int:
         """Return how many bytes were written; raises OSError where there are none, or not in our file."""
@@ -67,13 +73,17 @@ class PartialFile:
         return self._bytes
 
     def keep(self) -> int:
-        """Give what was written its name, and return its size in bytes: this waits for the disk, and does hardly anything else.
+        """Give what was written its name, and return its size in bytes: this waits for the disk, and hardly computes.
 
         Raises:
             OutputError: it cannot be kept, and is given up; PlaceError: nor could another.
         """
         try:
             with self.errors_told():
+                if self._parts:
+                    assert self._descriptor is not None
+                    write_parts(self._descriptor, self._parts)
+                    self._parts = ()
                 size = self.written()
                 self._sync_and_close()
                 self.temporary.replace(self.path)

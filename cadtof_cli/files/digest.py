@@ -3,6 +3,7 @@
 They are XXH3's, of 128 bits: they find accidents, not forgeries.
 """
 
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,14 @@ def content_digest(values: NDArray[Any], /) -> str:
     """Return a digest of an array's type, shape and values, 32 hexadecimal digits."""
     digest = Digest(np.ascontiguousarray(values).reshape(-1).view(np.uint8).data)
     digest.update(f"{values.dtype.str}{values.shape}".encode())
+    return digest.hexdigest()
+
+
+def parts_digest(parts: Iterable[memoryview], /) -> str:
+    """Return the digest of the bytes of a file that is made of some parts."""
+    digest = Digest()
+    for part in parts:
+        digest.update(part)
     return digest.hexdigest()
 
 

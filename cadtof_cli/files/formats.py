@@ -4,7 +4,7 @@ Options and discovery read it at start-up, so a format's library is loaded only 
 """
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from functools import partial
 from importlib import import_module
@@ -46,10 +46,10 @@ class FrameFiles(FrameReader, Protocol):
 class LayerFiles(Protocol):
     """How maps are written in a format, and named layers read from it."""
 
-    def write_maps(self, path: Path, maps: "DepthMaps", /, *, about: "MapsAbout") -> str | None:
+    def write_maps(self, path: Path, maps: "DepthMaps", /, *, about: "MapsAbout") -> Sequence[memoryview]:
         """Write the maps of a frame: layers by name, then the status bits. The same maps give the same bytes.
 
-        Returns the digest of the file's bytes where they were at hand, so that nobody has to read them again.
+        Where the file's bytes are at hand, they are returned in parts instead of written: whoever asks writes them.
         """
 
     def read_facts(self, path: Path, /) -> dict[str, str]:

@@ -13,7 +13,7 @@ from cadtof_cli import __version__
 from cadtof_cli.arrays import Float32, Status
 from cadtof_cli.errors import FrameError, OutputError
 from cadtof_cli.files.atomic import PartialFile, whole_file
-from cadtof_cli.files.digest import file_digest
+from cadtof_cli.files.digest import file_digest, parts_digest
 from cadtof_cli.files.formats import MAP_SUFFIXES, format_of, suffix_format
 from cadtof_cli.records import dataclass
 
@@ -108,9 +108,12 @@ def begin_maps(path: Path, maps: DepthMaps, /, *, about: MapsAbout = NOTHING_SAI
     partial = PartialFile(path, token=token)
     try:
         with partial.errors_told():
-            known = kind.layers().write_maps(partial.temporary, maps, about=about)
-            partial.written()
-            return WrittenMaps(partial, known or file_digest(partial.temporary))
+            parts = kind.layers().write_maps(partial.temporary, maps, about=about)
+            if parts:
+                partial.hold(parts)
+            else:
+                partial.written()
+            return WrittenMaps(partial, parts_digest(parts) if parts else file_digest(partial.temporary))
     except BaseException:
         partial.give_up()
         raise

@@ -42,21 +42,12 @@ def read_parts(file: FileIO, parts: Sequence[memoryview], /) -> bool:
     """Fill all parts from a file, one after the other, and return whether there was enough for them."""
     descriptor = file.fileno()
     if hasattr(os, "readv"):
-        return _moved(parts, lambda rest: os.readv(descriptor, rest))
-    return _moved(parts, lambda rest: file.readinto(rest[0]))
+        return moved(parts, lambda rest: os.readv(descriptor, rest))
+    return moved(parts, lambda rest: file.readinto(rest[0]))
 
 
-def write_parts(file: FileIO, parts: Sequence[memoryview], /) -> None:
-    """Write all parts to a file, one after the other, in one go where the system can, as that takes less of its time."""
-    descriptor = file.fileno()
-    if hasattr(os, "writev"):
-        _moved(parts, lambda rest: os.writev(descriptor, rest))
-    else:
-        _moved(parts, lambda rest: file.write(rest[0]))
-
-
-def _moved(parts: Sequence[memoryview], move: Callable[[list[memoryview]], int | None]) -> bool:
-    """Move bytes until all parts are done, and return whether they are."""
+def moved(parts: Sequence[memoryview], move: Callable[[list[memoryview]], int | None]) -> bool:
+    """Move bytes until all parts are done, and return whether they are; `move` takes what is left, and says how many."""
     rest = [part for part in parts if part.nbytes]
     while rest:
         count = move(rest)

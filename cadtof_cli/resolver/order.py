@@ -36,11 +36,6 @@ class Solver(Protocol):
         """
 
 
-def largest_misfit(settings: ResolverSettings, /, *, harmonics: int, paths: int) -> float:
-    """Return the χ² up to which so many paths are enough for a pixel with so many harmonics: what noise alone leaves."""
-    return chi_squared_threshold(settings.false_alarm, pairs=harmonics - paths)
-
-
 def fewest_paths(solver: Solver, answered: Bool, /, *, settings: ResolverSettings, noise: NoiseModel) -> Fit:
     """Return the paths of n pixels, the direct one first: the fewest, up to `settings.max_paths`, that leave only noise.
 
@@ -53,7 +48,8 @@ def fewest_paths(solver: Solver, answered: Bool, /, *, settings: ResolverSetting
     first = 1 if settings.order == "auto" else settings.max_paths
     fewer: tuple[Index, Fit] | None = None
     for count in range(first, settings.max_paths):
-        threshold = largest_misfit(settings, harmonics=len(noise.harmonics), paths=count)
+        # what noise alone leaves
+        threshold = chi_squared_threshold(settings.false_alarm, pairs=len(noise.each) - count)
         limit = threshold if noise.samples is None else threshold / noise.samples
         pixels, fit = solver.fit(count, waiting, limit=limit)
         fit = told_apart(fit, settings, noise, pixels)

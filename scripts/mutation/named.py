@@ -27,11 +27,15 @@ class GoneError(Exception):
 
 @dataclass(frozen=True)
 class Change:
-    """A change by its name; `python` and `kernel` are what it replaces in the modules and in the compiled kernel's C."""
+    """A change by its name; `python` and `kernel` are what it replaces in the modules and in the compiled kernel's C.
+
+    `test` is one that noticed it when it was last tried; empty: none is known.
+    """
 
     name: str
     python: tuple[Pair, ...]
     kernel: tuple[Pair, ...] = ()
+    test: str = ""
 
 
 def read_changes(path: Path, /) -> tuple[Change, ...]:
@@ -70,7 +74,8 @@ def killer(bench: Bench, change: Change, /, *, kernel: bool) -> str:
         files.sort(key=lambda file: file.stem not in stems)
     texts = changed_files(bench.tree, change, kernel=kernel)
     with bench.changed(texts, kernel=kernel), _compiled_anew(bench.tree) if kernel else contextlib.nullcontext():
-        return bench.failing([str(file.relative_to(bench.tree)) for file in files])
+        known = bench.failing([change.test]) if change.test else ""
+        return known or bench.failing([str(file.relative_to(bench.tree)) for file in files])
 
 
 @contextlib.contextmanager
@@ -108,4 +113,4 @@ def _replaced(files: list[Path], texts: Mapping[Path, str], before: str, after: 
 
 def _change(entry: Mapping[str, Any]) -> Change:
     pairs = {key: tuple((before, after) for before, after in entry.get(key, ())) for key in ("python", "kernel")}
-    return Change(entry["name"], pairs["python"], pairs["kernel"])
+    return Change(entry["name"], pairs["python"], pairs["kernel"], entry.get("test", ""))

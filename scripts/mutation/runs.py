@@ -29,8 +29,10 @@ CONTRACTS = "contracts"
 
 KERNEL_LIBRARY = "_kernel*.so"
 
-KERNEL_FRONT = "kernel"
-"""The only module whose mutants are tried with the compiled kernel. Elsewhere numpy does the work: a change must be noticed for
+COMPILED_LIBRARIES = "_*.so"
+
+KERNEL_FRONTS = frozenset(("kernel", "compiled"))
+"""Modules whose mutants are tried with the compiled kernel. Elsewhere numpy does the work: a change must be noticed for
 what it does, and not because the two differ."""
 
 PATIENCE = 3.0
@@ -69,7 +71,7 @@ class Bench:
     def __init__(self, root: Path, place: Path, calls: Calls | None = None) -> None:
         self.tree = place / "tree"
         shutil.copytree(root, self.tree, symlinks=True, ignore=shutil.ignore_patterns(*LEFT_BEHIND))
-        self._kernels = {path: place / path.name for path in (self.tree / PACKAGE).rglob(KERNEL_LIBRARY)}
+        self._kernels = {path: place / path.name for path in (self.tree / PACKAGE).rglob(COMPILED_LIBRARIES)}
         self._use_kernel(False)
         self._log = place / "log.txt"
         self._clock = time.time() + 10.0
@@ -91,7 +93,7 @@ class Bench:
         before = path.read_text(encoding="utf-8")
         text = mutated(before, mutant)
         begin = time.monotonic()
-        with self.changed({path: text}, kernel=path.stem == KERNEL_FRONT):
+        with self.changed({path: text}, kernel=path.stem in KERNEL_FRONTS):
             files, tests = self._portion(mutant, quick=quick)
             if tests:
                 patience = max(PATIENCE * sum(self._seconds(test) for test in tests), LEAST_PATIENCE_S)
@@ -104,7 +106,7 @@ class Bench:
         self, mutant: Mutant, source: str, files: list[str], tests: frozenset[str], patience_s: float
     ) -> tuple[int, bool]:
         """Run tests against a mutant that stands in the tree: in the session that waits, where that is the same."""
-        if self._calls.may_be_put_in(mutant.path, _lines(mutant)) and Path(mutant.path).stem != KERNEL_FRONT:
+        if self._calls.may_be_put_in(mutant.path, _lines(mutant)) and Path(mutant.path).stem not in KERNEL_FRONTS:
             rank = {file: number for number, file in enumerate(files)}
             ordered = sorted((test for test in self._calls.tests if test in tests), key=lambda test: rank[_file(test)])
             code, by_itself = self._waiting.tried(Request(mutant, source, tuple(ordered), patience_s))
@@ -178,7 +180,7 @@ class Bench:
             test
             for test in self._calls.tests
             if _file(test) in files
-            and (stem == KERNEL_FRONT or self._calls.may_notice(test, mutant.path, lines, reached=reached))
+            and (stem in KERNEL_FRONTS or self._calls.may_notice(test, mutant.path, lines, reached=reached))
         ]
         tests.sort(key=lambda test: self._seconds(test) * NEAR_FIRST[near(_file(test))])
         sums = itertools.accumulate(self._seconds(test) for test in tests)

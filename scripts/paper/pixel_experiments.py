@@ -1,7 +1,10 @@
 """Figs. 2 and 3: what MPI does to one pixel, photon by photon."""
 
+import csv
 import math
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -114,8 +117,8 @@ def figure_3(effort: Effort) -> Figure3:
     cells = sweep(settings, workers=Workers(jobs=effort.jobs))
     with (effort.out / "fig3.csv").open("w", newline="") as file:
         write_table(cells, file)
-    single = [_single_path(cell) for cell in cells]
-    _draw_figure_3(effort, cells)
+    single = [_single_path(cell.trials.condition) for cell in cells]
+    draw_figure_3(list(rows(cells)), effort.out)
     by_ratio = {ratio: [cell for cell in cells if cell.trials.condition.mpi_ratio == ratio] for ratio in FIG_3_RATIOS}
     errors = {r: [math.degrees(cell.outcome.phase_bias_rad) for cell in group] for r, group in by_ratio.items()}
     noise = {r: max(math.degrees(cell.outcome.phase_std_rad) for cell in group) for r, group in by_ratio.items()}
@@ -132,7 +135,7 @@ def figure_3(effort: Effort) -> Figure3:
 
 
 def _precision(cell: SweepCell) -> Precision:
-    confidence_v, precision_rad = _single_path(cell)
+    confidence_v, precision_rad = _single_path(cell.trials.condition)
     (row,) = rows([cell])
     shorter = confidence_v / cell.outcome.confidence_model_v
     return Precision(
@@ -144,20 +147,28 @@ def _precision(cell: SweepCell) -> Precision:
     )
 
 
-def _single_path(cell: SweepCell) -> tuple[float, float]:
+def _single_path(condition: Condition) -> tuple[float, float]:
     """Return the one-path model's confidence in V and precision in rad, where MPI counts as signal."""
-    condition = cell.trials.condition
     asr = condition.asr / (1.0 + condition.mpi_ratio)
     spread = condition.mix(40.0).spread_rad
     first, second = math.exp(-(spread**2) / 2), math.exp(-2 * spread**2)
-    across = (1 - second / (1 + asr)) / 2 / (2 * cell.trials.model.averaging.integration_length - 1)
+    across = (1 - second / (1 + asr)) / 2 / (2 * PIXEL.averaging.integration_length - 1)
     return 0.2746 * first / (1 + asr), math.sqrt(across) * (1 + asr) / first
 
 
-def _draw_figure_3(effort: Effort, cells: list[SweepCell]) -> None:
+def read_table(path: Path) -> list[dict[str, float]]:
+    """Read the CSV of a sweep, as `write_table` writes it; empty cells are NaN."""
+    with path.open(newline="", encoding="utf-8") as file:
+        return [{name: float(cell or "nan") for name, cell in row.items()} for row in csv.DictReader(file)]
+
+
+def draw_figure_3(table: Sequence[Mapping[str, float]], out: Path) -> None:
+    """Draw confidence, precision and error of a sweep over ASR and MPI ratio."""
     figure = Figure(figsize=(13, 4), dpi=110, layout="constrained")
     axes = figure.subplots(1, 3)
-    table = list(rows(cells))
+    single_deg = [
+        math.degrees(_single_path(replace(FIG_2[1], asr=row["asr"], mpi_ratio=row["mpi_ratio"]))[1]) for row in table
+    ]
     for index, ratio in enumerate(FIG_3_RATIOS):
         chosen = [i for i, row in enumerate(table) if row["mpi_ratio"] == ratio]
         asr = [table[i]["asr"] for i in chosen]
@@ -166,7 +177,7 @@ def _draw_figure_3(effort: Effort, cells: list[SweepCell]) -> None:
         axes[0].plot(asr, [1e3 * table[i]["confidence_model_v"] for i in chosen], "-", color=colour, lw=1)
         axes[1].plot(asr, [math.degrees(table[i]["phase_std_rad"]) for i in chosen], "o", color=colour)
         axes[1].plot(asr, [math.degrees(table[i]["phase_model_std_rad"]) for i in chosen], "-", color=colour, lw=1)
-        axes[1].plot(asr, [math.degrees(_single_path(cells[i])[1]) for i in chosen], ":", color=colour, lw=1)
+        axes[1].plot(asr, [single_deg[i] for i in chosen], ":", color=colour, lw=1)
         axes[2].errorbar(
             asr,
             [math.degrees(table[i]["phase_bias_rad"]) for i in chosen],
@@ -178,9 +189,10 @@ def _draw_figure_3(effort: Effort, cells: list[SweepCell]) -> None:
     for axis, name in zip(axes, ("confidence (mV)", "phase precision (°)", "phase error (°)"), strict=True):
         axis.set(xlabel="ambient-to-signal ratio", ylabel=name)
         axis.grid(alpha=0.3)
-    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside right upper", fontsize=8)
+    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside right center", fontsize=8)
     figure.suptitle(
-        "Dots: photon by photon, n_av 4000; lines: analytical model of the mix; dotted: one-path model, MPI as signal. "
-        "Bars: the spread of single runs"
+        "Dots: photon by photon, n_av 4000; lines: analytical model of the mix; dotted: one-path model, MPI as signal;\n"
+        "vertical bars: the standard deviation of single runs",
+        fontsize=10,
     )
-    figure.savefig(effort.out / "fig3.png")
+    figure.savefig(out / "fig3.png")

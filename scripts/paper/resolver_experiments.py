@@ -1,14 +1,17 @@
 """Figs. 6 to 9 and Table 1: two paths resolved many times."""
 
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
+from numpy.typing import NDArray
 
 from cadtof_cli.execution.workers import Workers
-from cadtof_cli.figures.pixel_evolution import plot_histogram
+from cadtof_cli.figures.pixel_evolution import DIRECT_COLOUR, MPI_COLOUR, plot_histogram
 from cadtof_cli.figures.sweep_maps import draw_path_maps
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.simulation.pixel.averaging import Averaging
@@ -85,8 +88,8 @@ class Table1Row:
 
 def table_1(effort: Effort) -> list[Table1Row]:
     """Resolve each condition both ways, and draw the scatter of Fig. 7."""
-    made, figure = [], Figure(figsize=(13, 4.2), dpi=110, layout="constrained")
-    for axes, (name, (second_ns, *_)) in zip(figure.subplots(1, 3), TABLE_1.items(), strict=True):
+    made, scatter = [], {}
+    for name, (second_ns, *_) in TABLE_1.items():
         exact = Trials(
             condition=condition(second_ns), model=pixel(1.0e5), resolver=TWO_PATHS, runs=effort.resolver_runs, seed=SEED
         )
@@ -98,20 +101,30 @@ def table_1(effort: Effort) -> list[Table1Row]:
             stream=ord(name),
         )
         found = Recordings.joined([recordings(exact, runs) for runs in exact.blocks])
-        times = found.times_ns
-        write_rows(effort.out / f"fig7{name}.csv", ("direct_ns", "second_ns"), times.T)
-        axes.plot(times[0], times[1], ".", ms=3, color="#1b6ca8", label=f"{times.shape[1]} solves")
-        axes.plot(5.0, second_ns, "o", color="#d1495b", ms=5, label="truth")
-        axes.add_patch(Rectangle((4.0, second_ns - 1.0), 2.0, 2.0, fill=False, color="#d1495b"))
-        axes.set(xlim=(3.5, 6.5), ylim=(second_ns - 2.5, second_ns + 2.5), aspect="auto")
-        axes.set(xlabel="first peak (ns)", ylabel="second peak (ns)", title=f"({name}) 5 and {second_ns:g} ns, N = 2")
-        axes.legend(fontsize=8, loc="upper right")
+        scatter[name] = found.times_ns
+        write_rows(effort.out / f"fig7{name}.csv", ("direct_ns", "second_ns"), scatter[name].T)
         photons = simulate_pixel(by_photons, workers=Workers(jobs=effort.jobs))
         paper_way = simulate_pixel(as_the_paper(exact))
         made.append(Table1Row(name, summary(exact, found), paper_way, photons, effort.photon_length))
-    figure.savefig(effort.out / "fig7.png")
+    draw_figure_7(scatter, effort.out)
     _write_table_1(effort, made)
     return made
+
+
+def draw_figure_7(scatter: Mapping[str, NDArray[np.float64]], out: Path) -> None:
+    """Draw first and second peaks, (2, n) in ns, of each condition of Table 1, and the paper's success region about the truth."""
+    figure = Figure(figsize=(13, 4.2), dpi=110, layout="constrained")
+    for axes, (name, times) in zip(figure.subplots(1, len(scatter)), scatter.items(), strict=True):
+        second_ns = TABLE_1[name][0]
+        axes.plot(times[0], times[1], ".", ms=3, color=DIRECT_COLOUR, label=f"{times.shape[1]} solves")
+        axes.plot(5.0, second_ns, "o", color=MPI_COLOUR, ms=5, label="truth")
+        region = Rectangle((4.0, second_ns - 1.0), 2.0, 2.0, fill=False, color=MPI_COLOUR, label="truth ± 1 ns")
+        axes.add_patch(region)
+        axes.set(xlim=(3.5, 6.5), ylim=(second_ns - 2.5, second_ns + 2.5), aspect="auto")
+        axes.set(xlabel="first peak (ns)", ylabel="second peak (ns)", title=f"({name}) 5 and {second_ns:g} ns")
+        axes.grid(alpha=0.3)
+    figure.legend(*axes.get_legend_handles_labels(), loc="outside right center", fontsize=8)
+    figure.savefig(out / "fig7.png")
 
 
 def _write_table_1(effort: Effort, made: list[Table1Row]) -> None:
@@ -165,14 +178,20 @@ def figures_8_and_9(effort: Effort) -> Maps:
     for name, cells in (("", maps.ours), ("_always_two", maps.always_two), ("_as_the_paper", maps.as_the_paper)):
         with (effort.out / f"fig8_9{name}.csv").open("w", newline="") as file:
             write_table(cells, file)
-    for suffix, cells, whose in (("", maps.ours, "ours"), ("_as_the_paper", maps.as_the_paper, "as the paper")):
-        table = list(rows(cells))
+    draw_figures_8_and_9(list(rows(maps.ours)), list(rows(maps.as_the_paper)), effort.out)
+    return maps
+
+
+def draw_figures_8_and_9(
+    ours: Sequence[Mapping[str, float]], as_the_paper: Sequence[Mapping[str, float]], out: Path
+) -> None:
+    """Draw bias and standard deviation of both sweeps."""
+    for suffix, table, whose in (("", ours, "ours"), ("_as_the_paper", as_the_paper, "as the paper")):
         for figure, column, title in (
             ("fig8", "bias_ns", f"Fig. 8, {whose}: mean error of the resolved time"),
             ("fig9", "std_ns", f"Fig. 9, {whose}: standard deviation of the resolved time"),
         ):
-            draw_path_maps(table, column, effort.out / f"{figure}{suffix}.png", title=title)
-    return maps
+            draw_path_maps(table, column, out / f"{figure}{suffix}.png", title=title)
 
 
 def _over_seeds(base: Trials, ratio: float) -> list[float]:

@@ -4,19 +4,27 @@ Windows itself is not at hand here; what it lacks is taken away from every proce
 a stand-in.
 """
 
+import errno
+import fcntl
 import json
 import os
 import re
 import subprocess
 import sys
+from collections.abc import Callable
+from functools import partial
 from io import FileIO
 from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
+from cadtof_cli.errors import PlaceError
 from cadtof_cli.files import system
-from cadtof_cli.files.system import KEEP, read_at, read_parts, remove_and_close, write_parts
+from cadtof_cli.files.atomic import PartialFile
+from cadtof_cli.files.direct import BLOCK_BYTES, empty_blocks, write_parts
+from cadtof_cli.files.system import KEEP, read_at, read_parts, remove_and_close
 from tests.support.captures import record
 from tests.support.run_cadtof import PROGRAM, ROOT, Finished, program
 from tests.support.runs import require_same_run
@@ -108,11 +116,11 @@ def test_a_file_is_removed_and_closed_in_either_order(
 @pytest.mark.parametrize("vectors", [True, False])
 def test_parts_are_written_and_read_as_one_file(vectors: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     if not vectors:
-        for name in ("readv", "writev", "pread"):
+        for name in ("readv", "pread"):
             monkeypatch.delattr(os, name, raising=False)
     path, pieces = tmp_path / "file", (b"head", b"", bytes(range(256)) * 300, b"t")
     with FileIO(path, "wb") as file:
-        write_parts(file, [memoryview(piece) for piece in pieces])
+        write_parts(file.fileno(), [memoryview(piece) for piece in pieces])
     assert path.read_bytes() == b"".join(pieces)
     found = [bytearray(len(piece)) for piece in pieces]
     with FileIO(path) as file:
@@ -124,12 +132,12 @@ def test_parts_are_written_and_read_as_one_file(vectors: bool, tmp_path: Path, m
 
 
 def test_a_system_that_moves_a_few_bytes_at_a_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    whole_write, whole_read = os.writev, os.readv
-    monkeypatch.setattr(os, "writev", lambda file, parts: whole_write(file, [parts[0][:7]]))
+    whole_write, whole_read = os.write, os.readv
+    monkeypatch.setattr(os, "write", lambda file, part: whole_write(file, part[:7]))
     monkeypatch.setattr(os, "readv", lambda file, parts: whole_read(file, [parts[0][:5], *parts[1:1]]))
     values, path = np.arange(100, dtype=np.uint8), tmp_path / "file"
     with FileIO(path, "wb") as file:
-        write_parts(file, [memoryview(b"before"), values.data, memoryview(b"after")])
+        write_parts(file.fileno(), [memoryview(b"before"), values.data, memoryview(b"after")])
     assert path.read_bytes() == b"before" + values.tobytes() + b"after"
     out = np.zeros(105, np.uint8)
     with FileIO(path) as file:
@@ -137,8 +145,59 @@ def test_a_system_that_moves_a_few_bytes_at_a_time(tmp_path: Path, monkeypatch: 
     assert out.tobytes() == values.tobytes() + b"after"
 
 
+def blocks(count: int, more: int = 0) -> NDArray[np.float32]:
+    """Values that begin with a block of a disk, so many blocks and a few bytes more."""
+    values = empty_blocks((count * BLOCK_BYTES // 4 + more,))
+    values[:] = np.random.default_rng(5).random(values.shape)
+    return values
+
+
+Write = Callable[[int, memoryview], int]
+
+
+def refused(write: Write, descriptor: int, part: memoryview) -> int:
+    """What a file system does that lets a file be opened for this, and then does not do it."""
+    if fcntl.fcntl(descriptor, fcntl.F_GETFL) & os.O_DIRECT:
+        raise OSError(errno.EINVAL, "Invalid argument")
+    return write(descriptor, part)
+
+
+def in_pieces(write: Write, descriptor: int, part: memoryview) -> int:
+    """What a file system does that takes less at a time than it is given."""
+    return write(descriptor, part[: 2**17])
+
+
+@pytest.mark.parametrize("system", [None, refused, in_pieces])
+@pytest.mark.parametrize("head", [BLOCK_BYTES, BLOCK_BYTES - 4])
+@pytest.mark.parametrize("more", [0, 300])
+def test_whole_blocks_are_written_past_the_cache(
+    system: Callable[..., int] | None, head: int, more: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if system is not None:
+        monkeypatch.setattr(os, "write", partial(system, os.write))
+    values, path = blocks(100, more), tmp_path / "file"
+    with FileIO(path, "wb") as file:
+        write_parts(file.fileno(), [memoryview(b"h" * head), values.data.cast("B"), memoryview(b"tail")])
+        # what is written afterwards is written as usual
+        assert not fcntl.fcntl(file.fileno(), fcntl.F_GETFL) & os.O_DIRECT
+    assert path.read_bytes() == b"h" * head + values.tobytes() + b"tail"
+
+
+def test_a_disk_that_is_full_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(_descriptor: int, _part: memoryview) -> int:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(os, "write", full)
+    path = tmp_path / "maps.tif"
+    held = PartialFile(path)
+    held.hold([blocks(100).data.cast("B")])
+    with pytest.raises(PlaceError, match="cannot be written: No space left on device"):
+        held.keep()
+    assert list(tmp_path.iterdir()) == []
+
+
 POSIX_ALONE = (
-    r"\b(fcntl|O_NOFOLLOW|O_CLOEXEC|O_NONBLOCK|O_DIRECTORY|pread|pwrite|readv|writev|uname"
+    r"\b(fcntl|O_NOFOLLOW|O_CLOEXEC|O_NONBLOCK|O_DIRECTORY|O_DIRECT|pread|pwrite|readv|writev|uname"
     r"|SIGHUP|SIGKILL|pthread_sigmask)\b"
 )
 
@@ -151,4 +210,4 @@ def test_what_not_every_system_has_is_asked_for_in_one_place() -> None:
         if re.search(POSIX_ALONE, re.sub(r'"""[\s\S]*?"""|#.*', "", path.read_text()))
     }
     # signals are not files; a worker's death with its parent is Linux's
-    assert asking == {"files/system.py", "execution/workers.py", "cli.py"}
+    assert asking == {"files/direct.py", "files/system.py", "execution/workers.py", "cli.py"}

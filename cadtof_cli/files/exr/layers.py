@@ -1,5 +1,6 @@
 """Named layers as EXR channels: maps with their status bits, truth, and the maps of a calibration."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,7 @@ _OURS = "cadtof."
 """How the attributes begin that say something about the maps."""
 
 
-def write_maps(path: Path, maps: DepthMaps, /, *, about: MapsAbout) -> str | None:
+def write_maps(path: Path, maps: DepthMaps, /, *, about: MapsAbout) -> Sequence[memoryview]:
     """Write maps as float channels, and the status bits as one of unsigned integers; what is said about them as attributes.
 
     They are not compressed: compressing noise takes ten times as long as resolving it.
@@ -21,7 +22,7 @@ def write_maps(path: Path, maps: DepthMaps, /, *, about: MapsAbout) -> str | Non
     units = {f"{_OURS}unit.{name}": unit for name, unit in about.units.items() if unit}
     facts = {name if name == "software" else f"{_OURS}{name}": text for name, text in about.facts.items()}
     write_exr(path, channels, compression="none", **facts, **units)
-    return None
+    return ()
 
 
 def read_facts(path: Path, /) -> dict[str, str]:

@@ -12,8 +12,7 @@ from typing import Any
 from numpy.typing import NDArray
 from tifffile import FileHandle
 
-from cadtof_cli.files.digest import Digest
-from cadtof_cli.files.system import read_parts, write_parts
+from cadtof_cli.files.system import read_parts
 from cadtof_cli.records import dataclass
 
 LARGEST_BYTES = 2**20
@@ -53,12 +52,6 @@ class Envelope:
         """Return an envelope with other bytes, of the same number, wherever the old ones stand."""
         return self if old == new else Envelope(self.head.replace(old, new), self.pixels, self.tail.replace(old, new))
 
-    def write(self, path: Path, pixels: NDArray[Any], /) -> str:
-        """Write a file of these bytes around other pixels, and return its digest."""
-        parts = memoryview(self.head), pixels.data.cast("B"), memoryview(self.tail)
-        digest = Digest()
-        for part in parts:
-            digest.update(part)
-        with FileIO(path, "wb") as file:
-            write_parts(file, parts)
-        return digest.hexdigest()
+    def around(self, pixels: NDArray[Any], /) -> tuple[memoryview, memoryview, memoryview]:
+        """Return the parts of a file of these bytes around other pixels."""
+        return memoryview(self.head), pixels.data.cast("B"), memoryview(self.tail)

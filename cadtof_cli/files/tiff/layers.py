@@ -2,6 +2,7 @@
 
 import math
 import threading
+from collections.abc import Sequence
 from contextlib import closing
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,7 @@ import tifffile
 from numpy.typing import NDArray
 
 from cadtof_cli.errors import FrameError
+from cadtof_cli.files.direct import BLOCK_BYTES
 from cadtof_cli.files.maps import SOURCE, STATUS, DepthMaps, MapsAbout
 from cadtof_cli.files.tiff.envelope import Envelope
 from cadtof_cli.files.tiff.images import TiffImages, reading_tiff
@@ -30,8 +32,8 @@ class _Last(threading.local):
 _last = _Last()
 
 
-def write_maps(path: Path, maps: DepthMaps, /, *, about: MapsAbout) -> str | None:
-    """Write the maps to `path`; no date and no random identifier goes in. Returns the file's digest where it was at hand.
+def write_maps(path: Path, maps: DepthMaps, /, *, about: MapsAbout) -> Sequence[memoryview]:
+    """Write the maps to `path`, or return the parts of the file; no date and no random identifier goes in.
 
     OME-XML in front says what the pages are; each page has its name too, as a page name and as the description of a band, since
     GDAL and what is built on it (rasterio, QGIS) know a page without the others.
@@ -44,11 +46,11 @@ def write_maps(path: Path, maps: DepthMaps, /, *, about: MapsAbout) -> str | Non
     source = marked_source(about)
     kind = (maps.names, maps.pages.shape, others, dict(about.units), len(source))
     if _last.kind == kind and _last.envelope:
-        return _last.envelope.written_as(_last.source, source).write(path, maps.pages)
+        return _last.envelope.written_as(_last.source, source).around(maps.pages)
     _write_pages(path, maps, about)
     _last.envelope = _envelope(path, maps) if _last.kind == kind else None
     _last.kind, _last.source = kind, source
-    return None
+    return ()
 
 
 def _write_pages(path: Path, maps: DepthMaps, about: MapsAbout) -> None:
@@ -64,6 +66,7 @@ def _write_pages(path: Path, maps: DepthMaps, about: MapsAbout) -> None:
         description=ome_xml(names, size=maps.status.shape, about=about),
         software=about.facts["software"],
         metadata=None,
+        align=BLOCK_BYTES,
         extratags=[(code, _ASCII, None, " ", False) for code in (_PAGE_NAME, _GDAL_METADATA)],
     )
     with tifffile.TiffFile(path, mode="r+") as file:

@@ -21,6 +21,9 @@ SEARCH = LevenbergMarquardt(max_steps=40, absolute=0.1)
 POLISH = LevenbergMarquardt(max_steps=40, absolute=0.1, first_damping=1e-6)
 """From there to the maximum of the likelihood with the noise that the found light has, as closely."""
 
+ON_THE_SPOT = LevenbergMarquardt(max_steps=0)
+"""No step: cost and matrix where others have ended."""
+
 SUSPECT = 0.01
 """Probability of the misfit below which a minimum is taken for a local one, and other starts are tried too."""
 
@@ -115,7 +118,7 @@ def _fall_off(measured: Measured, path: Mixture, noise: NoiseModel) -> Float:
 
 def fisher_fit(measured: Measured, paths: Mixture, /, *, converged: Bool, noise: NoiseModel) -> LikelyPaths:
     """Return paths that another solver found with the likelihood's standard deviations and misfit."""
-    at = WeightedFit.around(measured, paths, noise=noise).linearised(paths.points)
+    at = ON_THE_SPOT.solve(WeightedFit.around(measured, paths, noise=noise), paths.points)
     return LikelyPaths(paths, _sigma(paths, at.matrix), at.cost, converged)
 
 

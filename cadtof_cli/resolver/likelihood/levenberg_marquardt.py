@@ -10,7 +10,9 @@ from typing import Protocol, Self
 import numpy as np
 
 from cadtof_cli.arrays import Bool, Float, Index
+from cadtof_cli.resolver.likelihood.compiled import Planes, compiled_ends
 from cadtof_cli.resolver.likelihood.normal_equations import Triangle, cholesky, entry, solve
+from cadtof_cli.resolver.two_path.kernel import NUMPY, chosen_kernel
 
 SHRINK_BELOW = 0.75
 """Share of a block still at work below which the others are dropped: copying costs as much as a fifth of a step."""
@@ -37,6 +39,9 @@ class Problem(Protocol):
     def moved(self, points: Float, steps: Float, /) -> Float:
         """Return the points after steps of (M, n)."""
 
+    def planes(self, points: Float, /) -> Planes | None:
+        """Return them for the compiled search from such points; None: it knows no such problems."""
+
     def __getitem__(self, chosen: Index, /) -> Self:
         """Return the problems of the given indices."""
 
@@ -59,15 +64,34 @@ class LevenbergMarquardt:
     absolute: float = 0.0
     first_damping: float = 1e-3
 
-    def solve(self, problem: Problem, starts: Float, /, *, samples: Float | None = None) -> "Minimum":
+    def solve(
+        self, problem: Problem, starts: Float, /, *, samples: Float | None = None, kernel: str | None = None
+    ) -> "Minimum":
         """Minimise every problem from its start, (P, n); the starts are not changed. NaN does not converge.
 
         `samples`, (n,): what is solved are means of so many recordings, the cost is in units of one's noise (None: 1).
+        `kernel`: what runs, of `available_kernels` (None: the chosen); all give the same bits.
         """
+        worth = np.full(starts.shape[1], self.absolute if samples is None else self.absolute / samples)
+        kernel = kernel or chosen_kernel()
+        planes = problem.planes(starts) if kernel != NUMPY else None
+        if planes is not None:
+            ends = compiled_ends(
+                planes,
+                starts,
+                worth=worth,
+                most_steps=self.max_steps,
+                relative=self.relative,
+                first_damping=self.first_damping,
+                kernel=kernel,
+            )
+            if ends is not None:
+                return Minimum(ends.points, ends.cost, ends.matrix, ends.converged, ends.steps)
+        return self._solved_by_numpy(problem, starts, worth)
+
+    def _solved_by_numpy(self, problem: Problem, starts: Float, worth: Float) -> "Minimum":
         at_work: Index = np.arange(starts.shape[1])
-        state = _begin(
-            problem, starts, self.first_damping, self.absolute if samples is None else self.absolute / samples
-        )
+        state = _begin(problem, starts, self.first_damping, worth)
         result = Minimum(
             starts.copy(), state.at.cost, state.at.matrix, state.converged, np.zeros(starts.shape[1], np.intp)
         )
@@ -96,7 +120,8 @@ class LevenbergMarquardt:
         with np.errstate(divide="ignore", invalid="ignore"):
             gain = (now.cost - there.cost) / promised
         down = (there.cost < now.cost) & ~state.stopped
-        eased = state.damping * np.maximum(1.0 - (2.0 * gain - 1.0) ** 3, 0.1)
+        twice = 2.0 * gain - 1.0
+        eased = state.damping * np.maximum(1.0 - twice * twice * twice, 0.1)
         damping = np.where(down, eased, state.damping * state.growth)
         if not down.all():
             for stays, moves in (
@@ -162,11 +187,12 @@ class _State:
         )
 
 
-def _begin(problem: Problem, starts: Float, damping: float, worth: Float | float) -> _State:
+def _begin(problem: Problem, starts: Float, damping: float, worth: Float) -> _State:
     count = starts.shape[1]
     none = np.zeros(count, np.bool_)
-    at, worths = problem.linearised(starts), np.full(count, worth)
-    return _State(starts, at, worths, np.full(count, damping), np.full(count, 2.0), none, none.copy())
+    return _State(
+        starts, problem.linearised(starts), worth, np.full(count, damping), np.full(count, 2.0), none, none.copy()
+    )
 
 
 def _store(result: Minimum, at_work: Index, state: _State) -> None:

@@ -12,6 +12,7 @@ import numpy as np
 from cadtof_cli.arrays import Complex, Float, Index
 from cadtof_cli.phasors.noise import NoiseModel
 from cadtof_cli.phasors.rotors import Rotor, powers, product, unit_rotor
+from cadtof_cli.resolver.likelihood.compiled import WEIGHTED, WHITE, Planes
 from cadtof_cli.resolver.likelihood.levenberg_marquardt import Linearised
 from cadtof_cli.resolver.likelihood.normal_equations import entry
 
@@ -115,6 +116,11 @@ class WhiteFit:
         """Return the paths after a step along and across."""
         return moved_paths(points, steps)
 
+    def planes(self, points: Float, /) -> Planes:
+        """Return them for the compiled search."""
+        one, weights = self.measured, np.array(self.weights)
+        return Planes(WHITE, len(points) // 3, one.harmonics, one.re, one.im, weights)
+
     def __getitem__(self, chosen: Index, /) -> Self:
         return type(self)(self.measured[chosen], self.weights)
 
@@ -165,6 +171,11 @@ class WeightedFit:
     def moved(self, points: Float, steps: Float, /) -> Float:
         """Return the paths after a step along and across."""
         return moved_paths(points, steps)
+
+    def planes(self, points: Float, /) -> Planes:
+        """Return them for the compiled search."""
+        one, weights = self.measured, np.stack((self.re_re, self.re_im, self.im_im))
+        return Planes(WEIGHTED, len(points) // 3, one.harmonics, one.re, one.im, weights)
 
     def __getitem__(self, chosen: Index, /) -> Self:
         return type(self)(self.measured[chosen], self.re_re[:, chosen], self.re_im[:, chosen], self.im_im[:, chosen])

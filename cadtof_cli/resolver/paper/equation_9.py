@@ -12,9 +12,11 @@ import numpy as np
 
 from cadtof_cli.arrays import Bool, Complex, Float, Index
 from cadtof_cli.phasors.rotors import Rotor, powers, unit_rotor
+from cadtof_cli.resolver.likelihood.compiled import SHARES, Planes
 from cadtof_cli.resolver.likelihood.levenberg_marquardt import LevenbergMarquardt, Linearised, Minimum
 from cadtof_cli.resolver.likelihood.mixture import Mixture
 from cadtof_cli.resolver.likelihood.normal_equations import entry
+from cadtof_cli.resolver.paper.starts import Starts
 
 SOLVER = LevenbergMarquardt(max_steps=100, relative=1e-2, absolute=1e-29)
 """A start on its way to the answer lowers its cost by a share of it with every step; one that does not is in a false minimum."""
@@ -22,11 +24,8 @@ SOLVER = LevenbergMarquardt(max_steps=100, relative=1e-2, absolute=1e-29)
 START_COLUMNS = 32768
 """Pixels times starts solved at a time."""
 
-START_SPREAD = 1.0
-"""Standard deviation of the starts' real and imaginary parts around z = 1/2, the point that swapping the paths leaves."""
-
-DRAWN_PIXELS = 4096
-"""Neighbours in a frame whose starts are drawn together; fixed, so that starts never depend on blocks and processes."""
+STAGES = (0, 1, 3, 5)
+"""Starts at which it is asked anew which pixels need more."""
 
 
 @dataclass(frozen=True)
@@ -68,6 +67,12 @@ class EliminatedPath:
         """Return z after a step."""
         return points + steps
 
+    def planes(self, points: Float, /) -> Planes:
+        """Return them for the compiled search."""
+        del points
+        re, im = zip(*self.right, strict=True)
+        return Planes(SHARES, 1, self.harmonics, np.stack(re), np.stack(im))
+
     def __getitem__(self, chosen: Index, /) -> Self:
         return type(self)(self.harmonics, tuple((re[chosen], im[chosen]) for re, im in self.right))
 
@@ -84,30 +89,13 @@ class TwoShares:
     converged: Bool
 
 
-def random_starts(count: int, /, *, pixels: range, seed: int) -> Complex:
-    """Return the z that each pixel starts from, complex128 (count, n): complex Gaussian around 1/2.
-
-    They follow from the seed and the pixel's place in the frame alone, `pixels` being flat indices of neighbours: every block
-    and every process draws the same, and no pixel's luck is that of all others. More starts leave the first ones as they are.
-    """
-    drawn = [np.empty((count, 0), np.complex128)]
-    for part in range(pixels.start // DRAWN_PIXELS, -(-pixels.stop // DRAWN_PIXELS)):
-        generator = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(part,)))
-        parts = generator.normal(scale=START_SPREAD, size=(count, 2, DRAWN_PIXELS))
-        begin = part * DRAWN_PIXELS
-        here = slice(max(pixels.start - begin, 0), min(pixels.stop - begin, DRAWN_PIXELS))
-        drawn.append(0.5 + parts[:, 0, here] + 1j * parts[:, 1, here])
-    starts: Complex = np.concatenate(drawn, axis=1)
-    return starts
-
-
 def two_shares(
-    phasors: Complex, /, *, harmonics: tuple[int, ...], starts: Complex, solver: LevenbergMarquardt = SOLVER
+    phasors: Complex, /, *, harmonics: tuple[int, ...], starts: Starts, solver: LevenbergMarquardt = SOLVER
 ) -> TwoShares:
     """Solve Eq. (9) for every pixel of phasors, complex128 (N, n), from each of its starts, (S, n), and keep the best.
 
     A pixel whose first phasor is 0 has no q_j: it gets NaN, and is not converged. The first start is tried alone,
-    then the next two, then the others: a pixel that has met its equations to rounding error, which no start can better,
+    then the next two, and so on: a pixel that has met its equations to rounding error, which no start can better,
     tries no more.
     """
     count = phasors.shape[1]
@@ -116,10 +104,13 @@ def two_shares(
     problem = EliminatedPath(harmonics[1:], _right_sides(phasors, harmonics, modulus, rotor))
     best = np.full((2, count), np.nan)
     cost, converged = np.full(count, np.inf), np.zeros(count, np.bool_)
-    for some in (starts[:1], starts[1:3], starts[3:]):
+    for begin_row, end_row in zip(STAGES, (*STAGES[1:], len(starts)), strict=True):
         open_: Index = np.flatnonzero((cost > solver.absolute) & (modulus > 0.0))
-        step = max(1, START_COLUMNS // max(1, len(some)))
-        for begin in range(0, open_.size if len(some) else 0, step):
+        if not open_.size or begin_row >= len(starts):
+            break
+        some = starts[begin_row:end_row]
+        step = max(1, START_COLUMNS // len(some))
+        for begin in range(0, open_.size, step):
             pixels = open_[begin : begin + step]
             found = _best_of(some[:, pixels], problem[pixels], solver)
             better = found.cost < cost[pixels]
@@ -130,13 +121,13 @@ def two_shares(
 
 
 def steps_of_starts(
-    phasors: Complex, /, *, harmonics: tuple[int, ...], starts: Complex, solver: LevenbergMarquardt = SOLVER
+    phasors: Complex, /, *, harmonics: tuple[int, ...], starts: Starts, solver: LevenbergMarquardt = SOLVER
 ) -> Index:
     """Return after how many steps each start of every pixel ends, (S, n): all of them, as the paper runs all ten."""
     first = (np.ascontiguousarray(phasors[0].real), np.ascontiguousarray(phasors[0].imag))
     modulus, rotor = unit_rotor(*first)
     problem = EliminatedPath(harmonics[1:], _right_sides(phasors, harmonics, modulus, rotor))
-    found = [solver.solve(problem, np.stack([row.real, row.imag])).steps for row in starts]
+    found = [solver.solve(problem, np.stack([row.real, row.imag])).steps for row in starts[:]]
     return np.stack(found)
 
 

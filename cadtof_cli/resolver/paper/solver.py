@@ -6,7 +6,8 @@ from cadtof_cli.arrays import Bool, Complex, Float, Index
 from cadtof_cli.phasors.noise import NoiseModel
 from cadtof_cli.resolver.likelihood.k_paths import fisher_fit
 from cadtof_cli.resolver.likelihood.solver import Likelihood
-from cadtof_cli.resolver.paper.equation_9 import random_starts, two_shares
+from cadtof_cli.resolver.paper.equation_9 import two_shares
+from cadtof_cli.resolver.paper.starts import ChosenStarts, RandomStarts
 from cadtof_cli.resolver.paths import Fit
 from cadtof_cli.resolver.settings import ResolverSettings
 
@@ -25,7 +26,8 @@ class PaperWay:
             return self._likelihood.fit(count, pixels, limit=limit)
         chosen = np.flatnonzero(pixels)
         measured = self._likelihood.measured[chosen]
-        starts = random_starts(self._settings.starts, pixels=self._place, seed=self._settings.seed)[:, chosen]
+        drawn = RandomStarts(self._settings.starts, pixels=self._place, seed=self._settings.seed)
+        starts = ChosenStarts(drawn, chosen)
         two = two_shares(measured.re + 1j * measured.im, harmonics=measured.harmonics, starts=starts)
         likely = fisher_fit(measured, two.paths, converged=two.converged, noise=self._likelihood.noise)
         return chosen, likely.fit()

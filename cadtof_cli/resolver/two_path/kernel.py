@@ -6,9 +6,9 @@ does the same operations, with the same bits, in `closed_form`, `one_path`, `unc
 
 import math
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from functools import lru_cache
-from types import ModuleType
+from types import MappingProxyType, ModuleType
 from typing import Any
 
 import numpy as np
@@ -17,10 +17,9 @@ from numpy.typing import NDArray
 from cadtof_cli.arrays import Float, Float32, Status, Stored
 from cadtof_cli.errors import SettingsError
 from cadtof_cli.phasors.chi_squared import chi_squared_threshold
-from cadtof_cli.phasors.noise import LEAST_SHARE, NoiseModel
+from cadtof_cli.phasors.noise import LEAST_SHARE, HarmonicNoise, NoiseModel
 from cadtof_cli.phasors.voltages import PhasorMap
 from cadtof_cli.records import dataclass
-from cadtof_cli.resolver.order import largest_misfit
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.resolver.two_path.uncertainty import misfit_spread, variance_terms
 
@@ -38,27 +37,21 @@ _ORDERS = {"auto": 0, "1": 1, "2": 2}
 _RETURNS = {"first": 0, "strongest": 1, "last": 2}
 
 
-def _compiled() -> ModuleType | None:
-    """Return the extension module, or None where it was not built."""
-    try:
-        from cadtof_cli.resolver.two_path import _kernel
-    except ImportError:
-        return None
-    return _kernel
-
-
 def extension() -> ModuleType:
     """Return the extension module; raises ValueError where it was not built."""
-    compiled = _compiled()
-    if compiled is None:
-        raise ValueError("the compiled kernel was not built")
-    return compiled
+    try:
+        from cadtof_cli.resolver.two_path import _kernel
+    except ImportError as error:
+        raise ValueError("the compiled kernel was not built") from error
+    return _kernel
 
 
 def available_kernels() -> tuple[str, ...]:
     """Return the names of what can run here, the fastest first: instruction sets of the compiled solver, then `numpy`."""
-    compiled = _compiled()
-    return (*(compiled.levels() if compiled else ()), NUMPY)
+    try:
+        return (*extension().levels(), NUMPY)
+    except ValueError:
+        return (NUMPY,)
 
 
 @lru_cache(maxsize=1)
@@ -83,11 +76,10 @@ def kernel_notes() -> tuple[str, ...]:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class KernelFrame:
-    """n pixels of a frame, and all that turns them into maps besides settings and noise; inputs are not changed.
+class KernelScales:
+    """All that turns the values of n pixels into maps, besides settings and noise; inputs are not changed.
 
     Attributes:
-        stored: values of harmonics 1 and 2 as a file holds them, (2, 2, n); or phasors, complex128 (2, n).
         phasor_map: from stored values to phasors; None with phasors.
         saturated_counts: stored values at or beyond these are saturated; None: none are.
         metres: of a radian, of all pixels or of each, (n,).
@@ -97,7 +89,6 @@ class KernelFrame:
         most_volts, noise_volts: paths whose amplitudes add up to more than most_volts + noise_volts / √samples are impossible.
     """
 
-    stored: Stored
     phasor_map: PhasorMap | None
     saturated_counts: tuple[float, float] | None
     metres: float | Float
@@ -109,7 +100,8 @@ class KernelFrame:
 
 
 def fill_maps(
-    frame: KernelFrame,
+    stored: Stored,
+    scales: KernelScales,
     /,
     *,
     layers: Float32,
@@ -122,7 +114,8 @@ def fill_maps(
     """Fill `layers` and `status` of n pixels from their stored values.
 
     Args:
-        frame: the pixels.
+        stored: values of harmonics 1 and 2 as a file holds them, (2, 2, n); or phasors, complex128 (2, n).
+        scales: what turns them into maps.
         layers: float32 (7, n): depth, amplitude and sigma of the direct path and the MPI's each, and confidence.
         status: (n,), with the bits that are known already: of those saturated, not finite and hot pixel mean no answer.
         settings: which paths are asked for, at most two.
@@ -136,16 +129,17 @@ def fill_maps(
     """
     compiled = extension()
     count, asked = status.size, range(status.size) if pixels is None else pixels
-    stored = frame.stored if frame.stored.dtype in _STORED_TYPES else frame.stored.astype(np.float64)
-    own, other, constant = _own_maps(frame.phasor_map, count)
+    constants = {**shared_constants(settings, noise.each), **_constants_of(stored, scales)}
+    stored = stored if stored.dtype in _STORED_TYPES else stored.astype(np.float64)
+    own, other, constant = _own_maps(scales.phasor_map, count)
     arrays = {
-        "stored": (stored, (2, count) if frame.phasor_map is None else (2, 2, count)),
+        "stored": (stored, (2, count) if scales.phasor_map is None else (2, 2, count)),
         "own": (own, (2, 2, count)),
         "other": (other, (2, 2, count)),
         "constant": (constant, (2, 2, count)),
         "samples": (noise.samples, (count,)),
-        "metres": (None if isinstance(frame.metres, float) else frame.metres, (count,)),
-        "phase_offset_rad": (frame.phase_offset_rad, (count,)),
+        "metres": (None if isinstance(scales.metres, float) else scales.metres, (count,)),
+        "phase_offset_rad": (scales.phase_offset_rad, (count,)),
         "layers": (layers, (7, count)),
         "status": (status, (count,)),
     }
@@ -155,7 +149,7 @@ def fill_maps(
     given = [None if array is None else np.require(array, requirements=["C", "A"]) for array, _ in arrays.values()]
     if given[-2] is not layers or given[-1] is not status or asked.step != 1:
         raise ValueError("layers, status and pixels: expected neighbours in memory")
-    constants, names = kernel_constants(frame, settings, noise), compiled.constant_names()
+    names = compiled.constant_names()
     if len(names) != len(constants):
         raise SettingsError("the compiled kernel is of another version of its sources: install cadtof anew")
     compiled.resolve(
@@ -166,32 +160,27 @@ def fill_maps(
         asked.stop,
         np.array([constants[name] for name in names]),
         *given,
-        frame.tail,
+        scales.tail,
     )
 
 
-def kernel_constants(frame: KernelFrame, settings: ResolverSettings, noise: NoiseModel, /) -> Mapping[str, float]:
-    """Return what all pixels of a frame share, by the names of `CONSTANTS` in `_kernel_frame.h`."""
-    low, high = _limits(frame)
-    terms, least, order = variance_terms(noise), settings.min_confidence, _order(settings)
+@lru_cache(maxsize=4)
+def shared_constants(settings: ResolverSettings, each: tuple[HarmonicNoise, ...], /) -> Mapping[str, float]:
+    """Return what all frames of one run share, by the names of `CONSTANTS` in `_kernel_frame.h`."""
+    terms, least = variance_terms(each), settings.min_confidence
+    misfit = chi_squared_threshold(settings.false_alarm, pairs=1)
     constants = {
-        "saturated_low": low,
-        "saturated_high": high,
         "least_power": chi_squared_threshold(settings.false_alarm, pairs=2) if least is None else 0.0,
         "least_modulus": least or 0.0,
-        "misfit_limit": largest_misfit(settings, harmonics=2, paths=1) if order == "auto" else math.inf,
-        "misfit_spread": misfit_spread(noise),
-        "weight": noise.each[0].dark_variance / noise.each[1].dark_variance,
+        "misfit_limit": misfit if _order(settings) == "auto" else math.inf,
+        "misfit_spread": misfit_spread(each),
+        "weight": each[0].dark_variance / each[1].dark_variance,
         "signal": terms.signal,
         "return_ratio": settings.min_return_ratio,
-        "metres": frame.metres if isinstance(frame.metres, float) else np.nan,
-        "volts": frame.volts,
-        "most_volts": frame.most_volts,
-        "noise_volts": frame.noise_volts,
     }
     for name, factors in (("alone", terms.alone), ("own", terms.own), ("other", terms.other)):
         constants |= {f"{name}{power}": factor for power, factor in enumerate(factors)}
-    for h, harmonic in enumerate(noise.each, start=1):
+    for h, harmonic in enumerate(each, start=1):
         light = 0.5 * harmonic.averaging / harmonic.pulse**2
         constants |= {
             f"per_variance{h}": 1.0 / harmonic.dark_variance,
@@ -200,33 +189,37 @@ def kernel_constants(frame: KernelFrame, settings: ResolverSettings, noise: Nois
             f"averaging{h}": harmonic.averaging,
             f"least{h}": LEAST_SHARE * light,
         }
-    gains, offsets = _shared_map(frame.phasor_map)
-    for part, (gain, offset) in enumerate(zip(gains, offsets, strict=True), start=1):
-        constants |= {f"gain{part}": gain, f"offset{part}": offset}
-    return constants
+    return MappingProxyType(constants)
+
+
+def _constants_of(stored: Stored, scales: KernelScales) -> dict[str, float]:
+    """Return what all pixels of a frame share besides; −0 as an offset changes no bit of a sum."""
+    low = high = math.nan
+    phasor_map = scales.phasor_map
+    if phasor_map is not None and scales.saturated_counts is not None:
+        # as numpy compares with them: floats in their own type
+        stored_type = stored.dtype.type if stored.dtype.kind == "f" else np.float64
+        with np.errstate(over="ignore"):
+            low, high = (float(stored_type(limit)) for limit in scales.saturated_counts)
+    gains, offsets = [1.0] * 4, [-0.0] * 4
+    if phasor_map is not None and phasor_map.own.shape[2] == 1:
+        gains = phasor_map.own.ravel().tolist()
+        offsets = offsets if phasor_map.constant is None else phasor_map.constant.ravel().tolist()
+    return {
+        "saturated_low": low,
+        "saturated_high": high,
+        "metres": scales.metres if isinstance(scales.metres, float) else math.nan,
+        "volts": scales.volts,
+        "most_volts": scales.most_volts,
+        "noise_volts": scales.noise_volts,
+        **{f"gain{part}": gain for part, gain in enumerate(gains, start=1)},
+        **{f"offset{part}": offset for part, offset in enumerate(offsets, start=1)},
+    }
 
 
 def _order(settings: ResolverSettings) -> str:
     """Return the order asked for, which is 1 where there is room for one path only."""
     return "1" if settings.max_paths == 1 else settings.order
-
-
-def _limits(frame: KernelFrame) -> tuple[float, float]:
-    """Return the limits of saturation as numpy compares with them: floats in their own type; NaN where there are none."""
-    if frame.phasor_map is None or frame.saturated_counts is None:
-        return math.nan, math.nan
-    stored_type = frame.stored.dtype.type if frame.stored.dtype.kind == "f" else np.float64
-    with np.errstate(over="ignore"):
-        low, high = (float(stored_type(limit)) for limit in frame.saturated_counts)
-    return low, high
-
-
-def _shared_map(phasor_map: PhasorMap | None) -> tuple[Sequence[float], Sequence[float]]:
-    """Return gain and offset of the four parts of phasors where all pixels have the same; −0 changes no bit of a sum."""
-    if phasor_map is None or phasor_map.own.shape[2] != 1:
-        return (1.0,) * 4, (-0.0,) * 4
-    constant = phasor_map.constant
-    return phasor_map.own.ravel().tolist(), (-0.0,) * 4 if constant is None else constant.ravel().tolist()
 
 
 def _own_maps(phasor_map: PhasorMap | None, count: int) -> tuple[Float | None, Float | None, Float | None]:

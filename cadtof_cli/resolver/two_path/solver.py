@@ -66,5 +66,5 @@ def may_be_one_path(frame: FundamentalFrame, limit: Float | float, /, *, noise: 
     n1 turns ρ by no more than π|n1|/2a; and noise along and across a phasor has at most twice its dark variance.
     """
     difference = frame.u - frame.pr
-    may: Bool = difference * difference + frame.pi * frame.pi <= 2.0 * limit * misfit_spread(noise)
+    may: Bool = difference * difference + frame.pi * frame.pi <= 2.0 * limit * misfit_spread(noise.each)
     return may

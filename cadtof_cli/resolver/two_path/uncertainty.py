@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cadtof_cli.arrays import Float
-from cadtof_cli.phasors.noise import NoiseModel
+from cadtof_cli.phasors.noise import HarmonicNoise, NoiseModel
 from cadtof_cli.records import dataclass
 
 if TYPE_CHECKING:
@@ -31,7 +31,7 @@ def two_path_sigmas(paths: "TwoPaths", /, *, noise: NoiseModel) -> Float:
 
     with s_h the dark variance and t_h = ε·r_2h/(2·r_h²); σ_y with a and b exchanged. float32 is enough for this.
     """
-    terms = variance_terms(noise)
+    terms = variance_terms(noise.each)
     # Any: numpy's stubs take a float32 array times a Python number for float64, which it is not
     gap: Any = (2.0 * paths.sin_half * paths.sin_half).astype(np.float32)
     a, b = paths.a.astype(np.float32), paths.b.astype(np.float32)
@@ -60,9 +60,9 @@ class VarianceTerms:
     signal: float
 
 
-def variance_terms(noise: NoiseModel, /) -> VarianceTerms:
+def variance_terms(each: Sequence[HarmonicNoise], /) -> VarianceTerms:
     """Return the factors for the noise of harmonics 1 and 2."""
-    first, second = noise.each
+    first, second = each
     s1, s2 = first.dark_variance, second.dark_variance
     t1, t2 = (0.5 * first.averaging * h.pulse_double / h.pulse**2 for h in (first, second))
     return VarianceTerms(
@@ -81,7 +81,7 @@ def _polynomial(x: Any, coefficients: Sequence[float]) -> Any:
     return value
 
 
-def misfit_spread(noise: NoiseModel, /) -> float:
+def misfit_spread(each: Sequence[HarmonicNoise], /) -> float:
     """Return the dark variance of |p1| − p2·conj(ρ)² (see `solver.py: may_be_one_path`)."""
-    first, second = noise.each
+    first, second = each
     return (1.0 + math.pi) ** 2 * first.dark_variance + second.dark_variance

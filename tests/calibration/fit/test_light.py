@@ -74,3 +74,37 @@ def test_pixels_that_are_hot_or_not_sound_are_not_asked() -> None:
 def test_with_the_fundamental_alone_the_level_is_all_there_is() -> None:
     assert _seen(_light(0.09, np.full((HEIGHT, WIDTH), 2.0), (1,)), (1,)).is_lit
     assert not _seen(_light(0.01, _phases(), (1,)), (1,)).is_lit
+
+
+def test_the_level_is_the_length_of_the_common_phasor_of_the_least_harmonic() -> None:
+    """Medians of both channels by themselves, over the modulation amplitude."""
+    volts = np.random.default_rng(5).normal(scale=1e-4, size=(2, 2, HEIGHT, WIDTH))
+    volts[0] += np.array([0.003, 0.004])[:, np.newaxis, np.newaxis]
+    volts[1] += np.array([-0.012, 0.005])[:, np.newaxis, np.newaxis]
+    assert _seen(volts).level == pytest.approx(0.005 / AMPLITUDE_V, rel=1e-3)
+    assert _seen(volts[::-1]).level == pytest.approx(0.005 / AMPLITUDE_V, rel=1e-3)
+
+
+@pytest.mark.parametrize(("law", "level", "lit"), [(1.0, 0.1, False), (1.01, 0.0, True), (0.0, 0.101, True)])
+def test_light_is_known_by_its_law_or_by_its_level(law: float, level: float, lit: bool) -> None:
+    seen = LightSeen(law, level)
+    assert seen.is_lit is lit
+    assert seen.follows_law is (law > 1.0)
+
+
+@pytest.mark.parametrize(("pixels", "asked"), [(199, False), (200, True)])
+def test_two_hundred_pixels_are_asked_at_least(pixels: int, asked: bool) -> None:
+    even = _light(0.09, np.full((HEIGHT, WIDTH), 2.0)) + 1e-4 * np.random.default_rng(6).normal(
+        size=(2, 2, HEIGHT, WIDTH)
+    )
+    even.reshape(2, 2, -1)[:, :, pixels:] = np.nan
+    assert (_seen(even).level > 0.0) is asked
+
+
+def test_light_under_the_noise_of_pixels_is_found_in_blocks() -> None:
+    """Among offsets of single pixels a third as large as the light: of medians over 5 × 5 the law foretells more."""
+    offsets = np.random.default_rng(7).normal(scale=0.02, size=(2, 2, 120, 160))
+    y, x = np.mgrid[:120, :160] / 120.0
+    light = _light(0.06, np.asarray(1.0 + 1.6 * x**2 - 0.5 * y))
+    assert _seen(offsets + light).law > 1.0
+    assert _seen(offsets).law < 1.0

@@ -100,3 +100,33 @@ def test_parameters_that_nothing_tells_are_refused() -> None:
     twice: F = np.stack([X, 2.0 * X], axis=1)
     with pytest.raises(SettingsError, match=r"do not determine all parameters \(condition"):
         robust_fit(lambda p: (y - twice @ p, twice), np.zeros(2))
+
+
+def test_weights_and_scale_are_tukey_s_biweight_of_the_residuals() -> None:
+    """Scale by the median of absolute residuals over .6745; no weight from 4.685 scales on."""
+    y = observed(3)
+    y[::7] += np.linspace(-1.0, 1.0, y[::7].size)
+    fit = fitted(y)
+    assert fit.scale == pytest.approx(np.median(np.abs(fit.residual)) / 0.6744897501960817)
+    share = np.abs(fit.residual) / (4.685 * fit.scale)
+    np.testing.assert_allclose(fit.weights, np.where(share < 1.0, (1.0 - share**2) ** 2, 0.0), atol=1e-12)
+    assert 0 < (fit.weights == 0.0).sum() < 60
+    kept = COLUMNS[fit.weights > 0.0] / SIGMA
+    np.testing.assert_allclose(
+        fit.covariance, np.linalg.inv(kept.T @ kept) * fit.scale**2 / 0.95, rtol=1e-8, atol=1e-15
+    )
+    root = 1.0 / np.sqrt(np.diag(kept.T @ kept))
+    assert fit.condition == pytest.approx(np.linalg.cond(kept.T @ kept * np.outer(root, root)))
+
+
+def test_the_fit_ends_where_the_weighted_residuals_balance() -> None:
+    """Within a ten-thousandth of the standard errors, whatever the start."""
+    y = observed(4)
+    y[100:160] += 0.6
+    near, far = (robust_fit(parabola(y), start) for start in (np.array([0.7, -1.3, 0.4]), np.array([0.9, -1.0, 0.1])))
+    errors = np.sqrt(np.diag(near.covariance))
+    assert (np.abs(near.parameters - far.parameters) < 1e-3 * errors).all()
+    slope = np.linalg.solve(
+        COLUMNS.T @ (near.weights[:, np.newaxis] * COLUMNS), COLUMNS.T @ (near.weights * near.residual)
+    )
+    assert (np.abs(slope * SIGMA) < 1e-3 * errors).all()

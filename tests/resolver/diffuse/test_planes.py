@@ -113,3 +113,72 @@ def test_a_wall_that_faces_the_camera_goes_on_beside_the_view_in_pieces_of_one_s
     side_px = round(float(np.sqrt(found.area_m2[0]) * 140.0 / distance_m), 6)
     assert side_px == pytest.approx(round(side_px))
     assert side_px % grid.side == 0
+
+
+def outside(extent: int, side: int) -> list[float]:
+    """Middles of pieces along one direction, from two pieces before the view on, for two beyond it."""
+    return [place for place in (-1.5 * side + side * n for n in range(1000)) if place < extent + 2 * side]
+
+
+def test_pieces_are_two_rings_of_squares_of_three_patches_around_the_view() -> None:
+    grid = patch_grid(120, 160, View(140.0, (70.0, 50.0)))
+    normal = np.zeros_like(grid.ray)
+    normal[2] = -1.0
+    every = np.ones(grid.ray.shape[1:], bool)
+    found = surfaces_beyond(Surfaces(2.0 / grid.ray[2], normal, grid.ray, grid.ray[2], every * 1.0), every, grid)
+    x = 140.0 * found.ray[0] / found.ray[2] + 70.5
+    y = 140.0 * found.ray[1] / found.ray[2] + 50.5
+    side = 3 * grid.side
+    expected = {(a, b) for a in outside(160, side) for b in outside(120, side) if not (0 <= a <= 160 and 0 <= b <= 120)}
+    assert {(round(a, 6), round(b, 6)) for a, b in zip(x.tolist(), y.tolist(), strict=True)} == expected
+    np.testing.assert_allclose(np.linalg.norm(found.ray, axis=0), 1.0)
+
+
+@pytest.mark.parametrize(("distance_m", "some"), [(0.2, False), (0.3, True)])
+def test_pieces_right_before_the_camera_are_left_out(distance_m: float, some: bool) -> None:
+    """Of a wall parallel to the array, .25 m and more of range are kept: those at the sides of one .2 m away are further."""
+    grid = patch_grid(120, 160, View(1400.0, (79.5, 59.5)))
+    normal = np.zeros_like(grid.ray)
+    normal[2] = -1.0
+    every = np.ones(grid.ray.shape[1:], bool)
+    wall = Surfaces(distance_m / grid.ray[2], normal, grid.ray, grid.ray[2], every * 1.0)
+    assert (len(surfaces_beyond(wall, every, grid).range_m) > 0) is some
+    assert len(surfaces_beyond(wall, ~every, grid).range_m) == 0
+
+
+@pytest.mark.parametrize(("lit", "found"), [(19, False), (20, True)])
+def test_three_tenths_of_a_patch_s_samples_make_a_surface(lit: int, found: bool) -> None:
+    cut = patch_grid(120, 160, View(FOCAL, (79.5, 59.5)))
+    seen = np.zeros((cut.rows, cut.columns, 64), bool)
+    seen[..., :lit] = True
+    planes = patch_planes(np.full(seen.shape, 2.0) / cut.cosine, seen, cut)
+    assert planes.found.all() == planes.found.any() == found
+
+
+@pytest.mark.parametrize("near_share", [0.4, 0.6])
+def test_a_patch_has_the_depth_of_most_of_its_samples(near_share: float) -> None:
+    cut = patch_grid(120, 160, View(FOCAL, (79.5, 59.5)))
+    near = np.zeros((cut.rows, cut.columns, 64), bool)
+    near[..., : round(64 * near_share)] = True
+    depth = np.where(near, 1.0, 3.0)
+    planes = patch_planes(depth / cut.cosine, np.ones_like(near), cut)
+    np.testing.assert_array_equal(planes.on_plane, near == (near_share > 0.5))
+    np.testing.assert_allclose(planes.surfaces.range_m * cut.ray[2], 1.0 if near_share > 0.5 else 3.0)
+
+
+def test_samples_within_a_tenth_of_the_middle_one_in_inverse_depth_are_on_its_plane() -> None:
+    cut = patch_grid(120, 160, View(FOCAL, (79.5, 59.5)))
+    inverse = np.full((cut.rows, cut.columns, 64), 0.5)
+    inverse[..., :4] *= np.array([1.09, 1.11, 0.91, 0.89])
+    planes = patch_planes(1.0 / (inverse * cut.cosine), np.ones(inverse.shape, bool), cut)
+    assert planes.on_plane[3, 4, :6].tolist() == [True, False, True, False, True, True]
+
+
+def test_grazing_surfaces_are_taken_for_less_so() -> None:
+    """A cosine of .08 at the least, so that areas and albedos have bounds."""
+    cut = patch_grid(120, 160, View(400.0, (79.5, 59.5)))
+    y, x = np.mgrid[:120, :160].astype(float)
+    depth = 2.0 / (1.0 + 60.0 * ((x - 79.5) / 400.0 + 0.21))
+    planes = patch_planes(cut.samples(depth) / cut.cosine, np.ones(cut.cosine.shape, bool), cut)
+    assert planes.surfaces.cosine.min() == 0.08
+    assert y.shape == x.shape

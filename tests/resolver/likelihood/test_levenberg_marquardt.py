@@ -28,6 +28,9 @@ class Rosenbrock:
     def moved(self, points: Float, steps: Float, /) -> Float:
         return points + steps
 
+    def planes(self, points: Float, /) -> None:
+        """Nothing: the compiled search knows no such problems."""
+
     def __getitem__(self, chosen: Index, /) -> Self:
         return replace(self, root=self.root[chosen])
 

@@ -7,7 +7,8 @@ import pytest
 from numpy.typing import NDArray
 from scipy.optimize import leastsq
 
-from cadtof_cli.resolver.paper.equation_9 import TwoShares, random_starts, two_shares
+from cadtof_cli.resolver.paper.equation_9 import TwoShares, two_shares
+from cadtof_cli.resolver.paper.starts import random_starts
 from cadtof_cli.resolver.two_path.closed_form import fundamental_frame, two_paths
 from tests.support.mixtures import C, Mixture
 

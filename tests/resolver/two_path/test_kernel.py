@@ -205,16 +205,17 @@ def test_nothing_but_the_maps_is_written() -> None:
     np.testing.assert_array_equal(stored, before)
 
 
-def front_of(**other: Any) -> tuple[front.KernelFrame, dict[str, Any]]:
-    """A frame of 40 pixels as the front takes it, and the other arguments, some of them replaced."""
+def front_of(**other: Any) -> tuple[NDArray[Any], front.KernelScales, dict[str, Any]]:
+    """40 pixels as the front takes them, what turns them into maps, and the other arguments, some of them replaced."""
     plan = plan_of()
     noise = prepare_frame(frame(np.zeros((4, 40)), 40), plan=plan).noise
-    parts: dict[str, Any] = {"stored": np.zeros((2, 40), np.complex128), "phasor_map": None}
+    parts: dict[str, Any] = {"phasor_map": None}
     parts |= {"saturated_counts": None, "metres": 1.0, "volts": 1.0, "phase_offset_rad": None}
     rest: dict[str, Any] = {"layers": np.zeros((7, 40), np.float32), "status": np.zeros(40, np.uint32)}
     rest |= {"settings": plan.resolver, "noise": noise}
     return (
-        front.KernelFrame(**parts | {name: value for name, value in other.items() if name in parts}),
+        other.pop("stored", np.zeros((2, 40), np.complex128)),
+        front.KernelScales(**parts | {name: value for name, value in other.items() if name in parts}),
         rest | {name: value for name, value in other.items() if name not in parts},
     )
 
@@ -241,23 +242,23 @@ def front_of(**other: Any) -> tuple[front.KernelFrame, dict[str, Any]]:
     ],
 )
 def test_the_front_refuses_what_does_not_fit(other: dict[str, Any]) -> None:
-    arrays, rest = front_of(**other)
+    stored, scales, rest = front_of(**other)
     with pytest.raises((ValueError, TypeError)):
-        front.fill_maps(arrays, **rest)
+        front.fill_maps(stored, scales, **rest)
 
 
 def test_the_front_takes_what_fits() -> None:
-    arrays, rest = front_of()
-    front.fill_maps(arrays, **rest)
+    stored, scales, rest = front_of()
+    front.fill_maps(stored, scales, **rest)
     assert (rest["status"] == 4).all()
     assert np.isnan(rest["layers"][:6]).all()
 
 
 def test_each_constant_that_the_kernel_reads_has_a_value(compiled: ModuleType) -> None:
-    arrays, rest = front_of()
-    constants = front.kernel_constants(arrays, rest["settings"], rest["noise"])
-    assert set(compiled.constant_names()) == set(constants)
-    assert not [name for name, value in constants.items() if math.isnan(value) and "saturated" not in name]
+    _, _, rest = front_of()
+    constants = front.shared_constants(rest["settings"], rest["noise"].each)
+    assert set(compiled.constant_names()) > set(constants)
+    assert not [name for name, value in constants.items() if math.isnan(value)]
 
 
 def test_the_environment_chooses_among_what_there_is(monkeypatch: pytest.MonkeyPatch) -> None:

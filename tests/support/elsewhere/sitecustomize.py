@@ -13,7 +13,7 @@ from typing import cast
 LACKING = {
     os: (
         *("pread", "pwrite", "preadv", "pwritev", "readv", "writev", "sched_getaffinity", "memfd_create", "fork"),
-        *("O_NOFOLLOW", "O_CLOEXEC", "O_NONBLOCK", "O_DIRECTORY"),
+        *("O_NOFOLLOW", "O_CLOEXEC", "O_NONBLOCK", "O_DIRECTORY", "O_DIRECT"),
     ),
     signal: ("SIGHUP", "pthread_sigmask", "SIG_BLOCK", "SIG_UNBLOCK", "SIG_SETMASK"),
 }

@@ -6,10 +6,10 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any, TypedDict, Unpack
 
+from cadtof_cli.api.frames import Frame
+from cadtof_cli.api.maps import Maps
 from cadtof_cli.arrays import Stored
 from cadtof_cli.calibration.store import Calibration, load_calibration
-from cadtof_cli.door.frames import Frame
-from cadtof_cli.door.maps import Maps
 from cadtof_cli.errors import FrameError, SettingsError
 from cadtof_cli.files.maps import STATUS
 from cadtof_cli.frame_plan import CalibrationUse, DepthKind, FramePlan, MapSettings

@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
+from cadtof_cli.api.frames import Frame
+from cadtof_cli.api.maps import Maps
 from cadtof_cli.capture.metadata import InvalidValueError, Modulation, Pulse
-from cadtof_cli.door.frames import Frame
-from cadtof_cli.door.maps import Maps
 from cadtof_cli.errors import SettingsError
 from cadtof_cli.simulation.scene.camera import Camera
 from cadtof_cli.simulation.scene.scenes import SCENES

@@ -1,4 +1,4 @@
-"""The Python door says what the command writes, bit by bit, and importing the package costs nothing until it is used."""
+"""The Python interface returns the same bits as the command writes, and importing the package loads nothing until it is used."""
 
 import logging
 import subprocess
@@ -13,10 +13,10 @@ import pytest
 import tifffile
 
 from cadtof_cli import Frame, Maps, read_frames, read_maps, resolve, simulate_scene
+from cadtof_cli.api.resolve import ResolveOptions, ResolverOptions
 from cadtof_cli.calibration.store import save_part
 from cadtof_cli.capture.metadata import Pixel
 from cadtof_cli.capture.toml import load_metadata
-from cadtof_cli.door.resolve import ResolveOptions, ResolverOptions
 from cadtof_cli.errors import CaptureError, FrameError, MetadataError, SettingsError
 from cadtof_cli.frame_plan import MapSettings
 from cadtof_cli.resolver.settings import ResolverSettings

@@ -1,0 +1,1 @@
+"""The Python interface, `from cadtof_cli import …`: thin, since the same functions do the work as for the commands."""

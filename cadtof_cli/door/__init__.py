@@ -1,1 +1,0 @@
-"""The Python door: what `from cadtof_cli import …` offers. Thin: the work is that of the commands, by the same functions."""

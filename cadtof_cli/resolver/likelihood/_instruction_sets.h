@@ -1,0 +1,41 @@
+/* One function compiled for every instruction set of a kind of processor, and which of them this processor has. */
+#if defined(__GNUC__) || defined(__clang__)
+#define KERNEL_INLINE __attribute__((always_inline))
+#else
+#define KERNEL_INLINE
+#endif
+#ifdef _MSC_VER
+#pragma fp_contract(off)
+#elif defined(__clang__)
+#pragma STDC FP_CONTRACT OFF
+#endif
+
+static int always(void) { return 1; }
+
+#if defined(__x86_64__) && (defined(__GNUC__) || defined(__clang__))
+#include <cpuid.h>
+#ifdef __clang__
+#define WIDE
+#else
+#define WIDE ",prefer-vector-width=512"
+#endif
+
+/* Asked of the processor itself: not every compiler's runtime library answers __builtin_cpu_supports. */
+static int has(unsigned saved_state, unsigned features) {
+    unsigned eax, ebx, ecx, edx, low, high;
+    if (!__get_cpuid(1, &eax, &ebx, &ecx, &edx) || !(ecx & bit_OSXSAVE)) return 0;
+    __asm__("xgetbv" : "=a"(low), "=d"(high) : "c"(0));
+    if ((low & saved_state) != saved_state || !__get_cpuid_count(7, 0, &eax, &ebx, &ecx, &edx)) return 0;
+    return (ebx & features) == features;
+}
+static int has_avx512(void) { return has(0xe6, bit_AVX512F | bit_AVX512DQ | bit_AVX512BW | bit_AVX512VL); }
+static int has_avx2(void) { return has(0x06, bit_AVX2); }
+#define FOR_EACH_LEVEL(LEVEL)                                                                             \
+    LEVEL(avx512, __attribute__((target("avx2,avx512f,avx512dq,avx512bw,avx512vl" WIDE))), has_avx512)   \
+    LEVEL(avx2, __attribute__((target("avx2"))), has_avx2)                                               \
+    LEVEL(sse2, , always)
+#elif defined(__aarch64__) || defined(_M_ARM64)
+#define FOR_EACH_LEVEL(LEVEL) LEVEL(neon, , always)
+#else
+#define FOR_EACH_LEVEL(LEVEL) LEVEL(plain, , always)
+#endif

@@ -1,0 +1,154 @@
+/* The compiled twin of the search (levenberg_marquardt.py) as a Python module: buffers in, buffers filled, nothing kept.
+ *
+ * compiled.py is its front. What comes here is checked again all the same: a buffer of the wrong type, size, alignment or layout
+ * is a ValueError or TypeError, never a crash.
+ */
+#ifndef Py_GIL_DISABLED
+#define Py_LIMITED_API 0x030b0000 /* one build for every Python from 3.11 on */
+#endif
+#define PY_SSIZE_T_CLEAN
+#include <Python.h>
+
+#include "_instruction_sets.h"
+#include "_search.h"
+#include "../two_path/_kernel_buffers.h"
+
+typedef struct {
+    const char *name;
+    void (*search)(const Search *search);
+    int (*supported)(void);
+} Level;
+
+#define FUNCTION(name, attributes, supported) \
+    attributes static void search_##name(const Search *search) { search_all(search); }
+#define LISTED(name, attributes, supported) {#name, search_##name, supported},
+FOR_EACH_LEVEL(FUNCTION)
+static const Level LEVELS[] = {FOR_EACH_LEVEL(LISTED)};
+#define LEVEL_COUNT (sizeof LEVELS / sizeof *LEVELS)
+
+enum { HARMONICS, RE, IM, WEIGHTS, STARTS, WORTH, POINTS, COST, MATRIX, CONVERGED, STEPS, BUFFERS };
+static const Wanted WANTED[BUFFERS] = {
+    {"harmonics", "q l ", 8, 0, 0}, {"re", "d ", 8, 0, 0},     {"im", "d ", 8, 0, 0},   {"weights", "d ", 8, 1, 0},
+    {"starts", "d ", 8, 0, 0},      {"worth", "d ", 8, 0, 0},  {"points", "d ", 8, 0, 1}, {"cost", "d ", 8, 0, 1},
+    {"matrix", "d ", 8, 0, 1},      {"converged", "? ", 1, 0, 1}, {"steps", "q l ", 8, 0, 1},
+};
+
+/* Whether kind, paths and harmonics are what there is room for; or set an error. */
+static int is_known(int kind, int paths, int most_steps, const Py_buffer *harmonics) {
+    const Py_ssize_t rows = values_in(harmonics);
+    if (kind < WHITE || kind > SHARES || paths < 1 || paths > (kind == SHARES ? 1 : MOST_PATHS) || most_steps < 0 || rows < 1 ||
+        rows > MOST_ROWS) {
+        PyErr_Format(PyExc_ValueError, "found kind %d, %d paths, %d steps and %zd harmonics", kind, paths, most_steps, rows);
+        return 0;
+    }
+    const int64_t *number = harmonics->buf;
+    for (Py_ssize_t row = 0; row < rows; row++)
+        if (number[row] < 1 || number[row] > MOST_HARMONIC) {
+            PyErr_Format(PyExc_ValueError, "harmonics: found %lld, expected 1 to %d", (long long)number[row], MOST_HARMONIC);
+            return 0;
+        }
+    return 1;
+}
+
+/* Whether all buffers fit as many problems as `cost` has; or set an error. */
+static int fit_together(int kind, int paths, const Py_buffer *view) {
+    const int64_t count = values_in(&view[COST]), rows = values_in(&view[HARMONICS]);
+    const int64_t points = kind == SHARES ? 2 : 3 * paths, weights = kind == WHITE ? rows : kind == WEIGHTED ? 3 * rows * count : 0;
+    if (count > PY_SSIZE_T_MAX / 4096) {
+        PyErr_SetString(PyExc_ValueError, "cost: too many problems");
+        return 0;
+    }
+    const int64_t values[BUFFERS] = {rows,           rows * count, rows * count, weights, points * count, count,
+                                     points * count, count,        ENTRY(2 * paths, 0) * count, count, count};
+    for (int which = 0; which < BUFFERS; which++) {
+        if (which == WEIGHTS && kind != SHARES && !view[which].obj) {
+            PyErr_SetString(PyExc_ValueError, "weights: found None");
+            return 0;
+        }
+        if (!has_values(WANTED[which].name, &view[which], values[which])) return 0;
+        if (WANTED[which].writable && !lies_apart(&view[which], WANTED, view, BUFFERS)) return 0;
+    }
+    return 1;
+}
+
+static PyObject *solve_problems(PyObject *module, PyObject *arguments) {
+    (void)module;
+    const char *name;
+    int kind, paths, most_steps;
+    double relative, first_damping;
+    PyObject *object[BUFFERS];
+    if (!PyArg_ParseTuple(arguments, "siiiddOOOOOOOOOOO", &name, &kind, &paths, &most_steps, &relative, &first_damping, &object[0],
+                          &object[1], &object[2], &object[3], &object[4], &object[5], &object[6], &object[7], &object[8], &object[9],
+                          &object[10]))
+        return NULL;
+    const Level *level = NULL;
+    for (size_t i = 0; i < LEVEL_COUNT && !level; i++)
+        if (!strcmp(LEVELS[i].name, name) && LEVELS[i].supported()) level = &LEVELS[i];
+    if (!level) return PyErr_Format(PyExc_ValueError, "found level %s, expected one that levels() lists", name);
+    Py_buffer view[BUFFERS];
+    memset(view, 0, sizeof view);
+    const int sound = get_buffers(WANTED, BUFFERS, object, view) && is_known(kind, paths, most_steps, &view[HARMONICS]) &&
+                      fit_together(kind, paths, view);
+    if (sound) {
+        const Search search = {
+            .kind = (enum kind)kind,
+            .paths = paths,
+            .rows = (int)values_in(&view[HARMONICS]),
+            .most_steps = most_steps,
+            .count = values_in(&view[COST]),
+            .harmonics = view[HARMONICS].buf,
+            .relative = relative,
+            .first_damping = first_damping,
+            .re = view[RE].buf,
+            .im = view[IM].buf,
+            .weights = view[WEIGHTS].buf,
+            .starts = view[STARTS].buf,
+            .worth = view[WORTH].buf,
+            .points = view[POINTS].buf,
+            .cost = view[COST].buf,
+            .matrix = view[MATRIX].buf,
+            .converged = view[CONVERGED].buf,
+            .steps = view[STEPS].buf,
+        };
+        Py_BEGIN_ALLOW_THREADS
+        level->search(&search);
+        Py_END_ALLOW_THREADS
+    }
+    release_buffers(view, BUFFERS);
+    if (!sound) return NULL;
+    Py_RETURN_NONE;
+}
+
+static PyObject *levels(PyObject *module, PyObject *none) {
+    (void)module, (void)none;
+    PyObject *names = PyList_New(0);
+    for (size_t i = 0; names && i < LEVEL_COUNT; i++) {
+        if (!LEVELS[i].supported()) continue;
+        PyObject *name = PyUnicode_FromString(LEVELS[i].name);
+        if (!name || PyList_Append(names, name) < 0) Py_CLEAR(names);
+        Py_XDECREF(name);
+    }
+    return names;
+}
+
+static PyMethodDef METHODS[] = {
+    {"solve", solve_problems, METH_VARARGS,
+     "solve(level, kind, paths, most_steps, relative, first_damping, harmonics, re, im, weights, starts, worth, points, cost, "
+     "matrix, converged, steps)\n\n"
+     "Minimise every problem from its start. Everybody but the tests calls it through compiled.py."},
+    {"levels", levels, METH_NOARGS, "Names of the instruction sets that this processor has, the fastest first."},
+    {NULL, NULL, 0, NULL}};
+
+static PyModuleDef_Slot SLOTS[] = {
+#ifdef Py_mod_gil
+    {Py_mod_gil, Py_MOD_GIL_NOT_USED},
+#endif
+    {0, NULL}};
+
+static struct PyModuleDef MODULE = {.m_base = PyModuleDef_HEAD_INIT,
+                                    .m_name = "_search",
+                                    .m_doc = "Levenberg–Marquardt for many small problems, compiled.",
+                                    .m_methods = METHODS,
+                                    .m_slots = SLOTS};
+
+PyMODINIT_FUNC PyInit__search(void) { return PyModuleDef_Init(&MODULE); }

@@ -1,0 +1,381 @@
+/* Levenberg–Marquardt for many small least-squares problems, LANES of them at a time: the same operations in the same order as
+ * levenberg_marquardt.py, mixture.py, normal_equations.py and equation_9.py, so that every bit is theirs.
+ *
+ * A lane holds a problem. When it stops, its answer is written and the next problem takes its lane; what it begins with is linearised
+ * together with the others' next points. Nothing is looked at across lanes.
+ */
+#include <math.h>
+#include <stdint.h>
+#include <string.h>
+
+#if defined(__GNUC__) || defined(__clang__)
+#ifndef LANES
+#define LANES 8
+#endif
+typedef double Row __attribute__((vector_size(8 * LANES)));
+typedef int64_t Mask __attribute__((vector_size(8 * LANES)));
+#define BELOW(a, b) ((Mask)((a) < (b)))
+#define UP_TO(a, b) ((Mask)((a) <= (b)))
+#define SAME(a, b) ((Mask)((a) == (b)))
+#define SELECT(mask, a, b) ((Row)(((mask) & (Mask)(a)) | (~(mask) & (Mask)(b))))
+#define ALL(number) ((Row){0} + (number))
+#else
+#define LANES 1
+typedef double Row;
+typedef int64_t Mask;
+#define BELOW(a, b) (-(Mask)((a) < (b)))
+#define UP_TO(a, b) (-(Mask)((a) <= (b)))
+#define SAME(a, b) (-(Mask)((a) == (b)))
+#define SELECT(mask, a, b) ((mask) ? (a) : (b))
+#define ALL(number) ((Row)(number))
+#endif
+#ifndef GROUPS
+#define GROUPS 2
+#endif
+#define LANE(values, lane) (((double *)&(values))[lane])
+#define FLAG(values, lane) (((int64_t *)&(values))[lane])
+
+enum kind { WHITE, WEIGHTED, SHARES };
+enum {
+    MOST_PATHS = 4,
+    MOST_ROWS = 8,
+    MOST_HARMONIC = 16,
+    MOST_POINTS = 3 * MOST_PATHS,
+    MOST_STEPS = 2 * MOST_PATHS,
+    MOST_ENTRIES = MOST_STEPS * (MOST_STEPS + 1) / 2
+};
+
+#define LEAST_PIVOT 1e-14
+#define TINY 2.2250738585072014e-308
+#define MOST_DAMPING 1e12
+
+/* What is solved, and where the answers go; arrays of planes of `count` numbers. */
+typedef struct {
+    enum kind kind;
+    int paths, rows, most_steps; /* rows: harmonics, of SHARES those beyond the first */
+    int64_t count;
+    const int64_t *harmonics;
+    double relative, first_damping;
+    const double *re, *im;             /* of what was measured, of SHARES the right sides */
+    const double *weights;             /* WHITE: one a row; WEIGHTED: re_re, re_im, im_im, a plane a row each */
+    const double *starts, *worth;
+    double *points, *cost, *matrix;
+    uint8_t *converged;
+    int64_t *steps;
+} Search;
+
+typedef struct {
+    Row matrix[MOST_ENTRIES], gradient[MOST_STEPS], cost;
+} Linear;
+
+typedef struct {
+    Row re[MOST_ROWS], im[MOST_ROWS], weights[3][MOST_ROWS];
+    Row point[MOST_POINTS], trial[MOST_POINTS];
+    Linear now, there;
+    Row damping, growth, worth, promised, steps;
+    Mask done, fresh, busy;
+    int64_t problem[LANES]; /* which one a lane holds */
+} Lanes;
+
+#define ENTRY(i, j) ((i) * ((i) + 1) / 2 + (j))
+
+static KERNEL_INLINE inline int any(const Mask *flags) {
+    int64_t found = 0;
+    for (int lane = 0; lane < LANES; lane++) found |= FLAG(*flags, lane);
+    return found != 0;
+}
+
+static KERNEL_INLINE inline void roots(Row *values) {
+    for (int lane = 0; lane < LANES; lane++) LANE(*values, lane) = sqrt(LANE(*values, lane));
+}
+
+/* rotors.py: unit_rotor. The rotor of 0 is 1. */
+static KERNEL_INLINE inline void unit_rotor(const Row *re, const Row *im, Row *modulus, Row *cos, Row *sin) {
+    Row length = *re * *re + *im * *im;
+    roots(&length);
+    const Row zero = SELECT(SAME(length, ALL(0.0)), ALL(1.0), ALL(0.0));
+    const Row scale = 1.0 / (length + zero);
+    *modulus = length;
+    *cos = *re * scale + zero;
+    *sin = *im * scale;
+}
+
+/* rotors.py: powers. Only powers that lead to one of the rows' are computed. */
+static KERNEL_INLINE inline void powers(const Search *search, const Row *cos, const Row *sin, Row (*power)[2]) {
+    int64_t most = 1;
+    for (int row = 0; row < search->rows; row++) most = search->harmonics[row] > most ? search->harmonics[row] : most;
+    power[1][0] = *cos;
+    power[1][1] = *sin;
+    for (int64_t h = 2; h <= most; h++) {
+        const Row *a = power[h / 2], *b = power[h - h / 2];
+        const Row re = a[0] * b[0] - a[1] * b[1], im = a[0] * b[1] + a[1] * b[0];
+        power[h][0] = re;
+        power[h][1] = im;
+    }
+}
+
+/* What the paths leave of a row's phasor. */
+static KERNEL_INLINE inline void rest_of(const Lanes *lanes, const Row *amplitude, Row (*rotor)[MOST_HARMONIC + 1][2], int paths,
+                                         int row, int64_t h, Row *re, Row *im) {
+    Row sum_re = amplitude[0] * rotor[0][h][0], sum_im = amplitude[0] * rotor[0][h][1];
+    for (int k = 1; k < paths; k++) {
+        sum_re += amplitude[k] * rotor[k][h][0];
+        sum_im += amplitude[k] * rotor[k][h][1];
+    }
+    *re = lanes->re[row] - sum_re;
+    *im = lanes->im[row] - sum_im;
+}
+
+/* mixture.py: WhiteFit.linearised. */
+static KERNEL_INLINE inline void linearise_white(const Search *search, const Lanes *lanes, const Row *point, Linear *at, int k) {
+    Row rotor[MOST_PATHS][MOST_HARMONIC + 1][2];
+    for (int i = 0; i < k; i++) powers(search, &point[k + i], &point[2 * k + i], rotor[i]);
+    for (int row = 0; row < search->rows; row++) {
+        const int64_t number = search->harmonics[row];
+        const double h = (double)number, weight = search->weights[row];
+        Row re, im;
+        rest_of(lanes, point, rotor, k, row, number, &re, &im);
+        at->cost += weight * (re * re + im * im);
+        for (int i = 0; i < k; i++) {
+            const Row cos = rotor[i][number][0], sin = rotor[i][number][1];
+            at->gradient[i] += weight * (cos * re + sin * im);
+            at->gradient[k + i] += (weight * h) * (cos * im - sin * re);
+            at->matrix[ENTRY(i, i)] += ALL(weight);
+            at->matrix[ENTRY(k + i, k + i)] += ALL(weight * h * h);
+            for (int j = 0; j < i; j++) {
+                const Row cos_j = rotor[j][number][0], sin_j = rotor[j][number][1];
+                const Row in_phase = weight * (cos * cos_j + sin * sin_j);
+                const Row quadrature = (weight * h) * (sin * cos_j - cos * sin_j);
+                at->matrix[ENTRY(i, j)] += in_phase;
+                at->matrix[ENTRY(k + i, k + j)] += (h * h) * in_phase;
+                at->matrix[ENTRY(k + j, i)] += quadrature;
+                at->matrix[ENTRY(k + i, j)] -= quadrature;
+            }
+        }
+    }
+}
+
+/* mixture.py: WeightedFit.linearised. */
+static KERNEL_INLINE inline void linearise_weighted(const Search *search, const Lanes *lanes, const Row *point, Linear *at, int k) {
+    Row rotor[MOST_PATHS][MOST_HARMONIC + 1][2];
+    for (int i = 0; i < k; i++) powers(search, &point[k + i], &point[2 * k + i], rotor[i]);
+    for (int row = 0; row < search->rows; row++) {
+        const int64_t number = search->harmonics[row];
+        const double h = (double)number;
+        const Row a = lanes->weights[0][row], b = lanes->weights[1][row], d = lanes->weights[2][row];
+        Row re, im, slope_re[MOST_STEPS], slope_im[MOST_STEPS];
+        rest_of(lanes, point, rotor, k, row, number, &re, &im);
+        for (int i = 0; i < k; i++) {
+            slope_re[i] = rotor[i][number][0];
+            slope_im[i] = rotor[i][number][1];
+            slope_re[k + i] = -h * rotor[i][number][1];
+            slope_im[k + i] = h * rotor[i][number][0];
+        }
+        at->cost += (a * re + 2.0 * b * im) * re + d * im * im;
+        for (int i = 0; i < 2 * k; i++) {
+            const Row weighted_re = a * slope_re[i] + b * slope_im[i], weighted_im = b * slope_re[i] + d * slope_im[i];
+            at->gradient[i] += weighted_re * re + weighted_im * im;
+            for (int j = 0; j <= i; j++)
+                at->matrix[ENTRY(i, j)] += weighted_re * slope_re[j] + weighted_im * slope_im[j];
+        }
+    }
+}
+
+/* equation_9.py: _derivatives. */
+static KERNEL_INLINE inline void derivatives(double j, const Row *cos, const Row *sin, const Row *rotor, Row slopes[4]) {
+    slopes[0] = rotor[0] * *cos + j * rotor[1] * *sin;
+    slopes[1] = rotor[1] * *cos - j * rotor[0] * *sin;
+    slopes[2] = rotor[0] * *sin - j * rotor[1] * *cos;
+    slopes[3] = rotor[1] * *sin + j * rotor[0] * *cos;
+}
+
+/* equation_9.py: EliminatedPath.linearised. */
+static KERNEL_INLINE inline void linearise_shares(const Search *search, const Lanes *lanes, const Row *point, Linear *at) {
+    const Row other_re = 1.0 - point[0], other_im = -point[1];
+    Row radius, cos, sin, other_radius, other_cos, other_sin;
+    Row rotor[MOST_HARMONIC + 1][2], other[MOST_HARMONIC + 1][2], slope[4], other_slope[4];
+    unit_rotor(&point[0], &point[1], &radius, &cos, &sin);
+    unit_rotor(&other_re, &other_im, &other_radius, &other_cos, &other_sin);
+    powers(search, &cos, &sin, rotor);
+    powers(search, &other_cos, &other_sin, other);
+    for (int row = 0; row < search->rows; row++) {
+        const int64_t number = search->harmonics[row];
+        const Row *z = rotor[number], *w = other[number];
+        derivatives((double)number, &cos, &sin, z, slope);
+        derivatives((double)number, &other_cos, &other_sin, w, other_slope);
+        for (int i = 0; i < 4; i++) slope[i] -= other_slope[i];
+        const Row re = lanes->re[row] - radius * z[0] - other_radius * w[0];
+        const Row im = lanes->im[row] - radius * z[1] - other_radius * w[1];
+        at->cost += re * re + im * im;
+        at->matrix[0] += slope[0] * slope[0] + slope[1] * slope[1];
+        at->matrix[1] += slope[0] * slope[2] + slope[1] * slope[3];
+        at->matrix[2] += slope[2] * slope[2] + slope[3] * slope[3];
+        at->gradient[0] += slope[0] * re + slope[1] * im;
+        at->gradient[1] += slope[2] * re + slope[3] * im;
+    }
+}
+
+/* normal_equations.py: cholesky and solve; the diagonal of `lower` holds 1/L_ii. */
+static KERNEL_INLINE inline void solve(const Linear *at, const Row *damping, int size, Row *x) {
+    Row lower[MOST_ENTRIES];
+    const Row raised = 1.0 + *damping;
+    for (int j = 0; j < size; j++) {
+        const Row diagonal = at->matrix[ENTRY(j, j)] * raised;
+        Row pivot = diagonal;
+        for (int k = 0; k < j; k++) pivot -= lower[ENTRY(j, k)] * lower[ENTRY(j, k)];
+        const Row least = LEAST_PIVOT * diagonal + TINY;
+        pivot = SELECT(BELOW(pivot, least), least, pivot); /* NaN stays, as in numpy's maximum */
+        roots(&pivot);
+        lower[ENTRY(j, j)] = 1.0 / pivot;
+        for (int i = j + 1; i < size; i++) {
+            Row rest = at->matrix[ENTRY(i, j)];
+            for (int k = 0; k < j; k++) rest -= lower[ENTRY(i, k)] * lower[ENTRY(j, k)];
+            lower[ENTRY(i, j)] = rest * lower[ENTRY(j, j)];
+        }
+    }
+    for (int i = 0; i < size; i++) {
+        x[i] = at->gradient[i];
+        for (int k = 0; k < i; k++) x[i] -= lower[ENTRY(i, k)] * x[k];
+        x[i] *= lower[ENTRY(i, i)];
+    }
+    for (int i = size - 1; i >= 0; i--) {
+        for (int k = i + 1; k < size; k++) x[i] -= lower[ENTRY(k, i)] * x[k];
+        x[i] *= lower[ENTRY(i, i)];
+    }
+}
+
+/* The next points of all lanes that are not fresh, and what is promised of them. */
+static KERNEL_INLINE inline void step(Lanes *lanes, double relative, enum kind kind, int k) {
+    const int size = 2 * k;
+    Row x[MOST_STEPS], trial[MOST_POINTS];
+    solve(&lanes->now, &lanes->damping, size, x);
+    lanes->promised = ALL(0.0);
+    for (int i = 0; i < size; i++)
+        lanes->promised += x[i] * (lanes->now.gradient[i] + lanes->damping * lanes->now.matrix[ENTRY(i, i)] * x[i]);
+    lanes->done = UP_TO(lanes->promised, relative * lanes->now.cost + lanes->worth);
+    if (kind == SHARES) {
+        for (int i = 0; i < 2; i++) trial[i] = lanes->point[i] + x[i];
+    } else {
+        for (int i = 0; i < k; i++) { /* mixture.py: moved_paths */
+            const Row along = lanes->point[i] + x[i], *cos = &lanes->point[k + i], *sin = &lanes->point[2 * k + i];
+            Row turn_cos, turn_sin;
+            unit_rotor(&along, &x[k + i], &trial[i], &turn_cos, &turn_sin);
+            trial[k + i] = *cos * turn_cos - *sin * turn_sin;
+            trial[2 * k + i] = *cos * turn_sin + *sin * turn_cos;
+        }
+    }
+    const int points = kind == SHARES ? 2 : 3 * k;
+    for (int i = 0; i < points; i++) lanes->trial[i] = SELECT(lanes->fresh, lanes->trial[i], trial[i]);
+}
+
+/* levenberg_marquardt.py: the rest of _stepped, and which lanes have stopped. */
+static KERNEL_INLINE inline void judge(Lanes *lanes, double first_damping, int entries, int size, int points, Mask *stopped) {
+    const Linear *now = &lanes->now, *there = &lanes->there;
+    const Row gain = (now->cost - there->cost) / lanes->promised;
+    const Mask down = BELOW(there->cost, now->cost), moves = down | lanes->fresh;
+    const Row twice = 2.0 * gain - 1.0, cube = twice * twice * twice;
+    Row eased = 1.0 - cube;
+    eased = SELECT(BELOW(eased, ALL(0.1)), ALL(0.1), eased);
+    const Row damping = SELECT(down, lanes->damping * eased, lanes->damping * lanes->growth);
+    const Row growth = SELECT(down, ALL(2.0), 2.0 * lanes->growth);
+    const Mask finite = SAME(lanes->promised - lanes->promised, ALL(0.0));
+    *stopped = (lanes->done | ~BELOW(damping, ALL(MOST_DAMPING)) | ~finite) & ~lanes->fresh;
+    lanes->damping = SELECT(lanes->fresh, ALL(first_damping), damping);
+    lanes->growth = SELECT(lanes->fresh, ALL(2.0), growth);
+    for (int i = 0; i < points; i++) lanes->point[i] = SELECT(moves, lanes->trial[i], lanes->point[i]);
+    for (int i = 0; i < entries; i++) lanes->now.matrix[i] = SELECT(moves, there->matrix[i], now->matrix[i]);
+    for (int i = 0; i < size; i++) lanes->now.gradient[i] = SELECT(moves, there->gradient[i], now->gradient[i]);
+    lanes->now.cost = SELECT(moves, there->cost, now->cost);
+}
+
+static inline void load(const Search *search, Lanes *lanes, int lane, int64_t problem, int points) {
+    const int64_t n = search->count;
+    lanes->problem[lane] = problem;
+    FLAG(lanes->fresh, lane) = FLAG(lanes->busy, lane) = -1;
+    LANE(lanes->steps, lane) = 0.0;
+    LANE(lanes->worth, lane) = search->worth[problem];
+    for (int i = 0; i < points; i++) LANE(lanes->trial[i], lane) = search->starts[i * n + problem];
+    for (int row = 0; row < search->rows; row++) {
+        LANE(lanes->re[row], lane) = search->re[row * n + problem];
+        LANE(lanes->im[row], lane) = search->im[row * n + problem];
+        if (search->kind != WEIGHTED) continue;
+        for (int part = 0; part < 3; part++)
+            LANE(lanes->weights[part][row], lane) = search->weights[(part * search->rows + row) * n + problem];
+    }
+}
+
+static inline void store(const Search *search, Lanes *lanes, int lane, int stopped, int entries, int points) {
+    const int64_t n = search->count, problem = lanes->problem[lane];
+    for (int i = 0; i < points; i++) search->points[i * n + problem] = LANE(lanes->point[i], lane);
+    for (int i = 0; i < entries; i++) search->matrix[i * n + problem] = LANE(lanes->now.matrix[i], lane);
+    search->cost[problem] = LANE(lanes->now.cost, lane);
+    search->converged[problem] = stopped && FLAG(lanes->done, lane);
+    /* a step after which a problem has stopped does not count */
+    search->steps[problem] = (int64_t)LANE(lanes->steps, lane) - stopped;
+}
+
+/* Write the answers of lanes whose problem has ended, and give them the next ones; returns how many are then without any. */
+static inline int64_t exchange(const Search *search, Lanes *lanes, const Mask *ends, const Mask *stopped, int64_t *next, int entries,
+                               int points) {
+    int64_t idle = 0;
+    for (int lane = 0; lane < LANES; lane++) {
+        if (!FLAG(*ends, lane)) continue;
+        store(search, lanes, lane, FLAG(*stopped, lane) != 0, entries, points);
+        FLAG(lanes->busy, lane) = 0;
+        if (*next < search->count) load(search, lanes, lane, (*next)++, points);
+        else idle++;
+    }
+    return idle;
+}
+
+/* Solve the problems of one kind with k paths. While one group waits for a root or a quotient, the other goes on. */
+static KERNEL_INLINE inline void search_kind(const Search *search, enum kind kind, int k) {
+    const int size = 2 * k, entries = ENTRY(size, 0), points = kind == SHARES ? 2 : 3 * k;
+    const Row most_steps = ALL((double)search->most_steps);
+    Lanes groups[GROUPS];
+    int64_t next = 0, held = 0;
+    memset(groups, 0, sizeof groups);
+    for (int group = 0; group < GROUPS; group++)
+        for (int lane = 0; lane < LANES && next < search->count; lane++, held++)
+            load(search, &groups[group], lane, next++, points);
+    while (held) {
+        for (int group = 0; group < GROUPS; group++) step(&groups[group], search->relative, kind, k);
+        for (int group = 0; group < GROUPS; group++) {
+            Lanes *lanes = &groups[group];
+            lanes->there.cost = ALL(0.0);
+            for (int i = 0; i < entries; i++) lanes->there.matrix[i] = ALL(0.0);
+            for (int i = 0; i < size; i++) lanes->there.gradient[i] = ALL(0.0);
+            if (kind == WHITE) linearise_white(search, lanes, lanes->trial, &lanes->there, k);
+            if (kind == WEIGHTED) linearise_weighted(search, lanes, lanes->trial, &lanes->there, k);
+            if (kind == SHARES) linearise_shares(search, lanes, lanes->trial, &lanes->there);
+        }
+        for (int group = 0; group < GROUPS; group++) {
+            Lanes *lanes = &groups[group];
+            Mask stopped;
+            judge(lanes, search->first_damping, entries, size, points, &stopped);
+            lanes->steps += SELECT(lanes->fresh, ALL(0.0), ALL(1.0));
+            lanes->fresh = lanes->fresh & ~lanes->fresh;
+            const Mask ends = (stopped | UP_TO(most_steps, lanes->steps)) & lanes->busy;
+            if (any(&ends)) held -= exchange(search, lanes, &ends, &stopped, &next, entries, points);
+        }
+    }
+}
+
+static KERNEL_INLINE inline void search_all(const Search *search) {
+    switch (search->kind) {
+    case SHARES: search_kind(search, SHARES, 1); break;
+    case WHITE:
+        switch (search->paths) {
+        case 1: search_kind(search, WHITE, 1); break;
+        case 2: search_kind(search, WHITE, 2); break;
+        default: search_kind(search, WHITE, search->paths);
+        }
+        break;
+    default:
+        switch (search->paths) {
+        case 1: search_kind(search, WEIGHTED, 1); break;
+        case 2: search_kind(search, WEIGHTED, 2); break;
+        default: search_kind(search, WEIGHTED, search->paths);
+        }
+    }
+}

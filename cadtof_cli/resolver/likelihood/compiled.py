@@ -1,0 +1,102 @@
+"""The front of the compiled search: the same steps as in `levenberg_marquardt`, with the same bits, many problems at a time."""
+
+from dataclasses import dataclass
+from types import ModuleType
+
+import numpy as np
+
+from cadtof_cli.arrays import Bool, Float, Index
+
+WHITE, WEIGHTED, SHARES = range(3)
+"""Kinds of problems, in the order of `enum kind` in `_search.h`."""
+
+MOST_PATHS, MOST_ROWS, MOST_HARMONIC = 4, 8, 16
+"""What there is room for there; numpy solves what is larger."""
+
+
+@dataclass(frozen=True)
+class Planes:
+    """n problems as the compiled search takes them.
+
+    Attributes:
+        kind: of which kind they are.
+        paths: K.
+        harmonics: N numbers of harmonics.
+        re, im: what was measured, (N, n).
+        weights: of `WHITE` (N,), of `WEIGHTED` (3, N, n), of `SHARES` None.
+    """
+
+    kind: int
+    paths: int
+    harmonics: tuple[int, ...]
+    re: Float
+    im: Float
+    weights: Float | None = None
+
+    @property
+    def fits(self) -> bool:
+        """Whether there is room for them."""
+        known = 0 < len(self.harmonics) <= MOST_ROWS and max(self.harmonics) <= MOST_HARMONIC
+        return known and 0 < self.paths <= MOST_PATHS
+
+
+@dataclass(frozen=True)
+class Ends:
+    """Where n problems ended: points (P, n), cost (n,), JᵀWJ by its triangle, which converged, and after how many steps."""
+
+    points: Float
+    cost: Float
+    matrix: Float
+    converged: Bool
+    steps: Index
+
+
+def compiled_search() -> ModuleType | None:
+    """Return the extension module, or None where it was not built."""
+    try:
+        from cadtof_cli.resolver.likelihood import _search
+    except ImportError:
+        return None
+    return _search
+
+
+def compiled_ends(
+    planes: Planes,
+    starts: Float,
+    /,
+    *,
+    worth: Float,
+    most_steps: int,
+    relative: float,
+    first_damping: float,
+    kernel: str,
+) -> Ends | None:
+    """Minimise n problems from their starts, (P, n); None where numpy has to. See `LevenbergMarquardt` for the options."""
+    compiled = compiled_search()
+    if compiled is None or not planes.fits:
+        return None
+    count, size = starts.shape[1], 2 * planes.paths
+    ends = Ends(
+        np.empty_like(starts, order="C"),
+        np.empty(count),
+        np.empty((size * (size + 1) // 2, count)),
+        np.empty(count, np.bool_),
+        np.empty(count, np.intp),
+    )
+    given = (planes.re, planes.im, planes.weights, starts, worth)
+    compiled.solve(
+        kernel,
+        planes.kind,
+        planes.paths,
+        most_steps,
+        relative,
+        first_damping,
+        np.array(planes.harmonics, np.int64),
+        *(None if part is None else np.ascontiguousarray(part) for part in given),
+        ends.points,
+        ends.cost,
+        ends.matrix,
+        ends.converged,
+        ends.steps,
+    )
+    return ends

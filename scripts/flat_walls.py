@@ -1,0 +1,57 @@
+"""What it costs to take a wall without MPI for a room: `python scripts/flat_walls.py` prints the rows of docs/diffuse.md."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from cadtof_cli.capture.metadata import CaptureMetadata, Pixel
+from cadtof_cli.frame_plan import FramePlan, MapSettings
+from cadtof_cli.maps.layers import DIRECT_DEPTH
+from cadtof_cli.pipeline import resolve_frame
+from cadtof_cli.resolver.settings import MpiModel, ResolverSettings, Solver
+from cadtof_cli.simulation.pixel.statistics import VoltageStatistics, averaging_gain
+from cadtof_cli.simulation.scene.camera import Camera
+from cadtof_cli.simulation.scene.exposure import Band, Exposure, frame_voltages
+from cadtof_cli.simulation.scene.scenes import Wall
+from cadtof_cli.workflows.simulate.record import expose
+
+INTEGRATION_LENGTHS = (2e3, 1e4, 1e5, 1e6)
+
+DISTANCES_M = (1.0, 2.0, 3.5)
+
+
+def main() -> None:
+    """Print a row per integration length: one path, and a tail that is forced on the wall."""
+    print("| wall without MPI, n_av | one path, cm | `--mpi-model diffuse`, cm | ratio |")
+    print("|---|---|---|---|")
+    walls = [(wall, expose(wall)) for wall in map(exposure, DISTANCES_M)]
+    for length in INTEGRATION_LENGTHS:
+        errors = np.array([[error_cm(*wall, length, *way) for way in WAYS] for wall in walls])
+        one, forced = np.exp(np.mean(np.log(errors), axis=0))
+        print(f"| {length:.0f} | {one:.3f} | {forced:.3f} | {forced / one:.2f} |", flush=True)
+
+
+WAYS: tuple[tuple[Solver, MpiModel], ...] = (("one-path", "discrete"), ("two-path", "diffuse"))
+
+
+def exposure(distance_m: float) -> Exposure:
+    """A wall before a QVGA camera."""
+    camera = Camera()
+    metadata = CaptureMetadata(pixel=Pixel(integration_length=1e5), optics=camera.optics)
+    return Exposure(scene=Wall(distance_m=distance_m), camera=camera, metadata=metadata, seed=11)
+
+
+def error_cm(wall: Exposure, whole: Band, length: float, solver: Solver, model: MpiModel) -> float:
+    """Return the median error of a wall's range at an integration length, in cm."""
+    gain = averaging_gain(length) / averaging_gain(wall.integration_length)
+    noisy = VoltageStatistics(whole.voltages.means_v, gain * whole.voltages.covariances_v2)
+    metadata = replace(wall.metadata, pixel=Pixel(integration_length=length))
+    volts = frame_voltages(replace(wall, metadata=metadata), Band(noisy, whole.truth), 0)
+    settings = MapSettings(resolver=ResolverSettings(solver=solver, mpi_model=model))
+    frame = resolve_frame(volts, plan=FramePlan(metadata=metadata, settings=settings))
+    found = frame.maps.layer(DIRECT_DEPTH)
+    return 100.0 * float(np.nanmedian(np.abs(found - whole.truth["direct.depth"])))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,188 @@
+"""The compiled search against the readable one: every bit, whatever comes in; and nothing that comes in can hurt."""
+
+from dataclasses import fields, replace
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cadtof_cli.arrays import Float
+from cadtof_cli.resolver.likelihood import levenberg_marquardt
+from cadtof_cli.resolver.likelihood.compiled import WHITE, Planes, compiled_ends
+from cadtof_cli.resolver.likelihood.levenberg_marquardt import LevenbergMarquardt, Minimum, Problem
+from cadtof_cli.resolver.likelihood.mixture import Measured, Mixture, WeightedFit, WhiteFit
+from cadtof_cli.resolver.paper.equation_9 import EliminatedPath
+from cadtof_cli.resolver.paths import ResolvedPaths
+from cadtof_cli.resolver.resolve import resolve_paths
+from cadtof_cli.resolver.settings import ResolverSettings
+from cadtof_cli.resolver.two_path.kernel import NUMPY
+from tests.support import mixtures
+from tests.support.mixtures import C, noise_of
+
+SOLVERS = (
+    LevenbergMarquardt(max_steps=40, absolute=0.1),
+    LevenbergMarquardt(max_steps=5, relative=1e-2, absolute=1e-29, first_damping=1e-6),
+    LevenbergMarquardt(max_steps=0),
+)
+COUNTS = (0, 1, 7, 33, 1001)
+
+
+def hard(rows: int, count: int, rng: np.random.Generator) -> C:
+    """Noise, light, and what no light gives."""
+    phasors: C = np.empty((rows, count), np.complex128)
+    phasors.real, phasors.imag = 0.1 * rng.normal(size=(2, rows, count))
+    for first, poison in enumerate((np.nan, 0.0, 1e150, np.inf, 1e-200)):
+        phasors[:, first::50] = poison
+    return phasors
+
+
+def mixture_problem(harmonics: tuple[int, ...], paths: int, count: int, *, white: bool) -> tuple[Problem, Float]:
+    rng = np.random.default_rng([paths, count, *harmonics])
+    noise = noise_of(harmonics, n_av=1e4)
+    measured = Measured.of_phasors(hard(len(harmonics), count, rng), harmonics=harmonics)
+    phase = rng.uniform(0.0, 2.0 * np.pi, (paths, count))
+    start = Mixture(rng.uniform(0.0, 0.4, (paths, count)), np.cos(phase), np.sin(phase))
+    if white:
+        return WhiteFit(measured, tuple(1.0 / one.dark_variance for one in noise.each)), start.points
+    return WeightedFit.around(measured, start, noise=noise), start.points
+
+
+def shares_problem(harmonics: tuple[int, ...], count: int) -> tuple[Problem, Float]:
+    rng = np.random.default_rng([count, *harmonics])
+    right = hard(len(harmonics), count, rng)
+    starts = 0.5 + rng.normal(size=(2, count))
+    starts[:, ::40], starts[:, 1::40] = 0.0, [[1.0], [0.0]]
+    return EliminatedPath(harmonics, tuple((one.real.copy(), one.imag.copy()) for one in right)), starts
+
+
+def assert_same_bits(one: Any, other: Any) -> None:
+    for field in fields(one):
+        a, b = getattr(one, field.name), getattr(other, field.name)
+        assert a.dtype == b.dtype
+        assert a.tobytes() == b.tobytes() or np.array_equal(a, b, equal_nan=True), field.name
+
+
+def assert_every_level_agrees(search: ModuleType, problem: Problem, starts: Float) -> None:
+    samples = np.random.default_rng(1).uniform(1.0, 400.0, size=(starts.shape[1],))
+    with np.errstate(all="ignore"):
+        for solver in SOLVERS:
+            expected = solver.solve(problem, starts, samples=samples, kernel=NUMPY)
+            for level in search.levels():
+                assert_same_bits(expected, solver.solve(problem, starts, samples=samples, kernel=level))
+
+
+@pytest.mark.parametrize("white", [True, False])
+@pytest.mark.parametrize("paths", [1, 2, 3, 4])
+@pytest.mark.parametrize("harmonics", [(1, 2, 3), (1, 3, 4, 7), (1,)])
+def test_mixtures_end_in_the_same_bits(search: ModuleType, harmonics: tuple[int, ...], paths: int, white: bool) -> None:
+    for count in COUNTS:
+        assert_every_level_agrees(search, *mixture_problem(harmonics, paths, count, white=white))
+
+
+@pytest.mark.parametrize("harmonics", [(2,), (2, 3), (3,), (2, 4, 16)])
+def test_equation_9_ends_in_the_same_bits(search: ModuleType, harmonics: tuple[int, ...]) -> None:
+    for count in COUNTS:
+        assert_every_level_agrees(search, *shares_problem(harmonics, count))
+
+
+def test_a_problem_ends_the_same_whichever_others_are_solved_with_it(search: ModuleType) -> None:
+    problem, starts = mixture_problem((1, 2, 3), 2, 501, white=True)
+    whole = SOLVERS[0].solve(problem, starts, kernel=search.levels()[0])
+    some = np.random.default_rng(2).permutation(501)[:77]
+    assert_same_bits(SOLVERS[0].solve(problem[some], starts[:, some], kernel=search.levels()[0]), whole[some])
+
+
+@pytest.mark.parametrize("settings", [ResolverSettings(paths=3), ResolverSettings(solver="lm", order="2")])
+def test_paths_are_those_of_numpy(
+    search: ModuleType, settings: ResolverSettings, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    light = mixtures.Mixture((1.0, 0.5), (5.0, 14.0))
+    drawn = light.phasors((1, 2, 3), n_av=1e4, size=500, rng=np.random.default_rng(3))
+
+    def resolved(kernel: str) -> ResolvedPaths:
+        monkeypatch.setattr(levenberg_marquardt, "chosen_kernel", lambda: kernel)
+        return resolve_paths(
+            drawn, status=np.zeros(500, np.uint32), settings=settings, noise=noise_of((1, 2, 3), n_av=1e4)
+        )
+
+    one, other = resolved(NUMPY), resolved(search.levels()[0])
+    assert_same_bits(one.paths, other.paths)
+    np.testing.assert_array_equal(one.status, other.status)
+    np.testing.assert_array_equal(one.chi_squared, other.chi_squared)
+
+
+def ends(planes: Planes, starts: Float, level: str) -> Minimum | None:
+    found = compiled_ends(
+        planes, starts, worth=np.ones(starts.shape[1]), most_steps=3, relative=0.0, first_damping=1e-3, kernel=level
+    )
+    return None if found is None else Minimum(found.points, found.cost, found.matrix, found.converged, found.steps)
+
+
+def test_what_there_is_no_room_for_is_left_to_numpy(search: ModuleType) -> None:
+    planes, starts = Planes(WHITE, 1, (1,), np.ones((1, 2)), np.ones((1, 2)), np.ones(1)), np.ones((3, 2))
+    assert ends(planes, starts, search.levels()[0]) is not None
+    nine = np.ones((9, 2))
+    for larger in (
+        replace(planes, harmonics=(17,)),
+        replace(planes, harmonics=tuple(range(1, 10)), re=nine, im=nine, weights=np.ones(9)),
+        replace(planes, paths=5),
+    ):
+        assert ends(larger, np.ones((3 * larger.paths, 2)), search.levels()[0]) is None
+
+
+def arguments(level: str) -> list[Any]:
+    """Sound ones, of two problems of one path."""
+    plane, harmonics = np.ones((1, 2)), np.array([1], np.int64)
+    outputs = [np.empty((3, 2)), np.empty(2), np.empty((3, 2)), np.empty(2, np.bool_), np.empty(2, np.int64)]
+    return [level, WHITE, 1, 3, 0.0, 1e-3, harmonics, plane, plane, np.ones(1), np.ones((3, 2)), np.ones(2), *outputs]
+
+
+@pytest.mark.parametrize(
+    ("place", "value"),
+    [
+        (0, "mmx"),
+        (1, 3),
+        (1, -1),
+        (1, 1),
+        (2, 0),
+        (2, 5),
+        (3, -1),
+        (6, np.array([0], np.int64)),
+        (6, np.array([17], np.int64)),
+        (6, np.array([], np.int64)),
+        (6, np.array([1.0])),
+        (7, np.ones((1, 3))),
+        (8, np.ones((1, 2), np.float32)),
+        (8, None),
+        (9, None),
+        (9, np.ones(2)),
+        (10, np.ones((3, 3))),
+        (10, np.ones((3, 4))[:, ::2]),
+        (11, np.ones(1)),
+        (12, np.ones((2, 2))),
+        (13, np.ones(3)),
+        (14, np.ones((2, 2))),
+        (15, np.ones(2)),
+        (16, np.ones(2)),
+        (16, np.ones(3, np.int64)),
+    ],
+)
+def test_buffers_that_do_not_fit_are_errors(search: ModuleType, place: int, value: object) -> None:
+    given = arguments(search.levels()[0])
+    search.solve(*given)
+    given[place] = value
+    with pytest.raises((ValueError, TypeError, BufferError)):
+        search.solve(*given)
+
+
+def test_what_is_written_must_lie_apart(search: ModuleType) -> None:
+    for place, other in ((12, 10), (13, 11), (14, 12)):
+        given = arguments(search.levels()[0])
+        given[place] = given[other]
+        with pytest.raises(ValueError, match="lies in the memory"):
+            search.solve(*given)
+    given = arguments(search.levels()[0])
+    given[13].flags.writeable = False
+    with pytest.raises((ValueError, BufferError)):
+        search.solve(*given)
