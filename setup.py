@@ -37,6 +37,9 @@ COMPILED = {
         "../diffuse/_elementary.h",
         "../diffuse/_tail.h",
         "../diffuse/_tail_buffers.h",
+        "../diffuse/_tail_call.h",
+        "../response/_search.h",
+        "../response/_search_call.h",
     ),
     "resolver/likelihood/_search": ("_instruction_sets.h", "_search.h", "../two_path/_kernel_buffers.h"),
 }

@@ -201,12 +201,17 @@ def resolve_frame(
         FrameError: the noise must be estimated from the frame, and too few of its pixels are finite.
         SettingsError: the plan does not fit the frame's type, or lacks the optics that it needs.
     """
-    pixels = prepare_frame(frame, plan=plan, calibration=calibration)
+    pixels = prepare_frame(frame, plan=plan, calibration=calibration, kernel=kernel)
     return joined_parts(pixels, [resolve_pixels(pixels, plan=plan, calibration=calibration, kernel=kernel)])
 
 
 def prepare_frame(
-    frame: Stored | FrameMean, /, *, plan: FramePlan, calibration: "Calibration | None" = None
+    frame: Stored | FrameMean,
+    /,
+    *,
+    plan: FramePlan,
+    calibration: "Calibration | None" = None,
+    kernel: str | None = None,
 ) -> FramePixels:
     """Do all that couples the pixels of a frame: estimate its noise where it is unknown, pool neighbours, predict its MPI."""
     recorded, samples = (frame.stored, frame.samples) if isinstance(frame, FrameMean) else (frame, None)
@@ -222,7 +227,7 @@ def prepare_frame(
     if plan.settings.pool > 1:
         pixels = _pooled(pixels, stages, window=plan.settings.pool)
     if stages.resolver.may_be_diffuse(pixels.noise.harmonics):
-        pixels = replace(pixels, mpi=predicted_mpi(pixels, plan, stages))
+        pixels = replace(pixels, mpi=predicted_mpi(pixels, plan, stages, kernel or chosen_kernel()))
     return pixels
 
 
@@ -265,7 +270,7 @@ def _fill_by_blocks(
             status=stages.status(block),
             settings=stages.resolver,
             noise=block.noise,
-            response=response.block(there) if response else None,
+            response=response.block(there, kernel=kernel) if response else None,
             first=block.first,
             tail=tail.block(there) if tail else None,
             kernel=kernel,

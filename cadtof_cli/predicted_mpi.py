@@ -13,7 +13,9 @@ if TYPE_CHECKING:
     from cadtof_cli.resolver.diffuse.records import DiffuseChoice, DiffuseModel
 
 
-def predicted_mpi(pixels: "FramePixels", plan: FramePlan, stages: "FrameStages") -> "DiffuseModel | DiffuseChoice":
+def predicted_mpi(
+    pixels: "FramePixels", plan: FramePlan, stages: "FrameStages", kernel: str
+) -> "DiffuseModel | DiffuseChoice":
     """Predict the MPI of a frame from its own geometry, where it is diffuse."""
     from cadtof_cli.resolver.diffuse.grid import View, sampled_pixels
     from cadtof_cli.resolver.diffuse.predict import diffuse_model
@@ -21,7 +23,7 @@ def predicted_mpi(pixels: "FramePixels", plan: FramePlan, stages: "FrameStages")
 
     noise, modulation = pixels.noise, plan.metadata.modulation
     chosen = np.arange(pixels.count).reshape(pixels.size)[sampled_pixels(*pixels.size)]
-    phasors, usable = _as_of_a_sine(pixels, chosen.ravel(), stages)
+    phasors, usable = _as_of_a_sine(pixels, chosen.ravel(), stages, kernel)
     optics, offset = plan.metadata.optics, stages.depth.range_offset_m
     return diffuse_model(
         phasors.reshape(-1, *chosen.shape),
@@ -37,7 +39,7 @@ def predicted_mpi(pixels: "FramePixels", plan: FramePlan, stages: "FrameStages")
     )
 
 
-def _as_of_a_sine(pixels: "FramePixels", chosen: Index, stages: "FrameStages") -> tuple[Complex, Bool]:
+def _as_of_a_sine(pixels: "FramePixels", chosen: Index, stages: "FrameStages", kernel: str) -> tuple[Complex, Bool]:
     """Return the phasors of chosen pixels of a frame as a sine would have them, (H, n), and which have an answer, (n,)."""
     from cadtof_cli.resolver.resolve import resolve_paths, screened
 
@@ -49,7 +51,7 @@ def _as_of_a_sine(pixels: "FramePixels", chosen: Index, stages: "FrameStages") -
             np.sqrt(powers[0]), powers, stages.status(pixels, chosen), settings=stages.resolver, noise=noise
         )
     if stages.correction.response is not None:
-        response = stages.correction.response.block(chosen)
+        response = stages.correction.response.block(chosen, kernel=kernel)
         found = resolve_paths(phasors, status=status, settings=stages.resolver, noise=noise, response=response)
         from cadtof_cli.resolver.response.as_sine import phasors_of_sine
 

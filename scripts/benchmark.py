@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from benchmark_kernel import diffuse_rows, kernel_rows, recorded
+from benchmark_kernel import diffuse_rows, kernel_rows, recorded, triangle_rows
 from numpy.typing import NDArray
 from scipy.optimize import leastsq
 from speed.against import CASES, against
@@ -128,6 +128,7 @@ PARTS: dict[str, Callable[[Any, Path], Iterator[Row]]] = {
     "closed-form": closed_form,
     "kernel": lambda arguments, _: kernel_rows(10 * arguments.repeats),
     "diffuse": lambda arguments, _: diffuse_rows(10 * arguments.repeats),
+    "triangle": lambda arguments, place: triangle_rows(place, 2 * arguments.repeats),
     "end-to-end": _end_to_end,
     "start-up": lambda arguments, place: start_up(place, arguments.repeats),
     "memory": lambda arguments, place: memory(place, arguments.long),

@@ -2,6 +2,8 @@
 
 import argparse
 import os
+import subprocess
+import sys
 from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
@@ -82,6 +84,28 @@ def diffuse_rows(repeats: int) -> Iterator[Row]:
             f"≤ {MOST_MS:g} / -",
             " / ".join(f"{times[f'frame {kernel}'] * 1e3:.1f}" for kernel in (NUMPY, kernels[0])),
             tuple(times[f"frame {kernel}"] for kernel in (NUMPY, kernels[0])),
+        )
+
+
+def triangle_rows(place: Path, repeats: int) -> Iterator[Row]:
+    """Measure a frame of triangle waves, most of whose pixels have two paths, by every kernel and numpy."""
+    folder = place / "triangle"
+    program = Path(sys.executable).with_name("cadtof")
+    command = [str(program), "simulate", "--scene", "corner", "--waveform", "triangle", "-o", str(folder)]
+    subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
+    yield from _frame_rows("triangle waves, corner", *recorded(folder), repeats)
+
+
+def _frame_rows(what: str, stored: Stored, plan: FramePlan, repeats: int) -> Iterator[Row]:
+    works = {kernel: partial(resolve_frame, stored, plan=plan, kernel=kernel) for kernel in available_kernels()}
+    times = least_seconds(works, repeats)
+    for kernel in (name for name in works if name != NUMPY):
+        other, faster = differing(stored, plan, kernel), times[NUMPY] / times[kernel]
+        yield Row(
+            f"compiled kernel over numpy, {what}, {kernel}",
+            None,
+            f"{faster:.1f} ({times[kernel] * 1e3:.1f} and {times[NUMPY] * 1e3:.1f} ms), {other} words differ",
+            (faster, times[kernel], times[NUMPY], other),
         )
 
 

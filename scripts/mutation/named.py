@@ -84,8 +84,9 @@ def _compiled_anew(tree: Path) -> Iterator[None]:
     (there,) = (tree / PACKAGE).rglob(KERNEL_LIBRARY)
     before = there.read_bytes()
     with tempfile.TemporaryDirectory() as place:
-        command = [sys.executable, "-m", "pip", "install", "--quiet", "--disable-pip-version-check", "--no-deps"]
-        subprocess.run([*command, "--target", place, str(tree)], check=True)
+        # by setuptools itself: an environment made by uv has no pip
+        command = [sys.executable, "setup.py", "--quiet", "build_ext", "--build-lib", place, "--build-temp", place]
+        subprocess.run(command, check=True, cwd=tree)
         (made,) = Path(place).rglob(KERNEL_LIBRARY)
         after = made.read_bytes()
     if after == before:

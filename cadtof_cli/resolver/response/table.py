@@ -1,12 +1,14 @@
 """The response of the channel pairs as tables, so that evaluating it costs the same for any number of terms."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from cadtof_cli.arrays import Complex, Float, Float32, Index
 from cadtof_cli.phasors.response import HarmonicResponse
+from cadtof_cli.resolver.two_path.kernel import NUMPY
 
 ENTRIES = 1 << 14
 """Entries a turn. Linear interpolation is then wrong by less than 1e-7 of the amplitude for a triangle."""
@@ -41,6 +43,16 @@ class ResponseTable:
     harmonic: int
     planes: Float32
 
+    @property
+    def step(self) -> float:
+        """Phase from one entry to the next, rad."""
+        return _STEP
+
+    @cached_property
+    def entries(self) -> Float32:
+        """The same by entries, (ENTRIES, 4): what a look-up needs lies together."""
+        return np.ascontiguousarray(self.planes.T)
+
     def at(self, theta: Float32, /) -> Answer:
         """Return the answer at phases θ = h·x of any size, in rad; NaN gives NaN."""
         place = theta * np.float32(1.0 / _STEP)
@@ -58,11 +70,15 @@ class ResponseTable:
 
 @dataclass(frozen=True, eq=False)
 class ResponseBlock:
-    """A response for the n pixels of one block: tables at every stage, and what a pixel adds to phases, (H, n), or None."""
+    """A response for the n pixels of one block: tables at every stage, and what a pixel adds to phases, (H, n), or None.
+
+    `kernel`, of `available_kernels`, is what searches for paths there.
+    """
 
     stages: tuple[tuple[ResponseTable, ...], ...]
     phase_rad: Float32 | None
     rotors: Complex | None
+    kernel: str = NUMPY
 
     def observed(self, phasors: Complex, /) -> tuple[tuple[Float32, Float32], ...]:
         """Return phasors, (H, n), as the pixel saw them before they were turned by its own phase: re and im, (n,) each.
@@ -104,12 +120,12 @@ class ResponseModel:
 
     whole: ResponseBlock
 
-    def block(self, pixels: Pixels, /) -> ResponseBlock:
-        """Return the response for some of the pixels."""
+    def block(self, pixels: Pixels, /, *, kernel: str = NUMPY) -> ResponseBlock:
+        """Return the response for some of the pixels, and what is to search there."""
         whole = self.whole
         if whole.phase_rad is None or whole.rotors is None:
-            return whole
-        return ResponseBlock(whole.stages, whole.phase_rad[:, pixels], whole.rotors[:, pixels])
+            return replace(whole, kernel=kernel)
+        return ResponseBlock(whole.stages, whole.phase_rad[:, pixels], whole.rotors[:, pixels], kernel)
 
 
 def response_model(responses: Sequence[HarmonicResponse], phase_rad: Float | None, /) -> ResponseModel | None:

@@ -2,7 +2,7 @@
 
 p_h = Σ_paths a·f_h(x), with f_h tabulated. Subtracting the higher terms again and again does not converge for triangles
 (their third harmonic changes four times as fast as the phase it disturbs, by a ninth of the amplitude); Newton's steps do.
-They are searched for in `search`, which is handed its starts from here.
+They are searched for in `newton.search` or its compiled twin, which is handed its starts from here.
 """
 
 from dataclasses import replace
@@ -12,7 +12,8 @@ import numpy as np
 from cadtof_cli.arrays import Bool, Complex, Float32, Index
 from cadtof_cli.phasors.noise import NoiseModel
 from cadtof_cli.resolver.paths import FULL_TURN
-from cadtof_cli.resolver.response.newton import Equations, SearchState, search
+from cadtof_cli.resolver.response.compiled import searched
+from cadtof_cli.resolver.response.newton import Equations, SearchState
 from cadtof_cli.resolver.response.one_path import angle_of
 from cadtof_cli.resolver.response.table import STAGES, ResponseBlock
 from cadtof_cli.resolver.two_path.closed_form import TwoPaths, fundamental_frame, two_paths
@@ -53,7 +54,7 @@ def two_paths_of_response(
     if not pixels.size:
         return start, converged
     equations = Equations.of(response, phasors, pixels, noise)
-    found = search(equations, _values(start, pixels), steps=MOST_STEPS)
+    found = searched(equations, _values(start, pixels), steps=MOST_STEPS)
     again = np.flatnonzero(~found.done)
     if again.size:
         led = _led_by_stages(equations.chosen(again), phasors[:, pixels[again]])
@@ -68,8 +69,8 @@ def _led_by_stages(equations: Equations, phasors: Complex) -> SearchState:
     values = _values(two_paths(fundamental_frame(*np.ascontiguousarray(phasors))), _EVERYWHERE)
     coarse = replace(equations, enough=equations.enough * np.float32(STAGE_TOLERANCE**2))
     for stage in range(len(STAGES) - 1):
-        values = search(coarse, values, steps=STAGE_STEPS, stage=stage).values
-    return search(equations, values, steps=STAGE_STEPS)
+        values = searched(coarse, values, steps=STAGE_STEPS, stage=stage).values
+    return searched(equations, values, steps=STAGE_STEPS)
 
 
 def _values(paths: TwoPaths, pixels: Index | slice) -> Float32:

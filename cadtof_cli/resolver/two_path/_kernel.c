@@ -24,15 +24,18 @@
 #include "_kernel_answers.h"
 #include "_kernel_buffers.h"
 #include "../diffuse/_tail_buffers.h"
+#include "../response/_search.h"
 
 /* --- one function for every instruction set ----------------------------------------------------------------------------- */
 
 typedef void Resolve(const Frame *frame, int64_t start, int64_t stop);
 typedef void Answer(const TailAnswers *answers, int64_t start, int64_t stop);
+typedef void SearchAll(const Search *search);
 typedef struct {
     const char *name;
     Resolve *resolve;
     Answer *answer;
+    SearchAll *search;
     int (*supported)(void);
 } Level;
 
@@ -40,7 +43,8 @@ typedef struct {
     attributes static void resolve_##name(const Frame *frame, int64_t start, int64_t stop) { resolve_pixels(frame, start, stop); } \
     attributes static void answer_##name(const TailAnswers *answers, int64_t start, int64_t stop) { \
         answer_pixels(answers, start, stop); \
-    }
+    } \
+    attributes static void search_##name(const Search *search) { search_pixels(search); }
 
 static int always(void) { return 1; }
 
@@ -66,13 +70,13 @@ static int has(unsigned saved_state, unsigned features) {
 static int has_avx512(void) { return has(0xe6, bit_AVX512F | bit_AVX512DQ | bit_AVX512BW | bit_AVX512VL); }
 static int has_avx2(void) { return has(0x06, bit_AVX2); }
 static const Level LEVELS[] = {
-    {"avx512", resolve_avx512, answer_avx512, has_avx512}, {"avx2", resolve_avx2, answer_avx2, has_avx2}, {"sse2", resolve_sse2, answer_sse2, always}};
+    {"avx512", resolve_avx512, answer_avx512, search_avx512, has_avx512}, {"avx2", resolve_avx2, answer_avx2, search_avx2, has_avx2}, {"sse2", resolve_sse2, answer_sse2, search_sse2, always}};
 #elif defined(__aarch64__) || defined(_M_ARM64)
 LEVEL(neon, )
-static const Level LEVELS[] = {{"neon", resolve_neon, answer_neon, always}};
+static const Level LEVELS[] = {{"neon", resolve_neon, answer_neon, search_neon, always}};
 #else
 LEVEL(plain, )
-static const Level LEVELS[] = {{"plain", resolve_plain, answer_plain, always}};
+static const Level LEVELS[] = {{"plain", resolve_plain, answer_plain, search_plain, always}};
 #endif
 #define LEVEL_COUNT (sizeof LEVELS / sizeof *LEVELS)
 
@@ -190,61 +194,8 @@ static PyObject *resolve(PyObject *module, PyObject *arguments) {
     return result;
 }
 
-/* --- phasors -> answers through the tail --------------------------------------------------------------------------------- */
-
-enum { PHASORS_IN, USABLE, POOLED_OVER, ANSWERED, ANSWER_ROWS, ANSWER_BUFFERS };
-static const Wanted ANSWER_BUFFER[ANSWER_BUFFERS] = {
-    {"phasors", "Zd ", 0, 0, 0}, {"usable", "? ", 1, 0, 0},  {"samples", "d ", 0, 1, 0},
-    {"answered", "? ", 1, 0, 1}, {"answers", "f ", 0, 0, 1},
-};
-
-static PyObject *answer_checked(const Level *level, Py_ssize_t start, Py_ssize_t stop, const Py_buffer *view,
-                                const Py_buffer *of_tail) {
-    const Py_ssize_t pixels = values_in(&view[ANSWERED]);
-    Tail tail;
-    if (!is_part(start, stop, pixels) || !make_tail(&tail, of_tail, pixels)) return NULL;
-    const int64_t planes[ANSWER_BUFFERS] = {tail.sizes->harmonics, 1, 1, 1, TAIL_ANSWERS};
-    for (int which = 0; which < ANSWER_BUFFERS; which++)
-        if (!has_values(ANSWER_BUFFER[which].name, &view[which], planes[which] * pixels)) return NULL;
-    for (int written = ANSWERED; written < ANSWER_BUFFERS; written++)
-        if (!lies_apart(&view[written], ANSWER_BUFFER, view, ANSWER_BUFFERS) ||
-            !lies_apart(&view[written], TAIL_BUFFER, of_tail, TAIL_BUFFERS))
-            return NULL;
-    const TailAnswers answers = {
-        .tail = &tail,
-        .phasors = view[PHASORS_IN].buf,
-        .usable = view[USABLE].buf,
-        .samples = view[POOLED_OVER].buf,
-        .answered = view[ANSWERED].buf,
-        .rows = view[ANSWER_ROWS].buf,
-        .pixels = pixels,
-    };
-    Py_BEGIN_ALLOW_THREADS
-    level->answer(&answers, start, stop);
-    Py_END_ALLOW_THREADS
-    Py_RETURN_NONE;
-}
-
-static PyObject *answer_tail(PyObject *module, PyObject *arguments) {
-    (void)module;
-    const char *name;
-    Py_ssize_t start, stop;
-    PyObject *object[ANSWER_BUFFERS], *tail;
-    if (!PyArg_ParseTuple(arguments, "snnOOOOOO", &name, &start, &stop, &object[0], &object[1], &object[2], &object[3], &object[4],
-                          &tail))
-        return NULL;
-    const Level *level = find_level(name);
-    if (!level) return PyErr_Format(PyExc_ValueError, "found level %s, expected one that levels() lists", name);
-    Py_buffer view[ANSWER_BUFFERS], of_tail[TAIL_BUFFERS];
-    memset(view, 0, sizeof view);
-    memset(of_tail, 0, sizeof of_tail);
-    PyObject *result = NULL;
-    if (get_buffers(ANSWER_BUFFER, ANSWER_BUFFERS, object, view) && get_tail(tail, of_tail))
-        result = answer_checked(level, start, stop, view, of_tail);
-    release_buffers(view, ANSWER_BUFFERS);
-    release_buffers(of_tail, TAIL_BUFFERS);
-    return result;
-}
+#include "../diffuse/_tail_call.h"
+#include "../response/_search_call.h"
 
 /* --- the module ---------------------------------------------------------------------------------------------------------- */
 
@@ -285,6 +236,9 @@ static PyMethodDef METHODS[] = {
     {"answer_tail", answer_tail, METH_VARARGS,
      "answer_tail(level, start, stop, phasors, usable, samples, answered, answers, tail)\n\n"
      "Fill answered and answers of the pixels from start up to stop. Everybody but the tests calls it through compiled.py."},
+    {"search", search, METH_VARARGS,
+     "search(level, steps, constants, first table, second table, phases, observed, enough, start, values, misfit, done)\n\n"
+     "Fill values, misfit and done. Everybody but the tests calls it through response/compiled.py."},
     {"levels", levels, METH_NOARGS, "Names of the instruction sets that this processor has, the fastest first."},
     {"constant_names", constant_names, METH_NOARGS, "Names of the constants, in the order in which resolve takes them."},
     {"tail_sizes", tail_sizes, METH_NOARGS, "Names of a tail's sizes, in the order in which they are taken."},
@@ -299,7 +253,7 @@ static PyModuleDef_Slot SLOTS[] = {
 
 static struct PyModuleDef MODULE = {.m_base = PyModuleDef_HEAD_INIT,
                                     .m_name = "_kernel",
-                                    .m_doc = "Two paths from harmonics 1 and 2, and pixels through a tail, compiled.",
+                                    .m_doc = "Two paths of a sine or of any response, and pixels through a tail, compiled.",
                                     .m_methods = METHODS,
                                     .m_slots = SLOTS};
 

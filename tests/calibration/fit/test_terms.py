@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from cadtof_cli.calibration.fit.pixels import series
-from cadtof_cli.calibration.fit.terms import composed
+from cadtof_cli.calibration.fit.pixels import Observations, Terms, series
+from cadtof_cli.calibration.fit.terms import TermFit, composed, fit_terms
 
 TRIANGLE = {-3: 1 / 9 + 0.01j, 5: 1 / 25 + 0j}
 
@@ -23,3 +23,95 @@ def test_a_change_of_another_order_changes_that_order_alone(k: int) -> None:
     found = composed(TRIANGLE, {k: 0.02j})
     assert found == TRIANGLE | {k: TRIANGLE.get(k, 0j) + 0.02j}
     assert composed(TRIANGLE, {}) == TRIANGLE
+
+
+HARMONICS = (1, 2)
+
+TRUTH = ({-1: 0.02 + 0.01j, 0: 0.004j}, {-1: -0.015j, 0: 0.003 + 0j, 3: 0.01 + 0j})
+
+
+def observed(
+    *, noise_v: float = 1e-4, pixels: int = 250, targets: int = 6, seed: int = 1, spoilt: int = 0, truth: Terms = TRUTH
+) -> Observations:
+    """Targets at distances over a turn of the fundamental, seen by pixels with phases and gains of their own."""
+    rng = np.random.default_rng(seed)
+    phase = np.linspace(0.4, 5.6, targets)[:, np.newaxis] + rng.normal(0.0, 0.05, (targets, pixels))
+    own, gain = rng.normal(0.0, 0.2, (2, pixels)), rng.uniform(0.9, 1.1, (2, pixels))
+    size = 0.06 * np.linspace(1.0, 0.5, targets)[:, np.newaxis] * np.ones(pixels)
+    theta = np.stack([h * phase + own[row] for row, h in enumerate(HARMONICS)], axis=1)
+    volts = np.stack(
+        [size * gain[row] * np.exp(1j * theta[:, row]) * series(truth[row], theta[:, row]) for row in range(2)], axis=1
+    )
+    volts = volts + noise_v * (rng.normal(size=volts.shape) + 1j * rng.normal(size=volts.shape))
+    volts[0, 0, :spoilt] *= np.exp(0.5j)
+    return Observations(np.asarray(volts, np.complex128), np.full((targets, 2), noise_v), phase, HARMONICS)
+
+
+def orders(found: TermFit) -> set[int]:
+    return set(found.terms[0])
+
+
+def test_terms_that_are_there_are_taken_and_found() -> None:
+    """The offset of the second harmonic's third term is taken in both; nothing else is."""
+    found = fit_terms(observed(), ({}, {}), distances=6)
+    assert orders(found) == {-1, 0, 3}
+    for row, terms in enumerate(found.terms):
+        for (k, value), error in zip(terms.items(), found.stderr[row], strict=True):
+            assert abs(value - TRUTH[row].get(k, 0j)) < 5.0 * error
+            assert error < 2e-4
+    assert found.residual == pytest.approx(1.0, abs=0.04)
+    assert found.kept.mean() > 0.98
+    said = dict(text.split(": ", maxsplit=1) for text in found.findings)
+    assert list(said) == ["k = -1", "k = +0", "k = -3", "k = +5", "k = +3"]
+    assert [text.split(",")[0] for text in said.values()] == ["taken", "taken", "left", "left", "taken"]
+
+
+def test_standard_errors_are_those_of_repetitions() -> None:
+    drawn = [fit_terms(observed(seed=seed, pixels=80), ({}, {}), distances=6) for seed in range(2, 26)]
+    assert all(orders(one) == {-1, 0, 3} for one in drawn)
+    for row in range(2):
+        for k in (-1, 0, 3):
+            values = np.array([one.terms[row][k] for one in drawn])
+            predicted = np.mean([dict(zip(one.terms[row], one.stderr[row], strict=True))[k] for one in drawn])
+            spread = max(values.real.std(ddof=1), values.imag.std(ddof=1))
+            assert predicted == pytest.approx(spread, rel=0.45)
+
+
+def test_pixels_beside_all_others_are_left_out() -> None:
+    found = fit_terms(observed(spoilt=10), ({}, {}), distances=6)
+    assert not found.kept[:10].any()
+    assert found.kept[10:].mean() > 0.97
+    assert found.residual == pytest.approx(1.0, abs=0.05)
+
+
+def test_what_is_known_too_badly_is_not_taken() -> None:
+    """Noise of a fiftieth of the signal in few pixels: standard errors above two thousandths."""
+    found = fit_terms(observed(noise_v=2e-3, pixels=60), ({}, {}), distances=6)
+    assert not orders(found)
+    assert all("cannot be told" in text for text in found.findings)
+
+
+def test_what_is_too_small_to_matter_is_not_taken_however_well_it_is_known() -> None:
+    """Below two ten-thousandths; and what matters is."""
+    for size, taken in ((1.6e-4, False), (2.4e-4, True)):
+        found = fit_terms(observed(noise_v=1e-6, truth=({3: size + 0j}, {})), ({}, {}), distances=6)
+        assert (orders(found) == {3}) is taken
+        assert taken or not orders(found)
+
+
+def test_one_distance_tells_no_terms() -> None:
+    found = fit_terms(observed(), ({5: 0.1j}, {}), distances=1)
+    assert (found.terms, found.stderr, found.residual) == (({5: 0.1j}, {}), ((), ()), 1.0)
+    assert found.kept.all()
+    assert found.findings == ("one distance: k = 1 and the maps only; two or more distances tell further terms",)
+
+
+def test_terms_come_on_top_of_those_of_the_waveform() -> None:
+    base = ({-3: 1 / 9 + 0j}, {-3: 1 / 9 + 0j})
+    imbalance = ({-1: 0.02j}, {-1: 0.01 + 0j})
+    truth = tuple(composed(one, change) for one, change in zip(base, imbalance, strict=True))
+    found = fit_terms(observed(truth=truth), base, distances=6)
+    for ours, theirs in zip(found.terms, truth, strict=True):
+        assert ours.keys() == theirs.keys()
+        for k, value in theirs.items():
+            assert abs(ours[k] - value) < 3e-4

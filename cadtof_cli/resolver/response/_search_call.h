@@ -1,0 +1,55 @@
+/* The search as Python calls it: buffers in, buffers filled; a part of _kernel.c, see compiled.py. */
+enum { SEARCH_SHARED, TABLE_1, TABLE_2, OWN_PHASES, OBSERVED, ENOUGH, START, VALUES, MISFIT, DONE, SEARCH_BUFFERS };
+static const Wanted SEARCH_BUFFER[SEARCH_BUFFERS] = {
+    {"search constants", "f ", 0, 0, 0}, {"first table", "f ", 0, 0, 0}, {"second table", "f ", 0, 0, 0},
+    {"phases", "f ", 0, 1, 0},           {"observed", "f ", 0, 0, 0},    {"enough", "f ", 0, 0, 0},
+    {"start", "f ", 0, 0, 0},            {"values", "f ", 0, 0, 1},      {"misfit", "f ", 0, 0, 1},
+    {"done", "? ", 1, 0, 1},
+};
+
+static PyObject *search_checked(const Level *level, int steps, const Py_buffer *view) {
+    const Py_ssize_t pixels = values_in(&view[DONE]);
+    if (!is_part(0, pixels, pixels)) return NULL;
+    const int64_t expected[SEARCH_BUFFERS] = {
+        SEARCH_CONSTANTS, 4 * ENTRIES, 4 * ENTRIES, 2 * pixels, 4 * pixels, pixels, 4 * pixels, 4 * pixels, pixels, pixels};
+    for (int which = 0; which < SEARCH_BUFFERS; which++)
+        if (!has_values(SEARCH_BUFFER[which].name, &view[which], expected[which])) return NULL;
+    for (int written = VALUES; written <= DONE; written++)
+        if (!lies_apart(&view[written], SEARCH_BUFFER, view, SEARCH_BUFFERS)) return NULL;
+    const Search search = {
+        .constants = view[SEARCH_SHARED].buf,
+        .table = {view[TABLE_1].buf, view[TABLE_2].buf},
+        .phase_rad = view[OWN_PHASES].buf,
+        .observed = view[OBSERVED].buf,
+        .enough = view[ENOUGH].buf,
+        .start = view[START].buf,
+        .values = view[VALUES].buf,
+        .misfit = view[MISFIT].buf,
+        .done = view[DONE].buf,
+        .pixels = pixels,
+        .steps = steps,
+    };
+    Py_BEGIN_ALLOW_THREADS
+    level->search(&search);
+    Py_END_ALLOW_THREADS
+    Py_RETURN_NONE;
+}
+
+static PyObject *search(PyObject *module, PyObject *arguments) {
+    (void)module;
+    const char *name;
+    int steps;
+    PyObject *object[SEARCH_BUFFERS];
+    if (!PyArg_ParseTuple(arguments, "siOOOOOOOOOO", &name, &steps, &object[0], &object[1], &object[2], &object[3], &object[4],
+                          &object[5], &object[6], &object[7], &object[8], &object[9]))
+        return NULL;
+    const Level *level = find_level(name);
+    if (!level) return PyErr_Format(PyExc_ValueError, "found level %s, expected one that levels() lists", name);
+    if (steps < 0 || steps > MOST_STEPS) return PyErr_Format(PyExc_ValueError, "found %d steps, expected 0 to %d", steps, MOST_STEPS);
+    Py_buffer view[SEARCH_BUFFERS];
+    memset(view, 0, sizeof view);
+    PyObject *result = NULL;
+    if (get_buffers(SEARCH_BUFFER, SEARCH_BUFFERS, object, view)) result = search_checked(level, steps, view);
+    release_buffers(view, SEARCH_BUFFERS);
+    return result;
+}

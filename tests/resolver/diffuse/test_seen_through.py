@@ -1,0 +1,176 @@
+"""Patches with two paths, held against the limits one by one: what counts as something that lets light through."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from cadtof_cli.arrays import Bool, Complex, Float
+from cadtof_cli.resolver.diffuse.grid import PatchGrid, View, patch_grid
+from cadtof_cli.resolver.diffuse.records import SeenThrough, Tails
+from cadtof_cli.resolver.diffuse.settings import DiffuseSettings
+from cadtof_cli.resolver.diffuse.through import freed_paths, seen_through, typical_tail
+from tests.support.diffuse_frames import M_PER_RAD, OMEGA, Tail
+
+HARMONICS = (1, 2, 3)
+
+SETTINGS = DiffuseSettings(period_ns=40.0, harmonics=HARMONICS)
+
+TAIL = np.array([1.0 + Tail(0.2, 3.0, 9.0).phasor(h) for h in HARMONICS])
+
+TAILS = Tails(TAIL, TAIL, HARMONICS)
+
+
+def grid() -> PatchGrid:
+    return patch_grid(96, 128, View(120.0, (63.5, 47.5)))
+
+
+def wall_m() -> Float:
+    """A wall that faces the camera 3.5 m away, by patch."""
+    return np.asarray(3.5 / grid().ray[2])
+
+
+def rectangle(rows: int, columns: int) -> Bool:
+    chosen = np.zeros(grid().ray.shape[1:], bool)
+    chosen[3 : 3 + rows, 5 : 5 + columns] = True
+    return chosen
+
+
+def looked_at(
+    net: Bool,
+    *,
+    share: Float | float = 0.5,
+    delay_ns: float = 8.0,
+    off_m: Float | float = 0.0,
+    valid: Bool | None = None,
+) -> SeenThrough | None:
+    """Patches of the wall, and of a net so much before it; `off_m` is how far behind the wall the farther paths end."""
+    far_m = wall_m() + off_m
+    near, later = far_m / M_PER_RAD - delay_ns * OMEGA, delay_ns * OMEGA
+    weight = np.where(net, share, 0.0)
+    phasors: Complex = np.stack(
+        [
+            0.3
+            * (
+                weight * np.exp(1j * h * near)
+                + (1.0 - weight) * np.exp(1j * h * np.where(net, near + later, wall_m() / M_PER_RAD))
+            )
+            * t
+            for h, t in zip(HARMONICS, TAIL, strict=True)
+        ]
+    )
+    every = np.ones(net.shape, bool) if valid is None else valid
+    return seen_through(phasors, np.where(net, 1.0, wall_m()), every, TAILS, grid=grid(), settings=SETTINGS)
+
+
+def found_by(net: Bool, *, share: Float | float = 0.5, delay_ns: float = 8.0, off_m: Float | float = 0.0) -> Bool:
+    seen = looked_at(net, share=share, delay_ns=delay_ns, off_m=off_m)
+    return np.zeros(net.shape, bool) if seen is None else seen.found
+
+
+@pytest.mark.parametrize(("rows", "columns", "found"), [(2, 7, True), (1, 14, True), (1, 13, False), (3, 4, False)])
+def test_fourteen_patches_side_by_side_are_a_net(rows: int, columns: int, found: bool) -> None:
+    net = rectangle(rows, columns)
+    np.testing.assert_array_equal(found_by(net), net & found)
+
+
+def test_corners_count_as_side_by_side_and_gaps_do_not() -> None:
+    steps = np.zeros(grid().ray.shape[1:], bool)
+    for i in range(7):
+        steps[2 + i, 3 + 2 * i : 5 + 2 * i] = True
+    steps[2:9, 0] = False
+    np.testing.assert_array_equal(found_by(steps), steps)
+    apart = rectangle(2, 14)
+    apart[:, 11:13] = False
+    assert not found_by(apart).any()
+
+
+@pytest.mark.parametrize(("share", "found"), [(0.24, False), (0.26, True), (0.79, True), (0.86, False)])
+def test_a_quarter_of_the_nearer_and_a_fifth_of_the_farther_path_are_the_least(share: float, found: bool) -> None:
+    net = rectangle(4, 6)
+    np.testing.assert_array_equal(found_by(net, share=share), net & found)
+
+
+def test_beside_a_net_less_of_what_is_farther_will_do() -> None:
+    """From 15 % on, where the nearer path goes on within six hundredths."""
+    net = rectangle(4, 8)
+    shares = np.full(net.shape, 0.5)
+    shares[3, 5:] = 0.82
+    np.testing.assert_array_equal(found_by(net, share=shares), net)
+    shares[3, 5:] = 0.87
+    np.testing.assert_array_equal(found_by(net, share=shares), net & (shares < 0.8))
+    ends = np.zeros(net.shape)
+    ends[3, 5:] = 0.21
+    np.testing.assert_array_equal(found_by(net, off_m=ends, delay_ns=4.0), net & (ends == 0.0))
+
+
+@pytest.mark.parametrize(("off_m", "found"), [(0.14, True), (-0.14, True), (0.16, False), (-0.16, False)])
+def test_the_farther_path_ends_on_the_wall_within_fifteen_centimetres(off_m: float, found: bool) -> None:
+    net = rectangle(4, 6)
+    np.testing.assert_array_equal(found_by(net, off_m=off_m), net & found)
+
+
+@pytest.mark.parametrize(("delay_ns", "found"), [(1.9, False), (2.1, True), (17.8, True), (18.2, False)])
+def test_paths_are_two_to_eighteen_nanoseconds_apart(delay_ns: float, found: bool) -> None:
+    net = rectangle(4, 6)
+    np.testing.assert_array_equal(found_by(net, delay_ns=delay_ns), net & found)
+
+
+def test_patches_that_do_not_count_are_no_net() -> None:
+    net, valid = rectangle(4, 6), np.ones(grid().ray.shape[1:], bool)
+    valid[3, 5:9] = False
+    seen = looked_at(net, valid=valid)
+    assert seen is not None
+    np.testing.assert_array_equal(seen.found, net & valid)
+
+
+def test_ranges_go_one_patch_beyond_the_net_and_phases_are_as_unsure_as_walls_are_missed() -> None:
+    """Half of what they are missed by, and .15 of the lag that the tail brings, squared and added."""
+    net, off_m = rectangle(4, 6), 0.1
+    seen = looked_at(net, off_m=off_m)
+    assert seen is not None
+    near_m = wall_m() + off_m - 8.0 * OMEGA * M_PER_RAD
+    assert_allclose(seen.near_m[net], near_m[net], atol=1e-3)
+    around = np.zeros_like(net)
+    around[2:8, 4:12] = True
+    np.testing.assert_array_equal(np.isfinite(seen.near_m), around)
+    assert_allclose(seen.near_m[2, 4], near_m[3, 5], atol=1e-3)
+    assert_allclose(seen.near_m[2, 6], near_m[3, 5:8].mean(), atol=1e-3)
+    lag = float(np.angle(TAIL[0]))
+    assert seen.variance == pytest.approx((0.5 * off_m / M_PER_RAD) ** 2 + (0.15 * lag) ** 2, rel=0.05)
+    assert seen.tails is TAILS
+
+
+def test_without_light_nothing_is_seen() -> None:
+    nothing = np.zeros((3, *grid().ray.shape[1:]), complex)
+    none = np.zeros(grid().ray.shape[1:], bool)
+    assert seen_through(nothing, wall_m(), none, TAILS, grid=grid(), settings=SETTINGS) is None
+
+
+def test_the_typical_tail_is_that_of_the_median_values() -> None:
+    """ln|H_h/H_1|, arg H_h − h·arg H_1, then ln|H_1| and arg H_1, of patches whose middle one has this tail."""
+    bare = [np.log(abs(TAIL[1] / TAIL[0])), np.log(abs(TAIL[2] / TAIL[0]))]
+    bare += [
+        np.angle(TAIL[1] / TAIL[0] ** 2),
+        np.angle(TAIL[2] / TAIL[0] ** 3),
+        np.log(abs(TAIL[0])),
+        np.angle(TAIL[0]),
+    ]
+    values = np.array(bare)[:, np.newaxis] + np.array([-0.2, 0.0, 0.5])
+    assert_allclose(typical_tail(values, HARMONICS), TAIL, rtol=1e-9)
+
+
+@pytest.mark.parametrize("harmonics", [(1, 2), (1, 2, 4)])
+def test_paths_with_tails_of_their_own_are_freed_of_them(harmonics: tuple[int, ...]) -> None:
+    near = np.array([1.0 + Tail(0.08, 3.0, 9.0).phasor(h) for h in harmonics])
+    far = np.array([1.0 + Tail(0.2, 3.0, 9.0).phasor(h) for h in harmonics])
+    rng, h = np.random.default_rng(2), np.array(harmonics)[:, None]
+    begin, later, share = rng.uniform(0, 6, 40), rng.uniform(1.2, 2.4, 40), rng.uniform(0.35, 0.7, 40)
+    first, second = share * np.exp(1j * h * begin), (1.0 - share) * np.exp(1j * h * (begin + later))
+    seen = first * near[:, None] + second * far[:, None]
+    found = freed_paths(seen.reshape(-1, 5, 8), Tails(near, far, harmonics))
+    assert found.phasors.shape == (len(harmonics), 5, 8)
+    assert np.median(np.abs(found.phasors.reshape(-1, 40) - first - second)) < 0.01
+    assert np.median(np.abs(found.near_share.ravel() - share)) < 0.02
+    assert np.median(np.abs(found.later_rad.ravel() - later)) < 0.03
+    same = freed_paths(seen, Tails(near, near, harmonics))
+    assert_allclose(same.phasors, seen / near[:, None])

@@ -1,0 +1,217 @@
+"""The compiled twin of the search under a response against numpy, bit for bit, by every instruction set; and hostile buffers.
+
+`scripts/sanitize` runs these with the address and undefined-behaviour sanitizers.
+"""
+
+from dataclasses import replace
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from cadtof_cli.arrays import Float32
+from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Pixel
+from cadtof_cli.frame_plan import CalibrationUse, FramePlan, MapSettings
+from cadtof_cli.phasors.noise import noise_model
+from cadtof_cli.phasors.response import ideal_response
+from cadtof_cli.pipeline import prepare_frame, resolve_pixels
+from cadtof_cli.resolver.response.compiled import searched
+from cadtof_cli.resolver.response.newton import Equations
+from cadtof_cli.resolver.response.table import ENTRIES, STAGES, ResponseBlock, response_model
+from cadtof_cli.resolver.settings import ResolverSettings
+from cadtof_cli.resolver.two_path.kernel import NUMPY, available_kernels
+from tests.support.calibrations import made_up_calibration
+from tests.support.hard_pixels import HARD
+
+TRIANGLE = CaptureMetadata(modulation=Modulation(waveform="triangle"), pixel=Pixel(integration_length=1e5))
+
+NOISE = noise_model(TRIANGLE, integration_length=1e5, quantised=False)
+
+COUNT = 777
+
+pytestmark = pytest.mark.usefixtures("compiled")
+
+
+def kernels() -> list[str]:
+    found = [kernel for kernel in available_kernels() if kernel != NUMPY]
+    assert found
+    return found
+
+
+def block(*, phases: bool) -> ResponseBlock:
+    """The response of a triangle, in pixels that turn phases or do not."""
+    turned = np.random.default_rng(4).normal(0.0, 0.3, (2, COUNT)) if phases else None
+    model = response_model(ideal_response(TRIANGLE), turned)
+    assert model is not None
+    return model.block(slice(0, COUNT))
+
+
+def paths(seed: int) -> Float32:
+    """a, x, b, y of COUNT pixels."""
+    rng = np.random.default_rng(seed)
+    a, b = rng.uniform(0.02, 1.0, (2, COUNT))
+    x = rng.uniform(0.0, 2.0 * np.pi, COUNT)
+    return np.stack([a, x, b, x + rng.uniform(-3.0, 3.0, COUNT)]).astype(np.float32)
+
+
+def recorded(values: Float32, response: ResponseBlock) -> NDArray[np.complex128]:
+    """What paths leave in both harmonics, with noise, (2, n)."""
+    a, x, b, y = values
+    rng, rows = np.random.default_rng(9), []
+    for row in range(2):
+        f, g = (response.at(row, phase, slice(None)) for phase in (x, y))
+        light = a * (f.re + 1j * f.im) + b * (g.re + 1j * g.im)
+        rows.append(light + 1e-3 * (rng.normal(size=COUNT) + 1j * rng.normal(size=COUNT)))
+    return np.array(rows)
+
+
+def assert_same_bits(
+    response: ResponseBlock, phasors: Any, start: Float32, *, steps: int, stage: int = -1
+) -> NDArray[np.bool_]:
+    with np.errstate(all="ignore"):
+        equations = Equations.of(response, phasors, np.arange(start.shape[1]), NOISE)
+        expected = searched(equations, start, steps=steps, stage=stage)
+    for kernel in kernels():
+        there = replace(equations, response=replace(response, kernel=kernel))
+        found = searched(there, start, steps=steps, stage=stage)
+        np.testing.assert_array_equal(found.done, expected.done, err_msg=kernel)
+        for one, other in ((found.values, expected.values), (found.misfit, expected.misfit)):
+            np.testing.assert_array_equal(one, other, err_msg=kernel)
+            sound = ~np.isnan(other)
+            np.testing.assert_array_equal(one[sound].view(np.uint32), other[sound].view(np.uint32), err_msg=kernel)
+    return expected.done
+
+
+@pytest.mark.parametrize("phases", [False, True])
+@pytest.mark.parametrize("stage", range(len(STAGES)))
+@pytest.mark.parametrize("steps", [0, 1, 8])
+def test_searches_end_at_the_same_bits(phases: bool, stage: int, steps: int) -> None:
+    response = block(phases=phases)
+    true = paths(1)
+    near = true + np.random.default_rng(2).normal(0.0, 0.1, true.shape).astype(np.float32)
+    done = assert_same_bits(response, recorded(true, response), near, steps=steps, stage=stage)
+    if steps == 8 and stage == len(STAGES) - 1 and not phases:
+        assert 0.2 < done.mean() < 1.0
+
+
+@pytest.mark.parametrize("name", HARD)
+def test_hard_pixels_end_at_the_same_bits(name: str) -> None:
+    rng = np.random.default_rng(3)
+    with np.errstate(all="ignore"):
+        hard = np.stack(HARD[name](rng, COUNT))
+        strange = rng.choice(np.array([0.0, -0.0, 1.0, 1e-30, 1e30, np.nan, np.inf, -1.0, 4.0], np.float32), (4, COUNT))
+        assert_same_bits(block(phases=False), hard, paths(5), steps=6)
+        assert_same_bits(block(phases=True), hard, strange, steps=6)
+
+
+@pytest.mark.parametrize("count", [0, 1, 7, 31, 32, 33])
+def test_a_pixel_ends_at_the_same_bits_whoever_goes_beside_it(count: int) -> None:
+    response = block(phases=False)
+    true = paths(1)
+    phasors = recorded(true, response)
+    some = slice(100, 100 + count)
+    near = (true + np.float32(0.05))[:, some]
+    assert_same_bits(response, phasors[:, some], near, steps=6)
+
+
+def volts(name: str, size: tuple[int, int]) -> Any:
+    with np.errstate(over="ignore", invalid="ignore"):
+        p = HARD[name](np.random.default_rng(7), size[0] * size[1])
+        planes = np.stack([[one.real, one.imag] for one in p]) * TRIANGLE.modulation.amplitude_v
+    return planes.reshape(2, 2, *size)
+
+
+@pytest.mark.parametrize("name", ["close_paths", "arbitrary", "faint", "special_values"])
+@pytest.mark.parametrize("calibrated", [False, True])
+def test_maps_of_a_triangle_have_the_same_bits(name: str, calibrated: bool) -> None:
+    size = (12, 97)
+    plan = FramePlan(metadata=TRIANGLE, settings=MapSettings(resolver=ResolverSettings(mpi_model="discrete")))
+    calibration = made_up_calibration(TRIANGLE, size, ("response",)) if calibrated else None
+    if calibration is not None:
+        plan = replace(plan, calibration=CalibrationUse(Path("made up"), calibration.digest))
+    pixels = prepare_frame(volts(name, size), plan=plan, calibration=calibration)
+    expected = resolve_pixels(pixels, plan=plan, calibration=calibration, kernel=NUMPY)
+    for kernel in kernels():
+        for cut in (0, 33):
+            parts = [pixels[:cut], pixels[cut:]] if cut else [pixels]
+            found = [resolve_pixels(part, plan=plan, calibration=calibration, kernel=kernel) for part in parts]
+            values = np.concatenate([maps.values for maps in found], axis=-1)
+            np.testing.assert_array_equal(values.view(np.uint32), expected.values.view(np.uint32), err_msg=kernel)
+            np.testing.assert_array_equal(np.concatenate([maps.status for maps in found], axis=-1), expected.status)
+
+
+# --- buffers ----------------------------------------------------------------------------------------------------------
+
+PIXELS = 37
+
+SIZES = {
+    "constants": 7,
+    "first": 4 * ENTRIES,
+    "second": 4 * ENTRIES,
+    "phases": 2 * PIXELS,
+    "observed": 4 * PIXELS,
+    "enough": PIXELS,
+    "start": 4 * PIXELS,
+    "values": 4 * PIXELS,
+    "misfit": PIXELS,
+    "done": PIXELS,
+}
+
+
+def buffers() -> dict[str, Any]:
+    return {name: np.ones(size, np.bool_ if name == "done" else np.float32) for name, size in SIZES.items()}
+
+
+def run(compiled: ModuleType, given: dict[str, Any], *, steps: int = 6, level: str | None = None) -> None:
+    compiled.search(level or compiled.levels()[0], steps, *given.values())
+
+
+@pytest.mark.parametrize("name", SIZES)
+def test_buffers_that_do_not_fit_are_refused(compiled: ModuleType, name: str) -> None:
+    whole = buffers()[name]
+    for change in (-1, 1):
+        with pytest.raises(ValueError, match="expected"):
+            run(compiled, buffers() | {name: np.ones(whole.size + change, whole.dtype)})
+    for dtype in ("u1", "f8", ">f4", "i4", "c8"):
+        with pytest.raises((TypeError, ValueError)):
+            run(compiled, buffers() | {name: np.ones(whole.size, dtype)})
+    for value in (3, "text", None) if name != "phases" else (3, "text"):
+        with pytest.raises(TypeError):
+            run(compiled, buffers() | {name: value})
+    with pytest.raises((ValueError, BufferError)):
+        run(compiled, buffers() | {name: np.repeat(whole, 2)[::2]})
+
+
+def test_what_is_written_shares_no_memory_with_what_is_read(compiled: ModuleType) -> None:
+    given = buffers()
+    memory = np.ones(8 * PIXELS, np.float32)
+    given["start"], given["values"] = memory[: 4 * PIXELS], memory[PIXELS : 5 * PIXELS]
+    with pytest.raises(ValueError, match="memory"):
+        run(compiled, given)
+    given = buffers()
+    given["done"].flags.writeable = False
+    with pytest.raises((ValueError, BufferError)):
+        run(compiled, given)
+
+
+@pytest.mark.parametrize("options", [{"steps": -1}, {"steps": 1001}, {"level": "mmx"}])
+def test_options_out_of_range_are_refused(compiled: ModuleType, options: dict[str, Any]) -> None:
+    with pytest.raises(ValueError, match="expected"):
+        run(compiled, buffers(), **options)
+
+
+@settings(max_examples=100, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(seed=st.integers(0, 2**32 - 1), steps=st.integers(0, 20), phases=st.booleans())
+def test_any_bits_end_the_search(compiled: ModuleType, seed: int, steps: int, phases: bool) -> None:
+    rng, given = np.random.default_rng(seed), buffers()
+    for name in ("constants", "first", "phases", "observed", "enough", "start"):
+        given[name] = np.frombuffer(bytearray(rng.bytes(4 * SIZES[name])), np.float32)
+    if not phases:
+        given["phases"] = None
+    for level in compiled.levels():
+        run(compiled, given, steps=steps, level=level)

@@ -1,0 +1,80 @@
+"""A net's panel stands where geometry puts it, and its light is that of threads and of holes."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from cadtof_cli.simulation.scene.light import Light
+from cadtof_cli.simulation.scene.rooms.net import Net, drawn_net
+from cadtof_cli.simulation.scene.rooms.placed import Room
+from cadtof_cli.simulation.scene.rooms.solids import Box, Interior
+
+ROOM = Room(
+    interior=Interior(size_m=(6.0, 2.6, 6.0), albedos=(0.5,) * 6),
+    position_m=(3.0, 1.3, 1.0),
+    yaw_rad=0.3,
+    pitch_rad=0.2,
+    beam_rad=1.0,
+    summary="a room",
+)
+
+
+def net(seed: int = 1, *, distance_m: float | None = 2.0, room: Room = ROOM) -> Net:
+    return drawn_net(room, fill=0.3, distance_m=distance_m, seed=seed)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_the_panel_is_at_its_distance_about_the_middle_of_the_view(seed: int) -> None:
+    """Upright, turned with the camera, at most 8° aside of the axis."""
+    panel = net(seed).panel
+    x, y, z = (at - from_m for at, from_m in zip(panel.centre_m, ROOM.position_m, strict=True))
+    assert math.hypot(x, y, z) == pytest.approx(2.0)
+    assert y == pytest.approx(2.0 * math.sin(0.2))
+    assert abs(math.atan2(x, z) - 0.3) <= math.radians(8.0)
+    assert panel.turn_rad == -0.3
+    assert 0.24 <= panel.half_m[0] <= 0.6
+    assert 0.24 <= panel.half_m[1] <= 0.5
+    assert panel.half_m[2] == 0.002
+    assert 0.4 <= panel.albedo <= 0.9
+    assert (net(seed).fill, net(seed).distance_m) == (0.3, 2.0)
+    away = {
+        round(math.atan2(one.panel.centre_m[0] - 3.0, one.panel.centre_m[2] - 1.0), 6) for one in map(net, range(6))
+    }
+    assert len(away) == 6
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_drawn_net_is_between_the_camera_and_what_lies_behind(seed: int) -> None:
+    """Straight ahead at the far wall, 5 m away: a third to six sevenths of that."""
+    straight = replace(ROOM, yaw_rad=0.0, pitch_rad=0.0)
+    assert 0.35 * 4.9 < net(seed, distance_m=None, room=straight).distance_m < 0.85 * 5.4
+
+
+def test_a_net_is_hung_beside_what_is_there() -> None:
+    box = Box(centre_m=(1.0, 2.0, 3.0), half_m=(0.1, 0.1, 0.1))
+    room = replace(ROOM, interior=replace(ROOM.interior, boxes=(box,)))
+    assert net().hung(room).interior.boxes == (box, net().panel)
+    assert net().hung(room).position_m == room.position_m
+
+
+def light(direct: float, later: float, delays: tuple[float, float]) -> Light:
+    """Two pixels: what is seen at two delays, and one way of MPI."""
+    return Light(
+        delays_ns=np.array([[delays], [[delays[0] + 3.0, delays[1] + 3.0]]]),
+        photons=np.array([[[direct, direct]], [[later, later]]]),
+        ambient=np.array([[direct, 2.0 * direct]]),
+        ranges_m=np.array([[1.0, 2.0]]),
+    )
+
+
+def test_threads_and_holes_share_the_light() -> None:
+    """The first pixel is hidden by the net, the second is not: there both rooms show the same surface."""
+    panel, behind = light(4.0, 0.5, (10.0, 30.0)), light(1.0, 0.3, (20.0, 30.0))
+    both = net().mixed(panel, behind)
+    assert_allclose(both.photons[:, 0], [[1.2, 1.9], [0.7, 0.0], [0.15, 0.15], [0.21, 0.21]])
+    assert_allclose(both.delays_ns[:, 0], [[10.0, 30.0], [20.0, 30.0], [13.0, 33.0], [23.0, 33.0]])
+    assert_allclose(both.ambient, [[0.3 * 4.0 + 0.7, 0.3 * 8.0 + 1.4]])
+    assert both.ranges_m is panel.ranges_m
