@@ -173,7 +173,7 @@ BAD_INPUT = [
         ("--scene", "room", "--lamp-offset", "0,0,-2", "-o", "x"),
         "lamp offset: found (0.0, 0.0, -2.0), expected 0.3 m or less",
     ),
-    (("--scene", "room", "--distance", "2", "-o", "x"), "--distance: found with --scene room, which it does not"),
+    (("--scene", "room", "--distance", "2", "-o", "x"), "--distance: found with --scene room, which does not use it"),
     (("--scene", "wall", "--furniture", "2", "-o", "x"), "--furniture: found with --scene wall, which does not"),
     (("--light-paths", "9"), "--light-paths: found without --scene, where it has no effect"),
     (("--speed", "nan"), "speed: found nan m/s, expected a finite speed"),
