@@ -57,7 +57,7 @@ def fitted_patches(data: Float, noise: Float, model: TailModel, pattern: Float, 
     """
     within = within_room(known_optics=known_optics)
     between = between_rooms(known_optics=known_optics)
-    precision: Float = np.linalg.inv(between)
+    precision = np.asarray(np.linalg.inv(between), np.float64)
     farthest = FARTHEST * np.sqrt(np.diag(between))
     state = MEAN[:, None] + pattern
     for step in range(STEPS + 1):
