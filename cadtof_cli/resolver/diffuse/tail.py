@@ -56,8 +56,9 @@ class TailModel:
         seen, beyond, later, unseen, held = self._terms(state)
         ihw = 1j * self._harmonic * self.rad_per_ns
         total = 1.0 + seen + beyond + later + unseen
-        slopes = np.stack([seen + beyond + 2.0 * later, beyond, later, unseen, unseen * held, ihw * unseen]) / total
-        values = free_of_direct(np.log(total), self._harmonic)
+        terms = [seen + beyond + 2.0 * later, beyond, later, unseen, unseen * held, ihw * unseen]
+        slopes = np.stack(terms) * (1.0 / total)
+        values = free_of_direct(_logarithm(total), self._harmonic)
         phases = phase_data(self.data)
         values[phases] = wrapped(values[phases])
         return values, free_of_direct(slopes, self._harmonic)
@@ -80,6 +81,13 @@ class TailModel:
         start = np.exp(ihw * state[5] + 0.5 * (ihw * ONSET_NS) ** 2)
         unseen = v * (decay / REFERENCE_DECAY_NS) * start * held
         return s * self.light.seen, s * b * self.light.beyond, s * s * u * self.light.later, unseen, held
+
+
+def _logarithm(z: Complex) -> Complex:
+    """Return ln z, (…), several times faster than the complex logarithm does it."""
+    found = np.empty_like(z)
+    found.real, found.imag = 0.5 * np.log(z.real * z.real + z.imag * z.imag), np.arctan2(z.imag, z.real)
+    return found
 
 
 def free_of_direct(logarithm: Complex, harmonic: Float, /) -> Float:
