@@ -28,7 +28,8 @@ SIZE = (4.0, 2.5, 5.0)
 
 ROOM = Interior(size_m=SIZE, albedos=WALLS, boxes=BOXES, balls=BALLS)
 
-INSIDE = ((2.0, 1.0, 0.5), (0.3, 0.4, 4.7), (3.8, 2.4, 2.8))
+INSIDE = ((2.0, 1.0, 0.5), (0.3, 0.4, 4.7), (3.8, 2.4, 2.8), (1.5, 1.6, 1.95))
+"""The last is above furniture, closer to it than that is wide."""
 
 
 def rays(origin: tuple[float, float, float], count: int, seed: int) -> tuple[Float32, Float32]:
@@ -102,7 +103,7 @@ def test_a_ray_meets_the_first_of_all_surfaces(origin: tuple[float, float, float
         assert_allclose(met.normals[:, ray], normal, atol=2e-3)
         assert_allclose(met.points_m[:, ray], start + length * way, atol=1e-3)
         assert met.surface[ray] // 8 == number
-    assert len(solids_met) >= 6
+    assert len(solids_met) >= 5
 
 
 def test_more_rays_than_are_followed_together_are_met_alike() -> None:
