@@ -41,7 +41,7 @@ COMPILED = {
         "../response/_search.h",
         "../response/_search_call.h",
     ),
-    "resolver/likelihood/_search": ("_instruction_sets.h", "_search.h", "../two_path/_kernel_buffers.h"),
+    "resolver/likelihood/_search": ("_instruction_sets.h", "_scan.h", "_search.h", "../two_path/_kernel_buffers.h"),
 }
 """Extension modules, each of one C file in `cadtof_cli`, with the headers beside it."""
 

@@ -1,4 +1,5 @@
-/* The compiled twin of the search (levenberg_marquardt.py) as a Python module: buffers in, buffers filled, nothing kept.
+/* The compiled twins of the search (levenberg_marquardt.py) and of the scans for its starts (starts.py) as a Python module: buffers
+ * in, buffers filled, nothing kept.
  *
  * compiled.py is its front. What comes here is checked again all the same: a buffer of the wrong type, size, alignment or layout
  * is a ValueError or TypeError, never a crash.
@@ -11,20 +12,32 @@
 
 #include "_instruction_sets.h"
 #include "_search.h"
+#include "_scan.h"
 #include "../two_path/_kernel_buffers.h"
 
 typedef struct {
     const char *name;
     void (*search)(const Search *search);
+    void (*scan)(const Scan *scan);
     int (*supported)(void);
 } Level;
 
 #define FUNCTION(name, attributes, supported) \
-    attributes static void search_##name(const Search *search) { search_all(search); }
-#define LISTED(name, attributes, supported) {#name, search_##name, supported},
+    attributes static void search_##name(const Search *search) { search_all(search); } \
+    attributes static void scan_##name(const Scan *scan) { scan_all(scan); }
+#define LISTED(name, attributes, supported) {#name, search_##name, scan_##name, supported},
 FOR_EACH_LEVEL(FUNCTION)
 static const Level LEVELS[] = {FOR_EACH_LEVEL(LISTED)};
 #define LEVEL_COUNT (sizeof LEVELS / sizeof *LEVELS)
+
+static const Level *find_level(const char *name) {
+    for (size_t i = 0; i < LEVEL_COUNT; i++)
+        if (!strcmp(LEVELS[i].name, name) && LEVELS[i].supported()) return &LEVELS[i];
+    PyErr_Format(PyExc_ValueError, "found level %s, expected one that levels() lists", name);
+    return NULL;
+}
+
+/* --- the search ---------------------------------------------------------------------------------------------------------- */
 
 enum { HARMONICS, RE, IM, WEIGHTS, STARTS, WORTH, POINTS, COST, MATRIX, CONVERGED, STEPS, BUFFERS };
 static const Wanted WANTED[BUFFERS] = {
@@ -81,10 +94,8 @@ static PyObject *solve_problems(PyObject *module, PyObject *arguments) {
                           &object[1], &object[2], &object[3], &object[4], &object[5], &object[6], &object[7], &object[8], &object[9],
                           &object[10]))
         return NULL;
-    const Level *level = NULL;
-    for (size_t i = 0; i < LEVEL_COUNT && !level; i++)
-        if (!strcmp(LEVELS[i].name, name) && LEVELS[i].supported()) level = &LEVELS[i];
-    if (!level) return PyErr_Format(PyExc_ValueError, "found level %s, expected one that levels() lists", name);
+    const Level *level = find_level(name);
+    if (!level) return NULL;
     Py_buffer view[BUFFERS];
     memset(view, 0, sizeof view);
     const int sound = get_buffers(WANTED, BUFFERS, object, view) && is_known(kind, paths, most_steps, &view[HARMONICS]) &&
@@ -119,6 +130,56 @@ static PyObject *solve_problems(PyObject *module, PyObject *arguments) {
     Py_RETURN_NONE;
 }
 
+/* --- the scan ------------------------------------------------------------------------------------------------------------ */
+
+enum { FACTORS, LAGS, SCAN_RE, SCAN_IM, FIRST, LAG, PEAK, OTHER, SCAN_BUFFERS };
+static const Wanted SCAN_WANTED[SCAN_BUFFERS] = {
+    {"factors", "d ", 8, 0, 0}, {"lags", "d ", 8, 0, 0},   {"re", "d ", 8, 0, 0},   {"im", "d ", 8, 0, 0},
+    {"first", "q l ", 8, 0, 1}, {"lag", "q l ", 8, 0, 1}, {"peak", "d ", 8, 0, 1}, {"other", "d ", 8, 0, 1},
+};
+
+/* Whether all buffers fit as many pixels as `first` has; or set an error. */
+static int scan_fits(int rows, int places, const Py_buffer *view) {
+    const int64_t count = values_in(&view[FIRST]);
+    if (rows < 1 || rows > MOST_ROWS || places < 2 || places > MOST_PLACES || count > PY_SSIZE_T_MAX / 4096) {
+        PyErr_Format(PyExc_ValueError, "found %d harmonics, %d places and %lld pixels", rows, places, (long long)count);
+        return 0;
+    }
+    const int64_t values[SCAN_BUFFERS] = {2 * rows * places, 3 * (places / 2), rows * count, rows * count, count, count, count, count};
+    for (int which = 0; which < SCAN_BUFFERS; which++)
+        if (!has_values(SCAN_WANTED[which].name, &view[which], values[which]) ||
+            (SCAN_WANTED[which].writable && !lies_apart(&view[which], SCAN_WANTED, view, SCAN_BUFFERS)))
+            return 0;
+    return 1;
+}
+
+static PyObject *scan_pixels(PyObject *module, PyObject *arguments) {
+    (void)module;
+    const char *name;
+    int rows, places, pairs;
+    PyObject *object[SCAN_BUFFERS];
+    if (!PyArg_ParseTuple(arguments, "siipOOOOOOOO", &name, &rows, &places, &pairs, &object[0], &object[1], &object[2], &object[3],
+                          &object[4], &object[5], &object[6], &object[7]))
+        return NULL;
+    const Level *level = find_level(name);
+    if (!level) return NULL;
+    Py_buffer view[SCAN_BUFFERS];
+    memset(view, 0, sizeof view);
+    const int sound = get_buffers(SCAN_WANTED, SCAN_BUFFERS, object, view) && scan_fits(rows, places, view);
+    if (sound) {
+        const Scan scan = {rows, places, pairs, values_in(&view[FIRST]), view[FACTORS].buf, view[LAGS].buf, view[SCAN_RE].buf,
+                           view[SCAN_IM].buf, view[FIRST].buf, view[LAG].buf, view[PEAK].buf, view[OTHER].buf};
+        Py_BEGIN_ALLOW_THREADS
+        level->scan(&scan);
+        Py_END_ALLOW_THREADS
+    }
+    release_buffers(view, SCAN_BUFFERS);
+    if (!sound) return NULL;
+    Py_RETURN_NONE;
+}
+
+/* --- the module ---------------------------------------------------------------------------------------------------------- */
+
 static PyObject *levels(PyObject *module, PyObject *none) {
     (void)module, (void)none;
     PyObject *names = PyList_New(0);
@@ -136,6 +197,9 @@ static PyMethodDef METHODS[] = {
      "solve(level, kind, paths, most_steps, relative, first_damping, harmonics, re, im, weights, starts, worth, points, cost, "
      "matrix, converged, steps)\n\n"
      "Minimise every problem from its start. Everybody but the tests calls it through compiled.py."},
+    {"scan", scan_pixels, METH_VARARGS,
+     "scan(level, rows, places, pairs, factors, lags, re, im, first, lag, peak, other)\n\n"
+     "Find the path or pair of a grid of delays that explains most. Everybody but the tests calls it through compiled.py."},
     {"levels", levels, METH_NOARGS, "Names of the instruction sets that this processor has, the fastest first."},
     {NULL, NULL, 0, NULL}};
 

@@ -20,4 +20,19 @@ def solve(
     steps: Index,
     /,
 ) -> None: ...
+def scan(
+    level: str,
+    rows: int,
+    places: int,
+    pairs: bool,
+    factors: Float,
+    lags: Float,
+    re: Float,
+    im: Float,
+    first: Index,
+    lag: Index,
+    peak: Float,
+    other: Float,
+    /,
+) -> None: ...
 def levels() -> list[str]: ...

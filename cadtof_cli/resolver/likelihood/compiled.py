@@ -1,4 +1,4 @@
-"""The front of the compiled search: the same steps as in `levenberg_marquardt`, with the same bits, many problems at a time."""
+"""The front of the compiled search and scans: what `levenberg_marquardt` and `starts` do, with the same bits."""
 
 from dataclasses import dataclass
 from types import ModuleType
@@ -100,3 +100,36 @@ def compiled_ends(
         ends.steps,
     )
     return ends
+
+
+@dataclass(frozen=True)
+class Scanned:
+    """The best of a grid's delays for n pixels, (n,) each.
+
+    `first` is the place of a path in the grid, `peak` its matched sum; of a pair `lag` is how many places behind the other one
+    lies, with the matched sum `other`.
+    """
+
+    first: Index
+    lag: Index
+    peak: Float
+    other: Float
+
+    @classmethod
+    def empty(cls, count: int, /) -> "Scanned":
+        """Return room for so many pixels."""
+        return cls(np.empty(count, np.intp), np.empty(count, np.intp), np.empty(count), np.empty(count))
+
+
+def compiled_scan(factors: Float, lags: Float, re: Float, im: Float, /, *, pairs: bool, kernel: str) -> Scanned | None:
+    """Scan a grid for phasors in parts, (N, n); None where numpy has to.
+
+    `factors`, (places, N, 2), are a harmonic's weight times cosine and sine at each delay; `lags`, (places/2, 3), are
+    ρ, −2ρ and 1/(1 − ρ²) of each lag from 1 on.
+    """
+    compiled, (places, rows) = compiled_search(), factors.shape[:2]
+    if compiled is None or rows > MOST_ROWS or places > 8 * MOST_HARMONIC:
+        return None
+    found, planes = Scanned.empty(re.shape[1]), (np.ascontiguousarray(part) for part in (factors, lags, re, im))
+    compiled.scan(kernel, rows, places, pairs, *planes, found.first, found.lag, found.peak, found.other)
+    return found

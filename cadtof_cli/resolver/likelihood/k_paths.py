@@ -8,7 +8,7 @@ from cadtof_cli.arrays import Bool, Float, Index
 from cadtof_cli.phasors.chi_squared import chi_squared_threshold
 from cadtof_cli.phasors.noise import NoiseModel
 from cadtof_cli.phasors.rotors import powers
-from cadtof_cli.resolver.likelihood.levenberg_marquardt import LevenbergMarquardt
+from cadtof_cli.resolver.likelihood.levenberg_marquardt import LevenbergMarquardt, Minimum
 from cadtof_cli.resolver.likelihood.mixture import Measured, Mixture, WeightedFit, WhiteFit
 from cadtof_cli.resolver.likelihood.normal_equations import cholesky, inverse_diagonal
 from cadtof_cli.resolver.likelihood.starts import best_pair, exact_start, strongest_path
@@ -17,6 +17,12 @@ from cadtof_cli.resolver.two_path.arctangent import phase_of
 
 SEARCH = LevenbergMarquardt(max_steps=40, absolute=0.1)
 """From a start to a minimum, with white noise: to a third of a standard deviation of the phasors, and a step further."""
+
+CLOSE_SEARCH = LevenbergMarquardt(max_steps=40, absolute=1e-3)
+"""The same for more than two paths, which lie in long valleys: they need a step or two more."""
+
+EXACT_SEARCH = LevenbergMarquardt(max_steps=40, absolute=1e-12)
+"""The same where there are as many paths as harmonics: they leave nothing at all."""
 
 POLISH = LevenbergMarquardt(max_steps=40, absolute=0.1, first_damping=1e-6)
 """From there to the maximum of the likelihood with the noise that the found light has, as closely."""
@@ -66,31 +72,54 @@ class LikelyPaths:
 def found_paths(measured: Measured, count: int, /, *, noise: NoiseModel) -> tuple[Mixture, Float]:
     """Return the `count` paths that fit best with white noise, and the misfit that they leave, (n,).
 
-    The search starts from the exact answer of the first harmonics. Where there is none, and where it ends in a misfit that
-    noise seldom has, it starts from one path fewer with the one that explains most of what those leave, and for two paths
-    from the best pair of a grid.
+    Where the first search ends in a misfit that noise seldom has, there are other starts: one path fewer, found as carefully,
+    with the one that explains most of what those leave; before it, for more than two paths, the exact answer of the first
+    harmonics; after it, for two, the best pair of a grid.
     """
     white = WhiteFit(measured, tuple(1.0 / harmonic.dark_variance for harmonic in noise.each))
-    if count == 1:
-        end = SEARCH.solve(white, strongest_path(measured, weights=white.weights).points, samples=noise.samples)
-        return Mixture.of_points(end.points), end.cost
-    exact = exact_start(measured, paths=count)
-    start = exact.points if exact else _greedy_start(measured, count, white.weights, noise)
-    end = SEARCH.solve(white, start, samples=noise.samples)
+    end = _first_end(white, count, noise)
     points, cost = end.points, end.cost
-    suspect = np.flatnonzero(cost > _acceptable(measured, count, noise))
-    if suspect.size and exact:
-        greedy = _greedy_start(measured[suspect], count, white.weights, noise[suspect])
-        _improve(white, greedy, suspect, points, cost, noise)
-    if suspect.size and count == 2:
-        pair = best_pair(measured[suspect], weights=white.weights)
-        _improve(white, pair.points, suspect, points, cost, noise)
+    if count == 1:
+        return Mixture.of_points(points), cost
+    acceptable = _acceptable(measured, count, noise)
+    if count > 2 and (suspect := np.flatnonzero(cost > acceptable)).size:
+        exact = exact_start(measured[suspect], paths=count)
+        if exact:
+            _improve(white, exact, suspect, points, cost, noise)
+    if (suspect := np.flatnonzero(cost > acceptable)).size:
+        fewer, _ = found_paths(measured[suspect], count - 1, noise=noise[suspect])
+        _improve(white, _with_another(white[suspect], fewer), suspect, points, cost, noise)
+        if count == 2:
+            pair = best_pair(measured[suspect], weights=white.weights)
+            _improve(white, pair, suspect, points, cost, noise)
     return Mixture.of_points(points), cost
 
 
-def _greedy_start(measured: Measured, count: int, weights: tuple[float, ...], noise: NoiseModel) -> Float:
-    fewer, _ = found_paths(measured, count - 1, noise=noise)
-    return fewer.joined(strongest_path(measured.without(fewer), weights=weights)).points
+def _with_another(white: WhiteFit, fewer: Mixture) -> Mixture:
+    """Return paths and the one that explains most of what they leave."""
+    return fewer.joined(strongest_path(white.measured.without(fewer), weights=white.weights))
+
+
+def _first_end(white: WhiteFit, count: int, noise: NoiseModel) -> Minimum:
+    """Return where the search ends that is tried first.
+
+    Two paths start from the exact answer of harmonics 1 and 2; a single one from a grid's; others from one path fewer, found in
+    this way, with the one that explains most of what those leave.
+    """
+    measured, exact = white.measured, exact_start(white.measured, paths=2) if count == 2 else None
+    if exact:
+        start = exact
+    elif count == 1:
+        start = strongest_path(measured, weights=white.weights)
+    else:
+        start = _with_another(white, Mixture.of_points(_first_end(white, count - 1, noise).points))
+    return _solver(white, count).solve(white, start.points, samples=noise.samples)
+
+
+def _solver(white: WhiteFit, count: int) -> LevenbergMarquardt:
+    if count == len(white.measured.harmonics):
+        return EXACT_SEARCH
+    return SEARCH if count <= 2 else CLOSE_SEARCH
 
 
 def most_likely(measured: Measured, found: Mixture, /, *, noise: NoiseModel) -> LikelyPaths:
@@ -135,8 +164,8 @@ def _acceptable(measured: Measured, count: int, noise: NoiseModel) -> Float | fl
     return misfit if noise.samples is None else misfit / noise.samples
 
 
-def _improve(white: WhiteFit, starts: Float, of: Index, points: Float, cost: Float, noise: NoiseModel) -> None:
-    other = SEARCH.solve(white[of], starts, samples=noise[of].samples)
+def _improve(white: WhiteFit, starts: Mixture, of: Index, points: Float, cost: Float, noise: NoiseModel) -> None:
+    other = _solver(white, len(starts.amplitude)).solve(white[of], starts.points, samples=noise[of].samples)
     better = other.cost < cost[of]
     points[:, of[better]], cost[of[better]] = other.points[:, better], other.cost[better]
 

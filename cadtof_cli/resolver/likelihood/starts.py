@@ -1,20 +1,25 @@
 """Where the search for paths begins: what the first harmonics say in closed form, and scans over a coarse grid of delays."""
 
 from collections.abc import Sequence
+from functools import lru_cache
 
 import numpy as np
 
 from cadtof_cli.arrays import Float, Index
+from cadtof_cli.resolver.likelihood.compiled import Scanned, compiled_scan
 from cadtof_cli.resolver.likelihood.mixture import Measured, Mixture
 from cadtof_cli.resolver.likelihood.pisarenko import pisarenko, strongest_of
 from cadtof_cli.resolver.two_path.closed_form import fundamental_frame, two_paths
+from cadtof_cli.resolver.two_path.kernel import NUMPY, chosen_kernel
 
 DELAYS_PER_HARMONIC = 8
 """Grid delays in a period of the highest harmonic: an eighth of it is well within where the fit converges."""
 
+ALIKE = 1.0 - 1e-9
+"""ρ of two paths from which on the phasors do not tell them apart."""
 
-PAIR_PIXELS = 512
-"""Pixels at a time in the scan over pairs, of which there are hundreds."""
+SCANNED_PIXELS = 512
+"""Pixels at a time in a scan by numpy, over hundreds of pairs."""
 
 
 def exact_start(measured: Measured, /, *, paths: int) -> Mixture | None:
@@ -36,10 +41,9 @@ def exact_start(measured: Measured, /, *, paths: int) -> Mixture | None:
 def strongest_path(measured: Measured, /, *, weights: Sequence[float]) -> Mixture:
     """Return the grid's path that explains most of the phasors: the peak of Σ_h w_h·Re(p_h·exp(−i h x))."""
     grid = _grid(measured.harmonics)
-    matched = np.stack([_matched(measured, weights, phase) for phase in grid])
-    peak = matched.argmax(axis=0)
-    amplitude = np.maximum(matched.max(axis=0), 0.0) / sum(weights)
-    return Mixture(amplitude[np.newaxis], np.cos(grid)[np.newaxis, peak], np.sin(grid)[np.newaxis, peak])
+    found = scanned(measured, weights=weights, pairs=False)
+    amplitude = np.maximum(found.peak, 0.0) / sum(weights)
+    return Mixture(amplitude[np.newaxis], np.cos(grid)[np.newaxis, found.first], np.sin(grid)[np.newaxis, found.first])
 
 
 def best_pair(measured: Measured, /, *, weights: Sequence[float]) -> Mixture:
@@ -49,47 +53,56 @@ def best_pair(measured: Measured, /, *, weights: Sequence[float]) -> Mixture:
     `strongest_path`, S = Σ w_h and ρ = Σ w_h·cos h(x − y)/S; they explain a·B(x) + b·B(y). All pairs a lag apart have one ρ.
     """
     grid = _grid(measured.harmonics)
-    count, pixels = len(grid), measured.re.shape[1]
-    cosines = [
-        np.array([w * np.cos(h * lag) for w, h in zip(weights, measured.harmonics, strict=True)]) for lag in grid
-    ]
-    parts: list[Float] = []
-    for begin in range(0, pixels, PAIR_PIXELS):
-        some = measured[np.arange(begin, min(begin + PAIR_PIXELS, pixels))]
-        matched: Float = np.stack([_matched(some, weights, phase) for phase in grid])
-        # the grid goes round: the second path of a pair lies `lag` places behind the first
-        around = np.concatenate((matched, matched))
-        squares = around * around
-        most, lags = np.full(matched.shape, -np.inf), np.ones(matched.shape, np.intp)
-        for lag in range(1, count // 2 + 1):
-            rho = float(cosines[lag].sum()) / sum(weights)
-            there = around[lag : lag + count]
-            explained = matched * there
-            explained *= -2.0 * rho
-            explained += squares[:count]
-            explained += squares[lag : lag + count]
-            explained *= 1.0 / (1.0 - rho * rho)
-            better = explained > most
-            better &= matched > rho * there
-            better &= there > rho * matched
-            np.copyto(most, explained, where=better)
-            np.copyto(lags, lag, where=better)
-        first = most.argmax(axis=0)
-        second = (first + np.take_along_axis(lags, first[np.newaxis], 0)[0]) % count
-        parts.append(_amplitudes_of_pairs(matched, first, second, grid, cosines, sum(weights)))
-    return Mixture.of_points(np.concatenate(parts, axis=1))
+    found = scanned(measured, weights=weights, pairs=True)
+    pair = np.stack((found.first, (found.first + found.lag) % len(grid)))
+    rho = _lags(measured.harmonics, tuple(weights))[found.lag - 1, 0]
+    scale = 1.0 / (sum(weights) * (1.0 - rho * rho))
+    amplitudes = np.stack(((found.peak - rho * found.other) * scale, (found.other - rho * found.peak) * scale))
+    return Mixture(np.maximum(amplitudes, 0.0), np.cos(grid)[pair], np.sin(grid)[pair])
 
 
-def _amplitudes_of_pairs(
-    matched: Float, first: Index, second: Index, grid: Float, cosines: Sequence[Float], total: float
-) -> Float:
-    """Return pairs of the grid's delays as points, with the amplitudes that explain most, not below 0."""
-    rho = np.array([float(one.sum()) / total for one in cosines])[np.abs(second - first)]
-    pair = np.stack((first, second))
-    b_first, b_second = np.take_along_axis(matched, pair, 0)
-    scale = 1.0 / (total * (1.0 - rho * rho))
-    amplitudes = np.maximum(np.stack(((b_first - rho * b_second) * scale, (b_second - rho * b_first) * scale)), 0.0)
-    return np.concatenate((amplitudes, np.cos(grid)[pair], np.sin(grid)[pair]))
+def scanned(measured: Measured, /, *, weights: Sequence[float], pairs: bool, kernel: str | None = None) -> Scanned:
+    """Return the path, or the pair, of the grid that explains most; whatever `kernel` runs gives the same bits."""
+    factors, lags = _factors(measured.harmonics, tuple(weights)), _lags(measured.harmonics, tuple(weights))
+    kernel = kernel or chosen_kernel()
+    if kernel != NUMPY:
+        found = compiled_scan(factors, lags, measured.re, measured.im, pairs=pairs, kernel=kernel)
+        if found is not None:
+            return found
+    found, count = Scanned.empty(measured.re.shape[1]), measured.re.shape[1]
+    for begin in range(0, count, SCANNED_PIXELS):
+        block = slice(begin, begin + SCANNED_PIXELS)
+        matched = np.stack([_matched(measured, factor, block) for factor in factors])
+        first, lag = (
+            _best_lags(matched, lags) if pairs else (matched.argmax(axis=0), np.ones(matched.shape[1], np.intp))
+        )
+        found.first[block], found.lag[block] = first, lag
+        found.peak[block] = np.take_along_axis(matched, first[np.newaxis], 0)[0]
+        found.other[block] = np.take_along_axis(matched, (first[np.newaxis] + lag) % len(factors), 0)[0]
+    return found
+
+
+def _best_lags(matched: Float, lags: Float) -> tuple[Index, Index]:
+    """Return the place of the first path of the best pair, and how far behind it the other one lies, (n,) each."""
+    count = len(matched)
+    # the grid goes round: the second path of a pair lies `lag` places behind the first
+    around = np.concatenate((matched, matched))
+    squares = around * around
+    most, best = np.full(matched.shape, -np.inf), np.ones(matched.shape, np.intp)
+    for lag, (rho, twice, scale) in enumerate(lags, start=1):
+        there = around[lag : lag + count]
+        explained = matched * there
+        explained *= twice
+        explained += squares[:count]
+        explained += squares[lag : lag + count]
+        explained *= scale
+        better = explained > most
+        better &= matched > rho * there
+        better &= there > rho * matched
+        np.copyto(most, explained, where=better)
+        np.copyto(best, lag, where=better)
+    first = most.argmax(axis=0)
+    return first, np.take_along_axis(best, first[np.newaxis], 0)[0]
 
 
 def _grid(harmonics: Sequence[int]) -> Float:
@@ -97,9 +110,30 @@ def _grid(harmonics: Sequence[int]) -> Float:
     return np.linspace(0.0, 2.0 * np.pi, count, endpoint=False)
 
 
-def _matched(measured: Measured, weights: Sequence[float], phase: float) -> Float:
-    total = np.zeros(measured.re.shape[1])
-    for h, weight, re, im in zip(measured.harmonics, weights, measured.re, measured.im, strict=True):
-        total += (weight * np.cos(h * phase)) * re
-        total += (weight * np.sin(h * phase)) * im
+@lru_cache(maxsize=8)
+def _factors(harmonics: tuple[int, ...], weights: tuple[float, ...]) -> Float:
+    """Return the weights times cosine and sine of every harmonic at the grid's delays, (places, N, 2)."""
+    pairs = list(zip(harmonics, weights, strict=True))
+    return np.array([[(w * np.cos(h * x), w * np.sin(h * x)) for h, w in pairs] for x in _grid(harmonics)])
+
+
+@lru_cache(maxsize=8)
+def _lags(harmonics: tuple[int, ...], weights: tuple[float, ...]) -> Float:
+    """Return ρ, −2ρ and 1/(1 − ρ²) of two paths one, two, … places apart, up to half the grid.
+
+    The last is 0 where two paths are as good as one: half a turn apart where all harmonics are odd.
+    """
+    grid = _grid(harmonics)
+    lags = grid[1 : len(grid) // 2 + 1]
+    rhos = [
+        sum(w * float(np.cos(h * lag)) for h, w in zip(harmonics, weights, strict=True)) / sum(weights) for lag in lags
+    ]
+    return np.array([(rho, -2.0 * rho, 1.0 / (1.0 - rho * rho) if abs(rho) < ALIKE else 0.0) for rho in rhos])
+
+
+def _matched(measured: Measured, factor: Float, block: slice) -> Float:
+    total = np.zeros(measured.re[0, block].size)
+    for (cos, sin), re, im in zip(factor, measured.re, measured.im, strict=True):
+        total += cos * re[block]
+        total += sin * im[block]
     return total

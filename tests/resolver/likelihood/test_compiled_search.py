@@ -12,6 +12,7 @@ from cadtof_cli.resolver.likelihood import levenberg_marquardt
 from cadtof_cli.resolver.likelihood.compiled import WHITE, Planes, compiled_ends
 from cadtof_cli.resolver.likelihood.levenberg_marquardt import LevenbergMarquardt, Minimum, Problem
 from cadtof_cli.resolver.likelihood.mixture import Measured, Mixture, WeightedFit, WhiteFit
+from cadtof_cli.resolver.likelihood.starts import scanned
 from cadtof_cli.resolver.paper.equation_9 import EliminatedPath
 from cadtof_cli.resolver.paths import ResolvedPaths
 from cadtof_cli.resolver.resolve import resolve_paths
@@ -91,6 +92,46 @@ def test_a_problem_ends_the_same_whichever_others_are_solved_with_it(search: Mod
     whole = SOLVERS[0].solve(problem, starts, kernel=search.levels()[0])
     some = np.random.default_rng(2).permutation(501)[:77]
     assert_same_bits(SOLVERS[0].solve(problem[some], starts[:, some], kernel=search.levels()[0]), whole[some])
+
+
+@pytest.mark.parametrize("pairs", [True, False])
+@pytest.mark.parametrize("harmonics", [(1, 2, 3), (1, 3), (1,), (1, 2, 7), (1, 2, 4, 5)])
+def test_scans_find_the_same_bits(search: ModuleType, harmonics: tuple[int, ...], pairs: bool) -> None:
+    for count in COUNTS:
+        phasors = hard(len(harmonics), count, np.random.default_rng(count))
+        phasors[:, 40::50] = 0.1  # as good at several places
+        measured, weights = Measured.of_phasors(phasors, harmonics=harmonics), tuple(range(3, 3 + len(harmonics)))
+        with np.errstate(all="ignore"):
+            expected = scanned(measured, weights=weights, pairs=pairs, kernel=NUMPY)
+            for level in search.levels():
+                assert_same_bits(expected, scanned(measured, weights=weights, pairs=pairs, kernel=level))
+
+
+def test_buffers_of_scans_that_do_not_fit_are_errors(search: ModuleType) -> None:
+    plane, found = np.ones((1, 2)), [np.empty(2, np.int64), np.empty(2, np.int64), np.empty(2), np.empty(2)]
+    sound = [search.levels()[0], 1, 8, True, np.ones((8, 1, 2)), np.ones((4, 3)), plane, plane.copy(), *found]
+    search.scan(*sound)
+    for place, value in (
+        (0, "mmx"),
+        (1, 9),
+        (1, 2),
+        (2, 1),
+        (2, 129),
+        (2, 9),
+        (4, np.ones((8, 1, 1))),
+        (5, None),
+        (5, np.ones((4, 2))),
+        (6, np.ones((1, 3))),
+        (7, np.ones((1, 2), np.float32)),
+        (8, np.empty(3, np.int64)),
+        (9, np.empty(2)),
+        (10, np.empty(1)),
+        (11, sound[10]),
+    ):
+        given = list(sound)
+        given[place] = value
+        with pytest.raises((ValueError, TypeError, BufferError)):
+            search.scan(*given)
 
 
 @pytest.mark.parametrize("settings", [ResolverSettings(paths=3), ResolverSettings(solver="lm", order="2")])
