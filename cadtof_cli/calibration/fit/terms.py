@@ -164,9 +164,6 @@ class _System:
     def _solved(self, orders: Sequence[int]) -> tuple[Float, Float, float]:
         """Return changes and standard errors, (len(orders), H, 2) each, and the condition of their normal matrix."""
         places = self._places(orders)
-        if not places.size:
-            nothing = np.zeros((0, self._harmonics, 2))
-            return nothing, nothing, 1.0
         normal, side = self._normal[np.ix_(places, places)], self._side[places]
         norm = 1.0 / np.sqrt(np.maximum(np.diag(normal), np.finfo(np.float64).tiny))
         scaled = normal * np.outer(norm, norm)
@@ -210,6 +207,8 @@ class _System:
 
     def changed(self, changes: Terms, orders: tuple[int, ...]) -> Terms:
         """Return the changes of the orders taken after one Gauss–Newton step; those of other orders are dropped."""
+        if not orders:
+            return tuple({} for _ in changes)
         step, _, _ = self._solved(orders)
         return tuple(
             {k: change.get(k, 0j) + complex(*step[index, row]) for index, k in enumerate(orders)}

@@ -115,3 +115,8 @@ def test_terms_come_on_top_of_those_of_the_waveform() -> None:
         assert ours.keys() == theirs.keys()
         for k, value in theirs.items():
             assert abs(ours[k] - value) < 3e-4
+
+
+def test_among_thousands_of_pixels_noise_alone_leaves_none_out() -> None:
+    """Beyond five deviations of a length lies one in a million; beyond as many of a square would be one in a thousand."""
+    assert fit_terms(observed(pixels=6000, targets=4), ({}, {}), distances=4).kept.all()

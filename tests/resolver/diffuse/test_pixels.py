@@ -1,5 +1,7 @@
 """A pixel's answer against the conditioning of Gaussians written out: mean, what is left, and the MPI light that follows."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -162,22 +164,27 @@ def test_pixels_without_light_or_out_of_use_are_not_answered() -> None:
         assert np.flatnonzero(np.isnan(values)).tolist() == [3, 10, 11, 12, 13]
 
 
-def test_a_pixel_listens_to_patches_as_far_as_itself_by_the_lag_that_they_say() -> None:
-    """The left half is at 1 m with a lag of .2, the right half at 3 m with one of .5; data say nothing more."""
+@pytest.mark.parametrize("offset_m", [0.0, 0.3])
+def test_a_pixel_listens_to_patches_as_far_as_itself_by_the_lag_that_they_say(offset_m: float) -> None:
+    """The left half is at 1 m with a lag of .2, the right half at 3 m with one of .5; data say nothing more.
+
+    An offset is what lies between the range that a phase says and that of the pixel.
+    """
     grid = model().upsampler.grid
     near = np.arange(grid.columns) < grid.columns // 2
     lag = np.where(near, 0.2, 0.5) * np.ones((grid.rows, 1))
     mean = np.concatenate([np.zeros((DATA + 1, *lag.shape)), lag[None]])
     unsure = 1e-6 * np.eye(DATA + 2)
     tail = model(mean=mean, range_m=np.where(near, 1.0, 3.0) * np.ones((grid.rows, 1)), covariance=unsure)
+    tail = replace(tail, range_offset_m=np.full(SHAPE, offset_m) if offset_m else None)
     column = np.arange(PIXELS) % SHAPE[1]
     edge = grid.columns // 2 * grid.side
     at_m = np.where(column < edge + 1, 1.0, 3.0)
     own = np.where(column < edge + 1, 0.2, 0.5)
-    phase = at_m / M_PER_RAD + own
+    phase = (at_m - offset_m) / M_PER_RAD + own
     p = np.stack([0.3 * np.exp(1j * h * phase) for h in HARMONICS])
     found = answered(p, tail)
-    assert_allclose(found.direct_phase_rad * M_PER_RAD, at_m, atol=0.02)
+    assert_allclose(found.direct_phase_rad * M_PER_RAD, at_m - offset_m, atol=0.02)
 
 
 def test_directs_are_within_a_turn_and_mpi_within_one_behind() -> None:
