@@ -19,18 +19,18 @@ from cadtof_cli.commands.terminal import open_closed_streams, tell
 from cadtof_cli.errors import CadtofError
 
 COMMANDS = {
-    "resolve": "Recorded frames → depth maps without multi-path interference.",
-    "info": "What a capture or map file holds, and what is wrong with it.",
-    "inspect": "Everything about one pixel of a recorded frame.",
-    "evaluate": "Errors of depth maps against truth.",
-    "compare": "What differs between two runs, or between a run and truth.",
-    "profile": "The cross-section of maps along a line.",
-    "preview": "A picture of a frame's maps.",
-    "report": "A page of a run: totals, failures, a viewer of all layers, points in space.",
-    "export": "Maps as point clouds, pictures of depths, arrays and tables.",
-    "simulate": "A simulated pixel, resolved many times; or a scene recorded as a capture.",
-    "sweep": "A grid of simulated conditions: CSV and heat maps.",
-    "calibrate": "Measure what is wrong with a camera, for `resolve --calibration`.",
+    "resolve": "Resolve recorded frames into depth maps without multi-path interference.",
+    "info": "Show what a capture or map file contains, and what is wrong with it.",
+    "inspect": "Show everything about one pixel of a recorded frame.",
+    "evaluate": "Compare depth maps with the true depths: errors.",
+    "compare": "Compare two runs, or a run and truth, layer by layer.",
+    "profile": "Draw or print the cross-section of maps along a line.",
+    "preview": "Draw the maps of a frame, or of many frames.",
+    "report": "Write an HTML page about a run: totals, failures, a viewer of all layers, point clouds.",
+    "export": "Write maps as point clouds, depth images, arrays and tables.",
+    "simulate": "Simulate a pixel and resolve it many times, or record a simulated scene.",
+    "sweep": "Simulate a pixel over a grid of conditions: CSV and heat maps.",
+    "calibrate": "Measure the errors of a camera, for `resolve --calibration`.",
 }
 """Subcommands in the order of `cadtof --help`, with what they do; each is a click command in `commands/<name>.py`."""
 
@@ -79,9 +79,9 @@ class LazyGroup(click.Group):
     ),
 )
 @click.version_option(__version__, "-V", "--version", prog_name=PROGRAM)
-@click.option("--debug", is_flag=True, help="Show the traceback of an error.")
+@click.option("--debug", is_flag=True, help="Show the Python traceback of an error.")
 def cli(debug: bool) -> None:
-    """Depth maps free of multi-path interference from recorded frames of CA-dToF cameras."""
+    """Make depth maps without multi-path interference from recorded frames of CA-dToF cameras."""
 
 
 def main() -> NoReturn:

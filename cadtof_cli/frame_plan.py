@@ -5,6 +5,7 @@ Commands read their options' defaults from here, so nothing heavy is imported be
 
 import math
 from dataclasses import field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -96,7 +97,7 @@ class FramePlan:
         if modulation.waveform != "sine":
             resolver.check_response(modulation.harmonics)
 
-    @property
+    @cached_property
     def resolver(self) -> ResolverSettings:
         """The settings of the resolver, with the least confidence in units of the phasors."""
         least_v = self.settings.min_confidence_v

@@ -88,8 +88,7 @@ def pixel_evidence(
     stages = frame_stages(plan, calibration, pixels.dtype, pixels.size)
     here = slice(index, index + 1)
     pixel = pixels[here]
-    tail = pixels.mpi if isinstance(pixels.mpi, DiffuseModel) else None
-    correction, phasors = stages.correction, stages.phasors(pixel)
+    tail, correction, phasors = pixels.tail, stages.correction, stages.phasors(pixel)
     resolved = resolve_paths(
         phasors,
         status=stages.status(pixel),

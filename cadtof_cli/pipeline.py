@@ -9,7 +9,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -66,7 +66,8 @@ class FramePixels:
         noise: of a recorded pixel, with how many each of the n is a mean of.
         pooled: means over neighbours, (H, n), instead of the phasors that follow from `stored`; None: there are none.
         without_noise: whether all pixels of the frame hold the same, which no camera records.
-        mpi: which model of MPI the frame was found to have, and how its tail is predicted; None where there was no choice.
+        choice: which model of MPI the frame was found to have; None where there was no choice.
+        tail: what its MPI is predicted by where it is diffuse; None where it is not.
     """
 
     stored: Stored
@@ -76,21 +77,13 @@ class FramePixels:
     noise: NoiseModel
     pooled: Complex | None = None
     without_noise: bool = False
-    mpi: "DiffuseModel | DiffuseChoice | None" = None
+    choice: "DiffuseChoice | None" = None
+    tail: "DiffuseModel | None" = None
 
     @property
     def count(self) -> int:
         """How many pixels there are."""
         return int(self.stored.shape[2])
-
-    @property
-    def tail(self) -> "DiffuseModel | None":
-        """The tail that is predicted; None where there is none."""
-        if self.mpi is None:
-            return None
-        from cadtof_cli.resolver.diffuse.records import DiffuseModel
-
-        return self.mpi if isinstance(self.mpi, DiffuseModel) else None
 
     def places(self, chosen: Where, /) -> Where:
         """Return where in the frame some of the pixels stand, as flat indices."""
@@ -226,8 +219,9 @@ def prepare_frame(
     pixels = replace(pixels, noise=noise, without_noise=is_without_noise(stored, noise))
     if plan.settings.pool > 1:
         pixels = _pooled(pixels, stages, window=plan.settings.pool)
-    if stages.resolver.may_be_diffuse(pixels.noise.harmonics):
-        pixels = replace(pixels, mpi=predicted_mpi(pixels, plan, stages, kernel or chosen_kernel()))
+    if stages.resolver.may_be_diffuse(plan.metadata.modulation.harmonics):
+        choice, tail = predicted_mpi(pixels, plan, stages, kernel or chosen_kernel())
+        pixels = replace(pixels, choice=choice, tail=tail)
     return pixels
 
 
@@ -320,8 +314,7 @@ def joined_parts(pixels: FramePixels, parts: Sequence[DepthMaps], /) -> Resolved
         pages = np.concatenate([part.pages for part in parts], axis=-1)
         status = np.concatenate([part.status for part in parts], axis=-1)
     maps = DepthMaps(parts[0].names, pages.reshape(-1, *pixels.size), status.reshape(pixels.size))
-    choice = pixels.tail.choice if pixels.tail else cast("DiffuseChoice | None", pixels.mpi)
-    return ResolvedFrame(maps, pixels.noise.integration_length, pixels.noise.estimated, choice)
+    return ResolvedFrame(maps, pixels.noise.integration_length, pixels.noise.estimated, pixels.choice)
 
 
 def _estimated_noise(pixels: FramePixels, plan: FramePlan, stages: FrameStages) -> NoiseModel:

@@ -15,17 +15,18 @@ if TYPE_CHECKING:
 
 def predicted_mpi(
     pixels: "FramePixels", plan: FramePlan, stages: "FrameStages", kernel: str
-) -> "DiffuseModel | DiffuseChoice":
-    """Predict the MPI of a frame from its own geometry, where it is diffuse."""
+) -> "tuple[DiffuseChoice, DiffuseModel | None]":
+    """Return which model of MPI a frame has and, where that is diffuse, what predicts it from the frame's own geometry."""
     from cadtof_cli.resolver.diffuse.grid import View, sampled_pixels
     from cadtof_cli.resolver.diffuse.predict import diffuse_model
+    from cadtof_cli.resolver.diffuse.records import DiffuseModel
     from cadtof_cli.resolver.diffuse.settings import DiffuseSettings
 
     noise, modulation = pixels.noise, plan.metadata.modulation
     chosen = np.arange(pixels.count).reshape(pixels.size)[sampled_pixels(*pixels.size)]
     phasors, usable = _as_of_a_sine(pixels, chosen.ravel(), stages, kernel)
     optics, offset = plan.metadata.optics, stages.depth.range_offset_m
-    return diffuse_model(
+    found = diffuse_model(
         phasors.reshape(-1, *chosen.shape),
         size=pixels.size,
         usable=usable.reshape(chosen.shape),
@@ -37,6 +38,7 @@ def predicted_mpi(
         samples=None if noise.samples is None else noise.samples.reshape(pixels.size),
         range_offset_m=None if offset is None else -offset.reshape(pixels.size),
     )
+    return (found.choice, found) if isinstance(found, DiffuseModel) else (found, None)
 
 
 def _as_of_a_sine(pixels: "FramePixels", chosen: Index, stages: "FrameStages", kernel: str) -> tuple[Complex, Bool]:

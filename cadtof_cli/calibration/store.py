@@ -105,7 +105,7 @@ def require_absent(folder: Path, kind: PartKind, /, *, overwrite: bool) -> None:
     path = folder / f"{kind}.toml"
     if is_there(path) and not overwrite:
         raise OutputError(
-            f"{path}: there already; add --overwrite to replace this part, or choose another folder with -o"
+            f"{path}: already exists; add --overwrite to replace this part, or choose another folder with -o"
         )
 
 
@@ -133,7 +133,7 @@ def cached_calibration(folder: Path, digest: str, /) -> Calibration:
     """
     calibration = load_calibration(folder)
     if calibration.digest != digest:
-        raise MetadataError(f"{folder}: the calibration changed while it was in use; run again")
+        raise MetadataError(f"{folder}: the calibration changed during the run; run again")
     return calibration
 
 

@@ -78,21 +78,27 @@ def find_captures(
     source_of = functools.cache(lambda folder: load_metadata(settings_file or nearest_settings(folder), overrides))
     captures: list[Capture] = []
     for (root, is_whole), group in itertools.groupby(inputs, key=lambda path: _root(path, source_of)):
-        if not is_whole:
-            # a shell that expands cap/* hands over the metadata too
-            names = dict.fromkeys(path.absolute().relative_to(root.absolute()).as_posix() for path in group)
-            source = source_of(root)
-            found = _capture(root, source, [name for name in names if name != FILE_NAME])
-            if found is None:
-                raise _no_frames(root, source, names)
-            captures.append(found)
-        elif recursive:
+        if recursive and is_whole:
             below = list(_below(root, source_of))
             if not below:
                 raise CaptureError(f"{root}: no frames in it or in any folder below it: looked for {_looked_for(None)}")
             captures += below
+            continue
+        source = source_of(root)
+        if is_whole:
+            there = _files_in(root, depth=_depth(source))
+            names = _images(there, source)
+            if not names and (below := list(_below(root, source_of))):
+                others = _some(str(one.root) for one in below)
+                raise CaptureError(f"{root}: no frames in this folder; captures below it: {others}; add --recursive")
         else:
-            captures.append(_in_folder(root, source_of))
+            # a shell that expands cap/* hands over the metadata too
+            there = list(dict.fromkeys(path.absolute().relative_to(root.absolute()).as_posix() for path in group))
+            names = [name for name in there if name != FILE_NAME]
+        found = _capture(root, source, names)
+        if found is None:
+            raise _no_frames(root, source, there)
+        captures.append(found)
     return tuple(captures)
 
 
@@ -148,7 +154,7 @@ def _root(path: Path, source_of: _SourceOf) -> tuple[Path, bool]:
     except OSError as error:
         raise CaptureError(f"{path}: cannot be reached: {error.strerror}") from error
     except ValueError as error:
-        raise CaptureError(f"{path}: no file can have this name ({error}); expected a path a line") from error
+        raise CaptureError(f"{path}: this is not a possible file name ({error}); expected one path per line") from error
     depth = _depth(source_of(path.parent))
     return (path.parent if depth == 0 else absolute(path).parents[depth]), False
 
@@ -156,20 +162,6 @@ def _root(path: Path, source_of: _SourceOf) -> tuple[Path, bool]:
 def _depth(source: MetadataSource) -> int:
     """Return how many folders below their capture the files of planes lie."""
     return (source.metadata.layout.pattern or "").count("/")
-
-
-def _in_folder(root: Path, source_of: _SourceOf) -> Capture:
-    source = source_of(root)
-    there = _files_in(root, depth=_depth(source))
-    names = _images(there, source)
-    if not names:
-        below = [str(capture.root) for capture in _below(root, source_of)]
-        if below:
-            raise CaptureError(f"{root}: no frames in this folder; captures below it: {_some(below)}; add --recursive")
-    found = _capture(root, source, names)
-    if found is None:
-        raise _no_frames(root, source, there)
-    return found
 
 
 def _below(folder: Path, source_of: _SourceOf) -> Iterator[Capture]:
@@ -283,6 +275,6 @@ def _require_different_names(root: Path, frames: Sequence[FrameSource]) -> None:
             first, second, *_ = (frame.paths[0].name for frame in frames if frame.name == name)
             raise CaptureError(
                 f"{root}: {first} and {second} would both be written as {name};"
-                " expected one file a frame, move one of them elsewhere"
+                " expected one file per frame, move one of them elsewhere"
             )
         known.add(name)

@@ -83,7 +83,7 @@ class Modulation(Table):
 
     periods_ns: tuple[float, ...] = _key(
         "numbers",
-        "modulation periods, the fundamental first",
+        "modulation periods in ns, the fundamental first",
         (40.0, 20.0),
         each(POSITIVE),
         each(PERIOD),
@@ -95,11 +95,11 @@ class Modulation(Table):
     )
     waveform: Waveform = _key(
         "text",
-        "shape of the modulation, sine or triangle",
+        "waveform of the modulation, sine or triangle",
         "sine",
         Check(lambda waveform: waveform in WAVEFORMS, " or ".join(map(repr, WAVEFORMS))),
     )
-    amplitude_v: float = _key("number", "modulation amplitude", 0.2746, POSITIVE, VOLTS)
+    amplitude_v: float = _key("number", "amplitude of the modulation in V", 0.2746, POSITIVE, VOLTS)
 
     @cached_property
     def harmonics(self) -> tuple[int, ...]:
@@ -111,7 +111,13 @@ class Modulation(Table):
 class Pixel(Table):
     """The averaging that each photon's sample goes through."""
 
-    integration_length: float | None = _key("number", "n_av of Eq. (1), per harmonic", None, above(1), COUNT)
+    integration_length: float | None = _key(
+        "number",
+        "integration length n_av of Eq. (1), per harmonic; without it the noise is estimated",
+        None,
+        above(1),
+        COUNT,
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -120,7 +126,7 @@ class Pulse(Table):
 
     fwhm_ns: float = _key(
         "number",
-        "laser pulse, full width at half maximum",
+        "length of the laser pulse in ns, full width at half maximum",
         1.7,
         Check(lambda width: math.isfinite(width) and width >= 0, "a finite number, 0 or more"),
     )
@@ -132,21 +138,21 @@ class Voltage(Table):
 
     zero_counts: float | None = _key(
         "number",
-        "stored value of 0 V; unsigned values need it, others have 0",
+        "stored value that means 0 V; needed for unsigned integers, 0 for other types",
         None,
         Check(math.isfinite, "a finite number"),
         COUNT,
     )
     volts_per_count: float | None = _key(
         "number",
-        "volts a count; float files without it hold volts",
+        "volts per count; needed for integers; floats without it are volts",
         None,
         Check(lambda scale: math.isfinite(scale) and scale != 0, "a finite number other than 0"),
         SCALE,
     )
     saturated_counts: tuple[float, float] | None = _key(
         "pair",
-        "stored values at or beyond these are saturated",
+        "lower and upper limit; stored values at or beyond them are saturated",
         None,
         Check(lambda limits: limits[0] < limits[1], "the lower limit, then a higher one", list),
     )
@@ -164,14 +170,14 @@ class Optics(Table):
     focal_length_px: float | None = _key("number", "focal length in pixels", None, POSITIVE, LENGTH)
     principal_point_px: tuple[float, float] | None = _key(
         "pair",
-        "column and row where the optical axis meets the array",
+        "column and row of the principal point in pixels, where the optical axis meets the array",
         None,
         Check(lambda point: all(map(math.isfinite, point)), "two finite numbers"),
         each(COUNT),
     )
     lamp_offset_m: tuple[float, ...] | None = _key(
         "numbers",
-        "from the camera to its lamp: right, down, forward",
+        "position of the lamp relative to the camera in m: right, down, forward",
         None,
         Check(lambda offset: len(offset) == 3 and max(map(abs, offset)) <= 10.0, "three numbers from -10 to 10"),
     )
@@ -181,7 +187,9 @@ class Optics(Table):
 class Target(Table):
     """A known object that a calibration capture looks at."""
 
-    distance_m: float | None = _key("number", "perpendicular distance of a flat target", None, POSITIVE, LENGTH)
+    distance_m: float | None = _key(
+        "number", "distance of a flat target along the optical axis in m", None, POSITIVE, LENGTH
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -198,22 +206,24 @@ class Layout(Table):
     )
     channel: tuple[str, str] | None = _key(
         "names",
-        "what {channel} is for SC1 and SC2 in the pattern, if not 1 and 2",
+        "text of {channel} in the pattern for SC1 and SC2, if not 1 and 2",
         None,
         Check(lambda names: len(set(names)) == 2 and all(names), "two different names", list),
     )
     harmonic: tuple[tuple[str, int], ...] | None = _key(
         "numbers by name",
-        "what {harmonic} is in the pattern, and which harmonic that stands for",
+        "text of {harmonic} in the pattern for each harmonic h, if not 1, 2, …",
         None,
         Check(
             lambda pairs: len({number for _, number in pairs}) == len(pairs), "a number of its own for each name", dict
         ),
     )
-    frames: int | None = _key("whole number", "frames in each TIFF stack", None, Check(lambda n: n >= 1, "1 or more"))
+    frames: int | None = _key(
+        "whole number", "number of frames in each TIFF stack", None, Check(lambda n: n >= 1, "1 or more")
+    )
     raw_dtype: str | None = _key(
         "text",
-        "type of the values in raw dumps, such as uint16 or >u2 (in TOML: [layout.raw] dtype)",
+        "data type of raw dumps, such as uint16 or >u2 (in TOML: [layout.raw] dtype)",
         None,
         Check(_is_sample_type, "a type such as uint16, >u2 or float32"),
     )

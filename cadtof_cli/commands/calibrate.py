@@ -52,10 +52,10 @@ class _InOrder(click.Group):
     ),
 )
 def calibrate() -> None:
-    """Measure dark offsets, response and field curvature of a camera, each in a step of its own, in this order.
+    """Measure the dark offsets, the channel response and the field curvature of a camera, in three steps and in this order.
 
-    Each step adds its part to the calibration folder given by -o, and applies the parts that are there already.
-    `cadtof resolve --calibration FOLDER` then applies them all. Captures are read, never changed.
+    Each step adds one part to the calibration folder given by -o, and applies the parts that this folder already has.
+    `cadtof resolve --calibration FOLDER` then applies all parts. Captures are only read, never changed.
     """
 
 
@@ -66,7 +66,7 @@ _distance = click.option(
     type=float,
     multiple=True,
     metavar="M",
-    help="Distance of the flat target along the optical axis, once for all captures, or once for each in their order. "
+    help="Distance of the flat target along the optical axis: once for all captures, or once per capture in the same order.  "
     "[default: target.distance_m of capture.toml]",
 )
 
@@ -77,16 +77,18 @@ def _step(*more: Decorator[Any]) -> Decorator[Any]:
     def decorate(function: Function) -> Function:
         for add in (
             capture_options("target.distance_m"),
-            click.option("-q", "--quiet", is_flag=True, help="No progress and no notes on stderr; errors only."),
+            click.option("-q", "--quiet", is_flag=True, help="Print errors only: no progress bar or notes on stderr."),
             click.option("--json", "as_json", is_flag=True, help="Print the report as one JSON object on stdout."),
             gathered(
                 "settings",
                 CalibrateSettings,
                 settings_option(),
                 setting_option(
-                    "-o --out", CalibrateSettings, required=True, help="Calibration folder the part is added to."
+                    "-o --out", CalibrateSettings, required=True, help="Calibration folder; this part is added to it."
                 ),
-                setting_option("--overwrite", CalibrateSettings, help="Replace this part, if the folder has it."),
+                setting_option(
+                    "--overwrite", CalibrateSettings, help="Replace this part if the folder already has it."
+                ),
                 *more,
             ),
             click.argument("captures", nargs=-1, required=True, metavar="CAPTURE..."),
@@ -99,7 +101,7 @@ def _step(*more: Decorator[Any]) -> Decorator[Any]:
 
 @calibrate.command(
     cls=SectionedCommand,
-    short_help="Offsets, noise and bad pixels, from covered-lens frames.",
+    short_help="Measure offsets, noise and bad pixels, from frames with the lens covered.",
     epilog=example(_COVERED, "cadtof calibrate dark covered -o camera"),
 )
 @_step()
@@ -110,14 +112,14 @@ def dark(
     quiet: bool,
     overrides: Mapping[str, Any],
 ) -> None:
-    """Measure each pixel's offsets and noise from frames recorded with the lens covered, and find hot and dead pixels."""
+    """Measure the offset and noise of each pixel from frames recorded with the lens covered, and find hot and dead pixels."""
     measure = partial(calibrate_dark, input_paths(captures), settings=settings, overrides=overrides)
     _measured(measure, _dark_lines, quiet=quiet, as_json=as_json)
 
 
 @calibrate.command(
     cls=SectionedCommand,
-    short_help="Channel response and maps of phase and gain, from flat targets.",
+    short_help="Measure channel response, and phase and gain of each pixel, from flat targets.",
     epilog=example(*_TARGETS, "cadtof calibrate response wall_1m wall_2m wall_3m -o camera"),
 )
 @_step(_distance)
@@ -128,10 +130,10 @@ def response(
     quiet: bool,
     overrides: Mapping[str, Any],
 ) -> None:
-    """Measure what the channels answer to light, from captures of a flat target at known distances, without MPI.
+    """Measure the response of the channels to light, from captures of a flat target at known distances, without MPI.
 
-    One distance gives every pixel's phase and gain. Several, spread over the range, also tell the imbalance of SC1 and SC2
-    and how the waveform differs from the ideal one.
+    One distance gives the phase and gain of every pixel. Several distances, spread over the range, also give the imbalance of
+    SC1 and SC2 and the deviation of the waveform from the ideal one.
     """
     measure = partial(calibrate_response, input_paths(captures), settings=settings, overrides=overrides)
     _measured(measure, _response_lines, quiet=quiet, as_json=as_json)
@@ -139,7 +141,7 @@ def response(
 
 @calibrate.command(
     cls=SectionedCommand,
-    short_help="Field curvature of the lens, from flat walls.",
+    short_help="Measure field curvature of the lens, from flat walls.",
     epilog=example(
         f"cadtof simulate --scene wall --petzval 0.05,0.01 {_SMALL} --frames 5 -o curved",
         "cadtof calibrate petzval curved -o camera",
@@ -147,7 +149,10 @@ def response(
 )
 @_step(_distance)
 @click.option(
-    "--plot", type=click.Path(path_type=Path), metavar="PNG", help="Draw the walls' cross-sections before and after."
+    "--plot",
+    type=click.Path(path_type=Path),
+    metavar="PNG",
+    help="Draw cross-sections of the walls before and after the correction.",
 )
 def petzval(
     captures: tuple[str, ...],
@@ -157,9 +162,10 @@ def petzval(
     overrides: Mapping[str, Any],
     plot: Path | None,
 ) -> None:
-    """Measure the field curvature k2 ρ² + k4 ρ⁴ from one or several flat walls, one capture each.
+    """Measure the field curvature k2 ρ² + k4 ρ⁴ of the lens from one or more flat walls, one capture each.
 
-    Tilt is fitted, and distance where it is not given; what is not wall (MPI, objects in view) is left out.
+    ρ is the distance from the principal point over half the diagonal of the array. The tilt of each wall is fitted, and its
+    distance if it is not given. Pixels that are not part of the wall (MPI, objects in view) are left out.
     """
     measure = partial(calibrate_petzval, input_paths(captures), settings=settings, overrides=overrides, plot=plot)
     _measured(measure, _petzval_lines, quiet=quiet, as_json=as_json)
@@ -208,7 +214,7 @@ def _response_lines(figures: Mapping[str, Any]) -> list[str]:
             f"harmonic {index}: gain {gain:.4f}, phase {phase:+.4f} rad; pixel to pixel {spread:.4f} rad "
             f"(each known to {error:.4f}), {gain_spread:.2%} of gain (known to {gain_error:.2%})"
         )
-    lines.append(f"left over the noise: {figures['residual']:.3f} (1 is nothing but noise)")
+    lines.append(f"residual over noise: {figures['residual']:.3f} (1: nothing but noise is left)")
     return lines
 
 

@@ -30,15 +30,15 @@ if TYPE_CHECKING:
     "-o",
     "--out",
     type=click.Path(path_type=Path),
-    help="Picture of the frame that differs most: .png, .pdf, .svg or .jpg.",
+    help="Draw the frame that differs most: .png, .pdf, .svg or .jpg.",
 )
-@click.option("--overwrite", is_flag=True, help="Replace a picture that is there.")
+@click.option("--overwrite", is_flag=True, help="Replace the picture if it exists.")
 def compare(*, first: Path, second: Path, as_json: bool, out: Path | None, overwrite: bool) -> None:
     """Show what differs between two runs, or between a run and truth, layer by layer and bit by bit.
 
-    A and B are folders that `cadtof resolve` wrote, or map files. Frames are matched by name; a lone file, such as truth, goes
-    with every frame. Figures are of |A − B| over the pixels that have a value in both, all frames together; bits are gained
-    where B has them and A has not.
+    A and B are folders that `cadtof resolve` wrote, or map files. Frames are matched by name; a single file, such as truth, is
+    compared with every frame. The numbers are statistics of |A − B| over all frames and all pixels that have a value in both.
+    A status bit is gained where B has it and A does not, and lost where A has it and B does not.
     """
     from cadtof_cli.workflows.inspect.compare import MapPairs, compare_maps, draw_worst
 

@@ -20,25 +20,26 @@ _FILE = click.Path(path_type=Path)
     epilog=example(
         "cadtof resolve sample_data/corner -o maps",
         "cadtof evaluate maps --truth sample_data/corner/truth.exr",
+        "cadtof evaluate maps --truth sample_data/corner/truth.exr --max-median 2",
     )
 )
 @click.argument("maps", type=_FILE, metavar="OUT")
-@click.option("--truth", type=_FILE, help="File with a layer direct.depth, in metres.")
+@click.option("--truth", type=_FILE, help="File of the true depths: a layer direct.depth in metres.")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object on stdout instead of the table.")
 @click.option(
     "--max-median",
     type=click.FloatRange(0.0),
     metavar="CM",
-    help="End with status 1 where the median error of the direct depth is larger, in cm, or there is none.",
+    help="End with exit status 1 if the median error of the direct depth is larger than CM centimetres, or if there is none.",
 )
-@click.option("--csv", "table", type=_FILE, metavar="FILE", help="Write a line for each frame into a CSV file.")
+@click.option("--csv", "table", type=_FILE, metavar="FILE", help="Write a CSV file with one line per frame.")
 @click.option(
     "--over-time",
     type=_FILE,
     metavar="EXR",
-    help="Write mean and standard deviation of each pixel's depths over the frames as maps; needs no truth.",
+    help="Write maps of the mean and standard deviation of the depths of each pixel over the frames; needs no truth.",
 )
-@click.option("--overwrite", is_flag=True, help="Replace files of --csv and --over-time that are there.")
+@click.option("--overwrite", is_flag=True, help="Replace the files of --csv and --over-time if they exist.")
 def evaluate(
     *,
     maps: Path,
@@ -49,18 +50,18 @@ def evaluate(
     over_time: Path | None,
     overwrite: bool,
 ) -> int:
-    """Compare the direct depth of maps with truth, beside the depth of the first phasor alone.
+    """Compare the direct depth, and the depth of the first phasor alone, with the true depth.
 
-    OUT is the folder that `cadtof resolve` wrote, or one map file. All frames are held against the same truth; pixels
-    without truth do not count, and `valid` is the share of the others that have an answer. The last two columns are the
-    shares of errors within once and twice the predicted standard deviation: 68 % and 95 % where that is true. The first phasor
-    gets the calibration of the run, and is judged over the pixels that the resolver has an answer for.
-
-    \b
-    Exit status: 0 done; 1 the median is larger than --max-median; 2 wrong usage, or nothing to evaluate.
+    OUT is the folder that `cadtof resolve` wrote, or one map file. All frames are compared with the same truth. Pixels without
+    truth do not count; `valid` is the share of the others that have an answer. The last two columns are the shares of errors
+    within one and two predicted standard deviations: 68 % and 95 % if the prediction is right and errors are Gaussian. The
+    first phasor gets the same calibration as the run and is evaluated at the same pixels.
 
     \b
-    Example: cadtof evaluate maps --truth sample_data/corner/truth.exr --max-median 2
+    Exit status:
+      0  done
+      1  the median error is larger than --max-median
+      2  wrong usage, or nothing to evaluate
     """
     if truth is None and (over_time is None or table is not None or max_median is not None):
         raise click.UsageError(

@@ -24,24 +24,24 @@ from cadtof_cli.workflows.inspect.export import ExportSettings, export_maps
     required=True,
     type=click.Path(path_type=Path),
     metavar="OUT.ply|.pcd|.png|.npz|.csv",
-    help="File to write. Several maps get a file each: the map's name goes behind that of OUT.",
+    help="File to write. With several maps, one file per map is written: the name of the map is added to the name of OUT.",
 )
 @gathered(
     "settings",
     ExportSettings,
-    setting_option("--layer", ExportSettings, metavar="NAME", help="Depths that points and pictures are made of."),
-    setting_option("--depth", ExportSettings, help="What the depths are.  [default: as run.json says, else range]"),
+    setting_option("--layer", ExportSettings, metavar="NAME", help="Layer of the depths for point clouds and images."),
+    setting_option("--depth", ExportSettings, help="Kind of the depths.  [default: from run.json, else range]"),
     setting_option(
         "--focal-length-px",
         ExportSettings,
         metavar="F",
-        help="Focal length.  [default: as run.json says]",
+        help="Focal length in pixels.  [default: from run.json]",
     ),
     setting_option(
         "--principal-point-px",
         ExportSettings,
         metavar="X,Y",
-        help="Column and row of the optical axis.  [default: as run.json says, else the middle]",
+        help="Column and row of the optical axis.  [default: from run.json, else the centre]",
     ),
 )
 def export(
@@ -49,13 +49,15 @@ def export(
     out: Path,
     settings: ExportSettings,
 ) -> None:
-    """Write maps as other software reads them: point clouds, pictures of depths, arrays, tables.
+    """Write maps in formats of other software: point clouds, depth images, arrays, tables.
 
-    MAPS are map files, and folders of them. PLY and PCD: metres, camera at the origin, x right, y down, z forward; amplitude,
-    sigma and status of each point; pixels without an answer are left out. PNG: 16 bits, millimetres, 0 no answer. NPZ and
-    CSV: every layer. The files' names go to stdout.
+    MAPS are map files and folders of them. The names of the written files are printed on stdout.
 
     \b
+    PLY, PCD  points in metres: camera at the origin, x right, y down, z forward; with
+              amplitude, sigma and status; pixels without an answer are left out
+    PNG       16 bits, depth in millimetres, 0 where there is no answer
+    NPZ, CSV  all layers
     """
     with progress_bar("exporting", "maps", quiet=False) as bar:
         outputs = export_maps(maps, out, settings=settings, progress=bar)

@@ -26,7 +26,7 @@ def grid_from_text(text: str, /, *, name: str) -> tuple[float, ...]:
     if len(parts) == 1 and not kind:
         values = [_number(part, text, name) for part in rest.split(",")]
         if len(set(values)) != len(values):
-            raise SettingsError(f"{name}: found {text!r}, which names a value twice, expected each once")
+            raise SettingsError(f"{name}: found {text!r}, which contains a value twice, expected each once")
         return tuple(values)
     if len(parts) != 3:
         raise SettingsError(f"{name}: found {text!r}, expected {_FORMS}")

@@ -30,17 +30,19 @@ from cadtof_cli.execution.workers import Workers
 )
 @settings_option()
 @click.option(
-    "--write-settings", is_flag=True, help="Write a commented capture.toml of what is known and seen, to be completed."
+    "--write-settings",
+    is_flag=True,
+    help="Write a commented capture.toml with the known settings and what the frames show, to be completed by hand.",
 )
 @click.option(
     "-o",
     "--out",
     type=click.Path(path_type=Path),
     metavar="FILE",
-    help="What --write-settings writes.  [default: capture.toml in the capture's folder]",
+    help="File for --write-settings.  [default: capture.toml in the capture's folder]",
 )
-@click.option("--overwrite", is_flag=True, help="Let --write-settings replace a file.")
-@click.option("--json", "as_json", is_flag=True, help="Print a JSON object for each input, a line each.")
+@click.option("--overwrite", is_flag=True, help="Replace the file of --write-settings if it exists.")
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object per input, one per line.")
 @capture_options()
 def info(
     inputs: tuple[str, ...],
@@ -52,14 +54,16 @@ def info(
     as_json: bool,
     overrides: Mapping[str, Any],
 ) -> int:
-    """Show what captures, maps and calibrations hold: frames, metadata and where each value came from, ranges, noise.
+    """Show what captures, maps and calibrations contain: frames, settings and their origin, value ranges, noise.
 
-    INPUT is a capture folder, a frame, a map file, the folder of a run or of a calibration, or - for paths on stdin.
+    INPUT is a capture folder, a frame file, a map file, the folder of a run or of a calibration, or - for paths on stdin.
     Every frame is read.
 
     \b
-    Exit status: 0 all is well; 1 something is wrong with a capture or map, and is said on stderr;
-    2 wrong usage, or nothing to look into.
+    Exit status:
+      0  no problem found
+      1  a capture or map has a problem, reported on stderr
+      2  wrong usage, or nothing to show
     """
     from cadtof_cli.workflows.inspect.calibration_facts import CalibrationFacts
     from cadtof_cli.workflows.inspect.info import CaptureFacts, look_into

@@ -35,24 +35,24 @@ class PixelPlace(click.ParamType[tuple[int, int]]):
     epilog=example("cadtof inspect sample_data/corner/frame_0000.tif --pixel 60,60 -o phasors.png"),
 )
 @click.argument("frame", type=click.Path(path_type=Path), metavar="FRAME")
-@click.option("--pixel", required=True, type=PixelPlace(), help="Column and row of the pixel, from 0 at the top left.")
+@click.option("--pixel", required=True, type=PixelPlace(), help="Column and row of the pixel; 0,0 is the top left.")
 @click.option(
     "--frame",
     "place",
     type=click.IntRange(0),
     default=0,
     metavar="N",
-    help="Which map, where FRAME is a stack or a folder: 0 is the first.",
+    help="Which frame, if FRAME is a stack or a folder; 0 is the first.",
 )
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object on stdout instead of the table.")
 @click.option(
-    "-o", "--out", type=click.Path(path_type=Path), help="A phasor diagram of the pixel: .png, .svg, .pdf or .jpg."
+    "-o", "--out", type=click.Path(path_type=Path), help="Also draw the phasors of the pixel: .png, .svg, .pdf or .jpg."
 )
-@click.option("--overwrite", is_flag=True, help="Replace a picture that is there.")
+@click.option("--overwrite", is_flag=True, help="Replace the picture if it exists.")
 @settings_option()
 @map_options()
 @calibration_option()
-@click.option("-q", "--quiet", is_flag=True, help="No notes on stderr; errors only.")
+@click.option("-q", "--quiet", is_flag=True, help="Print errors only: no notes on stderr.")
 @capture_options()
 def inspect(
     *,
@@ -70,10 +70,8 @@ def inspect(
 ) -> None:
     """Show everything about one pixel: voltages, phasors, one and two paths, order test, diffuse MPI, status, neighbours.
 
-    FRAME is a frame, a stack of frames, or a capture folder. It goes the way of `cadtof resolve` with the same options, and
-    what is chosen is what the map says, bit for bit.
-
-    \b
+    FRAME is a frame, a stack of frames, or a capture folder. It is resolved as `cadtof resolve` does with the same options:
+    the chosen answer has the same bits as the map.
     """
     from cadtof_cli.workflows.inspect.pixel import inspect_pixel
 
@@ -128,8 +126,8 @@ def _test_lines(test: Mapping[str, Any] | None) -> Iterator[str]:
         moved, needed = (_number(None if test[key] is None else 100 * test[key], 2) for key in ("moved_m", "needed_m"))
         yield _row(
             "order test",
-            f"χ² {_number(test['chi_squared'], 2)} of {test['threshold']:.2f}; another path moves direct by {moved} cm, "
-            f"worth it from {needed} cm",
+            f"χ² {_number(test['chi_squared'], 2)} of {test['threshold']:.2f}; a second path moves the direct one by {moved} cm, "
+            f"needed: {needed} cm",
         )
         yield _row("", test["verdict"])
 

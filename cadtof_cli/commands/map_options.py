@@ -11,36 +11,36 @@ PATH_OPTIONS = (
     setting_option(
         "--solver",
         ResolverSettings,
-        help="How paths are found: two-path in closed form (with more than two periods, or --paths, by maximum likelihood), "
-        "one-path, or lm, the paper's Levenberg–Marquardt from random starts.",
+        help="How to find the paths. two-path: closed form with two periods, maximum likelihood with more periods or --paths. "
+        "one-path: maximum likelihood. lm: the paper's Levenberg–Marquardt from random starts.",
     ),
     setting_option(
         "--paths",
         ResolverSettings,
         metavar="K",
-        help="Most paths a pixel; more than 2 need as many periods, and give layers path3.depth and so on.",
+        help="Largest number of paths per pixel. More than 2 need as many periods, and add the layers path3.depth and so on.",
     ),
     setting_option(
         "--order",
         ResolverSettings,
         metavar="auto|1|…|K",
-        help="Paths a pixel, whatever the solver: auto tests each pixel, a number is taken as it is "
-        "(--solver lm --order 2 is the paper's method as published).",
+        help="Number of paths per pixel, for every solver. auto: tested in each pixel. A number: always that many "
+        "(--solver lm --order 2 is the method as the paper published it).",
     ),
-    setting_option("--starts", ResolverSettings, metavar="N", help="Random starts of --solver lm."),
+    setting_option("--starts", ResolverSettings, metavar="N", help="Number of random starts of --solver lm."),
     setting_option(
         "--false-alarm",
         ResolverSettings,
         metavar="P",
-        help="Probability that noise alone passes for a signal, or leaves more than one path does; about a third of the latter "
-        "end as two paths.",
+        help="False-alarm probability of two tests: noise alone is taken for a signal; noise makes one path fail the test for "
+        "one path (about a third of those pixels are then resolved as two paths).",
     ),
-    setting_option("--return", ResolverSettings, "returns", help="Which of two paths is called direct."),
+    setting_option("--return", ResolverSettings, "returns", help="Which path to report as the direct one."),
     setting_option(
         "--min-return-ratio",
         ResolverSettings,
         metavar="R",
-        help="Least amplitude of a direct path, as a share of the strongest.",
+        help="Smallest amplitude of a direct path, relative to the strongest path.",
     ),
 )
 """How the phasors of a pixel become its paths: of recorded pixels and of simulated ones."""
@@ -49,15 +49,15 @@ _RESOLVER = (
     setting_option(
         "--mpi-model",
         ResolverSettings,
-        help="What MPI is: separate paths (discrete), the tail that the room's geometry predicts (diffuse), or what each frame "
-        "says. Another --solver, --order, more --paths or --return last mean discrete.",
+        help="Model of the MPI. discrete: separate paths. diffuse: a tail of light, predicted from the geometry of the scene. "
+        "auto: chosen for each frame. Another --solver or --order, --paths above 2 and --return last imply discrete.",
     ),
     *PATH_OPTIONS,
     setting_option(
         "--seed",
         ResolverSettings,
         metavar="S",
-        help="Seed of the random starts of --solver lm, drawn for each pixel by its place in the frame.",
+        help="Seed of the random starts of --solver lm. A pixel's starts depend on the seed and its position only.",
     ),
 )
 
@@ -67,20 +67,23 @@ _MAPS = (
         MapSettings,
         "min_confidence_v",
         metavar="V",
-        help="Least confidence of a pixel with an answer, in volts.  [default: what noise alone reaches with --false-alarm]",
+        help="Smallest confidence, in volts, at which a pixel is resolved.  [default: from the noise and --false-alarm]",
     ),
-    setting_option("--depth", MapSettings, help="Radial range, or planar depth (needs the optics)."),
+    setting_option(
+        "--depth", MapSettings, help="range: distance along the ray. z: planar depth; needs the focal length."
+    ),
     setting_option(
         "--pool",
         MapSettings,
         metavar="N",
-        help="Pool the noise of N × N neighbours that show the same light, N odd; adds the layer effective_pixels.",
+        help="Average N × N neighbouring pixels that see the same light, to reduce noise; N is odd. Adds the layer "
+        "effective_pixels.",
     ),
     setting_option(
         "--average",
         MapSettings,
         metavar="N",
-        help="Average every N consecutive frames of a capture into one, named after the first; the last one takes those left.",
+        help="Average every N consecutive frames of a capture into one, named after the first. The last group may be smaller.",
     ),
 )
 
@@ -108,5 +111,5 @@ def calibration_option() -> Decorator[Any]:
         "--calibration",
         ResolveSettings,
         metavar="DIR",
-        help="Folder made by `cadtof calibrate`; what is in it is applied.",
+        help="Calibration folder made by `cadtof calibrate`; all parts in it are applied.",
     )

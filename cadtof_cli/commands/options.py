@@ -30,7 +30,8 @@ STDIN = "-"
 
 CAPTURE_SECTION = "Capture options (each overrides a key of capture.toml)"
 
-_UNITS = ("-ns", "-v", "-px", "-m")
+_UNITS = {"-ns": "NS", "-v": "V", "-px": "PX", "-m": "M", "-deg": "DEG", "-hz": "HZ"}
+"""Ends of names of options that say a unit, and what stands for such a value in the help."""
 
 
 class NumberList(ParamType):
@@ -117,6 +118,15 @@ def _type_hints(record: type) -> dict[str, Any]:
     return get_type_hints(record)
 
 
+def metavar_of(name: str, kind: ParamType, /) -> str | None:
+    """Return what stands for the value of an option in the help: its unit, N for whole numbers, X for others; else None."""
+    if kind is click.INT:
+        return "N"
+    if kind is not click.FLOAT:
+        return None
+    return next((unit for end, unit in _UNITS.items() if name.endswith(end)), "X")
+
+
 def setting_option(
     names: str, record: type, name: str = "", /, *, help: str, show_default: bool = True, **more: Any
 ) -> Callable[[Function], Function]:
@@ -133,8 +143,10 @@ def setting_option(
     name = name or next(one for one in names.split() if one.startswith("--")).removeprefix("--").replace("-", "_")
     (field,) = (item for item in fields(record) if item.name == name)
     default = field.default if field.default_factory is MISSING else field.default_factory
+    kind = _type_of(_type_hints(record)[name])
     said = {
-        "type": _type_of(_type_hints(record)[name]),
+        "type": kind,
+        "metavar": metavar_of(f"-{name.replace('_', '-')}", kind),
         "default": _typed(default),
         "show_default": show_default and not callable(default) and default not in {None, MISSING},
         # False said outright would let an option without a default be typed without its value
@@ -252,7 +264,9 @@ def _capture_option(key: Key) -> Decorator[Any]:
     }
     default = "" if key.default is None else f"  [if not given: {_typed(key.default)}, the paper's]"
     about = f"{key.path}: {key.about}.{default}"
-    return click.option(*names, f"capture_{key.name}", cls=CaptureOption, type=types[key.kind], help=about)
+    kind = types[key.kind]
+    metavar = metavar_of(key.option, kind)
+    return click.option(*names, f"capture_{key.name}", cls=CaptureOption, type=kind, metavar=metavar, help=about)
 
 
 def settings_option() -> Decorator[Any]:
@@ -262,7 +276,7 @@ def settings_option() -> Decorator[Any]:
         "settings_file",
         type=click.Path(path_type=Path, exists=True, dir_okay=False),
         metavar="FILE",
-        help="A capture.toml for all captures, in place of those that lie beside the frames or in a folder above.",
+        help="Use this capture.toml for all captures, instead of the one beside the frames or in a folder above.",
     )
 
 
@@ -285,6 +299,6 @@ def arriving_paths(values: tuple[str, ...], /, *, separator: bytes = b"\n") -> I
     arriving = paths_as_they_arrive(sys.stdin.fileno(), separator=separator)
     first = next(arriving, ())
     if not (named or first):
-        raise click.UsageError("no paths arrived on stdin; expected one a line")
+        raise click.UsageError("no paths arrived on stdin; expected one path per line")
     yield (*named, *first)
     yield from arriving

@@ -41,23 +41,22 @@ from cadtof_cli.workflows.inspect.preview_settings import PreviewSettings
         PreviewSettings,
         "limits",
         metavar="LO,HI",
-        help="Ends of the scale, in the layer's unit.  [default: as suits the values]",
+        help="Ends of the colour scale, in the unit of the layer.  [default: from the values]",
     ),
-    setting_option("--cmap", PreviewSettings, "colours", help="Colours of the scale.  [default: as suits the layer]"),
+    setting_option("--cmap", PreviewSettings, "colours", help="Colour map.  [default: by the layer]"),
     setting_option(
-        "--truth", PreviewSettings, "truth", help="File with a layer direct.depth: the errors are drawn too."
+        "--truth", PreviewSettings, "truth", help="File with the true direct.depth; the errors are drawn too."
     ),
-    setting_option("--frame", PreviewSettings, "frame", metavar="N", help="Draw this one of the frames, from 0."),
-    setting_option(
-        "--fps", PreviewSettings, "frames_per_second", metavar="F", help="Frames that a film shows in a second."
-    ),
-    setting_option("--overwrite", PreviewSettings, "overwrite", help="Replace a file that is there."),
+    setting_option("--frame", PreviewSettings, "frame", metavar="N", help="Draw this frame only; 0 is the first."),
+    setting_option("--fps", PreviewSettings, "frames_per_second", metavar="F", help="Frames per second of a film."),
+    setting_option("--overwrite", PreviewSettings, "overwrite", help="Replace the file if it exists."),
 )
 def preview(*, inputs: tuple[Path, ...], out: Path, settings: PreviewSettings) -> None:
-    """Draw depths, errors against truth, sigma, confidence, and what became of each pixel; or a sheet or a film of many frames.
+    """Draw depths, errors, sigma, confidence and the status of each pixel; or a sheet or film of many frames.
 
-    MAPS are maps, truth, recorded frames, folders of them, or the folder of a calibration. One frame gets a figure; several get a
-    sheet of thumbnails on one scale, or a film where -o is a GIF or MP4 (MP4 needs the extra `video`).
+    MAPS are map files, truth, recorded frames, folders of them, or a calibration folder. One frame is drawn as a figure.
+    Several frames are drawn as a sheet of thumbnails with one colour scale, or as a film if -o is a GIF or MP4 (MP4 needs the
+    extra `video`).
     """
     from cadtof_cli.workflows.inspect.preview import preview as draw
 

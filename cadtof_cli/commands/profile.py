@@ -20,31 +20,36 @@ from cadtof_cli.workflows.inspect.profile import ProfileSettings, profile_table,
 @gathered(
     "settings",
     ProfileSettings,
-    setting_option("--row", ProfileSettings, "row", metavar="Y", help="Along a row of pixels, from 0 at the top."),
-    setting_option("--column", ProfileSettings, "column", metavar="X", help="Along a column, from 0 at the left."),
-    click.option("--line", type=Corners(), help="From one pixel to another, whichever way the line runs."),
-    setting_option("--layer", ProfileSettings, "layer", metavar="NAME", help="Layer of the maps."),
+    setting_option("--row", ProfileSettings, "row", metavar="Y", help="Along this row of pixels; 0 is the top."),
+    setting_option("--column", ProfileSettings, "column", metavar="X", help="Along this column; 0 is the left."),
+    click.option("--line", type=Corners(), help="Along a line from pixel X0,Y0 to pixel X1,Y1, in any direction."),
+    setting_option("--layer", ProfileSettings, "layer", metavar="NAME", help="Layer to show."),
     setting_option("--frame", ProfileSettings, "frame", metavar="N", help="Which map of each folder; 0 is the first."),
     click.option(
         "--first-phasor/--no-first-phasor",
         default=True,
-        help="Whether to show the depth of the first phasor alone, where the recorded frames are there.",
+        help="Whether to show the depth of the first phasor alone; needs the recorded frames.",
     ),
 )
-@click.option("--truth", type=click.Path(path_type=Path), help="File with the same layer: drawn too, with the errors.")
+@click.option(
+    "--truth",
+    type=click.Path(path_type=Path),
+    help="File with the true values of the layer; they and the errors are drawn too.",
+)
 @click.option(
     "-o",
     "--out",
     type=click.Path(path_type=Path),
     help="Picture (.png, .svg, .pdf, .jpg) or table (.csv) to write.  [default: a table on stdout]",
 )
-@click.option("--overwrite", is_flag=True, help="Replace a file that is there.")
+@click.option("--overwrite", is_flag=True, help="Replace the file if it exists.")
 def profile(
     *, maps: tuple[Path, ...], settings: ProfileSettings, truth: Path | None, out: Path | None, overwrite: bool
 ) -> None:
-    """Draw the cross-section of maps: runs overlaid, the band of ± 1 predicted sigma, the first phasor, truth.
+    """Show the cross-section of maps along a line, with ± 1 predicted sigma, the first phasor and truth.
 
-    MAPS are folders that `cadtof resolve` wrote, of which one map each is drawn, and map files, all of the same size.
+    MAPS are map files or folders that `cadtof resolve` wrote; one map of each folder is shown. All have the same size in pixels
+    and are drawn into one picture.
     """
     found = read_profile(maps, settings=settings, truth=truth, progress=Bar())
     if out is None:

@@ -21,40 +21,41 @@ from cadtof_cli.workflows.inspect.report import ReportSettings, write_report
 @gathered(
     "settings",
     ReportSettings,
-    setting_option("--truth", ReportSettings, help="File with a layer direct.depth: truth and errors are shown too."),
+    setting_option("--truth", ReportSettings, help="File with the true direct.depth; truth and errors are shown too."),
     setting_option(
         "--max-size-mb",
         ReportSettings,
         metavar="MB",
-        help="Size of the page; where it cannot hold all pixels of all frames, most frames keep every n-th.",
+        help="Largest size of the page. If it cannot hold all pixels of all frames, most frames keep every n-th pixel only.",
     ),
     setting_option(
         "--full-frames",
         ReportSettings,
         metavar="N",
-        help="Frames that keep all pixels, whatever that takes.  [default: as many as half of the size holds]",
+        help="Number of frames that keep all pixels, whatever the size.  [default: as many as fit into half of the size]",
     ),
     setting_option(
         "--focal-length-px",
         ReportSettings,
         metavar="F",
-        help="Focal length, for the points.  [default: as run.json says]",
+        help="Focal length in pixels, for the point cloud.  [default: from run.json]",
     ),
     setting_option(
         "--principal-point-px",
         ReportSettings,
         metavar="X,Y",
-        help="Column and row of the optical axis.  [default: as run.json says, else the middle]",
+        help="Column and row of the optical axis.  [default: from run.json, else the centre]",
     ),
-    setting_option("--overwrite", ReportSettings, help="Replace a page that is there."),
+    setting_option("--overwrite", ReportSettings, help="Replace the page if it exists."),
 )
 def report(maps: Path, out: Path, settings: ReportSettings) -> None:
-    """Write the page of a run: one HTML file that needs no network and no other file.
+    """Write an HTML page about a run: one file that needs no network and no other file.
 
-    OUT is the folder that `cadtof resolve` wrote, or one map file. The page holds settings, totals, failures with their reasons
-    and a thumbnail of every frame; a viewer of all layers (point at a pixel for its values, drag a line for a profile, drag the
-    ends of the colours, lay status bits over the map, slide between the first phasor and what was resolved); and the points in
-    space. Maps are rounded to 16 bits, and the page says what that loses. Tables can be read where scripts are off.
+    OUT is the folder that `cadtof resolve` wrote, or one map file. The page shows the settings, totals, failures with their
+    reasons, and a thumbnail of every frame. Its viewer shows all layers: point at a pixel to read its values, drag a line for a
+    profile, drag the ends of the colour scale, show status bits over the map, and slide between the first phasor and the
+    resolved depth. A point cloud can be turned with the mouse. Maps are rounded to 16 bits; the page states the rounding error.
+    The tables can be read without JavaScript.
     """
     with progress_bar("reading", "maps", quiet=False) as bar:
         write_report(maps, out, settings=settings, progress=bar)

@@ -39,20 +39,24 @@ if TYPE_CHECKING:
     ),
 )
 @click.argument("inputs", nargs=-1, required=True, metavar="INPUT...")
-@setting_option("-o --out", ResolveSettings, required=True, help="Folder that the maps are written into.")
+@setting_option("-o --out", ResolveSettings, required=True, help="Folder for the maps.")
 @setting_option(
     "-r --recursive",
     ResolveSettings,
-    help="Look for captures in all folders below each INPUT, too; OUT gets the same tree.",
+    help="Also search all folders below each INPUT; OUT gets the same tree of folders.",
 )
-@click.option("-0", "--null", is_flag=True, help="Paths on stdin end with a zero byte, as `find -print0` writes them.")
+@click.option(
+    "-0", "--null", is_flag=True, help="Paths on stdin are separated by zero bytes, as `find -print0` writes them."
+)
 @settings_option()
 @click.option(
     "--frames",
     type=Places(),
-    help="Frames of each capture by their place from 0; 10:20 are the ten from the eleventh on.",
+    help="Resolve frames A to B − 1 of each capture, counted from 0: 10:20 are ten frames, 10: all from the eleventh, 7 is one.",
 )
-@click.option("--roi", type=Corners(), help="Write maps of these pixels only: columns X0 to X1 − 1, rows Y0 to Y1 − 1.")
+@click.option(
+    "--roi", type=Corners(), help="Region of interest: write maps of columns X0 to X1 − 1 and rows Y0 to Y1 − 1 only."
+)
 @map_options()
 @calibration_option()
 @setting_option(
@@ -60,43 +64,50 @@ if TYPE_CHECKING:
     ResolveSettings,
     "map_format",
     type=click.Choice(FORMAT_CHOICES),
-    help="Format of the maps; same as the input's.",
+    help="File format of the maps. same: the format of the input.",
 )
 @gathered(
     "workers",
     Workers,
     jobs_option("Worker processes"),
-    setting_option("--start-method", Workers, help="How worker processes start.  [default: fork on Linux, else spawn]"),
+    setting_option(
+        "--start-method",
+        Workers,
+        help="How Python starts the worker processes.  [default: fork on Linux, spawn elsewhere]",
+    ),
     setting_option(
         "--frame-timeout",
         Workers,
         "task_timeout_s",
         metavar="S",
-        help="Seconds after which a frame that hangs is given up; it is tried twice.",
+        help="Seconds after which a frame counts as failed because it hangs; it is tried twice.",
     ),
     setting_option(
         "--scheduler",
         Workers,
         metavar="local|tcp://HOST:PORT",
-        help="Worker processes here, or the workers of a dask scheduler, which share its files (extra cluster).",
+        help="local: worker processes on this machine. Or the address of a dask scheduler whose workers see the same files; "
+        "needs the extra `cluster`.",
     ),
 )
 @setting_option("--overwrite", ResolveSettings, help="Replace the files of an earlier run.")
 @setting_option(
-    "--resume", ResolveSettings, help="Keep the maps of an earlier run with the same options; do what is missing."
+    "--resume",
+    ResolveSettings,
+    help="Continue an earlier run with the same options: keep its maps, make the missing and changed ones.",
 )
-@click.option(
-    "--json", "as_json", is_flag=True, help="Print a JSON line on stdout for every frame, as in frames.jsonl."
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON line per frame on stdout, as in frames.jsonl.")
+@setting_option(
+    "--dry-run", ResolveSettings, help="Check everything and list the maps that would be written, but write nothing."
 )
-@setting_option("--dry-run", ResolveSettings, help="Check everything, list what would be written, write nothing.")
 @click.option(
     "--log",
     type=click.Path(path_type=Path, dir_okay=False),
     metavar="FILE",
-    help="Append what is said to a file, with the time.",
+    help="Append all messages to a file, with the time.",
 )
 @click.option(
-    "-q", "--quiet", is_flag=True, is_eager=True, help="No progress, notes or summary on stderr; errors only."
+    "-q", "--quiet", is_flag=True, is_eager=True, help="Print errors only: no progress bar, notes or summary on stderr."
 )
 @capture_options()
 def resolve(
@@ -120,14 +131,18 @@ def resolve(
     quiet: bool,
     overrides: Mapping[str, Any],
 ) -> int:
-    """Resolve the direct and the MPI path in every pixel of recorded frames, and write their maps.
+    """Resolve the direct path and the MPI in every pixel of recorded frames, and write depth maps.
 
-    INPUT is a capture folder, a file, or - for paths on stdin, a line each, resolved as they arrive. OUT gets a file per
-    frame, run.json and frames.jsonl; with several captures, a folder for each as they lie below the folder that they share.
+    INPUT is a capture folder or a frame file. With - as INPUT, paths are read from stdin, one per line, and resolved as they
+    arrive. OUT gets one file of maps per frame, run.json and frames.jsonl. The maps of several captures lie in subfolders of
+    OUT, like the captures below the folder that they have in common.
 
     \b
-    Exit status: 0 all frames resolved; 1 some failed, the others are written, or nothing was resolved;
-    2 wrong usage, settings or capture; 130 interrupted.
+    Exit status:
+      0    all frames were resolved
+      1    some frames failed (the others are written), or no frame was resolved
+      2    wrong usage, settings or capture
+      130  interrupted
     """
     from cadtof_cli.workflows.resolve.resolve import resolve_captures
 

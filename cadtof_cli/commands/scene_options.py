@@ -145,7 +145,7 @@ class SceneOptions:
             if value is not None:
                 if option not in taken:
                     shown = "--" + option.removesuffix("_m").removesuffix("_deg").removesuffix("_ns").replace("_", "-")
-                    raise SettingsError(f"{shown}: found with --scene {name}, which it does not change; leave it out")
+                    raise SettingsError(f"{shown}: found with --scene {name}, which does not use it; leave it out")
                 settings[taken[option]] = value
         if "seed" in taken:
             settings["seed"] = seed
@@ -161,52 +161,103 @@ class SceneOptions:
 light_options = gathered(
     "light",
     LightOptions,
-    click.option("--asr", type=float, help="Ambient to laser photons.  [default: 5; scenes: 2]"),
-    click.option("--mpi", type=float, help="MPI to laser photons.  [default: 0.3; scenes: their own]"),
+    click.option(
+        "--asr",
+        type=float,
+        metavar="X",
+        help="Ambient-to-signal ratio: ambient photons over laser photons.  [default: 5; with --scene: 2]",
+    ),
+    click.option(
+        "--mpi",
+        type=float,
+        metavar="X",
+        help="MPI photons over laser photons.  [default: 0.3; with --scene: as the scene gives it]",
+    ),
     setting_option(
         "--direct",
         Condition,
         "direct_ns",
         default=None,
         show_default=False,
-        help="Arrival of the direct path, ns.  [default: 5]",
+        help="Arrival time of the direct path.  [default: 5]",
     ),
-    setting_option("--second", Condition, "second_ns", help="Arrival of the MPI, ns."),
+    setting_option("--second", Condition, "second_ns", help="Arrival time of the MPI."),
     further_option,
-    click.option("--integration-length", type=float, help="n_av of Eq. (1), per harmonic.  [default: 1e5]"),
+    click.option(
+        "--integration-length",
+        type=float,
+        metavar="X",
+        help="Integration length n_av of Eq. (1), per harmonic.  [default: 1e5]",
+    ),
 )
 
 scene_options = gathered(
     "scenery",
     SceneOptions,
-    setting_option("--frames", RecordSettings, help="Frames of the capture."),
-    setting_option("--format", RecordSettings, "frame_format", type=click.Choice(FRAME_FORMATS), help="Of frames."),
-    setting_option("--compress", RecordSettings, help="Deflate TIFF, ZIP EXR."),
-    click.option("--distance-m", "--distance", type=float, help="Distance of the scene, m."),
-    click.option("--tilt-deg", "--tilt", type=NUMBERS, help="Tilt of the wall to the right and down, degrees."),
-    click.option("--albedo", type=float, help="Albedo of wall, corner or panel, or of all in a room."),
-    click.option("--opening-deg", "--opening", type=float, help="Angle of the corner, degrees."),
-    click.option("--furniture", type=int, help="Pieces of furniture in the room.  [default: drawn, 0 to 8]"),
-    click.option(
-        "--lamp-offset-m", "--lamp-offset", type=NUMBERS, help="Lamp from camera: right,down,forward in m (room)."
+    setting_option("--frames", RecordSettings, help="Number of frames of the capture."),
+    setting_option(
+        "--format", RecordSettings, "frame_format", type=click.Choice(FRAME_FORMATS), help="File format of the frames."
     ),
-    click.option("--lamp-beam-deg", "--lamp-beam", type=float, help="Half angle of the lamp (room).  [default: drawn]"),
-    click.option("--light-paths", type=int, help="Light paths from every fourth pixel (room).  [default: 256]"),
-    click.option("--net-fill", type=float, help="Share of light that a net in the room sends back.  [default: no net]"),
-    click.option("--net-distance-m", "--net-distance", type=float, help="Of the net, m.  [default: drawn]"),
-    setting_option("--width", Camera, help="Columns of the camera."),
-    setting_option("--height", Camera, help="Rows of the camera."),
-    setting_option("--petzval-m --petzval", Camera, show_default=False, help="Field curvature k2,k4 of the lens, m."),
+    setting_option("--compress", RecordSettings, help="Compress the frames: Deflate in TIFF, ZIP in EXR."),
+    click.option("--distance-m", "--distance", type=float, metavar="M", help="Distance of the scene."),
+    click.option(
+        "--tilt-deg", "--tilt", type=NUMBERS, metavar="DEG,DEG", help="Tilt of the wall to the right and down."
+    ),
+    click.option(
+        "--albedo", type=float, metavar="X", help="Albedo of the wall, corner or panel, or of all surfaces of a room."
+    ),
+    click.option(
+        "--opening-deg", "--opening", type=float, metavar="DEG", help="Angle between the walls of the corner."
+    ),
+    click.option(
+        "--furniture", type=int, metavar="N", help="Pieces of furniture in the room.  [default: random, 0 to 8]"
+    ),
+    click.option(
+        "--lamp-offset-m",
+        "--lamp-offset",
+        type=NUMBERS,
+        metavar="M,M,M",
+        help="Position of the lamp relative to the camera: right,down,forward (room).",
+    ),
+    click.option(
+        "--lamp-beam-deg",
+        "--lamp-beam",
+        type=float,
+        metavar="DEG",
+        help="Half angle of the lamp's beam (room).  [default: random]",
+    ),
+    click.option(
+        "--light-paths",
+        type=int,
+        metavar="N",
+        help="Light paths traced from every fourth pixel (room).  [default: 256]",
+    ),
+    click.option(
+        "--net-fill",
+        type=float,
+        metavar="X",
+        help="Share of the light that a net in the room reflects (room).  [default: no net]",
+    ),
+    click.option(
+        "--net-distance-m",
+        "--net-distance",
+        type=float,
+        metavar="M",
+        help="Distance of the net along the optical axis (room).  [default: random]",
+    ),
+    setting_option("--width", Camera, help="Columns of the frames."),
+    setting_option("--height", Camera, help="Rows of the frames."),
+    setting_option("--petzval-m --petzval", Camera, show_default=False, help="Field curvature k2,k4 of the lens."),
     setting_option(
         "--dark-offset-v --dark-offset",
         Camera,
         show_default=False,
-        help="Spread of pixels' own offsets, V.",
+        help="Standard deviation of the offset from pixel to pixel.",
     ),
     setting_option(
         "--fixed-delay-ns --fixed-delay",
         Camera,
         show_default=False,
-        help="Spread of pixels' own delays, ns.",
+        help="Standard deviation of the delay from pixel to pixel.",
     ),
 )

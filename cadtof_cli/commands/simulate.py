@@ -76,9 +76,18 @@ PIXEL_ONLY = (
     )
 )
 @click.option(
-    "--scene", type=click.Choice(["pixel", *SCENES]), default="pixel", show_default=True, help="What is looked at."
+    "--scene",
+    type=click.Choice(["pixel", *SCENES]),
+    default="pixel",
+    show_default=True,
+    help="What to simulate: a single pixel, or a scene.",
 )
-@click.option("-o", "--out", type=click.Path(path_type=Path), help="New folder for pictures and CSV, or the capture.")
+@click.option(
+    "-o",
+    "--out",
+    type=click.Path(path_type=Path),
+    help="New folder: for pictures and CSV of a pixel, or for the capture of a scene.",
+)
 @light_options
 @motion_options
 @runs_option
@@ -113,14 +122,17 @@ def simulate(
 ) -> None:
     """Simulate a CA-dToF pixel, or record a scene.
 
-    Without --scene: a pixel that sees laser, MPI and ambient photons as 1 : MPI : ASR is recorded --runs times and
-    resolved; prints how well both paths' times come back, beside the Cramér–Rao bound. OUT gets one recording as
-    histogram, voltages and phase.
+    Without --scene, one pixel is simulated. Its laser, MPI and ambient photons are in the ratio 1 : MPI : ASR. It is recorded
+    --runs times and resolved, and a table compares the times of both paths with the truth and with the Cramér–Rao bound. OUT
+    gets the histogram, voltages and phase of one recording.
 
-    With --scene: records a capture with its truth into OUT, for `cadtof resolve`.
+    With --scene, a capture with its truth is recorded into OUT, for `cadtof resolve`.
 
     \b
-    Exit status: 0 done; 2 wrong usage or settings, or OUT exists; 130 interrupted.
+    Exit status:
+      0    done
+      2    wrong usage or settings, or OUT exists
+      130  interrupted
     """
     if scene == "pixel":
         refuse_options(context, SCENE_ONLY, "without --scene")

@@ -113,33 +113,51 @@ modulation_options = gathered(
     "modulation",
     ModulationOptions,
     setting_option("--periods-ns --periods", Modulation, help="Modulation periods in ns, the fundamental first."),
-    setting_option("--waveform", Modulation, help="Shape of the modulation."),
-    setting_option("--amplitude-v --amplitude", Modulation, help="Modulation amplitude in V."),
-    setting_option("--fwhm-ns --fwhm", Pulse, help="Laser pulse, full width at half maximum, in ns."),
+    setting_option("--waveform", Modulation, help="Waveform of the modulation."),
+    setting_option("--amplitude-v --amplitude", Modulation, help="Amplitude of the modulation."),
+    setting_option("--fwhm-ns --fwhm", Pulse, help="Length of the laser pulse, full width at half maximum."),
 )
 
 pixel_options = gathered(
     "pixel",
     PixelOptions,
     setting_option(
-        "--photons", Trials, "photon_by_photon", help="Photon by photon, instead of from exact mean and covariance."
+        "--photons",
+        Trials,
+        "photon_by_photon",
+        help="Simulate every photon, instead of drawing voltages from their exact mean and covariance.",
     ),
-    setting_option("--photons-per-cycle", PixelModel, help="Photons in a laser cycle."),
-    setting_option("--cycles", PixelModel, help="Laser cycles a harmonic.  [default: 12.5 n_av photons]"),
+    setting_option("--photons-per-cycle", PixelModel, help="Photons per laser cycle."),
+    setting_option("--cycles", PixelModel, help="Laser cycles per harmonic.  [default: those of 12.5 n_av photons]"),
     setting_option(
-        "--dead-time-ns --dead-time", PixelModel, show_default=False, help="Dead time of the SPAD (--photons)."
+        "--dead-time-ns --dead-time", PixelModel, show_default=False, help="Dead time of the SPAD; with --photons."
     ),
     setting_option(
-        "--jitter-ns --jitter", PixelModel, show_default=False, help="Timing jitter of the SPAD, one sigma."
+        "--jitter-ns --jitter",
+        PixelModel,
+        show_default=False,
+        help="Timing jitter of the SPAD, one standard deviation.",
     ),
-    click.option("--temperature", type=float, help="Temperature in K: adds kTC noise of C1 (--capacitors)."),
-    setting_option("--sample-noise-v --sample-noise", PixelModel, show_default=False, help="Noise of every sample, V."),
-    setting_option("--gain-mismatch", PixelModel, show_default=False, help="Gain of SC2 over SC1, less 1."),
-    setting_option("--offsets-v --offsets", PixelModel, show_default=False, help="Offsets of SC1 and SC2, V."),
-    click.option("--capacitors", type=NUMBERS, help="C1,…,C12 of Fig. 1 in fF; they set n_av."),
-    setting_option("--stages", Stages, "drive", help="ST1 and ST2."),
-    setting_option("--f1-hz --f1", Stages, help="Switching rate of ST1."),
-    setting_option("--f2-hz --f2", Stages, help="Switching rate of ST2."),
+    click.option(
+        "--temperature", type=float, metavar="K", help="Temperature: adds the kTC noise of C1; with --capacitors."
+    ),
+    setting_option(
+        "--sample-noise-v --sample-noise",
+        PixelModel,
+        show_default=False,
+        help="Noise of every sample, one standard deviation.",
+    ),
+    setting_option(
+        "--gain-mismatch",
+        PixelModel,
+        show_default=False,
+        help="Relative gain error of SC2: gain of SC2 over gain of SC1, minus 1.",
+    ),
+    setting_option("--offsets-v --offsets", PixelModel, show_default=False, help="Offsets of SC1 and SC2 in V."),
+    click.option("--capacitors", type=NUMBERS, help="Capacitors C1 to C12 of Fig. 1 in fF; they determine n_av."),
+    setting_option("--stages", Stages, "drive", help="How the stages ST1 and ST2 are driven."),
+    setting_option("--f1-hz --f1", Stages, show_default=False, help="Switching rate of ST1.  [default: 1e6]"),
+    setting_option("--f2-hz --f2", Stages, show_default=False, help="Switching rate of ST2.  [default: 1e4]"),
 )
 
 resolver_options = gathered("resolver", ResolverSettings, *PATH_OPTIONS)
@@ -159,13 +177,13 @@ paper_options = gathered(
     click.option(
         "--pulse-correction/--no-pulse-correction",
         default=Trials.pulse_correction,
-        help="Divide phasors by the pulse's response, or leave it in, as the paper does.  [default: divide]",
+        help="Whether to correct the phasors for the length of the pulse; the paper does not.  [default: correct]",
     ),
     setting_option(
         "--wrapped",
         Trials,
         show_default=False,
-        help="Take times as angles come, within ± half the period, and their errors as they are, as the paper does.",
+        help="Report times within ± half the period and do not wrap their errors, as the paper does.",
     ),
 )
 """With `--solver lm --order 2`: the paper's method as published."""
@@ -178,14 +196,14 @@ motion_options = gathered(
         Motion,
         "speed_m_s",
         metavar="M_PER_S",
-        help="Of the scene, away from the camera: harmonics are recorded one after the other.",
+        help="Speed of the scene away from the camera; the harmonics are recorded one after the other.",
     ),
     setting_option(
         "--frame-rate",
         Motion,
         "frame_rate_hz",
         metavar="HZ",
-        help="Frames of all harmonics a second; an equal share of a frame's time lies between two harmonics.",
+        help="Frames per second; a frame's time is shared equally by its harmonics.",
     ),
 )
 
@@ -194,12 +212,12 @@ further_option = click.option(
     "further",
     type=FURTHER,
     multiple=True,
-    help="A further path of MPI: its photons over the laser's, and its arrival in ns.  Any number of times.",
+    help="Add a path of MPI: its photons over the laser photons, and its arrival time. Can be given several times.",
 )
 
-runs_option = setting_option("--runs", Trials, help="Recordings of each condition.")
-seed_option = setting_option("--seed", Trials, help="Same seed, same bytes.")
-quiet_option = click.option("-q", "--quiet", is_flag=True, help="No progress bar.")
+runs_option = setting_option("--runs", Trials, help="Number of recordings per condition.")
+seed_option = setting_option("--seed", Trials, help="Seed of the random numbers; the same seed gives the same bytes.")
+quiet_option = click.option("-q", "--quiet", is_flag=True, help="Do not show a progress bar.")
 
 workers_option = gathered(
     "workers",

@@ -37,13 +37,27 @@ GRID = "GRID"
 
 
 @click.command(epilog=example("cadtof sweep --asr 1:5:3 --mpi 0,0.3 --integration-length 1e4 -o sweep.csv"))
-@click.option("--asr", metavar=GRID, default="1:6:6", show_default=True, help="Ambient to laser photons.")
-@click.option("--mpi", metavar=GRID, default="0,0.1,0.3", show_default=True, help="MPI to laser photons.")
-@click.option("--integration-length", metavar=GRID, help="n_av of Eq. (1).  [default: log:1e3:1e5:5]")
+@click.option(
+    "--asr",
+    metavar=GRID,
+    default="1:6:6",
+    show_default=True,
+    help="Ambient-to-signal ratios: ambient photons over laser photons.",
+)
+@click.option(
+    "--mpi", metavar=GRID, default="0,0.1,0.3", show_default=True, help="Ratios of MPI photons to laser photons."
+)
+@click.option(
+    "--integration-length",
+    metavar=GRID,
+    help="Integration lengths n_av of Eq. (1), per harmonic.  [default: log:1e3:1e5:5]",
+)
 @click.option("-o", "--out", type=click.Path(path_type=Path), help="New CSV file.  [default: stdout]")
-@click.option("--plot", type=click.Path(path_type=Path), help="New folder for heat maps like Figs. 3, 8 and 9.")
-@setting_option("--direct", Condition, "direct_ns", help="Arrival of the direct path.")
-@setting_option("--second", Condition, "second_ns", help="Arrival of the MPI, ns.")
+@click.option(
+    "--plot", type=click.Path(path_type=Path), help="New folder for pictures like Figs. 3, 8 and 9 of the paper."
+)
+@setting_option("--direct", Condition, "direct_ns", help="Arrival time of the direct path.")
+@setting_option("--second", Condition, "second_ns", help="Arrival time of the MPI.")
 @further_option
 @motion_options
 @runs_option
@@ -76,12 +90,15 @@ def sweep(
 ) -> None:
     """Simulate a pixel over a grid of ASR, MPI ratio and integration length.
 
-    A GRID is a list (1,2,5), even steps (start:stop:n) or even ratios (log:start:stop:n). The CSV has a row a
-    condition, with both paths' true, mean, bias, std and Cramér–Rao bound in ns, and the first phasor beside its
-    analytical model.
+    A GRID is a list (1,2,5), n values with equal steps (start:stop:n), or n values with equal ratios (log:start:stop:n). The
+    CSV has one row per condition: the true time, mean, bias, standard deviation and Cramér–Rao bound of both paths in ns,
+    and the first phasor with its analytical model.
 
     \b
-    Exit status: 0 done; 2 wrong usage or settings, or OUT exists; 130 interrupted.
+    Exit status:
+      0    done
+      2    wrong usage or settings, or OUT exists
+      130  interrupted
     """
     if integration_length is not None and pixel.capacitors is not None:
         raise SettingsError("--integration-length: found with --capacitors, expected one of the two")

@@ -2,7 +2,7 @@
 
 from concurrent.futures import Future, ThreadPoolExecutor
 from types import TracebackType
-from typing import Generic, Self, TypeVar
+from typing import TypeVar
 
 from cadtof_cli.execution.outcome import Later, Work
 
@@ -13,17 +13,16 @@ LATER_AT_ONCE = 4
 """Results of one process that may be waited for at once: a disk takes several files in about the time of one."""
 
 
-class Finisher(Generic[Result]):
-    """Finishes results; leaving waits for all that were begun, after an error only for those that are at it."""
+class Finisher(ThreadPoolExecutor):
+    """Finishes results, `LATER_AT_ONCE` at a time; leaving waits for all that were begun, after an error only for those at it.
 
-    def __init__(self) -> None:
-        self._threads: ThreadPoolExecutor | None = None
+    No thread is started before a result is to be waited for: a process that has threads must not fork.
+    """
 
     def begin(self, result: Result | Later[Result], /) -> Future[Result]:
         """Return where the result will be; one that needs no waiting is there."""
         if isinstance(result, Later):
-            self._threads = self._threads or ThreadPoolExecutor(LATER_AT_ONCE)
-            return self._threads.submit(result.finish)
+            return self.submit(result.finish)
         future = Future[Result]()
         future.set_result(result)
         return future
@@ -37,11 +36,7 @@ class Finisher(Generic[Result]):
             future.set_exception(error)
             return future
 
-    def __enter__(self) -> Self:
-        return self
-
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        if self._threads:
-            self._threads.shutdown(cancel_futures=kind is not None)
+        self.shutdown(cancel_futures=kind is not None)

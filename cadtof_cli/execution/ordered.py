@@ -60,7 +60,7 @@ def _run_here(
 
         yield from run_in_pool(function, tasks, workers=workers)
         return
-    with Finisher[Result]() as finisher:
+    with Finisher(LATER_AT_ONCE) as finisher:
         begun: deque[tuple[Task, Future[Result]]] = deque()
         for task in tasks:
             begun.append((task, finisher.begin(function(task))))

@@ -81,7 +81,7 @@ def serve(
     begin_worker(listening, held)
     parents.close()
     answers = _Answers(connection)
-    with Finisher[Any]() as finisher:
+    with Finisher(LATER_AT_ONCE) as finisher:
         while message := connection.recv_bytes():
             answers.add(finisher.attempt(lambda message: function(pickle.loads(message)), message))
         answers.end()

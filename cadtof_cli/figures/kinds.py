@@ -19,5 +19,5 @@ def require_picture(path: Path, /, *, overwrite: bool, more: Collection[str] = (
     if kind is None:
         raise OutputError(f"{path}: found the suffix {path.suffix!r}, expected one of {', '.join((*KINDS, *more))}")
     if is_there(path) and not overwrite:
-        raise OutputError(f"{path}: is there already; add --overwrite to replace it, or choose another file")
+        raise OutputError(f"{path}: already exists; add --overwrite to replace it, or choose another file")
     return kind

@@ -126,14 +126,9 @@ def whole_file(path: Path, /) -> Iterator[Path]:
     partial.keep()
 
 
-def random_mark() -> str:
-    """Return 16 hexadecimal digits that nobody guesses."""
-    return os.urandom(8).hex()
-
-
 def _temporary_name(name: str, token: str) -> str:
     # only the beginning of a name, which may have all the length that names can have
-    return f".{name[:40]}.{random_mark()}.{token or os.getpid()}{PARTIAL_SUFFIX}"
+    return f".{name[:40]}.{os.urandom(8).hex()}.{token or os.getpid()}{PARTIAL_SUFFIX}"
 
 
 def write_error(path: Path, error: OSError, /) -> OutputError:
@@ -211,7 +206,7 @@ def new_folder(path: Path, /) -> Iterator[Path]:
     require_absent(path)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        partial = path.with_name(f".{path.name}.{random_mark()}{random_mark()}{PARTIAL_SUFFIX}")
+        partial = path.with_name(f".{path.name}.{os.urandom(16).hex()}{PARTIAL_SUFFIX}")
         partial.mkdir()
     except OSError as error:
         raise OutputError(f"{path}: cannot be created: {error.strerror}; choose another OUT") from error

@@ -6,7 +6,7 @@ Options and discovery read it at start-up, so a format's library is loaded only 
 import os
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
-from functools import partial
+from functools import cache, partial
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
@@ -95,7 +95,7 @@ class Format:
 
 def _module(name: str) -> Callable[[], Any]:
     """Return what loads a module of this room, when it is called."""
-    return partial(import_module, f"cadtof_cli.files.{name}")
+    return cache(partial(import_module, f"cadtof_cli.files.{name}"))
 
 
 EXR = Format(

@@ -71,7 +71,7 @@ class MapsAbout:
 
     def __post_init__(self) -> None:
         facts = {
-            name: "".join(sign if sign.isprintable() else repr(sign)[1:-1] for sign in text)
+            name: text if text.isprintable() else "".join(one if one.isprintable() else repr(one)[1:-1] for one in text)
             for name, text in self.facts.items()
         }
         object.__setattr__(self, "facts", facts)

@@ -119,6 +119,6 @@ def _part_labels(parts: Sequence[NamedPart], layout: FrameLayout, where: str) ->
         names = ", ".join(repr(parts[i].name) for i in open_parts)
         raise FrameError(
             f"{where}: found {len(open_parts)} parts with SC1 and SC2 ({names}), expected {len(layout.harmonics)},"
-            " one a harmonic"
+            " one per harmonic"
         )
     return {i: place for place, i in enumerate(open_parts, start=1)}

@@ -49,7 +49,7 @@ def _table_by_names(named: dict[int, PlaneLabel], layout: FrameLayout, where: st
     for plane, places in found.items():
         if places in planes and len(places) != count:
             raise FrameError(
-                f"{where}: {len(places)} of them are named {plane_name(*plane)}, expected each name once a frame"
+                f"{where}: {len(places)} of them are named {plane_name(*plane)}, expected each name once per frame"
             )
     if layout.frames not in (None, count):
         raise FrameError(f"{where}: found {count} planes of each name, expected layout.frames = {layout.frames}")
@@ -70,7 +70,7 @@ def _reordered(
         at_harmonic = harmonic if label.harmonic is None else labels.index(label.harmonic)
         ordered[frame, at_harmonic, channel if label.channel is None else label.channel - 1] = place
     if (ordered < 0).any():
-        raise FrameError(f"{where}: found planes named as if two were one, expected {_names(layout)} once a frame")
+        raise FrameError(f"{where}: found planes named as if two were one, expected {_names(layout)} once per frame")
     return ordered
 
 
@@ -83,7 +83,7 @@ def _table_by_order(labels: str, sizes: Sequence[int], layout: FrameLayout, wher
     if order is None:
         found = " ".join(f"{label}={size}" for label, size in axes)
         raise FrameError(
-            f"{where} in axes {found}, expected {layout.planes} planes a frame in the order {_names(layout)}"
+            f"{where} in axes {found}, expected {layout.planes} planes per frame in the order {_names(layout)}"
             f"{_advice(total, layout)}"
         )
     planes = np.arange(total).reshape([size for _, size in axes]).transpose(order)

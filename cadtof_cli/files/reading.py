@@ -114,7 +114,9 @@ def damage_as_frame_error(path: Path, kind: str) -> Iterator[None]:
     except MemoryError as error:
         raise FrameError(f"{path}: not enough memory for the {kind} image that its header describes") from error
     except UnicodeDecodeError as error:
-        raise FrameError(f"{path}: damaged {kind}: a name in it is no UTF-8; expected a complete file") from error
+        raise FrameError(
+            f"{path}: damaged {kind}: it contains a name that is not UTF-8; expected a complete file"
+        ) from error
     except Exception as error:
         words = str(error) or f"the library stopped with {type(error).__name__}"
         raise FrameError(f"{path}: damaged {kind}: {words}; expected a complete file, try copying it again") from error

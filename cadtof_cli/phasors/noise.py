@@ -47,14 +47,9 @@ class HarmonicNoise:
     floor: float
 
     @property
-    def light_variance(self) -> float:
-        """Variance a channel of ambient light alone."""
-        return 0.5 * self.averaging / self.pulse**2
-
-    @property
     def dark_variance(self) -> float:
         """Variance a channel where only ambient light arrives: the most that there can be."""
-        return self.light_variance + self.floor
+        return 0.5 * self.averaging / self.pulse**2 + self.floor
 
     def one_path_variances(self, amplitude: Float | Float32, /) -> tuple[Any, Any]:
         """Return the variances along and across the phasor of a single path of the given amplitude, (n,) each of its type."""

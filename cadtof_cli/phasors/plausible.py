@@ -96,8 +96,8 @@ def is_without_noise(stored: Stored, noise: NoiseModel, /) -> bool:
     count = stored.shape[2]
     if count < FEWEST or not all((stored[:, :, :some] == stored[:, :, :1]).all() for some in (FEWEST, count)):
         return False
-    # a step is √12 of its rounding error
-    return all(one.light_variance > 3.0 * one.floor for one in noise.each)
+    # a step is √12 of its rounding error, whose variance is the floor: light alone has three times that, or more
+    return all(one.dark_variance > 4.0 * one.floor for one in noise.each)
 
 
 def _none_is_large(some: Stored, voltage: Voltage, longest_v: float) -> bool:

@@ -20,12 +20,12 @@ def volts_per_count(voltage: Voltage, dtype: np.dtype[np.generic], /) -> float:
     """
     if voltage.volts_per_count is None and dtype.kind != "f":
         raise SettingsError(
-            f"frames hold whole numbers ({dtype}), and nothing says how many volts a count is: "
+            f"frames hold whole numbers ({dtype}), and the volts per count are unknown: "
             "set volts_per_count under [voltage] in capture.toml, or --volts-per-count"
         )
     if voltage.zero_counts is None and dtype.kind == "u":
         raise SettingsError(
-            f"frames hold unsigned numbers ({dtype}), and nothing says which of them is 0 V: "
+            f"frames hold unsigned numbers ({dtype}), and the stored value of 0 V is unknown: "
             "set zero_counts under [voltage] in capture.toml, or --zero-counts"
         )
     return 1.0 if voltage.volts_per_count is None else voltage.volts_per_count

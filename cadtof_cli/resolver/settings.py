@@ -134,7 +134,7 @@ class ResolverSettings:
             )
         if self.max_paths == 2 and len(harmonics) == 2 and harmonics != (1, 2):
             raise SettingsError(
-                f"{found}; two paths from two periods have one answer only for the fundamental and half of it, "
+                f"{found}; with two periods, two paths have a unique solution only if the second period is half of the first, "
                 "such as [40.0, 20.0]: record a third period, or use --solver one-path"
             )
 
@@ -146,7 +146,7 @@ class ResolverSettings:
         """
         if not self.in_closed_form(harmonics) or self.max_paths > 2:
             raise SettingsError(
-                "waveform or calibrated response is no pure sine: that is resolved for periods T1 and T1/2, "
+                "the waveform or calibrated response is not a pure sine, which can be resolved for periods T1 and T1/2, "
                 f"with --solver two-path or one-path and at most two paths; found harmonics {', '.join(map(str, harmonics))}, "
                 f"--solver {self.solver}, --paths {self.paths}"
             )

@@ -67,7 +67,7 @@ class StatusCounts:
 
 def count_status(status: Status, /) -> StatusCounts:
     """Count the pixels of a status map of any shape that have one path, two paths, more, diffuse MPI, and no answer."""
-    bits = (StatusBit.ONE_PATH, StatusBit.TWO_PATHS, StatusBit.MORE_PATHS, StatusBit.DIFFUSE_MPI)
+    bits = map(int, (StatusBit.ONE_PATH, StatusBit.TWO_PATHS, StatusBit.MORE_PATHS, StatusBit.DIFFUSE_MPI))
     # most frames have no pixel of some kinds
     there = int(np.bitwise_or.reduce(status, axis=None))
     one, two, more, diffuse = (int(np.count_nonzero(status & np.uint32(bit))) if there & bit else 0 for bit in bits)

@@ -141,5 +141,5 @@ def test_the_digest_tells_every_change_and_no_other(tmp_path: Path) -> None:
     assert found.petzval is not None
     assert found.petzval.quality == petzval().quality
     assert cached_calibration(tmp_path, found.digest).digest == found.digest
-    with pytest.raises(MetadataError, match="changed while it was in use"):
+    with pytest.raises(MetadataError, match="changed during the run"):
         cached_calibration(tmp_path, "0" * 16)

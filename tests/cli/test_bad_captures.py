@@ -77,7 +77,7 @@ def test_what_the_metadata_lacks_for_what_is_asked(tmp_path: Path) -> None:
     counts = record(tmp_path / "counts", toml="[pixel]\nintegration_length = 1e5\n")
     done = cadtof("resolve", counts.folder, "-o", tmp_path / "out", "-j", 1)
     assert done.err == (
-        f"Error: {counts.folder}: frames hold whole numbers (uint16), and nothing says how many volts a count is: "
+        f"Error: {counts.folder}: frames hold whole numbers (uint16), and the volts per count are unknown: "
         "set volts_per_count under [voltage] in capture.toml, or --volts-per-count\n"
     )
     assert done.status == 2

@@ -13,14 +13,14 @@ TOLD = {
     "lit: wall, offsets ± 20 mV": ("saw light", "cover the lens"),
     "lit: tilted wall, a third of that light, ± 2 mV": ("as light ties them, and offsets do not", "cover the lens"),
     "lit: card with MPI, offsets ± 20 mV": ("saw light", "mend --zero-counts"),
-    "response: corner at 5 distances": ("departs from what the others show", "plain wall"),
+    "response: corner at 5 distances": ("differs from the others", "plain wall"),
     "response: corner at 1 distance": ("the targets have a shape", "plain wall"),
     "response: box of .3 m before the wall, 1 distance": ("the targets have a shape", "something stands before them"),
     "response: wall that leans by 5°, 1 distance": ("do not face the camera", "Point the camera square"),
     "response: MPI by way of the floor, 1 distance": ("light comes by other ways", "clear the sides"),
-    "response: one distance wrong by .1 m of 5": ("departs from what the others show", "measure the distance"),
-    "petzval: corner": ("it is no flat wall", "Take a plain wall"),
-    "petzval: curtain": ("it is no flat wall", "Take a plain wall"),
+    "response: one distance wrong by .1 m of 5": ("differs from the others", "measure the distance"),
+    "petzval: corner": ("it is not a flat wall", "Take a plain wall"),
+    "petzval: curtain": ("it is not a flat wall", "Take a plain wall"),
 }
 
 TAKEN = (

@@ -82,7 +82,7 @@ def test_table_and_picture(runs: tuple[Path, Path], tmp_path: Path) -> None:
     assert picture.read_bytes().startswith(b"\x89PNG")
     done = cadtof("compare", *runs, "-o", picture)
     assert done.status == 2
-    assert "is there already; add --overwrite" in done.err
+    assert "already exists; add --overwrite" in done.err
 
 
 def test_what_cannot_be_compared(runs: tuple[Path, Path], tmp_path: Path) -> None:

@@ -209,7 +209,7 @@ def test_a_gate_a_table_of_frames_and_maps_over_time(tmp_path: Path) -> None:
     over = json.loads(done.out)["over_time"]
     assert over["median_std_cm"] == pytest.approx(100 * np.median(depths.std(axis=0, ddof=1)), rel=1e-4)
     done = cadtof("evaluate", out, "--over-time", scatter)
-    assert (done.status, "is there already" in done.err) == (2, True)
+    assert (done.status, "already exists" in done.err) == (2, True)
     done = cadtof("evaluate", out, "--over-time", scatter, "--overwrite")
     assert (done.status, done.out.startswith("over 4 frames: direct depth scatters by ")) == (0, True)
     done = cadtof("evaluate", out)

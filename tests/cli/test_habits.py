@@ -146,7 +146,7 @@ def test_pictures_of_the_kind_that_was_asked_for(suffix: str, magic: bytes, here
     assert before.startswith(magic)
     done = cadtof("preview", here / "out", "-o", here / f"a.{suffix}")
     assert done.status != 0
-    assert "is there already; add --overwrite" in done.err
+    assert "already exists; add --overwrite" in done.err
     assert (here / f"a.{suffix}").read_bytes() == before
     assert cadtof("preview", here / "out", "-o", here / f"a.{suffix}", "--overwrite").status == 0
 
@@ -222,7 +222,7 @@ def test_info_writes_settings_to_be_completed(here: Path) -> None:
     known = toml.read_text()
     done = shell("cadtof info cap --write-settings", here)
     assert done.status != 0
-    assert "is there already; add --overwrite" in done.err
+    assert "already exists; add --overwrite" in done.err
     assert toml.read_text() == known
     done = shell(
         "cadtof info cap --write-settings -o mine.toml && cadtof resolve cap -o out -j 1 --settings mine.toml", here
@@ -237,7 +237,8 @@ def test_info_writes_settings_to_be_completed(here: Path) -> None:
     assert "wrote cap/capture.toml" in done.err
     text = toml.read_text()
     assert (
-        "# saturated_counts = [0, 16383]  # stored values at or beyond these are saturated; stored values are" in text
+        "# saturated_counts = [0, 16383]  # lower and upper limit; stored values at or beyond them are saturated; stored values"
+        in text
     )
     assert (
         shell(

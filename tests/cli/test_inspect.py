@@ -123,7 +123,10 @@ def test_two_paths_one_path_and_the_test_between_them(tmp_path: Path) -> None:
     moved = abs(found["one_path"]["depth_m"] - found["two_paths"]["direct"]["depth_m"])
     assert found["order_test"]["moved_m"] == pytest.approx(moved, rel=1e-6)
     assert found["order_test"]["worth_another"] is True
-    assert found["order_test"]["verdict"] == "one path leaves too much, and another is worth its scatter"
+    assert (
+        found["order_test"]["verdict"]
+        == "one path does not explain the phasors, and a second one reduces the error of the direct path"
+    )
     alone = _inspected(capture.files[0], 3, 3, "--false-alarm", 1e-6)
     assert alone["status"] == ["one path"]
     assert alone["one_path"]["depth_m"] == pytest.approx(alone["chosen"]["direct.depth"], rel=1e-6)
@@ -136,7 +139,7 @@ def test_one_path_that_leaves_far_too_much_is_not_weighed() -> None:
     found = _inspected(DATA / "card" / "frame_0000.exr", 160, 120)
     assert found["status"] == ["two paths"]
     assert found["order_test"]["moved_m"] < found["order_test"]["needed_m"]
-    assert found["order_test"]["verdict"].startswith("one path leaves far too much")
+    assert found["order_test"]["verdict"].startswith("one path is far from explaining the phasors")
 
 
 def test_the_tail_of_a_corner() -> None:
@@ -150,7 +153,7 @@ def test_the_tail_of_a_corner() -> None:
     assert tail["amplitude_ratio"] == pytest.approx(ratio, rel=1e-5)
     assert 0.0 < tail["chi_squared"] < 30.0
     assert 0.0 < found["diffuse"]["room"]["albedo"][0] < 1.0
-    assert found["order_test"]["verdict"] == "not asked: the MPI is a tail"
+    assert found["order_test"]["verdict"] == "not tested: the MPI is a tail"
     apart = _inspected(DATA / "corner", 60, 60, "--mpi-model", "discrete")
     assert (apart["diffuse"], apart["two_paths"]["direct"]) == (None, found["two_paths"]["direct"])
 

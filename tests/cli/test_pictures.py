@@ -156,7 +156,7 @@ def test_nothing_is_replaced_and_only_pictures_are_written(command: str, place: 
     there = tmp_path / "a.svg"
     there.write_text("mine")
     done = cadtof(*_typed(place, command), "-o", there)
-    assert (done.status, "is there already; add --overwrite" in done.err) == (2, True)
+    assert (done.status, "already exists; add --overwrite" in done.err) == (2, True)
     assert there.read_text() == "mine"
     assert cadtof(*_typed(place, command), "-o", there, "--overwrite").status == 0
     assert there.read_text(encoding="utf-8").startswith("<?xml")

@@ -206,7 +206,7 @@ def test_a_film_with_a_scale_that_stays(tmp_path: Path) -> None:
         arguments = ("preview", maps, "-o", tmp_path / name, "--range", "1,3", "--fps", 5)
         done = cadtof(*arguments)
         assert (done.status, done.out, done.err) == (0, f"{tmp_path / name}\n", "")
-        assert "is there already" in cadtof(*arguments).err
+        assert "already exists" in cadtof(*arguments).err
     with Image.open(tmp_path / "a.gif") as film:
         assert film.info["duration"] == 200
         size = film.size

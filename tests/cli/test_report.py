@@ -172,7 +172,7 @@ def test_what_cannot_be_written_or_read_is_refused(tmp_path: Path) -> None:
     (tmp_path / "there.html").write_text("mine")
     for arguments, told in (
         ((out, "-o", tmp_path / "a.pdf"), "found the suffix '.pdf', expected .html or .htm"),
-        ((out, "-o", tmp_path / "there.html"), "is there already; add --overwrite to replace it"),
+        ((out, "-o", tmp_path / "there.html"), "already exists; add --overwrite to replace it"),
         ((out, "-o", tmp_path / "gone" / "a.html"), "cannot be written: No such file or directory"),
         ((tmp_path / "empty", "-o", tmp_path / "a.html"), "found no maps"),
         ((tmp_path / "nowhere", "-o", tmp_path / "a.html"), "no such file or folder"),

@@ -212,7 +212,7 @@ def test_paths_on_stdin(tmp_path: Path) -> None:
     ]
     done = program("resolve", "-", "-o", tmp_path / "none", stdin="\n")
     assert (done.status, done.out) == (2, "")
-    assert "no paths arrived on stdin; expected one a line" in done.err
+    assert "no paths arrived on stdin; expected one path per line" in done.err
 
 
 def test_one_file_takes_the_metadata_beside_it(tmp_path: Path) -> None:

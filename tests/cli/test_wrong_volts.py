@@ -50,7 +50,7 @@ def test_unsigned_counts_need_their_zero(recorded: Path, tmp_path: Path) -> None
     folder = _capture(tmp_path / "counts", tifffile.imread(recorded))
     done = _refused(folder, "--volts-per-count", f"{VOLTS_PER_COUNT}")
     assert done.status == 2
-    assert "unsigned numbers (uint16), and nothing says which of them is 0 V: set zero_counts" in done.err
+    assert "unsigned numbers (uint16), and the stored value of 0 V is unknown: set zero_counts" in done.err
     told = _refused(folder, "--volts-per-count", f"{VOLTS_PER_COUNT}", "--zero-counts", "0")
     assert "give --zero-counts (their middle is 8" in told.err
 

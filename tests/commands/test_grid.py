@@ -38,7 +38,7 @@ def test_grids(text: str, values: tuple[float, ...]) -> None:
         ("log:1,2", "found 'log:1,2', expected"),
         ("inf", "found 'inf'"),
         ("nan:2:3", "found 'nan'"),
-        ("1,1", "names a value twice"),
+        ("1,1", "contains a value twice"),
     ],
 )
 def test_impossible_grids_are_refused(text: str, message: str) -> None:

@@ -228,7 +228,7 @@ def test_save_and_load_is_exact(measured: Measured, kind: PartKind, tmp_path: Pa
     assert again.origin == part.origin
     for name, plane in part.maps().items():
         np.testing.assert_array_equal(again.maps()[name], plane)
-    with pytest.raises(OutputError, match=r"there already; add --overwrite"):
+    with pytest.raises(OutputError, match=r"already exists; add --overwrite"):
         save_part(tmp_path / "copy", part)
 
 

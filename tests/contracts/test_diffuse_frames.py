@@ -11,7 +11,6 @@ from cadtof_cli.capture.discovery import find_captures
 from cadtof_cli.capture.frames import open_frames, single_frames
 from cadtof_cli.frame_plan import FramePlan
 from cadtof_cli.pipeline import FramePixels, joined_parts, prepare_frame, resolve_frame, resolve_pixels
-from cadtof_cli.resolver.diffuse.records import DiffuseModel
 from cadtof_cli.resolver.two_path.kernel import NUMPY
 
 CORNER = Path(__file__).parents[2] / "sample_data" / "corner"
@@ -30,7 +29,7 @@ def test_a_frame_in_parts_has_the_same_bits(corner: tuple[Stored, FramePlan], co
     """Its model goes with every part to another process."""
     stored, plan = corner
     pixels = prepare_frame(stored, plan=plan)
-    assert isinstance(pixels.mpi, DiffuseModel)
+    assert pixels.tail is not None
     sent: list[FramePixels] = pickle.loads(pickle.dumps(pixels.parts(count)))
     split = joined_parts(pixels, [resolve_pixels(part, plan=plan) for part in sent])
     whole = resolve_frame(stored, plan=plan)

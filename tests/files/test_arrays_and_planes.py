@@ -134,7 +134,7 @@ def test_png_that_holds_no_plane(tmp_path: Path) -> None:
     source = FrameSource("frame", (path,) * 4)
     assert "holds a colour picture (RGB), expected one plane" in message_of(source, kind=NotAFrameError)
     Image.fromarray(np.zeros((5, 7), "u2")).save(path)
-    assert "holds one plane of 7 × 5, 16 bits; expected 4 planes a frame" in message(path, kind=NotAFrameError)
+    assert "holds one plane of 7 × 5, 16 bits; expected 4 planes per frame" in message(path, kind=NotAFrameError)
     path.write_bytes(path.read_bytes()[:-20])
     assert message_of(source).startswith(f"{path}: damaged PNG: ")
     path.write_bytes(path.read_bytes()[:12])

@@ -29,7 +29,7 @@ def test_exr_with_the_wrong_number_of_parts(tmp_path: Path) -> None:
     path = tmp_path / "frame.exr"
     parts = [OpenEXR.Part({"type": OpenEXR.scanlineimage}, dict(part), name) for name in "abc"]
     OpenEXR.File(parts, num_threads=0).write(str(path))
-    assert "found 3 parts with SC1 and SC2 ('a', 'b', 'c'), expected 2, one a harmonic" in message(path)
+    assert "found 3 parts with SC1 and SC2 ('a', 'b', 'c'), expected 2, one per harmonic" in message(path)
 
 
 def test_exr_parts_of_different_sizes(tmp_path: Path) -> None:

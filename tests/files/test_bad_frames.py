@@ -73,7 +73,7 @@ def test_no_advice_where_the_count_is_no_multiple(tmp_path: Path) -> None:
 
 def test_axes_in_an_order_that_could_mean_two_things(tmp_path: Path) -> None:
     path = write_pages(tmp_path / "frame.tif", np.zeros((4, 3, 5, 7), "u2"), metadata={"axes": "QZYX"})
-    assert "in axes Q=4 Z=3, expected 4 planes a frame in the order H1.SC1" in message(path)
+    assert "in axes Q=4 Z=3, expected 4 planes per frame in the order H1.SC1" in message(path)
 
 
 def test_pages_that_differ(tmp_path: Path) -> None:
@@ -82,7 +82,7 @@ def test_pages_that_differ(tmp_path: Path) -> None:
         for width in (7, 7, 7, 8):
             writer.write(np.zeros((5, width), "u2"), metadata=None, photometric="minisblack")
     told = message(path)
-    assert "found pages that differ (3 of 7 × 5 uint16; 1 of 8 × 5 uint16)" in told
+    assert "found different pages (3 of 7 × 5 uint16; 1 of 8 × 5 uint16)" in told
 
 
 @pytest.mark.parametrize("dtype", ["i1", "i8", "c8"])
@@ -120,7 +120,7 @@ def test_pages_in_a_circle(tmp_path: Path) -> None:
     end = last + 2 + 12 * tags
     content[end : end + 4] = first.to_bytes(4, "little")
     path.write_bytes(content)
-    assert "page 4 leads back to an earlier page" in message(path)
+    assert "page 4 points back to an earlier page" in message(path)
 
 
 def test_compression_that_nobody_here_reads(tmp_path: Path) -> None:

@@ -72,7 +72,7 @@ def test_pages_in_a_circle_are_refused_at_once(tmp_path: Path) -> None:
     tags = int.from_bytes(content[last : last + 2], "little")
     content[last + 2 + 12 * tags : last + 6 + 12 * tags] = first.to_bytes(4, "little")
     path.write_bytes(content)
-    with pytest.raises(FrameError, match="leads back to an earlier page"):
+    with pytest.raises(FrameError, match="points back to an earlier page"):
         read_layers(path)
 
 

@@ -92,7 +92,11 @@ def test_the_closed_form_is_for_the_fundamental_and_half_of_it(
         ({"paths": 3}, (1, 2, 3), None),
         ({"paths": 3}, (1, 3), "3 paths need at least 3 periods"),
         ({}, (1,), "2 paths need at least 2 periods"),
-        ({}, (1, 3), "two paths from two periods have one answer only for the fundamental and half of it"),
+        (
+            {},
+            (1, 3),
+            "with two periods, two paths have a unique solution only if the second period is half of the first",
+        ),
     ],
 )
 def test_harmonics_that_cannot_tell_the_paths_apart_are_refused(
@@ -123,7 +127,7 @@ def test_a_response_that_is_no_sine_is_resolved_in_few_ways(
     if possible:
         settings.check_response(harmonics)
         return
-    with pytest.raises(SettingsError, match="waveform or calibrated response is no pure sine"):
+    with pytest.raises(SettingsError, match="waveform or calibrated response is not a pure sine"):
         settings.check_response(harmonics)
 
 

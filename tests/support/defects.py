@@ -31,7 +31,7 @@ class Defects:
         phase_rad: delay of each harmonic's modulation, as a phase of that harmonic.
         gain: of each harmonic's channels.
         sc2_gain: of SC2 against SC1.
-        pixel_phase_rad: standard deviation over the array of each pixel's own phase, one a harmonic.
+        pixel_phase_rad: standard deviation over the array of each pixel's own phase, one per harmonic.
         pixel_gain: standard deviation over the array of each pixel's own gain at harmonics other than the first.
         petzval_m: k2, k4 of the field curvature.
     """

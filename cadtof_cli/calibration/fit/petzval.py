@@ -131,9 +131,9 @@ def _require_walls(layout: _Layout, fit: RobustFit, sigma: Float, usable: Sequen
         if on_wall < LEAST_ON_WALL:
             raise SettingsError(
                 f"wall {index + 1} ({origin.captures[index]}): {on_wall:.0%} of what has a single path lies on a wall within "
-                f"{1000 * OFF_WALL_M:.0f} mm and noise, expected {LEAST_ON_WALL:.0%} or more: it is no flat wall, or bent by "
-                "other light (MPI: floor, corners, shiny things). Take a plain wall that fills the view; other things in view "
-                "may hide a third of it"
+                f"{1000 * OFF_WALL_M:.0f} mm and noise, expected {LEAST_ON_WALL:.0%} or more: it is not a flat wall, or is "
+                "distorted by other light (MPI: floor, corners, glossy objects). Take a plain wall that fills the view; other "
+                "things in view may hide a third of it"
             )
 
 
@@ -141,8 +141,8 @@ def _require_distinct(walls: Sequence[WallRanges]) -> None:
     medians = [wall.distance_m or float(np.nanmedian(wall.range_m)) for wall in walls]
     if len(walls) < 2 or max(medians) < DISTINCT_DISTANCES * min(medians):
         raise SettingsError(
-            f"the optics are unknown, and {len(walls)} wall(s) at {', '.join(f'{d:.2f} m' for d in medians)} cannot tell the "
-            "shape of a flat wall's ranges from field curvature: set focal_length_px under [optics] in capture.toml, or "
+            f"the optics are unknown, and {len(walls)} wall(s) at {', '.join(f'{d:.2f} m' for d in medians)} do not suffice "
+            "to separate the ranges of a flat wall from field curvature: set focal_length_px under [optics] in capture.toml, or "
             f"--focal-length-px, or record walls at distances that differ by {DISTINCT_DISTANCES - 1:.0%} or more"
         )
 

@@ -171,11 +171,11 @@ def _require_one_response(pixels: PixelFit, where: Bool, origin: Origin) -> None
     worst = int(np.argmax(misfits))
     if misfits[worst] > LARGEST_MISFIT_M:
         raise SettingsError(
-            f"{origin.captures[worst]}: over the array this target departs from what the others show by "
-            f"{1000 * misfits[worst]:.0f} mm, expected {1000 * LARGEST_MISFIT_M:.0f} mm at most: it is not flat, leans, sees "
-            "light by other ways (MPI: floor, walls, shiny things beside it), or its distance is wrong; or the dark calibration "
+            f"{origin.captures[worst]}: over the array this target differs from the others by "
+            f"{1000 * misfits[worst]:.0f} mm, expected {1000 * LARGEST_MISFIT_M:.0f} mm at most: it is not flat, is tilted, "
+            "receives light by other ways (MPI: floor, walls, glossy objects), or its distance is wrong; or the dark calibration "
             "is missing in the folder. Point the camera square at a plain wall, clear the sides, measure the distance, and "
-            "record anew"
+            "record again"
         )
 
 
@@ -187,13 +187,13 @@ def _require_flat(fit: RobustFit, sigma: Float, where: Bool) -> None:
         raise SettingsError(
             f"one side of the array sees the targets {1000 * lean:.0f} mm nearer than the other, expected "
             f"{1000 * LARGEST_LEAN_M:.0f} mm at most: the targets do not face the camera, or light comes by other ways on one "
-            "side (MPI: floor, side walls). Point the camera square at a plain wall, clear the sides, and record anew"
+            "side (MPI: floor, side walls). Point the camera square at a plain wall, clear the sides, and record again"
         )
     if shape > LARGEST_SHAPE_M:
         raise SettingsError(
             f"the targets have a shape: blocks of the array depart from a wall by {1000 * shape:.0f} mm, expected "
             f"{1000 * LARGEST_SHAPE_M:.0f} mm at most: they are not flat, something stands before them, or light comes by "
-            "other ways (MPI). Take a plain wall that fills the view, and record anew"
+            "other ways (MPI). Take a plain wall that fills the view, and record again"
         )
 
 

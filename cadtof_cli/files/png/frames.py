@@ -29,7 +29,7 @@ def open_frames(path: Path, layout: FrameLayout, /) -> AbstractContextManager[Fr
     """
     height, width, bits = _size(path, path.read_bytes()[: _HEADER.size])
     raise NotAFrameError(
-        f"{path}: holds one plane of {width} × {height}, {bits} bits; expected {layout.planes} planes a frame: a PNG for each,"
+        f"{path}: holds one plane of {width} × {height}, {bits} bits; expected {layout.planes} planes per frame: one PNG each,"
         ' and their names in [layout] pattern, such as "{frame}_h{harmonic}_sc{channel}.png"'
     )
 
@@ -66,5 +66,5 @@ def _size(path: Path, content: bytes) -> tuple[int, int, int]:
         kind = _COLOUR_TYPES.get(colour, f"colour type {colour}")
         raise NotAFrameError(f"{path}: holds a colour picture ({kind}), expected one plane of voltages in grey")
     if bits not in (8, 16):
-        raise FrameError(f"{path}: found {bits} bits a pixel, expected 16 (or 8)")
+        raise FrameError(f"{path}: found {bits} bits per pixel, expected 16 (or 8)")
     return height, width, bits

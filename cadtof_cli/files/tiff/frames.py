@@ -62,12 +62,13 @@ def open_frames(path: Path, layout: FrameLayout, /) -> Iterator[Frames]:
     """
     like = _last.file
     with damage_as_frame_error(path, "TIFF"):
-        state = path.stat()
         stored = np.empty(like.shape, like.dtype) if like and like.layout == layout else None
         is_alike = like is not None and stored is not None and like.envelope.read(path, stored)
     if is_alike and stored is not None:
         yield lone_frame(stored)
         return
+    with damage_as_frame_error(path, "TIFF"):
+        state = path.stat()
     images, table = _opened((path, layout, state.st_ino, state.st_size, state.st_mtime_ns), path, layout)
     shape = (len(layout.harmonics), CHANNELS, *images.plane_shape)
     with closing(images):

@@ -61,7 +61,7 @@ def require_sound_chain(path: Path, descriptor: int, size: int) -> None:
     (offset,) = form.link.unpack(read_at(descriptor, form.link.size, form.first))
     while offset:
         if offset in seen:
-            raise FrameError(f"{path}: damaged TIFF: page {len(seen)} leads back to an earlier page")
+            raise FrameError(f"{path}: damaged TIFF: page {len(seen)} points back to an earlier page")
         begin = offset + form.tags.size
         (tags,) = form.tags.unpack(read_at(descriptor, form.tags.size, offset)) if begin <= size else (0,)
         end = begin + tags * form.tag.size
@@ -134,7 +134,7 @@ def require_sound_keyframe(path: Path, page: tifffile.TiffPage, *, stored_bytes:
     if found_bytes not in (expected, page.nbytes if page.tile is None else expected):
         raise FrameError(
             f"{path}: damaged TIFF: page {page.index} of {page.imagewidth} × {page.imagelength} {page.dtype.name}"
-            f" says it takes {found_bytes:,} bytes, expected {expected:,}"
+            f" claims to take {found_bytes:,} bytes, expected {expected:,}"
         )
 
 

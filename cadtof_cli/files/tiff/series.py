@@ -36,7 +36,7 @@ def alike_series(path: Path, tiff: tifffile.TiffFile, /) -> list[tifffile.TiffPa
     if len({(one.shape, one.dtype) for one in series}) > 1:
         kinds = Counter(shape_text(one.keyframe.shape[:2], one.dtype) for one in series for _ in one)
         found = "; ".join(f"{count} of {kind}" for kind, count in kinds.items())
-        raise FrameError(f"{path}: found pages that differ ({found}), expected pages of one size and type")
+        raise FrameError(f"{path}: found different pages ({found}), expected pages of one size and type")
     if series[0].is_multifile:
         raise FrameError(f"{path}: its OME metadata spreads it over several files, expected all planes in one file")
     return series
@@ -108,7 +108,7 @@ def sound_items(path: Path, series: Sequence[tifffile.TiffPageSeries], images: i
         pages = [image for image in one if image is not None]
         if len(pages) != images:
             raise FrameError(
-                f"{path}: found {len(pages)} pages, its metadata promises {images}; the others lie in other files, or are"
+                f"{path}: found {len(pages)} pages, its metadata promises {images}; the others are in other files, or are"
                 " lost"
             )
         for image in pages:

@@ -151,7 +151,7 @@ def fill_maps(
         raise ValueError("layers, status and pixels: expected neighbours in memory")
     names = compiled.constant_names()
     if len(names) != len(constants):
-        raise SettingsError("the compiled kernel is of another version of its sources: install cadtof anew")
+        raise SettingsError("the compiled kernel was built from another version of its sources: reinstall cadtof")
     compiled.resolve(
         kernel or chosen_kernel(),
         _ORDERS[_order(settings)],

@@ -67,7 +67,7 @@ class PixelModel:
         require(finite_at_least(self.gain_mismatch, -1), "gain mismatch", self.gain_mismatch, "-1 or more")
         require(all(map(math.isfinite, self.offsets_v)), "offsets", self.offsets_v, "two finite voltages")
         if self.dead_time_ns > 0 and self.averaging.stages.drive == "switched":
-            raise SettingsError("dead time: found with switched stages, expected stages closed by dc")
+            raise SettingsError("dead time: found with switched stages, expected --stages dc")
 
     @property
     def photons(self) -> int:
@@ -129,7 +129,7 @@ def trace_pixel(
         SettingsError: the stages are switched.
     """
     if model.averaging.stages.drive == "switched":
-        raise SettingsError("stages: found switched stages, expected stages closed by dc for the evolution of voltages")
+        raise SettingsError("stages: found switched stages, expected --stages dc for the evolution of voltages")
     if model.dead_time_ns > 0:
         phases = _detected_phases(model, mix, generator, harmonic)
     else:

@@ -53,11 +53,11 @@ def _require_dark(capture: Capture, mean: FrameMean) -> None:
     if seen.follows_law:
         raise CaptureError(
             f"{capture.root}: these frames saw light: over the array harmonics and channels follow each other as light ties "
-            "them, and offsets do not; cover the lens, or switch the laser off and darken the room, and record anew"
+            "them, and offsets do not; cover the lens, or switch the laser off and darken the room, and record again"
         )
     if seen.is_lit:
         raise CaptureError(
             f"{capture.root}: these frames saw light, or zero_counts is wrong: all pixels have {seen.level:.0%} of the "
-            "modulation amplitude, or more, in common at every harmonic, which is no offset; cover the lens and record anew; if "
+            "modulation amplitude, or more, in common at every harmonic, which is no offset; cover the lens and record again; if "
             "it was covered, mend --zero-counts, the stored value of 0 V"
         )

@@ -148,7 +148,7 @@ def _median_cm(plane: NDArray[Any]) -> float | None:
 
 def _require_free(path: Path | None, *, overwrite: bool) -> None:
     if path is not None and path.exists() and not overwrite:
-        raise OutputError(f"{path}: is there already; add --overwrite to replace it, or choose another file")
+        raise OutputError(f"{path}: already exists; add --overwrite to replace it, or choose another file")
 
 
 def direct_depth(path: Path, /) -> Float:

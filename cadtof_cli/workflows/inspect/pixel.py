@@ -140,18 +140,20 @@ def _order_test(test: OrderTest | None, status: int) -> dict[str, Any] | None:
     if test is None:
         return None
     if status & StatusBit.DIFFUSE_MPI:
-        verdict = "not asked: the MPI is a tail"
+        verdict = "not tested: the MPI is a tail"
     elif not status & (StatusBit.ONE_PATH | StatusBit.TWO_PATHS | StatusBit.MORE_PATHS):
-        verdict = "not asked: the pixel has no answer"
+        verdict = "not tested: the pixel has no answer"
     elif test.chi_squared <= test.threshold:
-        verdict = "one path leaves no more than noise does"
+        verdict = "one path explains the phasors within their noise"
     elif test.worth_another:
-        verdict = "one path leaves too much, and another is worth its scatter"
+        verdict = "one path does not explain the phasors, and a second one reduces the error of the direct path"
     elif status & (StatusBit.TWO_PATHS | StatusBit.MORE_PATHS):
         # solvers leave one path out where it is certain not to do
-        verdict = "one path leaves far too much: another is taken, whatever it costs in scatter"
+        verdict = "one path is far from explaining the phasors: a second one is taken, whatever noise it adds"
     else:
-        verdict = "one path leaves too much, but another moves the direct path by less than it costs in scatter"
+        verdict = (
+            "one path does not explain the phasors, but a second one adds more error to the direct path than it removes"
+        )
     return asdict(test) | {"verdict": verdict}
 
 

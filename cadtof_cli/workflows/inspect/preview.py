@@ -59,7 +59,7 @@ def preview(inputs: Sequence[Path], out: Path, /, *, settings: PreviewSettings, 
     """
     film = out.suffix.lower() in FILMS
     if film and out.exists() and not settings.overwrite:
-        raise OutputError(f"{out}: is there already; add --overwrite to replace it, or choose another file")
+        raise OutputError(f"{out}: already exists; add --overwrite to replace it, or choose another file")
     kind = require_film(out) if film else require_picture(out, overwrite=settings.overwrite, more=FILMS)
     if len(inputs) == 1 and is_calibration_folder(inputs[0]):
         _draw_calibration(inputs[0], out, kind, settings)

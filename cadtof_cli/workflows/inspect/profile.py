@@ -206,7 +206,7 @@ def write_profile(profile: Profile, out: Path, /, *, overwrite: bool) -> None:
     """
     if out.suffix.lower() == TABLE:
         if out.exists() and not overwrite:
-            raise OutputError(f"{out}: is there already; add --overwrite to replace it, or choose another file")
+            raise OutputError(f"{out}: already exists; add --overwrite to replace it, or choose another file")
         with whole_file(out) as temporary:
             temporary.write_text(profile_table(profile), encoding="utf-8")
         return

@@ -73,7 +73,7 @@ def write_report(maps: Path, out: Path, /, *, settings: ReportSettings, progress
     if out.suffix.lower() not in SUFFIXES:
         raise OutputError(f"{out}: found the suffix {out.suffix!r}, expected {' or '.join(SUFFIXES)}")
     if out.exists() and not settings.overwrite:
-        raise OutputError(f"{out}: is there already; add --overwrite to replace it, or choose another file")
+        raise OutputError(f"{out}: already exists; add --overwrite to replace it, or choose another file")
     run = read_run(maps)
     if run.record is None:
         run.require_maps()

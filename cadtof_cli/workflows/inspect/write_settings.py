@@ -46,7 +46,7 @@ def write_settings(facts: CaptureFacts, /, *, out: Path | None, overwrite: bool)
     """
     path = out or Path(facts.root) / FILE_NAME
     if is_there(path) and not overwrite:
-        raise OutputError(f"{path}: is there already; add --overwrite to replace it, or name another file with -o")
+        raise OutputError(f"{path}: already exists; add --overwrite to replace it, or name another file with -o")
     text = "\n".join(_lines(facts)) + "\n"
     with whole_file(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
@@ -57,7 +57,7 @@ def _lines(facts: CaptureFacts) -> Iterator[str]:
     kinds = ", ".join((*facts.containers, *facts.types)) or "none could be read"
     size = f", {facts.shape[3]} × {facts.shape[2]} pixels" if facts.shape else ""
     yield f"# Written by `cadtof info --write-settings` after a look at {facts.frames} frames ({kinds}{size})."
-    yield "# Lines that begin with # say nothing: complete those that you know, and take their # away."
+    yield "# Lines that begin with # have no effect: complete those that you know, and remove their #."
     seen, table = _seen(facts), ""
     for key in KEYS:
         if key.table != table:
@@ -74,7 +74,7 @@ def _line(key: Key, value: Any, origin: str, seen: tuple[Any, str] | None) -> st
         sure, why = key.table == "layout", seen[1]
         return f"{'' if sure else '# '}{_one_line(key.name, _written(key, seen[0]))}  # {key.about}; {why}"
     if key.default is not None:
-        return f"# {_one_line(key.name, key.default)}  # {key.about}; the paper's value, taken if nothing is said"
+        return f"# {_one_line(key.name, key.default)}  # {key.about}; the value of the paper, used by default"
     return f"# {_one_line(key.name, _EXAMPLES[key.path])}  # {key.about}; an example"
 
 

@@ -97,7 +97,7 @@ def resolve_file(task: FrameTask, /) -> FrameReport | Later[FrameReport]:
     keep_freed_memory()
     began = time.monotonic()
 
-    def resolve() -> FrameReport | Later[FrameReport]:
+    def resolve() -> "FrameReport | Later[FrameReport]":
         kept = kept_maps(task, began=began) if task.resume else None
         if kept is not None:
             return kept

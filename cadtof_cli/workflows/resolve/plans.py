@@ -104,7 +104,7 @@ def planned(
 
     Raises:
         CaptureError: its files are planes, and nothing says which is which.
-        SettingsError: its settings do not allow it; or its values are integers and nothing says how many volts a count is.
+        SettingsError: its settings do not allow it; or its values are integers and the volts per count are unknown.
         FrameError: its values cannot be voltages.
     """
     use = calibration.use if calibration else None

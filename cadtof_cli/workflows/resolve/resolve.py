@@ -2,6 +2,7 @@
 
 import itertools
 import math
+import os
 import time
 from collections.abc import Callable, Collection, Generator, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing
@@ -11,7 +12,7 @@ from typing import Any
 from cadtof_cli.errors import RunStoppedError
 from cadtof_cli.execution.ordered import Outcome, WorkerDied, run_ordered
 from cadtof_cli.execution.workers import LOCAL
-from cadtof_cli.files.atomic import PARTIAL_SUFFIX, make_folder, make_folders, random_mark, remove_partial_files
+from cadtof_cli.files.atomic import PARTIAL_SUFFIX, make_folder, make_folders, remove_partial_files
 from cadtof_cli.files.lock import locked
 from cadtof_cli.resolver.two_path.kernel import kernel_notes
 from cadtof_cli.workflows.progress import UNTOLD, Progress
@@ -72,7 +73,7 @@ def resolve_captures(
         of_captures = (note for one in plans for note in one.notes())
         for note in (*of_captures, *of_calibration, *kernel_notes(), *slow_notes(plans, settings)):
             progress.say(note)
-        token = random_mark()
+        token = os.urandom(8).hex()
         try:
             run = _Run(settings, progress, on_frame, token)
             # a cluster that does not answer is found before anything is written

@@ -241,7 +241,7 @@ def test_impossible_pixels_are_refused(settings: dict[str, object], message: str
 def test_switched_stages_have_no_trace_and_no_dead_time() -> None:
     capacitors = Capacitors(values_ff=(1.0, 30.0, 1.0, 30.0, *[10.0] * 8))
     switched = Averaging(integration_length=71.0, capacitors=capacitors, stages=Stages(drive="switched"))
-    with pytest.raises(SettingsError, match="switched stages, expected stages closed by dc"):
+    with pytest.raises(SettingsError, match="switched stages, expected --stages dc"):
         PixelModel(averaging=switched, dead_time_ns=1.0)
     with pytest.raises(SettingsError, match="evolution of voltages"):
         trace_pixel(PixelModel(averaging=switched), mix(), np.random.default_rng(0), harmonic=1)

@@ -65,7 +65,9 @@ def random_room(
         if _fits(room):
             interior = room.interior if albedo is None else _in_one_albedo(room.interior, albedo)
             return replace(room, interior=interior, summary=f"{room.summary}, pieces of furniture: {pieces}")
-    raise SettingsError(f"furniture: found {pieces} pieces, expected so few that the {kind} of seed {seed} holds them")
+    raise SettingsError(
+        f"furniture: found {pieces} pieces, expected few enough that the {kind} of seed {seed} holds them"
+    )
 
 
 @dataclass(frozen=True)
