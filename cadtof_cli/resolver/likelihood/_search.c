@@ -10,10 +10,10 @@
 #define PY_SSIZE_T_CLEAN
 #include <Python.h>
 
-#include "_instruction_sets.h"
+#include "../_instruction_sets.h"
 #include "_search.h"
 #include "_scan.h"
-#include "../two_path/_kernel_buffers.h"
+#include "../_buffers.h"
 
 typedef struct {
     const char *name;
