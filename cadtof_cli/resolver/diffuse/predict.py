@@ -124,7 +124,8 @@ def _model(
         heard = ~through.found[valid]
         error = np.where(heard, error, _unheard(error))
         fit = fitted_patches(data, error, tail, rule, known_optics=known)
-        through = _seen_through(phasors, valid, fit, frame, heard) or through
+        again = (_seen_through(phasors, valid, fit, frame, own) for own in (heard, None))
+        through = max(filter(None, again), key=lambda one: one.found.sum(), default=through)
     posterior = patch_posterior(data, error, fit)
     if auto and not tail_fits(posterior.chi_squared[heard], len(data)):
         return None
@@ -147,7 +148,11 @@ def _model(
 def _seen_through(
     phasors: Complex, valid: Bool, fit: PatchFit, frame: _Frame, heard: Bool | None = None
 ) -> SeenThrough | None:
-    """Return what lets light through in a frame, None where nothing does; patches not `heard`, (n,), had no say in the fit."""
+    """Return what lets light through in a frame, None where nothing does.
+
+    Where patches that were not `heard`, (n,), are taken for what is near, it gets the tail that is typical of them, and what is
+    behind that of the others; else both get that of the frame.
+    """
     lag = np.zeros(valid.shape)
     lag[valid] = fit.posterior[-1]
     far = typical_tail(fit.posterior if heard is None else fit.posterior[:, heard], frame.settings.harmonics)
