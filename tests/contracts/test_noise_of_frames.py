@@ -52,8 +52,12 @@ def test_a_mean_of_frames_is_resolved_as_a_frame_of_as_many_times_the_length(wav
     """1/(2 n_av − 1), over 9 frames: in order test, screening and sigma."""
     longer = 0.5 * (9 * (2 * 1e4 - 1) + 1)
     left, right = recorded_v(Light(2.0), n_av=longer), recorded_v(Light(2.0, 0.1), n_av=longer, seed=2)
-    volts = np.concatenate([left[..., :25], right[..., 25:]], axis=3)
+    # MPI that the order test finds in a part of the pixels
+    between = recorded_v(Light(2.0, 0.035), n_av=longer, seed=3)
+    volts = np.concatenate([left[..., :15], between[..., 15:25], right[..., 25:]], axis=3)
+    # no signal, and one that the noise of one frame would hide
     volts[:, :, :3] *= 0.01
+    volts[:, :, 3:6] *= 0.025
     maps = {}
     for name, n_av, frame in (
         ("mean", 1e4, FrameMean(volts, np.full(SHAPE, 9.0), volts.dtype)),
@@ -70,6 +74,8 @@ def test_a_mean_of_frames_is_resolved_as_a_frame_of_as_many_times_the_length(wav
     answer = np.uint32(StatusBit.ONE_PATH | StatusBit.TWO_PATHS | StatusBit.LOW_CONFIDENCE)
     assert ((mean.status & answer) == (long.status & answer)).mean() > 0.995
     assert ((long.status & StatusBit.LOW_CONFIDENCE) > 0).mean() > 0.05
+    if (order, waveform) == ("auto", "sine"):
+        assert 0.1 < ((long.status & StatusBit.TWO_PATHS) > 0)[6:, 15:25].mean() < 0.9
     names = ("direct.depth", "direct.sigma") if order == "1" else ("direct.depth", "direct.sigma", "mpi.sigma")
     for name in names:
         np.testing.assert_allclose(np.nanmedian(mean.layer(name) / long.layer(name)), 1.0, rtol=1e-4)
