@@ -91,3 +91,20 @@ def test_an_unknown_noise_is_that_of_one_frame_however_many_are_averaged() -> No
     assert resolved.integration_length == pytest.approx(1e4, rel=0.1)
     scatter = (resolved.maps.layer("direct.depth") - depth_m(5.0)).std()
     assert np.median(resolved.maps.layer("direct.sigma")) == pytest.approx(scatter, rel=0.1)
+
+
+def test_the_one_path_of_a_frame_of_two_is_the_most_likely_one() -> None:
+    """Of all phases, that with the largest w1·Re(p1·exp(−ix)) + w2·Re(p2·exp(−2ix)), however badly one path fits."""
+    lights = [Light(0.5, 0.8, 5.0, second) for second in np.linspace(7.0, 18.0, 16)]
+    means = np.array([[light.moment(h) for light in lights] for h in (1, 2)])
+    volts = AMPLITUDE_V * np.stack([means.real, means.imag], axis=1).reshape(2, 2, 4, 4)
+    plan = FramePlan(
+        metadata=METADATA, settings=MapSettings(resolver=ResolverSettings(order="1", mpi_model="discrete"))
+    )
+    found_m = resolve_frame(volts, plan=plan).maps.layer("direct.depth").ravel()
+    pulse = np.array([float(abs(Light(0.0).moment(h))) for h in (1, 2)])
+    p, weights = means / pulse[:, np.newaxis], pulse**2
+    phase = np.linspace(0.0, 2.0 * np.pi, 200_001)[:, np.newaxis]
+    gain = sum(weights[row] * (p[row] * np.exp(-1j * (row + 1) * phase)).real for row in range(2))
+    best_m = phase[gain.argmax(axis=0), 0] * depth_m(40.0) / (2.0 * np.pi)
+    np.testing.assert_allclose(found_m, best_m, atol=2e-4)
