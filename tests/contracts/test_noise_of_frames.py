@@ -108,3 +108,44 @@ def test_the_one_path_of_a_frame_of_two_is_the_most_likely_one() -> None:
     gain = sum(weights[row] * (p[row] * np.exp(-1j * (row + 1) * phase)).real for row in range(2))
     best_m = phase[gain.argmax(axis=0), 0] * depth_m(40.0) / (2.0 * np.pi)
     np.testing.assert_allclose(found_m, best_m, atol=2e-4)
+
+
+@pytest.mark.parametrize("separation_ns", [1.8, 2.1, 2.4])
+def test_two_paths_are_ill_conditioned_where_a_sigma_exceeds_half_their_separation(separation_ns: float) -> None:
+    """By the sine of half of it, as the maps themselves tell."""
+    plan = FramePlan(
+        metadata=METADATA, settings=MapSettings(resolver=ResolverSettings(order="2", mpi_model="discrete"))
+    )
+    maps = resolve_frame(recorded_v(Light(0.5, 0.4, 5.0, 5.0 + separation_ns)), plan=plan).maps
+    rad_per_m = 2.0 * np.pi / depth_m(40.0)
+    apart = rad_per_m * np.abs(maps.layer("mpi.depth") - maps.layer("direct.depth"))
+    sigma = rad_per_m * np.fmax(maps.layer("direct.sigma"), maps.layer("mpi.sigma"))
+    ratio = sigma / (0.5 * np.sin(0.5 * apart))
+    known = np.isfinite(ratio) & (np.abs(ratio - 1.0) > 1e-3)
+    assert known.mean() > 0.9
+    assert ((ratio > 0.7) & (ratio < 2.0))[known].mean() > 0.2
+    np.testing.assert_array_equal(((maps.status & StatusBit.ILL_CONDITIONED) > 0)[known], (ratio > 1.0)[known])
+
+
+@pytest.mark.parametrize(("mpi", "direct_ns"), [(0.45, 34.0), (0.55, 6.0)])
+def test_what_seems_more_than_half_a_turn_ahead_is_an_echo_below_half_the_strength(
+    mpi: float, direct_ns: float
+) -> None:
+    """Light 12 ns after 34 ns shows up at 6 ns, 28 ns ahead."""
+    plan = FramePlan(
+        metadata=replace(METADATA, pixel=Pixel(integration_length=1e7)),
+        settings=MapSettings(resolver=ResolverSettings(order="2", mpi_model="discrete")),
+    )
+    depth = resolve_frame(recorded_v(Light(2.0, mpi, 34.0, 46.0), n_av=1e7), plan=plan).maps.layer("direct.depth")
+    assert np.nanmedian(np.abs(depth - depth_m(direct_ns))) < 0.01
+
+
+def test_a_second_path_is_found_as_often_where_delays_begin_anew() -> None:
+    """Light 4 ns behind the direct one, a twentieth as strong, whose direct path is just before the end of the range."""
+    plan = FramePlan(metadata=METADATA, settings=MapSettings(resolver=ResolverSettings(mpi_model="discrete")))
+    shares = []
+    for direct_ns in (5.0, 39.9, 0.05):
+        maps = resolve_frame(recorded_v(Light(2.0, 0.05, direct_ns, direct_ns + 4.0)), plan=plan).maps
+        shares.append(float(((maps.status & StatusBit.TWO_PATHS) > 0).mean()))
+    assert 0.05 < shares[0] < 0.25
+    assert shares == pytest.approx([shares[0]] * 3, abs=0.05)
