@@ -85,8 +85,12 @@ def put_in(path: Path, module: ast.Module, /) -> None:
 
 
 def limit(patience_s: float, /) -> None:
-    """Make this process the head of a group, with so much of the processor's time and not all of the memory."""
+    """Make this process the head of a group, with so much of the processor's time and not all of the memory.
+
+    It can be interrupted, as tests of that ask for, also where a shell's background job made it deaf to that.
+    """
     os.setsid()
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     resource.setrlimit(resource.RLIMIT_AS, (MEMORY_BYTES, MEMORY_BYTES))
     resource.setrlimit(resource.RLIMIT_CPU, (int(patience_s) + 1, int(patience_s) + 2))
 

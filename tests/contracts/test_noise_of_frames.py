@@ -52,8 +52,12 @@ def test_a_mean_of_frames_is_resolved_as_a_frame_of_as_many_times_the_length(wav
     """1/(2 n_av − 1), over 9 frames: in order test, screening and sigma."""
     longer = 0.5 * (9 * (2 * 1e4 - 1) + 1)
     left, right = recorded_v(Light(2.0), n_av=longer), recorded_v(Light(2.0, 0.1), n_av=longer, seed=2)
-    volts = np.concatenate([left[..., :25], right[..., 25:]], axis=3)
+    # MPI that the order test finds in a part of the pixels
+    between = recorded_v(Light(2.0, 0.035), n_av=longer, seed=3)
+    volts = np.concatenate([left[..., :15], between[..., 15:25], right[..., 25:]], axis=3)
+    # no signal, and one that the noise of one frame would hide
     volts[:, :, :3] *= 0.01
+    volts[:, :, 3:6] *= 0.025
     maps = {}
     for name, n_av, frame in (
         ("mean", 1e4, FrameMean(volts, np.full(SHAPE, 9.0), volts.dtype)),
@@ -70,6 +74,8 @@ def test_a_mean_of_frames_is_resolved_as_a_frame_of_as_many_times_the_length(wav
     answer = np.uint32(StatusBit.ONE_PATH | StatusBit.TWO_PATHS | StatusBit.LOW_CONFIDENCE)
     assert ((mean.status & answer) == (long.status & answer)).mean() > 0.995
     assert ((long.status & StatusBit.LOW_CONFIDENCE) > 0).mean() > 0.05
+    if (order, waveform) == ("auto", "sine"):
+        assert 0.1 < ((long.status & StatusBit.TWO_PATHS) > 0)[6:, 15:25].mean() < 0.9
     names = ("direct.depth", "direct.sigma") if order == "1" else ("direct.depth", "direct.sigma", "mpi.sigma")
     for name in names:
         np.testing.assert_allclose(np.nanmedian(mean.layer(name) / long.layer(name)), 1.0, rtol=1e-4)
@@ -85,3 +91,61 @@ def test_an_unknown_noise_is_that_of_one_frame_however_many_are_averaged() -> No
     assert resolved.integration_length == pytest.approx(1e4, rel=0.1)
     scatter = (resolved.maps.layer("direct.depth") - depth_m(5.0)).std()
     assert np.median(resolved.maps.layer("direct.sigma")) == pytest.approx(scatter, rel=0.1)
+
+
+def test_the_one_path_of_a_frame_of_two_is_the_most_likely_one() -> None:
+    """Of all phases, that with the largest w1·Re(p1·exp(−ix)) + w2·Re(p2·exp(−2ix)), however badly one path fits."""
+    lights = [Light(0.5, 0.8, 5.0, second) for second in np.linspace(7.0, 18.0, 16)]
+    means = np.array([[light.moment(h) for light in lights] for h in (1, 2)])
+    volts = AMPLITUDE_V * np.stack([means.real, means.imag], axis=1).reshape(2, 2, 4, 4)
+    plan = FramePlan(
+        metadata=METADATA, settings=MapSettings(resolver=ResolverSettings(order="1", mpi_model="discrete"))
+    )
+    found_m = resolve_frame(volts, plan=plan).maps.layer("direct.depth").ravel()
+    pulse = np.array([float(abs(Light(0.0).moment(h))) for h in (1, 2)])
+    p, weights = means / pulse[:, np.newaxis], pulse**2
+    phase = np.linspace(0.0, 2.0 * np.pi, 200_001)[:, np.newaxis]
+    gain = sum(weights[row] * (p[row] * np.exp(-1j * (row + 1) * phase)).real for row in range(2))
+    best_m = phase[gain.argmax(axis=0), 0] * depth_m(40.0) / (2.0 * np.pi)
+    np.testing.assert_allclose(found_m, best_m, atol=2e-4)
+
+
+@pytest.mark.parametrize("separation_ns", [1.8, 2.1, 2.4])
+def test_two_paths_are_ill_conditioned_where_a_sigma_exceeds_half_their_separation(separation_ns: float) -> None:
+    """By the sine of half of it, as the maps themselves tell."""
+    plan = FramePlan(
+        metadata=METADATA, settings=MapSettings(resolver=ResolverSettings(order="2", mpi_model="discrete"))
+    )
+    maps = resolve_frame(recorded_v(Light(0.5, 0.4, 5.0, 5.0 + separation_ns)), plan=plan).maps
+    rad_per_m = 2.0 * np.pi / depth_m(40.0)
+    apart = rad_per_m * np.abs(maps.layer("mpi.depth") - maps.layer("direct.depth"))
+    sigma = rad_per_m * np.fmax(maps.layer("direct.sigma"), maps.layer("mpi.sigma"))
+    ratio = sigma / (0.5 * np.sin(0.5 * apart))
+    known = np.isfinite(ratio) & (np.abs(ratio - 1.0) > 1e-3)
+    assert known.mean() > 0.9
+    assert ((ratio > 0.7) & (ratio < 2.0))[known].mean() > 0.2
+    np.testing.assert_array_equal(((maps.status & StatusBit.ILL_CONDITIONED) > 0)[known], (ratio > 1.0)[known])
+
+
+@pytest.mark.parametrize(("mpi", "direct_ns"), [(0.45, 34.0), (0.55, 6.0)])
+def test_what_seems_more_than_half_a_turn_ahead_is_an_echo_below_half_the_strength(
+    mpi: float, direct_ns: float
+) -> None:
+    """Light 12 ns after 34 ns shows up at 6 ns, 28 ns ahead."""
+    plan = FramePlan(
+        metadata=replace(METADATA, pixel=Pixel(integration_length=1e7)),
+        settings=MapSettings(resolver=ResolverSettings(order="2", mpi_model="discrete")),
+    )
+    depth = resolve_frame(recorded_v(Light(2.0, mpi, 34.0, 46.0), n_av=1e7), plan=plan).maps.layer("direct.depth")
+    assert np.nanmedian(np.abs(depth - depth_m(direct_ns))) < 0.01
+
+
+def test_a_second_path_is_found_as_often_where_delays_begin_anew() -> None:
+    """Light 4 ns behind the direct one, a twentieth as strong, whose direct path is just before the end of the range."""
+    plan = FramePlan(metadata=METADATA, settings=MapSettings(resolver=ResolverSettings(mpi_model="discrete")))
+    shares = []
+    for direct_ns in (5.0, 39.9, 0.05):
+        maps = resolve_frame(recorded_v(Light(2.0, 0.05, direct_ns, direct_ns + 4.0)), plan=plan).maps
+        shares.append(float(((maps.status & StatusBit.TWO_PATHS) > 0).mean()))
+    assert 0.05 < shares[0] < 0.25
+    assert shares == pytest.approx([shares[0]] * 3, abs=0.05)
