@@ -29,8 +29,9 @@ MSVC_FLAGS = ["/std:c11", "/O2", "/fp:precise"]
 
 COMPILED = {
     "resolver/two_path/_kernel": (
+        "../_buffers.h",
+        "../_instruction_sets.h",
         "_kernel_answers.h",
-        "_kernel_buffers.h",
         "_kernel_frame.h",
         "_kernel_group.h",
         "_kernel_paths.h",
@@ -41,7 +42,7 @@ COMPILED = {
         "../response/_search.h",
         "../response/_search_call.h",
     ),
-    "resolver/likelihood/_search": ("_instruction_sets.h", "_scan.h", "_search.h", "../two_path/_kernel_buffers.h"),
+    "resolver/likelihood/_search": ("../_buffers.h", "../_instruction_sets.h", "_scan.h", "_search.h"),
 }
 """Extension modules, each of one C file in `cadtof_cli`, with the headers beside it."""
 

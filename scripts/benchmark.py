@@ -52,7 +52,7 @@ def main() -> None:
 def _rows(arguments: argparse.Namespace) -> Iterator[Row]:
     for part in [_against] if arguments.against else [PARTS[name] for name in arguments.parts or PARTS]:
         with tempfile.TemporaryDirectory(dir=arguments.place) as place:
-            yield from part(arguments, Path(place))
+            yield from part(arguments, Path(place).resolve())
 
 
 def _against(arguments: argparse.Namespace, place: Path) -> Iterator[Row]:

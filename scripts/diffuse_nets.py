@@ -77,9 +77,9 @@ def main() -> None:
 
 def rendered(capture: Capture, without: Path) -> Row:
     """Print and return the row of a room that was rendered with a net."""
-    net_m, behind_m = (_truth(folder) for folder in (capture.root, without))
+    net_m, behind_m = (capture_truth(folder) for folder in (capture.root, without))
     covered = net_m < behind_m - HIDDEN_M
-    row = _row(_volts(capture), replace(capture.source.metadata, voltage=Voltage()), net_m, covered)
+    row = _row(capture_volts(capture), replace(capture.source.metadata, voltage=Voltage()), net_m, covered)
     delay_ns = 2 / C_M_PER_NS * float(np.nanmedian((behind_m - net_m)[covered]))
     print(f"| {capture.root.name} | {delay_ns:.1f} | {row.line()} |", flush=True)
     return row
@@ -101,7 +101,7 @@ def together(rows: Sequence[Row]) -> None:
 
 def with_net(capture: Capture, delay_ns: float) -> Row | None:
     """Return the errors where a net of our own hangs before a room; None where there is no place for it."""
-    truth = _truth(capture.root)
+    truth = capture_truth(capture.root)
     net_m = truth - 0.5 * C_M_PER_NS * delay_ns
     covered = np.zeros(truth.shape, np.bool_)
     height, width = truth.shape
@@ -110,7 +110,7 @@ def with_net(capture: Capture, delay_ns: float) -> Row | None:
     if not covered.any():
         return None
     metadata = replace(capture.source.metadata, voltage=Voltage())
-    volts = behind_net(_volts(capture), metadata, net_m, covered)
+    volts = behind_net(capture_volts(capture), metadata, net_m, covered)
     return _row(volts, metadata, np.where(covered, net_m, truth), covered)
 
 
@@ -157,11 +157,12 @@ def _median(rows: Sequence[Row]) -> Row:
     return Row((net[0], net[1]), (elsewhere[0], elsewhere[1]), (within[0], within[1]), found)
 
 
-def _truth(folder: Path) -> F:
+def capture_truth(folder: Path) -> F:
+    """Return the true ranges of a capture, m."""
     return read_layers(folder / "truth.exr")[DIRECT_DEPTH].astype(np.float64)
 
 
-def _volts(capture: Capture) -> F:
+def capture_volts(capture: Capture) -> F:
     """Return the first frame of a capture in V, (H, 2, Y, X)."""
     source, voltage = next(iter(single_frames(capture))), capture.source.metadata.voltage
     with open_frames(source, capture.layout) as frames:

@@ -65,14 +65,19 @@ class HarmonicNoise:
 
         They are those of `noise_model`, kept positive definite by `LEAST_SHARE`.
         """
-        scale = 0.5 * self.averaging / self.pulse**2
-        level, double = (1.0 + LEAST_SHARE) * scale + self.floor, scale * self.pulse_double
+        level, double, averaging = self.covariance_terms
         re, im = phasor
         return (
-            level + double * doubled[0] - self.averaging * re * re,
-            double * doubled[1] - self.averaging * re * im,
-            level - double * doubled[0] - self.averaging * im * im,
+            level + double * doubled[0] - averaging * re * re,
+            double * doubled[1] - averaging * re * im,
+            level - double * doubled[0] - averaging * im * im,
         )
+
+    @property
+    def covariance_terms(self) -> tuple[float, float, float]:
+        """Variance without light, and what light at 2h and at h changes in it."""
+        scale = 0.5 * self.averaging / self.pulse**2
+        return (1.0 + LEAST_SHARE) * scale + self.floor, scale * self.pulse_double, self.averaging
 
 
 @dataclass(frozen=True, eq=False)

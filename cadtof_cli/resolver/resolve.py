@@ -9,7 +9,7 @@ import numpy as np
 from cadtof_cli.arrays import Bool, Complex, Float, Status
 from cadtof_cli.phasors.chi_squared import chi_squared_threshold
 from cadtof_cli.phasors.noise import NoiseModel
-from cadtof_cli.resolver.order import Solver, fewest_paths
+from cadtof_cli.resolver.order import Solver, fewest_paths, told_apart
 from cadtof_cli.resolver.paths import Fit, ResolvedPaths
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.resolver.status import StatusBit
@@ -51,10 +51,11 @@ def resolve_paths(
     room = import_module(f"cadtof_cli.resolver.{settings.room(noise.harmonics, sine=response is None)}.solver")
     with np.errstate(all="ignore"):
         free, through = phasors, None
-        if tail is not None and response is None:
+        if tail is not None:
             from cadtof_cli.resolver.diffuse.through_pixels import freed_pixels
 
-            free, through = freed_pixels(phasors, tail)
+            if response is None:
+                free, through = freed_pixels(phasors, tail)
         solver: Solver = room.solver(free, noise=noise, settings=settings, response=response, first=first)
         status, confidence = screened(solver.modulus, solver.powers, status, settings=settings, noise=noise)
         if through is not None:
@@ -70,7 +71,10 @@ def resolve_paths(
             from cadtof_cli.resolver.response.as_sine import phasors_of_sine
 
             sine = phasors_of_sine(phasors, fit.paths, response=response)
-            predicted = _predicted(sine, tail, answered, noise, kernel)
+            free, through = freed_pixels(sine, tail)
+            usable = answered if through is None else answered & ~through.where
+            _put_freed(fit, free, answered & ~usable, settings, noise)
+            predicted = _predicted(sine, tail, usable, noise, kernel)
         bits = _bits(fit)
         if response is not None:
             # a search that ended without finite numbers was for two paths where nothing is left
@@ -117,6 +121,16 @@ def _predicted(phasors: Complex, tail: "DiffuseBlock", usable: Bool, noise: Nois
     if runs_compiled(tail.model, kernel):
         return compiled_pixels(phasors, tail=tail, usable=usable, samples=noise.samples, kernel=kernel)
     return diffuse_pixels(phasors, tail=tail, usable=usable, samples=noise.samples)
+
+
+def _put_freed(fit: Fit, free: Complex, where: Bool, settings: ResolverSettings, noise: NoiseModel) -> None:
+    """Write two paths from phasors that are those of a sine, free of tails, where they are wanted."""
+    chosen = np.flatnonzero(where)
+    if chosen.size:
+        two_path = import_module("cadtof_cli.resolver.two_path.solver")
+        solver: Solver = two_path.solver(free[:, chosen], noise=noise, settings=settings, response=None, first=0)
+        _, two = solver.fit(2, np.ones(chosen.size, np.bool_), limit=None)
+        fit[chosen] = told_apart(two, settings, noise[chosen], slice(None))
 
 
 def _put_tail(fit: Fit, predicted: "DiffusePixels", through: "ThroughPixels | None") -> None:

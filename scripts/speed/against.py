@@ -99,5 +99,5 @@ def _capture(case: Case, folder: Path, frames: int) -> Path:
     sample = folder.with_name("three harmonics")
     if not sample.exists():
         words = [sys.executable, "-m", "cadtof_cli", "simulate", "--scene", "corner", "-o", str(sample), *case.scene]
-        subprocess.run(words, env={**ENVIRONMENT, "PYTHONPATH": str(ROOT)}, check=True, stdout=subprocess.DEVNULL)
+        subprocess.run(words, env={**ENVIRONMENT, "PYTHONPATH": str(ROOT)}, check=True, capture_output=True)
     return capture_of(folder, frames, sample=sample)

@@ -57,9 +57,9 @@ class Command:
         shutil.rmtree(self.out, ignore_errors=True)
         self.out.mkdir()
         before, began = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
-        subprocess.run(
-            self.words, env={**ENVIRONMENT, **(self.environment or {})}, stdout=subprocess.DEVNULL, check=True
-        )
+        # not where this was started: Python looks there for modules first, and another commit may be asked for
+        environment = {**ENVIRONMENT, **(self.environment or {})}
+        subprocess.run(self.words, env=environment, cwd=self.out, stdout=subprocess.DEVNULL, check=True)
         wall, after = time.perf_counter() - began, resource.getrusage(resource.RUSAGE_CHILDREN)
         return Cost(after.ru_utime - before.ru_utime + after.ru_stime - before.ru_stime, wall)
 

@@ -1,4 +1,4 @@
-/* A frame's tail as Python hands it over, a tuple of buffers in the order of TAIL_BUFFER; see compiled.py. After _tail.h and _kernel_buffers.h. */
+/* A frame's tail as Python hands it over, a tuple of buffers in the order of TAIL_BUFFER; see compiled.py. After _tail.h and _buffers.h. */
 
 #define LARGEST_SIDE ((int64_t)1 << 20)
 #define LARGEST_NUMBER 1000

@@ -1,8 +1,11 @@
-"""Surfaces outside the view: the planes of the patches at its border, continued."""
+"""Surfaces outside the view: the planes of the patches at its border, continued, and walls that none of them continues."""
+
+from dataclasses import dataclass
 
 import numpy as np
 
-from cadtof_cli.arrays import Bool, Float
+from cadtof_cli.arrays import Bool, Float, Index
+from cadtof_cli.resolver.diffuse.box import unseen_walls
 from cadtof_cli.resolver.diffuse.grid import PatchGrid
 from cadtof_cli.resolver.diffuse.planes import LEAST_COSINE, Surfaces
 
@@ -22,6 +25,46 @@ def surfaces_beyond(surfaces: Surfaces, valid: Bool, grid: PatchGrid, /) -> Surf
     Each piece lies where its ray meets the plane of the nearest patch at the border; those without a valid patch, or whose
     plane their ray does not meet, are left out.
     """
+    pieces = _pieces(grid)
+    distance, normal = _continued(pieces, surfaces, valid)
+    return pieces.surfaces(distance, normal)[np.isfinite(distance)]
+
+
+def surfaces_guessed(surfaces: Surfaces, valid: Bool, grid: PatchGrid, /) -> Surfaces:
+    """Return pieces around the view, (n,), of walls that it does not show, where they stand before what is continued."""
+    pieces = _pieces(grid)
+    distance, normal = unseen_walls(surfaces[valid]).meet(pieces.ray)
+    first = (distance < _continued(pieces, surfaces, valid)[0]) & (-(normal * pieces.ray).sum(0) > LEAST_COSINE)
+    return pieces.surfaces(distance, normal)[first]
+
+
+def _continued(pieces: "_Pieces", surfaces: Surfaces, valid: Bool) -> tuple[Float, Float]:
+    """Return the distance at which each piece lies on the plane of the nearest patch, and its normal; infinity for nowhere."""
+    column, row = pieces.patch
+    normal = surfaces.normal[:, row, column]
+    cosine = -(normal * pieces.ray).sum(0)
+    faces = cosine > LEAST_COSINE
+    offset = -(normal * surfaces.ray[:, row, column]).sum(0) * surfaces.range_m[row, column]
+    distance = np.where(faces, offset / np.where(faces, cosine, 1.0), 0.0)
+    return np.where(valid[row, column] & (distance > NEAREST_M), distance, np.inf), normal
+
+
+@dataclass(frozen=True, eq=False)
+class _Pieces:
+    """Squares around the view, (n,): unit rays (3, n) through them, solid angles, and (column, row) of the nearest patches."""
+
+    ray: Float
+    solid_angle: Float
+    patch: tuple[Index, Index]
+
+    def surfaces(self, distance: Float, normal: Float) -> Surfaces:
+        """Return the surfaces with these distances and normals that the squares show."""
+        cosine = -(normal * self.ray).sum(0)
+        area = self.solid_angle * distance**2 / np.maximum(cosine, LEAST_COSINE)
+        return Surfaces(distance, normal, self.ray, cosine, area)
+
+
+def _pieces(grid: PatchGrid) -> _Pieces:
     side = PIECE_PATCHES * grid.side
     x, y = _middles(grid, side)
     cx, cy = grid.view.principal_point_px
@@ -30,13 +73,7 @@ def surfaces_beyond(surfaces: Surfaces, valid: Bool, grid: PatchGrid, /) -> Surf
     ray /= length * grid.view.focal_length_px
     column = np.clip((x / grid.side).astype(np.intp), 0, grid.columns - 1)
     row = np.clip((y / grid.side).astype(np.intp), 0, grid.rows - 1)
-    normal = surfaces.normal[:, row, column]
-    cosine = -(normal * ray).sum(0)
-    faces = cosine > LEAST_COSINE
-    offset = -(normal * surfaces.ray[:, row, column]).sum(0) * surfaces.range_m[row, column]
-    distance = np.where(faces, offset / np.where(faces, cosine, 1.0), 0.0)
-    area = (side / grid.view.focal_length_px) ** 2 / length**3 * distance**2 / np.where(faces, cosine, 1.0)
-    return Surfaces(distance, normal, ray, cosine, area)[valid[row, column] & (distance > NEAREST_M)]
+    return _Pieces(ray, (side / grid.view.focal_length_px) ** 2 / length**3, (column, row))
 
 
 def _middles(grid: PatchGrid, side: int) -> tuple[Float, Float]:

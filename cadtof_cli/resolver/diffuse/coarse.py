@@ -11,19 +11,37 @@ from cadtof_cli.resolver.diffuse.patch_fit import PatchFit
 from cadtof_cli.resolver.diffuse.prior import WITHIN_PATCH
 from cadtof_cli.resolver.diffuse.tail import residuals
 
-BESIDE_MORE = 0.3
+BESIDE_MORE = 0.22
 """By how much the light of surfaces beside the view exceeds what its continued border sends, as a share of that: rooms go on
-beyond the pieces that are continued. Two harmonics cannot tell; with more of them the fit sees a part of it itself, and
-what is missing falls with their number."""
+beyond the pieces that are continued. Two harmonics cannot tell; with more of them the fit sees most of it itself, and
+what is missing falls with the square of their number."""
 
-BESIDE_ERROR = 0.5
-"""Standard deviation of that share between rooms: what is beside the view is the least known."""
+GUESSED_SHARE = 0.15
+"""The share of the light of guessed walls that is counted with two harmonics: such early light they hardly tell from none.
+Three tell it."""
 
-PATCH_SHARE = 1.7
-"""Variance that a patch leaves to all its pixels, over its posterior variance. More than 1: patches err together."""
+GUESSED_ERROR = (0.35, 0.5)
+"""Standard deviation of that share: with two harmonics, and with more."""
 
-SURPRISE = 0.35
-"""By how much that share grows with χ² of the patch: where the model fits badly, it is not to be relied on."""
+PATCH_SHARE = (0.3, 0.1)
+"""Variance that a patch leaves to all its pixels, over its posterior variance."""
+
+SURPRISE = (6.0, 0.1)
+"""How that share grows with χ² of the patch: two data are hardly missed by so many unknowns, so that a small misfit says much."""
+
+LAG_ERROR = (0.0, 0.05)
+"""Standard deviation of the lag, as a share of it, that all patches have in common."""
+
+BESIDE_ERROR = (0.0, 0.5)
+"""The same of the lag by light from beside the view, as a share of that."""
+
+
+@dataclass(frozen=True, eq=False)
+class Beside:
+    """How much of arg H_1, (n,), is put down to the continued border of the view, and would be to walls guessed beside it."""
+
+    continued_rad: Float
+    guessed_rad: Float
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,29 +70,34 @@ def needed_entries(data: int, /) -> tuple[Entry, ...]:
     return (*among_data, *of_targets, (data + 1, data + 1))
 
 
-def patch_posterior(data: Float, noise: Float, fit: PatchFit, /) -> Conditioned:
-    """Return what a patch's data (data, n) say of its ln|H_1| and arg H_1; noise (data, data, n)."""
+def patch_posterior(data: Float, error: Float, fit: PatchFit, /) -> Conditioned:
+    """Return what a patch's data (data, n) say of its ln|H_1| and arg H_1; `error` as in `fitted_patches`."""
     count = len(data)
-    covariance = fit.covariance.copy()
-    covariance[:count, :count] += noise
+    covariance = fit.covariance + error
     size = count + 2
     lower = {(i, j): covariance[i, j] for i in range(size) for j in range(i + 1)}
     return conditioned(list(residuals(data, fit.expected[:count])), lower, targets=2)
 
 
-def coarse_planes(fit: PatchFit, posterior: Conditioned, beside_rad: Float, valid: Bool, /) -> CoarsePlanes:
-    """Gather what pixels need from n valid patches, (rows, columns); the others get the mean of these.
-
-    `beside_rad`, (n,), is how much of arg H_1 is put down to surfaces beside the view.
-    """
+def coarse_planes(fit: PatchFit, posterior: Conditioned, beside: Beside, valid: Bool, /) -> CoarsePlanes:
+    """Gather what pixels need from n valid patches, (rows, columns); the others get the mean of these."""
     values, count = fit.posterior.copy(), len(fit.posterior)
     entries = needed_entries(count - 2)
-    unsure = beside_rad / ((count - 2) // 2)
-    values[-1] += BESIDE_MORE * unsure
+    further = (count - 2) // 2
+    lag = values[-1].copy()
+    values[-1] += BESIDE_MORE * beside.continued_rad / further**2
+    if further == 1:
+        values[-1] += GUESSED_SHARE * beside.guessed_rad
     spread = np.einsum("jan,j,jbn->abn", fit.jacobian, WITHIN_PATCH**2, fit.jacobian)
-    kept = PATCH_SHARE + SURPRISE * posterior.chi_squared
+    more = min(further, 2) - 1
+    kept = PATCH_SHARE[more] + SURPRISE[more] * posterior.chi_squared
     left = {key: kept * value for key, value in posterior.covariance.items()}
-    left[1, 1] = left[1, 1] + (BESIDE_ERROR * unsure) ** 2
+    shared = (
+        LAG_ERROR[more] * lag,
+        BESIDE_ERROR[more] * beside.continued_rad,
+        GUESSED_ERROR[more] * beside.guessed_rad,
+    )
+    left[1, 1] = left[1, 1] + sum(part**2 for part in shared)
     rows = [*values, *(spread[entry] for entry in entries), left[1, 1], _mpi_variance(values, spread, left)]
     planes = np.empty((len(rows), *valid.shape), np.float32)
     for plane, row in zip(planes, rows, strict=True):

@@ -89,7 +89,7 @@ def phase_of(cos: Float32, sin: Float32, /) -> Float32:
     """Return the phase of cos + i·sin, of any length, in [−π, π] rad, (…); that of 0 is 0. NaN stays NaN."""
     x, y = np.abs(cos), np.abs(sin)
     steep = y > x
-    tangent: Array = np.where(steep, x, y) / np.maximum(np.where(steep, y, x), TINY)
+    tangent: Array = np.minimum(x, y) / np.maximum(np.maximum(x, y), TINY)
     z = tangent * tangent
     phase = tangent + tangent * z * _series(ARCTANGENT, z)
     phase = np.where(steep, np.float32(0.5 * np.pi) - phase, phase)

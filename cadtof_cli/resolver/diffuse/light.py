@@ -46,10 +46,16 @@ def is_light(phasors: Complex, /) -> Bool:
 def patch_light(samples: Complex, seen: Bool, /, *, harmonics: tuple[int, ...]) -> PatchLight:
     """Return the light of sampled phasors (H, rows, columns, n); those not `seen` may hold anything."""
     p = np.where(seen, samples, 0.0)
-    magnitude = np.abs(p[0])
+    power = p[0].real ** 2 + p[0].imag ** 2
+    magnitude = np.sqrt(power)
     back = np.conj(p[0]) / np.maximum(magnitude, TINY)
-    ratios = np.stack([magnitude * p_h * back**h for p_h, h in zip(p[1:], harmonics[1:], strict=True)])
-    return PatchLight(seen, magnitude * p[0], np.angle(p[0]), magnitude**2, ratios)
+    turned, done, ratios = magnitude * back, 1, np.empty_like(p[1:])
+    for ratio, p_h, h in zip(ratios, p[1:], harmonics[1:], strict=True):
+        for _ in range(done, h):
+            turned = turned * back
+        done = h
+        np.multiply(p_h, turned, out=ratio)
+    return PatchLight(seen, magnitude * p[0], np.angle(p[0]), power, ratios)
 
 
 def patch_means(light: PatchLight, among: Bool, /) -> PatchMeans:

@@ -13,6 +13,7 @@ import numpy as np
 from cadtof_cli.arrays import Float
 from cadtof_cli.resolver.diffuse.prior import MEAN, between_rooms, within_room
 from cadtof_cli.resolver.diffuse.tail import TailModel, residuals
+from cadtof_cli.resolver.likelihood.normal_equations import cholesky, solve
 
 STEPS = 4
 """Gauss–Newton steps; with more the state still moves along what the data leave open, and depth gets no better."""
@@ -49,54 +50,58 @@ class PatchFit:
     jacobian: Float
 
 
-def fitted_patches(data: Float, noise: Float, model: TailModel, pattern: Float, /, *, known_optics: bool) -> PatchFit:
-    """Fit the state of a frame and its patches to their data, (data, n), with noise covariances (data, data, n).
+def fitted_patches(data: Float, error: Float, model: TailModel, pattern: Float, /, *, known_optics: bool) -> PatchFit:
+    """Fit the state of a frame and its patches to their data, (data, n).
 
-    `pattern`, (6, n), is how the state differs between patches by rule.
+    `error`, (data + 2, data + 2, n), is the covariance of what the model's values are wrong by, and of noise; `pattern`, (6, n),
+    how the state differs between patches by rule.
     """
     within = within_room(known_optics=known_optics)
     between = between_rooms(known_optics=known_optics)
-    noise_by_patch = noise.transpose(2, 0, 1)
+    noise = error[: model.data, : model.data]
+    precision = np.asarray(np.linalg.inv(between), np.float64)
+    farthest = FARTHEST * np.sqrt(np.diag(between))
     state = MEAN[:, None] + pattern
     for step in range(STEPS + 1):
         values, jacobian = model.values(state)
-        seen = jacobian[:, : model.data].transpose(2, 1, 0)
         difference = residuals(data, values[: model.data])
-        room, room_covariance = _room(seen, difference.T, state - pattern, noise_by_patch, within, between)
+        room, room_covariance = _room(jacobian[:, : model.data], difference, state - pattern, noise, within, precision)
+        room = np.clip(room, MEAN - farthest, MEAN + farthest)
         prior = room[:, None] + pattern
         expected = values + np.einsum("jan,jn->an", jacobian, prior - state)
         spread = np.einsum("jk,kan->jan", within + room_covariance, jacobian)
         covariance = np.einsum("jan,jbn->abn", jacobian, spread)
-        pull = np.linalg.solve(
-            covariance[: model.data, : model.data].transpose(2, 0, 1) + noise_by_patch,
-            residuals(data, expected[: model.data]).T[..., None],
-        )[..., 0]
-        change = prior + np.einsum("jan,na->jn", spread[:, : model.data], pull) - state
+        pull = _solved(covariance[: model.data, : model.data] + noise, residuals(data, expected[: model.data]))
         if step < STEPS:
+            change = prior + np.einsum("jan,an->jn", spread[:, : model.data], pull) - state
             state = state + np.clip(change, -LARGEST_STEP, LARGEST_STEP)
-    posterior = expected + np.einsum("abn,nb->an", covariance[:, : model.data], pull)
+    posterior = expected + np.einsum("abn,bn->an", (covariance + error)[:, : model.data], pull)
     return PatchFit(room, room_covariance, state, expected, posterior, covariance, jacobian)
 
 
 def _room(
-    seen: Float, difference: Float, departure: Float, noise: Float, within: Float, between: Float
+    seen: Float, difference: Float, departure: Float, noise: Float, within: Float, precision: Float
 ) -> tuple[Float, Float]:
     """Return the frame's state and its covariance, given all patches linearised.
 
     Args:
-        seen: Jacobians of the data, (n, data, 6).
-        difference: data minus model, (n, data).
+        seen: Jacobians of the data, (6, data, n).
+        difference: data minus model, (data, n).
         departure: states linearised at, without the pattern, (6, n).
-        noise: (n, data, data).
+        noise: (data, data, n).
         within: covariance within a room, (6, 6).
-        between: covariance between rooms, (6, 6).
+        precision: inverse of the covariance between rooms, (6, 6).
     """
-    linear = difference + np.einsum("naj,jn->na", seen, departure)
-    scatter = seen @ within @ seen.transpose(0, 2, 1) + noise
-    weighted = np.linalg.solve(scatter, np.concatenate([seen, linear[..., None]], axis=2))
-    normal = np.einsum("naj,nak->jk", seen, weighted) * min(1.0, INDEPENDENT_PATCHES / len(seen))
-    precision = np.linalg.inv(between)
+    linear = difference + np.einsum("jan,jn->an", seen, departure)
+    scatter = np.einsum("jan,jbn->abn", seen, np.einsum("jk,kan->jan", within, seen)) + noise
+    weighted = _solved(scatter, np.concatenate([seen.transpose(1, 0, 2), linear[:, None]], axis=1))
+    normal = np.einsum("jan,akn->jk", seen, weighted) * min(1.0, INDEPENDENT_PATCHES / seen.shape[2])
     covariance = np.linalg.inv(precision + normal[:, :-1])
-    room = covariance @ (precision @ MEAN + normal[:, -1])
-    farthest = FARTHEST * np.sqrt(np.diag(between))
-    return np.clip(room, MEAN - farthest, MEAN + farthest), covariance
+    return covariance @ (precision @ MEAN + normal[:, -1]), covariance
+
+
+def _solved(matrix: Float, right: Float) -> Float:
+    """Return matrix⁻¹·right for symmetric positive definite matrices, (data, data, n), and right sides, (data, …, n)."""
+    size = len(matrix)
+    lower = np.concatenate([matrix[row, : row + 1] for row in range(size)])
+    return solve(cholesky(lower, size), right)

@@ -8,23 +8,23 @@ import numpy as np
 
 from cadtof_cli.arrays import Float
 
-MEAN = np.array([np.log(0.95), 0.0, 0.0, np.log(0.1), np.log(12.0), 5.0])
+MEAN = np.array([np.log(0.95), 0.0, 0.0, np.log(0.1), np.log(12.0), 4.4])
 """Mean albedo .95 as the radiosity sees it (rooms are closed, and it knows a part of their walls alone); light beside the view
-as within it; later bounces as they come; unseen light of .1 of the direct light, which decays with 12 ns and starts 5 ns late,
-as that of a surface .75 m beside the target does."""
+as within it; later bounces as they come; unseen light of .1 of the direct light, which decays with 12 ns and starts 4.4 ns late,
+as that of a surface .65 m beside the target does."""
 
-BETWEEN_ROOMS = np.array([0.3, 0.6, 0.5, 1.75, 0.6, 2.5])
+BETWEEN_ROOMS = np.array([0.38, 0.3, 0.42, 1.8, 0.65, 1.5])
 """Standard deviations between rooms: ln s, ln b, ln u, ln v, ln τ, and ns. What the view does not show varies most."""
 
-CORRELATIONS = {(0, 3): 0.7, (3, 5): -0.4, (4, 5): 0.6}
+CORRELATIONS = {(0, 3): 0.45, (3, 5): -0.6, (4, 5): 0.5}
 """Correlations between rooms. Unseen light has bounced more often, so bright rooms have more of it (s and v); near walls give
 more and earlier (v and t); large rooms keep light longer, and give it later (τ and t)."""
 
-WITHIN_ROOM = np.array([0.5, 0.7, 0.7, 0.7, 0.7, 0.7]) * BETWEEN_ROOMS
+WITHIN_ROOM = np.array([0.15, 0.42, 0.35, 1.2, 0.42, 1.75])
 """Standard deviations between the patches of one room: the scale of the albedo is more common to them than the rest."""
 
-WITHIN_PATCH = 0.525 * BETWEEN_ROOMS
-"""Standard deviations between a pixel and its patch."""
+WITHIN_PATCH = 1.1 * WITHIN_ROOM
+"""Standard deviations between a pixel and its patch, which may lie on an edge."""
 
 UNKNOWN_OPTICS = np.array([0.3, 0.0, 0.3, 0.0, 0.0, 0.0])
 """Standard deviations that come on top where the field of view is assumed: 15 % of focal length are 30 % of every area."""

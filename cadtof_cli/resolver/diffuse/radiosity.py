@@ -28,13 +28,15 @@ class Interreflections:
     """Light that comes back by way of other surfaces, over direct light, at unit albedo; complex (H, n) each.
 
     `seen` is g_h, light of two bounces by way of surfaces in the view; `beyond` is b_h, by way of those continued outside;
-    `later` is m_h, light of three bounces and more. `direct` is a patch's own direct light, cos θ/d², float64 (n,).
+    `later` is m_h, light of three bounces and more. `direct` is a patch's own direct light, cos θ/d², float64 (n,); `open_share`
+    the share of what it faces that is none of these surfaces, 0 to 1.
     """
 
     seen: Complex
     beyond: Complex
     later: Complex
     direct: Float
+    open_share: Float
 
 
 def interreflections(
@@ -50,6 +52,7 @@ def interreflections(
     count = len(seen.range_m)
     both = _joined(seen, beyond)
     form, distance = _form_factors(both)
+    open_share = np.clip(1.0 - form[:count].sum(1).astype(np.float64), 0.0, 1.0)
     form *= _relative_albedo(seen, amplitude, len(beyond.range_m))
     turn = _rotors(np.float32(rad_per_m) * distance)
     direct = both.cosine / both.range_m**2
@@ -61,7 +64,20 @@ def interreflections(
         arrival = direct * np.exp(1j * h * rad_per_m * both.range_m)
         bounces.append(np.array(_bounces(kernel, arrival, count))[:, :count] / arrival[:count])
     second, outside, later = np.stack(bounces, axis=1)
-    return Interreflections(second, outside, later, direct[:count])
+    return Interreflections(second, outside, later, direct[:count], open_share)
+
+
+def light_of(sources: Surfaces, onto: Surfaces, /, *, rad_per_m: float) -> Complex:
+    """Return the light that surfaces (n,) get from lit sources of unit albedo in one bounce, over their direct light, (n,)."""
+    way = (sources.ray * sources.range_m)[:, None] - (onto.ray * onto.range_m)[:, :, None]
+    square = np.maximum((way * way).sum(0), NEAREST_M2)
+    received = np.maximum((way * onto.normal[:, :, None]).sum(0), 0.0)
+    sent = np.maximum(-(way * sources.normal[:, None]).sum(0), 0.0)
+    form = received * sent * sources.area_m2 / (square * (np.pi * square + sources.area_m2))
+    path = np.sqrt(square) + sources.range_m - onto.range_m[:, None]
+    light = (form * sources.cosine / sources.range_m**2 * np.exp(1j * rad_per_m * path)).sum(1)
+    over_direct: Complex = light * onto.range_m**2 / onto.cosine
+    return over_direct
 
 
 def _bounces(kernel: Complex64, arrival: Complex, count: int) -> tuple[Complex64, Complex64, Complex64]:

@@ -13,7 +13,7 @@ from cadtof_cli.arrays import Bool, Complex, Float
 from cadtof_cli.resolver.diffuse.grid import PatchGrid
 from cadtof_cli.resolver.diffuse.records import SeenThrough, Tails, range_from_phase
 from cadtof_cli.resolver.diffuse.settings import DiffuseSettings
-from cadtof_cli.resolver.diffuse.walls import over_neighbours, walls_behind
+from cadtof_cli.resolver.diffuse.walls import ON_PLANE, over_neighbours, walls_behind
 from cadtof_cli.resolver.two_path.closed_form import TwoPaths, fundamental_frame, two_paths
 
 NEAR_SHARE, FAR_SHARE = 0.25, 0.2
@@ -25,8 +25,12 @@ APART_NS = (2.0, 18.0)
 ON_WALL_M = 0.15
 """How far from a wall the farther path may end."""
 
-LEAST_PATCHES = 14
-"""Patches side by side that must say the same: at most 12 do in 119 rendered rooms without a net."""
+LEAST_PATCHES = 12
+"""Patches side by side that must say the same."""
+
+LEAST_LEFT = 0.2
+"""Least amplitude of the farther paths over that of the wall where it is seen freely, the median over such patches: in rendered
+rooms, .3 to .8 of it is left behind a net. What a tail makes believe has less, but for a few rooms, which it hardly harms."""
 
 BESIDE_SHARE = 0.15
 """The same of the farther path in a patch beside such ones, whatever its farther path ends on."""
@@ -37,7 +41,7 @@ SAME_NET = 0.06
 STEPS = 3
 """Steps in which the difference of the two paths' tails is taken away."""
 
-OFF_SHARE, LAG_SHARE = 0.5, 0.15
+OFF_SHARE, LAG_SHARE = 0.7, 0.2
 """Standard deviation of the nearer path's phase, as a share of what the farther ones miss the walls by, and of the lag that the
 tail brings: both are wrong by the same tail."""
 
@@ -48,13 +52,14 @@ FULL_TURN = 2.0 * np.pi
 class FreedPaths:
     """Phasors freed of tails, (H, …), and the two paths that they are.
 
-    Phase of the nearer, how much later the farther comes, rad, and the nearer's share of the light, (…) each.
+    Phase of the nearer and how much later the farther comes, rad; share of the nearer, amplitude of the farther; (…) each.
     """
 
     phasors: Complex
     near_rad: Float
     later_rad: Float
     near_share: Float
+    far_amplitude: Float
 
 
 def typical_tail(values: Float, harmonics: tuple[int, ...], /) -> Complex:
@@ -79,17 +84,17 @@ def freed_paths(phasors: Complex, tails: Tails, /) -> FreedPaths:
     with np.errstate(all="ignore"):
         # without light, zero is divided by zero
         for _ in range(STEPS if excess.any() else 0):
-            far = _farther(two_paths(fundamental_frame(free[0], free[1])))
-            free = base - _times(_at_harmonics(far, tails.harmonics), excess)
+            behind = _farther(two_paths(fundamental_frame(free[0], free[1])))
+            free = base - _times(_at_harmonics(behind, tails.harmonics), excess)
         paths = two_paths(fundamental_frame(free[0], free[1]))
         x, y = paths.phases()
         ahead = np.mod(y - x, FULL_TURN)
         x_near = ahead < np.pi
         near, later = np.where(x_near, x, y), np.where(x_near, ahead, FULL_TURN - ahead)
-        share = np.where(x_near, paths.a, paths.b) / (paths.a + paths.b)
-    return FreedPaths(
-        free.reshape(phasors.shape), near.reshape(shape), later.reshape(shape), np.asarray(share).reshape(shape)
-    )
+        far = np.where(x_near, paths.b, paths.a)
+        share = 1.0 - far / (paths.a + paths.b)
+    near, later, share, far = (part.reshape(shape) for part in (near, later, share, far))
+    return FreedPaths(free.reshape(phasors.shape), near, later, share, far)
 
 
 def _times(phasors: Complex, factors: Complex) -> Complex:
@@ -144,9 +149,11 @@ def seen_through(
         return None
     near_m = range_from_phase(paths.near_rad, settings)
     far_m = near_m + paths.later_rad * settings.m_per_rad
-    missed = np.abs(walls_behind(range_m, valid & ~two, grid) - far_m).min(axis=0, initial=np.inf)
-    on_wall = two & (missed < ON_WALL_M)
-    found = _together(on_wall)
+    seen = _Walls.of(range_m, np.abs(phasors[0] / tails.far[0]), valid & ~two, grid)
+    wall, missed = seen.nearest(far_m)
+    with np.errstate(invalid="ignore"):
+        left = paths.far_amplitude / wall
+    found = _together(two & (missed < ON_WALL_M), left)
     if not found.any():
         return None
     off_rad = float(np.median(missed[found])) / settings.m_per_rad
@@ -174,18 +181,42 @@ def _grown(found: Bool, more: Bool, near_m: Float) -> Bool:
         found = grown
 
 
-def _together(patches: Bool) -> Bool:
-    """Return those of the patches that lie side by side, corners included, with enough others."""
-    left = {(int(row), int(column)) for row, column in np.argwhere(patches)}
+@dataclass(frozen=True, eq=False)
+class _Walls:
+    """Walls by their ranges, (n, rows, columns), and the amplitude of their direct light where they are seen freely, (n,)."""
+
+    range_m: Float
+    amplitude: Float
+
+    @classmethod
+    def of(cls, range_m: Float, amplitude: Float, among: Bool, grid: PatchGrid, /) -> "_Walls":
+        """Return the walls that the patches `among` see."""
+        walls = walls_behind(range_m, among, grid)
+        on_wall = among & (np.abs(walls - range_m) < ON_PLANE * range_m)
+        typical = [float(np.median(amplitude[here])) if here.any() else np.inf for here in on_wall]
+        return cls(walls, np.array(typical))
+
+    def nearest(self, range_m: Float, /) -> tuple[Float, Float]:
+        """Return the amplitude of the wall nearest to these ranges, (rows, columns), and how far that is from them."""
+        if not self.amplitude.size:
+            return np.full(range_m.shape, np.inf), np.full(range_m.shape, np.inf)
+        off = np.abs(self.range_m - range_m)
+        return self.amplitude[off.argmin(axis=0)], off.min(axis=0)
+
+
+def _together(patches: Bool, left: Float) -> Bool:
+    """Return those of the patches that lie side by side, corners included, with enough others, of whose wall enough is left."""
+    waiting = {(int(row), int(column)) for row, column in np.argwhere(patches)}
     found = np.zeros_like(patches)
-    while left:
-        group, edge = [], [left.pop()]
+    while waiting:
+        group, edge = [], [waiting.pop()]
         while edge:
             row, column = here = edge.pop()
             group.append(here)
-            beside = {(row + i, column + j) for i in (-1, 0, 1) for j in (-1, 0, 1)} & left
-            left -= beside
+            beside = {(row + i, column + j) for i in (-1, 0, 1) for j in (-1, 0, 1)} & waiting
+            waiting -= beside
             edge.extend(beside)
-        if len(group) >= LEAST_PATCHES:
-            found[tuple(np.array(group).T)] = True
+        these = tuple(np.array(group).T)
+        if len(group) >= LEAST_PATCHES and np.median(left[these]) >= LEAST_LEFT:
+            found[these] = True
     return found

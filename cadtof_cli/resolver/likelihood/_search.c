@@ -10,22 +10,24 @@
 #define PY_SSIZE_T_CLEAN
 #include <Python.h>
 
-#include "_instruction_sets.h"
+#include "../_instruction_sets.h"
 #include "_search.h"
 #include "_scan.h"
-#include "../two_path/_kernel_buffers.h"
+#include "../_buffers.h"
 
 typedef struct {
     const char *name;
     void (*search)(const Search *search);
     void (*scan)(const Scan *scan);
+    void (*weigh)(const Weigh *weigh);
     int (*supported)(void);
 } Level;
 
 #define FUNCTION(name, attributes, supported) \
     attributes static void search_##name(const Search *search) { search_all(search); } \
-    attributes static void scan_##name(const Scan *scan) { scan_all(scan); }
-#define LISTED(name, attributes, supported) {#name, search_##name, scan_##name, supported},
+    attributes static void scan_##name(const Scan *scan) { scan_all(scan); } \
+    attributes static void weigh_##name(const Weigh *weigh) { weigh_all(weigh); }
+#define LISTED(name, attributes, supported) {#name, search_##name, scan_##name, weigh_##name, supported},
 FOR_EACH_LEVEL(FUNCTION)
 static const Level LEVELS[] = {FOR_EACH_LEVEL(LISTED)};
 #define LEVEL_COUNT (sizeof LEVELS / sizeof *LEVELS)
@@ -130,6 +132,46 @@ static PyObject *solve_problems(PyObject *module, PyObject *arguments) {
     Py_RETURN_NONE;
 }
 
+/* --- the weights --------------------------------------------------------------------------------------------------------- */
+
+enum { WEIGH_HARMONICS, NOISE, WEIGH_POINTS, WEIGH_WEIGHTS, WEIGH_BUFFERS };
+static const Wanted WEIGH_WANTED[WEIGH_BUFFERS] = {
+    {"harmonics", "q l ", 8, 0, 0}, {"noise", "d ", 8, 0, 0}, {"points", "d ", 8, 0, 0}, {"weights", "d ", 8, 0, 1}};
+
+/* Whether all buffers fit as many pixels as `points` has; or set an error. */
+static int weigh_fits(int paths, const Py_buffer *view) {
+    if (!is_known(WEIGHTED, paths, 0, &view[WEIGH_HARMONICS])) return 0;
+    const int64_t rows = values_in(&view[WEIGH_HARMONICS]), count = values_in(&view[WEIGH_POINTS]) / (3 * paths);
+    const int64_t values[WEIGH_BUFFERS] = {rows, 3 * rows, 3 * paths * count, 3 * rows * count};
+    for (int which = 0; which < WEIGH_BUFFERS; which++)
+        if (!has_values(WEIGH_WANTED[which].name, &view[which], values[which])) return 0;
+    return lies_apart(&view[WEIGH_WEIGHTS], WEIGH_WANTED, view, WEIGH_BUFFERS);
+}
+
+static PyObject *weigh_pixels(PyObject *module, PyObject *arguments) {
+    (void)module;
+    const char *name;
+    int paths;
+    PyObject *object[WEIGH_BUFFERS];
+    if (!PyArg_ParseTuple(arguments, "siOOOO", &name, &paths, &object[0], &object[1], &object[2], &object[3])) return NULL;
+    const Level *level = find_level(name);
+    if (!level) return NULL;
+    Py_buffer view[WEIGH_BUFFERS];
+    memset(view, 0, sizeof view);
+    const int sound = get_buffers(WEIGH_WANTED, WEIGH_BUFFERS, object, view) && weigh_fits(paths, view);
+    if (sound) {
+        const int64_t count = values_in(&view[WEIGH_POINTS]) / (3 * paths);
+        const Weigh weigh = {paths, (int)values_in(&view[WEIGH_HARMONICS]), count, view[WEIGH_HARMONICS].buf, view[NOISE].buf,
+                             view[WEIGH_POINTS].buf, view[WEIGH_WEIGHTS].buf};
+        Py_BEGIN_ALLOW_THREADS
+        level->weigh(&weigh);
+        Py_END_ALLOW_THREADS
+    }
+    release_buffers(view, WEIGH_BUFFERS);
+    if (!sound) return NULL;
+    Py_RETURN_NONE;
+}
+
 /* --- the scan ------------------------------------------------------------------------------------------------------------ */
 
 enum { FACTORS, LAGS, SCAN_RE, SCAN_IM, FIRST, LAG, PEAK, OTHER, SCAN_BUFFERS };
@@ -200,6 +242,9 @@ static PyMethodDef METHODS[] = {
     {"scan", scan_pixels, METH_VARARGS,
      "scan(level, rows, places, pairs, factors, lags, re, im, first, lag, peak, other)\n\n"
      "Find the path or pair of a grid of delays that explains most. Everybody but the tests calls it through compiled.py."},
+    {"weigh", weigh_pixels, METH_VARARGS,
+     "weigh(level, paths, harmonics, noise, points, weights)\n\n"
+     "Find the weights that the noise of the light of some paths gives. Everybody but the tests calls it through compiled.py."},
     {"levels", levels, METH_NOARGS, "Names of the instruction sets that this processor has, the fastest first."},
     {NULL, NULL, 0, NULL}};
 

@@ -100,18 +100,20 @@ static KERNEL_INLINE inline void unit_rotor(const Row *re, const Row *im, Row *m
     *sin = *im * scale;
 }
 
-/* rotors.py: powers. Only powers that lead to one of the rows' are computed. */
+/* rotors.py: product. */
+static KERNEL_INLINE inline void multiply(const Row *a, const Row *b, Row *to) {
+    const Row re = a[0] * b[0] - a[1] * b[1], im = a[0] * b[1] + a[1] * b[0];
+    to[0] = re;
+    to[1] = im;
+}
+
+/* rotors.py: powers. */
 static KERNEL_INLINE inline void powers(const Search *search, const Row *cos, const Row *sin, Row (*power)[2]) {
     int64_t most = 1;
     for (int row = 0; row < search->rows; row++) most = search->harmonics[row] > most ? search->harmonics[row] : most;
     power[1][0] = *cos;
     power[1][1] = *sin;
-    for (int64_t h = 2; h <= most; h++) {
-        const Row *a = power[h / 2], *b = power[h - h / 2];
-        const Row re = a[0] * b[0] - a[1] * b[1], im = a[0] * b[1] + a[1] * b[0];
-        power[h][0] = re;
-        power[h][1] = im;
-    }
+    for (int64_t h = 2; h <= most; h++) multiply(power[h / 2], power[h - h / 2], power[h]);
 }
 
 /* What the paths leave of a row's phasor. */
@@ -359,6 +361,65 @@ static KERNEL_INLINE inline void search_kind(const Search *search, enum kind kin
             if (any(&ends)) held -= exchange(search, lanes, &ends, &stopped, &next, entries, points);
         }
     }
+}
+
+/* The noise of the light of some paths, as weights; arrays of planes of `count` numbers. */
+typedef struct {
+    int paths, rows;
+    int64_t count;
+    const int64_t *harmonics;
+    const double *noise; /* of each row: level, double and averaging of HarmonicNoise.covariance */
+    const double *points;
+    double *weights; /* re_re, re_im, im_im, a plane a row each */
+} Weigh;
+
+/* mixture.py: Mixture.phasors of one harmonic. */
+static KERNEL_INLINE inline void light_of(const Row *amplitude, Row (*rotor)[2 * MOST_HARMONIC + 1][2], int paths, int64_t h, Row *re,
+                                          Row *im) {
+    *re = amplitude[0] * rotor[0][h][0];
+    *im = amplitude[0] * rotor[0][h][1];
+    for (int k = 1; k < paths; k++) {
+        *re += amplitude[k] * rotor[k][h][0];
+        *im += amplitude[k] * rotor[k][h][1];
+    }
+}
+
+/* mixture.py: WeightedFit.around, with HarmonicNoise.covariance. */
+static KERNEL_INLINE inline void weigh_lanes(const Weigh *weigh, int64_t start, int held) {
+    Row amplitude[MOST_PATHS], rotor[MOST_PATHS][2 * MOST_HARMONIC + 1][2], total = ALL(0.0);
+    const int k = weigh->paths;
+    int64_t most = 1;
+    for (int row = 0; row < weigh->rows; row++) most = weigh->harmonics[row] > most ? weigh->harmonics[row] : most;
+    for (int i = 0; i < k; i++) {
+        for (int lane = 0; lane < LANES; lane++) {
+            const double *point = weigh->points + start + (lane < held ? lane : 0);
+            LANE(amplitude[i], lane) = point[i * weigh->count];
+            LANE(rotor[i][1][0], lane) = point[(k + i) * weigh->count];
+            LANE(rotor[i][1][1], lane) = point[(2 * k + i) * weigh->count];
+        }
+        total = i ? total + amplitude[i] : amplitude[i];
+        for (int64_t h = 2; h <= 2 * most; h++) multiply(rotor[i][h / 2], rotor[i][h - h / 2], rotor[i][h]);
+    }
+    total = SELECT(BELOW(total, ALL(1.0)), ALL(1.0), total);
+    for (int i = 0; i < k; i++) amplitude[i] /= total;
+    for (int row = 0; row < weigh->rows; row++) {
+        const int64_t h = weigh->harmonics[row];
+        const double level = weigh->noise[3 * row], twice = weigh->noise[3 * row + 1], averaging = weigh->noise[3 * row + 2];
+        Row re, im, re2, im2;
+        light_of(amplitude, rotor, k, h, &re, &im);
+        light_of(amplitude, rotor, k, 2 * h, &re2, &im2);
+        const Row re_re = level + twice * re2 - averaging * re * re, im_im = level - twice * re2 - averaging * im * im;
+        const Row re_im = twice * im2 - averaging * re * im, scale = 1.0 / (re_re * im_im - re_im * re_im);
+        const Row entry[3] = {im_im * scale, -re_im * scale, re_re * scale};
+        for (int part = 0; part < 3; part++)
+            for (int lane = 0; lane < held; lane++)
+                weigh->weights[(part * weigh->rows + row) * weigh->count + start + lane] = ((const double *)&entry[part])[lane];
+    }
+}
+
+static KERNEL_INLINE inline void weigh_all(const Weigh *weigh) {
+    for (int64_t start = 0; start < weigh->count; start += LANES)
+        weigh_lanes(weigh, start, weigh->count - start < LANES ? (int)(weigh->count - start) : LANES);
 }
 
 static KERNEL_INLINE inline void search_all(const Search *search) {

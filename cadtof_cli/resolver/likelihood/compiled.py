@@ -102,6 +102,19 @@ def compiled_ends(
     return ends
 
 
+def compiled_weights(points: Float, /, *, harmonics: tuple[int, ...], noise: Float, kernel: str) -> Float | None:
+    """Return the inverse covariances' entries of n pixels, (3, N, n), for the light of points (3·K, n); None where numpy has to.
+
+    `noise`, (N, 3), is level, double and averaging of each harmonic (`HarmonicNoise.covariance_terms`).
+    """
+    compiled, paths = compiled_search(), len(points) // 3
+    if compiled is None or not Planes(WEIGHTED, paths, harmonics, points, points).fits:
+        return None
+    weights = np.empty((3, len(harmonics), points.shape[1]))
+    compiled.weigh(kernel, paths, np.array(harmonics, np.int64), noise, np.ascontiguousarray(points), weights)
+    return weights
+
+
 @dataclass(frozen=True)
 class Scanned:
     """The best of a grid's delays for n pixels, (n,) each.

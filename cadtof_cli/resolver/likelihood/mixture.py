@@ -12,9 +12,10 @@ import numpy as np
 from cadtof_cli.arrays import Complex, Float, Index
 from cadtof_cli.phasors.noise import NoiseModel
 from cadtof_cli.phasors.rotors import Rotor, powers, product, unit_rotor
-from cadtof_cli.resolver.likelihood.compiled import WEIGHTED, WHITE, Planes
+from cadtof_cli.resolver.likelihood.compiled import WEIGHTED, WHITE, Planes, compiled_weights
 from cadtof_cli.resolver.likelihood.levenberg_marquardt import Linearised
 from cadtof_cli.resolver.likelihood.normal_equations import entry
+from cadtof_cli.resolver.two_path.kernel import NUMPY, chosen_kernel
 
 
 @dataclass(frozen=True)
@@ -127,17 +128,22 @@ class WhiteFit:
 
 @dataclass(frozen=True)
 class WeightedFit:
-    """The fit with the full noise of each harmonic: the inverse covariances' entries re·re, re·im and im·im, (N, n) each."""
+    """The fit with the full noise of each harmonic: the inverse covariances' entries re·re, re·im and im·im, (3, N, n)."""
 
     measured: Measured
-    re_re: Float
-    re_im: Float
-    im_im: Float
+    weights: Float
 
     @classmethod
-    def around(cls, measured: Measured, paths: Mixture, /, *, noise: NoiseModel) -> "WeightedFit":
-        """Return the fit with the noise that the light of the given paths would have."""
-        harmonics = measured.harmonics
+    def around(
+        cls, measured: Measured, paths: Mixture, /, *, noise: NoiseModel, kernel: str | None = None
+    ) -> "WeightedFit":
+        """Return the fit with the noise that the light of the given paths would have; any `kernel` gives the same bits."""
+        harmonics, kernel = measured.harmonics, kernel or chosen_kernel()
+        if kernel != NUMPY:
+            terms = np.array([one.covariance_terms for one in noise.each])
+            weights = compiled_weights(paths.points, harmonics=harmonics, noise=terms, kernel=kernel)
+            if weights is not None:
+                return cls(measured, weights)
         total = np.maximum(_summed(paths.amplitude), 1.0)
         light = Mixture(paths.amplitude / total, paths.cos, paths.sin)
         single, doubled = light.phasors(harmonics), light.phasors(tuple(2 * h for h in harmonics))
@@ -148,7 +154,7 @@ class WeightedFit:
             )
             scale = 1.0 / (re_re * im_im - re_im * re_im)
             entries[:, row] = im_im * scale, -re_im * scale, re_re * scale
-        return cls(measured, *entries)
+        return cls(measured, entries)
 
     def linearised(self, points: Float, /) -> Linearised:
         """Return the normal equations with their weights."""
@@ -158,7 +164,7 @@ class WeightedFit:
         rotors = powers((paths.cos, paths.sin), self.measured.harmonics)
         for row, (h, (cos, sin)) in enumerate(zip(self.measured.harmonics, rotors, strict=True)):
             re, im = self.measured.rest(row, paths.amplitude, (cos, sin))
-            a, b, d = self.re_re[row], self.re_im[row], self.im_im[row]
+            a, b, d = self.weights[:, row]
             slopes_re, slopes_im = np.concatenate((cos, -h * sin)), np.concatenate((sin, h * cos))
             weighted_re, weighted_im = a * slopes_re + b * slopes_im, b * slopes_re + d * slopes_im
             cost += (a * re + 2.0 * b * im) * re + d * im * im
@@ -174,11 +180,11 @@ class WeightedFit:
 
     def planes(self, points: Float, /) -> Planes:
         """Return them for the compiled search."""
-        one, weights = self.measured, np.stack((self.re_re, self.re_im, self.im_im))
-        return Planes(WEIGHTED, len(points) // 3, one.harmonics, one.re, one.im, weights)
+        one = self.measured
+        return Planes(WEIGHTED, len(points) // 3, one.harmonics, one.re, one.im, self.weights)
 
     def __getitem__(self, chosen: Index, /) -> Self:
-        return type(self)(self.measured[chosen], self.re_re[:, chosen], self.re_im[:, chosen], self.im_im[:, chosen])
+        return type(self)(self.measured[chosen], self.weights[:, :, chosen])
 
 
 def moved_paths(points: Float, steps: Float, /) -> Float:

@@ -10,74 +10,31 @@
 #define PY_SSIZE_T_CLEAN
 #include <Python.h>
 
-#if defined(__GNUC__) || defined(__clang__)
-#define KERNEL_INLINE __attribute__((always_inline))
-#else
-#define KERNEL_INLINE
-#endif
-#ifdef _MSC_VER
-#define restrict __restrict
-#pragma fp_contract(off)
-#elif defined(__clang__)
-#pragma STDC FP_CONTRACT OFF
-#endif
+#include "../_instruction_sets.h"
 #include "_kernel_answers.h"
-#include "_kernel_buffers.h"
+#include "../_buffers.h"
 #include "../diffuse/_tail_buffers.h"
 #include "../response/_search.h"
 
 /* --- one function for every instruction set ----------------------------------------------------------------------------- */
 
-typedef void Resolve(const Frame *frame, int64_t start, int64_t stop);
-typedef void Answer(const TailAnswers *answers, int64_t start, int64_t stop);
-typedef void SearchAll(const Search *search);
 typedef struct {
     const char *name;
-    Resolve *resolve;
-    Answer *answer;
-    SearchAll *search;
+    void (*resolve)(const Frame *frame, int64_t start, int64_t stop);
+    void (*answer)(const TailAnswers *answers, int64_t start, int64_t stop);
+    void (*search)(const Search *search);
     int (*supported)(void);
 } Level;
 
-#define LEVEL(name, attributes) \
+#define FUNCTIONS(name, attributes, supported) \
     attributes static void resolve_##name(const Frame *frame, int64_t start, int64_t stop) { resolve_pixels(frame, start, stop); } \
     attributes static void answer_##name(const TailAnswers *answers, int64_t start, int64_t stop) { \
         answer_pixels(answers, start, stop); \
     } \
     attributes static void search_##name(const Search *search) { search_pixels(search); }
-
-static int always(void) { return 1; }
-
-#if defined(__x86_64__) && (defined(__GNUC__) || defined(__clang__))
-#include <cpuid.h>
-#ifdef __clang__
-#define WIDE
-#else
-#define WIDE ",prefer-vector-width=512"
-#endif
-LEVEL(avx512, __attribute__((target("avx2,avx512f,avx512dq,avx512bw,avx512vl" WIDE))))
-LEVEL(avx2, __attribute__((target("avx2"))))
-LEVEL(sse2, )
-
-/* Asked of the processor itself: not every compiler's runtime library answers __builtin_cpu_supports. */
-static int has(unsigned saved_state, unsigned features) {
-    unsigned eax, ebx, ecx, edx, low, high;
-    if (!__get_cpuid(1, &eax, &ebx, &ecx, &edx) || !(ecx & bit_OSXSAVE)) return 0;
-    __asm__("xgetbv" : "=a"(low), "=d"(high) : "c"(0));
-    if ((low & saved_state) != saved_state || !__get_cpuid_count(7, 0, &eax, &ebx, &ecx, &edx)) return 0;
-    return (ebx & features) == features;
-}
-static int has_avx512(void) { return has(0xe6, bit_AVX512F | bit_AVX512DQ | bit_AVX512BW | bit_AVX512VL); }
-static int has_avx2(void) { return has(0x06, bit_AVX2); }
-static const Level LEVELS[] = {
-    {"avx512", resolve_avx512, answer_avx512, search_avx512, has_avx512}, {"avx2", resolve_avx2, answer_avx2, search_avx2, has_avx2}, {"sse2", resolve_sse2, answer_sse2, search_sse2, always}};
-#elif defined(__aarch64__) || defined(_M_ARM64)
-LEVEL(neon, )
-static const Level LEVELS[] = {{"neon", resolve_neon, answer_neon, search_neon, always}};
-#else
-LEVEL(plain, )
-static const Level LEVELS[] = {{"plain", resolve_plain, answer_plain, search_plain, always}};
-#endif
+#define LISTED(name, attributes, supported) {#name, resolve_##name, answer_##name, search_##name, supported},
+FOR_EACH_LEVEL(FUNCTIONS)
+static const Level LEVELS[] = {FOR_EACH_LEVEL(LISTED)};
 #define LEVEL_COUNT (sizeof LEVELS / sizeof *LEVELS)
 
 static const Level *find_level(const char *name) {

@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from cadtof_cli.resolver.diffuse.coarse import CoarsePlanes, coarse_planes, needed_entries, patch_posterior
+from cadtof_cli.resolver.diffuse.coarse import Beside, CoarsePlanes, coarse_planes, needed_entries, patch_posterior
 from cadtof_cli.resolver.diffuse.patch_fit import PatchFit
 from cadtof_cli.resolver.diffuse.prior import WITHIN_PATCH
+from tests.support.diffuse_frames import F
 
 DATA, PATCHES = 3, 4
 VALID = np.array([[True, True, False], [True, False, True]])
@@ -23,16 +24,31 @@ def fit(seed: int = 1, *, targets: tuple[float, float] = (0.3, -0.4)) -> PatchFi
     return PatchFit(room, np.zeros((6, 6)), state, expected, expected.copy(), covariance, jacobian)
 
 
-def planes(known: PatchFit, beside_rad: float) -> CoarsePlanes:
+def error_of(variance: float) -> F:
+    """Errors of the data alone, alike and independent."""
+    error = np.zeros((DATA + 2, DATA + 2, PATCHES))
+    error[range(DATA), range(DATA)] = variance
+    return error
+
+
+def kept(chi_squared: float) -> float:
+    """What a patch leaves to its pixels with two harmonics, over its posterior variance."""
+    return 0.3 + 6.0 * chi_squared
+
+
+def beside(continued_rad: float = 0.0, guessed_rad: float = 0.0) -> Beside:
+    return Beside(np.full(PATCHES, continued_rad), np.full(PATCHES, guessed_rad))
+
+
+def planes(known: PatchFit, light: Beside) -> CoarsePlanes:
     data = known.expected[:DATA] + 0.01
-    noise = 1e-3 * np.repeat(np.eye(DATA)[..., None], PATCHES, axis=2)
-    posterior = patch_posterior(data, noise, known)
-    return coarse_planes(known, posterior, np.full(PATCHES, beside_rad), VALID)
+    posterior = patch_posterior(data, error_of(1e-3), known)
+    return coarse_planes(known, posterior, light, VALID)
 
 
 def test_valid_patches_keep_their_means_and_the_others_get_theirs() -> None:
     known = fit()
-    found = planes(known, 0.0)
+    found = planes(known, beside())
     assert found.data == DATA
     for plane, expected in zip(found.planes, known.expected, strict=False):
         assert_allclose(plane[VALID], expected, rtol=1e-6)
@@ -44,30 +60,30 @@ def test_a_pixel_needs_all_of_its_data_and_what_ties_the_targets_to_them() -> No
 
 
 def test_what_a_patch_leaves_is_what_its_data_do_not_tell() -> None:
-    """Against numpy's own conditioning of a Gaussian, times what PATCH_SHARE and SURPRISE make of it."""
+    """Against numpy's own conditioning of a Gaussian, times what what patches have in common makes of it."""
     known = fit()
-    found = planes(known, 0.0)
+    found = planes(known, beside())
     for patch in range(PATCHES):
         whole = known.covariance[:, :, patch]
         among = whole[:DATA, :DATA] + 1e-3 * np.eye(DATA)
         between = whole[DATA:, :DATA]
         left = whole[DATA:, DATA:] - between @ np.linalg.solve(among, between.T)
         off = np.full(DATA, 0.01)
-        chi_squared = off @ np.linalg.solve(among, off)
-        kept = 1.7 + 0.35 * chi_squared
-        assert found.planes[-2][VALID][patch] == pytest.approx(kept * left[1, 1], rel=1e-4)
+        chi_squared = float(off @ np.linalg.solve(among, off))
+        share = kept(chi_squared)
+        assert found.planes[-2][VALID][patch] == pytest.approx(share * left[1, 1], rel=1e-4)
 
 
-def test_light_of_surfaces_beside_the_view_moves_arg_h_and_makes_it_unsure() -> None:
-    """Two harmonics have 2 data of phase and modulus …: what they leave out falls with their number."""
+def test_with_two_harmonics_light_of_surfaces_beside_the_view_moves_arg_h() -> None:
+    """By .22 of what the continued border sends, and by .15 of what guessed walls would; these are unsure by .35 of it."""
     known = fit()
-    without, beside = planes(known, 0.0), planes(known, 0.2)
-    unsure = 0.2 / (DATA // 2)
-    moved = beside.planes[: DATA + 2] - without.planes[: DATA + 2]
-    assert_allclose(moved[: DATA + 1], 0.0, atol=1e-7)
-    assert_allclose(moved[-1], 0.3 * unsure, rtol=1e-4)
-    assert_allclose(beside.planes[-2] - without.planes[-2], (0.5 * unsure) ** 2, rtol=1e-3)
-    assert (beside.planes[-1] > without.planes[-1]).all()
+    without = planes(known, beside())
+    for light, moved, unsure in ((beside(0.2), 0.22 * 0.2, 0.0), (beside(0.0, 0.1), 0.15 * 0.1, 0.35 * 0.1)):
+        found = planes(known, light)
+        difference = found.planes[: DATA + 2] - without.planes[: DATA + 2]
+        assert_allclose(difference[: DATA + 1], 0.0, atol=1e-7)
+        assert_allclose(difference[-1], moved, rtol=1e-4)
+        assert_allclose(found.planes[-2] - without.planes[-2], unsure**2, rtol=1e-3, atol=1e-9)
 
 
 @pytest.mark.parametrize("targets", [(0.3, -0.4), (0.05, -0.2), (1.0, 0.5)])
@@ -84,12 +100,14 @@ def test_the_phase_of_the_mpi_light_is_as_unsure_as_repetitions_show(targets: tu
         1e-3 * known.jacobian,
     )
     data = small.expected[:DATA]
-    posterior = patch_posterior(data, 1e-9 * np.repeat(np.eye(DATA)[..., None], PATCHES, axis=2), small)
-    found = coarse_planes(small, posterior, np.zeros(PATCHES), VALID)
+    posterior = patch_posterior(data, error_of(1e-9), small)
+    found = coarse_planes(small, posterior, beside(), VALID)
     spread = np.einsum("jan,j,jbn->abn", small.jacobian, WITHIN_PATCH**2, small.jacobian)[-2:, -2:]
     rng = np.random.default_rng(4)
     for patch in range(PATCHES):
-        left = 1.7 * np.array([[posterior.covariance[max(i, j), min(i, j)][patch] for j in range(2)] for i in range(2)])
+        left = kept(posterior.chi_squared[patch]) * np.array(
+            [[posterior.covariance[max(i, j), min(i, j)][patch] for j in range(2)] for i in range(2)]
+        )
         drawn = rng.multivariate_normal(targets, left + spread[..., patch], size=40_000)
         phase = np.angle(1.0 - np.exp(-drawn[:, 0] - 1j * drawn[:, 1]))
         assert found.planes[-1][VALID][patch] == pytest.approx(phase.var(), rel=0.05)

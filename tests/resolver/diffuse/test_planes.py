@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from cadtof_cli.resolver.diffuse.beyond import surfaces_beyond
+from cadtof_cli.resolver.diffuse.beyond import surfaces_beyond, surfaces_guessed
 from cadtof_cli.resolver.diffuse.grid import PatchGrid, View, assumed_view, patch_grid
 from cadtof_cli.resolver.diffuse.planes import PatchPlanes, Surfaces, patch_planes
 from tests.support.diffuse_frames import F, wall_range
@@ -77,6 +77,19 @@ def test_pieces_beyond_the_view_lie_on_the_wall_that_goes_on_there() -> None:
     np.testing.assert_allclose(point[2] + TILT[0] * point[0] + TILT[1] * point[1], 2.5, rtol=0.02)
     x, y = FOCAL * point[0] / point[2], FOCAL * point[1] / point[2]
     assert ((np.abs(x) > WIDTH / 2 - 1) | (np.abs(y) > HEIGHT / 2 - 1)).all()
+
+
+def test_walls_that_are_not_seen_are_guessed_before_the_one_that_is() -> None:
+    """At right angles to it, and outside the view."""
+    found = planes_of(tilted())
+    pieces = surfaces_guessed(found.surfaces, found.found, grid())
+    assert len(pieces.range_m) > 10
+    np.testing.assert_allclose((pieces.normal * NORMAL[:, None]).sum(0), 0.0, atol=0.02)
+    point = pieces.ray * pieces.range_m
+    assert (point[2] + TILT[0] * point[0] + TILT[1] * point[1] < 2.5).all()
+    x, y = FOCAL * point[0] / point[2], FOCAL * point[1] / point[2]
+    assert ((np.abs(x) > WIDTH / 2 - 1) | (np.abs(y) > HEIGHT / 2 - 1)).all()
+    np.testing.assert_allclose(pieces.cosine, -(pieces.normal * pieces.ray).sum(0))
 
 
 def test_unknown_optics_are_sixty_degrees_across() -> None:

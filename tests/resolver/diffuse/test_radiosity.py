@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from cadtof_cli.resolver.diffuse.planes import Surfaces
-from cadtof_cli.resolver.diffuse.radiosity import LATER_ALBEDO, LATER_BOUNCES, interreflections
+from cadtof_cli.resolver.diffuse.radiosity import LATER_ALBEDO, LATER_BOUNCES, interreflections, light_of
 from tests.support.diffuse_frames import C_M_PER_NS, OMEGA, F
 
 RADIUS = 2.0
@@ -57,6 +57,31 @@ def test_surfaces_that_face_away_give_none() -> None:
     light = interreflections(outside, nothing(), np.full(POINTS, 0.3), harmonics=(1, 2), rad_per_m=1.0)
     assert np.abs(light.seen).max() == 0.0
     assert np.abs(light.later).max() == 0.0
+
+
+@pytest.mark.parametrize("distance_m", [0.5, 1.0, 2.0])
+def test_light_of_one_piece_is_that_of_two_pieces_that_face_each_other(distance_m: float) -> None:
+    """A small piece A at (0, 0, 2) m and one beside the axis that looks at it: E·F·exp(iω(d_s + r − d)/c) over E of A."""
+    wall = Surfaces(
+        np.array([2.0]), np.array([[0.6], [0.0], [-0.8]]), np.array([[0.0], [0.0], [1.0]]), np.array([0.8]), np.ones(1)
+    )
+    place = np.array([0.6, 0.0, -0.8]) * distance_m + np.array([0.0, 0.0, 2.0])
+    range_m = float(np.linalg.norm(place))
+    ray = place / range_m
+    normal = np.array([-0.6, 0.0, 0.8])
+    lit = 0.4
+    source = Surfaces(np.array([range_m]), normal[:, None], ray[:, None], np.array([lit]), np.array([0.01]))
+    form = 0.01 / (np.pi * distance_m**2 + 0.01)
+    expected = form * lit / range_m**2 / (0.8 / 4.0) * np.exp(1j * 1.5 * (range_m + distance_m - 2.0))
+    np.testing.assert_allclose(light_of(source, wall, rad_per_m=1.5), [expected], rtol=1e-6)
+
+
+def test_a_closed_sphere_leaves_nothing_open() -> None:
+    light = interreflections(sphere(), nothing(), np.full(POINTS, 0.3), harmonics=(1,), rad_per_m=0.0)
+    np.testing.assert_allclose(light.open_share, 0.0, atol=0.03)
+    half = sphere().ray[2] > 0
+    light = interreflections(sphere()[half], nothing(), np.full(half.sum(), 0.3), harmonics=(1,), rad_per_m=0.0)
+    np.testing.assert_allclose(light.open_share, 0.5, atol=0.03)
 
 
 def pieces(count: int, seed: int) -> Surfaces:

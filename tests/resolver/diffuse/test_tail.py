@@ -23,7 +23,7 @@ def model(n: int = 40, seed: int = 1, strength: float = 0.3) -> TailModel:
         size = (len(HARMONICS), n)
         return np.asarray(strength * np.exp(0.5j * np.pi * rng.random(size)) * rng.random(size))
 
-    return TailModel(Interreflections(some(), some(), some(), np.ones(n)), HARMONICS, OMEGA)
+    return TailModel(Interreflections(some(), some(), some(), np.ones(n), np.ones(n)), HARMONICS, OMEGA)
 
 
 def states(n: int = 40, seed: int = 2) -> F:
@@ -43,7 +43,7 @@ def test_the_jacobian_is_the_slope() -> None:
 
 def test_unseen_light_alone_is_an_exponential_that_sets_in_gently() -> None:
     nothing = np.zeros((3, 1), complex)
-    tail = TailModel(Interreflections(nothing, nothing, nothing, np.ones(1)), HARMONICS, OMEGA)
+    tail = TailModel(Interreflections(nothing, nothing, nothing, np.ones(1), np.ones(1)), HARMONICS, OMEGA)
     state = np.array([[0.0], [0.0], [0.0], [np.log(0.2)], [np.log(9.0)], [4.5]])
     start = Tail(0.2 * 9.0 / REFERENCE_DECAY_NS, 4.5, 9.0)
     light = [1 + start.phasor(h) * np.exp(-0.5 * (h * OMEGA * ONSET_NS) ** 2) for h in HARMONICS]

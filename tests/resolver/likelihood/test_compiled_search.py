@@ -94,6 +94,40 @@ def test_a_problem_ends_the_same_whichever_others_are_solved_with_it(search: Mod
     assert_same_bits(SOLVERS[0].solve(problem[some], starts[:, some], kernel=search.levels()[0]), whole[some])
 
 
+@pytest.mark.parametrize("paths", [1, 2, 4])
+@pytest.mark.parametrize("harmonics", [(1, 2, 3), (1, 16), (1,)])
+def test_weights_are_the_same_bits(search: ModuleType, harmonics: tuple[int, ...], paths: int) -> None:
+    for count in COUNTS:
+        rng = np.random.default_rng(count)
+        rows = hard(3 * paths, count, rng)
+        light = Mixture.of_points(5.0 * rows.real)
+        measured = Measured.of_phasors(hard(len(harmonics), count, rng), harmonics=harmonics)
+        with np.errstate(all="ignore"):
+            expected = WeightedFit.around(measured, light, noise=noise_of(harmonics, n_av=1e4), kernel=NUMPY)
+            for level in search.levels():
+                found = WeightedFit.around(measured, light, noise=noise_of(harmonics, n_av=1e4), kernel=level)
+                np.testing.assert_array_equal(found.weights, expected.weights)
+
+
+def test_buffers_of_weights_that_do_not_fit_are_errors(search: ModuleType) -> None:
+    sound = [search.levels()[0], 1, np.array([1], np.int64), np.ones((1, 3)), np.ones((3, 2)), np.empty((3, 1, 2))]
+    search.weigh(*sound)
+    for place, value in (
+        (0, "mmx"),
+        (1, 0),
+        (1, 5),
+        (2, np.array([17], np.int64)),
+        (3, np.ones((2, 3))),
+        (4, np.ones((4, 2))),
+        (5, np.empty((3, 1, 3))),
+        (5, sound[4]),
+    ):
+        given = list(sound)
+        given[place] = value
+        with pytest.raises((ValueError, TypeError, BufferError)):
+            search.weigh(*given)
+
+
 @pytest.mark.parametrize("pairs", [True, False])
 @pytest.mark.parametrize("harmonics", [(1, 2, 3), (1, 3), (1,), (1, 2, 7), (1, 2, 4, 5)])
 def test_scans_find_the_same_bits(search: ModuleType, harmonics: tuple[int, ...], pairs: bool) -> None:

@@ -5,6 +5,7 @@
 #define KERNEL_INLINE
 #endif
 #ifdef _MSC_VER
+#define restrict __restrict
 #pragma fp_contract(off)
 #elif defined(__clang__)
 #pragma STDC FP_CONTRACT OFF

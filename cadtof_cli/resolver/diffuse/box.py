@@ -1,0 +1,90 @@
+"""The walls of a room that a view does not show: guessed at right angles to those that it does, so that the room is a box."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cadtof_cli.arrays import Bool, Float
+from cadtof_cli.resolver.diffuse.planes import Surfaces
+
+PARALLEL = 0.97
+"""Least cosine between normals of one direction: 14°, what MPI bends a wall by before it is known."""
+
+UPRIGHT = 0.25
+"""Largest cosine between the first two directions of walls before the second is turned to a right angle."""
+
+LEAST_SHARE = 0.04
+"""Share of the patches that must face one way for a second direction to be taken from them."""
+
+FARTHEST_SHARE = 0.98
+"""Share of the patches that a wall must lie behind: some ranges are wrong."""
+
+FACING = 0.9
+"""Least cosine between a patch's normal and that of the wall that it lies on."""
+
+ON_WALL = 0.1
+"""Relative distance from a wall within which a patch lies on it."""
+
+SEEN_SHARE = 0.02
+"""Share of the patches that must lie on a wall for it to be seen."""
+
+BEHIND_M = 0.2
+"""How far behind the outermost patch a wall is guessed: near ones give most of the early light that would be missed."""
+
+NEAREST_M = 0.7
+"""Least distance of a wall from the camera: somebody holds it."""
+
+
+@dataclass(frozen=True, eq=False)
+class Box:
+    """Walls around the camera: unit normals away from it, (6, 3), and distances in m, (6,); infinite where they are seen."""
+
+    outward: Float
+    distance_m: Float
+
+    def meet(self, ray: Float, /) -> tuple[Float, Float]:
+        """Return the distance at which unit rays, (3, n), meet the first guessed wall, and its normal towards the camera."""
+        towards = np.einsum("ki,in->kn", self.outward, ray)
+        ahead = towards > 0.0
+        distance = np.where(ahead, self.distance_m[:, None] / np.where(ahead, towards, 1.0), np.inf)
+        first = distance.argmin(0)
+        return distance.min(0), -self.outward[first].T
+
+
+def unseen_walls(seen: Surfaces, /) -> Box:
+    """Return the walls of the box that surfaces, (n,), lie in, as far as none of them lies on a wall."""
+    axes = _axes(seen.normal)
+    outward = np.concatenate([axes, -axes])
+    along = np.einsum("ki,in->kn", outward, seen.ray * seen.range_m)
+    facing = -np.einsum("ki,in->kn", outward, seen.normal) > FACING
+    farthest = np.sort(along, axis=1)[:, int(FARTHEST_SHARE * (along.shape[1] - 1))]
+    on_wall = facing & (np.abs(along - farthest[:, None]) < ON_WALL * np.maximum(farthest, NEAREST_M)[:, None])
+    shown = on_wall.mean(1) > SEEN_SHARE
+    return Box(outward, np.where(shown, np.inf, np.maximum(np.maximum(farthest, 0.0) + BEHIND_M, NEAREST_M)))
+
+
+def _axes(normal: Float) -> Float:
+    """Return three directions at right angles, rows, that most of the normals, (3, n), lie along.
+
+    Where only one is seen, the second is the camera's own horizontal one: cameras are held level.
+    """
+    cosine = np.abs(np.einsum("in,im->nm", normal, normal))
+    alike = cosine > PARALLEL
+    first = _mean_direction(normal, alike, np.ones(len(cosine), np.bool_))
+    upright = np.abs(np.einsum("i,in->n", first, normal)) < UPRIGHT
+    if (alike & upright).sum(1)[upright].max(initial=0) > LEAST_SHARE * len(cosine):
+        second = _mean_direction(normal, alike, upright)
+    else:
+        second = np.array([1.0, 0.0, 0.0]) if abs(first[0]) < PARALLEL else np.array([0.0, 0.0, 1.0])
+    second = second - (second * first).sum() * first
+    second /= np.sqrt((second * second).sum())
+    return np.stack([first, second, np.cross(first, second)])
+
+
+def _mean_direction(normal: Float, alike: Bool, among: Bool) -> Float:
+    """Return the mean of the normals that most others are parallel to, `among` some; opposite ones count as one direction."""
+    most = np.where(among, (alike & among).sum(1), -1).argmax()
+    sign = np.sign(np.einsum("i,in->n", normal[:, most], normal))
+    total = (normal * (sign * (alike[most] & among))).sum(1)
+    direction: Float = total / np.sqrt((total * total).sum())
+    return direction

@@ -1,0 +1,59 @@
+"""What the model gets wrong of a patch's values, whatever the noise: surfaces are neither flat nor matt, and rooms no patches.
+
+The errors of a patch's values have common causes. Light that arrives earlier than the model has it hardly changes the ratios of
+the harmonics but the lag of the fundamental; so what the data differ by from the model says something of the lag's own error.
+"""
+
+import numpy as np
+
+from cadtof_cli.arrays import Complex, Float
+
+RATIO_ERROR = (0.023, 0.02)
+"""Standard deviation of ln|p_h/p_1|: for h = 2, and for the harmonics after it."""
+
+PHASE_ERROR = (0.028, 0.021)
+"""The same of arg p_h − h·arg p_1, rad."""
+
+LAG_WITH_DATA = {1: (-0.5, -0.2), 2: (0.25, -0.45, -0.7, 0.1)}
+"""Covariance of the error of arg H_1 with those of the data, in the data's order, by how many harmonics follow the first."""
+
+UNIT = 0.02**2
+"""Of those covariances."""
+
+
+FULL_MPI = 0.06
+"""Median |q_2 − 1| of a frame's patches from which errors are as large as that: where there is less MPI, less can be wrong of it.
+Nine of ten rendered rooms have more."""
+
+LEAST_SHARE = 0.02
+"""Least share of these errors: no lens is without stray light."""
+
+
+def model_error(ratios: Complex, /) -> Float:
+    """Return the covariance of the errors of a frame's values, (2·further + 2,) * 2, in the order of `tail.free_of_direct`.
+
+    `ratios`, (further, n), are the q_h of its patches. The error of arg H_1 is what those of the data say of it.
+    """
+    error: Float = full_error(len(ratios)) * mpi_share(ratios) ** 2
+    return error
+
+
+def mpi_share(ratios: Complex, /) -> float:
+    """Return which share of the usual errors a frame has whose patches have these q_h, (further, n)."""
+    return float(np.clip(np.median(np.abs(ratios[0] - 1.0)) / FULL_MPI, LEAST_SHARE, 1.0))
+
+
+def full_error(further: int, /) -> Float:
+    """Return that covariance where there is MPI enough, for so many harmonics that follow the first."""
+    error = np.zeros((2 * further + 2, 2 * further + 2))
+    for kind, spread in enumerate((RATIO_ERROR, PHASE_ERROR)):
+        for i in range(further):
+            error[kind * further + i, kind * further + i] = spread[min(i, 1)] ** 2
+    known = min(further, max(LAG_WITH_DATA))
+    ties = np.zeros(2 * further)
+    for kind in range(2):
+        ties[kind * further : kind * further + known] = LAG_WITH_DATA[known][kind * known : (kind + 1) * known]
+    ties *= UNIT
+    error[-1, :-2] = error[:-2, -1] = ties
+    error[-1, -1] = ties @ np.linalg.solve(error[:-2, :-2], ties)
+    return error
