@@ -31,6 +31,7 @@ COMPILED = {
     "resolver/two_path/_kernel": (
         "../_buffers.h",
         "../_instruction_sets.h",
+        "../_module.h",
         "_kernel_answers.h",
         "_kernel_frame.h",
         "_kernel_group.h",
@@ -42,7 +43,7 @@ COMPILED = {
         "../response/_search.h",
         "../response/_search_call.h",
     ),
-    "resolver/likelihood/_search": ("../_buffers.h", "../_instruction_sets.h", "_scan.h", "_search.h"),
+    "resolver/likelihood/_search": ("../_buffers.h", "../_instruction_sets.h", "../_module.h", "_scan.h", "_search.h"),
 }
 """Extension modules, each of one C file in `cadtof_cli`, with the headers beside it."""
 

@@ -3,6 +3,7 @@
 import json
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -28,6 +29,7 @@ from cadtof_cli.frame_plan import MapSettings
 from cadtof_cli.workflows.resolve.settings import FORMAT_CHOICES, ResolveSettings
 
 if TYPE_CHECKING:
+    from cadtof_cli.commands.terminal import Bar
     from cadtof_cli.workflows.run_folder import FrameReport, RunTotals
 
 
@@ -161,28 +163,28 @@ def resolve(
     )
     paths = arriving_paths(inputs, separator=b"\0" if null else b"\n")
     with progress_bar("resolving", "frames", quiet=quiet, log=log) as bar:
-
-        def report_frame(report: "FrameReport") -> None:
-            if dry_run and not as_json:
-                tell(f"{report.source} → {report.output or 'nothing, it is already there'}")
-            if as_json:
-                tell(json.dumps(report.as_json()))
-            if report.status == "failed" or (report.status == "skipped" and not report.is_already_there):
-                bar.warn(f"{report.status}: {report.reason}")
-
         totals = resolve_captures(
             next(paths),
             arriving=paths if STDIN in inputs else None,
             settings=settings,
             overrides=overrides,
             progress=bar,
-            on_frame=report_frame,
+            on_frame=partial(_tell_of_frame, bar, as_json=as_json, dry_run=dry_run),
         )
         summary = _dry_summary(totals, out) if dry_run else _summary(totals, out)
         bar.note(summary)
     if not quiet:
         tell(summary, err=True)
     return 0 if totals.ok + totals.already_there and not totals.failed else 1
+
+
+def _tell_of_frame(bar: "Bar", report: "FrameReport", /, *, as_json: bool, dry_run: bool) -> None:
+    if as_json:
+        tell(json.dumps(report.as_json()))
+    elif dry_run:
+        tell(f"{report.source} → {report.output or 'nothing, it is already there'}")
+    if report.status == "failed" or (report.status == "skipped" and not report.is_already_there):
+        bar.warn(f"{report.status}: {report.reason}")
 
 
 def _dry_summary(totals: "RunTotals", out: Path) -> str:

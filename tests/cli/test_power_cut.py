@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from tests.support.captures import record
+from tests.support.needed import miss
 from tests.support.run_cadtof import ENVIRONMENT, PROGRAM, program
 from tests.support.runs import maps_of, require_same_run
 
@@ -25,9 +26,7 @@ def layer(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The layer that remembers what was synchronised, compiled by the system's compiler."""
     compiler = next(filter(None, map(shutil.which, ("cc", "gcc", "clang"))), None)
     if compiler is None:
-        if os.environ.get("CI") == "true":
-            pytest.fail("no C compiler is installed, and CI must have one")
-        pytest.skip("no C compiler is installed")
+        miss("no C compiler is installed")
     library = tmp_path_factory.mktemp("layer") / "power_cut.so"
     options = ("-shared", "-fPIC", "-Wall", "-Wextra", "-Werror", "-O1")
     subprocess.run([compiler, *options, "-o", str(library), str(_SOURCE), "-ldl"], check=True)

@@ -30,14 +30,7 @@ typedef struct {
 #define LISTED(name, attributes, supported) {#name, search_##name, scan_##name, weigh_##name, supported},
 FOR_EACH_LEVEL(FUNCTION)
 static const Level LEVELS[] = {FOR_EACH_LEVEL(LISTED)};
-#define LEVEL_COUNT (sizeof LEVELS / sizeof *LEVELS)
-
-static const Level *find_level(const char *name) {
-    for (size_t i = 0; i < LEVEL_COUNT; i++)
-        if (!strcmp(LEVELS[i].name, name) && LEVELS[i].supported()) return &LEVELS[i];
-    PyErr_Format(PyExc_ValueError, "found level %s, expected one that levels() lists", name);
-    return NULL;
-}
+#include "../_module.h"
 
 /* --- the search ---------------------------------------------------------------------------------------------------------- */
 
@@ -222,18 +215,6 @@ static PyObject *scan_pixels(PyObject *module, PyObject *arguments) {
 
 /* --- the module ---------------------------------------------------------------------------------------------------------- */
 
-static PyObject *levels(PyObject *module, PyObject *none) {
-    (void)module, (void)none;
-    PyObject *names = PyList_New(0);
-    for (size_t i = 0; names && i < LEVEL_COUNT; i++) {
-        if (!LEVELS[i].supported()) continue;
-        PyObject *name = PyUnicode_FromString(LEVELS[i].name);
-        if (!name || PyList_Append(names, name) < 0) Py_CLEAR(names);
-        Py_XDECREF(name);
-    }
-    return names;
-}
-
 static PyMethodDef METHODS[] = {
     {"solve", solve_problems, METH_VARARGS,
      "solve(level, kind, paths, most_steps, relative, first_damping, harmonics, re, im, weights, starts, worth, points, cost, "
@@ -245,14 +226,8 @@ static PyMethodDef METHODS[] = {
     {"weigh", weigh_pixels, METH_VARARGS,
      "weigh(level, paths, harmonics, noise, points, weights)\n\n"
      "Find the weights that the noise of the light of some paths gives. Everybody but the tests calls it through compiled.py."},
-    {"levels", levels, METH_NOARGS, "Names of the instruction sets that this processor has, the fastest first."},
+    LEVELS_METHOD,
     {NULL, NULL, 0, NULL}};
-
-static PyModuleDef_Slot SLOTS[] = {
-#ifdef Py_mod_gil
-    {Py_mod_gil, Py_MOD_GIL_NOT_USED},
-#endif
-    {0, NULL}};
 
 static struct PyModuleDef MODULE = {.m_base = PyModuleDef_HEAD_INIT,
                                     .m_name = "_search",

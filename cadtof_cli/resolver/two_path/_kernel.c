@@ -35,13 +35,7 @@ typedef struct {
 #define LISTED(name, attributes, supported) {#name, resolve_##name, answer_##name, search_##name, supported},
 FOR_EACH_LEVEL(FUNCTIONS)
 static const Level LEVELS[] = {FOR_EACH_LEVEL(LISTED)};
-#define LEVEL_COUNT (sizeof LEVELS / sizeof *LEVELS)
-
-static const Level *find_level(const char *name) {
-    for (size_t i = 0; i < LEVEL_COUNT; i++)
-        if (!strcmp(LEVELS[i].name, name) && LEVELS[i].supported()) return &LEVELS[i];
-    return NULL;
-}
+#include "../_module.h"
 
 /* --- buffers ------------------------------------------------------------------------------------------------------------- */
 
@@ -137,7 +131,7 @@ static PyObject *resolve(PyObject *module, PyObject *arguments) {
                           &object[3], &object[4], &object[5], &object[6], &object[7], &object[8], &object[9], &tail))
         return NULL;
     const Level *level = find_level(name);
-    if (!level) return PyErr_Format(PyExc_ValueError, "found level %s, expected one that levels() lists", name);
+    if (!level) return NULL;
     if (order < ORDER_AUTO || order > ORDER_TWO || returns < RETURN_FIRST || returns > RETURN_LAST)
         return PyErr_Format(PyExc_ValueError, "found order %d and returns %d, expected 0, 1 or 2 each", order, returns);
     Py_buffer view[BUFFERS], of_tail[TAIL_BUFFERS];
@@ -155,18 +149,6 @@ static PyObject *resolve(PyObject *module, PyObject *arguments) {
 #include "../response/_search_call.h"
 
 /* --- the module ---------------------------------------------------------------------------------------------------------- */
-
-static PyObject *levels(PyObject *module, PyObject *none) {
-    (void)module, (void)none;
-    PyObject *names = PyList_New(0);
-    for (size_t i = 0; names && i < LEVEL_COUNT; i++) {
-        if (!LEVELS[i].supported()) continue;
-        PyObject *name = PyUnicode_FromString(LEVELS[i].name);
-        if (!name || PyList_Append(names, name) < 0) Py_CLEAR(names);
-        Py_XDECREF(name);
-    }
-    return names;
-}
 
 #define NAME(name) #name,
 #define LIST_OF(function, LIST) \
@@ -196,17 +178,11 @@ static PyMethodDef METHODS[] = {
     {"search", search, METH_VARARGS,
      "search(level, steps, constants, first table, second table, phases, observed, enough, start, values, misfit, done)\n\n"
      "Fill values, misfit and done. Everybody but the tests calls it through response/compiled.py."},
-    {"levels", levels, METH_NOARGS, "Names of the instruction sets that this processor has, the fastest first."},
+    LEVELS_METHOD,
     {"constant_names", constant_names, METH_NOARGS, "Names of the constants, in the order in which resolve takes them."},
     {"tail_sizes", tail_sizes, METH_NOARGS, "Names of a tail's sizes, in the order in which they are taken."},
     {"tail_constants", tail_constants, METH_NOARGS, "Names of a tail's constants, in the order in which they are taken."},
     {NULL, NULL, 0, NULL}};
-
-static PyModuleDef_Slot SLOTS[] = {
-#ifdef Py_mod_gil
-    {Py_mod_gil, Py_MOD_GIL_NOT_USED},
-#endif
-    {0, NULL}};
 
 static struct PyModuleDef MODULE = {.m_base = PyModuleDef_HEAD_INIT,
                                     .m_name = "_kernel",

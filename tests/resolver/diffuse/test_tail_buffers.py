@@ -259,7 +259,11 @@ def test_any_bits_in_buffers_that_fit_are_an_answer(compiled: ModuleType, data: 
             buffers[name] = np.frombuffer(bytearray(rng.bytes(whole.nbytes)), whole.dtype).reshape(whole.shape)
     tail["separate"] = data.draw(st.sampled_from([None, rng.random((3, 10)) < 0.5]))
     start = data.draw(st.integers(0, PIXELS))
-    answer(compiled, tail, pixels, start=start, stop=data.draw(st.integers(start, PIXELS)))
+    stop, before = data.draw(st.integers(start, PIXELS)), pixels["answers"].copy()
+    answer(compiled, tail, pixels, start=start, stop=stop)
+    for others in (slice(0, start), slice(stop, PIXELS)):
+        assert not pixels["answered"][others].any()
+        assert pixels["answers"][:, others].tobytes() == before[:, others].tobytes()
     if harmonics == 2:
         resolve(compiled, tail)
 

@@ -163,6 +163,9 @@ SIZES = {
 }
 
 
+WRITTEN = {"values", "misfit", "done"}
+
+
 def buffers() -> dict[str, Any]:
     return {name: np.ones(size, np.bool_ if name == "done" else np.float32) for name, size in SIZES.items()}
 
@@ -213,5 +216,9 @@ def test_any_bits_end_the_search(compiled: ModuleType, seed: int, steps: int, ph
         given[name] = np.frombuffer(bytearray(rng.bytes(4 * SIZES[name])), np.float32)
     if not phases:
         given["phases"] = None
+    read = {name: values.tobytes() for name, values in given.items() if values is not None and name not in WRITTEN}
     for level in compiled.levels():
+        given["done"].view(np.uint8)[:] = 7
         run(compiled, given, steps=steps, level=level)
+        assert set(given["done"].view(np.uint8)) <= {0, 1}
+        assert read == {name: given[name].tobytes() for name in read}

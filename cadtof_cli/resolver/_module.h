@@ -1,0 +1,29 @@
+/* What every compiled module asks and tells of its instruction sets, and how it is loaded. After LEVELS, a table of Level. */
+#define LEVEL_COUNT (sizeof LEVELS / sizeof *LEVELS)
+
+/* The level of a name that this processor has; or set an error and return NULL. */
+static const Level *find_level(const char *name) {
+    for (size_t i = 0; i < LEVEL_COUNT; i++)
+        if (!strcmp(LEVELS[i].name, name) && LEVELS[i].supported()) return &LEVELS[i];
+    PyErr_Format(PyExc_ValueError, "found level %s, expected one that levels() lists", name);
+    return NULL;
+}
+
+static PyObject *levels(PyObject *module, PyObject *none) {
+    (void)module, (void)none;
+    PyObject *names = PyList_New(0);
+    for (size_t i = 0; names && i < LEVEL_COUNT; i++) {
+        if (!LEVELS[i].supported()) continue;
+        PyObject *name = PyUnicode_FromString(LEVELS[i].name);
+        if (!name || PyList_Append(names, name) < 0) Py_CLEAR(names);
+        Py_XDECREF(name);
+    }
+    return names;
+}
+#define LEVELS_METHOD {"levels", levels, METH_NOARGS, "Names of the instruction sets that this processor has, the fastest first."}
+
+static PyModuleDef_Slot SLOTS[] = {
+#ifdef Py_mod_gil
+    {Py_mod_gil, Py_MOD_GIL_NOT_USED},
+#endif
+    {0, NULL}};
