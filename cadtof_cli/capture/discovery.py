@@ -12,43 +12,18 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from cadtof_cli.capture.frame_sources import FilesAsFrames, FrameSource, grouped_planes, natural_key
+from cadtof_cli.capture.frames import Capture, FilesAsFrames, FrameSource, natural_key
+from cadtof_cli.capture.planes import grouped_planes
 from cadtof_cli.capture.toml import FILE_NAME, MetadataSource, load_metadata
 from cadtof_cli.errors import CaptureError
 from cadtof_cli.files.formats import FRAME_SUFFIXES, frame_suffixes
-from cadtof_cli.files.frames import FrameLayout, RawLayout
 from cadtof_cli.files.reading import is_folder, is_there
-from cadtof_cli.records import dataclass
 
 WRITTEN_BY_US = frozenset({"run.json", "dark.toml", "response.toml", "petzval.toml"})
 """Files that make a folder one of maps, or a calibration: nothing in or below it is a recorded frame."""
 
 _TRUTH = "truth"
 _NAMES_IN_MESSAGE = 5
-
-
-@dataclass(frozen=True)
-class Capture:
-    """Frames that were recorded under the same metadata.
-
-    Parameters:
-        root: folder in which they lie.
-        source: their metadata and where each value came from.
-        frames: where each frame lies, in the order they were recorded or given.
-    """
-
-    root: Path
-    source: MetadataSource
-    frames: Sequence[FrameSource]
-
-    @property
-    def layout(self) -> FrameLayout:
-        """How the files are laid out, as a reader needs it."""
-        layout = self.source.metadata.layout
-        raw = None
-        if layout.raw_dtype is not None and layout.raw_shape is not None:
-            raw = RawLayout(layout.raw_dtype, layout.raw_shape, layout.raw_offset_bytes or 0)
-        return FrameLayout(self.source.metadata.modulation.harmonics, layout.frames, raw)
 
 
 def find_captures(

@@ -9,8 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from cadtof_cli.errors import OutputError, PlaceError
-from cadtof_cli.files.direct import write_parts
-from cadtof_cli.files.system import MAKE, remove_and_close, sync_folder
+from cadtof_cli.files.system import MAKE, remove_and_close, sync_folder, write_parts
 
 PARTIAL_SUFFIX = ".partial"
 

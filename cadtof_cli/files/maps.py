@@ -1,5 +1,6 @@
 """Maps of one frame, and files of named layers: maps, truth and calibration."""
 
+import math
 import re
 from collections.abc import Mapping
 from dataclasses import field, replace
@@ -15,6 +16,7 @@ from cadtof_cli.errors import FrameError, OutputError
 from cadtof_cli.files.atomic import PartialFile, whole_file
 from cadtof_cli.files.digest import file_digest, parts_digest
 from cadtof_cli.files.formats import MAP_SUFFIXES, format_of, suffix_format
+from cadtof_cli.files.system import BLOCK_BYTES, address_of
 from cadtof_cli.records import dataclass
 
 STATUS = "status"
@@ -40,6 +42,16 @@ class DepthMaps:
     names: tuple[str, ...]
     pages: Float32
     status: Status
+
+    @classmethod
+    def empty(cls, names: tuple[str, ...], size: tuple[int, int], /) -> "DepthMaps":
+        """Return maps of any values, (Y, X) each; the memory begins with a block of a disk, so that no copy is written."""
+        shape = (len(names) + 1, *size)
+        pages_bytes = 4 * math.prod(shape)
+        memory = np.empty(pages_bytes + BLOCK_BYTES, np.uint8)
+        begin = -address_of(memory.data) % BLOCK_BYTES
+        pages = memory[begin : begin + pages_bytes].view(np.float32).reshape(shape)
+        return cls(names, pages, np.empty(size, np.uint32))
 
     @property
     def values(self) -> Float32:

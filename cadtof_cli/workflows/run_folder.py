@@ -7,9 +7,8 @@ from pathlib import Path
 from typing import Any, Literal, get_args
 
 from cadtof_cli.arrays import Float
-from cadtof_cli.capture.discovery import WRITTEN_BY_US, Capture, find_captures, placed_below
-from cadtof_cli.capture.frame_sources import FrameSource
-from cadtof_cli.capture.frames import single_frames
+from cadtof_cli.capture.discovery import WRITTEN_BY_US, find_captures, placed_below
+from cadtof_cli.capture.frames import Capture, FrameSource, single_frames
 from cadtof_cli.capture.metadata import Optics
 from cadtof_cli.capture.toml import FILE_NAME as CAPTURE_FILE
 from cadtof_cli.errors import CadtofError, CaptureError, SettingsError

@@ -8,7 +8,8 @@ import pytest
 import tifffile
 
 from cadtof_cli.files.maps import MapsAbout, read_layers
-from cadtof_cli.files.tiff.ome import channel_names, ome_xml
+from cadtof_cli.files.tiff.layers import ome_xml
+from cadtof_cli.files.tiff.names import channel_names
 from tests.files.refusals import message
 
 ABOUT = MapsAbout(facts={"software": "cadtof 0.1.0"})

@@ -8,8 +8,8 @@ from typing import Any
 from cadtof_cli.arrays import Stored
 from cadtof_cli.calibration.parts import PART_KINDS, Origin, Part, PartKind
 from cadtof_cli.calibration.store import Calibration, digest_of, load_calibration, require_absent, save_part
-from cadtof_cli.capture.discovery import Capture, find_captures
-from cadtof_cli.capture.frames import read_stored, single_frames, usual_file
+from cadtof_cli.capture.discovery import find_captures
+from cadtof_cli.capture.frames import Capture, read_stored, single_frames, typical_file
 from cadtof_cli.capture.metadata import Target
 from cadtof_cli.errors import FrameError, SettingsError
 from cadtof_cli.files.reading import is_there
@@ -85,9 +85,10 @@ def averaged_captures(
 
 
 def _frames(capture: Capture, progress: Progress) -> Iterator[Stored]:
-    usual = usual_file(capture)
+    typical = typical_file(capture)
+    size = typical.pixels if typical else None
     for source in single_frames(capture):
-        stored = read_stored(source, capture.layout, usual=usual.pixels if usual else None)
+        stored = read_stored(source, capture.layout, size=size)
         wrong = implausible(stored, capture.source.metadata)
         if wrong is not None:
             raise FrameError(f"{source}: {wrong}")

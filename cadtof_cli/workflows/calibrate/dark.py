@@ -7,7 +7,7 @@ from typing import Any
 from cadtof_cli.calibration.dark import DEFECT_MEANING, Defect, fit_dark
 from cadtof_cli.calibration.fit.light import light_seen
 from cadtof_cli.calibration.store import Calibration
-from cadtof_cli.capture.discovery import Capture
+from cadtof_cli.capture.frames import Capture
 from cadtof_cli.errors import CaptureError, SettingsError
 from cadtof_cli.phasors.frame_mean import FrameMean
 from cadtof_cli.workflows.calibrate.captures import (

@@ -11,7 +11,7 @@ from cadtof_cli.arrays import Float
 from cadtof_cli.calibration.fit.petzval import WallRanges, fit_petzval
 from cadtof_cli.calibration.petzval import PetzvalCalibration
 from cadtof_cli.calibration.store import Calibration
-from cadtof_cli.capture.discovery import Capture
+from cadtof_cli.capture.frames import Capture
 from cadtof_cli.capture.metadata import Modulation, Voltage
 from cadtof_cli.figures.kinds import require_picture
 from cadtof_cli.frame_plan import CalibrationUse, FramePlan, MapSettings

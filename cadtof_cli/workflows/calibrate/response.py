@@ -10,7 +10,7 @@ from cadtof_cli.arrays import Float
 from cadtof_cli.calibration.fit.response import TargetMean, fit_response
 from cadtof_cli.calibration.response import ResponseCalibration
 from cadtof_cli.calibration.store import Calibration
-from cadtof_cli.capture.discovery import Capture
+from cadtof_cli.capture.frames import Capture
 from cadtof_cli.errors import SettingsError
 from cadtof_cli.phasors.frame_mean import FrameMean
 from cadtof_cli.workflows.calibrate.captures import (

@@ -5,7 +5,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from cadtof_cli.capture.discovery import Capture, absolute
+from cadtof_cli.capture.discovery import absolute
+from cadtof_cli.capture.frames import Capture
 from cadtof_cli.errors import CadtofError, OutputError
 from cadtof_cli.files.reading import is_folder
 from cadtof_cli.workflows.resolve.plans import CapturePlan, found_captures, planned

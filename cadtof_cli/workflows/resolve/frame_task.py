@@ -7,8 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from cadtof_cli.arrays import Stored
-from cadtof_cli.capture.frame_sources import FrameSource
-from cadtof_cli.capture.frames import read_stored
+from cadtof_cli.capture.frames import FrameSource, read_stored
 from cadtof_cli.errors import CadtofError, FrameError, PlaceError
 from cadtof_cli.execution.outcome import Later
 from cadtof_cli.execution.workers import keep_freed_memory
@@ -278,7 +277,7 @@ def read_frame(task: FrameTask, /) -> tuple[Stored | FrameMean, Recording]:
 
 
 def _stored(task: FrameTask, source: FrameSource) -> Stored:
-    stored = read_stored(source, task.layout, usual=task.pixels)
+    stored = read_stored(source, task.layout, size=task.pixels)
     wrong = implausible(stored, task.plan.metadata)
     if wrong is not None:
         raise FrameError(f"{source}: {wrong}")

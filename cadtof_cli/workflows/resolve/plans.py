@@ -5,9 +5,8 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from cadtof_cli.capture.discovery import Capture, find_captures, placed_below
-from cadtof_cli.capture.frame_sources import FrameSource
-from cadtof_cli.capture.frames import file_size, open_frames, single_frames, usual_file
+from cadtof_cli.capture.discovery import find_captures, placed_below
+from cadtof_cli.capture.frames import Capture, FrameSource, file_size, open_frames, single_frames, typical_file
 from cadtof_cli.errors import CaptureError, FrameError, SettingsError
 from cadtof_cli.files.formats import format_named, map_suffix_like
 from cadtof_cli.frame_plan import FramePlan
@@ -110,21 +109,21 @@ def planned(
     use = calibration.use if calibration else None
     plans: list[CapturePlan] = []
     for capture in captures:
-        metadata, usual = capture.source.metadata, usual_file(capture)
+        metadata, typical = capture.source.metadata, typical_file(capture)
         plan = FramePlan(metadata=metadata, settings=settings.maps, calibration=use)
-        if usual is None:
-            from cadtof_cli.capture.lone_planes import hint_of_planes
+        if typical is None:
+            from cadtof_cli.capture.planes import hint_of_planes
 
             if hint := hint_of_planes(capture):
                 raise CaptureError(hint)
             plans.append(CapturePlan(capture, plan, None))
             continue
-        of_one = max(usual.bytes / usual.frames, 1.0) if usual.frames > 1 else None
-        plans.append(CapturePlan(capture, plan, usual.pixels, of_one))
+        of_one = max(typical.bytes / typical.frames, 1.0) if typical.frames > 1 else None
+        plans.append(CapturePlan(capture, plan, typical.pixels, of_one))
         if settings.maps.roi:
-            _require_inside(settings.maps.roi, capture, usual.pixels)
+            _require_inside(settings.maps.roi, capture, typical.pixels)
         try:
-            volts_per_count(metadata.voltage, usual.dtype)
+            volts_per_count(metadata.voltage, typical.dtype)
         except SettingsError as error:
             raise SettingsError(f"{capture.root}: {error}") from error
         _require_plausible(capture)

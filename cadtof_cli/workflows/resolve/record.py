@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 from cadtof_cli import __version__
-from cadtof_cli.capture.discovery import Capture
+from cadtof_cli.capture.frames import Capture
 from cadtof_cli.errors import OutputError
 from cadtof_cli.files.atomic import whole_file, write_error, write_json
 from cadtof_cli.files.reading import real_path

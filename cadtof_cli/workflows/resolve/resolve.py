@@ -13,13 +13,12 @@ from cadtof_cli.errors import RunStoppedError
 from cadtof_cli.execution.ordered import Outcome, WorkerDied, run_ordered
 from cadtof_cli.execution.workers import LOCAL
 from cadtof_cli.files.atomic import PARTIAL_SUFFIX, make_folder, make_folders, remove_partial_files
-from cadtof_cli.files.lock import locked
 from cadtof_cli.resolver.two_path.kernel import kernel_notes
 from cadtof_cli.workflows.progress import UNTOLD, Progress
 from cadtof_cli.workflows.resolve import split_frames
 from cadtof_cli.workflows.resolve.arrivals import Arrivals, held_back
 from cadtof_cli.workflows.resolve.frame_task import FrameTask, resolve_file
-from cadtof_cli.workflows.resolve.output import frame_names, prepare_output, require_nothing_replaced
+from cadtof_cli.workflows.resolve.output import frame_names, locked, prepare_output, require_nothing_replaced
 from cadtof_cli.workflows.resolve.plans import CapturePlan, found_captures, planned, slow_notes
 from cadtof_cli.workflows.resolve.record import (
     RunRecorder,

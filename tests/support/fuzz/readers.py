@@ -15,8 +15,7 @@ from unittest.mock import patch
 
 from cadtof_cli.calibration import store
 from cadtof_cli.calibration.parts import Part
-from cadtof_cli.capture.frame_sources import FrameSource
-from cadtof_cli.capture.frames import open_frames
+from cadtof_cli.capture.frames import FrameSource, open_frames
 from cadtof_cli.capture.metadata import CaptureMetadata, Pixel, Voltage
 from cadtof_cli.cli import main
 from cadtof_cli.execution.outcome import Later

@@ -1,16 +1,21 @@
-"""Files of one plane each, of which nothing says how they are named: the pattern that their names suggest."""
+"""Files of one plane each: the frames that a pattern of names makes of them, and the pattern that their names suggest."""
 
 import itertools
 import re
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Iterable, Sequence
+from pathlib import Path
 
-from cadtof_cli.capture.discovery import Capture
-from cadtof_cli.capture.frame_sources import natural_key
-from cadtof_cli.capture.metadata import Layout
+from cadtof_cli.capture.frames import Capture, FrameSource, natural_key
+from cadtof_cli.capture.metadata import InvalidValueError, Layout
 from cadtof_cli.errors import FrameError
 from cadtof_cli.files.formats import format_of
-from cadtof_cli.files.frames import CHANNELS
+from cadtof_cli.files.frames import CHANNELS, harmonic_labels
+from cadtof_cli.records import dataclass
+
+_CHANNEL_NAMES = tuple(str(channel) for channel in range(1, CHANNELS + 1))
+
+ONLY_FRAME = "frame"
+"""Name of the one frame of a capture whose pattern has no {frame}."""
 
 _PIECES = re.compile(r"\d+|[^\W\d_]+|[\W_]+")
 
@@ -105,9 +110,62 @@ def _layout(
         pieces[first : last + 1] = ["{frame}"]
     if len(split) != frames * len(harmonics) * CHANNELS:
         return None
-    usual = harmonic.values in (tuple(map(str, harmonics)), tuple(str(place + 1) for place in range(len(harmonics))))
+    by_number_or_place = harmonic.values in (
+        tuple(map(str, harmonics)),
+        tuple(str(place + 1) for place in range(len(harmonics))),
+    )
     return Layout(
         pattern="".join(pieces),
         channel=None if channel.values == ("1", "2") else (channel.values[0], channel.values[1]),
-        harmonic=None if usual else tuple(zip(harmonic.values, harmonics, strict=True)),
+        harmonic=None if by_number_or_place else tuple(zip(harmonic.values, harmonics, strict=True)),
     )
+
+
+def grouped_planes(
+    root: Path, names: Iterable[str], layout: Layout, harmonics: tuple[int, ...]
+) -> tuple[FrameSource, ...]:
+    """Return a frame for every value of {frame} among file names that fit the pattern, in natural order.
+
+    A file that is missing is named all the same: its frame then fails on reading, and alone. Without {frame} in the pattern
+    there is one frame, of the name `frame`.
+
+    Parameters:
+        root: folder of the files.
+        names: file names, with folders below the root before them, of which those that do not fit are passed over.
+        layout: has a pattern, and says what it calls harmonics and channels. {harmonic} is the number h or the place in the
+            order (see `harmonic_labels`), {channel} is 1 for SC1 and 2 for SC2, where it does not give them other names.
+        harmonics: harmonic numbers of the capture.
+
+    Raises:
+        MetadataError: `layout.harmonic` has no name for one of the harmonics.
+    """
+    pattern, channels = str(layout.pattern), layout.channel or _CHANNEL_NAMES
+    parts = {"frame": r"[^/]+", "channel": "|".join(map(re.escape, channels)), "harmonic": r"[1-9]\d*"}
+    if layout.harmonic is not None:
+        parts["harmonic"] = "|".join(re.escape(name) for name, _ in layout.harmonic)
+    pieces = re.split(r"\{(frame|harmonic|channel)\}", pattern)
+    matcher = re.compile(
+        "".join(f"(?P<{piece}>{parts[piece]})" if place % 2 else re.escape(piece) for place, piece in enumerate(pieces))
+    )
+    matches = [match.groupdict() for name in names if (match := matcher.fullmatch(name))]
+    called = _harmonic_names(layout, harmonics, {match["harmonic"] for match in matches})
+
+    def path(frame: str, harmonic: str, channel: str) -> Path:
+        values = {"frame": frame, "harmonic": harmonic, "channel": channel}
+        return root / "".join(values[piece] if place % 2 else piece for place, piece in enumerate(pieces))
+
+    return tuple(
+        FrameSource(frame, tuple(path(frame, harmonic, channel) for harmonic in called for channel in channels))
+        for frame in sorted({match.get("frame", ONLY_FRAME) for match in matches}, key=natural_key)
+    )
+
+
+def _harmonic_names(layout: Layout, harmonics: tuple[int, ...], found: Collection[str]) -> tuple[str, ...]:
+    if layout.harmonic is None:
+        return tuple(map(str, harmonic_labels(harmonics, set(map(int, found)))))
+    names = {number: name for name, number in layout.harmonic}
+    labels = harmonic_labels(harmonics, names)
+    if not set(labels) <= set(names):
+        expected = f"a name for each of the harmonics {', '.join(map(str, harmonics))}"
+        raise InvalidValueError("layout.harmonic", dict(layout.harmonic), expected)
+    return tuple(names[label] for label in labels)
