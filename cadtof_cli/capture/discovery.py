@@ -17,7 +17,7 @@ from cadtof_cli.capture.planes import grouped_planes
 from cadtof_cli.capture.toml import FILE_NAME, MetadataSource, load_metadata
 from cadtof_cli.errors import CaptureError
 from cadtof_cli.files.formats import FRAME_SUFFIXES, frame_suffixes
-from cadtof_cli.files.reading import is_folder, is_there
+from cadtof_cli.files.reading import is_folder
 
 WRITTEN_BY_US = frozenset({"run.json", "dark.toml", "response.toml", "petzval.toml"})
 """Files that make a folder one of maps, or a calibration: nothing in or below it is a recorded frame."""
@@ -109,7 +109,7 @@ def nearest_settings(folder: Path, /) -> Path | None:
     """Return the `capture.toml` that holds for a folder: its own, else that of the nearest folder above; None: there is none."""
     own = folder / FILE_NAME
     # what lies in a folder that cannot be looked into is not there for us; a link that leads nowhere is, and cannot be read
-    if is_there(own):
+    if os.path.lexists(own):
         return own
     above = (parent / FILE_NAME for parent in absolute(folder).parents)
     return next((path for path in above if os.access(path, os.R_OK)), None)

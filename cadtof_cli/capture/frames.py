@@ -1,6 +1,7 @@
 """A capture and its frames: where each lies, and how it is read from a file of whatever format, a stack, or files of planes."""
 
 import itertools
+import os
 import re
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Sequence
@@ -16,7 +17,6 @@ from cadtof_cli.capture.toml import MetadataSource
 from cadtof_cli.errors import FrameError
 from cadtof_cli.files.formats import format_of, suffix_format
 from cadtof_cli.files.frames import CHANNELS, FrameLayout, Frames, RawLayout, lone_frame, shape_text
-from cadtof_cli.files.reading import is_there
 from cadtof_cli.records import dataclass
 
 _SIZES_COMPARED, _FILES_OPENED = 1000, 15
@@ -146,7 +146,7 @@ def _joined_planes(source: FrameSource, layout: FrameLayout) -> Frames:
     if len(source.paths) != layout.planes:
         raise FrameError(f"frame {source.name}: found {len(source.paths)} files, expected {layout.planes}")
     for path, name in zip(source.paths, layout.plane_names, strict=True):
-        if not is_there(path):
+        if not os.path.lexists(path):
             raise FrameError(f"{path}: no such file, expected {name} of frame {source.name} there")
     planes = [format_of(path, raw=layout.raw is not None).frames().read_plane(path, layout) for path in source.paths]
     first = planes[0]

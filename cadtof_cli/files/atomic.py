@@ -46,16 +46,8 @@ class PartialFile:
         self._descriptor: int | None = None
         self._bytes = 0
         self._parts: Sequence[memoryview] = ()
-        with self.errors_told():
+        with writing(path):
             self._descriptor = os.open(self.temporary, MAKE, 0o666)
-
-    @contextmanager
-    def errors_told(self) -> Iterator[None]:
-        """Turn the system's errors into what they mean for `path`."""
-        try:
-            yield
-        except OSError as error:
-            raise write_error(self.path, error) from error
 
     def hold(self, parts: Sequence[memoryview], /) -> None:
         """Take what is to be written, one part after the other, when the file is kept; nobody changes it until then."""
@@ -78,13 +70,17 @@ class PartialFile:
             OutputError: it cannot be kept, and is given up; PlaceError: nor could another.
         """
         try:
-            with self.errors_told():
+            with writing(self.path):
                 if self._parts:
                     assert self._descriptor is not None
                     write_parts(self._descriptor, self._parts)
                     self._parts = ()
                 size = self.written()
-                self._sync_and_close()
+                assert self._descriptor is not None
+                os.fsync(self._descriptor)
+                # not every system renames an open file
+                descriptor, self._descriptor = self._descriptor, None
+                os.close(descriptor)
                 self.temporary.replace(self.path)
                 sync_folder(self._folder)
         except BaseException:
@@ -100,13 +96,6 @@ class PartialFile:
             with suppress(OSError):
                 self.temporary.unlink()
 
-    def _sync_and_close(self) -> None:
-        """Have the bytes on the disk; not every system renames an open file."""
-        assert self._descriptor is not None
-        os.fsync(self._descriptor)
-        descriptor, self._descriptor = self._descriptor, None
-        os.close(descriptor)
-
 
 @contextmanager
 def whole_file(path: Path, /) -> Iterator[Path]:
@@ -117,7 +106,7 @@ def whole_file(path: Path, /) -> Iterator[Path]:
     """
     partial = PartialFile(path)
     try:
-        with partial.errors_told():
+        with writing(path):
             yield partial.temporary
     except BaseException:
         partial.give_up()
@@ -130,20 +119,27 @@ def _temporary_name(name: str, token: str) -> str:
     return f".{name[:40]}.{os.urandom(8).hex()}.{token or os.getpid()}{PARTIAL_SUFFIX}"
 
 
-def write_error(path: Path, error: OSError, /) -> OutputError:
-    """Return what a system's error in writing a file means for a user: whether the file is at fault, or its place.
+@contextmanager
+def writing(path: Path, /) -> Iterator[None]:
+    """Turn the system's errors in writing a file into what they mean for a user: whether the file is at fault, or its place.
 
     numpy and OpenEXR do not hand on the system's code, only how much they could not write.
+
+    Raises:
+        OutputError: the file cannot be written; PlaceError: nor could another.
     """
     try:
-        import shutil
+        yield
+    except OSError as error:
+        try:
+            import shutil
 
-        full = error.errno is None and shutil.disk_usage(path.parent).free < FULL_BYTES
-    except OSError:
-        full = False
-    told = "No space left on device" if full else error.strerror or str(error)
-    kind = PlaceError if full or error.errno in _OF_THE_PLACE else OutputError
-    return kind(f"{path}: cannot be written: {told}")
+            full = error.errno is None and shutil.disk_usage(path.parent).free < FULL_BYTES
+        except OSError:
+            full = False
+        told = "No space left on device" if full else error.strerror or str(error)
+        kind = PlaceError if full or error.errno in _OF_THE_PLACE else OutputError
+        raise kind(f"{path}: cannot be written: {told}") from error
 
 
 def remove_partial_files(folder: Path, /, *, token: str) -> None:
@@ -174,16 +170,10 @@ def make_folder(path: Path, /) -> None:
         raise OutputError(f"{path}: expected a folder that can be written into: {error.strerror}") from error
 
 
-def make_folders(path: Path, /) -> None:
-    """Make a folder, and its parents.
-
-    Raises:
-        OutputError: it cannot be made.
-    """
-    try:
-        path.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise OutputError(f"{path}: expected a folder that can be made: {error.strerror}") from error
+def require_new(path: Path, /, *, overwrite: bool) -> None:
+    """Raise OutputError where a file would be replaced, unless it may be."""
+    if os.path.lexists(path) and not overwrite:
+        raise OutputError(f"{path}: already exists; add --overwrite to replace it, or choose another file")
 
 
 def require_absent(path: Path, /) -> None:

@@ -87,11 +87,6 @@ class Format:
     recording: Callable[[], FrameFiles] | None = None
     counts: bool = False
 
-    @property
-    def suffix(self) -> str:
-        """Ending of the files that we write."""
-        return f".{self.name}"
-
 
 def _module(name: str) -> Callable[[], Any]:
     """Return what loads a module of this room, when it is called."""
@@ -171,10 +166,10 @@ def suffix_format(path: Path, /) -> Format | None:
     return _BY_SUFFIX.get(path.suffix.lower())
 
 
-def map_suffix_like(path: Path, /) -> str:
-    """Return the suffix of maps in the format of a frame; TIFF where that format keeps no maps, or its name does not tell."""
+def map_format_like(path: Path, /) -> str:
+    """Return the name of the format of maps of a frame: the frame's; TIFF where that keeps no maps, or its name does not tell."""
     found = suffix_format(path)
-    return (found if found and found.layers else TIFF).suffix
+    return found.name if found and found.layers else TIFF.name
 
 
 def frame_suffixes(*, planes: bool, raw: bool) -> tuple[str, ...]:

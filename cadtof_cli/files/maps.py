@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from cadtof_cli import __version__
 from cadtof_cli.arrays import Float32, Status
 from cadtof_cli.errors import FrameError, OutputError
-from cadtof_cli.files.atomic import PartialFile, whole_file
+from cadtof_cli.files.atomic import PartialFile, whole_file, writing
 from cadtof_cli.files.digest import file_digest, parts_digest
 from cadtof_cli.files.formats import MAP_SUFFIXES, format_of, suffix_format
 from cadtof_cli.files.system import BLOCK_BYTES, address_of
@@ -119,7 +119,7 @@ def begin_maps(path: Path, maps: DepthMaps, /, *, about: MapsAbout = NOTHING_SAI
     about = replace(about, facts={"software": SOFTWARE, **about.facts})
     partial = PartialFile(path, token=token)
     try:
-        with partial.errors_told():
+        with writing(path):
             parts = kind.layers().write_maps(partial.temporary, maps, about=about)
             if parts:
                 partial.hold(parts)

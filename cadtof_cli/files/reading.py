@@ -24,11 +24,6 @@ _KINDS = {
 }
 
 
-def is_there(path: Path, /) -> bool:
-    """Tell whether a folder has something of this name, be it a link that leads nowhere; false where it cannot be looked into."""
-    return os.path.lexists(path)
-
-
 def is_folder(path: Path, /) -> bool:
     """Tell whether a path leads to a folder; false where it cannot be followed."""
     try:
@@ -85,7 +80,7 @@ def read_text(path: Path, /, *, encoding: str = "utf-8", most_bytes: int | None 
     size = require_regular(path).st_size
     if most_bytes is not None and size > most_bytes:
         raise OSError(errno.EFBIG, f"found {size:,} bytes, expected {most_bytes:,} or fewer", str(path))
-    with os.fdopen(open_regular(path), "r", encoding=encoding) as file:
+    with os.fdopen(os.open(path, READ), "r", encoding=encoding) as file:
         return file.read()
 
 

@@ -1,6 +1,7 @@
 """The folder of a run: a map file per frame, `run.json`, and `frames.jsonl`, a line per frame. Written by `resolve/record.py`."""
 
 import json
+import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields
 from pathlib import Path
@@ -13,7 +14,7 @@ from cadtof_cli.capture.metadata import Optics
 from cadtof_cli.capture.toml import FILE_NAME as CAPTURE_FILE
 from cadtof_cli.errors import CadtofError, CaptureError, SettingsError
 from cadtof_cli.files.formats import MAP_SUFFIXES
-from cadtof_cli.files.reading import is_folder, is_there, read_text
+from cadtof_cli.files.reading import is_folder, read_text
 from cadtof_cli.frame_plan import CalibrationUse, DepthKind
 from cadtof_cli.records import dataclass
 from cadtof_cli.workflows.sound_record import require_sound_record
@@ -293,9 +294,9 @@ def read_run(maps: Path, /) -> Run:
     if not maps.exists():
         raise CaptureError(f"{maps}: no such file or folder; expected maps that `cadtof resolve` wrote")
     files, folder = map_files(maps), maps if maps.is_dir() else maps.parent
-    folder = next((above for above in (folder, *folder.parents) if is_there(above / RUN_FILE)), None) or folder
+    folder = next((above for above in (folder, *folder.parents) if os.path.lexists(above / RUN_FILE)), None) or folder
     path = folder / RUN_FILE
-    if not is_there(path):
+    if not os.path.lexists(path):
         return Run(maps, files, folder, None)
     try:
         return Run(maps, files, folder, require_sound_record(read_record(folder)))
@@ -307,7 +308,7 @@ def read_run(maps: Path, /) -> Run:
 
 def is_run_folder(path: Path, /) -> bool:
     """Return whether a folder is one that `cadtof resolve` wrote."""
-    return is_folder(path) and is_there(path / RUN_FILE) and not is_there(path / CAPTURE_FILE)
+    return is_folder(path) and os.path.lexists(path / RUN_FILE) and not os.path.lexists(path / CAPTURE_FILE)
 
 
 def map_files(maps: Path, /) -> tuple[Path, ...]:

@@ -18,10 +18,9 @@ from cadtof_cli.files.formats import (
     MAP_FORMATS,
     MAP_SUFFIXES,
     Format,
-    format_named,
     format_of,
     frame_suffixes,
-    map_suffix_like,
+    map_format_like,
 )
 from cadtof_cli.files.frames import FrameLayout
 from cadtof_cli.files.maps import DepthMaps, read_layers, write_layers, write_maps
@@ -60,11 +59,11 @@ def test_no_two_formats_claim_the_same_file() -> None:
 
 
 @pytest.mark.parametrize(
-    ("frame", "suffix"),
-    [("a.tif", ".tif"), ("a.TIFF", ".tif"), ("a.exr", ".exr"), ("a.EXR", ".exr"), ("a", ".tif"), ("a.png", ".tif")],
+    ("frame", "name"),
+    [("a.tif", "tif"), ("a.TIFF", "tif"), ("a.exr", "exr"), ("a.EXR", "exr"), ("a", "tif"), ("a.png", "tif")],
 )
-def test_maps_in_the_format_of_the_frame(frame: str, suffix: str) -> None:
-    assert map_suffix_like(Path(frame)) == suffix
+def test_maps_in_the_format_of_the_frame(frame: str, name: str) -> None:
+    assert map_format_like(Path(frame)) == name
 
 
 @pytest.mark.parametrize("compress", [False, True])
@@ -72,7 +71,7 @@ def test_maps_in_the_format_of_the_frame(frame: str, suffix: str) -> None:
 def test_a_recorded_frame_is_read_back(kind: Format, compress: bool, tmp_path: Path) -> None:
     assert kind.recording is not None
     recorded = known_frame("u2" if kind.counts else "f4")
-    path = tmp_path / f"frame{kind.suffix}"
+    path = tmp_path / f"frame.{kind.name}"
     kind.recording().write_frame(path, recorded, layout=LAYOUT, compress=compress)
     assert format_of(path) is kind
     with kind.frames().open_frames(path, LAYOUT) as frames:
@@ -86,7 +85,7 @@ def test_maps_keep_names_values_and_status(name: str, tmp_path: Path) -> None:
     pages = rng.uniform(0, 6, (3, 5, 7)).astype(np.float32)
     pages[0, 1, 2] = np.nan
     maps = DepthMaps(("direct.depth", "confidence"), pages.copy(), rng.integers(0, 4096, (5, 7), np.uint32))
-    path = tmp_path / f"maps{format_named(name).suffix}"
+    path = tmp_path / f"maps.{name}"
     write_maps(path, maps)
     layers = read_layers(path)
     assert set(layers) == {"direct.depth", "confidence", "status"}

@@ -46,4 +46,4 @@ def write_capture(
     files, layout = kind.recording(), FrameLayout(metadata.modulation.harmonics)
     for index, voltages_v in enumerate(frames):
         stored = camera.counts_from_voltages(voltages_v) if kind.counts else voltages_v
-        files.write_frame(folder / f"frame_{index:04d}{kind.suffix}", stored, layout=layout, compress=compress)
+        files.write_frame(folder / f"frame_{index:04d}.{kind.name}", stored, layout=layout, compress=compress)

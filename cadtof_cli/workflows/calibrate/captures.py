@@ -1,5 +1,6 @@
 """What every `cadtof calibrate` step does first: captures → their mean frames, and the parts that are there already."""
 
+import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -12,7 +13,6 @@ from cadtof_cli.capture.discovery import find_captures
 from cadtof_cli.capture.frames import Capture, read_stored, single_frames, typical_file
 from cadtof_cli.capture.metadata import Target
 from cadtof_cli.errors import FrameError, SettingsError
-from cadtof_cli.files.reading import is_there
 from cadtof_cli.phasors.frame_mean import FrameMean, mean_volts
 from cadtof_cli.phasors.plausible import implausible
 from cadtof_cli.workflows.progress import Progress
@@ -126,7 +126,7 @@ def _require_same_modulation(captures: Sequence[Capture]) -> None:
 def parts_before(folder: Path, kind: PartKind, averaged: Averaged, /, *, progress: Progress) -> Calibration:
     """Return the parts of the folder that are applied before this one, checked against the captures; say which."""
     earlier = PART_KINDS[: PART_KINDS.index(kind)]
-    if not any(is_there(folder / f"{name}.toml") for name in earlier):
+    if not any(os.path.lexists(folder / f"{name}.toml") for name in earlier):
         progress.say(f"{folder}: no {' or '.join(earlier)} calibration there, so none is applied to the frames")
         return Calibration()
     everything = load_calibration(folder)

@@ -15,9 +15,9 @@ from typing import Any
 from cadtof_cli.capture.frames import Capture
 from cadtof_cli.capture.toml import FILE_NAME as CAPTURE_FILE
 from cadtof_cli.errors import OutputError
-from cadtof_cli.files.atomic import remove_partial_files, write_error
+from cadtof_cli.files.atomic import remove_partial_files, writing
 from cadtof_cli.files.formats import MAP_FORMATS
-from cadtof_cli.files.reading import is_there, real_path
+from cadtof_cli.files.reading import real_path
 from cadtof_cli.files.system import KEEP, lock, read_at, remove_and_close, sync_folder
 from cadtof_cli.workflows.resolve.settings import ResolveSettings
 from cadtof_cli.workflows.run_folder import FRAMES_FILE, RUN_FILE, read_record
@@ -145,11 +145,9 @@ def prepare_output(
     there: list[str] = []
     if settings.overwrite:
         # what it says is not true of the maps to come; once they are there it would be believed
-        try:
+        with writing(out / FRAMES_FILE):
             (out / FRAMES_FILE).unlink(missing_ok=True)
             sync_folder(out)
-        except OSError as error:
-            raise write_error(out / FRAMES_FILE, error) from error
     elif settings.resume:
         there = _files_in_the_way(out, names)
         if there:
@@ -189,7 +187,7 @@ def _files_in_the_way(out: Path, names: Collection[str], /) -> list[str]:
 
 def _require_same_run(out: Path, document: Mapping[str, Any], there: Sequence[str], *, arriving: bool) -> None:
     path = out / RUN_FILE
-    if not is_there(path):
+    if not os.path.lexists(path):
         raise OutputError(
             f"{out}: cannot resume: found {_some(there)} and no {RUN_FILE}, so nothing tells what was resolved and how; "
             "add --overwrite, or choose another folder with -o"

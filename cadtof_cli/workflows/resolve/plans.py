@@ -8,7 +8,7 @@ from typing import Any
 from cadtof_cli.capture.discovery import find_captures, placed_below
 from cadtof_cli.capture.frames import Capture, FrameSource, file_size, open_frames, single_frames, typical_file
 from cadtof_cli.errors import CaptureError, FrameError, SettingsError
-from cadtof_cli.files.formats import format_named, map_suffix_like
+from cadtof_cli.files.formats import map_format_like
 from cadtof_cli.frame_plan import FramePlan
 from cadtof_cli.phasors.noise import noise_model
 from cadtof_cli.phasors.plausible import implausible
@@ -54,8 +54,8 @@ class CapturePlan:
     def output(self, source: FrameSource, settings: ResolveSettings, /) -> Path:
         """Return the file that the maps of a frame are written into."""
         same = settings.map_format == AS_INPUT
-        suffix = map_suffix_like(source.paths[0]) if same else format_named(settings.map_format).suffix
-        return settings.out / f"{source.name}{suffix}"
+        suffix = map_format_like(source.paths[0]) if same else settings.map_format
+        return settings.out / f"{source.name}.{suffix}"
 
     def pooling_seconds(self) -> float:
         """Return about how long the pooling of one frame takes."""

@@ -17,7 +17,7 @@ from typing import Any, BinaryIO
 from cadtof_cli import __version__
 from cadtof_cli.capture.frames import Capture
 from cadtof_cli.errors import OutputError
-from cadtof_cli.files.atomic import whole_file, write_error, write_json
+from cadtof_cli.files.atomic import whole_file, write_json, writing
 from cadtof_cli.files.reading import real_path
 from cadtof_cli.files.system import KEEP, read_at
 from cadtof_cli.resolver.status import MEANING
@@ -125,7 +125,14 @@ class RunRecorder:
         self._document, self._say, self._resumed = document, say, resume
         self._out, self._run, self._path = out, out / RUN_FILE, out / FRAMES_FILE
         self._totals, self._before, self._places = RunTotals(), dict[str, int](), array("q")
-        self._lines = self._opened(resume=resume)
+        with writing(self._path):
+            if not resume:
+                self._path.unlink(missing_ok=True)
+            # not buffered, so that nothing is left to be written, and to fail, on closing
+            self._lines: BinaryIO = os.fdopen(os.open(self._path, KEEP, 0o666), "r+b", buffering=0)
+            if not stat.S_ISREG(os.fstat(self._lines.fileno()).st_mode):
+                self._lines.close()
+                raise OSError("found no regular file there")
         if resume:
             try:
                 self._find_lines(Path(read_record(out)["arguments"]["out"]))
@@ -143,7 +150,7 @@ class RunRecorder:
         line = report.line or report
         self._totals.add(line)
         text = json.dumps(line.as_json()).encode() + b"\n"
-        with self._reported():
+        with writing(self._path):
             place = self._known_place(Path(line.output or ""))
             if report.line is None or place is None or self._line_at(place) != text:
                 self._require_there()
@@ -170,7 +177,7 @@ class RunRecorder:
 
     def finish(self, seconds: float, /) -> None:
         """Complete both files; the totals are those of all frames, whichever run resolved them."""
-        with self._reported():
+        with writing(self._path):
             self._require_there()
             os.fsync(self._lines.fileno())
         if self._resumed:
@@ -184,24 +191,13 @@ class RunRecorder:
         """Let go of `frames.jsonl`."""
         self._lines.close()
 
-    def _opened(self, *, resume: bool) -> BinaryIO:
-        """Return `frames.jsonl`, open; it is not buffered, so that nothing is left to be written, and to fail, on closing."""
-        with self._reported():
-            if not resume:
-                self._path.unlink(missing_ok=True)
-            lines = os.fdopen(os.open(self._path, KEEP, 0o666), "r+b", buffering=0)
-            if not stat.S_ISREG(os.fstat(lines.fileno()).st_mode):
-                lines.close()
-                raise OSError("found no regular file there")
-            return lines
-
     def _find_lines(self, out: Path) -> None:
         """Learn where the lines of frames lie that have maps; what a kill left of a last line is cut off.
 
         `out` is what the earlier run called its folder.
         """
         end = 0
-        with self._reported(), self._path.open("rb") as lines:
+        with writing(self._path), self._path.open("rb") as lines:
             for line in lines:
                 if not line.endswith(b"\n"):
                     break
@@ -238,13 +234,6 @@ class RunRecorder:
         self._lines.close()
         self._lines = copy
         self._say(f"{self._path}: was removed or replaced while frames were resolved; written anew")
-
-    @contextmanager
-    def _reported(self) -> Iterator[None]:
-        try:
-            yield
-        except OSError as error:
-            raise write_error(self._path, error) from error
 
 
 def _place_in(out: Path, output: Path) -> str:

@@ -12,7 +12,7 @@ from typing import Any
 from cadtof_cli.errors import RunStoppedError
 from cadtof_cli.execution.ordered import Outcome, WorkerDied, run_ordered
 from cadtof_cli.execution.workers import LOCAL
-from cadtof_cli.files.atomic import PARTIAL_SUFFIX, make_folder, make_folders, remove_partial_files
+from cadtof_cli.files.atomic import PARTIAL_SUFFIX, make_folder, remove_partial_files, writing
 from cadtof_cli.resolver.two_path.kernel import kernel_notes
 from cadtof_cli.workflows.progress import UNTOLD, Progress
 from cadtof_cli.workflows.resolve import split_frames
@@ -194,7 +194,8 @@ class _Run:
                     self._expect(1)
                 output = one.output(sources[0], settings)
                 if "/" in sources[0].name:
-                    make_folders(output.parent)
+                    with writing(output.parent):
+                        output.parent.mkdir(parents=True, exist_ok=True)
                 yield FrameTask(
                     sources,
                     one.capture.layout,
