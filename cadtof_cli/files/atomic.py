@@ -10,6 +10,7 @@ from typing import Any
 
 from cadtof_cli.errors import OutputError, PlaceError
 from cadtof_cli.files.direct import write_parts
+from cadtof_cli.files.reading import is_there
 from cadtof_cli.files.system import MAKE, remove_and_close, sync_folder
 
 PARTIAL_SUFFIX = ".partial"
@@ -185,6 +186,16 @@ def make_folders(path: Path, /) -> None:
         path.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise OutputError(f"{path}: expected a folder that can be made: {error.strerror}") from error
+
+
+def require_free(path: Path, /, *, overwrite: bool) -> None:
+    """Refuse to replace a file, before any work is done for it.
+
+    Raises:
+        OutputError: something is there already, and `overwrite` is not set.
+    """
+    if is_there(path) and not overwrite:
+        raise OutputError(f"{path}: already exists; add --overwrite to replace it, or choose another file")
 
 
 def require_absent(path: Path, /) -> None:

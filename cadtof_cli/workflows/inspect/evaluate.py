@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from cadtof_cli.arrays import Float
 from cadtof_cli.errors import CaptureError, OutputError
-from cadtof_cli.files.atomic import whole_file
+from cadtof_cli.files.atomic import require_free, whole_file
 from cadtof_cli.files.formats import EXR, suffix_format
 from cadtof_cli.files.maps import read_layers, write_layers
 from cadtof_cli.maps.evaluation import DepthErrors, ErrorTally, depth_errors
@@ -66,7 +66,8 @@ def evaluate_maps(
     Raises:
         CadtofError: maps or truth cannot be read, hold no direct depth, differ in size, or hold z depth.
     """
-    _require_free(table, overwrite=overwrite)
+    if table is not None:
+        require_free(table, overwrite=overwrite)
     run = read_run(maps)
     expected = run.cropped(direct_depth(truth))
     run.require_range_depth()
@@ -120,7 +121,7 @@ def scatter_over_time(maps: Path, out: Path, /, *, progress: Progress, overwrite
     """
     if suffix_format(out) is not EXR:
         raise OutputError(f"{out}: found the suffix {out.suffix!r}, expected {EXR.suffix}")
-    _require_free(out, overwrite=overwrite)
+    require_free(out, overwrite=overwrite)
     run = read_run(maps)
     files = run.require_maps()
     progress.total(len(files))
@@ -144,11 +145,6 @@ def scatter_over_time(maps: Path, out: Path, /, *, progress: Progress, overwrite
 def _median_cm(plane: NDArray[Any]) -> float | None:
     finite = plane[np.isfinite(plane)]
     return float(100.0 * np.median(finite)) if finite.size else None
-
-
-def _require_free(path: Path | None, *, overwrite: bool) -> None:
-    if path is not None and path.exists() and not overwrite:
-        raise OutputError(f"{path}: already exists; add --overwrite to replace it, or choose another file")
 
 
 def direct_depth(path: Path, /) -> Float:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cadtof_cli.calibration.store import load_calibration
-from cadtof_cli.errors import CadtofError, CaptureError, OutputError, SettingsError
+from cadtof_cli.errors import CadtofError, CaptureError, SettingsError
 from cadtof_cli.figures.calibration import draw_calibration
 from cadtof_cli.figures.kinds import require_picture
 from cadtof_cli.figures.layers import (
@@ -32,7 +32,7 @@ from cadtof_cli.figures.sequence import (
     require_film,
     thumbnail_size,
 )
-from cadtof_cli.files.atomic import whole_file
+from cadtof_cli.files.atomic import require_free, whole_file
 from cadtof_cli.maps.layers import CONFIDENCE, DIRECT_AMPLITUDE, DIRECT_DEPTH, DIRECT_SIGMA, MPI_DEPTH
 from cadtof_cli.workflows.inspect.calibration_facts import is_calibration_folder
 from cadtof_cli.workflows.inspect.evaluate import direct_depth, same_size
@@ -58,8 +58,8 @@ def preview(inputs: Sequence[Path], out: Path, /, *, settings: PreviewSettings, 
         CadtofError: an input cannot be read or drawn, or the file cannot be written.
     """
     film = out.suffix.lower() in FILMS
-    if film and out.exists() and not settings.overwrite:
-        raise OutputError(f"{out}: already exists; add --overwrite to replace it, or choose another file")
+    if film:
+        require_free(out, overwrite=settings.overwrite)
     kind = require_film(out) if film else require_picture(out, overwrite=settings.overwrite, more=FILMS)
     if len(inputs) == 1 and is_calibration_folder(inputs[0]):
         _draw_calibration(inputs[0], out, kind, settings)
