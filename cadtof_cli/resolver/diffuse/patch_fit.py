@@ -56,7 +56,12 @@ def fitted_patches(data: Float, error: Float, model: TailModel, pattern: Float, 
     how the state differs between patches by rule.
     """
     within, between = within_room(known_optics=known_optics), between_rooms(known_optics=known_optics)
-    prior = _RoomPrior(within, np.linalg.inv(between), FARTHEST * np.sqrt(np.diag(between)), error[: model.data, : model.data])
+    prior = _RoomPrior(
+        within,
+        np.asarray(np.linalg.inv(between), np.float64),
+        FARTHEST * np.sqrt(np.diag(between)),
+        error[: model.data, : model.data],
+    )
     state = MEAN[:, None] + pattern
     for _ in range(STEPS):
         values, jacobian = model.values(state)
