@@ -15,8 +15,9 @@ import click
 
 from cadtof_cli import __version__
 from cadtof_cli.commands.examples import example
-from cadtof_cli.commands.terminal import open_closed_streams, tell
-from cadtof_cli.errors import CadtofError
+from cadtof_cli.commands.narrow_help import HelpContext, fit_narrow_terminals
+from cadtof_cli.commands.terminal import let_streams_take_any_text, open_closed_streams, tell
+from cadtof_cli.errors import CadtofError, OutputError
 
 COMMANDS = {
     "resolve": "Resolve recorded frames into depth maps without multi-path interference.",
@@ -48,6 +49,8 @@ BROKEN_PIPE = 141
 class LazyGroup(click.Group):
     """A group that imports the module of a subcommand only when that is run."""
 
+    context_class = HelpContext
+
     def list_commands(self, ctx: click.Context) -> list[str]:
         """Return the names of all subcommands."""
         return list(COMMANDS)
@@ -56,6 +59,7 @@ class LazyGroup(click.Group):
         """Import a subcommand; None where there is none of that name, or one like it."""
         if cmd_name in COMMANDS:
             command: click.Command = getattr(importlib.import_module(f"cadtof_cli.commands.{cmd_name}"), cmd_name)
+            fit_narrow_terminals(command)
             return command
         import difflib
 
@@ -90,6 +94,7 @@ def main() -> NoReturn:
     # nor does it run at exit
     atexit.register(gc.freeze)
     open_closed_streams()
+    let_streams_take_any_text()
     for number in filter(None, (signal.SIGTERM, getattr(signal, "SIGHUP", None))):
         # nohup has SIGHUP ignored, and that is to stay
         if signal.getsignal(number) is not signal.SIG_IGN:
@@ -133,8 +138,10 @@ def _message_and_status(error: Exception) -> tuple[str, int]:
             return f"Error: {error}", error.exit_status
         case MemoryError():
             return "Error: not enough memory; try fewer --jobs, or smaller inputs", 1
+        case OSError(filename=None):
+            return f"Error: standard output: cannot be written: {error.strerror or error}", OutputError.exit_status
         case OSError():
-            return f"Error: {error.filename or 'standard output'}: {error.strerror or error}", 1
+            return f"Error: {error.filename}: {error.strerror or error}", 1
         case _:
             message = f"Error: unexpected {type(error).__name__}: {error}"
             return f"{message}\nRun `cadtof --debug …` and report it.", 1

@@ -44,11 +44,8 @@ from cadtof_cli.workflows.inspect.export import ExportSettings, export_maps
         help="Column and row of the optical axis.  [default: from run.json, else the centre]",
     ),
 )
-def export(
-    maps: tuple[Path, ...],
-    out: Path,
-    settings: ExportSettings,
-) -> None:
+@click.option("--overwrite", is_flag=True, help="Replace the files if they exist.")
+def export(*, maps: tuple[Path, ...], out: Path, settings: ExportSettings, overwrite: bool) -> None:
     """Write maps in formats of other software: point clouds, depth images, arrays, tables.
 
     MAPS are map files and folders of them. The names of the written files are printed on stdout.
@@ -60,6 +57,6 @@ def export(
     NPZ, CSV  all layers
     """
     with progress_bar("exporting", "maps", quiet=False) as bar:
-        outputs = export_maps(maps, out, settings=settings, progress=bar)
+        outputs = export_maps(maps, out, settings=settings, progress=bar, overwrite=overwrite)
     for output in outputs:
         tell(output)

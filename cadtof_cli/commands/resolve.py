@@ -145,6 +145,7 @@ def resolve(
       1    some frames failed (the others are written), or no frame was resolved
       2    wrong usage, settings or capture
       130  interrupted
+      141  the reader of stdout went away
     """
     from cadtof_cli.workflows.resolve.resolve import resolve_captures
 

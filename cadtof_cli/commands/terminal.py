@@ -1,5 +1,6 @@
 """What people see of a command: lines, and a progress bar on stderr where that is a terminal."""
 
+import io
 import os
 import re
 import shlex
@@ -43,6 +44,13 @@ def tell(text: object, /, *, err: bool = False) -> None:
     except OSError as error:
         if not err:
             raise OutputError(f"standard output: cannot be written: {error.strerror}") from error
+
+
+def let_streams_take_any_text() -> None:
+    r"""Have stdout and stderr write a letter that their encoding lacks by its number, as in `\u03c3`, instead of failing."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
 
 
 def open_closed_streams() -> None:
@@ -165,7 +173,8 @@ def _drawn(description: str, unit: str, log: TextIO | None) -> Iterator[Bar]:
 
     class Rate(ProgressColumn):
         def render(self, task: Task) -> Text:
-            speed = task.finished_speed or task.speed
+            # of few steps rich knows the last moments alone
+            speed = task.completed / task.finished_time if task.finished_time else task.speed
             return Text("" if speed is None else f"{speed:.1f} {unit}/s", style="progress.data.speed")
 
     # Without a refresh thread: a process that has threads must not fork workers.

@@ -171,7 +171,11 @@ def make_folder(path: Path, /) -> None:
 
 
 def require_new(path: Path, /, *, overwrite: bool) -> None:
-    """Raise OutputError where a file would be replaced, unless it may be."""
+    """Refuse to replace a file, before any work is done for it.
+
+    Raises:
+        OutputError: something is there already, and `overwrite` is not set.
+    """
     if os.path.lexists(path) and not overwrite:
         raise OutputError(f"{path}: already exists; add --overwrite to replace it, or choose another file")
 

@@ -20,7 +20,7 @@ from cadtof_cli.maps.comparison import (
     difference,
 )
 from cadtof_cli.maps.layers import DIRECT_DEPTH, MPI_DEPTH, layer_unit
-from cadtof_cli.resolver.status import StatusBit
+from cadtof_cli.resolver.status import StatusBit, bit_words
 from cadtof_cli.workflows.progress import Progress
 from cadtof_cli.workflows.run_folder import Run, read_run
 
@@ -193,7 +193,7 @@ def _named(changes: Mapping[StatusBit, BitChange]) -> Iterator[tuple[str, BitCha
     """Yield the bits that changed anywhere, by their names in words."""
     for bit, change in changes.items():
         if change.gained or change.lost:
-            yield str(bit.name).lower().replace("_", " "), change
+            yield bit_words(bit), change
 
 
 def _leading(layers: tuple[str, ...]) -> str | None:
