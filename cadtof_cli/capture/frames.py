@@ -15,8 +15,8 @@ import numpy as np
 from cadtof_cli.arrays import Stored
 from cadtof_cli.capture.toml import MetadataSource
 from cadtof_cli.errors import FrameError
-from cadtof_cli.files.formats import format_of, suffix_format
-from cadtof_cli.files.frames import CHANNELS, FrameLayout, Frames, RawLayout, lone_frame, shape_text
+from cadtof_cli.files.formats import detect_format, format_by_suffix
+from cadtof_cli.files.frames import CHANNELS, FrameLayout, Frames, RawLayout, shape_text, single_frame
 from cadtof_cli.records import dataclass
 
 _SIZES_COMPARED, _FILES_OPENED = 1000, 15
@@ -56,7 +56,7 @@ class FrameSource:
 
 
 @dataclass(frozen=True)
-class FilesAsFrames(Sequence[FrameSource]):
+class FrameFileList(Sequence[FrameSource]):
     """Frames that are a file each, of one folder; of thousands, nothing is kept but their names.
 
     Parameters:
@@ -75,8 +75,8 @@ class FilesAsFrames(Sequence[FrameSource]):
     @overload
     def __getitem__(self, place: int) -> FrameSource: ...
     @overload
-    def __getitem__(self, place: slice) -> "FilesAsFrames": ...
-    def __getitem__(self, place: int | slice) -> "FrameSource | FilesAsFrames":
+    def __getitem__(self, place: slice) -> "FrameFileList": ...
+    def __getitem__(self, place: int | slice) -> "FrameSource | FrameFileList":
         if isinstance(place, slice):
             return replace(self, files=self.files[place])
         file = self.files[place]
@@ -137,7 +137,7 @@ def open_frames(source: FrameSource, layout: FrameLayout, /) -> Iterator[Frames]
         yield _joined_planes(source, layout)
         return
     path = source.paths[0]
-    with format_of(path, raw=layout.raw is not None).frames().open_frames(path, layout) as frames:
+    with detect_format(path, raw=layout.raw is not None).frames().open_frames(path, layout) as frames:
         yield frames
 
 
@@ -148,7 +148,9 @@ def _joined_planes(source: FrameSource, layout: FrameLayout) -> Frames:
     for path, name in zip(source.paths, layout.plane_names, strict=True):
         if not os.path.lexists(path):
             raise FrameError(f"{path}: no such file, expected {name} of frame {source.name} there")
-    planes = [format_of(path, raw=layout.raw is not None).frames().read_plane(path, layout) for path in source.paths]
+    planes = [
+        detect_format(path, raw=layout.raw is not None).frames().read_plane(path, layout) for path in source.paths
+    ]
     first = planes[0]
     for path, plane in zip(source.paths, planes, strict=True):
         if plane.shape != first.shape or plane.dtype != first.dtype:
@@ -157,7 +159,7 @@ def _joined_planes(source: FrameSource, layout: FrameLayout) -> Frames:
                 f" {shape_text(first.shape, first.dtype)} as in {source.paths[0].name}"
             )
     stored = np.stack(planes).reshape(len(layout.harmonics), CHANNELS, *first.shape)
-    return lone_frame(stored)
+    return single_frame(stored)
 
 
 def read_stored(source: FrameSource, layout: FrameLayout, /, *, size: tuple[int, int] | None = None) -> Stored:
@@ -189,7 +191,7 @@ def single_frames(capture: Capture, /, *, taken: Collection[str] = ()) -> Iterat
     size_of_one = 0
     for source in capture.frames:
         path = source.paths[0]
-        named = suffix_format(path)
+        named = format_by_suffix(path)
         may_be_stack = len(source.paths) == 1 and (named is None or named.stacks)
         size = file_size(path) if may_be_stack else 0
         if not size or size == size_of_one:

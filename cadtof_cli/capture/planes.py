@@ -8,7 +8,7 @@ from pathlib import Path
 from cadtof_cli.capture.frames import Capture, FrameSource, natural_key
 from cadtof_cli.capture.metadata import InvalidValueError, Layout
 from cadtof_cli.errors import FrameError
-from cadtof_cli.files.formats import format_of
+from cadtof_cli.files.formats import detect_format
 from cadtof_cli.files.frames import CHANNELS, harmonic_labels
 from cadtof_cli.records import dataclass
 
@@ -19,10 +19,10 @@ ONLY_FRAME = "frame"
 
 _PIECES = re.compile(r"\d+|[^\W\d_]+|[\W_]+")
 
-_SAYS = {"channel": re.compile(r"s?c|ch\w*|sin|cos|iq", re.I), "harmonic": re.compile(r"h\w*|mhz|f|freq\w*", re.I)}
+_WORDS_FOR = {"channel": re.compile(r"s?c|ch\w*|sin|cos|iq", re.I), "harmonic": re.compile(r"h\w*|mhz|f|freq\w*", re.I)}
 """What stands before or behind a number that is a channel's or a harmonic's."""
 
-SHOWN_PATTERN = "{frame}_h{harmonic}_sc{channel}.tif"
+EXAMPLE_PATTERN = "{frame}_h{harmonic}_sc{channel}.tif"
 
 
 @dataclass(frozen=True)
@@ -33,10 +33,10 @@ class _Column:
     values: tuple[str, ...]
     beside: tuple[str, str]
 
-    def says(self, what: str) -> bool:
+    def is_named_for(self, what: str) -> bool:
         """Whether it names a channel, or a harmonic, by itself (letters or numbers) or by what stands beside it."""
         letters = all(value.isalpha() for value in self.values)
-        return letters == (what == "channel") or any(_SAYS[what].fullmatch(word) for word in self.beside)
+        return letters == (what == "channel") or any(_WORDS_FOR[what].fullmatch(word) for word in self.beside)
 
 
 def hint_of_planes(capture: Capture, /) -> str | None:
@@ -46,11 +46,11 @@ def hint_of_planes(capture: Capture, /) -> str | None:
         return None
     path = capture.frames[0].paths[0]
     try:
-        format_of(path).frames().read_plane(path, layout)
+        detect_format(path).frames().read_plane(path, layout)
     except FrameError:
         return None
     guess = guessed_layout(capture)
-    keys = f'pattern = "{guess.pattern if guess else SHOWN_PATTERN}"'
+    keys = f'pattern = "{guess.pattern if guess else EXAMPLE_PATTERN}"'
     if guess and guess.channel:
         keys += f", channel = {list(guess.channel)}".replace("'", '"')
     if guess and guess.harmonic:
@@ -83,15 +83,15 @@ def layout_of_names(names: Sequence[str], harmonics: tuple[int, ...], /) -> Layo
         for harmonic, channel in itertools.permutations(columns, 2)
         if len(harmonic.values) == len(harmonics) and len(channel.values) == CHANNELS
     ]
-    pairs.sort(key=_unlikely)
+    pairs.sort(key=_least_likely_last)
     return next((found for pair in pairs if (found := _layout(split, columns, *pair, harmonics))), None)
 
 
-def _unlikely(pair: tuple[_Column, _Column]) -> tuple[int, bool]:
+def _least_likely_last(pair: tuple[_Column, _Column]) -> tuple[int, bool]:
     """Return a key that sorts the likeliest columns of harmonic and channel to the front."""
     harmonic, channel = pair
-    wrong = channel.says("harmonic") + harmonic.says("channel")
-    return wrong - harmonic.says("harmonic") - channel.says("channel"), harmonic.place > channel.place
+    wrong = channel.is_named_for("harmonic") + harmonic.is_named_for("channel")
+    return wrong - harmonic.is_named_for("harmonic") - channel.is_named_for("channel"), harmonic.place > channel.place
 
 
 def _layout(

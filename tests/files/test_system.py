@@ -24,7 +24,14 @@ from cadtof_cli.errors import PlaceError
 from cadtof_cli.files import system
 from cadtof_cli.files.atomic import PartialFile
 from cadtof_cli.files.maps import DepthMaps
-from cadtof_cli.files.system import BLOCK_BYTES, KEEP, read_at, read_parts, remove_and_close, write_parts
+from cadtof_cli.files.system import (
+    BLOCK_BYTES,
+    OPEN_OR_CREATE_FLAGS,
+    read_at,
+    read_parts,
+    remove_and_close,
+    write_parts,
+)
 from tests.support.captures import record
 from tests.support.run_cadtof import PROGRAM, ROOT, Finished, program
 from tests.support.runs import require_same_run
@@ -106,7 +113,7 @@ def test_a_file_is_removed_and_closed_in_either_order(
 ) -> None:
     monkeypatch.setattr(system, "REMOVES_OPEN_FILES", removes)
     path = tmp_path / "lock"
-    descriptor = os.open(path, KEEP, 0o666)
+    descriptor = os.open(path, OPEN_OR_CREATE_FLAGS, 0o666)
     remove_and_close(path, descriptor)
     assert not path.exists()
     with pytest.raises(OSError, match="Bad file descriptor"):
@@ -190,9 +197,9 @@ def test_a_disk_that_is_full_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyP
     monkeypatch.setattr(os, "write", full)
     path = tmp_path / "maps.tif"
     held = PartialFile(path)
-    held.hold([blocks(100).data.cast("B")])
+    held.set_content([blocks(100).data.cast("B")])
     with pytest.raises(PlaceError, match="cannot be written: No space left on device"):
-        held.keep()
+        held.commit()
     assert list(tmp_path.iterdir()) == []
 
 

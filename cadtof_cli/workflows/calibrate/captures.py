@@ -123,7 +123,7 @@ def _require_same_modulation(captures: Sequence[Capture]) -> None:
                 )
 
 
-def parts_before(folder: Path, kind: PartKind, averaged: Averaged, /, *, progress: Progress) -> Calibration:
+def earlier_parts(folder: Path, kind: PartKind, averaged: Averaged, /, *, progress: Progress) -> Calibration:
     """Return the parts of the folder that are applied before this one, checked against the captures; say which."""
     earlier = PART_KINDS[: PART_KINDS.index(kind)]
     if not any(os.path.lexists(folder / f"{name}.toml") for name in earlier):
@@ -151,7 +151,7 @@ def origin_of(averaged: Averaged, used: Calibration, /) -> Origin:
     )
 
 
-def saved(
+def save_with_report(
     part: Part, settings: CalibrateSettings, figures: Mapping[str, Any], findings: tuple[str, ...], /
 ) -> CalibrateReport:
     """Write a part and return the report on it."""

@@ -18,7 +18,7 @@ from cadtof_cli.errors import OutputError
 from cadtof_cli.files.atomic import remove_partial_files, writing
 from cadtof_cli.files.formats import MAP_FORMATS
 from cadtof_cli.files.reading import real_path
-from cadtof_cli.files.system import KEEP, lock, read_at, remove_and_close, sync_folder
+from cadtof_cli.files.system import OPEN_OR_CREATE_FLAGS, read_at, remove_and_close, sync_folder, try_lock
 from cadtof_cli.workflows.resolve.settings import ResolveSettings
 from cadtof_cli.workflows.run_folder import FRAMES_FILE, RUN_FILE, read_record
 
@@ -86,15 +86,15 @@ def _locked_file(folder: Path, path: Path) -> int:
     """Return the descriptor of the file, locked."""
     while True:
         try:
-            descriptor = os.open(path, KEEP, 0o666)
+            descriptor = os.open(path, OPEN_OR_CREATE_FLAGS, 0o666)
         except OSError as error:
             raise OutputError(f"{path}: cannot be written: {error.strerror}") from error
-        if not lock(descriptor):
+        if not try_lock(descriptor):
             owner = _owner(descriptor)
             os.close(descriptor)
             raise OutputError(f"{folder}: {owner}; wait until it ends, or choose another folder with -o")
         with contextlib.suppress(OSError):
-            # whoever held it may have removed the file just before it came to us
+            # its last owner may have removed the file before we got the lock
             if os.path.samestat(os.fstat(descriptor), path.lstat()):
                 return descriptor
         os.close(descriptor)
@@ -134,7 +134,7 @@ def frame_names(captures: Sequence[Capture], out: Path, /) -> set[str]:
 def prepare_output(
     out: Path, names: Collection[str], document: Mapping[str, Any], /, *, settings: ResolveSettings, arriving: bool
 ) -> bool:
-    """Make sure that a run loses nothing in its folder, which it holds the lock of; return whether it goes on with another.
+    """Prepare the run's folder, whose lock is held, without losing files; return whether this run continues an earlier one.
 
     With inputs still `arriving`, only those that are there can be compared.
 
@@ -144,12 +144,12 @@ def prepare_output(
     """
     there: list[str] = []
     if settings.overwrite:
-        # what it says is not true of the maps to come; once they are there it would be believed
+        # its lines do not describe the maps to come, but would be taken for theirs
         with writing(out / FRAMES_FILE):
             (out / FRAMES_FILE).unlink(missing_ok=True)
             sync_folder(out)
     elif settings.resume:
-        there = _files_in_the_way(out, names)
+        there = _existing_outputs(out, names)
         if there:
             _require_same_run(out, document, there, arriving=arriving)
     else:
@@ -161,18 +161,18 @@ def prepare_output(
 
 def require_nothing_replaced(out: Path, names: Collection[str], /) -> None:
     """Raise OutputError where a run would replace files."""
-    if there := _files_in_the_way(out, names):
+    if there := _existing_outputs(out, names):
         raise OutputError(
-            f"{out}: {_some(there)} would be replaced; add --overwrite to replace, --resume to go on where a run "
+            f"{out}: {_first_names(there)} would be replaced; add --overwrite to replace, --resume to go on where a run "
             "stopped, or choose another folder with -o"
         )
 
 
-def _some(names: Sequence[str]) -> str:
+def _first_names(names: Sequence[str]) -> str:
     return f"{', '.join(names[:3])}{f' and {len(names) - 3} more' if len(names) > 3 else ''}"
 
 
-def _files_in_the_way(out: Path, names: Collection[str], /) -> list[str]:
+def _existing_outputs(out: Path, names: Collection[str], /) -> list[str]:
     """Return the files in a run's folder that the run would replace."""
     folders = {out / name.rpartition("/")[0] for name in names if "/" in name} | {out}
     there = []
@@ -189,13 +189,13 @@ def _require_same_run(out: Path, document: Mapping[str, Any], there: Sequence[st
     path = out / RUN_FILE
     if not os.path.lexists(path):
         raise OutputError(
-            f"{out}: cannot resume: found {_some(there)} and no {RUN_FILE}, so nothing tells what was resolved and how; "
+            f"{out}: cannot resume: found {_first_names(there)} and no {RUN_FILE}, so nothing tells what was resolved and how; "
             "add --overwrite, or choose another folder with -o"
         )
     try:
         earlier = read_record(out)
         before = _what_decides_maps(earlier)
-        # by it the lines of its frames are known
+        # lines of frames are found by it
         Path(earlier["arguments"]["out"])
     except OSError as error:
         raise OutputError(f"{path}: cannot be read: {error.strerror or error}") from error

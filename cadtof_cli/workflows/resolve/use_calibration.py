@@ -44,11 +44,14 @@ def use_calibration(folder: Path, captures: Sequence[Capture], /) -> AppliedCali
         }
         for part in calibration.parts
     }
-    notes = (f"{folder}: applied {_said(calibration)}", *(f"warning: {folder}: {text}" for text in calibration.stale()))
+    notes = (
+        f"{folder}: applied {_description(calibration)}",
+        *(f"warning: {folder}: {text}" for text in calibration.stale()),
+    )
     return AppliedCalibration(CalibrationUse(folder, calibration.digest), parts, notes)
 
 
-def _said(calibration: "Calibration") -> str:
+def _description(calibration: "Calibration") -> str:
     said = []
     if calibration.dark is not None:
         said.append(f"dark ({int(calibration.dark.hot.sum())} bad pixels)")
