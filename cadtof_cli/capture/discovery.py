@@ -41,7 +41,7 @@ class Capture:
     source: MetadataSource
     frames: Sequence[FrameSource]
 
-    @property
+    @functools.cached_property
     def layout(self) -> FrameLayout:
         """How the files are laid out, as a reader needs it."""
         layout = self.source.metadata.layout

@@ -1,7 +1,7 @@
 """Where recorded frames lie, and what file names say of it: natural order, and frame, harmonic and channel of planes."""
 
 import re
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import overload
@@ -72,7 +72,14 @@ class FilesAsFrames(Sequence[FrameSource]):
         if isinstance(place, slice):
             return replace(self, files=self.files[place])
         file = self.files[place]
-        return FrameSource(self.below + (file.rpartition(".")[0] or file), (self.folder / file,))
+        return FrameSource(self._name(file), (self.folder / file,))
+
+    def names(self) -> Iterator[str]:
+        """Yield the names of the frames, without all the rest of them."""
+        return map(self._name, self.files)
+
+    def _name(self, file: str) -> str:
+        return self.below + (file.rpartition(".")[0] or file)
 
 
 def natural_key(name: str) -> str:

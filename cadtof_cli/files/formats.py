@@ -171,10 +171,10 @@ def suffix_format(path: Path, /) -> Format | None:
     return _BY_SUFFIX.get(path.suffix.lower())
 
 
-def map_suffix_like(path: Path, /) -> str:
-    """Return the suffix of maps in the format of a frame; TIFF where that format keeps no maps, or its name does not tell."""
+def map_format_like(path: Path, /) -> Format:
+    """Return the format of the maps of a frame, which is its own; TIFF where that keeps no maps, or its name does not tell."""
     found = suffix_format(path)
-    return (found if found and found.layers else TIFF).suffix
+    return found if found and found.layers else TIFF
 
 
 def frame_suffixes(*, planes: bool, raw: bool) -> tuple[str, ...]:

@@ -98,11 +98,14 @@ class FrameReport:
 
     def as_json(self) -> dict[str, Any]:
         """Return the line as a JSON object."""
-        line = {name: getattr(self, name) for name in _TOLD if name != "more_paths" or self.more_paths is not None}
-        return line | {"files": self.files and [vars(file) for file in self.files]}
+        line = {name: value for name, value in vars(self).items() if name in _TOLD}
+        if self.more_paths is None:
+            del line["more_paths"]
+        line["files"] = self.files and [vars(file) for file in self.files]
+        return line
 
 
-_TOLD = tuple(field.name for field in fields(FrameReport) if field.name not in {"line", "note", "stops"})
+_TOLD = frozenset(field.name for field in fields(FrameReport)) - {"line", "note", "stops"}
 
 
 def report_of(line: bytes, /) -> FrameReport | None:

@@ -21,7 +21,7 @@ from cadtof_cli.files.formats import (
     format_named,
     format_of,
     frame_suffixes,
-    map_suffix_like,
+    map_format_like,
 )
 from cadtof_cli.files.frames import FrameLayout
 from cadtof_cli.files.maps import DepthMaps, read_layers, write_layers, write_maps
@@ -64,7 +64,7 @@ def test_no_two_formats_claim_the_same_file() -> None:
     [("a.tif", ".tif"), ("a.TIFF", ".tif"), ("a.exr", ".exr"), ("a.EXR", ".exr"), ("a", ".tif"), ("a.png", ".tif")],
 )
 def test_maps_in_the_format_of_the_frame(frame: str, suffix: str) -> None:
-    assert map_suffix_like(Path(frame)) == suffix
+    assert map_format_like(Path(frame)).suffix == suffix
 
 
 @pytest.mark.parametrize("compress", [False, True])

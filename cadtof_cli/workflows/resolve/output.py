@@ -3,12 +3,13 @@
 import itertools
 import json
 import re
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 from cadtof_cli.capture.discovery import Capture
+from cadtof_cli.capture.frame_sources import FilesAsFrames, FrameSource
 from cadtof_cli.capture.toml import FILE_NAME as CAPTURE_FILE
 from cadtof_cli.errors import OutputError
 from cadtof_cli.files.atomic import remove_partial_files, write_error
@@ -46,7 +47,7 @@ class FrameNames(Collection[str]):
     captures: Sequence[Capture]
 
     def __iter__(self) -> Iterator[str]:
-        return (name for capture in self.captures for name in (frame.name for frame in capture.frames))
+        return itertools.chain.from_iterable(map(_names_of, (capture.frames for capture in self.captures)))
 
     def __len__(self) -> int:
         return sum(len(capture.frames) for capture in self.captures)
@@ -57,6 +58,10 @@ class FrameNames(Collection[str]):
     @cached_property
     def _known(self) -> frozenset[str]:
         return frozenset(self)
+
+
+def _names_of(frames: Sequence[FrameSource]) -> Iterable[str]:
+    return frames.names() if isinstance(frames, FilesAsFrames) else (frame.name for frame in frames)
 
 
 def frame_names(captures: Sequence[Capture], out: Path, /) -> Collection[str]:

@@ -9,7 +9,7 @@ from cadtof_cli.capture.discovery import Capture, find_captures, placed_below
 from cadtof_cli.capture.frame_sources import FrameSource
 from cadtof_cli.capture.frames import file_size, open_frames, single_frames, usual_file
 from cadtof_cli.errors import CaptureError, FrameError, SettingsError
-from cadtof_cli.files.formats import format_named, map_suffix_like
+from cadtof_cli.files.formats import Format, format_named, map_format_like
 from cadtof_cli.frame_plan import FramePlan
 from cadtof_cli.phasors.noise import noise_model
 from cadtof_cli.phasors.plausible import implausible
@@ -54,9 +54,18 @@ class CapturePlan:
 
     def output(self, source: FrameSource, settings: ResolveSettings, /) -> Path:
         """Return the file that the maps of a frame are written into."""
+        return settings.out / f"{source.name}{self._map_format(source, settings).suffix}"
+
+    def load_map_files(self, settings: ResolveSettings, /) -> None:
+        """Load the module that writes the maps of most frames, before any is to be written."""
+        for source in self.capture.frames[:1]:
+            layers = self._map_format(source, settings).layers
+            assert layers is not None
+            layers()
+
+    def _map_format(self, source: FrameSource, settings: ResolveSettings) -> Format:
         same = settings.map_format == AS_INPUT
-        suffix = map_suffix_like(source.paths[0]) if same else format_named(settings.map_format).suffix
-        return settings.out / f"{source.name}{suffix}"
+        return map_format_like(source.paths[0]) if same else format_named(settings.map_format)
 
     def pooling_seconds(self) -> float:
         """Return about how long the pooling of one frame takes."""
