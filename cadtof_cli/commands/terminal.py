@@ -20,24 +20,24 @@ from cadtof_cli.errors import OutputError
 if TYPE_CHECKING:
     from rich.progress import Progress as RichProgress
 
-_STEERING = "[\x00-\x08\x0b-\x1f\x7f-\x9f\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]"
+_CONTROL_CHARACTERS = "[\x00-\x08\x0b-\x1f\x7f-\x9f\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]"
 """Control characters but tab and new line, those that turn the direction of writing, and bytes of names that are no UTF-8."""
 
 
-def shown(text: str, /) -> str:
-    """Return a text with everything escaped in it that a terminal would obey instead of showing it."""
-    return re.sub(_STEERING, lambda found: repr(found.group())[1:-1], text)
+def escaped(text: str, /) -> str:
+    """Return a text with all characters escaped that control a terminal."""
+    return re.sub(_CONTROL_CHARACTERS, lambda found: repr(found.group())[1:-1], text)
 
 
 def tell(text: object, /, *, err: bool = False) -> None:
     """Write a line to stdout, or to stderr.
 
     Raises:
-        OutputError: stdout cannot be written. Of stderr nobody would hear.
+        OutputError: stdout cannot be written; errors of stderr are ignored.
         BrokenPipeError: the reader of stdout has gone away.
     """
     try:
-        click.echo(shown(str(text)), err=err)
+        click.echo(escaped(str(text)), err=err)
     except BrokenPipeError:
         if not err:
             raise
@@ -54,9 +54,9 @@ def let_streams_take_any_text() -> None:
 
 
 def open_closed_streams() -> None:
-    """Put something in the place of closed stdin, stdout and stderr, so that no file that is opened becomes one of them.
+    """Replace closed stdin, stdout and stderr, so that no file that is opened later gets their descriptors.
 
-    Whatever is written to a closed stdout fails then; a closed stderr takes everything and shows nothing.
+    Writing to a stdout that was closed fails; a stderr that was closed ignores everything.
     """
     for number, mode in ((0, os.O_RDONLY), (1, os.O_RDONLY), (2, os.O_WRONLY)):
         try:
@@ -127,7 +127,7 @@ class DrawnBar(Bar):
 
     def show(self, message: str, /) -> None:
         """Show a line above the bar."""
-        self._progress.console.print(shown(message), markup=False, highlight=False)
+        self._progress.console.print(escaped(message), markup=False, highlight=False)
 
     def _draw(self) -> None:
         now = time.monotonic()

@@ -12,7 +12,7 @@ from typing import Any
 
 from cadtof_cli import __version__
 from cadtof_cli.capture.metadata import Optics
-from cadtof_cli.files.atomic import whole_file
+from cadtof_cli.files.atomic import atomic_write
 from cadtof_cli.optics.lens import principal_point
 from cadtof_cli.report.frames import EmbeddedFrame
 from cadtof_cli.report.markup import EMPTY, Markup, element, joined, printable, text
@@ -90,7 +90,7 @@ def write_page(path: Path, page: Page, /) -> None:
         style=style,
         script=script,
     )
-    with whole_file(path) as temporary:
+    with atomic_write(path) as temporary:
         temporary.write_text(markup, encoding="utf-8")
 
 

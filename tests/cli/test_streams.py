@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from cadtof_cli.commands.terminal import shown
+from cadtof_cli.commands.terminal import escaped
 from tests.support.captures import record
 from tests.support.run_cadtof import ENVIRONMENT, PROGRAM, ROOT, Finished
 
@@ -98,8 +98,8 @@ def test_names_cannot_steer_a_terminal(tmp_path: Path) -> None:
 
 
 def test_what_is_shown() -> None:
-    assert shown("µ – 320 × 240\tB\n") == "µ – 320 × 240\tB\n"
-    assert shown("\x1b[0m\r\udcff\x9b\u2028") == r"\x1b[0m\r\udcff\x9b\u2028"
+    assert escaped("µ – 320 × 240\tB\n") == "µ – 320 × 240\tB\n"
+    assert escaped("\x1b[0m\r\udcff\x9b\u2028") == r"\x1b[0m\r\udcff\x9b\u2028"
 
 
 def test_everything_that_is_said_goes_through_tell() -> None:
