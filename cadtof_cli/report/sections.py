@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import PurePosixPath
 
 from cadtof_cli.report.frames import EmbeddedFrame, EmbeddedLayer
 from cadtof_cli.report.markup import EMPTY, Markup, element, joined, table
@@ -118,13 +119,16 @@ def frame_list(page: PageText, /) -> Markup:
 
 
 def _thumbnail(frame: FrameLine) -> Markup:
-    name = element("bdi", frame.name)
     if frame.number is None or frame.thumbnail is None:
+        # as maps would have been called, where it is a file's name
+        path = PurePosixPath(frame.name)
+        short = path.stem if path.suffix[1:].isalnum() else path.name
         mark = element("span", frame.status or "no maps", class_="mark")
-        return element("li", element("div", mark, element("span", name), class_="lost", title=frame.reason))
+        label = element("span", element("bdi", short))
+        return element("li", element("div", mark, label, class_="lost", title=frame.reason))
     width, height = frame.size
     picture = element("img", src=frame.thumbnail, width=width, height=height, alt="", loading="lazy", decoding="async")
-    label = element("span", name)
+    label = element("span", element("bdi", frame.name))
     return element("li", element("button", picture, label, type="button", data_frame=frame.number, title=frame.name))
 
 
