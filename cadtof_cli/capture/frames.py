@@ -1,5 +1,6 @@
 """A capture and its frames: where each lies, and how it is read from a file of whatever format, a stack, or files of planes."""
 
+import functools
 import itertools
 import os
 import re
@@ -80,7 +81,14 @@ class FrameFileList(Sequence[FrameSource]):
         if isinstance(place, slice):
             return replace(self, files=self.files[place])
         file = self.files[place]
-        return FrameSource(self.below + (file.rpartition(".")[0] or file), (self.folder / file,))
+        return FrameSource(self._name(file), (self.folder / file,))
+
+    def names(self) -> Iterator[str]:
+        """Yield the names of the frames, without all the rest of them."""
+        return map(self._name, self.files)
+
+    def _name(self, file: str) -> str:
+        return self.below + (file.rpartition(".")[0] or file)
 
 
 def natural_key(name: str) -> str:
@@ -108,7 +116,7 @@ class Capture:
     source: MetadataSource
     frames: Sequence[FrameSource]
 
-    @property
+    @functools.cached_property
     def layout(self) -> FrameLayout:
         """How the files are laid out, as a reader needs it."""
         layout = self.source.metadata.layout

@@ -133,10 +133,14 @@ class _Run:
         tasks = self._tasks(plans, expected, taken)
         if sum(expected) < workers.processes and _are_worth_splitting(plans, self._settings):
             return split_frames.resolve_split(tasks, workers=workers)
+        for one in plans:
+            # a process that is forked has it then
+            one.load_map_files(self._settings)
         # no process is started for which there is no frame
         workers = workers.at_most(max(sum(expected), 1))
         probe = None if workers.scheduler == LOCAL else self._probe()
-        return run_ordered(resolve_file, tasks, workers=workers, probe=probe, say=self._progress.say)
+        shared = [part for one in plans for part in (one.plan, one.capture.layout)]
+        return run_ordered(resolve_file, tasks, workers=workers, shared=shared, probe=probe, say=self._progress.say)
 
     def _probe(self) -> Path:
         """Make a file in the run's folder that is removed with what is half-written, for workers of a cluster to look for."""
