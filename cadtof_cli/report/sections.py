@@ -12,7 +12,7 @@ BAR_WIDTH, BAR_HEIGHT = 1000, 18
 
 @dataclass(frozen=True)
 class FrameLine:
-    """A frame of the run, whatever became of it.
+    """A frame of the run, resolved or not.
 
     Attributes:
         name: of its maps; of the recorded frame where there are none.
@@ -98,7 +98,7 @@ def _shares(pixels: Mapping[str, int]) -> Markup:
 
 
 def _share(share: float) -> str:
-    """Return a share in per cent; what is there is never said to be nothing."""
+    """Return a share in per cent; a share above 0 is never shown as 0."""
     return "below 0.1 %" if 0.0 < share < 0.001 else f"{share:.1%}".replace("%", " %")
 
 
