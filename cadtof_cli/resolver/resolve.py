@@ -10,7 +10,7 @@ from cadtof_cli.arrays import Bool, Complex, Float, Status
 from cadtof_cli.phasors.chi_squared import chi_squared_threshold
 from cadtof_cli.phasors.noise import NoiseModel
 from cadtof_cli.resolver.order import Solver, fewest_paths, told_apart
-from cadtof_cli.resolver.paths import Fit, ResolvedPaths
+from cadtof_cli.resolver.paths import Fit, Paths, ResolvedPaths
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.resolver.status import StatusBit
 from cadtof_cli.resolver.two_path.kernel import NUMPY
@@ -66,6 +66,9 @@ def resolve_paths(
             usable = answered if through is None else answered & ~through.where
             predicted = _predicted(phasors, tail, usable, noise, kernel)
             answered &= ~predicted.answered
+            if not answered.any():
+                bits = status | predicted.answered * np.uint32(StatusBit.DIFFUSE_MPI)
+                return _resolved(_of_tail(predicted), confidence, bits, noise)
         fit = fewest_paths(solver, answered, settings=settings, noise=noise)
         if tail is not None and response is not None:
             from cadtof_cli.resolver.response.as_sine import phasors_of_sine
@@ -87,6 +90,11 @@ def resolve_paths(
         if predicted is not None:
             _put_tail(fit, predicted, through)
             bits = np.where(predicted.answered, np.uint32(StatusBit.DIFFUSE_MPI), bits)
+    return _resolved(fit, confidence, bits, noise)
+
+
+def _resolved(fit: Fit, confidence: Float, bits: Status, noise: NoiseModel) -> ResolvedPaths:
+    """Return what was found, with the bit of pixels that are means."""
     if noise.samples is not None:
         np.bitwise_or(bits, np.uint32(StatusBit.POOLED), out=bits, where=noise.samples > 1.0)
     return ResolvedPaths(fit.paths, confidence, bits, fit.chi_squared)
@@ -131,6 +139,15 @@ def _put_freed(fit: Fit, free: Complex, where: Bool, settings: ResolverSettings,
         solver: Solver = two_path.solver(free[:, chosen], noise=noise, settings=settings, response=None, first=0)
         _, two = solver.fit(2, np.ones(chosen.size, np.bool_), limit=None)
         fit[chosen] = told_apart(two, settings, noise[chosen], slice(None))
+
+
+def _of_tail(predicted: "DiffusePixels") -> Fit:
+    """Return direct and MPI light as two paths where a tail was predicted, and nothing elsewhere."""
+    rows = zip(predicted.direct, predicted.mpi, strict=True)
+    amplitude, phase_rad, sigma_rad = (np.array(pair, np.float64) for pair in rows)
+    count = predicted.answered.size
+    chi_squared = predicted.chi_squared.astype(np.float64)
+    return Fit(Paths(amplitude, phase_rad, sigma_rad), chi_squared, np.ones(count, np.bool_), np.zeros(count))
 
 
 def _put_tail(fit: Fit, predicted: "DiffusePixels", through: "ThroughPixels | None") -> None:

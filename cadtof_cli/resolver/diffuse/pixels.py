@@ -126,8 +126,8 @@ def _pixel_data(phasors: Complex, square: Float, model: DiffuseModel, samples: F
 def _within_a_turn(phase: Float32, /) -> Float32:
     """Return phases between −2π and 4π brought to [0, 2π)."""
     turn = np.float32(FULL_TURN)
-    inside = np.where(phase < 0.0, phase + turn, phase)
-    return np.where(inside >= turn, inside - turn, inside)
+    inside = phase + (phase < 0.0) * turn
+    return np.asarray(inside - (inside >= turn) * turn, np.float32)
 
 
 def _first_range(phase_rad: Float32, model: DiffuseModel, pixels: slice) -> Float32:
