@@ -109,8 +109,10 @@ def phase_of(cos: Float32, sin: Float32, /) -> Float32:
 
 def _series(coefficients: Sequence[float], z: Array) -> Array:
     """Return Σ_k coefficients[k]·z^k by Horner's rule."""
-    total = np.full_like(z, coefficients[-1])
-    for coefficient in reversed(coefficients[:-1]):
+    last, before, *others = reversed(coefficients)
+    total = z * last
+    total += before
+    for coefficient in others:
         total *= z
         total += coefficient
     return total

@@ -1,7 +1,7 @@
 """From patches to pixels: a joint bilateral filter of the four nearest patches, by distance in the image and in depth."""
 
-from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -82,28 +82,13 @@ class Upsampler:
             found[:, band.pixels] = np.add(total, last, out=total).reshape(len(found), -1)
         return found
 
-    def bands(self, pixels: slice, /) -> Iterator[Band]:
+    def bands(self, pixels: slice, /) -> tuple[Band, ...]:
         """Cut a stretch of pixels, flat indices row by row, into bands, in order."""
-        width, start, stop = self.grid.width, pixels.start, pixels.stop
-        while start < stop:
-            top, left = divmod(start, width)
-            if left or stop - start < width:
-                bottom, right = top + 1, min(width, left + stop - start)
-            else:
-                bottom, right = min(stop // width, self._band_end(top)), width
-            end = (bottom - 1) * width + right
-            chosen = slice(start - pixels.start, end - pixels.start)
-            yield Band(top, bottom, left, right, chosen, int(self.above(top)))
-            start = end
+        return _bands(self.grid, pixels.start, pixels.stop)
 
     def above(self, row: int | Index, /) -> int | Index:
         """Return which row of `planes` lies above (or at) the middle of a row of pixels."""
-        return (2 * row + 1 + self.grid.side) // (2 * self.grid.side)
-
-    def _band_end(self, row: int) -> int:
-        """Return the first row of pixels below this one that lies between two other rows of patches."""
-        side = self.grid.side
-        return -(-((2 * int(self.above(row)) + 1) * side - 1) // 2)
+        return _above(row, self.grid.side)
 
     def _weights(self, band: Band, range_m: Float32) -> list[Float32]:
         """Return the shares of the upper left, upper right and lower left patch, (rows, columns) each; the rest is the last's."""
@@ -128,6 +113,30 @@ class Upsampler:
         starts = (self.first + band.left, self.first + band.left + self.grid.side)
         count = band.right - band.left
         return [planes[..., band.patch_row + i, None, start : start + count] for i in (0, 1) for start in starts]
+
+
+@lru_cache(maxsize=64)
+def _bands(grid: PatchGrid, start: int, stop: int) -> tuple[Band, ...]:
+    first, width, bands = start, grid.width, []
+    while start < stop:
+        top, left = divmod(start, width)
+        if left or stop - start < width:
+            bottom, right = top + 1, min(width, left + stop - start)
+        else:
+            bottom, right = min(stop // width, _band_end(top, grid.side)), width
+        end = (bottom - 1) * width + right
+        bands.append(Band(top, bottom, left, right, slice(start - first, end - first), int(_above(top, grid.side))))
+        start = end
+    return tuple(bands)
+
+
+def _above(row: int | Index, side: int) -> int | Index:
+    return (2 * row + 1 + side) // (2 * side)
+
+
+def _band_end(row: int, side: int) -> int:
+    """Return the first row of pixels below this one that lies between two other rows of patches."""
+    return -(-((2 * int(_above(row, side)) + 1) * side - 1) // 2)
 
 
 def upsampler(planes: Float32, range_m: Float, valid: Bool, grid: PatchGrid, /) -> Upsampler:
