@@ -3,7 +3,7 @@
 import numpy as np
 
 from cadtof_cli.files.maps import DepthMaps
-from cadtof_cli.maps.depth import DepthScale, empty_maps, write_block
+from cadtof_cli.maps.depth import DepthScale, write_block
 from cadtof_cli.maps.layers import DIRECT_DEPTH, Layer, wanted_layers
 from cadtof_cli.optics.lamp import LampBeside
 from cadtof_cli.resolver.paths import Paths, ResolvedPaths
@@ -38,7 +38,7 @@ def written(
 ) -> DepthMaps:
     """Maps of 3 × 4 pixels, −1 and 99 where nothing was written."""
     layers = layers or wanted_layers()
-    maps = empty_maps(3, 4, layers=layers)
+    maps = DepthMaps.empty(tuple(layer.name for layer in layers), (3, 4))
     maps.pages[:] = -1.0
     maps.status[:] = 99
     block = slice(start, start + 6)
@@ -104,7 +104,7 @@ def test_pages_of_the_layers_and_one_for_the_status() -> None:
     layers = wanted_layers(paths=3, searched=True, averaged=True)
     units = ["m", "m", "V", "V", "m", "m", "V", "m", "V", "m", "", ""]
     assert [layer.unit for layer in layers] == units
-    maps = empty_maps(2, 5, layers=layers)
+    maps = DepthMaps.empty(tuple(layer.name for layer in layers), (2, 5))
     assert maps.names == tuple(layer.name for layer in layers)
     assert maps.pages.shape == (13, 2, 5)
     assert maps.values.shape == (12, 2, 5)
@@ -129,7 +129,7 @@ def test_depths_from_a_lamp_beside_the_camera_become_those_from_the_camera() -> 
     for per_range in (None, planar):
         factor = 1.0 if per_range is None else per_range
         scale = DepthScale(METRES, VOLTS, planar_per_range=per_range, lamp=ahead)
-        maps = empty_maps(2, 3, layers=wanted_layers())
+        maps = DepthMaps.empty(tuple(layer.name for layer in wanted_layers()), (2, 3))
         maps.pages[:] = -1.0
         maps.layer(DIRECT_DEPTH)[:] = (half_way * factor)[4:10].reshape(2, 3)
         scale.measure_from_camera(maps, 4)
@@ -144,7 +144,7 @@ def test_where_the_lamp_is_beside_the_camera_each_pixel_has_its_own_way() -> Non
     offset, range_m = np.array([0.2, -0.1, 0.05]), rng.uniform(0.5, 4.0, 12)
     half_way = 0.5 * (np.linalg.norm(ray * range_m - offset[:, np.newaxis], axis=0) + range_m)
     lamp = LampBeside(0.5 * offset @ ray, 0.5 * float(np.linalg.norm(offset)))
-    maps = empty_maps(2, 3, layers=wanted_layers())
+    maps = DepthMaps.empty(tuple(layer.name for layer in wanted_layers()), (2, 3))
     maps.layer(DIRECT_DEPTH)[:] = half_way[6:].reshape(2, 3)
     DepthScale(METRES, VOLTS, lamp=lamp).measure_from_camera(maps, 6)
     np.testing.assert_allclose(maps.layer(DIRECT_DEPTH).ravel(), range_m[6:], rtol=1e-6)

@@ -73,7 +73,9 @@ def test_samples_look_where_the_pinhole_says(size: tuple[int, int]) -> None:
     inside = grid.samples(np.ones(size, bool))
     slope_x, slope_y = (x - 30.5) / 100.0, (y - 17.25) / 100.0
     cosine = 1.0 / np.sqrt(1.0 + slope_x**2 + slope_y**2)
-    for found, image in ((grid.slope_x, slope_x), (grid.slope_y, slope_y), (grid.cosine, cosine)):
+    assert_allclose(grid.cosine[inside], grid.samples(cosine)[inside], rtol=1e-7)
+    for middle, place, image in zip(grid.slope, grid.place, (slope_x, slope_y), strict=True):
+        found = middle[..., None] + place * grid.stride / 100.0
         assert_allclose(found[inside], grid.samples(image)[inside])
 
 
