@@ -57,7 +57,7 @@ class FrameSource:
 
 @dataclass(frozen=True)
 class FrameFileList(Sequence[FrameSource]):
-    """Frames that are a file each, of one folder; of thousands, nothing is kept but their names.
+    """Frames of one folder, each in a file of its own; only the names of the files are kept, as there may be thousands.
 
     Parameters:
         folder: of the files.
@@ -84,8 +84,8 @@ class FrameFileList(Sequence[FrameSource]):
 
 
 def natural_key(name: str) -> str:
-    """Return a key that sorts frame_2 before frame_10; it is one text, since thousands of them are there at once."""
-    # a number by how many digits it has, then by these; what ends before a number comes before what goes on
+    """Return a sort key by which frame_2 comes before frame_10; a single text, as there may be thousands of keys."""
+    # each number becomes the count of its digits and the digits; a name that ends before a number comes first
     return f"{_DIGITS.sub(_sortable, name.casefold())}\0\0{name}"
 
 

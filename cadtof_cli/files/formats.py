@@ -53,7 +53,7 @@ class LayerFiles(Protocol):
         """
 
     def read_facts(self, path: Path, /) -> dict[str, str]:
-        """Return what a file of maps says of itself, by name; nothing where another program wrote it."""
+        """Return the facts in the header of a map file, by name; nothing where another program wrote it."""
 
     def read_layers(self, path: Path, /) -> "dict[str, NDArray[Any]]":
         """Return the layers of a file by name, (Y, X) each, as they are stored."""
@@ -89,7 +89,7 @@ class Format:
 
 
 def _module(name: str) -> Callable[[], Any]:
-    """Return what loads a module of this room, when it is called."""
+    """Return a function that imports a module of `files/` when it is first called."""
     return cache(partial(import_module, f"cadtof_cli.files.{name}"))
 
 
@@ -142,7 +142,7 @@ RAW = Format(
 FORMATS = (EXR, TIFF, NPY, PNG, RAW)
 
 FRAME_SUFFIXES = tuple(suffix for one in FORMATS if one.magics and one.whole for suffix in one.suffixes)
-"""Endings of files that are frames wherever they lie."""
+"""Endings of files that count as frames in any folder."""
 
 MAP_SUFFIXES = tuple(suffix for one in FORMATS if one.layers for suffix in one.suffixes)
 

@@ -42,14 +42,14 @@ _CHANGES_NO_MAP = frozenset(
         "frames",
     }
 )
-"""Arguments that may differ between a run and its resumption: what they decide is compared by what it is, not as it was typed."""
+"""Arguments that may differ when a run is resumed: what they lead to is compared, not how they were typed."""
 
 _INPUTS, _FOLDERS = "resolved_inputs", "folders of the frames"
 
 
 @contextmanager
 def locked(folder: Path, /) -> Iterator[None]:
-    """Keep every other run out of a folder.
+    """Lock a folder against other runs.
 
     A file in it carries the lock and says whose it is. The lock is the process's own, so that neither its end, however
     sudden, nor a worker that outlives it leaves the folder locked. Where the file system has no locks there is none.
@@ -83,7 +83,7 @@ def locked(folder: Path, /) -> Iterator[None]:
 
 
 def _locked_file(folder: Path, path: Path) -> int:
-    """Return the descriptor of the file, locked."""
+    """Return the descriptor of the lock file, locked."""
     while True:
         try:
             descriptor = os.open(path, OPEN_OR_CREATE_FLAGS, 0o666)
@@ -214,7 +214,7 @@ def _require_same_run(out: Path, document: Mapping[str, Any], there: Sequence[st
 
 
 def _what_decides_maps(document: Mapping[str, Any]) -> dict[str, Any]:
-    """Return what decides the maps of a run, by the names it has for a user: inputs, options, metadata, calibration."""
+    """Return all that decides the maps of a run, by names that a user knows: inputs, options, metadata, calibration."""
     captures = document["captures"]
     deciding: dict[str, Any] = {"version of cadtof": document["cadtof"]}
     deciding[_FOLDERS] = [capture.get("resolved_root") for capture in captures]

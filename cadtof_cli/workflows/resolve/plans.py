@@ -1,4 +1,4 @@
-"""What a run is going to do with each capture: made before anything is written."""
+"""What a run does with each capture: planned before anything is written."""
 
 import itertools
 from collections.abc import Collection, Iterator, Mapping, Sequence

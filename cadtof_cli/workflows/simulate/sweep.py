@@ -59,7 +59,7 @@ class SweepSettings:
 
 @dataclass(frozen=True)
 class SweepCell:
-    """One condition of a sweep and what its runs say."""
+    """One condition of a sweep, and the statistics of its runs."""
 
     trials: Trials
     outcome: TrialsSummary
