@@ -1,10 +1,11 @@
 """A capture and its frames: where each lies, and how it is read from a file of whatever format, a stack, or files of planes."""
 
+import functools
 import itertools
 import os
 import re
 from collections import Counter
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -80,7 +81,14 @@ class FrameFileList(Sequence[FrameSource]):
         if isinstance(place, slice):
             return replace(self, files=self.files[place])
         file = self.files[place]
-        return FrameSource(self.below + (file.rpartition(".")[0] or file), (self.folder / file,))
+        return FrameSource(self._name(file), (self.folder / file,))
+
+    def names(self) -> Iterator[str]:
+        """Yield the names of the frames, without all the rest of them."""
+        return map(self._name, self.files)
+
+    def _name(self, file: str) -> str:
+        return self.below + (file.rpartition(".")[0] or file)
 
 
 def natural_key(name: str) -> str:
@@ -108,7 +116,7 @@ class Capture:
     source: MetadataSource
     frames: Sequence[FrameSource]
 
-    @property
+    @functools.cached_property
     def layout(self) -> FrameLayout:
         """How the files are laid out, as a reader needs it."""
         layout = self.source.metadata.layout
@@ -116,6 +124,15 @@ class Capture:
         if layout.raw_dtype is not None and layout.raw_shape is not None:
             raw = RawLayout(layout.raw_dtype, layout.raw_shape, layout.raw_offset_bytes or 0)
         return FrameLayout(self.source.metadata.modulation.harmonics, layout.frames, raw)
+
+    def frame_names(self) -> Iterator[str]:
+        """Yield the names of the frames."""
+        return self.frames.names() if isinstance(self.frames, FrameFileList) else (frame.name for frame in self.frames)
+
+
+def frame_names(captures: Iterable[Capture], /) -> set[str]:
+    """Return the names of all frames of some captures."""
+    return {name for capture in captures for name in capture.frame_names()}
 
 
 @contextmanager
@@ -180,15 +197,15 @@ def read_stored(source: FrameSource, layout: FrameLayout, /, *, size: tuple[int,
     return stored
 
 
-def single_frames(capture: Capture, /, *, taken: Collection[str] = ()) -> Iterator[FrameSource]:
-    """Yield every frame of a capture, a stack's one by one, none under a name that is `taken` by another capture's.
+def single_frames(capture: Capture, /, *, taken: Callable[[], Collection[str]] | None = None) -> Iterator[FrameSource]:
+    """Yield every frame of a capture, a stack's one by one, none under a name in `taken`, which is only called for a stack.
 
     Opening each of thousands of files beforehand would cost as much as reading them, so a file of the very size of one that
     held a single frame is taken to hold one too (its reader checks). A file that cannot be opened is yielded as it is: it
     fails when its turn comes.
     """
-    layout, names = capture.layout, taken or {source.name for source in capture.frames}
-    size_of_one = 0
+    layout, size_of_one = capture.layout, 0
+    names: Collection[str] | None = None
     for source in capture.frames:
         path = source.paths[0]
         named = format_by_suffix(path)
@@ -207,6 +224,8 @@ def single_frames(capture: Capture, /, *, taken: Collection[str] = ()) -> Iterat
             size_of_one = size
             yield source
         else:
+            if names is None:
+                names = taken() if taken else set(capture.frame_names())
             yield from source.expanded(count, taken=names)
 
 

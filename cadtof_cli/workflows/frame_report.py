@@ -79,13 +79,14 @@ class FrameReport:
 
     def as_json(self) -> dict[str, Any]:
         """Return the line as a JSON object."""
-        line = {
-            name: getattr(self, name) for name in _JSON_FIELDS if name != "more_paths" or self.more_paths is not None
-        }
-        return line | {"files": self.files and [vars(file) for file in self.files]}
+        line = {name: value for name, value in vars(self).items() if name in _JSON_FIELDS}
+        if self.more_paths is None:
+            del line["more_paths"]
+        line["files"] = self.files and [vars(file) for file in self.files]
+        return line
 
 
-_JSON_FIELDS = tuple(field.name for field in fields(FrameReport) if field.name not in {"line", "note", "stops"})
+_JSON_FIELDS = frozenset(field.name for field in fields(FrameReport)) - {"line", "note", "stops"}
 
 
 def report_of(line: bytes, /) -> FrameReport | None:

@@ -1,7 +1,7 @@
 """One recorded frame → one file of maps: the unit of work that goes to a worker process."""
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -45,6 +45,12 @@ class FrameTask:
     before: FrameReport | None = None
     token: str = ""
 
+    def __reduce__(self) -> tuple[Callable[..., "FrameTask"], tuple[Any, ...]]:
+        """Return how another process makes this one: from texts, since each frame has paths, which take long to go there."""
+        sources = tuple((one.name, tuple(map(str, one.paths)), one.index) for one in self.sources)
+        others = (self.layout, self.plan, self.pixels, str(self.output), self.resume, self.before, self.token)
+        return _task_of_texts, (sources, *others)
+
     def calibration(self) -> "Calibration | None":
         """Return the calibration that the plan names, which each process reads once.
 
@@ -71,6 +77,19 @@ class FrameTask:
         except (OSError, ValueError):
             return None
         return tuple(SourceFile(name, now.st_size, now.st_mtime_ns) for name, now in found)
+
+
+def _task_of_texts(
+    sources: Sequence[tuple[str, Sequence[str], int | None]],
+    layout: FrameLayout,
+    plan: FramePlan,
+    pixels: tuple[int, int] | None,
+    output: str,
+    *others: Any,
+) -> FrameTask:
+    """Return the task that has travelled from another process."""
+    found = tuple(FrameSource(name, tuple(map(Path, paths)), index) for name, paths, index in sources)
+    return FrameTask(found, layout, plan, pixels, Path(output), *others)
 
 
 @dataclass(frozen=True)

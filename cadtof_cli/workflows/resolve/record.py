@@ -143,7 +143,7 @@ class RunRecorder:
 
     def before(self, output: Path, /) -> FrameReport | None:
         """Return what an earlier run recorded of a frame whose maps it wrote; None where it did not."""
-        place = self._known_place(output)
+        place = self._known_place(str(output))
         return None if place is None else report_of(self._line_at(place))
 
     def add(self, report: FrameReport, /) -> None:
@@ -152,16 +152,16 @@ class RunRecorder:
         self._totals.add(line)
         text = json.dumps(line.as_json()).encode() + b"\n"
         with writing(self._path):
-            place = self._known_place(Path(line.output or ""))
+            place = self._known_place(line.output)
             if report.line is None or place is None or self._line_at(place) != text:
                 self._require_there()
                 place = self._append(text)
             if self._resumed:
                 self._places.append(place)
 
-    def _known_place(self, output: Path) -> int | None:
+    def _known_place(self, output: str | None) -> int | None:
         """Return where the earlier run's line about a frame begins, by the place of its maps; None where there is none."""
-        return self._before.get(_place_in(self._out, output)) if self._before else None
+        return self._before.get(_place_in(self._out, Path(output or ""))) if self._before else None
 
     def _append(self, text: bytes) -> int:
         """Write a line behind the others, whole or not at all, and return its place."""
@@ -223,7 +223,7 @@ class RunRecorder:
     def _require_there(self) -> None:
         """Write `frames.jsonl` anew from the open file, where somebody has removed or replaced it meanwhile."""
         try:
-            if os.path.samestat(self._path.lstat(), os.fstat(self._lines.fileno())):
+            if os.path.samestat(os.lstat(self._path), os.fstat(self._lines.fileno())):
                 return
         except FileNotFoundError:
             pass
