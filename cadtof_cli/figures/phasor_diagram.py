@@ -11,7 +11,7 @@ from matplotlib.patches import Ellipse
 from cadtof_cli.arrays import Float
 from cadtof_cli.figures.pixel_evolution import DIRECT_COLOUR, DOTS_PER_INCH, MEASURED_COLOUR, MPI_COLOUR
 from cadtof_cli.figures.text import within
-from cadtof_cli.files.atomic import whole_file
+from cadtof_cli.files.atomic import atomic_write
 from cadtof_cli.one_pixel import PixelEvidence
 from cadtof_cli.resolver.status import StatusBit
 
@@ -42,7 +42,7 @@ def draw_phasors(
         axes = figure.add_axes((left / width, _BOTTOM / height, _SIDE / width, _SIDE / height))
         _panel(axes, evidence, row, harmonic)
     figure.axes[0].set_ylabel("imaginary part (SC2)", fontsize=9)
-    with whole_file(path) as temporary:
+    with atomic_write(path) as temporary:
         figure.savefig(temporary, dpi=DOTS_PER_INCH, format=kind)
 
 
