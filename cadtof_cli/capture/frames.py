@@ -81,7 +81,14 @@ class FrameFileList(Sequence[FrameSource]):
         if isinstance(place, slice):
             return replace(self, files=self.files[place])
         file = self.files[place]
-        return FrameSource(self.below + (file.rpartition(".")[0] or file), (self.folder / file,))
+        return FrameSource(self._name(file), (self.folder / file,))
+
+    def names(self) -> Iterator[str]:
+        """Yield the names of the frames, without all the rest of them."""
+        return map(self._name, self.files)
+
+    def _name(self, file: str) -> str:
+        return self.below + (file.rpartition(".")[0] or file)
 
 
 def natural_key(name: str) -> str:

@@ -166,10 +166,10 @@ def format_by_suffix(path: Path, /) -> Format | None:
     return _BY_SUFFIX.get(path.suffix.lower())
 
 
-def map_format_for(path: Path, /) -> str:
-    """Return the name of the format of maps of a frame: the frame's; TIFF where that keeps no maps, or its name does not tell."""
+def map_format_for(path: Path, /) -> Format:
+    """Return the format of maps of a frame: the frame's; TIFF where that keeps no maps, or its name does not tell."""
     found = format_by_suffix(path)
-    return found.name if found and found.layers else TIFF.name
+    return found if found and found.layers else TIFF
 
 
 def frame_suffixes(*, planes: bool, raw: bool) -> tuple[str, ...]:

@@ -63,7 +63,7 @@ def test_no_two_formats_claim_the_same_file() -> None:
     [("a.tif", "tif"), ("a.TIFF", "tif"), ("a.exr", "exr"), ("a.EXR", "exr"), ("a", "tif"), ("a.png", "tif")],
 )
 def test_maps_in_the_format_of_the_frame(frame: str, name: str) -> None:
-    assert map_format_for(Path(frame)) == name
+    assert map_format_for(Path(frame)).name == name
 
 
 @pytest.mark.parametrize("compress", [False, True])

@@ -6,13 +6,13 @@ import json
 import os
 import platform
 import re
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from cadtof_cli.capture.frames import Capture
+from cadtof_cli.capture.frames import Capture, FrameFileList, FrameSource
 from cadtof_cli.capture.toml import FILE_NAME as CAPTURE_FILE
 from cadtof_cli.errors import OutputError
 from cadtof_cli.files.atomic import remove_partial_files, writing
@@ -117,7 +117,7 @@ def frame_names(captures: Sequence[Capture], out: Path, /) -> set[str]:
     if (out / CAPTURE_FILE).exists() or real_path(out) in {real_path(capture.root) for capture in captures}:
         raise OutputError(f"{out}: the maps would be written among recorded frames; choose another folder with -o")
     names = set[str]()
-    for name in (frame.name for capture in captures for frame in capture.frames):
+    for name in itertools.chain.from_iterable(map(_names_of, (capture.frames for capture in captures))):
         if name in names:
             frames = (frame for capture in captures for frame in capture.frames if frame.name == name)
             first, second = (frame.paths[0] for frame in itertools.islice(frames, 2))
@@ -129,6 +129,10 @@ def frame_names(captures: Sequence[Capture], out: Path, /) -> set[str]:
             )
         names.add(name)
     return names
+
+
+def _names_of(frames: Sequence[FrameSource]) -> Iterable[str]:
+    return frames.names() if isinstance(frames, FrameFileList) else (frame.name for frame in frames)
 
 
 def prepare_output(

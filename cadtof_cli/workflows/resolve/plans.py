@@ -8,7 +8,7 @@ from typing import Any
 from cadtof_cli.capture.discovery import find_captures, with_relative_names
 from cadtof_cli.capture.frames import Capture, FrameSource, file_size, open_frames, single_frames, typical_file
 from cadtof_cli.errors import CaptureError, FrameError, SettingsError
-from cadtof_cli.files.formats import format_by_suffix, map_format_for
+from cadtof_cli.files.formats import Format, format_by_name, map_format_for
 from cadtof_cli.frame_plan import FramePlan
 from cadtof_cli.phasors.noise import noise_model
 from cadtof_cli.phasors.plausible import implausible
@@ -53,16 +53,18 @@ class CapturePlan:
 
     def output(self, source: FrameSource, settings: ResolveSettings, /) -> Path:
         """Return the file that the maps of a frame are written into."""
-        same = settings.map_format == AS_INPUT
-        suffix = map_format_for(source.paths[0]) if same else settings.map_format
-        return settings.out / f"{source.name}.{suffix}"
+        return settings.out / f"{source.name}.{self._map_format(source, settings).name}"
 
     def load_map_files(self, settings: ResolveSettings, /) -> None:
-        """Load the module that writes the maps of the first frame, and most likely all, before any is to be written."""
+        """Load the module that writes the maps of most frames, before any is to be written."""
         for source in self.capture.frames[:1]:
-            kind = format_by_suffix(self.output(source, settings))
-            if kind is not None and kind.layers is not None:
-                kind.layers()
+            layers = self._map_format(source, settings).layers
+            assert layers is not None
+            layers()
+
+    def _map_format(self, source: FrameSource, settings: ResolveSettings) -> Format:
+        same = settings.map_format == AS_INPUT
+        return map_format_for(source.paths[0]) if same else format_by_name(settings.map_format)
 
     def pooling_seconds(self) -> float:
         """Return about how long the pooling of one frame takes."""

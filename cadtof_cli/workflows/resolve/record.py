@@ -223,7 +223,7 @@ class RunRecorder:
     def _require_there(self) -> None:
         """Write `frames.jsonl` anew where somebody has removed or replaced it meanwhile: what it held is still at hand."""
         try:
-            if os.path.samestat(self._path.lstat(), os.fstat(self._lines.fileno())):
+            if os.path.samestat(os.lstat(self._path), os.fstat(self._lines.fileno())):
                 return
         except FileNotFoundError:
             pass
