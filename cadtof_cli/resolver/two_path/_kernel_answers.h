@@ -1,6 +1,9 @@
 /* From one path and two to a pixel's answer, and all of it in its order; see _kernel_frame.h. */
 #include "_kernel_paths.h"
 
+/* Bits of one path, in doubt where its harmonics fall off by more than noise lets them. */
+INLINE double bits_of_one(double fall_off) { return fall_off > 1.0 ? (double)(ONE_PATH + ILL_CONDITIONED) : (double)ONE_PATH; }
+
 /* returns.py: _pair; order.py: worth_another, _kept; resolve.py: _bits. Where `ones` is 0, no pixel of the group may have one path. */
 INLINE void choose_answers(Group *restrict g, const Frame *restrict frame, const int ones) {
     const int strongest = frame->returns == RETURN_STRONGEST, last = frame->returns == RETURN_LAST;
@@ -25,8 +28,8 @@ INLINE void choose_answers(Group *restrict g, const Frame *restrict frame, const
             amplitude2 = alone ? NAN : amplitude2;
             phase2 = alone ? NAN : phase2;
             deviation2 = alone ? NAN : deviation2;
-            bits = g->fall_off[i] > 1.0 ? (double)(ONE_PATH + ILL_CONDITIONED) : (double)ONE_PATH;
-            bits = fabs(amplitude) <= DBL_MAX ? bits : 0.0;
+            double one_path = bits_of_one(g->fall_off[i]);
+            bits = fabs(amplitude) <= DBL_MAX ? one_path : 0.0;
         }
         bits = fabs(amplitude2) <= DBL_MAX ? (double)TWO_PATHS + g->doubtful[i] : bits;
         g->amplitude[0][i] = amplitude;
@@ -47,7 +50,7 @@ INLINE void answer_one(Group *restrict g) {
         g->phase[0][i] = g->one_phase[i];
         g->sigma[0][i] = g->one_sigma[i];
         g->amplitude[1][i] = NAN;
-        double bits = g->fall_off[i] > 1.0 ? (double)(ONE_PATH + ILL_CONDITIONED) : (double)ONE_PATH;
+        double bits = bits_of_one(g->fall_off[i]);
         g->refusal[i] = g->refusal[i] + (fabs(amplitude) <= DBL_MAX ? bits : 0.0);
     }
 }

@@ -228,8 +228,8 @@ INLINE void two_paths(Group *restrict g) {
     EACH_PIXEL {
         double u = g->u[i], p0 = g->t1[i], single = g->t2[i], cos = g->cos[i], sin = g->sin[i];
         double cos_m = g->cos_m[i], sin_m = g->sin_m[i], cos_half = g->cos_half[i];
-        double square = at_least((1.0 - cos_half) * (1.0 + cos_half), 1e-300), inverse = inverse_root(square);
-        double sin_half = square * inverse, split = single > 0.0 ? u : sin_m * u * inverse;
+        double sin_half = sqrt(at_least((1.0 - cos_half) * (1.0 + cos_half), 1e-300));
+        double split = single > 0.0 ? u : sin_m * u / sin_half;
         split = at_least(at_most(split, p0), -p0);
         cos_m = single > 0.0 ? 1.0 : cos_m;
         sin_m = single > 0.0 ? 0.0 : sin_m;
@@ -282,8 +282,8 @@ INLINE void two_path_sigmas(Group *restrict g, const Frame *restrict frame) {
         double x = g->sigma_x[i], y = g->sigma_y[i], most = x < y ? y : x;
         most = y == y ? most : y;
         g->doubtful[i] = most / (0.5 * g->sin_half[i]) / g->root[i] > 1.0 ? (double)ILL_CONDITIONED : 0.0;
-        g->sigma_x[i] = x / g->root[i];
-        g->sigma_y[i] = y / g->root[i];
+        g->sigma_x[i] = g->sigma_x[i] / g->root[i];
+        g->sigma_y[i] = g->sigma_y[i] / g->root[i];
     }
 }
 

@@ -160,9 +160,8 @@ def two_paths(frame: FundamentalFrame, /) -> TwoPaths:
     large, small = double_square * norm, p0 * pi * norm
     cos_m, sin_m = np.where(re >= 0.0, large, small), np.where(re >= 0.0, small, large)
     cos_half = ((h + dr) * cos_m + pi * sin_m) * u * (norm * large)
-    square = np.maximum((1.0 - cos_half) * (1.0 + cos_half), SMALLEST_SINE)
-    inverse = inverse_root(square)
-    sin_half, split = square * inverse, sin_m * u * inverse
+    sin_half = np.sqrt(np.maximum((1.0 - cos_half) * (1.0 + cos_half), SMALLEST_SINE))
+    split = sin_m * u / sin_half
     cos_m, sin_m = np.where(single, 1.0, cos_m), np.where(single, 0.0, sin_m)
     cos_half, sin_half = np.where(single, 1.0, cos_half), np.where(single, 0.0, sin_half)
     # rounding must not let an amplitude fall below 0
