@@ -130,3 +130,13 @@ def test_the_fit_ends_where_the_weighted_residuals_balance() -> None:
         COLUMNS.T @ (near.weights[:, np.newaxis] * COLUMNS), COLUMNS.T @ (near.weights * near.residual)
     )
     assert (np.abs(slope * SIGMA) < 1e-3 * errors).all()
+
+
+@pytest.mark.parametrize("unit", [1e-5, 1e6])
+def test_the_unit_that_parameters_are_counted_in_does_not_matter(unit: float) -> None:
+    y = observed(5)
+    plain = fitted(y)
+    scaled = robust_fit(lambda p: ((y - unit * COLUMNS @ p) / SIGMA, unit * COLUMNS / SIGMA), np.zeros(3))
+    np.testing.assert_allclose(unit * scaled.parameters, plain.parameters, atol=1e-6)
+    np.testing.assert_allclose(unit**2 * scaled.covariance, plain.covariance, rtol=1e-4, atol=1e-15)
+    assert scaled.condition == pytest.approx(plain.condition, rel=1e-4)

@@ -113,6 +113,18 @@ def test_without_a_net_nothing_is_seen_through() -> None:
     assert ((found.maps.status & DIFFUSE) > 0).all()
 
 
+@pytest.mark.parametrize("harmonics", [2, 3])
+def test_amplitudes_of_a_tail_are_those_of_the_wall_and_of_the_rest(harmonics: int) -> None:
+    """A quarter of the modulation is direct light; MPI is so much of it as the tail's phasor is long."""
+    numbers = tuple(range(1, harmonics + 1))
+    found = resolved(phasors_of(WALL, {h: TAIL.phasor(h) for h in numbers}, harmonics=numbers)).maps
+    assert np.median(found.layer("direct.amplitude")) == pytest.approx(0.25, rel=0.1)
+    assert np.median(found.layer("mpi.amplitude")) == pytest.approx(0.25 * abs(TAIL.phasor(1)), rel=0.3)
+    direct = found.layer("direct.amplitude") * np.exp(1j * found.layer(DIRECT_DEPTH) / M_PER_RAD)
+    mpi = found.layer("mpi.amplitude") * np.exp(1j * found.layer("mpi.depth") / M_PER_RAD)
+    np.testing.assert_allclose(np.abs(direct + mpi), found.layer("confidence"), rtol=1e-4)
+
+
 def test_a_surface_whose_second_path_ends_in_front_of_the_wall_is_no_net() -> None:
     """Light by way of something beside the view, as strong as that of a net, but not from the wall behind."""
     _, range_m, covered = before_wall(9.0, 0.6)

@@ -203,3 +203,15 @@ def test_the_corners_of_a_large_solid_are_met() -> None:
     directions = (ways / np.linalg.norm(ways, axis=0)).astype(np.float32)
     assert (room.meet(starts.astype(np.float32), directions).surface // 8 == 1).all()
     assert not room.clear(starts.astype(np.float32), directions, np.linalg.norm(ways, axis=0).astype(np.float32)).any()
+
+
+def test_what_stands_in_a_room_is_grey_and_straight_unless_it_is_told() -> None:
+    """Half of the light comes back, and a box is not turned."""
+    box, ball = Box(centre_m=(2.0, 1.2, 2.5), half_m=(0.5, 0.5, 0.5)), Ball(centre_m=(1.0, 1.2, 4.0), radius_m=0.4)
+    room = Interior(size_m=SIZE, albedos=WALLS, boxes=(box,), balls=(ball,))
+    starts = np.array([[2.1, 1.0], [1.3, 1.2], [0.5, 0.5]], np.float32)
+    ahead = np.repeat(np.array([[0.0], [0.0], [1.0]], np.float32), 2, axis=1)
+    met = room.meet(starts, ahead)
+    assert_allclose(met.albedo, 0.5)
+    assert_allclose(met.normals, [[0.0, 0.0], [0.0, 0.0], [-1.0, -1.0]], atol=1e-6)
+    assert_allclose(met.lengths_m, [1.5, 3.1], rtol=1e-6)

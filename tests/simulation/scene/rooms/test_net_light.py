@@ -78,3 +78,30 @@ def test_threads_and_holes_share_the_light() -> None:
     assert_allclose(both.delays_ns[:, 0], [[10.0, 30.0], [20.0, 30.0], [13.0, 33.0], [23.0, 33.0]])
     assert_allclose(both.ambient, [[0.3 * 4.0 + 0.7, 0.3 * 8.0 + 1.4]])
     assert both.ranges_m is panel.ranges_m
+
+
+def test_nets_are_drawn_over_all_of_their_sizes_places_and_albedos() -> None:
+    """Half widths .12 to .3 of the distance, half heights .12 to .25, 8° to either side, albedos .4 to .9."""
+    drawn = [net(seed, distance_m=1.0).panel for seed in range(300)]
+    aside = [math.atan2(one.centre_m[0] - 3.0, one.centre_m[2] - 1.0) - 0.3 for one in drawn]
+    for values, low, high in (
+        ([one.half_m[0] for one in drawn], 0.12, 0.3),
+        ([one.half_m[1] for one in drawn], 0.12, 0.25),
+        (aside, -math.radians(8.0), math.radians(8.0)),
+        ([one.albedo for one in drawn], 0.4, 0.9),
+    ):
+        assert low <= min(values) < low + 0.03 * (high - low)
+        assert high - 0.03 * (high - low) < max(values) <= high
+
+
+def test_distances_of_nets_are_drawn_over_a_third_to_six_sevenths() -> None:
+    straight = replace(ROOM, yaw_rad=0.0, pitch_rad=0.0)
+    behind = net(0, distance_m=None, room=straight).distance_m / share_of(0)
+    drawn = [net(seed, distance_m=None, room=straight).distance_m / behind for seed in range(120)]
+    assert 0.35 <= min(drawn) < 0.37
+    assert 0.83 < max(drawn) <= 0.85
+
+
+def share_of(seed: int) -> float:
+    """The first number that a net's branch of the seed draws, over its span."""
+    return float(np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(7,))).uniform(0.35, 0.85))
