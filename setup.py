@@ -43,7 +43,15 @@ COMPILED = {
         "../response/_search.h",
         "../response/_search_call.h",
     ),
-    "resolver/likelihood/_search": ("../_buffers.h", "../_instruction_sets.h", "../_module.h", "_scan.h", "_search.h"),
+    "resolver/likelihood/_search": (
+        "../_buffers.h",
+        "../_instruction_sets.h",
+        "../_module.h",
+        "_scan.h",
+        "_search.h",
+        "../paper/_shares.h",
+        "../paper/_shares_call.h",
+    ),
 }
 """Extension modules, each of one C file in `cadtof_cli`, with the headers beside it."""
 

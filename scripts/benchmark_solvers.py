@@ -19,8 +19,8 @@ from cadtof_cli.files.maps import read_layers
 from cadtof_cli.frame_plan import FramePlan, MapSettings
 from cadtof_cli.maps.layers import DIRECT_DEPTH
 from cadtof_cli.pipeline import resolve_frame
-from cadtof_cli.resolver.paper.equation_9 import TwoShares, two_shares
-from cadtof_cli.resolver.paper.starts import random_starts
+from cadtof_cli.resolver.paper.shares import TwoShares, two_shares
+from cadtof_cli.resolver.paper.starts import RandomStarts
 from cadtof_cli.resolver.paths import ResolvedPaths
 from cadtof_cli.resolver.resolve import resolve_paths
 from cadtof_cli.resolver.settings import ResolverSettings
@@ -95,10 +95,11 @@ def in_closed_form(phasors: C) -> C:
     return np.stack((two.a * (two.cos_x + 1j * two.sin_x), two.b * (two.cos_y + 1j * two.sin_y)))
 
 
-def _eliminated(phasors: C, starts: C) -> tuple[TwoShares, float]:
+def _eliminated(phasors: C, starts: RandomStarts) -> tuple[TwoShares, float]:
     """Return the paths by lm, and the seconds that it takes: the least of three, as the first one also fetches memory."""
-    return two_shares(phasors, harmonics=(1, 2), starts=starts), min(
-        seconds(lambda: two_shares(phasors, harmonics=(1, 2), starts=starts)) for _ in range(3)
+    places = np.arange(phasors.shape[1])
+    return two_shares(phasors, harmonics=(1, 2), places=places, starts=starts), min(
+        seconds(lambda: two_shares(phasors, harmonics=(1, 2), places=places, starts=starts)) for _ in range(3)
     )
 
 
@@ -106,7 +107,9 @@ def lm(pixels: int) -> None:
     table(
         f"{pixels} pixels, n_av 1e5, ASR 5", "scipy, µs", "lm, µs", "times faster (≥ 30)", "scipy wrong", "lm wrong (≤)"
     )
-    starts = random_starts(10, pixels=range(pixels), seed=0)
+    starts = RandomStarts(10, 0)
+    drawn = [starts.of(np.arange(pixels), number) for number in range(starts.count)]
+    each = np.stack([re + 1j * im for re, im in drawn], axis=1)
     rng = np.random.default_rng(0)
     for light in (Mixture((1.0, 0.3), (5.0, 16.0)), Mixture((1.0, 0.1), (5.0, 11.0)), Mixture((1.0,), (5.0,))):
         phasors = light.phasors((1, 2), n_av=1e5, size=pixels, rng=rng)
@@ -115,7 +118,7 @@ def lm(pixels: int) -> None:
             ours, fast = _eliminated(phasors, starts)
         began = time.perf_counter()
         with warnings.catch_warnings(action="ignore"):  # a start that runs out of calls is one of ten
-            theirs = np.stack([paper_way(*given) for given in zip(*phasors, starts.T, strict=True)], axis=1)
+            theirs = np.stack([paper_way(*given) for given in zip(*phasors, each, strict=True)], axis=1)
         slow = time.perf_counter() - began
         row(
             f"MPI {light.amplitudes[1]} at {light.delays_ns[1]:g} ns" if len(light.amplitudes) > 1 else "no MPI",
@@ -149,16 +152,17 @@ def starts(pixels: int) -> None:
         for seed in range(SEEDS):
             drawn = light.phasors((1, 2), n_av=1e5, size=pixels, rng=np.random.default_rng([seed, 9]))
             with np.errstate(all="ignore"):
-                own = random_starts(10, pixels=range(pixels), seed=seed)
-                found = two_shares(drawn, harmonics=(1, 2), starts=own).paths
+                found = two_shares(
+                    drawn, harmonics=(1, 2), places=np.arange(pixels), starts=RandomStarts(10, seed)
+                ).paths
             missed = wrong(found.amplitude * (found.cos + 1j * found.sin), in_closed_form(drawn))
             shares.append(missed / pixels)
             errors.append([_direct_error(drawn, light, replace(way, seed=seed)) for way in ways])
         rmse = np.sqrt(np.mean(np.square(errors), axis=0))
         row(
             f"MPI {light.amplitudes[1]} at {light.delays_ns[1]:g} ns" if len(light.amplitudes) > 1 else "no MPI",
-            f"{np.mean(shares):.1%}",
-            f"{min(shares):.1%}, {max(shares):.1%}",
+            f"{np.mean(shares):.2%}",
+            f"{min(shares):.2%}, {max(shares):.2%}",
             *(f"{error:.3f}" for error in rmse),
         )
 

@@ -69,7 +69,7 @@ recordings{scaled}. (=) within 15 % of the paper's figure or equal after its rou
 **As the paper** means: Eq. (9) by Levenberg–Marquardt from ten random starts, always two peaks, the stronger called the first,
 the pulse not corrected, times as angles come, within ±20 ns (`cadtof simulate --solver lm --order 2 --return strongest
 --no-pulse-correction --wrapped`). A start takes {steps} steps on average in (a), (b), (c); the paper says 20 on
-average without saying how it stops. Ours stops where a step promises to lower the cost by less than a hundredth of it, and gives
+average without saying how it stops. Ours stops where a step promises to lower the cost by less than a thousandth of it, and gives
 up after 100.
 """
 

@@ -1,5 +1,5 @@
-/* The compiled twins of the search (levenberg_marquardt.py) and of the scans for its starts (starts.py) as a Python module: buffers
- * in, buffers filled, nothing kept.
+/* The compiled twins of the search (levenberg_marquardt.py), of the scans for its starts (starts.py) and of the search of Eq. (9) as a
+ * Python module: buffers in, buffers filled, nothing kept.
  *
  * compiled.py is its front. What comes here is checked again all the same: a buffer of the wrong type, size, alignment or layout
  * is a ValueError or TypeError, never a crash.
@@ -13,6 +13,7 @@
 #include "../_instruction_sets.h"
 #include "_search.h"
 #include "_scan.h"
+#include "../paper/_shares.h"
 #include "../_buffers.h"
 
 typedef struct {
@@ -20,14 +21,16 @@ typedef struct {
     void (*search)(const Search *search);
     void (*scan)(const Scan *scan);
     void (*weigh)(const Weigh *weigh);
+    void (*shares)(const ShareSearch *search);
     int (*supported)(void);
 } Level;
 
 #define FUNCTION(name, attributes, supported) \
     attributes static void search_##name(const Search *search) { search_all(search); } \
     attributes static void scan_##name(const Scan *scan) { scan_all(scan); } \
-    attributes static void weigh_##name(const Weigh *weigh) { weigh_all(weigh); }
-#define LISTED(name, attributes, supported) {#name, search_##name, scan_##name, weigh_##name, supported},
+    attributes static void weigh_##name(const Weigh *weigh) { weigh_all(weigh); } \
+    attributes static void shares_##name(const ShareSearch *search) { share_all(search); }
+#define LISTED(name, attributes, supported) {#name, search_##name, scan_##name, weigh_##name, shares_##name, supported},
 FOR_EACH_LEVEL(FUNCTION)
 static const Level LEVELS[] = {FOR_EACH_LEVEL(LISTED)};
 #include "../_module.h"
@@ -36,7 +39,7 @@ static const Level LEVELS[] = {FOR_EACH_LEVEL(LISTED)};
 
 enum { HARMONICS, RE, IM, WEIGHTS, STARTS, WORTH, POINTS, COST, MATRIX, CONVERGED, STEPS, BUFFERS };
 static const Wanted WANTED[BUFFERS] = {
-    {"harmonics", "q l ", 8, 0, 0}, {"re", "d ", 8, 0, 0},     {"im", "d ", 8, 0, 0},   {"weights", "d ", 8, 1, 0},
+    {"harmonics", "q l ", 8, 0, 0}, {"re", "d ", 8, 0, 0},     {"im", "d ", 8, 0, 0},   {"weights", "d ", 8, 0, 0},
     {"starts", "d ", 8, 0, 0},      {"worth", "d ", 8, 0, 0},  {"points", "d ", 8, 0, 1}, {"cost", "d ", 8, 0, 1},
     {"matrix", "d ", 8, 0, 1},      {"converged", "? ", 1, 0, 1}, {"steps", "q l ", 8, 0, 1},
 };
@@ -44,7 +47,7 @@ static const Wanted WANTED[BUFFERS] = {
 /* Whether kind, paths and harmonics are what there is room for; or set an error. */
 static int is_known(int kind, int paths, int most_steps, const Py_buffer *harmonics) {
     const Py_ssize_t rows = values_in(harmonics);
-    if (kind < WHITE || kind > SHARES || paths < 1 || paths > (kind == SHARES ? 1 : MOST_PATHS) || most_steps < 0 || rows < 1 ||
+    if (kind < WHITE || kind > WEIGHTED || paths < 1 || paths > MOST_PATHS || most_steps < 0 || rows < 1 ||
         rows > MOST_ROWS) {
         PyErr_Format(PyExc_ValueError, "found kind %d, %d paths, %d steps and %zd harmonics", kind, paths, most_steps, rows);
         return 0;
@@ -61,7 +64,7 @@ static int is_known(int kind, int paths, int most_steps, const Py_buffer *harmon
 /* Whether all buffers fit as many problems as `cost` has; or set an error. */
 static int fit_together(int kind, int paths, const Py_buffer *view) {
     const int64_t count = values_in(&view[COST]), rows = values_in(&view[HARMONICS]);
-    const int64_t points = kind == SHARES ? 2 : 3 * paths, weights = kind == WHITE ? rows : kind == WEIGHTED ? 3 * rows * count : 0;
+    const int64_t points = 3 * paths, weights = kind == WHITE ? rows : 3 * rows * count;
     if (count > PY_SSIZE_T_MAX / 4096) {
         PyErr_SetString(PyExc_ValueError, "cost: too many problems");
         return 0;
@@ -69,10 +72,6 @@ static int fit_together(int kind, int paths, const Py_buffer *view) {
     const int64_t values[BUFFERS] = {rows,           rows * count, rows * count, weights, points * count, count,
                                      points * count, count,        ENTRY(2 * paths, 0) * count, count, count};
     for (int which = 0; which < BUFFERS; which++) {
-        if (which == WEIGHTS && kind != SHARES && !view[which].obj) {
-            PyErr_SetString(PyExc_ValueError, "weights: found None");
-            return 0;
-        }
         if (!has_values(WANTED[which].name, &view[which], values[which])) return 0;
         if (WANTED[which].writable && !lies_apart(&view[which], WANTED, view, BUFFERS)) return 0;
     }
@@ -213,6 +212,10 @@ static PyObject *scan_pixels(PyObject *module, PyObject *arguments) {
     Py_RETURN_NONE;
 }
 
+/* --- Eq. (9) ------------------------------------------------------------------------------------------------------------- */
+
+#include "../paper/_shares_call.h"
+
 /* --- the module ---------------------------------------------------------------------------------------------------------- */
 
 static PyMethodDef METHODS[] = {
@@ -226,6 +229,10 @@ static PyMethodDef METHODS[] = {
     {"weigh", weigh_pixels, METH_VARARGS,
      "weigh(level, paths, harmonics, noise, points, weights)\n\n"
      "Find the weights that the noise of the light of some paths gives. Everybody but the tests calls it through compiled.py."},
+    {"shares", search_shares, METH_VARARGS,
+     "shares(level, first_start, last_start, most_steps, key, relative, absolute, first_damping, harmonics, re, im, places, z, cost, "
+     "converged, steps)\n\n"
+     "Search the shares of two paths by Eq. (9). Everybody but the tests calls it through resolver/paper/compiled.py."},
     LEVELS_METHOD,
     {NULL, NULL, 0, NULL}};
 

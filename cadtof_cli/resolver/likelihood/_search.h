@@ -1,5 +1,5 @@
 /* Levenberg–Marquardt for many small least-squares problems, LANES of them at a time: the same operations in the same order as
- * levenberg_marquardt.py, mixture.py, normal_equations.py and equation_9.py, so that every bit is theirs.
+ * levenberg_marquardt.py, mixture.py and normal_equations.py, so that every bit is theirs.
  *
  * A lane holds a problem. When it stops, its answer is written and the next problem takes its lane; what it begins with is linearised
  * together with the others' next points. Nothing is looked at across lanes.
@@ -35,7 +35,7 @@ typedef int64_t Mask;
 #define LANE(values, lane) (((double *)&(values))[lane])
 #define FLAG(values, lane) (((int64_t *)&(values))[lane])
 
-enum kind { WHITE, WEIGHTED, SHARES };
+enum kind { WHITE, WEIGHTED };
 enum {
     MOST_PATHS = 4,
     MOST_ROWS = 8,
@@ -52,11 +52,11 @@ enum {
 /* What is solved, and where the answers go; arrays of planes of `count` numbers. */
 typedef struct {
     enum kind kind;
-    int paths, rows, most_steps; /* rows: harmonics, of SHARES those beyond the first */
+    int paths, rows, most_steps; /* rows: harmonics */
     int64_t count;
     const int64_t *harmonics;
     double relative, first_damping;
-    const double *re, *im;             /* of what was measured, of SHARES the right sides */
+    const double *re, *im;             /* of what was measured */
     const double *weights;             /* WHITE: one a row; WEIGHTED: re_re, re_im, im_im, a plane a row each */
     const double *starts, *worth;
     double *points, *cost, *matrix;
@@ -183,40 +183,6 @@ static KERNEL_INLINE inline void linearise_weighted(const Search *search, const 
     }
 }
 
-/* equation_9.py: _derivatives. */
-static KERNEL_INLINE inline void derivatives(double j, const Row *cos, const Row *sin, const Row *rotor, Row slopes[4]) {
-    slopes[0] = rotor[0] * *cos + j * rotor[1] * *sin;
-    slopes[1] = rotor[1] * *cos - j * rotor[0] * *sin;
-    slopes[2] = rotor[0] * *sin - j * rotor[1] * *cos;
-    slopes[3] = rotor[1] * *sin + j * rotor[0] * *cos;
-}
-
-/* equation_9.py: EliminatedPath.linearised. */
-static KERNEL_INLINE inline void linearise_shares(const Search *search, const Lanes *lanes, const Row *point, Linear *at) {
-    const Row other_re = 1.0 - point[0], other_im = -point[1];
-    Row radius, cos, sin, other_radius, other_cos, other_sin;
-    Row rotor[MOST_HARMONIC + 1][2], other[MOST_HARMONIC + 1][2], slope[4], other_slope[4];
-    unit_rotor(&point[0], &point[1], &radius, &cos, &sin);
-    unit_rotor(&other_re, &other_im, &other_radius, &other_cos, &other_sin);
-    powers(search, &cos, &sin, rotor);
-    powers(search, &other_cos, &other_sin, other);
-    for (int row = 0; row < search->rows; row++) {
-        const int64_t number = search->harmonics[row];
-        const Row *z = rotor[number], *w = other[number];
-        derivatives((double)number, &cos, &sin, z, slope);
-        derivatives((double)number, &other_cos, &other_sin, w, other_slope);
-        for (int i = 0; i < 4; i++) slope[i] -= other_slope[i];
-        const Row re = lanes->re[row] - radius * z[0] - other_radius * w[0];
-        const Row im = lanes->im[row] - radius * z[1] - other_radius * w[1];
-        at->cost += re * re + im * im;
-        at->matrix[0] += slope[0] * slope[0] + slope[1] * slope[1];
-        at->matrix[1] += slope[0] * slope[2] + slope[1] * slope[3];
-        at->matrix[2] += slope[2] * slope[2] + slope[3] * slope[3];
-        at->gradient[0] += slope[0] * re + slope[1] * im;
-        at->gradient[1] += slope[2] * re + slope[3] * im;
-    }
-}
-
 /* normal_equations.py: cholesky and solve; the diagonal of `lower` holds 1/L_ii. */
 static KERNEL_INLINE inline void solve(const Linear *at, const Row *damping, int size, Row *x) {
     Row lower[MOST_ENTRIES];
@@ -247,7 +213,7 @@ static KERNEL_INLINE inline void solve(const Linear *at, const Row *damping, int
 }
 
 /* The next points of all lanes that are not fresh, and what is promised of them. */
-static KERNEL_INLINE inline void step(Lanes *lanes, double relative, enum kind kind, int k) {
+static KERNEL_INLINE inline void step(Lanes *lanes, double relative, int k) {
     const int size = 2 * k;
     Row x[MOST_STEPS], trial[MOST_POINTS];
     solve(&lanes->now, &lanes->damping, size, x);
@@ -255,19 +221,14 @@ static KERNEL_INLINE inline void step(Lanes *lanes, double relative, enum kind k
     for (int i = 0; i < size; i++)
         lanes->promised += x[i] * (lanes->now.gradient[i] + lanes->damping * lanes->now.matrix[ENTRY(i, i)] * x[i]);
     lanes->done = UP_TO(lanes->promised, relative * lanes->now.cost + lanes->worth);
-    if (kind == SHARES) {
-        for (int i = 0; i < 2; i++) trial[i] = lanes->point[i] + x[i];
-    } else {
-        for (int i = 0; i < k; i++) { /* mixture.py: moved_paths */
-            const Row along = lanes->point[i] + x[i], *cos = &lanes->point[k + i], *sin = &lanes->point[2 * k + i];
-            Row turn_cos, turn_sin;
-            unit_rotor(&along, &x[k + i], &trial[i], &turn_cos, &turn_sin);
-            trial[k + i] = *cos * turn_cos - *sin * turn_sin;
-            trial[2 * k + i] = *cos * turn_sin + *sin * turn_cos;
-        }
+    for (int i = 0; i < k; i++) { /* mixture.py: moved_paths */
+        const Row along = lanes->point[i] + x[i], *cos = &lanes->point[k + i], *sin = &lanes->point[2 * k + i];
+        Row turn_cos, turn_sin;
+        unit_rotor(&along, &x[k + i], &trial[i], &turn_cos, &turn_sin);
+        trial[k + i] = *cos * turn_cos - *sin * turn_sin;
+        trial[2 * k + i] = *cos * turn_sin + *sin * turn_cos;
     }
-    const int points = kind == SHARES ? 2 : 3 * k;
-    for (int i = 0; i < points; i++) lanes->trial[i] = SELECT(lanes->fresh, lanes->trial[i], trial[i]);
+    for (int i = 0; i < 3 * k; i++) lanes->trial[i] = SELECT(lanes->fresh, lanes->trial[i], trial[i]);
 }
 
 /* levenberg_marquardt.py: the rest of _stepped, and which lanes have stopped. */
@@ -332,7 +293,7 @@ static inline int64_t exchange(const Search *search, Lanes *lanes, const Mask *e
 
 /* Solve the problems of one kind with k paths. While one group waits for a root or a quotient, the other goes on. */
 static KERNEL_INLINE inline void search_kind(const Search *search, enum kind kind, int k) {
-    const int size = 2 * k, entries = ENTRY(size, 0), points = kind == SHARES ? 2 : 3 * k;
+    const int size = 2 * k, entries = ENTRY(size, 0), points = 3 * k;
     const Row most_steps = ALL((double)search->most_steps);
     Lanes groups[GROUPS];
     int64_t next = 0, held = 0;
@@ -341,7 +302,7 @@ static KERNEL_INLINE inline void search_kind(const Search *search, enum kind kin
         for (int lane = 0; lane < LANES && next < search->count; lane++, held++)
             load(search, &groups[group], lane, next++, points);
     while (held) {
-        for (int group = 0; group < GROUPS; group++) step(&groups[group], search->relative, kind, k);
+        for (int group = 0; group < GROUPS; group++) step(&groups[group], search->relative, k);
         for (int group = 0; group < GROUPS; group++) {
             Lanes *lanes = &groups[group];
             lanes->there.cost = ALL(0.0);
@@ -349,7 +310,6 @@ static KERNEL_INLINE inline void search_kind(const Search *search, enum kind kin
             for (int i = 0; i < size; i++) lanes->there.gradient[i] = ALL(0.0);
             if (kind == WHITE) linearise_white(search, lanes, lanes->trial, &lanes->there, k);
             if (kind == WEIGHTED) linearise_weighted(search, lanes, lanes->trial, &lanes->there, k);
-            if (kind == SHARES) linearise_shares(search, lanes, lanes->trial, &lanes->there);
         }
         for (int group = 0; group < GROUPS; group++) {
             Lanes *lanes = &groups[group];
@@ -424,7 +384,6 @@ static KERNEL_INLINE inline void weigh_all(const Weigh *weigh) {
 
 static KERNEL_INLINE inline void search_all(const Search *search) {
     switch (search->kind) {
-    case SHARES: search_kind(search, SHARES, 1); break;
     case WHITE:
         switch (search->paths) {
         case 1: search_kind(search, WHITE, 1); break;

@@ -10,7 +10,7 @@ def solve(
     harmonics: Index,
     re: Float,
     im: Float,
-    weights: Float | None,
+    weights: Float,
     starts: Float,
     worth: Float,
     points: Float,
@@ -36,4 +36,23 @@ def scan(
     /,
 ) -> None: ...
 def weigh(level: str, paths: int, harmonics: Index, noise: Float, points: Float, weights: Float, /) -> None: ...
+def shares(
+    level: str,
+    first_start: int,
+    last_start: int,
+    most_steps: int,
+    key: int,
+    relative: float,
+    absolute: float,
+    first_damping: float,
+    harmonics: Index,
+    re: Float,
+    im: Float,
+    places: Index,
+    z: Float,
+    cost: Float,
+    converged: Bool,
+    steps: Index,
+    /,
+) -> None: ...
 def levels() -> list[str]: ...

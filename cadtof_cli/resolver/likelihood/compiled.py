@@ -7,7 +7,7 @@ import numpy as np
 
 from cadtof_cli.arrays import Bool, Float, Index
 
-WHITE, WEIGHTED, SHARES = range(3)
+WHITE, WEIGHTED = range(2)
 """Kinds of problems, in the order of `enum kind` in `_search.h`."""
 
 MOST_PATHS, MOST_ROWS, MOST_HARMONIC = 4, 8, 16
@@ -23,7 +23,7 @@ class Planes:
         paths: K.
         harmonics: N numbers of harmonics.
         re, im: what was measured, (N, n).
-        weights: of `WHITE` (N,), of `WEIGHTED` (3, N, n), of `SHARES` None.
+        weights: of `WHITE` (N,), of `WEIGHTED` (3, N, n).
     """
 
     kind: int
@@ -31,7 +31,7 @@ class Planes:
     harmonics: tuple[int, ...]
     re: Float
     im: Float
-    weights: Float | None = None
+    weights: Float
 
     @property
     def fits(self) -> bool:
@@ -92,7 +92,7 @@ def compiled_ends(
         relative,
         first_damping,
         np.array(planes.harmonics, np.int64),
-        *(None if part is None else np.ascontiguousarray(part) for part in given),
+        *(np.ascontiguousarray(part) for part in given),
         ends.points,
         ends.cost,
         ends.matrix,
@@ -108,7 +108,7 @@ def compiled_weights(points: Float, /, *, harmonics: tuple[int, ...], noise: Flo
     `noise`, (N, 3), is level, double and averaging of each harmonic (`HarmonicNoise.covariance_terms`).
     """
     compiled, paths = compiled_search(), len(points) // 3
-    if compiled is None or not Planes(WEIGHTED, paths, harmonics, points, points).fits:
+    if compiled is None or not Planes(WEIGHTED, paths, harmonics, points, points, points).fits:
         return None
     weights = np.empty((3, len(harmonics), points.shape[1]))
     compiled.weigh(kernel, paths, np.array(harmonics, np.int64), noise, np.ascontiguousarray(points), weights)

@@ -6,8 +6,8 @@ from cadtof_cli.arrays import Bool, Complex, Float, Index
 from cadtof_cli.phasors.noise import NoiseModel
 from cadtof_cli.resolver.likelihood.k_paths import fisher_fit
 from cadtof_cli.resolver.likelihood.solver import Likelihood
-from cadtof_cli.resolver.paper.equation_9 import two_shares
-from cadtof_cli.resolver.paper.starts import ChosenStarts, RandomStarts
+from cadtof_cli.resolver.paper.shares import two_shares
+from cadtof_cli.resolver.paper.starts import RandomStarts
 from cadtof_cli.resolver.paths import Fit
 from cadtof_cli.resolver.settings import ResolverSettings
 
@@ -17,7 +17,7 @@ class PaperWay:
 
     def __init__(self, phasors: Complex, noise: NoiseModel, settings: ResolverSettings, first: int, /) -> None:
         self._likelihood, self._settings = Likelihood(phasors, noise), settings
-        self._place = range(first, first + phasors.shape[1])
+        self._first = first
         self.modulus, self.powers = self._likelihood.modulus, self._likelihood.powers
 
     def fit(self, count: int, pixels: Bool, /, *, limit: Float | float | None) -> tuple[Index, Fit]:
@@ -26,9 +26,12 @@ class PaperWay:
             return self._likelihood.fit(count, pixels, limit=limit)
         chosen = np.flatnonzero(pixels)
         measured = self._likelihood.measured[chosen]
-        drawn = RandomStarts(self._settings.starts, pixels=self._place, seed=self._settings.seed)
-        starts = ChosenStarts(drawn, chosen)
-        two = two_shares(measured.re + 1j * measured.im, harmonics=measured.harmonics, starts=starts)
+        two = two_shares(
+            measured.re + 1j * measured.im,
+            harmonics=measured.harmonics,
+            places=chosen + self._first,
+            starts=RandomStarts(self._settings.starts, self._settings.seed),
+        )
         likely = fisher_fit(measured, two.paths, converged=two.converged, noise=self._likelihood.noise)
         return chosen, likely.fit()
 

@@ -1,82 +1,45 @@
 """Where the paper's search begins: random z, drawn for each pixel from the seed and the pixel's place in the frame."""
 
 from dataclasses import dataclass
-from typing import Protocol
+from functools import cached_property
 
 import numpy as np
 
-from cadtof_cli.arrays import Complex, Index
+from cadtof_cli.arrays import Float, Index
 
-START_SPREAD = 1.0
-"""Standard deviation of the starts' real and imaginary parts around z = 1/2, the point that swapping the paths leaves."""
+HALF_SIDE = 3.0
+"""Half the side of the square around z = 1/2, the point that swapping the paths leaves, that starts are spread over."""
 
-DRAWN_PIXELS = 4096
-"""Neighbours in a frame whose starts are drawn together; fixed, so that starts never depend on blocks and processes."""
+GOLDEN = 0x9E3779B97F4A7C15
+ROUNDS = ((30, 0xBF58476D1CE4E5B9), (27, 0x94D049BB133111EB), (31, 1))
+"""SplitMix64 (Steele, Lea and Flood 2014, doi:10.1145/2714064.2660195), whose n-th number needs none of those before it."""
 
-
-class Starts(Protocol):
-    """Rows of starts of n pixels, as an array complex128 (S, n) has them."""
-
-    def __len__(self) -> int:
-        """Return how many starts a pixel has."""
-
-    def __getitem__(self, rows: slice, /) -> Complex:
-        """Return some of the starts of every pixel."""
-
-
-class RandomStarts:
-    """The z that each pixel starts from: complex Gaussian around 1/2, drawn when they are asked for.
-
-    They follow from the seed and the pixel's place in the frame alone, `pixels` being flat indices of neighbours: every block
-    and every process draws the same, and no pixel's luck is that of all others. More starts leave the first ones as they are.
-    Most pixels need the first alone, so that later rows are often not drawn at all.
-    """
-
-    def __init__(self, count: int, /, *, pixels: range, seed: int) -> None:
-        self._count, self._pixels = count, pixels
-        self._parts = range(pixels.start // DRAWN_PIXELS, -(-pixels.stop // DRAWN_PIXELS))
-        self._generators = [
-            np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(part,))) for part in self._parts
-        ]
-        self._drawn: Complex = np.empty((0, len(pixels)), np.complex128)
-
-    def __len__(self) -> int:
-        return self._count
-
-    def __getitem__(self, rows: slice, /) -> Complex:
-        wanted = range(self._count)[rows]
-        missing = max(wanted, default=-1) + 1 - len(self._drawn)
-        if missing > 0:
-            self._drawn = np.concatenate((self._drawn, self._rows(missing)))
-        return self._drawn[rows]
-
-    def _rows(self, count: int) -> Complex:
-        """Draw so many rows more."""
-        starts = np.empty((count, len(self._pixels)), np.complex128)
-        for part, generator in zip(self._parts, self._generators, strict=True):
-            drawn = generator.standard_normal((count, 2, DRAWN_PIXELS))
-            first = part * DRAWN_PIXELS
-            here = slice(max(self._pixels.start, first), min(self._pixels.stop, first + DRAWN_PIXELS))
-            there = starts[:, here.start - self._pixels.start : here.stop - self._pixels.start]
-            there.real, there.imag = START_SPREAD * drawn[:, :, here.start - first : here.stop - first].swapaxes(0, 1)
-            there.real += 0.5
-        return starts
-
-
-def random_starts(count: int, /, *, pixels: range, seed: int) -> Complex:
-    """Return all of them, (count, n)."""
-    return RandomStarts(count, pixels=pixels, seed=seed)[:]
+ROW_SHIFT = 40
+"""A pixel's starts are 2^40 numbers apart: no frame has as many pixels."""
 
 
 @dataclass(frozen=True)
-class ChosenStarts:
-    """The starts of some pixels, by their indices."""
+class RandomStarts:
+    """The z that each pixel starts from, one after the other: uniform in a square.
 
-    starts: Starts
-    pixels: Index
+    They follow from the seed and the pixel's place in the frame, its flat index, alone: every block and every process draws the
+    same, no pixel's luck is that of all others, and more starts leave the first ones as they are.
+    """
 
-    def __len__(self) -> int:
-        return len(self.starts)
+    count: int
+    seed: int
 
-    def __getitem__(self, rows: slice, /) -> Complex:
-        return self.starts[rows][:, self.pixels]
+    @cached_property
+    def key(self) -> int:
+        """What the seed makes of itself: sequences of neighbouring seeds lie far from each other."""
+        return int(np.random.SeedSequence(self.seed).generate_state(1, np.uint64)[0])
+
+    def of(self, places: Index, number: int, /) -> Float:
+        """Return the start of that number, from 0 on, of the pixels at the places, (n,): Re z and Im z, (2, n)."""
+        bits = (places.astype(np.uint64) + np.uint64(number << ROW_SHIFT)) * np.uint64(GOLDEN) + np.uint64(self.key)
+        for shift, factor in ROUNDS:
+            bits ^= bits >> np.uint64(shift)
+            bits *= np.uint64(factor)
+        halves = np.stack([bits >> np.uint64(32), bits & np.uint64(0xFFFFFFFF)])
+        z: Float = halves * (2.0 * HALF_SIDE / 2**32) + np.array([[0.5 - HALF_SIDE], [-HALF_SIDE]])
+        return z

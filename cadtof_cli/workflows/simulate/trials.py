@@ -13,8 +13,8 @@ from cadtof_cli.errors import SettingsError
 from cadtof_cli.maps.depth import beyond_light
 from cadtof_cli.phasors.noise import noise_model
 from cadtof_cli.phasors.voltages import ideal_phasor_map, phasors_from_stored
-from cadtof_cli.resolver.paper.equation_9 import steps_of_starts
-from cadtof_cli.resolver.paper.starts import random_starts
+from cadtof_cli.resolver.paper.shares import steps_of_starts
+from cadtof_cli.resolver.paper.starts import RandomStarts
 from cadtof_cli.resolver.resolve import resolve_paths
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.simulation.pixel.averaging import effective_length
@@ -178,6 +178,6 @@ def resolved(trials: Trials, voltages_v: Float, /, *, first: int = 0) -> Recordi
 def _steps(phasors: Complex, settings: ResolverSettings, harmonics: tuple[int, ...], first: int) -> Float:
     if settings.room(harmonics, sine=True) != "paper":
         return np.empty((0, phasors.shape[1]))
-    starts = random_starts(settings.starts, pixels=range(first, first + phasors.shape[1]), seed=settings.seed)
+    places, starts = np.arange(first, first + phasors.shape[1]), RandomStarts(settings.starts, settings.seed)
     with np.errstate(all="ignore"):
-        return steps_of_starts(phasors, harmonics=harmonics, starts=starts).astype(np.float64)
+        return steps_of_starts(phasors, harmonics=harmonics, places=places, starts=starts).astype(np.float64)

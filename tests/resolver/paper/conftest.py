@@ -1,0 +1,3 @@
+from tests.resolver.likelihood.conftest import search
+
+__all__ = ["search"]
