@@ -132,9 +132,10 @@ INLINE void resolve_pixels(const Frame *restrict frame, int64_t start, int64_t s
         m = frame->tail ? in_group(frame->tail, start, stop) : stop - start < GROUP ? (int)(stop - start) : GROUP;
         fetch(frame, start + 2 * GROUP);
         load(g, frame, start, m);
-        fundamental_frame(g);
+        if (!frame->tail) fundamental_frame(g);
         screen(g, frame);
         if (frame->tail) predict(g, frame, start, m);
+        if (frame->tail && any(g->answered)) fundamental_frame(g);
         choose_pixels(g, frame);
         const int ones = any(g->may);
         if (ones) one_path(g, frame);
