@@ -212,11 +212,13 @@ def prepare_frame(
     stages = frame_stages(plan, calibration, frame.dtype, (height, width))
     stored = recorded.reshape(*recorded.shape[:2], -1)
     samples = None if samples is None else samples.ravel()
-    unknown = NoiseModel((), math.nan, estimated=True, samples=samples)
-    pixels = FramePixels(stored, frame.dtype, (height, width), 0, unknown)
-    noise = stages.noise or _estimated_noise(pixels, plan, stages)
+    noise = stages.noise
+    if noise is None:
+        unknown = NoiseModel((), math.nan, estimated=True, samples=samples)
+        noise = _estimated_noise(FramePixels(stored, frame.dtype, (height, width), 0, unknown), plan, stages)
     noise = noise if samples is None else replace(noise, samples=samples)
-    pixels = replace(pixels, noise=noise, without_noise=is_without_noise(stored, noise))
+    same = is_without_noise(stored, noise)
+    pixels = FramePixels(stored, frame.dtype, (height, width), 0, noise, without_noise=same)
     if plan.settings.pool > 1:
         pixels = _pooled(pixels, stages, window=plan.settings.pool)
     if stages.resolver.may_be_diffuse(plan.metadata.modulation.harmonics):
@@ -301,11 +303,18 @@ def _fill_by_kernel(maps: DepthMaps, pixels: FramePixels, plan: FramePlan, stage
         most_volts=most,
         noise_volts=more,
     )
-    layers, *others = np.split(maps.values.reshape(len(maps.names), -1), [len(ALWAYS)])
+    values = maps.values.reshape(len(maps.names), -1)
     stored = pixels.stored if pixels.pooled is None else pixels.pooled
-    fill_maps(stored, scales, layers=layers, status=status, settings=stages.resolver, noise=pixels.noise, kernel=kernel)
-    for averaged in others:
-        averaged[:] = 1.0 if samples is None else samples
+    fill_maps(
+        stored,
+        scales,
+        layers=values[: len(ALWAYS)],
+        status=status,
+        settings=stages.resolver,
+        noise=pixels.noise,
+        kernel=kernel,
+    )
+    values[len(ALWAYS) :] = 1.0 if samples is None else samples
 
 
 def joined_parts(pixels: FramePixels, parts: Sequence[DepthMaps], /) -> ResolvedFrame:

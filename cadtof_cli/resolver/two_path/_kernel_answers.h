@@ -135,10 +135,7 @@ INLINE void resolve_pixels(const Frame *restrict frame, int64_t start, int64_t s
         if (!frame->tail) fundamental_frame(g);
         screen(g, frame);
         if (frame->tail) predict(g, frame, start, m);
-        if (frame->tail && any(g->answered)) {
-            fundamental_frame(g);
-            EACH_PIXEL g->u[i] = g->answered[i] > 0.0 ? g->u[i] : NAN;
-        }
+        if (frame->tail && any(g->answered)) fundamental_frame(g);
         choose_pixels(g, frame);
         const int ones = any(g->may);
         if (ones) one_path(g, frame);

@@ -55,8 +55,7 @@ INLINE void fundamental_frame(Group *restrict g) {
     }
 }
 
-/* resolve.py: screened. `refusal` comes in with SATURATED. Who gets no answer goes on with NaN for u, and so in all that follows.
- * Where most pixels have a tail, the few others are turned later. */
+/* resolve.py: screened. `refusal` comes in with SATURATED. Where most pixels have a tail, the few others are turned later. */
 INLINE void screen(Group *restrict g, const Frame *restrict frame) {
     const Constants *k = frame->constants;
     if (frame->tail) EACH_PIXEL {
@@ -77,11 +76,10 @@ INLINE void screen(Group *restrict g, const Frame *restrict frame) {
         g->confidence[i] = unsound ? NAN : u;
         g->refusal[i] = refusal;
         g->answered[i] = unsound | low ? 0.0 : 1.0;
-        g->u[i] = unsound | low ? NAN : u;
     }
 }
 
-/* solver.py: may_be_one_path; closed_form.py: is_single */
+/* solver.py: may_be_one_path; closed_form.py: is_single. Who gets no answer goes on with NaN for u, and so in all that follows. */
 INLINE void choose_pixels(Group *restrict g, const Frame *restrict frame) {
     const Constants *k = frame->constants;
     const double spread = 2.0 * k->misfit_limit * k->misfit_spread;
@@ -89,11 +87,13 @@ INLINE void choose_pixels(Group *restrict g, const Frame *restrict frame) {
     if (frame->samples) EACH_PIXEL g->t2[i] = 2.0 * (k->misfit_limit / g->samples[i]) * k->misfit_spread;
     else EACH_PIXEL g->t2[i] = spread;
     EACH_PIXEL {
-        double u = g->u[i], dr = u - g->pr[i], d2 = dr * dr + g->pi[i] * g->pi[i], answered = g->answered[i];
+        double answered = g->answered[i], u = answered > 0.0 ? g->u[i] : NAN;
+        double dr = u - g->pr[i], d2 = dr * dr + g->pi[i] * g->pi[i];
         double single = d2 <= 0x1p-100 * (u * u) + 1e-100 ? answered : 0.0;
         double may = d2 <= g->t2[i] ? answered : single;
         may = all ? answered : may;
         may = none ? single : may;
+        g->u[i] = u;
         g->single[i] = single;
         g->may[i] = may;
         g->need[i] = answered - may;

@@ -6,15 +6,14 @@ does the same operations, with the same bits, in `closed_form`, `one_path`, `unc
 
 import math
 import os
-from collections.abc import Mapping
 from functools import lru_cache
-from types import MappingProxyType, ModuleType
+from types import ModuleType
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cadtof_cli.arrays import Float, Float32, Status, Stored
+from cadtof_cli.arrays import Float, Float32, Status, Stored, sealed
 from cadtof_cli.errors import SettingsError
 from cadtof_cli.phasors.chi_squared import chi_squared_threshold
 from cadtof_cli.phasors.noise import LEAST_SHARE, HarmonicNoise, NoiseModel
@@ -129,7 +128,10 @@ def fill_maps(
     """
     compiled = extension()
     count, asked = status.size, range(status.size) if pixels is None else pixels
-    constants = {**shared_constants(settings, noise.each), **_constants_of(stored, scales)}
+    limits = scales.saturated_counts if scales.phasor_map is not None else None
+    metres = scales.metres if isinstance(scales.metres, float) else math.nan
+    light = (metres, scales.volts, scales.most_volts, scales.noise_volts)
+    constants = _constants(settings, noise.each, scales.phasor_map, limits, stored.dtype, light)
     stored = stored if stored.dtype in _STORED_TYPES else stored.astype(np.float64)
     own, other, constant = _own_maps(scales.phasor_map, count)
     arrays = {
@@ -146,26 +148,22 @@ def fill_maps(
     for name, (array, shape) in arrays.items():
         if array is not None and array.shape != shape:
             raise ValueError(f"{name}: found shape {array.shape}, expected {shape}")
-    given = [None if array is None else np.require(array, requirements=["C", "A"]) for array, _ in arrays.values()]
+    given = [None if array is None else _as_neighbours(array) for array, _ in arrays.values()]
     if given[-2] is not layers or given[-1] is not status or asked.step != 1:
         raise ValueError("layers, status and pixels: expected neighbours in memory")
-    names = compiled.constant_names()
-    if len(names) != len(constants):
-        raise SettingsError("the compiled kernel was built from another version of its sources: reinstall cadtof")
     compiled.resolve(
         kernel or chosen_kernel(),
         _ORDERS[_order(settings)],
         _RETURNS[settings.returns],
         asked.start,
         asked.stop,
-        np.array([constants[name] for name in names]),
+        constants,
         *given,
         scales.tail,
     )
 
 
-@lru_cache(maxsize=4)
-def shared_constants(settings: ResolverSettings, each: tuple[HarmonicNoise, ...], /) -> Mapping[str, float]:
+def shared_constants(settings: ResolverSettings, each: tuple[HarmonicNoise, ...], /) -> dict[str, float]:
     """Return what all frames of one run share, by the names of `CONSTANTS` in `_kernel_frame.h`."""
     terms, least = variance_terms(each), settings.min_confidence
     misfit = chi_squared_threshold(settings.false_alarm, pairs=1)
@@ -189,32 +187,47 @@ def shared_constants(settings: ResolverSettings, each: tuple[HarmonicNoise, ...]
             f"averaging{h}": harmonic.averaging,
             f"least{h}": LEAST_SHARE * light,
         }
-    return MappingProxyType(constants)
+    return constants
 
 
-def _constants_of(stored: Stored, scales: KernelScales) -> dict[str, float]:
-    """Return what all pixels of a frame share besides; −0 as an offset changes no bit of a sum."""
+@lru_cache(maxsize=4)
+def _constants(
+    settings: ResolverSettings,
+    each: tuple[HarmonicNoise, ...],
+    phasor_map: PhasorMap | None,
+    saturated_counts: tuple[float, float] | None,
+    stored_type: np.dtype[np.generic],
+    light: tuple[float, ...],
+) -> Float:
+    """Return what all pixels of a frame share, in the order of `CONSTANTS`; −0 as an offset changes no bit of a sum."""
     low = high = math.nan
-    phasor_map = scales.phasor_map
-    if phasor_map is not None and scales.saturated_counts is not None:
+    if saturated_counts is not None:
         # as numpy compares with them: floats in their own type
-        stored_type = stored.dtype.type if stored.dtype.kind == "f" else np.float64
+        own_type = stored_type.type if stored_type.kind == "f" else np.float64
         with np.errstate(over="ignore"):
-            low, high = (float(stored_type(limit)) for limit in scales.saturated_counts)
+            low, high = (float(np.asarray(limit, np.float64).astype(own_type)) for limit in saturated_counts)
     gains, offsets = [1.0] * 4, [-0.0] * 4
     if phasor_map is not None and phasor_map.own.shape[2] == 1:
         gains = phasor_map.own.ravel().tolist()
         offsets = offsets if phasor_map.constant is None else phasor_map.constant.ravel().tolist()
-    return {
+    constants = {
+        **shared_constants(settings, each),
         "saturated_low": low,
         "saturated_high": high,
-        "metres": scales.metres if isinstance(scales.metres, float) else math.nan,
-        "volts": scales.volts,
-        "most_volts": scales.most_volts,
-        "noise_volts": scales.noise_volts,
+        **dict(zip(("metres", "volts", "most_volts", "noise_volts"), light, strict=True)),
         **{f"gain{part}": gain for part, gain in enumerate(gains, start=1)},
         **{f"offset{part}": offset for part, offset in enumerate(offsets, start=1)},
     }
+    names = extension().constant_names()
+    if len(names) != len(constants):
+        raise SettingsError("the compiled kernel was built from another version of its sources: reinstall cadtof")
+    return sealed(np.array([constants[name] for name in names]))
+
+
+def _as_neighbours(array: NDArray[Any]) -> NDArray[Any]:
+    """Return an array whose values are neighbours in memory, aligned: itself, where they are."""
+    flags = array.flags
+    return array if flags.c_contiguous and flags.aligned else np.require(array, requirements=["C", "A"])
 
 
 def _order(settings: ResolverSettings) -> str:
