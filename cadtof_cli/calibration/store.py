@@ -1,4 +1,4 @@
-"""A calibration folder: one TOML file a part that people can read, with the part's maps beside it in an EXR file."""
+"""A calibration folder: one TOML file per part, readable by people, with the part's maps beside it in an EXR file."""
 
 import hashlib
 import json
@@ -129,7 +129,7 @@ def load_calibration(folder: Path, /) -> Calibration:
 
 @lru_cache(maxsize=4)
 def cached_calibration(folder: Path, digest: str, /) -> Calibration:
-    """Read a calibration once a process, and make sure that it is the one with this digest.
+    """Read a calibration once per process, and make sure that it has this digest.
 
     Raises:
         MetadataError: see `load_calibration`; or the folder has changed since the digest was taken.

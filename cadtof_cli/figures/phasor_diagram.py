@@ -91,7 +91,7 @@ def _arrow(axes: Axes, start: complex, end: complex, colour: str, name: str, *, 
 
 
 def _ellipse(axes: Axes, phasor: complex, covariance: Float, reach: float) -> None:
-    """Draw one and two standard deviations of the noise; magnified by a power of ten where they would not be seen."""
+    """Draw one and two standard deviations of the noise, magnified where they would be too small to see."""
     if not np.isfinite(covariance).all():
         return
     variances, directions = np.linalg.eigh(covariance)

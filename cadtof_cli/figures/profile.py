@@ -1,4 +1,4 @@
-"""A cross-section of maps, as in the paper's Figs. 4(c) and 5(d): runs overlaid, with what they were predicted to scatter by."""
+"""A cross-section of maps, as in the paper's Figs. 4(c) and 5(d): runs overlaid, with their predicted scatter."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass

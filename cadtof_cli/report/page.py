@@ -99,7 +99,7 @@ def _file(name: str) -> str:
 
 
 def _policy(style: str, script: str) -> str:
-    """Return what the page may do: run its own script, use its own style, show pictures that it holds. No network."""
+    """Return the content security policy: the page's own script, style and pictures alone, and no network."""
     script_digest, style_digest = (
         b64encode(hashlib.sha256(source.encode()).digest()).decode() for source in (script, style)
     )

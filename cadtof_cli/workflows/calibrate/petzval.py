@@ -111,7 +111,7 @@ def _calibration_noise_m(earlier: Calibration, amplitude_v: Float, modulation: M
 
 
 def _with_shared_uncertainty(petzval: PetzvalCalibration, stderr_m: tuple[float, float]) -> PetzvalCalibration:
-    """Add what the response calibration could not tell: curvature from pixels' own phases that happen to look like it."""
+    """Add the uncertainty of the response calibration: it cannot tell curvature from pixels' own phases that resemble it."""
     quality, (k2, k4) = petzval.quality, stderr_m
     k2_stderr_m, k4_stderr_m = float(np.hypot(quality.k2_stderr_m, k2)), float(np.hypot(quality.k4_stderr_m, k4))
     return replace(petzval, quality=replace(quality, k2_stderr_m=k2_stderr_m, k4_stderr_m=k4_stderr_m))

@@ -149,7 +149,7 @@ def _chosen(run: Run, settings: ProfileSettings) -> Path:
 
 
 def _names(runs: Sequence[Run], files: Sequence[Path]) -> list[str]:
-    """Return what curves are called: folders' names, with those of the maps where they do not tell them apart."""
+    """Return the names of the curves: those of the folders, and of the maps too where folders' names are the same."""
     for names in (
         [run.folder.absolute().name for run in runs],
         [f"{run.folder.absolute().name}/{run.name(file)}" for run, file in zip(runs, files, strict=True)],

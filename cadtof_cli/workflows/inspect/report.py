@@ -137,7 +137,7 @@ class _SmallMap:
 
 @dataclass
 class _Gathered:
-    """What the maps of a run come to on its page."""
+    """What the page needs of all maps of a run."""
 
     shown: list[ShownFrame] = field(default_factory=list)
     truth: list[EmbeddedFrame] = field(default_factory=list)
