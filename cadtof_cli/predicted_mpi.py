@@ -1,10 +1,11 @@
 """The MPI of a frame, predicted from its own geometry where it is diffuse: what it is looked at with."""
 
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cadtof_cli.arrays import Bool, Complex, Index
+from cadtof_cli.arrays import Bool, Complex, Index, sealed
 from cadtof_cli.frame_plan import FramePlan
 from cadtof_cli.optics.lens import principal_point
 
@@ -17,13 +18,13 @@ def predicted_mpi(
     pixels: "FramePixels", plan: FramePlan, stages: "FrameStages", kernel: str
 ) -> "tuple[DiffuseChoice, DiffuseModel | None]":
     """Return which model of MPI a frame has and, where that is diffuse, what predicts it from the frame's own geometry."""
-    from cadtof_cli.resolver.diffuse.grid import View, sampled_pixels
+    from cadtof_cli.resolver.diffuse.grid import View
     from cadtof_cli.resolver.diffuse.predict import diffuse_model
     from cadtof_cli.resolver.diffuse.records import DiffuseModel
     from cadtof_cli.resolver.diffuse.settings import DiffuseSettings
 
     noise, modulation = pixels.noise, plan.metadata.modulation
-    chosen = np.arange(pixels.count).reshape(pixels.size)[sampled_pixels(*pixels.size)]
+    chosen = _sampled(pixels.size)
     phasors, usable = _as_of_a_sine(pixels, chosen.ravel(), stages, kernel)
     optics, offset = plan.metadata.optics, stages.depth.range_offset_m
     found = diffuse_model(
@@ -39,6 +40,14 @@ def predicted_mpi(
         range_offset_m=None if offset is None else -offset.reshape(pixels.size),
     )
     return (found.choice, found) if isinstance(found, DiffuseModel) else (found, None)
+
+
+@lru_cache(maxsize=4)
+def _sampled(size: tuple[int, int]) -> Index:
+    """Return the flat indices of the pixels that a frame is looked at by, (rows, columns)."""
+    from cadtof_cli.resolver.diffuse.grid import sampled_pixels
+
+    return sealed(np.arange(size[0] * size[1]).reshape(size)[sampled_pixels(*size)].copy())
 
 
 def _as_of_a_sine(pixels: "FramePixels", chosen: Index, stages: "FrameStages", kernel: str) -> tuple[Complex, Bool]:

@@ -99,9 +99,9 @@ def coarse_planes(fit: PatchFit, posterior: Conditioned, beside: Beside, valid: 
     )
     left[1, 1] = left[1, 1] + sum(part**2 for part in shared)
     rows = [*values, *(spread[entry] for entry in entries), left[1, 1], _mpi_variance(values, spread, left)]
-    planes = np.empty((len(rows), *valid.shape), np.float32)
-    for plane, row in zip(planes, rows, strict=True):
-        plane[valid], plane[~valid] = row, row.mean()
+    held = np.array(rows)
+    planes = np.empty((len(held), *valid.shape), np.float32)
+    planes[:], planes[:, valid] = held.mean(axis=1)[:, None, None], held
     return CoarsePlanes(planes, count, entries)
 
 

@@ -4,9 +4,11 @@ The errors of a patch's values have common causes. Light that arrives earlier th
 the harmonics but the lag of the fundamental; so what the data differ by from the model says something of the lag's own error.
 """
 
+from functools import lru_cache
+
 import numpy as np
 
-from cadtof_cli.arrays import Complex, Float
+from cadtof_cli.arrays import Complex, Float, sealed
 
 RATIO_ERROR = (0.023, 0.02)
 """Standard deviation of ln|p_h/p_1|: for h = 2, and for the harmonics after it."""
@@ -43,6 +45,7 @@ def mpi_share(ratios: Complex, /) -> float:
     return float(np.clip(np.median(np.abs(ratios[0] - 1.0)) / FULL_MPI, LEAST_SHARE, 1.0))
 
 
+@lru_cache(maxsize=8)
 def full_error(further: int, /) -> Float:
     """Return that covariance where there is MPI enough, for so many harmonics that follow the first."""
     error = np.zeros((2 * further + 2, 2 * further + 2))
@@ -56,4 +59,4 @@ def full_error(further: int, /) -> Float:
     ties *= UNIT
     error[-1, :-2] = error[:-2, -1] = ties
     error[-1, -1] = ties @ np.linalg.solve(error[:-2, :-2], ties)
-    return error
+    return sealed(error)

@@ -115,14 +115,14 @@ class _RoomPrior:
             seen: Jacobians of the data, (6, data, n).
             departure: states linearised at, without the pattern, (6, n).
         """
-        linear = difference + (seen * departure[:, None]).sum(0)
+        linear = difference + np.einsum("jan,jn->an", seen, departure)
         whole = np.concatenate([seen.swapaxes(0, 1), linear[:, None]], axis=1)
         white = _whitened(self._scatter(self.within, seen), whole)
         normal = np.matmul(white[:, :-1], white.swapaxes(1, 2)).sum(0)
         normal *= min(1.0, INDEPENDENT_PATCHES / seen.shape[2])
         covariance = np.linalg.inv(self.precision + normal[:, :-1])
         room = covariance @ (self.precision @ MEAN + normal[:, -1])
-        room = np.clip(room, MEAN - self.farthest, MEAN + self.farthest)
+        room = np.minimum(np.maximum(room, MEAN - self.farthest), MEAN + self.farthest)
         spread = self.within + covariance
         missed = residuals(linear, _times(room[None], seen)[0])
         return _Given(room, covariance, spread, seen, self._scatter(spread, seen), missed)
@@ -139,7 +139,7 @@ def _times(matrix: Float, vectors: Float) -> Float:
 
 def _products(first: Float, second: Float) -> Float:
     """Return Σ_j first_jan·second_jbn, (a, b, n)."""
-    products: Float = (first[:, :, None] * second[:, None]).sum(0)
+    products: Float = np.einsum("jan,jbn->abn", first, second)
     return products
 
 

@@ -32,9 +32,10 @@ class Surfaces:
 
     def __getitem__(self, chosen: Bool, /) -> "Surfaces":
         """Return some of the pieces, (n,)."""
-        return Surfaces(
-            self.range_m[chosen], self.normal[:, chosen], self.ray[:, chosen], self.cosine[chosen], self.area_m2[chosen]
-        )
+        places = np.flatnonzero(chosen)
+        normal, ray = (part.reshape(3, -1).take(places, axis=1) for part in (self.normal, self.ray))
+        range_m, cosine, area_m2 = (part.ravel().take(places) for part in (self.range_m, self.cosine, self.area_m2))
+        return Surfaces(range_m, normal, ray, cosine, area_m2)
 
 
 @dataclass(frozen=True, eq=False)

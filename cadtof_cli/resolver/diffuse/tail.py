@@ -109,9 +109,12 @@ def free_of_direct(logarithm: Complex, harmonic: Float, /) -> Float:
     The order is ln|H_h/H_1| for h = 2, 3, …; then arg H_h − h·arg H_1; then ln|H_1| and arg H_1.
     """
     first, further = logarithm[..., :1, :], logarithm[..., 1:, :]
-    return np.concatenate(
-        [further.real - first.real, further.imag - harmonic[1:] * first.imag, first.real, first.imag], axis=-2
-    )
+    count = further.shape[-2]
+    free = np.empty((*logarithm.shape[:-2], 2 * count + 2, logarithm.shape[-1]))
+    np.subtract(further.real, first.real, out=free[..., :count, :])
+    np.subtract(further.imag, harmonic[1:] * first.imag, out=free[..., count:-2, :])
+    free[..., -2:-1, :], free[..., -1:, :] = first.real, first.imag
+    return free
 
 
 def phase_data(data: int, /) -> slice:
