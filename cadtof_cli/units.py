@@ -1,4 +1,4 @@
-"""Units and conversions between them: times in ns, lengths in m, phases in rad, voltages in V."""
+"""Units and conversions between them: times in ns, lengths in m, phases in rad, voltages in V; and numbers of things in words."""
 
 import math
 
@@ -7,6 +7,11 @@ C_M_PER_NS = 0.299792458
 
 FWHM_PER_SIGMA = 2.0 * math.sqrt(2.0 * math.log(2.0))
 """Full width at half maximum of a Gaussian over its standard deviation, 2.3548."""
+
+
+def counted(number: int, noun: str, /) -> str:
+    """Return how many things there are in words, such as '1 frame' and '2 frames'."""
+    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
 
 
 def unambiguous_range_m(period_ns: float) -> float:

@@ -22,6 +22,7 @@ from cadtof_cli.commands.options import (
     settings_option,
 )
 from cadtof_cli.commands.terminal import progress_bar, tell
+from cadtof_cli.units import counted
 from cadtof_cli.workflows.calibrate.captures import CalibrateReport, CalibrateSettings
 from cadtof_cli.workflows.calibrate.dark import calibrate_dark
 from cadtof_cli.workflows.calibrate.petzval import calibrate_petzval
@@ -184,7 +185,9 @@ def _measured(
     if as_json:
         tell(json.dumps(asdict(report)))
         return
-    tell(f"{report.part}: from {report.frames} frames, written to {', '.join(report.written)}, digest {report.digest}")
+    tell(
+        f"{report.part}: from {counted(report.frames, 'frame')}, written to {', '.join(report.written)}, digest {report.digest}"
+    )
     for line in (*lines(report.figures), *report.findings):
         tell(f"  {line}")
 

@@ -9,6 +9,7 @@ import click
 
 from cadtof_cli.commands.examples import example
 from cadtof_cli.commands.terminal import progress_bar, tell
+from cadtof_cli.units import counted
 
 if TYPE_CHECKING:
     from cadtof_cli.workflows.inspect.evaluate import Evaluation, Scatter
@@ -97,7 +98,7 @@ def _table(evaluation: "Evaluation | None") -> tuple[str, ...]:
     if evaluation is None:
         return ()
     titles = "".join(f"{title:>10}" for title in ("median", "90 %", "RMSE", "bias", "valid", "in 1 σ", "in 2 σ"))
-    lines = [f"{'error, cm':14}{titles}   (median and 90 % of |error|; {evaluation.frames} frames)"]
+    lines = [f"{'error, cm':14}{titles}   (median and 90 % of |error|; {counted(evaluation.frames, 'frame')})"]
     for title, errors in (("first phasor", evaluation.first_phasor), ("direct path", evaluation.direct)):
         if errors is not None:
             figures = (errors.median_cm, errors.p90_cm, errors.rmse_cm, errors.bias_cm)
@@ -115,5 +116,5 @@ def _scatter_line(scatter: "Scatter | None", path: Path | None) -> tuple[str, ..
         "–" if value is None else f"{value:.2f} cm" for value in (scatter.median_std_cm, scatter.median_sigma_cm)
     )
     return (
-        f"over {scatter.frames} frames: direct depth scatters by {std} at the median pixel, predicted {sigma}; {path}",
+        f"over {counted(scatter.frames, 'frame')}: direct depth scatters by {std} at the median pixel, predicted {sigma}; {path}",
     )

@@ -35,6 +35,7 @@ from cadtof_cli.files.atomic import require_absent
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.simulation.pixel.motion import Motion
 from cadtof_cli.simulation.scene.scenes import SCENES
+from cadtof_cli.units import counted
 from cadtof_cli.workflows.simulate.outcome import PathSummary, TrialsSummary
 from cadtof_cli.workflows.simulate.record import RecordSettings, record_scene
 from cadtof_cli.workflows.simulate.simulate import json_report, named_paths, simulate_pixel, write_evolution
@@ -181,7 +182,7 @@ def _record_scene(name: str, settings: RecordSettings, out: Path, workers: Worke
     near, far = report.depths_m
     if not quiet:
         tell(
-            f"{out}: {report.frames} frames of {name}, direct depth {near:.3f} to {far:.3f} m, "
+            f"{out}: {counted(report.frames, 'frame')} of {name}, direct depth {near:.3f} to {far:.3f} m, "
             f"median MPI/direct {report.mpi_ratio:.3f}; truth in truth.exr",
             err=True,
         )

@@ -6,6 +6,7 @@ from pathlib import PurePosixPath
 
 from cadtof_cli.report.frames import EmbeddedFrame, EmbeddedLayer
 from cadtof_cli.report.markup import EMPTY, Markup, element, joined, table
+from cadtof_cli.units import counted
 
 BAR_WIDTH, BAR_HEIGHT = 1000, 18
 
@@ -179,7 +180,7 @@ def embedded_section(page: PageText, frames: Sequence[EmbeddedFrame], /) -> Mark
             layers.setdefault(layer.name, []).append(layer)
     held = "; ".join(_held(step, count) for step, count in sorted(steps.items()))
     told = (
-        f"Of {len(frames)} frames the page holds: {held}. "
+        f"Of {counted(len(frames), 'frame')} the page holds: {held}. "
         "A pixel that is there has all its layers; the files of the run have all pixels of all frames. "
         "Values are rounded to 16 bits, between the lowest and the highest of the layer in the frame:"
     )

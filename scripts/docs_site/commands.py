@@ -107,7 +107,10 @@ def _table(lines: list[str]) -> str:
 
 
 def _plain(text: str) -> str:
-    """Return text whose signs mean nothing to Markdown, but for `code`."""
-    pieces = text.split("`")
+    """Return text whose signs mean nothing to Markdown, but for `code`, which options are too."""
+    pieces = "`".join(
+        piece if number % 2 else re.sub(r"(?<![\w-])--[a-z][a-z0-9-]*", r"`\g<0>`", piece)
+        for number, piece in enumerate(text.split("`"))
+    ).split("`")
     pieces[::2] = [re.sub(r"([\\*_<>\[\]$|#{}~^])", r"\\\1", piece) for piece in pieces[::2]]
     return "`".join(pieces)

@@ -113,7 +113,7 @@ def test_one_map_and_its_table(tmp_path: Path) -> None:
     assert (done.status, done.err) == (0, "")
     title, first, direct = done.out.splitlines()
     assert "median" in title
-    assert "1 frames" in title
+    assert "1 frame)" in title
     error = 100 * (_first_phasor_m(capture.files[1]) - step_truth())
     assert first.startswith("first phasor")
     assert float(first.split()[3]) == pytest.approx(np.quantile(np.abs(error), 0.9), abs=0.02)

@@ -49,7 +49,7 @@ def test_a_slow_pooling_tells_how_long_it_takes(tmp_path: Path) -> None:
         assert process.stderr is not None
         told = next((line for line in process.stderr if "--pool" in line), "")
         process.terminate()
-    assert re.search(r"--pool 101: 1 frames will take about \d+ (s|min)", told)
+    assert re.search(r"--pool 101: 1 frame will take about \d+ (s|min)", told)
 
 
 def test_a_complete_run_is_already_there(here: Path) -> None:

@@ -103,7 +103,7 @@ def test_rooms_are_captures_that_resolve_reads(tmp_path: Path, scene: str) -> No
         *("--periods", "40,20,13.333333333333334", "--jobs", 1),
     )
     assert (done.status, done.out) == (0, "")
-    assert f"1 frames of {scene}" in done.err
+    assert f"1 frame of {scene}" in done.err
     assert cadtof("resolve", tmp_path / "c", "-o", tmp_path / "maps", "--format", "exr", "--jobs", 1).status == 0
     off = _depth(tmp_path / "maps" / "frame_0000.exr") - _depth(tmp_path / "c" / "truth.exr")
     assert np.nanmedian(np.abs(off)) < 0.3

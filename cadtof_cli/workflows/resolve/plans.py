@@ -14,6 +14,7 @@ from cadtof_cli.phasors.noise import noise_model
 from cadtof_cli.phasors.plausible import implausible
 from cadtof_cli.phasors.voltages import volts_per_count
 from cadtof_cli.records import dataclass
+from cadtof_cli.units import counted
 from cadtof_cli.workflows.resolve.settings import ResolveSettings
 from cadtof_cli.workflows.resolve.use_calibration import AppliedCalibration
 
@@ -165,7 +166,7 @@ def slow_notes(plans: Sequence[CapturePlan], settings: ResolveSettings, /) -> It
     maps = sum(one.expected_maps(settings) for one in plans)
     seconds = pooling / max(min(settings.workers.jobs, maps), 1)
     if seconds > _SLOW_RUN_S:
-        yield f"--pool {settings.maps.pool}: {maps} frames will take about {_duration(seconds)}"
+        yield f"--pool {settings.maps.pool}: {counted(maps, 'frame')} will take about {_duration(seconds)}"
 
 
 def _duration(seconds: float) -> str:
