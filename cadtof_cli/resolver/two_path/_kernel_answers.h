@@ -140,9 +140,10 @@ INLINE void resolve_pixels(const Frame *restrict frame, int64_t start, int64_t s
     for (int m; start < stop; start += m) {
         m = frame->tail ? in_group(frame->tail, start, stop) : stop - start < GROUP ? (int)(stop - start) : GROUP;
         load(g, frame, start, m);
-        fundamental_frame(g);
+        if (!frame->tail) fundamental_frame(g);
         screen(g, frame);
         if (frame->tail) predict(g, frame, start, m);
+        if (frame->tail && any(g->answered)) fundamental_frame(g);
         choose_pixels(g, frame);
         if (any(g->may)) one_path(g, frame);
         else EACH_PIXEL g->misfit[i] = 0.0;

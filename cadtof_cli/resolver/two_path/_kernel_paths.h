@@ -41,10 +41,14 @@ INLINE void fundamental_frame(Group *restrict g) {
     }
 }
 
-/* resolve.py: _screened. `refusal` comes in with SATURATED. */
+/* resolve.py: screened. `refusal` comes in with SATURATED. Where most pixels have a tail, the few others are turned later. */
 INLINE void screen(Group *restrict g, const Frame *restrict frame) {
     const Constants *k = frame->constants;
-    EACH_PIXEL {
+    if (frame->tail) EACH_PIXEL {
+        double re1 = g->re1[i], im1 = g->im1[i], re2 = g->re2[i], im2 = g->im2[i], power1 = re1 * re1 + im1 * im1;
+        g->u[i] = sqrt(power1);
+        g->t1[i] = power1 * k->per_variance1 + (re2 * re2 + im2 * im2) * k->per_variance2;
+    } else EACH_PIXEL {
         double u = g->u[i], pr = g->pr[i], pi = g->pi[i];
         g->t1[i] = u * u * k->per_variance1 + (pr * pr + pi * pi) * k->per_variance2;
     }
