@@ -1,5 +1,6 @@
 """Worker processes that are handed tasks one by one, so that one that is lost or hangs costs no task but its own."""
 
+import math
 import time
 from collections import deque
 from collections.abc import Generator, Iterable, Iterator, Sequence
@@ -31,10 +32,11 @@ Each time that this process runs, it may take the place of a worker, and the cac
 
 TASKS_IN_MEAN = 8
 
-NOW_AND_THEN_S = 0.003
+NOW_AND_THEN_S, NOW_AND_THEN_TASKS = 0.003, 4
+"""After how long workers with short tasks are looked after again, or after how many of their tasks, if that is sooner."""
 
-AHEAD, SHORT_AHEAD = 2, 4
-"""Tasks that a worker is given that are still to be computed, so that it never idles; and where they are short."""
+AHEAD, SHORT_AHEAD = 2, 8
+"""Tasks that a worker is given that are still to be computed, so that it never idles; and at most where they are short."""
 
 TASKS_PER_WORKER = 1 + SHORT_AHEAD + LATER_AT_ONCE
 """Tasks in flight for each worker: some to be computed, some on their way to the disk, and one finished and not yet reported."""
@@ -112,7 +114,7 @@ class _Pool(Generic[Task, Result]):
     def attend(self) -> None:
         """Wait until a worker has answered, was lost or has taken too long, and hand out what waits."""
         if self._task_s < SHORT_S:
-            time.sleep(NOW_AND_THEN_S)
+            time.sleep(min(NOW_AND_THEN_S, NOW_AND_THEN_TASKS * self._task_s))
         limit, left = self._limit_s, None
         if limit is not None:
             since = min(worker.since for worker in self._workers if worker.jobs)
@@ -169,8 +171,14 @@ class _Pool(Generic[Task, Result]):
         if len(self._workers) < self._most:
             return self._start()
         least = min(self._workers, key=_Worker.left)
-        enough = SHORT_AHEAD if self._task_s < SHORT_S else AHEAD
-        return least if self._ahead and least.left() < enough else None
+        return least if self._ahead and least.left() < self._enough() else None
+
+    def _enough(self) -> int:
+        """Return how many tasks a worker should have ahead: no more than it takes, since what it has no other can take."""
+        if self._task_s >= SHORT_S:
+            return AHEAD
+        # as many again as are done meanwhile: this process may come late
+        return min(AHEAD + math.ceil(2.0 * NOW_AND_THEN_S / max(self._task_s, 1e-4)), SHORT_AHEAD)
 
     def _started_afresh(self) -> _Worker[Task, Result]:
         """Return a new process in place of an idle one, which may be dead as well without anybody having asked it since."""

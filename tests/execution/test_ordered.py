@@ -48,8 +48,11 @@ def deadly_once_for_all(task: tuple[int, Path]) -> int:
     if number == 1 and not seen.exists():
         time.sleep(0.2)
         seen.touch()
-        siblings = Path(f"/proc/{os.getppid()}/task/{os.getppid()}/children").read_text().split()
-        for process in sorted(map(int, siblings), key=os.getpid().__eq__):
+        children = Path(f"/proc/{os.getppid()}/task/{os.getppid()}/children").read_text().split()
+        ours = Path("/proc/self/cmdline").read_bytes()
+        # workers that are spawned have a helper, which is none of them
+        siblings = [int(child) for child in children if Path(f"/proc/{child}/cmdline").read_bytes() == ours]
+        for process in sorted(siblings, key=os.getpid().__eq__):
             os.kill(process, signal.SIGKILL)
     return number
 
