@@ -15,9 +15,9 @@ INLINE double inverse_root(double x) {
     return x < DBL_MIN ? 0.0 : y;
 }
 
-/* arctangent.py: phase_of */
-INLINE double phase_of(double cos, double sin) {
-    double x = fabs(cos), y = fabs(sin);
+/* arctangent.py: phase_of, where sin is not negative */
+INLINE double phase_above(double cos, double y) {
+    double x = fabs(cos);
     double low = y > x ? x : y, high = y > x ? y : x;
     int far = low > high * 0.41421356237309503;
     double tangent = (far ? low - high : low) / (far ? low + high : high);
@@ -35,7 +35,12 @@ INLINE double phase_of(double cos, double sin) {
     double phase = tangent + tangent * z * series;
     phase = far ? phase + 0.25 * PI : phase;
     phase = y > x ? 0.5 * PI - phase : phase;
-    phase = cos < 0.0 ? PI - phase : phase;
+    return cos < 0.0 ? PI - phase : phase;
+}
+
+/* arctangent.py: phase_of */
+INLINE double phase_of(double cos, double sin) {
+    double phase = phase_above(cos, fabs(sin));
     phase = sin < 0.0 ? FULL_TURN - phase : phase;
     return phase >= FULL_TURN ? 0.0 : phase;
 }
@@ -295,7 +300,7 @@ INLINE void two_path_sigmas(Group *restrict g, const Frame *restrict frame) {
 /* closed_form.py: TwoPaths.phases */
 INLINE void phases(Group *restrict g) {
     EACH_PIXEL g->t1[i] = phase_of(g->cos_m[i], g->sin_m[i]);
-    EACH_PIXEL g->t2[i] = phase_of(g->cos_half[i], g->sin_half[i]);
+    EACH_PIXEL g->t2[i] = phase_above(g->cos_half[i], g->sin_half[i]);
     EACH_PIXEL {
         double x = g->t1[i] + g->t2[i], y = g->t1[i] - g->t2[i];
         y = y < 0.0 ? y + FULL_TURN : y;
