@@ -15,8 +15,9 @@ import click
 
 from cadtof_cli import __version__
 from cadtof_cli.commands.examples import example
-from cadtof_cli.commands.terminal import open_closed_streams, tell
-from cadtof_cli.errors import CadtofError
+from cadtof_cli.commands.narrow_help import HelpContext, fit_narrow_terminals
+from cadtof_cli.commands.terminal import let_streams_take_any_text, open_closed_streams, tell
+from cadtof_cli.errors import CadtofError, OutputError
 
 COMMANDS = {
     "resolve": "Resolve recorded frames into depth maps without multi-path interference.",
@@ -35,7 +36,7 @@ COMMANDS = {
 """Subcommands in the order of `cadtof --help`, with what they do; each is a click command in `commands/<name>.py`."""
 
 OBJECTS_BETWEEN_COLLECTIONS = 100_000
-"""What is imported makes objects by the ten thousand, and no garbage that has to be looked for among them."""
+"""The garbage collector runs this rarely: imports make tens of thousands of objects, and no garbage."""
 
 PROGRAM = "cadtof"
 COMPLETE = "_CADTOF_COMPLETE"
@@ -48,6 +49,8 @@ BROKEN_PIPE = 141
 class LazyGroup(click.Group):
     """A group that imports the module of a subcommand only when that is run."""
 
+    context_class = HelpContext
+
     def list_commands(self, ctx: click.Context) -> list[str]:
         """Return the names of all subcommands."""
         return list(COMMANDS)
@@ -56,6 +59,7 @@ class LazyGroup(click.Group):
         """Import a subcommand; None where there is none of that name, or one like it."""
         if cmd_name in COMMANDS:
             command: click.Command = getattr(importlib.import_module(f"cadtof_cli.commands.{cmd_name}"), cmd_name)
+            fit_narrow_terminals(command)
             return command
         import difflib
 
@@ -87,9 +91,10 @@ def cli(debug: bool) -> None:
 def main() -> NoReturn:
     """Run the command line and exit; no traceback reaches a user who did not ask for it."""
     gc.set_threshold(OBJECTS_BETWEEN_COLLECTIONS)
-    # nor is there on the way out
+    # nor does it run at exit
     atexit.register(gc.freeze)
     open_closed_streams()
+    let_streams_take_any_text()
     for number in filter(None, (signal.SIGTERM, getattr(signal, "SIGHUP", None))):
         # nohup has SIGHUP ignored, and that is to stay
         if signal.getsignal(number) is not signal.SIG_IGN:
@@ -110,19 +115,19 @@ def main() -> NoReturn:
         tell("\ninterrupted", err=True)
         sys.exit(INTERRUPTED)
     except BrokenPipeError:
-        # as a program ends that knows nothing of pipes
+        # as a program ends that SIGPIPE ends
         _forget_stdout()
         sys.exit(BROKEN_PIPE)
     except Exception as error:
         if debug and not isinstance(error, click.ClickException):
             raise
-        message, status = _said(error)
+        message, status = _message_and_status(error)
         tell(message, err=True)
         _forget_stdout()
         sys.exit(status)
 
 
-def _said(error: Exception) -> tuple[str, int]:
+def _message_and_status(error: Exception) -> tuple[str, int]:
     """Return the message of an error, and the exit status."""
     match error:
         case click.ClickException():
@@ -133,15 +138,17 @@ def _said(error: Exception) -> tuple[str, int]:
             return f"Error: {error}", error.exit_status
         case MemoryError():
             return "Error: not enough memory; try fewer --jobs, or smaller inputs", 1
+        case OSError(filename=None):
+            return f"Error: standard output: cannot be written: {error.strerror or error}", OutputError.exit_status
         case OSError():
-            return f"Error: {error.filename or 'standard output'}: {error.strerror or error}", 1
+            return f"Error: {error.filename}: {error.strerror or error}", 1
         case _:
-            told = f"Error: unexpected {type(error).__name__}: {error}"
-            return f"{told}\nRun `cadtof --debug …` and report it.", 1
+            message = f"Error: unexpected {type(error).__name__}: {error}"
+            return f"{message}\nRun `cadtof --debug …` and report it.", 1
 
 
 def _forget_stdout() -> None:
-    """Let nothing be written any more that stdout could not take, as Python would try on its way out."""
+    """Discard what stdout could not take: Python would try to write it again at exit."""
     with contextlib.suppress(OSError, ValueError):
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 

@@ -13,7 +13,7 @@ from cadtof_cli.frame_plan import FramePlan
 from cadtof_cli.maps.layers import without_offset
 from cadtof_cli.phasors.frame_mean import FrameMean
 from cadtof_cli.pipeline import frame_stages, prepare_frame
-from cadtof_cli.resolver.response.first_phase import first_phase
+from cadtof_cli.resolver.response.as_sine import first_phase
 
 
 def first_phasor_depth(

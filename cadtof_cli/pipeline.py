@@ -18,7 +18,7 @@ from cadtof_cli.calibration.apply import FrameCorrection, frame_correction
 from cadtof_cli.errors import FrameError
 from cadtof_cli.files.maps import DepthMaps
 from cadtof_cli.frame_plan import FramePlan
-from cadtof_cli.maps.depth import DepthScale, clear_impossible, clear_pixels, empty_maps, most_volts, write_block
+from cadtof_cli.maps.depth import DepthScale, clear_impossible, clear_pixels, most_volts, write_block
 from cadtof_cli.maps.layers import ALWAYS, Layer
 from cadtof_cli.optics.lamp import LampBeside
 from cadtof_cli.optics.lens import planar_per_range
@@ -234,7 +234,8 @@ def resolve_pixels(
     part changes a bit of the answer.
     """
     stages = frame_stages(plan, calibration, pixels.dtype, pixels.size)
-    maps, kernel = empty_maps(1, pixels.count, layers=stages.layers), kernel or chosen_kernel()
+    names, kernel = tuple(layer.name for layer in stages.layers), kernel or chosen_kernel()
+    maps = DepthMaps.empty(names, (1, pixels.count))
     in_kernel = stages.room == "two_path" and stages.resolver.paths <= 2
     if kernel != NUMPY and in_kernel and (pixels.tail is None or pixels.tail.through is None):
         _fill_by_kernel(maps, pixels, plan, stages, kernel)

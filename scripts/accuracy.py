@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from cadtof_cli.capture.discovery import Capture, find_captures
-from cadtof_cli.capture.frames import open_frames, single_frames
+from cadtof_cli.capture.discovery import find_captures
+from cadtof_cli.capture.frames import Capture, open_frames, single_frames
 from cadtof_cli.capture.metadata import CaptureMetadata
 from cadtof_cli.files.maps import read_layers
 from cadtof_cli.first_phasor import first_phasor_depth

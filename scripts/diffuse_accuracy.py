@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from cadtof_cli.capture.discovery import Capture, find_captures
-from cadtof_cli.capture.frames import open_frames, single_frames
+from cadtof_cli.capture.discovery import find_captures
+from cadtof_cli.capture.frames import Capture, open_frames, single_frames
 from cadtof_cli.figures.maps import ERRORS, SIGMAS
 from cadtof_cli.figures.page import Panel, Scaled, draw_page
 from cadtof_cli.files.maps import read_layers

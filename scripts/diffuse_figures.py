@@ -16,8 +16,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from cadtof_cli.capture.discovery import Capture, find_captures
-from cadtof_cli.capture.frames import open_frames, single_frames
+from cadtof_cli.capture.discovery import find_captures
+from cadtof_cli.capture.frames import Capture, open_frames, single_frames
 from cadtof_cli.files.maps import read_layers
 from cadtof_cli.first_phasor import first_phasor_depth
 from cadtof_cli.frame_plan import FramePlan

@@ -15,7 +15,8 @@ from diffuse_accuracy import F
 from diffuse_nets import capture_truth, capture_volts
 from numpy.typing import NDArray
 
-from cadtof_cli.capture.discovery import Capture, find_captures
+from cadtof_cli.capture.discovery import find_captures
+from cadtof_cli.capture.frames import Capture
 from cadtof_cli.capture.metadata import Voltage
 from cadtof_cli.files.maps import read_layers
 from cadtof_cli.frame_plan import FramePlan, MapSettings

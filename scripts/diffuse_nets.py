@@ -15,8 +15,8 @@ import numpy as np
 from diffuse_accuracy import F
 from numpy.typing import NDArray
 
-from cadtof_cli.capture.discovery import Capture, find_captures
-from cadtof_cli.capture.frames import open_frames, single_frames
+from cadtof_cli.capture.discovery import find_captures
+from cadtof_cli.capture.frames import Capture, open_frames, single_frames
 from cadtof_cli.capture.metadata import CaptureMetadata, Voltage
 from cadtof_cli.files.maps import read_layers
 from cadtof_cli.frame_plan import FramePlan, MapSettings

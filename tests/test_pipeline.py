@@ -56,7 +56,7 @@ def test_what_frames_share_refuses_to_be_changed() -> None:
         FramePlan(metadata=metadata, settings=MapSettings(depth="z")), None, np.dtype(np.float64), SIZE
     )
     grid = patch_grid(24, 32, View(30.0, (15.5, 11.5)))
-    for shared in (stages.correction.phasor_map.own, stages.depth.planar_per_range, grid.ray, grid.slope_x):
+    for shared in (stages.correction.phasor_map.own, stages.depth.planar_per_range, grid.ray, grid.slope):
         assert shared is not None
         with pytest.raises(ValueError, match="read-only"):
             shared[..., 0] = 0.0

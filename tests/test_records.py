@@ -151,4 +151,4 @@ def test_a_run_makes_no_others(tmp_path: Path) -> None:
         [sys.executable, "-c", _SEEN, *words], env=ENVIRONMENT, capture_output=True, text=True, check=True
     )
     # what has slots is the library's
-    assert done.stdout.split() == ["cadtof_cli.capture.frame_sources.FrameSource"]
+    assert done.stdout.split() == ["cadtof_cli.capture.frames.FrameSource"]

@@ -17,7 +17,7 @@ from cadtof_cli.files.frames import CHANNELS, SAMPLE_TYPES
 from cadtof_cli.frame_plan import MapSettings
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.workflows.resolve.frame_task import FrameTask, read_frame, source_name
-from cadtof_cli.workflows.resolve.plans import found_captures, planned
+from cadtof_cli.workflows.resolve.plans import find_named_captures, plan_captures
 from cadtof_cli.workflows.resolve.settings import ResolveSettings
 
 Place = str | os.PathLike[str]
@@ -113,9 +113,9 @@ def read_frames(
         settings_file=None if settings_file is None else Path(settings_file),
         frames=frames,
     )
-    captures, _ = found_captures([Path(one) for one in inputs], settings, _overrides(metadata))
+    captures, _ = find_named_captures([Path(one) for one in inputs], settings, _overrides(metadata))
     taken = {source.name for capture in captures for source in capture.frames}
-    for plan in planned(captures, settings, None):
+    for plan in plan_captures(captures, settings, None):
         for note in plan.notes():
             _log.warning(note)
         for source in plan.frames(settings, taken=taken):

@@ -41,7 +41,7 @@ def frame_correction(
     pixels: tuple[int, int],
     /,
 ) -> FrameCorrection:
-    """Return the correction of frames of `pixels` (Y, X); without a calibration, what waveform and pulse alone call for.
+    """Return the correction of frames of `pixels` (Y, X); without a calibration, what waveform and pulse alone require.
 
     Raises:
         SettingsError: the calibration does not belong to the capture, or nothing says how many volts one count stands for.
@@ -72,7 +72,7 @@ def frame_correction(
 
 
 def _refined_by(responses: Sequence[HarmonicResponse], phase_rad: Float | None) -> "ResponseModel | None":
-    """Return what `response_model` does, whose room is not needed where the channel pairs answer as sines do."""
+    """Return what `response_model` returns; its module is imported only where a response is not a pure sine."""
     if all(response.linear for response in responses):
         return None
     from cadtof_cli.resolver.response.table import response_model
@@ -81,7 +81,7 @@ def _refined_by(responses: Sequence[HarmonicResponse], phase_rad: Float | None) 
 
 
 def _range_offset_m(calibration: "Calibration", metadata: CaptureMetadata, pixels: tuple[int, int]) -> Float | None:
-    """Return what the Petzval calibration says, or else what the response's phase maps were freed of."""
+    """Return the offset of the Petzval calibration, or else the curvature that was taken out of the response's phase maps."""
     if calibration.petzval is not None:
         return calibration.petzval.range_offset_m.ravel()
     if calibration.response is not None and any(calibration.response.field_curvature_m):

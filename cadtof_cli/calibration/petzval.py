@@ -93,7 +93,7 @@ class PetzvalCalibration:
         return tables | {f"wall_{index}": wall for index, wall in enumerate(walls, start=1)}
 
     def maps(self) -> dict[str, NDArray[Any]]:
-        """Return nothing: two numbers say it all."""
+        """Return no maps: the tables hold everything."""
         return {}
 
     @classmethod

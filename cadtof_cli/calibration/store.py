@@ -1,7 +1,8 @@
-"""A calibration folder: one TOML file a part that people can read, with the part's maps beside it in an EXR file."""
+"""A calibration folder: one TOML file per part, readable by people, with the part's maps beside it in an EXR file."""
 
 import hashlib
 import json
+import os
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from functools import lru_cache
@@ -17,9 +18,9 @@ from cadtof_cli.calibration.petzval import PetzvalCalibration
 from cadtof_cli.calibration.response import ResponseCalibration
 from cadtof_cli.capture.metadata import CaptureMetadata
 from cadtof_cli.errors import FrameError, MetadataError, OutputError
-from cadtof_cli.files.atomic import make_folder, whole_file
+from cadtof_cli.files.atomic import atomic_write, make_folder
 from cadtof_cli.files.maps import read_layers, write_layers
-from cadtof_cli.files.reading import is_folder, is_there
+from cadtof_cli.files.reading import is_folder
 from cadtof_cli.files.toml import read_toml, toml_from_tables
 
 DIGEST_LENGTH = 16
@@ -91,7 +92,7 @@ def save_part(folder: Path, part: Part, /, *, overwrite: bool = False) -> tuple[
     document["part"]["digest"] = digest_of(part)
     made = f"cadtof {part.kind} calibration; made by a program and checked by its digest, so not to be changed by hand"
     comments = [made, f"its maps are in {part.kind}.exr"] if maps else [made]
-    with whole_file(path) as temporary:
+    with atomic_write(path) as temporary:
         temporary.write_text(toml_from_tables(document, comments=comments), encoding="utf-8")
     return tuple(written)
 
@@ -103,7 +104,7 @@ def require_absent(folder: Path, kind: PartKind, /, *, overwrite: bool) -> None:
         OutputError: it is there already, and `overwrite` is not set.
     """
     path = folder / f"{kind}.toml"
-    if is_there(path) and not overwrite:
+    if os.path.lexists(path) and not overwrite:
         raise OutputError(
             f"{path}: already exists; add --overwrite to replace this part, or choose another folder with -o"
         )
@@ -117,7 +118,9 @@ def load_calibration(folder: Path, /) -> Calibration:
     """
     if not is_folder(folder):
         raise MetadataError(f"{folder}: no such folder; expected one that `cadtof calibrate … -o {folder}` made")
-    found: dict[str, Any] = {kind: _load_part(folder, kind) for kind in PART_KINDS if is_there(folder / f"{kind}.toml")}
+    found: dict[str, Any] = {
+        kind: _load_part(folder, kind) for kind in PART_KINDS if os.path.lexists(folder / f"{kind}.toml")
+    }
     if not found:
         expected = ", ".join(f"{kind}.toml" for kind in PART_KINDS)
         raise MetadataError(f"{folder}: no calibration in it; expected {expected}, or some of them")
@@ -126,7 +129,7 @@ def load_calibration(folder: Path, /) -> Calibration:
 
 @lru_cache(maxsize=4)
 def cached_calibration(folder: Path, digest: str, /) -> Calibration:
-    """Read a calibration once a process, and make sure that it is the one with this digest.
+    """Read a calibration once per process, and make sure that it has this digest.
 
     Raises:
         MetadataError: see `load_calibration`; or the folder has changed since the digest was taken.

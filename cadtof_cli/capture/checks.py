@@ -4,14 +4,14 @@ import math
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-_SHOWN = 200
+_MOST_LETTERS = 200
 """Letters of a value that a message shows."""
 
 
 def shortened(found: object, /) -> str:
     """Return a value as Python writes it, without its middle where it is too long for a message."""
     text = repr(found)
-    return text if len(text) <= _SHOWN else f"{text[: _SHOWN // 2]} … {text[-_SHOWN // 2 :]}"
+    return text if len(text) <= _MOST_LETTERS else f"{text[: _MOST_LETTERS // 2]} … {text[-_MOST_LETTERS // 2 :]}"
 
 
 class Check(NamedTuple):
@@ -37,7 +37,7 @@ POSITIVE = above(0)
 COUNT, LENGTH, PERIOD, VOLTS, SCALE = (
     within(*limits) for limits in ((0.0, 1e15), (1e-3, 1e9), (1e-3, 1e9), (1e-6, 1e6), (1e-15, 1e6))
 )
-"""What is possible, far beyond what any camera has; the squares of other numbers are none any more."""
+"""Limits far beyond what any camera has; squares of numbers outside may overflow."""
 
 
 def each(check: Check, /) -> Check:

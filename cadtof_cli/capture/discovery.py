@@ -12,43 +12,18 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from cadtof_cli.capture.frame_sources import FilesAsFrames, FrameSource, grouped_planes, natural_key
+from cadtof_cli.capture.frames import Capture, FrameFileList, FrameSource, natural_key
+from cadtof_cli.capture.planes import grouped_planes
 from cadtof_cli.capture.toml import FILE_NAME, MetadataSource, load_metadata
 from cadtof_cli.errors import CaptureError
 from cadtof_cli.files.formats import FRAME_SUFFIXES, frame_suffixes
-from cadtof_cli.files.frames import FrameLayout, RawLayout
-from cadtof_cli.files.reading import is_folder, is_there
-from cadtof_cli.records import dataclass
+from cadtof_cli.files.reading import is_folder
 
-WRITTEN_BY_US = frozenset({"run.json", "dark.toml", "response.toml", "petzval.toml"})
+OUTPUT_FILES = frozenset({"run.json", "dark.toml", "response.toml", "petzval.toml"})
 """Files that make a folder one of maps, or a calibration: nothing in or below it is a recorded frame."""
 
 _TRUTH = "truth"
 _NAMES_IN_MESSAGE = 5
-
-
-@dataclass(frozen=True)
-class Capture:
-    """Frames that were recorded under the same metadata.
-
-    Parameters:
-        root: folder in which they lie.
-        source: their metadata and where each value came from.
-        frames: where each frame lies, in the order they were recorded or given.
-    """
-
-    root: Path
-    source: MetadataSource
-    frames: Sequence[FrameSource]
-
-    @property
-    def layout(self) -> FrameLayout:
-        """How the files are laid out, as a reader needs it."""
-        layout = self.source.metadata.layout
-        raw = None
-        if layout.raw_dtype is not None and layout.raw_shape is not None:
-            raw = RawLayout(layout.raw_dtype, layout.raw_shape, layout.raw_offset_bytes or 0)
-        return FrameLayout(self.source.metadata.modulation.harmonics, layout.frames, raw)
 
 
 def find_captures(
@@ -81,7 +56,9 @@ def find_captures(
         if recursive and is_whole:
             below = list(_below(root, source_of))
             if not below:
-                raise CaptureError(f"{root}: no frames in it or in any folder below it: looked for {_looked_for(None)}")
+                raise CaptureError(
+                    f"{root}: no frames in it or in any folder below it: looked for {_expected_names(None)}"
+                )
             captures += below
             continue
         source = source_of(root)
@@ -89,7 +66,7 @@ def find_captures(
             there = _files_in(root, depth=_depth(source))
             names = _images(there, source)
             if not names and (below := list(_below(root, source_of))):
-                others = _some(str(one.root) for one in below)
+                others = _first_names(str(one.root) for one in below)
                 raise CaptureError(f"{root}: no frames in this folder; captures below it: {others}; add --recursive")
         else:
             # a shell that expands cap/* hands over the metadata too
@@ -102,7 +79,7 @@ def find_captures(
     return tuple(captures)
 
 
-def placed_below(
+def with_relative_names(
     captures: Sequence[Capture], inputs: Sequence[Path], /, *, base: Path | None = None
 ) -> tuple[tuple[Capture, ...], Path]:
     """Return the captures with their frames named as they lie below a folder whose tree OUT mirrors, and that folder.
@@ -117,7 +94,7 @@ def placed_below(
     for one in captures:
         steps = [step for step in Path(os.path.relpath(absolute(one.root), base)).parts if step != os.pardir]
         below, frames = "".join(f"{step}/" for step in steps), one.frames
-        if isinstance(frames, FilesAsFrames):
+        if isinstance(frames, FrameFileList):
             frames = replace(frames, below=below + frames.below)
         else:
             frames = tuple(replace(frame, name=below + frame.name) for frame in frames)
@@ -133,8 +110,8 @@ def absolute(path: Path, /) -> Path:
 def nearest_settings(folder: Path, /) -> Path | None:
     """Return the `capture.toml` that holds for a folder: its own, else that of the nearest folder above; None: there is none."""
     own = folder / FILE_NAME
-    # what lies in a folder that cannot be looked into is not there for us; a link that leads nowhere is, and cannot be read
-    if is_there(own):
+    # a file in a folder without permission counts as missing; a broken link counts as there, and fails when it is read
+    if os.path.lexists(own):
         return own
     above = (parent / FILE_NAME for parent in absolute(folder).parents)
     return next((path for path in above if os.access(path, os.R_OK)), None)
@@ -171,7 +148,7 @@ def _below(folder: Path, source_of: _SourceOf) -> Iterator[Capture]:
         here = waiting.pop()
         real = os.path.realpath(here)
         there = _files_in(here, recursive=True)
-        if real in seen or (not WRITTEN_BY_US.isdisjoint(there) and FILE_NAME not in there):
+        if real in seen or (not OUTPUT_FILES.isdisjoint(there) and FILE_NAME not in there):
             continue
         seen.add(real)
         depth = _depth(source := source_of(here))
@@ -208,7 +185,7 @@ def _entries(folder: Path, depth: int) -> Iterator[tuple[str, bool]]:
     try:
         with os.scandir(folder) as entries:
             found = [
-                # of a link that leads in a circle, whoever reads it says so
+                # a link in a loop is listed as a file; reading it gives the error
                 (entry.name, entry.is_dir(follow_symlinks=False) or (entry.is_symlink() and is_folder(Path(entry))))
                 for entry in entries
             ]
@@ -240,7 +217,7 @@ def _images(names: Iterable[str], source: MetadataSource) -> list[str]:
 def _capture(root: Path, source: MetadataSource, names: Sequence[str]) -> Capture | None:
     """Return the capture whose files have these names; None where they make up no frame."""
     layout = source.metadata.layout
-    frames: Sequence[FrameSource] = FilesAsFrames(root, names)
+    frames: Sequence[FrameSource] = FrameFileList(root, names)
     if layout.pattern is not None:
         frames = grouped_planes(root, names, layout, source.metadata.modulation.harmonics)
     _require_different_names(root, frames)
@@ -248,17 +225,17 @@ def _capture(root: Path, source: MetadataSource, names: Sequence[str]) -> Captur
 
 
 def _no_frames(root: Path, source: MetadataSource, among: Iterable[str]) -> CaptureError:
-    looked_for = _looked_for(source.metadata.layout.pattern)
-    return CaptureError(f"{root}: no frames: looked for {looked_for}, found {_some(among)}")
+    looked_for = _expected_names(source.metadata.layout.pattern)
+    return CaptureError(f"{root}: no frames: looked for {looked_for}, found {_first_names(among)}")
 
 
-def _looked_for(pattern: str | None) -> str:
+def _expected_names(pattern: str | None) -> str:
     if pattern is None:
         return f"{', '.join(frame_suffixes(planes=False, raw=False))} files other than {_TRUTH}.*"
     return f"files named {pattern} (layout.pattern)"
 
 
-def _some(names: Iterable[str]) -> str:
+def _first_names(names: Iterable[str]) -> str:
     listed = sorted(names, key=natural_key)
     if not listed:
         return "nothing"
@@ -267,7 +244,7 @@ def _some(names: Iterable[str]) -> str:
 
 
 def _require_different_names(root: Path, frames: Sequence[FrameSource]) -> None:
-    if isinstance(frames, FilesAsFrames) and len({file.rpartition(".")[2] for file in frames.files}) == 1:
+    if isinstance(frames, FrameFileList) and len({file.rpartition(".")[2] for file in frames.files}) == 1:
         return
     known = set[str]()
     for name in (frame.name for frame in frames):

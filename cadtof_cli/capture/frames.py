@@ -1,25 +1,129 @@
-"""The frames of a capture, from files of whatever format: whole frames, stacks, or files of one plane each."""
+"""A capture and its frames: where each lies, and how it is read from a file of whatever format, a stack, or files of planes."""
 
+import functools
 import itertools
+import os
+import re
 from collections import Counter
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, overload
 
 import numpy as np
 
 from cadtof_cli.arrays import Stored
-from cadtof_cli.capture.discovery import Capture
-from cadtof_cli.capture.frame_sources import FrameSource
+from cadtof_cli.capture.toml import MetadataSource
 from cadtof_cli.errors import FrameError
-from cadtof_cli.files.formats import format_of, suffix_format
-from cadtof_cli.files.frames import CHANNELS, FrameLayout, Frames, lone_frame, shape_text
-from cadtof_cli.files.reading import is_there
+from cadtof_cli.files.formats import detect_format, format_by_suffix
+from cadtof_cli.files.frames import CHANNELS, FrameLayout, Frames, RawLayout, shape_text, single_frame
 from cadtof_cli.records import dataclass
 
-_SIZES_LOOKED_AT, _FILES_OPENED = 1000, 15
-"""How many of a capture's files, spread evenly over it, tell what is usual by their bytes and by what they hold."""
+_SIZES_COMPARED, _FILES_OPENED = 1000, 15
+"""How many of a capture's files, spread evenly over it, are looked at for the size that most have, and for what they hold."""
+
+_DIGITS = re.compile(r"(\d+)")
+
+
+@dataclass(frozen=True, slots=True)
+class FrameSource:
+    """Where one frame lies.
+
+    Parameters:
+        name: of what is written for the frame, without suffix; with slashes where that lies in folders.
+        paths: one file, or 2·H files of one plane each in the order H1.SC1, H1.SC2, H2.SC1, …
+        index: position in a stack; None where the file is to hold this frame alone.
+    """
+
+    name: str
+    paths: tuple[Path, ...]
+    index: int | None = None
+
+    def __str__(self) -> str:
+        first = self.paths[0]
+        place = first if len(self.paths) == 1 else first.parent / Path(self.name).name
+        return str(place) if self.index is None else f"{place}[{self.index}]"
+
+    def expanded(self, count: int, *, taken: Collection[str] = ()) -> tuple["FrameSource", ...]:
+        """Return a source for each of the `count` frames of the stack that the file turned out to be.
+
+        They are numbered with four digits, or more where `count` needs them or another frame's name is `taken` already.
+        """
+        digits = max(4, len(str(count - 1)))
+        while any(f"{self.name}_{index:0{digits}}" in taken for index in range(count)):
+            digits += 1
+        return tuple(replace(self, name=f"{self.name}_{index:0{digits}}", index=index) for index in range(count))
+
+
+@dataclass(frozen=True)
+class FrameFileList(Sequence[FrameSource]):
+    """Frames that are a file each, of one folder; of thousands, nothing is kept but their names.
+
+    Parameters:
+        folder: of the files.
+        files: their names.
+        below: what comes before the names of frames, ends with a slash where it is not empty.
+    """
+
+    folder: Path
+    files: Sequence[str]
+    below: str = ""
+
+    def __len__(self) -> int:
+        return len(self.files)
+
+    @overload
+    def __getitem__(self, place: int) -> FrameSource: ...
+    @overload
+    def __getitem__(self, place: slice) -> "FrameFileList": ...
+    def __getitem__(self, place: int | slice) -> "FrameSource | FrameFileList":
+        if isinstance(place, slice):
+            return replace(self, files=self.files[place])
+        file = self.files[place]
+        return FrameSource(self._name(file), (self.folder / file,))
+
+    def names(self) -> Iterator[str]:
+        """Yield the names of the frames, without all the rest of them."""
+        return map(self._name, self.files)
+
+    def _name(self, file: str) -> str:
+        return self.below + (file.rpartition(".")[0] or file)
+
+
+def natural_key(name: str) -> str:
+    """Return a key that sorts frame_2 before frame_10; it is one text, since thousands of them are there at once."""
+    # a number by how many digits it has, then by these; what ends before a number comes before what goes on
+    return f"{_DIGITS.sub(_sortable, name.casefold())}\0\0{name}"
+
+
+def _sortable(number: re.Match[str]) -> str:
+    digits = str(int(number.group()))
+    return f"\0{len(digits):04}{digits}"
+
+
+@dataclass(frozen=True)
+class Capture:
+    """Frames that were recorded under the same metadata.
+
+    Parameters:
+        root: folder in which they lie.
+        source: their metadata and where each value came from.
+        frames: where each frame lies, in the order they were recorded or given.
+    """
+
+    root: Path
+    source: MetadataSource
+    frames: Sequence[FrameSource]
+
+    @functools.cached_property
+    def layout(self) -> FrameLayout:
+        """How the files are laid out, as a reader needs it."""
+        layout = self.source.metadata.layout
+        raw = None
+        if layout.raw_dtype is not None and layout.raw_shape is not None:
+            raw = RawLayout(layout.raw_dtype, layout.raw_shape, layout.raw_offset_bytes or 0)
+        return FrameLayout(self.source.metadata.modulation.harmonics, layout.frames, raw)
 
 
 @contextmanager
@@ -41,7 +145,7 @@ def open_frames(source: FrameSource, layout: FrameLayout, /) -> Iterator[Frames]
         yield _joined_planes(source, layout)
         return
     path = source.paths[0]
-    with format_of(path, raw=layout.raw is not None).frames().open_frames(path, layout) as frames:
+    with detect_format(path, raw=layout.raw is not None).frames().open_frames(path, layout) as frames:
         yield frames
 
 
@@ -50,9 +154,11 @@ def _joined_planes(source: FrameSource, layout: FrameLayout) -> Frames:
     if len(source.paths) != layout.planes:
         raise FrameError(f"frame {source.name}: found {len(source.paths)} files, expected {layout.planes}")
     for path, name in zip(source.paths, layout.plane_names, strict=True):
-        if not is_there(path):
+        if not os.path.lexists(path):
             raise FrameError(f"{path}: no such file, expected {name} of frame {source.name} there")
-    planes = [format_of(path, raw=layout.raw is not None).frames().read_plane(path, layout) for path in source.paths]
+    planes = [
+        detect_format(path, raw=layout.raw is not None).frames().read_plane(path, layout) for path in source.paths
+    ]
     first = planes[0]
     for path, plane in zip(source.paths, planes, strict=True):
         if plane.shape != first.shape or plane.dtype != first.dtype:
@@ -61,23 +167,23 @@ def _joined_planes(source: FrameSource, layout: FrameLayout) -> Frames:
                 f" {shape_text(first.shape, first.dtype)} as in {source.paths[0].name}"
             )
     stored = np.stack(planes).reshape(len(layout.harmonics), CHANNELS, *first.shape)
-    return lone_frame(stored)
+    return single_frame(stored)
 
 
-def read_stored(source: FrameSource, layout: FrameLayout, /, *, usual: tuple[int, int] | None = None) -> Stored:
+def read_stored(source: FrameSource, layout: FrameLayout, /, *, size: tuple[int, int] | None = None) -> Stored:
     """Return a frame as it is stored, (H, C, Y, X).
 
     Raises:
-        NotAFrameError, FrameError: see `open_frames`; or its file holds several where the source names none, or it has another
-            (Y, X) than is usual in its capture.
+        NotAFrameError, FrameError: see `open_frames`; or its file holds several where the source names none, or its (Y, X) is
+            not the `size` of the capture's other frames.
     """
     with open_frames(source, layout) as frames:
         if source.index is None and frames.count != 1:
             raise FrameError(f"{source}: found {frames.count} frames, expected one as in files of the same size")
         stored: Stored = frames.read(source.index or 0)
     found = stored.shape[2:]
-    if usual is not None and found != usual:
-        here, there = ("{1} × {0}".format(*size) for size in (found, usual))
+    if size is not None and found != size:
+        here, there = ("{1} × {0}".format(*pixels) for pixels in (found, size))
         raise FrameError(f"{source}: found {here} pixels, expected {there} as most frames of the capture have")
     return stored
 
@@ -93,7 +199,7 @@ def single_frames(capture: Capture, /, *, taken: Collection[str] = ()) -> Iterat
     size_of_one = 0
     for source in capture.frames:
         path = source.paths[0]
-        named = suffix_format(path)
+        named = format_by_suffix(path)
         may_be_stack = len(source.paths) == 1 and (named is None or named.stacks)
         size = file_size(path) if may_be_stack else 0
         if not size or size == size_of_one:
@@ -113,8 +219,8 @@ def single_frames(capture: Capture, /, *, taken: Collection[str] = ()) -> Iterat
 
 
 @dataclass(frozen=True)
-class UsualFile:
-    """A file such as most of a capture are: (Y, X) and type of its frames, how many they are, and its size."""
+class TypicalFile:
+    """What most files of a capture hold: (Y, X) and type of a frame, the number of frames, and the bytes of such a file."""
 
     pixels: tuple[int, int]
     dtype: np.dtype[Any]
@@ -122,42 +228,38 @@ class UsualFile:
     bytes: int
 
 
-def usual_file(capture: Capture, /) -> UsualFile | None:
-    """Return what most of the files hold that can be opened; None where none can.
+def typical_file(capture: Capture, /) -> TypicalFile | None:
+    """Return what most files of a capture hold, by the few that are opened; None where none can be.
 
     Files of as many bytes hold frames of one size, so it is enough to open one of the most common. Where no size is common, as
     with compressed files, a few are opened that are spread over the capture.
     """
-    looked_at = list(capture.frames[:: -(-len(capture.frames) // _SIZES_LOOKED_AT)])
-    sizes = [file_size(source.paths[0]) for source in looked_at]
+    compared = list(capture.frames[:: -(-len(capture.frames) // _SIZES_COMPARED)])
+    sizes = [file_size(source.paths[0]) for source in compared]
     common, count = Counter(sizes).most_common(1)[0]
     if 2 * count > len(sizes):
-        alike = (source for source, size in zip(looked_at, sizes, strict=True) if size == common)
-        for source in itertools.islice(alike, _FILES_OPENED):
-            if (found := _opened(source, capture.layout)) is not None:
-                return found
-    known = list(_openable(looked_at[:: -(-len(looked_at) // _FILES_OPENED)], capture.layout))
-    known = known or list(itertools.islice(_openable(capture.frames, capture.layout), 1))
+        alike = (source for source, size in zip(compared, sizes, strict=True) if size == common)
+        found = next(_opened(itertools.islice(alike, _FILES_OPENED), capture.layout), None)
+        if found is not None:
+            return found
+    known = list(_opened(compared[:: -(-len(compared) // _FILES_OPENED)], capture.layout))
+    known = known or list(itertools.islice(_opened(capture.frames, capture.layout), 1))
     if not known:
         return None
-    usual, _ = Counter(one.pixels for one in known).most_common(1)[0]
-    return next(one for one in known if one.pixels == usual)
+    most_common, _ = Counter(one.pixels for one in known).most_common(1)[0]
+    return next(one for one in known if one.pixels == most_common)
 
 
-def _opened(source: FrameSource, layout: FrameLayout) -> UsualFile | None:
-    try:
-        with open_frames(source, layout) as frames:
-            return UsualFile((frames.shape[2], frames.shape[3]), frames.dtype, frames.count, file_size(source.paths[0]))
-    except FrameError:
-        return None
-
-
-def _openable(sources: Iterable[FrameSource], layout: FrameLayout) -> Iterator[UsualFile]:
+def _opened(sources: Iterable[FrameSource], layout: FrameLayout) -> Iterator[TypicalFile]:
     """Yield what each file holds that can be opened."""
     for source in sources:
-        found = _opened(source, layout)
-        if found is not None:
-            yield found
+        try:
+            with open_frames(source, layout) as frames:
+                height, width = frames.shape[2:]
+                found = TypicalFile((height, width), frames.dtype, frames.count, file_size(source.paths[0]))
+        except FrameError:
+            continue
+        yield found
 
 
 def file_size(path: Path, /) -> int:

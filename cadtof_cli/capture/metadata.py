@@ -20,10 +20,10 @@ WAVEFORMS: tuple[Waveform, ...] = ("sine", "triangle")
 
 HIGHEST_HARMONIC = 1000
 
-LEAST_LEFT = 1e-6
+LEAST_MODULATION = 1e-6
 """A pulse leaves at least this share of the highest harmonic's modulation, or nothing can be resolved."""
 
-_TOO_LARGE = 2**1023
+_BEYOND_FLOAT = 2**1023
 """From here on there are whole numbers that no float holds."""
 
 HARMONIC_TOLERANCE = 5e-4
@@ -256,7 +256,7 @@ class CaptureMetadata:
     def __post_init__(self) -> None:
         width, shortest = self.pulse.fwhm_ns, self.modulation.periods_ns[-1]
         # of a Gaussian pulse, exp(−(2π·s/T)²/2) is left of a sine of period T
-        widest = math.sqrt(-2.0 * math.log(LEAST_LEFT)) / (2.0 * math.pi) * FWHM_PER_SIGMA * shortest
+        widest = math.sqrt(-2.0 * math.log(LEAST_MODULATION)) / (2.0 * math.pi) * FWHM_PER_SIGMA * shortest
         if width > widest:
             expected = f"{widest:.4g} or less: a longer pulse leaves nothing of a modulation of {shortest:g} ns"
             raise InvalidValueError("pulse.fwhm_ns", width, expected)
@@ -283,7 +283,7 @@ _EXPECTED: dict[Kind, str] = {
 def _converted(kind: Kind, value: Any) -> Any:
     match kind, value:
         case ("number", int() | float()) if not isinstance(value, bool) and (
-            type(value) is float or abs(value) < _TOO_LARGE
+            type(value) is float or abs(value) < _BEYOND_FLOAT
         ):
             return float(value)
         case ("whole number", int()) | ("text", str()) if not isinstance(value, bool):

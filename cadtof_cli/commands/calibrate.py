@@ -16,8 +16,8 @@ from cadtof_cli.commands.options import (
     Function,
     SectionedCommand,
     capture_options,
-    gathered,
     input_paths,
+    record_options,
     setting_option,
     settings_option,
 )
@@ -34,7 +34,7 @@ _TARGETS = tuple(
 )
 
 
-class _InOrder(click.Group):
+class _StepsInOrder(click.Group):
     """A group whose help lists the steps in the order in which they are taken."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
@@ -43,7 +43,7 @@ class _InOrder(click.Group):
 
 
 @click.group(
-    cls=_InOrder,
+    cls=_StepsInOrder,
     epilog=example(
         _COVERED,
         "cadtof calibrate dark covered -o camera",
@@ -79,7 +79,7 @@ def _step(*more: Decorator[Any]) -> Decorator[Any]:
             capture_options("target.distance_m"),
             click.option("-q", "--quiet", is_flag=True, help="Print errors only: no progress bar or notes on stderr."),
             click.option("--json", "as_json", is_flag=True, help="Print the report as one JSON object on stdout."),
-            gathered(
+            record_options(
                 "settings",
                 CalibrateSettings,
                 settings_option(),

@@ -60,7 +60,7 @@ def evaluate(
     \b
     Exit status:
       0  done
-      1  the median error is larger than --max-median
+      1  the median error is larger than --max-median, or a map cannot be read
       2  wrong usage, or nothing to evaluate
     """
     if truth is None and (over_time is None or table is not None or max_median is not None):

@@ -5,7 +5,7 @@ from pathlib import Path
 import click
 
 from cadtof_cli.commands.examples import example
-from cadtof_cli.commands.options import gathered, setting_option
+from cadtof_cli.commands.options import record_options, setting_option
 from cadtof_cli.commands.terminal import progress_bar, tell
 from cadtof_cli.workflows.inspect.export import ExportSettings, export_maps
 
@@ -26,7 +26,7 @@ from cadtof_cli.workflows.inspect.export import ExportSettings, export_maps
     metavar="OUT.ply|.pcd|.png|.npz|.csv",
     help="File to write. With several maps, one file per map is written: the name of the map is added to the name of OUT.",
 )
-@gathered(
+@record_options(
     "settings",
     ExportSettings,
     setting_option("--layer", ExportSettings, metavar="NAME", help="Layer of the depths for point clouds and images."),
@@ -44,11 +44,8 @@ from cadtof_cli.workflows.inspect.export import ExportSettings, export_maps
         help="Column and row of the optical axis.  [default: from run.json, else the centre]",
     ),
 )
-def export(
-    maps: tuple[Path, ...],
-    out: Path,
-    settings: ExportSettings,
-) -> None:
+@click.option("--overwrite", is_flag=True, help="Replace the files if they exist.")
+def export(*, maps: tuple[Path, ...], out: Path, settings: ExportSettings, overwrite: bool) -> None:
     """Write maps in formats of other software: point clouds, depth images, arrays, tables.
 
     MAPS are map files and folders of them. The names of the written files are printed on stdout.
@@ -60,6 +57,6 @@ def export(
     NPZ, CSV  all layers
     """
     with progress_bar("exporting", "maps", quiet=False) as bar:
-        outputs = export_maps(maps, out, settings=settings, progress=bar)
+        outputs = export_maps(maps, out, settings=settings, progress=bar, overwrite=overwrite)
     for output in outputs:
         tell(output)

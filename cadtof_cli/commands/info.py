@@ -12,9 +12,9 @@ from cadtof_cli.commands.examples import example
 from cadtof_cli.commands.options import (
     SectionedCommand,
     capture_options,
-    gathered,
     input_paths,
     jobs_option,
+    record_options,
     settings_option,
 )
 from cadtof_cli.commands.terminal import progress_bar, tell
@@ -23,7 +23,7 @@ from cadtof_cli.execution.workers import Workers
 
 @click.command(cls=SectionedCommand, epilog=example("cadtof info sample_data/corner"))
 @click.argument("inputs", nargs=-1, required=True, metavar="INPUT...")
-@gathered(
+@record_options(
     "workers",
     Workers,
     jobs_option("Processes that read frames"),

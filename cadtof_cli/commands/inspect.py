@@ -12,8 +12,19 @@ from cadtof_cli.commands.map_options import calibration_option, map_options
 from cadtof_cli.commands.options import SectionedCommand, capture_options, settings_option
 from cadtof_cli.commands.terminal import Bar, tell
 from cadtof_cli.frame_plan import MapSettings
+from cadtof_cli.maps.layers import layer_unit
 
 _WIDTH = 22
+
+_ROOM = {
+    "albedo": "  of the surfaces",
+    "beside": " ×  what surfaces beside the view send, as guessed from its border",
+    "later": " ×  what later bounces send, as computed",
+    "unseen": " ×  the direct light: what surfaces send that nothing is known of",
+    "decay_ns": " ns  in which that falls to 1/e",
+    "start_ns": " ns  after the direct light, when that begins",
+}
+"""What the numbers of a room mean."""
 
 
 class PixelPlace(click.ParamType[tuple[int, int]]):
@@ -115,7 +126,7 @@ def _lines(document: Mapping[str, Any], harmonics: tuple[int, ...]) -> Iterator[
     yield from _test_lines(document["order_test"])
     yield from _diffuse_lines(document["diffuse"])
     for name, value in document["chosen"].items():
-        yield _row(name, "–" if value is None else f"{value:.6g}")
+        yield _row(name, "–" if value is None else f"{value:.6g} {layer_unit(name)}".rstrip())
     yield "direct depth of the neighbours, m"
     for values in document["neighbours_m"]:
         yield "".join(f"{_number(value, 4):>10}" for value in values)
@@ -126,8 +137,8 @@ def _test_lines(test: Mapping[str, Any] | None) -> Iterator[str]:
         moved, needed = (_number(None if test[key] is None else 100 * test[key], 2) for key in ("moved_m", "needed_m"))
         yield _row(
             "order test",
-            f"χ² {_number(test['chi_squared'], 2)} of {test['threshold']:.2f}; a second path moves the direct one by {moved} cm, "
-            f"needed: {needed} cm",
+            f"χ² {_number(test['chi_squared'], 2)}, limit {test['threshold']:.2f}; "
+            f"a second path moves the direct one by {moved} cm, needed: {needed} cm",
         )
         yield _row("", test["verdict"])
 
@@ -140,9 +151,7 @@ def _diffuse_lines(diffuse: Mapping[str, Any] | None) -> Iterator[str]:
         share += f", {diffuse['through_patches']} with something before a wall that lets light through"
     yield _row("MPI of the frame", f"{diffuse['model']} ({diffuse['reason']}); {share}")
     for name, (median, scatter) in (diffuse["room"] or {}).items():
-        yield _row(
-            f"  {name.replace('_ns', ', ns').replace('_', ' ')}", f"{_number(median, 3)} ± {_number(scatter, 3)}"
-        )
+        yield _row(f"  {name.removesuffix('_ns')}", f"{_number(median, 3)} ± {_number(scatter, 3)}{_ROOM[name]}")
     if diffuse["tail"]:
         tail = diffuse["tail"]
         yield _row(

@@ -52,8 +52,8 @@ class NumberList(ParamType):
 NUMBERS = NumberList()
 
 
-class Places(ParamType):
-    """Places of frames from 0, such as 10:20, with an end that does not count any more; or one place."""
+class FrameRange(ParamType):
+    """FrameRange of frames from 0, such as 10:20, with an end that does not count any more; or one place."""
 
     name = "A:B"
 
@@ -71,7 +71,7 @@ class Places(ParamType):
         return slice(start, stop)
 
 
-class Corners(ParamType):
+class Rectangle(ParamType):
     """Two corners of a rectangle of pixels: X0,Y0,X1,Y1."""
 
     name = "X0,Y0,X1,Y1"
@@ -85,7 +85,7 @@ class Corners(ParamType):
         return x0, y0, x1, y1
 
 
-class Names(ParamType):
+class NameList(ParamType):
     """Words with commas between them, such as A,B; with `numbered`, each with its number, such as 25=1,50=2."""
 
     def __init__(self, *, numbered: bool) -> None:
@@ -147,14 +147,14 @@ def setting_option(
     said = {
         "type": kind,
         "metavar": metavar_of(f"-{name.replace('_', '-')}", kind),
-        "default": _typed(default),
+        "default": _as_typed(default),
         "show_default": show_default and not callable(default) and default not in {None, MISSING},
-        # False said outright would let an option without a default be typed without its value
+        # with False, click accepts an option without its value
         "is_flag": isinstance(default, bool) or None,
         "help": help,
     }
     if default is MISSING:
-        # to click, a default of None is one: an option that is required would be given
+        # click takes None for a default, and would not ask for a required option
         del said["default"]
     return click.option(*names.split(), name, **(said | more))
 
@@ -180,14 +180,14 @@ def _type_of(hint: Any) -> ParamType:
     return NUMBERS if get_origin(hint) is tuple else _TYPES[hint]
 
 
-def _typed(default: Any) -> Any:
+def _as_typed(default: Any) -> Any:
     """Return a default as it would be typed."""
     if default is MISSING:
         return None
     return ",".join(f"{item:g}" for item in default) if isinstance(default, tuple) else default
 
 
-def gathered(name: str, record: Callable[..., Any], /, *options: Decorator[Any]) -> Decorator[Any]:
+def record_options(name: str, record: Callable[..., Any], /, *options: Decorator[Any]) -> Decorator[Any]:
     """Return a decorator that adds options, in their order, and hands a command what they say as one record.
 
     Args:
@@ -220,7 +220,7 @@ class SectionedCommand(click.Command):
         own: list[tuple[str, str]] = []
         capture: list[tuple[str, str]] = []
         for param in self.get_params(ctx):
-            # what arguments are is said above; the newest click lists them, without a word about them
+            # arguments are described above the options; the newest click lists them here too, without help
             record = param.get_help_record(ctx) if isinstance(param, click.Option) else None
             if record is not None:
                 (capture if isinstance(param, CaptureOption) else own).append(record)
@@ -245,7 +245,7 @@ def capture_options(*without: str) -> Decorator[Any]:
     def overrides(**values: Any) -> Mapping[str, Any]:
         return {key.path: value for key, value in zip(keys, values.values(), strict=True) if value is not None}
 
-    return gathered("overrides", overrides, *map(_capture_option, keys))
+    return record_options("overrides", overrides, *map(_capture_option, keys))
 
 
 def _capture_option(key: Key) -> Decorator[Any]:
@@ -259,10 +259,10 @@ def _capture_option(key: Key) -> Decorator[Any]:
         "whole numbers": NUMBERS,
         "pair": NUMBERS,
         "text": click.STRING,
-        "names": Names(numbered=False),
-        "numbers by name": Names(numbered=True),
+        "names": NameList(numbered=False),
+        "numbers by name": NameList(numbered=True),
     }
-    default = "" if key.default is None else f"  [if not given: {_typed(key.default)}, the paper's]"
+    default = "" if key.default is None else f"  [if not given: {_as_typed(key.default)}, the paper's]"
     about = f"{key.path}: {key.about}.{default}"
     kind = types[key.kind]
     metavar = metavar_of(key.option, kind)

@@ -13,13 +13,13 @@ from cadtof_cli.commands.examples import example
 from cadtof_cli.commands.map_options import calibration_option, map_options
 from cadtof_cli.commands.options import (
     STDIN,
-    Corners,
-    Places,
+    FrameRange,
+    Rectangle,
     SectionedCommand,
     arriving_paths,
     capture_options,
-    gathered,
     jobs_option,
+    record_options,
     setting_option,
     settings_option,
 )
@@ -30,7 +30,7 @@ from cadtof_cli.workflows.resolve.settings import FORMAT_CHOICES, ResolveSetting
 
 if TYPE_CHECKING:
     from cadtof_cli.commands.terminal import Bar
-    from cadtof_cli.workflows.run_folder import FrameReport, RunTotals
+    from cadtof_cli.workflows.frame_report import FrameReport, RunTotals
 
 
 @click.command(
@@ -53,11 +53,11 @@ if TYPE_CHECKING:
 @settings_option()
 @click.option(
     "--frames",
-    type=Places(),
+    type=FrameRange(),
     help="Resolve frames A to B − 1 of each capture, counted from 0: 10:20 are ten frames, 10: all from the eleventh, 7 is one.",
 )
 @click.option(
-    "--roi", type=Corners(), help="Region of interest: write maps of columns X0 to X1 − 1 and rows Y0 to Y1 − 1 only."
+    "--roi", type=Rectangle(), help="Region of interest: write maps of columns X0 to X1 − 1 and rows Y0 to Y1 − 1 only."
 )
 @map_options()
 @calibration_option()
@@ -68,7 +68,7 @@ if TYPE_CHECKING:
     type=click.Choice(FORMAT_CHOICES),
     help="File format of the maps. same: the format of the input.",
 )
-@gathered(
+@record_options(
     "workers",
     Workers,
     jobs_option("Worker processes"),
@@ -145,6 +145,7 @@ def resolve(
       1    some frames failed (the others are written), or no frame was resolved
       2    wrong usage, settings or capture
       130  interrupted
+      141  the reader of stdout went away
     """
     from cadtof_cli.workflows.resolve.resolve import resolve_captures
 

@@ -6,10 +6,10 @@ from typing import Any
 import click
 
 from cadtof_cli.capture.metadata import Pulse
-from cadtof_cli.commands.options import NUMBERS, gathered, setting_option
+from cadtof_cli.commands.options import NUMBERS, record_options, setting_option
 from cadtof_cli.commands.simulation_options import ModulationOptions, further_option, pair, triple
 from cadtof_cli.errors import SettingsError
-from cadtof_cli.files.formats import FRAME_FORMATS, format_named
+from cadtof_cli.files.formats import FRAME_FORMATS, format_by_name
 from cadtof_cli.simulation.pixel.mix import Condition
 from cadtof_cli.simulation.pixel.motion import Motion
 from cadtof_cli.simulation.scene.camera import Camera
@@ -118,7 +118,7 @@ class SceneOptions:
             modulation=modulation.modulation(),
             pulse=Pulse(fwhm_ns=modulation.fwhm_ns),
             integration_length=integration_length,
-            counts=format_named(self.frame_format).counts,
+            counts=format_by_name(self.frame_format).counts,
             seed=seed,
             motion=motion,
         )
@@ -158,7 +158,7 @@ class SceneOptions:
         return SCENES[name](**settings)
 
 
-light_options = gathered(
+light_options = record_options(
     "light",
     LightOptions,
     click.option(
@@ -191,7 +191,7 @@ light_options = gathered(
     ),
 )
 
-scene_options = gathered(
+scene_options = record_options(
     "scenery",
     SceneOptions,
     setting_option("--frames", RecordSettings, help="Number of frames of the capture."),

@@ -8,7 +8,7 @@ from click.core import ParameterSource
 
 from cadtof_cli.capture.metadata import InvalidValueError, Modulation, Pulse
 from cadtof_cli.commands.map_options import PATH_OPTIONS
-from cadtof_cli.commands.options import NUMBERS, ParamType, gathered, jobs_option, setting_option
+from cadtof_cli.commands.options import NUMBERS, ParamType, jobs_option, record_options, setting_option
 from cadtof_cli.errors import SettingsError
 from cadtof_cli.execution.workers import Workers
 from cadtof_cli.resolver.settings import ResolverSettings
@@ -109,7 +109,7 @@ class PixelOptions:
         return float((self.sample_noise_v**2 + averaging.capacitors.ktc_noise_v(self.temperature) ** 2) ** 0.5)
 
 
-modulation_options = gathered(
+modulation_options = record_options(
     "modulation",
     ModulationOptions,
     setting_option("--periods-ns --periods", Modulation, help="Modulation periods in ns, the fundamental first."),
@@ -118,7 +118,7 @@ modulation_options = gathered(
     setting_option("--fwhm-ns --fwhm", Pulse, help="Length of the laser pulse, full width at half maximum."),
 )
 
-pixel_options = gathered(
+pixel_options = record_options(
     "pixel",
     PixelOptions,
     setting_option(
@@ -160,7 +160,7 @@ pixel_options = gathered(
     setting_option("--f2-hz --f2", Stages, show_default=False, help="Switching rate of ST2.  [default: 1e4]"),
 )
 
-resolver_options = gathered("resolver", ResolverSettings, *PATH_OPTIONS)
+resolver_options = record_options("resolver", ResolverSettings, *PATH_OPTIONS)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -171,7 +171,7 @@ class PaperWays:
     wrapped: bool
 
 
-paper_options = gathered(
+paper_options = record_options(
     "paper",
     PaperWays,
     click.option(
@@ -188,7 +188,7 @@ paper_options = gathered(
 )
 """With `--solver lm --order 2`: the paper's method as published."""
 
-motion_options = gathered(
+motion_options = record_options(
     "motion",
     Motion,
     setting_option(
@@ -219,7 +219,7 @@ runs_option = setting_option("--runs", Trials, help="Number of recordings per co
 seed_option = setting_option("--seed", Trials, help="Seed of the random numbers; the same seed gives the same bytes.")
 quiet_option = click.option("-q", "--quiet", is_flag=True, help="Do not show a progress bar.")
 
-workers_option = gathered(
+workers_option = record_options(
     "workers",
     Workers,
     jobs_option("Worker processes"),

@@ -1,6 +1,6 @@
 """`cadtof sweep`."""
 
-import sys
+import io
 from pathlib import Path
 
 import click
@@ -23,7 +23,7 @@ from cadtof_cli.commands.simulation_options import (
     seed_option,
     workers_option,
 )
-from cadtof_cli.commands.terminal import progress_bar
+from cadtof_cli.commands.terminal import progress_bar, tell
 from cadtof_cli.errors import SettingsError
 from cadtof_cli.execution.workers import Workers
 from cadtof_cli.files.atomic import require_absent
@@ -134,6 +134,8 @@ def sweep(
     if out is not None:
         workflow.write_table_file(cells, out)
     else:
-        workflow.write_table(cells, sys.stdout)
+        table = io.StringIO()
+        workflow.write_table(cells, table)
+        tell(table.getvalue().rstrip("\n"))
     if plot is not None:
         workflow.draw_sweep(cells, plot)

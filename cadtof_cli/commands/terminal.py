@@ -1,5 +1,6 @@
 """What people see of a command: lines, and a progress bar on stderr where that is a terminal."""
 
+import io
 import os
 import re
 import shlex
@@ -19,24 +20,24 @@ from cadtof_cli.errors import OutputError
 if TYPE_CHECKING:
     from rich.progress import Progress as RichProgress
 
-_STEERING = "[\x00-\x08\x0b-\x1f\x7f-\x9f\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]"
+_CONTROL_CHARACTERS = "[\x00-\x08\x0b-\x1f\x7f-\x9f\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]"
 """Control characters but tab and new line, those that turn the direction of writing, and bytes of names that are no UTF-8."""
 
 
-def shown(text: str, /) -> str:
-    """Return a text with everything escaped in it that a terminal would obey instead of showing it."""
-    return re.sub(_STEERING, lambda found: repr(found.group())[1:-1], text)
+def escaped(text: str, /) -> str:
+    """Return a text with all characters escaped that control a terminal."""
+    return re.sub(_CONTROL_CHARACTERS, lambda found: repr(found.group())[1:-1], text)
 
 
 def tell(text: object, /, *, err: bool = False) -> None:
     """Write a line to stdout, or to stderr.
 
     Raises:
-        OutputError: stdout cannot be written. Of stderr nobody would hear.
+        OutputError: stdout cannot be written; errors of stderr are ignored.
         BrokenPipeError: the reader of stdout has gone away.
     """
     try:
-        click.echo(shown(str(text)), err=err)
+        click.echo(escaped(str(text)), err=err)
     except BrokenPipeError:
         if not err:
             raise
@@ -45,10 +46,17 @@ def tell(text: object, /, *, err: bool = False) -> None:
             raise OutputError(f"standard output: cannot be written: {error.strerror}") from error
 
 
-def open_closed_streams() -> None:
-    """Put something in the place of closed stdin, stdout and stderr, so that no file that is opened becomes one of them.
+def let_streams_take_any_text() -> None:
+    r"""Have stdout and stderr write a letter that their encoding lacks by its number, as in `\u03c3`, instead of failing."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
 
-    Whatever is written to a closed stdout fails then; a closed stderr takes everything and shows nothing.
+
+def open_closed_streams() -> None:
+    """Replace closed stdin, stdout and stderr, so that no file that is opened later gets their descriptors.
+
+    Writing to a stdout that was closed fails; a stderr that was closed ignores everything.
     """
     for number, mode in ((0, os.O_RDONLY), (1, os.O_RDONLY), (2, os.O_WRONLY)):
         try:
@@ -119,7 +127,7 @@ class DrawnBar(Bar):
 
     def show(self, message: str, /) -> None:
         """Show a line above the bar."""
-        self._progress.console.print(shown(message), markup=False, highlight=False)
+        self._progress.console.print(escaped(message), markup=False, highlight=False)
 
     def _draw(self) -> None:
         now = time.monotonic()
@@ -165,7 +173,8 @@ def _drawn(description: str, unit: str, log: TextIO | None) -> Iterator[Bar]:
 
     class Rate(ProgressColumn):
         def render(self, task: Task) -> Text:
-            speed = task.finished_speed or task.speed
+            # of few steps rich knows the last moments alone
+            speed = task.completed / task.finished_time if task.finished_time else task.speed
             return Text("" if speed is None else f"{speed:.1f} {unit}/s", style="progress.data.speed")
 
     # Without a refresh thread: a process that has threads must not fork workers.

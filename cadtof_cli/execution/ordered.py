@@ -1,7 +1,7 @@
 """Tasks → results in the order of the tasks, on one core or many, with a bounded number of tasks in flight."""
 
 from collections import deque
-from collections.abc import Callable, Generator, Iterable
+from collections.abc import Callable, Generator, Iterable, Sequence
 from concurrent.futures import Future
 from pathlib import Path
 from typing import TypeVar
@@ -22,6 +22,7 @@ def run_ordered(
     /,
     *,
     workers: Workers,
+    shared: Sequence[object] = (),
     probe: Path | None = None,
     say: Callable[[str], None] = lambda _: None,
 ) -> Generator[Outcome[Task, Result], None, None]:
@@ -37,6 +38,7 @@ def run_ordered(
         function: what is done; of what returns a `Later`, the waiting is done while the next task is.
         tasks: what it is done to.
         workers: what it is done by.
+        shared: what many tasks hold, such as a plan: another process is given these very objects once, not with every task.
         probe: a file that workers of a cluster must see, or they share no file system with this process.
         say: told of what a user should know of a cluster.
 
@@ -45,20 +47,20 @@ def run_ordered(
         ClusterError: it has workers that would not do the same; or, from the generator, it is lost.
     """
     if workers.scheduler == LOCAL:
-        return _run_here(function, tasks, workers)
+        return _run_here(function, tasks, workers, shared)
     from cadtof_cli.execution.cluster.ordered import run_on_cluster
 
     return run_on_cluster(function, tasks, scheduler=workers.scheduler, probe=probe, say=say)
 
 
 def _run_here(
-    function: Work[Task, Result], tasks: Iterable[Task], workers: Workers
+    function: Work[Task, Result], tasks: Iterable[Task], workers: Workers, shared: Sequence[object]
 ) -> Generator[Outcome[Task, Result], None, None]:
     """Yield outcomes from this process alone, or from a pool of processes."""
     if workers.jobs > 1 or workers.task_timeout_s is not None:
         from cadtof_cli.execution.pool import run_in_pool
 
-        yield from run_in_pool(function, tasks, workers=workers)
+        yield from run_in_pool(function, tasks, workers=workers, shared=shared)
         return
     with Finisher(LATER_AT_ONCE) as finisher:
         begun: deque[tuple[Task, Future[Result]]] = deque()

@@ -1,20 +1,20 @@
 """Worker processes that are handed tasks one by one, so that one that is lost or hangs costs no task but its own."""
 
-import pickle
 import time
 from collections import deque
-from collections.abc import Generator, Iterable, Iterator
+from collections.abc import Generator, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from multiprocessing import get_context
-from multiprocessing.connection import Connection, wait
+from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
 from typing import TYPE_CHECKING, Generic, TypeVar, cast
 
 from cadtof_cli.errors import WorkersError
 from cadtof_cli.execution.finisher import LATER_AT_ONCE
+from cadtof_cli.execution.messages import Incoming, Said, TaskMessages, answer_of
 from cadtof_cli.execution.outcome import Outcome, Work, WorkerDied
-from cadtof_cli.execution.serve import Said, serve
+from cadtof_cli.execution.serve import serve
 from cadtof_cli.execution.workers import Workers, signals_held_back
 
 if TYPE_CHECKING:
@@ -23,9 +23,21 @@ if TYPE_CHECKING:
 Task = TypeVar("Task")
 Result = TypeVar("Result")
 
-TASKS_PER_WORKER = 3 + LATER_AT_ONCE
-"""Tasks in flight for each worker: one computed, one waiting so that no worker idles, some on their way to the disk, and one
-finished and not yet reported."""
+SHORT_S = 0.01
+"""Where a worker takes less than this for a task, in the mean of some tasks, it is looked after now and then, and has more ahead.
+
+Each time that this process runs, it may take the place of a worker, and the cache of a core with it.
+"""
+
+TASKS_IN_MEAN = 8
+
+NOW_AND_THEN_S = 0.003
+
+AHEAD, SHORT_AHEAD = 2, 4
+"""Tasks that a worker is given that are still to be computed, so that it never idles; and where they are short."""
+
+TASKS_PER_WORKER = 1 + SHORT_AHEAD + LATER_AT_ONCE
+"""Tasks in flight for each worker: some to be computed, some on their way to the disk, and one finished and not yet reported."""
 
 ATTEMPTS = 2
 """How often a task is tried whose worker is lost."""
@@ -39,11 +51,10 @@ FAREWELL_S = 2.0
 
 @dataclass(eq=False)
 class _Job(Generic[Task, Result]):
-    """A task, how often its worker was lost, whether only waiting is left of it, and what has come of it."""
+    """A task, how often its worker was lost, and what has come of it."""
 
     task: Task
     losses: int = 0
-    computed: bool = False
     outcome: Outcome[Task, Result] | None = None
     error: BaseException | None = None
 
@@ -54,30 +65,41 @@ class _Job(Generic[Task, Result]):
 
 @dataclass(eq=False)
 class _Worker(Generic[Task, Result]):
-    """A process, our end of its connection, the jobs that it was given, and when we last heard of them."""
+    """A process, our end of its connection, the jobs that it was given, when we last heard of them, and when one was done.
+
+    Of the first of the jobs, as many as are `computed`, only waiting is left.
+    """
 
     process: BaseProcess
     connection: Connection
     jobs: deque[_Job[Task, Result]] = field(default_factory=deque)
+    computed: int = 0
     since: float = 0.0
+    answered: float = field(default_factory=time.monotonic)
 
     def at(self) -> _Job[Task, Result]:
         """Return the job that the process is at."""
-        return next((job for job in self.jobs if not job.computed), self.jobs[0])
+        return self.jobs[self.computed if self.left() else 0]
+
+    def left(self) -> int:
+        """Return how many of the jobs are still to be computed."""
+        return len(self.jobs) - self.computed
 
 
 class _Pool(Generic[Task, Result]):
     """Workers, started as tasks come, and the jobs that wait for one."""
 
-    def __init__(self, function: Work[Task, Result], workers: Workers) -> None:
-        self._function, self._settings = function, workers
+    def __init__(self, function: Work[Task, Result], workers: Workers, shared: Sequence[object]) -> None:
+        self._function, self._messages = function, TaskMessages(shared)
+        self._most, self._limit_s = workers.processes, workers.task_timeout_s
         # each makes processes in the same way; only this one is there on every system
         self._context = cast("SpawnContext", get_context(workers.start_method))
         # the workers hold one end of a pipe whose other end lives here: it closes even when this process is killed
         self._listening, self._held = self._context.Pipe(duplex=False)
         self._workers: list[_Worker[Task, Result]] = []
+        self._incoming = Incoming[_Worker[Task, Result]]()
         self._waiting: deque[_Job[Task, Result]] = deque()
-        self._ahead = False
+        self._ahead, self._task_s = False, SHORT_S
 
     def add(self, job: _Job[Task, Result]) -> None:
         """Take one more job."""
@@ -86,16 +108,18 @@ class _Pool(Generic[Task, Result]):
 
     def attend(self) -> None:
         """Wait until a worker has answered, was lost or has taken too long, and hand out what waits."""
-        busy = {worker.connection: worker for worker in self._workers if worker.jobs}
-        limit = self._settings.task_timeout_s
-        left = None
+        if self._task_s < SHORT_S:
+            time.sleep(NOW_AND_THEN_S)
+        limit, left = self._limit_s, None
         if limit is not None:
-            left = max(0.0, min(worker.since for worker in busy.values()) + limit - time.monotonic())
-        ready = set(wait(list(busy), left))
-        for worker in (worker for connection, worker in busy.items() if connection in ready):
-            self._receive(worker)
+            since = min(worker.since for worker in self._workers if worker.jobs)
+            left = max(0.0, since + limit - time.monotonic())
+        while ready := self._incoming.ready(left):
+            for worker in ready:
+                self._receive(worker)
+            left = 0.0
         if limit is not None:
-            for worker in busy.values():
+            for worker in tuple(self._workers):
                 late = worker.jobs and time.monotonic() >= worker.since + limit
                 if late and not worker.connection.poll():
                     self._lose(worker, after_s=limit)
@@ -114,6 +138,7 @@ class _Pool(Generic[Task, Result]):
     def close(self) -> None:
         """End every worker that is left, at once: even one that was stopped."""
         self._held.close()
+        self._incoming.close()
         for worker in self._workers:
             worker.process.kill()
         for worker in self._workers:
@@ -123,9 +148,9 @@ class _Pool(Generic[Task, Result]):
 
     def _hand_out(self) -> None:
         while self._waiting:
-            job, given = self._waiting[0], [job for worker in self._workers for job in worker.jobs]
+            job = self._waiting[0]
             # one that lost its worker is tried again alone: memory may have been short
-            if (job.losses and given) or any(other.losses for other in given):
+            if any(worker.jobs and (job.losses or worker.jobs[0].losses) for worker in self._workers):
                 return
             worker = self._started_afresh() if job.losses else self._place()
             if worker is None:
@@ -138,27 +163,31 @@ class _Pool(Generic[Task, Result]):
         idle = next((worker for worker in self._workers if not worker.jobs), None)
         if idle is not None:
             return idle
-        if len(self._workers) < self._settings.processes:
+        if len(self._workers) < self._most:
             return self._start()
-        ready = (worker for worker in self._workers if sum(not job.computed for job in worker.jobs) < 2)
-        return next(ready, None) if self._ahead else None
+        least = min(self._workers, key=_Worker.left)
+        enough = SHORT_AHEAD if self._task_s < SHORT_S else AHEAD
+        return least if self._ahead and least.left() < enough else None
 
     def _started_afresh(self) -> _Worker[Task, Result]:
         """Return a new process in place of an idle one, which may be dead as well without anybody having asked it since."""
-        if len(self._workers) == self._settings.processes:
+        if len(self._workers) == self._most:
             self._end(self._workers[-1])
         return self._start()
 
     def _end(self, worker: _Worker[Task, Result]) -> None:
         worker.process.kill()
         worker.process.join(FAREWELL_S)
+        self._incoming.remove(worker.connection)
         worker.connection.close()
         self._workers.remove(worker)
 
     def _start(self) -> _Worker[Task, Result]:
         ours, theirs = self._context.Pipe()
         process = self._context.Process(
-            target=serve, args=(self._function, theirs, ours, self._listening, self._held), daemon=True
+            target=serve,
+            args=(self._function, self._messages, theirs, ours, self._listening, self._held),
+            daemon=True,
         )
         try:
             with signals_held_back():
@@ -169,10 +198,11 @@ class _Pool(Generic[Task, Result]):
             theirs.close()
         worker = _Worker[Task, Result](process, ours)
         self._workers.append(worker)
+        self._incoming.add(ours, worker)
         return worker
 
     def _give(self, worker: _Worker[Task, Result], job: _Job[Task, Result]) -> None:
-        message = pickle.dumps(job.task, pickle.HIGHEST_PROTOCOL)
+        message = self._messages.message(job.task)
         self._ahead = len(message) <= AHEAD_BYTES
         if not worker.jobs:
             worker.since = time.monotonic()
@@ -184,15 +214,18 @@ class _Pool(Generic[Task, Result]):
 
     def _receive(self, worker: _Worker[Task, Result]) -> None:
         try:
-            said, answer = worker.connection.recv()
+            said, answer = answer_of(worker.connection.recv_bytes())
         except (EOFError, OSError):
             self._lose(worker)
             return
         worker.since = time.monotonic()
         if said == Said.COMPUTED:
-            worker.at().computed = True
+            worker.computed += 1
             return
+        self._task_s += (worker.since - worker.answered - self._task_s) / TASKS_IN_MEAN
+        worker.answered = worker.since
         job = worker.jobs.popleft()
+        worker.computed = max(worker.computed - 1, 0)
         if said == Said.RESULT:
             job.outcome = Outcome(job.task, answer)
         else:
@@ -201,25 +234,25 @@ class _Pool(Generic[Task, Result]):
     def _lose(self, worker: _Worker[Task, Result], *, after_s: float | None = None) -> None:
         """Go on without a worker; all its jobs but the one that it was at are as good as new."""
         self._end(worker)
+        if not worker.jobs:
+            return
         # what waits for a disk that hangs keeps its place, while other tasks are computed behind it
         lost = worker.at() if after_s is None else worker.jobs[0]
         lost.losses += 1
         if lost.losses == ATTEMPTS:
             lost.outcome = Outcome(lost.task, WorkerDied(after_s))
-        for job in worker.jobs:
-            job.computed = False
         self._waiting.extendleft(job for job in reversed(worker.jobs) if not job.done)
 
 
 def run_in_pool(
-    function: Work[Task, Result], tasks: Iterable[Task], /, *, workers: Workers
+    function: Work[Task, Result], tasks: Iterable[Task], /, *, workers: Workers, shared: Sequence[object] = ()
 ) -> Generator[Outcome[Task, Result], None, None]:
     """Yield the outcome of function(task) for every task, in the order of the tasks, from processes of their own."""
-    waiting = iter(tasks)
+    waiting, most = iter(tasks), workers.processes * TASKS_PER_WORKER
     in_order: deque[_Job[Task, Result]] = deque()
-    with _pool(function, workers) as pool:
+    with _pool(function, workers, shared) as pool:
         while True:
-            while len(in_order) < workers.processes * TASKS_PER_WORKER:
+            while len(in_order) < most:
                 try:
                     in_order.append(_Job(next(waiting)))
                 except StopIteration:
@@ -237,8 +270,8 @@ def run_in_pool(
 
 
 @contextmanager
-def _pool(function: Work[Task, Result], workers: Workers) -> Iterator[_Pool[Task, Result]]:
-    pool = _Pool(function, workers)
+def _pool(function: Work[Task, Result], workers: Workers, shared: Sequence[object]) -> Iterator[_Pool[Task, Result]]:
+    pool = _Pool(function, workers, shared)
     try:
         yield pool
         pool.dismiss()

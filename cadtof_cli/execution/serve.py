@@ -1,79 +1,75 @@
 """What a worker process does: one task after the other, until there are no more."""
 
 import os
-import pickle
 import threading
+from collections import deque
 from concurrent.futures import Future
-from enum import IntEnum
 from multiprocessing.connection import Connection
-from queue import Queue
 from typing import Any
 
 from cadtof_cli.execution.finisher import LATER_AT_ONCE, Finisher
+from cadtof_cli.execution.messages import Said, TaskMessages, answer_message
 from cadtof_cli.execution.outcome import Work
 from cadtof_cli.execution.workers import begin_worker
 
 
-class Said(IntEnum):
-    """What a message of a worker says: the task that it was at is computed, and its result will come; or what came of the first
-    task that it has not answered for, a result or an exception."""
-
-    COMPUTED = 0
-    RESULT = 1
-    ERROR = 2
-
-
 class _Answers:
-    """What a worker says, with a thread that waits for results and sends them in the order of the tasks."""
+    """What a worker says: results in the order of the tasks, each from the thread that had the last of those before it."""
 
     def __init__(self, connection: Connection) -> None:
-        self._connection, self._one_at_a_time = connection, threading.Lock()
-        self._begun: Queue[Future[Any] | None] = Queue(LATER_AT_ONCE)
-        self._thread = threading.Thread(target=self._send, daemon=True)
-        self._thread.start()
+        self._connection = connection
+        self._begun: deque[Future[Any]] = deque()
+        self._change = threading.Condition()
 
     def add(self, result: Future[Any]) -> None:
-        """Answer for the next task."""
-        if result.done() and not self._begun.unfinished_tasks:
-            self._tell(result)
-            return
-        self._say(Said.COMPUTED, None)
-        self._begun.put(result)
+        """Answer for the next task; where too many results are waited for, this waits too."""
+        with self._change:
+            if result.done() and not self._begun:
+                self._tell(result)
+                return
+            self._connection.send_bytes(answer_message(Said.COMPUTED))
+            self._begun.append(result)
+        result.add_done_callback(self._tell_all)
+        self._wait_for_at_most(LATER_AT_ONCE + 1)
 
     def end(self) -> None:
         """Return when all is answered."""
-        self._begun.put(None)
-        self._thread.join()
+        self._wait_for_at_most(0)
 
-    def _send(self) -> None:
+    def _wait_for_at_most(self, count: int) -> None:
+        with self._change:
+            self._change.wait_for(lambda: len(self._begun) <= count)
+
+    def _tell_all(self, _: Future[Any]) -> None:
+        """Tell the results that are there, and have none before them that is not."""
         try:
-            while (result := self._begun.get()) is not None:
-                self._tell(result)
-                self._begun.task_done()
-        finally:
-            if result is not None:
-                # what cannot be sent would be waited for
-                os._exit(1)
+            with self._change:
+                while self._begun and self._begun[0].done():
+                    self._tell(self._begun.popleft())
+                self._change.notify()
+        except BaseException:  # noqa: BLE001
+            # what cannot be sent would be waited for
+            os._exit(1)
 
     def _tell(self, result: Future[Any]) -> None:
         error = result.exception()
-        if error is None:
-            self._say(Said.RESULT, result.result())
-        else:
-            self._say(Said.ERROR, error)
-
-    def _say(self, said: Said, what: Any) -> None:
-        with self._one_at_a_time:
-            self._connection.send((int(said), what))
+        said, what = (Said.RESULT, result.result()) if error is None else (Said.ERROR, error)
+        self._connection.send_bytes(answer_message(said, what))
 
 
 def serve(
-    function: Work[Any, Any], connection: Connection, parents: Connection, listening: Connection, held: Connection
+    function: Work[Any, Any],
+    messages: TaskMessages,
+    connection: Connection,
+    parents: Connection,
+    listening: Connection,
+    held: Connection,
 ) -> None:
     """Answer one task after the other, until an empty message comes.
 
     Args:
         function: what is done to tasks.
+        messages: how they come.
         connection: the end of the connection that is ours.
         parents: its other end, of which a forked worker has a copy.
         listening, held: see `begin_worker`.
@@ -83,5 +79,5 @@ def serve(
     answers = _Answers(connection)
     with Finisher(LATER_AT_ONCE) as finisher:
         while message := connection.recv_bytes():
-            answers.add(finisher.attempt(lambda message: function(pickle.loads(message)), message))
+            answers.add(finisher.attempt(lambda message: function(messages.task(message)), message))
         answers.end()

@@ -4,7 +4,7 @@ from collections.abc import Collection
 from pathlib import Path
 
 from cadtof_cli.errors import OutputError
-from cadtof_cli.files.reading import is_there
+from cadtof_cli.files.atomic import require_new
 
 KINDS = {".png": "png", ".pdf": "pdf", ".svg": "svg", ".jpg": "jpg", ".jpeg": "jpg"}
 
@@ -18,6 +18,5 @@ def require_picture(path: Path, /, *, overwrite: bool, more: Collection[str] = (
     kind = KINDS.get(path.suffix.lower())
     if kind is None:
         raise OutputError(f"{path}: found the suffix {path.suffix!r}, expected one of {', '.join((*KINDS, *more))}")
-    if is_there(path) and not overwrite:
-        raise OutputError(f"{path}: already exists; add --overwrite to replace it, or choose another file")
+    require_new(path, overwrite=overwrite)
     return kind

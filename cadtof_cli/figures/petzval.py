@@ -12,7 +12,7 @@ from cadtof_cli.arrays import Float
 from cadtof_cli.calibration.petzval import PetzvalCalibration
 from cadtof_cli.capture.metadata import Optics
 from cadtof_cli.figures.text import drawable
-from cadtof_cli.files.atomic import whole_file
+from cadtof_cli.files.atomic import atomic_write
 from cadtof_cli.optics.lens import squared_field_radius, wall_range_m
 
 ROWS = 5
@@ -47,7 +47,7 @@ def draw_petzval(walls: Sequence[WallSection], petzval: PetzvalCalibration, path
         facing = wall_range_m(optics, petzval.origin.pixels, distance_m=1.0)
         _section(row[0], wall, petzval, flat, facing)
         _radial(row[1], wall, petzval, flat)
-    with whole_file(path) as temporary:
+    with atomic_write(path) as temporary:
         figure.savefig(temporary, dpi=110, format=kind)
 
 

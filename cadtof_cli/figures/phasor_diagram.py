@@ -11,7 +11,7 @@ from matplotlib.patches import Ellipse
 from cadtof_cli.arrays import Float
 from cadtof_cli.figures.pixel_evolution import DIRECT_COLOUR, DOTS_PER_INCH, MEASURED_COLOUR, MPI_COLOUR
 from cadtof_cli.figures.text import within
-from cadtof_cli.files.atomic import whole_file
+from cadtof_cli.files.atomic import atomic_write
 from cadtof_cli.one_pixel import PixelEvidence
 from cadtof_cli.resolver.status import StatusBit
 
@@ -42,7 +42,7 @@ def draw_phasors(
         axes = figure.add_axes((left / width, _BOTTOM / height, _SIDE / width, _SIDE / height))
         _panel(axes, evidence, row, harmonic)
     figure.axes[0].set_ylabel("imaginary part (SC2)", fontsize=9)
-    with whole_file(path) as temporary:
+    with atomic_write(path) as temporary:
         figure.savefig(temporary, dpi=DOTS_PER_INCH, format=kind)
 
 
@@ -91,7 +91,7 @@ def _arrow(axes: Axes, start: complex, end: complex, colour: str, name: str, *, 
 
 
 def _ellipse(axes: Axes, phasor: complex, covariance: Float, reach: float) -> None:
-    """Draw one and two standard deviations of the noise; magnified by a power of ten where they would not be seen."""
+    """Draw one and two standard deviations of the noise, magnified where they would be too small to see."""
     if not np.isfinite(covariance).all():
         return
     variances, directions = np.linalg.eigh(covariance)

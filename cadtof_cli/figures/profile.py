@@ -1,4 +1,4 @@
-"""A cross-section of maps, as in the paper's Figs. 4(c) and 5(d): runs overlaid, with what they were predicted to scatter by."""
+"""A cross-section of maps, as in the paper's Figs. 4(c) and 5(d): runs overlaid, with their predicted scatter."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from cadtof_cli.arrays import Float
 from cadtof_cli.figures.text import drawable, shortened, within
-from cadtof_cli.files.atomic import whole_file
+from cadtof_cli.files.atomic import atomic_write
 
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
 """Of runs, in their order: Okabe and Ito's, told apart by the colour-blind."""
@@ -71,7 +71,7 @@ def draw_section(section: Section, path: Path, /, *, kind: str) -> None:
     panels[0].set_xlim(section.along.min() - 0.5, section.along.max() + 0.5)
     handles, labels = panels[0].get_legend_handles_labels()
     panels[0].legend(handles, labels, fontsize=8, loc="upper left", bbox_to_anchor=(1.01, 1.0), borderaxespad=0.0)
-    with whole_file(path) as temporary:
+    with atomic_write(path) as temporary:
         figure.savefig(temporary, dpi=DOTS_PER_INCH, format=kind)
 
 

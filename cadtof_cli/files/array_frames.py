@@ -36,7 +36,7 @@ def open_array(path: Path, array: Stored, layout: FrameLayout, /) -> Iterator[Fr
     yield Frames(len(table), shape, dtype, read)
 
 
-def lone_plane(path: Path, array: Stored, /) -> Stored:
+def single_plane(path: Path, array: Stored, /) -> Stored:
     """Return the one plane of an array, shape (Y, X), native byte order.
 
     Raises:
@@ -44,7 +44,7 @@ def lone_plane(path: Path, array: Stored, /) -> Stored:
     """
     require_planes(path, array)
     if array.size != array.shape[-2] * array.shape[-1]:
-        raise FrameError(f"{path}: found an array of {_shown(array.shape)}, expected a single plane")
+        raise FrameError(f"{path}: found an array of {_size_text(array.shape)}, expected a single plane")
     return np.ascontiguousarray(array.reshape(array.shape[-2:]), array.dtype.newbyteorder("="))
 
 
@@ -53,8 +53,8 @@ def require_planes(path: Path, array: Stored, /) -> None:
     if array.dtype.name not in SAMPLE_TYPES:
         raise FrameError(f"{path}: found values of type {array.dtype}, expected one of {', '.join(SAMPLE_TYPES)}")
     if array.ndim < 2 or not array.size:
-        raise FrameError(f"{path}: found an array of {_shown(array.shape)}, expected planes (…, Y, X)")
+        raise FrameError(f"{path}: found an array of {_size_text(array.shape)}, expected planes (…, Y, X)")
 
 
-def _shown(shape: Sequence[int]) -> str:
+def _size_text(shape: Sequence[int]) -> str:
     return " × ".join(map(str, shape)) or "one value"

@@ -9,28 +9,27 @@ from pathlib import Path
 from typing import Any
 
 from cadtof_cli.errors import OutputError, PlaceError
-from cadtof_cli.files.direct import write_parts
-from cadtof_cli.files.system import MAKE, remove_and_close, sync_folder
+from cadtof_cli.files.system import CREATE_FLAGS, remove_and_close, sync_folder, write_parts
 
 PARTIAL_SUFFIX = ".partial"
 
-_OF_THE_PLACE = frozenset(
+_ERRORS_OF_THE_PLACE = frozenset(
     {
         errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EIO, errno.ESTALE, errno.ENODEV,
         errno.ENOENT, errno.ENOTDIR, errno.EACCES, errno.EPERM,
     }
 )  # fmt: skip
-"""What keeps one file from being written, and the next as well."""
+"""Errors that keep every file from being written there, not only this one."""
 
 FULL_BYTES = 2**20
-"""A disk with less than this left is what kept a file from being written, where the writer does not say."""
+"""Where a writer does not say why it failed, and the disk has less space left than this, the disk is full."""
 
 
 class PartialFile:
-    """A file that is being written under a temporary name beside `path`, until it is kept or given up.
+    """A file that is written under a temporary name beside `path`, until it is committed or discarded.
 
-    The temporary file is there already, empty, made by us and by nobody before us. Keeping it puts it on the disk before it gets
-    its name, and the name before it returns: whatever happens, there is a whole file or none. A symbolic link at `path` is
+    The temporary file exists already, empty; nobody else has made it. `commit` syncs the content to the disk before it renames
+    the file, and the folder before it returns: whatever happens, there is a whole file or none. A symbolic link at `path` is
     replaced, not followed.
 
     Args:
@@ -38,7 +37,7 @@ class PartialFile:
         token: marks the temporary name, so that `remove_partial_files` finds what a killed writer left.
 
     Raises:
-        OutputError: the file cannot be made; PlaceError: nor could another.
+        OutputError: the file cannot be made; PlaceError: another could not be made either.
     """
 
     def __init__(self, path: Path, /, *, token: str = "") -> None:
@@ -47,23 +46,15 @@ class PartialFile:
         self._descriptor: int | None = None
         self._bytes = 0
         self._parts: Sequence[memoryview] = ()
-        with self.errors_told():
-            self._descriptor = os.open(self.temporary, MAKE, 0o666)
+        with writing(path):
+            self._descriptor = os.open(self.temporary, CREATE_FLAGS, 0o666)
 
-    @contextmanager
-    def errors_told(self) -> Iterator[None]:
-        """Turn the system's errors into what they mean for `path`."""
-        try:
-            yield
-        except OSError as error:
-            raise write_error(self.path, error) from error
-
-    def hold(self, parts: Sequence[memoryview], /) -> None:
-        """Take what is to be written, one part after the other, when the file is kept; nobody changes it until then."""
+    def set_content(self, parts: Sequence[memoryview], /) -> None:
+        """Set what `commit` writes, one part after the other; the caller must not change it until then."""
         self._parts = parts
 
-    def written(self) -> int:
-        """Return how many bytes were written; raises OSError where there are none, or not in our file."""
+    def size(self) -> int:
+        """Return how many bytes were written; raises OSError where there are none, or where another file stands in its place."""
         if not self._bytes:
             assert self._descriptor is not None
             found = os.fstat(self._descriptor)
@@ -72,28 +63,32 @@ class PartialFile:
             self._bytes = found.st_size
         return self._bytes
 
-    def keep(self) -> int:
-        """Give what was written its name, and return its size in bytes: this waits for the disk, and hardly computes.
+    def commit(self) -> int:
+        """Sync the file to the disk, rename it to `path`, and return its size in bytes; this waits, and hardly computes.
 
         Raises:
-            OutputError: it cannot be kept, and is given up; PlaceError: nor could another.
+            OutputError: that fails, and the file is discarded; PlaceError: another file would fail too.
         """
         try:
-            with self.errors_told():
+            with writing(self.path):
                 if self._parts:
                     assert self._descriptor is not None
                     write_parts(self._descriptor, self._parts)
                     self._parts = ()
-                size = self.written()
-                self._sync_and_close()
+                size = self.size()
+                assert self._descriptor is not None
+                os.fsync(self._descriptor)
+                # not every system renames an open file
+                descriptor, self._descriptor = self._descriptor, None
+                os.close(descriptor)
                 self.temporary.replace(self.path)
                 sync_folder(self._folder)
         except BaseException:
-            self.give_up()
+            self.discard()
             raise
         return size
 
-    def give_up(self) -> None:
+    def discard(self) -> None:
         """Remove what was written."""
         if self._descriptor is not None:
             remove_and_close(self.temporary, self._descriptor)
@@ -101,16 +96,9 @@ class PartialFile:
             with suppress(OSError):
                 self.temporary.unlink()
 
-    def _sync_and_close(self) -> None:
-        """Have the bytes on the disk; not every system renames an open file."""
-        assert self._descriptor is not None
-        os.fsync(self._descriptor)
-        descriptor, self._descriptor = self._descriptor, None
-        os.close(descriptor)
-
 
 @contextmanager
-def whole_file(path: Path, /) -> Iterator[Path]:
+def atomic_write(path: Path, /) -> Iterator[Path]:
     """Yield a temporary name beside `path`; what is written there replaces `path` on leaving, or is removed on an error.
 
     Raises:
@@ -118,12 +106,12 @@ def whole_file(path: Path, /) -> Iterator[Path]:
     """
     partial = PartialFile(path)
     try:
-        with partial.errors_told():
+        with writing(path):
             yield partial.temporary
     except BaseException:
-        partial.give_up()
+        partial.discard()
         raise
-    partial.keep()
+    partial.commit()
 
 
 def _temporary_name(name: str, token: str) -> str:
@@ -131,20 +119,27 @@ def _temporary_name(name: str, token: str) -> str:
     return f".{name[:40]}.{os.urandom(8).hex()}.{token or os.getpid()}{PARTIAL_SUFFIX}"
 
 
-def write_error(path: Path, error: OSError, /) -> OutputError:
-    """Return what a system's error in writing a file means for a user: whether the file is at fault, or its place.
+@contextmanager
+def writing(path: Path, /) -> Iterator[None]:
+    """Turn the system's errors in writing a file into what they mean for a user: whether the file is at fault, or its place.
 
     numpy and OpenEXR do not hand on the system's code, only how much they could not write.
+
+    Raises:
+        OutputError: the file cannot be written; PlaceError: nor could another.
     """
     try:
-        import shutil
+        yield
+    except OSError as error:
+        try:
+            import shutil
 
-        full = error.errno is None and shutil.disk_usage(path.parent).free < FULL_BYTES
-    except OSError:
-        full = False
-    told = "No space left on device" if full else error.strerror or str(error)
-    kind = PlaceError if full or error.errno in _OF_THE_PLACE else OutputError
-    return kind(f"{path}: cannot be written: {told}")
+            full = error.errno is None and shutil.disk_usage(path.parent).free < FULL_BYTES
+        except OSError:
+            full = False
+        told = "No space left on device" if full else error.strerror or str(error)
+        kind = PlaceError if full or error.errno in _ERRORS_OF_THE_PLACE else OutputError
+        raise kind(f"{path}: cannot be written: {told}") from error
 
 
 def remove_partial_files(folder: Path, /, *, token: str) -> None:
@@ -156,7 +151,7 @@ def remove_partial_files(folder: Path, /, *, token: str) -> None:
 
 def write_json(path: Path, document: Mapping[str, Any], /) -> None:
     """Write a JSON document, readable by people, whole or not at all."""
-    with whole_file(path) as temporary:
+    with atomic_write(path) as temporary:
         temporary.write_text(json.dumps(document, indent=2, default=str) + "\n", encoding="utf-8")
 
 
@@ -169,22 +164,20 @@ def make_folder(path: Path, /) -> None:
     probe = path / _temporary_name("cadtof", "")
     try:
         path.mkdir(parents=True, exist_ok=True)
-        os.close(os.open(probe, MAKE))
+        os.close(os.open(probe, CREATE_FLAGS))
         probe.unlink()
     except OSError as error:
         raise OutputError(f"{path}: expected a folder that can be written into: {error.strerror}") from error
 
 
-def make_folders(path: Path, /) -> None:
-    """Make a folder, and its parents.
+def require_new(path: Path, /, *, overwrite: bool) -> None:
+    """Refuse to replace a file, before any work is done for it.
 
     Raises:
-        OutputError: it cannot be made.
+        OutputError: something is there already, and `overwrite` is not set.
     """
-    try:
-        path.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise OutputError(f"{path}: expected a folder that can be made: {error.strerror}") from error
+    if os.path.lexists(path) and not overwrite:
+        raise OutputError(f"{path}: already exists; add --overwrite to replace it, or choose another file")
 
 
 def require_absent(path: Path, /) -> None:

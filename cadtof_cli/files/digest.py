@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from xxhash import xxh3_128
 
-_PIECE_BYTES = 2**22
+_CHUNK_BYTES = 2**22
 
 Digest = xxh3_128
 """A digest of bytes that come piece by piece."""
@@ -41,6 +41,6 @@ def file_digest(path: Path, /) -> str:
     digest = Digest()
     with path.open("rb", buffering=0) as file:
         # a map may be as large as all the rest that is in memory
-        while piece := file.read(_PIECE_BYTES):
+        while piece := file.read(_CHUNK_BYTES):
             digest.update(piece)
     return digest.hexdigest()

@@ -20,10 +20,10 @@ if TYPE_CHECKING:
 
     from cadtof_cli.arrays import Stored
     from cadtof_cli.files.frames import FrameLayout, Frames
-    from cadtof_cli.files.maps import DepthMaps, MapsAbout
+    from cadtof_cli.files.maps import DepthMaps, MapHeader
 
 _HEAD_BYTES = 16
-"""No format is known by more; of them the first four are shown."""
+"""First bytes that are read to recognise a format; messages show four of them."""
 
 
 class FrameReader(Protocol):
@@ -46,10 +46,10 @@ class FrameFiles(FrameReader, Protocol):
 class LayerFiles(Protocol):
     """How maps are written in a format, and named layers read from it."""
 
-    def write_maps(self, path: Path, maps: "DepthMaps", /, *, about: "MapsAbout") -> Sequence[memoryview]:
+    def write_maps(self, path: Path, maps: "DepthMaps", /, *, header: "MapHeader") -> Sequence[memoryview]:
         """Write the maps of a frame: layers by name, then the status bits. The same maps give the same bytes.
 
-        Where the file's bytes are at hand, they are returned in parts instead of written: whoever asks writes them.
+        Return nothing after the file was written, or its bytes in parts, which the caller writes.
         """
 
     def read_facts(self, path: Path, /) -> dict[str, str]:
@@ -86,11 +86,6 @@ class Format:
     layers: Callable[[], LayerFiles] | None = None
     recording: Callable[[], FrameFiles] | None = None
     counts: bool = False
-
-    @property
-    def suffix(self) -> str:
-        """Ending of the files that we write."""
-        return f".{self.name}"
 
 
 def _module(name: str) -> Callable[[], Any]:
@@ -161,20 +156,20 @@ _BY_NAME = {one.name: one for one in FORMATS}
 _BY_SUFFIX = {suffix: one for one in FORMATS for suffix in one.suffixes}
 
 
-def format_named(name: str, /) -> Format:
+def format_by_name(name: str, /) -> Format:
     """Return the format of that name."""
     return _BY_NAME[name]
 
 
-def suffix_format(path: Path, /) -> Format | None:
-    """Return the format that a file's name ends with; None where no format ends like that. Names may lie: see `format_of`."""
+def format_by_suffix(path: Path, /) -> Format | None:
+    """Return the format that the ending of a file's name says; None for others. Names may be wrong: see `detect_format`."""
     return _BY_SUFFIX.get(path.suffix.lower())
 
 
-def map_suffix_like(path: Path, /) -> str:
-    """Return the suffix of maps in the format of a frame; TIFF where that format keeps no maps, or its name does not tell."""
-    found = suffix_format(path)
-    return (found if found and found.layers else TIFF).suffix
+def map_format_for(path: Path, /) -> Format:
+    """Return the format of maps of a frame: the frame's; TIFF where that keeps no maps, or its name does not tell."""
+    found = format_by_suffix(path)
+    return found if found and found.layers else TIFF
 
 
 def frame_suffixes(*, planes: bool, raw: bool) -> tuple[str, ...]:
@@ -188,13 +183,13 @@ def frame_suffixes(*, planes: bool, raw: bool) -> tuple[str, ...]:
     return tuple(suffix for one in taken for suffix in one.suffixes)
 
 
-def format_of(path: Path, /, *, raw: bool = False) -> Format:
+def detect_format(path: Path, /, *, raw: bool = False) -> Format:
     """Return the format of a file by its first bytes; where `[layout.raw]` says what raw dumps hold, theirs by its name.
 
     Raises:
         FrameError: the file cannot be read, or is of no format that we know.
     """
-    if raw and suffix_format(path) is RAW:
+    if raw and format_by_suffix(path) is RAW:
         return RAW
     with damage_as_frame_error(path, "file"):
         descriptor = open_regular(path)
@@ -206,6 +201,6 @@ def format_of(path: Path, /, *, raw: bool = False) -> Format:
     if known is None:
         found = f"first bytes {head[:4].hex(' ')}" if head else "an empty file"
         titles = ", ".join(one.title for one in FORMATS if one.magics)
-        hint = "; for a raw dump, give dtype and shape under [layout.raw]" if suffix_format(path) is RAW else ""
+        hint = "; for a raw dump, give dtype and shape under [layout.raw]" if format_by_suffix(path) is RAW else ""
         raise FrameError(f"{path}: found {found}, expected one of {titles}{hint}")
     return known

@@ -1,4 +1,4 @@
-"""What a frame is before it is read: how its planes are ordered, and how a reader hands it over."""
+"""The order of a frame's planes in files, and the frames of an open file as every reader returns them."""
 
 from collections.abc import Collection
 from typing import Any, Protocol
@@ -79,7 +79,7 @@ class Frames:
     read: ReadFrame
 
 
-def lone_frame(stored: Stored, /) -> Frames:
+def single_frame(stored: Stored, /) -> Frames:
     """Return the only frame of its file or files, (H, C, Y, X), which has been read on opening."""
     return Frames(1, stored.shape, stored.dtype, lambda _index=0, /: stored)
 

@@ -18,7 +18,7 @@ from cadtof_cli.files.system import read_at
 _DESCRIPTORS = (1, 2)
 """Standard output, on which a pipeline reads our JSON, and standard error."""
 
-_ITS_WORDS = re.compile(r"EXR|ojph|^Warning: |^PNG ", re.IGNORECASE)
+_LIBRARY_LINES = re.compile(r"EXR|ojph|^Warning: |^PNG ", re.IGNORECASE)
 """The libraries' own, and those of OpenJPH, by which one reads HTJ2K."""
 
 _lock = threading.Lock()
@@ -50,7 +50,7 @@ def library_output() -> Iterator[list[str]]:
                 os.close(file)
             if any(unprinted.values()) or printed.tell():
                 out, err = (unprinted.get(descriptor, b"").decode(errors="replace") for descriptor in _DESCRIPTORS)
-                _sort_out(said, printed.getvalue() + out, err, alone=alone and threading.active_count() == 1)
+                _separate(said, printed.getvalue() + out, err, alone=alone and threading.active_count() == 1)
 
 
 def _is_open(descriptor: int) -> bool:
@@ -69,11 +69,11 @@ def _unnamed_file() -> int:
         return os.dup(stream.fileno())
 
 
-def _sort_out(said: list[str], printed: str, unprinted: str, *, alone: bool) -> None:
+def _separate(said: list[str], printed: str, unprinted: str, *, alone: bool) -> None:
     """Keep the library's lines, and write those of other threads, where there were any, to where they were going."""
     for text, stream in ((unprinted, sys.stderr), (printed, sys.stdout)):
         for line in text.splitlines(keepends=True):
-            if alone or _ITS_WORDS.search(line):
+            if alone or _LIBRARY_LINES.search(line):
                 said.append(line.strip())
             else:
                 stream.write(line)

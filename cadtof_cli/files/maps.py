@@ -1,5 +1,6 @@
 """Maps of one frame, and files of named layers: maps, truth and calibration."""
 
+import math
 import re
 from collections.abc import Mapping
 from dataclasses import field, replace
@@ -12,9 +13,10 @@ from numpy.typing import NDArray
 from cadtof_cli import __version__
 from cadtof_cli.arrays import Float32, Status
 from cadtof_cli.errors import FrameError, OutputError
-from cadtof_cli.files.atomic import PartialFile, whole_file
+from cadtof_cli.files.atomic import PartialFile, atomic_write, writing
 from cadtof_cli.files.digest import file_digest, parts_digest
-from cadtof_cli.files.formats import MAP_SUFFIXES, format_of, suffix_format
+from cadtof_cli.files.formats import MAP_SUFFIXES, detect_format, format_by_suffix
+from cadtof_cli.files.system import BLOCK_BYTES, address_of
 from cadtof_cli.records import dataclass
 
 STATUS = "status"
@@ -24,7 +26,7 @@ SOFTWARE = f"cadtof {__version__}"
 SOURCE = "source"
 """The fact that says which recorded frame maps were made from: what differs from frame to frame."""
 
-_BEYOND_BITS = 2**32
+_STATUS_LIMIT = 2**32
 
 _MAP_LAYER = rf"(direct|mpi)\.\w+|confidence|{STATUS}"
 
@@ -40,6 +42,16 @@ class DepthMaps:
     names: tuple[str, ...]
     pages: Float32
     status: Status
+
+    @classmethod
+    def empty(cls, names: tuple[str, ...], size: tuple[int, int], /) -> "DepthMaps":
+        """Return maps of any values, (Y, X) each; the memory begins with a block of a disk, so that no copy is written."""
+        shape = (len(names) + 1, *size)
+        pages_bytes = 4 * math.prod(shape)
+        memory = np.empty(pages_bytes + BLOCK_BYTES, np.uint8)
+        begin = -address_of(memory.data) % BLOCK_BYTES
+        pages = memory[begin : begin + pages_bytes].view(np.float32).reshape(shape)
+        return cls(names, pages, np.empty(size, np.uint32))
 
     @property
     def values(self) -> Float32:
@@ -59,11 +71,11 @@ class DepthMaps:
 
 
 @dataclass(frozen=True)
-class MapsAbout:
-    """What a file of maps says of itself: the unit of each layer, empty for pure numbers, and facts by name.
+class MapHeader:
+    """What the header of a map file says: the unit of each layer, empty for pure numbers, and facts by name.
 
-    Facts are text, such as the kind of depth, the periods, the recorded frame and the digest of a calibration; what no header can
-    hold, such as bytes of a file name that are no UTF-8, is escaped.
+    Facts are text, such as the kind of depth, the periods, the recorded frame and the digest of a calibration. What no header can
+    hold, such as bytes of a file name that are not UTF-8, is escaped.
     """
 
     units: Mapping[str, str] = field(default_factory=dict)
@@ -77,7 +89,7 @@ class MapsAbout:
         object.__setattr__(self, "facts", facts)
 
 
-NOTHING_SAID = MapsAbout()
+NO_FACTS = MapHeader()
 
 
 def is_map_layer(name: str, /) -> bool:
@@ -85,47 +97,42 @@ def is_map_layer(name: str, /) -> bool:
     return re.fullmatch(_MAP_LAYER, name) is not None
 
 
-@dataclass(frozen=True)
-class WrittenMaps:
-    """Maps that were written, and the digest of the bytes (`files/digest.py`): a whole file under its name once they are kept."""
+def stage_maps(
+    path: Path, maps: DepthMaps, /, *, header: MapHeader = NO_FACTS, token: str = ""
+) -> tuple[PartialFile, str]:
+    """Write maps under a temporary name, in the format that `path` ends with; return that file and the digest of its bytes.
 
-    file: PartialFile
-    digest: str
-
-
-def begin_maps(path: Path, maps: DepthMaps, /, *, about: MapsAbout = NOTHING_SAID, token: str = "") -> WrittenMaps:
-    """Write maps in the format that `path` ends with, with what there is to say about them in the file's header.
-
-    They are still to be kept or given up: the one waits for the disk, and something else can be done meanwhile.
+    The file is still to be committed or discarded: committing waits for the disk, and something else can be done meanwhile.
 
     Raises:
         OutputError: the file cannot be written, for lack of space or permission.
     """
-    kind = suffix_format(path)
+    kind = format_by_suffix(path)
     if kind is None or kind.layers is None:
         raise OutputError(f"{path}: found the suffix {path.suffix!r}, expected one of {', '.join(MAP_SUFFIXES)}")
-    about = replace(about, facts={"software": SOFTWARE, **about.facts})
+    header = replace(header, facts={"software": SOFTWARE, **header.facts})
     partial = PartialFile(path, token=token)
     try:
-        with partial.errors_told():
-            parts = kind.layers().write_maps(partial.temporary, maps, about=about)
+        with writing(path):
+            parts = kind.layers().write_maps(partial.temporary, maps, header=header)
             if parts:
-                partial.hold(parts)
+                partial.set_content(parts)
             else:
-                partial.written()
-            return WrittenMaps(partial, parts_digest(parts) if parts else file_digest(partial.temporary))
+                partial.size()
+            return partial, parts_digest(parts) if parts else file_digest(partial.temporary)
     except BaseException:
-        partial.give_up()
+        partial.discard()
         raise
 
 
-def write_maps(path: Path, maps: DepthMaps, /, *, about: MapsAbout = NOTHING_SAID) -> None:
-    """Write maps as `begin_maps` does, and keep them: the file appears whole or not at all.
+def write_maps(path: Path, maps: DepthMaps, /, *, header: MapHeader = NO_FACTS) -> None:
+    """Write maps in the format that `path` ends with; the file appears whole or not at all.
 
     Raises:
         OutputError: the file cannot be written, for lack of space or permission.
     """
-    begin_maps(path, maps, about=about).file.keep()
+    partial, _ = stage_maps(path, maps, header=header)
+    partial.commit()
 
 
 def read_layers(path: Path, /) -> dict[str, NDArray[Any]]:
@@ -136,23 +143,23 @@ def read_layers(path: Path, /) -> dict[str, NDArray[Any]]:
     Raises:
         FrameError: the file cannot be read, is damaged, or its layers have no names, or its status is no bits.
     """
-    kind = format_of(path)
+    kind = detect_format(path)
     if kind.layers is None:
         raise FrameError(f"{path}: found {kind.title}, expected a format of named maps")
     layers = kind.layers().read_layers(path)
     status = layers.get(STATUS)
-    if status is not None and not (np.isfinite(status) & (status >= 0) & (status < _BEYOND_BITS)).all():
+    if status is not None and not (np.isfinite(status) & (status >= 0) & (status < _STATUS_LIMIT)).all():
         raise FrameError(f"{path}: damaged maps: their status holds numbers that are no bits")
     return layers
 
 
 def read_facts(path: Path, /) -> dict[str, str]:
-    """Return what a file of maps says of itself, such as the kind of depth and the recorded frame; nothing where it does not.
+    """Return the facts in the header of a map file, such as the kind of depth and the recorded frame; nothing where it has none.
 
     Raises:
         FrameError: the file cannot be read, or is damaged.
     """
-    kind = format_of(path)
+    kind = detect_format(path)
     return kind.layers().read_facts(path) if kind.layers else {}
 
 
@@ -172,5 +179,5 @@ def write_layers(path: Path, layers: Mapping[str, NDArray[Any]], /, *, lossy: bo
 
     if lossy:
         layers = {name: layer.astype(np.float32) for name, layer in layers.items()}
-    with whole_file(path) as temporary:
+    with atomic_write(path) as temporary:
         write_exr(temporary, layers, compression="pxr24" if lossy else "zip")

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from cadtof_cli.files.atomic import whole_file
+from cadtof_cli.files.atomic import atomic_write
 
 Columns = Mapping[str, NDArray[np.float32] | NDArray[np.uint32]]
 """Values of n points by the name of what they are, (n,) each."""
@@ -41,7 +41,7 @@ def _write(path: Path, columns: Columns, header: Header, comment: str) -> None:
         points[name] = values
     # a line break in a file's name must not end the comment
     head = header(columns, count, " ".join(comment.split())).encode("utf-8", "replace")
-    with whole_file(path) as temporary:
+    with atomic_write(path) as temporary:
         temporary.write_bytes(head + points.tobytes())
 
 

@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from cadtof_cli.errors import FrameError
-from cadtof_cli.files.system import READ
+from cadtof_cli.files.system import READ_FLAGS
 
 MOST_TEXT_BYTES = 2**22
 """Larger than any text that people write; what is read into memory as a whole should not be without end."""
@@ -24,11 +24,6 @@ _KINDS = {
 }
 
 
-def is_there(path: Path, /) -> bool:
-    """Tell whether a folder has something of this name, be it a link that leads nowhere; false where it cannot be looked into."""
-    return os.path.lexists(path)
-
-
 def is_folder(path: Path, /) -> bool:
     """Tell whether a path leads to a folder; false where it cannot be followed."""
     try:
@@ -38,7 +33,7 @@ def is_folder(path: Path, /) -> bool:
 
 
 def real_path(path: Path, /) -> str:
-    """Return where a path leads, links followed; where they lead in a circle, or nothing can have this name, what it says."""
+    """Return the absolute path with links resolved; as it is where they form a loop, or no file can have such a name."""
     try:
         return os.path.realpath(path)
     except (OSError, ValueError):
@@ -71,8 +66,8 @@ def open_regular(path: Path, /) -> int:
         OSError: there is none, or it cannot be opened.
     """
     require_regular(path)
-    # whatever takes its place between the two: nobody waits
-    return os.open(path, READ)
+    # READ_FLAGS: does not wait even if a FIFO takes its place between these two lines
+    return os.open(path, READ_FLAGS)
 
 
 def read_text(path: Path, /, *, encoding: str = "utf-8", most_bytes: int | None = MOST_TEXT_BYTES) -> str:
@@ -85,7 +80,7 @@ def read_text(path: Path, /, *, encoding: str = "utf-8", most_bytes: int | None 
     size = require_regular(path).st_size
     if most_bytes is not None and size > most_bytes:
         raise OSError(errno.EFBIG, f"found {size:,} bytes, expected {most_bytes:,} or fewer", str(path))
-    with os.fdopen(open_regular(path), "r", encoding=encoding) as file:
+    with os.fdopen(os.open(path, READ_FLAGS), "r", encoding=encoding) as file:
         return file.read()
 
 
@@ -104,7 +99,7 @@ def damage_as_frame_error(path: Path, kind: str) -> Iterator[None]:
     """
     try:
         with warnings.catch_warnings():
-            # what a library only remarks on says nothing about the pixels; what does is asked of them
+            # warnings of the libraries do not concern the pixels; what does is checked by each reader
             warnings.simplefilter("ignore")
             yield
     except FrameError:

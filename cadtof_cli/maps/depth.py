@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cadtof_cli.arrays import Bool, Float, Float32
-from cadtof_cli.files.direct import empty_blocks
 from cadtof_cli.files.maps import DepthMaps
 from cadtof_cli.maps.layers import CONFIDENCE, DIRECT_DEPTH, Layer, LayerSource
 from cadtof_cli.phasors.noise import NoiseModel
@@ -68,12 +67,6 @@ class DepthScale:
         """Return what the layers of a block of the frame's pixels follow from."""
         averaged = 1.0 if samples is None else samples
         return LayerSource(resolved, averaged, self.metres(block), self.amplitude_v, self.phase_offset_rad(block))
-
-
-def empty_maps(height: int, width: int, /, *, layers: tuple[Layer, ...]) -> DepthMaps:
-    """Return uninitialised maps of the given size, for the blocks of a frame to be written into."""
-    names = tuple(layer.name for layer in layers)
-    return DepthMaps(names, empty_blocks((len(names) + 1, height, width)), np.empty((height, width), np.uint32))
 
 
 def write_block(maps: DepthMaps, block: slice, source: LayerSource, /, *, layers: tuple[Layer, ...]) -> None:

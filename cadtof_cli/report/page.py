@@ -12,13 +12,13 @@ from typing import Any
 
 from cadtof_cli import __version__
 from cadtof_cli.capture.metadata import Optics
-from cadtof_cli.files.atomic import whole_file
+from cadtof_cli.files.atomic import atomic_write
 from cadtof_cli.optics.lens import principal_point
 from cadtof_cli.report.frames import EmbeddedFrame
 from cadtof_cli.report.markup import EMPTY, Markup, element, joined, printable, text
 from cadtof_cli.report.sections import PageText, embedded_section, failures, frame_list, frame_table, settings, summary
 from cadtof_cli.report.thumbnails import palette
-from cadtof_cli.resolver.status import MEANING
+from cadtof_cli.resolver.status import MEANING, bit_words
 
 SCRIPTS = ("decode.js", "colours.js", "map.js", "scale.js", "profile.js", "cloud.js", "panels.js", "main.js")
 """In the order in which they use each other."""
@@ -90,7 +90,7 @@ def write_page(path: Path, page: Page, /) -> None:
         style=style,
         script=script,
     )
-    with whole_file(path) as temporary:
+    with atomic_write(path) as temporary:
         temporary.write_text(markup, encoding="utf-8")
 
 
@@ -99,7 +99,7 @@ def _file(name: str) -> str:
 
 
 def _policy(style: str, script: str) -> str:
-    """Return what the page may do: run its own script, use its own style, show pictures that it holds. No network."""
+    """Return the content security policy: the page's own script, style and pictures alone, and no network."""
     script_digest, style_digest = (
         b64encode(hashlib.sha256(source.encode()).digest()).decode() for source in (script, style)
     )
@@ -113,7 +113,7 @@ def _document(page: Page) -> dict[str, Any]:
     """Return what the scripts have to know, but for the maps."""
     colours = palette()
     bits = [
-        {"name": _words(bit.name), "value": int(bit), "meaning": meaning, "colour": colours["status"][bit.name]}
+        {"name": bit_words(bit), "value": int(bit), "meaning": meaning, "colour": colours["status"][bit.name]}
         for bit, meaning in MEANING.items()
     ]
     return {
@@ -123,10 +123,6 @@ def _document(page: Page) -> dict[str, Any]:
         "bits": bits,
         "palette": {name: colours[name] for name in ("sequential", "diverging", "no_answer")},
     }
-
-
-def _words(name: str | None) -> str:
-    return str(name).lower().replace("_", " ")
 
 
 def _data(source: str) -> Markup:

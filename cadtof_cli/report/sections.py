@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import PurePosixPath
 
 from cadtof_cli.report.frames import EmbeddedFrame, EmbeddedLayer
 from cadtof_cli.report.markup import EMPTY, Markup, element, joined, table
@@ -11,7 +12,7 @@ BAR_WIDTH, BAR_HEIGHT = 1000, 18
 
 @dataclass(frozen=True)
 class FrameLine:
-    """A frame of the run, whatever became of it.
+    """A frame of the run, resolved or not.
 
     Attributes:
         name: of its maps; of the recorded frame where there are none.
@@ -97,7 +98,7 @@ def _shares(pixels: Mapping[str, int]) -> Markup:
 
 
 def _share(share: float) -> str:
-    """Return a share in per cent; what is there is never said to be nothing."""
+    """Return a share in per cent; a share above 0 is never shown as 0."""
     return "below 0.1 %" if 0.0 < share < 0.001 else f"{share:.1%}".replace("%", " %")
 
 
@@ -118,13 +119,16 @@ def frame_list(page: PageText, /) -> Markup:
 
 
 def _thumbnail(frame: FrameLine) -> Markup:
-    name = element("bdi", frame.name)
     if frame.number is None or frame.thumbnail is None:
+        # as maps would have been called, where it is a file's name
+        path = PurePosixPath(frame.name)
+        short = path.stem if path.suffix[1:].isalnum() else path.name
         mark = element("span", frame.status or "no maps", class_="mark")
-        return element("li", element("div", mark, element("span", name), class_="lost", title=frame.reason))
+        label = element("span", element("bdi", short))
+        return element("li", element("div", mark, label, class_="lost", title=frame.reason))
     width, height = frame.size
     picture = element("img", src=frame.thumbnail, width=width, height=height, alt="", loading="lazy", decoding="async")
-    label = element("span", name)
+    label = element("span", element("bdi", frame.name))
     return element("li", element("button", picture, label, type="button", data_frame=frame.number, title=frame.name))
 
 

@@ -94,6 +94,11 @@ def why_no_answer(status: Status, /) -> str:
     return f"no pixel has an answer ({', '.join(found)}){hint}"
 
 
+def bit_words(bit: StatusBit, /) -> str:
+    """Return the name of a bit in words, such as 'diffuse MPI'."""
+    return str(bit.name).lower().replace("_", " ").replace("mpi", "MPI")
+
+
 def describe_status(value: int) -> tuple[str, ...]:
-    """Return the names of the bits that are set, such as ('two paths', 'ill-conditioned')."""
-    return tuple(bit.name.lower().replace("_", " ") for bit in StatusBit if value & bit and bit.name)
+    """Return the names of the bits that are set, such as ('two paths', 'ill conditioned')."""
+    return tuple(bit_words(bit) for bit in StatusBit if value & bit)

@@ -16,7 +16,7 @@ class Progress(Protocol):
         """Something that the user should know."""
 
 
-class _Untold:
+class _NoProgress:
     """Progress that nobody is told of."""
 
     def total(self, count: int, /) -> None:
@@ -29,4 +29,4 @@ class _Untold:
         """Do nothing."""
 
 
-UNTOLD: Progress = _Untold()
+NO_PROGRESS: Progress = _NoProgress()

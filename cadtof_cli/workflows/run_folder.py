@@ -1,150 +1,29 @@
 """The folder of a run: a map file per frame, `run.json`, and `frames.jsonl`, a line per frame. Written by `resolve/record.py`."""
 
 import json
+import operator
+import os
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import fields
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Any
 
 from cadtof_cli.arrays import Float
-from cadtof_cli.capture.discovery import WRITTEN_BY_US, Capture, find_captures, placed_below
-from cadtof_cli.capture.frame_sources import FrameSource
-from cadtof_cli.capture.frames import single_frames
+from cadtof_cli.capture.discovery import OUTPUT_FILES, find_captures, with_relative_names
+from cadtof_cli.capture.frames import Capture, FrameSource, single_frames
 from cadtof_cli.capture.metadata import Optics
 from cadtof_cli.capture.toml import FILE_NAME as CAPTURE_FILE
 from cadtof_cli.errors import CadtofError, CaptureError, SettingsError
 from cadtof_cli.files.formats import MAP_SUFFIXES
-from cadtof_cli.files.reading import is_folder, is_there, read_text
+from cadtof_cli.files.reading import is_folder, read_text
 from cadtof_cli.frame_plan import CalibrationUse, DepthKind
 from cadtof_cli.records import dataclass
-from cadtof_cli.workflows.sound_record import require_sound_record
+from cadtof_cli.workflows.frame_report import FrameReport, report_of
 
 RUN_FILE = "run.json"
 FRAMES_FILE = "frames.jsonl"
 
-ALREADY_THERE = "exists already"
-"""How the reason ends of a frame that is skipped since its maps are there."""
-
-FrameStatus = Literal["ok", "failed", "skipped"]
-
 RecordedFrames = Mapping[str, tuple[Capture, tuple[FrameSource, ...]]]
 """Recorded frames and their captures, by the name of the map that was made from them: several where it is of their mean."""
-
-
-@dataclass(frozen=True)
-class SourceFile:
-    """A file that a frame was read from, as it was then."""
-
-    name: str
-    bytes: int
-    mtime_ns: int
-
-
-@dataclass(frozen=True)
-class FrameReport:
-    """A line of `frames.jsonl`; the fields are its keys, `more_paths` only where pixels may have more than two.
-
-    Attributes:
-        source: where the frame lies.
-        output: its maps; None where there are none.
-        status: what has become of it.
-        reason: why, or what there is to know besides.
-        seconds: that it took.
-        one_path, two_paths, more_paths, invalid: pixels.
-        files: that it was read from; None where one of them is missing.
-        digest: of the values that were read, see `files/digest.py`.
-        output_bytes: size of its maps' file.
-        output_digest: digest of that file's bytes.
-        line: the frame's line, where that is not this report: of maps that an earlier run made and this one kept.
-        note: what the user should know, and the record should not.
-        stops: whether the next frame could not be written either.
-    """
-
-    source: str
-    output: str | None
-    status: FrameStatus
-    reason: str | None
-    seconds: float
-    one_path: int | None = None
-    two_paths: int | None = None
-    more_paths: int | None = None
-    diffuse: int | None = None
-    invalid: int | None = None
-    files: tuple[SourceFile, ...] | None = None
-    digest: str | None = None
-    output_bytes: int | None = None
-    output_digest: str | None = None
-    line: "FrameReport | None" = None
-    note: str | None = None
-    stops: bool = False
-
-    @property
-    def is_sound(self) -> bool:
-        """Whether the fields hold what they should: a line may come from anywhere."""
-        texts = (self.output, self.reason, self.digest, self.output_digest)
-        counts = (self.one_path, self.two_paths, self.more_paths, self.diffuse, self.invalid, self.output_bytes)
-        return (
-            isinstance(self.source, str)
-            and self.status in get_args(FrameStatus)
-            and isinstance(self.seconds, int | float)
-            and all(isinstance(text, str | None) for text in texts)
-            and all(isinstance(count, int | None) for count in counts)
-        )
-
-    @property
-    def is_already_there(self) -> bool:
-        """Whether an earlier run has made the maps."""
-        return self.status == "skipped" and str(self.reason).endswith(ALREADY_THERE)
-
-    def as_json(self) -> dict[str, Any]:
-        """Return the line as a JSON object."""
-        line = {name: getattr(self, name) for name in _TOLD if name != "more_paths" or self.more_paths is not None}
-        return line | {"files": self.files and [vars(file) for file in self.files]}
-
-
-_TOLD = tuple(field.name for field in fields(FrameReport) if field.name not in {"line", "note", "stops"})
-
-
-def report_of(line: bytes, /) -> FrameReport | None:
-    """Return the report that a line of `frames.jsonl` holds; None where it holds none."""
-    try:
-        values = json.loads(line)
-        files = values.get("files")
-        known = None if files is None else tuple(SourceFile(**one) for one in files)
-        report = FrameReport(**{**values, "files": known})
-    except (ValueError, TypeError, AttributeError, RecursionError):
-        return None
-    return report if report.is_sound else None
-
-
-@dataclass
-class RunTotals:
-    """What has become of the frames so far.
-
-    `diffuse_frames` are those whose MPI was taken for diffuse, `already_there` those that were skipped since their maps are.
-    """
-
-    frames: int = 0
-    ok: int = 0
-    failed: int = 0
-    skipped: int = 0
-    already_there: int = 0
-    one_path: int = 0
-    two_paths: int = 0
-    more_paths: int = 0
-    diffuse: int = 0
-    diffuse_frames: int = 0
-    invalid: int = 0
-    seconds: float = 0.0
-
-    def add(self, report: FrameReport) -> None:
-        """Count one more frame."""
-        self.frames += 1
-        setattr(self, report.status, getattr(self, report.status) + 1)
-        self.already_there += report.is_already_there
-        for name in ("one_path", "two_paths", "more_paths", "diffuse", "invalid"):
-            setattr(self, name, getattr(self, name) + (getattr(report, name) or 0))
-        self.diffuse_frames += bool(report.diffuse)
 
 
 @dataclass(frozen=True)
@@ -267,7 +146,7 @@ class Run:
                 settings_file=Path(settings) if settings else None,
                 recursive=bool(arguments.get("recursive")),
             )
-            captures, _ = placed_below(captures, inputs)
+            captures, _ = with_relative_names(captures, inputs)
             return _by_map(captures, slice(*(arguments.get("frames") or (None,))), int(arguments.get("average", 1)))
         except (CadtofError, LookupError, TypeError, ValueError, AttributeError) as error:
             say(f"the recorded frames are not where they were, so the first phasor is not evaluated: {error}")
@@ -294,12 +173,12 @@ def read_run(maps: Path, /) -> Run:
     if not maps.exists():
         raise CaptureError(f"{maps}: no such file or folder; expected maps that `cadtof resolve` wrote")
     files, folder = map_files(maps), maps if maps.is_dir() else maps.parent
-    folder = next((above for above in (folder, *folder.parents) if is_there(above / RUN_FILE)), None) or folder
+    folder = next((above for above in (folder, *folder.parents) if os.path.lexists(above / RUN_FILE)), None) or folder
     path = folder / RUN_FILE
-    if not is_there(path):
+    if not os.path.lexists(path):
         return Run(maps, files, folder, None)
     try:
-        return Run(maps, files, folder, require_sound_record(read_record(folder)))
+        return Run(maps, files, folder, require_valid_record(read_record(folder)))
     except OSError as error:
         raise CaptureError(f"{path}: cannot be read: {error.strerror or error}") from error
     except (ValueError, LookupError, TypeError, AttributeError) as error:
@@ -308,7 +187,7 @@ def read_run(maps: Path, /) -> Run:
 
 def is_run_folder(path: Path, /) -> bool:
     """Return whether a folder is one that `cadtof resolve` wrote."""
-    return is_folder(path) and is_there(path / RUN_FILE) and not is_there(path / CAPTURE_FILE)
+    return is_folder(path) and os.path.lexists(path / RUN_FILE) and not os.path.lexists(path / CAPTURE_FILE)
 
 
 def map_files(maps: Path, /) -> tuple[Path, ...]:
@@ -323,7 +202,7 @@ def map_files(maps: Path, /) -> tuple[Path, ...]:
         inside = [one.name for one in path.iterdir()] if is_folder(path) else []
         if path.suffix in MAP_SUFFIXES and not inside:
             files.append(path)
-        elif inside and WRITTEN_BY_US.isdisjoint(inside):
+        elif inside and OUTPUT_FILES.isdisjoint(inside):
             below.append(path)
     return (*files, *(file for folder in below for file in map_files(folder)))
 
@@ -340,3 +219,27 @@ def read_record(folder: Path, /) -> dict[str, Any]:
         raise ValueError(f"not UTF-8 text: byte {error.start}") from error
     except RecursionError as error:
         raise ValueError("lists or objects within each other, hundreds deep") from error
+
+
+def require_valid_record(record: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Return what a `run.json` holds, after a check of what other commands read from it: it may come from anywhere.
+
+    Raises:
+        ValueError, LookupError, TypeError, AttributeError: it is something else.
+    """
+    arguments = record["arguments"]
+    if not arguments.keys() >= {"inputs", "overrides"}:
+        raise ValueError("its arguments name no inputs or no overrides")
+    roi = arguments.get("roi")
+    if roi is not None:
+        x0, y0, x1, y1 = map(operator.index, roi)
+        if not (0 <= x0 < x1 and 0 <= y0 < y1):
+            raise ValueError(f"found the roi {roi}")
+    for capture in record.get("captures", []):
+        known = capture["metadata"]["optics"]
+        Path(capture["root"])
+        Optics(
+            focal_length_px=known["focal_length_px"],
+            principal_point_px=known["principal_point_px"] and tuple(map(float, known["principal_point_px"])),
+        )
+    return record

@@ -18,7 +18,7 @@ REASONS = frozenset(
         "why_no_answer",
         "hint_of_planes",
         "_lost",
-        "_said",
+        "_message_and_status",
     }
 )
 """Functions that return the words of a message rather than raise it."""

@@ -79,15 +79,31 @@ def _options(context: click.Context, options: list[click.Option]) -> Iterator[st
 
 
 def _description(help_text: str) -> str:
-    """Return the paragraphs of a help text; those that are not to be filled keep their lines."""
+    """Return the paragraphs of a help text; those that are not to be filled are tables, with a line above or none."""
     parts = []
     for part in re.split(r"\n\s*\n", help_text):
         if part.startswith("\b"):
-            lines = part.removeprefix("\b").strip().splitlines()
-            parts.append("\\\n".join(_plain(line) for line in lines))
+            parts.append(_table(part.removeprefix("\b").strip("\n").splitlines()))
         else:
             parts.append(_plain(" ".join(part.split())))
     return "\n\n".join(parts)
+
+
+def _table(lines: list[str]) -> str:
+    """Return lines of two columns as a table; what stands before them alone in a line is its heading."""
+    heading = ""
+    rows: list[list[str]] = []
+    for line in lines:
+        name, gap, meaning = line.strip().partition("  ")
+        if gap:
+            rows.append([name, meaning.strip()])
+        elif rows:
+            rows[-1][1] += f" {name}"
+        else:
+            heading = _plain(name.removesuffix(":"))
+    assert rows, lines
+    cells = "\n".join(f"| {_plain(name)} | {_plain(meaning)} |" for name, meaning in rows)
+    return f"| {heading} | |\n|---|---|\n{cells}"
 
 
 def _plain(text: str) -> str:

@@ -5,9 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cadtof_cli.capture.discovery import Capture, find_captures
-from cadtof_cli.capture.frame_sources import FrameSource
-from cadtof_cli.capture.frames import open_frames
+from cadtof_cli.capture.discovery import find_captures
+from cadtof_cli.capture.frames import Capture, FrameSource, open_frames
 from cadtof_cli.errors import CaptureError, FrameError, MetadataError
 from tests.files.forms import known_frame, planes_of, tiff
 

@@ -8,6 +8,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -100,6 +101,23 @@ def running(*arguments: object, cwd: Path) -> Iterator["subprocess.Popen[str]"]:
         process.communicate()
 
 
+def said_until(process: "subprocess.Popen[str]", words: str) -> str:
+    """What a run says on stderr up to these words; all of it where they do not come within a minute."""
+    assert process.stderr is not None
+    said = ""
+    patience = threading.Timer(60.0, process.kill)
+    patience.start()
+    try:
+        while words not in said:
+            line = process.stderr.readline()
+            if not line:
+                break
+            said += line
+    finally:
+        patience.cancel()
+    return said
+
+
 def contents(out: Path) -> dict[str, Any]:
     """What a run has left: its maps' bytes, its lines without times and folders, and its totals."""
     lines = [json.loads(line) for line in (out / "frames.jsonl").read_text().splitlines()]
@@ -169,12 +187,12 @@ def test_a_worker_is_killed_and_one_is_added(capture: Path, here: dict[str, Any]
         arguments = ("resolve", "room", "-o", tmp_path / "out", "--scheduler", cluster.address)
         with running(*arguments, cwd=capture.parent) as process:
             cluster.workers[0].kill()
-            time.sleep(1)
+            waits = f"waiting for workers at {cluster.address}"
+            assert waits in said_until(process, waits)
             assert process.poll() is None, "there was nobody to finish the run"
             cluster.add_workers()
-            _, err = process.communicate(timeout=60)
+            _, err = process.communicate(timeout=120)
         assert process.returncode == 0, err
-        assert f"waiting for workers at {cluster.address}" in err
         assert contents(tmp_path / "out") == here
 
 

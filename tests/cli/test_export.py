@@ -163,6 +163,24 @@ def test_several_maps_get_a_file_each(tmp_path: Path) -> None:
     assert "two of the maps would be written as" in done.err
 
 
+def test_nothing_is_replaced_without_being_asked(tmp_path: Path) -> None:
+    out, cloud = _maps(tmp_path), tmp_path / "cloud.ply"
+    cloud.write_text("somebody's own")
+    done = cadtof("export", out, "-o", cloud)
+    assert (done.status, done.out) == (2, "")
+    assert f"{cloud}: already exists; add --overwrite" in done.err
+    assert cloud.read_text() == "somebody's own"
+    assert cadtof("export", out, "-o", cloud, "--overwrite").status == 0
+    assert len(_ply(cloud)["x"]) == 24 * 32
+
+
+def test_one_file_of_several_that_is_there_keeps_all_from_being_written(tmp_path: Path) -> None:
+    out = _maps(tmp_path, frames=3)
+    (tmp_path / "table_frame_2.csv").touch()
+    assert cadtof("export", out, "-o", tmp_path / "table.csv").status == 2
+    assert [file.name for file in tmp_path.glob("table*")] == ["table_frame_2.csv"]
+
+
 def test_hostile_names_and_optics_of_one_s_own(tmp_path: Path) -> None:
     """A line break in a file's name must not become a line of a header."""
     plane = np.full((3, 5), 2.0, np.float32)

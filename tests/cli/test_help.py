@@ -26,6 +26,17 @@ def test_a_command_has_help(words: str) -> None:
         assert option.opts[0] in done.out
 
 
+@pytest.mark.parametrize("words", ["", *every_command()])
+@pytest.mark.parametrize("columns", [30, 40, 59])
+def test_help_fits_a_narrow_terminal(words: str, columns: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """But for a word that is longer than a line."""
+    monkeypatch.setenv("COLUMNS", str(columns))
+    done = cadtof(*words.split(), "--help")
+    options = done.out.partition("Options:\n")[2].partition("Capture options")[0].partition("Example")[0]
+    assert options.count("\n") > 3
+    assert not [line for line in options.splitlines() if len(line) > columns and " " in line.strip()]
+
+
 def test_the_program_lists_itsevery_command() -> None:
     done = cadtof("--help")
     assert (done.status, done.err) == (0, "")

@@ -146,7 +146,7 @@ def test_the_tail_of_a_corner() -> None:
     """H₁ is what the first phasor has over the direct light: its lag is the depth that MPI adds."""
     found = _inspected(DATA / "corner", 60, 60)
     tail = found["diffuse"]["tail"]
-    assert (found["status"], found["diffuse"]["model"]) == (["diffuse mpi"], "diffuse")
+    assert (found["status"], found["diffuse"]["model"]) == (["diffuse MPI"], "diffuse")
     first = (np.arctan2(*reversed(found["phasors"][0])) % (2 * np.pi)) * C_M_PER_NS * T1_NS / (4 * np.pi)
     assert tail["pulled_back_m"] == pytest.approx(first - found["chosen"]["direct.depth"], abs=1e-6)
     ratio = found["chosen"]["confidence"] / found["chosen"]["direct.amplitude"]
@@ -199,7 +199,10 @@ def test_the_table_says_the_same(tmp_path: Path) -> None:
     lines = done.out.splitlines()
     assert lines[0] == f"{frame}, pixel 80,60: {', '.join(found['status'])}"
     said = {line[2:24].strip(): line[24:] for line in lines if line.startswith("  ")}
-    assert float(said["direct.depth"]) == pytest.approx(found["chosen"]["direct.depth"], rel=1e-5)
+    depth, unit = said["direct.depth"].split()
+    assert unit == "m"
+    assert float(depth) == pytest.approx(found["chosen"]["direct.depth"], rel=1e-5)
+    assert said["status"] == str(found["chosen"]["status"])
     assert f"{1000 * found['voltages_v'][0][0]:.3f} mV" in said["harmonic 1"]
     assert f"{found['one_path']['depth_m']:.4f} m" in said["one path"]
     assert len(lines[-1].split()) == 5

@@ -247,12 +247,12 @@ _HANGING = """
 import time
 from cadtof_cli.cli import main
 from cadtof_cli.workflows.resolve import frame_task
-write = frame_task.begin_maps
+write = frame_task.stage_maps
 def hanging(path, *arguments, **options):
     if path.name == "frame_0007.tif":
         time.sleep(1000)
     return write(path, *arguments, **options)
-frame_task.begin_maps = hanging
+frame_task.stage_maps = hanging
 main()
 """
 
@@ -285,13 +285,13 @@ _DEADLY = """
 import os
 from cadtof_cli.cli import main
 from cadtof_cli.workflows.resolve import frame_task
-write = frame_task.begin_maps
+write = frame_task.stage_maps
 def deadly(path, *arguments, **options):
     if path.name == "frame_0007.tif":
         path.with_name(f".{path.name}.{options['token']}.partial").write_bytes(b"half")
         os._exit(1)
     return write(path, *arguments, **options)
-frame_task.begin_maps = deadly
+frame_task.stage_maps = deadly
 main()
 """
 

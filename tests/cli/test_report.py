@@ -138,6 +138,9 @@ def test_failures_stand_on_the_page_with_their_reasons(tmp_path: Path) -> None:
     assert "found first bytes" in page.text
     assert "its maps are gone" in page.text
     assert "1 of the maps cannot be read" in page.text
+    # thumbnails are called alike, whatever became of their frames
+    html = (tmp_path / "page.html").read_text(encoding="utf-8")
+    assert all(f"<bdi>frame_{number}</bdi>" in html for number in (0, 1, 2, 3, 4))
     assert sum(script.get("type") == "text/plain" for script in page.scripts) == 3
 
 

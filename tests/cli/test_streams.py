@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from cadtof_cli.commands.terminal import shown
+from cadtof_cli.commands.terminal import escaped
 from tests.support.captures import record
 from tests.support.run_cadtof import ENVIRONMENT, PROGRAM, ROOT, Finished
 
@@ -38,14 +38,20 @@ def test_nobody_reads_at_all(arguments: tuple[str, ...], tmp_path: Path) -> None
 
 
 @pytest.mark.parametrize(
-    "arguments", [("--help",), ("info", "{capture}"), ("resolve", "{capture}", "-o", "{out}", "--json")]
+    "arguments",
+    [
+        ("--help",),
+        ("info", "{capture}"),
+        ("sweep", "--asr", "1", "--mpi", "0", "--integration-length", "1e4", "--runs", "2", "-j", "1"),
+        ("resolve", "{capture}", "-o", "{out}", "--json"),
+    ],
 )
 @pytest.mark.parametrize(("place", "told"), [(">/dev/full", "No space left on device"), (">&-", "Bad file descriptor")])
 def test_stdout_that_takes_nothing(place: str, told: str, arguments: tuple[str, ...], tmp_path: Path) -> None:
     capture = record(tmp_path / "capture").folder
     done = _shell(f'"$@" {place}', *(word.format(capture=capture, out=tmp_path / "out") for word in arguments))
-    assert done.status in {1, 2}
-    assert done.err.splitlines()[-1].startswith("Error: standard output: ")
+    assert done.status == 2
+    assert done.err.splitlines()[-1].startswith("Error: standard output: cannot be written: ")
     assert told in done.err
     assert "unexpected" not in done.err
     assert "Exception ignored" not in done.err
@@ -58,6 +64,16 @@ def test_stderr_that_takes_nothing(place: str, tmp_path: Path) -> None:
     assert done.status == 0
     assert [json.loads(line)["status"] for line in done.out.splitlines()] == ["ok", "ok"]
     assert _shell(f'"$@" {place}', "resolve", tmp_path / "nowhere", "-o", out).status == 2
+
+
+def test_letters_that_an_encoding_lacks_are_shown_by_their_number(tmp_path: Path) -> None:
+    capture = str(record(tmp_path / "capture").folder)
+    command = [*PROGRAM, "inspect", capture, "--pixel", "3,3", "--mpi-model", "discrete"]
+    environment = {**ENVIRONMENT, "PYTHONUTF8": "0", "PYTHONIOENCODING": "latin-1"}
+    done = subprocess.run(command, env=environment, capture_output=True, timeout=120, check=False)
+    assert (done.returncode, done.stderr) == (0, b"")
+    assert "\\u03c3 " in done.stdout.decode("latin-1")
+    assert " ± " in done.stdout.decode("latin-1")
 
 
 def test_all_streams_closed(tmp_path: Path) -> None:
@@ -82,8 +98,8 @@ def test_names_cannot_steer_a_terminal(tmp_path: Path) -> None:
 
 
 def test_what_is_shown() -> None:
-    assert shown("µ – 320 × 240\tB\n") == "µ – 320 × 240\tB\n"
-    assert shown("\x1b[0m\r\udcff\x9b\u2028") == r"\x1b[0m\r\udcff\x9b\u2028"
+    assert escaped("µ – 320 × 240\tB\n") == "µ – 320 × 240\tB\n"
+    assert escaped("\x1b[0m\r\udcff\x9b\u2028") == r"\x1b[0m\r\udcff\x9b\u2028"
 
 
 def test_everything_that_is_said_goes_through_tell() -> None:

@@ -12,8 +12,7 @@ import numpy as np
 import pytest
 
 from cadtof_cli.arrays import Stored
-from cadtof_cli.capture.frame_sources import FrameSource
-from cadtof_cli.capture.frames import open_frames
+from cadtof_cli.capture.frames import FrameSource, open_frames
 from cadtof_cli.errors import FrameError
 from cadtof_cli.files.frames import FrameLayout
 from tests.files.forms import FORMS, Form, known_frame

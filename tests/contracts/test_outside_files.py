@@ -7,8 +7,7 @@ import OpenEXR
 import pytest
 
 from cadtof_cli.arrays import Stored
-from cadtof_cli.capture.frame_sources import FrameSource
-from cadtof_cli.capture.frames import open_frames
+from cadtof_cli.capture.frames import FrameSource, open_frames
 from cadtof_cli.files.frames import FrameLayout
 from tests.conftest import Tool
 from tests.files.forms import known_frame, plane_files

@@ -90,3 +90,18 @@ def test_links_of_a_page_lead_somewhere_in_the_repository(page: Path) -> None:
         if heading and there.suffix == ".md":
             headings = re.findall(r"(?m)^#+ (.+)$", there.read_text(encoding="utf-8"))
             assert heading in {anchor(one) for one in headings}, f"{target} has no such heading"
+
+
+@pytest.mark.parametrize(
+    "page",
+    [ROOT / "README.md", ROOT / "CONTRIBUTING.md", ROOT / "SECURITY.md", *sorted((ROOT / "docs").rglob("*.md"))],
+    ids=lambda page: page.relative_to(ROOT).as_posix(),
+)
+def test_files_of_the_source_that_a_page_names_are_there(page: Path) -> None:
+    """As a path in the repository or in the package; a name in capitals stands for any."""
+    files = [
+        path.as_posix() for folder in ("cadtof_cli", "scripts", "tests", "docs") for path in (ROOT / folder).rglob("*")
+    ]
+    for name in re.findall(r"`(\w[\w/]*/\w+\.(?:py|c|h))\b", page.read_text(encoding="utf-8")):
+        if not re.search(r"[A-Z]{3}", name):
+            assert any(file.endswith(f"/{name}") for file in files), f"{name} is nowhere"

@@ -11,7 +11,7 @@ import tifffile
 from numpy.typing import DTypeLike
 
 from cadtof_cli.arrays import Stored
-from cadtof_cli.capture.frame_sources import FrameSource
+from cadtof_cli.capture.frames import FrameSource
 
 Writer = Callable[[Path, Stored], FrameSource]
 

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from cadtof_cli.arrays import Stored
-from cadtof_cli.capture.frame_sources import FrameSource
-from cadtof_cli.capture.frames import open_frames
+from cadtof_cli.capture.frames import FrameSource, open_frames
 from cadtof_cli.files.frames import FrameLayout, NotAFrameError, RawLayout
 from tests.files.forms import known_frame
 from tests.files.refusals import message, message_of

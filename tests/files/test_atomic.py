@@ -9,13 +9,13 @@ from types import SimpleNamespace
 import pytest
 
 from cadtof_cli.errors import OutputError
-from cadtof_cli.files.atomic import PartialFile, make_folder, new_folder, remove_partial_files, whole_file, write_json
+from cadtof_cli.files.atomic import PartialFile, atomic_write, make_folder, new_folder, remove_partial_files, write_json
 
 
 def test_what_is_written_appears_at_the_end(tmp_path: Path) -> None:
     path = tmp_path / "maps.exr"
     path.write_text("before")
-    with whole_file(path) as temporary:
+    with atomic_write(path) as temporary:
         temporary.write_text("after")
         assert path.read_text() == "before"
     assert path.read_text() == "after"
@@ -27,21 +27,21 @@ def test_what_is_kept_later_has_its_name_from_then_on(tmp_path: Path) -> None:
     partial, other = (PartialFile(path, token=token) for token in ("mark", "other"))
     assert re.fullmatch(r"\.maps\.exr\.[0-9a-f]{16}\.mark\.partial", partial.temporary.name)
     partial.temporary.write_text("all")
-    other.give_up()
+    other.discard()
     assert [one.name for one in tmp_path.iterdir()] == [partial.temporary.name]
-    assert partial.keep() == 3
+    assert partial.commit() == 3
     assert [one.name for one in tmp_path.iterdir()] == ["maps.exr"]
 
 
 def test_what_cannot_be_kept_is_given_up(tmp_path: Path) -> None:
     partial = PartialFile(tmp_path / "maps.exr")
     with pytest.raises(OutputError, match="nothing was written"):
-        partial.keep()
+        partial.commit()
     assert list(tmp_path.iterdir()) == []
 
 
 def _begin(path: Path, raised: BaseException) -> None:
-    with whole_file(path) as temporary:
+    with atomic_write(path) as temporary:
         temporary.write_text("half")
         raise raised
 
@@ -65,13 +65,16 @@ def test_an_error_leaves_what_was_there(raised: BaseException, tmp_path: Path) -
 )
 def test_an_error_of_the_system_names_the_file(error: OSError, told: str, tmp_path: Path) -> None:
     path = tmp_path / "maps.exr"
-    with pytest.raises(OutputError) as caught, whole_file(path):
+    with pytest.raises(OutputError) as caught, atomic_write(path):
         raise error
     assert str(caught.value) == f"{path}: {told}"
 
 
 def test_a_writer_that_wrote_nothing(tmp_path: Path) -> None:
-    with pytest.raises(OutputError, match="cannot be written: nothing was written"), whole_file(tmp_path / "maps.exr"):
+    with (
+        pytest.raises(OutputError, match="cannot be written: nothing was written"),
+        atomic_write(tmp_path / "maps.exr"),
+    ):
         pass
     with pytest.raises(OutputError, match="cannot be written: No such file"):
         write_json(tmp_path / "gone" / "run.json", {})

@@ -11,8 +11,7 @@ import pytest
 import tifffile
 from numpy.typing import NDArray
 
-from cadtof_cli.capture.frame_sources import FrameSource
-from cadtof_cli.capture.frames import open_frames
+from cadtof_cli.capture.frames import FrameSource, open_frames
 from cadtof_cli.errors import FrameError
 from cadtof_cli.files.frames import FrameLayout
 from cadtof_cli.files.maps import DepthMaps, read_layers, write_maps

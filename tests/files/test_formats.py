@@ -18,10 +18,9 @@ from cadtof_cli.files.formats import (
     MAP_FORMATS,
     MAP_SUFFIXES,
     Format,
-    format_named,
-    format_of,
+    detect_format,
     frame_suffixes,
-    map_suffix_like,
+    map_format_for,
 )
 from cadtof_cli.files.frames import FrameLayout
 from cadtof_cli.files.maps import DepthMaps, read_layers, write_layers, write_maps
@@ -37,13 +36,13 @@ def test_every_kind_of_tiff_is_tiff_whatever_its_name(
     path = tmp_path / "frame.exr"
     with tifffile.TiffWriter(path, byteorder=byteorder, bigtiff=bigtiff) as writer:
         writer.write(np.zeros((4, 5), "u2"))
-    assert format_of(path).name == "tif"
+    assert detect_format(path).name == "tif"
 
 
 def test_exr_is_exr_whatever_its_name(tmp_path: Path) -> None:
     path = tmp_path / "frame.tif"
     OpenEXR.File({}, {"Y": np.zeros((4, 5), "f4")}).write(str(path))
-    assert format_of(path).name == "exr"
+    assert detect_format(path).name == "exr"
 
 
 def test_what_the_readme_says_of_suffixes() -> None:
@@ -60,11 +59,11 @@ def test_no_two_formats_claim_the_same_file() -> None:
 
 
 @pytest.mark.parametrize(
-    ("frame", "suffix"),
-    [("a.tif", ".tif"), ("a.TIFF", ".tif"), ("a.exr", ".exr"), ("a.EXR", ".exr"), ("a", ".tif"), ("a.png", ".tif")],
+    ("frame", "name"),
+    [("a.tif", "tif"), ("a.TIFF", "tif"), ("a.exr", "exr"), ("a.EXR", "exr"), ("a", "tif"), ("a.png", "tif")],
 )
-def test_maps_in_the_format_of_the_frame(frame: str, suffix: str) -> None:
-    assert map_suffix_like(Path(frame)) == suffix
+def test_maps_in_the_format_of_the_frame(frame: str, name: str) -> None:
+    assert map_format_for(Path(frame)).name == name
 
 
 @pytest.mark.parametrize("compress", [False, True])
@@ -72,9 +71,9 @@ def test_maps_in_the_format_of_the_frame(frame: str, suffix: str) -> None:
 def test_a_recorded_frame_is_read_back(kind: Format, compress: bool, tmp_path: Path) -> None:
     assert kind.recording is not None
     recorded = known_frame("u2" if kind.counts else "f4")
-    path = tmp_path / f"frame{kind.suffix}"
+    path = tmp_path / f"frame.{kind.name}"
     kind.recording().write_frame(path, recorded, layout=LAYOUT, compress=compress)
-    assert format_of(path) is kind
+    assert detect_format(path) is kind
     with kind.frames().open_frames(path, LAYOUT) as frames:
         assert (frames.count, frames.shape, frames.dtype) == (1, recorded.shape, recorded.dtype)
         np.testing.assert_array_equal(frames.read(), recorded)
@@ -86,7 +85,7 @@ def test_maps_keep_names_values_and_status(name: str, tmp_path: Path) -> None:
     pages = rng.uniform(0, 6, (3, 5, 7)).astype(np.float32)
     pages[0, 1, 2] = np.nan
     maps = DepthMaps(("direct.depth", "confidence"), pages.copy(), rng.integers(0, 4096, (5, 7), np.uint32))
-    path = tmp_path / f"maps{format_named(name).suffix}"
+    path = tmp_path / f"maps.{name}"
     write_maps(path, maps)
     layers = read_layers(path)
     assert set(layers) == {"direct.depth", "confidence", "status"}
@@ -133,8 +132,8 @@ def test_a_tiff_without_names_has_no_layers(tmp_path: Path) -> None:
 )
 def test_a_format_loads_no_other_formats_library(format_name: str, unwanted: set[str]) -> None:
     script = (
-        "import sys\nfrom cadtof_cli.files.formats import format_named\nassert 'numpy' not in sys.modules\n"
-        f"kind = format_named('{format_name}')\nkind.frames()\nkind.layers()\nprint(*sys.modules)\n"
+        "import sys\nfrom cadtof_cli.files.formats import format_by_name\nassert 'numpy' not in sys.modules\n"
+        f"kind = format_by_name('{format_name}')\nkind.frames()\nkind.layers()\nprint(*sys.modules)\n"
     )
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=60, check=True)
     assert not set(done.stdout.split()) & unwanted
@@ -142,8 +141,8 @@ def test_a_format_loads_no_other_formats_library(format_name: str, unwanted: set
 
 def test_frames_of_plain_tiff_load_no_xml() -> None:
     script = (
-        "import sys\nfrom cadtof_cli.files.formats import format_named\n"
-        "format_named('tif').frames()\nprint(*sys.modules)\n"
+        "import sys\nfrom cadtof_cli.files.formats import format_by_name\n"
+        "format_by_name('tif').frames()\nprint(*sys.modules)\n"
     )
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=60, check=True)
     assert "xml.etree.ElementTree" not in done.stdout.split()

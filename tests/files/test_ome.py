@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 import tifffile
 
-from cadtof_cli.files.maps import MapsAbout, read_layers
-from cadtof_cli.files.tiff.ome import channel_names, ome_xml
+from cadtof_cli.files.maps import MapHeader, read_layers
+from cadtof_cli.files.tiff.layers import ome_xml
+from cadtof_cli.files.tiff.names import channel_names
 from tests.files.refusals import message
 
-ABOUT = MapsAbout(facts={"software": "cadtof 0.1.0"})
+HEADER = MapHeader(facts={"software": "cadtof 0.1.0"})
 
 WRITTEN_BY_0_1_0 = (
     '<?xml version="1.0" encoding="UTF-8"?>'
@@ -28,12 +29,12 @@ WRITTEN_BY_0_1_0 = (
 
 
 def test_the_description_of_maps_is_that_of_earlier_versions() -> None:
-    assert ome_xml(("direct.depth", "status"), size=(240, 320), about=ABOUT) == WRITTEN_BY_0_1_0
+    assert ome_xml(("direct.depth", "status"), size=(240, 320), header=HEADER) == WRITTEN_BY_0_1_0
 
 
 def test_names_that_need_escaping_come_back() -> None:
     names = ("a < b & c", "with \"quotes\" and 'more'", "slash /> inside", "µV")
-    assert channel_names(ome_xml(names, size=(2, 3), about=ABOUT)) == names
+    assert channel_names(ome_xml(names, size=(2, 3), header=HEADER)) == names
 
 
 @pytest.mark.parametrize("prefix", ["", "ome:"])

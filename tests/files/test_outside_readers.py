@@ -10,7 +10,6 @@ import tifffile
 from numpy.typing import NDArray
 
 from cadtof_cli.files.maps import DepthMaps, read_layers, write_maps
-from cadtof_cli.maps.depth import empty_maps
 from cadtof_cli.maps.layers import wanted_layers
 from tests.conftest import Tool
 
@@ -24,7 +23,7 @@ HEIGHT, WIDTH = 6, 10
 @pytest.fixture
 def maps() -> DepthMaps:
     """Maps in which every value differs, with some NaN and every status bit."""
-    made = empty_maps(HEIGHT, WIDTH, layers=wanted_layers())
+    made = DepthMaps.empty(tuple(layer.name for layer in wanted_layers()), (HEIGHT, WIDTH))
     made.values[:] = np.random.default_rng(0).uniform(0, 6, made.values.shape)
     made.values[[2, 3, 6]] /= 6
     made.values[:, 2, 3] = np.nan

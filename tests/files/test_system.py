@@ -23,8 +23,15 @@ from numpy.typing import NDArray
 from cadtof_cli.errors import PlaceError
 from cadtof_cli.files import system
 from cadtof_cli.files.atomic import PartialFile
-from cadtof_cli.files.direct import BLOCK_BYTES, empty_blocks, write_parts
-from cadtof_cli.files.system import KEEP, read_at, read_parts, remove_and_close
+from cadtof_cli.files.maps import DepthMaps
+from cadtof_cli.files.system import (
+    BLOCK_BYTES,
+    OPEN_OR_CREATE_FLAGS,
+    read_at,
+    read_parts,
+    remove_and_close,
+    write_parts,
+)
 from tests.support.captures import record
 from tests.support.run_cadtof import PROGRAM, ROOT, Finished, program
 from tests.support.runs import require_same_run
@@ -34,7 +41,7 @@ ELSEWHERE = {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT / "tests" / "
 _HOLD = """
 import sys
 from pathlib import Path
-from cadtof_cli.files.lock import locked
+from cadtof_cli.workflows.resolve.output import locked
 with locked(Path(sys.argv[1])):
     print("held", flush=True)
     sys.stdin.read()
@@ -106,7 +113,7 @@ def test_a_file_is_removed_and_closed_in_either_order(
 ) -> None:
     monkeypatch.setattr(system, "REMOVES_OPEN_FILES", removes)
     path = tmp_path / "lock"
-    descriptor = os.open(path, KEEP, 0o666)
+    descriptor = os.open(path, OPEN_OR_CREATE_FLAGS, 0o666)
     remove_and_close(path, descriptor)
     assert not path.exists()
     with pytest.raises(OSError, match="Bad file descriptor"):
@@ -147,7 +154,7 @@ def test_a_system_that_moves_a_few_bytes_at_a_time(tmp_path: Path, monkeypatch: 
 
 def blocks(count: int, more: int = 0) -> NDArray[np.float32]:
     """Values that begin with a block of a disk, so many blocks and a few bytes more."""
-    values = empty_blocks((count * BLOCK_BYTES // 4 + more,))
+    values = DepthMaps.empty((), (1, count * BLOCK_BYTES // 4 + more)).pages.reshape(-1)
     values[:] = np.random.default_rng(5).random(values.shape)
     return values
 
@@ -190,9 +197,9 @@ def test_a_disk_that_is_full_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyP
     monkeypatch.setattr(os, "write", full)
     path = tmp_path / "maps.tif"
     held = PartialFile(path)
-    held.hold([blocks(100).data.cast("B")])
+    held.set_content([blocks(100).data.cast("B")])
     with pytest.raises(PlaceError, match="cannot be written: No space left on device"):
-        held.keep()
+        held.commit()
     assert list(tmp_path.iterdir()) == []
 
 
@@ -210,4 +217,4 @@ def test_what_not_every_system_has_is_asked_for_in_one_place() -> None:
         if re.search(POSIX_ALONE, re.sub(r'"""[\s\S]*?"""|#.*', "", path.read_text()))
     }
     # signals are not files; a worker's death with its parent is Linux's
-    assert asking == {"files/direct.py", "files/system.py", "execution/workers.py", "cli.py"}
+    assert asking == {"files/system.py", "execution/workers.py", "cli.py"}

@@ -3,7 +3,7 @@
 import numpy as np
 
 from cadtof_cli.files.maps import DepthMaps
-from cadtof_cli.maps.depth import DepthScale, empty_maps, write_block
+from cadtof_cli.maps.depth import DepthScale, write_block
 from cadtof_cli.maps.layers import Layer, wanted_layers
 from cadtof_cli.resolver.paths import Paths, ResolvedPaths
 from tests.support.mixtures import F
@@ -37,7 +37,7 @@ def written(
 ) -> DepthMaps:
     """Maps of 3 × 4 pixels, −1 and 99 where nothing was written."""
     layers = layers or wanted_layers()
-    maps = empty_maps(3, 4, layers=layers)
+    maps = DepthMaps.empty(tuple(layer.name for layer in layers), (3, 4))
     maps.pages[:] = -1.0
     maps.status[:] = 99
     block = slice(start, start + 6)
@@ -103,7 +103,7 @@ def test_pages_of_the_layers_and_one_for_the_status() -> None:
     layers = wanted_layers(paths=3, searched=True, averaged=True)
     units = ["m", "m", "V", "V", "m", "m", "V", "m", "V", "m", "", ""]
     assert [layer.unit for layer in layers] == units
-    maps = empty_maps(2, 5, layers=layers)
+    maps = DepthMaps.empty(tuple(layer.name for layer in layers), (2, 5))
     assert maps.names == tuple(layer.name for layer in layers)
     assert maps.pages.shape == (13, 2, 5)
     assert maps.values.shape == (12, 2, 5)

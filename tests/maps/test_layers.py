@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from cadtof_cli.maps.depth import DepthScale, empty_maps, write_block
+from cadtof_cli.files.maps import DepthMaps
+from cadtof_cli.maps.depth import DepthScale, write_block
 from cadtof_cli.maps.layers import layer_unit, wanted_layers
 from cadtof_cli.resolver.paths import Paths, ResolvedPaths
 
@@ -42,7 +43,7 @@ def test_values_are_in_metres_and_volts_and_a_range_below_0_comes_from_the_end()
     resolved = ResolvedPaths(paths, np.array([0.5, 0.25]), np.array([8, 16], np.uint32), np.array([4.0, 5.0]))
     layers = wanted_layers(paths=3, searched=True, averaged=True)
     scale = DepthScale(2.0, 0.5, np.array([9.0, 0.5, 1.0]), np.array([9.0, 0.0, 0.2]))
-    maps = empty_maps(1, 3, layers=layers)
+    maps = DepthMaps.empty(tuple(layer.name for layer in layers), (1, 3))
     maps.values[:] = -1.0
     write_block(maps, slice(1, 3), scale.source(resolved, slice(1, 3), samples=np.array([1.0, 7.0])), layers=layers)
     found = {name: maps.layer(name)[0].tolist() for name in maps.names}

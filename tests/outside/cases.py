@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import DTypeLike
 
 from cadtof_cli.arrays import Stored
-from cadtof_cli.capture.frame_sources import FrameSource
+from cadtof_cli.capture.frames import FrameSource
 from tests.files.forms import PLANE_NAMES, known_frame
 
 Writer = Callable[[Path, Stored], Path | tuple[Path, ...]]

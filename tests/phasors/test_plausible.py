@@ -5,7 +5,8 @@ import pytest
 from numpy.typing import NDArray
 
 from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Pixel, Voltage
-from cadtof_cli.phasors.plausible import implausible
+from cadtof_cli.phasors.noise import noise_model
+from cadtof_cli.phasors.plausible import implausible, is_without_noise
 
 AMPLITUDE_V = 0.2746
 ZERO, STEP = 8192.0, 6e-5
@@ -153,3 +154,46 @@ def test_values_of_one_sign_are_as_large_as_their_largest() -> None:
         told = said(sign * np.abs(volts()) * 1000.0)
         assert told is not None
         assert "they look like millivolts: give --volts-per-count 0.001" in told
+
+
+@pytest.mark.parametrize("pixels", [8192, 12285])
+def test_large_frames_are_judged_by_every_second_pixel_and_more_seldom(pixels: int) -> None:
+    """By 4096 or more of them: what is broken between these is not looked at."""
+    stored = volts(pixels=pixels)
+    stored[:, :, 1::2] = 1.0
+    assert said(stored) is None
+    stored[:, :, ::4] = 1.0
+    assert said(stored) is not None
+
+
+def alike(pixels: int) -> NDArray[np.float64]:
+    return np.asarray(np.ones((2, 2, pixels)) * np.array([0.1, -0.05])[:, np.newaxis])
+
+
+def without_noise(stored: NDArray[np.generic], *, step_v: float = 0.0, n_av: float = 1e5) -> bool:
+    metadata = CaptureMetadata(
+        modulation=Modulation(amplitude_v=AMPLITUDE_V),
+        voltage=Voltage(volts_per_count=step_v or None),
+        pixel=Pixel(integration_length=n_av),
+    )
+    return is_without_noise(stored, noise_model(metadata, integration_length=n_av, quantised=step_v > 0.0))
+
+
+def test_sixteen_pixels_that_hold_the_same_are_without_noise_and_fewer_may_be() -> None:
+    assert without_noise(alike(16))
+    assert not without_noise(alike(15))
+    assert without_noise(alike(500))
+
+
+@pytest.mark.parametrize("place", [(0, 0, 0), (1, 1, 15), (0, 1, 16), (1, 0, 499)])
+def test_one_value_that_differs_is_noise(place: tuple[int, int, int]) -> None:
+    stored = alike(500)
+    stored[place] += 1e-9
+    assert not without_noise(stored)
+
+
+@pytest.mark.parametrize(("steps", "impossible"), [(0.55, True), (0.45, False)])
+def test_noise_below_half_a_step_may_leave_all_values_the_same(steps: float, impossible: bool) -> None:
+    """Light alone makes 1/(2·√n_av) of the amplitude in a channel, here so many steps of the stored values."""
+    sigma_v = AMPLITUDE_V / (2.0 * np.sqrt(1e5))
+    assert without_noise(alike(100), step_v=sigma_v / steps) is impossible

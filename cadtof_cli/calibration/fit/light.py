@@ -14,35 +14,35 @@ from cadtof_cli.arrays import Bool, Complex, Float
 from cadtof_cli.phasors.noise import MAD_PER_SIGMA
 
 OUTLIER = 6.0
-"""Robust standard deviations from the median of its plane beyond which a pixel is not asked."""
+"""Robust standard deviations from the median of its plane beyond which a pixel is left out."""
 
 LEAST_PIXELS = 200
 
 LEAST_KNOWN = 50
-"""Pixels or blocks that the law is asked of."""
+"""Pixels or blocks that the test of the law needs."""
 
 BLOCK = 5
 """Pixels that a block's side has: the median of a block keeps the light of a scene, and little of the pixels' own offsets."""
 
 LAW_SHARE = 0.05
-"""Share of what a linear map leaves of a harmonic, from which on it is no chance that the law of light foretells it."""
+"""Share of a harmonic's residuals from a linear map that, if the law of light predicts it, is no longer chance."""
 
 LAW_SHARE_OF_ROWS = 6.0
-"""That share times the rows or columns, whichever are fewer: of offsets that whole rows have in common there are no more."""
+"""That share times the rows or columns, whichever are fewer: offsets of whole rows are no more independent values."""
 
 LIGHT_LEVEL = 0.1
-"""What pixels have in common at every harmonic, over the modulation amplitude, from which on it is no offset."""
+"""Largest offset that all pixels may have in common at every harmonic, over the modulation amplitude."""
 
 
 @dataclass(frozen=True)
 class LightSeen:
-    """What speaks for light.
+    """Evidence that dark frames saw light.
 
     Attributes:
-        law: share of what a linear map of the fundamental leaves of a harmonic in one half of the array, that the law of light
-            foretells with the multiple of the other half; over the share that chance reaches.
-        level: length of the phasor that the pixels have in common, over the modulation amplitude, at the harmonic of the
-            least.
+        law: share of a harmonic's residuals from a linear map of the fundamental, in one half of the array, that the law of
+            light predicts with the multiple of the other half; divided by the share that chance reaches.
+        level: length of the phasor that the pixels have in common, over the modulation amplitude, at the harmonic where it
+            is shortest.
     """
 
     law: float
@@ -50,17 +50,17 @@ class LightSeen:
 
     @property
     def follows_law(self) -> bool:
-        """Whether the harmonics are tied as light ties them."""
+        """Whether the harmonics are related as those of light are."""
         return self.law > 1.0
 
     @property
     def is_lit(self) -> bool:
-        """Whether that is light, or as much as if it was."""
+        """Whether the frames saw light, or show as much as light would."""
         return self.follows_law or self.level > LIGHT_LEVEL
 
 
 def light_seen(volts: Float, /, *, harmonics: tuple[int, ...], amplitude_v: float) -> LightSeen:
-    """Return what speaks for light in the mean of dark frames, (H, 2, Y, X) in V; NaN stands where a pixel is not sound."""
+    """Return the evidence of light in the mean of dark frames, (H, 2, Y, X) in V; NaN where a pixel is not sound."""
     phasors: Complex = volts[:, 0] + 1j * volts[:, 1]
     usual = _usual(phasors)
     if usual.sum() < LEAST_PIXELS:
@@ -72,7 +72,7 @@ def light_seen(volts: Float, /, *, harmonics: tuple[int, ...], amplitude_v: floa
 
 
 def _usual(phasors: Complex) -> Bool:
-    """Return which pixels, (Y, X), lie among the others in every plane."""
+    """Return which pixels, (Y, X), are no outliers in any plane."""
     usual = np.isfinite(phasors).all(axis=0)
     for plane in (*phasors.real, *phasors.imag):
         if not usual.any():
@@ -97,9 +97,9 @@ def _block_medians(phasors: Complex) -> Complex:
 
 
 def _law_share(phasors: Complex, harmonics: tuple[int, ...]) -> float:
-    """Return the largest share, over the harmonics, of what an affine map leaves that the law of light foretells, over chance.
+    """Return how much of the residuals of an affine map the law of light predicts, over chance; the largest of the harmonics.
 
-    The multiple of one half of the array foretells the other, and the other way round, left and right, and above and below: what
+    The multiple of one half of the array predicts the other, and the other way round, left and right, and above and below: what
     rows or columns have in common by chance fails in one of the two.
     """
     known = np.isfinite(phasors).all(axis=0)
@@ -117,7 +117,7 @@ def _law_share(phasors: Complex, harmonics: tuple[int, ...]) -> float:
 
 
 def _foretold(first: Complex, other: Complex, law: Complex, half: Bool) -> float:
-    """Return the share of what is left in both halves that the law foretells, each with the multiple of the other half."""
+    """Return the share of both halves' residuals that the law predicts, each with the multiple of the other half."""
     left, bent = ([_without_affine(first[part], one[part]) for part in (half, ~half)] for one in (other, law))
     power = [float(np.vdot(one, one).real) for one in bent]
     total = sum(float(np.vdot(one, one).real) for one in left)
@@ -130,6 +130,6 @@ def _foretold(first: Complex, other: Complex, law: Complex, half: Bool) -> float
 
 
 def _without_affine(first: Complex, values: Complex) -> Complex:
-    """Return what the best affine map of the fundamental leaves of values."""
+    """Return the residuals of values from their best affine map of the fundamental."""
     affine = np.stack([np.ones_like(first), first, np.conj(first)], axis=1)
     return np.asarray(values - affine @ np.linalg.lstsq(affine, values, rcond=None)[0])

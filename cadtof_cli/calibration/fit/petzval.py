@@ -91,7 +91,7 @@ class _Layout:
 def fit_petzval(
     walls: Sequence[WallRanges], /, *, optics: Optics, unambiguous_m: float, origin: Origin
 ) -> PetzvalCalibration:
-    """Return the curvature that all walls share, by weighted least squares that outliers have no say in.
+    """Return the curvature that all walls share, by weighted least squares in which outliers have no weight.
 
     Raises:
         SettingsError: a wall has too few pixels with a single path; or there are no optics and no two walls at distances
@@ -241,7 +241,7 @@ def _quality(
 def _wall_fit(
     layout: _Layout, index: int, fit: RobustFit, before: Float, after: Float, sigma: Float, lean: float
 ) -> WallFit:
-    """Return what was found of one wall; `lean` is what the tilt's parameters are counted in."""
+    """Return what was found of one wall; `lean` is the unit of the tilt's parameters."""
     known, (place, alpha, beta) = layout.distances[index], layout.places[index]
     here = (fit.weights > 0.0) & (layout.wall == index)
     return WallFit(

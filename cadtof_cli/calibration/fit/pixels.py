@@ -1,4 +1,4 @@
-"""What flat targets tell of each pixel: its own phase and gain, and the target's amplitude in it, for given terms."""
+"""What flat targets say about each pixel: its own phase and gain, and the target's amplitude in it, for given terms."""
 
 from dataclasses import dataclass, replace
 

@@ -59,7 +59,7 @@ class TargetMean:
 
 
 def fit_response(targets: Sequence[TargetMean], /, *, metadata: CaptureMetadata, origin: Origin) -> ResponseCalibration:
-    """Return the response that explains all targets, with as many terms as their distances can tell.
+    """Return the response that explains all targets, with as many terms as their distances can determine.
 
     Raises:
         SettingsError: too few pixels see every target; or the targets are no flat walls that face the camera.
@@ -162,7 +162,7 @@ def _without_curvature(
 
 
 def _require_one_response(pixels: PixelFit, where: Bool, origin: Origin) -> None:
-    """Make sure that every target is what the response of the others, and its own distance, make of it."""
+    """Make sure that every target agrees with the response of the others at its own distance."""
     metres = metres_per_radian(origin.periods_ns[0])
     misfits = [
         max(metres * shape_rms(left.imag / h, where) for h, left in zip(origin.harmonics, one, strict=True))
@@ -180,7 +180,7 @@ def _require_one_response(pixels: PixelFit, where: Bool, origin: Origin) -> None
 
 
 def _require_flat(fit: RobustFit, sigma: Float, where: Bool) -> None:
-    """Make sure that what pixels have of their own looks like no thing in view: it goes into every frame that is corrected."""
+    """Make sure that the maps of phase and gain show no object in view, which would go into every corrected frame."""
     lean = float(np.hypot(*fit.parameters[3:]))
     shape = shape_rms(fit.residual * sigma, where)
     if lean > LARGEST_LEAN_M:

@@ -1,4 +1,4 @@
-"""Least squares that outliers have no say in: Gauss–Newton with Tukey's biweight."""
+"""Least squares in which outliers have no weight: Gauss–Newton with Tukey's biweight."""
 
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Which higher terms of a response a set of targets can tell, and what they are."""
+"""Which higher terms of a response a set of targets can determine, and their values."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -32,7 +32,7 @@ OUTLIER = 5.0
 
 
 def _centred(columns: Float, weights: Float) -> Float:
-    """Return columns (N, H, n) without what one part per target and one per harmonic explain of them."""
+    """Return columns (N, H, n) less the best sum of one part per target and one per harmonic."""
     harmonic, target = two_way(columns, weights)
     return columns - harmonic - target[:, np.newaxis, :]
 
@@ -49,7 +49,7 @@ class TermFit:
 
 
 def fit_terms(observed: Observations, base: Sequence[dict[int, complex]], /, *, distances: int) -> TermFit:
-    """Return the terms that the observations call for and can tell, starting from those of the ideal waveform.
+    """Return the terms that the observations need and can determine, starting from those of the ideal waveform.
 
     Args:
         observed: of pixels that see nothing but the targets.

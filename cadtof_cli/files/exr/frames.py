@@ -9,7 +9,7 @@ import numpy as np
 from cadtof_cli.arrays import Stored
 from cadtof_cli.errors import FrameError
 from cadtof_cli.files.exr.file import ExrPart, open_pixels, read_parts, write_exr
-from cadtof_cli.files.frames import CHANNELS, FrameLayout, Frames, lone_frame, shape_text
+from cadtof_cli.files.frames import CHANNELS, FrameLayout, Frames, shape_text, single_frame
 from cadtof_cli.files.named_planes import Place, voltage_places
 
 
@@ -28,7 +28,7 @@ def open_frames(path: Path, layout: FrameLayout, /) -> Iterator[Frames]:
     """
     parts = read_parts(path)
     planes = _planes(path, parts, voltage_places(parts, layout, where=str(path)))
-    yield lone_frame(planes.reshape(len(layout.harmonics), CHANNELS, *planes.shape[1:]))
+    yield single_frame(planes.reshape(len(layout.harmonics), CHANNELS, *planes.shape[1:]))
 
 
 def read_plane(path: Path, _layout: FrameLayout, /) -> Stored:

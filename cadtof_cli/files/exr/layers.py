@@ -7,27 +7,27 @@ from typing import Any
 from numpy.typing import NDArray
 
 from cadtof_cli.files.exr.file import open_pixels, read_parts, read_texts, write_exr
-from cadtof_cli.files.maps import STATUS, DepthMaps, MapsAbout
+from cadtof_cli.files.maps import STATUS, DepthMaps, MapHeader
 
-_OURS = "cadtof."
+_PREFIX = "cadtof."
 """How the attributes begin that say something about the maps."""
 
 
-def write_maps(path: Path, maps: DepthMaps, /, *, about: MapsAbout) -> Sequence[memoryview]:
+def write_maps(path: Path, maps: DepthMaps, /, *, header: MapHeader) -> Sequence[memoryview]:
     """Write maps as float channels, and the status bits as one of unsigned integers; what is said about them as attributes.
 
     They are not compressed: compressing noise takes ten times as long as resolving it.
     """
     channels = {name: maps.layer(name) for name in maps.names} | {STATUS: maps.status}
-    units = {f"{_OURS}unit.{name}": unit for name, unit in about.units.items() if unit}
-    facts = {name if name == "software" else f"{_OURS}{name}": text for name, text in about.facts.items()}
+    units = {f"{_PREFIX}unit.{name}": unit for name, unit in header.units.items() if unit}
+    facts = {name if name == "software" else f"{_PREFIX}{name}": text for name, text in header.facts.items()}
     write_exr(path, channels, compression="none", **facts, **units)
     return ()
 
 
 def read_facts(path: Path, /) -> dict[str, str]:
     """Return what the attributes of a file say about its maps."""
-    facts = {name.removeprefix(_OURS): text for name, text in read_texts(path).items() if name.startswith(_OURS)}
+    facts = {name.removeprefix(_PREFIX): text for name, text in read_texts(path).items() if name.startswith(_PREFIX)}
     return {name: text for name, text in facts.items() if not name.startswith("unit.")}
 
 

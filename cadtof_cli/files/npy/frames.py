@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from cadtof_cli.arrays import Stored
-from cadtof_cli.files.array_frames import lone_plane, open_array
+from cadtof_cli.files.array_frames import open_array, single_plane
 from cadtof_cli.files.frames import FrameLayout, Frames
 from cadtof_cli.files.reading import damage_as_frame_error
 
@@ -22,7 +22,7 @@ def open_frames(path: Path, layout: FrameLayout, /) -> AbstractContextManager[Fr
 
 def read_plane(path: Path, _layout: FrameLayout, /) -> Stored:
     """Return the one plane of a file, shape (Y, X)."""
-    return lone_plane(path, _mapped(path))
+    return single_plane(path, _mapped(path))
 
 
 def _mapped(path: Path) -> Stored:

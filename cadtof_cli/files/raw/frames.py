@@ -8,7 +8,7 @@ import numpy as np
 
 from cadtof_cli.arrays import Stored
 from cadtof_cli.errors import FrameError
-from cadtof_cli.files.array_frames import lone_plane, open_array
+from cadtof_cli.files.array_frames import open_array, single_plane
 from cadtof_cli.files.frames import FrameLayout, Frames
 from cadtof_cli.files.reading import damage_as_frame_error, require_regular
 
@@ -24,7 +24,7 @@ def open_frames(path: Path, layout: FrameLayout, /) -> AbstractContextManager[Fr
 
 def read_plane(path: Path, layout: FrameLayout, /) -> Stored:
     """Return the one plane of a dump, shape (Y, X)."""
-    return lone_plane(path, _mapped(path, layout))
+    return single_plane(path, _mapped(path, layout))
 
 
 def _mapped(path: Path, layout: FrameLayout) -> Stored:

@@ -1,7 +1,7 @@
 """What stands around the pixels of a TIFF file. Frames of a recording, and maps of a run, differ in their pixels alone.
 
-So the library, and all our checks, need to meet the first of them only: a file with the same bytes around as many pixels is
-read and written as that one was.
+So tifffile and our checks are needed for the first of them only: a file with the same bytes around as many pixels is read and
+written as that one was.
 """
 
 import os
@@ -16,7 +16,7 @@ from cadtof_cli.files.system import read_parts
 from cadtof_cli.records import dataclass
 
 LARGEST_BYTES = 2**20
-"""More than this around the pixels is not worth to be kept: reading the pages of such a stack costs little beside its pixels."""
+"""Most bytes around the pixels kept in memory; where there are more, reading the pages costs little beside the pixels."""
 
 
 @dataclass(frozen=True)

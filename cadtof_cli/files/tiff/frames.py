@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from cadtof_cli.arrays import Stored
 from cadtof_cli.errors import FrameError
-from cadtof_cli.files.frames import CHANNELS, FrameLayout, Frames, lone_frame
+from cadtof_cli.files.frames import CHANNELS, FrameLayout, Frames, single_frame
 from cadtof_cli.files.plane_table import plane_table
 from cadtof_cli.files.reading import damage_as_frame_error
 from cadtof_cli.files.tiff.envelope import Envelope
@@ -30,7 +30,7 @@ class _Stack:
 
 
 @dataclass(frozen=True)
-class _LoneFile:
+class _SingleFrameFile:
     """What a file with one frame holds, and what stands around its pixels."""
 
     layout: FrameLayout
@@ -39,14 +39,14 @@ class _LoneFile:
     envelope: Envelope
 
 
-class _Last(threading.local):
+class _LastRead(threading.local):
     """What was last read in a thread: a stack, or a file with one frame."""
 
     stack: _Stack | None = None
-    file: _LoneFile | None = None
+    file: _SingleFrameFile | None = None
 
 
-_last = _Last()
+_last = _LastRead()
 
 
 @contextmanager
@@ -65,7 +65,7 @@ def open_frames(path: Path, layout: FrameLayout, /) -> Iterator[Frames]:
         stored = np.empty(like.shape, like.dtype) if like and like.layout == layout else None
         is_alike = like is not None and stored is not None and like.envelope.read(path, stored)
     if is_alike and stored is not None:
-        yield lone_frame(stored)
+        yield single_frame(stored)
         return
     with damage_as_frame_error(path, "TIFF"):
         state = path.stat()
@@ -74,7 +74,7 @@ def open_frames(path: Path, layout: FrameLayout, /) -> Iterator[Frames]:
     with closing(images):
         with damage_as_frame_error(path, "TIFF"):
             envelope = images.envelope(table[0].ravel()) if len(table) == 1 else None
-        _last.file = _LoneFile(layout, shape, images.dtype, envelope) if envelope else None
+        _last.file = _SingleFrameFile(layout, shape, images.dtype, envelope) if envelope else None
 
         def read(index: int = 0, /) -> Stored:
             return images.planes(table[index].ravel()).reshape(shape)

@@ -29,11 +29,11 @@ from cadtof_cli.files.tiff.series import (
     sound_items,
 )
 
-_OF_A_PRIVATE_TAG = r"TiffTag (?:3[3-9]\d{3}|[4-9]\d{4})\b"
+_PRIVATE_TAG_MESSAGE = r"TiffTag (?:3[3-9]\d{3}|[4-9]\d{4})\b"
 """A remark on what some maker keeps in a tag of its own."""
 
 
-class _Remarks(logging.Filter):
+class _LogFilter(logging.Filter):
     """Keeps what tifffile logs while one of our threads reads, so that none of it reaches the terminal.
 
     tifffile logs an error and goes on with a guess, such as fewer strips or a plainer order of pages; for depth a guess
@@ -47,12 +47,12 @@ class _Remarks(logging.Filter):
     def filter(self, record: logging.LogRecord) -> bool:
         errors: list[str] | None = getattr(self.kept, "errors", None)
         remark = record.getMessage()
-        if errors is not None and record.levelno >= logging.ERROR and not re.search(_OF_A_PRIVATE_TAG, remark):
+        if errors is not None and record.levelno >= logging.ERROR and not re.search(_PRIVATE_TAG_MESSAGE, remark):
             errors.append(remark)
         return errors is None
 
 
-_remarks = _Remarks()
+_remarks = _LogFilter()
 logging.getLogger("tifffile").addFilter(_remarks)
 
 

@@ -1,27 +1,37 @@
-"""Named layers as OME-TIFF: one float32 page each, the status bits of maps as whole numbers in the last."""
+"""Named layers as OME-TIFF: one float32 page each, the status bits of maps as whole numbers in the last.
+
+OME-XML in front says what the pages are; each page has its name too, as a page name and as the description of a band, since GDAL
+and what is built on it (rasterio, QGIS) know a page without the others.
+"""
 
 import math
 import threading
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import closing
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import numpy as np
 import tifffile
 from numpy.typing import NDArray
 
 from cadtof_cli.errors import FrameError
-from cadtof_cli.files.direct import BLOCK_BYTES
-from cadtof_cli.files.maps import SOURCE, STATUS, DepthMaps, MapsAbout
+from cadtof_cli.files.maps import SOURCE, STATUS, DepthMaps, MapHeader
+from cadtof_cli.files.system import BLOCK_BYTES
 from cadtof_cli.files.tiff.envelope import Envelope
 from cadtof_cli.files.tiff.images import TiffImages, reading_tiff
-from cadtof_cli.files.tiff.ome import annotations, gdal_xml, marked_source, ome_xml
 
 _PAGE_NAME, _GDAL_METADATA, _ASCII = 285, 42112, 2
 
+_NAMESPACE = "cadtof"
+_UNIT = "unit of "
+"""How annotations are marked as ours, and how those begin that give the unit of a channel's values."""
 
-class _Last(threading.local):
+_SCHEMA = "http://www.openmicroscopy.org/Schemas/OME/2016-06"
+
+
+class _LastWritten(threading.local):
     """What a thread last said about maps of which names and size, and what stands around their pixels then."""
 
     kind: object = None
@@ -29,42 +39,39 @@ class _Last(threading.local):
     envelope: Envelope | None = None
 
 
-_last = _Last()
+_last = _LastWritten()
 
 
-def write_maps(path: Path, maps: DepthMaps, /, *, about: MapsAbout) -> Sequence[memoryview]:
+def write_maps(path: Path, maps: DepthMaps, /, *, header: MapHeader) -> Sequence[memoryview]:
     """Write the maps to `path`, or return the parts of the file; no date and no random identifier goes in.
 
-    OME-XML in front says what the pages are; each page has its name too, as a page name and as the description of a band, since
-    GDAL and what is built on it (rasterio, QGIS) know a page without the others.
-
-    So files of maps with the same names and size differ in their pixels, and in the name of the recorded frame, alone: tifffile
+    Files of maps with the same names and size differ in their pixels, and in the name of the recorded frame, alone: tifffile
     makes the first two of them, as the header of a lone one is of no further use.
     """
     maps.pages[-1] = maps.status
-    others = {name: text for name, text in about.facts.items() if name != SOURCE}
-    source = marked_source(about)
-    kind = (maps.names, maps.pages.shape, others, dict(about.units), len(source))
+    others = {name: text for name, text in header.facts.items() if name != SOURCE}
+    source = _marked_source(header)
+    kind = (maps.names, maps.pages.shape, others, dict(header.units), len(source))
     if _last.kind == kind and _last.envelope:
         return _last.envelope.written_as(_last.source, source).around(maps.pages)
-    _write_pages(path, maps, about)
+    _write_pages(path, maps, header)
     _last.envelope = _envelope(path, maps) if _last.kind == kind else None
     _last.kind, _last.source = kind, source
     return ()
 
 
-def _write_pages(path: Path, maps: DepthMaps, about: MapsAbout) -> None:
+def _write_pages(path: Path, maps: DepthMaps, header: MapHeader) -> None:
     """Write a file as tifffile does, all pixels in one run, then the names of the pages into their tags."""
     names = (*maps.names, STATUS)
     bands = [
-        gdal_xml(name, about.units.get(name, ""), {} if place else about.facts) for place, name in enumerate(names)
+        _gdal_xml(name, header.units.get(name, ""), {} if place else header.facts) for place, name in enumerate(names)
     ]
     tifffile.imwrite(
         path,
         maps.pages,
         photometric="minisblack",
-        description=ome_xml(names, size=maps.status.shape, about=about),
-        software=about.facts["software"],
+        description=ome_xml(names, size=maps.status.shape, header=header),
+        software=header.facts["software"],
         metadata=None,
         align=BLOCK_BYTES,
         extratags=[(code, _ASCII, None, " ", False) for code in (_PAGE_NAME, _GDAL_METADATA)],
@@ -77,12 +84,6 @@ def _write_pages(path: Path, maps: DepthMaps, about: MapsAbout) -> None:
             page.tags[_GDAL_METADATA].overwrite(band)
 
 
-def read_facts(path: Path, /) -> dict[str, str]:
-    """Return what the OME-XML of a file says about its maps."""
-    with reading_tiff(path), tifffile.TiffFile(path) as file:
-        return annotations(file.ome_metadata) if file.ome_metadata else {}
-
-
 def _envelope(path: Path, maps: DepthMaps) -> Envelope | None:
     """Return what tifffile has written around the pixels of maps; None where these do not lie in one run, as they are."""
     page_bytes = maps.pages[0].nbytes
@@ -91,6 +92,84 @@ def _envelope(path: Path, maps: DepthMaps) -> Envelope | None:
         if not starts or starts != [starts[0] + place * page_bytes for place in range(len(maps.pages))]:
             return None
         return Envelope.of(file.filehandle, starts[0], maps.pages.nbytes)
+
+
+def _marked_source(header: MapHeader) -> bytes:
+    """Return how the name of the recorded frame stands in both kinds of XML, with the mark before it and after."""
+    text = header.facts.get(SOURCE, "")
+    for character, reference in (("&", "&amp;"), ("<", "&lt;"), (">", "&gt;")):
+        text = text.replace(character, reference)
+    return f'source">{_ascii(text)}<'.encode("ascii")
+
+
+def _gdal_xml(name: str, unit: str, facts: Mapping[str, str]) -> str:
+    """Return GDAL's metadata of one band: its name, its unit, and facts about the file."""
+    root = ElementTree.Element("GDALMetadata")
+    for key, text in facts.items():
+        ElementTree.SubElement(root, "Item", {"name": key}).text = text
+    for key, text in (("description", name), ("unittype", unit)):
+        if text:
+            ElementTree.SubElement(root, "Item", {"name": key.upper(), "sample": "0", "role": key}).text = text
+    return _ascii(ElementTree.tostring(root, encoding="unicode"))
+
+
+def _ascii(xml: str) -> str:
+    """Return XML with all that TIFF has no letters for as references."""
+    return xml.encode("ascii", "xmlcharrefreplace").decode("ascii")
+
+
+def ome_xml(names: Sequence[str], /, *, size: tuple[int, ...], header: MapHeader) -> str:
+    """Return OME-XML of one image of float pages, of `size` (Y, X) each, with a name for each, their units and facts."""
+    root = ElementTree.Element(
+        "OME",
+        {
+            "xmlns": _SCHEMA,
+            "xmlns:xsi": "http://www.w3.org/2001/XMLSchema-instance",
+            "xsi:schemaLocation": f"{_SCHEMA} {_SCHEMA}/ome.xsd",
+            "Creator": header.facts["software"],
+        },
+    )
+    image = ElementTree.SubElement(root, "Image", {"ID": "Image:0"})
+    lengths = {"SizeX": size[1], "SizeY": size[0], "SizeC": len(names), "SizeZ": 1, "SizeT": 1}
+    pixels = ElementTree.SubElement(
+        image,
+        "Pixels",
+        {"ID": "Pixels:0", "DimensionOrder": "XYCZT", "Type": "float", "BigEndian": "false"}
+        | {axis: str(length) for axis, length in lengths.items()},
+    )
+    for index, name in enumerate(names):
+        channel = {"ID": f"Channel:0:{index}", "Name": name, "SamplesPerPixel": "1"}
+        ElementTree.SubElement(pixels, "Channel", channel)
+    ElementTree.SubElement(pixels, "TiffData")
+    said = {name: text for name, text in header.facts.items() if name != "software"}
+    said |= {f"{_UNIT}{name}": unit for name, unit in header.units.items() if unit}
+    if said:
+        ElementTree.SubElement(image, "AnnotationRef", {"ID": "Annotation:0"})
+        held = ElementTree.SubElement(root, "StructuredAnnotations")
+        note = ElementTree.SubElement(held, "MapAnnotation", {"ID": "Annotation:0", "Namespace": _NAMESPACE})
+        value = ElementTree.SubElement(note, "Value")
+        for name, text in said.items():
+            ElementTree.SubElement(value, "M", {"K": name}).text = text
+    # the serialiser escapes ">" wherever else it stands; without the blanks our files keep the bytes they had
+    text = ElementTree.tostring(root, encoding="unicode").replace(" />", "/>")
+    return f'<?xml version="1.0" encoding="UTF-8"?>{_ascii(text)}'
+
+
+def read_facts(path: Path, /) -> dict[str, str]:
+    """Return what the OME-XML of a file says about its maps."""
+    with reading_tiff(path), tifffile.TiffFile(path) as file:
+        return _annotations(file.ome_metadata) if file.ome_metadata else {}
+
+
+def _annotations(xml: str) -> dict[str, str]:
+    """Return the facts that `ome_xml` has put in; nothing where it is not ours, or not XML."""
+    try:
+        root = ElementTree.fromstring(xml)
+    except ElementTree.ParseError:
+        return {}
+    ours = (element for element in root.iter(f"{{{_SCHEMA}}}MapAnnotation") if element.get("Namespace") == _NAMESPACE)
+    pairs = ((pair.get("K", ""), pair.text or "") for one in ours for pair in one.iter(f"{{{_SCHEMA}}}M"))
+    return {name: text for name, text in pairs if not name.startswith(_UNIT)}
 
 
 def read_layers(path: Path, /) -> dict[str, NDArray[Any]]:

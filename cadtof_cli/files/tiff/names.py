@@ -26,8 +26,6 @@ def names_of_planes(
     """
     first, samples, images = tiff.pages.first, sizes[-1], math.prod(sizes[:-1])
     if tiff.is_ome:
-        from cadtof_cli.files.tiff.ome import channel_names
-
         return _channels(channel_names(first.description), axes, sizes)
     if tiff.is_gdal and images == 1:
         return _bands(first, samples)
@@ -41,6 +39,18 @@ def names_of_planes(
         return ()
     names = tuple(_page_name(page) for one in series for page in one)
     return names if len(names) == images else ()
+
+
+def channel_names(xml: str, /) -> tuple[str, ...]:
+    """Return the names of all channels in their order, empty for one without a name; none of them where it is not XML."""
+    from xml.etree import ElementTree
+
+    try:
+        root = ElementTree.fromstring(xml)
+    except ElementTree.ParseError:
+        # tifffile remarks on it, and its remark is an error here
+        return ()
+    return tuple(element.get("Name", "") for element in root.iter() if element.tag.rpartition("}")[2] == "Channel")
 
 
 def _channels(names: Sequence[str], axes: str, sizes: Sequence[int]) -> tuple[str, ...]:

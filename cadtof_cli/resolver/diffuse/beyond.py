@@ -1,10 +1,11 @@
 """Surfaces outside the view: the planes of the patches at its border, continued, and walls that none of them continues."""
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
-from cadtof_cli.arrays import Bool, Float, Index
+from cadtof_cli.arrays import Bool, Float, Index, sealed
 from cadtof_cli.resolver.diffuse.box import unseen_walls
 from cadtof_cli.resolver.diffuse.grid import PatchGrid
 from cadtof_cli.resolver.diffuse.planes import LEAST_COSINE, Surfaces
@@ -64,6 +65,7 @@ class _Pieces:
         return Surfaces(distance, normal, self.ray, cosine, area)
 
 
+@lru_cache(maxsize=4)
 def _pieces(grid: PatchGrid) -> _Pieces:
     side = PIECE_PATCHES * grid.side
     x, y = _middles(grid, side)
@@ -73,7 +75,7 @@ def _pieces(grid: PatchGrid) -> _Pieces:
     ray /= length * grid.view.focal_length_px
     column = np.clip((x / grid.side).astype(np.intp), 0, grid.columns - 1)
     row = np.clip((y / grid.side).astype(np.intp), 0, grid.rows - 1)
-    return _Pieces(ray, (side / grid.view.focal_length_px) ** 2 / length**3, (column, row))
+    return sealed(_Pieces(ray, (side / grid.view.focal_length_px) ** 2 / length**3, (column, row)))
 
 
 def _middles(grid: PatchGrid, side: int) -> tuple[Float, Float]:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cadtof_cli.arrays import Float, sealed
+from cadtof_cli.arrays import Float, Float32, sealed
 
 PATCHES = 300
 """Patches per frame: 16 × 16 pixels each in QVGA. Radiosity costs their square; more of them changed no error by a tenth."""
@@ -42,8 +42,10 @@ def assumed_view(height: int, width: int, /) -> View:
 class PatchGrid:
     """A frame of `height` × `width` pixels cut into `rows` × `columns` square patches of `side` pixels; the last may stick out.
 
-    `slope_x`, `slope_y` and `cosine`, (rows, columns, n) float64, are X = (x − cx)/f, Y = (y − cy)/f and 1/√(1 + X² + Y²) of
-    the sampled pixels; `ray`, (3, rows, columns), is the unit vector through the middle of each patch, x right, y down.
+    With the slopes X = (x − cx)/f and Y = (y − cy)/f of a pixel's ray, `cosine`, (rows, columns, n) float32, is
+    1/√(1 + X² + Y²) of the sampled pixels; `slope`, (2, rows, columns), are X and Y in their middle, patch by patch; `place`,
+    (2, n), is where they lie about it, x right, y down, in strides. `ray`, (3, rows, columns), is the unit vector through the
+    middle of each patch.
     """
 
     view: View
@@ -53,9 +55,9 @@ class PatchGrid:
     stride: int
     rows: int
     columns: int
-    slope_x: Float
-    slope_y: Float
-    cosine: Float
+    cosine: Float32
+    slope: Float
+    place: Float
     ray: Float
 
     def samples(self, image: NDArray[Any], /) -> NDArray[Any]:
@@ -68,8 +70,10 @@ class PatchGrid:
         per_side = self.side // self.stride
         height, width = sampled.shape[-2:]
         shape = (*sampled.shape[:-2], self.rows * per_side, self.columns * per_side)
-        padded = np.zeros(shape, sampled.dtype)
-        padded[..., :height, :width] = sampled
+        padded = sampled
+        if sampled.shape != shape:
+            padded = np.zeros(shape, sampled.dtype)
+            padded[..., :height, :width] = sampled
         cut = padded.reshape(*shape[:-2], self.rows, per_side, self.columns, per_side)
         return cut.swapaxes(-3, -2).reshape(*shape[:-2], self.rows, self.columns, -1)
 
@@ -79,7 +83,8 @@ def patch_grid(height: int, width: int, view: View, /) -> PatchGrid:
     """Cut a frame into about `PATCHES` patches."""
     side, stride = _side_and_stride(height, width)
     rows, columns = -(-height // side), -(-width // side)
-    bare = PatchGrid(view, height, width, side, stride, rows, columns, *(np.empty(0),) * 4)
+    none = np.empty(0)
+    bare = PatchGrid(view, height, width, side, stride, rows, columns, none.astype(np.float32), none, none, none)
     cx, cy = view.principal_point_px
     across = (np.arange(columns * side, dtype=np.float64) - cx) / view.focal_length_px
     down = (np.arange(rows * side, dtype=np.float64) - cy) / view.focal_length_px
@@ -90,7 +95,13 @@ def patch_grid(height: int, width: int, view: View, /) -> PatchGrid:
     cosine = 1.0 / np.sqrt(1.0 + slope_x * slope_x + slope_y * slope_y)
     ray = np.stack([(slope_x * cosine).mean(-1), (slope_y * cosine).mean(-1), cosine.mean(-1)])
     ray /= np.linalg.norm(ray, axis=0)
-    return sealed(PatchGrid(view, height, width, side, stride, rows, columns, slope_x, slope_y, cosine, ray))
+    slope, steps = (
+        np.stack([slope_x.mean(-1), slope_y.mean(-1)]),
+        np.arange(side // stride) - 0.5 * (side // stride - 1),
+    )
+    place = np.stack(np.meshgrid(steps, steps)).reshape(2, -1)
+    single = cosine.astype(np.float32)
+    return sealed(PatchGrid(view, height, width, side, stride, rows, columns, single, slope, place, ray))
 
 
 def sampled_pixels(height: int, width: int, /) -> tuple[slice, slice]:

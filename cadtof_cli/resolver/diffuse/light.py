@@ -3,8 +3,9 @@
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
-from cadtof_cli.arrays import Bool, Complex, Float
+from cadtof_cli.arrays import Bool, Complex, Float, Float32
 
 LARGEST_AMPLITUDE = 1e3
 """Largest |p_h| of light, whose phasors are 1 at most: what lies beyond is damage, and would drown a patch."""
@@ -13,63 +14,71 @@ TINY = 1e-30
 """Keeps empty patches from dividing by zero; they are never used."""
 
 
+Complex64 = NDArray[np.complex64]
+
+
 @dataclass(frozen=True, eq=False)
 class PatchLight:
-    """The sampled pixels of every patch, (rows, columns, n) each.
+    """The sampled pixels of every patch, (rows, columns, n) each, in single precision, whose rounding is far below their noise.
 
-    `seen` is false where a pixel has no answer; `first` is p1·|p1|, `phase_rad` arg p1; `power` = |p1|², by which pixels are
-    weighted; and `ratios`, (H − 1, rows, columns, n), is q_h = (p_h/|p1|)·(conj(p1)/|p1|)^h times that weight.
+    `seen` is false where a pixel has no answer; `phase_rad` is arg p1. `weighted`, (1 + 2·H, rows, columns, n), holds |p1|², by
+    which pixels are weighted, and the real and imaginary parts of p1·|p1| and of q_h = (p_h/|p1|)·(conj(p1)/|p1|)^h times
+    that weight: 0 where not seen.
     """
 
     seen: Bool
-    first: Complex
-    phase_rad: Float
-    power: Float
-    ratios: Complex
+    phase_rad: Float32
+    weighted: Float32
 
 
 @dataclass(frozen=True, eq=False)
 class PatchMeans:
-    """Means over some pixels of every patch: q_h, (H − 1, rows, columns), the amplitude |p1|, and over how many pixels."""
+    """Means over some pixels of every patch: q_h, (H − 1, rows, columns), amplitude |p1|, over how many pixels, and arg p1."""
 
     ratios: Complex
     amplitude: Float
     pixels: Float
+    phase_rad: Float
 
 
-def is_light(phasors: Complex, /) -> Bool:
+def is_light(phasors: Complex | Complex64, /) -> Bool:
     """Return which phasors (H, …) can be those of light at all, and of some."""
     sound = (np.abs(phasors.real) < LARGEST_AMPLITUDE) & (np.abs(phasors.imag) < LARGEST_AMPLITUDE)
     return np.asarray(sound.all(axis=0) & (phasors[0] != 0.0))
 
 
-def patch_light(samples: Complex, seen: Bool, /, *, harmonics: tuple[int, ...]) -> PatchLight:
+def patch_light(samples: Complex | Complex64, seen: Bool, /, *, harmonics: tuple[int, ...]) -> PatchLight:
     """Return the light of sampled phasors (H, rows, columns, n); those not `seen` may hold anything."""
-    p = np.where(seen, samples, 0.0)
-    power = p[0].real ** 2 + p[0].imag ** 2
+    p = np.where(seen, samples, np.complex64(0.0)).astype(np.complex64)
+    weighted = np.empty((1 + 2 * len(p), *seen.shape), np.float32)
+    power = np.add(np.square(p[0].real), np.square(p[0].imag), out=weighted[0])
     magnitude = np.sqrt(power)
-    back = np.conj(p[0]) / np.maximum(magnitude, TINY)
-    turned, done, ratios = magnitude * back, 1, np.empty_like(p[1:])
-    for ratio, p_h, h in zip(ratios, p[1:], harmonics[1:], strict=True):
+    back, inverse = np.empty_like(p[0]), 1.0 / np.maximum(magnitude, np.float32(TINY))
+    back.real, back.imag = p[0].real * inverse, -p[0].imag * inverse
+    weighted[1], weighted[2] = p[0].real * magnitude, p[0].imag * magnitude
+    turned, done = np.conj(p[0]), 1
+    for row, h in enumerate(harmonics[1:], start=1):
         for _ in range(done, h):
             turned = turned * back
         done = h
-        np.multiply(p_h, turned, out=ratio)
-    return PatchLight(seen, magnitude * p[0], np.angle(p[0]), power, ratios)
+        product = p[row] * turned
+        weighted[2 * row + 1], weighted[2 * row + 2] = product.real, product.imag
+    return PatchLight(seen, np.arctan2(p[0].imag, p[0].real), weighted)
 
 
 def patch_means(light: PatchLight, among: Bool, /) -> PatchMeans:
     """Return the means over the pixels `among`, (rows, columns, n)."""
-    counted = among & light.seen
-    power = (light.power * counted).sum(-1)
-    ratios = (light.ratios * counted).sum(-1) / np.maximum(power, TINY)
-    pixels = counted.sum(-1).astype(np.float64)
-    return PatchMeans(ratios, np.sqrt(power / np.maximum(pixels, 1.0)), pixels)
+    counted = (among & light.seen).astype(np.float32)
+    sums = np.einsum("k...n,...n->k...", light.weighted, counted).astype(np.float64)
+    pixels = np.einsum("...n->...", counted).astype(np.float64)
+    ratios = np.empty((len(sums) // 2 - 1, *pixels.shape), np.complex128)
+    ratios.real, ratios.imag = sums[3::2], sums[4::2]
+    ratios /= np.maximum(sums[0], TINY)
+    return PatchMeans(ratios, np.sqrt(sums[0] / np.maximum(pixels, 1.0)), pixels, np.arctan2(sums[2], sums[1]))
 
 
-def patch_phasors(light: PatchLight, among: Bool, means: PatchMeans, /, *, harmonics: tuple[int, ...]) -> Complex:
-    """Return the phasors p_h of patches, (H, rows, columns), whose `means` over the pixels `among` are known: arg p1 is added."""
-    phase = np.angle((light.first * (among & light.seen)).sum(-1))
-    ratios = np.concatenate([np.ones((1, *phase.shape)), means.ratios])
-    phasors: Complex = means.amplitude * ratios * np.exp(1j * np.array(harmonics)[:, None, None] * phase)
+def patch_phasors(means: PatchMeans, /, *, harmonics: tuple[int, ...]) -> Complex:
+    """Return the phasors p_h of patches, (H, rows, columns)."""
+    ratios = np.concatenate([np.ones((1, *means.phase_rad.shape)), means.ratios])
+    phasors: Complex = means.amplitude * ratios * np.exp(1j * np.array(harmonics)[:, None, None] * means.phase_rad)
     return phasors

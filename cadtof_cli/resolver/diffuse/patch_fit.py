@@ -13,7 +13,6 @@ import numpy as np
 from cadtof_cli.arrays import Float
 from cadtof_cli.resolver.diffuse.prior import MEAN, between_rooms, within_room
 from cadtof_cli.resolver.diffuse.tail import TailModel, residuals
-from cadtof_cli.resolver.likelihood.normal_equations import cholesky, solve
 
 STEPS = 4
 """Gauss–Newton steps; with more the state still moves along what the data leave open, and depth gets no better."""
@@ -56,52 +55,109 @@ def fitted_patches(data: Float, error: Float, model: TailModel, pattern: Float, 
     `error`, (data + 2, data + 2, n), is the covariance of what the model's values are wrong by, and of noise; `pattern`, (6, n),
     how the state differs between patches by rule.
     """
-    within = within_room(known_optics=known_optics)
-    between = between_rooms(known_optics=known_optics)
-    noise = error[: model.data, : model.data]
-    precision = np.asarray(np.linalg.inv(between), np.float64)
-    farthest = FARTHEST * np.sqrt(np.diag(between))
+    within, between = within_room(known_optics=known_optics), between_rooms(known_optics=known_optics)
+    prior = _RoomPrior(
+        within,
+        np.asarray(np.linalg.inv(between), np.float64),
+        FARTHEST * np.sqrt(np.diag(between)),
+        error[: model.data, : model.data],
+    )
     state = MEAN[:, None] + pattern
-    for step in range(STEPS + 1):
+    for _ in range(STEPS):
         values, jacobian = model.values(state)
-        difference = residuals(data, values[: model.data])
-        room, room_covariance = _room(jacobian[:, : model.data], difference, state - pattern, noise, within, precision)
-        room = np.clip(room, MEAN - farthest, MEAN + farthest)
-        prior = room[:, None] + pattern
-        expected = values + np.einsum("jan,jn->an", jacobian, prior - state)
-        spread = np.einsum("jk,kan->jan", within + room_covariance, jacobian)
-        covariance = np.einsum("jan,jbn->abn", jacobian, spread)
-        pull = _solved(covariance[: model.data, : model.data] + noise, residuals(data, expected[: model.data]))
-        if step < STEPS:
-            change = prior + np.einsum("jan,an->jn", spread[:, : model.data], pull) - state
-            state = state + np.clip(change, -LARGEST_STEP, LARGEST_STEP)
-    posterior = expected + np.einsum("abn,bn->an", (covariance + error)[:, : model.data], pull)
-    return PatchFit(room, room_covariance, state, expected, posterior, covariance, jacobian)
+        given = prior.given(residuals(data, values[: model.data]), jacobian[:, : model.data], state - pattern)
+        pull = _pulled(given.scatter, given.seen.swapaxes(0, 1), given.missed)
+        change = given.room[:, None] + pattern - state + given.spread @ pull
+        state = state + np.maximum(np.minimum(change, LARGEST_STEP), -LARGEST_STEP)
+    values, jacobian = model.values(state)
+    given = prior.given(residuals(data, values[: model.data]), jacobian[:, : model.data], state - pattern)
+    expected = values + (jacobian * (given.room[:, None] + pattern - state)[:, None]).sum(0)
+    covariance = _products(_times(given.spread, jacobian), jacobian)
+    joint = (covariance + error)[: model.data]
+    posterior = expected + _pulled(joint[:, : model.data], joint, residuals(data, expected[: model.data]))
+    return PatchFit(given.room, given.room_covariance, state, expected, posterior, covariance, jacobian)
 
 
-def _room(
-    seen: Float, difference: Float, departure: Float, noise: Float, within: Float, precision: Float
-) -> tuple[Float, Float]:
-    """Return the frame's state and its covariance, given all patches linearised.
+@dataclass(frozen=True, eq=False)
+class _Given:
+    """The room given all patches, linearised.
 
-    Args:
+    Attributes:
+        room: the frame's state, (6,), and `room_covariance`, (6, 6).
+        spread: covariance of a patch's state before its own data are seen, (6, 6).
         seen: Jacobians of the data, (6, data, n).
-        difference: data minus model, (data, n).
-        departure: states linearised at, without the pattern, (6, n).
-        noise: (data, data, n).
-        within: covariance within a room, (6, 6).
-        precision: inverse of the covariance between rooms, (6, 6).
+        scatter: covariance of the data with it, (data, data, n).
+        missed: what the data are off by then, (data, n).
     """
-    linear = difference + np.einsum("jan,jn->an", seen, departure)
-    scatter = np.einsum("jan,jbn->abn", seen, np.einsum("jk,kan->jan", within, seen)) + noise
-    weighted = _solved(scatter, np.concatenate([seen.transpose(1, 0, 2), linear[:, None]], axis=1))
-    normal = np.einsum("jan,akn->jk", seen, weighted) * min(1.0, INDEPENDENT_PATCHES / seen.shape[2])
-    covariance = np.linalg.inv(precision + normal[:, :-1])
-    return covariance @ (precision @ MEAN + normal[:, -1]), covariance
+
+    room: Float
+    room_covariance: Float
+    spread: Float
+    seen: Float
+    scatter: Float
+    missed: Float
 
 
-def _solved(matrix: Float, right: Float) -> Float:
-    """Return matrix⁻¹·right for symmetric positive definite matrices, (data, data, n), and right sides, (data, …, n)."""
-    size = len(matrix)
-    lower = np.concatenate([matrix[row, : row + 1] for row in range(size)])
-    return solve(cholesky(lower, size), right)
+@dataclass(frozen=True, eq=False)
+class _RoomPrior:
+    """What is known of a room: covariance `within` it, `precision` and `farthest` departures between rooms; noise of its data."""
+
+    within: Float
+    precision: Float
+    farthest: Float
+    noise: Float
+
+    def given(self, difference: Float, seen: Float, departure: Float) -> _Given:
+        """Return the room, given all patches linearised.
+
+        Args:
+            difference: data minus model, (data, n).
+            seen: Jacobians of the data, (6, data, n).
+            departure: states linearised at, without the pattern, (6, n).
+        """
+        linear = difference + (seen * departure[:, None]).sum(0)
+        whole = np.concatenate([seen.swapaxes(0, 1), linear[:, None]], axis=1)
+        white = _whitened(self._scatter(self.within, seen), whole)
+        normal = np.matmul(white[:, :-1], white.swapaxes(1, 2)).sum(0)
+        normal *= min(1.0, INDEPENDENT_PATCHES / seen.shape[2])
+        covariance = np.linalg.inv(self.precision + normal[:, :-1])
+        room = covariance @ (self.precision @ MEAN + normal[:, -1])
+        room = np.clip(room, MEAN - self.farthest, MEAN + self.farthest)
+        spread = self.within + covariance
+        missed = residuals(linear, _times(room[None], seen)[0])
+        return _Given(room, covariance, spread, seen, self._scatter(spread, seen), missed)
+
+    def _scatter(self, spread: Float, seen: Float) -> Float:
+        return _products(_times(spread, seen), seen) + self.noise
+
+
+def _times(matrix: Float, vectors: Float) -> Float:
+    """Return a matrix (m, 6) times vectors (6, …), (m, …)."""
+    product: Float = (matrix @ vectors.reshape(len(vectors), -1)).reshape(len(matrix), *vectors.shape[1:])
+    return product
+
+
+def _products(first: Float, second: Float) -> Float:
+    """Return Σ_j first_jan·second_jbn, (a, b, n)."""
+    products: Float = (first[:, :, None] * second[:, None]).sum(0)
+    return products
+
+
+def _pulled(covariance: Float, with_data: Float, missed: Float) -> Float:
+    """Return by how much what has the covariances `with_data`, (data, k, n), moves, (k, n), where data miss, (data, n)."""
+    white = _whitened(covariance, np.concatenate([with_data, missed[:, None]], axis=1))
+    moved: Float = (white[:, :-1] * white[:, -1:]).sum(0)
+    return moved
+
+
+def _whitened(covariance: Float, right: Float) -> Float:
+    """Return L⁻¹·right for covariances L·Lᵀ, (data, data, n), and right sides, (data, k, n), which are taken over."""
+    left, white = covariance.copy(), right
+    for i, row in enumerate(left):
+        scale = 1.0 / np.sqrt(row[i])
+        white[i] *= scale
+        left[i + 1 :, i] *= scale
+        for j in range(i + 1, len(left)):
+            white[j] -= left[j, i] * white[i]
+            left[j, i + 1 : j + 1] -= left[j, i] * left[i + 1 : j + 1, i]
+    return white

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cadtof_cli.arrays import Bool, Float
+from cadtof_cli.arrays import Bool, Float, Float32
 from cadtof_cli.resolver.diffuse.grid import PatchGrid
 
 SAME_SURFACE = 0.1
@@ -46,40 +46,48 @@ class PatchPlanes:
     on_plane: Bool
 
 
-def patch_planes(range_m: Float, seen: Bool, grid: PatchGrid, /) -> PatchPlanes:
+def patch_planes(range_m: Float | Float32, seen: Bool, grid: PatchGrid, /) -> PatchPlanes:
     """Fit a plane to the sampled ranges of every patch, (rows, columns, n); pixels not `seen` are left out."""
-    inverse = np.where(seen, 1.0 / (range_m * grid.cosine), np.inf)
+    inverse = np.where(seen, 1.0 / (range_m * grid.cosine), np.float32(np.inf))
     middle = _median(inverse, seen)
-    on_plane: Bool = np.abs(np.where(seen, inverse, np.nan) - middle[..., None]) < SAME_SURFACE * middle[..., None]
-    normal = _normals(np.where(on_plane, inverse, 0.0), on_plane, grid)
+    off = inverse / middle[..., None] - 1.0
+    on_plane: Bool = np.abs(off) < SAME_SURFACE
+    counted = on_plane.astype(np.float64)
+    normal = _normals(np.where(on_plane, off, 0.0).astype(np.float64), counted, grid)
     distance = 1.0 / (middle * grid.ray[2])
     cosine = np.clip(-(normal * grid.ray).sum(0), LEAST_COSINE, 1.0)
     solid_angle = (grid.side / grid.view.focal_length_px) ** 2 * grid.ray[2] ** 3
     surfaces = Surfaces(distance, normal, grid.ray, cosine, solid_angle * distance**2 / cosine)
-    return PatchPlanes(surfaces, on_plane.sum(-1) > LEAST_SHARE * seen.shape[-1], on_plane)
+    return PatchPlanes(surfaces, counted.sum(-1) > LEAST_SHARE * seen.shape[-1], on_plane)
 
 
-def _median(inverse: Float, seen: Bool) -> Float:
+def _median(inverse: Float32, seen: Bool) -> Float32:
     """Return the (upper) median over the seen pixels of every patch; 1 where there are none."""
     place = np.minimum(seen.sum(-1) // 2, seen.shape[-1] - 1)
     median = np.take_along_axis(np.sort(inverse, axis=-1), place[..., None], axis=-1)[..., 0]
-    found: Float = np.where(np.isfinite(median), median, 1.0)
+    found: Float32 = np.where(np.isfinite(median), median, np.float32(1.0))
     return found
 
 
-def _normals(inverse: Float, on_plane: Bool, grid: PatchGrid) -> Float:
-    """Return unit normals towards the camera, (3, rows, columns), of 1/z = a·X + b·Y + c by least squares."""
-    count = np.maximum(on_plane.sum(-1), 1)
+def _normals(off: Float, counted: Float, grid: PatchGrid) -> Float:
+    """Return unit normals towards the camera, (3, rows, columns), by least squares, from 1/z = (1 + off)/z_middle.
 
-    def mean(values: Float) -> Float:
-        average: Float = (on_plane * values).sum(-1) / count
-        return average
-
-    x, y, z = mean(grid.slope_x), mean(grid.slope_y), mean(inverse)
-    dx, dy, dz = grid.slope_x - x[..., None], grid.slope_y - y[..., None], inverse - z[..., None]
-    xx, yy, xy, xz, yz = mean(dx * dx) + TINY, mean(dy * dy) + TINY, mean(dx * dy), mean(dx * dz), mean(dy * dz)
+    `off` is 0 where not `counted`, (rows, columns, n) each. Within its patch, a sample has the same place in all of them, so
+    that the sums over all patches are products with a few common vectors.
+    """
+    x, y = grid.place
+    powers = np.stack([np.ones_like(x), x, y, x * x, y * y, x * y], axis=-1)
+    count, x, y, xx, yy, xy = np.moveaxis(counted @ powers, -1, 0)
+    share = 1.0 / np.maximum(count, 1.0)
+    z, xz, yz = np.moveaxis(off @ powers[:, :3], -1, 0) * share
+    x, y = x * share, y * share
+    xx, yy, xy = xx * share - x * x + TINY, yy * share - y * y + TINY, xy * share - x * y
+    xz, yz = xz - x * z, yz - y * z
     determinant = xx * yy - xy * xy + TINY**2
     a, b = (xz * yy - yz * xy) / determinant, (yz * xx - xz * xy) / determinant
-    normal = -np.stack([a, b, z - a * x - b * y])
-    unit: Float = normal / (np.linalg.norm(normal, axis=0) + TINY)
+    level = 1.0 + z - a * x - b * y
+    per_slope = grid.view.focal_length_px / grid.stride
+    a, b = a * per_slope, b * per_slope
+    normal = -np.stack([a, b, level - a * grid.slope[0] - b * grid.slope[1]])
+    unit: Float = normal / np.sqrt((normal * normal).sum(0))
     return unit

@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cadtof_cli.arrays import Bool, Complex, Float
+from cadtof_cli.arrays import Bool, Complex, Float, Float32
 from cadtof_cli.resolver.diffuse.beyond import surfaces_beyond, surfaces_guessed
 from cadtof_cli.resolver.diffuse.choice import LEAST_PATCHES, PatchKinds, patch_kinds, tail_fits
 from cadtof_cli.resolver.diffuse.coarse import Beside, coarse_planes, patch_posterior
@@ -25,10 +25,10 @@ from cadtof_cli.resolver.diffuse.records import (
     range_from_phase,
 )
 from cadtof_cli.resolver.diffuse.settings import DiffuseSettings
-from cadtof_cli.resolver.diffuse.tail import TailModel, wrapped
+from cadtof_cli.resolver.diffuse.tail import TailModel
 from cadtof_cli.resolver.diffuse.through import seen_through, typical_tail
 from cadtof_cli.resolver.diffuse.upsampling import upsampler
-from cadtof_cli.resolver.two_path.closed_form import fundamental_frame, two_paths
+from cadtof_cli.resolver.two_path.closed_form import FundamentalFrame, two_paths
 
 LEAST_RATIO = 0.05
 """Least |q_h| that the noise of a patch's data is taken for."""
@@ -51,7 +51,7 @@ class _Frame:
     grid: PatchGrid
     settings: DiffuseSettings
     variances: Float
-    offset_m: Float | float
+    offset_m: Float32 | float
 
 
 def diffuse_model(
@@ -82,9 +82,11 @@ def diffuse_model(
     """
     grid = patch_grid(*size, view or assumed_view(*size))
     per_pixel = 1.0 if samples is None else float(np.median(samples))
-    offset = 0.0 if range_offset_m is None else grid.samples(range_offset_m)
+    offset = 0.0 if range_offset_m is None else grid.samples(range_offset_m).astype(np.float32)
     frame = _Frame(grid, settings, np.array(variances) / per_pixel, offset)
-    taken = grid.by_patch(phasors)
+    with np.errstate(over="ignore"):
+        # what no camera stores becomes infinite, and is not seen
+        taken = grid.by_patch(phasors.astype(np.complex64))
     seen = grid.by_patch(usable) & is_light(taken)
     light = patch_light(taken, seen, harmonics=settings.harmonics)
     means = patch_means(light, seen)
@@ -117,7 +119,7 @@ def _model(
     error = _error(ratios, amplitude, means.pixels[valid], frame)
     known, auto = frame.grid.view.known, frame.settings.model == "auto"
     fit = fitted_patches(data, error, tail, rule, known_optics=known)
-    phasors = patch_phasors(light, planes.on_plane, means, harmonics=frame.settings.harmonics)
+    phasors = patch_phasors(means, harmonics=frame.settings.harmonics)
     through = _seen_through(phasors, valid, fit, frame) if auto else None
     heard = np.ones(amplitude.size, np.bool_)
     if through is not None:
@@ -183,18 +185,23 @@ def _beside(fit: PatchFit, tail: TailModel, planes: PatchPlanes, valid: Bool, fr
 
 def two_path_lag(ratio: Complex, /) -> Float:
     """Return by how much MPI turns arg p_1 if there are two paths, the stronger direct, from q_2 = p_2|p_1|/p_1², (n,)."""
+    one = np.ones(ratio.shape)
     with np.errstate(divide="ignore", invalid="ignore"):
         # q_2 = 1 is one path, where the closed form divides zero by zero before it says so
-        paths = two_paths(fundamental_frame(np.ones_like(ratio), ratio))
-        x, y = paths.phases()
-    return wrapped(-np.where(paths.a >= paths.b, x, y))
+        paths = two_paths(FundamentalFrame(one, ratio.real, ratio.imag, one, np.zeros_like(one)))
+    sin_half = np.where(paths.a >= paths.b, paths.sin_half, -paths.sin_half)
+    lag: Float = -np.arctan2(
+        paths.sin_mean * paths.cos_half + paths.cos_mean * sin_half,
+        paths.cos_mean * paths.cos_half - paths.sin_mean * sin_half,
+    )
+    return lag
 
 
 def _planes(light: PatchLight, means: PatchMeans, frame: _Frame) -> PatchPlanes:
     """Return the surfaces by the first depth: that of two paths, from the mean light of every patch."""
-    lag = two_path_lag(means.ratios[0].ravel()).reshape(means.amplitude.shape)
-    range_m = range_from_phase(light.phase_rad - lag[..., None], frame.settings) + frame.offset_m
-    return patch_planes(np.maximum(range_m, NEAREST_M), light.seen, frame.grid)
+    lag = two_path_lag(means.ratios[0].ravel()).reshape(*means.amplitude.shape, 1)
+    range_m = range_from_phase(light.phase_rad - lag.astype(np.float32), frame.settings) + frame.offset_m
+    return patch_planes(np.maximum(range_m, np.float32(NEAREST_M)), light.seen, frame.grid)
 
 
 def _tail(planes: PatchPlanes, valid: Bool, amplitude: Float, frame: _Frame) -> tuple[TailModel, Float]:

@@ -51,33 +51,36 @@ def interreflections(
     """
     count = len(seen.range_m)
     both = _joined(seen, beyond)
-    form, distance = _form_factors(both)
+    form, distance = _form_factors(both, both)
+    np.fill_diagonal(form, 0.0)
     open_share = np.clip(1.0 - form[:count].sum(1).astype(np.float64), 0.0, 1.0)
     form *= _relative_albedo(seen, amplitude, len(beyond.range_m))
     turn = _rotors(np.float32(rad_per_m) * distance)
-    direct = both.cosine / both.range_m**2
     bounces, kernel, power = [], form.astype(np.complex64), 0
     for h in harmonics:
         for _ in range(power, h):
             kernel *= turn
         power = h
-        arrival = direct * np.exp(1j * h * rad_per_m * both.range_m)
+        arrival = _direct_light(both, h * rad_per_m)
         bounces.append(np.array(_bounces(kernel, arrival, count))[:, :count] / arrival[:count])
     second, outside, later = np.stack(bounces, axis=1)
-    return Interreflections(second, outside, later, direct[:count], open_share)
+    return Interreflections(second, outside, later, seen.cosine / seen.range_m**2, open_share)
 
 
 def light_of(sources: Surfaces, onto: Surfaces, /, *, rad_per_m: float) -> Complex:
     """Return the light that surfaces (n,) get from lit sources of unit albedo in one bounce, over their direct light, (n,)."""
-    way = (sources.ray * sources.range_m)[:, None] - (onto.ray * onto.range_m)[:, :, None]
-    square = np.maximum((way * way).sum(0), NEAREST_M2)
-    received = np.maximum((way * onto.normal[:, :, None]).sum(0), 0.0)
-    sent = np.maximum(-(way * sources.normal[:, None]).sum(0), 0.0)
-    form = received * sent * sources.area_m2 / (square * (np.pi * square + sources.area_m2))
-    path = np.sqrt(square) + sources.range_m - onto.range_m[:, None]
-    light = (form * sources.cosine / sources.range_m**2 * np.exp(1j * rad_per_m * path)).sum(1)
-    over_direct: Complex = light * onto.range_m**2 / onto.cosine
-    return over_direct
+    form, distance = _form_factors(onto, sources)
+    kernel = form * _rotors(np.float32(rad_per_m) * distance)
+    light = _gathered(kernel, _direct_light(sources, rad_per_m).astype(np.complex64))
+    return np.asarray(light / _direct_light(onto, rad_per_m), np.complex128)
+
+
+def _direct_light(onto: Surfaces, rad_per_m: float) -> Complex:
+    """Return the direct light on surfaces, cos θ/d², turned by its way from the lamp, (n,)."""
+    direct, phase = onto.cosine / onto.range_m**2, rad_per_m * onto.range_m
+    light = np.empty(direct.shape, np.complex128)
+    light.real, light.imag = direct * np.cos(phase), direct * np.sin(phase)
+    return light
 
 
 def _bounces(kernel: Complex64, arrival: Complex, count: int) -> tuple[Complex64, Complex64, Complex64]:
@@ -103,7 +106,8 @@ def _gathered(kernel: Complex64, light: Complex64) -> Complex64:
 def _rotors(phase_rad: Float32) -> Complex64:
     """Return exp(i·phase), faster than the complex exponential does it."""
     rotors = np.empty(phase_rad.shape, np.complex64)
-    rotors.real, rotors.imag = np.cos(phase_rad), np.sin(phase_rad)
+    np.cos(phase_rad, out=rotors.real)
+    np.sin(phase_rad, out=rotors.imag)
     return rotors
 
 
@@ -115,27 +119,33 @@ def _relative_albedo(seen: Surfaces, amplitude: Float, beyond: int) -> Float32:
     return np.append(albedo, np.ones(beyond)).astype(np.float32)
 
 
-def _form_factors(of: Surfaces) -> tuple[Float32, Float32]:
-    """Return the form factors F_ij, from j to i, and the distances in m, float32 (n, n) each.
+def _form_factors(onto: Surfaces, sources: Surfaces) -> tuple[Float32, Float32]:
+    """Return the form factors F_ij, from source j to i, and the distances in m, float32 (onto, sources) each.
 
     A point over a plane, and squared distances, are inner products of vectors with a few more components.
     """
-    point, normal = (of.ray * of.range_m).astype(np.float32), of.normal.astype(np.float32)
-    one, square = np.ones((1, point.shape[1]), np.float32), (point * point).sum(0, keepdims=True)
-    points, planes = np.concatenate([point, one]), np.concatenate([normal, -(point * normal).sum(0, keepdims=True)])
-    form, facing = _inner_products(points, planes), _inner_products(planes, points)
+    points, planes, square = _points_and_planes(onto)
+    lit_points, lit_planes, lit_square = _points_and_planes(sources)
+    form, facing = _inner_products(planes, lit_points), _inner_products(points, lit_planes)
     for over_plane in (form, facing):
         np.maximum(over_plane, 0.0, out=over_plane)
     form *= facing
-    form *= (area := of.area_m2.astype(np.float32))
-    r2 = _inner_products(np.concatenate([-2.0 * point, one, square]), np.concatenate([point, square, one]))
+    form *= (area := sources.area_m2.astype(np.float32))
+    ends = np.concatenate([-2.0 * points[:3], points[3:], square])
+    r2 = _inner_products(ends, np.concatenate([lit_points[:3], lit_square, lit_points[3:]]))
     np.maximum(r2, np.float32(NEAREST_M2), out=r2)
     reach = np.multiply(r2, np.float32(np.pi), out=facing)
     reach += area
     reach *= r2
     form /= reach
-    np.fill_diagonal(form, 0.0)
     return form, np.sqrt(r2, out=r2)
+
+
+def _points_and_planes(of: Surfaces) -> tuple[Float32, Float32, Float32]:
+    """Return points (x, y, z, 1) and planes (normal, −offset), whose inner product is a height; and |point|², (1, n)."""
+    point, normal = (of.ray * of.range_m).astype(np.float32), of.normal.astype(np.float32)
+    one, square = np.ones((1, point.shape[1]), np.float32), (point * point).sum(0, keepdims=True)
+    return np.concatenate([point, one]), np.concatenate([normal, -(point * normal).sum(0, keepdims=True)]), square
 
 
 def _inner_products(first: Float32, second: Float32) -> Float32:

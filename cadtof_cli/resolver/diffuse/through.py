@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cadtof_cli.arrays import Bool, Complex, Float
+from cadtof_cli.arrays import Bool, Complex, Float, Index
 from cadtof_cli.resolver.diffuse.grid import PatchGrid
 from cadtof_cli.resolver.diffuse.records import SeenThrough, Tails, range_from_phase
 from cadtof_cli.resolver.diffuse.settings import DiffuseSettings
@@ -145,7 +145,7 @@ def seen_through(
     apart_ns = paths.later_rad / settings.rad_per_ns
     two: Bool = valid & (paths.near_share > NEAR_SHARE) & (paths.near_share < 1.0 - FAR_SHARE)
     two &= (apart_ns > APART_NS[0]) & (apart_ns < APART_NS[1])
-    if two.sum() < LEAST_PATCHES:
+    if not _side_by_side(two):
         return None
     near_m = range_from_phase(paths.near_rad, settings)
     far_m = near_m + paths.later_rad * settings.m_per_rad
@@ -153,7 +153,9 @@ def seen_through(
     wall, missed = seen.nearest(far_m)
     with np.errstate(invalid="ignore"):
         left = paths.far_amplitude / wall
-    found = _together(two & (missed < ON_WALL_M), left)
+    found = np.zeros_like(two)
+    for these in _side_by_side(two & (missed < ON_WALL_M)):
+        found[these] = np.median(left[these]) >= LEAST_LEFT
     if not found.any():
         return None
     off_rad = float(np.median(missed[found])) / settings.m_per_rad
@@ -193,8 +195,13 @@ class _Walls:
         """Return the walls that the patches `among` see."""
         walls = walls_behind(range_m, among, grid)
         on_wall = among & (np.abs(walls - range_m) < ON_PLANE * range_m)
-        typical = [float(np.median(amplitude[here])) if here.any() else np.inf for here in on_wall]
-        return cls(walls, np.array(typical))
+        count = on_wall.sum(axis=(1, 2))
+        ordered = np.sort(np.where(on_wall, amplitude, np.inf).reshape(len(walls), -1), axis=1)
+        low, high = (
+            np.take_along_axis(ordered, place[:, None], 1)[:, 0]
+            for place in (np.maximum(count - 1, 0) // 2, count // 2)
+        )
+        return cls(walls, 0.5 * (low + high))
 
     def nearest(self, range_m: Float, /) -> tuple[Float, Float]:
         """Return the amplitude of the wall nearest to these ranges, (rows, columns), and how far that is from them."""
@@ -204,10 +211,10 @@ class _Walls:
         return self.amplitude[off.argmin(axis=0)], off.min(axis=0)
 
 
-def _together(patches: Bool, left: Float) -> Bool:
-    """Return those of the patches that lie side by side, corners included, with enough others, of whose wall enough is left."""
+def _side_by_side(patches: Bool) -> list[tuple[Index, ...]]:
+    """Return (rows, columns) of those of the patches that lie side by side, corners included, with enough others, by group."""
     waiting = {(int(row), int(column)) for row, column in np.argwhere(patches)}
-    found = np.zeros_like(patches)
+    groups = []
     while waiting:
         group, edge = [], [waiting.pop()]
         while edge:
@@ -216,7 +223,6 @@ def _together(patches: Bool, left: Float) -> Bool:
             beside = {(row + i, column + j) for i in (-1, 0, 1) for j in (-1, 0, 1)} & waiting
             waiting -= beside
             edge.extend(beside)
-        these = tuple(np.array(group).T)
-        if len(group) >= LEAST_PATCHES and np.median(left[these]) >= LEAST_LEFT:
-            found[these] = True
-    return found
+        if len(group) >= LEAST_PATCHES:
+            groups.append(tuple(np.array(group).T))
+    return groups

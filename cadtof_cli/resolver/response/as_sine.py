@@ -1,4 +1,4 @@
-"""What a pure sine would have recorded: phasors freed of the other terms of their response.
+"""What a pure sine would have recorded: the phase of a single path, and phasors freed of the other terms of their response.
 
 The other terms depend on when light arrives, in another way than a sine's does. They are small, and those of paths that fit the
 phasors are nearly those of the light: for a tail, its part in them is a ninth of a third harmonic in which little of it is left.
@@ -6,9 +6,9 @@ phasors are nearly those of the light: for a tail, its part in them is a ninth o
 
 import numpy as np
 
-from cadtof_cli.arrays import Complex, Float32
-from cadtof_cli.resolver.paths import Paths
-from cadtof_cli.resolver.response.table import ResponseBlock
+from cadtof_cli.arrays import Complex, Float, Float32
+from cadtof_cli.resolver.paths import FULL_TURN, Paths
+from cadtof_cli.resolver.response.table import ENTRIES, ResponseBlock
 
 
 def phasors_of_sine(phasors: Complex, paths: Paths, /, *, response: ResponseBlock) -> Complex:
@@ -31,3 +31,24 @@ def _beyond_sine(phase: Float32, row: int, response: ResponseBlock) -> tuple[Flo
     answer = response.at(row, phase, slice(None))
     theta = response.theta(row, phase, slice(None))
     return answer.re - np.cos(theta), answer.im - np.sin(theta)
+
+
+def first_phase(phasor: Complex, /, *, response: ResponseBlock | None) -> Float:
+    """Return the phase in [0, 2π) of a single path, float64 (n,), from the phasors of the fundamental; NaN stays NaN.
+
+    Args:
+        phasor: complex128 (n,), normalised.
+        response: of the same pixels; None: that of a sine, where the phase is the phasor's own.
+    """
+    with np.errstate(invalid="ignore"):
+        if response is None:
+            return np.asarray(np.mod(np.angle(phasor), FULL_TURN))
+        table = response.stages[-1][0].planes
+        theta = FULL_TURN / ENTRIES * np.arange(ENTRIES + 1)
+        answered = np.angle(table[0].astype(np.float64) + 1j * table[1])
+        answered = np.unwrap(np.append(answered, answered[0]))
+        own = 0.0 if response.phase_rad is None else response.phase_rad[0].astype(np.float64)
+        seen = np.angle(phasor) + own
+        # a turn of θ is a turn of the answer, which begins anywhere
+        turned = answered[0] + np.mod(seen - answered[0], FULL_TURN)
+        return np.asarray(np.mod(np.interp(turned, answered, theta) - own, FULL_TURN))

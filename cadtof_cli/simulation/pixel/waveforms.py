@@ -77,7 +77,7 @@ def mean_square(waveform: Waveform) -> float:
 
 
 def triangle(phases_rad: Real, /) -> Real:
-    """Return the triangle wave with the zeros and peaks of a cosine, in place of the phases (≥ 0) it is given."""
+    """Return the triangle wave with the zeros and peaks of a cosine, at the given phases (≥ 0), which it overwrites."""
     turns = np.multiply(phases_rad, 2.0 / math.pi, out=phases_rad)
     np.remainder(turns, 4.0, out=turns)
     np.subtract(turns, 2.0, out=turns)
@@ -86,7 +86,7 @@ def triangle(phases_rad: Real, /) -> Real:
 
 
 def sampled_pair(waveform: Waveform, phases_rad: Real, /) -> tuple[Real, Real]:
-    """Return the samples of SC1 and SC2 in units of A at phases ≥ 0; the phases are used up.
+    """Return the samples of SC1 and SC2 in units of A at phases ≥ 0; `phases_rad` is overwritten.
 
     Args:
         waveform: sine or triangle.

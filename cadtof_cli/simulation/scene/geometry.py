@@ -38,7 +38,7 @@ class Surface:
         return np.cross(self.across, self.along)
 
     def distances(self, origins_m: Float, directions: Float) -> Float:
-        """Return how many times the direction lies between origin and surface, inf where a ray misses it.
+        """Return the way from origin to surface along each ray, in lengths of its direction; inf where the ray misses it.
 
         Args:
             origins_m: (3, ...), where rays start.
@@ -93,7 +93,7 @@ class Hits:
         return np.asarray(np.linalg.norm(self.points_m, axis=0))
 
     def of_surface(self, index: int) -> "Hits":
-        """Return what the pixels that see one surface see, in one row, (3, 1, n) and (1, n)."""
+        """Return the hits of the pixels that see one surface, as a single row, (3, 1, n) and (1, n)."""
         chosen = self.surface == index
         return Hits(
             self.points_m[:, chosen][:, None],

@@ -72,7 +72,7 @@ class Scene(Protocol):
 
 
 def light_from_bounces(seen: Hits, bounces: tuple[Bounce, ...], albedo: float, distance_m: float, asr: float) -> Light:
-    """Return light from geometry; photons count 1 where a surface of this albedo faces the light at this distance."""
+    """Return light from geometry; the unit is the photons of a surface of this albedo that faces the light at this distance."""
     ranges_m = np.nan_to_num(seen.ranges_m)
     unit = distance_m**2 * seen.albedo / albedo
     ways_m = [ranges_m[None] * 2.0, *(bounce.lengths_m + ranges_m for bounce in bounces)]
@@ -85,7 +85,7 @@ def light_from_bounces(seen: Hits, bounces: tuple[Bounce, ...], albedo: float, d
 
 
 def check_common(distance_m: float, albedo: float, asr: float) -> None:
-    """Raise SettingsError for a distance, albedo or ASR that no scene can have."""
+    """Raise SettingsError for a distance, albedo or ASR that is impossible in every scene."""
     require(finite_at_least(distance_m, 0.01), "distance", f"{distance_m:g} m", "0.01 m or more")
     require(0 < albedo <= 1, "albedo", f"{albedo:g}", "above 0, at most 1")
     require(finite_at_least(asr, 0), "ASR", f"{asr:g}", "0 or more")

@@ -6,7 +6,7 @@ from pathlib import Path
 from cadtof_cli.arrays import Float
 from cadtof_cli.capture.metadata import CaptureMetadata
 from cadtof_cli.capture.toml import FILE_NAME, toml_text
-from cadtof_cli.files.formats import format_named
+from cadtof_cli.files.formats import format_by_name
 from cadtof_cli.files.frames import FrameLayout
 from cadtof_cli.files.maps import write_layers
 from cadtof_cli.simulation.scene.camera import Camera
@@ -40,10 +40,10 @@ def write_capture(
     """
     (folder / FILE_NAME).write_text(toml_text(metadata, comments=comments), encoding="utf-8")
     write_layers(folder / TRUTH_NAME, truth, lossy=True)
-    kind = format_named(frame_format)
+    kind = format_by_name(frame_format)
     if kind.recording is None:
         raise ValueError(f"format {frame_format}: frames are not recorded in it")
     files, layout = kind.recording(), FrameLayout(metadata.modulation.harmonics)
     for index, voltages_v in enumerate(frames):
         stored = camera.counts_from_voltages(voltages_v) if kind.counts else voltages_v
-        files.write_frame(folder / f"frame_{index:04d}{kind.suffix}", stored, layout=layout, compress=compress)
+        files.write_frame(folder / f"frame_{index:04d}.{kind.name}", stored, layout=layout, compress=compress)

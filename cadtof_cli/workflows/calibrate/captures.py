@@ -1,5 +1,6 @@
 """What every `cadtof calibrate` step does first: captures → their mean frames, and the parts that are there already."""
 
+import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -8,11 +9,10 @@ from typing import Any
 from cadtof_cli.arrays import Stored
 from cadtof_cli.calibration.parts import PART_KINDS, Origin, Part, PartKind
 from cadtof_cli.calibration.store import Calibration, digest_of, load_calibration, require_absent, save_part
-from cadtof_cli.capture.discovery import Capture, find_captures
-from cadtof_cli.capture.frames import read_stored, single_frames, usual_file
+from cadtof_cli.capture.discovery import find_captures
+from cadtof_cli.capture.frames import Capture, read_stored, single_frames, typical_file
 from cadtof_cli.capture.metadata import Target
 from cadtof_cli.errors import FrameError, SettingsError
-from cadtof_cli.files.reading import is_there
 from cadtof_cli.phasors.frame_mean import FrameMean, mean_volts
 from cadtof_cli.phasors.plausible import implausible
 from cadtof_cli.workflows.progress import Progress
@@ -85,9 +85,10 @@ def averaged_captures(
 
 
 def _frames(capture: Capture, progress: Progress) -> Iterator[Stored]:
-    usual = usual_file(capture)
+    typical = typical_file(capture)
+    size = typical.pixels if typical else None
     for source in single_frames(capture):
-        stored = read_stored(source, capture.layout, usual=usual.pixels if usual else None)
+        stored = read_stored(source, capture.layout, size=size)
         wrong = implausible(stored, capture.source.metadata)
         if wrong is not None:
             raise FrameError(f"{source}: {wrong}")
@@ -122,10 +123,10 @@ def _require_same_modulation(captures: Sequence[Capture]) -> None:
                 )
 
 
-def parts_before(folder: Path, kind: PartKind, averaged: Averaged, /, *, progress: Progress) -> Calibration:
+def earlier_parts(folder: Path, kind: PartKind, averaged: Averaged, /, *, progress: Progress) -> Calibration:
     """Return the parts of the folder that are applied before this one, checked against the captures; say which."""
     earlier = PART_KINDS[: PART_KINDS.index(kind)]
-    if not any(is_there(folder / f"{name}.toml") for name in earlier):
+    if not any(os.path.lexists(folder / f"{name}.toml") for name in earlier):
         progress.say(f"{folder}: no {' or '.join(earlier)} calibration there, so none is applied to the frames")
         return Calibration()
     everything = load_calibration(folder)
@@ -150,7 +151,7 @@ def origin_of(averaged: Averaged, used: Calibration, /) -> Origin:
     )
 
 
-def saved(
+def save_with_report(
     part: Part, settings: CalibrateSettings, figures: Mapping[str, Any], findings: tuple[str, ...], /
 ) -> CalibrateReport:
     """Write a part and return the report on it."""

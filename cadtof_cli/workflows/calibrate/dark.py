@@ -7,7 +7,7 @@ from typing import Any
 from cadtof_cli.calibration.dark import DEFECT_MEANING, Defect, fit_dark
 from cadtof_cli.calibration.fit.light import light_seen
 from cadtof_cli.calibration.store import Calibration
-from cadtof_cli.capture.discovery import Capture
+from cadtof_cli.capture.frames import Capture
 from cadtof_cli.errors import CaptureError, SettingsError
 from cadtof_cli.phasors.frame_mean import FrameMean
 from cadtof_cli.workflows.calibrate.captures import (
@@ -15,7 +15,7 @@ from cadtof_cli.workflows.calibrate.captures import (
     CalibrateSettings,
     averaged_captures,
     origin_of,
-    saved,
+    save_with_report,
 )
 from cadtof_cli.workflows.progress import Progress
 
@@ -43,7 +43,7 @@ def calibrate_dark(
     if mean.frames < 2:
         findings += ("one frame only: no noise was measured, and noisy or dead pixels were not looked for",)
     bad = int(dark.hot.sum())
-    return saved(dark, settings, {**dark.quality(), "bad_pixels": bad, "defects": counts}, findings)
+    return save_with_report(dark, settings, {**dark.quality(), "bad_pixels": bad, "defects": counts}, findings)
 
 
 def _require_dark(capture: Capture, mean: FrameMean) -> None:

@@ -11,7 +11,7 @@ from cadtof_cli.arrays import Float
 from cadtof_cli.calibration.fit.petzval import WallRanges, fit_petzval
 from cadtof_cli.calibration.petzval import PetzvalCalibration
 from cadtof_cli.calibration.store import Calibration
-from cadtof_cli.capture.discovery import Capture
+from cadtof_cli.capture.frames import Capture
 from cadtof_cli.capture.metadata import Modulation, Voltage
 from cadtof_cli.figures.kinds import require_picture
 from cadtof_cli.frame_plan import CalibrationUse, FramePlan, MapSettings
@@ -25,9 +25,9 @@ from cadtof_cli.workflows.calibrate.captures import (
     CalibrateReport,
     CalibrateSettings,
     averaged_captures,
+    earlier_parts,
     origin_of,
-    parts_before,
-    saved,
+    save_with_report,
 )
 from cadtof_cli.workflows.progress import Progress
 
@@ -51,7 +51,7 @@ def calibrate_petzval(
     """
     kind = require_picture(plot, overwrite=settings.overwrite) if plot else ""
     averaged = averaged_captures(inputs, "petzval", settings=settings, overrides=overrides, progress=progress)
-    earlier = parts_before(settings.out, "petzval", averaged, progress=progress)
+    earlier = earlier_parts(settings.out, "petzval", averaged, progress=progress)
     walls = [_wall(capture, mean, settings.out, earlier) for capture, mean in averaged]
     metadata = averaged[0][0].source.metadata
     petzval = fit_petzval(
@@ -64,7 +64,9 @@ def calibrate_petzval(
         petzval = _with_shared_uncertainty(petzval, earlier.response.quality.curvature_stderr_m)
     tables, quality = petzval.tables(), petzval.quality
     figures = tables["coefficients"] | tables["residual"] | {"focal_length_px": quality.focal_length_px}
-    report = saved(petzval, settings, figures | {"walls": [asdict(wall) for wall in quality.walls]}, quality.findings)
+    report = save_with_report(
+        petzval, settings, figures | {"walls": [asdict(wall) for wall in quality.walls]}, quality.findings
+    )
     if plot is None:
         return report
     _draw(walls, petzval, [str(capture.root) for capture, _ in averaged], plot, kind)
@@ -109,7 +111,7 @@ def _calibration_noise_m(earlier: Calibration, amplitude_v: Float, modulation: M
 
 
 def _with_shared_uncertainty(petzval: PetzvalCalibration, stderr_m: tuple[float, float]) -> PetzvalCalibration:
-    """Add what the response calibration could not tell: curvature from pixels' own phases that happen to look like it."""
+    """Add the uncertainty of the response calibration: it cannot tell curvature from pixels' own phases that resemble it."""
     quality, (k2, k4) = petzval.quality, stderr_m
     k2_stderr_m, k4_stderr_m = float(np.hypot(quality.k2_stderr_m, k2)), float(np.hypot(quality.k4_stderr_m, k4))
     return replace(petzval, quality=replace(quality, k2_stderr_m=k2_stderr_m, k4_stderr_m=k4_stderr_m))

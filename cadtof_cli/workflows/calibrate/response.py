@@ -10,16 +10,16 @@ from cadtof_cli.arrays import Float
 from cadtof_cli.calibration.fit.response import TargetMean, fit_response
 from cadtof_cli.calibration.response import ResponseCalibration
 from cadtof_cli.calibration.store import Calibration
-from cadtof_cli.capture.discovery import Capture
+from cadtof_cli.capture.frames import Capture
 from cadtof_cli.errors import SettingsError
 from cadtof_cli.phasors.frame_mean import FrameMean
 from cadtof_cli.workflows.calibrate.captures import (
     CalibrateReport,
     CalibrateSettings,
     averaged_captures,
+    earlier_parts,
     origin_of,
-    parts_before,
-    saved,
+    save_with_report,
 )
 from cadtof_cli.workflows.progress import Progress
 
@@ -39,10 +39,10 @@ def calibrate_response(
                 f"{capture.root}: the target's distance is not known: set distance_m under [target] in capture.toml, or "
                 "--distance, once for all captures or once each"
             )
-    earlier = parts_before(settings.out, "response", averaged, progress=progress)
+    earlier = earlier_parts(settings.out, "response", averaged, progress=progress)
     targets = [_target(capture, mean, earlier) for capture, mean in averaged]
     response = fit_response(targets, metadata=averaged[0][0].source.metadata, origin=origin_of(averaged, earlier))
-    return saved(response, settings, _figures(response), response.quality.findings)
+    return save_with_report(response, settings, _figures(response), response.quality.findings)
 
 
 def _target(capture: Capture, mean: FrameMean, earlier: Calibration) -> TargetMean:

@@ -1,5 +1,6 @@
 """What a calibration folder holds: the third kind of thing that `cadtof info` looks at."""
 
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -8,7 +9,7 @@ from typing import Any
 from cadtof_cli.calibration.parts import PART_KINDS
 from cadtof_cli.calibration.store import load_calibration
 from cadtof_cli.errors import CadtofError
-from cadtof_cli.files.reading import is_folder, is_there
+from cadtof_cli.files.reading import is_folder
 
 
 @dataclass
@@ -23,7 +24,7 @@ class CalibrationFacts:
 
 def is_calibration_folder(path: Path, /) -> bool:
     """Tell whether a folder is one that `cadtof calibrate` wrote."""
-    return is_folder(path) and any(is_there(path / f"{kind}.toml") for kind in PART_KINDS)
+    return is_folder(path) and any(os.path.lexists(path / f"{kind}.toml") for kind in PART_KINDS)
 
 
 def facts_of_calibration(path: Path, /) -> CalibrationFacts:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cadtof_cli.errors import CaptureError, SettingsError
-from cadtof_cli.files.atomic import whole_file
+from cadtof_cli.files.atomic import atomic_write
 from cadtof_cli.files.maps import STATUS, read_layers
 from cadtof_cli.maps.comparison import (
     BitChange,
@@ -20,7 +20,7 @@ from cadtof_cli.maps.comparison import (
     difference,
 )
 from cadtof_cli.maps.layers import DIRECT_DEPTH, MPI_DEPTH, layer_unit
-from cadtof_cli.resolver.status import StatusBit
+from cadtof_cli.resolver.status import StatusBit, bit_words
 from cadtof_cli.workflows.progress import Progress
 from cadtof_cli.workflows.run_folder import Run, read_run
 
@@ -193,7 +193,7 @@ def _named(changes: Mapping[StatusBit, BitChange]) -> Iterator[tuple[str, BitCha
     """Yield the bits that changed anywhere, by their names in words."""
     for bit, change in changes.items():
         if change.gained or change.lost:
-            yield str(bit.name).lower().replace("_", " "), change
+            yield bit_words(bit), change
 
 
 def _leading(layers: tuple[str, ...]) -> str | None:
@@ -232,5 +232,5 @@ def draw_worst(pairs: MapPairs, found: Comparison, out: Path, /, *, kind: str) -
         layers[STATUS].astype(np.uint32) if STATUS in layers else None for layers in (pair.first, pair.second)
     )
     title = f"{pair.name}: A = {pairs.a.maps}, B = {pairs.b.maps}"
-    with whole_file(out) as temporary:
+    with atomic_write(out) as temporary:
         draw_comparison(tuple(shown), (status[0], status[1]), temporary, title=title, kind=kind)

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from cadtof_cli.arrays import Float
 from cadtof_cli.errors import CaptureError, OutputError
-from cadtof_cli.files.atomic import whole_file
-from cadtof_cli.files.formats import EXR, suffix_format
+from cadtof_cli.files.atomic import atomic_write, require_new
+from cadtof_cli.files.formats import EXR, format_by_suffix
 from cadtof_cli.files.maps import read_layers, write_layers
 from cadtof_cli.maps.evaluation import DepthErrors, ErrorTally, depth_errors
 from cadtof_cli.maps.layers import DIRECT_DEPTH, DIRECT_SIGMA, MPI_DEPTH
@@ -66,7 +66,8 @@ def evaluate_maps(
     Raises:
         CadtofError: maps or truth cannot be read, hold no direct depth, differ in size, or hold z depth.
     """
-    _require_free(table, overwrite=overwrite)
+    if table is not None:
+        require_new(table, overwrite=overwrite)
     run = read_run(maps)
     expected = run.cropped(direct_depth(truth))
     run.require_range_depth()
@@ -101,7 +102,7 @@ def evaluate_maps(
 def _write_table(path: Path, lines: list[FrameErrors]) -> None:
     """Write a line for each frame: its name, then the figures of the direct path and of the first phasor."""
     names = [field.name for field in fields(DepthErrors)]
-    with whole_file(path) as temporary, temporary.open("w", encoding="utf-8", newline="") as file:
+    with atomic_write(path) as temporary, temporary.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(["frame", *names, *(f"first_phasor_{name}" for name in names)])
         for line in lines:
@@ -118,9 +119,9 @@ def scatter_over_time(maps: Path, out: Path, /, *, progress: Progress, overwrite
     Raises:
         CadtofError: maps cannot be read, hold no direct depth, or differ in size; or `out` cannot be written.
     """
-    if suffix_format(out) is not EXR:
-        raise OutputError(f"{out}: found the suffix {out.suffix!r}, expected {EXR.suffix}")
-    _require_free(out, overwrite=overwrite)
+    if format_by_suffix(out) is not EXR:
+        raise OutputError(f"{out}: found the suffix {out.suffix!r}, expected .{EXR.name}")
+    require_new(out, overwrite=overwrite)
     run = read_run(maps)
     files = run.require_maps()
     progress.total(len(files))
@@ -144,11 +145,6 @@ def scatter_over_time(maps: Path, out: Path, /, *, progress: Progress, overwrite
 def _median_cm(plane: NDArray[Any]) -> float | None:
     finite = plane[np.isfinite(plane)]
     return float(100.0 * np.median(finite)) if finite.size else None
-
-
-def _require_free(path: Path | None, *, overwrite: bool) -> None:
-    if path is not None and path.exists() and not overwrite:
-        raise OutputError(f"{path}: already exists; add --overwrite to replace it, or choose another file")
 
 
 def direct_depth(path: Path, /) -> Float:

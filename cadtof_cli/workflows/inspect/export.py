@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from cadtof_cli.capture.metadata import Optics
 from cadtof_cli.errors import CaptureError, SettingsError
-from cadtof_cli.files.atomic import whole_file
-from cadtof_cli.files.grey_png import write_grey_png
+from cadtof_cli.files.atomic import atomic_write, require_new
 from cadtof_cli.files.maps import STATUS, read_layers
+from cadtof_cli.files.png.writing import write_grey_png
 from cadtof_cli.files.point_cloud import write_pcd, write_ply
 from cadtof_cli.frame_plan import DepthKind
 from cadtof_cli.maps.layers import DIRECT_DEPTH
@@ -61,14 +61,15 @@ class _Map:
 
 
 def export_maps(
-    maps: Sequence[Path], out: Path, /, *, settings: ExportSettings, progress: Progress
+    maps: Sequence[Path], out: Path, /, *, settings: ExportSettings, progress: Progress, overwrite: bool = False
 ) -> tuple[Path, ...]:
     """Write each map into a file of the format that `out` ends with, and return the files.
 
     Of several maps each goes into a file of its own, whose name is that of `out` with the map's name behind.
 
     Raises:
-        CadtofError: the maps cannot be read or lack layers, points need optics that are unknown, or a file cannot be written.
+        CadtofError: the maps cannot be read or lack layers, points need optics that are unknown, or a file cannot be written,
+            or is there already and `overwrite` is not set.
     """
     write = WRITERS.get(out.suffix.lower())
     if write is None:
@@ -78,6 +79,7 @@ def export_maps(
     for position, output in enumerate(outputs):
         if output in outputs[:position]:
             raise SettingsError(f"two of the maps would be written as {output}: export them one command each")
+        require_new(output, overwrite=overwrite)
     progress.total(len(found))
     for (run, file), output in zip(found, outputs, strict=True):
         write(_read(run, file, settings), output, settings)
@@ -148,7 +150,7 @@ def _write_png(one: _Map, output: Path, settings: ExportSettings) -> None:
 def _write_npz(one: _Map, output: Path, settings: ExportSettings) -> None:
     """Write all layers by name as they are stored."""
     del settings
-    with whole_file(output) as temporary, temporary.open("wb") as file:
+    with atomic_write(output) as temporary, temporary.open("wb") as file:
         np.savez_compressed(file, allow_pickle=False, **dict(one.layers))
 
 
@@ -159,7 +161,7 @@ def _write_csv(one: _Map, output: Path, settings: ExportSettings) -> None:
     y, x = np.divmod(np.arange(rows * columns), columns)
     texts = [x.astype(str), y.astype(str), *(_texts(plane) for plane in one.layers.values())]
     lines = [",".join(("x", "y", *one.layers)), *map(",".join, zip(*texts, strict=True))]
-    with whole_file(output) as temporary:
+    with atomic_write(output) as temporary:
         temporary.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 

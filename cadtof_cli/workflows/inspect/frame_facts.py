@@ -6,11 +6,10 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from cadtof_cli.arrays import Stored
-from cadtof_cli.capture.frame_sources import FrameSource
-from cadtof_cli.capture.frames import read_stored
+from cadtof_cli.capture.frames import FrameSource, read_stored
 from cadtof_cli.capture.metadata import CaptureMetadata
 from cadtof_cli.errors import CadtofError
-from cadtof_cli.files.formats import format_of
+from cadtof_cli.files.formats import detect_format
 from cadtof_cli.files.frames import FrameLayout, NotAFrameError
 from cadtof_cli.phasors.noise import estimated_integration_length
 from cadtof_cli.phasors.plausible import implausible
@@ -47,8 +46,8 @@ class FrameFacts:
 def facts_of_frame(task: LookTask, /) -> FrameFacts:
     """Read one frame and return what it holds; whatever is wrong with it is a `problem`, never an exception."""
     try:
-        stored = read_stored(task.source, task.layout, usual=task.pixels)
-        container = format_of(task.source.paths[0], raw=task.layout.raw is not None).name
+        stored = read_stored(task.source, task.layout, size=task.pixels)
+        container = detect_format(task.source.paths[0], raw=task.layout.raw is not None).name
         return _facts(stored, container, task)
     except NotAFrameError as error:
         return FrameFacts(problem=str(error), skipped=True)

@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from cadtof_cli.capture.discovery import Capture, find_captures
-from cadtof_cli.capture.frames import single_frames, usual_file
-from cadtof_cli.capture.lone_planes import guessed_layout, hint_of_planes
+from cadtof_cli.capture.discovery import find_captures
+from cadtof_cli.capture.frames import Capture, single_frames, typical_file
 from cadtof_cli.capture.metadata import KEYS, Layout
+from cadtof_cli.capture.planes import guessed_layout, hint_of_planes
 from cadtof_cli.errors import CadtofError
 from cadtof_cli.execution.ordered import WorkerDied, run_ordered
 from cadtof_cli.execution.workers import Workers
@@ -106,13 +106,14 @@ def _capture_facts(capture: Capture, workers: Workers, progress: Progress) -> Ca
     for key in KEYS:
         value = getattr(getattr(metadata, key.table), key.name)
         facts.metadata[key.path] = {"value": value, "from": capture.source.origins[key.path]}
-    usual = usual_file(capture)
-    if usual is None and (hint := hint_of_planes(capture)):
+    typical = typical_file(capture)
+    if typical is None and (hint := hint_of_planes(capture)):
         facts.problems.append(hint)
         facts.guessed_layout = guessed_layout(capture)
         return facts
     tasks = (
-        LookTask(source, capture.layout, metadata, usual.pixels if usual else None) for source in single_frames(capture)
+        LookTask(source, capture.layout, metadata, typical.pixels if typical else None)
+        for source in single_frames(capture)
     )
     with closing(run_ordered(facts_of_frame, tasks, workers=workers)) as outcomes:
         implausible: list[str] = []

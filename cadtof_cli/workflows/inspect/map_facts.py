@@ -14,8 +14,7 @@ from cadtof_cli.files.formats import MAP_SUFFIXES
 from cadtof_cli.files.maps import STATUS, read_facts, read_layers
 from cadtof_cli.maps.layers import DIRECT_DEPTH, layer_unit
 from cadtof_cli.resolver.status import StatusBit
-from cadtof_cli.workflows.run_folder import RUN_FILE, is_run_folder, map_files, read_record
-from cadtof_cli.workflows.sound_record import require_sound_record
+from cadtof_cli.workflows.run_folder import RUN_FILE, is_run_folder, map_files, read_record, require_valid_record
 
 
 @dataclass(frozen=True)
@@ -61,7 +60,7 @@ def facts_of_maps(path: Path, /) -> MapFacts:
     facts = MapFacts(str(path), len(files))
     if is_run_folder(path):
         try:
-            facts.run = dict(require_sound_record(read_record(path)))
+            facts.run = dict(require_valid_record(read_record(path)))
         except OSError as error:
             facts.problems.append(f"{path / RUN_FILE}: cannot be read: {error.strerror or error}")
         except (ValueError, LookupError, TypeError, AttributeError) as error:

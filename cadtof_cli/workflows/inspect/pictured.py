@@ -8,9 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cadtof_cli.capture.discovery import Capture, find_captures, placed_below
-from cadtof_cli.capture.frame_sources import FrameSource
-from cadtof_cli.capture.frames import open_frames, single_frames
+from cadtof_cli.capture.discovery import find_captures, with_relative_names
+from cadtof_cli.capture.frames import Capture, FrameSource, open_frames, single_frames
 from cadtof_cli.capture.toml import FILE_NAME as CAPTURE_FILE
 from cadtof_cli.errors import CadtofError, SettingsError
 from cadtof_cli.figures.layers import Shown
@@ -51,7 +50,7 @@ def pictured(inputs: Sequence[Path], /) -> Iterator[Pictured]:
                 yield Pictured(name, _MapReader(run, file), DIRECT_DEPTH, run, file)
             continue
         captures = find_captures([path], overrides={}, recursive=path.is_dir())
-        for capture in placed_below(captures, [path])[0]:
+        for capture in with_relative_names(captures, [path])[0]:
             for source in single_frames(capture):
                 yield Pictured(source.name, _FrameReader(capture, source), LIGHT)
 

@@ -22,7 +22,7 @@ from cadtof_cli.resolver.status import StatusBit, describe_status
 from cadtof_cli.units import metres_per_radian
 from cadtof_cli.workflows.progress import Progress
 from cadtof_cli.workflows.resolve.frame_task import FrameTask, read_frame
-from cadtof_cli.workflows.resolve.plans import found_captures, planned
+from cadtof_cli.workflows.resolve.plans import find_named_captures, plan_captures
 from cadtof_cli.workflows.resolve.settings import ResolveSettings
 from cadtof_cli.workflows.resolve.use_calibration import use_calibration
 
@@ -107,11 +107,11 @@ def _task(
     frame: Path, place: int, settings: ResolveSettings, overrides: Mapping[str, Any], progress: Progress
 ) -> tuple[FrameTask, str]:
     """Return the task that a run would have for a map, and the frame's name."""
-    captures, _ = found_captures([frame], settings, overrides)
+    captures, _ = find_named_captures([frame], settings, overrides)
     if len(captures) > 1:
         raise CaptureError(f"{frame}: found {len(captures)} captures, expected a frame or one capture")
     calibration = use_calibration(settings.calibration, captures) if settings.calibration else None
-    (plan,) = planned(captures, settings, calibration)
+    (plan,) = plan_captures(captures, settings, calibration)
     for note in (*plan.notes(), *(calibration.notes if calibration else ())):
         progress.say(note)
     average = settings.maps.average

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cadtof_cli.calibration.store import load_calibration
-from cadtof_cli.errors import CadtofError, CaptureError, OutputError, SettingsError
+from cadtof_cli.errors import CadtofError, CaptureError, SettingsError
 from cadtof_cli.figures.calibration import draw_calibration
 from cadtof_cli.figures.kinds import require_picture
 from cadtof_cli.figures.layers import (
@@ -32,7 +32,7 @@ from cadtof_cli.figures.sequence import (
     require_film,
     thumbnail_size,
 )
-from cadtof_cli.files.atomic import whole_file
+from cadtof_cli.files.atomic import atomic_write, require_new
 from cadtof_cli.maps.layers import CONFIDENCE, DIRECT_AMPLITUDE, DIRECT_DEPTH, DIRECT_SIGMA, MPI_DEPTH
 from cadtof_cli.workflows.inspect.calibration_facts import is_calibration_folder
 from cadtof_cli.workflows.inspect.evaluate import direct_depth, same_size
@@ -58,8 +58,8 @@ def preview(inputs: Sequence[Path], out: Path, /, *, settings: PreviewSettings, 
         CadtofError: an input cannot be read or drawn, or the file cannot be written.
     """
     film = out.suffix.lower() in FILMS
-    if film and out.exists() and not settings.overwrite:
-        raise OutputError(f"{out}: already exists; add --overwrite to replace it, or choose another file")
+    if film:
+        require_new(out, overwrite=settings.overwrite)
     kind = require_film(out) if film else require_picture(out, overwrite=settings.overwrite, more=FILMS)
     if len(inputs) == 1 and is_calibration_folder(inputs[0]):
         _draw_calibration(inputs[0], out, kind, settings)
@@ -89,7 +89,7 @@ def _draw_calibration(folder: Path, out: Path, kind: str, settings: PreviewSetti
         )
     calibration = load_calibration(folder)
     parts = ", ".join(f"{kind_of} {digest}" for kind_of, digest in calibration.digests.items())
-    with whole_file(out) as temporary:
+    with atomic_write(out) as temporary:
         draw_calibration(calibration, temporary, title=f"calibration {folder.absolute().name}: {parts}", kind=kind)
 
 
@@ -98,7 +98,7 @@ def _one(one: Pictured, out: Path, kind: str, settings: PreviewSettings, progres
     shown = one.read()
     whole = settings.layer is None and settings.limits is None and settings.colours is None
     picture = _map_picture(one, shown, settings, progress) if whole and one.run is not None else None
-    with whole_file(out) as temporary:
+    with atomic_write(out) as temporary:
         if picture is not None:
             draw_maps(picture, temporary, kind=kind)
         elif not whole:
@@ -214,7 +214,7 @@ def _sheet(
         thumbnails.append(Thumbnail(one.name, fitted(block.painted(block.panels[0]), size)))
     assert bar is not None
     heading = f"{title}: {scale.layer}{f' ({unit})' if unit else ''}, {len(found)} frames"
-    with whole_file(out) as temporary:
+    with atomic_write(out) as temporary:
         draw_sheet(thumbnails, bar, temporary, title=heading, size=size, kinds=scale.kinds, kind=kind)
 
 
@@ -238,7 +238,7 @@ def _film(found: Sequence[Pictured], out: Path, kind: str, settings: PreviewSett
             yield FilmFrame(f"{one.name}  ({number} of {len(found)})", block)
 
     width = _film_width(scale.shape)
-    with whole_file(out) as temporary:
+    with atomic_write(out) as temporary:
         draw_film(
             frames(), temporary, kind=kind, per_second=settings.frames_per_second, panel_width=width, kinds=scale.kinds
         )

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cadtof_cli.arrays import Float, Index
-from cadtof_cli.errors import CaptureError, OutputError, SettingsError
-from cadtof_cli.files.atomic import whole_file
+from cadtof_cli.errors import CaptureError, SettingsError
+from cadtof_cli.files.atomic import atomic_write, require_new
 from cadtof_cli.files.maps import read_layers
 from cadtof_cli.maps.layers import DIRECT_DEPTH, layer_unit
 from cadtof_cli.optics.lens import planar_per_range
@@ -149,7 +149,7 @@ def _chosen(run: Run, settings: ProfileSettings) -> Path:
 
 
 def _names(runs: Sequence[Run], files: Sequence[Path]) -> list[str]:
-    """Return what curves are called: folders' names, with those of the maps where they do not tell them apart."""
+    """Return the names of the curves: those of the folders, and of the maps too where folders' names are the same."""
     for names in (
         [run.folder.absolute().name for run in runs],
         [f"{run.folder.absolute().name}/{run.name(file)}" for run, file in zip(runs, files, strict=True)],
@@ -205,9 +205,8 @@ def write_profile(profile: Profile, out: Path, /, *, overwrite: bool) -> None:
         OutputError: it ends otherwise, is there already, or cannot be written.
     """
     if out.suffix.lower() == TABLE:
-        if out.exists() and not overwrite:
-            raise OutputError(f"{out}: already exists; add --overwrite to replace it, or choose another file")
-        with whole_file(out) as temporary:
+        require_new(out, overwrite=overwrite)
+        with atomic_write(out) as temporary:
             temporary.write_text(profile_table(profile), encoding="utf-8")
         return
     from cadtof_cli.figures.kinds import require_picture

@@ -7,6 +7,7 @@ from pathlib import Path
 from cadtof_cli.arrays import Float, Float32
 from cadtof_cli.capture.metadata import Optics
 from cadtof_cli.errors import CadtofError, CaptureError, FrameError, OutputError, SettingsError
+from cadtof_cli.files.atomic import require_new
 from cadtof_cli.files.maps import STATUS, read_layers
 from cadtof_cli.maps.evaluation import DepthErrors, ErrorTally
 from cadtof_cli.maps.layers import DIRECT_DEPTH, DIRECT_SIGMA
@@ -72,8 +73,7 @@ def write_report(maps: Path, out: Path, /, *, settings: ReportSettings, progress
     """
     if out.suffix.lower() not in SUFFIXES:
         raise OutputError(f"{out}: found the suffix {out.suffix!r}, expected {' or '.join(SUFFIXES)}")
-    if out.exists() and not settings.overwrite:
-        raise OutputError(f"{out}: already exists; add --overwrite to replace it, or choose another file")
+    require_new(out, overwrite=settings.overwrite)
     run = read_run(maps)
     if run.record is None:
         run.require_maps()
@@ -137,7 +137,7 @@ class _SmallMap:
 
 @dataclass
 class _Gathered:
-    """What the maps of a run come to on its page."""
+    """What the page needs of all maps of a run."""
 
     shown: list[ShownFrame] = field(default_factory=list)
     truth: list[EmbeddedFrame] = field(default_factory=list)

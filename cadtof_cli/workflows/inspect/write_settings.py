@@ -6,9 +6,7 @@ from typing import Any
 
 from cadtof_cli.capture.metadata import KEYS, Key
 from cadtof_cli.capture.toml import DEFAULT_ORIGIN, FILE_NAME
-from cadtof_cli.errors import OutputError
-from cadtof_cli.files.atomic import whole_file
-from cadtof_cli.files.reading import is_there
+from cadtof_cli.files.atomic import atomic_write, require_new
 from cadtof_cli.files.toml import toml_line
 from cadtof_cli.workflows.inspect.info import CaptureFacts
 
@@ -45,10 +43,9 @@ def write_settings(facts: CaptureFacts, /, *, out: Path | None, overwrite: bool)
         OutputError: there is one, or it cannot be written.
     """
     path = out or Path(facts.root) / FILE_NAME
-    if is_there(path) and not overwrite:
-        raise OutputError(f"{path}: already exists; add --overwrite to replace it, or name another file with -o")
+    require_new(path, overwrite=overwrite)
     text = "\n".join(_lines(facts)) + "\n"
-    with whole_file(path) as temporary:
+    with atomic_write(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
     return path
 

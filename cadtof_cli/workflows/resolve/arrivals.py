@@ -5,13 +5,14 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from cadtof_cli.capture.discovery import Capture, absolute
+from cadtof_cli.capture.discovery import absolute
+from cadtof_cli.capture.frames import Capture
 from cadtof_cli.errors import CadtofError, OutputError
 from cadtof_cli.files.reading import is_folder
-from cadtof_cli.workflows.resolve.plans import CapturePlan, found_captures, planned
+from cadtof_cli.workflows.frame_report import FrameReport
+from cadtof_cli.workflows.resolve.plans import CapturePlan, find_named_captures, plan_captures
 from cadtof_cli.workflows.resolve.settings import ResolveSettings
 from cadtof_cli.workflows.resolve.use_calibration import AppliedCalibration
-from cadtof_cli.workflows.run_folder import FrameReport
 
 
 @dataclass
@@ -58,9 +59,9 @@ class Arrivals:
         found: list[CapturePlan] = []
         for folder, named in _by_folder(paths).items():
             try:
-                captures, _ = found_captures(named, self.settings, self.overrides, base=self.base)
+                captures, _ = find_named_captures(named, self.settings, self.overrides, base=self.base)
                 if not last:
-                    captures, waiting = held_back(captures, named, self.settings)
+                    captures, waiting = without_incomplete_frames(captures, named, self.settings)
                     self.waiting += waiting
                 found += self._known(captures)
             except CadtofError as error:
@@ -71,7 +72,7 @@ class Arrivals:
 
     def _known(self, captures: Sequence[Capture]) -> list[CapturePlan]:
         """Return the plans of captures, those met before as they were made then."""
-        new = planned([one for one in captures if one.root not in self.known], self.settings, self.calibration)
+        new = plan_captures([one for one in captures if one.root not in self.known], self.settings, self.calibration)
         plans = [
             replace(
                 self.known[one.root],
@@ -91,7 +92,7 @@ class Arrivals:
         return plans
 
 
-def held_back(
+def without_incomplete_frames(
     captures: Sequence[Capture], paths: Iterable[Path], settings: ResolveSettings, /
 ) -> tuple[tuple[Capture, ...], list[Path]]:
     """Return captures without the frames that have to wait, and the files that do.

@@ -1,27 +1,26 @@
 """One recorded frame → one file of maps: the unit of work that goes to a worker process."""
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from cadtof_cli.arrays import Stored
-from cadtof_cli.capture.frame_sources import FrameSource
-from cadtof_cli.capture.frames import read_stored
+from cadtof_cli.capture.frames import FrameSource, read_stored
 from cadtof_cli.errors import CadtofError, FrameError, PlaceError
 from cadtof_cli.execution.outcome import Later
 from cadtof_cli.execution.workers import keep_freed_memory
 from cadtof_cli.files.digest import Digest, content_digest, file_digest
 from cadtof_cli.files.frames import FrameLayout, NotAFrameError
-from cadtof_cli.files.maps import SOURCE, DepthMaps, MapsAbout, begin_maps
+from cadtof_cli.files.maps import SOURCE, DepthMaps, MapHeader, stage_maps
 from cadtof_cli.frame_plan import FramePlan
 from cadtof_cli.phasors.frame_mean import FrameMean, frame_mean
 from cadtof_cli.phasors.plausible import implausible
 from cadtof_cli.pipeline import ResolvedFrame, resolve_frame
 from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.status import StatusCounts, count_status, why_no_answer
-from cadtof_cli.workflows.run_folder import ALREADY_THERE, FrameReport, FrameStatus, SourceFile
+from cadtof_cli.workflows.frame_report import ALREADY_THERE, FrameReport, FrameStatus, SourceFile
 
 if TYPE_CHECKING:
     from cadtof_cli.calibration.store import Calibration
@@ -45,6 +44,12 @@ class FrameTask:
     resume: bool = False
     before: FrameReport | None = None
     token: str = ""
+
+    def __reduce__(self) -> tuple[Callable[..., "FrameTask"], tuple[Any, ...]]:
+        """Return how another process makes this one: from texts, since each frame has paths, which take long to go there."""
+        sources = tuple((one.name, tuple(map(str, one.paths)), one.index) for one in self.sources)
+        others = (self.layout, self.plan, self.pixels, str(self.output), self.resume, self.before, self.token)
+        return _task_of_texts, (sources, *others)
 
     def calibration(self) -> "Calibration | None":
         """Return the calibration that the plan names, which each process reads once.
@@ -72,6 +77,19 @@ class FrameTask:
         except (OSError, ValueError):
             return None
         return tuple(SourceFile(name, now.st_size, now.st_mtime_ns) for name, now in found)
+
+
+def _task_of_texts(
+    sources: Sequence[tuple[str, Sequence[str], int | None]],
+    layout: FrameLayout,
+    plan: FramePlan,
+    pixels: tuple[int, int] | None,
+    output: str,
+    *others: Any,
+) -> FrameTask:
+    """Return the task that has travelled from another process."""
+    found = tuple(FrameSource(name, tuple(map(Path, paths)), index) for name, paths, index in sources)
+    return FrameTask(found, layout, plan, pixels, Path(output), *others)
 
 
 @dataclass(frozen=True)
@@ -138,18 +156,18 @@ def written(task: FrameTask, resolved: ResolvedFrame, recording: Recording, /, *
 
     Raises:
         FrameError: no pixel has an answer; nothing is written then.
-        OutputError: see `begin_maps`.
+        OutputError: see `stage_maps`.
     """
     maps, counts = answered_maps(resolved, task.plan, name=str(task.sources[0]))
     note = _why_again(task) if task.resume else None
-    about = maps_about(task.plan, source_name(task.sources[0]))
-    begun = begin_maps(task.output, maps, about=about, token=task.token)
+    header = map_header(task.plan, source_name(task.sources[0]))
+    file, output_digest = stage_maps(task.output, maps, header=header, token=task.token)
     reasons = [recording.left_out] if recording.left_out else []
     if resolved.noise_estimated:
         reasons.append(f"noise estimated from the frame: integration_length {resolved.integration_length:.4g}")
 
     def keep() -> FrameReport:
-        size = begun.file.keep()
+        size = file.commit()
         return task.report(
             "ok",
             "; ".join(reasons) or None,
@@ -162,7 +180,7 @@ def written(task: FrameTask, resolved: ResolvedFrame, recording: Recording, /, *
             files=recording.files,
             digest=recording.digest,
             output_bytes=size,
-            output_digest=begun.digest,
+            output_digest=output_digest,
             note=note,
         )
 
@@ -188,8 +206,8 @@ def source_name(source: FrameSource, /) -> str:
     return f"{source.paths[0].name}{'' if source.index is None else f'[{source.index}]'}"
 
 
-def maps_about(plan: FramePlan, source: str, /) -> MapsAbout:
-    """Return what the maps of a recorded frame say of themselves."""
+def map_header(plan: FramePlan, source: str, /) -> MapHeader:
+    """Return the header of the maps of a recorded frame."""
     facts = {
         "depth": "radial range" if plan.settings.depth == "range" else "planar depth z",
         "periods_ns": ", ".join(f"{period:g}" for period in plan.metadata.modulation.periods_ns),
@@ -197,7 +215,7 @@ def maps_about(plan: FramePlan, source: str, /) -> MapsAbout:
     }
     if plan.calibration is not None:
         facts["calibration"] = plan.calibration.digest
-    return MapsAbout({layer.name: layer.unit for layer in plan.layers}, facts)
+    return MapHeader({layer.name: layer.unit for layer in plan.layers}, facts)
 
 
 def kept_maps(task: FrameTask, /, *, began: float) -> FrameReport | None:
@@ -278,7 +296,7 @@ def read_frame(task: FrameTask, /) -> tuple[Stored | FrameMean, Recording]:
 
 
 def _stored(task: FrameTask, source: FrameSource) -> Stored:
-    stored = read_stored(source, task.layout, usual=task.pixels)
+    stored = read_stored(source, task.layout, size=task.pixels)
     wrong = implausible(stored, task.plan.metadata)
     if wrong is not None:
         raise FrameError(f"{source}: {wrong}")

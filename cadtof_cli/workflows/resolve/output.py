@@ -1,23 +1,31 @@
-"""The folder that a run writes into: that nothing in it is lost, and that an earlier run in it is the same run."""
+"""The folder that a run writes into: one run at a time holds it, nothing in it is lost, and an earlier run in it is the same."""
 
+import contextlib
 import itertools
 import json
+import os
+import platform
 import re
-from collections.abc import Collection, Iterator, Mapping, Sequence
-from functools import cached_property
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from cadtof_cli.capture.discovery import Capture
+from cadtof_cli.capture.frames import Capture, FrameFileList, FrameSource
 from cadtof_cli.capture.toml import FILE_NAME as CAPTURE_FILE
 from cadtof_cli.errors import OutputError
-from cadtof_cli.files.atomic import remove_partial_files, write_error
+from cadtof_cli.files.atomic import remove_partial_files, writing
 from cadtof_cli.files.formats import MAP_FORMATS
-from cadtof_cli.files.reading import is_there, real_path
-from cadtof_cli.files.system import sync_folder
-from cadtof_cli.records import dataclass
+from cadtof_cli.files.reading import real_path
+from cadtof_cli.files.system import OPEN_OR_CREATE_FLAGS, read_at, remove_and_close, sync_folder, try_lock
 from cadtof_cli.workflows.resolve.settings import ResolveSettings
 from cadtof_cli.workflows.run_folder import FRAMES_FILE, RUN_FILE, read_record
+
+LOCK_FILE = ".cadtof.lock"
+
+_HELD: set[tuple[int, int]] = set()
+"""Folders that this process holds: the system's locks are between processes."""
 
 _PLACE_IN_STACK = r"_\d{4,}$"
 
@@ -34,32 +42,73 @@ _CHANGES_NO_MAP = frozenset(
         "frames",
     }
 )
-_INPUTS, _FOLDERS = "resolved_inputs", "folders of the frames"
-
 """Arguments that may differ between a run and its resumption: what they decide is compared by what it is, not as it was typed."""
 
-
-@dataclass(frozen=True)
-class FrameNames(Collection[str]):
-    """The names that maps of captures will have. Thousands of them are kept only where one is asked for."""
-
-    captures: Sequence[Capture]
-
-    def __iter__(self) -> Iterator[str]:
-        return (name for capture in self.captures for name in (frame.name for frame in capture.frames))
-
-    def __len__(self) -> int:
-        return sum(len(capture.frames) for capture in self.captures)
-
-    def __contains__(self, name: object) -> bool:
-        return name in self._known
-
-    @cached_property
-    def _known(self) -> frozenset[str]:
-        return frozenset(self)
+_INPUTS, _FOLDERS = "resolved_inputs", "folders of the frames"
 
 
-def frame_names(captures: Sequence[Capture], out: Path, /) -> Collection[str]:
+@contextmanager
+def locked(folder: Path, /) -> Iterator[None]:
+    """Keep every other run out of a folder.
+
+    A file in it carries the lock and says whose it is. The lock is the process's own, so that neither its end, however
+    sudden, nor a worker that outlives it leaves the folder locked. Where the file system has no locks there is none.
+
+    Raises:
+        OutputError: somebody else holds it, who is named; or the file cannot be made.
+    """
+    place = folder.stat()
+    held = (place.st_dev, place.st_ino)
+    if held in _HELD:
+        raise OutputError(
+            f"{folder}: this process ({os.getpid()}) is writing into it already; choose another folder with -o"
+        )
+    path = folder / LOCK_FILE
+    descriptor = _locked_file(folder, path)
+    _HELD.add(held)
+    try:
+        with contextlib.suppress(OSError):
+            owner = {
+                "pid": os.getpid(),
+                "host": platform.node(),
+                "since": datetime.now(UTC).isoformat(timespec="seconds"),
+            }
+            os.ftruncate(descriptor, 0)
+            os.lseek(descriptor, 0, os.SEEK_SET)
+            os.write(descriptor, json.dumps(owner).encode())
+        yield
+    finally:
+        _HELD.discard(held)
+        remove_and_close(path, descriptor)
+
+
+def _locked_file(folder: Path, path: Path) -> int:
+    """Return the descriptor of the file, locked."""
+    while True:
+        try:
+            descriptor = os.open(path, OPEN_OR_CREATE_FLAGS, 0o666)
+        except OSError as error:
+            raise OutputError(f"{path}: cannot be written: {error.strerror}") from error
+        if not try_lock(descriptor):
+            owner = _owner(descriptor)
+            os.close(descriptor)
+            raise OutputError(f"{folder}: {owner}; wait until it ends, or choose another folder with -o")
+        with contextlib.suppress(OSError):
+            # its last owner may have removed the file before we got the lock
+            if os.path.samestat(os.fstat(descriptor), path.lstat()):
+                return descriptor
+        os.close(descriptor)
+
+
+def _owner(descriptor: int) -> str:
+    try:
+        owner = json.loads(read_at(descriptor, 4096, 0))
+        return f"process {owner['pid']} on {owner['host']} has been writing into it since {owner['since']}"
+    except (OSError, ValueError, KeyError, TypeError):
+        return "another process is writing into it"
+
+
+def frame_names(captures: Sequence[Capture], out: Path, /) -> set[str]:
     """Return the names that maps will have.
 
     Raises:
@@ -67,10 +116,9 @@ def frame_names(captures: Sequence[Capture], out: Path, /) -> Collection[str]:
     """
     if (out / CAPTURE_FILE).exists() or real_path(out) in {real_path(capture.root) for capture in captures}:
         raise OutputError(f"{out}: the maps would be written among recorded frames; choose another folder with -o")
-    names, met = FrameNames(captures), set[str]()
-    # a capture's own names differ
-    for name in names if len(captures) > 1 else ():
-        if name in met:
+    names = set[str]()
+    for name in itertools.chain.from_iterable(map(_names_of, (capture.frames for capture in captures))):
+        if name in names:
             frames = (frame for capture in captures for frame in capture.frames if frame.name == name)
             first, second = (frame.paths[0] for frame in itertools.islice(frames, 2))
             if first == second:
@@ -79,14 +127,18 @@ def frame_names(captures: Sequence[Capture], out: Path, /) -> Collection[str]:
                 f"{first} and {second} would both be written as {out}/{name}; "
                 "resolve them into folders of their own, one command each"
             )
-        met.add(name)
+        names.add(name)
     return names
+
+
+def _names_of(frames: Sequence[FrameSource]) -> Iterable[str]:
+    return frames.names() if isinstance(frames, FrameFileList) else (frame.name for frame in frames)
 
 
 def prepare_output(
     out: Path, names: Collection[str], document: Mapping[str, Any], /, *, settings: ResolveSettings, arriving: bool
 ) -> bool:
-    """Make sure that a run loses nothing in its folder, which it holds the lock of; return whether it goes on with another.
+    """Prepare the run's folder, whose lock is held, without losing files; return whether this run continues an earlier one.
 
     With inputs still `arriving`, only those that are there can be compared.
 
@@ -94,60 +146,60 @@ def prepare_output(
         OutputError: the folder holds files of a run, and neither `overwrite` nor `resume` is set; or the run to be resumed was
             another one.
     """
-    there = would_be_replaced(out, names)
-    if settings.resume and there:
-        _require_same_run(out, document, there, arriving=arriving)
-    elif settings.overwrite:
-        # what it says is not true of the maps to come; once they are there it would be believed
-        try:
+    there: list[str] = []
+    if settings.overwrite:
+        # its lines do not describe the maps to come, but would be taken for theirs
+        with writing(out / FRAMES_FILE):
             (out / FRAMES_FILE).unlink(missing_ok=True)
             sync_folder(out)
-        except OSError as error:
-            raise write_error(out / FRAMES_FILE, error) from error
+    elif settings.resume:
+        there = _existing_outputs(out, names)
+        if there:
+            _require_same_run(out, document, there, arriving=arriving)
     else:
         require_nothing_replaced(out, names)
-    if settings.overwrite or settings.resume:
-        remove_partial_files(out, token="*")
-    return settings.resume and bool(there)
+        return False
+    remove_partial_files(out, token="*")
+    return bool(there)
 
 
 def require_nothing_replaced(out: Path, names: Collection[str], /) -> None:
     """Raise OutputError where a run would replace files."""
-    if there := would_be_replaced(out, names):
+    if there := _existing_outputs(out, names):
         raise OutputError(
-            f"{out}: {_some(there)} would be replaced; add --overwrite to replace, --resume to go on where a run "
+            f"{out}: {_first_names(there)} would be replaced; add --overwrite to replace, --resume to go on where a run "
             "stopped, or choose another folder with -o"
         )
 
 
-def _some(names: Sequence[str]) -> str:
+def _first_names(names: Sequence[str]) -> str:
     return f"{', '.join(names[:3])}{f' and {len(names) - 3} more' if len(names) > 3 else ''}"
 
 
-def would_be_replaced(out: Path, named: Collection[str], /) -> list[str]:
+def _existing_outputs(out: Path, names: Collection[str], /) -> list[str]:
     """Return the files in a run's folder that the run would replace."""
-
-    def would_be(path: str) -> bool:
-        stem, _, suffix = path.rpartition(".")
-        return suffix in MAP_FORMATS and (stem in named or re.sub(_PLACE_IN_STACK, "", stem) in named)
-
-    folders = {out / name.rpartition("/")[0] for name in named if "/" in name} | {out}
-    present = (path for folder in folders if folder.is_dir() for path in folder.iterdir())
-    names = (path.relative_to(out).as_posix() for path in present)
-    return sorted(name for name in names if name in {RUN_FILE, FRAMES_FILE} or would_be(name))
+    folders = {out / name.rpartition("/")[0] for name in names if "/" in name} | {out}
+    there = []
+    for path in (path for folder in folders if folder.is_dir() for path in folder.iterdir()):
+        file = path.relative_to(out).as_posix()
+        stem, _, suffix = file.rpartition(".")
+        is_map = suffix in MAP_FORMATS and (stem in names or re.sub(_PLACE_IN_STACK, "", stem) in names)
+        if is_map or file in {RUN_FILE, FRAMES_FILE}:
+            there.append(file)
+    return sorted(there)
 
 
 def _require_same_run(out: Path, document: Mapping[str, Any], there: Sequence[str], *, arriving: bool) -> None:
     path = out / RUN_FILE
-    if not is_there(path):
+    if not os.path.lexists(path):
         raise OutputError(
-            f"{out}: cannot resume: found {_some(there)} and no {RUN_FILE}, so nothing tells what was resolved and how; "
+            f"{out}: cannot resume: found {_first_names(there)} and no {RUN_FILE}, so nothing tells what was resolved and how; "
             "add --overwrite, or choose another folder with -o"
         )
     try:
         earlier = read_record(out)
         before = _what_decides_maps(earlier)
-        # by it the lines of its frames are known
+        # lines of frames are found by it
         Path(earlier["arguments"]["out"])
     except OSError as error:
         raise OutputError(f"{path}: cannot be read: {error.strerror or error}") from error

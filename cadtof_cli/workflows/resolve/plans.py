@@ -5,11 +5,10 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from cadtof_cli.capture.discovery import Capture, find_captures, placed_below
-from cadtof_cli.capture.frame_sources import FrameSource
-from cadtof_cli.capture.frames import file_size, open_frames, single_frames, usual_file
+from cadtof_cli.capture.discovery import find_captures, with_relative_names
+from cadtof_cli.capture.frames import Capture, FrameSource, file_size, open_frames, single_frames, typical_file
 from cadtof_cli.errors import CaptureError, FrameError, SettingsError
-from cadtof_cli.files.formats import format_named, map_suffix_like
+from cadtof_cli.files.formats import Format, format_by_name, map_format_for
 from cadtof_cli.frame_plan import FramePlan
 from cadtof_cli.phasors.noise import noise_model
 from cadtof_cli.phasors.plausible import implausible
@@ -18,7 +17,7 @@ from cadtof_cli.records import dataclass
 from cadtof_cli.workflows.resolve.settings import AS_INPUT, ResolveSettings
 from cadtof_cli.workflows.resolve.use_calibration import AppliedCalibration
 
-_WORTH_SAYING_S = 10.0
+_SLOW_RUN_S = 10.0
 
 
 @dataclass(frozen=True)
@@ -54,9 +53,18 @@ class CapturePlan:
 
     def output(self, source: FrameSource, settings: ResolveSettings, /) -> Path:
         """Return the file that the maps of a frame are written into."""
+        return settings.out / f"{source.name}.{self._map_format(source, settings).name}"
+
+    def load_map_files(self, settings: ResolveSettings, /) -> None:
+        """Load the module that writes the maps of most frames, before any is to be written."""
+        for source in self.capture.frames[:1]:
+            layers = self._map_format(source, settings).layers
+            assert layers is not None
+            layers()
+
+    def _map_format(self, source: FrameSource, settings: ResolveSettings) -> Format:
         same = settings.map_format == AS_INPUT
-        suffix = map_suffix_like(source.paths[0]) if same else format_named(settings.map_format).suffix
-        return settings.out / f"{source.name}{suffix}"
+        return map_format_for(source.paths[0]) if same else format_by_name(settings.map_format)
 
     def pooling_seconds(self) -> float:
         """Return about how long the pooling of one frame takes."""
@@ -66,7 +74,7 @@ class CapturePlan:
         return pooling_seconds(self.pixels or (0, 0), noise, window=self.plan.settings.pool)
 
     def notes(self) -> Iterator[str]:
-        """Yield what is taken for granted about the capture."""
+        """Yield notes on what is assumed about the capture."""
         source, root = self.capture.source, self.capture.root
         if source.file is not None and source.file.parent != root:
             yield f"{root}: settings of {source.file}"
@@ -80,7 +88,7 @@ class CapturePlan:
             yield f"{root}: optics.focal_length_px is not given, so diffuse MPI is predicted for a view of 60° across"
 
 
-def found_captures(
+def find_named_captures(
     inputs: Sequence[Path], settings: ResolveSettings, overrides: Mapping[str, Any], /, *, base: Path | None = None
 ) -> tuple[tuple[Capture, ...], Path]:
     """Return the captures among the inputs, named by where they lie below a folder, and that folder.
@@ -94,10 +102,10 @@ def found_captures(
     captures = find_captures(
         inputs, overrides=overrides, settings_file=settings.settings_file, recursive=settings.recursive
     )
-    return placed_below(captures, inputs, base=base)
+    return with_relative_names(captures, inputs, base=base)
 
 
-def planned(
+def plan_captures(
     captures: Sequence[Capture], settings: ResolveSettings, calibration: AppliedCalibration | None, /
 ) -> list[CapturePlan]:
     """Return what to do with each capture.
@@ -110,21 +118,21 @@ def planned(
     use = calibration.use if calibration else None
     plans: list[CapturePlan] = []
     for capture in captures:
-        metadata, usual = capture.source.metadata, usual_file(capture)
+        metadata, typical = capture.source.metadata, typical_file(capture)
         plan = FramePlan(metadata=metadata, settings=settings.maps, calibration=use)
-        if usual is None:
-            from cadtof_cli.capture.lone_planes import hint_of_planes
+        if typical is None:
+            from cadtof_cli.capture.planes import hint_of_planes
 
             if hint := hint_of_planes(capture):
                 raise CaptureError(hint)
             plans.append(CapturePlan(capture, plan, None))
             continue
-        of_one = max(usual.bytes / usual.frames, 1.0) if usual.frames > 1 else None
-        plans.append(CapturePlan(capture, plan, usual.pixels, of_one))
+        of_one = max(typical.bytes / typical.frames, 1.0) if typical.frames > 1 else None
+        plans.append(CapturePlan(capture, plan, typical.pixels, of_one))
         if settings.maps.roi:
-            _require_inside(settings.maps.roi, capture, usual.pixels)
+            _require_inside(settings.maps.roi, capture, typical.pixels)
         try:
-            volts_per_count(metadata.voltage, usual.dtype)
+            volts_per_count(metadata.voltage, typical.dtype)
         except SettingsError as error:
             raise SettingsError(f"{capture.root}: {error}") from error
         _require_plausible(capture)
@@ -152,13 +160,13 @@ def _require_plausible(capture: Capture) -> None:
 
 
 def slow_notes(plans: Sequence[CapturePlan], settings: ResolveSettings, /) -> Iterator[str]:
-    """Yield how long a run will take where that is known to be long, and a frame takes so long that no bar would tell."""
+    """Yield a note on how long a run will take, where pooling makes it long: the progress bar shows nothing for a while."""
     if settings.maps.pool == 1:
         return
     pooling = sum(one.expected_maps(settings) * one.pooling_seconds() for one in plans)
     maps = sum(one.expected_maps(settings) for one in plans)
     seconds = pooling / max(min(settings.workers.jobs, maps), 1)
-    if seconds > _WORTH_SAYING_S:
+    if seconds > _SLOW_RUN_S:
         yield f"--pool {settings.maps.pool}: {maps} frames will take about {_duration(seconds)}"
 
 

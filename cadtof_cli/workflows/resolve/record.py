@@ -15,17 +15,18 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 from cadtof_cli import __version__
-from cadtof_cli.capture.discovery import Capture
+from cadtof_cli.capture.frames import Capture
 from cadtof_cli.errors import OutputError
-from cadtof_cli.files.atomic import whole_file, write_error, write_json
+from cadtof_cli.files.atomic import atomic_write, write_json, writing
 from cadtof_cli.files.reading import real_path
-from cadtof_cli.files.system import KEEP, read_at
+from cadtof_cli.files.system import OPEN_OR_CREATE_FLAGS, read_at
 from cadtof_cli.resolver.status import MEANING
 from cadtof_cli.resolver.two_path.kernel import chosen_kernel
+from cadtof_cli.workflows.frame_report import FrameReport, RunTotals, report_of
 from cadtof_cli.workflows.resolve.plans import CapturePlan
 from cadtof_cli.workflows.resolve.settings import ResolveSettings
 from cadtof_cli.workflows.resolve.use_calibration import AppliedCalibration
-from cadtof_cli.workflows.run_folder import FRAMES_FILE, RUN_FILE, FrameReport, RunTotals, read_record, report_of
+from cadtof_cli.workflows.run_folder import FRAMES_FILE, RUN_FILE, read_record
 
 
 def run_document(
@@ -117,15 +118,22 @@ def _as_json(capture: Capture) -> dict[str, Any]:
 class RunRecorder:
     """Writes `run.json` and `frames.jsonl`.
 
-    Lines are appended as frames finish, each handed to the system at once. A run that goes on with an earlier one appends too; at
-    its end the lines are brought into the order of the frames, one for each, as if nobody had interrupted anything.
+    A line is appended as soon as its frame is finished. A run that continues an earlier one appends too; at its end the lines are
+    sorted into the order of the frames, one for each, as if nothing had been interrupted.
     """
 
     def __init__(self, out: Path, document: Mapping[str, Any], *, resume: bool, say: Callable[[str], None]) -> None:
         self._document, self._say, self._resumed = document, say, resume
         self._out, self._run, self._path = out, out / RUN_FILE, out / FRAMES_FILE
         self._totals, self._before, self._places = RunTotals(), dict[str, int](), array("q")
-        self._lines = self._opened(resume=resume)
+        with writing(self._path):
+            if not resume:
+                self._path.unlink(missing_ok=True)
+            # not buffered, so that nothing is left to be written, and to fail, on closing
+            self._lines: BinaryIO = os.fdopen(os.open(self._path, OPEN_OR_CREATE_FLAGS, 0o666), "r+b", buffering=0)
+            if not stat.S_ISREG(os.fstat(self._lines.fileno()).st_mode):
+                self._lines.close()
+                raise OSError("found no regular file there")
         if resume:
             try:
                 self._find_lines(Path(read_record(out)["arguments"]["out"]))
@@ -135,7 +143,7 @@ class RunRecorder:
 
     def before(self, output: Path, /) -> FrameReport | None:
         """Return what an earlier run recorded of a frame whose maps it wrote; None where it did not."""
-        place = self._known_place(output)
+        place = self._known_place(str(output))
         return None if place is None else report_of(self._line_at(place))
 
     def add(self, report: FrameReport, /) -> None:
@@ -143,17 +151,17 @@ class RunRecorder:
         line = report.line or report
         self._totals.add(line)
         text = json.dumps(line.as_json()).encode() + b"\n"
-        with self._reported():
-            place = self._known_place(Path(line.output or ""))
+        with writing(self._path):
+            place = self._known_place(line.output)
             if report.line is None or place is None or self._line_at(place) != text:
                 self._require_there()
                 place = self._append(text)
             if self._resumed:
                 self._places.append(place)
 
-    def _known_place(self, output: Path) -> int | None:
+    def _known_place(self, output: str | None) -> int | None:
         """Return where an earlier run's line on a frame begins, by where its maps lie; None where there is none."""
-        return self._before.get(_place_in(self._out, output)) if self._before else None
+        return self._before.get(_place_in(self._out, Path(output or ""))) if self._before else None
 
     def _append(self, text: bytes) -> int:
         """Write a line behind the others, whole or not at all, and return its place."""
@@ -170,38 +178,27 @@ class RunRecorder:
 
     def finish(self, seconds: float, /) -> None:
         """Complete both files; the totals are those of all frames, whichever run resolved them."""
-        with self._reported():
+        with writing(self._path):
             self._require_there()
             os.fsync(self._lines.fileno())
         if self._resumed:
-            with whole_file(self._path) as temporary, temporary.open("wb") as ordered:
+            with atomic_write(self._path) as temporary, temporary.open("wb") as ordered:
                 ordered.writelines(map(self._line_at, self._places))
         totals = asdict(replace(self._totals, seconds=round(seconds, 3)))
         del totals["already_there"]  # a line of frames.jsonl is that of a frame that was resolved, whichever run did it
         write_json(self._run, {**self._document, "finished": True, "totals": totals})
 
     def close(self) -> None:
-        """Let go of `frames.jsonl`."""
+        """Close `frames.jsonl`."""
         self._lines.close()
 
-    def _opened(self, *, resume: bool) -> BinaryIO:
-        """Return `frames.jsonl`, open; it is not buffered, so that nothing is left to be written, and to fail, on closing."""
-        with self._reported():
-            if not resume:
-                self._path.unlink(missing_ok=True)
-            lines = os.fdopen(os.open(self._path, KEEP, 0o666), "r+b", buffering=0)
-            if not stat.S_ISREG(os.fstat(lines.fileno()).st_mode):
-                lines.close()
-                raise OSError("found no regular file there")
-            return lines
-
     def _find_lines(self, out: Path) -> None:
-        """Learn where the lines of frames lie that have maps; what a kill left of a last line is cut off.
+        """Find the lines of frames that have maps; cut off a last line that a killed run did not complete.
 
         `out` is what the earlier run called its folder.
         """
         end = 0
-        with self._reported(), self._path.open("rb") as lines:
+        with writing(self._path), self._path.open("rb") as lines:
             for line in lines:
                 if not line.endswith(b"\n"):
                     break
@@ -226,11 +223,11 @@ class RunRecorder:
     def _require_there(self) -> None:
         """Write `frames.jsonl` anew where somebody has removed or replaced it meanwhile: what it held is still at hand."""
         try:
-            if os.path.samestat(self._path.lstat(), os.fstat(self._lines.fileno())):
+            if os.path.samestat(os.lstat(self._path), os.fstat(self._lines.fileno())):
                 return
         except FileNotFoundError:
             pass
-        with whole_file(self._path) as temporary:
+        with atomic_write(self._path) as temporary:
             copy = temporary.open("r+b", buffering=0)
             size, place = os.fstat(self._lines.fileno()).st_size, 0
             while place < size:
@@ -238,13 +235,6 @@ class RunRecorder:
         self._lines.close()
         self._lines = copy
         self._say(f"{self._path}: was removed or replaced while frames were resolved; written anew")
-
-    @contextmanager
-    def _reported(self) -> Iterator[None]:
-        try:
-            yield
-        except OSError as error:
-            raise write_error(self._path, error) from error
 
 
 def _place_in(out: Path, output: Path) -> str:
@@ -262,7 +252,7 @@ def recorded_run(
         OutputError: one of them cannot be written; or the run to be resumed is none.
     """
     if not resume:
-        # the settings first: lines without them would be believed of the next run
+        # the settings first: without them, the lines would be taken for the next run's
         write_json(out / RUN_FILE, document)
     recorder = RunRecorder(out, document, resume=resume, say=say)
     try:

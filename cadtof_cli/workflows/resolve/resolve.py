@@ -12,15 +12,15 @@ from typing import Any
 from cadtof_cli.errors import RunStoppedError
 from cadtof_cli.execution.ordered import Outcome, WorkerDied, run_ordered
 from cadtof_cli.execution.workers import LOCAL
-from cadtof_cli.files.atomic import PARTIAL_SUFFIX, make_folder, make_folders, remove_partial_files
-from cadtof_cli.files.lock import locked
+from cadtof_cli.files.atomic import PARTIAL_SUFFIX, make_folder, remove_partial_files, writing
 from cadtof_cli.resolver.two_path.kernel import kernel_notes
-from cadtof_cli.workflows.progress import UNTOLD, Progress
+from cadtof_cli.workflows.frame_report import ALREADY_THERE, FrameReport, RunTotals
+from cadtof_cli.workflows.progress import NO_PROGRESS, Progress
 from cadtof_cli.workflows.resolve import split_frames
-from cadtof_cli.workflows.resolve.arrivals import Arrivals, held_back
+from cadtof_cli.workflows.resolve.arrivals import Arrivals, without_incomplete_frames
 from cadtof_cli.workflows.resolve.frame_task import FrameTask, resolve_file
-from cadtof_cli.workflows.resolve.output import frame_names, prepare_output, require_nothing_replaced
-from cadtof_cli.workflows.resolve.plans import CapturePlan, found_captures, planned, slow_notes
+from cadtof_cli.workflows.resolve.output import frame_names, locked, prepare_output, require_nothing_replaced
+from cadtof_cli.workflows.resolve.plans import CapturePlan, find_named_captures, plan_captures, slow_notes
 from cadtof_cli.workflows.resolve.record import (
     RunRecorder,
     record_captures,
@@ -30,9 +30,8 @@ from cadtof_cli.workflows.resolve.record import (
 )
 from cadtof_cli.workflows.resolve.settings import ResolveSettings
 from cadtof_cli.workflows.resolve.use_calibration import use_calibration
-from cadtof_cli.workflows.run_folder import ALREADY_THERE, FrameReport, RunTotals
 
-DIED = "the worker process died twice on this frame (killed, or out of memory): try fewer --jobs"
+WORKER_DIED = "the worker process died twice on this frame (killed, or out of memory): try fewer --jobs"
 
 
 def resolve_captures(
@@ -42,7 +41,7 @@ def resolve_captures(
     settings: ResolveSettings,
     overrides: Mapping[str, Any],
     arriving: Iterable[tuple[Path, ...]] | None = None,
-    progress: Progress = UNTOLD,
+    progress: Progress = NO_PROGRESS,
     on_frame: Callable[[FrameReport], None] = lambda _: None,
 ) -> RunTotals:
     """Resolve every frame of the inputs into a file of maps in `settings.out`; frames fail alone.
@@ -58,10 +57,10 @@ def resolve_captures(
     Raises:
         CadtofError: nothing can be resolved: an input, the metadata, the settings or the output folder is at fault.
     """
-    captures, base = found_captures(inputs, settings, overrides)
-    captures, waiting = (captures, []) if arriving is None else held_back(captures, inputs, settings)
+    captures, base = find_named_captures(inputs, settings, overrides)
+    captures, waiting = (captures, []) if arriving is None else without_incomplete_frames(captures, inputs, settings)
     calibration = use_calibration(settings.calibration, captures) if settings.calibration else None
-    plans = planned(captures, settings, calibration)
+    plans = plan_captures(captures, settings, calibration)
     names = frame_names(captures, settings.out)
     if settings.dry_run:
         return _dry_run(plans, settings, names, on_frame)
@@ -79,13 +78,13 @@ def resolve_captures(
             # a cluster that does not answer is found before anything is written
             first = run.outcomes(plans, names)
             with recorded_run(settings.out, document, resume=resumed, say=progress.say) as run.record:
-                run.tell_all(first)
+                run.report_all(first)
                 if arriving is not None:
-                    arrivals = Arrivals(settings, overrides, calibration, base, run.tell, waiting)
+                    arrivals = Arrivals(settings, overrides, calibration, base, run.report, waiting)
                     arrivals.meet(plans)
                     for some in arrivals.plans(recorded_arrivals(arriving, document, settings.out)):
                         record_captures(document, some)
-                        run.tell_all(run.outcomes(some, arrivals.sources))
+                        run.report_all(run.outcomes(some, arrivals.sources))
                 return run.finish()
         finally:
             remove_partial_files(settings.out, token=token)
@@ -134,10 +133,14 @@ class _Run:
         tasks = self._tasks(plans, expected, taken)
         if sum(expected) < workers.processes and _are_worth_splitting(plans, self._settings):
             return split_frames.resolve_split(tasks, workers=workers)
+        for one in plans:
+            # a process that is forked has it then
+            one.load_map_files(self._settings)
         # no process is started for which there is no frame
         workers = workers.at_most(max(sum(expected), 1))
         probe = None if workers.scheduler == LOCAL else self._probe()
-        return run_ordered(resolve_file, tasks, workers=workers, probe=probe, say=self._progress.say)
+        shared = [part for one in plans for part in (one.plan, one.capture.layout)]
+        return run_ordered(resolve_file, tasks, workers=workers, shared=shared, probe=probe, say=self._progress.say)
 
     def _probe(self) -> Path:
         """Make a file in the run's folder that is removed with what is half-written, for workers of a cluster to look for."""
@@ -145,7 +148,7 @@ class _Run:
         probe.write_text(self._token)
         return probe
 
-    def tell_all(self, outcomes: Generator[Outcome[FrameTask, FrameReport], None, None]) -> None:
+    def report_all(self, outcomes: Generator[Outcome[FrameTask, FrameReport], None, None]) -> None:
         """Record, count and show what becomes of frames.
 
         Raises:
@@ -156,9 +159,9 @@ class _Run:
                 report = outcome.result
                 if isinstance(report, WorkerDied):
                     report = outcome.task.report("failed", _lost(report), 0.0)
-                self.tell(report)
+                self.report(report)
 
-    def tell(self, report: FrameReport) -> None:
+    def report(self, report: FrameReport) -> None:
         """Record, count and show what has become of a frame."""
         self._totals.add(report)
         if report.note is not None:
@@ -195,7 +198,8 @@ class _Run:
                     self._expect(1)
                 output = one.output(sources[0], settings)
                 if "/" in sources[0].name:
-                    make_folders(output.parent)
+                    with writing(output.parent):
+                        output.parent.mkdir(parents=True, exist_ok=True)
                 yield FrameTask(
                     sources,
                     one.capture.layout,
@@ -216,7 +220,7 @@ class _Run:
 def _lost(worker: WorkerDied) -> str:
     """Return why a frame has no maps whose worker was lost twice."""
     if worker.after_s is None:
-        return DIED
+        return WORKER_DIED
     return f"not done in the {worker.after_s:g} s of --frame-timeout, twice: does the place that it lies in answer?"
 
 

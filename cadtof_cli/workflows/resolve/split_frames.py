@@ -10,8 +10,8 @@ from cadtof_cli.execution.workers import Workers, keep_freed_memory
 from cadtof_cli.files.maps import DepthMaps
 from cadtof_cli.pipeline import FramePixels, joined_parts, prepare_frame, resolve_pixels
 from cadtof_cli.records import dataclass
+from cadtof_cli.workflows.frame_report import FrameReport
 from cadtof_cli.workflows.resolve.frame_task import FrameTask, Recording, attempted, kept_maps, read_frame, written
-from cadtof_cli.workflows.run_folder import FrameReport
 
 WORTH_SPLITTING_S = 0.5
 """Expected seconds per frame above which its parts are worth a process each: their pixels go there and back."""

@@ -4,8 +4,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from cadtof_cli.capture.discovery import Capture
-from cadtof_cli.capture.frames import usual_file
+from cadtof_cli.capture.frames import Capture, typical_file
 from cadtof_cli.frame_plan import CalibrationUse
 from cadtof_cli.records import dataclass
 
@@ -33,8 +32,8 @@ def use_calibration(folder: Path, captures: Sequence[Capture], /) -> AppliedCali
 
     calibration = load_calibration(folder)
     for capture in captures:
-        usual = usual_file(capture)
-        calibration.require_match(capture.source.metadata, usual.pixels if usual else None)
+        typical = typical_file(capture)
+        calibration.require_match(capture.source.metadata, typical.pixels if typical else None)
     digests = calibration.digests
     parts: dict[str, Mapping[str, Any]] = {
         part.kind: {
@@ -45,11 +44,14 @@ def use_calibration(folder: Path, captures: Sequence[Capture], /) -> AppliedCali
         }
         for part in calibration.parts
     }
-    notes = (f"{folder}: applied {_said(calibration)}", *(f"warning: {folder}: {text}" for text in calibration.stale()))
+    notes = (
+        f"{folder}: applied {_description(calibration)}",
+        *(f"warning: {folder}: {text}" for text in calibration.stale()),
+    )
     return AppliedCalibration(CalibrationUse(folder, calibration.digest), parts, notes)
 
 
-def _said(calibration: "Calibration") -> str:
+def _description(calibration: "Calibration") -> str:
     said = []
     if calibration.dark is not None:
         said.append(f"dark ({int(calibration.dark.hot.sum())} bad pixels)")

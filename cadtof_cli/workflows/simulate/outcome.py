@@ -1,4 +1,4 @@
-"""What all runs of a condition say together: how well path times come back."""
+"""Statistics over all runs of a condition: how well the times of the paths are found."""
 
 import math
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ SUCCESS_NS = 1.0
 
 @dataclass(frozen=True)
 class PathSummary:
-    """How one path's time came back: in ns, and the share of runs within ±1 ns. NaN where there is no such path."""
+    """How well the time of one path was found: in ns, and the share of runs within ±1 ns. NaN where there is no such path."""
 
     true_ns: float
     mean_ns: float

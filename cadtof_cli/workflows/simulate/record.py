@@ -20,7 +20,7 @@ from cadtof_cli.simulation.scene.exposure import Band, Exposure, band_rows, expo
 from cadtof_cli.simulation.scene.light import Scene
 from cadtof_cli.simulation.scene.recorder import write_capture
 from cadtof_cli.simulation.scene.scenes import Wall
-from cadtof_cli.workflows.progress import UNTOLD, Progress
+from cadtof_cli.workflows.progress import NO_PROGRESS, Progress
 from cadtof_cli.workflows.simulate.tasks import results
 
 
@@ -86,7 +86,7 @@ def _optics(scene: Scene, camera: Camera) -> Optics:
 
 
 def record_scene(
-    settings: RecordSettings, out: Path, /, *, workers: Workers = ALONE, progress: Progress = UNTOLD
+    settings: RecordSettings, out: Path, /, *, workers: Workers = ALONE, progress: Progress = NO_PROGRESS
 ) -> RecordReport:
     """Write the capture to `out`, which must not exist; the files are the same for any number of jobs.
 
@@ -119,14 +119,14 @@ def record_scene(
     )
 
 
-def expose(exposure: Exposure, /, *, workers: Workers = ALONE, progress: Progress = UNTOLD) -> Band:
+def expose(exposure: Exposure, /, *, workers: Workers = ALONE, progress: Progress = NO_PROGRESS) -> Band:
     """Return the voltages and truth of a whole frame, its bands shared among processes."""
     rows = band_rows(exposure.camera.height)
     bands = results(partial(expose_band, exposure), rows, workers=workers.at_most(len(rows)), progress=progress)
     return joined(list(bands))
 
 
-def frames_of(settings: RecordSettings, whole: Band, /, *, progress: Progress = UNTOLD) -> Iterator[Float]:
+def frames_of(settings: RecordSettings, whole: Band, /, *, progress: Progress = NO_PROGRESS) -> Iterator[Float]:
     """Yield the frames of a capture, voltages in V (H, 2, Y, X) each, from the distribution of a whole frame's."""
     exposure = settings.exposure
     camera, harmonics = exposure.camera, len(exposure.metadata.modulation.harmonics)

@@ -14,13 +14,13 @@ import numpy as np
 from cadtof_cli.execution.workers import ALONE, Workers
 from cadtof_cli.files.atomic import new_folder
 from cadtof_cli.simulation.pixel.evolution import Evolution, evolution
-from cadtof_cli.workflows.progress import UNTOLD, Progress
+from cadtof_cli.workflows.progress import NO_PROGRESS, Progress
 from cadtof_cli.workflows.simulate.outcome import PathSummary, TrialsSummary, summary
 from cadtof_cli.workflows.simulate.tasks import results
 from cadtof_cli.workflows.simulate.trials import EVOLUTION_KEY, Recordings, Trials, recordings
 
 
-def simulate_pixel(trials: Trials, /, *, workers: Workers = ALONE, progress: Progress = UNTOLD) -> TrialsSummary:
+def simulate_pixel(trials: Trials, /, *, workers: Workers = ALONE, progress: Progress = NO_PROGRESS) -> TrialsSummary:
     """Run the trials, block by block in parallel, and sum them up; a step is a block."""
     work = partial(recordings, trials)
     progress.total(len(trials.blocks))

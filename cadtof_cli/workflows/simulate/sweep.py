@@ -13,7 +13,7 @@ from cadtof_cli.files.atomic import new_folder
 from cadtof_cli.simulation.pixel.averaging import Averaging
 from cadtof_cli.simulation.pixel.mix import require
 from cadtof_cli.simulation.pixel.statistics import averaging_gain, phase_precision_of_mix_rad
-from cadtof_cli.workflows.progress import UNTOLD, Progress
+from cadtof_cli.workflows.progress import NO_PROGRESS, Progress
 from cadtof_cli.workflows.simulate.outcome import PathSummary, TrialsSummary, summary
 from cadtof_cli.workflows.simulate.simulate import named_paths
 from cadtof_cli.workflows.simulate.tasks import results
@@ -65,7 +65,7 @@ class SweepCell:
     outcome: TrialsSummary
 
 
-def sweep(settings: SweepSettings, /, *, workers: Workers = ALONE, progress: Progress = UNTOLD) -> list[SweepCell]:
+def sweep(settings: SweepSettings, /, *, workers: Workers = ALONE, progress: Progress = NO_PROGRESS) -> list[SweepCell]:
     """Simulate every cell; blocks of runs of all cells are shared among processes."""
     cells = list(settings.cells())
     work = [(cell, block) for cell in cells for block in cell.blocks]

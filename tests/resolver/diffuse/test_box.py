@@ -1,8 +1,9 @@
 """The box that a view lies in: walls that are seen, walls that are not, and what rays meet."""
 
 import numpy as np
+import pytest
 
-from cadtof_cli.resolver.diffuse.box import BEHIND_M, NEAREST_M, Box, unseen_walls
+from cadtof_cli.resolver.diffuse.box import Box, unseen_walls
 from cadtof_cli.resolver.diffuse.planes import Surfaces
 from tests.support.diffuse_frames import F
 
@@ -45,13 +46,16 @@ def test_walls_that_are_seen_need_no_guess() -> None:
 
 
 def test_walls_that_are_not_seen_are_guessed_behind_the_outermost_surfaces() -> None:
-    """One wall 2 m before the camera: all that is known of the room is that it holds what is seen, and the camera."""
+    """One wall 2 m before the camera: all that is known of the room is that it holds what is seen, and the camera.
+
+    20 cm behind what is seen, and 70 cm from the camera at the least.
+    """
     walls = np.array([9.0, 9.0, 2.0, 9.0, 9.0, 9.0])
     found = distances(unseen_walls(view_of_a_room(walls, np.eye(3))), np.eye(3))
     assert found[2] == np.inf
-    assert found[5] == NEAREST_M
-    np.testing.assert_allclose(found[[0, 3]], 1.2 + BEHIND_M, rtol=0.1)
-    np.testing.assert_allclose(found[[1, 4]], 0.9 + BEHIND_M, rtol=0.1)
+    assert found[5] == 0.7
+    np.testing.assert_allclose(found[[0, 3]], 1.2 + 0.2)
+    np.testing.assert_allclose(found[[1, 4]], 0.9 + 0.2)
 
 
 def test_a_few_wrong_patches_make_no_wall_unseen() -> None:
@@ -73,3 +77,113 @@ def test_rays_meet_the_first_wall() -> None:
     distance, normal = box.meet(ray)
     np.testing.assert_allclose(distance, [1.0, 2.0 / 0.6, 6.0, 4.0, 1.0 / 0.6])
     np.testing.assert_allclose(normal.T, [[-1, 0, 0], [0, -1, 0], [0, 0, 1], [1, 0, 0], [-1, 0, 0]], atol=1e-12)
+
+
+def patches(*groups: tuple[F, tuple[float, float, float]]) -> Surfaces:
+    """Groups of patches: their places, (n, 3), and what they face away from, outward."""
+    place = np.concatenate([group for group, _ in groups]).T
+    outward = np.concatenate([np.tile(direction, (len(group), 1)) for group, direction in groups]).T
+    range_m = np.linalg.norm(place, axis=0)
+    ray = place / range_m
+    outward = outward / np.linalg.norm(outward, axis=0)
+    return Surfaces(range_m, -outward, ray, (outward * ray).sum(0), np.ones_like(range_m))
+
+
+def far_wall(count: int, half_width_m: float = 1.0) -> tuple[F, tuple[float, float, float]]:
+    """Patches side by side on a wall 3 m away, over so much to the left and right, a metre high."""
+    x = np.linspace(-half_width_m, half_width_m, count)
+    return np.stack([x, 0.5 * np.cos(np.arange(count) * np.pi), np.full(count, 3.0)], axis=1), (0.0, 0.0, 1.0)
+
+
+def aside(count: int, x_m: float) -> F:
+    """Places one behind the other, so far to the right."""
+    return np.stack([np.full(count, x_m), np.zeros(count), np.linspace(1.5, 2.5, count)], axis=1)
+
+
+def leaning(degrees: float) -> tuple[float, float, float]:
+    """A direction turned so far from straight ahead to the right."""
+    return float(np.sin(np.radians(degrees))), 0.0, float(np.cos(np.radians(degrees)))
+
+
+def holds(box: Box, direction: tuple[float, float, float]) -> bool:
+    """Whether one of the walls looks that way, within a tenth of a degree."""
+    unit = np.array(direction) / np.linalg.norm(direction)
+    return bool((box.outward @ unit).max() > np.cos(np.radians(0.1)))
+
+
+@pytest.mark.parametrize(("apart", "together"), [(13.0, True), (15.0, False)])
+def test_walls_up_to_fourteen_degrees_apart_are_one_direction(apart: float, together: bool) -> None:
+    """Sixty patches one way, forty another: their mean, or that of most."""
+    box = unseen_walls(patches(far_wall(60), (far_wall(40)[0], leaning(apart))))
+    x, _, z = leaning(apart)
+    mean = 0.4 * x, 0.0, 0.6 + 0.4 * z
+    assert holds(box, mean) is together
+    assert holds(box, (0.0, 0.0, 1.0)) is not together
+
+
+@pytest.mark.parametrize(("count", "second"), [(4, False), (5, True)])
+def test_more_than_four_in_a_hundred_patches_make_a_second_direction(count: int, second: bool) -> None:
+    """Of a wall at the right that leans by 30°; else the camera is taken to be held level."""
+    slant = (np.cos(np.radians(30.0)), np.sin(np.radians(30.0)), 0.0)
+    box = unseen_walls(patches(far_wall(100 - count), (aside(count, 1.0), slant)))
+    assert holds(box, slant) is second
+    assert holds(box, (1.0, 0.0, 0.0)) is not second
+
+
+@pytest.mark.parametrize(("angle", "second"), [(74.0, False), (76.0, True)])
+def test_a_second_direction_is_within_fifteen_degrees_of_upright_to_the_first(angle: float, second: bool) -> None:
+    """And is turned to a right angle with it."""
+    rise = float(np.cos(np.radians(angle))), float(np.sin(np.radians(angle)))
+    slant = (0.6 * rise[1], 0.8 * rise[1], rise[0])
+    box = unseen_walls(patches(far_wall(80), (aside(20, 1.0), slant)))
+    assert holds(box, (0.6, 0.8, 0.0)) is second
+    assert holds(box, (1.0, 0.0, 0.0)) is not second
+    np.testing.assert_allclose(box.outward[:3] @ box.outward[:3].T, np.eye(3), atol=1e-12)
+
+
+@pytest.mark.parametrize(("degrees", "level"), [(13.0, (0.0, 0.0, 1.0)), (15.0, (1.0, 0.0, 0.0))])
+def test_where_one_wall_is_all_that_is_seen_the_room_is_level_with_the_camera(
+    degrees: float, level: tuple[float, float, float]
+) -> None:
+    """By the camera's horizontal, or where that is nearly the wall's own direction, by its way ahead."""
+    sine = float(np.sin(np.radians(degrees)))
+    over = (float(np.cos(np.radians(degrees))), 0.6 * sine, 0.8 * sine)
+    box = unseen_walls(patches((aside(100, 1.2), over)))
+    upright = np.array(level) - np.dot(level, over) * np.array(over)
+    assert holds(box, over)
+    assert holds(box, (float(upright[0]), float(upright[1]), float(upright[2])))
+
+
+def right_wall(box: Box) -> float:
+    return float(box.distance_m[(box.outward @ np.array([1.0, 0.0, 0.0])).argmax()])
+
+
+@pytest.mark.parametrize(("count", "seen"), [(4, False), (5, True)])
+def test_a_wall_is_seen_by_more_than_two_in_a_hundred_patches(count: int, seen: bool) -> None:
+    box = unseen_walls(
+        patches(far_wall(200 - count - 8, 1.5), (aside(8, 1.5), (0.0, 1.0, 0.0)), (aside(count, 1.5), (1.0, 0.0, 0.0)))
+    )
+    assert right_wall(box) == (np.inf if seen else pytest.approx(1.7))
+
+
+@pytest.mark.parametrize(("wrong", "counted"), [(4, False), (5, True)])
+def test_a_wall_lies_behind_ninety_eight_in_a_hundred_patches(wrong: int, counted: bool) -> None:
+    box = unseen_walls(patches(far_wall(200 - wrong, 1.5), (aside(wrong, 2.5), (0.0, 0.0, 1.0))))
+    assert right_wall(box) == pytest.approx(2.7 if counted else 1.7, abs=0.02)
+
+
+@pytest.mark.parametrize(("degrees", "seen"), [(64.0, False), (66.0, True)])
+def test_patches_of_a_wall_face_it_within_twenty_six_degrees(degrees: float, seen: bool) -> None:
+    box = unseen_walls(patches(far_wall(170, 1.5), (aside(10, 1.5), leaning(degrees))))
+    assert holds(box, (1.0, 0.0, 0.0))
+    assert np.isinf(right_wall(box)) == seen
+
+
+@pytest.mark.parametrize(
+    ("outermost_m", "wall_m", "seen"), [(1.5, 1.36, True), (1.5, 1.34, False), (0.4, 0.34, True), (0.4, 0.32, False)]
+)
+def test_patches_lie_on_a_wall_within_a_tenth_of_its_distance(outermost_m: float, wall_m: float, seen: bool) -> None:
+    """Of 70 cm at the least."""
+    outermost = aside(8, outermost_m), (0.0, 0.0, 1.0)
+    box = unseen_walls(patches(far_wall(180, outermost_m), outermost, (aside(12, wall_m), (1.0, 0.0, 0.0))))
+    assert np.isinf(right_wall(box)) == seen

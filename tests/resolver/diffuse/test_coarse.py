@@ -26,7 +26,7 @@ def fit(seed: int = 1, *, targets: tuple[float, float] = (0.3, -0.4), data: int 
     return PatchFit(room, np.zeros((6, 6)), state, expected, expected.copy(), covariance, jacobian)
 
 
-def error_of(variance: float, *, data: int = DATA) -> F:
+def error_of(variance: float, data: int = DATA) -> F:
     """Errors of the data alone, alike and independent."""
     error = np.zeros((data + 2, data + 2, PATCHES))
     error[range(data), range(data)] = variance
@@ -44,8 +44,8 @@ def beside(*lags_rad: float, open_share: float = 0.5) -> Beside:
 
 
 def planes(known: PatchFit, light: Beside) -> CoarsePlanes:
-    data = known.expected[:DATA] + 0.01
-    posterior = patch_posterior(data, error_of(1e-3), known)
+    data = known.expected[:-2] + 0.01
+    posterior = patch_posterior(data, error_of(1e-3, len(data)), known)
     return coarse_planes(known, posterior, light, VALID)
 
 
@@ -120,10 +120,38 @@ def test_with_three_harmonics_a_late_start_of_unseen_light_takes_of_the_lag(furt
     usual = replace(known, room=np.array([0.0, 0.0, 0.0, 0.0, 0.0, 4.4]))
     lags = []
     for one in (usual, late):
-        posterior = patch_posterior(one.expected[:-2], error_of(1e-3, data=2 * further), one)
+        posterior = patch_posterior(one.expected[:-2], error_of(1e-3, 2 * further), one)
         lags.append(coarse_planes(one, posterior, beside(), VALID).planes[2 * further + 1][VALID])
     assert_allclose(lags[0], -0.4, rtol=1e-6)
     assert_allclose(lags[1], -0.4 * (1.0 - 2.0 * per_ns), rtol=1e-5)
+
+
+@pytest.mark.parametrize("further", [2, 3])
+def test_more_harmonics_tell_light_from_beside_the_view_by_themselves(further: int) -> None:
+    """What is missing of the continued border's falls with their square, guessed walls move nothing; half of each is unsure."""
+    known = fit(data=2 * further)
+    without = planes(known, beside())
+    for light, moved, unsure in (
+        (beside(0.2), 0.3 * 0.5 * 0.2 / further**2, 0.1),
+        (beside(0.0, 0.2), 0.0, 0.0),
+        (beside(0.0, 0.0, 0.3), 0.0, 0.15),
+    ):
+        found = planes(known, light)
+        assert_allclose(found.planes[-2] - without.planes[-2], unsure**2, rtol=1e-3, atol=1e-9)
+        difference = found.planes[: 2 * further + 2] - without.planes[: 2 * further + 2]
+        assert_allclose(difference[:-1], 0.0, atol=1e-7)
+        assert_allclose(difference[-1], moved, rtol=1e-4, atol=1e-7)
+
+
+@pytest.mark.parametrize("further", [2, 3])
+def test_with_more_harmonics_a_patch_leaves_a_tenth_and_a_twentieth_of_the_lag_is_shared(further: int) -> None:
+    """A tenth of its posterior variance, and a tenth of that again for each unit of χ²."""
+    known = fit(data=2 * further)
+    found, data = planes(known, beside()), 2 * further
+    posterior = patch_posterior(known.expected[:data] + 0.01, error_of(1e-3, data), known)
+    expected = (0.1 + 0.1 * posterior.chi_squared) * posterior.covariance[1, 1] + (0.05 * known.posterior[-1]) ** 2
+    assert_allclose(found.planes[-2][VALID], expected, rtol=1e-4)
+    assert found.data == data
 
 
 @pytest.mark.parametrize("targets", [(0.3, -0.4), (0.05, -0.2), (1.0, 0.5)])

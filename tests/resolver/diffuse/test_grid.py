@@ -35,6 +35,17 @@ def test_a_frame_is_cut_into_about_three_hundred_squares_of_eight_samples_a_side
     assert (grid.height, grid.width, grid.view) == (*size, OFF_CENTRE)
 
 
+@pytest.mark.parametrize(
+    ("size", "side", "stride"), [((180, 240), 16, 2), ((207, 208), 12, 1), ((199, 217), 12, 1), ((40, 42), 4, 1)]
+)
+def test_from_three_hundred_times_a_dozen_squared_pixels_on_every_second_one_is_sampled(
+    size: tuple[int, int], side: int, stride: int
+) -> None:
+    """43,200 pixels: 300 patches of 12 × 12."""
+    grid = patch_grid(*size, OFF_CENTRE)
+    assert (grid.side, grid.stride) == (side, stride)
+
+
 @pytest.mark.parametrize("size", [(240, 320), (50, 70), (37, 53), (250, 330)])
 def test_samples_are_spread_over_their_patch(size: tuple[int, int]) -> None:
     grid = patch_grid(*size, OFF_CENTRE)
@@ -62,7 +73,9 @@ def test_samples_look_where_the_pinhole_says(size: tuple[int, int]) -> None:
     inside = grid.samples(np.ones(size, bool))
     slope_x, slope_y = (x - 30.5) / 100.0, (y - 17.25) / 100.0
     cosine = 1.0 / np.sqrt(1.0 + slope_x**2 + slope_y**2)
-    for found, image in ((grid.slope_x, slope_x), (grid.slope_y, slope_y), (grid.cosine, cosine)):
+    assert_allclose(grid.cosine[inside], grid.samples(cosine)[inside], rtol=1e-7)
+    for middle, place, image in zip(grid.slope, grid.place, (slope_x, slope_y), strict=True):
+        found = middle[..., None] + place * grid.stride / 100.0
         assert_allclose(found[inside], grid.samples(image)[inside])
 
 

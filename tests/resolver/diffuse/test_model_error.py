@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from cadtof_cli.resolver.diffuse.model_error import LAG_WITH_DATA, UNIT, full_error, model_error
+from cadtof_cli.resolver.diffuse.model_error import LAG_WITH_DATA, UNIT, full_error, model_error, mpi_share
+from tests.support.diffuse_frames import M_PER_RAD
 
 
 @pytest.mark.parametrize("further", [1, 2, 3, 6])
@@ -13,6 +14,28 @@ def test_errors_are_a_distribution_that_there_can_be(further: int) -> None:
     np.testing.assert_array_equal(error, error.T)
     assert (np.linalg.eigvalsh(error) > -1e-12).all()
     assert (np.diag(error)[:-2] > 0.0).all()
+
+
+def test_ratios_are_wrong_by_hundredths_and_phases_by_as_many_radians() -> None:
+    """The second harmonic's by 2.3 % and 28 mrad, those of all that follow by 2 % and 21 mrad, each for itself."""
+    for further in (1, 2, 4):
+        error = full_error(further)[:-2, :-2]
+        sigma = np.array([0.023, *[0.02] * (further - 1), 0.028, *[0.021] * (further - 1)])
+        np.testing.assert_allclose(error, np.diag(sigma**2))
+
+
+@pytest.mark.parametrize(
+    ("further", "by_ratios", "by_phases", "left_mm"),
+    [(1, [-0.378], [-0.102], 8.73), (2, [0.189, -0.45], [-0.357, 0.091], 13.61)],
+)
+def test_a_lag_is_wrong_by_centimetres_and_the_data_tell_of_it(
+    further: int, by_ratios: list[float], by_phases: list[float], left_mm: float
+) -> None:
+    """Radians of the lag for each radian and each neper that a datum is off the model; T1 = 40 ns."""
+    error = full_error(further)
+    told = np.linalg.solve(error[:-2, :-2], error[:-2, -1])
+    np.testing.assert_allclose(told, by_ratios + by_phases, atol=6e-4)
+    assert 1000 * np.sqrt(error[-1, -1]) * M_PER_RAD == pytest.approx(left_mm, rel=1e-3)
 
 
 @pytest.mark.parametrize("further", [1, 2])
@@ -37,3 +60,9 @@ def test_where_there_is_less_mpi_less_is_wrong_of_it(off: float, share: float) -
     """Errors are those of light that is not there: they go with how far q_2 is off 1, from .06 down, and never quite end."""
     ratios = np.stack([1.0 - off * np.exp(1j * np.linspace(0, 3, 50)), np.full(50, 0.5)])
     np.testing.assert_allclose(model_error(ratios), share**2 * full_error(2))
+
+
+def test_a_share_of_mpi_is_that_of_the_patch_in_the_middle() -> None:
+    """Whatever a few patches hold; harmonics after the second have no say."""
+    q_2 = np.array([1.0, 1.0 - 0.012j, 1.015, 0.0, -7.0 + 0.0j])
+    assert mpi_share(np.stack([q_2, np.zeros(5)])) == pytest.approx(0.25)

@@ -316,3 +316,30 @@ def test_patches_whose_depths_disagree_are_no_surfaces() -> None:
     found = model_of(phasors_of(wall, tail_of(Tail(0.4))), model="diffuse")
     assert isinstance(found, DiffuseChoice)
     assert (found.reason, found.patches) == ("few patches with light", 12 * 16)
+
+
+def test_what_lies_before_the_camera_is_taken_for_five_centimetres_away() -> None:
+    """A correction that brings a part of the view behind the camera: its patches are surfaces right before it."""
+    wall, off = wall_range(), np.zeros((48, 64))
+    off[16:32, 24:40] = -4.0
+    found = model_of(phasors_of(wall, tail_of(Tail(0.3, 3.0, 8.0))), range_offset_m=off)
+    assert isinstance(found, DiffuseModel)
+    side = found.upsampler.grid.side
+    range_m = found.upsampler.range_m[1:-1, side:-side:side]
+    near = np.zeros(range_m.shape, bool)
+    near[4:8, 6:10] = True
+    np.testing.assert_allclose(range_m[near], 0.05, rtol=1e-3)
+    assert (range_m[~near] > 2.5).all()
+
+
+def test_where_a_harmonic_was_not_recorded_a_tail_that_is_asked_for_is_as_unsure_as_it_is_wrong() -> None:
+    """No tail has a second harmonic and nothing of the third."""
+    wall = wall_range()
+    p = phasors_of(wall, tail_of(Tail(0.3, 3.0, 8.0), (1, 2, 3)), harmonics=(1, 2, 3))
+    p[2] = 0.0
+    assert isinstance(model_of(p), DiffuseChoice)
+    found = model_of(p, model="diffuse")
+    assert isinstance(found, DiffuseModel)
+    got = predicted(p, found)
+    assert got.answered.all()
+    assert median_error(got.direct_phase_rad, wall) < np.median(got.direct_sigma_rad) * M_PER_RAD

@@ -1,10 +1,11 @@
 """Walls are found from the patches that see them, and continued behind those that do not."""
 
 import numpy as np
+import pytest
 
 from cadtof_cli.arrays import Bool
 from cadtof_cli.resolver.diffuse.grid import PatchGrid, View, patch_grid
-from cadtof_cli.resolver.diffuse.walls import LARGEST_M, walls_behind
+from cadtof_cli.resolver.diffuse.walls import walls_behind
 from tests.support.diffuse_frames import F
 
 HEIGHT, WIDTH, FOCAL = 96, 128, 120.0
@@ -42,12 +43,74 @@ def test_two_walls_of_a_corner_are_told_apart() -> None:
 
 
 def test_a_wall_that_turns_away_is_far_off() -> None:
-    """z = 2 + 2·x is not met by rays to the right of x = z/2."""
+    """z = 2 + 2·x is not met by rays to the right of x = z/2; from 20 m of depth on it is taken to be there."""
     x, _, z = grid().ray
     seen = x / z < 0.3
     (wall,) = walls_behind(np.where(seen, plane_range(2.0, -2.0), 1.0), np.asarray(seen), grid())
-    assert (wall[x / z > 0.5] >= LARGEST_M).all()
+    depth = np.where(x / z < 0.45, 2.0 / (1.0 - 2.0 * np.minimum(x / z, 0.45)), 20.0)
+    np.testing.assert_allclose(wall * z, depth, rtol=1e-5)
 
 
 def test_without_patches_there_is_no_wall() -> None:
     assert walls_behind(np.ones(hole().shape), np.zeros(hole().shape, np.bool_), grid()).shape == (0, *hole().shape)
+
+
+def squares(*places: tuple[int, int], rows: int = 3, columns: int = 3) -> Bool:
+    """Squares of patches with their corners at these places."""
+    chosen = np.zeros(hole().shape, bool)
+    for row, column in places:
+        chosen[row : row + rows, column : column + columns] = True
+    return chosen
+
+
+def count_of_walls(range_m: F, among: Bool) -> int:
+    return len(walls_behind(np.where(among, range_m, 1.0), among, grid()))
+
+
+@pytest.mark.parametrize(("left_out", "walls"), [(0, 1), (1, 1), (2, 0)])
+def test_eight_patches_see_a_wall(left_out: int, walls: int) -> None:
+    seen = squares((4, 6))
+    seen[4, 6 : 6 + left_out] = False
+    assert count_of_walls(plane_range(3.0, 0.1), seen) == walls
+
+
+@pytest.mark.parametrize(("columns", "walls"), [(2, 1), (1, 0)])
+def test_a_patch_with_five_neighbours_tells_a_plane(columns: int, walls: int) -> None:
+    """Strips three patches high, with a gap between them: of those two wide, a patch has six in its neighbourhood."""
+    seen = squares((4, 7), (4, 11), (4, 15), rows=3, columns=columns)
+    assert count_of_walls(plane_range(3.0, 0.1), seen) == walls
+
+
+def test_with_a_patch_less_no_neighbourhood_of_five_tells_a_plane() -> None:
+    seen = squares((4, 7), (4, 11), (4, 15), rows=3, columns=2)
+    seen[4, [8, 12, 16]] = False
+    assert seen.sum() == 15
+    assert count_of_walls(plane_range(3.0, 0.1), seen) == 0
+
+
+@pytest.mark.parametrize(("count", "walls"), [(3, 3), (8, 8), (10, 8)])
+def test_eight_walls_are_told_at_most(count: int, walls: int) -> None:
+    """Squares at depths a tenth apart."""
+    places = [(row, column) for row in (0, 4, 8) for column in (0, 4, 8, 12, 16)][:count]
+    range_m, seen = np.ones(hole().shape), squares(*places)
+    for number, place in enumerate(places):
+        range_m[squares(place)] = plane_range(1.5 * 1.1**number, 0.0)[squares(place)]
+    found = walls_behind(range_m, seen, grid())
+    assert len(found) == walls
+    depths = sorted(float(np.median(one * grid().ray[2])) for one in found)
+    assert all(min(abs(depth / (1.5 * 1.1**number) - 1.0) for number in range(count)) < 1e-6 for depth in depths)
+
+
+@pytest.mark.parametrize(("farther", "walls"), [(1.025, 1), (1.045, 2)])
+def test_patches_within_three_hundredths_of_the_depth_lie_on_one_wall(farther: float, walls: int) -> None:
+    behind = squares((3, 13), rows=6, columns=5)
+    range_m = plane_range(3.0, 0.0) * np.where(behind, farther, 1.0)
+    assert count_of_walls(range_m, behind | squares((3, 3), rows=6, columns=7)) == walls
+
+
+def test_the_wall_that_most_patches_see_comes_first() -> None:
+    small, large = squares((1, 1), rows=4, columns=4), squares((6, 8), rows=6, columns=8)
+    near, far = plane_range(2.0, 0.2), plane_range(4.0, -0.2)
+    first, second = walls_behind(np.where(small, near, far), small | large, grid())
+    np.testing.assert_allclose(first, far, rtol=1e-5)
+    np.testing.assert_allclose(second, near, rtol=1e-5)

@@ -6,7 +6,7 @@ from numpy.testing import assert_allclose
 
 from cadtof_cli.capture.metadata import CaptureMetadata, Modulation
 from cadtof_cli.phasors.response import ideal_response
-from cadtof_cli.resolver.response.first_phase import first_phase
+from cadtof_cli.resolver.response.as_sine import first_phase
 from cadtof_cli.resolver.response.table import response_model
 
 PHASE = np.linspace(0.0, 2.0 * np.pi, 721, endpoint=False)

@@ -15,12 +15,11 @@ from unittest.mock import patch
 
 from cadtof_cli.calibration import store
 from cadtof_cli.calibration.parts import Part
-from cadtof_cli.capture.frame_sources import FrameSource
-from cadtof_cli.capture.frames import open_frames
+from cadtof_cli.capture.frames import FrameSource, open_frames
 from cadtof_cli.capture.metadata import CaptureMetadata, Pixel, Voltage
 from cadtof_cli.cli import main
 from cadtof_cli.execution.outcome import Later
-from cadtof_cli.files.formats import format_of
+from cadtof_cli.files.formats import detect_format
 from cadtof_cli.files.frames import FrameLayout, RawLayout
 from cadtof_cli.frame_plan import FramePlan
 from cadtof_cli.workflows.inspect.frame_facts import LookTask, facts_of_frame
@@ -122,7 +121,7 @@ def _plane(suffix: str, place: Path, content: bytes) -> None:
         sound.write_bytes(samples.planes(suffix)[0])
     path = place / f"plane{suffix}"
     path.write_bytes(content)
-    format_of(path)
+    detect_format(path)
     read_frame(path, others=(sound, sound, sound))
 
 

@@ -18,7 +18,7 @@ ROUNDNESS = 8
 
 @dataclass(frozen=True)
 class Faces:
-    """What pixels see, as far as averages ask: (n,) surface, as in Meetings, and normals, (3, n)."""
+    """What the averages need to know of pixels: (n,) surface, as in Meetings, and normals, (3, n)."""
 
     surface: NDArray[np.int32]
     normals: Float32
@@ -88,7 +88,7 @@ def gathered(lattice: Lattice, rows: range, seen: Faces, places: Index, faces: F
 
 
 def means_of_cells(faces: Faces, across: int, cell: int, /) -> tuple["csr_array", Index, Faces]:
-    """Return what averages pixels of the same face over square cells, and the place and face of each such average.
+    """Return weights that average pixels of the same face over square cells, and the place and face of each average.
 
     Args:
         faces: of rows of pixels, the first of which begins a cell.
@@ -110,5 +110,5 @@ def means_of_cells(faces: Faces, across: int, cell: int, /) -> tuple["csr_array"
 
 
 def _keys(places: Index, surface: NDArray[np.int32]) -> Index:
-    """Return numbers that are equal where place and surface are."""
+    """Return numbers that are equal where both place and surface are equal."""
     return places.astype(np.int64) * 2**32 + surface

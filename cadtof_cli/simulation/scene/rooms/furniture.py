@@ -59,7 +59,7 @@ class Piece:
 
 
 def random_piece(generator: np.random.Generator, /, *, scale: float = 1.0) -> Piece:
-    """Return one of the kinds, its floor space times `scale`."""
+    """Return a piece of a random kind; its floor space is multiplied by `scale`."""
 
     def between(low: float, high: float) -> float:
         return float(generator.uniform(low, high))

@@ -33,7 +33,7 @@ class Lamp:
         return np.asarray(np.sqrt(sum(way * way for way in self._ways(points_m))))
 
     def irradiance(self, interior: Interior, points_m: Float32, normals: Float32, /) -> Float32:
-        """Return cos/r² in 1/m² on points (3, n) with normals (3, n), less what the beam and shadows take away, (n,)."""
+        """Return cos/r² in 1/m² on points (3, n) with normals (3, n), reduced by the beam's edge and by shadows, (n,)."""
         ways = self._ways(points_m)
         lengths = np.sqrt((ways * ways).sum(axis=0))
         directions = ways / lengths
@@ -55,7 +55,7 @@ class Lamp:
 
     @property
     def flux(self) -> float:
-        """All of its light, where 1 falls on a square metre at a metre's distance."""
+        """All of its light, in units of the light on a square metre at a distance of 1 m."""
         theta = np.linspace(0.0, min(self.beam_rad + EDGE_RAD, math.pi), 4096)
         middles = (theta[1:] + theta[:-1]) / 2
         return float(self._per_angle(middles).sum() * (theta[1] - theta[0]))

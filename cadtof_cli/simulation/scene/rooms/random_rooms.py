@@ -101,7 +101,7 @@ def _draft(kind: str, generator: np.random.Generator) -> _Draft:
 def _furnished(
     draft: _Draft, pieces: int, generator: np.random.Generator
 ) -> tuple[tuple[Box, ...], tuple[Ball, ...]] | None:
-    """Return furniture that stands free of each other and of the camera; None where there is no place for it."""
+    """Return pieces of furniture that touch neither each other nor the camera; None if there is no room for them."""
     width, height, depth = draft.size_m
     boxes: tuple[Box, ...] = ()
     balls: tuple[Ball, ...] = ()
@@ -166,7 +166,7 @@ def _room(
 
 
 def _face_albedos(generator: np.random.Generator) -> tuple[float, float, float, float, float, float]:
-    """Return albedos of walls that resemble each other, of a lighter ceiling, and of a darker floor."""
+    """Return the albedos of the walls, similar to each other, of a lighter ceiling, and of a darker floor."""
     walls = np.clip(generator.uniform(0.25, 0.8) + generator.uniform(-0.15, 0.15, 4), 0.2, 0.9)
     left, right, near, far = (float(wall) for wall in walls)
     return left, right, float(generator.uniform(0.4, 0.9)), float(generator.uniform(0.2, 0.6)), near, far

@@ -53,7 +53,7 @@ class Box:
         return math.hypot(*self.half_m)
 
     def entry(self, origins_m: Float32, directions: Float32) -> Float32:
-        """Return how far along each ray, (3, n), the box is entered, (n,); inf where it is missed."""
+        """Return the distance along each ray, (3, n), to where it enters the box, (n,); inf where it misses the box."""
         cosine, sine = math.cos(self.turn_rad), math.sin(self.turn_rad)
         x, y, z = (origin - centre for origin, centre in zip(origins_m, self.centre_m, strict=True))
         dx, dy, dz = directions
@@ -83,7 +83,7 @@ class Ball:
         return self.radius_m
 
     def entry(self, origins_m: Float32, directions: Float32) -> Float32:
-        """Return how far along each ray, (3, n), the ball is entered, (n,); inf where it is missed."""
+        """Return the distance along each ray, (3, n), to where it enters the ball, (n,); inf where it misses the ball."""
         x, y, z = (origin - centre for origin, centre in zip(origins_m, self.centre_m, strict=True))
         dx, dy, dz = directions
         along = x * dx + y * dy + z * dz
@@ -118,7 +118,7 @@ class Patch:
 
 @dataclass(frozen=True)
 class _Group:
-    """Solids near each other, which most rays pass at a distance.
+    """Solids near each other; most rays miss them all.
 
     Attributes:
         solids: in the order of the room's.
@@ -229,7 +229,7 @@ class Interior:
         return free
 
     def _nearest(self, origins_m: Float32, directions: Float32, lengths: Float32, solid: NDArray[np.intp]) -> None:
-        """Fill in how far the nearest surface is, and whose it is: 0 for the room, then the boxes, then the balls."""
+        """Fill in the nearest surface's distance, and the number of its solid: 0 for the room, then the boxes, then the balls."""
         lengths[:] = np.inf
         for origin, slope, size in zip(origins_m, directions, self.size_m, strict=True):
             np.minimum(lengths, _slab(origin - size / 2, slope, size / 2)[1], out=lengths)

@@ -47,7 +47,7 @@ class TracedRow:
 
 @lru_cache(maxsize=ROWS_KEPT)
 def traced_row(view: View, row: int, /) -> TracedRow:
-    """Trace one row of every STEP; it depends on nothing but the view and its own number."""
+    """Trace one of every STEP rows; the result depends only on the view and on the row's number."""
     camera = view.camera
     columns = np.minimum(np.arange(0, camera.width, STEP) + STEP // 2, camera.width - 1)
     y = min(STEP * row + STEP // 2, camera.height - 1)

@@ -44,7 +44,7 @@ class Transients:
 
 @dataclass(frozen=True)
 class _Ends:
-    """Ends of the paths that still go on: which point they belong to, where they are, and how long they are."""
+    """Ends of the unfinished paths: which point each belongs to, where it is, and how long the path is."""
 
     pixels: Index
     numbers: Index
@@ -100,7 +100,7 @@ def bin_numbers(delays_ns: Float, /) -> Index:
 
 
 def _add_connected(total: Float, interior: Interior, points: LightPoints, chosen: Index, ends: _Ends) -> None:
-    """Connect each end with a point that light has reached, and add what comes from there."""
+    """Connect each end with a point that light has reached, and add the light from there."""
     ways = points.points_m[:, chosen] - ends.points_m
     lengths = np.maximum(np.sqrt((ways * ways).sum(axis=0)), np.float32(MARGIN_M))
     ways /= lengths
@@ -139,7 +139,7 @@ def _continued(
 
 
 def _path_density(leaving: Float32, arriving: Float32, lengths_m: Float32) -> Float32:
-    """Return the density, 1/m², with which a path comes to a place: cos cos/(π r²); 0 where one looks away."""
+    """Return the density, 1/m², with which a path arrives at a place: cos cos/(π r²); 0 where one surface faces away."""
     lengths_m = np.maximum(lengths_m, np.float32(MARGIN_M))
     return np.asarray(np.maximum(leaving, 0) * np.maximum(arriving, 0) / (np.float32(math.pi) * lengths_m**2))
 

@@ -1,4 +1,4 @@
-"""A plane of 16-bit values as a PNG."""
+"""PNG files that we write: grey ones of 16 bits, and pictures of a few colours."""
 
 import struct
 import zlib
@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from cadtof_cli.files.atomic import whole_file
+from cadtof_cli.files.atomic import atomic_write
 
 _SIGNATURE = b"\x89PNG\r\n\x1a\n"
-_GREY = 0
+_GREY, _INDEXED = 0, 3
 
 
 def write_grey_png(path: Path, plane: NDArray[np.uint16], /, *, texts: dict[str, str]) -> None:
@@ -27,11 +27,20 @@ def write_grey_png(path: Path, plane: NDArray[np.uint16], /, *, texts: dict[str,
         *((b"tEXt", f"{key}\0{text}".encode("latin-1", "replace")) for key, text in texts.items()),
         (b"IDAT", zlib.compress(rows.tobytes(), 6)),
     ]
-    with whole_file(path) as temporary:
-        temporary.write_bytes(png_bytes((width, height), depth=16, kind=_GREY, chunks=chunks))
+    with atomic_write(path) as temporary:
+        temporary.write_bytes(_png_bytes((width, height), depth=16, kind=_GREY, chunks=chunks))
 
 
-def png_bytes(pixels: tuple[int, int], /, *, depth: int, kind: int, chunks: Iterable[tuple[bytes, bytes]]) -> bytes:
+def indexed_png(places: NDArray[np.uint8], colours: NDArray[np.uint8], /) -> bytes:
+    """Return a plane (Y, X) of places in a table of colours (n, 3), 256 at most, as the bytes of a PNG."""
+    height, width = places.shape
+    rows = np.zeros((height, 1 + width), np.uint8)
+    rows[:, 1:] = places
+    chunks = {b"PLTE": colours.tobytes(), b"IDAT": zlib.compress(rows.tobytes(), 9)}
+    return _png_bytes((width, height), depth=8, kind=_INDEXED, chunks=chunks.items())
+
+
+def _png_bytes(pixels: tuple[int, int], /, *, depth: int, kind: int, chunks: Iterable[tuple[bytes, bytes]]) -> bytes:
     """Return the bytes of a PNG of columns × rows pixels: its header, chunks by their kinds, and its end.
 
     Args:

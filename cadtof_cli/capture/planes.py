@@ -1,0 +1,171 @@
+"""Files of one plane each: the frames that a pattern of names makes of them, and the pattern that their names suggest."""
+
+import itertools
+import re
+from collections.abc import Collection, Iterable, Sequence
+from pathlib import Path
+
+from cadtof_cli.capture.frames import Capture, FrameSource, natural_key
+from cadtof_cli.capture.metadata import InvalidValueError, Layout
+from cadtof_cli.errors import FrameError
+from cadtof_cli.files.formats import detect_format
+from cadtof_cli.files.frames import CHANNELS, harmonic_labels
+from cadtof_cli.records import dataclass
+
+_CHANNEL_NAMES = tuple(str(channel) for channel in range(1, CHANNELS + 1))
+
+ONLY_FRAME = "frame"
+"""Name of the one frame of a capture whose pattern has no {frame}."""
+
+_PIECES = re.compile(r"\d+|[^\W\d_]+|[\W_]+")
+
+_WORDS_FOR = {"channel": re.compile(r"s?c|ch\w*|sin|cos|iq", re.I), "harmonic": re.compile(r"h\w*|mhz|f|freq\w*", re.I)}
+"""What stands before or behind a number that is a channel's or a harmonic's."""
+
+EXAMPLE_PATTERN = "{frame}_h{harmonic}_sc{channel}.tif"
+
+
+@dataclass(frozen=True)
+class _Column:
+    """A place in names where they differ: the different pieces there, and what stands on either side."""
+
+    place: int
+    values: tuple[str, ...]
+    beside: tuple[str, str]
+
+    def is_named_for(self, what: str) -> bool:
+        """Whether it names a channel, or a harmonic, by itself (letters or numbers) or by what stands beside it."""
+        letters = all(value.isalpha() for value in self.values)
+        return letters == (what == "channel") or any(_WORDS_FOR[what].fullmatch(word) for word in self.beside)
+
+
+def hint_of_planes(capture: Capture, /) -> str | None:
+    """Return what to say of a capture none of whose files is a frame, where they seem to be planes; None where they do not."""
+    layout = capture.layout
+    if capture.source.metadata.layout.pattern is not None or len(capture.frames) < layout.planes:
+        return None
+    path = capture.frames[0].paths[0]
+    try:
+        detect_format(path).frames().read_plane(path, layout)
+    except FrameError:
+        return None
+    guess = guessed_layout(capture)
+    keys = f'pattern = "{guess.pattern if guess else EXAMPLE_PATTERN}"'
+    if guess and guess.channel:
+        keys += f", channel = {list(guess.channel)}".replace("'", '"')
+    if guess and guess.harmonic:
+        keys += ", harmonic = { " + ", ".join(f'"{name}" = {number}' for name, number in guess.harmonic) + " }"
+    return (
+        f"{capture.root}: {len(capture.frames)} files of one plane each, and nothing says which plane is which; say how they are "
+        f"named under [layout] in capture.toml{', it seems' if guess else ', such as'}: {keys}"
+    )
+
+
+def guessed_layout(capture: Capture, /) -> Layout | None:
+    """Return the layout that the names of a capture's files suggest; None where they suggest none."""
+    harmonics = capture.source.metadata.modulation.harmonics
+    return layout_of_names([frame.paths[0].name for frame in capture.frames], harmonics)
+
+
+def layout_of_names(names: Sequence[str], harmonics: tuple[int, ...], /) -> Layout | None:
+    """Return the layout whose pattern fits file names of planes: every frame with every harmonic and channel, once."""
+    split = [_PIECES.findall(name) for name in names]
+    if len({len(pieces) for pieces in split}) != 1:
+        return None
+    columns = []
+    for place, pieces in enumerate(zip(*split, strict=True)):
+        values = tuple(sorted(set(pieces), key=natural_key))
+        if len(values) > 1:
+            near = split[0][max(place - 1, 0) : place] or [""], split[0][place + 1 : place + 2] or [""]
+            columns.append(_Column(place, values, (near[0][0], near[1][0])))
+    pairs = [
+        (harmonic, channel)
+        for harmonic, channel in itertools.permutations(columns, 2)
+        if len(harmonic.values) == len(harmonics) and len(channel.values) == CHANNELS
+    ]
+    pairs.sort(key=_least_likely_last)
+    return next((found for pair in pairs if (found := _layout(split, columns, *pair, harmonics))), None)
+
+
+def _least_likely_last(pair: tuple[_Column, _Column]) -> tuple[int, bool]:
+    """Return a key that sorts the likeliest columns of harmonic and channel to the front."""
+    harmonic, channel = pair
+    wrong = channel.is_named_for("harmonic") + harmonic.is_named_for("channel")
+    return wrong - harmonic.is_named_for("harmonic") - channel.is_named_for("channel"), harmonic.place > channel.place
+
+
+def _layout(
+    split: list[list[str]], columns: list[_Column], harmonic: _Column, channel: _Column, harmonics: tuple[int, ...]
+) -> Layout | None:
+    """Return the layout with these two columns, if the others are a frame's name in one piece."""
+    others = [column.place for column in columns if column not in (harmonic, channel)]
+    pieces = list(split[0])
+    pieces[harmonic.place], pieces[channel.place] = "{harmonic}", "{channel}"
+    frames = 1
+    if others:
+        first, last = min(others), max(others)
+        if any(first < column.place < last for column in (harmonic, channel)):
+            return None
+        frames = len({tuple(one[first : last + 1]) for one in split})
+        pieces[first : last + 1] = ["{frame}"]
+    if len(split) != frames * len(harmonics) * CHANNELS:
+        return None
+    by_number_or_place = harmonic.values in (
+        tuple(map(str, harmonics)),
+        tuple(str(place + 1) for place in range(len(harmonics))),
+    )
+    return Layout(
+        pattern="".join(pieces),
+        channel=None if channel.values == ("1", "2") else (channel.values[0], channel.values[1]),
+        harmonic=None if by_number_or_place else tuple(zip(harmonic.values, harmonics, strict=True)),
+    )
+
+
+def grouped_planes(
+    root: Path, names: Iterable[str], layout: Layout, harmonics: tuple[int, ...]
+) -> tuple[FrameSource, ...]:
+    """Return a frame for every value of {frame} among file names that fit the pattern, in natural order.
+
+    A file that is missing is named all the same: its frame then fails on reading, and alone. Without {frame} in the pattern
+    there is one frame, of the name `frame`.
+
+    Parameters:
+        root: folder of the files.
+        names: file names, with folders below the root before them, of which those that do not fit are passed over.
+        layout: has a pattern, and says what it calls harmonics and channels. {harmonic} is the number h or the place in the
+            order (see `harmonic_labels`), {channel} is 1 for SC1 and 2 for SC2, where it does not give them other names.
+        harmonics: harmonic numbers of the capture.
+
+    Raises:
+        MetadataError: `layout.harmonic` has no name for one of the harmonics.
+    """
+    pattern, channels = str(layout.pattern), layout.channel or _CHANNEL_NAMES
+    parts = {"frame": r"[^/]+", "channel": "|".join(map(re.escape, channels)), "harmonic": r"[1-9]\d*"}
+    if layout.harmonic is not None:
+        parts["harmonic"] = "|".join(re.escape(name) for name, _ in layout.harmonic)
+    pieces = re.split(r"\{(frame|harmonic|channel)\}", pattern)
+    matcher = re.compile(
+        "".join(f"(?P<{piece}>{parts[piece]})" if place % 2 else re.escape(piece) for place, piece in enumerate(pieces))
+    )
+    matches = [match.groupdict() for name in names if (match := matcher.fullmatch(name))]
+    called = _harmonic_names(layout, harmonics, {match["harmonic"] for match in matches})
+
+    def path(frame: str, harmonic: str, channel: str) -> Path:
+        values = {"frame": frame, "harmonic": harmonic, "channel": channel}
+        return root / "".join(values[piece] if place % 2 else piece for place, piece in enumerate(pieces))
+
+    return tuple(
+        FrameSource(frame, tuple(path(frame, harmonic, channel) for harmonic in called for channel in channels))
+        for frame in sorted({match.get("frame", ONLY_FRAME) for match in matches}, key=natural_key)
+    )
+
+
+def _harmonic_names(layout: Layout, harmonics: tuple[int, ...], found: Collection[str]) -> tuple[str, ...]:
+    if layout.harmonic is None:
+        return tuple(map(str, harmonic_labels(harmonics, set(map(int, found)))))
+    names = {number: name for name, number in layout.harmonic}
+    labels = harmonic_labels(harmonics, names)
+    if not set(labels) <= set(names):
+        expected = f"a name for each of the harmonics {', '.join(map(str, harmonics))}"
+        raise InvalidValueError("layout.harmonic", dict(layout.harmonic), expected)
+    return tuple(names[label] for label in labels)

@@ -1,0 +1,44 @@
+"""Help on narrow terminals, where two columns would leave no room for words."""
+
+import shutil
+from collections.abc import Iterable
+
+import click
+
+NARROW = 60
+"""Columns of a terminal below which what an option does stands beneath its name, not beside it."""
+
+_LEAST = 20
+"""Columns that are taken for granted."""
+
+
+class _Formatter(click.HelpFormatter):
+    """Writes no line that is wider than the terminal; click takes 50 columns for granted."""
+
+    def __init__(self, indent_increment: int = 2, width: int | None = None, max_width: int | None = None) -> None:
+        columns = shutil.get_terminal_size().columns
+        self._narrow = width is None and columns < NARROW
+        super().__init__(indent_increment, max(columns - 1, _LEAST) if self._narrow else width, max_width)
+
+    def write_dl(self, rows: Iterable[tuple[str, str]], col_max: int = 30, col_spacing: int = 2) -> None:
+        """Write names and what they mean: beneath each other where there is no room beside each other."""
+        if not self._narrow:
+            super().write_dl(rows, col_max, col_spacing)
+            return
+        for name, meaning in rows:
+            self.write_text(name)
+            with self.indentation(), self.indentation():
+                self.write_text(meaning)
+
+
+class HelpContext(click.Context):
+    """The context of a command whose help fits narrow terminals."""
+
+    formatter_class = _Formatter
+
+
+def fit_narrow_terminals(command: click.Command, /) -> None:
+    """Have the help of a command, and of those below it, fit narrow terminals."""
+    command.context_class = HelpContext
+    for below in command.commands.values() if isinstance(command, click.Group) else ():
+        fit_narrow_terminals(below)

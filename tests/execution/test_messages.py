@@ -1,0 +1,111 @@
+"""What processes say to each other arrives as it was sent, whatever both have in common, and nothing of it is missed."""
+
+import pickle
+import sys
+from dataclasses import dataclass
+from multiprocessing import Pipe
+from pathlib import Path
+
+import pytest
+
+from cadtof_cli.capture.discovery import find_captures
+from cadtof_cli.capture.frames import FrameSource
+from cadtof_cli.execution.messages import Incoming, Said, TaskMessages, answer_message, answer_of
+from cadtof_cli.execution.ordered import run_ordered
+from cadtof_cli.execution.workers import START_METHODS, StartMethod, Workers
+from cadtof_cli.frame_plan import FramePlan
+from cadtof_cli.workflows.frame_report import FrameReport
+from cadtof_cli.workflows.resolve.frame_task import FrameTask
+from tests.support.captures import record
+
+
+@dataclass(frozen=True)
+class Heavy:
+    """What would take long to send."""
+
+    text: str
+
+
+@dataclass(frozen=True)
+class Part:
+    number: int
+    heavy: Heavy
+
+
+HEAVY = Heavy("x" * 100_000)
+
+
+def test_what_is_shared_is_not_sent_and_is_the_same_object_for_all_tasks() -> None:
+    ours = TaskMessages([HEAVY])
+    theirs: TaskMessages = pickle.loads(pickle.dumps(ours))
+    messages = [ours.message(Part(number, HEAVY)) for number in range(3)]
+    assert all(len(message) < 500 for message in messages)
+    parts = [theirs.task(message) for message in messages]
+    assert parts == [Part(number, HEAVY) for number in range(3)]
+    assert len({id(part.heavy) for part in parts}) == 1
+
+
+def test_what_equals_a_shared_object_and_is_another_arrives_too() -> None:
+    messages = TaskMessages([HEAVY])
+    other = Part(1, Heavy("y"))
+    assert messages.task(messages.message(other)) == other
+
+
+def length(part: Part) -> tuple[int, int]:
+    return part.number, len(part.heavy.text)
+
+
+@pytest.mark.parametrize("start_method", START_METHODS)
+def test_workers_know_what_is_shared_however_they_start(start_method: StartMethod) -> None:
+    workers = Workers(jobs=2, start_method=start_method)
+    tasks = (Part(number, HEAVY) for number in range(5))
+    outcomes = run_ordered(length, tasks, workers=workers, shared=[HEAVY])
+    assert [outcome.result for outcome in outcomes] == [(number, 100_000) for number in range(5)]
+
+
+@pytest.mark.parametrize(
+    ("said", "what"),
+    [(Said.COMPUTED, None), (Said.RESULT, None), (Said.RESULT, {"a": 1}), (Said.ERROR, "why")],
+)
+def test_answers_arrive(said: Said, what: object) -> None:
+    assert answer_of(answer_message(said, what)) == (said, what)
+
+
+def test_the_task_of_a_frame_arrives_whole_and_small(tmp_path: Path) -> None:
+    record(tmp_path / "capture", frames=1)
+    capture = find_captures([tmp_path / "capture"])[0]
+    plan = FramePlan(metadata=capture.source.metadata)
+    stack = FrameSource("below/stack_0003", (tmp_path / "stack.tif",), 3)
+    before = FrameReport("a", "b", "ok", None, 0.5)
+    task = FrameTask(
+        (*capture.frames, stack), capture.layout, plan, (20, 30), tmp_path / "o.tif", True, before, "token"
+    )
+    messages = TaskMessages([plan, capture.layout])
+    message = messages.message(task)
+    assert messages.task(message) == task
+    assert messages.task(message).plan is plan
+    assert len(message) < 1000 + 4 * len(str(tmp_path))
+    assert pickle.loads(pickle.dumps(task)) == task
+
+
+@pytest.mark.parametrize("system", ["this one", "win32"])
+def test_all_who_have_said_something_or_are_gone_are_ready(system: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    if system != "this one":
+        monkeypatch.setattr(sys, "platform", system)
+    incoming = Incoming[str]()
+    ends = {name: Pipe() for name in ("silent", "said", "gone", "left")}
+    for name, (ours, _) in ends.items():
+        incoming.add(ours, name)
+    assert incoming.ready(0.0) == []
+    for name in ("said", "left"):
+        ends[name][1].send_bytes(b"x")
+    ends["gone"][1].close()
+    incoming.remove(ends["left"][0])
+    assert sorted(incoming.ready(None)) == ["gone", "said"]
+    assert ends["said"][0].recv_bytes() == b"x"
+    incoming.remove(ends["gone"][0])
+    assert incoming.ready(0.0) == []
+    incoming.close()
+    for ours, theirs in ends.values():
+        ours.close()
+        theirs.close()

@@ -1,0 +1,93 @@
+"""Pixels before and behind a net: which are freed of tails, and what is left of their light."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from cadtof_cli.arrays import Complex, Float
+from cadtof_cli.resolver.diffuse.records import DiffuseModel, SeenThrough, Tails
+from cadtof_cli.resolver.diffuse.through_pixels import freed_pixels
+from tests.support.diffuse_answers import model_of
+from tests.support.diffuse_frames import M_PER_RAD, OMEGA, Tail, phasors_of, wall_range
+
+HARMONICS = (1, 2, 3)
+
+TAIL = np.array([1.0 + Tail(0.2, 3.0, 9.0).phasor(h) for h in HARMONICS])
+
+SIZE = (48, 64)
+
+NET_M = 2.0
+
+
+@cache
+def model() -> DiffuseModel:
+    """Of a wall with a net 2 m away in the patches of rows 3 and 4 and of columns 5 to 8, 4 × 4 pixels each."""
+    mpi = {h: complex(t - 1.0) for h, t in zip(HARMONICS, TAIL, strict=True)}
+    found = model_of(phasors_of(wall_range(*SIZE, 60.0, 3.5), mpi, harmonics=HARMONICS), harmonics=HARMONICS)
+    assert isinstance(found, DiffuseModel)
+    near_m = np.full(found.separate.shape, np.nan)
+    near_m[3:5, 5:9] = NET_M
+    through = SeenThrough(np.isfinite(near_m), near_m, Tails(TAIL, TAIL, HARMONICS), 0.003)
+    return replace(found, through=through)
+
+
+NET = np.zeros(SIZE, bool)
+NET[12:20, 20:36] = True
+
+
+def two_paths(share: Float | float, near_m: Float | float = NET_M, delay_ns: float = 8.0) -> Complex:
+    """Light of two paths with a tail, (H, pixels); so much of it from the nearer."""
+    ones, begin = np.ones(NET.size), np.asarray(near_m) / M_PER_RAD
+    return np.stack(
+        [
+            0.3 * t * ones * np.exp(1j * h * begin) * (share + (1.0 - share) * np.exp(1j * h * OMEGA * delay_ns))
+            for h, t in zip(HARMONICS, TAIL, strict=True)
+        ]
+    )
+
+
+def test_pixels_of_a_net_are_freed_and_others_stay() -> None:
+    seen = two_paths(0.5)
+    free, through = freed_pixels(seen, model().block(slice(0, NET.size)))
+    assert through is not None
+    np.testing.assert_array_equal(through.where, NET.ravel())
+    assert_allclose(free[:, NET.ravel()], (seen / TAIL[:, np.newaxis])[:, NET.ravel()])
+    np.testing.assert_array_equal(free[:, ~NET.ravel()], seen[:, ~NET.ravel()])
+    assert_allclose(through.size, np.where(NET.ravel(), abs(TAIL[0]), 1.0))
+    assert_allclose(through.variance(0.01), np.where(NET.ravel(), 0.003, 0.01))
+
+
+@pytest.mark.parametrize("stretch", [slice(13 * 64 + 30, 15 * 64 + 25), slice(0, 64), slice(19 * 64, 48 * 64)])
+def test_a_stretch_of_pixels_is_freed_as_the_whole_is(stretch: slice) -> None:
+    seen = two_paths(0.4)
+    whole, _ = freed_pixels(seen, model().block(slice(0, NET.size)))
+    part, through = freed_pixels(seen[:, stretch], model().block(stretch))
+    np.testing.assert_array_equal(part, whole[:, stretch])
+    assert through is not None
+    np.testing.assert_array_equal(through.where, NET.ravel()[stretch])
+
+
+@pytest.mark.parametrize(("share", "freed"), [(0.09, False), (0.11, True), (0.89, True), (0.91, False)])
+def test_either_path_has_a_tenth_of_a_pixel_s_light(share: float, freed: bool) -> None:
+    _, through = freed_pixels(two_paths(share), model().block(slice(0, NET.size)))
+    assert through is not None
+    np.testing.assert_array_equal(through.where, NET.ravel() & freed)
+
+
+@pytest.mark.parametrize(("near_m", "freed"), [(1.81, True), (1.79, False), (2.19, True), (2.21, False)])
+def test_the_nearer_path_is_as_far_as_the_net_within_a_tenth(near_m: float, freed: bool) -> None:
+    seen = two_paths(0.5, near_m)
+    free, through = freed_pixels(seen, model().block(slice(0, NET.size)))
+    assert through is not None
+    np.testing.assert_array_equal(through.where, NET.ravel() & freed)
+    assert freed or (free == seen).all()
+
+
+def test_without_anything_to_see_through_phasors_are_those_that_were_given() -> None:
+    seen = two_paths(0.5)
+    free, through = freed_pixels(seen, replace(model(), through=None).block(slice(0, NET.size)))
+    assert free is seen
+    assert through is None
