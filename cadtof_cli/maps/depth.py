@@ -71,12 +71,12 @@ class DepthScale:
 
 def write_block(maps: DepthMaps, block: slice, source: LayerSource, /, *, layers: tuple[Layer, ...]) -> None:
     """Fill the maps' pixels of a block of flat indices: every layer by its own rule, and the status."""
-    for plane, layer in zip(maps.values.reshape(len(layers), -1), layers, strict=True):
-        values = plane[block]
-        with np.errstate(over="ignore", invalid="ignore"):
+    with np.errstate(over="ignore", invalid="ignore"):
+        for plane, layer in zip(maps.values.reshape(len(layers), -1), layers, strict=True):
+            values = plane[block]
             np.multiply(*layer.value(source), out=values, casting="same_kind")
-        # processors disagree about the sign of a NaN that they make
-        values[np.isnan(values)] = np.nan
+            # processors disagree about the sign of a NaN that they make
+            values[np.isnan(values)] = np.nan
     maps.status.reshape(-1)[block] = source.resolved.status
 
 

@@ -121,11 +121,12 @@ def phasors_from_stored(stored: Stored, phasor_map: PhasorMap, /) -> Complex:
         for row, phasor in enumerate(phasors):
             channels = stored[row].astype(np.float64)
             for index, part in enumerate((phasor.real, phasor.imag)):
-                part[:] = channels[index] * own[row, index]
+                value = channels[index] * own[row, index]
                 if other is not None:
-                    part += channels[1 - index] * other[row, index]
+                    value += channels[1 - index] * other[row, index]
                 if constant is not None:
-                    part += constant[row, index]
+                    value += constant[row, index]
+                part[:] = value
     return phasors
 
 
@@ -135,8 +136,8 @@ def saturated_pixels(stored: Stored, saturated_counts: tuple[float, float] | Non
     if saturated_counts is None:
         return np.zeros(planes.shape[1:], np.bool_)
     low, high = saturated_counts
-    beyond = np.asarray((planes <= low).any(axis=0), np.bool_)
-    beyond |= (planes >= high).any(axis=0)
+    beyond: Bool = np.fmin.reduce(planes) <= low
+    beyond |= np.fmax.reduce(planes) >= high
     return beyond
 
 

@@ -1,6 +1,7 @@
 """Phasors of a block of pixels → the paths of every pixel: the stage between `phasors/` and `maps/`, and the one driver in it."""
 
 from collections.abc import Sequence
+from functools import partial
 from importlib import import_module
 from typing import TYPE_CHECKING
 
@@ -9,8 +10,8 @@ import numpy as np
 from cadtof_cli.arrays import Bool, Complex, Float, Status
 from cadtof_cli.phasors.chi_squared import chi_squared_threshold
 from cadtof_cli.phasors.noise import NoiseModel
-from cadtof_cli.resolver.order import Solver, fewest_paths, told_apart
-from cadtof_cli.resolver.paths import Fit, ResolvedPaths
+from cadtof_cli.resolver.order import Solver, fewest_paths, with_direct_first
+from cadtof_cli.resolver.paths import Fit, Paths, ResolvedPaths
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.resolver.status import StatusBit
 from cadtof_cli.resolver.two_path.kernel import NUMPY
@@ -49,37 +50,36 @@ def resolve_paths(
     if response is not None:
         settings.check_response(noise.harmonics)
     room = import_module(f"cadtof_cli.resolver.{settings.room(noise.harmonics, sine=response is None)}.solver")
+    # of a sine, the tail comes first, and a solver is for the few pixels that it leaves
+    before, after = (tail, None) if response is None else (None, tail)
     with np.errstate(all="ignore"):
-        free, through = phasors, None
-        if tail is not None:
-            from cadtof_cli.resolver.diffuse.through_pixels import freed_pixels
-
-            if response is None:
-                free, through = freed_pixels(phasors, tail)
-        solver: Solver = room.solver(free, noise=noise, settings=settings, response=response, first=first)
-        status, confidence = screened(solver.modulus, solver.powers, status, settings=settings, noise=noise)
+        free, through = _freed(phasors, before)
+        start = partial(room.solver, free, noise=noise, settings=settings, response=response, first=first)
+        solver: Solver | None = start() if before is None else None
+        powers = list(free.real**2 + free.imag**2) if solver is None else solver.powers
+        modulus = np.sqrt(powers[0]) if solver is None else solver.modulus
+        status, confidence = screened(modulus, powers, status, settings=settings, noise=noise)
         if through is not None:
             confidence = np.where(through.where, confidence * through.size, confidence)
         answered = status == 0
         predicted = None
-        if tail is not None and response is None:
+        if before is not None:
             usable = answered if through is None else answered & ~through.where
-            predicted = _predicted(phasors, tail, usable, noise, kernel)
+            predicted = _predicted(phasors, before, usable, noise, kernel)
             answered &= ~predicted.answered
-        fit = fewest_paths(solver, answered, settings=settings, noise=noise)
-        if tail is not None and response is not None:
+            if not answered.any():
+                bits = status | predicted.answered * np.uint32(StatusBit.DIFFUSE_MPI)
+                return _resolved(_of_tail(predicted), confidence, bits, noise)
+        fit = fewest_paths(solver or start(), answered, settings=settings, noise=noise)
+        if after is not None and response is not None:
             from cadtof_cli.resolver.response.as_sine import phasors_of_sine
 
             sine = phasors_of_sine(phasors, fit.paths, response=response)
-            free, through = freed_pixels(sine, tail)
+            free, through = _freed(sine, after)
             usable = answered if through is None else answered & ~through.where
             _put_freed(fit, free, answered & ~usable, settings, noise)
-            predicted = _predicted(sine, tail, usable, noise, kernel)
-        bits = _bits(fit)
-        if response is not None:
-            # a search that ended without finite numbers was for two paths where nothing is left
-            lost = ~np.isfinite(fit.paths.amplitude[0]) & (fit.chi_squared == 0.0)
-            bits[lost] |= np.uint32(StatusBit.TWO_PATHS)
+            predicted = _predicted(sine, after, usable, noise, kernel)
+        bits = _bits(fit, searched=response is not None)
         if not answered.all():
             bits = np.where(answered, bits, status)
             for values in (fit.paths.amplitude, fit.paths.phase_rad, fit.paths.sigma_rad, fit.chi_squared):
@@ -87,6 +87,20 @@ def resolve_paths(
         if predicted is not None:
             _put_tail(fit, predicted, through)
             bits = np.where(predicted.answered, np.uint32(StatusBit.DIFFUSE_MPI), bits)
+    return _resolved(fit, confidence, bits, noise)
+
+
+def _freed(phasors: Complex, tail: "DiffuseBlock | None") -> "tuple[Complex, ThroughPixels | None]":
+    """Return phasors freed of tails where pixels see through something, and where; those that were given without a tail."""
+    if tail is None:
+        return phasors, None
+    from cadtof_cli.resolver.diffuse.through_pixels import freed_pixels
+
+    return freed_pixels(phasors, tail)
+
+
+def _resolved(fit: Fit, confidence: Float, bits: Status, noise: NoiseModel) -> ResolvedPaths:
+    """Return what was found, with the bit of pixels that are means."""
     if noise.samples is not None:
         np.bitwise_or(bits, np.uint32(StatusBit.POOLED), out=bits, where=noise.samples > 1.0)
     return ResolvedPaths(fit.paths, confidence, bits, fit.chi_squared)
@@ -130,7 +144,16 @@ def _put_freed(fit: Fit, free: Complex, where: Bool, settings: ResolverSettings,
         two_path = import_module("cadtof_cli.resolver.two_path.solver")
         solver: Solver = two_path.solver(free[:, chosen], noise=noise, settings=settings, response=None, first=0)
         _, two = solver.fit(2, np.ones(chosen.size, np.bool_), limit=None)
-        fit[chosen] = told_apart(two, settings, noise[chosen], slice(None))
+        fit[chosen] = with_direct_first(two, settings, noise[chosen], slice(None))
+
+
+def _of_tail(predicted: "DiffusePixels") -> Fit:
+    """Return direct and MPI light as two paths where a tail was predicted, and nothing elsewhere."""
+    rows = zip(predicted.direct, predicted.mpi, strict=True)
+    amplitude, phase_rad, sigma_rad = (np.array(pair, np.float64) for pair in rows)
+    count = predicted.answered.size
+    chi_squared = predicted.chi_squared.astype(np.float64)
+    return Fit(Paths(amplitude, phase_rad, sigma_rad), chi_squared, np.ones(count, np.bool_), np.zeros(count))
 
 
 def _put_tail(fit: Fit, predicted: "DiffusePixels", through: "ThroughPixels | None") -> None:
@@ -145,7 +168,7 @@ def _put_tail(fit: Fit, predicted: "DiffusePixels", through: "ThroughPixels | No
     np.copyto(fit.chi_squared, predicted.chi_squared, where=where)
 
 
-def _bits(fit: Fit) -> Status:
+def _bits(fit: Fit, *, searched: bool) -> Status:
     """Return the bits that say how many paths each pixel has, and what is to be known about them."""
     one, two, *more = np.isfinite(fit.paths.amplitude)
     bits: Status = np.where(two, np.uint32(StatusBit.TWO_PATHS), one * np.uint32(StatusBit.ONE_PATH))
@@ -154,4 +177,8 @@ def _bits(fit: Fit) -> Status:
     bits |= ((fit.doubt > 1.0) & one) * np.uint32(StatusBit.ILL_CONDITIONED)
     if not fit.converged.all():
         bits |= ~fit.converged * np.uint32(StatusBit.NOT_CONVERGED)
+    if searched:
+        # a search that ended without finite numbers was for two paths where nothing is left
+        lost = ~np.isfinite(fit.paths.amplitude[0]) & (fit.chi_squared == 0.0)
+        bits[lost] |= np.uint32(StatusBit.TWO_PATHS)
     return bits

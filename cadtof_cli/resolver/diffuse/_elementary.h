@@ -78,6 +78,6 @@ INLINE float wrapped(float phase) { return phase - 6.283185307179586f * rintf(ph
 
 /* pixels.py: _within_a_turn */
 INLINE float within_a_turn(float phase) {
-    const float inside = phase < 0.0f ? phase + 6.283185307179586f : phase;
-    return inside >= 6.283185307179586f ? inside - 6.283185307179586f : inside;
+    const float inside = phase + (phase < 0.0f ? 6.283185307179586f : 0.0f);
+    return inside - (inside >= 6.283185307179586f ? 6.283185307179586f : 0.0f);
 }

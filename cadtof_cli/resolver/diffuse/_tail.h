@@ -44,7 +44,7 @@ typedef struct {
     FloatRow plane[MOST_PLANES];                 /* of the pixel; then what the data leave of them */
     FloatRow data[MOST_DATA], relative[MOST_HARMONICS], moved[MOST_DATA + 2];
     FloatRow weight[4], right, range_m;
-    FloatRow cos, sin, cos_h, sin_h, shrink, lag;
+    FloatRow cos, sin, shrink, lag;
     FloatRow amplitude, phase_rad;               /* of p_1 */
     FloatRow direct[3], mpi[3], chi_squared;     /* amplitude, phase, sigma */
 } TailGroup;
@@ -90,29 +90,16 @@ INLINE void choose(TailGroup *restrict g, const Tail *restrict tail, int64_t pix
 INLINE void look(TailGroup *restrict g, const Tail *restrict tail, int pooled, int harmonics) {
     const int count = harmonics - 1;
     const double *variance = tail->variance;
-    EACH_PIXEL {
-        const double amplitude = sqrt(g->square[0][i]);
-        g->cos[i] = (float)(g->re[0][i] / amplitude);
-        g->sin[i] = (float)(g->im[0][i] / amplitude);
-        g->amplitude[i] = (float)amplitude;
-    }
+    EACH_PIXEL g->amplitude[i] = (float)sqrt(g->square[0][i]);
     EACH_PIXEL {
         const double of_one = pooled ? variance[0] / g->samples[i] : variance[0];
         g->square[0][i] = at_least(g->square[0][i], 0.1 * 0.1 * of_one);
         g->relative[0][i] = (float)(of_one / g->square[0][i]);
     }
-    EACH_PIXEL {
-        g->phase_rad[i] = phase_of_f(g->cos[i], g->sin[i]);
-        g->cos_h[i] = g->cos[i];
-        g->sin_h[i] = g->sin[i];
-    }
-    for (int h = 1, power = 1; h < harmonics; h++) {
+    EACH_PIXEL g->phase_rad[i] = phase_of_f((float)g->re[0][i], (float)g->im[0][i]);
+    for (int h = 1; h < harmonics; h++) {
         float *restrict size = g->data[h - 1], *restrict phase = g->data[count + h - 1];
-        for (; power < tail->number[h]; power++) EACH_PIXEL {
-            const float cos = g->cos_h[i], sin = g->sin_h[i];
-            g->cos_h[i] = cos * g->cos[i] - sin * g->sin[i];
-            g->sin_h[i] = sin * g->cos[i] + cos * g->sin[i];
-        }
+        const float number = (float)tail->number[h];
         EACH_PIXEL {
             const double of_one = pooled ? variance[h] / g->samples[i] : variance[h];
             const double further = at_least(g->square[h][i], of_one);
@@ -120,10 +107,7 @@ INLINE void look(TailGroup *restrict g, const Tail *restrict tail, int pooled, i
             g->relative[h][i] = (float)(of_one / further);
         }
         EACH_PIXEL size[i] = 0.5f * logarithm(size[i]);
-        EACH_PIXEL {
-            const float re = (float)g->re[h][i], im = (float)g->im[h][i];
-            phase[i] = phase_of_f(re * g->cos_h[i] + im * g->sin_h[i], im * g->cos_h[i] - re * g->sin_h[i]);
-        }
+        EACH_PIXEL phase[i] = phase_of_f((float)g->re[h][i], (float)g->im[h][i]) - number * g->phase_rad[i];
     }
 }
 

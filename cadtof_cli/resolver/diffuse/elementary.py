@@ -38,6 +38,11 @@ HALF_ROOT_BITS = 0x3F3504F3
 
 MANTISSA_BITS = 23
 
+SIGN_BIT = 31
+
+SIGN_FROM_2 = 30
+"""By how much a bit that stands for 2 is shifted to stand for the sign."""
+
 LARGEST_EXPONENT = 80.0
 """Exponents beyond this have no meaning here, but an answer that is the same everywhere."""
 
@@ -79,10 +84,13 @@ def rotor(phase_rad: Float32, /) -> tuple[Float32, Float32]:
     z = r * r
     sin = r + r * z * _series(SINE, z)
     cos = z * z * _series(COSINE, z) - 0.5 * z + 1.0
-    quadrant = n.astype(np.int32) & 3
-    turned = (quadrant & 1) > 0
-    cos, sin = np.where(turned, sin, cos), np.where(turned, cos, sin)
-    return np.where(((quadrant + 1) & 2) > 0, -cos, cos), np.where(quadrant > 1, -sin, sin)
+    quadrant = n.astype(np.int32)
+    # swapped and negated as bits: several times faster than by choice
+    cos_bits, sin_bits = cos.view(np.int32), sin.view(np.int32)
+    swapped = (cos_bits ^ sin_bits) & -(quadrant & 1)
+    cos_bits = (cos_bits ^ swapped) ^ (((quadrant + 1) & 2) << SIGN_FROM_2)
+    sin_bits = (sin_bits ^ swapped) ^ ((quadrant & 2) << SIGN_FROM_2)
+    return cos_bits.view(np.float32), sin_bits.view(np.float32)
 
 
 def phase_of(cos: Float32, sin: Float32, /) -> Float32:
@@ -92,16 +100,19 @@ def phase_of(cos: Float32, sin: Float32, /) -> Float32:
     tangent: Array = np.minimum(x, y) / np.maximum(np.maximum(x, y), TINY)
     z = tangent * tangent
     phase = tangent + tangent * z * _series(ARCTANGENT, z)
-    phase = np.where(steep, np.float32(0.5 * np.pi) - phase, phase)
-    phase = np.where(cos < 0.0, np.float32(np.pi) - phase, phase)
-    signed: Float32 = np.where(sin < 0.0, -phase, phase)
+    # differences from 0 or a quarter turn, from 0 or half a turn, and a sign: several times faster than by choice
+    phase = np.abs(steep * np.float32(0.5 * np.pi) - phase)
+    phase = np.abs((cos < 0.0) * np.float32(np.pi) - phase)
+    signed: Float32 = (phase.view(np.uint32) ^ ((sin < 0.0).astype(np.uint32) << SIGN_BIT)).view(np.float32)
     return signed
 
 
 def _series(coefficients: Sequence[float], z: Array) -> Array:
     """Return Σ_k coefficients[k]·z^k by Horner's rule."""
-    total = np.full_like(z, coefficients[-1])
-    for coefficient in reversed(coefficients[:-1]):
+    last, before, *others = reversed(coefficients)
+    total = z * last
+    total += before
+    for coefficient in others:
         total *= z
         total += coefficient
     return total

@@ -104,30 +104,24 @@ def _mpi(
 def _pixel_data(phasors: Complex, square: Float, model: DiffuseModel, samples: Float | None) -> PixelData:
     """Return what phasors (H, n) and their squared amplitudes say of the tail."""
     variances = [v if samples is None else v / samples for v in model.variances]
-    amplitude = np.sqrt(square[0])
-    cos, sin = ((part / amplitude).astype(np.float32) for part in (phasors[0].real, phasors[0].imag))
+    phases = [phase_of(p.real.astype(np.float32), p.imag.astype(np.float32)) for p in phasors]
     first = np.maximum(square[0], LEAST_AMPLITUDE**2 * variances[0])
     relative = [(variances[0] / first).astype(np.float32)]
     count = len(phasors) - 1
-    data = np.empty((2 * count, amplitude.size), np.float32)
-    power, cos_h, sin_h = 1, cos, sin
-    for i, (p, h) in enumerate(zip(phasors[1:], model.settings.harmonics[1:], strict=True)):
-        for _ in range(power, h):
-            cos_h, sin_h = cos_h * cos - sin_h * sin, sin_h * cos + cos_h * sin
-        power = h
+    data = np.empty((2 * count, first.size), np.float32)
+    for i, h in enumerate(model.settings.harmonics[1:]):
         further = np.maximum(square[i + 1], LEAST_HARMONIC**2 * variances[i + 1])
-        re, im = p.real.astype(np.float32), p.imag.astype(np.float32)
         data[i] = 0.5 * logarithm((further / first).astype(np.float32))
-        data[count + i] = phase_of(re * cos_h + im * sin_h, im * cos_h - re * sin_h)
+        data[count + i] = phases[i + 1] - np.float32(h) * phases[0]
         relative.append((variances[i + 1] / further).astype(np.float32))
-    return PixelData(amplitude.astype(np.float32), phase_of(cos, sin), data, relative)
+    return PixelData(np.sqrt(square[0]).astype(np.float32), phases[0], data, relative)
 
 
 def _within_a_turn(phase: Float32, /) -> Float32:
     """Return phases between −2π and 4π brought to [0, 2π)."""
     turn = np.float32(FULL_TURN)
-    inside = np.where(phase < 0.0, phase + turn, phase)
-    return np.where(inside >= turn, inside - turn, inside)
+    inside = phase + (phase < 0.0) * turn
+    return np.asarray(inside - (inside >= turn) * turn, np.float32)
 
 
 def _first_range(phase_rad: Float32, model: DiffuseModel, pixels: slice) -> Float32:

@@ -1,7 +1,7 @@
 """From patches to pixels: a joint bilateral filter of the four nearest patches, by distance in the image and in depth."""
 
-from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -42,12 +42,15 @@ class Upsampler:
 
     `planes`, (plane, rows + 2, columns), and `range_m`, (rows + 2, columns), hold every patch as often as it has columns of
     pixels; the first and last row and column of patches count once more beyond the edge. The patch to the left of pixel x
-    stands at `first` + x, that to its right a patch's side further on.
+    stands at `first` + x, that to its right a patch's side further on. `down`, (Y,), and `right`, (X,), are how far rows and
+    columns of pixels lie on the way from one patch to the next.
     """
 
     grid: PatchGrid
     planes: Float32
     range_m: Float32
+    down: Float32
+    right: Float32
 
     @property
     def first(self) -> int:
@@ -74,41 +77,21 @@ class Upsampler:
             # the last patch's planes and what the others differ by: fewer passes over many planes than four products
             total = (others[0] - last) * weights[0]
             term = np.empty_like(total)
-            for weight, values in zip(weights[1:], others[1:], strict=False):
+            for weight, values in zip(weights[1:], others[1:], strict=True):
                 total += np.multiply(values - last, weight, out=term)
             found[:, band.pixels] = np.add(total, last, out=total).reshape(len(found), -1)
         return found
 
-    def bands(self, pixels: slice, /) -> Iterator[Band]:
+    def bands(self, pixels: slice, /) -> tuple[Band, ...]:
         """Cut a stretch of pixels, flat indices row by row, into bands, in order."""
-        width, start, stop = self.grid.width, pixels.start, pixels.stop
-        while start < stop:
-            top, left = divmod(start, width)
-            if left or stop - start < width:
-                bottom, right = top + 1, min(width, left + stop - start)
-            else:
-                bottom, right = min(stop // width, self._band_end(top)), width
-            end = (bottom - 1) * width + right
-            chosen = slice(start - pixels.start, end - pixels.start)
-            yield Band(top, bottom, left, right, chosen, int(self.above(top)))
-            start = end
+        return _bands(self.grid, pixels.start, pixels.stop)
 
     def above(self, row: int | Index, /) -> int | Index:
         """Return which row of `planes` lies above (or at) the middle of a row of pixels."""
-        return (2 * row + 1 + self.grid.side) // (2 * self.grid.side)
-
-    def share(self, first: int, last: int, /) -> Float32:
-        """Return how far rows or columns of pixels lie on the way from one patch to the next, (last − first,)."""
-        place = (np.arange(first, last) + 0.5) / self.grid.side - 0.5
-        return np.asarray(place - np.floor(place), np.float32)
-
-    def _band_end(self, row: int) -> int:
-        """Return the first row of pixels below this one that lies between two other rows of patches."""
-        side = self.grid.side
-        return -(-((2 * int(self.above(row)) + 1) * side - 1) // 2)
+        return _above(row, self.grid.side)
 
     def _weights(self, band: Band, range_m: Float32) -> list[Float32]:
-        """Return the shares of the upper left, upper right, lower left and lower right patch, (rows, columns) each."""
+        """Return the shares of the upper left, upper right and lower left patch, (rows, columns) each; the rest is the last's."""
         down, right = self._shares(band)
         scale = 1.0 / (np.float32(SAME_SURFACE) * range_m)
         weights: list[Float32] = [
@@ -119,11 +102,11 @@ class Upsampler:
             nearness = apart * apart + 1.0
             weight /= nearness * nearness
         share = 1.0 / (weights[0] + weights[1] + weights[2] + weights[3])
-        return [weight * share for weight in weights]
+        return [weight * share for weight in weights[:3]]
 
     def _shares(self, band: Band) -> tuple[Float32, Float32]:
         """Return how far the pixels lie on the way from the upper to the lower patch, (rows, 1), and to the right one."""
-        return self.share(band.top, band.bottom)[:, None], self.share(band.left, band.right)
+        return self.down[band.top : band.bottom, None], self.right[band.left : band.right]
 
     def _corners(self, planes: Float32, band: Band) -> list[Float32]:
         """Return the planes of the four patches around every pixel, (…, 1, columns) each."""
@@ -132,13 +115,45 @@ class Upsampler:
         return [planes[..., band.patch_row + i, None, start : start + count] for i in (0, 1) for start in starts]
 
 
+@lru_cache(maxsize=64)
+def _bands(grid: PatchGrid, start: int, stop: int) -> tuple[Band, ...]:
+    first, width, bands = start, grid.width, []
+    while start < stop:
+        top, left = divmod(start, width)
+        if left or stop - start < width:
+            bottom, right = top + 1, min(width, left + stop - start)
+        else:
+            bottom, right = min(stop // width, _band_end(top, grid.side)), width
+        end = (bottom - 1) * width + right
+        bands.append(Band(top, bottom, left, right, slice(start - first, end - first), int(_above(top, grid.side))))
+        start = end
+    return tuple(bands)
+
+
+def _above(row: int | Index, side: int) -> int | Index:
+    return (2 * row + 1 + side) // (2 * side)
+
+
+def _band_end(row: int, side: int) -> int:
+    """Return the first row of pixels below this one that lies between two other rows of patches."""
+    return -(-((2 * int(_above(row, side)) + 1) * side - 1) // 2)
+
+
 def upsampler(planes: Float32, range_m: Float, valid: Bool, grid: PatchGrid, /) -> Upsampler:
     """Make planes (plane, rows, columns) ready for pixels; ranges, (rows, columns), count where valid."""
     there = np.where(valid, range_m, NOWHERE_M).astype(np.float32)
-    return Upsampler(grid, _stretched(planes, grid.side), _stretched(there, grid.side))
+    down, right = (_shares(extent, grid.side) for extent in (grid.height, grid.width))
+    return Upsampler(grid, _stretched(planes, grid.side), _stretched(there, grid.side), down, right)
+
+
+def _shares(extent: int, side: int) -> Float32:
+    """Return how far so many rows or columns of pixels lie on the way from one patch to the next."""
+    place = (np.arange(extent) + 0.5) / side - 0.5
+    return np.asarray(place - np.floor(place), np.float32)
 
 
 def _stretched(planes: Float32, side: int) -> Float32:
     """Return planes (…, rows, columns) with their edges once more all around, and every column as often as a patch has them."""
-    padded = np.pad(planes, ((0, 0),) * (planes.ndim - 2) + ((1, 1),) * 2, mode="edge")
-    return np.repeat(padded, side, axis=-1)
+    rows, columns = (np.r_[0, 0:count, count - 1] for count in planes.shape[-2:])
+    stretched: Float32 = planes.take(rows, axis=-2).take(np.repeat(columns, side), axis=-1)
+    return stretched
