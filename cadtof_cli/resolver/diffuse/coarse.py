@@ -8,26 +8,41 @@ from cadtof_cli.arrays import Bool, Float, Float32
 from cadtof_cli.resolver.diffuse.condition import Conditioned, conditioned
 from cadtof_cli.resolver.diffuse.noise import Entry
 from cadtof_cli.resolver.diffuse.patch_fit import PatchFit
-from cadtof_cli.resolver.diffuse.prior import WITHIN_PATCH
+from cadtof_cli.resolver.diffuse.prior import MEAN, WITHIN_PATCH
 from cadtof_cli.resolver.diffuse.tail import residuals
 
-BESIDE_MORE = 0.22
-"""By how much the light of surfaces beside the view exceeds what its continued border sends, as a share of that: rooms go on
-beyond the pieces that are continued. Two harmonics cannot tell; with more of them the fit sees most of it itself, and
-what is missing falls with the square of their number."""
+BESIDE_MORE = 0.3
+"""By how much the light of surfaces beside the view exceeds what its continued border sends, as a share of that, where a patch
+faces nothing that is known, and in proportion to that: rooms go on beyond the pieces that are continued. Two harmonics cannot
+tell; with more of them the fit sees most of it itself, and what is missing falls with the square of their number."""
 
-GUESSED_SHARE = 0.15
-"""The share of the light of guessed walls that is counted with two harmonics: such early light they hardly tell from none.
-Three tell it."""
+UNSEEN_MORE = 0.14
+"""By how much the lag of unseen light exceeds what two harmonics make of it, as a share of that, at the most: where .8 of what a
+patch faces is unknown, and in proportion to (that share)⁴·(what is known). What it comes from goes on from what is seen, nearer
+than the start that is fitted, and two harmonics hardly tell such early light from none. Three tell it."""
 
-GUESSED_ERROR = (0.35, 0.5)
+MOST_EARLY = 5.0**5 / 4.0**4
+"""Makes the largest o⁴·(1 − o) one."""
+
+GUESSED_SHARE = 0.18
+"""The share of the light of guessed walls that is counted with two harmonics, for the same reason: a view of one wall shows
+nothing that could go on."""
+
+LATE_START_PER_NS = (0.0, 0.012)
+"""Share of the lag that is too much for every ns that a room's unseen light starts later than in most, with two harmonics and
+with more: the third puts down to a late start what is a tail of another shape. Two hardly see it."""
+
+GUESSED_ERROR = (0.2, 0.5)
 """Standard deviation of that share: with two harmonics, and with more."""
 
-PATCH_SHARE = (0.3, 0.1)
+PATCH_SHARE = (0.2, 0.1)
 """Variance that a patch leaves to all its pixels, over its posterior variance."""
 
-SURPRISE = (6.0, 0.1)
+SURPRISE = (7.0, 0.1)
 """How that share grows with χ² of the patch: two data are hardly missed by so many unknowns, so that a small misfit says much."""
+
+LARGEST_SURPRISE = (1.0, np.inf)
+"""χ² from which it grows no more: that the data are missed is known then, and by how much says nothing of the lag."""
 
 LAG_ERROR = (0.0, 0.05)
 """Standard deviation of the lag, as a share of it, that all patches have in common."""
@@ -38,10 +53,14 @@ BESIDE_ERROR = (0.0, 0.5)
 
 @dataclass(frozen=True, eq=False)
 class Beside:
-    """How much of arg H_1, (n,), is put down to the continued border of the view, and would be to walls guessed beside it."""
+    """How much of arg H_1, (n,), is put down to the continued border of the view and to unseen light, and would be to walls
+    guessed beside it; and the share of what a patch faces that is unknown.
+    """
 
     continued_rad: Float
+    unseen_rad: Float
     guessed_rad: Float
+    open_share: Float
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,13 +103,15 @@ def coarse_planes(fit: PatchFit, posterior: Conditioned, beside: Beside, valid: 
     values, count = fit.posterior.copy(), len(fit.posterior)
     entries = needed_entries(count - 2)
     further = (count - 2) // 2
-    lag = values[-1].copy()
-    values[-1] += BESIDE_MORE * beside.continued_rad / further**2
-    if further == 1:
-        values[-1] += GUESSED_SHARE * beside.guessed_rad
-    spread = np.einsum("jan,j,jbn->abn", fit.jacobian, WITHIN_PATCH**2, fit.jacobian)
     more = min(further, 2) - 1
-    kept = PATCH_SHARE[more] + SURPRISE[more] * posterior.chi_squared
+    lag = values[-1].copy()
+    values[-1] += BESIDE_MORE * beside.open_share * beside.continued_rad / further**2
+    if further == 1:
+        early = MOST_EARLY * beside.open_share**4 * (1.0 - beside.open_share)
+        values[-1] += UNSEEN_MORE * early * beside.unseen_rad + GUESSED_SHARE * beside.guessed_rad
+    values[-1] -= LATE_START_PER_NS[more] * (fit.room[-1] - MEAN[-1]) * lag
+    spread = np.einsum("jan,j,jbn->abn", fit.jacobian, WITHIN_PATCH**2, fit.jacobian)
+    kept = PATCH_SHARE[more] + SURPRISE[more] * np.minimum(posterior.chi_squared, LARGEST_SURPRISE[more])
     left = {key: kept * value for key, value in posterior.covariance.items()}
     shared = (
         LAG_ERROR[more] * lag,

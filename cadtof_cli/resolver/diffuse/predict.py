@@ -133,7 +133,7 @@ def _model(
         return None
     coarse = coarse_planes(fit, posterior, _beside(fit, tail, planes, valid, frame, mpi_share(ratios)), valid)
     covered = 0 if through is None else int(through.found.sum())
-    gap = (fit.posterior[-1] - two_path_lag(ratios[0]))[heard]
+    gap = (coarse.planes[coarse.data + 1][valid] - two_path_lag(ratios[0]))[heard]
     return DiffuseModel(
         frame.settings,
         DiffuseChoice("tail", int(kinds.lit.sum()), kinds.separate_share, _room_numbers(fit), covered),
@@ -170,14 +170,17 @@ def _seen_through(
 
 
 def _beside(fit: PatchFit, tail: TailModel, planes: PatchPlanes, valid: Bool, frame: _Frame, share: float) -> Beside:
-    """Return the lags by light from beside the view; that of guessed walls counts where a patch faces little that is known."""
+    """Return the lags by light that the view does not show; that of guessed walls counts where a patch faces little that is
+    known, and where there is little MPI, less of it is early light that the fit does not see.
+    """
     guessed = light_of(
         surfaces_guessed(planes.surfaces, valid, frame.grid),
         planes.surfaces[valid],
         rad_per_m=frame.settings.rad_per_m,
     )
-    weight = share * tail.light.open_share**GUESSED_POWER
-    return Beside(tail.beside_lag(fit.state), tail.beside_lag(fit.state, weight * guessed))
+    open_share = tail.light.open_share
+    continued, unseen, would_be = tail.lag_parts(fit.state, open_share**GUESSED_POWER * guessed)
+    return Beside(continued, share * unseen, share * would_be, open_share)
 
 
 def two_path_lag(ratio: Complex, /) -> Float:

@@ -66,15 +66,15 @@ class TailModel:
         values[phases] = wrapped(values[phases])
         return values, free_of_direct(slopes, self._harmonic)
 
-    def beside_lag(self, state: Float, /, beyond: Complex | None = None) -> Float:
-        """Return how much of arg H_1 is due to surfaces beside the view, rad (n,), at a state (6, n).
+    def lag_parts(self, state: Float, guessed: Complex, /) -> tuple[Float, Float, Float]:
+        """Return how much of arg H_1 is due to surfaces beside the view and to unseen ones, and would be to guessed ones.
 
-        Others than those of the model may be asked for, by the light `beyond` that they would give, (n,).
+        In rad, (n,) each, at a state (6, n); `guessed`, (n,), is the light of the last as `Interreflections.beyond` has it.
         """
-        terms = self._terms(state)
-        light = terms[1][0] if beyond is None else np.exp(state[0] + state[1]) * beyond
-        lag: Float = (light / (1.0 + sum(term[0] for term in terms[:4]))).imag
-        return lag
+        seen, beyond, later, unseen, _ = (term[0] for term in self._terms(state))
+        share = 1.0 / (1.0 + seen + beyond + later + unseen)
+        beside, behind, would_be = (light * share for light in (beyond, unseen, np.exp(state[0] + state[1]) * guessed))
+        return beside.imag, behind.imag, would_be.imag
 
     def _terms(self, state: Float) -> tuple[Complex, Complex, Complex, Complex, Complex]:
         """Return the four terms of H_h, (H, n) each, in the order above, and 1/(1 − ihωτ)."""

@@ -1,5 +1,7 @@
 """What patches hand to their pixels: means, variances within a patch, and what a patch cannot tell."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -33,11 +35,12 @@ def error_of(variance: float, data: int = DATA) -> F:
 
 def kept(chi_squared: float) -> float:
     """What a patch leaves to its pixels with two harmonics, over its posterior variance."""
-    return 0.3 + 6.0 * chi_squared
+    return 0.2 + 7.0 * min(chi_squared, 1.0)
 
 
-def beside(continued_rad: float = 0.0, guessed_rad: float = 0.0) -> Beside:
-    return Beside(np.full(PATCHES, continued_rad), np.full(PATCHES, guessed_rad))
+def beside(*lags_rad: float, open_share: float = 0.5) -> Beside:
+    """Lags by light that the view does not show: of its continued border, of what is unseen, and of guessed walls."""
+    return Beside(*(np.full(PATCHES, value) for value in (*lags_rad, *[0.0] * (3 - len(lags_rad)), open_share)))
 
 
 def planes(known: PatchFit, light: Beside) -> CoarsePlanes:
@@ -74,16 +77,53 @@ def test_what_a_patch_leaves_is_what_its_data_do_not_tell() -> None:
         assert found.planes[-2][VALID][patch] == pytest.approx(share * left[1, 1], rel=1e-4)
 
 
-def test_with_two_harmonics_light_of_surfaces_beside_the_view_moves_arg_h() -> None:
-    """By .22 of what the continued border sends, and by .15 of what guessed walls would; these are unsure by .35 of it."""
+def test_a_misfit_of_one_and_more_says_the_same() -> None:
     known = fit()
-    without = planes(known, beside())
-    for light, moved, unsure in ((beside(0.2), 0.22 * 0.2, 0.0), (beside(0.0, 0.1), 0.15 * 0.1, 0.35 * 0.1)):
-        found = planes(known, light)
-        difference = found.planes[: DATA + 2] - without.planes[: DATA + 2]
-        assert_allclose(difference[: DATA + 1], 0.0, atol=1e-7)
-        assert_allclose(difference[-1], moved, rtol=1e-4)
-        assert_allclose(found.planes[-2] - without.planes[-2], unsure**2, rtol=1e-3, atol=1e-9)
+    variances = []
+    for off in (0.0, 0.15, 0.3):
+        posterior = patch_posterior(known.expected[:DATA] + off, error_of(1e-3), known)
+        assert (posterior.chi_squared > 1.0).all() == (off > 0.0)
+        variances.append(coarse_planes(known, posterior, beside(), VALID).planes[-2][VALID])
+    assert_allclose(variances[1], 7.2 / 0.2 * variances[0], rtol=1e-5)
+    assert_allclose(variances[2], variances[1], rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("light", "moved", "unsure"),
+    [
+        (beside(0.2), 0.3 * 0.5 * 0.2, 0.0),
+        (beside(0.2, open_share=0.0), 0.0, 0.0),
+        (beside(0.0, 0.2, open_share=0.8), 0.14 * 0.2, 0.0),
+        (beside(0.0, 0.2, open_share=0.6), 0.14 * (0.75**4 * 2.0) * 0.2, 0.0),
+        (beside(0.0, 0.2, open_share=1.0), 0.0, 0.0),
+        (beside(0.0, 0.0, 0.1), 0.18 * 0.1, 0.2 * 0.1),
+    ],
+)
+def test_with_two_harmonics_light_that_the_view_does_not_show_moves_arg_h(
+    light: Beside, moved: float, unsure: float
+) -> None:
+    """By .3 of what the continued border sends, in proportion to what is unknown; by .14 of what is unseen at the most, where .8
+    of what a patch faces is unknown; and by .18 of what guessed walls would send, unsure by .2 of it.
+    """
+    known = fit()
+    without, found = planes(known, beside()), planes(known, light)
+    difference = found.planes[: DATA + 2] - without.planes[: DATA + 2]
+    assert_allclose(difference[: DATA + 1], 0.0, atol=1e-7)
+    assert_allclose(difference[-1], moved, rtol=1e-4, atol=1e-7)
+    assert_allclose(found.planes[-2] - without.planes[-2], unsure**2, rtol=1e-3, atol=1e-9)
+
+
+@pytest.mark.parametrize(("further", "per_ns"), [(1, 0.0), (2, 0.012)])
+def test_with_three_harmonics_a_late_start_of_unseen_light_takes_of_the_lag(further: int, per_ns: float) -> None:
+    known = fit(data=2 * further)
+    late = replace(known, room=np.array([0.0, 0.0, 0.0, 0.0, 0.0, 4.4 + 2.0]))
+    usual = replace(known, room=np.array([0.0, 0.0, 0.0, 0.0, 0.0, 4.4]))
+    lags = []
+    for one in (usual, late):
+        posterior = patch_posterior(one.expected[:-2], error_of(1e-3, 2 * further), one)
+        lags.append(coarse_planes(one, posterior, beside(), VALID).planes[2 * further + 1][VALID])
+    assert_allclose(lags[0], -0.4, rtol=1e-6)
+    assert_allclose(lags[1], -0.4 * (1.0 - 2.0 * per_ns), rtol=1e-5)
 
 
 @pytest.mark.parametrize("further", [2, 3])
@@ -91,9 +131,13 @@ def test_more_harmonics_tell_light_from_beside_the_view_by_themselves(further: i
     """What is missing of the continued border's falls with their square, guessed walls move nothing; half of each is unsure."""
     known = fit(data=2 * further)
     without = planes(known, beside())
-    for light, moved, unsure in ((beside(0.2), 0.22 * 0.2 / further**2, 0.1), (beside(0.0, 0.3), 0.0, 0.15)):
+    for light, moved, unsure in (
+        (beside(0.2), 0.3 * 0.5 * 0.2 / further**2, 0.1),
+        (beside(0.0, 0.2), 0.0, 0.0),
+        (beside(0.0, 0.0, 0.3), 0.0, 0.15),
+    ):
         found = planes(known, light)
-        assert_allclose(found.planes[-2] - without.planes[-2], unsure**2, rtol=1e-3)
+        assert_allclose(found.planes[-2] - without.planes[-2], unsure**2, rtol=1e-3, atol=1e-9)
         difference = found.planes[: 2 * further + 2] - without.planes[: 2 * further + 2]
         assert_allclose(difference[:-1], 0.0, atol=1e-7)
         assert_allclose(difference[-1], moved, rtol=1e-4, atol=1e-7)

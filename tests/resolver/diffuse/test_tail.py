@@ -68,13 +68,16 @@ def test_residuals_of_phases_go_the_short_way_round_and_those_of_moduli_do_not()
     np.testing.assert_allclose(residuals(observed, predicted), [[5.0], [6.2 - 2.0 * np.pi]])
 
 
-def test_light_beside_the_view_lags_by_its_share_across_the_whole() -> None:
-    """arg(1 + … + b) grows by Im(b/H) with b."""
+def test_light_that_the_view_does_not_show_lags_by_its_share_across_the_whole() -> None:
+    """arg(1 + … + b + w) grows by Im(b/H) with ln b and by Im(w/H) with ln v."""
     tail, state = model(), states()
-    less = state.copy()
-    less[1] -= 1e-6
-    slope = (tail.values(state)[0][-1] - tail.values(less)[0][-1]) / 1e-6
-    np.testing.assert_allclose(tail.beside_lag(state), slope, atol=1e-7)
+    beside, unseen, guessed = tail.lag_parts(state, 3.0 * tail.light.beyond[0])
+    for component, part in ((1, beside), (3, unseen)):
+        less = state.copy()
+        less[component] -= 1e-6
+        slope = (tail.values(state)[0][-1] - tail.values(less)[0][-1]) / 1e-6
+        np.testing.assert_allclose(part, slope, atol=1e-7)
+    np.testing.assert_allclose(guessed, 3.0 * beside, rtol=1e-12)
 
 
 def test_surfaces_in_the_view_beside_it_and_later_bounces_add_up() -> None:
