@@ -10,7 +10,6 @@ from cadtof_cli.resolver.likelihood import levenberg_marquardt, mixture, starts
 from cadtof_cli.resolver.likelihood.compiled import Ends, Planes, Scanned
 from cadtof_cli.resolver.likelihood.levenberg_marquardt import LevenbergMarquardt, Problem
 from cadtof_cli.resolver.likelihood.mixture import Measured, Mixture, WeightedFit, WhiteFit
-from cadtof_cli.resolver.paper.equation_9 import EliminatedPath
 from cadtof_cli.resolver.two_path.kernel import NUMPY
 from tests.support.mixtures import noise_of
 
@@ -46,15 +45,13 @@ def problems() -> dict[str, tuple[Problem, Float, Planes]]:
     seen, light = measured(), paths()
     white = np.array([3.0, 2.0, 1.0])
     weighted = WeightedFit.around(seen, light, noise=noise_of(HARMONICS, n_av=1e4), kernel=NUMPY)
-    right = tuple(zip(seen.re, seen.im, strict=True))
     return {
         "white": (WhiteFit(seen, (3.0, 2.0, 1.0)), light.points, Planes(0, 2, HARMONICS, seen.re, seen.im, white)),
         "weighted": (weighted, light.points, Planes(1, 2, HARMONICS, seen.re, seen.im, weighted.weights)),
-        "shares": (EliminatedPath(HARMONICS, right), light.points[2:4], Planes(2, 1, HARMONICS, seen.re, seen.im)),
     }
 
 
-@pytest.mark.parametrize("kind", ["white", "weighted", "shares"])
+@pytest.mark.parametrize("kind", ["white", "weighted"])
 def test_a_search_is_handed_over_as_it_is(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
     problem, begin, planes = problems()[kind]
     ends = Ends(begin + 1.0, np.ones(COUNT), np.ones((3, COUNT)), np.ones(COUNT, bool), np.arange(COUNT))
@@ -66,7 +63,6 @@ def test_a_search_is_handed_over_as_it_is(kind: str, monkeypatch: pytest.MonkeyP
     assert (given.kind, given.paths, given.harmonics) == (planes.kind, planes.paths, planes.harmonics)
     for ours, theirs in ((given.re, planes.re), (given.im, planes.im), (came_from, begin)):
         np.testing.assert_array_equal(ours, theirs)
-    assert (given.weights is None) is (planes.weights is None)
     np.testing.assert_array_equal(given.weights, planes.weights)
     np.testing.assert_allclose(options.pop("worth"), 0.3 / samples)
     assert options == {"most_steps": 17, "relative": 0.02, "first_damping": 0.005, "kernel": ELSEWHERE}
@@ -77,7 +73,7 @@ def test_a_search_is_handed_over_as_it_is(kind: str, monkeypatch: pytest.MonkeyP
     assert found.steps is ends.steps
 
 
-@pytest.mark.parametrize("kind", ["white", "weighted", "shares"])
+@pytest.mark.parametrize("kind", ["white", "weighted"])
 def test_a_search_that_is_not_taken_over_is_numpy_s(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
     problem, begin, _ = problems()[kind]
     twin = Twin(None)
