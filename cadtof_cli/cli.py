@@ -16,7 +16,7 @@ import click
 from cadtof_cli import __version__
 from cadtof_cli.commands.examples import example
 from cadtof_cli.commands.narrow_help import HelpContext, fit_narrow_terminals
-from cadtof_cli.commands.terminal import let_streams_take_any_text, open_closed_streams, tell
+from cadtof_cli.commands.terminal import prepare_streams, tell
 from cadtof_cli.errors import CadtofError, OutputError
 
 COMMANDS = {
@@ -93,8 +93,7 @@ def main() -> NoReturn:
     gc.set_threshold(OBJECTS_BETWEEN_COLLECTIONS)
     # nor does it run at exit
     atexit.register(gc.freeze)
-    open_closed_streams()
-    let_streams_take_any_text()
+    prepare_streams()
     for number in filter(None, (signal.SIGTERM, getattr(signal, "SIGHUP", None))):
         # nohup has SIGHUP ignored, and that is to stay
         if signal.getsignal(number) is not signal.SIG_IGN:

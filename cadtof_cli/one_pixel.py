@@ -16,7 +16,7 @@ from cadtof_cli.phasors.noise import NoiseModel
 from cadtof_cli.pipeline import FramePixels, FrameStages, frame_stages
 from cadtof_cli.resolver.diffuse.records import DiffuseModel
 from cadtof_cli.resolver.diffuse.through_pixels import freed_pixels
-from cadtof_cli.resolver.order import Solver, told_apart, worth_another
+from cadtof_cli.resolver.order import Solver, with_direct_first, worth_another
 from cadtof_cli.resolver.paths import Fit, Paths, ResolvedPaths
 from cadtof_cli.resolver.resolve import resolve_paths
 from cadtof_cli.resolver.status import StatusBit
@@ -149,7 +149,7 @@ def _fit(
         only: Bool = np.asarray(np.isfinite(phasors).all(axis=0))
         limit = None if count >= settings.max_paths else math.inf
         chosen, fit = solver.fit(count, only, limit=limit)
-        return told_apart(fit, settings, pixel.noise, chosen) if only.any() and fit.chi_squared.size else None
+        return with_direct_first(fit, settings, pixel.noise, chosen) if only.any() and fit.chi_squared.size else None
 
 
 def _numbers(
@@ -167,12 +167,12 @@ def _numbers(
 
 
 def _order_test(one: Fit, two: Fit, plan: FramePlan, noise: NoiseModel, metres: Float | float) -> OrderTest:
-    direct, alone = two.paths[0], one.paths[0]
-    lead = np.abs(direct.phase_rad - alone.phase_rad)
-    cost = 2.0 * (np.square(direct.sigma_rad) - np.square(alone.sigma_rad))
+    direct, single = two.paths[0], one.paths[0]
+    lead = np.abs(direct.phase_rad - single.phase_rad)
+    cost = 2.0 * (np.square(direct.sigma_rad) - np.square(single.sigma_rad))
     with np.errstate(invalid="ignore"):
         moved, needed = np.minimum(lead, 2.0 * np.pi - lead) * metres, np.sqrt(cost) * metres
-        worth = bool(worth_another(direct, alone)[0])
+        worth = bool(worth_another(direct, single)[0])
     threshold = chi_squared_threshold(plan.resolver.false_alarm, pairs=len(noise.harmonics) - 1)
     chi_squared = float(one.chi_squared[0])
     return OrderTest(chi_squared, threshold, plan.resolver.false_alarm, float(moved[0]), float(needed[0]), worth)

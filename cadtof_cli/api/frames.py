@@ -4,12 +4,14 @@ import logging
 import os
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from cadtof_cli.arrays import Stored
+from cadtof_cli.capture.frames import frame_names
 from cadtof_cli.capture.metadata import KEYS, CaptureMetadata
 from cadtof_cli.capture.toml import load_metadata
 from cadtof_cli.errors import FrameError, SettingsError
@@ -114,11 +116,10 @@ def read_frames(
         frames=frames,
     )
     captures, _ = find_named_captures([Path(one) for one in inputs], settings, _overrides(metadata))
-    taken = {source.name for capture in captures for source in capture.frames}
     for plan in plan_captures(captures, settings, None):
         for note in plan.notes():
             _log.warning(note)
-        for source in plan.frames(settings, taken=taken):
+        for source in plan.frames(settings, taken=partial(frame_names, captures)):
             task = FrameTask((source,), plan.capture.layout, plan.plan, plan.pixels, settings.out)
             stored, _ = read_frame(task)
             assert isinstance(stored, np.ndarray)

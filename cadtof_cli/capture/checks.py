@@ -1,4 +1,4 @@
-"""What must hold for a value of `capture.toml`, and what is said where it does not."""
+"""Checks of the values of `capture.toml`, and what messages say where one fails."""
 
 import math
 from collections.abc import Callable
@@ -15,7 +15,7 @@ def shortened(found: object, /) -> str:
 
 
 class Check(NamedTuple):
-    """What must hold for a value, what is expected where it does not, and what is then said to have been found."""
+    """A condition that values must meet, what a message then expects, and what it shows as found."""
 
     holds: Callable[[Any], bool]
     expected: str
@@ -23,12 +23,12 @@ class Check(NamedTuple):
 
 
 def above(least: float, /) -> Check:
-    """Return the check of a finite number above another."""
+    """Return the check that a number is finite and above another."""
     return Check(lambda value: math.isfinite(value) and value > least, f"a finite number above {least}")
 
 
 def within(least: float, most: float, /) -> Check:
-    """Return the check of a magnitude."""
+    """Return the check that a magnitude lies between two limits."""
     return Check(lambda value: least <= abs(value) <= most, f"a number from {least:g} to {most:g}")
 
 
@@ -41,7 +41,7 @@ COUNT, LENGTH, PERIOD, VOLTS, SCALE = (
 
 
 def each(check: Check, /) -> Check:
-    """Return the check of a list whose items pass one."""
+    """Return the check that all items of a list pass another."""
     return Check(
         lambda values: all(map(check.holds, values)),
         check.expected,

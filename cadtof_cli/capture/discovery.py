@@ -122,7 +122,7 @@ _SourceOf = Callable[[Path], MetadataSource]
 
 
 def _root(path: Path, source_of: _SourceOf) -> tuple[Path, bool]:
-    """Return the folder that an input is, or whose capture a file belongs to, and which of the two."""
+    """Return the folder of the capture that an input is or belongs to, and whether the input is that folder."""
     try:
         if stat.S_ISDIR(path.stat().st_mode):
             return path, True
@@ -137,12 +137,12 @@ def _root(path: Path, source_of: _SourceOf) -> tuple[Path, bool]:
 
 
 def _depth(source: MetadataSource) -> int:
-    """Return how many folders below their capture the files of planes lie."""
+    """Return how many levels below the folder of a capture its planes lie."""
     return (source.metadata.layout.pattern or "").count("/")
 
 
 def _below(folder: Path, source_of: _SourceOf) -> Iterator[Capture]:
-    """Yield the captures that a folder and those below it are, in natural order."""
+    """Yield the captures in a folder and in all folders below it, in natural order."""
     waiting, seen = [folder], set[str]()
     while waiting:
         here = waiting.pop()
@@ -166,7 +166,7 @@ def _below(folder: Path, source_of: _SourceOf) -> Iterator[Capture]:
 
 
 def _files_in(folder: Path, *, depth: int = 0, recursive: bool = False) -> list[str]:
-    """Return the files that lie so many folders below a folder, by their path from there with slashes between.
+    """Return the files `depth` levels below a folder, as paths relative to it, with slashes.
 
     A folder that is called like a frame is among them, so that the frame fails by its name; where folders are looked into, only
     one that is empty.

@@ -5,7 +5,7 @@ import itertools
 import os
 import re
 from collections import Counter
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -58,7 +58,7 @@ class FrameSource:
 
 @dataclass(frozen=True)
 class FrameFileList(Sequence[FrameSource]):
-    """Frames that are a file each, of one folder; of thousands, nothing is kept but their names.
+    """Frames of one folder, each in a file of its own; only the names of the files are kept, as there may be thousands.
 
     Parameters:
         folder: of the files.
@@ -92,8 +92,8 @@ class FrameFileList(Sequence[FrameSource]):
 
 
 def natural_key(name: str) -> str:
-    """Return a key that sorts frame_2 before frame_10; it is one text, since thousands of them are there at once."""
-    # a number by how many digits it has, then by these; what ends before a number comes before what goes on
+    """Return a sort key by which frame_2 comes before frame_10; a single text, as there may be thousands of keys."""
+    # each number becomes the count of its digits and the digits; a name that ends before a number comes first
     return f"{_DIGITS.sub(_sortable, name.casefold())}\0\0{name}"
 
 
@@ -124,6 +124,15 @@ class Capture:
         if layout.raw_dtype is not None and layout.raw_shape is not None:
             raw = RawLayout(layout.raw_dtype, layout.raw_shape, layout.raw_offset_bytes or 0)
         return FrameLayout(self.source.metadata.modulation.harmonics, layout.frames, raw)
+
+    def frame_names(self) -> Iterator[str]:
+        """Yield the names of the frames."""
+        return self.frames.names() if isinstance(self.frames, FrameFileList) else (frame.name for frame in self.frames)
+
+
+def frame_names(captures: Iterable[Capture], /) -> set[str]:
+    """Return the names of all frames of some captures."""
+    return {name for capture in captures for name in capture.frame_names()}
 
 
 @contextmanager
@@ -188,15 +197,15 @@ def read_stored(source: FrameSource, layout: FrameLayout, /, *, size: tuple[int,
     return stored
 
 
-def single_frames(capture: Capture, /, *, taken: Collection[str] = ()) -> Iterator[FrameSource]:
-    """Yield every frame of a capture, a stack's one by one, none under a name that is `taken` by another capture's.
+def single_frames(capture: Capture, /, *, taken: Callable[[], Collection[str]] | None = None) -> Iterator[FrameSource]:
+    """Yield every frame of a capture, a stack's one by one, none under a name in `taken`, which is only called for a stack.
 
     Opening each of thousands of files beforehand would cost as much as reading them, so a file of the very size of one that
     held a single frame is taken to hold one too (its reader checks). A file that cannot be opened is yielded as it is: it
     fails when its turn comes.
     """
-    layout, names = capture.layout, taken or {source.name for source in capture.frames}
-    size_of_one = 0
+    layout, size_of_one = capture.layout, 0
+    names: Collection[str] | None = None
     for source in capture.frames:
         path = source.paths[0]
         named = format_by_suffix(path)
@@ -215,6 +224,8 @@ def single_frames(capture: Capture, /, *, taken: Collection[str] = ()) -> Iterat
             size_of_one = size
             yield source
         else:
+            if names is None:
+                names = taken() if taken else set(capture.frame_names())
             yield from source.expanded(count, taken=names)
 
 

@@ -31,7 +31,7 @@ HARMONIC_TOLERANCE = 5e-4
 
 
 class InvalidValueError(MetadataError):
-    """A value that a key cannot have. `where` is filled in by whoever knows the file or option it came from."""
+    """A value that a key cannot have. `where` is the file or option that it came from, filled in by the caller that knows it."""
 
     def __init__(self, key: str, found: object, expected: str, where: str = "") -> None:
         super().__init__(key, found, expected, where)
@@ -54,7 +54,7 @@ def _are_harmonics(periods: tuple[float, ...]) -> bool:
 
 
 def _is_sample_type(dtype: str) -> bool:
-    # numpy, which options that are only printed need not load
+    # imported here: options that are only printed do not need numpy
     from cadtof_cli.files.frames import is_sample_type
 
     return is_sample_type(dtype)
@@ -134,7 +134,7 @@ class Pulse(Table):
 
 @dataclass(frozen=True, kw_only=True)
 class Voltage(Table):
-    """How stored values stand for volts: (stored − zero_counts) · volts_per_count."""
+    """The map from stored values to volts: (stored − zero_counts) · volts_per_count."""
 
     zero_counts: float | None = _key(
         "number",
@@ -159,7 +159,7 @@ class Voltage(Table):
 
     @property
     def zero(self) -> float:
-        """Stored value of 0 V: 0 where nothing else is said."""
+        """Stored value of 0 V; 0 unless given."""
         return self.zero_counts or 0.0
 
 

@@ -20,14 +20,14 @@ ONLY_FRAME = "frame"
 _PIECES = re.compile(r"\d+|[^\W\d_]+|[\W_]+")
 
 _WORDS_FOR = {"channel": re.compile(r"s?c|ch\w*|sin|cos|iq", re.I), "harmonic": re.compile(r"h\w*|mhz|f|freq\w*", re.I)}
-"""What stands before or behind a number that is a channel's or a harmonic's."""
+"""Words before or behind a number that make it the number of a channel or of a harmonic."""
 
 EXAMPLE_PATTERN = "{frame}_h{harmonic}_sc{channel}.tif"
 
 
 @dataclass(frozen=True)
 class _Column:
-    """A place in names where they differ: the different pieces there, and what stands on either side."""
+    """A position at which names differ: the different texts there, and the texts on either side."""
 
     place: int
     values: tuple[str, ...]
@@ -40,7 +40,7 @@ class _Column:
 
 
 def hint_of_planes(capture: Capture, /) -> str | None:
-    """Return what to say of a capture none of whose files is a frame, where they seem to be planes; None where they do not."""
+    """Return a hint for a capture without a whole frame, where its files seem to be planes; None where they do not."""
     layout = capture.layout
     if capture.source.metadata.layout.pattern is not None or len(capture.frames) < layout.planes:
         return None

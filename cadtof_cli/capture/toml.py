@@ -1,4 +1,4 @@
-"""`capture.toml` read into metadata, each value with where it came from, and written back."""
+"""`capture.toml` read into metadata, with the origin of each value, and written back."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -28,7 +28,7 @@ class MetadataSource:
 
     @property
     def defaulted(self) -> dict[str, Any]:
-        """Values by dotted key that are the paper's because nothing gave them."""
+        """Values by dotted key that are the paper's, as neither a file nor an option gave them."""
         return {
             path: _KEYS[path].default
             for path, origin in self.origins.items()
@@ -68,7 +68,7 @@ def _flat(document: dict[str, Any], path: Path) -> dict[str, Any]:
         given: dict[str, Any] = {}
         for name, value in content.items():
             if isinstance(value, dict) and f"{table}.{name}" not in _KEYS:
-                # a table in it that is no key, as [layout.raw]: both names as one, such as raw_dtype
+                # a table in a table, such as [layout.raw]: its keys get both names, such as raw_dtype
                 given |= {f"{name}_{inner}": entry for inner, entry in value.items()}
             else:
                 given[name] = value

@@ -66,8 +66,8 @@ def _lines(found: "Comparison") -> Iterator[str]:
     for name, layer in found.layers.items():
         figures = (layer.median_abs, layer.p90_abs, layer.max_abs)
         row = f"{_named(name, layer_unit(name)):26}{''.join(f'{_number(figure):>12}' for figure in figures)}"
-        alone = found.answers.get(name)
-        yield f"{row}   {alone.only_a} pixels only in A, {alone.only_b} only in B" if alone else row
+        one_sided = found.answers.get(name)
+        yield f"{row}   {one_sided.only_a} pixels only in A, {one_sided.only_b} only in B" if one_sided else row
     if found.status_changed is not None:
         yield f"{'status differs':26}{found.status_changed:>12} pixels"
     for bit, change in found.status_bits.items():

@@ -1,6 +1,5 @@
 """`cadtof sweep`."""
 
-import io
 from pathlib import Path
 
 import click
@@ -134,8 +133,6 @@ def sweep(
     if out is not None:
         workflow.write_table_file(cells, out)
     else:
-        table = io.StringIO()
-        workflow.write_table(cells, table)
-        tell(table.getvalue().rstrip("\n"))
+        tell(workflow.table_text(cells).rstrip("\n"))
     if plot is not None:
         workflow.draw_sweep(cells, plot)

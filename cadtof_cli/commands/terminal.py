@@ -46,17 +46,11 @@ def tell(text: object, /, *, err: bool = False) -> None:
             raise OutputError(f"standard output: cannot be written: {error.strerror}") from error
 
 
-def let_streams_take_any_text() -> None:
-    r"""Have stdout and stderr write a letter that their encoding lacks by its number, as in `\u03c3`, instead of failing."""
-    for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, io.TextIOWrapper):
-            stream.reconfigure(errors="backslashreplace")
+def prepare_streams() -> None:
+    r"""Replace closed stdin, stdout and stderr, so that no file that is opened later gets their descriptors.
 
-
-def open_closed_streams() -> None:
-    """Replace closed stdin, stdout and stderr, so that no file that is opened later gets their descriptors.
-
-    Writing to a stdout that was closed fails; a stderr that was closed ignores everything.
+    Writing to a stdout that was closed fails; a stderr that was closed ignores everything. Letters that an encoding lacks are
+    written by their numbers, as in `\u03c3`.
     """
     for number, mode in ((0, os.O_RDONLY), (1, os.O_RDONLY), (2, os.O_WRONLY)):
         try:
@@ -65,7 +59,10 @@ def open_closed_streams() -> None:
             os.open(os.devnull, mode)
     sys.stdin = sys.stdin or os.fdopen(0, "r", encoding="utf-8", closefd=False)
     sys.stdout = sys.stdout or os.fdopen(1, "w", encoding="utf-8", closefd=False)
-    sys.stderr = sys.stderr or os.fdopen(2, "w", encoding="utf-8", errors="backslashreplace", closefd=False)
+    sys.stderr = sys.stderr or os.fdopen(2, "w", encoding="utf-8", closefd=False)
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
 
 
 REDRAW_SECONDS = 0.1

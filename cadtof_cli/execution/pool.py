@@ -15,7 +15,7 @@ from cadtof_cli.execution.finisher import LATER_AT_ONCE
 from cadtof_cli.execution.messages import Incoming, Said, TaskMessages, answer_of
 from cadtof_cli.execution.outcome import Outcome, Work, WorkerDied
 from cadtof_cli.execution.serve import serve
-from cadtof_cli.execution.workers import Workers, signals_held_back
+from cadtof_cli.execution.workers import Workers, cores_for, signals_held_back
 
 if TYPE_CHECKING:
     from multiprocessing.context import SpawnContext
@@ -65,13 +65,15 @@ class _Job(Generic[Task, Result]):
 
 @dataclass(eq=False)
 class _Worker(Generic[Task, Result]):
-    """A process, our end of its connection, the jobs that it was given, when we last heard of them, and when one was done.
+    """A process, our end of its connection, the core that it stays on, the jobs that it was given, when we last heard of them,
+    and when one was done.
 
     Of the first of the jobs, as many as are `computed`, only waiting is left.
     """
 
     process: BaseProcess
     connection: Connection
+    core: int | None
     jobs: deque[_Job[Task, Result]] = field(default_factory=deque)
     computed: int = 0
     since: float = 0.0
@@ -92,6 +94,7 @@ class _Pool(Generic[Task, Result]):
     def __init__(self, function: Work[Task, Result], workers: Workers, shared: Sequence[object]) -> None:
         self._function, self._messages = function, TaskMessages(shared)
         self._most, self._limit_s = workers.processes, workers.task_timeout_s
+        self._cores = cores_for(self._most)
         # each makes processes in the same way; only this one is there on every system
         self._context = cast("SpawnContext", get_context(workers.start_method))
         # the workers hold one end of a pipe whose other end lives here: it closes even when this process is killed
@@ -184,9 +187,11 @@ class _Pool(Generic[Task, Result]):
 
     def _start(self) -> _Worker[Task, Result]:
         ours, theirs = self._context.Pipe()
+        taken = {worker.core for worker in self._workers}
+        core = next((core for core in self._cores if core not in taken), None)
         process = self._context.Process(
             target=serve,
-            args=(self._function, self._messages, theirs, ours, self._listening, self._held),
+            args=(self._function, self._messages, theirs, ours, self._listening, self._held, core),
             daemon=True,
         )
         try:
@@ -196,7 +201,7 @@ class _Pool(Generic[Task, Result]):
             raise WorkersError(f"no worker process can be started ({error.strerror}): try fewer --jobs") from error
         finally:
             theirs.close()
-        worker = _Worker[Task, Result](process, ours)
+        worker = _Worker[Task, Result](process, ours, core)
         self._workers.append(worker)
         self._incoming.add(ours, worker)
         return worker

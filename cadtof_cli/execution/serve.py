@@ -64,6 +64,7 @@ def serve(
     parents: Connection,
     listening: Connection,
     held: Connection,
+    core: int | None,
 ) -> None:
     """Answer one task after the other, until an empty message comes.
 
@@ -72,9 +73,9 @@ def serve(
         messages: how they come.
         connection: the end of the connection that is ours.
         parents: its other end, of which a forked worker has a copy.
-        listening, held: see `begin_worker`.
+        listening, held, core: see `begin_worker`.
     """
-    begin_worker(listening, held)
+    begin_worker(listening, held, core)
     parents.close()
     answers = _Answers(connection)
     with Finisher(LATER_AT_ONCE) as finisher:

@@ -7,7 +7,7 @@ import signal
 import sys
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import field, replace
 from functools import cache
 from typing import TYPE_CHECKING, Literal
@@ -43,6 +43,16 @@ _PR_SET_PDEATHSIG = 1
 def available_cores() -> int:
     """Return how many cores this process may run on."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def cores_for(processes: int, /) -> tuple[int, ...]:
+    """Return a core for each of so many processes, where that is one for every core there is; else none.
+
+    A system moves processes from core to core, each time away from what the caches of one hold, where threads that wait for disks
+    wake up between them. Where all cores are taken, nothing is gained by that; where some are not, it may be needed.
+    """
+    cores = tuple(sorted(os.sched_getaffinity(0))) if hasattr(os, "sched_getaffinity") else ()
+    return cores if len(cores) == processes else ()
 
 
 def default_start_method() -> StartMethod:
@@ -112,12 +122,13 @@ def signals_held_back() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-def begin_worker(listening: "Connection", held: "Connection", /) -> None:
+def begin_worker(listening: "Connection", held: "Connection", core: int | None, /) -> None:
     """Prepare a worker: Ctrl-C and a terminal that goes away are the parent's to handle; SIGTERM, and the parent's end, end it.
 
     Args:
         listening: the end of a pipe that gives way when the parent ends.
         held: the parent's end of it, of which a forked worker has a copy.
+        core: that it stays on; None: it may be moved.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if HANGUP:
@@ -126,6 +137,10 @@ def begin_worker(listening: "Connection", held: "Connection", /) -> None:
     if hasattr(signal, "pthread_sigmask"):
         signal.pthread_sigmask(signal.SIG_UNBLOCK, _HELD_BACK)
     held.close()
+    if core is not None and hasattr(os, "sched_setaffinity"):
+        with suppress(OSError):
+            # it may have been taken away from us
+            os.sched_setaffinity(0, {core})
     if sys.platform == "linux":
         import ctypes
 

@@ -1,4 +1,4 @@
-"""Frames in one array that lies in a file as it lies in memory."""
+"""Frames in one array, mapped into memory from a file."""
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager

@@ -102,7 +102,7 @@ def atomic_write(path: Path, /) -> Iterator[Path]:
     """Yield a temporary name beside `path`; what is written there replaces `path` on leaving, or is removed on an error.
 
     Raises:
-        OutputError: the file cannot be written or renamed; PlaceError: nor could another.
+        OutputError: the file cannot be written or renamed; PlaceError: another would fail too.
     """
     partial = PartialFile(path)
     try:
@@ -115,7 +115,7 @@ def atomic_write(path: Path, /) -> Iterator[Path]:
 
 
 def _temporary_name(name: str, token: str) -> str:
-    # only the beginning of a name, which may have all the length that names can have
+    # only the beginning of the name, which may already have the greatest length of a name
     return f".{name[:40]}.{os.urandom(8).hex()}.{token or os.getpid()}{PARTIAL_SUFFIX}"
 
 
@@ -126,7 +126,7 @@ def writing(path: Path, /) -> Iterator[None]:
     numpy and OpenEXR do not hand on the system's code, only how much they could not write.
 
     Raises:
-        OutputError: the file cannot be written; PlaceError: nor could another.
+        OutputError: the file cannot be written; PlaceError: another would fail too.
     """
     try:
         yield
@@ -181,7 +181,7 @@ def require_new(path: Path, /, *, overwrite: bool) -> None:
 
 
 def require_absent(path: Path, /) -> None:
-    """Raise OutputError where something stands already; an empty folder is as good as none."""
+    """Raise OutputError where there is a file, or a folder that is not empty."""
     if path.is_dir() and not any(path.iterdir()):
         return
     if path.exists() or path.is_symlink():
@@ -191,7 +191,7 @@ def require_absent(path: Path, /) -> None:
 
 @contextmanager
 def new_folder(path: Path, /) -> Iterator[Path]:
-    """Give a temporary folder beside `path` to write to, and rename it to `path` if all went well.
+    """Yield a temporary folder beside `path`, and rename it to `path` on success.
 
     Raises:
         OutputError: something is there already, or the place cannot be written.

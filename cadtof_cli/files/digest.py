@@ -1,4 +1,4 @@
-"""Digests of what files hold, cheap enough to be made of every frame and of its maps.
+"""Digests of files and arrays, fast enough for every frame and its maps.
 
 They are XXH3's, of 128 bits: they find accidents, not forgeries.
 """
@@ -14,7 +14,7 @@ from xxhash import xxh3_128
 _CHUNK_BYTES = 2**22
 
 Digest = xxh3_128
-"""A digest of bytes that come piece by piece."""
+"""A digest that bytes are added to piece by piece."""
 
 
 def content_digest(values: NDArray[Any], /) -> str:
@@ -25,7 +25,7 @@ def content_digest(values: NDArray[Any], /) -> str:
 
 
 def parts_digest(parts: Iterable[memoryview], /) -> str:
-    """Return the digest of the bytes of a file that is made of some parts."""
+    """Return the digest of a file's bytes, given in parts."""
     digest = Digest()
     for part in parts:
         digest.update(part)
@@ -40,7 +40,7 @@ def file_digest(path: Path, /) -> str:
     """
     digest = Digest()
     with path.open("rb", buffering=0) as file:
-        # a map may be as large as all the rest that is in memory
+        # a map may be large: never all of it in memory
         while piece := file.read(_CHUNK_BYTES):
             digest.update(piece)
     return digest.hexdigest()

@@ -53,7 +53,7 @@ class LayerFiles(Protocol):
         """
 
     def read_facts(self, path: Path, /) -> dict[str, str]:
-        """Return what a file of maps says of itself, by name; nothing where another program wrote it."""
+        """Return the facts in the header of a map file, by name; nothing where another program wrote it."""
 
     def read_layers(self, path: Path, /) -> "dict[str, NDArray[Any]]":
         """Return the layers of a file by name, (Y, X) each, as they are stored."""
@@ -89,7 +89,7 @@ class Format:
 
 
 def _module(name: str) -> Callable[[], Any]:
-    """Return what loads a module of this room, when it is called."""
+    """Return a function that imports a module of `files/` when it is first called."""
     return cache(partial(import_module, f"cadtof_cli.files.{name}"))
 
 
@@ -142,7 +142,7 @@ RAW = Format(
 FORMATS = (EXR, TIFF, NPY, PNG, RAW)
 
 FRAME_SUFFIXES = tuple(suffix for one in FORMATS if one.magics and one.whole for suffix in one.suffixes)
-"""Endings of files that are frames wherever they lie."""
+"""Endings of files that count as frames in any folder."""
 
 MAP_SUFFIXES = tuple(suffix for one in FORMATS if one.layers for suffix in one.suffixes)
 
@@ -151,6 +151,9 @@ FRAME_FORMATS = tuple(one.name for one in reversed(FORMATS) if one.recording)
 
 MAP_FORMATS = tuple(one.name for one in FORMATS if one.layers)
 """Names of the formats that maps are written in."""
+
+AS_INPUT = "same"
+"""Stands for the format of the frames, where that of their maps is named."""
 
 _BY_NAME = {one.name: one for one in FORMATS}
 _BY_SUFFIX = {suffix: one for one in FORMATS for suffix in one.suffixes}
@@ -166,9 +169,14 @@ def format_by_suffix(path: Path, /) -> Format | None:
     return _BY_SUFFIX.get(path.suffix.lower())
 
 
-def map_format_for(path: Path, /) -> Format:
-    """Return the format of maps of a frame: the frame's; TIFF where that keeps no maps, or its name does not tell."""
-    found = format_by_suffix(path)
+def map_format(name: str, frame: Path, /) -> Format:
+    """Return the format of the maps of a frame: the one named, or for `same` that of the frame.
+
+    It is TIFF where no maps are kept in that, or the frame's name does not tell.
+    """
+    if name != AS_INPUT:
+        return format_by_name(name)
+    found = format_by_suffix(frame)
     return found if found and found.layers else TIFF
 
 

@@ -80,7 +80,7 @@ class Frames:
 
 
 def single_frame(stored: Stored, /) -> Frames:
-    """Return the only frame of its file or files, (H, C, Y, X), which has been read on opening."""
+    """Return the single frame of a file, or of files of planes: (H, C, Y, X), already read."""
     return Frames(1, stored.shape, stored.dtype, lambda _index=0, /: stored)
 
 
@@ -89,7 +89,7 @@ def is_sample_type(dtype: str, /) -> bool:
     try:
         return np.dtype(dtype).name in SAMPLE_TYPES
     except (TypeError, ValueError, SyntaxError):
-        # numpy parses what has commas and brackets
+        # numpy parses texts with commas and brackets as structured types
         return False
 
 

@@ -35,7 +35,7 @@ def library_output() -> Iterator[list[str]]:
     with _lock:
         printed = io.StringIO()
         unprinted: dict[int, bytes] = {}
-        alone = threading.active_count() == 1
+        single_thread = threading.active_count() == 1
         kept = {descriptor: (_unnamed_file(), os.dup(descriptor)) for descriptor in filter(_is_open, _DESCRIPTORS)}
         try:
             for descriptor, (file, _) in kept.items():
@@ -50,7 +50,9 @@ def library_output() -> Iterator[list[str]]:
                 os.close(file)
             if any(unprinted.values()) or printed.tell():
                 out, err = (unprinted.get(descriptor, b"").decode(errors="replace") for descriptor in _DESCRIPTORS)
-                _separate(said, printed.getvalue() + out, err, alone=alone and threading.active_count() == 1)
+                _separate(
+                    said, printed.getvalue() + out, err, single_thread=single_thread and threading.active_count() == 1
+                )
 
 
 def _is_open(descriptor: int) -> bool:
@@ -69,11 +71,11 @@ def _unnamed_file() -> int:
         return os.dup(stream.fileno())
 
 
-def _separate(said: list[str], printed: str, unprinted: str, *, alone: bool) -> None:
+def _separate(said: list[str], printed: str, unprinted: str, *, single_thread: bool) -> None:
     """Keep the library's lines, and write those of other threads, where there were any, to where they were going."""
     for text, stream in ((unprinted, sys.stderr), (printed, sys.stdout)):
         for line in text.splitlines(keepends=True):
-            if alone or _LIBRARY_LINES.search(line):
+            if single_thread or _LIBRARY_LINES.search(line):
                 said.append(line.strip())
             else:
                 stream.write(line)

@@ -24,7 +24,7 @@ STATUS = "status"
 SOFTWARE = f"cadtof {__version__}"
 
 SOURCE = "source"
-"""The fact that says which recorded frame maps were made from: what differs from frame to frame."""
+"""The fact that names the recorded frame: the only one that differs from frame to frame."""
 
 _STATUS_LIMIT = 2**32
 
@@ -45,7 +45,7 @@ class DepthMaps:
 
     @classmethod
     def empty(cls, names: tuple[str, ...], size: tuple[int, int], /) -> "DepthMaps":
-        """Return maps of any values, (Y, X) each; the memory begins with a block of a disk, so that no copy is written."""
+        """Return uninitialised maps, (Y, X) each, in memory that is aligned to disk blocks, so that writing needs no copy."""
         shape = (len(names) + 1, *size)
         pages_bytes = 4 * math.prod(shape)
         memory = np.empty(pages_bytes + BLOCK_BYTES, np.uint8)

@@ -46,7 +46,7 @@ class _Range:
     @property
     def largest(self) -> float:
         """Largest magnitude."""
-        return max(abs(self.low), abs(self.high))
+        return max(-self.low, self.high)
 
     def __str__(self) -> str:
         return f"stored values ({self.dtype}) lie between {self.low:.6g} and {self.high:.6g}"

@@ -1,8 +1,12 @@
 /* One function compiled for every instruction set of a kind of processor, and which of them this processor has. */
 #if defined(__GNUC__) || defined(__clang__)
 #define KERNEL_INLINE __attribute__((always_inline))
+#define FETCH(place) __builtin_prefetch(place)
+#define FETCH_TO_WRITE(place) __builtin_prefetch(place, 1)
 #else
 #define KERNEL_INLINE
+#define FETCH(place) ((void)(place))
+#define FETCH_TO_WRITE(place) ((void)(place))
 #endif
 #ifdef _MSC_VER
 #define restrict __restrict

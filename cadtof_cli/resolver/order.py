@@ -10,11 +10,11 @@ from cadtof_cli.arrays import Bool, Float, Index
 from cadtof_cli.phasors.chi_squared import chi_squared_threshold
 from cadtof_cli.phasors.noise import NoiseModel
 from cadtof_cli.resolver.paths import FULL_TURN, Fit, Paths
-from cadtof_cli.resolver.returns import arranged
+from cadtof_cli.resolver.returns import direct_first
 from cadtof_cli.resolver.settings import ResolverSettings
 
 LEAST_PATHS = 2
-"""Paths that an answer has room for, whatever was asked: the direct one, and that of the MPI."""
+"""Rows of the result at least, whatever was asked: the direct path, and that of the MPI."""
 
 
 class Solver(Protocol):
@@ -31,42 +31,42 @@ class Solver(Protocol):
     def fit(self, count: int, pixels: Bool, /, *, limit: Float | float | None) -> tuple[Index | slice, Fit]:
         """Fit `count` paths to the pixels, bool (n,), and return the indices of those that were fitted, rising.
 
-        All of the block may be fitted where that is faster: a slice then. Pixels that leave a χ² above `limit` for
-        certain, a number or (n,), may be left out; None: these are the most paths that there may be.
+        A solver may fit the whole block where that is faster, and then returns a slice. It may leave out pixels whose χ² is
+        certainly above `limit`, a number or (n,); None: no pixel may get more paths than these.
         """
 
 
 def fewest_paths(solver: Solver, answered: Bool, /, *, settings: ResolverSettings, noise: NoiseModel) -> Fit:
     """Return the paths of n pixels, the direct one first: the fewest, up to `settings.max_paths`, that leave only noise.
 
-    Nor does a pixel get another path that is not worth it (`worth_another`). With an order given it is that many. Anything
-    may stand in pixels that are not to be answered.
+    A pixel gets no further path that is not worth it (`worth_another`). Where the order is given, it is that many. Pixels that
+    are not `answered` may hold anything.
     """
-    rows, waiting = max(settings.paths, LEAST_PATHS), answered.copy()
-    if not waiting.any():
-        return Fit.none(rows, waiting.size)
+    rows, unresolved = max(settings.paths, LEAST_PATHS), answered.copy()
+    if not unresolved.any():
+        return Fit.none(rows, unresolved.size)
     first = 1 if settings.order == "auto" else settings.max_paths
     fewer: tuple[Index, Fit] | None = None
     for count in range(first, settings.max_paths):
         # what noise alone leaves
         threshold = chi_squared_threshold(settings.false_alarm, pairs=len(noise.each) - count)
         limit = threshold if noise.samples is None else threshold / noise.samples
-        pixels, fit = solver.fit(count, waiting, limit=limit)
-        fit = told_apart(fit, settings, noise, pixels)
+        pixels, fit = solver.fit(count, unresolved, limit=limit)
+        fit = with_direct_first(fit, settings, noise, pixels)
         assert isinstance(pixels, np.ndarray)
         if fewer is not None:
-            whole = _spread(fit, pixels, answered.size, rows)
+            whole = _of_all_pixels(fit, pixels, answered.size, rows)
             known = np.union1d(pixels, fewer[0])
-            fewer = known, _kept(whole, pixels, fewer, waiting)[known]
+            fewer = known, _fewer_where_enough(whole, pixels, fewer, unresolved)[known]
         else:
             fewer = pixels, fit
-        waiting[pixels] &= fit.chi_squared > threshold
-    if fewer is not None and not waiting.any():
-        return _spread(fewer[1], fewer[0], answered.size, rows)
-    chosen, fit = solver.fit(settings.max_paths, waiting, limit=None)
-    fit = told_apart(fit, settings, noise, chosen)
-    whole = _spread(fit, chosen, answered.size, rows)
-    return whole if fewer is None or not fewer[0].size else _kept(whole, chosen, fewer, waiting)
+        unresolved[pixels] &= fit.chi_squared > threshold
+    if fewer is not None and not unresolved.any():
+        return _of_all_pixels(fewer[1], fewer[0], answered.size, rows)
+    chosen, fit = solver.fit(settings.max_paths, unresolved, limit=None)
+    fit = with_direct_first(fit, settings, noise, chosen)
+    whole = _of_all_pixels(fit, chosen, answered.size, rows)
+    return whole if fewer is None or not fewer[0].size else _fewer_where_enough(whole, chosen, fewer, unresolved)
 
 
 def worth_another(direct: Paths, fewer: Paths, /) -> Bool:
@@ -84,9 +84,9 @@ def worth_another(direct: Paths, fewer: Paths, /) -> Bool:
     return worth
 
 
-def told_apart(fit: Fit, settings: ResolverSettings, noise: NoiseModel, pixels: Index | slice) -> Fit:
-    """Return a fit with the direct path first, and with the noise of the means that the phasors are."""
-    paths = arranged(fit.paths, settings)
+def with_direct_first(fit: Fit, settings: ResolverSettings, noise: NoiseModel, pixels: Index | slice) -> Fit:
+    """Return a fit with the direct path first, and with the noise of means, where the phasors are means of several pixels."""
+    paths = direct_first(fit.paths, settings)
     if noise.samples is None:
         return replace(fit, paths=paths)
     samples = noise.samples[pixels]
@@ -95,7 +95,7 @@ def told_apart(fit: Fit, settings: ResolverSettings, noise: NoiseModel, pixels: 
     return Fit(replace(paths, sigma_rad=paths.sigma_rad / root), fit.chi_squared * samples, fit.converged, doubt)
 
 
-def _spread(fit: Fit, pixels: Index | slice, count: int, rows: int) -> Fit:
+def _of_all_pixels(fit: Fit, pixels: Index | slice, count: int, rows: int) -> Fit:
     """Return a fit of some pixels as one of all, with room for as many paths; NaN elsewhere."""
     if isinstance(pixels, slice) and len(fit.paths) == rows:
         return fit
@@ -104,12 +104,12 @@ def _spread(fit: Fit, pixels: Index | slice, count: int, rows: int) -> Fit:
     return whole
 
 
-def _kept(whole: Fit, pixels: Index | slice, fewer: tuple[Index, Fit], waiting: Bool) -> Fit:
+def _fewer_where_enough(whole: Fit, pixels: Index | slice, fewer: tuple[Index, Fit], unresolved: Bool) -> Fit:
     """Write the fit of fewer paths over that of more, which is in `pixels`, where fewer do or another is not worth it."""
     known, fit = fewer
-    fitted = np.zeros(waiting.size, np.bool_)
+    fitted = np.zeros(unresolved.size, np.bool_)
     fitted[pixels] = True
-    rivals = np.flatnonzero((fitted & waiting)[known])
+    rivals = np.flatnonzero((fitted & unresolved)[known])
     kept = np.ones(known.size, np.bool_)
     kept[rivals] = ~worth_another(whole.paths[0][known[rivals]], fit.paths[0][rivals])
     chosen = np.flatnonzero(kept)

@@ -10,7 +10,7 @@ import numpy as np
 from cadtof_cli.arrays import Bool, Complex, Float, Status
 from cadtof_cli.phasors.chi_squared import chi_squared_threshold
 from cadtof_cli.phasors.noise import NoiseModel
-from cadtof_cli.resolver.order import Solver, fewest_paths, told_apart
+from cadtof_cli.resolver.order import Solver, fewest_paths, with_direct_first
 from cadtof_cli.resolver.paths import Fit, Paths, ResolvedPaths
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.resolver.status import StatusBit
@@ -144,7 +144,7 @@ def _put_freed(fit: Fit, free: Complex, where: Bool, settings: ResolverSettings,
         two_path = import_module("cadtof_cli.resolver.two_path.solver")
         solver: Solver = two_path.solver(free[:, chosen], noise=noise, settings=settings, response=None, first=0)
         _, two = solver.fit(2, np.ones(chosen.size, np.bool_), limit=None)
-        fit[chosen] = told_apart(two, settings, noise[chosen], slice(None))
+        fit[chosen] = with_direct_first(two, settings, noise[chosen], slice(None))
 
 
 def _of_tail(predicted: "DiffusePixels") -> Fit:

@@ -9,7 +9,7 @@ ECHO_RATIO = 0.5
 """A path below this share of the other's amplitude, and over half a turn ahead of it, is its echo, wrapped round the range."""
 
 
-def arranged(paths: Paths, settings: ResolverSettings, /) -> Paths:
+def direct_first(paths: Paths, settings: ResolverSettings, /) -> Paths:
     """Return the direct path in row 0, then the others in falling amplitude; NaN in the last rows stays there.
 
     Direct is the first or last that is strong enough, or the strongest. Phases repeat after a full turn, so a late echo of a

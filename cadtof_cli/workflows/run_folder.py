@@ -4,12 +4,13 @@ import json
 import operator
 import os
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from cadtof_cli.arrays import Float
 from cadtof_cli.capture.discovery import OUTPUT_FILES, find_captures, with_relative_names
-from cadtof_cli.capture.frames import Capture, FrameSource, single_frames
+from cadtof_cli.capture.frames import Capture, FrameSource, frame_names, single_frames
 from cadtof_cli.capture.metadata import Optics
 from cadtof_cli.capture.toml import FILE_NAME as CAPTURE_FILE
 from cadtof_cli.errors import CadtofError, CaptureError, SettingsError
@@ -156,9 +157,8 @@ class Run:
 def _by_map(captures: Sequence[Capture], chosen: slice, average: int) -> RecordedFrames:
     """Return the frames that each map is of, by its name: that of the first."""
     found: dict[str, tuple[Capture, tuple[FrameSource, ...]]] = {}
-    taken = {source.name for capture in captures for source in capture.frames}
     for capture in captures:
-        frames = tuple(single_frames(capture, taken=taken))[chosen]
+        frames = tuple(single_frames(capture, taken=partial(frame_names, captures)))[chosen]
         for place in range(0, len(frames), average):
             found[frames[place].name] = capture, frames[place : place + average]
     return found

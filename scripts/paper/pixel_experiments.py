@@ -16,7 +16,7 @@ from cadtof_cli.simulation.pixel.evolution import evolution
 from cadtof_cli.simulation.pixel.mix import Condition
 from cadtof_cli.simulation.pixel.pixel import PixelModel
 from cadtof_cli.workflows.simulate.simulate import simulate_pixel, write_rows
-from cadtof_cli.workflows.simulate.sweep import SweepCell, SweepSettings, rows, sweep, write_table
+from cadtof_cli.workflows.simulate.sweep import SweepCell, SweepSettings, rows, sweep, table_text
 from cadtof_cli.workflows.simulate.trials import Trials
 from paper.effort import SEED, Effort
 
@@ -115,8 +115,7 @@ def figure_3(effort: Effort) -> Figure3:
     base = Trials(condition=FIG_2[1], model=PIXEL, runs=effort.pixel_runs, photon_by_photon=True, seed=SEED)
     settings = SweepSettings(base=base, asrs=FIG_3_ASRS, mpi_ratios=FIG_3_RATIOS, integration_lengths=(4000.0,))
     cells = sweep(settings, workers=Workers(jobs=effort.jobs))
-    with (effort.out / "fig3.csv").open("w", newline="") as file:
-        write_table(cells, file)
+    (effort.out / "fig3.csv").write_text(table_text(cells), newline="")
     single = [_single_path(cell.trials.condition) for cell in cells]
     draw_figure_3(list(rows(cells)), effort.out)
     by_ratio = {ratio: [cell for cell in cells if cell.trials.condition.mpi_ratio == ratio] for ratio in FIG_3_RATIOS}
@@ -157,7 +156,7 @@ def _single_path(condition: Condition) -> tuple[float, float]:
 
 
 def read_table(path: Path) -> list[dict[str, float]]:
-    """Read the CSV of a sweep, as `write_table` writes it; empty cells are NaN."""
+    """Read the CSV of a sweep, as `table_text` makes it; empty cells are NaN."""
     with path.open(newline="", encoding="utf-8") as file:
         return [{name: float(cell or "nan") for name, cell in row.items()} for row in csv.DictReader(file)]
 

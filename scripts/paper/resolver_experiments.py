@@ -20,7 +20,7 @@ from cadtof_cli.simulation.pixel.mix import Condition
 from cadtof_cli.simulation.pixel.pixel import PixelModel
 from cadtof_cli.workflows.simulate.outcome import TrialsSummary, summary
 from cadtof_cli.workflows.simulate.simulate import simulate_pixel, write_rows
-from cadtof_cli.workflows.simulate.sweep import SweepCell, SweepSettings, rows, sweep, write_table
+from cadtof_cli.workflows.simulate.sweep import SweepCell, SweepSettings, rows, sweep, table_text
 from cadtof_cli.workflows.simulate.trials import Recordings, Trials, recordings
 from paper.effort import SEED, Effort
 
@@ -176,8 +176,7 @@ def figures_8_and_9(effort: Effort) -> Maps:
         with_mpi + without, swept(base, (0.0,)), paper_way, {ratio: _over_seeds(base, ratio) for ratio, _ in WORST}
     )
     for name, cells in (("", maps.ours), ("_always_two", maps.always_two), ("_as_the_paper", maps.as_the_paper)):
-        with (effort.out / f"fig8_9{name}.csv").open("w", newline="") as file:
-            write_table(cells, file)
+        (effort.out / f"fig8_9{name}.csv").write_text(table_text(cells), newline="")
     draw_figures_8_and_9(list(rows(maps.ours)), list(rows(maps.as_the_paper)), effort.out)
     return maps
 

@@ -7,12 +7,14 @@ from typing import Any
 import numpy as np
 import pytest
 
+from cadtof_cli.calibration.apply import frame_correction
 from cadtof_cli.calibration.dark import DarkCalibration
 from cadtof_cli.calibration.parts import Origin, plane_names, stacked
 from cadtof_cli.calibration.petzval import PetzvalCalibration, PetzvalQuality, WallFit
 from cadtof_cli.calibration.response import ResponseCalibration, ResponseQuality
 from cadtof_cli.calibration.store import Calibration, cached_calibration, digest_of, load_calibration, save_part
-from cadtof_cli.errors import MetadataError
+from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Voltage
+from cadtof_cli.errors import MetadataError, SettingsError
 from cadtof_cli.phasors.response import HarmonicResponse
 
 SHAPE = (4, 6)
@@ -150,3 +152,26 @@ def test_maps_that_are_cut_off_cannot_be_read(tmp_path: Path) -> None:
     maps.write_bytes(maps.read_bytes()[:200])
     with pytest.raises(MetadataError, match=r"dark\.toml: cannot be read: "):
         load_calibration(tmp_path)
+
+
+def test_a_folder_without_a_calibration_says_what_was_expected(tmp_path: Path) -> None:
+    with pytest.raises(MetadataError, match="nowhere: no such folder; expected one that `cadtof calibrate"):
+        load_calibration(tmp_path / "nowhere")
+    with pytest.raises(
+        MetadataError, match=r"no calibration in it; expected dark\.toml, response\.toml, petzval\.toml, or some"
+    ):
+        load_calibration(tmp_path)
+    save_part(tmp_path, petzval())
+    assert load_calibration(tmp_path).dark is None
+
+
+def test_a_calibration_of_another_camera_corrects_no_frames() -> None:
+    """Whoever asks for the correction."""
+    metadata = CaptureMetadata(voltage=Voltage(volts_per_count=1e-4, zero_counts=0.0))
+    known = Calibration(dark=dark())
+    assert frame_correction(known, metadata, np.dtype(np.uint16), SHAPE).phasor_map.own.shape == (2, 2, 24)
+    with pytest.raises(SettingsError, match="the dark calibration does not belong"):
+        frame_correction(known, metadata, np.dtype(np.uint16), (3, 8))
+    triangle = replace(metadata, modulation=Modulation(waveform="triangle"))
+    with pytest.raises(SettingsError, match="the dark calibration does not belong"):
+        frame_correction(known, triangle, np.dtype(np.uint16), SHAPE)

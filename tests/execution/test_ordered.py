@@ -184,3 +184,50 @@ def test_a_task_that_waits_for_ever_fails_alone() -> None:
     workers = Workers(jobs=2, start_method="fork", task_timeout_s=0.5)
     outcomes = list(run_ordered(hangs_while_it_waits, range(12), workers=workers))
     assert [outcome.result for outcome in outcomes] == [WorkerDied(0.5) if n == 3 else n for n in range(12)]
+
+
+def cores_of_worker(_: int) -> tuple[int, frozenset[int]]:
+    time.sleep(0.01)
+    return os.getpid(), frozenset(os.sched_getaffinity(0))
+
+
+def dies_at_five(number: int) -> tuple[int, frozenset[int]]:
+    if number == 5:
+        os._exit(1)
+    return cores_of_worker(number)
+
+
+@pytest.mark.skipif(
+    not hasattr(os, "sched_getaffinity"), reason="the system does not say which cores a process may run on"
+)
+def test_each_worker_stays_on_a_core_of_its_own_where_there_are_as_many_as_cores() -> None:
+    cores = os.sched_getaffinity(0)
+    workers = Workers(jobs=len(cores), start_method="fork", task_timeout_s=60)
+    outcomes = run_ordered(cores_of_worker, range(10 * len(cores)), workers=workers)
+    found = dict(outcome.result for outcome in outcomes if not isinstance(outcome.result, WorkerDied))
+    assert sorted(core for (core,) in found.values()) == sorted(cores)[: len(found)]
+    assert os.sched_getaffinity(0) == cores
+
+
+@pytest.mark.skipif(
+    not hasattr(os, "sched_getaffinity"), reason="the system does not say which cores a process may run on"
+)
+def test_a_worker_takes_the_core_of_one_that_died() -> None:
+    cores = os.sched_getaffinity(0)
+    outcomes = run_ordered(
+        dies_at_five, range(20), workers=Workers(jobs=len(cores), start_method="fork", task_timeout_s=60)
+    )
+    for outcome in outcomes:
+        assert isinstance(outcome.result, WorkerDied) == (outcome.task == 5)
+        if not isinstance(outcome.result, WorkerDied):
+            assert len(outcome.result[1]) == 1
+
+
+@pytest.mark.skipif(
+    not hasattr(os, "sched_getaffinity"), reason="the system does not say which cores a process may run on"
+)
+def test_fewer_or_more_workers_than_cores_may_be_moved() -> None:
+    cores = frozenset(os.sched_getaffinity(0))
+    workers = Workers(jobs=len(cores) + 1, start_method="fork")
+    outcomes = run_ordered(cores_of_worker, range(10), workers=workers)
+    assert all(not isinstance(outcome.result, WorkerDied) and outcome.result[1] == cores for outcome in outcomes)

@@ -20,7 +20,7 @@ from cadtof_cli.files.formats import (
     Format,
     detect_format,
     frame_suffixes,
-    map_format_for,
+    map_format,
 )
 from cadtof_cli.files.frames import FrameLayout
 from cadtof_cli.files.maps import DepthMaps, read_layers, write_layers, write_maps
@@ -63,7 +63,8 @@ def test_no_two_formats_claim_the_same_file() -> None:
     [("a.tif", "tif"), ("a.TIFF", "tif"), ("a.exr", "exr"), ("a.EXR", "exr"), ("a", "tif"), ("a.png", "tif")],
 )
 def test_maps_in_the_format_of_the_frame(frame: str, name: str) -> None:
-    assert map_format_for(Path(frame)).name == name
+    assert map_format("same", Path(frame)).name == name
+    assert map_format("exr", Path(frame)).name == "exr"
 
 
 @pytest.mark.parametrize("compress", [False, True])

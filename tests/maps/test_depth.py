@@ -4,7 +4,8 @@ import numpy as np
 
 from cadtof_cli.files.maps import DepthMaps
 from cadtof_cli.maps.depth import DepthScale, write_block
-from cadtof_cli.maps.layers import Layer, wanted_layers
+from cadtof_cli.maps.layers import DIRECT_DEPTH, Layer, wanted_layers
+from cadtof_cli.optics.lamp import LampBeside
 from cadtof_cli.resolver.paths import Paths, ResolvedPaths
 from tests.support.mixtures import F
 
@@ -110,3 +111,40 @@ def test_pages_of_the_layers_and_one_for_the_status() -> None:
     assert np.shares_memory(maps.layer("mpi.depth"), maps.pages[1])
     assert maps.status.shape == (2, 5)
     assert (maps.pages.dtype.name, maps.status.dtype.name) == ("float32", "uint32")
+
+
+def test_no_answer_is_written_with_the_same_bits_whatever_made_it() -> None:
+    """Processors disagree about the sign of a NaN."""
+    paths = drawn()
+    paths.paths.phase_rad[0, 1], paths.paths.phase_rad[0, 3] = np.nan, np.copysign(np.nan, -1.0)
+    depth = written(paths, start=0).layer(DIRECT_DEPTH).ravel()
+    np.testing.assert_array_equal(depth[[1, 3]].view(np.uint32), 0x7FC00000)
+
+
+def test_depths_from_a_lamp_beside_the_camera_become_those_from_the_camera() -> None:
+    """The lamp .3 m ahead: light goes .3 m less than there and back; in the part of the frame that was asked for alone."""
+    ahead = LampBeside(np.full(12, 0.15), 0.15)
+    range_m, planar = np.linspace(1.0, 2.1, 12), np.linspace(0.8, 1.0, 12)
+    half_way = range_m - 0.15
+    for per_range in (None, planar):
+        factor = 1.0 if per_range is None else per_range
+        scale = DepthScale(METRES, VOLTS, planar_per_range=per_range, lamp=ahead)
+        maps = DepthMaps.empty(tuple(layer.name for layer in wanted_layers()), (2, 3))
+        maps.pages[:] = -1.0
+        maps.layer(DIRECT_DEPTH)[:] = (half_way * factor)[4:10].reshape(2, 3)
+        scale.measure_from_camera(maps, 4)
+        np.testing.assert_allclose(maps.layer(DIRECT_DEPTH).ravel(), (range_m * factor)[4:10], rtol=1e-6)
+        assert (maps.layer("mpi.depth") == -1.0).all()
+
+
+def test_where_the_lamp_is_beside_the_camera_each_pixel_has_its_own_way() -> None:
+    rng = np.random.default_rng(4)
+    ray = rng.normal(size=(3, 12)) + np.array([[0.0], [0.0], [3.0]])
+    ray /= np.linalg.norm(ray, axis=0)
+    offset, range_m = np.array([0.2, -0.1, 0.05]), rng.uniform(0.5, 4.0, 12)
+    half_way = 0.5 * (np.linalg.norm(ray * range_m - offset[:, np.newaxis], axis=0) + range_m)
+    lamp = LampBeside(0.5 * offset @ ray, 0.5 * float(np.linalg.norm(offset)))
+    maps = DepthMaps.empty(tuple(layer.name for layer in wanted_layers()), (2, 3))
+    maps.layer(DIRECT_DEPTH)[:] = half_way[6:].reshape(2, 3)
+    DepthScale(METRES, VOLTS, lamp=lamp).measure_from_camera(maps, 6)
+    np.testing.assert_allclose(maps.layer(DIRECT_DEPTH).ravel(), range_m[6:], rtol=1e-6)

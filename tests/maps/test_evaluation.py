@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from cadtof_cli.maps.evaluation import DepthErrors, ErrorTally
+from cadtof_cli.maps.evaluation import DepthErrors, ErrorTally, depth_errors
 
 
 def test_the_figures_are_those_of_all_errors_of_all_frames() -> None:
@@ -62,3 +62,14 @@ def test_no_shares_without_a_standard_deviation() -> None:
     tally = ErrorTally()
     tally.add(np.full((2, 2), 1.01), np.ones((2, 2)))
     assert (tally.summary().within_1_sigma, tally.summary().within_2_sigma) == (None, None)
+
+
+def test_one_frame_is_a_tally_of_one() -> None:
+    rng = np.random.default_rng(3)
+    truth, sigma = rng.uniform(1.0, 2.0, (5, 7)), np.full((5, 7), 0.01)
+    depth = truth + 0.01 * rng.normal(size=truth.shape) + 0.003
+    tally = ErrorTally()
+    tally.add(depth, truth, sigma_m=sigma)
+    assert depth_errors(depth, truth, sigma_m=sigma) == tally.summary()
+    assert depth_errors(depth, truth).bias_cm == pytest.approx(100.0 * (depth - truth).mean())
+    assert depth_errors(depth, truth).within_1_sigma is None

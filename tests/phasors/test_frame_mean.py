@@ -5,6 +5,7 @@ import pytest
 from scipy import stats
 
 from cadtof_cli.capture.metadata import Voltage
+from cadtof_cli.errors import SettingsError
 from cadtof_cli.phasors.frame_mean import FrameMean, frame_mean, mean_volts, median_variance_ratio
 
 SHAPE = (2, 2, 40, 50)
@@ -119,3 +120,9 @@ def test_a_mean_of_one_frame_does_not_know_a_frame_s_noise() -> None:
     (given,) = frames(1)
     mean = mean_volts([given.astype(np.float64)], voltage=Voltage())
     assert mean.frame_noise().tolist() == [0.0] * len(given)
+
+
+def test_frames_of_different_sizes_have_no_mean() -> None:
+    given = [np.zeros((2, 2, 1, 3)), np.zeros((2, 2, 1, 4))]
+    with pytest.raises(SettingsError, match=r"found a frame of shape \(2, 2, 1, 4\) .*expected \(2, 2, 1, 3\)"):
+        mean_volts(given, voltage=Voltage())

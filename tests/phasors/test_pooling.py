@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from cadtof_cli.phasors.pooling import PooledPhasors, pooled_phasors, pooling_seconds
 from cadtof_cli.resolver.paths import ResolvedPaths
@@ -165,3 +166,16 @@ def test_no_time_is_needed_for_no_pixels_or_no_neighbours() -> None:
     noise = noise_of((1, 2), n_av=1e5)
     assert pooling_seconds((200, 400), noise, window=1) == 0.0
     assert pooling_seconds((0, 400), noise, window=3) == 0.0
+
+
+@pytest.mark.parametrize(("farther", "pooled"), [(1.2, True), (1.25, False)])
+def test_the_mean_of_two_is_held_against_a_third_by_half_its_noise(farther: float, pooled: bool) -> None:
+    """Three in a row, in units of the longest misfit that noise explains: the outer ones are too far from each other's
+    neighbour alone, but not from the mean of two, whose square may be 1.5 times that of one."""
+    noise = noise_of(HARMONICS, n_av=N_AV)
+    sigma = np.sqrt(noise.each[0].dark_variance) * np.sqrt(stats.chi2.isf(1e-3, 4))
+    row: C = np.full((2, 1, 3), 0.2 + 0.1j)
+    row[0, 0] += sigma * np.array([1.0, 0.0, 0.5 + farther])
+    found = pool(row, window=3)
+    assert found.samples[0, 1] == (3.0 if pooled else 2.0)
+    assert found.phasors[0, 0, 1] == pytest.approx(row[0, 0].mean() if pooled else row[0, 0, :2].mean())

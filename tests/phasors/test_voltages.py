@@ -80,3 +80,14 @@ def test_one_map_for_all_pixels_serves_any_of_them() -> None:
     ideal = ideal_phasor_map(metadata, stored.dtype)
     whole = phasors_from_stored(stored, ideal)
     np.testing.assert_array_equal(phasors_from_stored(stored[..., 2:4], ideal[2:4]), whole[:, 2:4])
+
+
+def test_unsigned_counts_need_to_know_which_of_them_is_nothing() -> None:
+    known = Voltage(zero_counts=100.0, volts_per_count=1e-3)
+    assert volts_from_stored(np.array([110], np.uint16), known) == pytest.approx(0.01)
+    with pytest.raises(SettingsError, match=r"unsigned numbers \(uint16\), and the stored value of 0 V is unknown"):
+        volts_from_stored(np.array([110], np.uint16), Voltage(volts_per_count=1e-3))
+    with pytest.raises(SettingsError, match=r"whole numbers \(int16\), and the volts per count are unknown"):
+        volts_from_stored(np.array([110], np.int16), Voltage())
+    assert volts_from_stored(np.array([110], np.int16), Voltage(volts_per_count=1e-3)) == pytest.approx(0.11)
+    assert volts_from_stored(np.array([0.25], np.float32), Voltage()) == pytest.approx(0.25)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from cadtof_cli.resolver.paths import Paths
-from cadtof_cli.resolver.returns import arranged
+from cadtof_cli.resolver.returns import direct_first
 from cadtof_cli.resolver.settings import RETURNS, ResolverSettings, Return
 from tests.support.mixtures import F
 
@@ -21,8 +21,8 @@ def test_many_paths_are_arranged_as_two_are(returns: Return, ratio: float) -> No
     amplitude[1, :100] = phase[1, :100] = np.nan
     settings = ResolverSettings(returns=returns, min_return_ratio=ratio)
     room = np.full((1, 2000), np.nan)
-    two = arranged(paths_of(amplitude, phase), settings)
-    many = arranged(paths_of(np.concatenate((amplitude, room)), np.concatenate((phase, room))), settings)
+    two = direct_first(paths_of(amplitude, phase), settings)
+    many = direct_first(paths_of(np.concatenate((amplitude, room)), np.concatenate((phase, room))), settings)
     for name in ("amplitude", "phase_rad", "sigma_rad"):
         np.testing.assert_array_equal(getattr(many, name)[:2], getattr(two, name))
 
@@ -31,7 +31,9 @@ def test_three_paths_stand_by_time_then_by_strength() -> None:
     amplitude = np.array([[0.2], [1.0], [0.5]])
     phase = np.array([[2.0], [1.0], [1.5]])
     times = {
-        returns: [path.phase_rad[0] for path in arranged(paths_of(amplitude, phase), ResolverSettings(returns=returns))]
+        returns: [
+            path.phase_rad[0] for path in direct_first(paths_of(amplitude, phase), ResolverSettings(returns=returns))
+        ]
         for returns in RETURNS
     }
     assert times == {"first": [1.0, 1.5, 2.0], "strongest": [1.0, 1.5, 2.0], "last": [2.0, 1.0, 1.5]}
@@ -40,13 +42,15 @@ def test_three_paths_stand_by_time_then_by_strength() -> None:
 def test_echoes_of_the_strongest_go_behind_it_and_missing_paths_last() -> None:
     amplitude = np.array([[0.3], [np.nan], [1.0], [0.05]])
     phase = np.array([[0.5], [np.nan], [5.0], [4.9]])
-    found = [path.phase_rad[0] for path in arranged(paths_of(amplitude, phase), ResolverSettings())]
+    found = [path.phase_rad[0] for path in direct_first(paths_of(amplitude, phase), ResolverSettings())]
     np.testing.assert_allclose(found, [5.0, 0.5 + 2 * np.pi, 4.9, np.nan])
 
 
 @pytest.mark.parametrize(("ratio", "lead", "echo"), [(0.45, 3.2, True), (0.55, 3.2, False), (0.45, 3.1, False)])
 def test_an_echo_of_the_strongest_is_weak_and_half_a_turn_ahead(ratio: float, lead: float, echo: bool) -> None:
     amplitude, phase = np.array([[1.0], [ratio], [0.01]]), np.array([[5.0], [5.0 - lead], [5.5]])
-    found = [path.phase_rad[0] for path in arranged(paths_of(amplitude, phase), ResolverSettings(min_return_ratio=0.1))]
+    found = [
+        path.phase_rad[0] for path in direct_first(paths_of(amplitude, phase), ResolverSettings(min_return_ratio=0.1))
+    ]
     expected = [5.0, 5.0 - lead + 2 * np.pi, 5.5] if echo else [5.0 - lead, 5.0, 5.5]
     np.testing.assert_allclose(found, expected)

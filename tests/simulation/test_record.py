@@ -187,3 +187,16 @@ def test_a_capture_is_compressed_only_where_that_is_asked_for(frame_format: str,
     write(tmp_path / "refused", frames, compress=False)
     sizes = {path.parent.name: path.stat().st_size for path in tmp_path.glob("*/frame_*")}
     assert sizes["plain"] == sizes["refused"] > 10 * sizes["asked"]
+
+
+def test_what_no_frames_are_recorded_in_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match=r"format \w+: frames are not recorded in it"):
+        write_capture(
+            tmp_path,
+            [],
+            truth={},
+            metadata=settings().exposure.metadata,
+            camera=CAMERA,
+            frame_format="png",
+        )
+    assert not list(tmp_path.iterdir())

@@ -13,6 +13,7 @@ from cadtof_cli.calibration.petzval import PetzvalCalibration, PetzvalQuality, W
 from cadtof_cli.capture.metadata import Optics
 from cadtof_cli.errors import SettingsError
 from cadtof_cli.optics.lens import half_diagonal_px, principal_point
+from cadtof_cli.units import unambiguous_range_m
 
 LEAST_PIXELS = 50
 """Fewest pixels of a wall that its distance and tilt are fitted to."""
@@ -88,9 +89,7 @@ class _Layout:
         return ranges + curvature, slopes
 
 
-def fit_petzval(
-    walls: Sequence[WallRanges], /, *, optics: Optics, unambiguous_m: float, origin: Origin
-) -> PetzvalCalibration:
+def fit_petzval(walls: Sequence[WallRanges], /, *, optics: Optics, origin: Origin) -> PetzvalCalibration:
     """Return the curvature that all walls share, by weighted least squares in which outliers have no weight.
 
     Raises:
@@ -110,7 +109,7 @@ def fit_petzval(
                 f"least {LEAST_PIXELS}: is it a flat wall without multi-path interference, and the dark and response "
                 "calibration in the folder?"
             )
-    layout = _layout(usable, point, half_diagonal, focal, walls, unambiguous_m)
+    layout = _layout(usable, point, half_diagonal, focal, walls, unambiguous_range_m(origin.periods_ns[0]))
     ranges = np.concatenate([wall.range_m[good] for wall, good in zip(walls, usable, strict=True)])
     sigma = np.concatenate([wall.sigma_m[good] for wall, good in zip(walls, usable, strict=True)])
     start = _start(layout, ranges)

@@ -1,4 +1,4 @@
-"""What the pages of a TIFF must not be: pictures in colour, inverted or turned images, maps."""
+"""Checks that the pages of a TIFF are voltages: no pictures in colour, no inverted or turned images, no maps."""
 
 from collections.abc import Iterable
 from pathlib import Path

@@ -29,7 +29,7 @@ class Envelope:
 
     @classmethod
     def of(cls, file: FileHandle, first: int, pixels: int, /) -> "Envelope | None":
-        """Return what stands in an open file around the pixels from byte `first` on; None where that is too much to keep."""
+        """Return the bytes around the pixels, which begin at byte `first` of an open file; None where they are too many."""
         if not 0 <= file.size - pixels <= LARGEST_BYTES:
             return None
         file.seek(0)
@@ -49,9 +49,9 @@ class Envelope:
             return whole and head == self.head and tail == self.tail and not file.read(1)
 
     def written_as(self, old: bytes, new: bytes, /) -> "Envelope":
-        """Return an envelope with other bytes, of the same number, wherever the old ones stand."""
+        """Return the envelope with bytes replaced by others of the same length."""
         return self if old == new else Envelope(self.head.replace(old, new), self.pixels, self.tail.replace(old, new))
 
     def around(self, pixels: NDArray[Any], /) -> tuple[memoryview, memoryview, memoryview]:
-        """Return the parts of a file of these bytes around other pixels."""
+        """Return the parts of a file with these bytes around other pixels."""
         return memoryview(self.head), pixels.data.cast("B"), memoryview(self.tail)

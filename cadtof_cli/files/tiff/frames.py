@@ -22,7 +22,7 @@ from cadtof_cli.records import dataclass
 
 @dataclass(frozen=True)
 class _Stack:
-    """A file of several frames, whose pages are known and which is closed; the key changes when the file does."""
+    """A stack whose pages are known and whose file is closed; the key changes when the file does."""
 
     key: object
     images: TiffImages
@@ -31,7 +31,7 @@ class _Stack:
 
 @dataclass(frozen=True)
 class _SingleFrameFile:
-    """What a file with one frame holds, and what stands around its pixels."""
+    """A file with a single frame: its layout, shape and type, and the bytes around its pixels."""
 
     layout: FrameLayout
     shape: tuple[int, ...]
@@ -40,7 +40,7 @@ class _SingleFrameFile:
 
 
 class _LastRead(threading.local):
-    """What was last read in a thread: a stack, or a file with one frame."""
+    """What this thread read last: a stack, or a file with a single frame."""
 
     stack: _Stack | None = None
     file: _SingleFrameFile | None = None
@@ -83,7 +83,7 @@ def open_frames(path: Path, layout: FrameLayout, /) -> Iterator[Frames]:
 
 
 def _opened(key: object, path: Path, layout: FrameLayout) -> tuple[TiffImages, NDArray[np.intp]]:
-    """Return the images of a file, open, and which of their planes is which."""
+    """Return the images of a file, opened, and the table of their planes."""
     last = _last.stack
     if last and last.key == key:
         last.images.open()

@@ -30,7 +30,7 @@ from cadtof_cli.files.tiff.series import (
 )
 
 _PRIVATE_TAG_MESSAGE = r"TiffTag (?:3[3-9]\d{3}|[4-9]\d{4})\b"
-"""A remark on what some maker keeps in a tag of its own."""
+"""A message about a private tag of some maker."""
 
 
 class _LogFilter(logging.Filter):
@@ -58,7 +58,7 @@ logging.getLogger("tifffile").addFilter(_remarks)
 
 @contextlib.contextmanager
 def reading_tiff(path: Path) -> Iterator[None]:
-    """Turn whatever tifffile raises within the block, or only remarks on, into a FrameError."""
+    """Turn whatever tifffile raises or logs within the block into a FrameError."""
     errors: list[str] = []
     _remarks.kept.errors = errors
     try:
@@ -178,6 +178,6 @@ class TiffImages:
                     stored_type = self.dtype.newbyteorder(self._tiff.byteorder)
                     self._tiff.filehandle.read_array(stored_type, part.size, item, out=part)
                 else:
-                    # one thread: the frames of a run are what is read side by side
+                    # one thread: it is frames that are read in parallel
                     item.asarray(out=part, maxworkers=1)
         return whole

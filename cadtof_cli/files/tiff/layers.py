@@ -26,13 +26,13 @@ _PAGE_NAME, _GDAL_METADATA, _ASCII = 285, 42112, 2
 
 _NAMESPACE = "cadtof"
 _UNIT = "unit of "
-"""How annotations are marked as ours, and how those begin that give the unit of a channel's values."""
+"""Namespace of our annotations, and how the names of those begin that give the unit of a layer."""
 
 _SCHEMA = "http://www.openmicroscopy.org/Schemas/OME/2016-06"
 
 
 class _LastWritten(threading.local):
-    """What a thread last said about maps of which names and size, and what stands around their pixels then."""
+    """The last file of maps of this thread: names, size and facts of the maps, and the bytes around their pixels."""
 
     kind: object = None
     source: bytes = b""
@@ -79,7 +79,7 @@ def _write_pages(path: Path, maps: DepthMaps, header: MapHeader) -> None:
     with tifffile.TiffFile(path, mode="r+") as file:
         for page, name, band in zip(file.pages, names, bands, strict=True):
             assert isinstance(page, tifffile.TiffPage)
-            # what is longer than its place in the tag goes to the end of the file
+            # tifffile writes what does not fit into the place of the tag to the end of the file
             page.tags[_PAGE_NAME].overwrite(name)
             page.tags[_GDAL_METADATA].overwrite(band)
 
@@ -95,7 +95,7 @@ def _envelope(path: Path, maps: DepthMaps) -> Envelope | None:
 
 
 def _marked_source(header: MapHeader) -> bytes:
-    """Return how the name of the recorded frame stands in both kinds of XML, with the mark before it and after."""
+    """Return the name of the recorded frame as it stands in both kinds of XML, with the marks before and after it."""
     text = header.facts.get(SOURCE, "")
     for character, reference in (("&", "&amp;"), ("<", "&lt;"), (">", "&gt;")):
         text = text.replace(character, reference)
@@ -114,7 +114,7 @@ def _gdal_xml(name: str, unit: str, facts: Mapping[str, str]) -> str:
 
 
 def _ascii(xml: str) -> str:
-    """Return XML with all that TIFF has no letters for as references."""
+    """Return XML in ASCII, as texts in TIFF are, with other characters as references."""
     return xml.encode("ascii", "xmlcharrefreplace").decode("ascii")
 
 

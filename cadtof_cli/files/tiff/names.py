@@ -48,7 +48,7 @@ def channel_names(xml: str, /) -> tuple[str, ...]:
     try:
         root = ElementTree.fromstring(xml)
     except ElementTree.ParseError:
-        # tifffile remarks on it, and its remark is an error here
+        # tifffile logs it too, which becomes an error elsewhere
         return ()
     return tuple(element.get("Name", "") for element in root.iter() if element.tag.rpartition("}")[2] == "Channel")
 

@@ -12,7 +12,7 @@ from cadtof_cli.files.frames import SAMPLE_TYPES
 from cadtof_cli.files.system import read_at
 
 MAX_TAGS = 4096
-"""As tifffile has it; a page with more is damage."""
+"""The limit of tifffile; a page with more is damaged."""
 
 _LOOKED_INTO = 64
 """Pages whose tags are checked one by one; a file of more is a stack, whose pages are alike."""

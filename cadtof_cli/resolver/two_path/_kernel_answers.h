@@ -4,89 +4,80 @@
 /* Bits of one path, in doubt where its harmonics fall off by more than noise lets them. */
 INLINE double bits_of_one(double fall_off) { return fall_off > 1.0 ? (double)(ONE_PATH + ILL_CONDITIONED) : (double)ONE_PATH; }
 
-/* returns.py: _pair. x_chosen in t1, x_wraps in t2, y_wraps in t3. */
-INLINE void direct_and_mpi(Group *restrict g, const Frame *restrict frame) {
-    const double ratio = frame->constants->return_ratio, first = frame->returns == RETURN_FIRST ? 1.0 : 0.0;
+/* returns.py: _pair; order.py: worth_another, _kept; resolve.py: _bits. Where `ones` is 0, no pixel of the group may have one path. */
+INLINE void choose_answers(Group *restrict g, const Frame *restrict frame, const int ones) {
+    const int strongest = frame->returns == RETURN_STRONGEST, last = frame->returns == RETURN_LAST;
+    const double ratio = strongest ? 1.0 : frame->constants->return_ratio;
     EACH_PIXEL {
-        double a = g->a[i], b = g->b[i], lead = g->y[i] - g->x[i];
-        double x_wraps = lead > 0.5 * FULL_TURN ? 1.0 : 0.0, y_wraps = lead < -0.5 * FULL_TURN ? 1.0 : 0.0;
-        g->t2[i] = a < 0.5 * b ? x_wraps : 0.0;
-        g->t3[i] = b < 0.5 * a ? y_wraps : 0.0;
-    }
-    if (frame->returns == RETURN_STRONGEST) EACH_PIXEL g->t1[i] = g->a[i] < g->b[i] ? 0.0 : 1.0;
-    else EACH_PIXEL {
-        double a = g->a[i], b = g->b[i], lead = g->y[i] - g->x[i];
-        double before = lead >= 0.0 ? 1.0 - g->t2[i] : 0.0;
-        before = g->t3[i] > 0.0 ? 1.0 : before;
-        double wanted = before == first ? 1.0 : 0.0, chosen = a >= ratio * b ? wanted : 0.0;
-        g->t1[i] = b >= ratio * a ? chosen : 1.0;
-    }
-    EACH_PIXEL {
-        double chosen = g->t1[i], behind = chosen > 0.0 ? g->t3[i] : g->t2[i], later = chosen > 0.0 ? g->y[i] : g->x[i];
-        g->amplitude[0][i] = chosen > 0.0 ? g->a[i] : g->b[i];
-        g->amplitude[1][i] = chosen > 0.0 ? g->b[i] : g->a[i];
-        g->phase[0][i] = chosen > 0.0 ? g->x[i] : g->y[i];
-        g->phase[1][i] = behind > 0.0 ? later + FULL_TURN : later;
-        g->sigma[0][i] = chosen > 0.0 ? g->sigma_x[i] : g->sigma_y[i];
-        g->sigma[1][i] = chosen > 0.0 ? g->sigma_y[i] : g->sigma_x[i];
-    }
-}
-
-/* order.py: worth_another, _kept; resolve.py: _bits */
-INLINE void decide(Group *restrict g) {
-    EACH_PIXEL {
-        double difference = fabs(g->phase[0][i] - g->one_phase[i]), two = g->sigma[0][i], one = g->one_sigma[i];
-        difference = at_most(difference, FULL_TURN - difference);
-        double worth = difference * difference > 2.0 * (two * two - one * one) ? 1.0 : 0.0;
-        g->t1[i] = g->may[i] * (1.0 - g->misfit[i] * worth);
-    }
-    EACH_PIXEL {
-        double alone = g->t1[i], no_direct = g->answered[i] > 0.0 ? 0.0 : 1.0, no_mpi = alone > 0.0 ? 1.0 : no_direct;
-        double amplitude = alone > 0.0 ? g->one_amplitude[i] : g->amplitude[0][i];
-        double phase = alone > 0.0 ? g->one_phase[i] : g->phase[0][i];
-        double deviation = alone > 0.0 ? g->one_sigma[i] : g->sigma[0][i];
-        g->amplitude[0][i] = no_direct > 0.0 ? NAN : amplitude;
-        g->phase[0][i] = no_direct > 0.0 ? NAN : phase;
-        g->sigma[0][i] = no_direct > 0.0 ? NAN : deviation;
-        g->amplitude[1][i] = no_mpi > 0.0 ? NAN : g->amplitude[1][i];
-        g->phase[1][i] = no_mpi > 0.0 ? NAN : g->phase[1][i];
-        g->sigma[1][i] = no_mpi > 0.0 ? NAN : g->sigma[1][i];
-    }
-    EACH_PIXEL {
-        double one = bits_of_one(g->fall_off[i]);
-        double bits = fabs(g->amplitude[0][i]) <= DBL_MAX ? one : 0.0;
-        bits = fabs(g->amplitude[1][i]) <= DBL_MAX ? (double)TWO_PATHS + g->doubtful[i] : bits;
+        double a = g->a[i], b = g->b[i], x = g->x[i], y = g->y[i], sigma_x = g->sigma_x[i], sigma_y = g->sigma_y[i], lead = y - x;
+        int x_wraps = (lead > 0.5 * FULL_TURN) & (a < 0.5 * b), y_wraps = (lead < -0.5 * FULL_TURN) & (b < 0.5 * a);
+        int wanted = (((lead >= 0.0) & !x_wraps) | y_wraps) ^ last, chosen = (a >= ratio * b) & (wanted | strongest);
+        chosen = chosen | !(b >= ratio * a);
+        double amplitude = chosen ? a : b, phase = chosen ? x : y, deviation = chosen ? sigma_x : sigma_y;
+        double amplitude2 = chosen ? b : a, phase2 = chosen ? y : x, deviation2 = chosen ? sigma_y : sigma_x;
+        phase2 = (chosen & y_wraps) | (x_wraps & !chosen) ? phase2 + FULL_TURN : phase2;
+        double bits = 0.0;
+        if (ones) {
+            double difference = fabs(phase - g->one_phase[i]), one = g->one_sigma[i];
+            difference = at_most(difference, FULL_TURN - difference);
+            int worth = difference * difference > 2.0 * (deviation * deviation - one * one);
+            int alone = (g->may[i] > 0.0) & !((g->misfit[i] > 0.0) & worth);
+            amplitude = alone ? g->one_amplitude[i] : amplitude;
+            phase = alone ? g->one_phase[i] : phase;
+            deviation = alone ? one : deviation;
+            amplitude2 = alone ? NAN : amplitude2;
+            phase2 = alone ? NAN : phase2;
+            deviation2 = alone ? NAN : deviation2;
+            double one_path = bits_of_one(g->fall_off[i]);
+            bits = fabs(amplitude) <= DBL_MAX ? one_path : 0.0;
+        }
+        bits = fabs(amplitude2) <= DBL_MAX ? (double)TWO_PATHS + g->doubtful[i] : bits;
+        g->amplitude[0][i] = amplitude;
+        g->amplitude[1][i] = amplitude2;
+        g->phase[0][i] = phase;
+        g->phase[1][i] = phase2;
+        g->sigma[0][i] = deviation;
+        g->sigma[1][i] = deviation2;
         g->refusal[i] = g->refusal[i] + bits;
     }
 }
 
-/* The same where no pixel of a group needs two paths: who is answered has one. */
-INLINE void decide_one(Group *restrict g) {
+/* The same where no pixel of a group needs two paths: who is answered has one, ... */
+INLINE void answer_one(Group *restrict g) {
     EACH_PIXEL {
-        double answered = g->answered[i], amplitude = answered > 0.0 ? g->one_amplitude[i] : NAN;
+        double amplitude = g->one_amplitude[i];
         g->amplitude[0][i] = amplitude;
-        g->phase[0][i] = answered > 0.0 ? g->one_phase[i] : NAN;
-        g->sigma[0][i] = answered > 0.0 ? g->one_sigma[i] : NAN;
+        g->phase[0][i] = g->one_phase[i];
+        g->sigma[0][i] = g->one_sigma[i];
         g->amplitude[1][i] = NAN;
-        double one = bits_of_one(g->fall_off[i]);
-        g->refusal[i] = g->refusal[i] + (fabs(amplitude) <= DBL_MAX ? one : 0.0);
+        double bits = bits_of_one(g->fall_off[i]);
+        g->refusal[i] = g->refusal[i] + (fabs(amplitude) <= DBL_MAX ? bits : 0.0);
     }
 }
 
-/* impossible.py: clear_impossible. What is compared is what is written, in float. */
+/* ... and where nobody is. */
+INLINE void answer_none(Group *restrict g) {
+    EACH_PIXEL g->amplitude[0][i] = g->phase[0][i] = g->sigma[0][i] = g->amplitude[1][i] = NAN;
+}
+
+/* depth.py: clear_impossible. What is compared is what is written, in float; few groups hold a pixel that may be beyond. */
 INLINE void clear_impossible(Group *restrict g, const Frame *restrict frame) {
     const Constants *k = frame->constants;
-    const double volts = k->volts;
+    const double volts = k->volts, nearly = k->most_volts / volts * (1.0 - 1e-6);
+    int64_t beyond = 0;
+    EACH_PIXEL {
+        double a = g->amplitude[0][i], b = g->amplitude[1][i], total = (a > 0.0 ? a : 0.0) + (b > 0.0 ? b : 0.0);
+        beyond |= (total > nearly) | (g->confidence[i] > nearly);
+    }
+    g->cleared = beyond != 0;
+    if (!beyond) return;
     EACH_PIXEL g->t1[i] = k->most_volts;
     if (frame->samples) EACH_PIXEL g->t1[i] = k->most_volts + k->noise_volts / g->root[i];
     EACH_PIXEL {
         float a = (float)(g->amplitude[0][i] * volts), b = (float)(g->amplitude[1][i] * volts);
         float confidence = (float)(g->confidence[i] * volts), total = (a > 0.0f ? a : 0.0f) + (b > 0.0f ? b : 0.0f);
-        double most = g->t1[i], beyond = (double)total > most ? 1.0 : 0.0;
-        g->impossible[i] = (double)confidence > most ? 1.0 : beyond;
-    }
-    if (any(g->impossible)) EACH_PIXEL {
-        double clear = g->impossible[i];
+        double most = g->t1[i], clear = ((double)total > most) | ((double)confidence > most) ? 1.0 : 0.0;
+        g->impossible[i] = clear;
         for (int path = 0; path < 2; path++) {
             g->amplitude[path][i] = clear > 0.0 ? NAN : g->amplitude[path][i];
             g->phase[path][i] = clear > 0.0 ? NAN : g->phase[path][i];
@@ -139,22 +130,27 @@ INLINE void resolve_pixels(const Frame *restrict frame, int64_t start, int64_t s
     memset(g, 0, sizeof group);
     for (int m; start < stop; start += m) {
         m = frame->tail ? in_group(frame->tail, start, stop) : stop - start < GROUP ? (int)(stop - start) : GROUP;
+        fetch(frame, start + 2 * GROUP);
         load(g, frame, start, m);
         if (!frame->tail) fundamental_frame(g);
         screen(g, frame);
         if (frame->tail) predict(g, frame, start, m);
-        if (frame->tail && any(g->answered)) fundamental_frame(g);
+        if (frame->tail && any(g->answered)) {
+            fundamental_frame(g);
+            EACH_PIXEL g->u[i] = g->answered[i] > 0.0 ? g->u[i] : NAN;
+        }
         choose_pixels(g, frame);
-        if (any(g->may)) one_path(g, frame);
-        else EACH_PIXEL g->misfit[i] = 0.0;
+        const int ones = any(g->may);
+        if (ones) one_path(g, frame);
         g->pairs = any(g->need);
         if (g->pairs) {
             two_paths(g);
             two_path_sigmas(g, frame);
             phases(g);
-            direct_and_mpi(g, frame);
-            decide(g);
-        } else decide_one(g);
+            if (ones) choose_answers(g, frame, 1);
+            else choose_answers(g, frame, 0);
+        } else if (ones) answer_one(g);
+        else answer_none(g);
         if (frame->tail) put_tail(g, frame);
         clear_impossible(g, frame);
         store(g, frame, start, m);

@@ -5,11 +5,12 @@
  *   resolver/returns.py                    which path is direct
  *   resolver/two_path/closed_form.py       two paths            arctangent.py   their phases
  *   resolver/two_path/one_path.py          one path             uncertainty.py  standard deviations
- *   maps/depth.py, layers.py               paths -> maps                    impossible.py   what no light gives
+ *   resolver/two_path/roots.py             inverse square roots
+ *   maps/depth.py, layers.py               paths -> maps, and what no light gives
  *   resolver/diffuse/                      the tail where MPI is diffuse: _tail.h
  *
  * Those are written to be read; this is written to be fast. Both use nothing but +, -, *, / and square roots, which IEEE 754
- * rounds in one way only, so both give the same bits, whatever the compiler and the machine (test_kernel.py holds them to it).
+ * rounds in one way only, and the bits of a number, so both give the same bits, whatever the compiler and the machine (test_kernel.py holds them to it).
  * That needs a compiler that neither contracts a*b + c nor reorders: -ffp-contract=off, no -ffast-math.
  *
  * GROUP neighbours stand in short rows that stay in the first-level cache. Each loop holds a few operations for every pixel of
@@ -71,16 +72,29 @@ typedef struct {
     Row u, pr, pi, cos, sin;                             /* FundamentalFrame */
     Row confidence, refusal, answered, single, may, need;/* bits that refuse an answer; is, may be one path; needs two */
     Row one_amplitude, one_phase, one_sigma, fall_off;   /* OnePath; its doubt */
+    Row amplitudes, phases;                              /* by which its harmonics disagree */
     Row misfit;                                          /* 1 where it leaves more than noise does */
     Row a, b, cos_m, sin_m, cos_half, sin_half;          /* TwoPaths */
     Row x, y, sigma_x, sigma_y, doubtful;
     Row amplitude[2], phase[2], sigma[2];                /* direct and MPI path */
     Row impossible;                                      /* 1 where they hold more light than there can be */
     Row t1, t2, t3, t4, t5;                              /* between the loops of a function */
-    int pairs;                                           /* whether any pixel has two paths */
+    int pairs, cleared;                                  /* whether any pixel has two paths, may be impossible */
     Row predicted;                                       /* 1 where the MPI is a tail, ... */
     TailGroup tail;                                      /* ... which is here */
 } Group;
+
+/* Ask for the memory of a whole group that comes soon: the planes of a frame are too many for processors to see it coming. */
+INLINE void fetch(const Frame *restrict frame, int64_t start) {
+    static const int BYTES[] = {[UINT16] = 2, [INT16] = 2, [FLOAT32] = 4, [FLOAT64] = 8, [PHASORS] = 8};
+    const int64_t n = frame->pixels;
+    if (n - start < GROUP) return;
+    for (int c = 0; c < 4; c++) FETCH((const char *)frame->stored + (c * n + start) * BYTES[frame->type]);
+    for (int i = 0; i < GROUP; i += 16) {
+        for (int layer = 0; layer < LAYERS; layer++) FETCH_TO_WRITE(frame->layers + layer * n + start + i);
+        FETCH_TO_WRITE(frame->status + start + i);
+    }
+}
 
 /* voltages.py: saturated_pixels, phasors_from_stored. Columns from m on repeat the first. */
 #define LOAD(TYPE, VALUE) \
@@ -110,10 +124,13 @@ INLINE void load(Group *restrict g, const Frame *restrict frame, int64_t start, 
     const uint32_t *status = frame->status + start;
     if (m == GROUP) EACH_PIXEL g->unsound[i] = status[i] & none ? 1.0 : 0.0;
     else EACH_PIXEL g->unsound[i] = status[i < m ? i : 0] & none ? 1.0 : 0.0;
-    EACH_PIXEL g->refusal[i] = 0.0;
-    for (int c = 0; c < 4; c++) EACH_PIXEL {
-        double beyond = value[c][i] <= k->saturated_low ? (double)SATURATED : g->refusal[i];
-        g->refusal[i] = value[c][i] >= k->saturated_high ? (double)SATURATED : beyond;
+    EACH_PIXEL {
+        double least = INFINITY, most = -INFINITY;
+        for (int c = 0; c < 4; c++) {
+            least = value[c][i] < least ? value[c][i] : least;
+            most = value[c][i] > most ? value[c][i] : most;
+        }
+        g->refusal[i] = (least <= k->saturated_low) | (most >= k->saturated_high) ? (double)SATURATED : 0.0;
     }
     const double gain[4] = {k->gain1, k->gain2, k->gain3, k->gain4};
     const double offset[4] = {k->offset1, k->offset2, k->offset3, k->offset4};
@@ -133,12 +150,15 @@ INLINE void load(Group *restrict g, const Frame *restrict frame, int64_t start, 
     }
 }
 
-/* layers.py, depth.py: write_block. NaN is written as the one quiet NaN without a sign. */
-INLINE void store_layer(const double *restrict values, float *restrict to, int m) {
-    float out[GROUP];
-    EACH_PIXEL out[i] = (float)(values[i] == values[i] ? values[i] : NAN);
-    if (m == GROUP) memcpy(to, out, sizeof out);
-    else memcpy(to, out, (size_t)m * sizeof *out);
+/* depth.py: write_block. NaN is written as the one quiet NaN without a sign. */
+INLINE float written(double value, double scale) {
+    const float out = (float)(value * scale);
+    return out == out ? out : NAN;
+}
+
+INLINE void store_layer(const double *restrict values, const double *restrict scale, float *restrict to, int m) {
+    if (m == GROUP) EACH_PIXEL to[i] = written(values[i], scale[i]);
+    else for (int i = 0; i < m; i++) to[i] = written(values[i], scale[i]);
 }
 
 INLINE void store_none(float *restrict to, int m) {
@@ -160,22 +180,19 @@ INLINE void store(Group *restrict g, const Frame *restrict frame, int64_t start,
     if (frame->metres)
         for (int i = 0; i < GROUP; i++) g->t2[i] = frame->metres[start + (i < m ? i : 0)];
     else EACH_PIXEL g->t2[i] = frame->constants->metres;
+    EACH_PIXEL g->t3[i] = volts;
     for (int path = 0; path < 1 + g->pairs; path++) {
-        EACH_PIXEL g->t3[i] = g->phase[path][i] * g->t2[i];
-        store_layer(g->t3, layers + path * n, m);
-        EACH_PIXEL g->t3[i] = g->amplitude[path][i] * volts;
-        store_layer(g->t3, layers + (2 + path) * n, m);
-        EACH_PIXEL g->t3[i] = g->sigma[path][i] * g->t2[i];
-        store_layer(g->t3, layers + (4 + path) * n, m);
+        store_layer(g->phase[path], g->t2, layers + path * n, m);
+        store_layer(g->amplitude[path], g->t3, layers + (2 + path) * n, m);
+        store_layer(g->sigma[path], g->t2, layers + (4 + path) * n, m);
     }
     if (!g->pairs)
         for (int layer = 1; layer < 6; layer += 2) store_none(layers + layer * n, m);
-    EACH_PIXEL g->t3[i] = g->confidence[i] * volts;
-    store_layer(g->t3, layers + 6 * n, m);
+    store_layer(g->confidence, g->t3, layers + 6 * n, m);
     uint32_t *restrict status = frame->status + start;
     if (m == GROUP) EACH_PIXEL status[i] |= (uint32_t)(int32_t)g->refusal[i];
     else for (int i = 0; i < m; i++) status[i] |= (uint32_t)(int32_t)g->refusal[i];
-    if (any(g->impossible))
+    if (g->cleared)
         for (int i = 0; i < m; i++)
             if (g->impossible[i] > 0.0) status[i] = (status[i] & (CALIBRATED | POOLED)) | IMPOSSIBLE;
 }

@@ -1,6 +1,20 @@
 /* The equations of the kernel, each function named after the one that it is the twin of; see _kernel_frame.h. */
 #include "_kernel_frame.h"
 
+/* roots.py: inverse_root */
+INLINE double inverse_root(double x) {
+    uint64_t bits;
+    double y;
+    memcpy(&bits, &x, sizeof bits);
+    bits = 0x5fe6eb50c7b537a9u - (bits >> 1);
+    memcpy(&y, &bits, sizeof y);
+    double square = x * y * y;
+    y = y * (1.876598 - square * (1.2521 - square * 0.375502));
+    double rest = 1.0 - x * y * y;
+    y = y + y * rest * (0.5 + rest * (0.375 + rest * 0.3125));
+    return x < DBL_MIN ? 0.0 : y;
+}
+
 /* arctangent.py: phase_of */
 INLINE double phase_of(double cos, double sin) {
     double x = fabs(cos), y = fabs(sin);
@@ -41,7 +55,8 @@ INLINE void fundamental_frame(Group *restrict g) {
     }
 }
 
-/* resolve.py: screened. `refusal` comes in with SATURATED. Where most pixels have a tail, the few others are turned later. */
+/* resolve.py: screened. `refusal` comes in with SATURATED. Who gets no answer goes on with NaN for u, and so in all that follows.
+ * Where most pixels have a tail, the few others are turned later. */
 INLINE void screen(Group *restrict g, const Frame *restrict frame) {
     const Constants *k = frame->constants;
     if (frame->tail) EACH_PIXEL {
@@ -54,52 +69,54 @@ INLINE void screen(Group *restrict g, const Frame *restrict frame) {
     }
     if (frame->samples) EACH_PIXEL g->t1[i] = g->t1[i] * g->samples[i];
     EACH_PIXEL {
-        double u = g->u[i], power = g->t1[i], refusal = g->refusal[i], unsound = g->unsound[i];
-        double low = power <= k->least_power ? (double)LOW_CONFIDENCE : 0.0;
-        low = u < k->least_modulus ? (double)LOW_CONFIDENCE : low;
-        unsound = refusal > 0.0 ? 1.0 : unsound;
-        low = unsound > 0.0 ? 0.0 : low;
-        int finite = power <= DBL_MAX;
-        refusal = finite ? refusal + low : refusal + (double)NOT_FINITE;
-        unsound = finite ? unsound : 1.0;
-        g->confidence[i] = unsound > 0.0 ? NAN : u;
+        double u = g->u[i], power = g->t1[i], refusal = g->refusal[i];
+        int low = (power <= k->least_power) | (u < k->least_modulus), finite = power <= DBL_MAX;
+        int unsound = (refusal > 0.0) | (g->unsound[i] > 0.0) | !finite;
+        refusal = finite ? refusal : refusal + (double)NOT_FINITE;
+        refusal = low & !unsound ? (double)LOW_CONFIDENCE : refusal;
+        g->confidence[i] = unsound ? NAN : u;
         g->refusal[i] = refusal;
-        unsound = refusal > 0.0 ? 1.0 : unsound;
-        g->answered[i] = 1.0 - unsound;
+        g->answered[i] = unsound | low ? 0.0 : 1.0;
+        g->u[i] = unsound | low ? NAN : u;
     }
 }
 
 /* solver.py: may_be_one_path; closed_form.py: is_single */
 INLINE void choose_pixels(Group *restrict g, const Frame *restrict frame) {
     const Constants *k = frame->constants;
+    const double spread = 2.0 * k->misfit_limit * k->misfit_spread;
+    const int all = frame->order == ORDER_ONE, none = frame->order == ORDER_TWO;
+    if (frame->samples) EACH_PIXEL g->t2[i] = 2.0 * (k->misfit_limit / g->samples[i]) * k->misfit_spread;
+    else EACH_PIXEL g->t2[i] = spread;
     EACH_PIXEL {
-        double u = g->u[i], dr = u - g->pr[i], d2 = dr * dr + g->pi[i] * g->pi[i];
-        double single = d2 <= 0x1p-100 * (u * u) + 1e-120 ? 1.0 : 0.0;
-        g->single[i] = single * g->answered[i];
-        g->t1[i] = d2;
-        g->t2[i] = k->misfit_limit;
-    }
-    if (frame->samples) EACH_PIXEL g->t2[i] = k->misfit_limit / g->samples[i];
-    if (frame->order == ORDER_ONE) EACH_PIXEL g->may[i] = g->answered[i];
-    else if (frame->order == ORDER_TWO) EACH_PIXEL g->may[i] = g->single[i];
-    else EACH_PIXEL {
-        double may = g->t1[i] <= 2.0 * g->t2[i] * k->misfit_spread ? g->answered[i] : g->single[i];
+        double u = g->u[i], dr = u - g->pr[i], d2 = dr * dr + g->pi[i] * g->pi[i], answered = g->answered[i];
+        double single = d2 <= 0x1p-100 * (u * u) + 1e-100 ? answered : 0.0;
+        double may = d2 <= g->t2[i] ? answered : single;
+        may = all ? answered : may;
+        may = none ? single : may;
+        g->single[i] = single;
         g->may[i] = may;
+        g->need[i] = answered - may;
     }
-    EACH_PIXEL g->need[i] = g->answered[i] - g->may[i];
 }
 
 /* one_path.py: _start. The rotor in t1, t2; the largest curvature there can be in t3. */
 INLINE void one_path_start(Group *restrict g, double weight) {
     const double from_second = 4.0 * weight;
     EACH_PIXEL {
-        double pr = g->pr[i], pi = g->pi[i], modulus = sqrt(pr * pr + pi * pi), half = 0.5 * modulus;
-        g->t1[i] = g->u[i] + from_second * sqrt(half * at_least(modulus + pr, 0.0));
-        g->t2[i] = copysign(from_second * sqrt(half * at_least(modulus - pr, 0.0)), pi);
-        g->t3[i] = g->u[i] + from_second * modulus;
+        double pr = g->pr[i], pi = g->pi[i], square = pr * pr + pi * pi;
+        g->t3[i] = square * inverse_root(square);
     }
     EACH_PIXEL {
-        double cos = g->t1[i], sin = g->t2[i], norm = 1.0 / sqrt(at_least(cos * cos + sin * sin, DBL_MIN));
+        double u = g->u[i], pr = g->pr[i], pi = g->pi[i], modulus = g->t3[i], half = 0.5 * modulus;
+        double square = half * (modulus + fabs(pr)), inverse = inverse_root(square);
+        double large = square * inverse, small = half * fabs(pi) * inverse;
+        g->t1[i] = u + from_second * (pr >= 0.0 ? large : small);
+        g->t2[i] = copysign(from_second * (pr >= 0.0 ? small : large), pi);
+        g->t3[i] = u + from_second * modulus;
+    }
+    EACH_PIXEL {
+        double cos = g->t1[i], sin = g->t2[i], norm = inverse_root(cos * cos + sin * sin);
         g->t1[i] = cos * norm;
         g->t2[i] = sin * norm;
     }
@@ -134,20 +151,32 @@ INLINE void one_path(Group *restrict g, const Frame *restrict frame) {
         double cos = g->t1[i], sin = g->t2[i], u = g->u[i], pr = g->pr[i], pi = g->pi[i];
         double cos2 = cos * cos - sin * sin, sin2 = 2.0 * cos * sin;
         double along1 = u * cos, across1 = -u * sin, along2 = pr * cos2 + pi * sin2, across2 = pi * cos2 - pr * sin2;
-        double amplitude = at_least((along1 + weight * along2) * per_weights, 0.0), share = at_most(amplitude, 1.0);
-        double more1 = k->doubled1 * share, more2 = k->doubled2 * share;
-        double t1 = k->dark1 - more1, t2 = k->dark2 - more2;
-        double r1 = at_least(k->dark1 + more1 - k->averaging1 * share * share, k->least1);
-        double r2 = at_least(k->dark2 + more2 - k->averaging2 * share * share, k->least2);
-        double along = r1 + r2, across = 4.0 * t1 + t2, amplitudes = along1 - along2, phases = 2.0 * across1 - across2;
-        g->t3[i] = (amplitudes * amplitudes * across + phases * phases * along) / (along * across);
-        g->fall_off[i] = amplitudes * fabs(amplitudes) / along * (1.0 / (1.2815515655446004 * 1.2815515655446004));
-        g->one_amplitude[i] = amplitude;
-        g->one_sigma[i] = sqrt(t1 * t2 * across) / (across * amplitude);
+        g->one_amplitude[i] = at_least((along1 + weight * along2) * per_weights, 0.0);
+        g->amplitudes[i] = along1 - along2;
+        g->phases[i] = 2.0 * across1 - across2;
         g->t4[i] = cos * g->cos[i] - sin * g->sin[i];
         g->t5[i] = cos * g->sin[i] + sin * g->cos[i];
     }
     EACH_PIXEL g->one_phase[i] = phase_of(g->t4[i], g->t5[i]);
+    EACH_PIXEL {
+        double share = at_most(g->one_amplitude[i], 1.0), more1 = k->doubled1 * share, more2 = k->doubled2 * share;
+        double t1 = k->dark1 - more1, t2 = k->dark2 - more2;
+        double r1 = at_least(k->dark1 + more1 - k->averaging1 * share * share, k->least1);
+        double r2 = at_least(k->dark2 + more2 - k->averaging2 * share * share, k->least2);
+        g->t1[i] = r1 + r2;
+        g->t2[i] = 4.0 * t1 + t2;
+        g->t4[i] = t1 * t2;
+    }
+    EACH_PIXEL {
+        double along = g->t1[i], across = g->t2[i], amplitudes = g->amplitudes[i], phases = g->phases[i];
+        double per_both = 1.0 / (along * across);
+        g->t3[i] = (amplitudes * amplitudes * across + phases * phases * along) * per_both;
+        g->fall_off[i] = amplitudes * fabs(amplitudes) * across * per_both * (1.0 / (1.2815515655446004 * 1.2815515655446004));
+    }
+    EACH_PIXEL {
+        double across = g->t2[i], square = g->t4[i] * across;
+        g->one_sigma[i] = square * inverse_root(square) / (across * g->one_amplitude[i]);
+    }
     if (frame->samples) EACH_PIXEL {
         g->t3[i] = g->t3[i] * g->samples[i];
         g->fall_off[i] = g->fall_off[i] * g->samples[i];
@@ -160,27 +189,27 @@ INLINE void one_path(Group *restrict g, const Frame *restrict frame) {
     }
 }
 
-/* closed_form.py: _excess, one of Halley's steps. H in t3. */
+/* closed_form.py: _excess, one of its steps. H in t3. */
 INLINE void excess_step(Group *restrict g) {
     EACH_PIXEL {
         double u = g->u[i], linear = g->t2[i], h = g->t3[i];
         double value = ((h + 3.0 * u) * h + linear) * h - g->t1[i];
         double slope = (h + (u + u)) * (3.0 * h) + linear, half_curvature = 3.0 * (h + u);
-        g->t3[i] = h - value * slope / (slope * slope - value * half_curvature);
+        double bent = value * half_curvature, least = slope * slope - bent;
+        g->t3[i] = h - value * least / (slope * (least - bent) + value * value);
     }
 }
 
 /* closed_form.py: _excess. H in t3, |d|^2 in t4. */
 INLINE void excess(Group *restrict g) {
     EACH_PIXEL {
-        double u = g->u[i], pi = g->pi[i], dr = u - g->pr[i], d2 = dr * dr + pi * pi, modulus = sqrt(d2);
+        double u = g->u[i], pi = g->pi[i], dr = u - g->pr[i], d2 = dr * dr + pi * pi, modulus = d2 * inverse_root(d2);
         g->t1[i] = u * d2;
         g->t2[i] = 2.0 * (u * dr) - d2;
-        g->t3[i] = (modulus + (u + u)) * d2 / ((3.0 * modulus + dr) * u + d2);
+        g->t3[i] = (modulus + 2.17 * u) * d2 / ((4.06 * modulus + 2.06 * dr) * u + d2);
         g->t4[i] = d2;
     }
     /* not a loop: compilers would turn it inside out */
-    excess_step(g);
     excess_step(g);
     excess_step(g);
 }
@@ -190,9 +219,9 @@ INLINE void two_paths(Group *restrict g) {
     excess(g);
     EACH_PIXEL {
         double u = g->u[i], pi = g->pi[i], dr = u - g->pr[i], d2 = g->t4[i];
-        double single = d2 <= 0x1p-100 * (u * u) + 1e-120 ? 1.0 : 0.0, h = single > 0.0 ? 0.0 : g->t3[i];
+        double single = d2 <= 0x1p-100 * (u * u) + 1e-100 ? 1.0 : 0.0, h = single > 0.0 ? 0.0 : g->t3[i];
         double p0 = u + h, product = (p0 + u) * h, re = p0 * dr - u * h, im = p0 * pi;
-        double double_square = product + fabs(re), norm = 1.0 / sqrt(2.0 * product * double_square);
+        double double_square = product + fabs(re), norm = inverse_root(2.0 * product * double_square);
         double large = double_square * norm, small = im * norm;
         double cos_m = re >= 0.0 ? large : small, sin_m = re >= 0.0 ? small : large;
         g->t1[i] = p0;
@@ -250,14 +279,14 @@ INLINE void two_path_sigmas(Group *restrict g, const Frame *restrict frame) {
         g->sigma_y[i] = sigma(b, a, t);
     }
     EACH_PIXEL {
-        double x = g->sigma_x[i], y = g->sigma_y[i], most = x < y ? y : x;
-        most = y == y ? most : y;
-        /* doubt, most / (0.5 * sin_half), is above 1 just where this is, in floating point too */
-        g->doubtful[i] = most > 0.5 * g->sin_half[i] ? (double)ILL_CONDITIONED : 0.0;
-        g->t1[i] = most;
+        /* doubt, the larger over 0.5 * sin_half, is above 1 just where this is, in floating point too */
+        double x = g->sigma_x[i], y = g->sigma_y[i], most = 0.5 * g->sin_half[i];
+        g->doubtful[i] = ((x > most) | (y > most)) & (x == x) & (y == y) ? (double)ILL_CONDITIONED : 0.0;
     }
     if (frame->samples) EACH_PIXEL {
-        g->doubtful[i] = g->t1[i] / (0.5 * g->sin_half[i]) / g->root[i] > 1.0 ? (double)ILL_CONDITIONED : 0.0;
+        double x = g->sigma_x[i], y = g->sigma_y[i], most = x < y ? y : x;
+        most = y == y ? most : y;
+        g->doubtful[i] = most / (0.5 * g->sin_half[i]) / g->root[i] > 1.0 ? (double)ILL_CONDITIONED : 0.0;
         g->sigma_x[i] = g->sigma_x[i] / g->root[i];
         g->sigma_y[i] = g->sigma_y[i] / g->root[i];
     }

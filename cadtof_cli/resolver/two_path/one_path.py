@@ -9,6 +9,7 @@ from cadtof_cli.phasors.noise import NoiseModel
 from cadtof_cli.resolver.paths import Fit, Paths, doubt_of_one
 from cadtof_cli.resolver.two_path.arctangent import phase_of
 from cadtof_cli.resolver.two_path.closed_form import FundamentalFrame
+from cadtof_cli.resolver.two_path.roots import inverse_root
 
 CURVATURE_FLOOR = 0.1
 """Least curvature that a Newton step divides by, as a share of the largest possible: keeps saddle points from throwing it."""
@@ -62,21 +63,30 @@ def one_path(frame: FundamentalFrame, /, *, noise: NoiseModel, steps: int) -> On
     r2, t2 = second.one_path_variances(amplitude)
     along, across = r1 + r2, 4.0 * t1 + t2
     amplitudes, phases = along1 - along2, 2.0 * across1 - across2
-    chi_squared = (amplitudes * amplitudes * across + phases * phases * along) / (along * across)
-    sigma = np.sqrt(t1 * t2 * across) / (across * amplitude)
-    fall_off = amplitudes * np.abs(amplitudes) / along
+    per_both = 1.0 / (along * across)
+    chi_squared = (amplitudes * amplitudes * across + phases * phases * along) * per_both
+    fall_off = amplitudes * np.abs(amplitudes) * across * per_both
+    square = t1 * t2 * across
+    sigma = square * inverse_root(square) / (across * amplitude)
     turned = cos * frame.cos - sin * frame.sin, cos * frame.sin + sin * frame.cos
     return OnePath(amplitude, *turned, sigma, chi_squared, fall_off)
 
 
 def _start(frame: FundamentalFrame, weight: float) -> tuple[Float, Float, Float]:
-    """Return the rotor of the weighted mean phase, and u + 4w·|p2|, the largest curvature there can be."""
-    modulus = np.sqrt(frame.pr * frame.pr + frame.pi * frame.pi)
+    """Return the rotor of the weighted mean phase, and u + 4w·|p2|, the largest curvature there can be.
+
+    |p2| times the rotor of half its phase has the parts √(½|p2|(|p2| ± pr)): the larger from the root, the other from pi.
+    """
+    square = frame.pr * frame.pr + frame.pi * frame.pi
+    modulus = square * inverse_root(square)
     half = 0.5 * modulus
+    square = half * (modulus + np.abs(frame.pr))
+    inverse = inverse_root(square)
+    large, small, ahead = square * inverse, half * np.abs(frame.pi) * inverse, frame.pr >= 0.0
     from_second = 4.0 * weight
-    cos = frame.u + from_second * np.sqrt(half * np.maximum(modulus + frame.pr, 0.0))
-    sin = np.copysign(from_second * np.sqrt(half * np.maximum(modulus - frame.pr, 0.0)), frame.pi)
-    norm = 1.0 / np.sqrt(np.maximum(cos * cos + sin * sin, np.finfo(np.float64).tiny))
+    cos = frame.u + from_second * np.where(ahead, large, small)
+    sin = np.copysign(from_second * np.where(ahead, small, large), frame.pi)
+    norm = inverse_root(cos * cos + sin * sin)
     return cos * norm, sin * norm, frame.u + from_second * modulus
 
 

@@ -38,11 +38,11 @@ def write_capture(
         compress: smaller files, losslessly.
         comments: lines on top of `capture.toml`.
     """
-    (folder / FILE_NAME).write_text(toml_text(metadata, comments=comments), encoding="utf-8")
-    write_layers(folder / TRUTH_NAME, truth, lossy=True)
     kind = format_by_name(frame_format)
     if kind.recording is None:
         raise ValueError(f"format {frame_format}: frames are not recorded in it")
+    (folder / FILE_NAME).write_text(toml_text(metadata, comments=comments), encoding="utf-8")
+    write_layers(folder / TRUTH_NAME, truth, lossy=True)
     files, layout = kind.recording(), FrameLayout(metadata.modulation.harmonics)
     for index, voltages_v in enumerate(frames):
         stored = camera.counts_from_voltages(voltages_v) if kind.counts else voltages_v

@@ -1,4 +1,4 @@
-"""What every `cadtof calibrate` step does first: captures → their mean frames, and the parts that are there already."""
+"""What every `cadtof calibrate` step does first: captures → their mean frames, and the earlier parts of the calibration."""
 
 import os
 from collections.abc import Iterator, Mapping, Sequence
@@ -41,7 +41,7 @@ Averaged = Sequence[tuple[Capture, FrameMean]]
 
 @dataclass(frozen=True)
 class CalibrateReport:
-    """What a step measured: `figures` by name, and what there is to know about it in words."""
+    """What a step measured: `figures` by name, and `findings` about them in words."""
 
     part: PartKind
     written: tuple[str, ...]

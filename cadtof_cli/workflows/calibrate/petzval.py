@@ -20,7 +20,7 @@ from cadtof_cli.phasors.frame_mean import FrameMean
 from cadtof_cli.pipeline import resolve_frame
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.resolver.status import StatusBit
-from cadtof_cli.units import metres_per_radian, unambiguous_range_m
+from cadtof_cli.units import metres_per_radian
 from cadtof_cli.workflows.calibrate.captures import (
     CalibrateReport,
     CalibrateSettings,
@@ -57,7 +57,6 @@ def calibrate_petzval(
     petzval = fit_petzval(
         walls,
         optics=metadata.optics,
-        unambiguous_m=unambiguous_range_m(metadata.modulation.periods_ns[0]),
         origin=origin_of(averaged, earlier),
     )
     if earlier.response is not None:

@@ -1,4 +1,4 @@
-"""What a calibration folder holds: the third kind of thing that `cadtof info` looks at."""
+"""What a calibration folder holds, for `cadtof info`."""
 
 import os
 from collections.abc import Mapping
@@ -14,7 +14,7 @@ from cadtof_cli.files.reading import is_folder
 
 @dataclass
 class CalibrationFacts:
-    """The digest of a calibration folder, and for each of its parts where it comes from and what it says of itself."""
+    """The digest of a calibration folder, and for each of its parts the origin and the figures."""
 
     path: str
     digest: str | None = None

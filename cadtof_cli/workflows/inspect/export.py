@@ -52,7 +52,7 @@ class ExportSettings:
 
 @dataclass(frozen=True)
 class _Map:
-    """A map to be exported, and how its pixels look into the world."""
+    """A map to be exported, with its optics and the kind of its depths."""
 
     path: Path
     layers: Layers
@@ -139,7 +139,7 @@ def _comment(one: _Map, settings: ExportSettings) -> str:
 
 
 def _write_png(one: _Map, output: Path, settings: ExportSettings) -> None:
-    """Write millimetres, 0 where there is no answer, and where 16 bits do not hold it."""
+    """Write millimetres; 0 where there is no answer, or one that does not fit into 16 bits."""
     depth = _layer(one, settings.layer).astype(np.float64)
     mm = np.rint(1000.0 * np.nan_to_num(depth, nan=0.0, posinf=0.0, neginf=0.0))
     plane = np.where((mm > 0) & (mm <= MOST_MM), mm, 0).astype(np.uint16)
@@ -166,7 +166,7 @@ def _write_csv(one: _Map, output: Path, settings: ExportSettings) -> None:
 
 
 def _texts(plane: NDArray[Any]) -> NDArray[np.str_]:
-    """Return the shortest texts that give the same values back."""
+    """Return the shortest texts that are read as the same values."""
     values = plane.ravel()
     texts = values.astype(str)
     if plane.dtype.kind == "f":

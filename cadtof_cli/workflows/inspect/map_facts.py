@@ -1,4 +1,4 @@
-"""What map files hold: the half of `cadtof info` that looks at what `cadtof resolve` wrote."""
+"""What map files hold, for `cadtof info`."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -30,7 +30,7 @@ class LayerFacts:
 
 @dataclass
 class MapFacts:
-    """What a map file, or the first of a folder of them, holds; shares of pixels by status bit; what it says of itself; the
+    """What a map file, or the first of a folder of them, holds; shares of pixels by status bit; the facts in its header; the
     run's record."""
 
     path: str

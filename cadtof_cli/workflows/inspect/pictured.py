@@ -20,7 +20,7 @@ from cadtof_cli.resolver.status import StatusBit
 from cadtof_cli.workflows.run_folder import RUN_FILE, Run, map_files, read_run
 
 LIGHT = "H1.amplitude"
-"""The layer of a recorded frame that is shown where one is."""
+"""The layer of a recorded frame that thumbnails and films show."""
 
 _UNITS = {"mean": "m", "std": "m", "ratio": "", "delay": "ns"}
 
@@ -56,7 +56,7 @@ def pictured(inputs: Sequence[Path], /) -> Iterator[Pictured]:
 
 
 def _holds_maps(path: Path) -> bool:
-    """Tell whether a folder or file is one of maps or named layers, not of recorded frames; what is not there counts as maps."""
+    """Tell whether a folder or file is one of maps or named layers, not of recorded frames; a missing path counts as maps."""
     if path.is_dir():
         if (path / RUN_FILE).exists():
             return True

@@ -115,7 +115,7 @@ def _task(
     for note in (*plan.notes(), *(calibration.notes if calibration else ())):
         progress.say(note)
     average = settings.maps.average
-    sources = tuple(itertools.islice(plan.frames(settings, taken=()), place * average, (place + 1) * average))
+    sources = tuple(itertools.islice(plan.frames(settings), place * average, (place + 1) * average))
     if not sources:
         raise SettingsError(f"--frame: found {place}, expected a map that a run on {frame} would write, from 0")
     return FrameTask(sources, plan.capture.layout, plan.plan, plan.pixels, settings.out), str(sources[0])

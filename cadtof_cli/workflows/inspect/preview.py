@@ -141,7 +141,7 @@ def _map_picture(one: Pictured, shown: Shown, settings: PreviewSettings, progres
 
 
 def _layer_name(one: Pictured, shown: Shown, settings: PreviewSettings) -> str:
-    """Return the layer that is drawn where one is: the chosen, or the leading of its kind that there is."""
+    """Return the layer that is drawn where only one is: the chosen one, or the first of the leading ones that the frame has."""
     name = settings.layer or (one.layer if one.layer in shown.layers else next(iter(shown.layers)))
     if name not in shown.layers:
         raise SettingsError(f"--layer: found {name!r}, expected one of {', '.join(shown.layers)}: {shown.title}")
@@ -154,7 +154,7 @@ def _block(one: Pictured, shown: Shown, settings: PreviewSettings) -> Block:
 
 @dataclass
 class _Scale:
-    """What frames that are drawn together share: found in one look at each."""
+    """What all frames of one picture share; each is read once to find it."""
 
     layer: str
     limits: tuple[float, float]
@@ -164,7 +164,7 @@ class _Scale:
 
 
 def _common_scale(found: Sequence[Pictured], settings: PreviewSettings, progress: Progress) -> _Scale:
-    """Return the scale that suits all frames; those that cannot be read are passed over, and that is said."""
+    """Return the scale that suits all frames; those that cannot be read are left out, with a note."""
     values: list[NDArray[np.floating]] = []
     kinds: set[PixelClass] = set()
     layer, shape = "", (0, 0)

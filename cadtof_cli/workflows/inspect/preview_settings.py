@@ -8,7 +8,7 @@ from typing import Literal, get_args
 from cadtof_cli.errors import SettingsError
 
 ColourScale = Literal["viridis", "plasma", "magma", "inferno", "RdBu_r", "twilight"]
-"""Perceptually uniform, and told apart by the colour-blind; the last two for values about 0 and for angles."""
+"""Perceptually uniform, also for the colour-blind; the last two for values around 0 and for angles."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -88,7 +88,7 @@ class MapProfile:
 
 @dataclass(frozen=True, eq=False)
 class Profile:
-    """Maps along a line: the pixels, (n,) each, what the maps say there, and what is true."""
+    """Maps along a line: the pixels, (n,) each, the values of the maps, and the truth."""
 
     settings: ProfileSettings
     rows: Index
@@ -101,7 +101,7 @@ class Profile:
 def read_profile(
     maps: Sequence[Path], /, *, settings: ProfileSettings, truth: Path | None, progress: Progress
 ) -> Profile:
-    """Return what maps say along a line.
+    """Return the values of maps along a line.
 
     Args:
         maps: folders of runs, and map files, of the same size.
@@ -166,7 +166,7 @@ def _layer(layers: Mapping[str, NDArray[Any]], name: str, path: Path) -> NDArray
 
 
 def _truth(truth: Path, run: Run, file: Path, settings: ProfileSettings, size: tuple[int, ...]) -> Float:
-    """Return what is true, (Y, X), as the maps have it: planar where they are."""
+    """Return the true depth, (Y, X), of the kind that the maps hold: range, or planar depth."""
     whole = _layer(read_layers(truth), settings.layer, truth).astype(np.float64)
     if run.depth_kind == "z" and settings.layer.endswith(".depth"):
         whole = whole * planar_per_range(run.optics(file), (whole.shape[0], whole.shape[1]))

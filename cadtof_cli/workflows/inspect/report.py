@@ -29,7 +29,7 @@ _BESIDE_MAPS = 150_000
 """Bytes of a page's scripts, style and settings."""
 
 _PER_FRAME = 1_500
-"""Bytes of what a page says of each frame beside its maps."""
+"""Bytes of the texts about each frame on a page."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -114,7 +114,7 @@ class _Reader:
         return layers | ({} if first is None else {FIRST_PHASOR: first}) | status
 
     def optics(self, file: Path, /) -> Optics:
-        """Return how the pixels of a map look into the world: as the user says, or the run."""
+        """Return the optics of a map: those that the user gave, or else those of the run."""
         known, focal, point = self.run.optics(file), self.settings.focal_length_px, self.settings.principal_point_px
         return Optics(
             focal_length_px=known.focal_length_px if focal is None else focal,
@@ -150,7 +150,7 @@ class _Gathered:
 
     @property
     def depth_limits(self) -> tuple[float, float]:
-        """Between which depths the colours of the thumbnails lie, in m."""
+        """Least and largest depth of the colours of the thumbnails, in m."""
         low, high, _, _ = self.limits.known().get(DIRECT_DEPTH, (0.0, 0.0, 0.0, 0.0))
         return low, high
 

@@ -1,4 +1,4 @@
-"""What the page of a run says: its record and the lines of its frames, in words."""
+"""The texts on the page of a run: its record and the lines of its frames, in words."""
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
@@ -43,7 +43,7 @@ def page_text(
     problems: Mapping[Path, str],
     errors: Mapping[str, DepthErrors],
 ) -> PageText:
-    """Return what the page of a run says.
+    """Return the texts on the page of a run.
 
     Args:
         run: whose page it is.

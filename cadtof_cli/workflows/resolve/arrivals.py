@@ -1,4 +1,4 @@
-"""Frames that are named while a run goes on, as by what watches the folder of a camera."""
+"""Frames whose paths arrive while a run goes on, such as from a program that watches the folder of a camera."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -17,7 +17,7 @@ from cadtof_cli.workflows.resolve.use_calibration import AppliedCalibration
 
 @dataclass
 class Arrivals:
-    """What a run does with captures of which it does not know all frames beforehand.
+    """The captures of a run whose frames are not all known beforehand.
 
     Attributes:
         settings: of the run.

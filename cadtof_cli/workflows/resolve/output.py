@@ -6,13 +6,13 @@ import json
 import os
 import platform
 import re
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from cadtof_cli.capture.frames import Capture, FrameFileList, FrameSource
+from cadtof_cli.capture.frames import Capture, frame_names
 from cadtof_cli.capture.toml import FILE_NAME as CAPTURE_FILE
 from cadtof_cli.errors import OutputError
 from cadtof_cli.files.atomic import remove_partial_files, writing
@@ -42,14 +42,14 @@ _CHANGES_NO_MAP = frozenset(
         "frames",
     }
 )
-"""Arguments that may differ between a run and its resumption: what they decide is compared by what it is, not as it was typed."""
+"""Arguments that may differ when a run is resumed: what they lead to is compared, not how they were typed."""
 
 _INPUTS, _FOLDERS = "resolved_inputs", "folders of the frames"
 
 
 @contextmanager
 def locked(folder: Path, /) -> Iterator[None]:
-    """Keep every other run out of a folder.
+    """Lock a folder against other runs.
 
     A file in it carries the lock and says whose it is. The lock is the process's own, so that neither its end, however
     sudden, nor a worker that outlives it leaves the folder locked. Where the file system has no locks there is none.
@@ -83,7 +83,7 @@ def locked(folder: Path, /) -> Iterator[None]:
 
 
 def _locked_file(folder: Path, path: Path) -> int:
-    """Return the descriptor of the file, locked."""
+    """Return the descriptor of the lock file, locked."""
     while True:
         try:
             descriptor = os.open(path, OPEN_OR_CREATE_FLAGS, 0o666)
@@ -108,8 +108,8 @@ def _owner(descriptor: int) -> str:
         return "another process is writing into it"
 
 
-def frame_names(captures: Sequence[Capture], out: Path, /) -> set[str]:
-    """Return the names that maps will have.
+def require_own_places(captures: Sequence[Capture], out: Path, /) -> None:
+    """Make sure that every frame has a place for its maps.
 
     Raises:
         OutputError: the output folder is a capture's own; or two frames would be written to one file.
@@ -117,7 +117,8 @@ def frame_names(captures: Sequence[Capture], out: Path, /) -> set[str]:
     if (out / CAPTURE_FILE).exists() or real_path(out) in {real_path(capture.root) for capture in captures}:
         raise OutputError(f"{out}: the maps would be written among recorded frames; choose another folder with -o")
     names = set[str]()
-    for name in itertools.chain.from_iterable(map(_names_of, (capture.frames for capture in captures))):
+    # the names in one capture differ
+    for name in itertools.chain.from_iterable(one.frame_names() for one in captures) if len(captures) > 1 else ():
         if name in names:
             frames = (frame for capture in captures for frame in capture.frames if frame.name == name)
             first, second = (frame.paths[0] for frame in itertools.islice(frames, 2))
@@ -128,15 +129,10 @@ def frame_names(captures: Sequence[Capture], out: Path, /) -> set[str]:
                 "resolve them into folders of their own, one command each"
             )
         names.add(name)
-    return names
-
-
-def _names_of(frames: Sequence[FrameSource]) -> Iterable[str]:
-    return frames.names() if isinstance(frames, FrameFileList) else (frame.name for frame in frames)
 
 
 def prepare_output(
-    out: Path, names: Collection[str], document: Mapping[str, Any], /, *, settings: ResolveSettings, arriving: bool
+    out: Path, captures: Sequence[Capture], document: Mapping[str, Any], /, *, settings: ResolveSettings, arriving: bool
 ) -> bool:
     """Prepare the run's folder, whose lock is held, without losing files; return whether this run continues an earlier one.
 
@@ -153,19 +149,19 @@ def prepare_output(
             (out / FRAMES_FILE).unlink(missing_ok=True)
             sync_folder(out)
     elif settings.resume:
-        there = _existing_outputs(out, names)
+        there = _existing_outputs(out, captures)
         if there:
             _require_same_run(out, document, there, arriving=arriving)
     else:
-        require_nothing_replaced(out, names)
+        require_nothing_replaced(out, captures)
         return False
     remove_partial_files(out, token="*")
     return bool(there)
 
 
-def require_nothing_replaced(out: Path, names: Collection[str], /) -> None:
+def require_nothing_replaced(out: Path, captures: Sequence[Capture], /) -> None:
     """Raise OutputError where a run would replace files."""
-    if there := _existing_outputs(out, names):
+    if there := _existing_outputs(out, captures):
         raise OutputError(
             f"{out}: {_first_names(there)} would be replaced; add --overwrite to replace, --resume to go on where a run "
             "stopped, or choose another folder with -o"
@@ -176,17 +172,15 @@ def _first_names(names: Sequence[str]) -> str:
     return f"{', '.join(names[:3])}{f' and {len(names) - 3} more' if len(names) > 3 else ''}"
 
 
-def _existing_outputs(out: Path, names: Collection[str], /) -> list[str]:
+def _existing_outputs(out: Path, captures: Sequence[Capture]) -> list[str]:
     """Return the files in a run's folder that the run would replace."""
-    folders = {out / name.rpartition("/")[0] for name in names if "/" in name} | {out}
-    there = []
-    for path in (path for folder in folders if folder.is_dir() for path in folder.iterdir()):
-        file = path.relative_to(out).as_posix()
-        stem, _, suffix = file.rpartition(".")
-        is_map = suffix in MAP_FORMATS and (stem in names or re.sub(_PLACE_IN_STACK, "", stem) in names)
-        if is_map or file in {RUN_FILE, FRAMES_FILE}:
-            there.append(file)
-    return sorted(there)
+    folders = {out / name.rpartition("/")[0] for one in captures for name in one.frame_names() if "/" in name} | {out}
+    paths = (path for folder in folders if folder.is_dir() for path in folder.iterdir())
+    there = sorted(path.relative_to(out).as_posix() for path in paths)
+    maps = {file: file.rpartition(".")[0] for file in there if file.rpartition(".")[2] in MAP_FORMATS}
+    names = frame_names(captures) if maps else set()
+    replaced = {file for file, stem in maps.items() if names.intersection({stem, re.sub(_PLACE_IN_STACK, "", stem)})}
+    return [file for file in there if file in replaced or file in {RUN_FILE, FRAMES_FILE}]
 
 
 def _require_same_run(out: Path, document: Mapping[str, Any], there: Sequence[str], *, arriving: bool) -> None:
@@ -218,7 +212,7 @@ def _require_same_run(out: Path, document: Mapping[str, Any], there: Sequence[st
 
 
 def _what_decides_maps(document: Mapping[str, Any]) -> dict[str, Any]:
-    """Return what decides the maps of a run, by the names it has for a user: inputs, options, metadata, calibration."""
+    """Return all that decides the maps of a run, by names that a user knows: inputs, options, metadata, calibration."""
     captures = document["captures"]
     deciding: dict[str, Any] = {"version of cadtof": document["cadtof"]}
     deciding[_FOLDERS] = [capture.get("resolved_root") for capture in captures]

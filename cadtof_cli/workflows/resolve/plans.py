@@ -1,21 +1,21 @@
-"""What a run is going to do with each capture: made before anything is written."""
+"""What a run does with each capture: planned before anything is written."""
 
 import itertools
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from cadtof_cli.capture.discovery import find_captures, with_relative_names
 from cadtof_cli.capture.frames import Capture, FrameSource, file_size, open_frames, single_frames, typical_file
 from cadtof_cli.errors import CaptureError, FrameError, SettingsError
-from cadtof_cli.files.formats import Format, format_by_name, map_format_for
+from cadtof_cli.files.formats import map_format
 from cadtof_cli.frame_plan import FramePlan
 from cadtof_cli.phasors.noise import noise_model
 from cadtof_cli.phasors.plausible import implausible
 from cadtof_cli.phasors.voltages import volts_per_count
 from cadtof_cli.records import dataclass
 from cadtof_cli.units import counted
-from cadtof_cli.workflows.resolve.settings import AS_INPUT, ResolveSettings
+from cadtof_cli.workflows.resolve.settings import ResolveSettings
 from cadtof_cli.workflows.resolve.use_calibration import AppliedCalibration
 
 _SLOW_RUN_S = 10.0
@@ -47,25 +47,23 @@ class CapturePlan:
             frames = len(range(*settings.frames.indices(frames)))
         return -(-frames // self.plan.settings.average)
 
-    def frames(self, settings: ResolveSettings, /, *, taken: Collection[str]) -> Iterator[FrameSource]:
-        """Yield the frames that are to be resolved, a stack's one by one, under names that are not `taken`."""
+    def frames(
+        self, settings: ResolveSettings, /, *, taken: Callable[[], Collection[str]] | None = None
+    ) -> Iterator[FrameSource]:
+        """Yield the frames that are to be resolved, a stack's one by one, see `single_frames`."""
         chosen = settings.frames or slice(None)
         return itertools.islice(single_frames(self.capture, taken=taken), chosen.start, chosen.stop, chosen.step)
 
     def output(self, source: FrameSource, settings: ResolveSettings, /) -> Path:
         """Return the file that the maps of a frame are written into."""
-        return settings.out / f"{source.name}.{self._map_format(source, settings).name}"
+        return settings.out / f"{source.name}.{map_format(settings.map_format, source.paths[0]).name}"
 
     def load_map_files(self, settings: ResolveSettings, /) -> None:
         """Load the module that writes the maps of most frames, before any is to be written."""
         for source in self.capture.frames[:1]:
-            layers = self._map_format(source, settings).layers
+            layers = map_format(settings.map_format, source.paths[0]).layers
             assert layers is not None
             layers()
-
-    def _map_format(self, source: FrameSource, settings: ResolveSettings) -> Format:
-        same = settings.map_format == AS_INPUT
-        return map_format_for(source.paths[0]) if same else format_by_name(settings.map_format)
 
     def pooling_seconds(self) -> float:
         """Return about how long the pooling of one frame takes."""

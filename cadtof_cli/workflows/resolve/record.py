@@ -91,7 +91,7 @@ def recorded_arrivals(
 
 
 def _from_out(path: Path, out: Path) -> str:
-    """Return an input as it is seen from the run's folder: true after both have been moved."""
+    """Return the path of an input relative to the run's folder: still valid after both have been moved."""
     return os.path.relpath(path.absolute(), out.absolute())
 
 
@@ -160,7 +160,7 @@ class RunRecorder:
                 self._places.append(place)
 
     def _known_place(self, output: str | None) -> int | None:
-        """Return where an earlier run's line on a frame begins, by where its maps lie; None where there is none."""
+        """Return where the earlier run's line about a frame begins, by the place of its maps; None where there is none."""
         return self._before.get(_place_in(self._out, Path(output or ""))) if self._before else None
 
     def _append(self, text: bytes) -> int:
@@ -221,7 +221,7 @@ class RunRecorder:
         return line
 
     def _require_there(self) -> None:
-        """Write `frames.jsonl` anew where somebody has removed or replaced it meanwhile: what it held is still at hand."""
+        """Write `frames.jsonl` anew from the open file, where somebody has removed or replaced it meanwhile."""
         try:
             if os.path.samestat(os.lstat(self._path), os.fstat(self._lines.fileno())):
                 return

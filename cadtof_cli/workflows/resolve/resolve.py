@@ -6,9 +6,11 @@ import os
 import time
 from collections.abc import Callable, Collection, Generator, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing
+from functools import partial
 from pathlib import Path
 from typing import Any
 
+from cadtof_cli.capture.frames import Capture, frame_names
 from cadtof_cli.errors import RunStoppedError
 from cadtof_cli.execution.ordered import Outcome, WorkerDied, run_ordered
 from cadtof_cli.execution.workers import LOCAL
@@ -19,7 +21,7 @@ from cadtof_cli.workflows.progress import NO_PROGRESS, Progress
 from cadtof_cli.workflows.resolve import split_frames
 from cadtof_cli.workflows.resolve.arrivals import Arrivals, without_incomplete_frames
 from cadtof_cli.workflows.resolve.frame_task import FrameTask, resolve_file
-from cadtof_cli.workflows.resolve.output import frame_names, locked, prepare_output, require_nothing_replaced
+from cadtof_cli.workflows.resolve.output import locked, prepare_output, require_nothing_replaced, require_own_places
 from cadtof_cli.workflows.resolve.plans import CapturePlan, find_named_captures, plan_captures, slow_notes
 from cadtof_cli.workflows.resolve.record import (
     RunRecorder,
@@ -61,13 +63,13 @@ def resolve_captures(
     captures, waiting = (captures, []) if arriving is None else without_incomplete_frames(captures, inputs, settings)
     calibration = use_calibration(settings.calibration, captures) if settings.calibration else None
     plans = plan_captures(captures, settings, calibration)
-    names = frame_names(captures, settings.out)
+    require_own_places(captures, settings.out)
     if settings.dry_run:
-        return _dry_run(plans, settings, names, on_frame)
+        return _dry_run(plans, settings, captures, on_frame)
     document = run_document(inputs, overrides, settings, plans, calibration)
     make_folder(settings.out)
     with locked(settings.out):
-        resumed = prepare_output(settings.out, names, document, settings=settings, arriving=arriving is not None)
+        resumed = prepare_output(settings.out, captures, document, settings=settings, arriving=arriving is not None)
         of_calibration = calibration.notes if calibration else ()
         of_captures = (note for one in plans for note in one.notes())
         for note in (*of_captures, *of_calibration, *kernel_notes(), *slow_notes(plans, settings)):
@@ -76,7 +78,7 @@ def resolve_captures(
         try:
             run = _Run(settings, progress, on_frame, token)
             # a cluster that does not answer is found before anything is written
-            first = run.outcomes(plans, names)
+            first = run.outcomes(plans, partial(frame_names, captures))
             with recorded_run(settings.out, document, resume=resumed, say=progress.say) as run.record:
                 run.report_all(first)
                 if arriving is not None:
@@ -84,7 +86,7 @@ def resolve_captures(
                     arrivals.meet(plans)
                     for some in arrivals.plans(recorded_arrivals(arriving, document, settings.out)):
                         record_captures(document, some)
-                        run.report_all(run.outcomes(some, arrivals.sources))
+                        run.report_all(run.outcomes(some, lambda: arrivals.sources))
                 return run.finish()
         finally:
             remove_partial_files(settings.out, token=token)
@@ -93,15 +95,16 @@ def resolve_captures(
 def _dry_run(
     plans: Sequence[CapturePlan],
     settings: ResolveSettings,
-    names: Collection[str],
+    captures: Sequence[Capture],
     on_frame: Callable[[FrameReport], None],
 ) -> RunTotals:
     """Tell of every file that would be written, after the checks of a run; nothing is."""
     if not (settings.overwrite or settings.resume):
-        require_nothing_replaced(settings.out, names)
+        require_nothing_replaced(settings.out, captures)
     totals = RunTotals()
     for one in plans:
-        for source in itertools.islice(one.frames(settings, taken=names), 0, None, settings.maps.average):
+        frames = one.frames(settings, taken=partial(frame_names, captures))
+        for source in itertools.islice(frames, 0, None, settings.maps.average):
             output = one.output(source, settings)
             report = FrameReport(str(source), str(output), "ok", None, 0.0)
             if settings.resume and output.exists():
@@ -126,7 +129,7 @@ class _Run:
         self.record: RunRecorder
 
     def outcomes(
-        self, plans: Sequence[CapturePlan], taken: Collection[str]
+        self, plans: Sequence[CapturePlan], taken: Callable[[], Collection[str]]
     ) -> Generator[Outcome[FrameTask, FrameReport], None, None]:
         """Return a generator of what becomes of the frames of some captures; a cluster that is meant to do it is connected to."""
         expected, workers = [one.expected_maps(self._settings) for one in plans], self._settings.workers
@@ -182,7 +185,7 @@ class _Run:
         return self._totals
 
     def _tasks(
-        self, plans: Sequence[CapturePlan], expected: Sequence[int], taken: Collection[str]
+        self, plans: Sequence[CapturePlan], expected: Sequence[int], taken: Callable[[], Collection[str]]
     ) -> Iterator[FrameTask]:
         """Yield tasks, so many of each plan as far as is known; they are drawn as places for them come free."""
         settings = self._settings

@@ -5,11 +5,9 @@ from pathlib import Path
 
 from cadtof_cli.errors import SettingsError
 from cadtof_cli.execution.workers import Workers
-from cadtof_cli.files.formats import MAP_FORMATS
+from cadtof_cli.files.formats import AS_INPUT, MAP_FORMATS
 from cadtof_cli.frame_plan import MapSettings
 from cadtof_cli.records import dataclass
-
-AS_INPUT = "same"
 
 FORMAT_CHOICES = (*MAP_FORMATS, AS_INPUT)
 

@@ -29,7 +29,7 @@ class PathSummary:
 
 @dataclass(frozen=True)
 class TrialsSummary:
-    """What all runs of a condition say together.
+    """Statistics of all runs of a condition.
 
     Attributes:
         paths: two or more: the direct path, then those of the MPI in falling strength.
@@ -61,7 +61,7 @@ class TrialsSummary:
 
 
 def summary(trials: Trials, runs: Recordings, /) -> TrialsSummary:
-    """Return what all runs say."""
+    """Return the statistics of all runs."""
     condition, modulation = trials.condition, trials.model.modulation
     mix = condition.mix(trials.period_ns).jittered(trials.model.jitter_ns)
     bounds = time_bounds_ns(mix, modulation, variance_gain=averaging_gain(noise_length(trials.model)))

@@ -1,4 +1,4 @@
-"""Simulate a pixel at one condition: many runs, what they say together, and pictures of one recording."""
+"""Simulate a pixel at one condition: many runs, their statistics, and pictures of one recording."""
 
 import csv
 import json

@@ -1,11 +1,11 @@
 """Simulate a grid of conditions, and lay the results out as a table and as pictures."""
 
 import csv
+import io
 import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import TextIO
 
 from cadtof_cli.errors import OutputError
 from cadtof_cli.execution.workers import ALONE, Workers
@@ -59,7 +59,7 @@ class SweepSettings:
 
 @dataclass(frozen=True)
 class SweepCell:
-    """One condition of a sweep and what its runs say."""
+    """One condition of a sweep, and the statistics of its runs."""
 
     trials: Trials
     outcome: TrialsSummary
@@ -118,19 +118,21 @@ def rows(cells: Iterable[SweepCell], /) -> Iterator[dict[str, float]]:
         }
 
 
-def write_table(cells: list[SweepCell], file: TextIO, /) -> None:
-    """Write the table as CSV, seven digits each."""
-    writer, names = csv.writer(file, lineterminator="\n"), columns(cells)
+def table_text(cells: list[SweepCell], /) -> str:
+    """Return the table as CSV, seven digits each."""
+    names, table = columns(cells), io.StringIO()
+    writer = csv.writer(table, lineterminator="\n")
     writer.writerow(names)
     for row in rows(cells):
         writer.writerow(["" if math.isnan(row[name]) else f"{row[name]:.7g}" for name in names])
+    return table.getvalue()
 
 
 def write_table_file(cells: list[SweepCell], path: Path, /) -> None:
     """Write the table to a new file; raises OutputError where one is, or where it cannot be written."""
     try:
         with path.open("x", newline="", encoding="utf-8") as file:
-            write_table(cells, file)
+            file.write(table_text(cells))
     except FileExistsError as error:
         raise OutputError(f"{path}: found a file, expected nothing there; choose another OUT or remove it") from error
     except OSError as error:

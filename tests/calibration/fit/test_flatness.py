@@ -16,6 +16,29 @@ def test_a_block_has_the_median_of_its_pixels() -> None:
     assert block_medians(values[1:], where).size == 12 * 18 - 1  # three pixels are not enough
 
 
+@pytest.mark.parametrize(("shorter", "side"), [(24, 2), (25, 3), (12, 2), (120, 10), (121, 11)])
+def test_the_shorter_side_has_twelve_blocks_as_far_as_it_has_pixels(shorter: int, side: int) -> None:
+    """Values that are the column's number: medians repeat as often as there are rows of blocks."""
+    where = np.ones((shorter, 132), np.bool_)
+    values = np.broadcast_to(np.arange(132.0), where.shape).ravel()
+    medians = block_medians(values, where)
+    columns = sorted({float(median) for median in medians})
+    assert columns[1] - columns[0] == side
+    # the last row of blocks counts where it has four pixels a block
+    assert medians.size // len(columns) in {shorter // side, -(-shorter // side)}
+
+
+def test_what_noise_makes_of_medians_is_taken_off_and_three_times_what_it_scatters_by() -> None:
+    """A shape as large as the noise of the medians, in 144 blocks of 100: π/2 times the variance of a mean."""
+    noise = np.pi / 2 / 100
+    shape = np.sqrt(noise) * np.where(np.arange(120) // 10 % 2, 1.0, -1.0)
+    squares = []
+    for seed in range(60):
+        values = shape + np.random.default_rng(seed).normal(size=(120, 120))
+        squares.append(shape_rms(values.ravel(), np.ones((120, 120), np.bool_)) ** 2)
+    assert np.mean(squares) / noise == pytest.approx(1.0 - 3.0 * np.sqrt(2.0 / 144), abs=0.08)
+
+
 def test_a_shape_stays_and_noise_goes() -> None:
     rng = np.random.default_rng(4)
     where = rng.random((240, 320)) < 0.9

@@ -116,3 +116,43 @@ def test_a_fundamental_without_any_signal_foretells_nothing() -> None:
     seen = _seen(volts)
     assert (seen.law, seen.level) == (0.0, 0.0)
     assert not seen.is_lit
+
+
+@pytest.mark.parametrize(("height", "chance"), [(60, 0.1), (240, 0.05)])
+def test_light_alone_is_foretold_wholly(height: int, chance: float) -> None:
+    """What chance reaches is a twentieth, and six over the rows where these are few."""
+    y, x = np.mgrid[:height, : height * 4 // 3] / height
+    seen = _seen(_light(0.09, np.asarray(1.0 + 1.3 * x**2 - 0.4 * y), (1, 2, 3)), (1, 2, 3))
+    assert seen.law == pytest.approx(1.0 / chance, rel=1e-6)
+
+
+@pytest.mark.parametrize(("deviations", "asked"), [(5.8, True), (6.2, False), (-5.8, True), (-6.2, False)])
+def test_pixels_up_to_six_deviations_from_the_others_are_asked(deviations: float, asked: bool) -> None:
+    """Of two hundred, half of them a millivolt off to either side; without the one there are too few."""
+    volts = np.full((2, 2, HEIGHT, WIDTH), np.nan)
+    flat = volts.reshape(2, 2, -1)
+    flat[:, :, :200] = 0.02 + 0.001 * np.where(np.arange(200) % 2, 1.0, -1.0)
+    flat[1, 0, 7 if deviations > 0 else 6] = 0.02 + deviations * 0.001 / 0.6744897501960817
+    assert (_seen(volts).level > 0.0) is asked
+
+
+@pytest.mark.parametrize(("height", "width"), [(35, 35), (34, 60)])
+def test_where_blocks_are_fewer_than_fifty_pixels_alone_are_asked_for_the_law(height: int, width: int) -> None:
+    """Light of a third of the pixels' own offsets: 7 × 7 blocks of 5 × 5 pixels would tell it, but are 49."""
+    y, x = np.mgrid[:height, :width] / 35.0
+    light = _light(0.05, np.asarray(1.0 + 1.6 * x**2 - 0.5 * y))
+    offsets = np.random.default_rng(9).normal(scale=0.05, size=(2, 2, height, width))
+    blocks = height // 5 * (width // 5)
+    assert (blocks >= 50) is (width == 60)
+    assert _seen(light + offsets).follows_law is False
+
+
+def test_offsets_that_most_pixels_share_to_the_bit_are_held_against_single_precision() -> None:
+    """Of 210 pixels 150 hold the same; the others differ in the last bits of a float, six of which are no outlier."""
+    volts = np.full((2, 2, HEIGHT, WIDTH), np.nan)
+    flat = volts.reshape(2, 2, -1)
+    flat[:, :, :210] = 0.02
+    flat[0, 0, 150:210] += 5.5 * 2.0**-23
+    assert _seen(volts).level > 0.0
+    flat[0, 0, 150:210] += 1.0 * 2.0**-23
+    assert _seen(volts).level == 0.0

@@ -45,7 +45,7 @@ def fitted(*walls: WallRanges, optics: Optics = OPTICS) -> PetzvalCalibration:
         periods_ns=(40.0, 20.0),
         waveform="sine",
     )
-    return fit_petzval(walls, optics=optics, unambiguous_m=RANGE_M, origin=origin)
+    return fit_petzval(walls, optics=optics, origin=origin)
 
 
 def deviations(found: PetzvalCalibration) -> tuple[float, float]:

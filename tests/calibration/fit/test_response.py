@@ -143,15 +143,20 @@ def noiseless(
     dim: int = 0,
     distances_m: tuple[float, ...] = (0.7, 1.4, 2.4),
     term: tuple[int, complex] = (1, 0j),
+    off_m: tuple[int, np.ndarray] | None = None,
 ) -> ResponseCalibration:
-    """Return the response of targets that fill 12 × 16 pixels, made by hand; `dim` of the pixels see nothing."""
+    """Return the response of targets that fill 12 × 16 pixels, made by hand.
+
+    `dim` of the pixels see nothing; `off_m` is which target is how much nearer or farther than thought, by pixel.
+    """
     shape = (12, 16)
     metadata = CaptureMetadata(optics=Optics(focal_length_px=14.0))
     y, x = np.mgrid[: shape[0], : shape[1]]
     stretch = np.sqrt(1 + ((x - 7.5) / 14.0) ** 2 + ((y - 5.5) / 14.0) ** 2)
     targets = []
     for index, d in enumerate(distances_m):
-        delay = 2 * np.pi / 40.0 * 2 / 0.299792458 * d * stretch
+        wrong = off_m[1] if off_m is not None and off_m[0] == index else 0.0
+        delay = 2 * np.pi / 40.0 * 2 / 0.299792458 * (d * stretch + wrong)
         planes = []
         for h in (1, 2):
             pulse = np.exp(-((h * 2 * np.pi * 1.7 / 2.354820045 / 40.0) ** 2) / 2)
@@ -162,7 +167,8 @@ def noiseless(
         volts = np.stack(planes)
         volts.reshape(2, -1)[:, blind(dim)] = 1e-5
         targets.append(TargetMean(volts, np.full(2, 1e-5), d))
-    origin = Origin(captures=("t",), frames=30, pixels=shape, periods_ns=(40.0, 20.0), waveform="sine")
+    captures = tuple(f"target {index}" for index in range(len(targets)))
+    origin = Origin(captures=captures, frames=30, pixels=shape, periods_ns=(40.0, 20.0), waveform="sine")
     return fit_response(targets, metadata=metadata, origin=origin)
 
 
@@ -216,3 +222,59 @@ def test_every_order_that_is_tried_is_found_where_it_is(k: int) -> None:
         assert dict(one.terms)[k] / one.main == pytest.approx(value, abs=1e-4)
         assert all(abs(g / one.main) < 1e-4 for order, g in one.terms if order not in {1, k})
     assert any(text.startswith(f"k = {k:+d}: taken, 0.02236 ± ") for text in found.quality.findings)
+
+
+RAD_PER_M = 2 * np.pi / 40.0 * 2 / 0.299792458
+
+ACROSS, DOWN = np.broadcast_arrays((np.arange(16) - 7.5) / 16, ((np.arange(12) - 5.5) / 16)[:, np.newaxis])
+"""Places in the array, in lengths of its longer side."""
+
+CHEQUERED = np.where((np.arange(16) // 2 + (np.arange(12) // 2)[:, np.newaxis]) % 2, 1.0, -1.0)
+"""Blocks of 2 × 2 pixels that turn about: the smallest shape that is looked for."""
+
+
+@pytest.mark.parametrize(
+    ("right_m", "down_m", "refused"), [(0.095, 0.0, False), (0.0, -0.105, True), (0.08, 0.07, True)]
+)
+def test_targets_that_lean_by_more_than_ten_centimetres_are_refused(
+    right_m: float, down_m: float, refused: bool
+) -> None:
+    """From one side of the array to the other, over its longer side: what all targets have in common."""
+    own = RAD_PER_M * (right_m * ACROSS + down_m * DOWN)
+    if refused:
+        lean = round(1000 * float(np.hypot(right_m, down_m)))
+        with pytest.raises(
+            SettingsError, match=f"sees the targets {lean} mm nearer than the other, expected 100 mm at most"
+        ):
+            noiseless(own=own)
+    else:
+        assert noiseless(own=own).phase_rad.std() > 0.01
+
+
+@pytest.mark.parametrize(("size_m", "refused"), [(0.029, False), (0.032, True)])
+def test_targets_with_a_shape_of_more_than_three_centimetres_are_refused(size_m: float, refused: bool) -> None:
+    own = RAD_PER_M * size_m * CHEQUERED
+    if refused:
+        with pytest.raises(SettingsError, match="depart from a wall by 32 mm, expected 30 mm at most"):
+            noiseless(own=own)
+    else:
+        assert noiseless(own=own).phase_rad.std() > 0.01
+
+
+@pytest.mark.parametrize(("left_m", "refused"), [(0.0095, False), (0.0106, True)])
+@pytest.mark.parametrize("target", [0, 2])
+def test_a_target_more_than_a_centimetre_unlike_the_others_is_refused(
+    target: int, left_m: float, refused: bool
+) -> None:
+    """The mean of the targets goes to the pixels, by their powers, here 1, 1/4 and 1/9; the rest is the target's own."""
+    powers = np.array([1.0, 1 / 4, 1 / 9])
+    mean = powers[target] / powers.sum()
+    off_m = left_m / max(mean if target == 0 else 0.0, 1.0 - mean) * CHEQUERED
+    if refused:
+        worst = 0 if target == 0 and mean < 0.5 else target
+        with pytest.raises(
+            SettingsError, match=rf"^target {worst if target else '[12]'}: .* by 11 mm, expected 10 mm at most"
+        ):
+            noiseless(off_m=(target, off_m))
+    else:
+        noiseless(off_m=(target, off_m))

@@ -187,6 +187,22 @@ def test_a_pixel_listens_to_patches_as_far_as_itself_by_the_lag_that_they_say(of
     assert_allclose(found.direct_phase_rad * M_PER_RAD, at_m - offset_m, atol=0.02)
 
 
+def test_a_pixel_is_as_far_as_its_phase_says_without_the_lag_of_its_patches() -> None:
+    """Patches at 1 m left and at 2.9 m right, all with a lag of 2 rad, which is 1.9 m of range; their shrinkage tells which
+    of them a pixel at 1 m took for its own."""
+    grid = model().upsampler.grid
+    near = np.arange(grid.columns) < grid.columns // 2
+    every = np.ones((grid.rows, 1))
+    mean = np.concatenate([np.zeros((DATA, grid.rows, grid.columns)), np.full((2, grid.rows, grid.columns), 2.0)])
+    mean[DATA] = np.where(near, 0.1, 0.7) * every
+    tail = model(mean=mean, range_m=np.where(near, 1.0, 2.9) * every, covariance=1e-6 * np.eye(DATA + 2))
+    column = np.arange(PIXELS) % SHAPE[1]
+    left = column < grid.columns // 2 * grid.side
+    phase = np.where(left, 1.0, 2.9) / M_PER_RAD + 2.0
+    found = answered(np.stack([0.3 * np.exp(1j * h * phase) for h in HARMONICS]), tail)
+    assert_allclose(found.direct_amplitude, 0.3 * np.exp(-np.where(left, 0.1, 0.7)), rtol=0.01)
+
+
 def test_directs_are_within_a_turn_and_mpi_within_one_behind() -> None:
     found = answered(light(seed=9), model())
     assert ((found.direct_phase_rad >= 0.0) & (found.direct_phase_rad < 2.0 * np.pi)).all()

@@ -195,3 +195,19 @@ def test_grazing_surfaces_are_taken_for_less_so() -> None:
     planes = patch_planes(cut.samples(depth) / cut.cosine, np.ones(cut.cosine.shape, bool), cut)
     assert planes.surfaces.cosine.min() == 0.08
     assert y.shape == x.shape
+
+
+def test_pieces_whose_way_does_not_meet_the_plane_of_the_border_are_left_out() -> None:
+    """A wall that goes back to the right, z = 2 + 4·x: beyond x = z/4 nobody sees it, and a grazing ray counts as none."""
+    cut = patch_grid(120, 160, View(400.0, (79.5, 59.5)))
+    normal = np.zeros_like(cut.ray)
+    normal[0], normal[2] = 4.0 / np.sqrt(17.0), -1.0 / np.sqrt(17.0)
+    range_m = 2.0 / np.maximum(cut.ray[2] - 4.0 * cut.ray[0], 0.1)
+    wall = Surfaces(range_m, normal, cut.ray, -(normal * cut.ray).sum(0), np.ones(cut.ray.shape[1:]))
+    found = surfaces_beyond(wall, np.ones(cut.ray.shape[1:], bool), cut)
+    assert (found.cosine > 0.08).all()
+    point = found.ray * found.range_m
+    np.testing.assert_allclose(point[2] - 4.0 * point[0], 2.0, rtol=1e-6)
+    assert (found.ray[0] / found.ray[2] < 0.25).all()
+    assert (found.ray[0] < 0).any()
+    assert (found.ray[0] / found.ray[2] > 0.12).any()

@@ -343,3 +343,14 @@ def test_where_a_harmonic_was_not_recorded_a_tail_that_is_asked_for_is_as_unsure
     got = predicted(p, found)
     assert got.answered.all()
     assert median_error(got.direct_phase_rad, wall) < np.median(got.direct_sigma_rad) * M_PER_RAD
+
+
+@pytest.mark.parametrize(("lit", "patches"), [(6, 0), (7, 300)])
+def test_a_patch_counts_by_the_share_of_its_own_samples(lit: int, patches: int) -> None:
+    """Of 120 × 160 pixels it has 64; a tenth of them makes it count, whatever number of patches stands side by side."""
+    usable = np.zeros((15, 8, 20, 8), bool)
+    usable[:, 0, :, :lit] = True
+    p = phasors_of(wall_range(120, 160, 150.0), tail_of(Tail(0.3, 3.0, 8.0)))
+    found = model_of(p, usable=usable.reshape(120, 160), focal_px=150.0)
+    assert isinstance(found, DiffuseChoice)
+    assert (found.reason, found.patches) == ("few patches with light", patches)

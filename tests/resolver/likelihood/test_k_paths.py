@@ -150,3 +150,22 @@ def test_chi_squared_says_where_two_paths_are_too_few() -> None:
     left = resolved(np.concatenate((three, two), axis=1), (1, 2, 3, 4), 1e6).chi_squared
     assert left[0] > 100.0
     assert left[1] < 1e-6
+
+
+@pytest.mark.parametrize("harmonics", [(1, 2, 3), (1, 2, 4)])
+def test_harmonics_of_one_path_fall_off_by_a_deviate_of_unit_variance(harmonics: tuple[int, ...]) -> None:
+    """Squared, with its sign: as often up as down, a mean of 1 and a median of .455 without it; two close paths fall off."""
+    noise, rng = noise_of(harmonics, n_av=1e5), np.random.default_rng(11)
+
+    def fall_off(problem: Mixture) -> F:
+        drawn = problem.phasors(harmonics, n_av=1e5, size=2 * RUNS, rng=rng)
+        measured = Measured.of_phasors(drawn, harmonics=harmonics)
+        found = most_likely(measured, found_paths(measured, 1, noise=noise)[0], noise=noise).fall_off
+        assert found is not None
+        return found
+
+    alone = fall_off(Mixture((1.0,), (5.0,), asr=3.0))
+    assert np.abs(alone).mean() == pytest.approx(1.0, abs=0.06)
+    assert np.median(np.abs(alone)) == pytest.approx(0.455, abs=0.05)
+    assert (alone > 0.0).mean() == pytest.approx(0.5, abs=0.03)
+    assert (fall_off(Mixture((1.0, 1.0), (5.0, 8.0), asr=3.0)) > 0.0).mean() > 0.95

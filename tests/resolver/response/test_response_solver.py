@@ -44,6 +44,26 @@ def test_tables_are_the_series() -> None:
         np.testing.assert_allclose(found.re + 1j * found.im, expected, atol=3e-6)
 
 
+@pytest.mark.parametrize("stretch", [slice(0, 7), slice(3, 9), slice(5, 6)])
+def test_a_block_of_pixels_has_the_phases_of_these_pixels(stretch: slice) -> None:
+    own = np.random.default_rng(1).uniform(-1.0, 1.0, (2, 9))
+    responses = ideal_response(CaptureMetadata(modulation=Modulation(waveform="triangle")))
+    model = response_model(responses, own)
+    assert model is not None
+    block = model.block(stretch)
+    phasors = np.full((2, own[:, stretch].shape[1]), 0.3 + 0.0j)
+    for row, (re, im) in enumerate(block.observed(phasors)):
+        np.testing.assert_allclose(re + 1j * im, 0.3 * np.exp(1j * own[row, stretch]), rtol=1e-6)
+        back = block.turned_back(row, re, im)
+        np.testing.assert_allclose(back[0] + 1j * back[1], 0.3, atol=1e-7)
+        theta = block.theta(row, np.full(re.shape, 0.5, np.float32), slice(None))
+        np.testing.assert_allclose(theta, 0.5 * (row + 1) + own[row, stretch], rtol=1e-5)
+    bare = response_model(responses, None)
+    assert bare is not None
+    (re, im), _ = bare.block(stretch).observed(phasors)
+    np.testing.assert_allclose(re + 1j * im, 0.3)
+
+
 def test_a_response_of_main_and_mirror_leaves_nothing_to_refine() -> None:
     responses = [HarmonicResponse(h, ((1, 0.9 + 0.1j), (-1, 0.02j))) for h in (1, 2)]
     assert response_model(responses, None) is None

@@ -4,6 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from cadtof_cli.resolver.two_path import closed_form
 from cadtof_cli.resolver.two_path.closed_form import TwoPaths, fundamental_frame, is_single, two_paths
 
 C = NDArray[np.complex128]
@@ -62,6 +63,28 @@ def test_the_sum_of_amplitudes_is_minus_the_least_eigenvalue_of_the_toeplitz_mat
     toeplitz: C = np.moveaxis(np.array(rows), 2, 0)
     paths = solve(p1, p2)
     np.testing.assert_allclose(paths.a + paths.b, -np.linalg.eigvalsh(toeplitz)[:, 0], rtol=1e-12)
+
+
+@pytest.mark.parametrize(("steps", "error"), [(0, 0.0851), (1, 8e-5), (2, 2e-15)])
+def test_the_cubic_is_solved_as_fast_as_it_says_for_every_direction_and_strength(
+    steps: int, error: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Roots of f = H³ + 3uH² + (2u·Re d − |d|²)H − u|d|² are H of u and Re d, by bisection; d has the modulus 1."""
+    along = np.linspace(-1.0, 1.0, 101)[:, np.newaxis].repeat(201, axis=1).ravel()
+    u = np.tile(np.geomspace(1e-6, 1e6, 201), 101)
+    monkeypatch.setattr(closed_form, "EXCESS_STEPS", steps)
+    p2 = u - along + 1j * np.sqrt(1.0 - along * along)
+    with np.errstate(all="ignore"):
+        paths = two_paths(fundamental_frame(u.astype(np.complex128), p2))
+    low, high = np.zeros(u.size), np.ones(u.size)
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        below = ((middle + 3 * u) * middle + 2 * u * along - 1) * middle < u
+        low, high = np.where(below, middle, low), np.where(below, high, middle)
+    sum_of_amplitudes = paths.a + paths.b
+    assert (np.abs(sum_of_amplitudes - (u + low)) <= error * low + 1e-15 * u).all()
+    if steps < 2:
+        assert (np.abs(sum_of_amplitudes - (u + low)) > 0.8 * error * low).any()
 
 
 @settings(max_examples=300, deadline=None)

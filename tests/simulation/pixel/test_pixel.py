@@ -245,3 +245,14 @@ def test_switched_stages_have_no_trace_and_no_dead_time() -> None:
         PixelModel(averaging=switched, dead_time_ns=1.0)
     with pytest.raises(SettingsError, match="evolution of voltages"):
         trace_pixel(PixelModel(averaging=switched), mix(), np.random.default_rng(0), harmonic=1)
+
+
+def test_a_trace_with_a_dead_time_is_that_of_the_photons_that_are_seen() -> None:
+    """Two photons a cycle from one path, the SPAD blind for half of it: every second is lost, the phase stays."""
+    light = Condition(asr=0.0, mpi_ratio=0.0, direct_ns=10.0, second_ns=17.0).mix(40.0)
+    pixel = model(50.0, cycles=400, photons_per_cycle=2, dead_time_ns=20.0)
+    times_ns, voltages_v = trace_pixel(pixel, light, np.random.default_rng(1), harmonic=1)
+    assert times_ns.size == 400
+    assert np.abs(times_ns - 10.0).max() < 4.0
+    assert voltages_v.shape == (2, 400)
+    assert voltages_v[1, -1] == pytest.approx(AMPLITUDE_V, rel=0.05)

@@ -83,6 +83,17 @@ def test_confidence_of_one_path_follows_the_analytical_model() -> None:
         assert confidence == pytest.approx(0.2746 * first / (1 + asr), rel=1e-12)
 
 
+@pytest.mark.parametrize("direct_ns", [0.0, 3.7, 10.0, 28.0])
+def test_confidence_is_the_length_of_the_mean_whatever_its_phase(direct_ns: float) -> None:
+    """Both channels make it: of light at 10 ns SC1 shows next to nothing, at 0 SC2."""
+    light = replace(paper_mix(2.0), delays_ns=np.array([direct_ns, direct_ns + 6.0]))
+    means = voltage_statistics(light, Modulation(), variance_gain=1e-6).means_v[0]
+    length = math.sqrt(means[0] ** 2 + means[1] ** 2)
+    assert float(confidence_model_v(light, Modulation())) == pytest.approx(length, rel=1e-12)
+    shift = replace(light, delays_ns=light.delays_ns + 5.0)
+    assert float(confidence_model_v(shift, Modulation())) == pytest.approx(length, rel=1e-12)
+
+
 def test_phase_precision_of_a_short_pulse_is_the_published_root() -> None:
     for asr in (0.5, 2.0, 6.0):
         expected = math.sqrt(asr * (1 + asr) / (2 * (2 * 4000 - 1)))

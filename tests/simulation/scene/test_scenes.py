@@ -1,6 +1,7 @@
 """Scenes against geometry done by hand, and against each other's ways of integrating."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -248,6 +249,16 @@ def test_a_pixel_that_sees_nothing_has_no_truth() -> None:
         (lambda: InterReflection(wall_m=3.0), "wall: found 3 m, expected more than 3.35 m"),
         (lambda: Camera(width=0), "width: found 0 pixels"),
         (lambda: Camera(bits=20), "converter: found 20 bits, expected 1 to 16 bits"),
+        (lambda: Camera(bits=0), "converter: found 0 bits"),
+        (lambda: Camera(height=16385), "height: found 16385 pixels, expected 1 to 16384"),
+        (lambda: Camera(focal_length_px=0.9), "focal length: found 0.9 px, expected 1 px or more"),
+        (lambda: Camera(petzval_m=(0.0, math.nan)), "Petzval curvature: found"),
+        (lambda: Camera(volts_per_count=0.0), "volts a count: found 0.0, expected a value above 0"),
+        (lambda: Camera(volts_per_count=math.inf), "volts a count: found inf"),
+        (lambda: Camera(dark_offset_v=-0.01), "dark offsets: found -0.01 V, expected 0 V or more"),
+        (lambda: Camera(dark_offset_v=math.nan), "dark offsets: found nan V"),
+        (lambda: Camera(fixed_delay_ns=-0.01), "fixed pattern: found -0.01 ns, expected 0 ns or more"),
+        (lambda: Camera(fixed_delay_ns=math.inf), "fixed pattern: found inf ns"),
     ],
 )
 def test_impossible_scenes_are_refused(make: object, message: str) -> None:
@@ -299,3 +310,40 @@ def test_a_tilted_wall_gets_less_light_by_the_cosine_of_incidence(tilt_deg: tupl
     range_m = 2.0 * length / (1.0 + slope_x * x + slope_y * y)
     cosine = (normal[0] * x + normal[1] * y + normal[2] * z) / length
     np.testing.assert_allclose(light.photons[0], 4.0 * cosine / range_m**2, rtol=1e-9)
+
+
+def test_what_is_just_possible_of_a_camera_is_taken() -> None:
+    least = Camera(width=1, height=1, focal_length_px=1.0, bits=1, volts_per_count=1e-12)
+    assert least.voltage.saturated_counts == (0.0, 1.0)
+    assert Camera(width=16384, height=16384, bits=16).voltage.saturated_counts == (0.0, 65535.0)
+
+
+def test_ways_that_carry_nothing_have_no_length() -> None:
+    """A reflector that faces away from the target, and directions that miss it."""
+    target = Surface(origin_m=(0.0, 0.0, 2.0), across=(1.0, 0.0, 0.0), along=(0.0, 1.0, 0.0), albedo=0.5)
+    aside = Surface(
+        origin_m=(1.0, 0.0, 3.0),
+        across=(1.0, 0.0, 0.0),
+        along=(0.0, 1.0, 0.0),
+        extents_m=(-0.5, 0.5, -0.5, 0.5),
+        albedo=0.5,
+    )
+    seen = hits((target,), np.array([0.0, 0.0, 1.0]).reshape(3, 1, 1))
+    for bounce in (bounce_by_patches(seen, aside, count=4), bounce_by_directions(seen, aside, count=50)):
+        assert (bounce.irradiance == 0.0).all()
+        assert (bounce.lengths_m == 0.0).all()
+
+
+@pytest.mark.parametrize("photons", [1e-3, 1.0, 250.0])
+def test_truth_amplitudes_do_not_depend_on_how_many_photons_there_are(photons: float) -> None:
+    light = Card(asr=2.0).light(CAMERA, ALL_ROWS)
+    few = replace(light, photons=photons * light.photons, ambient=photons * light.ambient).truth(0.2746)
+    for name, plane in light.truth(0.2746).items():
+        np.testing.assert_allclose(few[name], plane, rtol=1e-12, err_msg=name)
+
+
+@pytest.mark.parametrize(("height", "clean"), [(48, 8), (50, 8), (3, 0), (4, 1), (9, 2)])
+def test_the_upper_sixth_of_a_card_is_clean_to_the_nearest_row(height: int, clean: int) -> None:
+    ratio = Card(clean_share=1 / 6).light(Camera(width=4, height=height), slice(None)).truth(1.0)["mpi.ratio"]
+    assert (ratio[:clean] == 0.0).all()
+    assert (ratio[clean:] > 0.0).all()

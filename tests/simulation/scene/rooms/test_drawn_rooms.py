@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from cadtof_cli.errors import SettingsError
 from cadtof_cli.simulation.scene.camera import Camera
 from cadtof_cli.simulation.scene.rooms.cornell import CornellBox
 from cadtof_cli.simulation.scene.rooms.placed import Room
@@ -95,3 +96,12 @@ def test_cornell_s_box_is_lit_from_the_camera() -> None:
     camera = Camera(width=24, height=18)
     direct = CornellBox(light_paths=1).light(camera, slice(4, 5)).photons[0, 0]
     assert_allclose(direct[8:12], direct[12:16][::-1], rtol=1e-4)
+
+
+def test_a_room_that_has_no_place_for_its_furniture_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It is drawn again and again, but not for ever."""
+    kind = random_room(2003, furniture=12).summary.split(" of ")[0]
+    monkeypatch.setattr("cadtof_cli.simulation.scene.rooms.random_rooms.TRIES", 0)
+    message = f"furniture: found 12 pieces, expected few enough that the {kind} of seed 2003 holds them"
+    with pytest.raises(SettingsError, match=message):
+        random_room(2003, furniture=12)

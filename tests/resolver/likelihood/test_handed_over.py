@@ -1,0 +1,125 @@
+"""What the compiled search, weights and scans are asked for: the problem as it is; and what they answer is what comes out."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cadtof_cli.arrays import Float
+from cadtof_cli.resolver.likelihood import levenberg_marquardt, mixture, starts
+from cadtof_cli.resolver.likelihood.compiled import Ends, Planes, Scanned
+from cadtof_cli.resolver.likelihood.levenberg_marquardt import LevenbergMarquardt, Problem
+from cadtof_cli.resolver.likelihood.mixture import Measured, Mixture, WeightedFit, WhiteFit
+from cadtof_cli.resolver.paper.equation_9 import EliminatedPath
+from cadtof_cli.resolver.two_path.kernel import NUMPY
+from tests.support.mixtures import noise_of
+
+HARMONICS, COUNT, ELSEWHERE = (1, 2, 4), 5, "elsewhere"
+
+SOLVER = LevenbergMarquardt(max_steps=17, relative=0.02, absolute=0.3, first_damping=0.005)
+
+
+class Twin:
+    """Stands for what is compiled: notes what it is asked, and gives one answer."""
+
+    def __init__(self, answer: Any) -> None:
+        self.asked: tuple[tuple[Any, ...], dict[str, Any]] = (), {}
+        self._answer = answer
+
+    def __call__(self, *given: Any, **options: Any) -> Any:
+        self.asked = given, options
+        return self._answer
+
+
+def measured() -> Measured:
+    re, im = 0.1 * np.random.default_rng(1).normal(size=(2, len(HARMONICS), COUNT))
+    return Measured(HARMONICS, re, im)
+
+
+def paths() -> Mixture:
+    phase = np.array([[0.5], [2.0]]) + np.linspace(0.0, 1.0, COUNT)
+    return Mixture(np.full((2, COUNT), 0.2), np.cos(phase), np.sin(phase))
+
+
+def problems() -> dict[str, tuple[Problem, Float, Planes]]:
+    """Every kind of problem with its starts, and what there is to hand over: kind, paths, harmonics, phasors, weights."""
+    seen, light = measured(), paths()
+    white = np.array([3.0, 2.0, 1.0])
+    weighted = WeightedFit.around(seen, light, noise=noise_of(HARMONICS, n_av=1e4), kernel=NUMPY)
+    right = tuple(zip(seen.re, seen.im, strict=True))
+    return {
+        "white": (WhiteFit(seen, (3.0, 2.0, 1.0)), light.points, Planes(0, 2, HARMONICS, seen.re, seen.im, white)),
+        "weighted": (weighted, light.points, Planes(1, 2, HARMONICS, seen.re, seen.im, weighted.weights)),
+        "shares": (EliminatedPath(HARMONICS, right), light.points[2:4], Planes(2, 1, HARMONICS, seen.re, seen.im)),
+    }
+
+
+@pytest.mark.parametrize("kind", ["white", "weighted", "shares"])
+def test_a_search_is_handed_over_as_it_is(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    problem, begin, planes = problems()[kind]
+    ends = Ends(begin + 1.0, np.ones(COUNT), np.ones((3, COUNT)), np.ones(COUNT, bool), np.arange(COUNT))
+    twin = Twin(ends)
+    monkeypatch.setattr(levenberg_marquardt, "compiled_ends", twin)
+    samples = np.linspace(1.0, 3.0, COUNT)
+    found = SOLVER.solve(problem, begin, samples=samples, kernel=ELSEWHERE)
+    (given, came_from), options = twin.asked
+    assert (given.kind, given.paths, given.harmonics) == (planes.kind, planes.paths, planes.harmonics)
+    for ours, theirs in ((given.re, planes.re), (given.im, planes.im), (came_from, begin)):
+        np.testing.assert_array_equal(ours, theirs)
+    assert (given.weights is None) is (planes.weights is None)
+    np.testing.assert_array_equal(given.weights, planes.weights)
+    np.testing.assert_allclose(options.pop("worth"), 0.3 / samples)
+    assert options == {"most_steps": 17, "relative": 0.02, "first_damping": 0.005, "kernel": ELSEWHERE}
+    assert found.points is ends.points
+    assert found.cost is ends.cost
+    assert found.matrix is ends.matrix
+    assert found.converged is ends.converged
+    assert found.steps is ends.steps
+
+
+@pytest.mark.parametrize("kind", ["white", "weighted", "shares"])
+def test_a_search_that_is_not_taken_over_is_numpy_s(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    problem, begin, _ = problems()[kind]
+    twin = Twin(None)
+    monkeypatch.setattr(levenberg_marquardt, "compiled_ends", twin)
+    ours, numpy_s = (SOLVER.solve(problem, begin, kernel=kernel) for kernel in (ELSEWHERE, NUMPY))
+    assert twin.asked[0]
+    np.testing.assert_array_equal(ours.points, numpy_s.points)
+    np.testing.assert_array_equal(ours.steps, numpy_s.steps)
+
+
+def test_weights_are_handed_over_as_the_noise_of_the_paths(monkeypatch: pytest.MonkeyPatch) -> None:
+    noise, answer = noise_of(HARMONICS, n_av=1e4), np.ones((3, len(HARMONICS), COUNT))
+    twin = Twin(answer)
+    monkeypatch.setattr(mixture, "compiled_weights", twin)
+    fit = WeightedFit.around(measured(), paths(), noise=noise, kernel=ELSEWHERE)
+    assert fit.weights is answer
+    (points,), options = twin.asked
+    np.testing.assert_array_equal(points, paths().points)
+    np.testing.assert_array_equal(options.pop("noise"), [one.covariance_terms for one in noise.each])
+    assert options == {"harmonics": HARMONICS, "kernel": ELSEWHERE}
+    monkeypatch.setattr(mixture, "compiled_weights", Twin(None))
+    ours, numpy_s = (
+        WeightedFit.around(measured(), paths(), noise=noise, kernel=kernel).weights for kernel in (ELSEWHERE, NUMPY)
+    )
+    np.testing.assert_array_equal(ours, numpy_s)
+
+
+@pytest.mark.parametrize("pairs", [False, True])
+def test_a_scan_is_handed_over_with_its_grid(pairs: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    """32 places a turn: eight in a period of the fourth harmonic; lags up to half a turn."""
+    seen, weights, answer = measured(), (3.0, 2.0, 1.0), Scanned.empty(COUNT)
+    twin = Twin(answer)
+    monkeypatch.setattr(starts, "compiled_scan", twin)
+    assert starts.scanned(seen, weights=weights, pairs=pairs, kernel=ELSEWHERE) is answer
+    (factors, lags, re, im), options = twin.asked
+    turn = 2.0 * np.pi * np.arange(32)[:, np.newaxis] / 32
+    waves = np.array(weights) * np.exp(1j * np.array(HARMONICS) * turn)
+    np.testing.assert_allclose(factors, np.stack([waves.real, waves.imag], axis=-1), atol=1e-12)
+    rho = (waves.real[1:17] / sum(weights)).sum(axis=1)
+    np.testing.assert_allclose(lags, np.stack([rho, -2.0 * rho, 1.0 / (1.0 - rho**2)], axis=1), atol=1e-12)
+    assert (re is seen.re, im is seen.im, options) == (True, True, {"pairs": pairs, "kernel": ELSEWHERE})
+    monkeypatch.setattr(starts, "compiled_scan", Twin(None))
+    ours, numpy_s = (starts.scanned(seen, weights=weights, pairs=pairs, kernel=one) for one in (ELSEWHERE, NUMPY))
+    np.testing.assert_array_equal(ours.first, numpy_s.first)
+    np.testing.assert_array_equal(ours.peak, numpy_s.peak)

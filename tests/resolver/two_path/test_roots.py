@@ -1,0 +1,51 @@
+from decimal import Decimal, localcontext
+
+import numpy as np
+import pytest
+
+from cadtof_cli.resolver.two_path.roots import CUBIC, LEAST, START, inverse_root
+
+
+def numbers(seed: int, size: int) -> np.ndarray:
+    """Numbers of every size from the least normal one on."""
+    rng = np.random.default_rng(seed)
+    return rng.uniform(1.0, 2.0, size) * 2.0 ** rng.integers(-1022, 1023, size)
+
+
+def test_inverse_roots_and_the_roots_that_they_make_are_right_to_the_last_digits() -> None:
+    x = np.append(numbers(1, 3000), [LEAST, 1.0, 2.0, np.nextafter(2.0, 1.0), np.finfo(np.float64).max])
+    with localcontext() as context:
+        context.prec = 40
+        for value, inverse, root in zip(x, inverse_root(x), x * inverse_root(x), strict=True):
+            exact = Decimal(value).sqrt()
+            assert abs(Decimal(inverse) * exact - 1) < Decimal("2e-16")
+            assert abs(Decimal(root) / exact - 1) < Decimal("3e-16")
+
+
+def test_the_start_and_the_cubic_are_as_near_as_they_say() -> None:
+    x = np.geomspace(1.0, 4.0, 100_000)
+    start = (START - (x.view(np.uint64) >> np.uint64(1))).view(np.float64)
+    assert np.abs(start * np.sqrt(x) - 1.0).max() < 0.035
+    square = x * start * start
+    cubic = start * (CUBIC[0] - square * (CUBIC[1] - square * CUBIC[2]))
+    assert np.abs(cubic * np.sqrt(x) - 1.0).max() < 2.7e-5
+
+
+@pytest.mark.parametrize("nothing", [0.0, -0.0, 5e-324, np.nextafter(LEAST, 0.0)])
+def test_what_is_below_the_least_normal_number_has_the_root_0(nothing: float) -> None:
+    x = np.array([nothing])
+    np.testing.assert_array_equal(inverse_root(x), 0.0)
+    np.testing.assert_array_equal(x * inverse_root(x), 0.0)
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+def test_what_is_no_number_stays_none(bad: float) -> None:
+    with np.errstate(invalid="ignore"):
+        assert np.isnan(inverse_root(np.array([bad]))).all()
+
+
+def test_inputs_are_not_changed() -> None:
+    x = numbers(2, 10)
+    before = x.copy()
+    inverse_root(x)
+    np.testing.assert_array_equal(x, before)
