@@ -73,10 +73,11 @@ class InstallManPages(Distribution().get_command_class("install_data")):
         sys.path[:0] = [str(ROOT), str(ROOT / "scripts")]
         try:
             from man_pages import write_man_pages
+
+            pages = write_man_pages(ROOT / "build" / "man")
         except ImportError as error:
             self.announce(f"no man pages: {error}", level=3)
             return
-        pages = write_man_pages(ROOT / "build" / "man")
         self.data_files = [("share/man/man1", [str(page.relative_to(ROOT)) for page in pages])]
         super().run()
 

@@ -3,6 +3,7 @@
 import re
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import click
@@ -23,6 +24,38 @@ def pages(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
 
     written = write_man_pages(tmp_path_factory.mktemp("man"))
     return {file.stem.replace("-", " ").removeprefix("cadtof").strip(): file.read_text() for file in written}
+
+
+ONLY_WHAT_BUILDING_REQUIRES = """
+import re, sys
+from importlib.metadata import packages_distributions
+from pathlib import Path
+
+sys.path[:0] = [sys.argv[1], sys.argv[1] + "/scripts"]
+required = {name.lower() for name in sys.argv[3:]}
+
+class Refused:
+    def find_spec(self, name, path=None, target=None):
+        owners = {owner.lower() for owner in PACKAGES.get(name, ())}
+        if owners and not owners & required and name not in {"cadtof_cli", "man_pages"}:
+            raise ModuleNotFoundError(f"{name} is not among what building requires")
+
+PACKAGES = packages_distributions()
+sys.meta_path.insert(0, Refused())
+from man_pages import write_man_pages
+
+print(len(write_man_pages(Path(sys.argv[2]))))
+"""
+
+
+def test_pages_are_made_with_nothing_but_what_building_requires(tmp_path: Path) -> None:
+    needed_module("click_man")
+    requires = tomllib.loads((ROOT / "pyproject.toml").read_text())["build-system"]["requires"]
+    names = [name for requirement in requires for name in re.findall(r"^[\w-]+", requirement)]
+    words = [sys.executable, "-c", ONLY_WHAT_BUILDING_REQUIRES, str(ROOT), str(tmp_path), *names]
+    done = subprocess.run(words, env=ENVIRONMENT, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert int(done.stdout) == 1 + len(COMMANDS)
 
 
 def test_every_command_has_a_page(pages: dict[str, str]) -> None:
