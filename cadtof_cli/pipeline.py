@@ -4,7 +4,6 @@ First come the stages that couple the pixels of a frame, in `prepare_frame` and 
 pixel alone, block by block. A frame split over processes is prepared once, and its parts are resolved anywhere.
 """
 
-import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import replace
@@ -13,10 +12,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cadtof_cli.arrays import Complex, Index, Status, Stored, sealed
+from cadtof_cli.arrays import Complex, Status, Stored, sealed
 from cadtof_cli.calibration.apply import FrameCorrection, frame_correction
 from cadtof_cli.errors import FrameError
 from cadtof_cli.files.maps import DepthMaps
+from cadtof_cli.frame_pixels import EVERY, FramePixels, Where
 from cadtof_cli.frame_plan import FramePlan
 from cadtof_cli.maps.depth import DepthScale, clear_impossible, clear_pixels, most_volts, write_block
 from cadtof_cli.maps.layers import ALWAYS, Layer
@@ -35,7 +35,7 @@ from cadtof_cli.units import metres_per_radian
 
 if TYPE_CHECKING:
     from cadtof_cli.calibration.store import Calibration
-    from cadtof_cli.resolver.diffuse.records import DiffuseChoice, DiffuseModel
+    from cadtof_cli.resolver.diffuse.records import DiffuseChoice
 
 BLOCK_PIXELS = 19200
 """Pixels a block, a quarter of a QVGA frame: enough that the cost of calling numpy hardly counts, and no more, so that memory
@@ -46,65 +46,6 @@ SEARCHED_BLOCK_PIXELS = 32768
 
 MOST_INTEGRATION = 1e12
 """Integration length of a frame without any noise: that of float32 rounding, so that every threshold stays finite."""
-
-
-Where = slice | Index
-"""Some of a frame's pixels: neighbours, or any."""
-
-EVERY = slice(None)
-
-
-@dataclass(frozen=True, eq=False)
-class FramePixels:
-    """Consecutive pixels of a frame after the stages that couple pixels: from here on each is resolved alone.
-
-    Attributes:
-        stored: values as recorded, or their mean over frames, (H, 2, n).
-        dtype: type that they were recorded in.
-        size: (Y, X) of the whole frame.
-        first: flat index of the first of the n pixels.
-        noise: of a recorded pixel, with how many each of the n is a mean of.
-        pooled: means over neighbours, (H, n), instead of the phasors that follow from `stored`; None: there are none.
-        without_noise: whether all pixels of the frame hold the same, which no camera records.
-        choice: which model of MPI the frame was found to have; None where there was no choice.
-        tail: what its MPI is predicted by where it is diffuse; None where it is not.
-    """
-
-    stored: Stored
-    dtype: np.dtype[np.generic]
-    size: tuple[int, int]
-    first: int
-    noise: NoiseModel
-    pooled: Complex | None = None
-    without_noise: bool = False
-    choice: "DiffuseChoice | None" = None
-    tail: "DiffuseModel | None" = None
-
-    @property
-    def count(self) -> int:
-        """How many pixels there are."""
-        return int(self.stored.shape[2])
-
-    def places(self, chosen: Where, /) -> Where:
-        """Return where in the frame some of the pixels stand, as flat indices."""
-        if isinstance(chosen, slice):
-            start, stop, _ = chosen.indices(self.count)
-            return slice(self.first + start, self.first + stop)
-        return self.first + chosen
-
-    def __getitem__(self, pixels: slice, /) -> "FramePixels":
-        return replace(
-            self,
-            stored=self.stored[:, :, pixels],
-            first=self.first + pixels.indices(self.count)[0],
-            noise=self.noise[pixels],
-            pooled=None if self.pooled is None else self.pooled[:, pixels],
-        )
-
-    def parts(self, count: int, /) -> tuple["FramePixels", ...]:
-        """Return the pixels in so many parts of the same size, give or take one."""
-        edges = (index * self.count // count for index in range(count + 1))
-        return tuple(self[begin:end] for begin, end in itertools.pairwise(edges))
 
 
 @dataclass(frozen=True)

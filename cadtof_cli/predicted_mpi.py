@@ -10,7 +10,8 @@ from cadtof_cli.frame_plan import FramePlan
 from cadtof_cli.optics.lens import principal_point
 
 if TYPE_CHECKING:
-    from cadtof_cli.pipeline import FramePixels, FrameStages
+    from cadtof_cli.frame_pixels import FramePixels
+    from cadtof_cli.pipeline import FrameStages
     from cadtof_cli.resolver.diffuse.records import DiffuseChoice, DiffuseModel
 
 

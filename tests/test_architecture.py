@@ -1,7 +1,10 @@
 """docs/architecture.md names every room and file of the package, and no other."""
 
+import ast
 import re
 from pathlib import Path
+
+import pytest
 
 ROOT = Path(__file__).parents[1]
 PAGE = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
@@ -53,3 +56,17 @@ def test_files_that_changes_touch_exist() -> None:
     for file in re.findall(r"`((?:\w+/)*\w+\.py)`", table):
         if "NAME" not in file and file != "solver.py":
             assert (ROOT / "cadtof_cli" / file).is_file(), file
+
+
+MODULES = sorted((ROOT / "cadtof_cli").rglob("*.py"))
+
+
+@pytest.mark.parametrize("path", MODULES, ids=lambda path: path.relative_to(ROOT).as_posix())
+def test_a_module_and_its_functions_are_read_at_a_glance(path: Path) -> None:
+    text = path.read_text(encoding="utf-8")
+    lines = len(text.splitlines())
+    assert lines < 350, f"{path} has {lines} lines: it is more than one thing, which belong into files of their own"
+    for one in ast.walk(ast.parse(text)):
+        if isinstance(one, ast.FunctionDef | ast.AsyncFunctionDef):
+            length = (one.end_lineno or one.lineno) - one.lineno + 1
+            assert length < 70, f"{path}: {one.name} has {length} lines, which should be steps with names"

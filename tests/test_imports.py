@@ -31,11 +31,14 @@ ALLOWED: dict[str, set[str]] = {
     "calibration": {"capture", "files", "maps", "optics", "phasors", "resolver"},
     "simulation": {"capture", "files", "maps", "optics", "phasors", "resolver"},
     "frame_plan": {"calibration", "capture", "maps", "optics", "phasors", "resolver"},
-    "predicted_mpi": {"frame_plan", "optics", "pipeline", "resolver"},  # of the pipeline, it knows types alone
+    "frame_pixels": {"phasors", "resolver"},  # of the resolver, it knows types alone
+    # of the pipeline, it knows types alone
+    "predicted_mpi": {"frame_pixels", "frame_plan", "optics", "pipeline", "resolver"},
     "pipeline": {
-        *("calibration", "capture", "files", "frame_plan", "maps", "optics", "phasors", "predicted_mpi", "resolver"),
+        *("calibration", "capture", "files", "frame_pixels", "frame_plan", "maps", "optics", "phasors"),
+        *("predicted_mpi", "resolver"),
     },
-    "one_pixel": {"calibration", "frame_plan", "maps", "phasors", "pipeline", "resolver"},
+    "one_pixel": {"calibration", "frame_pixels", "frame_plan", "maps", "phasors", "pipeline", "resolver"},
     "report": {"capture", "files", "maps", "optics", "resolver"},
     "api": {
         *("calibration", "capture", "files", "frame_plan", "maps", "phasors", "pipeline", "resolver", "simulation"),
