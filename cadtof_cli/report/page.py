@@ -13,7 +13,7 @@ from typing import Any
 from cadtof_cli import __version__
 from cadtof_cli.capture.metadata import Optics
 from cadtof_cli.files.atomic import atomic_write
-from cadtof_cli.optics.lens import principal_point
+from cadtof_cli.optics import principal_point
 from cadtof_cli.report.frames import EmbeddedFrame
 from cadtof_cli.report.markup import EMPTY, Markup, element, joined, printable, text
 from cadtof_cli.report.sections import PageText, embedded_section, failures, frame_list, frame_table, settings, summary

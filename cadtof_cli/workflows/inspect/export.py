@@ -16,7 +16,7 @@ from cadtof_cli.files.png.writing import write_grey_png
 from cadtof_cli.files.point_cloud import write_pcd, write_ply
 from cadtof_cli.frame_plan import DepthKind
 from cadtof_cli.maps.layers import DIRECT_DEPTH
-from cadtof_cli.optics.lens import planar_per_range, ray_slopes
+from cadtof_cli.optics import planar_per_range, ray_slopes
 from cadtof_cli.workflows.progress import Progress
 from cadtof_cli.workflows.run_folder import Run, read_run
 

@@ -15,7 +15,7 @@ from cadtof_cli.errors import CaptureError, SettingsError
 from cadtof_cli.files.atomic import atomic_write, require_new
 from cadtof_cli.files.maps import read_layers
 from cadtof_cli.maps.layers import DIRECT_DEPTH, layer_unit
-from cadtof_cli.optics.lens import planar_per_range
+from cadtof_cli.optics import planar_per_range
 from cadtof_cli.workflows.inspect.first_phasors import first_phasors
 from cadtof_cli.workflows.progress import Progress
 from cadtof_cli.workflows.run_folder import Run, read_run
