@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cadtof_cli.arrays import Float
-from cadtof_cli.files.png.writing import indexed_png
+from cadtof_cli.files.png import indexed_png
 from cadtof_cli.report.frames import sampled
 
 COLOURS = 255

@@ -12,7 +12,7 @@ from cadtof_cli.capture.metadata import Optics
 from cadtof_cli.errors import CaptureError, SettingsError
 from cadtof_cli.files.atomic import atomic_write, require_new
 from cadtof_cli.files.maps import STATUS, read_layers
-from cadtof_cli.files.png.writing import write_grey_png
+from cadtof_cli.files.png import write_grey_png
 from cadtof_cli.files.point_cloud import write_pcd, write_ply
 from cadtof_cli.frame_plan import DepthKind
 from cadtof_cli.maps.layers import DIRECT_DEPTH
