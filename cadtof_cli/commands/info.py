@@ -8,7 +8,7 @@ from typing import Any
 
 import click
 
-from cadtof_cli.commands.examples import example
+from cadtof_cli.commands.help import example
 from cadtof_cli.commands.options import (
     SectionedCommand,
     capture_options,

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import click
 
-from cadtof_cli.commands.examples import example
+from cadtof_cli.commands.help import example
 from cadtof_cli.commands.scene_options import (
     SCENE_ONLY,
     LightOptions,

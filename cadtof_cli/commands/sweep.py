@@ -4,8 +4,8 @@ from pathlib import Path
 
 import click
 
-from cadtof_cli.commands.examples import example
 from cadtof_cli.commands.grid import grid_from_text
+from cadtof_cli.commands.help import example
 from cadtof_cli.commands.options import setting_option
 from cadtof_cli.commands.simulation_options import (
     ModulationOptions,
