@@ -43,9 +43,6 @@ Work = Callable[[Task], Result | Later[Result]]
 """What is done to tasks."""
 
 
-Task = TypeVar("Task")
-Result = TypeVar("Result")
-
 LATER_AT_ONCE = 4
 """Results of one process that may be waited for at once: a disk takes several files in about the time of one."""
 

@@ -13,8 +13,7 @@ from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Optics, Pix
 from cadtof_cli.execution.workers import ALONE, Workers
 from cadtof_cli.files.atomic import new_folder
 from cadtof_cli.files.formats import FRAME_FORMATS
-from cadtof_cli.simulation.pixel.mix import require
-from cadtof_cli.simulation.pixel.motion import AT_REST, Motion
+from cadtof_cli.simulation.pixel.mix import AT_REST, Motion, require
 from cadtof_cli.simulation.scene.camera import Camera
 from cadtof_cli.simulation.scene.exposure import Band, Exposure, band_rows, expose_band, frame_voltages, joined
 from cadtof_cli.simulation.scene.light import Scene
