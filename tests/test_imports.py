@@ -29,7 +29,7 @@ ALLOWED: dict[str, set[str]] = {
     "resolver": {"capture", "optics", "phasors"},
     "maps": {"capture", "files", "optics", "phasors", "resolver"},
     "calibration": {"capture", "files", "maps", "optics", "phasors", "resolver"},
-    "simulation": {"capture", "files", "maps", "optics", "phasors", "resolver"},
+    "simulation": {"capture", "optics"},
     "frame_plan": {"calibration", "capture", "maps", "optics", "phasors", "resolver"},
     "frame_pixels": {"phasors", "resolver"},  # of the resolver, it knows types alone
     # of the pipeline, it knows types alone
