@@ -14,9 +14,8 @@ from cadtof_cli.errors import CaptureError, OutputError
 from cadtof_cli.files.atomic import atomic_write, require_new
 from cadtof_cli.files.formats import EXR, format_by_suffix
 from cadtof_cli.files.maps import read_layers, write_layers
-from cadtof_cli.maps.evaluation import DepthErrors, ErrorTally, depth_errors
+from cadtof_cli.maps.evaluation import DepthErrors, ErrorTally, SequenceTally, depth_errors
 from cadtof_cli.maps.layers import DIRECT_DEPTH, DIRECT_SIGMA, MPI_DEPTH
-from cadtof_cli.maps.over_time import SequenceTally
 from cadtof_cli.workflows.inspect.first_phasors import first_phasors
 from cadtof_cli.workflows.progress import Progress
 from cadtof_cli.workflows.run_folder import read_run

@@ -11,10 +11,9 @@ from cadtof_cli.files.atomic import require_new
 from cadtof_cli.files.maps import STATUS, read_layers
 from cadtof_cli.maps.evaluation import DepthErrors, ErrorTally
 from cadtof_cli.maps.layers import DIRECT_DEPTH, DIRECT_SIGMA
+from cadtof_cli.report.colours import LayerLimits, small_plane
 from cadtof_cli.report.frames import FIRST_PHASOR, TRUTH, EmbeddedFrame, Planes, Shares, embedded_frame, planned_shares
-from cadtof_cli.report.limits import LayerLimits
 from cadtof_cli.report.page import Page, ShownFrame, write_page
-from cadtof_cli.report.thumbnails import small_plane
 from cadtof_cli.workflows.inspect.evaluate import direct_depth, same_size
 from cadtof_cli.workflows.inspect.first_phasors import FirstPhasors, first_phasors
 from cadtof_cli.workflows.inspect.report_text import MapOfFrame, page_text
