@@ -44,7 +44,6 @@ ALLOWED: dict[str, set[str]] = {
         *("calibration", "capture", "files", "frame_plan", "maps", "phasors", "pipeline", "resolver", "simulation"),
         "workflows",
     },
-    "first_phasor": {"calibration", "frame_plan", "maps", "phasors", "pipeline", "resolver"},
     "figures": {"calibration", "capture", "files", "maps", "one_pixel", "optics", "resolver", "simulation"},
 }
 """What a part may import besides itself and what anybody may: only what comes before it."""

@@ -65,9 +65,8 @@ def info(
       1  a capture or map has a problem, reported on stderr
       2  wrong usage, or nothing to show
     """
-    from cadtof_cli.workflows.inspect.calibration_facts import CalibrationFacts
+    from cadtof_cli.workflows.inspect.facts import CalibrationFacts, MapFacts
     from cadtof_cli.workflows.inspect.info import CaptureFacts, look_into
-    from cadtof_cli.workflows.inspect.map_facts import MapFacts
 
     shown: dict[type, tuple[str, Callable[[Any], Iterator[str]]]] = {
         CaptureFacts: ("capture", _capture_lines),

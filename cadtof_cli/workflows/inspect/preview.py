@@ -34,8 +34,8 @@ from cadtof_cli.figures.sequence import (
 )
 from cadtof_cli.files.atomic import atomic_write, require_new
 from cadtof_cli.maps.layers import CONFIDENCE, DIRECT_AMPLITUDE, DIRECT_DEPTH, DIRECT_SIGMA, MPI_DEPTH
-from cadtof_cli.workflows.inspect.calibration_facts import is_calibration_folder
 from cadtof_cli.workflows.inspect.evaluate import direct_depth, same_size
+from cadtof_cli.workflows.inspect.facts import is_calibration_folder
 from cadtof_cli.workflows.inspect.first_phasors import first_phasors
 from cadtof_cli.workflows.inspect.pictured import Pictured, pictured
 from cadtof_cli.workflows.inspect.preview_settings import PreviewSettings
