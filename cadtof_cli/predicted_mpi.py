@@ -7,7 +7,7 @@ import numpy as np
 
 from cadtof_cli.arrays import Bool, Complex, Index, sealed
 from cadtof_cli.frame_plan import FramePlan
-from cadtof_cli.optics.lens import principal_point
+from cadtof_cli.optics import principal_point
 
 if TYPE_CHECKING:
     from cadtof_cli.frame_pixels import FramePixels
