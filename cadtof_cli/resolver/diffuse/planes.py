@@ -56,7 +56,7 @@ def patch_planes(range_m: Float | Float32, seen: Bool, grid: PatchGrid, /) -> Pa
     counted = on_plane.astype(np.float64)
     normal = _normals(np.where(on_plane, off, 0.0).astype(np.float64), counted, grid)
     distance = 1.0 / (middle * grid.ray[2])
-    cosine = np.clip(-(normal * grid.ray).sum(0), LEAST_COSINE, 1.0)
+    cosine = np.minimum(np.maximum(-(normal * grid.ray).sum(0), LEAST_COSINE), 1.0)
     solid_angle = (grid.side / grid.view.focal_length_px) ** 2 * grid.ray[2] ** 3
     surfaces = Surfaces(distance, normal, grid.ray, cosine, solid_angle * distance**2 / cosine)
     return PatchPlanes(surfaces, counted.sum(-1) > LEAST_SHARE * seen.shape[-1], on_plane)

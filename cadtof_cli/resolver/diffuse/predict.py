@@ -15,6 +15,7 @@ from cadtof_cli.resolver.diffuse.noise import noise_covariance
 from cadtof_cli.resolver.diffuse.patch_fit import PatchFit, fitted_patches
 from cadtof_cli.resolver.diffuse.planes import PatchPlanes, patch_planes
 from cadtof_cli.resolver.diffuse.prior import pattern
+from cadtof_cli.resolver.diffuse.quantiles import median, quantiles
 from cadtof_cli.resolver.diffuse.radiosity import interreflections, light_of
 from cadtof_cli.resolver.diffuse.records import (
     DiffuseChoice,
@@ -145,7 +146,7 @@ def _model(
         coarse,
         upsampler(coarse.planes, planes.surfaces.range_m, valid, frame.grid),
         kinds.separate,
-        float(np.median(gap**2)),
+        float(median(gap**2)),
         range_offset_m,
         through,
     )
@@ -225,7 +226,8 @@ def _error(ratios: Complex, amplitude: Float, pixels: Float, frame: _Frame) -> F
     strength = np.concatenate([np.ones((1, ratios.shape[1])), np.maximum(np.abs(ratios), LEAST_RATIO)]) * amplitude
     relative = frame.variances[:, None] / (strength**2 * pixels)
     count = 2 * len(ratios)
-    covariance = np.repeat(model_error(ratios)[..., None], ratios.shape[1], axis=2)
+    covariance = np.empty((count + 2, count + 2, ratios.shape[1]))
+    covariance[:] = model_error(ratios)[..., None]
     for (i, j), value in noise_covariance(list(relative), harmonics=frame.settings.harmonics).items():
         if i < count:
             covariance[i, j] += value
@@ -240,17 +242,8 @@ def _unheard(error: Float) -> Float:
     return silent
 
 
-def _quantiles(values: Float, shares: tuple[float, ...]) -> Float:
-    """Return quantiles of rows (…, n), one row each, as `numpy.quantile` does but in a fifth of its time."""
-    ordered, place = np.sort(values), np.array(shares) * (values.shape[-1] - 1)
-    before = place.astype(np.intp)
-    after = np.minimum(before + 1, values.shape[-1] - 1)
-    found: Float = ordered[..., before] + (place - before) * (ordered[..., after] - ordered[..., before])
-    return np.moveaxis(found, -1, 0)
-
-
 def _room_numbers(fit: PatchFit) -> RoomNumbers:
-    low, middle, high = _quantiles(fit.state, (0.16, 0.5, 0.84))
+    low, middle, high = quantiles(fit.state, (0.16, 0.5, 0.84))
     scatter = 0.5 * (high - low)
     natural = np.exp(middle[:5])
     albedo, beside, later, unseen, decay = (
