@@ -19,9 +19,9 @@ Complex64 = NDArray[np.complex64]
 
 @dataclass(frozen=True, eq=False)
 class PatchLight:
-    """The sampled pixels of every patch, (rows, columns, n) each, in single precision, whose rounding is far below their noise.
+    """The sampled pixels of every patch, (n, rows, columns) each, in single precision, whose rounding is far below their noise.
 
-    `seen` is false where a pixel has no answer; `phase_rad` is arg p1. `weighted`, (1 + 2·H, rows, columns, n), holds |p1|², by
+    `seen` is false where a pixel has no answer; `phase_rad` is arg p1. `weighted`, (1 + 2·H, n, rows, columns), holds |p1|², by
     which pixels are weighted, and the real and imaginary parts of p1·|p1| and of q_h = (p_h/|p1|)·(conj(p1)/|p1|)^h times
     that weight: 0 where not seen.
     """
@@ -48,7 +48,7 @@ def is_light(phasors: Complex | Complex64, /) -> Bool:
 
 
 def patch_light(samples: Complex | Complex64, seen: Bool, /, *, harmonics: tuple[int, ...]) -> PatchLight:
-    """Return the light of sampled phasors (H, rows, columns, n); those not `seen` may hold anything."""
+    """Return the light of sampled phasors (H, n, rows, columns); those not `seen` may hold anything."""
     p = np.where(seen, samples, np.complex64(0.0)).astype(np.complex64)
     weighted = np.empty((1 + 2 * len(p), *seen.shape), np.float32)
     power = np.add(np.square(p[0].real), np.square(p[0].imag), out=weighted[0])
@@ -67,10 +67,10 @@ def patch_light(samples: Complex | Complex64, seen: Bool, /, *, harmonics: tuple
 
 
 def patch_means(light: PatchLight, among: Bool, /) -> PatchMeans:
-    """Return the means over the pixels `among`, (rows, columns, n)."""
-    counted = (among & light.seen).astype(np.float32)
-    sums = np.einsum("k...n,...n->k...", light.weighted, counted).astype(np.float64)
-    pixels = np.einsum("...n->...", counted).astype(np.float64)
+    """Return the means over the pixels `among`, (n, rows, columns)."""
+    counted = among & light.seen
+    sums = (light.weighted * counted).sum(axis=1, dtype=np.float64)
+    pixels = counted.sum(axis=0).astype(np.float64)
     ratios = np.empty((len(sums) // 2 - 1, *pixels.shape), np.complex128)
     ratios.real, ratios.imag = sums[3::2], sums[4::2]
     ratios /= np.maximum(sums[0], TINY)

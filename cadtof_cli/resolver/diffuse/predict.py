@@ -95,7 +95,7 @@ def diffuse_model(
     seen = grid.by_patch(usable) & is_light(taken)
     light = patch_light(taken, seen, harmonics=settings.harmonics)
     means = patch_means(light, seen)
-    kinds = patch_kinds(means, frame.variances, sampled=seen.shape[-1], settings=settings)
+    kinds = patch_kinds(means, frame.variances, sampled=len(seen), settings=settings)
     choice = DiffuseChoice(kinds.reason, int(kinds.lit.sum()), kinds.separate_share)
     if choice.taken == "discrete":
         return choice
@@ -202,7 +202,7 @@ def two_path_lag(ratio: Complex, /, *, kernel: str = NUMPY) -> Float:
 
 def _planes(light: PatchLight, means: PatchMeans, frame: _Frame) -> PatchPlanes:
     """Return the surfaces by the first depth: that of two paths, from the mean light of every patch."""
-    lag = two_path_lag(means.ratios[0].ravel(), kernel=frame.kernel).reshape(*means.amplitude.shape, 1)
+    lag = two_path_lag(means.ratios[0].ravel(), kernel=frame.kernel).reshape(means.amplitude.shape)
     range_m = range_from_phase(light.phase_rad - lag.astype(np.float32), frame.settings) + frame.offset_m
     return patch_planes(np.maximum(range_m, np.float32(NEAREST_M)), light.seen, frame.grid)
 
