@@ -8,8 +8,8 @@ from cadtof_cli.arrays import Bool, Complex, Float, Float32
 from cadtof_cli.resolver.diffuse.beyond import surfaces_beyond, surfaces_guessed
 from cadtof_cli.resolver.diffuse.choice import LEAST_PATCHES, PatchKinds, patch_kinds, tail_fits
 from cadtof_cli.resolver.diffuse.coarse import Beside, coarse_planes, patch_posterior
-from cadtof_cli.resolver.diffuse.grid import PatchGrid, View, assumed_view, patch_grid
-from cadtof_cli.resolver.diffuse.light import PatchLight, PatchMeans, is_light, patch_light, patch_means, patch_phasors
+from cadtof_cli.resolver.diffuse.grid import PatchGrid
+from cadtof_cli.resolver.diffuse.light import PatchLight, PatchMeans, patch_means, patch_phasors
 from cadtof_cli.resolver.diffuse.model_error import model_error, mpi_share
 from cadtof_cli.resolver.diffuse.noise import noise_covariance
 from cadtof_cli.resolver.diffuse.patch_fit import PatchFit, fitted_patches
@@ -58,14 +58,12 @@ class _Frame:
 
 
 def diffuse_model(
-    phasors: Complex,
+    light: PatchLight,
     /,
     *,
-    size: tuple[int, int],
-    usable: Bool,
+    grid: PatchGrid,
     variances: tuple[float, ...],
     settings: DiffuseSettings,
-    view: View | None = None,
     samples: Float | None = None,
     range_offset_m: Float | None = None,
     kernel: str = NUMPY,
@@ -73,29 +71,20 @@ def diffuse_model(
     """Return the model of a frame, or only the choice where it is left to separate paths; inputs are not changed.
 
     Args:
-        phasors: of the frame's `sampled_pixels`, (H, rows, columns), normalised by the modulation amplitude, corrected for the
-            pulse, and those of a sine.
-        size: (Y, X) of the frame.
-        usable: of the same pixels; those without an answer (saturated, hot, without signal) are left out, as those are that
-            hold NaN.
+        light: of the frame's sampled pixels, whose phasors are normalised by the modulation amplitude, corrected for the pulse,
+            and those of a sine; those without an answer (saturated, hot, without signal) are not seen.
+        grid: how the frame is cut.
         variances: noise of one channel of each harmonic, in squared units of the phasors, of one recorded pixel.
         settings: which model is asked for, and the harmonics' periods.
-        view: the optics; None where they are unknown.
         samples: over how many recorded pixels each phasor is a mean, (Y, X); None: 1.
         range_offset_m: what is added to the range of every pixel (field curvature), (Y, X); None for nothing.
         kernel: of `available_kernels`, all of which give the same bits.
     """
-    grid = patch_grid(*size, view or assumed_view(*size))
     per_pixel = 1.0 if samples is None else float(np.median(samples))
     offset = 0.0 if range_offset_m is None else grid.samples(range_offset_m).astype(np.float32)
     frame = _Frame(grid, settings, np.array(variances) / per_pixel, offset, kernel)
-    with np.errstate(over="ignore"):
-        # what no camera stores becomes infinite, and is not seen
-        taken = grid.by_patch(phasors.astype(np.complex64))
-    seen = grid.by_patch(usable) & is_light(taken)
-    light = patch_light(taken, seen, harmonics=settings.harmonics)
-    means = patch_means(light, seen)
-    kinds = patch_kinds(means, frame.variances, sampled=len(seen), settings=settings)
+    means = patch_means(light, light.seen, kernel=kernel)
+    kinds = patch_kinds(means, frame.variances, sampled=len(light.seen), settings=settings)
     choice = DiffuseChoice(kinds.reason, int(kinds.lit.sum()), kinds.separate_share)
     if choice.taken == "discrete":
         return choice
@@ -117,7 +106,7 @@ def _model(
     range_offset_m: Float | None,
 ) -> DiffuseModel | None:
     """Return the model of a frame, None where no tail fits it."""
-    means = patch_means(light, planes.on_plane)
+    means = patch_means(light, planes.on_plane, kernel=frame.kernel)
     ratios, amplitude = means.ratios[:, valid], means.amplitude[valid]
     tail, rule = _tail(planes, valid, amplitude, frame)
     data = np.concatenate([np.log(np.maximum(np.abs(ratios), 1e-9)), np.angle(ratios)])

@@ -29,7 +29,7 @@ CHOICE = "CADTOF_KERNEL"
 Buffers = tuple[NDArray[Any] | None, ...]
 """Arrays as the extension takes them: neighbours in memory, each of one type."""
 
-_STORED_TYPES = (np.uint16, np.int16, np.float32, np.float64, np.complex128)
+STORED_TYPES = (np.uint16, np.int16, np.float32, np.float64, np.complex128)
 
 _ORDERS = {"auto": 0, "1": 1, "2": 2}
 _RETURNS = {"first": 0, "strongest": 1, "last": 2}
@@ -131,7 +131,7 @@ def fill_maps(
     metres = scales.metres if isinstance(scales.metres, float) else math.nan
     light = (metres, scales.volts, scales.most_volts, scales.noise_volts)
     constants = _constants(settings, noise.each, scales.phasor_map, limits, stored.dtype, light)
-    stored = stored if stored.dtype in _STORED_TYPES else stored.astype(np.float64)
+    stored = stored if stored.dtype in STORED_TYPES else stored.astype(np.float64)
     own, other, constant = _own_maps(scales.phasor_map, count)
     arrays = {
         "stored": (stored, (2, count) if scales.phasor_map is None else (2, 2, count)),
@@ -199,12 +199,7 @@ def _constants(
     light: tuple[float, ...],
 ) -> Float:
     """Return what all pixels of a frame share, in the order of `CONSTANTS`; −0 as an offset changes no bit of a sum."""
-    low = high = math.nan
-    if saturated_counts is not None:
-        # as numpy compares with them: floats in their own type
-        own_type = stored_type.type if stored_type.kind == "f" else np.float64
-        with np.errstate(over="ignore"):
-            low, high = (float(np.asarray(limit, np.float64).astype(own_type)) for limit in saturated_counts)
+    low, high = saturation(saturated_counts, stored_type)
     gains, offsets = [1.0] * 4, [-0.0] * 4
     if phasor_map is not None and phasor_map.own.shape[2] == 1:
         gains = phasor_map.own.ravel().tolist()
@@ -221,6 +216,18 @@ def _constants(
     if len(names) != len(constants):
         raise SettingsError("the compiled kernel was built from another version of its sources: reinstall cadtof")
     return sealed(np.array([constants[name] for name in names]))
+
+
+def saturation(
+    saturated_counts: tuple[float, float] | None, stored_type: np.dtype[np.generic], /
+) -> tuple[float, float]:
+    """Return the limits as numpy compares stored values with them, floats in their own type; NaN where there are none."""
+    if saturated_counts is None:
+        return math.nan, math.nan
+    own_type = stored_type.type if stored_type.kind == "f" else np.float64
+    with np.errstate(over="ignore"):
+        low, high = (float(np.asarray(limit, np.float64).astype(own_type)) for limit in saturated_counts)
+    return low, high
 
 
 def _as_neighbours(array: NDArray[Any]) -> NDArray[Any]:
