@@ -260,11 +260,12 @@ def _fill_by_kernel(maps: DepthMaps, pixels: FramePixels, plan: FramePlan, stage
 
 def joined_parts(pixels: FramePixels, parts: Sequence[DepthMaps], /) -> ResolvedFrame:
     """Return the resolved frame that the parts of a prepared frame make up, in their order."""
-    pages, status = parts[0].pages, parts[0].status
+    pages, status, image = parts[0].pages, parts[0].status, parts[0].image
     if len(parts) > 1:
         pages = np.concatenate([part.pages for part in parts], axis=-1)
         status = np.concatenate([part.status for part in parts], axis=-1)
-    maps = DepthMaps(parts[0].names, pages.reshape(-1, *pixels.size), status.reshape(pixels.size))
+        image = None
+    maps = DepthMaps(parts[0].names, pages.reshape(-1, *pixels.size), status.reshape(pixels.size), image)
     return ResolvedFrame(maps, pixels.noise.integration_length, pixels.noise.estimated, pixels.choice)
 
 

@@ -36,22 +36,29 @@ class DepthMaps:
     """The maps of one frame.
 
     `pages` is float32 (layer, Y, X) in the order of `names`, with one page more at its end, which the TIFF writer keeps
-    for the `status` bits, uint32 (Y, X).
+    for the `status` bits, uint32 (Y, X). `image`, where the pages lie in it, is one disk block, the pages, and a block again,
+    aligned to blocks: a writer can put together a whole file there.
     """
 
     names: tuple[str, ...]
     pages: Float32
     status: Status
+    image: memoryview | None = field(default=None, compare=False, repr=False)
+
+    def __reduce__(self) -> tuple[type["DepthMaps"], tuple[Any, ...]]:
+        """Return how another process makes its own, whose pages lie elsewhere."""
+        return DepthMaps, (self.names, self.pages, self.status)
 
     @classmethod
     def empty(cls, names: tuple[str, ...], size: tuple[int, int], /) -> "DepthMaps":
-        """Return uninitialised maps, (Y, X) each, in memory that is aligned to disk blocks, so that writing needs no copy."""
+        """Return uninitialised maps, (Y, X) each, in an image of their own, so that writing needs no copy."""
         shape = (len(names) + 1, *size)
-        pages_bytes = 4 * math.prod(shape)
-        memory = np.empty(pages_bytes + BLOCK_BYTES, np.uint8)
+        image_bytes = 4 * math.prod(shape) + 2 * BLOCK_BYTES
+        memory = np.empty(image_bytes + BLOCK_BYTES, np.uint8)
         begin = -address_of(memory.data) % BLOCK_BYTES
-        pages = memory[begin : begin + pages_bytes].view(np.float32).reshape(shape)
-        return cls(names, pages, np.empty(size, np.uint32))
+        image = memory[begin : begin + image_bytes]
+        pages = image[BLOCK_BYTES:-BLOCK_BYTES].view(np.float32).reshape(shape)
+        return cls(names, pages, np.empty(size, np.uint32), image.data)
 
     @property
     def values(self) -> Float32:

@@ -5,6 +5,7 @@ written as that one was.
 """
 
 import os
+from collections.abc import Sequence
 from io import FileIO
 from pathlib import Path
 from typing import Any
@@ -12,7 +13,7 @@ from typing import Any
 from numpy.typing import NDArray
 from tifffile import FileHandle
 
-from cadtof_cli.files.system import read_parts
+from cadtof_cli.files.system import BLOCK_BYTES, read_parts
 from cadtof_cli.records import dataclass
 
 LARGEST_BYTES = 2**20
@@ -52,6 +53,10 @@ class Envelope:
         """Return the envelope with bytes replaced by others of the same length."""
         return self if old == new else Envelope(self.head.replace(old, new), self.pixels, self.tail.replace(old, new))
 
-    def around(self, pixels: NDArray[Any], /) -> tuple[memoryview, memoryview, memoryview]:
-        """Return the parts of a file with these bytes around other pixels."""
-        return memoryview(self.head), pixels.data.cast("B"), memoryview(self.tail)
+    def around(self, pixels: NDArray[Any], image: memoryview | None, /) -> Sequence[memoryview]:
+        """Return the parts of a file with these bytes around other pixels: a single one where these lie in an `image` with a
+        block before and after them, and the bytes fill both."""
+        if image is None or not len(self.head) == len(self.tail) == BLOCK_BYTES:
+            return memoryview(self.head), pixels.data.cast("B"), memoryview(self.tail)
+        image[:BLOCK_BYTES], image[-BLOCK_BYTES:] = self.head, self.tail
+        return (image,)

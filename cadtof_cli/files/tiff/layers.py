@@ -5,6 +5,7 @@ and what is built on it (rasterio, QGIS) know a page without the others.
 """
 
 import math
+import os
 import threading
 from collections.abc import Mapping, Sequence
 from contextlib import closing
@@ -53,7 +54,7 @@ def write_maps(path: Path, maps: DepthMaps, /, *, header: MapHeader) -> Sequence
     source = _marked_source(header)
     kind = (maps.names, maps.pages.shape, others, dict(header.units), len(source))
     if _last.kind == kind and _last.envelope:
-        return _last.envelope.written_as(_last.source, source).around(maps.pages)
+        return _last.envelope.written_as(_last.source, source).around(maps.pages, maps.image)
     _write_pages(path, maps, header)
     _last.envelope = _envelope(path, maps) if _last.kind == kind else None
     _last.kind, _last.source = kind, source
@@ -61,7 +62,10 @@ def write_maps(path: Path, maps: DepthMaps, /, *, header: MapHeader) -> Sequence
 
 
 def _write_pages(path: Path, maps: DepthMaps, header: MapHeader) -> None:
-    """Write a file as tifffile does, all pixels in one run, then the names of the pages into their tags."""
+    """Write a file as tifffile does, all pixels in one run, then the names of the pages into their tags.
+
+    It ends with a whole disk block, as its pixels begin with one: the next ones can then be written past the page cache.
+    """
     names = (*maps.names, STATUS)
     bands = [
         _gdal_xml(name, header.units.get(name, ""), {} if place else header.facts) for place, name in enumerate(names)
@@ -82,6 +86,8 @@ def _write_pages(path: Path, maps: DepthMaps, header: MapHeader) -> None:
             # tifffile writes what does not fit into the place of the tag to the end of the file
             page.tags[_PAGE_NAME].overwrite(name)
             page.tags[_GDAL_METADATA].overwrite(band)
+    size = path.stat().st_size
+    os.truncate(path, size + -size % BLOCK_BYTES)
 
 
 def _envelope(path: Path, maps: DepthMaps) -> Envelope | None:
