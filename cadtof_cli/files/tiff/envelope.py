@@ -5,15 +5,15 @@ written as that one was.
 """
 
 import os
+import stat
 from collections.abc import Sequence
-from io import FileIO
 from pathlib import Path
 from typing import Any
 
 from numpy.typing import NDArray
 from tifffile import FileHandle
 
-from cadtof_cli.files.system import BLOCK_BYTES, read_parts
+from cadtof_cli.files.system import BLOCK_BYTES, READ_FLAGS, read_parts
 from cadtof_cli.records import dataclass
 
 LARGEST_BYTES = 2**20
@@ -39,15 +39,24 @@ class Envelope:
         return cls(head, pixels, file.read())
 
     def read(self, path: Path, out: NDArray[Any], /) -> bool:
-        """Read the pixels of a file into `out` if it has the same bytes around them, and return whether it has."""
+        """Read the pixels of a file into `out` if it has the same bytes around them, and return whether it has.
+
+        Raises:
+            OSError: it cannot be read.
+        """
         if out.nbytes != self.pixels:
             return False
-        head, tail = bytearray(len(self.head)), bytearray(len(self.tail))
-        with FileIO(path) as file:
-            if os.fstat(file.fileno()).st_size != len(head) + self.pixels + len(tail):
+        head, tail, more = bytearray(len(self.head)), bytearray(len(self.tail)), memoryview(bytearray(1))
+        descriptor = os.open(path, READ_FLAGS)
+        try:
+            found = os.fstat(descriptor)
+            if not stat.S_ISREG(found.st_mode) or found.st_size != len(head) + self.pixels + len(tail):
                 return False
-            whole = read_parts(file, (memoryview(head), out.data.cast("B"), memoryview(tail)))
-            return whole and head == self.head and tail == self.tail and not file.read(1)
+            whole = read_parts(descriptor, (memoryview(head), out.data.cast("B"), memoryview(tail)))
+            # it may have grown meanwhile
+            return whole and head == self.head and tail == self.tail and not read_parts(descriptor, (more,))
+        finally:
+            os.close(descriptor)
 
     def written_as(self, old: bytes, new: bytes, /) -> "Envelope":
         """Return the envelope with bytes replaced by others of the same length."""

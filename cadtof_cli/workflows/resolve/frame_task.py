@@ -19,7 +19,8 @@ from cadtof_cli.phasors.frame_mean import FrameMean, frame_mean
 from cadtof_cli.phasors.plausible import implausible
 from cadtof_cli.pipeline import ResolvedFrame, resolve_frame
 from cadtof_cli.records import dataclass
-from cadtof_cli.resolver.status import StatusCounts, count_status, why_no_answer
+from cadtof_cli.resolver.status import StatusCounts, why_no_answer
+from cadtof_cli.resolver.two_path.kernel import count_status
 from cadtof_cli.workflows.frame_report import ALREADY_THERE, FrameReport, FrameStatus, SourceFile
 
 if TYPE_CHECKING:

@@ -220,6 +220,11 @@ def front_of(**other: Any) -> tuple[NDArray[Any], front.KernelScales, dict[str, 
     )
 
 
+def fill(stored: NDArray[Any], scales: front.KernelScales, /, *, settings: Any, noise: Any, **rest: Any) -> None:
+    kernel = rest.pop("kernel", None)
+    front.FrameKernel(scales, settings=settings, noise=noise, count=40, kernel=kernel).fill(stored, **rest)
+
+
 @pytest.mark.parametrize(
     "other",
     [
@@ -244,12 +249,12 @@ def front_of(**other: Any) -> tuple[NDArray[Any], front.KernelScales, dict[str, 
 def test_the_front_refuses_what_does_not_fit(other: dict[str, Any]) -> None:
     stored, scales, rest = front_of(**other)
     with pytest.raises((ValueError, TypeError)):
-        front.fill_maps(stored, scales, **rest)
+        fill(stored, scales, **rest)
 
 
 def test_the_front_takes_what_fits() -> None:
     stored, scales, rest = front_of()
-    front.fill_maps(stored, scales, **rest)
+    fill(stored, scales, **rest)
     assert (rest["status"] == 4).all()
     assert np.isnan(rest["layers"][:6]).all()
 
