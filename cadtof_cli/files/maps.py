@@ -3,7 +3,7 @@
 import math
 import re
 from collections.abc import Mapping
-from dataclasses import field, replace
+from dataclasses import field
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from cadtof_cli import __version__
 from cadtof_cli.arrays import Float32, Status
 from cadtof_cli.errors import FrameError, OutputError
-from cadtof_cli.files.atomic import PartialFile, atomic_write, writing
+from cadtof_cli.files.atomic import PartialFile, atomic_write, not_written
 from cadtof_cli.files.digest import file_digest, parts_digest
 from cadtof_cli.files.formats import MAP_SUFFIXES, detect_format, format_by_suffix
 from cadtof_cli.files.system import BLOCK_BYTES, address_of
@@ -82,18 +82,25 @@ class MapHeader:
     """What the header of a map file says: the unit of each layer, empty for pure numbers, and facts by name.
 
     Facts are text, such as the kind of depth, the periods, the recorded frame and the digest of a calibration. What no header can
-    hold, such as bytes of a file name that are not UTF-8, is escaped.
+    hold, such as bytes of a file name that are not UTF-8, is escaped. The first says which software made the maps.
     """
 
     units: Mapping[str, str] = field(default_factory=dict)
     facts: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        facts = {
-            name: text if text.isprintable() else "".join(one if one.isprintable() else repr(one)[1:-1] for one in text)
-            for name, text in self.facts.items()
-        }
+        facts = {"software": SOFTWARE, **{name: _printable(text) for name, text in self.facts.items()}}
         object.__setattr__(self, "facts", facts)
+
+    def of_frame(self, source: str, /) -> "MapHeader":
+        """Return the header of the maps of one recorded frame."""
+        return MapHeader(self.units, {**self.facts, SOURCE: source})
+
+
+def _printable(text: str) -> str:
+    if text.isprintable():
+        return text
+    return "".join(one if one.isprintable() else repr(one)[1:-1] for one in text)
 
 
 NO_FACTS = MapHeader()
@@ -117,16 +124,17 @@ def stage_maps(
     kind = format_by_suffix(path)
     if kind is None or kind.layers is None:
         raise OutputError(f"{path}: found the suffix {path.suffix!r}, expected one of {', '.join(MAP_SUFFIXES)}")
-    header = replace(header, facts={"software": SOFTWARE, **header.facts})
     partial = PartialFile(path, token=token)
     try:
-        with writing(path):
-            parts = kind.layers().write_maps(partial.temporary, maps, header=header)
-            if parts:
-                partial.set_content(parts)
-            else:
-                partial.size()
-            return partial, parts_digest(parts) if parts else file_digest(partial.temporary)
+        parts = kind.layers().write_maps(partial.temporary, maps, header=header)
+        if parts:
+            partial.set_content(parts)
+            return partial, parts_digest(parts)
+        partial.size()
+        return partial, file_digest(partial.temporary)
+    except OSError as error:
+        partial.discard()
+        raise not_written(path, error) from error
     except BaseException:
         partial.discard()
         raise

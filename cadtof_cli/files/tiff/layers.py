@@ -64,7 +64,7 @@ def write_maps(path: Path, maps: DepthMaps, /, *, header: MapHeader) -> Sequence
 def _write_pages(path: Path, maps: DepthMaps, header: MapHeader) -> None:
     """Write a file as tifffile does, all pixels in one run, then the names of the pages into their tags.
 
-    It ends with a whole disk block, as its pixels begin with one: the next ones can then be written past the page cache.
+    It ends with a whole disk block, as its pixels begin with one: the next files can then be written past the page cache.
     """
     names = (*maps.names, STATUS)
     bands = [
@@ -85,9 +85,18 @@ def _write_pages(path: Path, maps: DepthMaps, header: MapHeader) -> None:
             assert isinstance(page, tifffile.TiffPage)
             # tifffile writes what does not fit into the place of the tag to the end of the file
             page.tags[_PAGE_NAME].overwrite(name)
-            page.tags[_GDAL_METADATA].overwrite(band)
-    size = path.stat().st_size
-    os.truncate(path, size + -size % BLOCK_BYTES)
+            page.tags[_GDAL_METADATA].overwrite(band if name != STATUS else _at_end_of_block(file.filehandle, band))
+
+
+def _at_end_of_block(file: tifffile.FileHandle, text: str) -> str:
+    """Make a file as long as is needed for it to end with a whole block after a text and its zero byte; return this text.
+
+    It gets a blank where it takes an odd number of bytes, since values begin at even places.
+    """
+    text += " " * ((len(text) + 1) % 2)
+    end = file.seek(0, os.SEEK_END)
+    file.write(bytes(-(end + len(text) + 1) % BLOCK_BYTES))
+    return text
 
 
 def _envelope(path: Path, maps: DepthMaps) -> Envelope | None:
