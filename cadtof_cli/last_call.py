@@ -11,8 +11,8 @@ Result = TypeVar("Result")
 def same_as_last(function: Callable[Parameters, Result], /) -> Callable[Parameters, Result]:
     """Return a function that returns once more what it returned last, where its arguments, by place, are equal.
 
-    Nothing is hashed, which takes longer for a large record than what is remembered often does: to find that an argument is the very
-    same object takes no time.
+    Nothing is hashed, which for a large record may take longer than what is remembered; that an argument is the very same object
+    is seen at once.
     """
     last: list[tuple[tuple[object, ...], Result]] = []
 

@@ -1,8 +1,8 @@
 """Records: `dataclass` as the standard library has it, but for the time that it takes before anything is done.
 
 Until Python 3.13 the library compiles six functions for every frozen class when its module is imported, a tenth of the time of a
-run of one frame. Here one is compiled, which sets all fields at once: a frame on its way is some dozen records. What is the same for
-all classes is written once. Modules that every run loads take theirs from here, and nobody who reads or uses a record sees a
+run of one frame. Here one is compiled, which sets all fields at once: a frame on its way is some dozen records. What is the same
+for all classes is written once. Modules that every run loads take theirs from here, and nobody who reads or uses a record sees a
 difference.
 """
 

@@ -36,7 +36,7 @@ class DepthMaps:
     """The maps of one frame.
 
     `pages` is float32 (layer, Y, X) in the order of `names`, with one page more at its end, which the TIFF writer keeps
-    for the `status` bits, uint32 (Y, X). `image`, where the pages lie in it, is one disk block, the pages, and a block again,
+    for the `status` bits, uint32 (Y, X). `image`, where the pages lie in it, is one disk block, the pages, and two blocks more,
     aligned to blocks: a writer can put together a whole file there.
     """
 
@@ -53,11 +53,11 @@ class DepthMaps:
     def empty(cls, names: tuple[str, ...], size: tuple[int, int], /) -> "DepthMaps":
         """Return uninitialised maps, (Y, X) each, in an image of their own, so that writing needs no copy."""
         shape = (len(names) + 1, *size)
-        image_bytes = 4 * math.prod(shape) + 2 * BLOCK_BYTES
-        memory = np.empty(image_bytes + BLOCK_BYTES, np.uint8)
+        pages_bytes = 4 * math.prod(shape)
+        memory = np.empty(pages_bytes + 4 * BLOCK_BYTES, np.uint8)
         begin = -address_of(memory.data) % BLOCK_BYTES
-        image = memory[begin : begin + image_bytes]
-        pages = image[BLOCK_BYTES:-BLOCK_BYTES].view(np.float32).reshape(shape)
+        image = memory[begin : begin + pages_bytes + 3 * BLOCK_BYTES]
+        pages = image[BLOCK_BYTES : BLOCK_BYTES + pages_bytes].view(np.float32).reshape(shape)
         return cls(names, pages, np.empty(size, np.uint32), image.data)
 
     @property
@@ -190,7 +190,7 @@ def write_layers(path: Path, layers: Mapping[str, NDArray[Any]], /, *, lossy: bo
     Raises:
         OutputError: the file cannot be written.
     """
-    from cadtof_cli.files.exr.file import write_exr
+    from cadtof_cli.files.exr import write_exr
 
     if lossy:
         layers = {name: layer.astype(np.float32) for name, layer in layers.items()}

@@ -63,9 +63,11 @@ class Envelope:
         return self if old == new else Envelope(self.head.replace(old, new), self.pixels, self.tail.replace(old, new))
 
     def around(self, pixels: NDArray[Any], image: memoryview | None, /) -> Sequence[memoryview]:
-        """Return the parts of a file with these bytes around other pixels: a single one where these lie in an `image` with a
-        block before and after them, and the bytes fill both."""
-        if image is None or not len(self.head) == len(self.tail) == BLOCK_BYTES:
+        """Return the parts of a file with these bytes around other pixels: a single one where these lie in an `image` that has a
+        block before them and room for the rest behind."""
+        behind = BLOCK_BYTES + self.pixels
+        if image is None or len(self.head) != BLOCK_BYTES or behind + len(self.tail) > len(image):
             return memoryview(self.head), pixels.data.cast("B"), memoryview(self.tail)
-        image[:BLOCK_BYTES], image[-BLOCK_BYTES:] = self.head, self.tail
-        return (image,)
+        end = behind + len(self.tail)
+        image[:BLOCK_BYTES], image[behind:end] = self.head, self.tail
+        return (image[:end],)

@@ -74,7 +74,7 @@ def open_frames(path: Path, layout: FrameLayout, /) -> Iterator[Frames]:
         def read(index: int = 0, /) -> Stored:
             return images.planes(table[index].ravel()).reshape(shape)
 
-        yield Frames(len(table), shape, images.dtype, read, like and like.read_like)
+        yield Frames(len(table), shape, images.dtype, read, like.read_like if like else None)
 
 
 def _opened(key: object, path: Path, layout: FrameLayout) -> tuple[TiffImages, NDArray[np.intp]]:

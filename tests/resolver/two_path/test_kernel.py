@@ -22,6 +22,7 @@ from cadtof_cli.frame_plan import CalibrationUse, FramePlan, MapSettings
 from cadtof_cli.phasors.frame_mean import FrameMean
 from cadtof_cli.pipeline import prepare_frame, resolve_frame, resolve_pixels
 from cadtof_cli.resolver.settings import ORDERS, RETURNS, ResolverSettings, Return
+from cadtof_cli.resolver.status import count_status
 from cadtof_cli.resolver.two_path import kernel as front
 from cadtof_cli.resolver.two_path.kernel import NUMPY, available_kernels
 from tests.support.calibrations import made_up_calibration
@@ -257,6 +258,22 @@ def test_the_front_takes_what_fits() -> None:
     fill(stored, scales, **rest)
     assert (rest["status"] == 4).all()
     assert np.isnan(rest["layers"][:6]).all()
+
+
+@settings(max_examples=50, deadline=None)
+@given(st.lists(st.integers(0, 2**32 - 1), max_size=70), st.integers(0, 3))
+def test_pixels_are_counted_as_numpy_does(bits: list[int], twice: int) -> None:
+    status = np.array(bits, np.uint32).repeat(10 ** (2 * twice) if twice < 2 else twice)
+    for one in (status, status[::2], status[::-1], status.reshape(1, -1)):
+        assert front.count_status(one) == count_status(one)
+
+
+def test_only_status_bits_are_counted(compiled: ModuleType) -> None:
+    for wrong in (np.zeros(4, np.int32), np.zeros(4, np.float32), np.zeros(4, np.uint64)):
+        with pytest.raises(TypeError, match="status"):
+            compiled.count_status(available_kernels()[0], wrong)
+    with pytest.raises(ValueError, match="mmx"):
+        compiled.count_status("mmx", np.zeros(4, np.uint32))
 
 
 def test_each_constant_that_the_kernel_reads_has_a_value(compiled: ModuleType) -> None:
