@@ -32,6 +32,7 @@ COMPILED = {
         "../_buffers.h",
         "../_instruction_sets.h",
         "../_module.h",
+        "_decomposition.h",
         "_kernel_answers.h",
         "_kernel_frame.h",
         "_kernel_group.h",

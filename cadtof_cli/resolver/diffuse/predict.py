@@ -28,7 +28,7 @@ from cadtof_cli.resolver.diffuse.settings import DiffuseSettings
 from cadtof_cli.resolver.diffuse.tail import TailModel
 from cadtof_cli.resolver.diffuse.through import seen_through, typical_tail
 from cadtof_cli.resolver.diffuse.upsampling import upsampler
-from cadtof_cli.resolver.two_path.closed_form import FundamentalFrame, two_paths
+from cadtof_cli.resolver.two_path.decomposition import decomposed
 from cadtof_cli.resolver.two_path.kernel import NUMPY
 
 LEAST_RATIO = 0.05
@@ -137,7 +137,7 @@ def _model(
         return None
     coarse = coarse_planes(fit, posterior, _beside(fit, tail, planes, valid, frame, mpi_share(ratios)), valid)
     covered = 0 if through is None else int(through.found.sum())
-    gap = (coarse.planes[coarse.data + 1][valid] - two_path_lag(ratios[0]))[heard]
+    gap = (coarse.planes[coarse.data + 1][valid] - two_path_lag(ratios[0], kernel=frame.kernel))[heard]
     return DiffuseModel(
         frame.settings,
         DiffuseChoice("tail", int(kinds.lit.sum()), kinds.separate_share, _room_numbers(fit), covered),
@@ -170,6 +170,7 @@ def _seen_through(
         Tails(near, far, frame.settings.harmonics),
         grid=frame.grid,
         settings=frame.settings,
+        kernel=frame.kernel,
     )
 
 
@@ -187,12 +188,9 @@ def _beside(fit: PatchFit, tail: TailModel, planes: PatchPlanes, valid: Bool, fr
     return Beside(continued, share * unseen, share * would_be, open_share)
 
 
-def two_path_lag(ratio: Complex, /) -> Float:
+def two_path_lag(ratio: Complex, /, *, kernel: str = NUMPY) -> Float:
     """Return by how much MPI turns arg p_1 if there are two paths, the stronger direct, from q_2 = p_2|p_1|/p_1², (n,)."""
-    one = np.ones(ratio.shape)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        # q_2 = 1 is one path, where the closed form divides zero by zero before it says so
-        paths = two_paths(FundamentalFrame(one, ratio.real, ratio.imag, one, np.zeros_like(one)))
+    paths = decomposed(np.ones_like(ratio), ratio, kernel=kernel)
     sin_half = np.where(paths.a >= paths.b, paths.sin_half, -paths.sin_half)
     lag: Float = -np.arctan2(
         paths.sin_mean * paths.cos_half + paths.cos_mean * sin_half,
@@ -203,7 +201,7 @@ def two_path_lag(ratio: Complex, /) -> Float:
 
 def _planes(light: PatchLight, means: PatchMeans, frame: _Frame) -> PatchPlanes:
     """Return the surfaces by the first depth: that of two paths, from the mean light of every patch."""
-    lag = two_path_lag(means.ratios[0].ravel()).reshape(*means.amplitude.shape, 1)
+    lag = two_path_lag(means.ratios[0].ravel(), kernel=frame.kernel).reshape(*means.amplitude.shape, 1)
     range_m = range_from_phase(light.phase_rad - lag.astype(np.float32), frame.settings) + frame.offset_m
     return patch_planes(np.maximum(range_m, np.float32(NEAREST_M)), light.seen, frame.grid)
 

@@ -23,6 +23,7 @@ typedef struct {
     const char *name;
     void (*resolve)(const Frame *frame, int64_t start, int64_t stop);
     void (*answer)(const TailAnswers *answers, int64_t start, int64_t stop);
+    void (*decompose)(const double *first, const double *second, double *paths, int64_t pixels);
     void (*search)(const Search *search);
     void (*slopes)(const Slopes *slopes);
     void (*step)(const Steps *steps);
@@ -35,6 +36,9 @@ typedef struct {
     attributes static void answer_##name(const TailAnswers *answers, int64_t start, int64_t stop) { \
         answer_pixels(answers, start, stop); \
     } \
+    attributes static void decompose_##name(const double *first, const double *second, double *paths, int64_t pixels) { \
+        decompose_pixels(first, second, paths, pixels); \
+    } \
     attributes static void search_##name(const Search *search) { search_pixels(search); } \
     attributes static void slopes_##name(const Slopes *slopes) { slopes_of_patches(slopes); } \
     attributes static void step_##name(const Steps *steps) { step_of_patches(steps); } \
@@ -42,7 +46,7 @@ typedef struct {
         count_pixels(status, pixels, counts); \
     }
 #define LISTED(name, attributes, supported) \
-    {#name, resolve_##name, answer_##name, search_##name, slopes_##name, step_##name, count_##name, supported},
+    {#name, resolve_##name, answer_##name, decompose_##name, search_##name, slopes_##name, step_##name, count_##name, supported},
 FOR_EACH_LEVEL(FUNCTIONS)
 static const Level LEVELS[] = {FOR_EACH_LEVEL(LISTED)};
 #include "../_module.h"
@@ -175,6 +179,7 @@ static PyObject *count_status(PyObject *module, PyObject *arguments) {
     return result;
 }
 
+#include "_decomposition.h"
 #include "../diffuse/_tail_call.h"
 #include "../diffuse/_patches_call.h"
 #include "../response/_search_call.h"
@@ -208,6 +213,9 @@ static PyMethodDef METHODS[] = {
     {"answer_tail", answer_tail, METH_VARARGS,
      "answer_tail(level, start, stop, phasors, usable, samples, answered, answers, tail)\n\n"
      "Fill answered and answers of the pixels from start up to stop. Everybody but the tests calls it through compiled.py."},
+    {"decompose", decompose, METH_VARARGS,
+     "decompose(level, first phasors, second phasors, paths)\n\n"
+     "Fill paths. Everybody but the tests calls it through decomposition.py."},
     {"tail_slopes", tail_slopes, METH_VARARGS,
      "tail_slopes(level, numbers, rad per ns, onset, state, cosines, sines, seen, beyond, later, total, slopes)\n\n"
      "Fill total and slopes. Everybody but the tests calls it through diffuse/compiled_fit.py."},
