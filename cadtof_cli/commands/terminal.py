@@ -97,12 +97,9 @@ class Bar:
         """Write a line into the log, with the time."""
         if self.log is None:
             return
+        line = f"{datetime.now().astimezone().isoformat(timespec='seconds')} {message}\n"
         try:
-            self.log.write(
-                f"{datetime.now().astimezone().isoformat(timespec='seconds')} {message}\n".encode(
-                    errors="backslashreplace"
-                )
-            )
+            self.log.write(line.encode(errors="backslashreplace"))
         except OSError as error:
             raise OutputError(f"{self.log.name}: cannot be written: {error.strerror}") from error
 
