@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
+from cadtof_cli.simulation.pixel.averaging import Averaging
 from cadtof_cli.simulation.pixel.mix import Condition
 from cadtof_cli.simulation.pixel.pixel import PixelModel
 from cadtof_cli.workflows.calibrate.captures import CalibrateSettings, averaged_captures
@@ -14,7 +15,8 @@ from tests.support.told import Told
 
 
 def test_a_sweep() -> None:
-    told, base = Told(), Trials(condition=Condition(asr=1.0, mpi_ratio=0.1), model=PixelModel(), runs=2)
+    told, pixel = Told(), PixelModel(averaging=Averaging(integration_length=1e4))
+    base = Trials(condition=Condition(asr=1.0, mpi_ratio=0.1), model=pixel, runs=2)
     sweep(SweepSettings(base=base, asrs=(1.0, 2.0), mpi_ratios=(0.0, 0.1), integration_lengths=(1e4,)), progress=told)
     assert (told.expected, told.steps) == (4, 4)
 
