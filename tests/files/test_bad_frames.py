@@ -204,7 +204,7 @@ def test_a_reader_imports_the_library_it_needs_alone(tmp_path: Path, monkeypatch
         assert name != "OpenEXR"
         return imported(name, *args, **options)
 
-    for name in ("OpenEXR", "cadtof_cli.files.exr.file"):
+    for name in ("OpenEXR", "cadtof_cli.files.exr"):
         monkeypatch.delitem(sys.modules, name, raising=False)
     monkeypatch.setattr(builtins, "__import__", refuse)
     with open_frames(source, LAYOUT) as frames:
