@@ -49,7 +49,12 @@ def test_buffers_that_do_not_fit_are_refused(compiled: ModuleType, which: int) -
     good = [np.ones(5, complex), np.ones(5, complex), np.zeros((9, 5))]
     compiled.decompose(level, *good)
     assert good[2][0].tolist() == [1.0] * 5
-    for wrong in (np.ones(good[which].size + 1, good[which].dtype), np.zeros(good[which].shape, np.float32), None, "text"):
+    for wrong in (
+        np.ones(good[which].size + 1, good[which].dtype),
+        np.zeros(good[which].shape, np.float32),
+        None,
+        "text",
+    ):
         given = [*good[:which], wrong, *good[which + 1 :]]
         with pytest.raises((TypeError, ValueError)):
             compiled.decompose(level, *given)
