@@ -93,9 +93,9 @@ class KernelScales:
     metres: float | Float
     volts: float
     phase_offset_rad: Float | None
-    tail: Buffers | None = None
-    most_volts: float = math.inf
-    noise_volts: float = 0.0
+    tail: Buffers | None
+    most_volts: float
+    noise_volts: float
 
 
 def fill_maps(
@@ -133,7 +133,7 @@ def fill_maps(
     light = (metres, scales.volts, scales.most_volts, scales.noise_volts)
     constants = _constants(settings, noise.each, scales.phasor_map, limits, stored.dtype, light)
     stored = stored if stored.dtype in _STORED_TYPES else stored.astype(np.float64)
-    own, other, constant = _own_maps(scales.phasor_map, count)
+    own, other, constant = _own_maps(scales.phasor_map)
     arrays = {
         "stored": (stored, (2, count) if scales.phasor_map is None else (2, 2, count)),
         "own": (own, (2, 2, count)),
@@ -235,13 +235,10 @@ def _order(settings: ResolverSettings) -> str:
     return "1" if settings.max_paths == 1 else settings.order
 
 
-def _own_maps(phasor_map: PhasorMap | None, count: int) -> tuple[Float | None, Float | None, Float | None]:
+def _own_maps(phasor_map: PhasorMap | None) -> tuple[Float | None, Float | None, Float | None]:
     """Return the affine map of every pixel, (2, 2, n) each, or nothing where they share one."""
     if phasor_map is None or (phasor_map.own.shape[2] == 1 and phasor_map.other is None):
         return None, None, None
     if phasor_map.other is None or phasor_map.constant is None:
         raise ValueError("phasor_map: found a map of every pixel without other or constant")
-    own, other, constant = phasor_map.own, phasor_map.other, phasor_map.constant
-    if own.shape[2] == 1:
-        own, other, constant = (np.repeat(part, count, axis=2) for part in (own, other, constant))
-    return own, other, constant
+    return phasor_map.own, phasor_map.other, phasor_map.constant
