@@ -14,8 +14,7 @@ from typing import NoReturn
 import click
 
 from cadtof_cli import __version__
-from cadtof_cli.commands.examples import example
-from cadtof_cli.commands.narrow_help import HelpContext, fit_narrow_terminals
+from cadtof_cli.commands.help import HelpContext, example, fit_narrow_terminals
 from cadtof_cli.commands.terminal import prepare_streams, tell
 from cadtof_cli.errors import CadtofError, OutputError
 

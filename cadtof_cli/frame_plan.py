@@ -90,7 +90,7 @@ class FramePlan:
     def __post_init__(self) -> None:
         modulation, resolver = self.metadata.modulation, self.settings.resolver
         if self.settings.depth == "z":
-            from cadtof_cli.optics.lens import known_focal_length
+            from cadtof_cli.optics import known_focal_length
 
             known_focal_length(self.metadata.optics)
         resolver.check_harmonics(modulation.harmonics)

@@ -20,8 +20,7 @@ from cadtof_cli.frame_pixels import EVERY, FramePixels, Where
 from cadtof_cli.frame_plan import FramePlan
 from cadtof_cli.maps.depth import DepthScale, clear_impossible, clear_pixels, most_volts, write_block
 from cadtof_cli.maps.layers import ALWAYS, Layer
-from cadtof_cli.optics.lamp import LampBeside
-from cadtof_cli.optics.lens import planar_per_range
+from cadtof_cli.optics import LampBeside, planar_per_range
 from cadtof_cli.phasors.frame_mean import FrameMean
 from cadtof_cli.phasors.noise import NoiseModel, estimated_integration_length, noise_model
 from cadtof_cli.phasors.plausible import is_without_noise

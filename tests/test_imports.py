@@ -29,7 +29,7 @@ ALLOWED: dict[str, set[str]] = {
     "resolver": {"capture", "optics", "phasors"},
     "maps": {"capture", "files", "optics", "phasors", "resolver"},
     "calibration": {"capture", "files", "maps", "optics", "phasors", "resolver"},
-    "simulation": {"capture", "files", "maps", "optics", "phasors", "resolver"},
+    "simulation": {"capture", "optics"},
     "frame_plan": {"calibration", "capture", "maps", "optics", "phasors", "resolver"},
     "frame_pixels": {"phasors", "resolver"},  # of the resolver, it knows types alone
     # of the pipeline, it knows types alone
@@ -44,7 +44,6 @@ ALLOWED: dict[str, set[str]] = {
         *("calibration", "capture", "files", "frame_plan", "maps", "phasors", "pipeline", "resolver", "simulation"),
         "workflows",
     },
-    "first_phasor": {"calibration", "frame_plan", "maps", "phasors", "pipeline", "resolver"},
     "figures": {"calibration", "capture", "files", "maps", "one_pixel", "optics", "resolver", "simulation"},
 }
 """What a part may import besides itself and what anybody may: only what comes before it."""

@@ -7,7 +7,7 @@ import numpy as np
 
 from cadtof_cli.arrays import Bool, Float
 from cadtof_cli.capture.metadata import CaptureMetadata
-from cadtof_cli.optics.lens import curvature_m, principal_point
+from cadtof_cli.optics import curvature_m, principal_point
 from cadtof_cli.phasors.response import HarmonicResponse, ideal_response
 from cadtof_cli.phasors.voltages import PhasorMap, ideal_phasor_map, pixel_phasor_map
 from cadtof_cli.records import dataclass

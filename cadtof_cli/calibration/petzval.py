@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from cadtof_cli.arrays import Float
 from cadtof_cli.calibration.parts import Maps, Origin, PartKind, Tables
-from cadtof_cli.optics.lens import curvature_m
+from cadtof_cli.optics import curvature_m
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from typing import Any
 import click
 
 from cadtof_cli.calibration.parts import PART_KINDS
-from cadtof_cli.commands.examples import example
+from cadtof_cli.commands.help import example
 from cadtof_cli.commands.options import (
     Decorator,
     Function,

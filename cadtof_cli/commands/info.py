@@ -8,7 +8,7 @@ from typing import Any
 
 import click
 
-from cadtof_cli.commands.examples import example
+from cadtof_cli.commands.help import example
 from cadtof_cli.commands.options import (
     SectionedCommand,
     capture_options,
@@ -65,9 +65,8 @@ def info(
       1  a capture or map has a problem, reported on stderr
       2  wrong usage, or nothing to show
     """
-    from cadtof_cli.workflows.inspect.calibration_facts import CalibrationFacts
+    from cadtof_cli.workflows.inspect.facts import CalibrationFacts, MapFacts
     from cadtof_cli.workflows.inspect.info import CaptureFacts, look_into
-    from cadtof_cli.workflows.inspect.map_facts import MapFacts
 
     shown: dict[type, tuple[str, Callable[[Any], Iterator[str]]]] = {
         CaptureFacts: ("capture", _capture_lines),

@@ -280,6 +280,24 @@ def settings_option() -> Decorator[Any]:
     )
 
 
+def optics_options(record: type, /) -> tuple[Decorator[Any], ...]:
+    """Return the options for the optics that a run's record lacks, or has wrong, as fields of a settings record."""
+    return (
+        setting_option(
+            "--focal-length-px",
+            record,
+            metavar="F",
+            help="Focal length in pixels, for point clouds.  [default: from run.json]",
+        ),
+        setting_option(
+            "--principal-point-px",
+            record,
+            metavar="X,Y",
+            help="Column and row of the optical axis.  [default: from run.json, else the centre]",
+        ),
+    )
+
+
 def input_paths(values: tuple[str, ...], /) -> tuple[Path, ...]:
     """Return the paths that the arguments name; `-` stands for paths on stdin, a line each."""
     return tuple(itertools.chain.from_iterable(arriving_paths(values)))

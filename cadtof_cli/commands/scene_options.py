@@ -10,8 +10,7 @@ from cadtof_cli.commands.options import NUMBERS, record_options, setting_option
 from cadtof_cli.commands.simulation_options import ModulationOptions, further_option, pair, triple
 from cadtof_cli.errors import SettingsError
 from cadtof_cli.files.formats import FRAME_FORMATS, format_by_name
-from cadtof_cli.simulation.pixel.mix import Condition
-from cadtof_cli.simulation.pixel.motion import Motion
+from cadtof_cli.simulation.pixel.mix import Condition, Motion
 from cadtof_cli.simulation.scene.camera import Camera
 from cadtof_cli.simulation.scene.exposure import Exposure
 from cadtof_cli.simulation.scene.light import Scene

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import click
 
-from cadtof_cli.commands.examples import example
+from cadtof_cli.commands.help import example
 from cadtof_cli.commands.scene_options import (
     SCENE_ONLY,
     LightOptions,
@@ -33,7 +33,7 @@ from cadtof_cli.errors import SettingsError
 from cadtof_cli.execution.workers import Workers
 from cadtof_cli.files.atomic import require_absent
 from cadtof_cli.resolver.settings import ResolverSettings
-from cadtof_cli.simulation.pixel.motion import Motion
+from cadtof_cli.simulation.pixel.mix import Motion
 from cadtof_cli.simulation.scene.scenes import SCENES
 from cadtof_cli.units import counted
 from cadtof_cli.workflows.simulate.outcome import PathSummary, TrialsSummary

@@ -13,7 +13,7 @@ from cadtof_cli.errors import SettingsError
 from cadtof_cli.execution.workers import Workers
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.simulation.pixel.averaging import Averaging, Capacitors, Stages
-from cadtof_cli.simulation.pixel.motion import Motion
+from cadtof_cli.simulation.pixel.mix import Motion
 from cadtof_cli.simulation.pixel.pixel import PixelModel
 from cadtof_cli.workflows.simulate.trials import Trials
 

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import click
 
-from cadtof_cli.commands.examples import example
 from cadtof_cli.commands.grid import grid_from_text
+from cadtof_cli.commands.help import example
 from cadtof_cli.commands.options import setting_option
 from cadtof_cli.commands.simulation_options import (
     ModulationOptions,
@@ -27,8 +27,7 @@ from cadtof_cli.errors import SettingsError
 from cadtof_cli.execution.workers import Workers
 from cadtof_cli.files.atomic import require_absent
 from cadtof_cli.resolver.settings import ResolverSettings
-from cadtof_cli.simulation.pixel.mix import Condition
-from cadtof_cli.simulation.pixel.motion import Motion
+from cadtof_cli.simulation.pixel.mix import Condition, Motion
 from cadtof_cli.workflows.simulate import sweep as workflow
 from cadtof_cli.workflows.simulate.trials import Trials
 

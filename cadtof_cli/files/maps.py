@@ -175,7 +175,7 @@ def write_layers(path: Path, layers: Mapping[str, NDArray[Any]], /, *, lossy: bo
     Raises:
         OutputError: the file cannot be written.
     """
-    from cadtof_cli.files.exr.file import write_exr
+    from cadtof_cli.files.exr import write_exr
 
     if lossy:
         layers = {name: layer.astype(np.float32) for name, layer in layers.items()}

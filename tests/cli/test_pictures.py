@@ -15,7 +15,7 @@ from cadtof_cli.calibration.petzval import PetzvalCalibration
 from cadtof_cli.calibration.store import save_part
 from cadtof_cli.capture.metadata import CaptureMetadata, Optics
 from cadtof_cli.figures.petzval import WallSection, draw_petzval
-from cadtof_cli.optics.lens import wall_range_m
+from cadtof_cli.optics import wall_range_m
 from tests.support.calibrations import PETZVAL_QUALITY, made_up_calibration
 from tests.support.captures import record, write_exr, write_frame
 from tests.support.forward import step_frame, step_truth

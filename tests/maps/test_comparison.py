@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from cadtof_cli.maps.comparison import MagnitudeTally, changed_bits, changed_pixels, difference
-from cadtof_cli.maps.over_time import SequenceTally
+from cadtof_cli.maps.evaluation import SequenceTally
 from cadtof_cli.resolver.status import StatusBit
 
 

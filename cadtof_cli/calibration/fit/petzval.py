@@ -12,7 +12,7 @@ from cadtof_cli.calibration.parts import Origin
 from cadtof_cli.calibration.petzval import PetzvalCalibration, PetzvalQuality, WallFit
 from cadtof_cli.capture.metadata import Optics
 from cadtof_cli.errors import SettingsError
-from cadtof_cli.optics.lens import half_diagonal_px, principal_point
+from cadtof_cli.optics import half_diagonal_px, principal_point
 from cadtof_cli.units import unambiguous_range_m
 
 LEAST_PIXELS = 50

@@ -5,8 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cadtof_cli.arrays import Bool, Float, Index
-from cadtof_cli.phasors.chi_squared import chi_squared_threshold
-from cadtof_cli.phasors.noise import NoiseModel
+from cadtof_cli.phasors.noise import NoiseModel, chi_squared_threshold
 from cadtof_cli.phasors.rotors import powers
 from cadtof_cli.resolver.likelihood.levenberg_marquardt import LevenbergMarquardt, Minimum
 from cadtof_cli.resolver.likelihood.mixture import Measured, Mixture, WeightedFit, WhiteFit

@@ -15,8 +15,7 @@ from cadtof_cli.resolver.likelihood.levenberg_marquardt import MOST_DAMPING, SHR
 from cadtof_cli.resolver.likelihood.normal_equations import LEAST_PIVOT
 from cadtof_cli.resolver.paper.compiled import compiled_best_ends
 from cadtof_cli.resolver.paper.equation_9 import EliminatedPath
-from cadtof_cli.resolver.paper.records import STOPPING, Ends, Stopping
-from cadtof_cli.resolver.paper.starts import RandomStarts
+from cadtof_cli.resolver.paper.records import STOPPING, Ends, RandomStarts, Stopping
 from cadtof_cli.resolver.two_path.kernel import NUMPY, chosen_kernel
 
 EASED, MORE, FURTHER = 0.3, 2.0, 4.0

@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 
 from cadtof_cli.arrays import Float, Float32, Status, Stored, sealed
 from cadtof_cli.errors import SettingsError
-from cadtof_cli.phasors.chi_squared import chi_squared_threshold
-from cadtof_cli.phasors.noise import LEAST_SHARE, HarmonicNoise, NoiseModel
+from cadtof_cli.phasors.noise import LEAST_SHARE, HarmonicNoise, NoiseModel, chi_squared_threshold
 from cadtof_cli.phasors.voltages import PhasorMap
 from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.settings import ResolverSettings

@@ -21,13 +21,12 @@ from cadtof_cli.maps.comparison import (
 )
 from cadtof_cli.maps.layers import DIRECT_DEPTH, MPI_DEPTH, layer_unit
 from cadtof_cli.resolver.status import StatusBit, bit_words
+from cadtof_cli.workflows.inspect.layers import Layers, require_same_size
 from cadtof_cli.workflows.progress import Progress
 from cadtof_cli.workflows.run_folder import Run, read_run
 
 WORST = 5
 """Frames that are named."""
-
-Layers = Mapping[str, NDArray[Any]]
 
 
 @dataclass(frozen=True)
@@ -128,10 +127,8 @@ class MapPairs:
         """Return a frame's layers in both; raises CadtofError where they cannot be read, or differ in size."""
         files = self.files[name]
         first, second = ({key: self._cropped(plane) for key, plane in read_layers(file).items()} for file in files)
-        sizes = [next(iter(layers.values())).shape for layers in (first, second)]
-        if sizes[0] != sizes[1]:
-            found, wanted = ("{1} × {0}".format(*size) for size in sizes)
-            raise CaptureError(f"{files[1]}: found {wanted} pixels, expected {found} as in {files[0]}")
+        one, other = (next(iter(layers.values())) for layers in (first, second))
+        require_same_size(other, one.shape, files[1], files[0])
         return FramePair(name, first, second)
 
     def _cropped(self, plane: NDArray[Any]) -> NDArray[Any]:

@@ -1,6 +1,6 @@
 """`cadtof export`: maps as other software reads them."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -9,45 +9,38 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cadtof_cli.capture.metadata import Optics
-from cadtof_cli.errors import CaptureError, SettingsError
+from cadtof_cli.errors import SettingsError
 from cadtof_cli.files.atomic import atomic_write, require_new
 from cadtof_cli.files.maps import STATUS, read_layers
-from cadtof_cli.files.png.writing import write_grey_png
+from cadtof_cli.files.png import write_grey_png
 from cadtof_cli.files.point_cloud import write_pcd, write_ply
 from cadtof_cli.frame_plan import DepthKind
 from cadtof_cli.maps.layers import DIRECT_DEPTH
-from cadtof_cli.optics.lens import planar_per_range, ray_slopes
+from cadtof_cli.optics import planar_per_range, ray_slopes
+from cadtof_cli.workflows.inspect.layers import GivenOptics, Layers, layer_of
 from cadtof_cli.workflows.progress import Progress
 from cadtof_cli.workflows.run_folder import Run, read_run
 
 MOST_MM = 65535
 """Farthest depth that 16 bits of millimetres hold."""
 
-Layers = Mapping[str, NDArray[Any]]
-
 
 @dataclass(frozen=True, kw_only=True)
-class ExportSettings:
-    """What a user can choose.
+class ExportSettings(GivenOptics):
+    """What a user can choose, besides the optics.
 
     Attributes:
         layer: the depths that points and pictures are made of.
         depth: whether they are radial ranges or planar depths; None: as the run says, ranges where there is none.
-        focal_length_px: of the camera; None: as the run says.
-        principal_point_px: column and row where the optical axis meets the array; None: as the run says, or the middle.
     """
 
     layer: str = DIRECT_DEPTH
     depth: DepthKind | None = None
-    focal_length_px: float | None = None
-    principal_point_px: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if not self.layer.endswith(".depth"):
             raise SettingsError(f"--layer: found {self.layer!r}, expected a layer of depths such as direct.depth")
-        point = self.principal_point_px
-        if point is not None and len(point) != 2:
-            raise SettingsError(f"--principal-point-px: found {len(point)} numbers, expected a column and a row")
 
 
 @dataclass(frozen=True)
@@ -82,7 +75,8 @@ def export_maps(
         require_new(output, overwrite=overwrite)
     progress.total(len(found))
     for (run, file), output in zip(found, outputs, strict=True):
-        write(_read(run, file, settings), output, settings)
+        one = _Map(file, read_layers(file), settings.depth or run.depth_kind, settings.optics(run, file))
+        write(one, output, settings)
         progress.advance()
     return tuple(outputs)
 
@@ -91,25 +85,9 @@ def _output(out: Path, run: Run, file: Path) -> Path:
     return out.with_name(f"{out.stem}_{run.name(file).replace('/', '_')}{out.suffix}")
 
 
-def _read(run: Run, file: Path, settings: ExportSettings) -> _Map:
-    optics = run.optics(file)
-    focal, point = settings.focal_length_px, settings.principal_point_px
-    merged = Optics(
-        focal_length_px=optics.focal_length_px if focal is None else focal,
-        principal_point_px=optics.principal_point_px if point is None else (point[0], point[1]),
-    )
-    return _Map(file, read_layers(file), settings.depth or run.depth_kind, merged)
-
-
-def _layer(one: _Map, name: str) -> NDArray[Any]:
-    if name not in one.layers:
-        raise CaptureError(f"{one.path}: found layers {', '.join(one.layers)}; expected {name}")
-    return one.layers[name]
-
-
 def _points(one: _Map, settings: ExportSettings) -> dict[str, NDArray[Any]]:
     """Return the points of the pixels that have an answer: x right, y down, z forward from the camera, in m."""
-    depth = _layer(one, settings.layer).astype(np.float64)
+    depth = layer_of(one.layers, settings.layer, one.path).astype(np.float64)
     path = settings.layer.removesuffix(".depth")
     rows, columns = depth.shape
     right, down = ray_slopes(one.optics, (rows, columns))
@@ -118,12 +96,12 @@ def _points(one: _Map, settings: ExportSettings) -> dict[str, NDArray[Any]]:
         "x": forward * right,
         "y": forward * down,
         "z": forward,
-        "amplitude": _layer(one, f"{path}.amplitude"),
-        "sigma": _layer(one, f"{path}.sigma"),
+        "amplitude": layer_of(one.layers, f"{path}.amplitude", one.path),
+        "sigma": layer_of(one.layers, f"{path}.sigma", one.path),
     }
     known = np.isfinite(depth)
     points = {name: plane[known].astype(np.float32) for name, plane in planes.items()}
-    return points | {STATUS: _layer(one, STATUS)[known].astype(np.uint32)}
+    return points | {STATUS: layer_of(one.layers, STATUS, one.path)[known].astype(np.uint32)}
 
 
 def _write_ply(one: _Map, output: Path, settings: ExportSettings) -> None:
@@ -140,7 +118,7 @@ def _comment(one: _Map, settings: ExportSettings) -> str:
 
 def _write_png(one: _Map, output: Path, settings: ExportSettings) -> None:
     """Write millimetres; 0 where there is no answer, or one that does not fit into 16 bits."""
-    depth = _layer(one, settings.layer).astype(np.float64)
+    depth = layer_of(one.layers, settings.layer, one.path).astype(np.float64)
     mm = np.rint(1000.0 * np.nan_to_num(depth, nan=0.0, posinf=0.0, neginf=0.0))
     plane = np.where((mm > 0) & (mm <= MOST_MM), mm, 0).astype(np.uint16)
     kind = "planar depth z" if one.depth == "z" else "radial range"

@@ -10,9 +10,9 @@ from cadtof_cli.errors import SettingsError
 from cadtof_cli.simulation.scene.camera import Camera
 from cadtof_cli.simulation.scene.light import Light
 from cadtof_cli.simulation.scene.rooms.net import drawn_net
-from cadtof_cli.simulation.scene.rooms.placed import Room
 from cadtof_cli.simulation.scene.rooms.room import RandomRoom
 from cadtof_cli.simulation.scene.rooms.solids import Interior
+from cadtof_cli.simulation.scene.rooms.view import Room
 
 CAMERA = Camera(width=32, height=24)
 ALL_ROWS = slice(0, 24)

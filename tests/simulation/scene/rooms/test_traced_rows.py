@@ -13,13 +13,12 @@ from numpy.typing import NDArray
 from cadtof_cli.arrays import Float, Float32
 from cadtof_cli.simulation.scene.camera import Camera
 from cadtof_cli.simulation.scene.light import Light
-from cadtof_cli.simulation.scene.rooms.lamp import Lamp
-from cadtof_cli.simulation.scene.rooms.light_points import LampLight, lamp_light
+from cadtof_cli.simulation.scene.rooms.lamp import Lamp, LampLight, lamp_light
 from cadtof_cli.simulation.scene.rooms.room import light_in_room, median_irradiance
 from cadtof_cli.simulation.scene.rooms.solids import Box, Interior
 from cadtof_cli.simulation.scene.rooms.traced_rows import STEP, indirect_light, traced_row
 from cadtof_cli.simulation.scene.rooms.tracing import Transients, transients
-from cadtof_cli.simulation.scene.rooms.view import View
+from cadtof_cli.simulation.scene.rooms.view import Room, View
 
 C_M_PER_NS = 0.299792458
 
@@ -32,17 +31,9 @@ ROOM = Interior(size_m=(3.0, 2.5, 4.0), albedos=(0.6, 0.5, 0.8, 0.3, 0.4, 0.7), 
 
 ROWS = range(5, 8)
 
-VIEW = View(
-    interior=ROOM,
-    camera=CAMERA,
-    position_m=(1.4, 1.2, 0.4),
-    yaw_rad=0.1,
-    pitch_rad=0.05,
-    lamp_offset_m=(0.0, 0.0, 0.0),
-    beam_rad=math.pi,
-    light_paths=48,
-    seed=3,
-)
+PLACED = Room(interior=ROOM, position_m=(1.4, 1.2, 0.4), yaw_rad=0.1, pitch_rad=0.05, beam_rad=math.pi)
+
+VIEW = View(room=PLACED, camera=CAMERA, light_paths=48, seed=3)
 
 
 @cache
