@@ -95,9 +95,9 @@ class KernelScales:
     metres: float | Float
     volts: float
     phase_offset_rad: Float | None
-    tail: Buffers | None = None
-    most_volts: float = math.inf
-    noise_volts: float = 0.0
+    tail: Buffers | None
+    most_volts: float
+    noise_volts: float
 
 
 class FrameKernel:
@@ -128,7 +128,7 @@ class FrameKernel:
         self._compiled = extension()
         self._options = (kernel or chosen_kernel(), _ORDERS[_order(settings)], _RETURNS[settings.returns])
         self._stored_shape = (2, count) if scales.phasor_map is None else (2, 2, count)
-        own, other, constant = _own_maps(scales.phasor_map, count)
+        own, other, constant = _own_maps(scales.phasor_map)
         arrays = {
             "own": (own, (2, 2, count)),
             "other": (other, (2, 2, count)),
@@ -264,13 +264,10 @@ def _order(settings: ResolverSettings) -> str:
     return "1" if settings.max_paths == 1 else settings.order
 
 
-def _own_maps(phasor_map: PhasorMap | None, count: int) -> tuple[Float | None, Float | None, Float | None]:
+def _own_maps(phasor_map: PhasorMap | None) -> tuple[Float | None, Float | None, Float | None]:
     """Return the affine map of every pixel, (2, 2, n) each, or nothing where they share one."""
     if phasor_map is None or (phasor_map.own.shape[2] == 1 and phasor_map.other is None):
         return None, None, None
     if phasor_map.other is None or phasor_map.constant is None:
         raise ValueError("phasor_map: found a map of every pixel without other or constant")
-    own, other, constant = phasor_map.own, phasor_map.other, phasor_map.constant
-    if own.shape[2] == 1:
-        own, other, constant = (np.repeat(part, count, axis=2) for part in (own, other, constant))
-    return own, other, constant
+    return phasor_map.own, phasor_map.other, phasor_map.constant
