@@ -14,10 +14,10 @@ from cadtof_cli.commands.help import example
 from cadtof_cli.commands.options import (
     Decorator,
     Function,
+    RecordOptions,
     SectionedCommand,
     capture_options,
     input_paths,
-    record_options,
     setting_option,
     settings_option,
 )
@@ -80,7 +80,7 @@ def _step(*more: Decorator[Any]) -> Decorator[Any]:
             capture_options("target.distance_m"),
             click.option("-q", "--quiet", is_flag=True, help="Print errors only: no progress bar or notes on stderr."),
             click.option("--json", "as_json", is_flag=True, help="Print the report as one JSON object on stdout."),
-            record_options(
+            RecordOptions(
                 "settings",
                 CalibrateSettings,
                 settings_option(),

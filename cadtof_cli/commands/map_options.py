@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from cadtof_cli.commands.options import Decorator, record_options, setting_option
+from cadtof_cli.commands.options import Decorator, RecordOptions, setting_option
 from cadtof_cli.frame_plan import DepthKind, MapSettings
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.workflows.resolve.settings import ResolveSettings
@@ -102,7 +102,7 @@ def map_options() -> Decorator[Any]:
             min_confidence_v=min_confidence_v,
         )
 
-    return record_options("maps", settings, *_RESOLVER, *_MAPS)
+    return RecordOptions("maps", settings, *_RESOLVER, *_MAPS)
 
 
 def calibration_option() -> Decorator[Any]:

@@ -14,12 +14,12 @@ from cadtof_cli.commands.map_options import calibration_option, map_options
 from cadtof_cli.commands.options import (
     STDIN,
     FrameRange,
+    RecordOptions,
     Rectangle,
     SectionedCommand,
     arriving_paths,
     capture_options,
     jobs_option,
-    record_options,
     setting_option,
     settings_option,
 )
@@ -68,7 +68,7 @@ if TYPE_CHECKING:
     type=click.Choice(FORMAT_CHOICES),
     help="File format of the maps. same: the format of the input.",
 )
-@record_options(
+@RecordOptions(
     "workers",
     Workers,
     jobs_option("Worker processes"),

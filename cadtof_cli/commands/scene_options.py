@@ -6,11 +6,11 @@ from typing import Any
 import click
 
 from cadtof_cli.capture.metadata import Pulse
-from cadtof_cli.commands.options import NUMBERS, record_options, setting_option
-from cadtof_cli.commands.simulation_options import ModulationOptions, further_option, pair, triple
+from cadtof_cli.commands.options import NUMBERS, RecordOptions, setting_option
+from cadtof_cli.commands.simulation_options import TrialOptions, further_option, pair, triple
 from cadtof_cli.errors import SettingsError
 from cadtof_cli.files.formats import FRAME_FORMATS, format_by_name
-from cadtof_cli.simulation.pixel.mix import Condition, Motion
+from cadtof_cli.simulation.pixel.mix import Condition
 from cadtof_cli.simulation.scene.camera import Camera
 from cadtof_cli.simulation.scene.exposure import Exposure
 from cadtof_cli.simulation.scene.light import Scene
@@ -96,12 +96,10 @@ class SceneOptions:
         self,
         name: str,
         light: LightOptions,
-        modulation: ModulationOptions,
-        motion: Motion,
+        trial: TrialOptions,
         /,
         *,
         integration_length: float,
-        seed: int,
     ) -> Exposure:
         """Return what is recorded; raises SettingsError for what cannot be."""
         camera = Camera(
@@ -112,14 +110,14 @@ class SceneOptions:
             fixed_delay_ns=self.fixed_delay_ns,
         )
         return scene_exposure(
-            self.scene(name, light, seed=seed),
+            self.scene(name, light, seed=trial.seed),
             camera,
-            modulation=modulation.modulation(),
-            pulse=Pulse(fwhm_ns=modulation.fwhm_ns),
+            modulation=trial.modulation.modulation(),
+            pulse=Pulse(fwhm_ns=trial.modulation.fwhm_ns),
             integration_length=integration_length,
             counts=format_by_name(self.frame_format).counts,
-            seed=seed,
-            motion=motion,
+            seed=trial.seed,
+            motion=trial.motion,
         )
 
     def scene(self, name: str, light: LightOptions, /, *, seed: int) -> Scene:
@@ -157,7 +155,7 @@ class SceneOptions:
         return SCENES[name](**settings)
 
 
-light_options = record_options(
+light_options = RecordOptions(
     "light",
     LightOptions,
     click.option(
@@ -190,7 +188,7 @@ light_options = record_options(
     ),
 )
 
-scene_options = record_options(
+scene_options = RecordOptions(
     "scenery",
     SceneOptions,
     setting_option("--frames", RecordSettings, help="Number of frames of the capture."),
