@@ -159,6 +159,19 @@ def setting_option(
     return click.option(*names.split(), name, **(said | more))
 
 
+def number_option(names: str, kind: ParamType, /, *, help: str, metavar: str | None = None) -> Decorator[Any]:
+    """Return an option that no settings record says the type of; what stands for its value follows from type and unit.
+
+    Args:
+        names: as typed, the first with its unit, such as `--distance-m --distance`.
+        kind: of number, or numbers.
+        help: what it does.
+        metavar: what stands for its value, where that follows from nothing.
+    """
+    first, *others = names.split()
+    return click.option(first, *others, type=kind, metavar=metavar or metavar_of(first, kind), help=help)
+
+
 def jobs_option(help: str, /) -> Callable[[Function], Function]:
     """Return the option `--jobs`, which says so where it asks for more processes than are ever started."""
 
