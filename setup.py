@@ -37,6 +37,8 @@ COMPILED = {
         "_kernel_group.h",
         "_kernel_paths.h",
         "../diffuse/_elementary.h",
+        "../diffuse/_patches.h",
+        "../diffuse/_patches_call.h",
         "../diffuse/_tail.h",
         "../diffuse/_tail_buffers.h",
         "../diffuse/_tail_call.h",

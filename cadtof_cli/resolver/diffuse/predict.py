@@ -29,6 +29,7 @@ from cadtof_cli.resolver.diffuse.tail import TailModel
 from cadtof_cli.resolver.diffuse.through import seen_through, typical_tail
 from cadtof_cli.resolver.diffuse.upsampling import upsampler
 from cadtof_cli.resolver.two_path.closed_form import FundamentalFrame, two_paths
+from cadtof_cli.resolver.two_path.kernel import NUMPY
 
 LEAST_RATIO = 0.05
 """Least |q_h| that the noise of a patch's data is taken for."""
@@ -46,12 +47,13 @@ NEAREST_M = 0.05
 
 @dataclass(frozen=True, eq=False)
 class _Frame:
-    """What a frame is looked at with: its grid, settings, noise, and the offsets of its sampled ranges."""
+    """What a frame is looked at with: its grid, settings, noise, the offsets of its sampled ranges, and what works it out."""
 
     grid: PatchGrid
     settings: DiffuseSettings
     variances: Float
     offset_m: Float32 | float
+    kernel: str
 
 
 def diffuse_model(
@@ -65,6 +67,7 @@ def diffuse_model(
     view: View | None = None,
     samples: Float | None = None,
     range_offset_m: Float | None = None,
+    kernel: str = NUMPY,
 ) -> DiffuseModel | DiffuseChoice:
     """Return the model of a frame, or only the choice where it is left to separate paths; inputs are not changed.
 
@@ -79,11 +82,12 @@ def diffuse_model(
         view: the optics; None where they are unknown.
         samples: over how many recorded pixels each phasor is a mean, (Y, X); None: 1.
         range_offset_m: what is added to the range of every pixel (field curvature), (Y, X); None for nothing.
+        kernel: of `available_kernels`, all of which give the same bits.
     """
     grid = patch_grid(*size, view or assumed_view(*size))
     per_pixel = 1.0 if samples is None else float(np.median(samples))
     offset = 0.0 if range_offset_m is None else grid.samples(range_offset_m).astype(np.float32)
-    frame = _Frame(grid, settings, np.array(variances) / per_pixel, offset)
+    frame = _Frame(grid, settings, np.array(variances) / per_pixel, offset, kernel)
     with np.errstate(over="ignore"):
         # what no camera stores becomes infinite, and is not seen
         taken = grid.by_patch(phasors.astype(np.complex64))
@@ -118,14 +122,14 @@ def _model(
     data = np.concatenate([np.log(np.maximum(np.abs(ratios), 1e-9)), np.angle(ratios)])
     error = _error(ratios, amplitude, means.pixels[valid], frame)
     known, auto = frame.grid.view.known, frame.settings.model == "auto"
-    fit = fitted_patches(data, error, tail, rule, known_optics=known)
+    fit = fitted_patches(data, error, tail, rule, known_optics=known, kernel=frame.kernel)
     phasors = patch_phasors(means, harmonics=frame.settings.harmonics)
     through = _seen_through(phasors, valid, fit, frame) if auto else None
     heard = np.ones(amplitude.size, np.bool_)
     if through is not None:
         heard = ~through.found[valid]
         error = np.where(heard, error, _unheard(error))
-        fit = fitted_patches(data, error, tail, rule, known_optics=known)
+        fit = fitted_patches(data, error, tail, rule, known_optics=known, kernel=frame.kernel)
         again = (_seen_through(phasors, valid, fit, frame, own) for own in (heard, None))
         through = max(filter(None, again), key=lambda one: one.found.sum(), default=through)
     posterior = patch_posterior(data, error, fit)
@@ -214,7 +218,7 @@ def _tail(planes: PatchPlanes, valid: Bool, amplitude: Float, frame: _Frame) -> 
         harmonics=frame.settings.harmonics,
         rad_per_m=frame.settings.rad_per_m,
     )
-    model = TailModel(light, frame.settings.harmonics, frame.settings.rad_per_ns)
+    model = TailModel(light, frame.settings.harmonics, frame.settings.rad_per_ns, frame.kernel)
     return model, pattern(light.direct)
 
 

@@ -14,6 +14,7 @@
 #include "_kernel_answers.h"
 #include "../_buffers.h"
 #include "../diffuse/_tail_buffers.h"
+#include "../diffuse/_patches.h"
 #include "../response/_search.h"
 
 /* --- one function for every instruction set ----------------------------------------------------------------------------- */
@@ -23,6 +24,8 @@ typedef struct {
     void (*resolve)(const Frame *frame, int64_t start, int64_t stop);
     void (*answer)(const TailAnswers *answers, int64_t start, int64_t stop);
     void (*search)(const Search *search);
+    void (*slopes)(const Slopes *slopes);
+    void (*step)(const Steps *steps);
     int (*supported)(void);
 } Level;
 
@@ -31,8 +34,11 @@ typedef struct {
     attributes static void answer_##name(const TailAnswers *answers, int64_t start, int64_t stop) { \
         answer_pixels(answers, start, stop); \
     } \
-    attributes static void search_##name(const Search *search) { search_pixels(search); }
-#define LISTED(name, attributes, supported) {#name, resolve_##name, answer_##name, search_##name, supported},
+    attributes static void search_##name(const Search *search) { search_pixels(search); } \
+    attributes static void slopes_##name(const Slopes *slopes) { slopes_of_patches(slopes); } \
+    attributes static void step_##name(const Steps *steps) { step_of_patches(steps); }
+#define LISTED(name, attributes, supported) \
+    {#name, resolve_##name, answer_##name, search_##name, slopes_##name, step_##name, supported},
 FOR_EACH_LEVEL(FUNCTIONS)
 static const Level LEVELS[] = {FOR_EACH_LEVEL(LISTED)};
 #include "../_module.h"
@@ -146,6 +152,7 @@ static PyObject *resolve(PyObject *module, PyObject *arguments) {
 }
 
 #include "../diffuse/_tail_call.h"
+#include "../diffuse/_patches_call.h"
 #include "../response/_search_call.h"
 
 /* --- the module ---------------------------------------------------------------------------------------------------------- */
@@ -175,6 +182,12 @@ static PyMethodDef METHODS[] = {
     {"answer_tail", answer_tail, METH_VARARGS,
      "answer_tail(level, start, stop, phasors, usable, samples, answered, answers, tail)\n\n"
      "Fill answered and answers of the pixels from start up to stop. Everybody but the tests calls it through compiled.py."},
+    {"tail_slopes", tail_slopes, METH_VARARGS,
+     "tail_slopes(level, numbers, rad per ns, onset, state, cosines, sines, seen, beyond, later, total, slopes)\n\n"
+     "Fill total and slopes. Everybody but the tests calls it through diffuse/compiled_fit.py."},
+    {"step_patches", step_patches, METH_VARARGS,
+     "step_patches(level, step, data, error, within, pattern, values, slopes, state, linear data, room, spread, answers...)\n\n"
+     "Fill the answers of a step. Everybody but the tests calls it through diffuse/compiled_fit.py."},
     {"search", search, METH_VARARGS,
      "search(level, steps, constants, first table, second table, phases, observed, enough, start, values, misfit, done)\n\n"
      "Fill values, misfit and done. Everybody but the tests calls it through response/compiled.py."},
