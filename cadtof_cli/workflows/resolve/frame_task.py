@@ -14,7 +14,7 @@ from cadtof_cli.execution.workers import keep_freed_memory
 from cadtof_cli.files.digest import Digest, content_digest, file_digest
 from cadtof_cli.files.frames import FrameLayout, NotAFrameError
 from cadtof_cli.files.maps import SOURCE, DepthMaps, MapHeader, stage_maps
-from cadtof_cli.frame_plan import FramePlan
+from cadtof_cli.frame_plan import DEPTH_IN_WORDS, FramePlan
 from cadtof_cli.phasors.frame_mean import FrameMean, frame_mean
 from cadtof_cli.phasors.plausible import implausible
 from cadtof_cli.pipeline import ResolvedFrame, resolve_frame
@@ -209,7 +209,7 @@ def source_name(source: FrameSource, /) -> str:
 def map_header(plan: FramePlan, source: str, /) -> MapHeader:
     """Return the header of the maps of a recorded frame."""
     facts = {
-        "depth": "radial range" if plan.settings.depth == "range" else "planar depth z",
+        "depth": DEPTH_IN_WORDS[plan.settings.depth],
         "periods_ns": ", ".join(f"{period:g}" for period in plan.metadata.modulation.periods_ns),
         SOURCE: source,
     }
