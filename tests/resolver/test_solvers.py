@@ -8,7 +8,7 @@ import pytest
 from cadtof_cli.capture.metadata import CaptureMetadata, Modulation
 from cadtof_cli.phasors.noise import noise_model
 from cadtof_cli.phasors.response import ideal_response
-from cadtof_cli.resolver.response.table import response_model
+from cadtof_cli.resolver.response.table import response_block
 from cadtof_cli.resolver.settings import ResolverSettings
 from tests.support.mixtures import Mixture
 
@@ -23,7 +23,7 @@ LIGHT = Mixture((1.0, 0.4), (5.0, 14.0))
 def test_a_fit_is_of_the_pixels_that_are_said_and_of_all_that_were_asked_for(room: str, count: int, asked: int) -> None:
     """By their places in a block of forty, in rising order, each with the answer that it has alone."""
     phasors = LIGHT.phasors((1, 2), n_av=1e6, size=40, rng=np.random.default_rng(3))
-    model = response_model(ideal_response(TRIANGLE), None) if room == "response" else None
+    model = response_block(ideal_response(TRIANGLE), None) if room == "response" else None
     block = None if model is None else model.block(slice(None))
     solver = import_module(f"cadtof_cli.resolver.{room}.solver").solver
     noise = noise_model(TRIANGLE if model else CaptureMetadata(), integration_length=1e6, quantised=False)
