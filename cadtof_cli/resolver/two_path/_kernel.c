@@ -55,9 +55,10 @@ typedef struct {
     attributes static void count_##name(const uint32_t *status, int64_t pixels, int64_t counts[4]) { \
         count_pixels(status, pixels, counts); \
     }
-#define LISTED(name, attributes, supported) \
-    {#name,       resolve_##name, answer_##name, decompose_##name, search_##name, slopes_##name, step_##name, form_factors_##name, \
-     kernel_##name, look_##name,  sum_##name,    count_##name,     supported},
+#define FUNCTIONS_OF(name) \
+    resolve_##name, answer_##name, decompose_##name, search_##name, slopes_##name, step_##name, form_factors_##name, kernel_##name, \
+        look_##name, sum_##name, count_##name
+#define LISTED(name, attributes, supported) {#name, FUNCTIONS_OF(name), supported},
 FOR_EACH_LEVEL(FUNCTIONS)
 static const Level LEVELS[] = {FOR_EACH_LEVEL(LISTED)};
 #include "../_module.h"
