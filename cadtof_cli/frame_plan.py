@@ -58,6 +58,14 @@ class MapSettings:
         if least is not None and not (math.isfinite(least) and least >= 0.0):
             raise SettingsError(f"--min-confidence: found {least}, expected a voltage, 0 or more")
 
+    def require_roi_within(self, pixels: tuple[int, int], /, *, of: str) -> None:
+        """Raise SettingsError where the region of interest leaves the (Y, X) pixels of a frame or capture of that name."""
+        if self.roi and (self.roi[2] > pixels[1] or self.roi[3] > pixels[0]):
+            found = ",".join(map(str, self.roi))
+            raise SettingsError(
+                f"--roi: found {found}, expected it inside the {pixels[1]} × {pixels[0]} pixels of {of}"
+            )
+
 
 @dataclass(frozen=True)
 class CalibrationUse:

@@ -81,6 +81,29 @@ def test_two_paths_that_are_beyond_all_numbers_are_called_two_all_the_same() -> 
     assert found.status[0] == StatusBit.TWO_PATHS | StatusBit.NOT_CONVERGED
 
 
+@pytest.mark.parametrize("order", ["1", "2", "auto"])
+@pytest.mark.parametrize("size", [1e-30, 1e-10, 1.0, 1e10])
+def test_a_pixel_has_one_number_of_paths_however_faint_it_is(size: float, order: str) -> None:
+    """Below 10⁻²³ squares of a float32 are 0, so that nothing is left of one path either."""
+    metadata = CaptureMetadata(modulation=Modulation(waveform="triangle"))
+    model = response_block(ideal_response(metadata), None)
+    rng = np.random.default_rng(6)
+    phase = rng.uniform(0.0, 2.0 * np.pi, (3, 200))
+    phasors = size * (
+        np.exp(1j * np.array([[1], [2]]) * phase[0]) + rng.choice([0.0, 0.3], 200) * np.exp(1j * phase[1:])
+    )
+    found = resolve_paths(
+        phasors,
+        status=np.zeros(200, np.uint32),
+        settings=ResolverSettings(order=order, min_confidence=0.0),
+        noise=noise_model(metadata, integration_length=1e5, quantised=False),
+        response=model.block(slice(None)),
+    )
+    counts = np.array([(found.status & np.uint32(bit)) != 0 for bit in (StatusBit.ONE_PATH, StatusBit.TWO_PATHS)])
+    assert (counts.sum(axis=0) == 1).all()
+    np.testing.assert_array_equal(np.isfinite(found.paths.amplitude), [np.ones(200, np.bool_), counts[1]])
+
+
 def test_a_mean_under_a_response_is_resolved_as_a_recording_of_all_its_photons() -> None:
     metadata, count, frames, n_av = CaptureMetadata(modulation=Modulation(waveform="triangle")), 4000, 1e4, 300.0
     as_long = 0.5 * (frames * (2.0 * n_av - 1.0) + 1.0)
