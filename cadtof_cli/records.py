@@ -1,9 +1,8 @@
 """Records: `dataclass` as the standard library has it, but for the time that it takes before anything is done.
 
 Until Python 3.13 the library compiles six functions for every frozen class when its module is imported, a tenth of the time of a
-run of one frame. Here one is compiled, which sets all fields at once: a frame on its way is some dozen records. What is the same
-for all classes is written once. Modules that every run loads take theirs from here, and nobody who reads or uses a record sees a
-difference.
+run of one frame. Here it compiles one; what is the same for all classes is written once. Modules that every run loads take theirs
+from here, and nobody who reads or uses a record sees a difference.
 """
 
 import sys
@@ -23,8 +22,8 @@ else:
 
     def _record(cls, eq, options):
         own = set(vars(cls))
-        cls = dataclasses.dataclass(cls, init=False, eq=False, repr=False, **options)
-        shared = {"__init__": _init_of(cls), "__setattr__": _set_once, "__delattr__": _keep, "__repr__": _told}
+        cls = dataclasses.dataclass(cls, eq=False, repr=False, **options)
+        shared = {"__setattr__": _set_once, "__delattr__": _keep, "__repr__": _told}
         if eq:
             names = [item.name for item in dataclasses.fields(cls) if item.compare]
             cls._compared = staticmethod(attrgetter(*names) if names else lambda _: ())
@@ -32,26 +31,6 @@ else:
         for name in shared.keys() - own:
             setattr(cls, name, shared[name])
         return cls
-
-    def _init_of(cls):
-        known, places, names, values = {"_from_factory": _FROM_FACTORY}, [], [], []
-        for item in dataclasses.fields(cls):
-            here, value = item.name, item.name
-            if item.default_factory is not dataclasses.MISSING:
-                known[f"_make_{item.name}"] = item.default_factory
-                here = f"{item.name}=_from_factory"
-                value = f"_make_{item.name}() if {item.name} is _from_factory else {item.name}"
-            elif item.default is not dataclasses.MISSING:
-                known[f"_usual_{item.name}"] = item.default
-                here = f"{item.name}=_usual_{item.name}"
-            (names if item.kw_only else places).append(here)
-            values.append(f"    values[{item.name!r}] = {value}")
-        arguments = ", ".join(["self", *places, *(["*", *names] if names else [])])
-        after = ["    self.__post_init__()"] if hasattr(cls, "__post_init__") else []
-        exec("\n".join([f"def __init__({arguments}):", "    values = self.__dict__", *values, *after]), known)
-        return known["__init__"]
-
-    _FROM_FACTORY = object()
 
     def _set_once(self, name, value):
         if name in self.__dict__ or name not in self.__dataclass_fields__:

@@ -22,6 +22,7 @@ from cadtof_cli.records import dataclass
 STATUS = "status"
 
 SOFTWARE = f"cadtof {__version__}"
+"""What headers say made the maps."""
 
 SOURCE = "source"
 """The fact that names the recorded frame: the only one that differs from frame to frame."""
@@ -82,15 +83,14 @@ class MapHeader:
     """What the header of a map file says: the unit of each layer, empty for pure numbers, and facts by name.
 
     Facts are text, such as the kind of depth, the periods, the recorded frame and the digest of a calibration. What no header can
-    hold, such as bytes of a file name that are not UTF-8, is escaped. The first says which software made the maps.
+    hold, such as bytes of a file name that are not UTF-8, is escaped.
     """
 
     units: Mapping[str, str] = field(default_factory=dict)
     facts: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        facts = {"software": SOFTWARE, **{name: _printable(text) for name, text in self.facts.items()}}
-        object.__setattr__(self, "facts", facts)
+        object.__setattr__(self, "facts", {name: _printable(text) for name, text in self.facts.items()})
 
     def of_frame(self, source: str, /) -> "MapHeader":
         """Return the header of the maps of one recorded frame."""

@@ -18,7 +18,7 @@ import tifffile
 from numpy.typing import NDArray
 
 from cadtof_cli.errors import FrameError
-from cadtof_cli.files.maps import SOURCE, STATUS, DepthMaps, MapHeader
+from cadtof_cli.files.maps import SOFTWARE, SOURCE, STATUS, DepthMaps, MapHeader
 from cadtof_cli.files.system import BLOCK_BYTES
 from cadtof_cli.files.tiff.envelope import Envelope
 from cadtof_cli.files.tiff.images import TiffImages, reading_tiff
@@ -75,7 +75,7 @@ def _write_pages(path: Path, maps: DepthMaps, header: MapHeader) -> None:
         maps.pages,
         photometric="minisblack",
         description=ome_xml(names, size=maps.status.shape, header=header),
-        software=header.facts["software"],
+        software=SOFTWARE,
         metadata=None,
         align=BLOCK_BYTES,
         extratags=[(code, _ASCII, None, " ", False) for code in (_PAGE_NAME, _GDAL_METADATA)],
@@ -141,7 +141,7 @@ def ome_xml(names: Sequence[str], /, *, size: tuple[int, ...], header: MapHeader
             "xmlns": _SCHEMA,
             "xmlns:xsi": "http://www.w3.org/2001/XMLSchema-instance",
             "xsi:schemaLocation": f"{_SCHEMA} {_SCHEMA}/ome.xsd",
-            "Creator": header.facts["software"],
+            "Creator": SOFTWARE,
         },
     )
     image = ElementTree.SubElement(root, "Image", {"ID": "Image:0"})
@@ -156,8 +156,7 @@ def ome_xml(names: Sequence[str], /, *, size: tuple[int, ...], header: MapHeader
         channel = {"ID": f"Channel:0:{index}", "Name": name, "SamplesPerPixel": "1"}
         ElementTree.SubElement(pixels, "Channel", channel)
     ElementTree.SubElement(pixels, "TiffData")
-    said = {name: text for name, text in header.facts.items() if name != "software"}
-    said |= {f"{_UNIT}{name}": unit for name, unit in header.units.items() if unit}
+    said = dict(header.facts) | {f"{_UNIT}{name}": unit for name, unit in header.units.items() if unit}
     if said:
         ElementTree.SubElement(image, "AnnotationRef", {"ID": "Annotation:0"})
         held = ElementTree.SubElement(root, "StructuredAnnotations")

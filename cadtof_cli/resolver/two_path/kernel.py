@@ -31,7 +31,7 @@ CHOICE = "CADTOF_KERNEL"
 Buffers = tuple[NDArray[Any] | None, ...]
 """Arrays as the extension takes them: neighbours in memory, each of one type."""
 
-_STORED_TYPES = (np.uint16, np.int16, np.float32, np.float64, np.complex128)
+STORED_TYPES = (np.uint16, np.int16, np.float32, np.float64, np.complex128)
 
 _ORDERS = {"auto": 0, "1": 1, "2": 2}
 _RETURNS = {"first": 0, "strongest": 1, "last": 2}
@@ -95,9 +95,9 @@ class KernelScales:
     metres: float | Float
     volts: float
     phase_offset_rad: Float | None
-    tail: Buffers | None = None
-    most_volts: float = math.inf
-    noise_volts: float = 0.0
+    tail: Buffers | None
+    most_volts: float
+    noise_volts: float
 
 
 class FrameKernel:
@@ -128,7 +128,7 @@ class FrameKernel:
         self._compiled = extension()
         self._options = (kernel or chosen_kernel(), _ORDERS[_order(settings)], _RETURNS[settings.returns])
         self._stored_shape = (2, count) if scales.phasor_map is None else (2, 2, count)
-        own, other, constant = _own_maps(scales.phasor_map, count)
+        own, other, constant = _own_maps(scales.phasor_map)
         arrays = {
             "own": (own, (2, 2, count)),
             "other": (other, (2, 2, count)),
@@ -161,7 +161,7 @@ class FrameKernel:
         _require_shape("status", status, (self._count,))
         start, stop, step = (0, self._count, 1) if pixels is None else (pixels.start, pixels.stop, pixels.step)
         constants = self._constants_for(stored.dtype)
-        stored = _as_neighbours(stored if stored.dtype in _STORED_TYPES else stored.astype(np.float64))
+        stored = _as_neighbours(stored if stored.dtype in STORED_TYPES else stored.astype(np.float64))
         if _as_neighbours(layers) is not layers or _as_neighbours(status) is not status or step != 1:
             raise ValueError("layers, status and pixels: expected neighbours in memory")
         self._compiled.resolve(
@@ -229,12 +229,7 @@ def _constants(
     light: tuple[float, ...],
 ) -> Float:
     """Return what all pixels of a frame share, in the order of `CONSTANTS`; −0 as an offset changes no bit of a sum."""
-    low = high = math.nan
-    if saturated_counts is not None:
-        # as numpy compares with them: floats in their own type
-        own_type = stored_type.type if stored_type.kind == "f" else np.float64
-        with np.errstate(over="ignore"):
-            low, high = (float(np.asarray(limit, np.float64).astype(own_type)) for limit in saturated_counts)
+    low, high = saturation(saturated_counts, stored_type)
     gains, offsets = [1.0] * 4, [-0.0] * 4
     if phasor_map is not None and phasor_map.own.shape[2] == 1:
         gains = phasor_map.own.ravel().tolist()
@@ -253,6 +248,18 @@ def _constants(
     return sealed(np.array([constants[name] for name in names]))
 
 
+def saturation(
+    saturated_counts: tuple[float, float] | None, stored_type: np.dtype[np.generic], /
+) -> tuple[float, float]:
+    """Return the limits as numpy compares stored values with them, floats in their own type; NaN where there are none."""
+    if saturated_counts is None:
+        return math.nan, math.nan
+    own_type = stored_type.type if stored_type.kind == "f" else np.float64
+    with np.errstate(over="ignore"):
+        low, high = (float(np.asarray(limit, np.float64).astype(own_type)) for limit in saturated_counts)
+    return low, high
+
+
 def _as_neighbours(array: NDArray[Any]) -> NDArray[Any]:
     """Return an array whose values are neighbours in memory, aligned: itself, where they are."""
     flags = array.flags
@@ -264,13 +271,10 @@ def _order(settings: ResolverSettings) -> str:
     return "1" if settings.max_paths == 1 else settings.order
 
 
-def _own_maps(phasor_map: PhasorMap | None, count: int) -> tuple[Float | None, Float | None, Float | None]:
+def _own_maps(phasor_map: PhasorMap | None) -> tuple[Float | None, Float | None, Float | None]:
     """Return the affine map of every pixel, (2, 2, n) each, or nothing where they share one."""
     if phasor_map is None or (phasor_map.own.shape[2] == 1 and phasor_map.other is None):
         return None, None, None
     if phasor_map.other is None or phasor_map.constant is None:
         raise ValueError("phasor_map: found a map of every pixel without other or constant")
-    own, other, constant = phasor_map.own, phasor_map.other, phasor_map.constant
-    if own.shape[2] == 1:
-        own, other, constant = (np.repeat(part, count, axis=2) for part in (own, other, constant))
-    return own, other, constant
+    return phasor_map.own, phasor_map.other, phasor_map.constant

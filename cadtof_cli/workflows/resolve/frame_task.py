@@ -14,7 +14,7 @@ from cadtof_cli.execution.workers import keep_freed_memory
 from cadtof_cli.files.digest import Digest, content_digest, file_digest
 from cadtof_cli.files.frames import FrameLayout, NotAFrameError
 from cadtof_cli.files.maps import SOURCE, DepthMaps, MapHeader, stage_maps
-from cadtof_cli.frame_plan import FramePlan
+from cadtof_cli.frame_plan import DEPTH_IN_WORDS, FramePlan
 from cadtof_cli.last_call import same_as_last
 from cadtof_cli.phasors.frame_mean import FrameMean, frame_mean
 from cadtof_cli.phasors.plausible import implausible
@@ -219,7 +219,7 @@ def map_header(plan: FramePlan, source: str, /) -> MapHeader:
 def _header_of_all(plan: FramePlan) -> MapHeader:
     """Return what the headers of all maps of a plan say."""
     facts = {
-        "depth": "radial range" if plan.settings.depth == "range" else "planar depth z",
+        "depth": DEPTH_IN_WORDS[plan.settings.depth],
         "periods_ns": ", ".join(f"{period:g}" for period in plan.metadata.modulation.periods_ns),
         SOURCE: "",
     }

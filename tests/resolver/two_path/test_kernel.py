@@ -212,6 +212,7 @@ def front_of(**other: Any) -> tuple[NDArray[Any], front.KernelScales, dict[str, 
     noise = prepare_frame(frame(np.zeros((4, 40)), 40), plan=plan).noise
     parts: dict[str, Any] = {"phasor_map": None}
     parts |= {"saturated_counts": None, "metres": 1.0, "volts": 1.0, "phase_offset_rad": None}
+    parts |= {"tail": None, "most_volts": np.inf, "noise_volts": 0.0}
     rest: dict[str, Any] = {"layers": np.zeros((7, 40), np.float32), "status": np.zeros(40, np.uint32)}
     rest |= {"settings": plan.resolver, "noise": noise}
     return (
