@@ -14,8 +14,7 @@ from typing import NoReturn
 import click
 
 from cadtof_cli import __version__
-from cadtof_cli.commands.examples import example
-from cadtof_cli.commands.narrow_help import HelpContext, fit_narrow_terminals
+from cadtof_cli.commands.help import HelpContext, example, fit_narrow_terminals
 from cadtof_cli.commands.terminal import prepare_streams, tell
 from cadtof_cli.errors import CadtofError, OutputError
 
@@ -138,7 +137,10 @@ def _message_and_status(error: Exception) -> tuple[str, int]:
         case MemoryError():
             return "Error: not enough memory; try fewer --jobs, or smaller inputs", 1
         case OSError(filename=None):
-            return f"Error: standard output: cannot be written: {error.strerror or error}", OutputError.exit_status
+            told = f"standard output: cannot be written: {error.strerror or error}"
+            if isinstance(error, FileNotFoundError):
+                told = "the folder that cadtof was started in is gone; go into one that is there"
+            return f"Error: {told}", OutputError.exit_status
         case OSError():
             return f"Error: {error.filename}: {error.strerror or error}", 1
         case _:

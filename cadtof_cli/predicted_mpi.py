@@ -7,7 +7,7 @@ import numpy as np
 
 from cadtof_cli.arrays import Bool, Complex, Index, sealed
 from cadtof_cli.frame_plan import FramePlan
-from cadtof_cli.optics.lens import principal_point
+from cadtof_cli.optics import principal_point
 
 if TYPE_CHECKING:
     from cadtof_cli.frame_pixels import FramePixels
@@ -39,6 +39,7 @@ def predicted_mpi(
         view=View(focal, principal_point(optics, pixels.size)) if (focal := optics.focal_length_px) else None,
         samples=None if noise.samples is None else noise.samples.reshape(pixels.size),
         range_offset_m=None if offset is None else -offset.reshape(pixels.size),
+        kernel=kernel,
     )
     return (found.choice, found) if isinstance(found, DiffuseModel) else (found, None)
 

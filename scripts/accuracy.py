@@ -12,7 +12,6 @@ from cadtof_cli.capture.discovery import find_captures
 from cadtof_cli.capture.frames import Capture, open_frames, single_frames
 from cadtof_cli.capture.metadata import CaptureMetadata
 from cadtof_cli.files.maps import read_layers
-from cadtof_cli.first_phasor import first_phasor_depth
 from cadtof_cli.frame_plan import FramePlan, MapSettings
 from cadtof_cli.maps.layers import DIRECT_DEPTH
 from cadtof_cli.phasors.noise import noise_model
@@ -22,6 +21,7 @@ from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.resolver.status import StatusBit
 from cadtof_cli.resolver.two_path.closed_form import TwoPaths, fundamental_frame, two_paths
 from cadtof_cli.resolver.two_path.uncertainty import two_path_sigmas
+from cadtof_cli.workflows.inspect.first_phasors import first_phasor_depth
 
 ROOT = Path(__file__).resolve().parent.parent
 T1_NS = 40.0

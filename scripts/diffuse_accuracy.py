@@ -17,11 +17,11 @@ from cadtof_cli.capture.frames import Capture, open_frames, single_frames
 from cadtof_cli.figures.maps import ERRORS, SIGMAS
 from cadtof_cli.figures.page import Panel, Scaled, draw_page
 from cadtof_cli.files.maps import read_layers
-from cadtof_cli.first_phasor import first_phasor_depth
 from cadtof_cli.frame_plan import FramePlan, MapSettings
 from cadtof_cli.maps.layers import DIRECT_DEPTH, DIRECT_SIGMA
 from cadtof_cli.pipeline import ResolvedFrame, resolve_frame
 from cadtof_cli.resolver.settings import MpiModel, ResolverSettings
+from cadtof_cli.workflows.inspect.first_phasors import first_phasor_depth
 
 F = NDArray[np.float64]
 

@@ -26,6 +26,7 @@ from cadtof_cli.pipeline import resolve_frame
 from cadtof_cli.resolver.settings import MpiModel, ResolverSettings
 from cadtof_cli.simulation.scene.camera import Camera
 from cadtof_cli.simulation.scene.rooms.room import RandomRoom
+from cadtof_cli.simulation.scene.rooms.view import View
 from cadtof_cli.units import C_M_PER_NS
 
 SHARES = (0.0, 0.03, 0.1, 0.3)
@@ -93,11 +94,11 @@ def mirrored(capture: Capture) -> tuple[F, F]:
         raise SystemExit(f"{capture.root}: no capture of scripts/render_rooms.py")
     camera = Camera(width=shape[1], height=shape[0], focal_length_px=optics.focal_length_px)
     scene = RandomRoom(seed=int(found[1]))
-    view = scene.room.view(camera, lamp_offset_m=scene.lamp_offset_m, light_paths=1, seed=0)
+    view = View(room=scene.room, camera=camera, lamp_offset_m=scene.lamp_offset_m)
     seen = view.meet(camera.rays(slice(None)).reshape(3, -1))
     direct = view.direct(seen) * seen.albedo
     least = LEAST_LIT * float(np.median(direct[direct > 0]))
-    position = np.asarray(view.position_m, np.float32)[:, None]
+    position = np.asarray(view.room.position_m, np.float32)[:, None]
     way = (seen.points_m - position) / seen.lengths_m
     mirror = way - 2.0 * (way * seen.normals).sum(axis=0) * seen.normals
     ratios, delays = np.zeros((RAYS, direct.size)), np.zeros((RAYS, direct.size))
@@ -105,7 +106,7 @@ def mirrored(capture: Capture) -> tuple[F, F]:
     for ray in range(RAYS):
         turned: NDArray[np.float32] = (mirror + LOBE_RAD * generator.normal(size=mirror.shape)).astype(np.float32)
         turned /= np.linalg.norm(turned, axis=0)
-        there = view.interior.meet(seen.points_m + np.float32(START_M) * seen.normals, turned)
+        there = view.room.interior.meet(seen.points_m + np.float32(START_M) * seen.normals, turned)
         outward = (turned * seen.normals).sum(axis=0) > 0
         ratios[ray] = np.where(
             outward & (direct > least), view.direct(there) * there.albedo / np.maximum(direct, least), 0.0

@@ -16,9 +16,8 @@ from cadtof_cli.files.atomic import new_folder
 from cadtof_cli.simulation.pixel.statistics import VoltageStatistics, averaging_gain
 from cadtof_cli.simulation.scene.camera import Camera
 from cadtof_cli.simulation.scene.exposure import Band, Exposure, frame_voltages
-from cadtof_cli.simulation.scene.recorder import write_capture
 from cadtof_cli.simulation.scene.rooms.room import RandomRoom
-from cadtof_cli.workflows.simulate.record import expose
+from cadtof_cli.workflows.simulate.record import RecordSettings, expose, write_capture
 
 FOCAL_PER_WIDTH = (0.72, 1.05)
 """Lenses from 70° to 51° across, drawn by the seed."""
@@ -97,10 +96,8 @@ def _write(exposure: Exposure, whole: Band, folder: Path) -> None:
         write_capture(
             scratch,
             [frame_voltages(exposure, whole, 0)],
+            settings=RecordSettings(exposure=exposure),
             truth=whole.truth,
-            metadata=exposure.metadata,
-            camera=exposure.camera,
-            frame_format="tif",
             comments=(f"random room: {exposure.scene.summary}", f"scene: {exposure.scene!r}"),
         )
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from cadtof_cli.commands.examples import example
+from cadtof_cli.commands.help import example
 from cadtof_cli.commands.terminal import progress_bar, tell
 
 if TYPE_CHECKING:

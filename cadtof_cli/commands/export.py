@@ -4,8 +4,8 @@ from pathlib import Path
 
 import click
 
-from cadtof_cli.commands.examples import example
-from cadtof_cli.commands.options import record_options, setting_option
+from cadtof_cli.commands.help import example
+from cadtof_cli.commands.options import RecordOptions, optics_options, setting_option
 from cadtof_cli.commands.terminal import progress_bar, tell
 from cadtof_cli.workflows.inspect.export import ExportSettings, export_maps
 
@@ -26,23 +26,12 @@ from cadtof_cli.workflows.inspect.export import ExportSettings, export_maps
     metavar="OUT.ply|.pcd|.png|.npz|.csv",
     help="File to write. With several maps, one file per map is written: the name of the map is added to the name of OUT.",
 )
-@record_options(
+@RecordOptions(
     "settings",
     ExportSettings,
     setting_option("--layer", ExportSettings, metavar="NAME", help="Layer of the depths for point clouds and images."),
     setting_option("--depth", ExportSettings, help="Kind of the depths.  [default: from run.json, else range]"),
-    setting_option(
-        "--focal-length-px",
-        ExportSettings,
-        metavar="F",
-        help="Focal length in pixels.  [default: from run.json]",
-    ),
-    setting_option(
-        "--principal-point-px",
-        ExportSettings,
-        metavar="X,Y",
-        help="Column and row of the optical axis.  [default: from run.json, else the centre]",
-    ),
+    *optics_options(ExportSettings),
 )
 @click.option("--overwrite", is_flag=True, help="Replace the files if they exist.")
 def export(*, maps: tuple[Path, ...], out: Path, settings: ExportSettings, overwrite: bool) -> None:

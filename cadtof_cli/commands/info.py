@@ -8,13 +8,13 @@ from typing import Any
 
 import click
 
-from cadtof_cli.commands.examples import example
+from cadtof_cli.commands.help import example
 from cadtof_cli.commands.options import (
+    RecordOptions,
     SectionedCommand,
     capture_options,
     input_paths,
     jobs_option,
-    record_options,
     settings_option,
 )
 from cadtof_cli.commands.terminal import progress_bar, tell
@@ -23,7 +23,7 @@ from cadtof_cli.execution.workers import Workers
 
 @click.command(cls=SectionedCommand, epilog=example("cadtof info sample_data/corner"))
 @click.argument("inputs", nargs=-1, required=True, metavar="INPUT...")
-@record_options(
+@RecordOptions(
     "workers",
     Workers,
     jobs_option("Processes that read frames"),
@@ -65,9 +65,8 @@ def info(
       1  a capture or map has a problem, reported on stderr
       2  wrong usage, or nothing to show
     """
-    from cadtof_cli.workflows.inspect.calibration_facts import CalibrationFacts
+    from cadtof_cli.workflows.inspect.facts import CalibrationFacts, MapFacts
     from cadtof_cli.workflows.inspect.info import CaptureFacts, look_into
-    from cadtof_cli.workflows.inspect.map_facts import MapFacts
 
     shown: dict[type, tuple[str, Callable[[Any], Iterator[str]]]] = {
         CaptureFacts: ("capture", _capture_lines),

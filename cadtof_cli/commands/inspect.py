@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from cadtof_cli.commands.examples import example
+from cadtof_cli.commands.help import example
 from cadtof_cli.commands.map_options import calibration_option, map_options
 from cadtof_cli.commands.options import SectionedCommand, capture_options, settings_option
 from cadtof_cli.commands.terminal import Bar, tell

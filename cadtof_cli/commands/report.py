@@ -4,8 +4,8 @@ from pathlib import Path
 
 import click
 
-from cadtof_cli.commands.examples import example
-from cadtof_cli.commands.options import record_options, setting_option
+from cadtof_cli.commands.help import example
+from cadtof_cli.commands.options import RecordOptions, optics_options, setting_option
 from cadtof_cli.commands.terminal import progress_bar, tell
 from cadtof_cli.workflows.inspect.report import ReportSettings, write_report
 
@@ -18,7 +18,7 @@ from cadtof_cli.workflows.inspect.report import ReportSettings, write_report
 )
 @click.argument("maps", type=click.Path(path_type=Path), metavar="OUT")
 @click.option("-o", "--out", required=True, type=click.Path(path_type=Path), metavar="PAGE.html", help="Page to write.")
-@record_options(
+@RecordOptions(
     "settings",
     ReportSettings,
     setting_option("--truth", ReportSettings, help="File with the true direct.depth; truth and errors are shown too."),
@@ -34,18 +34,7 @@ from cadtof_cli.workflows.inspect.report import ReportSettings, write_report
         metavar="N",
         help="Number of frames that keep all pixels, whatever the size.  [default: as many as fit into half of the size]",
     ),
-    setting_option(
-        "--focal-length-px",
-        ReportSettings,
-        metavar="F",
-        help="Focal length in pixels, for the point cloud.  [default: from run.json]",
-    ),
-    setting_option(
-        "--principal-point-px",
-        ReportSettings,
-        metavar="X,Y",
-        help="Column and row of the optical axis.  [default: from run.json, else the centre]",
-    ),
+    *optics_options(ReportSettings),
     setting_option("--overwrite", ReportSettings, help="Replace the page if it exists."),
 )
 def report(maps: Path, out: Path, settings: ReportSettings) -> None:

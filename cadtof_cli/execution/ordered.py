@@ -6,8 +6,7 @@ from concurrent.futures import Future
 from pathlib import Path
 from typing import TypeVar
 
-from cadtof_cli.execution.finisher import LATER_AT_ONCE, Finisher
-from cadtof_cli.execution.outcome import Outcome, Work, WorkerDied
+from cadtof_cli.execution.outcome import LATER_AT_ONCE, Finisher, Outcome, Work, WorkerDied
 from cadtof_cli.execution.workers import LOCAL, Workers
 
 __all__ = ["Outcome", "WorkerDied", "run_ordered"]

@@ -1,6 +1,8 @@
-"""What comes of a task."""
+"""What comes of a task, and threads that wait for what is left of it while the next one is computed."""
 
 from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
+from types import TracebackType
 from typing import Generic, TypeVar
 
 from cadtof_cli.records import dataclass
@@ -39,3 +41,36 @@ class Later(Generic[Result]):
 
 Work = Callable[[Task], Result | Later[Result]]
 """What is done to tasks."""
+
+
+LATER_AT_ONCE = 4
+"""Results of one process that may be waited for at once: a disk takes several files in about the time of one."""
+
+
+class Finisher(ThreadPoolExecutor):
+    """Finishes results, `LATER_AT_ONCE` at a time; leaving waits for all that were begun, after an error only for those at it.
+
+    No thread is started before a result is to be waited for: a process that has threads must not fork.
+    """
+
+    def begin(self, result: Result | Later[Result], /) -> Future[Result]:
+        """Return where the result will be; one that needs no waiting is there."""
+        if isinstance(result, Later):
+            return self.submit(result.finish)
+        future = Future[Result]()
+        future.set_result(result)
+        return future
+
+    def attempt(self, function: Work[Task, Result], task: Task, /) -> Future[Result]:
+        """Do a task; return where its result will be, or the exception that it raised."""
+        try:
+            return self.begin(function(task))
+        except Exception as error:  # noqa: BLE001  (it is raised where the result is asked for)
+            future = Future[Result]()
+            future.set_exception(error)
+            return future
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.shutdown(cancel_futures=kind is not None)

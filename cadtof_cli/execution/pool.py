@@ -12,9 +12,8 @@ from multiprocessing.process import BaseProcess
 from typing import TYPE_CHECKING, Generic, TypeVar, cast
 
 from cadtof_cli.errors import WorkersError
-from cadtof_cli.execution.finisher import LATER_AT_ONCE
 from cadtof_cli.execution.messages import Incoming, Said, TaskMessages, answer_of
-from cadtof_cli.execution.outcome import Outcome, Work, WorkerDied
+from cadtof_cli.execution.outcome import LATER_AT_ONCE, Outcome, Work, WorkerDied
 from cadtof_cli.execution.serve import serve
 from cadtof_cli.execution.workers import Workers, cores_for, signals_held_back
 

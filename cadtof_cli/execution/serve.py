@@ -7,9 +7,8 @@ from concurrent.futures import Future
 from multiprocessing.connection import Connection
 from typing import Any
 
-from cadtof_cli.execution.finisher import LATER_AT_ONCE, Finisher
 from cadtof_cli.execution.messages import Said, TaskMessages, answer_message
-from cadtof_cli.execution.outcome import Work
+from cadtof_cli.execution.outcome import LATER_AT_ONCE, Finisher, Work
 from cadtof_cli.execution.workers import begin_worker
 
 

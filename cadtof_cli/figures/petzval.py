@@ -13,7 +13,7 @@ from cadtof_cli.calibration.petzval import PetzvalCalibration
 from cadtof_cli.capture.metadata import Optics
 from cadtof_cli.figures.text import drawable
 from cadtof_cli.files.atomic import atomic_write
-from cadtof_cli.optics.lens import squared_field_radius, wall_range_m
+from cadtof_cli.optics import squared_field_radius, wall_range_m
 
 ROWS = 5
 """Rows about the principal point whose median is drawn."""

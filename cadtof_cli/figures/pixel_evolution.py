@@ -6,8 +6,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from cadtof_cli.simulation.pixel.evolution import Evolution
 from cadtof_cli.simulation.pixel.mix import Condition
+from cadtof_cli.simulation.pixel.pixel import Evolution
 
 DIRECT_COLOUR, MPI_COLOUR, MEASURED_COLOUR, AMBIENT_COLOUR = "#1b6ca8", "#d1495b", "#222222", "#b8b8b8"
 

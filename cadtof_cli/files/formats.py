@@ -99,9 +99,9 @@ EXR = Format(
     suffixes=(".exr",),
     magics=(b"\x76\x2f\x31\x01",),
     stacks=False,
-    frames=_module("exr.frames"),
-    layers=_module("exr.layers"),
-    recording=_module("exr.frames"),
+    frames=_module("exr"),
+    layers=_module("exr"),
+    recording=_module("exr"),
 )
 
 TIFF = Format(
@@ -116,9 +116,7 @@ TIFF = Format(
     counts=True,
 )
 
-NPY = Format(
-    name="npy", title="NPY", suffixes=(".npy",), magics=(b"\x93NUMPY",), stacks=True, frames=_module("npy.frames")
-)
+NPY = Format(name="npy", title="NPY", suffixes=(".npy",), magics=(b"\x93NUMPY",), stacks=True, frames=_module("npy"))
 
 PNG = Format(
     name="png",
@@ -126,7 +124,7 @@ PNG = Format(
     suffixes=(".png",),
     magics=(b"\x89PNG\r\n\x1a\n",),
     stacks=False,
-    frames=_module("png.frames"),
+    frames=_module("png"),
     whole=False,
 )
 
@@ -136,7 +134,7 @@ RAW = Format(
     suffixes=(".raw", ".bin", ".dat"),
     magics=(),
     stacks=True,
-    frames=_module("raw.frames"),
+    frames=_module("raw"),
 )
 
 FORMATS = (EXR, TIFF, NPY, PNG, RAW)

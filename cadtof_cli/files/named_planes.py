@@ -1,5 +1,6 @@
 """Which channel, page or band of a file is which plane of a frame, where they have names: names win over order."""
 
+import itertools
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple, TypeVar
@@ -9,6 +10,15 @@ from cadtof_cli.files.frames import CHANNELS, FrameLayout, NotAFrameError, harmo
 from cadtof_cli.records import dataclass
 
 _PLANE = re.compile(r"(?:H(?P<harmonic>[1-9]\d*))?[\s._/:-]?(?:SC(?P<channel>[12]))?", re.IGNORECASE)
+
+_HARMONIC_WORD = re.compile(r"(?<![a-z])h(?:arm(?:onic)?)?[\s._#:-]*0*([1-9]\d*)", re.IGNORECASE)
+_CHANNEL_WORD = re.compile(r"(?<![a-z])sc[\s._#:-]*0*([12])(?!\d)", re.IGNORECASE)
+_FREQUENCY_WORD = re.compile(r"(?<![\d.])(\d+(?:\.\d+)?)[\s_]*MHz(?![a-z])", re.IGNORECASE)
+_LONGEST_NAME = 256
+"""Letters of a name; what is longer is a description."""
+
+_ROUNDING = 0.02
+"""What a frequency in a name may differ by from a multiple of the fundamental: 33 and 67 MHz."""
 
 _COLOURS = frozenset({"R", "G", "B", "A", "Y", "RY", "BY"})
 """Channels of a picture: colours, opacity, luminance and chroma."""
@@ -44,6 +54,52 @@ def plane_label(name: str, /) -> PlaneLabel | None:
     if match is None or (match["harmonic"] is None and match["channel"] is None):
         return None
     return PlaneLabel(*(None if digits is None else int(digits) for digits in match.group("harmonic", "channel")))
+
+
+def labels_in_words(names: Sequence[str], harmonics: Sequence[int], /) -> tuple[PlaneLabel, ...]:
+    """Return what names such as `sc1_h2`, `Harmonic 2, SC1`, `rec_h2_sc1.tif` or `50 MHz SC1` say, if each says both, once.
+
+    Nothing where one of them does not, or a harmonic or channel is named by none.
+    """
+    channels = [_only(_CHANNEL_WORD, name) for name in names]
+    numbers = harmonics_in_words(names, harmonics)
+    labels = tuple(
+        PlaneLabel(number, int(channel))
+        for number, channel in zip(numbers, channels, strict=False)
+        if channel is not None
+    )
+    wanted = {PlaneLabel(number, channel) for number in set(numbers) for channel in range(1, CHANNELS + 1)}
+    return labels if len(labels) == len(names) and wanted == set(labels) else ()
+
+
+def says_a_channel(name: str, /) -> bool:
+    """Tell whether a text is a name that says SC1 or SC2, in whatever words."""
+    return _only(_CHANNEL_WORD, name) is not None
+
+
+def harmonics_in_words(names: Sequence[str], harmonics: Sequence[int], /) -> tuple[int, ...]:
+    """Return the harmonic that each name says, by its number or as a frequency in MHz.
+
+    Nothing where one of them does not, or a harmonic is named by none.
+    """
+    numbers = [_only(_HARMONIC_WORD, name) for name in names]
+    if None not in numbers:
+        found = tuple(int(number) for number in numbers if number)
+        return found if len(set(found)) == len(harmonics) else ()
+    frequencies = [float(text) for name in names if (text := _only(_FREQUENCY_WORD, name))]
+    different = sorted(set(frequencies))
+    if len(frequencies) < len(names) or len(different) != len(harmonics):
+        return ()
+    numbers_of = dict(zip(different, harmonics, strict=True))
+    fundamental = different[0] / harmonics[0]
+    in_ratio = all(abs(one - number * fundamental) < _ROUNDING * one for one, number in numbers_of.items())
+    return tuple(numbers_of[one] for one in frequencies) if in_ratio else ()
+
+
+def _only(word: re.Pattern[str], name: str) -> str | None:
+    """Return the number in a name that has one such word; None where it has none, or several."""
+    found = word.findall(name) if len(name) <= _LONGEST_NAME else []
+    return found[0] if len(found) == 1 else None
 
 
 def planes_in_order(found: Mapping[tuple[int, int], Found], layout: FrameLayout, *, where: str) -> list[Found]:
@@ -121,4 +177,5 @@ def _part_labels(parts: Sequence[NamedPart], layout: FrameLayout, where: str) ->
             f"{where}: found {len(open_parts)} parts with SC1 and SC2 ({names}), expected {len(layout.harmonics)},"
             " one per harmonic"
         )
-    return {i: place for place, i in enumerate(open_parts, start=1)}
+    said = harmonics_in_words([parts[i].name for i in open_parts], layout.harmonics)
+    return dict(zip(open_parts, said or itertools.count(1), strict=False))

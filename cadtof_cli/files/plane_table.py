@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from cadtof_cli.errors import FrameError
 from cadtof_cli.files.frames import CHANNELS, FrameLayout, harmonic_labels, plane_name
-from cadtof_cli.files.named_planes import PlaneLabel, plane_label, planes_in_order
+from cadtof_cli.files.named_planes import PlaneLabel, labels_in_words, plane_label, planes_in_order
 
 _CHANNEL_LABELS = "CS"
 
@@ -32,6 +32,7 @@ def plane_table(
         FrameError: the planes do not make up whole frames, or their order is not certain.
     """
     named = {place: label for place, name in enumerate(names) if (label := plane_label(name))}
+    named = named or dict(enumerate(labels_in_words(names, layout.harmonics)))
     if not named:
         return _table_by_order(labels, sizes, layout, where)
     if all(None not in label for label in named.values()):

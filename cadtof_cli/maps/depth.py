@@ -14,7 +14,7 @@ from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.status import StatusBit
 
 if TYPE_CHECKING:
-    from cadtof_cli.optics.lamp import LampBeside
+    from cadtof_cli.optics import LampBeside
     from cadtof_cli.resolver.paths import ResolvedPaths
 
 

@@ -1,8 +1,8 @@
-"""The noise of phasors: known beforehand from the integration length, or estimated from a frame."""
+"""The noise of phasors, known beforehand from the integration length or estimated from a frame, and thresholds on a misfit."""
 
 import math
 from dataclasses import replace
-from functools import partial
+from functools import lru_cache, partial
 from typing import Any
 
 import numpy as np
@@ -151,3 +151,20 @@ def estimated_integration_length(phasors: Complex, /) -> float:
         estimates.append(variance / max(1.0 - signal, 0.05))
     averaging = float(np.mean(estimates))
     return 0.5 * (1.0 + 1.0 / averaging) if averaging > 0.0 else math.inf
+
+
+@lru_cache(maxsize=64)
+def chi_squared_threshold(false_alarm: float, *, pairs: int) -> float:
+    """Return the χ² (2·pairs degrees of freedom) that noise exceeds with probability `false_alarm`.
+
+    N harmonics without a signal have N pairs; K paths fitted to N harmonics leave N − K. The survival function at t is
+    exp(−t/2)·Σ_{k<pairs} (t/2)^k/k!: −2·ln(false alarm) for one pair, 9.21 at 1 %. It falls with t, so bisection finds the
+    threshold of more.
+    """
+    low, high = 0.0, 4.0 * (pairs - math.log(false_alarm))
+    for _ in range(80):
+        middle = 0.5 * (low + high)
+        half = 0.5 * middle
+        survival = math.exp(-half) * sum(half**k / math.factorial(k) for k in range(pairs))
+        low, high = (middle, high) if survival > false_alarm else (low, middle)
+    return 0.5 * (low + high)

@@ -11,8 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cadtof_cli.arrays import Bool, Complex, Float
-from cadtof_cli.phasors.chi_squared import chi_squared_threshold
-from cadtof_cli.phasors.noise import NoiseModel
+from cadtof_cli.phasors.noise import NoiseModel, chi_squared_threshold
 
 LOST_NEIGHBOURS = 1e-3
 """Share of neighbours with the same light that noise alone keeps out."""

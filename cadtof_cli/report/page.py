@@ -13,11 +13,11 @@ from typing import Any
 from cadtof_cli import __version__
 from cadtof_cli.capture.metadata import Optics
 from cadtof_cli.files.atomic import atomic_write
-from cadtof_cli.optics.lens import principal_point
+from cadtof_cli.optics import principal_point
+from cadtof_cli.report.colours import palette
 from cadtof_cli.report.frames import EmbeddedFrame
 from cadtof_cli.report.markup import EMPTY, Markup, element, joined, printable, text
 from cadtof_cli.report.sections import PageText, embedded_section, failures, frame_list, frame_table, settings, summary
-from cadtof_cli.report.thumbnails import palette
 from cadtof_cli.resolver.status import MEANING, bit_words
 
 SCRIPTS = ("decode.js", "colours.js", "map.js", "scale.js", "profile.js", "cloud.js", "panels.js", "main.js")

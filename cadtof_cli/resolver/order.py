@@ -7,8 +7,7 @@ from typing import Protocol
 import numpy as np
 
 from cadtof_cli.arrays import Bool, Float, Index
-from cadtof_cli.phasors.chi_squared import chi_squared_threshold
-from cadtof_cli.phasors.noise import NoiseModel
+from cadtof_cli.phasors.noise import NoiseModel, chi_squared_threshold
 from cadtof_cli.resolver.paths import FULL_TURN, Fit, Paths
 from cadtof_cli.resolver.returns import direct_first
 from cadtof_cli.resolver.settings import ResolverSettings

@@ -1,1 +1,1 @@
-"""The pixel, its statistics, whole scenes, and the recorder that makes capture files of them."""
+"""The pixel, its statistics, and whole scenes."""

@@ -9,7 +9,7 @@ import click
 from man_pages import contexts
 
 from cadtof_cli.cli import COMMANDS
-from cadtof_cli.commands.examples import example_lines
+from cadtof_cli.commands.help import example_lines
 from cadtof_cli.commands.options import CAPTURE_SECTION, CaptureOption
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from cadtof_cli.phasors.chi_squared import chi_squared_threshold
+from cadtof_cli.phasors.noise import chi_squared_threshold
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.resolver.status import StatusBit
 from limits.drawn import SEEDS, drawn, markdown, power, resolved, write_csv

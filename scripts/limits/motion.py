@@ -11,8 +11,7 @@ from matplotlib.figure import Figure
 from cadtof_cli.capture.metadata import Modulation
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.simulation.pixel.averaging import Averaging
-from cadtof_cli.simulation.pixel.mix import Condition
-from cadtof_cli.simulation.pixel.motion import Motion
+from cadtof_cli.simulation.pixel.mix import Condition, Motion
 from cadtof_cli.simulation.pixel.pixel import PixelModel
 from cadtof_cli.units import C_M_PER_NS
 from cadtof_cli.workflows.simulate.outcome import summary

@@ -12,9 +12,8 @@ from matplotlib.figure import Figure
 from cadtof_cli.execution.workers import Workers
 from cadtof_cli.figures.pixel_evolution import plot_histogram, plot_phase, plot_voltages
 from cadtof_cli.simulation.pixel.averaging import Averaging
-from cadtof_cli.simulation.pixel.evolution import evolution
 from cadtof_cli.simulation.pixel.mix import Condition
-from cadtof_cli.simulation.pixel.pixel import PixelModel
+from cadtof_cli.simulation.pixel.pixel import PixelModel, evolution
 from cadtof_cli.workflows.simulate.simulate import simulate_pixel, write_rows
 from cadtof_cli.workflows.simulate.sweep import SweepCell, SweepSettings, rows, sweep, table_text
 from cadtof_cli.workflows.simulate.trials import Trials

@@ -7,7 +7,7 @@ import click
 import pytest
 
 from cadtof_cli.cli import cli
-from cadtof_cli.commands.examples import example, example_lines
+from cadtof_cli.commands.help import example, example_lines
 from tests.support.commands import every_command
 from tests.support.run_cadtof import ROOT, cadtof
 

@@ -50,7 +50,7 @@ def test_npy_stack(tmp_path: Path) -> None:
 def test_npy_that_is_no_frame(tmp_path: Path) -> None:
     path = tmp_path / "frame.npy"
     np.save(path, np.array([{"not": "numbers"}], object), allow_pickle=True)
-    assert message(path).startswith(f"{path}: damaged NPY: ")
+    assert message(path).startswith(f"{path}: found an array of Python objects, expected one of numbers: ")
     np.save(path, np.zeros((4, 5, 7), np.complex64))
     assert "found values of type complex64, expected one of float16" in message(path)
     np.save(path, np.float32(3))

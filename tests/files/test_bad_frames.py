@@ -146,6 +146,16 @@ def test_maps_in_a_tiff_are_not_a_frame(tmp_path: Path) -> None:
     assert told == f"{path}: holds maps (direct.depth, mpi.depth, confidence, status), expected voltages"
 
 
+@pytest.mark.parametrize(("pages", "samples"), [(2, 2), (4, 2), (1, 4), (1, 5)])
+def test_opacity_is_no_voltage(pages: int, samples: int, tmp_path: Path) -> None:
+    path, said = tmp_path / "frame.tif", ("unspecified",) * (samples - 2) + ("unassalpha",)
+    write_pages(path, np.zeros((pages, 5, 7, samples), "u2"), planarconfig="contig", extrasamples=said)
+    told = message(path, kind=NotAFrameError)
+    assert told.startswith(
+        f"{path}: holds grey and opacity, {samples} samples a pixel, expected voltages; write a page"
+    )
+
+
 def test_what_tifffile_only_remarks_is_damage_here(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     path = write_pages(
         tmp_path / "frame.tif", planes_of(known_frame("u2")), planarconfig="separate", compression="zlib"
@@ -194,7 +204,7 @@ def test_a_reader_imports_the_library_it_needs_alone(tmp_path: Path, monkeypatch
         assert name != "OpenEXR"
         return imported(name, *args, **options)
 
-    for name in ("OpenEXR", "cadtof_cli.files.exr.file"):
+    for name in ("OpenEXR", "cadtof_cli.files.exr"):
         monkeypatch.delitem(sys.modules, name, raising=False)
     monkeypatch.setattr(builtins, "__import__", refuse)
     with open_frames(source, LAYOUT) as frames:

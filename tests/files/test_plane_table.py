@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from cadtof_cli.errors import FrameError
 from cadtof_cli.files.frames import FrameLayout
+from cadtof_cli.files.named_planes import NamedPart, voltage_places
 from cadtof_cli.files.plane_table import plane_table
 
 counts = st.integers(1, 6)
@@ -73,6 +74,35 @@ def test_names_win_over_any_order(order: list[int], form: str) -> None:
         assert table[:, harmonic, channel].tolist() == places
 
 
+@given(
+    st.permutations(range(8)),
+    st.sampled_from(
+        ["sc{1}_h{0}", "Harmonic {0}, SC{1}", "rec 3_h{0}_sc{1}.tif", "H0{0}.SC0{1}", "h{0}.sc{1} (V)", "{2} MHz SC{1}"]
+    ),
+)
+def test_names_in_other_words_win_over_any_order_too(order: list[int], form: str) -> None:
+    # two frames
+    names = [form.format(1 + place // 2 % 2, 1 + place % 2, (25, 50)[place // 2 % 2]) for place in order]
+    table = plane_table("Q", (8,), FrameLayout((1, 2), 2), where="file", names=names)
+    for harmonic, channel in itertools.product(range(2), range(2)):
+        places = [i for i, place in enumerate(order) if place % 4 == 2 * harmonic + channel]
+        assert table[:, harmonic, channel].tolist() == places
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        ["SC2 at H2, no. 1", "SC1 at H2", "SC2, H1", "first"],
+        ["disc1 h2", "disc2 h2", "disc1 h1", "disc2 h1"],
+        ["50 MHz SC1", "50 MHz SC2", "20 MHz SC1", "20 MHz SC2"],
+        ["a SC1, SC2 of H1 and H2"] * 4,
+        [f"{'a long story of ' * 20} h{harmonic} sc{channel}" for harmonic in (2, 1) for channel in (2, 1)],
+    ],
+)
+def test_words_that_do_not_say_each_plane_leave_the_order(names: list[str]) -> None:
+    assert plane_table("Q", (4,), FrameLayout((1, 2)), where="file", names=names).tolist() == [[[0, 1], [2, 3]]]
+
+
 @pytest.mark.parametrize(
     ("names", "expected"),
     [
@@ -107,3 +137,10 @@ def test_names_that_do_not_fit(names: list[str], frames: int | None, found: str)
         names = names * 3
     with pytest.raises(FrameError, match=found):
         plane_table("Q", (len(names),), FrameLayout((1, 2), frames), where="file", names=names)
+
+
+@pytest.mark.parametrize(("parts", "first"), [(("50MHz", "25MHz"), 1), (("25MHz", "50MHz"), 0), (("far", "near"), 0)])
+def test_parts_called_by_their_frequency(parts: tuple[str, str], first: int) -> None:
+    named = [NamedPart(name, ("SC1", "SC2")) for name in parts]
+    places = voltage_places(named, FrameLayout((1, 2)), where="file")
+    assert [place.part for place in places] == [first, first, 1 - first, 1 - first]

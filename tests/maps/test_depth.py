@@ -5,7 +5,7 @@ import numpy as np
 from cadtof_cli.files.maps import DepthMaps
 from cadtof_cli.maps.depth import DepthScale, write_block
 from cadtof_cli.maps.layers import DIRECT_DEPTH, Layer, wanted_layers
-from cadtof_cli.optics.lamp import LampBeside
+from cadtof_cli.optics import LampBeside
 from cadtof_cli.resolver.paths import Paths, ResolvedPaths
 from tests.support.mixtures import F
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from cadtof_cli.optics.lens import curvature_m
+from cadtof_cli.optics import curvature_m
 
 
 def test_curvature_is_counted_from_the_point_over_half_the_diagonal() -> None:

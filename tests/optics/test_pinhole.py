@@ -5,7 +5,7 @@ import pytest
 
 from cadtof_cli.capture.metadata import Optics
 from cadtof_cli.errors import SettingsError
-from cadtof_cli.optics.lens import planar_per_range, principal_point, ray_slopes
+from cadtof_cli.optics import planar_per_range, principal_point, ray_slopes
 
 FOCAL = Optics(focal_length_px=3.0)
 

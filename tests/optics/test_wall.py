@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from cadtof_cli.capture.metadata import Optics
-from cadtof_cli.optics.lens import wall_range_m
+from cadtof_cli.optics import wall_range_m
 
 
 def test_a_wall_is_as_far_as_its_plane() -> None:

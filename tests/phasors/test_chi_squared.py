@@ -3,7 +3,7 @@
 import pytest
 from scipy import stats
 
-from cadtof_cli.phasors.chi_squared import chi_squared_threshold
+from cadtof_cli.phasors.noise import chi_squared_threshold
 
 
 @pytest.mark.parametrize("pairs", [1, 2, 3, 6])

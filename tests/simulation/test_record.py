@@ -1,6 +1,6 @@
 """Captures as files: what another reader finds in them, and that they never depend on who made them."""
 
-from functools import partial
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,10 +15,10 @@ from cadtof_cli.execution.workers import Workers
 from cadtof_cli.simulation.scene.camera import Camera
 from cadtof_cli.simulation.scene.exposure import Exposure
 from cadtof_cli.simulation.scene.light import Scene
-from cadtof_cli.simulation.scene.recorder import write_capture
 from cadtof_cli.simulation.scene.rooms.room import RandomRoom
 from cadtof_cli.simulation.scene.scenes import Card, Corner, Wall
-from cadtof_cli.workflows.simulate.record import RecordSettings, expose, record_scene
+from cadtof_cli.workflows.simulate.record import RecordSettings, expose, record_scene, write_capture
+from tests.support.told import Told
 
 CAMERA = Camera(width=33, height=21)
 
@@ -126,21 +126,6 @@ def test_voltages_beyond_the_converter_saturate(tmp_path: Path) -> None:
     assert (stored == 1023).mean() > 0.1
 
 
-class Told:
-    """Progress that is counted."""
-
-    expected = steps = 0
-
-    def total(self, count: int, /) -> None:
-        self.expected = count
-
-    def advance(self) -> None:
-        self.steps += 1
-
-    def say(self, message: str, /) -> None:
-        raise AssertionError(message)
-
-
 def test_every_step_is_told(tmp_path: Path) -> None:
     told = Told()
     record_scene(settings(frames=3), tmp_path / "c", progress=told)
@@ -172,31 +157,19 @@ def test_no_frames_is_refused() -> None:
 def test_a_capture_is_compressed_only_where_that_is_asked_for(frame_format: str, tmp_path: Path) -> None:
     """Noise hardly shrinks, and takes long; a frame of nothing shows which of the two it is."""
     camera = Camera(width=330, height=210)
-    write = partial(
-        write_capture,
-        truth={"direct.depth": np.ones((210, 330))},
-        metadata=CaptureMetadata(voltage=camera.voltage),
-        camera=camera,
-        frame_format=frame_format,
-    )
-    frames = [np.zeros((2, 2, 210, 330))]
-    for name in ("plain", "asked", "refused"):
+    plain = RecordSettings(exposure=settings(camera=camera).exposure, frame_format=frame_format)
+    frames, truth = [np.zeros((2, 2, 210, 330))], {"direct.depth": np.ones((210, 330))}
+    for name, asked in (
+        ("plain", plain),
+        ("asked", replace(plain, compress=True)),
+        ("refused", replace(plain, compress=False)),
+    ):
         (tmp_path / name).mkdir()
-    write(tmp_path / "plain", frames)
-    write(tmp_path / "asked", frames, compress=True)
-    write(tmp_path / "refused", frames, compress=False)
+        write_capture(tmp_path / name, frames, settings=asked, truth=truth)
     sizes = {path.parent.name: path.stat().st_size for path in tmp_path.glob("*/frame_*")}
     assert sizes["plain"] == sizes["refused"] > 10 * sizes["asked"]
 
 
-def test_what_no_frames_are_recorded_in_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match=r"format \w+: frames are not recorded in it"):
-        write_capture(
-            tmp_path,
-            [],
-            truth={},
-            metadata=settings().exposure.metadata,
-            camera=CAMERA,
-            frame_format="png",
-        )
-    assert not list(tmp_path.iterdir())
+def test_what_no_frames_are_recorded_in_is_refused() -> None:
+    with pytest.raises(SettingsError, match="format: found png, expected tif or exr"):
+        settings(frame_format="png")

@@ -15,7 +15,7 @@ from cadtof_cli.calibration.parts import Origin
 from cadtof_cli.calibration.response import ResponseCalibration, ResponseQuality
 from cadtof_cli.capture.metadata import CaptureMetadata
 from cadtof_cli.errors import SettingsError
-from cadtof_cli.optics.lens import curvature_m, principal_point, squared_field_radius, wall_range_m
+from cadtof_cli.optics import curvature_m, principal_point, squared_field_radius, wall_range_m
 from cadtof_cli.phasors.response import HarmonicResponse, ideal_response
 from cadtof_cli.units import metres_per_radian
 

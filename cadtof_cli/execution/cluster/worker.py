@@ -12,8 +12,7 @@ from pathlib import Path
 from typing import Generic, TypeVar
 
 import cadtof_cli
-from cadtof_cli.execution.finisher import LATER_AT_ONCE, Finisher
-from cadtof_cli.execution.outcome import Work
+from cadtof_cli.execution.outcome import LATER_AT_ONCE, Finisher, Work
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")

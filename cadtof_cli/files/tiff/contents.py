@@ -19,6 +19,9 @@ _COLOURS = {_RGB: "RGB", 3: "a palette", 5: "CMYK", 6: "YCbCr", 8: "CIELAB", 9: 
 
 _CONTIGUOUS = 1
 
+_OPACITY = frozenset({1, 2})
+"""What a sample beside the colours may be said to be."""
+
 _MASK_OR_REDUCED = 4 | 1
 
 
@@ -45,6 +48,11 @@ def require_voltages(path: Path, page: tifffile.TiffPage, names: Iterable[str], 
         raise NotAFrameError(
             f"{path}: holds a colour picture ({_COLOURS[photometric]}{alpha}), expected voltages; software that stores"
             " four channels as RGBA may swap them: write a page for each, or name them H1.SC1, H1.SC2, …"
+        )
+    if photometric not in _COLOURS and not _OPACITY.isdisjoint(page.extrasamples) and not any(map(plane_label, names)):
+        raise NotAFrameError(
+            f"{path}: holds grey and opacity, {samples} samples a pixel, expected voltages; write a page for each plane,"
+            " or name them H1.SC1, H1.SC2, …"
         )
     if photometric == _MIN_IS_WHITE:
         raise FrameError(

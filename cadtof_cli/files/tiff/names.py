@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 import tifffile
 
-from cadtof_cli.files.named_planes import plane_label
+from cadtof_cli.files.named_planes import plane_label, says_a_channel
 
 _DESCRIPTION = 270
 _PAGE_NAME = 285
@@ -85,4 +85,5 @@ def _page_name(page: object) -> str:
     if not isinstance(page, tifffile.TiffPage):
         return ""
     values = (page.tags.valueof(code) for code in (_PAGE_NAME, _DESCRIPTION))
-    return next((text for text in values if isinstance(text, str) and plane_label(text)), "")
+    texts = [text for text in values if isinstance(text, str)]
+    return next(filter(plane_label, texts), None) or next(filter(says_a_channel, texts), "")

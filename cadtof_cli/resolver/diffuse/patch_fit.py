@@ -11,14 +11,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from cadtof_cli.arrays import Float
+from cadtof_cli.resolver.diffuse.compiled_fit import CompiledSteps, compiled_fits
+from cadtof_cli.resolver.diffuse.patch_steps import PatchSteps
 from cadtof_cli.resolver.diffuse.prior import MEAN, between_rooms, within_room
-from cadtof_cli.resolver.diffuse.tail import TailModel, residuals
+from cadtof_cli.resolver.diffuse.tail import TailModel
+from cadtof_cli.resolver.two_path.kernel import NUMPY
 
 STEPS = 4
 """Gauss–Newton steps; with more the state still moves along what the data leave open, and depth gets no better."""
-
-LARGEST_STEP = 0.8
-"""Largest change of a component per step (ln or ns): the model bends over a factor of two."""
 
 INDEPENDENT_PATCHES = 4.0
 """As how many independent patches a frame's patches weigh together."""
@@ -49,115 +49,55 @@ class PatchFit:
     jacobian: Float
 
 
-def fitted_patches(data: Float, error: Float, model: TailModel, pattern: Float, /, *, known_optics: bool) -> PatchFit:
+def fitted_patches(
+    data: Float, error: Float, model: TailModel, pattern: Float, /, *, known_optics: bool, kernel: str = NUMPY
+) -> PatchFit:
     """Fit the state of a frame and its patches to their data, (data, n).
 
     `error`, (data + 2, data + 2, n), is the covariance of what the model's values are wrong by, and of noise; `pattern`, (6, n),
-    how the state differs between patches by rule.
+    how the state differs between patches by rule. `kernel` is of `available_kernels`, all of which give the same bits.
     """
     within, between = within_room(known_optics=known_optics), between_rooms(known_optics=known_optics)
-    prior = _RoomPrior(
-        within,
-        np.asarray(np.linalg.inv(between), np.float64),
-        FARTHEST * np.sqrt(np.diag(between)),
-        error[: model.data, : model.data],
-    )
+    prior = _RoomPrior(within, np.asarray(np.linalg.inv(between), np.float64), FARTHEST * np.sqrt(np.diag(between)))
+    steps: PatchSteps | CompiledSteps = PatchSteps(data, error, np.diag(within), pattern)
+    if compiled_fits(len(model.harmonics), kernel):
+        steps = CompiledSteps(data, error, np.diag(within), pattern, kernel)
     state = MEAN[:, None] + pattern
     for _ in range(STEPS):
         values, jacobian = model.values(state)
-        given = prior.given(residuals(data, values[: model.data]), jacobian[:, : model.data], state - pattern)
-        pull = _pulled(given.scatter, given.seen.swapaxes(0, 1), given.missed)
-        change = given.room[:, None] + pattern - state + given.spread @ pull
-        state = state + np.maximum(np.minimum(change, LARGEST_STEP), -LARGEST_STEP)
+        said, linear = steps.said(values, jacobian, state)
+        given = prior.given(said)
+        state = steps.moved(state, linear, jacobian, given.room, given.spread)
     values, jacobian = model.values(state)
-    given = prior.given(residuals(data, values[: model.data]), jacobian[:, : model.data], state - pattern)
-    expected = values + (jacobian * (given.room[:, None] + pattern - state)[:, None]).sum(0)
-    covariance = _products(_times(given.spread, jacobian), jacobian)
-    joint = (covariance + error)[: model.data]
-    posterior = expected + _pulled(joint[:, : model.data], joint, residuals(data, expected[: model.data]))
+    given = prior.given(steps.said(values, jacobian, state)[0])
+    expected, posterior, covariance = steps.posterior(values, jacobian, state, given.room, given.spread)
     return PatchFit(given.room, given.room_covariance, state, expected, posterior, covariance, jacobian)
 
 
 @dataclass(frozen=True, eq=False)
 class _Given:
-    """The room given all patches, linearised.
-
-    Attributes:
-        room: the frame's state, (6,), and `room_covariance`, (6, 6).
-        spread: covariance of a patch's state before its own data are seen, (6, 6).
-        seen: Jacobians of the data, (6, data, n).
-        scatter: covariance of the data with it, (data, data, n).
-        missed: what the data are off by then, (data, n).
+    """The room given all patches, linearised: its state, (6,), and covariance, (6, 6); and the covariance of a patch's state
+    before its own data are seen, `spread`, (6, 6).
     """
 
     room: Float
     room_covariance: Float
     spread: Float
-    seen: Float
-    scatter: Float
-    missed: Float
 
 
 @dataclass(frozen=True, eq=False)
 class _RoomPrior:
-    """What is known of a room: covariance `within` it, `precision` and `farthest` departures between rooms; noise of its data."""
+    """What is known of a room: covariance `within` it, `precision` and `farthest` departures between rooms."""
 
     within: Float
     precision: Float
     farthest: Float
-    noise: Float
 
-    def given(self, difference: Float, seen: Float, departure: Float) -> _Given:
-        """Return the room, given all patches linearised.
-
-        Args:
-            difference: data minus model, (data, n).
-            seen: Jacobians of the data, (6, data, n).
-            departure: states linearised at, without the pattern, (6, n).
-        """
-        linear = difference + np.einsum("jan,jn->an", seen, departure)
-        whole = np.concatenate([seen.swapaxes(0, 1), linear[:, None]], axis=1)
-        white = _whitened(self._scatter(self.within, seen), whole)
-        normal = np.matmul(white[:, :-1], white.swapaxes(1, 2)).sum(0)
-        normal *= min(1.0, INDEPENDENT_PATCHES / seen.shape[2])
+    def given(self, said: Float) -> _Given:
+        """Return the room, given what all patches say of it, whitened, (data, 7, n): Jacobians and data."""
+        normal = np.matmul(said[:, :-1], said.swapaxes(1, 2)).sum(0)
+        normal *= min(1.0, INDEPENDENT_PATCHES / said.shape[2])
         covariance = np.linalg.inv(self.precision + normal[:, :-1])
         room = covariance @ (self.precision @ MEAN + normal[:, -1])
         room = np.minimum(np.maximum(room, MEAN - self.farthest), MEAN + self.farthest)
-        spread = self.within + covariance
-        missed = residuals(linear, _times(room[None], seen)[0])
-        return _Given(room, covariance, spread, seen, self._scatter(spread, seen), missed)
-
-    def _scatter(self, spread: Float, seen: Float) -> Float:
-        return _products(_times(spread, seen), seen) + self.noise
-
-
-def _times(matrix: Float, vectors: Float) -> Float:
-    """Return a matrix (m, 6) times vectors (6, …), (m, …)."""
-    product: Float = (matrix @ vectors.reshape(len(vectors), -1)).reshape(len(matrix), *vectors.shape[1:])
-    return product
-
-
-def _products(first: Float, second: Float) -> Float:
-    """Return Σ_j first_jan·second_jbn, (a, b, n)."""
-    products: Float = np.einsum("jan,jbn->abn", first, second)
-    return products
-
-
-def _pulled(covariance: Float, with_data: Float, missed: Float) -> Float:
-    """Return by how much what has the covariances `with_data`, (data, k, n), moves, (k, n), where data miss, (data, n)."""
-    white = _whitened(covariance, np.concatenate([with_data, missed[:, None]], axis=1))
-    moved: Float = (white[:, :-1] * white[:, -1:]).sum(0)
-    return moved
-
-
-def _whitened(covariance: Float, right: Float) -> Float:
-    """Return L⁻¹·right for covariances L·Lᵀ, (data, data, n), and right sides, (data, k, n), which are taken over."""
-    left, white = covariance.copy(), right
-    for i, row in enumerate(left):
-        scale = 1.0 / np.sqrt(row[i])
-        white[i] *= scale
-        left[i + 1 :, i] *= scale
-        for j in range(i + 1, len(left)):
-            white[j] -= left[j, i] * white[i]
-            left[j, i + 1 : j + 1] -= left[j, i] * left[i + 1 : j + 1, i]
-    return white
+        return _Given(room, covariance, self.within + covariance)

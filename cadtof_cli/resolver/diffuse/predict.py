@@ -28,7 +28,8 @@ from cadtof_cli.resolver.diffuse.settings import DiffuseSettings
 from cadtof_cli.resolver.diffuse.tail import TailModel
 from cadtof_cli.resolver.diffuse.through import seen_through, typical_tail
 from cadtof_cli.resolver.diffuse.upsampling import upsampler
-from cadtof_cli.resolver.two_path.closed_form import FundamentalFrame, two_paths
+from cadtof_cli.resolver.two_path.decomposition import decomposed
+from cadtof_cli.resolver.two_path.kernel import NUMPY
 
 LEAST_RATIO = 0.05
 """Least |q_h| that the noise of a patch's data is taken for."""
@@ -46,12 +47,13 @@ NEAREST_M = 0.05
 
 @dataclass(frozen=True, eq=False)
 class _Frame:
-    """What a frame is looked at with: its grid, settings, noise, and the offsets of its sampled ranges."""
+    """What a frame is looked at with: its grid, settings, noise, the offsets of its sampled ranges, and what works it out."""
 
     grid: PatchGrid
     settings: DiffuseSettings
     variances: Float
     offset_m: Float32 | float
+    kernel: str
 
 
 def diffuse_model(
@@ -65,6 +67,7 @@ def diffuse_model(
     view: View | None = None,
     samples: Float | None = None,
     range_offset_m: Float | None = None,
+    kernel: str = NUMPY,
 ) -> DiffuseModel | DiffuseChoice:
     """Return the model of a frame, or only the choice where it is left to separate paths; inputs are not changed.
 
@@ -79,11 +82,12 @@ def diffuse_model(
         view: the optics; None where they are unknown.
         samples: over how many recorded pixels each phasor is a mean, (Y, X); None: 1.
         range_offset_m: what is added to the range of every pixel (field curvature), (Y, X); None for nothing.
+        kernel: of `available_kernels`, all of which give the same bits.
     """
     grid = patch_grid(*size, view or assumed_view(*size))
     per_pixel = 1.0 if samples is None else float(np.median(samples))
     offset = 0.0 if range_offset_m is None else grid.samples(range_offset_m).astype(np.float32)
-    frame = _Frame(grid, settings, np.array(variances) / per_pixel, offset)
+    frame = _Frame(grid, settings, np.array(variances) / per_pixel, offset, kernel)
     with np.errstate(over="ignore"):
         # what no camera stores becomes infinite, and is not seen
         taken = grid.by_patch(phasors.astype(np.complex64))
@@ -118,14 +122,14 @@ def _model(
     data = np.concatenate([np.log(np.maximum(np.abs(ratios), 1e-9)), np.angle(ratios)])
     error = _error(ratios, amplitude, means.pixels[valid], frame)
     known, auto = frame.grid.view.known, frame.settings.model == "auto"
-    fit = fitted_patches(data, error, tail, rule, known_optics=known)
+    fit = fitted_patches(data, error, tail, rule, known_optics=known, kernel=frame.kernel)
     phasors = patch_phasors(means, harmonics=frame.settings.harmonics)
     through = _seen_through(phasors, valid, fit, frame) if auto else None
     heard = np.ones(amplitude.size, np.bool_)
     if through is not None:
         heard = ~through.found[valid]
         error = np.where(heard, error, _unheard(error))
-        fit = fitted_patches(data, error, tail, rule, known_optics=known)
+        fit = fitted_patches(data, error, tail, rule, known_optics=known, kernel=frame.kernel)
         again = (_seen_through(phasors, valid, fit, frame, own) for own in (heard, None))
         through = max(filter(None, again), key=lambda one: one.found.sum(), default=through)
     posterior = patch_posterior(data, error, fit)
@@ -133,7 +137,7 @@ def _model(
         return None
     coarse = coarse_planes(fit, posterior, _beside(fit, tail, planes, valid, frame, mpi_share(ratios)), valid)
     covered = 0 if through is None else int(through.found.sum())
-    gap = (coarse.planes[coarse.data + 1][valid] - two_path_lag(ratios[0]))[heard]
+    gap = (coarse.planes[coarse.data + 1][valid] - two_path_lag(ratios[0], kernel=frame.kernel))[heard]
     return DiffuseModel(
         frame.settings,
         DiffuseChoice("tail", int(kinds.lit.sum()), kinds.separate_share, _room_numbers(fit), covered),
@@ -166,6 +170,7 @@ def _seen_through(
         Tails(near, far, frame.settings.harmonics),
         grid=frame.grid,
         settings=frame.settings,
+        kernel=frame.kernel,
     )
 
 
@@ -183,12 +188,9 @@ def _beside(fit: PatchFit, tail: TailModel, planes: PatchPlanes, valid: Bool, fr
     return Beside(continued, share * unseen, share * would_be, open_share)
 
 
-def two_path_lag(ratio: Complex, /) -> Float:
+def two_path_lag(ratio: Complex, /, *, kernel: str = NUMPY) -> Float:
     """Return by how much MPI turns arg p_1 if there are two paths, the stronger direct, from q_2 = p_2|p_1|/p_1², (n,)."""
-    one = np.ones(ratio.shape)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        # q_2 = 1 is one path, where the closed form divides zero by zero before it says so
-        paths = two_paths(FundamentalFrame(one, ratio.real, ratio.imag, one, np.zeros_like(one)))
+    paths = decomposed(np.ones_like(ratio), ratio, kernel=kernel)
     sin_half = np.where(paths.a >= paths.b, paths.sin_half, -paths.sin_half)
     lag: Float = -np.arctan2(
         paths.sin_mean * paths.cos_half + paths.cos_mean * sin_half,
@@ -199,7 +201,7 @@ def two_path_lag(ratio: Complex, /) -> Float:
 
 def _planes(light: PatchLight, means: PatchMeans, frame: _Frame) -> PatchPlanes:
     """Return the surfaces by the first depth: that of two paths, from the mean light of every patch."""
-    lag = two_path_lag(means.ratios[0].ravel()).reshape(*means.amplitude.shape, 1)
+    lag = two_path_lag(means.ratios[0].ravel(), kernel=frame.kernel).reshape(*means.amplitude.shape, 1)
     range_m = range_from_phase(light.phase_rad - lag.astype(np.float32), frame.settings) + frame.offset_m
     return patch_planes(np.maximum(range_m, np.float32(NEAREST_M)), light.seen, frame.grid)
 
@@ -214,7 +216,7 @@ def _tail(planes: PatchPlanes, valid: Bool, amplitude: Float, frame: _Frame) -> 
         harmonics=frame.settings.harmonics,
         rad_per_m=frame.settings.rad_per_m,
     )
-    model = TailModel(light, frame.settings.harmonics, frame.settings.rad_per_ns)
+    model = TailModel(light, frame.settings.harmonics, frame.settings.rad_per_ns, frame.kernel)
     return model, pattern(light.direct)
 
 

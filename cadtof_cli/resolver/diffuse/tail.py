@@ -19,7 +19,9 @@ from typing import TypeVar
 import numpy as np
 
 from cadtof_cli.arrays import Complex, Float, Float32
+from cadtof_cli.resolver.diffuse.compiled_fit import compiled_fits, compiled_slopes
 from cadtof_cli.resolver.diffuse.radiosity import Interreflections
+from cadtof_cli.resolver.two_path.kernel import NUMPY
 
 Values = TypeVar("Values", Float, Float32)
 """float64 for patches, float32 for pixels."""
@@ -36,11 +38,12 @@ REFERENCE_DECAY_NS = 12.0
 
 @dataclass(frozen=True)
 class TailModel:
-    """The model of n patches: their interreflections, the harmonics' numbers and the fundamental's ω."""
+    """The model of n patches: their interreflections, the harmonics' numbers, the fundamental's ω, and what works it out."""
 
     light: Interreflections
     harmonics: tuple[int, ...]
     rad_per_ns: float
+    kernel: str = NUMPY
 
     @property
     def data(self) -> int:
@@ -51,69 +54,114 @@ class TailModel:
     def _harmonic(self) -> Float:
         return np.array(self.harmonics, np.float64)[:, None]
 
+    @cached_property
+    def _rad_per_ns(self) -> Float:
+        """Return hω of every harmonic, (H, 1)."""
+        return self._harmonic * self.rad_per_ns
+
+    @cached_property
+    def _onset(self) -> Float:
+        """Return by how much it weakens unseen light that it sets in slowly, over τ0, (H, 1)."""
+        return np.exp(-0.5 * (self._rad_per_ns * ONSET_NS) ** 2) / REFERENCE_DECAY_NS
+
     def values(self, state: Float, /) -> tuple[Float, Float]:
         """Return the values at a state (6, n), (data + 2, n), and their Jacobian, (6, data + 2, n)."""
-        seen, beyond, later, unseen, held = self._terms(state)
-        total = 1.0 + seen + beyond + later + unseen
-        slopes = np.empty((len(STATE), *total.shape), np.complex128)
-        terms = (seen + beyond + 2.0 * later, beyond, later, unseen, unseen * held)
-        for slope, term in zip(slopes, terms, strict=False):
-            slope[:] = term
-        np.multiply(unseen, 1j * self._harmonic * self.rad_per_ns, out=slopes[-1])
-        slopes *= 1.0 / total
-        values = free_of_direct(_logarithm(total), self._harmonic)
+        phase = self._rad_per_ns * state[5]
+        natural, cos, sin = np.exp(state[:5]), np.cos(phase), np.sin(phase)
+        if compiled_fits(len(self.harmonics), self.kernel):
+            total, jacobian = compiled_slopes(
+                (natural, cos, sin, self.light.seen, self.light.beyond, self.light.later),
+                (self._harmonic, self._rad_per_ns, self._onset),
+                kernel=self.kernel,
+            )
+        else:
+            total, jacobian = self._slopes(natural, cos, sin)
+        re, im, power = total
+        values = free_of_direct(0.5 * np.log(power), np.arctan2(im, re), self._harmonic)
         phases = phase_data(self.data)
         values[phases] = wrapped(values[phases])
-        return values, free_of_direct(slopes, self._harmonic)
+        return values, jacobian
 
     def lag_parts(self, state: Float, guessed: Complex, /) -> tuple[Float, Float, Float]:
         """Return how much of arg H_1 is due to surfaces beside the view and to unseen ones, and would be to guessed ones.
 
         In rad, (n,) each, at a state (6, n); `guessed`, (n,), is the light of the last as `Interreflections.beyond` has it.
         """
-        seen, beyond, later, unseen, _ = (term[0] for term in self._terms(state))
-        share = 1.0 / (1.0 + seen + beyond + later + unseen)
-        beside, behind, would_be = (light * share for light in (beyond, unseen, np.exp(state[0] + state[1]) * guessed))
-        return beside.imag, behind.imag, would_be.imag
+        natural, phase = np.exp(state[:5]), self._rad_per_ns * state[5]
+        seen, beyond, later, unseen, _ = self._terms(natural, np.cos(phase), np.sin(phase))
+        re, im = (seen + beyond + later + unseen)[:, 0]
+        re = re + 1.0
+        would_be = natural[0] * natural[1] * _parts(guessed)
+        beside, behind, would = (
+            (y * re - x * im) / (re * re + im * im) for x, y in (beyond[:, 0], unseen[:, 0], would_be)
+        )
+        return beside, behind, would
 
-    def _terms(self, state: Float) -> tuple[Complex, Complex, Complex, Complex, Complex]:
-        """Return the four terms of H_h, (H, n) each, in the order above, and 1/(1 − ihωτ)."""
-        s, b, u, v, decay = np.exp(state[:5])
-        rad_per_ns = self._harmonic * self.rad_per_ns
-        turns = rad_per_ns * decay
-        held = np.empty(turns.shape, np.complex128)
-        held.real = 1.0 / (1.0 + turns * turns)
-        held.imag = turns * held.real
-        onset = np.exp(-0.5 * (rad_per_ns * ONSET_NS) ** 2) / REFERENCE_DECAY_NS
-        unseen = (onset * (v * decay)) * _rotors(rad_per_ns * state[5]) * held
-        return s * self.light.seen, (s * b) * self.light.beyond, (s * s * u) * self.light.later, unseen, held
+    def _terms(self, natural: Float, cos: Float, sin: Float) -> tuple[Float, Float, Float, Float, Float]:
+        """Return the four terms of H_h in the order above, and 1/(1 − ihωτ); real and imaginary parts, (2, H, n) each.
+
+        `natural`, (5, n), is s, b, u, v and τ; `cos` and `sin`, (H, n), those of hωt.
+        """
+        s, b, u, v, decay = natural
+        turns = self._rad_per_ns * decay
+        held = np.empty((2, *cos.shape))
+        np.divide(1.0, 1.0 + turns * turns, out=held[0])
+        np.multiply(turns, held[0], out=held[1])
+        start = np.empty_like(held)
+        start[0], start[1] = cos, sin
+        unseen = _product(self._onset * (v * decay) * start, held)
+        seen, beyond, later = self._light
+        return s * seen, (s * b) * beyond, (s * s * u) * later, unseen, held
+
+    def _slopes(self, natural: Float, cos: Float, sin: Float) -> tuple[Float, Float]:
+        """Return the real and imaginary part and the square of H_h, (3, H, n), and the Jacobian of the values.
+
+        In real numbers, whose every operation is rounded alone: numpy's products of complex ones differ from machine to machine.
+        """
+        seen, beyond, later, unseen, held = self._terms(natural, cos, sin)
+        answer = np.empty((3, *cos.shape))
+        total, power = answer[:2], answer[2]
+        np.add(seen + beyond + later, unseen, out=total)
+        total[0] += 1.0
+        np.add(total[0] * total[0], total[1] * total[1], out=power)
+        terms = np.empty((2, len(STATE), *cos.shape))
+        terms[:, 0] = seen + beyond + 2.0 * later
+        terms[:, 1], terms[:, 2], terms[:, 3], terms[:, 4] = beyond, later, unseen, _product(unseen, held)
+        terms[0, 5], terms[1, 5] = self._rad_per_ns * -unseen[1], self._rad_per_ns * unseen[0]
+        inverse = total / power
+        np.negative(inverse[1], out=inverse[1])
+        size, phase = _product(terms, inverse[:, None])
+        return answer, free_of_direct(size, phase, self._harmonic)
+
+    @cached_property
+    def _light(self) -> tuple[Float, Float, Float]:
+        return _parts(self.light.seen), _parts(self.light.beyond), _parts(self.light.later)
 
 
-def _rotors(phase_rad: Float) -> Complex:
-    """Return exp(i·phase), (…), several times faster than the complex exponential does it."""
-    rotors = np.empty(phase_rad.shape, np.complex128)
-    rotors.real, rotors.imag = np.cos(phase_rad), np.sin(phase_rad)
-    return rotors
+def _parts(z: Complex) -> Float:
+    """Return real and imaginary parts of complex numbers (…), (2, …)."""
+    return np.stack([z.real, z.imag])
 
 
-def _logarithm(z: Complex) -> Complex:
-    """Return ln z, (…), several times faster than the complex logarithm does it."""
-    found = np.empty_like(z)
-    found.real, found.imag = 0.5 * np.log(z.real * z.real + z.imag * z.imag), np.arctan2(z.imag, z.real)
-    return found
+def _product(first: Float, second: Float) -> Float:
+    """Return the products of complex numbers, (2, …) each."""
+    (a, b), (c, d) = first, second
+    product = np.empty(first.shape)
+    np.subtract(a * c, b * d, out=product[0])
+    np.add(a * d, b * c, out=product[1])
+    return product
 
 
-def free_of_direct(logarithm: Complex, harmonic: Float, /) -> Float:
-    """Return from ln H_h or its derivatives, (…, H, n), what does not depend on the direct light, and ln H_1 itself.
+def free_of_direct(size: Float, phase: Float, harmonic: Float, /) -> Float:
+    """Return from ln|H_h| and arg H_h or their derivatives, (…, H, n), what does not depend on the direct light, and ln H_1.
 
     The order is ln|H_h/H_1| for h = 2, 3, …; then arg H_h − h·arg H_1; then ln|H_1| and arg H_1.
     """
-    first, further = logarithm[..., :1, :], logarithm[..., 1:, :]
-    count = further.shape[-2]
-    free = np.empty((*logarithm.shape[:-2], 2 * count + 2, logarithm.shape[-1]))
-    np.subtract(further.real, first.real, out=free[..., :count, :])
-    np.subtract(further.imag, harmonic[1:] * first.imag, out=free[..., count:-2, :])
-    free[..., -2:-1, :], free[..., -1:, :] = first.real, first.imag
+    count = size.shape[-2] - 1
+    free = np.empty((*size.shape[:-2], 2 * count + 2, size.shape[-1]))
+    np.subtract(size[..., 1:, :], size[..., :1, :], out=free[..., :count, :])
+    np.subtract(phase[..., 1:, :], harmonic[1:] * phase[..., :1, :], out=free[..., count:-2, :])
+    free[..., -2, :], free[..., -1, :] = size[..., 0, :], phase[..., 0, :]
     return free
 
 

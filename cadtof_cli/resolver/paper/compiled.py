@@ -5,8 +5,7 @@ import numpy as np
 from cadtof_cli.arrays import Index
 from cadtof_cli.resolver.likelihood.compiled import MOST_HARMONIC, MOST_ROWS, compiled_search
 from cadtof_cli.resolver.paper.equation_9 import EliminatedPath
-from cadtof_cli.resolver.paper.records import Ends, Stopping
-from cadtof_cli.resolver.paper.starts import RandomStarts
+from cadtof_cli.resolver.paper.records import Ends, RandomStarts, Stopping
 
 
 def compiled_best_ends(

@@ -15,8 +15,7 @@ from cadtof_cli.resolver.likelihood.levenberg_marquardt import MOST_DAMPING, SHR
 from cadtof_cli.resolver.likelihood.normal_equations import LEAST_PIVOT
 from cadtof_cli.resolver.paper.compiled import compiled_best_ends
 from cadtof_cli.resolver.paper.equation_9 import EliminatedPath
-from cadtof_cli.resolver.paper.records import STOPPING, Ends, Stopping
-from cadtof_cli.resolver.paper.starts import RandomStarts
+from cadtof_cli.resolver.paper.records import STOPPING, Ends, RandomStarts, Stopping
 from cadtof_cli.resolver.two_path.kernel import NUMPY, chosen_kernel
 
 EASED, MORE, FURTHER = 0.3, 2.0, 4.0
@@ -67,7 +66,7 @@ def ends(equations: EliminatedPath, z: Float, /, *, stopping: Stopping = STOPPIN
     at_work: Index = np.arange(z.shape[1])
     none = np.zeros(at_work.size, np.bool_)
     state = _State(z, equations.linearised(z), np.full(at_work.size, stopping.first_damping), none, none)
-    result = Ends(z.copy(), state.at.cost.copy(), none.copy(), np.zeros(at_work.size, np.intp))
+    result = Ends(z.copy(), state.at.cost, none, np.zeros(at_work.size, np.intp))
     for _ in range(stopping.max_steps):
         state = _stepped(equations, state, stopping)
         result.steps[at_work[~state.stopped]] += 1

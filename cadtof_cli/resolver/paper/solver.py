@@ -1,13 +1,18 @@
 """Two paths the paper's way, by Eq. (9); one path, which Eq. (9) cannot tell, by maximum likelihood."""
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from cadtof_cli.arrays import Bool, Complex, Float, Index
 from cadtof_cli.phasors.noise import NoiseModel
+from cadtof_cli.phasors.rotors import Rotor, unit_rotor
 from cadtof_cli.resolver.likelihood.k_paths import fisher_fit
+from cadtof_cli.resolver.likelihood.mixture import Mixture
 from cadtof_cli.resolver.likelihood.solver import Likelihood
-from cadtof_cli.resolver.paper.shares import two_shares
-from cadtof_cli.resolver.paper.starts import RandomStarts
+from cadtof_cli.resolver.paper.equation_9 import EliminatedPath, first_rotor
+from cadtof_cli.resolver.paper.records import RandomStarts
+from cadtof_cli.resolver.paper.search import best_ends
 from cadtof_cli.resolver.paths import Fit
 from cadtof_cli.resolver.settings import ResolverSettings
 
@@ -42,3 +47,45 @@ def solver(
     """Return the solver for a block of phasors, complex128 (H, n), whose first pixel has the flat index `first`."""
     del response
     return PaperWay(phasors, noise, settings, first)
+
+
+@dataclass(frozen=True)
+class TwoShares:
+    """Two paths of n pixels, and what Eq. (9) leaves, (n,): 0 where it is met.
+
+    `converged` is not set where the best start ran out of steps.
+    """
+
+    paths: Mixture
+    cost: Float
+    converged: Bool
+
+
+def two_shares(
+    phasors: Complex, /, *, harmonics: tuple[int, ...], places: Index, starts: RandomStarts, kernel: str | None = None
+) -> TwoShares:
+    """Solve Eq. (9) for every pixel of phasors, complex128 (N, n), at its place in the frame, (n,), and keep the best end.
+
+    A pixel whose first phasor is 0 has no q_j: it gets NaN, and is not converged. One start is tried after the other: a pixel
+    that has met its equations to rounding error, which no start can better, tries no more.
+    """
+    found = best_ends(EliminatedPath.of_phasors(phasors, harmonics=harmonics), places, starts, kernel=kernel)
+    return TwoShares(_paths(found.z, *first_rotor(phasors)), found.cost, found.converged)
+
+
+def steps_of_starts(phasors: Complex, /, *, harmonics: tuple[int, ...], places: Index, starts: RandomStarts) -> Index:
+    """Return after how many steps each start of every pixel ends, (S, n): all of them, as the paper runs all ten."""
+    equations = EliminatedPath.of_phasors(phasors, harmonics=harmonics)
+    each = (best_ends(equations, places, starts, numbers=range(one, one + 1)) for one in range(starts.count))
+    return np.stack([found.steps for found in each])
+
+
+def _paths(z: Float, modulus: Float, rotor: Rotor) -> Mixture:
+    """Return α = z·p_1 and β = (1 − z)·p_1."""
+    amplitudes, cosines, sines = [], [], []
+    for re, im in ((z[0], z[1]), (1.0 - z[0], -z[1])):
+        share, (cos, sin) = unit_rotor(re, im)
+        amplitudes.append(share * modulus)
+        cosines.append(cos * rotor[0] - sin * rotor[1])
+        sines.append(sin * rotor[0] + cos * rotor[1])
+    return Mixture(np.stack(amplitudes), np.stack(cosines), np.stack(sines))

@@ -1,7 +1,8 @@
 """Newton's method on the four real equations of two paths under any response, for many pixels at once.
 
 The unknowns are amplitude and fundamental phase of either path: p_h = a·f_h(x) + b·f_h(y), h = 1, 2, with f_h tabulated.
-Single precision throughout: its rounding is far below the noise of any frame, and it halves the time.
+Single precision throughout: its rounding is far below the noise of any frame, and it halves the time. `_search.h` is the compiled
+twin of `search`, and `searched` its front.
 """
 
 from dataclasses import dataclass, replace
@@ -10,7 +11,8 @@ import numpy as np
 
 from cadtof_cli.arrays import Bool, Complex, Float32, Index
 from cadtof_cli.phasors.noise import NoiseModel
-from cadtof_cli.resolver.response.table import Answer, ResponseBlock
+from cadtof_cli.resolver.response.table import STEP, Answer, ResponseBlock
+from cadtof_cli.resolver.two_path.kernel import NUMPY, extension
 
 LARGEST_TURN = 0.4
 """Most that one step may turn a path, in rad: a third of the way between neighbouring extremes of a triangle's slope."""
@@ -169,3 +171,27 @@ def _minors(fields: Fields) -> tuple[Float32, ...]:
     r = (fields.left_re, fields.left_im)
     pairs = ((a, b), (a, c), (a, d), (b, c), (b, d), (c, d), (r, a), (r, b), (r, c), (r, d))
     return tuple(p[0] * q[1] - p[1] * q[0] for p, q in pairs)
+
+
+def searched(equations: Equations, start: Float32, /, *, steps: int, stage: int = -1) -> SearchState:
+    """Return what `search` does, by the kernel of the response's block: all give the same bits."""
+    response = equations.response
+    if response.kernel == NUMPY:
+        return search(equations, start, steps=steps, stage=stage)
+    tables = response.stages[stage]
+    numbers = [table.harmonic for table in tables]
+    constants = [*numbers, *(STEP / number for number in numbers), 1.0 / STEP, *equations.weights]
+    count = start.shape[1]
+    values, misfit, done = np.empty((4, count), np.float32), np.empty(count, np.float32), np.empty(count, np.bool_)
+    phase = None if response.phase_rad is None else response.phase_rad[:, equations.pixels]
+    given = (*(table.entries for table in tables), phase, equations.observed, equations.enough, start)
+    extension().search(
+        response.kernel,
+        steps,
+        np.array(constants, np.float32),
+        *(None if array is None else np.ascontiguousarray(array) for array in given),
+        values,
+        misfit,
+        done,
+    )
+    return SearchState(values, misfit, done)

@@ -12,8 +12,7 @@ import numpy as np
 from cadtof_cli.arrays import Bool, Complex, Float32, Index
 from cadtof_cli.phasors.noise import NoiseModel
 from cadtof_cli.resolver.paths import FULL_TURN
-from cadtof_cli.resolver.response.compiled import searched
-from cadtof_cli.resolver.response.newton import Equations, SearchState
+from cadtof_cli.resolver.response.newton import Equations, SearchState, searched
 from cadtof_cli.resolver.response.one_path import angle_of
 from cadtof_cli.resolver.response.table import STAGES, ResponseBlock
 from cadtof_cli.resolver.two_path.closed_form import TwoPaths, fundamental_frame, two_paths

@@ -1,4 +1,7 @@
-"""The pixel, photon by photon: each samples the modulation at its arrival, and the samples are averaged."""
+"""The pixel, photon by photon: each samples the modulation at its arrival, and the samples are averaged.
+
+One recording can be followed as it goes on, as in the paper's Fig. 2.
+"""
 
 import math
 from dataclasses import dataclass, field
@@ -10,8 +13,7 @@ from cadtof_cli.capture.metadata import Modulation
 from cadtof_cli.errors import SettingsError
 from cadtof_cli.simulation.pixel.arrivals import draw_detections, draw_phases
 from cadtof_cli.simulation.pixel.averaging import Averaging
-from cadtof_cli.simulation.pixel.mix import PhotonMix, finite_at_least, require
-from cadtof_cli.simulation.pixel.motion import AT_REST, Motion
+from cadtof_cli.simulation.pixel.mix import AT_REST, Motion, PhotonMix, finite_at_least, require
 from cadtof_cli.simulation.pixel.waveforms import sampled_pair
 
 PHOTONS_PER_LENGTH = 12.5
@@ -19,6 +21,12 @@ PHOTONS_PER_LENGTH = 12.5
 
 FORGOTTEN_LENGTHS = 40.0
 """Photons older than this many n_av weigh less than rounding and are not drawn."""
+
+BINS = 128
+"""Of the histogram of an evolution."""
+
+MOST_ROWS = 1000
+"""Rows of an evolution that are kept; a picture shows no more."""
 
 CHUNK = 1 << 16
 """Photons drawn at once: their buffers stay in the processor's cache."""
@@ -184,3 +192,44 @@ def _read_out(model: PixelModel, voltages_v: Float) -> Float:
     shape = (2, *[1] * (voltages_v.ndim - 1))
     gain = np.array([1.0, 1.0 + model.gain_mismatch]).reshape(shape)
     return np.asarray(gain * voltages_v + np.array(model.offsets_v).reshape(shape))
+
+
+@dataclass(frozen=True)
+class Evolution:
+    """One recording of the fundamental.
+
+    Attributes:
+        bin_ns: (BINS,), middle of each bin of the histogram.
+        counts: (BINS,), photons in each.
+        photons: (n,), photons sampled so far, evenly thinned.
+        voltages_v: (2, n), SC1 and SC2 after that many photons.
+    """
+
+    bin_ns: Float
+    counts: Float
+    photons: Float
+    voltages_v: Float
+    period_ns: float
+
+    @property
+    def phase_deg(self) -> Float:
+        """Phase of the voltages, 0° to 360°, (n,)."""
+        return np.asarray(np.degrees(np.arctan2(self.voltages_v[1], self.voltages_v[0])) % 360.0)
+
+    @property
+    def settled_phase_deg(self) -> float:
+        """Phase of the mean voltages over the later half, when the average has settled."""
+        half = self.voltages_v.shape[1] // 2
+        first, second = self.voltages_v[:, half:].mean(axis=1)
+        return math.degrees(math.atan2(second, first)) % 360.0
+
+
+def evolution(model: PixelModel, mix: PhotonMix, generator: np.random.Generator, /) -> Evolution:
+    """Record the fundamental once, photon by photon, and keep what a picture needs."""
+    times_ns, voltages_v = trace_pixel(model, mix, generator, harmonic=1)
+    period = model.modulation.periods_ns[0]
+    counts, _ = np.histogram(times_ns, bins=BINS, range=(0.0, period))
+    middles = np.linspace(0.5, BINS - 0.5, BINS) * (period / BINS)
+    count = voltages_v.shape[1]
+    kept = np.unique(np.linspace(0, count - 1, min(count, MOST_ROWS)).astype(np.intp))
+    return Evolution(middles, counts.astype(np.float64), (kept + 1).astype(np.float64), voltages_v[:, kept], period)

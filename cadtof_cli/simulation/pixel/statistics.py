@@ -11,8 +11,7 @@ import numpy as np
 
 from cadtof_cli.arrays import Complex, Float
 from cadtof_cli.capture.metadata import Modulation, Waveform
-from cadtof_cli.simulation.pixel.mix import PhotonMix
-from cadtof_cli.simulation.pixel.motion import AT_REST, Motion
+from cadtof_cli.simulation.pixel.mix import AT_REST, Motion, PhotonMix
 from cadtof_cli.simulation.pixel.waveforms import (
     highest_order,
     mean_square,

@@ -1,1 +1,1 @@
-"""Scenes: geometry, light, camera, recorder."""
+"""Scenes: geometry, light, camera."""

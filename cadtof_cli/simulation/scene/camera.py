@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from cadtof_cli.arrays import Float
 from cadtof_cli.capture.metadata import Optics, Voltage
-from cadtof_cli.optics.lens import curvature_m, principal_point, ray_slopes
+from cadtof_cli.optics import curvature_m, principal_point, ray_slopes
 from cadtof_cli.simulation.pixel.mix import finite_at_least, require
 from cadtof_cli.units import C_M_PER_NS
 

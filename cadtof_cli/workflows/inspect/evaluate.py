@@ -1,7 +1,6 @@
 """`cadtof evaluate`: the maps of a run against truth, beside what the first phasor alone would have said; and over time."""
 
 import csv
-from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
@@ -9,15 +8,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cadtof_cli.arrays import Float
-from cadtof_cli.errors import CaptureError, OutputError
+from cadtof_cli.errors import OutputError
 from cadtof_cli.files.atomic import atomic_write, require_new
 from cadtof_cli.files.formats import EXR, format_by_suffix
 from cadtof_cli.files.maps import read_layers, write_layers
-from cadtof_cli.maps.evaluation import DepthErrors, ErrorTally, depth_errors
+from cadtof_cli.maps.evaluation import DepthErrors, ErrorTally, SequenceTally, depth_errors
 from cadtof_cli.maps.layers import DIRECT_DEPTH, DIRECT_SIGMA, MPI_DEPTH
-from cadtof_cli.maps.over_time import SequenceTally
 from cadtof_cli.workflows.inspect.first_phasors import first_phasors
+from cadtof_cli.workflows.inspect.layers import direct_depth, layer_of, require_same_size
 from cadtof_cli.workflows.progress import Progress
 from cadtof_cli.workflows.run_folder import read_run
 
@@ -79,7 +77,8 @@ def evaluate_maps(
     progress.total(len(files))
     for path in files:
         layers = read_layers(path)
-        depth = same_size(_direct_of(layers, path), expected, path, truth)
+        depth = layer_of(layers, DIRECT_DEPTH, path).astype(np.float64)
+        require_same_size(depth, expected.shape, path, truth)
         alone = recorded.depth(path, depth)
         direct.add(depth, expected, sigma_m=layers.get(DIRECT_SIGMA))
         if alone is not None:
@@ -126,11 +125,11 @@ def scatter_over_time(maps: Path, out: Path, /, *, progress: Progress, overwrite
     files = run.require_maps()
     progress.total(len(files))
     first = read_layers(files[0])
-    shape = _direct_of(first, files[0]).shape
+    shape = layer_of(first, DIRECT_DEPTH, files[0]).shape
     tallies = {layer: SequenceTally(shape) for layer in (DIRECT_DEPTH, MPI_DEPTH) if layer in first}
     for path in files:
         layers = read_layers(path)
-        same_size(_direct_of(layers, path), np.empty(shape), path, files[0])
+        require_same_size(layer_of(layers, DIRECT_DEPTH, path), shape, path, files[0])
         for name, tally in tallies.items():
             values = layers.get(name, np.full(shape, np.nan))
             tally.add(values, layers.get(name.replace(".depth", ".sigma")))
@@ -145,26 +144,3 @@ def scatter_over_time(maps: Path, out: Path, /, *, progress: Progress, overwrite
 def _median_cm(plane: NDArray[Any]) -> float | None:
     finite = plane[np.isfinite(plane)]
     return float(100.0 * np.median(finite)) if finite.size else None
-
-
-def direct_depth(path: Path, /) -> Float:
-    """Return the direct depth in a map or truth file, float64 (Y, X) in m.
-
-    Raises:
-        CadtofError: the file cannot be read or has no such layer.
-    """
-    return _direct_of(read_layers(path), path)
-
-
-def _direct_of(layers: Mapping[str, NDArray[Any]], path: Path) -> Float:
-    if DIRECT_DEPTH not in layers:
-        raise CaptureError(f"{path}: found layers {', '.join(layers)}; expected {DIRECT_DEPTH}")
-    return layers[DIRECT_DEPTH].astype(np.float64)
-
-
-def same_size(depth: Float, expected: Float, path: Path, truth: Path, /) -> Float:
-    """Return a depth read from `path` after making sure that it has the size of the one in `truth`."""
-    if depth.shape != expected.shape:
-        found, wanted = ("{1} × {0}".format(*shape) for shape in (depth.shape, expected.shape))
-        raise CaptureError(f"{path}: found {found} pixels, expected {wanted} as in {truth}")
-    return depth

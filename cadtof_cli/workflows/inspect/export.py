@@ -1,6 +1,6 @@
 """`cadtof export`: maps as other software reads them."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -9,45 +9,38 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cadtof_cli.capture.metadata import Optics
-from cadtof_cli.errors import CaptureError, SettingsError
+from cadtof_cli.errors import SettingsError
 from cadtof_cli.files.atomic import atomic_write, require_new
 from cadtof_cli.files.maps import STATUS, read_layers
-from cadtof_cli.files.png.writing import write_grey_png
-from cadtof_cli.files.point_cloud import write_pcd, write_ply
-from cadtof_cli.frame_plan import DepthKind
+from cadtof_cli.files.png import write_grey_png
+from cadtof_cli.files.point_cloud import write_points
+from cadtof_cli.frame_plan import DEPTH_IN_WORDS, DepthKind
 from cadtof_cli.maps.layers import DIRECT_DEPTH
-from cadtof_cli.optics.lens import planar_per_range, ray_slopes
+from cadtof_cli.optics import planar_per_range, ray_slopes
+from cadtof_cli.workflows.inspect.layers import GivenOptics, Layers, layer_of
 from cadtof_cli.workflows.progress import Progress
-from cadtof_cli.workflows.run_folder import Run, read_run
+from cadtof_cli.workflows.run_folder import read_run
 
 MOST_MM = 65535
 """Farthest depth that 16 bits of millimetres hold."""
 
-Layers = Mapping[str, NDArray[Any]]
-
 
 @dataclass(frozen=True, kw_only=True)
-class ExportSettings:
-    """What a user can choose.
+class ExportSettings(GivenOptics):
+    """What a user can choose, besides the optics.
 
     Attributes:
         layer: the depths that points and pictures are made of.
         depth: whether they are radial ranges or planar depths; None: as the run says, ranges where there is none.
-        focal_length_px: of the camera; None: as the run says.
-        principal_point_px: column and row where the optical axis meets the array; None: as the run says, or the middle.
     """
 
     layer: str = DIRECT_DEPTH
     depth: DepthKind | None = None
-    focal_length_px: float | None = None
-    principal_point_px: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if not self.layer.endswith(".depth"):
             raise SettingsError(f"--layer: found {self.layer!r}, expected a layer of depths such as direct.depth")
-        point = self.principal_point_px
-        if point is not None and len(point) != 2:
-            raise SettingsError(f"--principal-point-px: found {len(point)} numbers, expected a column and a row")
 
 
 @dataclass(frozen=True)
@@ -58,6 +51,10 @@ class _Map:
     layers: Layers
     depth: DepthKind
     optics: Optics
+
+    def layer(self, name: str) -> NDArray[Any]:
+        """Return a layer; raises CaptureError where there is none."""
+        return layer_of(self.layers, name, self.path)
 
 
 def export_maps(
@@ -75,41 +72,25 @@ def export_maps(
     if write is None:
         raise SettingsError(f"-o: found {out.name!r}, expected a name that ends with {', '.join(WRITERS)}")
     found = [(run, file) for run in map(read_run, maps) for file in run.require_maps()]
-    outputs = [_output(out, run, file) if len(found) > 1 else out for run, file in found]
+    outputs = [
+        out.with_name(f"{out.stem}_{run.name(file).replace('/', '_')}{out.suffix}") if len(found) > 1 else out
+        for run, file in found
+    ]
     for position, output in enumerate(outputs):
         if output in outputs[:position]:
             raise SettingsError(f"two of the maps would be written as {output}: export them one command each")
         require_new(output, overwrite=overwrite)
     progress.total(len(found))
     for (run, file), output in zip(found, outputs, strict=True):
-        write(_read(run, file, settings), output, settings)
+        one = _Map(file, read_layers(file), settings.depth or run.depth_kind, settings.optics(run, file))
+        write(one, output, settings)
         progress.advance()
     return tuple(outputs)
 
 
-def _output(out: Path, run: Run, file: Path) -> Path:
-    return out.with_name(f"{out.stem}_{run.name(file).replace('/', '_')}{out.suffix}")
-
-
-def _read(run: Run, file: Path, settings: ExportSettings) -> _Map:
-    optics = run.optics(file)
-    focal, point = settings.focal_length_px, settings.principal_point_px
-    merged = Optics(
-        focal_length_px=optics.focal_length_px if focal is None else focal,
-        principal_point_px=optics.principal_point_px if point is None else (point[0], point[1]),
-    )
-    return _Map(file, read_layers(file), settings.depth or run.depth_kind, merged)
-
-
-def _layer(one: _Map, name: str) -> NDArray[Any]:
-    if name not in one.layers:
-        raise CaptureError(f"{one.path}: found layers {', '.join(one.layers)}; expected {name}")
-    return one.layers[name]
-
-
 def _points(one: _Map, settings: ExportSettings) -> dict[str, NDArray[Any]]:
     """Return the points of the pixels that have an answer: x right, y down, z forward from the camera, in m."""
-    depth = _layer(one, settings.layer).astype(np.float64)
+    depth = one.layer(settings.layer).astype(np.float64)
     path = settings.layer.removesuffix(".depth")
     rows, columns = depth.shape
     right, down = ray_slopes(one.optics, (rows, columns))
@@ -118,33 +99,27 @@ def _points(one: _Map, settings: ExportSettings) -> dict[str, NDArray[Any]]:
         "x": forward * right,
         "y": forward * down,
         "z": forward,
-        "amplitude": _layer(one, f"{path}.amplitude"),
-        "sigma": _layer(one, f"{path}.sigma"),
+        "amplitude": one.layer(f"{path}.amplitude"),
+        "sigma": one.layer(f"{path}.sigma"),
     }
     known = np.isfinite(depth)
     points = {name: plane[known].astype(np.float32) for name, plane in planes.items()}
-    return points | {STATUS: _layer(one, STATUS)[known].astype(np.uint32)}
+    return points | {STATUS: one.layer(STATUS)[known].astype(np.uint32)}
 
 
-def _write_ply(one: _Map, output: Path, settings: ExportSettings) -> None:
-    write_ply(output, _points(one, settings), comment=_comment(one, settings))
-
-
-def _write_pcd(one: _Map, output: Path, settings: ExportSettings) -> None:
-    write_pcd(output, _points(one, settings), comment=_comment(one, settings))
-
-
-def _comment(one: _Map, settings: ExportSettings) -> str:
-    return f"cadtof: {settings.layer} of {one.path.name}, metres; amplitude V, sigma m"
+def _write_points(one: _Map, output: Path, settings: ExportSettings) -> None:
+    comment = f"cadtof: {settings.layer} of {one.path.name}, metres; amplitude V, sigma m"
+    write_points(output, _points(one, settings), comment=comment)
 
 
 def _write_png(one: _Map, output: Path, settings: ExportSettings) -> None:
     """Write millimetres; 0 where there is no answer, or one that does not fit into 16 bits."""
-    depth = _layer(one, settings.layer).astype(np.float64)
+    depth = one.layer(settings.layer).astype(np.float64)
     mm = np.rint(1000.0 * np.nan_to_num(depth, nan=0.0, posinf=0.0, neginf=0.0))
     plane = np.where((mm > 0) & (mm <= MOST_MM), mm, 0).astype(np.uint16)
-    kind = "planar depth z" if one.depth == "z" else "radial range"
-    write_grey_png(output, plane, texts={"Description": f"{settings.layer} in mm, {kind}; 0: no answer"})
+    write_grey_png(
+        output, plane, texts={"Description": f"{settings.layer} in mm, {DEPTH_IN_WORDS[one.depth]}; 0: no answer"}
+    )
 
 
 def _write_npz(one: _Map, output: Path, settings: ExportSettings) -> None:
@@ -175,8 +150,8 @@ def _texts(plane: NDArray[Any]) -> NDArray[np.str_]:
 
 
 WRITERS: dict[str, Callable[[_Map, Path, ExportSettings], None]] = {
-    ".ply": _write_ply,
-    ".pcd": _write_pcd,
+    ".ply": _write_points,
+    ".pcd": _write_points,
     ".png": _write_png,
     ".npz": _write_npz,
     ".csv": _write_csv,

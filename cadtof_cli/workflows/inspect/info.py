@@ -19,9 +19,17 @@ from cadtof_cli.execution.workers import Workers
 from cadtof_cli.frame_plan import FramePlan
 from cadtof_cli.phasors.voltages import volts_per_count
 from cadtof_cli.units import unambiguous_range_m
-from cadtof_cli.workflows.inspect.calibration_facts import CalibrationFacts, facts_of_calibration, is_calibration_folder
-from cadtof_cli.workflows.inspect.frame_facts import FrameFacts, LookTask, facts_of_frame
-from cadtof_cli.workflows.inspect.map_facts import MapFacts, facts_of_maps, is_map
+from cadtof_cli.workflows.inspect.facts import (
+    CalibrationFacts,
+    FrameFacts,
+    LookTask,
+    MapFacts,
+    facts_of_calibration,
+    facts_of_frame,
+    facts_of_maps,
+    is_calibration_folder,
+    is_map,
+)
 from cadtof_cli.workflows.progress import Progress
 from cadtof_cli.workflows.run_folder import is_run_folder
 

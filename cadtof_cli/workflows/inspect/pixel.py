@@ -22,9 +22,8 @@ from cadtof_cli.resolver.status import StatusBit, describe_status
 from cadtof_cli.units import metres_per_radian
 from cadtof_cli.workflows.progress import Progress
 from cadtof_cli.workflows.resolve.frame_task import FrameTask, read_frame
-from cadtof_cli.workflows.resolve.plans import find_named_captures, plan_captures
+from cadtof_cli.workflows.resolve.plans import find_named_captures, plan_captures, use_calibration
 from cadtof_cli.workflows.resolve.settings import ResolveSettings
-from cadtof_cli.workflows.resolve.use_calibration import use_calibration
 
 NEIGHBOURS = 2
 """Pixels to each side whose depths are shown."""

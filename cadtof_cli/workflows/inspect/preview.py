@@ -34,9 +34,9 @@ from cadtof_cli.figures.sequence import (
 )
 from cadtof_cli.files.atomic import atomic_write, require_new
 from cadtof_cli.maps.layers import CONFIDENCE, DIRECT_AMPLITUDE, DIRECT_DEPTH, DIRECT_SIGMA, MPI_DEPTH
-from cadtof_cli.workflows.inspect.calibration_facts import is_calibration_folder
-from cadtof_cli.workflows.inspect.evaluate import direct_depth, same_size
+from cadtof_cli.workflows.inspect.facts import is_calibration_folder
 from cadtof_cli.workflows.inspect.first_phasors import first_phasors
+from cadtof_cli.workflows.inspect.layers import direct_depth, require_same_size
 from cadtof_cli.workflows.inspect.pictured import Pictured, pictured
 from cadtof_cli.workflows.inspect.preview_settings import PreviewSettings
 from cadtof_cli.workflows.progress import Progress
@@ -123,7 +123,7 @@ def _map_picture(one: Pictured, shown: Shown, settings: PreviewSettings, progres
     if settings.truth is not None:
         one.run.require_range_depth()
         known = one.run.cropped(direct_depth(settings.truth))
-        same_size(direct, known, one.file, settings.truth)
+        require_same_size(direct, known.shape, one.file, settings.truth)
         first = first_phasors(one.run, progress.say).depth(one.file, direct)
     amplitude = shown.layers.get(DIRECT_AMPLITUDE)
     return MapPicture(

@@ -2,21 +2,22 @@
 
 import csv
 import io
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cadtof_cli.arrays import Float, Index
-from cadtof_cli.errors import CaptureError, SettingsError
+from cadtof_cli.errors import SettingsError
 from cadtof_cli.files.atomic import atomic_write, require_new
 from cadtof_cli.files.maps import read_layers
+from cadtof_cli.frame_plan import DEPTH_IN_WORDS, DepthKind
 from cadtof_cli.maps.layers import DIRECT_DEPTH, layer_unit
-from cadtof_cli.optics.lens import planar_per_range
+from cadtof_cli.optics import planar_per_range
 from cadtof_cli.workflows.inspect.first_phasors import first_phasors
+from cadtof_cli.workflows.inspect.layers import layer_of, require_same_size
 from cadtof_cli.workflows.progress import Progress
 from cadtof_cli.workflows.run_folder import Run, read_run
 
@@ -93,7 +94,7 @@ class Profile:
     settings: ProfileSettings
     rows: Index
     columns: Index
-    planar: bool
+    depth: DepthKind
     maps: tuple[MapProfile, ...]
     truth: Float | None
 
@@ -122,10 +123,9 @@ def read_profile(
     size: tuple[int, ...] = ()
     for run, file, name in zip(runs, files, _names(runs, files), strict=True):
         layers = read_layers(file)
-        values = _layer(layers, settings.layer, file)
+        values = layer_of(layers, settings.layer, file)
         size = size or values.shape
-        if values.shape != size:
-            raise CaptureError(f"{file}: found {_text(values.shape)} pixels, expected {_text(size)} as in {files[0]}")
+        require_same_size(values, size, file, files[0])
         where = settings.pixels(*values.shape)
         sigma = layers.get(settings.layer.replace(".depth", ".sigma")) if settings.layer.endswith(".depth") else None
         first = None
@@ -136,7 +136,7 @@ def read_profile(
         found.append(MapProfile(name, along, *beside))
     rows, columns = settings.pixels(size[0], size[1])
     known = None if truth is None else _truth(truth, runs[0], files[0], settings, size)[rows, columns]
-    return Profile(settings, rows, columns, runs[0].depth_kind == "z", tuple(found), known)
+    return Profile(settings, rows, columns, runs[0].depth_kind, tuple(found), known)
 
 
 def _chosen(run: Run, settings: ProfileSettings) -> Path:
@@ -159,25 +159,14 @@ def _names(runs: Sequence[Run], files: Sequence[Path]) -> list[str]:
     return [f"{number}: {file}" for number, file in enumerate(files, start=1)]
 
 
-def _layer(layers: Mapping[str, NDArray[Any]], name: str, path: Path) -> NDArray[Any]:
-    if name not in layers:
-        raise CaptureError(f"{path}: found layers {', '.join(layers)}; expected {name}")
-    return layers[name]
-
-
 def _truth(truth: Path, run: Run, file: Path, settings: ProfileSettings, size: tuple[int, ...]) -> Float:
     """Return the true depth, (Y, X), of the kind that the maps hold: range, or planar depth."""
-    whole = _layer(read_layers(truth), settings.layer, truth).astype(np.float64)
+    whole = layer_of(read_layers(truth), settings.layer, truth).astype(np.float64)
     if run.depth_kind == "z" and settings.layer.endswith(".depth"):
         whole = whole * planar_per_range(run.optics(file), (whole.shape[0], whole.shape[1]))
     known = run.cropped(whole)
-    if known.shape != size:
-        raise CaptureError(f"{truth}: found {_text(known.shape)} pixels, expected {_text(size)} as in {file}")
+    require_same_size(known, size, truth, file)
     return known
-
-
-def _text(size: tuple[int, ...]) -> str:
-    return f"{size[1]} × {size[0]}"
 
 
 def profile_table(profile: Profile, /) -> str:
@@ -215,7 +204,7 @@ def write_profile(profile: Profile, out: Path, /, *, overwrite: bool) -> None:
     kind = require_picture(out, overwrite=overwrite, more=(TABLE,))
     settings, unit = profile.settings, layer_unit(profile.settings.layer)
     depth = settings.layer.endswith(".depth")
-    what = ("planar depth z" if profile.planar else "radial range") if depth else settings.layer
+    what = DEPTH_IN_WORDS[profile.depth] if depth else settings.layer
     section = Section(
         title=f"{settings.layer}, {settings.words}",
         along=_along(profile),

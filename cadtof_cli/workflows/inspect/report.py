@@ -5,18 +5,16 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from cadtof_cli.arrays import Float, Float32
-from cadtof_cli.capture.metadata import Optics
 from cadtof_cli.errors import CadtofError, CaptureError, FrameError, OutputError, SettingsError
 from cadtof_cli.files.atomic import require_new
 from cadtof_cli.files.maps import STATUS, read_layers
 from cadtof_cli.maps.evaluation import DepthErrors, ErrorTally
 from cadtof_cli.maps.layers import DIRECT_DEPTH, DIRECT_SIGMA
+from cadtof_cli.report.colours import LayerLimits, small_plane
 from cadtof_cli.report.frames import FIRST_PHASOR, TRUTH, EmbeddedFrame, Planes, Shares, embedded_frame, planned_shares
-from cadtof_cli.report.limits import LayerLimits
 from cadtof_cli.report.page import Page, ShownFrame, write_page
-from cadtof_cli.report.thumbnails import small_plane
-from cadtof_cli.workflows.inspect.evaluate import direct_depth, same_size
 from cadtof_cli.workflows.inspect.first_phasors import FirstPhasors, first_phasors
+from cadtof_cli.workflows.inspect.layers import GivenOptics, direct_depth, require_same_size
 from cadtof_cli.workflows.inspect.report_text import MapOfFrame, page_text
 from cadtof_cli.workflows.progress import Progress
 from cadtof_cli.workflows.run_folder import Run, read_run
@@ -33,33 +31,27 @@ _PER_FRAME = 1_500
 
 
 @dataclass(frozen=True, kw_only=True)
-class ReportSettings:
-    """What a user can choose.
+class ReportSettings(GivenOptics):
+    """What a user can choose, besides the optics.
 
     Attributes:
         truth: file with a layer `direct.depth` that every frame is held against.
         max_size_mb: size of the page; where it does not hold all pixels of all frames, most frames keep every n-th.
         full_frames: how many frames keep all pixels whatever that takes; None: as many as half of the size holds.
-        focal_length_px: of the camera; None: as the run says.
-        principal_point_px: column and row where the optical axis meets the maps; None: as the run says, or the middle.
         overwrite: replace a page that is there.
     """
 
     truth: Path | None = None
     max_size_mb: float = 25.0
     full_frames: int | None = None
-    focal_length_px: float | None = None
-    principal_point_px: tuple[float, float] | None = None
     overwrite: bool = False
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if not self.max_size_mb >= 1.0:
             raise SettingsError(f"--max-size-mb: found {self.max_size_mb:g}, expected 1 or more")
         if self.full_frames is not None and self.full_frames < 0:
             raise SettingsError(f"--full-frames: found {self.full_frames}, expected 0 or more")
-        point = self.principal_point_px
-        if point is not None and len(point) != 2:
-            raise SettingsError(f"--principal-point-px: found {len(point)} numbers, expected a column and a row")
 
 
 def write_report(maps: Path, out: Path, /, *, settings: ReportSettings, progress: Progress) -> None:
@@ -108,18 +100,10 @@ class _Reader:
             raise FrameError(f"{file}: found layers {', '.join(layers)}; expected {DIRECT_DEPTH}")
         direct = layers[DIRECT_DEPTH]
         if self.truth_m is not None and self.settings.truth is not None:
-            same_size(direct, self.truth_m, file, self.settings.truth)
+            require_same_size(direct, self.truth_m.shape, file, self.settings.truth)
         first = self.recorded.depth(file, direct)
         status = {STATUS: layers.pop(STATUS)} if STATUS in layers else {}
         return layers | ({} if first is None else {FIRST_PHASOR: first}) | status
-
-    def optics(self, file: Path, /) -> Optics:
-        """Return the optics of a map: those that the user gave, or else those of the run."""
-        known, focal, point = self.run.optics(file), self.settings.focal_length_px, self.settings.principal_point_px
-        return Optics(
-            focal_length_px=known.focal_length_px if focal is None else focal,
-            principal_point_px=known.principal_point_px if point is None else (point[0], point[1]),
-        )
 
 
 @dataclass
@@ -167,7 +151,7 @@ class _Gathered:
         number = len(self.shown)
         embedded = embedded_frame(planes, step=shares.step_of(number))
         name = reader.run.name(file)
-        self.shown.append(ShownFrame(name, embedded, reader.optics(file), reader.run.depth_kind))
+        self.shown.append(ShownFrame(name, embedded, reader.settings.optics(reader.run, file), reader.run.depth_kind))
         small = small_plane(planes[DIRECT_DEPTH], longest_px=shares.thumbnail_px)
         self.maps[file] = _SmallMap(number, small, FIRST_PHASOR in planes)
         for layer, plane in planes.items():

@@ -10,9 +10,8 @@ from cadtof_cli.capture.frames import Capture
 from cadtof_cli.errors import CadtofError, OutputError
 from cadtof_cli.files.reading import is_folder
 from cadtof_cli.workflows.frame_report import FrameReport
-from cadtof_cli.workflows.resolve.plans import CapturePlan, find_named_captures, plan_captures
+from cadtof_cli.workflows.resolve.plans import AppliedCalibration, CapturePlan, find_named_captures, plan_captures
 from cadtof_cli.workflows.resolve.settings import ResolveSettings
-from cadtof_cli.workflows.resolve.use_calibration import AppliedCalibration
 
 
 @dataclass

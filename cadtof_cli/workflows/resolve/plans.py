@@ -1,24 +1,36 @@
-"""What a run does with each capture: planned before anything is written."""
+"""What a run does with each capture, and the calibration that it applies: planned before anything is written."""
 
 import itertools
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from cadtof_cli.capture.discovery import find_captures, with_relative_names
 from cadtof_cli.capture.frames import Capture, FrameSource, file_size, open_frames, single_frames, typical_file
 from cadtof_cli.errors import CaptureError, FrameError, SettingsError
 from cadtof_cli.files.formats import map_format
-from cadtof_cli.frame_plan import FramePlan
+from cadtof_cli.frame_plan import CalibrationUse, FramePlan
 from cadtof_cli.phasors.noise import noise_model
 from cadtof_cli.phasors.plausible import implausible
 from cadtof_cli.phasors.voltages import volts_per_count
 from cadtof_cli.records import dataclass
 from cadtof_cli.units import counted
 from cadtof_cli.workflows.resolve.settings import ResolveSettings
-from cadtof_cli.workflows.resolve.use_calibration import AppliedCalibration
+
+if TYPE_CHECKING:
+    from cadtof_cli.calibration.store import Calibration
+
 
 _SLOW_RUN_S = 10.0
+
+
+@dataclass(frozen=True)
+class AppliedCalibration:
+    """What workers are handed, what `run.json` says, and notes for the user."""
+
+    use: CalibrationUse
+    parts: Mapping[str, Mapping[str, Any]]
+    notes: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -128,8 +140,7 @@ def plan_captures(
             continue
         of_one = max(typical.bytes / typical.frames, 1.0) if typical.frames > 1 else None
         plans.append(CapturePlan(capture, plan, typical.pixels, of_one))
-        if settings.maps.roi:
-            _require_inside(settings.maps.roi, capture, typical.pixels)
+        settings.maps.require_roi_within(typical.pixels, of=str(capture.root))
         try:
             volts_per_count(metadata.voltage, typical.dtype)
         except SettingsError as error:
@@ -173,9 +184,45 @@ def _duration(seconds: float) -> str:
     return f"{seconds:.0f} s" if seconds < 100 else f"{seconds / 60:.0f} min"
 
 
-def _require_inside(roi: tuple[int, int, int, int], capture: Capture, pixels: tuple[int, int]) -> None:
-    if roi[2] > pixels[1] or roi[3] > pixels[0]:
-        found = ",".join(map(str, roi))
-        raise SettingsError(
-            f"--roi: found {found}, expected it inside the {pixels[1]} × {pixels[0]} pixels of {capture.root}"
-        )
+def use_calibration(folder: Path, captures: Sequence[Capture], /) -> AppliedCalibration:
+    """Read a calibration folder and make sure that it belongs to the captures.
+
+    Raises:
+        MetadataError: it cannot be read, or is damaged.
+        SettingsError: size of the array, periods or waveform differ from a capture's.
+    """
+    from cadtof_cli.calibration.store import load_calibration
+
+    calibration = load_calibration(folder)
+    for capture in captures:
+        typical = typical_file(capture)
+        calibration.require_match(capture.source.metadata, typical.pixels if typical else None)
+    digests = calibration.digests
+    parts: dict[str, Mapping[str, Any]] = {
+        part.kind: {
+            "digest": digests[part.kind],
+            "created": part.origin.created,
+            "version": part.origin.version,
+            "captures": list(part.origin.captures),
+        }
+        for part in calibration.parts
+    }
+    notes = (
+        f"{folder}: applied {_description(calibration)}",
+        *(f"warning: {folder}: {text}" for text in calibration.stale()),
+    )
+    return AppliedCalibration(CalibrationUse(folder, calibration.digest), parts, notes)
+
+
+def _description(calibration: "Calibration") -> str:
+    said = []
+    if calibration.dark is not None:
+        said.append(f"dark ({int(calibration.dark.hot.sum())} bad pixels)")
+    if calibration.response is not None:
+        orders = sorted({k for one in calibration.response.responses for k, _ in one.terms}, key=lambda k: (abs(k), -k))
+        shown = f"k = {', '.join(map(str, orders[:6]))}{' …' if len(orders) > 6 else ''}"
+        curved = calibration.petzval is None and any(calibration.response.field_curvature_m)
+        said.append(f"response ({shown}{'; with the field curvature it found' if curved else ''})")
+    if calibration.petzval is not None:
+        said.append(f"petzval (k2 = {calibration.petzval.k2_m:.4f} m, k4 = {calibration.petzval.k4_m:.4f} m)")
+    return ", ".join(said)

@@ -23,9 +23,8 @@ from cadtof_cli.files.system import OPEN_OR_CREATE_FLAGS, read_at
 from cadtof_cli.resolver.status import MEANING
 from cadtof_cli.resolver.two_path.kernel import chosen_kernel
 from cadtof_cli.workflows.frame_report import FrameReport, RunTotals, report_of
-from cadtof_cli.workflows.resolve.plans import CapturePlan
+from cadtof_cli.workflows.resolve.plans import AppliedCalibration, CapturePlan
 from cadtof_cli.workflows.resolve.settings import ResolveSettings
-from cadtof_cli.workflows.resolve.use_calibration import AppliedCalibration
 from cadtof_cli.workflows.run_folder import FRAMES_FILE, RUN_FILE, read_record
 
 

@@ -22,7 +22,13 @@ from cadtof_cli.workflows.resolve import split_frames
 from cadtof_cli.workflows.resolve.arrivals import Arrivals, without_incomplete_frames
 from cadtof_cli.workflows.resolve.frame_task import FrameTask, resolve_file
 from cadtof_cli.workflows.resolve.output import locked, prepare_output, require_nothing_replaced, require_own_places
-from cadtof_cli.workflows.resolve.plans import CapturePlan, find_named_captures, plan_captures, slow_notes
+from cadtof_cli.workflows.resolve.plans import (
+    CapturePlan,
+    find_named_captures,
+    plan_captures,
+    slow_notes,
+    use_calibration,
+)
 from cadtof_cli.workflows.resolve.record import (
     RunRecorder,
     record_captures,
@@ -31,7 +37,6 @@ from cadtof_cli.workflows.resolve.record import (
     run_document,
 )
 from cadtof_cli.workflows.resolve.settings import ResolveSettings
-from cadtof_cli.workflows.resolve.use_calibration import use_calibration
 
 WORKER_DIED = "the worker process died twice on this frame (killed, or out of memory): try fewer --jobs"
 

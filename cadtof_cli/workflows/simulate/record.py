@@ -1,6 +1,6 @@
-"""Record a simulated scene as a capture: bands of rows in parallel, then frame after frame to disk."""
+"""Record a simulated scene as a capture: bands of rows in parallel, then frame after frame to disk, and the truth beside them."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -10,15 +10,16 @@ import numpy as np
 from cadtof_cli import __version__
 from cadtof_cli.arrays import Float
 from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Optics, Pixel, Pulse, Target, Voltage
+from cadtof_cli.capture.toml import FILE_NAME, toml_text
 from cadtof_cli.execution.workers import ALONE, Workers
 from cadtof_cli.files.atomic import new_folder
-from cadtof_cli.files.formats import FRAME_FORMATS
-from cadtof_cli.simulation.pixel.mix import require
-from cadtof_cli.simulation.pixel.motion import AT_REST, Motion
+from cadtof_cli.files.formats import FRAME_FORMATS, format_by_name
+from cadtof_cli.files.frames import FrameLayout
+from cadtof_cli.files.maps import write_layers
+from cadtof_cli.simulation.pixel.mix import AT_REST, Motion, require
 from cadtof_cli.simulation.scene.camera import Camera
 from cadtof_cli.simulation.scene.exposure import Band, Exposure, band_rows, expose_band, frame_voltages, joined
 from cadtof_cli.simulation.scene.light import Scene
-from cadtof_cli.simulation.scene.recorder import write_capture
 from cadtof_cli.simulation.scene.scenes import Wall
 from cadtof_cli.workflows.progress import NO_PROGRESS, Progress
 from cadtof_cli.workflows.simulate.tasks import results
@@ -100,16 +101,8 @@ def record_scene(
     progress.total(len(band_rows(exposure.camera.height)) + settings.frames)
     with new_folder(out) as folder:
         whole = expose(exposure, workers=workers, progress=progress)
-        write_capture(
-            folder,
-            frames_of(settings, whole, progress=progress),
-            truth=whole.truth,
-            metadata=exposure.metadata,
-            camera=exposure.camera,
-            frame_format=settings.frame_format,
-            compress=settings.compress,
-            comments=_comments(settings),
-        )
+        frames = frames_of(settings, whole, progress=progress)
+        write_capture(folder, frames, settings=settings, truth=whole.truth, comments=_comments(settings))
     depth = whole.truth["direct.depth"]
     return RecordReport(
         out,
@@ -145,3 +138,32 @@ def _comments(settings: RecordSettings) -> tuple[str, ...]:
         *([f"motion: {exposure.motion!r}"] if exposure.motion.speed_m_s else []),
         f"frames: {settings.frames}, seed: {exposure.seed}; truth per pixel in truth.exr",
     )
+
+
+def write_capture(
+    folder: Path,
+    frames: Iterable[Float],
+    /,
+    *,
+    settings: RecordSettings,
+    truth: Mapping[str, Float],
+    comments: tuple[str, ...] = (),
+) -> None:
+    """Write frames, voltages in V (H, 2, Y, X) each, `capture.toml` and `truth.exr` into a folder that exists.
+
+    Args:
+        folder: where to write.
+        frames: one after the other.
+        settings: of the capture.
+        truth: (Y, X) layers by name, NaN where there is no answer.
+        comments: lines on top of `capture.toml`.
+    """
+    exposure, kind = settings.exposure, format_by_name(settings.frame_format)
+    assert kind.recording is not None
+    (folder / FILE_NAME).write_text(toml_text(exposure.metadata, comments=comments), encoding="utf-8")
+    write_layers(folder / "truth.exr", truth, lossy=True)
+    files, layout = kind.recording(), FrameLayout(exposure.metadata.modulation.harmonics)
+    for index, voltages_v in enumerate(frames):
+        stored = exposure.camera.counts_from_voltages(voltages_v) if kind.counts else voltages_v
+        path = folder / f"frame_{index:04d}.{kind.name}"
+        files.write_frame(path, stored, layout=layout, compress=settings.compress)

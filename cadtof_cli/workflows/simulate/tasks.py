@@ -19,5 +19,5 @@ def results(
     for outcome in run_ordered(function, tasks, workers=workers):
         if isinstance(outcome.result, WorkerDied):
             raise CadtofError("a worker process ended without a result, twice; was it killed, or out of memory?")
-        yield outcome.result
         progress.advance()
+        yield outcome.result

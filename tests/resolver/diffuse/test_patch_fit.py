@@ -34,7 +34,7 @@ def straight(patches: int, *, seed: int = 1, strength: float = 0.1) -> Straight:
     rng = np.random.default_rng(seed)
     light = Interreflections(NOTHING, NOTHING, NOTHING, np.ones(1), np.ones(1))
     slope, constant = strength * rng.normal(size=(VALUES, 6, patches)), 0.1 * rng.normal(size=(VALUES, patches))
-    return Straight(light, (1, 2, 3), OMEGA, slope, constant)
+    return Straight(light, (1, 2, 3), OMEGA, slope=slope, constant=constant)
 
 
 def problem(patches: int, seed: int = 2) -> tuple[Straight, F, F, F]:

@@ -5,8 +5,7 @@ import pytest
 from scipy import stats
 
 from cadtof_cli.capture.metadata import CaptureMetadata
-from cadtof_cli.phasors.chi_squared import chi_squared_threshold
-from cadtof_cli.phasors.noise import NoiseModel, noise_model
+from cadtof_cli.phasors.noise import NoiseModel, chi_squared_threshold, noise_model
 from cadtof_cli.resolver.two_path.closed_form import fundamental_frame
 from cadtof_cli.resolver.two_path.one_path import OnePath, one_path
 from tests.support.forward import Light, phasors_of

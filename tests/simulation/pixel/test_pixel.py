@@ -10,9 +10,8 @@ from cadtof_cli.capture.metadata import Modulation, Waveform
 from cadtof_cli.errors import SettingsError
 from cadtof_cli.simulation.pixel.arrivals import detected, draw_detections, draw_phases
 from cadtof_cli.simulation.pixel.averaging import Averaging, Capacitors, Stages
-from cadtof_cli.simulation.pixel.evolution import evolution
 from cadtof_cli.simulation.pixel.mix import Condition, PhotonMix
-from cadtof_cli.simulation.pixel.pixel import PixelModel, pixel_weights, record_pixel, trace_pixel
+from cadtof_cli.simulation.pixel.pixel import PixelModel, evolution, pixel_weights, record_pixel, trace_pixel
 
 AMPLITUDE_V = 0.2746
 

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 from cadtof_cli.simulation.pixel.mix import finite_at_least, require
 from cadtof_cli.simulation.scene.camera import Camera
 from cadtof_cli.simulation.scene.light import Light
-from cadtof_cli.simulation.scene.rooms.placed import Room
 from cadtof_cli.simulation.scene.rooms.room import light_in_room
 from cadtof_cli.simulation.scene.rooms.solids import Box, Interior, Patch
+from cadtof_cli.simulation.scene.rooms.view import Room, View
 
 SIZE_M = 2.765
 """Of the box along each side, five times the original's."""
@@ -70,9 +70,7 @@ class CornellBox:
 
     def light(self, camera: Camera, rows: slice, /) -> Light:
         """Return the direct path, and a way for each bin of the transient that other surfaces bring."""
-        view = self.room.view(
-            camera, lamp_offset_m=(0.0, 0.0, 0.0), light_paths=self.light_paths, seed=self.tracing_seed
-        )
+        view = View(room=self.room, camera=camera, light_paths=self.light_paths, seed=self.tracing_seed)
         return light_in_room(view, rows, asr=self.asr)
 
 

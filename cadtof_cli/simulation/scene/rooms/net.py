@@ -12,8 +12,8 @@ import numpy as np
 
 from cadtof_cli.simulation.scene.camera import Camera
 from cadtof_cli.simulation.scene.light import Light
-from cadtof_cli.simulation.scene.rooms.placed import Room
 from cadtof_cli.simulation.scene.rooms.solids import Box
+from cadtof_cli.simulation.scene.rooms.view import Room, View
 
 SEED_KEY = 7
 """Branch of the seed that a net is drawn from, so that the room is the same with and without."""
@@ -90,7 +90,7 @@ def drawn_net(room: Room, /, *, fill: float, distance_m: float | None, seed: int
 
 def _middle_range_m(room: Room) -> float:
     """Return how far away the middle of the view is: the median over its middle third."""
-    view = room.view(LOOKING, lamp_offset_m=(0.0, 0.0, 0.0), light_paths=1, seed=0)
+    view = View(room=room, camera=LOOKING)
     height, width = LOOKING.height, LOOKING.width
     rays = LOOKING.rays(slice(height // 3, -(height // 3)))[:, :, width // 3 : -(width // 3)]
     return float(np.median(view.meet(rays.reshape(3, -1)).lengths_m))

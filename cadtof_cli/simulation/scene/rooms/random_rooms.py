@@ -9,8 +9,8 @@ from cadtof_cli.errors import SettingsError
 from cadtof_cli.simulation.scene.camera import Camera
 from cadtof_cli.simulation.scene.geometry import Vector
 from cadtof_cli.simulation.scene.rooms.furniture import random_piece
-from cadtof_cli.simulation.scene.rooms.placed import Room
 from cadtof_cli.simulation.scene.rooms.solids import FACES, Ball, Box, Interior, Patch
+from cadtof_cli.simulation.scene.rooms.view import Room, View
 
 MOST_FURNITURE = 12
 """Pieces that may be asked for; 0 to 8 are drawn."""
@@ -218,7 +218,7 @@ def _in_one_albedo(interior: Interior, albedo: float) -> Interior:
 
 def _fits(room: Room) -> bool:
     """Return whether the camera sees surfaces at ranges that it can measure, and most of them lit."""
-    view = room.view(LOOKING, lamp_offset_m=(0.0, 0.0, 0.0), light_paths=1, seed=0)
+    view = View(room=room, camera=LOOKING)
     seen = view.meet(LOOKING.rays(slice(None)).reshape(3, -1))
     closed = seen.albedo > 0
     if closed.mean() < 1 - LIGHT_LOST:

@@ -12,10 +12,9 @@ from cadtof_cli.simulation.scene.camera import Camera
 from cadtof_cli.simulation.scene.geometry import Vector
 from cadtof_cli.simulation.scene.light import Light
 from cadtof_cli.simulation.scene.rooms.net import Net, drawn_net
-from cadtof_cli.simulation.scene.rooms.placed import Room
 from cadtof_cli.simulation.scene.rooms.random_rooms import MOST_FURNITURE, random_room
 from cadtof_cli.simulation.scene.rooms.traced_rows import indirect_light
-from cadtof_cli.simulation.scene.rooms.view import View
+from cadtof_cli.simulation.scene.rooms.view import Room, View
 from cadtof_cli.units import C_M_PER_NS
 
 COARSE = 8
@@ -88,7 +87,13 @@ class RandomRoom:
         return light if self.net is None else self.net.mixed(self._light(self.net.hung(self.room), camera, rows), light)
 
     def _light(self, room: Room, camera: Camera, rows: slice) -> Light:
-        view = room.view(camera, lamp_offset_m=self.lamp_offset_m, light_paths=self.light_paths, seed=self.tracing_seed)
+        view = View(
+            room=room,
+            camera=camera,
+            lamp_offset_m=self.lamp_offset_m,
+            light_paths=self.light_paths,
+            seed=self.tracing_seed,
+        )
         return light_in_room(view, rows, asr=self.asr)
 
 

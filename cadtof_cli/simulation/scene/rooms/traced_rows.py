@@ -12,8 +12,7 @@ import numpy as np
 
 from cadtof_cli.arrays import Float, Float32, sealed
 from cadtof_cli.simulation.scene.rooms.averages import Faces, Lattice, gathered, means_of_cells
-from cadtof_cli.simulation.scene.rooms.lamp import Lamp
-from cadtof_cli.simulation.scene.rooms.light_points import LampLight, lamp_light
+from cadtof_cli.simulation.scene.rooms.lamp import Lamp, LampLight, lamp_light
 from cadtof_cli.simulation.scene.rooms.solids import Interior, Meetings
 from cadtof_cli.simulation.scene.rooms.tracing import Transients, transients
 from cadtof_cli.simulation.scene.rooms.view import View
@@ -103,8 +102,8 @@ def _together(rows: list[TracedRow]) -> Faces:
 def _light(view: View, points_m: Float32, normals: Float32, *, spawn_key: tuple[int, int]) -> Transients:
     generator = np.random.default_rng(np.random.SeedSequence(view.seed, spawn_key=spawn_key))
     lamp = view.lamp
-    known = _lamp_light(view.interior, lamp, view.seed)
-    return transients(view.interior, lamp, known, points_m, normals, paths=view.light_paths, generator=generator)
+    known = _lamp_light(view.room.interior, lamp, view.seed)
+    return transients(view.room.interior, lamp, known, points_m, normals, paths=view.light_paths, generator=generator)
 
 
 @lru_cache(maxsize=2)

@@ -16,8 +16,7 @@ import numpy as np
 
 from cadtof_cli.arrays import Float, Float32, Index
 from cadtof_cli.simulation.scene.rooms.directions import about, cosine_weighted, lattice
-from cadtof_cli.simulation.scene.rooms.lamp import Lamp
-from cadtof_cli.simulation.scene.rooms.light_points import MOST_BOUNCES, LampLight, LightPoints
+from cadtof_cli.simulation.scene.rooms.lamp import MOST_BOUNCES, Lamp, LampLight, LightPoints
 from cadtof_cli.simulation.scene.rooms.solids import MARGIN_M, Interior
 from cadtof_cli.units import C_M_PER_NS
 

@@ -13,9 +13,9 @@ from numpy.testing import assert_allclose
 from cadtof_cli.errors import SettingsError
 from cadtof_cli.simulation.scene.camera import Camera
 from cadtof_cli.simulation.scene.rooms.cornell import CornellBox
-from cadtof_cli.simulation.scene.rooms.placed import Room
 from cadtof_cli.simulation.scene.rooms.random_rooms import KINDS, random_room
 from cadtof_cli.simulation.scene.rooms.solids import Box
+from cadtof_cli.simulation.scene.rooms.view import Room
 
 DRAWN = "ffab05c50b342b52"
 """Digest of the rooms of seeds 2000 to 2029."""

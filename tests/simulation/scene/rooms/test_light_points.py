@@ -7,8 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from cadtof_cli.simulation.scene.rooms.directions import cosine_weighted, lattice
-from cadtof_cli.simulation.scene.rooms.lamp import Lamp
-from cadtof_cli.simulation.scene.rooms.light_points import LampLight, lamp_light
+from cadtof_cli.simulation.scene.rooms.lamp import Lamp, LampLight, lamp_light
 from cadtof_cli.simulation.scene.rooms.solids import Interior
 
 ALBEDO, RAYS = 0.6, 6000

@@ -9,8 +9,8 @@ from numpy.testing import assert_allclose
 
 from cadtof_cli.simulation.scene.light import Light
 from cadtof_cli.simulation.scene.rooms.net import Net, drawn_net
-from cadtof_cli.simulation.scene.rooms.placed import Room
 from cadtof_cli.simulation.scene.rooms.solids import Box, Interior
+from cadtof_cli.simulation.scene.rooms.view import Room
 
 ROOM = Room(
     interior=Interior(size_m=(6.0, 2.6, 6.0), albedos=(0.5,) * 6),

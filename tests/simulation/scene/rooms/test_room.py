@@ -14,7 +14,7 @@ from cadtof_cli.simulation.scene.rooms.cornell import SIZE_M, STAND_OFF_M, Corne
 from cadtof_cli.simulation.scene.rooms.random_rooms import FARTHEST_M, NEAREST_M
 from cadtof_cli.simulation.scene.rooms.room import RandomRoom, light_in_room
 from cadtof_cli.simulation.scene.rooms.solids import Interior
-from cadtof_cli.simulation.scene.rooms.view import View
+from cadtof_cli.simulation.scene.rooms.view import Room, View
 
 CAMERA = Camera(width=24, height=18)
 ALL_ROWS = slice(0, 18)
@@ -22,17 +22,8 @@ C_M_PER_NS = 0.299792458
 
 
 def view(room: Interior, *, lamp_offset_m: tuple[float, float, float] = (0.0, 0.0, 0.0), paths: int = 16) -> View:
-    return View(
-        interior=room,
-        camera=CAMERA,
-        position_m=(1.5, 1.2, 0.5),
-        yaw_rad=0.0,
-        pitch_rad=0.0,
-        lamp_offset_m=lamp_offset_m,
-        beam_rad=math.pi,
-        light_paths=paths,
-        seed=0,
-    )
+    placed = Room(interior=room, position_m=(1.5, 1.2, 0.5), yaw_rad=0.0, pitch_rad=0.0, beam_rad=math.pi)
+    return View(room=placed, camera=CAMERA, lamp_offset_m=lamp_offset_m, light_paths=paths)
 
 
 def mpi_phasor(light: Light, period_ns: float = 40.0) -> Complex:
@@ -62,7 +53,7 @@ def test_rooms_of_many_seeds_can_be_looked_at() -> None:
     sizes = set()
     for seed in range(40):
         scene = RandomRoom(seed=seed)
-        drawn = scene.room.view(CAMERA, lamp_offset_m=(0.0, 0.0, 0.0), light_paths=1, seed=0)
+        drawn = View(room=scene.room, camera=CAMERA)
         seen = drawn.meet(CAMERA.rays(ALL_ROWS).reshape(3, -1))
         closed = seen.albedo > 0
         assert closed.mean() > 0.6
@@ -101,18 +92,8 @@ def test_one_albedo_is_that_of_all_surfaces() -> None:
 
 def test_direct_light_follows_the_inverse_square_and_cosine_laws() -> None:
     room = Interior(size_m=(40.0, 40.0, 2.5), albedos=(0.0, 0.0, 0.0, 0.0, 0.0, 0.5))
-    scene = View(
-        interior=room,
-        camera=CAMERA,
-        position_m=(20.0, 20.0, 0.5),
-        yaw_rad=0.0,
-        pitch_rad=0.0,
-        lamp_offset_m=(0.0, 0.0, 0.0),
-        beam_rad=math.pi,
-        light_paths=4,
-        seed=0,
-    )
-    light = light_in_room(scene, ALL_ROWS, asr=1.0)
+    placed = Room(interior=room, position_m=(20.0, 20.0, 0.5), yaw_rad=0.0, pitch_rad=0.0, beam_rad=math.pi)
+    light = light_in_room(View(room=placed, camera=CAMERA, light_paths=4), ALL_ROWS, asr=1.0)
     x, y, _ = CAMERA.rays(ALL_ROWS)
     stretch = 1 + x * x + y * y
     np.testing.assert_allclose(light.photons[0], 0.5 / 4.0 * stretch**-1.5, rtol=1e-5)

@@ -7,10 +7,9 @@ import pytest
 
 from cadtof_cli.arrays import Float, Float32
 from cadtof_cli.simulation.scene.geometry import Hits, Surface, bounce_by_patches
-from cadtof_cli.simulation.scene.rooms import light_points
+from cadtof_cli.simulation.scene.rooms import lamp as lamps
 from cadtof_cli.simulation.scene.rooms.directions import about
-from cadtof_cli.simulation.scene.rooms.lamp import Lamp
-from cadtof_cli.simulation.scene.rooms.light_points import lamp_light
+from cadtof_cli.simulation.scene.rooms.lamp import Lamp, lamp_light
 from cadtof_cli.simulation.scene.rooms.solids import Box, Interior
 from cadtof_cli.simulation.scene.rooms.tracing import Transients, bin_numbers, transients
 
@@ -90,7 +89,7 @@ def test_how_the_work_is_shared_between_paths_and_connections_does_not_matter(mo
     normals = np.array([[0.0, 0.0, -1.0], [0.0, -1.0, 0.0], [-1.0, 0.0, 0.0]])
     sums = []
     for evenness in (0.5, 40.0):
-        monkeypatch.setattr(light_points, "EVENNESS", evenness)
+        monkeypatch.setattr(lamps, "EVENNESS", evenness)
         light = traced(room, lamp, points, normals, paths=20_000)
         sums.append(np.stack([light.later[0].sum(axis=1), light.later[1].sum(axis=1)]))
     np.testing.assert_allclose(sums[0], sums[1], rtol=0.03)

@@ -1,4 +1,7 @@
-"""Help on narrow terminals, where two columns would leave no room for words."""
+"""Help: the examples that it ends with, and narrow terminals, where two columns would leave no room for words.
+
+tests/cli/test_examples.py runs all examples, line by line, beside sample_data.
+"""
 
 import shutil
 from collections.abc import Iterable
@@ -42,3 +45,18 @@ def fit_narrow_terminals(command: click.Command, /) -> None:
     command.context_class = HelpContext
     for below in command.commands.values() if isinstance(command, click.Group) else ():
         fit_narrow_terminals(below)
+
+
+def example(*lines: str) -> str:
+    """Return the end of a help text: commands that work as they stand where sample_data lies, in an empty folder otherwise.
+
+    Args:
+        lines: each begins with `cadtof`; where the last needs files that are not in sample_data, those before it make them.
+    """
+    # \b keeps click from filling the lines
+    return "\n".join(("\b", "Example:" if len(lines) == 1 else "Examples:", *(f"  {line}" for line in lines)))
+
+
+def example_lines(epilog: str | None, /) -> tuple[str, ...]:
+    """Return the commands in the end of a help text; nothing where it shows none."""
+    return tuple(line.strip() for line in (epilog or "").splitlines() if line.startswith("  cadtof "))

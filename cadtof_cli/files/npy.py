@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from cadtof_cli.arrays import Stored
+from cadtof_cli.errors import FrameError
 from cadtof_cli.files.array_frames import open_array, single_plane
 from cadtof_cli.files.frames import FrameLayout, Frames
 from cadtof_cli.files.reading import damage_as_frame_error
@@ -27,5 +28,13 @@ def read_plane(path: Path, _layout: FrameLayout, /) -> Stored:
 
 def _mapped(path: Path) -> Stored:
     with damage_as_frame_error(path, "NPY"):
-        array: Stored = np.load(path, mmap_mode="r", allow_pickle=False)
+        try:
+            array: Stored = np.load(path, mmap_mode="r", allow_pickle=False)
+        except ValueError as error:
+            if "Python objects" not in str(error):
+                raise
+            raise FrameError(
+                f"{path}: found an array of Python objects, expected one of numbers: save it with its dtype, such as by"
+                " numpy.save(PATH, numpy.asarray(FRAME, numpy.float32))"
+            ) from error
         return array

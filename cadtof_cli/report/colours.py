@@ -1,7 +1,8 @@
-"""Small pictures of depths."""
+"""Colours of a page: its scales, between which values of a layer they lie, the same for all frames of a run, and thumbnails."""
 
 import base64
 import json
+from collections.abc import Mapping
 from functools import lru_cache
 from importlib.resources import files
 from typing import Any
@@ -10,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cadtof_cli.arrays import Float
-from cadtof_cli.files.png.writing import indexed_png
+from cadtof_cli.files.png import indexed_png
 from cadtof_cli.report.frames import sampled
 
 COLOURS = 255
@@ -53,3 +54,38 @@ def _colour_table() -> NDArray[np.uint8]:
 
 def _rgb(colour: str) -> tuple[int, int, int]:
     return int(colour[1:3], 16), int(colour[3:5], 16), int(colour[5:7], 16)
+
+
+Limits = tuple[float, float, float, float]
+"""1 % and 99 % of the values, the lowest and the highest."""
+
+MOST_PIXELS = 20_000
+"""Of a plane; more of them would not move the ends of the colours."""
+
+
+class LayerLimits:
+    """The widest limits of each layer in any frame."""
+
+    def __init__(self) -> None:
+        self._known: dict[str, Limits] = {}
+
+    def add(self, name: str, plane: NDArray[np.floating], /) -> None:
+        """Add a layer of a frame, of any shape; what is not finite does not count."""
+        flat = plane.reshape(-1)
+        flat = flat[:: max(1, flat.size // MOST_PIXELS)]
+        values = flat[np.isfinite(flat)].astype(np.float64)
+        if not values.size:
+            return
+        low, high = np.quantile(values, (0.01, 0.99))
+        found = (float(low), float(high), float(values.min()), float(values.max()))
+        before = self._known.get(name, found)
+        self._known[name] = (
+            min(before[0], found[0]),
+            max(before[1], found[1]),
+            min(before[2], found[2]),
+            max(before[3], found[3]),
+        )
+
+    def known(self) -> Mapping[str, Limits]:
+        """Return the limits of each layer that has a value somewhere."""
+        return dict(self._known)

@@ -1,0 +1,216 @@
+"""EXR files, by way of the OpenEXR library: recorded frames, in one part or a part for each harmonic, and named layers.
+
+Layers are maps with their status bits, truth, and the maps of a calibration.
+"""
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import OpenEXR
+from numpy.typing import NDArray
+
+from cadtof_cli.arrays import Stored
+from cadtof_cli.errors import FrameError
+from cadtof_cli.files.frames import CHANNELS, FrameLayout, Frames, shape_text, single_frame
+from cadtof_cli.files.library_output import library_output
+from cadtof_cli.files.maps import SOFTWARE, STATUS, DepthMaps, MapHeader
+from cadtof_cli.files.named_planes import NamedPart, Place, voltage_places
+from cadtof_cli.files.reading import damage_as_frame_error, require_plausible_size
+from cadtof_cli.records import dataclass
+
+Compression = Literal["none", "zip", "pxr24"]
+
+_COMPRESSIONS: dict[Compression, Any] = {
+    "none": OpenEXR.NO_COMPRESSION,
+    "zip": OpenEXR.ZIP_COMPRESSION,
+    "pxr24": OpenEXR.PXR24_COMPRESSION,
+}
+
+_PREFIX = "cadtof."
+"""How the attributes begin that say something about the maps."""
+
+_SAMPLE_BYTES = 4
+"""The most that one sample of an EXR channel takes; a header without pixels does not tell the type."""
+
+
+@dataclass(frozen=True)
+class ExrPart(NamedPart):
+    """One part, as its header describes it."""
+
+    shape: tuple[int, int]
+    subsampled: tuple[str, ...]
+    deep: bool
+
+
+def read_parts(path: Path, /) -> list[ExrPart]:
+    """Return what the headers of a file say, without its pixels.
+
+    Raises:
+        FrameError: the file cannot be read, is damaged, or promises more pixels than it can hold.
+    """
+    file = _opened(path, header_only=True)
+    with damage_as_frame_error(path, "EXR"):
+        parts = [_part(file.header(index)) for index in range(len(file.parts))]
+        promised = sum(math.prod(part.shape) * len(part.channels) * _SAMPLE_BYTES for part in parts)
+        require_plausible_size(path, promised, path.stat().st_size)
+    return parts
+
+
+def read_texts(path: Path, /) -> dict[str, str]:
+    """Return the attributes of a file's first part that are text."""
+    file = _opened(path, header_only=True)
+    with damage_as_frame_error(path, "EXR"):
+        return {name: value for name, value in file.header(0).items() if isinstance(value, str)}
+
+
+def _part(header: dict[str, Any]) -> ExrPart:
+    low, high = header["dataWindow"]
+    width, height = (int(high[axis]) - int(low[axis]) + 1 for axis in (0, 1))
+    channels = header["channels"]
+    return ExrPart(
+        name=header.get("name", ""),
+        channels=tuple(channel.name for channel in channels),
+        shape=(height, width),
+        subsampled=tuple(channel.name for channel in channels if (channel.xSampling, channel.ySampling) != (1, 1)),
+        deep=header.get("type") in (OpenEXR.deepscanline, OpenEXR.deeptile),
+    )
+
+
+@contextmanager
+def open_pixels(path: Path, places: Sequence[tuple[int, str]], /) -> Iterator[list[NDArray[Any]]]:
+    """Yield the channels at these parts and names as they are stored; they live as long as the file is open.
+
+    Raises:
+        FrameError: the file cannot be read, is damaged, or lacks a channel.
+    """
+    with _opened(path, header_only=False) as file:
+        with damage_as_frame_error(path, "EXR"):
+            channels = [file.channels(index) for index in range(len(file.parts))]
+            lost = [name for part, name in places if part >= len(channels) or name not in channels[part]]
+            if lost:
+                raise FrameError(f"{path}: damaged EXR: its header lists {', '.join(lost)}, found no pixels of it")
+            planes = [channels[part][name].pixels for part, name in places]
+        yield planes
+
+
+def _opened(path: Path, *, header_only: bool) -> Any:
+    with damage_as_frame_error(path, "EXR"), library_output() as said:
+        # no threads of the library's own: its pool does not survive a fork
+        file = OpenEXR.File(str(path), separate_channels=True, header_only=header_only, num_threads=0)
+    if said:
+        words = "; ".join(line.removeprefix(f"{path}: ").removeprefix("Warning: ") for line in said)
+        raise FrameError(f"{path}: damaged EXR: {words}; expected a complete file, try copying it again")
+    if not file.parts:
+        raise FrameError(f"{path}: damaged EXR: found no parts, expected at least one")
+    return file
+
+
+def write_exr(path: Path, channels: Mapping[str, NDArray[Any]], /, *, compression: Compression, **header: str) -> None:
+    """Write (Y, X) channels, float16, float32 or uint32, as one part of scan lines; OSError where that fails."""
+    planes = {name: np.ascontiguousarray(plane) for name, plane in channels.items()}
+    described = {"compression": _COMPRESSIONS[compression], "type": OpenEXR.scanlineimage, **header}
+    try:
+        OpenEXR.File(described, planes, num_threads=0).write(str(path))
+    except RuntimeError as error:
+        # the library has no other kind of error, and its message names the file, which may be a temporary one
+        raise OSError(str(error).rpartition('"')[2].strip(" .")) from error
+    if not path.exists():
+        raise OSError("the OpenEXR library wrote nothing")
+
+
+@contextmanager
+def open_frames(path: Path, layout: FrameLayout, /) -> Iterator[Frames]:
+    """Read the frame in one EXR file, all of it on opening.
+
+    Parameters:
+        path: an EXR file, scan line or tiled, of any compression that the OpenEXR library reads; of a pyramid the
+            full resolution is taken.
+        layout: harmonics of the capture.
+
+    Raises:
+        NotAFrameError: no channel holds a voltage.
+        FrameError: the file cannot be read, is damaged, or lacks a harmonic or channel.
+    """
+    parts = read_parts(path)
+    planes = _planes(path, parts, voltage_places(parts, layout, where=str(path)))
+    yield single_frame(planes.reshape(len(layout.harmonics), CHANNELS, *planes.shape[1:]))
+
+
+def read_plane(path: Path, _layout: FrameLayout, /) -> Stored:
+    """Return the one plane of an EXR file, shape (Y, X): its only channel, or luminance Y.
+
+    Raises:
+        FrameError: the file cannot be read, is damaged, or holds more than one plane.
+    """
+    parts = read_parts(path)
+    places = [Place(index, name) for index, part in enumerate(parts) for name in part.channels]
+    chosen = places if len(places) == 1 else [place for place in places if place.channel == "Y"]
+    if len(chosen) != 1:
+        found = ", ".join(place.channel for place in places)
+        raise FrameError(f"{path}: found channels {found}, expected a single plane")
+    plane: Stored = _planes(path, parts, chosen)[0]
+    return plane
+
+
+def write_frame(path: Path, stored: Stored, /, *, layout: FrameLayout, compress: bool) -> None:
+    """Write a frame, shape (H, C, Y, X), as float32 channels H1.SC1, H1.SC2, H2.SC1, …"""
+    planes = stored.astype(np.float32).reshape(layout.planes, *stored.shape[2:])
+    write_exr(path, dict(zip(layout.plane_names, planes, strict=True)), compression="zip" if compress else "none")
+
+
+def _planes(path: Path, parts: Sequence[ExrPart], places: Sequence[Place]) -> Stored:
+    """Return the channels at these places, shape (n, Y, X)."""
+    shape = _common_shape(path, parts, places)
+    with open_pixels(path, places) as planes:
+        for place, plane in zip(places, planes, strict=True):
+            if plane.shape != shape or plane.dtype != planes[0].dtype:
+                raise FrameError(
+                    f"{path}: {place.channel} is {shape_text(plane.shape, plane.dtype)},"
+                    f" expected {shape_text(shape, planes[0].dtype)} as {places[0].channel} and the header"
+                )
+        return np.stack(planes)
+
+
+def _common_shape(path: Path, parts: Sequence[ExrPart], places: Sequence[Place]) -> tuple[int, int]:
+    """Return height and width of all the planes, after checking that they are plain images of one size."""
+    shape = parts[places[0].part].shape
+    for place in places:
+        part = parts[place.part]
+        if part.deep or place.channel in part.subsampled:
+            found = "deep samples" if part.deep else "a subsampled channel"
+            raise FrameError(f"{path}: {place.channel} is {found}, expected one value a pixel")
+        if part.shape != shape:
+            raise FrameError(
+                f"{path}: {place.channel} of part {part.name!r} is {part.shape[1]} × {part.shape[0]} pixels,"
+                f" expected {shape[1]} × {shape[0]} as {places[0].channel} of the first part"
+            )
+    return shape
+
+
+def write_maps(path: Path, maps: DepthMaps, /, *, header: MapHeader) -> Sequence[memoryview]:
+    """Write maps as float channels, and the status bits as one of unsigned integers; what is said about them as attributes.
+
+    They are not compressed: compressing noise takes ten times as long as resolving it.
+    """
+    channels = {name: maps.layer(name) for name in maps.names} | {STATUS: maps.status}
+    units = {f"{_PREFIX}unit.{name}": unit for name, unit in header.units.items() if unit}
+    facts = {f"{_PREFIX}{name}": text for name, text in header.facts.items()}
+    write_exr(path, channels, compression="none", software=SOFTWARE, **facts, **units)
+    return ()
+
+
+def read_facts(path: Path, /) -> dict[str, str]:
+    """Return what the attributes of a file say about its maps."""
+    facts = {name.removeprefix(_PREFIX): text for name, text in read_texts(path).items() if name.startswith(_PREFIX)}
+    return {name: text for name, text in facts.items() if not name.startswith("unit.")}
+
+
+def read_layers(path: Path, /) -> dict[str, NDArray[Any]]:
+    """Return the channels of a file's first part by name, as they are stored."""
+    names = read_parts(path)[0].channels
+    with open_pixels(path, [(0, name) for name in names]) as planes:
+        return {name: plane.copy() for name, plane in zip(names, planes, strict=True)}

@@ -1,1 +1,0 @@
-"""OpenEXR files: frames, planes and maps."""

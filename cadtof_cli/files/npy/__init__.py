@@ -1,1 +1,0 @@
-"""NPY files: frames and planes that numpy saved."""

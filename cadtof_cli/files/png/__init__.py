@@ -1,1 +1,0 @@
-"""PNG files: a plane each."""

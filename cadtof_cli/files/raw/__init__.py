@@ -1,1 +1,0 @@
-"""Raw dumps: frames without a header, described by `[layout.raw]`."""

@@ -1,0 +1,145 @@
+/* Slopes of the tail's model and steps of the patch fit as Python calls them: buffers in, buffers filled; a part of _kernel.c, see
+ * compiled_fit.py. */
+#define MOST_PATCHES ((Py_ssize_t)1 << 24)
+
+static int is_of_patches(Py_ssize_t patches, Py_ssize_t harmonics) {
+    if (patches >= 0 && patches <= MOST_PATCHES && harmonics >= 2 && harmonics <= MOST_HARMONICS) return 1;
+    PyErr_Format(PyExc_ValueError, "found %zd patches of %zd harmonics, expected fewer, of 2 to %d", patches, harmonics, MOST_HARMONICS);
+    return 0;
+}
+
+/* Whether buffers have so many values each, and those from `written` on lie apart from all others; or set an error. */
+static int fit_call(const Wanted *wanted, const Py_buffer *view, int count, int written, const int64_t *expected) {
+    for (int which = 0; which < count; which++)
+        if (!has_values(wanted[which].name, &view[which], expected[which])) return 0;
+    for (int which = written; which < count; which++)
+        if (view[which].obj && !lies_apart(&view[which], wanted, view, count)) return 0;
+    return 1;
+}
+
+enum { NUMBER, RAD_PER_NS, ONSET, NATURAL, COSINES, SINES, SEEN, BEYOND, LATER, TOTAL, SLOPES_OUT, SLOPE_BUFFERS };
+static const Wanted SLOPE_BUFFER[SLOPE_BUFFERS] = {
+    {"numbers", "d ", 0, 0, 0}, {"rad per ns", "d ", 0, 0, 0}, {"onset", "d ", 0, 0, 0},  {"state", "d ", 0, 0, 0},
+    {"cosines", "d ", 0, 0, 0}, {"sines", "d ", 0, 0, 0},      {"seen", "Zd ", 0, 0, 0},  {"beyond", "Zd ", 0, 0, 0},
+    {"later", "Zd ", 0, 0, 0},  {"total", "d ", 0, 0, 1},      {"slopes", "d ", 0, 0, 1},
+};
+
+static PyObject *slopes_checked(const Level *level, const Py_buffer *view) {
+    const int64_t patches = values_in(&view[NATURAL]) / 5, harmonics = values_in(&view[NUMBER]);
+    if (!is_of_patches(patches, harmonics)) return NULL;
+    const int64_t all = patches * harmonics;
+    const int64_t expected[SLOPE_BUFFERS] = {harmonics, harmonics, harmonics, 5 * patches, all, all, all, all, all, 3 * all,
+                                             2 * STATES * all};
+    if (!fit_call(SLOPE_BUFFER, view, SLOPE_BUFFERS, TOTAL, expected)) return NULL;
+    const Slopes slopes = {
+        .number = view[NUMBER].buf,
+        .rad_per_ns = view[RAD_PER_NS].buf,
+        .onset = view[ONSET].buf,
+        .natural = view[NATURAL].buf,
+        .cos = view[COSINES].buf,
+        .sin = view[SINES].buf,
+        .seen = view[SEEN].buf,
+        .beyond = view[BEYOND].buf,
+        .later = view[LATER].buf,
+        .total = view[TOTAL].buf,
+        .jacobian = view[SLOPES_OUT].buf,
+        .harmonics = harmonics,
+        .patches = patches,
+    };
+    Py_BEGIN_ALLOW_THREADS
+    level->slopes(&slopes);
+    Py_END_ALLOW_THREADS
+    Py_RETURN_NONE;
+}
+
+static PyObject *tail_slopes(PyObject *module, PyObject *arguments) {
+    (void)module;
+    const char *name;
+    PyObject *object[SLOPE_BUFFERS];
+    if (!PyArg_ParseTuple(arguments, "sOOOOOOOOOOO", &name, &object[0], &object[1], &object[2], &object[3], &object[4], &object[5],
+                          &object[6], &object[7], &object[8], &object[9], &object[10]))
+        return NULL;
+    const Level *level = find_level(name);
+    if (!level) return NULL;
+    Py_buffer view[SLOPE_BUFFERS];
+    memset(view, 0, sizeof view);
+    PyObject *result = NULL;
+    if (get_buffers(SLOPE_BUFFER, SLOPE_BUFFERS, object, view)) result = slopes_checked(level, view);
+    release_buffers(view, SLOPE_BUFFERS);
+    return result;
+}
+
+enum { PATCH_DATA, PATCH_ERROR, WITHIN, PATTERN, PATCH_VALUES, JACOBIAN, STATE, LINEAR, ROOM, SPREAD, STEP_OUT, FURTHER, LAST_OUT, STEP_BUFFERS };
+static const Wanted STEP_BUFFER[STEP_BUFFERS] = {
+    {"data", "d ", 0, 0, 0},     {"error", "d ", 0, 0, 0},  {"within", "d ", 0, 0, 0}, {"pattern", "d ", 0, 0, 0},
+    {"values", "d ", 0, 1, 0},   {"slopes", "d ", 0, 0, 0}, {"state", "d ", 0, 0, 0},  {"linear data", "d ", 0, 1, 0},
+    {"room", "d ", 0, 1, 0},     {"spread", "d ", 0, 1, 0}, {"answer", "d ", 0, 0, 1}, {"second answer", "d ", 0, 1, 1},
+    {"third answer", "d ", 0, 1, 1},
+};
+
+/* What a step needs besides what all need, and how many values its answers have, by data and values. */
+static int step_fits(enum step step, const Py_buffer *view, int64_t data, int64_t patches) {
+    const int64_t values = data + 2, square = values * values * patches;
+    const int64_t answer[][3] = {
+        [SAID] = {data * (STATES + 1) * patches, data * patches, 0},
+        [MOVED] = {STATES * patches, 0, 0},
+        [POSTERIOR] = {values * patches, values * patches, square},
+    };
+    const int needed[][4] = {[SAID] = {PATCH_VALUES, FURTHER, STEP_OUT, STEP_OUT}, [MOVED] = {LINEAR, ROOM, SPREAD, STEP_OUT},
+                             [POSTERIOR] = {PATCH_VALUES, ROOM, SPREAD, FURTHER}};
+    for (int which = 0; which < 4; which++)
+        if (!view[needed[step][which]].obj || (step == POSTERIOR && !view[LAST_OUT].obj)) {
+            PyErr_SetString(PyExc_ValueError, "found None, expected all that the step needs");
+            return 0;
+        }
+    const int64_t expected[STEP_BUFFERS] = {
+        data * patches, square, STATES, STATES * patches, values * patches, STATES * values * patches, STATES * patches,
+        data * patches, STATES, STATES * STATES, answer[step][0], answer[step][1], answer[step][2]};
+    return fit_call(STEP_BUFFER, view, STEP_BUFFERS, STEP_OUT, expected);
+}
+
+static PyObject *step_checked(const Level *level, int step, const Py_buffer *view) {
+    const int64_t patches = values_in(&view[PATTERN]) / STATES, data = patches ? values_in(&view[PATCH_DATA]) / patches : 2;
+    if (!is_of_patches(patches, data / 2 + 1) || !step_fits((enum step)step, view, data / 2 * 2, patches)) return NULL;
+    const Steps steps = {
+        .step = (enum step)step,
+        .data = view[PATCH_DATA].buf,
+        .error = view[PATCH_ERROR].buf,
+        .within = view[WITHIN].buf,
+        .pattern = view[PATTERN].buf,
+        .values = view[PATCH_VALUES].buf,
+        .jacobian = view[JACOBIAN].buf,
+        .state = view[STATE].buf,
+        .linear = view[LINEAR].buf,
+        .room = view[ROOM].buf,
+        .spread = view[SPREAD].buf,
+        .answer = view[STEP_OUT].buf,
+        .second = view[FURTHER].buf,
+        .third = view[LAST_OUT].buf,
+        .harmonics = data / 2 + 1,
+        .patches = patches,
+    };
+    Py_BEGIN_ALLOW_THREADS
+    level->step(&steps);
+    Py_END_ALLOW_THREADS
+    Py_RETURN_NONE;
+}
+
+static PyObject *step_patches(PyObject *module, PyObject *arguments) {
+    (void)module;
+    const char *name;
+    int step;
+    PyObject *object[STEP_BUFFERS];
+    if (!PyArg_ParseTuple(arguments, "siOOOOOOOOOOOOO", &name, &step, &object[0], &object[1], &object[2], &object[3], &object[4],
+                          &object[5], &object[6], &object[7], &object[8], &object[9], &object[10], &object[11], &object[12]))
+        return NULL;
+    const Level *level = find_level(name);
+    if (!level) return NULL;
+    if (step < SAID || step > POSTERIOR) return PyErr_Format(PyExc_ValueError, "found step %d, expected 0, 1 or 2", step);
+    Py_buffer view[STEP_BUFFERS];
+    memset(view, 0, sizeof view);
+    PyObject *result = NULL;
+    if (get_buffers(STEP_BUFFER, STEP_BUFFERS, object, view)) result = step_checked(level, step, view);
+    release_buffers(view, STEP_BUFFERS);
+    return result;
+}

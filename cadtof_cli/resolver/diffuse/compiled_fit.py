@@ -1,0 +1,78 @@
+"""The front of the compiled twin of what is worked out patch by patch in `tail` and `patch_steps`, `_patches.h`."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cadtof_cli.arrays import Complex, Float
+from cadtof_cli.resolver.two_path.kernel import NUMPY, extension
+
+MOST_HARMONICS = 8
+"""Harmonics that the compiled twins have room for; numpy has for any."""
+
+
+def compiled_fits(harmonics: int, kernel: str, /) -> bool:
+    """Return whether the kernel of that name works with so many harmonics."""
+    return kernel != NUMPY and harmonics <= MOST_HARMONICS
+
+
+def compiled_slopes(
+    given: tuple[Float, Float, Float, Complex, Complex, Complex],
+    constants: tuple[Float, Float, Float],
+    /,
+    *,
+    kernel: str,
+) -> tuple[Float, Float]:
+    """Return what `TailModel._slopes` does, with the same bits.
+
+    Args:
+        given: state, (5, n); cosines and sines, (H, n) each; and the light of n patches, (H, n) each.
+        constants: of the harmonics, (H, 1) each: their numbers, hω, and by how much unseen light is weaker for setting in slowly.
+        kernel: of `available_kernels`, but `numpy`.
+    """
+    harmonics, patches = given[1].shape
+    total, jacobian = np.empty((3, harmonics, patches)), np.empty((6, 2 * harmonics, patches))
+    extension().tail_slopes(kernel, *_neighbours(*constants, *given), total, jacobian)
+    return total, jacobian
+
+
+@dataclass(frozen=True, eq=False)
+class CompiledSteps:
+    """`PatchSteps` by a kernel of `available_kernels`, with the same bits."""
+
+    data: Float
+    error: Float
+    within: Float
+    pattern: Float
+    kernel: str
+
+    def said(self, values: Float, jacobian: Float, state: Float, /) -> tuple[Float, Float]:
+        """Return what `PatchSteps.said` does."""
+        white, linear = np.empty((len(self.data), 7, self.data.shape[1])), np.empty(self.data.shape)
+        self._step(0, (values, jacobian, state, None, None, None), (white, linear, None))
+        return white, linear
+
+    def moved(self, state: Float, linear: Float, jacobian: Float, room: Float, spread: Float, /) -> Float:
+        """Return what `PatchSteps.moved` does."""
+        moved = np.empty(state.shape)
+        self._step(1, (None, jacobian, state, linear, room, spread), (moved, None, None))
+        return moved
+
+    def posterior(
+        self, values: Float, jacobian: Float, state: Float, room: Float, spread: Float, /
+    ) -> tuple[Float, Float, Float]:
+        """Return what `PatchSteps.posterior` does."""
+        expected, posterior, covariance = np.empty(values.shape), np.empty(values.shape), np.empty(self.error.shape)
+        self._step(2, (values, jacobian, state, None, room, spread), (expected, posterior, covariance))
+        return expected, posterior, covariance
+
+    def _step(self, step: int, given: tuple[Float | None, ...], answers: tuple[Float | None, ...]) -> None:
+        """Take one of the steps in `_patches.h`; None stands for what it does not need."""
+        fixed = (self.data, self.error, self.within, self.pattern)
+        extension().step_patches(self.kernel, step, *_neighbours(*fixed, *given), *answers)
+
+
+def _neighbours(*arrays: NDArray[Any] | None) -> list[NDArray[Any] | None]:
+    return [None if array is None else np.ascontiguousarray(array) for array in arrays]

@@ -1,0 +1,117 @@
+"""What the fit of the patches works out patch by patch: the same few operations for each, in an order of their own.
+
+`_patches.h` is the compiled twin. Sums are written out term by term: what numpy's products of matrices round differs from machine
+to machine.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cadtof_cli.arrays import Float
+from cadtof_cli.resolver.diffuse.tail import residuals
+
+LARGEST_STEP = 0.8
+"""Largest change of a component per step (ln or ns): the model bends over a factor of two."""
+
+
+@dataclass(frozen=True, eq=False)
+class PatchSteps:
+    """The steps of a fit of n patches to their data.
+
+    Attributes:
+        data: (data, n).
+        error: covariance of what the model's values are wrong by, and of noise, (data + 2, data + 2, n).
+        within: variances of the states in one room, (6,).
+        pattern: how states differ between patches by rule, (6, n).
+    """
+
+    data: Float
+    error: Float
+    within: Float
+    pattern: Float
+
+    def said(self, values: Float, jacobian: Float, state: Float, /) -> tuple[Float, Float]:
+        """Return what the patches say of the room's state, whitened, (data, 7, n): their Jacobians and then their data; and
+        these data as they are, linear, (data, n).
+
+        Args:
+            values: of the model at the states, (data + 2, n).
+            jacobian: of these, (6, data + 2, n).
+            state: (6, n).
+        """
+        seen, noise = self._of_data(jacobian)
+        linear = residuals(self.data, values[: len(self.data)]) + _weighted((state - self.pattern)[:, None], seen)
+        scatter = _weighted((self.within[:, None, None] * seen)[:, :, None], seen[:, None]) + noise
+        return whitened(scatter, _with(seen.swapaxes(0, 1), linear)), linear
+
+    def moved(self, state: Float, linear: Float, jacobian: Float, room: Float, spread: Float, /) -> Float:
+        """Return the states after a step towards the most probable ones, (6, n), given the room's.
+
+        Args:
+            state: before the step, (6, n).
+            linear: the data, linear, as `said` has them.
+            jacobian: of the model's values, (6, data + 2, n).
+            room: the room's state, (6,).
+            spread: covariance of a patch's state before its own data are seen, (6, 6).
+        """
+        seen, noise = self._of_data(jacobian)
+        missed = residuals(linear, _weighted(room[:, None, None], seen))
+        white = whitened(_scatter(spread, seen) + noise, _with(seen.swapaxes(0, 1), missed))
+        pull = _weighted(white[:, :-1], white[:, -1:])
+        change = room[:, None] + self.pattern - state + _times(spread, pull)
+        return state + np.maximum(np.minimum(change, LARGEST_STEP), -LARGEST_STEP)
+
+    def posterior(
+        self, values: Float, jacobian: Float, state: Float, room: Float, spread: Float, /
+    ) -> tuple[Float, Float, Float]:
+        """Return the model's values before and after a patch's own data are seen, (data + 2, n) each, where it is linear, and
+        their covariance before, without noise, (data + 2, data + 2, n).
+        """
+        count = len(self.data)
+        expected = values + _weighted((room[:, None] + self.pattern - state)[:, None], jacobian)
+        covariance = _scatter(spread, jacobian)
+        joint = covariance[:count] + self.error[:count]
+        white = whitened(joint[:, :count].copy(), _with(joint, residuals(self.data, expected[:count])))
+        return expected, expected + _weighted(white[:, :-1], white[:, -1:]), covariance
+
+    def _of_data(self, jacobian: Float) -> tuple[Float, Float]:
+        """Return what Jacobians and errors are of the data."""
+        count = len(self.data)
+        return jacobian[:, :count], self.error[:count, :count]
+
+
+def whitened(covariance: Float, right: Float, /) -> Float:
+    """Return L⁻¹·right for covariances L·Lᵀ, (data, data, n), and right sides, (data, k, n); both are taken over."""
+    left, white = covariance, right
+    for i, row in enumerate(left):
+        scale = 1.0 / np.sqrt(row[i])
+        white[i] *= scale
+        left[i + 1 :, i] *= scale
+        for j in range(i + 1, len(left)):
+            white[j] -= left[j, i] * white[i]
+            left[j, i + 1 : j + 1] -= left[j, i] * left[i + 1 : j + 1, i]
+    return white
+
+
+def _with(vectors: Float, last: Float) -> Float:
+    """Return vectors (data, k, n) and one more, (data, n), in order: products of matrices may round others in another way."""
+    together = np.empty((vectors.shape[0], vectors.shape[1] + 1, *vectors.shape[2:]))
+    together[:, :-1], together[:, -1] = vectors, last
+    return together
+
+
+def _scatter(spread: Float, jacobian: Float) -> Float:
+    """Return the covariance (k, k, n) of values with these Jacobians, (6, k, n), of states that scatter so, (6, 6)."""
+    return _weighted(_times(spread, jacobian)[:, :, None], jacobian[:, None])
+
+
+def _times(matrix: Float, vectors: Float) -> Float:
+    """Return a symmetric matrix (6, 6) times vectors (6, …)."""
+    return _weighted(matrix.reshape(6, 6, *(1 for _ in vectors.shape[1:])), vectors[:, None])
+
+
+def _weighted(weights: Float, terms: Float) -> Float:
+    """Return Σ_j weights_j·terms_j: along the first axis, numpy adds one after the other."""
+    total: Float = (weights * terms).sum(axis=0)
+    return total

@@ -1,0 +1,226 @@
+"""What a recorded frame, a map file and a calibration folder hold, for `cadtof info`."""
+
+import math
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cadtof_cli.arrays import Stored
+from cadtof_cli.calibration.parts import PART_KINDS
+from cadtof_cli.calibration.store import load_calibration
+from cadtof_cli.capture.frames import FrameSource, read_stored
+from cadtof_cli.capture.metadata import CaptureMetadata
+from cadtof_cli.capture.toml import FILE_NAME as CAPTURE_FILE
+from cadtof_cli.errors import CadtofError
+from cadtof_cli.files.formats import MAP_SUFFIXES, detect_format
+from cadtof_cli.files.frames import FrameLayout, NotAFrameError
+from cadtof_cli.files.maps import STATUS, read_facts, read_layers
+from cadtof_cli.files.reading import is_folder
+from cadtof_cli.maps.layers import DIRECT_DEPTH, layer_unit
+from cadtof_cli.phasors.noise import estimated_integration_length
+from cadtof_cli.phasors.plausible import implausible
+from cadtof_cli.phasors.voltages import ideal_phasor_map, not_finite_pixels, phasors_from_stored, saturated_pixels
+from cadtof_cli.resolver.status import StatusBit
+from cadtof_cli.workflows.run_folder import RUN_FILE, is_run_folder, map_files, read_record, require_valid_record
+
+
+@dataclass(frozen=True)
+class LookTask:
+    """A frame to look into; `pixels` is the (Y, X) that it should have."""
+
+    source: FrameSource
+    layout: FrameLayout
+    metadata: CaptureMetadata
+    pixels: tuple[int, int] | None
+
+
+@dataclass(frozen=True)
+class FrameFacts:
+    """What a frame holds: the range of stored values a plane, shares of bad pixels, the n_av that its noise shows, and
+    why its values cannot be voltages of the capture."""
+
+    problem: str | None = None
+    skipped: bool = False
+    container: str = ""
+    dtype: str = ""
+    shape: tuple[int, ...] = ()
+    planes: dict[str, tuple[float, float]] = field(default_factory=dict)
+    saturated: float = 0.0
+    not_finite: float = 0.0
+    integration_length_seen: float = math.nan
+    implausible: str | None = None
+
+
+def facts_of_frame(task: LookTask, /) -> FrameFacts:
+    """Read one frame and return what it holds; whatever is wrong with it is a `problem`, never an exception."""
+    try:
+        stored = read_stored(task.source, task.layout, size=task.pixels)
+        container = detect_format(task.source.paths[0], raw=task.layout.raw is not None).name
+        return _facts(stored, container, task)
+    except NotAFrameError as error:
+        return FrameFacts(problem=str(error), skipped=True)
+    except CadtofError as error:
+        return FrameFacts(problem=str(error))
+    except MemoryError:
+        return FrameFacts(problem=f"{task.source}: not enough memory for a frame of this size: try fewer --jobs")
+
+
+def _facts(stored: Stored, container: str, task: LookTask) -> FrameFacts:
+    planes = stored.reshape(*stored.shape[:2], -1)
+    finite = [plane[np.isfinite(plane)] for channels in planes for plane in channels]
+    ranges = {
+        name: (float(plane.min()), float(plane.max()))
+        for name, plane in zip(task.layout.plane_names, finite, strict=True)
+        if plane.size
+    }
+    try:
+        phasor_map = ideal_phasor_map(task.metadata, stored.dtype)
+    except CadtofError:
+        # what is missing is said once, for the whole capture
+        return FrameFacts(container=container, dtype=str(stored.dtype), shape=stored.shape, planes=ranges)
+    phasors = phasors_from_stored(planes, phasor_map)
+    saturated = saturated_pixels(planes, task.metadata.voltage.saturated_counts)
+    bad = not_finite_pixels(phasors)
+    phasors[:, saturated] = np.nan
+    return FrameFacts(
+        container=container,
+        dtype=str(stored.dtype),
+        shape=stored.shape,
+        planes=ranges,
+        saturated=float(saturated.mean()),
+        not_finite=float(bad.mean()),
+        integration_length_seen=estimated_integration_length(phasors.reshape(-1, *stored.shape[2:])),
+        implausible=implausible(stored, task.metadata),
+    )
+
+
+@dataclass(frozen=True)
+class LayerFacts:
+    """One layer of a map: its unit, range and median over the pixels that have an answer, and their share."""
+
+    unit: str
+    lowest: float | None
+    median: float | None
+    highest: float | None
+    valid: float
+
+
+@dataclass
+class MapFacts:
+    """What a map file, or the first of a folder of them, holds; shares of pixels by status bit; the facts in its header; the
+    run's record."""
+
+    path: str
+    files: int
+    pixels: tuple[int, int] | None = None
+    layers: dict[str, LayerFacts] = field(default_factory=dict)
+    status: dict[str, float] = field(default_factory=dict)
+    about: dict[str, str] = field(default_factory=dict)
+    run: dict[str, Any] | None = None
+    problems: list[str] = field(default_factory=list)
+
+
+def is_map(path: Path, /) -> bool:
+    """Tell whether a file, or the first image of a folder without a capture.toml, is a map or truth."""
+    try:
+        if path.is_dir() and not (path / CAPTURE_FILE).exists():
+            inside = (one for one in path.iterdir() if one.suffix in MAP_SUFFIXES and one.is_file())
+            path = min(inside, default=path)
+        return path.suffix.lower() in MAP_SUFFIXES and path.is_file() and DIRECT_DEPTH in read_layers(path)
+    except (CadtofError, OSError):
+        return False
+
+
+def facts_of_maps(path: Path, /) -> MapFacts:
+    """Return what a map file, or a folder of maps, holds; a map that cannot be read is a problem."""
+    files = map_files(path)
+    facts = MapFacts(str(path), len(files))
+    if is_run_folder(path):
+        try:
+            facts.run = dict(require_valid_record(read_record(path)))
+        except OSError as error:
+            facts.problems.append(f"{path / RUN_FILE}: cannot be read: {error.strerror or error}")
+        except (ValueError, LookupError, TypeError, AttributeError) as error:
+            facts.problems.append(f"{path / RUN_FILE}: not the record of a run ({error})")
+    if not files:
+        facts.problems.append(f"{path}: found no maps")
+    for index, file in enumerate(files):
+        try:
+            layers = read_layers(file)
+            if index == 0:
+                facts.about = read_facts(file)
+        except CadtofError as error:
+            facts.problems.append(str(error))
+            continue
+        if index == 0:
+            _describe(facts, layers)
+    return facts
+
+
+def _describe(facts: MapFacts, layers: Mapping[str, NDArray[Any]]) -> None:
+    for name, values in layers.items():
+        if name == STATUS:
+            bits = values.astype(np.uint32)
+            facts.status = {str(bit.name).lower(): float(np.mean((bits & bit) != 0)) for bit in StatusBit}
+            continue
+        facts.pixels = (values.shape[0], values.shape[1])
+        finite = values[np.isfinite(values)]
+        figures = (finite.min(), np.median(finite), finite.max()) if finite.size else (None, None, None)
+        lowest, median, highest = (None if figure is None else float(figure) for figure in figures)
+        facts.layers[name] = LayerFacts(layer_unit(name), lowest, median, highest, finite.size / values.size)
+
+
+@dataclass
+class CalibrationFacts:
+    """The digest of a calibration folder, and for each of its parts the origin and the figures."""
+
+    path: str
+    digest: str | None = None
+    parts: dict[str, dict[str, Any]] = field(default_factory=dict)
+    problems: list[str] = field(default_factory=list)
+
+
+def is_calibration_folder(path: Path, /) -> bool:
+    """Tell whether a folder is one that `cadtof calibrate` wrote."""
+    return is_folder(path) and any(os.path.lexists(path / f"{kind}.toml") for kind in PART_KINDS)
+
+
+def facts_of_calibration(path: Path, /) -> CalibrationFacts:
+    """Return what a calibration folder holds; a part that cannot be read, or is out of date, is a problem."""
+    facts = CalibrationFacts(str(path))
+    try:
+        calibration = load_calibration(path)
+    except CadtofError as error:
+        facts.problems.append(str(error))
+        return facts
+    facts.digest = calibration.digest
+    facts.problems += calibration.stale()
+    for part in calibration.parts:
+        origin = part.origin
+        height, width = origin.pixels
+        facts.parts[part.kind] = {
+            "digest": calibration.digests[part.kind],
+            "captures": list(origin.captures),
+            "frames": origin.frames,
+            "pixels": [width, height],
+            "periods_ns": list(origin.periods_ns),
+            "waveform": origin.waveform,
+            "created": origin.created,
+            "version": origin.version,
+            **_plain(part.tables()),
+        }
+    return facts
+
+
+def _plain(value: Any) -> Any:
+    """Return numpy's numbers as Python's own, wherever they stand."""
+    if isinstance(value, Mapping):
+        return {key: _plain(entry) for key, entry in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(entry) for entry in value]
+    return value.item() if hasattr(value, "item") else value

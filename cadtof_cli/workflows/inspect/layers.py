@@ -1,0 +1,68 @@
+"""Layers of maps as what comes after a run needs them: by name, of one size, and with the optics that points follow from."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cadtof_cli.arrays import Float
+from cadtof_cli.capture.metadata import Optics
+from cadtof_cli.errors import CaptureError, SettingsError
+from cadtof_cli.files.maps import read_layers
+from cadtof_cli.maps.layers import DIRECT_DEPTH
+from cadtof_cli.workflows.run_folder import Run
+
+Layers = Mapping[str, NDArray[Any]]
+"""Layers of a map by name, (Y, X) each, as they are stored."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class GivenOptics:
+    """What a user can say of the optics that maps were recorded with.
+
+    Attributes:
+        focal_length_px: of the camera; None: as the run says.
+        principal_point_px: column and row where the optical axis meets the array; None: as the run says, or the middle.
+    """
+
+    focal_length_px: float | None = None
+    principal_point_px: tuple[float, float] | None = None
+
+    def __post_init__(self) -> None:
+        point = self.principal_point_px
+        if point is not None and len(point) != 2:
+            raise SettingsError(f"--principal-point-px: found {len(point)} numbers, expected a column and a row")
+
+    def optics(self, run: Run, file: Path, /) -> Optics:
+        """Return the optics of a map: those that the user gave, or else those of the run."""
+        known, focal, point = run.optics(file), self.focal_length_px, self.principal_point_px
+        return Optics(
+            focal_length_px=known.focal_length_px if focal is None else focal,
+            principal_point_px=known.principal_point_px if point is None else (point[0], point[1]),
+        )
+
+
+def layer_of(layers: Layers, name: str, path: Path, /) -> NDArray[Any]:
+    """Return one of the layers of a file; raises CaptureError where it has none of that name."""
+    if name not in layers:
+        raise CaptureError(f"{path}: found layers {', '.join(layers)}; expected {name}")
+    return layers[name]
+
+
+def direct_depth(path: Path, /) -> Float:
+    """Return the direct depth in a map or truth file, float64 (Y, X) in m.
+
+    Raises:
+        CadtofError: the file cannot be read or has no such layer.
+    """
+    return layer_of(read_layers(path), DIRECT_DEPTH, path).astype(np.float64)
+
+
+def require_same_size(plane: NDArray[Any], expected: tuple[int, ...], path: Path, other: Path, /) -> None:
+    """Make sure that a plane read from `path` has the size, (Y, X), of the one in another file."""
+    if plane.shape != expected:
+        found, wanted = ("{1} × {0}".format(*shape) for shape in (plane.shape, expected))
+        raise CaptureError(f"{path}: found {found} pixels, expected {wanted} as in {other}")

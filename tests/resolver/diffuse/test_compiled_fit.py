@@ -1,0 +1,254 @@
+"""The compiled twin of what the fit works out patch by patch against numpy, bit for bit, and buffers that do not fit it."""
+
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from cadtof_cli.resolver.diffuse.compiled_fit import MOST_HARMONICS, CompiledSteps, compiled_fits
+from cadtof_cli.resolver.diffuse.patch_fit import fitted_patches
+from cadtof_cli.resolver.diffuse.patch_steps import PatchSteps
+from cadtof_cli.resolver.diffuse.prior import MEAN
+from cadtof_cli.resolver.diffuse.radiosity import Interreflections
+from cadtof_cli.resolver.diffuse.tail import TailModel
+from cadtof_cli.resolver.two_path.kernel import NUMPY, available_kernels
+from tests.support.diffuse_frames import OMEGA, F
+
+pytestmark = pytest.mark.usefixtures("compiled")
+
+HARMONICS = [(1, 2), (1, 2, 3), (1, 2, 4), (1, 2, 3, 5, 7)]
+
+
+def kernels() -> list[str]:
+    found = [kernel for kernel in available_kernels() if kernel != NUMPY]
+    assert found
+    return found
+
+
+def light_of(harmonics: tuple[int, ...], patches: int, seed: int) -> Interreflections:
+    rng = np.random.default_rng(seed)
+    size = (len(harmonics), patches)
+    seen, beyond, later = (rng.exponential(0.3, size) * np.exp(1j * rng.uniform(0.0, 3.0, size)) for _ in range(3))
+    return Interreflections(seen, beyond, later, np.ones(patches), np.zeros(patches))
+
+
+def covariances(rng: np.random.Generator, size: int, patches: int) -> F:
+    root = 0.03 * rng.normal(size=(patches, size, size))
+    return np.moveaxis(root @ root.swapaxes(1, 2) + 1e-5 * np.eye(size), 0, -1).copy()
+
+
+def assert_same(found: Any, expected: Any, what: str) -> None:
+    for one, other in zip(found, expected, strict=True):
+        np.testing.assert_array_equal(one.view(np.uint64), np.ascontiguousarray(other).view(np.uint64), err_msg=what)
+
+
+@pytest.mark.parametrize("harmonics", HARMONICS)
+@pytest.mark.parametrize("patches", [1, 2, 31, 32, 33, 301])
+def test_a_fit_has_the_same_bits(harmonics: tuple[int, ...], patches: int) -> None:
+    rng = np.random.default_rng(patches)
+    light, count = light_of(harmonics, patches, patches), 2 * len(harmonics) - 2
+    data = np.concatenate([rng.normal(-0.2, 0.1, (count // 2, patches)), rng.normal(-0.3, 3.0, (count // 2, patches))])
+    error, pattern = covariances(rng, count + 2, patches), 0.3 * rng.normal(size=(6, patches))
+
+    def fit(kernel: str) -> tuple[F, ...]:
+        model = TailModel(light, harmonics, OMEGA, kernel)
+        found = fitted_patches(data, error, model, pattern, known_optics=True, kernel=kernel)
+        return (
+            found.room,
+            found.room_covariance,
+            found.state,
+            found.expected,
+            found.posterior,
+            found.covariance,
+            found.jacobian,
+        )
+
+    expected = fit(NUMPY)
+    assert all(np.isfinite(one).all() for one in expected)
+    for kernel in kernels():
+        assert_same(fit(kernel), expected, kernel)
+
+
+@settings(max_examples=40, deadline=None)
+@given(seed=st.integers(0, 2**32), large=st.sampled_from([1.0, 1e3, 1e150]), special=st.booleans())
+def test_steps_of_any_numbers_have_the_same_bits(seed: int, large: float, special: bool) -> None:
+    """Of numbers that no room has, too: NaN stays what it is, or becomes one."""
+    rng, patches, count = np.random.default_rng(seed), 40, 4
+
+    def numbers(*size: int) -> F:
+        values = large * rng.normal(size=size)
+        if special:
+            values[rng.random(size) < 0.02] = rng.choice([np.nan, np.inf, 0.0, -0.0, 5e-324])
+        return values
+
+    fixed = (numbers(count, patches), numbers(count + 2, count + 2, patches), np.abs(numbers(6)), numbers(6, patches))
+    values, jacobian, state = numbers(count + 2, patches), numbers(6, count + 2, patches), numbers(6, patches)
+    room, spread, linear = numbers(6), numbers(6, 6), numbers(count, patches)
+
+    def steps(one: PatchSteps | CompiledSteps) -> tuple[F, ...]:
+        said, moved = one.said(values, jacobian, state), one.moved(state, linear, jacobian, room, spread)
+        return (*said, moved, *one.posterior(values, jacobian, state, room, spread))
+
+    with np.errstate(all="ignore"):
+        expected = steps(PatchSteps(*fixed))
+        for kernel in kernels():
+            for found, other in zip(steps(CompiledSteps(*fixed, kernel)), expected, strict=True):
+                np.testing.assert_array_equal(found, other)
+
+
+def test_more_harmonics_than_there_is_room_for_are_left_to_numpy() -> None:
+    assert compiled_fits(MOST_HARMONICS, kernels()[0])
+    assert not compiled_fits(MOST_HARMONICS + 1, kernels()[0])
+    assert not compiled_fits(2, NUMPY)
+
+
+# --- buffers that do not fit ------------------------------------------------------------------------------------------
+
+N, H = 37, 2
+SLOPES: dict[str, tuple[int, ...]] = {
+    "numbers": (H,),
+    "rad per ns": (H,),
+    "onset": (H,),
+    "state": (5, N),
+    "cosines": (H, N),
+    "sines": (H, N),
+    "seen": (H, N),
+    "beyond": (H, N),
+    "later": (H, N),
+    "total": (3, H, N),
+    "slopes": (6, 2 * H, N),
+}
+STEPS: dict[str, tuple[int, ...]] = {
+    "data": (2, N),
+    "error": (4, 4, N),
+    "within": (6,),
+    "pattern": (6, N),
+    "values": (4, N),
+    "slopes": (6, 4, N),
+    "state": (6, N),
+    "linear data": (2, N),
+    "room": (6,),
+    "spread": (6, 6),
+}
+ANSWERS: dict[int, dict[str, tuple[int, ...]]] = {
+    0: {"answer": (2, 7, N), "second answer": (2, N)},
+    1: {"answer": (6, N)},
+    2: {"answer": (4, N), "second answer": (4, N), "third answer": (4, 4, N)},
+}
+NEEDED = {
+    0: ("values", "second answer"),
+    1: ("linear data", "room", "spread"),
+    2: ("values", "room", "spread", "third answer"),
+}
+
+
+def slopes_given() -> dict[str, Any]:
+    light = {"seen", "beyond", "later"}
+    return {name: np.ones(shape, np.complex128 if name in light else np.float64) for name, shape in SLOPES.items()}
+
+
+def steps_given(step: int) -> dict[str, Any]:
+    given: dict[str, Any] = {name: np.ones(shape) for name, shape in STEPS.items()}
+    return given | {
+        name: np.full(ANSWERS[step].get(name, 0), -7.0) if name in ANSWERS[step] else None for name in ANSWERS[2]
+    }
+
+
+def call(compiled: ModuleType, step: int | None, given: dict[str, Any], level: str | None = None) -> None:
+    name = level or compiled.levels()[0]
+    if step is None:
+        compiled.tail_slopes(name, *given.values())
+    else:
+        compiled.step_patches(name, step, *given.values())
+
+
+def given_of(step: int | None) -> dict[str, Any]:
+    return slopes_given() if step is None else steps_given(step)
+
+
+CALLS = [None, *ANSWERS]
+
+
+@pytest.mark.parametrize("step", CALLS)
+def test_buffers_that_fit_are_filled_by_every_instruction_set(compiled: ModuleType, step: int | None) -> None:
+    for level in compiled.levels():
+        given = given_of(step)
+        call(compiled, step, given, level)
+        assert all((array != -7.0).all() for name, array in given.items() if "answer" in name and array is not None)
+
+
+@pytest.mark.parametrize("step", CALLS)
+@pytest.mark.parametrize("change", [-1, 1])
+def test_a_buffer_of_the_wrong_size_is_refused(compiled: ModuleType, step: int | None, change: int) -> None:
+    for name, array in given_of(step).items():
+        if array is None:
+            continue
+        given = given_of(step)
+        given[name] = np.ones(array.size + change, array.dtype)
+        with pytest.raises(ValueError, match="expected"):
+            call(compiled, step, given)
+
+
+@pytest.mark.parametrize("step", CALLS)
+@pytest.mark.parametrize("dtype", ["u1", "i8", "f4", "c8", ">f8", "S8"])
+def test_a_buffer_of_another_type_is_refused(compiled: ModuleType, step: int | None, dtype: str) -> None:
+    for name, array in given_of(step).items():
+        if array is None:
+            continue
+        given = given_of(step)
+        given[name] = np.zeros(array.shape, dtype)
+        with pytest.raises((TypeError, ValueError, BufferError)):
+            call(compiled, step, given)
+
+
+@pytest.mark.parametrize("step", CALLS)
+def test_what_is_no_buffer_or_cannot_be_written_or_lies_in_what_is_written_is_refused(
+    compiled: ModuleType, step: int | None
+) -> None:
+    written = ("total", "slopes") if step is None else tuple(ANSWERS[step])
+    for name in given_of(step):
+        given = given_of(step)
+        given[name] = "text"
+        with pytest.raises((TypeError, ValueError)):
+            call(compiled, step, given)
+    for name in written:
+        given = given_of(step)
+        given[name].setflags(write=False)
+        with pytest.raises((ValueError, BufferError)):
+            call(compiled, step, given)
+        given = given_of(step)
+        given["state"] = given[name].ravel()[: given["state"].size]
+        with pytest.raises(ValueError, match=r"expected|lies in the memory"):
+            call(compiled, step, given)
+
+
+@pytest.mark.parametrize("step", ANSWERS)
+def test_what_a_step_needs_must_be_there(compiled: ModuleType, step: int) -> None:
+    for name in NEEDED[step]:
+        given = steps_given(step)
+        given[name] = None
+        with pytest.raises(ValueError, match="expected"):
+            call(compiled, step, given)
+
+
+def test_levels_steps_and_harmonics_that_there_are_not_are_refused(compiled: ModuleType) -> None:
+    for step in CALLS:
+        with pytest.raises(ValueError, match="level"):
+            call(compiled, step, given_of(step), "mmx")
+    for step in (-1, 3):
+        with pytest.raises(ValueError, match="step"):
+            compiled.step_patches(compiled.levels()[0], step, *steps_given(0).values())
+    given = slopes_given() | {"numbers": np.ones(1)}
+    with pytest.raises(ValueError, match="harmonics"):
+        call(compiled, None, given)
+
+
+def test_a_state_is_where_the_compiled_fit_starts() -> None:
+    """No patches at all are no reason to crash."""
+    steps = CompiledSteps(np.empty((2, 0)), np.empty((4, 4, 0)), np.ones(6), np.empty((6, 0)), kernels()[0])
+    white, linear = steps.said(np.empty((4, 0)), np.empty((6, 4, 0)), MEAN[:, None][:, :0])
+    assert white.shape == (2, 7, 0)
+    assert linear.size == 0
