@@ -251,7 +251,7 @@ static PyMethodDef METHODS[] = {
      "Fill sums. Everybody but the tests calls it through diffuse/compiled_light.py."},
     {"search", search, METH_VARARGS,
      "search(level, steps, constants, first table, second table, phases, observed, enough, start, values, misfit, done)\n\n"
-     "Fill values, misfit and done. Everybody but the tests calls it through response/compiled.py."},
+     "Fill values, misfit and done. Everybody but the tests calls it through response/newton.py."},
     LEVELS_METHOD,
     {"constant_names", constant_names, METH_NOARGS, "Names of the constants, in the order in which resolve takes them."},
     {"tail_sizes", tail_sizes, METH_NOARGS, "Names of a tail's sizes, in the order in which they are taken."},
