@@ -22,7 +22,7 @@ pytestmark = pytest.mark.usefixtures("compiled")
 
 KERNELS = [kernel for kernel in available_kernels() if kernel != NUMPY]
 
-SIZES = [(1, 1), (5, 90), (37, 53), (120, 161), (250, 330)]
+SIZES = [(1, 1), (72, 1), (3, 200), (5, 90), (37, 53), (120, 161), (250, 330)]
 
 LIMITS = (0.0, 16383.0)
 
