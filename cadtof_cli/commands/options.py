@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeVar, cast, get_args, get_ori
 import click
 
 from cadtof_cli.capture.metadata import KEYS, Key, Kind
+from cadtof_cli.commands.help import HelpContext
 from cadtof_cli.commands.terminal import tell
 from cadtof_cli.execution.workers import JOBS_PER_CORE, Workers, available_cores
 
@@ -231,6 +232,8 @@ class RecordOptions:
 
 class SectionedCommand(click.Command):
     """A command whose help shows the options that override `capture.toml` apart from its own."""
+
+    context_class = HelpContext
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the command's own options, then the capture options."""
