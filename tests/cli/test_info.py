@@ -104,7 +104,7 @@ def test_what_is_no_frame_is_named(tmp_path: Path) -> None:
 
 
 def test_layers_of_truth_have_their_units(tmp_path: Path) -> None:
-    layers = {"mpi.delay": np.linspace(3, 20, 12), "mpi.ratio": np.linspace(0, 1, 12)}
+    layers = {"direct.depth": np.ones(12), "mpi.delay": np.linspace(3, 20, 12), "mpi.ratio": np.linspace(0, 1, 12)}
     write_exr(tmp_path / "truth.exr", {name: plane.reshape(3, 4).astype(np.float32) for name, plane in layers.items()})
     told = cadtof("info", tmp_path / "truth.exr").out
     assert "mpi.delay                   3 … 20 ns, median 11.5, 100.0% of pixels" in told
