@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 DepthKind = Literal["range", "z"]
 
-DEPTH_KINDS: tuple[DepthKind, ...] = ("range", "z")
+DEPTH_IN_WORDS: dict[DepthKind, str] = {"range": "radial range", "z": "planar depth z"}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,8 +43,8 @@ class MapSettings:
     min_confidence_v: float | None = None
 
     def __post_init__(self) -> None:
-        if self.depth not in DEPTH_KINDS:
-            raise SettingsError(f"--depth: found {self.depth!r}, expected one of {', '.join(DEPTH_KINDS)}")
+        if self.depth not in DEPTH_IN_WORDS:
+            raise SettingsError(f"--depth: found {self.depth!r}, expected one of {', '.join(DEPTH_IN_WORDS)}")
         if self.pool < 1 or self.pool % 2 == 0:
             raise SettingsError(f"--pool: found {self.pool}, expected an odd number of pixels such as 3 or 5")
         if self.average < 1:

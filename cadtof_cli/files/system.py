@@ -9,7 +9,6 @@ import os
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from importlib import import_module
-from io import FileIO
 from pathlib import Path
 
 _BINARY = getattr(os, "O_BINARY", 0)
@@ -43,12 +42,17 @@ def read_at(descriptor: int, count: int, place: int, /) -> bytes:
     return os.read(descriptor, count)
 
 
-def read_parts(file: FileIO, parts: Sequence[memoryview], /) -> bool:
-    """Fill all parts from a file, one after the other, and return whether there was enough for them."""
-    descriptor = file.fileno()
+def read_parts(descriptor: int, parts: Sequence[memoryview], /) -> bool:
+    """Fill all parts from an open file, one after the other, and return whether there was enough for them."""
     if hasattr(os, "readv"):
         return transferred(parts, lambda rest: os.readv(descriptor, rest))
-    return transferred(parts, lambda rest: file.readinto(rest[0]))
+    return transferred(parts, lambda rest: _read_into(descriptor, rest[0]))
+
+
+def _read_into(descriptor: int, part: memoryview) -> int:
+    found = os.read(descriptor, part.nbytes)
+    part[: len(found)] = found
+    return len(found)
 
 
 def transferred(parts: Sequence[memoryview], move: Callable[[list[memoryview]], int | None]) -> bool:

@@ -94,7 +94,9 @@ def is_without_noise(stored: Stored, noise: NoiseModel, /) -> bool:
     It does so wherever it is more than half a step of the stored values. A few pixels may agree.
     """
     count = stored.shape[2]
-    if count < FEWEST or not all((stored[:, :, :some] == stored[:, :, :1]).all() for some in (FEWEST, count)):
+    first = stored[:, :, :1]
+    # few frames are compared whole
+    if count < FEWEST or not (stored[:, :, :FEWEST] == first).all() or not (stored == first).all():
         return False
     # a step is √12 of its rounding error, whose variance is the floor: light alone has three times that, or more
     return all(one.dark_variance > 4.0 * one.floor for one in noise.each)
@@ -102,7 +104,8 @@ def is_without_noise(stored: Stored, noise: NoiseModel, /) -> bool:
 
 def _none_is_large(some: Stored, voltage: Voltage, longest_v: float) -> bool:
     """Tell at a glance that no value is saturated, or so large that a phasor of two of them were too long: the usual case."""
-    low, high = float(some.min()), float(some.max())
+    together = np.ascontiguousarray(some)
+    low, high = float(together.min()), float(together.max())
     if (
         voltage.saturated_counts is not None
         and not voltage.saturated_counts[0] < low <= high < voltage.saturated_counts[1]

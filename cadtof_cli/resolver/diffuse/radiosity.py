@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from cadtof_cli.arrays import Complex, Float, Float32
 from cadtof_cli.resolver.diffuse.planes import Surfaces
+from cadtof_cli.resolver.diffuse.quantiles import median
 
 LATER_ALBEDO = 0.65
 """Mean albedo inside the later bounces, whose sum it makes finite; their strength is free in the fit."""
@@ -53,7 +54,7 @@ def interreflections(
     both = _joined(seen, beyond)
     form, distance = _form_factors(both, both)
     np.fill_diagonal(form, 0.0)
-    open_share = np.clip(1.0 - form[:count].sum(1).astype(np.float64), 0.0, 1.0)
+    open_share = np.minimum(np.maximum(1.0 - form[:count].sum(1).astype(np.float64), 0.0), 1.0)
     form *= _relative_albedo(seen, amplitude, len(beyond.range_m))
     turn = _rotors(np.float32(rad_per_m) * distance)
     bounces, kernel, power = [], form.astype(np.complex64), 0
@@ -114,7 +115,8 @@ def _rotors(phase_rad: Float32) -> Complex64:
 def _relative_albedo(seen: Surfaces, amplitude: Float, beyond: int) -> Float32:
     """Return albedos over their mean by area, float32; those beyond the view are taken as the mean."""
     albedo = amplitude * seen.range_m**2 / seen.cosine
-    albedo = np.clip(albedo / np.median(albedo), *ALBEDO_RANGE)
+    least, largest = ALBEDO_RANGE
+    albedo = np.minimum(np.maximum(albedo / median(albedo), least), largest)
     albedo *= seen.area_m2.sum() / (albedo * seen.area_m2).sum()
     return np.append(albedo, np.ones(beyond)).astype(np.float32)
 

@@ -66,7 +66,7 @@ def ends(equations: EliminatedPath, z: Float, /, *, stopping: Stopping = STOPPIN
     at_work: Index = np.arange(z.shape[1])
     none = np.zeros(at_work.size, np.bool_)
     state = _State(z, equations.linearised(z), np.full(at_work.size, stopping.first_damping), none, none)
-    result = Ends(z.copy(), state.at.cost.copy(), none.copy(), np.zeros(at_work.size, np.intp))
+    result = Ends(z.copy(), state.at.cost, none, np.zeros(at_work.size, np.intp))
     for _ in range(stopping.max_steps):
         state = _stepped(equations, state, stopping)
         result.steps[at_work[~state.stopped]] += 1

@@ -22,7 +22,7 @@
 
 /* Bits of resolver/status.py that are read or set here; the others go through as they came. */
 enum { SATURATED = 1, NOT_FINITE = 2, LOW_CONFIDENCE = 4, ONE_PATH = 8, TWO_PATHS = 16, ILL_CONDITIONED = 32, HOT_PIXEL = 256 };
-enum { CALIBRATED = 64, POOLED = 1024, DIFFUSE_MPI = 2048, IMPOSSIBLE = 4096 };
+enum { CALIBRATED = 64, MORE_PATHS = 512, POOLED = 1024, DIFFUSE_MPI = 2048, IMPOSSIBLE = 4096 };
 enum order { ORDER_AUTO, ORDER_ONE, ORDER_TWO };
 enum returns { RETURN_FIRST, RETURN_STRONGEST, RETURN_LAST };
 enum type { UINT16, INT16, FLOAT32, FLOAT64, PHASORS };

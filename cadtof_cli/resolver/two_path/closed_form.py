@@ -119,7 +119,7 @@ def fundamental_frame(p1: Complex, p2: Complex, /) -> FundamentalFrame:
     """Turn two phasors, complex128 (n,), into the frame in which the first is real. NaN in gives NaN out."""
     re1, im1, re2, im2 = p1.real, p1.imag, p2.real, p2.imag
     u = np.sqrt(re1 * re1 + im1 * im1)
-    zero = np.where(u == 0.0, 1.0, 0.0)
+    zero = u == 0.0
     inverse = 1.0 / (u + zero)
     cos, sin = re1 * inverse + zero, im1 * inverse
     cos2, sin2 = cos * cos - sin * sin, 2.0 * (sin * cos)
