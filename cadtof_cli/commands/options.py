@@ -15,7 +15,8 @@ from cadtof_cli.capture.metadata import KEYS, Key, Kind
 from cadtof_cli.commands.help import HelpContext
 from cadtof_cli.commands.terminal import tell
 from cadtof_cli.commands.values import NUMBERS, NameList, ParamType
-from cadtof_cli.execution.workers import JOBS_PER_CORE, Workers, available_cores
+from cadtof_cli.execution.cores import available_cores
+from cadtof_cli.execution.workers import JOBS_PER_CORE, Workers
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -107,7 +108,7 @@ def jobs_option(help: str, /) -> Callable[[Function], Function]:
             tell(f"--jobs {jobs}: at most {most} processes are started, {JOBS_PER_CORE} per core", err=True)
         return jobs
 
-    help = f"{help}, never more than {JOBS_PER_CORE} per core.  [default: all cores]"
+    help = f"{help}, never more than {JOBS_PER_CORE} per core.  [default: all cores that it may use]"
     return setting_option("-j --jobs", Workers, metavar="N", callback=limited, help=help)
 
 
