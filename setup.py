@@ -40,6 +40,8 @@ COMPILED = {
         "../diffuse/_elementary.h",
         "../diffuse/_patches.h",
         "../diffuse/_patches_call.h",
+        "../diffuse/_radiosity.h",
+        "../diffuse/_radiosity_call.h",
         "../diffuse/_sampled.h",
         "../diffuse/_sampled_call.h",
         "../diffuse/_tail.h",

@@ -172,6 +172,7 @@ def _beside(fit: PatchFit, tail: TailModel, planes: PatchPlanes, valid: Bool, fr
         surfaces_guessed(planes.surfaces, valid, frame.grid),
         planes.surfaces[valid],
         rad_per_m=frame.settings.rad_per_m,
+        kernel=frame.kernel,
     )
     open_share = tail.light.open_share
     continued, unseen, would_be = tail.lag_parts(fit.state, open_share**GUESSED_POWER * guessed)
@@ -205,6 +206,7 @@ def _tail(planes: PatchPlanes, valid: Bool, amplitude: Float, frame: _Frame) -> 
         amplitude,
         harmonics=frame.settings.harmonics,
         rad_per_m=frame.settings.rad_per_m,
+        kernel=frame.kernel,
     )
     model = TailModel(light, frame.settings.harmonics, frame.settings.rad_per_ns, frame.kernel)
     return model, pattern(light.direct)
