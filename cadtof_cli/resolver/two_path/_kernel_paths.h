@@ -345,8 +345,8 @@ INLINE void two_path_sigmas(Group *restrict g, const Frame *restrict frame) {
     }
     EACH_PIXEL {
         /* doubt, the larger over 0.5 * sin_half, is above 1 just where this is, in floating point too */
-        double x = g->sigma_x[i], y = g->sigma_y[i], larger = x > y ? x : y;
-        g->doubtful[i] = (larger > 0.5 * g->sin_half[i]) & (x == x) ? (double)ILL_CONDITIONED : 0.0;
+        double x = g->sigma_x[i], y = g->sigma_y[i], larger = x > y ? x : y, most = 0.5 * g->sin_half[i];
+        g->doubtful[i] = (larger > most) & (x == x) ? (double)ILL_CONDITIONED : 0.0;
     }
     if (frame->samples) EACH_PIXEL {
         double x = g->sigma_x[i], y = g->sigma_y[i], most = x < y ? y : x;
