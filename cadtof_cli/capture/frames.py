@@ -246,11 +246,8 @@ def single_frames(capture: Capture, /, *, taken: Callable[[], Collection[str]] |
     layout, size_of_one = capture.layout, 0
     names: Collection[str] | None = None
     for source in capture.frames:
-        path = source.paths[0]
-        named = format_by_suffix(path)
-        may_be_stack = len(source.paths) == 1 and (named is None or named.stacks)
-        size = file_size(path) if may_be_stack else 0
-        if not size or size == size_of_one:
+        size = file_size(source.paths[0]) if len(source.paths) == 1 else 0
+        if not size or size == size_of_one or not _may_be_stack(source.paths[0]):
             yield source
             continue
         try:
@@ -266,6 +263,11 @@ def single_frames(capture: Capture, /, *, taken: Callable[[], Collection[str]] |
             if names is None:
                 names = taken() if taken else set(capture.frame_names())
             yield from source.expanded(count, taken=names)
+
+
+def _may_be_stack(path: Path) -> bool:
+    named = format_by_suffix(path)
+    return named is None or named.stacks
 
 
 @dataclass(frozen=True)

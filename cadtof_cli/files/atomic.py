@@ -41,8 +41,8 @@ class PartialFile:
     """
 
     def __init__(self, path: Path, /, *, token: str = "") -> None:
-        self.path, self._folder = path, path.parent
-        self.temporary = self._folder / _temporary_name(path.name, token)
+        self.path = path
+        self.temporary = path.with_name(_temporary_name(path.name, token))
         self._descriptor: int | None = None
         self._bytes = 0
         self._parts: Sequence[memoryview] = ()
@@ -60,7 +60,7 @@ class PartialFile:
         if not self._bytes:
             assert self._descriptor is not None
             found = os.fstat(self._descriptor)
-            if not found.st_size or not os.path.samestat(found, self.temporary.lstat()):
+            if not found.st_size or not os.path.samestat(found, os.lstat(self.temporary)):
                 raise OSError("nothing was written")
             self._bytes = found.st_size
         return self._bytes
@@ -90,8 +90,8 @@ class PartialFile:
         # not every system renames an open file
         descriptor, self._descriptor = self._descriptor, None
         os.close(descriptor)
-        self.temporary.replace(self.path)
-        sync_folder(self._folder)
+        os.replace(self.temporary, self.path)
+        sync_folder(self.path.parent)
         return size
 
     def discard(self) -> None:

@@ -56,7 +56,7 @@ class DepthMaps:
         shape = (len(names) + 1, *size)
         pages_bytes = 4 * math.prod(shape)
         memory = np.empty(pages_bytes + 4 * BLOCK_BYTES, np.uint8)
-        begin = -address_of(memory.data) % BLOCK_BYTES
+        begin = -address_of(memory) % BLOCK_BYTES
         image = memory[begin : begin + pages_bytes + 3 * BLOCK_BYTES]
         pages = image[BLOCK_BYTES : BLOCK_BYTES + pages_bytes].view(np.float32).reshape(shape)
         return cls(names, pages, np.empty(size, np.uint32), image.data)

@@ -11,6 +11,7 @@ import numpy as np
 
 from cadtof_cli.arrays import Bool, Complex, Float, Index
 from cadtof_cli.resolver.diffuse.grid import PatchGrid
+from cadtof_cli.resolver.diffuse.quantiles import median
 from cadtof_cli.resolver.diffuse.records import SeenThrough, Tails, range_from_phase
 from cadtof_cli.resolver.diffuse.settings import DiffuseSettings
 from cadtof_cli.resolver.diffuse.walls import ON_PLANE, over_neighbours, walls_behind
@@ -66,7 +67,7 @@ class FreedPaths:
 
 def typical_tail(values: Float, harmonics: tuple[int, ...], /) -> Complex:
     """Return the median H_h, (H,), of patches with the model's values (data + 2, n), in the order of `tail.free_of_direct`."""
-    middle, count = np.median(values, axis=1), len(harmonics) - 1
+    middle, count = median(values), len(harmonics) - 1
     size = np.append(0.0, middle[:count]) + middle[-2]
     phase = np.append(0.0, middle[count : 2 * count]) + np.array(harmonics) * middle[-1]
     tail: Complex = np.exp(size + 1j * phase)

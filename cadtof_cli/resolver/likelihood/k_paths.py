@@ -13,7 +13,7 @@ from cadtof_cli.resolver.likelihood.mixture import Measured, Mixture, WeightedFi
 from cadtof_cli.resolver.likelihood.normal_equations import cholesky, inverse_diagonal
 from cadtof_cli.resolver.likelihood.starts import best_pair, exact_start, strongest_path
 from cadtof_cli.resolver.paths import CLOSE_ENOUGH, Fit, Paths, doubt_of_one
-from cadtof_cli.resolver.two_path.arctangent import phase_of
+from cadtof_cli.resolver.two_path.arcsine import phase_of
 
 SEARCH = LevenbergMarquardt(max_steps=40, absolute=0.1)
 """From a start to a minimum, with white noise: to a third of a standard deviation of the phasors, and a step further."""

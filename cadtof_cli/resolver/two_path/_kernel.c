@@ -15,6 +15,8 @@
 #include "../_buffers.h"
 #include "../diffuse/_tail_buffers.h"
 #include "../diffuse/_patches.h"
+#include "../diffuse/_radiosity.h"
+#include "../diffuse/_sampled.h"
 #include "../response/_search.h"
 
 /* --- one function for every instruction set ----------------------------------------------------------------------------- */
@@ -27,6 +29,10 @@ typedef struct {
     void (*search)(const Search *search);
     void (*slopes)(const Slopes *slopes);
     void (*step)(const Steps *steps);
+    void (*form_factors)(const Pairs *pairs);
+    void (*kernel)(const LightKernel *kernel);
+    void (*look)(const Sampled *sampled);
+    void (*sum)(const Sums *sums);
     void (*count)(const uint32_t *status, int64_t pixels, int64_t counts[4]);
     int (*supported)(void);
 } Level;
@@ -42,11 +48,17 @@ typedef struct {
     attributes static void search_##name(const Search *search) { search_pixels(search); } \
     attributes static void slopes_##name(const Slopes *slopes) { slopes_of_patches(slopes); } \
     attributes static void step_##name(const Steps *steps) { step_of_patches(steps); } \
+    attributes static void form_factors_##name(const Pairs *pairs) { form_factors_of(pairs); } \
+    attributes static void kernel_##name(const LightKernel *kernel) { kernel_of(kernel); } \
+    attributes static void look_##name(const Sampled *sampled) { look_at_samples(sampled); } \
+    attributes static void sum_##name(const Sums *sums) { sum_patches(sums); } \
     attributes static void count_##name(const uint32_t *status, int64_t pixels, int64_t counts[4]) { \
         count_pixels(status, pixels, counts); \
     }
-#define LISTED(name, attributes, supported) \
-    {#name, resolve_##name, answer_##name, decompose_##name, search_##name, slopes_##name, step_##name, count_##name, supported},
+#define FUNCTIONS_OF(name) \
+    resolve_##name, answer_##name, decompose_##name, search_##name, slopes_##name, step_##name, form_factors_##name, kernel_##name, \
+        look_##name, sum_##name, count_##name
+#define LISTED(name, attributes, supported) {#name, FUNCTIONS_OF(name), supported},
 FOR_EACH_LEVEL(FUNCTIONS)
 static const Level LEVELS[] = {FOR_EACH_LEVEL(LISTED)};
 #include "../_module.h"
@@ -182,6 +194,8 @@ static PyObject *count_status(PyObject *module, PyObject *arguments) {
 #include "_decomposition.h"
 #include "../diffuse/_tail_call.h"
 #include "../diffuse/_patches_call.h"
+#include "../diffuse/_radiosity_call.h"
+#include "../diffuse/_sampled_call.h"
 #include "../response/_search_call.h"
 
 /* --- the module ---------------------------------------------------------------------------------------------------------- */
@@ -222,9 +236,22 @@ static PyMethodDef METHODS[] = {
     {"step_patches", step_patches, METH_VARARGS,
      "step_patches(level, step, data, error, within, pattern, values, slopes, state, linear data, room, spread, answers...)\n\n"
      "Fill the answers of a step. Everybody but the tests calls it through diffuse/compiled_fit.py."},
+    {"form_factors", form_factors, METH_VARARGS,
+     "form_factors(level, facing, area, form factors, distances)\n\n"
+     "Make form factors and distances of what they are made of. Everybody but the tests calls it through diffuse/compiled_radiosity.py."},
+    {"light_kernel", light_kernel, METH_VARARGS,
+     "light_kernel(level, form factors, albedo, cosines, sines, kernel, rotors)\n\n"
+     "Fill kernel and rotors. Everybody but the tests calls it through diffuse/compiled_radiosity.py."},
+    {"look_at_samples", look_at, METH_VARARGS,
+     "look_at_samples(level, constants, numbers, per variance, places, stored, own, other, constant, hot, samples, weighted, phases, "
+     "seen)\n\n"
+     "Fill weighted, phases and seen. Everybody but the tests calls it through diffuse/compiled_light.py."},
+    {"sum_patches", sum_over, METH_VARARGS,
+     "sum_patches(level, weighted, counted, sums)\n\n"
+     "Fill sums. Everybody but the tests calls it through diffuse/compiled_light.py."},
     {"search", search, METH_VARARGS,
      "search(level, steps, constants, first table, second table, phases, observed, enough, start, values, misfit, done)\n\n"
-     "Fill values, misfit and done. Everybody but the tests calls it through response/compiled.py."},
+     "Fill values, misfit and done. Everybody but the tests calls it through response/newton.py."},
     LEVELS_METHOD,
     {"constant_names", constant_names, METH_NOARGS, "Names of the constants, in the order in which resolve takes them."},
     {"tail_sizes", tail_sizes, METH_NOARGS, "Names of a tail's sizes, in the order in which they are taken."},

@@ -127,26 +127,33 @@ INLINE void put_tail(Group *restrict g, const Frame *restrict frame) {
 /* Every pixel from `start` up to `stop`. */
 INLINE void resolve_pixels(const Frame *restrict frame, int64_t start, int64_t stop) {
     Group group, *g = &group;
+    const int plain = !frame->tail && !frame->samples && !frame->own;
     memset(g, 0, sizeof group);
     for (int m; start < stop; start += m) {
         m = frame->tail ? in_group(frame->tail, start, stop) : stop - start < GROUP ? (int)(stop - start) : GROUP;
         fetch(frame, start + 2 * GROUP);
-        load(g, frame, start, m);
-        if (!frame->tail) fundamental_frame(g);
-        screen(g, frame);
-        if (frame->tail) predict(g, frame, start, m);
-        if (frame->tail && any(g->answered)) fundamental_frame(g);
-        choose_pixels(g, frame);
-        const int ones = any(g->may);
-        if (ones) one_path(g, frame);
+        int answered = m == GROUP && plain && is_sound(frame, start);
+        if (answered) {
+            load_sound(g, frame, start);
+            answered = all_answered(g, frame);
+        }
+        if (!answered) {
+            load(g, frame, start, m);
+            if (!frame->tail) fundamental_frame(g);
+            screen(g, frame);
+            if (frame->tail) predict(g, frame, start, m);
+            if (frame->tail && any(g->answered)) fundamental_frame(g);
+            choose_pixels(g, frame);
+        }
+        if (g->ones) one_path(g, frame);
         g->pairs = any(g->need);
         if (g->pairs) {
             two_paths(g);
             two_path_sigmas(g, frame);
             phases(g);
-            if (ones) choose_answers(g, frame, 1);
+            if (g->ones) choose_answers(g, frame, 1);
             else choose_answers(g, frame, 0);
-        } else if (ones) answer_one(g);
+        } else if (g->ones) answer_one(g);
         else answer_none(g);
         if (frame->tail) put_tail(g, frame);
         clear_impossible(g, frame);
@@ -188,8 +195,9 @@ INLINE void decompose_pixels(const double *restrict first, const double *restric
             g->im2[i] = second[at + 1];
         }
         fundamental_frame(g);
+        EACH_PIXEL g->single[i] = is_single(g->u[i], g->d2[i]) ? 1.0 : 0.0;
+        g->singles = any(g->single);
         two_paths(g);
-        memcpy(g->single, g->t2, sizeof(Row));
         phases(g);
         const double *plane[DECOMPOSED_PLANES] = {g->a, g->b, g->cos_m, g->sin_m, g->cos_half, g->sin_half, g->single, g->x, g->y};
         for (int p = 0; p < DECOMPOSED_PLANES; p++)

@@ -31,7 +31,7 @@ CHOICE = "CADTOF_KERNEL"
 Buffers = tuple[NDArray[Any] | None, ...]
 """Arrays as the extension takes them: neighbours in memory, each of one type."""
 
-_STORED_TYPES = (np.uint16, np.int16, np.float32, np.float64, np.complex128)
+STORED_TYPES = (np.uint16, np.int16, np.float32, np.float64, np.complex128)
 
 _ORDERS = {"auto": 0, "1": 1, "2": 2}
 _RETURNS = {"first": 0, "strongest": 1, "last": 2}
@@ -161,7 +161,7 @@ class FrameKernel:
         _require_shape("status", status, (self._count,))
         start, stop, step = (0, self._count, 1) if pixels is None else (pixels.start, pixels.stop, pixels.step)
         constants = self._constants_for(stored.dtype)
-        stored = _as_neighbours(stored if stored.dtype in _STORED_TYPES else stored.astype(np.float64))
+        stored = _as_neighbours(stored if stored.dtype in STORED_TYPES else stored.astype(np.float64))
         if _as_neighbours(layers) is not layers or _as_neighbours(status) is not status or step != 1:
             raise ValueError("layers, status and pixels: expected neighbours in memory")
         self._compiled.resolve(
@@ -229,12 +229,7 @@ def _constants(
     light: tuple[float, ...],
 ) -> Float:
     """Return what all pixels of a frame share, in the order of `CONSTANTS`; −0 as an offset changes no bit of a sum."""
-    low = high = math.nan
-    if saturated_counts is not None:
-        # as numpy compares with them: floats in their own type
-        own_type = stored_type.type if stored_type.kind == "f" else np.float64
-        with np.errstate(over="ignore"):
-            low, high = (float(np.asarray(limit, np.float64).astype(own_type)) for limit in saturated_counts)
+    low, high = saturation(saturated_counts, stored_type)
     gains, offsets = [1.0] * 4, [-0.0] * 4
     if phasor_map is not None and phasor_map.own.shape[2] == 1:
         gains = phasor_map.own.ravel().tolist()
@@ -251,6 +246,18 @@ def _constants(
     if len(names) != len(constants):
         raise SettingsError("the compiled kernel was built from another version of its sources: reinstall cadtof")
     return sealed(np.array([constants[name] for name in names]))
+
+
+def saturation(
+    saturated_counts: tuple[float, float] | None, stored_type: np.dtype[np.generic], /
+) -> tuple[float, float]:
+    """Return the limits as numpy compares stored values with them, floats in their own type; NaN where there are none."""
+    if saturated_counts is None:
+        return math.nan, math.nan
+    own_type = stored_type.type if stored_type.kind == "f" else np.float64
+    with np.errstate(over="ignore"):
+        low, high = (float(np.asarray(limit, np.float64).astype(own_type)) for limit in saturated_counts)
+    return low, high
 
 
 def _as_neighbours(array: NDArray[Any]) -> NDArray[Any]:

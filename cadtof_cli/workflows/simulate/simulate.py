@@ -14,9 +14,8 @@ import numpy as np
 from cadtof_cli.execution.workers import ALONE, Workers
 from cadtof_cli.files.atomic import new_folder
 from cadtof_cli.simulation.pixel.pixel import evolution
-from cadtof_cli.workflows.progress import NO_PROGRESS, Progress
+from cadtof_cli.workflows.progress import NO_PROGRESS, Progress, results
 from cadtof_cli.workflows.simulate.outcome import PathSummary, TrialsSummary, summary
-from cadtof_cli.workflows.simulate.tasks import results
 from cadtof_cli.workflows.simulate.trials import EVOLUTION_KEY, Recordings, Trials, recordings
 
 
