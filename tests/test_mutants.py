@@ -10,6 +10,7 @@ from mutation.calls import Calls, Test
 from mutation.mutants import Mutant, all_mutants, drawn, mutated
 from mutation.named import Change, GoneError, changed_files, read_changes
 from mutation.reach import reaches
+from mutation.runs import hands_to_kernel
 from mutation.session import NotPutInError, put_in
 
 SOURCE = '''"""A module; its numbers, 3, are no constants."""
@@ -234,3 +235,8 @@ def test_what_runs_on_import_is_not_put_in() -> None:
     calls = Calls({}, {path: frozenset({1, 2})}) | Calls({}, {path: frozenset({9}), "other.py": frozenset({4})})
     assert [calls.may_be_put_in(path, range(line, line + 1)) for line in (1, 4, 9)] == [False, True, False]
     assert not calls.may_be_put_in(path, range(2, 5))
+
+
+def test_what_hands_work_to_the_compiled_kernel_is_told_line_by_line() -> None:
+    source = "LIMIT = 1\n\ndef front(x):\n    if x:\n        return 0\n    extension().search(x)\n\ndef plain(x):\n    return x\n"
+    assert [line for line in range(1, 10) if hands_to_kernel(source, line)] == [3, 4, 5, 6]

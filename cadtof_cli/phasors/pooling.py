@@ -71,7 +71,7 @@ def pooling_seconds(size: tuple[int, int], noise: NoiseModel, /, *, window: int)
         return 0.0
     phasors, samples = np.ones((len(noise.each), *size), np.complex128), np.ones(size)
     began = time.perf_counter()
-    pooled_phasors(phasors, usable=samples > 0.0, samples=samples, noise=noise, window=3)
+    pooled_phasors(phasors, usable=np.ones(size, np.bool_), samples=samples, noise=noise, window=3)
     of_one = (time.perf_counter() - began) / 8
     # of an offset that reaches far, few pixels are left
     kept = np.mean([max(extent - window / 4, 0.0) / extent for extent in size])

@@ -1,5 +1,6 @@
 """Mutants against tests: in a copy of the tree, a fork for each, the likeliest and the quickest tests first."""
 
+import ast
 import contextlib
 import itertools
 import math
@@ -32,9 +33,12 @@ KERNEL_LIBRARY = "_kernel*.so"
 
 COMPILED_LIBRARIES = "_*.so"
 
-KERNEL_FRONTS = frozenset(("kernel", "compiled"))
-"""Modules whose mutants are tried with the compiled kernel. Elsewhere numpy does the work: a change must be noticed for
-what it does, and not because the two differ."""
+KERNEL_FRONTS = frozenset(("kernel", "compiled", "compiled_fit"))
+"""Modules whose mutants are tried with the compiled kernel, …"""
+
+KERNEL_CALLS = frozenset(("extension", "compiled_search"))
+"""… and what a function calls whose mutants are. Elsewhere numpy does the work: a change must be noticed for what it does,
+and not because the two differ."""
 
 PATIENCE = 3.0
 """Times the duration of the unchanged tests, and …"""
@@ -79,6 +83,7 @@ class Bench:
         self._calls = calls or Calls()
         self._most_s = most_s
         self._noted = place / "calls.pickle"
+        self._handing = dict[Mutant, bool]()
 
     def watched(self, rooms: tuple[str, ...]) -> Calls:
         """Run the unchanged tests, which must pass, and return what each of them calls and how long it takes."""
@@ -91,11 +96,11 @@ class Bench:
 
     def tried(self, mutant: Mutant, *, quick: bool) -> Outcome:
         """Return what becomes of a mutant by the quick of the tests that may notice it, or by the others."""
-        path = self.tree / mutant.path
+        path, kernel = self.tree / mutant.path, self._of_kernel(mutant)
         before = path.read_text(encoding="utf-8")
         text = mutated(before, mutant)
         begin = time.monotonic()
-        with self.changed({path: text}, kernel=path.stem in KERNEL_FRONTS):
+        with self.changed({path: text}, kernel=kernel):
             files, tests = self._portion(mutant, quick=quick)
             if tests:
                 patience = max(PATIENCE * sum(self._seconds(test) for test in tests), LEAST_PATIENCE_S)
@@ -104,11 +109,19 @@ class Bench:
                     return Outcome(mutant, "killed" if by_itself else "endless", time.monotonic() - begin)
         return Outcome(mutant, "survived", time.monotonic() - begin)
 
+    def _of_kernel(self, mutant: Mutant) -> bool:
+        """Return whether a mutant is of what hands work to the compiled kernel; asked first while nothing is changed."""
+        if mutant not in self._handing:
+            path = self.tree / mutant.path
+            handing = path.stem in KERNEL_FRONTS or hands_to_kernel(path.read_text(encoding="utf-8"), mutant.lines[0])
+            self._handing[mutant] = handing
+        return self._handing[mutant]
+
     def _outcome(
         self, mutant: Mutant, source: str, files: list[str], tests: frozenset[str], patience_s: float
     ) -> tuple[int, bool]:
         """Run tests against a mutant that stands in the tree: in the session that waits, where that is the same."""
-        if self._calls.may_be_put_in(mutant.path, _lines(mutant)) and Path(mutant.path).stem not in KERNEL_FRONTS:
+        if self._calls.may_be_put_in(mutant.path, _lines(mutant)) and not self._of_kernel(mutant):
             rank = {file: number for number, file in enumerate(files)}
             ordered = sorted((test for test in self._calls.tests if test in tests), key=lambda test: rank[_file(test)])
             code, by_itself = self._waiting.tried(Request(mutant, source, tuple(ordered), patience_s))
@@ -178,11 +191,11 @@ class Bench:
             return 1 if module in (self.tree / file).read_text(encoding="utf-8") else 2
 
         files, lines = {*self._files(mutant.room), *self._files(CONTRACTS)}, _lines(mutant)
+        of_kernel = self._of_kernel(mutant)
         tests = [
             test
             for test in self._calls.tests
-            if _file(test) in files
-            and (stem in KERNEL_FRONTS or self._calls.may_notice(test, mutant.path, lines, reached=reached))
+            if _file(test) in files and (of_kernel or self._calls.may_notice(test, mutant.path, lines, reached=reached))
         ]
         tests.sort(key=lambda test: self._seconds(test) * NEAR_FIRST[near(_file(test))])
         sums = list(itertools.accumulate(self._seconds(test) for test in tests))
@@ -232,6 +245,14 @@ class Bench:
             raise
         finally:
             os._exit(code)
+
+
+def hands_to_kernel(source: str, line: int, /) -> bool:
+    """Return whether a line of a module stands in a function that calls the compiled kernel."""
+    functions = (node for node in ast.walk(ast.parse(source)) if isinstance(node, ast.FunctionDef))
+    around = (node for node in functions if node.lineno <= line <= (node.end_lineno or node.lineno))
+    calls = (part.func for node in around for part in ast.walk(node) if isinstance(part, ast.Call))
+    return any(isinstance(called, ast.Name) and called.id in KERNEL_CALLS for called in calls)
 
 
 def _file(test: str) -> str:

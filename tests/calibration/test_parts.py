@@ -14,7 +14,7 @@ from cadtof_cli.calibration.petzval import PetzvalCalibration, PetzvalQuality, W
 from cadtof_cli.calibration.response import ResponseCalibration
 from cadtof_cli.calibration.store import Calibration, cached_calibration, digest_of, load_calibration, save_part
 from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Voltage
-from cadtof_cli.errors import MetadataError, SettingsError
+from cadtof_cli.errors import MetadataError, OutputError, SettingsError
 from cadtof_cli.phasors.response import HarmonicResponse
 from tests.support.calibrations import PETZVAL_QUALITY, RESPONSE_QUALITY
 
@@ -176,3 +176,18 @@ def test_a_calibration_of_another_camera_corrects_no_frames() -> None:
     triangle = replace(metadata, modulation=Modulation(waveform="triangle"))
     with pytest.raises(SettingsError, match="the dark calibration does not belong"):
         frame_correction(known, triangle, np.dtype(np.uint16), SHAPE)
+
+
+def test_a_part_makes_its_folder_and_is_not_replaced_unless_that_is_asked_for(tmp_path: Path) -> None:
+    folder = tmp_path / "cameras" / "first"
+    save_part(folder, petzval())
+    other = replace(petzval(), k2_m=0.07)
+    with pytest.raises(OutputError, match="petzval"):
+        save_part(folder, other)
+    found = load_calibration(folder).petzval
+    assert found is not None
+    assert found.k2_m == 0.06
+    save_part(folder, other, overwrite=True)
+    found = load_calibration(folder).petzval
+    assert found is not None
+    assert found.k2_m == 0.07

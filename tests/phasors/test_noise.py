@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from cadtof_cli.capture.metadata import CaptureMetadata, Pixel, Voltage
+from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Pixel, Voltage
 from cadtof_cli.phasors.noise import estimated_integration_length, noise_model
 from tests.support.forward import Light, phasors_of, step_frame
 
@@ -97,3 +97,35 @@ def test_of_light_that_is_nearly_all_signal_a_twentieth_counts_as_noisy_at_least
     noise = 1e-3 * (rng.normal(size=(2, 200, 200)) + 1j * rng.normal(size=(2, 200, 200)))
     expected = 0.5 * (1.0 + share / 2e-6)
     assert estimated_integration_length(np.asarray(signal + noise, np.complex128)) == pytest.approx(expected, rel=0.03)
+
+
+def test_counting_adds_to_the_variances_along_and_across_a_path_alike() -> None:
+    metadata = CaptureMetadata(voltage=Voltage(volts_per_count=2e-3), pixel=Pixel(integration_length=1e5))
+    fine, coarse = (noise_model(metadata, integration_length=1e5, quantised=quantised) for quantised in (False, True))
+    amplitude = np.array([0.0, 0.3, 0.7])
+    for one, other in zip(fine.each, coarse.each, strict=True):
+        for before, after in zip(one.one_path_variances(amplitude), other.one_path_variances(amplitude), strict=True):
+            np.testing.assert_allclose(after - before, (2e-3 / 0.2746) ** 2 / 12 / one.pulse**2, rtol=1e-6)
+
+
+def test_the_noise_of_a_triangle_is_that_of_its_square_and_of_what_turns_with_twice_the_phase() -> None:
+    """By the wave's own values: mean square, fundamental, and the second harmonic of w1² and of w1·w2 where a sine has 1/2."""
+    theta = 2.0 * np.pi * (np.arange(4096) + 0.5) / 4096
+    first, second = (np.arcsin(np.cos(theta - shift)) * 2.0 / np.pi for shift in (0.0, np.pi / 2))
+    square, main = np.mean(first**2), 2.0 * np.mean(first * np.cos(theta))
+    twice = [2.0 * np.mean(first**2 * np.cos(2 * theta)), 2.0 * np.mean(first * second * np.sin(2 * theta))]
+    sine, triangle = (
+        noise_model(CaptureMetadata(modulation=Modulation(waveform=waveform)), integration_length=1e5, quantised=False)
+        for waveform in ("sine", "triangle")
+    )
+    for one, other in zip(sine.each, triangle.each, strict=True):
+        assert other.dark_variance / one.dark_variance == pytest.approx(square / main**2 / 0.5, rel=1e-5)
+        assert other.pulse_double / one.pulse_double == pytest.approx(np.mean(twice) / square, rel=1e-5)
+
+
+def test_an_average_over_few_periods_is_known_to_be_one() -> None:
+    """n_av is half of 1 + 1/averaging, here of a frame that is noise alone: 2.9."""
+    rng = np.random.default_rng(4)
+    frame = np.asarray(0.3 * (rng.normal(size=(2, 250, 250)) + 1j * rng.normal(size=(2, 250, 250))), np.complex128)
+    share = 1.0 - 2.0 * 0.3**2 * np.log(2.0)
+    assert estimated_integration_length(frame) == pytest.approx(0.5 * (1.0 + share / (2 * 0.3**2)), rel=0.02)

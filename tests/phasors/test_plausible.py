@@ -197,3 +197,12 @@ def test_noise_below_half_a_step_may_leave_all_values_the_same(steps: float, imp
     """Light alone makes 1/(2·√n_av) of the amplitude in a channel, here so many steps of the stored values."""
     sigma_v = AMPLITUDE_V / (2.0 * np.sqrt(1e5))
     assert without_noise(alike(100), step_v=sigma_v / steps) is impossible
+
+
+def test_bytes_that_reach_their_end_were_scaled_to_eight_bits_too() -> None:
+    """A part in twenty of them has had too much light, and is 255."""
+    stored = (counts(1.0) / 16383.0 * 255).astype(np.uint8)
+    stored[:, :, ::20] = 255
+    told = said(stored, Voltage(zero_counts=32896.0, volts_per_count=STEP))
+    assert told is not None
+    assert "scaled to 8 bits" in told

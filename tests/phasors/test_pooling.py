@@ -166,8 +166,10 @@ def test_the_time_that_pooling_takes_grows_with_the_neighbours(
     assert found == pytest.approx(steps, rel=0.1)
 
 
-def test_no_time_is_needed_for_no_pixels_or_no_neighbours() -> None:
+def test_no_time_is_needed_for_no_pixels_or_no_neighbours(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nor for finding that out."""
     noise = noise_of((1, 2), n_av=1e5)
+    monkeypatch.setattr("cadtof_cli.phasors.pooling.pooled_phasors", None)
     assert pooling_seconds((200, 400), noise, window=1) == 0.0
     assert pooling_seconds((0, 400), noise, window=3) == 0.0
 

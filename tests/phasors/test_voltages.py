@@ -90,3 +90,13 @@ def test_unsigned_counts_need_to_know_which_of_them_is_nothing() -> None:
         volts_from_stored(np.array([110], np.int16), Voltage())
     assert volts_from_stored(np.array([110], np.int16), Voltage(volts_per_count=1e-3)) == pytest.approx(0.11)
     assert volts_from_stored(np.array([0.25], np.float32), Voltage()) == pytest.approx(0.25)
+
+
+@pytest.mark.parametrize("harmonics", [1, 2, 3, 5])
+def test_there_are_as_many_phasors_as_harmonics(harmonics: int) -> None:
+    metadata = CaptureMetadata(modulation=Modulation(periods_ns=tuple(40.0 / h for h in range(1, harmonics + 1))))
+    stored = np.random.default_rng(1).normal(scale=0.05, size=(harmonics, 2, 7))
+    phasors = phasors_from_stored(stored, ideal_phasor_map(metadata, stored.dtype))
+    pulse = [pulse_response(h, fwhm_ns=1.7, period_ns=40.0) for h in range(1, harmonics + 1)]
+    expected = (stored[:, 0] + 1j * stored[:, 1]) / 0.2746 / np.array(pulse)[:, np.newaxis]
+    np.testing.assert_allclose(phasors, expected, rtol=1e-9)

@@ -145,7 +145,7 @@ def _without_curvature(
     ranges = metres * (weights * harmonics * centred).sum(axis=0) / information
     sigma = metres / np.sqrt(information)
     rows, columns = np.divmod(np.flatnonzero(usable), origin.pixels[1])
-    shapes = np.stack([squared, squared**2, np.ones_like(squared), columns - point[0], rows - point[1]], axis=1)
+    shapes = np.stack([squared, squared**2, np.ones_like(squared), columns, rows], axis=1)
     shapes[:, 3:] /= max(origin.pixels)
 
     def residual(parameters: Float) -> tuple[Float, Float]:

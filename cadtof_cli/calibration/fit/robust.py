@@ -82,7 +82,7 @@ def _inverse(normal: Float) -> tuple[Float, float]:
     norm = 1.0 / np.sqrt(diagonal)
     scaled = normal * np.outer(norm, norm)
     condition = float(np.linalg.cond(scaled))
-    if not np.isfinite(condition) or condition > 1e13:
+    if not condition <= 1e13:
         raise SettingsError(
             f"the observations do not determine all parameters (condition {condition:.1e}): "
             "add captures at other distances, or give what is known"

@@ -48,3 +48,12 @@ def test_a_shape_stays_and_noise_goes() -> None:
     assert shape_rms(noise[where], where) < 0.001
     assert shape_rms(np.full(where.sum(), 0.02), where) == pytest.approx(0.02)
     assert shape_rms(np.zeros(0), np.zeros((4, 4), np.bool_)) == 0.0
+
+
+@pytest.mark.parametrize("half_m", [0.0, 0.3, 0.8])
+def test_what_scatter_within_blocks_makes_of_medians_is_that_of_its_unbiased_variance(half_m: float) -> None:
+    """Blocks of 2 × 2 pixels, two above and two below a median of 1 by so much: their variance is 4/3 of its square."""
+    values = 1.0 + half_m * np.where(np.arange(24) % 2, 1.0, -1.0)[np.newaxis] * np.ones((24, 1))
+    chance = np.pi / 2 * (4.0 / 3.0 * half_m**2) / 4.0
+    expected = 1.0 - (1.0 + 3.0 * np.sqrt(2.0 / 144)) * chance
+    assert shape_rms(values.ravel(), np.ones((24, 24), np.bool_)) == pytest.approx(np.sqrt(expected))

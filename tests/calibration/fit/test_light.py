@@ -156,3 +156,13 @@ def test_offsets_that_most_pixels_share_to_the_bit_are_held_against_single_preci
     assert _seen(volts).level > 0.0
     flat[0, 0, 150:210] += 1.0 * 2.0**-23
     assert _seen(volts).level == 0.0
+
+
+@pytest.mark.parametrize(("other", "follows"), [(1.0, True), (0.8, True), (0.2, False), (-1.0, False)])
+@pytest.mark.parametrize("axis", ["left and right", "above and below"])
+def test_one_half_of_the_array_foretells_the_other(axis: str, other: float, follows: bool) -> None:
+    """Harmonics tied as by light, but in one half by another multiple, are tied by something else."""
+    y, x = np.mgrid[:HEIGHT, :WIDTH]
+    volts = _light(0.09, _phases())
+    volts[1] *= np.where(x < WIDTH // 2 if axis == "left and right" else y < HEIGHT // 2, 1.0, other)
+    assert _seen(volts).follows_law is follows

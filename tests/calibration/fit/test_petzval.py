@@ -78,6 +78,7 @@ def test_a_known_distance_stays_and_narrows_the_error() -> None:
     known = fitted(measured_wall(1.0, seed=1, known=True))
     assert known.quality.walls[0].distance_m == 1.0
     assert known.quality.walls[0].distance_known
+    assert known.quality.walls[0].distance_stderr_m == 0.0
     assert known.quality.k2_stderr_m < free.quality.k2_stderr_m
     assert max(deviations(known)) < 3.0
 
@@ -327,7 +328,37 @@ def test_a_wall_is_flat_to_two_centimetres_and_noise(off_m: float, flat: bool) -
 
 def test_a_wall_of_scattered_pixels_is_held_against_nothing() -> None:
     """Too few in every block for a median to count."""
-    scattered = np.zeros(PIXELS, np.bool_)
-    scattered[::5, ::5] = True
-    walls = [WallRanges(np.where(scattered, wall.range_m, np.nan), wall.sigma_m, None) for wall in two_walls()]
-    assert max(deviations(fitted(*walls))) < 3.5
+    assert max(deviations(fitted(*(every_fifth(wall) for wall in two_walls())))) < 3.5
+
+
+def every_fifth(wall: WallRanges, pixels: int = 192) -> WallRanges:
+    """Every fifth pixel of every fifth row, as far as these are so many."""
+    ranges = np.full(PIXELS, np.nan)
+    ranges[::5, ::5] = wall.range_m[::5, ::5]
+    chosen = np.random.default_rng(1).permutation(np.flatnonzero(np.isfinite(ranges)))
+    ranges.reshape(-1)[chosen[pixels:]] = np.nan
+    return WallRanges(ranges, wall.sigma_m, wall.distance_m)
+
+
+@pytest.mark.parametrize("pixels", [49, 50])
+def test_fifty_pixels_are_the_fewest_of_a_wall(pixels: int) -> None:
+    near, far = two_walls()
+    if pixels == 50:
+        assert max(deviations(fitted(near, every_fifth(far, pixels)))) < 3.0
+        return
+    with pytest.raises(
+        SettingsError, match=r"wall 2 \(wall_1\): found 49 pixels with a single path, expected at least 50"
+    ):
+        fitted(near, every_fifth(far, pixels))
+
+
+@pytest.mark.parametrize(("focal_px", "distance_m"), [(25.0, 2.4), (20.0, 2.0), (35.0, 3.3)])
+def test_a_wide_lens_sees_a_wall_from_one_end_of_the_unambiguous_range_to_the_other(
+    focal_px: float, distance_m: float
+) -> None:
+    """The corners are more than twice as far away as the middle."""
+    walls = [measured_wall(d, seed=1, focal_px=focal_px) for d in (distance_m, 0.5)]
+    assert np.max(walls[0].range_m) > 5.0
+    found = fitted(*walls, optics=replace(OPTICS, focal_length_px=focal_px))
+    assert found.quality.walls[0].distance_m == pytest.approx(distance_m, abs=2e-3)
+    assert max(deviations(found)) < 3.0

@@ -140,3 +140,18 @@ def test_the_unit_that_parameters_are_counted_in_does_not_matter(unit: float) ->
     np.testing.assert_allclose(unit * scaled.parameters, plain.parameters, atol=1e-6)
     np.testing.assert_allclose(unit**2 * scaled.covariance, plain.covariance, rtol=1e-4, atol=1e-15)
     assert scaled.condition == pytest.approx(plain.condition, rel=1e-4)
+
+
+def test_a_fit_ends_where_it_stands_still() -> None:
+    """Of what is linear, once the outliers are known: a dozen steps, of sixty that it may take."""
+    y, asked = observed(2), 0
+    y[::10] += 3.0
+    model = parabola(y)
+
+    def counted(parameters: F) -> tuple[F, F]:
+        nonlocal asked
+        asked += 1
+        return model(parameters)
+
+    np.testing.assert_allclose(robust_fit(counted, np.zeros(3)).parameters, TRUTH, atol=0.03)
+    assert asked < 25
