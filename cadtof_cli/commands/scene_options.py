@@ -6,8 +6,9 @@ from typing import Any
 import click
 
 from cadtof_cli.capture.metadata import Pulse
-from cadtof_cli.commands.options import NUMBERS, RecordOptions, number_option, setting_option
+from cadtof_cli.commands.options import RecordOptions, number_option, setting_option
 from cadtof_cli.commands.simulation_options import TrialOptions, further_option, pair, triple
+from cadtof_cli.commands.values import NUMBERS
 from cadtof_cli.errors import SettingsError
 from cadtof_cli.files.formats import FRAME_FORMATS, format_by_name
 from cadtof_cli.simulation.pixel.mix import Condition
