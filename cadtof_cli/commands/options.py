@@ -103,7 +103,8 @@ def jobs_option(help: str, /) -> Callable[[Function], Function]:
     """Return the option `--jobs`, which says so where it asks for more processes than are ever started."""
 
     def limited(ctx: click.Context, _param: click.Parameter, jobs: int) -> int:
-        most = JOBS_PER_CORE * available_cores()
+        # of few it need not be asked how many cores there are
+        most = JOBS_PER_CORE * available_cores() if jobs > JOBS_PER_CORE else jobs
         if jobs > most and not ctx.params.get("quiet"):
             tell(f"--jobs {jobs}: at most {most} processes are started, {JOBS_PER_CORE} per core", err=True)
         return jobs

@@ -95,7 +95,7 @@ class Workers:
     @property
     def processes(self) -> int:
         """How many there are at most, whatever was asked for."""
-        return min(self.jobs, JOBS_PER_CORE * available_cores())
+        return self.jobs if self.jobs <= JOBS_PER_CORE else min(self.jobs, JOBS_PER_CORE * available_cores())
 
 
 ALONE = Workers(jobs=1)

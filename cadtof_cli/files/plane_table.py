@@ -32,7 +32,8 @@ def plane_table(
         FrameError: the planes do not make up whole frames, or their order is not certain.
     """
     named = {place: label for place, name in enumerate(names) if (label := plane_label(name))}
-    named = named or dict(enumerate(labels_in_words(names, layout.harmonics)))
+    if names and not named:
+        named = dict(enumerate(labels_in_words(names, layout.harmonics)))
     if not named:
         return _table_by_order(labels, sizes, layout, where)
     if all(None not in label for label in named.values()):
