@@ -9,6 +9,7 @@ from cadtof_cli.resolver.diffuse.beyond import surfaces_beyond, surfaces_guessed
 from cadtof_cli.resolver.diffuse.choice import LEAST_PATCHES, PatchKinds, patch_kinds, tail_fits
 from cadtof_cli.resolver.diffuse.coarse import Beside, coarse_planes, patch_posterior
 from cadtof_cli.resolver.diffuse.grid import PatchGrid, View, assumed_view, patch_grid
+from cadtof_cli.resolver.diffuse.leaning import LEFT_NS, Leaning, missed_share, view_numbers
 from cadtof_cli.resolver.diffuse.light import PatchLight, PatchMeans, is_light, patch_light, patch_means, patch_phasors
 from cadtof_cli.resolver.diffuse.model_error import model_error, mpi_share
 from cadtof_cli.resolver.diffuse.noise import noise_covariance
@@ -135,9 +136,23 @@ def _model(
     posterior = patch_posterior(data, error, fit)
     if auto and not tail_fits(posterior.chi_squared[heard], len(data)):
         return None
-    coarse = coarse_planes(fit, posterior, _beside(fit, tail, planes, valid, frame, mpi_share(ratios)), valid)
+    beside = _beside(fit, tail, planes, valid, frame, mpi_share(ratios))
+    two_path_rad = two_path_lag(ratios[0])
+    leaning = None
+    if len(ratios) == 1:
+        view = view_numbers(
+            fit.room,
+            planes.surfaces[valid][heard],
+            amplitude[heard],
+            lag_rad=fit.posterior[-1, heard],
+            seen_rad=beside.seen_rad[heard],
+            two_path_rad=two_path_rad[heard],
+        )
+        left_rad = frame.settings.rad_per_ns * LEFT_NS * mpi_share(ratios)
+        leaning = Leaning(0.0 if view is None else missed_share(view), left_rad)
+    coarse = coarse_planes(fit, posterior, beside, valid, leaning)
     covered = 0 if through is None else int(through.found.sum())
-    gap = (coarse.planes[coarse.data + 1][valid] - two_path_lag(ratios[0]))[heard]
+    gap = (coarse.planes[coarse.data + 1][valid] - two_path_rad)[heard]
     return DiffuseModel(
         frame.settings,
         DiffuseChoice("tail", int(kinds.lit.sum()), kinds.separate_share, _room_numbers(fit), covered),
@@ -183,8 +198,8 @@ def _beside(fit: PatchFit, tail: TailModel, planes: PatchPlanes, valid: Bool, fr
         rad_per_m=frame.settings.rad_per_m,
     )
     open_share = tail.light.open_share
-    continued, unseen, would_be = tail.lag_parts(fit.state, open_share**GUESSED_POWER * guessed)
-    return Beside(continued, share * unseen, share * would_be, open_share)
+    seen, continued, unseen, would_be = tail.lag_parts(fit.state, open_share**GUESSED_POWER * guessed)
+    return Beside(seen, continued, share * unseen, share * would_be, open_share)
 
 
 def two_path_lag(ratio: Complex, /) -> Float:
