@@ -22,8 +22,9 @@ LEAST_CONTRAST = 0.05
 """Scatter of the logarithms of the patches' amplitudes below which a view is of one even surface, and no room: all rooms have
 more than .07."""
 
-LEFT_NS = 0.093
-"""Standard deviation of what is left of the lag of a frame, where there is MPI enough: 1.4 cm."""
+LEFT_NS, ENOUGH_NS = 0.115, 0.067
+"""Standard deviation of what is left of the lag of a frame whose MPI is a tail, 1.7 cm; and by how much the lag exceeds what two
+paths make of it where it is half of that: where they say the same as the tail, there is less that could be missed."""
 
 
 @dataclass(frozen=True)
@@ -51,14 +52,14 @@ class ViewNumbers:
     decay: float
 
 
-MEAN = 0.075
+MEAN = 0.05
 """Share of the lag that is missed by a view whose numbers are those of `MIDDLE`."""
 
 MIDDLE = ViewNumbers(near=0.405, contrast=-1.386, more=0.42, deep=0.693, facing=0.55, albedo=-0.45, seen=0.0, decay=2.6)
 """Numbers of a view from which the slopes count: its nearest surfaces 1.5 m away, the farthest twice that."""
 
 SLOPES = ViewNumbers(
-    near=0.075, contrast=-0.058, more=-0.3, deep=0.042, facing=0.16, albedo=-0.19, seen=-0.33, decay=0.041
+    near=0.09, contrast=-0.035, more=-0.26, deep=0.03, facing=0.14, albedo=-0.06, seen=-0.17, decay=0.032
 )
 """How the share changes with each of them. Near rooms keep their light for less long than the prior has it, and are lit by it
 from nearer: there is less to add. Where all that is seen is alike or faces one way, more of the room is unseen; where the albedo
@@ -89,6 +90,12 @@ def missed_share(view: ViewNumbers, /) -> float:
         )
         share += slope * min(max(value - middle, least), most)
     return share
+
+
+def left_rad(lag_rad: Float, two_path_rad: Float, /, *, rad_per_ns: float) -> float:
+    """Return the standard deviation of what is left of the lag that n patches have, (n,), and two paths would."""
+    more_ns = abs(float(np.median(lag_rad - two_path_rad))) / rad_per_ns
+    return rad_per_ns * LEFT_NS * more_ns / (more_ns + ENOUGH_NS)
 
 
 def view_numbers(

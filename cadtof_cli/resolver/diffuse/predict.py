@@ -9,7 +9,7 @@ from cadtof_cli.resolver.diffuse.beyond import surfaces_beyond, surfaces_guessed
 from cadtof_cli.resolver.diffuse.choice import LEAST_PATCHES, PatchKinds, patch_kinds, tail_fits
 from cadtof_cli.resolver.diffuse.coarse import Beside, coarse_planes, patch_posterior
 from cadtof_cli.resolver.diffuse.grid import PatchGrid, View, assumed_view, patch_grid
-from cadtof_cli.resolver.diffuse.leaning import LEFT_NS, Leaning, missed_share, view_numbers
+from cadtof_cli.resolver.diffuse.leaning import Leaning, left_rad, missed_share, view_numbers
 from cadtof_cli.resolver.diffuse.light import PatchLight, PatchMeans, is_light, patch_light, patch_means, patch_phasors
 from cadtof_cli.resolver.diffuse.model_error import model_error, mpi_share
 from cadtof_cli.resolver.diffuse.noise import noise_covariance
@@ -140,16 +140,19 @@ def _model(
     two_path_rad = two_path_lag(ratios[0])
     leaning = None
     if len(ratios) == 1:
+        lag_rad, two_rad = fit.posterior[-1, heard], two_path_rad[heard]
         view = view_numbers(
             fit.room,
             planes.surfaces[valid][heard],
             amplitude[heard],
-            lag_rad=fit.posterior[-1, heard],
+            lag_rad=lag_rad,
             seen_rad=beside.seen_rad[heard],
-            two_path_rad=two_path_rad[heard],
+            two_path_rad=two_rad,
         )
-        left_rad = frame.settings.rad_per_ns * LEFT_NS * mpi_share(ratios)
-        leaning = Leaning(0.0 if view is None else missed_share(view), left_rad)
+        leaning = Leaning(
+            0.0 if view is None else missed_share(view),
+            left_rad(lag_rad, two_rad, rad_per_ns=frame.settings.rad_per_ns),
+        )
     coarse = coarse_planes(fit, posterior, beside, valid, leaning)
     covered = 0 if through is None else int(through.found.sum())
     gap = (coarse.planes[coarse.data + 1][valid] - two_path_rad)[heard]
