@@ -137,7 +137,10 @@ def _message_and_status(error: Exception) -> tuple[str, int]:
         case MemoryError():
             return "Error: not enough memory; try fewer --jobs, or smaller inputs", 1
         case OSError(filename=None):
-            return f"Error: standard output: cannot be written: {error.strerror or error}", OutputError.exit_status
+            told = f"standard output: cannot be written: {error.strerror or error}"
+            if isinstance(error, FileNotFoundError):
+                told = "the folder that cadtof was started in is gone; go into one that is there"
+            return f"Error: {told}", OutputError.exit_status
         case OSError():
             return f"Error: {error.filename}: {error.strerror or error}", 1
         case _:

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 DepthKind = Literal["range", "z"]
 
-DEPTH_KINDS: tuple[DepthKind, ...] = ("range", "z")
+DEPTH_IN_WORDS: dict[DepthKind, str] = {"range": "radial range", "z": "planar depth z"}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,8 +43,8 @@ class MapSettings:
     min_confidence_v: float | None = None
 
     def __post_init__(self) -> None:
-        if self.depth not in DEPTH_KINDS:
-            raise SettingsError(f"--depth: found {self.depth!r}, expected one of {', '.join(DEPTH_KINDS)}")
+        if self.depth not in DEPTH_IN_WORDS:
+            raise SettingsError(f"--depth: found {self.depth!r}, expected one of {', '.join(DEPTH_IN_WORDS)}")
         if self.pool < 1 or self.pool % 2 == 0:
             raise SettingsError(f"--pool: found {self.pool}, expected an odd number of pixels such as 3 or 5")
         if self.average < 1:
@@ -57,6 +57,14 @@ class MapSettings:
         least = self.min_confidence_v
         if least is not None and not (math.isfinite(least) and least >= 0.0):
             raise SettingsError(f"--min-confidence: found {least}, expected a voltage, 0 or more")
+
+    def require_roi_within(self, pixels: tuple[int, int], /, *, of: str) -> None:
+        """Raise SettingsError where the region of interest leaves the (Y, X) pixels of a frame or capture of that name."""
+        if self.roi and (self.roi[2] > pixels[1] or self.roi[3] > pixels[0]):
+            found = ",".join(map(str, self.roi))
+            raise SettingsError(
+                f"--roi: found {found}, expected it inside the {pixels[1]} × {pixels[0]} pixels of {of}"
+            )
 
 
 @dataclass(frozen=True)

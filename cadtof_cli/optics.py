@@ -3,8 +3,6 @@
 Sizes of arrays are (Y, X).
 """
 
-import math
-
 import numpy as np
 
 from cadtof_cli.arrays import Float
@@ -67,11 +65,6 @@ def wall_range_m(
     x, y = ray_slopes(optics, pixels)
     alpha, beta = slopes
     return np.asarray(distance_m * np.sqrt(1.0 + x * x + y * y) / (1.0 + alpha * x + beta * y))
-
-
-def half_diagonal_px(pixels: tuple[int, int], /) -> float:
-    """Return half the diagonal of an array of (Y, X) pixels, where ρ = 1."""
-    return 0.5 * math.hypot(*pixels)
 
 
 def squared_field_radius(pixels: tuple[int, int], principal_point_px: tuple[float, float], /) -> Float:

@@ -7,7 +7,7 @@ pixel alone, block by block. A frame split over processes is prepared once, and 
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -18,6 +18,7 @@ from cadtof_cli.errors import FrameError
 from cadtof_cli.files.maps import DepthMaps
 from cadtof_cli.frame_pixels import EVERY, FramePixels, Where
 from cadtof_cli.frame_plan import FramePlan
+from cadtof_cli.last_call import same_as_last
 from cadtof_cli.maps.depth import DepthScale, clear_impossible, clear_pixels, most_volts, write_block
 from cadtof_cli.maps.layers import ALWAYS, Layer
 from cadtof_cli.optics import LampBeside, planar_per_range
@@ -29,12 +30,12 @@ from cadtof_cli.predicted_mpi import predicted_mpi
 from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.resolver.status import StatusBit, has_answer
-from cadtof_cli.resolver.two_path.kernel import NUMPY, KernelScales, chosen_kernel, fill_maps
+from cadtof_cli.resolver.two_path.kernel import NUMPY, FrameKernel, KernelScales, chosen_kernel
 from cadtof_cli.units import metres_per_radian
 
 if TYPE_CHECKING:
     from cadtof_cli.calibration.store import Calibration
-    from cadtof_cli.resolver.diffuse.records import DiffuseChoice
+    from cadtof_cli.resolver.diffuse.records import DiffuseChoice, DiffuseModel
 
 BLOCK_PIXELS = 19200
 """Pixels a block, a quarter of a QVGA frame: enough that the cost of calling numpy hardly counts, and no more, so that memory
@@ -69,6 +70,11 @@ class FrameStages:
     layers: tuple[Layer, ...]
     noise: NoiseModel | None
 
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """The names of the layers."""
+        return tuple(layer.name for layer in self.layers)
+
     def phasors(self, pixels: FramePixels, chosen: Where = EVERY) -> Complex:
         """Return the phasors of pixels or some of them, (H, n): pooled, or from what was stored."""
         if pixels.pooled is not None:
@@ -90,6 +96,7 @@ def _some(planes: Stored, chosen: Where) -> Stored:
     return planes[..., chosen] if isinstance(chosen, slice) else planes.take(chosen, axis=-1)
 
 
+@same_as_last
 @lru_cache(maxsize=4)
 def frame_stages(
     plan: FramePlan, calibration: "Calibration | None", dtype: np.dtype[np.generic], size: tuple[int, int]
@@ -176,8 +183,8 @@ def resolve_pixels(
     part changes a bit of the answer.
     """
     stages = frame_stages(plan, calibration, pixels.dtype, pixels.size)
-    names, kernel = tuple(layer.name for layer in stages.layers), kernel or chosen_kernel()
-    maps = DepthMaps.empty(names, (1, pixels.count))
+    kernel = kernel or chosen_kernel()
+    maps = DepthMaps.empty(stages.names, (1, pixels.count))
     in_kernel = stages.room == "two_path" and stages.resolver.paths <= 2
     if kernel != NUMPY and in_kernel and (pixels.tail is None or pixels.tail.through is None):
         _fill_by_kernel(maps, pixels, plan, stages, kernel)
@@ -220,19 +227,41 @@ def _fill_by_blocks(
 
 def _fill_by_kernel(maps: DepthMaps, pixels: FramePixels, plan: FramePlan, stages: FrameStages, kernel: str) -> None:
     """Fill the maps of prepared pixels from their stored values in one go: what the blocks of `resolve_pixels` do in numpy."""
-    block, recorded = slice(pixels.first, pixels.first + pixels.count), pixels.pooled is None
-    status, samples = maps.status.reshape(-1), pixels.noise.samples
-    status[:] = stages.status(pixels, saturated=not recorded)  # what was recorded, the kernel looks at itself
+    status, samples, stored = maps.status.reshape(-1), pixels.noise.samples, pixels.pooled
+    # what was recorded, the kernel looks at itself
+    status[:] = stages.status(pixels, saturated=stored is not None)
     if plan.calibration is not None:
         status |= np.uint32(StatusBit.CALIBRATED)
     if samples is not None:
         status |= (samples > 1.0) * np.uint32(StatusBit.POOLED)
-    most, more = most_volts(pixels.noise, plan.metadata.modulation.amplitude_v)
+    own = pixels.tail is not None or samples is not None
+    make = _kernel_of_frame if own else _kernel_of_frames
+    values = maps.values.reshape(len(maps.names), -1)
+    make(plan, stages, pixels.first, pixels.count, pixels.noise, stored is None, pixels.tail, kernel).fill(
+        pixels.stored if stored is None else stored, layers=values[: len(ALWAYS)], status=status
+    )
+    if len(values) > len(ALWAYS):
+        values[len(ALWAYS) :] = 1.0 if samples is None else samples
+
+
+def _kernel_of_frame(
+    plan: FramePlan,
+    stages: FrameStages,
+    first: int,
+    count: int,
+    noise: NoiseModel,
+    recorded: bool,
+    model: "DiffuseModel | None",
+    kernel: str,
+) -> FrameKernel:
+    """Return what resolves `count` pixels of a frame from a flat index on, from what was recorded or from phasors."""
+    block = slice(first, first + count)
+    most, more = most_volts(noise, plan.metadata.modulation.amplitude_v)
     tail = None
-    if pixels.tail is not None:
+    if model is not None:
         from cadtof_cli.resolver.diffuse.compiled import tail_buffers
 
-        tail = tail_buffers(pixels.tail.block(block))
+        tail = tail_buffers(model.block(block))
     scales = KernelScales(
         phasor_map=stages.correction.phasor_map[block] if recorded else None,
         saturated_counts=stages.saturated_counts,
@@ -243,27 +272,21 @@ def _fill_by_kernel(maps: DepthMaps, pixels: FramePixels, plan: FramePlan, stage
         most_volts=most,
         noise_volts=more,
     )
-    values = maps.values.reshape(len(maps.names), -1)
-    stored = pixels.stored if pixels.pooled is None else pixels.pooled
-    fill_maps(
-        stored,
-        scales,
-        layers=values[: len(ALWAYS)],
-        status=status,
-        settings=stages.resolver,
-        noise=pixels.noise,
-        kernel=kernel,
-    )
-    values[len(ALWAYS) :] = 1.0 if samples is None else samples
+    return FrameKernel(scales, settings=stages.resolver, noise=noise, count=count, kernel=kernel)
+
+
+_kernel_of_frames = same_as_last(_kernel_of_frame)
+"""The same, where frames share it: nothing in it is a frame's own."""
 
 
 def joined_parts(pixels: FramePixels, parts: Sequence[DepthMaps], /) -> ResolvedFrame:
     """Return the resolved frame that the parts of a prepared frame make up, in their order."""
-    pages, status = parts[0].pages, parts[0].status
+    pages, status, image = parts[0].pages, parts[0].status, parts[0].image
     if len(parts) > 1:
         pages = np.concatenate([part.pages for part in parts], axis=-1)
         status = np.concatenate([part.status for part in parts], axis=-1)
-    maps = DepthMaps(parts[0].names, pages.reshape(-1, *pixels.size), status.reshape(pixels.size))
+        image = None
+    maps = DepthMaps(parts[0].names, pages.reshape(-1, *pixels.size), status.reshape(pixels.size), image)
     return ResolvedFrame(maps, pixels.noise.integration_length, pixels.noise.estimated, pixels.choice)
 
 

@@ -8,10 +8,13 @@ import numpy as np
 from cadtof_cli.arrays import Bool, Complex, Index, sealed
 from cadtof_cli.frame_plan import FramePlan
 from cadtof_cli.optics import principal_point
+from cadtof_cli.resolver.two_path.kernel import saturation
 
 if TYPE_CHECKING:
     from cadtof_cli.frame_pixels import FramePixels
     from cadtof_cli.pipeline import FrameStages
+    from cadtof_cli.resolver.diffuse.grid import PatchGrid
+    from cadtof_cli.resolver.diffuse.light import PatchLight
     from cadtof_cli.resolver.diffuse.records import DiffuseChoice, DiffuseModel
 
 
@@ -19,29 +22,45 @@ def predicted_mpi(
     pixels: "FramePixels", plan: FramePlan, stages: "FrameStages", kernel: str
 ) -> "tuple[DiffuseChoice, DiffuseModel | None]":
     """Return which model of MPI a frame has and, where that is diffuse, what predicts it from the frame's own geometry."""
-    from cadtof_cli.resolver.diffuse.grid import View
+    from cadtof_cli.resolver.diffuse.grid import View, assumed_view, patch_grid
     from cadtof_cli.resolver.diffuse.predict import diffuse_model
     from cadtof_cli.resolver.diffuse.records import DiffuseModel
     from cadtof_cli.resolver.diffuse.settings import DiffuseSettings
 
-    noise, modulation = pixels.noise, plan.metadata.modulation
-    chosen = _sampled(pixels.size)
-    phasors, usable = _as_of_a_sine(pixels, chosen.ravel(), stages, kernel)
-    optics, offset = plan.metadata.optics, stages.depth.range_offset_m
+    noise, modulation, optics = pixels.noise, plan.metadata.modulation, plan.metadata.optics
+    focal, offset = optics.focal_length_px, stages.depth.range_offset_m
+    grid = patch_grid(
+        *pixels.size, View(focal, principal_point(optics, pixels.size)) if focal else assumed_view(*pixels.size)
+    )
     found = diffuse_model(
-        phasors.reshape(-1, *chosen.shape),
-        size=pixels.size,
-        usable=usable.reshape(chosen.shape),
+        _light(pixels, grid, stages, kernel),
+        grid=grid,
         variances=tuple(one.dark_variance for one in noise.each),
         settings=DiffuseSettings(
             model=stages.resolver.mpi_model, period_ns=modulation.periods_ns[0], harmonics=noise.harmonics
         ),
-        view=View(focal, principal_point(optics, pixels.size)) if (focal := optics.focal_length_px) else None,
         samples=None if noise.samples is None else noise.samples.reshape(pixels.size),
         range_offset_m=None if offset is None else -offset.reshape(pixels.size),
         kernel=kernel,
     )
     return (found.choice, found) if isinstance(found, DiffuseModel) else (found, None)
+
+
+def _light(pixels: "FramePixels", grid: "PatchGrid", stages: "FrameStages", kernel: str) -> "PatchLight":
+    """Return the light of the pixels that a frame is looked at by."""
+    from cadtof_cli.resolver.diffuse.compiled_light import Look, compiled_light, compiled_looks
+    from cadtof_cli.resolver.diffuse.light import PatchLight, sampled_light
+
+    noise, correction = pixels.noise, stages.correction
+    if correction.response is None and pixels.pooled is None and compiled_looks(pixels.stored, kernel):
+        limits = saturation(stages.saturated_counts, pixels.stored.dtype)
+        look = Look.of(stages.resolver, noise, correction.phasor_map, limits, correction.hot)
+        return PatchLight(*compiled_light(pixels.stored, look, grid, kernel=kernel))
+    chosen = _sampled(pixels.size)
+    phasors, usable = _as_of_a_sine(pixels, chosen.ravel(), stages, kernel)
+    return sampled_light(
+        phasors.reshape(-1, *chosen.shape), usable.reshape(chosen.shape), grid, harmonics=noise.harmonics
+    )
 
 
 @lru_cache(maxsize=4)

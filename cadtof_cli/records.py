@@ -45,6 +45,8 @@ else:
         return f"{type(self).__qualname__}({', '.join(told)})"
 
     def _is_equal(self, other):
+        if self is other:
+            return True
         if other.__class__ is not self.__class__:
             return NotImplemented
         return self._compared(self) == other._compared(other)

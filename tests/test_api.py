@@ -186,6 +186,30 @@ def test_what_is_wrong_is_an_error_of_our_own(tmp_path: Path) -> None:
         list(read_frames(tmp_path / "nowhere"))
 
 
+@pytest.mark.parametrize("given", ["capture", np.zeros((2, 2, 4, 4)), [1]])
+def test_what_is_no_frame_is_told_what_makes_one(given: Any) -> None:
+    kind = type(given).__name__
+    with pytest.raises(
+        SettingsError, match=rf"found {kind}, expected a Frame, or several; read_frames\(PATH\) yields them"
+    ):
+        resolve(given)
+
+
+def test_an_order_may_be_a_number_and_a_region_lies_in_the_frame(tmp_path: Path) -> None:
+    (frame,) = read_frames(record(tmp_path / "capture").folder)
+    number: Any = 2
+    assert np.array_equal(resolve(frame, order=number).status, resolve(frame, order="2").status)
+    for region in ((0, 0, 33, 10), (40, 0, 50, 10), (0, 0, 32, 25)):
+        with pytest.raises(SettingsError, match="expected it inside the 32 × 24 pixels of frame_"):
+            resolve(frame, roi=region)
+
+
+def test_masked_values_are_not_taken_for_numbers() -> None:
+    values = np.ma.masked_greater(np.full((2, 2, 4, 4), 0.1), 0.05)
+    with pytest.raises(FrameError, match="frame: found masked values"):
+        Frame.from_array(values)
+
+
 def test_options_are_the_fields_of_the_records() -> None:
     """Names and types are written once more for type checkers; the records decide."""
     resolver, maps = get_type_hints(ResolverSettings), get_type_hints(MapSettings)

@@ -11,11 +11,12 @@ from numpy.typing import NDArray
 
 from cadtof_cli.calibration.dark import DarkCalibration
 from cadtof_cli.calibration.parts import Origin
-from cadtof_cli.calibration.petzval import PetzvalCalibration, PetzvalQuality
+from cadtof_cli.calibration.petzval import PetzvalCalibration
 from cadtof_cli.calibration.store import save_part
 from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Pixel
 from cadtof_cli.frame_plan import FramePlan
 from cadtof_cli.workflows.inspect.first_phasors import first_phasor_depth
+from tests.support.calibrations import PETZVAL_QUALITY
 from tests.support.captures import VOLTS_PER_COUNT, ZERO_COUNTS, record, write_exr, write_frame
 from tests.support.forward import AMPLITUDE_V, C_M_PER_NS, T1_NS, Light, depth_m
 from tests.support.run_cadtof import cadtof, program
@@ -59,7 +60,7 @@ def _calibration(folder: Path) -> tuple[NDArray[np.float64], NDArray[np.float64]
     defects = np.zeros(SHAPE, np.uint32)
     defects[3, 5] = 1
     save_part(folder, DarkCalibration(ORIGIN, offset, np.full_like(offset, 1e-4), defects))
-    save_part(folder, PetzvalCalibration(ORIGIN, 0.4, 0.1, (15.0, 10.0), PetzvalQuality()))
+    save_part(folder, PetzvalCalibration(ORIGIN, 0.4, 0.1, (15.0, 10.0), PETZVAL_QUALITY))
     y, x = np.mgrid[: SHAPE[0], : SHAPE[1]]
     rho2 = ((x - 15.0) ** 2 + (y - 10.0) ** 2) / (np.hypot(*SHAPE) / 2) ** 2
     return offset.astype(np.float64), 0.4 * rho2 + 0.1 * rho2**2

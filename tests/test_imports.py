@@ -14,12 +14,13 @@ from tests.support.run_cadtof import ENVIRONMENT
 
 PACKAGE = Path(__file__).parents[1] / "cadtof_cli"
 
-ANYBODY = {"errors", "units", "arrays", "records", "cadtof_cli"}
+ANYBODY = {"errors", "units", "arrays", "last_call", "records", "cadtof_cli"}
 
 ALLOWED: dict[str, set[str]] = {
     "errors": set(),
     "units": set(),
     "arrays": set(),
+    "last_call": set(),
     "records": set(),
     "execution": set(),
     "files": set(),

@@ -79,8 +79,12 @@ class Frame:
 
         Raises:
             MetadataError: a key or value is not allowed.
-            FrameError: the array has another shape or type.
+            FrameError: the array has another shape or type, or values that are masked.
         """
+        if np.ma.is_masked(stored):
+            raise FrameError(
+                f"{name}: found masked values, expected an array of numbers: NaN, or saturated ones, have no answer"
+            )
         path = None if settings_file is None else Path(settings_file)
         known = load_metadata(path, _overrides(metadata)).metadata
         return cls(np.ascontiguousarray(stored), known, name)

@@ -66,22 +66,33 @@ def resolve(
         MetadataError: the calibration cannot be read.
         FrameError: values that cannot be voltages, or a frame in which no pixel has an answer.
     """
-    frames = [frame] if isinstance(frame, Frame) else list(frame)
-    if not frames:
-        raise SettingsError("resolve: found no frame, expected one or more")
+    frames = _frames(frame)
     first = frames[0]
+    pixels = first.stored.shape[2], first.stored.shape[3]
     plan = FramePlan(metadata=first.metadata, settings=_settings(options, average=len(frames)))
+    plan.settings.require_roi_within(pixels, of=str(first))
     loaded = None
     if calibration is not None:
         folder = Path(calibration)
         loaded = _loaded(folder, _stamp(folder))
-        loaded.require_match(first.metadata, (first.stored.shape[2], first.stored.shape[3]))
+        loaded.require_match(first.metadata, pixels)
         use = CalibrationUse(folder, loaded.digest)
         plan = FramePlan(metadata=first.metadata, settings=plan.settings, calibration=use)
     resolved = resolve_frame(_recorded(frames), plan=plan, calibration=loaded)
     maps, _ = answered_maps(resolved, plan, name=str(first))
     layers = {name: maps.layer(name) for name in maps.names} | {STATUS: maps.status}
     return Maps(layers, map_header(plan, str(first)).facts)
+
+
+def _frames(given: Frame | Sequence[Frame]) -> list[Frame]:
+    frames = [given] if isinstance(given, Frame) else list(given)
+    if not frames:
+        raise SettingsError("resolve: found no frame, expected one or more")
+    for one in frames:
+        if not isinstance(one, Frame):
+            hint = "read_frames(PATH) yields them, Frame.from_array(ARRAY) makes one"
+            raise SettingsError(f"resolve: found {type(given).__name__}, expected a Frame, or several; {hint}")
+    return frames
 
 
 def _settings(options: ResolveOptions, *, average: int) -> MapSettings:
@@ -92,6 +103,8 @@ def _settings(options: ResolveOptions, *, average: int) -> MapSettings:
         allowed = ", ".join(("calibration", *ResolveOptions.__annotations__))
         raise SettingsError(f"resolve: found the option {', '.join(sorted(unknown))}, expected some of {allowed}")
     given: dict[str, Any] = dict(options)
+    if "order" in given:
+        given["order"] = str(given["order"])
     resolver = ResolverSettings(**{name: value for name, value in given.items() if name in of_resolver})
     others = {name: value for name, value in given.items() if name not in of_resolver}
     return MapSettings(resolver=resolver, average=average, **others)

@@ -14,7 +14,7 @@ from cadtof_cli.records import dataclass
 
 if TYPE_CHECKING:
     from cadtof_cli.calibration.store import Calibration
-    from cadtof_cli.resolver.response.table import ResponseModel
+    from cadtof_cli.resolver.response.table import ResponseBlock
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,7 +29,7 @@ class FrameCorrection:
     """
 
     phasor_map: PhasorMap
-    response: "ResponseModel | None" = None
+    response: "ResponseBlock | None" = None
     hot: Bool | None = None
     range_offset_m: Float | None = None
 
@@ -48,7 +48,7 @@ def frame_correction(
     """
     ideal = ideal_response(metadata)
     if calibration is None:
-        return FrameCorrection(ideal_phasor_map(metadata, dtype), _refined_by(ideal, None))
+        return FrameCorrection(ideal_phasor_map(metadata, dtype), refined_by(ideal, None))
     calibration.require_match(metadata, pixels)
     dark, response = calibration.dark, calibration.response
     responses = response.responses if response else ideal
@@ -65,19 +65,19 @@ def frame_correction(
     )
     return FrameCorrection(
         phasor_map,
-        _refined_by(responses, phase),
+        refined_by(responses, phase),
         dark.hot.ravel() if dark is not None and dark.hot.any() else None,
         _range_offset_m(calibration, metadata, pixels),
     )
 
 
-def _refined_by(responses: Sequence[HarmonicResponse], phase_rad: Float | None) -> "ResponseModel | None":
-    """Return what `response_model` returns; its module is imported only where a response is not a pure sine."""
+def refined_by(responses: Sequence[HarmonicResponse], phase_rad: Float | None) -> "ResponseBlock | None":
+    """Return the responses, tabulated; None where they have no terms but k = ±1, which are inverted before paths are resolved."""
     if all(response.linear for response in responses):
         return None
-    from cadtof_cli.resolver.response.table import response_model
+    from cadtof_cli.resolver.response.table import response_block
 
-    return response_model(responses, phase_rad)
+    return response_block(responses, phase_rad)
 
 
 def _range_offset_m(calibration: "Calibration", metadata: CaptureMetadata, pixels: tuple[int, int]) -> Float | None:

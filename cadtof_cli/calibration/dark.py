@@ -18,6 +18,12 @@ from cadtof_cli.phasors.noise import MAD_PER_SIGMA
 OFFSET_LIMIT = 8.0
 """Robust standard deviations beyond which an offset is an outlier: Gaussian offsets reach 5.5 in a megapixel."""
 
+ROUNDING = 8.0 * float(np.finfo(np.float32).eps)
+"""Share of the other pixels' offset, …"""
+
+ROUNDING_V = 1e-12
+"""… and volts, that an offset may differ from theirs by, where there is no noise: rounding."""
+
 NOISE_FALSE_ALARM = 1e-9
 """Probability that a sound pixel's noise is taken for an outlier by chance; it must also differ by `NOISE_RATIO`."""
 
@@ -127,8 +133,8 @@ def fit_dark(mean: FrameMean, /, *, origin: Origin) -> DarkCalibration:
     for offset, variance in zip(_planes(mean.stored), _planes(variances), strict=True):
         centre = float(np.nanmedian(offset))
         spread = float(np.nanmedian(np.abs(offset - centre))) / MAD_PER_SIGMA
-        rounding = float(np.finfo(np.float32).eps) * max(abs(centre), 1e-6)
-        defects[np.abs(offset - centre) > OFFSET_LIMIT * max(spread, rounding)] |= np.uint32(Defect.OFFSET)
+        most = max(OFFSET_LIMIT * spread, ROUNDING * abs(centre), ROUNDING_V)
+        defects[np.abs(offset - centre) > most] |= np.uint32(Defect.OFFSET)
         if mean.frames > 1:
             low, high = _variance_limits(mean.frames)
             typical = float(np.nanmedian(variance)) / median_variance_ratio(mean.frames)

@@ -41,15 +41,15 @@ class PetzvalQuality:
         findings: assumptions and warnings, in words.
     """
 
-    k2_stderr_m: float = 0.0
-    k4_stderr_m: float = 0.0
-    rms_before_m: float = float("nan")
-    rms_after_m: float = float("nan")
-    noise_rms_m: float = float("nan")
-    correlation: float = float("nan")
-    focal_length_px: float = float("nan")
-    focal_length_known: bool = True
-    walls: tuple[WallFit, ...] = ()
+    k2_stderr_m: float
+    k4_stderr_m: float
+    rms_before_m: float
+    rms_after_m: float
+    noise_rms_m: float
+    correlation: float
+    focal_length_px: float
+    focal_length_known: bool
+    walls: tuple[WallFit, ...]
     findings: tuple[str, ...] = ()
 
 

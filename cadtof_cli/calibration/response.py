@@ -24,13 +24,13 @@ class ResponseQuality:
         findings: why each term was taken or left, and what was assumed, in words.
     """
 
-    distances_m: tuple[float, ...] = ()
-    residual: float = float("nan")
-    phase_stderr_rad: tuple[float, ...] = ()
-    gain_stderr: tuple[float, ...] = ()
-    term_stderr: tuple[tuple[float, ...], ...] = ()
-    curvature_stderr_m: tuple[float, float] = (0.0, 0.0)
-    findings: tuple[str, ...] = ()
+    distances_m: tuple[float, ...]
+    residual: float
+    phase_stderr_rad: tuple[float, ...]
+    gain_stderr: tuple[float, ...]
+    term_stderr: tuple[tuple[float, ...], ...]
+    curvature_stderr_m: tuple[float, float]
+    findings: tuple[str, ...]
 
 
 @dataclass(frozen=True, eq=False)

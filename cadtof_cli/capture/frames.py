@@ -4,6 +4,7 @@ import functools
 import itertools
 import os
 import re
+import threading
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager
@@ -150,12 +151,48 @@ def open_frames(source: FrameSource, layout: FrameLayout, /) -> Iterator[Frames]
         NotAFrameError: the file is sound but holds something else, such as a map.
         FrameError: the file cannot be read, is damaged, or lacks a harmonic or channel.
     """
+    stored = _read_like_last(source, layout)
+    if stored is not None:
+        yield single_frame(stored)
+        return
+    with _open_described(source, layout) as frames:
+        yield frames
+
+
+@contextmanager
+def _open_described(source: FrameSource, layout: FrameLayout) -> Iterator[Frames]:
+    """Open the file, or the files of single planes, in which a frame lies, by what they say of themselves."""
     if len(source.paths) > 1:
         yield _joined_planes(source, layout)
         return
     path = source.paths[0]
     with detect_format(path, raw=layout.raw is not None).frames().open_frames(path, layout) as frames:
+        _last.layout, _last.read_like = layout, frames.read_like
         yield frames
+
+
+class _LastRead(threading.local):
+    """How this thread can read a file that differs in its pixels alone from the one read last, and the layout of that."""
+
+    layout: FrameLayout | None = None
+    read_like: Callable[[Path], Stored | None] | None = None
+
+
+_last = _LastRead()
+
+
+def _read_like_last(source: FrameSource, layout: FrameLayout) -> Stored | None:
+    """Return the frame of a file that has the bytes of the one read last around its pixels; None of any other.
+
+    Most frames of a capture do: neither what recognises a format nor its library is needed for them.
+    """
+    if _last.read_like is None or len(source.paths) > 1 or layout.raw is not None or layout != _last.layout:
+        return None
+    try:
+        return _last.read_like(source.paths[0])
+    except (OSError, ValueError, MemoryError):
+        # what is wrong is told by those who look at all of it
+        return None
 
 
 def _joined_planes(source: FrameSource, layout: FrameLayout) -> Frames:
@@ -186,10 +223,12 @@ def read_stored(source: FrameSource, layout: FrameLayout, /, *, size: tuple[int,
         NotAFrameError, FrameError: see `open_frames`; or its file holds several where the source names none, or its (Y, X) is
             not the `size` of the capture's other frames.
     """
-    with open_frames(source, layout) as frames:
-        if source.index is None and frames.count != 1:
-            raise FrameError(f"{source}: found {frames.count} frames, expected one as in files of the same size")
-        stored: Stored = frames.read(source.index or 0)
+    stored = None if source.index else _read_like_last(source, layout)
+    if stored is None:
+        with _open_described(source, layout) as frames:
+            if source.index is None and frames.count != 1:
+                raise FrameError(f"{source}: found {frames.count} frames, expected one as in files of the same size")
+            stored = frames.read(source.index or 0)
     found = stored.shape[2:]
     if size is not None and found != size:
         here, there = ("{1} × {0}".format(*pixels) for pixels in (found, size))
@@ -207,11 +246,8 @@ def single_frames(capture: Capture, /, *, taken: Callable[[], Collection[str]] |
     layout, size_of_one = capture.layout, 0
     names: Collection[str] | None = None
     for source in capture.frames:
-        path = source.paths[0]
-        named = format_by_suffix(path)
-        may_be_stack = len(source.paths) == 1 and (named is None or named.stacks)
-        size = file_size(path) if may_be_stack else 0
-        if not size or size == size_of_one:
+        size = file_size(source.paths[0]) if len(source.paths) == 1 else 0
+        if not size or size == size_of_one or not _may_be_stack(source.paths[0]):
             yield source
             continue
         try:
@@ -227,6 +263,11 @@ def single_frames(capture: Capture, /, *, taken: Callable[[], Collection[str]] |
             if names is None:
                 names = taken() if taken else set(capture.frame_names())
             yield from source.expanded(count, taken=names)
+
+
+def _may_be_stack(path: Path) -> bool:
+    named = format_by_suffix(path)
+    return named is None or named.stacks
 
 
 @dataclass(frozen=True)

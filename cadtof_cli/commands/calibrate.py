@@ -2,8 +2,7 @@
 
 import json
 from collections.abc import Callable, Mapping
-from dataclasses import asdict
-from functools import partial
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -13,11 +12,10 @@ from cadtof_cli.calibration.parts import PART_KINDS
 from cadtof_cli.commands.help import example
 from cadtof_cli.commands.options import (
     Decorator,
-    Function,
+    RecordOptions,
     SectionedCommand,
     capture_options,
     input_paths,
-    record_options,
     setting_option,
     settings_option,
 )
@@ -72,32 +70,52 @@ _distance = click.option(
 )
 
 
+@dataclass(frozen=True, kw_only=True)
+class _Step:
+    """What is said of a step, whichever it is."""
+
+    captures: tuple[str, ...]
+    settings: CalibrateSettings
+    as_json: bool
+    quiet: bool
+    overrides: Mapping[str, Any]
+
+    def take(
+        self, measure: Callable[..., CalibrateReport], lines: Callable[[Mapping[str, Any]], list[str]], **more: Any
+    ) -> None:
+        """Take the step, and print its report."""
+        with progress_bar("reading", "frames", quiet=self.quiet) as bar:
+            paths = input_paths(self.captures)
+            report = measure(paths, settings=self.settings, overrides=self.overrides, progress=bar, **more)
+        if self.as_json:
+            tell(json.dumps(asdict(report)))
+            return
+        frames, written = counted(report.frames, "frame"), ", ".join(report.written)
+        tell(f"{report.part}: from {frames}, written to {written}, digest {report.digest}")
+        for line in (*lines(report.figures), *report.findings):
+            tell(f"  {line}")
+
+
 def _step(*more: Decorator[Any]) -> Decorator[Any]:
-    """Return a decorator that adds the options of a step, those that all share and `more`."""
-
-    def decorate(function: Function) -> Function:
-        for add in (
-            capture_options("target.distance_m"),
-            click.option("-q", "--quiet", is_flag=True, help="Print errors only: no progress bar or notes on stderr."),
-            click.option("--json", "as_json", is_flag=True, help="Print the report as one JSON object on stdout."),
-            record_options(
-                "settings",
-                CalibrateSettings,
-                settings_option(),
-                setting_option(
-                    "-o --out", CalibrateSettings, required=True, help="Calibration folder; this part is added to it."
-                ),
-                setting_option(
-                    "--overwrite", CalibrateSettings, help="Replace this part if the folder already has it."
-                ),
-                *more,
+    """Return a decorator that adds the options of a step, those that all share and `more`; they arrive as `step`."""
+    return RecordOptions(
+        "step",
+        _Step,
+        click.argument("captures", nargs=-1, required=True, metavar="CAPTURE..."),
+        RecordOptions(
+            "settings",
+            CalibrateSettings,
+            settings_option(),
+            setting_option(
+                "-o --out", CalibrateSettings, required=True, help="Calibration folder; this part is added to it."
             ),
-            click.argument("captures", nargs=-1, required=True, metavar="CAPTURE..."),
-        ):
-            function = add(function)
-        return function
-
-    return decorate
+            setting_option("--overwrite", CalibrateSettings, help="Replace this part if the folder already has it."),
+            *more,
+        ),
+        click.option("--json", "as_json", is_flag=True, help="Print the report as one JSON object on stdout."),
+        click.option("-q", "--quiet", is_flag=True, help="Print errors only: no progress bar or notes on stderr."),
+        capture_options("target.distance_m"),
+    )
 
 
 @calibrate.command(
@@ -106,16 +124,9 @@ def _step(*more: Decorator[Any]) -> Decorator[Any]:
     epilog=example(_COVERED, "cadtof calibrate dark covered -o camera"),
 )
 @_step()
-def dark(
-    captures: tuple[str, ...],
-    settings: CalibrateSettings,
-    as_json: bool,
-    quiet: bool,
-    overrides: Mapping[str, Any],
-) -> None:
+def dark(step: _Step) -> None:
     """Measure the offset and noise of each pixel from frames recorded with the lens covered, and find hot and dead pixels."""
-    measure = partial(calibrate_dark, input_paths(captures), settings=settings, overrides=overrides)
-    _measured(measure, _dark_lines, quiet=quiet, as_json=as_json)
+    step.take(calibrate_dark, _dark_lines)
 
 
 @calibrate.command(
@@ -124,20 +135,13 @@ def dark(
     epilog=example(*_TARGETS, "cadtof calibrate response wall_1m wall_2m wall_3m -o camera"),
 )
 @_step(_distance)
-def response(
-    captures: tuple[str, ...],
-    settings: CalibrateSettings,
-    as_json: bool,
-    quiet: bool,
-    overrides: Mapping[str, Any],
-) -> None:
+def response(step: _Step) -> None:
     """Measure the response of the channels to light, from captures of a flat target at known distances, without MPI.
 
     One distance gives the phase and gain of every pixel. Several distances, spread over the range, also give the imbalance of
     SC1 and SC2 and the deviation of the waveform from the ideal one.
     """
-    measure = partial(calibrate_response, input_paths(captures), settings=settings, overrides=overrides)
-    _measured(measure, _response_lines, quiet=quiet, as_json=as_json)
+    step.take(calibrate_response, _response_lines)
 
 
 @calibrate.command(
@@ -155,41 +159,13 @@ def response(
     metavar="PNG",
     help="Draw cross-sections of the walls before and after the correction.",
 )
-def petzval(
-    captures: tuple[str, ...],
-    settings: CalibrateSettings,
-    as_json: bool,
-    quiet: bool,
-    overrides: Mapping[str, Any],
-    plot: Path | None,
-) -> None:
+def petzval(step: _Step, plot: Path | None) -> None:
     """Measure the field curvature k2 ρ² + k4 ρ⁴ of the lens from one or more flat walls, one capture each.
 
     ρ is the distance from the principal point over half the diagonal of the array. The tilt of each wall is fitted, and its
     distance if it is not given. Pixels that are not part of the wall (MPI, objects in view) are left out.
     """
-    measure = partial(calibrate_petzval, input_paths(captures), settings=settings, overrides=overrides, plot=plot)
-    _measured(measure, _petzval_lines, quiet=quiet, as_json=as_json)
-
-
-def _measured(
-    measure: Callable[..., CalibrateReport],
-    lines: Callable[[Mapping[str, Any]], list[str]],
-    *,
-    quiet: bool,
-    as_json: bool,
-) -> None:
-    """Take a step, and print its report."""
-    with progress_bar("reading", "frames", quiet=quiet) as bar:
-        report = measure(progress=bar)
-    if as_json:
-        tell(json.dumps(asdict(report)))
-        return
-    tell(
-        f"{report.part}: from {counted(report.frames, 'frame')}, written to {', '.join(report.written)}, digest {report.digest}"
-    )
-    for line in (*lines(report.figures), *report.findings):
-        tell(f"  {line}")
+    step.take(calibrate_petzval, _petzval_lines, plot=plot)
 
 
 def _dark_lines(figures: Mapping[str, Any]) -> list[str]:

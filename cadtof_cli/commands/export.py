@@ -5,7 +5,7 @@ from pathlib import Path
 import click
 
 from cadtof_cli.commands.help import example
-from cadtof_cli.commands.options import optics_options, record_options, setting_option
+from cadtof_cli.commands.options import RecordOptions, optics_options, setting_option
 from cadtof_cli.commands.terminal import progress_bar, tell
 from cadtof_cli.workflows.inspect.export import ExportSettings, export_maps
 
@@ -26,7 +26,7 @@ from cadtof_cli.workflows.inspect.export import ExportSettings, export_maps
     metavar="OUT.ply|.pcd|.png|.npz|.csv",
     help="File to write. With several maps, one file per map is written: the name of the map is added to the name of OUT.",
 )
-@record_options(
+@RecordOptions(
     "settings",
     ExportSettings,
     setting_option("--layer", ExportSettings, metavar="NAME", help="Layer of the depths for point clouds and images."),

@@ -10,11 +10,11 @@ import click
 
 from cadtof_cli.commands.help import example
 from cadtof_cli.commands.options import (
+    RecordOptions,
     SectionedCommand,
     capture_options,
     input_paths,
     jobs_option,
-    record_options,
     settings_option,
 )
 from cadtof_cli.commands.terminal import progress_bar, tell
@@ -23,7 +23,7 @@ from cadtof_cli.execution.workers import Workers
 
 @click.command(cls=SectionedCommand, epilog=example("cadtof info sample_data/corner"))
 @click.argument("inputs", nargs=-1, required=True, metavar="INPUT...")
-@record_options(
+@RecordOptions(
     "workers",
     Workers,
     jobs_option("Processes that read frames"),

@@ -2,8 +2,8 @@
 
 from typing import Any
 
-from cadtof_cli.commands.options import Decorator, record_options, setting_option
-from cadtof_cli.frame_plan import DepthKind, MapSettings
+from cadtof_cli.commands.options import Decorator, RecordOptions, setting_option
+from cadtof_cli.frame_plan import MapSettings
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.workflows.resolve.settings import ResolveSettings
 
@@ -88,21 +88,9 @@ _MAPS = (
 )
 
 
-def map_options() -> Decorator[Any]:
-    """Return a decorator that adds the options that decide what maps are; they arrive as one record, `maps`."""
-
-    def settings(
-        *, depth: DepthKind, pool: int, average: int, min_confidence_v: float | None, **resolver: Any
-    ) -> MapSettings:
-        return MapSettings(
-            resolver=ResolverSettings(**resolver),
-            depth=depth,
-            pool=pool,
-            average=average,
-            min_confidence_v=min_confidence_v,
-        )
-
-    return record_options("maps", settings, *_RESOLVER, *_MAPS)
+def map_options(*first: Decorator[Any]) -> Decorator[Any]:
+    """Return a decorator that adds the options that decide what maps are, and some before them; they arrive as `maps`."""
+    return RecordOptions("maps", MapSettings, *first, RecordOptions("resolver", ResolverSettings, *_RESOLVER), *_MAPS)
 
 
 def calibration_option() -> Decorator[Any]:

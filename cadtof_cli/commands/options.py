@@ -159,6 +159,19 @@ def setting_option(
     return click.option(*names.split(), name, **(said | more))
 
 
+def number_option(names: str, kind: ParamType, /, *, help: str, metavar: str | None = None) -> Decorator[Any]:
+    """Return an option that no settings record says the type of; what stands for its value follows from type and unit.
+
+    Args:
+        names: as typed, the first with its unit, such as `--distance-m --distance`.
+        kind: of number, or numbers.
+        help: what it does.
+        metavar: what stands for its value, where that follows from nothing.
+    """
+    first, *others = names.split()
+    return click.option(first, *others, type=kind, metavar=metavar or metavar_of(first, kind), help=help)
+
+
 def jobs_option(help: str, /) -> Callable[[Function], Function]:
     """Return the option `--jobs`, which says so where it asks for more processes than are ever started."""
 
@@ -187,29 +200,33 @@ def _as_typed(default: Any) -> Any:
     return ",".join(f"{item:g}" for item in default) if isinstance(default, tuple) else default
 
 
-def record_options(name: str, record: Callable[..., Any], /, *options: Decorator[Any]) -> Decorator[Any]:
-    """Return a decorator that adds options, in their order, and hands a command what they say as one record.
+class RecordOptions:
+    """A decorator that adds options, in their order, and hands a command what they say as one record.
 
     Args:
         name: of the command's parameter that gets the record.
         record: called with the options' values by their names.
-        options: made by `click.option` or `setting_option`.
+        options: made by `click.option` or `setting_option`, or those of a record within the record.
     """
 
-    def decorate(function: Function) -> Function:
+    def __init__(self, name: str, record: Callable[..., Any], /, *options: Decorator[Any]) -> None:
+        self.name, self._record, self._options = name, record, options
+
+    def __call__(self, function: Function, /) -> Function:
+        """Return the command with the options."""
+        taken: list[str] = []
+
         @functools.wraps(function)
         def command(*arguments: Any, **values: Any) -> Any:
-            given = {one: values.pop(one) for one in taken}
-            return function(*arguments, **{name: record(**given)}, **values)
+            given = {one: values.pop(one) for one in reversed(taken)}
+            return function(*arguments, **{self.name: self._record(**given)}, **values)
 
-        before = len(getattr(command, "__click_params__", ()))
         with_options: Any = command
-        for option in reversed(options):
+        for option in reversed(self._options):
             with_options = option(with_options)
-        taken = [param.name for param in reversed(with_options.__click_params__[before:])]
+            within = isinstance(option, RecordOptions)
+            taken.append(option.name if within else with_options.__click_params__[-1].name)
         return cast("Function", with_options)
-
-    return decorate
 
 
 class SectionedCommand(click.Command):
@@ -245,7 +262,7 @@ def capture_options(*without: str) -> Decorator[Any]:
     def overrides(**values: Any) -> Mapping[str, Any]:
         return {key.path: value for key, value in zip(keys, values.values(), strict=True) if value is not None}
 
-    return record_options("overrides", overrides, *map(_capture_option, keys))
+    return RecordOptions("overrides", overrides, *map(_capture_option, keys))
 
 
 def _capture_option(key: Key) -> Decorator[Any]:

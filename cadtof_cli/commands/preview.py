@@ -5,7 +5,7 @@ from pathlib import Path
 import click
 
 from cadtof_cli.commands.help import example
-from cadtof_cli.commands.options import record_options, setting_option
+from cadtof_cli.commands.options import RecordOptions, setting_option
 from cadtof_cli.commands.terminal import progress_bar, tell
 from cadtof_cli.workflows.inspect.preview_settings import PreviewSettings
 
@@ -26,7 +26,7 @@ from cadtof_cli.workflows.inspect.preview_settings import PreviewSettings
     type=click.Path(path_type=Path),
     help="Picture (.png, .pdf, .svg, .jpg) or film (.gif, .mp4) to write.",
 )
-@record_options(
+@RecordOptions(
     "settings",
     PreviewSettings,
     setting_option(

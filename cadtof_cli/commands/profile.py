@@ -5,7 +5,7 @@ from pathlib import Path
 import click
 
 from cadtof_cli.commands.help import example
-from cadtof_cli.commands.options import Rectangle, record_options, setting_option
+from cadtof_cli.commands.options import RecordOptions, Rectangle, setting_option
 from cadtof_cli.commands.terminal import Bar, tell
 from cadtof_cli.workflows.inspect.profile import ProfileSettings, profile_table, read_profile, write_profile
 
@@ -17,7 +17,7 @@ from cadtof_cli.workflows.inspect.profile import ProfileSettings, profile_table,
     )
 )
 @click.argument("maps", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="MAPS...")
-@record_options(
+@RecordOptions(
     "settings",
     ProfileSettings,
     setting_option("--row", ProfileSettings, "row", metavar="Y", help="Along this row of pixels; 0 is the top."),

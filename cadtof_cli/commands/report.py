@@ -5,7 +5,7 @@ from pathlib import Path
 import click
 
 from cadtof_cli.commands.help import example
-from cadtof_cli.commands.options import optics_options, record_options, setting_option
+from cadtof_cli.commands.options import RecordOptions, optics_options, setting_option
 from cadtof_cli.commands.terminal import progress_bar, tell
 from cadtof_cli.workflows.inspect.report import ReportSettings, write_report
 
@@ -18,7 +18,7 @@ from cadtof_cli.workflows.inspect.report import ReportSettings, write_report
 )
 @click.argument("maps", type=click.Path(path_type=Path), metavar="OUT")
 @click.option("-o", "--out", required=True, type=click.Path(path_type=Path), metavar="PAGE.html", help="Page to write.")
-@record_options(
+@RecordOptions(
     "settings",
     ReportSettings,
     setting_option("--truth", ReportSettings, help="File with the true direct.depth; truth and errors are shown too."),

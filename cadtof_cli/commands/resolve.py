@@ -2,7 +2,6 @@
 
 import json
 from collections.abc import Mapping
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,18 +13,17 @@ from cadtof_cli.commands.map_options import calibration_option, map_options
 from cadtof_cli.commands.options import (
     STDIN,
     FrameRange,
+    RecordOptions,
     Rectangle,
     SectionedCommand,
     arriving_paths,
     capture_options,
     jobs_option,
-    record_options,
     setting_option,
     settings_option,
 )
 from cadtof_cli.commands.terminal import progress_bar, tell
 from cadtof_cli.execution.workers import Workers
-from cadtof_cli.frame_plan import MapSettings
 from cadtof_cli.workflows.resolve.settings import FORMAT_CHOICES, ResolveSettings
 
 if TYPE_CHECKING:
@@ -41,67 +39,77 @@ if TYPE_CHECKING:
     ),
 )
 @click.argument("inputs", nargs=-1, required=True, metavar="INPUT...")
-@setting_option("-o --out", ResolveSettings, required=True, help="Folder for the maps.")
-@setting_option(
-    "-r --recursive",
+@RecordOptions(
+    "settings",
     ResolveSettings,
-    help="Also search all folders below each INPUT; OUT gets the same tree of folders.",
+    setting_option("-o --out", ResolveSettings, required=True, help="Folder for the maps."),
+    setting_option(
+        "-r --recursive",
+        ResolveSettings,
+        help="Also search all folders below each INPUT; OUT gets the same tree of folders.",
+    ),
+    settings_option(),
+    click.option(
+        "--frames",
+        type=FrameRange(),
+        help="Resolve frames A to B − 1 of each capture, counted from 0: 10:20 are ten frames, 10: all from the eleventh, "
+        "7 is one.",
+    ),
+    map_options(
+        click.option(
+            "--roi",
+            type=Rectangle(),
+            help="Region of interest: write maps of columns X0 to X1 − 1 and rows Y0 to Y1 − 1 only.",
+        )
+    ),
+    calibration_option(),
+    setting_option(
+        "--format",
+        ResolveSettings,
+        "map_format",
+        type=click.Choice(FORMAT_CHOICES),
+        help="File format of the maps. same: the format of the input.",
+    ),
+    RecordOptions(
+        "workers",
+        Workers,
+        jobs_option("Worker processes"),
+        setting_option(
+            "--start-method",
+            Workers,
+            help="How Python starts the worker processes.  [default: fork on Linux, spawn elsewhere]",
+        ),
+        setting_option(
+            "--frame-timeout",
+            Workers,
+            "task_timeout_s",
+            metavar="S",
+            help="Seconds after which a frame counts as failed because it hangs; it is tried twice.",
+        ),
+        setting_option(
+            "--scheduler",
+            Workers,
+            metavar="local|tcp://HOST:PORT",
+            help="local: worker processes on this machine. Or the address of a dask scheduler whose workers see the same "
+            "files; needs the extra `cluster`.",
+        ),
+    ),
+    setting_option("--overwrite", ResolveSettings, help="Replace the files of an earlier run."),
+    setting_option(
+        "--resume",
+        ResolveSettings,
+        help="Continue an earlier run with the same options: keep its maps, make the missing and changed ones.",
+    ),
+    setting_option(
+        "--dry-run",
+        ResolveSettings,
+        help="Check everything and list the maps that would be written, but write nothing.",
+    ),
 )
 @click.option(
     "-0", "--null", is_flag=True, help="Paths on stdin are separated by zero bytes, as `find -print0` writes them."
 )
-@settings_option()
-@click.option(
-    "--frames",
-    type=FrameRange(),
-    help="Resolve frames A to B − 1 of each capture, counted from 0: 10:20 are ten frames, 10: all from the eleventh, 7 is one.",
-)
-@click.option(
-    "--roi", type=Rectangle(), help="Region of interest: write maps of columns X0 to X1 − 1 and rows Y0 to Y1 − 1 only."
-)
-@map_options()
-@calibration_option()
-@setting_option(
-    "--format",
-    ResolveSettings,
-    "map_format",
-    type=click.Choice(FORMAT_CHOICES),
-    help="File format of the maps. same: the format of the input.",
-)
-@record_options(
-    "workers",
-    Workers,
-    jobs_option("Worker processes"),
-    setting_option(
-        "--start-method",
-        Workers,
-        help="How Python starts the worker processes.  [default: fork on Linux, spawn elsewhere]",
-    ),
-    setting_option(
-        "--frame-timeout",
-        Workers,
-        "task_timeout_s",
-        metavar="S",
-        help="Seconds after which a frame counts as failed because it hangs; it is tried twice.",
-    ),
-    setting_option(
-        "--scheduler",
-        Workers,
-        metavar="local|tcp://HOST:PORT",
-        help="local: worker processes on this machine. Or the address of a dask scheduler whose workers see the same files; "
-        "needs the extra `cluster`.",
-    ),
-)
-@setting_option("--overwrite", ResolveSettings, help="Replace the files of an earlier run.")
-@setting_option(
-    "--resume",
-    ResolveSettings,
-    help="Continue an earlier run with the same options: keep its maps, make the missing and changed ones.",
-)
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON line per frame on stdout, as in frames.jsonl.")
-@setting_option(
-    "--dry-run", ResolveSettings, help="Check everything and list the maps that would be written, but write nothing."
-)
 @click.option(
     "--log",
     type=click.Path(path_type=Path, dir_okay=False),
@@ -115,21 +123,10 @@ if TYPE_CHECKING:
 def resolve(
     *,
     inputs: tuple[str, ...],
-    out: Path,
-    recursive: bool,
+    settings: ResolveSettings,
     null: bool,
-    settings_file: Path | None,
-    frames: slice | None,
-    roi: tuple[int, int, int, int] | None,
-    maps: MapSettings,
-    calibration: Path | None,
-    map_format: str,
-    workers: Workers,
-    overwrite: bool,
-    resume: bool,
-    dry_run: bool,
-    log: Path | None,
     as_json: bool,
+    log: Path | None,
     quiet: bool,
     overrides: Mapping[str, Any],
 ) -> int:
@@ -149,19 +146,6 @@ def resolve(
     """
     from cadtof_cli.workflows.resolve.resolve import resolve_captures
 
-    settings = ResolveSettings(
-        out=out,
-        maps=replace(maps, roi=roi),
-        calibration=calibration,
-        map_format=map_format,
-        workers=workers,
-        overwrite=overwrite,
-        resume=resume,
-        recursive=recursive,
-        settings_file=settings_file,
-        frames=frames,
-        dry_run=dry_run,
-    )
     paths = arriving_paths(inputs, separator=b"\0" if null else b"\n")
     with progress_bar("resolving", "frames", quiet=quiet, log=log) as bar:
         totals = resolve_captures(
@@ -170,9 +154,9 @@ def resolve(
             settings=settings,
             overrides=overrides,
             progress=bar,
-            on_frame=partial(_tell_of_frame, bar, as_json=as_json, dry_run=dry_run),
+            on_frame=partial(_tell_of_frame, bar, as_json=as_json, dry_run=settings.dry_run),
         )
-        summary = _dry_summary(totals, out) if dry_run else _summary(totals, out)
+        summary = _dry_summary(totals, settings.out) if settings.dry_run else _summary(totals, settings.out)
         bar.note(summary)
     if not quiet:
         tell(summary, err=True)

@@ -1,27 +1,21 @@
 """What can be said of a simulated scene: its light, its camera and its capture."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any
 
 import click
 
 from cadtof_cli.capture.metadata import Pulse
-from cadtof_cli.commands.options import NUMBERS, record_options, setting_option
-from cadtof_cli.commands.simulation_options import ModulationOptions, further_option, pair, triple
+from cadtof_cli.commands.options import NUMBERS, RecordOptions, number_option, setting_option
+from cadtof_cli.commands.simulation_options import TrialOptions, further_option, pair, triple
 from cadtof_cli.errors import SettingsError
 from cadtof_cli.files.formats import FRAME_FORMATS, format_by_name
-from cadtof_cli.simulation.pixel.mix import Condition, Motion
+from cadtof_cli.simulation.pixel.mix import Condition
 from cadtof_cli.simulation.scene.camera import Camera
 from cadtof_cli.simulation.scene.exposure import Exposure
 from cadtof_cli.simulation.scene.light import Scene
 from cadtof_cli.simulation.scene.scenes import SCENES
 from cadtof_cli.workflows.simulate.record import RecordSettings, scene_exposure
-
-SCENE_ONLY = (
-    *("frames", "frame_format", "compress", "distance_m", "tilt_deg", "albedo", "opening_deg", "width", "height"),
-    *("petzval_m", "dark_offset_v", "fixed_delay_ns", "furniture", "lamp_offset_m", "lamp_beam_deg", "light_paths"),
-    *("net_fill", "net_distance_m"),
-)
 
 SCENE_SETTINGS = {
     "card": {"mpi": "mpi_ratios", "distance_m": "distance_m"},
@@ -41,6 +35,9 @@ SCENE_SETTINGS = {
     "cornell": {"light_paths": "light_paths"},
 }
 """Which options each scene takes besides --asr, and the attribute that each one sets."""
+
+_OF_SOME_SCENE = {"direct_ns"}.union(*SCENE_SETTINGS.values())
+"""Those that a scene may not take; none takes the arrival of a pixel's direct path."""
 
 ASR, MPI_RATIO = 5.0, 0.3
 """Of a pixel, where they are not given."""
@@ -96,12 +93,10 @@ class SceneOptions:
         self,
         name: str,
         light: LightOptions,
-        modulation: ModulationOptions,
-        motion: Motion,
+        trial: TrialOptions,
         /,
         *,
         integration_length: float,
-        seed: int,
     ) -> Exposure:
         """Return what is recorded; raises SettingsError for what cannot be."""
         camera = Camera(
@@ -112,36 +107,22 @@ class SceneOptions:
             fixed_delay_ns=self.fixed_delay_ns,
         )
         return scene_exposure(
-            self.scene(name, light, seed=seed),
+            self.scene(name, light, seed=trial.seed),
             camera,
-            modulation=modulation.modulation(),
-            pulse=Pulse(fwhm_ns=modulation.fwhm_ns),
+            modulation=trial.modulation.modulation(),
+            pulse=Pulse(fwhm_ns=trial.modulation.fwhm_ns),
             integration_length=integration_length,
             counts=format_by_name(self.frame_format).counts,
-            seed=seed,
-            motion=motion,
+            seed=trial.seed,
+            motion=trial.motion,
         )
 
     def scene(self, name: str, light: LightOptions, /, *, seed: int) -> Scene:
         """Return the scene from the options that it takes; the others must be absent."""
-        given: dict[str, Any] = {
-            "mpi": light.mpi,
-            "direct_ns": light.direct_ns,
-            "distance_m": self.distance_m,
-            "tilt_deg": self.tilt_deg,
-            "albedo": self.albedo,
-            "opening_deg": self.opening_deg,
-            "furniture": self.furniture,
-            "lamp_offset_m": self.lamp_offset_m,
-            "lamp_beam_deg": self.lamp_beam_deg,
-            "light_paths": self.light_paths,
-            "net_fill": self.net_fill,
-            "net_distance_m": self.net_distance_m,
-        }
         taken = SCENE_SETTINGS[name]
         settings: dict[str, Any] = {} if light.asr is None else {"asr": light.asr}
-        for option, value in given.items():
-            if value is not None:
+        for option, value in (vars(light) | vars(self)).items():
+            if option in _OF_SOME_SCENE and value is not None:
                 if option not in taken:
                     shown = "--" + option.removesuffix("_m").removesuffix("_deg").removesuffix("_ns").replace("_", "-")
                     raise SettingsError(f"{shown}: found with --scene {name}, which does not use it; leave it out")
@@ -157,19 +138,20 @@ class SceneOptions:
         return SCENES[name](**settings)
 
 
-light_options = record_options(
+SCENE_ONLY = tuple(item.name for item in fields(SceneOptions))
+"""What a pixel does not take."""
+
+light_options = RecordOptions(
     "light",
     LightOptions,
-    click.option(
+    number_option(
         "--asr",
-        type=float,
-        metavar="X",
+        click.FLOAT,
         help="Ambient-to-signal ratio: ambient photons over laser photons.  [default: 5; with --scene: 2]",
     ),
-    click.option(
+    number_option(
         "--mpi",
-        type=float,
-        metavar="X",
+        click.FLOAT,
         help="MPI photons over laser photons.  [default: 0.3; with --scene: as the scene gives it]",
     ),
     setting_option(
@@ -182,15 +164,14 @@ light_options = record_options(
     ),
     setting_option("--second", Condition, "second_ns", help="Arrival time of the MPI."),
     further_option,
-    click.option(
+    number_option(
         "--integration-length",
-        type=float,
-        metavar="X",
+        click.FLOAT,
         help="Integration length n_av of Eq. (1), per harmonic.  [default: 1e5]",
     ),
 )
 
-scene_options = record_options(
+scene_options = RecordOptions(
     "scenery",
     SceneOptions,
     setting_option("--frames", RecordSettings, help="Number of frames of the capture."),
@@ -198,50 +179,31 @@ scene_options = record_options(
         "--format", RecordSettings, "frame_format", type=click.Choice(FRAME_FORMATS), help="File format of the frames."
     ),
     setting_option("--compress", RecordSettings, help="Compress the frames: Deflate in TIFF, ZIP in EXR."),
-    click.option("--distance-m", "--distance", type=float, metavar="M", help="Distance of the scene."),
-    click.option(
-        "--tilt-deg", "--tilt", type=NUMBERS, metavar="DEG,DEG", help="Tilt of the wall to the right and down."
-    ),
-    click.option(
-        "--albedo", type=float, metavar="X", help="Albedo of the wall, corner or panel, or of all surfaces of a room."
-    ),
-    click.option(
-        "--opening-deg", "--opening", type=float, metavar="DEG", help="Angle between the walls of the corner."
-    ),
-    click.option(
-        "--furniture", type=int, metavar="N", help="Pieces of furniture in the room.  [default: random, 0 to 8]"
-    ),
-    click.option(
-        "--lamp-offset-m",
-        "--lamp-offset",
-        type=NUMBERS,
+    number_option("--distance-m --distance", click.FLOAT, help="Distance of the scene."),
+    number_option("--tilt-deg --tilt", NUMBERS, metavar="DEG,DEG", help="Tilt of the wall to the right and down."),
+    number_option("--albedo", click.FLOAT, help="Albedo of the wall, corner or panel, or of all surfaces of a room."),
+    number_option("--opening-deg --opening", click.FLOAT, help="Angle between the walls of the corner."),
+    number_option("--furniture", click.INT, help="Pieces of furniture in the room.  [default: random, 0 to 8]"),
+    number_option(
+        "--lamp-offset-m --lamp-offset",
+        NUMBERS,
         metavar="M,M,M",
         help="Position of the lamp relative to the camera: right,down,forward (room).",
     ),
-    click.option(
-        "--lamp-beam-deg",
-        "--lamp-beam",
-        type=float,
-        metavar="DEG",
-        help="Half angle of the lamp's beam (room).  [default: random]",
+    number_option(
+        "--lamp-beam-deg --lamp-beam", click.FLOAT, help="Half angle of the lamp's beam (room).  [default: random]"
     ),
-    click.option(
-        "--light-paths",
-        type=int,
-        metavar="N",
-        help="Light paths traced from every fourth pixel (room).  [default: 256]",
+    number_option(
+        "--light-paths", click.INT, help="Light paths traced from every fourth pixel (room).  [default: 256]"
     ),
-    click.option(
+    number_option(
         "--net-fill",
-        type=float,
-        metavar="X",
+        click.FLOAT,
         help="Share of the light that a net in the room reflects (room).  [default: no net]",
     ),
-    click.option(
-        "--net-distance-m",
-        "--net-distance",
-        type=float,
-        metavar="M",
+    number_option(
+        "--net-distance-m --net-distance",
+        click.FLOAT,
         help="Distance of the net along the optical axis (room).  [default: random]",
     ),
     setting_option("--width", Camera, help="Columns of the frames."),

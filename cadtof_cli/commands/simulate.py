@@ -14,26 +14,16 @@ from cadtof_cli.commands.scene_options import (
     scene_options,
 )
 from cadtof_cli.commands.simulation_options import (
-    ModulationOptions,
-    PaperWays,
-    PixelOptions,
-    modulation_options,
-    motion_options,
-    paper_options,
-    pixel_options,
+    TrialOptions,
     quiet_option,
     refuse_options,
-    resolver_options,
-    runs_option,
-    seed_option,
+    trial_options,
     workers_option,
 )
 from cadtof_cli.commands.terminal import progress_bar, tell
 from cadtof_cli.errors import SettingsError
 from cadtof_cli.execution.workers import Workers
 from cadtof_cli.files.atomic import require_absent
-from cadtof_cli.resolver.settings import ResolverSettings
-from cadtof_cli.simulation.pixel.mix import Motion
 from cadtof_cli.simulation.scene.scenes import SCENES
 from cadtof_cli.units import counted
 from cadtof_cli.workflows.simulate.outcome import PathSummary, TrialsSummary
@@ -90,16 +80,10 @@ PIXEL_ONLY = (
     help="New folder: for pictures and CSV of a pixel, or for the capture of a scene.",
 )
 @light_options
-@motion_options
-@runs_option
-@resolver_options
-@paper_options
-@seed_option
+@trial_options
 @workers_option
 @quiet_option
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object on stdout instead of the table.")
-@modulation_options
-@pixel_options
 @scene_options
 @click.pass_context
 def simulate(
@@ -109,16 +93,10 @@ def simulate(
     scene: str,
     out: Path | None,
     light: LightOptions,
-    motion: Motion,
-    runs: int,
-    resolver: ResolverSettings,
-    paper: PaperWays,
-    seed: int,
+    trial: TrialOptions,
     workers: Workers,
     quiet: bool,
     as_json: bool,
-    modulation: ModulationOptions,
-    pixel: PixelOptions,
     scenery: SceneOptions,
 ) -> None:
     """Simulate a CA-dToF pixel, or record a scene.
@@ -137,25 +115,16 @@ def simulate(
     """
     if scene == "pixel":
         refuse_options(context, SCENE_ONLY, "without --scene")
-        averaging = pixel.averaging(light.integration_length)
-        trials = Trials(
-            condition=light.condition(modulation.fwhm_ns),
-            model=pixel.model(modulation.modulation(), averaging, motion),
-            resolver=resolver,
-            runs=runs,
-            photon_by_photon=pixel.photon_by_photon,
-            pulse_correction=paper.pulse_correction,
-            wrapped=paper.wrapped,
-            seed=seed,
-        )
+        averaging = trial.pixel.averaging(light.integration_length)
+        trials = trial.trials(light.condition(trial.modulation.fwhm_ns), averaging)
         _simulate_pixel(trials, out, workers, quiet=quiet, as_json=as_json)
         return
     refuse_options(context, PIXEL_ONLY, f"with --scene {scene}")
     if out is None:
         raise SettingsError(f"--scene {scene}: found no -o, expected -o DIR, the folder of the capture")
-    n_av = pixel.averaging(light.integration_length).integration_length
+    n_av = trial.pixel.averaging(light.integration_length).integration_length
     settings = RecordSettings(
-        exposure=scenery.exposure(scene, light, modulation, motion, integration_length=n_av, seed=seed),
+        exposure=scenery.exposure(scene, light, trial, integration_length=n_av),
         frames=scenery.frames,
         frame_format=scenery.frame_format,
         compress=scenery.compress,

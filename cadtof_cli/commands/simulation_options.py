@@ -8,12 +8,12 @@ from click.core import ParameterSource
 
 from cadtof_cli.capture.metadata import InvalidValueError, Modulation, Pulse
 from cadtof_cli.commands.map_options import PATH_OPTIONS
-from cadtof_cli.commands.options import NUMBERS, ParamType, jobs_option, record_options, setting_option
+from cadtof_cli.commands.options import NUMBERS, ParamType, RecordOptions, jobs_option, setting_option
 from cadtof_cli.errors import SettingsError
 from cadtof_cli.execution.workers import Workers
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.simulation.pixel.averaging import Averaging, Capacitors, Stages
-from cadtof_cli.simulation.pixel.mix import Motion
+from cadtof_cli.simulation.pixel.mix import Condition, Motion
 from cadtof_cli.simulation.pixel.pixel import PixelModel
 from cadtof_cli.workflows.simulate.trials import Trials
 
@@ -109,7 +109,7 @@ class PixelOptions:
         return float((self.sample_noise_v**2 + averaging.capacitors.ktc_noise_v(self.temperature) ** 2) ** 0.5)
 
 
-modulation_options = record_options(
+_MODULATION = RecordOptions(
     "modulation",
     ModulationOptions,
     setting_option("--periods-ns --periods", Modulation, help="Modulation periods in ns, the fundamental first."),
@@ -118,7 +118,7 @@ modulation_options = record_options(
     setting_option("--fwhm-ns --fwhm", Pulse, help="Length of the laser pulse, full width at half maximum."),
 )
 
-pixel_options = record_options(
+_PIXEL = RecordOptions(
     "pixel",
     PixelOptions,
     setting_option(
@@ -160,20 +160,70 @@ pixel_options = record_options(
     setting_option("--f2-hz --f2", Stages, show_default=False, help="Switching rate of ST2.  [default: 1e4]"),
 )
 
-resolver_options = record_options("resolver", ResolverSettings, *PATH_OPTIONS)
+further_option = click.option(
+    "--path",
+    "further",
+    type=FURTHER,
+    multiple=True,
+    help="Add a path of MPI: its photons over the laser photons, and its arrival time. Can be given several times.",
+)
+
+quiet_option = click.option("-q", "--quiet", is_flag=True, help="Do not show a progress bar.")
+
+workers_option = RecordOptions("workers", Workers, jobs_option("Worker processes"))
 
 
 @dataclass(frozen=True, kw_only=True)
-class PaperWays:
-    """What the paper does with its answers, and cadtof does not."""
+class TrialOptions:
+    """What is said of a pixel, of how often it is recorded, and of how its recordings are resolved."""
 
+    motion: Motion
+    runs: int
+    resolver: ResolverSettings
     pulse_correction: bool
     wrapped: bool
+    seed: int
+    modulation: ModulationOptions
+    pixel: PixelOptions
+
+    def trials(self, condition: Condition, averaging: Averaging, /) -> Trials:
+        """Return the trials of some light; raises SettingsError for some that cannot be."""
+        return Trials(
+            condition=condition,
+            model=self.pixel.model(self.modulation.modulation(), averaging, self.motion),
+            resolver=self.resolver,
+            runs=self.runs,
+            photon_by_photon=self.pixel.photon_by_photon,
+            pulse_correction=self.pulse_correction,
+            wrapped=self.wrapped,
+            seed=self.seed,
+        )
 
 
-paper_options = record_options(
-    "paper",
-    PaperWays,
+trial_options = RecordOptions(
+    "trial",
+    TrialOptions,
+    RecordOptions(
+        "motion",
+        Motion,
+        setting_option(
+            "--speed",
+            Motion,
+            "speed_m_s",
+            metavar="M_PER_S",
+            help="Speed of the scene away from the camera; the harmonics are recorded one after the other.",
+        ),
+        setting_option(
+            "--frame-rate",
+            Motion,
+            "frame_rate_hz",
+            metavar="HZ",
+            help="Frames per second; a frame's time is shared equally by its harmonics.",
+        ),
+    ),
+    setting_option("--runs", Trials, help="Number of recordings per condition."),
+    RecordOptions("resolver", ResolverSettings, *PATH_OPTIONS),
+    # what the paper does with its answers, and cadtof does not; with `--solver lm --order 2` its method as published
     click.option(
         "--pulse-correction/--no-pulse-correction",
         default=Trials.pulse_correction,
@@ -185,44 +235,9 @@ paper_options = record_options(
         show_default=False,
         help="Report times within ± half the period and do not wrap their errors, as the paper does.",
     ),
-)
-"""With `--solver lm --order 2`: the paper's method as published."""
-
-motion_options = record_options(
-    "motion",
-    Motion,
-    setting_option(
-        "--speed",
-        Motion,
-        "speed_m_s",
-        metavar="M_PER_S",
-        help="Speed of the scene away from the camera; the harmonics are recorded one after the other.",
-    ),
-    setting_option(
-        "--frame-rate",
-        Motion,
-        "frame_rate_hz",
-        metavar="HZ",
-        help="Frames per second; a frame's time is shared equally by its harmonics.",
-    ),
-)
-
-further_option = click.option(
-    "--path",
-    "further",
-    type=FURTHER,
-    multiple=True,
-    help="Add a path of MPI: its photons over the laser photons, and its arrival time. Can be given several times.",
-)
-
-runs_option = setting_option("--runs", Trials, help="Number of recordings per condition.")
-seed_option = setting_option("--seed", Trials, help="Seed of the random numbers; the same seed gives the same bytes.")
-quiet_option = click.option("-q", "--quiet", is_flag=True, help="Do not show a progress bar.")
-
-workers_option = record_options(
-    "workers",
-    Workers,
-    jobs_option("Worker processes"),
+    setting_option("--seed", Trials, help="Seed of the random numbers; the same seed gives the same bytes."),
+    _MODULATION,
+    _PIXEL,
 )
 
 

@@ -8,28 +8,18 @@ from cadtof_cli.commands.grid import grid_from_text
 from cadtof_cli.commands.help import example
 from cadtof_cli.commands.options import setting_option
 from cadtof_cli.commands.simulation_options import (
-    ModulationOptions,
-    PaperWays,
-    PixelOptions,
+    TrialOptions,
     further_option,
-    modulation_options,
-    motion_options,
-    paper_options,
-    pixel_options,
     quiet_option,
-    resolver_options,
-    runs_option,
-    seed_option,
+    trial_options,
     workers_option,
 )
 from cadtof_cli.commands.terminal import progress_bar, tell
 from cadtof_cli.errors import SettingsError
 from cadtof_cli.execution.workers import Workers
 from cadtof_cli.files.atomic import require_absent
-from cadtof_cli.resolver.settings import ResolverSettings
-from cadtof_cli.simulation.pixel.mix import Condition, Motion
+from cadtof_cli.simulation.pixel.mix import Condition
 from cadtof_cli.workflows.simulate import sweep as workflow
-from cadtof_cli.workflows.simulate.trials import Trials
 
 GRID = "GRID"
 
@@ -57,15 +47,9 @@ GRID = "GRID"
 @setting_option("--direct", Condition, "direct_ns", help="Arrival time of the direct path.")
 @setting_option("--second", Condition, "second_ns", help="Arrival time of the MPI.")
 @further_option
-@motion_options
-@runs_option
-@resolver_options
-@paper_options
-@seed_option
+@trial_options
 @workers_option
 @quiet_option
-@modulation_options
-@pixel_options
 def sweep(
     *,
     asr: str,
@@ -76,15 +60,9 @@ def sweep(
     direct_ns: float,
     second_ns: float,
     further: tuple[tuple[float, float], ...],
-    motion: Motion,
-    runs: int,
-    resolver: ResolverSettings,
-    paper: PaperWays,
-    seed: int,
+    trial: TrialOptions,
     workers: Workers,
     quiet: bool,
-    modulation: ModulationOptions,
-    pixel: PixelOptions,
 ) -> None:
     """Simulate a pixel over a grid of ASR, MPI ratio and integration length.
 
@@ -98,32 +76,24 @@ def sweep(
       2    wrong usage or settings, or OUT exists
       130  interrupted
     """
-    if integration_length is not None and pixel.capacitors is not None:
+    if integration_length is not None and trial.pixel.capacitors is not None:
         raise SettingsError("--integration-length: found with --capacitors, expected one of the two")
     lengths = grid_from_text(integration_length or "log:1e3:1e5:5", name="--integration-length")
-    averaging = pixel.averaging(None if pixel.capacitors is not None else lengths[0])
+    averaging = trial.pixel.averaging(None if trial.pixel.capacitors is not None else lengths[0])
     asrs, ratios = grid_from_text(asr, name="--asr"), grid_from_text(mpi, name="--mpi")
     condition = Condition(
         asr=asrs[0],
         mpi_ratio=ratios[0],
         direct_ns=direct_ns,
         second_ns=second_ns,
-        fwhm_ns=modulation.fwhm_ns,
+        fwhm_ns=trial.modulation.fwhm_ns,
         further=further,
-    )
-    base = Trials(
-        condition=condition,
-        model=pixel.model(modulation.modulation(), averaging, motion),
-        resolver=resolver,
-        runs=runs,
-        photon_by_photon=pixel.photon_by_photon,
-        pulse_correction=paper.pulse_correction,
-        wrapped=paper.wrapped,
-        seed=seed,
     )
     if averaging.capacitors is not None:
         lengths = (averaging.integration_length,)
-    settings = workflow.SweepSettings(base=base, asrs=asrs, mpi_ratios=ratios, integration_lengths=lengths)
+    settings = workflow.SweepSettings(
+        base=trial.trials(condition, averaging), asrs=asrs, mpi_ratios=ratios, integration_lengths=lengths
+    )
     for path in (out, plot):
         if path is not None:
             require_absent(path)

@@ -7,11 +7,11 @@ import shlex
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, TextIO
+from typing import TYPE_CHECKING
 
 import click
 
@@ -74,7 +74,7 @@ class Bar:
     """Progress without a bar: lines on stderr, of which `quiet` keeps only what went wrong; all of them go into the log."""
 
     quiet: bool = False
-    log: TextIO | None = None
+    log: io.FileIO | None = None
 
     def total(self, count: int, /) -> None:
         """There are `count` steps, as far as is known."""
@@ -95,9 +95,13 @@ class Bar:
 
     def note(self, message: str, /) -> None:
         """Write a line into the log, with the time."""
-        if self.log is not None:
-            self.log.write(f"{datetime.now().astimezone().isoformat(timespec='seconds')} {message}\n")
-            self.log.flush()
+        if self.log is None:
+            return
+        line = f"{datetime.now().astimezone().isoformat(timespec='seconds')} {message}\n"
+        try:
+            self.log.write(line.encode(errors="backslashreplace"))
+        except OSError as error:
+            raise OutputError(f"{self.log.name}: cannot be written: {error.strerror}") from error
 
     def show(self, message: str, /) -> None:
         """Show a line."""
@@ -107,7 +111,7 @@ class Bar:
 class DrawnBar(Bar):
     """A bar that shows steps, steps a second and the time left."""
 
-    def __init__(self, progress: "RichProgress", description: str, log: TextIO | None) -> None:
+    def __init__(self, progress: "RichProgress", description: str, log: io.FileIO | None) -> None:
         super().__init__(log=log)
         self._progress, self._drawn = progress, 0.0
         self._task = progress.add_task(description, total=None)
@@ -140,7 +144,7 @@ def progress_bar(description: str, unit: str, *, quiet: bool, log: Path | None =
     What is said, and how it ends, is appended to the file `log` too.
     """
     try:
-        opened = nullcontext() if log is None else log.open("a", encoding="utf-8", errors="backslashreplace")
+        opened = nullcontext() if log is None else io.FileIO(log, "a")
     except OSError as error:
         raise OutputError(f"{log}: cannot be written: {error.strerror}; choose another file with --log") from error
     with opened as file:
@@ -150,12 +154,13 @@ def progress_bar(description: str, unit: str, *, quiet: bool, log: Path | None =
                 bar.note(shlex.join(["cadtof", *sys.argv[1:]]))
                 yield bar
         except BaseException as error:
-            Bar(log=file).note(f"ended by {type(error).__name__}: {error}")
+            with suppress(OutputError):
+                Bar(log=file).note(f"ended by {type(error).__name__}: {error}")
             raise
 
 
 @contextmanager
-def _drawn(description: str, unit: str, log: TextIO | None) -> Iterator[Bar]:
+def _drawn(description: str, unit: str, log: io.FileIO | None) -> Iterator[Bar]:
     from rich.console import Console
     from rich.progress import (
         BarColumn,

@@ -2,11 +2,10 @@
 
 from collections import deque
 from collections.abc import Callable, Generator, Iterable, Sequence
-from concurrent.futures import Future
 from pathlib import Path
 from typing import TypeVar
 
-from cadtof_cli.execution.outcome import LATER_AT_ONCE, Finisher, Outcome, Work, WorkerDied
+from cadtof_cli.execution.outcome import LATER_AT_ONCE, Finisher, Outcome, Pending, Work, WorkerDied
 from cadtof_cli.execution.workers import LOCAL, Workers
 
 __all__ = ["Outcome", "WorkerDied", "run_ordered"]
@@ -61,12 +60,12 @@ def _run_here(
 
         yield from run_in_pool(function, tasks, workers=workers, shared=shared)
         return
-    with Finisher(LATER_AT_ONCE) as finisher:
-        begun: deque[tuple[Task, Future[Result]]] = deque()
+    with Finisher() as finisher:
+        begun: deque[tuple[Task, Pending[Result]]] = deque()
         for task in tasks:
             begun.append((task, finisher.begin(function(task))))
             while begun and (begun[0][1].done() or len(begun) > LATER_AT_ONCE):
-                task, future = begun.popleft()
-                yield Outcome(task, future.result())
-        for task, future in begun:
-            yield Outcome(task, future.result())
+                task, pending = begun.popleft()
+                yield Outcome(task, pending.result())
+        for task, pending in begun:
+            yield Outcome(task, pending.result())

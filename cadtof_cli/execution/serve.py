@@ -3,12 +3,11 @@
 import os
 import threading
 from collections import deque
-from concurrent.futures import Future
 from multiprocessing.connection import Connection
 from typing import Any
 
 from cadtof_cli.execution.messages import Said, TaskMessages, answer_message
-from cadtof_cli.execution.outcome import LATER_AT_ONCE, Finisher, Work
+from cadtof_cli.execution.outcome import LATER_AT_ONCE, Finisher, Pending, Work
 from cadtof_cli.execution.workers import begin_worker
 
 
@@ -17,10 +16,10 @@ class _Answers:
 
     def __init__(self, connection: Connection) -> None:
         self._connection = connection
-        self._begun: deque[Future[Any]] = deque()
+        self._begun: deque[Pending[Any]] = deque()
         self._change = threading.Condition()
 
-    def add(self, result: Future[Any]) -> None:
+    def add(self, result: Pending[Any]) -> None:
         """Answer for the next task; where too many results are waited for, this waits too."""
         with self._change:
             if result.done() and not self._begun:
@@ -28,7 +27,8 @@ class _Answers:
                 return
             self._connection.send_bytes(answer_message(Said.COMPUTED))
             self._begun.append(result)
-        result.add_done_callback(self._tell_all)
+        # it may have come meanwhile
+        self.tell_all()
         self._wait_for_at_most(LATER_AT_ONCE + 1)
 
     def end(self) -> None:
@@ -39,7 +39,7 @@ class _Answers:
         with self._change:
             self._change.wait_for(lambda: len(self._begun) <= count)
 
-    def _tell_all(self, _: Future[Any]) -> None:
+    def tell_all(self) -> None:
         """Tell the results that are there, and have none before them that is not."""
         try:
             with self._change:
@@ -50,7 +50,7 @@ class _Answers:
             # what cannot be sent would be waited for
             os._exit(1)
 
-    def _tell(self, result: Future[Any]) -> None:
+    def _tell(self, result: Pending[Any]) -> None:
         error = result.exception()
         said, what = (Said.RESULT, result.result()) if error is None else (Said.ERROR, error)
         self._connection.send_bytes(answer_message(said, what))
@@ -77,7 +77,7 @@ def serve(
     begin_worker(listening, held, core)
     parents.close()
     answers = _Answers(connection)
-    with Finisher(LATER_AT_ONCE) as finisher:
+    with Finisher(answers.tell_all) as finisher:
         while message := connection.recv_bytes():
             answers.add(finisher.attempt(lambda message: function(messages.task(message)), message))
         answers.end()

@@ -24,12 +24,9 @@ def draw_calibration(calibration: Calibration, path: Path, /, *, title: str, kin
         block = Scaled(
             (Panel("field curvature", offset),), "added to the range, cm", ERRORS, signed_limits(offset, share=100.0)
         )
-        rows[-1:] = [[*rows[-1], block]] if rows and _panels(rows[-1]) < 4 else [*rows[-1:], [block]]
+        fits = bool(rows) and sum(len(one.panels) for one in rows[-1]) < 4
+        rows[-1:] = [[*rows[-1], block]] if fits else [*rows[-1:], [block]]
     draw_page(rows, path, title=title, kind=kind)
-
-
-def _panels(row: list[Block]) -> int:
-    return sum(len(block.panels) for block in row)
 
 
 def _dark_rows(dark: DarkCalibration) -> list[list[Block]]:

@@ -83,16 +83,16 @@ def block_of(
     return scale_of(name, (shown.panel(name),), shown.unit(name), limits=limits, colours=colours)
 
 
-def magnified(block: Block, /) -> float:
-    """Return the width of a panel in which every pixel of the map is a whole number of pixels of the picture, in both ways."""
-    height, width = block.panels[0].values.shape
-    return float(width * max(1, PIXELS // max(width, height)))
+def magnified_width(shape: tuple[int, ...], most: int, /) -> float:
+    """Return a panel's width that shows a pixel of a map (Y, X) as a whole number of pixels, `most` along its longer side."""
+    return float(shape[1] * max(1, most // max(shape)))
 
 
 def draw_layer(block: Block, shown: Shown, path: Path, /, *, kind: str) -> None:
     """Draw one layer at full resolution: nothing is averaged or left out."""
     shares = None if shown.status is None else class_shares(shown.status)
-    figure = page_figure(((block,),), title=shown.title, shares=shares, panel_width=magnified(block))
+    width = magnified_width(block.panels[0].values.shape, PIXELS)
+    figure = page_figure(((block,),), title=shown.title, shares=shares, panel_width=width)
     figure.savefig(path, dpi=PER_INCH, format=kind)
 
 

@@ -41,13 +41,15 @@ class PartialFile:
     """
 
     def __init__(self, path: Path, /, *, token: str = "") -> None:
-        self.path, self._folder = path, path.parent
-        self.temporary = self._folder / _temporary_name(path.name, token)
+        self.path = path
+        self.temporary = path.with_name(_temporary_name(path.name, token))
         self._descriptor: int | None = None
         self._bytes = 0
         self._parts: Sequence[memoryview] = ()
-        with writing(path):
+        try:
             self._descriptor = os.open(self.temporary, CREATE_FLAGS, 0o666)
+        except OSError as error:
+            raise not_written(path, error) from error
 
     def set_content(self, parts: Sequence[memoryview], /) -> None:
         """Set what `commit` writes, one part after the other; the caller must not change it until then."""
@@ -58,7 +60,7 @@ class PartialFile:
         if not self._bytes:
             assert self._descriptor is not None
             found = os.fstat(self._descriptor)
-            if not found.st_size or not os.path.samestat(found, self.temporary.lstat()):
+            if not found.st_size or not os.path.samestat(found, os.lstat(self.temporary)):
                 raise OSError("nothing was written")
             self._bytes = found.st_size
         return self._bytes
@@ -70,22 +72,26 @@ class PartialFile:
             OutputError: that fails, and the file is discarded; PlaceError: another file would fail too.
         """
         try:
-            with writing(self.path):
-                if self._parts:
-                    assert self._descriptor is not None
-                    write_parts(self._descriptor, self._parts)
-                    self._parts = ()
-                size = self.size()
-                assert self._descriptor is not None
-                os.fsync(self._descriptor)
-                # not every system renames an open file
-                descriptor, self._descriptor = self._descriptor, None
-                os.close(descriptor)
-                self.temporary.replace(self.path)
-                sync_folder(self._folder)
+            return self._committed()
+        except OSError as error:
+            self.discard()
+            raise not_written(self.path, error) from error
         except BaseException:
             self.discard()
             raise
+
+    def _committed(self) -> int:
+        assert self._descriptor is not None
+        if self._parts:
+            write_parts(self._descriptor, self._parts)
+            self._parts = ()
+        size = self.size()
+        os.fsync(self._descriptor)
+        # not every system renames an open file
+        descriptor, self._descriptor = self._descriptor, None
+        os.close(descriptor)
+        os.replace(self.temporary, self.path)
+        sync_folder(self.path.parent)
         return size
 
     def discard(self) -> None:
@@ -121,9 +127,7 @@ def _temporary_name(name: str, token: str) -> str:
 
 @contextmanager
 def writing(path: Path, /) -> Iterator[None]:
-    """Turn the system's errors in writing a file into what they mean for a user: whether the file is at fault, or its place.
-
-    numpy and OpenEXR do not hand on the system's code, only how much they could not write.
+    """Turn the system's errors in writing a file into what they mean for a user, see `not_written`.
 
     Raises:
         OutputError: the file cannot be written; PlaceError: another would fail too.
@@ -131,15 +135,23 @@ def writing(path: Path, /) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        try:
-            import shutil
+        raise not_written(path, error) from error
 
-            full = error.errno is None and shutil.disk_usage(path.parent).free < FULL_BYTES
-        except OSError:
-            full = False
-        told = "No space left on device" if full else error.strerror or str(error)
-        kind = PlaceError if full or error.errno in _ERRORS_OF_THE_PLACE else OutputError
-        raise kind(f"{path}: cannot be written: {told}") from error
+
+def not_written(path: Path, error: OSError, /) -> OutputError:
+    """Return what an error of the system means for a user: whether the file that is written is at fault, or its place.
+
+    numpy and OpenEXR do not hand on the system's code, only how much they could not write.
+    """
+    try:
+        import shutil
+
+        full = error.errno is None and shutil.disk_usage(path.parent).free < FULL_BYTES
+    except OSError:
+        full = False
+    told = "No space left on device" if full else error.strerror or str(error)
+    kind = PlaceError if full or error.errno in _ERRORS_OF_THE_PLACE else OutputError
+    return kind(f"{path}: cannot be written: {told}")
 
 
 def remove_partial_files(folder: Path, /, *, token: str) -> None:

@@ -19,7 +19,7 @@ Digest = xxh3_128
 
 def content_digest(values: NDArray[Any], /) -> str:
     """Return a digest of an array's type, shape and values, 32 hexadecimal digits."""
-    digest = Digest(np.ascontiguousarray(values).reshape(-1).view(np.uint8).data)
+    digest = Digest(np.ascontiguousarray(values).data)
     digest.update(f"{values.dtype.str}{values.shape}".encode())
     return digest.hexdigest()
 

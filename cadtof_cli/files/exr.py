@@ -17,7 +17,7 @@ from cadtof_cli.arrays import Stored
 from cadtof_cli.errors import FrameError
 from cadtof_cli.files.frames import CHANNELS, FrameLayout, Frames, shape_text, single_frame
 from cadtof_cli.files.library_output import library_output
-from cadtof_cli.files.maps import STATUS, DepthMaps, MapHeader
+from cadtof_cli.files.maps import SOFTWARE, STATUS, DepthMaps, MapHeader
 from cadtof_cli.files.named_planes import NamedPart, Place, voltage_places
 from cadtof_cli.files.reading import damage_as_frame_error, require_plausible_size
 from cadtof_cli.records import dataclass
@@ -198,8 +198,8 @@ def write_maps(path: Path, maps: DepthMaps, /, *, header: MapHeader) -> Sequence
     """
     channels = {name: maps.layer(name) for name in maps.names} | {STATUS: maps.status}
     units = {f"{_PREFIX}unit.{name}": unit for name, unit in header.units.items() if unit}
-    facts = {name if name == "software" else f"{_PREFIX}{name}": text for name, text in header.facts.items()}
-    write_exr(path, channels, compression="none", **facts, **units)
+    facts = {f"{_PREFIX}{name}": text for name, text in header.facts.items()}
+    write_exr(path, channels, compression="none", software=SOFTWARE, **facts, **units)
     return ()
 
 

@@ -1,6 +1,7 @@
 """The order of a frame's planes in files, and the frames of an open file as every reader returns them."""
 
-from collections.abc import Collection
+from collections.abc import Callable, Collection
+from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
@@ -71,12 +72,15 @@ class Frames:
         shape: of one frame, H C Y X.
         dtype: of the stored values, native byte order.
         read: reads one of them.
+        read_like: reads the single frame of another file whose bytes differ from this one's in their pixels alone, which so is as
+            sound as this one; None of any other file. OSError: it cannot be read. None: a reader has no such way.
     """
 
     count: int
     shape: tuple[int, ...]
     dtype: np.dtype[Any]
     read: ReadFrame
+    read_like: Callable[[Path], Stored | None] | None = None
 
 
 def single_frame(stored: Stored, /) -> Frames:

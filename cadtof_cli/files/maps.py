@@ -3,7 +3,7 @@
 import math
 import re
 from collections.abc import Mapping
-from dataclasses import field, replace
+from dataclasses import field
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from cadtof_cli import __version__
 from cadtof_cli.arrays import Float32, Status
 from cadtof_cli.errors import FrameError, OutputError
-from cadtof_cli.files.atomic import PartialFile, atomic_write, writing
+from cadtof_cli.files.atomic import PartialFile, atomic_write, not_written
 from cadtof_cli.files.digest import file_digest, parts_digest
 from cadtof_cli.files.formats import MAP_SUFFIXES, detect_format, format_by_suffix
 from cadtof_cli.files.system import BLOCK_BYTES, address_of
@@ -22,6 +22,7 @@ from cadtof_cli.records import dataclass
 STATUS = "status"
 
 SOFTWARE = f"cadtof {__version__}"
+"""What headers say made the maps."""
 
 SOURCE = "source"
 """The fact that names the recorded frame: the only one that differs from frame to frame."""
@@ -36,22 +37,29 @@ class DepthMaps:
     """The maps of one frame.
 
     `pages` is float32 (layer, Y, X) in the order of `names`, with one page more at its end, which the TIFF writer keeps
-    for the `status` bits, uint32 (Y, X).
+    for the `status` bits, uint32 (Y, X). `image`, where the pages lie in it, is one disk block, the pages, and two blocks more,
+    aligned to blocks: a writer can put together a whole file there.
     """
 
     names: tuple[str, ...]
     pages: Float32
     status: Status
+    image: memoryview | None = field(default=None, compare=False, repr=False)
+
+    def __reduce__(self) -> tuple[type["DepthMaps"], tuple[Any, ...]]:
+        """Return how another process makes its own, whose pages lie elsewhere."""
+        return DepthMaps, (self.names, self.pages, self.status)
 
     @classmethod
     def empty(cls, names: tuple[str, ...], size: tuple[int, int], /) -> "DepthMaps":
-        """Return uninitialised maps, (Y, X) each, in memory that is aligned to disk blocks, so that writing needs no copy."""
+        """Return uninitialised maps, (Y, X) each, in an image of their own, so that writing needs no copy."""
         shape = (len(names) + 1, *size)
         pages_bytes = 4 * math.prod(shape)
-        memory = np.empty(pages_bytes + BLOCK_BYTES, np.uint8)
-        begin = -address_of(memory.data) % BLOCK_BYTES
-        pages = memory[begin : begin + pages_bytes].view(np.float32).reshape(shape)
-        return cls(names, pages, np.empty(size, np.uint32))
+        memory = np.empty(pages_bytes + 4 * BLOCK_BYTES, np.uint8)
+        begin = -address_of(memory) % BLOCK_BYTES
+        image = memory[begin : begin + pages_bytes + 3 * BLOCK_BYTES]
+        pages = image[BLOCK_BYTES : BLOCK_BYTES + pages_bytes].view(np.float32).reshape(shape)
+        return cls(names, pages, np.empty(size, np.uint32), image.data)
 
     @property
     def values(self) -> Float32:
@@ -82,11 +90,17 @@ class MapHeader:
     facts: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        facts = {
-            name: text if text.isprintable() else "".join(one if one.isprintable() else repr(one)[1:-1] for one in text)
-            for name, text in self.facts.items()
-        }
-        object.__setattr__(self, "facts", facts)
+        object.__setattr__(self, "facts", {name: _printable(text) for name, text in self.facts.items()})
+
+    def of_frame(self, source: str, /) -> "MapHeader":
+        """Return the header of the maps of one recorded frame."""
+        return MapHeader(self.units, {**self.facts, SOURCE: source})
+
+
+def _printable(text: str) -> str:
+    if text.isprintable():
+        return text
+    return "".join(one if one.isprintable() else repr(one)[1:-1] for one in text)
 
 
 NO_FACTS = MapHeader()
@@ -110,16 +124,17 @@ def stage_maps(
     kind = format_by_suffix(path)
     if kind is None or kind.layers is None:
         raise OutputError(f"{path}: found the suffix {path.suffix!r}, expected one of {', '.join(MAP_SUFFIXES)}")
-    header = replace(header, facts={"software": SOFTWARE, **header.facts})
     partial = PartialFile(path, token=token)
     try:
-        with writing(path):
-            parts = kind.layers().write_maps(partial.temporary, maps, header=header)
-            if parts:
-                partial.set_content(parts)
-            else:
-                partial.size()
-            return partial, parts_digest(parts) if parts else file_digest(partial.temporary)
+        parts = kind.layers().write_maps(partial.temporary, maps, header=header)
+        if parts:
+            partial.set_content(parts)
+            return partial, parts_digest(parts)
+        partial.size()
+        return partial, file_digest(partial.temporary)
+    except OSError as error:
+        partial.discard()
+        raise not_written(path, error) from error
     except BaseException:
         partial.discard()
         raise

@@ -13,32 +13,18 @@ Columns = Mapping[str, NDArray[np.float32] | NDArray[np.uint32]]
 
 _PLY_TYPES = {"f": "float", "u": "uint"}
 
-Header = Callable[[Columns, int, str], str]
 
-
-def write_ply(path: Path, columns: Columns, /, *, comment: str) -> None:
-    """Write points as a binary little-endian PLY, which appears whole or not at all.
+def write_points(path: Path, columns: Columns, /, *, comment: str) -> None:
+    """Write points in the format that `path` ends with, binary and little-endian; the file appears whole or not at all.
 
     Raises:
         OutputError: the file cannot be written.
     """
-    _write(path, columns, _ply_header, comment)
-
-
-def write_pcd(path: Path, columns: Columns, /, *, comment: str) -> None:
-    """Write points as a binary PCD of version 0.7, which appears whole or not at all.
-
-    Raises:
-        OutputError: the file cannot be written.
-    """
-    _write(path, columns, _pcd_header, comment)
-
-
-def _write(path: Path, columns: Columns, header: Header, comment: str) -> None:
     count = len(next(iter(columns.values())))
     points = np.empty(count, [(name, values.dtype.newbyteorder("<")) for name, values in columns.items()])
     for name, values in columns.items():
         points[name] = values
+    header = _HEADERS[path.suffix.lower()]
     # a line break in a file's name must not end the comment
     head = header(columns, count, " ".join(comment.split())).encode("utf-8", "replace")
     with atomic_write(path) as temporary:
@@ -63,3 +49,7 @@ def _pcd_header(columns: Columns, count: int, comment: str) -> str:
     }
     lines = "".join(f"{name} {' '.join(map(str, values))}\n" for name, values in fields.items())
     return f"# .PCD v0.7 - {comment}\nVERSION 0.7\n{lines}DATA binary\n"
+
+
+_HEADERS: dict[str, Callable[[Columns, int, str], str]] = {".ply": _ply_header, ".pcd": _pcd_header}
+"""What begins a file, by its ending: PLY, and PCD of version 0.7."""

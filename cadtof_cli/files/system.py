@@ -8,9 +8,13 @@ import errno
 import os
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from functools import cache, partial
 from importlib import import_module
-from io import FileIO
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
 
 _BINARY = getattr(os, "O_BINARY", 0)
 
@@ -35,6 +39,9 @@ _LOCKED_BYTE = 2**30
 """Position of the byte that is locked on Windows, beyond the end of the lock file: bytes that are locked cannot be read there."""
 
 
+_fcntl = cache(partial(import_module, "fcntl"))
+
+
 def read_at(descriptor: int, count: int, place: int, /) -> bytes:
     """Return `count` bytes of an open file from a position on, or fewer at its end."""
     if hasattr(os, "pread"):
@@ -43,12 +50,17 @@ def read_at(descriptor: int, count: int, place: int, /) -> bytes:
     return os.read(descriptor, count)
 
 
-def read_parts(file: FileIO, parts: Sequence[memoryview], /) -> bool:
-    """Fill all parts from a file, one after the other, and return whether there was enough for them."""
-    descriptor = file.fileno()
+def read_parts(descriptor: int, parts: Sequence[memoryview], /) -> bool:
+    """Fill all parts from an open file, one after the other, and return whether there was enough for them."""
     if hasattr(os, "readv"):
         return transferred(parts, lambda rest: os.readv(descriptor, rest))
-    return transferred(parts, lambda rest: file.readinto(rest[0]))
+    return transferred(parts, lambda rest: _read_into(descriptor, rest[0]))
+
+
+def _read_into(descriptor: int, part: memoryview) -> int:
+    found = os.read(descriptor, part.nbytes)
+    part[: len(found)] = found
+    return len(found)
 
 
 def transferred(parts: Sequence[memoryview], move: Callable[[list[memoryview]], int | None]) -> bool:
@@ -66,7 +78,7 @@ def transferred(parts: Sequence[memoryview], move: Callable[[list[memoryview]], 
 
 
 def write_parts(descriptor: int, parts: Sequence[memoryview], /) -> None:
-    """Write all parts to an empty file, one after the other, that will be synced.
+    """Write all parts to an empty file that was opened for writing alone, one after the other; it will be synced.
 
     A part that is aligned to blocks, in the file and in memory, bypasses the page cache (O_DIRECT): copying it there first takes
     half as long as computing it. Where the file system does not support that, it is copied.
@@ -83,28 +95,23 @@ def _written_directly(descriptor: int, part: memoryview, place: int) -> int:
     whole = part.nbytes - part.nbytes % BLOCK_BYTES
     if whole < _LEAST_DIRECT_BYTES or place % BLOCK_BYTES or not hasattr(os, "O_DIRECT"):
         return 0
-    if address_of(part) % BLOCK_BYTES:
-        return 0
-    fcntl = import_module("fcntl")
-    written, flags = 0, fcntl.fcntl(descriptor, fcntl.F_GETFL)
+    fcntl, written = _fcntl(), 0
     try:
-        fcntl.fcntl(descriptor, fcntl.F_SETFL, flags | os.O_DIRECT)
+        fcntl.fcntl(descriptor, fcntl.F_SETFL, os.O_DIRECT)
         while written < whole:
             written += os.write(descriptor, part[written:whole])
     except OSError as error:
+        # the file system cannot, or not from there in memory
         if error.errno not in {errno.EINVAL, errno.EOPNOTSUPP}:
             raise
     finally:
-        fcntl.fcntl(descriptor, fcntl.F_SETFL, flags)
+        fcntl.fcntl(descriptor, fcntl.F_SETFL, 0)
     return written
 
 
-def address_of(memory: memoryview, /) -> int:
-    """Return where bytes begin in memory; numpy's own way to tell it loads `ctypes`."""
-    # numpy, which options that are only printed need not load
-    import numpy as np
-
-    place: int = np.frombuffer(memory, np.uint8).__array_interface__["data"][0]
+def address_of(values: "NDArray[Any]", /) -> int:
+    """Return where values begin in memory; numpy's usual way to tell it loads `ctypes`."""
+    place: int = values.__array_interface__["data"][0]
     return place
 
 
@@ -143,7 +150,7 @@ def try_lock(descriptor: int, /) -> bool:
     """
     try:
         try:
-            fcntl = import_module("fcntl")
+            fcntl = _fcntl()
         except ImportError:
             os.lseek(descriptor, _LOCKED_BYTE, os.SEEK_SET)
             msvcrt = import_module("msvcrt")

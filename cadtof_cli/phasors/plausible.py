@@ -10,6 +10,7 @@ import numpy as np
 
 from cadtof_cli.arrays import Float, Stored
 from cadtof_cli.capture.metadata import CaptureMetadata, Voltage
+from cadtof_cli.last_call import same_as_last
 from cadtof_cli.phasors.noise import NoiseModel
 from cadtof_cli.phasors.voltages import sound_pixels, volts_per_count
 from cadtof_cli.records import dataclass
@@ -65,11 +66,8 @@ def implausible(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
     planes = stored.reshape(*stored.shape[:2], -1)
     some = planes[:, :, :: max(1, planes.shape[2] // LOOKED_AT)]
     kind, voltage = stored.dtype, metadata.voltage
-    n_av = metadata.pixel.integration_length
-    # with five standard deviations of the noise
-    longest = LONGEST + (0.0 if n_av is None else 5.0 * math.sqrt(0.5 / (2.0 * n_av - 1.0)))
-    longest *= metadata.modulation.amplitude_v
-    if _none_is_large(some, voltage, longest):
+    longest, surely_short = _limits(metadata, kind)
+    if _none_is_large(some, voltage, surely_short):
         return None
     sound = sound_pixels(some, voltage.saturated_counts)
     if not sound.any():
@@ -94,23 +92,33 @@ def is_without_noise(stored: Stored, noise: NoiseModel, /) -> bool:
     It does so wherever it is more than half a step of the stored values. A few pixels may agree.
     """
     count = stored.shape[2]
-    if count < FEWEST or not all((stored[:, :, :some] == stored[:, :, :1]).all() for some in (FEWEST, count)):
+    # of nearly all frames, two values tell
+    if count < FEWEST or stored[0, 0, 0] != stored[0, 0, 1] or not (stored == stored[:, :, :1]).all():
         return False
     # a step is √12 of its rounding error, whose variance is the floor: light alone has three times that, or more
     return all(one.dark_variance > 4.0 * one.floor for one in noise.each)
 
 
-def _none_is_large(some: Stored, voltage: Voltage, longest_v: float) -> bool:
-    """Tell at a glance that no value is saturated, or so large that a phasor of two of them were too long: the usual case."""
-    low, high = float(some.min()), float(some.max())
-    if (
-        voltage.saturated_counts is not None
-        and not voltage.saturated_counts[0] < low <= high < voltage.saturated_counts[1]
-    ):
+@same_as_last
+def _limits(metadata: CaptureMetadata, dtype: np.dtype[np.generic]) -> tuple[float, float]:
+    """Return the longest phasor that there can be, in V, and how far from zero stored values may be that make no longer one."""
+    n_av = metadata.pixel.integration_length
+    # with five standard deviations of the noise
+    longest = LONGEST + (0.0 if n_av is None else 5.0 * math.sqrt(0.5 / (2.0 * n_av - 1.0)))
+    longest *= metadata.modulation.amplitude_v
+    return longest, longest / math.sqrt(2.0) / abs(volts_per_count(metadata.voltage, dtype))
+
+
+def _none_is_large(some: Stored, voltage: Voltage, most: float) -> bool:
+    """Tell at a glance that no value is saturated, or so far from zero that a phasor of two of them were too long: the usual
+    case."""
+    together = np.ascontiguousarray(some)
+    low, high = float(np.minimum.reduce(together, axis=None)), float(np.maximum.reduce(together, axis=None))
+    saturated, zero = voltage.saturated_counts, voltage.zero
+    if saturated is not None and not saturated[0] < low <= high < saturated[1]:
         return False
-    largest = max(high - voltage.zero, voltage.zero - low) * abs(volts_per_count(voltage, some.dtype))
     # a comparison with NaN is false
-    return math.sqrt(2.0) * largest <= longest_v
+    return high - zero <= most and zero - low <= most
 
 
 def _range_of(values: Float, dtype: np.dtype[np.generic]) -> _Range:

@@ -141,11 +141,6 @@ def saturated_pixels(stored: Stored, saturated_counts: tuple[float, float] | Non
     return beyond
 
 
-def not_finite_pixels(phasors: Complex, /) -> Bool:
-    """Return where any phasor of a pixel, (H, n) → (n,), is NaN or infinite."""
-    return np.asarray(~np.isfinite(phasors).all(axis=0), np.bool_)
-
-
 def sound_pixels(stored: Stored, saturated_counts: tuple[float, float] | None, /) -> Bool:
     """Return where all values of a pixel, (H, 2, …) → (…), are finite and inside the limits."""
     planes = np.isfinite(stored).reshape(-1, *stored.shape[2:])

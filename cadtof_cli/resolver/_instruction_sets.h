@@ -33,8 +33,14 @@ static int has(unsigned saved_state, unsigned features) {
     if ((low & saved_state) != saved_state || !__get_cpuid_count(7, 0, &eax, &ebx, &ecx, &edx)) return 0;
     return (ebx & features) == features;
 }
-static int has_avx512(void) { return has(0xe6, bit_AVX512F | bit_AVX512DQ | bit_AVX512BW | bit_AVX512VL); }
-static int has_avx2(void) { return has(0x06, bit_AVX2); }
+
+/* Asked once: a virtual machine takes as long to answer as some thousand pixels take. */
+#define ONCE(question) \
+    static int answer; \
+    if (!answer) answer = 1 + (question); \
+    return answer - 1;
+static int has_avx512(void) { ONCE(has(0xe6, bit_AVX512F | bit_AVX512DQ | bit_AVX512BW | bit_AVX512VL)) }
+static int has_avx2(void) { ONCE(has(0x06, bit_AVX2)) }
 #define FOR_EACH_LEVEL(LEVEL)                                                                             \
     LEVEL(avx512, __attribute__((target("avx2,avx512f,avx512dq,avx512bw,avx512vl" WIDE))), has_avx512)   \
     LEVEL(avx2, __attribute__((target("avx2"))), has_avx2)                                               \

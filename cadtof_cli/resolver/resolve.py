@@ -52,7 +52,7 @@ def resolve_paths(
     # of a sine, the tail comes first, and a solver is for the few pixels that it leaves
     before, after = (tail, None) if response is None else (None, tail)
     with np.errstate(all="ignore"):
-        free, through = _freed(phasors, before)
+        free, through = _freed(phasors, before, kernel)
         start = partial(room.solver, free, noise=noise, settings=settings, response=response, first=first)
         solver: Solver | None = start() if before is None else None
         powers = list(free.real**2 + free.imag**2) if solver is None else solver.powers
@@ -74,7 +74,7 @@ def resolve_paths(
             from cadtof_cli.resolver.response.as_sine import phasors_of_sine
 
             sine = phasors_of_sine(phasors, fit.paths, response=response)
-            free, through = _freed(sine, after)
+            free, through = _freed(sine, after, kernel)
             usable = answered if through is None else answered & ~through.where
             _put_freed(fit, free, answered & ~usable, settings, noise)
             predicted = _predicted(sine, after, usable, noise, kernel)
@@ -89,13 +89,13 @@ def resolve_paths(
     return _resolved(fit, confidence, bits, noise)
 
 
-def _freed(phasors: Complex, tail: "DiffuseBlock | None") -> "tuple[Complex, ThroughPixels | None]":
+def _freed(phasors: Complex, tail: "DiffuseBlock | None", kernel: str) -> "tuple[Complex, ThroughPixels | None]":
     """Return phasors freed of tails where pixels see through something, and where; those that were given without a tail."""
     if tail is None:
         return phasors, None
     from cadtof_cli.resolver.diffuse.through_pixels import freed_pixels
 
-    return freed_pixels(phasors, tail)
+    return freed_pixels(phasors, tail, kernel=kernel)
 
 
 def _resolved(fit: Fit, confidence: Float, bits: Status, noise: NoiseModel) -> ResolvedPaths:

@@ -126,6 +126,9 @@ class RunTotals:
         self.frames += 1
         setattr(self, report.status, getattr(self, report.status) + 1)
         self.already_there += report.is_already_there
-        for name in ("one_path", "two_paths", "more_paths", "diffuse", "invalid"):
-            setattr(self, name, getattr(self, name) + (getattr(report, name) or 0))
+        self.one_path += report.one_path or 0
+        self.two_paths += report.two_paths or 0
+        self.more_paths += report.more_paths or 0
+        self.diffuse += report.diffuse or 0
+        self.invalid += report.invalid or 0
         self.diffuse_frames += bool(report.diffuse)

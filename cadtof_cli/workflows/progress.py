@@ -1,6 +1,14 @@
-"""What a workflow tells while it goes on; a command shows it, a caller in Python may ignore it."""
+"""What a workflow tells while it goes on, which a command shows and a caller in Python may ignore; and work that is told of."""
 
-from typing import Protocol
+from collections.abc import Callable, Iterable, Iterator
+from typing import Protocol, TypeVar
+
+from cadtof_cli.errors import CadtofError
+from cadtof_cli.execution.ordered import WorkerDied, run_ordered
+from cadtof_cli.execution.workers import Workers
+
+Task = TypeVar("Task")
+Result = TypeVar("Result")
 
 
 class Progress(Protocol):
@@ -30,3 +38,14 @@ class _NoProgress:
 
 
 NO_PROGRESS: Progress = _NoProgress()
+
+
+def results(
+    function: Callable[[Task], Result], tasks: Iterable[Task], /, *, workers: Workers, progress: Progress
+) -> Iterator[Result]:
+    """Yield function(task) for every task, in order; raises CadtofError if a task's process ends without a result."""
+    for outcome in run_ordered(function, tasks, workers=workers):
+        if isinstance(outcome.result, WorkerDied):
+            raise CadtofError("a worker process ended without a result, twice; was it killed, or out of memory?")
+        progress.advance()
+        yield outcome.result

@@ -77,11 +77,7 @@ class Run:
         for capture in captures:
             folder = Path(capture["root"]).parts
             if len(captures) == 1 or (beside and folder[-len(beside) :] == beside):
-                known = capture["metadata"]["optics"]
-                point = known["principal_point_px"]
-                return Optics(
-                    focal_length_px=known["focal_length_px"], principal_point_px=point and (point[0], point[1])
-                )
+                return _optics_of(capture)
         return Optics()
 
     def reports(self) -> tuple[FrameReport, ...]:
@@ -236,10 +232,12 @@ def require_valid_record(record: Mapping[str, Any]) -> Mapping[str, Any]:
         if not (0 <= x0 < x1 and 0 <= y0 < y1):
             raise ValueError(f"found the roi {roi}")
     for capture in record.get("captures", []):
-        known = capture["metadata"]["optics"]
         Path(capture["root"])
-        Optics(
-            focal_length_px=known["focal_length_px"],
-            principal_point_px=known["principal_point_px"] and tuple(map(float, known["principal_point_px"])),
-        )
+        _optics_of(capture)
     return record
+
+
+def _optics_of(capture: Mapping[str, Any]) -> Optics:
+    known = capture["metadata"]["optics"]
+    point = known["principal_point_px"] and tuple(map(float, known["principal_point_px"]))
+    return Optics(focal_length_px=known["focal_length_px"], principal_point_px=point)

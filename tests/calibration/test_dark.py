@@ -145,8 +145,12 @@ def test_whole_numbers_need_volts_a_count() -> None:
         mean_volts([np.zeros(SHAPE, np.uint16)], voltage=Voltage())
 
 
-def test_rounding_is_no_outlier_where_there_is_no_noise() -> None:
-    frames = np.zeros((3, *SHAPE))
-    frames[:, 0, 0, 4, 5] = 1e-14
-    dark = dark_of(frames)
-    assert not (dark.defects & Defect.OFFSET).any()
+@pytest.mark.parametrize(
+    ("centre_v", "off_v", "outlier"),
+    [(0.0, 0.9e-12, False), (0.0, 1.1e-12, True), (0.5, 4e-7, False), (0.5, 6e-7, True)],
+)
+def test_rounding_is_no_outlier_where_there_is_no_noise(centre_v: float, off_v: float, outlier: bool) -> None:
+    """A millionth of a microvolt, or a part in a million of what all pixels show: eight steps of a float32."""
+    frames = np.full((3, *SHAPE), centre_v)
+    frames[:, 0, 0, 4, 5] += off_v
+    assert dark_of(frames).hot.sum() == outlier

@@ -11,11 +11,12 @@ from cadtof_cli.calibration.apply import frame_correction
 from cadtof_cli.calibration.dark import DarkCalibration
 from cadtof_cli.calibration.parts import Origin, plane_names, stacked
 from cadtof_cli.calibration.petzval import PetzvalCalibration, PetzvalQuality, WallFit
-from cadtof_cli.calibration.response import ResponseCalibration, ResponseQuality
+from cadtof_cli.calibration.response import ResponseCalibration
 from cadtof_cli.calibration.store import Calibration, cached_calibration, digest_of, load_calibration, save_part
 from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Voltage
 from cadtof_cli.errors import MetadataError, SettingsError
 from cadtof_cli.phasors.response import HarmonicResponse
+from tests.support.calibrations import PETZVAL_QUALITY, RESPONSE_QUALITY
 
 SHAPE = (4, 6)
 
@@ -90,7 +91,7 @@ def test_maps_of_another_size_are_refused() -> None:
     with pytest.raises(ValueError, match="defects: found shape"):
         DarkCalibration(origin(), good, good, np.zeros((4, 5), np.uint32))
     with pytest.raises(ValueError, match="expected finite numbers"):
-        PetzvalCalibration(origin(), float("nan"), 0.0, (1.0, 1.0), PetzvalQuality())
+        PetzvalCalibration(origin(), float("nan"), 0.0, (1.0, 1.0), PETZVAL_QUALITY)
 
 
 @pytest.mark.parametrize("what", ["harmonics", "shape", "nan", "zero"])
@@ -104,7 +105,7 @@ def test_a_response_that_cannot_be_is_refused(what: str) -> None:
     elif what == "zero":
         gain[0, 0, 0] = 0.0
     with pytest.raises(ValueError, match=r"found|gain"):
-        ResponseCalibration(origin(), responses, phase, gain, (0.0, 0.0), ResponseQuality())
+        ResponseCalibration(origin(), responses, phase, gain, (0.0, 0.0), RESPONSE_QUALITY)
 
 
 def test_parts_that_were_measured_with_others_are_stale() -> None:

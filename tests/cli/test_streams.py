@@ -57,6 +57,22 @@ def test_stdout_that_takes_nothing(place: str, told: str, arguments: tuple[str, 
     assert "Exception ignored" not in done.err
 
 
+def test_a_log_that_takes_nothing_is_named(tmp_path: Path) -> None:
+    done = _shell(
+        '"$@"', "resolve", record(tmp_path / "capture").folder, "-o", tmp_path / "out", "-q", "--log", "/dev/full"
+    )
+    assert (done.status, done.err) == (2, "Error: /dev/full: cannot be written: No space left on device\n")
+
+
+def test_a_folder_that_is_gone_from_under_us(tmp_path: Path) -> None:
+    capture = record(tmp_path / "capture").folder
+    script = 'mkdir gone; cd gone; rmdir ../gone; "$@"'
+    done = _shell(f"cd {tmp_path}; {script}", "resolve", capture, "-o", "out", "-q")
+    told = "Error: the folder that cadtof was started in is gone; go into one that is there\n"
+    assert (done.status, done.err) == (2, told)
+    assert _shell(f"cd {tmp_path}; {script}", "--version").status == 0
+
+
 @pytest.mark.parametrize("place", ["2>&-", "2>/dev/full"])
 def test_stderr_that_takes_nothing(place: str, tmp_path: Path) -> None:
     capture, out = record(tmp_path / "capture", frames=2), tmp_path / "out"

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from cadtof_cli.calibration.dark import DarkCalibration
 from cadtof_cli.calibration.parts import Origin, Part
-from cadtof_cli.calibration.petzval import PetzvalCalibration, PetzvalQuality
-from cadtof_cli.calibration.response import ResponseCalibration, ResponseQuality
+from cadtof_cli.calibration.petzval import PetzvalCalibration
+from cadtof_cli.calibration.response import ResponseCalibration
 from cadtof_cli.calibration.store import load_calibration, save_part
 from cadtof_cli.capture.metadata import CaptureMetadata, Optics, Pixel
 from cadtof_cli.files.maps import DepthMaps
@@ -19,6 +19,7 @@ from cadtof_cli.phasors.response import HarmonicResponse
 from cadtof_cli.pipeline import resolve_frame
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.resolver.status import StatusBit
+from tests.support.calibrations import PETZVAL_QUALITY, RESPONSE_QUALITY
 from tests.support.forward import AMPLITUDE_V, C_M_PER_NS, T1_NS
 
 F = NDArray[np.float64]
@@ -66,7 +67,7 @@ def ranges_m(seed: int = 0) -> F:
 
 
 def petzval(point_px: tuple[float, float] = POINT_PX) -> PetzvalCalibration:
-    return PetzvalCalibration(ORIGIN, K2_M, K4_M, point_px, PetzvalQuality())
+    return PetzvalCalibration(ORIGIN, K2_M, K4_M, point_px, PETZVAL_QUALITY)
 
 
 @pytest.mark.parametrize("order", ["1", "2"])
@@ -116,7 +117,7 @@ def response(curvature: tuple[float, float], **maps: F) -> ResponseCalibration:
     responses = tuple(HarmonicResponse(h, ((1, complex(r)),)) for h, r in zip((1, 2), pulse, strict=True))
     phase = np.asarray(maps.get("phase", np.zeros((2, *SHAPE))), np.float32)
     gain = np.asarray(maps.get("gain", np.ones((2, *SHAPE))), np.float32)
-    return ResponseCalibration(ORIGIN, responses, phase, gain, curvature, ResponseQuality())
+    return ResponseCalibration(ORIGIN, responses, phase, gain, curvature, RESPONSE_QUALITY)
 
 
 @pytest.mark.parametrize("point_px", [POINT_PX, None])

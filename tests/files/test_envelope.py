@@ -14,7 +14,9 @@ from numpy.typing import NDArray
 from cadtof_cli.capture.frames import FrameSource, open_frames
 from cadtof_cli.errors import FrameError
 from cadtof_cli.files.frames import FrameLayout
-from cadtof_cli.files.maps import DepthMaps, read_layers, write_maps
+from cadtof_cli.files.maps import DepthMaps, MapHeader, read_layers, write_maps
+from cadtof_cli.files.system import BLOCK_BYTES, address_of
+from cadtof_cli.files.tiff import layers
 
 LAYOUT = FrameLayout(harmonics=(1, 2))
 
@@ -167,3 +169,33 @@ def test_the_library_meets_the_first_of_a_kind_only(tmp_path: Path, monkeypatch:
     write_maps(tmp_path / "second.tif", maps(1))
     monkeypatch.undo()
     np.testing.assert_array_equal(read_layers(tmp_path / "second.tif")["confidence"], maps(1).pages[1])
+
+
+def test_maps_in_memory_of_their_own_have_these_bytes_too(tmp_path: Path) -> None:
+    for seed in range(4):
+        one, other = maps(seed), DepthMaps.empty(maps(seed).names, (6, 9))
+        other.pages[:], other.status[:] = one.pages, one.status
+        write_maps(tmp_path / "own.tif", other)
+        afresh(partial(write_maps, tmp_path / "copied.tif", one))
+        assert (tmp_path / "own.tif").read_bytes() == (tmp_path / "copied.tif").read_bytes()
+
+
+def test_a_part_of_maps_is_cut_out_of_their_memory(tmp_path: Path) -> None:
+    for seed in range(4):
+        whole = DepthMaps.empty(maps(seed).names, (6, 9))
+        whole.pages[:], whole.status[:] = maps(seed).pages, maps(seed).status
+        write_maps(tmp_path / "cut.tif", whole.cropped((2, 1, 8, 5)))
+        np.testing.assert_array_equal(
+            read_layers(tmp_path / "cut.tif")["direct.depth"], maps(seed).layer("direct.depth")[1:5, 2:8]
+        )
+
+
+def test_the_third_map_is_one_piece_that_a_disk_takes_without_a_copy(tmp_path: Path) -> None:
+    header = MapHeader({"direct.depth": "m"}, {"source": "frame.tif"})
+    for _ in range(3):
+        own = DepthMaps.empty(("direct.depth", "confidence"), (6, 9))
+        own.pages[:], own.status[:] = 1.0, 8
+        parts = layers.write_maps(tmp_path / "maps.tif", own, header=header)
+    (whole,) = parts
+    assert (address_of(np.frombuffer(whole, np.uint8)) % BLOCK_BYTES, whole.nbytes % BLOCK_BYTES) == (0, 0)
+    assert whole == (tmp_path / "maps.tif").read_bytes()

@@ -12,7 +12,7 @@ from cadtof_cli.files.tiff.layers import ome_xml
 from cadtof_cli.files.tiff.names import channel_names
 from tests.files.refusals import message
 
-HEADER = MapHeader(facts={"software": "cadtof 0.1.0"})
+HEADER = MapHeader()
 
 WRITTEN_BY_0_1_0 = (
     '<?xml version="1.0" encoding="UTF-8"?>'

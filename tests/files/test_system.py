@@ -131,11 +131,11 @@ def test_parts_are_written_and_read_as_one_file(vectors: bool, tmp_path: Path, m
     assert path.read_bytes() == b"".join(pieces)
     found = [bytearray(len(piece)) for piece in pieces]
     with FileIO(path) as file:
-        assert read_parts(file, [memoryview(one) for one in found])
+        assert read_parts(file.fileno(), [memoryview(one) for one in found])
         assert read_at(file.fileno(), 6, 2) == b"ad\x00\x01\x02\x03"
     assert found == [bytearray(piece) for piece in pieces]
     with FileIO(path) as file:
-        assert not read_parts(file, [memoryview(bytearray(path.stat().st_size + 1))])
+        assert not read_parts(file.fileno(), [memoryview(bytearray(path.stat().st_size + 1))])
 
 
 def test_a_system_that_moves_a_few_bytes_at_a_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -148,7 +148,7 @@ def test_a_system_that_moves_a_few_bytes_at_a_time(tmp_path: Path, monkeypatch: 
     assert path.read_bytes() == b"before" + values.tobytes() + b"after"
     out = np.zeros(105, np.uint8)
     with FileIO(path) as file:
-        assert read_parts(file, [memoryview(bytearray(6)), out.data])
+        assert read_parts(file.fileno(), [memoryview(bytearray(6)), out.data])
     assert out.tobytes() == values.tobytes() + b"after"
 
 

@@ -24,6 +24,24 @@ def test_quantiles_of_magnitudes(exact: int, within: float) -> None:
     assert found.max_abs == pytest.approx(sizes.max(), rel=1e-7)
 
 
+@pytest.mark.parametrize("sizes", [(5, 5), (1, 9), (10,), (3, 0, 7)])
+def test_as_many_values_as_are_kept_have_exact_quantiles_and_one_more_has_not(sizes: tuple[int, ...]) -> None:
+    """Of values from 1 to 2 with bins as wide as a part in 4096: 1.3 lies in no bin's middle."""
+    tally = MagnitudeTally(exact=10)
+    for size in sizes:
+        tally.add(np.full(size, -1.3))
+    assert vars(tally.summary()) == {name: np.float32(1.3) for name in ("median_abs", "p90_abs", "max_abs")}
+    tally.add(np.array([1.3]))
+    found = tally.summary()
+    assert found.median_abs is not None
+    assert 0.0 < abs(found.median_abs - 1.3) < 1.3 / 4096
+    assert found.max_abs == np.float32(1.3)
+    # once counted, always: values that come later are counted too
+    for _ in range(3):
+        tally.add(np.full(10, 2.6))
+    assert tally.summary().median_abs == pytest.approx(2.6, rel=1 / 4096)
+
+
 @pytest.mark.parametrize("exact", [10**6, 10])
 def test_what_is_the_same_differs_by_nothing(exact: int) -> None:
     tally = MagnitudeTally(exact=exact)

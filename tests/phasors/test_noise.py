@@ -36,6 +36,26 @@ def test_counting_adds_a_twelfth_of_a_count_squared() -> None:
     assert noise_model(metadata, integration_length=1e9, quantised=False).each[0].floor == 0.0
 
 
+@pytest.mark.parametrize("direct_ns", [0.0, 4.0, 13.0, 31.0])
+def test_the_covariance_of_any_light_is_that_of_the_pixel_and_of_counting(direct_ns: float) -> None:
+    """Of two paths and ambient light, by the phasors at h and 2h; counts of 2 mV are rounded by √(1/12) of it, in each channel.
+
+    A thousandth of what ambient light alone has comes on top, so that no variance falls to rounding.
+    """
+    light, n_av = Light(0.8, mpi=0.4, direct_ns=direct_ns), 1e5
+    metadata = CaptureMetadata(voltage=Voltage(volts_per_count=2e-3), pixel=Pixel(integration_length=n_av))
+    model = noise_model(metadata, integration_length=n_av, quantised=True)
+    pulse = {k: abs(Light(0.0, direct_ns=0.0).moment(k)) for k in (1, 2, 4)}
+    for h, harmonic in zip((1, 2), model.each, strict=True):
+        one, two = light.moment(h) / pulse[h], light.moment(2 * h) / pulse[2 * h]
+        rotors = [(np.array([z.real]), np.array([z.imag])) for z in (one, two)]
+        xx, xy, yy = (float(part[0]) for part in harmonic.covariance(*rotors))
+        least = 1e-3 * 0.5 / (2 * n_av - 1)
+        counting = (2e-3 / 0.2746) ** 2 / 12
+        expected = (light.covariance(h, n_av) + (least + counting) * np.eye(2)) / pulse[h] ** 2
+        np.testing.assert_allclose([[xx, xy], [xy, yy]], expected, rtol=1e-6, atol=1e-12)
+
+
 @pytest.mark.parametrize("n_av", [1e3, 1e5])
 def test_the_integration_length_is_found_in_a_frame_with_an_edge_and_outliers(n_av: float) -> None:
     rng = np.random.default_rng(8)

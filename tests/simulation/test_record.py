@@ -18,6 +18,7 @@ from cadtof_cli.simulation.scene.light import Scene
 from cadtof_cli.simulation.scene.rooms.room import RandomRoom
 from cadtof_cli.simulation.scene.scenes import Card, Corner, Wall
 from cadtof_cli.workflows.simulate.record import RecordSettings, expose, record_scene, write_capture
+from tests.support.told import Told
 
 CAMERA = Camera(width=33, height=21)
 
@@ -123,21 +124,6 @@ def test_voltages_beyond_the_converter_saturate(tmp_path: Path) -> None:
     stored = tifffile.imread(tmp_path / "c" / "frame_0000.tif")
     assert stored.max() == 1023
     assert (stored == 1023).mean() > 0.1
-
-
-class Told:
-    """Progress that is counted."""
-
-    expected = steps = 0
-
-    def total(self, count: int, /) -> None:
-        self.expected = count
-
-    def advance(self) -> None:
-        self.steps += 1
-
-    def say(self, message: str, /) -> None:
-        raise AssertionError(message)
 
 
 def test_every_step_is_told(tmp_path: Path) -> None:

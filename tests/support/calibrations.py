@@ -13,6 +13,10 @@ from cadtof_cli.calibration.store import Calibration
 from cadtof_cli.capture.metadata import CaptureMetadata
 from cadtof_cli.phasors.response import HarmonicResponse, ideal_response
 
+PETZVAL_QUALITY = PetzvalQuality(0.001, 0.002, 0.01, 0.001, 0.001, 0.5, 28.0, True, ())
+
+RESPONSE_QUALITY = ResponseQuality((), 1.0, (), (), (), (0.0, 0.0), ())
+
 
 def made_up_calibration(metadata: CaptureMetadata, pixels: tuple[int, int], parts: Collection[str], /) -> Calibration:
     """Return some of the parts for captures of a sine: offsets, hot pixels, gains, delays, imbalance, field curvature."""
@@ -41,8 +45,8 @@ def made_up_calibration(metadata: CaptureMetadata, pixels: tuple[int, int], part
         rng.normal(scale=0.05, size=shape).astype(np.float32),
         rng.uniform(0.9, 1.1, shape).astype(np.float32),
         (0.03, -0.02),
-        ResponseQuality(),
+        RESPONSE_QUALITY,
     )
-    petzval = PetzvalCalibration(origin, 0.05, -0.03, (pixels[1] / 3, pixels[0] / 2), PetzvalQuality())
+    petzval = PetzvalCalibration(origin, 0.05, -0.03, (pixels[1] / 3, pixels[0] / 2), PETZVAL_QUALITY)
     every = Calibration(dark, response, petzval)
     return replace(Calibration(), **{name: getattr(every, name) for name in parts})

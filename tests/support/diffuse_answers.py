@@ -5,7 +5,8 @@ from dataclasses import fields
 import numpy as np
 from numpy.typing import NDArray
 
-from cadtof_cli.resolver.diffuse.grid import View, sampled_pixels
+from cadtof_cli.resolver.diffuse.grid import View, assumed_view, patch_grid, sampled_pixels
+from cadtof_cli.resolver.diffuse.light import sampled_light
 from cadtof_cli.resolver.diffuse.pixels import diffuse_pixels
 from cadtof_cli.resolver.diffuse.predict import diffuse_model
 from cadtof_cli.resolver.diffuse.records import DiffuseChoice, DiffuseModel, DiffusePixels
@@ -32,13 +33,13 @@ def model_of(
     view = None if focal_px is None else View(focal_px, ((width - 1) / 2, (height - 1) / 2))
     harmonics = harmonics or tuple(range(1, len(phasors) + 1))
     sampled = sampled_pixels(height, width)
+    use = (np.ones((height, width), bool) if usable is None else usable)[sampled]
+    grid = patch_grid(height, width, view or assumed_view(height, width))
     return diffuse_model(
-        phasors[:, *sampled],
-        size=(height, width),
-        usable=(np.ones((height, width), bool) if usable is None else usable)[sampled],
+        sampled_light(phasors[:, *sampled], use, grid, harmonics=harmonics),
+        grid=grid,
         variances=(variance(n_av),) * len(phasors),
         settings=DiffuseSettings(model=model, period_ns=T1_NS, harmonics=harmonics),
-        view=view,
         samples=samples,
         range_offset_m=range_offset_m,
     )

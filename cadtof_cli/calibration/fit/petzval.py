@@ -1,5 +1,6 @@
 """Ranges of flat walls → the field curvature, with every wall's distance and tilt fitted beside it."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -12,7 +13,7 @@ from cadtof_cli.calibration.parts import Origin
 from cadtof_cli.calibration.petzval import PetzvalCalibration, PetzvalQuality, WallFit
 from cadtof_cli.capture.metadata import Optics
 from cadtof_cli.errors import SettingsError
-from cadtof_cli.optics import half_diagonal_px, principal_point
+from cadtof_cli.optics import principal_point
 from cadtof_cli.units import unambiguous_range_m
 
 LEAST_PIXELS = 50
@@ -97,7 +98,7 @@ def fit_petzval(walls: Sequence[WallRanges], /, *, optics: Optics, origin: Origi
             that differ enough for the focal length to be fitted too; or what was seen is no wall.
     """
     point = principal_point(optics, origin.pixels)
-    half_diagonal = half_diagonal_px(origin.pixels)
+    half_diagonal = 0.5 * math.hypot(*origin.pixels)
     focal = optics.focal_length_px
     if focal is None:
         _require_distinct(walls)

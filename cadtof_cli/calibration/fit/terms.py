@@ -165,7 +165,7 @@ class _System:
         """Return changes and standard errors, (len(orders), H, 2) each, and the condition of their normal matrix."""
         places = self._places(orders)
         normal, side = self._normal[np.ix_(places, places)], self._side[places]
-        norm = 1.0 / np.sqrt(np.maximum(np.diag(normal), np.finfo(np.float64).tiny))
+        norm = 1.0 / np.sqrt(np.diag(normal))
         scaled = normal * np.outer(norm, norm)
         condition = float(np.linalg.cond(scaled))
         if not np.isfinite(condition) or condition > 1e12:

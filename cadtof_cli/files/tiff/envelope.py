@@ -5,14 +5,15 @@ written as that one was.
 """
 
 import os
-from io import FileIO
+import stat
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from numpy.typing import NDArray
 from tifffile import FileHandle
 
-from cadtof_cli.files.system import read_parts
+from cadtof_cli.files.system import BLOCK_BYTES, READ_FLAGS, read_parts
 from cadtof_cli.records import dataclass
 
 LARGEST_BYTES = 2**20
@@ -38,20 +39,35 @@ class Envelope:
         return cls(head, pixels, file.read())
 
     def read(self, path: Path, out: NDArray[Any], /) -> bool:
-        """Read the pixels of a file into `out` if it has the same bytes around them, and return whether it has."""
+        """Read the pixels of a file into `out` if it has the same bytes around them, and return whether it has.
+
+        Raises:
+            OSError: it cannot be read.
+        """
         if out.nbytes != self.pixels:
             return False
-        head, tail = bytearray(len(self.head)), bytearray(len(self.tail))
-        with FileIO(path) as file:
-            if os.fstat(file.fileno()).st_size != len(head) + self.pixels + len(tail):
+        head, tail, more = bytearray(len(self.head)), bytearray(len(self.tail)), memoryview(bytearray(1))
+        descriptor = os.open(path, READ_FLAGS)
+        try:
+            found = os.fstat(descriptor)
+            if not stat.S_ISREG(found.st_mode) or found.st_size != len(head) + self.pixels + len(tail):
                 return False
-            whole = read_parts(file, (memoryview(head), out.data.cast("B"), memoryview(tail)))
-            return whole and head == self.head and tail == self.tail and not file.read(1)
+            whole = read_parts(descriptor, (memoryview(head), out.data.cast("B"), memoryview(tail)))
+            # it may have grown meanwhile
+            return whole and head == self.head and tail == self.tail and not read_parts(descriptor, (more,))
+        finally:
+            os.close(descriptor)
 
     def written_as(self, old: bytes, new: bytes, /) -> "Envelope":
         """Return the envelope with bytes replaced by others of the same length."""
         return self if old == new else Envelope(self.head.replace(old, new), self.pixels, self.tail.replace(old, new))
 
-    def around(self, pixels: NDArray[Any], /) -> tuple[memoryview, memoryview, memoryview]:
-        """Return the parts of a file with these bytes around other pixels."""
-        return memoryview(self.head), pixels.data.cast("B"), memoryview(self.tail)
+    def around(self, pixels: NDArray[Any], image: memoryview | None, /) -> Sequence[memoryview]:
+        """Return the parts of a file with these bytes around other pixels: a single one where these lie in an `image` that has a
+        block before them and room for the rest behind."""
+        behind = BLOCK_BYTES + self.pixels
+        if image is None or len(self.head) != BLOCK_BYTES or behind + len(self.tail) > len(image):
+            return memoryview(self.head), pixels.data.cast("B"), memoryview(self.tail)
+        end = behind + len(self.tail)
+        image[:BLOCK_BYTES], image[behind:end] = self.head, self.tail
+        return (image[:end],)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from cadtof_cli.arrays import Stored
 from cadtof_cli.errors import FrameError
-from cadtof_cli.files.frames import CHANNELS, FrameLayout, Frames, single_frame
+from cadtof_cli.files.frames import CHANNELS, FrameLayout, Frames
 from cadtof_cli.files.plane_table import plane_table
 from cadtof_cli.files.reading import damage_as_frame_error
 from cadtof_cli.files.tiff.envelope import Envelope
@@ -31,19 +31,22 @@ class _Stack:
 
 @dataclass(frozen=True)
 class _SingleFrameFile:
-    """A file with a single frame: its layout, shape and type, and the bytes around its pixels."""
+    """A file with a single frame: its shape and type, and the bytes around its pixels."""
 
-    layout: FrameLayout
     shape: tuple[int, ...]
     dtype: np.dtype[Any]
     envelope: Envelope
 
+    def read_like(self, path: Path, /) -> Stored | None:
+        """Return the frame of another such file; None where its bytes differ in more than pixels."""
+        stored = np.empty(self.shape, self.dtype)
+        return stored if self.envelope.read(path, stored) else None
+
 
 class _LastRead(threading.local):
-    """What this thread read last: a stack, or a file with a single frame."""
+    """The stack that this thread read last."""
 
     stack: _Stack | None = None
-    file: _SingleFrameFile | None = None
 
 
 _last = _LastRead()
@@ -53,20 +56,12 @@ _last = _LastRead()
 def open_frames(path: Path, layout: FrameLayout, /) -> Iterator[Frames]:
     """Open a TIFF or BigTIFF file of either byte order.
 
-    A worker that takes a stack frame by frame finds its thousands of pages once. A file that differs in its pixels alone from
-    the one read before is as sound as that was, and is read at once.
+    A worker that takes a stack frame by frame finds its thousands of pages once.
 
     Raises:
         NotAFrameError: the file holds maps, not voltages.
         FrameError: the file cannot be read, is damaged, or its planes do not make up whole frames.
     """
-    like = _last.file
-    with damage_as_frame_error(path, "TIFF"):
-        stored = np.empty(like.shape, like.dtype) if like and like.layout == layout else None
-        is_alike = like is not None and stored is not None and like.envelope.read(path, stored)
-    if is_alike and stored is not None:
-        yield single_frame(stored)
-        return
     with damage_as_frame_error(path, "TIFF"):
         state = path.stat()
     images, table = _opened((path, layout, state.st_ino, state.st_size, state.st_mtime_ns), path, layout)
@@ -74,12 +69,12 @@ def open_frames(path: Path, layout: FrameLayout, /) -> Iterator[Frames]:
     with closing(images):
         with damage_as_frame_error(path, "TIFF"):
             envelope = images.envelope(table[0].ravel()) if len(table) == 1 else None
-        _last.file = _SingleFrameFile(layout, shape, images.dtype, envelope) if envelope else None
+        like = _SingleFrameFile(shape, images.dtype, envelope) if envelope else None
 
         def read(index: int = 0, /) -> Stored:
             return images.planes(table[index].ravel()).reshape(shape)
 
-        yield Frames(len(table), shape, images.dtype, read)
+        yield Frames(len(table), shape, images.dtype, read, like.read_like if like else None)
 
 
 def _opened(key: object, path: Path, layout: FrameLayout) -> tuple[TiffImages, NDArray[np.intp]]:

@@ -5,6 +5,7 @@ and what is built on it (rasterio, QGIS) know a page without the others.
 """
 
 import math
+import os
 import threading
 from collections.abc import Mapping, Sequence
 from contextlib import closing
@@ -17,7 +18,7 @@ import tifffile
 from numpy.typing import NDArray
 
 from cadtof_cli.errors import FrameError
-from cadtof_cli.files.maps import SOURCE, STATUS, DepthMaps, MapHeader
+from cadtof_cli.files.maps import SOFTWARE, SOURCE, STATUS, DepthMaps, MapHeader
 from cadtof_cli.files.system import BLOCK_BYTES
 from cadtof_cli.files.tiff.envelope import Envelope
 from cadtof_cli.files.tiff.images import TiffImages, reading_tiff
@@ -53,7 +54,7 @@ def write_maps(path: Path, maps: DepthMaps, /, *, header: MapHeader) -> Sequence
     source = _marked_source(header)
     kind = (maps.names, maps.pages.shape, others, dict(header.units), len(source))
     if _last.kind == kind and _last.envelope:
-        return _last.envelope.written_as(_last.source, source).around(maps.pages)
+        return _last.envelope.written_as(_last.source, source).around(maps.pages, maps.image)
     _write_pages(path, maps, header)
     _last.envelope = _envelope(path, maps) if _last.kind == kind else None
     _last.kind, _last.source = kind, source
@@ -61,7 +62,10 @@ def write_maps(path: Path, maps: DepthMaps, /, *, header: MapHeader) -> Sequence
 
 
 def _write_pages(path: Path, maps: DepthMaps, header: MapHeader) -> None:
-    """Write a file as tifffile does, all pixels in one run, then the names of the pages into their tags."""
+    """Write a file as tifffile does, all pixels in one run, then the names of the pages into their tags.
+
+    It ends with a whole disk block, as its pixels begin with one: the next files can then be written past the page cache.
+    """
     names = (*maps.names, STATUS)
     bands = [
         _gdal_xml(name, header.units.get(name, ""), {} if place else header.facts) for place, name in enumerate(names)
@@ -71,7 +75,7 @@ def _write_pages(path: Path, maps: DepthMaps, header: MapHeader) -> None:
         maps.pages,
         photometric="minisblack",
         description=ome_xml(names, size=maps.status.shape, header=header),
-        software=header.facts["software"],
+        software=SOFTWARE,
         metadata=None,
         align=BLOCK_BYTES,
         extratags=[(code, _ASCII, None, " ", False) for code in (_PAGE_NAME, _GDAL_METADATA)],
@@ -81,7 +85,18 @@ def _write_pages(path: Path, maps: DepthMaps, header: MapHeader) -> None:
             assert isinstance(page, tifffile.TiffPage)
             # tifffile writes what does not fit into the place of the tag to the end of the file
             page.tags[_PAGE_NAME].overwrite(name)
-            page.tags[_GDAL_METADATA].overwrite(band)
+            page.tags[_GDAL_METADATA].overwrite(band if name != STATUS else _at_end_of_block(file.filehandle, band))
+
+
+def _at_end_of_block(file: tifffile.FileHandle, text: str) -> str:
+    """Make a file as long as is needed for it to end with a whole block after a text and its zero byte; return this text.
+
+    It gets a blank where it takes an odd number of bytes, since values begin at even places.
+    """
+    text += " " * ((len(text) + 1) % 2)
+    end = file.seek(0, os.SEEK_END)
+    file.write(bytes(-(end + len(text) + 1) % BLOCK_BYTES))
+    return text
 
 
 def _envelope(path: Path, maps: DepthMaps) -> Envelope | None:
@@ -126,7 +141,7 @@ def ome_xml(names: Sequence[str], /, *, size: tuple[int, ...], header: MapHeader
             "xmlns": _SCHEMA,
             "xmlns:xsi": "http://www.w3.org/2001/XMLSchema-instance",
             "xsi:schemaLocation": f"{_SCHEMA} {_SCHEMA}/ome.xsd",
-            "Creator": header.facts["software"],
+            "Creator": SOFTWARE,
         },
     )
     image = ElementTree.SubElement(root, "Image", {"ID": "Image:0"})
@@ -141,8 +156,7 @@ def ome_xml(names: Sequence[str], /, *, size: tuple[int, ...], header: MapHeader
         channel = {"ID": f"Channel:0:{index}", "Name": name, "SamplesPerPixel": "1"}
         ElementTree.SubElement(pixels, "Channel", channel)
     ElementTree.SubElement(pixels, "TiffData")
-    said = {name: text for name, text in header.facts.items() if name != "software"}
-    said |= {f"{_UNIT}{name}": unit for name, unit in header.units.items() if unit}
+    said = dict(header.facts) | {f"{_UNIT}{name}": unit for name, unit in header.units.items() if unit}
     if said:
         ElementTree.SubElement(image, "AnnotationRef", {"ID": "Annotation:0"})
         held = ElementTree.SubElement(root, "StructuredAnnotations")

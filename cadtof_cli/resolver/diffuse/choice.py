@@ -11,6 +11,7 @@ import numpy as np
 
 from cadtof_cli.arrays import Bool, Float
 from cadtof_cli.resolver.diffuse.light import PatchMeans
+from cadtof_cli.resolver.diffuse.quantiles import median
 from cadtof_cli.resolver.diffuse.settings import DiffuseSettings
 
 LARGEST_LEAD_RAD = 0.1
@@ -85,7 +86,7 @@ def tail_fits(chi_squared: Float, data: int, /) -> bool:
 
     The two data of two harmonics say nothing about that: some tail comes near any of them.
     """
-    return data == 2 or float(np.median(chi_squared)) <= LARGEST_MISFIT * data
+    return data == 2 or float(median(chi_squared)) <= LARGEST_MISFIT * data
 
 
 def misfit_without_mpi(means: PatchMeans, lit: Bool, variances: Float, /, *, harmonics: tuple[int, ...]) -> float:

@@ -42,7 +42,7 @@ def assumed_view(height: int, width: int, /) -> View:
 class PatchGrid:
     """A frame of `height` × `width` pixels cut into `rows` × `columns` square patches of `side` pixels; the last may stick out.
 
-    With the slopes X = (x − cx)/f and Y = (y − cy)/f of a pixel's ray, `cosine`, (rows, columns, n) float32, is
+    With the slopes X = (x − cx)/f and Y = (y − cy)/f of a pixel's ray, `cosine`, (n, rows, columns) float32, is
     1/√(1 + X² + Y²) of the sampled pixels; `slope`, (2, rows, columns), are X and Y in their middle, patch by patch; `place`,
     (2, n), is where they lie about it, x right, y down, in strides. `ray`, (3, rows, columns), is the unit vector through the
     middle of each patch.
@@ -61,12 +61,12 @@ class PatchGrid:
     ray: Float
 
     def samples(self, image: NDArray[Any], /) -> NDArray[Any]:
-        """Return the sampled pixels of images (…, Y, X) by patch, (…, rows, columns, n); 0 or False outside the frame."""
+        """Return the sampled pixels of images (…, Y, X) by patch, (…, n, rows, columns); 0 or False outside the frame."""
         rows, columns = sampled_pixels(self.height, self.width)
         return self.by_patch(image[..., rows, columns])
 
     def by_patch(self, sampled: NDArray[Any], /) -> NDArray[Any]:
-        """Return images of the sampled pixels alone, (…, rows, columns), by patch, (…, rows, columns, n)."""
+        """Return images of the sampled pixels alone, (…, rows, columns), by patch, (…, n, rows, columns)."""
         per_side = self.side // self.stride
         height, width = sampled.shape[-2:]
         shape = (*sampled.shape[:-2], self.rows * per_side, self.columns * per_side)
@@ -75,7 +75,7 @@ class PatchGrid:
             padded = np.zeros(shape, sampled.dtype)
             padded[..., :height, :width] = sampled
         cut = padded.reshape(*shape[:-2], self.rows, per_side, self.columns, per_side)
-        return cut.swapaxes(-3, -2).reshape(*shape[:-2], self.rows, self.columns, -1)
+        return np.moveaxis(cut, (-3, -1), (-4, -3)).reshape(*shape[:-2], per_side**2, self.rows, self.columns)
 
 
 @lru_cache(maxsize=4)
@@ -93,10 +93,10 @@ def patch_grid(height: int, width: int, view: View, /) -> PatchGrid:
         bare.samples(np.broadcast_to(slope, (len(down), len(across)))) for slope in (across, down[:, np.newaxis])
     )
     cosine = 1.0 / np.sqrt(1.0 + slope_x * slope_x + slope_y * slope_y)
-    ray = np.stack([(slope_x * cosine).mean(-1), (slope_y * cosine).mean(-1), cosine.mean(-1)])
+    ray = np.stack([(slope_x * cosine).mean(0), (slope_y * cosine).mean(0), cosine.mean(0)])
     ray /= np.linalg.norm(ray, axis=0)
     slope, steps = (
-        np.stack([slope_x.mean(-1), slope_y.mean(-1)]),
+        np.stack([slope_x.mean(0), slope_y.mean(0)]),
         np.arange(side // stride) - 0.5 * (side // stride - 1),
     )
     place = np.stack(np.meshgrid(steps, steps)).reshape(2, -1)

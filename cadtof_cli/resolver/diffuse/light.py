@@ -6,6 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cadtof_cli.arrays import Bool, Complex, Float, Float32
+from cadtof_cli.resolver.diffuse.compiled_light import compiled_sums
+from cadtof_cli.resolver.diffuse.elementary import phase_of
+from cadtof_cli.resolver.diffuse.grid import PatchGrid
+from cadtof_cli.resolver.two_path.kernel import NUMPY
 
 LARGEST_AMPLITUDE = 1e3
 """Largest |p_h| of light, whose phasors are 1 at most: what lies beyond is damage, and would drown a patch."""
@@ -19,9 +23,9 @@ Complex64 = NDArray[np.complex64]
 
 @dataclass(frozen=True, eq=False)
 class PatchLight:
-    """The sampled pixels of every patch, (rows, columns, n) each, in single precision, whose rounding is far below their noise.
+    """The sampled pixels of every patch, (n, rows, columns) each, in single precision, whose rounding is far below their noise.
 
-    `seen` is false where a pixel has no answer; `phase_rad` is arg p1. `weighted`, (1 + 2·H, rows, columns, n), holds |p1|², by
+    `seen` is false where a pixel has no answer; `phase_rad` is arg p1. `weighted`, (1 + 2·H, n, rows, columns), holds |p1|², by
     which pixels are weighted, and the real and imaginary parts of p1·|p1| and of q_h = (p_h/|p1|)·(conj(p1)/|p1|)^h times
     that weight: 0 where not seen.
     """
@@ -47,30 +51,45 @@ def is_light(phasors: Complex | Complex64, /) -> Bool:
     return np.asarray(sound.all(axis=0) & (phasors[0] != 0.0))
 
 
+def sampled_light(phasors: Complex, usable: Bool, grid: PatchGrid, /, *, harmonics: tuple[int, ...]) -> PatchLight:
+    """Return the light of the phasors (H, rows, columns) of a frame's `sampled_pixels`, of which some are `usable`."""
+    with np.errstate(over="ignore"):
+        # what no camera stores becomes infinite, and is not seen
+        taken = grid.by_patch(phasors.astype(np.complex64))
+    return patch_light(taken, grid.by_patch(usable) & is_light(taken), harmonics=harmonics)
+
+
 def patch_light(samples: Complex | Complex64, seen: Bool, /, *, harmonics: tuple[int, ...]) -> PatchLight:
-    """Return the light of sampled phasors (H, rows, columns, n); those not `seen` may hold anything."""
+    """Return the light of sampled phasors (H, n, rows, columns); those not `seen` may hold anything.
+
+    In real numbers, whose every operation is rounded alone: numpy's products of complex ones differ from machine to machine.
+    """
     p = np.where(seen, samples, np.complex64(0.0)).astype(np.complex64)
+    re, im = p.real.copy(), p.imag.copy()
     weighted = np.empty((1 + 2 * len(p), *seen.shape), np.float32)
-    power = np.add(np.square(p[0].real), np.square(p[0].imag), out=weighted[0])
+    power = np.add(re[0] * re[0], im[0] * im[0], out=weighted[0])
     magnitude = np.sqrt(power)
-    back, inverse = np.empty_like(p[0]), 1.0 / np.maximum(magnitude, np.float32(TINY))
-    back.real, back.imag = p[0].real * inverse, -p[0].imag * inverse
-    weighted[1], weighted[2] = p[0].real * magnitude, p[0].imag * magnitude
-    turned, done = np.conj(p[0]), 1
+    inverse = 1.0 / np.maximum(magnitude, np.float32(TINY))
+    back_re, back_im = re[0] * inverse, -im[0] * inverse
+    weighted[1], weighted[2] = re[0] * magnitude, im[0] * magnitude
+    turned_re, turned_im, done = re[0], -im[0], 1
     for row, h in enumerate(harmonics[1:], start=1):
         for _ in range(done, h):
-            turned = turned * back
+            turned_re, turned_im = turned_re * back_re - turned_im * back_im, turned_re * back_im + turned_im * back_re
         done = h
-        product = p[row] * turned
-        weighted[2 * row + 1], weighted[2 * row + 2] = product.real, product.imag
-    return PatchLight(seen, np.arctan2(p[0].imag, p[0].real), weighted)
+        np.subtract(re[row] * turned_re, im[row] * turned_im, out=weighted[2 * row + 1])
+        np.add(re[row] * turned_im, im[row] * turned_re, out=weighted[2 * row + 2])
+    return PatchLight(seen, phase_of(re[0], im[0]), weighted)
 
 
-def patch_means(light: PatchLight, among: Bool, /) -> PatchMeans:
-    """Return the means over the pixels `among`, (rows, columns, n)."""
-    counted = (among & light.seen).astype(np.float32)
-    sums = np.einsum("k...n,...n->k...", light.weighted, counted).astype(np.float64)
-    pixels = np.einsum("...n->...", counted).astype(np.float64)
+def patch_means(light: PatchLight, among: Bool, /, *, kernel: str = NUMPY) -> PatchMeans:
+    """Return the means over the pixels `among`, (n, rows, columns); `kernel` is of `available_kernels`."""
+    counted = among & light.seen
+    if kernel == NUMPY:
+        sums = (light.weighted * counted).sum(axis=1, dtype=np.float64)
+        pixels = counted.sum(axis=0).astype(np.float64)
+    else:
+        *sums, pixels = compiled_sums(light.weighted, counted, kernel=kernel)
     ratios = np.empty((len(sums) // 2 - 1, *pixels.shape), np.complex128)
     ratios.real, ratios.imag = sums[3::2], sums[4::2]
     ratios /= np.maximum(sums[0], TINY)

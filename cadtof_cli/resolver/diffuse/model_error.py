@@ -9,6 +9,7 @@ from functools import lru_cache
 import numpy as np
 
 from cadtof_cli.arrays import Complex, Float, sealed
+from cadtof_cli.resolver.diffuse.quantiles import median
 
 RATIO_ERROR = (0.023, 0.02)
 """Standard deviation of ln|p_h/p_1|: for h = 2, and for the harmonics after it."""
@@ -42,7 +43,7 @@ def model_error(ratios: Complex, /) -> Float:
 
 def mpi_share(ratios: Complex, /) -> float:
     """Return which share of the usual errors a frame has whose patches have these q_h, (further, n)."""
-    return float(np.clip(np.median(np.abs(ratios[0] - 1.0)) / FULL_MPI, LEAST_SHARE, 1.0))
+    return min(max(float(median(np.abs(ratios[0] - 1.0))) / FULL_MPI, LEAST_SHARE), 1.0)
 
 
 @lru_cache(maxsize=8)

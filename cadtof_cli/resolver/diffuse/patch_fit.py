@@ -7,10 +7,11 @@ uncertain of x stays in every patch's prior.
 """
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
-from cadtof_cli.arrays import Float
+from cadtof_cli.arrays import Float, sealed
 from cadtof_cli.resolver.diffuse.compiled_fit import CompiledSteps, compiled_fits
 from cadtof_cli.resolver.diffuse.patch_steps import PatchSteps
 from cadtof_cli.resolver.diffuse.prior import MEAN, between_rooms, within_room
@@ -57,11 +58,11 @@ def fitted_patches(
     `error`, (data + 2, data + 2, n), is the covariance of what the model's values are wrong by, and of noise; `pattern`, (6, n),
     how the state differs between patches by rule. `kernel` is of `available_kernels`, all of which give the same bits.
     """
-    within, between = within_room(known_optics=known_optics), between_rooms(known_optics=known_optics)
-    prior = _RoomPrior(within, np.asarray(np.linalg.inv(between), np.float64), FARTHEST * np.sqrt(np.diag(between)))
-    steps: PatchSteps | CompiledSteps = PatchSteps(data, error, np.diag(within), pattern)
+    prior = _room_prior(known_optics=known_optics)
+    within = np.diag(prior.within)
+    steps: PatchSteps | CompiledSteps = PatchSteps(data, error, within, pattern)
     if compiled_fits(len(model.harmonics), kernel):
-        steps = CompiledSteps(data, error, np.diag(within), pattern, kernel)
+        steps = CompiledSteps(data, error, within, pattern, kernel)
     state = MEAN[:, None] + pattern
     for _ in range(STEPS):
         values, jacobian = model.values(state)
@@ -101,3 +102,10 @@ class _RoomPrior:
         room = covariance @ (self.precision @ MEAN + normal[:, -1])
         room = np.minimum(np.maximum(room, MEAN - self.farthest), MEAN + self.farthest)
         return _Given(room, covariance, self.within + covariance)
+
+
+@lru_cache(maxsize=2)
+def _room_prior(*, known_optics: bool) -> _RoomPrior:
+    within, between = within_room(known_optics=known_optics), between_rooms(known_optics=known_optics)
+    precision = np.asarray(np.linalg.inv(between), np.float64)
+    return sealed(_RoomPrior(within, precision, FARTHEST * np.sqrt(np.diag(between))))

@@ -40,7 +40,7 @@ class Surfaces:
 
 @dataclass(frozen=True, eq=False)
 class PatchPlanes:
-    """The surfaces of the patches, (rows, columns); which of them are `found`; and the sampled pixels `on_plane`, (…, n)."""
+    """The surfaces of the patches, (rows, columns); which of them are `found`; and the sampled pixels `on_plane`, (n, …)."""
 
     surfaces: Surfaces
     found: Bool
@@ -48,24 +48,25 @@ class PatchPlanes:
 
 
 def patch_planes(range_m: Float | Float32, seen: Bool, grid: PatchGrid, /) -> PatchPlanes:
-    """Fit a plane to the sampled ranges of every patch, (rows, columns, n); pixels not `seen` are left out."""
+    """Fit a plane to the sampled ranges of every patch, (n, rows, columns); pixels not `seen` are left out."""
     inverse = np.where(seen, 1.0 / (range_m * grid.cosine), np.float32(np.inf))
     middle = _median(inverse, seen)
-    off = inverse / middle[..., None] - 1.0
+    off = inverse / middle - 1.0
     on_plane: Bool = np.abs(off) < SAME_SURFACE
     counted = on_plane.astype(np.float64)
     normal = _normals(np.where(on_plane, off, 0.0).astype(np.float64), counted, grid)
     distance = 1.0 / (middle * grid.ray[2])
-    cosine = np.clip(-(normal * grid.ray).sum(0), LEAST_COSINE, 1.0)
+    cosine = np.minimum(np.maximum(-(normal * grid.ray).sum(0), LEAST_COSINE), 1.0)
     solid_angle = (grid.side / grid.view.focal_length_px) ** 2 * grid.ray[2] ** 3
     surfaces = Surfaces(distance, normal, grid.ray, cosine, solid_angle * distance**2 / cosine)
-    return PatchPlanes(surfaces, counted.sum(-1) > LEAST_SHARE * seen.shape[-1], on_plane)
+    return PatchPlanes(surfaces, counted.sum(0) > LEAST_SHARE * len(seen), on_plane)
 
 
 def _median(inverse: Float32, seen: Bool) -> Float32:
     """Return the (upper) median over the seen pixels of every patch; 1 where there are none."""
-    place = np.minimum(seen.sum(-1) // 2, seen.shape[-1] - 1)
-    median = np.take_along_axis(np.sort(inverse, axis=-1), place[..., None], axis=-1)[..., 0]
+    place = np.minimum(seen.sum(0) // 2, len(seen) - 1)
+    ordered = np.sort(np.ascontiguousarray(inverse.reshape(len(inverse), -1).T))
+    median = np.take_along_axis(ordered, place.reshape(-1, 1), axis=1).reshape(place.shape)
     found: Float32 = np.where(np.isfinite(median), median, np.float32(1.0))
     return found
 
@@ -73,14 +74,14 @@ def _median(inverse: Float32, seen: Bool) -> Float32:
 def _normals(off: Float, counted: Float, grid: PatchGrid) -> Float:
     """Return unit normals towards the camera, (3, rows, columns), by least squares, from 1/z = (1 + off)/z_middle.
 
-    `off` is 0 where not `counted`, (rows, columns, n) each. Within its patch, a sample has the same place in all of them, so
+    `off` is 0 where not `counted`, (n, rows, columns) each. Within its patch, a sample has the same place in all of them, so
     that the sums over all patches are products with a few common vectors.
     """
     x, y = grid.place
-    powers = np.stack([np.ones_like(x), x, y, x * x, y * y, x * y], axis=-1)
-    count, x, y, xx, yy, xy = np.moveaxis(counted @ powers, -1, 0)
+    powers, shape = np.stack([np.ones_like(x), x, y, x * x, y * y, x * y]), (-1, *counted.shape[1:])
+    count, x, y, xx, yy, xy = (powers @ counted.reshape(len(counted), -1)).reshape(shape)
     share = 1.0 / np.maximum(count, 1.0)
-    z, xz, yz = np.moveaxis(off @ powers[:, :3], -1, 0) * share
+    z, xz, yz = (powers[:3] @ off.reshape(len(off), -1)).reshape(shape) * share
     x, y = x * share, y * share
     xx, yy, xy = xx * share - x * x + TINY, yy * share - y * y + TINY, xy * share - x * y
     xz, yz = xz - x * z, yz - y * z

@@ -8,14 +8,15 @@ from cadtof_cli.arrays import Bool, Complex, Float, Float32
 from cadtof_cli.resolver.diffuse.beyond import surfaces_beyond, surfaces_guessed
 from cadtof_cli.resolver.diffuse.choice import LEAST_PATCHES, PatchKinds, patch_kinds, tail_fits
 from cadtof_cli.resolver.diffuse.coarse import Beside, coarse_planes, patch_posterior
-from cadtof_cli.resolver.diffuse.grid import PatchGrid, View, assumed_view, patch_grid
+from cadtof_cli.resolver.diffuse.grid import PatchGrid
 from cadtof_cli.resolver.diffuse.leaning import Leaning, left_rad, missed_share, view_numbers
-from cadtof_cli.resolver.diffuse.light import PatchLight, PatchMeans, is_light, patch_light, patch_means, patch_phasors
+from cadtof_cli.resolver.diffuse.light import PatchLight, PatchMeans, patch_means, patch_phasors
 from cadtof_cli.resolver.diffuse.model_error import model_error, mpi_share
 from cadtof_cli.resolver.diffuse.noise import noise_covariance
 from cadtof_cli.resolver.diffuse.patch_fit import PatchFit, fitted_patches
 from cadtof_cli.resolver.diffuse.planes import PatchPlanes, patch_planes
 from cadtof_cli.resolver.diffuse.prior import pattern
+from cadtof_cli.resolver.diffuse.quantiles import median, quantiles
 from cadtof_cli.resolver.diffuse.radiosity import interreflections, light_of
 from cadtof_cli.resolver.diffuse.records import (
     DiffuseChoice,
@@ -29,7 +30,7 @@ from cadtof_cli.resolver.diffuse.settings import DiffuseSettings
 from cadtof_cli.resolver.diffuse.tail import TailModel
 from cadtof_cli.resolver.diffuse.through import seen_through, typical_tail
 from cadtof_cli.resolver.diffuse.upsampling import upsampler
-from cadtof_cli.resolver.two_path.closed_form import FundamentalFrame, two_paths
+from cadtof_cli.resolver.two_path.decomposition import decomposed
 from cadtof_cli.resolver.two_path.kernel import NUMPY
 
 LEAST_RATIO = 0.05
@@ -58,14 +59,12 @@ class _Frame:
 
 
 def diffuse_model(
-    phasors: Complex,
+    light: PatchLight,
     /,
     *,
-    size: tuple[int, int],
-    usable: Bool,
+    grid: PatchGrid,
     variances: tuple[float, ...],
     settings: DiffuseSettings,
-    view: View | None = None,
     samples: Float | None = None,
     range_offset_m: Float | None = None,
     kernel: str = NUMPY,
@@ -73,29 +72,20 @@ def diffuse_model(
     """Return the model of a frame, or only the choice where it is left to separate paths; inputs are not changed.
 
     Args:
-        phasors: of the frame's `sampled_pixels`, (H, rows, columns), normalised by the modulation amplitude, corrected for the
-            pulse, and those of a sine.
-        size: (Y, X) of the frame.
-        usable: of the same pixels; those without an answer (saturated, hot, without signal) are left out, as those are that
-            hold NaN.
+        light: of the frame's sampled pixels, whose phasors are normalised by the modulation amplitude, corrected for the pulse,
+            and those of a sine; those without an answer (saturated, hot, without signal) are not seen.
+        grid: how the frame is cut.
         variances: noise of one channel of each harmonic, in squared units of the phasors, of one recorded pixel.
         settings: which model is asked for, and the harmonics' periods.
-        view: the optics; None where they are unknown.
         samples: over how many recorded pixels each phasor is a mean, (Y, X); None: 1.
         range_offset_m: what is added to the range of every pixel (field curvature), (Y, X); None for nothing.
         kernel: of `available_kernels`, all of which give the same bits.
     """
-    grid = patch_grid(*size, view or assumed_view(*size))
     per_pixel = 1.0 if samples is None else float(np.median(samples))
     offset = 0.0 if range_offset_m is None else grid.samples(range_offset_m).astype(np.float32)
     frame = _Frame(grid, settings, np.array(variances) / per_pixel, offset, kernel)
-    with np.errstate(over="ignore"):
-        # what no camera stores becomes infinite, and is not seen
-        taken = grid.by_patch(phasors.astype(np.complex64))
-    seen = grid.by_patch(usable) & is_light(taken)
-    light = patch_light(taken, seen, harmonics=settings.harmonics)
-    means = patch_means(light, seen)
-    kinds = patch_kinds(means, frame.variances, sampled=seen.shape[-1], settings=settings)
+    means = patch_means(light, light.seen, kernel=kernel)
+    kinds = patch_kinds(means, frame.variances, sampled=len(light.seen), settings=settings)
     choice = DiffuseChoice(kinds.reason, int(kinds.lit.sum()), kinds.separate_share)
     if choice.taken == "discrete":
         return choice
@@ -117,7 +107,7 @@ def _model(
     range_offset_m: Float | None,
 ) -> DiffuseModel | None:
     """Return the model of a frame, None where no tail fits it."""
-    means = patch_means(light, planes.on_plane)
+    means = patch_means(light, planes.on_plane, kernel=frame.kernel)
     ratios, amplitude = means.ratios[:, valid], means.amplitude[valid]
     tail, rule = _tail(planes, valid, amplitude, frame)
     data = np.concatenate([np.log(np.maximum(np.abs(ratios), 1e-9)), np.angle(ratios)])
@@ -137,7 +127,7 @@ def _model(
     if auto and not tail_fits(posterior.chi_squared[heard], len(data)):
         return None
     beside = _beside(fit, tail, planes, valid, frame, mpi_share(ratios))
-    two_path_rad = two_path_lag(ratios[0])
+    two_path_rad = two_path_lag(ratios[0], kernel=frame.kernel)
     leaning = None
     if len(ratios) == 1:
         lag_rad, two_rad = fit.posterior[-1, heard], two_path_rad[heard]
@@ -163,7 +153,7 @@ def _model(
         coarse,
         upsampler(coarse.planes, planes.surfaces.range_m, valid, frame.grid),
         kinds.separate,
-        float(np.median(gap**2)),
+        float(median(gap**2)),
         range_offset_m,
         through,
     )
@@ -188,6 +178,7 @@ def _seen_through(
         Tails(near, far, frame.settings.harmonics),
         grid=frame.grid,
         settings=frame.settings,
+        kernel=frame.kernel,
     )
 
 
@@ -199,18 +190,16 @@ def _beside(fit: PatchFit, tail: TailModel, planes: PatchPlanes, valid: Bool, fr
         surfaces_guessed(planes.surfaces, valid, frame.grid),
         planes.surfaces[valid],
         rad_per_m=frame.settings.rad_per_m,
+        kernel=frame.kernel,
     )
     open_share = tail.light.open_share
     seen, continued, unseen, would_be = tail.lag_parts(fit.state, open_share**GUESSED_POWER * guessed)
     return Beside(seen, continued, share * unseen, share * would_be, open_share)
 
 
-def two_path_lag(ratio: Complex, /) -> Float:
+def two_path_lag(ratio: Complex, /, *, kernel: str = NUMPY) -> Float:
     """Return by how much MPI turns arg p_1 if there are two paths, the stronger direct, from q_2 = p_2|p_1|/p_1², (n,)."""
-    one = np.ones(ratio.shape)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        # q_2 = 1 is one path, where the closed form divides zero by zero before it says so
-        paths = two_paths(FundamentalFrame(one, ratio.real, ratio.imag, one, np.zeros_like(one)))
+    paths = decomposed(np.ones_like(ratio), ratio, kernel=kernel)
     sin_half = np.where(paths.a >= paths.b, paths.sin_half, -paths.sin_half)
     lag: Float = -np.arctan2(
         paths.sin_mean * paths.cos_half + paths.cos_mean * sin_half,
@@ -221,7 +210,7 @@ def two_path_lag(ratio: Complex, /) -> Float:
 
 def _planes(light: PatchLight, means: PatchMeans, frame: _Frame) -> PatchPlanes:
     """Return the surfaces by the first depth: that of two paths, from the mean light of every patch."""
-    lag = two_path_lag(means.ratios[0].ravel()).reshape(*means.amplitude.shape, 1)
+    lag = two_path_lag(means.ratios[0].ravel(), kernel=frame.kernel).reshape(means.amplitude.shape)
     range_m = range_from_phase(light.phase_rad - lag.astype(np.float32), frame.settings) + frame.offset_m
     return patch_planes(np.maximum(range_m, np.float32(NEAREST_M)), light.seen, frame.grid)
 
@@ -235,6 +224,7 @@ def _tail(planes: PatchPlanes, valid: Bool, amplitude: Float, frame: _Frame) -> 
         amplitude,
         harmonics=frame.settings.harmonics,
         rad_per_m=frame.settings.rad_per_m,
+        kernel=frame.kernel,
     )
     model = TailModel(light, frame.settings.harmonics, frame.settings.rad_per_ns, frame.kernel)
     return model, pattern(light.direct)
@@ -245,7 +235,8 @@ def _error(ratios: Complex, amplitude: Float, pixels: Float, frame: _Frame) -> F
     strength = np.concatenate([np.ones((1, ratios.shape[1])), np.maximum(np.abs(ratios), LEAST_RATIO)]) * amplitude
     relative = frame.variances[:, None] / (strength**2 * pixels)
     count = 2 * len(ratios)
-    covariance = np.repeat(model_error(ratios)[..., None], ratios.shape[1], axis=2)
+    covariance = np.empty((count + 2, count + 2, ratios.shape[1]))
+    covariance[:] = model_error(ratios)[..., None]
     for (i, j), value in noise_covariance(list(relative), harmonics=frame.settings.harmonics).items():
         if i < count:
             covariance[i, j] += value
@@ -260,17 +251,8 @@ def _unheard(error: Float) -> Float:
     return silent
 
 
-def _quantiles(values: Float, shares: tuple[float, ...]) -> Float:
-    """Return quantiles of rows (…, n), one row each, as `numpy.quantile` does but in a fifth of its time."""
-    ordered, place = np.sort(values), np.array(shares) * (values.shape[-1] - 1)
-    before = place.astype(np.intp)
-    after = np.minimum(before + 1, values.shape[-1] - 1)
-    found: Float = ordered[..., before] + (place - before) * (ordered[..., after] - ordered[..., before])
-    return np.moveaxis(found, -1, 0)
-
-
 def _room_numbers(fit: PatchFit) -> RoomNumbers:
-    low, middle, high = _quantiles(fit.state, (0.16, 0.5, 0.84))
+    low, middle, high = quantiles(fit.state, (0.16, 0.5, 0.84))
     scatter = 0.5 * (high - low)
     natural = np.exp(middle[:5])
     albedo, beside, later, unseen, decay = (

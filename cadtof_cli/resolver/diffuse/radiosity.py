@@ -1,12 +1,16 @@
 """Light between the patches: how much each gets from all others, after one bounce and after more, and how late."""
 
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cadtof_cli.arrays import Complex, Float, Float32
+from cadtof_cli.resolver.diffuse.compiled_radiosity import compiled_form_factors, compiled_kernel
 from cadtof_cli.resolver.diffuse.planes import Surfaces
+from cadtof_cli.resolver.diffuse.quantiles import median
+from cadtof_cli.resolver.two_path.kernel import NUMPY
 
 LATER_ALBEDO = 0.65
 """Mean albedo inside the later bounces, whose sum it makes finite; their strength is free in the fit."""
@@ -21,6 +25,8 @@ NEAREST_M2 = 1e-6
 """Least squared distance of two patches."""
 
 Complex64 = NDArray[np.complex64]
+
+T = TypeVar("T", np.float32, np.complex64)
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,7 +46,14 @@ class Interreflections:
 
 
 def interreflections(
-    seen: Surfaces, beyond: Surfaces, amplitude: Float, /, *, harmonics: tuple[int, ...], rad_per_m: float
+    seen: Surfaces,
+    beyond: Surfaces,
+    amplitude: Float,
+    /,
+    *,
+    harmonics: tuple[int, ...],
+    rad_per_m: float,
+    kernel: str = NUMPY,
 ) -> Interreflections:
     """Solve the radiosity between the patches, whose first phasors have the given amplitudes (n,), and the pieces beyond them.
 
@@ -51,27 +64,29 @@ def interreflections(
     """
     count = len(seen.range_m)
     both = _joined(seen, beyond)
-    form, distance = _form_factors(both, both)
-    np.fill_diagonal(form, 0.0)
-    open_share = np.clip(1.0 - form[:count].sum(1).astype(np.float64), 0.0, 1.0)
-    form *= _relative_albedo(seen, amplitude, len(beyond.range_m))
-    turn = _rotors(np.float32(rad_per_m) * distance)
-    bounces, kernel, power = [], form.astype(np.complex64), 0
+    form, distance = _form_factors(both, both, kernel)
+    form.ravel()[:: len(form) + 1] = 0.0
+    faced = _gathered(form[:count], np.ones(len(form), np.float32)).astype(np.float64)
+    open_share = np.minimum(np.maximum(1.0 - faced, 0.0), 1.0)
+    albedo = _relative_albedo(seen, amplitude, len(beyond.range_m))
+    matrix, turn = _kernel(form, albedo, np.float32(rad_per_m) * distance, kernel)
+    bounces, power = [], 1
     for h in harmonics:
         for _ in range(power, h):
-            kernel *= turn
+            matrix *= turn
         power = h
         arrival = _direct_light(both, h * rad_per_m)
-        bounces.append(np.array(_bounces(kernel, arrival, count))[:, :count] / arrival[:count])
+        bounces.append(np.array(_bounces(matrix, arrival, count))[:, :count] / arrival[:count])
     second, outside, later = np.stack(bounces, axis=1)
     return Interreflections(second, outside, later, seen.cosine / seen.range_m**2, open_share)
 
 
-def light_of(sources: Surfaces, onto: Surfaces, /, *, rad_per_m: float) -> Complex:
+def light_of(sources: Surfaces, onto: Surfaces, /, *, rad_per_m: float, kernel: str = NUMPY) -> Complex:
     """Return the light that surfaces (n,) get from lit sources of unit albedo in one bounce, over their direct light, (n,)."""
-    form, distance = _form_factors(onto, sources)
-    kernel = form * _rotors(np.float32(rad_per_m) * distance)
-    light = _gathered(kernel, _direct_light(sources, rad_per_m).astype(np.complex64))
+    form, distance = _form_factors(onto, sources, kernel)
+    albedo = np.ones(len(sources.range_m), np.float32)
+    matrix, _ = _kernel(form, albedo, np.float32(rad_per_m) * distance, kernel)
+    light = _gathered(matrix, _direct_light(sources, rad_per_m).astype(np.complex64))
     return np.asarray(light / _direct_light(onto, rad_per_m), np.complex128)
 
 
@@ -97,29 +112,33 @@ def _bounces(kernel: Complex64, arrival: Complex, count: int) -> tuple[Complex64
     return seen, beyond, later / np.float32(LATER_ALBEDO)
 
 
-def _gathered(kernel: Complex64, light: Complex64) -> Complex64:
+def _gathered(kernel: NDArray[T], light: NDArray[T]) -> NDArray[T]:
     """Return kernel @ light as one inner product a row: the bits of a whole one depend on how many threads share it."""
-    gathered: Complex64 = np.matmul(kernel[:, None, :], light[:, None])[:, 0, 0]
+    gathered: NDArray[T] = np.matmul(kernel[:, None, :], light[:, None])[:, 0, 0]
     return gathered
 
 
-def _rotors(phase_rad: Float32) -> Complex64:
-    """Return exp(i·phase), faster than the complex exponential does it."""
-    rotors = np.empty(phase_rad.shape, np.complex64)
-    np.cos(phase_rad, out=rotors.real)
-    np.sin(phase_rad, out=rotors.imag)
-    return rotors
+def _kernel(form: Float32, albedo: Float32, phase_rad: Float32, kernel: str) -> tuple[Complex64, Complex64]:
+    """Return K_ij of the fundamental, from form factors, the sources' albedos and the phases of the way; and exp(i·phase)."""
+    cos, sin = np.cos(phase_rad), np.sin(phase_rad)
+    if kernel != NUMPY:
+        return compiled_kernel(form, albedo, cos, sin, kernel=kernel)
+    lit = form * albedo
+    matrix, turn = np.empty(form.shape, np.complex64), np.empty(form.shape, np.complex64)
+    matrix.real, matrix.imag, turn.real, turn.imag = lit * cos, lit * sin, cos, sin
+    return matrix, turn
 
 
 def _relative_albedo(seen: Surfaces, amplitude: Float, beyond: int) -> Float32:
     """Return albedos over their mean by area, float32; those beyond the view are taken as the mean."""
     albedo = amplitude * seen.range_m**2 / seen.cosine
-    albedo = np.clip(albedo / np.median(albedo), *ALBEDO_RANGE)
+    least, largest = ALBEDO_RANGE
+    albedo = np.minimum(np.maximum(albedo / median(albedo), least), largest)
     albedo *= seen.area_m2.sum() / (albedo * seen.area_m2).sum()
     return np.append(albedo, np.ones(beyond)).astype(np.float32)
 
 
-def _form_factors(onto: Surfaces, sources: Surfaces) -> tuple[Float32, Float32]:
+def _form_factors(onto: Surfaces, sources: Surfaces, kernel: str) -> tuple[Float32, Float32]:
     """Return the form factors F_ij, from source j to i, and the distances in m, float32 (onto, sources) each.
 
     A point over a plane, and squared distances, are inner products of vectors with a few more components.
@@ -127,12 +146,15 @@ def _form_factors(onto: Surfaces, sources: Surfaces) -> tuple[Float32, Float32]:
     points, planes, square = _points_and_planes(onto)
     lit_points, lit_planes, lit_square = _points_and_planes(sources)
     form, facing = _inner_products(planes, lit_points), _inner_products(points, lit_planes)
+    ends = np.concatenate([-2.0 * points[:3], points[3:], square])
+    r2 = _inner_products(ends, np.concatenate([lit_points[:3], lit_square, lit_points[3:]]))
+    area = sources.area_m2.astype(np.float32)
+    if kernel != NUMPY:
+        return compiled_form_factors(form, facing, r2, area, kernel=kernel)
     for over_plane in (form, facing):
         np.maximum(over_plane, 0.0, out=over_plane)
     form *= facing
-    form *= (area := sources.area_m2.astype(np.float32))
-    ends = np.concatenate([-2.0 * points[:3], points[3:], square])
-    r2 = _inner_products(ends, np.concatenate([lit_points[:3], lit_square, lit_points[3:]]))
+    form *= area
     np.maximum(r2, np.float32(NEAREST_M2), out=r2)
     reach = np.multiply(r2, np.float32(np.pi), out=facing)
     reach += area

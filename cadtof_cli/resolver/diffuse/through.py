@@ -11,10 +11,13 @@ import numpy as np
 
 from cadtof_cli.arrays import Bool, Complex, Float, Index
 from cadtof_cli.resolver.diffuse.grid import PatchGrid
+from cadtof_cli.resolver.diffuse.quantiles import median
 from cadtof_cli.resolver.diffuse.records import SeenThrough, Tails, range_from_phase
 from cadtof_cli.resolver.diffuse.settings import DiffuseSettings
 from cadtof_cli.resolver.diffuse.walls import ON_PLANE, over_neighbours, walls_behind
-from cadtof_cli.resolver.two_path.closed_form import TwoPaths, fundamental_frame, two_paths
+from cadtof_cli.resolver.two_path.closed_form import TwoPaths
+from cadtof_cli.resolver.two_path.decomposition import decomposed
+from cadtof_cli.resolver.two_path.kernel import NUMPY
 
 NEAR_SHARE, FAR_SHARE = 0.25, 0.2
 """Least share of the nearer and of the farther path in a patch's light: below, it may be what the typical tail is wrong by."""
@@ -64,18 +67,18 @@ class FreedPaths:
 
 def typical_tail(values: Float, harmonics: tuple[int, ...], /) -> Complex:
     """Return the median H_h, (H,), of patches with the model's values (data + 2, n), in the order of `tail.free_of_direct`."""
-    middle, count = np.median(values, axis=1), len(harmonics) - 1
+    middle, count = median(values), len(harmonics) - 1
     size = np.append(0.0, middle[:count]) + middle[-2]
     phase = np.append(0.0, middle[count : 2 * count]) + np.array(harmonics) * middle[-1]
     tail: Complex = np.exp(size + 1j * phase)
     return tail
 
 
-def freed_paths(phasors: Complex, tails: Tails, /) -> FreedPaths:
+def freed_paths(phasors: Complex, tails: Tails, /, *, kernel: str = NUMPY) -> FreedPaths:
     """Resolve phasors (H, …) as two paths, each with its tail, by their first two harmonics.
 
     p_h = a·exp(ihx)·N_h + b·exp(ihy)·F_h is two paths for the closed form once b·exp(ihy)·(F_h − N_h) is taken away and the rest
-    divided by N_h: solved with the last step's b and y, a few times over.
+    divided by N_h: solved with the last step's b and y, a few times over. `kernel` is of `available_kernels`.
     """
     shape = phasors.shape[1:]
     base = _times(phasors.reshape(len(phasors), -1), 1.0 / tails.near)
@@ -84,9 +87,9 @@ def freed_paths(phasors: Complex, tails: Tails, /) -> FreedPaths:
     with np.errstate(all="ignore"):
         # without light, zero is divided by zero
         for _ in range(STEPS if excess.any() else 0):
-            behind = _farther(two_paths(fundamental_frame(free[0], free[1])))
+            behind = _farther(decomposed(free[0], free[1], kernel=kernel))
             free = base - _times(_at_harmonics(behind, tails.harmonics), excess)
-        paths = two_paths(fundamental_frame(free[0], free[1]))
+        paths = decomposed(free[0], free[1], kernel=kernel)
         x, y = paths.phases()
         ahead = np.mod(y - x, FULL_TURN)
         x_near = ahead < np.pi
@@ -129,7 +132,15 @@ def _at_harmonics(path: tuple[Float, Float, Float], harmonics: tuple[int, ...]) 
 
 
 def seen_through(
-    phasors: Complex, range_m: Float, valid: Bool, tails: Tails, /, *, grid: PatchGrid, settings: DiffuseSettings
+    phasors: Complex,
+    range_m: Float,
+    valid: Bool,
+    tails: Tails,
+    /,
+    *,
+    grid: PatchGrid,
+    settings: DiffuseSettings,
+    kernel: str = NUMPY,
 ) -> SeenThrough | None:
     """Return what lets light through; None where nothing does.
 
@@ -140,8 +151,9 @@ def seen_through(
         tails: those that are typical of what is near, and of what may lie behind it.
         grid: where the patches lie.
         settings: how phases become metres.
+        kernel: of `available_kernels`, all of which give the same bits.
     """
-    paths = freed_paths(phasors, tails)
+    paths = freed_paths(phasors, tails, kernel=kernel)
     apart_ns = paths.later_rad / settings.rad_per_ns
     two: Bool = valid & (paths.near_share > NEAR_SHARE) & (paths.near_share < 1.0 - FAR_SHARE)
     two &= (apart_ns > APART_NS[0]) & (apart_ns < APART_NS[1])

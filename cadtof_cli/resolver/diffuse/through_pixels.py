@@ -7,6 +7,7 @@ import numpy as np
 from cadtof_cli.arrays import Bool, Complex, Float
 from cadtof_cli.resolver.diffuse.records import DiffuseBlock, range_from_phase
 from cadtof_cli.resolver.diffuse.through import freed_paths
+from cadtof_cli.resolver.two_path.kernel import NUMPY
 
 LEAST_SHARE = 0.1
 """Least share of either path in a pixel's light: below, it may be what the typical tail is wrong by."""
@@ -30,7 +31,9 @@ class ThroughPixels:
         return np.where(self.where, self.own_variance, others)
 
 
-def freed_pixels(phasors: Complex, tail: DiffuseBlock, /) -> tuple[Complex, ThroughPixels | None]:
+def freed_pixels(
+    phasors: Complex, tail: DiffuseBlock, /, *, kernel: str = NUMPY
+) -> tuple[Complex, ThroughPixels | None]:
     """Return phasors (H, n) of a block of a frame's pixels, freed of tails where these see through something, and where.
 
     They are those that were given, and None, where the frame has nothing that lets light through.
@@ -46,7 +49,7 @@ def freed_pixels(phasors: Complex, tail: DiffuseBlock, /) -> tuple[Complex, Thro
     free, size = phasors.copy(), np.ones(len(place))
     if there.size:
         seen, net_m = phasors[:, there], net_m[there]
-        paths = freed_paths(seen, through.tails)
+        paths = freed_paths(seen, through.tails, kernel=kernel)
         near_m = range_from_phase(paths.near_rad, model.settings)
         two = (paths.near_share > LEAST_SHARE) & (paths.near_share < 1.0 - LEAST_SHARE)
         two &= np.abs(near_m - net_m) < SAME_NET * net_m

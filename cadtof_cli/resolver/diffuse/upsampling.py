@@ -5,7 +5,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from cadtof_cli.arrays import Bool, Float, Float32, Index
+from cadtof_cli.arrays import Bool, Float, Float32, Index, sealed
 from cadtof_cli.resolver.diffuse.grid import PatchGrid
 from cadtof_cli.resolver.diffuse.planes import SAME_SURFACE
 
@@ -142,18 +142,20 @@ def _band_end(row: int, side: int) -> int:
 def upsampler(planes: Float32, range_m: Float, valid: Bool, grid: PatchGrid, /) -> Upsampler:
     """Make planes (plane, rows, columns) ready for pixels; ranges, (rows, columns), count where valid."""
     there = np.where(valid, range_m, NOWHERE_M).astype(np.float32)
+    rows, columns, down, right = _stretches(grid)
+    stretched, ranges = (held.take(rows, axis=-2).take(columns, axis=-1) for held in (planes, there))
+    return Upsampler(grid, stretched, ranges, down, right)
+
+
+@lru_cache(maxsize=4)
+def _stretches(grid: PatchGrid) -> tuple[Index, Index, Float32, Float32]:
+    """Return which rows and columns of patches `Upsampler` holds, in order, and how far pixels lie between them."""
+    rows, columns = (np.r_[0, 0:count, count - 1] for count in (grid.rows, grid.columns))
     down, right = (_shares(extent, grid.side) for extent in (grid.height, grid.width))
-    return Upsampler(grid, _stretched(planes, grid.side), _stretched(there, grid.side), down, right)
+    return sealed((rows, np.repeat(columns, grid.side), down, right))
 
 
 def _shares(extent: int, side: int) -> Float32:
     """Return how far so many rows or columns of pixels lie on the way from one patch to the next."""
     place = (np.arange(extent) + 0.5) / side - 0.5
     return np.asarray(place - np.floor(place), np.float32)
-
-
-def _stretched(planes: Float32, side: int) -> Float32:
-    """Return planes (…, rows, columns) with their edges once more all around, and every column as often as a patch has them."""
-    rows, columns = (np.r_[0, 0:count, count - 1] for count in planes.shape[-2:])
-    stretched: Float32 = planes.take(rows, axis=-2).take(np.repeat(columns, side), axis=-1)
-    return stretched

@@ -232,7 +232,7 @@ static PyMethodDef METHODS[] = {
     {"shares", search_shares, METH_VARARGS,
      "shares(level, first_start, last_start, most_steps, key, relative, absolute, first_damping, harmonics, re, im, places, z, cost, "
      "converged, steps)\n\n"
-     "Search the shares of two paths by Eq. (9). Everybody but the tests calls it through resolver/paper/compiled.py."},
+     "Search the shares of two paths by Eq. (9). Everybody but the tests calls it through resolver/paper/search.py."},
     LEVELS_METHOD,
     {NULL, NULL, 0, NULL}};
 

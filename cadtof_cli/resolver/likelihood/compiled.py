@@ -41,7 +41,7 @@ class Planes:
 
 
 @dataclass(frozen=True)
-class Ends:
+class Minimum:
     """Where n problems ended: points (P, n), cost (n,), JᵀWJ by its triangle, which converged, and after how many steps."""
 
     points: Float
@@ -70,13 +70,13 @@ def compiled_ends(
     relative: float,
     first_damping: float,
     kernel: str,
-) -> Ends | None:
+) -> Minimum | None:
     """Minimise n problems from their starts, (P, n); None where numpy has to. See `LevenbergMarquardt` for the options."""
     compiled = compiled_search()
     if compiled is None or not planes.fits:
         return None
     count, size = starts.shape[1], 2 * planes.paths
-    ends = Ends(
+    ends = Minimum(
         np.empty_like(starts, order="C"),
         np.empty(count),
         np.empty((size * (size + 1) // 2, count)),

@@ -7,12 +7,13 @@ import numpy as np
 from cadtof_cli.arrays import Bool, Float, Index
 from cadtof_cli.phasors.noise import NoiseModel, chi_squared_threshold
 from cadtof_cli.phasors.rotors import powers
-from cadtof_cli.resolver.likelihood.levenberg_marquardt import LevenbergMarquardt, Minimum
+from cadtof_cli.resolver.likelihood.compiled import Minimum
+from cadtof_cli.resolver.likelihood.levenberg_marquardt import LevenbergMarquardt
 from cadtof_cli.resolver.likelihood.mixture import Measured, Mixture, WeightedFit, WhiteFit
 from cadtof_cli.resolver.likelihood.normal_equations import cholesky, inverse_diagonal
 from cadtof_cli.resolver.likelihood.starts import best_pair, exact_start, strongest_path
 from cadtof_cli.resolver.paths import CLOSE_ENOUGH, Fit, Paths, doubt_of_one
-from cadtof_cli.resolver.two_path.arctangent import phase_of
+from cadtof_cli.resolver.two_path.arcsine import phase_of
 
 SEARCH = LevenbergMarquardt(max_steps=40, absolute=0.1)
 """From a start to a minimum, with white noise: to a third of a standard deviation of the phasors, and a step further."""

@@ -10,7 +10,7 @@ from typing import Protocol, Self
 import numpy as np
 
 from cadtof_cli.arrays import Bool, Float, Index
-from cadtof_cli.resolver.likelihood.compiled import Planes, compiled_ends
+from cadtof_cli.resolver.likelihood.compiled import Minimum, Planes, compiled_ends
 from cadtof_cli.resolver.likelihood.normal_equations import Triangle, cholesky, entry, solve
 from cadtof_cli.resolver.two_path.kernel import NUMPY, chosen_kernel
 
@@ -66,7 +66,7 @@ class LevenbergMarquardt:
 
     def solve(
         self, problem: Problem, starts: Float, /, *, samples: Float | None = None, kernel: str | None = None
-    ) -> "Minimum":
+    ) -> Minimum:
         """Minimise every problem from its start, (P, n); the starts are not changed. NaN does not converge.
 
         `samples`, (n,): what is solved are means of so many recordings, the cost is in units of one's noise (None: 1).
@@ -86,10 +86,10 @@ class LevenbergMarquardt:
                 kernel=kernel,
             )
             if ends is not None:
-                return Minimum(ends.points, ends.cost, ends.matrix, ends.converged, ends.steps)
+                return ends
         return self._solved_by_numpy(problem, starts, worth)
 
-    def _solved_by_numpy(self, problem: Problem, starts: Float, worth: Float) -> "Minimum":
+    def _solved_by_numpy(self, problem: Problem, starts: Float, worth: Float) -> Minimum:
         at_work: Index = np.arange(starts.shape[1])
         state = _begin(problem, starts, self.first_damping, worth)
         result = Minimum(
@@ -139,26 +139,6 @@ class LevenbergMarquardt:
             np.where(down, 2.0, 2.0 * state.growth),
             state.converged | (done & ~state.stopped),
             state.stopped | done | ~(damping < MOST_DAMPING) | ~np.isfinite(promised),
-        )
-
-
-@dataclass(frozen=True)
-class Minimum:
-    """Where n problems ended: points (P, n), cost (n,), JᵀWJ there, which of them converged, and after how many steps."""
-
-    points: Float
-    cost: Float
-    matrix: Triangle
-    converged: Bool
-    steps: Index
-
-    def __getitem__(self, chosen: Index, /) -> "Minimum":
-        return Minimum(
-            self.points[:, chosen],
-            self.cost[chosen],
-            self.matrix[:, chosen],
-            self.converged[chosen],
-            self.steps[chosen],
         )
 
 

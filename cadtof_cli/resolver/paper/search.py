@@ -3,7 +3,7 @@
 The damping is a multiple of the misfit √cost (Fan and Yuan 2005, doi:10.1007/s00607-004-0083-1). The Jacobian vanishes on all
 real z in (0, 1), in proportion to the distance from there, and the misfit of light that one path nearly explains is of the order
 of that distance squared: √cost has the size of JᵀJ. Damping in units of the diagonal of JᵀJ, as is usual, throws steps far away
-there, or cuts them to nothing.
+there, or cuts them to nothing. `_shares.h` is the compiled twin of all of it.
 """
 
 from dataclasses import dataclass
@@ -11,9 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from cadtof_cli.arrays import Bool, Float, Index
+from cadtof_cli.resolver.likelihood.compiled import MOST_HARMONIC, MOST_ROWS, compiled_search
 from cadtof_cli.resolver.likelihood.levenberg_marquardt import MOST_DAMPING, SHRINK_BELOW, Linearised
 from cadtof_cli.resolver.likelihood.normal_equations import LEAST_PIVOT
-from cadtof_cli.resolver.paper.compiled import compiled_best_ends
 from cadtof_cli.resolver.paper.equation_9 import EliminatedPath
 from cadtof_cli.resolver.paper.records import STOPPING, Ends, RandomStarts, Stopping
 from cadtof_cli.resolver.two_path.kernel import NUMPY, chosen_kernel
@@ -66,7 +66,7 @@ def ends(equations: EliminatedPath, z: Float, /, *, stopping: Stopping = STOPPIN
     at_work: Index = np.arange(z.shape[1])
     none = np.zeros(at_work.size, np.bool_)
     state = _State(z, equations.linearised(z), np.full(at_work.size, stopping.first_damping), none, none)
-    result = Ends(z.copy(), state.at.cost.copy(), none.copy(), np.zeros(at_work.size, np.intp))
+    result = Ends(z.copy(), state.at.cost, none, np.zeros(at_work.size, np.intp))
     for _ in range(stopping.max_steps):
         state = _stepped(equations, state, stopping)
         result.steps[at_work[~state.stopped]] += 1
@@ -129,3 +129,39 @@ def _parts(at: Linearised) -> tuple[Float, Float, Float]:
 def _store(result: Ends, at_work: Index, state: _State) -> None:
     result.z[:, at_work], result.cost[at_work] = state.z, state.at.cost
     result.converged[at_work] = state.converged
+
+
+def compiled_best_ends(
+    equations: EliminatedPath,
+    places: Index,
+    starts: RandomStarts,
+    /,
+    *,
+    numbers: range,
+    stopping: Stopping,
+    kernel: str,
+) -> Ends | None:
+    """Return what `best_ends` does, or None where numpy has to."""
+    compiled, harmonics = compiled_search(), equations.harmonics
+    if compiled is None or not numbers or len(harmonics) > MOST_ROWS or max(harmonics) > MOST_HARMONIC:
+        return None
+    count = places.size
+    found = Ends(np.empty((2, count)), np.empty(count), np.empty(count, np.bool_), np.empty(count, np.intp))
+    compiled.shares(
+        kernel,
+        numbers.start,
+        numbers.stop,
+        stopping.max_steps,
+        starts.key,
+        stopping.relative,
+        stopping.absolute,
+        stopping.first_damping,
+        np.array(harmonics, np.int64),
+        *(np.stack(parts) for parts in zip(*equations.right, strict=True)),
+        np.ascontiguousarray(places),
+        found.z,
+        found.cost,
+        found.converged,
+        found.steps,
+    )
+    return found

@@ -11,7 +11,7 @@ import numpy as np
 
 from cadtof_cli.arrays import Bool, Complex, Float32, Index
 from cadtof_cli.phasors.noise import NoiseModel
-from cadtof_cli.resolver.response.table import Answer, ResponseBlock
+from cadtof_cli.resolver.response.table import STEP, Answer, ResponseBlock
 from cadtof_cli.resolver.two_path.kernel import NUMPY, extension
 
 LARGEST_TURN = 0.4
@@ -180,7 +180,7 @@ def searched(equations: Equations, start: Float32, /, *, steps: int, stage: int 
         return search(equations, start, steps=steps, stage=stage)
     tables = response.stages[stage]
     numbers = [table.harmonic for table in tables]
-    constants = [*numbers, *(tables[0].step / number for number in numbers), 1.0 / tables[0].step, *equations.weights]
+    constants = [*numbers, *(STEP / number for number in numbers), 1.0 / STEP, *equations.weights]
     count = start.shape[1]
     values, misfit, done = np.empty((4, count), np.float32), np.empty(count, np.float32), np.empty(count, np.bool_)
     phase = None if response.phase_rad is None else response.phase_rad[:, equations.pixels]

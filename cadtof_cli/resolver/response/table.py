@@ -17,7 +17,8 @@ STAGES = (0.5, 0.7, 0.87, 1.0)
 """Shares of the higher terms on the way from a sine to the response, for pixels that do not converge at once: closer towards
 the end, where paths that lie near each other move fastest."""
 
-_STEP = 2.0 * np.pi / ENTRIES
+STEP = 2.0 * np.pi / ENTRIES
+"""Phase from one entry of a table to the next, rad."""
 
 Pixels = slice | Index
 
@@ -43,11 +44,6 @@ class ResponseTable:
     harmonic: int
     planes: Float32
 
-    @property
-    def step(self) -> float:
-        """Phase from one entry to the next, rad."""
-        return _STEP
-
     @cached_property
     def entries(self) -> Float32:
         """The same by entries, (ENTRIES, 4): what a look-up needs lies together."""
@@ -55,10 +51,10 @@ class ResponseTable:
 
     def at(self, theta: Float32, /) -> Answer:
         """Return the answer at phases θ = h·x of any size, in rad; NaN gives NaN."""
-        place = theta * np.float32(1.0 / _STEP)
+        place = theta * np.float32(1.0 / STEP)
         nearest = np.rint(place)
         place -= nearest
-        place *= np.float32(_STEP / self.harmonic)
+        place *= np.float32(STEP / self.harmonic)
         with np.errstate(invalid="ignore"):
             index = nearest.astype(np.int32)
         index &= ENTRIES - 1
@@ -70,7 +66,7 @@ class ResponseTable:
 
 @dataclass(frozen=True, eq=False)
 class ResponseBlock:
-    """A response for the n pixels of one block: tables at every stage, and what a pixel adds to phases, (H, n), or None.
+    """A response for n pixels: tables at every stage, and what a pixel adds to phases, (H, n), or None.
 
     `kernel`, of `available_kernels`, is what searches for paths there.
     """
@@ -79,6 +75,12 @@ class ResponseBlock:
     phase_rad: Float32 | None
     rotors: Complex | None
     kernel: str = NUMPY
+
+    def block(self, pixels: Pixels, /, *, kernel: str = NUMPY) -> "ResponseBlock":
+        """Return the response for some of the pixels, and what is to search there."""
+        if self.phase_rad is None or self.rotors is None:
+            return replace(self, kernel=kernel)
+        return ResponseBlock(self.stages, self.phase_rad[:, pixels], self.rotors[:, pixels], kernel)
 
     def observed(self, phasors: Complex, /) -> tuple[tuple[Float32, Float32], ...]:
         """Return phasors, (H, n), as the pixel saw them before they were turned by its own phase: re and im, (n,) each.
@@ -114,36 +116,17 @@ class ResponseBlock:
         return theta
 
 
-@dataclass(frozen=True, eq=False)
-class ResponseModel:
-    """A response for all pixels of a frame; blocks are cut from it."""
-
-    whole: ResponseBlock
-
-    def block(self, pixels: Pixels, /, *, kernel: str = NUMPY) -> ResponseBlock:
-        """Return the response for some of the pixels, and what is to search there."""
-        whole = self.whole
-        if whole.phase_rad is None or whole.rotors is None:
-            return replace(whole, kernel=kernel)
-        return ResponseBlock(whole.stages, whole.phase_rad[:, pixels], whole.rotors[:, pixels], kernel)
-
-
-def response_model(responses: Sequence[HarmonicResponse], phase_rad: Float | None, /) -> ResponseModel | None:
-    """Return the model of pixels that add `phase_rad`, (H, n), to every path; None: there is nothing left to refine.
-
-    That is so where the responses have no terms but k = ±1, which are inverted before paths are resolved.
-    """
-    if all(response.linear for response in responses):
-        return None
+def response_block(responses: Sequence[HarmonicResponse], phase_rad: Float | None, /) -> ResponseBlock:
+    """Return the responses, tabulated, for all pixels of a frame, which add `phase_rad`, (H, n), to every path."""
     stages = tuple(tuple(_table(response, share) for response in responses) for share in STAGES)
     if phase_rad is None:
-        return ResponseModel(ResponseBlock(stages, None, None))
-    return ResponseModel(ResponseBlock(stages, phase_rad.astype(np.float32), np.exp(1j * phase_rad)))
+        return ResponseBlock(stages, None, None)
+    return ResponseBlock(stages, phase_rad.astype(np.float32), np.exp(1j * phase_rad))
 
 
 def _table(response: HarmonicResponse, share: float) -> ResponseTable:
     """Return exp(iθ) + share·(f − exp(iθ)), and its derivative by x."""
-    theta = _STEP * np.arange(ENTRIES, dtype=np.float64)
+    theta = STEP * np.arange(ENTRIES, dtype=np.float64)
     sine = np.exp(1j * theta)
     value = sine + share * (response.without_mirror(response.at(theta)) - sine)
     slope = 1j * sine + share * (response.without_mirror(response.slope_at(theta)) - 1j * sine)

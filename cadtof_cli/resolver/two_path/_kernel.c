@@ -15,6 +15,8 @@
 #include "../_buffers.h"
 #include "../diffuse/_tail_buffers.h"
 #include "../diffuse/_patches.h"
+#include "../diffuse/_radiosity.h"
+#include "../diffuse/_sampled.h"
 #include "../response/_search.h"
 
 /* --- one function for every instruction set ----------------------------------------------------------------------------- */
@@ -23,9 +25,15 @@ typedef struct {
     const char *name;
     void (*resolve)(const Frame *frame, int64_t start, int64_t stop);
     void (*answer)(const TailAnswers *answers, int64_t start, int64_t stop);
+    void (*decompose)(const double *first, const double *second, double *paths, int64_t pixels);
     void (*search)(const Search *search);
     void (*slopes)(const Slopes *slopes);
     void (*step)(const Steps *steps);
+    void (*form_factors)(const Pairs *pairs);
+    void (*kernel)(const LightKernel *kernel);
+    void (*look)(const Sampled *sampled);
+    void (*sum)(const Sums *sums);
+    void (*count)(const uint32_t *status, int64_t pixels, int64_t counts[4]);
     int (*supported)(void);
 } Level;
 
@@ -34,11 +42,23 @@ typedef struct {
     attributes static void answer_##name(const TailAnswers *answers, int64_t start, int64_t stop) { \
         answer_pixels(answers, start, stop); \
     } \
+    attributes static void decompose_##name(const double *first, const double *second, double *paths, int64_t pixels) { \
+        decompose_pixels(first, second, paths, pixels); \
+    } \
     attributes static void search_##name(const Search *search) { search_pixels(search); } \
     attributes static void slopes_##name(const Slopes *slopes) { slopes_of_patches(slopes); } \
-    attributes static void step_##name(const Steps *steps) { step_of_patches(steps); }
-#define LISTED(name, attributes, supported) \
-    {#name, resolve_##name, answer_##name, search_##name, slopes_##name, step_##name, supported},
+    attributes static void step_##name(const Steps *steps) { step_of_patches(steps); } \
+    attributes static void form_factors_##name(const Pairs *pairs) { form_factors_of(pairs); } \
+    attributes static void kernel_##name(const LightKernel *kernel) { kernel_of(kernel); } \
+    attributes static void look_##name(const Sampled *sampled) { look_at_samples(sampled); } \
+    attributes static void sum_##name(const Sums *sums) { sum_patches(sums); } \
+    attributes static void count_##name(const uint32_t *status, int64_t pixels, int64_t counts[4]) { \
+        count_pixels(status, pixels, counts); \
+    }
+#define FUNCTIONS_OF(name) \
+    resolve_##name, answer_##name, decompose_##name, search_##name, slopes_##name, step_##name, form_factors_##name, kernel_##name, \
+        look_##name, sum_##name, count_##name
+#define LISTED(name, attributes, supported) {#name, FUNCTIONS_OF(name), supported},
 FOR_EACH_LEVEL(FUNCTIONS)
 static const Level LEVELS[] = {FOR_EACH_LEVEL(LISTED)};
 #include "../_module.h"
@@ -151,8 +171,31 @@ static PyObject *resolve(PyObject *module, PyObject *arguments) {
     return result;
 }
 
+static PyObject *count_status(PyObject *module, PyObject *arguments) {
+    (void)module;
+    const char *name;
+    PyObject *object;
+    if (!PyArg_ParseTuple(arguments, "sO", &name, &object)) return NULL;
+    const Level *level = find_level(name);
+    if (!level) return NULL;
+    Py_buffer view;
+    memset(&view, 0, sizeof view);
+    PyObject *result = NULL;
+    const Wanted wanted = {"status", "I L ", 4, 0, 0};
+    if (get_buffer(&wanted, object, &view)) {
+        int64_t counts[4] = {0, 0, 0, 0};
+        level->count(view.buf, values_in(&view), counts);
+        result = Py_BuildValue("LLLL", (long long)counts[0], (long long)counts[1], (long long)counts[2], (long long)counts[3]);
+    }
+    release_buffers(&view, 1);
+    return result;
+}
+
+#include "_decomposition.h"
 #include "../diffuse/_tail_call.h"
 #include "../diffuse/_patches_call.h"
+#include "../diffuse/_radiosity_call.h"
+#include "../diffuse/_sampled_call.h"
 #include "../response/_search_call.h"
 
 /* --- the module ---------------------------------------------------------------------------------------------------------- */
@@ -179,18 +222,36 @@ static PyMethodDef METHODS[] = {
      "resolve(level, order, returns, start, stop, constants, stored, own, other, constant, samples, metres, shift, layers, "
      "status, tail)\n\n"
      "Fill layers and status of the pixels from start up to stop. Everybody but the tests calls it through kernel.py."},
+    {"count_status", count_status, METH_VARARGS,
+     "count_status(level, status)\n\nReturn how many pixels have one path, two paths, more, and diffuse MPI."},
     {"answer_tail", answer_tail, METH_VARARGS,
      "answer_tail(level, start, stop, phasors, usable, samples, answered, answers, tail)\n\n"
      "Fill answered and answers of the pixels from start up to stop. Everybody but the tests calls it through compiled.py."},
+    {"decompose", decompose, METH_VARARGS,
+     "decompose(level, first phasors, second phasors, paths)\n\n"
+     "Fill paths. Everybody but the tests calls it through decomposition.py."},
     {"tail_slopes", tail_slopes, METH_VARARGS,
      "tail_slopes(level, numbers, rad per ns, onset, state, cosines, sines, seen, beyond, later, total, slopes)\n\n"
      "Fill total and slopes. Everybody but the tests calls it through diffuse/compiled_fit.py."},
     {"step_patches", step_patches, METH_VARARGS,
      "step_patches(level, step, data, error, within, pattern, values, slopes, state, linear data, room, spread, answers...)\n\n"
      "Fill the answers of a step. Everybody but the tests calls it through diffuse/compiled_fit.py."},
+    {"form_factors", form_factors, METH_VARARGS,
+     "form_factors(level, facing, area, form factors, distances)\n\n"
+     "Make form factors and distances of what they are made of. Everybody but the tests calls it through diffuse/compiled_radiosity.py."},
+    {"light_kernel", light_kernel, METH_VARARGS,
+     "light_kernel(level, form factors, albedo, cosines, sines, kernel, rotors)\n\n"
+     "Fill kernel and rotors. Everybody but the tests calls it through diffuse/compiled_radiosity.py."},
+    {"look_at_samples", look_at, METH_VARARGS,
+     "look_at_samples(level, constants, numbers, per variance, places, stored, own, other, constant, hot, samples, weighted, phases, "
+     "seen)\n\n"
+     "Fill weighted, phases and seen. Everybody but the tests calls it through diffuse/compiled_light.py."},
+    {"sum_patches", sum_over, METH_VARARGS,
+     "sum_patches(level, weighted, counted, sums)\n\n"
+     "Fill sums. Everybody but the tests calls it through diffuse/compiled_light.py."},
     {"search", search, METH_VARARGS,
      "search(level, steps, constants, first table, second table, phases, observed, enough, start, values, misfit, done)\n\n"
-     "Fill values, misfit and done. Everybody but the tests calls it through response/compiled.py."},
+     "Fill values, misfit and done. Everybody but the tests calls it through response/newton.py."},
     LEVELS_METHOD,
     {"constant_names", constant_names, METH_NOARGS, "Names of the constants, in the order in which resolve takes them."},
     {"tail_sizes", tail_sizes, METH_NOARGS, "Names of a tail's sizes, in the order in which they are taken."},

@@ -127,29 +127,80 @@ INLINE void put_tail(Group *restrict g, const Frame *restrict frame) {
 /* Every pixel from `start` up to `stop`. */
 INLINE void resolve_pixels(const Frame *restrict frame, int64_t start, int64_t stop) {
     Group group, *g = &group;
+    const int plain = !frame->tail && !frame->samples && !frame->own;
     memset(g, 0, sizeof group);
     for (int m; start < stop; start += m) {
         m = frame->tail ? in_group(frame->tail, start, stop) : stop - start < GROUP ? (int)(stop - start) : GROUP;
         fetch(frame, start + 2 * GROUP);
-        load(g, frame, start, m);
-        if (!frame->tail) fundamental_frame(g);
-        screen(g, frame);
-        if (frame->tail) predict(g, frame, start, m);
-        if (frame->tail && any(g->answered)) fundamental_frame(g);
-        choose_pixels(g, frame);
-        const int ones = any(g->may);
-        if (ones) one_path(g, frame);
+        int answered = m == GROUP && plain && is_sound(frame, start);
+        if (answered) {
+            load_sound(g, frame, start);
+            answered = all_answered(g, frame);
+        }
+        if (!answered) {
+            load(g, frame, start, m);
+            if (!frame->tail) fundamental_frame(g);
+            screen(g, frame);
+            if (frame->tail) predict(g, frame, start, m);
+            if (frame->tail && any(g->answered)) fundamental_frame(g);
+            choose_pixels(g, frame);
+        }
+        if (g->ones) one_path(g, frame);
         g->pairs = any(g->need);
         if (g->pairs) {
             two_paths(g);
             two_path_sigmas(g, frame);
             phases(g);
-            if (ones) choose_answers(g, frame, 1);
+            if (g->ones) choose_answers(g, frame, 1);
             else choose_answers(g, frame, 0);
-        } else if (ones) answer_one(g);
+        } else if (g->ones) answer_one(g);
         else answer_none(g);
         if (frame->tail) put_tail(g, frame);
         clear_impossible(g, frame);
         store(g, frame, start, m);
+    }
+}
+
+/* status.py: count_status. How many pixels have each of four bits. */
+INLINE void count_pixels(const uint32_t *restrict status, int64_t pixels, int64_t counts[4]) {
+    enum { AT_ONCE = 4096 }; /* few enough that their sums need no wide integers */
+    for (int64_t start = 0; start < pixels; start += AT_ONCE) {
+        const int64_t stop = pixels - start < AT_ONCE ? pixels : start + AT_ONCE;
+        uint32_t one = 0, two = 0, more = 0, diffuse = 0;
+        for (int64_t i = start; i < stop; i++) {
+            one += (status[i] & ONE_PATH) / ONE_PATH;
+            two += (status[i] & TWO_PATHS) / TWO_PATHS;
+            more += (status[i] & MORE_PATHS) / MORE_PATHS;
+            diffuse += (status[i] & DIFFUSE_MPI) / DIFFUSE_MPI;
+        }
+        counts[0] += one;
+        counts[1] += two;
+        counts[2] += more;
+        counts[3] += diffuse;
+    }
+}
+
+#define DECOMPOSED_PLANES 9
+
+/* decomposition.py: amplitudes, rotors of mean and half, whether there is one path, and both phases, planes of n each. */
+INLINE void decompose_pixels(const double *restrict first, const double *restrict second, double *restrict to, int64_t n) {
+    Group group, *g = &group;
+    for (int64_t start = 0; start < n; start += GROUP) {
+        const int m = n - start < GROUP ? (int)(n - start) : GROUP;
+        for (int i = 0; i < GROUP; i++) {
+            const int64_t at = 2 * (start + (i < m ? i : 0));
+            g->re1[i] = first[at];
+            g->im1[i] = first[at + 1];
+            g->re2[i] = second[at];
+            g->im2[i] = second[at + 1];
+        }
+        fundamental_frame(g);
+        EACH_PIXEL g->single[i] = is_single(g->u[i], g->d2[i]) ? 1.0 : 0.0;
+        g->singles = any(g->single);
+        two_paths(g);
+        phases(g);
+        const double *plane[DECOMPOSED_PLANES] = {g->a, g->b, g->cos_m, g->sin_m, g->cos_half, g->sin_half, g->single, g->x, g->y};
+        for (int p = 0; p < DECOMPOSED_PLANES; p++)
+            for (int i = 0; i < m; i++) to[p * n + start + i] = plane[p][i];
     }
 }

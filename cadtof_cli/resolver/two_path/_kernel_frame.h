@@ -3,7 +3,7 @@
  *   phasors/voltages.py                    stored values -> phasors
  *   resolver/resolve.py, order.py          the driver: which pixels get an answer, and how many paths
  *   resolver/returns.py                    which path is direct
- *   resolver/two_path/closed_form.py       two paths            arctangent.py   their phases
+ *   resolver/two_path/closed_form.py       two paths            arcsine.py      their phases
  *   resolver/two_path/one_path.py          one path             uncertainty.py  standard deviations
  *   resolver/two_path/roots.py             inverse square roots
  *   maps/depth.py, layers.py               paths -> maps, and what no light gives
@@ -14,7 +14,8 @@
  * That needs a compiler that neither contracts a*b + c nor reorders: -ffp-contract=off, no -ffast-math.
  *
  * GROUP neighbours stand in short rows that stay in the first-level cache. Each loop holds a few operations for every pixel of
- * a group, so compilers make vector instructions of it; what no pixel of a group needs is left out for the whole group.
+ * a group, so compilers make vector instructions of it; what no pixel of a group needs is left out for the whole group. Most
+ * groups hold nothing but pixels that get an answer: for those a look at their values takes the place of what refuses one.
  */
 #include "../diffuse/_tail.h"
 
@@ -22,7 +23,7 @@
 
 /* Bits of resolver/status.py that are read or set here; the others go through as they came. */
 enum { SATURATED = 1, NOT_FINITE = 2, LOW_CONFIDENCE = 4, ONE_PATH = 8, TWO_PATHS = 16, ILL_CONDITIONED = 32, HOT_PIXEL = 256 };
-enum { CALIBRATED = 64, POOLED = 1024, DIFFUSE_MPI = 2048, IMPOSSIBLE = 4096 };
+enum { CALIBRATED = 64, MORE_PATHS = 512, POOLED = 1024, DIFFUSE_MPI = 2048, IMPOSSIBLE = 4096 };
 enum order { ORDER_AUTO, ORDER_ONE, ORDER_TWO };
 enum returns { RETURN_FIRST, RETURN_STRONGEST, RETURN_LAST };
 enum type { UINT16, INT16, FLOAT32, FLOAT64, PHASORS };
@@ -69,7 +70,7 @@ typedef struct {
 
 typedef struct {
     Row re1, im1, re2, im2, unsound, samples, root;      /* phasors; 1 where there must be no answer; samples, their root */
-    Row u, pr, pi, cos, sin;                             /* FundamentalFrame */
+    Row u, pr, pi, cos, sin, d2;                             /* FundamentalFrame */
     Row confidence, refusal, answered, single, may, need;/* bits that refuse an answer; is, may be one path; needs two */
     Row one_amplitude, one_phase, one_sigma, fall_off;   /* OnePath; its doubt */
     Row amplitudes, phases;                              /* by which its harmonics disagree */
@@ -79,7 +80,7 @@ typedef struct {
     Row amplitude[2], phase[2], sigma[2];                /* direct and MPI path */
     Row impossible;                                      /* 1 where they hold more light than there can be */
     Row t1, t2, t3, t4, t5;                              /* between the loops of a function */
-    int pairs, cleared;                                  /* whether any pixel has two paths, may be impossible */
+    int singles, ones, pairs, cleared;                   /* whether any is single, may have one path, has two, is impossible */
     Row predicted;                                       /* 1 where the MPI is a tail, ... */
     TailGroup tail;                                      /* ... which is here */
 } Group;
@@ -96,7 +97,62 @@ INLINE void fetch(const Frame *restrict frame, int64_t start) {
     }
 }
 
-/* voltages.py: saturated_pixels, phasors_from_stored. Columns from m on repeat the first. */
+/* A limit of saturation for whole numbers; NaN, which is none, becomes one that no 16 bits reach. */
+INLINE int32_t whole(double limit) { return limit > -1e9 ? limit < 1e9 ? (int32_t)floor(limit) : 1000000000 : -1000000000; }
+
+/* Whether none of a whole group's pixels is saturated, or has a bit that refuses an answer. */
+#define SATURATES(TYPE, WIDE, LOW, HIGH, LEAST, MOST) \
+    { \
+        const TYPE *stored = (const TYPE *)frame->stored + start; \
+        EACH_PIXEL { \
+            WIDE least = MOST, most = LEAST; \
+            for (int c = 0; c < 4; c++) { \
+                const WIDE value = stored[c * n + i]; \
+                least = value < least ? value : least; \
+                most = value > most ? value : most; \
+            } \
+            beyond |= (least <= LOW) | (most >= HIGH); \
+        } \
+    }
+
+INLINE int is_sound(const Frame *restrict frame, int64_t start) {
+    const double low = frame->constants->saturated_low, high = frame->constants->saturated_high;
+    const float low_f = (float)low, high_f = (float)high;
+    const int32_t low_i = whole(low), high_i = -whole(-high);
+    const int64_t n = frame->pixels;
+    uint32_t known = 0;
+    int32_t beyond = 0;
+    EACH_PIXEL known |= frame->status[start + i];
+    if (known & (SATURATED | NOT_FINITE | HOT_PIXEL)) return 0;
+    switch (frame->type) {
+    case UINT16: SATURATES(uint16_t, int32_t, low_i, high_i, 0, UINT16_MAX) break;
+    case INT16: SATURATES(int16_t, int32_t, low_i, high_i, INT16_MIN, INT16_MAX) break;
+    case FLOAT32: SATURATES(float, float, low_f, high_f, -INFINITY, INFINITY) break;
+    default: return 0;
+    }
+    return !beyond;
+}
+
+/* voltages.py: saturated_pixels, phasors_from_stored, of a group that `is_sound`, and where no pixel has a map of its own. */
+#define LOAD_SOUND(TYPE) \
+    { \
+        const TYPE *stored = (const TYPE *)frame->stored + start; \
+        for (int c = 0; c < 4; c++) \
+            EACH_PIXEL phasor[c][i] = (double)stored[c * n + i] * gain[c] + offset[c]; \
+    }
+
+INLINE void load_sound(Group *restrict g, const Frame *restrict frame, int64_t start) {
+    const Constants *k = frame->constants;
+    const int64_t n = frame->pixels;
+    double *phasor[4] = {g->re1, g->im1, g->re2, g->im2};
+    const double gain[4] = {k->gain1, k->gain2, k->gain3, k->gain4};
+    const double offset[4] = {k->offset1, k->offset2, k->offset3, k->offset4};
+    if (frame->type == UINT16) LOAD_SOUND(uint16_t)
+    else if (frame->type == INT16) LOAD_SOUND(int16_t)
+    else LOAD_SOUND(float)
+}
+
+/* The same of any group. Columns from m on repeat the first. */
 #define LOAD(TYPE, VALUE) \
     { \
         const TYPE *stored = frame->stored; \

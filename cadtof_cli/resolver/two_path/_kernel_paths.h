@@ -1,63 +1,112 @@
 /* The equations of the kernel, each function named after the one that it is the twin of; see _kernel_frame.h. */
 #include "_kernel_frame.h"
 
-/* roots.py: inverse_root */
-INLINE double inverse_root(double x) {
+/* roots.py */
+INLINE double rough_inverse_root(double x) {
     uint64_t bits;
     double y;
     memcpy(&bits, &x, sizeof bits);
     bits = 0x5fe6eb50c7b537a9u - (bits >> 1);
     memcpy(&y, &bits, sizeof y);
     double square = x * y * y;
-    y = y * (1.876598 - square * (1.2521 - square * 0.375502));
-    double rest = 1.0 - x * y * y;
-    y = y + y * rest * (0.5 + rest * (0.375 + rest * 0.3125));
-    return x < DBL_MIN ? 0.0 : y;
+    return y * (1.876598 - square * (1.2521 - square * 0.375502));
 }
 
-/* arctangent.py: phase_of, where sin is not negative */
+INLINE double inverse_root(double x) {
+    double y = rough_inverse_root(x), rest = 1.0 - x * y * y;
+    return y + y * rest * (0.5 + rest * (0.375 + rest * 0.3125));
+}
+
+INLINE double inverse_root_or_none(double x) { return x < DBL_MIN ? 0.0 : inverse_root(x); }
+
+/* arcsine.py: phase_of, where sin is not negative */
 INLINE double phase_above(double cos, double y) {
     double x = fabs(cos);
     double low = y > x ? x : y, high = y > x ? y : x;
-    int far = low > high * 0.41421356237309503;
-    double tangent = (far ? low - high : low) / (far ? low + high : high);
-    double z = tangent * tangent, series = -0.019176887104237525;
-    series = series * z + 0.03923165828348216;
-    series = series * z + -0.0508544973752125;
-    series = series * z + 0.058581489127221394;
-    series = series * z + -0.06664511447372731;
-    series = series * z + 0.07692183190825433;
-    series = series * z + -0.09090904578123873;
-    series = series * z + 0.11111111015256361;
-    series = series * z + -0.14285714284666542;
-    series = series * z + 0.1999999999999552;
-    series = series * z + -0.3333333333333333;
-    double phase = tangent + tangent * z * series;
-    phase = far ? phase + 0.25 * PI : phase;
+    int far = low > 0.25881904510252074;
+    double sine = far ? low * 0.8660254037844386 - high * 0.5 : low;
+    double z = sine * sine, series = 0.01456748213483585;
+    series = series * z + 0.013621509253689112;
+    series = series * z + 0.017372651805504305;
+    series = series * z + 0.022371526870346412;
+    series = series * z + 0.03038195530554957;
+    series = series * z + 0.04464285705150488;
+    series = series * z + 0.07500000000029207;
+    series = series * z + 0.16666666666666652;
+    double phase = sine + sine * z * series;
+    phase = far ? phase + PI / 6.0 : phase;
     phase = y > x ? 0.5 * PI - phase : phase;
     return cos < 0.0 ? PI - phase : phase;
 }
 
-/* arctangent.py: phase_of */
+/* arcsine.py: phase_of */
 INLINE double phase_of(double cos, double sin) {
     double phase = phase_above(cos, fabs(sin));
     phase = sin < 0.0 ? FULL_TURN - phase : phase;
     return phase >= FULL_TURN ? 0.0 : phase;
 }
 
-/* closed_form.py: fundamental_frame */
+/* closed_form.py: fundamental_frame, is_single */
+typedef struct {
+    double u, pr, pi, cos, sin, d2;
+} Turned;
+
+INLINE Turned turned(double re1, double im1, double re2, double im2) {
+    double power = re1 * re1 + im1 * im1, inverse = inverse_root_or_none(power), u = power * inverse;
+    double cos = power < DBL_MIN ? 1.0 : re1 * inverse, sin = im1 * inverse;
+    double cos2 = cos * cos - sin * sin, sin2 = 2.0 * (sin * cos);
+    double pr = re2 * cos2 + im2 * sin2, pi = im2 * cos2 - re2 * sin2, dr = u - pr;
+    return (Turned){u, pr, pi, cos, sin, dr * dr + pi * pi};
+}
+
+INLINE void put(Group *restrict g, int i, Turned t) {
+    g->u[i] = t.u;
+    g->pr[i] = t.pr;
+    g->pi[i] = t.pi;
+    g->cos[i] = t.cos;
+    g->sin[i] = t.sin;
+    g->d2[i] = t.d2;
+}
+
 INLINE void fundamental_frame(Group *restrict g) {
+    EACH_PIXEL put(g, i, turned(g->re1[i], g->im1[i], g->re2[i], g->im2[i]));
+}
+
+INLINE double power_of(double u, double pr, double pi, const Constants *restrict k) {
+    return u * u * k->per_variance1 + (pr * pr + pi * pi) * k->per_variance2;
+}
+
+INLINE int is_single(double u, double d2) { return d2 <= 0x1p-100 * (u * u) + 1e-100; }
+
+/* |d|^2 up to which a pixel may be one path's: solver.py: may_be_one_path */
+INLINE double one_path_limit(const Frame *restrict frame) {
+    const Constants *k = frame->constants;
+    const double limit = 2.0 * k->misfit_limit * k->misfit_spread;
+    return frame->order == ORDER_ONE ? INFINITY : frame->order == ORDER_TWO ? -1.0 : limit;
+}
+
+/* All of fundamental_frame, screen and choose_pixels where every pixel of a group gets an answer: whether that is so. */
+INLINE int all_answered(Group *restrict g, const Frame *restrict frame) {
+    const Constants *k = frame->constants;
+    const double limit = one_path_limit(frame);
+    int64_t refused = 0, singles = 0, ones = 0;
     EACH_PIXEL {
-        double re1 = g->re1[i], im1 = g->im1[i], re2 = g->re2[i], im2 = g->im2[i];
-        double u = sqrt(re1 * re1 + im1 * im1), zero = u == 0.0 ? 1.0 : 0.0, inverse = 1.0 / (u + zero);
-        double cos = re1 * inverse + zero, sin = im1 * inverse;
-        double cos2 = cos * cos - sin * sin, sin2 = 2.0 * (sin * cos);
-        g->u[i] = u;
-        g->pr[i] = re2 * cos2 + im2 * sin2;
-        g->pi[i] = im2 * cos2 - re2 * sin2;
-        g->cos[i] = cos;
-        g->sin[i] = sin;
+        Turned t = turned(g->re1[i], g->im1[i], g->re2[i], g->im2[i]);
+        double power = power_of(t.u, t.pr, t.pi, k), single = is_single(t.u, t.d2) ? 1.0 : 0.0;
+        double may = t.d2 <= limit ? 1.0 : single;
+        refused |= !((power > k->least_power) & (power <= DBL_MAX) & (t.u >= k->least_modulus));
+        singles |= single > 0.0;
+        ones |= may > 0.0;
+        put(g, i, t);
+        g->single[i] = single;
+        g->may[i] = may;
+        g->need[i] = 1.0 - may;
+        g->confidence[i] = t.u;
+        g->refusal[i] = 0.0;
     }
+    g->singles = singles != 0;
+    g->ones = ones != 0;
+    return !refused;
 }
 
 /* resolve.py: screened. `refusal` comes in with SATURATED. Where most pixels have a tail, the few others are turned later. */
@@ -67,10 +116,7 @@ INLINE void screen(Group *restrict g, const Frame *restrict frame) {
         double re1 = g->re1[i], im1 = g->im1[i], re2 = g->re2[i], im2 = g->im2[i], power1 = re1 * re1 + im1 * im1;
         g->u[i] = sqrt(power1);
         g->t1[i] = power1 * k->per_variance1 + (re2 * re2 + im2 * im2) * k->per_variance2;
-    } else EACH_PIXEL {
-        double u = g->u[i], pr = g->pr[i], pi = g->pi[i];
-        g->t1[i] = u * u * k->per_variance1 + (pr * pr + pi * pi) * k->per_variance2;
-    }
+    } else EACH_PIXEL g->t1[i] = power_of(g->u[i], g->pr[i], g->pi[i], k);
     if (frame->samples) EACH_PIXEL g->t1[i] = g->t1[i] * g->samples[i];
     EACH_PIXEL {
         double u = g->u[i], power = g->t1[i], refusal = g->refusal[i];
@@ -87,22 +133,20 @@ INLINE void screen(Group *restrict g, const Frame *restrict frame) {
 /* solver.py: may_be_one_path; closed_form.py: is_single. Who gets no answer goes on with NaN for u, and so in all that follows. */
 INLINE void choose_pixels(Group *restrict g, const Frame *restrict frame) {
     const Constants *k = frame->constants;
-    const double spread = 2.0 * k->misfit_limit * k->misfit_spread;
-    const int all = frame->order == ORDER_ONE, none = frame->order == ORDER_TWO;
-    if (frame->samples) EACH_PIXEL g->t2[i] = 2.0 * (k->misfit_limit / g->samples[i]) * k->misfit_spread;
-    else EACH_PIXEL g->t2[i] = spread;
+    const double limit = one_path_limit(frame);
+    EACH_PIXEL g->t2[i] = limit;
+    if (frame->samples && frame->order == ORDER_AUTO)
+        EACH_PIXEL g->t2[i] = 2.0 * (k->misfit_limit / g->samples[i]) * k->misfit_spread;
     EACH_PIXEL {
-        double answered = g->answered[i], u = answered > 0.0 ? g->u[i] : NAN;
-        double dr = u - g->pr[i], d2 = dr * dr + g->pi[i] * g->pi[i];
-        double single = d2 <= 0x1p-100 * (u * u) + 1e-100 ? answered : 0.0;
-        double may = d2 <= g->t2[i] ? answered : single;
-        may = all ? answered : may;
-        may = none ? single : may;
-        g->u[i] = u;
+        double answered = g->answered[i], single = is_single(g->u[i], g->d2[i]) ? answered : 0.0;
+        double may = g->d2[i] <= g->t2[i] ? answered : single;
+        g->u[i] = answered > 0.0 ? g->u[i] : NAN;
         g->single[i] = single;
         g->may[i] = may;
         g->need[i] = answered - may;
     }
+    g->singles = any(g->single);
+    g->ones = any(g->may);
 }
 
 /* one_path.py: _start. The rotor in t1, t2; the largest curvature there can be in t3. */
@@ -121,7 +165,7 @@ INLINE void one_path_start(Group *restrict g, double weight) {
         g->t3[i] = u + from_second * modulus;
     }
     EACH_PIXEL {
-        double cos = g->t1[i], sin = g->t2[i], norm = inverse_root(cos * cos + sin * sin);
+        double cos = g->t1[i], sin = g->t2[i], norm = inverse_root_or_none(cos * cos + sin * sin);
         g->t1[i] = cos * norm;
         g->t2[i] = sin * norm;
     }
@@ -179,8 +223,9 @@ INLINE void one_path(Group *restrict g, const Frame *restrict frame) {
         g->fall_off[i] = amplitudes * fabs(amplitudes) * across * per_both * (1.0 / (1.2815515655446004 * 1.2815515655446004));
     }
     EACH_PIXEL {
-        double across = g->t2[i], square = g->t4[i] * across;
-        g->one_sigma[i] = square * inverse_root(square) / (across * g->one_amplitude[i]);
+        double amplitude = g->one_amplitude[i];
+        double square = g->t4[i] * g->t2[i] * (amplitude * amplitude);
+        g->one_sigma[i] = square < DBL_MIN ? INFINITY : g->t4[i] * inverse_root(square);
     }
     if (frame->samples) EACH_PIXEL {
         g->t3[i] = g->t3[i] * g->samples[i];
@@ -205,14 +250,13 @@ INLINE void excess_step(Group *restrict g) {
     }
 }
 
-/* closed_form.py: _excess. H in t3, |d|^2 in t4. */
+/* closed_form.py: _excess. H in t3. */
 INLINE void excess(Group *restrict g) {
     EACH_PIXEL {
-        double u = g->u[i], pi = g->pi[i], dr = u - g->pr[i], d2 = dr * dr + pi * pi, modulus = d2 * inverse_root(d2);
+        double u = g->u[i], dr = u - g->pr[i], d2 = g->d2[i], modulus = d2 * rough_inverse_root(d2);
         g->t1[i] = u * d2;
         g->t2[i] = 2.0 * (u * dr) - d2;
         g->t3[i] = (modulus + 2.17 * u) * d2 / ((4.06 * modulus + 2.06 * dr) * u + d2);
-        g->t4[i] = d2;
     }
     /* not a loop: compilers would turn it inside out */
     excess_step(g);
@@ -223,32 +267,35 @@ INLINE void excess(Group *restrict g) {
 INLINE void two_paths(Group *restrict g) {
     excess(g);
     EACH_PIXEL {
-        double u = g->u[i], pi = g->pi[i], dr = u - g->pr[i], d2 = g->t4[i];
-        double single = d2 <= 0x1p-100 * (u * u) + 1e-100 ? 1.0 : 0.0, h = single > 0.0 ? 0.0 : g->t3[i];
+        double u = g->u[i], pi = g->pi[i], dr = u - g->pr[i], h = g->t3[i];
         double p0 = u + h, product = (p0 + u) * h, re = p0 * dr - u * h, im = p0 * pi;
         double double_square = product + fabs(re), norm = inverse_root(2.0 * product * double_square);
         double large = double_square * norm, small = im * norm;
         double cos_m = re >= 0.0 ? large : small, sin_m = re >= 0.0 ? small : large;
         g->t1[i] = p0;
-        g->t2[i] = single;
         g->cos_m[i] = cos_m;
         g->sin_m[i] = sin_m;
         g->cos_half[i] = ((h + dr) * cos_m + pi * sin_m) * u * (norm * large);
     }
     EACH_PIXEL {
-        double u = g->u[i], p0 = g->t1[i], single = g->t2[i], cos = g->cos[i], sin = g->sin[i];
+        double u = g->u[i], p0 = g->t1[i], cos = g->cos[i], sin = g->sin[i];
         double cos_m = g->cos_m[i], sin_m = g->sin_m[i], cos_half = g->cos_half[i];
-        double sin_half = sqrt(at_least((1.0 - cos_half) * (1.0 + cos_half), 1e-300));
-        double split = single > 0.0 ? u : sin_m * u / sin_half;
-        split = at_least(at_most(split, p0), -p0);
-        cos_m = single > 0.0 ? 1.0 : cos_m;
-        sin_m = single > 0.0 ? 0.0 : sin_m;
+        double square = at_least((1.0 - cos_half) * (1.0 + cos_half), 1e-300), inverse = inverse_root(square);
+        double split = at_least(at_most(sin_m * u * inverse, p0), -p0);
         g->a[i] = 0.5 * (p0 + split);
         g->b[i] = 0.5 * (p0 - split);
         g->cos_m[i] = cos_m * cos + sin_m * sin;
         g->sin_m[i] = cos_m * sin - sin_m * cos;
-        g->cos_half[i] = single > 0.0 ? 1.0 : cos_half;
-        g->sin_half[i] = single > 0.0 ? 0.0 : sin_half;
+        g->sin_half[i] = square * inverse;
+    }
+    if (g->singles) EACH_PIXEL {
+        int single = g->single[i] > 0.0;
+        g->a[i] = single ? g->u[i] : g->a[i];
+        g->b[i] = single ? 0.0 : g->b[i];
+        g->cos_m[i] = single ? g->cos[i] : g->cos_m[i];
+        g->sin_m[i] = single ? g->sin[i] : g->sin_m[i];
+        g->cos_half[i] = single ? 1.0 : g->cos_half[i];
+        g->sin_half[i] = single ? 0.0 : g->sin_half[i];
     }
 }
 

@@ -13,8 +13,8 @@ import numpy as np
 
 from cadtof_cli.arrays import Bool, Complex, Float, Index
 from cadtof_cli.resolver.paths import FULL_TURN
-from cadtof_cli.resolver.two_path.arctangent import phase_of
-from cadtof_cli.resolver.two_path.roots import inverse_root
+from cadtof_cli.resolver.two_path.arcsine import phase_of
+from cadtof_cli.resolver.two_path.roots import LEAST, inverse_root, inverse_root_or_none, rough_inverse_root
 
 EXCESS_STEPS = 2
 """Each quadruples the correct digits: the start's 8.5 % become 8e-5, then 4e-17."""
@@ -33,8 +33,9 @@ SMALLEST_SINE = 1e-300
 class FundamentalFrame:
     """Two phasors of n pixels, turned so that the first is real: p1 = u·ρ and p2 = (pr + i·pi)·ρ².
 
-    `u` ≥ 0, `pr`, `pi` and the unit rotor `cos`, `sin` of ρ are float64 of shape (n,). ρ = 1 where p1 = 0. They are planes of
-    real numbers because numpy's complex products round differently at the end of an array than within it.
+    `u` ≥ 0, `pr`, `pi` and the unit rotor `cos`, `sin` of ρ are float64 of shape (n,). ρ = 1 and u = 0 where |p1| < 1.5e-154,
+    whose square is no normal number. They are planes of real numbers because numpy's complex products round differently at the
+    end of an array than within it.
     """
 
     u: Float
@@ -118,10 +119,10 @@ class TwoPaths:
 def fundamental_frame(p1: Complex, p2: Complex, /) -> FundamentalFrame:
     """Turn two phasors, complex128 (n,), into the frame in which the first is real. NaN in gives NaN out."""
     re1, im1, re2, im2 = p1.real, p1.imag, p2.real, p2.imag
-    u = np.sqrt(re1 * re1 + im1 * im1)
-    zero = np.where(u == 0.0, 1.0, 0.0)
-    inverse = 1.0 / (u + zero)
-    cos, sin = re1 * inverse + zero, im1 * inverse
+    power = re1 * re1 + im1 * im1
+    inverse = inverse_root_or_none(power)
+    u = power * inverse
+    cos, sin = np.where(power < LEAST, 1.0, re1 * inverse), im1 * inverse
     cos2, sin2 = cos * cos - sin * sin, 2.0 * (sin * cos)
     return FundamentalFrame(u, re2 * cos2 + im2 * sin2, im2 * cos2 - re2 * sin2, cos, sin)
 
@@ -160,8 +161,9 @@ def two_paths(frame: FundamentalFrame, /) -> TwoPaths:
     large, small = double_square * norm, p0 * pi * norm
     cos_m, sin_m = np.where(re >= 0.0, large, small), np.where(re >= 0.0, small, large)
     cos_half = ((h + dr) * cos_m + pi * sin_m) * u * (norm * large)
-    sin_half = np.sqrt(np.maximum((1.0 - cos_half) * (1.0 + cos_half), SMALLEST_SINE))
-    split = sin_m * u / sin_half
+    square = np.maximum((1.0 - cos_half) * (1.0 + cos_half), SMALLEST_SINE)
+    inverse = inverse_root(square)
+    sin_half, split = square * inverse, sin_m * u * inverse
     cos_m, sin_m = np.where(single, 1.0, cos_m), np.where(single, 0.0, sin_m)
     cos_half, sin_half = np.where(single, 1.0, cos_half), np.where(single, 0.0, sin_half)
     # rounding must not let an amplitude fall below 0
@@ -184,7 +186,7 @@ def _excess(u: Float, dr: Float, d2: Float) -> Float:
     than 8.5 % off it.
     """
     constant, linear = u * d2, 2.0 * (u * dr) - d2
-    modulus = d2 * inverse_root(d2)
+    modulus = d2 * rough_inverse_root(d2)
     h = (modulus + 2.17 * u) * d2 / ((4.06 * modulus + 2.06 * dr) * u + d2)
     for _ in range(EXCESS_STEPS):
         value = ((h + 3.0 * u) * h + linear) * h - constant

@@ -6,7 +6,7 @@ does the same operations, with the same bits, in `closed_form`, `one_path`, `unc
 
 import math
 import os
-from functools import lru_cache
+from functools import cache, lru_cache
 from types import ModuleType
 from typing import Any
 
@@ -19,6 +19,8 @@ from cadtof_cli.phasors.noise import LEAST_SHARE, HarmonicNoise, NoiseModel, chi
 from cadtof_cli.phasors.voltages import PhasorMap
 from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.settings import ResolverSettings
+from cadtof_cli.resolver.status import StatusCounts
+from cadtof_cli.resolver.status import count_status as status_counts
 from cadtof_cli.resolver.two_path.uncertainty import misfit_spread, variance_terms
 
 NUMPY = "numpy"
@@ -29,12 +31,13 @@ CHOICE = "CADTOF_KERNEL"
 Buffers = tuple[NDArray[Any] | None, ...]
 """Arrays as the extension takes them: neighbours in memory, each of one type."""
 
-_STORED_TYPES = (np.uint16, np.int16, np.float32, np.float64, np.complex128)
+STORED_TYPES = (np.uint16, np.int16, np.float32, np.float64, np.complex128)
 
 _ORDERS = {"auto": 0, "1": 1, "2": 2}
 _RETURNS = {"first": 0, "strongest": 1, "last": 2}
 
 
+@cache
 def extension() -> ModuleType:
     """Return the extension module; raises ValueError where it was not built."""
     try:
@@ -92,74 +95,101 @@ class KernelScales:
     metres: float | Float
     volts: float
     phase_offset_rad: Float | None
-    tail: Buffers | None = None
-    most_volts: float = math.inf
-    noise_volts: float = 0.0
+    tail: Buffers | None
+    most_volts: float
+    noise_volts: float
 
 
-def fill_maps(
-    stored: Stored,
-    scales: KernelScales,
-    /,
-    *,
-    layers: Float32,
-    status: Status,
-    settings: ResolverSettings,
-    noise: NoiseModel,
-    kernel: str | None = None,
-    pixels: range | None = None,
-) -> None:
-    """Fill `layers` and `status` of n pixels from their stored values.
+class FrameKernel:
+    """The kernel with all that it needs to know of n pixels besides their stored values: many frames may share it.
 
     Args:
-        stored: values of harmonics 1 and 2 as a file holds them, (2, 2, n); or phasors, complex128 (2, n).
-        scales: what turns them into maps.
-        layers: float32 (7, n): depth, amplitude and sigma of the direct path and the MPI's each, and confidence.
-        status: (n,), with the bits that are known already: of those saturated, not finite and hot pixel mean no answer.
+        scales: what turns values into maps.
         settings: which paths are asked for, at most two.
-        noise: of the n pixels, with how many recorded ones each is a mean of.
+        noise: of the pixels, with how many recorded ones each is a mean of.
+        count: how many pixels there are.
         kernel: of `available_kernels`, but `numpy`; None: the one chosen for this process.
-        pixels: indices to fill; None: all.
 
     Raises:
-        ValueError: an array has the wrong shape or layout, or there is no such kernel.
-        TypeError: an array has the wrong type.
+        ValueError: an array has the wrong shape.
     """
-    compiled = extension()
-    count, asked = status.size, range(status.size) if pixels is None else pixels
-    limits = scales.saturated_counts if scales.phasor_map is not None else None
-    metres = scales.metres if isinstance(scales.metres, float) else math.nan
-    light = (metres, scales.volts, scales.most_volts, scales.noise_volts)
-    constants = _constants(settings, noise.each, scales.phasor_map, limits, stored.dtype, light)
-    stored = stored if stored.dtype in _STORED_TYPES else stored.astype(np.float64)
-    own, other, constant = _own_maps(scales.phasor_map, count)
-    arrays = {
-        "stored": (stored, (2, count) if scales.phasor_map is None else (2, 2, count)),
-        "own": (own, (2, 2, count)),
-        "other": (other, (2, 2, count)),
-        "constant": (constant, (2, 2, count)),
-        "samples": (noise.samples, (count,)),
-        "metres": (None if isinstance(scales.metres, float) else scales.metres, (count,)),
-        "phase_offset_rad": (scales.phase_offset_rad, (count,)),
-        "layers": (layers, (7, count)),
-        "status": (status, (count,)),
-    }
-    for name, (array, shape) in arrays.items():
-        if array is not None and array.shape != shape:
-            raise ValueError(f"{name}: found shape {array.shape}, expected {shape}")
-    given = [None if array is None else _as_neighbours(array) for array, _ in arrays.values()]
-    if given[-2] is not layers or given[-1] is not status or asked.step != 1:
-        raise ValueError("layers, status and pixels: expected neighbours in memory")
-    compiled.resolve(
-        kernel or chosen_kernel(),
-        _ORDERS[_order(settings)],
-        _RETURNS[settings.returns],
-        asked.start,
-        asked.stop,
-        constants,
-        *given,
-        scales.tail,
-    )
+
+    def __init__(
+        self,
+        scales: KernelScales,
+        /,
+        *,
+        settings: ResolverSettings,
+        noise: NoiseModel,
+        count: int,
+        kernel: str | None = None,
+    ) -> None:
+        self._scales, self._settings, self._noise, self._count = scales, settings, noise, count
+        self._compiled = extension()
+        self._options = (kernel or chosen_kernel(), _ORDERS[_order(settings)], _RETURNS[settings.returns])
+        self._stored_shape = (2, count) if scales.phasor_map is None else (2, 2, count)
+        own, other, constant = _own_maps(scales.phasor_map)
+        arrays = {
+            "own": (own, (2, 2, count)),
+            "other": (other, (2, 2, count)),
+            "constant": (constant, (2, 2, count)),
+            "samples": (noise.samples, (count,)),
+            "metres": (None if isinstance(scales.metres, float) else scales.metres, (count,)),
+            "phase_offset_rad": (scales.phase_offset_rad, (count,)),
+        }
+        for name, (array, shape) in arrays.items():
+            if array is not None:
+                _require_shape(name, array, shape)
+        self._arrays = [None if array is None else _as_neighbours(array) for array, _ in arrays.values()]
+        self._constants: tuple[np.dtype[np.generic], Float] | None = None
+
+    def fill(self, stored: Stored, /, *, layers: Float32, status: Status, pixels: range | None = None) -> None:
+        """Fill `layers` and `status` of the pixels from their stored values.
+
+        Args:
+            stored: values of harmonics 1 and 2 as a file holds them, (2, 2, n); or phasors, complex128 (2, n).
+            layers: float32 (7, n): depth, amplitude and sigma of the direct path and the MPI's each, and confidence.
+            status: (n,), with the bits that are known already: of those saturated, not finite and hot pixel mean no answer.
+            pixels: indices to fill; None: all.
+
+        Raises:
+            ValueError: an array has the wrong shape or layout, or there is no such kernel.
+            TypeError: an array has the wrong type.
+        """
+        _require_shape("stored", stored, self._stored_shape)
+        _require_shape("layers", layers, (7, self._count))
+        _require_shape("status", status, (self._count,))
+        start, stop, step = (0, self._count, 1) if pixels is None else (pixels.start, pixels.stop, pixels.step)
+        constants = self._constants_for(stored.dtype)
+        stored = _as_neighbours(stored if stored.dtype in STORED_TYPES else stored.astype(np.float64))
+        if _as_neighbours(layers) is not layers or _as_neighbours(status) is not status or step != 1:
+            raise ValueError("layers, status and pixels: expected neighbours in memory")
+        self._compiled.resolve(
+            *self._options, start, stop, constants, stored, *self._arrays, layers, status, self._scales.tail
+        )
+
+    def _constants_for(self, stored_type: np.dtype[np.generic]) -> Float:
+        if self._constants is None or self._constants[0] != stored_type:
+            scales = self._scales
+            limits = scales.saturated_counts if scales.phasor_map is not None else None
+            metres = scales.metres if isinstance(scales.metres, float) else math.nan
+            light = (metres, scales.volts, scales.most_volts, scales.noise_volts)
+            found = _constants(self._settings, self._noise.each, scales.phasor_map, limits, stored_type, light)
+            self._constants = stored_type, found
+        return self._constants[1]
+
+
+def _require_shape(name: str, array: NDArray[Any], shape: tuple[int, ...]) -> None:
+    if array.shape != shape:
+        raise ValueError(f"{name}: found shape {array.shape}, expected {shape}")
+
+
+def count_status(status: Status, /) -> StatusCounts:
+    """Return how the pixels of a status map of any shape ended: what `resolver.status.count_status` does, in one pass."""
+    if chosen_kernel() == NUMPY:
+        return status_counts(status)
+    one, two, more, diffuse = extension().count_status(chosen_kernel(), _as_neighbours(status))
+    return StatusCounts(one, two, more, diffuse, status.size - one - two - more - diffuse)
 
 
 def shared_constants(settings: ResolverSettings, each: tuple[HarmonicNoise, ...], /) -> dict[str, float]:
@@ -199,12 +229,7 @@ def _constants(
     light: tuple[float, ...],
 ) -> Float:
     """Return what all pixels of a frame share, in the order of `CONSTANTS`; −0 as an offset changes no bit of a sum."""
-    low = high = math.nan
-    if saturated_counts is not None:
-        # as numpy compares with them: floats in their own type
-        own_type = stored_type.type if stored_type.kind == "f" else np.float64
-        with np.errstate(over="ignore"):
-            low, high = (float(np.asarray(limit, np.float64).astype(own_type)) for limit in saturated_counts)
+    low, high = saturation(saturated_counts, stored_type)
     gains, offsets = [1.0] * 4, [-0.0] * 4
     if phasor_map is not None and phasor_map.own.shape[2] == 1:
         gains = phasor_map.own.ravel().tolist()
@@ -223,6 +248,18 @@ def _constants(
     return sealed(np.array([constants[name] for name in names]))
 
 
+def saturation(
+    saturated_counts: tuple[float, float] | None, stored_type: np.dtype[np.generic], /
+) -> tuple[float, float]:
+    """Return the limits as numpy compares stored values with them, floats in their own type; NaN where there are none."""
+    if saturated_counts is None:
+        return math.nan, math.nan
+    own_type = stored_type.type if stored_type.kind == "f" else np.float64
+    with np.errstate(over="ignore"):
+        low, high = (float(np.asarray(limit, np.float64).astype(own_type)) for limit in saturated_counts)
+    return low, high
+
+
 def _as_neighbours(array: NDArray[Any]) -> NDArray[Any]:
     """Return an array whose values are neighbours in memory, aligned: itself, where they are."""
     flags = array.flags
@@ -234,13 +271,10 @@ def _order(settings: ResolverSettings) -> str:
     return "1" if settings.max_paths == 1 else settings.order
 
 
-def _own_maps(phasor_map: PhasorMap | None, count: int) -> tuple[Float | None, Float | None, Float | None]:
+def _own_maps(phasor_map: PhasorMap | None) -> tuple[Float | None, Float | None, Float | None]:
     """Return the affine map of every pixel, (2, 2, n) each, or nothing where they share one."""
     if phasor_map is None or (phasor_map.own.shape[2] == 1 and phasor_map.other is None):
         return None, None, None
     if phasor_map.other is None or phasor_map.constant is None:
         raise ValueError("phasor_map: found a map of every pixel without other or constant")
-    own, other, constant = phasor_map.own, phasor_map.other, phasor_map.constant
-    if own.shape[2] == 1:
-        own, other, constant = (np.repeat(part, count, axis=2) for part in (own, other, constant))
-    return own, other, constant
+    return phasor_map.own, phasor_map.other, phasor_map.constant

@@ -7,9 +7,9 @@ import numpy as np
 from cadtof_cli.arrays import Float
 from cadtof_cli.phasors.noise import NoiseModel
 from cadtof_cli.resolver.paths import Fit, Paths, doubt_of_one
-from cadtof_cli.resolver.two_path.arctangent import phase_of
+from cadtof_cli.resolver.two_path.arcsine import phase_of
 from cadtof_cli.resolver.two_path.closed_form import FundamentalFrame
-from cadtof_cli.resolver.two_path.roots import inverse_root
+from cadtof_cli.resolver.two_path.roots import LEAST, inverse_root, inverse_root_or_none
 
 CURVATURE_FLOOR = 0.1
 """Least curvature that a Newton step divides by, as a share of the largest possible: keeps saddle points from throwing it."""
@@ -66,8 +66,8 @@ def one_path(frame: FundamentalFrame, /, *, noise: NoiseModel, steps: int) -> On
     per_both = 1.0 / (along * across)
     chi_squared = (amplitudes * amplitudes * across + phases * phases * along) * per_both
     fall_off = amplitudes * np.abs(amplitudes) * across * per_both
-    square = t1 * t2 * across
-    sigma = square * inverse_root(square) / (across * amplitude)
+    square = t1 * t2 * across * (amplitude * amplitude)
+    sigma = np.where(square < LEAST, np.inf, t1 * t2 * inverse_root(square))
     turned = cos * frame.cos - sin * frame.sin, cos * frame.sin + sin * frame.cos
     return OnePath(amplitude, *turned, sigma, chi_squared, fall_off)
 
@@ -86,7 +86,7 @@ def _start(frame: FundamentalFrame, weight: float) -> tuple[Float, Float, Float]
     from_second = 4.0 * weight
     cos = frame.u + from_second * np.where(ahead, large, small)
     sin = np.copysign(from_second * np.where(ahead, small, large), frame.pi)
-    norm = inverse_root(cos * cos + sin * sin)
+    norm = inverse_root_or_none(cos * cos + sin * sin)
     return cos * norm, sin * norm, frame.u + from_second * modulus
 
 

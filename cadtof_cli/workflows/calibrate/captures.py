@@ -70,7 +70,9 @@ def averaged_captures(
     captures = find_captures(inputs, overrides=overrides, settings_file=settings.settings_file)
     captures = _at_distances(captures, settings.distances_m) if settings.distances_m else captures
     _require_same_modulation(captures)
-    progress.total(sum(len(capture.frames) for capture in captures))
+    progress.total(
+        sum(len(capture.frames) * (one.frames if (one := typical_file(capture)) else 1) for capture in captures)
+    )
     averaged: list[tuple[Capture, FrameMean]] = []
     for capture in captures:
         for key, value in capture.source.defaulted.items():

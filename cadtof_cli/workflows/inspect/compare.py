@@ -3,7 +3,6 @@
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +10,7 @@ from numpy.typing import NDArray
 from cadtof_cli.errors import CaptureError, SettingsError
 from cadtof_cli.files.atomic import atomic_write
 from cadtof_cli.files.maps import STATUS, read_layers
+from cadtof_cli.frame_plan import DEPTH_IN_WORDS
 from cadtof_cli.maps.comparison import (
     BitChange,
     LayerDifference,
@@ -23,7 +23,7 @@ from cadtof_cli.maps.layers import DIRECT_DEPTH, MPI_DEPTH, layer_unit
 from cadtof_cli.resolver.status import StatusBit, bit_words
 from cadtof_cli.workflows.inspect.layers import Layers, require_same_size
 from cadtof_cli.workflows.progress import Progress
-from cadtof_cli.workflows.run_folder import Run, read_run
+from cadtof_cli.workflows.run_folder import read_run
 
 WORST = 5
 """Frames that are named."""
@@ -105,7 +105,8 @@ class MapPairs:
         self.a, self.b = read_run(first), read_run(second)
         if self.a.depth_kind != self.b.depth_kind:
             raise SettingsError(
-                f"{first} holds {_depth(self.a)} and {second} {_depth(self.b)}: resolve both with the same --depth"
+                f"{first} holds {DEPTH_IN_WORDS[self.a.depth_kind]} and {second} {DEPTH_IN_WORDS[self.b.depth_kind]}: "
+                "resolve both with the same --depth"
             )
         one, other = ({run.name(file): file for file in run.require_maps()} for run in (self.a, self.b))
         shared = [name for name in one if name in other]
@@ -126,17 +127,12 @@ class MapPairs:
     def pair(self, name: str, /) -> FramePair:
         """Return a frame's layers in both; raises CadtofError where they cannot be read, or differ in size."""
         files = self.files[name]
-        first, second = ({key: self._cropped(plane) for key, plane in read_layers(file).items()} for file in files)
+        first, second = (
+            {key: self.b.cropped(self.a.cropped(plane)) for key, plane in read_layers(file).items()} for file in files
+        )
         one, other = (next(iter(layers.values())) for layers in (first, second))
         require_same_size(other, one.shape, files[1], files[0])
         return FramePair(name, first, second)
-
-    def _cropped(self, plane: NDArray[Any]) -> NDArray[Any]:
-        return self.b.cropped(self.a.cropped(plane))
-
-
-def _depth(run: Run) -> str:
-    return "planar depth z" if run.depth_kind == "z" else "radial range"
 
 
 def compare_maps(pairs: MapPairs, /, *, progress: Progress) -> Comparison:

@@ -13,13 +13,13 @@ from cadtof_cli.errors import SettingsError
 from cadtof_cli.files.atomic import atomic_write, require_new
 from cadtof_cli.files.maps import STATUS, read_layers
 from cadtof_cli.files.png import write_grey_png
-from cadtof_cli.files.point_cloud import write_pcd, write_ply
-from cadtof_cli.frame_plan import DepthKind
+from cadtof_cli.files.point_cloud import write_points
+from cadtof_cli.frame_plan import DEPTH_IN_WORDS, DepthKind
 from cadtof_cli.maps.layers import DIRECT_DEPTH
 from cadtof_cli.optics import planar_per_range, ray_slopes
 from cadtof_cli.workflows.inspect.layers import GivenOptics, Layers, layer_of
 from cadtof_cli.workflows.progress import Progress
-from cadtof_cli.workflows.run_folder import Run, read_run
+from cadtof_cli.workflows.run_folder import read_run
 
 MOST_MM = 65535
 """Farthest depth that 16 bits of millimetres hold."""
@@ -52,6 +52,10 @@ class _Map:
     depth: DepthKind
     optics: Optics
 
+    def layer(self, name: str) -> NDArray[Any]:
+        """Return a layer; raises CaptureError where there is none."""
+        return layer_of(self.layers, name, self.path)
+
 
 def export_maps(
     maps: Sequence[Path], out: Path, /, *, settings: ExportSettings, progress: Progress, overwrite: bool = False
@@ -68,7 +72,10 @@ def export_maps(
     if write is None:
         raise SettingsError(f"-o: found {out.name!r}, expected a name that ends with {', '.join(WRITERS)}")
     found = [(run, file) for run in map(read_run, maps) for file in run.require_maps()]
-    outputs = [_output(out, run, file) if len(found) > 1 else out for run, file in found]
+    outputs = [
+        out.with_name(f"{out.stem}_{run.name(file).replace('/', '_')}{out.suffix}") if len(found) > 1 else out
+        for run, file in found
+    ]
     for position, output in enumerate(outputs):
         if output in outputs[:position]:
             raise SettingsError(f"two of the maps would be written as {output}: export them one command each")
@@ -81,13 +88,9 @@ def export_maps(
     return tuple(outputs)
 
 
-def _output(out: Path, run: Run, file: Path) -> Path:
-    return out.with_name(f"{out.stem}_{run.name(file).replace('/', '_')}{out.suffix}")
-
-
 def _points(one: _Map, settings: ExportSettings) -> dict[str, NDArray[Any]]:
     """Return the points of the pixels that have an answer: x right, y down, z forward from the camera, in m."""
-    depth = layer_of(one.layers, settings.layer, one.path).astype(np.float64)
+    depth = one.layer(settings.layer).astype(np.float64)
     path = settings.layer.removesuffix(".depth")
     rows, columns = depth.shape
     right, down = ray_slopes(one.optics, (rows, columns))
@@ -96,33 +99,27 @@ def _points(one: _Map, settings: ExportSettings) -> dict[str, NDArray[Any]]:
         "x": forward * right,
         "y": forward * down,
         "z": forward,
-        "amplitude": layer_of(one.layers, f"{path}.amplitude", one.path),
-        "sigma": layer_of(one.layers, f"{path}.sigma", one.path),
+        "amplitude": one.layer(f"{path}.amplitude"),
+        "sigma": one.layer(f"{path}.sigma"),
     }
     known = np.isfinite(depth)
     points = {name: plane[known].astype(np.float32) for name, plane in planes.items()}
-    return points | {STATUS: layer_of(one.layers, STATUS, one.path)[known].astype(np.uint32)}
+    return points | {STATUS: one.layer(STATUS)[known].astype(np.uint32)}
 
 
-def _write_ply(one: _Map, output: Path, settings: ExportSettings) -> None:
-    write_ply(output, _points(one, settings), comment=_comment(one, settings))
-
-
-def _write_pcd(one: _Map, output: Path, settings: ExportSettings) -> None:
-    write_pcd(output, _points(one, settings), comment=_comment(one, settings))
-
-
-def _comment(one: _Map, settings: ExportSettings) -> str:
-    return f"cadtof: {settings.layer} of {one.path.name}, metres; amplitude V, sigma m"
+def _write_points(one: _Map, output: Path, settings: ExportSettings) -> None:
+    comment = f"cadtof: {settings.layer} of {one.path.name}, metres; amplitude V, sigma m"
+    write_points(output, _points(one, settings), comment=comment)
 
 
 def _write_png(one: _Map, output: Path, settings: ExportSettings) -> None:
     """Write millimetres; 0 where there is no answer, or one that does not fit into 16 bits."""
-    depth = layer_of(one.layers, settings.layer, one.path).astype(np.float64)
+    depth = one.layer(settings.layer).astype(np.float64)
     mm = np.rint(1000.0 * np.nan_to_num(depth, nan=0.0, posinf=0.0, neginf=0.0))
     plane = np.where((mm > 0) & (mm <= MOST_MM), mm, 0).astype(np.uint16)
-    kind = "planar depth z" if one.depth == "z" else "radial range"
-    write_grey_png(output, plane, texts={"Description": f"{settings.layer} in mm, {kind}; 0: no answer"})
+    write_grey_png(
+        output, plane, texts={"Description": f"{settings.layer} in mm, {DEPTH_IN_WORDS[one.depth]}; 0: no answer"}
+    )
 
 
 def _write_npz(one: _Map, output: Path, settings: ExportSettings) -> None:
@@ -153,8 +150,8 @@ def _texts(plane: NDArray[Any]) -> NDArray[np.str_]:
 
 
 WRITERS: dict[str, Callable[[_Map, Path, ExportSettings], None]] = {
-    ".ply": _write_ply,
-    ".pcd": _write_pcd,
+    ".ply": _write_points,
+    ".pcd": _write_points,
     ".png": _write_png,
     ".npz": _write_npz,
     ".csv": _write_csv,

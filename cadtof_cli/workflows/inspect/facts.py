@@ -24,7 +24,7 @@ from cadtof_cli.files.reading import is_folder
 from cadtof_cli.maps.layers import DIRECT_DEPTH, layer_unit
 from cadtof_cli.phasors.noise import estimated_integration_length
 from cadtof_cli.phasors.plausible import implausible
-from cadtof_cli.phasors.voltages import ideal_phasor_map, not_finite_pixels, phasors_from_stored, saturated_pixels
+from cadtof_cli.phasors.voltages import ideal_phasor_map, phasors_from_stored, saturated_pixels
 from cadtof_cli.resolver.status import StatusBit
 from cadtof_cli.workflows.run_folder import RUN_FILE, is_run_folder, map_files, read_record, require_valid_record
 
@@ -85,7 +85,7 @@ def _facts(stored: Stored, container: str, task: LookTask) -> FrameFacts:
         return FrameFacts(container=container, dtype=str(stored.dtype), shape=stored.shape, planes=ranges)
     phasors = phasors_from_stored(planes, phasor_map)
     saturated = saturated_pixels(planes, task.metadata.voltage.saturated_counts)
-    bad = not_finite_pixels(phasors)
+    bad = ~np.isfinite(phasors).all(axis=0)
     phasors[:, saturated] = np.nan
     return FrameFacts(
         container=container,

@@ -14,6 +14,7 @@ from cadtof_cli.capture.toml import FILE_NAME as CAPTURE_FILE
 from cadtof_cli.errors import CadtofError, SettingsError
 from cadtof_cli.figures.layers import Shown
 from cadtof_cli.files.maps import STATUS, is_map_layer, read_layers
+from cadtof_cli.frame_plan import DEPTH_IN_WORDS
 from cadtof_cli.maps.layers import DIRECT_DEPTH, layer_unit
 from cadtof_cli.phasors.voltages import saturated_pixels, volts_from_stored
 from cadtof_cli.resolver.status import StatusBit
@@ -84,8 +85,8 @@ class _MapReader:
         layers = read_layers(self.file)
         status = layers[STATUS].astype(np.uint32) if STATUS in layers else None
         units = {name: _unit(name) for name in layers}
-        depth = "planar depth z" if self.run.depth_kind == "z" else "radial range"
-        return Shown(f"{self.file.parent.name}/{self.file.name}", layers, units, status, depth)
+        title, depth = f"{self.file.parent.name}/{self.file.name}", DEPTH_IN_WORDS[self.run.depth_kind]
+        return Shown(title, layers, units, status, depth)
 
 
 def _unit(name: str) -> str:

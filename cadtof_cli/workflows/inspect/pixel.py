@@ -12,7 +12,7 @@ from cadtof_cli.errors import CaptureError, SettingsError
 from cadtof_cli.files.maps import STATUS, DepthMaps
 from cadtof_cli.frame_plan import FramePlan
 from cadtof_cli.maps.layers import DIRECT_DEPTH
-from cadtof_cli.one_pixel import OrderTest, PathNumbers, PixelEvidence, pixel_evidence
+from cadtof_cli.one_pixel import OrderTest, PixelEvidence, pixel_evidence
 from cadtof_cli.phasors.frame_mean import FrameMean
 from cadtof_cli.phasors.noise import NoiseModel
 from cadtof_cli.phasors.voltages import volts_per_count
@@ -92,7 +92,7 @@ def inspect_pixel(
         "phasors": [[float(p.real), float(p.imag)] for p in evidence.phasors],
         "noise": _noise(evidence.noise, evidence, plan),
         "one_path": None if evidence.one is None else asdict(evidence.one[0]) | {"chi_squared": evidence.one[1]},
-        "two_paths": _two_paths(evidence.two),
+        "two_paths": dict(zip(("direct", "mpi"), map(asdict, evidence.two), strict=True)) if evidence.two else None,
         "order_test": _order_test(evidence.test, status),
         "diffuse": _diffuse(resolved.mpi, evidence, plan, status),
         "chosen": _chosen(resolved.maps, x, y),
@@ -128,10 +128,6 @@ def _noise(noise: NoiseModel, evidence: PixelEvidence, plan: FramePlan) -> dict[
         "averaged_pixels": 1.0 if noise.samples is None else float(noise.samples[0]),
         "sigma_v": [[volts * float(np.sqrt(one[i, i])) for i in (0, 1)] for one in evidence.covariance],
     }
-
-
-def _two_paths(two: tuple[PathNumbers, PathNumbers] | None) -> dict[str, Any] | None:
-    return None if two is None else {"direct": asdict(two[0]), "mpi": asdict(two[1])}
 
 
 def _order_test(test: OrderTest | None, status: int) -> dict[str, Any] | None:

@@ -18,6 +18,7 @@ from cadtof_cli.figures.layers import (
     draw_all_layers,
     draw_layer,
     draw_recorded,
+    magnified_width,
 )
 from cadtof_cli.figures.maps import MapPicture, draw_maps
 from cadtof_cli.figures.page import Block
@@ -43,6 +44,9 @@ from cadtof_cli.workflows.progress import Progress
 
 OF_A_MAP = (DIRECT_DEPTH, MPI_DEPTH, CONFIDENCE, DIRECT_SIGMA)
 """Layers that `cadtof resolve` writes, whatever its options."""
+
+_FILM_PIXELS = 640
+"""A map in a film is magnified to so many pixels at most."""
 
 _VALUES_A_FRAME = 4096
 """Values of each frame that the scale of many is found by."""
@@ -237,13 +241,8 @@ def _film(found: Sequence[Pictured], out: Path, kind: str, settings: PreviewSett
                 continue
             yield FilmFrame(f"{one.name}  ({number} of {len(found)})", block)
 
-    width = _film_width(scale.shape)
+    width = magnified_width(scale.shape, _FILM_PIXELS)
     with atomic_write(out) as temporary:
         draw_film(
             frames(), temporary, kind=kind, per_second=settings.frames_per_second, panel_width=width, kinds=scale.kinds
         )
-
-
-def _film_width(shape: tuple[int, int], /) -> float:
-    """Return the width of a map of a shape (Y, X) in a film."""
-    return float(shape[1] * max(1, 640 // max(shape)))

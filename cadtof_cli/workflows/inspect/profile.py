@@ -13,6 +13,7 @@ from cadtof_cli.arrays import Float, Index
 from cadtof_cli.errors import SettingsError
 from cadtof_cli.files.atomic import atomic_write, require_new
 from cadtof_cli.files.maps import read_layers
+from cadtof_cli.frame_plan import DEPTH_IN_WORDS, DepthKind
 from cadtof_cli.maps.layers import DIRECT_DEPTH, layer_unit
 from cadtof_cli.optics import planar_per_range
 from cadtof_cli.workflows.inspect.first_phasors import first_phasors
@@ -93,7 +94,7 @@ class Profile:
     settings: ProfileSettings
     rows: Index
     columns: Index
-    planar: bool
+    depth: DepthKind
     maps: tuple[MapProfile, ...]
     truth: Float | None
 
@@ -135,7 +136,7 @@ def read_profile(
         found.append(MapProfile(name, along, *beside))
     rows, columns = settings.pixels(size[0], size[1])
     known = None if truth is None else _truth(truth, runs[0], files[0], settings, size)[rows, columns]
-    return Profile(settings, rows, columns, runs[0].depth_kind == "z", tuple(found), known)
+    return Profile(settings, rows, columns, runs[0].depth_kind, tuple(found), known)
 
 
 def _chosen(run: Run, settings: ProfileSettings) -> Path:
@@ -203,7 +204,7 @@ def write_profile(profile: Profile, out: Path, /, *, overwrite: bool) -> None:
     kind = require_picture(out, overwrite=overwrite, more=(TABLE,))
     settings, unit = profile.settings, layer_unit(profile.settings.layer)
     depth = settings.layer.endswith(".depth")
-    what = ("planar depth z" if profile.planar else "radial range") if depth else settings.layer
+    what = DEPTH_IN_WORDS[profile.depth] if depth else settings.layer
     section = Section(
         title=f"{settings.layer}, {settings.words}",
         along=_along(profile),

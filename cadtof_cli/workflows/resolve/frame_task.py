@@ -14,12 +14,14 @@ from cadtof_cli.execution.workers import keep_freed_memory
 from cadtof_cli.files.digest import Digest, content_digest, file_digest
 from cadtof_cli.files.frames import FrameLayout, NotAFrameError
 from cadtof_cli.files.maps import SOURCE, DepthMaps, MapHeader, stage_maps
-from cadtof_cli.frame_plan import FramePlan
+from cadtof_cli.frame_plan import DEPTH_IN_WORDS, FramePlan
+from cadtof_cli.last_call import same_as_last
 from cadtof_cli.phasors.frame_mean import FrameMean, frame_mean
 from cadtof_cli.phasors.plausible import implausible
 from cadtof_cli.pipeline import ResolvedFrame, resolve_frame
 from cadtof_cli.records import dataclass
-from cadtof_cli.resolver.status import StatusCounts, count_status, why_no_answer
+from cadtof_cli.resolver.status import StatusCounts, why_no_answer
+from cadtof_cli.resolver.two_path.kernel import count_status
 from cadtof_cli.workflows.frame_report import ALREADY_THERE, FrameReport, FrameStatus, SourceFile
 
 if TYPE_CHECKING:
@@ -71,12 +73,14 @@ class FrameTask:
 
     def files(self) -> tuple[SourceFile, ...] | None:
         """Return the files that the frame lies in, as they are now; None where one of them is not there."""
-        paths = dict.fromkeys(path for source in self.sources for path in source.paths)
+        paths = self.sources[0].paths
+        if len(self.sources) > 1:
+            paths = tuple(dict.fromkeys(path for source in self.sources for path in source.paths))
         try:
             found = [(path.name, path.stat()) for path in paths]
         except (OSError, ValueError):
             return None
-        return tuple(SourceFile(name, now.st_size, now.st_mtime_ns) for name, now in found)
+        return tuple([SourceFile(name, now.st_size, now.st_mtime_ns) for name, now in found])
 
 
 def _task_of_texts(
@@ -208,10 +212,16 @@ def source_name(source: FrameSource, /) -> str:
 
 def map_header(plan: FramePlan, source: str, /) -> MapHeader:
     """Return the header of the maps of a recorded frame."""
+    return _header_of_all(plan).of_frame(source)
+
+
+@same_as_last
+def _header_of_all(plan: FramePlan) -> MapHeader:
+    """Return what the headers of all maps of a plan say."""
     facts = {
-        "depth": "radial range" if plan.settings.depth == "range" else "planar depth z",
+        "depth": DEPTH_IN_WORDS[plan.settings.depth],
         "periods_ns": ", ".join(f"{period:g}" for period in plan.metadata.modulation.periods_ns),
-        SOURCE: source,
+        SOURCE: "",
     }
     if plan.calibration is not None:
         facts["calibration"] = plan.calibration.digest

@@ -140,8 +140,7 @@ def plan_captures(
             continue
         of_one = max(typical.bytes / typical.frames, 1.0) if typical.frames > 1 else None
         plans.append(CapturePlan(capture, plan, typical.pixels, of_one))
-        if settings.maps.roi:
-            _require_inside(settings.maps.roi, capture, typical.pixels)
+        settings.maps.require_roi_within(typical.pixels, of=str(capture.root))
         try:
             volts_per_count(metadata.voltage, typical.dtype)
         except SettingsError as error:
@@ -183,14 +182,6 @@ def slow_notes(plans: Sequence[CapturePlan], settings: ResolveSettings, /) -> It
 
 def _duration(seconds: float) -> str:
     return f"{seconds:.0f} s" if seconds < 100 else f"{seconds / 60:.0f} min"
-
-
-def _require_inside(roi: tuple[int, int, int, int], capture: Capture, pixels: tuple[int, int]) -> None:
-    if roi[2] > pixels[1] or roi[3] > pixels[0]:
-        found = ",".join(map(str, roi))
-        raise SettingsError(
-            f"--roi: found {found}, expected it inside the {pixels[1]} × {pixels[0]} pixels of {capture.root}"
-        )
 
 
 def use_calibration(folder: Path, captures: Sequence[Capture], /) -> AppliedCalibration:

@@ -17,7 +17,7 @@ from typing import Any, BinaryIO
 from cadtof_cli import __version__
 from cadtof_cli.capture.frames import Capture
 from cadtof_cli.errors import OutputError
-from cadtof_cli.files.atomic import atomic_write, write_json, writing
+from cadtof_cli.files.atomic import atomic_write, not_written, write_json, writing
 from cadtof_cli.files.reading import real_path
 from cadtof_cli.files.system import OPEN_OR_CREATE_FLAGS, read_at
 from cadtof_cli.resolver.status import MEANING
@@ -150,13 +150,15 @@ class RunRecorder:
         line = report.line or report
         self._totals.add(line)
         text = json.dumps(line.as_json()).encode() + b"\n"
-        with writing(self._path):
+        try:
             place = self._known_place(line.output)
             if report.line is None or place is None or self._line_at(place) != text:
                 self._require_there()
                 place = self._append(text)
-            if self._resumed:
-                self._places.append(place)
+        except OSError as error:
+            raise not_written(self._path, error) from error
+        if self._resumed:
+            self._places.append(place)
 
     def _known_place(self, output: str | None) -> int | None:
         """Return where the earlier run's line about a frame begins, by the place of its maps; None where there is none."""

@@ -21,8 +21,7 @@ from cadtof_cli.simulation.scene.camera import Camera
 from cadtof_cli.simulation.scene.exposure import Band, Exposure, band_rows, expose_band, frame_voltages, joined
 from cadtof_cli.simulation.scene.light import Scene
 from cadtof_cli.simulation.scene.scenes import Wall
-from cadtof_cli.workflows.progress import NO_PROGRESS, Progress
-from cadtof_cli.workflows.simulate.tasks import results
+from cadtof_cli.workflows.progress import NO_PROGRESS, Progress, results
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -13,10 +13,9 @@ import numpy as np
 
 from cadtof_cli.execution.workers import ALONE, Workers
 from cadtof_cli.files.atomic import new_folder
-from cadtof_cli.simulation.pixel.pixel import Evolution, evolution
-from cadtof_cli.workflows.progress import NO_PROGRESS, Progress
+from cadtof_cli.simulation.pixel.pixel import evolution
+from cadtof_cli.workflows.progress import NO_PROGRESS, Progress, results
 from cadtof_cli.workflows.simulate.outcome import PathSummary, TrialsSummary, summary
-from cadtof_cli.workflows.simulate.tasks import results
 from cadtof_cli.workflows.simulate.trials import EVOLUTION_KEY, Recordings, Trials, recordings
 
 
@@ -92,16 +91,18 @@ def write_evolution(trials: Trials, outcome: TrialsSummary, out: Path, /) -> Non
 
     generator = np.random.default_rng(np.random.SeedSequence(trials.seed, spawn_key=(EVOLUTION_KEY, trials.stream)))
     recording = evolution(trials.model, trials.condition.mix(trials.period_ns), generator)
+    first, second = recording.voltages_v
     with new_folder(out) as folder:
-        write_rows(
-            folder / "histogram.csv", ("time_ns", "photons"), zip(recording.bin_ns, recording.counts, strict=True)
-        )
-        write_rows(folder / "voltages.csv", ("photons", "sc1_v", "sc2_v"), _voltage_rows(recording))
-        write_rows(
-            folder / "phase.csv",
-            ("photons", "phase_deg", "time_ns"),
-            ((n, phase, phase / 360.0 * recording.period_ns) for n, phase in _phases(recording)),
-        )
+        for name, columns in {
+            "histogram": {"time_ns": recording.bin_ns, "photons": recording.counts},
+            "voltages": {"photons": recording.photons, "sc1_v": first, "sc2_v": second},
+            "phase": {
+                "photons": recording.photons,
+                "phase_deg": recording.phase_deg,
+                "time_ns": recording.phase_deg / 360.0 * recording.period_ns,
+            },
+        }.items():
+            write_rows(folder / f"{name}.csv", tuple(columns), zip(*columns.values(), strict=True))
         (folder / "summary.json").write_text(json.dumps(json_report(trials, outcome), indent=2) + "\n")
         draw_histogram(recording, trials.condition, folder / "histogram.png")
         draw_voltages(recording, folder / "voltages.png")
@@ -114,14 +115,6 @@ def write_rows(path: Path, names: Sequence[str], rows: Iterable[Iterable[float]]
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(names)
         writer.writerows([f"{value:.7g}" for value in row] for row in rows)
-
-
-def _voltage_rows(recording: Evolution) -> Iterable[Iterable[float]]:
-    return zip(recording.photons, *recording.voltages_v, strict=True)
-
-
-def _phases(recording: Evolution) -> Iterable[tuple[float, float]]:
-    return zip(recording.photons, recording.phase_deg, strict=True)
 
 
 def _finite(values: dict[str, float]) -> dict[str, float | None]:

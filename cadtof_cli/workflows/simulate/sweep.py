@@ -13,10 +13,9 @@ from cadtof_cli.files.atomic import new_folder
 from cadtof_cli.simulation.pixel.averaging import Averaging
 from cadtof_cli.simulation.pixel.mix import require
 from cadtof_cli.simulation.pixel.statistics import averaging_gain, phase_precision_of_mix_rad
-from cadtof_cli.workflows.progress import NO_PROGRESS, Progress
+from cadtof_cli.workflows.progress import NO_PROGRESS, Progress, results
 from cadtof_cli.workflows.simulate.outcome import PathSummary, TrialsSummary, summary
 from cadtof_cli.workflows.simulate.simulate import named_paths
-from cadtof_cli.workflows.simulate.tasks import results
 from cadtof_cli.workflows.simulate.trials import Recordings, Trials, noise_length, recordings
 
 MOST_CELLS = 100_000

@@ -1,5 +1,7 @@
 """Field curvature from ranges that are known: walls by intersecting rays, curvature added by hand."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -256,3 +258,76 @@ def test_what_was_left_before_is_what_walls_without_curvature_leave() -> None:
         assert found.rms_before_m == pytest.approx(np.sqrt(own), rel=0.1)
         squares, count = squares + own, count + 1
     assert quality.rms_before_m == pytest.approx(np.sqrt(squares / count), rel=0.1)
+
+
+def ranges_of(parameters: NDArray[np.float64], focal_px: float | None) -> NDArray[np.float64]:
+    """Return the ranges of two walls, one after the other: k2 and k4, the focal length where it is not known, and of each wall
+    its distance and the slopes of its normal."""
+    k2, k4, *rest = parameters
+    focal = rest.pop(0) if focal_px is None else focal_px
+    y, x = np.mgrid[: PIXELS[0], : PIXELS[1]].astype(np.float64)
+    u, v = (x - 39.5) / focal, (y - 29.5) / focal
+    rho2 = ((x - 39.5) ** 2 + (y - 29.5) ** 2) / (40.0**2 + 30.0**2)
+    flat = [
+        distance * np.sqrt(1.0 + u * u + v * v) / (1.0 + slope_x * u + slope_y * v)
+        for distance, slope_x, slope_y in (rest[:3], rest[3:])
+    ]
+    return np.stack([wall + k2 * rho2 + k4 * rho2**2 for wall in flat]).ravel()
+
+
+@pytest.mark.parametrize("focal_px", [70.0, None])
+def test_errors_and_correlations_are_those_of_ranges_a_little_changed(focal_px: float | None) -> None:
+    """By scipy's differences of ranges: what is known of each parameter, and of two together."""
+    walls = measured_wall(1.0, seed=1, sigma_m=1e-5), measured_wall(3.0, seed=2, normal=(-0.04, 0.07), sigma_m=1e-5)
+    quality = fitted(*walls, optics=replace(OPTICS, focal_length_px=focal_px)).quality
+    truth = [K2_M, K4_M, *([70.0] if focal_px is None else []), 1.0, 0.05, -0.03, 3.0, -0.04, 0.07]
+    slopes = least_squares(lambda p: ranges_of(p, focal_px), truth, jac="3-point", max_nfev=1).jac
+    covariance = np.linalg.inv(slopes.T @ slopes)
+    errors = np.sqrt(np.diag(covariance))
+    found = [quality.k2_stderr_m, quality.k4_stderr_m, *(wall.distance_stderr_m for wall in quality.walls)]
+    expected = errors[[0, 1, -6, -3]]
+    np.testing.assert_allclose(np.array(found) / found[0], expected / expected[0], rtol=1e-3)
+    assert found[0] == pytest.approx(1e-5 * errors[0], rel=0.06)
+    correlation = np.abs(covariance / np.outer(errors, errors))[:2, 2:].max()
+    assert quality.correlation == pytest.approx(correlation, rel=1e-4)
+
+
+def with_off(columns: int, off_m: float) -> tuple[WallRanges, WallRanges]:
+    """Two walls; of the second, so many of the 16 columns of blocks stand out by more and less than it."""
+    first, second = measured_wall(1.0, seed=1), measured_wall(3.0, seed=2)
+    ranges = second.range_m.copy()
+    for number in range(columns):
+        column = 2 * number % 15
+        ranges[:, 5 * column : 5 * column + 5] += off_m if number % 2 else -off_m
+    return first, WallRanges(ranges, second.sigma_m, None)
+
+
+@pytest.mark.parametrize(("columns", "share"), [(6, None), (7, "56%"), (9, "44%")])
+def test_of_a_flat_wall_three_fifths_lie_on_it(columns: int, share: str | None) -> None:
+    walls = with_off(columns, 0.3)
+    if share is None:
+        assert max(deviations(fitted(*walls))) < 3.5
+        return
+    said = (
+        rf"wall 2 \(wall_1\): {share} of what has a single path lies on a wall within 20 mm and noise, expected 60% or"
+    )
+    with pytest.raises(SettingsError, match=said):
+        fitted(*walls)
+
+
+@pytest.mark.parametrize(("off_m", "flat"), [(0.021, True), (0.025, False)])
+def test_a_wall_is_flat_to_two_centimetres_and_noise(off_m: float, flat: bool) -> None:
+    """Noise of 3 mm a pixel."""
+    if flat:
+        fitted(*with_off(8, off_m))
+        return
+    with pytest.raises(SettingsError, match=r"wall 2 .* it is not a flat wall"):
+        fitted(*with_off(8, off_m))
+
+
+def test_a_wall_of_scattered_pixels_is_held_against_nothing() -> None:
+    """Too few in every block for a median to count."""
+    scattered = np.zeros(PIXELS, np.bool_)
+    scattered[::5, ::5] = True
+    walls = [WallRanges(np.where(scattered, wall.range_m, np.nan), wall.sigma_m, None) for wall in two_walls()]
+    assert max(deviations(fitted(*walls))) < 3.5

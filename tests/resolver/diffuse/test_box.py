@@ -187,3 +187,11 @@ def test_patches_lie_on_a_wall_within_a_tenth_of_its_distance(outermost_m: float
     outermost = aside(8, outermost_m), (0.0, 0.0, 1.0)
     box = unseen_walls(patches(far_wall(180, outermost_m), outermost, (aside(12, wall_m), (1.0, 0.0, 0.0))))
     assert np.isinf(right_wall(box)) == seen
+
+
+def test_walls_that_face_each_other_are_one_direction() -> None:
+    """Thirty patches on each side of a corridor are more than the 45 on its end, which leans: that is turned to a right angle."""
+    sides = [(aside(30, side), (side, 0.0, 0.0)) for side in (1.2, -1.2)]
+    box = unseen_walls(patches((far_wall(45)[0], leaning(10.0)), *sides))
+    assert holds(box, (1.0, 0.0, 0.0))
+    assert holds(box, (0.0, 0.0, 1.0))

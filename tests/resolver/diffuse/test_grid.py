@@ -54,11 +54,11 @@ def test_samples_are_spread_over_their_patch(size: tuple[int, int]) -> None:
     found = grid.samples(image)
     rows, columns = sampled_at(grid, size[0], grid.rows), sampled_at(grid, size[1], grid.columns)
     per_side = grid.side // grid.stride
-    assert found.shape == (2, grid.rows, grid.columns, per_side**2)
+    assert found.shape == (2, per_side**2, grid.rows, grid.columns)
     for i, inside in enumerate(rows):
         for j, across in enumerate(columns):
             expected = [(a + 1, b + 1) for a in inside for b in across]
-            here = found[:, i, j]
+            here = found[:, :, i, j]
             taken = here[:, here[0] > 0].T
             assert [tuple(pair) for pair in taken.tolist()] == expected
             assert (here[1] > 0).tolist() == (here[0] > 0).tolist()
@@ -75,7 +75,7 @@ def test_samples_look_where_the_pinhole_says(size: tuple[int, int]) -> None:
     cosine = 1.0 / np.sqrt(1.0 + slope_x**2 + slope_y**2)
     assert_allclose(grid.cosine[inside], grid.samples(cosine)[inside], rtol=1e-7)
     for middle, place, image in zip(grid.slope, grid.place, (slope_x, slope_y), strict=True):
-        found = middle[..., None] + place * grid.stride / 100.0
+        found = middle + place[:, None, None] * grid.stride / 100.0
         assert_allclose(found[inside], grid.samples(image)[inside])
 
 

@@ -12,10 +12,10 @@ HARMONICS = (1, 2, 4)
 def test_ratios_are_free_of_the_direct_phase_and_weighted_by_power() -> None:
     """Of light A·e^(iφ)·H_1, A·e^(ihφ)·H_h: q_h is H_h·|H_1|/H_1^h·…, whatever A and φ of each pixel."""
     rng = np.random.default_rng(1)
-    strength, phase = rng.uniform(0.1, 0.5, (2, 3, 9)), rng.uniform(-np.pi, np.pi, (2, 3, 9))
+    strength, phase = rng.uniform(0.1, 0.5, (9, 2, 3)), rng.uniform(-np.pi, np.pi, (9, 2, 3))
     light = {1: 0.9 * np.exp(0.3j), 2: 0.6 * np.exp(0.1j), 4: 0.3 * np.exp(-0.7j)}
     p = np.stack([strength * np.exp(1j * h * phase) * light[h] for h in HARMONICS])
-    seen = rng.random((2, 3, 9)) < 0.8
+    seen = rng.random((9, 2, 3)) < 0.8
     spoilt = np.where(seen, p, 1e200)
     found = patch_light(spoilt, seen, harmonics=HARMONICS)
     means = patch_means(found, np.ones_like(seen))
@@ -24,9 +24,9 @@ def test_ratios_are_free_of_the_direct_phase_and_weighted_by_power() -> None:
         assert_allclose(row, np.full((2, 3), expected), rtol=1e-6)
     power = np.where(seen, np.abs(p[0]) ** 2, 0.0)
     assert_allclose(found.phase_rad[seen], np.angle(p[0])[seen], rtol=1e-6)
-    assert_allclose(means.pixels, seen.sum(-1))
-    assert_allclose(means.amplitude, np.sqrt(power.sum(-1) / seen.sum(-1)), rtol=1e-6)
-    first = np.where(seen, np.abs(p[0]) * p[0], 0.0).sum(-1)
+    assert_allclose(means.pixels, seen.sum(0))
+    assert_allclose(means.amplitude, np.sqrt(power.sum(0) / seen.sum(0)), rtol=1e-6)
+    first = np.where(seen, np.abs(p[0]) * p[0], 0.0).sum(0)
     assert_allclose(means.phase_rad, np.angle(first), rtol=1e-5)
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from cadtof_cli.arrays import Float
 from cadtof_cli.resolver.likelihood import levenberg_marquardt, mixture, starts
-from cadtof_cli.resolver.likelihood.compiled import Ends, Planes, Scanned
+from cadtof_cli.resolver.likelihood.compiled import Minimum, Planes, Scanned
 from cadtof_cli.resolver.likelihood.levenberg_marquardt import LevenbergMarquardt, Problem
 from cadtof_cli.resolver.likelihood.mixture import Measured, Mixture, WeightedFit, WhiteFit
 from cadtof_cli.resolver.two_path.kernel import NUMPY
@@ -54,7 +54,7 @@ def problems() -> dict[str, tuple[Problem, Float, Planes]]:
 @pytest.mark.parametrize("kind", ["white", "weighted"])
 def test_a_search_is_handed_over_as_it_is(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
     problem, begin, planes = problems()[kind]
-    ends = Ends(begin + 1.0, np.ones(COUNT), np.ones((3, COUNT)), np.ones(COUNT, bool), np.arange(COUNT))
+    ends = Minimum(begin + 1.0, np.ones(COUNT), np.ones((3, COUNT)), np.ones(COUNT, bool), np.arange(COUNT))
     twin = Twin(ends)
     monkeypatch.setattr(levenberg_marquardt, "compiled_ends", twin)
     samples = np.linspace(1.0, 3.0, COUNT)

@@ -8,8 +8,9 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy import optimize
 
-from cadtof_cli.resolver.likelihood.k_paths import found_paths, most_likely
+from cadtof_cli.resolver.likelihood.k_paths import LikelyPaths, found_paths, most_likely
 from cadtof_cli.resolver.likelihood.mixture import Measured
+from cadtof_cli.resolver.likelihood.mixture import Mixture as Found
 from cadtof_cli.resolver.paths import ResolvedPaths
 from cadtof_cli.resolver.resolve import resolve_paths
 from cadtof_cli.resolver.settings import ResolverSettings
@@ -169,3 +170,14 @@ def test_harmonics_of_one_path_fall_off_by_a_deviate_of_unit_variance(harmonics:
     assert np.median(np.abs(alone)) == pytest.approx(0.455, abs=0.05)
     assert (alone > 0.0).mean() == pytest.approx(0.5, abs=0.03)
     assert (fall_off(Mixture((1.0, 1.0), (5.0, 8.0), asr=3.0)) > 0.0).mean() > 0.95
+
+
+def test_paths_of_the_same_phase_cannot_be_told_apart_at_all() -> None:
+    """Whatever rounding makes of the length of their rotors, which is above 1 for some."""
+    phase = np.linspace(0.0, 2.0 * np.pi, 1000)
+    cos, sin = np.cos(phase), np.sin(phase)
+    assert (cos * cos + sin * sin > 1.0).any()
+    same, none = Found(np.full((2, 1000), 0.3), np.stack((cos, cos)), np.stack((sin, sin))), np.zeros(1000)
+    with np.errstate(divide="ignore"):
+        fit = LikelyPaths(same, np.full((2, 1000), 1e-3), none, np.ones(1000, np.bool_)).fit()
+    assert (fit.doubt > 1e4).all()

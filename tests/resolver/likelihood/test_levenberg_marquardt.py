@@ -84,3 +84,37 @@ def test_not_a_number_is_not_an_answer() -> None:
     with np.errstate(all="ignore"):
         end = SOLVER.solve(valleys, starts)
     np.testing.assert_array_equal(end.converged, [True, False, True])
+
+
+@dataclass(frozen=True)
+class Stairs:
+    """Problems that promise to get better by any step, whose cost follows a list of its own, step by step."""
+
+    costs: list[float]
+
+    def linearised(self, points: Float, /) -> Linearised:
+        one = np.ones((1, points.shape[1]))
+        return Linearised(one, one[0:1], one[0] * self.costs.pop(0))
+
+    def moved(self, points: Float, steps: Float, /) -> Float:
+        return points + steps
+
+    def planes(self, points: Float, /) -> None:
+        """Nothing: the compiled search knows no such problems."""
+
+    def __getitem__(self, chosen: Index, /) -> Self:
+        return self
+
+
+@pytest.mark.parametrize("lower", [0, 1, 3, 7])
+def test_steps_that_lead_up_damp_the_next_twice_four_eight_times_as_much(lower: int) -> None:
+    """From a damping of 2⁻¹⁰ to 2⁴⁵ with ten of them, by 1 + 2 + … + 10 factors of 2; nine are not enough for 10¹².
+
+    Before, steps that lead down bring more than they promise, which lowers the damping to a tenth, and begin the count anew.
+    """
+    costs = [100.0 - 10.0 * number for number in range(lower + 1)]
+    solver = LevenbergMarquardt(max_steps=60, first_damping=2.0**-10 * 10.0**lower)
+    end = solver.solve(Stairs(costs + [200.0] * 60), np.zeros((1, 1)))
+    assert end.steps[0] == lower + 9
+    assert not end.converged[0]
+    assert end.cost[0] == costs[-1]

@@ -7,10 +7,9 @@ import numpy as np
 import pytest
 
 from cadtof_cli.arrays import Index
-from cadtof_cli.resolver.paper.compiled import compiled_best_ends
 from cadtof_cli.resolver.paper.equation_9 import EliminatedPath
 from cadtof_cli.resolver.paper.records import Ends, RandomStarts, Stopping
-from cadtof_cli.resolver.paper.search import best_ends
+from cadtof_cli.resolver.paper.search import best_ends, compiled_best_ends
 from cadtof_cli.resolver.two_path.kernel import NUMPY
 
 STOPPINGS = (

@@ -7,6 +7,8 @@ import pytest
 from numpy.typing import NDArray
 from scipy.optimize import leastsq
 
+from cadtof_cli.arrays import Float
+from cadtof_cli.resolver.likelihood.levenberg_marquardt import Linearised
 from cadtof_cli.resolver.paper.equation_9 import EliminatedPath
 from cadtof_cli.resolver.paper.records import RandomStarts
 from cadtof_cli.resolver.paper.search import ends
@@ -171,3 +173,17 @@ def test_a_start_at_the_answer_ends_at_once_and_others_take_steps() -> None:
     some = slice(30, 40)
     alone = steps_of_starts(phasors[:, some], harmonics=(1, 2, 3), places=places[some], starts=starts)
     np.testing.assert_array_equal(alone, steps[:, some])
+
+
+class Plain(EliminatedPath):
+    """Equations that promise to be met better elsewhere, and are met as badly everywhere."""
+
+    def linearised(self, z: Float, /) -> Linearised:
+        count = z.shape[1]
+        return Linearised(np.repeat([[1.0], [0.0], [1.0]], count, axis=1), np.ones((2, count)), np.ones(count))
+
+
+def test_a_step_that_betters_nothing_is_not_taken() -> None:
+    start = np.array([[0.3, 0.7], [0.1, -0.4]])
+    end = ends(Plain((2,), ()), start)
+    np.testing.assert_array_equal(end.z, start)

@@ -7,7 +7,7 @@ from numpy.testing import assert_allclose
 from cadtof_cli.capture.metadata import CaptureMetadata, Modulation
 from cadtof_cli.phasors.response import ideal_response
 from cadtof_cli.resolver.response.as_sine import first_phase
-from cadtof_cli.resolver.response.table import response_model
+from cadtof_cli.resolver.response.table import response_block
 
 PHASE = np.linspace(0.0, 2.0 * np.pi, 721, endpoint=False)
 
@@ -27,8 +27,7 @@ def test_under_a_sine_it_is_the_phasor_s_own() -> None:
 def test_under_a_triangle_a_path_s_own_phase_comes_back(own: float | None) -> None:
     responses = ideal_response(CaptureMetadata(modulation=Modulation(waveform="triangle")))
     of_pixels = None if own is None else np.stack([np.full(PHASE.size, own), np.full(PHASE.size, 1.0)])
-    model = response_model(responses, of_pixels)
-    assert model is not None
+    model = response_block(responses, of_pixels)
     turn = own or 0.0
     phasor = 0.2 * responses[0].at(PHASE + turn) / responses[0].main * np.exp(-1j * turn)
     assert off(np.angle(phasor), PHASE).max() > 0.05
@@ -39,8 +38,7 @@ def test_under_a_triangle_a_path_s_own_phase_comes_back(own: float | None) -> No
 
 
 def test_nan_stays_nan() -> None:
-    model = response_model(ideal_response(CaptureMetadata(modulation=Modulation(waveform="triangle"))), None)
-    assert model is not None
+    model = response_block(ideal_response(CaptureMetadata(modulation=Modulation(waveform="triangle"))), None)
     phasors = np.array([0.1 + 0.1j, complex(np.nan, 0.1)])
     for response in (None, model.block(slice(None))):
         assert_allclose(np.isnan(first_phase(phasors, response=response)), [False, True])

@@ -10,7 +10,7 @@ from cadtof_cli.capture.metadata import CaptureMetadata, Modulation
 from cadtof_cli.phasors.noise import NoiseModel, noise_model
 from cadtof_cli.phasors.response import HarmonicResponse, ideal_response
 from cadtof_cli.resolver.response.one_path import angle_of, one_path_of_response
-from cadtof_cli.resolver.response.table import response_model
+from cadtof_cli.resolver.response.table import response_block
 from cadtof_cli.resolver.two_path.closed_form import fundamental_frame
 from cadtof_cli.resolver.two_path.one_path import OnePath, one_path
 
@@ -45,8 +45,7 @@ def drawn(n_av: float, *, own: bool, misfit: float = 0.0, seed: int = 1) -> tupl
 
 
 def fitted(p: Complex, n_av: float, *, own: bool, steps: int = 4) -> OnePath:
-    model = response_model(RESPONSES, OWN if own else None)
-    assert model is not None
+    model = response_block(RESPONSES, OWN if own else None)
     start = one_path(fundamental_frame(p[0], p[1]), noise=noise_of(n_av), steps=3)
     return one_path_of_response(start, p, response=model.block(slice(0, PIXELS)), noise=noise_of(n_av), steps=steps)
 
@@ -116,8 +115,7 @@ def test_nan_stays_nan_and_a_rotor_s_angle_is_within_half_a_turn() -> None:
 def test_a_step_turns_a_path_by_less_than_half_a_radian() -> None:
     """From a start on the far side, one step goes .4 rad towards the path, or away from it, and no further."""
     _, phase, p = drawn(1e12, own=False)
-    model = response_model(RESPONSES, None)
-    assert model is not None
+    model = response_block(RESPONSES, None)
     begin = phase + 0.9
     start = OnePath(np.full(PIXELS, 0.25), np.cos(begin), np.sin(begin), *(np.ones(PIXELS) for _ in range(3)))
     block = model.block(slice(None))

@@ -6,13 +6,14 @@ from typing import Any
 import numpy as np
 import pytest
 
+from cadtof_cli.calibration.apply import refined_by
 from cadtof_cli.capture.metadata import CaptureMetadata, Modulation
 from cadtof_cli.frame_plan import FramePlan, MapSettings
 from cadtof_cli.phasors.noise import noise_model
 from cadtof_cli.phasors.response import HarmonicResponse, ideal_response
 from cadtof_cli.pipeline import resolve_frame
 from cadtof_cli.resolver.resolve import resolve_paths
-from cadtof_cli.resolver.response.table import response_model
+from cadtof_cli.resolver.response.table import response_block
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.resolver.status import StatusBit
 from tests.support.campaign import camera, card
@@ -35,8 +36,7 @@ def test_the_series_of_a_triangle_is_the_triangle() -> None:
 
 def test_tables_are_the_series() -> None:
     responses = ideal_response(CaptureMetadata(modulation=Modulation(waveform="triangle")))
-    model = response_model(responses, None)
-    assert model is not None
+    model = response_block(responses, None)
     phase = np.linspace(-7.0, 7.0, 1001, dtype=np.float32)
     for row, response in enumerate(responses):
         found = model.block(slice(None)).at(row, phase, slice(None))
@@ -48,8 +48,7 @@ def test_tables_are_the_series() -> None:
 def test_a_block_of_pixels_has_the_phases_of_these_pixels(stretch: slice) -> None:
     own = np.random.default_rng(1).uniform(-1.0, 1.0, (2, 9))
     responses = ideal_response(CaptureMetadata(modulation=Modulation(waveform="triangle")))
-    model = response_model(responses, own)
-    assert model is not None
+    model = response_block(responses, own)
     block = model.block(stretch)
     phasors = np.full((2, own[:, stretch].shape[1]), 0.3 + 0.0j)
     for row, (re, im) in enumerate(block.observed(phasors)):
@@ -58,21 +57,19 @@ def test_a_block_of_pixels_has_the_phases_of_these_pixels(stretch: slice) -> Non
         np.testing.assert_allclose(back[0] + 1j * back[1], 0.3, atol=1e-7)
         theta = block.theta(row, np.full(re.shape, 0.5, np.float32), slice(None))
         np.testing.assert_allclose(theta, 0.5 * (row + 1) + own[row, stretch], rtol=1e-5)
-    bare = response_model(responses, None)
-    assert bare is not None
+    bare = response_block(responses, None)
     (re, im), _ = bare.block(stretch).observed(phasors)
     np.testing.assert_allclose(re + 1j * im, 0.3)
 
 
 def test_a_response_of_main_and_mirror_leaves_nothing_to_refine() -> None:
     responses = [HarmonicResponse(h, ((1, 0.9 + 0.1j), (-1, 0.02j))) for h in (1, 2)]
-    assert response_model(responses, None) is None
+    assert refined_by(responses, None) is None
 
 
 def test_two_paths_that_are_beyond_all_numbers_are_called_two_all_the_same() -> None:
     metadata = CaptureMetadata(modulation=Modulation(waveform="triangle"))
-    model = response_model(ideal_response(metadata), None)
-    assert model is not None
+    model = response_block(ideal_response(metadata), None)
     found = resolve_paths(
         np.array([[1.1e30 + 0.4e30j], [-0.7e30 + 0.9e30j]]),
         status=np.zeros(1, np.uint32),
@@ -84,12 +81,34 @@ def test_two_paths_that_are_beyond_all_numbers_are_called_two_all_the_same() -> 
     assert found.status[0] == StatusBit.TWO_PATHS | StatusBit.NOT_CONVERGED
 
 
+@pytest.mark.parametrize("order", ["1", "2", "auto"])
+@pytest.mark.parametrize("size", [1e-30, 1e-10, 1.0, 1e10])
+def test_a_pixel_has_one_number_of_paths_however_faint_it_is(size: float, order: str) -> None:
+    """Below 10⁻²³ squares of a float32 are 0, so that nothing is left of one path either."""
+    metadata = CaptureMetadata(modulation=Modulation(waveform="triangle"))
+    model = response_block(ideal_response(metadata), None)
+    rng = np.random.default_rng(6)
+    phase = rng.uniform(0.0, 2.0 * np.pi, (3, 200))
+    phasors = size * (
+        np.exp(1j * np.array([[1], [2]]) * phase[0]) + rng.choice([0.0, 0.3], 200) * np.exp(1j * phase[1:])
+    )
+    found = resolve_paths(
+        phasors,
+        status=np.zeros(200, np.uint32),
+        settings=ResolverSettings(order=order, min_confidence=0.0),
+        noise=noise_model(metadata, integration_length=1e5, quantised=False),
+        response=model.block(slice(None)),
+    )
+    counts = np.array([(found.status & np.uint32(bit)) != 0 for bit in (StatusBit.ONE_PATH, StatusBit.TWO_PATHS)])
+    assert (counts.sum(axis=0) == 1).all()
+    np.testing.assert_array_equal(np.isfinite(found.paths.amplitude), [np.ones(200, np.bool_), counts[1]])
+
+
 def test_a_mean_under_a_response_is_resolved_as_a_recording_of_all_its_photons() -> None:
     metadata, count, frames, n_av = CaptureMetadata(modulation=Modulation(waveform="triangle")), 4000, 1e4, 300.0
     as_long = 0.5 * (frames * (2.0 * n_av - 1.0) + 1.0)
     responses = ideal_response(metadata)
-    model = response_model(responses, None)
-    assert model is not None
+    model = response_block(responses, None)
     rng = np.random.default_rng(4)
     delays = rng.uniform(0.0, 2.0 * np.pi) + np.array([[0.0], [1.6]]) + rng.uniform(-0.2, 0.2, (2, count))
     light = np.array([[0.3], [0.15]])

@@ -21,7 +21,7 @@ from cadtof_cli.phasors.noise import noise_model
 from cadtof_cli.phasors.response import ideal_response
 from cadtof_cli.pipeline import prepare_frame, resolve_pixels
 from cadtof_cli.resolver.response.newton import Equations, searched
-from cadtof_cli.resolver.response.table import ENTRIES, STAGES, ResponseBlock, response_model
+from cadtof_cli.resolver.response.table import ENTRIES, STAGES, ResponseBlock, response_block
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.resolver.two_path.kernel import NUMPY, available_kernels
 from tests.support.calibrations import made_up_calibration
@@ -45,8 +45,7 @@ def kernels() -> list[str]:
 def block(*, phases: bool) -> ResponseBlock:
     """The response of a triangle, in pixels that turn phases or do not."""
     turned = np.random.default_rng(4).normal(0.0, 0.3, (2, COUNT)) if phases else None
-    model = response_model(ideal_response(TRIANGLE), turned)
-    assert model is not None
+    model = response_block(ideal_response(TRIANGLE), turned)
     return model.block(slice(0, COUNT))
 
 

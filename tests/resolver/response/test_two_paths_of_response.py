@@ -11,7 +11,7 @@ from cadtof_cli.phasors.response import ideal_response
 from cadtof_cli.resolver.response.newton import Equations, SearchState, search
 from cadtof_cli.resolver.response.one_path import one_path_of_response
 from cadtof_cli.resolver.response.solver import FullResponse
-from cadtof_cli.resolver.response.table import ResponseBlock, response_model
+from cadtof_cli.resolver.response.table import ResponseBlock, response_block
 from cadtof_cli.resolver.response.two_paths import two_paths_of_response
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.resolver.two_path.closed_form import TwoPaths, fundamental_frame, two_paths
@@ -48,8 +48,7 @@ def seen(amplitude: Float, phase: Float, own: Float | None = None) -> Complex:
 
 
 def block(own: Float | None = None) -> ResponseBlock:
-    model = response_model(RESPONSES, own)
-    assert model is not None
+    model = response_block(RESPONSES, own)
     return model.block(slice(0, PIXELS))
 
 

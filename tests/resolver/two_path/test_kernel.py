@@ -22,6 +22,7 @@ from cadtof_cli.frame_plan import CalibrationUse, FramePlan, MapSettings
 from cadtof_cli.phasors.frame_mean import FrameMean
 from cadtof_cli.pipeline import prepare_frame, resolve_frame, resolve_pixels
 from cadtof_cli.resolver.settings import ORDERS, RETURNS, ResolverSettings, Return
+from cadtof_cli.resolver.status import count_status
 from cadtof_cli.resolver.two_path import kernel as front
 from cadtof_cli.resolver.two_path.kernel import NUMPY, available_kernels
 from tests.support.calibrations import made_up_calibration
@@ -211,6 +212,7 @@ def front_of(**other: Any) -> tuple[NDArray[Any], front.KernelScales, dict[str, 
     noise = prepare_frame(frame(np.zeros((4, 40)), 40), plan=plan).noise
     parts: dict[str, Any] = {"phasor_map": None}
     parts |= {"saturated_counts": None, "metres": 1.0, "volts": 1.0, "phase_offset_rad": None}
+    parts |= {"tail": None, "most_volts": np.inf, "noise_volts": 0.0}
     rest: dict[str, Any] = {"layers": np.zeros((7, 40), np.float32), "status": np.zeros(40, np.uint32)}
     rest |= {"settings": plan.resolver, "noise": noise}
     return (
@@ -218,6 +220,11 @@ def front_of(**other: Any) -> tuple[NDArray[Any], front.KernelScales, dict[str, 
         front.KernelScales(**parts | {name: value for name, value in other.items() if name in parts}),
         rest | {name: value for name, value in other.items() if name not in parts},
     )
+
+
+def fill(stored: NDArray[Any], scales: front.KernelScales, /, *, settings: Any, noise: Any, **rest: Any) -> None:
+    kernel = rest.pop("kernel", None)
+    front.FrameKernel(scales, settings=settings, noise=noise, count=40, kernel=kernel).fill(stored, **rest)
 
 
 @pytest.mark.parametrize(
@@ -244,14 +251,30 @@ def front_of(**other: Any) -> tuple[NDArray[Any], front.KernelScales, dict[str, 
 def test_the_front_refuses_what_does_not_fit(other: dict[str, Any]) -> None:
     stored, scales, rest = front_of(**other)
     with pytest.raises((ValueError, TypeError)):
-        front.fill_maps(stored, scales, **rest)
+        fill(stored, scales, **rest)
 
 
 def test_the_front_takes_what_fits() -> None:
     stored, scales, rest = front_of()
-    front.fill_maps(stored, scales, **rest)
+    fill(stored, scales, **rest)
     assert (rest["status"] == 4).all()
     assert np.isnan(rest["layers"][:6]).all()
+
+
+@settings(max_examples=50, deadline=None)
+@given(st.lists(st.integers(0, 2**32 - 1), max_size=70), st.integers(0, 3))
+def test_pixels_are_counted_as_numpy_does(bits: list[int], twice: int) -> None:
+    status = np.array(bits, np.uint32).repeat(10 ** (2 * twice) if twice < 2 else twice)
+    for one in (status, status[::2], status[::-1], status.reshape(1, -1)):
+        assert front.count_status(one) == count_status(one)
+
+
+def test_only_status_bits_are_counted(compiled: ModuleType) -> None:
+    for wrong in (np.zeros(4, np.int32), np.zeros(4, np.float32), np.zeros(4, np.uint64)):
+        with pytest.raises(TypeError, match="status"):
+            compiled.count_status(available_kernels()[0], wrong)
+    with pytest.raises(ValueError, match="mmx"):
+        compiled.count_status("mmx", np.zeros(4, np.uint32))
 
 
 def test_each_constant_that_the_kernel_reads_has_a_value(compiled: ModuleType) -> None:

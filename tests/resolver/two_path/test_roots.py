@@ -3,7 +3,7 @@ from decimal import Decimal, localcontext
 import numpy as np
 import pytest
 
-from cadtof_cli.resolver.two_path.roots import CUBIC, LEAST, START, inverse_root
+from cadtof_cli.resolver.two_path.roots import LEAST, START, inverse_root, inverse_root_or_none, rough_inverse_root
 
 
 def numbers(seed: int, size: int) -> np.ndarray:
@@ -26,16 +26,20 @@ def test_the_start_and_the_cubic_are_as_near_as_they_say() -> None:
     x = np.geomspace(1.0, 4.0, 100_000)
     start = (START - (x.view(np.uint64) >> np.uint64(1))).view(np.float64)
     assert np.abs(start * np.sqrt(x) - 1.0).max() < 0.035
-    square = x * start * start
-    cubic = start * (CUBIC[0] - square * (CUBIC[1] - square * CUBIC[2]))
-    assert np.abs(cubic * np.sqrt(x) - 1.0).max() < 2.7e-5
+    assert np.abs(rough_inverse_root(x) * np.sqrt(x) - 1.0).max() < 2.7e-5
 
 
 @pytest.mark.parametrize("nothing", [0.0, -0.0, 5e-324, np.nextafter(LEAST, 0.0)])
-def test_what_is_below_the_least_normal_number_has_the_root_0(nothing: float) -> None:
+def test_what_is_below_the_least_normal_number_has_next_to_no_root_and_no_inverse(nothing: float) -> None:
     x = np.array([nothing])
-    np.testing.assert_array_equal(inverse_root(x), 0.0)
-    np.testing.assert_array_equal(x * inverse_root(x), 0.0)
+    np.testing.assert_array_equal(inverse_root_or_none(x), 0.0)
+    assert 0.0 <= abs((x * inverse_root(x))[0]) < 1e-153
+    assert nothing or (x * inverse_root(x))[0] == 0.0
+
+
+def test_normal_numbers_have_the_same_inverse_root_either_way() -> None:
+    x = np.append(numbers(3, 1000), LEAST)
+    np.testing.assert_array_equal(inverse_root_or_none(x), inverse_root(x))
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf])

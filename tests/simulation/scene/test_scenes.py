@@ -187,6 +187,12 @@ def test_fixed_pattern_is_fixed_and_as_wide_as_asked() -> None:
     np.testing.assert_allclose(shift, camera.fixed_delays_ns(0) * C_M_PER_NS / 2, atol=1e-9)
 
 
+def test_delays_and_offsets_of_a_seed_have_nothing_to_do_with_each_other() -> None:
+    camera = Camera(width=64, height=48, fixed_delay_ns=0.1, dark_offset_v=0.002)
+    patterns = np.concatenate([camera.fixed_delays_ns(1)[np.newaxis], *camera.dark_offsets_v(1, 2)]).reshape(5, -1)
+    assert np.abs(np.corrcoef(patterns) - np.eye(5)).max() < 5 / np.sqrt(48 * 64)
+
+
 def test_bands_cover_every_row_once() -> None:
     assert [row for rows in band_rows(21) for row in range(21)[rows]] == list(range(21))
 

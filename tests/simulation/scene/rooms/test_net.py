@@ -9,7 +9,10 @@ import pytest
 from cadtof_cli.errors import SettingsError
 from cadtof_cli.simulation.scene.camera import Camera
 from cadtof_cli.simulation.scene.light import Light
+from cadtof_cli.simulation.scene.rooms.net import drawn_net
 from cadtof_cli.simulation.scene.rooms.room import RandomRoom
+from cadtof_cli.simulation.scene.rooms.solids import Interior
+from cadtof_cli.simulation.scene.rooms.view import Room
 
 CAMERA = Camera(width=32, height=24)
 ALL_ROWS = slice(0, 24)
@@ -58,6 +61,36 @@ def test_a_seed_draws_the_net_and_not_the_room_anew() -> None:
     assert drawn.net != replace(drawn, seed=2002).net
     assert "a net" in drawn.summary
     assert BARE.net is None
+
+
+def hall(pitch_rad: float) -> Room:
+    """A camera 4 m before a wall and 1.5 m above the floor."""
+    interior = Interior(size_m=(40.0, 20.0, 4.5), albedos=(0.5,) * 6)
+    position_m = (20.0, 18.5, 0.5)
+    return Room(
+        interior=interior, position_m=position_m, yaw_rad=0.0, pitch_rad=pitch_rad, beam_rad=1.0, summary="a hall"
+    )
+
+
+def middle_of_hall_m(pitch_rad: float) -> float:
+    """The median of the ranges in the middle third of a view of 60 by 45 degrees."""
+    x, y = np.meshgrid(np.linspace(-0.23, 0.23, 51), np.linspace(-0.16, 0.16, 51))
+    cosine, sine = math.cos(pitch_rad), math.sin(pitch_rad)
+    ahead, down = cosine - sine * y, sine + cosine * y
+    ways = np.minimum(4.0 / ahead, np.where(down > 0.0, 1.5 / np.where(down > 0.0, down, 1.0), np.inf))
+    return float(np.median(ways * np.sqrt(1.0 + x * x + y * y)))
+
+
+def test_a_net_is_drawn_at_a_share_of_the_distance_that_the_middle_of_the_view_shows() -> None:
+    """Of a wall, or of the floor where the camera looks down: the same share of a seed in all rooms, .35 to .85."""
+    pitches = np.radians([-25.0, 0.0, 12.0, 30.0, 55.0])
+    shares = [
+        [drawn_net(hall(p), fill=0.3, distance_m=None, seed=seed).distance_m / middle_of_hall_m(p) for p in pitches]
+        for seed in range(40)
+    ]
+    np.testing.assert_allclose(shares, np.array(shares)[:, 1:2] * np.ones(5), rtol=0.02)
+    assert 0.34 < np.min(shares) < 0.4
+    assert 0.8 < np.max(shares) < 0.86
 
 
 @pytest.mark.parametrize(

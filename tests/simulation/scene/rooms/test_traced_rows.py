@@ -1,20 +1,23 @@
 """Light on rows of a camera against light traced to each pixel by itself, and what of it goes where."""
 
 import math
+from collections.abc import Iterator
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from numpy.typing import NDArray
 
-from cadtof_cli.arrays import Float
+from cadtof_cli.arrays import Float, Float32
 from cadtof_cli.simulation.scene.camera import Camera
 from cadtof_cli.simulation.scene.light import Light
-from cadtof_cli.simulation.scene.rooms.lamp import lamp_light
+from cadtof_cli.simulation.scene.rooms.lamp import Lamp, LampLight, lamp_light
 from cadtof_cli.simulation.scene.rooms.room import light_in_room, median_irradiance
 from cadtof_cli.simulation.scene.rooms.solids import Box, Interior
 from cadtof_cli.simulation.scene.rooms.traced_rows import STEP, indirect_light, traced_row
-from cadtof_cli.simulation.scene.rooms.tracing import transients
+from cadtof_cli.simulation.scene.rooms.tracing import Transients, transients
 from cadtof_cli.simulation.scene.rooms.view import Room, View
 
 C_M_PER_NS = 0.299792458
@@ -106,3 +109,29 @@ def test_rows_and_paths_have_randomness_of_their_own() -> None:
     assert not np.isclose(first, second).any()
     again = View(**{**vars(VIEW), "seed": 4})
     assert not np.array_equal(traced_row(again, 2).light.once, traced_row(VIEW, 2).light.once)
+
+
+def arrays_in(record: object) -> Iterator[NDArray[Any]]:
+    """All arrays of a record, and of the records in it."""
+    for part in vars(record).values():
+        if isinstance(part, np.ndarray):
+            yield part
+        elif hasattr(part, "__dict__"):
+            yield from arrays_in(part)
+
+
+def test_light_that_is_kept_for_other_rows_cannot_be_changed(monkeypatch: pytest.MonkeyPatch) -> None:
+    handed = list[object]()
+
+    def watched(interior: Interior, lamp: Lamp, known: LampLight, *places: Float32, **how: Any) -> Transients:
+        handed.append(known)
+        return transients(interior, lamp, known, *places, **how)
+
+    monkeypatch.setattr("cadtof_cli.simulation.scene.rooms.traced_rows.transients", watched)
+    other = View(**{**vars(VIEW), "seed": 5})
+    rows = traced_row(other, 0), traced_row(other, 1)
+    assert handed[0] is handed[1]
+    for record in (handed[0], *rows):
+        arrays = list(arrays_in(record))
+        assert len(arrays) >= 4
+        assert not any(array.flags.writeable for array in arrays)

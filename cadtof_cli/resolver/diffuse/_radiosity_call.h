@@ -1,0 +1,63 @@
+/* Light between surfaces as Python calls it: buffers in, buffers filled; a part of _kernel.c, see compiled_radiosity.py. */
+enum { FACING, PAIR_AREA, OVER, SQUARE, PAIR_BUFFERS };
+static const Wanted PAIR_BUFFER[PAIR_BUFFERS] = {
+    {"facing", "f ", 0, 0, 0}, {"area", "f ", 0, 0, 0}, {"form factors", "f ", 0, 0, 1}, {"distances", "f ", 0, 0, 1}};
+
+static PyObject *form_factors_checked(const Level *level, const Py_buffer *view) {
+    const int64_t sources = values_in(&view[PAIR_AREA]), onto = sources ? values_in(&view[FACING]) / sources : 0;
+    const int64_t pairs = onto * sources, expected[PAIR_BUFFERS] = {pairs, sources, pairs, pairs};
+    if (!fit_call(PAIR_BUFFER, view, PAIR_BUFFERS, OVER, expected)) return NULL;
+    const Pairs all = {view[FACING].buf, view[PAIR_AREA].buf, view[OVER].buf, view[SQUARE].buf, onto, sources};
+    Py_BEGIN_ALLOW_THREADS
+    level->form_factors(&all);
+    Py_END_ALLOW_THREADS
+    Py_RETURN_NONE;
+}
+
+static PyObject *form_factors(PyObject *module, PyObject *arguments) {
+    (void)module;
+    const char *name;
+    PyObject *object[PAIR_BUFFERS];
+    if (!PyArg_ParseTuple(arguments, "sOOOO", &name, &object[0], &object[1], &object[2], &object[3])) return NULL;
+    const Level *level = find_level(name);
+    if (!level) return NULL;
+    Py_buffer view[PAIR_BUFFERS];
+    memset(view, 0, sizeof view);
+    PyObject *result = NULL;
+    if (get_buffers(PAIR_BUFFER, PAIR_BUFFERS, object, view)) result = form_factors_checked(level, view);
+    release_buffers(view, PAIR_BUFFERS);
+    return result;
+}
+
+enum { FORM, ALBEDO, PAIR_COSINES, PAIR_SINES, KERNEL_OUT, TURN_OUT, KERNEL_BUFFERS };
+static const Wanted KERNEL_BUFFER[KERNEL_BUFFERS] = {{"form factors", "f ", 0, 0, 0}, {"albedo", "f ", 0, 0, 0},
+                                                     {"cosines", "f ", 0, 0, 0},      {"sines", "f ", 0, 0, 0},
+                                                     {"kernel", "Zf ", 0, 0, 1},      {"rotors", "Zf ", 0, 0, 1}};
+
+static PyObject *light_kernel_checked(const Level *level, const Py_buffer *view) {
+    const int64_t sources = values_in(&view[ALBEDO]), onto = sources ? values_in(&view[FORM]) / sources : 0;
+    const int64_t pairs = onto * sources, expected[KERNEL_BUFFERS] = {pairs, sources, pairs, pairs, pairs, pairs};
+    if (!fit_call(KERNEL_BUFFER, view, KERNEL_BUFFERS, KERNEL_OUT, expected)) return NULL;
+    const LightKernel all = {view[FORM].buf,       view[ALBEDO].buf,   view[PAIR_COSINES].buf, view[PAIR_SINES].buf,
+                             view[KERNEL_OUT].buf, view[TURN_OUT].buf, onto,                   sources};
+    Py_BEGIN_ALLOW_THREADS
+    level->kernel(&all);
+    Py_END_ALLOW_THREADS
+    Py_RETURN_NONE;
+}
+
+static PyObject *light_kernel(PyObject *module, PyObject *arguments) {
+    (void)module;
+    const char *name;
+    PyObject *object[KERNEL_BUFFERS];
+    if (!PyArg_ParseTuple(arguments, "sOOOOOO", &name, &object[0], &object[1], &object[2], &object[3], &object[4], &object[5]))
+        return NULL;
+    const Level *level = find_level(name);
+    if (!level) return NULL;
+    Py_buffer view[KERNEL_BUFFERS];
+    memset(view, 0, sizeof view);
+    PyObject *result = NULL;
+    if (get_buffers(KERNEL_BUFFER, KERNEL_BUFFERS, object, view)) result = light_kernel_checked(level, view);
+    release_buffers(view, KERNEL_BUFFERS);
+    return result;
+}

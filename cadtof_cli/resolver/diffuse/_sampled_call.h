@@ -1,0 +1,108 @@
+/* The first look at a frame as Python calls it: buffers in, buffers filled; a part of _kernel.c, see compiled_light.py. */
+#define MOST_SAMPLES ((int64_t)1 << 40)
+
+enum { LOOK_SHARED, LOOK_NUMBERS, PER_VARIANCE, PLACES, LOOK_STORED, LOOK_OWN, LOOK_OTHER, LOOK_CONSTANT, HOT, LOOK_SAMPLES,
+       WEIGHTED, PHASES_OUT, SEEN_OUT, LOOK_BUFFERS };
+static const Wanted LOOK_BUFFER[LOOK_BUFFERS] = {
+    {"constants", "d ", 0, 0, 0}, {"numbers", "l q ", 8, 0, 0},  {"per variance", "d ", 0, 0, 0}, {"places", "l q ", 8, 0, 0},
+    {"stored", "H h f d ", 0, 0, 0}, {"own", "d ", 0, 0, 0},     {"other", "d ", 0, 1, 0},        {"constant", "d ", 0, 1, 0},
+    {"hot", "? ", 1, 1, 0},       {"samples", "d ", 0, 1, 0},    {"weighted", "f ", 0, 0, 1},     {"phases", "f ", 0, 0, 1},
+    {"seen", "? ", 1, 0, 1},
+};
+
+/* Whether every sample lies in the frame or nowhere, and numbers of harmonics go up from 1; or set an error. */
+static int look_is_sound(const int64_t *number, int64_t harmonics, const int64_t *place, int64_t count, int64_t pixels) {
+    int64_t last = 0, sound = 1;
+    for (int64_t h = 0; h < harmonics; last = number[h++]) sound &= number[h] > last && number[h] <= LARGEST_NUMBER;
+    for (int64_t s = 0; s < count; s++) sound &= place[s] >= -1 && place[s] < pixels;
+    if (!sound || number[0] != 1) PyErr_SetString(PyExc_ValueError, "found numbers or places that do not fit, expected those of a frame");
+    return sound && number[0] == 1;
+}
+
+static PyObject *look_checked(const Level *level, const Py_buffer *view) {
+    const int64_t harmonics = values_in(&view[LOOK_NUMBERS]), count = values_in(&view[PLACES]);
+    if (!is_of_patches(0, harmonics)) return NULL;
+    const int64_t planes = 2 * harmonics, pixels = values_in(&view[LOOK_STORED]) / planes;
+    const int64_t own = values_in(&view[LOOK_OWN]) == planes ? planes : planes * pixels;
+    const int64_t expected[LOOK_BUFFERS] = {4, harmonics, harmonics, count, planes * pixels, own, own, own, pixels, pixels,
+                                            (1 + planes) * count, count, count};
+    if (count > MOST_SAMPLES || !fit_call(LOOK_BUFFER, view, LOOK_BUFFERS, WEIGHTED, expected)) return NULL;
+    if (!pixels) return PyErr_Format(PyExc_ValueError, "stored: found no pixels, expected a frame");
+    if (!look_is_sound(view[LOOK_NUMBERS].buf, harmonics, view[PLACES].buf, count, pixels)) return NULL;
+    const double *constants = view[LOOK_SHARED].buf;
+    const Sampled sampled = {
+        .stored = view[LOOK_STORED].buf,
+        .own = view[LOOK_OWN].buf,
+        .other = view[LOOK_OTHER].buf,
+        .constant = view[LOOK_CONSTANT].buf,
+        .hot = view[HOT].buf,
+        .samples = view[LOOK_SAMPLES].buf,
+        .place = view[PLACES].buf,
+        .number = view[LOOK_NUMBERS].buf,
+        .per_variance = view[PER_VARIANCE].buf,
+        .saturated_low = constants[0],
+        .saturated_high = constants[1],
+        .least_power = constants[2],
+        .least_modulus = constants[3],
+        .weighted = view[WEIGHTED].buf,
+        .phase_rad = view[PHASES_OUT].buf,
+        .seen = view[SEEN_OUT].buf,
+        .harmonics = harmonics,
+        .pixels = pixels,
+        .count = count,
+        .type = type_of(&view[LOOK_STORED]),
+        .own_pixels = own != planes,
+    };
+    Py_BEGIN_ALLOW_THREADS
+    level->look(&sampled);
+    Py_END_ALLOW_THREADS
+    Py_RETURN_NONE;
+}
+
+static PyObject *look_at(PyObject *module, PyObject *arguments) {
+    (void)module;
+    const char *name;
+    PyObject *object[LOOK_BUFFERS];
+    if (!PyArg_ParseTuple(arguments, "sOOOOOOOOOOOOO", &name, &object[0], &object[1], &object[2], &object[3], &object[4], &object[5],
+                          &object[6], &object[7], &object[8], &object[9], &object[10], &object[11], &object[12]))
+        return NULL;
+    const Level *level = find_level(name);
+    if (!level) return NULL;
+    Py_buffer view[LOOK_BUFFERS];
+    memset(view, 0, sizeof view);
+    PyObject *result = NULL;
+    if (get_buffers(LOOK_BUFFER, LOOK_BUFFERS, object, view)) result = look_checked(level, view);
+    release_buffers(view, LOOK_BUFFERS);
+    return result;
+}
+
+enum { SUMMED, COUNTED, SUMS_OUT, SUM_BUFFERS };
+static const Wanted SUM_BUFFER[SUM_BUFFERS] = {{"weighted", "f ", 0, 0, 0}, {"counted", "? ", 1, 0, 0}, {"sums", "d ", 0, 0, 1}};
+
+static PyObject *sums_checked(const Level *level, const Py_buffer *view) {
+    const int64_t each = values_in(&view[COUNTED]), planes = each ? values_in(&view[SUMMED]) / each : 0;
+    const int64_t patches = values_in(&view[SUMS_OUT]) / (planes + 1), samples = patches ? each / patches : 0;
+    const int64_t expected[SUM_BUFFERS] = {planes * samples * patches, samples * patches, (planes + 1) * patches};
+    if (planes > MOST_SUMS) return PyErr_Format(PyExc_ValueError, "weighted: found %lld planes, expected fewer", (long long)planes);
+    if (!fit_call(SUM_BUFFER, view, SUM_BUFFERS, SUMS_OUT, expected)) return NULL;
+    const Sums sums = {view[SUMMED].buf, view[COUNTED].buf, view[SUMS_OUT].buf, planes, samples, patches};
+    Py_BEGIN_ALLOW_THREADS
+    level->sum(&sums);
+    Py_END_ALLOW_THREADS
+    Py_RETURN_NONE;
+}
+
+static PyObject *sum_over(PyObject *module, PyObject *arguments) {
+    (void)module;
+    const char *name;
+    PyObject *object[SUM_BUFFERS];
+    if (!PyArg_ParseTuple(arguments, "sOOO", &name, &object[0], &object[1], &object[2])) return NULL;
+    const Level *level = find_level(name);
+    if (!level) return NULL;
+    Py_buffer view[SUM_BUFFERS];
+    memset(view, 0, sizeof view);
+    PyObject *result = NULL;
+    if (get_buffers(SUM_BUFFER, SUM_BUFFERS, object, view)) result = sums_checked(level, view);
+    release_buffers(view, SUM_BUFFERS);
+    return result;
+}

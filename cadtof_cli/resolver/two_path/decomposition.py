@@ -1,0 +1,37 @@
+"""Two paths of any phasors, by numpy or by the compiled kernel, for stages that need them besides the solver."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cadtof_cli.arrays import Complex, Float
+from cadtof_cli.resolver.two_path.closed_form import TwoPaths, fundamental_frame, two_paths
+from cadtof_cli.resolver.two_path.kernel import NUMPY, extension
+
+PLANES = 9
+"""What the kernel tells of a pixel, `DECOMPOSED_PLANES` in `_kernel_answers.h`."""
+
+
+@dataclass(frozen=True)
+class _Compiled(TwoPaths):
+    """Two paths whose phases x and y, (2, n), came with them."""
+
+    found: Float
+
+    def phases(self) -> Float:
+        """Return x and y in [0, 2π) rad, (2, n)."""
+        return self.found
+
+
+def decomposed(p1: Complex, p2: Complex, /, *, kernel: str = NUMPY) -> TwoPaths:
+    """Return the two paths of phasors, complex128 (n,) each; NaN in gives NaN out, without a warning.
+
+    `kernel` is of `available_kernels`, all of which give the same bits.
+    """
+    if kernel == NUMPY:
+        with np.errstate(all="ignore"):
+            return two_paths(fundamental_frame(p1, p2))
+    planes = np.empty((PLANES, p1.size))
+    extension().decompose(kernel, np.ascontiguousarray(p1), np.ascontiguousarray(p2), planes)
+    cos_mean, sin_mean, cos_half, sin_half, single = planes[2:7]
+    return _Compiled(planes[:2], cos_mean, sin_mean, cos_half, sin_half, single > 0.0, planes[7:])

@@ -1,0 +1,220 @@
+"""The compiled twin of the first look at a frame against numpy, bit for bit, and buffers that do not fit it."""
+
+from dataclasses import replace
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Pixel
+from cadtof_cli.phasors.noise import NoiseModel, noise_model
+from cadtof_cli.phasors.voltages import PhasorMap, phasors_from_stored, saturated_pixels
+from cadtof_cli.resolver.diffuse.compiled_fit import MOST_HARMONICS
+from cadtof_cli.resolver.diffuse.compiled_light import Look, compiled_light, compiled_looks, compiled_sums
+from cadtof_cli.resolver.diffuse.grid import PatchGrid, assumed_view, patch_grid, sampled_pixels
+from cadtof_cli.resolver.diffuse.light import PatchLight, patch_means, sampled_light
+from cadtof_cli.resolver.resolve import screened
+from cadtof_cli.resolver.settings import ResolverSettings
+from cadtof_cli.resolver.two_path.kernel import NUMPY, available_kernels, saturation
+
+pytestmark = pytest.mark.usefixtures("compiled")
+
+KERNELS = [kernel for kernel in available_kernels() if kernel != NUMPY]
+
+SIZES = [(1, 1), (5, 90), (37, 53), (120, 161), (250, 330)]
+
+LIMITS = (0.0, 16383.0)
+
+
+def noise_of(harmonics: tuple[int, ...]) -> NoiseModel:
+    modulation = Modulation(periods_ns=tuple(40.0 / h for h in harmonics))
+    metadata = CaptureMetadata(modulation=modulation, pixel=Pixel(integration_length=1e4))
+    return noise_model(metadata, integration_length=1e4, quantised=False)
+
+
+def stored_of(size: tuple[int, int], harmonics: int, dtype: Any, seed: int = 1) -> Any:
+    """Counts about 8192, some of them saturated and some of no light; as floats, some are not finite or far too large."""
+    rng, pixels = np.random.default_rng(seed), size[0] * size[1]
+    counts = 8192.0 + rng.normal(0.0, 1500.0, (harmonics, 2, pixels))
+    counts[:, :, rng.random(pixels) < 0.1] = 8192.0
+    counts[:, :, rng.random(pixels) < 0.05] = 16383.0
+    if np.dtype(dtype).kind == "f":
+        rows = rng.integers(0, harmonics, pixels // 20)
+        counts[rows, 0, rng.integers(0, pixels, rows.size)] = rng.choice(
+            [np.nan, np.inf, -np.inf, 1e9, 1e30], rows.size
+        )
+        return counts.astype(dtype)
+    return np.clip(np.rint(counts), 0, 16383).astype(dtype)
+
+
+def phasor_map(harmonics: int, pixels: int | None) -> PhasorMap:
+    """A map for all pixels, or one for each."""
+    rng, shape = np.random.default_rng(7), (harmonics, 2, pixels or 1)
+    own = 6e-5 / 0.27 * rng.uniform(0.9, 1.1, shape)
+    if pixels is None:
+        return PhasorMap(own, constant=-8192.0 * own)
+    return PhasorMap(own, 0.01 * own * rng.normal(size=shape), -8192.0 * own + 0.001 * rng.normal(size=shape))
+
+
+def by_numpy(stored: Any, look: Look, noise: NoiseModel, settings: ResolverSettings, grid: PatchGrid) -> PatchLight:
+    """The stages of a frame, one after the other."""
+    phasors = phasors_from_stored(stored, look.phasor_map)
+    status = saturated_pixels(stored, LIMITS).astype(np.uint32)
+    if look.hot is not None:
+        status |= look.hot
+    with np.errstate(all="ignore"):
+        powers = [p.real**2 + p.imag**2 for p in phasors]
+        modulus = np.sqrt(powers[0])
+        found, _ = screened(modulus, powers, status, settings=settings, noise=noise)
+    size = (grid.height, grid.width)
+    rows, columns = sampled_pixels(*size)
+    sampled = phasors.reshape(-1, *size)[:, rows, columns]
+    return sampled_light(sampled, (found == 0).reshape(size)[rows, columns], grid, harmonics=look.harmonics)
+
+
+@pytest.mark.parametrize("size", SIZES)
+@pytest.mark.parametrize("dtype", [np.uint16, np.int16, np.float32, np.float64])
+@pytest.mark.parametrize("harmonics", [(1, 2), (1, 2, 4)])
+@pytest.mark.parametrize("own", [False, True])
+@pytest.mark.parametrize("least", [None, 0.02])
+def test_the_first_look_has_the_same_bits(
+    size: tuple[int, int], dtype: Any, harmonics: tuple[int, ...], own: bool, least: float | None
+) -> None:
+    rng, pixels = np.random.default_rng(2), size[0] * size[1]
+    stored, grid = stored_of(size, len(harmonics), dtype), patch_grid(*size, assumed_view(*size))
+    settings, noise = ResolverSettings(min_confidence=least), noise_of(harmonics)
+    if own:
+        noise = replace(noise, samples=rng.integers(1, 9, pixels).astype(np.float64))
+    hot = rng.random(pixels) < 0.1 if own else None
+    each = phasor_map(len(harmonics), pixels if own else None)
+    look = Look.of(settings, noise, each, saturation(LIMITS, stored.dtype), hot)
+    expected = by_numpy(stored, look, noise, settings, grid)
+    assert pixels == 1 or 0.3 < expected.seen.mean() < 0.95
+    for kernel in KERNELS:
+        seen, phase_rad, weighted = compiled_light(stored, look, grid, kernel=kernel)
+        np.testing.assert_array_equal(seen, expected.seen)
+        np.testing.assert_array_equal(phase_rad, expected.phase_rad)
+        np.testing.assert_array_equal(weighted, expected.weighted)
+        among = rng.random(seen.shape) < 0.7
+        ours, theirs = (patch_means(expected, among, kernel=one) for one in (kernel, NUMPY))
+        for name in ("ratios", "amplitude", "pixels", "phase_rad"):
+            np.testing.assert_array_equal(getattr(ours, name), getattr(theirs, name))
+
+
+def test_phasors_and_more_harmonics_than_there_is_room_for_are_left_to_numpy() -> None:
+    assert compiled_looks(np.zeros((2, 2, 9), np.uint16), KERNELS[0])
+    assert not compiled_looks(np.zeros((2, 2, 9), np.uint16), NUMPY)
+    assert not compiled_looks(np.zeros((2, 9), complex), KERNELS[0])
+    assert not compiled_looks(np.zeros((2, 2, 9), np.uint8), KERNELS[0])
+    assert not compiled_looks(np.zeros((MOST_HARMONICS + 1, 2, 9)), KERNELS[0])
+
+
+# --- buffers that do not fit ------------------------------------------------------------------------------------------
+
+PIXELS, SAMPLES = 40, 36
+
+BUFFERS: dict[str, tuple[Any, tuple[int, ...]]] = {
+    "constants": (float, (4,)),
+    "numbers": (np.int64, (2,)),
+    "per variance": (float, (2,)),
+    "places": (np.int64, (SAMPLES,)),
+    "stored": (np.uint16, (2, 2, PIXELS)),
+    "own": (float, (2, 2, PIXELS)),
+    "other": (float, (2, 2, PIXELS)),
+    "constant": (float, (2, 2, PIXELS)),
+    "hot": (bool, (PIXELS,)),
+    "samples": (float, (PIXELS,)),
+    "weighted": (np.float32, (5, SAMPLES)),
+    "phases": (np.float32, (SAMPLES,)),
+    "seen": (bool, (SAMPLES,)),
+}
+
+
+def buffers() -> dict[str, Any]:
+    given: dict[str, Any] = {name: np.ones(shape, dtype) for name, (dtype, shape) in BUFFERS.items()}
+    given["constants"][:] = (np.nan, np.nan, 0.0, 0.0)
+    given["numbers"][1] = 2
+    given["hot"][:] = False
+    return given
+
+
+def look(compiled: ModuleType, given: dict[str, Any], level: str | None = None) -> None:
+    compiled.look_at_samples(level or compiled.levels()[0], *given.values())
+
+
+def test_buffers_that_fit_are_filled_by_every_instruction_set(compiled: ModuleType) -> None:
+    for level in compiled.levels():
+        for without in ((), ("other", "constant", "hot", "samples")):
+            given = buffers() | dict.fromkeys(without)
+            look(compiled, given, level)
+            assert given["seen"].all()
+            assert np.isfinite(given["weighted"]).all()
+
+
+@pytest.mark.parametrize("name", BUFFERS)
+def test_a_buffer_of_another_size_or_type_is_refused(compiled: ModuleType, name: str) -> None:
+    dtype, _ = BUFFERS[name]
+    count = buffers()[name].size
+    for wrong in (np.ones(count + 1, dtype), np.ones(count - 1, dtype), np.ones(count, np.complex64), "text", 3):
+        with pytest.raises((TypeError, ValueError, BufferError)):
+            look(compiled, buffers() | {name: wrong})
+
+
+@pytest.mark.parametrize("name", ["weighted", "phases", "seen"])
+def test_what_is_written_must_be_writable_and_lie_apart(compiled: ModuleType, name: str) -> None:
+    given = buffers()
+    given[name].setflags(write=False)
+    with pytest.raises((ValueError, BufferError)):
+        look(compiled, given)
+    given = buffers()
+    memory = np.zeros(PIXELS * 8, np.uint8)
+    given["samples"] = memory.view(float)
+    given[name] = memory[: given[name].nbytes].view(given[name].dtype) if name != "weighted" else given[name]
+    if name == "weighted":
+        given["own"] = np.ones(160)
+        given[name] = given["own"].view(np.float32)[: 5 * SAMPLES]
+    with pytest.raises(ValueError, match="lies in the memory"):
+        look(compiled, given)
+
+
+@pytest.mark.parametrize(
+    ("name", "at", "value"),
+    [
+        ("places", 3, -2),
+        ("places", 3, PIXELS),
+        ("places", 0, 2**62),
+        ("numbers", 0, 2),
+        ("numbers", 1, 1),
+        ("numbers", 1, 2**40),
+    ],
+)
+def test_places_and_harmonics_that_there_are_not_are_refused(
+    compiled: ModuleType, name: str, at: int, value: int
+) -> None:
+    given = buffers()
+    given[name][at] = value
+    with pytest.raises(ValueError, match="expected those of a frame"):
+        look(compiled, given)
+    with pytest.raises(ValueError, match="level"):
+        look(compiled, buffers(), "mmx")
+    with pytest.raises(ValueError, match="harmonics"):
+        look(compiled, buffers() | {"numbers": np.ones(1, np.int64)})
+
+
+def test_sums_of_buffers_that_do_not_fit_are_refused(compiled: ModuleType) -> None:
+    level = compiled.levels()[0]
+    good = [np.ones((5, 4, 33), np.float32), np.ones((4, 33), bool), np.zeros((6, 33))]
+    compiled.sum_patches(level, *good)
+    assert (good[2] == 4.0).all()
+    for which in range(3):
+        for wrong in (np.ones(good[which].size + 1, good[which].dtype), np.ones(good[which].shape, np.int8), None):
+            with pytest.raises((TypeError, ValueError)):
+                compiled.sum_patches(level, *good[:which], wrong, *good[which + 1 :])
+    with pytest.raises(ValueError, match="planes"):
+        compiled.sum_patches(level, np.ones((40, 4, 33), np.float32), good[1], np.zeros((41, 33)))
+    with pytest.raises(ValueError, match="level"):
+        compiled.sum_patches("mmx", *good)
+    assert (
+        compiled_sums(np.ones((3, 0, 7), np.float32), np.ones((0, 7), bool), kernel=level).tolist() == [[0.0] * 7] * 4
+    )

@@ -1,0 +1,97 @@
+"""The compiled twin of radiosity, pair by pair, against numpy, bit for bit, and buffers that do not fit it."""
+
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cadtof_cli.resolver.diffuse.planes import Surfaces
+from cadtof_cli.resolver.diffuse.radiosity import interreflections, light_of
+from cadtof_cli.resolver.two_path.kernel import NUMPY, available_kernels
+
+pytestmark = pytest.mark.usefixtures("compiled")
+
+KERNELS = [kernel for kernel in available_kernels() if kernel != NUMPY]
+
+
+def pieces(count: int, seed: int) -> Surfaces:
+    """Small pieces of surface that look about, some of them at one place."""
+    rng = np.random.default_rng(seed)
+    ray, normal = rng.normal(size=(2, 3, count))
+    ray[:, ::7] = ray[:, :1]
+    ray /= np.linalg.norm(ray, axis=0)
+    normal -= 2.0 * ray
+    normal /= np.linalg.norm(normal, axis=0)
+    range_m = rng.uniform(1.0, 4.0, count)
+    range_m[::7] = 2.0
+    cosine = np.maximum(-(ray * normal).sum(0), 0.08)
+    return Surfaces(range_m, normal, ray, cosine, rng.uniform(0.05, 0.4, count))
+
+
+@pytest.mark.parametrize("harmonics", [(1, 2), (1, 2, 5)])
+@pytest.mark.parametrize(("seen", "beyond"), [(1, 0), (31, 1), (33, 40), (150, 64)])
+def test_light_between_pieces_has_the_same_bits(harmonics: tuple[int, ...], seen: int, beyond: int) -> None:
+    room, around = pieces(seen, 1), pieces(beyond, 2)
+    amplitude = np.random.default_rng(3).uniform(0.01, 0.5, seen)
+
+    def light(kernel: str) -> list[Any]:
+        found = interreflections(room, around, amplitude, harmonics=harmonics, rad_per_m=0.5, kernel=kernel)
+        guessed = light_of(around, room, rad_per_m=0.5, kernel=kernel)
+        return [found.seen, found.beyond, found.later, found.direct, found.open_share, guessed]
+
+    expected = light(NUMPY)
+    assert all(np.isfinite(one).all() for one in expected)
+    for kernel in KERNELS:
+        for one, other in zip(light(kernel), expected, strict=True):
+            np.testing.assert_array_equal(one, other)
+
+
+ONTO, SOURCES = 5, 37
+
+CALLS: dict[str, list[Any]] = {
+    "form_factors": [(ONTO, SOURCES), (SOURCES,), (ONTO, SOURCES), (ONTO, SOURCES)],
+    "light_kernel": [(ONTO, SOURCES), (SOURCES,), *[(ONTO, SOURCES)] * 4],
+}
+
+WRITTEN = 2
+"""The last buffers of each call."""
+
+
+def buffers(call: str) -> list[Any]:
+    types = [np.float32] * 4 + [np.complex64] * 2
+    return [np.ones(shape, dtype) for shape, dtype in zip(CALLS[call], types, strict=False)]
+
+
+@pytest.mark.parametrize("call", CALLS)
+def test_buffers_that_do_not_fit_are_refused(compiled: ModuleType, call: str) -> None:
+    level, function = compiled.levels()[0], getattr(compiled, call)
+    function(level, *buffers(call))
+    with pytest.raises(ValueError, match="level"):
+        function("mmx", *buffers(call))
+    for which, good in enumerate(buffers(call)):
+        for wrong in (
+            np.ones(good.size + 1, good.dtype),
+            np.ones(good.size - 1, good.dtype),
+            np.ones(good.shape),
+            None,
+            "text",
+        ):
+            given = buffers(call)
+            given[which] = wrong
+            with pytest.raises((TypeError, ValueError)):
+                function(level, *given)
+    for which in range(-WRITTEN, 0):
+        given = buffers(call)
+        given[which].setflags(write=False)
+        with pytest.raises((ValueError, BufferError)):
+            function(level, *given)
+        given = buffers(call)
+        given[0] = given[which].view(np.float32).ravel()[: ONTO * SOURCES]
+        with pytest.raises(ValueError, match="lies in the memory"):
+            function(level, *given)
+
+
+def test_no_pieces_at_all_are_no_reason_to_crash(compiled: ModuleType) -> None:
+    none = np.empty((0, 0), np.float32)
+    compiled.form_factors(compiled.levels()[0], none, none, none.copy(), none.copy())

@@ -1,0 +1,68 @@
+"""Two paths of any phasors: numpy and every instruction set of the compiled kernel give the same bits."""
+
+from dataclasses import fields
+from types import ModuleType
+
+import numpy as np
+import pytest
+
+from cadtof_cli.resolver.two_path.closed_form import TwoPaths
+from cadtof_cli.resolver.two_path.decomposition import decomposed
+from cadtof_cli.resolver.two_path.kernel import NUMPY, available_kernels
+from tests.support.hard_pixels import HARD
+
+pytestmark = pytest.mark.usefixtures("compiled")
+
+KERNELS = [kernel for kernel in available_kernels() if kernel != NUMPY]
+
+
+@pytest.mark.parametrize("name", HARD)
+@pytest.mark.parametrize("count", [1, 31, 33, 1000])
+def test_hard_pixels_have_the_same_bits(name: str, count: int) -> None:
+    p1, p2 = HARD[name](np.random.default_rng(count), count)
+    expected = decomposed(p1, p2)
+    with np.errstate(all="ignore"):
+        phases = expected.phases()
+    for kernel in KERNELS:
+        found = decomposed(p1, p2, kernel=kernel)
+        for field in fields(TwoPaths):
+            np.testing.assert_array_equal(getattr(found, field.name), getattr(expected, field.name), err_msg=field.name)
+        np.testing.assert_array_equal(found.phases(), phases)
+
+
+def test_two_paths_that_were_put_in_come_out() -> None:
+    rng = np.random.default_rng(3)
+    a, b, x = rng.uniform(0.6, 1.0, 500), rng.uniform(0.1, 0.5, 500), rng.uniform(0.5, 5.0, 500)
+    y = x + rng.uniform(0.3, 1.2, 500)
+    p1, p2 = (a * np.exp(1j * h * x) + b * np.exp(1j * h * y) for h in (1, 2))
+    for kernel in (NUMPY, *KERNELS):
+        paths = decomposed(p1, p2, kernel=kernel)
+        first = paths.a > paths.b
+        np.testing.assert_allclose(np.where(first, *paths.amplitude), a)
+        np.testing.assert_allclose(np.where(first, *paths.phases()), x)
+        np.testing.assert_allclose(np.where(first, *paths.phases()[::-1]), np.mod(y, 2.0 * np.pi))
+
+
+@pytest.mark.parametrize("which", range(3))
+def test_buffers_that_do_not_fit_are_refused(compiled: ModuleType, which: int) -> None:
+    level = compiled.levels()[0]
+    good = [np.ones(5, complex), np.ones(5, complex), np.zeros((9, 5))]
+    compiled.decompose(level, *good)
+    assert good[2][0].tolist() == [1.0] * 5
+    for wrong in (
+        np.ones(good[which].size + 1, good[which].dtype),
+        np.zeros(good[which].shape, np.float32),
+        None,
+        "text",
+    ):
+        given = [*good[:which], wrong, *good[which + 1 :]]
+        with pytest.raises((TypeError, ValueError)):
+            compiled.decompose(level, *given)
+    with pytest.raises(ValueError, match="level"):
+        compiled.decompose("mmx", *good)
+    memory = np.zeros((9, 5))
+    with pytest.raises(ValueError, match="lies in the memory"):
+        compiled.decompose(level, memory.ravel()[:10].view(complex), good[1], memory)
+    good[2].setflags(write=False)
+    with pytest.raises((ValueError, BufferError)):
+        compiled.decompose(level, *good)
