@@ -52,26 +52,26 @@ def test_views_that_do_not_lag_or_whose_patches_are_all_alike_have_no_numbers() 
 
 
 def test_some_hundredths_of_the_lag_are_missed_in_the_middle_of_all_views() -> None:
-    assert missed_share(MIDDLE) == pytest.approx(0.05)
+    assert missed_share(MIDDLE) == pytest.approx(0.038)
 
 
 @pytest.mark.parametrize(
     ("name", "change", "more"),
     [
-        ("near", 0.2, 0.018),
-        ("contrast", 0.5, -0.0175),
-        ("more", 0.1, -0.026),
-        ("deep", 0.5, 0.015),
-        ("facing", 0.1, 0.014),
-        ("albedo", 0.2, -0.012),
-        ("seen", 0.2, -0.034),
-        ("decay", 0.5, 0.016),
+        ("near", 0.2, 0.0136),
+        ("contrast", 0.5, -0.013),
+        ("more", 0.1, -0.0195),
+        ("deep", 0.5, 0.0115),
+        ("facing", 0.1, 0.0105),
+        ("albedo", 0.2, -0.009),
+        ("seen", 0.2, -0.0256),
+        ("decay", 0.5, 0.012),
     ],
 )
 def test_the_share_changes_in_proportion_up_to_what_rooms_show(name: str, change: float, more: float) -> None:
     """Less is missed of near rooms, of high albedo and where much of the light is seen; more where surfaces face one way."""
     there = getattr(MIDDLE, name)
-    assert missed_share(replace(MIDDLE, **{name: there + change})) - 0.05 == pytest.approx(more)
+    assert missed_share(replace(MIDDLE, **{name: there + change})) - 0.038 == pytest.approx(more)
     for end, bound in ((LEAST, -9.0), (MOST, 9.0)):
         beyond = missed_share(replace(MIDDLE, **{name: there + bound}))
         assert beyond == pytest.approx(missed_share(replace(MIDDLE, **{name: there + getattr(end, name)})))
