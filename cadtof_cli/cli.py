@@ -14,7 +14,7 @@ from typing import NoReturn
 import click
 
 from cadtof_cli import __version__
-from cadtof_cli.commands.help import HelpContext, example, fit_narrow_terminals
+from cadtof_cli.commands.help import HelpContext, example
 from cadtof_cli.commands.terminal import prepare_streams, tell
 from cadtof_cli.errors import CadtofError, OutputError
 
@@ -58,7 +58,7 @@ class LazyGroup(click.Group):
         """Import a subcommand; None where there is none of that name, or one like it."""
         if cmd_name in COMMANDS:
             command: click.Command = getattr(importlib.import_module(f"cadtof_cli.commands.{cmd_name}"), cmd_name)
-            fit_narrow_terminals(command)
+            command.context_class = HelpContext
             return command
         import difflib
 

@@ -229,7 +229,10 @@ def _fill_by_kernel(maps: DepthMaps, pixels: FramePixels, plan: FramePlan, stage
     """Fill the maps of prepared pixels from their stored values in one go: what the blocks of `resolve_pixels` do in numpy."""
     status, samples, stored = maps.status.reshape(-1), pixels.noise.samples, pixels.pooled
     # what was recorded, the kernel looks at itself
-    status[:] = stages.status(pixels, saturated=stored is not None)
+    if stages.correction.hot is None and stored is None:
+        status.fill(0)
+    else:
+        status[:] = stages.status(pixels, saturated=stored is not None)
     if plan.calibration is not None:
         status |= np.uint32(StatusBit.CALIBRATED)
     if samples is not None:

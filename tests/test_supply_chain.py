@@ -1,6 +1,7 @@
-"""What CI runs is pinned, may write nothing, and fits what pyproject.toml allows."""
+"""What CI runs is pinned, may write nothing, and fits what pyproject.toml allows; the source archive is whole."""
 
 import re
+import subprocess
 import tomllib
 from collections.abc import Iterator
 from pathlib import Path
@@ -10,6 +11,8 @@ import pytest
 import yaml
 from packaging.requirements import Requirement
 from packaging.version import Version
+
+from tests.support.needed import miss
 
 ROOT = Path(__file__).parents[1]
 
@@ -74,3 +77,15 @@ def test_the_scripts_install_what_is_pinned() -> None:
     setup = (ROOT / "scripts" / "setup.sh").read_text()
     assert '--constraint "$root/constraints.txt"' in setup
     assert {_plain(name) for name in ("numpy", "tifffile", "OpenEXR", "pytest", "distributed")} <= constraints().keys()
+
+
+def test_the_source_archive_holds_all_that_scripts_and_tests_need() -> None:
+    """Scripts are in it, which set themselves up by constraints.txt, and tests, which hold the docs against the code."""
+    if not (ROOT / ".git").exists():
+        miss("this is no checkout of git")
+    listed = subprocess.run(["git", "ls-files"], cwd=ROOT, check=True, capture_output=True, text=True).stdout
+    tracked = {name.partition("/")[0] for name in listed.splitlines()}
+    lines = map(str.split, (ROOT / "MANIFEST.in").read_text(encoding="utf-8").splitlines())
+    named = {name for kind, *names in lines if kind in {"graft", "include"} for name in names}
+    by_itself = {"LICENSE", "MANIFEST.in", "README.md", "pyproject.toml", "setup.py"}
+    assert tracked == named | by_itself

@@ -79,7 +79,7 @@ def resolve(
         use = CalibrationUse(folder, loaded.digest)
         plan = FramePlan(metadata=first.metadata, settings=plan.settings, calibration=use)
     resolved = resolve_frame(_recorded(frames), plan=plan, calibration=loaded)
-    maps, _ = answered_maps(resolved, plan, name=str(first))
+    maps, _ = answered_maps(resolved, plan, source=first)
     layers = {name: maps.layer(name) for name in maps.names} | {STATUS: maps.status}
     return Maps(layers, map_header(plan, str(first)).facts)
 

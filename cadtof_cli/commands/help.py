@@ -40,13 +40,6 @@ class HelpContext(click.Context):
     formatter_class = _Formatter
 
 
-def fit_narrow_terminals(command: click.Command, /) -> None:
-    """Have the help of a command, and of those below it, fit narrow terminals."""
-    command.context_class = HelpContext
-    for below in command.commands.values() if isinstance(command, click.Group) else ():
-        fit_narrow_terminals(below)
-
-
 def example(*lines: str) -> str:
     """Return the end of a help text: commands that work as they stand where sample_data lies, in an empty folder otherwise.
 

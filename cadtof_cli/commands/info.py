@@ -134,7 +134,8 @@ def _map_lines(facts: Any) -> Iterator[str]:
         if layer.median is None:
             yield _row(name, "no answers")
         else:
-            figures = f"{layer.lowest:.4g} … {layer.highest:.4g} {layer.unit}, median {layer.median:.4g}"
+            unit = f" {layer.unit}" if layer.unit else ""
+            figures = f"{layer.lowest:.4g} … {layer.highest:.4g}{unit}, median {layer.median:.4g}"
             yield _row(name, f"{figures}, {layer.valid:.1%} of pixels")
     for name, share in facts.status.items():
         if share:

@@ -11,6 +11,7 @@ from cadtof_cli.commands.help import example
 from cadtof_cli.commands.map_options import calibration_option, map_options
 from cadtof_cli.commands.options import SectionedCommand, capture_options, settings_option
 from cadtof_cli.commands.terminal import Bar, tell
+from cadtof_cli.commands.values import PixelPlace
 from cadtof_cli.frame_plan import MapSettings
 from cadtof_cli.maps.layers import layer_unit
 
@@ -25,20 +26,6 @@ _ROOM = {
     "start_ns": " ns  after the direct light, when that begins",
 }
 """What the numbers of a room mean."""
-
-
-class PixelPlace(click.ParamType[tuple[int, int]]):
-    """A column and a row, such as 160,120."""
-
-    name = "X,Y"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[int, int]:
-        """Return the column and the row."""
-        try:
-            x, y = (int(part) for part in str(value).split(","))
-        except ValueError:
-            self.fail(f"{value!r} is not a column and a row such as 160,120", param, ctx)
-        return x, y
 
 
 @click.command(

@@ -7,19 +7,16 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import MISSING, fields
 from pathlib import Path
 from types import NoneType
-from typing import TYPE_CHECKING, Any, Literal, TypeVar, cast, get_args, get_origin, get_type_hints
+from typing import Any, Literal, TypeVar, cast, get_args, get_origin, get_type_hints
 
 import click
 
 from cadtof_cli.capture.metadata import KEYS, Key, Kind
+from cadtof_cli.commands.help import HelpContext
 from cadtof_cli.commands.terminal import tell
-from cadtof_cli.execution.workers import JOBS_PER_CORE, Workers, available_cores
-
-if TYPE_CHECKING:
-    ParamType = click.ParamType[Any]
-else:
-    # generic at run time only in the newest releases of click
-    ParamType = click.ParamType
+from cadtof_cli.commands.values import NUMBERS, NameList, ParamType
+from cadtof_cli.execution.cores import available_cores
+from cadtof_cli.execution.workers import JOBS_PER_CORE, Workers
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -32,76 +29,6 @@ CAPTURE_SECTION = "Capture options (each overrides a key of capture.toml)"
 
 _UNITS = {"-ns": "NS", "-v": "V", "-px": "PX", "-m": "M", "-deg": "DEG", "-hz": "HZ"}
 """Ends of names of options that say a unit, and what stands for such a value in the help."""
-
-
-class NumberList(ParamType):
-    """Numbers with commas between them, such as 40,20."""
-
-    name = "N,N…"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """Return a list of numbers."""
-        if not isinstance(value, str):
-            return value
-        try:
-            return [float(part) for part in value.split(",")]
-        except ValueError:
-            self.fail(f"{value!r} is not a list of numbers such as 40,20", param, ctx)
-
-
-NUMBERS = NumberList()
-
-
-class FrameRange(ParamType):
-    """FrameRange of frames from 0, such as 10:20, with an end that does not count any more; or one place."""
-
-    name = "A:B"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """Return a slice."""
-        first, colon, last = value.partition(":")
-        try:
-            start, stop = int(first or 0), int(last) if last else None
-        except ValueError:
-            start, stop = -1, None
-        if not colon:
-            stop = start + 1
-        if start < 0 or (stop is not None and stop <= start):
-            self.fail(f"{value!r} is not a range of frames such as 10:20, 10: or 7, counted from 0", param, ctx)
-        return slice(start, stop)
-
-
-class Rectangle(ParamType):
-    """Two corners of a rectangle of pixels: X0,Y0,X1,Y1."""
-
-    name = "X0,Y0,X1,Y1"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """Return four whole numbers."""
-        try:
-            x0, y0, x1, y1 = map(int, value.split(","))
-        except ValueError:
-            self.fail(f"{value!r} is not a rectangle of pixels such as 40,30,280,210", param, ctx)
-        return x0, y0, x1, y1
-
-
-class NameList(ParamType):
-    """Words with commas between them, such as A,B; with `numbered`, each with its number, such as 25=1,50=2."""
-
-    def __init__(self, *, numbered: bool) -> None:
-        self.numbered, self.name = numbered, "NAME=N,NAME=N…" if numbered else "NAME,NAME"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """Return a list of names, or numbers by name."""
-        if not isinstance(value, str):
-            return value
-        words = value.split(",")
-        if not self.numbered:
-            return words
-        try:
-            return {name: int(number) for name, number in (word.rsplit("=", 1) for word in words)}
-        except ValueError:
-            self.fail(f"{value!r} is not a list of names with numbers such as 25=1,50=2", param, ctx)
 
 
 _TYPES: dict[Any, ParamType] = {
@@ -181,7 +108,7 @@ def jobs_option(help: str, /) -> Callable[[Function], Function]:
             tell(f"--jobs {jobs}: at most {most} processes are started, {JOBS_PER_CORE} per core", err=True)
         return jobs
 
-    help = f"{help}, never more than {JOBS_PER_CORE} per core.  [default: all cores]"
+    help = f"{help}, never more than {JOBS_PER_CORE} per core.  [default: all cores that it may use]"
     return setting_option("-j --jobs", Workers, metavar="N", callback=limited, help=help)
 
 
@@ -231,6 +158,8 @@ class RecordOptions:
 
 class SectionedCommand(click.Command):
     """A command whose help shows the options that override `capture.toml` apart from its own."""
+
+    context_class = HelpContext
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the command's own options, then the capture options."""

@@ -5,8 +5,9 @@ from pathlib import Path
 import click
 
 from cadtof_cli.commands.help import example
-from cadtof_cli.commands.options import RecordOptions, Rectangle, setting_option
+from cadtof_cli.commands.options import RecordOptions, setting_option
 from cadtof_cli.commands.terminal import Bar, tell
+from cadtof_cli.commands.values import Rectangle
 from cadtof_cli.workflows.inspect.profile import ProfileSettings, profile_table, read_profile, write_profile
 
 

@@ -12,9 +12,7 @@ from cadtof_cli.commands.help import example
 from cadtof_cli.commands.map_options import calibration_option, map_options
 from cadtof_cli.commands.options import (
     STDIN,
-    FrameRange,
     RecordOptions,
-    Rectangle,
     SectionedCommand,
     arriving_paths,
     capture_options,
@@ -23,6 +21,7 @@ from cadtof_cli.commands.options import (
     settings_option,
 )
 from cadtof_cli.commands.terminal import progress_bar, tell
+from cadtof_cli.commands.values import FrameRange, Rectangle
 from cadtof_cli.execution.workers import Workers
 from cadtof_cli.workflows.resolve.settings import FORMAT_CHOICES, ResolveSettings
 

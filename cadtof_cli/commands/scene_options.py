@@ -6,8 +6,9 @@ from typing import Any
 import click
 
 from cadtof_cli.capture.metadata import Pulse
-from cadtof_cli.commands.options import NUMBERS, RecordOptions, number_option, setting_option
+from cadtof_cli.commands.options import RecordOptions, number_option, setting_option
 from cadtof_cli.commands.simulation_options import TrialOptions, further_option, pair, triple
+from cadtof_cli.commands.values import NUMBERS
 from cadtof_cli.errors import SettingsError
 from cadtof_cli.files.formats import FRAME_FORMATS, format_by_name
 from cadtof_cli.simulation.pixel.mix import Condition
@@ -138,6 +139,17 @@ class SceneOptions:
         return SCENES[name](**settings)
 
 
+def _of_each_scene(option: str, of: str) -> str:
+    """Return the help of an option, with its default in each scene that takes it."""
+    defaults = []
+    for name, taken in SCENE_SETTINGS.items():
+        if option in taken:
+            value = next(item.default for item in fields(SCENES[name]) if item.name == taken[option])
+            numbers = value if isinstance(value, tuple) else (value,)
+            defaults.append(f"{name} {'random' if value is None else ','.join(f'{number:g}' for number in numbers)}")
+    return f"{of}  [default: {'; '.join(defaults)}]"
+
+
 SCENE_ONLY = tuple(item.name for item in fields(SceneOptions))
 """What a pixel does not take."""
 
@@ -179,16 +191,29 @@ scene_options = RecordOptions(
         "--format", RecordSettings, "frame_format", type=click.Choice(FRAME_FORMATS), help="File format of the frames."
     ),
     setting_option("--compress", RecordSettings, help="Compress the frames: Deflate in TIFF, ZIP in EXR."),
-    number_option("--distance-m --distance", click.FLOAT, help="Distance of the scene."),
-    number_option("--tilt-deg --tilt", NUMBERS, metavar="DEG,DEG", help="Tilt of the wall to the right and down."),
-    number_option("--albedo", click.FLOAT, help="Albedo of the wall, corner or panel, or of all surfaces of a room."),
-    number_option("--opening-deg --opening", click.FLOAT, help="Angle between the walls of the corner."),
+    number_option("--distance-m --distance", click.FLOAT, help=_of_each_scene("distance_m", "Distance of the scene.")),
+    number_option(
+        "--tilt-deg --tilt",
+        NUMBERS,
+        metavar="DEG,DEG",
+        help=_of_each_scene("tilt_deg", "Tilt of the wall to the right and down."),
+    ),
+    number_option(
+        "--albedo",
+        click.FLOAT,
+        help=_of_each_scene("albedo", "Albedo of the wall, corner or panel, or of all surfaces of a room."),
+    ),
+    number_option(
+        "--opening-deg --opening",
+        click.FLOAT,
+        help=_of_each_scene("opening_deg", "Angle between the walls of the corner."),
+    ),
     number_option("--furniture", click.INT, help="Pieces of furniture in the room.  [default: random, 0 to 8]"),
     number_option(
         "--lamp-offset-m --lamp-offset",
         NUMBERS,
         metavar="M,M,M",
-        help="Position of the lamp relative to the camera: right,down,forward (room).",
+        help=_of_each_scene("lamp_offset_m", "Position of the lamp relative to the camera: right,down,forward."),
     ),
     number_option(
         "--lamp-beam-deg --lamp-beam", click.FLOAT, help="Half angle of the lamp's beam (room).  [default: random]"
@@ -208,17 +233,23 @@ scene_options = RecordOptions(
     ),
     setting_option("--width", Camera, help="Columns of the frames."),
     setting_option("--height", Camera, help="Rows of the frames."),
-    setting_option("--petzval-m --petzval", Camera, show_default=False, help="Field curvature k2,k4 of the lens."),
+    setting_option(
+        "--petzval-m --petzval",
+        Camera,
+        show_default=False,
+        metavar="M,M",
+        help="Field curvature k2,k4 of the lens.  [default: 0,0]",
+    ),
     setting_option(
         "--dark-offset-v --dark-offset",
         Camera,
         show_default=False,
-        help="Standard deviation of the offset from pixel to pixel.",
+        help="Standard deviation of the offset from pixel to pixel.  [default: 0]",
     ),
     setting_option(
         "--fixed-delay-ns --fixed-delay",
         Camera,
         show_default=False,
-        help="Standard deviation of the delay from pixel to pixel.",
+        help="Standard deviation of the delay from pixel to pixel.  [default: 0]",
     ),
 )

@@ -8,7 +8,8 @@ from click.core import ParameterSource
 
 from cadtof_cli.capture.metadata import InvalidValueError, Modulation, Pulse
 from cadtof_cli.commands.map_options import PATH_OPTIONS
-from cadtof_cli.commands.options import NUMBERS, ParamType, RecordOptions, jobs_option, setting_option
+from cadtof_cli.commands.options import RecordOptions, jobs_option, setting_option
+from cadtof_cli.commands.values import NUMBERS, FurtherPath
 from cadtof_cli.errors import SettingsError
 from cadtof_cli.execution.workers import Workers
 from cadtof_cli.resolver.settings import ResolverSettings
@@ -16,23 +17,6 @@ from cadtof_cli.simulation.pixel.averaging import Averaging, Capacitors, Stages
 from cadtof_cli.simulation.pixel.mix import Condition, Motion
 from cadtof_cli.simulation.pixel.pixel import PixelModel
 from cadtof_cli.workflows.simulate.trials import Trials
-
-
-class FurtherPath(ParamType):
-    """Photons of a path over the laser's, and its arrival in ns, such as 0.2@27."""
-
-    name = "RATIO@NS"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """Return both numbers."""
-        try:
-            ratio, time_ns = map(float, value.split("@"))
-        except ValueError:
-            self.fail(f"{value!r} is not a ratio and a time in ns such as 0.2@27", param, ctx)
-        return ratio, time_ns
-
-
-FURTHER = FurtherPath()
 
 INTEGRATION_LENGTH = 1e5
 """n_av where neither it nor the capacitors are given."""
@@ -163,7 +147,7 @@ _PIXEL = RecordOptions(
 further_option = click.option(
     "--path",
     "further",
-    type=FURTHER,
+    type=FurtherPath(),
     multiple=True,
     help="Add a path of MPI: its photons over the laser photons, and its arrival time. Can be given several times.",
 )

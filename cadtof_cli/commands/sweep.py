@@ -4,7 +4,6 @@ from pathlib import Path
 
 import click
 
-from cadtof_cli.commands.grid import grid_from_text
 from cadtof_cli.commands.help import example
 from cadtof_cli.commands.options import setting_option
 from cadtof_cli.commands.simulation_options import (
@@ -15,6 +14,7 @@ from cadtof_cli.commands.simulation_options import (
     workers_option,
 )
 from cadtof_cli.commands.terminal import progress_bar, tell
+from cadtof_cli.commands.values import grid_from_text
 from cadtof_cli.errors import SettingsError
 from cadtof_cli.execution.workers import Workers
 from cadtof_cli.files.atomic import require_absent

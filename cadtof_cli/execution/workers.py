@@ -13,6 +13,7 @@ from functools import cache
 from typing import TYPE_CHECKING, Literal
 
 from cadtof_cli.errors import SettingsError
+from cadtof_cli.execution.cores import available_cores
 from cadtof_cli.records import dataclass
 
 if TYPE_CHECKING:
@@ -38,11 +39,6 @@ HANGUP: signal.Signals | None = getattr(signal, "SIGHUP", None)
 _HELD_BACK = (signal.SIGINT, signal.SIGTERM) + ((HANGUP,) if HANGUP else ())
 
 _PR_SET_PDEATHSIG = 1
-
-
-def available_cores() -> int:
-    """Return how many cores this process may run on."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def cores_for(processes: int, /) -> tuple[int, ...]:

@@ -96,6 +96,10 @@ _AVERAGED = Layer("effective_pixels", "", lambda source: (source.samples, 1.0))
 """Over how many recorded pixels each has been averaged."""
 
 
+_UNITS_BESIDE_MAPS = {"mean": "m", "std": "m", "delay": "ns"}
+"""Units of quantities of truth, and over the frames of a run."""
+
+
 @lru_cache(maxsize=16)
 def wanted_layers(*, paths: int = 2, searched: bool = False, averaged: bool = False) -> tuple[Layer, ...]:
     """Return the layers of a map in the order in which they are written; `status` follows them.
@@ -111,6 +115,6 @@ def wanted_layers(*, paths: int = 2, searched: bool = False, averaged: bool = Fa
 
 def layer_unit(name: str, /) -> str:
     """Return the unit of a layer's values by its name; empty where they are pure numbers."""
-    units = {layer.name: layer.unit for layer in (*ALWAYS, _SEARCHED, _AVERAGED)}
+    units = {layer.name: layer.unit for layer in (*ALWAYS, _SEARCHED, _AVERAGED)} | _UNITS_BESIDE_MAPS
     quantity = name.rpartition(".")[2]
     return units.get(quantity, _QUANTITIES.get(quantity, ("",))[0])

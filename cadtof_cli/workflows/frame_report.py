@@ -125,7 +125,8 @@ class RunTotals:
         """Count one more frame."""
         self.frames += 1
         setattr(self, report.status, getattr(self, report.status) + 1)
-        self.already_there += report.is_already_there
+        if report.status == "skipped":
+            self.already_there += report.is_already_there
         self.one_path += report.one_path or 0
         self.two_paths += report.two_paths or 0
         self.more_paths += report.more_paths or 0

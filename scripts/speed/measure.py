@@ -5,6 +5,7 @@ import resource
 import shutil
 import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -46,7 +47,10 @@ class Cost:
 
 @dataclass(frozen=True)
 class Command:
-    """A command, and the folder that it writes into, which is emptied before it."""
+    """A command, and the folder that it writes into, which is new each time; what it wrote before is emptied and kept beside it.
+
+    Whenever a file is created, ext4 looks through what was deleted in the last minutes: after 1,000 files, half a millisecond.
+    """
 
     words: Sequence[str]
     out: Path
@@ -54,7 +58,11 @@ class Command:
 
     def cost(self) -> Cost:
         """Run it once."""
-        shutil.rmtree(self.out, ignore_errors=True)
+        if self.out.exists():
+            for path in self.out.rglob("*"):
+                if path.is_file():
+                    os.truncate(path, 0)
+            self.out.rename(tempfile.mkdtemp(prefix="before-", dir=self.out.parent))
         self.out.mkdir()
         before, began = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
         # not where this was started: Python looks there for modules first, and another commit may be asked for

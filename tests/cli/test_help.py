@@ -1,5 +1,6 @@
 """Every command and every option says what it is for, and the README knows every command."""
 
+import itertools
 import re
 from pathlib import Path
 
@@ -7,6 +8,8 @@ import click
 import pytest
 
 from cadtof_cli.cli import COMMANDS
+from cadtof_cli.commands.scene_options import SCENE_SETTINGS
+from cadtof_cli.simulation.scene.scenes import SCENES
 from tests.support.commands import every_command
 from tests.support.run_cadtof import cadtof
 
@@ -35,6 +38,16 @@ def test_help_fits_a_narrow_terminal(words: str, columns: int, monkeypatch: pyte
     options = done.out.partition("Options:\n")[2].partition("Capture options")[0].partition("Example")[0]
     assert options.count("\n") > 3
     assert not [line for line in options.splitlines() if len(line) > columns and " " in line.strip()]
+
+
+def test_what_differs_from_scene_to_scene_has_a_default_for_each() -> None:
+    said = re.sub(r"\s+", " ", cadtof("simulate", "--help").out.replace("-\n", "-"))
+    for scene, option in itertools.product(SCENE_SETTINGS, ("distance_m", "albedo", "opening_deg")):
+        if option in SCENE_SETTINGS[scene]:
+            default = getattr(SCENES[scene], option)
+            told = re.search(rf"--{option.replace('_', '-')}\b[^]]*?[ ;]{scene} (random|[\d.]+)[;\]]", said)
+            assert told is not None, (scene, option)
+            assert told[1] == ("random" if default is None else f"{default:g}")
 
 
 def test_the_program_lists_itsevery_command() -> None:

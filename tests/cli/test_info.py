@@ -103,6 +103,14 @@ def test_what_is_no_frame_is_named(tmp_path: Path) -> None:
     assert named.startswith(str(capture.folder / "depth.exr"))
 
 
+def test_layers_of_truth_have_their_units(tmp_path: Path) -> None:
+    layers = {"direct.depth": np.ones(12), "mpi.delay": np.linspace(3, 20, 12), "mpi.ratio": np.linspace(0, 1, 12)}
+    write_exr(tmp_path / "truth.exr", {name: plane.reshape(3, 4).astype(np.float32) for name, plane in layers.items()})
+    told = cadtof("info", tmp_path / "truth.exr").out
+    assert "mpi.delay                   3 … 20 ns, median 11.5, 100.0% of pixels" in told
+    assert "mpi.ratio                   0 … 1, median 0.5, 100.0% of pixels" in told
+
+
 @pytest.mark.parametrize("form", ["tif", "exr"])
 def test_maps_by_file_and_by_folder(form: Form, tmp_path: Path) -> None:
     capture, out = record(tmp_path / "capture", frames=2, form=form), tmp_path / "out"

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cadtof_cli.execution.workers import available_cores
+from cadtof_cli.execution.cores import available_cores
 from tests.support.captures import TOML, write_frame
 from tests.support.forward import step_frame
 from tests.support.run_cadtof import ENVIRONMENT, program

@@ -2,7 +2,7 @@
 
 import pytest
 
-from cadtof_cli.commands.grid import grid_from_text
+from cadtof_cli.commands.values import grid_from_text
 from cadtof_cli.errors import SettingsError
 
 

@@ -51,13 +51,15 @@ class WallRanges:
 class _Layout:
     """Which parameter is which: k2, k4, then the focal length's if it is fitted, then every wall's.
 
-    Angles enter through pixels from the principal point over half the diagonal, u and v, and q = (half diagonal / f)²:
+    Angles enter through pixels from the principal `point` over `half_diagonal`, u and v, and q = (half diagonal / f)²:
     range = D √(1 + q ρ²)/(1 + αu + βv) + k2 ρ² + k4 ρ⁴. `places` are the indices of each wall's distance (None where it is
     known), α and β.
     """
 
     u: Float
     v: Float
+    point: tuple[float, float]
+    half_diagonal: float
     unambiguous_m: float
     focal_share: float | None
     distances: tuple[float | None, ...]
@@ -97,10 +99,7 @@ def fit_petzval(walls: Sequence[WallRanges], /, *, optics: Optics, origin: Origi
         SettingsError: a wall has too few pixels with a single path; or there are no optics and no two walls at distances
             that differ enough for the focal length to be fitted too; or what was seen is no wall.
     """
-    point = principal_point(optics, origin.pixels)
-    half_diagonal = 0.5 * math.hypot(*origin.pixels)
-    focal = optics.focal_length_px
-    if focal is None:
+    if optics.focal_length_px is None:
         _require_distinct(walls)
     usable = [np.isfinite(wall.range_m) & np.isfinite(wall.sigma_m) & (wall.sigma_m > 0.0) for wall in walls]
     for index, good in enumerate(usable):
@@ -110,15 +109,16 @@ def fit_petzval(walls: Sequence[WallRanges], /, *, optics: Optics, origin: Origi
                 f"least {LEAST_PIXELS}: is it a flat wall without multi-path interference, and the dark and response "
                 "calibration in the folder?"
             )
-    layout = _layout(usable, point, half_diagonal, focal, walls, unambiguous_range_m(origin.periods_ns[0]))
+    layout = _layout(usable, walls, optics, origin)
     ranges = np.concatenate([wall.range_m[good] for wall, good in zip(walls, usable, strict=True)])
     sigma = np.concatenate([wall.sigma_m[good] for wall, good in zip(walls, usable, strict=True)])
     start = _start(layout, ranges)
     fit = _fitted(layout, ranges, sigma, start, fixed=())
     _require_walls(layout, fit, sigma, usable, origin)
     flat = _fitted(layout, ranges, sigma, fit.parameters * np.where(np.arange(layout.count) < 2, 0, 1), fixed=(0, 1))
-    quality = _quality(layout, fit, flat, sigma, half_diagonal, point, optics)
-    return PetzvalCalibration(origin, float(fit.parameters[0]), float(fit.parameters[1]), point, quality)
+    quality = _quality(layout, fit, flat, sigma)
+    quality = replace(quality, findings=_findings(layout, quality, fit, optics))
+    return PetzvalCalibration(origin, float(fit.parameters[0]), float(fit.parameters[1]), layout.point, quality)
 
 
 def _require_walls(layout: _Layout, fit: RobustFit, sigma: Float, usable: Sequence[Bool], origin: Origin) -> None:
@@ -147,15 +147,9 @@ def _require_distinct(walls: Sequence[WallRanges]) -> None:
         )
 
 
-def _layout(
-    usable: list[Bool],
-    point: tuple[float, float],
-    half_diagonal: float,
-    focal: float | None,
-    walls: Sequence[WallRanges],
-    unambiguous_m: float,
-) -> _Layout:
-    pixels = [np.nonzero(good) for good in usable]
+def _layout(usable: list[Bool], walls: Sequence[WallRanges], optics: Optics, origin: Origin) -> _Layout:
+    point, half_diagonal = principal_point(optics, origin.pixels), 0.5 * math.hypot(*origin.pixels)
+    pixels, focal = [np.nonzero(good) for good in usable], optics.focal_length_px
     places: list[tuple[int | None, int, int]] = []
     count = 2 if focal is not None else 3
     for wall in walls:
@@ -165,7 +159,9 @@ def _layout(
     return _Layout(
         u=np.concatenate([(column - point[0]) / half_diagonal for _, column in pixels]),
         v=np.concatenate([(row - point[1]) / half_diagonal for row, _ in pixels]),
-        unambiguous_m=unambiguous_m,
+        point=point,
+        half_diagonal=half_diagonal,
+        unambiguous_m=unambiguous_range_m(origin.periods_ns[0]),
         focal_share=(half_diagonal / focal) ** 2 if focal is not None else None,
         distances=tuple(wall.distance_m for wall in walls),
         wall=np.repeat(np.arange(len(walls)), [good.sum() for good in usable]),
@@ -207,15 +203,7 @@ def _fitted(layout: _Layout, ranges: Float, sigma: Float, start: Float, *, fixed
     return replace(fit, parameters=whole, covariance=covariance)
 
 
-def _quality(
-    layout: _Layout,
-    fit: RobustFit,
-    flat: RobustFit,
-    sigma: Float,
-    half_diagonal: float,
-    point: tuple[float, float],
-    optics: Optics,
-) -> PetzvalQuality:
+def _quality(layout: _Layout, fit: RobustFit, flat: RobustFit, sigma: Float) -> PetzvalQuality:
     kept = fit.weights > 0.0
     after, before = fit.residual * sigma, flat.residual * sigma
     errors = np.sqrt(np.diag(fit.covariance))
@@ -224,18 +212,17 @@ def _quality(
     q = layout.focal_share if layout.focal_share is not None else float(fit.parameters[2])
     lean = float(np.sqrt(max(q, 0.0)))
     walls = tuple(_wall_fit(layout, index, fit, before, after, sigma, lean) for index in range(len(layout.distances)))
-    quality = PetzvalQuality(
+    return PetzvalQuality(
         k2_stderr_m=float(errors[0]),
         k4_stderr_m=float(errors[1]),
         rms_before_m=_rms(before[kept]),
         rms_after_m=_rms(after[kept]),
         noise_rms_m=_rms(sigma[kept]),
         correlation=shared,
-        focal_length_px=float(half_diagonal / np.sqrt(q)) if q > 0.0 else float("nan"),
+        focal_length_px=float(layout.half_diagonal / np.sqrt(q)) if q > 0.0 else float("nan"),
         focal_length_known=layout.focal_share is not None,
         walls=walls,
     )
-    return replace(quality, findings=_findings(quality, fit, kept, optics, point))
 
 
 def _wall_fit(
@@ -256,13 +243,12 @@ def _wall_fit(
     )
 
 
-def _findings(
-    quality: PetzvalQuality, fit: RobustFit, kept: Bool, optics: Optics, point: tuple[float, float]
-) -> tuple[str, ...]:
+def _findings(layout: _Layout, quality: PetzvalQuality, fit: RobustFit, optics: Optics) -> tuple[str, ...]:
     findings = []
     if optics.principal_point_px is None:
+        column, row = layout.point
         findings.append(
-            f"no principal point given: the middle of the array, column {point[0]:g} and row {point[1]:g}, is taken"
+            f"no principal point given: the middle of the array, column {column:g} and row {row:g}, is taken"
         )
     if not quality.focal_length_known:
         findings.append(f"no focal length given: fitted to the walls, {quality.focal_length_px:.1f} px")
@@ -275,7 +261,7 @@ def _findings(
             f"walls' parameters {quality.correlation:.5f}, condition {fit.condition:.2g}; known distances, more walls at other "
             "distances, or a wall that fills the whole view help"
         )
-    dropped = 1.0 - kept.mean()
+    dropped = 1.0 - (fit.weights > 0.0).mean()
     if dropped > 0.05:
         findings.append(f"{dropped:.1%} of the pixels with a single path do not lie on the walls and were left out")
     if quality.rms_after_m > 1.5 * quality.noise_rms_m:

@@ -46,7 +46,7 @@ class Envelope:
         """
         if out.nbytes != self.pixels:
             return False
-        head, tail, more = bytearray(len(self.head)), bytearray(len(self.tail)), memoryview(bytearray(1))
+        head, tail = bytearray(len(self.head)), bytearray(len(self.tail))
         descriptor = os.open(path, READ_FLAGS)
         try:
             found = os.fstat(descriptor)
@@ -54,7 +54,7 @@ class Envelope:
                 return False
             whole = read_parts(descriptor, (memoryview(head), out.data.cast("B"), memoryview(tail)))
             # it may have grown meanwhile
-            return whole and head == self.head and tail == self.tail and not read_parts(descriptor, (more,))
+            return whole and head == self.head and tail == self.tail and not os.read(descriptor, 1)
         finally:
             os.close(descriptor)
 

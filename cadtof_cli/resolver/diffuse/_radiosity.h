@@ -1,7 +1,8 @@
 /* What radiosity.py works out for every pair of surfaces: the operations of _form_factors and _kernel, in their order. */
 typedef struct {
     const float *facing, *area; /* onto x sources; of the sources */
-    float *over, *square;       /* onto x sources: become form factors and distances */
+    float *over, *square;       /* onto x sources: become form factors and phases */
+    float rad_per_m;
     int64_t onto, sources;
 } Pairs;
 
@@ -13,7 +14,7 @@ INLINE void form_factors_of(const Pairs *restrict all) {
             const float r2 = at_least_f(square[i], 1e-6f);
             const float lit = at_least_f(over[i], 0.0f) * at_least_f(facing[i], 0.0f) * area[i];
             over[i] = lit / ((r2 * 3.141592653589793f + area[i]) * r2);
-            square[i] = sqrtf(r2);
+            square[i] = sqrtf(r2) * all->rad_per_m;
         }
     }
 }

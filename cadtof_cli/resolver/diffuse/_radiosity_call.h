@@ -1,13 +1,13 @@
 /* Light between surfaces as Python calls it: buffers in, buffers filled; a part of _kernel.c, see compiled_radiosity.py. */
 enum { FACING, PAIR_AREA, OVER, SQUARE, PAIR_BUFFERS };
 static const Wanted PAIR_BUFFER[PAIR_BUFFERS] = {
-    {"facing", "f ", 0, 0, 0}, {"area", "f ", 0, 0, 0}, {"form factors", "f ", 0, 0, 1}, {"distances", "f ", 0, 0, 1}};
+    {"facing", "f ", 0, 0, 0}, {"area", "f ", 0, 0, 0}, {"form factors", "f ", 0, 0, 1}, {"phases", "f ", 0, 0, 1}};
 
-static PyObject *form_factors_checked(const Level *level, const Py_buffer *view) {
+static PyObject *form_factors_checked(const Level *level, float rad_per_m, const Py_buffer *view) {
     const int64_t sources = values_in(&view[PAIR_AREA]), onto = sources ? values_in(&view[FACING]) / sources : 0;
     const int64_t pairs = onto * sources, expected[PAIR_BUFFERS] = {pairs, sources, pairs, pairs};
     if (!fit_call(PAIR_BUFFER, view, PAIR_BUFFERS, OVER, expected)) return NULL;
-    const Pairs all = {view[FACING].buf, view[PAIR_AREA].buf, view[OVER].buf, view[SQUARE].buf, onto, sources};
+    const Pairs all = {view[FACING].buf, view[PAIR_AREA].buf, view[OVER].buf, view[SQUARE].buf, rad_per_m, onto, sources};
     Py_BEGIN_ALLOW_THREADS
     level->form_factors(&all);
     Py_END_ALLOW_THREADS
@@ -17,14 +17,15 @@ static PyObject *form_factors_checked(const Level *level, const Py_buffer *view)
 static PyObject *form_factors(PyObject *module, PyObject *arguments) {
     (void)module;
     const char *name;
+    float rad_per_m;
     PyObject *object[PAIR_BUFFERS];
-    if (!PyArg_ParseTuple(arguments, "sOOOO", &name, &object[0], &object[1], &object[2], &object[3])) return NULL;
+    if (!PyArg_ParseTuple(arguments, "sfOOOO", &name, &rad_per_m, &object[0], &object[1], &object[2], &object[3])) return NULL;
     const Level *level = find_level(name);
     if (!level) return NULL;
     Py_buffer view[PAIR_BUFFERS];
     memset(view, 0, sizeof view);
     PyObject *result = NULL;
-    if (get_buffers(PAIR_BUFFER, PAIR_BUFFERS, object, view)) result = form_factors_checked(level, view);
+    if (get_buffers(PAIR_BUFFER, PAIR_BUFFERS, object, view)) result = form_factors_checked(level, rad_per_m, view);
     release_buffers(view, PAIR_BUFFERS);
     return result;
 }

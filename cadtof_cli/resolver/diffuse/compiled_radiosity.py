@@ -10,18 +10,19 @@ Complex64 = NDArray[np.complex64]
 
 
 def compiled_form_factors(
-    over: Float32, facing: Float32, square: Float32, area: Float32, /, *, kernel: str
+    over: Float32, facing: Float32, square: Float32, area: Float32, /, *, rad_per_m: float, kernel: str
 ) -> tuple[Float32, Float32]:
-    """Return form factors and distances, (onto, sources) each, with the bits that `radiosity._form_factors` gives them.
+    """Return form factors and phases, (onto, sources) each, with the bits that `radiosity._form_factors` gives them.
 
     Args:
         over: how far the sources lie over the planes of those that are lit, (onto, sources) as all of these; taken over.
         facing: how far those lie over the planes of the sources.
         square: squared distances; taken over.
         area: of the sources, (sources,).
+        rad_per_m: phase of a way.
         kernel: of `available_kernels`, but `numpy`.
     """
-    extension().form_factors(kernel, facing, area, over, square)
+    extension().form_factors(kernel, rad_per_m, facing, area, over, square)
     return over, square
 
 

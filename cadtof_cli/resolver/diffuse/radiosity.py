@@ -64,12 +64,12 @@ def interreflections(
     """
     count = len(seen.range_m)
     both = _joined(seen, beyond)
-    form, distance = _form_factors(both, both, kernel)
+    form, phase_rad = _form_factors(both, both, rad_per_m, kernel)
     form.ravel()[:: len(form) + 1] = 0.0
     faced = _gathered(form[:count], np.ones(len(form), np.float32)).astype(np.float64)
     open_share = np.minimum(np.maximum(1.0 - faced, 0.0), 1.0)
     albedo = _relative_albedo(seen, amplitude, len(beyond.range_m))
-    matrix, turn = _kernel(form, albedo, np.float32(rad_per_m) * distance, kernel)
+    matrix, turn = _kernel(form, albedo, phase_rad, kernel)
     bounces, power = [], 1
     for h in harmonics:
         for _ in range(power, h):
@@ -83,9 +83,9 @@ def interreflections(
 
 def light_of(sources: Surfaces, onto: Surfaces, /, *, rad_per_m: float, kernel: str = NUMPY) -> Complex:
     """Return the light that surfaces (n,) get from lit sources of unit albedo in one bounce, over their direct light, (n,)."""
-    form, distance = _form_factors(onto, sources, kernel)
+    form, phase_rad = _form_factors(onto, sources, rad_per_m, kernel)
     albedo = np.ones(len(sources.range_m), np.float32)
-    matrix, _ = _kernel(form, albedo, np.float32(rad_per_m) * distance, kernel)
+    matrix, _ = _kernel(form, albedo, phase_rad, kernel)
     light = _gathered(matrix, _direct_light(sources, rad_per_m).astype(np.complex64))
     return np.asarray(light / _direct_light(onto, rad_per_m), np.complex128)
 
@@ -138,8 +138,8 @@ def _relative_albedo(seen: Surfaces, amplitude: Float, beyond: int) -> Float32:
     return np.append(albedo, np.ones(beyond)).astype(np.float32)
 
 
-def _form_factors(onto: Surfaces, sources: Surfaces, kernel: str) -> tuple[Float32, Float32]:
-    """Return the form factors F_ij, from source j to i, and the distances in m, float32 (onto, sources) each.
+def _form_factors(onto: Surfaces, sources: Surfaces, rad_per_m: float, kernel: str) -> tuple[Float32, Float32]:
+    """Return the form factors F_ij, from source j to i, and the phases of the way between, float32 (onto, sources) each.
 
     A point over a plane, and squared distances, are inner products of vectors with a few more components.
     """
@@ -150,7 +150,7 @@ def _form_factors(onto: Surfaces, sources: Surfaces, kernel: str) -> tuple[Float
     r2 = _inner_products(ends, np.concatenate([lit_points[:3], lit_square, lit_points[3:]]))
     area = sources.area_m2.astype(np.float32)
     if kernel != NUMPY:
-        return compiled_form_factors(form, facing, r2, area, kernel=kernel)
+        return compiled_form_factors(form, facing, r2, area, rad_per_m=rad_per_m, kernel=kernel)
     for over_plane in (form, facing):
         np.maximum(over_plane, 0.0, out=over_plane)
     form *= facing
@@ -160,7 +160,9 @@ def _form_factors(onto: Surfaces, sources: Surfaces, kernel: str) -> tuple[Float
     reach += area
     reach *= r2
     form /= reach
-    return form, np.sqrt(r2, out=r2)
+    phase_rad = np.sqrt(r2, out=r2)
+    phase_rad *= np.float32(rad_per_m)
+    return form, phase_rad
 
 
 def _points_and_planes(of: Surfaces) -> tuple[Float32, Float32, Float32]:

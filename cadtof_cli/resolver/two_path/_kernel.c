@@ -237,8 +237,8 @@ static PyMethodDef METHODS[] = {
      "step_patches(level, step, data, error, within, pattern, values, slopes, state, linear data, room, spread, answers...)\n\n"
      "Fill the answers of a step. Everybody but the tests calls it through diffuse/compiled_fit.py."},
     {"form_factors", form_factors, METH_VARARGS,
-     "form_factors(level, facing, area, form factors, distances)\n\n"
-     "Make form factors and distances of what they are made of. Everybody but the tests calls it through diffuse/compiled_radiosity.py."},
+     "form_factors(level, rad per m, facing, area, form factors, phases)\n\n"
+     "Make form factors and phases of what they are made of. Everybody but the tests calls it through diffuse/compiled_radiosity.py."},
     {"light_kernel", light_kernel, METH_VARARGS,
      "light_kernel(level, form factors, albedo, cosines, sines, kernel, rotors)\n\n"
      "Fill kernel and rotors. Everybody but the tests calls it through diffuse/compiled_radiosity.py."},

@@ -82,10 +82,16 @@ def export_maps(
         require_new(output, overwrite=overwrite)
     progress.total(len(found))
     for (run, file), output in zip(found, outputs, strict=True):
-        one = _Map(file, read_layers(file), settings.depth or run.depth_kind, settings.optics(run, file))
+        one = _Map(file, _layers(file), settings.depth or run.depth_kind, settings.optics(run, file))
         write(one, output, settings)
         progress.advance()
     return tuple(outputs)
+
+
+def _layers(file: Path) -> Layers:
+    """Return the layers of a file, its status bits as the whole numbers that a TIFF holds as floats."""
+    layers = read_layers(file)
+    return layers | {STATUS: layers[STATUS].astype(np.uint32)} if STATUS in layers else layers
 
 
 def _points(one: _Map, settings: ExportSettings) -> dict[str, NDArray[Any]]:
@@ -104,7 +110,7 @@ def _points(one: _Map, settings: ExportSettings) -> dict[str, NDArray[Any]]:
     }
     known = np.isfinite(depth)
     points = {name: plane[known].astype(np.float32) for name, plane in planes.items()}
-    return points | {STATUS: one.layer(STATUS)[known].astype(np.uint32)}
+    return points | {STATUS: one.layer(STATUS)[known]}
 
 
 def _write_points(one: _Map, output: Path, settings: ExportSettings) -> None:
@@ -123,7 +129,7 @@ def _write_png(one: _Map, output: Path, settings: ExportSettings) -> None:
 
 
 def _write_npz(one: _Map, output: Path, settings: ExportSettings) -> None:
-    """Write all layers by name as they are stored."""
+    """Write all layers by name."""
     del settings
     with atomic_write(output) as temporary, temporary.open("wb") as file:
         np.savez_compressed(file, allow_pickle=False, **dict(one.layers))

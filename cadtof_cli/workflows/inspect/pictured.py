@@ -23,8 +23,6 @@ from cadtof_cli.workflows.run_folder import RUN_FILE, Run, map_files, read_run
 LIGHT = "H1.amplitude"
 """The layer of a recorded frame that thumbnails and films show."""
 
-_UNITS = {"mean": "m", "std": "m", "ratio": "", "delay": "ns"}
-
 
 @dataclass(frozen=True)
 class Pictured:
@@ -84,13 +82,9 @@ class _MapReader:
     def __call__(self) -> Shown:
         layers = read_layers(self.file)
         status = layers[STATUS].astype(np.uint32) if STATUS in layers else None
-        units = {name: _unit(name) for name in layers}
+        units = {name: layer_unit(name) for name in layers}
         title, depth = f"{self.file.parent.name}/{self.file.name}", DEPTH_IN_WORDS[self.run.depth_kind]
         return Shown(title, layers, units, status, depth)
-
-
-def _unit(name: str) -> str:
-    return layer_unit(name) or _UNITS.get(name.rpartition(".")[2], "")
 
 
 @dataclass(frozen=True)

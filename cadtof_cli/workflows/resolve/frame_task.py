@@ -162,7 +162,7 @@ def written(task: FrameTask, resolved: ResolvedFrame, recording: Recording, /, *
         FrameError: no pixel has an answer; nothing is written then.
         OutputError: see `stage_maps`.
     """
-    maps, counts = answered_maps(resolved, task.plan, name=str(task.sources[0]))
+    maps, counts = answered_maps(resolved, task.plan, source=task.sources[0])
     note = _why_again(task) if task.resume else None
     header = map_header(task.plan, source_name(task.sources[0]))
     file, output_digest = stage_maps(task.output, maps, header=header, token=task.token)
@@ -191,8 +191,8 @@ def written(task: FrameTask, resolved: ResolvedFrame, recording: Recording, /, *
     return Later(lambda: attempted(task, keep, began=began))
 
 
-def answered_maps(resolved: ResolvedFrame, plan: FramePlan, /, *, name: str) -> tuple[DepthMaps, StatusCounts]:
-    """Return the maps of a frame, of the pixels that are asked for, and how these ended; `name` is the frame's in messages.
+def answered_maps(resolved: ResolvedFrame, plan: FramePlan, /, *, source: object) -> tuple[DepthMaps, StatusCounts]:
+    """Return the maps of a frame, of the pixels that are asked for, and how these ended; messages name its source.
 
     Raises:
         FrameError: no pixel has an answer.
@@ -201,7 +201,7 @@ def answered_maps(resolved: ResolvedFrame, plan: FramePlan, /, *, name: str) -> 
     maps = resolved.maps.cropped(roi) if roi else resolved.maps
     counts = count_status(maps.status)
     if counts.invalid == maps.status.size:
-        raise FrameError(f"{name}: {why_no_answer(maps.status)}")
+        raise FrameError(f"{source}: {why_no_answer(maps.status)}")
     return maps, counts
 
 

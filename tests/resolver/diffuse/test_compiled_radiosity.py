@@ -65,7 +65,11 @@ def buffers(call: str) -> list[Any]:
 
 @pytest.mark.parametrize("call", CALLS)
 def test_buffers_that_do_not_fit_are_refused(compiled: ModuleType, call: str) -> None:
-    level, function = compiled.levels()[0], getattr(compiled, call)
+    level, before = compiled.levels()[0], (0.5,) if call == "form_factors" else ()
+
+    def function(level: str, *given: Any) -> None:
+        getattr(compiled, call)(level, *before, *given)
+
     function(level, *buffers(call))
     with pytest.raises(ValueError, match="level"):
         function("mmx", *buffers(call))
@@ -94,4 +98,4 @@ def test_buffers_that_do_not_fit_are_refused(compiled: ModuleType, call: str) ->
 
 def test_no_pieces_at_all_are_no_reason_to_crash(compiled: ModuleType) -> None:
     none = np.empty((0, 0), np.float32)
-    compiled.form_factors(compiled.levels()[0], none, none, none.copy(), none.copy())
+    compiled.form_factors(compiled.levels()[0], 0.5, none, none, none.copy(), none.copy())
