@@ -6,6 +6,7 @@ import numpy as np
 
 from cadtof_cli.arrays import Bool, Float, Float32
 from cadtof_cli.resolver.diffuse.condition import Conditioned, conditioned
+from cadtof_cli.resolver.diffuse.leaning import Leaning
 from cadtof_cli.resolver.diffuse.noise import Entry
 from cadtof_cli.resolver.diffuse.patch_fit import PatchFit
 from cadtof_cli.resolver.diffuse.prior import MEAN, WITHIN_PATCH
@@ -32,17 +33,20 @@ LATE_START_PER_NS = (0.0, 0.012)
 """Share of the lag that is too much for every ns that a room's unseen light starts later than in most, with two harmonics and
 with more: the third puts down to a late start what is a tail of another shape. Two hardly see it."""
 
-GUESSED_ERROR = (0.2, 0.5)
+GUESSED_ERROR = (0.35, 0.5)
 """Standard deviation of that share: with two harmonics, and with more."""
 
-PATCH_SHARE = (0.2, 0.1)
+PATCH_SHARE = (0.0, 0.1)
 """Variance that a patch leaves to all its pixels, over its posterior variance."""
 
-SURPRISE = (7.0, 0.1)
-"""How that share grows with χ² of the patch: two data are hardly missed by so many unknowns, so that a small misfit says much."""
+SURPRISE = (2.5, 0.1)
+"""How that grows with χ²: with more harmonics in proportion to that of the patch. With two, a small misfit says much, since two
+data are hardly missed by so many unknowns; but the errors of a frame's patches have common causes, so it says it of all of
+them, and the mean over the frame counts."""
 
-LARGEST_SURPRISE = (1.0, np.inf)
-"""χ² from which it grows no more: that the data are missed is known then, and by how much says nothing of the lag."""
+LARGEST_SURPRISE = 1.0
+"""χ² of a patch from which that mean grows no more with two harmonics: that the data are missed is known then, and by how much
+says nothing of the lag."""
 
 LAG_ERROR = (0.0, 0.05)
 """Standard deviation of the lag, as a share of it, that all patches have in common."""
@@ -53,10 +57,11 @@ BESIDE_ERROR = (0.0, 0.5)
 
 @dataclass(frozen=True, eq=False)
 class Beside:
-    """How much of arg H_1, (n,), is put down to the continued border of the view and to unseen light, and would be to walls
-    guessed beside it; and the share of what a patch faces that is unknown.
+    """How much of arg H_1, (n,), is put down to surfaces in the view, to its continued border and to unseen light, and would be
+    to walls guessed beside it; and the share of what a patch faces that is unknown.
     """
 
+    seen_rad: Float
     continued_rad: Float
     unseen_rad: Float
     guessed_rad: Float
@@ -98,25 +103,32 @@ def patch_posterior(data: Float, error: Float, fit: PatchFit, /) -> Conditioned:
     return conditioned(list(residuals(data, fit.expected[:count])), lower, targets=2)
 
 
-def coarse_planes(fit: PatchFit, posterior: Conditioned, beside: Beside, valid: Bool, /) -> CoarsePlanes:
-    """Gather what pixels need from n valid patches, (rows, columns); the others get the mean of these."""
+def coarse_planes(
+    fit: PatchFit, posterior: Conditioned, beside: Beside, valid: Bool, leaning: Leaning | None, /
+) -> CoarsePlanes:
+    """Gather what pixels need from n valid patches, (rows, columns); the others get the mean of these.
+
+    `leaning` is what two harmonics miss in such views, None with more of them.
+    """
     values, count = fit.posterior.copy(), len(fit.posterior)
     entries = needed_entries(count - 2)
     further = (count - 2) // 2
     more = min(further, 2) - 1
     lag = values[-1].copy()
     values[-1] += BESIDE_MORE * beside.open_share * beside.continued_rad / further**2
-    if further == 1:
+    if leaning is not None:
         early = MOST_EARLY * beside.open_share**4 * (1.0 - beside.open_share)
         values[-1] += UNSEEN_MORE * early * beside.unseen_rad + GUESSED_SHARE * beside.guessed_rad
+        values[-1] += leaning.share * lag
     values[-1] -= LATE_START_PER_NS[more] * (fit.room[-1] - MEAN[-1]) * lag
     spread = np.einsum("jan,j,jbn->abn", fit.jacobian, WITHIN_PATCH**2, fit.jacobian)
-    kept = PATCH_SHARE[more] + SURPRISE[more] * np.minimum(posterior.chi_squared, LARGEST_SURPRISE[more])
+    kept = PATCH_SHARE[more] + SURPRISE[more] * _surprise(posterior, common=leaning is not None)
     left = {key: kept * value for key, value in posterior.covariance.items()}
     shared = (
         LAG_ERROR[more] * lag,
         BESIDE_ERROR[more] * beside.continued_rad,
         GUESSED_ERROR[more] * beside.guessed_rad,
+        0.0 if leaning is None else leaning.left_rad,
     )
     left[1, 1] = left[1, 1] + sum(part**2 for part in shared)
     rows = [*values, *(spread[entry] for entry in entries), left[1, 1], _mpi_variance(values, spread, left)]
@@ -124,6 +136,15 @@ def coarse_planes(fit: PatchFit, posterior: Conditioned, beside: Beside, valid: 
     planes = np.empty((len(held), *valid.shape), np.float32)
     planes[:], planes[:, valid] = held.mean(axis=1)[:, None, None], held
     return CoarsePlanes(planes, count, entries)
+
+
+def _surprise(posterior: Conditioned, *, common: bool) -> Float:
+    """Return χ² of every patch, (n,), or what all have in `common`: what makes their mean of χ² times the variance of the lag."""
+    if not common:
+        return np.asarray(posterior.chi_squared, np.float64)
+    variance = posterior.covariance[1, 1]
+    mean: Float = np.mean(variance * np.minimum(posterior.chi_squared, LARGEST_SURPRISE)) / variance
+    return mean
 
 
 def _mpi_variance(values: Float, spread: Float, left: dict[Entry, Float]) -> Float:

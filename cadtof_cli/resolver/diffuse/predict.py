@@ -9,6 +9,7 @@ from cadtof_cli.resolver.diffuse.beyond import surfaces_beyond, surfaces_guessed
 from cadtof_cli.resolver.diffuse.choice import LEAST_PATCHES, PatchKinds, patch_kinds, tail_fits
 from cadtof_cli.resolver.diffuse.coarse import Beside, coarse_planes, patch_posterior
 from cadtof_cli.resolver.diffuse.grid import PatchGrid
+from cadtof_cli.resolver.diffuse.leaning import Leaning, left_rad, missed_share, view_numbers
 from cadtof_cli.resolver.diffuse.light import PatchLight, PatchMeans, patch_means, patch_phasors
 from cadtof_cli.resolver.diffuse.model_error import model_error, mpi_share
 from cadtof_cli.resolver.diffuse.noise import noise_covariance
@@ -125,9 +126,26 @@ def _model(
     posterior = patch_posterior(data, error, fit)
     if auto and not tail_fits(posterior.chi_squared[heard], len(data)):
         return None
-    coarse = coarse_planes(fit, posterior, _beside(fit, tail, planes, valid, frame, mpi_share(ratios)), valid)
+    beside = _beside(fit, tail, planes, valid, frame, mpi_share(ratios))
+    two_path_rad = two_path_lag(ratios[0], kernel=frame.kernel)
+    leaning = None
+    if len(ratios) == 1:
+        lag_rad, two_rad = fit.posterior[-1, heard], two_path_rad[heard]
+        view = view_numbers(
+            fit.room,
+            planes.surfaces[valid][heard],
+            amplitude[heard],
+            lag_rad=lag_rad,
+            seen_rad=beside.seen_rad[heard],
+            two_path_rad=two_rad,
+        )
+        leaning = Leaning(
+            0.0 if view is None else missed_share(view),
+            left_rad(lag_rad, two_rad, rad_per_ns=frame.settings.rad_per_ns),
+        )
+    coarse = coarse_planes(fit, posterior, beside, valid, leaning)
     covered = 0 if through is None else int(through.found.sum())
-    gap = (coarse.planes[coarse.data + 1][valid] - two_path_lag(ratios[0], kernel=frame.kernel))[heard]
+    gap = (coarse.planes[coarse.data + 1][valid] - two_path_rad)[heard]
     return DiffuseModel(
         frame.settings,
         DiffuseChoice("tail", int(kinds.lit.sum()), kinds.separate_share, _room_numbers(fit), covered),
@@ -175,8 +193,8 @@ def _beside(fit: PatchFit, tail: TailModel, planes: PatchPlanes, valid: Bool, fr
         kernel=frame.kernel,
     )
     open_share = tail.light.open_share
-    continued, unseen, would_be = tail.lag_parts(fit.state, open_share**GUESSED_POWER * guessed)
-    return Beside(continued, share * unseen, share * would_be, open_share)
+    seen, continued, unseen, would_be = tail.lag_parts(fit.state, open_share**GUESSED_POWER * guessed)
+    return Beside(seen, continued, share * unseen, share * would_be, open_share)
 
 
 def two_path_lag(ratio: Complex, /, *, kernel: str = NUMPY) -> Float:

@@ -82,8 +82,8 @@ class TailModel:
         values[phases] = wrapped(values[phases])
         return values, jacobian
 
-    def lag_parts(self, state: Float, guessed: Complex, /) -> tuple[Float, Float, Float]:
-        """Return how much of arg H_1 is due to surfaces beside the view and to unseen ones, and would be to guessed ones.
+    def lag_parts(self, state: Float, guessed: Complex, /) -> tuple[Float, Float, Float, Float]:
+        """Return how much of arg H_1 is due to surfaces in the view, beside it and unseen, and would be to guessed ones.
 
         In rad, (n,) each, at a state (6, n); `guessed`, (n,), is the light of the last as `Interreflections.beyond` has it.
         """
@@ -92,10 +92,10 @@ class TailModel:
         re, im = (seen + beyond + later + unseen)[:, 0]
         re = re + 1.0
         would_be = natural[0] * natural[1] * _parts(guessed)
-        beside, behind, would = (
-            (y * re - x * im) / (re * re + im * im) for x, y in (beyond[:, 0], unseen[:, 0], would_be)
+        shown, beside, behind, would = (
+            (y * re - x * im) / (re * re + im * im) for x, y in (seen[:, 0], beyond[:, 0], unseen[:, 0], would_be)
         )
-        return beside, behind, would
+        return shown, beside, behind, would
 
     def _terms(self, natural: Float, cos: Float, sin: Float) -> tuple[Float, Float, Float, Float, Float]:
         """Return the four terms of H_h in the order above, and 1/(1 − ihωτ); real and imaginary parts, (2, H, n) each.

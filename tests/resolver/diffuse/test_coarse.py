@@ -7,6 +7,8 @@ import pytest
 from numpy.testing import assert_allclose
 
 from cadtof_cli.resolver.diffuse.coarse import Beside, CoarsePlanes, coarse_planes, needed_entries, patch_posterior
+from cadtof_cli.resolver.diffuse.condition import Conditioned
+from cadtof_cli.resolver.diffuse.leaning import Leaning
 from cadtof_cli.resolver.diffuse.patch_fit import PatchFit
 from cadtof_cli.resolver.diffuse.prior import WITHIN_PATCH
 from tests.support.diffuse_frames import F
@@ -33,20 +35,27 @@ def error_of(variance: float, data: int = DATA) -> F:
     return error
 
 
-def kept(chi_squared: float) -> float:
-    """What a patch leaves to its pixels with two harmonics, over its posterior variance."""
-    return 0.2 + 7.0 * min(chi_squared, 1.0)
+STRAIGHT = Leaning(0.0, 0.0)
+"""What two harmonics miss where nothing is missed."""
+
+
+def kept(posterior: Conditioned) -> F:
+    """What patches leave to their pixels with two harmonics, over their posterior variance."""
+    variance = posterior.covariance[1, 1]
+    share: F = 2.5 * float(np.mean(variance * np.minimum(posterior.chi_squared, 1.0))) / variance
+    return share
 
 
 def beside(*lags_rad: float, open_share: float = 0.5) -> Beside:
     """Lags by light that the view does not show: of its continued border, of what is unseen, and of guessed walls."""
-    return Beside(*(np.full(PATCHES, value) for value in (*lags_rad, *[0.0] * (3 - len(lags_rad)), open_share)))
+    lags = (0.0, *lags_rad, *[0.0] * (3 - len(lags_rad)))
+    return Beside(*(np.full(PATCHES, value) for value in (*lags, open_share)))
 
 
-def planes(known: PatchFit, light: Beside) -> CoarsePlanes:
+def planes(known: PatchFit, light: Beside, leaning: Leaning = STRAIGHT) -> CoarsePlanes:
     data = known.expected[:-2] + 0.01
     posterior = patch_posterior(data, error_of(1e-3, len(data)), known)
-    return coarse_planes(known, posterior, light, VALID)
+    return coarse_planes(known, posterior, light, VALID, leaning if len(data) < 4 else None)
 
 
 def test_valid_patches_keep_their_means_and_the_others_get_theirs() -> None:
@@ -62,30 +71,38 @@ def test_a_pixel_needs_all_of_its_data_and_what_ties_the_targets_to_them() -> No
     assert needed_entries(2) == ((0, 0), (1, 0), (1, 1), (2, 0), (2, 1), (3, 0), (3, 1), (3, 3))
 
 
-def test_what_a_patch_leaves_is_what_its_data_do_not_tell() -> None:
-    """Against numpy's own conditioning of a Gaussian, times what what patches have in common makes of it."""
+def test_what_patches_leave_is_what_their_data_do_not_tell_and_common_to_them() -> None:
+    """Against numpy's own conditioning of a Gaussian: the mean over the patches of the variance left times χ², times 2.5."""
     known = fit()
-    found = planes(known, beside())
+    left = []
     for patch in range(PATCHES):
         whole = known.covariance[:, :, patch]
         among = whole[:DATA, :DATA] + 1e-3 * np.eye(DATA)
         between = whole[DATA:, :DATA]
-        left = whole[DATA:, DATA:] - between @ np.linalg.solve(among, between.T)
         off = np.full(DATA, 0.01)
         chi_squared = float(off @ np.linalg.solve(among, off))
-        share = kept(chi_squared)
-        assert found.planes[-2][VALID][patch] == pytest.approx(share * left[1, 1], rel=1e-4)
+        left.append(chi_squared * (whole[DATA:, DATA:] - between @ np.linalg.solve(among, between.T))[1, 1])
+    assert_allclose(planes(known, beside()).planes[-2][VALID], 2.5 * np.mean(left), rtol=1e-4)
 
 
 def test_a_misfit_of_one_and_more_says_the_same() -> None:
     known = fit()
     variances = []
-    for off in (0.0, 0.15, 0.3):
+    for off in (0.15, 0.3):
         posterior = patch_posterior(known.expected[:DATA] + off, error_of(1e-3), known)
-        assert (posterior.chi_squared > 1.0).all() == (off > 0.0)
-        variances.append(coarse_planes(known, posterior, beside(), VALID).planes[-2][VALID])
-    assert_allclose(variances[1], 7.2 / 0.2 * variances[0], rtol=1e-5)
-    assert_allclose(variances[2], variances[1], rtol=1e-6)
+        assert (posterior.chi_squared > 1.0).all()
+        variances.append(coarse_planes(known, posterior, beside(), VALID, STRAIGHT).planes[-2][VALID])
+    assert_allclose(variances[0], 2.5 * np.mean(posterior.covariance[1, 1]), rtol=1e-5)
+    assert_allclose(variances[1], variances[0], rtol=1e-6)
+
+
+def test_what_views_like_this_one_miss_is_added_in_proportion_to_the_lag() -> None:
+    known = fit()
+    without, found = planes(known, beside()), planes(known, beside(), Leaning(0.07, 0.02))
+    difference = found.planes[: DATA + 2] - without.planes[: DATA + 2]
+    assert_allclose(difference[: DATA + 1], 0.0, atol=1e-7)
+    assert_allclose(difference[-1], -0.4 * 0.07, rtol=1e-4)
+    assert_allclose(found.planes[-2] - without.planes[-2], 0.02**2, rtol=1e-3)
 
 
 @pytest.mark.parametrize(
@@ -96,14 +113,14 @@ def test_a_misfit_of_one_and_more_says_the_same() -> None:
         (beside(0.0, 0.2, open_share=0.8), 0.14 * 0.2, 0.0),
         (beside(0.0, 0.2, open_share=0.6), 0.14 * (0.75**4 * 2.0) * 0.2, 0.0),
         (beside(0.0, 0.2, open_share=1.0), 0.0, 0.0),
-        (beside(0.0, 0.0, 0.1), 0.18 * 0.1, 0.2 * 0.1),
+        (beside(0.0, 0.0, 0.1), 0.18 * 0.1, 0.35 * 0.1),
     ],
 )
 def test_with_two_harmonics_light_that_the_view_does_not_show_moves_arg_h(
     light: Beside, moved: float, unsure: float
 ) -> None:
     """By .3 of what the continued border sends, in proportion to what is unknown; by .14 of what is unseen at the most, where .8
-    of what a patch faces is unknown; and by .18 of what guessed walls would send, unsure by .2 of it.
+    of what a patch faces is unknown; and by .18 of what guessed walls would send, unsure by .35 of it.
     """
     known = fit()
     without, found = planes(known, beside()), planes(known, light)
@@ -121,7 +138,11 @@ def test_with_three_harmonics_a_late_start_of_unseen_light_takes_of_the_lag(furt
     lags = []
     for one in (usual, late):
         posterior = patch_posterior(one.expected[:-2], error_of(1e-3, 2 * further), one)
-        lags.append(coarse_planes(one, posterior, beside(), VALID).planes[2 * further + 1][VALID])
+        lags.append(
+            coarse_planes(one, posterior, beside(), VALID, STRAIGHT if further == 1 else None).planes[2 * further + 1][
+                VALID
+            ]
+        )
     assert_allclose(lags[0], -0.4, rtol=1e-6)
     assert_allclose(lags[1], -0.4 * (1.0 - 2.0 * per_ns), rtol=1e-5)
 
@@ -167,13 +188,13 @@ def test_the_phase_of_the_mpi_light_is_as_unsure_as_repetitions_show(targets: tu
         1e-6 * known.covariance,
         1e-3 * known.jacobian,
     )
-    data = small.expected[:DATA]
+    data = small.expected[:DATA] + 1e-5
     posterior = patch_posterior(data, error_of(1e-9), small)
-    found = coarse_planes(small, posterior, beside(), VALID)
+    found = coarse_planes(small, posterior, beside(), VALID, STRAIGHT)
     spread = np.einsum("jan,j,jbn->abn", small.jacobian, WITHIN_PATCH**2, small.jacobian)[-2:, -2:]
     rng = np.random.default_rng(4)
     for patch in range(PATCHES):
-        left = kept(posterior.chi_squared[patch]) * np.array(
+        left = kept(posterior)[patch] * np.array(
             [[posterior.covariance[max(i, j), min(i, j)][patch] for j in range(2)] for i in range(2)]
         )
         drawn = rng.multivariate_normal(targets, left + spread[..., patch], size=40_000)

@@ -69,10 +69,13 @@ def test_residuals_of_phases_go_the_short_way_round_and_those_of_moduli_do_not()
 
 
 def test_light_that_the_view_does_not_show_lags_by_its_share_across_the_whole() -> None:
-    """arg(1 + … + b + w) grows by Im(b/H) with ln b and by Im(w/H) with ln v."""
+    """arg(1 + s·(…) + b + w) grows by Im(b/H) with ln b and by Im(w/H) with ln v; by what is seen, too, with ln s, where light
+    bounces no more.
+    """
     tail, state = model(), states()
-    beside, unseen, guessed = tail.lag_parts(state, 3.0 * tail.light.beyond[0])
-    for component, part in ((1, beside), (3, unseen)):
+    state[2] = -80.0
+    shown, beside, unseen, guessed = tail.lag_parts(state, 3.0 * tail.light.beyond[0])
+    for component, part in ((0, shown + beside), (1, beside), (3, unseen)):
         less = state.copy()
         less[component] -= 1e-6
         slope = (tail.values(state)[0][-1] - tail.values(less)[0][-1]) / 1e-6

@@ -1,0 +1,103 @@
+"""Which way two harmonics lean: the numbers of views whose surfaces are known, and what is made of them."""
+
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from cadtof_cli.resolver.diffuse.leaning import LEAST, MIDDLE, MOST, ViewNumbers, left_rad, missed_share, view_numbers
+from cadtof_cli.resolver.diffuse.planes import Surfaces
+from tests.support.diffuse_frames import F
+
+ROOM = np.array([-0.3, 0.0, 0.0, -2.0, 2.5, 4.4])
+
+
+def surfaces(range_m: F, normal: F) -> Surfaces:
+    """Surfaces straight ahead at these ranges, (n,), with these normals, (3, n)."""
+    one = np.ones(range_m.size)
+    return Surfaces(range_m, normal, np.array([[0.0], [0.0], [1.0]]) * one, one, one)
+
+
+def view(lag_rad: F, *, range_m: F | None = None, amplitude: F | None = None) -> ViewNumbers | None:
+    """The numbers of a view of eleven patches, six of which face the camera and five of which are the floor."""
+    ranges = np.linspace(1.0, 2.0, 11) if range_m is None else range_m
+    normal = np.zeros((3, 11))
+    normal[2, :6], normal[1, 6:] = -1.0, -1.0
+    return view_numbers(
+        ROOM,
+        surfaces(ranges, normal),
+        np.exp(np.tile([0.0, 0.4], 6)[:11]) if amplitude is None else amplitude,
+        lag_rad=lag_rad,
+        seen_rad=0.25 * lag_rad,
+        two_path_rad=0.6 * lag_rad,
+    )
+
+
+def test_the_numbers_of_a_view_are_those_of_its_surfaces_and_light() -> None:
+    found = view(np.linspace(0.1, 0.3, 11), range_m=np.random.default_rng(1).permutation(np.linspace(1.0, 2.0, 11)))
+    assert found is not None
+    assert_allclose([found.near, found.deep], [np.log(1.1), np.log(1.9 / 1.1)])
+    assert_allclose([found.more, found.seen], [0.4, 0.25])
+    assert_allclose(found.contrast, np.log(0.4 * np.sqrt(6 * 5) / 11))
+    assert_allclose(found.facing, 6 / 11)
+    assert_allclose([found.albedo, found.decay], [-0.3, 2.5])
+
+
+def test_views_that_do_not_lag_or_whose_patches_are_all_alike_have_no_numbers() -> None:
+    assert view(np.zeros(11)) is None
+    assert view(np.full(11, -0.1)) is None
+    assert view(np.full(11, 0.2), amplitude=np.full(11, 0.3)) is None
+    assert view(np.full(11, 0.2), amplitude=np.exp(0.04 * np.tile([-1.0, 1.0], 6)[:11])) is None
+
+
+def test_some_hundredths_of_the_lag_are_missed_in_the_middle_of_all_views() -> None:
+    assert missed_share(MIDDLE) == pytest.approx(0.038)
+
+
+@pytest.mark.parametrize(
+    ("name", "change", "more"),
+    [
+        ("near", 0.2, 0.0136),
+        ("contrast", 0.5, -0.013),
+        ("more", 0.1, -0.0195),
+        ("deep", 0.5, 0.0115),
+        ("facing", 0.1, 0.0105),
+        ("albedo", 0.2, -0.009),
+        ("seen", 0.2, -0.0256),
+        ("decay", 0.5, 0.012),
+    ],
+)
+def test_the_share_changes_in_proportion_up_to_what_rooms_show(name: str, change: float, more: float) -> None:
+    """Less is missed of near rooms, of high albedo and where much of the light is seen; more where surfaces face one way."""
+    there = getattr(MIDDLE, name)
+    assert missed_share(replace(MIDDLE, **{name: there + change})) - 0.038 == pytest.approx(more)
+    for end, bound in ((LEAST, -9.0), (MOST, 9.0)):
+        beyond = missed_share(replace(MIDDLE, **{name: there + bound}))
+        assert beyond == pytest.approx(missed_share(replace(MIDDLE, **{name: there + getattr(end, name)})))
+
+
+def test_what_is_left_of_the_lag_is_common_where_tail_and_two_paths_differ() -> None:
+    """.115 ns, 1.7 cm, where they differ by much; half of that where they do by .067 ns, 1 cm."""
+    two = np.linspace(0.1, 0.3, 7)
+    per_ns = 2.0 * np.pi / 40.0
+    assert left_rad(two, two, rad_per_ns=per_ns) == 0.0
+    assert left_rad(two + 90.0, two, rad_per_ns=per_ns) == pytest.approx(0.115 * per_ns, rel=1e-2)
+    for sign in (-1.0, 1.0):
+        assert left_rad(two + sign * 0.067 * per_ns, two, rad_per_ns=per_ns) == pytest.approx(0.115 / 2 * per_ns)
+
+
+def test_no_view_whatsoever_moves_the_lag_by_a_half() -> None:
+    ends = [[getattr(end, field.name) for end in (LEAST, MOST)] for field in fields(ViewNumbers)]
+    shares = [
+        missed_share(
+            ViewNumbers(
+                *(
+                    getattr(MIDDLE, f.name) + pair[bit >> i & 1]
+                    for i, (f, pair) in enumerate(zip(fields(MIDDLE), ends, strict=True))
+                )
+            )
+        )
+        for bit in range(256)
+    ]
+    assert -0.5 < min(shares) < max(shares) < 0.5
