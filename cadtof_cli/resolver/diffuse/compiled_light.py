@@ -99,4 +99,4 @@ def compiled_sums(weighted: Float32, counted: Bool, /, *, kernel: str) -> Float:
 def _places(grid: PatchGrid) -> Index:
     """Return where the samples of every patch stand in the frame, flat, (n, rows, columns); −1 outside."""
     size = (grid.height, grid.width)
-    return sealed(grid.samples(np.arange(1, 1 + grid.height * grid.width).reshape(size)) - 1)
+    return sealed(np.ascontiguousarray(grid.samples(np.arange(1, 1 + grid.height * grid.width).reshape(size)) - 1))

@@ -128,6 +128,7 @@ INLINE void put_tail(Group *restrict g, const Frame *restrict frame) {
 INLINE void resolve_pixels(const Frame *restrict frame, int64_t start, int64_t stop) {
     Group group, *g = &group;
     const int plain = !frame->tail && !frame->samples && !frame->own;
+    const double least = least_answered(frame);
     memset(g, 0, sizeof group);
     for (int m; start < stop; start += m) {
         m = frame->tail ? in_group(frame->tail, start, stop) : stop - start < GROUP ? (int)(stop - start) : GROUP;
@@ -135,7 +136,7 @@ INLINE void resolve_pixels(const Frame *restrict frame, int64_t start, int64_t s
         int answered = m == GROUP && plain && is_sound(frame, start);
         if (answered) {
             load_sound(g, frame, start);
-            answered = all_answered(g, frame);
+            answered = all_answered(g, frame, least);
         }
         if (!answered) {
             load(g, frame, start, m);
@@ -146,7 +147,6 @@ INLINE void resolve_pixels(const Frame *restrict frame, int64_t start, int64_t s
             choose_pixels(g, frame);
         }
         if (g->ones) one_path(g, frame);
-        g->pairs = any(g->need);
         if (g->pairs) {
             two_paths(g);
             two_path_sigmas(g, frame);

@@ -71,7 +71,7 @@ typedef struct {
 typedef struct {
     Row re1, im1, re2, im2, unsound, samples, root;      /* phasors; 1 where there must be no answer; samples, their root */
     Row u, pr, pi, cos, sin, d2;                             /* FundamentalFrame */
-    Row confidence, refusal, answered, single, may, need;/* bits that refuse an answer; is, may be one path; needs two */
+    Row confidence, refusal, answered, single, may;      /* bits that refuse an answer; is, may be one path */
     Row one_amplitude, one_phase, one_sigma, fall_off;   /* OnePath; its doubt */
     Row amplitudes, phases;                              /* by which its harmonics disagree */
     Row misfit;                                          /* 1 where it leaves more than noise does */

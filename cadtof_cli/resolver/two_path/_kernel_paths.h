@@ -46,14 +46,12 @@ INLINE double phase_of(double cos, double sin) {
     return phase >= FULL_TURN ? 0.0 : phase;
 }
 
-/* closed_form.py: fundamental_frame, is_single */
+/* closed_form.py: fundamental_frame, and |d|^2 */
 typedef struct {
     double u, pr, pi, cos, sin, d2;
 } Turned;
 
-INLINE Turned turned(double re1, double im1, double re2, double im2) {
-    double power = re1 * re1 + im1 * im1, inverse = inverse_root_or_none(power), u = power * inverse;
-    double cos = power < DBL_MIN ? 1.0 : re1 * inverse, sin = im1 * inverse;
+INLINE Turned turned(double re2, double im2, double u, double cos, double sin) {
     double cos2 = cos * cos - sin * sin, sin2 = 2.0 * (sin * cos);
     double pr = re2 * cos2 + im2 * sin2, pi = im2 * cos2 - re2 * sin2, dr = u - pr;
     return (Turned){u, pr, pi, cos, sin, dr * dr + pi * pi};
@@ -69,7 +67,11 @@ INLINE void put(Group *restrict g, int i, Turned t) {
 }
 
 INLINE void fundamental_frame(Group *restrict g) {
-    EACH_PIXEL put(g, i, turned(g->re1[i], g->im1[i], g->re2[i], g->im2[i]));
+    EACH_PIXEL {
+        double re1 = g->re1[i], im1 = g->im1[i], power = re1 * re1 + im1 * im1, inverse = inverse_root_or_none(power);
+        double cos = power < DBL_MIN ? 1.0 : re1 * inverse;
+        put(g, i, turned(g->re2[i], g->im2[i], power * inverse, cos, im1 * inverse));
+    }
 }
 
 INLINE double power_of(double u, double pr, double pi, const Constants *restrict k) {
@@ -85,28 +87,39 @@ INLINE double one_path_limit(const Frame *restrict frame) {
     return frame->order == ORDER_ONE ? INFINITY : frame->order == ORDER_TWO ? -1.0 : limit;
 }
 
-/* All of fundamental_frame, screen and choose_pixels where every pixel of a group gets an answer: whether that is so. */
-INLINE int all_answered(Group *restrict g, const Frame *restrict frame) {
-    const Constants *k = frame->constants;
+/* All of fundamental_frame, screen and choose_pixels where it is plain that every pixel of a group gets an answer and none is
+ * single: whether it is. `least` is |p1|^2 from which one is an answer's, whatever p2; with |p1|^2 up to 16, |d| is far from
+ * rounding, and up to 1e50 it leaves the power finite. */
+INLINE int all_answered(Group *restrict g, const Frame *restrict frame, double least) {
     const double limit = one_path_limit(frame);
-    int64_t refused = 0, singles = 0, ones = 0;
+    int64_t doubts = 0, ones = 0, pairs = 0;
     EACH_PIXEL {
-        Turned t = turned(g->re1[i], g->im1[i], g->re2[i], g->im2[i]);
-        double power = power_of(t.u, t.pr, t.pi, k), single = is_single(t.u, t.d2) ? 1.0 : 0.0;
-        double may = t.d2 <= limit ? 1.0 : single;
-        refused |= !((power > k->least_power) & (power <= DBL_MAX) & (t.u >= k->least_modulus));
-        singles |= single > 0.0;
-        ones |= may > 0.0;
+        double re1 = g->re1[i], im1 = g->im1[i];
+        g->t1[i] = re1 * re1 + im1 * im1;
+        g->t2[i] = inverse_root(g->t1[i]);
+    }
+    EACH_PIXEL {
+        double re1 = g->re1[i], im1 = g->im1[i], power = g->t1[i], inverse = g->t2[i];
+        Turned t = turned(g->re2[i], g->im2[i], power * inverse, re1 * inverse, im1 * inverse);
+        int may = t.d2 <= limit;
+        doubts |= !((power >= least) & (power <= 16.0) & (t.d2 >= 0x1p-95) & (t.d2 <= 1e100));
+        ones |= may;
+        pairs |= !may;
         put(g, i, t);
-        g->single[i] = single;
-        g->may[i] = may;
-        g->need[i] = 1.0 - may;
+        g->may[i] = may ? 1.0 : 0.0;
         g->confidence[i] = t.u;
         g->refusal[i] = 0.0;
     }
-    g->singles = singles != 0;
+    g->singles = 0;
     g->ones = ones != 0;
-    return !refused;
+    g->pairs = pairs != 0;
+    return !doubts;
+}
+
+INLINE double least_answered(const Frame *restrict frame) {
+    const Constants *k = frame->constants;
+    const double of_power = k->least_power / k->per_variance1, of_modulus = k->least_modulus * k->least_modulus;
+    return (1.0 + 1e-9) * at_least(at_least(of_power, of_modulus), 1e-200);
 }
 
 /* resolve.py: screened. `refusal` comes in with SATURATED. Where most pixels have a tail, the few others are turned later. */
@@ -134,6 +147,7 @@ INLINE void screen(Group *restrict g, const Frame *restrict frame) {
 INLINE void choose_pixels(Group *restrict g, const Frame *restrict frame) {
     const Constants *k = frame->constants;
     const double limit = one_path_limit(frame);
+    int64_t pairs = 0;
     EACH_PIXEL g->t2[i] = limit;
     if (frame->samples && frame->order == ORDER_AUTO)
         EACH_PIXEL g->t2[i] = 2.0 * (k->misfit_limit / g->samples[i]) * k->misfit_spread;
@@ -143,10 +157,11 @@ INLINE void choose_pixels(Group *restrict g, const Frame *restrict frame) {
         g->u[i] = answered > 0.0 ? g->u[i] : NAN;
         g->single[i] = single;
         g->may[i] = may;
-        g->need[i] = answered - may;
+        pairs |= answered > may;
     }
     g->singles = any(g->single);
     g->ones = any(g->may);
+    g->pairs = pairs != 0;
 }
 
 /* one_path.py: _start. The rotor in t1, t2; the largest curvature there can be in t3. */
@@ -232,11 +247,9 @@ INLINE void one_path(Group *restrict g, const Frame *restrict frame) {
         g->fall_off[i] = g->fall_off[i] * g->samples[i];
         g->one_sigma[i] = g->one_sigma[i] / g->root[i];
     }
-    EACH_PIXEL {
-        double misfit = g->t3[i] > k->misfit_limit ? g->may[i] - g->single[i] : 0.0;
-        g->misfit[i] = misfit;
-        g->need[i] = misfit > 0.0 ? 1.0 : g->need[i];
-    }
+    EACH_PIXEL g->misfit[i] = g->t3[i] > k->misfit_limit ? g->may[i] : 0.0;
+    if (g->singles) EACH_PIXEL g->misfit[i] = g->single[i] > 0.0 ? 0.0 : g->misfit[i];
+    g->pairs |= any(g->misfit);
 }
 
 /* closed_form.py: _excess, one of its steps. H in t3. */
@@ -332,8 +345,8 @@ INLINE void two_path_sigmas(Group *restrict g, const Frame *restrict frame) {
     }
     EACH_PIXEL {
         /* doubt, the larger over 0.5 * sin_half, is above 1 just where this is, in floating point too */
-        double x = g->sigma_x[i], y = g->sigma_y[i], most = 0.5 * g->sin_half[i];
-        g->doubtful[i] = ((x > most) | (y > most)) & (x == x) & (y == y) ? (double)ILL_CONDITIONED : 0.0;
+        double x = g->sigma_x[i], y = g->sigma_y[i], larger = x > y ? x : y, most = 0.5 * g->sin_half[i];
+        g->doubtful[i] = (larger > most) & (x == x) ? (double)ILL_CONDITIONED : 0.0;
     }
     if (frame->samples) EACH_PIXEL {
         double x = g->sigma_x[i], y = g->sigma_y[i], most = x < y ? y : x;

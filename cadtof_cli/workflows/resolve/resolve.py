@@ -16,6 +16,7 @@ from cadtof_cli.execution.ordered import Outcome, WorkerDied, run_ordered
 from cadtof_cli.execution.workers import LOCAL
 from cadtof_cli.files.atomic import PARTIAL_SUFFIX, make_folder, remove_partial_files, writing
 from cadtof_cli.resolver.two_path.kernel import kernel_notes
+from cadtof_cli.units import counted
 from cadtof_cli.workflows.frame_report import ALREADY_THERE, FrameReport, RunTotals
 from cadtof_cli.workflows.progress import NO_PROGRESS, Progress
 from cadtof_cli.workflows.resolve import split_frames
@@ -178,8 +179,8 @@ class _Run:
         self._on_frame(report)
         if report.stops:
             raise RunStoppedError(
-                f"{self._settings.out}: takes no more maps, so the run stopped there, {self._totals.ok} frames resolved; "
-                "mend that and go on with --resume"
+                f"{self._settings.out}: takes no more maps, so the run stopped there, {counted(self._totals.ok, 'frame')}"
+                " resolved; mend that and go on with --resume"
             )
         self._progress.advance()
 

@@ -22,7 +22,7 @@ pytestmark = pytest.mark.usefixtures("compiled")
 
 KERNELS = [kernel for kernel in available_kernels() if kernel != NUMPY]
 
-SIZES = [(1, 1), (5, 90), (37, 53), (120, 161), (250, 330)]
+SIZES = [(1, 1), (72, 1), (3, 200), (5, 90), (37, 53), (120, 161), (250, 330)]
 
 LIMITS = (0.0, 16383.0)
 
@@ -90,7 +90,7 @@ def test_the_first_look_has_the_same_bits(
     each = phasor_map(len(harmonics), pixels if own else None)
     look = Look.of(settings, noise, each, saturation(LIMITS, stored.dtype), hot)
     expected = by_numpy(stored, look, noise, settings, grid)
-    assert pixels == 1 or 0.3 < expected.seen.mean() < 0.95
+    assert pixels == 1 or 0.1 < expected.seen.mean() < 0.95
     for kernel in KERNELS:
         seen, phase_rad, weighted = compiled_light(stored, look, grid, kernel=kernel)
         np.testing.assert_array_equal(seen, expected.seen)
