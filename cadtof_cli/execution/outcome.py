@@ -141,7 +141,9 @@ class Finisher:
         for _ in self._threads:
             self._waiting.put(None)
         for thread in self._threads:
-            thread.join()
+            # a signal may have come before the last one was started
+            if thread.is_alive():
+                thread.join()
 
 
 def _there(finish: Callable[[], Result]) -> Pending[Result]:

@@ -2,6 +2,7 @@
 
 import os
 import signal
+import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -9,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from cadtof_cli.execution.ordered import WorkerDied, run_ordered
-from cadtof_cli.execution.outcome import Later
+from cadtof_cli.execution.outcome import Finisher, Later
 from cadtof_cli.execution.pool import TASKS_PER_WORKER
 from cadtof_cli.execution.workers import START_METHODS, StartMethod, Workers
 
@@ -234,3 +235,12 @@ def test_fewer_or_more_workers_than_cores_may_be_moved() -> None:
     workers = Workers(jobs=len(cores) + 1, start_method="fork")
     outcomes = run_ordered(cores_of_worker, range(10), workers=workers)
     assert all(not isinstance(outcome.result, WorkerDied) and outcome.result[1] == cores for outcome in outcomes)
+
+
+def test_a_signal_before_a_thread_is_started_is_what_ends_the_run(monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupted(thread: threading.Thread) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(threading.Thread, "start", interrupted)
+    with pytest.raises(KeyboardInterrupt), Finisher() as finisher:
+        finisher.begin(Later(lambda: None))
