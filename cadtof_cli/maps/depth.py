@@ -113,16 +113,18 @@ def clear_impossible(maps: DepthMaps, /, *, noise: NoiseModel, amplitude_v: floa
     """Set `IMPOSSIBLE`, and NaN in every layer that follows from the phasors, where the paths hold more light than there can be.
 
     The paths' amplitudes are shares of all light, so their sum is at most the modulation's amplitude, and so is the confidence.
+    A phasor of 1e50 has no paths in floating point: a pixel without an answer and without a reason is impossible, too.
     Every pixel is looked at alone, in the values that are written, so that whatever resolved it decides the same.
     """
     amplitudes = [maps.layer(name).reshape(-1) for name in maps.names if name.endswith(".amplitude")]
-    confidence = maps.layer(CONFIDENCE).reshape(-1)
+    confidence, status = maps.layer(CONFIDENCE).reshape(-1), maps.status.reshape(-1)
     impossible = np.empty(confidence.size, np.bool_)
     for start in range(0, confidence.size, _BLOCK_PIXELS):
         # sums over a whole frame of many megapixels would take as much as its maps
         here = slice(start, min(start + _BLOCK_PIXELS, confidence.size))
         of_block = [values[here] for values in amplitudes]
         impossible[here] = beyond_light(of_block, confidence[here], noise=noise[here], amplitude_v=amplitude_v)
+        impossible[here] |= np.isnan(amplitudes[0][here]) & ((status[here] & ~_KEPT) == 0)
     if impossible.any():
         clear_pixels(maps, impossible)
 

@@ -54,7 +54,7 @@ def pooled_phasors(
     inside *= scales
     np.copyto(margins.inside(weight)[0], samples, where=usable)
     limit = chi_squared_threshold(LOST_NEIGHBOURS, pairs=len(phasors))
-    with np.errstate(divide="ignore", invalid="ignore"):
+    with np.errstate(all="ignore"):
         light = _Light(given, np.concatenate((given * weight, weight)), limit / weight[0])
         first = _sums_of_alike(light, given, light.most, margins)
         sums = _sums_of_alike(light, first[:-1] / first[-1], limit / first[-1], margins)

@@ -21,6 +21,10 @@ def square(number: int) -> int:
     return number * number
 
 
+def square_later(number: int) -> Later[int]:
+    return Later(lambda: number * number)
+
+
 def first_is_slow(number: int) -> int:
     if number == 0:
         time.sleep(0.2)
@@ -243,4 +247,4 @@ def test_a_signal_before_a_thread_is_started_is_what_ends_the_run(monkeypatch: p
 
     monkeypatch.setattr(threading.Thread, "start", interrupted)
     with pytest.raises(KeyboardInterrupt), Finisher() as finisher:
-        finisher.begin(Later(lambda: None))
+        finisher.attempt(square_later, 3)

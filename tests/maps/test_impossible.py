@@ -141,3 +141,15 @@ def test_pixels_of_a_frame_without_noise_keep_the_reason_why_they_have_no_answer
     assert (resolved(dark).status == StatusBit.LOW_CONFIDENCE).all()
     few = np.broadcast_to(voltages(TWO)[:, :, :1, :1], (2, 2, 3, 5))
     assert not (resolved(few.copy()).status & StatusBit.IMPOSSIBLE).any()
+
+
+@pytest.mark.parametrize("kernel", available_kernels())
+@pytest.mark.parametrize("options", [{}, {"order": "1"}, {"order": "2"}, {"mpi_model": "discrete"}])
+def test_no_pixel_is_without_an_answer_and_a_reason(options: dict[str, Any], kernel: str) -> None:
+    """Of phasors beyond 1e40 floating point makes no paths, whichever voltage it is that is wrong."""
+    stored = voltages(TWO)
+    exponents = np.arange(200)
+    stored.reshape(4, -1)[exponents % 4, exponents] = 10.0 ** (1.5 * exponents - 10.0)
+    maps = resolved(stored, kernel=kernel, **options)
+    assert np.isfinite(maps.layer("direct.depth")[maps.status == 0]).all()
+    assert (maps.status.reshape(-1)[40:] & (StatusBit.NOT_FINITE | StatusBit.IMPOSSIBLE) != 0).all()

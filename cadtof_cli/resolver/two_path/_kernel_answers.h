@@ -60,6 +60,11 @@ INLINE void answer_none(Group *restrict g) {
     EACH_PIXEL g->amplitude[0][i] = g->phase[0][i] = g->sigma[0][i] = g->amplitude[1][i] = NAN;
 }
 
+/* Whether a pixel has no answer and no reason for that; whose confidence is NaN had a reason before. */
+INLINE int is_unexplained(double amplitude, double confidence, double bits) {
+    return (amplitude != amplitude) & (confidence == confidence) & (bits <= 0.0);
+}
+
 /* depth.py: clear_impossible. What is compared is what is written, in float; few groups hold a pixel that may be beyond. */
 INLINE void clear_impossible(Group *restrict g, const Frame *restrict frame) {
     const Constants *k = frame->constants;
@@ -67,7 +72,7 @@ INLINE void clear_impossible(Group *restrict g, const Frame *restrict frame) {
     int64_t beyond = 0;
     EACH_PIXEL {
         double a = g->amplitude[0][i], b = g->amplitude[1][i], total = (a > 0.0 ? a : 0.0) + (b > 0.0 ? b : 0.0);
-        beyond |= (total > nearly) | (g->confidence[i] > nearly);
+        beyond |= (total > nearly) | (g->confidence[i] > nearly) | is_unexplained(a, g->confidence[i], g->refusal[i]);
     }
     g->cleared = beyond != 0;
     if (!beyond) return;
@@ -76,7 +81,8 @@ INLINE void clear_impossible(Group *restrict g, const Frame *restrict frame) {
     EACH_PIXEL {
         float a = (float)(g->amplitude[0][i] * volts), b = (float)(g->amplitude[1][i] * volts);
         float confidence = (float)(g->confidence[i] * volts), total = (a > 0.0f ? a : 0.0f) + (b > 0.0f ? b : 0.0f);
-        double most = g->t1[i], clear = ((double)total > most) | ((double)confidence > most) ? 1.0 : 0.0;
+        const int unexplained = is_unexplained(g->amplitude[0][i], g->confidence[i], g->refusal[i]);
+        double most = g->t1[i], clear = ((double)total > most) | ((double)confidence > most) | unexplained ? 1.0 : 0.0;
         g->impossible[i] = clear;
         for (int path = 0; path < 2; path++) {
             g->amplitude[path][i] = clear > 0.0 ? NAN : g->amplitude[path][i];
