@@ -1,5 +1,6 @@
-"""Other people's programs, where they are installed."""
+"""Tests run as in the foreground, and with other people's programs where they are installed."""
 
+import signal
 from collections.abc import Callable
 from pathlib import Path
 
@@ -9,6 +10,13 @@ from tests.support.needed import miss
 from tests.support.outside_tools import MAKERS, run_tool
 
 Tool = Callable[..., str]
+
+
+def pytest_configure() -> None:
+    """Let programs that tests start be stopped: shells and `nohup` start what runs in the background deaf to signals."""
+    for number, handler in ((signal.SIGINT, signal.default_int_handler), (signal.SIGHUP, signal.SIG_DFL)):
+        if signal.getsignal(number) == signal.SIG_IGN:
+            signal.signal(number, handler)
 
 
 @pytest.fixture

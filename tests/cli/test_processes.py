@@ -29,13 +29,6 @@ PIPE_BYTES = 4096
 _PROGRAM = (sys.executable, "-m", "cadtof_cli")
 """Not with warnings as errors: a library that Ctrl-C leaves in the middle of opening a file does not close it at once."""
 
-_AS_IN_THE_FOREGROUND = """
-import os, signal, sys
-signal.signal(signal.SIGINT, signal.SIG_DFL)
-os.execv(sys.argv[1], sys.argv[1:])
-"""
-"""Shells start what runs in the background without Ctrl-C, and children inherit that."""
-
 
 @pytest.fixture(scope="module")
 def capture(tmp_path_factory: pytest.TempPathFactory) -> Path:
@@ -80,9 +73,8 @@ class Run:
 
 @contextmanager
 def _running(*arguments: object, command: tuple[str, ...] = _PROGRAM) -> Iterator[Run]:
-    foreground = (sys.executable, "-c", _AS_IN_THE_FOREGROUND)
     process = subprocess.Popen(
-        [*foreground, *command, *map(str, arguments), "--json", "--quiet"],
+        [*command, *map(str, arguments), "--json", "--quiet"],
         env=ENVIRONMENT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, bufsize=0, start_new_session=True,
     )  # fmt: skip
     try:

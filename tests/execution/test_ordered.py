@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from cadtof_cli.execution.ordered import WorkerDied, run_ordered
-from cadtof_cli.execution.outcome import Finisher, Later
+from cadtof_cli.execution.outcome import Finisher, Later, Pending
 from cadtof_cli.execution.pool import TASKS_PER_WORKER
 from cadtof_cli.execution.workers import START_METHODS, StartMethod, Workers
 
@@ -19,10 +19,6 @@ pytestmark = pytest.mark.filterwarnings("ignore:This process.*is multi-threaded,
 
 def square(number: int) -> int:
     return number * number
-
-
-def square_later(number: int) -> Later[int]:
-    return Later(lambda: number * number)
 
 
 def first_is_slow(number: int) -> int:
@@ -245,6 +241,10 @@ def test_a_signal_before_a_thread_is_started_is_what_ends_the_run(monkeypatch: p
     def interrupted(thread: threading.Thread) -> None:
         raise KeyboardInterrupt
 
+    def begun() -> Pending[int]:
+        with Finisher() as finisher:
+            return finisher.begin(Later(lambda: 9))
+
     monkeypatch.setattr(threading.Thread, "start", interrupted)
-    with pytest.raises(KeyboardInterrupt), Finisher() as finisher:
-        finisher.attempt(square_later, 3)
+    with pytest.raises(KeyboardInterrupt):
+        begun()
