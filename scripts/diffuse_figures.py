@@ -1,6 +1,6 @@
 """The figures of docs/diffuse.md: predicted tails against rendered ones, and whether sigma is true, by room.
 
-`python scripts/render_rooms.py ROOMS --seeds 9000-9029 --width 160 --light-paths 256`, then
+`python scripts/render_rooms.py ROOMS --seeds 17000-17029 --width 160 --light-paths 256`, then
 `python scripts/diffuse_figures.py ROOMS --out docs` writes diffuse_tail.png (the first room with two and with three
 harmonics) and diffuse_sigma.png (all rooms). The errors of one room are drawn by `scripts/diffuse_accuracy.py --figure`.
 """
@@ -44,6 +44,11 @@ class Room:
     scores: F
 
     @property
+    def seed(self) -> str:
+        """Name of the room, which those with other harmonics share."""
+        return self.name.rpartition("_h")[0]
+
+    @property
     def within(self) -> float:
         """Share of errors within one sigma."""
         return float(np.mean(np.abs(self.scores) < 1.0))
@@ -57,8 +62,8 @@ def main() -> None:
     parser.add_argument("--shown", default="", help="room whose tail is drawn, such as room_7002; the first without it")
     chosen = parser.parse_args()
     rooms = [measured(capture) for capture in find_captures(sorted(chosen.rooms.iterdir()))]
-    shown = chosen.shown or rooms[0].name[: len("room_0000")]
-    tails([room for room in rooms if room.name.startswith(shown)]).savefig(chosen.out / "diffuse_tail.png", dpi=80)
+    shown = chosen.shown or rooms[0].seed
+    tails([room for room in rooms if room.seed == shown]).savefig(chosen.out / "diffuse_tail.png", dpi=80)
     calibration(rooms).savefig(chosen.out / "diffuse_sigma.png", dpi=80)
 
 
@@ -80,7 +85,7 @@ def tails(rooms: Sequence[Room]) -> Figure:
     """Draw by how much MPI lengthens the ranges of one room, as rendered and as predicted, pixel by pixel and by patch."""
     figure = Figure(figsize=(15.0, 3.8), layout="constrained")
     *maps, scatter = figure.subplots(1, len(rooms) + 2, width_ratios=[1.3] * (len(rooms) + 1) + [1.0])
-    pictures = [(f"{rooms[0].name[:9]}: rendered", rooms[0].rendered)]
+    pictures = [(f"{rooms[0].seed}: rendered", rooms[0].rendered)]
     pictures += [(f"predicted, {room.harmonics} harmonics", room.predicted) for room in rooms]
     most = float(np.nanpercentile(rooms[0].rendered, 99))
     for axes, (title, lag) in zip(maps, pictures, strict=True):
