@@ -35,6 +35,8 @@ OTHERS = frozenset(
             "--write",
             "--full",
             "--figure",
+            "--shown",
+            "--place",
             "--seeds",
             "--against",
             "--count",
