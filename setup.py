@@ -30,6 +30,7 @@ MSVC_FLAGS = ["/std:c11", "/O2", "/fp:precise"]
 COMPILED = {
     "resolver/two_path/_kernel": (
         "../_buffers.h",
+        "../_calls.h",
         "../_instruction_sets.h",
         "../_module.h",
         "_decomposition.h",

@@ -8,15 +8,6 @@ static int is_of_patches(Py_ssize_t patches, Py_ssize_t harmonics) {
     return 0;
 }
 
-/* Whether buffers have so many values each, and those from `written` on lie apart from all others; or set an error. */
-static int fit_call(const Wanted *wanted, const Py_buffer *view, int count, int written, const int64_t *expected) {
-    for (int which = 0; which < count; which++)
-        if (!has_values(wanted[which].name, &view[which], expected[which])) return 0;
-    for (int which = written; which < count; which++)
-        if (view[which].obj && !lies_apart(&view[which], wanted, view, count)) return 0;
-    return 1;
-}
-
 enum { NUMBER, RAD_PER_NS, ONSET, NATURAL, COSINES, SINES, SEEN, BEYOND, LATER, TOTAL, SLOPES_OUT, SLOPE_BUFFERS };
 static const Wanted SLOPE_BUFFER[SLOPE_BUFFERS] = {
     {"numbers", "d ", 0, 0, 0}, {"rad per ns", "d ", 0, 0, 0}, {"onset", "d ", 0, 0, 0},  {"state", "d ", 0, 0, 0},
@@ -24,7 +15,8 @@ static const Wanted SLOPE_BUFFER[SLOPE_BUFFERS] = {
     {"later", "Zd ", 0, 0, 0},  {"total", "d ", 0, 0, 1},      {"slopes", "d ", 0, 0, 1},
 };
 
-static PyObject *slopes_checked(const Level *level, const Py_buffer *view) {
+static PyObject *slopes_checked(const Level *level, const void *none, const Py_buffer *view) {
+    (void)none;
     const int64_t patches = values_in(&view[NATURAL]) / 5, harmonics = values_in(&view[NUMBER]);
     if (!is_of_patches(patches, harmonics)) return NULL;
     const int64_t all = patches * harmonics;
@@ -59,14 +51,7 @@ static PyObject *tail_slopes(PyObject *module, PyObject *arguments) {
     if (!PyArg_ParseTuple(arguments, "sOOOOOOOOOOO", &name, &object[0], &object[1], &object[2], &object[3], &object[4], &object[5],
                           &object[6], &object[7], &object[8], &object[9], &object[10]))
         return NULL;
-    const Level *level = find_level(name);
-    if (!level) return NULL;
-    Py_buffer view[SLOPE_BUFFERS];
-    memset(view, 0, sizeof view);
-    PyObject *result = NULL;
-    if (get_buffers(SLOPE_BUFFER, SLOPE_BUFFERS, object, view)) result = slopes_checked(level, view);
-    release_buffers(view, SLOPE_BUFFERS);
-    return result;
+    return with_buffers(name, SLOPE_BUFFER, SLOPE_BUFFERS, object, slopes_checked, NULL);
 }
 
 enum { PATCH_DATA, PATCH_ERROR, WITHIN, PATTERN, PATCH_VALUES, JACOBIAN, STATE, LINEAR, ROOM, SPREAD, STEP_OUT, FURTHER, LAST_OUT, STEP_BUFFERS };
@@ -98,11 +83,12 @@ static int step_fits(enum step step, const Py_buffer *view, int64_t data, int64_
     return fit_call(STEP_BUFFER, view, STEP_BUFFERS, STEP_OUT, expected);
 }
 
-static PyObject *step_checked(const Level *level, int step, const Py_buffer *view) {
+static PyObject *step_checked(const Level *level, const void *options, const Py_buffer *view) {
+    const enum step step = (enum step)*(const int *)options;
     const int64_t patches = values_in(&view[PATTERN]) / STATES, data = patches ? values_in(&view[PATCH_DATA]) / patches : 2;
-    if (!is_of_patches(patches, data / 2 + 1) || !step_fits((enum step)step, view, data / 2 * 2, patches)) return NULL;
+    if (!is_of_patches(patches, data / 2 + 1) || !step_fits(step, view, data / 2 * 2, patches)) return NULL;
     const Steps steps = {
-        .step = (enum step)step,
+        .step = step,
         .data = view[PATCH_DATA].buf,
         .error = view[PATCH_ERROR].buf,
         .within = view[WITHIN].buf,
@@ -133,13 +119,6 @@ static PyObject *step_patches(PyObject *module, PyObject *arguments) {
     if (!PyArg_ParseTuple(arguments, "siOOOOOOOOOOOOO", &name, &step, &object[0], &object[1], &object[2], &object[3], &object[4],
                           &object[5], &object[6], &object[7], &object[8], &object[9], &object[10], &object[11], &object[12]))
         return NULL;
-    const Level *level = find_level(name);
-    if (!level) return NULL;
     if (step < SAID || step > POSTERIOR) return PyErr_Format(PyExc_ValueError, "found step %d, expected 0, 1 or 2", step);
-    Py_buffer view[STEP_BUFFERS];
-    memset(view, 0, sizeof view);
-    PyObject *result = NULL;
-    if (get_buffers(STEP_BUFFER, STEP_BUFFERS, object, view)) result = step_checked(level, step, view);
-    release_buffers(view, STEP_BUFFERS);
-    return result;
+    return with_buffers(name, STEP_BUFFER, STEP_BUFFERS, object, step_checked, &step);
 }

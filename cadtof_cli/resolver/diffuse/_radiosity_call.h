@@ -3,7 +3,8 @@ enum { FACING, PAIR_AREA, OVER, SQUARE, PAIR_BUFFERS };
 static const Wanted PAIR_BUFFER[PAIR_BUFFERS] = {
     {"facing", "f ", 0, 0, 0}, {"area", "f ", 0, 0, 0}, {"form factors", "f ", 0, 0, 1}, {"phases", "f ", 0, 0, 1}};
 
-static PyObject *form_factors_checked(const Level *level, float rad_per_m, const Py_buffer *view) {
+static PyObject *form_factors_checked(const Level *level, const void *options, const Py_buffer *view) {
+    const float rad_per_m = *(const float *)options;
     const int64_t sources = values_in(&view[PAIR_AREA]), onto = sources ? values_in(&view[FACING]) / sources : 0;
     const int64_t pairs = onto * sources, expected[PAIR_BUFFERS] = {pairs, sources, pairs, pairs};
     if (!fit_call(PAIR_BUFFER, view, PAIR_BUFFERS, OVER, expected)) return NULL;
@@ -20,14 +21,7 @@ static PyObject *form_factors(PyObject *module, PyObject *arguments) {
     float rad_per_m;
     PyObject *object[PAIR_BUFFERS];
     if (!PyArg_ParseTuple(arguments, "sfOOOO", &name, &rad_per_m, &object[0], &object[1], &object[2], &object[3])) return NULL;
-    const Level *level = find_level(name);
-    if (!level) return NULL;
-    Py_buffer view[PAIR_BUFFERS];
-    memset(view, 0, sizeof view);
-    PyObject *result = NULL;
-    if (get_buffers(PAIR_BUFFER, PAIR_BUFFERS, object, view)) result = form_factors_checked(level, rad_per_m, view);
-    release_buffers(view, PAIR_BUFFERS);
-    return result;
+    return with_buffers(name, PAIR_BUFFER, PAIR_BUFFERS, object, form_factors_checked, &rad_per_m);
 }
 
 enum { FORM, ALBEDO, PAIR_COSINES, PAIR_SINES, KERNEL_OUT, TURN_OUT, KERNEL_BUFFERS };
@@ -35,7 +29,8 @@ static const Wanted KERNEL_BUFFER[KERNEL_BUFFERS] = {{"form factors", "f ", 0, 0
                                                      {"cosines", "f ", 0, 0, 0},      {"sines", "f ", 0, 0, 0},
                                                      {"kernel", "Zf ", 0, 0, 1},      {"rotors", "Zf ", 0, 0, 1}};
 
-static PyObject *light_kernel_checked(const Level *level, const Py_buffer *view) {
+static PyObject *light_kernel_checked(const Level *level, const void *none, const Py_buffer *view) {
+    (void)none;
     const int64_t sources = values_in(&view[ALBEDO]), onto = sources ? values_in(&view[FORM]) / sources : 0;
     const int64_t pairs = onto * sources, expected[KERNEL_BUFFERS] = {pairs, sources, pairs, pairs, pairs, pairs};
     if (!fit_call(KERNEL_BUFFER, view, KERNEL_BUFFERS, KERNEL_OUT, expected)) return NULL;
@@ -53,12 +48,5 @@ static PyObject *light_kernel(PyObject *module, PyObject *arguments) {
     PyObject *object[KERNEL_BUFFERS];
     if (!PyArg_ParseTuple(arguments, "sOOOOOO", &name, &object[0], &object[1], &object[2], &object[3], &object[4], &object[5]))
         return NULL;
-    const Level *level = find_level(name);
-    if (!level) return NULL;
-    Py_buffer view[KERNEL_BUFFERS];
-    memset(view, 0, sizeof view);
-    PyObject *result = NULL;
-    if (get_buffers(KERNEL_BUFFER, KERNEL_BUFFERS, object, view)) result = light_kernel_checked(level, view);
-    release_buffers(view, KERNEL_BUFFERS);
-    return result;
+    return with_buffers(name, KERNEL_BUFFER, KERNEL_BUFFERS, object, light_kernel_checked, NULL);
 }

@@ -19,7 +19,8 @@ static int look_is_sound(const int64_t *number, int64_t harmonics, const int64_t
     return sound && number[0] == 1;
 }
 
-static PyObject *look_checked(const Level *level, const Py_buffer *view) {
+static PyObject *look_checked(const Level *level, const void *none, const Py_buffer *view) {
+    (void)none;
     const int64_t harmonics = values_in(&view[LOOK_NUMBERS]), count = values_in(&view[PLACES]);
     if (!is_of_patches(0, harmonics)) return NULL;
     const int64_t planes = 2 * harmonics, pixels = values_in(&view[LOOK_STORED]) / planes;
@@ -66,20 +67,14 @@ static PyObject *look_at(PyObject *module, PyObject *arguments) {
     if (!PyArg_ParseTuple(arguments, "sOOOOOOOOOOOOO", &name, &object[0], &object[1], &object[2], &object[3], &object[4], &object[5],
                           &object[6], &object[7], &object[8], &object[9], &object[10], &object[11], &object[12]))
         return NULL;
-    const Level *level = find_level(name);
-    if (!level) return NULL;
-    Py_buffer view[LOOK_BUFFERS];
-    memset(view, 0, sizeof view);
-    PyObject *result = NULL;
-    if (get_buffers(LOOK_BUFFER, LOOK_BUFFERS, object, view)) result = look_checked(level, view);
-    release_buffers(view, LOOK_BUFFERS);
-    return result;
+    return with_buffers(name, LOOK_BUFFER, LOOK_BUFFERS, object, look_checked, NULL);
 }
 
 enum { SUMMED, COUNTED, SUMS_OUT, SUM_BUFFERS };
 static const Wanted SUM_BUFFER[SUM_BUFFERS] = {{"weighted", "f ", 0, 0, 0}, {"counted", "? ", 1, 0, 0}, {"sums", "d ", 0, 0, 1}};
 
-static PyObject *sums_checked(const Level *level, const Py_buffer *view) {
+static PyObject *sums_checked(const Level *level, const void *none, const Py_buffer *view) {
+    (void)none;
     const int64_t each = values_in(&view[COUNTED]), planes = each ? values_in(&view[SUMMED]) / each : 0;
     const int64_t patches = values_in(&view[SUMS_OUT]) / (planes + 1), samples = patches ? each / patches : 0;
     const int64_t expected[SUM_BUFFERS] = {planes * samples * patches, samples * patches, (planes + 1) * patches};
@@ -97,12 +92,5 @@ static PyObject *sum_over(PyObject *module, PyObject *arguments) {
     const char *name;
     PyObject *object[SUM_BUFFERS];
     if (!PyArg_ParseTuple(arguments, "sOOO", &name, &object[0], &object[1], &object[2])) return NULL;
-    const Level *level = find_level(name);
-    if (!level) return NULL;
-    Py_buffer view[SUM_BUFFERS];
-    memset(view, 0, sizeof view);
-    PyObject *result = NULL;
-    if (get_buffers(SUM_BUFFER, SUM_BUFFERS, object, view)) result = sums_checked(level, view);
-    release_buffers(view, SUM_BUFFERS);
-    return result;
+    return with_buffers(name, SUM_BUFFER, SUM_BUFFERS, object, sums_checked, NULL);
 }

@@ -7,15 +7,13 @@ static const Wanted SEARCH_BUFFER[SEARCH_BUFFERS] = {
     {"done", "? ", 1, 0, 1},
 };
 
-static PyObject *search_checked(const Level *level, int steps, const Py_buffer *view) {
+static PyObject *search_checked(const Level *level, const void *options, const Py_buffer *view) {
+    const int steps = *(const int *)options;
     const Py_ssize_t pixels = values_in(&view[DONE]);
     if (!is_part(0, pixels, pixels)) return NULL;
     const int64_t expected[SEARCH_BUFFERS] = {
         SEARCH_CONSTANTS, 4 * ENTRIES, 4 * ENTRIES, 2 * pixels, 4 * pixels, pixels, 4 * pixels, 4 * pixels, pixels, pixels};
-    for (int which = 0; which < SEARCH_BUFFERS; which++)
-        if (!has_values(SEARCH_BUFFER[which].name, &view[which], expected[which])) return NULL;
-    for (int written = VALUES; written <= DONE; written++)
-        if (!lies_apart(&view[written], SEARCH_BUFFER, view, SEARCH_BUFFERS)) return NULL;
+    if (!fit_call(SEARCH_BUFFER, view, SEARCH_BUFFERS, VALUES, expected)) return NULL;
     const Search search = {
         .constants = view[SEARCH_SHARED].buf,
         .table = {view[TABLE_1].buf, view[TABLE_2].buf},
@@ -43,13 +41,6 @@ static PyObject *search(PyObject *module, PyObject *arguments) {
     if (!PyArg_ParseTuple(arguments, "siOOOOOOOOOO", &name, &steps, &object[0], &object[1], &object[2], &object[3], &object[4],
                           &object[5], &object[6], &object[7], &object[8], &object[9]))
         return NULL;
-    const Level *level = find_level(name);
-    if (!level) return NULL;
     if (steps < 0 || steps > MOST_STEPS) return PyErr_Format(PyExc_ValueError, "found %d steps, expected 0 to %d", steps, MOST_STEPS);
-    Py_buffer view[SEARCH_BUFFERS];
-    memset(view, 0, sizeof view);
-    PyObject *result = NULL;
-    if (get_buffers(SEARCH_BUFFER, SEARCH_BUFFERS, object, view)) result = search_checked(level, steps, view);
-    release_buffers(view, SEARCH_BUFFERS);
-    return result;
+    return with_buffers(name, SEARCH_BUFFER, SEARCH_BUFFERS, object, search_checked, &steps);
 }

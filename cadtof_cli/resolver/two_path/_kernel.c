@@ -62,6 +62,7 @@ typedef struct {
 FOR_EACH_LEVEL(FUNCTIONS)
 static const Level LEVELS[] = {FOR_EACH_LEVEL(LISTED)};
 #include "../_module.h"
+#include "../_calls.h"
 
 /* --- buffers ------------------------------------------------------------------------------------------------------------- */
 

@@ -98,4 +98,4 @@ def test_buffers_that_do_not_fit_are_refused(compiled: ModuleType, call: str) ->
 
 def test_no_pieces_at_all_are_no_reason_to_crash(compiled: ModuleType) -> None:
     none = np.empty((0, 0), np.float32)
-    compiled.form_factors(compiled.levels()[0], 0.5, none, none, none.copy(), none.copy())
+    assert compiled.form_factors(compiled.levels()[0], 0.5, none, none, none.copy(), none.copy()) is None
