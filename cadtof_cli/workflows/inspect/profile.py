@@ -16,6 +16,7 @@ from cadtof_cli.files.maps import read_layers
 from cadtof_cli.frame_plan import DEPTH_IN_WORDS, DepthKind
 from cadtof_cli.maps.layers import DIRECT_DEPTH, layer_unit
 from cadtof_cli.optics import planar_per_range
+from cadtof_cli.records import setting
 from cadtof_cli.workflows.inspect.first_phasors import first_phasors
 from cadtof_cli.workflows.inspect.layers import layer_of, require_same_size
 from cadtof_cli.workflows.progress import Progress
@@ -26,22 +27,21 @@ TABLE = ".csv"
 
 @dataclass(frozen=True, kw_only=True)
 class ProfileSettings:
-    """What a user can choose; one of row, column and line.
+    """What a user can choose; one of row, column and line."""
 
-    Attributes:
-        row, column: of the pixels.
-        line: X0, Y0, X1, Y1: from one pixel to another, both among them.
-        layer: what is drawn.
-        frame: which map of each folder, from 0.
-        first_phasor: whether the first phasor's depth is shown, where the recorded frames are there.
-    """
-
-    row: int | None = None
-    column: int | None = None
-    line: tuple[int, int, int, int] | None = None
-    layer: str = DIRECT_DEPTH
-    frame: int = 0
-    first_phasor: bool = True
+    row: int | None = setting(None, "Along this row of pixels; 0 is the top.", metavar="Y")
+    column: int | None = setting(None, "Along this column; 0 is the left.", metavar="X")
+    line: tuple[int, int, int, int] | None = setting(
+        None, "Along a line from pixel X0,Y0 to pixel X1,Y1, in any direction."
+    )
+    layer: str = setting(DIRECT_DEPTH, "Layer to show.", metavar="NAME")
+    frame: int = setting(0, "Which map of each folder; 0 is the first.")
+    first_phasor: bool = setting(
+        True,
+        "Whether to show the depth of the first phasor alone; needs the recorded frames.",
+        option="--first-phasor/--no-first-phasor",
+        show_default=False,
+    )
 
     def __post_init__(self) -> None:
         given = [one for one in (self.row, self.column, self.line) if one is not None]
