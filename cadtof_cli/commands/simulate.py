@@ -96,12 +96,11 @@ def simulate(
       130  interrupted
     """
     if scene == "pixel":
-        refuse_options(context, scene_options.names(), "without --scene, where it has no effect")
+        refuse_options(context, scene_options.names(), "pixel (the default)")
         trials = trial.of(light.condition(trial.fwhm_ns), trial.averaging(light.integration_length))
         _simulate_pixel(trials, out, workers, quiet=quiet, as_json=as_json)
         return
-    refuse_options(context, PIXEL_ONLY, f"with --scene {scene}, where it has no effect")
-    refuse_options(context, not_of_scene(scene), f"with --scene {scene}, which does not use it")
+    refuse_options(context, PIXEL_ONLY | not_of_scene(scene), scene)
     if out is None:
         raise SettingsError(f"--scene {scene}: found no -o, expected -o DIR, the folder of the capture")
     seed = trial.trials["seed"]

@@ -170,8 +170,8 @@ trial_options = RecordOptions(
 )
 
 
-def refuse_options(context: click.Context, names: Collection[str], where: str, /) -> None:
-    """Raise SettingsError if any of these options was given on the command line, with words for where it cannot be used."""
+def refuse_options(context: click.Context, names: Collection[str], scene: str, /) -> None:
+    """Raise SettingsError if any of these options, which a scene or the pixel does not take, was given on the command line."""
     for param in context.command.params:
         if param.name in names and context.get_parameter_source(param.name) == ParameterSource.COMMANDLINE:
-            raise SettingsError(f"{param.opts[-1]}: found {where}; leave it out")
+            raise SettingsError(f"{param.opts[-1]}: found with --scene {scene}, which does not use it; leave it out")
