@@ -188,13 +188,8 @@ def _drawn(description: str, unit: str, log: io.FileIO | None) -> Iterator[Bar]:
             speed = task.completed / task.finished_time if task.finished_time else task.speed
             return Text("" if speed is None else f"{speed:.1f} {unit}/s", style="progress.data.speed")
 
-    title, bar, count, rate, left = columns = (
-        TextColumn(description),
-        BarColumn(),
-        MofNCompleteColumn(),
-        Rate(),
-        TimeRemainingColumn(),
-    )
+    title, bar, rate, left = TextColumn(description), BarColumn(), Rate(), TimeRemainingColumn()
+    columns: tuple[ProgressColumn, ...] = (title, bar, MofNCompleteColumn(), rate, left)
 
     class OneLine(Progress):
         """Progress in one line: what a narrow terminal has no room for is left out, the count of steps last."""
