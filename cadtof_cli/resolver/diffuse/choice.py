@@ -50,16 +50,12 @@ Reason = Literal["tail", "no MPI to be seen", "separate paths", "no tail fits", 
 
 @dataclass(frozen=True, eq=False)
 class PatchKinds:
-    """Which patches count, (rows, columns), which of them have separate paths, and what that says of the frame."""
+    """Which patches count, (rows, columns), which of them have separate paths, what share, and what that says of the frame."""
 
     lit: Bool
     separate: Bool
+    separate_share: float
     reason: Reason
-
-    @property
-    def separate_share(self) -> float:
-        """Share of the patches with light that have separate paths."""
-        return float(self.separate.sum() / max(self.lit.sum(), 1))
 
 
 def patch_kinds(means: PatchMeans, variances: Float, /, *, sampled: int, settings: DiffuseSettings) -> PatchKinds:
@@ -70,15 +66,17 @@ def patch_kinds(means: PatchMeans, variances: Float, /, *, sampled: int, setting
     sigma = float(np.sqrt(variances[0]))
     lit = lit_patches(means, sigma, sampled=sampled)
     if lit.sum() < LEAST_PATCHES:
-        return PatchKinds(lit, np.zeros_like(lit), "few patches with light")
+        return PatchKinds(lit, np.zeros_like(lit), 0.0, "few patches with light")
     if settings.model == "diffuse":
-        return PatchKinds(lit, np.zeros_like(lit), "tail")
-    kinds = PatchKinds(lit, separate_patches(means, lit, sigma), "tail")
-    if kinds.separate_share > SEPARATE_SHARE:
-        return PatchKinds(lit, kinds.separate, "separate paths")
-    if misfit_without_mpi(means, lit, variances, harmonics=settings.harmonics) < LEAST_MISFIT:
-        return PatchKinds(lit, kinds.separate, "no MPI to be seen")
-    return kinds
+        return PatchKinds(lit, np.zeros_like(lit), 0.0, "tail")
+    separate = separate_patches(means, lit, sigma)
+    reason: Reason = "tail"
+    share = float(separate.sum() / lit.sum())
+    if share > SEPARATE_SHARE:
+        reason = "separate paths"
+    elif misfit_without_mpi(means, lit, variances, harmonics=settings.harmonics) < LEAST_MISFIT:
+        reason = "no MPI to be seen"
+    return PatchKinds(lit, separate, share, reason)
 
 
 def tail_fits(chi_squared: Float, data: int, /) -> bool:

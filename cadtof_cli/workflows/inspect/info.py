@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from cadtof_cli.capture.discovery import find_captures
-from cadtof_cli.capture.frames import Capture, lossy_compression, single_frames, typical_file
+from cadtof_cli.capture.frames import Capture, lossy_compression, single_frames
 from cadtof_cli.capture.metadata import KEYS, Layout
 from cadtof_cli.capture.planes import guessed_layout, hint_of_planes
 from cadtof_cli.errors import CadtofError
@@ -115,13 +115,13 @@ def _capture_facts(capture: Capture, workers: Workers, progress: Progress) -> Ca
     for key in KEYS:
         value = getattr(getattr(metadata, key.table), key.name)
         facts.metadata[key.path] = {"value": value, "from": capture.source.origins[key.path]}
-    typical = typical_file(capture)
+    typical = capture.typical
     if typical is None and (hint := hint_of_planes(capture)):
         facts.problems.append(hint)
         facts.guessed_layout = guessed_layout(capture)
         return facts
     if typical is not None:
-        facts.lossy_compression = lossy_compression(capture.frames[0], capture.layout, typical.dtype)
+        facts.lossy_compression = lossy_compression(typical.source, capture.layout, typical.dtype)
     tasks = (
         LookTask(source, capture.layout, metadata, typical.pixels if typical else None)
         for source in single_frames(capture)
