@@ -102,12 +102,9 @@ _UNITS_BESIDE_MAPS = {"mean": "m", "std": "m", "delay": "ns"}
 
 @lru_cache(maxsize=16)
 def wanted_layers(*, paths: int = 2, searched: bool = False, averaged: bool = False) -> tuple[Layer, ...]:
-    """Return the layers of a map in the order in which they are written; `status` follows them.
+    """Return the layers of a map of so many paths in the order in which they are written; `status` follows them.
 
-    Args:
-        paths: how many paths a pixel may have.
-        searched: whether the solver searches, so that its paths leave more than nothing.
-        averaged: whether pixels are averaged, over frames or neighbours.
+    A solver that searches, so that its paths leave more than nothing, is `searched`; frames or neighbours are `averaged`.
     """
     others = (_of_path(path, quantity) for path in range(2, paths) for quantity in _QUANTITIES)
     return (*ALWAYS, *others, *(_SEARCHED,) * searched, *(_AVERAGED,) * averaged)
