@@ -88,6 +88,7 @@ def look_into(
     workers: Workers,
     progress: Progress,
     settings_file: Path | None = None,
+    recursive: bool = False,
 ) -> list[Facts]:
     """Return what each input holds: captures are read whole, so that what is damaged is found.
 
@@ -103,7 +104,9 @@ def look_into(
             found.append(facts_of_maps(path))
         else:
             recorded.append(path)
-    captures = find_captures(recorded, overrides=overrides, settings_file=settings_file) if recorded else ()
+    captures: Sequence[Capture] = ()
+    if recorded:
+        captures = find_captures(recorded, overrides=overrides, settings_file=settings_file, recursive=recursive)
     progress.total(sum(len(capture.frames) for capture in captures))
     found += (_capture_facts(capture, workers, progress) for capture in captures)
     return found
