@@ -165,7 +165,7 @@ class FrameKernel:
         if _as_neighbours(layers) is not layers or _as_neighbours(status) is not status or step != 1:
             raise ValueError("layers, status and pixels: expected neighbours in memory")
         self._compiled.resolve(
-            *self._options, start, stop, constants, stored, *self._arrays, layers, status, self._scales.tail
+            *self._options, start, stop, constants, stored, *self._arrays, layers, status, *(self._scales.tail or ())
         )
 
     def _constants_for(self, stored_type: np.dtype[np.generic]) -> Float:
