@@ -166,7 +166,7 @@ def test_too_few_arguments_are_refused(compiled: ModuleType) -> None:
         compiled.resolve(compiled.levels()[0], 0, 0, 0, 0)
 
 
-@settings(max_examples=300, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=300, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data(), pixels=st.integers(0, 70), seed=st.integers(0, 2**32 - 1))
 def test_any_bits_in_buffers_of_any_length_are_an_answer_or_an_error(
     compiled: ModuleType, data: st.DataObject, pixels: int, seed: int
