@@ -265,6 +265,17 @@ def single_frames(capture: Capture, /, *, taken: Callable[[], Collection[str]] |
             yield from source.expanded(count, taken=names)
 
 
+def lossy_compression(source: FrameSource, layout: FrameLayout, dtype: np.dtype[Any], /) -> str | None:
+    """Return the name of the compression of a frame's first file where that changes values of a type; None where it does not."""
+    path = source.paths[0]
+    try:
+        found = detect_format(path, raw=layout.raw is not None)
+        return found.compressions().lossy_compression(path, dtype) if found.compressions else None
+    except FrameError:
+        # reading it tells what is wrong
+        return None
+
+
 def _may_be_stack(path: Path) -> bool:
     named = format_by_suffix(path)
     return named is None or named.stacks

@@ -110,6 +110,11 @@ def wanted_layers(*, paths: int = 2, searched: bool = False, averaged: bool = Fa
     return (*ALWAYS, *others, *(_SEARCHED,) * searched, *(_AVERAGED,) * averaged)
 
 
+def error_unit(unit: str, /) -> tuple[float, str]:
+    """Return by what to multiply differences of values in a unit, and the unit that they are shown in then."""
+    return (100.0, "cm") if unit == "m" else (1.0, unit)
+
+
 def layer_unit(name: str, /) -> str:
     """Return the unit of a layer's values by its name; empty where they are pure numbers."""
     units = {layer.name: layer.unit for layer in (*ALWAYS, _SEARCHED, _AVERAGED)} | _UNITS_BESIDE_MAPS

@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 from cadtof_cli import __version__
-from cadtof_cli.capture.frames import Capture
 from cadtof_cli.errors import OutputError
 from cadtof_cli.files.atomic import atomic_write, not_written, write_json, writing
 from cadtof_cli.files.reading import real_path
@@ -70,7 +69,7 @@ def run_document(
             "frames": settings.frames and [settings.frames.start, settings.frames.stop],
             "overrides": dict(overrides),
         },
-        "captures": [_as_json(one.capture) for one in plans],
+        "captures": [_as_json(one) for one in plans],
         "calibration": applied,
         "layers": {layer.name: layer.unit for one in plans for layer in one.plan.layers},
         "status_bits": {bit.name: int(bit) for bit in MEANING},
@@ -96,21 +95,24 @@ def _from_out(path: Path, out: Path) -> str:
 
 def record_captures(document: Mapping[str, Any], plans: Iterable[CapturePlan]) -> None:
     """Add captures, or their further files, to those that `run.json` names."""
-    for capture in (one.capture for one in plans):
-        known = next((one for one in document["captures"] if one["root"] == str(capture.root)), None)
+    for one in plans:
+        capture = one.capture
+        known = next((entry for entry in document["captures"] if entry["root"] == str(capture.root)), None)
         if known is None:
-            document["captures"].append(_as_json(capture))
+            document["captures"].append(_as_json(one))
         else:
             known["files"] += len(capture.frames)
 
 
-def _as_json(capture: Capture) -> dict[str, Any]:
+def _as_json(plan: CapturePlan) -> dict[str, Any]:
+    capture = plan.capture
     return {
         "root": str(capture.root),
         "resolved_root": real_path(capture.root),
         "files": len(capture.frames),
         "metadata": asdict(capture.source.metadata),
         "origins": dict(capture.source.origins),
+        "lossy_compression": plan.lossy_compression,
     }
 
 
