@@ -16,6 +16,7 @@ from cadtof_cli.capture.frames import frame_names
 from cadtof_cli.capture.metadata import KEYS, CaptureMetadata
 from cadtof_cli.capture.toml import load_metadata
 from cadtof_cli.errors import FrameError, SettingsError
+from cadtof_cli.files.array_axes import transpositions
 from cadtof_cli.files.frames import CHANNELS, SAMPLE_TYPES
 from cadtof_cli.frame_plan import MapSettings
 from cadtof_cli.resolver.settings import ResolverSettings
@@ -48,9 +49,10 @@ class Frame:
     def __post_init__(self) -> None:
         stored, harmonics = self.stored, len(self.metadata.modulation.harmonics)
         if stored.ndim != 4 or stored.shape[:2] != (harmonics, CHANNELS) or 0 in stored.shape:
+            ways = transpositions("stored", stored.shape, harmonics)
             raise FrameError(
                 f"{self}: found an array of shape {stored.shape}, expected ({harmonics}, {CHANNELS}, Y, X): the harmonics "
-                "of modulation.periods_ns, SC1 and SC2, rows, columns"
+                f"of modulation.periods_ns, SC1 and SC2, rows, columns{ways and f'; {ways}'}"
             )
         if stored.dtype.name not in SAMPLE_TYPES:
             raise FrameError(f"{self}: found values of type {stored.dtype}, expected one of {', '.join(SAMPLE_TYPES)}")

@@ -2,6 +2,7 @@
 
 import functools
 import itertools
+import math
 import os
 import re
 import threading
@@ -293,15 +294,28 @@ def single_frames(capture: Capture, /, *, taken: Callable[[], Collection[str]] |
             yield from source.expanded(count, taken=names)
 
 
+def lossy_compression(source: FrameSource, layout: FrameLayout, dtype: np.dtype[Any], /) -> str | None:
+    """Return the name of the compression of a frame's first file where that changes values of a type; None where it does not."""
+    path = source.paths[0]
+    try:
+        found = detect_format(path, raw=layout.raw is not None)
+        return found.compressions().lossy_compression(path, dtype) if found.compressions else None
+    except FrameError:
+        # reading it tells what is wrong
+        return None
+
+
 @dataclass(frozen=True)
 class TypicalFile:
-    """What most files of a capture hold: (Y, X) and type of a frame, how many, the bytes of such a file, and one of them."""
+    """What most files of a capture hold: (Y, X) and type of a frame, and how many; and one of these files: its bytes, and whether
+    that is less than its values take."""
 
     pixels: tuple[int, int]
     dtype: np.dtype[Any]
     frames: int
-    bytes: int
     source: FrameSource
+    bytes: int
+    is_compressed: bool
 
 
 def _opened(sources: Iterable[FrameSource], layout: FrameLayout) -> Iterator[TypicalFile]:
@@ -310,8 +324,9 @@ def _opened(sources: Iterable[FrameSource], layout: FrameLayout) -> Iterator[Typ
         try:
             with open_frames(source, layout) as frames:
                 height, width = frames.shape[2:]
+                values = frames.count * math.prod(frames.shape) // len(source.paths) * frames.dtype.itemsize
                 size = file_size(source.paths[0])
-                found = TypicalFile((height, width), frames.dtype, frames.count, size, source)
+                found = TypicalFile((height, width), frames.dtype, frames.count, source, size, size < values)
         except FrameError:
             continue
         yield found

@@ -23,11 +23,7 @@ from cadtof_cli.execution.workers import Workers
 
 @click.command(cls=SectionedCommand, epilog=example("cadtof info sample_data/corner"))
 @click.argument("inputs", nargs=-1, required=True, metavar="INPUT...")
-@RecordOptions(
-    "workers",
-    Workers,
-    jobs_option("Processes that read frames"),
-)
+@RecordOptions("workers", Workers, jobs_option("Processes that read frames"))
 @settings_option()
 @click.option(
     "--write-settings",
@@ -103,6 +99,8 @@ def _capture_lines(facts: Any) -> Iterator[str]:
     yield facts.root
     kinds = ", ".join(f"{count} {kind}" for kind, count in (*facts.containers.items(), *facts.types.items()))
     yield _row("frames", f"{facts.frames} ({kinds or 'none can be read'})")
+    if facts.lossy_compression:
+        yield _row("lossy compression", f"{facts.lossy_compression}: it changes voltages, and so depths")
     if facts.shape:
         harmonics, channels, height, width = facts.shape
         yield _row("shape", f"{harmonics} harmonics × {channels} channels × {height} × {width} (H C Y X)")

@@ -6,7 +6,7 @@ import re
 import shlex
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass
 from datetime import datetime
@@ -67,6 +67,9 @@ def prepare_streams() -> None:
 
 REDRAW_SECONDS = 0.1
 """Drawing takes about a millisecond, frames come every few."""
+
+_LEAST_BAR, _WIDEST_BAR = 8, 40
+"""Columns of a bar."""
 
 
 class Log(io.FileIO):
@@ -135,6 +138,10 @@ class DrawnBar(Bar):
             self._progress.refresh()
 
 
+_WITHOUT_CURSOR = ("dumb", "unknown")
+"""Terminals on which nothing can be drawn anew."""
+
+
 @contextmanager
 def progress_bar(description: str, unit: str, *, quiet: bool, log: Path | None = None) -> Iterator[Bar]:
     """Yield a bar for the steps of a workflow; rich is imported only where it can be seen.
@@ -147,7 +154,7 @@ def progress_bar(description: str, unit: str, *, quiet: bool, log: Path | None =
         raise OutputError(f"{log}: cannot be written: {error.strerror}; choose another file with --log") from error
     with opened as file:
         try:
-            seen = not quiet and sys.stderr.isatty()
+            seen = not quiet and sys.stderr.isatty() and os.environ.get("TERM") not in _WITHOUT_CURSOR
             with _drawn(description, unit, file) if seen else nullcontext(Bar(quiet=quiet, log=file)) as bar:
                 if file:
                     file.note(shlex.join(["cadtof", *sys.argv[1:]]))
@@ -162,6 +169,7 @@ def progress_bar(description: str, unit: str, *, quiet: bool, log: Path | None =
 @contextmanager
 def _drawn(description: str, unit: str, log: Log | None) -> Iterator[Bar]:
     from rich.console import Console
+    from rich.measure import Measurement
     from rich.progress import (
         BarColumn,
         MofNCompleteColumn,
@@ -171,6 +179,7 @@ def _drawn(description: str, unit: str, log: Log | None) -> Iterator[Bar]:
         TextColumn,
         TimeRemainingColumn,
     )
+    from rich.table import Table
     from rich.text import Text
 
     class Rate(ProgressColumn):
@@ -179,7 +188,29 @@ def _drawn(description: str, unit: str, log: Log | None) -> Iterator[Bar]:
             speed = task.completed / task.finished_time if task.finished_time else task.speed
             return Text("" if speed is None else f"{speed:.1f} {unit}/s", style="progress.data.speed")
 
+    title, bar, rate, left = TextColumn(description), BarColumn(), Rate(), TimeRemainingColumn()
+    columns: tuple[ProgressColumn, ...] = (title, bar, MofNCompleteColumn(), rate, left)
+
+    class OneLine(Progress):
+        """Progress in one line: what a narrow terminal has no room for is left out, the count of steps last."""
+
+        def make_tasks_table(self, tasks: Iterable[Task]) -> Table:
+            """Return the line."""
+            for task in tasks:
+                self.columns = self._fitting(task)
+            return super().make_tasks_table(tasks)
+
+        def _fitting(self, task: Task) -> tuple[ProgressColumn, ...]:
+            width = {one: Measurement.get(self.console, self.console.options, one(task)).maximum for one in columns}
+            shown = list(columns)
+            for spare in (rate, bar, title, left):
+                room = self.console.width - sum(width[one] + 1 for one in shown if one is not bar)
+                if room >= (_LEAST_BAR if bar in shown else -1):
+                    break
+                shown.remove(spare)
+            bar.bar_width = min(room, _WIDEST_BAR)
+            return tuple(shown)
+
     # Without a refresh thread: a process that has threads must not fork workers.
-    columns = (TextColumn(description), BarColumn(), MofNCompleteColumn(), Rate(), TimeRemainingColumn())
-    with Progress(*columns, console=Console(stderr=True), auto_refresh=False) as progress:
+    with OneLine(*columns, console=Console(stderr=True), auto_refresh=False) as progress:
         yield DrawnBar(progress, description, log)

@@ -33,6 +33,18 @@ _COMPRESSIONS: dict[Compression, Any] = {
 _PREFIX = "cadtof."
 """How the attributes begin that say something about the maps."""
 
+_LOSSY_FOR = {
+    "B44": ("float16",),
+    "B44A": ("float16",),
+    "PXR24": ("float32",),
+    "DWAA": ("float16", "float32"),
+    "DWAB": ("float16", "float32"),
+}
+"""Types whose values a compression changes."""
+
+_PICTURE_CHANNELS = frozenset({"R", "G", "B", "Y", "RY", "BY"})
+"""The channels that DWAA and DWAB change, whatever layer they are of."""
+
 _SAMPLE_BYTES = 4
 """The most that one sample of an EXR channel takes; a header without pixels does not tell the type."""
 
@@ -65,6 +77,22 @@ def read_texts(path: Path, /) -> dict[str, str]:
     file = _opened(path, header_only=True)
     with damage_as_frame_error(path, "EXR"):
         return {name: value for name, value in file.header(0).items() if isinstance(value, str)}
+
+
+def lossy_compression(path: Path, dtype: np.dtype[Any], /) -> str | None:
+    """Return the name of a file's compression where that changes values of a type; None where it does not.
+
+    Raises:
+        FrameError: the file cannot be read.
+    """
+    file = _opened(path, header_only=True)
+    with damage_as_frame_error(path, "EXR"):
+        for header in map(file.header, range(len(file.parts))):
+            name = str(header["compression"].name).removesuffix("_COMPRESSION")
+            changed = {channel.name.rpartition(".")[2].upper() for channel in header["channels"]} & _PICTURE_CHANNELS
+            if dtype.name in _LOSSY_FOR.get(name, ()) and (changed or not name.startswith("DWA")):
+                return name
+    return None
 
 
 def _part(header: dict[str, Any]) -> ExrPart:

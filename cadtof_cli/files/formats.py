@@ -16,6 +16,7 @@ from cadtof_cli.files.reading import damage_as_frame_error, open_regular
 from cadtof_cli.records import dataclass
 
 if TYPE_CHECKING:
+    import numpy as np
     from numpy.typing import NDArray
 
     from cadtof_cli.arrays import Stored
@@ -41,6 +42,13 @@ class FrameFiles(FrameReader, Protocol):
 
     def write_frame(self, path: Path, stored: "Stored", /, *, layout: "FrameLayout", compress: bool) -> None:
         """Write one frame, shape (H, C, Y, X), without loss."""
+
+
+class Compressions(Protocol):
+    """How the compression of a format's files is told."""
+
+    def lossy_compression(self, path: Path, dtype: "np.dtype[Any]", /) -> str | None:
+        """Return the name of a file's compression where that changes values of a type; None where none is known to."""
 
 
 class LayerFiles(Protocol):
@@ -74,6 +82,7 @@ class Format:
         layers: loads the module that writes maps and reads layers; None where maps are not kept in it.
         recording: loads the module that writes frames; None where frames are only read.
         counts: whether a recording in it holds counts, not volts.
+        compressions: loads the module that tells whether a file's compression changes values; None where no such is known.
     """
 
     name: str
@@ -86,6 +95,7 @@ class Format:
     layers: Callable[[], LayerFiles] | None = None
     recording: Callable[[], FrameFiles] | None = None
     counts: bool = False
+    compressions: Callable[[], Compressions] | None = None
 
 
 def _module(name: str) -> Callable[[], Any]:
@@ -102,6 +112,7 @@ EXR = Format(
     frames=_module("exr"),
     layers=_module("exr"),
     recording=_module("exr"),
+    compressions=_module("exr"),
 )
 
 TIFF = Format(
@@ -114,6 +125,7 @@ TIFF = Format(
     layers=_module("tiff.layers"),
     recording=_module("tiff.frames"),
     counts=True,
+    compressions=_module("tiff.lossy"),
 )
 
 NPY = Format(name="npy", title="NPY", suffixes=(".npy",), magics=(b"\x93NUMPY",), stacks=True, frames=_module("npy"))

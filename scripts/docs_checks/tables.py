@@ -49,6 +49,7 @@ TABLES = (
         slow=True,
     ),
     Table("docs/diffuse.md", "How good it is", "scripts/flat_walls.py", rows=r"^\| \d+ \|", slow=True),
+    Table("docs/formats.md", "Lossy compression", "scripts/lossy_compressions.py", slow=True),
     Table("docs/solvers.md", "More harmonics", "scripts/benchmark_solvers.py harmonics", slow=True),
     Table("docs/solvers.md", "The paper's solver", "scripts/benchmark_solvers.py starts", rows="%, .*%", slow=True),
     Table("docs/solvers.md", "Three paths", "scripts/benchmark_solvers.py paths", slow=True),

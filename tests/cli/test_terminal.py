@@ -1,5 +1,6 @@
 """Progress is drawn where a person looks, on a terminal, and nowhere else."""
 
+import re
 from pathlib import Path
 
 import pytest
@@ -21,6 +22,26 @@ def test_a_terminal_shows_a_bar(jobs: int, tmp_path: Path) -> None:
     assert "4/4" in after
     assert " frames/s" in after.partition("resolved 4 of 4 frames")[0]
     assert "resolved 4 of 4 frames" in after
+
+
+@pytest.mark.parametrize(("columns", "parts"), [(50, 5), (40, 4), (28, 3), (20, 2)])
+def test_the_bar_takes_one_line_however_narrow_the_terminal_is(columns: int, parts: int, tmp_path: Path) -> None:
+    capture = record(tmp_path / "capture", frames=4, form="exr")
+    _, shown = on_terminal("resolve", capture.folder, "-o", tmp_path / "out", "-j", 1, columns=columns)
+    drawn, _, _ = shown.partition("resolved 4 of 4")
+    assert "\x1b[1A" not in drawn
+    lines = re.split(r"[\r\n]+", re.sub(r"\x1b\[[?\d;]*[a-zA-Z]", "", drawn))
+    assert max(map(len, lines)) <= columns
+    last = [line for line in lines if line][-1]
+    said = ("4/4", "0:00:00", "resolving", "━━━━━━━━", " frames/s")
+    assert [part in last for part in said] == [place < parts for place in range(5)]
+
+
+def test_a_terminal_that_cannot_move_its_cursor_gets_lines(tmp_path: Path) -> None:
+    capture = record(tmp_path / "capture", frames=4)
+    _, shown = on_terminal("resolve", capture.folder, "-o", tmp_path / "out", TERM="dumb")
+    assert "\x1b" not in shown
+    assert "resolved 4 of 4" in shown
 
 
 def test_reading_is_shown_too(tmp_path: Path) -> None:

@@ -1,5 +1,6 @@
 """NPY files, PNG planes and raw dumps, written by numpy, OpenCV, Pillow, scikit-image, imageio, GDAL and ImageMagick."""
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -45,6 +46,28 @@ def test_npy_stack(tmp_path: Path) -> None:
     np.save(tmp_path / "planes.npy", recorded.reshape(-1, 37, 53))
     assert "set [layout] frames = 3" in message(tmp_path / "planes.npy")
     np.testing.assert_array_equal(_read(tmp_path / "planes.npy", FrameLayout((1, 2), 3), 1), recorded[1])
+
+
+@pytest.mark.parametrize("harmonics", [2, 3])
+@pytest.mark.parametrize(
+    "axes", ["YXHC", "YXCH", "HYXC", "CYXH", "HCTYX", "TYXHC", "YXHCT", "CHTYX", "YXP", "TYXP", "PTYX"]
+)
+def test_npy_of_other_axes_is_refused_with_the_call_that_mends_it(axes: str, harmonics: int, tmp_path: Path) -> None:
+    layout, path = FrameLayout(tuple(range(1, harmonics + 1))), tmp_path / "frame.npy"
+    lengths = {"T": 3, "H": harmonics, "C": 2, "P": 2 * harmonics, "Y": 37, "X": 53}
+    ours = "".join(axis for axis in "THCPYX" if axis in axes)
+    recorded = np.random.default_rng(4).integers(0, 2**14, [lengths[axis] for axis in ours], "u2")
+    np.save(path, recorded.transpose([ours.index(axis) for axis in axes]))
+    told = message(path, layout)
+    shown = " ".join(axes).replace("P", str(2 * harmonics))
+    assert told.startswith(
+        f"{path}: found an array of {' × '.join(str(lengths[axis]) for axis in axes)}, expected axes [T] H C Y X"
+    )
+    (call,) = re.findall(rf"if they are {shown}: numpy\.load\(PATH\)\.transpose\(([\d, ]+)\)", told)
+    np.save(path, np.load(path).transpose(tuple(map(int, call.split(", ")))))
+    stack = FrameLayout(layout.harmonics, 3) if "T" in axes and "P" in axes else layout
+    expected = recorded.reshape(-1, harmonics, 2, 37, 53)[-1]
+    np.testing.assert_array_equal(_read(path, stack, index=2 if "T" in axes else 0), expected)
 
 
 def test_npy_that_is_no_frame(tmp_path: Path) -> None:

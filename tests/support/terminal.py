@@ -3,14 +3,17 @@
 import os
 import pty
 import subprocess
+import termios
 
 from tests.support.run_cadtof import ENVIRONMENT, PROGRAM
 
 
-def on_terminal(*arguments: object) -> tuple[str, str]:
-    """Run `cadtof` with stderr on a terminal; return stdout and what the terminal got."""
+def on_terminal(*arguments: object, columns: int = 120, **environment: str) -> tuple[str, str]:
+    """Run `cadtof` with stderr on a terminal of so many columns; return stdout and what the terminal got."""
     ours, theirs = pty.openpty()
-    environment = {**ENVIRONMENT, "TERM": "xterm-256color", "COLUMNS": "120"}
+    termios.tcsetwinsize(theirs, (24, columns))
+    environment = {**ENVIRONMENT, "TERM": "xterm-256color", **environment}
+    environment.pop("COLUMNS", None)
     process = subprocess.Popen(
         [*PROGRAM, *map(str, arguments)], env=environment, stdout=subprocess.PIPE, stderr=theirs, text=True
     )

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from cadtof_cli.capture.discovery import find_captures
-from cadtof_cli.capture.frames import Capture, single_frames
+from cadtof_cli.capture.frames import Capture, lossy_compression, single_frames
 from cadtof_cli.capture.metadata import KEYS, Layout
 from cadtof_cli.capture.planes import guessed_layout, hint_of_planes
 from cadtof_cli.errors import CadtofError
@@ -50,6 +50,7 @@ class CaptureFacts:
     unambiguous_range_m: float = 0.0
     noise_mv: float | None = None
     integration_length_seen: float | None = None
+    lossy_compression: str | None = None
     guessed_layout: Layout | None = None
     not_frames: list[str] = field(default_factory=list)
     problems: list[str] = field(default_factory=list)
@@ -119,6 +120,8 @@ def _capture_facts(capture: Capture, workers: Workers, progress: Progress) -> Ca
         facts.problems.append(hint)
         facts.guessed_layout = guessed_layout(capture)
         return facts
+    if typical and typical.is_compressed:
+        facts.lossy_compression = lossy_compression(typical.source, capture.layout, typical.dtype)
     tasks = (
         LookTask(source, capture.layout, metadata, typical.pixels if typical else None)
         for source in single_frames(capture)

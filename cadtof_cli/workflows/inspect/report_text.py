@@ -148,6 +148,10 @@ def _notes(run: Run, reports: Sequence[FrameReport], problems: Mapping[Path, str
         yield "The run has not finished: what it had done until then is here."
     if run.record is not None and not reports:
         yield f"There is no {FRAMES_FILE} beside the maps, or nothing in it: what became of the frames is not known."
+    for capture in (run.record or {}).get("captures", []):
+        if capture.get("lossy_compression"):
+            how = f"with lossy compression ({capture['lossy_compression']})"
+            yield f"{capture.get('root')} was recorded {how}, which changes voltages and so depths."
     if problems:
         yield f"{len(problems)} of the maps cannot be read; the reasons stand under Failures."
 

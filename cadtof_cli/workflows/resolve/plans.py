@@ -5,7 +5,7 @@ from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from cadtof_cli.capture.frames import Capture, FrameSource, file_size, open_frames, single_frames
+from cadtof_cli.capture.frames import Capture, FrameSource, file_size, lossy_compression, open_frames, single_frames
 from cadtof_cli.errors import CaptureError, FrameError, SettingsError
 from cadtof_cli.files.formats import map_format
 from cadtof_cli.frame_plan import CalibrationUse, FramePlan
@@ -42,12 +42,14 @@ class CapturePlan:
         plan: what decides its maps.
         pixels: (Y, X) of most of the frames; None where no file can be opened.
         stack_frame_bytes: bytes that a frame takes in a stack; None where files hold one each.
+        lossy_compression: what its files are compressed by, where that changes values.
     """
 
     capture: Capture
     plan: FramePlan
     pixels: tuple[int, int] | None
     stack_frame_bytes: float | None = None
+    lossy_compression: str | None = None
 
     def expected_maps(self, settings: ResolveSettings, /) -> int:
         """Return how many maps there will be, as far as it can be told from one file and the sizes of the others."""
@@ -108,6 +110,11 @@ class CapturePlan:
             yield f"{root}: not given, so taken from the paper: {', '.join(taken)}"
         if source.metadata.pixel.integration_length is None:
             yield f"{root}: pixel.integration_length is not given, so the noise is estimated from each frame"
+        if self.lossy_compression is not None:
+            yield (
+                f"warning: {root}: recorded with lossy compression ({self.lossy_compression}), which changes voltages and so"
+                " depths; record without compression, or with a lossless one: deflate, LZW, Zstandard; in EXR ZIP or PIZ"
+            )
         resolver, harmonics = self.plan.settings.resolver, source.metadata.modulation.harmonics
         if resolver.may_be_diffuse(harmonics) and source.metadata.optics.focal_length_px is None:
             yield f"{root}: optics.focal_length_px is not given, so diffuse MPI is predicted for a view of 60° across"
@@ -136,10 +143,13 @@ def plan_captures(
             plans.append(CapturePlan(capture, plan, None))
             continue
         of_one = max(typical.bytes / typical.frames, 1.0) if typical.frames > 1 else None
-        plans.append(CapturePlan(capture, plan, typical.pixels, of_one))
         if settings.maps.roi:
             settings.maps.require_roi_within(typical.pixels, of=str(capture.root))
         _require_plausible(capture, typical.source)
+        lossy = None
+        if typical.is_compressed:
+            lossy = lossy_compression(typical.source, capture.layout, typical.dtype)
+        plans.append(CapturePlan(capture, plan, typical.pixels, of_one, lossy))
     return plans
 
 

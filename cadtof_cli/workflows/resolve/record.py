@@ -92,8 +92,9 @@ def recorded_arrivals(
 
 def record_captures(document: Mapping[str, Any], plans: Iterable[CapturePlan]) -> None:
     """Add captures, or their further files, to those that `run.json` names."""
-    for capture in (one.capture for one in plans):
-        known = next((one for one in document["captures"] if one["root"] == str(capture.root)), None)
+    for one in plans:
+        capture = one.capture
+        known = next((entry for entry in document["captures"] if entry["root"] == str(capture.root)), None)
         if known is None:
             known = {
                 "root": str(capture.root),
@@ -101,6 +102,7 @@ def record_captures(document: Mapping[str, Any], plans: Iterable[CapturePlan]) -
                 "files": 0,
                 "metadata": asdict(capture.source.metadata),
                 "origins": dict(capture.source.origins),
+                "lossy_compression": one.lossy_compression,
             }
             document["captures"].append(known)
         known["files"] += len(capture.frames)

@@ -1,0 +1,42 @@
+"""Which axes an array may have that are in another order than ours, and the call of numpy that puts them right."""
+
+import itertools
+from collections.abc import Iterator, Sequence
+
+from cadtof_cli.files.frames import CHANNELS
+
+_OURS = {3: ("PYX",), 4: ("HCYX", "TPYX"), 5: ("THCYX",)}
+"""Orders of axes that are read, by how many there are: T frame, H harmonic, C channel, P harmonic and channel as one."""
+
+_NAMED = 2
+"""Orders that are told of: with two harmonics nothing says which axis is theirs and which that of the channels."""
+
+
+def transpositions(array: str, shape: Sequence[int], harmonics: int, /) -> str:
+    """Return how an array is transposed to our order of axes, for the orders that it may have by its shape.
+
+    Empty where it may be in our order, or has the shape of no frame. Rows and columns follow each other, and are more than
+    the planes of a frame. `array` is what Python calls it.
+    """
+    lengths = {"H": harmonics, "C": CHANNELS, "P": CHANNELS * harmonics}
+
+    def may_be(axis: str, size: int) -> bool:
+        return size == lengths[axis] if axis in lengths else size > lengths["P"] or axis == "T"
+
+    found = [
+        (axes, tuple(axes.index(axis) for axis in ours))
+        for ours in _OURS.get(len(shape), ())
+        for axes in _orders(ours)
+        if all(map(may_be, axes, shape))
+    ]
+    if any(order == tuple(range(len(shape))) for _, order in found):
+        return ""
+    found.sort(key=lambda one: -one[0].index("X"))
+    planes = str(lengths["P"])
+    return "; ".join(
+        f"if they are {' '.join(axes).replace('P', planes)}: {array}.transpose{order}" for axes, order in found[:_NAMED]
+    )
+
+
+def _orders(ours: str) -> Iterator[str]:
+    return (axes for axes in map("".join, itertools.permutations(ours)) if "YX" in axes)

@@ -1,0 +1,126 @@
+"""Whether a TIFF's compression changes values: one code stands for lossless and lossy alike, so its bytes are asked."""
+
+import struct
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import imagecodecs
+import numpy as np
+import tifffile
+
+from cadtof_cli.files.tiff.images import reading_tiff
+
+_LERC_PARAMETERS = 50674
+
+_DEFLATE, _ZSTANDARD = 1, 2
+"""What LERC may be packed in once more."""
+
+_ROUNDING = 0.5
+"""What LERC calls the error of whole numbers that it keeps."""
+
+
+def lossy_compression(path: Path, _dtype: np.dtype[Any], /) -> str | None:
+    """Return the name of the compression of a file's first page where that changes values; None where it does not.
+
+    None too where it cannot be told, as of JPEG XR.
+
+    Raises:
+        FrameError: the file cannot be read.
+    """
+    with reading_tiff(path), tifffile.TiffFile(path) as tiff:
+        page = tiff.pages.first
+        told = _TOLD_BY.get(int(page.compression))
+        if told is None or not page.databytecounts:
+            return None
+        tiff.filehandle.seek(page.dataoffsets[0])
+        data = tiff.filehandle.read(page.databytecounts[0])
+        with suppress(struct.error, IndexError):
+            return told(data, page)
+    return None
+
+
+def _jpeg(data: bytes, _page: tifffile.TiffPage) -> str | None:
+    """Lossless JPEG says so by the kind of its frame, SOF3; that of lossy ones is another."""
+    place = 2
+    while data[place] == 0xFF and data[place + 1] not in _FRAME_KINDS:
+        (length,) = struct.unpack_from(">H", data, place + 2)
+        place += 2 + length
+    return None if data[place + 1] in _LOSSLESS_KINDS else "JPEG"
+
+
+_FRAME_KINDS = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
+_LOSSLESS_KINDS = frozenset({0xC3, 0xC7, 0xCB, 0xCF})
+
+
+def _jpeg_2000(data: bytes, _page: tifffile.TiffPage) -> str | None:
+    """The wavelet 9/7 cannot be reversed, 5/3 can; COD says which."""
+    place = data.find(b"\xff\x52")
+    return "JPEG 2000" if place >= 0 and data[place + 13] == 0 else None
+
+
+def _webp(data: bytes, _page: tifffile.TiffPage) -> str | None:
+    return None if b"VP8L" in data[12:64] else "WebP"
+
+
+def _lerc(data: bytes, page: tifffile.TiffPage) -> str | None:
+    """The largest error allowed stands in the header of a LERC2."""
+    _, packed = page.tags.valueof(_LERC_PARAMETERS, default=(0, 0))
+    if packed == _DEFLATE:
+        data = bytes(imagecodecs.zlib_decode(data))
+    elif packed == _ZSTANDARD:
+        data = bytes(imagecodecs.zstd_decode(data))
+    if not data.startswith(b"Lerc2 "):
+        return None
+    (version,) = struct.unpack_from("<i", data, 6)
+    # checksum, rows, columns, values a pixel, valid pixels, block, bytes, type; more of them in later versions
+    numbers = 6 + (version >= 3) + (version >= 4) + 2 * (version >= 6)
+    (error,) = struct.unpack_from("<d", data, 10 + 4 * numbers)
+    kept = _ROUNDING if page.dtype is not None and page.dtype.kind in "iu" else 0.0
+    return f"LERC with errors up to {error:g}" if error > kept else None
+
+
+def _jpeg_xl(data: bytes, _page: tifffile.TiffPage) -> str | None:
+    """Lossy JPEG XL keeps pixels in colours of its own (XYB)."""
+    start = data.find(b"\xff\x0a", data.find(b"jxlc") if data.startswith(b"\0\0\0\x0cJXL ") else 0)
+    bits = int.from_bytes(data[start + 2 : start + 34], "little")
+
+    def take(count: int) -> int:
+        nonlocal bits
+        taken, bits = bits & ((1 << count) - 1), bits >> count
+        return taken
+
+    def take_size(in_blocks: int) -> None:
+        take(5 if in_blocks else (9, 13, 18, 30)[take(2)])
+
+    in_blocks = take(1)
+    take_size(in_blocks)
+    if not take(3):
+        take_size(in_blocks)
+    if take(1):
+        return "JPEG XL"
+    if take(1) and take(6) >> 3:
+        # what comes next has no fixed place
+        return None
+    is_float = take(1)
+    if take(2) == 3:
+        take(6)
+    take(4 * is_float + 1)
+    return "JPEG XL" if not take(2) and take(1) else None
+
+
+_TOLD_BY: dict[int, Callable[[bytes, tifffile.TiffPage], str | None]] = {
+    6: _jpeg,
+    7: _jpeg,
+    33007: _jpeg,
+    33003: _jpeg_2000,
+    33004: _jpeg_2000,
+    33005: _jpeg_2000,
+    34712: _jpeg_2000,
+    34887: _lerc,
+    50001: _webp,
+    50002: _jpeg_xl,
+    52546: _jpeg_xl,
+}
+"""By the code of a compression."""

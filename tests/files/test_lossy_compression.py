@@ -1,0 +1,115 @@
+"""Compression that changes values is told from compression that does not: what is named lossy has changed values, and is said."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import OpenEXR
+import pytest
+import tifffile
+from numpy.typing import NDArray
+
+from cadtof_cli.capture.frames import FrameSource, lossy_compression
+from cadtof_cli.files.frames import FrameLayout
+from tests.support.captures import PLANE_NAMES, TOML, counts_of
+from tests.support.forward import step_frame
+from tests.support.run_cadtof import program
+
+LAYOUT = FrameLayout((1, 2))
+
+VOLTS = step_frame(np.random.default_rng(3)).reshape(4, 24, 32)
+
+Values = NDArray[Any]
+
+
+def _exr(compression: str, names: tuple[str, ...]) -> Callable[[Path, Values], Values]:
+    def written(path: Path, stored: Values) -> Values:
+        header = {"compression": getattr(OpenEXR, f"{compression}_COMPRESSION"), "type": OpenEXR.scanlineimage}
+        planes = {name: plane.copy() for name, plane in zip(names, stored, strict=False)}
+        OpenEXR.File(header, planes).write(str(path))
+        with OpenEXR.File(str(path), separate_channels=True) as file:
+            return np.stack([file.channels()[name].pixels for name in names])
+
+    return written
+
+
+def _tiff(compression: str, /, **options: Any) -> Callable[[Path, Values], Values]:
+    def written(path: Path, stored: Values) -> Values:
+        tifffile.imwrite(path, stored, photometric="minisblack", compression=compression, compressionargs=options)
+        return tifffile.imread(path)
+
+    return written
+
+
+COMPRESSIONS = {
+    "B44": (np.float16, _exr("B44", PLANE_NAMES)),
+    "B44 of floats": (np.float32, _exr("B44", PLANE_NAMES)),
+    "B44A": (np.float16, _exr("B44A", PLANE_NAMES)),
+    "PXR24": (np.float32, _exr("PXR24", PLANE_NAMES)),
+    "PXR24 of halves": (np.float16, _exr("PXR24", PLANE_NAMES)),
+    "DWAA": (np.float32, _exr("DWAA", PLANE_NAMES)),
+    "DWAA of luminance": (np.float32, _exr("DWAA", ("Y",))),
+    "DWAB of luminance, halves": (np.float16, _exr("DWAB", ("Y",))),
+    "ZIP": (np.float32, _exr("ZIP", PLANE_NAMES)),
+    "HTJ2K": (np.float32, _exr("HTJ2K256", PLANE_NAMES)),
+    "JPEG": (np.uint8, _tiff("jpeg", level=90)),
+    "JPEG, lossless": (np.uint16, _tiff("jpeg", lossless=True)),
+    "JPEG 2000": (np.uint16, _tiff("jpeg2000", level=50, reversible=False)),
+    "JPEG 2000, lossless": (np.uint16, _tiff("jpeg2000", reversible=True)),
+    "JPEG XL": (np.uint16, _tiff("jpegxl", distance=1, lossless=False)),
+    "JPEG XL, floats": (np.float32, _tiff("jpegxl", distance=1, lossless=False)),
+    "JPEG XL, lossless": (np.uint16, _tiff("jpegxl", lossless=True)),
+    "JPEG XL, lossless floats": (np.float32, _tiff("jpegxl", lossless=True)),
+    "LERC": (np.uint16, _tiff("lerc", level=3)),
+    "LERC, floats": (np.float32, _tiff("lerc", level=1e-3)),
+    "LERC in deflate": (np.float32, _tiff("lerc", level=1e-3, compression="deflate")),
+    "LERC in Zstandard": (np.float32, _tiff("lerc", level=1e-3, compression="zstd")),
+    "LERC, lossless": (np.uint16, _tiff("lerc")),
+    "LERC, lossless floats": (np.float32, _tiff("lerc")),
+    "deflate": (np.uint16, _tiff("deflate")),
+}
+
+
+@pytest.mark.parametrize("name", COMPRESSIONS)
+def test_what_is_called_lossy_has_changed_values_and_nothing_else_has(name: str, tmp_path: Path) -> None:
+    dtype, written = COMPRESSIONS[name]
+    counts = counts_of(VOLTS.reshape(2, 2, 24, 32))
+    stored = (
+        VOLTS.astype(dtype)
+        if np.dtype(dtype).kind == "f"
+        else (counts // 64 if dtype is np.uint8 else counts).astype(dtype)
+    )
+    path = tmp_path / "frame"
+    changed = not np.array_equal(written(path, stored.copy()), stored[:1] if "luminance" in name else stored)
+    found = lossy_compression(FrameSource("frame", (path,)), LAYOUT, np.dtype(dtype))
+    assert (found is not None) == changed
+    assert found is None or found.split(" with ")[0] == name.partition(" of")[0].partition(",")[0].partition(" in ")[0]
+
+
+def test_the_error_that_lerc_allows_is_named(tmp_path: Path) -> None:
+    path = tmp_path / "frame.tif"
+    _tiff("lerc", level=0.001)(path, VOLTS.astype(np.float32))
+    found = lossy_compression(FrameSource("frame", (path,)), LAYOUT, np.dtype(np.float32))
+    assert found == "LERC with errors up to 0.001"
+
+
+def test_a_run_says_once_that_its_frames_have_lost_something(tmp_path: Path) -> None:
+    capture = tmp_path / "capture"
+    capture.mkdir()
+    (capture / "capture.toml").write_text(TOML["exr"])
+    for index in range(3):
+        _exr("B44", PLANE_NAMES)(capture / f"frame_{index}.exr", VOLTS.astype(np.float16))
+    done = program("resolve", capture, "-o", tmp_path / "out")
+    assert done.status == 0
+    said = [line for line in done.err.splitlines() if "lossy" in line]
+    assert said == [
+        f"warning: {capture}: recorded with lossy compression (B44), which changes voltages and so depths; record without"
+        " compression, or with a lossless one: deflate, LZW, Zstandard; in EXR ZIP or PIZ"
+    ]
+    (recorded,) = json.loads((tmp_path / "out" / "run.json").read_text())["captures"]
+    assert recorded["lossy_compression"] == "B44"
+    assert "lossy compression           B44" in program("info", capture).out
+    assert program("report", tmp_path / "out", "-o", tmp_path / "page.html").status == 0
+    assert "was recorded with lossy compression (B44)" in (tmp_path / "page.html").read_text()
