@@ -120,7 +120,7 @@ def _capture_facts(capture: Capture, workers: Workers, progress: Progress) -> Ca
         facts.problems.append(hint)
         facts.guessed_layout = guessed_layout(capture)
         return facts
-    if typical and typical.is_compressed:
+    if typical and not typical.is_plain:
         facts.lossy_compression = lossy_compression(typical.source, capture.layout, typical.dtype)
     tasks = (
         LookTask(source, capture.layout, metadata, typical.pixels if typical else None)

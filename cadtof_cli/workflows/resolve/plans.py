@@ -146,9 +146,7 @@ def plan_captures(
         if settings.maps.roi:
             settings.maps.require_roi_within(typical.pixels, of=str(capture.root))
         _require_plausible(capture, typical.source)
-        lossy = None
-        if typical.is_compressed:
-            lossy = lossy_compression(typical.source, capture.layout, typical.dtype)
+        lossy = None if typical.is_plain else lossy_compression(typical.source, capture.layout, typical.dtype)
         plans.append(CapturePlan(capture, plan, typical.pixels, of_one, lossy))
     return plans
 
