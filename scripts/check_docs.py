@@ -32,6 +32,7 @@ OTHERS = frozenset(
             "--card",
             "--named",
             "--list",
+            "--first",
             "--write",
             "--full",
             "--figure",

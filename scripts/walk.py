@@ -2,12 +2,15 @@
 
 scripts/walk [resolve | petzval] [--list] runs the command on a small capture, in one process, from the click command to the
 written file; and once more with two frames: what is called more often then is what a frame meets, the rest is done once a run.
+Each run is watched when it is done once more in the same process. With --first it is watched at once: what a process works out
+for all runs is met too, such as the header of the first frame, what the kernel needs to know and what noise there is.
 """
 
 import argparse
 import contextlib
 import io
 import shlex
+import subprocess
 import sys
 import tempfile
 from collections import Counter
@@ -56,7 +59,11 @@ class Walk:
             self._count_record(frame.f_locals.get("self"))
         if event != "call" or not code.co_filename.startswith(self.package) or code.co_name in {"<module>", "<lambda>"}:
             return
-        if code.co_name.startswith("<") or (code.co_qualname.split(".")[0] == code.co_name and _is_class_body(frame)):
+        if (
+            _is_imported(frame)
+            or code.co_name.startswith("<")
+            or (code.co_qualname.split(".")[0] == code.co_name and _is_class_body(frame))
+        ):
             return
         file = str(Path(code.co_filename).relative_to(self.package))
         self.files[file] = None
@@ -65,6 +72,14 @@ class Walk:
     def _count_record(self, record: object) -> None:
         if type(record).__module__.startswith("cadtof_cli") and any(map(_is_of_every_pixel, _held(record))):
             self.records[type(record).__qualname__] = None
+
+
+def _is_imported(frame: FrameType) -> bool:
+    """Tell whether a function is called while a module is imported, which is no part of the way."""
+    above = frame.f_back
+    while above is not None and (above.f_code.co_name != "<module>" or above.f_globals["__name__"] == "__main__"):
+        above = above.f_back
+    return above is not None
 
 
 def _is_class_body(frame: FrameType) -> bool:
@@ -92,8 +107,14 @@ def main() -> None:
     parser.add_argument("commands", nargs="*", default=["resolve", "petzval"], help="resolve, petzval; default: both")
     parser.add_argument("--list", action="store_true", help="name what was met")
     parser.add_argument("--options", default="", help="that the command gets besides, such as '--mpi-model discrete'")
+    parser.add_argument("--first", action="store_true", help="watch the first run of a process")
     parser.add_argument("--tree", type=Path, default=ROOT, help="another checkout to walk through")
     arguments = parser.parse_args()
+    if arguments.first and len(arguments.commands) > 1:
+        others = [word for word in sys.argv[1:] if word not in WAYS]
+        for name in arguments.commands:
+            subprocess.run([sys.executable, __file__, name, *others], check=True)
+        return
     sys.path.insert(0, str(arguments.tree.resolve()))
     from cadtof_cli import cli
 
@@ -102,28 +123,37 @@ def main() -> None:
         one, two = (_recorded(Path(place) / f"wall{frames}", frames) for frames in (1, 2))
         for name in arguments.commands:
             words = [*WAYS[name], *shlex.split(arguments.options)]
+            if arguments.first:
+                _tell(
+                    name, _walked([*words, str(one), "-o", f"{place}/{name}"], package, first=True), [], arguments.list
+                )
+                continue
             walk, longer = (
                 _walked([*words, str(folder), "-o", f"{place}/{name}{folder.name}"], package) for folder in (one, two)
             )
-            met = sorted(longer.functions - walk.functions)
-            print(
-                f"{name}: {len(walk.files)} files, {len(walk.functions)} functions, {len(walk.records)} records that hold pixels;"
-                f" a frame meets {len({line.split(':')[0] for line in met})} files, {len(met)} functions"
-            )
-            if arguments.list:
-                lines = [f"{'frame ' if line in met else '      '}{line}" for line in sorted(walk.functions)]
-                print("\n".join(f"  {line}" for line in (*lines, *walk.records)))
+            _tell(name, walk, sorted(longer.functions - walk.functions), arguments.list)
 
 
-def _walked(argv: list[str], package: Path) -> Walk:
-    """Run the command line twice, the second time watched: what is done at import only is no part of the way."""
+def _tell(name: str, walk: Walk, met: list[str], listed: bool) -> None:
+    """Print what a command met, and what of it a frame meets."""
+    told = f"{name}: {len(walk.files)} files, {len(walk.functions)} functions, {len(walk.records)} records that hold pixels"
+    if met:
+        told += f"; a frame meets {len({line.split(':')[0] for line in met})} files, {len(met)} functions"
+    print(told)
+    if listed:
+        lines = [f"{'frame ' if line in met else '      '}{line}" for line in sorted(walk.functions)]
+        print("\n".join(f"  {line}" for line in (*lines, *walk.records)))
+
+
+def _walked(argv: list[str], package: Path, *, first: bool = False) -> Walk:
+    """Run the command line twice, and watch the second time, or only once, and watch that."""
     from cadtof_cli.cli import main as cadtof
 
     walk = Walk(package)
-    for words in (argv, [*argv, "--overwrite"]):
+    for words in (argv,) if first else (argv, [*argv, "--overwrite"]):
         sys.argv = words
         with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
-            sys.setprofile(walk if words is not argv else None)
+            sys.setprofile(walk if first or words is not argv else None)
             try:
                 cadtof()
             except SystemExit as ended:

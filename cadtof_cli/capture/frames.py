@@ -175,7 +175,7 @@ def open_frames(source: FrameSource, layout: FrameLayout, /) -> Iterator[Frames]
     """
     stored = _read_like_last(source, layout)
     if stored is not None:
-        yield _single_frame(stored)
+        yield _single_frame(stored, _last.read_like)
         return
     with _open_described(source, layout) as frames:
         yield frames
@@ -238,9 +238,9 @@ def _joined_planes(source: FrameSource, layout: FrameLayout) -> Frames:
     return _single_frame(stored)
 
 
-def _single_frame(stored: Stored) -> Frames:
+def _single_frame(stored: Stored, read_like: Callable[[Path], Stored | None] | None = None) -> Frames:
     """Return the single frame of a file, or of files of planes, that has been read."""
-    return Frames(1, stored.shape, stored.dtype, lambda _index=0, /: stored)
+    return Frames(1, stored.shape, stored.dtype, lambda _index=0, /: stored, read_like)
 
 
 def read_stored(source: FrameSource, layout: FrameLayout, /, *, size: tuple[int, int] | None = None) -> Stored:
@@ -306,13 +306,15 @@ def lossy_compression(source: FrameSource, layout: FrameLayout, dtype: np.dtype[
 
 @dataclass(frozen=True)
 class TypicalFile:
-    """What most files of a capture hold: (Y, X) and type of a frame, how many, the bytes of such a file, and one of them."""
+    """What most files of a capture hold: (Y, X) and type of a frame, and how many; and one of these files: its bytes, and whether
+    the values of a single frame are known to lie in it as they are, not compressed."""
 
     pixels: tuple[int, int]
     dtype: np.dtype[Any]
     frames: int
-    bytes: int
     source: FrameSource
+    bytes: int
+    is_plain: bool
 
 
 def _opened(sources: Iterable[FrameSource], layout: FrameLayout) -> Iterator[TypicalFile]:
@@ -321,8 +323,8 @@ def _opened(sources: Iterable[FrameSource], layout: FrameLayout) -> Iterator[Typ
         try:
             with open_frames(source, layout) as frames:
                 height, width = frames.shape[2:]
-                size = file_size(source.paths[0])
-                found = TypicalFile((height, width), frames.dtype, frames.count, size, source)
+                size, is_plain = file_size(source.paths[0]), frames.read_like is not None
+                found = TypicalFile((height, width), frames.dtype, frames.count, source, size, is_plain)
         except FrameError:
             continue
         yield found

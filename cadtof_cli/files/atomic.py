@@ -43,7 +43,9 @@ class PartialFile:
 
     def __init__(self, path: Path, /, *, token: str = "") -> None:
         self.path = path
-        self.temporary = path.with_name(_temporary_name(path.name, token))
+        # only the beginning of the name, which may already have the greatest length of a name
+        name = f".{path.name[:40]}.{os.urandom(8).hex()}.{token or os.getpid()}{PARTIAL_SUFFIX}"
+        self.temporary = path.with_name(name)
         self._descriptor: int | None = None
         self.parts: Sequence[memoryview] = ()
         try:
@@ -105,11 +107,6 @@ def atomic_write(path: Path, /) -> Iterator[Path]:
     partial.commit()
 
 
-def _temporary_name(name: str, token: str) -> str:
-    # only the beginning of the name, which may already have the greatest length of a name
-    return f".{name[:40]}.{os.urandom(8).hex()}.{token or os.getpid()}{PARTIAL_SUFFIX}"
-
-
 @contextmanager
 def writing(path: Path, /) -> Iterator[None]:
     """Turn the system's errors in writing a file into what they mean for a user, see `not_written`.
@@ -158,7 +155,7 @@ def make_folder(path: Path, /) -> None:
     Raises:
         OutputError: it is a file, or cannot be made or written into.
     """
-    probe = path / _temporary_name("cadtof", "")
+    probe = path / f".cadtof.{os.urandom(8).hex()}{PARTIAL_SUFFIX}"
     try:
         path.mkdir(parents=True, exist_ok=True)
         os.close(os.open(probe, CREATE_FLAGS))

@@ -16,7 +16,7 @@ from cadtof_cli.errors import FrameError, OutputError
 from cadtof_cli.files.atomic import PartialFile, atomic_write, not_written
 from cadtof_cli.files.digest import file_digest, parts_digest
 from cadtof_cli.files.formats import MAP_SUFFIXES, detect_format, format_by_suffix
-from cadtof_cli.files.system import BLOCK_BYTES, address_of
+from cadtof_cli.files.system import BLOCK_BYTES
 from cadtof_cli.records import dataclass
 
 STATUS = "status"
@@ -56,7 +56,8 @@ class DepthMaps:
         shape = (len(names) + 1, *size)
         pages_bytes = 4 * math.prod(shape)
         memory = np.empty(pages_bytes + 4 * BLOCK_BYTES, np.uint8)
-        begin = -address_of(memory) % BLOCK_BYTES
+        # numpy's usual way to tell where values begin loads ctypes
+        begin = -memory.__array_interface__["data"][0] % BLOCK_BYTES
         image = memory[begin : begin + pages_bytes + 3 * BLOCK_BYTES]
         pages = image[BLOCK_BYTES : BLOCK_BYTES + pages_bytes].view(np.float32).reshape(shape)
         return cls(names, pages, np.empty(size, np.uint32), image.data)

@@ -11,10 +11,6 @@ from contextlib import suppress
 from functools import cache, partial
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
 
 _BINARY = getattr(os, "O_BINARY", 0)
 
@@ -107,12 +103,6 @@ def _written_directly(descriptor: int, part: memoryview, place: int) -> int:
     finally:
         fcntl.fcntl(descriptor, fcntl.F_SETFL, 0)
     return written
-
-
-def address_of(values: "NDArray[Any]", /) -> int:
-    """Return where values begin in memory; numpy's usual way to tell it loads `ctypes`."""
-    place: int = values.__array_interface__["data"][0]
-    return place
 
 
 def sync_folder(folder: str | Path, /) -> None:

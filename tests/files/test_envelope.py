@@ -15,7 +15,7 @@ from cadtof_cli.capture.frames import FrameSource, open_frames
 from cadtof_cli.errors import FrameError
 from cadtof_cli.files.frames import FrameLayout
 from cadtof_cli.files.maps import DepthMaps, MapHeader, read_layers, write_maps
-from cadtof_cli.files.system import BLOCK_BYTES, address_of
+from cadtof_cli.files.system import BLOCK_BYTES
 from cadtof_cli.files.tiff import layers
 
 LAYOUT = FrameLayout(harmonics=(1, 2))
@@ -197,5 +197,5 @@ def test_the_third_map_is_one_piece_that_a_disk_takes_without_a_copy(tmp_path: P
         own.pages[:], own.status[:] = 1.0, 8
         parts = layers.write_maps(tmp_path / "maps.tif", own, header=header)
     (whole,) = parts
-    assert (address_of(np.frombuffer(whole, np.uint8)) % BLOCK_BYTES, whole.nbytes % BLOCK_BYTES) == (0, 0)
+    assert (np.frombuffer(whole, np.uint8).ctypes.data % BLOCK_BYTES, whole.nbytes % BLOCK_BYTES) == (0, 0)
     assert whole == (tmp_path / "maps.tif").read_bytes()

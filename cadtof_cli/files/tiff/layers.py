@@ -108,7 +108,7 @@ def _marked_source(header: MapHeader) -> bytes:
     text = header.facts.get(SOURCE, "")
     for character, reference in (("&", "&amp;"), ("<", "&lt;"), (">", "&gt;")):
         text = text.replace(character, reference)
-    return f'source">{_ascii(text)}<'.encode("ascii")
+    return f'source">{text}<'.encode("ascii", "xmlcharrefreplace")
 
 
 def _gdal_xml(name: str, unit: str, facts: Mapping[str, str]) -> str:

@@ -122,12 +122,12 @@ def _require_same_modulation(captures: Sequence[Capture]) -> None:
                 )
 
 
-def earlier_parts(folder: Path, kind: PartKind, averaged: Averaged, /, *, progress: Progress) -> Calibration:
-    """Return the parts of the folder that are applied before this one, checked against the captures; say which."""
+def earlier_parts(folder: Path, kind: PartKind, averaged: Averaged, /, *, progress: Progress) -> Calibration | None:
+    """Return the parts of the folder that are applied before this one, checked against the captures; say which, or None."""
     earlier = PART_KINDS[: PART_KINDS.index(kind)]
     if not any(os.path.lexists(folder / f"{name}.toml") for name in earlier):
         progress.say(f"{folder}: no {' or '.join(earlier)} calibration there, so none is applied to the frames")
-        return Calibration()
+        return None
     everything = load_calibration(folder)
     parts = replace(everything, **{name: None for name in PART_KINDS if name not in earlier})
     capture, mean = averaged[0]
@@ -136,7 +136,7 @@ def earlier_parts(folder: Path, kind: PartKind, averaged: Averaged, /, *, progre
     return parts
 
 
-def origin_of(averaged: Averaged, used: Calibration, /) -> Origin:
+def origin_of(averaged: Averaged, used: Calibration | None, /) -> Origin:
     """Return the record of what a part is made from."""
     capture, mean = averaged[0]
     modulation = capture.source.metadata.modulation
@@ -146,7 +146,7 @@ def origin_of(averaged: Averaged, used: Calibration, /) -> Origin:
         pixels=mean.pixels,
         periods_ns=modulation.periods_ns,
         waveform=modulation.waveform,
-        used=used.digests,
+        used=used.digests if used else {},
     )
 
 

@@ -6,7 +6,6 @@ from typing import Any
 
 from cadtof_cli.calibration.dark import DEFECT_MEANING, Defect, fit_dark
 from cadtof_cli.calibration.fit.light import light_seen
-from cadtof_cli.calibration.store import Calibration
 from cadtof_cli.capture.frames import Capture
 from cadtof_cli.errors import CaptureError, SettingsError
 from cadtof_cli.phasors.frame_mean import FrameMean
@@ -33,7 +32,7 @@ def calibrate_dark(
         raise SettingsError(f"found {len(averaged)} captures, expected one of covered-lens frames")
     capture, mean = averaged[0]
     _require_dark(capture, mean)
-    dark = fit_dark(mean, origin=origin_of(averaged, Calibration()))
+    dark = fit_dark(mean, origin=origin_of(averaged, None))
     counts = dark.defect_counts()
     findings = tuple(
         f"{counts[bit.name.lower()]} pixels with {DEFECT_MEANING[bit]}"

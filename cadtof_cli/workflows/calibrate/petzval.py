@@ -60,7 +60,7 @@ def calibrate_petzval(
         optics=metadata.optics,
         origin=origin_of(averaged, earlier),
     )
-    if earlier.response is not None:
+    if earlier and earlier.response:
         petzval = _with_shared_uncertainty(petzval, earlier.response.quality.curvature_stderr_m)
     tables, quality = petzval.tables(), petzval.quality
     figures = tables["coefficients"] | tables["residual"] | {"focal_length_px": quality.focal_length_px}
@@ -73,24 +73,24 @@ def calibrate_petzval(
     return replace(report, written=(*report.written, str(plot)))
 
 
-def _wall(capture: Capture, mean: FrameMean, folder: Path, earlier: Calibration) -> WallRanges:
+def _wall(capture: Capture, mean: FrameMean, folder: Path, earlier: Calibration | None) -> WallRanges:
     """Resolve the mean of a wall's frames, whose noise is that of one frame over the root of their number."""
     metadata = capture.source.metadata
     n_av = metadata.pixel.integration_length
     pixel = replace(metadata.pixel, integration_length=n_av * mean.frames if n_av is not None else None)
-    use = CalibrationUse(folder, earlier.digest, curved=False) if earlier.parts else None
+    use = CalibrationUse(folder, earlier.digest, curved=False) if earlier else None
     plan = FramePlan(
         metadata=replace(metadata, voltage=Voltage(), pixel=pixel),
         settings=MapSettings(resolver=ResolverSettings(mpi_model="discrete", false_alarm=FALSE_ALARM)),
         calibration=use,
     )
-    maps = resolve_frame(mean.stored, plan=plan, calibration=earlier if use else None).maps
+    maps = resolve_frame(mean.stored, plan=plan, calibration=earlier).maps
     single = (maps.status & StatusBit.ONE_PATH) != 0
     ranges, sigma, amplitude = (
         np.where(single, maps.layer(name), np.nan).astype(np.float64)
         for name in (DIRECT_DEPTH, DIRECT_SIGMA, DIRECT_AMPLITUDE)
     )
-    if earlier.parts:
+    if earlier:
         sigma = np.hypot(sigma, _calibration_noise_m(earlier, amplitude, metadata.modulation))
     return WallRanges(ranges, sigma, metadata.target.distance_m)
 

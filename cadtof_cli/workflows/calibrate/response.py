@@ -45,9 +45,9 @@ def calibrate_response(
     return save_with_report(response, settings, _figures(response), response.quality.findings)
 
 
-def _target(capture: Capture, mean: FrameMean, earlier: Calibration) -> TargetMean:
+def _target(capture: Capture, mean: FrameMean, earlier: Calibration | None) -> TargetMean:
     volts, noise = mean.stored, _mean_noise(capture, mean)
-    if earlier.dark is not None:
+    if earlier and earlier.dark:
         volts = np.where(earlier.dark.hot, np.nan, volts - earlier.dark.offset_v)
         noise = np.hypot(noise, earlier.dark.quality()["offset_stderr_v"])
     distance = capture.source.metadata.target.distance_m

@@ -123,7 +123,7 @@ def _capture_facts(capture: Capture, workers: Workers, progress: Progress) -> Ca
         facts.problems.append(hint)
         facts.guessed_layout = guessed_layout(capture)
         return facts
-    if typical is not None:
+    if typical and not typical.is_plain:
         facts.lossy_compression = lossy_compression(typical.source, capture.layout, typical.dtype)
     pixels = typical.pixels if typical else None
     look = partial(facts_of_frame, layout=capture.layout, metadata=metadata, pixels=pixels)

@@ -145,14 +145,14 @@ def plan_captures(
         of_one = max(typical.bytes / typical.frames, 1.0) if typical.frames > 1 else None
         if settings.maps.roi:
             settings.maps.require_roi_within(typical.pixels, of=str(capture.root))
-        sound = _plausible_frame(capture, typical.source)
-        lossy = lossy_compression(sound, capture.layout, typical.dtype)
+        _require_plausible(capture, typical.source)
+        lossy = None if typical.is_plain else lossy_compression(typical.source, capture.layout, typical.dtype)
         plans.append(CapturePlan(capture, plan, typical.pixels, of_one, lossy))
     return plans
 
 
-def _plausible_frame(capture: Capture, typical: FrameSource) -> FrameSource:
-    """Return a frame whose stored values can be voltages: a typical one; where they cannot, the first, middle or last.
+def _require_plausible(capture: Capture, typical: FrameSource) -> None:
+    """Make sure that stored values can be voltages, by a typical frame; where they cannot, by the first, middle and last too.
 
     Raises:
         SettingsError: they are integers, and nothing says how many volts a count is.
@@ -168,11 +168,10 @@ def _plausible_frame(capture: Capture, typical: FrameSource) -> FrameSource:
         except SettingsError as error:
             raise SettingsError(f"{capture.root}: {error}") from error
         if found is None:
-            return source
+            return
         wrong.append(f"{source}: {found}")
     if wrong:
         raise FrameError(wrong[0])
-    return capture.frames[0]
 
 
 def pooling_notes(plans: Sequence[CapturePlan], settings: ResolveSettings, /) -> Iterator[str]:

@@ -111,8 +111,9 @@ def record_captures(document: Mapping[str, Any], plans: Iterable[CapturePlan]) -
 class RunRecorder:
     """Writes `run.json` and `frames.jsonl`.
 
-    A line is appended as soon as its frame is finished. A run that continues an earlier one appends too; at its end the lines are
-    sorted into the order of the frames, one for each, as if nothing had been interrupted.
+    A line is appended to `frames.jsonl`, whose `lines` are open, as soon as its frame is finished. A run that continues an
+    earlier one appends too; at its end the lines are sorted into the order of the frames, one for each, as if nothing had been
+    interrupted.
     """
 
     def __init__(self, out: Path, document: Mapping[str, Any], *, resume: bool, say: Callable[[str], None]) -> None:
@@ -123,15 +124,15 @@ class RunRecorder:
             if not resume:
                 self._path.unlink(missing_ok=True)
             # not buffered, so that nothing is left to be written, and to fail, on closing
-            self._lines: BinaryIO = os.fdopen(os.open(self._path, OPEN_OR_CREATE_FLAGS, 0o666), "r+b", buffering=0)
-            if not stat.S_ISREG(os.fstat(self._lines.fileno()).st_mode):
-                self._lines.close()
+            self.lines: BinaryIO = os.fdopen(os.open(self._path, OPEN_OR_CREATE_FLAGS, 0o666), "r+b", buffering=0)
+            if not stat.S_ISREG(os.fstat(self.lines.fileno()).st_mode):
+                self.lines.close()
                 raise OSError("found no regular file there")
         if resume:
             try:
                 self._find_lines(Path(read_record(out)["arguments"]["out"]))
             except BaseException:
-                self.close()
+                self.lines.close()
                 raise
 
     def before(self, output: Path, /) -> FrameReport | None:
@@ -160,14 +161,14 @@ class RunRecorder:
 
     def _append(self, text: bytes) -> int:
         """Write a line behind the others, whole or not at all, and return its place."""
-        place = self._lines.seek(0, os.SEEK_END)
+        place = self.lines.seek(0, os.SEEK_END)
         written = 0
         try:
             while written < len(text):
-                written += self._lines.write(text[written:])
+                written += self.lines.write(text[written:])
         except OSError:
             # a full disk may have taken a part of it
-            self._lines.truncate(place)
+            self.lines.truncate(place)
             raise
         return place
 
@@ -175,17 +176,13 @@ class RunRecorder:
         """Complete both files; the totals are those of all frames, whichever run resolved them."""
         with writing(self._path):
             self._require_there()
-            os.fsync(self._lines.fileno())
+            os.fsync(self.lines.fileno())
         if self._resumed:
             with atomic_write(self._path) as temporary, temporary.open("wb") as ordered:
                 ordered.writelines(map(self._line_at, self._places))
         totals = asdict(replace(self._totals, seconds=round(seconds, 3)))
         del totals["already_there"]  # a line of frames.jsonl is that of a frame that was resolved, whichever run did it
         write_json(self._run, {**self._document, "finished": True, "totals": totals})
-
-    def close(self) -> None:
-        """Close `frames.jsonl`."""
-        self._lines.close()
 
     def _find_lines(self, out: Path) -> None:
         """Find the lines of frames that have maps; cut off a last line that a killed run did not complete.
@@ -203,13 +200,13 @@ class RunRecorder:
                 if report.output is not None:
                     self._before[_place_in(out, Path(report.output))] = end
                 end += len(line)
-            self._lines.truncate(end)
+            self.lines.truncate(end)
 
     def _line_at(self, place: int) -> bytes:
         """Return the line that begins at a place of the file."""
         line, size = b"", 1024
         while not line.endswith(b"\n"):
-            piece = read_at(self._lines.fileno(), size, place + len(line))
+            piece = read_at(self.lines.fileno(), size, place + len(line))
             if not piece:
                 return line
             line += piece[: piece.find(b"\n") + 1 or None]
@@ -218,17 +215,17 @@ class RunRecorder:
     def _require_there(self) -> None:
         """Write `frames.jsonl` anew from the open file, where somebody has removed or replaced it meanwhile."""
         try:
-            if os.path.samestat(os.lstat(self._path), os.fstat(self._lines.fileno())):
+            if os.path.samestat(os.lstat(self._path), os.fstat(self.lines.fileno())):
                 return
         except FileNotFoundError:
             pass
         with atomic_write(self._path) as temporary:
             copy = temporary.open("r+b", buffering=0)
-            size, place = os.fstat(self._lines.fileno()).st_size, 0
+            size, place = os.fstat(self.lines.fileno()).st_size, 0
             while place < size:
-                place += copy.write(read_at(self._lines.fileno(), 2**20, place))
-        self._lines.close()
-        self._lines = copy
+                place += copy.write(read_at(self.lines.fileno(), 2**20, place))
+        self.lines.close()
+        self.lines = copy
         self._say(f"{self._path}: was removed or replaced while frames were resolved; written anew")
 
 
@@ -260,4 +257,4 @@ def recorded_run(
             write_json(out / RUN_FILE, document)
         raise
     finally:
-        recorder.close()
+        recorder.lines.close()

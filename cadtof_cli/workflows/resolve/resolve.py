@@ -97,7 +97,9 @@ def resolve_captures(
                     for some in arrivals.plans(recorded_arrivals(arriving, document, settings.out)):
                         record_captures(document, some)
                         run.report_all(run.outcomes(some, lambda: arrivals.sources))
-                return run.finish()
+                run.totals.seconds = round(time.monotonic() - run.began, 3)
+                run.record.finish(run.totals.seconds)
+                return run.totals
         finally:
             remove_partial_files(settings.out, token=token)
 
@@ -184,12 +186,6 @@ class _Run:
                 " resolved; mend that and go on with --resume"
             )
         self.progress.advance()
-
-    def finish(self) -> RunTotals:
-        """Complete the record, and return what has become of the frames in this run."""
-        self.totals.seconds = round(time.monotonic() - self.began, 3)
-        self.record.finish(self.totals.seconds)
-        return self.totals
 
     def _tasks(
         self, plans: Sequence[CapturePlan], expected: Sequence[int], taken: Callable[[], Collection[str]]
