@@ -200,7 +200,7 @@ def _beside(fit: PatchFit, tail: TailModel, planes: PatchPlanes, valid: Bool, fr
     )
     open_share = tail.light.open_share
     seen, continued, unseen, would_be = tail.lag_parts(fit.state, open_share**GUESSED_POWER * guessed)
-    return Beside(seen, continued, share * unseen, share * would_be, open_share)
+    return Beside(seen, continued, share * unseen, share * would_be, open_share, planes.surfaces[valid].cosine)
 
 
 def two_path_lag(ratio: Complex, /, *, kernel: str = NUMPY) -> Float:

@@ -46,10 +46,12 @@ def kept(posterior: Conditioned) -> F:
     return share
 
 
-def beside(*lags_rad: float, open_share: float = 0.5) -> Beside:
-    """Lags by light that the view does not show: of its continued border, of what is unseen, and of guessed walls."""
+def beside(*lags_rad: float, open_share: float = 0.5, cosine: float = 0.7) -> Beside:
+    """Lags by light that the view does not show: of its continued border, of what is unseen, and of guessed walls; and what they
+    depend on.
+    """
     lags = (0.0, *lags_rad, *[0.0] * (3 - len(lags_rad)))
-    return Beside(*(np.full(PATCHES, value) for value in (*lags, open_share)))
+    return Beside(*(np.full(PATCHES, value) for value in (*lags, open_share, cosine)))
 
 
 def planes(known: PatchFit, light: Beside, leaning: Leaning = STRAIGHT) -> CoarsePlanes:
@@ -143,6 +145,16 @@ def test_with_two_harmonics_light_that_the_view_does_not_show_moves_arg_h(
     assert_allclose(found.planes[-2] - without.planes[-2], unsure**2, rtol=1e-3, atol=1e-9)
 
 
+@pytest.mark.parametrize(("further", "share"), [(1, 0.0), (2, 0.05), (3, 0.05)])
+def test_three_harmonics_miss_of_what_is_seen_straight_on_and_overdo_what_is_seen_at_a_grazing_angle(
+    further: int, share: float
+) -> None:
+    known = replace(fit(data=2 * further), room=np.array([0.0, 0.0, 0.0, 0.0, 0.0, 4.4]))
+    for cosine in (0.2, 0.7, 1.0):
+        lag = planes(known, beside(cosine=cosine)).planes[2 * further + 1][VALID]
+        assert_allclose(lag, -0.4 * (1.0 + share * (cosine - 0.7)), rtol=1e-5)
+
+
 @pytest.mark.parametrize(("further", "per_ns"), [(1, 0.0), (2, 0.012)])
 def test_with_three_harmonics_a_late_start_of_unseen_light_takes_of_the_lag(further: int, per_ns: float) -> None:
     known = fit(data=2 * further)
@@ -204,7 +216,7 @@ def test_the_phase_of_the_mpi_light_is_as_unsure_as_repetitions_show(targets: tu
     data = small.expected[:DATA] + 1e-5
     posterior = patch_posterior(data, error_of(1e-9), small)
     found = coarse_planes(small, posterior, beside(), VALID, STRAIGHT)
-    spread = np.einsum("jan,j,jbn->abn", small.jacobian, WITHIN_PATCH**2, small.jacobian)[-2:, -2:]
+    spread = np.einsum("jan,j,jbn->abn", small.jacobian, WITHIN_PATCH[0] ** 2, small.jacobian)[-2:, -2:]
     rng = np.random.default_rng(4)
     for patch in range(PATCHES):
         left = kept(posterior)[patch] * np.array(
