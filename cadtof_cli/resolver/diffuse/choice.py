@@ -53,7 +53,7 @@ harmonics say nothing about that: some tail comes near any of them."""
 UNEXPLAINED, UNEXPLAINED_SHARE = 5.0, (0.13, 0.15)
 """χ² per datum above which no tail of the frame's room explains a patch, and the share of such patches above which the frame has
 none: with two harmonics, and with more. At most .11 are so in 349 rendered rooms with two harmonics, and .14 in all but one of
-339 with three; .14 and .16 where second paths of a twentieth of the light come 3 to 20 ns late, each of which looks like a tail."""
+339 with three; .14 and .16 where second paths of a twentieth of the light come 3 to 20 ns late, each like a tail alone."""
 
 Reason = Literal["tail", "no MPI to be seen", "separate paths", "no tail fits", "few patches with light"]
 """Why a frame got its model: the first is diffuse."""
