@@ -208,7 +208,7 @@ class _Walls:
         walls = walls_behind(range_m, among, grid)
         on_wall = among & (np.abs(walls - range_m) < ON_PLANE * range_m)
         count = on_wall.sum(axis=(1, 2))
-        ordered = np.sort(np.where(on_wall, amplitude, np.inf).reshape(len(walls), -1), axis=1)
+        ordered = np.sort(np.where(on_wall, amplitude, np.inf).reshape(len(walls), among.size), axis=1)
         low, high = (
             np.take_along_axis(ordered, place[:, None], 1)[:, 0]
             for place in (np.maximum(count - 1, 0) // 2, count // 2)

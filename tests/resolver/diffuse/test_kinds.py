@@ -140,7 +140,14 @@ def test_a_lead_of_a_tenth_and_a_ratio_of_six_fifths_are_the_most_of_a_tail(rati
 
 
 def test_a_tail_fits_up_to_three_times_the_expected_misfit_in_half_of_the_patches() -> None:
-    assert tail_fits(np.array([1.0, 12.0, 500.0]), 4)
-    assert not tail_fits(np.array([1.0, 12.1, 500.0]), 4)
-    assert tail_fits(np.array([500.0]), 2)
+    assert tail_fits(np.array([1.0] * 4 + [12.0] * 4), 4)
+    assert not tail_fits(np.array([1.0] * 4 + [12.1] * 5), 4)
+    assert tail_fits(np.array([9.9]), 2)
     assert not tail_fits(np.array([19.0]), 6)
+
+
+@pytest.mark.parametrize(("data", "most"), [(2, 13), (4, 15), (6, 15)])
+def test_no_tail_fits_where_too_many_patches_are_unexplained(data: int, most: int) -> None:
+    for count in (most, most + 1):
+        chi_squared = np.array([5.0 * data + 0.1] * count + [5.0 * data] * 10 + [0.1] * (90 - count))
+        assert tail_fits(chi_squared, data) is (count == most)

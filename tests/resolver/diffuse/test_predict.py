@@ -114,6 +114,16 @@ def test_with_three_harmonics_a_strong_second_path_is_told_from_a_tail(delay_ns:
     assert found.reason == "no tail fits"
 
 
+@pytest.mark.parametrize(("share", "harmonics"), [(0.05, (1, 2)), (0.1, (1, 2)), (0.1, (1, 2, 3))])
+def test_weak_second_paths_of_all_delays_are_no_tail(share: float, harmonics: tuple[int, ...]) -> None:
+    """Each of them alone could be one: they lower |H_2|, and make it lag."""
+    delay_ns = np.linspace(3.0, 20.0, 192)
+    second = {h: np.broadcast_to(share * np.exp(1j * h * OMEGA * delay_ns), (144, 192)) for h in harmonics}
+    found = model_of(phasors_of(wall_range(144, 192, 180.0, 0.8), second, harmonics=harmonics), focal_px=180.0)
+    assert isinstance(found, DiffuseChoice)
+    assert (found.taken, found.reason) == ("discrete", "no tail fits")
+
+
 def test_a_few_separate_patches_leave_their_pixels_and_no_others() -> None:
     tail = Tail(0.3, 3.0, 8.0)
     mpi = {h: np.full((48, 64), tail.phasor(h)) for h in (1, 2)}

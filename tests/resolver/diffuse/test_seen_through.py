@@ -192,3 +192,8 @@ def test_paths_with_tails_of_their_own_are_freed_of_them(harmonics: tuple[int, .
     assert np.median(np.abs(found.later_rad.ravel() - later)) < 0.03
     same = freed_paths(seen, Tails(near, near, harmonics))
     assert_allclose(same.phasors, seen / near[:, None])
+
+
+def test_a_net_before_all_that_is_seen_has_no_wall_behind_it() -> None:
+    """Every patch has two paths: no patch is left that walls could go through."""
+    assert looked_at(np.ones(grid().ray.shape[1:], bool)) is None
