@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
-from typing import Any, ClassVar, Literal, Protocol, Self
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -80,34 +80,6 @@ class Origin:
                     f"in the calibration, made {self.created} from {', '.join(self.captures)}; calibrate with captures of "
                     "the same camera settings"
                 )
-
-
-class Part(Protocol):
-    """One part of a calibration, as the store sees it."""
-
-    kind: ClassVar[PartKind]
-
-    @property
-    def origin(self) -> Origin:
-        """What it was made from."""
-        ...
-
-    def tables(self) -> dict[str, dict[str, Any]]:
-        """Return all that is not a map, for the part's TOML file."""
-        ...
-
-    def maps(self) -> dict[str, NDArray[Any]]:
-        """Return its maps by name."""
-        ...
-
-    @classmethod
-    def from_stored(cls, origin: Origin, tables: Tables, maps: Maps) -> Self:
-        """Build the part from what `tables` and `maps` returned.
-
-        Raises:
-            KeyError, TypeError, ValueError: something is missing or has the wrong form.
-        """
-        ...
 
 
 def plane_names(what: str, harmonics: tuple[int, ...], channels: int = 0) -> list[str]:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cadtof_cli.calibration.dark import DarkCalibration
-from cadtof_cli.calibration.parts import PART_KINDS, Origin, Part, PartKind
+from cadtof_cli.calibration.parts import PART_KINDS, Origin, PartKind
 from cadtof_cli.calibration.petzval import PetzvalCalibration
 from cadtof_cli.calibration.response import ResponseCalibration
 from cadtof_cli.capture.metadata import CaptureMetadata
@@ -24,6 +24,13 @@ from cadtof_cli.files.reading import is_folder
 from cadtof_cli.files.toml import read_toml, toml_from_tables
 
 DIGEST_LENGTH = 16
+
+Part = DarkCalibration | ResponseCalibration | PetzvalCalibration
+"""One part: its `tables` and `maps` hold all that it says besides its `origin`, and `from_stored` builds it from them."""
+
+_TYPES: Mapping[PartKind, type[Part]] = {
+    part.kind: part for part in (DarkCalibration, ResponseCalibration, PetzvalCalibration)
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,11 +145,6 @@ def cached_calibration(folder: Path, digest: str, /) -> Calibration:
     if calibration.digest != digest:
         raise MetadataError(f"{folder}: the calibration changed during the run; run again")
     return calibration
-
-
-_TYPES: Mapping[PartKind, type[DarkCalibration | ResponseCalibration | PetzvalCalibration]] = {
-    part.kind: part for part in (DarkCalibration, ResponseCalibration, PetzvalCalibration)
-}
 
 
 def _load_part(folder: Path, kind: PartKind) -> Part:

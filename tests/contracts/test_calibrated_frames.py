@@ -8,10 +8,10 @@ import pytest
 from numpy.typing import NDArray
 
 from cadtof_cli.calibration.dark import DarkCalibration
-from cadtof_cli.calibration.parts import Origin, Part
+from cadtof_cli.calibration.parts import Origin
 from cadtof_cli.calibration.petzval import PetzvalCalibration
 from cadtof_cli.calibration.response import ResponseCalibration
-from cadtof_cli.calibration.store import load_calibration, save_part
+from cadtof_cli.calibration.store import Part, load_calibration, save_part
 from cadtof_cli.capture.metadata import CaptureMetadata, Optics, Pixel
 from cadtof_cli.files.maps import DepthMaps
 from cadtof_cli.frame_plan import CalibrationUse, FramePlan, MapSettings

@@ -249,9 +249,7 @@ class InterReflection:
         return light_from_bounces(seen, (scaled,), self.albedo, self.distance_m, self.asr)
 
 
-SCENES: Mapping[
-    str, type[Wall] | type[Card] | type[Corner] | type[InterReflection] | type[RandomRoom] | type[CornellBox]
-] = {
+SCENES: Mapping[str, type[Wall | Card | Corner | InterReflection | RandomRoom | CornellBox]] = {
     "card": Card,
     "wall": Wall,
     "corner": Corner,

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from cadtof_cli.arrays import Stored
-from cadtof_cli.calibration.parts import PART_KINDS, Origin, Part, PartKind
-from cadtof_cli.calibration.store import Calibration, digest_of, load_calibration, require_absent, save_part
+from cadtof_cli.calibration.parts import PART_KINDS, Origin, PartKind
+from cadtof_cli.calibration.store import Calibration, Part, digest_of, load_calibration, require_absent, save_part
 from cadtof_cli.capture.discovery import find_captures
 from cadtof_cli.capture.frames import Capture, read_stored, single_frames
 from cadtof_cli.capture.metadata import Target

@@ -14,7 +14,7 @@ from pathlib import Path
 from unittest.mock import patch
 
 from cadtof_cli.calibration import store
-from cadtof_cli.calibration.parts import Part
+from cadtof_cli.calibration.store import Part
 from cadtof_cli.capture.frames import FrameSource, open_frames
 from cadtof_cli.capture.metadata import CaptureMetadata, Pixel, Voltage
 from cadtof_cli.cli import main
