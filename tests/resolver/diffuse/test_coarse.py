@@ -145,6 +145,17 @@ def test_with_two_harmonics_light_that_the_view_does_not_show_moves_arg_h(
     assert_allclose(found.planes[-2] - without.planes[-2], unsure**2, rtol=1e-3, atol=1e-9)
 
 
+@pytest.mark.parametrize(("further", "of_room"), [(1, 1.1), (2, 0.8), (3, 0.8)])
+def test_pixels_differ_from_their_patch_by_less_where_more_harmonics_know_it(further: int, of_room: float) -> None:
+    """By so much of what patches of a room differ by: that of arg H_1, whatever is seen of it."""
+    known = fit(data=2 * further)
+    found = planes(known, beside())
+    apart = of_room * np.array([0.15, 0.42, 0.35, 1.2, 0.42, 1.75])
+    expected = ((apart[:, None] * known.jacobian[:, -1]) ** 2).sum(axis=0)
+    own = found.values + found.entries.index((2 * further + 1, 2 * further + 1))
+    assert_allclose(found.planes[own][VALID], expected, rtol=1e-5)
+
+
 @pytest.mark.parametrize(("further", "share"), [(1, 0.0), (2, 0.05), (3, 0.05)])
 def test_three_harmonics_miss_of_what_is_seen_straight_on_and_overdo_what_is_seen_at_a_grazing_angle(
     further: int, share: float
