@@ -4,6 +4,7 @@ import itertools
 import math
 import os
 import time
+from collections import Counter
 from collections.abc import Callable, Collection, Generator, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing
 from functools import partial
@@ -40,6 +41,9 @@ from cadtof_cli.workflows.resolve.record import (
 from cadtof_cli.workflows.resolve.settings import ResolveSettings
 
 WORKER_DIED = "the worker process died twice on this frame (killed, or out of memory): try fewer --jobs"
+
+_NOTES_OF_A_KIND = 3
+"""Frames that are named with the same note; the others are counted."""
 
 
 def resolve_captures(
@@ -132,6 +136,7 @@ class _Run:
     ) -> None:
         self._settings, self._progress, self._on_frame, self._token = settings, progress, on_frame, token
         self._expected, self._totals, self._began = 0, RunTotals(), time.monotonic()
+        self._noted: Counter[str] = Counter()
         self.record: RunRecorder
 
     def outcomes(
@@ -174,7 +179,10 @@ class _Run:
         """Record, count and show what has become of a frame."""
         self._totals.add(report)
         if report.note is not None:
-            self._progress.say(report.note)
+            why = report.note.rpartition(": ")[2]
+            self._noted[why] += 1
+            if self._noted[why] <= _NOTES_OF_A_KIND:
+                self._progress.say(report.note)
         self.record.add(report)
         self._on_frame(report)
         if report.stops:
@@ -186,6 +194,9 @@ class _Run:
 
     def finish(self) -> RunTotals:
         """Complete the record, and return what has become of the frames in this run."""
+        for why, count in self._noted.items():
+            if count > _NOTES_OF_A_KIND:
+                self._progress.say(f"{self._settings.out}: {count - _NOTES_OF_A_KIND} maps more: {why}")
         self._totals.seconds = round(time.monotonic() - self._began, 3)
         self.record.finish(self._totals.seconds)
         return self._totals
