@@ -26,14 +26,11 @@ class MetadataSource:
     origins: Mapping[str, str]
     file: Path | None = None
 
-    @property
-    def defaulted(self) -> dict[str, Any]:
-        """Values by dotted key that are the paper's, as neither a file nor an option gave them."""
-        return {
-            path: _KEYS[path].default
-            for path, origin in self.origins.items()
-            if origin == DEFAULT_ORIGIN and _KEYS[path].default is not None
-        }
+    def defaults_in_words(self) -> str:
+        """Return which values are the paper's, as neither a file nor an option gave them; nothing where none is."""
+        taken = (_KEYS[path] for path, origin in self.origins.items() if origin == DEFAULT_ORIGIN)
+        told = ", ".join(f"{key.path} = {key.default}" for key in taken if key.default is not None)
+        return f"not given, so taken from the paper: {told}" if told else ""
 
 
 def load_metadata(path: Path | None, overrides: Mapping[str, Any] | None = None) -> MetadataSource:
