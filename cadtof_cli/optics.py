@@ -53,11 +53,7 @@ def wall_range_m(
 ) -> Float:
     """Return the range to a flat wall, D·√(1 + X² + Y²)/(1 + αX + βY), of every pixel in m, (Y, X).
 
-    Args:
-        optics: gives X = (x − cx)/f and Y = (y − cy)/f.
-        pixels: (Y, X) of the array.
-        distance_m: D, along the optical axis; the perpendicular distance where the wall faces the camera.
-        slopes: (α, β), the tilt of the wall.
+    X and Y are those of `ray_slopes`, D is the distance along the optical axis, and the slopes (α, β) are the tilt of the wall.
 
     Raises:
         SettingsError: the focal length is unknown.

@@ -6,7 +6,8 @@ from here, and nobody who reads or uses a record sees a difference.
 """
 
 import sys
-from typing import TYPE_CHECKING
+from dataclasses import field
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING or sys.version_info >= (3, 13):
     from dataclasses import dataclass
@@ -55,4 +56,12 @@ else:
         return hash(self._compared(self))
 
 
-__all__ = ["dataclass"]
+def setting(default: Any, help: str, /, **option: Any) -> Any:
+    """Declare a field of a settings record that an option sets: its default, what it does, and what else the option is made of.
+
+    The last are keywords of `commands/options.py: setting_option`.
+    """
+    return field(default=default, metadata={"help": help, **option})
+
+
+__all__ = ["dataclass", "setting"]

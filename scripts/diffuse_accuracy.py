@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from cadtof_cli.capture.discovery import find_captures
 from cadtof_cli.capture.frames import Capture, open_frames, single_frames
-from cadtof_cli.figures.maps import ERRORS, SIGMAS
 from cadtof_cli.figures.page import Panel, Scaled, draw_page
+from cadtof_cli.figures.scales import ERRORS, SIGMAS
 from cadtof_cli.files.maps import read_layers
 from cadtof_cli.frame_plan import FramePlan, MapSettings
 from cadtof_cli.maps.layers import DIRECT_DEPTH, DIRECT_SIGMA
@@ -135,7 +135,7 @@ def draw(capture: Capture, path: Path) -> None:
         Scaled(errors, "cm", ERRORS, (-FIGURE_CM, FIGURE_CM)),
         Scaled((sigma,), "cm", SIGMAS, (0.0, FIGURE_CM)),
     )
-    draw_page((blocks,), path, title=f"{capture.root.name}: direct depth against truth", kind="png")
+    draw_page((blocks,), path, title=f"{capture.root.name}: direct depth against truth")
 
 
 if __name__ == "__main__":

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cadtof_cli.arrays import Bool, Float, Float32
-from cadtof_cli.calibration.parts import Maps, Origin, PartKind, Tables, plane_names, read_only, stacked
+from cadtof_cli.calibration.parts import Maps, Origin, PartKind, Tables, named_planes, plane_names, read_only, stacked
 from cadtof_cli.files.frames import CHANNELS
 from cadtof_cli.phasors.frame_mean import FrameMean, median_variance_ratio
 from cadtof_cli.phasors.noise import MAD_PER_SIGMA
@@ -104,12 +104,9 @@ class DarkCalibration:
 
     def maps(self) -> dict[str, NDArray[Any]]:
         """Return offsets and noise per channel, and the defects."""
-        harmonics = self.origin.harmonics
-        maps: dict[str, NDArray[Any]] = {"defects": self.defects}
-        for what, values in (("offset", self.offset_v), ("noise", self.noise_v)):
-            planes = values.reshape(-1, *self.origin.pixels)
-            maps |= dict(zip(plane_names(what, harmonics, CHANNELS), planes, strict=True))
-        return maps
+        harmonics, maps = self.origin.harmonics, {"defects": self.defects}
+        maps |= named_planes("offset", self.offset_v, harmonics, CHANNELS)
+        return maps | named_planes("noise", self.noise_v, harmonics, CHANNELS)
 
     @classmethod
     def from_stored(cls, origin: Origin, tables: Tables, maps: Maps) -> Self:

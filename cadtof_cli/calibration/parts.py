@@ -116,6 +116,13 @@ def plane_names(what: str, harmonics: tuple[int, ...], channels: int = 0) -> lis
     return [f"{name}.SC{c}" for name in names for c in range(1, channels + 1)] if channels else names
 
 
+def named_planes(
+    what: str, values: NDArray[Any], harmonics: tuple[int, ...], channels: int = 0
+) -> dict[str, NDArray[Any]]:
+    """Return the planes of values, (H, Y, X) or (H, channels, Y, X), by their names."""
+    return dict(zip(plane_names(what, harmonics, channels), values.reshape(-1, *values.shape[-2:]), strict=True))
+
+
 def stacked(maps: Maps, names: list[str]) -> NDArray[np.float32]:
     """Return the named maps as one float32 array, (len(names), Y, X)."""
     missing = [name for name in names if name not in maps]

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cadtof_cli.arrays import Float32
-from cadtof_cli.calibration.parts import Maps, Origin, PartKind, Tables, plane_names, read_only, stacked
+from cadtof_cli.calibration.parts import Maps, Origin, PartKind, Tables, named_planes, plane_names, read_only, stacked
 from cadtof_cli.phasors.response import HarmonicResponse
 
 
@@ -78,10 +78,8 @@ class ResponseCalibration:
 
     def maps(self) -> dict[str, NDArray[Any]]:
         """Return phase and gain per harmonic."""
-        maps: dict[str, NDArray[Any]] = {}
-        for what, values in (("phase", self.phase_rad), ("gain", self.gain)):
-            maps |= dict(zip(plane_names(what, self.origin.harmonics), values, strict=True))
-        return maps
+        harmonics = self.origin.harmonics
+        return named_planes("phase", self.phase_rad, harmonics) | named_planes("gain", self.gain, harmonics)
 
     @classmethod
     def from_stored(cls, origin: Origin, tables: Tables, maps: Maps) -> Self:

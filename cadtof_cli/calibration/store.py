@@ -140,10 +140,8 @@ def cached_calibration(folder: Path, digest: str, /) -> Calibration:
     return calibration
 
 
-_TYPES: dict[PartKind, type[DarkCalibration] | type[ResponseCalibration] | type[PetzvalCalibration]] = {
-    "dark": DarkCalibration,
-    "response": ResponseCalibration,
-    "petzval": PetzvalCalibration,
+_TYPES: Mapping[PartKind, type[DarkCalibration | ResponseCalibration | PetzvalCalibration]] = {
+    part.kind: part for part in (DarkCalibration, ResponseCalibration, PetzvalCalibration)
 }
 
 

@@ -107,9 +107,13 @@ def _step(*more: Decorator[Any]) -> Decorator[Any]:
             CalibrateSettings,
             settings_option(),
             setting_option(
-                "-o --out", CalibrateSettings, required=True, help="Calibration folder; this part is added to it."
+                CalibrateSettings,
+                "out",
+                "Calibration folder; this part is added to it.",
+                option="-o --out",
+                required=True,
             ),
-            setting_option("--overwrite", CalibrateSettings, help="Replace this part if the folder already has it."),
+            setting_option(CalibrateSettings, "overwrite", "Replace this part if the folder already has it."),
             *more,
         ),
         click.option("--json", "as_json", is_flag=True, help="Print the report as one JSON object on stdout."),

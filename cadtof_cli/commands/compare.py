@@ -42,16 +42,15 @@ def compare(*, first: Path, second: Path, as_json: bool, out: Path | None, overw
     """
     from cadtof_cli.workflows.inspect.compare import MapPairs, compare_maps, draw_worst
 
-    kind = None
     if out is not None:
         from cadtof_cli.figures.kinds import require_picture
 
-        kind = require_picture(out, overwrite=overwrite)
+        require_picture(out, overwrite=overwrite)
     with progress_bar("comparing", "frames", quiet=False) as bar:
         pairs = MapPairs(first, second)
         found = compare_maps(pairs, progress=bar)
-    if out is not None and kind is not None:
-        draw_worst(pairs, found, out, kind=kind)
+    if out is not None:
+        draw_worst(pairs, found, out)
     tell(json.dumps(asdict(found)) if as_json else "\n".join(_lines(found)))
     if out is not None:
         tell(out, err=as_json)

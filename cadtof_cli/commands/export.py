@@ -5,7 +5,7 @@ from pathlib import Path
 import click
 
 from cadtof_cli.commands.help import example
-from cadtof_cli.commands.options import RecordOptions, optics_options, setting_option
+from cadtof_cli.commands.options import RecordOptions
 from cadtof_cli.commands.terminal import progress_bar, tell
 from cadtof_cli.workflows.inspect.export import ExportSettings, export_maps
 
@@ -26,13 +26,7 @@ from cadtof_cli.workflows.inspect.export import ExportSettings, export_maps
     metavar="OUT.ply|.pcd|.png|.npz|.csv",
     help="File to write. With several maps, one file per map is written: the name of the map is added to the name of OUT.",
 )
-@RecordOptions(
-    "settings",
-    ExportSettings,
-    setting_option("--layer", ExportSettings, metavar="NAME", help="Layer of the depths for point clouds and images."),
-    setting_option("--depth", ExportSettings, help="Kind of the depths.  [default: from run.json, else range]"),
-    *optics_options(ExportSettings),
-)
+@RecordOptions("settings", ExportSettings)
 @click.option("--overwrite", is_flag=True, help="Replace the files if they exist.")
 def export(*, maps: tuple[Path, ...], out: Path, settings: ExportSettings, overwrite: bool) -> None:
     """Write maps in formats of other software: point clouds, depth images, arrays, tables.

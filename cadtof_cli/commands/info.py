@@ -23,11 +23,7 @@ from cadtof_cli.execution.workers import Workers
 
 @click.command(cls=SectionedCommand, epilog=example("cadtof info sample_data/corner"))
 @click.argument("inputs", nargs=-1, required=True, metavar="INPUT...")
-@RecordOptions(
-    "workers",
-    Workers,
-    jobs_option("Processes that read frames"),
-)
+@RecordOptions("workers", Workers, jobs_option("Processes that read frames"))
 @click.option("-r", "--recursive", is_flag=True, help="Also search all folders below each INPUT.")
 @settings_option()
 @click.option(

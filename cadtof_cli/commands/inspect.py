@@ -73,11 +73,10 @@ def inspect(
     """
     from cadtof_cli.workflows.inspect.pixel import inspect_pixel
 
-    kind = "png"
     if out is not None:
         from cadtof_cli.figures.kinds import require_picture
 
-        kind = require_picture(out, overwrite=overwrite)
+        require_picture(out, overwrite=overwrite)
     from cadtof_cli.workflows.resolve.settings import ResolveSettings
 
     settings = ResolveSettings(out=Path(), maps=maps, calibration=calibration, settings_file=settings_file)
@@ -86,7 +85,7 @@ def inspect(
         from cadtof_cli.figures.phasor_diagram import draw_phasors
 
         title = f"{found.document['frame']}, pixel {pixel[0]},{pixel[1]}: {', '.join(found.document['status'])}"
-        draw_phasors(found.evidence, found.harmonics, title=title, path=out, kind=kind)
+        draw_phasors(found.evidence, out, title=title)
     tell(json.dumps(found.document) if as_json else "\n".join(_lines(found.document, found.harmonics)))
 
 

@@ -14,7 +14,7 @@ import click
 from cadtof_cli.capture.metadata import KEYS, Key, Kind
 from cadtof_cli.commands.help import HelpContext
 from cadtof_cli.commands.terminal import tell
-from cadtof_cli.commands.values import NUMBERS, NameList, ParamType
+from cadtof_cli.commands.values import NUMBERS, FrameRange, NameList, NumberTuple, ParamType, Rectangle
 from cadtof_cli.execution.cores import available_cores
 from cadtof_cli.execution.workers import JOBS_PER_CORE, Workers
 
@@ -36,13 +36,21 @@ _TYPES: dict[Any, ParamType] = {
     int: click.INT,
     float: click.FLOAT,
     str: click.STRING,
+    slice: FrameRange(),
     Path: click.Path(path_type=Path),
+    tuple[int, int, int, int]: Rectangle(),
 }
 
 
 @functools.cache
 def _type_hints(record: type) -> dict[str, Any]:
     return get_type_hints(record)
+
+
+def _names_of(option: str) -> tuple[str, ...]:
+    """Return the names of an option: with its unit, as its record has it, and without."""
+    plain = next((option.removesuffix(unit) for unit in _UNITS if option.endswith(unit)), option)
+    return tuple(dict.fromkeys((option, plain)))
 
 
 def metavar_of(name: str, kind: ParamType, /) -> str | None:
@@ -55,25 +63,25 @@ def metavar_of(name: str, kind: ParamType, /) -> str | None:
 
 
 def setting_option(
-    names: str, record: type, name: str = "", /, *, help: str, show_default: bool = True, **more: Any
-) -> Callable[[Function], Function]:
+    record: type, name: str, help: str = "", /, *, option: str = "", show_default: bool = True, **more: Any
+) -> Decorator[Any]:
     """Return the option of one field of a settings record, whose type, choices and default it takes.
 
     Args:
-        names: as typed, such as `-j --jobs`.
         record: dataclass of the settings.
-        name: of the field, and of the parameter that the command gets; without it, the first of `names` in full says it.
-        help: what it does.
+        name: of the field, and of the parameter that the command gets.
+        help: what it does; without it, as the field has been declared by `records.setting`.
+        option: as typed, such as `-j --jobs`; without it, the name of the field, with its unit and without.
         show_default: whether the help names the default, where there is one.
         more: what `click.option` takes besides, such as `metavar`; it goes before what the record says.
     """
-    name = name or next(one for one in names.split() if one.startswith("--")).removeprefix("--").replace("-", "_")
     (field,) = (item for item in fields(record) if item.name == name)
     default = field.default if field.default_factory is MISSING else field.default_factory
     kind = _type_of(_type_hints(record)[name])
+    dashed = name.replace("_", "-")
     said = {
         "type": kind,
-        "metavar": metavar_of(f"-{name.replace('_', '-')}", kind),
+        "metavar": metavar_of(f"-{dashed}", kind),
         "default": _as_typed(default),
         "show_default": show_default and not callable(default) and default not in {None, MISSING},
         # with False, click accepts an option without its value
@@ -83,23 +91,24 @@ def setting_option(
     if default is MISSING:
         # click takes None for a default, and would not ask for a required option
         del said["default"]
-    return click.option(*names.split(), name, **(said | more))
+    names = option.split() or _names_of(f"--{dashed}")
+    return click.option(*names, name, **(said | more))
 
 
-def number_option(names: str, kind: ParamType, /, *, help: str, metavar: str | None = None) -> Decorator[Any]:
+def number_option(name: str, kind: ParamType, help: str, /, *, metavar: str | None = None) -> Decorator[Any]:
     """Return an option that no settings record says the type of; what stands for its value follows from type and unit.
 
     Args:
-        names: as typed, the first with its unit, such as `--distance-m --distance`.
+        name: of the parameter, with its unit, such as `distance_m`.
         kind: of number, or numbers.
         help: what it does.
         metavar: what stands for its value, where that follows from nothing.
     """
-    first, *others = names.split()
-    return click.option(first, *others, type=kind, metavar=metavar or metavar_of(first, kind), help=help)
+    option = f"--{name.replace('_', '-')}"
+    return click.option(*_names_of(option), name, type=kind, metavar=metavar or metavar_of(option, kind), help=help)
 
 
-def jobs_option(help: str, /) -> Callable[[Function], Function]:
+def jobs_option(help: str, /) -> Decorator[Any]:
     """Return the option `--jobs`, which says so where it asks for more processes than are ever started."""
 
     def limited(ctx: click.Context, _param: click.Parameter, jobs: int) -> int:
@@ -110,7 +119,7 @@ def jobs_option(help: str, /) -> Callable[[Function], Function]:
         return jobs
 
     help = f"{help}, never more than {JOBS_PER_CORE} per core.  [default: all cores that it may use]"
-    return setting_option("-j --jobs", Workers, metavar="N", callback=limited, help=help)
+    return setting_option(Workers, "jobs", help, option="-j --jobs", callback=limited)
 
 
 def _type_of(hint: Any) -> ParamType:
@@ -118,7 +127,9 @@ def _type_of(hint: Any) -> ParamType:
     (hint,) = [one for one in get_args(hint) if one is not NoneType] if NoneType in get_args(hint) else [hint]
     if get_origin(hint) is Literal:
         return click.Choice(get_args(hint))
-    return NUMBERS if get_origin(hint) is tuple else _TYPES[hint]
+    if hint in _TYPES:
+        return _TYPES[hint]
+    return NumberTuple(None if ... in get_args(hint) else len(get_args(hint)))
 
 
 def _as_typed(default: Any) -> Any:
@@ -134,11 +145,12 @@ class RecordOptions:
     Args:
         name: of the command's parameter that gets the record.
         record: called with the options' values by their names.
-        options: made by `click.option` or `setting_option`, or those of a record within the record.
+        options: made by `click.option` or `setting_option`, or those of a record within the record; without any, those of the
+            fields that `records.setting` has declared.
     """
 
     def __init__(self, name: str, record: Callable[..., Any], /, *options: Decorator[Any]) -> None:
-        self.name, self._record, self._options = name, record, options
+        self.name, self._record, self._options = name, record, options or tuple(declared_options(record))
 
     def __call__(self, function: Function, /) -> Function:
         """Return the command with the options."""
@@ -155,6 +167,17 @@ class RecordOptions:
             within = isinstance(option, RecordOptions)
             taken.append(option.name if within else with_options.__click_params__[-1].name)
         return cast("Function", with_options)
+
+    def names(self) -> tuple[str, ...]:
+        """Return the names of the parameters that the options have for click, in their order."""
+        return tuple(parameter.name for parameter in reversed(self(lambda: None).__dict__["__click_params__"]))
+
+
+def declared_options(record: Any, /) -> Iterator[Decorator[Any]]:
+    """Yield the options of the fields of a settings record that `records.setting` has declared, inherited ones last."""
+    for field in sorted(fields(record), key=lambda one: one.name not in record.__annotations__):
+        if "help" in field.metadata:
+            yield setting_option(record, field.name, **field.metadata)
 
 
 class SectionedCommand(click.Command):
@@ -197,8 +220,6 @@ def capture_options(*without: str) -> Decorator[Any]:
 
 def _capture_option(key: Key) -> Decorator[Any]:
     """Return the option of a key, by its name with its unit, as the key has it, and without."""
-    plain = next((key.option.removesuffix(unit) for unit in _UNITS if key.option.endswith(unit)), key.option)
-    names = dict.fromkeys((key.option, plain))
     types: dict[Kind, ParamType] = {
         "number": click.FLOAT,
         "whole number": click.INT,
@@ -213,6 +234,7 @@ def _capture_option(key: Key) -> Decorator[Any]:
     about = f"{key.path}: {key.about}.{default}"
     kind = types[key.kind]
     metavar = metavar_of(key.option, kind)
+    names = _names_of(key.option)
     return click.option(*names, f"capture_{key.name}", cls=CaptureOption, type=kind, metavar=metavar, help=about)
 
 
@@ -224,24 +246,6 @@ def settings_option() -> Decorator[Any]:
         type=click.Path(path_type=Path, exists=True, dir_okay=False),
         metavar="FILE",
         help="Use this capture.toml for all captures, instead of the one beside the frames or in a folder above.",
-    )
-
-
-def optics_options(record: type, /) -> tuple[Decorator[Any], ...]:
-    """Return the options for the optics that a run's record lacks, or has wrong, as fields of a settings record."""
-    return (
-        setting_option(
-            "--focal-length-px",
-            record,
-            metavar="F",
-            help="Focal length in pixels, for point clouds.  [default: from run.json]",
-        ),
-        setting_option(
-            "--principal-point-px",
-            record,
-            metavar="X,Y",
-            help="Column and row of the optical axis.  [default: from run.json, else the centre]",
-        ),
     )
 
 

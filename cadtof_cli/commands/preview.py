@@ -5,7 +5,7 @@ from pathlib import Path
 import click
 
 from cadtof_cli.commands.help import example
-from cadtof_cli.commands.options import RecordOptions, setting_option
+from cadtof_cli.commands.options import RecordOptions
 from cadtof_cli.commands.terminal import progress_bar, tell
 from cadtof_cli.workflows.inspect.preview_settings import PreviewSettings
 
@@ -26,31 +26,7 @@ from cadtof_cli.workflows.inspect.preview_settings import PreviewSettings
     type=click.Path(path_type=Path),
     help="Picture (.png, .pdf, .svg, .jpg) or film (.gif, .mp4) to write.",
 )
-@RecordOptions(
-    "settings",
-    PreviewSettings,
-    setting_option(
-        "--layer",
-        PreviewSettings,
-        "layer",
-        metavar="NAME",
-        help="Draw this layer at full resolution, such as mpi.depth, status or H1.SC1.",
-    ),
-    setting_option(
-        "--range",
-        PreviewSettings,
-        "limits",
-        metavar="LO,HI",
-        help="Ends of the colour scale, in the unit of the layer.  [default: from the values]",
-    ),
-    setting_option("--cmap", PreviewSettings, "colours", help="Colour map.  [default: by the layer]"),
-    setting_option(
-        "--truth", PreviewSettings, "truth", help="File with the true direct.depth; the errors are drawn too."
-    ),
-    setting_option("--frame", PreviewSettings, "frame", metavar="N", help="Draw this frame only; 0 is the first."),
-    setting_option("--fps", PreviewSettings, "frames_per_second", metavar="F", help="Frames per second of a film."),
-    setting_option("--overwrite", PreviewSettings, "overwrite", help="Replace the file if it exists."),
-)
+@RecordOptions("settings", PreviewSettings)
 def preview(*, inputs: tuple[Path, ...], out: Path, settings: PreviewSettings) -> None:
     """Draw depths, errors, sigma, confidence and the status of each pixel; or a sheet or film of many frames.
 

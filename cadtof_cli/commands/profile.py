@@ -5,9 +5,8 @@ from pathlib import Path
 import click
 
 from cadtof_cli.commands.help import example
-from cadtof_cli.commands.options import RecordOptions, setting_option
+from cadtof_cli.commands.options import RecordOptions
 from cadtof_cli.commands.terminal import Bar, tell
-from cadtof_cli.commands.values import Rectangle
 from cadtof_cli.workflows.inspect.profile import ProfileSettings, profile_table, read_profile, write_profile
 
 
@@ -18,20 +17,7 @@ from cadtof_cli.workflows.inspect.profile import ProfileSettings, profile_table,
     )
 )
 @click.argument("maps", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="MAPS...")
-@RecordOptions(
-    "settings",
-    ProfileSettings,
-    setting_option("--row", ProfileSettings, "row", metavar="Y", help="Along this row of pixels; 0 is the top."),
-    setting_option("--column", ProfileSettings, "column", metavar="X", help="Along this column; 0 is the left."),
-    click.option("--line", type=Rectangle(), help="Along a line from pixel X0,Y0 to pixel X1,Y1, in any direction."),
-    setting_option("--layer", ProfileSettings, "layer", metavar="NAME", help="Layer to show."),
-    setting_option("--frame", ProfileSettings, "frame", metavar="N", help="Which map of each folder; 0 is the first."),
-    click.option(
-        "--first-phasor/--no-first-phasor",
-        default=True,
-        help="Whether to show the depth of the first phasor alone; needs the recorded frames.",
-    ),
-)
+@RecordOptions("settings", ProfileSettings)
 @click.option(
     "--truth",
     type=click.Path(path_type=Path),

@@ -5,7 +5,7 @@ from pathlib import Path
 import click
 
 from cadtof_cli.commands.help import example
-from cadtof_cli.commands.options import RecordOptions, optics_options, setting_option
+from cadtof_cli.commands.options import RecordOptions
 from cadtof_cli.commands.terminal import progress_bar, tell
 from cadtof_cli.workflows.inspect.report import ReportSettings, write_report
 
@@ -18,25 +18,7 @@ from cadtof_cli.workflows.inspect.report import ReportSettings, write_report
 )
 @click.argument("maps", type=click.Path(path_type=Path), metavar="OUT")
 @click.option("-o", "--out", required=True, type=click.Path(path_type=Path), metavar="PAGE.html", help="Page to write.")
-@RecordOptions(
-    "settings",
-    ReportSettings,
-    setting_option("--truth", ReportSettings, help="File with the true direct.depth; truth and errors are shown too."),
-    setting_option(
-        "--max-size-mb",
-        ReportSettings,
-        metavar="MB",
-        help="Largest size of the page. If it cannot hold all pixels of all frames, most frames keep every n-th pixel only.",
-    ),
-    setting_option(
-        "--full-frames",
-        ReportSettings,
-        metavar="N",
-        help="Number of frames that keep all pixels, whatever the size.  [default: as many as fit into half of the size]",
-    ),
-    *optics_options(ReportSettings),
-    setting_option("--overwrite", ReportSettings, help="Replace the page if it exists."),
-)
+@RecordOptions("settings", ReportSettings)
 def report(maps: Path, out: Path, settings: ReportSettings) -> None:
     """Write an HTML page about a run: one file that needs no network and no other file.
 

@@ -21,13 +21,16 @@ from cadtof_cli.commands.options import (
     settings_option,
 )
 from cadtof_cli.commands.terminal import progress_bar, tell
-from cadtof_cli.commands.values import FrameRange, Rectangle
 from cadtof_cli.execution.workers import Workers
+from cadtof_cli.frame_plan import MapSettings
 from cadtof_cli.workflows.resolve.settings import FORMAT_CHOICES, ResolveSettings
 
 if TYPE_CHECKING:
     from cadtof_cli.commands.terminal import Bar
     from cadtof_cli.workflows.frame_report import FrameReport, RunTotals
+
+_setting = partial(setting_option, ResolveSettings)
+_worker = partial(setting_option, Workers)
 
 
 @click.command(
@@ -41,69 +44,54 @@ if TYPE_CHECKING:
 @RecordOptions(
     "settings",
     ResolveSettings,
-    setting_option("-o --out", ResolveSettings, required=True, help="Folder for the maps."),
-    setting_option(
-        "-r --recursive",
-        ResolveSettings,
-        help="Also search all folders below each INPUT; OUT gets the same tree of folders.",
+    _setting("out", "Folder for the maps.", option="-o --out", required=True),
+    _setting(
+        "recursive",
+        "Also search all folders below each INPUT; OUT gets the same tree of folders.",
+        option="-r --recursive",
     ),
     settings_option(),
-    click.option(
-        "--frames",
-        type=FrameRange(),
-        help="Resolve frames A to B − 1 of each capture, counted from 0: 10:20 are ten frames, 10: all from the eleventh, "
+    _setting(
+        "frames",
+        "Resolve frames A to B − 1 of each capture, counted from 0: 10:20 are ten frames, 10: all from the eleventh, "
         "7 is one.",
     ),
     map_options(
-        click.option(
-            "--roi",
-            type=Rectangle(),
-            help="Region of interest: write maps of columns X0 to X1 − 1 and rows Y0 to Y1 − 1 only.",
+        setting_option(
+            MapSettings, "roi", "Region of interest: write maps of columns X0 to X1 − 1 and rows Y0 to Y1 − 1 only."
         )
     ),
     calibration_option(),
-    setting_option(
-        "--format",
-        ResolveSettings,
+    _setting(
         "map_format",
+        "File format of the maps. same: the format of the input.",
+        option="--format",
         type=click.Choice(FORMAT_CHOICES),
-        help="File format of the maps. same: the format of the input.",
     ),
     RecordOptions(
         "workers",
         Workers,
         jobs_option("Worker processes"),
-        setting_option(
-            "--start-method",
-            Workers,
-            help="How Python starts the worker processes.  [default: fork on Linux, spawn elsewhere]",
-        ),
-        setting_option(
-            "--frame-timeout",
-            Workers,
+        _worker("start_method", "How Python starts the worker processes.  [default: fork on Linux, spawn elsewhere]"),
+        _worker(
             "task_timeout_s",
+            "Seconds after which a frame counts as failed because it hangs; it is tried twice.",
+            option="--frame-timeout",
             metavar="S",
-            help="Seconds after which a frame counts as failed because it hangs; it is tried twice.",
         ),
-        setting_option(
-            "--scheduler",
-            Workers,
-            metavar="local|tcp://HOST:PORT",
-            help="local: worker processes on this machine. Or the address of a dask scheduler whose workers see the same "
+        _worker(
+            "scheduler",
+            "local: worker processes on this machine. Or the address of a dask scheduler whose workers see the same "
             "files; needs the extra `cluster`.",
+            metavar="local|tcp://HOST:PORT",
         ),
     ),
-    setting_option("--overwrite", ResolveSettings, help="Replace the files of an earlier run."),
-    setting_option(
-        "--resume",
-        ResolveSettings,
-        help="Continue an earlier run with the same options: keep its maps, make the missing and changed ones.",
+    _setting("overwrite", "Replace the files of an earlier run."),
+    _setting(
+        "resume",
+        "Continue an earlier run with the same options: keep its maps, make the missing and changed ones.",
     ),
-    setting_option(
-        "--dry-run",
-        ResolveSettings,
-        help="Check everything and list the maps that would be written, but write nothing.",
-    ),
+    _setting("dry_run", "Check everything and list the maps that would be written, but write nothing."),
 )
 @click.option(
     "-0", "--null", is_flag=True, help="Paths on stdin are separated by zero bytes, as `find -print0` writes them."

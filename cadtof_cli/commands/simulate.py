@@ -5,14 +5,9 @@ from pathlib import Path
 
 import click
 
+from cadtof_cli.capture.metadata import Pulse
 from cadtof_cli.commands.help import example
-from cadtof_cli.commands.scene_options import (
-    SCENE_ONLY,
-    LightOptions,
-    SceneOptions,
-    light_options,
-    scene_options,
-)
+from cadtof_cli.commands.scene_options import LightOptions, SceneOptions, light_options, not_of_scene, scene_options
 from cadtof_cli.commands.simulation_options import (
     TrialOptions,
     quiet_option,
@@ -24,39 +19,26 @@ from cadtof_cli.commands.terminal import progress_bar, tell
 from cadtof_cli.errors import SettingsError
 from cadtof_cli.execution.workers import Workers
 from cadtof_cli.files.atomic import require_absent
+from cadtof_cli.files.formats import format_by_name
 from cadtof_cli.simulation.scene.scenes import SCENES
 from cadtof_cli.units import counted
 from cadtof_cli.workflows.simulate.outcome import PathSummary, TrialsSummary
-from cadtof_cli.workflows.simulate.record import RecordSettings, record_scene
+from cadtof_cli.workflows.simulate.record import RecordSettings, record_scene, scene_exposure
 from cadtof_cli.workflows.simulate.simulate import json_report, named_paths, simulate_pixel, write_evolution
 from cadtof_cli.workflows.simulate.trials import Trials
 
-PIXEL_ONLY = (
-    *(
-        "runs",
-        "solver",
-        "paths",
-        "order",
-        "starts",
-        "false_alarm",
-        "returns",
-        "min_return_ratio",
-        "pulse_correction",
-        "wrapped",
-    ),
-    *("as_json", "second_ns", "further", "photon_by_photon", "photons_per_cycle", "cycles"),
-    *(
-        "dead_time_ns",
-        "jitter_ns",
-        "temperature",
-        "sample_noise_v",
-        "gain_mismatch",
-        "offsets_v",
-        "f1_hz",
-        "f2_hz",
-        "drive",
-    ),
-)
+_OF_SCENES_TOO = [
+    "speed_m_s",
+    "frame_rate_hz",
+    "seed",
+    "periods_ns",
+    "waveform",
+    "amplitude_v",
+    "fwhm_ns",
+    "capacitors",
+]
+
+PIXEL_ONLY = {"as_json", "second_ns", "further", *trial_options.names()}.difference(_OF_SCENES_TOO)
 """What a scene does not take: it is recorded from exact statistics, by Eq. (1), and resolved by `cadtof resolve`."""
 
 
@@ -114,22 +96,25 @@ def simulate(
       130  interrupted
     """
     if scene == "pixel":
-        refuse_options(context, SCENE_ONLY, "without --scene")
-        averaging = trial.pixel.averaging(light.integration_length)
-        trials = trial.trials(light.condition(trial.modulation.fwhm_ns), averaging)
+        refuse_options(context, scene_options.names(), "pixel (the default)")
+        trials = trial.of(light.condition(trial.fwhm_ns), trial.averaging(light.integration_length))
         _simulate_pixel(trials, out, workers, quiet=quiet, as_json=as_json)
         return
-    refuse_options(context, PIXEL_ONLY, f"with --scene {scene}")
+    refuse_options(context, PIXEL_ONLY | not_of_scene(scene), scene)
     if out is None:
         raise SettingsError(f"--scene {scene}: found no -o, expected -o DIR, the folder of the capture")
-    n_av = trial.pixel.averaging(light.integration_length).integration_length
-    settings = RecordSettings(
-        exposure=scenery.exposure(scene, light, trial, integration_length=n_av),
-        frames=scenery.frames,
-        frame_format=scenery.frame_format,
-        compress=scenery.compress,
+    seed = trial.trials["seed"]
+    exposure = scene_exposure(
+        scenery.made(scene, light, seed=seed),
+        scenery.camera,
+        modulation=trial.modulation,
+        pulse=Pulse(fwhm_ns=trial.fwhm_ns),
+        integration_length=trial.averaging(light.integration_length).integration_length,
+        counts=format_by_name(scenery.recording["frame_format"]).counts,
+        seed=seed,
+        motion=trial.motion,
     )
-    _record_scene(scene, settings, out, workers, quiet=quiet)
+    _record_scene(scene, RecordSettings(exposure=exposure, **scenery.recording), out, workers, quiet=quiet)
 
 
 def _simulate_pixel(trials: Trials, out: Path | None, workers: Workers, *, quiet: bool, as_json: bool) -> None:

@@ -15,7 +15,6 @@ from cadtof_cli.commands.simulation_options import (
 )
 from cadtof_cli.commands.terminal import progress_bar, tell
 from cadtof_cli.commands.values import grid_from_text
-from cadtof_cli.errors import SettingsError
 from cadtof_cli.execution.workers import Workers
 from cadtof_cli.files.atomic import require_absent
 from cadtof_cli.simulation.pixel.mix import Condition
@@ -44,8 +43,8 @@ GRID = "GRID"
 @click.option(
     "--plot", type=click.Path(path_type=Path), help="New folder for pictures like Figs. 3, 8 and 9 of the paper."
 )
-@setting_option("--direct", Condition, "direct_ns", help="Arrival time of the direct path.")
-@setting_option("--second", Condition, "second_ns", help="Arrival time of the MPI.")
+@setting_option(Condition, "direct_ns", "Arrival time of the direct path.", option="--direct")
+@setting_option(Condition, "second_ns", "Arrival time of the MPI.", option="--second")
 @further_option
 @trial_options
 @workers_option
@@ -76,23 +75,21 @@ def sweep(
       2    wrong usage or settings, or OUT exists
       130  interrupted
     """
-    if integration_length is not None and trial.pixel.capacitors is not None:
-        raise SettingsError("--integration-length: found with --capacitors, expected one of the two")
     lengths = grid_from_text(integration_length or "log:1e3:1e5:5", name="--integration-length")
-    averaging = trial.pixel.averaging(None if trial.pixel.capacitors is not None else lengths[0])
     asrs, ratios = grid_from_text(asr, name="--asr"), grid_from_text(mpi, name="--mpi")
+    averaging = trial.averaging(None if integration_length is None and trial.capacitors else lengths[0])
+    if averaging.capacitors is not None:
+        lengths = (averaging.integration_length,)
     condition = Condition(
         asr=asrs[0],
         mpi_ratio=ratios[0],
         direct_ns=direct_ns,
         second_ns=second_ns,
-        fwhm_ns=trial.modulation.fwhm_ns,
+        fwhm_ns=trial.fwhm_ns,
         further=further,
     )
-    if averaging.capacitors is not None:
-        lengths = (averaging.integration_length,)
     settings = workflow.SweepSettings(
-        base=trial.trials(condition, averaging), asrs=asrs, mpi_ratios=ratios, integration_lengths=lengths
+        base=trial.of(condition, averaging), asrs=asrs, mpi_ratios=ratios, integration_lengths=lengths
     )
     for path in (out, plot):
         if path is not None:

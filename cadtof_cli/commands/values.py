@@ -37,6 +37,22 @@ class NumberList(ParamType):
 NUMBERS = NumberList()
 
 
+class NumberTuple(NumberList):
+    """As many numbers as a setting has, or, with None, any number of them."""
+
+    def __init__(self, count: int | None = None) -> None:
+        self.count = count
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Return a tuple of numbers."""
+        numbers = tuple(super().convert(value, param, ctx))
+        if self.count not in {None, len(numbers)}:
+            told = f" ({param.metavar})" if param is not None and param.metavar else ""
+            option = param.opts[-1] if param is not None else self.name
+            raise SettingsError(f"{option}: found {len(numbers)} values, expected {self.count}{told}")
+        return numbers
+
+
 class FrameRange(ParamType):
     """Frames from 0, such as 10:20, with an end that does not count any more; or one place."""
 

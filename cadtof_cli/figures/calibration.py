@@ -8,11 +8,11 @@ from cadtof_cli.arrays import Float
 from cadtof_cli.calibration.dark import DarkCalibration
 from cadtof_cli.calibration.response import ResponseCalibration
 from cadtof_cli.calibration.store import Calibration
-from cadtof_cli.figures.maps import DEPTHS, ERRORS, SIGMAS, limits_of, signed_limits
 from cadtof_cli.figures.page import Block, Panel, Scaled, draw_page
+from cadtof_cli.figures.scales import DEPTHS, ERRORS, SIGMAS, limits_of, signed_limits
 
 
-def draw_calibration(calibration: Calibration, path: Path, /, *, title: str, kind: str) -> None:
+def draw_calibration(calibration: Calibration, path: Path, /, *, title: str) -> None:
     """Draw all parts of a calibration; bad pixels of its dark part have the colour of pixels without an answer."""
     rows: list[list[Block]] = []
     if calibration.dark is not None:
@@ -26,7 +26,7 @@ def draw_calibration(calibration: Calibration, path: Path, /, *, title: str, kin
         )
         fits = bool(rows) and sum(len(one.panels) for one in rows[-1]) < 4
         rows[-1:] = [[*rows[-1], block]] if fits else [*rows[-1:], [block]]
-    draw_page(rows, path, title=title, kind=kind)
+    draw_page(rows, path, title=title)
 
 
 def _dark_rows(dark: DarkCalibration) -> list[list[Block]]:

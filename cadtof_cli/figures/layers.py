@@ -8,12 +8,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cadtof_cli.arrays import Status
-from cadtof_cli.figures.maps import DEPTHS, ERRORS, SIGMAS, VOLTAGES, limits_of, signed_limits
+from cadtof_cli.arrays import Float, Status
+from cadtof_cli.figures.kinds import save
 from cadtof_cli.figures.page import Block, Classes, Panel, Rows, Scaled, draw_page, page_figure
-from cadtof_cli.figures.pixel_classes import class_shares
-
-ANGLES = "twilight"
+from cadtof_cli.figures.pixel_classes import PixelClass, class_shares
+from cadtof_cli.figures.scales import default_scale
+from cadtof_cli.files.maps import STATUS
+from cadtof_cli.maps.layers import layer_unit
 
 PIXELS = 960
 """A layer is magnified, by a whole number, to so many pixels of the picture at most."""
@@ -41,15 +42,28 @@ class Shown:
     status: Status | None
     depth: str = ""
 
+    @classmethod
+    def of(cls, title: str, layers: Mapping[str, NDArray[Any]], /, *, depth: str = "") -> "Shown":
+        """Return layers of a map, the status bits among them, as they can be drawn."""
+        status = layers[STATUS].astype(np.uint32) if STATUS in layers else None
+        return cls(title, layers, {name: layer_unit(name) for name in layers}, status, depth)
+
+    def shares(self) -> dict[PixelClass, float] | None:
+        """Return the share of the pixels that are of each class; None where their status is not known."""
+        return None if self.status is None else class_shares(self.status)
+
     def unit(self, name: str, /) -> str:
         """Return what a layer's values are, with their unit."""
         unit = self.units.get(name, "")
         return f"{self.depth}, {unit}" if self.depth and name.endswith((".depth", ".mean")) else unit
 
+    def values(self, name: str, /) -> Float:
+        """Return the values of a layer, float64 (Y, X)."""
+        return np.asarray(self.layers[name]).astype(np.float64)
+
     def panel(self, name: str, /) -> Panel:
         """Return a layer as a panel."""
-        one_path = not name.startswith("direct.")
-        return Panel(name, np.asarray(self.layers[name]).astype(np.float64), self.status, one_path=one_path)
+        return Panel(name, self.values(name), self.status, one_path=not name.startswith("direct."))
 
 
 def scale_of(
@@ -59,19 +73,6 @@ def scale_of(
     values = np.concatenate([panel.values.ravel() for panel in panels])
     default, found = default_scale(name, values)
     return Scaled(panels, unit, colours or default, limits or found)
-
-
-def default_scale(name: str, values: NDArray[np.floating], /) -> tuple[str, tuple[float, float]]:
-    """Return colours and limits that suit a layer by its name and values."""
-    if name.endswith(".phase"):
-        return ANGLES, (0.0, 2.0 * np.pi)
-    if ".SC" in name or ".offset" in name:
-        return ERRORS, signed_limits(values, share=99.5)
-    if name.endswith((".sigma", ".std", ".noise")):
-        return SIGMAS, (0.0, limits_of(values)[1])
-    if name.endswith(("amplitude", "confidence")):
-        return VOLTAGES, (0.0, limits_of(values)[1])
-    return DEPTHS, limits_of(values)
 
 
 def block_of(
@@ -88,15 +89,14 @@ def magnified_width(shape: tuple[int, ...], most: int, /) -> float:
     return float(shape[1] * max(1, most // max(shape)))
 
 
-def draw_layer(block: Block, shown: Shown, path: Path, /, *, kind: str) -> None:
+def draw_layer(block: Block, shown: Shown, path: Path, /) -> None:
     """Draw one layer at full resolution: nothing is averaged or left out."""
-    shares = None if shown.status is None else class_shares(shown.status)
     width = magnified_width(block.panels[0].values.shape, PIXELS)
-    figure = page_figure(((block,),), title=shown.title, shares=shares, panel_width=width)
-    figure.savefig(path, dpi=PER_INCH, format=kind)
+    figure = page_figure(((block,),), title=shown.title, shares=shown.shares(), panel_width=width)
+    save(figure, path, dpi=PER_INCH)
 
 
-def draw_all_layers(shown: Shown, path: Path, /, *, kind: str) -> None:
+def draw_all_layers(shown: Shown, path: Path, /) -> None:
     """Draw all layers that a file such as truth holds, depths on one scale."""
     depths = [name for name in shown.layers if name.endswith(".depth")]
     blocks: list[Block] = []
@@ -104,8 +104,7 @@ def draw_all_layers(shown: Shown, path: Path, /, *, kind: str) -> None:
         panels = tuple(shown.panel(name) for name in depths)
         blocks.append(scale_of(depths[0], panels, shown.unit(depths[0]), limits=None, colours=None))
     blocks += [block_of(shown, name) for name in shown.layers if name not in depths]
-    shares = None if shown.status is None else class_shares(shown.status)
-    draw_page(_in_rows(blocks), path, title=shown.title, kind=kind, shares=shares)
+    draw_page(_in_rows(blocks), path, title=shown.title, shares=shown.shares())
 
 
 def _in_rows(blocks: list[Block]) -> Rows:
@@ -117,7 +116,7 @@ def _in_rows(blocks: list[Block]) -> Rows:
     return rows
 
 
-def draw_recorded(shown: Shown, path: Path, /, *, kind: str) -> None:
+def draw_recorded(shown: Shown, path: Path, /) -> None:
     """Draw what a frame recorded, a row for each harmonic: SC1 and SC2, amplitude and phase, each on one scale in all rows."""
     rows: list[list[Block]] = []
     harmonics = [name.removesuffix(".phase") for name in shown.layers if name.endswith(".phase")]
@@ -135,4 +134,4 @@ def draw_recorded(shown: Shown, path: Path, /, *, kind: str) -> None:
                 block_of(shown, f"{one}.phase"),
             ]
         )
-    draw_page(rows, path, title=shown.title, kind=kind)
+    draw_page(rows, path, title=shown.title)

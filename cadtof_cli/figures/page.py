@@ -19,6 +19,7 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from cadtof_cli.arrays import Status
+from cadtof_cli.figures.kinds import save
 from cadtof_cli.figures.pixel_classes import NO_VALUE, PixelClass, classes_of
 from cadtof_cli.figures.text import within
 
@@ -126,19 +127,16 @@ class _Page:
         return left / self.width, bottom, width / self.width, height / self.height
 
 
-def draw_page(
-    rows: Rows, path: Path, /, *, title: str, kind: str, shares: Mapping[PixelClass, float] | None = None
-) -> None:
-    """Draw rows of blocks as a picture of a kind such as png or pdf.
+def draw_page(rows: Rows, path: Path, /, *, title: str, shares: Mapping[PixelClass, float] | None = None) -> None:
+    """Draw rows of blocks as a picture.
 
     Args:
         rows: blocks beside each other; all panels have the same size.
         path: file to write.
         title: of the page.
-        kind: of the picture.
         shares: of the pixels, for the legend.
     """
-    page_figure(rows, title=title, shares=shares).savefig(path, dpi=DOTS_PER_INCH, format=kind)
+    save(page_figure(rows, title=title, shares=shares), path, dpi=DOTS_PER_INCH)
 
 
 def page_figure(

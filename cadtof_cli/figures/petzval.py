@@ -11,8 +11,8 @@ from matplotlib.figure import Figure
 from cadtof_cli.arrays import Float
 from cadtof_cli.calibration.petzval import PetzvalCalibration
 from cadtof_cli.capture.metadata import Optics
+from cadtof_cli.figures.kinds import save
 from cadtof_cli.figures.text import drawable
-from cadtof_cli.files.atomic import atomic_write
 from cadtof_cli.optics import squared_field_radius, wall_range_m
 
 ROWS = 5
@@ -29,7 +29,7 @@ class WallSection:
     slopes: tuple[float, float]
 
 
-def draw_petzval(walls: Sequence[WallSection], petzval: PetzvalCalibration, path: Path, /, *, kind: str) -> None:
+def draw_petzval(walls: Sequence[WallSection], petzval: PetzvalCalibration, path: Path, /) -> None:
     """Draw, a wall a row, its planar depth along the row of the principal point, and the deviation from flat in all pixels."""
     figure = Figure(figsize=(15.0, 3.4 * len(walls) + 0.5), layout="constrained")
     axes = figure.subplots(len(walls), 2, squeeze=False)
@@ -47,8 +47,7 @@ def draw_petzval(walls: Sequence[WallSection], petzval: PetzvalCalibration, path
         facing = wall_range_m(optics, petzval.origin.pixels, distance_m=1.0)
         _section(row[0], wall, petzval, flat, facing)
         _radial(row[1], wall, petzval, flat)
-    with atomic_write(path) as temporary:
-        figure.savefig(temporary, dpi=110, format=kind)
+    save(figure, path, dpi=110)
 
 
 def _section(axes: Axes, wall: WallSection, petzval: PetzvalCalibration, flat: Float, facing: Float) -> None:

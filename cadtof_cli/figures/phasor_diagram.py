@@ -9,9 +9,9 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse
 
 from cadtof_cli.arrays import Float
+from cadtof_cli.figures.kinds import save
 from cadtof_cli.figures.pixel_evolution import DIRECT_COLOUR, DOTS_PER_INCH, MEASURED_COLOUR, MPI_COLOUR
 from cadtof_cli.figures.text import within
-from cadtof_cli.files.atomic import atomic_write
 from cadtof_cli.one_pixel import PixelEvidence
 from cadtof_cli.resolver.status import StatusBit
 
@@ -25,14 +25,13 @@ MOST_ELLIPSE = 0.1
 """Most that it is magnified to, so that twice as much stays in the panel."""
 
 
-def draw_phasors(
-    evidence: PixelEvidence, harmonics: tuple[int, ...], /, *, title: str, path: Path, kind: str = "png"
-) -> None:
-    """Draw the diagram as a picture of a kind such as png or svg.
+def draw_phasors(evidence: PixelEvidence, path: Path, /, *, title: str) -> None:
+    """Draw the diagram as a picture.
 
     Raises:
         OutputError: the file cannot be written.
     """
+    harmonics = evidence.noise.harmonics
     width, height = _LEFT + len(harmonics) * (_SIDE + _GAP), _TOP + _SIDE + _BOTTOM
     figure = Figure(figsize=(width, height))
     heading = within(title, width - 0.3, size=10)
@@ -42,8 +41,7 @@ def draw_phasors(
         axes = figure.add_axes((left / width, _BOTTOM / height, _SIDE / width, _SIDE / height))
         _panel(axes, evidence, row, harmonic)
     figure.axes[0].set_ylabel("imaginary part (SC2)", fontsize=9)
-    with atomic_write(path) as temporary:
-        figure.savefig(temporary, dpi=DOTS_PER_INCH, format=kind)
+    save(figure, path, dpi=DOTS_PER_INCH)
 
 
 def _panel(axes: Axes, evidence: PixelEvidence, row: int, harmonic: int) -> None:

@@ -1,7 +1,6 @@
 """A cross-section of maps, as in the paper's Figs. 4(c) and 5(d): runs overlaid, with their predicted scatter."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -10,8 +9,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from cadtof_cli.arrays import Float
+from cadtof_cli.figures.kinds import save
 from cadtof_cli.figures.text import drawable, shortened, within
-from cadtof_cli.files.atomic import atomic_write
+from cadtof_cli.maps.layers import error_unit
+from cadtof_cli.maps.profile import Curve, Profile
 
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
 """Of runs, in their order: Okabe and Ito's, told apart by the colour-blind."""
@@ -21,97 +22,64 @@ TRUTH_COLOUR = "#000000"
 DOTS_PER_INCH = 130
 
 
-@dataclass(frozen=True, eq=False)
-class Curve:
-    """A layer of one map along the section, (n,) each: values, their standard deviations, and the first phasor's depths."""
-
-    name: str
-    values: Float
-    sigma: Float | None = None
-    first_phasor: Float | None = None
-
-
-@dataclass(frozen=True, eq=False)
-class Section:
-    """What is drawn.
-
-    Attributes:
-        title: of the picture.
-        along: positions on the line, (n,), in pixels.
-        along_label: what they are.
-        value_label: what the values are, with their unit.
-        curves: one or more.
-        truth: what is true along the line, (n,); None where that is not known.
-        error_unit: how many of its unit a unit of the values is, and its name.
-    """
-
-    title: str
-    along: Float
-    along_label: str
-    value_label: str
-    curves: tuple[Curve, ...]
-    truth: Float | None = None
-    error_unit: tuple[float, str] = (100.0, "cm")
-
-
-def draw_section(section: Section, path: Path, /, *, kind: str) -> None:
-    """Draw the section as a picture of a kind such as png or svg; with truth, the errors below it.
+def draw_profile(profile: Profile, path: Path, /) -> None:
+    """Draw a cross-section; with truth, the errors below it.
 
     Raises:
         OutputError: the file cannot be written.
     """
-    rows = 1 if section.truth is None else 2
+    rows = 1 if profile.truth is None else 2
     figure = Figure(figsize=(10.0, 4.4 if rows == 1 else 6.6), layout="constrained")
     panels = figure.subplots(rows, 1, sharex=True, squeeze=False, height_ratios=(3, 2)[:rows])[:, 0]
-    figure.suptitle(within(section.title, 9.5, size=11), fontsize=11, parse_math=False)
-    _values(panels[0], section)
-    if section.truth is not None:
-        _errors(panels[1], section, section.truth)
-    panels[-1].set_xlabel(section.along_label)
-    panels[0].set_xlim(section.along.min() - 0.5, section.along.max() + 0.5)
+    figure.suptitle(within(f"{profile.layer}, {profile.line}", 9.5, size=11), fontsize=11, parse_math=False)
+    _values(panels[0], profile)
+    if profile.truth is not None:
+        _errors(panels[1], profile, profile.truth)
+    panels[-1].set_xlabel(f"{profile.axis}, px")
+    panels[0].set_xlim(profile.along.min() - 0.5, profile.along.max() + 0.5)
     handles, labels = panels[0].get_legend_handles_labels()
     panels[0].legend(handles, labels, fontsize=8, loc="upper left", bbox_to_anchor=(1.01, 1.0), borderaxespad=0.0)
-    with atomic_write(path) as temporary:
-        figure.savefig(temporary, dpi=DOTS_PER_INCH, format=kind)
+    save(figure, path, dpi=DOTS_PER_INCH)
 
 
-def _values(axes: Axes, section: Section) -> None:
-    for name, first, colour in _first_phasors(section):
-        axes.plot(section.along, first, **_DASHED, color=colour, label=name)
-    for curve, name, colour in _named(section):
-        _band(axes, section.along, curve.values, curve.sigma, colour, f"{name}: ± 1 σ, predicted")
-        axes.plot(section.along, curve.values, lw=1.3, **_points(curve.values), color=colour, label=name)
-    if section.truth is not None:
-        axes.plot(section.along, section.truth, lw=1.0, color=TRUTH_COLOUR, label="truth", zorder=1.9)
-    axes.set_ylabel(section.value_label)
+def _values(axes: Axes, profile: Profile) -> None:
+    for name, first, colour in _first_phasors(profile):
+        axes.plot(profile.along, first, **_DASHED, color=colour, label=name)
+    for curve, name, colour in _named(profile):
+        _band(axes, profile.along, curve.values, curve.sigma, colour, f"{name}: ± 1 σ, predicted")
+        axes.plot(profile.along, curve.values, lw=1.3, **_points(curve.values), color=colour, label=name)
+    if profile.truth is not None:
+        axes.plot(profile.along, profile.truth, lw=1.0, color=TRUTH_COLOUR, label="truth", zorder=1.9)
+    what = profile.depth if profile.layer.endswith(".depth") else profile.layer
+    axes.set_ylabel(f"{what}, {profile.unit}" if profile.unit else what)
     _to_lines(axes)
 
 
-def _errors(axes: Axes, section: Section, truth: Float) -> None:
-    factor, unit = section.error_unit
-    for _, first, colour in _first_phasors(section):
-        axes.plot(section.along, factor * (first - truth), **_DASHED, color=colour)
-    for curve, _, colour in _named(section):
+def _errors(axes: Axes, profile: Profile, truth: Float) -> None:
+    factor, unit = error_unit(profile.unit)
+    for _, first, colour in _first_phasors(profile):
+        axes.plot(profile.along, factor * (first - truth), **_DASHED, color=colour)
+    for curve, _, colour in _named(profile):
         error = factor * (curve.values - truth)
-        _band(axes, section.along, error, None if curve.sigma is None else factor * curve.sigma, colour, None)
-        axes.plot(section.along, error, lw=1.3, **_points(error), color=colour)
+        _band(axes, profile.along, error, None if curve.sigma is None else factor * curve.sigma, colour, None)
+        axes.plot(profile.along, error, lw=1.3, **_points(error), color=colour)
     axes.axhline(0.0, color=TRUTH_COLOUR, lw=0.8, zorder=1.9)
-    axes.set_ylabel(f"error, {unit}")
+    axes.set_ylabel(f"error, {unit or '1'}")
     _to_lines(axes)
 
 
 _DASHED: dict[str, Any] = {"lw": 1.0, "ls": (0, (4, 2)), "alpha": 0.8}
 
 
-def _named(section: Section) -> Iterator[tuple[Curve, str, str]]:
+def _named(profile: Profile) -> Iterator[tuple[Curve, str, str]]:
     """Yield each curve with the name that a legend can show, and its colour."""
-    for number, curve in enumerate(section.curves):
+    for number, curve in enumerate(profile.curves):
         yield curve, shortened(drawable(curve.name), 34).replace("$", r"\$"), COLOURS[number % len(COLOURS)]
 
 
-def _first_phasors(section: Section) -> Iterator[tuple[str, Float, str]]:
+def _first_phasors(profile: Profile) -> Iterator[tuple[str, Float, str]]:
     """Yield name, depths and colour of the first phasors: one in grey where all runs have the same."""
-    known = [(f"{name}: first phasor", curve.first_phasor, colour) for curve, name, colour in _named(section)]
+    known = [(f"{name}: first phasor", curve.first_phasor, colour) for curve, name, colour in _named(profile)]
     found = [(name, first, colour) for name, first, colour in known if first is not None]
     if found and all(np.array_equal(first, found[0][1], equal_nan=True) for _, first, _ in found):
         found = [("first phasor", found[0][1], "0.35")]

@@ -14,9 +14,11 @@ from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 
 from cadtof_cli.errors import SettingsError
+from cadtof_cli.figures.kinds import save
 from cadtof_cli.figures.page import Block, Image, Scaled, add_bar, add_legend, page_figure
 from cadtof_cli.figures.pixel_classes import PixelClass
 from cadtof_cli.figures.text import within
+from cadtof_cli.files.atomic import atomic_write, require_new
 
 FILMS = (".gif", ".mp4")
 """How the names of films end."""
@@ -61,7 +63,6 @@ def draw_sheet(
     title: str,
     size: tuple[int, int],
     kinds: Collection[PixelClass],
-    kind: str,
 ) -> None:
     """Draw thumbnails of a size (width, height) with their names in rows, one bar of colours, and the legend of `kinds`."""
     width, height = size
@@ -93,7 +94,7 @@ def draw_sheet(
         left, bottom = (page_width - _RIGHT + 4) / page_width, 1 - (_TOP + length) / page_height
         add_bar(figure, scale, (left, bottom, 12 / page_width, length / page_height), length=length)
     add_legend(figure, [one for one in PixelClass if one in kinds], columns=max(1, page_width // 190))
-    figure.savefig(path, dpi=PER_INCH, format=kind)
+    save(figure, path, dpi=PER_INCH)
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,7 +110,6 @@ def draw_film(
     path: Path,
     /,
     *,
-    kind: str,
     per_second: float,
     panel_width: float,
     kinds: Collection[PixelClass],
@@ -119,7 +119,6 @@ def draw_film(
     Args:
         frames: drawn as they come, in the memory of one (of all, for GIF).
         path: file to write.
-        kind: gif or mp4.
         per_second: how many are shown in a second.
         panel_width: in pixels of the film.
         kinds: of pixels that the legend names.
@@ -130,20 +129,20 @@ def draw_film(
     waiting = iter(frames)
     first = next(waiting)
     pictures = _pictures(itertools.chain((first,), waiting), panel_width, kinds)
-    if kind == "gif":
-        _write_gif(pictures, path, _palette(first.block), per_second)
-    else:
-        _write_mp4(pictures, path, per_second)
+    with atomic_write(path) as temporary:
+        if path.suffix.lower() == ".gif":
+            _write_gif(pictures, temporary, _palette(first.block), per_second)
+        else:
+            _write_mp4(pictures, temporary, per_second)
 
 
-def require_film(path: Path, /) -> str:
-    """Return the kind of film that a file's name asks for; raises SettingsError where what writes it is missing."""
-    kind = path.suffix.lower().removeprefix(".")
-    if kind == "mp4" and importlib.util.find_spec("imageio_ffmpeg") is None:
+def require_film(path: Path, /, *, overwrite: bool) -> None:
+    """Make sure that a film can be written; raises SettingsError where what writes it is missing, OutputError where one is."""
+    require_new(path, overwrite=overwrite)
+    if path.suffix.lower() == ".mp4" and importlib.util.find_spec("imageio_ffmpeg") is None:
         raise SettingsError(
             f"{path}: MP4 needs imageio-ffmpeg, which is not installed: pip install 'cadtof[video]', or write a .gif"
         )
-    return kind
 
 
 def _pictures(frames: Iterable[FilmFrame], panel_width: float, kinds: Collection[PixelClass]) -> Iterator[Image]:

@@ -6,11 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cadtof_cli.arrays import Float, Float32
-
-BIN_CM = 0.001
-"""Width of the bins in which |error| is counted, and so the resolution of its quantiles."""
-
-BINS = 1_000_000
+from cadtof_cli.maps.comparison import MagnitudeTally
 
 
 @dataclass(frozen=True)
@@ -31,10 +27,11 @@ class DepthErrors:
 
 
 class ErrorTally:
-    """Counts errors frame by frame: |error| in bins for the quantiles, sums for mean and mean square."""
+    """Counts errors frame by frame: magnitudes for the quantiles, sums for mean and mean square."""
 
     def __init__(self) -> None:
-        self._counts: NDArray[np.int64] = np.zeros(BINS + 1, np.int64)
+        self._magnitudes = MagnitudeTally()
+        self._answered = 0
         self._sum_cm = 0.0
         self._sum_of_squares = 0.0
         self._with_truth = 0
@@ -66,28 +63,21 @@ class ErrorTally:
             self._within = [count + int(np.count_nonzero(ratio <= k)) for k, count in enumerate(self._within, start=1)]
         self._sum_cm += float(error.sum())
         self._sum_of_squares += float(np.square(error).sum())
-        bins = np.minimum(np.abs(error) / BIN_CM, BINS).astype(np.int64)
-        self._counts += np.bincount(bins, minlength=BINS + 1)
+        self._answered += error.size
+        self._magnitudes.add(error)
 
     def summary(self) -> DepthErrors:
         """Return the errors so far; None for every figure where no pixel has both truth and an answer."""
-        total = int(self._counts.sum())
+        total, size = self._answered, self._magnitudes.summary()
         valid = total / self._with_truth if self._with_truth else 0.0
-        if not total:
-            return DepthErrors(None, None, None, None, valid)
         return DepthErrors(
-            self._quantile(0.5),
-            self._quantile(0.9),
-            float(np.sqrt(self._sum_of_squares / total)),
-            self._sum_cm / total,
+            size.median_abs,
+            size.p90_abs,
+            float(np.sqrt(self._sum_of_squares / total)) if total else None,
+            self._sum_cm / total if total else None,
             valid,
             *(count / self._with_sigma if self._with_sigma else None for count in self._within),
         )
-
-    def _quantile(self, share: float) -> float:
-        """Return the middle of the bin in which the quantile lies."""
-        below = np.cumsum(self._counts)
-        return float((np.searchsorted(below, share * below[-1]) + 0.5) * BIN_CM)
 
 
 def depth_errors(

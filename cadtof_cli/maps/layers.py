@@ -102,15 +102,17 @@ _UNITS_BESIDE_MAPS = {"mean": "m", "std": "m", "delay": "ns"}
 
 @lru_cache(maxsize=16)
 def wanted_layers(*, paths: int = 2, searched: bool = False, averaged: bool = False) -> tuple[Layer, ...]:
-    """Return the layers of a map in the order in which they are written; `status` follows them.
+    """Return the layers of a map of so many paths in the order in which they are written; `status` follows them.
 
-    Args:
-        paths: how many paths a pixel may have.
-        searched: whether the solver searches, so that its paths leave more than nothing.
-        averaged: whether pixels are averaged, over frames or neighbours.
+    A solver that searches, so that its paths leave more than nothing, is `searched`; frames or neighbours are `averaged`.
     """
     others = (_of_path(path, quantity) for path in range(2, paths) for quantity in _QUANTITIES)
     return (*ALWAYS, *others, *(_SEARCHED,) * searched, *(_AVERAGED,) * averaged)
+
+
+def error_unit(unit: str, /) -> tuple[float, str]:
+    """Return by what to multiply differences of values in a unit, and the unit that they are shown in then."""
+    return (100.0, "cm") if unit == "m" else (1.0, unit)
 
 
 def layer_unit(name: str, /) -> str:

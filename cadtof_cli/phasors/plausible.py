@@ -56,9 +56,7 @@ class _Range:
 def implausible(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
     """Return why stored values, (H, 2, …), cannot be the voltages that the metadata make of them; None where they can.
 
-    Args:
-        stored: a recorded frame; NaN and saturated pixels are left out.
-        metadata: how it was recorded.
+    NaN and saturated pixels are left out.
 
     Raises:
         SettingsError: see `volts_per_count`.

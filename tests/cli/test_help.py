@@ -8,7 +8,6 @@ import click
 import pytest
 
 from cadtof_cli.cli import COMMANDS
-from cadtof_cli.commands.scene_options import SCENE_SETTINGS
 from cadtof_cli.simulation.scene.scenes import SCENES
 from tests.support.commands import every_command
 from tests.support.run_cadtof import cadtof
@@ -42,8 +41,8 @@ def test_help_fits_a_narrow_terminal(words: str, columns: int, monkeypatch: pyte
 
 def test_what_differs_from_scene_to_scene_has_a_default_for_each() -> None:
     said = re.sub(r"\s+", " ", cadtof("simulate", "--help").out.replace("-\n", "-"))
-    for scene, option in itertools.product(SCENE_SETTINGS, ("distance_m", "albedo", "opening_deg")):
-        if option in SCENE_SETTINGS[scene]:
+    for scene, option in itertools.product(SCENES, ("distance_m", "albedo", "opening_deg")):
+        if hasattr(SCENES[scene], option):
             default = getattr(SCENES[scene], option)
             told = re.search(rf"--{option.replace('_', '-')}\b[^]]*?[ ;]{scene} (random|[\d.]+)[;\]]", said)
             assert told is not None, (scene, option)

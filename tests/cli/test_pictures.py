@@ -102,7 +102,7 @@ def test_the_picture_of_walls_is_whole(figures: list[Figure], tmp_path: Path) ->
     petzval = PetzvalCalibration(origin, 0.05, -0.03, (15.0, 11.0), PETZVAL_QUALITY)
     flat = wall_range_m(Optics(focal_length_px=28.0, principal_point_px=(15.0, 11.0)), (24, 32), distance_m=2.0)
     walls = [WallSection(name, flat + petzval.range_offset_m, 2.0, (0.0, 0.0)) for name in ("wall", HOSTILE)]
-    draw_petzval(walls, petzval, tmp_path / "a.png", kind="png")
+    draw_petzval(walls, petzval, tmp_path / "a.png")
     _require_whole(figures[0])
 
 

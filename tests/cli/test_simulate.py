@@ -155,9 +155,9 @@ BAD_INPUT = [
     (("--stages", "switched"), "stages: found switched stages without capacitors"),
     (("--temperature", "300"), "--temperature: found without --capacitors"),
     (("--offsets", "1"), "--offsets: found 1 values, expected 2"),
-    (("--frames", "3"), "--frames: found without --scene, where it has no effect"),
+    (("--frames", "3"), "--frames: found with --scene pixel (the default), which does not use it"),
     (("--scene", "wall"), "--scene wall: found no -o, expected -o DIR"),
-    (("--scene", "wall", "--runs", "10", "-o", "x"), "--runs: found with --scene wall, where it has no effect"),
+    (("--scene", "wall", "--runs", "10", "-o", "x"), "--runs: found with --scene wall, which does not use it"),
     (("--scene", "wall", "--mpi", "0.3", "-o", "x"), "--mpi: found with --scene wall, which does not use it"),
     (("--scene", "wall", "--tilt", "3", "-o", "x"), "--tilt: found 1 values, expected 2"),
     (("--scene", "wall", "--distance", "5.9", "-o", "x"), "expected less than the unambiguous range of 5.996 m"),
@@ -175,7 +175,7 @@ BAD_INPUT = [
     ),
     (("--scene", "room", "--distance", "2", "-o", "x"), "--distance: found with --scene room, which does not use it"),
     (("--scene", "wall", "--furniture", "2", "-o", "x"), "--furniture: found with --scene wall, which does not"),
-    (("--light-paths", "9"), "--light-paths: found without --scene, where it has no effect"),
+    (("--light-paths", "9"), "--light-paths: found with --scene pixel (the default), which does not use it"),
     (("--speed", "nan"), "speed: found nan m/s, expected a finite speed"),
     (("--frame-rate", "0"), "frame rate: found 0 Hz, expected a rate above 0"),
     (("--path", "0.2"), "'0.2' is not a ratio and a time in ns such as 0.2@27"),
@@ -187,8 +187,8 @@ BAD_INPUT = [
         ("--periods", "40,10"),
         "with two periods, two paths have a unique solution only if the second period is half of the first",
     ),
-    (("--scene", "wall", "--solver", "lm", "-o", "x"), "--solver: found with --scene wall, where it has no effect"),
-    (("--scene", "wall", "--wrapped", "-o", "x"), "--wrapped: found with --scene wall, where it has no effect"),
+    (("--scene", "wall", "--solver", "lm", "-o", "x"), "--solver: found with --scene wall, which does not use it"),
+    (("--scene", "wall", "--wrapped", "-o", "x"), "--wrapped: found with --scene wall, which does not use it"),
 ]
 
 

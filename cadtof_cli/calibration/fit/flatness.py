@@ -24,11 +24,9 @@ SURE = 3.0
 
 
 def block_medians(values: Float, where: Bool, /) -> Float:
-    """Return the medians of values in square blocks of the array, of those blocks that have enough of them, (n,).
+    """Return the medians in square blocks of the array, of those blocks that have enough values, (n,).
 
-    Args:
-        values: (m,), of the pixels that `where` names, row by row.
-        where: (Y, X).
+    The values, (m,), are those of the pixels that `where`, (Y, X), names, row by row.
     """
     return np.array([np.median(group) for group in _blocks(values, where)])
 

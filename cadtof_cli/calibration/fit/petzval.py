@@ -49,47 +49,45 @@ class WallRanges:
 
 @dataclass(frozen=True, eq=False)
 class _Layout:
-    """Which parameter is which: k2, k4, then the focal length's if it is fitted, then every wall's.
+    """What is fitted to: parameters k2, k4 and q, then distance D and tilt α, β of every wall; `fixed` are those that are known.
 
     Angles enter through pixels from the principal `point` over `half_diagonal`, u and v, and q = (half diagonal / f)²:
-    range = D √(1 + q ρ²)/(1 + αu + βv) + k2 ρ² + k4 ρ⁴. `places` are the indices of each wall's distance (None where it is
-    known), α and β.
+    range = D √(1 + q ρ²)/(1 + αu + βv) + k2 ρ² + k4 ρ⁴. `wall` says whose each range is.
     """
 
     u: Float
     v: Float
+    wall: Index
+    walls: int
     point: tuple[float, float]
     half_diagonal: float
     unambiguous_m: float
-    focal_share: float | None
-    distances: tuple[float | None, ...]
-    wall: Index
-    places: tuple[tuple[int | None, int, int], ...]
-    count: int
+    fixed: tuple[int, ...]
 
     def model(self, parameters: Float) -> tuple[Float, Float]:
         """Return the ranges, (n,), and their derivatives by the parameters, (n, parameters)."""
         rho2 = self.u**2 + self.v**2
-        slopes = np.zeros((rho2.size, self.count))
+        slopes = np.zeros((rho2.size, parameters.size))
         slopes[:, 0], slopes[:, 1] = rho2, rho2**2
         curvature = slopes[:, 0] * parameters[0] + slopes[:, 1] * parameters[1]
-        q = self.focal_share if self.focal_share is not None else parameters[2]
+        q = parameters[2]
         stretch = np.sqrt(1.0 + q * rho2)
         ranges = np.empty(rho2.size)
-        for index, known in enumerate(self.distances):
-            place, alpha, beta = self.places[index]
-            here = self.wall == index
-            distance = parameters[place] if place is not None else known
-            leaning = 1.0 + parameters[alpha] * self.u[here] + parameters[beta] * self.v[here]
+        for index, (distance, alpha, beta) in enumerate(parameters[3:].reshape(-1, 3)):
+            here, place = self.wall == index, _place(index)
+            leaning = 1.0 + alpha * self.u[here] + beta * self.v[here]
             flat = distance * stretch[here] / leaning
             ranges[here] = flat
-            if place is not None:
-                slopes[here, place] = stretch[here] / leaning
-            slopes[here, alpha] = -flat / leaning * self.u[here]
-            slopes[here, beta] = -flat / leaning * self.v[here]
-            if self.focal_share is None:
-                slopes[here, 2] = 0.5 * flat * rho2[here] / (1.0 + q * rho2[here])
+            slopes[here, 2] = 0.5 * flat * rho2[here] / (1.0 + q * rho2[here])
+            slopes[here, place] = stretch[here] / leaning
+            slopes[here, place + 1] = -flat / leaning * self.u[here]
+            slopes[here, place + 2] = -flat / leaning * self.v[here]
         return ranges + curvature, slopes
+
+
+def _place(wall: int) -> int:
+    """Return where a wall's distance stands among the parameters."""
+    return 3 + 3 * wall
 
 
 def fit_petzval(walls: Sequence[WallRanges], /, *, optics: Optics, origin: Origin) -> PetzvalCalibration:
@@ -112,10 +110,10 @@ def fit_petzval(walls: Sequence[WallRanges], /, *, optics: Optics, origin: Origi
     layout = _layout(usable, walls, optics, origin)
     ranges = np.concatenate([wall.range_m[good] for wall, good in zip(walls, usable, strict=True)])
     sigma = np.concatenate([wall.sigma_m[good] for wall, good in zip(walls, usable, strict=True)])
-    start = _start(layout, ranges)
-    fit = _fitted(layout, ranges, sigma, start, fixed=())
+    fit = _fitted(layout, ranges, sigma, _start(layout, ranges, walls, optics))
     _require_walls(layout, fit, sigma, usable, origin)
-    flat = _fitted(layout, ranges, sigma, fit.parameters * np.where(np.arange(layout.count) < 2, 0, 1), fixed=(0, 1))
+    without = replace(layout, fixed=(0, 1, *layout.fixed))
+    flat = _fitted(without, ranges, sigma, np.concatenate((np.zeros(2), fit.parameters[2:])))
     quality = _quality(layout, fit, flat, sigma)
     quality = replace(quality, findings=_findings(layout, quality, fit, optics))
     return PetzvalCalibration(origin, float(fit.parameters[0]), float(fit.parameters[1]), layout.point, quality)
@@ -149,44 +147,34 @@ def _require_distinct(walls: Sequence[WallRanges]) -> None:
 
 def _layout(usable: list[Bool], walls: Sequence[WallRanges], optics: Optics, origin: Origin) -> _Layout:
     point, half_diagonal = principal_point(optics, origin.pixels), 0.5 * math.hypot(*origin.pixels)
-    pixels, focal = [np.nonzero(good) for good in usable], optics.focal_length_px
-    places: list[tuple[int | None, int, int]] = []
-    count = 2 if focal is not None else 3
-    for wall in walls:
-        known = wall.distance_m is not None
-        places.append((None, count, count + 1) if known else (count, count + 1, count + 2))
-        count += 2 if known else 3
+    pixels = [np.nonzero(good) for good in usable]
+    known = [_place(index) for index, wall in enumerate(walls) if wall.distance_m is not None]
     return _Layout(
         u=np.concatenate([(column - point[0]) / half_diagonal for _, column in pixels]),
         v=np.concatenate([(row - point[1]) / half_diagonal for row, _ in pixels]),
+        wall=np.repeat(np.arange(len(walls)), [good.sum() for good in usable]),
+        walls=len(walls),
         point=point,
         half_diagonal=half_diagonal,
         unambiguous_m=unambiguous_range_m(origin.periods_ns[0]),
-        focal_share=(half_diagonal / focal) ** 2 if focal is not None else None,
-        distances=tuple(wall.distance_m for wall in walls),
-        wall=np.repeat(np.arange(len(walls)), [good.sum() for good in usable]),
-        places=tuple(places),
-        count=count,
+        fixed=tuple(known) if optics.focal_length_px is None else (2, *known),
     )
 
 
-def _start(layout: _Layout, ranges: Float) -> Float:
-    """Return parameters of walls that face the camera, at their median distance."""
-    parameters = np.zeros(layout.count)
-    q = layout.focal_share if layout.focal_share is not None else 0.5
-    if layout.focal_share is None:
-        parameters[2] = q
-    stretch = np.sqrt(1.0 + q * (layout.u**2 + layout.v**2))
-    for index in range(len(layout.distances)):
-        place, _, _ = layout.places[index]
-        if place is not None:
-            here = layout.wall == index
-            parameters[place] = np.median(ranges[here] / stretch[here])
+def _start(layout: _Layout, ranges: Float, walls: Sequence[WallRanges], optics: Optics) -> Float:
+    """Return parameters of walls that face the camera, at their known or their median distance."""
+    parameters, focal = np.zeros(_place(layout.walls)), optics.focal_length_px
+    parameters[2] = 0.5 if focal is None else (layout.half_diagonal / focal) ** 2
+    stretch = np.sqrt(1.0 + parameters[2] * (layout.u**2 + layout.v**2))
+    for index, wall in enumerate(walls):
+        here = layout.wall == index
+        known = wall.distance_m is not None
+        parameters[_place(index)] = wall.distance_m if known else np.median(ranges[here] / stretch[here])
     return parameters
 
 
-def _fitted(layout: _Layout, ranges: Float, sigma: Float, start: Float, *, fixed: tuple[int, ...]) -> RobustFit:
-    free = np.array([index for index in range(layout.count) if index not in fixed])
+def _fitted(layout: _Layout, ranges: Float, sigma: Float, start: Float) -> RobustFit:
+    free = np.array([index for index in range(start.size) if index not in layout.fixed])
 
     def residual(parameters: Float) -> tuple[Float, Float]:
         whole = start.copy()
@@ -197,7 +185,7 @@ def _fitted(layout: _Layout, ranges: Float, sigma: Float, start: Float, *, fixed
         return ((ranges - model + half) % layout.unambiguous_m - half) / sigma, slopes[:, free] / sigma[:, np.newaxis]
 
     fit = robust_fit(residual, start[free])
-    whole, covariance = start.copy(), np.zeros((layout.count, layout.count))
+    whole, covariance = start.copy(), np.zeros((start.size, start.size))
     whole[free] = fit.parameters
     covariance[np.ix_(free, free)] = fit.covariance
     return replace(fit, parameters=whole, covariance=covariance)
@@ -209,9 +197,8 @@ def _quality(layout: _Layout, fit: RobustFit, flat: RobustFit, sigma: Float) -> 
     errors = np.sqrt(np.diag(fit.covariance))
     correlation = fit.covariance / np.maximum(np.outer(errors, errors), np.finfo(np.float64).tiny)
     shared = float(np.abs(correlation[:2, 2:]).max(initial=0.0))
-    q = layout.focal_share if layout.focal_share is not None else float(fit.parameters[2])
-    lean = float(np.sqrt(max(q, 0.0)))
-    walls = tuple(_wall_fit(layout, index, fit, before, after, sigma, lean) for index in range(len(layout.distances)))
+    q = float(fit.parameters[2])
+    walls = tuple(_wall_fit(layout, index, fit, before, after, sigma) for index in range(layout.walls))
     return PetzvalQuality(
         k2_stderr_m=float(errors[0]),
         k4_stderr_m=float(errors[1]),
@@ -220,22 +207,20 @@ def _quality(layout: _Layout, fit: RobustFit, flat: RobustFit, sigma: Float) -> 
         noise_rms_m=_rms(sigma[kept]),
         correlation=shared,
         focal_length_px=float(layout.half_diagonal / np.sqrt(q)) if q > 0.0 else float("nan"),
-        focal_length_known=layout.focal_share is not None,
+        focal_length_known=2 in layout.fixed,
         walls=walls,
     )
 
 
-def _wall_fit(
-    layout: _Layout, index: int, fit: RobustFit, before: Float, after: Float, sigma: Float, lean: float
-) -> WallFit:
-    """Return what was found of one wall; `lean` is the unit of the tilt's parameters."""
-    known, (place, alpha, beta) = layout.distances[index], layout.places[index]
-    here = (fit.weights > 0.0) & (layout.wall == index)
+def _wall_fit(layout: _Layout, index: int, fit: RobustFit, before: Float, after: Float, sigma: Float) -> WallFit:
+    place, here = _place(index), (fit.weights > 0.0) & (layout.wall == index)
+    distance, alpha, beta = fit.parameters[place : place + 3]
+    lean = np.sqrt(max(fit.parameters[2], 0.0))
     return WallFit(
-        distance_m=float(fit.parameters[place]) if place is not None else float(known or 0.0),
-        distance_stderr_m=float(np.sqrt(fit.covariance[place, place])) if place is not None else 0.0,
-        distance_known=known is not None,
-        slopes=(float(fit.parameters[alpha] / lean), float(fit.parameters[beta] / lean)),
+        distance_m=float(distance),
+        distance_stderr_m=float(np.sqrt(fit.covariance[place, place])),
+        distance_known=place in layout.fixed,
+        slopes=(float(alpha / lean), float(beta / lean)),
         rms_before_m=_rms(before[here]),
         rms_after_m=_rms(after[here]),
         noise_rms_m=_rms(sigma[here]),

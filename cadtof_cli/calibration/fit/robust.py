@@ -42,11 +42,9 @@ class RobustFit:
 
 
 def robust_fit(model: Callable[[Float], tuple[Float, Float]], start: Float, /) -> RobustFit:
-    """Fit parameters, from a start that need not be close where the model is nearly linear.
+    """Fit parameters, from a start (p,) that need not be close where the model is nearly linear.
 
-    Args:
-        model: residuals (n,) over their standard deviations, and derivatives (n, p) of the modelled values over the same.
-        start: (p,).
+    The model gives residuals (n,) over their standard deviations, and derivatives (n, p) of the modelled values over the same.
 
     Raises:
         SettingsError: the observations do not determine the parameters.
@@ -75,16 +73,24 @@ def _weighted(residual: Float) -> tuple[float, Float]:
 
 
 def _inverse(normal: Float) -> tuple[Float, float]:
-    """Return the inverse and the condition number of a normal matrix, after its diagonal has been scaled to 1."""
-    diagonal = np.diag(normal)
-    if not (diagonal > 0.0).all():
+    """Return what `scaled_inverse` does of a normal matrix that determines the parameters."""
+    if not (np.diag(normal) > 0.0).all():
         raise SettingsError("the observations do not determine all parameters: a wall or distance has no usable pixels")
-    norm = 1.0 / np.sqrt(diagonal)
-    scaled = normal * np.outer(norm, norm)
-    condition = float(np.linalg.cond(scaled))
-    if not condition <= 1e13:
+    inverse, condition = scaled_inverse(normal, most=1e13)
+    if inverse is None:
         raise SettingsError(
             f"the observations do not determine all parameters (condition {condition:.1e}): "
             "add captures at other distances, or give what is known"
         )
-    return np.linalg.inv(scaled) * np.outer(norm, norm), condition
+    return inverse, condition
+
+
+def scaled_inverse(normal: Float, /, *, most: float) -> tuple[Float | None, float]:
+    """Return the inverse and the condition number of a normal matrix, after its diagonal has been scaled to 1.
+
+    There is no inverse where the condition number is not below `most`.
+    """
+    norm = 1.0 / np.sqrt(np.diag(normal))
+    scale = np.outer(norm, norm)
+    condition = float(np.linalg.cond(normal * scale))
+    return np.linalg.inv(normal * scale) * scale if condition <= most else None, condition

@@ -7,6 +7,7 @@ import numpy as np
 
 from cadtof_cli.arrays import Bool, Float, Index
 from cadtof_cli.calibration.fit.pixels import Observations, PixelFit, Terms, fit_pixels, series, two_way
+from cadtof_cli.calibration.fit.robust import scaled_inverse
 from cadtof_cli.phasors.noise import MAD_PER_SIGMA
 
 CANDIDATES = (-1, 0, -3, 5, 3)
@@ -49,12 +50,9 @@ class TermFit:
 
 
 def fit_terms(observed: Observations, base: Sequence[dict[int, complex]], /, *, distances: int) -> TermFit:
-    """Return the terms that the observations need and can determine, starting from those of the ideal waveform.
+    """Return the terms that the observations need and can determine, starting from `base`, G[h,k]/G[h,1] of the ideal waveform.
 
-    Args:
-        observed: of pixels that see nothing but the targets.
-        base: G[h,k]/G[h,1] of the ideal waveform.
-        distances: how many different distances the targets have; with one, no term can be told from the pixels' own phases.
+    With targets at one distance, no term can be told from the pixels' own phases.
     """
     terms: Terms = tuple(dict(one) for one in base)
     kept = np.ones(observed.phase.shape[1], np.bool_)
@@ -165,20 +163,13 @@ class _System:
         """Return changes and standard errors, (len(orders), H, 2) each, and the condition of their normal matrix."""
         places = self._places(orders)
         normal, side = self._normal[np.ix_(places, places)], self._side[places]
-        norm = 1.0 / np.sqrt(np.diag(normal))
-        scaled = normal * np.outer(norm, norm)
-        condition = float(np.linalg.cond(scaled))
-        if not condition <= 1e12:
-            return (
-                np.zeros((len(orders), self._harmonics, 2)),
-                np.full((len(orders), self._harmonics, 2), np.inf),
-                np.inf,
-            )
-        inverse = np.linalg.inv(scaled) * np.outer(norm, norm)
+        shape = (len(orders), self._harmonics, 2)
+        inverse, condition = scaled_inverse(normal, most=1e12)
+        if inverse is None:
+            return np.zeros(shape), np.full(shape, np.inf), np.inf
         change = inverse @ side
         left = max(self._power - float(change @ side), 0.0) / self.freedom(len(orders))
         errors = np.sqrt(np.diag(inverse) * left)
-        shape = (len(orders), self._harmonics, 2)
         return change.reshape(shape), errors.reshape(shape), condition
 
     def selection(self, taken: tuple[int, ...]) -> tuple[tuple[int, ...], dict[int, str]]:

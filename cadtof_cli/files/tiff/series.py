@@ -5,6 +5,7 @@ from collections import Counter
 from collections.abc import Sequence
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import tifffile
@@ -50,7 +51,9 @@ def _series(tiff: tifffile.TiffFile) -> list[tifffile.TiffPageSeries]:
     """
     if not _is_alone(tiff):
         try:
-            series: list[tifffile.TiffPageSeries] = tiff.series
+            found: Any = tiff.series
+            # from tifffile 2026.5 on, axes of length 1 are left out unless one asks for them
+            series: list[tifffile.TiffPageSeries] = list(found(squeeze=False) if callable(found) else found)
         except RuntimeError:
             series = []
         if series and (len(series) == 1 or series[0].kind != "generic"):
@@ -69,7 +72,10 @@ def _is_alone(tiff: tifffile.TiffFile) -> bool:
 
 def _axes(series: tifffile.TiffPageSeries) -> tuple[str, tuple[int, ...]]:
     """Return labels and lengths of a series' axes, without the one sample a pixel that tifffile adds to some."""
-    axes, shape = series.get_axes(squeeze=False), series.get_shape(squeeze=False)
+    if hasattr(series, "get_axes"):  # until tifffile 2026.5
+        axes, shape = series.get_axes(squeeze=False), series.get_shape(squeeze=False)
+    else:
+        axes, shape = series.axes, series.shape
     if axes.endswith("S") and not series.keyframe.axes.endswith("S"):
         return axes[:-1], shape[:-1]
     return axes, shape

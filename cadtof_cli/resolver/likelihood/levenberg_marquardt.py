@@ -39,16 +39,47 @@ class Problem(Protocol):
     def moved(self, points: Float, steps: Float, /) -> Float:
         """Return the points after steps of (M, n)."""
 
-    def planes(self, points: Float, /) -> Planes | None:
-        """Return them for the compiled search from such points; None: it knows no such problems."""
-
     def __getitem__(self, chosen: Index, /) -> Self:
         """Return the problems of the given indices."""
 
 
+class Compilable(Problem, Protocol):
+    """Problems that the compiled search may know."""
+
+    def planes(self, points: Float, /) -> Planes | None:
+        """Return them for the compiled search from such points; None: it knows no such problems."""
+
+
+@dataclass(frozen=True)
+class State:
+    """n problems on their way, the last axis of all arrays.
+
+    `worth` is what a step must promise to lower their cost by, besides a share of it; `damping`, (D, n), is all that the method
+    keeps of how carefully it goes on, in its own units, the damping itself in row 0.
+    """
+
+    points: Float
+    matrix: Triangle
+    gradient: Float
+    cost: Float
+    worth: Float
+    damping: Float
+    converged: Bool
+    stopped: Bool
+
+    def __getitem__(self, chosen: Index) -> "State":
+        return State(*(part[..., chosen] for part in vars(self).values()))
+
+    def put(self, at: Index, other: "State") -> None:
+        """Write over the problems of the given indices."""
+        some = slice(None) if at.size == self.cost.size else at  # a slice is copied four times as fast
+        for part, new in zip(vars(self).values(), vars(other).values(), strict=True):
+            part[..., some] = new
+
+
 @dataclass(frozen=True, kw_only=True)
-class LevenbergMarquardt:
-    """When to stop, and how carefully to begin.
+class Descent:
+    """When to stop, and how carefully to begin; what a step is, and what becomes of the damping, is the method's.
 
     A problem has converged once a step promises to lower its cost by no more than `relative`·cost + `absolute`/samples.
 
@@ -56,7 +87,7 @@ class LevenbergMarquardt:
         max_steps: steps after which a problem that has not converged is given up.
         relative: share of the cost that is not worth a step.
         absolute: cost that is not worth a step.
-        first_damping: damping of the first step, in units of the matrix's diagonal.
+        first_damping: damping of the first step, in the method's units.
     """
 
     max_steps: int
@@ -64,22 +95,81 @@ class LevenbergMarquardt:
     absolute: float = 0.0
     first_damping: float = 1e-3
 
+    def descended(self, problem: Problem, starts: Float, /, *, samples: Float | None = None) -> tuple[State, Index]:
+        """Return where every problem ends from its start, (P, n), and after how many steps; NaN does not converge."""
+        count = starts.shape[1]
+        at, none, worth = problem.linearised(starts), np.zeros(count, np.bool_), self.worth(count, samples)
+        state = State(starts, at.matrix, at.gradient, at.cost, worth, self.begin(count), none, none)
+        at_work: Index = np.arange(count)
+        ends, steps = state[at_work], np.zeros(count, np.intp)
+        for _ in range(self.max_steps):
+            state = self._stepped(problem, state)
+            steps[at_work[~state.stopped]] += 1
+            going = np.flatnonzero(~state.stopped)
+            if going.size < SHRINK_BELOW * at_work.size:
+                ends.put(at_work, state)
+                at_work, problem, state = at_work[going], problem[going], state[going]
+            if not going.size:
+                break
+        ends.put(at_work, state)
+        return ends, steps
+
+    def _stepped(self, problem: Problem, now: State) -> State:
+        """Try one step of every problem; one that has stopped, or whose step leads up, stays where it is."""
+        step, promised = self.step(now)
+        done = promised <= self.relative * now.cost + now.worth
+        points = problem.moved(now.points, step)
+        there = problem.linearised(points)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            drop = now.cost - there.cost
+            damping = self.next_damping(now.damping, drop, promised)
+        down = (drop > 0.0) & ~now.stopped
+        return State(
+            np.where(down, points, now.points),
+            np.where(down, there.matrix, now.matrix),
+            np.where(down, there.gradient, now.gradient),
+            np.where(down, there.cost, now.cost),
+            now.worth,
+            damping,
+            now.converged | (done & ~now.stopped),
+            now.stopped | done | ~(damping[0] < MOST_DAMPING) | ~np.isfinite(promised),
+        )
+
+    def worth(self, count: int, samples: Float | None, /) -> Float:
+        """Return the cost that is not worth a step, (n,), of problems that are means of so many recordings (None: 1)."""
+        return np.full(count, self.absolute if samples is None else self.absolute / samples)
+
+    def begin(self, count: int, /) -> Float:
+        """Return the damping, (D, n), of the first step."""
+        return np.full((1, count), self.first_damping)
+
+    def step(self, now: State, /) -> tuple[Float, Float]:
+        """Return the damped step, (M, n), and by how much it promises to lower the cost, (n,)."""
+        raise NotImplementedError
+
+    def next_damping(self, damping: Float, drop: Float, promised: Float, /) -> Float:
+        """Return the damping, (D, n), after a step that lowered the cost by `drop`, (n,), and not by what was promised."""
+        raise NotImplementedError
+
+
+class LevenbergMarquardt(Descent):
+    """The method with damping in units of the matrix's diagonal."""
+
     def solve(
-        self, problem: Problem, starts: Float, /, *, samples: Float | None = None, kernel: str | None = None
+        self, problem: Compilable, starts: Float, /, *, samples: Float | None = None, kernel: str | None = None
     ) -> Minimum:
         """Minimise every problem from its start, (P, n); the starts are not changed. NaN does not converge.
 
         `samples`, (n,): what is solved are means of so many recordings, the cost is in units of one's noise (None: 1).
         `kernel`: what runs, of `available_kernels` (None: the chosen); all give the same bits.
         """
-        worth = np.full(starts.shape[1], self.absolute if samples is None else self.absolute / samples)
         kernel = kernel or chosen_kernel()
         planes = problem.planes(starts) if kernel != NUMPY else None
         if planes is not None:
             ends = compiled_ends(
                 planes,
                 starts,
-                worth=worth,
+                worth=self.worth(starts.shape[1], samples),
                 most_steps=self.max_steps,
                 relative=self.relative,
                 first_damping=self.first_damping,
@@ -87,97 +177,26 @@ class LevenbergMarquardt:
             )
             if ends is not None:
                 return ends
-        return self._solved_by_numpy(problem, starts, worth)
+        end, steps = self.descended(problem, starts, samples=samples)
+        return Minimum(end.points, end.cost, end.matrix, end.converged, steps)
 
-    def _solved_by_numpy(self, problem: Problem, starts: Float, worth: Float) -> Minimum:
-        at_work: Index = np.arange(starts.shape[1])
-        state = _begin(problem, starts, self.first_damping, worth)
-        result = Minimum(
-            starts.copy(), state.at.cost, state.at.matrix, state.converged, np.zeros(starts.shape[1], np.intp)
-        )
-        for _ in range(self.max_steps):
-            state = self._stepped(problem, state)
-            result.steps[at_work[~state.stopped]] += 1
-            going = np.flatnonzero(~state.stopped)
-            if going.size < SHRINK_BELOW * at_work.size:
-                _store(result, at_work, state)
-                at_work, problem, state = at_work[going], problem[going], state[going]
-            if not going.size:
-                break
-        _store(result, at_work, state)
-        return result
+    def begin(self, count: int, /) -> Float:
+        """Return damping, and the factor by which the next step that leads up raises it."""
+        return np.array([np.full(count, self.first_damping), np.full(count, 2.0)])
 
-    def _stepped(self, problem: Problem, state: "_State") -> "_State":
-        """Try one step of every problem; one that has stopped, or whose step leads up, stays where it is."""
-        now = state.at
-        step = solve(cholesky(now.matrix, len(now.gradient), damping=state.damping), now.gradient)
+    def step(self, now: State, /) -> tuple[Float, Float]:
+        """Return the step by Cholesky's factors, and what it promises."""
+        damping = now.damping[0]
+        step = solve(cholesky(now.matrix, len(now.gradient), damping=damping), now.gradient)
         promised = np.zeros_like(now.cost)
         for i, (part, slope) in enumerate(zip(step, now.gradient, strict=True)):
-            promised += part * (slope + state.damping * now.matrix[entry(i, i)] * part)
-        done = promised <= self.relative * now.cost + state.worth
-        points = problem.moved(state.points, step)
-        there = problem.linearised(points)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            gain = (now.cost - there.cost) / promised
-        down = (there.cost < now.cost) & ~state.stopped
-        twice = 2.0 * gain - 1.0
-        eased = state.damping * np.maximum(1.0 - twice * twice * twice, 0.1)
-        damping = np.where(down, eased, state.damping * state.growth)
-        if not down.all():
-            for stays, moves in (
-                (state.points, points),
-                (now.matrix, there.matrix),
-                (now.gradient, there.gradient),
-                (now.cost, there.cost),
-            ):
-                np.copyto(moves, stays, where=~down)
-        return _State(
-            points,
-            there,
-            state.worth,
-            damping,
-            np.where(down, 2.0, 2.0 * state.growth),
-            state.converged | (done & ~state.stopped),
-            state.stopped | done | ~(damping < MOST_DAMPING) | ~np.isfinite(promised),
-        )
+            promised += part * (slope + damping * now.matrix[entry(i, i)] * part)
+        return step, promised
 
-
-@dataclass(frozen=True)
-class _State:
-    """n problems on their way; `worth` is what a step must promise to lower their cost by, besides a share of it."""
-
-    points: Float
-    at: Linearised
-    worth: Float
-    damping: Float
-    growth: Float
-    converged: Bool
-    stopped: Bool
-
-    def __getitem__(self, chosen: Index) -> "_State":
-        at = Linearised(self.at.matrix[:, chosen], self.at.gradient[:, chosen], self.at.cost[chosen])
-        return _State(
-            self.points[:, chosen],
-            at,
-            self.worth[chosen],
-            self.damping[chosen],
-            self.growth[chosen],
-            self.converged[chosen],
-            self.stopped[chosen],
-        )
-
-
-def _begin(problem: Problem, starts: Float, damping: float, worth: Float) -> _State:
-    count = starts.shape[1]
-    none = np.zeros(count, np.bool_)
-    return _State(
-        starts, problem.linearised(starts), worth, np.full(count, damping), np.full(count, 2.0), none, none.copy()
-    )
-
-
-def _store(result: Minimum, at_work: Index, state: _State) -> None:
-    some = slice(None) if at_work.size == result.cost.size else at_work  # a slice is copied four times as fast
-    result.points[:, some] = state.points
-    result.cost[some] = state.at.cost
-    result.matrix[:, some] = state.at.matrix
-    result.converged[some] = state.converged
+    def next_damping(self, damping: Float, drop: Float, promised: Float, /) -> Float:
+        """Return damping and factor: eased by what a step gains of its promise, raised the more, the more of them lead up."""
+        own, growth = damping
+        twice = 2.0 * (drop / promised) - 1.0
+        eased = own * np.maximum(1.0 - twice * twice * twice, 0.1)
+        down = drop > 0.0
+        return np.array([np.where(down, eased, own * growth), np.where(down, 2.0, 2.0 * growth)])

@@ -61,6 +61,10 @@ class EliminatedPath:
             gradient[1] += _dot(slope_im, rest)
         return Linearised(matrix, gradient, cost)
 
+    def moved(self, z: Float, steps: Float, /) -> Float:
+        """Return z after a step."""
+        return z + steps
+
     def __getitem__(self, chosen: Index, /) -> Self:
         return type(self)(self.harmonics, tuple((re[chosen], im[chosen]) for re, im in self.right))
 

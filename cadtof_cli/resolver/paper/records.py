@@ -1,4 +1,4 @@
-"""What the search of Eq. (9) is told, where it begins, at random, and when it ends; and what it finds."""
+"""Where the search of Eq. (9) begins, at random, and what it finds."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -6,29 +6,6 @@ from functools import cached_property
 import numpy as np
 
 from cadtof_cli.arrays import Bool, Float, Index
-
-
-@dataclass(frozen=True, kw_only=True)
-class Stopping:
-    """When a start has ended, and how it begins.
-
-    It has converged once a step promises to lower its cost by no more than `relative`·cost + `absolute`: one on its way to the
-    answer lowers its cost by a share of it with every step, one that does not is in a false minimum.
-
-    Attributes:
-        max_steps: steps after which a start that has not converged is given up.
-        relative: share of the cost that is not worth a step.
-        absolute: cost that is not worth a step, nor another start.
-        first_damping: damping of the first step, in units of the misfit.
-    """
-
-    max_steps: int = 100
-    relative: float = 1e-3
-    absolute: float = 1e-29
-    first_damping: float = 0.5
-
-
-STOPPING = Stopping()
 
 
 @dataclass(frozen=True)

@@ -10,12 +10,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cadtof_cli.arrays import Bool, Float, Index
+from cadtof_cli.arrays import Float, Index
 from cadtof_cli.resolver.likelihood.compiled import MOST_HARMONIC, MOST_ROWS, compiled_search
-from cadtof_cli.resolver.likelihood.levenberg_marquardt import MOST_DAMPING, SHRINK_BELOW, Linearised
+from cadtof_cli.resolver.likelihood.levenberg_marquardt import Descent, State
 from cadtof_cli.resolver.likelihood.normal_equations import LEAST_PIVOT
 from cadtof_cli.resolver.paper.equation_9 import EliminatedPath
-from cadtof_cli.resolver.paper.records import STOPPING, Ends, RandomStarts, Stopping
+from cadtof_cli.resolver.paper.records import Ends, RandomStarts
 from cadtof_cli.resolver.two_path.kernel import NUMPY, chosen_kernel
 
 EASED, MORE, FURTHER = 0.3, 2.0, 4.0
@@ -25,6 +25,40 @@ AS_PROMISED, LESS_THAN_PROMISED = 0.9, 0.25
 """Shares of what was promised."""
 
 
+@dataclass(frozen=True, kw_only=True)
+class MisfitDamped(Descent):
+    """The method with damping in units of the misfit.
+
+    A start on its way to the answer lowers its cost by a share of it with every step; one that does not is in a false minimum.
+    What is left below `absolute` is worth no other start either.
+    """
+
+    max_steps: int = 100
+    relative: float = 1e-3
+    absolute: float = 1e-29
+    first_damping: float = 0.5
+
+    def step(self, now: State, /) -> tuple[Float, Float]:
+        """Return the step by Cramer's rule, and what it promises."""
+        damping = now.damping[0] * np.sqrt(now.cost)
+        a, b, d = now.matrix
+        a, d = a + damping, d + damping
+        product = a * d
+        scale = 1.0 / np.maximum(product - b * b, LEAST_PIVOT * product + np.finfo(np.float64).tiny)
+        first, second = now.gradient
+        x, y = (d * first - b * second) * scale, (a * second - b * first) * scale
+        return np.stack([x, y]), x * (first + damping * x) + y * (second + damping * y)
+
+    def next_damping(self, damping: Float, drop: Float, promised: Float, /) -> Float:
+        """Return the damping by what a step gained of its promise."""
+        eased = np.where(drop < LESS_THAN_PROMISED * promised, MORE * damping, damping)
+        eased = np.where(drop > AS_PROMISED * promised, EASED * damping, eased)
+        return np.where(drop > 0.0, eased, FURTHER * damping)
+
+
+DAMPED = MisfitDamped()
+
+
 def best_ends(
     equations: EliminatedPath,
     places: Index,
@@ -32,7 +66,7 @@ def best_ends(
     /,
     *,
     numbers: range | None = None,
-    stopping: Stopping = STOPPING,
+    stopping: MisfitDamped = DAMPED,
     kernel: str | None = None,
 ) -> Ends:
     """Return the best end of n pixels at their places in the frame, (n,): of all starts, or of those of the numbers alone.
@@ -52,83 +86,13 @@ def best_ends(
         waiting: Index = np.flatnonzero(~(best.cost <= stopping.absolute))
         if not waiting.size:
             break
-        found = ends(equations[waiting], starts.of(places[waiting], number), stopping=stopping)
-        better = found.cost < best.cost[waiting]
+        end, steps = stopping.descended(equations[waiting], starts.of(places[waiting], number))
+        better = end.cost < best.cost[waiting]
         chosen = waiting[better]
-        best.z[:, chosen], best.cost[chosen] = found.z[:, better], found.cost[better]
-        best.converged[chosen] = found.converged[better]
-        best.steps[waiting] += found.steps
+        best.z[:, chosen], best.cost[chosen] = end.points[:, better], end.cost[better]
+        best.converged[chosen] = end.converged[better]
+        best.steps[waiting] += steps
     return best
-
-
-def ends(equations: EliminatedPath, z: Float, /, *, stopping: Stopping = STOPPING) -> Ends:
-    """Return where the search ends from z, (2, n); pixels that have stopped are dropped as it goes on."""
-    at_work: Index = np.arange(z.shape[1])
-    none = np.zeros(at_work.size, np.bool_)
-    state = _State(z, equations.linearised(z), np.full(at_work.size, stopping.first_damping), none, none)
-    result = Ends(z.copy(), state.at.cost, none, np.zeros(at_work.size, np.intp))
-    for _ in range(stopping.max_steps):
-        state = _stepped(equations, state, stopping)
-        result.steps[at_work[~state.stopped]] += 1
-        going = np.flatnonzero(~state.stopped)
-        if going.size < SHRINK_BELOW * at_work.size:
-            _store(result, at_work, state)
-            at_work, equations, state = at_work[going], equations[going], state[going]
-        if not going.size:
-            break
-    _store(result, at_work, state)
-    return result
-
-
-@dataclass(frozen=True)
-class _State:
-    z: Float
-    at: Linearised
-    damping: Float
-    converged: Bool
-    stopped: Bool
-
-    def __getitem__(self, chosen: Index) -> "_State":
-        at = Linearised(self.at.matrix[:, chosen], self.at.gradient[:, chosen], self.at.cost[chosen])
-        return _State(self.z[:, chosen], at, self.damping[chosen], self.converged[chosen], self.stopped[chosen])
-
-
-def _stepped(equations: EliminatedPath, state: _State, stopping: Stopping) -> _State:
-    """Try one step of every pixel; one that has stopped, or whose step leads up, stays where it is."""
-    now = state.at
-    step, promised = _step(now, state.damping * np.sqrt(now.cost))
-    done = promised <= stopping.relative * now.cost + stopping.absolute
-    z = state.z + step
-    there = equations.linearised(z)
-    drop = now.cost - there.cost
-    eased = np.where(drop < LESS_THAN_PROMISED * promised, MORE * state.damping, state.damping)
-    eased = np.where(drop > AS_PROMISED * promised, EASED * state.damping, eased)
-    damping = np.where(drop > 0.0, eased, FURTHER * state.damping)
-    moves = (drop > 0.0) & ~state.stopped
-    at = Linearised(*(np.where(moves, *pair) for pair in zip(_parts(there), _parts(now), strict=True)))
-    stopped = state.stopped | done | ~(damping < MOST_DAMPING) | ~np.isfinite(promised)
-    converged = state.converged | (done & ~state.stopped)
-    return _State(np.where(moves, z, state.z), at, damping, converged, stopped)
-
-
-def _step(now: Linearised, damping: Float) -> tuple[Float, Float]:
-    """Return the damped step, (2, n), and by how much it promises to lower the cost, (n,)."""
-    a, b, d = now.matrix
-    a, d = a + damping, d + damping
-    product = a * d
-    scale = 1.0 / np.maximum(product - b * b, LEAST_PIVOT * product + np.finfo(np.float64).tiny)
-    first, second = now.gradient
-    x, y = (d * first - b * second) * scale, (a * second - b * first) * scale
-    return np.stack([x, y]), x * (first + damping * x) + y * (second + damping * y)
-
-
-def _parts(at: Linearised) -> tuple[Float, Float, Float]:
-    return at.matrix, at.gradient, at.cost
-
-
-def _store(result: Ends, at_work: Index, state: _State) -> None:
-    result.z[:, at_work], result.cost[at_work] = state.z, state.at.cost
-    result.converged[at_work] = state.converged
 
 
 def compiled_best_ends(
@@ -138,7 +102,7 @@ def compiled_best_ends(
     /,
     *,
     numbers: range,
-    stopping: Stopping,
+    stopping: MisfitDamped,
     kernel: str,
 ) -> Ends | None:
     """Return what `best_ends` does, or None where numpy has to."""

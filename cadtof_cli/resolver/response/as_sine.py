@@ -34,11 +34,9 @@ def _beyond_sine(phase: Float32, row: int, response: ResponseBlock) -> tuple[Flo
 
 
 def first_phase(phasor: Complex, /, *, response: ResponseBlock | None) -> Float:
-    """Return the phase in [0, 2π) of a single path, float64 (n,), from the phasors of the fundamental; NaN stays NaN.
+    """Return the phase in [0, 2π) of a single path, float64 (n,), from the fundamental's phasor, complex128 (n,); NaN stays NaN.
 
-    Args:
-        phasor: complex128 (n,), normalised.
-        response: of the same pixels; None: that of a sine, where the phase is the phasor's own.
+    Without a response of the same pixels, it is that of a sine, and the phase the phasor's own.
     """
     with np.errstate(invalid="ignore"):
         if response is None:

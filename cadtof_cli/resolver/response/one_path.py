@@ -14,17 +14,11 @@ from cadtof_cli.resolver.two_path.one_path import OnePath
 def one_path_of_response(
     start: OnePath, phasors: Complex, /, *, response: ResponseBlock, noise: NoiseModel, steps: int
 ) -> OnePath:
-    """Return the best single path of every pixel under the full response, from the sine's; NaN stays NaN.
+    """Return the best single path of phasors, complex128 (2, n), under the full response, from the sine's; NaN stays NaN.
 
-    Least squares of p_h − a·f_h(x) with the noise along and across each phasor as weights. The last step's normal
-    equations give the standard deviation, and χ² at the minimum, with 2 degrees of freedom, without evaluating again.
-
-    Args:
-        start: the sine's answer.
-        phasors: complex128 (2, n), normalised.
-        response: of the same pixels.
-        noise: of the phasors.
-        steps: Gauss–Newton steps, 1 or more.
+    Least squares of p_h − a·f_h(x) with the noise along and across each phasor as weights, by one Gauss–Newton step or more. The
+    last step's normal equations give the standard deviation, and χ² at the minimum, with 2 degrees of freedom, without evaluating
+    again.
     """
     observed = response.observed(phasors)
     amplitude, phase = start.amplitude.astype(np.float32), angle_of(start.cos, start.sin)

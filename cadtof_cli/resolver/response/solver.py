@@ -4,14 +4,14 @@ import numpy as np
 
 from cadtof_cli.arrays import Bool, Complex, Float, Index
 from cadtof_cli.phasors.noise import NoiseModel
-from cadtof_cli.resolver.paths import CLOSE_ENOUGH, Fit, Paths
+from cadtof_cli.resolver.paths import Fit
 from cadtof_cli.resolver.response.one_path import one_path_of_response
 from cadtof_cli.resolver.response.table import ResponseBlock
 from cadtof_cli.resolver.response.two_paths import two_paths_of_response
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.resolver.two_path.closed_form import fundamental_frame, is_single
 from cadtof_cli.resolver.two_path.one_path import OnePath, one_path
-from cadtof_cli.resolver.two_path.uncertainty import two_path_sigmas
+from cadtof_cli.resolver.two_path.solver import fit_of_two
 
 ORDER_TEST_STEPS = 2
 """Gauss–Newton steps of the one-path fit where the order test or two paths follow."""
@@ -48,9 +48,7 @@ class FullResponse:
         two, converged = two_paths_of_response(
             self._alone, self._phasors, pixels & ~single, response=self._response, noise=self._noise
         )
-        sigma = two_path_sigmas(two, noise=self._noise)
-        doubt = np.maximum(*sigma) / (CLOSE_ENOUGH * two.sin_half)
-        fit = Fit(Paths(two.amplitude, two.phases(), sigma), np.zeros(doubt.size), converged, doubt)
+        fit = fit_of_two(two, converged, noise=self._noise)
         if single.any():
             at = np.flatnonzero(single)
             fit[at] = self._alone.fit()[at]

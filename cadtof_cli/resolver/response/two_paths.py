@@ -33,19 +33,12 @@ _EVERYWHERE = slice(None)
 def two_paths_of_response(
     alone: OnePath, phasors: Complex, chosen: Bool, /, *, response: ResponseBlock, noise: NoiseModel
 ) -> tuple[TwoPaths, Bool]:
-    """Return two paths that meet the four exact equations in the chosen pixels, and where they do; in the others, the sine's.
+    """Return two paths of phasors, complex128 (2, n), that meet the four exact equations in the chosen pixels, and where they do.
 
-    The search starts from the closed form after the higher terms of the best single path have been subtracted. A step that
-    does not bring a pixel closer is halved; a pixel is done, and costs nothing more, when what is left of its equations is
-    well below the noise. Those that are not done are led from the sine's answer to the response's in `STAGES`. What
-    still is not done keeps its best and is marked.
-
-    Args:
-        alone: the best single path.
-        phasors: complex128 (2, n), normalised.
-        chosen: bool (n,), pixels that have two paths.
-        response: of the same n pixels.
-        noise: of the phasors; it decides when a pixel is done.
+    In the others they are the sine's. The search starts from the closed form after the higher terms of the best single path,
+    `alone`, have been subtracted. A step that does not bring a pixel closer is halved; a pixel is done, and costs nothing more,
+    when what is left of its equations is well below the noise. Those that are not done are led from the sine's answer to the
+    response's in `STAGES`. What still is not done keeps its best and is marked.
     """
     start = two_paths(fundamental_frame(*_sine_part(alone, phasors, response)))
     pixels = np.flatnonzero(chosen & ~start.single)

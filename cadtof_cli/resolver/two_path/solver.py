@@ -6,7 +6,7 @@ from cadtof_cli.arrays import Bool, Complex, Float, Index
 from cadtof_cli.phasors.noise import NoiseModel
 from cadtof_cli.resolver.paths import CLOSE_ENOUGH, Fit, Paths
 from cadtof_cli.resolver.settings import ResolverSettings
-from cadtof_cli.resolver.two_path.closed_form import FundamentalFrame, fundamental_frame, two_paths
+from cadtof_cli.resolver.two_path.closed_form import FundamentalFrame, TwoPaths, fundamental_frame, two_paths
 from cadtof_cli.resolver.two_path.one_path import one_path
 from cadtof_cli.resolver.two_path.uncertainty import misfit_spread, two_path_sigmas
 
@@ -41,10 +41,7 @@ class ClosedForm:
         chosen: Index | slice = slice(None) if everywhere else np.flatnonzero(pixels)
         frame = self._frame if everywhere else self._frame[chosen]
         two = two_paths(frame)
-        sigma = two_path_sigmas(two, noise=self._noise)
-        doubt = np.maximum(*sigma) / (CLOSE_ENOUGH * two.sin_half)
-        count = doubt.size
-        fit = Fit(Paths(two.amplitude, two.phases(), sigma), np.zeros(count), np.ones(count, np.bool_), doubt)
+        fit = fit_of_two(two, np.ones(two.single.size, np.bool_), noise=self._noise)
         if two.single.any():
             single = np.flatnonzero(two.single)
             fit[single] = one_path(frame[single], noise=self._noise, steps=ORDER_TEST_STEPS).fit()
@@ -57,6 +54,13 @@ def solver(
     """Return the solver for a block of phasors, complex128 (2, n)."""
     del settings, response, first
     return ClosedForm(phasors, noise)
+
+
+def fit_of_two(two: TwoPaths, converged: Bool, /, *, noise: NoiseModel) -> Fit:
+    """Return two paths, which leave nothing of their phasors, as what a solver gives."""
+    sigma = two_path_sigmas(two, noise=noise)
+    doubt = np.maximum(*sigma) / (CLOSE_ENOUGH * two.sin_half)
+    return Fit(Paths(two.amplitude, two.phases(), sigma), np.zeros(doubt.size), converged, doubt)
 
 
 def may_be_one_path(frame: FundamentalFrame, limit: Float | float, /, *, noise: NoiseModel) -> Bool:

@@ -9,16 +9,10 @@ from cadtof_cli.simulation.pixel.mix import PhotonMix
 
 
 def draw_phases(mix: PhotonMix, generator: np.random.Generator, /, *, count: int, harmonic: int = 1) -> Float32:
-    """Return the phases at which photons of one pixel arrive, float32 (count,), in rad of a harmonic.
+    """Return the phases 2π h t/T1 at which photons of one pixel, a mix without pixel axes, arrive: float32 (count,), in rad.
 
     One uniform number a photon decides both where it comes from and, if that is ambient light, when; laser photons
     get a Gaussian about their path's delay. float32 resolves 10⁻⁶ of a period, a thousandth of the pulse.
-
-    Args:
-        mix: of one pixel, without pixel axes.
-        generator: source of randomness.
-        count: photons.
-        harmonic: h; the phase of a photon at t is 2π h t/T1.
     """
     shares = mix.shares()
     ambient = float(mix.ambient / mix.total)
@@ -56,7 +50,7 @@ def draw_detections(
     Args:
         mix: of one pixel, without pixel axes; its own jitter must be 0, since what the SPAD misses is decided by
             when photons arrive, not by when they are seen.
-        generator: source of randomness.
+        generator: of all that is drawn.
         cycles: laser periods.
         photons_per_cycle: photons that arrive in each.
         dead_time_ns: after a detection, arrivals within this time are lost and do not prolong it.

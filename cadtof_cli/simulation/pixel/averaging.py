@@ -134,17 +134,12 @@ def stage_ticks(stages: Stages, photons: int, photon_rate_hz: float) -> list[tup
 
 
 def cascade_weights(nodes_ff: tuple[float, ...], ticks: list[tuple[int, int]], photons: int) -> Float:
-    """Return the weights of the samples in the voltage of the last stage, (photons,).
+    """Return the weights of so many samples in the voltage of the last stage, (photons,), by the capacitors of `nodes_ff`.
 
     C1 takes the sample and shares it with the node behind SM, to which it stays connected until the next photon.
     At a tick, a stage shares its charge with the one before. The effect of each sample on the last voltage is
     followed backwards in time, so the loop is over ticks, not over photons. When all stages share their charge
     between any two photons, this is Eq. (1) with C_total.
-
-    Args:
-        nodes_ff: sampling capacitor, then those behind SM, ST1 and ST2.
-        ticks: from `stage_ticks`.
-        photons: how many were sampled.
     """
     sampling, first, second, third = nodes_ff
     keep = first / (sampling + first)

@@ -17,12 +17,7 @@ def time_bounds_ns(mix: PhotonMix, modulation: Modulation, /, *, variance_gain: 
     Voltages are Gaussian with the exact covariance C of this mix, and J holds the derivatives of their means by
     amplitudes and times: the bound is the root of the diagonal of (Σ_h Jᵀ C⁻¹ J)⁻¹ (Kay, Estimation Theory, 1993,
     section 3.9, without what little the covariance itself tells). Infinite where paths coincide, NaN for paths
-    without photons, which are no unknowns.
-
-    Args:
-        mix: of one pixel, without pixel axes.
-        modulation: periods, waveform and amplitude.
-        variance_gain: Σ w_i² of the averaging.
+    without photons, which are no unknowns. The mix is without pixel axes, `variance_gain` Σ w_i² of the averaging.
     """
     covariances = voltage_statistics(mix, modulation, variance_gain=variance_gain).covariances_v2
     present = np.flatnonzero(mix.photons > 0)

@@ -103,13 +103,10 @@ def pixel_weights(model: PixelModel, /) -> Float32:
 def record_pixel(
     model: PixelModel, mix: PhotonMix, weights: Float32, generators: list[np.random.Generator], /
 ) -> Float:
-    """Return the voltages that one run ends with, (H, 2), in V, without keeping the trace.
+    """Return the voltages that one run ends with, (H, 2), in V, without keeping the trace; the weights are `pixel_weights`.
 
-    Args:
-        model: the pixel.
-        mix: photons of this pixel, without pixel axes and without jitter, which is the model's.
-        weights: from `pixel_weights`.
-        generators: one for each harmonic, since harmonics are recorded one after the other.
+    The mix is without pixel axes, and without jitter, which is the model's. Each harmonic has its own generator, since harmonics
+    are recorded one after the other.
     """
     voltages = np.empty((len(model.modulation.harmonics), 2))
     delays = model.motion.delays_ns(len(generators))

@@ -40,12 +40,9 @@ def averaging_gain(integration_length: float) -> float:
 
 
 def sample_mean(moments: Complex, /, *, harmonic: int, waveform: Waveform) -> Complex:
-    """Return the mean of SC1 + i·SC2 over photons, in units of A.
+    """Return the mean of SC1 + i·SC2 over photons from `PhotonMix.moments`, (K + 1, *pixels), in units of A.
 
-    Args:
-        moments: (K + 1, *pixels), from `PhotonMix.moments`; orders beyond K count as 0.
-        harmonic: h of the modulation.
-        waveform: sine, m_h, or triangle, (8/π²)(m_h + conj(m_3h)/9 + m_5h/25 + …).
+    For a sine it is m_h, for a triangle (8/π²)(m_h + conj(m_3h)/9 + m_5h/25 + …); orders beyond K count as 0.
     """
     mean = np.zeros(moments.shape[1:], dtype=np.complex128)
     for n, coefficient in phasor_series(waveform, (len(moments) - 1) // harmonic):
@@ -82,15 +79,11 @@ def voltage_statistics(
     sample_noise_v: float = 0.0,
     motion: Motion = AT_REST,
 ) -> VoltageStatistics:
-    """Return the distribution of the averaged voltages of every pixel of a mix.
+    """Return the distribution of the averaged voltages of every pixel of a mix, in motion from harmonic to harmonic.
 
-    Args:
-        mix: the photons that arrive, (*pixels).
-        modulation: periods, waveform and amplitude.
-        variance_gain: Σ w_i² of the averaging, from `averaging_gain` or from a cascade's weights.
-        mean_gain: Σ w_i, less than 1 until the average has settled.
-        sample_noise_v: standard deviation of noise that every sample brings besides, such as kTC noise.
-        motion: of all that the light comes from, from harmonic to harmonic.
+    `variance_gain` is Σ w_i² of the averaging, from `averaging_gain` or from a cascade's weights, `mean_gain` Σ w_i, less than 1
+    until the average has settled, and `sample_noise_v` the standard deviation of noise that every sample brings besides, such as
+    kTC noise.
     """
     moments = mix.moments(highest_order(modulation.harmonics, modulation.waveform, mix.spread_rad))
     at_rest, delays = moments, motion.delays_ns(len(modulation.harmonics))

@@ -24,11 +24,8 @@ Series = Iterator[tuple[int, complex]]
 def highest_order(harmonics: tuple[int, ...], waveform: Waveform, spread_rad: float) -> int:
     """Return the highest moment order k that means and covariances of these harmonics depend on.
 
-    Args:
-        harmonics: harmonic numbers h of the modulation.
-        waveform: sine or triangle.
-        spread_rad: standard deviation of the arrival times as a phase of the fundamental; orders that it
-            extinguishes to below rounding are left out.
+    `spread_rad` is the standard deviation of the arrival times as a phase of the fundamental; orders that it extinguishes to
+    below rounding are left out.
     """
     if waveform == "sine":
         return 2 * max(harmonics)
@@ -86,12 +83,7 @@ def triangle(phases_rad: Real, /) -> Real:
 
 
 def sampled_pair(waveform: Waveform, phases_rad: Real, /) -> tuple[Real, Real]:
-    """Return the samples of SC1 and SC2 in units of A at phases ≥ 0; `phases_rad` is overwritten.
-
-    Args:
-        waveform: sine or triangle.
-        phases_rad: (n,) float32 or float64, phase of the harmonic that is recorded.
-    """
+    """Return the samples of SC1 and SC2 in units of A at phases ≥ 0 of the harmonic, (n,), which are overwritten."""
     if waveform == "sine":
         return np.cos(phases_rad), np.sin(phases_rad, out=phases_rad)
     first = triangle(phases_rad.copy())

@@ -106,15 +106,10 @@ def joined(bands: list[Band], /) -> Band:
 
 
 def frame_voltages(exposure: Exposure, whole: Band, index: int, /, *, offsets_v: Float | None = None) -> Float:
-    """Return the voltages of one frame in V, (H, 2, Y, X).
+    """Return the voltages of one frame in V, (H, 2, Y, X), with dark offsets, of the same shape, added.
 
-    Frames are independent draws: between two read-outs the average forgets what it held.
-
-    Args:
-        exposure: gives the seed.
-        whole: of the whole frame.
-        index: of the frame, 0 or more; the frame depends on nothing else.
-        offsets_v: (H, 2, Y, X), dark offsets to add.
+    Frames are independent draws, which depend on the exposure's seed and their index alone: between two read-outs the average
+    forgets what it held.
     """
     generator = np.random.default_rng(np.random.SeedSequence(exposure.seed, spawn_key=(_FRAME_KEY, index)))
     voltages: Float = draw_voltages(whole.voltages, generator)[0]

@@ -40,9 +40,7 @@ class Surface:
     def distances(self, origins_m: Float, directions: Float) -> Float:
         """Return the way from origin to surface along each ray, in lengths of its direction; inf where the ray misses it.
 
-        Args:
-            origins_m: (3, ...), where rays start.
-            directions: (3, ...), where they go, broadcast against the origins.
+        Origins and directions, (3, ...), are broadcast against each other.
         """
         approach = _dot(self.normal, directions)
         height = _dot(self.normal, np.asarray(self.origin_m)) - _dot(self.normal, origins_m)

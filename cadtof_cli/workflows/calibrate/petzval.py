@@ -49,7 +49,8 @@ def calibrate_petzval(
     Raises:
         CadtofError: see `averaged_captures` and `fit_petzval`.
     """
-    kind = require_picture(plot, overwrite=settings.overwrite) if plot else ""
+    if plot is not None:
+        require_picture(plot, overwrite=settings.overwrite)
     averaged = averaged_captures(inputs, "petzval", settings=settings, overrides=overrides, progress=progress)
     earlier = earlier_parts(settings.out, "petzval", averaged, progress=progress)
     walls = [_wall(capture, mean, settings.out, earlier) for capture, mean in averaged]
@@ -68,7 +69,7 @@ def calibrate_petzval(
     )
     if plot is None:
         return report
-    _draw(walls, petzval, [str(capture.root) for capture, _ in averaged], plot, kind)
+    _draw(walls, petzval, [str(capture.root) for capture, _ in averaged], plot)
     return replace(report, written=(*report.written, str(plot)))
 
 
@@ -116,13 +117,11 @@ def _with_shared_uncertainty(petzval: PetzvalCalibration, stderr_m: tuple[float,
     return replace(petzval, quality=replace(quality, k2_stderr_m=k2_stderr_m, k4_stderr_m=k4_stderr_m))
 
 
-def _draw(
-    walls: Sequence[WallRanges], petzval: PetzvalCalibration, names: Sequence[str], path: Path, kind: str
-) -> None:
+def _draw(walls: Sequence[WallRanges], petzval: PetzvalCalibration, names: Sequence[str], path: Path) -> None:
     from cadtof_cli.figures.petzval import WallSection, draw_petzval
 
     sections = [
         WallSection(Path(name).name, wall.range_m, fit.distance_m, fit.slopes)
         for name, wall, fit in zip(names, walls, petzval.quality.walls, strict=True)
     ]
-    draw_petzval(sections, petzval, path, kind=kind)
+    draw_petzval(sections, petzval, path)

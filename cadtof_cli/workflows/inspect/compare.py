@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cadtof_cli.errors import CaptureError, SettingsError
-from cadtof_cli.files.atomic import atomic_write
 from cadtof_cli.files.maps import STATUS, read_layers
 from cadtof_cli.frame_plan import DEPTH_IN_WORDS
 from cadtof_cli.maps.comparison import (
@@ -19,7 +18,7 @@ from cadtof_cli.maps.comparison import (
     changed_pixels,
     difference,
 )
-from cadtof_cli.maps.layers import DIRECT_DEPTH, MPI_DEPTH, layer_unit
+from cadtof_cli.maps.layers import DIRECT_DEPTH, MPI_DEPTH
 from cadtof_cli.resolver.status import StatusBit, bit_words
 from cadtof_cli.workflows.inspect.layers import Layers, require_same_size
 from cadtof_cli.workflows.progress import Progress
@@ -205,25 +204,16 @@ def _badness(frame: FrameDifference) -> tuple[float, float, int]:
     return frame.p90_abs or 0.0, frame.max_abs or 0.0, frame.status_changed or 0
 
 
-def draw_worst(pairs: MapPairs, found: Comparison, out: Path, /, *, kind: str) -> None:
+def draw_worst(pairs: MapPairs, found: Comparison, out: Path, /) -> None:
     """Draw the frame that differs most: both on one scale, their difference, and what became of each pixel.
 
     Raises:
         CadtofError: the maps cannot be read, or the picture cannot be written.
     """
-    from cadtof_cli.figures.comparison import LayerPair, draw_comparison
+    from cadtof_cli.figures.comparison import draw_comparison
+    from cadtof_cli.figures.layers import Shown
 
     pair = pairs.pair(found.worst[0].frame)
     named = [name for name in (DIRECT_DEPTH, MPI_DEPTH) if name in pair.shared] or list(pair.shared[:2])
-    shown = []
-    for name in named:
-        one, other, unit = pair.first[name], pair.second[name], layer_unit(name)
-        small, small_unit = (100.0, "cm") if unit == "m" else (1.0, unit)
-        change = small * difference(one, other)
-        shown.append(LayerPair(name, one.astype(np.float64), other.astype(np.float64), unit, change, small_unit))
-    status = tuple(
-        layers[STATUS].astype(np.uint32) if STATUS in layers else None for layers in (pair.first, pair.second)
-    )
     title = f"{pair.name}: A = {pairs.a.maps}, B = {pairs.b.maps}"
-    with atomic_write(out) as temporary:
-        draw_comparison(tuple(shown), (status[0], status[1]), temporary, title=title, kind=kind)
+    draw_comparison(Shown.of("A", pair.first), Shown.of("B", pair.second), named, out, title=title)

@@ -17,6 +17,7 @@ from cadtof_cli.files.point_cloud import write_points
 from cadtof_cli.frame_plan import DEPTH_IN_WORDS, DepthKind
 from cadtof_cli.maps.layers import DIRECT_DEPTH
 from cadtof_cli.optics import planar_per_range, ray_slopes
+from cadtof_cli.records import setting
 from cadtof_cli.workflows.inspect.layers import GivenOptics, Layers, layer_of
 from cadtof_cli.workflows.progress import Progress
 from cadtof_cli.workflows.run_folder import read_run
@@ -27,18 +28,12 @@ MOST_MM = 65535
 
 @dataclass(frozen=True, kw_only=True)
 class ExportSettings(GivenOptics):
-    """What a user can choose, besides the optics.
+    """What a user can choose, besides the optics."""
 
-    Attributes:
-        layer: the depths that points and pictures are made of.
-        depth: whether they are radial ranges or planar depths; None: as the run says, ranges where there is none.
-    """
-
-    layer: str = DIRECT_DEPTH
-    depth: DepthKind | None = None
+    layer: str = setting(DIRECT_DEPTH, "Layer of the depths for point clouds and images.", metavar="NAME")
+    depth: DepthKind | None = setting(None, "Kind of the depths.  [default: from run.json, else range]")
 
     def __post_init__(self) -> None:
-        super().__post_init__()
         if not self.layer.endswith(".depth"):
             raise SettingsError(f"--layer: found {self.layer!r}, expected a layer of depths such as direct.depth")
 

@@ -10,11 +10,12 @@ from numpy.typing import NDArray
 
 from cadtof_cli.arrays import Float
 from cadtof_cli.capture.metadata import Optics
-from cadtof_cli.errors import CaptureError, SettingsError
+from cadtof_cli.errors import CaptureError
 from cadtof_cli.files.formats import MAP_SUFFIXES
 from cadtof_cli.files.maps import read_layers
 from cadtof_cli.files.reading import is_folder
 from cadtof_cli.maps.layers import DIRECT_DEPTH
+from cadtof_cli.records import setting
 from cadtof_cli.workflows.run_folder import Run
 
 Layers = Mapping[str, NDArray[Any]]
@@ -23,27 +24,27 @@ Layers = Mapping[str, NDArray[Any]]
 
 @dataclass(frozen=True, kw_only=True)
 class GivenOptics:
-    """What a user can say of the optics that maps were recorded with.
+    """What a user can say of the optics that maps were recorded with, where the run's record lacks them or has them wrong."""
 
-    Attributes:
-        focal_length_px: of the camera; None: as the run says.
-        principal_point_px: column and row where the optical axis meets the array; None: as the run says, or the middle.
-    """
-
-    focal_length_px: float | None = None
-    principal_point_px: tuple[float, float] | None = None
-
-    def __post_init__(self) -> None:
-        point = self.principal_point_px
-        if point is not None and len(point) != 2:
-            raise SettingsError(f"--principal-point-px: found {len(point)} numbers, expected a column and a row")
+    focal_length_px: float | None = setting(
+        None,
+        "Focal length in pixels, for point clouds.  [default: from run.json]",
+        option="--focal-length-px",
+        metavar="F",
+    )
+    principal_point_px: tuple[float, float] | None = setting(
+        None,
+        "Column and row of the optical axis.  [default: from run.json, else the centre]",
+        option="--principal-point-px",
+        metavar="X,Y",
+    )
 
     def optics(self, run: Run, file: Path, /) -> Optics:
         """Return the optics of a map: those that the user gave, or else those of the run."""
         known, focal, point = run.optics(file), self.focal_length_px, self.principal_point_px
         return Optics(
             focal_length_px=known.focal_length_px if focal is None else focal,
-            principal_point_px=known.principal_point_px if point is None else (point[0], point[1]),
+            principal_point_px=known.principal_point_px if point is None else point,
         )
 
 

@@ -13,9 +13,9 @@ from cadtof_cli.capture.frames import Capture, FrameSource, open_frames, single_
 from cadtof_cli.capture.toml import FILE_NAME as CAPTURE_FILE
 from cadtof_cli.errors import CadtofError, SettingsError
 from cadtof_cli.figures.layers import Shown
-from cadtof_cli.files.maps import STATUS, is_map_layer, read_layers
+from cadtof_cli.files.maps import is_map_layer, read_layers
 from cadtof_cli.frame_plan import DEPTH_IN_WORDS
-from cadtof_cli.maps.layers import DIRECT_DEPTH, layer_unit
+from cadtof_cli.maps.layers import DIRECT_DEPTH
 from cadtof_cli.phasors.voltages import saturated_pixels, volts_from_stored
 from cadtof_cli.resolver.status import StatusBit
 from cadtof_cli.workflows.run_folder import RUN_FILE, Run, map_files, read_run
@@ -80,11 +80,8 @@ class _MapReader:
     file: Path
 
     def __call__(self) -> Shown:
-        layers = read_layers(self.file)
-        status = layers[STATUS].astype(np.uint32) if STATUS in layers else None
-        units = {name: layer_unit(name) for name in layers}
         title, depth = f"{self.file.parent.name}/{self.file.name}", DEPTH_IN_WORDS[self.run.depth_kind]
-        return Shown(title, layers, units, status, depth)
+        return Shown.of(title, read_layers(self.file), depth=depth)
 
 
 @dataclass(frozen=True)

@@ -14,15 +14,15 @@ from cadtof_cli.figures.kinds import require_picture
 from cadtof_cli.figures.layers import (
     Shown,
     block_of,
-    default_scale,
     draw_all_layers,
     draw_layer,
     draw_recorded,
     magnified_width,
 )
-from cadtof_cli.figures.maps import MapPicture, draw_maps
+from cadtof_cli.figures.maps import OF_A_MAP, draw_maps
 from cadtof_cli.figures.page import Block
 from cadtof_cli.figures.pixel_classes import PixelClass
+from cadtof_cli.figures.scales import default_scale
 from cadtof_cli.figures.sequence import (
     FILMS,
     FilmFrame,
@@ -33,17 +33,13 @@ from cadtof_cli.figures.sequence import (
     require_film,
     thumbnail_size,
 )
-from cadtof_cli.files.atomic import atomic_write, require_new
-from cadtof_cli.maps.layers import CONFIDENCE, DIRECT_AMPLITUDE, DIRECT_DEPTH, DIRECT_SIGMA, MPI_DEPTH
+from cadtof_cli.maps.layers import DIRECT_DEPTH
 from cadtof_cli.workflows.inspect.facts import is_calibration_folder
 from cadtof_cli.workflows.inspect.first_phasors import first_phasors
 from cadtof_cli.workflows.inspect.layers import direct_depth, require_same_size
 from cadtof_cli.workflows.inspect.pictured import Pictured, pictured
 from cadtof_cli.workflows.inspect.preview_settings import PreviewSettings
 from cadtof_cli.workflows.progress import Progress
-
-OF_A_MAP = (DIRECT_DEPTH, MPI_DEPTH, CONFIDENCE, DIRECT_SIGMA)
-"""Layers that `cadtof resolve` writes, whatever its options."""
 
 _FILM_PIXELS = 640
 """A map in a film is magnified to so many pixels at most."""
@@ -63,10 +59,11 @@ def preview(inputs: Sequence[Path], out: Path, /, *, settings: PreviewSettings, 
     """
     film = out.suffix.lower() in FILMS
     if film:
-        require_new(out, overwrite=settings.overwrite)
-    kind = require_film(out) if film else require_picture(out, overwrite=settings.overwrite, more=FILMS)
+        require_film(out, overwrite=settings.overwrite)
+    else:
+        require_picture(out, overwrite=settings.overwrite, more=FILMS)
     if len(inputs) == 1 and is_calibration_folder(inputs[0]):
-        _draw_calibration(inputs[0], out, kind, settings)
+        _draw_calibration(inputs[0], out, settings)
         return
     found = list(pictured(inputs))
     if settings.frame is not None:
@@ -79,69 +76,43 @@ def preview(inputs: Sequence[Path], out: Path, /, *, settings: PreviewSettings, 
         progress.say(f"drawn with truth: the first of {len(found)} frames; --frame N draws another")
         found = found[:1]
     if film:
-        _film(found, out, kind, settings, progress)
+        _film(found, out, settings, progress)
     elif len(found) > 1:
-        _sheet(found, out, kind, settings, progress, title=" ".join(path.name or str(path) for path in inputs))
+        _sheet(found, out, settings, progress, title=" ".join(path.name or str(path) for path in inputs))
     else:
-        _one(found[0], out, kind, settings, progress)
+        _one(found[0], out, settings, progress)
 
 
-def _draw_calibration(folder: Path, out: Path, kind: str, settings: PreviewSettings) -> None:
-    if settings.of_layers or kind in {"gif", "mp4"}:
+def _draw_calibration(folder: Path, out: Path, settings: PreviewSettings) -> None:
+    if settings.of_layers or out.suffix.lower() in FILMS:
         raise SettingsError(
             f"{folder}: a calibration is drawn whole, as a picture: without --layer, --range, --cmap and --truth"
         )
     calibration = load_calibration(folder)
     parts = ", ".join(f"{kind_of} {digest}" for kind_of, digest in calibration.digests.items())
-    with atomic_write(out) as temporary:
-        draw_calibration(calibration, temporary, title=f"calibration {folder.absolute().name}: {parts}", kind=kind)
+    draw_calibration(calibration, out, title=f"calibration {folder.absolute().name}: {parts}")
 
 
-def _one(one: Pictured, out: Path, kind: str, settings: PreviewSettings, progress: Progress) -> None:
+def _one(one: Pictured, out: Path, settings: PreviewSettings, progress: Progress) -> None:
     """Draw one frame: one of its layers, or all of it."""
     shown = one.read()
-    whole = settings.layer is None and settings.limits is None and settings.colours is None
-    picture = _map_picture(one, shown, settings, progress) if whole and one.run is not None else None
-    with atomic_write(out) as temporary:
-        if picture is not None:
-            draw_maps(picture, temporary, kind=kind)
-        elif not whole:
-            draw_layer(_block(one, shown, settings), shown, temporary, kind=kind)
-        elif one.run is None and "H1.phase" in shown.layers:
-            draw_recorded(shown, temporary, kind=kind)
-        else:
-            draw_all_layers(shown, temporary, kind=kind)
-
-
-def _map_picture(one: Pictured, shown: Shown, settings: PreviewSettings, progress: Progress) -> MapPicture | None:
-    """Return what is drawn of a map of `cadtof resolve`; None where it is another file of layers."""
-    assert one.run is not None
-    assert one.file is not None
-    missing = [name for name in OF_A_MAP if name not in shown.layers]
-    if missing and settings.truth is None:
-        return None
-    if missing:
-        raise CaptureError(f"{one.file}: found layers {', '.join(shown.layers)}; expected {', '.join(missing)} too")
-    direct, mpi, confidence, sigma = (shown.layers[name].astype(np.float64) for name in OF_A_MAP)
-    known, first = None, None
-    if settings.truth is not None:
+    if settings.layer is not None or settings.limits is not None or settings.colours is not None:
+        draw_layer(_block(one, shown, settings), shown, out)
+    elif one.run is None or one.file is None:
+        draw = draw_recorded if "H1.phase" in shown.layers else draw_all_layers
+        draw(shown, out)
+    elif missing := [name for name in OF_A_MAP if name not in shown.layers]:
+        if settings.truth is not None:
+            raise CaptureError(f"{one.file}: found layers {', '.join(shown.layers)}; expected {', '.join(missing)} too")
+        draw_all_layers(shown, out)
+    elif settings.truth is None:
+        draw_maps(shown, out)
+    else:
         one.run.require_range_depth()
-        known = one.run.cropped(direct_depth(settings.truth))
+        known, direct = one.run.cropped(direct_depth(settings.truth)), shown.values(DIRECT_DEPTH)
         require_same_size(direct, known.shape, one.file, settings.truth)
         first = first_phasors(one.run, progress.say).depth(one.file, direct)
-    amplitude = shown.layers.get(DIRECT_AMPLITUDE)
-    return MapPicture(
-        title=shown.title,
-        direct_m=direct,
-        mpi_m=mpi,
-        confidence_v=confidence,
-        sigma_m=sigma,
-        status=np.zeros(direct.shape, np.uint32) if shown.status is None else shown.status,
-        truth_m=known,
-        first_phasor_m=first,
-        depth=shown.depth,
-        amplitude_v=None if amplitude is None else amplitude.astype(np.float64),
-    )
+        draw_maps(shown, out, truth_m=known, first_phasor_m=first)
 
 
 def _layer_name(one: Pictured, shown: Shown, settings: PreviewSettings) -> str:
@@ -197,9 +168,7 @@ def _same_scale(one: Pictured, scale: _Scale, settings: PreviewSettings) -> Bloc
     return block_of(shown, _layer_name(one, shown, settings), limits=scale.limits, colours=scale.colours)
 
 
-def _sheet(
-    found: Sequence[Pictured], out: Path, kind: str, settings: PreviewSettings, progress: Progress, *, title: str
-) -> None:
+def _sheet(found: Sequence[Pictured], out: Path, settings: PreviewSettings, progress: Progress, *, title: str) -> None:
     """Draw a thumbnail of every frame."""
     progress.total(2 * len(found))
     scale = _common_scale(found, settings, progress)
@@ -218,11 +187,10 @@ def _sheet(
         thumbnails.append(Thumbnail(one.name, fitted(block.painted(block.panels[0]), size)))
     assert bar is not None
     heading = f"{title}: {scale.layer}{f' ({unit})' if unit else ''}, {len(found)} frames"
-    with atomic_write(out) as temporary:
-        draw_sheet(thumbnails, bar, temporary, title=heading, size=size, kinds=scale.kinds, kind=kind)
+    draw_sheet(thumbnails, bar, out, title=heading, size=size, kinds=scale.kinds)
 
 
-def _film(found: Sequence[Pictured], out: Path, kind: str, settings: PreviewSettings, progress: Progress) -> None:
+def _film(found: Sequence[Pictured], out: Path, settings: PreviewSettings, progress: Progress) -> None:
     """Draw one layer of every frame, one after the other."""
     if settings.truth is not None:
         raise SettingsError("--truth goes with the figure of one frame, not with a film")
@@ -242,7 +210,4 @@ def _film(found: Sequence[Pictured], out: Path, kind: str, settings: PreviewSett
             yield FilmFrame(f"{one.name}  ({number} of {len(found)})", block)
 
     width = magnified_width(scale.shape, _FILM_PIXELS)
-    with atomic_write(out) as temporary:
-        draw_film(
-            frames(), temporary, kind=kind, per_second=settings.frames_per_second, panel_width=width, kinds=scale.kinds
-        )
+    draw_film(frames(), out, per_second=settings.frames_per_second, panel_width=width, kinds=scale.kinds)

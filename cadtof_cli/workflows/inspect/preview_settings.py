@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Literal, get_args
 
 from cadtof_cli.errors import SettingsError
+from cadtof_cli.records import setting
 
 ColourScale = Literal["viridis", "plasma", "magma", "inferno", "RdBu_r", "twilight"]
 """Perceptually uniform, also for the colour-blind; the last two for values around 0 and for angles."""
@@ -13,25 +14,22 @@ ColourScale = Literal["viridis", "plasma", "magma", "inferno", "RdBu_r", "twilig
 
 @dataclass(frozen=True, kw_only=True)
 class PreviewSettings:
-    """What is drawn, and how.
+    """What is drawn, and how."""
 
-    Attributes:
-        layer: the one that is drawn; None: a figure of all that there is to see, and of several frames the leading one.
-        limits: least and largest value of the scale, in the layer's unit; None: as suits the values.
-        colours: of the scale; None: as suits the layer.
-        truth: file with a direct depth, whose errors are drawn too.
-        frame: which of the frames, from 0; None: all.
-        frames_per_second: of a film.
-        overwrite: whether a file that is there may be replaced.
-    """
-
-    layer: str | None = None
-    limits: tuple[float, float] | None = None
-    colours: ColourScale | None = None
-    truth: Path | None = None
-    frame: int | None = None
-    frames_per_second: float = 10.0
-    overwrite: bool = False
+    layer: str | None = setting(
+        None, "Draw this layer at full resolution, such as mpi.depth, status or H1.SC1.", metavar="NAME"
+    )
+    limits: tuple[float, float] | None = setting(
+        None,
+        "Ends of the colour scale, in the unit of the layer.  [default: from the values]",
+        option="--range",
+        metavar="LO,HI",
+    )
+    colours: ColourScale | None = setting(None, "Colour map.  [default: by the layer]", option="--cmap")
+    truth: Path | None = setting(None, "File with the true direct.depth; the errors are drawn too.")
+    frame: int | None = setting(None, "Draw this frame only; 0 is the first.")
+    frames_per_second: float = setting(10.0, "Frames per second of a film.", option="--fps", metavar="F")
+    overwrite: bool = setting(False, "Replace the file if it exists.")
 
     def __post_init__(self) -> None:
         ends = self.limits or (0.0, 1.0)

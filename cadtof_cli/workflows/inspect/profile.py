@@ -13,9 +13,11 @@ from cadtof_cli.arrays import Float, Index
 from cadtof_cli.errors import SettingsError
 from cadtof_cli.files.atomic import atomic_write, require_new
 from cadtof_cli.files.maps import read_layers
-from cadtof_cli.frame_plan import DEPTH_IN_WORDS, DepthKind
+from cadtof_cli.frame_plan import DEPTH_IN_WORDS
 from cadtof_cli.maps.layers import DIRECT_DEPTH, layer_unit
+from cadtof_cli.maps.profile import Curve, Profile
 from cadtof_cli.optics import planar_per_range
+from cadtof_cli.records import setting
 from cadtof_cli.workflows.inspect.first_phasors import first_phasors
 from cadtof_cli.workflows.inspect.layers import layer_of, require_same_size
 from cadtof_cli.workflows.progress import Progress
@@ -26,27 +28,33 @@ TABLE = ".csv"
 
 @dataclass(frozen=True, kw_only=True)
 class ProfileSettings:
-    """What a user can choose; one of row, column and line.
+    """What a user can choose; one of row, column and line."""
 
-    Attributes:
-        row, column: of the pixels.
-        line: X0, Y0, X1, Y1: from one pixel to another, both among them.
-        layer: what is drawn.
-        frame: which map of each folder, from 0.
-        first_phasor: whether the first phasor's depth is shown, where the recorded frames are there.
-    """
-
-    row: int | None = None
-    column: int | None = None
-    line: tuple[int, int, int, int] | None = None
-    layer: str = DIRECT_DEPTH
-    frame: int = 0
-    first_phasor: bool = True
+    row: int | None = setting(None, "Along this row of pixels; 0 is the top.", metavar="Y")
+    column: int | None = setting(None, "Along this column; 0 is the left.", metavar="X")
+    line: tuple[int, int, int, int] | None = setting(
+        None, "Along a line from pixel X0,Y0 to pixel X1,Y1, in any direction."
+    )
+    layer: str = setting(DIRECT_DEPTH, "Layer to show.", metavar="NAME")
+    frame: int = setting(0, "Which map of each folder; 0 is the first.")
+    first_phasor: bool = setting(
+        True,
+        "Whether to show the depth of the first phasor alone; needs the recorded frames.",
+        option="--first-phasor/--no-first-phasor",
+        show_default=False,
+    )
 
     def __post_init__(self) -> None:
         given = [one for one in (self.row, self.column, self.line) if one is not None]
         if len(given) != 1:
             raise SettingsError(f"found {len(given)} of --row, --column and --line, expected one of them")
+
+    @property
+    def line_in_words(self) -> str:
+        """Where the line is, for a title."""
+        if self.line is not None:
+            return "from pixel {},{} to {},{}".format(*self.line)
+        return f"row {self.row}" if self.row is not None else f"column {self.column}"
 
     def pixels(self, height: int, width: int, /) -> tuple[Index, Index]:
         """Return rows and columns of the pixels on the line, (n,) each.
@@ -67,36 +75,6 @@ class ProfileSettings:
         share = np.linspace(0.0, 1.0, max(abs(x1 - x0), abs(y1 - y0)) + 1)
         rows, columns = (np.rint(a + share * (b - a)).astype(np.intp) for a, b in ((y0, y1), (x0, x1)))
         return rows, columns
-
-    @property
-    def words(self) -> str:
-        """What the line is, for a title."""
-        if self.line is not None:
-            x0, y0, x1, y1 = self.line
-            return f"from pixel {x0},{y0} to {x1},{y1}"
-        return f"row {self.row}" if self.row is not None else f"column {self.column}"
-
-
-@dataclass(frozen=True, eq=False)
-class MapProfile:
-    """One map along the line, (n,) each; None: not known."""
-
-    name: str
-    values: Float
-    sigma: Float | None
-    first_phasor: Float | None
-
-
-@dataclass(frozen=True, eq=False)
-class Profile:
-    """Maps along a line: the pixels, (n,) each, the values of the maps, and the truth."""
-
-    settings: ProfileSettings
-    rows: Index
-    columns: Index
-    depth: DepthKind
-    maps: tuple[MapProfile, ...]
-    truth: Float | None
 
 
 def read_profile(
@@ -119,7 +97,7 @@ def read_profile(
             "some of the maps hold planar depth and some radial range: resolve all with the same --depth"
         )
     files = [_chosen(run, settings) for run in runs]
-    found: list[MapProfile] = []
+    found: list[Curve] = []
     size: tuple[int, ...] = ()
     for run, file, name in zip(runs, files, _names(runs, files), strict=True):
         layers = read_layers(file)
@@ -133,10 +111,21 @@ def read_profile(
             first = first_phasors(run, progress.say).depth(file, values)
         along = values[where].astype(np.float64)
         beside = (None if one is None else one[where].astype(np.float64) for one in (sigma, first))
-        found.append(MapProfile(name, along, *beside))
+        found.append(Curve(name, along, *beside))
     rows, columns = settings.pixels(size[0], size[1])
     known = None if truth is None else _truth(truth, runs[0], files[0], settings, size)[rows, columns]
-    return Profile(settings, rows, columns, runs[0].depth_kind, tuple(found), known)
+    axis = "row" if settings.column is not None else "along the line" if settings.row is None else "column"
+    return Profile(
+        layer=settings.layer,
+        unit=layer_unit(settings.layer),
+        line=settings.line_in_words,
+        axis=axis,
+        rows=rows,
+        columns=columns,
+        depth=DEPTH_IN_WORDS[runs[0].depth_kind],
+        curves=tuple(found),
+        truth=known,
+    )
 
 
 def _chosen(run: Run, settings: ProfileSettings) -> Path:
@@ -174,7 +163,7 @@ def profile_table(profile: Profile, /) -> str:
     columns: dict[str, NDArray[np.generic]] = {"x": profile.columns, "y": profile.rows}
     if profile.truth is not None:
         columns["truth"] = profile.truth
-    for one in profile.maps:
+    for one in profile.curves:
         named = {"": one.values, " sigma": one.sigma, " first phasor": one.first_phasor}
         columns |= {f"{one.name}{what}": values for what, values in named.items() if values is not None}
     text = io.StringIO()
@@ -199,30 +188,7 @@ def write_profile(profile: Profile, out: Path, /, *, overwrite: bool) -> None:
             temporary.write_text(profile_table(profile), encoding="utf-8")
         return
     from cadtof_cli.figures.kinds import require_picture
-    from cadtof_cli.figures.profile import Curve, Section, draw_section
+    from cadtof_cli.figures.profile import draw_profile
 
-    kind = require_picture(out, overwrite=overwrite, more=(TABLE,))
-    settings, unit = profile.settings, layer_unit(profile.settings.layer)
-    depth = settings.layer.endswith(".depth")
-    what = DEPTH_IN_WORDS[profile.depth] if depth else settings.layer
-    section = Section(
-        title=f"{settings.layer}, {settings.words}",
-        along=_along(profile),
-        along_label="row, px"
-        if settings.column is not None
-        else "column, px"
-        if settings.row is not None
-        else "along the line, px",
-        value_label=f"{what}, {unit}" if unit else what,
-        curves=tuple(Curve(one.name, one.values, one.sigma, one.first_phasor) for one in profile.maps),
-        truth=profile.truth,
-        error_unit=(100.0, "cm") if unit == "m" else (1.0, unit or "1"),
-    )
-    draw_section(section, out, kind=kind)
-
-
-def _along(profile: Profile) -> Float:
-    if profile.settings.line is None:
-        axis = profile.columns if profile.settings.row is not None else profile.rows
-        return axis.astype(np.float64)
-    return np.asarray(np.hypot(profile.columns - profile.columns[0], profile.rows - profile.rows[0]), np.float64)
+    require_picture(out, overwrite=overwrite, more=(TABLE,))
+    draw_profile(profile, out)

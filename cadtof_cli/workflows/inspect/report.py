@@ -10,6 +10,7 @@ from cadtof_cli.files.atomic import require_new
 from cadtof_cli.files.maps import STATUS, read_layers
 from cadtof_cli.maps.evaluation import DepthErrors, ErrorTally
 from cadtof_cli.maps.layers import DIRECT_DEPTH, DIRECT_SIGMA
+from cadtof_cli.records import setting
 from cadtof_cli.report.colours import LayerLimits, small_plane
 from cadtof_cli.report.frames import FIRST_PHASOR, TRUTH, EmbeddedFrame, Planes, Shares, embedded_frame, planned_shares
 from cadtof_cli.report.page import Page, ShownFrame, write_page
@@ -32,22 +33,21 @@ _PER_FRAME = 1_500
 
 @dataclass(frozen=True, kw_only=True)
 class ReportSettings(GivenOptics):
-    """What a user can choose, besides the optics.
+    """What a user can choose, besides the optics."""
 
-    Attributes:
-        truth: file with a layer `direct.depth` that every frame is held against.
-        max_size_mb: size of the page; where it does not hold all pixels of all frames, most frames keep every n-th.
-        full_frames: how many frames keep all pixels whatever that takes; None: as many as half of the size holds.
-        overwrite: replace a page that is there.
-    """
-
-    truth: Path | None = None
-    max_size_mb: float = 25.0
-    full_frames: int | None = None
-    overwrite: bool = False
+    truth: Path | None = setting(None, "File with the true direct.depth; truth and errors are shown too.")
+    max_size_mb: float = setting(
+        25.0,
+        "Largest size of the page. If it cannot hold all pixels of all frames, most frames keep every n-th pixel only.",
+        metavar="MB",
+    )
+    full_frames: int | None = setting(
+        None,
+        "Number of frames that keep all pixels, whatever the size.  [default: as many as fit into half of the size]",
+    )
+    overwrite: bool = setting(False, "Replace the page if it exists.")
 
     def __post_init__(self) -> None:
-        super().__post_init__()
         if not self.max_size_mb >= 1.0:
             raise SettingsError(f"--max-size-mb: found {self.max_size_mb:g}, expected 1 or more")
         if self.full_frames is not None and self.full_frames < 0:

@@ -10,7 +10,7 @@ import pytest
 from cadtof_cli.arrays import Float
 from cadtof_cli.resolver.likelihood import levenberg_marquardt
 from cadtof_cli.resolver.likelihood.compiled import WHITE, Minimum, Planes, compiled_ends
-from cadtof_cli.resolver.likelihood.levenberg_marquardt import LevenbergMarquardt, Problem
+from cadtof_cli.resolver.likelihood.levenberg_marquardt import Compilable, LevenbergMarquardt
 from cadtof_cli.resolver.likelihood.mixture import Measured, Mixture, WeightedFit, WhiteFit
 from cadtof_cli.resolver.likelihood.starts import scanned
 from cadtof_cli.resolver.paper import search as search_of_shares
@@ -38,7 +38,7 @@ def hard(rows: int, count: int, rng: np.random.Generator) -> C:
     return phasors
 
 
-def mixture_problem(harmonics: tuple[int, ...], paths: int, count: int, *, white: bool) -> tuple[Problem, Float]:
+def mixture_problem(harmonics: tuple[int, ...], paths: int, count: int, *, white: bool) -> tuple[Compilable, Float]:
     rng = np.random.default_rng([paths, count, *harmonics])
     noise = noise_of(harmonics, n_av=1e4)
     measured = Measured.of_phasors(hard(len(harmonics), count, rng), harmonics=harmonics)
@@ -56,7 +56,7 @@ def assert_same_bits(one: Any, other: Any) -> None:
         assert a.tobytes() == b.tobytes() or np.array_equal(a, b, equal_nan=True), field.name
 
 
-def assert_every_level_agrees(search: ModuleType, problem: Problem, starts: Float) -> None:
+def assert_every_level_agrees(search: ModuleType, problem: Compilable, starts: Float) -> None:
     samples = np.random.default_rng(1).uniform(1.0, 400.0, size=(starts.shape[1],))
     with np.errstate(all="ignore"):
         for solver in SOLVERS:

@@ -8,7 +8,7 @@ import pytest
 from cadtof_cli.arrays import Float
 from cadtof_cli.resolver.likelihood import levenberg_marquardt, mixture, starts
 from cadtof_cli.resolver.likelihood.compiled import Minimum, Planes, Scanned
-from cadtof_cli.resolver.likelihood.levenberg_marquardt import LevenbergMarquardt, Problem
+from cadtof_cli.resolver.likelihood.levenberg_marquardt import Compilable, LevenbergMarquardt
 from cadtof_cli.resolver.likelihood.mixture import Measured, Mixture, WeightedFit, WhiteFit
 from cadtof_cli.resolver.two_path.kernel import NUMPY
 from tests.support.mixtures import noise_of
@@ -40,7 +40,7 @@ def paths() -> Mixture:
     return Mixture(np.full((2, COUNT), 0.2), np.cos(phase), np.sin(phase))
 
 
-def problems() -> dict[str, tuple[Problem, Float, Planes]]:
+def problems() -> dict[str, tuple[Compilable, Float, Planes]]:
     """Every kind of problem with its starts, and what there is to hand over: kind, paths, harmonics, phasors, weights."""
     seen, light = measured(), paths()
     white = np.array([3.0, 2.0, 1.0])

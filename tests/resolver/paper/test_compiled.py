@@ -8,15 +8,15 @@ import pytest
 
 from cadtof_cli.arrays import Index
 from cadtof_cli.resolver.paper.equation_9 import EliminatedPath
-from cadtof_cli.resolver.paper.records import Ends, RandomStarts, Stopping
-from cadtof_cli.resolver.paper.search import best_ends, compiled_best_ends
+from cadtof_cli.resolver.paper.records import Ends, RandomStarts
+from cadtof_cli.resolver.paper.search import MisfitDamped, best_ends, compiled_best_ends
 from cadtof_cli.resolver.two_path.kernel import NUMPY
 
 STOPPINGS = (
-    Stopping(),
-    Stopping(max_steps=0),
-    Stopping(max_steps=3, relative=0.0, absolute=0.0, first_damping=1e-9),
-    Stopping(max_steps=30, absolute=-1.0, first_damping=1e11),
+    MisfitDamped(),
+    MisfitDamped(max_steps=0),
+    MisfitDamped(max_steps=3, relative=0.0, absolute=0.0, first_damping=1e-9),
+    MisfitDamped(max_steps=30, absolute=-1.0, first_damping=1e11),
 )
 COUNTS = (0, 1, 31, 32, 33, 501)
 
@@ -44,7 +44,7 @@ def assert_same_bits(one: Ends, other: Ends) -> None:
 
 @pytest.mark.parametrize("stopping", STOPPINGS)
 @pytest.mark.parametrize("harmonics", [(2,), (2, 3), (3,), (2, 4, 16)])
-def test_searches_end_in_the_same_bits(search: ModuleType, harmonics: tuple[int, ...], stopping: Stopping) -> None:
+def test_searches_end_in_the_same_bits(search: ModuleType, harmonics: tuple[int, ...], stopping: MisfitDamped) -> None:
     starts = RandomStarts(4, 7)
     with np.errstate(all="ignore"):
         for count in COUNTS:
@@ -79,7 +79,7 @@ def test_what_there_is_no_room_for_is_left_to_numpy(search: ModuleType) -> None:
     for harmonics in ((17,), tuple(range(2, 11))):
         equations, starts = equations_of(harmonics, 2), RandomStarts(1, 0)
         found = compiled_best_ends(
-            equations, np.arange(2), starts, numbers=range(1), stopping=Stopping(), kernel=search.levels()[0]
+            equations, np.arange(2), starts, numbers=range(1), stopping=MisfitDamped(), kernel=search.levels()[0]
         )
         assert found is None
 

@@ -11,7 +11,7 @@ from cadtof_cli.arrays import Float
 from cadtof_cli.resolver.likelihood.levenberg_marquardt import Linearised
 from cadtof_cli.resolver.paper.equation_9 import EliminatedPath
 from cadtof_cli.resolver.paper.records import RandomStarts
-from cadtof_cli.resolver.paper.search import ends
+from cadtof_cli.resolver.paper.search import DAMPED
 from cadtof_cli.resolver.paper.solver import TwoShares, steps_of_starts, two_shares
 from cadtof_cli.resolver.two_path.closed_form import fundamental_frame, two_paths
 from tests.support.mixtures import C, Mixture
@@ -163,9 +163,9 @@ def test_a_start_at_the_answer_ends_at_once_and_others_take_steps() -> None:
     paths = amplitudes * np.exp(1j * phases)
     phasors = np.stack([(amplitudes * np.exp(1j * h * phases)).sum(axis=0) for h in (1, 2, 3)])
     equations, there = EliminatedPath.of_phasors(phasors, harmonics=(1, 2, 3)), paths[0] / phasors[0]
-    found = ends(equations, np.stack([there.real, there.imag]))
-    assert np.quantile(found.steps, 0.98) <= 1  # the rest, where z is large, lose digits to it
-    np.testing.assert_allclose(complex_of(found.z), there, rtol=1e-9)
+    found, taken = DAMPED.descended(equations, np.stack([there.real, there.imag]))
+    assert np.quantile(taken, 0.98) <= 1  # the rest, where z is large, lose digits to it
+    np.testing.assert_allclose(complex_of(found.points), there, rtol=1e-9)
     places, starts = np.arange(200), RandomStarts(3, 1)
     steps = steps_of_starts(phasors, harmonics=(1, 2, 3), places=places, starts=starts)
     assert steps.shape == (3, 200)
@@ -185,5 +185,5 @@ class Plain(EliminatedPath):
 
 def test_a_step_that_betters_nothing_is_not_taken() -> None:
     start = np.array([[0.3, 0.7], [0.1, -0.4]])
-    end = ends(Plain((2,), ()), start)
-    np.testing.assert_array_equal(end.z, start)
+    end, _ = DAMPED.descended(Plain((2,), ()), start)
+    np.testing.assert_array_equal(end.points, start)

@@ -56,13 +56,8 @@ class Lattice:
 def gathered(lattice: Lattice, rows: range, seen: Faces, places: Index, faces: Faces, /) -> "csr_array":
     """Return the weight of each sample for each pixel of the rows, (Y·X, samples); all 0 where none is on its face.
 
-    Args:
-        lattice: where samples may lie.
-        rows: of pixels.
-        seen: by these pixels.
-        places: (samples,), number of each sample's place, counted along the rows of `lattice.rows(rows)`; increasing
-            together with the surface.
-        faces: that the samples are on.
+    `seen` is what the pixels see, `faces` what the samples are on, and `places`, (samples,), the number of each sample's place,
+    counted along the rows of `lattice.rows(rows)`; increasing together with the surface.
     """
     from scipy.sparse import csr_array, diags_array
 
@@ -90,10 +85,7 @@ def gathered(lattice: Lattice, rows: range, seen: Faces, places: Index, faces: F
 def means_of_cells(faces: Faces, across: int, cell: int, /) -> tuple["csr_array", Index, Faces]:
     """Return weights that average pixels of the same face over square cells, and the place and face of each average.
 
-    Args:
-        faces: of rows of pixels, the first of which begins a cell.
-        across: pixels in a row.
-        cell: pixels along each side of a cell.
+    The faces are those of rows of `across` pixels, the first of which begins a cell; a cell has `cell` along each side.
     """
     from scipy.sparse import csr_array
 

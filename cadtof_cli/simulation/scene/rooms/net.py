@@ -67,11 +67,7 @@ class Net:
 def drawn_net(room: Room, /, *, fill: float, distance_m: float | None, seed: int) -> Net:
     """Return the net of a seed: upright, facing the camera, about the middle of its view.
 
-    Args:
-        room: with its camera.
-        fill: share of the light that it sends back.
-        distance_m: along the optical axis; None draws it.
-        seed: of what is drawn.
+    It sends the share `fill` of the light back; its distance along the optical axis is drawn where it is None.
     """
     generator = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(SEED_KEY,)))
     share, aside = float(generator.uniform(*DRAWN_DISTANCE)), float(generator.uniform(-1.0, 1.0)) * DRAWN_ASIDE_RAD

@@ -41,13 +41,9 @@ _FLOOR = 3
 def random_room(
     seed: int, /, *, furniture: int | None = None, albedo: float | None = None, beam_deg: float | None = None
 ) -> Room:
-    """Return the room of a seed, the same for the same arguments.
+    """Return the room of a seed, the same for the same arguments; what is None is drawn.
 
-    Args:
-        seed: 0 or more.
-        furniture: pieces, up to MOST_FURNITURE; None draws them.
-        albedo: of all surfaces; None draws one for each.
-        beam_deg: half angle of the lamp's beam; None draws it.
+    That is the number of pieces of furniture, up to MOST_FURNITURE, the albedo of every surface, and half the beam's angle.
 
     Raises:
         SettingsError: no room of this seed has place for the furniture.

@@ -56,14 +56,9 @@ def traced_row(view: View, row: int, /) -> TracedRow:
 
 
 def indirect_light(view: View, seen: Meetings, rows: range, /) -> Float:
-    """Return light by way of other surfaces on rows of the camera, (2, Y·X, BINS), as Transients have it.
+    """Return light by way of other surfaces on rows that see `seen`, (Y·X,): (2, Y·X, BINS), as Transients have it.
 
     Neighbours on another face do not count; a pixel without any on its own face is traced itself.
-
-    Args:
-        view: room and camera.
-        seen: what the pixels of these rows see, (Y·X,).
-        rows: of the camera.
     """
     width, faces = view.camera.width, Faces(seen.surface, seen.normals)
     fine, coarse = Lattice(width, STEP, REACH), Lattice(width, CELL * STEP, CELLS)

@@ -63,16 +63,7 @@ def transients(
     paths: int,
     generator: np.random.Generator,
 ) -> Transients:
-    """Trace light to points on surfaces.
-
-    Args:
-        interior: the room.
-        lamp: its light.
-        light: where that goes.
-        points_m, normals: (3, n), where and which way the surfaces look.
-        paths: traced from each point.
-        generator: source of randomness.
-    """
+    """Trace so many paths from each point on surfaces, (3, n) with normals (3, n), to the light of a lamp in a room."""
     count = points_m.shape[1]
     pixels, numbers = np.repeat(np.arange(count), paths), np.tile(np.arange(paths), count)
     ends = _Ends(pixels, numbers, points_m[:, pixels], normals[:, pixels], -lamp.distances_m(points_m)[pixels])
