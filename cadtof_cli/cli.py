@@ -5,9 +5,11 @@ import contextlib
 import gc
 import importlib
 import io
+import itertools
 import os
 import signal
 import sys
+from collections.abc import Sequence
 from types import FrameType
 from typing import NoReturn
 
@@ -104,6 +106,7 @@ def main() -> NoReturn:
         sys.exit(shell_complete(cli, {}, PROGRAM, COMPLETE, instruction))
     status = 0
     try:
+        _require_words(sys.argv[1:])
         # as `cli.main` does, but for the exit status that it makes of a reader who has gone away; help ends by Exit
         with contextlib.suppress(click.exceptions.Exit), cli.make_context(PROGRAM, sys.argv[1:]) as context:
             status = cli.invoke(context) or 0
@@ -123,6 +126,20 @@ def main() -> NoReturn:
         tell(message, err=True)
         _forget_stdout()
         sys.exit(status)
+
+
+def _require_words(arguments: Sequence[str]) -> None:
+    """Make sure that no argument is empty: as a path it would mean the current folder, whatever variable it was to come from.
+
+    Raises:
+        click.UsageError: one is.
+    """
+    for before, argument in itertools.pairwise((PROGRAM, *arguments)):
+        if not argument or (argument.startswith("--") and argument.endswith("=")):
+            raise click.UsageError(
+                f"{argument.rstrip('=') or f'after {before}'}: found nothing, expected a path or a value: is a variable of"
+                " the shell not set?"
+            )
 
 
 def _message_and_status(error: Exception) -> tuple[str, int]:

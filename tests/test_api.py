@@ -186,7 +186,22 @@ def test_what_is_wrong_is_an_error_of_our_own(tmp_path: Path) -> None:
         list(read_frames(tmp_path / "nowhere"))
 
 
-@pytest.mark.parametrize("given", ["capture", np.zeros((2, 2, 4, 4)), [1]])
+def test_a_key_without_its_table_is_named_with_it(tmp_path: Path) -> None:
+    with pytest.raises(SettingsError, match=r"found 'periods_ns', expected keys such as modulation\.periods_ns, …"):
+        list(read_frames(tmp_path, metadata={"periods_ns": [40.0, 20.0]}))
+    with pytest.raises(
+        SettingsError, match=r"found 'optics\.focal_length', expected keys such as optics\.focal_length_px, …"
+    ):
+        list(read_frames(tmp_path, metadata={"optics.focal_length": 280.0}))
+
+
+@pytest.mark.parametrize("inputs", [(), ("",), ("capture", "")])
+def test_no_path_is_not_the_current_folder(inputs: tuple[str, ...]) -> None:
+    with pytest.raises(CaptureError, match=r"read_frames: found .*, expected capture folders or frames"):
+        list(read_frames(*inputs))
+
+
+@pytest.mark.parametrize("given", ["capture", np.zeros((2, 2, 4, 4)), [1], None, 7])
 def test_what_is_no_frame_is_told_what_makes_one(given: Any) -> None:
     kind = type(given).__name__
     with pytest.raises(

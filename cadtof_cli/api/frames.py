@@ -1,5 +1,6 @@
 """Recorded frames for Python: read from captures as `cadtof resolve` reads them, or made of an array."""
 
+import difflib
 import logging
 import os
 from collections.abc import Iterator, Mapping
@@ -15,7 +16,7 @@ from cadtof_cli.capture.discovery import find_placed_captures
 from cadtof_cli.capture.frames import frame_names
 from cadtof_cli.capture.metadata import KEYS, CaptureMetadata
 from cadtof_cli.capture.toml import load_metadata
-from cadtof_cli.errors import FrameError, SettingsError
+from cadtof_cli.errors import CaptureError, FrameError, SettingsError
 from cadtof_cli.files.array_axes import transpositions
 from cadtof_cli.files.frames import CHANNELS, SAMPLE_TYPES
 from cadtof_cli.frame_plan import MapSettings
@@ -114,6 +115,8 @@ def read_frames(
     Raises:
         CadtofError: an input is no capture, its metadata are not allowed, or a frame cannot be read; the message says why.
     """
+    if not all(map(os.fspath, inputs)) or not inputs:
+        raise CaptureError(f"read_frames: found {inputs}, expected capture folders or frames")
     # one path is found in whatever was recorded; what `resolve` is asked for is checked there
     settings = ResolveSettings(
         out=Path(os.devnull),
@@ -141,5 +144,9 @@ def _overrides(metadata: Mapping[str, Any] | None) -> dict[str, Any]:
     known = {key.path for key in KEYS}
     for name in metadata or {}:
         if name not in known:
-            raise SettingsError(f"metadata: found {name!r}, expected keys such as {', '.join(sorted(known)[:3])}, …")
+            meant = [key for key in known if key.endswith(f".{name}")] or difflib.get_close_matches(
+                str(name), known, n=1
+            )
+            named = meant or sorted(known)[:3]
+            raise SettingsError(f"metadata: found {name!r}, expected keys such as {', '.join(named)}, …")
     return dict(metadata or {})

@@ -1,7 +1,7 @@
 """Frames → maps for Python, by the way that `cadtof resolve` goes: the same bits."""
 
 import os
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, TypedDict, Unpack
@@ -85,7 +85,7 @@ def resolve(
 
 
 def _frames(given: Frame | Sequence[Frame]) -> list[Frame]:
-    frames = [given] if isinstance(given, Frame) else list(given)
+    frames = [given] if isinstance(given, Frame) or not isinstance(given, Iterable) else list(given)
     if not frames:
         raise SettingsError("resolve: found no frame, expected one or more")
     for one in frames:

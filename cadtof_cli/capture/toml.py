@@ -25,14 +25,18 @@ class MetadataSource:
     Attributes:
         metadata: of a capture.
         origins: of every value by dotted key: a file's path, the option that set it, or `default`.
-        defaulted: values that are the paper's, as neither a file nor an option gave them.
         file: that was read; None: there is none.
     """
 
     metadata: CaptureMetadata
     origins: Mapping[str, str]
-    defaulted: Mapping[str, Any]
     file: Path | None = None
+
+    def defaults_in_words(self) -> str:
+        """Return which values are the paper's, as neither a file nor an option gave them; nothing where none is."""
+        taken = (_KEYS[path] for path, origin in self.origins.items() if origin == DEFAULT_ORIGIN)
+        told = ", ".join(f"{key.path} = {key.default}" for key in taken if key.default is not None)
+        return f"not given, so taken from the paper: {told}" if told else ""
 
 
 def load_metadata(path: Path | None, overrides: Mapping[str, Any] | None = None) -> MetadataSource:
@@ -56,8 +60,7 @@ def load_metadata(path: Path | None, overrides: Mapping[str, Any] | None = None)
         metadata = CaptureMetadata(**{table: record(**tables[table]) for table, record in TABLES.items()})
     except InvalidValueError as error:
         raise InvalidValueError(error.key, error.found, error.expected, origins[error.key]) from None
-    unsaid = (key for key in KEYS if origins[key.path] == DEFAULT_ORIGIN and key.default is not None)
-    return MetadataSource(metadata, origins, {key.path: key.default for key in unsaid}, path)
+    return MetadataSource(metadata, origins, path)
 
 
 def _flat(document: dict[str, Any], path: Path) -> dict[str, Any]:

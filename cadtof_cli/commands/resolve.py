@@ -143,7 +143,7 @@ def resolve(
             progress=bar,
             on_frame=partial(_tell_of_frame, bar, as_json=as_json, dry_run=settings.dry_run),
         )
-        summary = _dry_summary(totals, settings.out) if settings.dry_run else _summary(totals, settings.out)
+        summary = _dry_summary(totals, settings.out) if settings.dry_run else _summary(totals, settings)
         if bar.log:
             bar.log.note(summary)
     if not quiet:
@@ -165,7 +165,10 @@ def _dry_summary(totals: "RunTotals", out: Path) -> str:
     return f"would write {totals.ok} files of maps into {out}{kept}; nothing has been written"
 
 
-def _summary(totals: "RunTotals", out: Path) -> str:
+def _summary(totals: "RunTotals", settings: ResolveSettings) -> str:
+    out = settings.out
+    if not totals.frames:
+        return "no frame was resolved: there is none in the --frames of any capture"
     pixels = totals.one_path + totals.two_paths + totals.more_paths + totals.diffuse + totals.invalid
     line = f"resolved {totals.ok} of {totals.frames} frames in {totals.seconds:.1f} s"
     if totals.ok:

@@ -213,4 +213,9 @@ def _drawn(description: str, unit: str, log: Log | None) -> Iterator[Bar]:
 
     # Without a refresh thread: a process that has threads must not fork workers.
     with OneLine(*columns, console=Console(stderr=True), auto_refresh=False) as progress:
-        yield DrawnBar(progress, description, log)
+        try:
+            yield DrawnBar(progress, description, log)
+        except BaseException:
+            # nothing is left of a bar that showed nothing
+            progress.live.transient = not any(task.completed for task in progress.tasks)
+            raise

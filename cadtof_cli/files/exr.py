@@ -130,7 +130,7 @@ def _opened(path: Path, *, header_only: bool) -> Any:
         # no threads of the library's own: its pool does not survive a fork
         file = OpenEXR.File(str(path), separate_channels=True, header_only=header_only, num_threads=0)
     if said:
-        words = "; ".join(line.removeprefix(f"{path}: ").removeprefix("Warning: ") for line in said)
+        words = "; ".join(line.removeprefix(f"{path}: ").removeprefix("Warning: ") for line in dict.fromkeys(said))
         raise FrameError(f"{path}: damaged EXR: {words}; expected a complete file, try copying it again")
     if not file.parts:
         raise FrameError(f"{path}: damaged EXR: found no parts, expected at least one")

@@ -247,3 +247,24 @@ def test_info_writes_settings_to_be_completed(here: Path) -> None:
         == 0
     )
     assert shell("cadtof resolve cap -o third -j 1", here).status == 0
+
+
+def test_frames_that_are_not_there(here: Path) -> None:
+    done = shell("cadtof resolve cap -o out --frames 3:", here)
+    assert (done.status, done.out) == (1, "")
+    assert done.err == "no frame was resolved: there is none in the --frames of any capture\n"
+
+
+@pytest.mark.parametrize(
+    ("typed", "told"),
+    [
+        ('cd cap; cadtof resolve "$CAPTURE" -o ../out', "after resolve: found nothing"),
+        ('cadtof resolve cap -o "$OUT"', "after -o: found nothing"),
+        ('cadtof resolve cap --out="$OUT"', "--out: found nothing"),
+    ],
+)
+def test_a_variable_that_is_not_set_is_no_folder(typed: str, told: str, here: Path) -> None:
+    done = shell(typed, here)
+    assert (done.status, done.out) == (2, "")
+    assert f"{told}, expected a path or a value: is a variable of the shell not set?" in done.err
+    assert {path.name for path in here.iterdir()} == {"cap"}

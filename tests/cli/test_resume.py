@@ -116,8 +116,8 @@ def _line_lost(_capture: Recorded, out: Path) -> None:
 @pytest.mark.parametrize(
     ("fault", "told", "status"),
     [
-        (_other_frame, "frame_1.tif has changed since; made again", 0),
-        (_with_its_old_time, "frame_1.tif has changed since; made again", 0),
+        (_other_frame, "frame_1.tif: its recorded frame has changed since; made again", 0),
+        (_with_its_old_time, "frame_1.tif: its recorded frame has changed since; made again", 0),
         (_truncated, "frame_1.tif: removed, as the frame that it was made from cannot be resolved any more", 1),
         (_emptied, "frame_1.tif: removed, as the frame that it was made from cannot be resolved any more", 1),
         (_map_truncated, "frame_1.tif: changed since it was written; made again", 0),
@@ -151,11 +151,18 @@ def test_a_frame_that_was_only_touched_is_kept(tmp_path: Path) -> None:
 
 
 def test_all_lines_lost(tmp_path: Path) -> None:
-    capture, out, fresh = record(tmp_path / "A", frames=3), tmp_path / "out", tmp_path / "fresh"
+    capture, out, fresh = record(tmp_path / "A", frames=5), tmp_path / "out", tmp_path / "fresh"
     assert _resolve(capture.folder, "-o", fresh).status == 0
     assert _resolve(capture.folder, "-o", out).status == 0
     (out / "frames.jsonl").unlink()
-    assert _resolve(capture.folder, "-o", out, "--resume").status == 0
+    done = _resolve(capture.folder, "-o", out, "--resume")
+    assert done.status == 0
+    # some are named, the others counted
+    why = "found no line of it in frames.jsonl; made again"
+    assert done.err.splitlines()[:-1] == [
+        *(f"{out}/frame_{index}.tif: {why}" for index in range(3)),
+        f"{out}: 2 maps more: {why}",
+    ]
     require_same_run(out, fresh)
 
 

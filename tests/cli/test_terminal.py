@@ -44,6 +44,14 @@ def test_a_terminal_that_cannot_move_its_cursor_gets_lines(tmp_path: Path) -> No
     assert "resolved 4 of 4" in shown
 
 
+def test_an_error_at_the_beginning_leaves_no_bar(tmp_path: Path) -> None:
+    _, shown = on_terminal("resolve", tmp_path / "nowhere", "-o", tmp_path / "out", status=2)
+    (bar, cleared, error) = shown.partition("\r\x1b[1A\x1b[2K")
+    assert bar.count("\n") == 1
+    assert cleared
+    assert error.startswith("Error: ")
+
+
 def test_reading_is_shown_too(tmp_path: Path) -> None:
     out, shown = on_terminal("info", record(tmp_path / "capture", frames=3).folder, "-j", 1)
     assert "3/3" in shown.partition("reading")[2]

@@ -290,12 +290,14 @@ def test_the_points_turn_and_come_back(shown: Shown) -> None:
     np.testing.assert_array_equal(browser.picture("#cloud"), start)
 
 
-@pytest.mark.parametrize(("width", "dark"), [(390, True), (768, False), (1440, True)])
+@pytest.mark.parametrize(("width", "dark"), [(360, True), (768, False), (2560, True)])
 def test_it_fits_any_screen_in_light_and_dark(shown: Shown, width: int, dark: bool) -> None:
     browser = shown.browser
     browser.look(width=width, dark=dark)
     browser.settle()
     assert browser.run("return document.documentElement.scrollWidth") <= width
+    cut = "return [...document.querySelectorAll('.settings .wide')].filter(one => one.scrollWidth > one.clientWidth).length"
+    assert browser.run(cut) == 0
     background = browser.run("return getComputedStyle(document.body).backgroundColor")
     lightness = sum(map(int, background.strip("rgb()").split(","))) / 3
     assert lightness < 60 if dark else lightness > 200

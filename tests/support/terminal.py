@@ -8,8 +8,8 @@ import termios
 from tests.support.run_cadtof import ENVIRONMENT, PROGRAM
 
 
-def on_terminal(*arguments: object, columns: int = 120, **environment: str) -> tuple[str, str]:
-    """Run `cadtof` with stderr on a terminal of so many columns; return stdout and what the terminal got."""
+def on_terminal(*arguments: object, columns: int = 120, status: int = 0, **environment: str) -> tuple[str, str]:
+    """Run `cadtof` with stderr on a terminal of so many columns, to end so; return stdout and what the terminal got."""
     ours, theirs = pty.openpty()
     termios.tcsetwinsize(theirs, (24, columns))
     environment = {**ENVIRONMENT, "TERM": "xterm-256color", **environment}
@@ -24,7 +24,7 @@ def on_terminal(*arguments: object, columns: int = 120, **environment: str) -> t
         shown += piece
     os.close(ours)
     out, _ = process.communicate(timeout=60)
-    assert process.returncode == 0
+    assert process.returncode == status
     return out, shown.decode()
 
 

@@ -73,8 +73,8 @@ def averaged_captures(
     progress.total(sum(len(one.frames) * (one.typical.frames if one.typical else 1) for one in captures))
     averaged: list[tuple[Capture, FrameMean]] = []
     for capture in captures:
-        for key, value in capture.source.defaulted.items():
-            progress.say(f"{capture.root}: not given, so taken from the paper: {key} = {value}")
+        if taken := capture.source.defaults_in_words():
+            progress.say(f"{capture.root}: {taken}")
         mean = mean_volts(_frames(capture, progress), voltage=capture.source.metadata.voltage)
         first, expected = averaged[0] if averaged else (capture, mean)
         if mean.pixels != expected.pixels:

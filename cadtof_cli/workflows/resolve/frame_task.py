@@ -239,7 +239,7 @@ def _why_again(task: FrameTask) -> str | None:
     elif _maps_changed(task.output, task.before):
         told = "changed since it was written" if task.output.exists() else "is gone"
     else:
-        told = f"{task.sources[0]} has changed since"
+        told = "its recorded frame has changed since"
     return told and f"{task.output}: {told}; made again"
 
 

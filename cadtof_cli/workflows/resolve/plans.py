@@ -105,9 +105,8 @@ class CapturePlan:
         source, root = self.capture.source, self.capture.root
         if source.file is not None and source.file.parent != root:
             yield f"{root}: settings of {source.file}"
-        taken = [f"{key} = {value}" for key, value in source.defaulted.items()]
-        if taken:
-            yield f"{root}: not given, so taken from the paper: {', '.join(taken)}"
+        if taken := source.defaults_in_words():
+            yield f"{root}: {taken}"
         if source.metadata.pixel.integration_length is None:
             yield f"{root}: pixel.integration_length is not given, so the noise is estimated from each frame"
         if self.lossy_compression is not None:

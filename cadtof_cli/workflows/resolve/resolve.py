@@ -3,6 +3,7 @@
 import math
 import os
 import time
+from collections import Counter
 from collections.abc import Callable, Collection, Generator, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field
@@ -40,6 +41,9 @@ from cadtof_cli.workflows.resolve.record import (
 from cadtof_cli.workflows.resolve.settings import ResolveSettings
 
 WORKER_DIED = "the worker process died twice on this frame (killed, or out of memory): try fewer --jobs"
+
+_NOTES_OF_A_KIND = 3
+"""Frames that are named with the same note; the others are counted."""
 
 
 def resolve_captures(
@@ -97,9 +101,7 @@ def resolve_captures(
                     for some in arrivals.plans(recorded_arrivals(arriving, document, settings.out)):
                         record_captures(document, some)
                         run.report_all(run.outcomes(some, lambda: arrivals.sources))
-                run.totals.seconds = round(time.monotonic() - run.began, 3)
-                run.record.finish(run.totals.seconds)
-                return run.totals
+                return run.finish()
         finally:
             remove_partial_files(settings.out, token=token)
 
@@ -135,6 +137,7 @@ class _Run:
     record: RunRecorder = field(init=False)
     expected: int = 0
     totals: RunTotals = field(default_factory=RunTotals)
+    noted: Counter[str] = field(default_factory=Counter)
     began: float = field(default_factory=time.monotonic)
 
     def outcomes(
@@ -177,7 +180,10 @@ class _Run:
         """Record, count and show what has become of a frame."""
         self.totals.add(report)
         if report.note is not None:
-            self.progress.say(report.note)
+            why = report.note.rpartition(": ")[2]
+            self.noted[why] += 1
+            if self.noted[why] <= _NOTES_OF_A_KIND:
+                self.progress.say(report.note)
         self.record.add(report)
         self.on_frame(report)
         if report.stops:
@@ -186,6 +192,15 @@ class _Run:
                 " resolved; mend that and go on with --resume"
             )
         self.progress.advance()
+
+    def finish(self) -> RunTotals:
+        """Complete the record, and return what has become of the frames in this run."""
+        for why, count in self.noted.items():
+            if count > _NOTES_OF_A_KIND:
+                self.progress.say(f"{self.settings.out}: {count - _NOTES_OF_A_KIND} maps more: {why}")
+        self.totals.seconds = round(time.monotonic() - self.began, 3)
+        self.record.finish(self.totals.seconds)
+        return self.totals
 
     def _tasks(
         self, plans: Sequence[CapturePlan], expected: Sequence[int], taken: Callable[[], Collection[str]]
