@@ -1,6 +1,6 @@
 """What the patches hand to the pixels: a linear model of the tail, and how sure it is, one plane each of (rows, columns)."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -90,6 +90,17 @@ class CoarsePlanes:
     def data(self) -> int:
         """How many of the values are data."""
         return self.values - 2
+
+    def if_likely(self, probability: float, /) -> "CoarsePlanes":
+        """Return what is expected where a tail is there with that probability, and else nothing is behind the direct light.
+
+        Means and covariances of the tail go with the probability p. That the tail is there or not is the same for all pixels,
+        with a variance of p·(1 − p) times the square of its lag.
+        """
+        planes = self.planes * np.float32(probability)
+        planes[-2] += np.float32(probability * (1.0 - probability)) * self.planes[self.data + 1] ** 2
+        planes[-1] = self.planes[-1] / np.float32(probability)
+        return replace(self, planes=planes)
 
 
 def needed_entries(data: int, /) -> tuple[Entry, ...]:

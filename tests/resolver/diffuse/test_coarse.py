@@ -87,6 +87,19 @@ def test_what_patches_leave_is_what_their_data_do_not_tell_and_common_to_them() 
     assert_allclose(planes(known, beside()).planes[-2][VALID], 2.5 * np.mean(left), rtol=1e-4)
 
 
+def test_a_tail_that_may_not_be_there_counts_by_its_probability() -> None:
+    """Means and variances of what is drawn with the tail in one half of the cases, and else with none."""
+    certain = planes(fit(), beside())
+    assert certain.if_likely(1.0).planes.tobytes() == certain.planes.tobytes()
+    halved = certain.if_likely(0.5)
+    lag, left = (certain.planes[row][0, 0] for row in (DATA + 1, -2))
+    rng = np.random.default_rng(5)
+    drawn = np.where(rng.random(400_000) < 0.5, lag + np.sqrt(left) * rng.standard_normal(400_000), 0.0)
+    assert_allclose(halved.planes[DATA + 1][0, 0], drawn.mean(), rtol=0.02)
+    assert_allclose(halved.planes[-2][0, 0], drawn.var(), rtol=0.02)
+    assert_allclose(halved.planes[:-2], 0.5 * certain.planes[:-2], rtol=1e-6)
+
+
 def test_a_misfit_of_one_and_more_says_the_same() -> None:
     known = fit()
     variances = []
