@@ -12,11 +12,11 @@ _NAMED = 2
 """Orders that are told of: with two harmonics nothing says which axis is theirs and which that of the channels."""
 
 
-def transpositions(array: str, shape: Sequence[int], harmonics: int, /) -> str:
-    """Return how an array is transposed to our order of axes, for the orders that it may have by its shape.
+def transpositions(call: str, shape: Sequence[int], harmonics: int, /) -> str:
+    """Return the calls that bring an array into our order of axes, for the orders that it may have by its shape.
 
     Empty where it may be in our order, or has the shape of no frame. Rows and columns follow each other, and are more than
-    the planes of a frame. `array` is what Python calls it.
+    the planes of a frame. `call` is one of Python, with `{}` where the array is transposed.
     """
     lengths = {"H": harmonics, "C": CHANNELS, "P": CHANNELS * harmonics}
 
@@ -34,7 +34,8 @@ def transpositions(array: str, shape: Sequence[int], harmonics: int, /) -> str:
     found.sort(key=lambda one: -one[0].index("X"))
     planes = str(lengths["P"])
     return "; ".join(
-        f"if they are {' '.join(axes).replace('P', planes)}: {array}.transpose{order}" for axes, order in found[:_NAMED]
+        f"if its axes are {' '.join(axes).replace('P', planes)}, {call.format(f'.transpose{order}')} mends it"
+        for axes, order in found[:_NAMED]
     )
 
 

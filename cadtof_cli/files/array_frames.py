@@ -14,14 +14,14 @@ from cadtof_cli.files.plane_table import plane_table
 
 
 @contextmanager
-def open_array(path: Path, array: Stored, layout: FrameLayout, /, *, loaded: str | None = None) -> Iterator[Frames]:
+def open_array(path: Path, array: Stored, layout: FrameLayout, /, *, mended_by: str | None = None) -> Iterator[Frames]:
     """Yield the frames of an array whose last axes are Y and X, read one by one from a file that is mapped into memory.
 
     Parameters:
         path: the file, for messages.
         array: shape (…, Y, X); the axes before come in the order [frame,] harmonic, channel, the last two perhaps as one.
         layout: harmonics of the capture, and frames of a stack where the metadata says it.
-        loaded: how Python loads the array, where it can be saved in another order of axes.
+        mended_by: the call that saves the array in another order of axes, with `{}` where it is transposed; None: there is none.
 
     Raises:
         FrameError: the planes do not make up whole frames, or are of a type that we do not read.
@@ -31,12 +31,11 @@ def open_array(path: Path, array: Stored, layout: FrameLayout, /, *, loaded: str
     try:
         table = plane_table("Q" * (array.ndim - 2), array.shape[:-2], layout, where=where)
     except FrameError:
-        ways = loaded and transpositions(loaded, array.shape, len(layout.harmonics))
+        ways = mended_by and transpositions(mended_by, array.shape, len(layout.harmonics))
         if not ways:
             raise
         raise FrameError(
-            f"{path}: found an array of {_size_text(array.shape)}, expected axes [T] H C Y X, rows and columns last; save it"
-            f" anew, by numpy.save(PATH, …), {ways}"
+            f"{path}: found an array of {_size_text(array.shape)}, expected axes [T] H C Y X, rows and columns last; {ways}"
         ) from None
     planes, dtype = array.reshape(-1, *array.shape[-2:]), array.dtype.newbyteorder("=")
     shape = (len(layout.harmonics), CHANNELS, *array.shape[-2:])

@@ -63,7 +63,9 @@ def test_npy_of_other_axes_is_refused_with_the_call_that_mends_it(axes: str, har
     assert told.startswith(
         f"{path}: found an array of {' × '.join(str(lengths[axis]) for axis in axes)}, expected axes [T] H C Y X"
     )
-    (call,) = re.findall(rf"if they are {shown}: numpy\.load\(PATH\)\.transpose\(([\d, ]+)\)", told)
+    (call,) = re.findall(
+        rf"if its axes are {shown}, numpy\.save\(PATH, numpy\.load\(PATH\)\.transpose\(([\d, ]+)\)\) mends it", told
+    )
     np.save(path, np.load(path).transpose(tuple(map(int, call.split(", ")))))
     stack = FrameLayout(layout.harmonics, 3) if "T" in axes and "P" in axes else layout
     expected = recorded.reshape(-1, harmonics, 2, 37, 53)[-1]
