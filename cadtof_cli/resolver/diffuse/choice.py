@@ -5,7 +5,7 @@ second one 12 to 28 ns late (T1 = 40 ns), makes H_2 lead, or larger than H_1.
 """
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -61,20 +61,16 @@ Reason = Literal["tail", "no MPI to be seen", "separate paths", "no tail fits", 
 
 @dataclass(frozen=True, eq=False)
 class PatchKinds:
-    """Which patches count, (rows, columns), which of them have separate paths, and what that says of the frame.
+    """Which patches count, (rows, columns), which of them have separate paths, what share, and what that says of the frame.
 
     `mpi_probability` is how likely it is that any MPI is in the frame at all, where it is taken for one with a tail.
     """
 
     lit: Bool
     separate: Bool
+    separate_share: float
     reason: Reason
     mpi_probability: float = 1.0
-
-    @property
-    def separate_share(self) -> float:
-        """Share of the patches with light that have separate paths."""
-        return float(self.separate.sum() / max(self.lit.sum(), 1))
 
 
 def patch_kinds(means: PatchMeans, variances: Float, /, *, sampled: int, settings: DiffuseSettings) -> PatchKinds:
@@ -85,17 +81,19 @@ def patch_kinds(means: PatchMeans, variances: Float, /, *, sampled: int, setting
     sigma = float(np.sqrt(variances[0]))
     lit = lit_patches(means, sigma, sampled=sampled)
     if lit.sum() < LEAST_PATCHES:
-        return PatchKinds(lit, np.zeros_like(lit), "few patches with light")
+        return PatchKinds(lit, np.zeros_like(lit), 0.0, "few patches with light")
     misfit = misfit_without_mpi(means, lit, variances, harmonics=settings.harmonics)
     likely = mpi_probability(misfit, numbers=2 * len(means.ratios) * int(lit.sum()))
     if settings.model == "diffuse":
-        return PatchKinds(lit, np.zeros_like(lit), "tail", likely)
-    kinds = PatchKinds(lit, separate_patches(means, lit, sigma), "tail", likely)
-    if kinds.separate_share > SEPARATE_SHARE:
-        return replace(kinds, reason="separate paths")
-    if misfit < LEAST_MISFIT:
-        return replace(kinds, reason="no MPI to be seen")
-    return kinds
+        return PatchKinds(lit, np.zeros_like(lit), 0.0, "tail", likely)
+    separate = separate_patches(means, lit, sigma)
+    reason: Reason = "tail"
+    share = float(separate.sum() / lit.sum())
+    if share > SEPARATE_SHARE:
+        reason = "separate paths"
+    elif misfit < LEAST_MISFIT:
+        reason = "no MPI to be seen"
+    return PatchKinds(lit, separate, share, reason, likely)
 
 
 def tail_fits(chi_squared: Float, data: int, /) -> bool:

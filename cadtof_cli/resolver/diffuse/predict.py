@@ -87,7 +87,7 @@ def diffuse_model(
     means = _means(light, light.seen, frame)
     kinds = patch_kinds(means, frame.variances, sampled=len(light.seen), settings=settings)
     choice = DiffuseChoice(kinds.reason, int(kinds.lit.sum()), kinds.separate_share)
-    if choice.taken == "discrete":
+    if kinds.reason != "tail":
         return choice
     planes = _planes(light, means, frame)
     valid: Bool = planes.found & kinds.lit
