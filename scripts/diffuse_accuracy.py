@@ -1,12 +1,12 @@
 """How well diffuse MPI is predicted: captures with truth, as two paths and as `--mpi-model auto` takes them.
 
 `python scripts/diffuse_accuracy.py CAPTURE...` prints a row per capture and what they say together; `--figure PNG` draws the
-errors of the first. Rooms come from `scripts/render_rooms.py`.
+errors of the first, `--integration-length N` adds the noise of less light. Rooms come from `scripts/render_rooms.py`.
 """
 
 import argparse
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -14,11 +14,13 @@ from numpy.typing import NDArray
 
 from cadtof_cli.capture.discovery import find_captures
 from cadtof_cli.capture.frames import Capture, open_frames, single_frames
+from cadtof_cli.capture.metadata import CaptureMetadata, Pixel
 from cadtof_cli.figures.page import Panel, Scaled, draw_page
 from cadtof_cli.figures.scales import ERRORS, SIGMAS
 from cadtof_cli.files.maps import read_layers
 from cadtof_cli.frame_plan import FramePlan, MapSettings
 from cadtof_cli.maps.layers import DIRECT_DEPTH, DIRECT_SIGMA
+from cadtof_cli.phasors.noise import noise_model
 from cadtof_cli.pipeline import ResolvedFrame, resolve_frame
 from cadtof_cli.resolver.settings import MpiModel, ResolverSettings
 from cadtof_cli.workflows.inspect.first_phasors import first_phasor_depth
@@ -66,28 +68,35 @@ def main() -> None:
     parser.add_argument("captures", type=Path, nargs="+", help="folders of captures with truth.exr")
     parser.add_argument("--figure", type=Path, help="PNG of the errors of the first capture")
     parser.add_argument("--model", default="auto", choices=("auto", "diffuse"), help="what is held against two paths")
+    parser.add_argument(
+        "--integration-length",
+        type=float,
+        help="n_av of two harmonics, which more of them share, instead of that of the captures: noise is added",
+    )
     chosen = parser.parse_args()
     print("| capture | first phasor, cm: median / 90 % | two paths | as taken; share within 1, 2 sigma | diffuse |")
     print("|---|---|---|---|---|")
     rows = []
     for capture in find_captures(chosen.captures):
-        rows.append(measured(capture, chosen.model))
+        rows.append(measured(capture, chosen.model, chosen.integration_length))
         print(rows[-1].line(), flush=True)
     together(rows)
     if chosen.figure:
         draw(find_captures(chosen.captures[:1])[0], chosen.figure)
 
 
-def measured(capture: Capture, model: MpiModel) -> Row:
-    """Resolve all frames of a capture both ways."""
+def measured(capture: Capture, model: MpiModel, integration_length: float | None = None) -> Row:
+    """Resolve all frames of a capture both ways, with the noise of less light where an integration length is given."""
     truth = read_layers(capture.root / "truth.exr")[DIRECT_DEPTH].astype(np.float64)
     first, two, taken, score, status = [], [], [], [], []
     for source in single_frames(capture):
         with open_frames(source, capture.layout) as frames:
-            stored = frames.read(source.index or 0)
-        found, discrete = (resolved(capture, stored, name).maps for name in (model, "discrete"))
+            stored, metadata = frames.read(source.index or 0), capture.source.metadata
+        if integration_length is not None:
+            stored, metadata = with_less_light(stored, metadata, integration_length)
+        found, discrete = (resolved(stored, metadata, name).maps for name in (model, "discrete"))
         error = found.layer(DIRECT_DEPTH) - truth
-        first.append(100 * (first_phasor_depth(stored, plan=FramePlan(metadata=capture.source.metadata)) - truth))
+        first.append(100 * (first_phasor_depth(stored, plan=FramePlan(metadata=metadata)) - truth))
         two.append(100 * (discrete.layer(DIRECT_DEPTH) - truth))
         taken.append(100 * error)
         score.append(np.abs(error / found.layer(DIRECT_SIGMA)))
@@ -98,10 +107,39 @@ def measured(capture: Capture, model: MpiModel) -> Row:
     return Row(capture.root.name, np.stack(first), np.stack(two), np.stack(taken), within, diffuse)
 
 
-def resolved(capture: Capture, stored: NDArray[np.generic], model: MpiModel) -> ResolvedFrame:
+def with_less_light(
+    stored: NDArray[np.generic], metadata: CaptureMetadata, integration_length: float
+) -> tuple[NDArray[np.generic], CaptureMetadata]:
+    """Return a frame of counts, (H, 2, Y, X), with noise added until it has that of a shorter integration length.
+
+    Noise along and across each phasor is as that of a single path with its amplitude (PHYSICS, the covariance of Eq. 1).
+    """
+    length, recorded = float(round(integration_length * 2 / len(stored))), metadata.pixel.integration_length or 0.0
+    if length >= recorded:
+        raise SystemExit(f"found captures of an integration length of {recorded:g}, expected more than {length:g}")
+    before, after = (noise_model(metadata, integration_length=n, quantised=False).each for n in (recorded, length))
+    volts_per_count, zero = metadata.voltage.volts_per_count or 1.0, metadata.voltage.zero_counts or 0.0
+    counts, generator = stored.astype(np.float64), np.random.default_rng(0)
+    for plane, old, new in zip(counts, before, after, strict=True):
+        phasor = (plane[0] - zero + 1j * (plane[1] - zero)) * volts_per_count / metadata.modulation.amplitude_v
+        size = np.abs(phasor) / old.pulse
+        along, across = (
+            np.sqrt(np.maximum(more - less, 0.0)) * old.pulse * generator.standard_normal(size.shape)
+            for less, more in zip(old.one_path_variances(size), new.one_path_variances(size), strict=True)
+        )
+        noise = (
+            (along + 1j * across) * np.exp(1j * np.angle(phasor)) * metadata.modulation.amplitude_v / volts_per_count
+        )
+        plane[0] += noise.real
+        plane[1] += noise.imag
+    noisy = np.rint(counts).astype(stored.dtype)
+    return noisy, replace(metadata, pixel=Pixel(integration_length=length))
+
+
+def resolved(stored: NDArray[np.generic], metadata: CaptureMetadata, model: MpiModel) -> ResolvedFrame:
     """Return the maps of a frame by one model."""
     settings = MapSettings(resolver=ResolverSettings(mpi_model=model))
-    return resolve_frame(stored, plan=FramePlan(metadata=capture.source.metadata, settings=settings))
+    return resolve_frame(stored, plan=FramePlan(metadata=metadata, settings=settings))
 
 
 def together(rows: Sequence[Row]) -> None:
@@ -123,7 +161,7 @@ def draw(capture: Capture, path: Path) -> None:
     source = next(iter(single_frames(capture)))
     with open_frames(source, capture.layout) as frames:
         stored = frames.read(source.index or 0)
-    auto, discrete = (resolved(capture, stored, model).maps for model in ("auto", "discrete"))
+    auto, discrete = (resolved(stored, capture.source.metadata, model).maps for model in ("auto", "discrete"))
     depths = {
         "first phasor": first_phasor_depth(stored, plan=FramePlan(metadata=capture.source.metadata)),
         "two paths": discrete.layer(DIRECT_DEPTH).astype(np.float64),

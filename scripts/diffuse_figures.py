@@ -73,7 +73,7 @@ def measured(capture: Capture) -> Room:
     source = next(iter(single_frames(capture)))
     with open_frames(source, capture.layout) as frames:
         stored = frames.read(source.index or 0)
-    maps = resolved(capture, stored, "auto").maps
+    maps = resolved(stored, capture.source.metadata, "auto").maps
     first = first_phasor_depth(stored, plan=FramePlan(metadata=capture.source.metadata))
     depth = maps.layer(DIRECT_DEPTH).astype(np.float64)
     scores = ((depth - truth) / maps.layer(DIRECT_SIGMA)).ravel()
