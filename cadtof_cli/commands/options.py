@@ -14,7 +14,7 @@ import click
 from cadtof_cli.capture.metadata import KEYS, Key, Kind
 from cadtof_cli.commands.help import HelpContext
 from cadtof_cli.commands.terminal import tell
-from cadtof_cli.commands.values import NUMBERS, FrameRange, NameList, NumberTuple, ParamType, Rectangle
+from cadtof_cli.commands.values import FRAME_RANGE, NAMES, NUMBERED_NAMES, NUMBERS, RECTANGLE, NumberTuple, ParamType
 from cadtof_cli.execution.cores import available_cores
 from cadtof_cli.execution.workers import JOBS_PER_CORE, Workers
 
@@ -36,9 +36,9 @@ _TYPES: dict[Any, ParamType] = {
     int: click.INT,
     float: click.FLOAT,
     str: click.STRING,
-    slice: FrameRange(),
+    slice: FRAME_RANGE,
     Path: click.Path(path_type=Path),
-    tuple[int, int, int, int]: Rectangle(),
+    tuple[int, int, int, int]: RECTANGLE,
 }
 
 
@@ -227,8 +227,8 @@ def _capture_option(key: Key) -> Decorator[Any]:
         "whole numbers": NUMBERS,
         "pair": NUMBERS,
         "text": click.STRING,
-        "names": NameList(numbered=False),
-        "numbers by name": NameList(numbered=True),
+        "names": NAMES,
+        "numbers by name": NUMBERED_NAMES,
     }
     default = "" if key.default is None else f"  [if not given: {_as_typed(key.default)}, the paper's]"
     about = f"{key.path}: {key.about}.{default}"

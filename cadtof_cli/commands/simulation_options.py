@@ -11,7 +11,7 @@ from click.core import ParameterSource
 from cadtof_cli.capture.metadata import Modulation, Pulse
 from cadtof_cli.commands.map_options import PATH_OPTIONS
 from cadtof_cli.commands.options import RecordOptions, jobs_option, setting_option
-from cadtof_cli.commands.values import FurtherPath, NumberTuple
+from cadtof_cli.commands.values import FURTHER_PATH, NumberTuple
 from cadtof_cli.errors import SettingsError
 from cadtof_cli.execution.workers import Workers
 from cadtof_cli.resolver.settings import ResolverSettings
@@ -79,7 +79,7 @@ _motion, _trials, _modulation, _pixel, _stages = (
 further_option = click.option(
     "--path",
     "further",
-    type=FurtherPath(),
+    type=FURTHER_PATH,
     multiple=True,
     help="Add a path of MPI: its photons over the laser photons, and its arrival time. Can be given several times.",
 )
