@@ -48,7 +48,7 @@ _ROOM = {
 )
 @click.option("--overwrite", is_flag=True, help="Replace the picture if it exists.")
 @settings_option()
-@map_options()
+@map_options("roi")
 @calibration_option()
 @click.option("-q", "--quiet", is_flag=True, help="Print errors only: no notes on stderr.")
 @capture_options()

@@ -7,10 +7,9 @@ from typing import Any
 
 import click
 
-from cadtof_cli.commands.options import RecordOptions, number_option, setting_option
+from cadtof_cli.commands.options import RecordOptions, declared_options, number_option, setting_option
 from cadtof_cli.commands.simulation_options import further_option
 from cadtof_cli.commands.values import NumberTuple
-from cadtof_cli.files.formats import FRAME_FORMATS
 from cadtof_cli.simulation.pixel.mix import Condition
 from cadtof_cli.simulation.scene.camera import Camera
 from cadtof_cli.simulation.scene.light import Scene
@@ -115,7 +114,7 @@ light_options = RecordOptions(
     ),
 )
 
-_recording, _camera = partial(setting_option, RecordSettings), partial(setting_option, Camera, show_default=False)
+_camera = partial(setting_option, Camera, show_default=False)
 
 _scene = RecordOptions(
     "settings",
@@ -144,13 +143,7 @@ _scene = RecordOptions(
 scene_options = RecordOptions(
     "scenery",
     SceneOptions,
-    RecordOptions(
-        "recording",
-        dict,
-        _recording("frames", "Number of frames of the capture."),
-        _recording("frame_format", "File format of the frames.", option="--format", type=click.Choice(FRAME_FORMATS)),
-        _recording("compress", "Compress the frames: Deflate in TIFF, ZIP in EXR."),
-    ),
+    RecordOptions("recording", dict, *declared_options(RecordSettings).values()),
     _scene,
     RecordOptions(
         "camera",

@@ -10,7 +10,7 @@ from click.core import ParameterSource
 
 from cadtof_cli.capture.metadata import Modulation, Pulse
 from cadtof_cli.commands.map_options import PATH_OPTIONS
-from cadtof_cli.commands.options import RecordOptions, jobs_option, setting_option
+from cadtof_cli.commands.options import RecordOptions, declared_options, jobs_option, setting_option
 from cadtof_cli.commands.values import FURTHER_PATH, NumberTuple
 from cadtof_cli.errors import SettingsError
 from cadtof_cli.execution.workers import Workers
@@ -72,8 +72,8 @@ class TrialOptions:
         return Trials(condition=condition, model=model, **self.trials)
 
 
-_motion, _trials, _modulation, _pixel, _stages = (
-    partial(setting_option, record) for record in (Motion, Trials, Modulation, PixelModel, Stages)
+_motion, _modulation, _pixel, _stages = (
+    partial(setting_option, record) for record in (Motion, Modulation, PixelModel, Stages)
 )
 
 further_option = click.option(
@@ -110,26 +110,8 @@ trial_options = RecordOptions(
     RecordOptions(
         "trials",
         dict,
-        _trials("runs", "Number of recordings per condition."),
         RecordOptions("resolver", ResolverSettings, *PATH_OPTIONS),
-        # what the paper does with its answers, and cadtof does not; with `--solver lm --order 2` its method as published
-        _trials(
-            "pulse_correction",
-            "Whether to correct the phasors for the length of the pulse; the paper does not.  [default: correct]",
-            option="--pulse-correction/--no-pulse-correction",
-            show_default=False,
-        ),
-        _trials(
-            "wrapped",
-            "Report times within ± half the period and do not wrap their errors, as the paper does.",
-            show_default=False,
-        ),
-        _trials("seed", "Seed of the random numbers; the same seed gives the same bytes."),
-        _trials(
-            "photon_by_photon",
-            "Simulate every photon, instead of drawing voltages from their exact mean and covariance.",
-            option="--photons",
-        ),
+        *declared_options(Trials).values(),
     ),
     RecordOptions(
         "modulation",
