@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
-from functools import partial
 from typing import Any
 
 import click
@@ -114,8 +113,6 @@ light_options = RecordOptions(
     ),
 )
 
-_camera = partial(setting_option, Camera, show_default=False)
-
 _scene = RecordOptions(
     "settings",
     dict,
@@ -145,13 +142,5 @@ scene_options = RecordOptions(
     SceneOptions,
     RecordOptions("recording", dict, *declared_options(RecordSettings).values()),
     _scene,
-    RecordOptions(
-        "camera",
-        Camera,
-        _camera("width", "Columns of the frames.", show_default=True),
-        _camera("height", "Rows of the frames.", show_default=True),
-        _camera("petzval_m", "Field curvature k2,k4 of the lens.  [default: 0,0]", metavar="M,M"),
-        _camera("dark_offset_v", "Standard deviation of the offset from pixel to pixel.  [default: 0]"),
-        _camera("fixed_delay_ns", "Standard deviation of the delay from pixel to pixel.  [default: 0]"),
-    ),
+    RecordOptions("camera", Camera),
 )

@@ -69,7 +69,8 @@ PIXEL_PLACE = Typed("X,Y", "a column and a row such as 160,120", lambda text: _p
 FURTHER_PATH = Typed("RATIO@NS", "a ratio and a time in ns such as 0.2@27", lambda text: _parted(text, "@", float, 2))
 """Photons of a path over the laser's, and its arrival in ns."""
 
-NAMES = Typed("NAME,NAME", "a list of names", lambda text: text.split(","))
+# any text is one
+NAMES = Typed("NAME,NAME", "", lambda text: text.split(","))
 
 NUMBERED_NAMES = Typed(
     "NAME=N,NAME=N…",
