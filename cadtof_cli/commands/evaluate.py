@@ -26,7 +26,12 @@ _FILE = click.Path(path_type=Path)
     )
 )
 @click.argument("maps", type=_FILE, metavar="OUT")
-@click.option("--truth", type=_FILE, help="File of the true depths: a layer direct.depth in metres.")
+@click.option(
+    "--truth",
+    type=_FILE,
+    help="File of the true depths: a layer direct.depth in metres. Or a folder with such a file, truth.exr, for each capture, "
+    "in the same tree as OUT.",
+)
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object on stdout instead of the table.")
 @click.option(
     "--max-median",
@@ -54,10 +59,10 @@ def evaluate(
 ) -> int:
     """Compare the direct depth, and the depth of the first phasor alone, with the true depth.
 
-    OUT is the folder that `cadtof resolve` wrote, or one map file. All frames are compared with the same truth. Pixels without
-    truth do not count; `valid` is the share of the others that have an answer. The last two columns are the shares of errors
-    within one and two predicted standard deviations: 68 % and 95 % if the prediction is right and errors are Gaussian. The
-    first phasor gets the same calibration as the run and is evaluated at the same pixels.
+    OUT is the folder that `cadtof resolve` wrote, or one map file. All frames of a capture are compared with the same truth.
+    Pixels without truth do not count; `valid` is the share of the others that have an answer. The last two columns are the
+    shares of errors within one and two predicted standard deviations: 68 % and 95 % if the prediction is right and errors are
+    Gaussian. The first phasor gets the same calibration as the run and is evaluated at the same pixels.
 
     \b
     Exit status:
