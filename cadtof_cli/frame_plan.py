@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Literal
 
 from cadtof_cli.capture.metadata import CaptureMetadata
 from cadtof_cli.errors import SettingsError
-from cadtof_cli.records import dataclass
+from cadtof_cli.records import dataclass, setting
 from cadtof_cli.resolver.settings import ResolverSettings
 
 if TYPE_CHECKING:
@@ -25,23 +25,27 @@ DEPTH_IN_WORDS: dict[DepthKind, str] = {"range": "radial range", "z": "planar de
 
 @dataclass(frozen=True, kw_only=True)
 class MapSettings:
-    """What a user can choose about maps.
-
-    Attributes:
-        resolver: how phasors become paths.
-        depth: radial range, or planar depth.
-        pool: side of the square of neighbours whose noise is pooled, in pixels; 1 for none.
-        average: recorded frames that are averaged into one.
-        roi: X0, Y0, X1, Y1: maps are of columns X0 ≤ x < X1 and rows Y0 ≤ y < Y1; None: of all.
-        min_confidence_v: pixels with a smaller first phasor, in V, have no answer; None: those with no signal above the noise.
-    """
+    """What a user can choose about maps."""
 
     resolver: ResolverSettings = field(default_factory=ResolverSettings)
-    depth: DepthKind = "range"
-    pool: int = 1
-    average: int = 1
-    roi: tuple[int, int, int, int] | None = None
-    min_confidence_v: float | None = None
+    depth: DepthKind = setting("range", "range: distance along the ray. z: planar depth; needs the focal length.")
+    pool: int = setting(
+        1,
+        "Average N × N neighbouring pixels that see the same light, to reduce noise; N is odd. Adds the layer "
+        "effective_pixels.",
+    )
+    average: int = setting(
+        1,
+        "Average every N consecutive frames of a capture into one, named after the first. The last group may be smaller.",
+    )
+    roi: tuple[int, int, int, int] | None = setting(
+        None, "Region of interest: write maps of columns X0 to X1 − 1 and rows Y0 to Y1 − 1 only."
+    )
+    min_confidence_v: float | None = setting(
+        None,
+        "Smallest confidence, in volts, at which a pixel is resolved.  [default: from the noise and --false-alarm]",
+        option="--min-confidence",
+    )
 
     def __post_init__(self) -> None:
         if self.depth not in DEPTH_IN_WORDS:

@@ -111,7 +111,6 @@ def _step(*more: Decorator[Any]) -> Decorator[Any]:
                 "out",
                 "Calibration folder; this part is added to it.",
                 option="-o --out",
-                required=True,
             ),
             setting_option(CalibrateSettings, "overwrite", "Replace this part if the folder already has it."),
             *more,

@@ -11,7 +11,7 @@ from cadtof_cli.commands.help import example
 from cadtof_cli.commands.map_options import calibration_option, map_options
 from cadtof_cli.commands.options import SectionedCommand, capture_options, settings_option
 from cadtof_cli.commands.terminal import Bar, tell
-from cadtof_cli.commands.values import PixelPlace
+from cadtof_cli.commands.values import PIXEL_PLACE
 from cadtof_cli.frame_plan import MapSettings
 from cadtof_cli.maps.layers import layer_unit
 
@@ -33,7 +33,7 @@ _ROOM = {
     epilog=example("cadtof inspect sample_data/corner/frame_0000.tif --pixel 60,60 -o phasors.png"),
 )
 @click.argument("frame", type=click.Path(path_type=Path), metavar="FRAME")
-@click.option("--pixel", required=True, type=PixelPlace(), help="Column and row of the pixel; 0,0 is the top left.")
+@click.option("--pixel", required=True, type=PIXEL_PLACE, help="Column and row of the pixel; 0,0 is the top left.")
 @click.option(
     "--frame",
     "place",
@@ -48,7 +48,7 @@ _ROOM = {
 )
 @click.option("--overwrite", is_flag=True, help="Replace the picture if it exists.")
 @settings_option()
-@map_options()
+@map_options("roi")
 @calibration_option()
 @click.option("-q", "--quiet", is_flag=True, help="Print errors only: no notes on stderr.")
 @capture_options()
@@ -86,7 +86,7 @@ def inspect(
 
         title = f"{found.document['frame']}, pixel {pixel[0]},{pixel[1]}: {', '.join(found.document['status'])}"
         draw_phasors(found.evidence, out, title=title)
-    tell(json.dumps(found.document) if as_json else "\n".join(_lines(found.document, found.harmonics)))
+    tell(json.dumps(found.document) if as_json else "\n".join(_lines(found.document, found.evidence.noise.harmonics)))
 
 
 def _lines(document: Mapping[str, Any], harmonics: tuple[int, ...]) -> Iterator[str]:

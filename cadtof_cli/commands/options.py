@@ -3,7 +3,7 @@
 import functools
 import itertools
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import MISSING, fields
 from pathlib import Path
 from types import NoneType
@@ -14,7 +14,7 @@ import click
 from cadtof_cli.capture.metadata import KEYS, Key, Kind
 from cadtof_cli.commands.help import HelpContext
 from cadtof_cli.commands.terminal import tell
-from cadtof_cli.commands.values import NUMBERS, FrameRange, NameList, NumberTuple, ParamType, Rectangle
+from cadtof_cli.commands.values import FRAME_RANGE, NAMES, NUMBERED_NAMES, NUMBERS, RECTANGLE, NumberTuple, ParamType
 from cadtof_cli.execution.cores import available_cores
 from cadtof_cli.execution.workers import JOBS_PER_CORE, Workers
 
@@ -36,9 +36,9 @@ _TYPES: dict[Any, ParamType] = {
     int: click.INT,
     float: click.FLOAT,
     str: click.STRING,
-    slice: FrameRange(),
+    slice: FRAME_RANGE,
     Path: click.Path(path_type=Path),
-    tuple[int, int, int, int]: Rectangle(),
+    tuple[int, int, int, int]: RECTANGLE,
 }
 
 
@@ -63,15 +63,24 @@ def metavar_of(name: str, kind: ParamType, /) -> str | None:
 
 
 def setting_option(
-    record: type, name: str, help: str = "", /, *, option: str = "", show_default: bool = True, **more: Any
+    record: type,
+    name: str,
+    /,
+    help: str,
+    *,
+    option: str = "",
+    choices: Sequence[str] = (),
+    show_default: bool = True,
+    **more: Any,
 ) -> Decorator[Any]:
     """Return the option of one field of a settings record, whose type, choices and default it takes.
 
     Args:
         record: dataclass of the settings.
         name: of the field, and of the parameter that the command gets.
-        help: what it does; without it, as the field has been declared by `records.setting`.
+        help: what it does.
         option: as typed, such as `-j --jobs`; without it, the name of the field, with its unit and without.
+        choices: that there are, where the field's type does not say it.
         show_default: whether the help names the default, where there is one.
         more: what `click.option` takes besides, such as `metavar`; it goes before what the record says.
     """
@@ -88,9 +97,12 @@ def setting_option(
         "is_flag": isinstance(default, bool) or None,
         "help": help,
     }
+    if choices:
+        said["type"] = click.Choice(choices)
     if default is MISSING:
         # click takes None for a default, and would not ask for a required option
         del said["default"]
+        said["required"] = True
     names = option.split() or _names_of(f"--{dashed}")
     return click.option(*names, name, **(said | more))
 
@@ -150,7 +162,7 @@ class RecordOptions:
     """
 
     def __init__(self, name: str, record: Callable[..., Any], /, *options: Decorator[Any]) -> None:
-        self.name, self._record, self._options = name, record, options or tuple(declared_options(record))
+        self.name, self._record, self._options = name, record, options or tuple(declared_options(record).values())
 
     def __call__(self, function: Function, /) -> Function:
         """Return the command with the options."""
@@ -173,11 +185,10 @@ class RecordOptions:
         return tuple(parameter.name for parameter in reversed(self(lambda: None).__dict__["__click_params__"]))
 
 
-def declared_options(record: Any, /) -> Iterator[Decorator[Any]]:
-    """Yield the options of the fields of a settings record that `records.setting` has declared, inherited ones last."""
-    for field in sorted(fields(record), key=lambda one: one.name not in record.__annotations__):
-        if "help" in field.metadata:
-            yield setting_option(record, field.name, **field.metadata)
+def declared_options(record: Any, /) -> dict[str, Decorator[Any]]:
+    """Return the options of the fields of a settings record that `records.setting` has declared, by name, inherited ones last."""
+    ordered = sorted(fields(record), key=lambda one: one.name not in record.__annotations__)
+    return {one.name: setting_option(record, one.name, **one.metadata) for one in ordered if "help" in one.metadata}
 
 
 class SectionedCommand(click.Command):
@@ -227,8 +238,8 @@ def _capture_option(key: Key) -> Decorator[Any]:
         "whole numbers": NUMBERS,
         "pair": NUMBERS,
         "text": click.STRING,
-        "names": NameList(numbered=False),
-        "numbers by name": NameList(numbered=True),
+        "names": NAMES,
+        "numbers by name": NUMBERED_NAMES,
     }
     default = "" if key.default is None else f"  [if not given: {_as_typed(key.default)}, the paper's]"
     about = f"{key.path}: {key.about}.{default}"

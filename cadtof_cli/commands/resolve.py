@@ -9,27 +9,26 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from cadtof_cli.commands.help import example
-from cadtof_cli.commands.map_options import calibration_option, map_options
+from cadtof_cli.commands.map_options import map_options
 from cadtof_cli.commands.options import (
     STDIN,
     RecordOptions,
     SectionedCommand,
     arriving_paths,
     capture_options,
+    declared_options,
     jobs_option,
     setting_option,
     settings_option,
 )
 from cadtof_cli.commands.terminal import progress_bar, tell
 from cadtof_cli.execution.workers import Workers
-from cadtof_cli.frame_plan import MapSettings
-from cadtof_cli.workflows.resolve.settings import FORMAT_CHOICES, ResolveSettings
+from cadtof_cli.workflows.resolve.settings import ResolveSettings
 
 if TYPE_CHECKING:
     from cadtof_cli.commands.terminal import Bar
     from cadtof_cli.workflows.frame_report import FrameReport, RunTotals
 
-_setting = partial(setting_option, ResolveSettings)
 _worker = partial(setting_option, Workers)
 
 
@@ -44,30 +43,9 @@ _worker = partial(setting_option, Workers)
 @RecordOptions(
     "settings",
     ResolveSettings,
-    _setting("out", "Folder for the maps.", option="-o --out", required=True),
-    _setting(
-        "recursive",
-        "Also search all folders below each INPUT; OUT gets the same tree of folders.",
-        option="-r --recursive",
-    ),
+    *declared_options(ResolveSettings).values(),
     settings_option(),
-    _setting(
-        "frames",
-        "Resolve frames A to B − 1 of each capture, counted from 0: 10:20 are ten frames, 10: all from the eleventh, "
-        "7 is one.",
-    ),
-    map_options(
-        setting_option(
-            MapSettings, "roi", "Region of interest: write maps of columns X0 to X1 − 1 and rows Y0 to Y1 − 1 only."
-        )
-    ),
-    calibration_option(),
-    _setting(
-        "map_format",
-        "File format of the maps. same: the format of the input.",
-        option="--format",
-        type=click.Choice(FORMAT_CHOICES),
-    ),
+    map_options(),
     RecordOptions(
         "workers",
         Workers,
@@ -86,12 +64,6 @@ _worker = partial(setting_option, Workers)
             metavar="local|tcp://HOST:PORT",
         ),
     ),
-    _setting("overwrite", "Replace the files of an earlier run."),
-    _setting(
-        "resume",
-        "Continue an earlier run with the same options: keep its maps, make the missing and changed ones.",
-    ),
-    _setting("dry_run", "Check everything and list the maps that would be written, but write nothing."),
 )
 @click.option(
     "-0", "--null", is_flag=True, help="Paths on stdin are separated by zero bytes, as `find -print0` writes them."

@@ -2,15 +2,13 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
-from functools import partial
 from typing import Any
 
 import click
 
-from cadtof_cli.commands.options import RecordOptions, number_option, setting_option
+from cadtof_cli.commands.options import RecordOptions, declared_options, number_option, setting_option
 from cadtof_cli.commands.simulation_options import further_option
 from cadtof_cli.commands.values import NumberTuple
-from cadtof_cli.files.formats import FRAME_FORMATS
 from cadtof_cli.simulation.pixel.mix import Condition
 from cadtof_cli.simulation.scene.camera import Camera
 from cadtof_cli.simulation.scene.light import Scene
@@ -115,8 +113,6 @@ light_options = RecordOptions(
     ),
 )
 
-_recording, _camera = partial(setting_option, RecordSettings), partial(setting_option, Camera, show_default=False)
-
 _scene = RecordOptions(
     "settings",
     dict,
@@ -144,21 +140,7 @@ _scene = RecordOptions(
 scene_options = RecordOptions(
     "scenery",
     SceneOptions,
-    RecordOptions(
-        "recording",
-        dict,
-        _recording("frames", "Number of frames of the capture."),
-        _recording("frame_format", "File format of the frames.", option="--format", type=click.Choice(FRAME_FORMATS)),
-        _recording("compress", "Compress the frames: Deflate in TIFF, ZIP in EXR."),
-    ),
+    RecordOptions("recording", dict, *declared_options(RecordSettings).values()),
     _scene,
-    RecordOptions(
-        "camera",
-        Camera,
-        _camera("width", "Columns of the frames.", show_default=True),
-        _camera("height", "Rows of the frames.", show_default=True),
-        _camera("petzval_m", "Field curvature k2,k4 of the lens.  [default: 0,0]", metavar="M,M"),
-        _camera("dark_offset_v", "Standard deviation of the offset from pixel to pixel.  [default: 0]"),
-        _camera("fixed_delay_ns", "Standard deviation of the delay from pixel to pixel.  [default: 0]"),
-    ),
+    RecordOptions("camera", Camera),
 )

@@ -2,7 +2,6 @@
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
-from functools import partial
 from typing import Any
 
 import click
@@ -10,8 +9,8 @@ from click.core import ParameterSource
 
 from cadtof_cli.capture.metadata import Modulation, Pulse
 from cadtof_cli.commands.map_options import PATH_OPTIONS
-from cadtof_cli.commands.options import RecordOptions, jobs_option, setting_option
-from cadtof_cli.commands.values import FurtherPath, NumberTuple
+from cadtof_cli.commands.options import RecordOptions, declared_options, jobs_option, setting_option
+from cadtof_cli.commands.values import FURTHER_PATH, NumberTuple
 from cadtof_cli.errors import SettingsError
 from cadtof_cli.execution.workers import Workers
 from cadtof_cli.resolver.settings import ResolverSettings
@@ -72,14 +71,10 @@ class TrialOptions:
         return Trials(condition=condition, model=model, **self.trials)
 
 
-_motion, _trials, _modulation, _pixel, _stages = (
-    partial(setting_option, record) for record in (Motion, Trials, Modulation, PixelModel, Stages)
-)
-
 further_option = click.option(
     "--path",
     "further",
-    type=FurtherPath(),
+    type=FURTHER_PATH,
     multiple=True,
     help="Add a path of MPI: its photons over the laser photons, and its arrival time. Can be given several times.",
 )
@@ -91,67 +86,22 @@ workers_option = RecordOptions("workers", Workers, jobs_option("Worker processes
 trial_options = RecordOptions(
     "trial",
     TrialOptions,
-    RecordOptions(
-        "motion",
-        Motion,
-        _motion(
-            "speed_m_s",
-            "Speed of the scene away from the camera; the harmonics are recorded one after the other.",
-            option="--speed",
-            metavar="M_PER_S",
-        ),
-        _motion(
-            "frame_rate_hz",
-            "Frames per second; a frame's time is shared equally by its harmonics.",
-            option="--frame-rate",
-            metavar="HZ",
-        ),
-    ),
+    RecordOptions("motion", Motion),
     RecordOptions(
         "trials",
         dict,
-        _trials("runs", "Number of recordings per condition."),
         RecordOptions("resolver", ResolverSettings, *PATH_OPTIONS),
-        # what the paper does with its answers, and cadtof does not; with `--solver lm --order 2` its method as published
-        _trials(
-            "pulse_correction",
-            "Whether to correct the phasors for the length of the pulse; the paper does not.  [default: correct]",
-            option="--pulse-correction/--no-pulse-correction",
-            show_default=False,
-        ),
-        _trials(
-            "wrapped",
-            "Report times within ± half the period and do not wrap their errors, as the paper does.",
-            show_default=False,
-        ),
-        _trials("seed", "Seed of the random numbers; the same seed gives the same bytes."),
-        _trials(
-            "photon_by_photon",
-            "Simulate every photon, instead of drawing voltages from their exact mean and covariance.",
-            option="--photons",
-        ),
+        *declared_options(Trials).values(),
     ),
     RecordOptions(
         "modulation",
         Modulation,
-        _modulation("periods_ns", "Modulation periods in ns, the fundamental first."),
-        _modulation("waveform", "Waveform of the modulation."),
-        _modulation("amplitude_v", "Amplitude of the modulation."),
+        setting_option(Modulation, "periods_ns", "Modulation periods in ns, the fundamental first."),
+        setting_option(Modulation, "waveform", "Waveform of the modulation."),
+        setting_option(Modulation, "amplitude_v", "Amplitude of the modulation."),
     ),
     setting_option(Pulse, "fwhm_ns", "Length of the laser pulse, full width at half maximum."),
-    RecordOptions(
-        "pixel",
-        dict,
-        _pixel("photons_per_cycle", "Photons per laser cycle."),
-        _pixel("cycles", "Laser cycles per harmonic.  [default: those of 12.5 n_av photons]"),
-        _pixel("dead_time_ns", "Dead time of the SPAD; with --photons.", show_default=False),
-        _pixel("jitter_ns", "Timing jitter of the SPAD, one standard deviation.", show_default=False),
-        _pixel("sample_noise_v", "Noise of every sample, one standard deviation.", show_default=False),
-        _pixel(
-            "gain_mismatch", "Relative gain error of SC2: gain of SC2 over gain of SC1, minus 1.", show_default=False
-        ),
-        _pixel("offsets_v", "Offsets of SC1 and SC2 in V.", metavar="V,V", show_default=False),
-    ),
+    RecordOptions("pixel", dict, *declared_options(PixelModel).values()),
     click.option(
         "--temperature",
         "temperature_k",
@@ -160,13 +110,7 @@ trial_options = RecordOptions(
         help="Temperature: adds the kTC noise of C1; with --capacitors.",
     ),
     click.option("--capacitors", type=NumberTuple(), help="Capacitors C1 to C12 of Fig. 1 in fF; they determine n_av."),
-    RecordOptions(
-        "stages",
-        Stages,
-        _stages("drive", "How the stages ST1 and ST2 are driven.", option="--stages"),
-        _stages("f1_hz", "Switching rate of ST1.  [default: 1e6]", show_default=False),
-        _stages("f2_hz", "Switching rate of ST2.  [default: 1e4]", show_default=False),
-    ),
+    RecordOptions("stages", Stages),
 )
 
 

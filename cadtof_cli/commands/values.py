@@ -1,6 +1,7 @@
 """Values of options as they are typed: numbers, names, frames, pixels, paths of light, grids."""
 
 import math
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -19,118 +20,80 @@ MOST_VALUES = 10_000
 _FORMS = "1,2,5 or start:stop:n or log:start:stop:n"
 
 
-class NumberList(ParamType):
-    """Numbers with commas between them, such as 40,20."""
+class Typed(ParamType):
+    """Values that a function makes of what is typed.
 
-    name = "N,N…"
+    Args:
+        name: stands for such a value in the help.
+        what: it is, with an example, as a message says where the function raises ValueError.
+        parse: text → value; what is no text any more stays as it is.
+    """
+
+    def __init__(self, name: str, what: str, parse: Callable[[str], Any]) -> None:
+        self.name, self._what, self._parse = name, what, parse
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """Return a list of numbers."""
-        if not isinstance(value, str):
-            return value
+        """Return what the function makes of a text."""
         try:
-            return [float(part) for part in value.split(",")]
+            return self._parse(value) if isinstance(value, str) else value
         except ValueError:
-            self.fail(f"{value!r} is not a list of numbers such as 40,20", param, ctx)
+            self.fail(f"{value!r} is not {self._what}", param, ctx)
 
 
-NUMBERS = NumberList()
+def _parted(text: str, separator: str, kind: Callable[[str], Any], count: int) -> tuple[Any, ...]:
+    parts = tuple(map(kind, text.split(separator)))
+    if len(parts) != count:
+        raise ValueError(f"{len(parts)} parts")
+    return parts
 
 
-class NumberTuple(NumberList):
+def _frames(text: str) -> slice:
+    first, colon, last = text.partition(":")
+    start = int(first or 0)
+    stop = start + 1 if not colon else int(last) if last else None
+    if start < 0 or (stop is not None and stop <= start):
+        raise ValueError("no such frames")
+    return slice(start, stop)
+
+
+NUMBERS = Typed("N,N…", "a list of numbers such as 40,20", lambda text: list(map(float, text.split(","))))
+
+FRAME_RANGE = Typed("A:B", "a range of frames such as 10:20, 10: or 7, counted from 0", _frames)
+"""Frames from 0, such as 10:20, with an end that does not count any more; or one place."""
+
+RECTANGLE = Typed("X0,Y0,X1,Y1", "a rectangle of pixels such as 40,30,280,210", lambda text: _parted(text, ",", int, 4))
+"""Two corners of a rectangle of pixels, or the ends of a line."""
+
+PIXEL_PLACE = Typed("X,Y", "a column and a row such as 160,120", lambda text: _parted(text, ",", int, 2))
+
+FURTHER_PATH = Typed("RATIO@NS", "a ratio and a time in ns such as 0.2@27", lambda text: _parted(text, "@", float, 2))
+"""Photons of a path over the laser's, and its arrival in ns."""
+
+# any text is one
+NAMES = Typed("NAME,NAME", "", lambda text: text.split(","))
+
+NUMBERED_NAMES = Typed(
+    "NAME=N,NAME=N…",
+    "a list of names with numbers such as 25=1,50=2",
+    lambda text: {name: int(number) for name, number in (word.rsplit("=", 1) for word in text.split(","))},
+)
+
+
+class NumberTuple(Typed):
     """As many numbers as a setting has, or, with None, any number of them."""
 
     def __init__(self, count: int | None = None) -> None:
+        super().__init__("N,N…", "a list of numbers such as 40,20", lambda text: tuple(map(float, text.split(","))))
         self.count = count
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         """Return a tuple of numbers."""
-        numbers = tuple(super().convert(value, param, ctx))
+        numbers = super().convert(value, param, ctx)
         if self.count not in {None, len(numbers)}:
             told = f" ({param.metavar})" if param is not None and param.metavar else ""
             option = param.opts[-1] if param is not None else self.name
             raise SettingsError(f"{option}: found {len(numbers)} values, expected {self.count}{told}")
         return numbers
-
-
-class FrameRange(ParamType):
-    """Frames from 0, such as 10:20, with an end that does not count any more; or one place."""
-
-    name = "A:B"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """Return a slice."""
-        first, colon, last = value.partition(":")
-        try:
-            start, stop = int(first or 0), int(last) if last else None
-        except ValueError:
-            start, stop = -1, None
-        if not colon:
-            stop = start + 1
-        if start < 0 or (stop is not None and stop <= start):
-            self.fail(f"{value!r} is not a range of frames such as 10:20, 10: or 7, counted from 0", param, ctx)
-        return slice(start, stop)
-
-
-class Rectangle(ParamType):
-    """Two corners of a rectangle of pixels: X0,Y0,X1,Y1."""
-
-    name = "X0,Y0,X1,Y1"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """Return four whole numbers."""
-        try:
-            x0, y0, x1, y1 = map(int, value.split(","))
-        except ValueError:
-            self.fail(f"{value!r} is not a rectangle of pixels such as 40,30,280,210", param, ctx)
-        return x0, y0, x1, y1
-
-
-class NameList(ParamType):
-    """Words with commas between them, such as A,B; with `numbered`, each with its number, such as 25=1,50=2."""
-
-    def __init__(self, *, numbered: bool) -> None:
-        self.numbered, self.name = numbered, "NAME=N,NAME=N…" if numbered else "NAME,NAME"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """Return a list of names, or numbers by name."""
-        if not isinstance(value, str):
-            return value
-        words = value.split(",")
-        if not self.numbered:
-            return words
-        try:
-            return {name: int(number) for name, number in (word.rsplit("=", 1) for word in words)}
-        except ValueError:
-            self.fail(f"{value!r} is not a list of names with numbers such as 25=1,50=2", param, ctx)
-
-
-class PixelPlace(ParamType):
-    """A column and a row, such as 160,120."""
-
-    name = "X,Y"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """Return the column and the row."""
-        try:
-            x, y = (int(part) for part in str(value).split(","))
-        except ValueError:
-            self.fail(f"{value!r} is not a column and a row such as 160,120", param, ctx)
-        return x, y
-
-
-class FurtherPath(ParamType):
-    """Photons of a path over the laser's, and its arrival in ns, such as 0.2@27."""
-
-    name = "RATIO@NS"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """Return both numbers."""
-        try:
-            ratio, time_ns = map(float, value.split("@"))
-        except ValueError:
-            self.fail(f"{value!r} is not a ratio and a time in ns such as 0.2@27", param, ctx)
-        return ratio, time_ns
 
 
 def grid_from_text(text: str, /, *, name: str) -> tuple[float, ...]:

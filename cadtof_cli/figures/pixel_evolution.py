@@ -1,5 +1,6 @@
 """One recording of a pixel, as in the paper's Fig. 2: arrivals, voltages, phase."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -16,25 +17,25 @@ OTHER_COLOUR = "#7a5195"
 DOTS_PER_INCH = 120
 
 
-def draw_histogram(recording: Evolution, condition: Condition, path: Path, /) -> None:
-    """Draw when photons arrived within the period, with the modulation voltages over it."""
-    figure, axes = _figure("When the photons of a recording arrive")
-    plot_histogram(axes, recording, condition)
-    figure.savefig(path)
-
-
-def draw_voltages(recording: Evolution, path: Path, /) -> None:
-    """Draw how SC1 and SC2 settle."""
-    figure, axes = _figure("How the voltages settle")
-    plot_voltages(axes, recording)
-    figure.savefig(path)
-
-
-def draw_phase(recording: Evolution, condition: Condition, path: Path, /) -> None:
-    """Draw how the phase settles, beside that of the direct path."""
-    figure, axes = _figure("How the phase of the first phasor settles")
-    plot_phase(axes, recording, condition)
-    figure.savefig(path)
+def draw_evolution(recording: Evolution, condition: Condition, folder: Path, /) -> None:
+    """Draw one recording into a folder: `histogram.png`, `voltages.png` and `phase.png`."""
+    plots: dict[str, tuple[str, Callable[[Axes], None]]] = {
+        "histogram": (
+            "When the photons of a recording arrive",
+            lambda axes: plot_histogram(axes, recording, condition),
+        ),
+        "voltages": ("How the voltages settle", lambda axes: plot_voltages(axes, recording)),
+        "phase": (
+            "How the phase of the first phasor settles",
+            lambda axes: plot_phase(axes, recording, condition),
+        ),
+    }
+    for name, (title, plot) in plots.items():
+        figure = Figure(figsize=(7.6, 3.6), dpi=DOTS_PER_INCH, layout="constrained")
+        axes = figure.subplots()
+        axes.set_title(title, fontsize=11)
+        plot(axes)
+        figure.savefig(folder / f"{name}.png")
 
 
 def plot_histogram(
@@ -89,10 +90,3 @@ def _legend(axes: Axes, *others: Axes) -> None:
     found = [one.get_legend_handles_labels() for one in (axes, *others)]
     handles, labels = ([item for part in parts for item in part] for parts in zip(*found, strict=True))
     axes.legend(handles, labels, loc="upper left", bbox_to_anchor=(1.01, 1.0), borderaxespad=0.0, fontsize=8)
-
-
-def _figure(title: str) -> tuple[Figure, Axes]:
-    figure = Figure(figsize=(7.6, 3.6), dpi=DOTS_PER_INCH, layout="constrained")
-    axes = figure.subplots()
-    axes.set_title(title, fontsize=11)
-    return figure, axes

@@ -24,7 +24,7 @@ class LayerDifference:
     max_abs: float | None
 
 
-@dataclass(frozen=True)
+@dataclass
 class BitChange:
     """In how many pixels B has a status bit that A lacks, and the other way round."""
 

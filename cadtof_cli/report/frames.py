@@ -1,6 +1,6 @@
 """What a page holds of the layers of a frame: all of its pixels, or every n-th, as codes."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -138,20 +138,13 @@ def planned_shares(samples: Sequence[Planes], frames: int, /, *, limit_bytes: fl
     count = min(frames, count if whole is None else whole)
     most = max(1, max(max(next(iter(planes.values())).shape) for planes in samples) // MOST_STEPS)
     left, others = room - count * full_bytes, frames - count
-    step, each = next(
-        (one for one in _steps(samples, most) if others * one[1] <= left), (most, _bytes_at(samples, most))
-    )
+    steps = ((step, _bytes_at(samples, step)) for step in range(1, most + 1))
+    step, each = next(one for one in steps if others * one[1] <= left or one[0] == most)
     if whole is None and step > 1:
         # steps are coarse, so that room is left for some frames more
         count += max(0, int((left - others * each) / (full_bytes - each)))
     places = np.linspace(0, frames - 1, count).round().astype(int)
     return Shares(frozenset(int(place) for place in places), step, thumbnail_px)
-
-
-def _steps(samples: Sequence[Planes], most: int) -> Iterator[tuple[int, float]]:
-    """Yield steps and what a frame takes with them."""
-    for step in range(1, most):
-        yield step, _bytes_at(samples, step)
 
 
 def _bytes_at(samples: Sequence[Planes], step: int) -> float:

@@ -3,7 +3,7 @@
 from typing import Literal
 
 from cadtof_cli.errors import SettingsError
-from cadtof_cli.records import dataclass
+from cadtof_cli.records import dataclass, setting
 
 Solver = Literal["two-path", "one-path", "lm"]
 Return = Literal["first", "strongest", "last"]
@@ -27,32 +27,48 @@ SECONDS_BY_LM = 3e-5
 class ResolverSettings:
     """How phasors become paths.
 
-    Attributes:
-        mpi_model: what MPI is: separate paths (`discrete`), the tail that the scene's geometry predicts (`diffuse`), or what the
-            frame says (`auto`).
-        solver: `two-path`, in closed form for harmonics 1 and 2 and by maximum likelihood for more; `one-path` maximum
-            likelihood; or `lm`, the paper's, by Levenberg–Marquardt from random starts.
-        paths: the most paths that a pixel may have, no more than there are harmonics.
-        order: how many paths a pixel has: decided by the order test (`auto`), or always that many, whatever the solver.
-        starts: random starts of `lm`.
-        seed: of the random starts, drawn for each pixel from it and the pixel's place in the frame.
-        false_alarm: probability that noise alone passes for a signal, or for the misfit of a second path, which must be worth its
-            scatter besides: an upper limit for the share of pixels without MPI that get one.
-        returns: which path is called direct.
-        min_return_ratio: least amplitude of a direct path, as a share of the strongest path's.
-        min_confidence: pixels with a smaller first phasor, in units of the phasors, have no answer; None: those with no signal
-            above the noise.
+    `false_alarm` is an upper limit for the share of pixels without MPI that get a second path, which must be worth its scatter
+    besides. Pixels whose first phasor is below `min_confidence`, in units of the phasors, have no answer; None: those with no
+    signal above the noise.
     """
 
-    mpi_model: MpiModel = "auto"
-    solver: Solver = "two-path"
-    paths: int = 2
-    order: str = "auto"
-    starts: int = 10
-    seed: int = 0
-    false_alarm: float = 0.01
-    returns: Return = "first"
-    min_return_ratio: float = 0.1
+    mpi_model: MpiModel = setting(
+        "auto",
+        "Model of the MPI. discrete: separate paths. diffuse: a tail of light, predicted from the geometry of the scene. "
+        "auto: chosen for each frame. Another --solver or --order, --paths above 2 and --return last imply discrete.",
+    )
+    solver: Solver = setting(
+        "two-path",
+        "How to find the paths. two-path: closed form with two periods, maximum likelihood with more periods or --paths. "
+        "one-path: maximum likelihood. lm: the paper's Levenberg–Marquardt from random starts.",
+    )
+    paths: int = setting(
+        2,
+        "Largest number of paths per pixel. More than 2 need as many periods, and add the layers path3.depth and so on.",
+        metavar="K",
+    )
+    order: str = setting(
+        "auto",
+        "Number of paths per pixel, for every solver. auto: tested in each pixel. A number: always that many "
+        "(--solver lm --order 2 is the method as the paper published it).",
+        metavar="auto|1|…|K",
+    )
+    starts: int = setting(10, "Number of random starts of --solver lm.")
+    seed: int = setting(
+        0,
+        "Seed of the random starts of --solver lm. A pixel's starts depend on the seed and its position only.",
+        metavar="S",
+    )
+    false_alarm: float = setting(
+        0.01,
+        "False-alarm probability of two tests: noise alone is taken for a signal; noise makes one path fail the test for "
+        "one path (about a third of those pixels are then resolved as two paths).",
+        metavar="P",
+    )
+    returns: Return = setting("first", "Which path to report as the direct one.", option="--return")
+    min_return_ratio: float = setting(
+        0.1, "Smallest amplitude of a direct path, relative to the strongest path.", metavar="R"
+    )
     min_confidence: float | None = None
 
     def __post_init__(self) -> None:

@@ -26,7 +26,7 @@ REASONS = frozenset(
 CHECKS = {"require": 1, "_require": 1, "_require_finite": 0}
 """Functions that raise “NAME: found …, expected …” where something does not hold; and which argument is the name."""
 
-_PASSED_ON = f"{HOLE}: found {HOLE}, expected {HOLE}"
+_PASSED_ON = frozenset({f"{HOLE}: found {HOLE}, expected {HOLE}", f"{HOLE} is not {HOLE}"})
 """What only puts together a message whose words come from elsewhere."""
 
 _CLICK = frozenset({"UsageError", "BadParameter", "ClickException"})
@@ -50,7 +50,7 @@ def messages(package: Path, /) -> Iterator[Message]:
     kinds = _CLICK | _error_kinds(trees.values())
     for file, tree in trees.items():
         for line, text in _texts(tree, kinds):
-            if text != _PASSED_ON and len(_words(text)) >= 2:
+            if text not in _PASSED_ON and len(_words(text)) >= 2:
                 yield Message(" ".join(text.split()), file, line)
 
 
@@ -83,6 +83,8 @@ def _texts(tree: ast.Module, kinds: frozenset[str]) -> Iterator[tuple[int, str]]
                 yield node.lineno, f"{_text(node.args[0])}: found {HOLE}, expected {_text(node.args[2])}"
             elif (name in kinds or name == "fail") and node.args:
                 yield node.lineno, _text(node.args[0])
+            elif name == "Typed" and (what := _text(node.args[1])):
+                yield node.lineno, f"{HOLE} is not {what}"
             elif name in CHECKS and len(node.args) > CHECKS[name] + 1:
                 yield from _checked(node, CHECKS[name])
         elif isinstance(node, ast.FunctionDef) and node.name in REASONS:

@@ -12,6 +12,7 @@ import numpy as np
 
 from cadtof_cli.arrays import Float
 from cadtof_cli.errors import SettingsError
+from cadtof_cli.records import setting
 from cadtof_cli.simulation.pixel.mix import finite_at_least, require
 
 StageDrive = Literal["dc", "switched"]
@@ -68,12 +69,11 @@ class Stages:
     Attributes:
         drive: `dc`, closed for good, so that their capacitances add to C_total; or `switched` at f1 and f2, so that
             each shares its charge with the stage before at that rate.
-        f1_hz, f2_hz: switching frequencies.
     """
 
-    drive: StageDrive = "dc"
-    f1_hz: float = 1.0e6
-    f2_hz: float = 1.0e4
+    drive: StageDrive = setting("dc", "How the stages ST1 and ST2 are driven.", option="--stages")
+    f1_hz: float = setting(1.0e6, "Switching rate of ST1.  [default: 1e6]", show_default=False)
+    f2_hz: float = setting(1.0e4, "Switching rate of ST2.  [default: 1e4]", show_default=False)
 
     def __post_init__(self) -> None:
         require(self.drive in STAGE_DRIVES, "stages", self.drive, " or ".join(STAGE_DRIVES))

@@ -7,6 +7,7 @@ import numpy as np
 
 from cadtof_cli.arrays import Complex, Float
 from cadtof_cli.errors import SettingsError
+from cadtof_cli.records import setting
 from cadtof_cli.units import C_M_PER_NS, FWHM_PER_SIGMA
 
 
@@ -146,8 +147,18 @@ class Motion:
     within n_av photons, which is little of that time. What is true is true in the middle of the moments of a frame.
     """
 
-    speed_m_s: float = 0.0
-    frame_rate_hz: float = 30.0
+    speed_m_s: float = setting(
+        0.0,
+        "Speed of the scene away from the camera; the harmonics are recorded one after the other.",
+        option="--speed",
+        metavar="M_PER_S",
+    )
+    frame_rate_hz: float = setting(
+        30.0,
+        "Frames per second; a frame's time is shared equally by its harmonics.",
+        option="--frame-rate",
+        metavar="HZ",
+    )
 
     def __post_init__(self) -> None:
         require(math.isfinite(self.speed_m_s), "speed", f"{self.speed_m_s:g} m/s", "a finite speed")

@@ -11,6 +11,7 @@ import numpy as np
 from cadtof_cli.arrays import Float, Float32
 from cadtof_cli.capture.metadata import Modulation
 from cadtof_cli.errors import SettingsError
+from cadtof_cli.records import setting
 from cadtof_cli.simulation.pixel.arrivals import draw_detections, draw_phases
 from cadtof_cli.simulation.pixel.averaging import Averaging
 from cadtof_cli.simulation.pixel.mix import AT_REST, Motion, PhotonMix, finite_at_least, require
@@ -39,25 +40,23 @@ class PixelModel:
     Attributes:
         modulation: voltages that it samples.
         averaging: of the samples.
-        photons_per_cycle: photons of all origins that arrive in one period of the fundamental.
-        cycles: periods that are recorded at each harmonic; None for 12.5 n_av photons.
-        dead_time_ns: of the SPAD; 0 for none.
-        jitter_ns: standard deviation of the SPAD's timing.
-        sample_noise_v: standard deviation of noise in every sample, such as kTC noise √(kT/C1).
-        gain_mismatch: gain of SC2 over that of SC1, less 1.
-        offsets_v: of SC1 and SC2.
+        sample_noise_v: such as kTC noise √(kT/C1).
         motion: of what it sees, from harmonic to harmonic.
     """
 
     modulation: Modulation = field(default_factory=Modulation)
     averaging: Averaging
-    photons_per_cycle: int = 5
-    cycles: int | None = None
-    dead_time_ns: float = 0.0
-    jitter_ns: float = 0.0
-    sample_noise_v: float = 0.0
-    gain_mismatch: float = 0.0
-    offsets_v: tuple[float, float] = (0.0, 0.0)
+    photons_per_cycle: int = setting(5, "Photons per laser cycle.")
+    cycles: int | None = setting(None, "Laser cycles per harmonic.  [default: those of 12.5 n_av photons]")
+    dead_time_ns: float = setting(0.0, "Dead time of the SPAD; with --photons.", show_default=False)
+    jitter_ns: float = setting(0.0, "Timing jitter of the SPAD, one standard deviation.", show_default=False)
+    sample_noise_v: float = setting(0.0, "Noise of every sample, one standard deviation.", show_default=False)
+    gain_mismatch: float = setting(
+        0.0, "Relative gain error of SC2: gain of SC2 over gain of SC1, minus 1.", show_default=False
+    )
+    offsets_v: tuple[float, float] = setting(
+        (0.0, 0.0), "Offsets of SC1 and SC2 in V.", metavar="V,V", show_default=False
+    )
     motion: Motion = AT_REST
 
     def __post_init__(self) -> None:

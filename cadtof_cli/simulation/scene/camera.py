@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from cadtof_cli.arrays import Float
 from cadtof_cli.capture.metadata import Optics, Voltage
 from cadtof_cli.optics import curvature_m, principal_point, ray_slopes
+from cadtof_cli.records import setting
 from cadtof_cli.simulation.pixel.mix import finite_at_least, require
 from cadtof_cli.units import C_M_PER_NS
 
@@ -24,25 +25,30 @@ class Camera:
     """A QVGA camera with a 14-bit converter, unless told otherwise.
 
     Attributes:
-        width, height: pixels of the array.
         focal_length_px: of the pinhole; None keeps the default field of view.
         petzval_m: k2, k4 of the field curvature, which adds k2 ρ² + k4 ρ⁴ metres to the measured range; ρ is the
             distance from the principal point over half the diagonal.
         bits: of the converter.
         volts_per_count, zero_counts: volts = (counts − zero_counts) · volts_per_count.
-        dark_offset_v: standard deviation over the array of each pixel's own offsets, one per harmonic and channel.
-        fixed_delay_ns: standard deviation over the array of each pixel's own delay, the fixed-pattern phase.
+        dark_offset_v: each pixel has offsets of its own, one per harmonic and channel.
+        fixed_delay_ns: each pixel has a delay of its own, the fixed-pattern phase.
     """
 
-    width: int = 320
-    height: int = 240
+    width: int = setting(320, "Columns of the frames.")
+    height: int = setting(240, "Rows of the frames.")
     focal_length_px: float | None = None
-    petzval_m: tuple[float, float] = (0.0, 0.0)
+    petzval_m: tuple[float, float] = setting(
+        (0.0, 0.0), "Field curvature k2,k4 of the lens.  [default: 0,0]", metavar="M,M", show_default=False
+    )
     bits: int = 14
     volts_per_count: float = 6.0e-5
     zero_counts: float = 8192.0
-    dark_offset_v: float = 0.0
-    fixed_delay_ns: float = 0.0
+    dark_offset_v: float = setting(
+        0.0, "Standard deviation of the offset from pixel to pixel.  [default: 0]", show_default=False
+    )
+    fixed_delay_ns: float = setting(
+        0.0, "Standard deviation of the delay from pixel to pixel.  [default: 0]", show_default=False
+    )
 
     def __post_init__(self) -> None:
         for name, pixels in (("width", self.width), ("height", self.height)):

@@ -1,6 +1,5 @@
 """`cadtof compare`: what differs between two runs, or between a run and truth, layer by layer and bit by bit."""
 
-from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -19,7 +18,7 @@ from cadtof_cli.maps.comparison import (
     difference,
 )
 from cadtof_cli.maps.layers import DIRECT_DEPTH, MPI_DEPTH
-from cadtof_cli.resolver.status import StatusBit, bit_words
+from cadtof_cli.resolver.status import bit_words
 from cadtof_cli.workflows.inspect.layers import Layers, require_same_size
 from cadtof_cli.workflows.progress import Progress
 from cadtof_cli.workflows.run_folder import read_run
@@ -38,12 +37,12 @@ class FrameDifference:
     status_changed: int | None
 
 
-@dataclass(frozen=True)
+@dataclass
 class AnswerChange:
     """In how many pixels only one of the two has a value."""
 
-    only_a: int
-    only_b: int
+    only_a: int = 0
+    only_b: int = 0
 
 
 @dataclass
@@ -166,26 +165,22 @@ def compare_maps(pairs: MapPairs, /, *, progress: Progress) -> Comparison:
 
 def _count_answers(found: Comparison, layer: str, one: NDArray[np.bool_], other: NDArray[np.bool_]) -> None:
     if (one != other).any():
-        before = found.answers.get(layer, AnswerChange(0, 0))
-        only_a, only_b = (int(np.count_nonzero(pixels)) for pixels in (one & ~other, other & ~one))
-        found.answers[layer] = AnswerChange(before.only_a + only_a, before.only_b + only_b)
+        change = found.answers.setdefault(layer, AnswerChange())
+        change.only_a += int(np.count_nonzero(one & ~other))
+        change.only_b += int(np.count_nonzero(other & ~one))
 
 
 def _count_bits(found: Comparison, pair: FramePair) -> None:
+    """Count the bits that changed anywhere, by their names in words."""
     bits = pair.status()
     if bits is None:
         return
     found.status_changed = (found.status_changed or 0) + changed_pixels(*bits)
-    for bit, change in _named(changed_bits(*bits)):
-        before = found.status_bits.get(bit, BitChange(0, 0))
-        found.status_bits[bit] = BitChange(before.gained + change.gained, before.lost + change.lost)
-
-
-def _named(changes: Mapping[StatusBit, BitChange]) -> Iterator[tuple[str, BitChange]]:
-    """Yield the bits that changed anywhere, by their names in words."""
-    for bit, change in changes.items():
-        if change.gained or change.lost:
-            yield bit_words(bit), change
+    for bit, here in changed_bits(*bits).items():
+        if here.gained or here.lost:
+            change = found.status_bits.setdefault(bit_words(bit), BitChange(0, 0))
+            change.gained += here.gained
+            change.lost += here.lost
 
 
 def _leading(layers: tuple[str, ...]) -> str | None:

@@ -33,17 +33,10 @@ NEIGHBOURS = 2
 
 @dataclass(frozen=True)
 class InspectedPixel:
-    """Everything about a pixel; `document` has the keys of `--json`, the others are what a phasor diagram shows.
-
-    Attributes:
-        document: JSON objects, numbers, text; None for NaN.
-        evidence: phasors, noise and paths.
-        harmonics: the numbers of the harmonics.
-    """
+    """Everything about a pixel: `document` has the keys of `--json`, and None for NaN; `evidence` is what a diagram shows."""
 
     document: dict[str, Any]
     evidence: PixelEvidence
-    harmonics: tuple[int, ...]
 
 
 def inspect_pixel(
@@ -101,7 +94,7 @@ def inspect_pixel(
         "status": list(describe_status(status)),
         "neighbours_m": _neighbours(resolved.maps, x, y),
     }
-    return InspectedPixel(plain(document), evidence, evidence.noise.harmonics)
+    return InspectedPixel(plain(document), evidence)
 
 
 def _task(

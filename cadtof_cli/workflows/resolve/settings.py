@@ -1,13 +1,13 @@
 """What a user can choose about a run of `cadtof resolve`. Its options are made from it, so nothing heavy is imported here."""
 
-from dataclasses import field
+from dataclasses import MISSING, field
 from pathlib import Path
 
 from cadtof_cli.errors import SettingsError
 from cadtof_cli.execution.workers import Workers
 from cadtof_cli.files.formats import AS_INPUT, MAP_FORMATS
 from cadtof_cli.frame_plan import MapSettings
-from cadtof_cli.records import dataclass
+from cadtof_cli.records import dataclass, setting
 
 FORMAT_CHOICES = (*MAP_FORMATS, AS_INPUT)
 
@@ -16,31 +16,37 @@ FORMAT_CHOICES = (*MAP_FORMATS, AS_INPUT)
 class ResolveSettings:
     """Everything that a user can choose about a run, besides the inputs and what overrides `capture.toml`.
 
-    Attributes:
-        out: folder of the run.
-        maps: what the maps are.
-        calibration: folder of the calibration that is applied.
-        map_format: of the map files; `same` is that of the frames.
-        workers: what the work is done by.
-        overwrite: whether the files of an earlier run may be replaced.
-        resume: whether the maps of an earlier run are kept, and only those that are missing made.
-        recursive: whether captures are looked for below the folders that are given, too.
-        settings_file: a `capture.toml` that holds for every capture, in place of any other.
-        frames: which frames of each capture, by their place from 0; None for all.
-        dry_run: whether all is only checked and told, and nothing written.
+    `settings_file` is a `capture.toml` that holds for every capture, in place of any other.
     """
 
-    out: Path
-    maps: MapSettings = field(default_factory=MapSettings)
-    calibration: Path | None = None
-    map_format: str = AS_INPUT
-    workers: Workers = field(default_factory=Workers)
-    overwrite: bool = False
-    resume: bool = False
-    recursive: bool = False
+    out: Path = setting(MISSING, "Folder for the maps.", option="-o --out")
+    recursive: bool = setting(
+        False,
+        "Also search all folders below each INPUT; OUT gets the same tree of folders.",
+        option="-r --recursive",
+    )
     settings_file: Path | None = None
-    frames: slice | None = None
-    dry_run: bool = False
+    frames: slice | None = setting(
+        None,
+        "Resolve frames A to B − 1 of each capture, counted from 0: 10:20 are ten frames, 10: all from the eleventh, "
+        "7 is one.",
+    )
+    maps: MapSettings = field(default_factory=MapSettings)
+    calibration: Path | None = setting(
+        None, "Calibration folder made by `cadtof calibrate`; all parts in it are applied.", metavar="DIR"
+    )
+    map_format: str = setting(
+        AS_INPUT,
+        "File format of the maps. same: the format of the input.",
+        option="--format",
+        choices=FORMAT_CHOICES,
+    )
+    workers: Workers = field(default_factory=Workers)
+    overwrite: bool = setting(False, "Replace the files of an earlier run.")
+    resume: bool = setting(
+        False, "Continue an earlier run with the same options: keep its maps, make the missing and changed ones."
+    )
+    dry_run: bool = setting(False, "Check everything and list the maps that would be written, but write nothing.")
 
     def __post_init__(self) -> None:
         if self.overwrite and self.resume:

@@ -16,6 +16,7 @@ from cadtof_cli.files.atomic import new_folder
 from cadtof_cli.files.formats import FRAME_FORMATS, format_by_name
 from cadtof_cli.files.frames import FrameLayout
 from cadtof_cli.files.maps import write_layers
+from cadtof_cli.records import setting
 from cadtof_cli.simulation.pixel.mix import AT_REST, Motion, require
 from cadtof_cli.simulation.scene.camera import Camera
 from cadtof_cli.simulation.scene.exposure import Band, Exposure, band_rows, expose_band, frame_voltages, joined
@@ -26,19 +27,14 @@ from cadtof_cli.workflows.progress import NO_PROGRESS, Progress, results
 
 @dataclass(frozen=True, kw_only=True)
 class RecordSettings:
-    """A capture to be made.
-
-    Attributes:
-        exposure: scene, camera, metadata and seed.
-        frames: how many.
-        frame_format: tif for counts, exr for volts.
-        compress: smaller files, losslessly.
-    """
+    """A capture to be made of an exposure: scene, camera, metadata and seed. TIFF holds counts, EXR volts."""
 
     exposure: Exposure
-    frames: int = 1
-    frame_format: str = FRAME_FORMATS[0]
-    compress: bool = False
+    frames: int = setting(1, "Number of frames of the capture.")
+    frame_format: str = setting(
+        FRAME_FORMATS[0], "File format of the frames.", option="--format", choices=FRAME_FORMATS
+    )
+    compress: bool = setting(False, "Compress the frames: Deflate in TIFF, ZIP in EXR.")
 
     def __post_init__(self) -> None:
         require(self.frames >= 1, "frames", self.frames, "1 or more")

@@ -77,7 +77,7 @@ def write_evolution(trials: Trials, outcome: TrialsSummary, out: Path, /) -> Non
         OutputError: `out` exists or cannot be written.
         SettingsError: the stages are switched, whose evolution is not followed.
     """
-    from cadtof_cli.figures.pixel_evolution import draw_histogram, draw_phase, draw_voltages
+    from cadtof_cli.figures.pixel_evolution import draw_evolution
 
     generator = np.random.default_rng(np.random.SeedSequence(trials.seed, spawn_key=(EVOLUTION_KEY, trials.stream)))
     recording = evolution(trials.model, trials.condition.mix(trials.period_ns), generator)
@@ -94,6 +94,4 @@ def write_evolution(trials: Trials, outcome: TrialsSummary, out: Path, /) -> Non
         }.items():
             write_rows(folder / f"{name}.csv", tuple(columns), zip(*columns.values(), strict=True))
         (folder / "summary.json").write_text(json.dumps(json_report(trials, outcome), indent=2) + "\n")
-        draw_histogram(recording, trials.condition, folder / "histogram.png")
-        draw_voltages(recording, folder / "voltages.png")
-        draw_phase(recording, trials.condition, folder / "phase.png")
+        draw_evolution(recording, trials.condition, folder)

@@ -13,6 +13,7 @@ from cadtof_cli.errors import SettingsError
 from cadtof_cli.maps.depth import beyond_light
 from cadtof_cli.phasors.noise import noise_model
 from cadtof_cli.phasors.voltages import ideal_phasor_map, phasors_from_stored
+from cadtof_cli.records import setting
 from cadtof_cli.resolver.paper.records import RandomStarts
 from cadtof_cli.resolver.paper.solver import steps_of_starts
 from cadtof_cli.resolver.resolve import resolve_paths
@@ -37,23 +38,32 @@ class Trials:
         condition: the light.
         model: the pixel.
         resolver: how voltages become path times; its seed is that of these trials.
-        runs: how often.
-        photon_by_photon: draw photons, rather than voltages from their exact mean and covariance.
         pulse_correction: divide phasors by the pulse's response r_h; False leaves it in, as the paper's Eq. (3) does.
-        wrapped: take times as angles come, within ± half the period, and their differences from the truth as they are; else the
-            differences are taken within ± half the period.
-        seed: of all that is random.
         stream: number of these trials among others of the same seed.
     """
 
     condition: Condition
     model: PixelModel
     resolver: ResolverSettings = field(default_factory=ResolverSettings)
-    runs: int = 400
-    photon_by_photon: bool = False
-    pulse_correction: bool = True
-    wrapped: bool = False
-    seed: int = 0
+    runs: int = setting(400, "Number of recordings per condition.")
+    # what the paper does with its answers, and cadtof does not; with `--solver lm --order 2` its method as published
+    pulse_correction: bool = setting(
+        True,
+        "Whether to correct the phasors for the length of the pulse; the paper does not.  [default: correct]",
+        option="--pulse-correction/--no-pulse-correction",
+        show_default=False,
+    )
+    wrapped: bool = setting(
+        False,
+        "Report times within ± half the period and do not wrap their errors, as the paper does.",
+        show_default=False,
+    )
+    seed: int = setting(0, "Seed of the random numbers; the same seed gives the same bytes.")
+    photon_by_photon: bool = setting(
+        False,
+        "Simulate every photon, instead of drawing voltages from their exact mean and covariance.",
+        option="--photons",
+    )
     stream: int = 0
 
     def __post_init__(self) -> None:
