@@ -133,7 +133,7 @@ def test_an_error_that_says_nothing_gets_the_system_s_words(tmp_path: Path) -> N
 @pytest.mark.usefixtures("small_files")
 def test_a_file_that_is_too_large_tells_how_large_it_is(tmp_path: Path) -> None:
     file = PartialFile(tmp_path / "maps.tif")
-    file.set_content((memoryview(bytes(99_000)), memoryview(bytes(1_001))))
+    file.parts = (memoryview(bytes(99_000)), memoryview(bytes(1_001)))
     with pytest.raises(
         PlaceError, match=r"File too large for 100,001 bytes; here a file may have 100,000 \(ulimit -f\)$"
     ):

@@ -3,8 +3,8 @@
 import threading
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
+from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import tifffile
@@ -16,7 +16,6 @@ from cadtof_cli.files.frames import CHANNELS, FrameLayout, Frames
 from cadtof_cli.files.plane_table import plane_table
 from cadtof_cli.files.reading import damage_as_frame_error
 from cadtof_cli.files.system import codes_of_the_system
-from cadtof_cli.files.tiff.envelope import Envelope
 from cadtof_cli.files.tiff.images import TiffImages
 from cadtof_cli.records import dataclass
 
@@ -28,20 +27,6 @@ class _Stack:
     key: object
     images: TiffImages
     table: NDArray[np.intp]
-
-
-@dataclass(frozen=True)
-class _SingleFrameFile:
-    """A file with a single frame: its shape and type, and the bytes around its pixels."""
-
-    shape: tuple[int, ...]
-    dtype: np.dtype[Any]
-    envelope: Envelope
-
-    def read_like(self, path: Path, /) -> Stored | None:
-        """Return the frame of another such file; None where its bytes differ in more than pixels."""
-        stored = np.empty(self.shape, self.dtype)
-        return stored if self.envelope.read(path, stored) else None
 
 
 class _LastRead(threading.local):
@@ -70,12 +55,12 @@ def open_frames(path: Path, layout: FrameLayout, /) -> Iterator[Frames]:
     with closing(images):
         with damage_as_frame_error(path, "TIFF"):
             envelope = images.envelope(table[0].ravel()) if len(table) == 1 else None
-        like = _SingleFrameFile(shape, images.dtype, envelope) if envelope else None
+        read_like = partial(envelope.read, shape=shape, dtype=images.dtype) if envelope else None
 
         def read(index: int = 0, /) -> Stored:
             return images.planes(table[index].ravel()).reshape(shape)
 
-        yield Frames(len(table), shape, images.dtype, read, like.read_like if like else None)
+        yield Frames(len(table), shape, images.dtype, read, read_like)
 
 
 def _opened(key: object, path: Path, layout: FrameLayout) -> tuple[TiffImages, NDArray[np.intp]]:

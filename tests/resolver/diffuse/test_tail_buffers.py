@@ -255,7 +255,7 @@ def test_options_out_of_range_are_refused(compiled: ModuleType, options: dict[st
         answer(compiled, tail_of(compiled), pixels_of(), **options)
 
 
-@settings(max_examples=200, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=200, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data(), seed=st.integers(0, 2**32 - 1))
 def test_any_bits_in_buffers_that_fit_are_an_answer(compiled: ModuleType, data: st.DataObject, seed: int) -> None:
     """Sizes, the numbers of harmonics and the rows of patches aside, which must be what they are."""
@@ -276,7 +276,7 @@ def test_any_bits_in_buffers_that_fit_are_an_answer(compiled: ModuleType, data: 
         resolve(compiled, tail)
 
 
-@settings(max_examples=300, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=300, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     sizes=st.dictionaries(
         st.sampled_from(list(SIZES)), st.integers(-1, 50) | st.integers(-(2**63), 2**63 - 1), max_size=3

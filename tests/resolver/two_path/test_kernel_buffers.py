@@ -177,7 +177,7 @@ def test_arguments_of_another_kind_are_refused_by_every_function(
                 called[name](*arguments)
 
 
-@settings(max_examples=300, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=300, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data(), pixels=st.integers(0, 70), seed=st.integers(0, 2**32 - 1))
 def test_any_bits_in_buffers_of_any_length_are_an_answer_or_an_error(
     compiled: ModuleType, data: st.DataObject, pixels: int, seed: int
