@@ -9,20 +9,19 @@ from pathlib import Path
 from typing import Any
 
 from cadtof_cli.errors import OutputError, PlaceError
-from cadtof_cli.files.system import CREATE_FLAGS, remove_and_close, sync_folder, write_parts
+from cadtof_cli.files.system import CREATE_FLAGS, most_bytes_of_a_file, remove_and_close, sync_folder, write_parts
 
 PARTIAL_SUFFIX = ".partial"
 
 _ERRORS_OF_THE_PLACE = frozenset(
     {
-        errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EIO, errno.ESTALE, errno.ENODEV,
+        errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EIO, errno.ESTALE, errno.ENODEV,
         errno.ENOENT, errno.ENOTDIR, errno.EACCES, errno.EPERM,
     }
 )  # fmt: skip
 """Errors that keep every file from being written there, not only this one."""
 
-FULL_BYTES = 2**20
-"""Where a writer does not say why it failed, and the disk has less space left than this, the disk is full."""
+_FULL = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG})
 
 
 class PartialFile:
@@ -60,6 +59,7 @@ class PartialFile:
             OutputError: that fails, and the file is discarded; PlaceError: another file would fail too.
         """
         assert self._descriptor is not None
+        size = sum(part.nbytes for part in self.parts) or None
         try:
             if self.parts:
                 write_parts(self._descriptor, self.parts)
@@ -75,7 +75,7 @@ class PartialFile:
             sync_folder(self.path.parent)
         except OSError as error:
             self.discard()
-            raise not_written(self.path, error) from error
+            raise not_written(self.path, error, size=size) from error
         except BaseException:
             self.discard()
             raise
@@ -120,19 +120,21 @@ def writing(path: Path, /) -> Iterator[None]:
         raise not_written(path, error) from error
 
 
-def not_written(path: Path, error: OSError, /) -> OutputError:
+def not_written(path: Path, error: OSError, /, *, size: int | None = None) -> OutputError:
     """Return what an error of the system means for a user: whether the file that is written is at fault, or its place.
 
-    numpy and OpenEXR do not hand on the system's code, only how much they could not write.
+    Args:
+        path: the file.
+        error: of the system.
+        size: about how many bytes were to be written; None: nobody knows.
     """
-    try:
-        import shutil
-
-        full = error.errno is None and shutil.disk_usage(path.parent).free < FULL_BYTES
-    except OSError:
-        full = False
-    told = "No space left on device" if full else error.strerror or str(error)
-    kind = PlaceError if full or error.errno in _ERRORS_OF_THE_PLACE else OutputError
+    told = error.strerror or str(error)
+    if error.errno in _FULL and size is not None:
+        told += f" for {size:,} bytes"
+    limit = most_bytes_of_a_file() if error.errno == errno.EFBIG else None
+    if limit is not None:
+        told += f"; here a file may have {limit:,} (ulimit -f)"
+    kind = PlaceError if error.errno in _ERRORS_OF_THE_PLACE else OutputError
     return kind(f"{path}: cannot be written: {told}")
 
 
@@ -200,8 +202,11 @@ def new_folder(path: Path, /) -> Iterator[Path]:
     try:
         yield partial
         partial.replace(path)
+    except OutputError as error:
+        # the temporary name tells nobody anything
+        raise type(error)(str(error).replace(str(partial), str(path))) from error
     except OSError as error:
-        raise OutputError(f"{path}: cannot be written: {error.strerror or error}") from error
+        raise not_written(path, error) from error
     finally:
         import shutil
 

@@ -20,6 +20,7 @@ from cadtof_cli.files.library_output import library_output
 from cadtof_cli.files.maps import SOFTWARE, STATUS, DepthMaps, MapHeader
 from cadtof_cli.files.named_planes import NamedPart, Place, voltage_places
 from cadtof_cli.files.reading import damage_as_frame_error, require_plausible_size
+from cadtof_cli.files.system import codes_of_the_system
 from cadtof_cli.records import dataclass
 
 Compression = Literal["none", "zip", "pxr24"]
@@ -141,11 +142,12 @@ def write_exr(path: Path, channels: Mapping[str, NDArray[Any]], /, *, compressio
     """Write (Y, X) channels, float16, float32 or uint32, as one part of scan lines; OSError where that fails."""
     planes = {name: np.ascontiguousarray(plane) for name, plane in channels.items()}
     described = {"compression": _COMPRESSIONS[compression], "type": OpenEXR.scanlineimage, **header}
-    try:
-        OpenEXR.File(described, planes, num_threads=0).write(str(path))
-    except RuntimeError as error:
-        # the library has no other kind of error, and its message names the file, which may be a temporary one
-        raise OSError(str(error).rpartition('"')[2].strip(" .")) from error
+    with codes_of_the_system(path, sum(plane.nbytes for plane in planes.values())):
+        try:
+            OpenEXR.File(described, planes, num_threads=0).write(str(path))
+        except RuntimeError as error:
+            # the library has no other kind of error, and its message names the file, which may be a temporary one
+            raise OSError(str(error).rpartition('"')[2].strip(" .")) from error
     if not path.exists():
         raise OSError("the OpenEXR library wrote nothing")
 

@@ -132,7 +132,7 @@ def stage_maps(
         return partial, file_digest(partial.temporary)
     except OSError as error:
         partial.discard()
-        raise not_written(path, error) from error
+        raise not_written(path, error, size=maps.pages.nbytes) from error
     except BaseException:
         partial.discard()
         raise

@@ -6,8 +6,8 @@ Python already keeps other programs from inheriting our open files.
 
 import errno
 import os
-from collections.abc import Callable, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from functools import cache, partial
 from importlib import import_module
 from pathlib import Path
@@ -103,6 +103,37 @@ def _written_directly(descriptor: int, part: memoryview, place: int) -> int:
     finally:
         fcntl.fcntl(descriptor, fcntl.F_SETFL, 0)
     return written
+
+
+@contextmanager
+def codes_of_the_system(path: Path, size: int, /) -> Iterator[None]:
+    """Give errors in writing a file of about so many bytes the code of the system, which numpy and OpenEXR do not hand on.
+
+    The system is asked again: zeros are written into the file, which is spoilt already.
+    """
+    try:
+        yield
+    except OSError as error:
+        if error.errno is None:
+            _write_zeros(path, size)
+        raise
+
+
+def _write_zeros(path: Path, count: int) -> None:
+    zeros = memoryview(bytes(2**20))
+    with path.open("r+b", buffering=0) as file:
+        while count > 0:
+            count -= file.write(zeros[:count])
+
+
+def most_bytes_of_a_file() -> int | None:
+    """Return how large this process may make a file (`ulimit -f`); None: as large as the file system can hold."""
+    try:
+        resource = import_module("resource")
+    except ImportError:
+        return None
+    limit: int = resource.getrlimit(resource.RLIMIT_FSIZE)[0]
+    return None if limit == resource.RLIM_INFINITY else limit
 
 
 def sync_folder(folder: str | Path, /) -> None:

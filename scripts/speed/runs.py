@@ -42,7 +42,7 @@ from cadtof_cli.files.maps import DepthMaps
 
 def write(path):
     file = PartialFile(path)
-    file.set_content((content,))
+    file.parts = (content,)
     file.commit()
 
 out, files, size = Path(sys.argv[1]), int(sys.argv[2]), int(sys.argv[3])

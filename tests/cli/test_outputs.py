@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import subprocess
 from collections.abc import Iterator
 from pathlib import Path
@@ -167,13 +168,45 @@ def test_resume_of_what_is_no_run(name: str, content: str, tmp_path: Path) -> No
 @pytest.mark.parametrize("jobs", [1, 2])
 def test_maps_that_cannot_grow_leave_nothing_behind(map_format: str, jobs: int, tmp_path: Path) -> None:
     capture, out = record(tmp_path / "capture", frames=3), tmp_path / "out"
-    done = with_small_files(16_000, "resolve", capture.folder, "-o", out, "-j", jobs, "--format", map_format)
+    words = ("resolve", capture.folder, "-o", out, "-j", jobs, "--format", map_format)
+    done = with_small_files(16_000, *words)
+    failed, stopped = done.err.splitlines()
+    assert failed == (
+        f"failed: {out / f'frame_0.{map_format}'}: cannot be written: File too large for {8 * 4 * 24 * 32:,} bytes;"
+        " here a file may have 16,000 (ulimit -f)"
+    )
+    assert stopped.startswith(f"Error: {out}: takes no more maps, so the run stopped there, 0 frames resolved")
     assert done.status == 1
-    for index in range(3):
-        assert f"failed: {out / f'frame_{index}.{map_format}'}: cannot be written: " in done.err
-    assert "unexpected" not in done.err
     assert sorted(path.name for path in out.iterdir()) == ["frames.jsonl", "run.json"]
-    assert [line["status"] for line in _lines(out)] == ["failed"] * 3
+    assert [line["status"] for line in _lines(out)] == ["failed"]
+    # with room for them the run goes on
+    assert program(*words, "--resume").status == 0
+    assert len(list(out.glob(f"frame_?.{map_format}"))) == 3
+
+
+def test_a_scene_that_cannot_grow_names_the_file(tmp_path: Path) -> None:
+    for frame_format in ("tif", "exr"):
+        out = tmp_path / frame_format
+        done = with_small_files(
+            9_000,
+            "simulate",
+            "--scene",
+            "corner",
+            "-o",
+            out,
+            "--frames",
+            1,
+            "--width",
+            64,
+            "--height",
+            48,
+            "--format",
+            frame_format,
+        )
+        assert done.status == 2
+        told = r"cannot be written: File too large; here a file may have 9,000 \(ulimit -f\)"
+        assert re.fullmatch(rf"Error: {re.escape(str(out))}(/[\w.]+)?: {told}\n", done.err), done.err
+        assert not list(tmp_path.iterdir())
 
 
 @pytest.fixture

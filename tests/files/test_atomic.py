@@ -3,13 +3,15 @@
 import errno
 import json
 import re
+from collections.abc import Iterator
 from pathlib import Path
-from types import SimpleNamespace
 
 import pytest
 
-from cadtof_cli.errors import OutputError
+from cadtof_cli.errors import OutputError, PlaceError
 from cadtof_cli.files.atomic import PartialFile, atomic_write, make_folder, new_folder, remove_partial_files, write_json
+from cadtof_cli.files.system import codes_of_the_system
+from tests.support.needed import needed_module
 
 
 def test_what_is_written_appears_at_the_end(tmp_path: Path) -> None:
@@ -100,14 +102,55 @@ def test_a_folder_is_made_with_its_parents(tmp_path: Path) -> None:
     assert list((tmp_path / "a" / "b").iterdir()) == []
 
 
-@pytest.mark.parametrize(("free", "told"), [(4096, "No space left on device"), (10**9, "could not write 17 bytes")])
-def test_an_error_that_says_nothing_is_that_of_a_full_disk_where_the_disk_is_full(
-    free: int, told: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """As numpy and OpenEXR raise it: without the system's number."""
-    monkeypatch.setattr("shutil.disk_usage", lambda folder: SimpleNamespace(free=free))
-    with pytest.raises(OutputError, match=f"maps.exr: cannot be written: {told}"):
-        _begin(tmp_path / "maps.exr", OSError("could not write 17 bytes"))
+@pytest.fixture
+def small_files() -> Iterator[None]:
+    """No file may grow beyond 100 kB."""
+    resource = needed_module("resource")
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, before[1]))
+    yield
+    resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+
+def _library_fails(path: Path, size: int) -> None:
+    """Fail as numpy and OpenEXR do: without the system's number."""
+    with atomic_write(path) as temporary, codes_of_the_system(temporary, size):
+        temporary.write_bytes(b"half")
+        raise OSError("could not write 17 bytes")
+
+
+@pytest.mark.usefixtures("small_files")
+def test_an_error_that_says_nothing_gets_the_system_s_words(tmp_path: Path) -> None:
+    path = tmp_path / "maps.exr"
+    with pytest.raises(PlaceError) as caught:
+        _library_fails(path, 100_001)
+    assert str(caught.value) == f"{path}: cannot be written: File too large; here a file may have 100,000 (ulimit -f)"
+    with pytest.raises(OutputError, match="cannot be written: could not write 17 bytes"):
+        _library_fails(path, 100_000)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.usefixtures("small_files")
+def test_a_file_that_is_too_large_tells_how_large_it_is(tmp_path: Path) -> None:
+    file = PartialFile(tmp_path / "maps.tif")
+    file.parts = (memoryview(bytes(99_000)), memoryview(bytes(1_001)))
+    with pytest.raises(
+        PlaceError, match=r"File too large for 100,001 bytes; here a file may have 100,000 \(ulimit -f\)$"
+    ):
+        file.commit()
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.usefixtures("small_files")
+def test_an_error_within_a_new_folder_names_the_file_as_it_would_have_been(tmp_path: Path) -> None:
+    with pytest.raises(OutputError, match=f"{tmp_path}/capture/truth.exr: cannot be written: File too large"):
+        _new_folder_fails(tmp_path / "capture")
+    assert not list(tmp_path.iterdir())
+
+
+def _new_folder_fails(path: Path) -> None:
+    with new_folder(path) as partial:
+        _library_fails(partial / "truth.exr", 10**6)
 
 
 def test_a_new_folder_appears_at_the_end_with_the_usual_permissions(tmp_path: Path) -> None:

@@ -15,6 +15,7 @@ from cadtof_cli.errors import FrameError
 from cadtof_cli.files.frames import CHANNELS, FrameLayout, Frames
 from cadtof_cli.files.plane_table import plane_table
 from cadtof_cli.files.reading import damage_as_frame_error
+from cadtof_cli.files.system import codes_of_the_system
 from cadtof_cli.files.tiff.images import TiffImages
 from cadtof_cli.records import dataclass
 
@@ -93,10 +94,11 @@ def read_plane(path: Path, _layout: FrameLayout, /) -> Stored:
 
 def write_frame(path: Path, stored: Stored, /, *, layout: FrameLayout, compress: bool) -> None:
     """Write a frame, shape (H, C, Y, X), one page per plane; its axes are said as H C Y X."""
-    tifffile.imwrite(
-        path,
-        stored,
-        photometric="minisblack",
-        metadata={"axes": "HCYX"},
-        compression="zlib" if compress else None,
-    )
+    with codes_of_the_system(path, stored.nbytes):
+        tifffile.imwrite(
+            path,
+            stored,
+            photometric="minisblack",
+            metadata={"axes": "HCYX"},
+            compression="zlib" if compress else None,
+        )

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from cadtof_cli.errors import FrameError
 from cadtof_cli.files.maps import SOFTWARE, SOURCE, STATUS, DepthMaps, MapHeader
-from cadtof_cli.files.system import BLOCK_BYTES
+from cadtof_cli.files.system import BLOCK_BYTES, codes_of_the_system
 from cadtof_cli.files.tiff.envelope import Envelope
 from cadtof_cli.files.tiff.images import TiffImages, reading_tiff
 
@@ -69,16 +69,17 @@ def _write_pages(path: Path, maps: DepthMaps, header: MapHeader) -> Envelope | N
     bands = [
         _gdal_xml(name, header.units.get(name, ""), {} if place else header.facts) for place, name in enumerate(names)
     ]
-    tifffile.imwrite(
-        path,
-        maps.pages,
-        photometric="minisblack",
-        description=ome_xml(names, size=maps.status.shape, header=header),
-        software=SOFTWARE,
-        metadata=None,
-        align=BLOCK_BYTES,
-        extratags=[(code, _ASCII, None, " ", False) for code in (_PAGE_NAME, _GDAL_METADATA)],
-    )
+    with codes_of_the_system(path, maps.pages.nbytes):
+        tifffile.imwrite(
+            path,
+            maps.pages,
+            photometric="minisblack",
+            description=ome_xml(names, size=maps.status.shape, header=header),
+            software=SOFTWARE,
+            metadata=None,
+            align=BLOCK_BYTES,
+            extratags=[(code, _ASCII, None, " ", False) for code in (_PAGE_NAME, _GDAL_METADATA)],
+        )
     with tifffile.TiffFile(path, mode="r+") as file:
         pages, page_bytes = list(file.pages), maps.status.nbytes
         for page, name, band in zip(pages, names, bands, strict=True):
