@@ -197,7 +197,7 @@ def test_a_disk_that_is_full_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyP
     monkeypatch.setattr(os, "write", full)
     path = tmp_path / "maps.tif"
     held = PartialFile(path)
-    held.set_content([blocks(100).data.cast("B")])
+    held.parts = [blocks(100).data.cast("B")]
     with pytest.raises(PlaceError, match="cannot be written: No space left on device"):
         held.commit()
     assert list(tmp_path.iterdir()) == []

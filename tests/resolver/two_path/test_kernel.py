@@ -224,7 +224,8 @@ def front_of(**other: Any) -> tuple[NDArray[Any], front.KernelScales, dict[str, 
 
 def fill(stored: NDArray[Any], scales: front.KernelScales, /, *, settings: Any, noise: Any, **rest: Any) -> None:
     kernel = rest.pop("kernel", None)
-    front.FrameKernel(scales, settings=settings, noise=noise, count=40, kernel=kernel).fill(stored, **rest)
+    known = {"settings": settings, "noise": noise, "count": 40, "source_type": stored.dtype, "kernel": kernel}
+    front.FrameKernel(scales, **known).fill(stored, **rest)
 
 
 @pytest.mark.parametrize(
@@ -288,14 +289,13 @@ def test_the_environment_chooses_among_what_there_is(monkeypatch: pytest.MonkeyP
     front.chosen_kernel.cache_clear()
     monkeypatch.setenv(front.CHOICE, NUMPY)
     assert front.chosen_kernel() == NUMPY
-    assert "asks" in front.kernel_notes()[0]
+    assert "asks" in front.numpy_note()
     front.chosen_kernel.cache_clear()
     monkeypatch.setenv(front.CHOICE, "mmx")
     with pytest.raises(SettingsError, match=r"CADTOF_KERNEL: found 'mmx', expected one of .*numpy"):
         front.chosen_kernel()
     monkeypatch.delenv(front.CHOICE)
     assert front.chosen_kernel() == available_kernels()[0] != NUMPY
-    assert front.kernel_notes() == ()
 
 
 WITHOUT_EXTENSION = (
