@@ -72,10 +72,9 @@ def _is_alone(tiff: tifffile.TiffFile) -> bool:
 
 def _axes(series: tifffile.TiffPageSeries) -> tuple[str, tuple[int, ...]]:
     """Return labels and lengths of a series' axes, without the one sample a pixel that tifffile adds to some."""
-    if hasattr(series, "get_axes"):  # until tifffile 2026.5
-        axes, shape = series.get_axes(squeeze=False), series.get_shape(squeeze=False)
-    else:
-        axes, shape = series.axes, series.shape
+    one: Any = series
+    is_old = hasattr(one, "get_axes")  # until tifffile 2026.5
+    axes, shape = (one.get_axes(squeeze=False), one.get_shape(squeeze=False)) if is_old else (one.axes, one.shape)
     if axes.endswith("S") and not series.keyframe.axes.endswith("S"):
         return axes[:-1], shape[:-1]
     return axes, shape
