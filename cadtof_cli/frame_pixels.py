@@ -45,15 +45,10 @@ class FramePixels:
     choice: "DiffuseChoice | None" = None
     tail: "DiffuseModel | None" = None
 
-    @property
-    def count(self) -> int:
-        """How many pixels there are."""
-        return int(self.stored.shape[2])
-
     def places(self, chosen: Where, /) -> Where:
         """Return where in the frame some of the pixels stand, as flat indices."""
         if isinstance(chosen, slice):
-            start, stop, _ = chosen.indices(self.count)
+            start, stop, _ = chosen.indices(self.stored.shape[2])
             return slice(self.first + start, self.first + stop)
         return self.first + chosen
 
@@ -61,12 +56,12 @@ class FramePixels:
         return replace(
             self,
             stored=self.stored[:, :, pixels],
-            first=self.first + pixels.indices(self.count)[0],
+            first=self.first + pixels.indices(self.stored.shape[2])[0],
             noise=self.noise[pixels],
             pooled=None if self.pooled is None else self.pooled[:, pixels],
         )
 
     def parts(self, count: int, /) -> tuple["FramePixels", ...]:
         """Return the pixels in so many parts of the same size, give or take one."""
-        edges = (index * self.count // count for index in range(count + 1))
+        edges = (index * self.stored.shape[2] // count for index in range(count + 1))
         return tuple(self[begin:end] for begin, end in itertools.pairwise(edges))

@@ -15,6 +15,7 @@ from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.settings import ResolverSettings
 
 if TYPE_CHECKING:
+    from cadtof_cli.files.maps import MapHeader
     from cadtof_cli.maps.layers import Layer
 
 DepthKind = Literal["range", "z"]
@@ -111,6 +112,17 @@ class FramePlan:
         least_v = self.settings.min_confidence_v
         least = None if least_v is None else least_v / self.metadata.modulation.amplitude_v
         return replace(self.settings.resolver, min_confidence=least)
+
+    @cached_property
+    def header(self) -> "MapHeader":
+        """What the headers of all maps say, but for the name of the recorded frame."""
+        from cadtof_cli.files.maps import SOURCE, MapHeader
+
+        periods = ", ".join(f"{period:g}" for period in self.metadata.modulation.periods_ns)
+        facts = {"depth": DEPTH_IN_WORDS[self.settings.depth], "periods_ns": periods, SOURCE: ""}
+        if self.calibration is not None:
+            facts["calibration"] = self.calibration.digest
+        return MapHeader({layer.name: layer.unit for layer in self.layers}, facts)
 
     @property
     def layers(self) -> "tuple[Layer, ...]":

@@ -26,7 +26,7 @@ from cadtof_cli.phasors.frame_mean import FrameMean
 from cadtof_cli.phasors.noise import NoiseModel, estimated_integration_length, noise_model
 from cadtof_cli.phasors.plausible import is_without_noise
 from cadtof_cli.phasors.voltages import phasors_from_stored, saturated_pixels
-from cadtof_cli.predicted_mpi import predicted_mpi
+from cadtof_cli.predicted_mpi import Prediction, predicted_mpi
 from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.resolver.status import StatusBit, has_answer
@@ -60,7 +60,10 @@ class ResolvedFrame:
 
 @dataclass(frozen=True, eq=False)
 class FrameStages:
-    """What every block of frames of one plan, type and size shares; `noise` None: it is to be estimated from each frame."""
+    """What every block of frames of one plan, type and size shares.
+
+    `noise` None: it is to be estimated from each frame; `prediction` None: its MPI is taken for separate paths.
+    """
 
     saturated_counts: tuple[float, float] | None
     correction: FrameCorrection
@@ -69,6 +72,7 @@ class FrameStages:
     room: str
     layers: tuple[Layer, ...]
     noise: NoiseModel | None
+    prediction: Prediction | None
 
     @cached_property
     def names(self) -> tuple[str, ...]:
@@ -118,7 +122,9 @@ def frame_stages(
     if n_av is not None:
         noise = noise_model(metadata, integration_length=n_av, quantised=dtype.kind in "iu")
     saturated = metadata.voltage.saturated_counts
-    return sealed(FrameStages(saturated, correction, depth, resolver, room, plan.layers, noise))
+    may_be_diffuse = resolver.may_be_diffuse(metadata.modulation.harmonics)
+    prediction = Prediction.of(metadata, size, resolver.mpi_model) if may_be_diffuse else None
+    return sealed(FrameStages(saturated, correction, depth, resolver, room, plan.layers, noise, prediction))
 
 
 def resolve_frame(
@@ -168,8 +174,8 @@ def prepare_frame(
     pixels = FramePixels(stored, frame.dtype, (height, width), 0, noise, without_noise=same)
     if plan.settings.pool > 1:
         pixels = _pooled(pixels, stages, window=plan.settings.pool)
-    if stages.resolver.may_be_diffuse(plan.metadata.modulation.harmonics):
-        choice, tail = predicted_mpi(pixels, plan, stages, kernel or chosen_kernel())
+    if stages.prediction is not None:
+        choice, tail = predicted_mpi(pixels, stages, stages.prediction, kernel or chosen_kernel())
         pixels = replace(pixels, choice=choice, tail=tail)
     return pixels
 
@@ -184,7 +190,7 @@ def resolve_pixels(
     """
     stages = frame_stages(plan, calibration, pixels.dtype, pixels.size)
     kernel = kernel or chosen_kernel()
-    maps = DepthMaps.empty(stages.names, (1, pixels.count))
+    maps = DepthMaps.empty(stages.names, (1, pixels.stored.shape[2]))
     in_kernel = stages.room == "two_path" and stages.resolver.paths <= 2
     if kernel != NUMPY and in_kernel and (pixels.tail is None or pixels.tail.through is None):
         _fill_by_kernel(maps, pixels, plan, stages, kernel)
@@ -206,8 +212,9 @@ def _fill_by_blocks(
 
     response, tail = stages.correction.response, pixels.tail
     step = plan.block_pixels or (BLOCK_PIXELS if stages.room == "two_path" else SEARCHED_BLOCK_PIXELS)
-    for start in range(0, pixels.count, step):
-        here = slice(start, min(start + step, pixels.count))
+    count = pixels.stored.shape[2]
+    for start in range(0, count, step):
+        here = slice(start, min(start + step, count))
         block, there = pixels[here], slice(pixels.first + here.start, pixels.first + here.stop)
         resolved = resolve_paths(
             stages.phasors(block),
@@ -227,12 +234,12 @@ def _fill_by_blocks(
 
 def _fill_by_kernel(maps: DepthMaps, pixels: FramePixels, plan: FramePlan, stages: FrameStages, kernel: str) -> None:
     """Fill the maps of prepared pixels from their stored values in one go: what the blocks of `resolve_pixels` do in numpy."""
-    status, samples, stored = maps.status.reshape(-1), pixels.noise.samples, pixels.pooled
+    status, samples = maps.status.reshape(-1), pixels.noise.samples
     # what was recorded, the kernel looks at itself
-    if stages.correction.hot is None and stored is None:
+    if stages.correction.hot is None and pixels.pooled is None:
         status.fill(0)
     else:
-        status[:] = stages.status(pixels, saturated=stored is not None)
+        status[:] = stages.status(pixels, saturated=pixels.pooled is not None)
     if plan.calibration is not None:
         status |= np.uint32(StatusBit.CALIBRATED)
     if samples is not None:
@@ -240,8 +247,9 @@ def _fill_by_kernel(maps: DepthMaps, pixels: FramePixels, plan: FramePlan, stage
     own = pixels.tail is not None or samples is not None
     make = _kernel_of_frame if own else _kernel_of_frames
     values = maps.values.reshape(len(maps.names), -1)
-    make(plan, stages, pixels.first, pixels.count, pixels.noise, stored is None, pixels.tail, kernel).fill(
-        pixels.stored if stored is None else stored, layers=values[: len(ALWAYS)], status=status
+    source = pixels.stored if pixels.pooled is None else pixels.pooled
+    make(plan, stages, pixels.first, status.size, pixels.noise, source.dtype, pixels.tail, kernel).fill(
+        source, layers=values[: len(ALWAYS)], status=status
     )
     if len(values) > len(ALWAYS):
         values[len(ALWAYS) :] = 1.0 if samples is None else samples
@@ -253,11 +261,11 @@ def _kernel_of_frame(
     first: int,
     count: int,
     noise: NoiseModel,
-    recorded: bool,
+    source_type: np.dtype[np.generic],
     model: "DiffuseModel | None",
     kernel: str,
 ) -> FrameKernel:
-    """Return what resolves `count` pixels of a frame from a flat index on, from what was recorded or from phasors."""
+    """Return what resolves `count` pixels of a frame from a flat index on, from what was recorded or from complex phasors."""
     block = slice(first, first + count)
     most, more = most_volts(noise, plan.metadata.modulation.amplitude_v)
     tail = None
@@ -266,7 +274,7 @@ def _kernel_of_frame(
 
         tail = tail_buffers(model.block(block))
     scales = KernelScales(
-        phasor_map=stages.correction.phasor_map[block] if recorded else None,
+        phasor_map=stages.correction.phasor_map[block] if source_type.kind != "c" else None,
         saturated_counts=stages.saturated_counts,
         metres=stages.depth.metres(block),
         volts=stages.depth.amplitude_v,
@@ -275,7 +283,9 @@ def _kernel_of_frame(
         most_volts=most,
         noise_volts=more,
     )
-    return FrameKernel(scales, settings=stages.resolver, noise=noise, count=count, kernel=kernel)
+    return FrameKernel(
+        scales, settings=stages.resolver, noise=noise, count=count, source_type=source_type, kernel=kernel
+    )
 
 
 _kernel_of_frames = same_as_last(_kernel_of_frame)
@@ -315,7 +325,7 @@ def _pooled(pixels: FramePixels, stages: FrameStages, *, window: int) -> FramePi
     pooled = pooled_phasors(
         phasors.reshape(-1, *pixels.size),
         usable=(np.isfinite(phasors).all(axis=0) & (stages.status(pixels) == 0)).reshape(pixels.size),
-        samples=(np.ones(pixels.count) if samples is None else samples).reshape(pixels.size),
+        samples=(np.ones(pixels.size) if samples is None else samples).reshape(pixels.size),
         noise=pixels.noise,
         window=window,
     )

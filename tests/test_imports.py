@@ -31,10 +31,10 @@ ALLOWED: dict[str, set[str]] = {
     "maps": {"capture", "files", "optics", "phasors", "resolver"},
     "calibration": {"capture", "files", "maps", "optics", "phasors", "resolver"},
     "simulation": {"capture", "optics"},
-    "frame_plan": {"calibration", "capture", "maps", "optics", "phasors", "resolver"},
+    "frame_plan": {"calibration", "capture", "files", "maps", "optics", "phasors", "resolver"},
     "frame_pixels": {"phasors", "resolver"},  # of the resolver, it knows types alone
     # of the pipeline, it knows types alone
-    "predicted_mpi": {"frame_pixels", "frame_plan", "optics", "pipeline", "resolver"},
+    "predicted_mpi": {"capture", "frame_pixels", "optics", "phasors", "pipeline", "resolver"},
     "pipeline": {
         *("calibration", "capture", "files", "frame_pixels", "frame_plan", "maps", "optics", "phasors"),
         *("predicted_mpi", "resolver"),

@@ -36,7 +36,7 @@ def test_parts_that_crossed_to_other_processes_make_up_the_whole(settings: MapSe
     for count in (2, 5):
         prepared = prepare_frame(mean, plan=plan)
         parts = [pickle.loads(pickle.dumps(part)) for part in prepared.parts(count)]
-        assert sum(part.count for part in parts) == SIZE[0] * SIZE[1]
+        assert sum(part.stored.shape[2] for part in parts) == SIZE[0] * SIZE[1]
         joined = joined_parts(parts[0], [resolve_pixels(part, plan=plan) for part in parts])
         assert joined.integration_length == whole.integration_length
         np.testing.assert_array_equal(joined.maps.values, whole.maps.values)

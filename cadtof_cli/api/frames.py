@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from cadtof_cli.arrays import Stored
+from cadtof_cli.capture.discovery import find_placed_captures
 from cadtof_cli.capture.frames import frame_names
 from cadtof_cli.capture.metadata import KEYS, CaptureMetadata
 from cadtof_cli.capture.toml import load_metadata
@@ -20,8 +21,8 @@ from cadtof_cli.files.array_axes import transpositions
 from cadtof_cli.files.frames import CHANNELS, SAMPLE_TYPES
 from cadtof_cli.frame_plan import MapSettings
 from cadtof_cli.resolver.settings import ResolverSettings
-from cadtof_cli.workflows.resolve.frame_task import FrameTask, read_frame, source_name
-from cadtof_cli.workflows.resolve.plans import find_named_captures, plan_captures
+from cadtof_cli.workflows.resolve.frame_task import read_frame, source_name
+from cadtof_cli.workflows.resolve.plans import plan_captures
 from cadtof_cli.workflows.resolve.settings import ResolveSettings
 
 Place = str | os.PathLike[str]
@@ -124,13 +125,17 @@ def read_frames(
         settings_file=None if settings_file is None else Path(settings_file),
         frames=frames,
     )
-    captures, _ = find_named_captures([Path(one) for one in inputs], settings, _overrides(metadata))
+    captures, _ = find_placed_captures(
+        [Path(one) for one in inputs],
+        overrides=_overrides(metadata),
+        settings_file=settings.settings_file,
+        recursive=recursive,
+    )
     for plan in plan_captures(captures, settings, None):
         for note in plan.notes():
             _log.warning(note)
-        for source in plan.frames(settings, taken=partial(frame_names, captures)):
-            task = FrameTask((source,), plan.capture.layout, plan.plan, plan.pixels, settings.out)
-            stored, _ = read_frame(task)
+        for task in plan.tasks(settings, taken=partial(frame_names, captures)):
+            (source,), (stored, _) = task.sources, read_frame(task)
             assert isinstance(stored, np.ndarray)
             yield Frame(stored, plan.plan.metadata, source.name, source_name(source))
 

@@ -17,7 +17,7 @@ from cadtof_cli.phasors.frame_mean import FrameMean, frame_mean
 from cadtof_cli.phasors.plausible import implausible
 from cadtof_cli.pipeline import resolve_frame
 from cadtof_cli.resolver.settings import MpiModel, ResolverSettings, Return, Solver
-from cadtof_cli.workflows.resolve.frame_task import answered_maps, map_header
+from cadtof_cli.workflows.resolve.frame_task import answered_maps
 
 
 class ResolverOptions(TypedDict, total=False):
@@ -81,7 +81,7 @@ def resolve(
     resolved = resolve_frame(_recorded(frames), plan=plan, calibration=loaded)
     maps, _ = answered_maps(resolved, plan, source=first)
     layers = {name: maps.layer(name) for name in maps.names} | {STATUS: maps.status}
-    return Maps(layers, map_header(plan, str(first)).facts)
+    return Maps(layers, plan.header.of_frame(str(first)).facts)
 
 
 def _frames(given: Frame | Sequence[Frame]) -> list[Frame]:

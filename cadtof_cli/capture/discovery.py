@@ -82,14 +82,21 @@ def find_captures(
     return tuple(captures)
 
 
-def with_relative_names(
-    captures: Sequence[Capture], inputs: Sequence[Path], /, *, base: Path | None = None
+def find_placed_captures(
+    inputs: Sequence[Path],
+    *,
+    overrides: Mapping[str, Any] | None = None,
+    settings_file: Path | None = None,
+    recursive: bool = False,
+    base: Path | None = None,
 ) -> tuple[tuple[Capture, ...], Path]:
-    """Return the captures with their frames named as they lie below a folder whose tree OUT mirrors, and that folder.
+    """Return the captures of `find_captures` with their frames named as they lie below a folder whose tree OUT mirrors, and that
+    folder.
 
     A capture elsewhere is placed by the part of its path that it does not share with `base`; None: the deepest folder that all
     inputs and captures lie in.
     """
+    captures = find_captures(inputs, overrides=overrides, settings_file=settings_file, recursive=recursive)
     if base is None:
         folders = [path if path.is_dir() else path.parent for path in inputs] + [one.root for one in captures]
         base = Path(os.path.commonpath(map(absolute, folders)))
@@ -223,7 +230,9 @@ def _capture(root: Path, source: MetadataSource, names: Sequence[str]) -> Captur
     frames: Sequence[FrameSource] = FrameFileList(root, names)
     if layout.pattern is not None:
         frames = grouped_planes(root, names, layout, source.metadata.modulation.harmonics)
-    _require_different_names(root, frames)
+    # files of one kind have different names
+    if layout.pattern is not None or len({name.rpartition(".")[2] for name in names}) > 1:
+        _require_different_names(root, frames)
     return Capture(root, source, frames) if frames else None
 
 
@@ -247,8 +256,6 @@ def _first_names(names: Iterable[str]) -> str:
 
 
 def _require_different_names(root: Path, frames: Sequence[FrameSource]) -> None:
-    if isinstance(frames, FrameFileList) and len({file.rpartition(".")[2] for file in frames.files}) == 1:
-        return
     known = set[str]()
     for name in (frame.name for frame in frames):
         if name in known:

@@ -18,7 +18,7 @@ from cadtof_cli.arrays import Stored
 from cadtof_cli.capture.toml import MetadataSource
 from cadtof_cli.errors import FrameError
 from cadtof_cli.files.formats import detect_format, format_by_suffix
-from cadtof_cli.files.frames import CHANNELS, FrameLayout, Frames, RawLayout, shape_text, single_frame
+from cadtof_cli.files.frames import CHANNELS, FrameLayout, Frames, RawLayout, shape_text
 from cadtof_cli.records import dataclass
 
 _SIZES_COMPARED, _FILES_OPENED = 1000, 15
@@ -126,6 +126,28 @@ class Capture:
             raw = RawLayout(layout.raw_dtype, layout.raw_shape, layout.raw_offset_bytes or 0)
         return FrameLayout(self.source.metadata.modulation.harmonics, layout.frames, raw)
 
+    @functools.cached_property
+    def typical(self) -> "TypicalFile | None":
+        """What most of the files hold, by the few that are opened; None where none can be.
+
+        Files of as many bytes hold frames of one size, so it is enough to open one of the most common. Where no size is common,
+        as with compressed files, a few are opened that are spread over the capture.
+        """
+        compared = list(self.frames[:: -(-len(self.frames) // _SIZES_COMPARED)])
+        sizes = [file_size(source.paths[0]) for source in compared]
+        common, count = Counter(sizes).most_common(1)[0]
+        if 2 * count > len(sizes):
+            alike = (source for source, size in zip(compared, sizes, strict=True) if size == common)
+            found = next(_opened(itertools.islice(alike, _FILES_OPENED), self.layout), None)
+            if found is not None:
+                return found
+        known = list(_opened(compared[:: -(-len(compared) // _FILES_OPENED)], self.layout))
+        known = known or list(itertools.islice(_opened(self.frames, self.layout), 1))
+        if not known:
+            return None
+        most_common, _ = Counter(one.pixels for one in known).most_common(1)[0]
+        return next(one for one in known if one.pixels == most_common)
+
     def frame_names(self) -> Iterator[str]:
         """Yield the names of the frames."""
         return self.frames.names() if isinstance(self.frames, FrameFileList) else (frame.name for frame in self.frames)
@@ -153,7 +175,7 @@ def open_frames(source: FrameSource, layout: FrameLayout, /) -> Iterator[Frames]
     """
     stored = _read_like_last(source, layout)
     if stored is not None:
-        yield single_frame(stored)
+        yield _single_frame(stored)
         return
     with _open_described(source, layout) as frames:
         yield frames
@@ -213,7 +235,12 @@ def _joined_planes(source: FrameSource, layout: FrameLayout) -> Frames:
                 f" {shape_text(first.shape, first.dtype)} as in {source.paths[0].name}"
             )
     stored = np.stack(planes).reshape(len(layout.harmonics), CHANNELS, *first.shape)
-    return single_frame(stored)
+    return _single_frame(stored)
+
+
+def _single_frame(stored: Stored) -> Frames:
+    """Return the single frame of a file, or of files of planes, that has been read."""
+    return Frames(1, stored.shape, stored.dtype, lambda _index=0, /: stored)
 
 
 def read_stored(source: FrameSource, layout: FrameLayout, /, *, size: tuple[int, int] | None = None) -> Stored:
@@ -247,7 +274,8 @@ def single_frames(capture: Capture, /, *, taken: Callable[[], Collection[str]] |
     names: Collection[str] | None = None
     for source in capture.frames:
         size = file_size(source.paths[0]) if len(source.paths) == 1 else 0
-        if not size or size == size_of_one or not _may_be_stack(source.paths[0]):
+        named = format_by_suffix(source.paths[0])
+        if not size or size == size_of_one or (named and not named.stacks):
             yield source
             continue
         try:
@@ -276,41 +304,15 @@ def lossy_compression(source: FrameSource, layout: FrameLayout, dtype: np.dtype[
         return None
 
 
-def _may_be_stack(path: Path) -> bool:
-    named = format_by_suffix(path)
-    return named is None or named.stacks
-
-
 @dataclass(frozen=True)
 class TypicalFile:
-    """What most files of a capture hold: (Y, X) and type of a frame, the number of frames, and the bytes of such a file."""
+    """What most files of a capture hold: (Y, X) and type of a frame, how many, the bytes of such a file, and one of them."""
 
     pixels: tuple[int, int]
     dtype: np.dtype[Any]
     frames: int
     bytes: int
-
-
-def typical_file(capture: Capture, /) -> TypicalFile | None:
-    """Return what most files of a capture hold, by the few that are opened; None where none can be.
-
-    Files of as many bytes hold frames of one size, so it is enough to open one of the most common. Where no size is common, as
-    with compressed files, a few are opened that are spread over the capture.
-    """
-    compared = list(capture.frames[:: -(-len(capture.frames) // _SIZES_COMPARED)])
-    sizes = [file_size(source.paths[0]) for source in compared]
-    common, count = Counter(sizes).most_common(1)[0]
-    if 2 * count > len(sizes):
-        alike = (source for source, size in zip(compared, sizes, strict=True) if size == common)
-        found = next(_opened(itertools.islice(alike, _FILES_OPENED), capture.layout), None)
-        if found is not None:
-            return found
-    known = list(_opened(compared[:: -(-len(compared) // _FILES_OPENED)], capture.layout))
-    known = known or list(itertools.islice(_opened(capture.frames, capture.layout), 1))
-    if not known:
-        return None
-    most_common, _ = Counter(one.pixels for one in known).most_common(1)[0]
-    return next(one for one in known if one.pixels == most_common)
+    source: FrameSource
 
 
 def _opened(sources: Iterable[FrameSource], layout: FrameLayout) -> Iterator[TypicalFile]:
@@ -319,7 +321,8 @@ def _opened(sources: Iterable[FrameSource], layout: FrameLayout) -> Iterator[Typ
         try:
             with open_frames(source, layout) as frames:
                 height, width = frames.shape[2:]
-                found = TypicalFile((height, width), frames.dtype, frames.count, file_size(source.paths[0]))
+                size = file_size(source.paths[0])
+                found = TypicalFile((height, width), frames.dtype, frames.count, size, source)
         except FrameError:
             continue
         yield found

@@ -280,7 +280,8 @@ _EXPECTED: dict[Kind, str] = {
 }
 
 
-def _converted(kind: Kind, value: Any) -> Any:
+def converted(kind: Kind, value: Any, /) -> Any:
+    """Return a value from TOML or the command line as the records hold it; raises TypeError, with what was expected."""
     match kind, value:
         case ("number", int() | float()) if not isinstance(value, bool) and (
             type(value) is float or abs(value) < _BEYOND_FLOAT
@@ -290,13 +291,13 @@ def _converted(kind: Kind, value: Any) -> Any:
             return value
         case ("whole numbers", [_, *_]):
             whole = (int(item) if isinstance(item, float) and item.is_integer() else item for item in value)
-            return tuple(_converted("whole number", item) for item in whole)
+            return tuple(converted("whole number", item) for item in whole)
         case ("numbers", [_, *_]) | ("pair", [_, _]):
-            return tuple(_converted("number", item) for item in value)
+            return tuple(converted("number", item) for item in value)
         case ("names", [_, _]):
-            return tuple(_converted("text", item) for item in value)
+            return tuple(converted("text", item) for item in value)
         case ("numbers by name", Mapping()) if value:
-            return tuple((str(name), _converted("whole number", number)) for name, number in value.items())
+            return tuple((str(name), converted("whole number", number)) for name, number in value.items())
     raise TypeError(_EXPECTED[kind])
 
 
@@ -309,17 +310,6 @@ class Key:
     about: str
     default: Any
     kind: Kind
-
-    def convert(self, value: Any, /, *, where: str) -> Any:
-        """Return a value from TOML or the command line as the records hold it.
-
-        Raises:
-            InvalidValueError: it is of another kind; `where` it was found is said.
-        """
-        try:
-            return _converted(self.kind, value)
-        except TypeError as error:
-            raise InvalidValueError(self.path, value, str(error), where) from None
 
     @property
     def path(self) -> str:

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from cadtof_cli.capture.checks import shortened
-from cadtof_cli.capture.metadata import KEYS, TABLES, CaptureMetadata, InvalidValueError
+from cadtof_cli.capture.metadata import KEYS, TABLES, CaptureMetadata, InvalidValueError, converted
 from cadtof_cli.errors import MetadataError
 from cadtof_cli.files.toml import read_toml, toml_from_tables
 from cadtof_cli.records import dataclass
@@ -20,17 +20,19 @@ _KEYS = {key.path: key for key in KEYS}
 
 @dataclass(frozen=True)
 class MetadataSource:
-    """Metadata with the origin of every key: a file's path, the option that set it, or `default`; and the file that was read."""
+    """Metadata, and where they are from.
+
+    Attributes:
+        metadata: of a capture.
+        origins: of every value by dotted key: a file's path, the option that set it, or `default`.
+        defaulted: values that are the paper's, as neither a file nor an option gave them.
+        file: that was read; None: there is none.
+    """
 
     metadata: CaptureMetadata
     origins: Mapping[str, str]
+    defaulted: Mapping[str, Any]
     file: Path | None = None
-
-    def defaults_in_words(self) -> str:
-        """Return which values are the paper's, as neither a file nor an option gave them; nothing where none is."""
-        taken = (_KEYS[path] for path, origin in self.origins.items() if origin == DEFAULT_ORIGIN)
-        told = ", ".join(f"{key.path} = {key.default}" for key in taken if key.default is not None)
-        return f"not given, so taken from the paper: {told}" if told else ""
 
 
 def load_metadata(path: Path | None, overrides: Mapping[str, Any] | None = None) -> MetadataSource:
@@ -45,13 +47,17 @@ def load_metadata(path: Path | None, overrides: Mapping[str, Any] | None = None)
     origins = dict.fromkeys(_KEYS, DEFAULT_ORIGIN)
     for dotted, value, origin in given:
         key = _KEYS[dotted]
-        tables[key.table][key.name] = key.convert(value, where=origin)
+        try:
+            tables[key.table][key.name] = converted(key.kind, value)
+        except TypeError as error:
+            raise InvalidValueError(dotted, value, str(error), origin) from None
         origins[dotted] = origin
     try:
         metadata = CaptureMetadata(**{table: record(**tables[table]) for table, record in TABLES.items()})
     except InvalidValueError as error:
         raise InvalidValueError(error.key, error.found, error.expected, origins[error.key]) from None
-    return MetadataSource(metadata, origins, path)
+    unsaid = (key for key in KEYS if origins[key.path] == DEFAULT_ORIGIN and key.default is not None)
+    return MetadataSource(metadata, origins, {key.path: key.default for key in unsaid}, path)
 
 
 def _flat(document: dict[str, Any], path: Path) -> dict[str, Any]:

@@ -144,7 +144,8 @@ def resolve(
             on_frame=partial(_tell_of_frame, bar, as_json=as_json, dry_run=settings.dry_run),
         )
         summary = _dry_summary(totals, settings.out) if settings.dry_run else _summary(totals, settings)
-        bar.note(summary)
+        if bar.log:
+            bar.log.note(summary)
     if not quiet:
         tell(summary, err=True)
     return 0 if totals.ok + totals.already_there and not totals.failed else 1
@@ -156,7 +157,7 @@ def _tell_of_frame(bar: "Bar", report: "FrameReport", /, *, as_json: bool, dry_r
     elif dry_run:
         tell(f"{report.source} → {report.output or 'nothing, it is already there'}")
     if report.status == "failed" or (report.status == "skipped" and not report.is_already_there):
-        bar.warn(f"{report.status}: {report.reason}")
+        bar.say(f"{report.status}: {report.reason}", warning=True)
 
 
 def _dry_summary(totals: "RunTotals", out: Path) -> str:

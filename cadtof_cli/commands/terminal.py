@@ -72,12 +72,24 @@ _LEAST_BAR, _WIDEST_BAR = 8, 40
 """Columns of a bar."""
 
 
+class Log(io.FileIO):
+    """A file that lines are appended to, with the time."""
+
+    def note(self, message: str, /) -> None:
+        """Append a line."""
+        line = f"{datetime.now().astimezone().isoformat(timespec='seconds')} {message}\n"
+        try:
+            self.write(line.encode(errors="backslashreplace"))
+        except OSError as error:
+            raise OutputError(f"{self.name}: cannot be written: {error.strerror}") from error
+
+
 @dataclass
 class Bar:
     """Progress without a bar: lines on stderr, of which `quiet` keeps only what went wrong; all of them go into the log."""
 
     quiet: bool = False
-    log: io.FileIO | None = None
+    log: Log | None = None
 
     def total(self, count: int, /) -> None:
         """There are `count` steps, as far as is known."""
@@ -85,26 +97,12 @@ class Bar:
     def advance(self) -> None:
         """One step is done."""
 
-    def say(self, message: str, /) -> None:
-        """Show a line above the bar, unless all is to be quiet."""
-        self.note(message)
-        if not self.quiet:
+    def say(self, message: str, /, *, warning: bool = False) -> None:
+        """Show a line above the bar; where all is to be quiet, only a warning."""
+        if self.log:
+            self.log.note(message)
+        if warning or not self.quiet:
             self.show(message)
-
-    def warn(self, message: str, /) -> None:
-        """Show a line above the bar."""
-        self.note(message)
-        self.show(message)
-
-    def note(self, message: str, /) -> None:
-        """Write a line into the log, with the time."""
-        if self.log is None:
-            return
-        line = f"{datetime.now().astimezone().isoformat(timespec='seconds')} {message}\n"
-        try:
-            self.log.write(line.encode(errors="backslashreplace"))
-        except OSError as error:
-            raise OutputError(f"{self.log.name}: cannot be written: {error.strerror}") from error
 
     def show(self, message: str, /) -> None:
         """Show a line."""
@@ -114,7 +112,7 @@ class Bar:
 class DrawnBar(Bar):
     """A bar that shows steps, steps a second and the time left."""
 
-    def __init__(self, progress: "RichProgress", description: str, log: io.FileIO | None) -> None:
+    def __init__(self, progress: "RichProgress", description: str, log: Log | None) -> None:
         super().__init__(log=log)
         self._progress, self._drawn = progress, 0.0
         self._task = progress.add_task(description, total=None)
@@ -151,23 +149,25 @@ def progress_bar(description: str, unit: str, *, quiet: bool, log: Path | None =
     What is said, and how it ends, is appended to the file `log` too.
     """
     try:
-        opened = nullcontext() if log is None else io.FileIO(log, "a")
+        opened = nullcontext() if log is None else Log(log, "a")
     except OSError as error:
         raise OutputError(f"{log}: cannot be written: {error.strerror}; choose another file with --log") from error
     with opened as file:
         try:
             seen = not quiet and sys.stderr.isatty() and os.environ.get("TERM") not in _WITHOUT_CURSOR
             with _drawn(description, unit, file) if seen else nullcontext(Bar(quiet=quiet, log=file)) as bar:
-                bar.note(shlex.join(["cadtof", *sys.argv[1:]]))
+                if file:
+                    file.note(shlex.join(["cadtof", *sys.argv[1:]]))
                 yield bar
         except BaseException as error:
-            with suppress(OutputError):
-                Bar(log=file).note(f"ended by {type(error).__name__}: {error}")
+            if file:
+                with suppress(OutputError):
+                    file.note(f"ended by {type(error).__name__}: {error}")
             raise
 
 
 @contextmanager
-def _drawn(description: str, unit: str, log: io.FileIO | None) -> Iterator[Bar]:
+def _drawn(description: str, unit: str, log: Log | None) -> Iterator[Bar]:
     from rich.console import Console
     from rich.measure import Measurement
     from rich.progress import (

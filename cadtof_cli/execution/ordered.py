@@ -44,27 +44,24 @@ def run_ordered(
         SettingsError: no scheduler answers where `workers` says there is one.
         ClusterError: it has workers that would not do the same; or, from the generator, it is lost.
     """
-    if workers.scheduler == LOCAL:
-        return _run_here(function, tasks, workers, shared)
-    from cadtof_cli.execution.cluster.ordered import run_on_cluster
+    if workers.scheduler != LOCAL:
+        from cadtof_cli.execution.cluster.ordered import run_on_cluster
 
-    return run_on_cluster(function, tasks, scheduler=workers.scheduler, probe=probe, say=say)
-
-
-def _run_here(
-    function: Work[Task, Result], tasks: Iterable[Task], workers: Workers, shared: Sequence[object]
-) -> Generator[Outcome[Task, Result], None, None]:
-    """Yield outcomes from this process alone, or from a pool of processes."""
+        return run_on_cluster(function, tasks, scheduler=workers.scheduler, probe=probe, say=say)
     if workers.jobs > 1 or workers.task_timeout_s is not None:
         from cadtof_cli.execution.pool import run_in_pool
 
-        yield from run_in_pool(function, tasks, workers=workers, shared=shared)
-        return
+        return run_in_pool(function, tasks, workers=workers, shared=shared)
+    return _run_here(function, tasks)
+
+
+def _run_here(function: Work[Task, Result], tasks: Iterable[Task]) -> Generator[Outcome[Task, Result], None, None]:
+    """Yield outcomes from this process alone."""
     with Finisher() as finisher:
         begun: deque[tuple[Task, Pending[Result]]] = deque()
         for task in tasks:
             begun.append((task, finisher.begin(function(task))))
-            while begun and (begun[0][1].done() or len(begun) > LATER_AT_ONCE):
+            while begun and (begun[0][1].there or len(begun) > LATER_AT_ONCE):
                 task, pending = begun.popleft()
                 yield Outcome(task, pending.result())
         for task, pending in begun:

@@ -50,15 +50,18 @@ LATER_AT_ONCE = 4
 
 
 class Pending(Generic[Result]):
-    """A result that is there, or comes from a thread: what a `Future` is, in a tenth of its calls, as every frame has one."""
+    """A result that is there, or comes from a thread: what a `Future` is, in a tenth of its calls, as every frame has one.
 
-    __slots__ = ("_error", "_finish", "_held", "_result", "_there")
+    Once it is `there`, `error` is what was raised in its place, if anything was.
+    """
+
+    __slots__ = ("_finish", "_held", "_result", "error", "there")
 
     def __init__(self, finish: Callable[[], Result]) -> None:
         self._finish: Callable[[], Result] | None = finish
         self._result: Result
-        self._error: Exception | None = None
-        self._there, self._held = False, threading.Lock()
+        self.error: Exception | None = None
+        self.there, self._held = False, threading.Lock()
         self._held.acquire()
 
     def finish(self) -> None:
@@ -67,26 +70,17 @@ class Pending(Generic[Result]):
         try:
             self._result = self._finish()
         except Exception as error:  # noqa: BLE001  (it is raised where the result is asked for)
-            self._error = error
-        self._finish, self._there = None, True
+            self.error = error
+        self._finish, self.there = None, True
         self._held.release()
-
-    def done(self) -> bool:
-        """Return whether the result is there."""
-        return self._there
-
-    def exception(self) -> Exception | None:
-        """Wait for the result, and return what was raised in its place."""
-        if not self._there:
-            with self._held:
-                pass
-        return self._error
 
     def result(self) -> Result:
         """Wait for the result and return it; raises what was raised in its place."""
-        error = self.exception()
-        if error is not None:
-            raise error
+        if not self.there:
+            with self._held:
+                pass
+        if self.error is not None:
+            raise self.error
         return self._result
 
 
@@ -119,7 +113,7 @@ class Finisher:
     def attempt(self, function: Work[Task, Result], task: Task, /) -> Pending[Result]:
         """Do a task; return where its result will be, or the exception that it raised."""
         found: Pending[Result | Later[Result]] = _there(lambda: function(task))
-        return cast("Pending[Result]", found) if found.exception() else self.begin(found.result())
+        return cast("Pending[Result]", found) if found.error else self.begin(found.result())
 
     def _work(self) -> None:
         while (pending := self._waiting.get()) is not None:

@@ -22,7 +22,7 @@ class _Answers:
     def add(self, result: Pending[Any]) -> None:
         """Answer for the next task; where too many results are waited for, this waits too."""
         with self._change:
-            if result.done() and not self._begun:
+            if result.there and not self._begun:
                 self._tell(result)
                 return
             self._connection.send_bytes(answer_message(Said.COMPUTED))
@@ -43,7 +43,7 @@ class _Answers:
         """Tell the results that are there, and have none before them that is not."""
         try:
             with self._change:
-                while self._begun and self._begun[0].done():
+                while self._begun and self._begun[0].there:
                     self._tell(self._begun.popleft())
                 self._change.notify()
         except BaseException:  # noqa: BLE001
@@ -51,8 +51,7 @@ class _Answers:
             os._exit(1)
 
     def _tell(self, result: Pending[Any]) -> None:
-        error = result.exception()
-        said, what = (Said.RESULT, result.result()) if error is None else (Said.ERROR, error)
+        said, what = (Said.RESULT, result.result()) if result.error is None else (Said.ERROR, result.error)
         self._connection.send_bytes(answer_message(said, what))
 
 

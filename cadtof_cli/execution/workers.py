@@ -24,6 +24,9 @@ StartMethod = Literal["fork", "spawn", "forkserver"]
 START_METHODS: tuple[StartMethod, ...] = ("fork", "spawn", "forkserver") if hasattr(os, "fork") else ("spawn",)
 """Those of this system."""
 
+START_METHOD: StartMethod = "fork" if sys.platform == "linux" and hasattr(os, "fork") else "spawn"
+"""The usual one: `fork` is safe before any thread runs, and starts in milliseconds."""
+
 LOCAL = "local"
 
 _SCHEDULER = r"tcp://[^\s/:]+:\d+|tcp://\[[0-9a-fA-F:]+\]:\d+"
@@ -51,11 +54,6 @@ def cores_for(processes: int, /) -> tuple[int, ...]:
     return cores if len(cores) == processes else ()
 
 
-def default_start_method() -> StartMethod:
-    """Return `fork` on Linux, where it is safe before any thread runs and starts in milliseconds; else `spawn`."""
-    return "fork" if sys.platform == "linux" and hasattr(os, "fork") else "spawn"
-
-
 @dataclass(frozen=True, kw_only=True)
 class Workers:
     """What work is done by.
@@ -68,7 +66,7 @@ class Workers:
     """
 
     jobs: int = field(default_factory=available_cores)
-    start_method: StartMethod = field(default_factory=default_start_method)
+    start_method: StartMethod = START_METHOD
     task_timeout_s: float | None = None
     scheduler: str = LOCAL
 

@@ -30,7 +30,8 @@ class PartialFile:
 
     The temporary file exists already, empty; nobody else has made it. `commit` syncs the content to the disk before it renames
     the file, and the folder before it returns: whatever happens, there is a whole file or none. A symbolic link at `path` is
-    replaced, not followed.
+    replaced, not followed. `parts`, where they are set, are what `commit` writes, one after the other; nobody must change them
+    until then.
 
     Args:
         path: the file to be written.
@@ -44,26 +45,11 @@ class PartialFile:
         self.path = path
         self.temporary = path.with_name(_temporary_name(path.name, token))
         self._descriptor: int | None = None
-        self._bytes = 0
-        self._parts: Sequence[memoryview] = ()
+        self.parts: Sequence[memoryview] = ()
         try:
             self._descriptor = os.open(self.temporary, CREATE_FLAGS, 0o666)
         except OSError as error:
             raise not_written(path, error) from error
-
-    def set_content(self, parts: Sequence[memoryview], /) -> None:
-        """Set what `commit` writes, one part after the other; the caller must not change it until then."""
-        self._parts = parts
-
-    def size(self) -> int:
-        """Return how many bytes were written; raises OSError where there are none, or where another file stands in its place."""
-        if not self._bytes:
-            assert self._descriptor is not None
-            found = os.fstat(self._descriptor)
-            if not found.st_size or not os.path.samestat(found, os.lstat(self.temporary)):
-                raise OSError("nothing was written")
-            self._bytes = found.st_size
-        return self._bytes
 
     def commit(self) -> int:
         """Sync the file to the disk, rename it to `path`, and return its size in bytes; this waits, and hardly computes.
@@ -71,28 +57,27 @@ class PartialFile:
         Raises:
             OutputError: that fails, and the file is discarded; PlaceError: another file would fail too.
         """
+        assert self._descriptor is not None
         try:
-            return self._committed()
+            if self.parts:
+                write_parts(self._descriptor, self.parts)
+                self.parts = ()
+            found = os.fstat(self._descriptor)
+            if not found.st_size or not os.path.samestat(found, os.lstat(self.temporary)):
+                raise OSError("nothing was written")
+            os.fsync(self._descriptor)
+            # not every system renames an open file
+            descriptor, self._descriptor = self._descriptor, None
+            os.close(descriptor)
+            os.replace(self.temporary, self.path)
+            sync_folder(self.path.parent)
         except OSError as error:
             self.discard()
             raise not_written(self.path, error) from error
         except BaseException:
             self.discard()
             raise
-
-    def _committed(self) -> int:
-        assert self._descriptor is not None
-        if self._parts:
-            write_parts(self._descriptor, self._parts)
-            self._parts = ()
-        size = self.size()
-        os.fsync(self._descriptor)
-        # not every system renames an open file
-        descriptor, self._descriptor = self._descriptor, None
-        os.close(descriptor)
-        os.replace(self.temporary, self.path)
-        sync_folder(self.path.parent)
-        return size
+        return found.st_size
 
     def discard(self) -> None:
         """Remove what was written."""

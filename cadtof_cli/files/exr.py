@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from cadtof_cli.arrays import Stored
 from cadtof_cli.errors import FrameError
-from cadtof_cli.files.frames import CHANNELS, FrameLayout, Frames, shape_text, single_frame
+from cadtof_cli.files.frames import CHANNELS, FrameLayout, Frames, shape_text
 from cadtof_cli.files.library_output import library_output
 from cadtof_cli.files.maps import SOFTWARE, STATUS, DepthMaps, MapHeader
 from cadtof_cli.files.named_planes import NamedPart, Place, voltage_places
@@ -165,7 +165,8 @@ def open_frames(path: Path, layout: FrameLayout, /) -> Iterator[Frames]:
     """
     parts = read_parts(path)
     planes = _planes(path, parts, voltage_places(parts, layout, where=str(path)))
-    yield single_frame(planes.reshape(len(layout.harmonics), CHANNELS, *planes.shape[1:]))
+    stored = planes.reshape(len(layout.harmonics), CHANNELS, *planes.shape[1:])
+    yield Frames(1, stored.shape, stored.dtype, lambda _index=0, /: stored)
 
 
 def read_plane(path: Path, _layout: FrameLayout, /) -> Stored:

@@ -83,11 +83,6 @@ class Frames:
     read_like: Callable[[Path], Stored | None] | None = None
 
 
-def single_frame(stored: Stored, /) -> Frames:
-    """Return the single frame of a file, or of files of planes: (H, C, Y, X), already read."""
-    return Frames(1, stored.shape, stored.dtype, lambda _index=0, /: stored)
-
-
 def is_sample_type(dtype: str, /) -> bool:
     """Tell whether numpy's name of a type, of any byte order, is one that a frame may be recorded in."""
     try:

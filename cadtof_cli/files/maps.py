@@ -90,17 +90,15 @@ class MapHeader:
     facts: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "facts", {name: _printable(text) for name, text in self.facts.items()})
+        facts = {
+            name: text if text.isprintable() else "".join(one if one.isprintable() else repr(one)[1:-1] for one in text)
+            for name, text in self.facts.items()
+        }
+        object.__setattr__(self, "facts", facts)
 
     def of_frame(self, source: str, /) -> "MapHeader":
         """Return the header of the maps of one recorded frame."""
         return MapHeader(self.units, {**self.facts, SOURCE: source})
-
-
-def _printable(text: str) -> str:
-    if text.isprintable():
-        return text
-    return "".join(one if one.isprintable() else repr(one)[1:-1] for one in text)
 
 
 NO_FACTS = MapHeader()
@@ -128,9 +126,8 @@ def stage_maps(
     try:
         parts = kind.layers().write_maps(partial.temporary, maps, header=header)
         if parts:
-            partial.set_content(parts)
+            partial.parts = parts
             return partial, parts_digest(parts)
-        partial.size()
         return partial, file_digest(partial.temporary)
     except OSError as error:
         partial.discard()

@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import replace
-from functools import lru_cache, partial
+from functools import cached_property, lru_cache, partial
 from typing import Any
 
 import numpy as np
@@ -46,7 +46,7 @@ class HarmonicNoise:
     pulse_double: float
     floor: float
 
-    @property
+    @cached_property
     def dark_variance(self) -> float:
         """Variance a channel where only ambient light arrives: the most that there can be."""
         return 0.5 * self.averaging / self.pulse**2 + self.floor
@@ -96,7 +96,7 @@ class NoiseModel:
     def __getitem__(self, pixels: slice | Index, /) -> "NoiseModel":
         return self if self.samples is None else replace(self, samples=self.samples[pixels])
 
-    @property
+    @cached_property
     def harmonics(self) -> tuple[int, ...]:
         """The numbers of the harmonics."""
         return tuple(one.harmonic for one in self.each)

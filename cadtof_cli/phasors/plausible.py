@@ -63,9 +63,13 @@ def implausible(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
     """
     planes = stored.reshape(*stored.shape[:2], -1)
     some = planes[:, :, :: max(1, planes.shape[2] // LOOKED_AT)]
-    kind, voltage = stored.dtype, metadata.voltage
-    longest, surely_short = _limits(metadata, kind)
-    if _none_is_large(some, voltage, surely_short):
+    kind, voltage, together = stored.dtype, metadata.voltage, np.ascontiguousarray(some)
+    longest, least, largest = _limits(metadata, kind)
+    # the usual case, told at a glance; a comparison with NaN is false
+    if (
+        least < float(np.minimum.reduce(together, axis=None))
+        and float(np.maximum.reduce(together, axis=None)) < largest
+    ):
         return None
     sound = sound_pixels(some, voltage.saturated_counts)
     if not sound.any():
@@ -98,25 +102,15 @@ def is_without_noise(stored: Stored, noise: NoiseModel, /) -> bool:
 
 
 @same_as_last
-def _limits(metadata: CaptureMetadata, dtype: np.dtype[np.generic]) -> tuple[float, float]:
-    """Return the longest phasor that there can be, in V, and how far from zero stored values may be that make no longer one."""
-    n_av = metadata.pixel.integration_length
+def _limits(metadata: CaptureMetadata, dtype: np.dtype[np.generic]) -> tuple[float, float, float]:
+    """Return the longest phasor that there can be, in V, and the two stored values between which none is longer or saturated."""
+    n_av, voltage = metadata.pixel.integration_length, metadata.voltage
     # with five standard deviations of the noise
     longest = LONGEST + (0.0 if n_av is None else 5.0 * math.sqrt(0.5 / (2.0 * n_av - 1.0)))
     longest *= metadata.modulation.amplitude_v
-    return longest, longest / math.sqrt(2.0) / abs(volts_per_count(metadata.voltage, dtype))
-
-
-def _none_is_large(some: Stored, voltage: Voltage, most: float) -> bool:
-    """Tell at a glance that no value is saturated, or so far from zero that a phasor of two of them were too long: the usual
-    case."""
-    together = np.ascontiguousarray(some)
-    low, high = float(np.minimum.reduce(together, axis=None)), float(np.maximum.reduce(together, axis=None))
-    saturated, zero = voltage.saturated_counts, voltage.zero
-    if saturated is not None and not saturated[0] < low <= high < saturated[1]:
-        return False
-    # a comparison with NaN is false
-    return high - zero <= most and zero - low <= most
+    most = longest / math.sqrt(2.0) / abs(volts_per_count(voltage, dtype))
+    low, high = voltage.saturated_counts or (-math.inf, math.inf)
+    return longest, max(voltage.zero - most, low), min(voltage.zero + most, high)
 
 
 def _range_of(values: Float, dtype: np.dtype[np.generic]) -> _Range:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from cadtof_cli.arrays import Float
-from cadtof_cli.capture.discovery import OUTPUT_FILES, find_captures, with_relative_names
+from cadtof_cli.capture.discovery import OUTPUT_FILES, find_placed_captures
 from cadtof_cli.capture.frames import Capture, FrameSource, frame_names, single_frames
 from cadtof_cli.capture.metadata import Optics
 from cadtof_cli.capture.toml import FILE_NAME as CAPTURE_FILE
@@ -137,13 +137,12 @@ class Run:
         try:
             inputs = self._inputs(arguments)
             settings = arguments.get("settings")
-            captures = find_captures(
+            captures, _ = find_placed_captures(
                 inputs,
                 overrides=arguments["overrides"],
                 settings_file=Path(settings) if settings else None,
                 recursive=bool(arguments.get("recursive")),
             )
-            captures, _ = with_relative_names(captures, inputs)
             return _by_map(captures, slice(*(arguments.get("frames") or (None,))), int(arguments.get("average", 1)))
         except (CadtofError, LookupError, TypeError, ValueError, AttributeError) as error:
             say(f"the recorded frames are not where they were, so the first phasor is not evaluated: {error}")

@@ -83,7 +83,7 @@ def run_batch(function: Work[Task, Result], tasks: Sequence[Task], folder: Path,
         began = time.monotonic()
         with Finisher() as finisher:
             begun = [finisher.attempt(function, task) for task in tasks]
-        results = [Raised(error) if (error := one.exception()) else one.result() for one in begun]
+        results = [Raised(one.error) if one.error else one.result() for one in begun]
         return BatchResult(tuple(results), time.monotonic() - began)
 
 

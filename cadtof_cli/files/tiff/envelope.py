@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from numpy.typing import NDArray
 from tifffile import FileHandle
 
@@ -31,43 +32,47 @@ class Envelope:
     @classmethod
     def of(cls, file: FileHandle, first: int, pixels: int, /) -> "Envelope | None":
         """Return the bytes around the pixels, which begin at byte `first` of an open file; None where they are too many."""
-        if not 0 <= file.size - pixels <= LARGEST_BYTES:
+        # what was written since it was opened counts
+        if not 0 <= file.seek(0, os.SEEK_END) - pixels <= LARGEST_BYTES:
             return None
         file.seek(0)
         head = file.read(first)
         file.seek(first + pixels)
         return cls(head, pixels, file.read())
 
-    def read(self, path: Path, out: NDArray[Any], /) -> bool:
-        """Read the pixels of a file into `out` if it has the same bytes around them, and return whether it has.
+    def read(self, path: Path, /, *, shape: tuple[int, ...], dtype: np.dtype[Any]) -> NDArray[Any] | None:
+        """Return the pixels of a file that has the same bytes around as many of them; None of any other.
 
         Raises:
             OSError: it cannot be read.
         """
+        out = np.empty(shape, dtype)
         if out.nbytes != self.pixels:
-            return False
+            return None
         head, tail = bytearray(len(self.head)), bytearray(len(self.tail))
         descriptor = os.open(path, READ_FLAGS)
         try:
             found = os.fstat(descriptor)
             if not stat.S_ISREG(found.st_mode) or found.st_size != len(head) + self.pixels + len(tail):
-                return False
+                return None
             whole = read_parts(descriptor, (memoryview(head), out.data.cast("B"), memoryview(tail)))
             # it may have grown meanwhile
-            return whole and head == self.head and tail == self.tail and not os.read(descriptor, 1)
+            same = whole and head == self.head and tail == self.tail and not os.read(descriptor, 1)
+            return out if same else None
         finally:
             os.close(descriptor)
 
-    def written_as(self, old: bytes, new: bytes, /) -> "Envelope":
-        """Return the envelope with bytes replaced by others of the same length."""
-        return self if old == new else Envelope(self.head.replace(old, new), self.pixels, self.tail.replace(old, new))
+    def around(
+        self, pixels: NDArray[Any], image: memoryview | None, /, *, old: bytes, new: bytes
+    ) -> Sequence[memoryview]:
+        """Return the parts of a file with these bytes around other pixels, `old` ones among them replaced by as many `new` ones.
 
-    def around(self, pixels: NDArray[Any], image: memoryview | None, /) -> Sequence[memoryview]:
-        """Return the parts of a file with these bytes around other pixels: a single one where these lie in an `image` that has a
-        block before them and room for the rest behind."""
+        It is a single part where the pixels lie in an `image` that has a block before them and room for the rest behind.
+        """
+        head, tail = self.head.replace(old, new), self.tail.replace(old, new)
         behind = BLOCK_BYTES + self.pixels
-        if image is None or len(self.head) != BLOCK_BYTES or behind + len(self.tail) > len(image):
-            return memoryview(self.head), pixels.data.cast("B"), memoryview(self.tail)
-        end = behind + len(self.tail)
-        image[:BLOCK_BYTES], image[behind:end] = self.head, self.tail
+        if image is None or len(head) != BLOCK_BYTES or behind + len(tail) > len(image):
+            return memoryview(head), pixels.data.cast("B"), memoryview(tail)
+        end = behind + len(tail)
+        image[:BLOCK_BYTES], image[behind:end] = head, tail
         return (image[:end],)

@@ -3,8 +3,8 @@
 import threading
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
+from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import tifffile
@@ -15,7 +15,6 @@ from cadtof_cli.errors import FrameError
 from cadtof_cli.files.frames import CHANNELS, FrameLayout, Frames
 from cadtof_cli.files.plane_table import plane_table
 from cadtof_cli.files.reading import damage_as_frame_error
-from cadtof_cli.files.tiff.envelope import Envelope
 from cadtof_cli.files.tiff.images import TiffImages
 from cadtof_cli.records import dataclass
 
@@ -27,20 +26,6 @@ class _Stack:
     key: object
     images: TiffImages
     table: NDArray[np.intp]
-
-
-@dataclass(frozen=True)
-class _SingleFrameFile:
-    """A file with a single frame: its shape and type, and the bytes around its pixels."""
-
-    shape: tuple[int, ...]
-    dtype: np.dtype[Any]
-    envelope: Envelope
-
-    def read_like(self, path: Path, /) -> Stored | None:
-        """Return the frame of another such file; None where its bytes differ in more than pixels."""
-        stored = np.empty(self.shape, self.dtype)
-        return stored if self.envelope.read(path, stored) else None
 
 
 class _LastRead(threading.local):
@@ -69,12 +54,12 @@ def open_frames(path: Path, layout: FrameLayout, /) -> Iterator[Frames]:
     with closing(images):
         with damage_as_frame_error(path, "TIFF"):
             envelope = images.envelope(table[0].ravel()) if len(table) == 1 else None
-        like = _SingleFrameFile(shape, images.dtype, envelope) if envelope else None
+        read_like = partial(envelope.read, shape=shape, dtype=images.dtype) if envelope else None
 
         def read(index: int = 0, /) -> Stored:
             return images.planes(table[index].ravel()).reshape(shape)
 
-        yield Frames(len(table), shape, images.dtype, read, like.read_like if like else None)
+        yield Frames(len(table), shape, images.dtype, read, read_like)
 
 
 def _opened(key: object, path: Path, layout: FrameLayout) -> tuple[TiffImages, NDArray[np.intp]]:

@@ -47,24 +47,23 @@ def write_maps(path: Path, maps: DepthMaps, /, *, header: MapHeader) -> Sequence
     """Write the maps to `path`, or return the parts of the file; no date and no random identifier goes in.
 
     Files of maps with the same names and size differ in their pixels, and in the name of the recorded frame, alone: tifffile
-    makes the first two of them, as the header of a lone one is of no further use.
+    makes the first of them.
     """
     maps.pages[-1] = maps.status
     others = {name: text for name, text in header.facts.items() if name != SOURCE}
     source = _marked_source(header)
     kind = (maps.names, maps.pages.shape, others, dict(header.units), len(source))
     if _last.kind == kind and _last.envelope:
-        return _last.envelope.written_as(_last.source, source).around(maps.pages, maps.image)
-    _write_pages(path, maps, header)
-    _last.envelope = _envelope(path, maps) if _last.kind == kind else None
-    _last.kind, _last.source = kind, source
+        return _last.envelope.around(maps.pages, maps.image, old=_last.source, new=source)
+    _last.kind, _last.source, _last.envelope = kind, source, _write_pages(path, maps, header)
     return ()
 
 
-def _write_pages(path: Path, maps: DepthMaps, header: MapHeader) -> None:
+def _write_pages(path: Path, maps: DepthMaps, header: MapHeader) -> Envelope | None:
     """Write a file as tifffile does, all pixels in one run, then the names of the pages into their tags.
 
-    It ends with a whole disk block, as its pixels begin with one: the next files can then be written past the page cache.
+    Return what it has written around the pixels; None where these do not lie in one run, as they are. The file ends with a whole
+    disk block, as its pixels begin with one: the next files can then be written past the page cache.
     """
     names = (*maps.names, STATUS)
     bands = [
@@ -81,11 +80,16 @@ def _write_pages(path: Path, maps: DepthMaps, header: MapHeader) -> None:
         extratags=[(code, _ASCII, None, " ", False) for code in (_PAGE_NAME, _GDAL_METADATA)],
     )
     with tifffile.TiffFile(path, mode="r+") as file:
-        for page, name, band in zip(file.pages, names, bands, strict=True):
+        pages, page_bytes = list(file.pages), maps.status.nbytes
+        for page, name, band in zip(pages, names, bands, strict=True):
             assert isinstance(page, tifffile.TiffPage)
             # tifffile writes what does not fit into the place of the tag to the end of the file
             page.tags[_PAGE_NAME].overwrite(name)
             page.tags[_GDAL_METADATA].overwrite(band if name != STATUS else _at_end_of_block(file.filehandle, band))
+        starts = [page.dataoffsets[0] for page in pages if page.databytecounts == (page_bytes,)]
+        if starts != [pages[0].dataoffsets[0] + place * page_bytes for place in range(len(maps.pages))]:
+            return None
+        return Envelope.of(file.filehandle, starts[0], maps.pages.nbytes)
 
 
 def _at_end_of_block(file: tifffile.FileHandle, text: str) -> str:
@@ -97,16 +101,6 @@ def _at_end_of_block(file: tifffile.FileHandle, text: str) -> str:
     end = file.seek(0, os.SEEK_END)
     file.write(bytes(-(end + len(text) + 1) % BLOCK_BYTES))
     return text
-
-
-def _envelope(path: Path, maps: DepthMaps) -> Envelope | None:
-    """Return what tifffile has written around the pixels of maps; None where these do not lie in one run, as they are."""
-    page_bytes = maps.pages[0].nbytes
-    with tifffile.TiffFile(path) as file:
-        starts = [page.dataoffsets[0] for page in file.pages if page.databytecounts == (page_bytes,)]
-        if not starts or starts != [starts[0] + place * page_bytes for place in range(len(maps.pages))]:
-            return None
-        return Envelope.of(file.filehandle, starts[0], maps.pages.nbytes)
 
 
 def _marked_source(header: MapHeader) -> bytes:

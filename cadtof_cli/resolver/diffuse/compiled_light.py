@@ -54,9 +54,9 @@ class Look:
         return cls(phasor_map, saturated, power, least or 0.0, variances, noise.harmonics, hot, noise.samples)
 
 
-def compiled_looks(stored: Stored, kernel: str, /) -> bool:
-    """Return whether the kernel of that name can look at stored values (H, 2, n)."""
-    return kernel != NUMPY and stored.dtype in STORED_TYPES[:-1] and len(stored) <= MOST_HARMONICS
+def compiled_looks(stored: np.dtype[np.generic], harmonics: int, kernel: str, /) -> bool:
+    """Return whether the kernel of that name can look at stored values of a type, of so many harmonics."""
+    return kernel != NUMPY and stored in STORED_TYPES[:-1] and harmonics <= MOST_HARMONICS
 
 
 def compiled_light(stored: Stored, look: Look, grid: PatchGrid, /, *, kernel: str) -> tuple[Bool, Float32, Float32]:

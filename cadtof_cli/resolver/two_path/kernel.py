@@ -68,12 +68,10 @@ def chosen_kernel() -> str:
     return asked or available[0]
 
 
-def kernel_notes() -> tuple[str, ...]:
-    """Return what a user should know of what runs here: nothing, or that it is slower than it could be."""
-    if chosen_kernel() != NUMPY:
-        return ()
+def numpy_note() -> str:
+    """Return what a user should know where numpy runs: that it is slower than need be, and why it does."""
     why = f"{CHOICE} asks for it" if len(available_kernels()) > 1 else "cadtof was installed without a C compiler"
-    return (f"two paths are resolved by numpy, not by the compiled kernel: the same maps, but slower ({why})",)
+    return f"two paths are resolved by numpy, not by the compiled kernel: the same maps, but slower ({why})"
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -108,6 +106,7 @@ class FrameKernel:
         settings: which paths are asked for, at most two.
         noise: of the pixels, with how many recorded ones each is a mean of.
         count: how many pixels there are.
+        source_type: of the stored values, or phasors.
         kernel: of `available_kernels`, but `numpy`; None: the one chosen for this process.
 
     Raises:
@@ -122,9 +121,10 @@ class FrameKernel:
         settings: ResolverSettings,
         noise: NoiseModel,
         count: int,
+        source_type: np.dtype[np.generic],
         kernel: str | None = None,
     ) -> None:
-        self._scales, self._settings, self._noise, self._count = scales, settings, noise, count
+        self._tail, self._count, self._source_type = scales.tail or (), count, source_type
         self._compiled = extension()
         self._options = (kernel or chosen_kernel(), _ORDERS[_order(settings)], _RETURNS[settings.returns])
         self._stored_shape = (2, count) if scales.phasor_map is None else (2, 2, count)
@@ -141,7 +141,10 @@ class FrameKernel:
             if array is not None:
                 _require_shape(name, array, shape)
         self._arrays = [None if array is None else _as_neighbours(array) for array, _ in arrays.values()]
-        self._constants: tuple[np.dtype[np.generic], Float] | None = None
+        limits = scales.saturated_counts if scales.phasor_map is not None else None
+        metres = scales.metres if isinstance(scales.metres, float) else math.nan
+        light = (metres, scales.volts, scales.most_volts, scales.noise_volts)
+        self._constants = _constants(settings, noise.each, scales.phasor_map, limits, source_type, light)
 
     def fill(self, stored: Stored, /, *, layers: Float32, status: Status, pixels: range | None = None) -> None:
         """Fill `layers` and `status` of the pixels from their stored values.
@@ -159,24 +162,15 @@ class FrameKernel:
         _require_shape("stored", stored, self._stored_shape)
         _require_shape("layers", layers, (7, self._count))
         _require_shape("status", status, (self._count,))
+        if stored.dtype != self._source_type:
+            raise TypeError(f"stored: found {stored.dtype}, expected {self._source_type}")
         start, stop, step = (0, self._count, 1) if pixels is None else (pixels.start, pixels.stop, pixels.step)
-        constants = self._constants_for(stored.dtype)
         stored = _as_neighbours(stored if stored.dtype in STORED_TYPES else stored.astype(np.float64))
         if _as_neighbours(layers) is not layers or _as_neighbours(status) is not status or step != 1:
             raise ValueError("layers, status and pixels: expected neighbours in memory")
         self._compiled.resolve(
-            *self._options, start, stop, constants, stored, *self._arrays, layers, status, self._scales.tail
+            *self._options, start, stop, self._constants, stored, *self._arrays, layers, status, *self._tail
         )
-
-    def _constants_for(self, stored_type: np.dtype[np.generic]) -> Float:
-        if self._constants is None or self._constants[0] != stored_type:
-            scales = self._scales
-            limits = scales.saturated_counts if scales.phasor_map is not None else None
-            metres = scales.metres if isinstance(scales.metres, float) else math.nan
-            light = (metres, scales.volts, scales.most_volts, scales.noise_volts)
-            found = _constants(self._settings, self._noise.each, scales.phasor_map, limits, stored_type, light)
-            self._constants = stored_type, found
-        return self._constants[1]
 
 
 def _require_shape(name: str, array: NDArray[Any], shape: tuple[int, ...]) -> None:

@@ -10,7 +10,7 @@ from cadtof_cli.arrays import Stored
 from cadtof_cli.calibration.parts import PART_KINDS, Origin, Part, PartKind
 from cadtof_cli.calibration.store import Calibration, digest_of, load_calibration, require_absent, save_part
 from cadtof_cli.capture.discovery import find_captures
-from cadtof_cli.capture.frames import Capture, read_stored, single_frames, typical_file
+from cadtof_cli.capture.frames import Capture, read_stored, single_frames
 from cadtof_cli.capture.metadata import Target
 from cadtof_cli.errors import FrameError, SettingsError
 from cadtof_cli.phasors.frame_mean import FrameMean, mean_volts
@@ -70,13 +70,11 @@ def averaged_captures(
     captures = find_captures(inputs, overrides=overrides, settings_file=settings.settings_file)
     captures = _at_distances(captures, settings.distances_m) if settings.distances_m else captures
     _require_same_modulation(captures)
-    progress.total(
-        sum(len(capture.frames) * (one.frames if (one := typical_file(capture)) else 1) for capture in captures)
-    )
+    progress.total(sum(len(one.frames) * (one.typical.frames if one.typical else 1) for one in captures))
     averaged: list[tuple[Capture, FrameMean]] = []
     for capture in captures:
-        if taken := capture.source.defaults_in_words():
-            progress.say(f"{capture.root}: {taken}")
+        if taken := [f"{key} = {value}" for key, value in capture.source.defaulted.items()]:
+            progress.say(f"{capture.root}: not given, so taken from the paper: {', '.join(taken)}")
         mean = mean_volts(_frames(capture, progress), voltage=capture.source.metadata.voltage)
         first, expected = averaged[0] if averaged else (capture, mean)
         if mean.pixels != expected.pixels:
@@ -87,8 +85,7 @@ def averaged_captures(
 
 
 def _frames(capture: Capture, progress: Progress) -> Iterator[Stored]:
-    typical = typical_file(capture)
-    size = typical.pixels if typical else None
+    size = capture.typical.pixels if capture.typical else None
     for source in single_frames(capture):
         stored = read_stored(source, capture.layout, size=size)
         wrong = implausible(stored, capture.source.metadata)

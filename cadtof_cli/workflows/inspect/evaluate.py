@@ -1,7 +1,6 @@
 """`cadtof evaluate`: the maps of a run against truth, beside what the first phasor alone would have said; and over time."""
 
-import csv
-from dataclasses import asdict, dataclass, fields
+from dataclasses import dataclass, fields
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -12,6 +11,7 @@ from numpy.typing import NDArray
 from cadtof_cli.arrays import Float
 from cadtof_cli.errors import OutputError
 from cadtof_cli.files.atomic import atomic_write, require_new
+from cadtof_cli.files.documents import csv_text
 from cadtof_cli.files.formats import EXR, format_by_suffix
 from cadtof_cli.files.maps import read_layers, write_layers
 from cadtof_cli.files.reading import is_folder
@@ -116,12 +116,18 @@ def evaluate_maps(
 def _write_table(path: Path, lines: list[FrameErrors]) -> None:
     """Write a line for each frame: its name, then the figures of the direct path and of the first phasor."""
     names = [field.name for field in fields(DepthErrors)]
-    with atomic_write(path) as temporary, temporary.open("w", encoding="utf-8", newline="") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(["frame", *names, *(f"first_phasor_{name}" for name in names)])
-        for line in lines:
-            first = [None] * len(names) if line.first_phasor is None else asdict(line.first_phasor).values()
-            writer.writerow([line.frame, *asdict(line.direct).values(), *first])
+    none = dict.fromkeys(names)
+    rows = (
+        (
+            line.frame,
+            *vars(line.direct).values(),
+            *(none if line.first_phasor is None else vars(line.first_phasor)).values(),
+        )
+        for line in lines
+    )
+    with atomic_write(path) as temporary:
+        text = csv_text(("frame", *names, *(f"first_phasor_{name}" for name in names)), rows)
+        temporary.write_text(text, encoding="utf-8", newline="")
 
 
 def scatter_over_time(maps: Path, out: Path, /, *, progress: Progress, overwrite: bool) -> Scatter:

@@ -4,6 +4,7 @@ It is given all that the resolver is given: the same calibration, the same means
 beside the maps of a run it has no answer where they have none.
 """
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
@@ -43,7 +44,7 @@ def first_phasor_depth(
     """
     settings = replace(plan.settings, resolver=replace(plan.settings.resolver, mpi_model="discrete"))
     pixels = prepare_frame(frame, plan=replace(plan, settings=settings), calibration=calibration)
-    stages, everywhere = frame_stages(plan, calibration, pixels.dtype, pixels.size), slice(0, pixels.count)
+    stages, everywhere = frame_stages(plan, calibration, pixels.dtype, pixels.size), slice(0, math.prod(pixels.size))
     response = stages.correction.response
     phase = first_phase(stages.phasors(pixels)[0], response=response.block(everywhere) if response else None)
     phase = without_offset(phase, stages.depth.phase_offset_rad(everywhere))

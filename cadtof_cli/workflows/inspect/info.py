@@ -4,13 +4,14 @@ import math
 from collections.abc import Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from cadtof_cli.capture.discovery import find_captures
-from cadtof_cli.capture.frames import Capture, lossy_compression, single_frames, typical_file
+from cadtof_cli.capture.frames import Capture, lossy_compression, single_frames
 from cadtof_cli.capture.metadata import KEYS, Layout
 from cadtof_cli.capture.planes import guessed_layout, hint_of_planes
 from cadtof_cli.errors import CadtofError
@@ -22,7 +23,6 @@ from cadtof_cli.units import unambiguous_range_m
 from cadtof_cli.workflows.inspect.facts import (
     CalibrationFacts,
     FrameFacts,
-    LookTask,
     MapFacts,
     facts_of_calibration,
     facts_of_frame,
@@ -118,26 +118,24 @@ def _capture_facts(capture: Capture, workers: Workers, progress: Progress) -> Ca
     for key in KEYS:
         value = getattr(getattr(metadata, key.table), key.name)
         facts.metadata[key.path] = {"value": value, "from": capture.source.origins[key.path]}
-    typical = typical_file(capture)
+    typical = capture.typical
     if typical is None and (hint := hint_of_planes(capture)):
         facts.problems.append(hint)
         facts.guessed_layout = guessed_layout(capture)
         return facts
     if typical is not None:
-        facts.lossy_compression = lossy_compression(capture.frames[0], capture.layout, typical.dtype)
-    tasks = (
-        LookTask(source, capture.layout, metadata, typical.pixels if typical else None)
-        for source in single_frames(capture)
-    )
-    with closing(run_ordered(facts_of_frame, tasks, workers=workers)) as outcomes:
+        facts.lossy_compression = lossy_compression(typical.source, capture.layout, typical.dtype)
+    pixels = typical.pixels if typical else None
+    look = partial(facts_of_frame, layout=capture.layout, metadata=metadata, pixels=pixels)
+    with closing(run_ordered(look, single_frames(capture), workers=workers)) as outcomes:
         implausible: list[str] = []
         for outcome in outcomes:
             result = outcome.result
             if isinstance(result, WorkerDied):
-                result = FrameFacts(problem=f"{outcome.task.source}: the process that read it died, twice")
+                result = FrameFacts(problem=f"{outcome.task}: the process that read it died, twice")
             facts.add(result)
             if result.implausible is not None:
-                implausible.append(f"{outcome.task.source}: {result.implausible}")
+                implausible.append(f"{outcome.task}: {result.implausible}")
             progress.advance()
     if implausible:
         more = f" (and {len(implausible) - 1} frames more)" if len(implausible) > 1 else ""

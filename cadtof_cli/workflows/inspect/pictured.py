@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cadtof_cli.capture.discovery import find_captures, with_relative_names
+from cadtof_cli.capture.discovery import find_placed_captures
 from cadtof_cli.capture.frames import Capture, FrameSource, open_frames, single_frames
 from cadtof_cli.capture.toml import FILE_NAME as CAPTURE_FILE
 from cadtof_cli.errors import CadtofError, SettingsError
@@ -48,8 +48,7 @@ def pictured(inputs: Sequence[Path], /) -> Iterator[Pictured]:
                 name = run.name(file) if len(inputs) == 1 or path.is_dir() else f"{file.parent.name}/{file.stem}"
                 yield Pictured(name, _MapReader(run, file), DIRECT_DEPTH, run, file)
             continue
-        captures = find_captures([path], overrides={}, recursive=path.is_dir())
-        for capture in with_relative_names(captures, [path])[0]:
+        for capture in find_placed_captures([path], recursive=path.is_dir())[0]:
             for source in single_frames(capture):
                 yield Pictured(source.name, _FrameReader(capture, source), LIGHT)
 

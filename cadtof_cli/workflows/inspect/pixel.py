@@ -8,7 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from cadtof_cli.capture.discovery import find_captures
 from cadtof_cli.errors import CaptureError, SettingsError
+from cadtof_cli.files.documents import plain
 from cadtof_cli.files.maps import STATUS, DepthMaps
 from cadtof_cli.frame_plan import FramePlan
 from cadtof_cli.maps.layers import DIRECT_DEPTH
@@ -22,7 +24,7 @@ from cadtof_cli.resolver.status import StatusBit, describe_status
 from cadtof_cli.units import metres_per_radian
 from cadtof_cli.workflows.progress import Progress
 from cadtof_cli.workflows.resolve.frame_task import FrameTask, read_frame
-from cadtof_cli.workflows.resolve.plans import find_named_captures, plan_captures, use_calibration
+from cadtof_cli.workflows.resolve.plans import plan_captures, use_calibration
 from cadtof_cli.workflows.resolve.settings import ResolveSettings
 
 NEIGHBOURS = 2
@@ -99,25 +101,26 @@ def inspect_pixel(
         "status": list(describe_status(status)),
         "neighbours_m": _neighbours(resolved.maps, x, y),
     }
-    return InspectedPixel(_without_nan(document), evidence, evidence.noise.harmonics)
+    return InspectedPixel(plain(document), evidence, evidence.noise.harmonics)
 
 
 def _task(
     frame: Path, place: int, settings: ResolveSettings, overrides: Mapping[str, Any], progress: Progress
 ) -> tuple[FrameTask, str]:
     """Return the task that a run would have for a map, and the frame's name."""
-    captures, _ = find_named_captures([frame], settings, overrides)
+    captures = find_captures(
+        [frame], overrides=overrides, settings_file=settings.settings_file, recursive=settings.recursive
+    )
     if len(captures) > 1:
         raise CaptureError(f"{frame}: found {len(captures)} captures, expected a frame or one capture")
     calibration = use_calibration(settings.calibration, captures) if settings.calibration else None
     (plan,) = plan_captures(captures, settings, calibration)
     for note in (*plan.notes(), *(calibration.notes if calibration else ())):
         progress.say(note)
-    average = settings.maps.average
-    sources = tuple(itertools.islice(plan.frames(settings), place * average, (place + 1) * average))
-    if not sources:
+    task = next(itertools.islice(plan.tasks(settings), place, None), None)
+    if task is None:
         raise SettingsError(f"--frame: found {place}, expected a map that a run on {frame} would write, from 0")
-    return FrameTask(sources, plan.capture.layout, plan.plan, plan.pixels, settings.out), str(sources[0])
+    return task, str(task.sources[0])
 
 
 def _noise(noise: NoiseModel, evidence: PixelEvidence, plan: FramePlan) -> dict[str, Any]:
@@ -183,12 +186,3 @@ def _neighbours(maps: DepthMaps, x: int, y: int) -> list[list[float]]:
     around = np.pad(maps.layer(DIRECT_DEPTH), NEIGHBOURS, constant_values=np.nan)
     side = 2 * NEIGHBOURS + 1
     return [[float(value) for value in row] for row in around[y : y + side, x : x + side]]
-
-
-def _without_nan(value: Any) -> Any:
-    """Return JSON with null where a number is not finite."""
-    if isinstance(value, dict):
-        return {key: _without_nan(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_without_nan(item) for item in value]
-    return None if isinstance(value, float) and not np.isfinite(value) else value

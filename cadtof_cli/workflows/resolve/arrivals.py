@@ -5,12 +5,12 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from cadtof_cli.capture.discovery import absolute
+from cadtof_cli.capture.discovery import absolute, find_placed_captures
 from cadtof_cli.capture.frames import Capture
 from cadtof_cli.errors import CadtofError, OutputError
 from cadtof_cli.files.reading import is_folder
 from cadtof_cli.workflows.frame_report import FrameReport
-from cadtof_cli.workflows.resolve.plans import AppliedCalibration, CapturePlan, find_named_captures, plan_captures
+from cadtof_cli.workflows.resolve.plans import AppliedCalibration, CapturePlan, plan_captures
 from cadtof_cli.workflows.resolve.settings import ResolveSettings
 
 
@@ -58,7 +58,13 @@ class Arrivals:
         found: list[CapturePlan] = []
         for folder, named in _by_folder(paths).items():
             try:
-                captures, _ = find_named_captures(named, self.settings, self.overrides, base=self.base)
+                captures, _ = find_placed_captures(
+                    named,
+                    overrides=self.overrides,
+                    settings_file=self.settings.settings_file,
+                    recursive=self.settings.recursive,
+                    base=self.base,
+                )
                 if not last:
                     captures, waiting = without_incomplete_frames(captures, named, self.settings)
                     self.waiting += waiting

@@ -13,9 +13,8 @@ from cadtof_cli.execution.outcome import Later
 from cadtof_cli.execution.workers import keep_freed_memory
 from cadtof_cli.files.digest import Digest, content_digest, file_digest
 from cadtof_cli.files.frames import FrameLayout, NotAFrameError
-from cadtof_cli.files.maps import SOURCE, DepthMaps, MapHeader, stage_maps
-from cadtof_cli.frame_plan import DEPTH_IN_WORDS, FramePlan
-from cadtof_cli.last_call import same_as_last
+from cadtof_cli.files.maps import DepthMaps, stage_maps
+from cadtof_cli.frame_plan import FramePlan
 from cadtof_cli.phasors.frame_mean import FrameMean, frame_mean
 from cadtof_cli.phasors.plausible import implausible
 from cadtof_cli.pipeline import ResolvedFrame, resolve_frame
@@ -164,7 +163,7 @@ def written(task: FrameTask, resolved: ResolvedFrame, recording: Recording, /, *
     """
     maps, counts = answered_maps(resolved, task.plan, source=task.sources[0])
     note = _why_again(task) if task.resume else None
-    header = map_header(task.plan, source_name(task.sources[0]))
+    header = task.plan.header.of_frame(source_name(task.sources[0]))
     file, output_digest = stage_maps(task.output, maps, header=header, token=task.token)
     reasons = [recording.left_out] if recording.left_out else []
     if resolved.noise_estimated:
@@ -208,24 +207,6 @@ def answered_maps(resolved: ResolvedFrame, plan: FramePlan, /, *, source: object
 def source_name(source: FrameSource, /) -> str:
     """Return the name of a recorded frame that holds wherever its folder lies."""
     return f"{source.paths[0].name}{'' if source.index is None else f'[{source.index}]'}"
-
-
-def map_header(plan: FramePlan, source: str, /) -> MapHeader:
-    """Return the header of the maps of a recorded frame."""
-    return _header_of_all(plan).of_frame(source)
-
-
-@same_as_last
-def _header_of_all(plan: FramePlan) -> MapHeader:
-    """Return what the headers of all maps of a plan say."""
-    facts = {
-        "depth": DEPTH_IN_WORDS[plan.settings.depth],
-        "periods_ns": ", ".join(f"{period:g}" for period in plan.metadata.modulation.periods_ns),
-        SOURCE: "",
-    }
-    if plan.calibration is not None:
-        facts["calibration"] = plan.calibration.digest
-    return MapHeader({layer.name: layer.unit for layer in plan.layers}, facts)
 
 
 def kept_maps(task: FrameTask, /, *, began: float) -> FrameReport | None:

@@ -5,24 +5,16 @@ from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from cadtof_cli.capture.discovery import find_captures, with_relative_names
-from cadtof_cli.capture.frames import (
-    Capture,
-    FrameSource,
-    file_size,
-    lossy_compression,
-    open_frames,
-    single_frames,
-    typical_file,
-)
+from cadtof_cli.capture.frames import Capture, FrameSource, file_size, lossy_compression, open_frames, single_frames
 from cadtof_cli.errors import CaptureError, FrameError, SettingsError
 from cadtof_cli.files.formats import map_format
 from cadtof_cli.frame_plan import CalibrationUse, FramePlan
 from cadtof_cli.phasors.noise import noise_model
 from cadtof_cli.phasors.plausible import implausible
-from cadtof_cli.phasors.voltages import volts_per_count
 from cadtof_cli.records import dataclass
 from cadtof_cli.units import counted
+from cadtof_cli.workflows.frame_report import FrameReport
+from cadtof_cli.workflows.resolve.frame_task import FrameTask
 from cadtof_cli.workflows.resolve.settings import ResolveSettings
 
 if TYPE_CHECKING:
@@ -69,16 +61,30 @@ class CapturePlan:
             frames = len(range(*settings.frames.indices(frames)))
         return -(-frames // self.plan.settings.average)
 
-    def frames(
-        self, settings: ResolveSettings, /, *, taken: Callable[[], Collection[str]] | None = None
-    ) -> Iterator[FrameSource]:
-        """Yield the frames that are to be resolved, a stack's one by one, see `single_frames`."""
-        chosen = settings.frames or slice(None)
-        return itertools.islice(single_frames(self.capture, taken=taken), chosen.start, chosen.stop, chosen.step)
+    def tasks(
+        self,
+        settings: ResolveSettings,
+        /,
+        *,
+        taken: Callable[[], Collection[str]] | None = None,
+        before: Callable[[Path], FrameReport | None] = lambda _: None,
+        token: str = "",
+    ) -> Iterator[FrameTask]:
+        """Yield a task for each file of maps that is to be made, of a stack's frames one by one (see `single_frames`).
 
-    def output(self, source: FrameSource, settings: ResolveSettings, /) -> Path:
-        """Return the file that the maps of a frame are written into."""
-        return settings.out / f"{source.name}.{map_format(settings.map_format, source.paths[0]).name}"
+        Args:
+            settings: of the run.
+            taken: names that no frame of a stack may get.
+            before: returns what an earlier run recorded of the maps that lie at a place.
+            token: marks temporary files.
+        """
+        chosen, layout = settings.frames or slice(None), self.capture.layout
+        frames = itertools.islice(single_frames(self.capture, taken=taken), chosen.start, chosen.stop, chosen.step)
+        while sources := tuple(itertools.islice(frames, settings.maps.average)):
+            form = map_format(settings.map_format, sources[0].paths[0])
+            output = settings.out / f"{sources[0].name}.{form.name}"
+            earlier = before(output) if settings.resume else None
+            yield FrameTask(sources, layout, self.plan, self.pixels, output, settings.resume, earlier, token)
 
     def load_map_files(self, settings: ResolveSettings, /) -> None:
         """Load the module that writes the maps of most frames, before any is to be written."""
@@ -99,8 +105,9 @@ class CapturePlan:
         source, root = self.capture.source, self.capture.root
         if source.file is not None and source.file.parent != root:
             yield f"{root}: settings of {source.file}"
-        if taken := source.defaults_in_words():
-            yield f"{root}: {taken}"
+        taken = [f"{key} = {value}" for key, value in source.defaulted.items()]
+        if taken:
+            yield f"{root}: not given, so taken from the paper: {', '.join(taken)}"
         if source.metadata.pixel.integration_length is None:
             yield f"{root}: pixel.integration_length is not given, so the noise is estimated from each frame"
         if self.lossy_compression is not None:
@@ -111,23 +118,6 @@ class CapturePlan:
         resolver, harmonics = self.plan.settings.resolver, source.metadata.modulation.harmonics
         if resolver.may_be_diffuse(harmonics) and source.metadata.optics.focal_length_px is None:
             yield f"{root}: optics.focal_length_px is not given, so diffuse MPI is predicted for a view of 60° across"
-
-
-def find_named_captures(
-    inputs: Sequence[Path], settings: ResolveSettings, overrides: Mapping[str, Any], /, *, base: Path | None = None
-) -> tuple[tuple[Capture, ...], Path]:
-    """Return the captures among the inputs, named by where they lie below a folder, and that folder.
-
-    Args:
-        inputs: folders and files.
-        settings: say how to look for them.
-        overrides: metadata by dotted key that goes before any `capture.toml`.
-        base: the folder; None: the deepest that all inputs lie in.
-    """
-    captures = find_captures(
-        inputs, overrides=overrides, settings_file=settings.settings_file, recursive=settings.recursive
-    )
-    return with_relative_names(captures, inputs, base=base)
 
 
 def plan_captures(
@@ -143,8 +133,8 @@ def plan_captures(
     use = calibration.use if calibration else None
     plans: list[CapturePlan] = []
     for capture in captures:
-        metadata, typical = capture.source.metadata, typical_file(capture)
-        plan = FramePlan(metadata=metadata, settings=settings.maps, calibration=use)
+        typical = capture.typical
+        plan = FramePlan(metadata=capture.source.metadata, settings=settings.maps, calibration=use)
         if typical is None:
             from cadtof_cli.capture.planes import hint_of_planes
 
@@ -153,30 +143,30 @@ def plan_captures(
             plans.append(CapturePlan(capture, plan, None))
             continue
         of_one = max(typical.bytes / typical.frames, 1.0) if typical.frames > 1 else None
-        settings.maps.require_roi_within(typical.pixels, of=str(capture.root))
-        try:
-            volts_per_count(metadata.voltage, typical.dtype)
-        except SettingsError as error:
-            raise SettingsError(f"{capture.root}: {error}") from error
-        sound = _plausible_frame(capture)
+        if settings.maps.roi:
+            settings.maps.require_roi_within(typical.pixels, of=str(capture.root))
+        sound = _plausible_frame(capture, typical.source)
         lossy = lossy_compression(sound, capture.layout, typical.dtype)
         plans.append(CapturePlan(capture, plan, typical.pixels, of_one, lossy))
     return plans
 
 
-def _plausible_frame(capture: Capture) -> FrameSource:
-    """Return a frame whose stored values can be voltages: the first; where they cannot, the middle or the last.
+def _plausible_frame(capture: Capture, typical: FrameSource) -> FrameSource:
+    """Return a frame whose stored values can be voltages: a typical one; where they cannot, the first, middle or last.
 
     Raises:
-        FrameError: in none of them they can, so it is not the frame that is wrong.
+        SettingsError: they are integers, and nothing says how many volts a count is.
+        FrameError: in none of them they can be voltages, so it is not the frame that is wrong.
     """
     wrong: list[str] = []
-    for source in dict.fromkeys(capture.frames[place] for place in (0, len(capture.frames) // 2, -1)):
+    for source in dict.fromkeys((typical, *(capture.frames[place] for place in (0, len(capture.frames) // 2, -1)))):
         try:
             with open_frames(source, capture.layout) as frames:
                 found = implausible(frames.read(), capture.source.metadata)
         except FrameError:
             continue
+        except SettingsError as error:
+            raise SettingsError(f"{capture.root}: {error}") from error
         if found is None:
             return source
         wrong.append(f"{source}: {found}")
@@ -185,10 +175,8 @@ def _plausible_frame(capture: Capture) -> FrameSource:
     return capture.frames[0]
 
 
-def slow_notes(plans: Sequence[CapturePlan], settings: ResolveSettings, /) -> Iterator[str]:
+def pooling_notes(plans: Sequence[CapturePlan], settings: ResolveSettings, /) -> Iterator[str]:
     """Yield a note on how long a run will take, where pooling makes it long: the progress bar shows nothing for a while."""
-    if settings.maps.pool == 1:
-        return
     pooling = sum(one.expected_maps(settings) * one.pooling_seconds() for one in plans)
     maps = sum(one.expected_maps(settings) for one in plans)
     seconds = pooling / max(min(settings.workers.jobs, maps), 1)
@@ -211,8 +199,7 @@ def use_calibration(folder: Path, captures: Sequence[Capture], /) -> AppliedCali
 
     calibration = load_calibration(folder)
     for capture in captures:
-        typical = typical_file(capture)
-        calibration.require_match(capture.source.metadata, typical.pixels if typical else None)
+        calibration.require_match(capture.source.metadata, capture.typical.pixels if capture.typical else None)
     digests = calibration.digests
     parts: dict[str, Mapping[str, Any]] = {
         part.kind: {

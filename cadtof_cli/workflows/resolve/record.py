@@ -43,9 +43,9 @@ def run_document(
             "digest": calibration.use.digest,
             "applied": dict(calibration.parts),
             "absolute_folder": str(folder.absolute()),
-            "folder_from_out": _from_out(folder, settings.out),
+            "folder_from_out": os.path.relpath(folder, settings.out),
         }
-    return {
+    document = {
         "cadtof": __version__,
         "started": datetime.now(UTC).isoformat(timespec="seconds"),
         "finished": False,
@@ -53,7 +53,7 @@ def run_document(
         "arguments": {
             "inputs": [str(path) for path in inputs],
             "absolute_inputs": [str(path.absolute()) for path in inputs],
-            "inputs_from_out": [_from_out(path, settings.out) for path in inputs],
+            "inputs_from_out": [os.path.relpath(path, settings.out) for path in inputs],
             "resolved_inputs": [real_path(path) for path in inputs],
             "out": str(settings.out),
             **asdict(maps.resolver),
@@ -69,11 +69,13 @@ def run_document(
             "frames": settings.frames and [settings.frames.start, settings.frames.stop],
             "overrides": dict(overrides),
         },
-        "captures": [_as_json(one) for one in plans],
+        "captures": list[dict[str, Any]](),
         "calibration": applied,
-        "layers": {layer.name: layer.unit for one in plans for layer in one.plan.layers},
+        "layers": {name: unit for one in plans for name, unit in one.plan.header.units.items()},
         "status_bits": {bit.name: int(bit) for bit in MEANING},
     }
+    record_captures(document, plans)
+    return document
 
 
 def recorded_arrivals(
@@ -83,14 +85,9 @@ def recorded_arrivals(
     for paths in batches:
         document["arguments"]["inputs"] += map(str, paths)
         document["arguments"]["absolute_inputs"] += (str(path.absolute()) for path in paths)
-        document["arguments"]["inputs_from_out"] += (_from_out(path, out) for path in paths)
+        document["arguments"]["inputs_from_out"] += (os.path.relpath(path, out) for path in paths)
         document["arguments"]["resolved_inputs"] += map(real_path, paths)
         yield paths
-
-
-def _from_out(path: Path, out: Path) -> str:
-    """Return the path of an input relative to the run's folder: still valid after both have been moved."""
-    return os.path.relpath(path.absolute(), out.absolute())
 
 
 def record_captures(document: Mapping[str, Any], plans: Iterable[CapturePlan]) -> None:
@@ -99,21 +96,16 @@ def record_captures(document: Mapping[str, Any], plans: Iterable[CapturePlan]) -
         capture = one.capture
         known = next((entry for entry in document["captures"] if entry["root"] == str(capture.root)), None)
         if known is None:
-            document["captures"].append(_as_json(one))
-        else:
-            known["files"] += len(capture.frames)
-
-
-def _as_json(plan: CapturePlan) -> dict[str, Any]:
-    capture = plan.capture
-    return {
-        "root": str(capture.root),
-        "resolved_root": real_path(capture.root),
-        "files": len(capture.frames),
-        "metadata": asdict(capture.source.metadata),
-        "origins": dict(capture.source.origins),
-        "lossy_compression": plan.lossy_compression,
-    }
+            known = {
+                "root": str(capture.root),
+                "resolved_root": real_path(capture.root),
+                "files": 0,
+                "metadata": asdict(capture.source.metadata),
+                "origins": dict(capture.source.origins),
+                "lossy_compression": one.lossy_compression,
+            }
+            document["captures"].append(known)
+        known["files"] += len(capture.frames)
 
 
 class RunRecorder:
@@ -153,8 +145,8 @@ class RunRecorder:
         self._totals.add(line)
         text = json.dumps(line.as_json()).encode() + b"\n"
         try:
-            place = self._known_place(line.output)
-            if report.line is None or place is None or self._line_at(place) != text:
+            place = self._known_place(line.output) if report.line else None
+            if place is None or self._line_at(place) != text:
                 self._require_there()
                 place = self._append(text)
         except OSError as error:
@@ -164,7 +156,7 @@ class RunRecorder:
 
     def _known_place(self, output: str | None) -> int | None:
         """Return where the earlier run's line about a frame begins, by the place of its maps; None where there is none."""
-        return self._before.get(_place_in(self._out, Path(output or ""))) if self._before else None
+        return self._before.get(_place_in(self._out, Path(output or "")))
 
     def _append(self, text: bytes) -> int:
         """Write a line behind the others, whole or not at all, and return its place."""

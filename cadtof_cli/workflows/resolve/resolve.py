@@ -1,22 +1,23 @@
 """`cadtof resolve`: captures in, one map file a frame out, with a record of the run beside them."""
 
-import itertools
 import math
 import os
 import time
 from collections import Counter
 from collections.abc import Callable, Collection, Generator, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Any
 
+from cadtof_cli.capture.discovery import find_placed_captures
 from cadtof_cli.capture.frames import Capture, frame_names
 from cadtof_cli.errors import RunStoppedError
 from cadtof_cli.execution.ordered import Outcome, WorkerDied, run_ordered
 from cadtof_cli.execution.workers import LOCAL
 from cadtof_cli.files.atomic import PARTIAL_SUFFIX, make_folder, remove_partial_files, writing
-from cadtof_cli.resolver.two_path.kernel import kernel_notes
+from cadtof_cli.resolver.two_path.kernel import NUMPY, numpy_note
 from cadtof_cli.units import counted
 from cadtof_cli.workflows.frame_report import ALREADY_THERE, FrameReport, RunTotals
 from cadtof_cli.workflows.progress import NO_PROGRESS, Progress
@@ -26,9 +27,8 @@ from cadtof_cli.workflows.resolve.frame_task import FrameTask, resolve_file
 from cadtof_cli.workflows.resolve.output import locked, prepare_output, require_nothing_replaced, require_own_places
 from cadtof_cli.workflows.resolve.plans import (
     CapturePlan,
-    find_named_captures,
     plan_captures,
-    slow_notes,
+    pooling_notes,
     use_calibration,
 )
 from cadtof_cli.workflows.resolve.record import (
@@ -69,7 +69,9 @@ def resolve_captures(
     Raises:
         CadtofError: nothing can be resolved: an input, the metadata, the settings or the output folder is at fault.
     """
-    captures, base = find_named_captures(inputs, settings, overrides)
+    captures, base = find_placed_captures(
+        inputs, overrides=overrides, settings_file=settings.settings_file, recursive=settings.recursive
+    )
     captures, waiting = (captures, []) if arriving is None else without_incomplete_frames(captures, inputs, settings)
     calibration = use_calibration(settings.calibration, captures) if settings.calibration else None
     plans = plan_captures(captures, settings, calibration)
@@ -80,9 +82,11 @@ def resolve_captures(
     make_folder(settings.out)
     with locked(settings.out):
         resumed = prepare_output(settings.out, captures, document, settings=settings, arriving=arriving is not None)
-        of_calibration = calibration.notes if calibration else ()
-        of_captures = (note for one in plans for note in one.notes())
-        for note in (*of_captures, *of_calibration, *kernel_notes(), *slow_notes(plans, settings)):
+        notes = [note for one in plans for note in one.notes()]
+        notes += calibration.notes if calibration else ()
+        notes += [numpy_note()] if document["kernel"] == NUMPY else []
+        notes += pooling_notes(plans, settings) if settings.maps.pool > 1 else ()
+        for note in notes:
             progress.say(note)
         token = os.urandom(8).hex()
         try:
@@ -113,53 +117,50 @@ def _dry_run(
         require_nothing_replaced(settings.out, captures)
     totals = RunTotals()
     for one in plans:
-        frames = one.frames(settings, taken=partial(frame_names, captures))
-        for source in itertools.islice(frames, 0, None, settings.maps.average):
-            output = one.output(source, settings)
-            report = FrameReport(str(source), str(output), "ok", None, 0.0)
-            if settings.resume and output.exists():
-                report = FrameReport(str(source), None, "skipped", f"{output} {ALREADY_THERE}", 0.0)
+        for task in one.tasks(settings, taken=partial(frame_names, captures)):
+            report = task.report("ok", None, 0.0)
+            if settings.resume and task.output.exists():
+                report = task.report("skipped", f"{task.output} {ALREADY_THERE}", 0.0)
             totals.add(report)
             on_frame(report)
     return totals
 
 
+@dataclass
 class _Run:
-    """A run that goes on: what has become of its frames."""
+    """A run that goes on: what it is told, and what has become of its frames, of which so many are `expected`."""
 
-    def __init__(
-        self,
-        settings: ResolveSettings,
-        progress: Progress,
-        on_frame: Callable[[FrameReport], None],
-        token: str,
-    ) -> None:
-        self._settings, self._progress, self._on_frame, self._token = settings, progress, on_frame, token
-        self._expected, self._totals, self._began = 0, RunTotals(), time.monotonic()
-        self._noted: Counter[str] = Counter()
-        self.record: RunRecorder
+    settings: ResolveSettings
+    progress: Progress
+    on_frame: Callable[[FrameReport], None]
+    token: str
+    record: RunRecorder = field(init=False)
+    expected: int = 0
+    totals: RunTotals = field(default_factory=RunTotals)
+    noted: Counter[str] = field(default_factory=Counter)
+    began: float = field(default_factory=time.monotonic)
 
     def outcomes(
         self, plans: Sequence[CapturePlan], taken: Callable[[], Collection[str]]
     ) -> Generator[Outcome[FrameTask, FrameReport], None, None]:
         """Return a generator of what becomes of the frames of some captures; a cluster that is meant to do it is connected to."""
-        expected, workers = [one.expected_maps(self._settings) for one in plans], self._settings.workers
+        expected, workers = [one.expected_maps(self.settings) for one in plans], self.settings.workers
         tasks = self._tasks(plans, expected, taken)
-        if sum(expected) < workers.processes and _are_worth_splitting(plans, self._settings):
+        if sum(expected) < workers.processes and _are_worth_splitting(plans, self.settings):
             return split_frames.resolve_split(tasks, workers=workers)
-        for one in plans:
-            # a process that is forked has it then
-            one.load_map_files(self._settings)
         # no process is started for which there is no frame
         workers = workers.at_most(max(sum(expected), 1))
+        for one in plans if workers.jobs > 1 else ():
+            # a process that is forked has it then
+            one.load_map_files(self.settings)
         probe = None if workers.scheduler == LOCAL else self._probe()
         shared = [part for one in plans for part in (one.plan, one.capture.layout)]
-        return run_ordered(resolve_file, tasks, workers=workers, shared=shared, probe=probe, say=self._progress.say)
+        return run_ordered(resolve_file, tasks, workers=workers, shared=shared, probe=probe, say=self.progress.say)
 
     def _probe(self) -> Path:
         """Make a file in the run's folder that is removed with what is half-written, for workers of a cluster to look for."""
-        probe = self._settings.out / f".cluster.{self._token}{PARTIAL_SUFFIX}"
-        probe.write_text(self._token)
+        probe = self.settings.out / f".cluster.{self.token}{PARTIAL_SUFFIX}"
+        probe.write_text(self.token)
         return probe
 
     def report_all(self, outcomes: Generator[Outcome[FrameTask, FrameReport], None, None]) -> None:
@@ -177,64 +178,51 @@ class _Run:
 
     def report(self, report: FrameReport) -> None:
         """Record, count and show what has become of a frame."""
-        self._totals.add(report)
+        self.totals.add(report)
         if report.note is not None:
             why = report.note.rpartition(": ")[2]
-            self._noted[why] += 1
-            if self._noted[why] <= _NOTES_OF_A_KIND:
-                self._progress.say(report.note)
+            self.noted[why] += 1
+            if self.noted[why] <= _NOTES_OF_A_KIND:
+                self.progress.say(report.note)
         self.record.add(report)
-        self._on_frame(report)
+        self.on_frame(report)
         if report.stops:
             raise RunStoppedError(
-                f"{self._settings.out}: takes no more maps, so the run stopped there, {counted(self._totals.ok, 'frame')}"
+                f"{self.settings.out}: takes no more maps, so the run stopped there, {counted(self.totals.ok, 'frame')}"
                 " resolved; mend that and go on with --resume"
             )
-        self._progress.advance()
+        self.progress.advance()
 
     def finish(self) -> RunTotals:
         """Complete the record, and return what has become of the frames in this run."""
-        for why, count in self._noted.items():
+        for why, count in self.noted.items():
             if count > _NOTES_OF_A_KIND:
-                self._progress.say(f"{self._settings.out}: {count - _NOTES_OF_A_KIND} maps more: {why}")
-        self._totals.seconds = round(time.monotonic() - self._began, 3)
-        self.record.finish(self._totals.seconds)
-        return self._totals
+                self.progress.say(f"{self.settings.out}: {count - _NOTES_OF_A_KIND} maps more: {why}")
+        self.totals.seconds = round(time.monotonic() - self.began, 3)
+        self.record.finish(self.totals.seconds)
+        return self.totals
 
     def _tasks(
         self, plans: Sequence[CapturePlan], expected: Sequence[int], taken: Callable[[], Collection[str]]
     ) -> Iterator[FrameTask]:
         """Yield tasks, so many of each plan as far as is known; they are drawn as places for them come free."""
-        settings = self._settings
         self._expect(sum(expected))
         for one, count in zip(plans, expected, strict=True):
-            waiting = one.frames(settings, taken=taken)
-            for number in itertools.count(1):
-                sources = tuple(itertools.islice(waiting, settings.maps.average))
-                if not sources:
-                    self._expect(min(number - 1 - count, 0))
-                    break
+            number = 0
+            tasks = one.tasks(self.settings, taken=taken, before=self.record.before, token=self.token)
+            for number, task in enumerate(tasks, start=1):
                 if number > count:
                     self._expect(1)
-                output = one.output(sources[0], settings)
-                if "/" in sources[0].name:
-                    with writing(output.parent):
-                        output.parent.mkdir(parents=True, exist_ok=True)
-                yield FrameTask(
-                    sources,
-                    one.capture.layout,
-                    one.plan,
-                    one.pixels,
-                    output,
-                    resume=settings.resume,
-                    before=self.record.before(output) if settings.resume else None,
-                    token=self._token,
-                )
+                if "/" in task.sources[0].name:
+                    with writing(task.output.parent):
+                        task.output.parent.mkdir(parents=True, exist_ok=True)
+                yield task
+            self._expect(min(number - count, 0))
 
     def _expect(self, more: int) -> None:
         """There will be so many files of maps more, or fewer, as far as is known."""
-        self._expected += more
-        self._progress.total(self._expected)
+        self.expected += more
+        self.progress.total(self.expected)
 
 
 def _lost(worker: WorkerDied) -> str:
