@@ -5,6 +5,7 @@ import sysconfig
 from pathlib import Path
 
 from setuptools import Extension, setup
+from setuptools.command.bdist_wheel import bdist_wheel
 from setuptools.command.build_ext import build_ext
 from setuptools.dist import Distribution
 
@@ -53,6 +54,7 @@ COMPILED = {
     ),
     "resolver/likelihood/_search": (
         "../_buffers.h",
+        "../_calls.h",
         "../_instruction_sets.h",
         "../_module.h",
         "_scan.h",
@@ -71,6 +73,20 @@ class BuildWithFlags(build_ext):
         """Build one extension."""
         ext.extra_compile_args = MSVC_FLAGS if self.compiler.compiler_type == "msvc" else UNIX_FLAGS
         super().build_extension(ext)
+
+
+class WheelOfWhatWasBuilt(bdist_wheel):
+    """A wheel for any system where no extension was built, as numpy does the work everywhere; else one for this system."""
+
+    def run(self) -> None:
+        """Build, and see what has come of it, before the wheel is named."""
+        self.run_command("build")
+        built = self.get_finalized_command("build_ext")
+        if not any(Path(built.get_ext_fullpath(ext.name)).exists() for ext in self.distribution.ext_modules):
+            self.announce("no extension was built: the wheel is one for any system, and numpy does the work", level=3)
+            self.distribution.ext_modules = []
+            self.root_is_pure = True
+        super().run()
 
 
 class InstallManPages(Distribution().get_command_class("install_data")):
@@ -105,6 +121,6 @@ def extension(path: str, headers: tuple[str, ...]) -> Extension:
 setup(
     data_files=[("share/man/man1", [])],
     ext_modules=[extension(path, headers) for path, headers in COMPILED.items()],
-    cmdclass={"build_ext": BuildWithFlags, "install_data": InstallManPages},
+    cmdclass={"bdist_wheel": WheelOfWhatWasBuilt, "build_ext": BuildWithFlags, "install_data": InstallManPages},
     options={} if FREE_THREADED else {"bdist_wheel": {"py_limited_api": "cp311"}},
 )

@@ -1,6 +1,6 @@
 """The figures of docs/diffuse.md: predicted tails against rendered ones, and whether sigma is true, by room.
 
-`python scripts/render_rooms.py ROOMS --seeds 17000-17029 --width 160 --light-paths 256`, then
+`python scripts/render_rooms.py ROOMS --seeds 19000-19029 --width 160 --light-paths 256`, then
 `python scripts/diffuse_figures.py ROOMS --out docs` writes diffuse_tail.png (the first room with two and with three
 harmonics) and diffuse_sigma.png (all rooms). The errors of one room are drawn by `scripts/diffuse_accuracy.py --figure`.
 """

@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 
-from cadtof_cli.capture.metadata import CaptureMetadata, Modulation
+from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Optics
 from cadtof_cli.errors import SettingsError
 from cadtof_cli.frame_plan import FramePlan, MapSettings
 
@@ -15,8 +15,11 @@ def test_what_nobody_chooses() -> None:
 
 
 @pytest.mark.parametrize("options", [{"min_confidence_v": 0.0}, {"pool": 3}, {"average": 1}, {"depth": "z"}])
-def test_what_is_just_possible_is_taken(options: dict[str, Any]) -> None:
-    MapSettings(**options)
+def test_what_is_just_possible_reaches_the_plan(options: dict[str, Any]) -> None:
+    optics = Optics(focal_length_px=28.0)
+    plan = FramePlan(metadata=CaptureMetadata(optics=optics), settings=MapSettings(**options))
+    assert {name: getattr(plan.settings, name) for name in options} == options
+    assert plan.resolver.min_confidence == options.get("min_confidence_v")
 
 
 @pytest.mark.parametrize(

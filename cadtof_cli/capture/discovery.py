@@ -67,7 +67,10 @@ def find_captures(
             names = _images(there, source)
             if not names and (below := list(_below(root, source_of))):
                 others = _first_names(str(one.root) for one in below)
-                raise CaptureError(f"{root}: no frames in this folder; captures below it: {others}; add --recursive")
+                raise CaptureError(
+                    f"{root}: no frames in this folder; captures below it: {others}; name one of them, or"
+                    " add --recursive to resolve or info"
+                )
         else:
             # a shell that expands cap/* hands over the metadata too
             there = list(dict.fromkeys(path.absolute().relative_to(root.absolute()).as_posix() for path in group))

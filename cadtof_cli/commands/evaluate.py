@@ -1,9 +1,10 @@
 """`cadtof evaluate`."""
 
 import json
+from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -25,7 +26,12 @@ _FILE = click.Path(path_type=Path)
     )
 )
 @click.argument("maps", type=_FILE, metavar="OUT")
-@click.option("--truth", type=_FILE, help="File of the true depths: a layer direct.depth in metres.")
+@click.option(
+    "--truth",
+    type=_FILE,
+    help="File of the true depths: a layer direct.depth in metres. Or a folder with such a file, truth.exr, for each capture, "
+    "in the same tree as OUT.",
+)
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object on stdout instead of the table.")
 @click.option(
     "--max-median",
@@ -53,10 +59,10 @@ def evaluate(
 ) -> int:
     """Compare the direct depth, and the depth of the first phasor alone, with the true depth.
 
-    OUT is the folder that `cadtof resolve` wrote, or one map file. All frames are compared with the same truth. Pixels without
-    truth do not count; `valid` is the share of the others that have an answer. The last two columns are the shares of errors
-    within one and two predicted standard deviations: 68 % and 95 % if the prediction is right and errors are Gaussian. The
-    first phasor gets the same calibration as the run and is evaluated at the same pixels.
+    OUT is the folder that `cadtof resolve` wrote, or one map file. All frames of a capture are compared with the same truth.
+    Pixels without truth do not count; `valid` is the share of the others that have an answer. The last two columns are the
+    shares of errors within one and two predicted standard deviations: 68 % and 95 % if the prediction is right and errors are
+    Gaussian. The first phasor gets the same calibration as the run and is evaluated at the same pixels.
 
     \b
     Exit status:
@@ -70,17 +76,16 @@ def evaluate(
         )
     from cadtof_cli.workflows.inspect.evaluate import evaluate_maps, scatter_over_time
 
-    scatter, evaluation = None, None
+    evaluation, found = None, dict[str, Any]()
+    lines: list[str] = []
     with progress_bar("evaluating", "maps", quiet=False) as bar:
         if over_time is not None:
             scatter = scatter_over_time(maps, over_time, progress=bar, overwrite=overwrite)
+            found["over_time"], lines = asdict(scatter), [_scatter_line(scatter, over_time)]
         if truth is not None:
             evaluation = evaluate_maps(maps, truth=truth, progress=bar, table=table, overwrite=overwrite)
-    if as_json:
-        over = {} if scatter is None else {"over_time": asdict(scatter)}
-        tell(json.dumps((asdict(evaluation) if evaluation else {}) | over))
-    else:
-        tell("\n".join((*_table(evaluation), *_scatter_line(scatter, over_time))))
+            found, lines = asdict(evaluation) | found, [*_table(evaluation), *lines]
+    tell(json.dumps(found) if as_json else "\n".join(lines))
     return 1 if evaluation and max_median is not None and _fails(evaluation, max_median) else 0
 
 
@@ -94,27 +99,19 @@ def _fails(evaluation: "Evaluation", max_median: float) -> bool:
     return True
 
 
-def _table(evaluation: "Evaluation | None") -> tuple[str, ...]:
-    if evaluation is None:
-        return ()
-    titles = "".join(f"{title:>10}" for title in ("median", "90 %", "RMSE", "bias", "valid", "in 1 σ", "in 2 σ"))
-    lines = [f"{'error, cm':14}{titles}   (median and 90 % of |error|; {counted(evaluation.frames, 'frame')})"]
+def _table(evaluation: "Evaluation") -> Iterator[str]:
+    from cadtof_cli.maps.evaluation import ERROR_TITLES
+
+    titles = "".join(f"{title:>10}" for title in ERROR_TITLES)
+    yield f"{'error, cm':14}{titles}   (median and 90 % of |error|; {counted(evaluation.frames, 'frame')})"
     for title, errors in (("first phasor", evaluation.first_phasor), ("direct path", evaluation.direct)):
         if errors is not None:
-            figures = (errors.median_cm, errors.p90_cm, errors.rmse_cm, errors.bias_cm)
-            shown = "".join(f"{'–' if figure is None else f'{figure:.2f}':>10}" for figure in figures)
-            shares = (errors.valid, errors.within_1_sigma, errors.within_2_sigma)
-            shown += "".join(f"{'–' if share is None else f'{share:.1%}':>10}" for share in shares)
-            lines.append(f"{title:14}{shown}")
-    return tuple(lines)
+            yield f"{title:14}{''.join(f'{shown:>10}' for shown in errors.in_words)}"
 
 
-def _scatter_line(scatter: "Scatter | None", path: Path | None) -> tuple[str, ...]:
-    if scatter is None:
-        return ()
+def _scatter_line(scatter: "Scatter", path: Path) -> str:
     std, sigma = (
         "–" if value is None else f"{value:.2f} cm" for value in (scatter.median_std_cm, scatter.median_sigma_cm)
     )
-    return (
-        f"over {counted(scatter.frames, 'frame')}: direct depth scatters by {std} at the median pixel, predicted {sigma}; {path}",
-    )
+    frames = counted(scatter.frames, "frame")
+    return f"over {frames}: direct depth scatters by {std} at the median pixel, predicted {sigma}; {path}"

@@ -24,6 +24,7 @@ from cadtof_cli.execution.workers import Workers
 @click.command(cls=SectionedCommand, epilog=example("cadtof info sample_data/corner"))
 @click.argument("inputs", nargs=-1, required=True, metavar="INPUT...")
 @RecordOptions("workers", Workers, jobs_option("Processes that read frames"))
+@click.option("-r", "--recursive", is_flag=True, help="Also search all folders below each INPUT.")
 @settings_option()
 @click.option(
     "--write-settings",
@@ -43,6 +44,7 @@ from cadtof_cli.execution.workers import Workers
 def info(
     inputs: tuple[str, ...],
     workers: Workers,
+    recursive: bool,
     settings_file: Path | None,
     write_settings: bool,
     out: Path | None,
@@ -72,7 +74,12 @@ def info(
 
     with progress_bar("reading", "frames", quiet=False) as bar:
         found = look_into(
-            input_paths(inputs), overrides=overrides, settings_file=settings_file, workers=workers, progress=bar
+            input_paths(inputs),
+            overrides=overrides,
+            workers=workers,
+            progress=bar,
+            settings_file=settings_file,
+            recursive=recursive,
         )
     for facts in found:
         kind, lines = shown[type(facts)]

@@ -8,6 +8,9 @@ from numpy.typing import NDArray
 from cadtof_cli.arrays import Float, Float32
 from cadtof_cli.maps.comparison import MagnitudeTally
 
+ERROR_TITLES = ("median", "90 %", "RMSE", "bias", "valid", "in 1 σ", "in 2 σ")
+"""Of the columns of a table of errors; the first two are of |error|."""
+
 
 @dataclass(frozen=True)
 class DepthErrors:
@@ -24,6 +27,16 @@ class DepthErrors:
     valid: float
     within_1_sigma: float | None = None
     within_2_sigma: float | None = None
+
+    @property
+    def in_words(self) -> tuple[str, ...]:
+        """The figures as people read them, in the order of `ERROR_TITLES`."""
+        figures = (self.median_cm, self.p90_cm, self.rmse_cm, self.bias_cm)
+        shares = (self.valid, self.within_1_sigma, self.within_2_sigma)
+        return (
+            *("–" if figure is None else f"{figure:.2f}" for figure in figures),
+            *("–" if share is None else f"{share:.1%}" for share in shares),
+        )
 
 
 class ErrorTally:

@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import PurePosixPath
 
+from cadtof_cli.maps.evaluation import ERROR_TITLES, DepthErrors
 from cadtof_cli.report.frames import EmbeddedFrame, EmbeddedLayer
 from cadtof_cli.report.markup import EMPTY, Markup, element, joined, table
 from cadtof_cli.units import counted
@@ -45,7 +46,7 @@ class PageText:
         facts: titles and values of the totals.
         pixels: of all frames, counted by what became of them.
         notes: what the reader should know before anything else.
-        errors: lines of the table of errors against truth; empty without truth.
+        errors: against truth, by what they are of; empty without truth.
         frames: of the run.
         settings: tables of names, values and where these come from, by their captions.
     """
@@ -55,7 +56,7 @@ class PageText:
     facts: Sequence[tuple[str, str]] = ()
     pixels: Mapping[str, int] = field(default_factory=dict)
     notes: Sequence[str] = ()
-    errors: Sequence[Sequence[str]] = ()
+    errors: Mapping[str, DepthErrors] = field(default_factory=dict)
     frames: Sequence[FrameLine] = ()
     settings: Mapping[str, Sequence[tuple[str, str, str]]] = field(default_factory=dict)
 
@@ -66,10 +67,9 @@ def summary(page: PageText, /) -> Markup:
     facts = (element("div", element("dt", title), element("dd", value)) for title, value in page.facts)
     errors = EMPTY
     if page.errors:
-        head = ("error, cm", "median", "90 %", "RMSE", "bias", "valid", "in 1 σ", "in 2 σ")
-        errors = table(
-            head, page.errors, caption="Depth against truth (median and 90 % of |error|)", numbers=range(1, 8)
-        )
+        rows = [(title, *(shown.replace("%", " %") for shown in one.in_words)) for title, one in page.errors.items()]
+        caption = "Depth against truth (median and 90 % of |error|)"
+        errors = table(("error, cm", *ERROR_TITLES), rows, caption=caption, numbers=range(1, 8))
     return joined((*notes, element("dl", *facts, class_="facts"), _shares(page.pixels), errors))
 
 

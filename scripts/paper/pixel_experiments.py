@@ -11,10 +11,11 @@ from matplotlib.figure import Figure
 
 from cadtof_cli.execution.workers import Workers
 from cadtof_cli.figures.pixel_evolution import plot_histogram, plot_phase, plot_voltages
+from cadtof_cli.files.documents import write_rows
 from cadtof_cli.simulation.pixel.averaging import Averaging
 from cadtof_cli.simulation.pixel.mix import Condition
 from cadtof_cli.simulation.pixel.pixel import PixelModel, evolution
-from cadtof_cli.workflows.simulate.simulate import simulate_pixel, write_rows
+from cadtof_cli.workflows.simulate.simulate import simulate_pixel
 from cadtof_cli.workflows.simulate.sweep import SweepCell, SweepSettings, rows, sweep, table_text
 from cadtof_cli.workflows.simulate.trials import Trials
 from paper.effort import SEED, Effort

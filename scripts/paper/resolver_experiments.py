@@ -13,12 +13,13 @@ from numpy.typing import NDArray
 from cadtof_cli.execution.workers import Workers
 from cadtof_cli.figures.pixel_evolution import DIRECT_COLOUR, MPI_COLOUR, plot_histogram
 from cadtof_cli.figures.sweep_maps import draw_path_maps
+from cadtof_cli.files.documents import write_rows
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.simulation.pixel.averaging import Averaging
 from cadtof_cli.simulation.pixel.mix import Condition
 from cadtof_cli.simulation.pixel.pixel import PixelModel, evolution
 from cadtof_cli.workflows.simulate.outcome import TrialsSummary, summary
-from cadtof_cli.workflows.simulate.simulate import simulate_pixel, write_rows
+from cadtof_cli.workflows.simulate.simulate import simulate_pixel
 from cadtof_cli.workflows.simulate.sweep import SweepCell, SweepSettings, rows, sweep, table_text
 from cadtof_cli.workflows.simulate.trials import Recordings, Trials, recordings
 from paper.effort import SEED, Effort

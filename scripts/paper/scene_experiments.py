@@ -8,6 +8,7 @@ from matplotlib.figure import Figure
 from cadtof_cli.arrays import Float
 from cadtof_cli.capture.metadata import CaptureMetadata, Pixel
 from cadtof_cli.execution.workers import Workers
+from cadtof_cli.files.documents import write_rows
 from cadtof_cli.frame_plan import FramePlan, MapSettings
 from cadtof_cli.maps.layers import DIRECT_DEPTH
 from cadtof_cli.pipeline import resolve_frame
@@ -17,7 +18,6 @@ from cadtof_cli.simulation.scene.exposure import Band, Exposure, frame_voltages
 from cadtof_cli.simulation.scene.light import Scene
 from cadtof_cli.simulation.scene.scenes import Corner, InterReflection
 from cadtof_cli.workflows.simulate.record import expose
-from cadtof_cli.workflows.simulate.simulate import write_rows
 from paper.effort import SEED, Effort
 
 ROW = 120

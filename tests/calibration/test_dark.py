@@ -93,6 +93,16 @@ def test_noise_is_an_outlier_from_twice_or_half_that_of_the_array_on(ratio: floa
     assert dark.noise_v[0, 0].mean() == pytest.approx(NOISE_V, rel=0.02)
 
 
+@pytest.mark.parametrize(("ratio", "defect"), [(20.5, 0), (21.0, Defect.NOISE), (1.1e-9, 0), (0.9e-9, Defect.DEAD)])
+def test_of_three_frames_a_variance_may_be_what_a_pixel_in_a_thousand_million_has(ratio: float, defect: int) -> None:
+    """It is exponential then, with ln 2 as its median: above −ln 1e-9 = 20.7 times it once in so many, or below 1e-9."""
+    variance = np.full((2, 2, 6, 8), np.log(2.0) * NOISE_V**2)
+    variance[1, 0, 2, 3] = ratio * NOISE_V**2
+    mean = FrameMean(np.zeros(variance.shape), None, np.dtype(np.float64), 3, variance)
+    origin = Origin(captures=("dark",), frames=3, pixels=(6, 8), periods_ns=(40.0, 20.0), waveform="sine")
+    assert fit_dark(mean, origin=origin).defects[2, 3] == defect
+
+
 def test_chance_makes_no_outlier_of_few_frames() -> None:
     """By three frames one in ten thousand pixels has a ninth of the variance or less: they are no outliers."""
     frames = np.random.default_rng(8).normal(0.0, NOISE_V, (3, 2, 2, 100, 100))

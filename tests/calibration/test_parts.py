@@ -1,5 +1,9 @@
 """Where a part comes from, the maps it is stored as, and what goes wrong with the parts of a folder."""
 
+import hashlib
+import json
+import re
+import tomllib
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -15,6 +19,7 @@ from cadtof_cli.calibration.response import ResponseCalibration
 from cadtof_cli.calibration.store import Calibration, cached_calibration, digest_of, load_calibration, save_part
 from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Voltage
 from cadtof_cli.errors import MetadataError, OutputError, SettingsError
+from cadtof_cli.files.maps import read_layers
 from cadtof_cli.phasors.response import HarmonicResponse
 from tests.support.calibrations import PETZVAL_QUALITY, RESPONSE_QUALITY
 
@@ -146,6 +151,34 @@ def test_the_digest_tells_every_change_and_no_other(tmp_path: Path) -> None:
     assert cached_calibration(tmp_path, found.digest).digest == found.digest
     with pytest.raises(MetadataError, match="changed during the run"):
         cached_calibration(tmp_path, "0" * 16)
+
+
+def test_a_digest_can_be_reckoned_from_the_files(tmp_path: Path) -> None:
+    """So that one made by an earlier version holds: the TOML file as sorted JSON without it, then every plane by name."""
+    save_part(tmp_path, dark())
+    document = tomllib.loads((tmp_path / "dark.toml").read_text())
+    recorded = document["part"].pop("digest")
+    digest = hashlib.sha256(json.dumps(document, sort_keys=True).encode())
+    for name, plane in sorted(read_layers(tmp_path / "dark.exr").items()):
+        digest.update(name.encode() + plane.tobytes())
+    assert recorded == digest.hexdigest()[:16]
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "said"),
+    [
+        ("frames = 3", "frames = 0", "not a dark calibration: found 0 frames of"),
+        ("frames = 3", "", "not a dark calibration: key 'frames' is missing"),
+        ("pixels = [", "pixels = 7 # [", "its keys, or the kinds of their values, are others"),
+    ],
+)
+def test_what_is_wrong_with_a_part_is_said(before: str, after: str, said: str, tmp_path: Path) -> None:
+    save_part(tmp_path, dark())
+    text = (tmp_path / "dark.toml").read_text()
+    assert before in text
+    (tmp_path / "dark.toml").write_text(text.replace(before, after))
+    with pytest.raises(MetadataError, match=re.escape(said)):
+        load_calibration(tmp_path)
 
 
 def test_maps_that_are_cut_off_cannot_be_read(tmp_path: Path) -> None:

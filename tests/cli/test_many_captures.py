@@ -1,5 +1,6 @@
 """Several captures in one run, as a shell names them: one record, and OUT mirrors the tree that they lie in."""
 
+import csv
 import json
 import os
 import select
@@ -11,6 +12,7 @@ import numpy as np
 import pytest
 import tifffile
 
+from cadtof_cli.files.maps import write_layers
 from tests.support.captures import TOML, layers_of, record, write_frame
 from tests.support.forward import step_frame
 from tests.support.needed import needed_program
@@ -86,7 +88,7 @@ def test_a_lone_capture_lies_in_out_itself(tree: Path) -> None:
 def test_a_folder_of_captures_names_them(tree: Path) -> None:
     done = shell("cadtof resolve rec -o out", tree)
     assert (done.status, done.out) == (2, "")
-    assert "captures below it: rec/a, rec/b/one, rec/b/two; add --recursive" in done.err
+    assert "captures below it: rec/a, rec/b/one, rec/b/two; name one of them" in done.err
     done = shell("cadtof resolve -r rec/notes -o out", tree)
     assert done.status == 2
     assert "no frames in it or in any folder below it" in done.err
@@ -191,3 +193,30 @@ def test_inotifywait_follows_a_camera(tmp_path: Path) -> None:
     done = shell(script, tmp_path)
     assert [json.loads(line)["source"] for line in done.out.splitlines()] == ["cam/frame_1.tif", "cam/frame_2.tif"]
     assert _maps(tmp_path / "live") == ["frame_1.tif", "frame_2.tif"]
+
+
+def test_each_capture_is_held_against_the_truth_of_its_own(tree: Path) -> None:
+    assert shell("cadtof resolve -r rec -o out -j 1", tree).status == 0
+    # rec/b holds for both captures below it
+    for place, map_of, error_m in (("a", "a/frame_0.tif", 0.01), ("b", "b/one/frame_0.tif", 0.03)):
+        depth = layers_of(tree / "out" / map_of)["direct.depth"]
+        write_layers(tree / "rec" / place / "truth.exr", {"direct.depth": depth - np.float32(error_m)})
+    done = shell("cadtof evaluate out --truth rec --csv errors.csv", tree)
+    assert (done.status, done.err) == (0, "")
+    with (tree / "errors.csv").open() as file:
+        medians = {line["frame"]: float(line["median_cm"]) for line in csv.DictReader(file)}
+    assert [medians["a/frame_0"], medians["b/one/frame_0"]] == pytest.approx([1.0, 3.0], abs=1e-3)
+    # the same scene, other noise
+    assert medians["b/two/frame_0"] == pytest.approx(3.0, abs=0.1)
+    one = shell("cadtof evaluate out --truth rec/a/truth.exr", tree)
+    assert "rec/a/truth.exr: the frames of 3 captures are held against it alone" in one.err
+    (tree / "rec" / "a" / "truth.exr").unlink()
+    done = shell("cadtof evaluate out --truth rec", tree)
+    assert done.status == 2
+    assert "rec/a: found no truth of a/frame_0, expected a file truth.exr there" in done.err
+
+
+def test_info_looks_into_a_tree(tree: Path) -> None:
+    done = shell("cadtof info -r rec --json", tree)
+    assert done.status == 0, done.err
+    assert [json.loads(line)["root"] for line in done.out.splitlines()] == ["rec/a", "rec/b/one", "rec/b/two"]

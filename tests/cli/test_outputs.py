@@ -43,6 +43,7 @@ def test_out_may_not_be_written_into(tmp_path: Path) -> None:
     _refused(done, f"{out}: expected a folder that can be written into: Permission denied")
     done = without_privilege("resolve", capture.folder, "-o", out / "deeper")
     _refused(done, f"{out / 'deeper'}: expected a folder that can be written into: Permission denied")
+    assert not list(out.iterdir())
 
 
 def test_out_holds_recorded_frames(tmp_path: Path) -> None:
@@ -81,6 +82,7 @@ def test_a_map_of_a_stack_is_not_replaced_either(tmp_path: Path) -> None:
     out.mkdir()
     (out / "frame_0_0001.tif").write_text("mine")
     _refused(cadtof("resolve", capture.folder, "-o", out, "-j", 1), f"{out}: frame_0_0001.tif would be replaced")
+    assert _files(out) == {"frame_0_0001.tif": b"mine"}
 
 
 def test_other_files_in_out_stay(tmp_path: Path) -> None:
@@ -219,6 +221,7 @@ def test_a_disk_that_is_read_only(small_disk: Path, tmp_path: Path) -> None:
     out = small_disk / "out"
     done = cadtof("resolve", capture.folder, "-o", out, "-j", 1)
     _refused(done, f"{out}: expected a folder that can be written into: Read-only file system")
+    assert not out.exists()
 
 
 def test_a_reader_that_goes_away_is_no_error(tmp_path: Path) -> None:

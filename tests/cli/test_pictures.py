@@ -23,6 +23,9 @@ from tests.support.run_cadtof import cadtof
 
 HOSTILE = "$a$_{b}^2 $\\frac$ 深度 ☃ new\nline \\x"
 
+SHOWN_HOSTILE = r"$a$_{b}^2 $\frac$ \u{6df1}\u{5ea6} ☃ new\nline \x"
+"""How a picture shows it: what its font lacks, and the end of a line, are escaped."""
+
 
 @pytest.fixture(scope="module")
 def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
@@ -103,7 +106,16 @@ def test_the_picture_of_walls_is_whole(figures: list[Figure], tmp_path: Path) ->
     flat = wall_range_m(Optics(focal_length_px=28.0, principal_point_px=(15.0, 11.0)), (24, 32), distance_m=2.0)
     walls = [WallSection(name, flat + petzval.range_offset_m, 2.0, (0.0, 0.0)) for name in ("wall", HOSTILE)]
     draw_petzval(walls, petzval, tmp_path / "a.png")
-    _require_whole(figures[0])
+    (figure,) = figures
+    _require_whole(figure)
+    # a row a wall: along the middle row, and over ρ; a fit of the very wall leaves nothing
+    titles = [axes.get_title() for axes in figure.axes]
+    assert titles == ["wall: rows 9 to 13", "wall", f"{SHOWN_HOSTILE}: rows 9 to 13", SHOWN_HOSTILE]
+    for radial in (figure.axes[1], figure.axes[3]):
+        _, after, curve = radial.get_lines()
+        medians = np.asarray(after.get_ydata(), np.float64)
+        np.testing.assert_allclose(medians[np.isfinite(medians)], 0.0, atol=1e-9)
+        assert np.ptp(np.asarray(curve.get_ydata(), np.float64)) > 1.0
 
 
 def _require_whole(figure: Figure) -> None:

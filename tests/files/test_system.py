@@ -218,3 +218,40 @@ def test_what_not_every_system_has_is_asked_for_in_one_place() -> None:
     }
     # signals are not files; a worker's death with its parent is Linux's
     assert asking == {"files/system.py", "execution/workers.py", "cli.py"}
+
+
+_IMPORT_ALL = """
+import importlib, pkgutil
+import cadtof_cli
+names = [found.name for found in pkgutil.walk_packages(cadtof_cli.__path__, "cadtof_cli.")]
+kept = [name for name in names if not name.endswith("__main__") and ".execution.cluster" not in name]
+for name in kept:
+    importlib.import_module(name)
+print(len(kept))
+"""
+
+
+def test_every_module_is_imported_elsewhere() -> None:
+    """All but those of the cluster, which are distributed's matter."""
+    done = subprocess.run(
+        [sys.executable, "-c", _IMPORT_ALL], env=ELSEWHERE, capture_output=True, text=True, timeout=120, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    assert int(done.stdout) > 150
+
+
+def test_commands_work_elsewhere(tmp_path: Path) -> None:
+    capture, maps = tmp_path / "capture", tmp_path / "maps"
+    size = ("--frames", 2, "--width", 32, "--height", 24)
+    for arguments in (
+        ("--help",),
+        ("simulate", "--scene", "card", "-o", capture, *size),
+        ("resolve", capture, "-o", maps, "-j", 2),
+        ("info", capture, maps),
+        ("evaluate", maps, "--truth", capture / "truth.exr"),
+        ("report", maps, "-o", tmp_path / "page.html"),
+        ("export", maps, "-o", tmp_path / "points.ply"),
+    ):
+        done = elsewhere(*arguments)
+        assert done.status == 0, done.err
+    assert len(list(maps.glob("*.tif"))) == 2

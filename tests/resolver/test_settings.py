@@ -16,20 +16,22 @@ def test_what_nobody_chooses() -> None:
 
 
 @pytest.mark.parametrize(
-    "options",
+    ("options", "most"),
     [
-        {"paths": 1, "order": "1"},
-        {"starts": 1, "seed": 0},
-        {"min_return_ratio": 0.0},
-        {"min_return_ratio": 1.0},
-        {"false_alarm": 1e-12},
-        {"false_alarm": 0.999},
-        {"paths": 3, "order": "3"},
-        {"solver": "lm", "paths": 2, "order": "2"},
+        ({"paths": 1, "order": "1"}, 1),
+        ({"starts": 1, "seed": 0}, 2),
+        ({"min_return_ratio": 0.0}, 2),
+        ({"min_return_ratio": 1.0}, 2),
+        ({"false_alarm": 1e-12}, 2),
+        ({"false_alarm": 0.999}, 2),
+        ({"paths": 3, "order": "3"}, 3),
+        ({"solver": "lm", "paths": 2, "order": "2"}, 2),
     ],
 )
-def test_what_is_just_possible_is_taken(options: dict[str, Any]) -> None:
-    ResolverSettings(**options)
+def test_what_is_just_possible_is_taken_as_it_is(options: dict[str, Any], most: int) -> None:
+    chosen = ResolverSettings(**options)
+    assert {name: getattr(chosen, name) for name in options} == options
+    assert chosen.max_paths == most
 
 
 @pytest.mark.parametrize(

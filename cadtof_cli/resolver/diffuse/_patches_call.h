@@ -22,7 +22,7 @@ static PyObject *slopes_checked(const Level *level, const void *none, const Py_b
     const int64_t all = patches * harmonics;
     const int64_t expected[SLOPE_BUFFERS] = {harmonics, harmonics, harmonics, 5 * patches, all, all, all, all, all, 3 * all,
                                              2 * STATES * all};
-    if (!fit_call(SLOPE_BUFFER, view, SLOPE_BUFFERS, TOTAL, expected)) return NULL;
+    if (!fit_call(SLOPE_BUFFER, view, SLOPE_BUFFERS, expected)) return NULL;
     const Slopes slopes = {
         .number = view[NUMBER].buf,
         .rad_per_ns = view[RAD_PER_NS].buf,
@@ -46,12 +46,7 @@ static PyObject *slopes_checked(const Level *level, const void *none, const Py_b
 
 static PyObject *tail_slopes(PyObject *module, PyObject *arguments) {
     (void)module;
-    const char *name;
-    PyObject *object[SLOPE_BUFFERS];
-    if (!PyArg_ParseTuple(arguments, "sOOOOOOOOOOO", &name, &object[0], &object[1], &object[2], &object[3], &object[4], &object[5],
-                          &object[6], &object[7], &object[8], &object[9], &object[10]))
-        return NULL;
-    return with_buffers(name, SLOPE_BUFFER, SLOPE_BUFFERS, object, slopes_checked, NULL);
+    return with_buffers(arguments, SLOPE_BUFFER, SLOPE_BUFFERS, slopes_checked, NULL, "");
 }
 
 enum { PATCH_DATA, PATCH_ERROR, WITHIN, PATTERN, PATCH_VALUES, JACOBIAN, STATE, LINEAR, ROOM, SPREAD, STEP_OUT, FURTHER, LAST_OUT, STEP_BUFFERS };
@@ -80,11 +75,13 @@ static int step_fits(enum step step, const Py_buffer *view, int64_t data, int64_
     const int64_t expected[STEP_BUFFERS] = {
         data * patches, square, STATES, STATES * patches, values * patches, STATES * values * patches, STATES * patches,
         data * patches, STATES, STATES * STATES, answer[step][0], answer[step][1], answer[step][2]};
-    return fit_call(STEP_BUFFER, view, STEP_BUFFERS, STEP_OUT, expected);
+    return fit_call(STEP_BUFFER, view, STEP_BUFFERS, expected);
 }
 
 static PyObject *step_checked(const Level *level, const void *options, const Py_buffer *view) {
-    const enum step step = (enum step)*(const int *)options;
+    const int asked = *(const int *)options;
+    if (asked < SAID || asked > POSTERIOR) return PyErr_Format(PyExc_ValueError, "found step %d, expected 0, 1 or 2", asked);
+    const enum step step = (enum step)asked;
     const int64_t patches = values_in(&view[PATTERN]) / STATES, data = patches ? values_in(&view[PATCH_DATA]) / patches : 2;
     if (!is_of_patches(patches, data / 2 + 1) || !step_fits(step, view, data / 2 * 2, patches)) return NULL;
     const Steps steps = {
@@ -113,12 +110,6 @@ static PyObject *step_checked(const Level *level, const void *options, const Py_
 
 static PyObject *step_patches(PyObject *module, PyObject *arguments) {
     (void)module;
-    const char *name;
-    int step;
-    PyObject *object[STEP_BUFFERS];
-    if (!PyArg_ParseTuple(arguments, "siOOOOOOOOOOOOO", &name, &step, &object[0], &object[1], &object[2], &object[3], &object[4],
-                          &object[5], &object[6], &object[7], &object[8], &object[9], &object[10], &object[11], &object[12]))
-        return NULL;
-    if (step < SAID || step > POSTERIOR) return PyErr_Format(PyExc_ValueError, "found step %d, expected 0, 1 or 2", step);
-    return with_buffers(name, STEP_BUFFER, STEP_BUFFERS, object, step_checked, &step);
+    int step = 0;
+    return with_buffers(arguments, STEP_BUFFER, STEP_BUFFERS, step_checked, &step, "i", &step);
 }

@@ -7,7 +7,7 @@ static PyObject *form_factors_checked(const Level *level, const void *options, c
     const float rad_per_m = *(const float *)options;
     const int64_t sources = values_in(&view[PAIR_AREA]), onto = sources ? values_in(&view[FACING]) / sources : 0;
     const int64_t pairs = onto * sources, expected[PAIR_BUFFERS] = {pairs, sources, pairs, pairs};
-    if (!fit_call(PAIR_BUFFER, view, PAIR_BUFFERS, OVER, expected)) return NULL;
+    if (!fit_call(PAIR_BUFFER, view, PAIR_BUFFERS, expected)) return NULL;
     const Pairs all = {view[FACING].buf, view[PAIR_AREA].buf, view[OVER].buf, view[SQUARE].buf, rad_per_m, onto, sources};
     Py_BEGIN_ALLOW_THREADS
     level->form_factors(&all);
@@ -17,11 +17,8 @@ static PyObject *form_factors_checked(const Level *level, const void *options, c
 
 static PyObject *form_factors(PyObject *module, PyObject *arguments) {
     (void)module;
-    const char *name;
-    float rad_per_m;
-    PyObject *object[PAIR_BUFFERS];
-    if (!PyArg_ParseTuple(arguments, "sfOOOO", &name, &rad_per_m, &object[0], &object[1], &object[2], &object[3])) return NULL;
-    return with_buffers(name, PAIR_BUFFER, PAIR_BUFFERS, object, form_factors_checked, &rad_per_m);
+    float rad_per_m = 0.0f;
+    return with_buffers(arguments, PAIR_BUFFER, PAIR_BUFFERS, form_factors_checked, &rad_per_m, "f", &rad_per_m);
 }
 
 enum { FORM, ALBEDO, PAIR_COSINES, PAIR_SINES, KERNEL_OUT, TURN_OUT, KERNEL_BUFFERS };
@@ -33,7 +30,7 @@ static PyObject *light_kernel_checked(const Level *level, const void *none, cons
     (void)none;
     const int64_t sources = values_in(&view[ALBEDO]), onto = sources ? values_in(&view[FORM]) / sources : 0;
     const int64_t pairs = onto * sources, expected[KERNEL_BUFFERS] = {pairs, sources, pairs, pairs, pairs, pairs};
-    if (!fit_call(KERNEL_BUFFER, view, KERNEL_BUFFERS, KERNEL_OUT, expected)) return NULL;
+    if (!fit_call(KERNEL_BUFFER, view, KERNEL_BUFFERS, expected)) return NULL;
     const LightKernel all = {view[FORM].buf,       view[ALBEDO].buf,   view[PAIR_COSINES].buf, view[PAIR_SINES].buf,
                              view[KERNEL_OUT].buf, view[TURN_OUT].buf, onto,                   sources};
     Py_BEGIN_ALLOW_THREADS
@@ -44,9 +41,5 @@ static PyObject *light_kernel_checked(const Level *level, const void *none, cons
 
 static PyObject *light_kernel(PyObject *module, PyObject *arguments) {
     (void)module;
-    const char *name;
-    PyObject *object[KERNEL_BUFFERS];
-    if (!PyArg_ParseTuple(arguments, "sOOOOOO", &name, &object[0], &object[1], &object[2], &object[3], &object[4], &object[5]))
-        return NULL;
-    return with_buffers(name, KERNEL_BUFFER, KERNEL_BUFFERS, object, light_kernel_checked, NULL);
+    return with_buffers(arguments, KERNEL_BUFFER, KERNEL_BUFFERS, light_kernel_checked, NULL, "");
 }

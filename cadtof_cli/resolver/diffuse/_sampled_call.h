@@ -27,7 +27,7 @@ static PyObject *look_checked(const Level *level, const void *none, const Py_buf
     const int64_t own = values_in(&view[LOOK_OWN]) == planes ? planes : planes * pixels;
     const int64_t expected[LOOK_BUFFERS] = {4, harmonics, harmonics, count, planes * pixels, own, own, own, pixels, pixels,
                                             (1 + planes) * count, count, count};
-    if (count > MOST_SAMPLES || !fit_call(LOOK_BUFFER, view, LOOK_BUFFERS, WEIGHTED, expected)) return NULL;
+    if (count > MOST_SAMPLES || !fit_call(LOOK_BUFFER, view, LOOK_BUFFERS, expected)) return NULL;
     if (!pixels) return PyErr_Format(PyExc_ValueError, "stored: found no pixels, expected a frame");
     if (!look_is_sound(view[LOOK_NUMBERS].buf, harmonics, view[PLACES].buf, count, pixels)) return NULL;
     const double *constants = view[LOOK_SHARED].buf;
@@ -62,12 +62,7 @@ static PyObject *look_checked(const Level *level, const void *none, const Py_buf
 
 static PyObject *look_at(PyObject *module, PyObject *arguments) {
     (void)module;
-    const char *name;
-    PyObject *object[LOOK_BUFFERS];
-    if (!PyArg_ParseTuple(arguments, "sOOOOOOOOOOOOO", &name, &object[0], &object[1], &object[2], &object[3], &object[4], &object[5],
-                          &object[6], &object[7], &object[8], &object[9], &object[10], &object[11], &object[12]))
-        return NULL;
-    return with_buffers(name, LOOK_BUFFER, LOOK_BUFFERS, object, look_checked, NULL);
+    return with_buffers(arguments, LOOK_BUFFER, LOOK_BUFFERS, look_checked, NULL, "");
 }
 
 enum { SUMMED, COUNTED, SUMS_OUT, SUM_BUFFERS };
@@ -79,7 +74,7 @@ static PyObject *sums_checked(const Level *level, const void *none, const Py_buf
     const int64_t patches = values_in(&view[SUMS_OUT]) / (planes + 1), samples = patches ? each / patches : 0;
     const int64_t expected[SUM_BUFFERS] = {planes * samples * patches, samples * patches, (planes + 1) * patches};
     if (planes > MOST_SUMS) return PyErr_Format(PyExc_ValueError, "weighted: found %lld planes, expected fewer", (long long)planes);
-    if (!fit_call(SUM_BUFFER, view, SUM_BUFFERS, SUMS_OUT, expected)) return NULL;
+    if (!fit_call(SUM_BUFFER, view, SUM_BUFFERS, expected)) return NULL;
     const Sums sums = {view[SUMMED].buf, view[COUNTED].buf, view[SUMS_OUT].buf, planes, samples, patches};
     Py_BEGIN_ALLOW_THREADS
     level->sum(&sums);
@@ -89,8 +84,5 @@ static PyObject *sums_checked(const Level *level, const void *none, const Py_buf
 
 static PyObject *sum_over(PyObject *module, PyObject *arguments) {
     (void)module;
-    const char *name;
-    PyObject *object[SUM_BUFFERS];
-    if (!PyArg_ParseTuple(arguments, "sOOO", &name, &object[0], &object[1], &object[2])) return NULL;
-    return with_buffers(name, SUM_BUFFER, SUM_BUFFERS, object, sums_checked, NULL);
+    return with_buffers(arguments, SUM_BUFFER, SUM_BUFFERS, sums_checked, NULL, "");
 }

@@ -1,4 +1,4 @@
-/* A frame's tail as Python hands it over, a tuple of buffers in the order of TAIL_BUFFER; see compiled.py. After _tail.h and _buffers.h. */
+/* A frame's tail as Python hands it over, buffers in the order of TAIL_WANTED; see compiled.py. After _tail.h and _buffers.h. */
 
 #define LARGEST_SIDE ((int64_t)1 << 20)
 #define LARGEST_NUMBER 1000
@@ -6,12 +6,12 @@
 #define COUNT_ONE(name) +1
 enum { TAIL_SIZE_COUNT = 0 TAIL_SIZES(COUNT_ONE), TAIL_CONSTANT_COUNT = 0 TAIL_CONSTANTS(COUNT_ONE) };
 enum { SIZES, SHARED, NUMBERS, VARIANCES, PLANES, RANGES, DOWN, RIGHT, ABOVE, SEPARATE, OFFSET, TAIL_BUFFERS };
-static const Wanted TAIL_BUFFER[TAIL_BUFFERS] = {
-    {"tail sizes", "l q ", 8, 0, 0},   {"tail constants", "d ", 0, 0, 0}, {"tail harmonics", "l q ", 8, 0, 0},
-    {"tail variances", "d ", 0, 0, 0}, {"tail planes", "f ", 0, 0, 0},    {"tail ranges", "f ", 0, 0, 0},
-    {"tail down", "f ", 0, 0, 0},      {"tail right", "f ", 0, 0, 0},     {"tail above", "l q ", 8, 0, 0},
-    {"tail separate", "? ", 1, 1, 0},  {"tail offset", "d ", 0, 1, 0},
-};
+/* `optional`: whether there need be no tail. */
+#define TAIL_WANTED(optional) \
+    {"tail sizes", "l q ", 8, optional, 0}, {"tail constants", "d ", 0, optional, 0}, {"tail harmonics", "l q ", 8, optional, 0}, \
+    {"tail variances", "d ", 0, optional, 0}, {"tail planes", "f ", 0, optional, 0}, {"tail ranges", "f ", 0, optional, 0}, \
+    {"tail down", "f ", 0, optional, 0}, {"tail right", "f ", 0, optional, 0}, {"tail above", "l q ", 8, optional, 0}, \
+    {"tail separate", "? ", 1, 1, 0}, {"tail offset", "d ", 0, 1, 0}
 
 static int fails(const char *what) {
     PyErr_Format(PyExc_ValueError, "tail: found %s that do not fit, expected those of a frame", what);
@@ -30,14 +30,15 @@ static int sizes_fit(const TailSizes *sizes, int64_t pixels) {
     return 1;
 }
 
-/* Fill `tail` for a part of `pixels` pixels from views of its buffers, or set an error and return 0. */
-static int make_tail(Tail *tail, const Py_buffer *view, int64_t pixels) {
-    if (!has_values(TAIL_BUFFER[SIZES].name, &view[SIZES], TAIL_SIZE_COUNT)) return 0;
-    if (!has_values(TAIL_BUFFER[SHARED].name, &view[SHARED], TAIL_CONSTANT_COUNT)) return 0;
+/* Say how many values the buffers of a tail have, for a part of `pixels` pixels; or set an error and return 0. */
+static int expect_tail(const Py_buffer *view, int64_t pixels, int64_t *expected) {
+    for (int which = SIZES; which < SEPARATE; which++)
+        if (!view[which].obj) return fails("some buffers");
+    if (!has_values("tail sizes", &view[SIZES], TAIL_SIZE_COUNT)) return 0;
     const TailSizes *sizes = view[SIZES].buf;
     if (!sizes_fit(sizes, pixels)) return 0;
     const int64_t plane = sizes->rows * sizes->columns, across = (sizes->width + sizes->side - 1) / sizes->side;
-    const int64_t expected[TAIL_BUFFERS] = {
+    const int64_t found[TAIL_BUFFERS] = {
         [SIZES] = TAIL_SIZE_COUNT,       [SHARED] = TAIL_CONSTANT_COUNT,
         [NUMBERS] = sizes->harmonics,    [VARIANCES] = sizes->harmonics,
         [PLANES] = planes_of(data_of((int)sizes->harmonics)) * plane,
@@ -46,8 +47,13 @@ static int make_tail(Tail *tail, const Py_buffer *view, int64_t pixels) {
         [SEPARATE] = (sizes->rows - 2) * across,
         [OFFSET] = sizes->height * sizes->width,
     };
-    for (int which = NUMBERS; which < TAIL_BUFFERS; which++)
-        if (!has_values(TAIL_BUFFER[which].name, &view[which], expected[which])) return 0;
+    memcpy(expected, found, sizeof found);
+    return 1;
+}
+
+/* Fill `tail` from views of buffers that have as many values as they should, or set an error and return 0. */
+static int make_tail(Tail *tail, const Py_buffer *view) {
+    const TailSizes *sizes = view[SIZES].buf;
     const int64_t *number = view[NUMBERS].buf, *above = view[ABOVE].buf;
     if (number[0] != 1) return fails("harmonics");
     for (int64_t h = 1; h < sizes->harmonics; h++)
@@ -68,17 +74,4 @@ static int make_tail(Tail *tail, const Py_buffer *view, int64_t pixels) {
         .offset_m = view[OFFSET].buf,
     };
     return 1;
-}
-
-/* Fill views, all zero before, from a tuple of buffers. */
-static int get_tail(PyObject *tuple, Py_buffer *view) {
-    PyObject *object[TAIL_BUFFERS];
-    if (!PyTuple_Check(tuple)) {
-        PyErr_SetString(PyExc_TypeError, "tail: found no tuple, expected one or None");
-        return 0;
-    }
-    if (!PyArg_ParseTuple(tuple, "OOOOOOOOOOO;tail: expected 11 buffers", &object[0], &object[1], &object[2], &object[3], &object[4],
-                          &object[5], &object[6], &object[7], &object[8], &object[9], &object[10]))
-        return 0;
-    return get_buffers(TAIL_BUFFER, TAIL_BUFFERS, object, view);
 }

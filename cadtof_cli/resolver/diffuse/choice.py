@@ -4,6 +4,7 @@ A tail lowers |H_2| below |H_1| and makes it lag. Two paths can do otherwise: a 
 second one 12 to 28 ns late (T1 = 40 ns), makes H_2 lead, or larger than H_1.
 """
 
+import math
 from dataclasses import dataclass
 from typing import Literal
 
@@ -30,6 +31,10 @@ LEAST_MISFIT = 2.0
 """Mean square of what patches differ from light without MPI, over its noise, below which there is no MPI to be seen: 1 without
 any; rooms at an integration length of 2e3 show 20 and more."""
 
+NOISE_KNOWN = 0.1
+"""Share of the noise's variance to which it is known; a mean square of the patches' departures from light without MPI that is
+closer to 1 than that says nothing against there being none."""
+
 SEEN_SNR = 3.0
 """Amplitude over noise from which a patch counts."""
 
@@ -50,12 +55,16 @@ Reason = Literal["tail", "no MPI to be seen", "separate paths", "no tail fits", 
 
 @dataclass(frozen=True, eq=False)
 class PatchKinds:
-    """Which patches count, (rows, columns), which of them have separate paths, what share, and what that says of the frame."""
+    """Which patches count, (rows, columns), which of them have separate paths, what share, and what that says of the frame.
+
+    `mpi_probability` is how likely it is that any MPI is in the frame at all, where it is taken for one with a tail.
+    """
 
     lit: Bool
     separate: Bool
     separate_share: float
     reason: Reason
+    mpi_probability: float = 1.0
 
 
 def patch_kinds(means: PatchMeans, variances: Float, /, *, sampled: int, settings: DiffuseSettings) -> PatchKinds:
@@ -67,16 +76,18 @@ def patch_kinds(means: PatchMeans, variances: Float, /, *, sampled: int, setting
     lit = lit_patches(means, sigma, sampled=sampled)
     if lit.sum() < LEAST_PATCHES:
         return PatchKinds(lit, np.zeros_like(lit), 0.0, "few patches with light")
+    misfit = misfit_without_mpi(means, lit, variances, harmonics=settings.harmonics)
+    likely = mpi_probability(misfit, numbers=2 * len(means.ratios) * int(lit.sum()))
     if settings.model == "diffuse":
-        return PatchKinds(lit, np.zeros_like(lit), 0.0, "tail")
+        return PatchKinds(lit, np.zeros_like(lit), 0.0, "tail", likely)
     separate = separate_patches(means, lit, sigma)
     reason: Reason = "tail"
     share = float(separate.sum() / lit.sum())
     if share > SEPARATE_SHARE:
         reason = "separate paths"
-    elif misfit_without_mpi(means, lit, variances, harmonics=settings.harmonics) < LEAST_MISFIT:
+    elif misfit < LEAST_MISFIT:
         reason = "no MPI to be seen"
-    return PatchKinds(lit, separate, share, reason)
+    return PatchKinds(lit, separate, share, reason, likely)
 
 
 def tail_fits(chi_squared: Float, data: int, /) -> bool:
@@ -95,6 +106,18 @@ def misfit_without_mpi(means: PatchMeans, lit: Bool, variances: Float, /, *, har
         misfits.append((np.abs(ratio) - 1.0) ** 2 / (noise * (variances[0] + variance)))
         misfits.append(np.angle(ratio) ** 2 / (noise * (h * h * variances[0] + variance)))
     return float(np.mean(misfits))
+
+
+def mpi_probability(misfit: float, /, *, numbers: int) -> float:
+    """Return how likely MPI is in a frame, one to one before it was seen, from the misfit of so many numbers without it.
+
+    Without MPI the misfit m is that of noise, χ²/n; with it, noise and MPI together have some variance, whatever it is: m times
+    the noise's explains the numbers by exp(n/2·(m − 1 − ln m)) better, at a cost of √n for being free to choose. Since the noise
+    itself is known to a tenth, a frame's numbers weigh as n = 2/(2/numbers + .1²).
+    """
+    count = 2.0 / (2.0 / numbers + NOISE_KNOWN**2)
+    more = max(misfit - 1.0, 0.0)
+    return 1.0 / (1.0 + math.sqrt(count) * math.exp(-0.5 * count * (more - math.log1p(more))))
 
 
 def lit_patches(means: PatchMeans, noise_sigma: float, /, *, sampled: int) -> Bool:

@@ -1,6 +1,6 @@
 """What the patches hand to the pixels: a linear model of the tail, and how sure it is, one plane each of (rows, columns)."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -33,6 +33,10 @@ LATE_START_PER_NS = (0.0, 0.012)
 """Share of the lag that is too much for every ns that a room's unseen light starts later than in most, with two harmonics and
 with more: the third puts down to a late start what is a tail of another shape. Two hardly see it."""
 
+FACING_MORE, FACING_MIDDLE = (0.0, 0.05), 0.7
+"""Share of the lag that is missed where a surface is seen straight on, and is too much where it is seen at a grazing angle, per
+cosine from the middle: with two harmonics, where it is not to be told among other errors, and with more."""
+
 GUESSED_ERROR = (0.35, 0.5)
 """Standard deviation of that share: with two harmonics, and with more."""
 
@@ -58,7 +62,7 @@ BESIDE_ERROR = (0.0, 0.5)
 @dataclass(frozen=True, eq=False)
 class Beside:
     """How much of arg H_1, (n,), is put down to surfaces in the view, to its continued border and to unseen light, and would be
-    to walls guessed beside it; and the share of what a patch faces that is unknown.
+    to walls guessed beside it; the share of what a patch faces that is unknown; the cosine at which it is seen.
     """
 
     seen_rad: Float
@@ -66,6 +70,7 @@ class Beside:
     unseen_rad: Float
     guessed_rad: Float
     open_share: Float
+    cosine: Float
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,6 +90,17 @@ class CoarsePlanes:
     def data(self) -> int:
         """How many of the values are data."""
         return self.values - 2
+
+    def if_likely(self, probability: float, /) -> "CoarsePlanes":
+        """Return what is expected where a tail is there with that probability, and else nothing is behind the direct light.
+
+        Means and covariances of the tail go with the probability p. That the tail is there or not is the same for all pixels,
+        with a variance of p·(1 − p) times the square of its lag.
+        """
+        planes = self.planes * np.float32(probability)
+        planes[-2] += np.float32(probability * (1.0 - probability)) * self.planes[self.data + 1] ** 2
+        planes[-1] = self.planes[-1] / np.float32(probability)
+        return replace(self, planes=planes)
 
 
 def needed_entries(data: int, /) -> tuple[Entry, ...]:
@@ -121,7 +137,8 @@ def coarse_planes(
         values[-1] += UNSEEN_MORE * early * beside.unseen_rad + GUESSED_SHARE * beside.guessed_rad
         values[-1] += leaning.share * lag
     values[-1] -= LATE_START_PER_NS[more] * (fit.room[-1] - MEAN[-1]) * lag
-    spread = np.einsum("jan,j,jbn->abn", fit.jacobian, WITHIN_PATCH**2, fit.jacobian)
+    values[-1] += FACING_MORE[more] * (beside.cosine - FACING_MIDDLE) * lag
+    spread = np.einsum("jan,j,jbn->abn", fit.jacobian, WITHIN_PATCH[more] ** 2, fit.jacobian)
     kept = PATCH_SHARE[more] + SURPRISE[more] * _surprise(posterior, common=leaning is not None)
     left = {key: kept * value for key, value in posterior.covariance.items()}
     shared = (

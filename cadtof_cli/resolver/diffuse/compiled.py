@@ -55,6 +55,6 @@ def compiled_pixels(
         *(None if array is None else np.ascontiguousarray(array) for array in given),
         answered,
         rows,
-        tail_buffers(tail),
+        *tail_buffers(tail),
     )
     return DiffusePixels(tail.model.separate_variance, answered, *rows)

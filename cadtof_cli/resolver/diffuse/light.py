@@ -1,6 +1,6 @@
 """The light of patches: their phasors' ratios to the fundamental, free of the direct phase."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -94,6 +94,24 @@ def patch_means(light: PatchLight, among: Bool, /, *, kernel: str = NUMPY) -> Pa
     ratios.real, ratios.imag = sums[3::2], sums[4::2]
     ratios /= np.maximum(sums[0], TINY)
     return PatchMeans(ratios, np.sqrt(sums[0] / np.maximum(pixels, 1.0)), pixels, np.arctan2(sums[2], sums[1]))
+
+
+def without_bias(means: PatchMeans, variance: float, /, *, harmonics: tuple[int, ...]) -> PatchMeans:
+    """Return means whose ratios the noise of p_1, of that variance a channel where there is no light, does not make smaller.
+
+    With noise ε along and δ across p_1 = A, |p_1|·exp(−ih·arg p_1) is A·(1 + ε + δ²/2 − h²δ²/2) in real part and to second order,
+    and |p_1|² has the mean A² + ε² + δ²: in the dark, q_h is too small by (h² + 3)/2 · σ²/A², which a fit would take for a tail.
+    Light makes δ² weaker by 1 − A, and ε² + δ² by 1 − A².
+    """
+    power = means.amplitude**2
+    light = np.maximum(power - 2.0 * variance, 0.5 * power)
+    relative = variance / np.maximum(light, TINY)
+    share = np.minimum(light, 1.0)
+    both, across = 2.0 * (1.0 - share) * relative, (1.0 - np.sqrt(share)) * relative
+    ratios = np.empty_like(means.ratios)
+    for row, h in enumerate(harmonics[1:]):
+        ratios[row] = means.ratios[row] * ((1.0 + both) * (1.0 + 0.5 * (h * h - 1) * across))
+    return replace(means, ratios=ratios)
 
 
 def patch_phasors(means: PatchMeans, /, *, harmonics: tuple[int, ...]) -> Complex:

@@ -23,8 +23,9 @@ more and earlier (v and t); large rooms keep light longer, and give it later (τ
 WITHIN_ROOM = np.array([0.15, 0.42, 0.35, 1.2, 0.42, 1.75])
 """Standard deviations between the patches of one room: the scale of the albedo is more common to them than the rest."""
 
-WITHIN_PATCH = 1.1 * WITHIN_ROOM
-"""Standard deviations between a pixel and its patch, which may lie on an edge."""
+WITHIN_PATCH = (1.1 * WITHIN_ROOM, 0.8 * WITHIN_ROOM)
+"""Standard deviations between a pixel and its patch, which may lie on an edge: with two harmonics, and with more. Those know a
+patch better, and what edges would need in addition brings every pixel more of its own noise."""
 
 UNKNOWN_OPTICS = np.array([0.3, 0.0, 0.3, 0.0, 0.0, 0.0])
 """Standard deviations that come on top where the field of view is assumed: 15 % of focal length are 30 % of every area."""

@@ -34,6 +34,7 @@ typedef struct {
 FOR_EACH_LEVEL(FUNCTION)
 static const Level LEVELS[] = {FOR_EACH_LEVEL(LISTED)};
 #include "../_module.h"
+#include "../_calls.h"
 
 /* --- the search ---------------------------------------------------------------------------------------------------------- */
 
@@ -61,67 +62,45 @@ static int is_known(int kind, int paths, int most_steps, const Py_buffer *harmon
     return 1;
 }
 
-/* Whether all buffers fit as many problems as `cost` has; or set an error. */
-static int fit_together(int kind, int paths, const Py_buffer *view) {
-    const int64_t count = values_in(&view[COST]), rows = values_in(&view[HARMONICS]);
-    const int64_t points = 3 * paths, weights = kind == WHITE ? rows : 3 * rows * count;
-    if (count > PY_SSIZE_T_MAX / 4096) {
-        PyErr_SetString(PyExc_ValueError, "cost: too many problems");
-        return 0;
-    }
-    const int64_t values[BUFFERS] = {rows,           rows * count, rows * count, weights, points * count, count,
-                                     points * count, count,        ENTRY(2 * paths, 0) * count, count, count};
-    for (int which = 0; which < BUFFERS; which++) {
-        if (!has_values(WANTED[which].name, &view[which], values[which])) return 0;
-        if (WANTED[which].writable && !lies_apart(&view[which], WANTED, view, BUFFERS)) return 0;
-    }
-    return 1;
+/* Whether there is room for what is made of so many values; or set an error. */
+static int are_few(int64_t count) {
+    if (count <= PY_SSIZE_T_MAX / 4096) return 1;
+    PyErr_Format(PyExc_ValueError, "found %lld pixels, expected fewer", (long long)count);
+    return 0;
+}
+
+static PyObject *solve_checked(const Level *level, const void *options, const Py_buffer *view) {
+    Search search = *(const Search *)options;
+    const int64_t count = values_in(&view[COST]), rows = values_in(&view[HARMONICS]), points = 3 * (int64_t)search.paths * count;
+    if (!is_known(search.kind, search.paths, search.most_steps, &view[HARMONICS]) || !are_few(count)) return NULL;
+    const int64_t expected[BUFFERS] = {
+        rows,  rows * count, rows * count, search.kind == WHITE ? rows : 3 * rows * count, points, count, points,
+        count, ENTRY(2 * search.paths, 0) * count, count, count};
+    if (!fit_call(WANTED, view, BUFFERS, expected)) return NULL;
+    search.rows = (int)rows;
+    search.count = count;
+    search.harmonics = view[HARMONICS].buf;
+    search.re = view[RE].buf;
+    search.im = view[IM].buf;
+    search.weights = view[WEIGHTS].buf;
+    search.starts = view[STARTS].buf;
+    search.worth = view[WORTH].buf;
+    search.points = view[POINTS].buf;
+    search.cost = view[COST].buf;
+    search.matrix = view[MATRIX].buf;
+    search.converged = view[CONVERGED].buf;
+    search.steps = view[STEPS].buf;
+    Py_BEGIN_ALLOW_THREADS
+    level->search(&search);
+    Py_END_ALLOW_THREADS
+    Py_RETURN_NONE;
 }
 
 static PyObject *solve_problems(PyObject *module, PyObject *arguments) {
     (void)module;
-    const char *name;
-    int kind, paths, most_steps;
-    double relative, first_damping;
-    PyObject *object[BUFFERS];
-    if (!PyArg_ParseTuple(arguments, "siiiddOOOOOOOOOOO", &name, &kind, &paths, &most_steps, &relative, &first_damping, &object[0],
-                          &object[1], &object[2], &object[3], &object[4], &object[5], &object[6], &object[7], &object[8], &object[9],
-                          &object[10]))
-        return NULL;
-    const Level *level = find_level(name);
-    if (!level) return NULL;
-    Py_buffer view[BUFFERS];
-    memset(view, 0, sizeof view);
-    const int sound = get_buffers(WANTED, BUFFERS, object, view) && is_known(kind, paths, most_steps, &view[HARMONICS]) &&
-                      fit_together(kind, paths, view);
-    if (sound) {
-        const Search search = {
-            .kind = (enum kind)kind,
-            .paths = paths,
-            .rows = (int)values_in(&view[HARMONICS]),
-            .most_steps = most_steps,
-            .count = values_in(&view[COST]),
-            .harmonics = view[HARMONICS].buf,
-            .relative = relative,
-            .first_damping = first_damping,
-            .re = view[RE].buf,
-            .im = view[IM].buf,
-            .weights = view[WEIGHTS].buf,
-            .starts = view[STARTS].buf,
-            .worth = view[WORTH].buf,
-            .points = view[POINTS].buf,
-            .cost = view[COST].buf,
-            .matrix = view[MATRIX].buf,
-            .converged = view[CONVERGED].buf,
-            .steps = view[STEPS].buf,
-        };
-        Py_BEGIN_ALLOW_THREADS
-        level->search(&search);
-        Py_END_ALLOW_THREADS
-    }
-    release_buffers(view, BUFFERS);
-    if (!sound) return NULL;
-    Py_RETURN_NONE;
+    Search asked = {0};
+    return with_buffers(arguments, WANTED, BUFFERS, solve_checked, &asked, "iiidd", &asked.kind, &asked.paths, &asked.most_steps,
+                        &asked.relative, &asked.first_damping);
 }
 
 /* --- the weights --------------------------------------------------------------------------------------------------------- */
@@ -130,38 +109,24 @@ enum { WEIGH_HARMONICS, NOISE, WEIGH_POINTS, WEIGH_WEIGHTS, WEIGH_BUFFERS };
 static const Wanted WEIGH_WANTED[WEIGH_BUFFERS] = {
     {"harmonics", "q l ", 8, 0, 0}, {"noise", "d ", 8, 0, 0}, {"points", "d ", 8, 0, 0}, {"weights", "d ", 8, 0, 1}};
 
-/* Whether all buffers fit as many pixels as `points` has; or set an error. */
-static int weigh_fits(int paths, const Py_buffer *view) {
-    if (!is_known(WEIGHTED, paths, 0, &view[WEIGH_HARMONICS])) return 0;
+static PyObject *weigh_checked(const Level *level, const void *options, const Py_buffer *view) {
+    const int paths = *(const int *)options;
+    if (!is_known(WEIGHTED, paths, 0, &view[WEIGH_HARMONICS])) return NULL;
     const int64_t rows = values_in(&view[WEIGH_HARMONICS]), count = values_in(&view[WEIGH_POINTS]) / (3 * paths);
-    const int64_t values[WEIGH_BUFFERS] = {rows, 3 * rows, 3 * paths * count, 3 * rows * count};
-    for (int which = 0; which < WEIGH_BUFFERS; which++)
-        if (!has_values(WEIGH_WANTED[which].name, &view[which], values[which])) return 0;
-    return lies_apart(&view[WEIGH_WEIGHTS], WEIGH_WANTED, view, WEIGH_BUFFERS);
+    const int64_t expected[WEIGH_BUFFERS] = {rows, 3 * rows, 3 * paths * count, 3 * rows * count};
+    if (!are_few(count) || !fit_call(WEIGH_WANTED, view, WEIGH_BUFFERS, expected)) return NULL;
+    const Weigh weigh = {paths, (int)rows, count, view[WEIGH_HARMONICS].buf, view[NOISE].buf, view[WEIGH_POINTS].buf,
+                         view[WEIGH_WEIGHTS].buf};
+    Py_BEGIN_ALLOW_THREADS
+    level->weigh(&weigh);
+    Py_END_ALLOW_THREADS
+    Py_RETURN_NONE;
 }
 
 static PyObject *weigh_pixels(PyObject *module, PyObject *arguments) {
     (void)module;
-    const char *name;
-    int paths;
-    PyObject *object[WEIGH_BUFFERS];
-    if (!PyArg_ParseTuple(arguments, "siOOOO", &name, &paths, &object[0], &object[1], &object[2], &object[3])) return NULL;
-    const Level *level = find_level(name);
-    if (!level) return NULL;
-    Py_buffer view[WEIGH_BUFFERS];
-    memset(view, 0, sizeof view);
-    const int sound = get_buffers(WEIGH_WANTED, WEIGH_BUFFERS, object, view) && weigh_fits(paths, view);
-    if (sound) {
-        const int64_t count = values_in(&view[WEIGH_POINTS]) / (3 * paths);
-        const Weigh weigh = {paths, (int)values_in(&view[WEIGH_HARMONICS]), count, view[WEIGH_HARMONICS].buf, view[NOISE].buf,
-                             view[WEIGH_POINTS].buf, view[WEIGH_WEIGHTS].buf};
-        Py_BEGIN_ALLOW_THREADS
-        level->weigh(&weigh);
-        Py_END_ALLOW_THREADS
-    }
-    release_buffers(view, WEIGH_BUFFERS);
-    if (!sound) return NULL;
-    Py_RETURN_NONE;
+    int paths = 0;
+    return with_buffers(arguments, WEIGH_WANTED, WEIGH_BUFFERS, weigh_checked, &paths, "i", &paths);
 }
 
 /* --- the scan ------------------------------------------------------------------------------------------------------------ */
@@ -172,44 +137,32 @@ static const Wanted SCAN_WANTED[SCAN_BUFFERS] = {
     {"first", "q l ", 8, 0, 1}, {"lag", "q l ", 8, 0, 1}, {"peak", "d ", 8, 0, 1}, {"other", "d ", 8, 0, 1},
 };
 
-/* Whether all buffers fit as many pixels as `first` has; or set an error. */
-static int scan_fits(int rows, int places, const Py_buffer *view) {
-    const int64_t count = values_in(&view[FIRST]);
-    if (rows < 1 || rows > MOST_ROWS || places < 2 || places > MOST_PLACES || count > PY_SSIZE_T_MAX / 4096) {
-        PyErr_Format(PyExc_ValueError, "found %d harmonics, %d places and %lld pixels", rows, places, (long long)count);
-        return 0;
-    }
-    const int64_t values[SCAN_BUFFERS] = {2 * rows * places, 3 * (places / 2), rows * count, rows * count, count, count, count, count};
-    for (int which = 0; which < SCAN_BUFFERS; which++)
-        if (!has_values(SCAN_WANTED[which].name, &view[which], values[which]) ||
-            (SCAN_WANTED[which].writable && !lies_apart(&view[which], SCAN_WANTED, view, SCAN_BUFFERS)))
-            return 0;
-    return 1;
+static PyObject *scan_checked(const Level *level, const void *options, const Py_buffer *view) {
+    Scan scan = *(const Scan *)options;
+    const int64_t count = values_in(&view[FIRST]), rows = scan.rows, places = scan.places;
+    if (rows < 1 || rows > MOST_ROWS || places < 2 || places > MOST_PLACES)
+        return PyErr_Format(PyExc_ValueError, "found %d harmonics and %d places", scan.rows, scan.places);
+    const int64_t expected[SCAN_BUFFERS] = {2 * rows * places, 3 * (places / 2), rows * count, rows * count, count, count, count, count};
+    if (!are_few(count) || !fit_call(SCAN_WANTED, view, SCAN_BUFFERS, expected)) return NULL;
+    scan.count = count;
+    scan.factors = view[FACTORS].buf;
+    scan.lags = view[LAGS].buf;
+    scan.re = view[SCAN_RE].buf;
+    scan.im = view[SCAN_IM].buf;
+    scan.first = view[FIRST].buf;
+    scan.lag = view[LAG].buf;
+    scan.peak = view[PEAK].buf;
+    scan.other = view[OTHER].buf;
+    Py_BEGIN_ALLOW_THREADS
+    level->scan(&scan);
+    Py_END_ALLOW_THREADS
+    Py_RETURN_NONE;
 }
 
 static PyObject *scan_pixels(PyObject *module, PyObject *arguments) {
     (void)module;
-    const char *name;
-    int rows, places, pairs;
-    PyObject *object[SCAN_BUFFERS];
-    if (!PyArg_ParseTuple(arguments, "siipOOOOOOOO", &name, &rows, &places, &pairs, &object[0], &object[1], &object[2], &object[3],
-                          &object[4], &object[5], &object[6], &object[7]))
-        return NULL;
-    const Level *level = find_level(name);
-    if (!level) return NULL;
-    Py_buffer view[SCAN_BUFFERS];
-    memset(view, 0, sizeof view);
-    const int sound = get_buffers(SCAN_WANTED, SCAN_BUFFERS, object, view) && scan_fits(rows, places, view);
-    if (sound) {
-        const Scan scan = {rows, places, pairs, values_in(&view[FIRST]), view[FACTORS].buf, view[LAGS].buf, view[SCAN_RE].buf,
-                           view[SCAN_IM].buf, view[FIRST].buf, view[LAG].buf, view[PEAK].buf, view[OTHER].buf};
-        Py_BEGIN_ALLOW_THREADS
-        level->scan(&scan);
-        Py_END_ALLOW_THREADS
-    }
-    release_buffers(view, SCAN_BUFFERS);
-    if (!sound) return NULL;
-    Py_RETURN_NONE;
+    Scan asked = {0};
+    return with_buffers(arguments, SCAN_WANTED, SCAN_BUFFERS, scan_checked, &asked, "iip", &asked.rows, &asked.places, &asked.pairs);
 }
 
 /* --- Eq. (9) ------------------------------------------------------------------------------------------------------------- */

@@ -51,8 +51,7 @@ enum {
 
 /* What is solved, and where the answers go; arrays of planes of `count` numbers. */
 typedef struct {
-    enum kind kind;
-    int paths, rows, most_steps; /* rows: harmonics */
+    int kind, paths, rows, most_steps; /* kind: of enum kind; rows: harmonics */
     int64_t count;
     const int64_t *harmonics;
     double relative, first_damping;

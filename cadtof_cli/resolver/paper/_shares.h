@@ -18,7 +18,7 @@ enum { SHARE_LANES = 32 };
 typedef struct {
     int rows, most_steps, first_start, last_start; /* rows: harmonics beyond the first */
     int64_t count;
-    uint64_t key; /* of the starts */
+    unsigned long long key; /* of the starts */
     double relative, absolute, first_damping;
     const int64_t *harmonics, *places;
     const double *re, *im;

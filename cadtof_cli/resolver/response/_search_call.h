@@ -10,10 +10,11 @@ static const Wanted SEARCH_BUFFER[SEARCH_BUFFERS] = {
 static PyObject *search_checked(const Level *level, const void *options, const Py_buffer *view) {
     const int steps = *(const int *)options;
     const Py_ssize_t pixels = values_in(&view[DONE]);
-    if (!is_part(0, pixels, pixels)) return NULL;
+    if (steps < 0 || steps > MOST_STEPS) return PyErr_Format(PyExc_ValueError, "found %d steps, expected 0 to %d", steps, MOST_STEPS);
+    if (!are_pixels(pixels)) return NULL;
     const int64_t expected[SEARCH_BUFFERS] = {
         SEARCH_CONSTANTS, 4 * ENTRIES, 4 * ENTRIES, 2 * pixels, 4 * pixels, pixels, 4 * pixels, 4 * pixels, pixels, pixels};
-    if (!fit_call(SEARCH_BUFFER, view, SEARCH_BUFFERS, VALUES, expected)) return NULL;
+    if (!fit_call(SEARCH_BUFFER, view, SEARCH_BUFFERS, expected)) return NULL;
     const Search search = {
         .constants = view[SEARCH_SHARED].buf,
         .table = {view[TABLE_1].buf, view[TABLE_2].buf},
@@ -35,12 +36,6 @@ static PyObject *search_checked(const Level *level, const void *options, const P
 
 static PyObject *search(PyObject *module, PyObject *arguments) {
     (void)module;
-    const char *name;
-    int steps;
-    PyObject *object[SEARCH_BUFFERS];
-    if (!PyArg_ParseTuple(arguments, "siOOOOOOOOOO", &name, &steps, &object[0], &object[1], &object[2], &object[3], &object[4],
-                          &object[5], &object[6], &object[7], &object[8], &object[9]))
-        return NULL;
-    if (steps < 0 || steps > MOST_STEPS) return PyErr_Format(PyExc_ValueError, "found %d steps, expected 0 to %d", steps, MOST_STEPS);
-    return with_buffers(name, SEARCH_BUFFER, SEARCH_BUFFERS, object, search_checked, &steps);
+    int steps = 0;
+    return with_buffers(arguments, SEARCH_BUFFER, SEARCH_BUFFERS, search_checked, &steps, "i", &steps);
 }

@@ -6,9 +6,9 @@ static const Wanted DECOMPOSED_BUFFER[DECOMPOSED_BUFFERS] = {
 static PyObject *decompose_checked(const Level *level, const void *none, const Py_buffer *view) {
     (void)none;
     const Py_ssize_t pixels = values_in(&view[FIRST_PHASOR]);
-    if (!is_part(0, pixels, pixels)) return NULL;
+    if (!are_pixels(pixels)) return NULL;
     const int64_t expected[DECOMPOSED_BUFFERS] = {pixels, pixels, DECOMPOSED_PLANES * (int64_t)pixels};
-    if (!fit_call(DECOMPOSED_BUFFER, view, DECOMPOSED_BUFFERS, DECOMPOSITION, expected)) return NULL;
+    if (!fit_call(DECOMPOSED_BUFFER, view, DECOMPOSED_BUFFERS, expected)) return NULL;
     Py_BEGIN_ALLOW_THREADS
     level->decompose(view[FIRST_PHASOR].buf, view[SECOND_PHASOR].buf, view[DECOMPOSITION].buf, pixels);
     Py_END_ALLOW_THREADS
@@ -17,8 +17,5 @@ static PyObject *decompose_checked(const Level *level, const void *none, const P
 
 static PyObject *decompose(PyObject *module, PyObject *arguments) {
     (void)module;
-    const char *name;
-    PyObject *object[DECOMPOSED_BUFFERS];
-    if (!PyArg_ParseTuple(arguments, "sOOO", &name, &object[0], &object[1], &object[2])) return NULL;
-    return with_buffers(name, DECOMPOSED_BUFFER, DECOMPOSED_BUFFERS, object, decompose_checked, NULL);
+    return with_buffers(arguments, DECOMPOSED_BUFFER, DECOMPOSED_BUFFERS, decompose_checked, NULL, "");
 }

@@ -66,40 +66,48 @@ static const Level LEVELS[] = {FOR_EACH_LEVEL(LISTED)};
 
 /* --- buffers ------------------------------------------------------------------------------------------------------------- */
 
-enum { CONSTANT_VALUES, STORED, OWN, OTHER, CONSTANT, SAMPLES, METRES, SHIFT, MAP_LAYERS, STATUS, BUFFERS };
+enum { CONSTANT_VALUES, STORED, OWN, OTHER, CONSTANT, SAMPLES, METRES, SHIFT, MAP_LAYERS, STATUS, OF_TAIL,
+       BUFFERS = OF_TAIL + TAIL_BUFFERS };
 static const Wanted BUFFER[BUFFERS] = {
     {"constants", "d ", 0, 0, 0}, {"stored", "H h f d Zd ", 0, 0, 0}, {"own", "d ", 0, 1, 0},   {"other", "d ", 0, 1, 0},
     {"constant", "d ", 0, 1, 0},  {"samples", "d ", 0, 1, 0},         {"metres", "d ", 0, 1, 0}, {"shift", "d ", 0, 1, 0},
-    {"layers", "f ", 0, 0, 1},    {"status", "I L ", 4, 0, 1},
+    {"layers", "f ", 0, 0, 1},    {"status", "I L ", 4, 0, 1},        TAIL_WANTED(1),
 };
 
-/* How many values a pixel has in them; of STORED: those of voltages. */
-static const int PLANE_COUNT[BUFFERS] = {0, 4, 4, 4, 4, 1, 1, 1, LAYERS, 1};
+/* Pixels from `start` up to `stop`. */
+typedef struct {
+    Py_ssize_t start, stop;
+} Part;
 
-/* Whether a part from `start` up to `stop` is one of `pixels` pixels; or set an error. */
-static int is_part(Py_ssize_t start, Py_ssize_t stop, Py_ssize_t pixels) {
+/* Whether a part is one of `pixels` pixels; or set an error. */
+static int is_part(const Part *part, int64_t pixels) {
     if (pixels > PY_SSIZE_T_MAX / 128) PyErr_SetString(PyExc_ValueError, "found too many pixels, expected fewer");
-    else if (start < 0 || start > stop || stop > pixels)
-        PyErr_Format(PyExc_ValueError, "found pixels %zd to %zd, expected some of %zd", start, stop, pixels);
+    else if (part->start < 0 || part->start > part->stop || part->stop > pixels)
+        PyErr_Format(PyExc_ValueError, "found pixels %zd to %zd, expected some of %lld", part->start, part->stop, (long long)pixels);
     else return 1;
     return 0;
 }
 
+static int are_pixels(int64_t pixels) { return is_part(&(Part){0, (Py_ssize_t)pixels}, pixels); }
+
+/* Whether there is a tail: any buffer of one. */
+static int has_tail(const Py_buffer *view) {
+    for (int which = 0; which < TAIL_BUFFERS; which++)
+        if (view[which].obj) return 1;
+    return 0;
+}
+
 /* Whether all buffers fit a frame of so many pixels; or set an error. */
-static int fit_together(const Py_buffer *view, Py_ssize_t pixels) {
-    if (view[CONSTANT_VALUES].len != (Py_ssize_t)sizeof(Constants)) {
-        PyErr_Format(PyExc_ValueError, "constants: found %zd bytes, expected %zu", view[CONSTANT_VALUES].len, sizeof(Constants));
-        return 0;
-    }
-    for (int which = STORED; which < BUFFERS; which++) {
-        const int complex = which == STORED && view[which].format && view[which].format[0] == 'Z';
-        if (!has_values(BUFFER[which].name, &view[which], (int64_t)(complex ? 2 : PLANE_COUNT[which]) * pixels)) return 0;
-    }
+static int fit_frame(const Py_buffer *view, int64_t pixels) {
+    const int64_t complex = view[STORED].format && view[STORED].format[0] == 'Z', four = 4 * pixels;
+    int64_t expected[BUFFERS] = {sizeof(Constants) / sizeof(double), complex ? 2 * pixels : four, four, four, four, pixels, pixels, pixels,
+                                 LAYERS * pixels, pixels};
+    if (has_tail(&view[OF_TAIL]) && !expect_tail(&view[OF_TAIL], pixels, &expected[OF_TAIL])) return 0;
     if (!view[OWN].obj != !view[OTHER].obj || !view[OWN].obj != !view[CONSTANT].obj) {
         PyErr_SetString(PyExc_ValueError, "own, other and constant: found some of them, expected all or none");
         return 0;
     }
-    return lies_apart(&view[MAP_LAYERS], BUFFER, view, BUFFERS) && lies_apart(&view[STATUS], BUFFER, view, BUFFERS);
+    return fit_call(BUFFER, view, BUFFERS, expected);
 }
 
 static enum type type_of(const Py_buffer *view) {
@@ -114,17 +122,21 @@ static enum type type_of(const Py_buffer *view) {
 
 /* --- stored values -> maps ----------------------------------------------------------------------------------------------- */
 
-static PyObject *resolve_checked(const Level *level, int order, int returns, Py_ssize_t start, Py_ssize_t stop,
-                                 const Py_buffer *view, const Py_buffer *of_tail) {
-    const Py_ssize_t pixels = values_in(&view[STATUS]);
+typedef struct {
+    int order, returns;
+    Part part;
+} Asked;
+
+static PyObject *resolve_checked(const Level *level, const void *options, const Py_buffer *view) {
+    const Asked *asked = options;
+    const int64_t pixels = values_in(&view[STATUS]);
+    if (asked->order < ORDER_AUTO || asked->order > ORDER_TWO || asked->returns < RETURN_FIRST || asked->returns > RETURN_LAST)
+        return PyErr_Format(PyExc_ValueError, "found order %d and returns %d, expected 0, 1 or 2 each", asked->order, asked->returns);
+    if (!is_part(&asked->part, pixels) || !fit_frame(view, pixels)) return NULL;
+    const int through = has_tail(&view[OF_TAIL]);
     Tail tail;
-    if (!is_part(start, stop, pixels) || !fit_together(view, pixels)) return NULL;
-    if (of_tail) {
-        if (!make_tail(&tail, of_tail, pixels)) return NULL;
-        if (tail.sizes->harmonics != 2 || tail.number[1] != 2) return fails("harmonics"), NULL;
-        for (int written = MAP_LAYERS; written <= STATUS; written++)
-            if (!lies_apart(&view[written], TAIL_BUFFER, of_tail, TAIL_BUFFERS)) return NULL;
-    }
+    if (through && !make_tail(&tail, &view[OF_TAIL])) return NULL;
+    if (through && (tail.sizes->harmonics != 2 || tail.number[1] != 2)) return fails("harmonics"), NULL;
     const Frame frame = {
         .stored = view[STORED].buf,
         .constants = view[CONSTANT_VALUES].buf,
@@ -134,62 +146,38 @@ static PyObject *resolve_checked(const Level *level, int order, int returns, Py_
         .samples = view[SAMPLES].buf,
         .metres = view[METRES].buf,
         .shift = view[SHIFT].buf,
-        .tail = of_tail ? &tail : NULL,
+        .tail = through ? &tail : NULL,
         .layers = view[MAP_LAYERS].buf,
         .status = view[STATUS].buf,
         .pixels = pixels,
         .type = type_of(&view[STORED]),
-        .order = (enum order)order,
-        .returns = (enum returns)returns,
+        .order = (enum order)asked->order,
+        .returns = (enum returns)asked->returns,
     };
     Py_BEGIN_ALLOW_THREADS
-    level->resolve(&frame, start, stop);
+    level->resolve(&frame, asked->part.start, asked->part.stop);
     Py_END_ALLOW_THREADS
     Py_RETURN_NONE;
 }
 
 static PyObject *resolve(PyObject *module, PyObject *arguments) {
     (void)module;
-    const char *name;
-    int order, returns;
-    Py_ssize_t start, stop;
-    PyObject *object[BUFFERS], *tail;
-    if (!PyArg_ParseTuple(arguments, "siinnOOOOOOOOOOO", &name, &order, &returns, &start, &stop, &object[0], &object[1], &object[2],
-                          &object[3], &object[4], &object[5], &object[6], &object[7], &object[8], &object[9], &tail))
-        return NULL;
-    const Level *level = find_level(name);
-    if (!level) return NULL;
-    if (order < ORDER_AUTO || order > ORDER_TWO || returns < RETURN_FIRST || returns > RETURN_LAST)
-        return PyErr_Format(PyExc_ValueError, "found order %d and returns %d, expected 0, 1 or 2 each", order, returns);
-    Py_buffer view[BUFFERS], of_tail[TAIL_BUFFERS];
-    memset(view, 0, sizeof view);
-    memset(of_tail, 0, sizeof of_tail);
-    PyObject *result = NULL;
-    if (get_buffers(BUFFER, BUFFERS, object, view) && (tail == Py_None || get_tail(tail, of_tail)))
-        result = resolve_checked(level, order, returns, start, stop, view, tail == Py_None ? NULL : of_tail);
-    release_buffers(view, BUFFERS);
-    release_buffers(of_tail, TAIL_BUFFERS);
-    return result;
+    Asked asked = {0};
+    return with_buffers(arguments, BUFFER, BUFFERS, resolve_checked, &asked, "iinn", &asked.order, &asked.returns, &asked.part.start,
+                        &asked.part.stop);
+}
+
+static PyObject *count_checked(const Level *level, const void *none, const Py_buffer *status) {
+    (void)none;
+    int64_t counts[4] = {0, 0, 0, 0};
+    level->count(status->buf, values_in(status), counts);
+    return Py_BuildValue("LLLL", (long long)counts[0], (long long)counts[1], (long long)counts[2], (long long)counts[3]);
 }
 
 static PyObject *count_status(PyObject *module, PyObject *arguments) {
     (void)module;
-    const char *name;
-    PyObject *object;
-    if (!PyArg_ParseTuple(arguments, "sO", &name, &object)) return NULL;
-    const Level *level = find_level(name);
-    if (!level) return NULL;
-    Py_buffer view;
-    memset(&view, 0, sizeof view);
-    PyObject *result = NULL;
-    const Wanted wanted = {"status", "I L ", 4, 0, 0};
-    if (get_buffer(&wanted, object, &view)) {
-        int64_t counts[4] = {0, 0, 0, 0};
-        level->count(view.buf, values_in(&view), counts);
-        result = Py_BuildValue("LLLL", (long long)counts[0], (long long)counts[1], (long long)counts[2], (long long)counts[3]);
-    }
-    release_buffers(&view, 1);
-    return result;
+    static const Wanted ONE = {"status", "I L ", 4, 0, 0};
+    return with_buffers(arguments, &ONE, 1, count_checked, NULL, "");
 }
 
 #include "_decomposition.h"
@@ -221,12 +209,12 @@ LIST_OF(tail_constants, TAIL_CONSTANTS)
 static PyMethodDef METHODS[] = {
     {"resolve", resolve, METH_VARARGS,
      "resolve(level, order, returns, start, stop, constants, stored, own, other, constant, samples, metres, shift, layers, "
-     "status, tail)\n\n"
+     "status, tail...)\n\n"
      "Fill layers and status of the pixels from start up to stop. Everybody but the tests calls it through kernel.py."},
     {"count_status", count_status, METH_VARARGS,
      "count_status(level, status)\n\nReturn how many pixels have one path, two paths, more, and diffuse MPI."},
     {"answer_tail", answer_tail, METH_VARARGS,
-     "answer_tail(level, start, stop, phasors, usable, samples, answered, answers, tail)\n\n"
+     "answer_tail(level, start, stop, phasors, usable, samples, answered, answers, tail...)\n\n"
      "Fill answered and answers of the pixels from start up to stop. Everybody but the tests calls it through compiled.py."},
     {"decompose", decompose, METH_VARARGS,
      "decompose(level, first phasors, second phasors, paths)\n\n"

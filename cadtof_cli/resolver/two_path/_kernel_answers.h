@@ -65,16 +65,17 @@ INLINE int is_unexplained(double amplitude, double confidence, double bits) {
     return (amplitude != amplitude) & (confidence == confidence) & (bits <= 0.0);
 }
 
-/* depth.py: clear_impossible. What is compared is what is written, in float; few groups hold a pixel that may be beyond. */
+/* depth.py: clear_impossible. What is compared is what is written, in float; few groups hold a pixel that may be beyond, or that has
+ * no answer, whose NaN is not below anything either. */
 INLINE void clear_impossible(Group *restrict g, const Frame *restrict frame) {
     const Constants *k = frame->constants;
     const double volts = k->volts, nearly = k->most_volts / volts * (1.0 - 1e-6);
     int64_t beyond = 0;
     EACH_PIXEL {
-        double a = g->amplitude[0][i], b = g->amplitude[1][i], total = (a > 0.0 ? a : 0.0) + (b > 0.0 ? b : 0.0);
-        beyond |= (total > nearly) | (g->confidence[i] > nearly) | is_unexplained(a, g->confidence[i], g->refusal[i]);
+        double a = g->amplitude[0][i], b = g->amplitude[1][i], total = at_least(a, 0.0) + (b > 0.0 ? b : 0.0);
+        beyond |= !((total <= nearly) & (g->confidence[i] <= nearly));
     }
-    g->cleared = beyond != 0;
+    g->cleared = 0;
     if (!beyond) return;
     EACH_PIXEL g->t1[i] = k->most_volts;
     if (frame->samples) EACH_PIXEL g->t1[i] = k->most_volts + k->noise_volts / g->root[i];
@@ -91,6 +92,7 @@ INLINE void clear_impossible(Group *restrict g, const Frame *restrict frame) {
         }
         g->confidence[i] = clear > 0.0 ? NAN : g->confidence[i];
     }
+    g->cleared = any(g->impossible);
 }
 
 /* resolve.py: diffuse_pixels, for the pixels that have an answer; those that get one there need no other. */

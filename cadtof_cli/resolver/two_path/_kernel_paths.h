@@ -91,8 +91,9 @@ INLINE double one_path_limit(const Frame *restrict frame) {
  * single: whether it is. `least` is |p1|^2 from which one is an answer's, whatever p2; with |p1|^2 up to 16, |d| is far from
  * rounding, and up to 1e50 it leaves the power finite. */
 INLINE int all_answered(Group *restrict g, const Frame *restrict frame, double least) {
+    enum { MAY_BE_ONE = 1, IS_PAIR = 2, IS_DOUBTFUL = 4 };
     const double limit = one_path_limit(frame);
-    int64_t doubts = 0, ones = 0, pairs = 0;
+    int64_t found = 0;
     EACH_PIXEL {
         double re1 = g->re1[i], im1 = g->im1[i];
         g->t1[i] = re1 * re1 + im1 * im1;
@@ -101,19 +102,17 @@ INLINE int all_answered(Group *restrict g, const Frame *restrict frame, double l
     EACH_PIXEL {
         double re1 = g->re1[i], im1 = g->im1[i], power = g->t1[i], inverse = g->t2[i];
         Turned t = turned(g->re2[i], g->im2[i], power * inverse, re1 * inverse, im1 * inverse);
-        int may = t.d2 <= limit;
-        doubts |= !((power >= least) & (power <= 16.0) & (t.d2 >= 0x1p-95) & (t.d2 <= 1e100));
-        ones |= may;
-        pairs |= !may;
+        int may = t.d2 <= limit, plain = (power >= least) & (power <= 16.0) & (t.d2 >= 0x1p-95) & (t.d2 <= 1e100);
+        found |= !plain ? IS_DOUBTFUL : may ? MAY_BE_ONE : IS_PAIR;
         put(g, i, t);
         g->may[i] = may ? 1.0 : 0.0;
         g->confidence[i] = t.u;
         g->refusal[i] = 0.0;
     }
     g->singles = 0;
-    g->ones = ones != 0;
-    g->pairs = pairs != 0;
-    return !doubts;
+    g->ones = (found & MAY_BE_ONE) != 0;
+    g->pairs = (found & IS_PAIR) != 0;
+    return !(found & IS_DOUBTFUL);
 }
 
 INLINE double least_answered(const Frame *restrict frame) {

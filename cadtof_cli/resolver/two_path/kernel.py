@@ -124,7 +124,7 @@ class FrameKernel:
         source_type: np.dtype[np.generic],
         kernel: str | None = None,
     ) -> None:
-        self._tail, self._count, self._source_type = scales.tail, count, source_type
+        self._tail, self._count, self._source_type = scales.tail or (), count, source_type
         self._compiled = extension()
         self._options = (kernel or chosen_kernel(), _ORDERS[_order(settings)], _RETURNS[settings.returns])
         self._stored_shape = (2, count) if scales.phasor_map is None else (2, 2, count)
@@ -169,7 +169,7 @@ class FrameKernel:
         if _as_neighbours(layers) is not layers or _as_neighbours(status) is not status or step != 1:
             raise ValueError("layers, status and pixels: expected neighbours in memory")
         self._compiled.resolve(
-            *self._options, start, stop, self._constants, stored, *self._arrays, layers, status, self._tail
+            *self._options, start, stop, self._constants, stored, *self._arrays, layers, status, *self._tail
         )
 
 

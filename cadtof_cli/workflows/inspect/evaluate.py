@@ -1,21 +1,24 @@
 """`cadtof evaluate`: the maps of a run against truth, beside what the first phasor alone would have said; and over time."""
 
-import csv
-from dataclasses import asdict, dataclass, fields
+from dataclasses import dataclass, fields
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from cadtof_cli.arrays import Float
 from cadtof_cli.errors import OutputError
 from cadtof_cli.files.atomic import atomic_write, require_new
+from cadtof_cli.files.documents import csv_text
 from cadtof_cli.files.formats import EXR, format_by_suffix
 from cadtof_cli.files.maps import read_layers, write_layers
+from cadtof_cli.files.reading import is_folder
 from cadtof_cli.maps.evaluation import DepthErrors, ErrorTally, SequenceTally, depth_errors
 from cadtof_cli.maps.layers import DIRECT_DEPTH, DIRECT_SIGMA, MPI_DEPTH
 from cadtof_cli.workflows.inspect.first_phasors import first_phasors
-from cadtof_cli.workflows.inspect.layers import direct_depth, layer_of, require_same_size
+from cadtof_cli.workflows.inspect.layers import direct_depth, layer_of, require_same_size, truth_file
 from cadtof_cli.workflows.progress import Progress
 from cadtof_cli.workflows.run_folder import read_run
 
@@ -56,7 +59,7 @@ def evaluate_maps(
 
     Args:
         maps: the folder or file.
-        truth: file with a direct depth.
+        truth: file with a direct depth; or a folder with one for each capture, in the tree of the maps.
         progress: told of each map.
         table: CSV file for a line for each frame; None for none.
         overwrite: whether that may be replaced.
@@ -67,9 +70,19 @@ def evaluate_maps(
     if table is not None:
         require_new(table, overwrite=overwrite)
     run = read_run(maps)
-    expected = run.cropped(direct_depth(truth))
-    run.require_range_depth()
     files = run.require_maps()
+
+    @lru_cache(maxsize=1)
+    def known(path: Path) -> Float:
+        return run.cropped(direct_depth(path))
+
+    known(truth_file(truth, run, files[0]))
+    run.require_range_depth()
+    captures = len(run.record["captures"]) if run.record else 1
+    if captures > 1 and len(files) > 1 and not is_folder(truth):
+        progress.say(
+            f"{truth}: the frames of {captures} captures are held against it alone; a folder may hold a truth for each"
+        )
     recorded = first_phasors(run, progress.say)
     direct, first = ErrorTally(), ErrorTally()
     lines: list[FrameErrors] = []
@@ -78,7 +91,9 @@ def evaluate_maps(
     for path in files:
         layers = read_layers(path)
         depth = layer_of(layers, DIRECT_DEPTH, path).astype(np.float64)
-        require_same_size(depth, expected.shape, path, truth)
+        of_this = truth_file(truth, run, path)
+        expected = known(of_this)
+        require_same_size(depth, expected.shape, path, of_this)
         alone = recorded.depth(path, depth)
         direct.add(depth, expected, sigma_m=layers.get(DIRECT_SIGMA))
         if alone is not None:
@@ -101,12 +116,18 @@ def evaluate_maps(
 def _write_table(path: Path, lines: list[FrameErrors]) -> None:
     """Write a line for each frame: its name, then the figures of the direct path and of the first phasor."""
     names = [field.name for field in fields(DepthErrors)]
-    with atomic_write(path) as temporary, temporary.open("w", encoding="utf-8", newline="") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(["frame", *names, *(f"first_phasor_{name}" for name in names)])
-        for line in lines:
-            first = [None] * len(names) if line.first_phasor is None else asdict(line.first_phasor).values()
-            writer.writerow([line.frame, *asdict(line.direct).values(), *first])
+    none = dict.fromkeys(names)
+    rows = (
+        (
+            line.frame,
+            *vars(line.direct).values(),
+            *(none if line.first_phasor is None else vars(line.first_phasor)).values(),
+        )
+        for line in lines
+    )
+    with atomic_write(path) as temporary:
+        text = csv_text(("frame", *names, *(f"first_phasor_{name}" for name in names)), rows)
+        temporary.write_text(text, encoding="utf-8", newline="")
 
 
 def scatter_over_time(maps: Path, out: Path, /, *, progress: Progress, overwrite: bool) -> Scatter:

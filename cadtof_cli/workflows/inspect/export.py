@@ -126,8 +126,10 @@ def _write_png(one: _Map, output: Path, settings: ExportSettings) -> None:
 def _write_npz(one: _Map, output: Path, settings: ExportSettings) -> None:
     """Write all layers by name."""
     del settings
+    arrays: dict[str, Any] = dict(one.layers)
     with atomic_write(output) as temporary, temporary.open("wb") as file:
-        np.savez_compressed(file, allow_pickle=False, **dict(one.layers))
+        # until numpy 2.2 a keyword that says what may be pickled would be one more array
+        np.savez_compressed(file, **arrays)
 
 
 def _write_csv(one: _Map, output: Path, settings: ExportSettings) -> None:

@@ -16,7 +16,8 @@ from cadtof_cli.calibration.store import load_calibration
 from cadtof_cli.capture.frames import FrameSource, read_stored
 from cadtof_cli.capture.metadata import CaptureMetadata
 from cadtof_cli.capture.toml import FILE_NAME as CAPTURE_FILE
-from cadtof_cli.errors import CadtofError
+from cadtof_cli.errors import CadtofError, CaptureError
+from cadtof_cli.files.documents import plain
 from cadtof_cli.files.formats import MAP_SUFFIXES, detect_format
 from cadtof_cli.files.frames import FrameLayout, NotAFrameError
 from cadtof_cli.files.maps import STATUS, read_facts, read_layers
@@ -26,17 +27,7 @@ from cadtof_cli.phasors.noise import estimated_integration_length
 from cadtof_cli.phasors.plausible import implausible
 from cadtof_cli.phasors.voltages import ideal_phasor_map, phasors_from_stored, saturated_pixels
 from cadtof_cli.resolver.status import StatusBit
-from cadtof_cli.workflows.run_folder import RUN_FILE, is_run_folder, map_files, read_record, require_valid_record
-
-
-@dataclass(frozen=True)
-class LookTask:
-    """A frame to look into; `pixels` is the (Y, X) that it should have."""
-
-    source: FrameSource
-    layout: FrameLayout
-    metadata: CaptureMetadata
-    pixels: tuple[int, int] | None
+from cadtof_cli.workflows.run_folder import is_run_folder, map_files, read_run
 
 
 @dataclass(frozen=True)
@@ -56,35 +47,40 @@ class FrameFacts:
     implausible: str | None = None
 
 
-def facts_of_frame(task: LookTask, /) -> FrameFacts:
-    """Read one frame and return what it holds; whatever is wrong with it is a `problem`, never an exception."""
+def facts_of_frame(
+    source: FrameSource, /, *, layout: FrameLayout, metadata: CaptureMetadata, pixels: tuple[int, int] | None
+) -> FrameFacts:
+    """Read one frame and return what it holds; whatever is wrong with it is a `problem`, never an exception.
+
+    `pixels` is the (Y, X) that it should have; None: any.
+    """
     try:
-        stored = read_stored(task.source, task.layout, size=task.pixels)
-        container = detect_format(task.source.paths[0], raw=task.layout.raw is not None).name
-        return _facts(stored, container, task)
+        stored = read_stored(source, layout, size=pixels)
+        container = detect_format(source.paths[0], raw=layout.raw is not None).name
+        return _facts(stored, container, layout, metadata)
     except NotAFrameError as error:
         return FrameFacts(problem=str(error), skipped=True)
     except CadtofError as error:
         return FrameFacts(problem=str(error))
     except MemoryError:
-        return FrameFacts(problem=f"{task.source}: not enough memory for a frame of this size: try fewer --jobs")
+        return FrameFacts(problem=f"{source}: not enough memory for a frame of this size: try fewer --jobs")
 
 
-def _facts(stored: Stored, container: str, task: LookTask) -> FrameFacts:
+def _facts(stored: Stored, container: str, layout: FrameLayout, metadata: CaptureMetadata) -> FrameFacts:
     planes = stored.reshape(*stored.shape[:2], -1)
     finite = [plane[np.isfinite(plane)] for channels in planes for plane in channels]
     ranges = {
         name: (float(plane.min()), float(plane.max()))
-        for name, plane in zip(task.layout.plane_names, finite, strict=True)
+        for name, plane in zip(layout.plane_names, finite, strict=True)
         if plane.size
     }
     try:
-        phasor_map = ideal_phasor_map(task.metadata, stored.dtype)
+        phasor_map = ideal_phasor_map(metadata, stored.dtype)
     except CadtofError:
         # what is missing is said once, for the whole capture
         return FrameFacts(container=container, dtype=str(stored.dtype), shape=stored.shape, planes=ranges)
     phasors = phasors_from_stored(planes, phasor_map)
-    saturated = saturated_pixels(planes, task.metadata.voltage.saturated_counts)
+    saturated = saturated_pixels(planes, metadata.voltage.saturated_counts)
     bad = ~np.isfinite(phasors).all(axis=0)
     phasors[:, saturated] = np.nan
     return FrameFacts(
@@ -95,7 +91,7 @@ def _facts(stored: Stored, container: str, task: LookTask) -> FrameFacts:
         saturated=float(saturated.mean()),
         not_finite=float(bad.mean()),
         integration_length_seen=estimated_integration_length(phasors.reshape(-1, *stored.shape[2:])),
-        implausible=implausible(stored, task.metadata),
+        implausible=implausible(stored, metadata),
     )
 
 
@@ -121,7 +117,7 @@ class MapFacts:
     layers: dict[str, LayerFacts] = field(default_factory=dict)
     status: dict[str, float] = field(default_factory=dict)
     about: dict[str, str] = field(default_factory=dict)
-    run: dict[str, Any] | None = None
+    run: Mapping[str, Any] | None = None
     problems: list[str] = field(default_factory=list)
 
 
@@ -142,11 +138,11 @@ def facts_of_maps(path: Path, /) -> MapFacts:
     facts = MapFacts(str(path), len(files))
     if is_run_folder(path):
         try:
-            facts.run = dict(require_valid_record(read_record(path)))
-        except OSError as error:
-            facts.problems.append(f"{path / RUN_FILE}: cannot be read: {error.strerror or error}")
-        except (ValueError, LookupError, TypeError, AttributeError) as error:
-            facts.problems.append(f"{path / RUN_FILE}: not the record of a run ({error})")
+            run = read_run(path)
+            facts.run = run.record
+            facts.problems += [] if run.record else [run.no_record]
+        except CaptureError as error:
+            facts.problems.append(str(error))
     if not files:
         facts.problems.append(f"{path}: found no maps")
     for index, file in enumerate(files):
@@ -212,15 +208,6 @@ def facts_of_calibration(path: Path, /) -> CalibrationFacts:
             "waveform": origin.waveform,
             "created": origin.created,
             "version": origin.version,
-            **_plain(part.tables()),
+            **plain(part.tables()),
         }
     return facts
-
-
-def _plain(value: Any) -> Any:
-    """Return numpy's numbers as Python's own, wherever they stand."""
-    if isinstance(value, Mapping):
-        return {key: _plain(entry) for key, entry in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(entry) for entry in value]
-    return value.item() if hasattr(value, "item") else value

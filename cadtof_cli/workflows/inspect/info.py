@@ -4,6 +4,7 @@ import math
 from collections.abc import Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +23,6 @@ from cadtof_cli.units import unambiguous_range_m
 from cadtof_cli.workflows.inspect.facts import (
     CalibrationFacts,
     FrameFacts,
-    LookTask,
     MapFacts,
     facts_of_calibration,
     facts_of_frame,
@@ -88,6 +88,7 @@ def look_into(
     workers: Workers,
     progress: Progress,
     settings_file: Path | None = None,
+    recursive: bool = False,
 ) -> list[Facts]:
     """Return what each input holds: captures are read whole, so that what is damaged is found.
 
@@ -103,7 +104,9 @@ def look_into(
             found.append(facts_of_maps(path))
         else:
             recorded.append(path)
-    captures = find_captures(recorded, overrides=overrides, settings_file=settings_file) if recorded else ()
+    captures: Sequence[Capture] = ()
+    if recorded:
+        captures = find_captures(recorded, overrides=overrides, settings_file=settings_file, recursive=recursive)
     progress.total(sum(len(capture.frames) for capture in captures))
     found += (_capture_facts(capture, workers, progress) for capture in captures)
     return found
@@ -122,19 +125,17 @@ def _capture_facts(capture: Capture, workers: Workers, progress: Progress) -> Ca
         return facts
     if typical and not typical.is_plain:
         facts.lossy_compression = lossy_compression(typical.source, capture.layout, typical.dtype)
-    tasks = (
-        LookTask(source, capture.layout, metadata, typical.pixels if typical else None)
-        for source in single_frames(capture)
-    )
-    with closing(run_ordered(facts_of_frame, tasks, workers=workers)) as outcomes:
+    pixels = typical.pixels if typical else None
+    look = partial(facts_of_frame, layout=capture.layout, metadata=metadata, pixels=pixels)
+    with closing(run_ordered(look, single_frames(capture), workers=workers)) as outcomes:
         implausible: list[str] = []
         for outcome in outcomes:
             result = outcome.result
             if isinstance(result, WorkerDied):
-                result = FrameFacts(problem=f"{outcome.task.source}: the process that read it died, twice")
+                result = FrameFacts(problem=f"{outcome.task}: the process that read it died, twice")
             facts.add(result)
             if result.implausible is not None:
-                implausible.append(f"{outcome.task.source}: {result.implausible}")
+                implausible.append(f"{outcome.task}: {result.implausible}")
             progress.advance()
     if implausible:
         more = f" (and {len(implausible) - 1} frames more)" if len(implausible) > 1 else ""

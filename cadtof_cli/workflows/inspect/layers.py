@@ -11,7 +11,9 @@ from numpy.typing import NDArray
 from cadtof_cli.arrays import Float
 from cadtof_cli.capture.metadata import Optics
 from cadtof_cli.errors import CaptureError
+from cadtof_cli.files.formats import MAP_SUFFIXES
 from cadtof_cli.files.maps import read_layers
+from cadtof_cli.files.reading import is_folder
 from cadtof_cli.maps.layers import DIRECT_DEPTH
 from cadtof_cli.records import setting
 from cadtof_cli.workflows.run_folder import Run
@@ -60,6 +62,26 @@ def direct_depth(path: Path, /) -> Float:
         CadtofError: the file cannot be read or has no such layer.
     """
     return layer_of(read_layers(path), DIRECT_DEPTH, path).astype(np.float64)
+
+
+def truth_file(truth: Path, run: Run, file: Path, /) -> Path:
+    """Return the file with the truth of a map: the one given, or `truth.*` in a folder, where it lies as the map does in its run.
+
+    Where there is none in that place, the one in the nearest folder above counts.
+
+    Raises:
+        CaptureError: there is none.
+    """
+    if not is_folder(truth):
+        return truth
+    below = Path(run.name(file)).parent
+    for folder in (below, *below.parents):
+        for path in (truth / folder / f"truth{suffix}" for suffix in MAP_SUFFIXES):
+            if path.exists():
+                return path
+    raise CaptureError(
+        f"{truth / below}: found no truth of {run.name(file)}, expected a file truth{MAP_SUFFIXES[0]} there"
+    )
 
 
 def require_same_size(plane: NDArray[Any], expected: tuple[int, ...], path: Path, other: Path, /) -> None:

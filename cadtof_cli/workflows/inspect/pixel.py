@@ -10,6 +10,7 @@ import numpy as np
 
 from cadtof_cli.capture.discovery import find_captures
 from cadtof_cli.errors import CaptureError, SettingsError
+from cadtof_cli.files.documents import plain
 from cadtof_cli.files.maps import STATUS, DepthMaps
 from cadtof_cli.frame_plan import FramePlan
 from cadtof_cli.maps.layers import DIRECT_DEPTH
@@ -100,7 +101,7 @@ def inspect_pixel(
         "status": list(describe_status(status)),
         "neighbours_m": _neighbours(resolved.maps, x, y),
     }
-    return InspectedPixel(_without_nan(document), evidence, evidence.noise.harmonics)
+    return InspectedPixel(plain(document), evidence, evidence.noise.harmonics)
 
 
 def _task(
@@ -185,12 +186,3 @@ def _neighbours(maps: DepthMaps, x: int, y: int) -> list[list[float]]:
     around = np.pad(maps.layer(DIRECT_DEPTH), NEIGHBOURS, constant_values=np.nan)
     side = 2 * NEIGHBOURS + 1
     return [[float(value) for value in row] for row in around[y : y + side, x : x + side]]
-
-
-def _without_nan(value: Any) -> Any:
-    """Return JSON with null where a number is not finite."""
-    if isinstance(value, dict):
-        return {key: _without_nan(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_without_nan(item) for item in value]
-    return None if isinstance(value, float) and not np.isfinite(value) else value

@@ -1,7 +1,5 @@
 """`cadtof profile`: maps along a row, a column or any line, beside the first phasor and truth."""
 
-import csv
-import io
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +10,7 @@ from numpy.typing import NDArray
 from cadtof_cli.arrays import Float, Index
 from cadtof_cli.errors import SettingsError
 from cadtof_cli.files.atomic import atomic_write, require_new
+from cadtof_cli.files.documents import csv_text
 from cadtof_cli.files.maps import read_layers
 from cadtof_cli.frame_plan import DEPTH_IN_WORDS
 from cadtof_cli.maps.layers import DIRECT_DEPTH, layer_unit
@@ -160,20 +159,14 @@ def _truth(truth: Path, run: Run, file: Path, settings: ProfileSettings, size: t
 
 def profile_table(profile: Profile, /) -> str:
     """Return the profile as CSV: a line for each pixel, nothing between the commas where there is no value."""
-    columns: dict[str, NDArray[np.generic]] = {"x": profile.columns, "y": profile.rows}
+    columns: dict[str, NDArray[np.number]] = {"x": profile.columns, "y": profile.rows}
     if profile.truth is not None:
         columns["truth"] = profile.truth
     for one in profile.curves:
         named = {"": one.values, " sigma": one.sigma, " first phasor": one.first_phasor}
         columns |= {f"{one.name}{what}": values for what, values in named.items() if values is not None}
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(columns)
-    for line in zip(*columns.values(), strict=True):
-        writer.writerow(
-            ["" if isinstance(value, float) and not np.isfinite(value) else f"{value:.9g}" for value in line]
-        )
-    return text.getvalue()
+    known = [np.where(np.isfinite(values), values, np.nan) for values in columns.values()]
+    return csv_text(columns, zip(*known, strict=True), digits=9)
 
 
 def write_profile(profile: Profile, out: Path, /, *, overwrite: bool) -> None:

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from cadtof_cli.arrays import Float, Float32
+from cadtof_cli.arrays import Float
 from cadtof_cli.errors import CadtofError, CaptureError, FrameError, OutputError, SettingsError
 from cadtof_cli.files.atomic import require_new
 from cadtof_cli.files.maps import STATUS, read_layers
@@ -77,7 +77,8 @@ def write_report(maps: Path, out: Path, /, *, settings: ReportSettings, progress
     gathered = _gathered(reader, progress)
     text = page_text(
         run,
-        maps={file: one.told(gathered.depth_limits) for file, one in gathered.maps.items()},
+        maps=gathered.maps,
+        depth_limits_m=gathered.limits.known().get(DIRECT_DEPTH, (0.0, 0.0))[:2],
         problems=gathered.problems,
         errors=gathered.errors(),
     )
@@ -107,43 +108,24 @@ class _Reader:
 
 
 @dataclass
-class _SmallMap:
-    """What the strip of frames shows of a map."""
-
-    number: int
-    depth_m: Float32
-    recorded: bool
-
-    def told(self, limits_m: tuple[float, float]) -> MapOfFrame:
-        """Return it as the page has it."""
-        return MapOfFrame(self.number, self.depth_m, limits_m)
-
-
-@dataclass
 class _Gathered:
     """What the page needs of all maps of a run."""
 
     shown: list[ShownFrame] = field(default_factory=list)
     truth: list[EmbeddedFrame] = field(default_factory=list)
-    maps: dict[Path, _SmallMap] = field(default_factory=dict)
+    maps: dict[Path, MapOfFrame] = field(default_factory=dict)
     problems: dict[Path, str] = field(default_factory=dict)
     limits: LayerLimits = field(default_factory=LayerLimits)
     direct: ErrorTally = field(default_factory=ErrorTally)
     first: ErrorTally = field(default_factory=ErrorTally)
     with_truth: bool = False
 
-    @property
-    def depth_limits(self) -> tuple[float, float]:
-        """Least and largest depth of the colours of the thumbnails, in m."""
-        low, high, _, _ = self.limits.known().get(DIRECT_DEPTH, (0.0, 0.0, 0.0, 0.0))
-        return low, high
-
     def errors(self) -> Mapping[str, DepthErrors]:
         """Return the errors against truth by what they are of; the first phasor's only where every map has one."""
         if not self.with_truth:
             return {}
         errors = {"direct path": self.direct.summary()}
-        complete = bool(self.maps) and all(one.recorded for one in self.maps.values())
+        complete = bool(self.maps) and all(one.first_phasor for one in self.maps.values())
         return {"first phasor": self.first.summary(), **errors} if complete else errors
 
     def add(self, reader: _Reader, file: Path, planes: Planes, shares: Shares) -> None:
@@ -153,7 +135,7 @@ class _Gathered:
         name = reader.run.name(file)
         self.shown.append(ShownFrame(name, embedded, reader.settings.optics(reader.run, file), reader.run.depth_kind))
         small = small_plane(planes[DIRECT_DEPTH], longest_px=shares.thumbnail_px)
-        self.maps[file] = _SmallMap(number, small, FIRST_PHASOR in planes)
+        self.maps[file] = MapOfFrame(number, small, FIRST_PHASOR in planes)
         for layer, plane in planes.items():
             if layer != STATUS:
                 self.limits.add(layer, plane)

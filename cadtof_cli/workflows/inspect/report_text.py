@@ -22,17 +22,14 @@ _PIXELS = {
 }
 """What pixels are counted by in a frame's line, in words."""
 
-_ERRORS = ("median_cm", "p90_cm", "rmse_cm", "bias_cm")
-_SHARES = ("valid", "within_1_sigma", "within_2_sigma")
-
 
 @dataclass(frozen=True)
 class MapOfFrame:
-    """A frame's maps on the page: their number in the viewer, a small map of depths, and the limits of its colours."""
+    """A frame's maps on the page: their number in the viewer, a small map of depths, and whether the first phasor is shown."""
 
     number: int
     depth_m: Float32
-    limits_m: tuple[float, float]
+    first_phasor: bool
 
 
 def page_text(
@@ -40,6 +37,7 @@ def page_text(
     /,
     *,
     maps: Mapping[Path, MapOfFrame],
+    depth_limits_m: tuple[float, float],
     problems: Mapping[Path, str],
     errors: Mapping[str, DepthErrors],
 ) -> PageText:
@@ -48,11 +46,13 @@ def page_text(
     Args:
         run: whose page it is.
         maps: those that the page shows.
+        depth_limits_m: least and largest depth of the colours of their thumbnails.
         problems: why the others cannot be read.
         errors: against truth, by what they are of.
     """
     reports = _reports_of(run)
-    lines = tuple(_lines(run, reports, maps, problems))
+    shown = {file: _shown(run.name(file), one, depth_limits_m) for file, one in maps.items()}
+    lines = tuple(_lines(run, reports, shown, problems))
     totals = RunTotals()
     for report in reports:
         totals.add(report)
@@ -63,7 +63,7 @@ def page_text(
         facts=tuple(_facts(record, totals, lines)),
         pixels={words: getattr(totals, name) for name, words in _PIXELS.items()},
         notes=tuple(_notes(run, reports, problems)),
-        errors=[_error_line(title, one) for title, one in errors.items()],
+        errors=errors,
         frames=lines,
         settings=dict(_settings(record)),
     )
@@ -76,48 +76,28 @@ def _reports_of(run: Run) -> Sequence[FrameReport]:
 
 
 def _lines(
-    run: Run, reports: Sequence[FrameReport], maps: Mapping[Path, MapOfFrame], problems: Mapping[Path, str]
+    run: Run, reports: Sequence[FrameReport], shown: Mapping[Path, FrameLine], problems: Mapping[Path, str]
 ) -> Iterator[FrameLine]:
     """Yield a line for each frame of the record in its order, then those of maps that the record does not name."""
-    left = dict.fromkeys(run.files)
-    for report in reports:
-        file = run.map_of(report)
-        left.pop(file, None) if file is not None else None
-        yield _line(run, report, file, maps, problems)
-    for file in left:
-        yield _line(run, None, file, maps, problems)
+    recorded = [(report, run.map_of(report)) for report in reports]
+    named = {file for _, file in recorded}
+    for report, file in (*recorded, *((None, file) for file in run.files if file not in named)):
+        line = FrameLine("" if report is None else report.source)
+        if file is not None:
+            line = shown.get(file, FrameLine(run.name(file)))
+        if report is not None:
+            counts = {words: getattr(report, name) for name, words in _PIXELS.items()}
+            known = {words: count for words, count in counts.items() if count is not None}
+            line = replace(line, status=report.status, reason=report.reason, seconds=report.seconds, pixels=known)
+        if file is not None and file not in shown:
+            line = replace(line, status="failed", reason=problems.get(file, "its maps are gone"))
+        yield line
 
 
-def _line(
-    run: Run,
-    report: FrameReport | None,
-    file: Path | None,
-    maps: Mapping[Path, MapOfFrame],
-    problems: Mapping[Path, str],
-) -> FrameLine:
-    if file is None:
-        assert report is not None
-        return _recorded(FrameLine(report.source), report)
-    line = _shown(FrameLine(run.name(file)), maps[file]) if file in maps else FrameLine(run.name(file))
-    if report is not None:
-        line = _recorded(line, report)
-    if file in problems:
-        return replace(line, status="failed", reason=problems[file])
-    return line if file in maps else replace(line, status="failed", reason="its maps are gone")
-
-
-def _shown(line: FrameLine, one: MapOfFrame) -> FrameLine:
+def _shown(name: str, one: MapOfFrame, limits_m: tuple[float, float]) -> FrameLine:
     """Return a frame's line with its place in the viewer and its thumbnail."""
     height, width = one.depth_m.shape
-    picture = thumbnail(one.depth_m, one.limits_m)
-    return replace(line, number=one.number, thumbnail=picture, size=(width, height))
-
-
-def _recorded(line: FrameLine, report: FrameReport) -> FrameLine:
-    """Return a frame's line with what the run recorded of it."""
-    counts = {words: getattr(report, name) for name, words in _PIXELS.items()}
-    known = {words: count for words, count in counts.items() if count is not None}
-    return replace(line, status=report.status, reason=report.reason, seconds=report.seconds, pixels=known)
+    return FrameLine(name, number=one.number, thumbnail=thumbnail(one.depth_m, limits_m), size=(width, height))
 
 
 def _subtitle(record: Mapping[str, Any], run: Run) -> str:
@@ -154,16 +134,6 @@ def _notes(run: Run, reports: Sequence[FrameReport], problems: Mapping[Path, str
             yield f"{capture.get('root')} was recorded {how}, which changes voltages and so depths."
     if problems:
         yield f"{len(problems)} of the maps cannot be read; the reasons stand under Failures."
-
-
-def _error_line(title: str, errors: DepthErrors) -> tuple[str, ...]:
-    figures = (getattr(errors, name) for name in _ERRORS)
-    shares = (getattr(errors, name) for name in _SHARES)
-    return (
-        title,
-        *("–" if figure is None else f"{figure:.2f}" for figure in figures),
-        *("–" if share is None else f"{100.0 * share:.1f} %" for share in shares),
-    )
 
 
 def _settings(record: Mapping[str, Any]) -> Iterator[tuple[str, Sequence[tuple[str, str, str]]]]:

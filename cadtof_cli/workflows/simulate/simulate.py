@@ -1,9 +1,6 @@
 """Simulate a pixel at one condition: many runs, their statistics, and pictures of one recording."""
 
-import csv
 import json
-import math
-from collections.abc import Iterable, Sequence
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
@@ -13,6 +10,7 @@ import numpy as np
 
 from cadtof_cli.execution.workers import ALONE, Workers
 from cadtof_cli.files.atomic import new_folder
+from cadtof_cli.files.documents import plain, write_rows
 from cadtof_cli.simulation.pixel.pixel import evolution
 from cadtof_cli.workflows.progress import NO_PROGRESS, Progress, results
 from cadtof_cli.workflows.simulate.outcome import PathSummary, TrialsSummary, summary
@@ -29,16 +27,18 @@ def simulate_pixel(trials: Trials, /, *, workers: Workers = ALONE, progress: Pro
 
 def json_report(trials: Trials, outcome: TrialsSummary, /) -> dict[str, Any]:
     """Return the object that `cadtof simulate --json` prints; what does not exist is null."""
-    paths = {name: _finite(asdict(path)) for name, path in named_paths(outcome).items()}
-    return {
-        "settings": settings(trials),
-        **paths,
-        "confidence_v": outcome.confidence_v,
-        "confidence_model_v": outcome.confidence_model_v,
-        "impossible": outcome.impossible,
-        **_finite({"steps_per_start": outcome.steps}),
-        "runs": trials.runs,
-    }
+    report: dict[str, Any] = plain(
+        {
+            "settings": settings(trials),
+            **{name: asdict(path) for name, path in named_paths(outcome).items()},
+            "confidence_v": outcome.confidence_v,
+            "confidence_model_v": outcome.confidence_model_v,
+            "impossible": outcome.impossible,
+            "steps_per_start": outcome.steps,
+            "runs": trials.runs,
+        }
+    )
+    return report
 
 
 def named_paths(outcome: TrialsSummary, /) -> dict[str, PathSummary]:
@@ -49,32 +49,22 @@ def named_paths(outcome: TrialsSummary, /) -> dict[str, PathSummary]:
 
 def settings(trials: Trials, /) -> dict[str, Any]:
     """Return all settings of the trials, flat."""
-    model, modulation = trials.model, trials.model.modulation
+    model, resolver = trials.model, asdict(trials.resolver)
+    of_modulation = ("periods_ns", "waveform", "amplitude_v")
+    of_trials = ("runs", "seed", "photon_by_photon")
+    of_model = ("dead_time_ns", "jitter_ns", "sample_noise_v", "gain_mismatch", "offsets_v")
+    of_resolver = ("solver", "paths", "order", "starts", "false_alarm", "returns", "min_return_ratio")
     return {
         **asdict(trials.condition),
         "integration_length": model.averaging.integration_length,
-        "periods_ns": list(modulation.periods_ns),
-        "waveform": modulation.waveform,
-        "amplitude_v": modulation.amplitude_v,
-        "runs": trials.runs,
-        "seed": trials.seed,
-        "photon_by_photon": trials.photon_by_photon,
+        **{name: getattr(model.modulation, name) for name in of_modulation},
+        **{name: getattr(trials, name) for name in of_trials},
         "photons_per_cycle": model.photons_per_cycle,
         "cycles": model.photons // model.photons_per_cycle,
         "stages": model.averaging.stages.drive,
-        "dead_time_ns": model.dead_time_ns,
-        "jitter_ns": model.jitter_ns,
-        "sample_noise_v": model.sample_noise_v,
-        "gain_mismatch": model.gain_mismatch,
-        "offsets_v": list(model.offsets_v),
+        **{name: getattr(model, name) for name in of_model},
         **asdict(model.motion),
-        "solver": trials.resolver.solver,
-        "paths": trials.resolver.paths,
-        "order": trials.resolver.order,
-        "starts": trials.resolver.starts,
-        "false_alarm": trials.resolver.false_alarm,
-        "return": trials.resolver.returns,
-        "min_return_ratio": trials.resolver.min_return_ratio,
+        **{"return" if name == "returns" else name: resolver[name] for name in of_resolver},
         "pulse_correction": trials.pulse_correction,
         "wrapped": trials.wrapped,
     }
@@ -107,15 +97,3 @@ def write_evolution(trials: Trials, outcome: TrialsSummary, out: Path, /) -> Non
         draw_histogram(recording, trials.condition, folder / "histogram.png")
         draw_voltages(recording, folder / "voltages.png")
         draw_phase(recording, trials.condition, folder / "phase.png")
-
-
-def write_rows(path: Path, names: Sequence[str], rows: Iterable[Iterable[float]], /) -> None:
-    """Write a CSV of numbers, seven digits each."""
-    with path.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(names)
-        writer.writerows([f"{value:.7g}" for value in row] for row in rows)
-
-
-def _finite(values: dict[str, float]) -> dict[str, float | None]:
-    return {name: value if math.isfinite(value) else None for name, value in values.items()}

@@ -1,16 +1,13 @@
 """Simulate a grid of conditions, and lay the results out as a table and as pictures."""
 
-import csv
-import io
-import math
+import itertools
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 
-from cadtof_cli.errors import OutputError
 from cadtof_cli.execution.workers import ALONE, Workers
-from cadtof_cli.files.atomic import new_folder
-from cadtof_cli.simulation.pixel.averaging import Averaging
+from cadtof_cli.files.atomic import atomic_write, new_folder, require_absent
+from cadtof_cli.files.documents import csv_text
 from cadtof_cli.simulation.pixel.mix import require
 from cadtof_cli.simulation.pixel.statistics import averaging_gain, phase_precision_of_mix_rad
 from cadtof_cli.workflows.progress import NO_PROGRESS, Progress, results
@@ -45,15 +42,11 @@ class SweepSettings:
 
     def cells(self) -> Iterator[Trials]:
         """Return the trials of every cell; MPI ratio is the slowest axis, integration length the fastest."""
-        stream = 0
-        for ratio in self.mpi_ratios:
-            for asr in self.asrs:
-                for length in self.integration_lengths:
-                    condition = replace(self.base.condition, asr=asr, mpi_ratio=ratio)
-                    averaging: Averaging = replace(self.base.model.averaging, integration_length=length)
-                    model = replace(self.base.model, averaging=averaging)
-                    yield replace(self.base, condition=condition, model=model, stream=stream)
-                    stream += 1
+        axes = itertools.product(self.mpi_ratios, self.asrs, self.integration_lengths)
+        for stream, (ratio, asr, length) in enumerate(axes):
+            condition = replace(self.base.condition, asr=asr, mpi_ratio=ratio)
+            model = replace(self.base.model, averaging=replace(self.base.model.averaging, integration_length=length))
+            yield replace(self.base, condition=condition, model=model, stream=stream)
 
 
 @dataclass(frozen=True)
@@ -119,23 +112,15 @@ def rows(cells: Iterable[SweepCell], /) -> Iterator[dict[str, float]]:
 
 def table_text(cells: list[SweepCell], /) -> str:
     """Return the table as CSV, seven digits each."""
-    names, table = columns(cells), io.StringIO()
-    writer = csv.writer(table, lineterminator="\n")
-    writer.writerow(names)
-    for row in rows(cells):
-        writer.writerow(["" if math.isnan(row[name]) else f"{row[name]:.7g}" for name in names])
-    return table.getvalue()
+    names = columns(cells)
+    return csv_text(names, ([row[name] for name in names] for row in rows(cells)), digits=7)
 
 
 def write_table_file(cells: list[SweepCell], path: Path, /) -> None:
     """Write the table to a new file; raises OutputError where one is, or where it cannot be written."""
-    try:
-        with path.open("x", newline="", encoding="utf-8") as file:
-            file.write(table_text(cells))
-    except FileExistsError as error:
-        raise OutputError(f"{path}: found a file, expected nothing there; choose another OUT or remove it") from error
-    except OSError as error:
-        raise OutputError(f"{path}: cannot be written: {error.strerror}") from error
+    require_absent(path)
+    with atomic_write(path) as temporary:
+        temporary.write_text(table_text(cells), encoding="utf-8", newline="")
 
 
 def draw_sweep(cells: list[SweepCell], folder: Path, /) -> None:

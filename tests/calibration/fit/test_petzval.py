@@ -134,7 +134,12 @@ def test_without_optics_two_distances_give_the_focal_length_too() -> None:
     assert any("no focal length given: fitted" in text for text in found.quality.findings)
 
 
-@pytest.mark.parametrize("distances", [(1.0,), (1.0, 1.1)])
+def test_without_optics_distances_a_fifth_apart_are_enough() -> None:
+    found = fitted(measured_wall(2.0, seed=1, sigma_m=1e-4), measured_wall(2.45, seed=2, sigma_m=1e-4), optics=Optics())
+    assert found.quality.focal_length_px == pytest.approx(70.0, rel=5e-3)
+
+
+@pytest.mark.parametrize("distances", [(1.0,), (1.0, 1.15)])
 def test_without_optics_one_distance_is_refused(distances: tuple[float, ...]) -> None:
     with pytest.raises(SettingsError, match=r"the optics are unknown.*set focal_length_px under \[optics\]"):
         fitted(*(measured_wall(d, seed=1) for d in distances), optics=Optics())

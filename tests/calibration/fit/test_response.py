@@ -106,6 +106,9 @@ def test_curvature_of_the_lens_is_taken_out_of_the_phase_maps() -> None:
     found = response_of(Defects(petzval_m=(0.06, -0.02)), (0.5, 1.0, 1.7, 2.4, 3.0))
     assert found.field_curvature_m == pytest.approx((0.06, -0.02), abs=1e-3)
     assert found.phase_rad.std(axis=(1, 2)) == pytest.approx(found.quality.phase_stderr_rad, rel=0.2)
+    k2, k4 = found.field_curvature_m
+    (said,) = (text for text in found.quality.findings if "was taken out of the phase maps" in text)
+    assert said.startswith(f"field curvature k2 = {k2:.4f} m, k4 = {k4:.4f} m ")
 
 
 def test_without_optics_the_distance_stands_for_every_pixel_and_it_is_said() -> None:

@@ -108,7 +108,7 @@ def cluster_run(
     return ClusterRun(cluster, function, tasks, OURS, Path("probe"), say)
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(
     st.integers(0, 2**32), st.integers(0, 60), st.frozensets(st.integers(0, 59), max_size=4),
     st.frozensets(st.sampled_from(["join", "leave"])), st.sampled_from([SHORT_S / 30, 1.0]),

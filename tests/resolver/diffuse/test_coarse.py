@@ -46,10 +46,12 @@ def kept(posterior: Conditioned) -> F:
     return share
 
 
-def beside(*lags_rad: float, open_share: float = 0.5) -> Beside:
-    """Lags by light that the view does not show: of its continued border, of what is unseen, and of guessed walls."""
+def beside(*lags_rad: float, open_share: float = 0.5, cosine: float = 0.7) -> Beside:
+    """Lags by light that the view does not show: of its continued border, of what is unseen, and of guessed walls; and what they
+    depend on.
+    """
     lags = (0.0, *lags_rad, *[0.0] * (3 - len(lags_rad)))
-    return Beside(*(np.full(PATCHES, value) for value in (*lags, open_share)))
+    return Beside(*(np.full(PATCHES, value) for value in (*lags, open_share, cosine)))
 
 
 def planes(known: PatchFit, light: Beside, leaning: Leaning = STRAIGHT) -> CoarsePlanes:
@@ -83,6 +85,19 @@ def test_what_patches_leave_is_what_their_data_do_not_tell_and_common_to_them() 
         chi_squared = float(off @ np.linalg.solve(among, off))
         left.append(chi_squared * (whole[DATA:, DATA:] - between @ np.linalg.solve(among, between.T))[1, 1])
     assert_allclose(planes(known, beside()).planes[-2][VALID], 2.5 * np.mean(left), rtol=1e-4)
+
+
+def test_a_tail_that_may_not_be_there_counts_by_its_probability() -> None:
+    """Means and variances of what is drawn with the tail in one half of the cases, and else with none."""
+    certain = planes(fit(), beside())
+    assert certain.if_likely(1.0).planes.tobytes() == certain.planes.tobytes()
+    halved = certain.if_likely(0.5)
+    lag, left = (certain.planes[row][0, 0] for row in (DATA + 1, -2))
+    rng = np.random.default_rng(5)
+    drawn = np.where(rng.random(400_000) < 0.5, lag + np.sqrt(left) * rng.standard_normal(400_000), 0.0)
+    assert_allclose(halved.planes[DATA + 1][0, 0], drawn.mean(), rtol=0.02)
+    assert_allclose(halved.planes[-2][0, 0], drawn.var(), rtol=0.02)
+    assert_allclose(halved.planes[:-2], 0.5 * certain.planes[:-2], rtol=1e-6)
 
 
 def test_a_misfit_of_one_and_more_says_the_same() -> None:
@@ -128,6 +143,16 @@ def test_with_two_harmonics_light_that_the_view_does_not_show_moves_arg_h(
     assert_allclose(difference[: DATA + 1], 0.0, atol=1e-7)
     assert_allclose(difference[-1], moved, rtol=1e-4, atol=1e-7)
     assert_allclose(found.planes[-2] - without.planes[-2], unsure**2, rtol=1e-3, atol=1e-9)
+
+
+@pytest.mark.parametrize(("further", "share"), [(1, 0.0), (2, 0.05), (3, 0.05)])
+def test_three_harmonics_miss_of_what_is_seen_straight_on_and_overdo_what_is_seen_at_a_grazing_angle(
+    further: int, share: float
+) -> None:
+    known = replace(fit(data=2 * further), room=np.array([0.0, 0.0, 0.0, 0.0, 0.0, 4.4]))
+    for cosine in (0.2, 0.7, 1.0):
+        lag = planes(known, beside(cosine=cosine)).planes[2 * further + 1][VALID]
+        assert_allclose(lag, -0.4 * (1.0 + share * (cosine - 0.7)), rtol=1e-5)
 
 
 @pytest.mark.parametrize(("further", "per_ns"), [(1, 0.0), (2, 0.012)])
@@ -191,7 +216,7 @@ def test_the_phase_of_the_mpi_light_is_as_unsure_as_repetitions_show(targets: tu
     data = small.expected[:DATA] + 1e-5
     posterior = patch_posterior(data, error_of(1e-9), small)
     found = coarse_planes(small, posterior, beside(), VALID, STRAIGHT)
-    spread = np.einsum("jan,j,jbn->abn", small.jacobian, WITHIN_PATCH**2, small.jacobian)[-2:, -2:]
+    spread = np.einsum("jan,j,jbn->abn", small.jacobian, WITHIN_PATCH[0] ** 2, small.jacobian)[-2:, -2:]
     rng = np.random.default_rng(4)
     for patch in range(PATCHES):
         left = kept(posterior)[patch] * np.array(

@@ -72,7 +72,7 @@ def test_a_fit_has_the_same_bits(harmonics: tuple[int, ...], patches: int) -> No
         assert_same(fit(kernel), expected, kernel)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(seed=st.integers(0, 2**32), large=st.sampled_from([1.0, 1e3, 1e150]), special=st.booleans())
 def test_steps_of_any_numbers_have_the_same_bits(seed: int, large: float, special: bool) -> None:
     """Of numbers that no room has, too: NaN stays what it is, or becomes one."""

@@ -9,6 +9,7 @@ from cadtof_cli.resolver.diffuse.choice import (
     PatchKinds,
     lit_patches,
     misfit_without_mpi,
+    mpi_probability,
     patch_kinds,
     separate_patches,
     tail_fits,
@@ -76,6 +77,31 @@ def test_mpi_is_to_be_seen_from_twice_the_noise_s_square_on(times: float, reason
     assert kinds(means).reason == reason
     lit = np.ones((1, 80), bool)
     assert_allclose(misfit_without_mpi(means, lit, VARIANCES, harmonics=(1, 2, 3)), times**2)
+
+
+def test_noise_alone_speaks_against_mpi_and_the_misfit_of_a_room_leaves_no_doubt() -> None:
+    rng = np.random.default_rng(4)
+    noise = [mpi_probability(float(rng.chisquare(600)) / 600, numbers=600) for _ in range(200)]
+    assert float(np.mean(noise)) < 0.1
+    assert max(noise) < 0.3
+    assert mpi_probability(20.0, numbers=128) == 1.0
+    assert mpi_probability(0.8, numbers=600) == mpi_probability(1.0, numbers=600)
+
+
+def test_the_probability_of_mpi_is_that_of_a_free_variance_against_a_known_one() -> None:
+    """Integrated: n numbers of the mean square m, with the variance 1 or with one whose logarithm is even over a range of 2√π."""
+    numbers, known = 400, 0.1
+    count = 2.0 / (2.0 / numbers + known**2)
+    logs = np.linspace(-3.0, 3.0, 60001)
+    for misfit in (1.0, 1.3, 1.6):
+        relative = np.exp(-0.5 * count * (logs + misfit * np.exp(-logs) - misfit))
+        odds = float(relative.sum() * (logs[1] - logs[0])) / (2.0 * np.sqrt(np.pi))
+        assert_allclose(mpi_probability(misfit, numbers=numbers), odds / (1.0 + odds), rtol=0.02)
+
+
+def test_what_is_forced_to_have_a_tail_is_told_how_likely_one_is() -> None:
+    assert kinds(frame([1.0] * 100, third=1.0), "diffuse").mpi_probability < 0.1
+    assert kinds(frame([TAIL] * 100), "diffuse").mpi_probability == 1.0
 
 
 def test_the_misfit_is_the_mean_over_lit_patches_alone() -> None:

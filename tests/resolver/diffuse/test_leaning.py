@@ -72,9 +72,18 @@ def test_the_share_changes_in_proportion_up_to_what_rooms_show(name: str, change
     """Less is missed of near rooms, of high albedo and where much of the light is seen; more where surfaces face one way."""
     there = getattr(MIDDLE, name)
     assert missed_share(replace(MIDDLE, **{name: there + change})) - 0.038 == pytest.approx(more)
-    for end, bound in ((LEAST, -9.0), (MOST, 9.0)):
+    for end, bound in ((LEAST, -0.15 if name == "more" else -9.0), (MOST, 9.0)):
         beyond = missed_share(replace(MIDDLE, **{name: there + bound}))
         assert beyond == pytest.approx(missed_share(replace(MIDDLE, **{name: there + getattr(end, name)})))
+
+
+def test_nothing_is_missed_where_two_paths_say_what_the_tail_says() -> None:
+    """As in a plain corner, where all light that counts is of the two surfaces that are seen."""
+    least = missed_share(replace(MIDDLE, more=0.27))
+    assert least > 0.05
+    assert missed_share(replace(MIDDLE, more=0.27 / 3)) == pytest.approx(least / 3)
+    assert missed_share(replace(MIDDLE, more=0.0)) == 0.0
+    assert missed_share(replace(MIDDLE, more=-0.5)) == 0.0
 
 
 def test_what_is_left_of_the_lag_is_common_where_tail_and_two_paths_differ() -> None:

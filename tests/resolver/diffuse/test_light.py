@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from cadtof_cli.resolver.diffuse.light import is_light, patch_light, patch_means
+from cadtof_cli.resolver.diffuse.light import PatchMeans, is_light, patch_light, patch_means, without_bias
 
 HARMONICS = (1, 2, 4)
 
@@ -38,6 +38,27 @@ def test_pixels_of_different_light_count_by_their_power() -> None:
     means = patch_means(light, among)
     assert_allclose(means.ratios, [(0.01 * 0.5 + 0.09 * (1.0 + 0.2j)) / 0.1], rtol=1e-6)
     assert_allclose((means.amplitude, means.pixels), (np.sqrt(0.05), 2.0), rtol=1e-6)
+
+
+@pytest.mark.parametrize(("amplitude", "sigma"), [(0.25, 0.02), (0.25, 0.04), (0.6, 0.08), (0.1, 0.016)])
+def test_noise_makes_ratios_neither_smaller_nor_larger(amplitude: float, sigma: float) -> None:
+    """Noise drawn as a pixel of one path has it: by 1 − A weaker across the phasor, by 1 − A² in both together."""
+    rng = np.random.default_rng(3)
+    across = sigma * np.sqrt(1.0 - amplitude)
+    along = np.sqrt(2.0 * sigma**2 * (1.0 - amplitude**2) - across**2)
+    count = 400_000
+    first = amplitude + along * rng.standard_normal(count) + 1j * across * rng.standard_normal(count)
+    light = patch_light(np.stack([first, *[np.full(count, amplitude)] * 2]), np.ones(count, bool), harmonics=(1, 2, 3))
+    biased = patch_means(light, np.ones(count, bool))
+    assert (np.abs(biased.ratios) < 1.0 - 1.5 * (across / amplitude) ** 2).all()
+    freed = without_bias(biased, sigma**2, harmonics=(1, 2, 3)).ratios
+    assert (np.abs(freed - 1.0) < 0.05 * np.abs(biased.ratios - 1.0) + 15.0 * across / amplitude / np.sqrt(count)).all()
+
+
+def test_without_noise_and_without_pixels_ratios_stay_as_they_are() -> None:
+    means = PatchMeans(np.array([[0.7 + 0.1j, 0.0]]), np.array([0.2, 0.0]), np.array([9.0, 0.0]), np.zeros(2))
+    assert without_bias(means, 0.0, harmonics=(1, 2)).ratios.tolist() == means.ratios.tolist()
+    assert without_bias(means, 1e-4, harmonics=(1, 2)).ratios[0, 1] == 0.0
 
 
 def test_patches_without_pixels_have_no_amplitude_and_finite_ratios() -> None:

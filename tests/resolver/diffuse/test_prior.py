@@ -23,7 +23,7 @@ def test_rooms_differ_by_the_documented_spreads_and_more_where_the_optics_are_as
     between, within = between_rooms(known_optics=known), within_room(known_optics=known)
     assert_allclose(np.diag(between), spreads**2 + assumed**2)
     assert_allclose(np.diag(within), apart**2 + assumed**2)
-    assert_allclose(prior.WITHIN_PATCH, 1.1 * apart)
+    assert_allclose(prior.WITHIN_PATCH, (1.1 * apart, 0.8 * apart))
 
 
 def test_bright_rooms_have_more_unseen_light_near_walls_give_it_earlier_and_large_rooms_keep_it() -> None:

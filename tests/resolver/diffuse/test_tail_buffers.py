@@ -81,16 +81,16 @@ def pixels_of(harmonics: int = 2, pixels: int = PIXELS) -> dict[str, Any]:
 
 def answer(compiled: ModuleType, tail: Any, pixels: dict[str, Any], **options: Any) -> None:
     start, stop = options.get("start", 0), options.get("stop", np.size(pixels["answered"]))
-    given = tuple(tail.values()) if isinstance(tail, dict) else tail
-    compiled.answer_tail(options.get("level", compiled.levels()[0]), start, stop, *pixels.values(), given)
+    given = tail.values() if isinstance(tail, dict) else tail
+    compiled.answer_tail(options.get("level", compiled.levels()[0]), start, stop, *pixels.values(), *given)
 
 
 def resolve(compiled: ModuleType, tail: Any) -> None:
     """Resolve a frame of voltages with that tail."""
     layers, status = np.zeros((7, PIXELS), np.float32), np.zeros(PIXELS, np.uint32)
     stored, constants = np.full((4, PIXELS), 0.1), np.ones(len(compiled.constant_names()))
-    given = tuple(tail.values()) if isinstance(tail, dict) else tail
-    compiled.resolve(compiled.levels()[0], 0, 0, 0, PIXELS, constants, stored, *(None,) * 6, layers, status, given)
+    given = tail.values() if isinstance(tail, dict) else tail
+    compiled.resolve(compiled.levels()[0], 0, 0, 0, PIXELS, constants, stored, *(None,) * 6, layers, status, *given)
 
 
 @pytest.mark.parametrize("harmonics", PLANES)
@@ -203,13 +203,21 @@ def test_two_paths_need_the_tail_of_two_harmonics(compiled: ModuleType) -> None:
         resolve(compiled, fourth)
 
 
-@pytest.mark.parametrize("tail", [None, 3, [], (), (None,) * 11, tuple(range(12))])
-def test_what_is_no_tail_is_refused(compiled: ModuleType, tail: object) -> None:
+@pytest.mark.parametrize("tail", [(), (None,) * 11, (3,), tuple(range(11)), (None,) * 12])
+def test_what_is_no_tail_is_refused(compiled: ModuleType, tail: tuple[object, ...]) -> None:
     with pytest.raises(TypeError):
         answer(compiled, tail, pixels_of())
-    if tail is not None:
+    if len(tail) > 11 or any(one is not None for one in tail):
         with pytest.raises(TypeError):
             resolve(compiled, tail)
+
+
+@pytest.mark.parametrize("name", [name for name in TAIL if name not in {"separate", "offset"}])
+def test_a_part_of_a_tail_is_refused(compiled: ModuleType, name: str) -> None:
+    with pytest.raises(ValueError, match="expected those of a frame"):
+        resolve(compiled, tail_of(compiled) | {name: None})
+    with pytest.raises(ValueError, match="expected those of a frame"):
+        resolve(compiled, dict.fromkeys(TAIL) | {name: tail_of(compiled)[name]})
 
 
 @pytest.mark.parametrize("name", ["phasors", "usable", "samples", "answered", "answers"])
@@ -247,7 +255,7 @@ def test_options_out_of_range_are_refused(compiled: ModuleType, options: dict[st
         answer(compiled, tail_of(compiled), pixels_of(), **options)
 
 
-@settings(max_examples=200, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=200, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data(), seed=st.integers(0, 2**32 - 1))
 def test_any_bits_in_buffers_that_fit_are_an_answer(compiled: ModuleType, data: st.DataObject, seed: int) -> None:
     """Sizes, the numbers of harmonics and the rows of patches aside, which must be what they are."""
@@ -268,7 +276,7 @@ def test_any_bits_in_buffers_that_fit_are_an_answer(compiled: ModuleType, data: 
         resolve(compiled, tail)
 
 
-@settings(max_examples=300, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=300, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     sizes=st.dictionaries(
         st.sampled_from(list(SIZES)), st.integers(-1, 50) | st.integers(-(2**63), 2**63 - 1), max_size=3

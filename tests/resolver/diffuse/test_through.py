@@ -173,7 +173,7 @@ def test_what_is_recorded_is_what_confidence_says() -> None:
     np.testing.assert_allclose(resolved(phasors).maps.layer("confidence"), np.abs(phasors[0]), rtol=1e-6)
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(
     near=st.floats(0.0, 6.0),
     delay_ns=st.floats(6.0, 17.0),

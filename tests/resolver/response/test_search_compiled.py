@@ -206,7 +206,7 @@ def test_options_out_of_range_are_refused(compiled: ModuleType, options: dict[st
         run(compiled, buffers(), **options)
 
 
-@settings(max_examples=100, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=100, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(seed=st.integers(0, 2**32 - 1), steps=st.integers(0, 20), phases=st.booleans())
 def test_any_bits_end_the_search(compiled: ModuleType, seed: int, steps: int, phases: bool) -> None:
     rng, given = np.random.default_rng(seed), buffers()

@@ -87,7 +87,7 @@ def test_the_cubic_is_solved_as_fast_as_it_says_for_every_direction_and_strength
         assert (np.abs(sum_of_amplitudes - (u + low)) > 0.8 * error * low).any()
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 @given(
     st.floats(0.01, 1.0),
     st.floats(0.0, 2 * np.pi, exclude_max=True),

@@ -175,7 +175,7 @@ def test_a_pixel_has_the_same_bits_wherever_a_part_begins_and_ends(cut: int, nam
         np.testing.assert_array_equal(np.concatenate(joined, axis=-1), whole)
 
 
-@settings(max_examples=200, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=200, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     st.lists(st.tuples(*[st.floats(width=64)] * 4), min_size=1, max_size=70),
     st.sampled_from(ORDERS),
@@ -190,7 +190,7 @@ def test_whatever_hypothesis_thinks_of_has_the_same_bits(
         assert_same_bits(stored.astype(np.float32), plan_of(order=order, returns=returns))
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(st.lists(st.tuples(*[st.integers(0, 65535)] * 4), min_size=1, max_size=70))
 def test_any_counts_have_the_same_bits(pixels: list[tuple[int, ...]]) -> None:
     stored = np.array(pixels, np.uint16).T.reshape(2, 2, 1, -1)
@@ -262,7 +262,7 @@ def test_the_front_takes_what_fits() -> None:
     assert np.isnan(rest["layers"][:6]).all()
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(st.lists(st.integers(0, 2**32 - 1), max_size=70), st.integers(0, 3))
 def test_pixels_are_counted_as_numpy_does(bits: list[int], twice: int) -> None:
     status = np.array(bits, np.uint32).repeat(10 ** (2 * twice) if twice < 2 else twice)

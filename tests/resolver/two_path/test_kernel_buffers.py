@@ -3,6 +3,7 @@
 `scripts/sanitize` runs these with the address and undefined-behaviour sanitizers.
 """
 
+from importlib import import_module
 from types import ModuleType
 from typing import Any
 
@@ -40,7 +41,7 @@ def run(compiled: ModuleType, given: dict[str, Any], **options: Any) -> None:
     level = options.get("level", compiled.levels()[0])
     order, returns = options.get("order", 0), options.get("returns", 0)
     start, stop = options.get("start", 0), options.get("stop", np.size(given["status"]))
-    compiled.resolve(level, order, returns, start, stop, *given.values(), None)
+    compiled.resolve(level, order, returns, start, stop, *given.values())
 
 
 def test_buffers_that_fit_are_filled_by_every_instruction_set(compiled: ModuleType) -> None:
@@ -161,12 +162,22 @@ def test_options_out_of_range_are_refused(compiled: ModuleType, options: dict[st
 
 def test_too_few_arguments_are_refused(compiled: ModuleType) -> None:
     with pytest.raises(TypeError):
-        compiled.resolve()
-    with pytest.raises(TypeError):
         compiled.resolve(compiled.levels()[0], 0, 0, 0, 0)
 
 
-@settings(max_examples=300, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@pytest.mark.parametrize("arguments", [(), ("",), (None,) * 3, (1,) * 12, ("",) * 40, ("\0", *(0,) * 11)])
+def test_arguments_of_another_kind_are_refused_by_every_function(
+    compiled: ModuleType, arguments: tuple[object, ...]
+) -> None:
+    search = import_module("cadtof_cli.resolver.likelihood._search")
+    for module in (compiled, search):
+        called = {name: one for name, one in vars(module).items() if callable(one) and not name.startswith("_")}
+        for name in set(called) - {"levels", "constant_names", "tail_sizes", "tail_constants"}:
+            with pytest.raises((TypeError, ValueError)):
+                called[name](*arguments)
+
+
+@settings(max_examples=300, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data(), pixels=st.integers(0, 70), seed=st.integers(0, 2**32 - 1))
 def test_any_bits_in_buffers_of_any_length_are_an_answer_or_an_error(
     compiled: ModuleType, data: st.DataObject, pixels: int, seed: int

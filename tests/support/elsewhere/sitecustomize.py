@@ -12,11 +12,101 @@ from typing import cast
 
 LACKING = {
     os: (
-        *("pread", "pwrite", "preadv", "pwritev", "readv", "writev", "sched_getaffinity", "memfd_create", "fork"),
-        *("O_NOFOLLOW", "O_CLOEXEC", "O_NONBLOCK", "O_DIRECTORY", "O_DIRECT"),
+        *(
+            "pread",
+            "pwrite",
+            "preadv",
+            "pwritev",
+            "readv",
+            "writev",
+            "sendfile",
+            "copy_file_range",
+            "splice",
+            "memfd_create",
+        ),
+        *(
+            "fork",
+            "forkpty",
+            "register_at_fork",
+            "nice",
+            "wait",
+            "wait3",
+            "wait4",
+            "waitid",
+            "killpg",
+            "setsid",
+            "getsid",
+        ),
+        *("sched_getaffinity", "sched_setaffinity", "sched_yield", "getloadavg", "sysconf", "confstr", "statvfs"),
+        *(
+            "getuid",
+            "geteuid",
+            "getgid",
+            "getegid",
+            "getgroups",
+            "getpgid",
+            "getpgrp",
+            "setuid",
+            "getpriority",
+            "getresuid",
+        ),
+        *(
+            "mkfifo",
+            "mknod",
+            "chown",
+            "lchown",
+            "fchown",
+            "fchmod",
+            "chroot",
+            "sync",
+            "fdatasync",
+            "posix_fadvise",
+            "lockf",
+        ),
+        *(
+            "posix_fallocate",
+            "ttyname",
+            "openpty",
+            "tcgetpgrp",
+            "pathconf",
+            "getxattr",
+            "setxattr",
+            "listxattr",
+            "eventfd",
+        ),
+        *(
+            "O_NOFOLLOW",
+            "O_CLOEXEC",
+            "O_NONBLOCK",
+            "O_DIRECTORY",
+            "O_DIRECT",
+            "O_SYNC",
+            "O_DSYNC",
+            "O_TMPFILE",
+            "O_PATH",
+        ),
     ),
-    signal: ("SIGHUP", "pthread_sigmask", "SIG_BLOCK", "SIG_UNBLOCK", "SIG_SETMASK"),
+    signal: (
+        *("SIGHUP", "SIGPIPE", "SIGALRM", "SIGUSR1", "SIGUSR2", "SIGCHLD", "SIGSTOP", "SIGTSTP", "SIGCONT"),
+        *("SIGQUIT", "SIGXCPU", "SIGXFSZ", "SIGBUS", "SIGWINCH", "setitimer", "alarm", "pause", "siginterrupt"),
+        *("pthread_sigmask", "pthread_kill", "sigwait", "sigpending", "SIG_BLOCK", "SIG_UNBLOCK", "SIG_SETMASK"),
+    ),
 }
+
+NO_MODULES = (
+    "fcntl",
+    "resource",
+    "pwd",
+    "grp",
+    "termios",
+    "tty",
+    "pty",
+    "syslog",
+    "curses",
+    "readline",
+    "spwd",
+    "crypt",
+)
 
 fcntl = importlib.import_module("fcntl")
 # it takes the stand-in for Windows itself
@@ -33,8 +123,9 @@ for module, names in LACKING.items():
     for name in names:
         if hasattr(module, name):
             delattr(module, name)
-# as good as not there
-sys.modules["fcntl"] = cast("ModuleType", None)
+for name in NO_MODULES:
+    # as good as not there
+    sys.modules[name] = cast("ModuleType", None)
 msvcrt = ModuleType("msvcrt")
 msvcrt.__dict__.update(LK_NBLCK=1, locking=locking)
 sys.modules["msvcrt"] = msvcrt

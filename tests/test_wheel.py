@@ -1,0 +1,66 @@
+"""A wheel says what it holds: for this system where a compiler made its extensions, for any system where there was none."""
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from zipfile import ZipFile
+
+import pytest
+
+from tests.support.needed import needed_program
+from tests.support.run_cadtof import ENVIRONMENT, ROOT
+
+NO_COMPILER = str(Path(os.sep) / "there" / "is" / "no" / "compiler")
+
+BUILD = "from setuptools.build_meta import build_wheel; build_wheel('wheels')"
+
+
+@pytest.fixture
+def sources(tmp_path: Path) -> Path:
+    """The sources, whose C files hold as good as nothing: what they say takes a minute to compile."""
+    for name in ("setup.py", "pyproject.toml", "README.md", "LICENSE", "MANIFEST.in"):
+        shutil.copy(ROOT / name, tmp_path)
+    shutil.copytree(
+        ROOT / "cadtof_cli", tmp_path / "cadtof_cli", ignore=shutil.ignore_patterns("*.so", "*.pyd", "__pycache__")
+    )
+    for file in tmp_path.rglob("*.c"):
+        file.write_text("int nothing;\n")
+    return tmp_path
+
+
+def wheel(sources: Path, compiler: str) -> tuple[str, list[str], str]:
+    """Return the name of the wheel that is built, the extensions in it, and what it says of itself."""
+    given = {"CC": compiler, "LDSHARED": f"{compiler} -shared"}
+    words = [sys.executable, "-c", BUILD]
+    done = subprocess.run(words, cwd=sources, env={**ENVIRONMENT, **given}, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    (file,) = (sources / "wheels").iterdir()
+    with ZipFile(file) as archive:
+        (about,) = (name for name in archive.namelist() if name.endswith(".dist-info/WHEEL"))
+        compiled = [name for name in archive.namelist() if Path(name).suffix in {".so", ".pyd"}]
+        return file.name, compiled, archive.read(about).decode()
+
+
+def test_without_a_compiler_it_is_for_any_system(sources: Path) -> None:
+    name, compiled, about = wheel(sources, NO_COMPILER)
+    assert name.endswith("-py3-none-any.whl")
+    assert not compiled
+    assert "Root-Is-Purelib: true" in about
+    assert "Tag: py3-none-any" in about
+
+
+def test_with_a_compiler_it_is_for_this_system_and_any_python(sources: Path) -> None:
+    name, compiled, about = wheel(sources, needed_program("cc"))
+    assert "-abi3-" in name
+    assert not name.endswith("-any.whl")
+    assert len(compiled) == 2
+    assert "Root-Is-Purelib: false" in about
+
+
+def test_an_extension_that_was_built_is_enough(sources: Path) -> None:
+    (sources / "cadtof_cli" / "resolver" / "likelihood" / "_search.c").write_text("this is no C\n")
+    name, compiled, _ = wheel(sources, needed_program("cc"))
+    assert "-abi3-" in name
+    assert [Path(one).name.partition(".")[0] for one in compiled] == ["_kernel"]
