@@ -71,8 +71,9 @@ static int are_few(int64_t count) {
 
 static PyObject *solve_checked(const Level *level, const void *options, const Py_buffer *view) {
     Search search = *(const Search *)options;
-    const int64_t count = values_in(&view[COST]), rows = values_in(&view[HARMONICS]), points = 3 * (int64_t)search.paths * count;
+    const int64_t count = values_in(&view[COST]), rows = values_in(&view[HARMONICS]);
     if (!is_known(search.kind, search.paths, search.most_steps, &view[HARMONICS]) || !are_few(count)) return NULL;
+    const int64_t points = 3 * search.paths * count;
     const int64_t expected[BUFFERS] = {
         rows,  rows * count, rows * count, search.kind == WHITE ? rows : 3 * rows * count, points, count, points,
         count, ENTRY(2 * search.paths, 0) * count, count, count};

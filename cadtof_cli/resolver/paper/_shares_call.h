@@ -10,8 +10,8 @@ static PyObject *shares_checked(const Level *level, const void *options, const P
     const int64_t count = values_in(&view[SHARE_COST]), rows = values_in(&view[SHARE_HARMONICS]);
     if (search.first_start < 0 || search.last_start <= search.first_start)
         return PyErr_Format(PyExc_ValueError, "found starts %d to %d", search.first_start, search.last_start);
-    const int64_t expected[SHARE_BUFFERS] = {rows, rows * count, rows * count, count, 2 * count, count, count, count};
     if (!is_known(WHITE, 1, search.most_steps, &view[SHARE_HARMONICS]) || !are_few(count)) return NULL;
+    const int64_t expected[SHARE_BUFFERS] = {rows, rows * count, rows * count, count, 2 * count, count, count, count};
     if (!fit_call(SHARE_WANTED, view, SHARE_BUFFERS, expected)) return NULL;
     search.rows = (int)rows;
     search.count = count;
