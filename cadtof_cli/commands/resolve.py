@@ -50,7 +50,11 @@ _worker = partial(setting_option, Workers)
         "workers",
         Workers,
         jobs_option("Worker processes"),
-        _worker("start_method", "How Python starts the worker processes.  [default: fork on Linux, spawn elsewhere]"),
+        _worker(
+            "start_method",
+            "How Python starts the worker processes.  [default: fork on Linux, spawn elsewhere]",
+            show_default=False,
+        ),
         _worker(
             "task_timeout_s",
             "Seconds after which a frame counts as failed because it hangs; it is tried twice.",

@@ -28,6 +28,14 @@ def test_a_command_has_help(words: str) -> None:
         assert option.opts[0] in done.out
 
 
+@pytest.mark.parametrize("words", every_command())
+def test_a_default_is_told_once(words: str) -> None:
+    context = click.Context(every_command()[words], info_name=words)
+    for option in (param for param in context.command.params if isinstance(param, click.Option)):
+        record = option.get_help_record(context)
+        assert record is None or record[1].count("default: ") < 2, f"{words} {option.opts[0]}"
+
+
 @pytest.mark.parametrize("words", ["", *every_command()])
 @pytest.mark.parametrize("columns", [30, 40, 59])
 def test_help_fits_a_narrow_terminal(words: str, columns: int, monkeypatch: pytest.MonkeyPatch) -> None:
