@@ -50,10 +50,10 @@ LARGEST_MISFIT = 3.0
 with three harmonics in rendered rooms, and 3.6 to 40 where there are strong second paths after 6 to 11 ns. The two data of two
 harmonics say nothing about that: some tail comes near any of them."""
 
-UNEXPLAINED, UNEXPLAINED_SHARE = 5.0, (0.13, 0.15)
+UNEXPLAINED, UNEXPLAINED_SHARE = (10.0, 5.0), (0.065, 0.165)
 """χ² per datum above which no tail of the frame's room explains a patch, and the share of such patches above which the frame has
-none: with two harmonics, and with more. At most .11 are so in 349 rendered rooms with two harmonics, and .14 in all but one of
-339 with three; .14 and .16 where second paths of a twentieth of the light come 3 to 20 ns late, each like a tail alone."""
+none: with two harmonics, and with more. At most .043 and .153 are so in 90 rendered rooms; .083 and .174 where second paths of a
+twentieth of the light come 3 to 20 ns late, each like a tail alone."""
 
 Reason = Literal["tail", "no MPI to be seen", "separate paths", "no tail fits", "few patches with light"]
 """Why a frame got its model: the first is diffuse."""
@@ -98,7 +98,7 @@ def patch_kinds(means: PatchMeans, variances: Float, /, *, sampled: int, setting
 
 def tail_fits(chi_squared: Float, data: int, /) -> bool:
     """Return whether a tail explains a frame whose patches, (n,), leave these χ² of so many data each."""
-    if float(np.mean(chi_squared > UNEXPLAINED * data)) > UNEXPLAINED_SHARE[data > 2]:
+    if float(np.mean(chi_squared > UNEXPLAINED[data > 2] * data)) > UNEXPLAINED_SHARE[data > 2]:
         return False
     return data == 2 or float(median(chi_squared)) <= LARGEST_MISFIT * data
 

@@ -114,7 +114,7 @@ def test_with_three_harmonics_a_strong_second_path_is_told_from_a_tail(delay_ns:
     assert found.reason == "no tail fits"
 
 
-@pytest.mark.parametrize(("share", "harmonics"), [(0.05, (1, 2)), (0.1, (1, 2)), (0.1, (1, 2, 3))])
+@pytest.mark.parametrize(("share", "harmonics"), [(0.08, (1, 2)), (0.1, (1, 2)), (0.1, (1, 2, 3))])
 def test_weak_second_paths_of_all_delays_are_no_tail(share: float, harmonics: tuple[int, ...]) -> None:
     """Each of them alone could be one: they lower |H_2|, and make it lag."""
     delay_ns = np.linspace(3.0, 20.0, 192)
@@ -332,13 +332,13 @@ def test_patches_whose_depths_disagree_are_no_surfaces() -> None:
 def test_what_lies_before_the_camera_is_taken_for_five_centimetres_away() -> None:
     """A correction that brings a part of the view behind the camera: its patches are surfaces right before it."""
     wall, off = wall_range(), np.zeros((48, 64))
-    off[16:32, 24:40] = -4.0
+    off[16:28, 24:36] = -4.0
     found = model_of(phasors_of(wall, tail_of(Tail(0.3, 3.0, 8.0))), range_offset_m=off)
     assert isinstance(found, DiffuseModel)
     side = found.upsampler.grid.side
     range_m = found.upsampler.range_m[1:-1, side:-side:side]
     near = np.zeros(range_m.shape, bool)
-    near[4:8, 6:10] = True
+    near[4:7, 6:9] = True
     np.testing.assert_allclose(range_m[near], 0.05, rtol=1e-3)
     assert (range_m[~near] > 2.5).all()
 
