@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from cadtof_cli.errors import SettingsError
-from cadtof_cli.units import counted
 
 if TYPE_CHECKING:
     ParamType = click.ParamType[Any]
@@ -93,7 +92,7 @@ class NumberTuple(Typed):
         if self.count not in {None, len(numbers)}:
             told = f" ({param.metavar})" if param is not None and param.metavar else ""
             option = param.opts[-1] if param is not None else self.name
-            raise SettingsError(f"{option}: found {counted(len(numbers), 'value')}, expected {self.count}{told}")
+            raise SettingsError(f"{option}: found {len(numbers)}, expected {self.count} values{told}")
         return numbers
 
 

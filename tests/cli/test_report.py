@@ -182,7 +182,7 @@ def test_what_cannot_be_written_or_read_is_refused(tmp_path: Path) -> None:
         ((out, "-o", tmp_path / "a.html", "--truth", tmp_path / "small.exr"), "found 32 × 24 pixels, expected 4 × 3"),
         ((out, "-o", tmp_path / "a.html", "--max-size-mb", "0.5"), "--max-size-mb: found 0.5, expected 1 or more"),
         ((out, "-o", tmp_path / "a.html", "--full-frames", "-1"), "--full-frames: found -1, expected 0 or more"),
-        ((out, "-o", tmp_path / "a.html", "--principal-point-px", "1"), "found 1 value, expected 2 (X,Y)"),
+        ((out, "-o", tmp_path / "a.html", "--principal-point-px", "1"), "found 1, expected 2 values (X,Y)"),
     ):
         done = cadtof("report", *arguments)
         assert (done.status, done.out) == (2, "")
