@@ -214,7 +214,7 @@ def test_what_cannot_be_exported(tmp_path: Path) -> None:
         ((out, "-o", tmp_path / "a.ply", "--focal-length-px", "0"), "optics.focal_length_px"),
         (
             (out, "-o", tmp_path / "a.ply", "--principal-point-px", "1,2,3"),
-            "found 3 values, expected 2 (X,Y)",
+            "found 3, expected 2 values (X,Y)",
         ),
         ((tmp_path / "gone", "-o", tmp_path / "a.ply"), "no such file or folder; expected maps"),
         ((out, "-o", tmp_path / "gone" / "a.ply"), "cannot be written: No such file or directory"),
