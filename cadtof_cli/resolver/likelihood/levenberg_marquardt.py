@@ -4,6 +4,7 @@ Settings are frozen, the state is explicit, one loop owns the limit of steps, an
 its result. What is solved comes as a `Problem`; problems that have stopped are dropped from the block as the loop goes on.
 """
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import Protocol, Self
 
@@ -78,7 +79,7 @@ class State:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Descent:
+class Descent(ABC):
     """When to stop, and how carefully to begin; what a step is, and what becomes of the damping, is the method's.
 
     A problem has converged once a step promises to lower its cost by no more than `relative`·cost + `absolute`/samples.
@@ -143,13 +144,13 @@ class Descent:
         """Return the damping, (D, n), of the first step."""
         return np.full((1, count), self.first_damping)
 
+    @abstractmethod
     def step(self, now: State, /) -> tuple[Float, Float]:
         """Return the damped step, (M, n), and by how much it promises to lower the cost, (n,)."""
-        raise NotImplementedError
 
+    @abstractmethod
     def next_damping(self, damping: Float, drop: Float, promised: Float, /) -> Float:
         """Return the damping, (D, n), after a step that lowered the cost by `drop`, (n,), and not by what was promised."""
-        raise NotImplementedError
 
 
 class LevenbergMarquardt(Descent):
