@@ -79,7 +79,8 @@ def patch_kinds(means: PatchMeans, variances: Float, /, *, sampled: int, setting
     With `settings.model` `diffuse`, nothing but too little light speaks against a tail.
     """
     sigma = float(np.sqrt(variances[0]))
-    lit = lit_patches(means, sigma, sampled=sampled)
+    # enough of a patch's pixels are lit enough
+    lit: Bool = (means.amplitude > SEEN_SNR * sigma) & (means.pixels > SEEN_SHARE * sampled)
     if lit.sum() < LEAST_PATCHES:
         return PatchKinds(lit, np.zeros_like(lit), 0.0, "few patches with light")
     misfit = misfit_without_mpi(means, lit, variances, harmonics=settings.harmonics)
@@ -123,12 +124,6 @@ def mpi_probability(misfit: float, /, *, numbers: int) -> float:
     count = 2.0 / (2.0 / numbers + NOISE_KNOWN**2)
     more = max(misfit - 1.0, 0.0)
     return 1.0 / (1.0 + math.sqrt(count) * math.exp(-0.5 * count * (more - math.log1p(more))))
-
-
-def lit_patches(means: PatchMeans, noise_sigma: float, /, *, sampled: int) -> Bool:
-    """Return which patches count, (rows, columns): enough of their `sampled` pixels are lit enough."""
-    lit: Bool = (means.amplitude > SEEN_SNR * noise_sigma) & (means.pixels > SEEN_SHARE * sampled)
-    return lit
 
 
 def separate_patches(means: PatchMeans, lit: Bool, noise_sigma: float, /) -> Bool:

@@ -7,7 +7,6 @@ from numpy.testing import assert_allclose
 from cadtof_cli.arrays import Bool, Complex, Float
 from cadtof_cli.resolver.diffuse.choice import (
     PatchKinds,
-    lit_patches,
     misfit_without_mpi,
     mpi_probability,
     patch_kinds,
@@ -32,9 +31,9 @@ def frame(ratios: list[complex], *, third: complex = 0.7) -> PatchMeans:
     return PatchMeans(ratio, 0.2 * one, 64.0 * one, 0.0 * one)
 
 
-def kinds(means: PatchMeans, model: MpiModel = "auto") -> PatchKinds:
+def kinds(means: PatchMeans, model: MpiModel = "auto", *, sampled: int = 64) -> PatchKinds:
     settings = DiffuseSettings(model=model, period_ns=40.0, harmonics=(1, 2, 3))
-    return patch_kinds(means, VARIANCES, sampled=64, settings=settings)
+    return patch_kinds(means, VARIANCES, sampled=sampled, settings=settings)
 
 
 def test_a_room_with_a_tail_gets_one() -> None:
@@ -114,11 +113,10 @@ def test_the_misfit_is_the_mean_over_lit_patches_alone() -> None:
 def test_a_patch_counts_with_light_in_a_tenth_of_its_pixels_and_three_times_its_noise() -> None:
     amplitude, pixels = np.array([0.0031, 0.0029, 0.2, 0.2]), np.array([64.0, 64.0, 6.0, 7.0])
     means = PatchMeans(np.ones((1, 4), complex), amplitude, pixels, np.zeros(4))
-    assert lit_patches(means, SIGMA, sampled=64).tolist() == [True, False, False, True]
-    assert lit_patches(means, SIGMA, sampled=60).tolist() == [True, False, False, True]
-    assert lit_patches(
-        PatchMeans(np.ones((1, 1), complex), np.array([3 * SIGMA]), np.array([64.0]), np.zeros(1)), SIGMA, sampled=64
-    ).tolist() == [False]
+    for sampled in (64, 60):
+        assert kinds(means, sampled=sampled).lit.tolist() == [True, False, False, True]
+    least = PatchMeans(np.ones((1, 1), complex), np.array([3 * SIGMA]), np.array([64.0]), np.zeros(1))
+    assert kinds(least).lit.tolist() == [False]
 
 
 @pytest.mark.parametrize(
