@@ -8,7 +8,7 @@ import math
 import os
 from functools import cache, lru_cache
 from types import ModuleType
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,7 +33,7 @@ Buffers = tuple[NDArray[Any] | None, ...]
 
 STORED_TYPES = (np.uint16, np.int16, np.float32, np.float64, np.complex128)
 
-_NEIGHBOURS = ("C", "A")
+_NEIGHBOURS: tuple[Literal["C", "A"], ...] = ("C", "A")
 """What numpy makes of an array whose values are to be neighbours in memory, aligned: itself, where they are."""
 
 _ORDERS = {"auto": 0, "1": 1, "2": 2}
