@@ -2,7 +2,6 @@
 `_sampled.h`, which looks at stored values and sums over patches.
 """
 
-from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
@@ -11,6 +10,7 @@ from numpy.typing import NDArray
 from cadtof_cli.arrays import Bool, Complex, Float, Float32, Index, Stored, sealed
 from cadtof_cli.phasors.noise import NoiseModel, chi_squared_threshold
 from cadtof_cli.phasors.voltages import PhasorMap
+from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.diffuse.compiled_fit import MOST_HARMONICS
 from cadtof_cli.resolver.diffuse.elementary import phase_of
 from cadtof_cli.resolver.diffuse.grid import PatchGrid
