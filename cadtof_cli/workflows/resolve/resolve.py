@@ -191,7 +191,7 @@ class _Run:
                 f"{self.settings.out}: takes no more maps, so the run stopped there, {counted(self.totals.ok, 'frame')}"
                 " resolved; mend that and go on with --resume"
             )
-        self.progress.advance()
+        self.progress.advance(total=self.expected)
 
     def finish(self) -> RunTotals:
         """Complete the record, and return what has become of the frames in this run."""
@@ -206,23 +206,19 @@ class _Run:
         self, plans: Sequence[CapturePlan], expected: Sequence[int], taken: Callable[[], Collection[str]]
     ) -> Iterator[FrameTask]:
         """Yield tasks, so many of each plan as far as is known; they are drawn as places for them come free."""
-        self._expect(sum(expected))
+        self.expected += sum(expected)
+        self.progress.advance(0, total=self.expected)
         for one, count in zip(plans, expected, strict=True):
             number = 0
             tasks = one.tasks(self.settings, taken=taken, before=self.record.before, token=self.token)
             for number, task in enumerate(tasks, start=1):
-                if number > count:
-                    self._expect(1)
+                self.expected += number > count
                 if "/" in task.sources[0].name:
                     with writing(task.output.parent):
                         task.output.parent.mkdir(parents=True, exist_ok=True)
                 yield task
-            self._expect(min(number - count, 0))
-
-    def _expect(self, more: int) -> None:
-        """There will be so many files of maps more, or fewer, as far as is known."""
-        self.expected += more
-        self.progress.total(self.expected)
+            self.expected += min(number - count, 0)
+            self.progress.advance(0, total=self.expected)
 
 
 def _lost(worker: WorkerDied) -> str:
