@@ -19,8 +19,8 @@ from cadtof_cli.files.atomic import remove_partial_files, writing
 from cadtof_cli.files.formats import MAP_FORMATS
 from cadtof_cli.files.reading import real_path
 from cadtof_cli.files.system import OPEN_OR_CREATE_FLAGS, read_at, remove_and_close, sync_folder, try_lock
+from cadtof_cli.workflows.resolve.record import FRAMES_FILE, RUN_FILE, read_record
 from cadtof_cli.workflows.resolve.settings import ResolveSettings
-from cadtof_cli.workflows.run_folder import FRAMES_FILE, RUN_FILE, read_record
 
 LOCK_FILE = ".cadtof.lock"
 

@@ -19,25 +19,20 @@ from cadtof_cli.execution.workers import LOCAL
 from cadtof_cli.files.atomic import PARTIAL_SUFFIX, make_folder, remove_partial_files, writing
 from cadtof_cli.resolver.two_path.kernel import NUMPY, numpy_note
 from cadtof_cli.units import counted
-from cadtof_cli.workflows.frame_report import ALREADY_THERE, FrameReport, RunTotals
 from cadtof_cli.workflows.progress import NO_PROGRESS, Progress
 from cadtof_cli.workflows.resolve import split_frames
-from cadtof_cli.workflows.resolve.arrivals import Arrivals, without_incomplete_frames
+from cadtof_cli.workflows.resolve.arrivals import Arrivals, recorded_arrivals, without_incomplete_frames
 from cadtof_cli.workflows.resolve.frame_task import FrameTask, resolve_file
 from cadtof_cli.workflows.resolve.output import locked, prepare_output, require_nothing_replaced, require_own_places
 from cadtof_cli.workflows.resolve.plans import (
     CapturePlan,
     plan_captures,
     pooling_notes,
+    record_captures,
+    run_document,
     use_calibration,
 )
-from cadtof_cli.workflows.resolve.record import (
-    RunRecorder,
-    record_captures,
-    recorded_arrivals,
-    recorded_run,
-    run_document,
-)
+from cadtof_cli.workflows.resolve.record import ALREADY_THERE, FrameReport, RunRecorder, RunTotals, recorded_run
 from cadtof_cli.workflows.resolve.settings import ResolveSettings
 
 WORKER_DIED = "the worker process died twice on this frame (killed, or out of memory): try fewer --jobs"
