@@ -114,8 +114,8 @@ def main() -> NoReturn:
             status = cli.invoke(context) or 0
         sys.stdout.flush()
         sys.exit(status)
-    except (click.Abort, KeyboardInterrupt):
-        tell("\ninterrupted", err=True)
+    except (click.Abort, KeyboardInterrupt) as error:
+        tell("\n" + ": ".join(filter(None, ("interrupted", str(error)))), err=True)
         sys.exit(INTERRUPTED)
     except BrokenPipeError:
         # as a program ends that SIGPIPE ends
