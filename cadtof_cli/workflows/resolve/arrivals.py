@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +10,7 @@ from cadtof_cli.capture.discovery import absolute, find_placed_captures
 from cadtof_cli.capture.frames import Capture
 from cadtof_cli.errors import CadtofError, OutputError
 from cadtof_cli.files.reading import is_folder, real_path
+from cadtof_cli.records import dataclass
 from cadtof_cli.workflows.resolve.plans import AppliedCalibration, CapturePlan, plan_captures
 from cadtof_cli.workflows.resolve.record import FrameReport
 from cadtof_cli.workflows.resolve.settings import ResolveSettings
