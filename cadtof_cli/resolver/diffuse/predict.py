@@ -86,7 +86,7 @@ def diffuse_model(
     offset = 0.0 if range_offset_m is None else grid.samples(range_offset_m).astype(np.float32)
     frame = _Frame(grid, settings, np.array(variances) / per_pixel, offset, kernel)
     means = patch_means(light, light.seen, variance=frame.variances[0], harmonics=settings.harmonics, kernel=kernel)
-    kinds = patch_kinds(means, frame.variances, sampled=len(light.seen), settings=settings)
+    kinds = patch_kinds(means, frame.variances, sampled=len(light.seen), settings=settings, kernel=kernel)
     choice = DiffuseChoice(kinds.reason, int(kinds.lit.sum()), kinds.separate_share)
     if kinds.reason != "tail":
         return choice
