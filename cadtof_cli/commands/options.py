@@ -221,7 +221,7 @@ def capture_options(*without: str) -> Decorator[Any]:
     Args:
         without: keys, by dotted name, that a command has an option of its own for.
     """
-    keys = tuple(key for key in KEYS if key.path not in without)
+    keys = tuple(key for key in KEYS.values() if key.path not in without)
 
     def overrides(**values: Any) -> Mapping[str, Any]:
         return {key.path: value for key, value in zip(keys, values.values(), strict=True) if value is not None}

@@ -27,7 +27,7 @@ from cadtof_cli.workflows.resolve.settings import ResolveSettings
 
 if TYPE_CHECKING:
     from cadtof_cli.commands.terminal import Bar
-    from cadtof_cli.workflows.frame_report import FrameReport, RunTotals
+    from cadtof_cli.workflows.resolve.record import FrameReport, RunTotals
 
 _worker = partial(setting_option, Workers)
 

@@ -106,7 +106,7 @@ def look_into(
     captures: Sequence[Capture] = ()
     if recorded:
         captures = find_captures(recorded, overrides=overrides, settings_file=settings_file, recursive=recursive)
-    progress.total(sum(len(capture.frames) for capture in captures))
+    progress.advance(0, total=sum(len(capture.frames) for capture in captures))
     found += (_capture_facts(capture, workers, progress) for capture in captures)
     return found
 
@@ -114,7 +114,7 @@ def look_into(
 def _capture_facts(capture: Capture, workers: Workers, progress: Progress) -> CaptureFacts:
     metadata = capture.source.metadata
     facts = CaptureFacts(str(capture.root), unambiguous_range_m=unambiguous_range_m(metadata.modulation.periods_ns[0]))
-    for key in KEYS:
+    for key in KEYS.values():
         value = getattr(getattr(metadata, key.table), key.name)
         facts.metadata[key.path] = {"value": value, "from": capture.source.origins[key.path]}
     typical = capture.typical

@@ -11,8 +11,8 @@ from cadtof_cli.files.maps import DepthMaps
 from cadtof_cli.frame_pixels import FramePixels
 from cadtof_cli.pipeline import joined_parts, prepare_frame, resolve_pixels
 from cadtof_cli.records import dataclass
-from cadtof_cli.workflows.frame_report import FrameReport
 from cadtof_cli.workflows.resolve.frame_task import FrameTask, Recording, attempted, kept_maps, read_frame, written
+from cadtof_cli.workflows.resolve.record import FrameReport
 
 
 @dataclass(frozen=True)

@@ -93,7 +93,7 @@ def record_scene(
         SettingsError: the scene cannot be recorded.
     """
     exposure = settings.exposure
-    progress.total(len(band_rows(exposure.camera.height)) + settings.frames)
+    progress.advance(0, total=len(band_rows(exposure.camera.height)) + settings.frames)
     with new_folder(out) as folder:
         whole = expose(exposure, workers=workers, progress=progress)
         frames = frames_of(settings, whole, progress=progress)

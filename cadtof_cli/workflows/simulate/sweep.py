@@ -61,7 +61,7 @@ def sweep(settings: SweepSettings, /, *, workers: Workers = ALONE, progress: Pro
     """Simulate every cell; blocks of runs of all cells are shared among processes."""
     cells = list(settings.cells())
     work = [(cell, block) for cell in cells for block in cell.blocks]
-    progress.total(len(work))
+    progress.advance(0, total=len(work))
     made = results(_run, work, workers=workers, progress=progress)
     return [SweepCell(cell, summary(cell, Recordings.joined([next(made) for _ in cell.blocks]))) for cell in cells]
 

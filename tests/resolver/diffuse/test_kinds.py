@@ -7,7 +7,7 @@ from numpy.testing import assert_allclose
 from cadtof_cli.arrays import Bool, Complex, Float
 from cadtof_cli.resolver.diffuse.choice import (
     PatchKinds,
-    misfit_without_mpi,
+    misfits_without_mpi,
     mpi_probability,
     patch_kinds,
     separate_patches,
@@ -58,11 +58,16 @@ def test_up_to_fifteen_in_a_hundred_patches_may_be_separate() -> None:
 
 
 def test_ratios_of_one_are_no_mpi_and_separate_patches_among_them_stay_known() -> None:
-    found = kinds(frame([np.exp(0.5j)] + [1.0] * 99, third=1.0))
-    assert found.reason == "tail"
+    found = kinds(frame([np.exp(0.5j)] + [TAIL] * 60 + [1.0] * 39, third=1.0))
+    assert (found.reason, found.separate.sum()) == ("tail", 1)
     none = kinds(frame([1.0] * 100, third=1.0))
     assert (none.reason, none.separate_share) == ("no MPI to be seen", 0.0)
     assert kinds(frame([1.0] * 100, third=1.0), "diffuse").reason == "tail"
+
+
+@pytest.mark.parametrize(("clean", "reason"), [(49, "tail"), (51, "no MPI to be seen")])
+def test_half_a_view_without_mpi_has_no_tail_in_the_rest(clean: int, reason: str) -> None:
+    assert kinds(frame([1.0] * clean + [TAIL] * (100 - clean), third=1.0)).reason == reason
 
 
 @pytest.mark.parametrize(("times", "reason"), [(1.3, "no MPI to be seen"), (1.5, "tail")])
@@ -75,7 +80,7 @@ def test_mpi_is_to_be_seen_from_twice_the_noise_s_square_on(times: float, reason
     means = frame([second] * 80, third=third)
     assert kinds(means).reason == reason
     lit = np.ones((1, 80), bool)
-    assert_allclose(misfit_without_mpi(means, lit, VARIANCES, harmonics=(1, 2, 3)), times**2)
+    assert_allclose(np.mean(misfits_without_mpi(means, lit, VARIANCES, harmonics=(1, 2, 3))), times**2)
 
 
 def test_noise_alone_speaks_against_mpi_and_the_misfit_of_a_room_leaves_no_doubt() -> None:
@@ -107,7 +112,8 @@ def test_the_misfit_is_the_mean_over_lit_patches_alone() -> None:
     means = frame([1.0, 1.0 - 5e-3, 7.0], third=1.0)
     lit: Bool = np.array([[True, True, False]])
     alone = (5e-3) ** 2 / (3 * SIGMA**2) * 0.2**2 * 64.0
-    assert_allclose(misfit_without_mpi(means, lit, VARIANCES, harmonics=(1, 2, 3)), alone / 8, rtol=1e-9)
+    found = misfits_without_mpi(means, lit, VARIANCES, harmonics=(1, 2, 3))
+    assert_allclose(np.mean(found), alone / 8, rtol=1e-9)
 
 
 def test_a_patch_counts_with_light_in_a_tenth_of_its_pixels_and_three_times_its_noise() -> None:
