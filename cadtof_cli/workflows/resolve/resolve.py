@@ -5,7 +5,7 @@ import os
 import time
 from collections import Counter
 from collections.abc import Callable, Collection, Generator, Iterable, Iterator, Mapping, Sequence
-from contextlib import closing, contextmanager
+from contextlib import closing
 from dataclasses import field
 from functools import partial
 from pathlib import Path
@@ -98,18 +98,18 @@ def resolve_captures(
             run = _Run(settings, progress, on_frame, token)
             # a cluster that does not answer is found before anything is written
             first = run.outcomes(plans, partial(frame_names, captures))
-            with (
-                recorded_run(settings.out, document, resume=resumed, say=progress.say) as run.record,
-                run.interruptible(),
-            ):
-                run.report_all(first)
-                if arriving is not None:
-                    arrivals = Arrivals(settings, overrides, calibration, base, run.report, waiting)
-                    arrivals.meet(plans)
-                    for some in arrivals.plans(recorded_arrivals(arriving, document, settings.out)):
-                        record_captures(document, some)
-                        run.report_all(run.outcomes(some, lambda: arrivals.sources))
-                return run.finish()
+            with recorded_run(settings.out, document, resume=resumed, say=progress.say) as run.record:
+                try:
+                    run.report_all(first)
+                    if arriving is not None:
+                        arrivals = Arrivals(settings, overrides, calibration, base, run.report, waiting)
+                        arrivals.meet(plans)
+                        for some in arrivals.plans(recorded_arrivals(arriving, document, settings.out)):
+                            record_captures(document, some)
+                            run.report_all(run.outcomes(some, lambda: arrivals.sources))
+                    return run.finish()
+                except KeyboardInterrupt as interrupt:
+                    raise run.interrupted() from interrupt
         finally:
             remove_partial_files(settings.out, token=token)
 
@@ -167,17 +167,13 @@ class _Run:
         shared = [part for one in plans for part in (one.plan, one.capture.layout)]
         return run_ordered(resolve_file, tasks, workers=workers, shared=shared, probe=probe, say=self.progress.say)
 
-    @contextmanager
-    def interruptible(self) -> Iterator[None]:
-        """Let an interrupt say how to go on after it."""
-        try:
-            yield
-        except KeyboardInterrupt as interrupt:
-            done = self.totals.ok + self.totals.already_there
-            again = "the same command"
-            if not self.settings.resume:
-                again += " with --resume in place of --overwrite" if self.settings.overwrite else " with --resume"
-            raise KeyboardInterrupt(f"{done} of {self.expected} frames are resolved; {again} goes on") from interrupt
+    def interrupted(self) -> KeyboardInterrupt:
+        """Return an interrupt that says how to go on after it."""
+        again = "the same command"
+        if not self.settings.resume:
+            again += " with --resume in place of --overwrite" if self.settings.overwrite else " with --resume"
+        done = self.totals.ok + self.totals.already_there
+        return KeyboardInterrupt(f"{done} of {self.expected} frames are resolved; {again} goes on")
 
     def _probe(self) -> Path:
         """Make a file in the run's folder that is removed with what is half-written, for workers of a cluster to look for."""
