@@ -264,6 +264,10 @@ class CaptureMetadata:
         if (raw is None) != (self.layout.raw_shape is None):
             raise InvalidValueError("layout.raw_dtype", raw, "dtype and shape of raw dumps, both or none")
 
+    def __hash__(self) -> int:
+        """Return a hash of a few values that tell captures apart: it is asked for with every frame."""
+        return hash((self.modulation.periods_ns, self.pixel.integration_length, self.voltage.zero_counts))
+
 
 OPTIONS_OF_OTHER_NAME = {"layout.frames": "--stack-frames"}
 """--frames chooses among a capture's frames."""

@@ -4,8 +4,7 @@ from collections.abc import Callable, Iterable, Iterator
 from typing import Protocol, TypeVar
 
 from cadtof_cli.errors import CadtofError
-from cadtof_cli.execution.ordered import WorkerDied, run_ordered
-from cadtof_cli.execution.workers import Workers
+from cadtof_cli.execution.ordered import WorkerDied, Workers, run_ordered
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")

@@ -166,8 +166,8 @@ def written(task: FrameTask, resolved: ResolvedFrame, recording: Recording, /, *
     header = task.plan.header.of_frame(source_name(task.sources[0]))
     file, output_digest = stage_maps(task.output, maps, header=header, token=task.token)
     reasons = [recording.left_out] if recording.left_out else []
-    if resolved.noise_estimated:
-        reasons.append(f"noise estimated from the frame: integration_length {resolved.integration_length:.4g}")
+    if resolved.noise.estimated:
+        reasons.append(f"noise estimated from the frame: integration_length {resolved.noise.integration_length:.4g}")
 
     def keep() -> FrameReport:
         size = file.commit()

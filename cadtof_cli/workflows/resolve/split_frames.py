@@ -5,8 +5,8 @@ import time
 from collections.abc import Generator, Iterable, Iterator
 from contextlib import closing
 
-from cadtof_cli.execution.ordered import Outcome, WorkerDied, run_ordered
-from cadtof_cli.execution.workers import Workers, keep_freed_memory
+from cadtof_cli.execution.ordered import Outcome, WorkerDied, Workers, run_ordered
+from cadtof_cli.execution.workers import keep_freed_memory
 from cadtof_cli.files.maps import DepthMaps
 from cadtof_cli.frame_pixels import FramePixels
 from cadtof_cli.pipeline import joined_parts, prepare_frame, resolve_pixels
@@ -79,6 +79,6 @@ def _whole(frame: list[Outcome[FramePart, DepthMaps | FrameReport]]) -> Outcome[
         assert isinstance(first.pixels, FramePixels)
         assert first.recording is not None
         resolved = joined_parts(first.pixels, found)
-        return written(first.task, resolved, first.recording, began=began).finish()
+        return written(first.task, resolved, first.recording, began=began).wait()
 
     return Outcome(first.task, attempted(first.task, write, began=began))
