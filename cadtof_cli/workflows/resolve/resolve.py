@@ -7,7 +7,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Collection, Generator, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing
-from dataclasses import field
+from dataclasses import field, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -152,12 +152,12 @@ class _Run:
         """Return a generator of what becomes of the frames of some captures; a cluster that is meant to do it is connected to."""
         expected, workers = [one.expected_maps(self.settings) for one in plans], self.settings.workers
         tasks = self._tasks(plans, expected, taken)
-        if sum(expected) < workers.processes and _are_worth_splitting(plans, self.settings):
+        if sum(expected) < workers.jobs and _are_worth_splitting(plans, self.settings):
             from cadtof_cli.workflows.resolve.split_frames import resolve_split
 
             return resolve_split(tasks, workers=workers)
         # no process is started for which there is no frame
-        workers = workers.at_most(max(sum(expected), 1))
+        workers = replace(workers, jobs=min(workers.jobs, max(sum(expected), 1)))
         for one in plans if workers.jobs > 1 else ():
             # a process that is forked has it then
             one.load_map_files(self.settings)
