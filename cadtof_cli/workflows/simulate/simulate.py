@@ -21,7 +21,7 @@ def simulate_pixel(trials: Trials, /, *, workers: Workers = ALONE, progress: Pro
     """Run the trials, block by block in parallel, and sum them up; a step is a block."""
     work = partial(recordings, trials)
     progress.advance(0, total=len(trials.blocks))
-    blocks = results(work, trials.blocks, workers=workers.at_most(len(trials.blocks)), progress=progress)
+    blocks = results(work, trials.blocks, workers=workers, progress=progress)
     return summary(trials, Recordings.joined(list(blocks)))
 
 
