@@ -166,3 +166,14 @@ def test_one_half_of_the_array_foretells_the_other(axis: str, other: float, foll
     volts = _light(0.09, _phases())
     volts[1] *= np.where(x < WIDTH // 2 if axis == "left and right" else y < HEIGHT // 2, 1.0, other)
     assert _seen(volts).follows_law is follows
+
+
+@pytest.mark.parametrize(("pixels", "found"), [(10, False), (14, True)])
+def test_blocks_of_more_than_half_their_pixels_are_asked(pixels: int, found: bool) -> None:
+    """Light under the noise of pixels, so many of which are sound in each block of 5 × 5: blocks alone would tell it."""
+    rng = np.random.default_rng(10)
+    y, x = np.mgrid[:120, :160] / 120.0
+    volts = rng.normal(scale=0.018, size=(2, 2, 120, 160)) + _light(0.06, np.asarray(1.0 + 1.6 * x**2 - 0.5 * y))
+    order = rng.random((24, 32, 25)).argsort(axis=2).reshape(24, 32, 5, 5).transpose(0, 2, 1, 3).reshape(120, 160)
+    volts[..., order >= pixels] = np.nan
+    assert _seen(volts).follows_law is found
