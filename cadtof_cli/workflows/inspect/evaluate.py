@@ -1,5 +1,6 @@
 """`cadtof evaluate`: the maps of a run against truth, beside what the first phasor alone would have said; and over time."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from functools import lru_cache
 from pathlib import Path
@@ -15,30 +16,12 @@ from cadtof_cli.files.documents import csv_text
 from cadtof_cli.files.formats import EXR, format_by_suffix
 from cadtof_cli.files.maps import read_layers, write_layers
 from cadtof_cli.files.reading import is_folder
-from cadtof_cli.maps.evaluation import DepthErrors, ErrorTally, SequenceTally, depth_errors
+from cadtof_cli.maps.evaluation import DepthErrors, Evaluation, EvaluationTally, SequenceTally
 from cadtof_cli.maps.layers import DIRECT_DEPTH, DIRECT_SIGMA, MPI_DEPTH
 from cadtof_cli.workflows.inspect.first_phasors import first_phasors
-from cadtof_cli.workflows.inspect.layers import direct_depth, layer_of, require_same_size, truth_file
+from cadtof_cli.workflows.inspect.layers import layer_of, require_same_size, true_depth, truth_file
 from cadtof_cli.workflows.progress import Progress
 from cadtof_cli.workflows.run_folder import read_run
-
-
-@dataclass(frozen=True)
-class Evaluation:
-    """Errors of the direct depth, and of the first phasor's where the recorded frames are still there."""
-
-    frames: int
-    direct: DepthErrors
-    first_phasor: DepthErrors | None
-
-
-@dataclass(frozen=True)
-class FrameErrors:
-    """Errors of one frame, by the name of its map; None where its recorded frame is not there."""
-
-    frame: str
-    direct: DepthErrors
-    first_phasor: DepthErrors | None
 
 
 @dataclass(frozen=True)
@@ -74,19 +57,16 @@ def evaluate_maps(
 
     @lru_cache(maxsize=1)
     def known(path: Path) -> Float:
-        return run.cropped(direct_depth(path))
+        return true_depth(run, path)
 
     known(truth_file(truth, run, files[0]))
-    run.require_range_depth()
     captures = len(run.record["captures"]) if run.record else 1
     if captures > 1 and len(files) > 1 and not is_folder(truth):
         progress.say(
             f"{truth}: the frames of {captures} captures are held against it alone; a folder may hold a truth for each"
         )
     recorded = first_phasors(run, progress.say)
-    direct, first = ErrorTally(), ErrorTally()
-    lines: list[FrameErrors] = []
-    compared = 0
+    whole, lines = EvaluationTally(), dict[str, Evaluation]()
     progress.total(len(files))
     for path in files:
         layers = read_layers(path)
@@ -94,36 +74,24 @@ def evaluate_maps(
         of_this = truth_file(truth, run, path)
         expected = known(of_this)
         require_same_size(depth, expected.shape, path, of_this)
-        alone = recorded.depth(path, depth)
-        direct.add(depth, expected, sigma_m=layers.get(DIRECT_SIGMA))
-        if alone is not None:
-            first.add(alone, expected)
-            compared += 1
+        alone, of_frame = recorded.depth(path, depth), EvaluationTally()
+        for tally in (whole, of_frame) if table is not None else (whole,):
+            tally.add(depth, expected, sigma_m=layers.get(DIRECT_SIGMA), first_phasor_m=alone)
         if table is not None:
-            lines.append(
-                FrameErrors(
-                    run.name(path),
-                    depth_errors(depth, expected, sigma_m=layers.get(DIRECT_SIGMA)),
-                    None if alone is None else depth_errors(alone, expected),
-                )
-            )
+            lines[run.name(path)] = of_frame.summary()
         progress.advance()
     if table is not None:
         _write_table(table, lines)
-    return Evaluation(len(files), direct.summary(), first.summary() if compared == len(files) else None)
+    return whole.summary()
 
 
-def _write_table(path: Path, lines: list[FrameErrors]) -> None:
+def _write_table(path: Path, lines: Mapping[str, Evaluation]) -> None:
     """Write a line for each frame: its name, then the figures of the direct path and of the first phasor."""
     names = [field.name for field in fields(DepthErrors)]
     none = dict.fromkeys(names)
     rows = (
-        (
-            line.frame,
-            *vars(line.direct).values(),
-            *(none if line.first_phasor is None else vars(line.first_phasor)).values(),
-        )
-        for line in lines
+        (name, *vars(line.direct).values(), *(vars(line.first_phasor) if line.first_phasor else none).values())
+        for name, line in lines.items()
     )
     with atomic_write(path) as temporary:
         text = csv_text(("frame", *names, *(f"first_phasor_{name}" for name in names)), rows)

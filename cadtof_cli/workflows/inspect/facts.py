@@ -161,8 +161,7 @@ def facts_of_maps(path: Path, /) -> MapFacts:
 def _describe(facts: MapFacts, layers: Mapping[str, NDArray[Any]]) -> None:
     for name, values in layers.items():
         if name == STATUS:
-            bits = values.astype(np.uint32)
-            facts.status = {str(bit.name).lower(): float(np.mean((bits & bit) != 0)) for bit in StatusBit}
+            facts.status = {str(bit.name).lower(): float(np.mean((values & bit) != 0)) for bit in StatusBit}
             continue
         facts.pixels = (values.shape[0], values.shape[1])
         finite = values[np.isfinite(values)]

@@ -55,13 +55,15 @@ def layer_of(layers: Layers, name: str, path: Path, /) -> NDArray[Any]:
     return layers[name]
 
 
-def direct_depth(path: Path, /) -> Float:
-    """Return the direct depth in a map or truth file, float64 (Y, X) in m.
+def true_depth(run: Run, path: Path, /) -> Float:
+    """Return of the direct depth in a truth file what the maps of a run show, float64 (Y, X) in m.
 
     Raises:
-        CadtofError: the file cannot be read or has no such layer.
+        CadtofError: the file cannot be read or has no such layer, or the maps hold no radial range.
     """
-    return layer_of(read_layers(path), DIRECT_DEPTH, path).astype(np.float64)
+    known = layer_of(read_layers(path), DIRECT_DEPTH, path).astype(np.float64)
+    run.require_range_depth()
+    return run.cropped(known)
 
 
 def truth_file(truth: Path, run: Run, file: Path, /) -> Path:

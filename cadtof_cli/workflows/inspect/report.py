@@ -8,14 +8,14 @@ from cadtof_cli.arrays import Float
 from cadtof_cli.errors import CadtofError, CaptureError, FrameError, OutputError, SettingsError
 from cadtof_cli.files.atomic import require_new
 from cadtof_cli.files.maps import STATUS, read_layers
-from cadtof_cli.maps.evaluation import DepthErrors, ErrorTally
+from cadtof_cli.maps.evaluation import DepthErrors, EvaluationTally
 from cadtof_cli.maps.layers import DIRECT_DEPTH, DIRECT_SIGMA
 from cadtof_cli.records import setting
 from cadtof_cli.report.colours import LayerLimits, small_plane
 from cadtof_cli.report.frames import FIRST_PHASOR, TRUTH, EmbeddedFrame, Planes, Shares, embedded_frame, planned_shares
 from cadtof_cli.report.page import Page, ShownFrame, write_page
 from cadtof_cli.workflows.inspect.first_phasors import FirstPhasors, first_phasors
-from cadtof_cli.workflows.inspect.layers import GivenOptics, direct_depth, require_same_size
+from cadtof_cli.workflows.inspect.layers import GivenOptics, require_same_size, true_depth
 from cadtof_cli.workflows.inspect.report_text import MapOfFrame, page_text
 from cadtof_cli.workflows.progress import Progress
 from cadtof_cli.workflows.run_folder import Run, read_run
@@ -69,10 +69,7 @@ def write_report(maps: Path, out: Path, /, *, settings: ReportSettings, progress
     run = read_run(maps)
     if run.record is None:
         run.require_maps()
-    truth = None
-    if settings.truth is not None:
-        run.require_range_depth()
-        truth = run.cropped(direct_depth(settings.truth))
+    truth = None if settings.truth is None else true_depth(run, settings.truth)
     reader = _Reader(run, settings, truth, first_phasors(run, progress.say))
     gathered = _gathered(reader, progress)
     text = page_text(
@@ -116,17 +113,13 @@ class _Gathered:
     maps: dict[Path, MapOfFrame] = field(default_factory=dict)
     problems: dict[Path, str] = field(default_factory=dict)
     limits: LayerLimits = field(default_factory=LayerLimits)
-    direct: ErrorTally = field(default_factory=ErrorTally)
-    first: ErrorTally = field(default_factory=ErrorTally)
-    with_truth: bool = False
+    against_truth: EvaluationTally = field(default_factory=EvaluationTally)
 
     def errors(self) -> Mapping[str, DepthErrors]:
         """Return the errors against truth by what they are of; the first phasor's only where every map has one."""
-        if not self.with_truth:
-            return {}
-        errors = {"direct path": self.direct.summary()}
-        complete = bool(self.maps) and all(one.first_phasor for one in self.maps.values())
-        return {"first phasor": self.first.summary(), **errors} if complete else errors
+        found = self.against_truth.summary()
+        errors = {"first phasor": found.first_phasor, "direct path": found.direct} if found.frames else {}
+        return {name: one for name, one in errors.items() if one is not None}
 
     def add(self, reader: _Reader, file: Path, planes: Planes, shares: Shares) -> None:
         """Add a map."""
@@ -143,10 +136,8 @@ class _Gathered:
             self._add_truth(reader.truth_m, planes, embedded.step)
 
     def _add_truth(self, truth_m: Float, planes: Planes, step: int) -> None:
-        self.with_truth = True
-        self.direct.add(planes[DIRECT_DEPTH], truth_m, sigma_m=planes.get(DIRECT_SIGMA))
-        if FIRST_PHASOR in planes:
-            self.first.add(planes[FIRST_PHASOR], truth_m)
+        first, sigma = planes.get(FIRST_PHASOR), planes.get(DIRECT_SIGMA)
+        self.against_truth.add(planes[DIRECT_DEPTH], truth_m, sigma_m=sigma, first_phasor_m=first)
         if not any(one.step == step for one in self.truth):
             self.truth.append(embedded_frame({TRUTH: truth_m}, step=step))
 
