@@ -12,7 +12,7 @@ from cadtof_cli.arrays import Float
 from cadtof_cli.calibration.petzval import PetzvalCalibration
 from cadtof_cli.capture.metadata import Optics
 from cadtof_cli.figures.kinds import save
-from cadtof_cli.figures.text import drawable
+from cadtof_cli.figures.text import drawable, legend_beside
 from cadtof_cli.optics import squared_field_radius, wall_range_m
 
 ROWS = 5
@@ -56,15 +56,11 @@ def _section(axes: Axes, wall: WallSection, petzval: PetzvalCalibration, flat: F
     columns = np.arange(flat.shape[1])
     measured, corrected = wall.range_m, wall.range_m - petzval.range_offset_m
     for values, label, colour in ((measured, "before", "tab:red"), (corrected, "after", "tab:blue")):
-        axes.plot(columns, _middle((values / facing)[rows]), ".", markersize=3, color=colour, label=label)
+        medians = [_median(column) for column in (values / facing)[rows].T]
+        axes.plot(columns, medians, ".", markersize=3, color=colour, label=label)
     axes.plot(columns, (flat / facing)[middle], color="black", linewidth=1, label="flat wall, as fitted")
-    axes.set(
-        xlabel="column, px",
-        ylabel="planar depth, m",
-    )
-    axes.set_title(f"{drawable(wall.name)}: rows {rows.start} to {rows.stop - 1}", parse_math=False)
-    axes.legend(fontsize=8, loc="upper left", bbox_to_anchor=(1.01, 1.0), borderaxespad=0.0)
-    axes.grid(alpha=0.3)
+    axes.set(xlabel="column, px", ylabel="planar depth, m")
+    _finish(axes, f"{wall.name}: rows {rows.start} to {rows.stop - 1}")
 
 
 def _radial(axes: Axes, wall: WallSection, petzval: PetzvalCalibration, flat: Float) -> None:
@@ -79,18 +75,14 @@ def _radial(axes: Axes, wall: WallSection, petzval: PetzvalCalibration, flat: Fl
         axes.plot(centres, medians, "o", markersize=3.5, color=colour, label=f"{label}, median of a ring")
     curve = 100 * (petzval.k2_m * centres**2 + petzval.k4_m * centres**4)
     axes.plot(centres, curve, color="black", linewidth=1, label="k2 ρ² + k4 ρ⁴")
-    axes.set(
-        xlabel="ρ, distance from the principal point over half the diagonal",
-        ylabel="range − flat wall, cm",
-    )
-    axes.set_title(drawable(wall.name), parse_math=False)
-    axes.legend(fontsize=8, loc="upper left", bbox_to_anchor=(1.01, 1.0), borderaxespad=0.0)
+    axes.set(xlabel="ρ, distance from the principal point over half the diagonal", ylabel="range − flat wall, cm")
+    _finish(axes, wall.name)
+
+
+def _finish(axes: Axes, title: str) -> None:
+    axes.set_title(drawable(title), parse_math=False)
+    legend_beside(axes)
     axes.grid(alpha=0.3)
-
-
-def _middle(rows: Float) -> Float:
-    """Return the median of each column of (rows, X), NaN where there is none."""
-    return np.array([_median(column) for column in rows.T])
 
 
 def _median(values: Float) -> float:
