@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from cadtof_cli.arrays import Float
+from cadtof_cli.arrays import Float, Float32
 from cadtof_cli.errors import CadtofError, CaptureError, FrameError, OutputError, SettingsError
 from cadtof_cli.files.atomic import require_new
 from cadtof_cli.files.maps import STATUS, read_layers
@@ -13,10 +13,10 @@ from cadtof_cli.maps.layers import DIRECT_DEPTH, DIRECT_SIGMA
 from cadtof_cli.records import setting
 from cadtof_cli.report.colours import LayerLimits, small_plane
 from cadtof_cli.report.frames import FIRST_PHASOR, TRUTH, EmbeddedFrame, Planes, Shares, embedded_frame, planned_shares
-from cadtof_cli.report.page import Page, ShownFrame, write_page
+from cadtof_cli.report.page import ShownFrame, write_page
 from cadtof_cli.workflows.inspect.first_phasors import FirstPhasors, first_phasors
 from cadtof_cli.workflows.inspect.layers import GivenOptics, require_same_size, true_depth
-from cadtof_cli.workflows.inspect.report_text import MapOfFrame, page_text
+from cadtof_cli.workflows.inspect.report_text import page_text
 from cadtof_cli.workflows.progress import Progress
 from cadtof_cli.workflows.run_folder import Run, read_run
 
@@ -79,7 +79,7 @@ def write_report(maps: Path, out: Path, /, *, settings: ReportSettings, progress
         problems=gathered.problems,
         errors=gathered.errors(),
     )
-    write_page(out, Page(text, gathered.shown, gathered.truth, gathered.limits.known()))
+    write_page(out, text, frames=gathered.shown, truth=gathered.truth, limits=gathered.limits.known())
 
 
 @dataclass(frozen=True)
@@ -110,7 +110,7 @@ class _Gathered:
 
     shown: list[ShownFrame] = field(default_factory=list)
     truth: list[EmbeddedFrame] = field(default_factory=list)
-    maps: dict[Path, MapOfFrame] = field(default_factory=dict)
+    maps: dict[Path, Float32] = field(default_factory=dict)
     problems: dict[Path, str] = field(default_factory=dict)
     limits: LayerLimits = field(default_factory=LayerLimits)
     against_truth: EvaluationTally = field(default_factory=EvaluationTally)
@@ -127,8 +127,7 @@ class _Gathered:
         embedded = embedded_frame(planes, step=shares.step_of(number))
         name = reader.run.name(file)
         self.shown.append(ShownFrame(name, embedded, reader.settings.optics(reader.run, file), reader.run.depth_kind))
-        small = small_plane(planes[DIRECT_DEPTH], longest_px=shares.thumbnail_px)
-        self.maps[file] = MapOfFrame(number, small, FIRST_PHASOR in planes)
+        self.maps[file] = small_plane(planes[DIRECT_DEPTH], longest_px=shares.thumbnail_px)
         for layer, plane in planes.items():
             if layer != STATUS:
                 self.limits.add(layer, plane)
