@@ -205,8 +205,8 @@ def draw_worst(pairs: MapPairs, found: Comparison, out: Path, /) -> None:
     Raises:
         CadtofError: the maps cannot be read, or the picture cannot be written.
     """
-    from cadtof_cli.figures.comparison import draw_comparison
     from cadtof_cli.figures.layers import Shown
+    from cadtof_cli.figures.maps import draw_comparison
 
     pair = pairs.pair(found.worst[0].frame)
     named = [name for name in (DIRECT_DEPTH, MPI_DEPTH) if name in pair.shared] or list(pair.shared[:2])
