@@ -167,9 +167,9 @@ def write_maps(path: Path, maps: DepthMaps, /, *, header: MapHeader = NO_FACTS) 
 
 
 def read_layers(path: Path, /) -> dict[str, NDArray[Any]]:
-    """Return the layers of a map or truth file by name, (Y, X) each, as they are stored.
+    """Return the layers of a map or truth file by name, (Y, X) each, as they are stored, and the status as uint32 bits.
 
-    Layers are the channels of an EXR file's first part, or the named channels of an OME-TIFF.
+    Layers are the channels of an EXR file's first part, or the named channels of an OME-TIFF, which holds the bits as floats.
 
     Raises:
         FrameError: the file cannot be read, is damaged, or its layers have no names, or its status is no bits.
@@ -179,9 +179,11 @@ def read_layers(path: Path, /) -> dict[str, NDArray[Any]]:
         raise FrameError(f"{path}: found {kind.title}, expected a format of named maps")
     layers = kind.layers().read_layers(path)
     status = layers.get(STATUS)
-    if status is not None and not (np.isfinite(status) & (status >= 0) & (status < _STATUS_LIMIT)).all():
+    if status is None:
+        return layers
+    if not (np.isfinite(status) & (status >= 0) & (status < _STATUS_LIMIT)).all():
         raise FrameError(f"{path}: damaged maps: their status holds numbers that are no bits")
-    return layers
+    return layers | {STATUS: status.astype(np.uint32, copy=False)}
 
 
 def read_facts(path: Path, /) -> dict[str, str]:

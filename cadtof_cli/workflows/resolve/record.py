@@ -143,11 +143,8 @@ class RunTotals:
         setattr(self, report.status, getattr(self, report.status) + 1)
         if report.status == "skipped":
             self.already_there += report.is_already_there
-        self.one_path += report.one_path or 0
-        self.two_paths += report.two_paths or 0
-        self.more_paths += report.more_paths or 0
-        self.diffuse += report.diffuse or 0
-        self.invalid += report.invalid or 0
+        for kind in ("one_path", "two_paths", "more_paths", "diffuse", "invalid"):
+            setattr(self, kind, getattr(self, kind) + (getattr(report, kind) or 0))
         self.diffuse_frames += bool(report.diffuse)
 
 
