@@ -40,6 +40,8 @@ def find_captures(
     capture is the one in its folder, else the one in the nearest folder above. With `[layout] pattern`, files are planes
     and grouped into frames.
 
+    What is named twice counts once: a capture, and a file besides the folder that it lies in.
+
     Parameters:
         inputs: folders and files.
         overrides: metadata by dotted key that goes before any `capture.toml`.
@@ -51,7 +53,7 @@ def find_captures(
         MetadataError: a `capture.toml` or an override is not allowed.
     """
     source_of = functools.cache(lambda folder: load_metadata(settings_file or nearest_settings(folder), overrides))
-    captures: list[Capture] = []
+    captures: list[tuple[Capture, bool]] = []
     for (root, is_whole), group in itertools.groupby(inputs, key=lambda path: _root(path, source_of)):
         if recursive and is_whole:
             below = list(_below(root, source_of))
@@ -59,7 +61,7 @@ def find_captures(
                 raise CaptureError(
                     f"{root}: no frames in it or in any folder below it: looked for {_expected_names(None)}"
                 )
-            captures += below
+            captures += ((one, True) for one in below)
             continue
         source = source_of(root)
         if is_whole:
@@ -78,8 +80,27 @@ def find_captures(
         found = _capture(root, source, names)
         if found is None:
             raise _no_frames(root, source, there)
-        captures.append(found)
-    return tuple(captures)
+        captures.append((found, is_whole))
+    return tuple(_each_once(captures))
+
+
+def _each_once(captures: Sequence[tuple[Capture, bool]]) -> Iterator[Capture]:
+    """Yield captures, of which each tells whether it is a whole folder, without frames that another one has."""
+    roots = [absolute(one.root) for one, _ in captures]
+    first_whole = {root: place for place, root in reversed(list(enumerate(roots))) if captures[place][1]}
+    seen: dict[Path, set[tuple[Path, ...]]] = {}
+    for place, (root, (capture, _)) in enumerate(zip(roots, captures, strict=True)):
+        if root in first_whole:
+            if first_whole[root] == place:
+                yield capture
+            continue
+        before = seen.setdefault(root, set())
+        files = [tuple(path.relative_to(capture.root) for path in frame.paths) for frame in capture.frames]
+        if before.isdisjoint(files):
+            yield capture
+        elif frames := [frame for frame, its in zip(capture.frames, files, strict=True) if its not in before]:
+            yield replace(capture, frames=frames)
+        before.update(files)
 
 
 def find_placed_captures(

@@ -88,7 +88,8 @@ class Finisher:
     """Finishes results in threads, `LATER_AT_ONCE` at a time; leaving waits for all that were begun, after an error only for
     those at it.
 
-    No thread is started before a result is to be waited for: a process that has threads must not fork.
+    No thread is started before a result is to be waited for: a process that has threads must not fork. Where the system allows
+    none at all (`ulimit -u`, `ulimit -v`), results are finished where they are begun.
 
     Args:
         then: called by a thread when it has finished a result.
@@ -105,10 +106,20 @@ class Finisher:
             return _there(lambda: result)
         pending = Pending(result.finish)
         self._waiting.put(pending)
-        if len(self._threads) < LATER_AT_ONCE:
-            self._threads.append(threading.Thread(target=self._work))
-            self._threads[-1].start()
+        if len(self._threads) < LATER_AT_ONCE and not self._start_thread() and not self._threads:
+            self._waiting.get()
+            pending.finish()
         return pending
+
+    def _start_thread(self) -> bool:
+        """Start a thread; return whether the system allows one more."""
+        self._threads.append(threading.Thread(target=self._work))
+        try:
+            self._threads[-1].start()
+        except RuntimeError:
+            self._threads.pop()
+            return False
+        return True
 
     def attempt(self, function: Work[Task, Result], task: Task, /) -> Pending[Result]:
         """Do a task; return where its result will be, or the exception that it raised."""
