@@ -39,6 +39,13 @@ COMMANDS = {
 OBJECTS_BETWEEN_COLLECTIONS = 100_000
 """The garbage collector runs this rarely: imports make tens of thousands of objects, and no garbage."""
 
+BLAS_THREADS = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+"""Environment variables that say how many threads linear algebra has: one, unless the user says otherwise.
+
+Our matrices are small, and our processes keep all cores busy. While numpy is imported, threads that wait for work take a core
+each; and what a sum comes to depends on how many there are.
+"""
+
 PROGRAM = "cadtof"
 COMPLETE = "_CADTOF_COMPLETE"
 """Environment variable by which a shell asks how a line may go on (docs/shells.md)."""
@@ -76,8 +83,9 @@ class LazyGroup(click.Group):
             formatter.write_dl(list(COMMANDS.items()))
 
 
-@click.group(
-    cls=LazyGroup,
+cli = LazyGroup(
+    PROGRAM,
+    help="Make depth maps without multi-path interference from recorded frames of CA-dToF cameras.",
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110},
     epilog=example(
         "cadtof info sample_data/corner",
@@ -85,10 +93,10 @@ class LazyGroup(click.Group):
         "cadtof evaluate maps --truth sample_data/corner/truth.exr",
     ),
 )
-@click.version_option(__version__, "-V", "--version", prog_name=PROGRAM)
-@click.option("--debug", is_flag=True, help="Show the Python traceback of an error.")
-def cli(debug: bool) -> None:
-    """Make depth maps without multi-path interference from recorded frames of CA-dToF cameras."""
+"""The command: what it does is done by its subcommands."""
+
+click.version_option(__version__, "-V", "--version", prog_name=PROGRAM)(cli)
+click.option("--debug", is_flag=True, help="Show the Python traceback of an error.")(cli)
 
 
 def main() -> NoReturn:
@@ -96,6 +104,8 @@ def main() -> NoReturn:
     gc.set_threshold(OBJECTS_BETWEEN_COLLECTIONS)
     # nor does it run at exit
     atexit.register(gc.freeze)
+    for name in BLAS_THREADS:
+        os.environ.setdefault(name, "1")
     prepare_streams()
     atexit.register(_let_go_of_stderr)
     for number in filter(None, (signal.SIGTERM, getattr(signal, "SIGHUP", None))):

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from cadtof_cli.execution.workers import ALONE, Workers
+from cadtof_cli.execution.ordered import ALONE, Workers
 from cadtof_cli.files.atomic import new_folder
 from cadtof_cli.files.documents import plain, write_rows
 from cadtof_cli.simulation.pixel.pixel import evolution
@@ -20,7 +20,7 @@ from cadtof_cli.workflows.simulate.trials import EVOLUTION_KEY, Recordings, Tria
 def simulate_pixel(trials: Trials, /, *, workers: Workers = ALONE, progress: Progress = NO_PROGRESS) -> TrialsSummary:
     """Run the trials, block by block in parallel, and sum them up; a step is a block."""
     work = partial(recordings, trials)
-    progress.total(len(trials.blocks))
+    progress.advance(0, total=len(trials.blocks))
     blocks = results(work, trials.blocks, workers=workers.at_most(len(trials.blocks)), progress=progress)
     return summary(trials, Recordings.joined(list(blocks)))
 

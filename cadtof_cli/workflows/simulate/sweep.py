@@ -5,7 +5,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 
-from cadtof_cli.execution.workers import ALONE, Workers
+from cadtof_cli.execution.ordered import ALONE, Workers
 from cadtof_cli.files.atomic import atomic_write, new_folder, require_absent
 from cadtof_cli.files.documents import csv_text
 from cadtof_cli.simulation.pixel.mix import require
@@ -61,7 +61,7 @@ def sweep(settings: SweepSettings, /, *, workers: Workers = ALONE, progress: Pro
     """Simulate every cell; blocks of runs of all cells are shared among processes."""
     cells = list(settings.cells())
     work = [(cell, block) for cell in cells for block in cell.blocks]
-    progress.total(len(work))
+    progress.advance(0, total=len(work))
     made = results(_run, work, workers=workers, progress=progress)
     return [SweepCell(cell, summary(cell, Recordings.joined([next(made) for _ in cell.blocks]))) for cell in cells]
 
