@@ -255,14 +255,16 @@ def _capture(root: Path, source: MetadataSource, names: Sequence[str]) -> Captur
     return Capture(root, source, frames) if frames else None
 
 
-def _no_frames(root: Path, source: MetadataSource, among: Iterable[str] | None = None) -> CaptureError:
+def _no_frames(root: Path, source: MetadataSource, among: Sequence[str] | None = None) -> CaptureError:
     """Return the error of a folder without frames, or of files that were named in it."""
     pattern = source.metadata.layout.pattern
     looked_for = _expected_names(pattern)
     if among is None:
         entries = _entries(root, pattern)
-        among = (name for name, is_dir in entries if not is_dir or name.lower().endswith(FRAME_SUFFIXES))
-    return CaptureError(f"{root}: no frames: looked for {looked_for}, found {_first_names(among)}")
+        among = [name for name, is_dir in entries if not is_dir or name.lower().endswith(FRAME_SUFFIXES)]
+    of_matlab = next((name for name in among if name.lower().endswith(".mat")), None)
+    hint = f"; `cadtof info {root / of_matlab}` says how to save an array of MATLAB" if of_matlab else ""
+    return CaptureError(f"{root}: no frames: looked for {looked_for}, found {_first_names(among)}{hint}")
 
 
 def _expected_names(pattern: str | None) -> str:
