@@ -81,8 +81,9 @@ class LazyGroup(click.Group):
             formatter.write_dl(list(COMMANDS.items()))
 
 
-@click.group(
-    cls=LazyGroup,
+cli = LazyGroup(
+    PROGRAM,
+    help="Make depth maps without multi-path interference from recorded frames of CA-dToF cameras.",
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110},
     epilog=example(
         "cadtof info sample_data/corner",
@@ -90,10 +91,10 @@ class LazyGroup(click.Group):
         "cadtof evaluate maps --truth sample_data/corner/truth.exr",
     ),
 )
-@click.version_option(__version__, "-V", "--version", prog_name=PROGRAM)
-@click.option("--debug", is_flag=True, help="Show the Python traceback of an error.")
-def cli(debug: bool) -> None:
-    """Make depth maps without multi-path interference from recorded frames of CA-dToF cameras."""
+"""The command: what it does is done by its subcommands."""
+
+click.version_option(__version__, "-V", "--version", prog_name=PROGRAM)(cli)
+click.option("--debug", is_flag=True, help="Show the Python traceback of an error.")(cli)
 
 
 def main() -> NoReturn:

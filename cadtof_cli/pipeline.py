@@ -7,35 +7,40 @@ pixel alone, block by block. A frame split over processes is prepared once, and 
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import cached_property, lru_cache
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cadtof_cli.arrays import Complex, Status, Stored, sealed
-from cadtof_cli.calibration.apply import FrameCorrection, frame_correction
+from cadtof_cli.arrays import Bool, Complex, Index, Stored, sealed
 from cadtof_cli.errors import FrameError
 from cadtof_cli.files.maps import DepthMaps
-from cadtof_cli.frame_pixels import EVERY, FramePixels, Where
+from cadtof_cli.frame_pixels import FramePixels
 from cadtof_cli.frame_plan import FramePlan
-from cadtof_cli.last_call import same_as_last
-from cadtof_cli.maps.depth import DepthScale, clear_impossible, clear_pixels, most_volts, write_block
-from cadtof_cli.maps.layers import ALWAYS, Layer
-from cadtof_cli.optics import LampBeside, planar_per_range
+from cadtof_cli.frame_stages import (
+    FrameStages,
+    Prediction,
+    frame_stages,
+    kernel_of_frame,
+    kernel_of_frames,
+    look_at_frame,
+    look_at_frames,
+)
+from cadtof_cli.maps.depth import clear_impossible, clear_pixels, write_block
+from cadtof_cli.maps.layers import ALWAYS
 from cadtof_cli.phasors.frame_mean import FrameMean
 from cadtof_cli.phasors.noise import NoiseModel, estimated_integration_length, noise_model
 from cadtof_cli.phasors.plausible import is_without_noise
-from cadtof_cli.phasors.voltages import phasors_from_stored, saturated_pixels
-from cadtof_cli.predicted_mpi import Prediction, predicted_mpi
+from cadtof_cli.phasors.voltages import saturated_pixels
 from cadtof_cli.records import dataclass
-from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.resolver.status import StatusBit, has_answer
-from cadtof_cli.resolver.two_path.kernel import NUMPY, FrameKernel, KernelScales, chosen_kernel
-from cadtof_cli.units import metres_per_radian
+from cadtof_cli.resolver.two_path.kernel import NUMPY, chosen_kernel
 
 if TYPE_CHECKING:
     from cadtof_cli.calibration.store import Calibration
-    from cadtof_cli.resolver.diffuse.records import DiffuseChoice, DiffuseModel
+    from cadtof_cli.resolver.diffuse.grid import PatchGrid
+    from cadtof_cli.resolver.diffuse.light import PatchLight
+    from cadtof_cli.resolver.diffuse.records import DiffuseChoice
 
 BLOCK_PIXELS = 19200
 """Pixels a block, a quarter of a QVGA frame: enough that the cost of calling numpy hardly counts, and no more, so that memory
@@ -50,81 +55,11 @@ MOST_INTEGRATION = 1e12
 
 @dataclass(frozen=True)
 class ResolvedFrame:
-    """A frame's maps, the integration length of its noise (`noise_estimated`: found), and its model of MPI, if one was chosen."""
+    """A frame's maps, its noise, and its model of MPI, if one was chosen."""
 
     maps: DepthMaps
-    integration_length: float
-    noise_estimated: bool
+    noise: NoiseModel
     mpi: "DiffuseChoice | None" = None
-
-
-@dataclass(frozen=True, eq=False)
-class FrameStages:
-    """What every block of frames of one plan, type and size shares.
-
-    `noise` None: it is to be estimated from each frame; `prediction` None: its MPI is taken for separate paths.
-    """
-
-    saturated_counts: tuple[float, float] | None
-    correction: FrameCorrection
-    depth: DepthScale
-    resolver: ResolverSettings
-    room: str
-    layers: tuple[Layer, ...]
-    noise: NoiseModel | None
-    prediction: Prediction | None
-
-    @cached_property
-    def names(self) -> tuple[str, ...]:
-        """The names of the layers."""
-        return tuple(layer.name for layer in self.layers)
-
-    def phasors(self, pixels: FramePixels, chosen: Where = EVERY) -> Complex:
-        """Return the phasors of pixels or some of them, (H, n): pooled, or from what was stored."""
-        if pixels.pooled is not None:
-            return _some(pixels.pooled, chosen)
-        return phasors_from_stored(_some(pixels.stored, chosen), self.correction.phasor_map[pixels.places(chosen)])
-
-    def status(self, pixels: FramePixels, chosen: Where = EVERY, *, saturated: bool = True) -> Status:
-        """Return the bits of pixels or some of them that get no answer whatever they hold, (n,): hot; saturated if asked for."""
-        hot = self.correction.hot
-        bits = np.uint32(0) if hot is None else hot[pixels.places(chosen)] * np.uint32(StatusBit.HOT_PIXEL)
-        if saturated:
-            beyond = saturated_pixels(_some(pixels.stored, chosen), self.saturated_counts)
-            bits = bits | beyond * np.uint32(StatusBit.SATURATED)
-        return np.asarray(bits, np.uint32)
-
-
-def _some(planes: Stored, chosen: Where) -> Stored:
-    """Return some pixels of planes, (…, n), each plane's as neighbours."""
-    return planes[..., chosen] if isinstance(chosen, slice) else planes.take(chosen, axis=-1)
-
-
-@same_as_last
-@lru_cache(maxsize=4)
-def frame_stages(
-    plan: FramePlan, calibration: "Calibration | None", dtype: np.dtype[np.generic], size: tuple[int, int]
-) -> FrameStages:
-    """Return what every block of frames of one plan, type and size shares; raises SettingsError where they do not fit."""
-    if (plan.calibration is None) != (calibration is None):
-        raise ValueError("a plan with a calibration needs it loaded, and one without has no use for it")
-    metadata = plan.metadata
-    correction = frame_correction(calibration, metadata, dtype, size)
-    depth = DepthScale(
-        metres_per_radian(metadata.modulation.periods_ns[0]),
-        metadata.modulation.amplitude_v,
-        planar_per_range(metadata.optics, size).ravel() if plan.settings.depth == "z" else None,
-        correction.range_offset_m if plan.calibration and plan.calibration.curved else None,
-        LampBeside.of(metadata.optics, size),
-    )
-    resolver, n_av, noise = plan.resolver, metadata.pixel.integration_length, None
-    room = resolver.room(metadata.modulation.harmonics, sine=correction.response is None)
-    if n_av is not None:
-        noise = noise_model(metadata, integration_length=n_av, quantised=dtype.kind in "iu")
-    saturated = metadata.voltage.saturated_counts
-    may_be_diffuse = resolver.may_be_diffuse(metadata.modulation.harmonics)
-    prediction = Prediction.of(metadata, size, resolver.mpi_model) if may_be_diffuse else None
-    return sealed(FrameStages(saturated, correction, depth, resolver, room, plan.layers, noise, prediction))
 
 
 def resolve_frame(
@@ -148,7 +83,9 @@ def resolve_frame(
         SettingsError: the plan does not fit the frame's type, or lacks the optics that it needs.
     """
     pixels = prepare_frame(frame, plan=plan, calibration=calibration, kernel=kernel)
-    return joined_parts(pixels, [resolve_pixels(pixels, plan=plan, calibration=calibration, kernel=kernel)])
+    maps = resolve_pixels(pixels, plan=plan, calibration=calibration, kernel=kernel)
+    pages, status = maps.pages.reshape(-1, *pixels.size), maps.status.reshape(pixels.size)
+    return ResolvedFrame(replace(maps, pages=pages, status=status), pixels.noise, pixels.choice)
 
 
 def prepare_frame(
@@ -175,8 +112,7 @@ def prepare_frame(
     if plan.settings.pool > 1:
         pixels = _pooled(pixels, stages, window=plan.settings.pool)
     if stages.prediction is not None:
-        choice, tail = predicted_mpi(pixels, stages, stages.prediction, kernel or chosen_kernel())
-        pixels = replace(pixels, choice=choice, tail=tail)
+        pixels = _with_predicted_mpi(pixels, stages, stages.prediction, kernel or chosen_kernel())
     return pixels
 
 
@@ -245,62 +181,21 @@ def _fill_by_kernel(maps: DepthMaps, pixels: FramePixels, plan: FramePlan, stage
     if samples is not None:
         status |= (samples > 1.0) * np.uint32(StatusBit.POOLED)
     own = pixels.tail is not None or samples is not None
-    make = _kernel_of_frame if own else _kernel_of_frames
-    values = maps.values.reshape(len(maps.names), -1)
+    make = kernel_of_frame if own else kernel_of_frames
     source = pixels.stored if pixels.pooled is None else pixels.pooled
-    make(plan, stages, pixels.first, status.size, pixels.noise, source.dtype, pixels.tail, kernel).fill(
+    values = maps.pages[:-1].reshape(len(maps.names), -1)
+    make(stages, pixels.first, status.size, pixels.noise, source.dtype, kernel, pixels.tail).fill(
         source, layers=values[: len(ALWAYS)], status=status
     )
     if len(values) > len(ALWAYS):
         values[len(ALWAYS) :] = 1.0 if samples is None else samples
 
 
-def _kernel_of_frame(
-    plan: FramePlan,
-    stages: FrameStages,
-    first: int,
-    count: int,
-    noise: NoiseModel,
-    source_type: np.dtype[np.generic],
-    model: "DiffuseModel | None",
-    kernel: str,
-) -> FrameKernel:
-    """Return what resolves `count` pixels of a frame from a flat index on, from what was recorded or from complex phasors."""
-    block = slice(first, first + count)
-    most, more = most_volts(noise, plan.metadata.modulation.amplitude_v)
-    tail = None
-    if model is not None:
-        from cadtof_cli.resolver.diffuse.compiled import tail_buffers
-
-        tail = tail_buffers(model.block(block))
-    scales = KernelScales(
-        phasor_map=stages.correction.phasor_map[block] if source_type.kind != "c" else None,
-        saturated_counts=stages.saturated_counts,
-        metres=stages.depth.metres(block),
-        volts=stages.depth.amplitude_v,
-        phase_offset_rad=stages.depth.phase_offset_rad(block),
-        tail=tail,
-        most_volts=most,
-        noise_volts=more,
-    )
-    return FrameKernel(
-        scales, settings=stages.resolver, noise=noise, count=count, source_type=source_type, kernel=kernel
-    )
-
-
-_kernel_of_frames = same_as_last(_kernel_of_frame)
-"""The same, where frames share it: nothing in it is a frame's own."""
-
-
 def joined_parts(pixels: FramePixels, parts: Sequence[DepthMaps], /) -> ResolvedFrame:
     """Return the resolved frame that the parts of a prepared frame make up, in their order."""
-    pages, status, image = parts[0].pages, parts[0].status, parts[0].image
-    if len(parts) > 1:
-        pages = np.concatenate([part.pages for part in parts], axis=-1)
-        status = np.concatenate([part.status for part in parts], axis=-1)
-        image = None
-    maps = DepthMaps(parts[0].names, pages.reshape(-1, *pixels.size), status.reshape(pixels.size), image)
-    return ResolvedFrame(maps, pixels.noise.integration_length, pixels.noise.estimated, pixels.choice)
+    pages = np.concatenate([part.pages for part in parts], axis=-1).reshape(-1, *pixels.size)
+    status = np.concatenate([part.status for part in parts], axis=-1).reshape(pixels.size)
+    return ResolvedFrame(DepthMaps(parts[0].names, pages, status), pixels.noise, pixels.choice)
 
 
 def _estimated_noise(pixels: FramePixels, plan: FramePlan, stages: FrameStages) -> NoiseModel:
@@ -331,3 +226,67 @@ def _pooled(pixels: FramePixels, stages: FrameStages, *, window: int) -> FramePi
     )
     noise = replace(pixels.noise, samples=pooled.samples.ravel())
     return replace(pixels, noise=noise, pooled=pooled.phasors.reshape(len(phasors), -1))
+
+
+def _with_predicted_mpi(pixels: FramePixels, stages: FrameStages, prediction: Prediction, kernel: str) -> FramePixels:
+    """Choose a frame's model of MPI and, where that is diffuse, predict it from the frame's own geometry."""
+    from cadtof_cli.resolver.diffuse.light import compiled_light
+    from cadtof_cli.resolver.diffuse.predict import diffuse_model
+    from cadtof_cli.resolver.diffuse.records import DiffuseModel
+
+    noise, offset = pixels.noise, stages.depth.range_offset_m
+    look_at = look_at_frames if noise.samples is None else look_at_frame
+    look = look_at(stages, noise, pixels.stored.dtype, kernel) if pixels.pooled is None else None
+    found = diffuse_model(
+        _sampled_light(pixels, stages, prediction.grid, kernel)
+        if look is None
+        else compiled_light(pixels.stored, look, prediction.grid, kernel=kernel),
+        grid=prediction.grid,
+        variances=tuple(one.dark_variance for one in noise.each),
+        settings=prediction.settings,
+        samples=None if noise.samples is None else noise.samples.reshape(pixels.size),
+        range_offset_m=None if offset is None else -offset.reshape(pixels.size),
+        kernel=kernel,
+    )
+    if isinstance(found, DiffuseModel):
+        return replace(pixels, choice=found.choice, tail=found)
+    return replace(pixels, choice=found)
+
+
+def _sampled_light(pixels: FramePixels, stages: FrameStages, grid: "PatchGrid", kernel: str) -> "PatchLight":
+    """Return the light of the pixels that a frame is looked at by, by numpy."""
+    from cadtof_cli.resolver.diffuse.light import sampled_light
+
+    chosen = _sampled(pixels.size)
+    phasors, usable = _as_of_a_sine(pixels, chosen.ravel(), stages, kernel)
+    return sampled_light(
+        phasors.reshape(-1, *chosen.shape), usable.reshape(chosen.shape), grid, harmonics=pixels.noise.harmonics
+    )
+
+
+@lru_cache(maxsize=4)
+def _sampled(size: tuple[int, int]) -> Index:
+    """Return the flat indices of the pixels that a frame is looked at by, (rows, columns)."""
+    from cadtof_cli.resolver.diffuse.grid import sampled_pixels
+
+    return sealed(np.arange(size[0] * size[1]).reshape(size)[sampled_pixels(*size)].copy())
+
+
+def _as_of_a_sine(pixels: FramePixels, chosen: Index, stages: FrameStages, kernel: str) -> tuple[Complex, Bool]:
+    """Return the phasors of chosen pixels of a frame as a sine would have them, (H, n), and which have an answer, (n,)."""
+    from cadtof_cli.resolver.resolve import resolve_paths, screened
+
+    phasors, noise = stages.phasors(pixels, chosen), pixels.noise[chosen]
+    with np.errstate(over="ignore", invalid="ignore"):
+        # values that no camera stores, and NaN, are what the screening finds
+        powers = [phasor.real**2 + phasor.imag**2 for phasor in phasors]
+        status, _ = screened(
+            np.sqrt(powers[0]), powers, stages.status(pixels, chosen), settings=stages.resolver, noise=noise
+        )
+    if stages.correction.response is not None:
+        response = stages.correction.response.block(chosen, kernel=kernel)
+        found = resolve_paths(phasors, status=status, settings=stages.resolver, noise=noise, response=response)
+        from cadtof_cli.resolver.response.as_sine import phasors_of_sine
+
+        phasors = phasors_of_sine(phasors, found.paths, response=response)
+    return phasors, np.asarray(status == 0)

@@ -14,13 +14,12 @@ from tests.support.run_cadtof import ENVIRONMENT
 
 PACKAGE = Path(__file__).parents[1] / "cadtof_cli"
 
-ANYBODY = {"errors", "units", "arrays", "last_call", "records", "cadtof_cli"}
+ANYBODY = {"errors", "units", "arrays", "records", "cadtof_cli"}
 
 ALLOWED: dict[str, set[str]] = {
     "errors": set(),
     "units": set(),
     "arrays": set(),
-    "last_call": set(),
     "records": set(),
     "execution": set(),
     "files": set(),
@@ -33,13 +32,9 @@ ALLOWED: dict[str, set[str]] = {
     "simulation": {"capture", "optics"},
     "frame_plan": {"calibration", "capture", "files", "maps", "optics", "phasors", "resolver"},
     "frame_pixels": {"phasors", "resolver"},  # of the resolver, it knows types alone
-    # of the pipeline, it knows types alone
-    "predicted_mpi": {"capture", "frame_pixels", "optics", "phasors", "pipeline", "resolver"},
-    "pipeline": {
-        *("calibration", "capture", "files", "frame_pixels", "frame_plan", "maps", "optics", "phasors"),
-        *("predicted_mpi", "resolver"),
-    },
-    "one_pixel": {"calibration", "frame_pixels", "frame_plan", "maps", "phasors", "pipeline", "resolver"},
+    "frame_stages": {"calibration", "capture", "frame_pixels", "frame_plan", "maps", "optics", "phasors", "resolver"},
+    "pipeline": {"calibration", "files", "frame_pixels", "frame_plan", "frame_stages", "maps", "phasors", "resolver"},
+    "one_pixel": {"calibration", "frame_pixels", "frame_plan", "frame_stages", "maps", "phasors", "resolver"},
     "report": {"capture", "files", "maps", "optics", "resolver"},
     "api": {
         *("calibration", "capture", "files", "frame_plan", "maps", "phasors", "pipeline", "resolver", "simulation"),

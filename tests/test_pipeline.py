@@ -9,8 +9,9 @@ import pytest
 from cadtof_cli.capture.metadata import CaptureMetadata, Optics, Pixel
 from cadtof_cli.errors import SettingsError
 from cadtof_cli.frame_plan import FramePlan, MapSettings
+from cadtof_cli.frame_stages import frame_stages
 from cadtof_cli.phasors.frame_mean import frame_mean
-from cadtof_cli.pipeline import frame_stages, joined_parts, prepare_frame, resolve_frame, resolve_pixels
+from cadtof_cli.pipeline import joined_parts, prepare_frame, resolve_frame, resolve_pixels
 from cadtof_cli.resolver.diffuse.grid import View, patch_grid
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.resolver.status import StatusBit
@@ -31,14 +32,14 @@ def test_parts_that_crossed_to_other_processes_make_up_the_whole(settings: MapSe
     plan = FramePlan(metadata=metadata, settings=settings)
     mean = frame_mean(frames(settings.average), saturated_counts=None)
     whole = resolve_frame(mean, plan=plan)
-    assert whole.noise_estimated is not known
+    assert whole.noise.estimated is not known
     assert np.isfinite(whole.maps.layer("direct.depth")).any()
     for count in (2, 5):
         prepared = prepare_frame(mean, plan=plan)
         parts = [pickle.loads(pickle.dumps(part)) for part in prepared.parts(count)]
         assert sum(part.stored.shape[2] for part in parts) == SIZE[0] * SIZE[1]
         joined = joined_parts(parts[0], [resolve_pixels(part, plan=plan) for part in parts])
-        assert joined.integration_length == whole.integration_length
+        assert joined.noise.integration_length == whole.noise.integration_length
         np.testing.assert_array_equal(joined.maps.values, whole.maps.values)
         np.testing.assert_array_equal(joined.maps.status, whole.maps.status)
 

@@ -141,12 +141,9 @@ def read_frames(
 
 
 def _overrides(metadata: Mapping[str, Any] | None) -> dict[str, Any]:
-    known = {key.path for key in KEYS}
     for name in metadata or {}:
-        if name not in known:
-            meant = [key for key in known if key.endswith(f".{name}")] or difflib.get_close_matches(
-                str(name), known, n=1
-            )
-            named = meant or sorted(known)[:3]
+        if name not in KEYS:
+            meant = [key for key in KEYS if key.endswith(f".{name}")] or difflib.get_close_matches(str(name), KEYS, n=1)
+            named = meant or sorted(KEYS)[:3]
             raise SettingsError(f"metadata: found {name!r}, expected keys such as {', '.join(named)}, …")
     return dict(metadata or {})

@@ -63,8 +63,7 @@ def find_captures(
             continue
         source = source_of(root)
         if is_whole:
-            there = _files_in(root, depth=_depth(source))
-            names = _images(there, source)
+            names = _images(root, source)
             if not names and (below := list(_below(root, source_of))):
                 others = _first_names(str(one.root) for one in below)
                 raise CaptureError(
@@ -77,7 +76,7 @@ def find_captures(
             names = [name for name in there if name != FILE_NAME]
         found = _capture(root, source, names)
         if found is None:
-            raise _no_frames(root, source, there)
+            raise _no_frames(root, source, None if is_whole else there)
         captures.append(found)
     return tuple(captures)
 
@@ -99,10 +98,10 @@ def find_placed_captures(
     captures = find_captures(inputs, overrides=overrides, settings_file=settings_file, recursive=recursive)
     if base is None:
         folders = [path if path.is_dir() else path.parent for path in inputs] + [one.root for one in captures]
-        base = Path(os.path.commonpath(map(absolute, folders)))
+        base = Path(os.path.commonpath(map(os.path.abspath, folders)))
     placed = []
     for one in captures:
-        steps = [step for step in Path(os.path.relpath(absolute(one.root), base)).parts if step != os.pardir]
+        steps = [step for step in Path(os.path.relpath(one.root, base)).parts if step != os.pardir]
         below, frames = "".join(f"{step}/" for step in steps), one.frames
         if isinstance(frames, FrameFileList):
             frames = replace(frames, below=below + frames.below)
@@ -142,13 +141,8 @@ def _root(path: Path, source_of: _SourceOf) -> tuple[Path, bool]:
         raise CaptureError(f"{path}: cannot be reached: {error.strerror}") from error
     except ValueError as error:
         raise CaptureError(f"{path}: this is not a possible file name ({error}); expected one path per line") from error
-    depth = _depth(source_of(path.parent))
+    depth = (source_of(path.parent).metadata.layout.pattern or "").count("/")
     return (path.parent if depth == 0 else absolute(path).parents[depth]), False
-
-
-def _depth(source: MetadataSource) -> int:
-    """Return how many levels below the folder of a capture its planes lie."""
-    return (source.metadata.layout.pattern or "").count("/")
 
 
 def _below(folder: Path, source_of: _SourceOf) -> Iterator[Capture]:
@@ -157,69 +151,72 @@ def _below(folder: Path, source_of: _SourceOf) -> Iterator[Capture]:
     while waiting:
         here = waiting.pop()
         real = os.path.realpath(here)
-        there = _files_in(here, recursive=True)
-        if real in seen or (not OUTPUT_FILES.isdisjoint(there) and FILE_NAME not in there):
+        entries = _entries(here)
+        files = {name for name, is_dir in entries if not is_dir}
+        if real in seen or (not OUTPUT_FILES.isdisjoint(files) and FILE_NAME not in files):
             continue
         seen.add(real)
-        depth = _depth(source := source_of(here))
-        names = there if depth == 0 else _files_in(here, depth=depth, recursive=True)
-        images = _images(names, source)
+        source = source_of(here)
+        is_deep = "/" in (source.metadata.layout.pattern or "")
+        images = _images(here, source, recursive=True)
         found = _capture(here, source, images) if images else None
         if found:
             yield found
-            if depth:
+            if is_deep:
                 continue
-        elif images and not depth:
-            raise _no_frames(here, source, names)
-        below = (name for name, is_dir in _entries(here, 0) if is_dir and not name.startswith("."))
+        elif images and not is_deep:
+            raise _no_frames(here, source)
+        below = (name for name, is_dir in entries if is_dir and not name.startswith("."))
         waiting += (here / name for name in sorted(below, key=natural_key, reverse=True))
 
 
-def _files_in(folder: Path, *, depth: int = 0, recursive: bool = False) -> list[str]:
-    """Return the files `depth` levels below a folder, as paths relative to it, with slashes.
+def _entries(folder: Path, pattern: str | None = None) -> list[tuple[str, bool]]:
+    """Return what lies in a folder, as many levels below it as the pattern of its planes says: paths relative to it, with
+    slashes, and whether each is a folder.
+
+    Raises:
+        CaptureError: a folder cannot be listed.
+    """
+    found, above = list[tuple[str, bool]](), [""]
+    for _ in (pattern or "").split("/"):
+        found = []
+        for below in above:
+            here = folder / below
+            try:
+                with os.scandir(here) as entries:
+                    found += [
+                        # a link in a loop is listed as a file; reading it gives the error
+                        (
+                            below + entry.name,
+                            entry.is_dir(follow_symlinks=False) or (entry.is_symlink() and is_folder(Path(entry))),
+                        )
+                        for entry in entries
+                    ]
+            except PermissionError as error:
+                raise CaptureError(
+                    f"{here}: no permission to list this folder; expected one that can be read"
+                ) from error
+            except OSError as error:
+                raise CaptureError(f"{here}: cannot be listed: {error.strerror}") from error
+        above = [f"{name}/" for name, is_dir in found if is_dir and not name.rpartition("/")[2].startswith(".")]
+    return found
+
+
+def _images(folder: Path, source: MetadataSource, *, recursive: bool = False) -> list[str]:
+    """Return what may be a frame, or a plane, of such a capture, in natural order.
 
     A folder that is called like a frame is among them, so that the frame fails by its name; where folders are looked into, only
     one that is empty.
-
-    Raises:
-        CaptureError: the folder cannot be listed.
     """
-
-    def stands_for_a_frame(name: str) -> bool:
-        return name.lower().endswith(FRAME_SUFFIXES) and not (recursive and any(_entries(folder / name, 0)))
-
-    return [name for name, is_dir in _entries(folder, depth) if not is_dir or stands_for_a_frame(name)]
-
-
-def _entries(folder: Path, depth: int) -> Iterator[tuple[str, bool]]:
-    try:
-        with os.scandir(folder) as entries:
-            found = [
-                # a link in a loop is listed as a file; reading it gives the error
-                (entry.name, entry.is_dir(follow_symlinks=False) or (entry.is_symlink() and is_folder(Path(entry))))
-                for entry in entries
-            ]
-    except PermissionError as error:
-        raise CaptureError(f"{folder}: no permission to list this folder; expected one that can be read") from error
-    except OSError as error:
-        raise CaptureError(f"{folder}: cannot be listed: {error.strerror}") from error
-    if depth == 0:
-        yield from found
-        return
-    for name, is_dir in found:
-        if is_dir and not name.startswith("."):
-            yield from ((f"{name}/{below}", inner) for below, inner in _entries(folder / name, depth - 1))
-
-
-def _images(names: Iterable[str], source: MetadataSource) -> list[str]:
-    """Return the names of files that may be frames of such a capture, in natural order."""
-    layout, images = source.metadata.layout, []
+    layout, images = source.metadata.layout, list[str]()
     suffixes = frame_suffixes(planes=layout.pattern is not None, raw=layout.raw_dtype is not None)
-    for name in names:
+    for name, is_dir in _entries(folder, layout.pattern):
         # plain strings: a Path for each of 2,000 names takes longer than listing them
         last = name.rpartition("/")[2].lower()
         stem, dot, suffix = last.rpartition(".")
-        if dot + suffix in suffixes and not last.startswith(".") and stem != _TRUTH:
+        if dot + suffix not in suffixes or last.startswith(".") or stem == _TRUTH:
+            continue
+        if not is_dir or (last.endswith(FRAME_SUFFIXES) and not (recursive and _entries(folder / name))):
             images.append(name)
     return sorted(images, key=natural_key)
 
@@ -236,8 +233,13 @@ def _capture(root: Path, source: MetadataSource, names: Sequence[str]) -> Captur
     return Capture(root, source, frames) if frames else None
 
 
-def _no_frames(root: Path, source: MetadataSource, among: Iterable[str]) -> CaptureError:
-    looked_for = _expected_names(source.metadata.layout.pattern)
+def _no_frames(root: Path, source: MetadataSource, among: Iterable[str] | None = None) -> CaptureError:
+    """Return the error of a folder without frames, or of files that were named in it."""
+    pattern = source.metadata.layout.pattern
+    looked_for = _expected_names(pattern)
+    if among is None:
+        entries = _entries(root, pattern)
+        among = (name for name, is_dir in entries if not is_dir or name.lower().endswith(FRAME_SUFFIXES))
     return CaptureError(f"{root}: no frames: looked for {looked_for}, found {_first_names(among)}")
 
 

@@ -7,7 +7,7 @@ import re
 import threading
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, overload
@@ -82,25 +82,17 @@ class FrameFileList(Sequence[FrameSource]):
         if isinstance(place, slice):
             return replace(self, files=self.files[place])
         file = self.files[place]
-        return FrameSource(self._name(file), (self.folder / file,))
-
-    def names(self) -> Iterator[str]:
-        """Yield the names of the frames, without all the rest of them."""
-        return map(self._name, self.files)
-
-    def _name(self, file: str) -> str:
-        return self.below + (file.rpartition(".")[0] or file)
+        return FrameSource(self.below + (file.rpartition(".")[0] or file), (self.folder / file,))
 
 
 def natural_key(name: str) -> str:
     """Return a sort key by which frame_2 comes before frame_10; a single text, as there may be thousands of keys."""
+    pieces = _DIGITS.split(name.casefold())
     # each number becomes the count of its digits and the digits; a name that ends before a number comes first
-    return f"{_DIGITS.sub(_sortable, name.casefold())}\0\0{name}"
-
-
-def _sortable(number: re.Match[str]) -> str:
-    digits = str(int(number.group()))
-    return f"\0{len(digits):04}{digits}"
+    for place in range(1, len(pieces), 2):
+        digits = str(int(pieces[place]))
+        pieces[place] = f"\0{len(digits):04}{digits}"
+    return f"{''.join(pieces)}\0\0{name}"
 
 
 @dataclass(frozen=True)
@@ -148,14 +140,10 @@ class Capture:
         most_common, _ = Counter(one.pixels for one in known).most_common(1)[0]
         return next(one for one in known if one.pixels == most_common)
 
-    def frame_names(self) -> Iterator[str]:
-        """Yield the names of the frames."""
-        return self.frames.names() if isinstance(self.frames, FrameFileList) else (frame.name for frame in self.frames)
-
 
 def frame_names(captures: Iterable[Capture], /) -> set[str]:
     """Return the names of all frames of some captures."""
-    return {name for capture in captures for name in capture.frame_names()}
+    return {frame.name for capture in captures for frame in capture.frames}
 
 
 @contextmanager
@@ -173,28 +161,27 @@ def open_frames(source: FrameSource, layout: FrameLayout, /) -> Iterator[Frames]
         NotAFrameError: the file is sound but holds something else, such as a map.
         FrameError: the file cannot be read, is damaged, or lacks a harmonic or channel.
     """
-    stored = _read_like_last(source, layout)
-    if stored is not None:
-        yield _single_frame(stored, _last.read_like)
-        return
-    with _open_described(source, layout) as frames:
-        yield frames
-
-
-@contextmanager
-def _open_described(source: FrameSource, layout: FrameLayout) -> Iterator[Frames]:
-    """Open the file, or the files of single planes, in which a frame lies, by what they say of themselves."""
+    path, stored, read_like = source.paths[0], None, None
     if len(source.paths) > 1:
-        yield _joined_planes(source, layout)
+        stored = _joined_planes(source, layout)
+    elif _last.read_like is not None and layout == _last.layout and not (layout.raw or source.index):
+        # what is wrong is told by those who look at all of the file
+        with suppress(OSError, ValueError, MemoryError):
+            read_like = _last.read_like
+            stored = read_like(path)
+    if stored is not None:
+        yield Frames(1, stored.shape, stored.dtype, lambda _=0, whole=stored, /: whole, read_like)
         return
-    path = source.paths[0]
     with detect_format(path, raw=layout.raw is not None).frames().open_frames(path, layout) as frames:
         _last.layout, _last.read_like = layout, frames.read_like
         yield frames
 
 
 class _LastRead(threading.local):
-    """How this thread can read a file that differs in its pixels alone from the one read last, and the layout of that."""
+    """How this thread can read a file that differs in its pixels alone from the one read last, and the layout of that.
+
+    Most frames of a capture do: neither what recognises a format nor its library is needed for them.
+    """
 
     layout: FrameLayout | None = None
     read_like: Callable[[Path], Stored | None] | None = None
@@ -203,21 +190,7 @@ class _LastRead(threading.local):
 _last = _LastRead()
 
 
-def _read_like_last(source: FrameSource, layout: FrameLayout) -> Stored | None:
-    """Return the frame of a file that has the bytes of the one read last around its pixels; None of any other.
-
-    Most frames of a capture do: neither what recognises a format nor its library is needed for them.
-    """
-    if _last.read_like is None or len(source.paths) > 1 or layout.raw is not None or layout != _last.layout:
-        return None
-    try:
-        return _last.read_like(source.paths[0])
-    except (OSError, ValueError, MemoryError):
-        # what is wrong is told by those who look at all of it
-        return None
-
-
-def _joined_planes(source: FrameSource, layout: FrameLayout) -> Frames:
+def _joined_planes(source: FrameSource, layout: FrameLayout) -> Stored:
     """Return the frame that files of one plane each make up."""
     if len(source.paths) != layout.planes:
         raise FrameError(f"frame {source.name}: found {len(source.paths)} files, expected {layout.planes}")
@@ -234,13 +207,7 @@ def _joined_planes(source: FrameSource, layout: FrameLayout) -> Frames:
                 f"{path}: found {shape_text(plane.shape, plane.dtype)}, expected"
                 f" {shape_text(first.shape, first.dtype)} as in {source.paths[0].name}"
             )
-    stored = np.stack(planes).reshape(len(layout.harmonics), CHANNELS, *first.shape)
-    return _single_frame(stored)
-
-
-def _single_frame(stored: Stored, read_like: Callable[[Path], Stored | None] | None = None) -> Frames:
-    """Return the single frame of a file, or of files of planes, that has been read."""
-    return Frames(1, stored.shape, stored.dtype, lambda _index=0, /: stored, read_like)
+    return np.stack(planes).reshape(len(layout.harmonics), CHANNELS, *first.shape)
 
 
 def read_stored(source: FrameSource, layout: FrameLayout, /, *, size: tuple[int, int] | None = None) -> Stored:
@@ -250,12 +217,10 @@ def read_stored(source: FrameSource, layout: FrameLayout, /, *, size: tuple[int,
         NotAFrameError, FrameError: see `open_frames`; or its file holds several where the source names none, or its (Y, X) is
             not the `size` of the capture's other frames.
     """
-    stored = None if source.index else _read_like_last(source, layout)
-    if stored is None:
-        with _open_described(source, layout) as frames:
-            if source.index is None and frames.count != 1:
-                raise FrameError(f"{source}: found {frames.count} frames, expected one as in files of the same size")
-            stored = frames.read(source.index or 0)
+    with open_frames(source, layout) as frames:
+        if source.index is None and frames.count != 1:
+            raise FrameError(f"{source}: found {frames.count} frames, expected one as in files of the same size")
+        stored = frames.read(source.index or 0)
     found = stored.shape[2:]
     if size is not None and found != size:
         here, there = ("{1} × {0}".format(*pixels) for pixels in (found, size))
@@ -289,7 +254,7 @@ def single_frames(capture: Capture, /, *, taken: Callable[[], Collection[str]] |
             yield source
         else:
             if names is None:
-                names = taken() if taken else set(capture.frame_names())
+                names = taken() if taken else frame_names([capture])
             yield from source.expanded(count, taken=names)
 
 

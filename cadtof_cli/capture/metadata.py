@@ -264,6 +264,10 @@ class CaptureMetadata:
         if (raw is None) != (self.layout.raw_shape is None):
             raise InvalidValueError("layout.raw_dtype", raw, "dtype and shape of raw dumps, both or none")
 
+    def __hash__(self) -> int:
+        """Return a hash of a few values that tell captures apart: it is asked for with every frame."""
+        return hash((self.modulation.periods_ns, self.pixel.integration_length, self.voltage.zero_counts))
+
 
 OPTIONS_OF_OTHER_NAME = {"layout.frames": "--stack-frames"}
 """--frames chooses among a capture's frames."""
@@ -303,18 +307,17 @@ def converted(kind: Kind, value: Any, /) -> Any:
 
 @dataclass(frozen=True)
 class Key:
-    """One key of `capture.toml`, as the reader, the command-line options and the documentation need it."""
+    """One key of `capture.toml`, as the reader, the command-line options and the documentation need it.
 
+    `path` is its dotted name, such as `pixel.integration_length`.
+    """
+
+    path: str
     table: str
     name: str
     about: str
     default: Any
     kind: Kind
-
-    @property
-    def path(self) -> str:
-        """Dotted name, such as `pixel.integration_length`."""
-        return f"{self.table}.{self.name}"
 
     @property
     def option(self) -> str:
@@ -324,9 +327,10 @@ class Key:
 
 TABLES: dict[str, type] = {table.name: cast(type, table.default_factory) for table in fields(CaptureMetadata)}
 
-KEYS: tuple[Key, ...] = tuple(
-    Key(table, item.name, item.metadata["about"], item.default, item.metadata["kind"])
+KEYS: dict[str, Key] = {
+    path: Key(path, table, item.name, item.metadata["about"], item.default, item.metadata["kind"])
     for table, record in TABLES.items()
     for item in fields(record)
-)
-"""The registry of keys: `capture.toml`, the options that override it, `cadtof info` and the README follow it."""
+    for path in (f"{table}.{item.name}",)
+}
+"""The registry of keys, by dotted name: `capture.toml`, the options that override it, `cadtof info` and the README follow it."""

@@ -15,8 +15,6 @@ FILE_NAME = "capture.toml"
 DEFAULT_ORIGIN = "default"
 """Origin of a key that neither a file nor an option gave."""
 
-_KEYS = {key.path: key for key in KEYS}
-
 
 @dataclass(frozen=True)
 class MetadataSource:
@@ -34,7 +32,7 @@ class MetadataSource:
 
     def defaults_in_words(self) -> str:
         """Return which values are the paper's, as neither a file nor an option gave them; nothing where none is."""
-        taken = (_KEYS[path] for path, origin in self.origins.items() if origin == DEFAULT_ORIGIN)
+        taken = (KEYS[path] for path, origin in self.origins.items() if origin == DEFAULT_ORIGIN)
         told = ", ".join(f"{key.path} = {key.default}" for key in taken if key.default is not None)
         return f"not given, so taken from the paper: {told}" if told else ""
 
@@ -46,11 +44,11 @@ def load_metadata(path: Path | None, overrides: Mapping[str, Any] | None = None)
         MetadataError: the file cannot be read or parsed, or a table, key, type or value in it is not allowed.
     """
     given = [(dotted, value, str(path)) for dotted, value in _flat(read_toml(path), path).items()] if path else []
-    given += [(dotted, value, _KEYS[dotted].option) for dotted, value in (overrides or {}).items() if value is not None]
+    given += [(dotted, value, KEYS[dotted].option) for dotted, value in (overrides or {}).items() if value is not None]
     tables: dict[str, dict[str, Any]] = {table: {} for table in TABLES}
-    origins = dict.fromkeys(_KEYS, DEFAULT_ORIGIN)
+    origins = dict.fromkeys(KEYS, DEFAULT_ORIGIN)
     for dotted, value, origin in given:
-        key = _KEYS[dotted]
+        key = KEYS[dotted]
         try:
             tables[key.table][key.name] = converted(key.kind, value)
         except TypeError as error:
@@ -73,14 +71,14 @@ def _flat(document: dict[str, Any], path: Path) -> dict[str, Any]:
             raise MetadataError(f"{path}: {table}: found {shortened(content)}, expected a table [{table}]")
         given: dict[str, Any] = {}
         for name, value in content.items():
-            if isinstance(value, dict) and f"{table}.{name}" not in _KEYS:
+            if isinstance(value, dict) and f"{table}.{name}" not in KEYS:
                 # a table in a table, such as [layout.raw]: its keys get both names, such as raw_dtype
                 given |= {f"{name}_{inner}": entry for inner, entry in value.items()}
             else:
                 given[name] = value
         for name, value in given.items():
-            if f"{table}.{name}" not in _KEYS:
-                known = [key.name for key in KEYS if key.table == table]
+            if f"{table}.{name}" not in KEYS:
+                known = [key.name for key in KEYS.values() if key.table == table]
                 raise MetadataError(_unknown(f"{path}: unknown key {table}.{name}", name, known))
             flat[f"{table}.{name}"] = value
     return flat
@@ -96,7 +94,7 @@ def _unknown(what: str, name: str, known: list[str]) -> str:
 def toml_text(metadata: CaptureMetadata, *, comments: tuple[str, ...] = ()) -> str:
     """Return `capture.toml` for the metadata, with comment lines on top; keys without a value are left out."""
     tables: dict[str, dict[str, Any]] = {}
-    for key in KEYS:
+    for key in KEYS.values():
         value = getattr(getattr(metadata, key.table), key.name)
         if value is not None:
             tables.setdefault(key.table, {})[key.name] = dict(value) if key.kind == "numbers by name" else value

@@ -16,7 +16,7 @@ from cadtof_cli.commands.help import HelpContext
 from cadtof_cli.commands.terminal import tell
 from cadtof_cli.commands.values import FRAME_RANGE, NAMES, NUMBERED_NAMES, NUMBERS, RECTANGLE, NumberTuple, ParamType
 from cadtof_cli.execution.cores import available_cores
-from cadtof_cli.execution.workers import JOBS_PER_CORE, Workers
+from cadtof_cli.execution.ordered import JOBS_PER_CORE, Workers
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -221,7 +221,7 @@ def capture_options(*without: str) -> Decorator[Any]:
     Args:
         without: keys, by dotted name, that a command has an option of its own for.
     """
-    keys = tuple(key for key in KEYS if key.path not in without)
+    keys = tuple(key for key in KEYS.values() if key.path not in without)
 
     def overrides(**values: Any) -> Mapping[str, Any]:
         return {key.path: value for key, value in zip(keys, values.values(), strict=True) if value is not None}

@@ -22,12 +22,12 @@ from cadtof_cli.commands.options import (
     settings_option,
 )
 from cadtof_cli.commands.terminal import progress_bar, tell
-from cadtof_cli.execution.workers import Workers
+from cadtof_cli.execution.ordered import Workers
 from cadtof_cli.workflows.resolve.settings import ResolveSettings
 
 if TYPE_CHECKING:
     from cadtof_cli.commands.terminal import Bar
-    from cadtof_cli.workflows.frame_report import FrameReport, RunTotals
+    from cadtof_cli.workflows.resolve.record import FrameReport, RunTotals
 
 _worker = partial(setting_option, Workers)
 

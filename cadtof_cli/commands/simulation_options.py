@@ -12,7 +12,7 @@ from cadtof_cli.commands.map_options import PATH_OPTIONS
 from cadtof_cli.commands.options import RecordOptions, declared_options, jobs_option, setting_option
 from cadtof_cli.commands.values import FURTHER_PATH, NumberTuple
 from cadtof_cli.errors import SettingsError
-from cadtof_cli.execution.workers import Workers
+from cadtof_cli.execution.ordered import Workers
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.simulation.pixel.averaging import Averaging, Capacitors, Stages
 from cadtof_cli.simulation.pixel.mix import Condition, Motion

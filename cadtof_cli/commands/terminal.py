@@ -85,56 +85,35 @@ class Log(io.FileIO):
 
 @dataclass
 class Bar:
-    """Progress without a bar: lines on stderr, of which `quiet` keeps only what went wrong; all of them go into the log."""
+    """Steps of a workflow: drawn where there is something to draw on, and lines on stderr, of which `quiet` keeps only what went
+    wrong; all of them go into the log.
+
+    A bar that is drawn shows steps, steps a second and the time left.
+    """
 
     quiet: bool = False
     log: Log | None = None
+    drawn: "RichProgress | None" = None
+    _drawn_s: float = 0.0
 
-    def total(self, count: int, /) -> None:
-        """There are `count` steps, as far as is known."""
-
-    def advance(self) -> None:
-        """One step is done."""
+    def advance(self, steps: int = 1, /, *, total: int | None = None) -> None:
+        """So many steps more are done, of as many as are known of now."""
+        if self.drawn is None:
+            return
+        self.drawn.update(self.drawn.task_ids[0], advance=steps, total=total)
+        now = time.monotonic()
+        if now - self._drawn_s >= REDRAW_SECONDS:
+            self._drawn_s = now
+            self.drawn.refresh()
 
     def say(self, message: str, /, *, warning: bool = False) -> None:
-        """Show a line above the bar; where all is to be quiet, only a warning."""
+        """Show a line, above the bar; where all is to be quiet, only a warning."""
         if self.log:
             self.log.note(message)
-        if warning or not self.quiet:
-            self.show(message)
-
-    def show(self, message: str, /) -> None:
-        """Show a line."""
-        tell(message, err=True)
-
-
-class DrawnBar(Bar):
-    """A bar that shows steps, steps a second and the time left."""
-
-    def __init__(self, progress: "RichProgress", description: str, log: Log | None) -> None:
-        super().__init__(log=log)
-        self._progress, self._drawn = progress, 0.0
-        self._task = progress.add_task(description, total=None)
-
-    def total(self, count: int, /) -> None:
-        """Show how many steps there are."""
-        self._progress.update(self._task, total=count)
-        self._draw()
-
-    def advance(self) -> None:
-        """Show one step more."""
-        self._progress.advance(self._task)
-        self._draw()
-
-    def show(self, message: str, /) -> None:
-        """Show a line above the bar."""
-        self._progress.console.print(escaped(message), markup=False, highlight=False)
-
-    def _draw(self) -> None:
-        now = time.monotonic()
-        if now - self._drawn >= REDRAW_SECONDS:
-            self._drawn = now
-            self._progress.refresh()
+        if self.drawn is not None:
+            self.drawn.console.print(escaped(message), markup=False, highlight=False)
+        elif warning or not self.quiet:
+            tell(message, err=True)
 
 
 _WITHOUT_CURSOR = ("dumb", "unknown")
@@ -154,12 +133,12 @@ def progress_bar(description: str, unit: str, *, quiet: bool, log: Path | None =
     with opened as file:
         try:
             seen = not quiet and sys.stderr.isatty() and os.environ.get("TERM") not in _WITHOUT_CURSOR
-            with _drawn(description, unit, file) if seen else nullcontext(Bar(quiet=quiet, log=file)) as bar:
+            with _drawn(description, unit) if seen else nullcontext() as drawn:
                 if file:
                     import shlex
 
                     file.note(shlex.join(["cadtof", *sys.argv[1:]]))
-                yield bar
+                yield Bar(quiet, file, drawn)
         except BaseException as error:
             if file:
                 with suppress(OutputError):
@@ -168,7 +147,8 @@ def progress_bar(description: str, unit: str, *, quiet: bool, log: Path | None =
 
 
 @contextmanager
-def _drawn(description: str, unit: str, log: Log | None) -> Iterator[Bar]:
+def _drawn(description: str, unit: str) -> Iterator["RichProgress"]:
+    """Yield a bar of rich in one line, with one task."""
     from rich.console import Console
     from rich.measure import Measurement
     from rich.progress import (
@@ -214,8 +194,9 @@ def _drawn(description: str, unit: str, log: Log | None) -> Iterator[Bar]:
 
     # Without a refresh thread: a process that has threads must not fork workers.
     with OneLine(*columns, console=Console(stderr=True), auto_refresh=False) as progress:
+        progress.add_task(description, total=None)
         try:
-            yield DrawnBar(progress, description, log)
+            yield progress
         except BaseException:
             # nothing is left of a bar that showed nothing
             progress.live.transient = not any(task.completed for task in progress.tasks)

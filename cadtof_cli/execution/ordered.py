@@ -1,17 +1,84 @@
 """Tasks → results in the order of the tasks, on one core or many, with a bounded number of tasks in flight."""
 
+import os
+import re
+import sys
 from collections import deque
 from collections.abc import Callable, Generator, Iterable, Sequence
+from dataclasses import field, replace
 from pathlib import Path
-from typing import TypeVar
+from typing import Literal, TypeVar
 
-from cadtof_cli.execution.outcome import LATER_AT_ONCE, Finisher, Outcome, Pending, Work, WorkerDied
-from cadtof_cli.execution.workers import LOCAL, Workers
+from cadtof_cli.errors import SettingsError
+from cadtof_cli.execution.cores import available_cores
+from cadtof_cli.execution.outcome import LATER_AT_ONCE, Later, Outcome, Work, WorkerDied, finishing
+from cadtof_cli.records import dataclass
 
-__all__ = ["Outcome", "WorkerDied", "run_ordered"]
+__all__ = ["Outcome", "WorkerDied", "Workers", "run_ordered"]
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
+
+StartMethod = Literal["fork", "spawn", "forkserver"]
+
+START_METHODS: tuple[StartMethod, ...] = ("fork", "spawn", "forkserver") if hasattr(os, "fork") else ("spawn",)
+"""Those of this system."""
+
+START_METHOD: StartMethod = "fork" if sys.platform == "linux" and hasattr(os, "fork") else "spawn"
+"""The usual one: `fork` is safe before any thread runs, and starts in milliseconds."""
+
+LOCAL = "local"
+
+_SCHEDULER = r"tcp://[^\s/:]+:\d+|tcp://\[[0-9a-fA-F:]+\]:\d+"
+
+JOBS_PER_CORE = 4
+"""More processes than that a core are never started: each takes memory, and none makes the work faster."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Workers:
+    """What work is done by.
+
+    Attributes:
+        jobs: processes that are asked for; 1 is this one alone.
+        start_method: how other processes start.
+        task_timeout_s: after how long a task's process is ended; None: it takes the time that it takes.
+        scheduler: `local`, or the address of a dask scheduler whose workers do the work instead.
+    """
+
+    jobs: int = field(default_factory=available_cores)
+    start_method: StartMethod = START_METHOD
+    task_timeout_s: float | None = None
+    scheduler: str = LOCAL
+
+    def __post_init__(self) -> None:
+        if self.jobs < 1:
+            raise SettingsError(f"--jobs: found {self.jobs}, expected 1 or more")
+        if self.start_method not in START_METHODS:
+            raise SettingsError(
+                f"--start-method: found {self.start_method}, which this system does not have; expected {', '.join(START_METHODS)}"
+            )
+        if self.task_timeout_s is not None and not self.task_timeout_s > 0:
+            raise SettingsError(f"--frame-timeout: found {self.task_timeout_s:g}, expected seconds above 0")
+        if self.scheduler != LOCAL and not re.fullmatch(_SCHEDULER, self.scheduler):
+            raise SettingsError(f"--scheduler: found {self.scheduler!r}, expected local or tcp://HOST:PORT")
+        if self.scheduler != LOCAL and self.task_timeout_s is not None:
+            raise SettingsError(
+                "--frame-timeout holds for processes of this machine; leave out --scheduler, or the limit"
+            )
+
+    def at_most(self, tasks: int, /) -> "Workers":
+        """Return no more workers than there are tasks."""
+        return replace(self, jobs=min(self.jobs, tasks))
+
+    @property
+    def processes(self) -> int:
+        """How many there are at most, whatever was asked for."""
+        return self.jobs if self.jobs <= JOBS_PER_CORE else min(self.jobs, JOBS_PER_CORE * available_cores())
+
+
+ALONE = Workers(jobs=1)
+"""This process."""
 
 
 def run_ordered(
@@ -57,12 +124,12 @@ def run_ordered(
 
 def _run_here(function: Work[Task, Result], tasks: Iterable[Task]) -> Generator[Outcome[Task, Result], None, None]:
     """Yield outcomes from this process alone."""
-    with Finisher() as finisher:
-        begun: deque[tuple[Task, Pending[Result]]] = deque()
+    with finishing() as finisher:
+        begun: deque[tuple[Task, Later[Result]]] = deque()
         for task in tasks:
             begun.append((task, finisher.begin(function(task))))
             while begun and (begun[0][1].there or len(begun) > LATER_AT_ONCE):
-                task, pending = begun.popleft()
-                yield Outcome(task, pending.result())
-        for task, pending in begun:
-            yield Outcome(task, pending.result())
+                task, later = begun.popleft()
+                yield Outcome(task, later.result())
+        for task, later in begun:
+            yield Outcome(task, later.result())

@@ -1,10 +1,10 @@
 """What comes of a task, and threads that wait for what is left of it while the next one is computed."""
 
 import threading
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import field
 from queue import Empty, SimpleQueue
-from types import TracebackType
 from typing import Any, Generic, TypeVar, cast
 
 from cadtof_cli.records import dataclass
@@ -31,14 +31,37 @@ class Outcome(Generic[Task, Result]):
     result: Result | WorkerDied
 
 
-@dataclass(frozen=True)
+@dataclass(eq=False)
 class Later(Generic[Result]):
-    """What a task's function returns where nothing but waiting is left, as for a disk: `finish` waits, and gives the result.
+    """What a task's function returns where nothing but waiting is left, as for a disk: `wait` waits, and gives the result.
 
-    That is done in a thread while the next task is computed.
+    That is done in a thread while the next task is computed: what a `Future` is, in a tenth of its calls, as every frame has one.
+    Once the result is `there`, `error` is what was raised in its place, if anything was.
     """
 
-    finish: Callable[[], Result]
+    wait: Callable[[], Result]
+    there: bool = False
+    error: Exception | None = None
+    _found: SimpleQueue[Result | None] = field(default_factory=SimpleQueue)
+
+    def finish(self) -> "Later[Result]":
+        """Wait, and keep the result or what is raised in its place, but nothing of what it was made from."""
+        found = None
+        try:
+            found = self.wait()
+        except Exception as error:  # noqa: BLE001  (it is raised where the result is asked for)
+            self.error = error
+        del self.wait
+        self.there = True
+        self._found.put(found)
+        return self
+
+    def result(self) -> Result:
+        """Wait until it is finished, and return the result, once; raises what was raised in its place."""
+        found = self._found.get()
+        if self.error is not None:
+            raise self.error
+        return cast("Result", found)
 
 
 Work = Callable[[Task], Result | Later[Result]]
@@ -49,98 +72,58 @@ LATER_AT_ONCE = 4
 """Results of one process that may be waited for at once: a disk takes several files in about the time of one."""
 
 
-class Pending(Generic[Result]):
-    """A result that is there, or comes from a thread: what a `Future` is, in a tenth of its calls, as every frame has one.
-
-    Once it is `there`, `error` is what was raised in its place, if anything was.
-    """
-
-    __slots__ = ("_finish", "_held", "_result", "error", "there")
-
-    def __init__(self, finish: Callable[[], Result]) -> None:
-        self._finish: Callable[[], Result] | None = finish
-        self._result: Result
-        self.error: Exception | None = None
-        self.there, self._held = False, threading.Lock()
-        self._held.acquire()
-
-    def finish(self) -> None:
-        """Get the result, or what is raised in its place; afterwards nothing is kept of what it was made from."""
-        assert self._finish is not None
-        try:
-            self._result = self._finish()
-        except Exception as error:  # noqa: BLE001  (it is raised where the result is asked for)
-            self.error = error
-        self._finish, self.there = None, True
-        self._held.release()
-
-    def result(self) -> Result:
-        """Wait for the result and return it; raises what was raised in its place."""
-        if not self.there:
-            with self._held:
-                pass
-        if self.error is not None:
-            raise self.error
-        return self._result
-
-
+@dataclass(eq=False)
 class Finisher:
-    """Finishes results in threads, `LATER_AT_ONCE` at a time; leaving waits for all that were begun, after an error only for
-    those at it.
+    """Finishes results in threads, `LATER_AT_ONCE` at a time; see `finishing`.
 
-    No thread is started before a result is to be waited for: a process that has threads must not fork.
-
-    Args:
-        then: called by a thread when it has finished a result.
+    `then` is called by a thread when it has finished a result.
     """
 
-    def __init__(self, then: Callable[[], None] = lambda: None) -> None:
-        self._then = then
-        self._waiting = SimpleQueue[Pending[Any] | None]()
-        self._threads: list[threading.Thread] = []
+    then: Callable[[], None]
+    waiting: SimpleQueue[Later[Any] | None] = field(default_factory=SimpleQueue)
+    threads: list[threading.Thread] = field(default_factory=list)
 
-    def begin(self, result: Result | Later[Result], /) -> Pending[Result]:
+    def begin(self, result: Result | Later[Result], /) -> Later[Result]:
         """Return where the result will be; one that needs no waiting is there."""
         if not isinstance(result, Later):
-            return _there(lambda: result)
-        pending = Pending(result.finish)
-        self._waiting.put(pending)
-        if len(self._threads) < LATER_AT_ONCE:
-            self._threads.append(threading.Thread(target=self._work))
-            self._threads[-1].start()
-        return pending
+            return Later(lambda: result).finish()
+        self.waiting.put(result)
+        if len(self.threads) < LATER_AT_ONCE:
+            self.threads.append(threading.Thread(target=self._work))
+            self.threads[-1].start()
+        return result
 
-    def attempt(self, function: Work[Task, Result], task: Task, /) -> Pending[Result]:
+    def attempt(self, function: Work[Task, Result], task: Task, /) -> Later[Result]:
         """Do a task; return where its result will be, or the exception that it raised."""
-        found: Pending[Result | Later[Result]] = _there(lambda: function(task))
-        return cast("Pending[Result]", found) if found.error else self.begin(found.result())
+        found = Later(lambda: function(task)).finish()
+        return cast("Later[Result]", found) if found.error else self.begin(found.result())
 
     def _work(self) -> None:
-        while (pending := self._waiting.get()) is not None:
-            pending.finish()
+        while (later := self.waiting.get()) is not None:
+            later.finish()
             # while the next one is waited for, nothing is kept of this one
-            del pending
-            self._then()
+            del later
+            self.then()
 
-    def __enter__(self) -> "Finisher":
-        return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        if kind is not None:
-            with suppress(Empty):
-                while True:
-                    self._waiting.get_nowait()
-        for _ in self._threads:
-            self._waiting.put(None)
-        for thread in self._threads:
+@contextmanager
+def finishing(then: Callable[[], None] = lambda: None) -> Iterator[Finisher]:
+    """Yield what finishes results; leaving waits for all that were begun, after an error only for those at it.
+
+    No thread is started before a result is to be waited for: a process that has threads must not fork.
+    """
+    finisher = Finisher(then)
+    try:
+        yield finisher
+    except BaseException:
+        with suppress(Empty):
+            while True:
+                finisher.waiting.get_nowait()
+        raise
+    finally:
+        for _ in finisher.threads:
+            finisher.waiting.put(None)
+        for thread in finisher.threads:
             # a signal may have come before the last one was started
             if thread.is_alive():
                 thread.join()
-
-
-def _there(finish: Callable[[], Result]) -> Pending[Result]:
-    pending = Pending(finish)
-    pending.finish()
-    return pending

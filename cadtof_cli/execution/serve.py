@@ -7,7 +7,7 @@ from multiprocessing.connection import Connection
 from typing import Any
 
 from cadtof_cli.execution.messages import Said, TaskMessages, answer_message
-from cadtof_cli.execution.outcome import LATER_AT_ONCE, Finisher, Pending, Work
+from cadtof_cli.execution.outcome import LATER_AT_ONCE, Later, Work, finishing
 from cadtof_cli.execution.workers import begin_worker
 
 
@@ -16,10 +16,10 @@ class _Answers:
 
     def __init__(self, connection: Connection) -> None:
         self._connection = connection
-        self._begun: deque[Pending[Any]] = deque()
+        self._begun: deque[Later[Any]] = deque()
         self._change = threading.Condition()
 
-    def add(self, result: Pending[Any]) -> None:
+    def add(self, result: Later[Any]) -> None:
         """Answer for the next task; where too many results are waited for, this waits too."""
         with self._change:
             if result.there and not self._begun:
@@ -50,7 +50,7 @@ class _Answers:
             # what cannot be sent would be waited for
             os._exit(1)
 
-    def _tell(self, result: Pending[Any]) -> None:
+    def _tell(self, result: Later[Any]) -> None:
         said, what = (Said.RESULT, result.result()) if result.error is None else (Said.ERROR, result.error)
         self._connection.send_bytes(answer_message(said, what))
 
@@ -76,7 +76,7 @@ def serve(
     begin_worker(listening, held, core)
     parents.close()
     answers = _Answers(connection)
-    with Finisher(answers.tell_all) as finisher:
+    with finishing(answers.tell_all) as finisher:
         while message := connection.recv_bytes():
             answers.add(finisher.attempt(lambda message: function(messages.task(message)), message))
         answers.end()

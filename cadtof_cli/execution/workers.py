@@ -2,39 +2,18 @@
 
 import gc
 import os
-import re
 import signal
 import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import field, replace
 from functools import cache
-from typing import TYPE_CHECKING, Literal
-
-from cadtof_cli.errors import SettingsError
-from cadtof_cli.execution.cores import available_cores
-from cadtof_cli.records import dataclass
+from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from multiprocessing.connection import Connection
 
-StartMethod = Literal["fork", "spawn", "forkserver"]
-
-START_METHODS: tuple[StartMethod, ...] = ("fork", "spawn", "forkserver") if hasattr(os, "fork") else ("spawn",)
-"""Those of this system."""
-
-START_METHOD: StartMethod = "fork" if sys.platform == "linux" and hasattr(os, "fork") else "spawn"
-"""The usual one: `fork` is safe before any thread runs, and starts in milliseconds."""
-
-LOCAL = "local"
-
-_SCHEDULER = r"tcp://[^\s/:]+:\d+|tcp://\[[0-9a-fA-F:]+\]:\d+"
-
 KEPT_BYTES = 16 * 2**20
-
-JOBS_PER_CORE = 4
-"""More processes than that a core are never started: each takes memory, and none makes the work faster."""
 
 HANGUP: signal.Signals | None = getattr(signal, "SIGHUP", None)
 """What a terminal that goes away sends; None where the system knows nothing of it, as on Windows."""
@@ -52,52 +31,6 @@ def cores_for(processes: int, /) -> tuple[int, ...]:
     """
     cores = tuple(sorted(os.sched_getaffinity(0))) if hasattr(os, "sched_getaffinity") else ()
     return cores if len(cores) == processes else ()
-
-
-@dataclass(frozen=True, kw_only=True)
-class Workers:
-    """What work is done by.
-
-    Attributes:
-        jobs: processes that are asked for; 1 is this one alone.
-        start_method: how other processes start.
-        task_timeout_s: after how long a task's process is ended; None: it takes the time that it takes.
-        scheduler: `local`, or the address of a dask scheduler whose workers do the work instead.
-    """
-
-    jobs: int = field(default_factory=available_cores)
-    start_method: StartMethod = START_METHOD
-    task_timeout_s: float | None = None
-    scheduler: str = LOCAL
-
-    def __post_init__(self) -> None:
-        if self.jobs < 1:
-            raise SettingsError(f"--jobs: found {self.jobs}, expected 1 or more")
-        if self.start_method not in START_METHODS:
-            raise SettingsError(
-                f"--start-method: found {self.start_method}, which this system does not have; expected {', '.join(START_METHODS)}"
-            )
-        if self.task_timeout_s is not None and not self.task_timeout_s > 0:
-            raise SettingsError(f"--frame-timeout: found {self.task_timeout_s:g}, expected seconds above 0")
-        if self.scheduler != LOCAL and not re.fullmatch(_SCHEDULER, self.scheduler):
-            raise SettingsError(f"--scheduler: found {self.scheduler!r}, expected local or tcp://HOST:PORT")
-        if self.scheduler != LOCAL and self.task_timeout_s is not None:
-            raise SettingsError(
-                "--frame-timeout holds for processes of this machine; leave out --scheduler, or the limit"
-            )
-
-    def at_most(self, tasks: int, /) -> "Workers":
-        """Return no more workers than there are tasks."""
-        return replace(self, jobs=min(self.jobs, tasks))
-
-    @property
-    def processes(self) -> int:
-        """How many there are at most, whatever was asked for."""
-        return self.jobs if self.jobs <= JOBS_PER_CORE else min(self.jobs, JOBS_PER_CORE * available_cores())
-
-
-ALONE = Workers(jobs=1)
-"""This process."""
 
 
 @contextmanager

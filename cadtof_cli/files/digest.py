@@ -3,7 +3,6 @@
 They are XXH3's, of 128 bits: they find accidents, not forgeries.
 """
 
-from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -21,14 +20,6 @@ def content_digest(values: NDArray[Any], /) -> str:
     """Return a digest of an array's type, shape and values, 32 hexadecimal digits."""
     digest = Digest(np.ascontiguousarray(values).data)
     digest.update(f"{values.dtype.str}{values.shape}".encode())
-    return digest.hexdigest()
-
-
-def parts_digest(parts: Iterable[memoryview], /) -> str:
-    """Return the digest of a file's bytes, given in parts."""
-    digest = Digest()
-    for part in parts:
-        digest.update(part)
     return digest.hexdigest()
 
 

@@ -14,7 +14,7 @@ from cadtof_cli import __version__
 from cadtof_cli.arrays import Float32, Status
 from cadtof_cli.errors import FrameError, OutputError
 from cadtof_cli.files.atomic import PartialFile, atomic_write, not_written
-from cadtof_cli.files.digest import file_digest, parts_digest
+from cadtof_cli.files.digest import Digest, file_digest
 from cadtof_cli.files.formats import MAP_SUFFIXES, detect_format, format_by_suffix
 from cadtof_cli.files.system import BLOCK_BYTES
 from cadtof_cli.records import dataclass
@@ -83,22 +83,19 @@ class DepthMaps:
 class MapHeader:
     """What the header of a map file says: the unit of each layer, empty for pure numbers, and facts by name.
 
-    Facts are text, such as the kind of depth, the periods, the recorded frame and the digest of a calibration. What no header can
-    hold, such as bytes of a file name that are not UTF-8, is escaped.
+    Facts are text, such as the kind of depth, the periods, the recorded frame and the digest of a calibration.
     """
 
     units: Mapping[str, str] = field(default_factory=dict)
     facts: Mapping[str, str] = field(default_factory=dict)
 
-    def __post_init__(self) -> None:
-        facts = {
-            name: text if text.isprintable() else "".join(one if one.isprintable() else repr(one)[1:-1] for one in text)
-            for name, text in self.facts.items()
-        }
-        object.__setattr__(self, "facts", facts)
-
     def of_frame(self, source: str, /) -> "MapHeader":
-        """Return the header of the maps of one recorded frame."""
+        """Return the header of the maps of one recorded frame.
+
+        What no header can hold of its name, such as bytes that are not UTF-8, is escaped.
+        """
+        if not source.isprintable():
+            source = "".join(one if one.isprintable() else repr(one)[1:-1] for one in source)
         return MapHeader(self.units, {**self.facts, SOURCE: source})
 
 
@@ -126,10 +123,12 @@ def stage_maps(
     partial = PartialFile(path, token=token)
     try:
         parts = kind.layers().write_maps(partial.temporary, maps, header=header)
-        if parts:
-            partial.parts = parts
-            return partial, parts_digest(parts)
-        return partial, file_digest(partial.temporary)
+        if not parts:
+            return partial, file_digest(partial.temporary)
+        partial.parts, digest = parts, Digest()
+        for part in parts:
+            digest.update(part)
+        return partial, digest.hexdigest()
     except OSError as error:
         partial.discard()
         raise not_written(path, error, size=maps.pages.nbytes) from error

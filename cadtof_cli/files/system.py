@@ -6,7 +6,7 @@ Python already keeps other programs from inheriting our open files.
 
 import errno
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from functools import cache, partial
 from importlib import import_module
@@ -55,22 +55,9 @@ def read_at(descriptor: int, count: int, place: int, /) -> bytes:
 
 def read_parts(descriptor: int, parts: Sequence[memoryview], /) -> bool:
     """Fill all parts from an open file, one after the other, and return whether there was enough for them."""
-    if hasattr(os, "readv"):
-        return transferred(parts, lambda rest: os.readv(descriptor, rest))
-    return transferred(parts, lambda rest: _read_into(descriptor, rest[0]))
-
-
-def _read_into(descriptor: int, part: memoryview) -> int:
-    found = os.read(descriptor, part.nbytes)
-    part[: len(found)] = found
-    return len(found)
-
-
-def transferred(parts: Sequence[memoryview], move: Callable[[list[memoryview]], int | None]) -> bool:
-    """Read or write until all parts are done, and return whether they are; `move` gets the rest, and returns how much it did."""
     rest = [part for part in parts if part.nbytes]
     while rest:
-        count = move(rest)
+        count = os.readv(descriptor, rest) if hasattr(os, "readv") else _read_into(descriptor, rest[0])
         if not count:
             return False
         while rest and count >= rest[0].nbytes:
@@ -78,6 +65,12 @@ def transferred(parts: Sequence[memoryview], move: Callable[[list[memoryview]], 
         if count:
             rest[0] = rest[0][count:]
     return True
+
+
+def _read_into(descriptor: int, part: memoryview) -> int:
+    found = os.read(descriptor, part.nbytes)
+    part[: len(found)] = found
+    return len(found)
 
 
 def write_parts(descriptor: int, parts: Sequence[memoryview], /) -> None:
@@ -88,8 +81,9 @@ def write_parts(descriptor: int, parts: Sequence[memoryview], /) -> None:
     """
     place = 0
     for part in parts:
-        direct = _written_directly(descriptor, part, place)
-        transferred([part[direct:]], lambda rest: os.write(descriptor, rest[0]))
+        written = _written_directly(descriptor, part, place)
+        while written < part.nbytes:
+            written += os.write(descriptor, part[written:])
         place += part.nbytes
 
 

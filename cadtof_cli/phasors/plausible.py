@@ -5,12 +5,12 @@ for volts, a zero or a unit that is missing, or values that a program has scaled
 """
 
 import math
+from functools import lru_cache
 
 import numpy as np
 
 from cadtof_cli.arrays import Float, Stored
 from cadtof_cli.capture.metadata import CaptureMetadata, Voltage
-from cadtof_cli.last_call import same_as_last
 from cadtof_cli.phasors.noise import NoiseModel
 from cadtof_cli.phasors.voltages import sound_pixels, volts_per_count
 from cadtof_cli.records import dataclass
@@ -101,7 +101,7 @@ def is_without_noise(stored: Stored, noise: NoiseModel, /) -> bool:
     return all(one.dark_variance > 4.0 * one.floor for one in noise.each)
 
 
-@same_as_last
+@lru_cache(maxsize=4)
 def _limits(metadata: CaptureMetadata, dtype: np.dtype[np.generic]) -> tuple[float, float, float]:
     """Return the longest phasor that there can be, in V, and the two stored values between which none is longer or saturated."""
     n_av, voltage = metadata.pixel.integration_length, metadata.voltage

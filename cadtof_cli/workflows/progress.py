@@ -4,8 +4,7 @@ from collections.abc import Callable, Iterable, Iterator
 from typing import Protocol, TypeVar
 
 from cadtof_cli.errors import CadtofError
-from cadtof_cli.execution.ordered import WorkerDied, run_ordered
-from cadtof_cli.execution.workers import Workers
+from cadtof_cli.execution.ordered import WorkerDied, Workers, run_ordered
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
@@ -14,11 +13,8 @@ Result = TypeVar("Result")
 class Progress(Protocol):
     """Told of each step of a workflow."""
 
-    def total(self, count: int, /) -> None:
-        """There are `count` steps, as far as is known."""
-
-    def advance(self) -> None:
-        """One step is done."""
+    def advance(self, steps: int = 1, /, *, total: int | None = None) -> None:
+        """So many steps more are done; where the `total` is given, there are so many as far as is known."""
 
     def say(self, message: str, /) -> None:
         """Something that the user should know."""
@@ -27,10 +23,7 @@ class Progress(Protocol):
 class _NoProgress:
     """Progress that nobody is told of."""
 
-    def total(self, count: int, /) -> None:
-        """Do nothing."""
-
-    def advance(self) -> None:
+    def advance(self, steps: int = 1, /, *, total: int | None = None) -> None:
         """Do nothing."""
 
     def say(self, message: str, /) -> None:

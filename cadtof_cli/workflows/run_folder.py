@@ -1,6 +1,5 @@
 """The folder of a run: a map file per frame, `run.json`, and `frames.jsonl`, a line per frame. Written by `resolve/record.py`."""
 
-import json
 import operator
 import os
 from collections.abc import Callable, Mapping, Sequence
@@ -15,13 +14,10 @@ from cadtof_cli.capture.metadata import Optics
 from cadtof_cli.capture.toml import FILE_NAME as CAPTURE_FILE
 from cadtof_cli.errors import CadtofError, CaptureError, SettingsError
 from cadtof_cli.files.formats import MAP_SUFFIXES
-from cadtof_cli.files.reading import is_folder, read_text
+from cadtof_cli.files.reading import is_folder
 from cadtof_cli.frame_plan import CalibrationUse, DepthKind
 from cadtof_cli.records import dataclass
-from cadtof_cli.workflows.frame_report import FrameReport, report_of
-
-RUN_FILE = "run.json"
-FRAMES_FILE = "frames.jsonl"
+from cadtof_cli.workflows.resolve.record import FRAMES_FILE, RUN_FILE, FrameReport, read_record, report_of
 
 RecordedFrames = Mapping[str, tuple[Capture, tuple[FrameSource, ...]]]
 """Recorded frames and their captures, by the name of the map that was made from them: several where it is of their mean."""
@@ -200,20 +196,6 @@ def map_files(maps: Path, /) -> tuple[Path, ...]:
         elif inside and OUTPUT_FILES.isdisjoint(inside):
             below.append(path)
     return (*files, *(file for folder in below for file in map_files(folder)))
-
-
-def read_record(folder: Path, /) -> dict[str, Any]:
-    """Return what the `run.json` of a folder holds.
-
-    Raises:
-        OSError, ValueError, TypeError: there is none, or it is no JSON object.
-    """
-    try:
-        return dict(json.loads(read_text(folder / RUN_FILE, most_bytes=None)))
-    except UnicodeDecodeError as error:
-        raise ValueError(f"not UTF-8 text: byte {error.start}") from error
-    except RecursionError as error:
-        raise ValueError("lists or objects within each other, hundreds deep") from error
 
 
 def require_valid_record(record: Mapping[str, Any]) -> Mapping[str, Any]:

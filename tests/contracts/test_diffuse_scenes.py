@@ -31,6 +31,8 @@ MODELS: tuple[MpiModel, ...] = ("discrete", "diffuse", "auto")
 SCENES: dict[str, Scene] = {
     "card": Card(distance_m=3.0, separations_ns=(6.0, 20.0), mpi_ratios=(0.3, 0.6)),
     "weak first": Card(distance_m=1.0, separations_ns=(9.0, 12.0), mpi_ratios=(2.5, 3.0), clean_share=0.0),
+    "one share": Card(distance_m=2.0, separations_ns=(9.0, 16.0), mpi_ratios=(0.2, 0.2)),
+    "weak second": Card(mpi_ratios=(0.02, 0.02)),
     "wall": Wall(distance_m=2.0),
     "corner": Corner(),
     "room": RandomRoom(seed=5, light_paths=48),
@@ -95,8 +97,14 @@ def test_every_pixel_with_light_has_a_depth_and_a_sigma(name: str, model: MpiMod
         np.testing.assert_array_equal(answered_by_tail, np.isfinite(depth))
 
 
-@pytest.mark.parametrize("length", LENGTHS)
-@pytest.mark.parametrize("name", ["card", "weak first", "wall"])
+WITHOUT_TAIL = [
+    *((name, length) for name in ("card", "weak first", "one share", "wall") for length in LENGTHS),
+    *(("weak second", length) for length in LENGTHS[1:]),
+]
+"""At the least light, a second path of a fiftieth of the direct one is hardly seen."""
+
+
+@pytest.mark.parametrize(("name", "length"), WITHOUT_TAIL)
 def test_frames_without_a_tail_are_left_alone_to_the_bit(name: str, length: float) -> None:
     taken, discrete = resolved(name, "auto", length), resolved(name, "discrete", length)
     assert taken.mpi is not None

@@ -87,8 +87,8 @@ def test_an_unknown_noise_is_that_of_one_frame_however_many_are_averaged() -> No
     volts = recorded_v(Light(2.0), n_av=9e4)
     plan = FramePlan(metadata=CaptureMetadata(), settings=MapSettings(resolver=ResolverSettings(order="1"), average=9))
     resolved = resolve_frame(FrameMean(volts, np.full(SHAPE, 9.0), volts.dtype), plan=plan)
-    assert resolved.noise_estimated
-    assert resolved.integration_length == pytest.approx(1e4, rel=0.1)
+    assert resolved.noise.estimated
+    assert resolved.noise.integration_length == pytest.approx(1e4, rel=0.1)
     scatter = (resolved.maps.layer("direct.depth") - depth_m(5.0)).std()
     assert np.median(resolved.maps.layer("direct.sigma")) == pytest.approx(scatter, rel=0.1)
 

@@ -9,10 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from cadtof_cli.execution.ordered import WorkerDied, run_ordered
-from cadtof_cli.execution.outcome import Finisher, Later, Pending
+from cadtof_cli.execution.ordered import START_METHODS, StartMethod, WorkerDied, Workers, run_ordered
+from cadtof_cli.execution.outcome import Later, finishing
 from cadtof_cli.execution.pool import TASKS_PER_WORKER
-from cadtof_cli.execution.workers import START_METHODS, StartMethod, Workers
 
 pytestmark = pytest.mark.filterwarnings("ignore:This process.*is multi-threaded, use of fork:DeprecationWarning")
 
@@ -241,8 +240,8 @@ def test_a_signal_before_a_thread_is_started_is_what_ends_the_run(monkeypatch: p
     def interrupted(thread: threading.Thread) -> None:
         raise KeyboardInterrupt
 
-    def begun() -> Pending[int]:
-        with Finisher() as finisher:
+    def begun() -> Later[int]:
+        with finishing() as finisher:
             return finisher.begin(Later(lambda: 9))
 
     monkeypatch.setattr(threading.Thread, "start", interrupted)

@@ -6,11 +6,9 @@ class Told:
 
     expected = steps = 0
 
-    def total(self, count: int, /) -> None:
-        self.expected = count
-
-    def advance(self) -> None:
-        self.steps += 1
+    def advance(self, steps: int = 1, /, *, total: int | None = None) -> None:
+        self.expected = self.expected if total is None else total
+        self.steps += steps
 
     def say(self, message: str, /) -> None:
         raise AssertionError(message)

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Generic, TypeVar
 
 import cadtof_cli
-from cadtof_cli.execution.outcome import Finisher, Work
+from cadtof_cli.execution.outcome import Work, finishing
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
@@ -81,7 +81,7 @@ def run_batch(function: Work[Task, Result], tasks: Sequence[Task], folder: Path,
     """Run function(task) for every task from a folder, as where relative paths start; exceptions become results."""
     with _ONE_AT_A_TIME, chdir(folder):
         began = time.monotonic()
-        with Finisher() as finisher:
+        with finishing() as finisher:
             begun = [finisher.attempt(function, task) for task in tasks]
         results = [Raised(one.error) if one.error else one.result() for one in begun]
         return BatchResult(tuple(results), time.monotonic() - began)

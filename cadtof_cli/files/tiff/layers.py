@@ -25,6 +25,8 @@ from cadtof_cli.files.tiff.images import TiffImages, reading_tiff
 
 _PAGE_NAME, _GDAL_METADATA, _ASCII = 285, 42112, 2
 
+_REFERENCES = str.maketrans({"&": "&amp;", "<": "&lt;", ">": "&gt;"})
+
 _NAMESPACE = "cadtof"
 _UNIT = "unit of "
 """Namespace of our annotations, and how the names of those begin that give the unit of a layer."""
@@ -51,7 +53,9 @@ def write_maps(path: Path, maps: DepthMaps, /, *, header: MapHeader) -> Sequence
     """
     maps.pages[-1] = maps.status
     others = {name: text for name, text in header.facts.items() if name != SOURCE}
-    source = _marked_source(header)
+    # the name of the recorded frame as it stands in both kinds of XML, with the marks before and after it
+    name = header.facts.get(SOURCE, "").translate(_REFERENCES)
+    source = f'source">{name}<'.encode("ascii", "xmlcharrefreplace")
     kind = (maps.names, maps.pages.shape, others, dict(header.units), len(source))
     if _last.kind == kind and _last.envelope:
         return _last.envelope.around(maps.pages, maps.image, old=_last.source, new=source)
@@ -102,14 +106,6 @@ def _at_end_of_block(file: tifffile.FileHandle, text: str) -> str:
     end = file.seek(0, os.SEEK_END)
     file.write(bytes(-(end + len(text) + 1) % BLOCK_BYTES))
     return text
-
-
-def _marked_source(header: MapHeader) -> bytes:
-    """Return the name of the recorded frame as it stands in both kinds of XML, with the marks before and after it."""
-    text = header.facts.get(SOURCE, "")
-    for character, reference in (("&", "&amp;"), ("<", "&lt;"), (">", "&gt;")):
-        text = text.replace(character, reference)
-    return f'source">{text}<'.encode("ascii", "xmlcharrefreplace")
 
 
 def _gdal_xml(name: str, unit: str, facts: Mapping[str, str]) -> str:

@@ -1,7 +1,7 @@
 """Which model a frame gets: a tail where there is MPI, and no sign that it comes by separate paths.
 
 A tail lowers |H_2| below |H_1| and makes it lag. Two paths can do otherwise: a weak first return before a strong one, or a strong
-second one 12 to 28 ns late (T1 = 40 ns), makes H_2 lead, or larger than H_1.
+second one 12 to 28 ns late (T1 = 40 ns), makes H_2 lead, or larger than H_1. Those that do not are told by all patches together.
 """
 
 import math
@@ -13,7 +13,9 @@ from cadtof_cli.arrays import Bool, Float
 from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.diffuse.light import PatchMeans
 from cadtof_cli.resolver.diffuse.quantiles import median
+from cadtof_cli.resolver.diffuse.second_paths import PatchData, are_two_paths, median_of_noise
 from cadtof_cli.resolver.diffuse.settings import DiffuseSettings
+from cadtof_cli.resolver.two_path.kernel import NUMPY
 
 LARGEST_LEAD_RAD = 0.1
 """Largest arg q_2 of a tail: 0 for one that decays, and what renderings of 30 rooms leave of it."""
@@ -28,8 +30,9 @@ LEAST_PATCHES = 64
 """Patches with light below which there is no room to predict from: a view of 32 × 32 pixels, or a fifth of a larger one."""
 
 LEAST_MISFIT = 2.0
-"""Mean square of what patches differ from light without MPI, over its noise, below which there is no MPI to be seen: 1 without
-any; rooms at an integration length of 2e3 show 20 and more."""
+"""Square of what patches differ from light without MPI, over its noise, below which there is no MPI to be seen: 1 without any;
+rooms at an integration length of 2e3 show 20 and more. As the mean of all, and as the median of the patches, over that of noise:
+the light of a room reaches all that is seen, by 3 and more at that length; where half a view has none, the rest has no tail."""
 
 NOISE_KNOWN = 0.1
 """Share of the noise's variance to which it is known; a mean square of the patches' departures from light without MPI that is
@@ -73,17 +76,21 @@ class PatchKinds:
     mpi_probability: float = 1.0
 
 
-def patch_kinds(means: PatchMeans, variances: Float, /, *, sampled: int, settings: DiffuseSettings) -> PatchKinds:
+def patch_kinds(
+    means: PatchMeans, variances: Float, /, *, sampled: int, settings: DiffuseSettings, kernel: str = NUMPY
+) -> PatchKinds:
     """Look at the mean light of every patch; `variances` are those of a channel of each harmonic.
 
-    With `settings.model` `diffuse`, nothing but too little light speaks against a tail.
+    With `settings.model` `diffuse`, nothing but too little light speaks against a tail. `kernel` is of `available_kernels`.
     """
     sigma = float(np.sqrt(variances[0]))
-    lit = lit_patches(means, sigma, sampled=sampled)
+    # enough of a patch's pixels are lit enough
+    lit: Bool = (means.amplitude > SEEN_SNR * sigma) & (means.pixels > SEEN_SHARE * sampled)
     if lit.sum() < LEAST_PATCHES:
         return PatchKinds(lit, np.zeros_like(lit), 0.0, "few patches with light")
-    misfit = misfit_without_mpi(means, lit, variances, harmonics=settings.harmonics)
-    likely = mpi_probability(misfit, numbers=2 * len(means.ratios) * int(lit.sum()))
+    misfits = misfits_without_mpi(means, lit, variances, harmonics=settings.harmonics)
+    misfit = float(np.mean(misfits))
+    likely = mpi_probability(misfit, numbers=misfits.size)
     if settings.model == "diffuse":
         return PatchKinds(lit, np.zeros_like(lit), 0.0, "tail", likely)
     separate = separate_patches(means, lit, sigma)
@@ -91,8 +98,12 @@ def patch_kinds(means: PatchMeans, variances: Float, /, *, sampled: int, setting
     share = float(separate.sum() / lit.sum())
     if share > SEPARATE_SHARE:
         reason = "separate paths"
-    elif misfit < LEAST_MISFIT:
+    elif misfit < LEAST_MISFIT or _is_noise_in_half(misfits):
         reason = "no MPI to be seen"
+    elif are_two_paths(
+        PatchData.of(means, lit, variances, settings.harmonics), rad_per_ns=settings.rad_per_ns, kernel=kernel
+    ):
+        reason = "separate paths"
     return PatchKinds(lit, separate, share, reason, likely)
 
 
@@ -103,14 +114,19 @@ def tail_fits(chi_squared: Float, data: int, /) -> bool:
     return data == 2 or float(median(chi_squared)) <= LARGEST_MISFIT * data
 
 
-def misfit_without_mpi(means: PatchMeans, lit: Bool, variances: Float, /, *, harmonics: tuple[int, ...]) -> float:
-    """Return the mean square, over the noise, of how far the lit patches' q_h are from 1, in size and in phase."""
+def misfits_without_mpi(means: PatchMeans, lit: Bool, variances: Float, /, *, harmonics: tuple[int, ...]) -> Float:
+    """Return the squares, over the noise, of how far the lit patches' q_h are from 1, in size and in phase, (2·H − 2, n)."""
     noise = 1.0 / (means.amplitude[lit] ** 2 * means.pixels[lit])
     misfits = []
     for ratio, h, variance in zip(means.ratios[:, lit], harmonics[1:], variances[1:], strict=True):
         misfits.append((np.abs(ratio) - 1.0) ** 2 / (noise * (variances[0] + variance)))
         misfits.append(np.angle(ratio) ** 2 / (noise * (h * h * variances[0] + variance)))
-    return float(np.mean(misfits))
+    return np.array(misfits)
+
+
+def _is_noise_in_half(misfits: Float) -> bool:
+    """Return whether the misfits of patches without MPI, (numbers, n), are those of noise in half of them."""
+    return float(median(misfits.sum(axis=0))) < LEAST_MISFIT * median_of_noise(len(misfits))
 
 
 def mpi_probability(misfit: float, /, *, numbers: int) -> float:
@@ -123,12 +139,6 @@ def mpi_probability(misfit: float, /, *, numbers: int) -> float:
     count = 2.0 / (2.0 / numbers + NOISE_KNOWN**2)
     more = max(misfit - 1.0, 0.0)
     return 1.0 / (1.0 + math.sqrt(count) * math.exp(-0.5 * count * (more - math.log1p(more))))
-
-
-def lit_patches(means: PatchMeans, noise_sigma: float, /, *, sampled: int) -> Bool:
-    """Return which patches count, (rows, columns): enough of their `sampled` pixels are lit enough."""
-    lit: Bool = (means.amplitude > SEEN_SNR * noise_sigma) & (means.pixels > SEEN_SHARE * sampled)
-    return lit
 
 
 def separate_patches(means: PatchMeans, lit: Bool, noise_sigma: float, /) -> Bool:

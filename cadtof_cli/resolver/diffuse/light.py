@@ -1,16 +1,21 @@
-"""The light of patches: their phasors' ratios to the fundamental, free of the direct phase."""
+"""The light of patches: their phasors' ratios to the fundamental, free of the direct phase; and the front of its compiled twin,
+`_sampled.h`, which looks at stored values and sums over patches.
+"""
 
-from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cadtof_cli.arrays import Bool, Complex, Float, Float32
+from cadtof_cli.arrays import Bool, Complex, Float, Float32, Index, Stored, sealed
+from cadtof_cli.phasors.noise import NoiseModel, chi_squared_threshold
+from cadtof_cli.phasors.voltages import PhasorMap
 from cadtof_cli.records import dataclass
-from cadtof_cli.resolver.diffuse.compiled_light import compiled_sums
+from cadtof_cli.resolver.diffuse.compiled_fit import MOST_HARMONICS
 from cadtof_cli.resolver.diffuse.elementary import phase_of
 from cadtof_cli.resolver.diffuse.grid import PatchGrid
-from cadtof_cli.resolver.two_path.kernel import NUMPY
+from cadtof_cli.resolver.settings import ResolverSettings
+from cadtof_cli.resolver.two_path.kernel import NUMPY, STORED_TYPES, extension
 
 LARGEST_AMPLITUDE = 1e3
 """Largest |p_h| of light, whose phasors are 1 at most: what lies beyond is damage, and would drown a patch."""
@@ -44,6 +49,51 @@ class PatchMeans:
     amplitude: Float
     pixels: Float
     phase_rad: Float
+
+
+@dataclass(frozen=True, eq=False)
+class Look:
+    """What a frame is looked at with, besides its stored values.
+
+    Attributes:
+        phasor_map: from stored values to phasors.
+        saturated: stored values at or beyond these are saturated, in the values' own type; NaN: none are.
+        least_power: sum of all |p_h|² over their variances at and below which there is no signal.
+        least_modulus: |p_1| below which there is none.
+        variances: of the phasors of each harmonic.
+        harmonics: their numbers.
+        hot: pixels that get no answer, (n,); None: none do.
+        samples: over how many recorded pixels each is a mean, (n,); None: 1.
+    """
+
+    phasor_map: PhasorMap
+    saturated: tuple[float, float]
+    least_power: float
+    least_modulus: float
+    variances: tuple[float, ...]
+    harmonics: tuple[int, ...]
+    hot: Bool | None = None
+    samples: Float | None = None
+
+    @classmethod
+    def of(
+        cls,
+        settings: ResolverSettings,
+        noise: NoiseModel,
+        phasor_map: PhasorMap,
+        saturated: tuple[float, float],
+        hot: Bool | None,
+        /,
+    ) -> "Look":
+        """Return what a frame with that noise is looked at with."""
+        least, variances = settings.min_confidence, tuple(one.dark_variance for one in noise.each)
+        power = chi_squared_threshold(settings.false_alarm, pairs=len(noise.each)) if least is None else 0.0
+        return cls(phasor_map, saturated, power, least or 0.0, variances, noise.harmonics, hot, noise.samples)
+
+
+def compiled_looks(stored: np.dtype[np.generic], harmonics: int, kernel: str, /) -> bool:
+    """Return whether the kernel of that name can look at stored values of a type, of so many harmonics."""
+    return kernel != NUMPY and stored in STORED_TYPES[:-1] and harmonics <= MOST_HARMONICS
 
 
 def is_light(phasors: Complex | Complex64, /) -> Bool:
@@ -83,36 +133,76 @@ def patch_light(samples: Complex | Complex64, seen: Bool, /, *, harmonics: tuple
     return PatchLight(seen, phase_of(re[0], im[0]), weighted)
 
 
-def patch_means(light: PatchLight, among: Bool, /, *, kernel: str = NUMPY) -> PatchMeans:
-    """Return the means over the pixels `among`, (n, rows, columns); `kernel` is of `available_kernels`."""
-    counted = among & light.seen
-    if kernel == NUMPY:
-        sums = (light.weighted * counted).sum(axis=1, dtype=np.float64)
-        pixels = counted.sum(axis=0).astype(np.float64)
-    else:
-        *sums, pixels = compiled_sums(light.weighted, counted, kernel=kernel)
-    ratios = np.empty((len(sums) // 2 - 1, *pixels.shape), np.complex128)
-    ratios.real, ratios.imag = sums[3::2], sums[4::2]
-    ratios /= np.maximum(sums[0], TINY)
-    return PatchMeans(ratios, np.sqrt(sums[0] / np.maximum(pixels, 1.0)), pixels, np.arctan2(sums[2], sums[1]))
+def compiled_light(stored: Stored, look: Look, grid: PatchGrid, /, *, kernel: str) -> PatchLight:
+    """Return the light of a frame's stored values (H, 2, n), with the bits that numpy gives it."""
+    places = _places(grid)
+    weighted = np.empty((1 + 2 * len(stored), *places.shape), np.float32)
+    phase_rad, seen = np.empty(places.shape, np.float32), np.empty(places.shape, np.bool_)
+    extension().look_at_samples(
+        kernel,
+        np.array([*look.saturated, look.least_power, look.least_modulus]),
+        np.array(look.harmonics, np.int64),
+        np.array([1.0 / variance for variance in look.variances]),
+        places,
+        *(
+            None if one is None else np.ascontiguousarray(one)
+            for one in (
+                stored,
+                look.phasor_map.own,
+                look.phasor_map.other,
+                look.phasor_map.constant,
+                look.hot,
+                look.samples,
+            )
+        ),
+        weighted,
+        phase_rad,
+        seen,
+    )
+    return PatchLight(seen, phase_rad, weighted)
 
 
-def without_bias(means: PatchMeans, variance: float, /, *, harmonics: tuple[int, ...]) -> PatchMeans:
-    """Return means whose ratios the noise of p_1, of that variance a channel where there is no light, does not make smaller.
+@lru_cache(maxsize=4)
+def _places(grid: PatchGrid) -> Index:
+    """Return where the samples of every patch stand in the frame, flat, (n, rows, columns); −1 outside."""
+    size = (grid.height, grid.width)
+    return sealed(np.ascontiguousarray(grid.samples(np.arange(1, 1 + grid.height * grid.width).reshape(size)) - 1))
+
+
+def patch_means(
+    light: PatchLight, among: Bool, /, *, variance: float, harmonics: tuple[int, ...], kernel: str = NUMPY
+) -> PatchMeans:
+    """Return the means over the pixels `among`, (n, rows, columns), whose ratios noise does not make smaller.
 
     With noise ε along and δ across p_1 = A, |p_1|·exp(−ih·arg p_1) is A·(1 + ε + δ²/2 − h²δ²/2) in real part and to second order,
     and |p_1|² has the mean A² + ε² + δ²: in the dark, q_h is too small by (h² + 3)/2 · σ²/A², which a fit would take for a tail.
     Light makes δ² weaker by 1 − A, and ε² + δ² by 1 − A².
+
+    Args:
+        light: of the patches.
+        among: pixels that count, where they are seen.
+        variance: of p_1, a channel where there is no light.
+        harmonics: their numbers.
+        kernel: of `available_kernels`.
     """
-    power = means.amplitude**2
-    light = np.maximum(power - 2.0 * variance, 0.5 * power)
-    relative = variance / np.maximum(light, TINY)
-    share = np.minimum(light, 1.0)
+    counted = among & light.seen
+    if kernel == NUMPY:
+        power, *parts = (light.weighted * counted).sum(axis=1, dtype=np.float64)
+        pixels = counted.sum(axis=0).astype(np.float64)
+    else:
+        sums = np.empty((len(light.weighted) + 1, *counted.shape[1:]))
+        extension().sum_patches(kernel, np.ascontiguousarray(light.weighted), np.ascontiguousarray(counted), sums)
+        power, *parts, pixels = sums
+    ratios = np.empty((len(parts) // 2 - 1, *pixels.shape), np.complex128)
+    ratios.real, ratios.imag = parts[2::2], parts[3::2]
+    ratios /= np.maximum(power, TINY)
+    amplitude = np.sqrt(power / np.maximum(pixels, 1.0))
+    lit = np.maximum(amplitude**2 - 2.0 * variance, 0.5 * amplitude**2)
+    relative, share = variance / np.maximum(lit, TINY), np.minimum(lit, 1.0)
     both, across = 2.0 * (1.0 - share) * relative, (1.0 - np.sqrt(share)) * relative
-    ratios = np.empty_like(means.ratios)
     for row, h in enumerate(harmonics[1:]):
-        ratios[row] = means.ratios[row] * ((1.0 + both) * (1.0 + 0.5 * (h * h - 1) * across))
-    return replace(means, ratios=ratios)
+        ratios[row] *= (1.0 + both) * (1.0 + 0.5 * (h * h - 1) * across)
+    return PatchMeans(ratios, amplitude, pixels, np.arctan2(parts[1], parts[0]))
 
 
 def patch_phasors(means: PatchMeans, /, *, harmonics: tuple[int, ...]) -> Complex:

@@ -11,7 +11,7 @@ from cadtof_cli.resolver.diffuse.choice import LEAST_PATCHES, PatchKinds, patch_
 from cadtof_cli.resolver.diffuse.coarse import Beside, coarse_planes, patch_posterior
 from cadtof_cli.resolver.diffuse.grid import PatchGrid
 from cadtof_cli.resolver.diffuse.leaning import Leaning, left_rad, missed_share, view_numbers
-from cadtof_cli.resolver.diffuse.light import PatchLight, PatchMeans, patch_means, patch_phasors, without_bias
+from cadtof_cli.resolver.diffuse.light import PatchLight, PatchMeans, patch_means, patch_phasors
 from cadtof_cli.resolver.diffuse.model_error import model_error, mpi_share
 from cadtof_cli.resolver.diffuse.noise import noise_covariance
 from cadtof_cli.resolver.diffuse.patch_fit import PatchFit, fitted_patches
@@ -85,8 +85,8 @@ def diffuse_model(
     per_pixel = 1.0 if samples is None else float(np.median(samples))
     offset = 0.0 if range_offset_m is None else grid.samples(range_offset_m).astype(np.float32)
     frame = _Frame(grid, settings, np.array(variances) / per_pixel, offset, kernel)
-    means = _means(light, light.seen, frame)
-    kinds = patch_kinds(means, frame.variances, sampled=len(light.seen), settings=settings)
+    means = patch_means(light, light.seen, variance=frame.variances[0], harmonics=settings.harmonics, kernel=kernel)
+    kinds = patch_kinds(means, frame.variances, sampled=len(light.seen), settings=settings, kernel=kernel)
     choice = DiffuseChoice(kinds.reason, int(kinds.lit.sum()), kinds.separate_share)
     if kinds.reason != "tail":
         return choice
@@ -96,12 +96,6 @@ def diffuse_model(
         return replace(choice, reason="few patches with light")
     model = _model(light, planes, valid, kinds, frame, variances, range_offset_m)
     return replace(choice, reason="no tail fits") if model is None else model
-
-
-def _means(light: PatchLight, among: Bool, frame: _Frame) -> PatchMeans:
-    """Return the mean light of every patch over the pixels `among`."""
-    means = patch_means(light, among, kernel=frame.kernel)
-    return without_bias(means, float(frame.variances[0]), harmonics=frame.settings.harmonics)
 
 
 def _model(
@@ -114,7 +108,13 @@ def _model(
     range_offset_m: Float | None,
 ) -> DiffuseModel | None:
     """Return the model of a frame, None where no tail fits it."""
-    means = _means(light, planes.on_plane, frame)
+    means = patch_means(
+        light,
+        planes.on_plane,
+        variance=frame.variances[0],
+        harmonics=frame.settings.harmonics,
+        kernel=frame.kernel,
+    )
     ratios, amplitude = means.ratios[:, valid], means.amplitude[valid]
     tail, rule = _tail(planes, valid, amplitude, frame)
     data = np.concatenate([np.log(np.maximum(np.abs(ratios), 1e-9)), np.angle(ratios)])

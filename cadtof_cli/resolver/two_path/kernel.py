@@ -8,7 +8,7 @@ import math
 import os
 from functools import cache, lru_cache
 from types import ModuleType
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,6 +32,9 @@ Buffers = tuple[NDArray[Any] | None, ...]
 """Arrays as the extension takes them: neighbours in memory, each of one type."""
 
 STORED_TYPES = (np.uint16, np.int16, np.float32, np.float64, np.complex128)
+
+_NEIGHBOURS: tuple[Literal["C", "A"], ...] = ("C", "A")
+"""What numpy makes of an array whose values are to be neighbours in memory, aligned: itself, where they are."""
 
 _ORDERS = {"auto": 0, "1": 1, "2": 2}
 _RETURNS = {"first": 0, "strongest": 1, "last": 2}
@@ -124,10 +127,9 @@ class FrameKernel:
         source_type: np.dtype[np.generic],
         kernel: str | None = None,
     ) -> None:
-        self._tail, self._count, self._source_type = scales.tail or (), count, source_type
-        self._compiled = extension()
+        self._tail, self._source_type, self._compiled = scales.tail or (), source_type, extension()
         self._options = (kernel or chosen_kernel(), _ORDERS[_order(settings)], _RETURNS[settings.returns])
-        self._stored_shape = (2, count) if scales.phasor_map is None else (2, 2, count)
+        self._shapes = (2, count) if scales.phasor_map is None else (2, 2, count), (7, count), (count,)
         own, other, constant = _own_maps(scales.phasor_map)
         arrays = {
             "own": (own, (2, 2, count)),
@@ -138,51 +140,47 @@ class FrameKernel:
             "phase_offset_rad": (scales.phase_offset_rad, (count,)),
         }
         for name, (array, shape) in arrays.items():
-            if array is not None:
-                _require_shape(name, array, shape)
-        self._arrays = [None if array is None else _as_neighbours(array) for array, _ in arrays.values()]
+            if array is not None and array.shape != shape:
+                raise ValueError(f"{name}: found shape {array.shape}, expected {shape}")
+        self._arrays = [
+            None if one is None else np.require(one, requirements=_NEIGHBOURS) for one, _ in arrays.values()
+        ]
         limits = scales.saturated_counts if scales.phasor_map is not None else None
         metres = scales.metres if isinstance(scales.metres, float) else math.nan
         light = (metres, scales.volts, scales.most_volts, scales.noise_volts)
         self._constants = _constants(settings, noise.each, scales.phasor_map, limits, source_type, light)
 
-    def fill(self, stored: Stored, /, *, layers: Float32, status: Status, pixels: range | None = None) -> None:
+    def fill(self, stored: Stored, /, *, layers: Float32, status: Status) -> None:
         """Fill `layers` and `status` of the pixels from their stored values.
 
         Args:
             stored: values of harmonics 1 and 2 as a file holds them, (2, 2, n); or phasors, complex128 (2, n).
             layers: float32 (7, n): depth, amplitude and sigma of the direct path and the MPI's each, and confidence.
             status: (n,), with the bits that are known already: of those saturated, not finite and hot pixel mean no answer.
-            pixels: indices to fill; None: all.
 
         Raises:
             ValueError: an array has the wrong shape or layout, or there is no such kernel.
             TypeError: an array has the wrong type.
         """
-        _require_shape("stored", stored, self._stored_shape)
-        _require_shape("layers", layers, (7, self._count))
-        _require_shape("status", status, (self._count,))
+        shapes = stored.shape, layers.shape, status.shape
+        if shapes != self._shapes:
+            raise ValueError(f"stored, layers and status: found shapes {shapes}, expected {self._shapes}")
         if stored.dtype != self._source_type:
             raise TypeError(f"stored: found {stored.dtype}, expected {self._source_type}")
-        start, stop, step = (0, self._count, 1) if pixels is None else (pixels.start, pixels.stop, pixels.step)
-        stored = _as_neighbours(stored if stored.dtype in STORED_TYPES else stored.astype(np.float64))
-        if _as_neighbours(layers) is not layers or _as_neighbours(status) is not status or step != 1:
-            raise ValueError("layers, status and pixels: expected neighbours in memory")
+        values = stored if stored.dtype in STORED_TYPES else stored.astype(np.float64)
+        if not (values.flags.c_contiguous and values.flags.aligned):
+            values = np.require(values, requirements=_NEIGHBOURS)
+        # what is written may not be copied: the extension takes nothing but neighbours
         self._compiled.resolve(
-            *self._options, start, stop, self._constants, stored, *self._arrays, layers, status, *self._tail
+            *self._options, 0, status.size, self._constants, values, *self._arrays, layers, status, *self._tail
         )
-
-
-def _require_shape(name: str, array: NDArray[Any], shape: tuple[int, ...]) -> None:
-    if array.shape != shape:
-        raise ValueError(f"{name}: found shape {array.shape}, expected {shape}")
 
 
 def count_status(status: Status, /) -> StatusCounts:
     """Return how the pixels of a status map of any shape ended: what `resolver.status.count_status` does, in one pass."""
     if chosen_kernel() == NUMPY:
         return status_counts(status)
-    one, two, more, diffuse = extension().count_status(chosen_kernel(), _as_neighbours(status))
+    one, two, more, diffuse = extension().count_status(chosen_kernel(), np.ascontiguousarray(status))
     return StatusCounts(one, two, more, diffuse, status.size - one - two - more - diffuse)
 
 
@@ -252,12 +250,6 @@ def saturation(
     with np.errstate(over="ignore"):
         low, high = (float(np.asarray(limit, np.float64).astype(own_type)) for limit in saturated_counts)
     return low, high
-
-
-def _as_neighbours(array: NDArray[Any]) -> NDArray[Any]:
-    """Return an array whose values are neighbours in memory, aligned: itself, where they are."""
-    flags = array.flags
-    return array if flags.c_contiguous and flags.aligned else np.require(array, requirements=["C", "A"])
 
 
 def _order(settings: ResolverSettings) -> str:

@@ -81,7 +81,7 @@ def averaged_captures(
     captures = find_captures(inputs, overrides=overrides, settings_file=settings.settings_file)
     captures = _at_distances(captures, settings.distances_m) if settings.distances_m else captures
     _require_same_modulation(captures)
-    progress.total(sum(len(one.frames) * (one.typical.frames if one.typical else 1) for one in captures))
+    progress.advance(0, total=sum(len(one.frames) * (one.typical.frames if one.typical else 1) for one in captures))
     averaged: list[tuple[Capture, FrameMean]] = []
     for capture in captures:
         if taken := capture.source.defaults_in_words():

@@ -141,7 +141,7 @@ def compare_maps(pairs: MapPairs, /, *, progress: Progress) -> Comparison:
     """
     found, tallies = Comparison(), dict[str, MagnitudeTally]()
     frames: list[FrameDifference] = []
-    progress.total(len(pairs.files))
+    progress.advance(0, total=len(pairs.files))
     for pair in map(pairs.pair, pairs.files):
         found.frames += 1
         for layer in pair.shared:

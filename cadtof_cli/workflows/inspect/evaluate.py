@@ -56,7 +56,7 @@ def evaluate_maps(
     known.tell_of_captures(files, progress.say)
     recorded = first_phasors(run, progress.say)
     whole, lines = EvaluationTally(), dict[str, Evaluation]()
-    progress.total(len(files))
+    progress.advance(0, total=len(files))
     for path in files:
         layers = read_layers(path)
         depth = layer_of(layers, DIRECT_DEPTH, path).astype(np.float64)
@@ -99,7 +99,7 @@ def scatter_over_time(maps: Path, out: Path, /, *, progress: Progress, overwrite
     require_new(out, overwrite=overwrite)
     run = read_run(maps)
     files = run.require_maps()
-    progress.total(len(files))
+    progress.advance(0, total=len(files))
     first = read_layers(files[0])
     shape = layer_of(first, DIRECT_DEPTH, files[0]).shape
     tallies = {layer: SequenceTally(shape) for layer in (DIRECT_DEPTH, MPI_DEPTH) if layer in first}

@@ -82,7 +82,7 @@ def export_maps(
         if output in outputs[:position]:
             raise SettingsError(f"two of the maps would be written as {output}: export them one command each")
         require_new(output, overwrite=overwrite)
-    progress.total(len(found))
+    progress.advance(0, total=len(found))
     for (run, file), output in zip(found, outputs, strict=True):
         kind, optics = settings.depth or run.depth_kind, settings.optics(run, file)
         write(_Map(file, read_layers(file), settings.layer, kind, optics), output)

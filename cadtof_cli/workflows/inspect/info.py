@@ -15,8 +15,7 @@ from cadtof_cli.capture.frames import Capture, lossy_compression, single_frames
 from cadtof_cli.capture.metadata import KEYS, Layout
 from cadtof_cli.capture.planes import guessed_layout, hint_of_planes
 from cadtof_cli.errors import CadtofError
-from cadtof_cli.execution.ordered import WorkerDied, run_ordered
-from cadtof_cli.execution.workers import Workers
+from cadtof_cli.execution.ordered import WorkerDied, Workers, run_ordered
 from cadtof_cli.frame_plan import FramePlan
 from cadtof_cli.phasors.voltages import volts_per_count
 from cadtof_cli.units import unambiguous_range_m
@@ -107,7 +106,7 @@ def look_into(
     captures: Sequence[Capture] = ()
     if recorded:
         captures = find_captures(recorded, overrides=overrides, settings_file=settings_file, recursive=recursive)
-    progress.total(sum(len(capture.frames) for capture in captures))
+    progress.advance(0, total=sum(len(capture.frames) for capture in captures))
     found += (_capture_facts(capture, workers, progress) for capture in captures)
     return found
 
@@ -115,7 +114,7 @@ def look_into(
 def _capture_facts(capture: Capture, workers: Workers, progress: Progress) -> CaptureFacts:
     metadata = capture.source.metadata
     facts = CaptureFacts(str(capture.root), unambiguous_range_m=unambiguous_range_m(metadata.modulation.periods_ns[0]))
-    for key in KEYS:
+    for key in KEYS.values():
         value = getattr(getattr(metadata, key.table), key.name)
         facts.metadata[key.path] = {"value": value, "from": capture.source.origins[key.path]}
     typical = capture.typical

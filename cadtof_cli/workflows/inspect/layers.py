@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,6 @@ from cadtof_cli.errors import CaptureError
 from cadtof_cli.files.formats import MAP_SUFFIXES
 from cadtof_cli.files.maps import read_layers
 from cadtof_cli.files.reading import is_folder
-from cadtof_cli.last_call import same_as_last
 from cadtof_cli.maps.layers import DIRECT_DEPTH
 from cadtof_cli.records import setting
 from cadtof_cli.workflows.run_folder import Run
@@ -76,7 +76,7 @@ class Truth:
 
     given: Path
     run: Run
-    _read: Callable[[Path], Float] = field(default_factory=lambda: same_as_last(direct_depth), repr=False)
+    _read: Callable[[Path], Float] = field(default_factory=lambda: lru_cache(maxsize=1)(direct_depth), repr=False)
 
     def __post_init__(self) -> None:
         """Make sure that the maps can be held against truth; raises SettingsError where they hold z depth."""

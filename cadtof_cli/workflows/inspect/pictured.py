@@ -19,7 +19,8 @@ from cadtof_cli.frame_plan import DEPTH_IN_WORDS
 from cadtof_cli.maps.layers import DIRECT_DEPTH
 from cadtof_cli.phasors.voltages import saturated_pixels, volts_from_stored
 from cadtof_cli.resolver.status import StatusBit
-from cadtof_cli.workflows.run_folder import RUN_FILE, Run, map_files, read_run
+from cadtof_cli.workflows.resolve.record import RUN_FILE
+from cadtof_cli.workflows.run_folder import Run, map_files, read_run
 
 LIGHT = "H1.amplitude"
 """The layer of a recorded frame that thumbnails and films show."""

@@ -167,7 +167,7 @@ def _same_scale(one: Pictured, scale: _Scale, settings: PreviewSettings) -> Bloc
 
 def _sheet(found: Sequence[Pictured], out: Path, settings: PreviewSettings, progress: Progress, *, title: str) -> None:
     """Draw a thumbnail of every frame."""
-    progress.total(2 * len(found))
+    progress.advance(0, total=2 * len(found))
     scale = _common_scale(found, settings, progress)
     size = thumbnail_size(len(found), scale.shape)
     thumbnails: list[tuple[str, Image | None]] = []
@@ -190,7 +190,7 @@ def _film(found: Sequence[Pictured], out: Path, settings: PreviewSettings, progr
     """Draw one layer of every frame, one after the other."""
     if settings.truth is not None:
         raise SettingsError("--truth goes with the figure of one frame, not with a film")
-    progress.total(2 * len(found))
+    progress.advance(0, total=2 * len(found))
     scale = _common_scale(found, settings, progress)
 
     def frames() -> Iterator[tuple[str, Block]]:

@@ -170,7 +170,7 @@ class _Gathered:
 def _gathered(reader: _Reader, progress: Progress) -> _Gathered:
     gathered = _Gathered()
     files = reader.run.files
-    progress.total(len(files))
+    progress.advance(0, total=len(files))
     samples = list(_read(reader, _spread(files), _Gathered()))
     if not samples:
         list(_read(reader, files, gathered))

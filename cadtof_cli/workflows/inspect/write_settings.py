@@ -56,7 +56,7 @@ def _lines(facts: CaptureFacts) -> Iterator[str]:
     yield f"# Written by `cadtof info --write-settings` after a look at {facts.frames} frames ({kinds}{size})."
     yield "# Lines that begin with # have no effect: complete those that you know, and remove their #."
     seen, table = _seen(facts), ""
-    for key in KEYS:
+    for key in KEYS.values():
         if key.table != table:
             table = key.table
             yield f"\n[{table}]"

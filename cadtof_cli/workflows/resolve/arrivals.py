@@ -1,5 +1,6 @@
 """Frames whose paths arrive while a run goes on, such as from a program that watches the folder of a camera."""
 
+import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import field, replace
 from pathlib import Path
@@ -8,10 +9,10 @@ from typing import Any
 from cadtof_cli.capture.discovery import absolute, find_placed_captures
 from cadtof_cli.capture.frames import Capture
 from cadtof_cli.errors import CadtofError, OutputError
-from cadtof_cli.files.reading import is_folder
+from cadtof_cli.files.reading import is_folder, real_path
 from cadtof_cli.records import dataclass
-from cadtof_cli.workflows.frame_report import FrameReport
 from cadtof_cli.workflows.resolve.plans import AppliedCalibration, CapturePlan, plan_captures
+from cadtof_cli.workflows.resolve.record import FrameReport
 from cadtof_cli.workflows.resolve.settings import ResolveSettings
 
 
@@ -96,6 +97,18 @@ class Arrivals:
                 )
         self.meet(plans)
         return plans
+
+
+def recorded_arrivals(
+    batches: Iterable[tuple[Path, ...]], document: Mapping[str, Any], out: Path
+) -> Iterator[tuple[Path, ...]]:
+    """Yield the batches of paths, each added to the inputs that `run.json` will name."""
+    for paths in batches:
+        document["arguments"]["inputs"] += map(str, paths)
+        document["arguments"]["absolute_inputs"] += (str(path.absolute()) for path in paths)
+        document["arguments"]["inputs_from_out"] += (os.path.relpath(path, out) for path in paths)
+        document["arguments"]["resolved_inputs"] += map(real_path, paths)
+        yield paths
 
 
 def without_incomplete_frames(

@@ -21,7 +21,7 @@ from cadtof_cli.pipeline import ResolvedFrame, resolve_frame
 from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.status import StatusCounts, why_no_answer
 from cadtof_cli.resolver.two_path.kernel import count_status
-from cadtof_cli.workflows.frame_report import ALREADY_THERE, FrameReport, FrameStatus, SourceFile
+from cadtof_cli.workflows.resolve.record import ALREADY_THERE, FrameReport, FrameStatus, SourceFile
 
 if TYPE_CHECKING:
     from cadtof_cli.calibration.store import Calibration
@@ -166,8 +166,8 @@ def written(task: FrameTask, resolved: ResolvedFrame, recording: Recording, /, *
     header = task.plan.header.of_frame(source_name(task.sources[0]))
     file, output_digest = stage_maps(task.output, maps, header=header, token=task.token)
     reasons = [recording.left_out] if recording.left_out else []
-    if resolved.noise_estimated:
-        reasons.append(f"noise estimated from the frame: integration_length {resolved.integration_length:.4g}")
+    if resolved.noise.estimated:
+        reasons.append(f"noise estimated from the frame: integration_length {resolved.noise.integration_length:.4g}")
 
     def keep() -> FrameReport:
         size = file.commit()
@@ -261,34 +261,29 @@ def read_frame(task: FrameTask, /) -> tuple[Stored | FrameMean, Recording]:
     Raises:
         FrameError: none of them can be read, or has the size of most.
     """
-    files = task.files()
-    if len(task.sources) == 1:
-        stored = _stored(task, task.sources[0])
-        return stored, Recording(content_digest(stored), files)
+    files, metadata = task.files(), task.plan.metadata
     errors: list[FrameError] = []
     digests: list[str] = []
 
     def readable() -> Iterator[Stored]:
-        for position, source in enumerate(task.sources, start=1):
+        for source in task.sources:
             try:
-                stored = _stored(task, source)
+                stored = read_stored(source, task.layout, size=task.pixels)
+                if wrong := implausible(stored, metadata):
+                    raise FrameError(f"{source}: {wrong}")
             except FrameError as error:
+                if len(task.sources) == 1:
+                    raise
                 errors.append(error)
                 digests.append("")
-                if len(errors) == position == len(task.sources):
+                if len(errors) == len(task.sources):
                     raise errors[0] from None
                 continue
             digests.append(content_digest(stored))
             yield stored
 
-    mean = frame_mean(readable(), saturated_counts=task.plan.metadata.voltage.saturated_counts)
+    if len(task.sources) == 1:
+        return next(readable()), Recording(digests[0], files)
+    mean = frame_mean(readable(), saturated_counts=metadata.voltage.saturated_counts)
     left_out = f"{len(errors)} of {len(task.sources)} frames left out of the mean: {errors[0]}" if errors else None
     return mean, Recording(Digest(",".join(digests).encode()).hexdigest(), files, left_out)
-
-
-def _stored(task: FrameTask, source: FrameSource) -> Stored:
-    stored = read_stored(source, task.layout, size=task.pixels)
-    wrong = implausible(stored, task.plan.metadata)
-    if wrong is not None:
-        raise FrameError(f"{source}: {wrong}")
-    return stored

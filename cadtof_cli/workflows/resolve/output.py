@@ -19,8 +19,8 @@ from cadtof_cli.files.atomic import remove_partial_files, writing
 from cadtof_cli.files.formats import MAP_FORMATS
 from cadtof_cli.files.reading import real_path
 from cadtof_cli.files.system import OPEN_OR_CREATE_FLAGS, read_at, remove_and_close, sync_folder, try_lock
+from cadtof_cli.workflows.resolve.record import FRAMES_FILE, RUN_FILE, read_record
 from cadtof_cli.workflows.resolve.settings import ResolveSettings
-from cadtof_cli.workflows.run_folder import FRAMES_FILE, RUN_FILE, read_record
 
 LOCK_FILE = ".cadtof.lock"
 
@@ -118,7 +118,7 @@ def require_own_places(captures: Sequence[Capture], out: Path, /) -> None:
         raise OutputError(f"{out}: the maps would be written among recorded frames; choose another folder with -o")
     names = set[str]()
     # the names in one capture differ
-    for name in itertools.chain.from_iterable(one.frame_names() for one in captures) if len(captures) > 1 else ():
+    for name in (frame.name for one in captures for frame in one.frames) if len(captures) > 1 else ():
         if name in names:
             frames = (frame for capture in captures for frame in capture.frames if frame.name == name)
             first, second = (frame.paths[0] for frame in itertools.islice(frames, 2))
@@ -174,11 +174,11 @@ def _first_names(names: Sequence[str]) -> str:
 
 def _existing_outputs(out: Path, captures: Sequence[Capture]) -> list[str]:
     """Return the files in a run's folder that the run would replace."""
-    folders = {out / name.rpartition("/")[0] for one in captures for name in one.frame_names() if "/" in name} | {out}
+    names = frame_names(captures)
+    folders = {out / folder for folder in {name.rpartition("/")[0] for name in names}} | {out}
     paths = (path for folder in folders if folder.is_dir() for path in folder.iterdir())
     there = sorted(path.relative_to(out).as_posix() for path in paths)
     maps = {file: file.rpartition(".")[0] for file in there if file.rpartition(".")[2] in MAP_FORMATS}
-    names = frame_names(captures) if maps else set()
     replaced = {file for file, stem in maps.items() if names.intersection({stem, re.sub(_PLACE_IN_STACK, "", stem)})}
     return [file for file in there if file in replaced or file in {RUN_FILE, FRAMES_FILE}]
 

@@ -1,20 +1,28 @@
-"""What a run does with each capture, and the calibration that it applies: planned before anything is written."""
+"""What a run does with each capture, the calibration that it applies, and what `run.json` says of both: planned before anything
+is written."""
 
 import itertools
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+import os
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import asdict
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from cadtof_cli import __version__
 from cadtof_cli.capture.frames import Capture, FrameSource, file_size, lossy_compression, open_frames, single_frames
 from cadtof_cli.errors import CaptureError, FrameError, SettingsError
 from cadtof_cli.files.formats import map_format
+from cadtof_cli.files.reading import real_path
 from cadtof_cli.frame_plan import CalibrationUse, FramePlan
 from cadtof_cli.phasors.noise import noise_model
 from cadtof_cli.phasors.plausible import implausible
 from cadtof_cli.records import dataclass
+from cadtof_cli.resolver.status import MEANING
+from cadtof_cli.resolver.two_path.kernel import chosen_kernel
 from cadtof_cli.units import counted
-from cadtof_cli.workflows.frame_report import FrameReport
 from cadtof_cli.workflows.resolve.frame_task import FrameTask
+from cadtof_cli.workflows.resolve.record import FrameReport
 from cadtof_cli.workflows.resolve.settings import ResolveSettings
 
 if TYPE_CHECKING:
@@ -171,6 +179,75 @@ def _require_plausible(capture: Capture, typical: FrameSource) -> None:
         wrong.append(f"{source}: {found}")
     if wrong:
         raise FrameError(wrong[0])
+
+
+def run_document(
+    inputs: Sequence[Path],
+    overrides: Mapping[str, Any],
+    settings: ResolveSettings,
+    plans: Sequence[CapturePlan],
+    calibration: AppliedCalibration | None,
+) -> dict[str, Any]:
+    """Return what `run.json` says of a run that begins; its arguments have the names of the options."""
+    maps, applied = settings.maps, None
+    if calibration is not None:
+        folder = calibration.use.folder
+        applied = {
+            "folder": str(folder),
+            "digest": calibration.use.digest,
+            "applied": dict(calibration.parts),
+            "absolute_folder": str(folder.absolute()),
+            "folder_from_out": os.path.relpath(folder, settings.out),
+        }
+    document = {
+        "cadtof": __version__,
+        "started": datetime.now(UTC).isoformat(timespec="seconds"),
+        "finished": False,
+        "kernel": chosen_kernel(),
+        "arguments": {
+            "inputs": [str(path) for path in inputs],
+            "absolute_inputs": [str(path.absolute()) for path in inputs],
+            "inputs_from_out": [os.path.relpath(path, settings.out) for path in inputs],
+            "resolved_inputs": [real_path(path) for path in inputs],
+            "out": str(settings.out),
+            **asdict(maps.resolver),
+            "min_confidence": maps.min_confidence_v,
+            "depth": maps.depth,
+            "pool": maps.pool,
+            "average": maps.average,
+            "calibration": settings.calibration and str(settings.calibration),
+            "map_format": settings.map_format,
+            "roi": maps.roi,
+            "recursive": settings.recursive,
+            "settings": settings.settings_file and str(settings.settings_file.absolute()),
+            "frames": settings.frames and [settings.frames.start, settings.frames.stop],
+            "overrides": dict(overrides),
+        },
+        "captures": list[dict[str, Any]](),
+        "calibration": applied,
+        "layers": {name: unit for one in plans for name, unit in one.plan.header.units.items()},
+        "status_bits": {bit.name: int(bit) for bit in MEANING},
+    }
+    record_captures(document, plans)
+    return document
+
+
+def record_captures(document: Mapping[str, Any], plans: Iterable[CapturePlan]) -> None:
+    """Add captures, or their further files, to those that `run.json` names."""
+    for one in plans:
+        capture = one.capture
+        known = next((entry for entry in document["captures"] if entry["root"] == str(capture.root)), None)
+        if known is None:
+            known = {
+                "root": str(capture.root),
+                "resolved_root": real_path(capture.root),
+                "files": 0,
+                "metadata": asdict(capture.source.metadata),
+                "origins": dict(capture.source.origins),
+                "lossy_compression": one.lossy_compression,
+            }
+            document["captures"].append(known)
+        known["files"] += len(capture.frames)
 
 
 def pooling_notes(plans: Sequence[CapturePlan], settings: ResolveSettings, /) -> Iterator[str]:

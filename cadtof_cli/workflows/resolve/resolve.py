@@ -14,13 +14,11 @@ from typing import Any
 from cadtof_cli.capture.discovery import find_placed_captures
 from cadtof_cli.capture.frames import Capture, frame_names
 from cadtof_cli.errors import RunStoppedError
-from cadtof_cli.execution.ordered import Outcome, WorkerDied, run_ordered
-from cadtof_cli.execution.workers import LOCAL
+from cadtof_cli.execution.ordered import LOCAL, Outcome, WorkerDied, run_ordered
 from cadtof_cli.files.atomic import PARTIAL_SUFFIX, make_folder, remove_partial_files, writing
 from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.two_path.kernel import NUMPY, numpy_note
 from cadtof_cli.units import counted
-from cadtof_cli.workflows.frame_report import ALREADY_THERE, FrameReport, RunTotals
 from cadtof_cli.workflows.progress import NO_PROGRESS, Progress
 from cadtof_cli.workflows.resolve.frame_task import FrameTask, resolve_file
 from cadtof_cli.workflows.resolve.output import locked, prepare_output, require_nothing_replaced, require_own_places
@@ -28,15 +26,11 @@ from cadtof_cli.workflows.resolve.plans import (
     CapturePlan,
     plan_captures,
     pooling_notes,
+    record_captures,
+    run_document,
     use_calibration,
 )
-from cadtof_cli.workflows.resolve.record import (
-    RunRecorder,
-    record_captures,
-    recorded_arrivals,
-    recorded_run,
-    run_document,
-)
+from cadtof_cli.workflows.resolve.record import ALREADY_THERE, FrameReport, RunRecorder, RunTotals, recorded_run
 from cadtof_cli.workflows.resolve.settings import ResolveSettings
 
 WORKER_DIED = "the worker process died twice on this frame (killed, or out of memory): try fewer --jobs"
@@ -80,7 +74,7 @@ def resolve_captures(
     waiting: list[Path] = []
     if arriving is not None:
         # as few modules as a run needs: each takes a third of a millisecond
-        from cadtof_cli.workflows.resolve.arrivals import Arrivals, without_incomplete_frames
+        from cadtof_cli.workflows.resolve.arrivals import Arrivals, recorded_arrivals, without_incomplete_frames
 
         captures, waiting = without_incomplete_frames(captures, inputs, settings)
     calibration = use_calibration(settings.calibration, captures) if settings.calibration else None
@@ -218,7 +212,7 @@ class _Run:
                 f"{self.settings.out}: takes no more maps, so the run stopped there, {counted(self.totals.ok, 'frame')}"
                 " resolved; mend that and go on with --resume"
             )
-        self.progress.advance()
+        self.progress.advance(total=self.expected)
 
     def finish(self) -> RunTotals:
         """Complete the record, and return what has become of the frames in this run."""
@@ -233,23 +227,19 @@ class _Run:
         self, plans: Sequence[CapturePlan], expected: Sequence[int], taken: Callable[[], Collection[str]]
     ) -> Iterator[FrameTask]:
         """Yield tasks, so many of each plan as far as is known; they are drawn as places for them come free."""
-        self._expect(sum(expected))
+        self.expected += sum(expected)
+        self.progress.advance(0, total=self.expected)
         for one, count in zip(plans, expected, strict=True):
             number = 0
             tasks = one.tasks(self.settings, taken=taken, before=self.record.before, token=self.token)
             for number, task in enumerate(tasks, start=1):
-                if number > count:
-                    self._expect(1)
+                self.expected += number > count
                 if "/" in task.sources[0].name:
                     with writing(task.output.parent):
                         task.output.parent.mkdir(parents=True, exist_ok=True)
                 yield task
-            self._expect(min(number - count, 0))
-
-    def _expect(self, more: int) -> None:
-        """There will be so many files of maps more, or fewer, as far as is known."""
-        self.expected += more
-        self.progress.total(self.expected)
+            self.expected += min(number - count, 0)
+            self.progress.advance(0, total=self.expected)
 
 
 def _lost(worker: WorkerDied) -> str:

@@ -5,14 +5,14 @@ import time
 from collections.abc import Generator, Iterable, Iterator
 from contextlib import closing
 
-from cadtof_cli.execution.ordered import Outcome, WorkerDied, run_ordered
-from cadtof_cli.execution.workers import Workers, keep_freed_memory
+from cadtof_cli.execution.ordered import Outcome, WorkerDied, Workers, run_ordered
+from cadtof_cli.execution.workers import keep_freed_memory
 from cadtof_cli.files.maps import DepthMaps
 from cadtof_cli.frame_pixels import FramePixels
 from cadtof_cli.pipeline import joined_parts, prepare_frame, resolve_pixels
 from cadtof_cli.records import dataclass
-from cadtof_cli.workflows.frame_report import FrameReport
 from cadtof_cli.workflows.resolve.frame_task import FrameTask, Recording, attempted, kept_maps, read_frame, written
+from cadtof_cli.workflows.resolve.record import FrameReport
 
 
 @dataclass(frozen=True)
@@ -79,6 +79,6 @@ def _whole(frame: list[Outcome[FramePart, DepthMaps | FrameReport]]) -> Outcome[
         assert isinstance(first.pixels, FramePixels)
         assert first.recording is not None
         resolved = joined_parts(first.pixels, found)
-        return written(first.task, resolved, first.recording, began=began).finish()
+        return written(first.task, resolved, first.recording, began=began).wait()
 
     return Outcome(first.task, attempted(first.task, write, began=began))

@@ -11,7 +11,7 @@ from cadtof_cli import __version__
 from cadtof_cli.arrays import Float
 from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Optics, Pixel, Pulse, Target, Voltage
 from cadtof_cli.capture.toml import FILE_NAME, toml_text
-from cadtof_cli.execution.workers import ALONE, Workers
+from cadtof_cli.execution.ordered import ALONE, Workers
 from cadtof_cli.files.atomic import new_folder
 from cadtof_cli.files.formats import FRAME_FORMATS, format_by_name
 from cadtof_cli.files.frames import FrameLayout
@@ -93,7 +93,7 @@ def record_scene(
         SettingsError: the scene cannot be recorded.
     """
     exposure = settings.exposure
-    progress.total(len(band_rows(exposure.camera.height)) + settings.frames)
+    progress.advance(0, total=len(band_rows(exposure.camera.height)) + settings.frames)
     with new_folder(out) as folder:
         whole = expose(exposure, workers=workers, progress=progress)
         frames = frames_of(settings, whole, progress=progress)

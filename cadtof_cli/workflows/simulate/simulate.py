@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from cadtof_cli.execution.workers import ALONE, Workers
+from cadtof_cli.execution.ordered import ALONE, Workers
 from cadtof_cli.files.atomic import new_folder
 from cadtof_cli.files.documents import plain, write_rows
 from cadtof_cli.simulation.pixel.pixel import evolution
@@ -22,7 +22,7 @@ def simulate_trials(
 ) -> list[TrialsSummary]:
     """Run all trials, the blocks of all of them in parallel, and sum each up; a step is a block."""
     work = [(trials, block) for trials in every for block in trials.blocks]
-    progress.total(len(work))
+    progress.advance(0, total=len(work))
     made = results(_run, work, workers=workers.at_most(len(work)), progress=progress)
     return [summary(trials, Recordings.joined([next(made) for _ in trials.blocks])) for trials in every]
 

@@ -5,7 +5,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from cadtof_cli.execution.workers import ALONE, Workers
+from cadtof_cli.execution.ordered import ALONE, Workers
 from cadtof_cli.files.atomic import atomic_write, new_folder, require_absent
 from cadtof_cli.files.documents import csv_text
 from cadtof_cli.simulation.pixel.mix import require

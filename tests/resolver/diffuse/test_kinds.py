@@ -7,8 +7,7 @@ from numpy.testing import assert_allclose
 from cadtof_cli.arrays import Bool, Complex, Float
 from cadtof_cli.resolver.diffuse.choice import (
     PatchKinds,
-    lit_patches,
-    misfit_without_mpi,
+    misfits_without_mpi,
     mpi_probability,
     patch_kinds,
     separate_patches,
@@ -32,9 +31,9 @@ def frame(ratios: list[complex], *, third: complex = 0.7) -> PatchMeans:
     return PatchMeans(ratio, 0.2 * one, 64.0 * one, 0.0 * one)
 
 
-def kinds(means: PatchMeans, model: MpiModel = "auto") -> PatchKinds:
+def kinds(means: PatchMeans, model: MpiModel = "auto", *, sampled: int = 64) -> PatchKinds:
     settings = DiffuseSettings(model=model, period_ns=40.0, harmonics=(1, 2, 3))
-    return patch_kinds(means, VARIANCES, sampled=64, settings=settings)
+    return patch_kinds(means, VARIANCES, sampled=sampled, settings=settings)
 
 
 def test_a_room_with_a_tail_gets_one() -> None:
@@ -59,11 +58,16 @@ def test_up_to_fifteen_in_a_hundred_patches_may_be_separate() -> None:
 
 
 def test_ratios_of_one_are_no_mpi_and_separate_patches_among_them_stay_known() -> None:
-    found = kinds(frame([np.exp(0.5j)] + [1.0] * 99, third=1.0))
-    assert found.reason == "tail"
+    found = kinds(frame([np.exp(0.5j)] + [TAIL] * 60 + [1.0] * 39, third=1.0))
+    assert (found.reason, found.separate.sum()) == ("tail", 1)
     none = kinds(frame([1.0] * 100, third=1.0))
     assert (none.reason, none.separate_share) == ("no MPI to be seen", 0.0)
     assert kinds(frame([1.0] * 100, third=1.0), "diffuse").reason == "tail"
+
+
+@pytest.mark.parametrize(("clean", "reason"), [(49, "tail"), (51, "no MPI to be seen")])
+def test_half_a_view_without_mpi_has_no_tail_in_the_rest(clean: int, reason: str) -> None:
+    assert kinds(frame([1.0] * clean + [TAIL] * (100 - clean), third=1.0)).reason == reason
 
 
 @pytest.mark.parametrize(("times", "reason"), [(1.3, "no MPI to be seen"), (1.5, "tail")])
@@ -76,7 +80,7 @@ def test_mpi_is_to_be_seen_from_twice_the_noise_s_square_on(times: float, reason
     means = frame([second] * 80, third=third)
     assert kinds(means).reason == reason
     lit = np.ones((1, 80), bool)
-    assert_allclose(misfit_without_mpi(means, lit, VARIANCES, harmonics=(1, 2, 3)), times**2)
+    assert_allclose(np.mean(misfits_without_mpi(means, lit, VARIANCES, harmonics=(1, 2, 3))), times**2)
 
 
 def test_noise_alone_speaks_against_mpi_and_the_misfit_of_a_room_leaves_no_doubt() -> None:
@@ -108,17 +112,17 @@ def test_the_misfit_is_the_mean_over_lit_patches_alone() -> None:
     means = frame([1.0, 1.0 - 5e-3, 7.0], third=1.0)
     lit: Bool = np.array([[True, True, False]])
     alone = (5e-3) ** 2 / (3 * SIGMA**2) * 0.2**2 * 64.0
-    assert_allclose(misfit_without_mpi(means, lit, VARIANCES, harmonics=(1, 2, 3)), alone / 8, rtol=1e-9)
+    found = misfits_without_mpi(means, lit, VARIANCES, harmonics=(1, 2, 3))
+    assert_allclose(np.mean(found), alone / 8, rtol=1e-9)
 
 
 def test_a_patch_counts_with_light_in_a_tenth_of_its_pixels_and_three_times_its_noise() -> None:
     amplitude, pixels = np.array([0.0031, 0.0029, 0.2, 0.2]), np.array([64.0, 64.0, 6.0, 7.0])
     means = PatchMeans(np.ones((1, 4), complex), amplitude, pixels, np.zeros(4))
-    assert lit_patches(means, SIGMA, sampled=64).tolist() == [True, False, False, True]
-    assert lit_patches(means, SIGMA, sampled=60).tolist() == [True, False, False, True]
-    assert lit_patches(
-        PatchMeans(np.ones((1, 1), complex), np.array([3 * SIGMA]), np.array([64.0]), np.zeros(1)), SIGMA, sampled=64
-    ).tolist() == [False]
+    for sampled in (64, 60):
+        assert kinds(means, sampled=sampled).lit.tolist() == [True, False, False, True]
+    least = PatchMeans(np.ones((1, 1), complex), np.array([3 * SIGMA]), np.array([64.0]), np.zeros(1))
+    assert kinds(least).lit.tolist() == [False]
 
 
 @pytest.mark.parametrize(

@@ -1,10 +1,12 @@
 """The light of patches against sums over their pixels one by one."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from cadtof_cli.resolver.diffuse.light import PatchMeans, is_light, patch_light, patch_means, without_bias
+from cadtof_cli.resolver.diffuse.light import is_light, patch_light, patch_means
 
 HARMONICS = (1, 2, 4)
 
@@ -18,7 +20,7 @@ def test_ratios_are_free_of_the_direct_phase_and_weighted_by_power() -> None:
     seen = rng.random((9, 2, 3)) < 0.8
     spoilt = np.where(seen, p, 1e200)
     found = patch_light(spoilt, seen, harmonics=HARMONICS)
-    means = patch_means(found, np.ones_like(seen))
+    means = patch_means(found, np.ones_like(seen), variance=0.0, harmonics=HARMONICS)
     for row, h in zip(means.ratios, HARMONICS[1:], strict=True):
         expected = light[h] / abs(light[1]) * np.exp(-1j * h * np.angle(light[1]))
         assert_allclose(row, np.full((2, 3), expected), rtol=1e-6)
@@ -35,7 +37,7 @@ def test_pixels_of_different_light_count_by_their_power() -> None:
     second = first * np.array([0.5, 1.0 + 0.2j, -0.4j])
     light = patch_light(np.stack([first + 0j, second]), np.ones(3, bool), harmonics=(1, 2))
     among = np.array([True, True, False])
-    means = patch_means(light, among)
+    means = patch_means(light, among, variance=0.0, harmonics=(1, 2))
     assert_allclose(means.ratios, [(0.01 * 0.5 + 0.09 * (1.0 + 0.2j)) / 0.1], rtol=1e-6)
     assert_allclose((means.amplitude, means.pixels), (np.sqrt(0.05), 2.0), rtol=1e-6)
 
@@ -49,21 +51,17 @@ def test_noise_makes_ratios_neither_smaller_nor_larger(amplitude: float, sigma: 
     count = 400_000
     first = amplitude + along * rng.standard_normal(count) + 1j * across * rng.standard_normal(count)
     light = patch_light(np.stack([first, *[np.full(count, amplitude)] * 2]), np.ones(count, bool), harmonics=(1, 2, 3))
-    biased = patch_means(light, np.ones(count, bool))
+    mean = partial(patch_means, light, np.ones(count, bool), harmonics=(1, 2, 3))
+    biased = mean(variance=0.0)
     assert (np.abs(biased.ratios) < 1.0 - 1.5 * (across / amplitude) ** 2).all()
-    freed = without_bias(biased, sigma**2, harmonics=(1, 2, 3)).ratios
+    freed = mean(variance=sigma**2).ratios
     assert (np.abs(freed - 1.0) < 0.05 * np.abs(biased.ratios - 1.0) + 15.0 * across / amplitude / np.sqrt(count)).all()
 
 
-def test_without_noise_and_without_pixels_ratios_stay_as_they_are() -> None:
-    means = PatchMeans(np.array([[0.7 + 0.1j, 0.0]]), np.array([0.2, 0.0]), np.array([9.0, 0.0]), np.zeros(2))
-    assert without_bias(means, 0.0, harmonics=(1, 2)).ratios.tolist() == means.ratios.tolist()
-    assert without_bias(means, 1e-4, harmonics=(1, 2)).ratios[0, 1] == 0.0
-
-
-def test_patches_without_pixels_have_no_amplitude_and_finite_ratios() -> None:
+@pytest.mark.parametrize("variance", [0.0, 1e-4])
+def test_patches_without_pixels_have_no_amplitude_and_finite_ratios(variance: float) -> None:
     light = patch_light(np.full((2, 4), np.nan + 0j), np.zeros(4, bool), harmonics=(1, 2))
-    means = patch_means(light, np.ones(4, bool))
+    means = patch_means(light, np.ones(4, bool), variance=variance, harmonics=(1, 2))
     assert (means.ratios.tolist(), float(means.amplitude), float(means.pixels)) == ([0.0], 0.0, 0.0)
 
 

@@ -1,11 +1,12 @@
 """The state of a room and of its patches: where the model is linear, what Gaussians that are conditioned all at once give."""
 
-from dataclasses import dataclass, field
+from dataclasses import field
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.diffuse.patch_fit import PatchFit, fitted_patches
 from cadtof_cli.resolver.diffuse.prior import MEAN, between_rooms, within_room
 from cadtof_cli.resolver.diffuse.radiosity import Interreflections

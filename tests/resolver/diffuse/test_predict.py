@@ -106,20 +106,40 @@ def test_a_weak_first_surface_is_left_to_two_paths_unless_told_otherwise() -> No
     assert isinstance(model_of(p, model="discrete"), DiffuseChoice)
 
 
+@pytest.mark.parametrize(("third", "reason"), [(0.0, "separate paths"), (0.2, "no tail fits")])
 @pytest.mark.parametrize("delay_ns", [8.0, 11.0])
-def test_with_three_harmonics_a_strong_second_path_is_told_from_a_tail(delay_ns: float) -> None:
-    second = {h: 0.6 * np.exp(1j * h * OMEGA * delay_ns) for h in (1, 2, 3)}
-    found = model_of(phasors_of(wall_range(96, 128, 120.0), second, harmonics=(1, 2, 3)), focal_px=120.0)
+def test_with_three_harmonics_strong_further_paths_are_told_from_a_tail(
+    delay_ns: float, third: float, reason: str
+) -> None:
+    """Two paths foretell the third harmonic; three do not, but no tail comes near them either."""
+    mpi = {
+        h: 0.6 * np.exp(1j * h * OMEGA * delay_ns) + third * np.exp(1j * h * OMEGA * (delay_ns + 3.0))
+        for h in (1, 2, 3)
+    }
+    found = model_of(phasors_of(wall_range(96, 128, 120.0), mpi, harmonics=(1, 2, 3)), focal_px=120.0)
     assert isinstance(found, DiffuseChoice)
-    assert found.reason == "no tail fits"
+    assert found.reason == reason
 
 
-@pytest.mark.parametrize(("share", "harmonics"), [(0.08, (1, 2)), (0.1, (1, 2)), (0.1, (1, 2, 3))])
-def test_weak_second_paths_of_all_delays_are_no_tail(share: float, harmonics: tuple[int, ...]) -> None:
+def weak_paths(share: float, harmonics: tuple[int, ...], more: float, n_av: float) -> DiffuseChoice | DiffuseModel:
+    """A frame whose second path has that share of the light, 3 to 20 ns late from left to right, and more of it down."""
+    delay_ns, down = np.linspace(3.0, 20.0, 192), np.linspace(0.0, more, 144)[:, None]
+    second: dict[int, Z] = {h: np.asarray(share * np.exp(down + 1j * h * OMEGA * delay_ns)) for h in harmonics}
+    p = phasors_of(wall_range(144, 192, 180.0, 0.8), second, harmonics=harmonics, n_av=n_av)
+    return model_of(p, focal_px=180.0, n_av=n_av)
+
+
+@pytest.mark.parametrize("harmonics", [(1, 2), (1, 2, 3)])
+@pytest.mark.parametrize(("share", "n_av"), [(0.01, 1e5), (0.02, 1e5), (0.02, 1e4), (0.1, 2e3), (0.1, 1e6), (0.3, 1e4)])
+def test_second_paths_of_one_share_are_no_tail(share: float, harmonics: tuple[int, ...], n_av: float) -> None:
     """Each of them alone could be one: they lower |H_2|, and make it lag."""
-    delay_ns = np.linspace(3.0, 20.0, 192)
-    second = {h: np.broadcast_to(share * np.exp(1j * h * OMEGA * delay_ns), (144, 192)) for h in harmonics}
-    found = model_of(phasors_of(wall_range(144, 192, 180.0, 0.8), second, harmonics=harmonics), focal_px=180.0)
+    found = weak_paths(share, harmonics, 0.0, n_av)
+    assert isinstance(found, DiffuseChoice)
+    assert (found.taken, found.reason) == ("discrete", "separate paths")
+
+
+def test_second_paths_of_all_shares_and_delays_are_no_tail() -> None:
+    found = weak_paths(0.05, (1, 2), 1.4, 1e5)
     assert isinstance(found, DiffuseChoice)
     assert (found.taken, found.reason) == ("discrete", "no tail fits")
 

@@ -1,0 +1,168 @@
+"""What every frame of one plan, type and size shares: how stored values become phasors, paths and maps."""
+
+from functools import cached_property, lru_cache
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from cadtof_cli.arrays import Complex, Status, Stored, sealed
+from cadtof_cli.calibration.apply import FrameCorrection, frame_correction
+from cadtof_cli.frame_pixels import EVERY, FramePixels, Where
+from cadtof_cli.frame_plan import FramePlan
+from cadtof_cli.maps.depth import DepthScale, most_volts
+from cadtof_cli.maps.layers import Layer
+from cadtof_cli.optics import LampBeside, planar_per_range, principal_point
+from cadtof_cli.phasors.noise import NoiseModel, noise_model
+from cadtof_cli.phasors.voltages import phasors_from_stored, saturated_pixels
+from cadtof_cli.records import dataclass
+from cadtof_cli.resolver.settings import ResolverSettings
+from cadtof_cli.resolver.status import StatusBit
+from cadtof_cli.resolver.two_path.kernel import FrameKernel, KernelScales, saturation
+from cadtof_cli.units import metres_per_radian
+
+if TYPE_CHECKING:
+    from cadtof_cli.calibration.store import Calibration
+    from cadtof_cli.capture.metadata import CaptureMetadata
+    from cadtof_cli.resolver.diffuse.grid import PatchGrid
+    from cadtof_cli.resolver.diffuse.light import Look
+    from cadtof_cli.resolver.diffuse.records import DiffuseModel
+    from cadtof_cli.resolver.diffuse.settings import DiffuseSettings
+
+
+@dataclass(frozen=True, eq=False)
+class Prediction:
+    """What the MPI of frames is predicted with: how they are cut, and what is asked for."""
+
+    grid: "PatchGrid"
+    settings: "DiffuseSettings"
+
+
+@dataclass(frozen=True, eq=False)
+class FrameStages:
+    """What every block of frames of one plan, type and size shares.
+
+    `noise` None: it is to be estimated from each frame; `prediction` None: its MPI is taken for separate paths.
+    """
+
+    saturated_counts: tuple[float, float] | None
+    correction: FrameCorrection
+    depth: DepthScale
+    resolver: ResolverSettings
+    room: str
+    layers: tuple[Layer, ...]
+    noise: NoiseModel | None
+    prediction: Prediction | None
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """The names of the layers."""
+        return tuple(layer.name for layer in self.layers)
+
+    def phasors(self, pixels: FramePixels, chosen: Where = EVERY) -> Complex:
+        """Return the phasors of pixels or some of them, (H, n): pooled, or from what was stored."""
+        if pixels.pooled is not None:
+            return _some(pixels.pooled, chosen)
+        return phasors_from_stored(_some(pixels.stored, chosen), self.correction.phasor_map[pixels.places(chosen)])
+
+    def status(self, pixels: FramePixels, chosen: Where = EVERY, *, saturated: bool = True) -> Status:
+        """Return the bits of pixels or some of them that get no answer whatever they hold, (n,): hot; saturated if asked for."""
+        hot = self.correction.hot
+        bits = np.uint32(0) if hot is None else hot[pixels.places(chosen)] * np.uint32(StatusBit.HOT_PIXEL)
+        if saturated:
+            beyond = saturated_pixels(_some(pixels.stored, chosen), self.saturated_counts)
+            bits = bits | beyond * np.uint32(StatusBit.SATURATED)
+        return np.asarray(bits, np.uint32)
+
+
+def _some(planes: Stored, chosen: Where) -> Stored:
+    """Return some pixels of planes, (…, n), each plane's as neighbours."""
+    return planes[..., chosen] if isinstance(chosen, slice) else planes.take(chosen, axis=-1)
+
+
+@lru_cache(maxsize=4)
+def frame_stages(
+    plan: FramePlan, calibration: "Calibration | None", dtype: np.dtype[np.generic], size: tuple[int, int]
+) -> FrameStages:
+    """Return what every block of frames of one plan, type and size shares; raises SettingsError where they do not fit."""
+    if (plan.calibration is None) != (calibration is None):
+        raise ValueError("a plan with a calibration needs it loaded, and one without has no use for it")
+    metadata = plan.metadata
+    correction = frame_correction(calibration, metadata, dtype, size)
+    depth = DepthScale(
+        metres_per_radian(metadata.modulation.periods_ns[0]),
+        metadata.modulation.amplitude_v,
+        planar_per_range(metadata.optics, size).ravel() if plan.settings.depth == "z" else None,
+        correction.range_offset_m if plan.calibration and plan.calibration.curved else None,
+        LampBeside.of(metadata.optics, size),
+    )
+    resolver, n_av, noise = plan.resolver, metadata.pixel.integration_length, None
+    room = resolver.room(metadata.modulation.harmonics, sine=correction.response is None)
+    if n_av is not None:
+        noise = noise_model(metadata, integration_length=n_av, quantised=dtype.kind in "iu")
+    may_be_diffuse = resolver.may_be_diffuse(metadata.modulation.harmonics)
+    prediction = _prediction(metadata, size, resolver) if may_be_diffuse else None
+    saturated = metadata.voltage.saturated_counts
+    return sealed(FrameStages(saturated, correction, depth, resolver, room, plan.layers, noise, prediction))
+
+
+def _prediction(metadata: "CaptureMetadata", size: tuple[int, int], resolver: ResolverSettings) -> Prediction:
+    from cadtof_cli.resolver.diffuse.grid import View, assumed_view, patch_grid
+    from cadtof_cli.resolver.diffuse.settings import DiffuseSettings
+
+    modulation, optics = metadata.modulation, metadata.optics
+    focal = optics.focal_length_px
+    view = View(focal, principal_point(optics, size)) if focal else assumed_view(*size)
+    period_ns = modulation.periods_ns[0]
+    asked = DiffuseSettings(model=resolver.mpi_model, period_ns=period_ns, harmonics=modulation.harmonics)
+    return Prediction(patch_grid(*size, view), asked)
+
+
+def kernel_of_frame(
+    stages: FrameStages,
+    first: int,
+    count: int,
+    noise: NoiseModel,
+    source_type: np.dtype[np.generic],
+    kernel: str,
+    model: "DiffuseModel | None" = None,
+) -> FrameKernel:
+    """Return what resolves `count` pixels of a frame from a flat index on, from what was recorded or from complex phasors."""
+    block = slice(first, first + count)
+    most, more = most_volts(noise, stages.depth.amplitude_v)
+    tail = None
+    if model is not None:
+        from cadtof_cli.resolver.diffuse.compiled import tail_buffers
+
+        tail = tail_buffers(model.block(block))
+    scales = KernelScales(
+        phasor_map=stages.correction.phasor_map[block] if source_type.kind != "c" else None,
+        saturated_counts=stages.saturated_counts,
+        metres=stages.depth.metres(block),
+        volts=stages.depth.amplitude_v,
+        phase_offset_rad=stages.depth.phase_offset_rad(block),
+        tail=tail,
+        most_volts=most,
+        noise_volts=more,
+    )
+    return FrameKernel(
+        scales, settings=stages.resolver, noise=noise, count=count, source_type=source_type, kernel=kernel
+    )
+
+
+kernel_of_frames = lru_cache(maxsize=4)(kernel_of_frame)
+"""The same, where frames share it: nothing in it is a frame's own."""
+
+
+def look_at_frame(stages: FrameStages, noise: NoiseModel, stored: np.dtype[np.generic], kernel: str) -> "Look | None":
+    """Return what the kernel looks at recorded pixels with; None where numpy has to."""
+    from cadtof_cli.resolver.diffuse.light import Look, compiled_looks
+
+    correction = stages.correction
+    if correction.response is not None or not compiled_looks(stored, len(noise.each), kernel):
+        return None
+    limits = saturation(stages.saturated_counts, stored)
+    return Look.of(stages.resolver, noise, correction.phasor_map, limits, correction.hot)
+
+
+look_at_frames = lru_cache(maxsize=4)(look_at_frame)
+"""The same, where frames share it: nothing in it is a frame's own."""

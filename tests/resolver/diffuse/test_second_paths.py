@@ -1,0 +1,178 @@
+"""Frames of two true paths, by their physics, are told from those with a tail, and rooms' tails are not taken for them."""
+
+from functools import partial
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from cadtof_cli.arrays import Bool, Complex, Float
+from cadtof_cli.resolver.diffuse.light import PatchMeans
+from cadtof_cli.resolver.diffuse.second_paths import (
+    PatchData,
+    SecondPaths,
+    are_two_paths,
+    foretells,
+    has_one_share,
+    median_of_noise,
+)
+from cadtof_cli.resolver.two_path.kernel import available_kernels
+from tests.support.diffuse_frames import OMEGA, F, Tail
+
+SIGMA = 1e-3
+
+COUNT = 300
+
+LIT: Bool = np.ones((15, 20), np.bool_)
+
+LATER = np.linspace(3.0, 18.0, COUNT)
+
+
+def data(*mpi: Complex, sigma: float = SIGMA, noisy: bool = True, seed: int = 0) -> PatchData:
+    """Patches of 64 pixels of amplitude .2 whose MPI over direct light at every harmonic is given."""
+    rng, each = np.random.default_rng(seed), sigma / (0.2 * 8.0)
+    noise = each * (rng.normal(size=(len(mpi), COUNT)) + 1j * rng.normal(size=(len(mpi), COUNT)))
+    phasors = 1.0 + np.stack(mpi) + (noise if noisy else 0.0)
+    turn = np.conj(phasors[0]) / np.abs(phasors[0])
+    ratios = np.stack([p / np.abs(phasors[0]) * turn**h for h, p in enumerate(phasors[1:], start=2)])
+    amplitude = 0.2 * np.abs(phasors[0])
+    shape = LIT.shape
+    means = PatchMeans(ratios.reshape(-1, *shape), amplitude.reshape(shape), np.full(shape, 64.0), np.zeros(shape))
+    return PatchData.of(means, LIT, np.full(len(mpi), sigma**2), tuple(range(1, len(mpi) + 1)))
+
+
+def second(share: float | F, later_ns: float | F, harmonics: int = 2) -> list[Complex]:
+    turn: Complex = np.exp(1j * OMEGA * np.broadcast_to(later_ns, COUNT))
+    return [share * turn**h for h in range(1, harmonics + 1)]
+
+
+def tails(harmonics: int, scatter: float, seed: int = 1) -> list[Complex]:
+    """A tail for every patch, as strong and as late as drawn."""
+    rng = np.random.default_rng(seed)
+    strengths, starts = 0.2 * np.exp(rng.normal(size=COUNT) * scatter), 4.0 + rng.normal(size=COUNT) * 6.0 * scatter
+    each = [Tail(strength, start) for strength, start in zip(strengths, starts, strict=True)]
+    return [np.array([tail.phasor(h) for tail in each]) for h in range(1, harmonics + 1)]
+
+
+one_share = partial(has_one_share, rad_per_ns=OMEGA)
+two_paths = partial(are_two_paths, rad_per_ns=OMEGA)
+
+
+def found(patches: PatchData) -> SecondPaths:
+    return SecondPaths.of(patches.ratios[0])
+
+
+@pytest.mark.parametrize("share", [0.02, 0.1, 0.5])
+def test_second_paths_are_those_that_were_put_in(share: float) -> None:
+    paths = found(data(*second(share, LATER), noisy=False))
+    assert_allclose(paths.strength, np.log(share), rtol=1e-6)
+    assert_allclose(paths.later_rad, OMEGA * LATER, rtol=1e-6)
+
+
+def test_the_stronger_of_two_paths_is_not_the_second() -> None:
+    paths = found(data(*second(2.5, 9.0), noisy=False))
+    assert_allclose(paths.strength, -np.log(2.5), rtol=1e-6)
+    assert_allclose(paths.later_rad, -OMEGA * 9.0, rtol=1e-6)
+
+
+@pytest.mark.parametrize("share", [0.01, 0.02, 0.1, 0.5])
+def test_one_share_at_many_delays_is_two_paths(share: float) -> None:
+    patches = data(*second(share, LATER))
+    assert one_share(found(patches), patches)
+    assert two_paths(patches)
+
+
+@pytest.mark.parametrize("scatter", [0.1, 0.3, 1.0])
+def test_tails_are_not_of_one_share_and_foretell_no_third_harmonic(scatter: float) -> None:
+    assert not two_paths(data(*tails(2, scatter)))
+    assert not two_paths(data(*tails(3, scatter)))
+
+
+def test_shares_that_follow_the_delay_are_not_one() -> None:
+    """By a tenth for every ns, as a room has it at the least; a third of that may be one share that is measured."""
+    for per_ns, same in ((0.1, False), (0.03, True)):
+        patches = data(*second(0.2 * np.exp(-per_ns * LATER), LATER))
+        assert one_share(found(patches), patches) is same
+
+
+def test_the_same_share_at_the_same_delay_may_be_a_tail() -> None:
+    for share in (0.02, 0.2):
+        patches = data(*second(share, 9.0))
+        assert not one_share(found(patches), patches)
+
+
+def test_noise_that_hides_how_shares_scatter_makes_no_two_paths() -> None:
+    """At a room's least scatter, with noise of shares from less to more than that."""
+    rng = np.random.default_rng(2)
+    scatter = rng.normal(size=COUNT)
+    mpi = second(0.1 * np.exp(0.1 * scatter), 9.0 + 0.8 * scatter)
+    for sigma in (1e-4, 1e-3, 3e-3, 1e-2, 3e-2):
+        for seed in range(10):
+            patches = data(*mpi, sigma=sigma, seed=seed)
+            assert not one_share(found(patches), patches)
+
+
+def test_few_patches_do_not_tell() -> None:
+    few = np.where(np.arange(COUNT) < 63, 1.0, 0.0)
+    for more, same in ((0, False), (2, True)):
+        share = 0.1 * np.roll(few, 0) + 0.1 * (np.arange(COUNT) >= COUNT - more)
+        patches = data(*second(share, np.roll(LATER, 40)))
+        with np.errstate(all="ignore"):
+            assert one_share(found(patches), patches) is same
+
+
+@pytest.mark.parametrize("harmonics", [3, 4])
+def test_two_paths_foretell_further_harmonics_whatever_their_shares_and_delays(harmonics: int) -> None:
+    rng = np.random.default_rng(3)
+    patches = data(*second(0.1 * np.exp(rng.normal(size=COUNT)), 9.0 + rng.normal(size=COUNT), harmonics))
+    assert not one_share(found(patches), patches)
+    assert foretells(found(patches), patches)
+    assert two_paths(patches)
+
+
+def test_two_harmonics_foretell_nothing() -> None:
+    patches = data(*second(0.1, 9.0))
+    assert not foretells(found(patches), patches)
+
+
+def test_a_third_path_is_not_foretold() -> None:
+    mpi = [a + b for a, b in zip(second(0.1, 9.0, 3), second(0.03, 14.0, 3), strict=True)]
+    patches = data(*mpi)
+    assert not foretells(found(patches), patches)
+
+
+def test_mpi_that_is_hardly_seen_is_not_foretold() -> None:
+    """|q_2 − 1| of a share of .01, 9 ns late, is .02; its noise is √(2.5 + 1) · σ/(.2 · 8)."""
+    mpi = second(0.01, 9.0, 3)
+    for sigma, seen in ((1.5e-3, True), (4e-3, False)):
+        patches = data(*mpi, sigma=sigma)
+        assert foretells(found(patches), patches) is seen
+
+
+def test_misses_of_what_is_foretold_are_those_of_noise() -> None:
+    """What is missed by noise alone has the median of noise, for any share: their covariance is right."""
+    shares: Float = np.array([0.02, 0.1, 0.4])
+    for share in shares:
+        patches = data(*second(share, 9.0, 3), sigma=5e-4)
+        assert foretells(found(patches), patches)
+        worse = PatchData(patches.ratios, patches.relative / 1.6, patches.harmonics)
+        assert not foretells(found(worse), worse)
+
+
+@pytest.mark.parametrize("numbers", [2, 4, 8])
+def test_the_median_of_noise(numbers: int) -> None:
+    drawn = np.random.default_rng(5).chisquare(numbers, 400_000)
+    assert_allclose(median_of_noise(numbers), np.median(drawn), rtol=0.02)
+
+
+@pytest.mark.parametrize("kernel", available_kernels())
+def test_every_kernel_says_the_same(kernel: str) -> None:
+    patches = data(*second(0.1, LATER))
+    one, other = SecondPaths.of(patches.ratios[0]), SecondPaths.of(patches.ratios[0], kernel=kernel)
+    np.testing.assert_array_equal(one.strength, other.strength)
+    np.testing.assert_array_equal(one.later_rad, other.later_rad)
+
+
+def test_light_without_mpi_has_no_second_paths() -> None:
+    assert not two_paths(data(*second(0.0, 9.0)))
+    assert not two_paths(data(*second(0.0, 9.0), noisy=False))
