@@ -23,7 +23,7 @@ def simulate_trials(
     """Run all trials, the blocks of all of them in parallel, and sum each up; a step is a block."""
     work = [(trials, block) for trials in every for block in trials.blocks]
     progress.advance(0, total=len(work))
-    made = results(_run, work, workers=workers.at_most(len(work)), progress=progress)
+    made = results(_run, work, workers=workers, progress=progress)
     return [summary(trials, Recordings.joined([next(made) for _ in trials.blocks])) for trials in every]
 
 
