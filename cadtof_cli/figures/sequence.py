@@ -10,9 +10,9 @@ from pathlib import Path
 import matplotlib as mpl
 import numpy as np
 from matplotlib.colors import to_rgb
-from matplotlib.figure import Figure
 
 from cadtof_cli.errors import SettingsError
+from cadtof_cli.figures.canvas import Figure
 from cadtof_cli.figures.kinds import save
 from cadtof_cli.figures.page import Block, Image, Scaled, add_bar, add_legend, page_figure
 from cadtof_cli.figures.pixel_classes import PixelClass
