@@ -64,22 +64,18 @@ def find_captures(
                 )
             captures += ((one, True) for one in below)
             continue
-        source = source_of(root)
-        if is_whole:
-            names = _images(root, source)
-            if not names and (below := list(_below(root, source_of))):
-                others = _first_names(str(one.root) for one in below)
-                raise CaptureError(
-                    f"{root}: no frames in this folder; captures below it: {others}; name one of them, or"
-                    " add --recursive to resolve or info"
-                )
-        else:
-            # a shell that expands cap/* hands over the metadata too
-            there = list(dict.fromkeys(path.absolute().relative_to(root.absolute()).as_posix() for path in group))
-            names = [name for name in there if name != FILE_NAME]
-        found = _capture(root, source, names)
+        source, named = source_of(root), None
+        if not is_whole:
+            named = list(dict.fromkeys(path.absolute().relative_to(root.absolute()).as_posix() for path in group))
+        found = _capture(root, source, named)
+        if found is None and is_whole and (below := list(_below(root, source_of))):
+            others = _first_names(str(one.root) for one in below)
+            raise CaptureError(
+                f"{root}: no frames in this folder; captures below it: {others}; name one of them, or"
+                " add --recursive to resolve or info"
+            )
         if found is None:
-            raise _no_frames(root, source, None if is_whole else there)
+            raise _no_frames(root, source, named)
         captures.append((found, is_whole))
     return tuple(_each_once(captures))
 
@@ -179,15 +175,10 @@ def _below(folder: Path, source_of: _SourceOf) -> Iterator[Capture]:
             continue
         seen.add(real)
         source = source_of(here)
-        is_deep = "/" in (source.metadata.layout.pattern or "")
-        images = _images(here, source, recursive=True)
-        found = _capture(here, source, images) if images else None
-        if found:
+        if found := _capture(here, source, recursive=True):
             yield found
-            if is_deep:
+            if "/" in (source.metadata.layout.pattern or ""):
                 continue
-        elif images and not is_deep:
-            raise _no_frames(here, source)
         below = (name for name, is_dir in entries if is_dir and not name.startswith("."))
         waiting += (here / name for name in sorted(below, key=natural_key, reverse=True))
 
@@ -224,34 +215,40 @@ def _entries(folder: Path, pattern: str | None = None) -> list[tuple[str, bool]]
     return found
 
 
-def _images(folder: Path, source: MetadataSource, *, recursive: bool = False) -> list[str]:
-    """Return what may be a frame, or a plane, of such a capture, in natural order.
+def _capture(
+    root: Path, source: MetadataSource, named: Sequence[str] | None = None, *, recursive: bool = False
+) -> Capture | None:
+    """Return the capture in a folder, or of files that were named in it; None where there is no frame.
 
-    A folder that is called like a frame is among them, so that the frame fails by its name; where folders are looked into, only
-    one that is empty.
+    What the names of frames, or of planes, end with is in it, in natural order: a folder of such a name, too, so that the frame
+    fails by its name; where folders are looked into, only one that is empty.
+
+    Raises:
+        CaptureError: two frames share a name; or folders are looked into, and this one has planes that the pattern does not fit.
     """
-    layout, images = source.metadata.layout, list[str]()
+    # a shell that expands cap/* hands over the metadata too
+    layout, names = source.metadata.layout, [name for name in named or () if name != FILE_NAME]
     suffixes = frame_suffixes(planes=layout.pattern is not None, raw=layout.raw_dtype is not None)
-    for name, is_dir in _entries(folder, layout.pattern):
+    for name, is_dir in _entries(root, layout.pattern) if named is None else ():
         # plain strings: a Path for each of 2,000 names takes longer than listing them
         last = name.rpartition("/")[2].lower()
         stem, dot, suffix = last.rpartition(".")
         if dot + suffix not in suffixes or last.startswith(".") or stem == _TRUTH:
             continue
-        if not is_dir or (last.endswith(FRAME_SUFFIXES) and not (recursive and _entries(folder / name))):
-            images.append(name)
-    return sorted(images, key=natural_key)
-
-
-def _capture(root: Path, source: MetadataSource, names: Sequence[str]) -> Capture | None:
-    """Return the capture whose files have these names; None where they make up no frame."""
-    layout = source.metadata.layout
+        if not is_dir or (last.endswith(FRAME_SUFFIXES) and not (recursive and _entries(root / name))):
+            names.append(name)
+    if recursive and not names:
+        return None
+    if named is None:
+        names.sort(key=natural_key)
     frames: Sequence[FrameSource] = FrameFileList(root, names)
     if layout.pattern is not None:
         frames = grouped_planes(root, names, layout, source.metadata.modulation.harmonics)
     # files of one kind have different names
     if layout.pattern is not None or len({name.rpartition(".")[2] for name in names}) > 1:
         _require_different_names(root, frames)
+    if recursive and not frames and "/" not in str(layout.pattern):
+        raise _no_frames(root, source)
     return Capture(root, source, frames) if frames else None
 
 

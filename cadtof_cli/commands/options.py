@@ -121,14 +121,14 @@ def number_option(name: str, kind: ParamType, help: str, /, *, metavar: str | No
 
 
 def jobs_option(help: str, /) -> Decorator[Any]:
-    """Return the option `--jobs`, which says so where it asks for more processes than are ever started."""
+    """Return the option `--jobs`, which says so where more processes are asked for than are ever started."""
 
     def limited(ctx: click.Context, _param: click.Parameter, jobs: int) -> int:
         # of few it need not be asked how many cores there are
         most = JOBS_PER_CORE * available_cores() if jobs > JOBS_PER_CORE else jobs
         if jobs > most and not ctx.params.get("quiet"):
             tell(f"--jobs {jobs}: at most {most} processes are started, {JOBS_PER_CORE} per core", err=True)
-        return jobs
+        return min(jobs, most)
 
     help = f"{help}, never more than {JOBS_PER_CORE} per core.  [default: all cores that it may use]"
     return setting_option(Workers, "jobs", help, option="-j --jobs", callback=limited)

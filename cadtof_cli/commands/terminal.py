@@ -23,20 +23,19 @@ _CONTROL_CHARACTERS = "[\x00-\x08\x0b-\x1f\x7f-\x9f\u200e\u200f\u2028-\u202e\u20
 """Control characters but tab and new line, those that turn the direction of writing, and bytes of names that are no UTF-8."""
 
 
-def escaped(text: str, /) -> str:
-    """Return a text with all characters escaped that control a terminal."""
-    return re.sub(_CONTROL_CHARACTERS, lambda found: repr(found.group())[1:-1], text)
-
-
-def tell(text: object, /, *, err: bool = False) -> None:
-    """Write a line to stdout, or to stderr.
+def tell(text: object, /, *, err: bool = False, above: "RichProgress | None" = None) -> None:
+    """Write a line to stdout, or to stderr, there `above` a bar that is drawn; what would control a terminal is escaped.
 
     Raises:
         OutputError: stdout cannot be written; errors of stderr are ignored.
         BrokenPipeError: the reader of stdout has gone away.
     """
+    line = re.sub(_CONTROL_CHARACTERS, lambda found: repr(found.group())[1:-1], str(text))
+    if above is not None:
+        above.console.print(line, markup=False, highlight=False)
+        return
     try:
-        click.echo(escaped(str(text)), err=err)
+        click.echo(line, err=err)
     except BrokenPipeError:
         if not err:
             raise
@@ -110,10 +109,8 @@ class Bar:
         """Show a line, above the bar; where all is to be quiet, only a warning."""
         if self.log:
             self.log.note(message)
-        if self.drawn is not None:
-            self.drawn.console.print(escaped(message), markup=False, highlight=False)
-        elif warning or not self.quiet:
-            tell(message, err=True)
+        if warning or not self.quiet:
+            tell(message, err=True, above=self.drawn)
 
 
 _WITHOUT_CURSOR = ("dumb", "unknown")

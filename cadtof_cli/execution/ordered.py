@@ -5,7 +5,7 @@ import re
 import sys
 from collections import deque
 from collections.abc import Callable, Generator, Iterable, Sequence
-from dataclasses import field, replace
+from dataclasses import field
 from pathlib import Path
 from typing import Literal, TypeVar
 
@@ -32,7 +32,7 @@ LOCAL = "local"
 _SCHEDULER = r"tcp://[^\s/:]+:\d+|tcp://\[[0-9a-fA-F:]+\]:\d+"
 
 JOBS_PER_CORE = 4
-"""More processes than that a core are never started: each takes memory, and none makes the work faster."""
+"""Users get no more processes than that a core: each takes memory, and none makes the work faster."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,7 +40,7 @@ class Workers:
     """What work is done by.
 
     Attributes:
-        jobs: processes that are asked for; 1 is this one alone.
+        jobs: processes; 1 is this one alone.
         start_method: how other processes start.
         task_timeout_s: after how long a task's process is ended; None: it takes the time that it takes.
         scheduler: `local`, or the address of a dask scheduler whose workers do the work instead.
@@ -66,15 +66,6 @@ class Workers:
             raise SettingsError(
                 "--frame-timeout holds for processes of this machine; leave out --scheduler, or the limit"
             )
-
-    def at_most(self, tasks: int, /) -> "Workers":
-        """Return no more workers than there are tasks."""
-        return replace(self, jobs=min(self.jobs, tasks))
-
-    @property
-    def processes(self) -> int:
-        """How many there are at most, whatever was asked for."""
-        return self.jobs if self.jobs <= JOBS_PER_CORE else min(self.jobs, JOBS_PER_CORE * available_cores())
 
 
 ALONE = Workers(jobs=1)

@@ -97,7 +97,7 @@ class _Pool(Generic[Task, Result]):
 
     def __init__(self, function: Work[Task, Result], workers: "Workers", shared: Sequence[object]) -> None:
         self._function, self._messages = function, TaskMessages(shared)
-        self._most, self._limit_s = workers.processes, workers.task_timeout_s
+        self._most, self._limit_s = workers.jobs, workers.task_timeout_s
         self._cores = cores_for(self._most)
         # each makes processes in the same way; only this one is there on every system
         self._context = cast("SpawnContext", get_context(workers.start_method))
@@ -265,7 +265,7 @@ def run_in_pool(
     function: Work[Task, Result], tasks: Iterable[Task], /, *, workers: "Workers", shared: Sequence[object] = ()
 ) -> Generator[Outcome[Task, Result], None, None]:
     """Yield the outcome of function(task) for every task, in the order of the tasks, from processes of their own."""
-    waiting, most = iter(tasks), workers.processes * TASKS_PER_WORKER
+    waiting, most = iter(tasks), workers.jobs * TASKS_PER_WORKER
     in_order: deque[_Job[Task, Result]] = deque()
     with _pool(function, workers, shared) as pool:
         while True:

@@ -7,6 +7,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from cadtof_cli.figures.canvas import Figure
+from cadtof_cli.figures.text import legend_beside
 from cadtof_cli.simulation.pixel.mix import Condition
 from cadtof_cli.simulation.pixel.pixel import Evolution
 
@@ -55,7 +56,7 @@ def plot_histogram(
             label = f"{channel}, {recording.period_ns / harmonic:g} ns"
             wave.plot(recording.bin_ns, value, color=colour, lw=0.8, ls=style, label=label)
     wave.set(ylim=(-3.2, 1.2), yticks=[])
-    _legend(axes, wave)
+    legend_beside(axes, wave)
 
 
 def plot_voltages(axes: Axes, recording: Evolution, /) -> None:
@@ -64,7 +65,7 @@ def plot_voltages(axes: Axes, recording: Evolution, /) -> None:
     axes.plot(thousands, 1e3 * recording.voltages_v[0], color=DIRECT_COLOUR, lw=0.9, label="SC1")
     axes.plot(thousands, 1e3 * recording.voltages_v[1], color=MPI_COLOUR, lw=0.9, label="SC2")
     axes.set(xlim=(0, thousands[-1]), xlabel="photons sampled (thousands)", ylabel="voltage (mV)")
-    _legend(axes)
+    legend_beside(axes)
 
 
 def plot_phase(axes: Axes, recording: Evolution, condition: Condition, /) -> None:
@@ -82,11 +83,4 @@ def plot_phase(axes: Axes, recording: Evolution, condition: Condition, /) -> Non
         xlabel="photons sampled (thousands)",
         ylabel="phase (°)",
     )
-    _legend(axes)
-
-
-def _legend(axes: Axes, *others: Axes) -> None:
-    """Add a legend beside the curves of axes, and of others over them."""
-    found = [one.get_legend_handles_labels() for one in (axes, *others)]
-    handles, labels = ([item for part in parts for item in part] for parts in zip(*found, strict=True))
-    axes.legend(handles, labels, loc="upper left", bbox_to_anchor=(1.01, 1.0), borderaxespad=0.0, fontsize=8)
+    legend_beside(axes)

@@ -1,6 +1,7 @@
 """What a workflow tells while it goes on, which a command shows and a caller in Python may ignore; and work that is told of."""
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from typing import Protocol, TypeVar
 
 from cadtof_cli.errors import CadtofError
@@ -34,10 +35,15 @@ NO_PROGRESS: Progress = _NoProgress()
 
 
 def results(
-    function: Callable[[Task], Result], tasks: Iterable[Task], /, *, workers: Workers, progress: Progress
+    function: Callable[[Task], Result], tasks: Sequence[Task], /, *, workers: Workers, progress: Progress
 ) -> Iterator[Result]:
-    """Yield function(task) for every task, in order; raises CadtofError if a task's process ends without a result."""
-    for outcome in run_ordered(function, tasks, workers=workers):
+    """Yield function(task) for every task, in order, by no more processes than there are tasks.
+
+    Raises:
+        CadtofError: a task's process ended without a result.
+    """
+    enough = replace(workers, jobs=max(min(workers.jobs, len(tasks)), 1))
+    for outcome in run_ordered(function, tasks, workers=enough):
         if isinstance(outcome.result, WorkerDied):
             raise CadtofError("a worker process ended without a result, twice; was it killed, or out of memory?")
         progress.advance()

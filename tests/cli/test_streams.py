@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from cadtof_cli.commands.terminal import escaped
+from cadtof_cli.commands.terminal import tell
 from tests.support.captures import record
 from tests.support.run_cadtof import ENVIRONMENT, PROGRAM, ROOT, Finished
 
@@ -113,9 +113,10 @@ def test_names_cannot_steer_a_terminal(tmp_path: Path) -> None:
     assert "\x1b" not in _shell('"$@"', "info", "--no-such\x1b[2J").err
 
 
-def test_what_is_shown() -> None:
-    assert escaped("µ – 320 × 240\tB\n") == "µ – 320 × 240\tB\n"
-    assert escaped("\x1b[0m\r\udcff\x9b\u2028") == r"\x1b[0m\r\udcff\x9b\u2028"
+def test_what_is_shown(capsys: pytest.CaptureFixture[str]) -> None:
+    tell("µ – 320 × 240\tB\n")
+    tell("\x1b[0m\r\udcff\x9b\u2028", err=True)
+    assert capsys.readouterr() == ("µ – 320 × 240\tB\n\n", r"\x1b[0m\r\udcff\x9b\u2028" + "\n")
 
 
 def test_everything_that_is_said_goes_through_tell() -> None:

@@ -20,13 +20,11 @@ from cadtof_cli.figures.layers import (
     magnified_width,
 )
 from cadtof_cli.figures.maps import OF_A_MAP, draw_maps
-from cadtof_cli.figures.page import Block
+from cadtof_cli.figures.page import Block, Image
 from cadtof_cli.figures.pixel_classes import PixelClass
 from cadtof_cli.figures.scales import default_scale
 from cadtof_cli.figures.sequence import (
     FILMS,
-    FilmFrame,
-    Thumbnail,
     draw_film,
     draw_sheet,
     fitted,
@@ -172,20 +170,19 @@ def _sheet(found: Sequence[Pictured], out: Path, settings: PreviewSettings, prog
     progress.advance(0, total=2 * len(found))
     scale = _common_scale(found, settings, progress)
     size = thumbnail_size(len(found), scale.shape)
-    thumbnails: list[Thumbnail] = []
+    thumbnails: list[tuple[str, Image | None]] = []
     bar: Block | None = None
-    unit = ""
     for one in found:
         progress.advance()
         try:
             block = _same_scale(one, scale, settings)
         except CadtofError:
-            thumbnails.append(Thumbnail(one.name, None))
+            thumbnails.append((one.name, None))
             continue
-        bar, unit = bar or block, block.unit if hasattr(block, "unit") else ""
-        thumbnails.append(Thumbnail(one.name, fitted(block.painted(block.panels[0]), size)))
+        bar, last = bar or block, block
+        thumbnails.append((one.name, fitted(block.painted(block.panels[0]), size)))
     assert bar is not None
-    heading = f"{title}: {scale.layer}{f' ({unit})' if unit else ''}, {len(found)} frames"
+    heading = f"{title}: {scale.layer}{f' ({last.unit})' if last.unit else ''}, {len(found)} frames"
     draw_sheet(thumbnails, bar, out, title=heading, size=size, kinds=scale.kinds)
 
 
@@ -196,7 +193,7 @@ def _film(found: Sequence[Pictured], out: Path, settings: PreviewSettings, progr
     progress.advance(0, total=2 * len(found))
     scale = _common_scale(found, settings, progress)
 
-    def frames() -> Iterator[FilmFrame]:
+    def frames() -> Iterator[tuple[str, Block]]:
         for number, one in enumerate(found, start=1):
             progress.advance()
             try:
@@ -206,7 +203,7 @@ def _film(found: Sequence[Pictured], out: Path, settings: PreviewSettings, progr
             if block.panels[0].values.shape != scale.shape:
                 progress.say(f"left out: {one.name} has another size than the first frame")
                 continue
-            yield FilmFrame(f"{one.name}  ({number} of {len(found)})", block)
+            yield f"{one.name}  ({number} of {len(found)})", block
 
     width = magnified_width(scale.shape, _FILM_PIXELS)
     draw_film(frames(), out, per_second=settings.frames_per_second, panel_width=width, kinds=scale.kinds)

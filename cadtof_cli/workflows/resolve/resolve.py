@@ -1,15 +1,16 @@
 """`cadtof resolve`: captures in, one map file a frame out, with a record of the run beside them."""
 
+import itertools
 import math
 import os
 import time
 from collections import Counter
 from collections.abc import Callable, Collection, Generator, Iterable, Iterator, Mapping, Sequence
-from contextlib import closing, contextmanager
-from dataclasses import field
+from contextlib import closing
+from dataclasses import field, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from cadtof_cli.capture.discovery import find_placed_captures
 from cadtof_cli.capture.frames import Capture, frame_names
@@ -32,6 +33,11 @@ from cadtof_cli.workflows.resolve.plans import (
 )
 from cadtof_cli.workflows.resolve.record import ALREADY_THERE, FrameReport, RunRecorder, RunTotals, recorded_run
 from cadtof_cli.workflows.resolve.settings import ResolveSettings
+
+if TYPE_CHECKING:
+    from cadtof_cli.workflows.resolve.arrivals import Arrivals
+
+Outcomes = Generator[Outcome[FrameTask, FrameReport], None, None]
 
 WORKER_DIED = "the worker process died twice on this frame (killed, or out of memory): try fewer --jobs"
 
@@ -74,7 +80,7 @@ def resolve_captures(
     waiting: list[Path] = []
     if arriving is not None:
         # as few modules as a run needs: each takes a third of a millisecond
-        from cadtof_cli.workflows.resolve.arrivals import Arrivals, recorded_arrivals, without_incomplete_frames
+        from cadtof_cli.workflows.resolve.arrivals import Arrivals, without_incomplete_frames
 
         captures, waiting = without_incomplete_frames(captures, inputs, settings)
     calibration = use_calibration(settings.calibration, captures) if settings.calibration else None
@@ -97,18 +103,13 @@ def resolve_captures(
             run = _Run(settings, progress, on_frame, token)
             # a cluster that does not answer is found before anything is written
             first = run.outcomes(plans, partial(frame_names, captures))
-            with (
-                recorded_run(settings.out, document, resume=resumed, say=progress.say) as run.record,
-                run.interruptible(),
-            ):
-                run.report_all(first)
+            with recorded_run(settings.out, document, resume=resumed, say=progress.say) as run.record:
+                batches: Iterable[Outcomes] = [first]
                 if arriving is not None:
                     arrivals = Arrivals(settings, overrides, calibration, base, run.report, waiting)
                     arrivals.meet(plans)
-                    for some in arrivals.plans(recorded_arrivals(arriving, document, settings.out)):
-                        record_captures(document, some)
-                        run.report_all(run.outcomes(some, lambda: arrivals.sources))
-                return run.finish()
+                    batches = itertools.chain(batches, run.arriving(arrivals, arriving, document))
+                return run.report_all(batches)
         finally:
             remove_partial_files(settings.out, token=token)
 
@@ -147,18 +148,16 @@ class _Run:
     noted: Counter[str] = field(default_factory=Counter)
     began: float = field(default_factory=time.monotonic)
 
-    def outcomes(
-        self, plans: Sequence[CapturePlan], taken: Callable[[], Collection[str]]
-    ) -> Generator[Outcome[FrameTask, FrameReport], None, None]:
+    def outcomes(self, plans: Sequence[CapturePlan], taken: Callable[[], Collection[str]]) -> Outcomes:
         """Return a generator of what becomes of the frames of some captures; a cluster that is meant to do it is connected to."""
         expected, workers = [one.expected_maps(self.settings) for one in plans], self.settings.workers
         tasks = self._tasks(plans, expected, taken)
-        if sum(expected) < workers.processes and _are_worth_splitting(plans, self.settings):
+        if sum(expected) < workers.jobs and _are_worth_splitting(plans, self.settings):
             from cadtof_cli.workflows.resolve.split_frames import resolve_split
 
             return resolve_split(tasks, workers=workers)
         # no process is started for which there is no frame
-        workers = workers.at_most(max(sum(expected), 1))
+        workers = replace(workers, jobs=min(workers.jobs, max(sum(expected), 1)))
         for one in plans if workers.jobs > 1 else ():
             # a process that is forked has it then
             one.load_map_files(self.settings)
@@ -166,36 +165,50 @@ class _Run:
         shared = [part for one in plans for part in (one.plan, one.capture.layout)]
         return run_ordered(resolve_file, tasks, workers=workers, shared=shared, probe=probe, say=self.progress.say)
 
-    @contextmanager
-    def interruptible(self) -> Iterator[None]:
-        """Let an interrupt say how to go on after it."""
-        try:
-            yield
-        except KeyboardInterrupt as interrupt:
-            done = self.totals.ok + self.totals.already_there
-            again = "the same command"
-            if not self.settings.resume:
-                again += " with --resume in place of --overwrite" if self.settings.overwrite else " with --resume"
-            raise KeyboardInterrupt(f"{done} of {self.expected} frames are resolved; {again} goes on") from interrupt
-
     def _probe(self) -> Path:
         """Make a file in the run's folder that is removed with what is half-written, for workers of a cluster to look for."""
         probe = self.settings.out / f".cluster.{self.token}{PARTIAL_SUFFIX}"
         probe.write_text(self.token)
         return probe
 
-    def report_all(self, outcomes: Generator[Outcome[FrameTask, FrameReport], None, None]) -> None:
-        """Record, count and show what becomes of frames.
+    def arriving(
+        self, arrivals: "Arrivals", paths: Iterable[tuple[Path, ...]], document: Mapping[str, Any]
+    ) -> Iterator[Outcomes]:
+        """Yield what becomes of the frames that arrive, batch by batch."""
+        from cadtof_cli.workflows.resolve.arrivals import recorded_arrivals
+
+        for plans in arrivals.plans(recorded_arrivals(paths, document, self.settings.out)):
+            record_captures(document, plans)
+            yield self.outcomes(plans, lambda: arrivals.sources)
+
+    def report_all(self, batches: Iterable[Outcomes]) -> RunTotals:
+        """Record, count and show what becomes of frames, to the last; return what has become of them in this run.
 
         Raises:
             RunStoppedError: the output folder takes no more maps.
+            KeyboardInterrupt: says how to go on after it.
         """
-        with closing(outcomes):
-            for outcome in outcomes:
-                report = outcome.result
-                if isinstance(report, WorkerDied):
-                    report = outcome.task.report("failed", _lost(report), 0.0)
-                self.report(report)
+        settings, totals = self.settings, self.totals
+        try:
+            for batch in batches:
+                with closing(batch) as outcomes:
+                    for outcome in outcomes:
+                        report = outcome.result
+                        if isinstance(report, WorkerDied):
+                            report = outcome.task.report("failed", _lost(report), 0.0)
+                        self.report(report)
+            for why, count in self.noted.items():
+                if count > _NOTES_OF_A_KIND:
+                    self.progress.say(f"{settings.out}: {count - _NOTES_OF_A_KIND} maps more: {why}")
+            totals.seconds = round(time.monotonic() - self.began, 3)
+            self.record.finish(totals.seconds)
+        except KeyboardInterrupt as interrupt:
+            again = "the same command"
+            if not settings.resume:
+                again += " with --resume in place of --overwrite" if settings.overwrite else " with --resume"
+            told = f"{totals.ok + totals.already_there} of {self.expected} frames are resolved; {again} goes on"
+            raise KeyboardInterrupt(told) from interrupt
+        return totals
 
     def report(self, report: FrameReport) -> None:
         """Record, count and show what has become of a frame."""
@@ -213,15 +226,6 @@ class _Run:
                 " resolved; mend that and go on with --resume"
             )
         self.progress.advance(total=self.expected)
-
-    def finish(self) -> RunTotals:
-        """Complete the record, and return what has become of the frames in this run."""
-        for why, count in self.noted.items():
-            if count > _NOTES_OF_A_KIND:
-                self.progress.say(f"{self.settings.out}: {count - _NOTES_OF_A_KIND} maps more: {why}")
-        self.totals.seconds = round(time.monotonic() - self.began, 3)
-        self.record.finish(self.totals.seconds)
-        return self.totals
 
     def _tasks(
         self, plans: Sequence[CapturePlan], expected: Sequence[int], taken: Callable[[], Collection[str]]

@@ -41,11 +41,11 @@ def resolve_split(
     tasks: Iterable[FrameTask], /, *, workers: Workers
 ) -> Generator[Outcome[FrameTask, FrameReport], None, None]:
     """Resolve and write every frame, in the order of the tasks, each by as many parts as there are jobs."""
-    parts = (part for task in tasks for part in _parts(task, workers.processes))
+    parts = (part for task in tasks for part in _parts(task, workers.jobs))
     resolved: Generator[Outcome[FramePart, DepthMaps | FrameReport], None, None]
     resolved = run_ordered(resolve_part, parts, workers=workers)
     with closing(resolved) as outcomes:
-        while frame := list(itertools.islice(outcomes, workers.processes)):
+        while frame := list(itertools.islice(outcomes, workers.jobs)):
             yield _whole(frame)
 
 

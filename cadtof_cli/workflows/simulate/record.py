@@ -110,7 +110,7 @@ def record_scene(
 def expose(exposure: Exposure, /, *, workers: Workers = ALONE, progress: Progress = NO_PROGRESS) -> Band:
     """Return the voltages and truth of a whole frame, its bands shared among processes."""
     rows = band_rows(exposure.camera.height)
-    bands = results(partial(expose_band, exposure), rows, workers=workers.at_most(len(rows)), progress=progress)
+    bands = results(partial(expose_band, exposure), rows, workers=workers, progress=progress)
     return joined(list(bands))
 
 
