@@ -1,4 +1,4 @@
-/* Light between surfaces as Python calls it: buffers in, buffers filled; a part of _kernel.c, see compiled_radiosity.py. */
+/* Light between surfaces as Python calls it: buffers in, buffers filled; a part of _kernel.c, see radiosity.py. */
 enum { FACING, PAIR_AREA, OVER, SQUARE, PAIR_BUFFERS };
 static const Wanted PAIR_BUFFER[PAIR_BUFFERS] = {
     {"facing", "f ", 0, 0, 0}, {"area", "f ", 0, 0, 0}, {"form factors", "f ", 0, 0, 1}, {"phases", "f ", 0, 0, 1}};

@@ -1,4 +1,4 @@
-/* The first look at a frame as Python calls it: buffers in, buffers filled; a part of _kernel.c, see compiled_light.py. */
+/* The first look at a frame as Python calls it: buffers in, buffers filled; a part of _kernel.c, see light.py. */
 #define MOST_SAMPLES ((int64_t)1 << 40)
 
 enum { LOOK_SHARED, LOOK_NUMBERS, PER_VARIANCE, PLACES, LOOK_STORED, LOOK_OWN, LOOK_OTHER, LOOK_CONSTANT, HOT, LOOK_SAMPLES,

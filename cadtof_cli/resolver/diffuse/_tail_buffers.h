@@ -1,4 +1,4 @@
-/* A frame's tail as Python hands it over, buffers in the order of TAIL_WANTED; see compiled.py. After _tail.h and _buffers.h. */
+/* A frame's tail as Python hands it over, buffers in the order of TAIL_WANTED; see pixels.py. After _tail.h and _buffers.h. */
 
 #define LARGEST_SIDE ((int64_t)1 << 20)
 #define LARGEST_NUMBER 1000

@@ -1,4 +1,4 @@
-/* Pixels answered through a tail as Python calls it: buffers in, buffers filled; a part of _kernel.c, see compiled.py. */
+/* Pixels answered through a tail as Python calls it: buffers in, buffers filled; a part of _kernel.c, see pixels.py. */
 enum { PHASORS_IN, USABLE, POOLED_OVER, ANSWERED, ANSWER_ROWS, ANSWER_TAIL, ANSWER_BUFFERS = ANSWER_TAIL + TAIL_BUFFERS };
 static const Wanted ANSWER_BUFFER[ANSWER_BUFFERS] = {
     {"phasors", "Zd ", 0, 0, 0}, {"usable", "? ", 1, 0, 0}, {"samples", "d ", 0, 1, 0}, {"answered", "? ", 1, 0, 1},

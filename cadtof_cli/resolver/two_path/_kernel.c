@@ -215,7 +215,7 @@ static PyMethodDef METHODS[] = {
      "count_status(level, status)\n\nReturn how many pixels have one path, two paths, more, and diffuse MPI."},
     {"answer_tail", answer_tail, METH_VARARGS,
      "answer_tail(level, start, stop, phasors, usable, samples, answered, answers, tail...)\n\n"
-     "Fill answered and answers of the pixels from start up to stop. Everybody but the tests calls it through compiled.py."},
+     "Fill answered and answers of the pixels from start up to stop. Everybody but the tests calls it through diffuse/pixels.py."},
     {"decompose", decompose, METH_VARARGS,
      "decompose(level, first phasors, second phasors, paths)\n\n"
      "Fill paths. Everybody but the tests calls it through decomposition.py."},
@@ -227,17 +227,17 @@ static PyMethodDef METHODS[] = {
      "Fill the answers of a step. Everybody but the tests calls it through diffuse/compiled_fit.py."},
     {"form_factors", form_factors, METH_VARARGS,
      "form_factors(level, rad per m, facing, area, form factors, phases)\n\n"
-     "Make form factors and phases of what they are made of. Everybody but the tests calls it through diffuse/compiled_radiosity.py."},
+     "Make form factors and phases of what they are made of. Everybody but the tests calls it through diffuse/radiosity.py."},
     {"light_kernel", light_kernel, METH_VARARGS,
      "light_kernel(level, form factors, albedo, cosines, sines, kernel, rotors)\n\n"
-     "Fill kernel and rotors. Everybody but the tests calls it through diffuse/compiled_radiosity.py."},
+     "Fill kernel and rotors. Everybody but the tests calls it through diffuse/radiosity.py."},
     {"look_at_samples", look_at, METH_VARARGS,
      "look_at_samples(level, constants, numbers, per variance, places, stored, own, other, constant, hot, samples, weighted, phases, "
      "seen)\n\n"
-     "Fill weighted, phases and seen. Everybody but the tests calls it through diffuse/compiled_light.py."},
+     "Fill weighted, phases and seen. Everybody but the tests calls it through diffuse/light.py."},
     {"sum_patches", sum_over, METH_VARARGS,
      "sum_patches(level, weighted, counted, sums)\n\n"
-     "Fill sums. Everybody but the tests calls it through diffuse/compiled_light.py."},
+     "Fill sums. Everybody but the tests calls it through diffuse/light.py."},
     {"search", search, METH_VARARGS,
      "search(level, steps, constants, first table, second table, phases, observed, enough, start, values, misfit, done)\n\n"
      "Fill values, misfit and done. Everybody but the tests calls it through response/newton.py."},

@@ -87,7 +87,7 @@ class KernelScales:
         metres: of a radian, of all pixels or of each, (n,).
         volts: of an amplitude of 1.
         phase_offset_rad: what to take from every phase, (n,); None: nothing.
-        tail: the frame's diffuse MPI for these pixels, of `diffuse.compiled.tail_buffers`; None: there is none.
+        tail: the frame's diffuse MPI for these pixels, of `diffuse.pixels.tail_buffers`; None: there is none.
         most_volts, noise_volts: paths whose amplitudes add up to more than most_volts + noise_volts / √samples are impossible.
     """
 
