@@ -42,6 +42,36 @@ INLINE void choose_answers(Group *restrict g, const Frame *restrict frame, const
     }
 }
 
+/* |d|^2 above which one path leaves a misfit beyond the limit for certain, where |d| <= |p1|/8; see is_rivalled. */
+INLINE double certain_misfit(const Frame *restrict frame) {
+    const Constants *k = frame->constants;
+    const double more1 = fabs(k->doubled1), more2 = fabs(k->doubled2), most = 4.0 * (k->dark1 + more1) + k->dark2 + more2;
+    const double across = k->doubled1 >= 0.0 && k->doubled2 >= 0.0 ? 4.0 * k->dark1 + k->dark2 : most;
+    const double variance = at_least(across, k->dark1 + more1 + k->dark2 + more2);
+    return k->dark1 > more1 && k->dark2 > more2 ? 1.2 * k->misfit_limit * variance : INFINITY;
+}
+
+/* Whether any pixel of a group that has two paths may have one instead; where it is plain that one path leaves too much, and that
+ * both of two lie farther from it than they scatter, order.py has no use for the one.
+ *
+ * Let |p1| = u and arg p1 = 0, p2 = pr + i pi with phase f, and |d| = |u - p2| <= u/8, so that |f| < 0.144. one_path.py: _start
+ * takes a phase t between 0 and f/2. Its misfits along and across, A and P, are the parts of d exp(-2it) up to 0.07 |d|, so
+ * chi^2 >= 0.86 |d|^2 over the larger variance. And tan t is within 0.01 of side/top, side = 2w pi and top = u + 4w pr, so a path at x
+ * is farther from it than sqrt(2) sigma where |sin x - cos x side/top| - 0.012 |side/top| > 1.43 sigma. */
+INLINE int is_rivalled(const Group *restrict g, const Frame *restrict frame, double certain) {
+    const double weight = frame->constants->weight;
+    int64_t found = 0;
+    EACH_PIXEL {
+        double u = g->u[i], cos = g->cos[i], sin = g->sin[i], top = u + 4.0 * weight * g->pr[i], side = 2.0 * weight * g->pi[i];
+        double re = top * cos - side * sin, im = top * sin + side * cos, cos_m = g->cos_m[i], sin_m = g->sin_m[i];
+        double even = (sin_m * re - cos_m * im) * g->cos_half[i], odd = (cos_m * re + sin_m * im) * g->sin_half[i];
+        double doubt = 0.012 * fabs(side), scatter = 1.43 * top, d2 = g->d2[i];
+        int far = (fabs(even + odd) - doubt > scatter * g->sigma_x[i]) & (fabs(even - odd) - doubt > scatter * g->sigma_y[i]);
+        found |= (g->may[i] > 0.0) & !(far & (d2 > certain) & (64.0 * d2 <= u * u));
+    }
+    return found != 0;
+}
+
 /* The same where no pixel of a group needs two paths: who is answered has one, ... */
 INLINE void answer_one(Group *restrict g) {
     EACH_PIXEL {
@@ -135,8 +165,8 @@ INLINE void put_tail(Group *restrict g, const Frame *restrict frame) {
 /* Every pixel from `start` up to `stop`. */
 INLINE void resolve_pixels(const Frame *restrict frame, int64_t start, int64_t stop) {
     Group group, *g = &group;
-    const int plain = !frame->tail && !frame->samples && !frame->own;
-    const double least = least_answered(frame);
+    const int plain = !frame->tail && !frame->samples && !frame->own, one_scale = !frame->metres && !frame->shift;
+    const double least = least_answered(frame), certain = certain_misfit(frame);
     memset(g, 0, sizeof group);
     for (int m; start < stop; start += m) {
         m = frame->tail ? in_group(frame->tail, start, stop) : stop - start < GROUP ? (int)(stop - start) : GROUP;
@@ -154,18 +184,28 @@ INLINE void resolve_pixels(const Frame *restrict frame, int64_t start, int64_t s
             if (frame->tail && any(g->answered)) fundamental_frame(g);
             choose_pixels(g, frame);
         }
-        if (g->ones) one_path(g, frame);
-        if (g->pairs) {
-            two_paths(g);
-            two_path_sigmas(g, frame);
-            phases(g);
-            if (g->ones) choose_answers(g, frame, 1);
-            else choose_answers(g, frame, 0);
-        } else if (g->ones) answer_one(g);
+        /* most pixels that are known to have two paths need no look at one */
+        const int pairs_first = answered && g->pairs;
+        enum { ONES, PAIRS, DONE } next = pairs_first ? PAIRS : ONES;
+        while (next != DONE) {
+            if (next == ONES) {
+                if (g->ones) one_path(g, frame);
+                next = g->pairs && !pairs_first ? PAIRS : DONE;
+            } else {
+                two_paths(g);
+                phases_and_sigmas(g, frame);
+                if (pairs_first && g->ones) g->ones = is_rivalled(g, frame, certain);
+                next = pairs_first ? ONES : DONE;
+            }
+        }
+        if (g->pairs && g->ones) choose_answers(g, frame, 1);
+        else if (g->pairs) choose_answers(g, frame, 0);
+        else if (g->ones) answer_one(g);
         else answer_none(g);
         if (frame->tail) put_tail(g, frame);
         clear_impossible(g, frame);
-        store(g, frame, start, m);
+        if (answered && one_scale && !g->cleared) store(g, frame, start, GROUP, 1);
+        else store(g, frame, start, m, 0);
     }
 }
 
