@@ -5,8 +5,8 @@
 INLINE double bits_of_one(double fall_off) { return fall_off > 1.0 ? (double)(ONE_PATH + ILL_CONDITIONED) : (double)ONE_PATH; }
 
 /* returns.py: _pair; order.py: worth_another, _kept; resolve.py: _bits. Where `ones` is 0, no pixel of the group may have one path. */
-INLINE void choose_answers(Group *restrict g, const Frame *restrict frame, const int ones) {
-    const int strongest = frame->returns == RETURN_STRONGEST, last = frame->returns == RETURN_LAST;
+INLINE void choose_answers(Group *restrict g, const Frame *restrict frame, const int ones, const int first) {
+    const int strongest = !first && frame->returns == RETURN_STRONGEST, last = !first && frame->returns == RETURN_LAST;
     const double ratio = strongest ? 1.0 : frame->constants->return_ratio;
     EACH_PIXEL {
         double a = g->a[i], b = g->b[i], x = g->x[i], y = g->y[i], sigma_x = g->sigma_x[i], sigma_y = g->sigma_y[i], lead = y - x;
@@ -31,7 +31,7 @@ INLINE void choose_answers(Group *restrict g, const Frame *restrict frame, const
             double one_path = bits_of_one(g->fall_off[i]);
             bits = fabs(amplitude) <= DBL_MAX ? one_path : 0.0;
         }
-        bits = fabs(amplitude2) <= DBL_MAX ? (double)TWO_PATHS + g->doubtful[i] : bits;
+        bits = first || fabs(amplitude2) <= DBL_MAX ? (double)TWO_PATHS + g->doubtful[i] : bits;
         g->amplitude[0][i] = amplitude;
         g->amplitude[1][i] = amplitude2;
         g->phase[0][i] = phase;
@@ -96,12 +96,14 @@ INLINE int is_unexplained(double amplitude, double confidence, double bits) {
 }
 
 /* depth.py: clear_impossible. What is compared is what is written, in float; few groups hold a pixel that may be beyond, or that has
- * no answer, whose NaN is not below anything either. */
-INLINE void clear_impossible(Group *restrict g, const Frame *restrict frame) {
+ * no answer, whose NaN is not below anything either. Where all have two paths, t1 still holds p0 of two_paths: their sum, and not less
+ * than the confidence. */
+INLINE void clear_impossible(Group *restrict g, const Frame *restrict frame, const int all_pairs) {
     const Constants *k = frame->constants;
     const double volts = k->volts, nearly = k->most_volts / volts * (1.0 - 1e-6);
     int64_t beyond = 0;
-    EACH_PIXEL {
+    if (all_pairs) EACH_PIXEL beyond |= !(g->t1[i] <= nearly);
+    else EACH_PIXEL {
         double a = g->amplitude[0][i], b = g->amplitude[1][i], total = at_least(a, 0.0) + (b > 0.0 ? b : 0.0);
         beyond |= !((total <= nearly) & (g->confidence[i] <= nearly));
     }
@@ -198,12 +200,14 @@ INLINE void resolve_pixels(const Frame *restrict frame, int64_t start, int64_t s
                 next = pairs_first ? ONES : DONE;
             }
         }
-        if (g->pairs && g->ones) choose_answers(g, frame, 1);
-        else if (g->pairs) choose_answers(g, frame, 0);
+        if (g->pairs && g->ones) choose_answers(g, frame, 1, 0);
+        else if (g->pairs && answered && frame->returns == RETURN_FIRST) choose_answers(g, frame, 0, 1);
+        else if (g->pairs) choose_answers(g, frame, 0, 0);
         else if (g->ones) answer_one(g);
         else answer_none(g);
         if (frame->tail) put_tail(g, frame);
-        clear_impossible(g, frame);
+        if (answered && g->pairs && !g->ones) clear_impossible(g, frame, 1);
+        else clear_impossible(g, frame, 0);
         if (answered && one_scale && !g->cleared) store(g, frame, start, GROUP, 1);
         else store(g, frame, start, m, 0);
     }
