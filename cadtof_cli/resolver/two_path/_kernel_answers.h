@@ -208,8 +208,8 @@ INLINE void resolve_pixels(const Frame *restrict frame, int64_t start, int64_t s
         if (frame->tail) put_tail(g, frame);
         if (answered && g->pairs && !g->ones) clear_impossible(g, frame, 1);
         else clear_impossible(g, frame, 0);
-        if (answered && one_scale && !g->cleared) store(g, frame, start, GROUP, 1);
-        else store(g, frame, start, m, 0);
+        if (answered && one_scale && !g->cleared) store(g, frame, start, GROUP, 1, 0);
+        else store(g, frame, start, m, 0, !answered);
     }
 }
 

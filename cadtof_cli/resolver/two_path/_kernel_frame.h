@@ -61,7 +61,8 @@ typedef struct {
     const double *shift;     /* radians to take from every phase */
     const Tail *tail;        /* the frame's diffuse MPI; NULL: there is none */
     float *layers;           /* LAYERS planes */
-    uint32_t *status;        /* in: bits known before; out: all */
+    uint32_t *status;        /* in, where `bits` are none: bits known before; out: all */
+    int32_t bits;            /* known before, of every pixel; -1: none are */
     int64_t pixels;
     enum type type;
     enum order order;
@@ -127,7 +128,8 @@ INLINE int is_sound(const Frame *restrict frame, int64_t start) {
     const int32_t below = whole(low) + 1, above = -whole(-high) - 1;
     const int64_t n = frame->pixels;
     uint32_t known = 0;
-    EACH_PIXEL known |= frame->status[start + i];
+    if (frame->bits >= 0) known = (uint32_t)frame->bits;
+    else EACH_PIXEL known |= frame->status[start + i];
     if (known & (SATURATED | NOT_FINITE | HOT_PIXEL)) return 0;
     if (frame->type == UINT16) IS_BEYOND(uint16_t, 0, UINT16_MAX, below, above)
     if (frame->type == INT16) IS_BEYOND(int16_t, INT16_MIN, INT16_MAX, below, above)
@@ -190,7 +192,9 @@ INLINE void load(Group *restrict g, const Frame *restrict frame, int64_t start, 
         }
     }
     const uint32_t none = SATURATED | NOT_FINITE | HOT_PIXEL;
-    const uint32_t *status = frame->status + start;
+    uint32_t *status = frame->status + start;
+    if (frame->bits >= 0)
+        for (int i = 0; i < m; i++) status[i] = (uint32_t)frame->bits;
     if (m == GROUP) EACH_PIXEL g->unsound[i] = status[i] & none ? 1.0 : 0.0;
     else EACH_PIXEL g->unsound[i] = status[i < m ? i : 0] & none ? 1.0 : 0.0;
     EACH_PIXEL {
@@ -236,8 +240,9 @@ INLINE void store_none(float *restrict to, int m) {
     else for (int i = 0; i < m; i++) to[i] = NAN;
 }
 
-/* `finite`: whether all answers of a whole group are, where they are not NAN itself, and so are their scales. */
-INLINE void store(Group *restrict g, const Frame *restrict frame, int64_t start, int m, int finite) {
+/* `finite`: whether all answers of a whole group are, where they are not NAN itself, and so are their scales. `loaded`: by load, or
+ * by load_sound, which leaves status alone. */
+INLINE void store(Group *restrict g, const Frame *restrict frame, int64_t start, int m, int finite, int loaded) {
     const double volts = frame->constants->volts;
     const int64_t n = frame->pixels;
     float *layers = frame->layers + start;
@@ -261,7 +266,8 @@ INLINE void store(Group *restrict g, const Frame *restrict frame, int64_t start,
         for (int layer = 1; layer < 6; layer += 2) store_none(layers + layer * n, m);
     store_layer(g->confidence, g->t3, layers + 6 * n, m, finite);
     uint32_t *restrict status = frame->status + start;
-    if (m == GROUP) EACH_PIXEL status[i] |= (uint32_t)(int32_t)g->refusal[i];
+    if (!loaded && frame->bits >= 0) EACH_PIXEL status[i] = (uint32_t)(frame->bits | (int32_t)g->refusal[i]);
+    else if (m == GROUP) EACH_PIXEL status[i] |= (uint32_t)(int32_t)g->refusal[i];
     else for (int i = 0; i < m; i++) status[i] |= (uint32_t)(int32_t)g->refusal[i];
     if (g->cleared)
         for (int i = 0; i < m; i++)

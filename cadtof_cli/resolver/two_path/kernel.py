@@ -146,13 +146,16 @@ class FrameKernel:
         light = (metres, scales.volts, scales.most_volts, scales.noise_volts)
         self._constants = _constants(settings, noise.each, scales.phasor_map, limits, source_type, light)
 
-    def fill(self, stored: Stored, /, *, layers: Float32, status: Status, pixels: range | None = None) -> None:
+    def fill(
+        self, stored: Stored, /, *, layers: Float32, status: Status, bits: int | None = None, pixels: range | None = None
+    ) -> None:
         """Fill `layers` and `status` of the pixels from their stored values.
 
         Args:
             stored: values of harmonics 1 and 2 as a file holds them, (2, 2, n); or phasors, complex128 (2, n).
             layers: float32 (7, n): depth, amplitude and sigma of the direct path and the MPI's each, and confidence.
             status: (n,), with the bits that are known already: of those saturated, not finite and hot pixel mean no answer.
+            bits: those that are known of all pixels; whatever `status` holds is of no matter then.
             pixels: indices to fill; None: all.
 
         Raises:
@@ -169,7 +172,16 @@ class FrameKernel:
         if _as_neighbours(layers) is not layers or _as_neighbours(status) is not status or step != 1:
             raise ValueError("layers, status and pixels: expected neighbours in memory")
         self._compiled.resolve(
-            *self._options, start, stop, self._constants, stored, *self._arrays, layers, status, *self._tail
+            *self._options,
+            -1 if bits is None else bits,
+            start,
+            stop,
+            self._constants,
+            stored,
+            *self._arrays,
+            layers,
+            status,
+            *self._tail,
         )
 
 
