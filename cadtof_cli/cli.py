@@ -11,7 +11,7 @@ import signal
 import sys
 from collections.abc import Sequence
 from types import FrameType
-from typing import NoReturn
+from typing import NoReturn, TextIO
 
 import click
 
@@ -38,6 +38,13 @@ COMMANDS = {
 
 OBJECTS_BETWEEN_COLLECTIONS = 100_000
 """The garbage collector runs this rarely: imports make tens of thousands of objects, and no garbage."""
+
+BLAS_THREADS = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+"""Environment variables that say how many threads linear algebra has: one, unless the user says otherwise.
+
+Our matrices are small, and our processes keep all cores busy. While numpy is imported, threads that wait for work take a core
+each; and what a sum comes to depends on how many there are.
+"""
 
 PROGRAM = "cadtof"
 COMPLETE = "_CADTOF_COMPLETE"
@@ -94,7 +101,10 @@ def main() -> NoReturn:
     gc.set_threshold(OBJECTS_BETWEEN_COLLECTIONS)
     # nor does it run at exit
     atexit.register(gc.freeze)
+    for name in BLAS_THREADS:
+        os.environ.setdefault(name, "1")
     prepare_streams()
+    atexit.register(_let_go_of_stderr)
     for number in filter(None, (signal.SIGTERM, getattr(signal, "SIGHUP", None))):
         # nohup has SIGHUP ignored, and that is to stay
         if signal.getsignal(number) is not signal.SIG_IGN:
@@ -112,19 +122,19 @@ def main() -> NoReturn:
             status = cli.invoke(context) or 0
         sys.stdout.flush()
         sys.exit(status)
-    except (click.Abort, KeyboardInterrupt):
-        tell("\ninterrupted", err=True)
+    except (click.Abort, KeyboardInterrupt) as error:
+        tell("\n" + ": ".join(filter(None, ("interrupted", str(error)))), err=True)
         sys.exit(INTERRUPTED)
     except BrokenPipeError:
         # as a program ends that SIGPIPE ends
-        _forget_stdout()
+        _forget(sys.stdout)
         sys.exit(BROKEN_PIPE)
     except Exception as error:
         if debug and not isinstance(error, click.ClickException):
             raise
         message, status = _message_and_status(error)
         tell(message, err=True)
-        _forget_stdout()
+        _forget(sys.stdout)
         sys.exit(status)
 
 
@@ -165,10 +175,18 @@ def _message_and_status(error: Exception) -> tuple[str, int]:
             return f"{message}\nRun `cadtof --debug …` and report it.", 1
 
 
-def _forget_stdout() -> None:
-    """Discard what stdout could not take: Python would try to write it again at exit."""
+def _forget(stream: TextIO) -> None:
+    """Discard what a stream could not take: Python would try to write it again at exit."""
     with contextlib.suppress(OSError, ValueError):
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
+
+
+def _let_go_of_stderr() -> None:
+    """Keep the exit status where stderr, on a full disk for instance, could not take everything."""
+    try:
+        sys.stderr.flush()
+    except (OSError, ValueError):
+        _forget(sys.stderr)
 
 
 def _terminate(number: int, _frame: FrameType | None) -> NoReturn:

@@ -13,7 +13,7 @@ import tempfile
 import threading
 from collections.abc import Iterator
 
-from cadtof_cli.files.system import read_at
+from cadtof_cli.files.system import flush_c_streams, read_at
 
 _DESCRIPTORS = (1, 2)
 """Standard output, on which a pipeline reads our JSON, and standard error."""
@@ -37,12 +37,14 @@ def library_output() -> Iterator[list[str]]:
         unprinted: dict[int, bytes] = {}
         single_thread = threading.active_count() == 1
         kept = {descriptor: (_unnamed_file(), os.dup(descriptor)) for descriptor in filter(_is_open, _DESCRIPTORS)}
+        flush_c_streams()
         try:
             for descriptor, (file, _) in kept.items():
                 os.dup2(file, descriptor)
             with contextlib.redirect_stdout(printed):
                 yield said
         finally:
+            flush_c_streams()
             for descriptor, (file, before) in kept.items():
                 os.dup2(before, descriptor)
                 unprinted[descriptor] = read_at(file, os.fstat(file).st_size, 0)

@@ -38,6 +38,13 @@ _LOCKED_BYTE = 2**30
 _fcntl = cache(partial(import_module, "fcntl"))
 
 
+def flush_c_streams() -> None:
+    """Write what libraries have printed by C's `printf`, which keeps it for long where stdout is no terminal."""
+    import ctypes
+
+    ctypes.CDLL(None if os.name != "nt" else "ucrtbase").fflush(None)
+
+
 def read_at(descriptor: int, count: int, place: int, /) -> bytes:
     """Return `count` bytes of an open file from a position on, or fewer at its end."""
     if hasattr(os, "pread"):

@@ -3,7 +3,6 @@
 The writer is our own, since tomli-w breaks every list over lines: a pair of numbers should stay on one.
 """
 
-import itertools
 import json
 import math
 import tomllib
@@ -39,22 +38,21 @@ def read_toml(path: Path, /) -> dict[str, Any]:
 def toml_from_tables(tables: Mapping[str, Mapping[str, Any]], /, *, comments: Iterable[str] = ()) -> str:
     """Return TOML text of tables of plain values and lists, with comment lines on top."""
     blocks = ["\n".join(f"# {comment}" for comment in comments)]
-    blocks += ["\n".join([f"[{name}]", *itertools.starmap(toml_line, table.items())]) for name, table in tables.items()]
+    blocks += [
+        "\n".join((f"[{name}]", *(f"{key} = {toml_value(value)}" for key, value in table.items())))
+        for name, table in tables.items()
+    ]
     return "\n\n".join(filter(None, blocks)) + "\n"
 
 
-def toml_line(name: str, value: Any, /) -> str:
-    """Return a key with its value."""
-    return f"{name} = {_value(value)}"
-
-
-def _value(value: Any) -> str:
+def toml_value(value: Any, /) -> str:
+    """Return a value as TOML: numbers in one line, names in a line each."""
     if isinstance(value, Mapping):
-        return "{ " + ", ".join(f"{_value(name)} = {_value(one)}" for name, one in value.items()) + " }"
+        return "{ " + ", ".join(f"{toml_value(name)} = {toml_value(one)}" for name, one in value.items()) + " }"
     if isinstance(value, list | tuple):
         if value and isinstance(value[0], str):
-            return "[\n" + "".join(f"    {_value(item)},\n" for item in value) + "]"
-        return "[" + ", ".join(map(_value, value)) + "]"
+            return "[\n" + "".join(f"    {toml_value(item)},\n" for item in value) + "]"
+        return "[" + ", ".join(map(toml_value, value)) + "]"
     if isinstance(value, bool | str):
         return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
     if isinstance(value, float) and not math.isfinite(value):

@@ -26,12 +26,15 @@ SCRIPTS = ("decode.js", "colours.js", "map.js", "scale.js", "profile.js", "cloud
 
 @dataclass(frozen=True)
 class ShownFrame:
-    """A frame that the viewer shows: its name, its layers, how its pixels look into the world, and what its depths are."""
+    """A frame that the viewer shows: its name, its layers, how its pixels look into the world, what its depths are, and its place
+    among the truths.
+    """
 
     name: str
     embedded: EmbeddedFrame
     optics: Optics
     depth: str
+    truth: int | None = None
 
     def as_json(self, number: int, /) -> dict[str, Any]:
         """Return what the page has to know of the frame with a number."""
@@ -40,6 +43,7 @@ class ShownFrame:
             "data": f"frame-{number}",
             "depth": self.depth,
             "optics": self._optics(),
+            "truth": self.truth,
             **self.embedded.as_json(),
         }
 
@@ -57,7 +61,7 @@ class Page:
     Attributes:
         text: what it says in words and tables.
         frames: that the viewer shows.
-        truth: at the steps of the frames, if known.
+        truth: of each capture at the steps of its frames, if known.
         limits: of each layer over the run, in its unit: 1 % and 99 % of the values, the lowest and the highest.
     """
 

@@ -3,6 +3,7 @@
 import csv
 import json
 import os
+import re
 import select
 import shutil
 import subprocess
@@ -210,10 +211,34 @@ def test_each_capture_is_held_against_the_truth_of_its_own(tree: Path) -> None:
     assert medians["b/two/frame_0"] == pytest.approx(3.0, abs=0.1)
     one = shell("cadtof evaluate out --truth rec/a/truth.exr", tree)
     assert "rec/a/truth.exr: the frames of 3 captures are held against it alone" in one.err
+    _truths_of_pages_and_pictures(tree)
     (tree / "rec" / "a" / "truth.exr").unlink()
+    done = shell("cadtof report out -o none.html --truth rec", tree)
+    assert (done.status, (tree / "none.html").exists()) == (2, False)
+    assert "rec/a: found no truth of a/frame_0, expected a file truth.exr there" in done.err
     done = shell("cadtof evaluate out --truth rec", tree)
     assert done.status == 2
     assert "rec/a: found no truth of a/frame_0, expected a file truth.exr there" in done.err
+
+
+def _truths_of_pages_and_pictures(tree: Path) -> None:
+    """What is drawn and reported against a folder of truths is what is against the file in it that holds."""
+    for frame, place in ((0, "a"), (1, "b"), (2, "b")):
+        for name, truth in (("folder", "rec"), ("file", f"rec/{place}/truth.exr")):
+            done = shell(f"cadtof preview out -o {name}{frame}.png --frame {frame} --truth {truth}", tree)
+            assert (done.status, done.err) == (0, "")
+        assert (tree / f"folder{frame}.png").read_bytes() == (tree / f"file{frame}.png").read_bytes()
+    done = shell("cadtof report out -o page.html --truth rec", tree)
+    assert (done.status, done.err) == (0, "")
+    page = (tree / "page.html").read_text()
+    figures = json.loads(cadtof("evaluate", tree / "out", "--truth", tree / "rec", "--json").out)["direct"]
+    assert f"{figures['median_cm']:.2f}{figures['p90_cm']:.2f}{figures['rmse_cm']:.2f}" in re.sub("<[^>]*>", "", page)
+    (run,) = re.findall(r'<script type="application/json" id="run">(.*?)</script>', page, re.DOTALL)
+    document = json.loads(run)
+    # rec/b has two captures, and one truth
+    assert [len(document["truth"]), [frame["truth"] for frame in document["frames"]]] == [2, [0, 1, 1]]
+    one = shell("cadtof report out -o page.html --overwrite --truth rec/a/truth.exr", tree)
+    assert "rec/a/truth.exr: the frames of 3 captures are held against it alone" in one.err
 
 
 def test_info_looks_into_a_tree(tree: Path) -> None:

@@ -3,6 +3,7 @@
 import fcntl
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -28,6 +29,19 @@ PIPE_BYTES = 4096
 
 _PROGRAM = (sys.executable, "-m", "cadtof_cli")
 """Not with warnings as errors: a library that Ctrl-C leaves in the middle of opening a file does not close it at once."""
+
+
+_THREADS = """
+import os, sys
+from pathlib import Path
+from cadtof_cli.cli import main
+try:
+    main()
+except SystemExit as ended:
+    assert not ended.code
+import numpy
+print(len(list(Path("/proc/self/task").iterdir())))
+"""
 
 
 @pytest.fixture(scope="module")
@@ -128,11 +142,14 @@ def _ended(run: Run) -> tuple[int, str]:
     return run.process.returncode, err.decode().strip()
 
 
+INTERRUPTED = rf"interrupted: (\d+) of {FRAMES} frames are resolved; the same command with --resume goes on"
+
+
 @pytest.mark.parametrize("jobs", [1, 2])
 @pytest.mark.parametrize("send", [_to_all, _to_parent])
 @pytest.mark.parametrize(
     ("number", "status", "told"),
-    [(signal.SIGINT, 130, "interrupted"), (signal.SIGTERM, 143, ""), (signal.SIGHUP, 129, "")],
+    [(signal.SIGINT, 130, INTERRUPTED), (signal.SIGTERM, 143, ""), (signal.SIGHUP, 129, "")],
 )
 def test_a_run_that_is_stopped(
     number: signal.Signals, status: int, told: str, send: Callable[[Run, signal.Signals], None], jobs: int,
@@ -143,9 +160,13 @@ def test_a_run_that_is_stopped(
         workers = run.workers
         assert len(workers) == (jobs if jobs > 1 else 0)
         send(run, number)
-        assert _ended(run) == (status, told)
+        found, err = _ended(run)
+    said = re.fullmatch(told, err)
+    assert (found, said is not None) == (status, True), err
     assert _nobody_left(workers, 0)
-    assert 1 <= _sound(out, map_bytes) < FRAMES
+    maps = _sound(out, map_bytes)
+    assert 1 <= maps < FRAMES
+    assert said is None or all(int(count) <= maps for count in said.groups())
     assert json.loads((out / "run.json").read_text())["finished"] is False
 
 
@@ -275,6 +296,7 @@ def test_more_jobs_than_are_any_good(jobs: int, capture: Path, tmp_path: Path) -
 
 _DEADLY = """
 import os
+import re
 from cadtof_cli.cli import main
 from cadtof_cli.workflows.resolve import frame_task
 write = frame_task.stage_maps
@@ -299,3 +321,18 @@ def test_a_frame_that_kills_every_worker_fails_alone(capture: Path, map_bytes: b
     assert reports[7]["source"] == str(inputs[7])
     assert "the worker process died twice on this frame" in reports[7]["reason"]
     assert _sound(out, map_bytes) == 19
+
+
+@pytest.mark.parametrize(
+    ("said", "threads"), [({}, 1), ({"OPENBLAS_NUM_THREADS": "2"}, min(2, len(os.sched_getaffinity(0))))]
+)
+def test_nothing_but_its_own_threads_runs(said: dict[str, str], threads: int, capture: Path, tmp_path: Path) -> None:
+    """Linear algebra has no threads of its own, unless the user asks for them; what writes the maps has ended with the run."""
+    if said and "openblas" not in str(np.show_config(mode="dicts")).lower():
+        pytest.skip("numpy's linear algebra is another")
+    environment = {name: value for name, value in ENVIRONMENT.items() if "NUM_THREADS" not in name} | said
+    words = ["resolve", str(capture), "-o", str(tmp_path / "out"), "-q", "-j", "1", "--frames", ":2"]
+    done = subprocess.run(
+        [sys.executable, "-c", _THREADS, *words], env=environment, capture_output=True, text=True, check=True
+    )
+    assert int(done.stdout) == threads

@@ -1,6 +1,7 @@
 """What the OpenEXR library prints is caught; what others print meanwhile is not."""
 
 import os
+import subprocess
 import sys
 import threading
 from pathlib import Path
@@ -8,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from cadtof_cli.files.library_output import library_output
+from tests.support.run_cadtof import ENVIRONMENT
 
 
 def _print_like_the_library() -> None:
@@ -91,6 +93,20 @@ def test_what_the_library_prints_on_standard_output_is_kept_from_a_pipeline(capf
     assert said == ["ojph error 0x00050044 at ojph_codestream_local.cpp:700: a tile is missing"]
     os.write(1, b'{"status": "failed"}\n')
     assert capfd.readouterr() == ('{"status": "failed"}\n', "")
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="C's streams are found by another name there")
+def test_what_c_keeps_in_its_buffer_is_heard_in_time() -> None:
+    script = """
+import ctypes
+from cadtof_cli.files.library_output import library_output
+ctypes.CDLL(None).puts(b"before")
+with library_output() as said:
+    ctypes.CDLL(None).puts(b"ojph info 0x00030067: File terminated early")
+assert said == ["ojph info 0x00030067: File terminated early"], said
+"""
+    done = subprocess.run([sys.executable, "-c", script], env=ENVIRONMENT, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "before\n", "")
 
 
 def test_the_programs_own_lines_go_where_they_were_going(capfd: pytest.CaptureFixture[str]) -> None:

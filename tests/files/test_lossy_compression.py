@@ -68,6 +68,13 @@ COMPRESSIONS = {
     "LERC in Zstandard": (np.float32, _tiff("lerc", level=1e-3, compression="zstd")),
     "LERC, lossless": (np.uint16, _tiff("lerc")),
     "LERC, lossless floats": (np.float32, _tiff("lerc")),
+    "JPEG XR": (np.uint16, _tiff("jpegxr", level=99)),
+    "JPEG XR of bytes": (np.uint8, _tiff("jpegxr", level=90)),
+    "JPEG XR of halves": (np.float16, _tiff("jpegxr", level=99)),
+    "JPEG XR of floats, all of whose bits it cannot keep": (np.float32, _tiff("jpegxr")),
+    "JPEG XR, lossless": (np.uint16, _tiff("jpegxr")),
+    "JPEG XR, lossless bytes": (np.uint8, _tiff("jpegxr", level=100)),
+    "JPEG XR, lossless halves": (np.float16, _tiff("jpegxr")),
     "deflate": (np.uint16, _tiff("deflate")),
 }
 

@@ -17,7 +17,11 @@ ROOT = Path(__file__).parents[2]
 
 PROGRAM = (sys.executable, "-W", "error", "-m", "cadtof_cli")
 
-ENVIRONMENT = {**os.environ, "PYTHONPATH": str(ROOT)}
+ENVIRONMENT = {
+    **{name: value for name, value in os.environ.items() if name != "PYTHONUNBUFFERED"},
+    "PYTHONPATH": str(ROOT),
+}
+"""Streams are buffered, as they are for users: a developer's setting hid what is written as late as at exit."""
 
 _WITHOUT_PRIVILEGE = """
 import ctypes, os, sys

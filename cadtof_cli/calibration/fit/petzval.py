@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cadtof_cli.arrays import Bool, Float, Index
-from cadtof_cli.calibration.fit.flatness import block_medians
+from cadtof_cli.calibration.fit.flatness import blocks
 from cadtof_cli.calibration.fit.robust import RobustFit, robust_fit
 from cadtof_cli.calibration.parts import Origin
 from cadtof_cli.calibration.petzval import PetzvalCalibration, PetzvalQuality, WallFit
@@ -48,24 +48,26 @@ class WallRanges:
 
 
 @dataclass(frozen=True, eq=False)
-class _Layout:
-    """What is fitted to: parameters k2, k4 and q, then distance D and tilt α, β of every wall; `fixed` are those that are known.
+class _Problem:
+    """What is fitted: parameters k2, k4 and q, then distance D and tilt α, β of every wall; `free` are those that are not known.
 
     Angles enter through pixels from the principal `point` over `half_diagonal`, u and v, and q = (half diagonal / f)²:
-    range = D √(1 + q ρ²)/(1 + αu + βv) + k2 ρ² + k4 ρ⁴. `wall` says whose each range is.
+    range = D √(1 + q ρ²)/(1 + αu + βv) + k2 ρ² + k4 ρ⁴. `wall` says whose each of the n ranges is. The fit begins at `start`.
     """
 
     u: Float
     v: Float
     wall: Index
-    walls: int
+    range_m: Float
+    sigma_m: Float
     point: tuple[float, float]
     half_diagonal: float
     unambiguous_m: float
-    fixed: tuple[int, ...]
+    free: Bool
+    start: Float
 
-    def model(self, parameters: Float) -> tuple[Float, Float]:
-        """Return the ranges, (n,), and their derivatives by the parameters, (n, parameters)."""
+    def residuals(self, parameters: Float) -> tuple[Float, Float]:
+        """Return what is left of the ranges, (n,), and the model's derivatives by what is free, (n, p), both over sigma."""
         rho2 = self.u**2 + self.v**2
         slopes = np.zeros((rho2.size, parameters.size))
         slopes[:, 0], slopes[:, 1] = rho2, rho2**2
@@ -73,21 +75,20 @@ class _Layout:
         q = parameters[2]
         stretch = np.sqrt(1.0 + q * rho2)
         ranges = np.empty(rho2.size)
+        of_walls = slopes[:, 3:].reshape(rho2.size, -1, 3)
         for index, (distance, alpha, beta) in enumerate(parameters[3:].reshape(-1, 3)):
-            here, place = self.wall == index, _place(index)
+            here = self.wall == index
             leaning = 1.0 + alpha * self.u[here] + beta * self.v[here]
             flat = distance * stretch[here] / leaning
             ranges[here] = flat
             slopes[here, 2] = 0.5 * flat * rho2[here] / (1.0 + q * rho2[here])
-            slopes[here, place] = stretch[here] / leaning
-            slopes[here, place + 1] = -flat / leaning * self.u[here]
-            slopes[here, place + 2] = -flat / leaning * self.v[here]
-        return ranges + curvature, slopes
-
-
-def _place(wall: int) -> int:
-    """Return where a wall's distance stands among the parameters."""
-    return 3 + 3 * wall
+            of_walls[here, index, 0] = stretch[here] / leaning
+            of_walls[here, index, 1] = -flat / leaning * self.u[here]
+            of_walls[here, index, 2] = -flat / leaning * self.v[here]
+        # ranges repeat: their difference is that nearest to 0
+        half = 0.5 * self.unambiguous_m
+        left = (self.range_m - (ranges + curvature) + half) % self.unambiguous_m - half
+        return left / self.sigma_m, slopes[:, self.free] / self.sigma_m[:, np.newaxis]
 
 
 def fit_petzval(walls: Sequence[WallRanges], /, *, optics: Optics, origin: Origin) -> PetzvalCalibration:
@@ -107,25 +108,25 @@ def fit_petzval(walls: Sequence[WallRanges], /, *, optics: Optics, origin: Origi
                 f"least {LEAST_PIXELS}: is it a flat wall without multi-path interference, and the dark and response "
                 "calibration in the folder?"
             )
-    layout = _layout(usable, walls, optics, origin)
-    ranges = np.concatenate([wall.range_m[good] for wall, good in zip(walls, usable, strict=True)])
-    sigma = np.concatenate([wall.sigma_m[good] for wall, good in zip(walls, usable, strict=True)])
-    fit = _fitted(layout, ranges, sigma, _start(layout, ranges, walls, optics))
-    _require_walls(layout, fit, sigma, usable, origin)
-    without = replace(layout, fixed=(0, 1, *layout.fixed))
-    flat = _fitted(without, ranges, sigma, np.concatenate((np.zeros(2), fit.parameters[2:])))
-    quality = _quality(layout, fit, flat, sigma)
-    quality = replace(quality, findings=_findings(layout, quality, fit, optics))
-    return PetzvalCalibration(origin, float(fit.parameters[0]), float(fit.parameters[1]), layout.point, quality)
+    problem = _problem(usable, walls, optics, origin)
+    fit = robust_fit(problem.residuals, problem.start, free=problem.free)
+    _require_walls(problem, fit, usable, origin)
+    curved = np.arange(fit.parameters.size) < 2
+    without = replace(problem, free=problem.free & ~curved)
+    flat = robust_fit(without.residuals, np.where(curved, 0.0, fit.parameters), free=without.free)
+    quality = _quality(problem, fit, flat)
+    quality = replace(quality, findings=_findings(problem, quality, fit, optics))
+    return PetzvalCalibration(origin, float(fit.parameters[0]), float(fit.parameters[1]), problem.point, quality)
 
 
-def _require_walls(layout: _Layout, fit: RobustFit, sigma: Float, usable: Sequence[Bool], origin: Origin) -> None:
+def _require_walls(problem: _Problem, fit: RobustFit, usable: Sequence[Bool], origin: Origin) -> None:
     """Make sure that most of what each capture shows lies on the wall that was fitted to it."""
     for index, where in enumerate(usable):
-        here = layout.wall == index
-        off = np.abs(block_medians((fit.residual * sigma)[here], where))
-        noise = block_medians(sigma[here], where)
-        on_wall = float(np.mean(off <= OFF_WALL_M + noise)) if off.size else 1.0
+        here = problem.wall == index
+        sigma = problem.sigma_m[here]
+        off = fit.residual[here] * sigma
+        on = [abs(np.median(off[block])) <= OFF_WALL_M + np.median(sigma[block]) for block in blocks(where)]
+        on_wall = float(np.mean(on)) if on else 1.0
         if on_wall < LEAST_ON_WALL:
             raise SettingsError(
                 f"wall {index + 1} ({origin.captures[index]}): {on_wall:.0%} of what has a single path lies on a wall within "
@@ -145,60 +146,42 @@ def _require_distinct(walls: Sequence[WallRanges]) -> None:
         )
 
 
-def _layout(usable: list[Bool], walls: Sequence[WallRanges], optics: Optics, origin: Origin) -> _Layout:
+def _problem(usable: list[Bool], walls: Sequence[WallRanges], optics: Optics, origin: Origin) -> _Problem:
+    """Return what is fitted to the usable pixels; it starts at walls that face the camera, at their known or median distance."""
     point, half_diagonal = principal_point(optics, origin.pixels), 0.5 * math.hypot(*origin.pixels)
+    focal = optics.focal_length_px
     pixels = [np.nonzero(good) for good in usable]
-    known = [_place(index) for index, wall in enumerate(walls) if wall.distance_m is not None]
-    return _Layout(
-        u=np.concatenate([(column - point[0]) / half_diagonal for _, column in pixels]),
-        v=np.concatenate([(row - point[1]) / half_diagonal for row, _ in pixels]),
-        wall=np.repeat(np.arange(len(walls)), [good.sum() for good in usable]),
-        walls=len(walls),
+    u = np.concatenate([(column - point[0]) / half_diagonal for _, column in pixels])
+    v = np.concatenate([(row - point[1]) / half_diagonal for row, _ in pixels])
+    whose = np.repeat(np.arange(len(walls)), [good.sum() for good in usable])
+    ranges = np.concatenate([wall.range_m[good] for wall, good in zip(walls, usable, strict=True)])
+    start, free = np.zeros(3 + 3 * len(walls)), np.ones(3 + 3 * len(walls), np.bool_)
+    start[2], free[2] = (0.5, True) if focal is None else ((half_diagonal / focal) ** 2, False)
+    distances = ranges / np.sqrt(1.0 + start[2] * (u**2 + v**2))
+    for index, wall in enumerate(walls):
+        start[3 + 3 * index] = np.median(distances[whose == index]) if wall.distance_m is None else wall.distance_m
+        free[3 + 3 * index] = wall.distance_m is None
+    return _Problem(
+        u=u,
+        v=v,
+        wall=whose,
+        range_m=ranges,
+        sigma_m=np.concatenate([wall.sigma_m[good] for wall, good in zip(walls, usable, strict=True)]),
         point=point,
         half_diagonal=half_diagonal,
         unambiguous_m=unambiguous_range_m(origin.periods_ns[0]),
-        fixed=tuple(known) if optics.focal_length_px is None else (2, *known),
+        free=free,
+        start=start,
     )
 
 
-def _start(layout: _Layout, ranges: Float, walls: Sequence[WallRanges], optics: Optics) -> Float:
-    """Return parameters of walls that face the camera, at their known or their median distance."""
-    parameters, focal = np.zeros(_place(layout.walls)), optics.focal_length_px
-    parameters[2] = 0.5 if focal is None else (layout.half_diagonal / focal) ** 2
-    stretch = np.sqrt(1.0 + parameters[2] * (layout.u**2 + layout.v**2))
-    for index, wall in enumerate(walls):
-        here = layout.wall == index
-        known = wall.distance_m is not None
-        parameters[_place(index)] = wall.distance_m if known else np.median(ranges[here] / stretch[here])
-    return parameters
-
-
-def _fitted(layout: _Layout, ranges: Float, sigma: Float, start: Float) -> RobustFit:
-    free = np.array([index for index in range(start.size) if index not in layout.fixed])
-
-    def residual(parameters: Float) -> tuple[Float, Float]:
-        whole = start.copy()
-        whole[free] = parameters
-        model, slopes = layout.model(whole)
-        # ranges repeat: their difference is that nearest to 0
-        half = 0.5 * layout.unambiguous_m
-        return ((ranges - model + half) % layout.unambiguous_m - half) / sigma, slopes[:, free] / sigma[:, np.newaxis]
-
-    fit = robust_fit(residual, start[free])
-    whole, covariance = start.copy(), np.zeros((start.size, start.size))
-    whole[free] = fit.parameters
-    covariance[np.ix_(free, free)] = fit.covariance
-    return replace(fit, parameters=whole, covariance=covariance)
-
-
-def _quality(layout: _Layout, fit: RobustFit, flat: RobustFit, sigma: Float) -> PetzvalQuality:
-    kept = fit.weights > 0.0
+def _quality(problem: _Problem, fit: RobustFit, flat: RobustFit) -> PetzvalQuality:
+    kept, sigma = fit.weights > 0.0, problem.sigma_m
     after, before = fit.residual * sigma, flat.residual * sigma
     errors = np.sqrt(np.diag(fit.covariance))
     correlation = fit.covariance / np.maximum(np.outer(errors, errors), np.finfo(np.float64).tiny)
     shared = float(np.abs(correlation[:2, 2:]).max(initial=0.0))
     q = float(fit.parameters[2])
-    walls = tuple(_wall_fit(layout, index, fit, before, after, sigma) for index in range(layout.walls))
     return PetzvalQuality(
         k2_stderr_m=float(errors[0]),
         k4_stderr_m=float(errors[1]),
@@ -206,32 +189,32 @@ def _quality(layout: _Layout, fit: RobustFit, flat: RobustFit, sigma: Float) -> 
         rms_after_m=_rms(after[kept]),
         noise_rms_m=_rms(sigma[kept]),
         correlation=shared,
-        focal_length_px=float(layout.half_diagonal / np.sqrt(q)) if q > 0.0 else float("nan"),
-        focal_length_known=2 in layout.fixed,
-        walls=walls,
+        focal_length_px=float(problem.half_diagonal / np.sqrt(q)) if q > 0.0 else float("nan"),
+        focal_length_known=not problem.free[2],
+        walls=tuple(_wall_fit(problem, index, fit, flat) for index in range(len(fit.parameters[3::3]))),
     )
 
 
-def _wall_fit(layout: _Layout, index: int, fit: RobustFit, before: Float, after: Float, sigma: Float) -> WallFit:
-    place, here = _place(index), (fit.weights > 0.0) & (layout.wall == index)
+def _wall_fit(problem: _Problem, index: int, fit: RobustFit, flat: RobustFit) -> WallFit:
+    place, here = 3 + 3 * index, (fit.weights > 0.0) & (problem.wall == index)
     distance, alpha, beta = fit.parameters[place : place + 3]
-    lean = np.sqrt(max(fit.parameters[2], 0.0))
+    lean, sigma = np.sqrt(max(fit.parameters[2], 0.0)), problem.sigma_m[here]
     return WallFit(
         distance_m=float(distance),
         distance_stderr_m=float(np.sqrt(fit.covariance[place, place])),
-        distance_known=place in layout.fixed,
+        distance_known=not problem.free[place],
         slopes=(float(alpha / lean), float(beta / lean)),
-        rms_before_m=_rms(before[here]),
-        rms_after_m=_rms(after[here]),
-        noise_rms_m=_rms(sigma[here]),
+        rms_before_m=_rms(flat.residual[here] * sigma),
+        rms_after_m=_rms(fit.residual[here] * sigma),
+        noise_rms_m=_rms(sigma),
         pixels=int(here.sum()),
     )
 
 
-def _findings(layout: _Layout, quality: PetzvalQuality, fit: RobustFit, optics: Optics) -> tuple[str, ...]:
+def _findings(problem: _Problem, quality: PetzvalQuality, fit: RobustFit, optics: Optics) -> tuple[str, ...]:
     findings = []
     if optics.principal_point_px is None:
-        column, row = layout.point
+        column, row = problem.point
         findings.append(
             f"no principal point given: the middle of the array, column {column:g} and row {row:g}, is taken"
         )

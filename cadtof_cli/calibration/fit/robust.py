@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cadtof_cli.arrays import Float
+from cadtof_cli.arrays import Bool, Float
 from cadtof_cli.errors import SettingsError
 from cadtof_cli.phasors.noise import MAD_PER_SIGMA
 
@@ -41,28 +41,33 @@ class RobustFit:
     condition: float
 
 
-def robust_fit(model: Callable[[Float], tuple[Float, Float]], start: Float, /) -> RobustFit:
+def robust_fit(
+    model: Callable[[Float], tuple[Float, Float]], start: Float, /, *, free: Bool | None = None
+) -> RobustFit:
     """Fit parameters, from a start (p,) that need not be close where the model is nearly linear.
 
-    The model gives residuals (n,) over their standard deviations, and derivatives (n, p) of the modelled values over the same.
+    The model gives residuals (n,) over their standard deviations, and the derivatives of the modelled values over the same by
+    the parameters that are `free`, (p,): all of them where it is None. The others stay, and have no variance.
 
     Raises:
         SettingsError: the observations do not determine the parameters.
     """
-    parameters = start.astype(np.float64)
+    parameters, covariance = start.astype(np.float64), np.zeros((start.size, start.size))
+    free = np.ones(start.size, np.bool_) if free is None else free
     for _ in range(MOST_STEPS):
         residual, slopes = model(parameters)
         scale, weights = _weighted(residual)
         normal = (slopes * weights[:, np.newaxis]).T @ slopes
         inverse, condition = _inverse(normal)
         change = inverse @ (slopes.T @ (weights * residual))
-        parameters = parameters + change
+        parameters[free] += change
         if np.all(np.abs(change) <= CONVERGED * scale * np.sqrt(np.diag(inverse))):
             break
     residual, slopes = model(parameters)
     scale, kept = _weighted(residual)
     inverse, condition = _inverse(slopes[kept > 0.0].T @ slopes[kept > 0.0])
-    return RobustFit(parameters, inverse * scale**2 / BIWEIGHT_EFFICIENCY, residual, kept, scale, condition)
+    covariance[np.ix_(free, free)] = inverse * scale**2 / BIWEIGHT_EFFICIENCY
+    return RobustFit(parameters, covariance, residual, kept, scale, condition)
 
 
 def _weighted(residual: Float) -> tuple[float, Float]:

@@ -17,6 +17,9 @@ _LERC_PARAMETERS = 50674
 _DEFLATE, _ZSTANDARD = 1, 2
 """What LERC may be packed in once more."""
 
+_MOST_HEADER_BYTES = 64
+"""Of JPEG XR: more than all of a header takes that is not cut into hundreds of tiles."""
+
 _ROUNDING = 0.5
 """What LERC calls the error of whole numbers that it keeps."""
 
@@ -24,7 +27,7 @@ _ROUNDING = 0.5
 def lossy_compression(path: Path, _dtype: np.dtype[Any], /) -> str | None:
     """Return the name of the compression of a file's first page where that changes values; None where it does not.
 
-    None too where it cannot be told, as of JPEG XR.
+    None too where the header is one that is not understood.
 
     Raises:
         FrameError: the file cannot be read.
@@ -36,7 +39,7 @@ def lossy_compression(path: Path, _dtype: np.dtype[Any], /) -> str | None:
             return None
         tiff.filehandle.seek(page.dataoffsets[0])
         data = tiff.filehandle.read(page.databytecounts[0])
-        with suppress(struct.error, IndexError):
+        with suppress(struct.error, IndexError, ValueError):
             return told(data, page)
     return None
 
@@ -110,15 +113,64 @@ def _jpeg_xl(data: bytes, _page: tifffile.TiffPage) -> str | None:
     return "JPEG XL" if not take(2) and take(1) else None
 
 
+_JPEG_XR = b"WMPHOTO\0"
+_GREY = 0
+_SHIFTED = frozenset({2, 3, 6})
+"""Types of samples, whole numbers of 16 and 32 bits, of which low bits may be left out."""
+_FLOAT32 = 7
+_MANTISSA_BITS = 23
+
+
+def _jpeg_xr(data: bytes, _page: tifffile.TiffPage) -> str | None:
+    """Lossless JPEG XR keeps all bits and all bands, and divides by nothing (ITU-T T.832, 8.3 and 8.4)."""
+    start = data.index(_JPEG_XR) + len(_JPEG_XR)
+    header = data[start : start + _MOST_HEADER_BYTES].ljust(_MOST_HEADER_BYTES, b"\0")
+    bits, place = int.from_bytes(header, "big"), 8 * _MOST_HEADER_BYTES
+
+    def take(count: int) -> int:
+        nonlocal place
+        place -= count
+        return bits >> place & ((1 << count) - 1)
+
+    take(8)
+    tiled = take(1)
+    take(7)
+    short, _, windowed, trimmed, _ = (take(count) for count in (1, 1, 1, 1, 8))
+    kind = take(4)
+    take(32 if short else 64)
+    if tiled:
+        columns, rows = take(12), take(12)
+        take((columns + rows) * (8 if short else 16))
+    take(24 * windowed)
+    colours, scaled, bands_left_out = take(3), take(1), take(4)
+    if trimmed or scaled or bands_left_out:
+        return "JPEG XR"
+    if colours != _GREY:
+        # what comes next depends on the colours
+        return None
+    if (kind in _SHIFTED and take(8)) or (kind == _FLOAT32 and take(16) >> 8 < _MANTISSA_BITS):
+        return "JPEG XR"
+    # of each band whether one divisor holds everywhere, and which; or that it is the one of the band before
+    coarse = not take(1) or take(8) > 1
+    for _ in range(2):
+        coarse = coarse or (not take(1) and (not take(1) or take(8) > 1))
+    return "JPEG XR" if coarse else None
+
+
 _TOLD_BY: dict[int, Callable[[bytes, tifffile.TiffPage], str | None]] = {
     6: _jpeg,
     7: _jpeg,
+    99: _jpeg,
+    22610: _jpeg_xr,
     33007: _jpeg,
     33003: _jpeg_2000,
     33004: _jpeg_2000,
     33005: _jpeg_2000,
     34712: _jpeg_2000,
     34887: _lerc,
+    34892: _jpeg,
+    34927: _webp,
+    34934: _jpeg_xr,
     50001: _webp,
     50002: _jpeg_xl,
     52546: _jpeg_xl,

@@ -73,7 +73,7 @@ const kept = new Map();
 function frameOf(number) {
   if (!kept.has(number)) {
     const meta = run.frames[number];
-    const truth = run.truth.find((one) => one.width === meta.width && one.height === meta.height && one.step === meta.step);
+    const truth = meta.truth === null ? null : run.truth[meta.truth];
     const decoding = Promise.all([decodedFrame(meta), truth && decodedFrame(truth)]).then(([frame, known]) => {
       if (known) withTruth(frame, known);
       return frame;

@@ -11,7 +11,7 @@ from cadtof_cli.calibration.parts import PART_KINDS, Origin, PartKind
 from cadtof_cli.calibration.store import Calibration, Part, digest_of, load_calibration, require_absent, save_part
 from cadtof_cli.capture.discovery import find_captures
 from cadtof_cli.capture.frames import Capture, read_stored, single_frames
-from cadtof_cli.capture.metadata import Target
+from cadtof_cli.capture.metadata import CaptureMetadata, Target
 from cadtof_cli.errors import FrameError, SettingsError
 from cadtof_cli.phasors.frame_mean import FrameMean, mean_volts
 from cadtof_cli.phasors.plausible import implausible
@@ -35,8 +35,19 @@ class CalibrateSettings:
     settings_file: Path | None = None
 
 
-Averaged = Sequence[tuple[Capture, FrameMean]]
-"""Captures, with the mean of the frames of each, in V."""
+@dataclass(frozen=True, eq=False)
+class Averaged:
+    """What a part is measured from.
+
+    Attributes:
+        captures: with the mean of the frames of each, in V.
+        earlier: the parts of the folder that are applied to the means first; None where there are none.
+        origin: of the part.
+    """
+
+    captures: Sequence[tuple[Capture, FrameMean]]
+    earlier: Calibration | None
+    origin: Origin
 
 
 @dataclass(frozen=True)
@@ -60,11 +71,11 @@ def averaged_captures(
     overrides: Mapping[str, Any],
     progress: Progress,
 ) -> Averaged:
-    """Read every frame of the captures and return each capture, its target where the settings say, with its mean.
+    """Read every frame of the captures, whose targets are where the settings say, and the earlier parts of the folder.
 
     Raises:
         CadtofError: the part is there already, an input or its metadata is at fault, a frame cannot be read, or the captures
-            were not recorded by one camera with one setting.
+            were not recorded by one camera with one setting, that of the earlier parts.
     """
     require_absent(settings.out, kind, overwrite=settings.overwrite)
     captures = find_captures(inputs, overrides=overrides, settings_file=settings.settings_file)
@@ -81,7 +92,17 @@ def averaged_captures(
             here, there = ("{1} × {0}".format(*one.pixels) for one in (mean, expected))
             raise SettingsError(f"{capture.root}: found {here} pixels, expected {there} as in {first.root}")
         averaged.append((capture, mean))
-    return averaged
+    metadata, pixels = captures[0].source.metadata, averaged[0][1].pixels
+    earlier = _earlier_parts(settings.out, kind, metadata, pixels, progress)
+    origin = Origin(
+        captures=tuple(str(one.root) for one in captures),
+        frames=sum(mean.frames for _, mean in averaged),
+        pixels=pixels,
+        periods_ns=metadata.modulation.periods_ns,
+        waveform=metadata.modulation.waveform,
+        used=earlier.digests if earlier else {},
+    )
+    return Averaged(averaged, earlier, origin)
 
 
 def _frames(capture: Capture, progress: Progress) -> Iterator[Stored]:
@@ -122,32 +143,20 @@ def _require_same_modulation(captures: Sequence[Capture]) -> None:
                 )
 
 
-def earlier_parts(folder: Path, kind: PartKind, averaged: Averaged, /, *, progress: Progress) -> Calibration | None:
+def _earlier_parts(
+    folder: Path, kind: PartKind, metadata: CaptureMetadata, pixels: tuple[int, int], progress: Progress
+) -> Calibration | None:
     """Return the parts of the folder that are applied before this one, checked against the captures; say which, or None."""
     earlier = PART_KINDS[: PART_KINDS.index(kind)]
     if not any(os.path.lexists(folder / f"{name}.toml") for name in earlier):
-        progress.say(f"{folder}: no {' or '.join(earlier)} calibration there, so none is applied to the frames")
+        if earlier:
+            progress.say(f"{folder}: no {' or '.join(earlier)} calibration there, so none is applied to the frames")
         return None
     everything = load_calibration(folder)
     parts = replace(everything, **{name: None for name in PART_KINDS if name not in earlier})
-    capture, mean = averaged[0]
-    parts.require_match(capture.source.metadata, mean.pixels)
+    parts.require_match(metadata, pixels)
     progress.say(f"applied to the frames first: {', '.join(part.kind for part in parts.parts)} of {folder}")
     return parts
-
-
-def origin_of(averaged: Averaged, used: Calibration | None, /) -> Origin:
-    """Return the record of what a part is made from."""
-    capture, mean = averaged[0]
-    modulation = capture.source.metadata.modulation
-    return Origin(
-        captures=tuple(str(one.root) for one, _ in averaged),
-        frames=sum(one.frames for _, one in averaged),
-        pixels=mean.pixels,
-        periods_ns=modulation.periods_ns,
-        waveform=modulation.waveform,
-        used=used.digests if used else {},
-    )
 
 
 def save_with_report(

@@ -13,7 +13,6 @@ from cadtof_cli.workflows.calibrate.captures import (
     CalibrateReport,
     CalibrateSettings,
     averaged_captures,
-    origin_of,
     save_with_report,
 )
 from cadtof_cli.workflows.progress import Progress
@@ -28,11 +27,11 @@ def calibrate_dark(
         CadtofError: see `averaged_captures`; or there are several captures, or the frames saw light.
     """
     averaged = averaged_captures(inputs, "dark", settings=settings, overrides=overrides, progress=progress)
-    if len(averaged) > 1:
-        raise SettingsError(f"found {len(averaged)} captures, expected one of covered-lens frames")
-    capture, mean = averaged[0]
+    if len(averaged.captures) > 1:
+        raise SettingsError(f"found {len(averaged.captures)} captures, expected one of covered-lens frames")
+    capture, mean = averaged.captures[0]
     _require_dark(capture, mean)
-    dark = fit_dark(mean, origin=origin_of(averaged, None))
+    dark = fit_dark(mean, origin=averaged.origin)
     counts = dark.defect_counts()
     findings = tuple(
         f"{counts[bit.name.lower()]} pixels with {DEFECT_MEANING[bit]}"

@@ -25,8 +25,6 @@ from cadtof_cli.workflows.calibrate.captures import (
     CalibrateReport,
     CalibrateSettings,
     averaged_captures,
-    earlier_parts,
-    origin_of,
     save_with_report,
 )
 from cadtof_cli.workflows.progress import Progress
@@ -52,14 +50,9 @@ def calibrate_petzval(
     if plot is not None:
         require_picture(plot, overwrite=settings.overwrite)
     averaged = averaged_captures(inputs, "petzval", settings=settings, overrides=overrides, progress=progress)
-    earlier = earlier_parts(settings.out, "petzval", averaged, progress=progress)
-    walls = [_wall(capture, mean, settings.out, earlier) for capture, mean in averaged]
-    metadata = averaged[0][0].source.metadata
-    petzval = fit_petzval(
-        walls,
-        optics=metadata.optics,
-        origin=origin_of(averaged, earlier),
-    )
+    earlier = averaged.earlier
+    walls = [_wall(capture, mean, settings.out, earlier) for capture, mean in averaged.captures]
+    petzval = fit_petzval(walls, optics=averaged.captures[0][0].source.metadata.optics, origin=averaged.origin)
     if earlier and earlier.response:
         petzval = _with_shared_uncertainty(petzval, earlier.response.quality.curvature_stderr_m)
     tables, quality = petzval.tables(), petzval.quality
@@ -69,7 +62,7 @@ def calibrate_petzval(
     )
     if plot is None:
         return report
-    _draw(walls, petzval, [str(capture.root) for capture, _ in averaged], plot)
+    _draw(walls, petzval, plot)
     return replace(report, written=(*report.written, str(plot)))
 
 
@@ -117,11 +110,11 @@ def _with_shared_uncertainty(petzval: PetzvalCalibration, stderr_m: tuple[float,
     return replace(petzval, quality=replace(quality, k2_stderr_m=k2_stderr_m, k4_stderr_m=k4_stderr_m))
 
 
-def _draw(walls: Sequence[WallRanges], petzval: PetzvalCalibration, names: Sequence[str], path: Path) -> None:
+def _draw(walls: Sequence[WallRanges], petzval: PetzvalCalibration, path: Path) -> None:
     from cadtof_cli.figures.petzval import WallSection, draw_petzval
 
     sections = [
         WallSection(Path(name).name, wall.range_m, fit.distance_m, fit.slopes)
-        for name, wall, fit in zip(names, walls, petzval.quality.walls, strict=True)
+        for name, wall, fit in zip(petzval.origin.captures, walls, petzval.quality.walls, strict=True)
     ]
     draw_petzval(sections, petzval, path)

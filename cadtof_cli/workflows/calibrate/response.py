@@ -17,8 +17,6 @@ from cadtof_cli.workflows.calibrate.captures import (
     CalibrateReport,
     CalibrateSettings,
     averaged_captures,
-    earlier_parts,
-    origin_of,
     save_with_report,
 )
 from cadtof_cli.workflows.progress import Progress
@@ -33,15 +31,15 @@ def calibrate_response(
         CadtofError: see `averaged_captures`; or a target's distance is not known.
     """
     averaged = averaged_captures(inputs, "response", settings=settings, overrides=overrides, progress=progress)
-    for capture, _ in averaged:
+    for capture, _ in averaged.captures:
         if capture.source.metadata.target.distance_m is None:
             raise SettingsError(
                 f"{capture.root}: the target's distance is not known: set distance_m under [target] in capture.toml, or "
                 "--distance, once for all captures or once each"
             )
-    earlier = earlier_parts(settings.out, "response", averaged, progress=progress)
-    targets = [_target(capture, mean, earlier) for capture, mean in averaged]
-    response = fit_response(targets, metadata=averaged[0][0].source.metadata, origin=origin_of(averaged, earlier))
+    targets = [_target(capture, mean, averaged.earlier) for capture, mean in averaged.captures]
+    metadata = averaged.captures[0][0].source.metadata
+    response = fit_response(targets, metadata=metadata, origin=averaged.origin)
     return save_with_report(response, settings, _figures(response), response.quality.findings)
 
 

@@ -1,24 +1,21 @@
 """`cadtof evaluate`: the maps of a run against truth, beside what the first phasor alone would have said; and over time."""
 
 from dataclasses import dataclass, fields
-from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cadtof_cli.arrays import Float
 from cadtof_cli.errors import OutputError
 from cadtof_cli.files.atomic import atomic_write, require_new
 from cadtof_cli.files.documents import csv_text
 from cadtof_cli.files.formats import EXR, format_by_suffix
 from cadtof_cli.files.maps import read_layers, write_layers
-from cadtof_cli.files.reading import is_folder
 from cadtof_cli.maps.evaluation import DepthErrors, ErrorTally, SequenceTally, depth_errors
 from cadtof_cli.maps.layers import DIRECT_DEPTH, DIRECT_SIGMA, MPI_DEPTH
 from cadtof_cli.workflows.inspect.first_phasors import first_phasors
-from cadtof_cli.workflows.inspect.layers import direct_depth, layer_of, require_same_size, truth_file
+from cadtof_cli.workflows.inspect.layers import Truth, layer_of, require_same_size
 from cadtof_cli.workflows.progress import Progress
 from cadtof_cli.workflows.run_folder import read_run
 
@@ -72,17 +69,8 @@ def evaluate_maps(
     run = read_run(maps)
     files = run.require_maps()
 
-    @lru_cache(maxsize=1)
-    def known(path: Path) -> Float:
-        return run.cropped(direct_depth(path))
-
-    known(truth_file(truth, run, files[0]))
-    run.require_range_depth()
-    captures = len(run.record["captures"]) if run.record else 1
-    if captures > 1 and len(files) > 1 and not is_folder(truth):
-        progress.say(
-            f"{truth}: the frames of {captures} captures are held against it alone; a folder may hold a truth for each"
-        )
+    known = Truth(truth, run)
+    known.tell_of_captures(files, progress.say)
     recorded = first_phasors(run, progress.say)
     direct, first = ErrorTally(), ErrorTally()
     lines: list[FrameErrors] = []
@@ -91,9 +79,7 @@ def evaluate_maps(
     for path in files:
         layers = read_layers(path)
         depth = layer_of(layers, DIRECT_DEPTH, path).astype(np.float64)
-        of_this = truth_file(truth, run, path)
-        expected = known(of_this)
-        require_same_size(depth, expected.shape, path, of_this)
+        expected = known.depth(path, depth)
         alone = recorded.depth(path, depth)
         direct.add(depth, expected, sigma_m=layers.get(DIRECT_SIGMA))
         if alone is not None:

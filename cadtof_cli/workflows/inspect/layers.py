@@ -1,7 +1,7 @@
 """Layers of maps as what comes after a run needs them: by name, of one size, and with the optics that points follow from."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +14,7 @@ from cadtof_cli.errors import CaptureError
 from cadtof_cli.files.formats import MAP_SUFFIXES
 from cadtof_cli.files.maps import read_layers
 from cadtof_cli.files.reading import is_folder
+from cadtof_cli.last_call import same_as_last
 from cadtof_cli.maps.layers import DIRECT_DEPTH
 from cadtof_cli.records import setting
 from cadtof_cli.workflows.run_folder import Run
@@ -64,24 +65,65 @@ def direct_depth(path: Path, /) -> Float:
     return layer_of(read_layers(path), DIRECT_DEPTH, path).astype(np.float64)
 
 
-def truth_file(truth: Path, run: Run, file: Path, /) -> Path:
-    """Return the file with the truth of a map: the one given, or `truth.*` in a folder, where it lies as the map does in its run.
+@dataclass(frozen=True)
+class Truth:
+    """The true depths of a run's maps.
 
-    Where there is none in that place, the one in the nearest folder above counts.
-
-    Raises:
-        CaptureError: there is none.
+    Attributes:
+        given: the file that holds for all maps; or a folder with one for each capture, in the tree of the run.
+        run: whose maps are held against it.
     """
-    if not is_folder(truth):
-        return truth
-    below = Path(run.name(file)).parent
-    for folder in (below, *below.parents):
-        for path in (truth / folder / f"truth{suffix}" for suffix in MAP_SUFFIXES):
-            if path.exists():
-                return path
-    raise CaptureError(
-        f"{truth / below}: found no truth of {run.name(file)}, expected a file truth{MAP_SUFFIXES[0]} there"
-    )
+
+    given: Path
+    run: Run
+    _read: Callable[[Path], Float] = field(default_factory=lambda: same_as_last(direct_depth), repr=False)
+
+    def __post_init__(self) -> None:
+        """Make sure that the maps can be held against truth; raises SettingsError where they hold z depth."""
+        self.run.require_range_depth()
+
+    def file(self, map_file: Path, /) -> Path:
+        """Return the file with the truth of a map: in a folder the `truth.*` that lies there as the map does in its run.
+
+        Where there is none in that place, the one in the nearest folder above counts.
+
+        Raises:
+            CaptureError: there is none.
+        """
+        if not is_folder(self.given):
+            return self.given
+        below = Path(self.run.name(map_file)).parent
+        for folder in (below, *below.parents):
+            for path in (self.given / folder / f"truth{suffix}" for suffix in MAP_SUFFIXES):
+                if path.exists():
+                    return path
+        raise CaptureError(
+            f"{self.given / below}: found no truth of {self.run.name(map_file)}, expected a file truth{MAP_SUFFIXES[0]} there"
+        )
+
+    def depth(self, map_file: Path, direct: NDArray[Any], /) -> Float:
+        """Return the true depth of the pixels of a map, float64 (Y, X) in m.
+
+        Args:
+            map_file: the map.
+            direct: its direct depth, (Y, X).
+
+        Raises:
+            CadtofError: the truth cannot be read, or is of another size.
+        """
+        file = self.file(map_file)
+        known = self.run.cropped(self._read(file))
+        require_same_size(direct, known.shape, map_file, file)
+        return known
+
+    def tell_of_captures(self, files: Sequence[Path], say: Callable[[str], None], /) -> None:
+        """Say so where one file is to hold for the maps of several captures."""
+        captures = len(self.run.record["captures"]) if self.run.record else 1
+        if captures > 1 and len(files) > 1 and not is_folder(self.given):
+            say(
+                f"{self.given}: the frames of {captures} captures are held against it alone; a folder may hold a truth for"
+                " each"
+            )
 
 
 def require_same_size(plane: NDArray[Any], expected: tuple[int, ...], path: Path, other: Path, /) -> None:

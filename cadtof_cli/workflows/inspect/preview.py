@@ -36,7 +36,7 @@ from cadtof_cli.figures.sequence import (
 from cadtof_cli.maps.layers import DIRECT_DEPTH
 from cadtof_cli.workflows.inspect.facts import is_calibration_folder
 from cadtof_cli.workflows.inspect.first_phasors import first_phasors
-from cadtof_cli.workflows.inspect.layers import direct_depth, require_same_size
+from cadtof_cli.workflows.inspect.layers import Truth
 from cadtof_cli.workflows.inspect.pictured import Pictured, pictured
 from cadtof_cli.workflows.inspect.preview_settings import PreviewSettings
 from cadtof_cli.workflows.progress import Progress
@@ -108,9 +108,8 @@ def _one(one: Pictured, out: Path, settings: PreviewSettings, progress: Progress
     elif settings.truth is None:
         draw_maps(shown, out)
     else:
-        one.run.require_range_depth()
-        known, direct = one.run.cropped(direct_depth(settings.truth)), shown.values(DIRECT_DEPTH)
-        require_same_size(direct, known.shape, one.file, settings.truth)
+        direct = shown.values(DIRECT_DEPTH)
+        known = Truth(settings.truth, one.run).depth(one.file, direct)
         first = first_phasors(one.run, progress.say).depth(one.file, direct)
         draw_maps(shown, out, truth_m=known, first_phasor_m=first)
 

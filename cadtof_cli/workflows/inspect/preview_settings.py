@@ -26,7 +26,11 @@ class PreviewSettings:
         metavar="LO,HI",
     )
     colours: ColourScale | None = setting(None, "Colour map.  [default: by the layer]", option="--cmap")
-    truth: Path | None = setting(None, "File with the true direct.depth; the errors are drawn too.")
+    truth: Path | None = setting(
+        None,
+        "File with the true direct.depth, or a folder with such a file, truth.exr, for each capture, in the same tree as the "
+        "run; the errors are drawn too.",
+    )
     frame: int | None = setting(None, "Draw this frame only; 0 is the first.")
     frames_per_second: float = setting(10.0, "Frames per second of a film.", option="--fps", metavar="F")
     overwrite: bool = setting(False, "Replace the file if it exists.")

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from cadtof_cli.arrays import Float
-from cadtof_cli.errors import CadtofError, CaptureError, FrameError, OutputError, SettingsError
+from cadtof_cli.errors import CadtofError, FrameError, OutputError, SettingsError
 from cadtof_cli.files.atomic import require_new
 from cadtof_cli.files.maps import STATUS, read_layers
 from cadtof_cli.maps.evaluation import DepthErrors, ErrorTally
@@ -15,7 +15,7 @@ from cadtof_cli.report.colours import LayerLimits, small_plane
 from cadtof_cli.report.frames import FIRST_PHASOR, TRUTH, EmbeddedFrame, Planes, Shares, embedded_frame, planned_shares
 from cadtof_cli.report.page import Page, ShownFrame, write_page
 from cadtof_cli.workflows.inspect.first_phasors import FirstPhasors, first_phasors
-from cadtof_cli.workflows.inspect.layers import GivenOptics, direct_depth, require_same_size
+from cadtof_cli.workflows.inspect.layers import GivenOptics, Truth
 from cadtof_cli.workflows.inspect.report_text import MapOfFrame, page_text
 from cadtof_cli.workflows.progress import Progress
 from cadtof_cli.workflows.run_folder import Run, read_run
@@ -35,7 +35,11 @@ _PER_FRAME = 1_500
 class ReportSettings(GivenOptics):
     """What a user can choose, besides the optics."""
 
-    truth: Path | None = setting(None, "File with the true direct.depth; truth and errors are shown too.")
+    truth: Path | None = setting(
+        None,
+        "File with the true direct.depth, or a folder with such a file, truth.exr, for each capture, in the same tree as "
+        "OUT; truth and errors are shown too.",
+    )
     max_size_mb: float = setting(
         25.0,
         "Largest size of the page. If it cannot hold all pixels of all frames, most frames keep every n-th pixel only.",
@@ -71,8 +75,8 @@ def write_report(maps: Path, out: Path, /, *, settings: ReportSettings, progress
         run.require_maps()
     truth = None
     if settings.truth is not None:
-        run.require_range_depth()
-        truth = run.cropped(direct_depth(settings.truth))
+        truth = Truth(settings.truth, run)
+        truth.tell_of_captures(run.files, progress.say)
     reader = _Reader(run, settings, truth, first_phasors(run, progress.say))
     gathered = _gathered(reader, progress)
     text = page_text(
@@ -82,7 +86,17 @@ def write_report(maps: Path, out: Path, /, *, settings: ReportSettings, progress
         problems=gathered.problems,
         errors=gathered.errors(),
     )
-    write_page(out, Page(text, gathered.shown, gathered.truth, gathered.limits.known()))
+    write_page(out, Page(text, gathered.shown, list(gathered.truths.values()), gathered.limits.known()))
+
+
+@dataclass(frozen=True)
+class _Frame:
+    """A frame of a run: its map, and what is true of it, where that is known."""
+
+    file: Path
+    planes: Planes
+    truth_file: Path | None
+    truth_m: Float | None
 
 
 @dataclass(frozen=True)
@@ -91,81 +105,95 @@ class _Reader:
 
     run: Run
     settings: ReportSettings
-    truth_m: Float | None
+    truth: Truth | None
     recorded: FirstPhasors
+
+    def frame(self, file: Path, planes: Planes, /) -> _Frame:
+        """Return the frame of a map with what is true of it; raises CadtofError where the truth does not fit."""
+        if self.truth is None:
+            return _Frame(file, planes, None, None)
+        return _Frame(file, planes, self.truth.file(file), self.truth.depth(file, planes[DIRECT_DEPTH]))
 
     def planes(self, file: Path, /) -> Planes:
         """Return a map's layers, and the first phasor's depth where the recorded frame is there and can be compared."""
         layers = {name: plane for name, plane in read_layers(file).items() if plane.ndim == 2}
         if DIRECT_DEPTH not in layers:
             raise FrameError(f"{file}: found layers {', '.join(layers)}; expected {DIRECT_DEPTH}")
-        direct = layers[DIRECT_DEPTH]
-        if self.truth_m is not None and self.settings.truth is not None:
-            require_same_size(direct, self.truth_m.shape, file, self.settings.truth)
-        first = self.recorded.depth(file, direct)
+        first = self.recorded.depth(file, layers[DIRECT_DEPTH])
         status = {STATUS: layers.pop(STATUS)} if STATUS in layers else {}
         return layers | ({} if first is None else {FIRST_PHASOR: first}) | status
 
 
 @dataclass
 class _Gathered:
-    """What the page needs of all maps of a run."""
+    """What the page needs of all maps of a run; truths by their file and step."""
 
     shown: list[ShownFrame] = field(default_factory=list)
-    truth: list[EmbeddedFrame] = field(default_factory=list)
+    truths: dict[tuple[Path, int], EmbeddedFrame] = field(default_factory=dict)
     maps: dict[Path, MapOfFrame] = field(default_factory=dict)
     problems: dict[Path, str] = field(default_factory=dict)
     limits: LayerLimits = field(default_factory=LayerLimits)
     direct: ErrorTally = field(default_factory=ErrorTally)
     first: ErrorTally = field(default_factory=ErrorTally)
-    with_truth: bool = False
 
     def errors(self) -> Mapping[str, DepthErrors]:
         """Return the errors against truth by what they are of; the first phasor's only where every map has one."""
-        if not self.with_truth:
+        if not self.truths:
             return {}
         errors = {"direct path": self.direct.summary()}
         complete = bool(self.maps) and all(one.first_phasor for one in self.maps.values())
         return {"first phasor": self.first.summary(), **errors} if complete else errors
 
-    def add(self, reader: _Reader, file: Path, planes: Planes, shares: Shares) -> None:
-        """Add a map."""
-        number = len(self.shown)
+    def add(self, reader: _Reader, frame: _Frame, shares: Shares) -> None:
+        """Add a frame."""
+        number, file, planes = len(self.shown), frame.file, frame.planes
         embedded = embedded_frame(planes, step=shares.step_of(number))
-        name = reader.run.name(file)
-        self.shown.append(ShownFrame(name, embedded, reader.settings.optics(reader.run, file), reader.run.depth_kind))
+        truth = self._add_truth(frame, embedded.step)
+        optics = reader.settings.optics(reader.run, file)
+        self.shown.append(ShownFrame(reader.run.name(file), embedded, optics, reader.run.depth_kind, truth))
         small = small_plane(planes[DIRECT_DEPTH], longest_px=shares.thumbnail_px)
         self.maps[file] = MapOfFrame(number, small, FIRST_PHASOR in planes)
         for layer, plane in planes.items():
             if layer != STATUS:
                 self.limits.add(layer, plane)
-        if reader.truth_m is not None:
-            self._add_truth(reader.truth_m, planes, embedded.step)
 
-    def _add_truth(self, truth_m: Float, planes: Planes, step: int) -> None:
-        self.with_truth = True
+    def _add_truth(self, frame: _Frame, step: int) -> int | None:
+        """Add what is true of a frame; return its place among the truths, which frames of a capture share."""
+        planes, truth_m = frame.planes, frame.truth_m
+        if frame.truth_file is None or truth_m is None:
+            return None
         self.direct.add(planes[DIRECT_DEPTH], truth_m, sigma_m=planes.get(DIRECT_SIGMA))
         if FIRST_PHASOR in planes:
             self.first.add(planes[FIRST_PHASOR], truth_m)
-        if not any(one.step == step for one in self.truth):
-            self.truth.append(embedded_frame({TRUTH: truth_m}, step=step))
+        key = frame.truth_file, step
+        if key not in self.truths:
+            self.truths[key] = embedded_frame({TRUTH: truth_m}, step=step)
+        return list(self.truths).index(key)
 
 
 def _gathered(reader: _Reader, progress: Progress) -> _Gathered:
     gathered = _Gathered()
     files = reader.run.files
     progress.total(len(files))
-    samples = [planes for _, planes in _read(reader, _spread(files), _Gathered())]
+    samples = list(_read(reader, _spread(files), _Gathered()))
     if not samples:
         list(_read(reader, files, gathered))
         return gathered
     room = BYTES_PER_MB * reader.settings.max_size_mb - _BESIDE_MAPS - _PER_FRAME * len(files)
-    shares = planned_shares(samples, len(files), limit_bytes=max(room, 0.0), whole=reader.settings.full_frames)
-    del samples
-    for file, planes in _read(reader, files, gathered):
-        gathered.add(reader, file, planes, shares)
+    planes = [_shown_planes(one, samples) for one in samples]
+    shares = planned_shares(planes, len(files), limit_bytes=max(room, 0.0), whole=reader.settings.full_frames)
+    del samples, planes
+    for frame in _read(reader, files, gathered):
+        gathered.add(reader, frame, shares)
         progress.advance()
     return gathered
+
+
+def _shown_planes(frame: _Frame, among: Sequence[_Frame]) -> Planes:
+    """Return what takes room on a page for a frame: truth too, where frames have different ones."""
+    if frame.truth_m is None or len({one.truth_file for one in among}) == 1:
+        return frame.planes
+    return {**frame.planes, TRUTH: frame.truth_m}
 
 
 def _spread(files: Sequence[Path]) -> Sequence[Path]:
@@ -173,14 +201,12 @@ def _spread(files: Sequence[Path]) -> Sequence[Path]:
     return [files[place] for place in sorted({0, len(files) // 2, len(files) - 1})] if files else []
 
 
-def _read(reader: _Reader, files: Sequence[Path], gathered: _Gathered) -> Iterator[tuple[Path, Planes]]:
-    """Yield the planes of maps that can be read; of the others the reason is kept."""
+def _read(reader: _Reader, files: Sequence[Path], gathered: _Gathered) -> Iterator[_Frame]:
+    """Yield the frames whose maps can be read; of the others the reason is kept."""
     for file in files:
         try:
             planes = reader.planes(file)
-        except CaptureError:
-            raise
         except CadtofError as error:
             gathered.problems[file] = str(error)
             continue
-        yield file, planes
+        yield reader.frame(file, planes)

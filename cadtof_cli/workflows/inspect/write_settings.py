@@ -7,7 +7,7 @@ from typing import Any
 from cadtof_cli.capture.metadata import KEYS, Key
 from cadtof_cli.capture.toml import DEFAULT_ORIGIN, FILE_NAME
 from cadtof_cli.files.atomic import atomic_write, require_new
-from cadtof_cli.files.toml import toml_line
+from cadtof_cli.files.toml import toml_value
 from cadtof_cli.workflows.inspect.info import CaptureFacts
 
 _EXAMPLES: Mapping[str, Any] = {
@@ -77,7 +77,7 @@ def _line(key: Key, value: Any, origin: str, seen: tuple[Any, str] | None) -> st
 
 def _one_line(name: str, value: Any) -> str:
     """Return a key with its value as a line that may be commented out."""
-    return " ".join(toml_line(name, value).split()).replace("[ ", "[").replace(", ]", "]")
+    return " ".join(f"{name} = {toml_value(value)}".split()).replace("[ ", "[").replace(", ]", "]")
 
 
 def _written(key: Key, value: Any) -> Any:

@@ -155,3 +155,21 @@ def test_a_fit_ends_where_it_stands_still() -> None:
 
     np.testing.assert_allclose(robust_fit(counted, np.zeros(3)).parameters, TRUTH, atol=0.03)
     assert asked < 25
+
+
+def test_a_parameter_that_is_known_stays_and_the_others_are_fitted_without_it() -> None:
+    """As if what it makes of the observations had been taken off them."""
+    y, free = observed(6), np.array([True, False, True])
+
+    def model(parameters: F) -> tuple[F, F]:
+        residual, slopes = parabola(y)(parameters)
+        return residual, slopes[:, free]
+
+    fit = robust_fit(model, np.array([0.0, -1.3, 0.0]), free=free)
+    others = COLUMNS[:, free]
+    alone = robust_fit(lambda p: ((y + 1.3 * X - others @ p) / SIGMA, others / SIGMA), np.zeros(2))
+    assert fit.parameters[1] == -1.3
+    np.testing.assert_allclose(fit.parameters[free], alone.parameters)
+    np.testing.assert_allclose(fit.covariance[np.ix_(free, free)], alone.covariance)
+    assert not fit.covariance[1].any()
+    assert not fit.covariance[:, 1].any()
