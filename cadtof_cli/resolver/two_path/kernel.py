@@ -147,7 +147,14 @@ class FrameKernel:
         self._constants = _constants(settings, noise.each, scales.phasor_map, limits, source_type, light)
 
     def fill(
-        self, stored: Stored, /, *, layers: Float32, status: Status, bits: int | None = None, pixels: range | None = None
+        self,
+        stored: Stored,
+        /,
+        *,
+        layers: Float32,
+        status: Status,
+        bits: int | None = None,
+        pixels: range | None = None,
     ) -> None:
         """Fill `layers` and `status` of the pixels from their stored values.
 

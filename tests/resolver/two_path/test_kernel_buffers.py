@@ -55,7 +55,7 @@ def test_buffers_that_fit_are_filled_by_every_instruction_set(compiled: ModuleTy
 
 def voltages(compiled: ModuleType, sort: str) -> dict[str, Any]:
     """Return buffers that fit: voltages of a camera whose pixels share everything, with paths in nearly all of them."""
-    usual = {name: 1.0 for name in compiled.constant_names()}
+    usual = dict.fromkeys(compiled.constant_names(), 1.0)
     usual |= {f"gain{part}": 1e-4 for part in range(1, 5)} | {f"offset{part}": -1.0 for part in range(1, 5)}
     usual |= {"saturated_low": 0.0, "saturated_high": 16383.0}
     usual |= {"least_power": 0.01, "least_modulus": 0.01, "misfit_limit": 0.0, "most_volts": np.inf}
@@ -183,7 +183,7 @@ def test_a_part_of_an_affine_map_is_refused(compiled: ModuleType) -> None:
     ],
 )
 def test_options_out_of_range_are_refused(compiled: ModuleType, options: dict[str, Any]) -> None:
-    with pytest.raises((ValueError, OverflowError), match="expected|greater"):
+    with pytest.raises((ValueError, OverflowError), match=r"expected|greater"):
         run(compiled, buffers(compiled), **options)
 
 
