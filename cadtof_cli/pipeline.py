@@ -235,10 +235,11 @@ def _fill_by_blocks(
 def _fill_by_kernel(maps: DepthMaps, pixels: FramePixels, plan: FramePlan, stages: FrameStages, kernel: str) -> None:
     """Fill the maps of prepared pixels from their stored values in one go: what the blocks of `resolve_pixels` do in numpy."""
     status, samples = maps.status.reshape(-1), pixels.noise.samples
-    bits: int | None = StatusBit.CALIBRATED if plan.calibration is not None else 0
+    common = int(StatusBit.CALIBRATED) if plan.calibration is not None else 0
+    bits: int | None = common
     # what was recorded, the kernel looks at itself
     if stages.correction.hot is not None or samples is not None:
-        status[:] = stages.status(pixels, saturated=pixels.pooled is not None) | np.uint32(bits)
+        status[:] = stages.status(pixels, saturated=pixels.pooled is not None) | np.uint32(common)
         if samples is not None:
             status |= (samples > 1.0) * np.uint32(StatusBit.POOLED)
         bits = None
