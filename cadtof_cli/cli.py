@@ -39,6 +39,13 @@ COMMANDS = {
 OBJECTS_BETWEEN_COLLECTIONS = 100_000
 """The garbage collector runs this rarely: imports make tens of thousands of objects, and no garbage."""
 
+BLAS_THREADS = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+"""Environment variables that say how many threads linear algebra has: one, unless the user says otherwise.
+
+Our matrices are small, and our processes keep all cores busy. While numpy is imported, threads that wait for work take a core
+each; and what a sum comes to depends on how many there are.
+"""
+
 PROGRAM = "cadtof"
 COMPLETE = "_CADTOF_COMPLETE"
 """Environment variable by which a shell asks how a line may go on (docs/shells.md)."""
@@ -94,6 +101,8 @@ def main() -> NoReturn:
     gc.set_threshold(OBJECTS_BETWEEN_COLLECTIONS)
     # nor does it run at exit
     atexit.register(gc.freeze)
+    for name in BLAS_THREADS:
+        os.environ.setdefault(name, "1")
     prepare_streams()
     atexit.register(_let_go_of_stderr)
     for number in filter(None, (signal.SIGTERM, getattr(signal, "SIGHUP", None))):

@@ -17,9 +17,9 @@ _CHANNEL_NAMES = tuple(str(channel) for channel in range(1, CHANNELS + 1))
 ONLY_FRAME = "frame"
 """Name of the one frame of a capture whose pattern has no {frame}."""
 
-_PIECES = re.compile(r"\d+|[^\W\d_]+|[\W_]+")
+_PIECES = r"\d+|[^\W\d_]+|[\W_]+"
 
-_WORDS_FOR = {"channel": re.compile(r"s?c|ch\w*|sin|cos|iq", re.I), "harmonic": re.compile(r"h\w*|mhz|f|freq\w*", re.I)}
+_WORDS_FOR = {"channel": r"(?i)s?c|ch\w*|sin|cos|iq", "harmonic": r"(?i)h\w*|mhz|f|freq\w*"}
 """Words before or behind a number that make it the number of a channel or of a harmonic."""
 
 EXAMPLE_PATTERN = "{frame}_h{harmonic}_sc{channel}.tif"
@@ -36,7 +36,7 @@ class _Column:
     def is_named_for(self, what: str) -> bool:
         """Whether it names a channel, or a harmonic, by itself (letters or numbers) or by what stands beside it."""
         letters = all(value.isalpha() for value in self.values)
-        return letters == (what == "channel") or any(_WORDS_FOR[what].fullmatch(word) for word in self.beside)
+        return letters == (what == "channel") or any(re.fullmatch(_WORDS_FOR[what], word) for word in self.beside)
 
 
 def hint_of_planes(capture: Capture, /) -> str | None:
@@ -69,7 +69,7 @@ def guessed_layout(capture: Capture, /) -> Layout | None:
 
 def layout_of_names(names: Sequence[str], harmonics: tuple[int, ...], /) -> Layout | None:
     """Return the layout whose pattern fits file names of planes: every frame with every harmonic and channel, once."""
-    split = [_PIECES.findall(name) for name in names]
+    split = [re.findall(_PIECES, name) for name in names]
     if len({len(pieces) for pieces in split}) != 1:
         return None
     columns = []

@@ -3,7 +3,6 @@
 tests/cli/test_examples.py runs all examples, line by line, beside sample_data.
 """
 
-import shutil
 from collections.abc import Iterable
 
 import click
@@ -19,6 +18,8 @@ class _Formatter(click.HelpFormatter):
     """Writes no line that is wider than the terminal; click takes 50 columns for granted."""
 
     def __init__(self, indent_increment: int = 2, width: int | None = None, max_width: int | None = None) -> None:
+        import shutil
+
         columns = shutil.get_terminal_size().columns
         self._narrow = width is None and columns < NARROW
         super().__init__(indent_increment, max(columns - 1, _LEAST) if self._narrow else width, max_width)

@@ -3,12 +3,10 @@
 import io
 import os
 import re
-import shlex
 import sys
 import time
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, nullcontext, suppress
-from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -16,6 +14,7 @@ from typing import TYPE_CHECKING
 import click
 
 from cadtof_cli.errors import OutputError
+from cadtof_cli.records import dataclass
 
 if TYPE_CHECKING:
     from rich.progress import Progress as RichProgress
@@ -157,6 +156,8 @@ def progress_bar(description: str, unit: str, *, quiet: bool, log: Path | None =
             seen = not quiet and sys.stderr.isatty() and os.environ.get("TERM") not in _WITHOUT_CURSOR
             with _drawn(description, unit, file) if seen else nullcontext(Bar(quiet=quiet, log=file)) as bar:
                 if file:
+                    import shlex
+
                     file.note(shlex.join(["cadtof", *sys.argv[1:]]))
                 yield bar
         except BaseException as error:

@@ -5,7 +5,7 @@ import time
 from collections import deque
 from collections.abc import Generator, Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import field
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
@@ -16,6 +16,7 @@ from cadtof_cli.execution.messages import Incoming, Said, TaskMessages, answer_o
 from cadtof_cli.execution.outcome import LATER_AT_ONCE, Outcome, Work, WorkerDied
 from cadtof_cli.execution.serve import serve
 from cadtof_cli.execution.workers import Workers, cores_for, signals_held_back
+from cadtof_cli.records import dataclass
 
 if TYPE_CHECKING:
     from multiprocessing.context import SpawnContext

@@ -9,11 +9,11 @@ from cadtof_cli.errors import FrameError
 from cadtof_cli.files.frames import CHANNELS, FrameLayout, NotAFrameError, harmonic_labels, plane_name
 from cadtof_cli.records import dataclass
 
-_PLANE = re.compile(r"(?:H(?P<harmonic>[1-9]\d*))?[\s._/:-]?(?:SC(?P<channel>[12]))?", re.IGNORECASE)
+_PLANE = r"(?i)(?:H(?P<harmonic>[1-9]\d*))?[\s._/:-]?(?:SC(?P<channel>[12]))?"
 
-_HARMONIC_WORD = re.compile(r"(?<![a-z])h(?:arm(?:onic)?)?[\s._#:-]*0*([1-9]\d*)", re.IGNORECASE)
-_CHANNEL_WORD = re.compile(r"(?<![a-z])sc[\s._#:-]*0*([12])(?!\d)", re.IGNORECASE)
-_FREQUENCY_WORD = re.compile(r"(?<![\d.])(\d+(?:\.\d+)?)[\s_]*MHz(?![a-z])", re.IGNORECASE)
+_HARMONIC_WORD = r"(?i)(?<![a-z])h(?:arm(?:onic)?)?[\s._#:-]*0*([1-9]\d*)"
+_CHANNEL_WORD = r"(?i)(?<![a-z])sc[\s._#:-]*0*([12])(?!\d)"
+_FREQUENCY_WORD = r"(?i)(?<![\d.])(\d+(?:\.\d+)?)[\s_]*MHz(?![a-z])"
 _LONGEST_NAME = 256
 """Letters of a name; what is longer is a description."""
 
@@ -50,7 +50,7 @@ class Place(NamedTuple):
 
 def plane_label(name: str, /) -> PlaneLabel | None:
     """Return what a name such as H1.SC2, h1_sc2, H1/SC2, SC2 or H1 says of its plane; None where it says nothing."""
-    match = _PLANE.fullmatch(name.strip())
+    match = re.fullmatch(_PLANE, name.strip())
     if match is None or (match["harmonic"] is None and match["channel"] is None):
         return None
     return PlaneLabel(*(None if digits is None else int(digits) for digits in match.group("harmonic", "channel")))
@@ -96,9 +96,9 @@ def harmonics_in_words(names: Sequence[str], harmonics: Sequence[int], /) -> tup
     return tuple(numbers_of[one] for one in frequencies) if in_ratio else ()
 
 
-def _only(word: re.Pattern[str], name: str) -> str | None:
+def _only(word: str, name: str) -> str | None:
     """Return the number in a name that has one such word; None where it has none, or several."""
-    found = word.findall(name) if len(name) <= _LONGEST_NAME else []
+    found = re.findall(word, name) if len(name) <= _LONGEST_NAME else []
     return found[0] if len(found) == 1 else None
 
 

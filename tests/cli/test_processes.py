@@ -31,6 +31,19 @@ _PROGRAM = (sys.executable, "-m", "cadtof_cli")
 """Not with warnings as errors: a library that Ctrl-C leaves in the middle of opening a file does not close it at once."""
 
 
+_THREADS = """
+import os, sys
+from pathlib import Path
+from cadtof_cli.cli import main
+try:
+    main()
+except SystemExit as ended:
+    assert not ended.code
+import numpy
+print(len(list(Path("/proc/self/task").iterdir())))
+"""
+
+
 @pytest.fixture(scope="module")
 def capture(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder of many names of one small frame."""
@@ -308,3 +321,18 @@ def test_a_frame_that_kills_every_worker_fails_alone(capture: Path, map_bytes: b
     assert reports[7]["source"] == str(inputs[7])
     assert "the worker process died twice on this frame" in reports[7]["reason"]
     assert _sound(out, map_bytes) == 19
+
+
+@pytest.mark.parametrize(
+    ("said", "threads"), [({}, 1), ({"OPENBLAS_NUM_THREADS": "2"}, min(2, len(os.sched_getaffinity(0))))]
+)
+def test_nothing_but_its_own_threads_runs(said: dict[str, str], threads: int, capture: Path, tmp_path: Path) -> None:
+    """Linear algebra has no threads of its own, unless the user asks for them; what writes the maps has ended with the run."""
+    if said and "openblas" not in str(np.show_config(mode="dicts")).lower():
+        pytest.skip("numpy's linear algebra is another")
+    environment = {name: value for name, value in ENVIRONMENT.items() if "NUM_THREADS" not in name} | said
+    words = ["resolve", str(capture), "-o", str(tmp_path / "out"), "-q", "-j", "1", "--frames", ":2"]
+    done = subprocess.run(
+        [sys.executable, "-c", _THREADS, *words], env=environment, capture_output=True, text=True, check=True
+    )
+    assert int(done.stdout) == threads

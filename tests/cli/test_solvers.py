@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from cadtof_cli.resolver.status import StatusBit
-from cadtof_cli.workflows.resolve import split_frames
+from cadtof_cli.workflows.resolve import resolve as resolve_workflow
 from tests.support.forward import depth_m
 from tests.support.mixture_captures import read_maps, write_capture
 from tests.support.mixtures import Mixture
@@ -101,7 +101,7 @@ def test_a_lone_frame_over_processes_is_the_same_to_the_bit(
 ) -> None:
     capture = write_capture(tmp_path / "capture", TWO, harmonics=(1, 2, 3), n_av=3e3, size=(13, 17))
     assert resolve(capture, tmp_path / "one", *options).status == 0
-    monkeypatch.setattr(split_frames, "WORTH_SPLITTING_S", 0.0)
+    monkeypatch.setattr(resolve_workflow, "WORTH_SPLITTING_S", 0.0)
     assert resolve(capture, tmp_path / "three", *options, "--jobs", 3).status == 0
     one, three = ((tmp_path / name / "frame_0000.exr").read_bytes() for name in ("one", "three"))
     assert one == three
@@ -112,7 +112,7 @@ def test_a_lone_frame_over_processes_is_the_same_to_the_bit(
 def test_a_lone_frame_that_cannot_be_read_fails_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     capture = write_capture(tmp_path / "capture", TWO)
     (capture / "frame_0000.tif").write_bytes(b"II*\0 and no more")
-    monkeypatch.setattr(split_frames, "WORTH_SPLITTING_S", -1.0)
+    monkeypatch.setattr(resolve_workflow, "WORTH_SPLITTING_S", -1.0)
     assert resolve(capture, tmp_path / "out", "--jobs", 2).status == 1
     assert json.loads((tmp_path / "out" / "frames.jsonl").read_text())["status"] == "failed"
 

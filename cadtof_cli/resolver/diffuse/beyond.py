@@ -1,11 +1,11 @@
 """Surfaces outside the view: the planes of the patches at its border, continued, and walls that none of them continues."""
 
-from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
 
 from cadtof_cli.arrays import Bool, Float, Index, sealed
+from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.diffuse.box import unseen_walls
 from cadtof_cli.resolver.diffuse.grid import PatchGrid
 from cadtof_cli.resolver.diffuse.planes import LEAST_COSINE, Surfaces

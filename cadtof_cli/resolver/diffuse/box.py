@@ -1,10 +1,9 @@
 """The walls of a room that a view does not show: guessed at right angles to those that it does, so that the room is a box."""
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from cadtof_cli.arrays import Float, Float32
+from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.diffuse.planes import Surfaces
 
 PARALLEL = 0.97

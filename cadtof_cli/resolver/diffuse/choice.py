@@ -5,12 +5,12 @@ second one 12 to 28 ns late (T1 = 40 ns), makes H_2 lead, or larger than H_1. Th
 """
 
 import math
-from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 
 from cadtof_cli.arrays import Bool, Float
+from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.diffuse.light import PatchMeans
 from cadtof_cli.resolver.diffuse.quantiles import median
 from cadtof_cli.resolver.diffuse.second_paths import PatchData, are_two_paths, median_of_noise

@@ -1,10 +1,11 @@
 """What the patches hand to the pixels: a linear model of the tail, and how sure it is, one plane each of (rows, columns)."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from cadtof_cli.arrays import Bool, Float, Float32
+from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.diffuse.condition import Conditioned, conditioned
 from cadtof_cli.resolver.diffuse.leaning import Leaning
 from cadtof_cli.resolver.diffuse.noise import Entry

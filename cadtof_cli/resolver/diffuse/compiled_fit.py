@@ -1,12 +1,12 @@
 """The front of the compiled twin of what is worked out patch by patch in `tail` and `patch_steps`, `_patches.h`."""
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cadtof_cli.arrays import Complex, Float
+from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.two_path.kernel import NUMPY, extension
 
 MOST_HARMONICS = 8

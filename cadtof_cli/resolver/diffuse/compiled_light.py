@@ -1,6 +1,5 @@
 """The front of the compiled twin of the first look at a frame, `_sampled.h`: the light of its samples, and sums over patches."""
 
-from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
@@ -8,6 +7,7 @@ import numpy as np
 from cadtof_cli.arrays import Bool, Float, Float32, Index, Stored, sealed
 from cadtof_cli.phasors.noise import NoiseModel, chi_squared_threshold
 from cadtof_cli.phasors.voltages import PhasorMap
+from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.diffuse.compiled_fit import MOST_HARMONICS
 from cadtof_cli.resolver.diffuse.grid import PatchGrid
 from cadtof_cli.resolver.settings import ResolverSettings

@@ -1,9 +1,9 @@
 """Gaussian conditioning, one datum after the other: the same few operations on every pixel, whatever stands beside it."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
+from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.diffuse.noise import Entry
 
 Array = Any

@@ -1,7 +1,6 @@
 """Rays, and the patches that a frame is cut into."""
 
 import math
-from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
@@ -9,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cadtof_cli.arrays import Float, Float32, sealed
+from cadtof_cli.records import dataclass
 
 PATCHES = 300
 """Patches per frame: 16 × 16 pixels each in QVGA. Radiosity costs their square; more of them changed no error by a tenth."""

@@ -6,11 +6,12 @@ too far; and so on for what else a view shows. The slopes are those of a regress
 number of a view was found to tell. Three harmonics see early light.
 """
 
-from dataclasses import dataclass, fields
+from dataclasses import fields
 
 import numpy as np
 
 from cadtof_cli.arrays import Float
+from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.diffuse.planes import Surfaces
 
 NEAREST, FARTHEST = 0.1, 0.9

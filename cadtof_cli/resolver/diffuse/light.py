@@ -1,11 +1,12 @@
 """The light of patches: their phasors' ratios to the fundamental, free of the direct phase."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cadtof_cli.arrays import Bool, Complex, Float, Float32
+from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.diffuse.compiled_light import compiled_sums
 from cadtof_cli.resolver.diffuse.elementary import phase_of
 from cadtof_cli.resolver.diffuse.grid import PatchGrid

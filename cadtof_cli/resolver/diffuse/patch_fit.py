@@ -6,12 +6,12 @@ them (the model is wrong in the same way for neighbours), so together they weigh
 uncertain of x stays in every patch's prior.
 """
 
-from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
 
 from cadtof_cli.arrays import Float, sealed
+from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.diffuse.compiled_fit import CompiledSteps, compiled_fits
 from cadtof_cli.resolver.diffuse.patch_steps import PatchSteps
 from cadtof_cli.resolver.diffuse.prior import MEAN, between_rooms, within_room

@@ -4,11 +4,10 @@
 to machine.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from cadtof_cli.arrays import Float
+from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.diffuse.tail import residuals
 
 LARGEST_STEP = 0.8

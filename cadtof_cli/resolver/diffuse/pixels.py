@@ -4,11 +4,10 @@ Every pixel alone, by the same operations wherever it stands, so that blocks of 
 precision from the data on, whose rounding is a thousandth of their noise. `_tail.h` is the compiled twin.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from cadtof_cli.arrays import Bool, Complex, Float, Float32
+from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.diffuse.condition import conditioned
 from cadtof_cli.resolver.diffuse.elementary import exponential, logarithm, phase_of, rotor
 from cadtof_cli.resolver.diffuse.light import LARGEST_AMPLITUDE

@@ -1,10 +1,9 @@
 """The surface of every patch: a plane through its points, since 1/z of a plane is linear in the slopes X and Y of the rays."""
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from cadtof_cli.arrays import Bool, Float, Float32
+from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.diffuse.grid import PatchGrid
 
 SAME_SURFACE = 0.1

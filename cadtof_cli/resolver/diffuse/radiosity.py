@@ -1,12 +1,12 @@
 """Light between the patches: how much each gets from all others, after one bounce and after more, and how late."""
 
-from dataclasses import dataclass
 from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cadtof_cli.arrays import Complex, Float, Float32
+from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.diffuse.compiled_radiosity import compiled_form_factors, compiled_kernel
 from cadtof_cli.resolver.diffuse.planes import Surfaces
 from cadtof_cli.resolver.diffuse.quantiles import median

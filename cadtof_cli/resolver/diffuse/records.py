@@ -1,11 +1,12 @@
 """What the prediction gives: the frame's model, the answers of pixels, and the numbers behind them."""
 
-from dataclasses import dataclass, fields
+from dataclasses import fields
 from typing import Literal
 
 import numpy as np
 
 from cadtof_cli.arrays import Bool, Complex, Float, Float32
+from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.diffuse.choice import Reason
 from cadtof_cli.resolver.diffuse.coarse import CoarsePlanes
 from cadtof_cli.resolver.diffuse.settings import DiffuseSettings

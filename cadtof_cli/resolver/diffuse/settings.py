@@ -1,9 +1,9 @@
 """What the prediction is asked for, and how phases become metres in it."""
 
 import math
-from dataclasses import dataclass
 
 from cadtof_cli.errors import SettingsError
+from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.settings import MpiModel
 from cadtof_cli.units import C_M_PER_NS, metres_per_radian
 

@@ -12,13 +12,13 @@ The state of n patches is (ln s, ln b, ln u, ln v, ln τ, t), float64 (6, n). Wh
 arg p_h − h·arg p_1, which do not depend on the direct phase; what is wanted is ln H_1.
 """
 
-from dataclasses import dataclass
 from functools import cached_property
 from typing import TypeVar
 
 import numpy as np
 
 from cadtof_cli.arrays import Complex, Float, Float32
+from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.diffuse.compiled_fit import compiled_fits, compiled_slopes
 from cadtof_cli.resolver.diffuse.radiosity import Interreflections
 from cadtof_cli.resolver.two_path.kernel import NUMPY

@@ -5,11 +5,10 @@ that is typical of the frame is taken out of every patch's phasors, by division;
 where the farther one ends on the plane of such a wall, in patch beside patch, there are two surfaces.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from cadtof_cli.arrays import Bool, Complex, Float, Index
+from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.diffuse.grid import PatchGrid
 from cadtof_cli.resolver.diffuse.quantiles import median
 from cadtof_cli.resolver.diffuse.records import SeenThrough, Tails, range_from_phase

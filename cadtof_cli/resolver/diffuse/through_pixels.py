@@ -1,10 +1,9 @@
 """Pixels that see through something: freed of the room's tail, so that they can be resolved as separate paths."""
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from cadtof_cli.arrays import Bool, Complex, Float
+from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.diffuse.records import DiffuseBlock, range_from_phase
 from cadtof_cli.resolver.diffuse.through import freed_paths
 from cadtof_cli.resolver.two_path.kernel import NUMPY

@@ -1,11 +1,11 @@
 """From patches to pixels: a joint bilateral filter of the four nearest patches, by distance in the image and in depth."""
 
-from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
 
 from cadtof_cli.arrays import Bool, Float, Float32, Index, sealed
+from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.diffuse.grid import PatchGrid
 from cadtof_cli.resolver.diffuse.planes import SAME_SURFACE
 

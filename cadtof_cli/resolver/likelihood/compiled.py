@@ -1,11 +1,11 @@
 """The front of the compiled search and scans: what `levenberg_marquardt` and `starts` do, with the same bits."""
 
-from dataclasses import dataclass
 from types import ModuleType
 
 import numpy as np
 
 from cadtof_cli.arrays import Bool, Float, Index
+from cadtof_cli.records import dataclass
 
 WHITE, WEIGHTED = range(2)
 """Kinds of problems, in the order of `enum kind` in `_search.h`."""

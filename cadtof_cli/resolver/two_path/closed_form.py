@@ -6,12 +6,12 @@ the Toeplitz matrix of (p0, p1, p2) is singular, which makes p0 the root of a cu
 quadratic. The evaluation below keeps its digits where b → 0, x → y and p1 → 0; derivation and notation follow PHYSICS.
 """
 
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
 from cadtof_cli.arrays import Bool, Complex, Float, Index
+from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.paths import FULL_TURN
 from cadtof_cli.resolver.two_path.arcsine import phase_of
 from cadtof_cli.resolver.two_path.roots import LEAST, inverse_root, inverse_root_or_none, rough_inverse_root

@@ -1,10 +1,9 @@
 """Two paths of any phasors, by numpy or by the compiled kernel, for stages that need them besides the solver."""
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from cadtof_cli.arrays import Complex, Float
+from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.two_path.closed_form import TwoPaths, fundamental_frame, two_paths
 from cadtof_cli.resolver.two_path.kernel import NUMPY, extension
 

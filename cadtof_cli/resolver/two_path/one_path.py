@@ -1,11 +1,10 @@
 """One path from two harmonics: maximum likelihood."""
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from cadtof_cli.arrays import Float
 from cadtof_cli.phasors.noise import NoiseModel
+from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.paths import Fit, Paths, doubt_of_one
 from cadtof_cli.resolver.two_path.arcsine import phase_of
 from cadtof_cli.resolver.two_path.closed_form import FundamentalFrame

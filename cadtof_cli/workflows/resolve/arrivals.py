@@ -1,7 +1,7 @@
 """Frames whose paths arrive while a run goes on, such as from a program that watches the folder of a camera."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +9,7 @@ from cadtof_cli.capture.discovery import absolute, find_placed_captures
 from cadtof_cli.capture.frames import Capture
 from cadtof_cli.errors import CadtofError, OutputError
 from cadtof_cli.files.reading import is_folder
+from cadtof_cli.records import dataclass
 from cadtof_cli.workflows.frame_report import FrameReport
 from cadtof_cli.workflows.resolve.plans import AppliedCalibration, CapturePlan, plan_captures
 from cadtof_cli.workflows.resolve.settings import ResolveSettings

@@ -6,7 +6,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Collection, Generator, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
-from dataclasses import dataclass, field
+from dataclasses import field
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -17,12 +17,11 @@ from cadtof_cli.errors import RunStoppedError
 from cadtof_cli.execution.ordered import Outcome, WorkerDied, run_ordered
 from cadtof_cli.execution.workers import LOCAL
 from cadtof_cli.files.atomic import PARTIAL_SUFFIX, make_folder, remove_partial_files, writing
+from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.two_path.kernel import NUMPY, numpy_note
 from cadtof_cli.units import counted
 from cadtof_cli.workflows.frame_report import ALREADY_THERE, FrameReport, RunTotals
 from cadtof_cli.workflows.progress import NO_PROGRESS, Progress
-from cadtof_cli.workflows.resolve import split_frames
-from cadtof_cli.workflows.resolve.arrivals import Arrivals, without_incomplete_frames
 from cadtof_cli.workflows.resolve.frame_task import FrameTask, resolve_file
 from cadtof_cli.workflows.resolve.output import locked, prepare_output, require_nothing_replaced, require_own_places
 from cadtof_cli.workflows.resolve.plans import (
@@ -41,6 +40,12 @@ from cadtof_cli.workflows.resolve.record import (
 from cadtof_cli.workflows.resolve.settings import ResolveSettings
 
 WORKER_DIED = "the worker process died twice on this frame (killed, or out of memory): try fewer --jobs"
+
+WORTH_SPLITTING_S = 0.5
+"""Expected seconds per frame above which its parts are worth a process each: their pixels go there and back."""
+
+MOST_PIXELS = 2**22
+"""Pixels of a frame above which it is resolved by one process all the same: its parts would be in memory three times."""
 
 _NOTES_OF_A_KIND = 3
 """Frames that are named with the same note; the others are counted."""
@@ -72,7 +77,12 @@ def resolve_captures(
     captures, base = find_placed_captures(
         inputs, overrides=overrides, settings_file=settings.settings_file, recursive=settings.recursive
     )
-    captures, waiting = (captures, []) if arriving is None else without_incomplete_frames(captures, inputs, settings)
+    waiting: list[Path] = []
+    if arriving is not None:
+        # as few modules as a run needs: each takes a third of a millisecond
+        from cadtof_cli.workflows.resolve.arrivals import Arrivals, without_incomplete_frames
+
+        captures, waiting = without_incomplete_frames(captures, inputs, settings)
     calibration = use_calibration(settings.calibration, captures) if settings.calibration else None
     plans = plan_captures(captures, settings, calibration)
     require_own_places(captures, settings.out)
@@ -150,7 +160,9 @@ class _Run:
         expected, workers = [one.expected_maps(self.settings) for one in plans], self.settings.workers
         tasks = self._tasks(plans, expected, taken)
         if sum(expected) < workers.processes and _are_worth_splitting(plans, self.settings):
-            return split_frames.resolve_split(tasks, workers=workers)
+            from cadtof_cli.workflows.resolve.split_frames import resolve_split
+
+            return resolve_split(tasks, workers=workers)
         # no process is started for which there is no frame
         workers = workers.at_most(max(sum(expected), 1))
         for one in plans if workers.jobs > 1 else ():
@@ -253,4 +265,4 @@ def _are_worth_splitting(plans: Sequence[CapturePlan], settings: ResolveSettings
         return False
     pixels = [math.prod(one.pixels or (0,)) for one in plans]
     seconds = (one.plan.expected_seconds(count) for one, count in zip(plans, pixels, strict=True))
-    return max(seconds, default=0.0) > split_frames.WORTH_SPLITTING_S and max(pixels) <= split_frames.MOST_PIXELS
+    return max(seconds, default=0.0) > WORTH_SPLITTING_S and max(pixels) <= MOST_PIXELS

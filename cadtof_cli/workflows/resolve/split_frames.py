@@ -14,12 +14,6 @@ from cadtof_cli.records import dataclass
 from cadtof_cli.workflows.frame_report import FrameReport
 from cadtof_cli.workflows.resolve.frame_task import FrameTask, Recording, attempted, kept_maps, read_frame, written
 
-WORTH_SPLITTING_S = 0.5
-"""Expected seconds per frame above which its parts are worth a process each: their pixels go there and back."""
-
-MOST_PIXELS = 2**22
-"""Pixels of a frame above which it is resolved by one process all the same: its parts would be in memory three times."""
-
 
 @dataclass(frozen=True)
 class FramePart:
