@@ -2,7 +2,8 @@
 
 import threading
 from collections.abc import Callable
-from contextlib import suppress
+from contextlib import ExitStack, suppress
+from functools import partial
 from queue import Empty, SimpleQueue
 from types import TracebackType
 from typing import Any, Generic, TypeVar, cast
@@ -35,10 +36,11 @@ class Outcome(Generic[Task, Result]):
 class Later(Generic[Result]):
     """What a task's function returns where nothing but waiting is left, as for a disk: `finish` waits, and gives the result.
 
-    That is done in a thread while the next task is computed.
+    That is done in a thread while the next task is computed. It is told what to call as soon as it has let go of what it holds
+    much memory for.
     """
 
-    finish: Callable[[], Result]
+    finish: Callable[[Callable[[], None]], Result]
 
 
 Work = Callable[[Task], Result | Later[Result]]
@@ -47,6 +49,9 @@ Work = Callable[[Task], Result | Later[Result]]
 
 LATER_AT_ONCE = 4
 """Results of one process that may be waited for at once: a disk takes several files in about the time of one."""
+
+HELD_AT_ONCE = 2
+"""Of those, as many may hold much memory, such as maps that are still to be written: more do not make the disk faster."""
 
 
 class Pending(Generic[Result]):
@@ -98,12 +103,14 @@ class Finisher:
         self._then = then
         self._waiting = SimpleQueue[Pending[Any] | None]()
         self._threads: list[threading.Thread] = []
+        self._room = threading.Semaphore(HELD_AT_ONCE)
 
     def begin(self, result: Result | Later[Result], /) -> Pending[Result]:
-        """Return where the result will be; one that needs no waiting is there."""
+        """Return where the result will be; one that needs no waiting is there. While too many hold much memory, this waits."""
         if not isinstance(result, Later):
             return _there(lambda: result)
-        pending = Pending(result.finish)
+        self._room.acquire()
+        pending = Pending(partial(_finished, result, self._room.release))
         self._waiting.put(pending)
         if len(self._threads) < LATER_AT_ONCE:
             self._threads.append(threading.Thread(target=self._work))
@@ -138,6 +145,13 @@ class Finisher:
             # a signal may have come before the last one was started
             if thread.is_alive():
                 thread.join()
+
+
+def _finished(later: Later[Result], let_go: Callable[[], None]) -> Result:
+    """Return what comes of waiting; by then at the latest it has let go."""
+    with ExitStack() as held:
+        held.callback(let_go)
+        return later.finish(held.close)
 
 
 def _there(finish: Callable[[], Result]) -> Pending[Result]:
