@@ -3,6 +3,7 @@
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -177,8 +178,8 @@ def written(task: FrameTask, resolved: ResolvedFrame, recording: Recording, /, *
     if resolved.noise.estimated:
         reasons.append(f"noise estimated from the frame: integration_length {resolved.noise.integration_length:.4g}")
 
-    def keep() -> FrameReport:
-        size = file.commit()
+    def keep(let_go: Callable[[], None]) -> FrameReport:
+        size = file.commit(let_go)
         return task.report(
             "ok",
             "; ".join(reasons) or None,
@@ -195,7 +196,7 @@ def written(task: FrameTask, resolved: ResolvedFrame, recording: Recording, /, *
             note=note,
         )
 
-    return Later(lambda: attempted(task, keep, began=began))
+    return Later(lambda let_go: attempted(task, partial(keep, let_go), began=began))
 
 
 def answered_maps(resolved: ResolvedFrame, plan: FramePlan, /, *, source: object) -> tuple[DepthMaps, StatusCounts]:

@@ -79,6 +79,6 @@ def _whole(frame: list[Outcome[FramePart, DepthMaps | FrameReport]]) -> Outcome[
         assert isinstance(first.pixels, FramePixels)
         assert first.recording is not None
         resolved = joined_parts(first.pixels, found)
-        return written(first.task, resolved, first.recording, began=began).wait()
+        return written(first.task, resolved, first.recording, began=began).wait(lambda: None)
 
     return Outcome(first.task, attempted(first.task, write, began=began))
