@@ -68,6 +68,8 @@ class LazyGroup(click.Group):
         if cmd_name in COMMANDS:
             command: click.Command = getattr(importlib.import_module(f"cadtof_cli.commands.{cmd_name}"), cmd_name)
             command.context_class = HelpContext
+            # Python leaves out all other descriptions under PYTHONOPTIMIZE=2
+            command.help = command.help or COMMANDS[cmd_name]
             return command
         import difflib
 

@@ -11,7 +11,8 @@ from cadtof_cli.phasors.noise import NoiseModel
 from cadtof_cli.records import dataclass
 
 if TYPE_CHECKING:
-    from cadtof_cli.resolver.diffuse.records import DiffuseChoice, DiffuseModel
+    from cadtof_cli.resolver.diffuse.choice import DiffuseChoice
+    from cadtof_cli.resolver.diffuse.records import DiffuseModel
 
 Where = slice | Index
 """Some of a frame's pixels: neighbours, or any."""

@@ -106,9 +106,7 @@ class FramePlan:
             from cadtof_cli.optics import known_focal_length
 
             known_focal_length(self.metadata.optics)
-        resolver.check_harmonics(modulation.harmonics)
-        if modulation.waveform != "sine":
-            resolver.check_response(modulation.harmonics)
+        resolver.room(modulation.harmonics, sine=modulation.waveform == "sine")
 
     def __hash__(self) -> int:
         """Return a hash of a few values that tell plans apart: it is asked for with every frame."""
@@ -140,7 +138,7 @@ class FramePlan:
         from cadtof_cli.maps.layers import wanted_layers
 
         resolver, averaged = self.settings.resolver, self.settings.pool > 1 or self.settings.average > 1
-        searched = not resolver.in_closed_form(self.metadata.modulation.harmonics)
+        searched = resolver.room(self.metadata.modulation.harmonics, sine=True) != "two_path"
         return wanted_layers(paths=resolver.paths, searched=searched, averaged=averaged)
 
     def expected_seconds(self, pixels: int, /) -> float:

@@ -134,10 +134,9 @@ def _fit(
         if count > settings.max_paths:
             solver_name = "two-path" if settings.solver == "one-path" else settings.solver
             settings = replace(settings, solver=solver_name, order="auto", paths=max(count, settings.paths))
-        settings.check_harmonics(harmonics)
+        room = import_module(f"cadtof_cli.resolver.{settings.room(harmonics, sine=response is None)}.solver")
     except SettingsError:
         return None
-    room = import_module(f"cadtof_cli.resolver.{settings.room(harmonics, sine=response is None)}.solver")
     with np.errstate(all="ignore"):
         solver: Solver = room.solver(
             phasors,

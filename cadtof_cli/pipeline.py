@@ -38,9 +38,9 @@ from cadtof_cli.resolver.two_path.kernel import NUMPY, chosen_kernel
 
 if TYPE_CHECKING:
     from cadtof_cli.calibration.store import Calibration
+    from cadtof_cli.resolver.diffuse.choice import DiffuseChoice
     from cadtof_cli.resolver.diffuse.grid import PatchGrid
     from cadtof_cli.resolver.diffuse.light import PatchLight
-    from cadtof_cli.resolver.diffuse.records import DiffuseChoice
 
 BLOCK_PIXELS = 19200
 """Pixels a block, a quarter of a QVGA frame: enough that the cost of calling numpy hardly counts, and no more, so that memory
@@ -230,27 +230,41 @@ def _pooled(pixels: FramePixels, stages: FrameStages, *, window: int) -> FramePi
 
 def _with_predicted_mpi(pixels: FramePixels, stages: FrameStages, prediction: Prediction, kernel: str) -> FramePixels:
     """Choose a frame's model of MPI and, where that is diffuse, predict it from the frame's own geometry."""
-    from cadtof_cli.resolver.diffuse.light import compiled_light
-    from cadtof_cli.resolver.diffuse.predict import diffuse_model
-    from cadtof_cli.resolver.diffuse.records import DiffuseModel
+    from cadtof_cli.resolver.diffuse.choice import DiffuseChoice, patch_kinds
+    from cadtof_cli.resolver.diffuse.light import compiled_light, patch_means
 
-    noise, offset = pixels.noise, stages.depth.range_offset_m
+    noise, asked = pixels.noise, prediction.settings
     look_at = look_at_frames if noise.samples is None else look_at_frame
     look = look_at(stages, noise, pixels.stored.dtype, kernel) if pixels.pooled is None else None
+    if look is None:
+        light = _sampled_light(pixels, stages, prediction.grid, kernel)
+    else:
+        light = compiled_light(pixels.stored, look, prediction.grid, kernel=kernel)
+    samples = 1.0 if noise.samples is None else float(np.median(noise.samples))
+    variances = tuple(one.dark_variance for one in noise.each)
+    means = patch_means(light, light.seen, variance=variances[0] / samples, harmonics=asked.harmonics, kernel=kernel)
+    kinds = patch_kinds(means, np.array(variances) / samples, sampled=len(light.seen), settings=asked, kernel=kernel)
+    choice = DiffuseChoice(kinds.reason, int(kinds.lit.sum()), kinds.separate_share)
+    if choice.reason != "tail":
+        return replace(pixels, choice=choice)
+    # only frames with a tail need all of it
+    from cadtof_cli.resolver.diffuse.predict import diffuse_model
+
+    offset = stages.depth.range_offset_m
     found = diffuse_model(
-        _sampled_light(pixels, stages, prediction.grid, kernel)
-        if look is None
-        else compiled_light(pixels.stored, look, prediction.grid, kernel=kernel),
+        light,
+        means,
+        kinds,
         grid=prediction.grid,
-        variances=tuple(one.dark_variance for one in noise.each),
-        settings=prediction.settings,
-        samples=None if noise.samples is None else noise.samples.reshape(pixels.size),
+        variances=variances,
+        settings=asked,
+        samples=samples,
         range_offset_m=None if offset is None else -offset.reshape(pixels.size),
         kernel=kernel,
     )
-    if isinstance(found, DiffuseModel):
-        return replace(pixels, choice=found.choice, tail=found)
-    return replace(pixels, choice=found)
+    if isinstance(found, str):
+        return replace(pixels, choice=replace(choice, reason=found))
+    return replace(pixels, choice=found.choice, tail=found)
 
 
 def _sampled_light(pixels: FramePixels, stages: FrameStages, grid: "PatchGrid", kernel: str) -> "PatchLight":

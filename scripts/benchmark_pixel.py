@@ -13,7 +13,7 @@ from cadtof_cli.execution.ordered import Workers
 from cadtof_cli.simulation.pixel.averaging import Averaging
 from cadtof_cli.simulation.pixel.mix import Condition, PhotonMix
 from cadtof_cli.simulation.pixel.pixel import CHUNK, PixelModel, pixel_weights, record_pixel
-from cadtof_cli.workflows.simulate.simulate import simulate_pixel
+from cadtof_cli.workflows.simulate.simulate import simulate_trials
 from cadtof_cli.workflows.simulate.trials import Trials
 
 REPEATS = 5
@@ -41,7 +41,7 @@ def main() -> None:
         jobs = len(os.sched_getaffinity(0))
         trials = Trials(condition=Condition(asr=5.0, mpi_ratio=0.3), model=model, photon_by_photon=True)
         begun = time.perf_counter()
-        simulate_pixel(trials, workers=Workers(jobs=jobs))
+        simulate_trials((trials,), workers=Workers(jobs=jobs))
         print(f"400 runs of 2 harmonics at n_av 1e5: {time.perf_counter() - begun:.1f} s on {jobs} cores")
 
 

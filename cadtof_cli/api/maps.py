@@ -105,7 +105,4 @@ def read_maps(path: str | os.PathLike[str], /) -> Maps:
             f"{path}: found {len(files)} files of maps, expected one; read them one by one, {files[0]} first"
         )
     layers = {name: np.ascontiguousarray(plane) for name, plane in read_layers(files[0]).items()}
-    if STATUS in layers:
-        # TIFF holds the bits as floats
-        layers[STATUS] = layers[STATUS].astype(np.uint32)
     return Maps(layers, read_facts(files[0]))

@@ -9,8 +9,8 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from cadtof_cli.arrays import Bool, Float, Float32
-from cadtof_cli.calibration.parts import Maps, Origin, PartKind, Tables, named_planes, plane_names, read_only, stacked
+from cadtof_cli.arrays import Bool, Float, Float32, sealed
+from cadtof_cli.calibration.parts import Maps, Origin, PartKind, Tables, named_planes, plane_names, stacked
 from cadtof_cli.files.frames import CHANNELS
 from cadtof_cli.phasors.frame_mean import FrameMean, median_variance_ratio
 from cadtof_cli.phasors.noise import MAD_PER_SIGMA
@@ -66,13 +66,11 @@ class DarkCalibration:
 
     def __post_init__(self) -> None:
         shape = (len(self.origin.harmonics), CHANNELS, *self.origin.pixels)
-        for name in ("offset_v", "noise_v"):
-            if getattr(self, name).shape != shape:
-                raise ValueError(f"{name}: found shape {getattr(self, name).shape}, expected {shape}")
-            object.__setattr__(self, name, read_only(getattr(self, name)))
-        if self.defects.shape != self.origin.pixels:
-            raise ValueError(f"defects: found shape {self.defects.shape}, expected {self.origin.pixels}")
-        object.__setattr__(self, "defects", read_only(self.defects))
+        for name, expected in (("offset_v", shape), ("noise_v", shape), ("defects", self.origin.pixels)):
+            values = getattr(self, name)
+            if values.shape != expected:
+                raise ValueError(f"{name}: found shape {values.shape}, expected {expected}")
+            object.__setattr__(self, name, sealed(values.view()))
 
     @property
     def hot(self) -> Bool:
@@ -81,7 +79,7 @@ class DarkCalibration:
 
     def defect_counts(self) -> dict[str, int]:
         """Return how many pixels have which defect."""
-        return {bit.name.lower(): int(np.count_nonzero(self.defects & bit)) for bit in Defect if bit.name}
+        return {str(bit.name).lower(): int(np.count_nonzero(self.defects & bit)) for bit in Defect}
 
     def quality(self) -> dict[str, float]:
         """Return figures of the fit in V: spread of the offsets, typical noise of a frame, and what is left of it."""

@@ -101,10 +101,3 @@ def stacked(maps: Maps, names: list[str]) -> NDArray[np.float32]:
     if missing:
         raise MetadataError(f"no map named {missing[0]}, found {', '.join(sorted(maps))}")
     return np.stack([np.asarray(maps[name], np.float32) for name in names])
-
-
-def read_only(array: NDArray[Any]) -> NDArray[Any]:
-    """Return an array that refuses to be changed."""
-    view = array.view()
-    view.flags.writeable = False
-    return view

@@ -77,16 +77,12 @@ class PetzvalCalibration:
     def tables(self) -> dict[str, dict[str, Any]]:
         """Return coefficients with standard errors, residuals before and after, and every wall."""
         quality = asdict(self.quality)
-        walls, findings, correlation = (quality.pop(name) for name in ("walls", "findings", "correlation"))
+        walls, findings = quality.pop("walls"), quality.pop("findings")
+        errors = {name: quality.pop(name) for name in ("k2_stderr_m", "k4_stderr_m")}
+        residual = {name: quality.pop(name) for name in ("rms_before_m", "rms_after_m", "noise_rms_m", "correlation")}
         tables: dict[str, dict[str, Any]] = {
-            "coefficients": {
-                "k2_m": self.k2_m,
-                "k4_m": self.k4_m,
-                "k2_stderr_m": quality.pop("k2_stderr_m"),
-                "k4_stderr_m": quality.pop("k4_stderr_m"),
-            },
-            "residual": {name: quality.pop(name) for name in ("rms_before_m", "rms_after_m", "noise_rms_m")}
-            | {"correlation": correlation},
+            "coefficients": {"k2_m": self.k2_m, "k4_m": self.k4_m, **errors},
+            "residual": residual,
             "optics": {"principal_point_px": list(self.principal_point_px), **quality},
             "findings": {"text": list(findings)},
         }

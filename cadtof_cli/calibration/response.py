@@ -6,8 +6,8 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from cadtof_cli.arrays import Float32
-from cadtof_cli.calibration.parts import Maps, Origin, PartKind, Tables, named_planes, plane_names, read_only, stacked
+from cadtof_cli.arrays import Float32, sealed
+from cadtof_cli.calibration.parts import Maps, Origin, PartKind, Tables, named_planes, plane_names, stacked
 from cadtof_cli.phasors.response import HarmonicResponse
 
 
@@ -60,7 +60,7 @@ class ResponseCalibration:
             values = getattr(self, name)
             if values.shape != shape or not np.isfinite(values).all():
                 raise ValueError(f"{name}: found shape {values.shape}, expected finite values of shape {shape}")
-            object.__setattr__(self, name, read_only(values))
+            object.__setattr__(self, name, sealed(values.view()))
         if not (self.gain > 0.0).all():
             raise ValueError("gain: found 0 or less, expected gains above 0")
 

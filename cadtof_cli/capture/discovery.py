@@ -7,6 +7,7 @@ import functools
 import itertools
 import os
 import stat
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -40,6 +41,8 @@ def find_captures(
     capture is the one in its folder, else the one in the nearest folder above. With `[layout] pattern`, files are planes
     and grouped into frames.
 
+    What is named twice counts once: a capture, and a file besides the folder that it lies in.
+
     Parameters:
         inputs: folders and files.
         overrides: metadata by dotted key that goes before any `capture.toml`.
@@ -51,7 +54,7 @@ def find_captures(
         MetadataError: a `capture.toml` or an override is not allowed.
     """
     source_of = functools.cache(lambda folder: load_metadata(settings_file or nearest_settings(folder), overrides))
-    captures: list[Capture] = []
+    captures: list[tuple[Capture, bool]] = []
     for (root, is_whole), group in itertools.groupby(inputs, key=lambda path: _root(path, source_of)):
         if recursive and is_whole:
             below = list(_below(root, source_of))
@@ -59,7 +62,7 @@ def find_captures(
                 raise CaptureError(
                     f"{root}: no frames in it or in any folder below it: looked for {_expected_names(None)}"
                 )
-            captures += below
+            captures += ((one, True) for one in below)
             continue
         source, named = source_of(root), None
         if not is_whole:
@@ -73,8 +76,27 @@ def find_captures(
             )
         if found is None:
             raise _no_frames(root, source, named)
-        captures.append(found)
-    return tuple(captures)
+        captures.append((found, is_whole))
+    return tuple(_each_once(captures) if len(captures) > 1 else (one for one, _ in captures))
+
+
+def _each_once(captures: Sequence[tuple[Capture, bool]]) -> Iterator[Capture]:
+    """Yield captures, of which each tells whether it is a whole folder, without frames that another one has."""
+    roots = [absolute(one.root) for one, _ in captures]
+    first_whole = {root: place for place, root in reversed(list(enumerate(roots))) if captures[place][1]}
+    times, seen = Counter(roots), dict[Path, set[tuple[Path, ...]]]()
+    for place, (root, (capture, _)) in enumerate(zip(roots, captures, strict=True)):
+        if times[root] == 1 or first_whole.get(root) == place:
+            yield capture
+        if times[root] == 1 or root in first_whole:
+            continue
+        before = seen.setdefault(root, set())
+        files = [tuple(path.relative_to(capture.root) for path in frame.paths) for frame in capture.frames]
+        if before.isdisjoint(files):
+            yield capture
+        elif frames := [frame for frame, its in zip(capture.frames, files, strict=True) if its not in before]:
+            yield replace(capture, frames=frames)
+        before.update(files)
 
 
 def find_placed_captures(
@@ -230,14 +252,16 @@ def _capture(
     return Capture(root, source, frames) if frames else None
 
 
-def _no_frames(root: Path, source: MetadataSource, among: Iterable[str] | None = None) -> CaptureError:
+def _no_frames(root: Path, source: MetadataSource, among: Sequence[str] | None = None) -> CaptureError:
     """Return the error of a folder without frames, or of files that were named in it."""
     pattern = source.metadata.layout.pattern
     looked_for = _expected_names(pattern)
     if among is None:
         entries = _entries(root, pattern)
-        among = (name for name, is_dir in entries if not is_dir or name.lower().endswith(FRAME_SUFFIXES))
-    return CaptureError(f"{root}: no frames: looked for {looked_for}, found {_first_names(among)}")
+        among = [name for name, is_dir in entries if not is_dir or name.lower().endswith(FRAME_SUFFIXES)]
+    of_matlab = next((name for name in among if name.lower().endswith(".mat")), None)
+    hint = f"; `cadtof info {root / of_matlab}` says how to save an array of MATLAB" if of_matlab else ""
+    return CaptureError(f"{root}: no frames: looked for {looked_for}, found {_first_names(among)}{hint}")
 
 
 def _expected_names(pattern: str | None) -> str:

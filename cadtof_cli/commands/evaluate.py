@@ -13,7 +13,8 @@ from cadtof_cli.commands.terminal import progress_bar, tell
 from cadtof_cli.units import counted
 
 if TYPE_CHECKING:
-    from cadtof_cli.workflows.inspect.evaluate import Evaluation, Scatter
+    from cadtof_cli.maps.evaluation import Evaluation
+    from cadtof_cli.workflows.inspect.evaluate import Scatter
 
 _FILE = click.Path(path_type=Path)
 

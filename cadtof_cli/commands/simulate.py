@@ -24,7 +24,7 @@ from cadtof_cli.simulation.scene.scenes import SCENES
 from cadtof_cli.units import counted
 from cadtof_cli.workflows.simulate.outcome import PathSummary, TrialsSummary
 from cadtof_cli.workflows.simulate.record import RecordSettings, record_scene, scene_exposure
-from cadtof_cli.workflows.simulate.simulate import json_report, named_paths, simulate_pixel, write_evolution
+from cadtof_cli.workflows.simulate.simulate import json_report, named_paths, simulate_trials, write_evolution
 from cadtof_cli.workflows.simulate.trials import Trials
 
 _OF_SCENES_TOO = [
@@ -121,7 +121,7 @@ def _simulate_pixel(trials: Trials, out: Path | None, workers: Workers, *, quiet
     if out is not None:
         require_absent(out)
     with progress_bar("simulate", "blocks", quiet=quiet) as bar:
-        outcome = simulate_pixel(trials, workers=workers, progress=bar)
+        (outcome,) = simulate_trials((trials,), workers=workers, progress=bar)
     if out is not None:
         write_evolution(trials, outcome, out)
     if as_json:

@@ -88,10 +88,20 @@ class Finisher:
         if not isinstance(result, Later):
             return Later(lambda: result).finish()
         self.waiting.put(result)
-        if len(self.threads) < LATER_AT_ONCE:
-            self.threads.append(threading.Thread(target=self._work))
-            self.threads[-1].start()
+        if len(self.threads) < LATER_AT_ONCE and not self._start_thread() and not self.threads:
+            self.waiting.get()
+            result.finish()
         return result
+
+    def _start_thread(self) -> bool:
+        """Start a thread; return whether the system allows one more."""
+        self.threads.append(threading.Thread(target=self._work))
+        try:
+            self.threads[-1].start()
+        except RuntimeError:
+            self.threads.pop()
+            return False
+        return True
 
     def attempt(self, function: Work[Task, Result], task: Task, /) -> Later[Result]:
         """Do a task; return where its result will be, or the exception that it raised."""
@@ -110,7 +120,8 @@ class Finisher:
 def finishing(then: Callable[[], None] = lambda: None) -> Iterator[Finisher]:
     """Yield what finishes results; leaving waits for all that were begun, after an error only for those at it.
 
-    No thread is started before a result is to be waited for: a process that has threads must not fork.
+    No thread is started before a result is to be waited for: a process that has threads must not fork. Where the system allows
+    none at all (`ulimit -u`, `ulimit -v`), results are finished where they are begun.
     """
     finisher = Finisher(then)
     try:

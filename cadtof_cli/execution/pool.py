@@ -15,7 +15,7 @@ from cadtof_cli.errors import WorkersError
 from cadtof_cli.execution.messages import Incoming, Said, TaskMessages, answer_of
 from cadtof_cli.execution.outcome import LATER_AT_ONCE, Outcome, Work, WorkerDied
 from cadtof_cli.execution.serve import serve
-from cadtof_cli.execution.workers import cores_for, signals_held_back
+from cadtof_cli.execution.workers import cores_for, current_folder_left_out, signals_held_back
 from cadtof_cli.records import dataclass
 
 if TYPE_CHECKING:
@@ -205,10 +205,12 @@ class _Pool(Generic[Task, Result]):
             daemon=True,
         )
         try:
-            with signals_held_back():
+            with signals_held_back(), current_folder_left_out():
                 process.start()
-        except OSError as error:
-            raise WorkersError(f"no worker process can be started ({error.strerror}): try fewer --jobs") from error
+        except (OSError, EOFError) as error:
+            # EOFError: what forks workers has ended
+            why = error.strerror if isinstance(error, OSError) else error
+            raise WorkersError(f"no worker process can be started ({why}): try fewer --jobs") from error
         finally:
             theirs.close()
         worker = _Worker[Task, Result](process, ours, core)

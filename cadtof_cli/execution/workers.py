@@ -22,6 +22,8 @@ _HELD_BACK = (signal.SIGINT, signal.SIGTERM) + ((HANGUP,) if HANGUP else ())
 
 _PR_SET_PDEATHSIG = 1
 
+_SAFE_PATH = "PYTHONSAFEPATH"
+
 
 def cores_for(processes: int, /) -> tuple[int, ...]:
     """Return a core for each of so many processes, where that is one for every core there is; else none.
@@ -49,6 +51,20 @@ def signals_held_back() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
+@contextmanager
+def current_folder_left_out() -> Iterator[None]:
+    """Let processes that start import nothing from the current folder, where a file may be called like a module of Python's."""
+    before = os.environ.get(_SAFE_PATH)
+    os.environ[_SAFE_PATH] = "1"
+    try:
+        yield
+    finally:
+        if before is None:
+            del os.environ[_SAFE_PATH]
+        else:
+            os.environ[_SAFE_PATH] = before
+
+
 def begin_worker(listening: "Connection", held: "Connection", core: int | None, /) -> None:
     """Prepare a worker: Ctrl-C and a terminal that goes away are the parent's to handle; SIGTERM, and the parent's end, end it.
 
@@ -73,7 +89,9 @@ def begin_worker(listening: "Connection", held: "Connection", core: int | None, 
 
         # even where it is stopped
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
-    threading.Thread(target=_end_with_parent, args=(listening,), daemon=True).start()
+    with suppress(RuntimeError):
+        # the system may allow no more threads
+        threading.Thread(target=_end_with_parent, args=(listening,), daemon=True).start()
     # what was here before the fork stays shared with the parent: nobody writes marks into it
     gc.freeze()
 

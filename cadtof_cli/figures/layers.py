@@ -45,8 +45,7 @@ class Shown:
     @classmethod
     def of(cls, title: str, layers: Mapping[str, NDArray[Any]], /, *, depth: str = "") -> "Shown":
         """Return layers of a map, the status bits among them, as they can be drawn."""
-        status = layers[STATUS].astype(np.uint32) if STATUS in layers else None
-        return cls(title, layers, {name: layer_unit(name) for name in layers}, status, depth)
+        return cls(title, layers, {name: layer_unit(name) for name in layers}, layers.get(STATUS), depth)
 
     def shares(self) -> dict[PixelClass, float] | None:
         """Return the share of the pixels that are of each class; None where their status is not known."""

@@ -1,5 +1,6 @@
-"""A picture of a frame's maps: depths, their errors where truth is known, sigma, confidence, and what became of each pixel."""
+"""A frame's maps: depths, their errors where truth is known, sigma, confidence, what became of each pixel; and how two differ."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +10,8 @@ from cadtof_cli.figures.layers import Shown
 from cadtof_cli.figures.page import Block, Classes, Panel, Scaled, draw_page
 from cadtof_cli.figures.pixel_classes import class_shares
 from cadtof_cli.figures.scales import DEPTHS, ERRORS, default_scale, limits_of, signed_limits
-from cadtof_cli.maps.layers import CONFIDENCE, DIRECT_AMPLITUDE, DIRECT_DEPTH, DIRECT_SIGMA, MPI_DEPTH
+from cadtof_cli.maps.comparison import difference
+from cadtof_cli.maps.layers import CONFIDENCE, DIRECT_AMPLITUDE, DIRECT_DEPTH, DIRECT_SIGMA, MPI_DEPTH, error_unit
 
 OF_A_MAP = (DIRECT_DEPTH, MPI_DEPTH, CONFIDENCE, DIRECT_SIGMA)
 """Layers that `cadtof resolve` writes, whatever its options, and that the picture needs."""
@@ -57,3 +59,31 @@ def draw_maps(
 def _median(error: Float) -> str:
     finite = np.abs(error[np.isfinite(error)])
     return f"median {np.median(finite):.2f} cm off" if finite.size else "nowhere both"
+
+
+def draw_comparison(one: Shown, other: Shown, names: Sequence[str], path: Path, /, *, title: str) -> None:
+    """Draw, a row for each named layer, A and B on one scale and A − B; and what became of each pixel where both say so."""
+    rows: list[list[Block]] = []
+    for name in names:
+        pair = tuple(
+            Panel(f"{letter}: {name}", shown.values(name), shown.status, one_path=True)
+            for letter, shown in (("A", one), ("B", other))
+        )
+        both = np.concatenate([panel.values.ravel() for panel in pair])
+        factor, unit = error_unit(one.units[name])
+        change = factor * difference(one.layers[name], other.layers[name])
+        rows.append(
+            [
+                Scaled(pair, one.units[name], DEPTHS, limits_of(both)),
+                Scaled((Panel("A − B", change),), unit, ERRORS, signed_limits(change)),
+            ]
+        )
+    if one.status is not None and other.status is not None:
+        changed = np.where(one.status != other.status, 1.0, 0.0)
+        rows.append(
+            [
+                Classes.of(**{"A: paths": one.status, "B: paths": other.status}),
+                Scaled((Panel("status differs", changed),), "1: in some bit", "magma", (0.0, 1.0)),
+            ]
+        )
+    draw_page(rows, path, title=title)

@@ -1,38 +1,30 @@
 """The cross-section of flat walls before and after field curvature is taken out, as in the paper's Fig. 4(c)."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from cadtof_cli.arrays import Float
 from cadtof_cli.calibration.petzval import PetzvalCalibration
 from cadtof_cli.capture.metadata import Optics
+from cadtof_cli.figures.canvas import Figure
 from cadtof_cli.figures.kinds import save
-from cadtof_cli.figures.text import drawable
+from cadtof_cli.figures.text import drawable, legend_beside
 from cadtof_cli.optics import squared_field_radius, wall_range_m
 
 ROWS = 5
 """Rows about the principal point whose median is drawn."""
 
 
-@dataclass(frozen=True, eq=False)
-class WallSection:
-    """A wall as measured, range in m (Y, X), with its fitted distance and slopes."""
+def draw_petzval(ranges_m: Sequence[Float], petzval: PetzvalCalibration, path: Path, /) -> None:
+    """Draw, a wall a row, its planar depth along the row of the principal point, and the deviation from flat in all pixels.
 
-    name: str
-    range_m: Float
-    distance_m: float
-    slopes: tuple[float, float]
-
-
-def draw_petzval(walls: Sequence[WallSection], petzval: PetzvalCalibration, path: Path, /) -> None:
-    """Draw, a wall a row, its planar depth along the row of the principal point, and the deviation from flat in all pixels."""
-    figure = Figure(figsize=(15.0, 3.4 * len(walls) + 0.5), layout="constrained")
-    axes = figure.subplots(len(walls), 2, squeeze=False)
+    The walls are those of the calibration, as they were measured: the range of each in m, (Y, X).
+    """
+    figure = Figure(figsize=(15.0, 3.4 * len(ranges_m) + 0.5), layout="constrained")
+    axes = figure.subplots(len(ranges_m), 2, squeeze=False)
     quality = petzval.quality
     figure.suptitle(
         f"Field curvature: k2 = {100 * petzval.k2_m:.2f} ± {100 * quality.k2_stderr_m:.2f} cm, "
@@ -42,55 +34,48 @@ def draw_petzval(walls: Sequence[WallSection], petzval: PetzvalCalibration, path
         fontsize=10,
     )
     optics = Optics(focal_length_px=quality.focal_length_px, principal_point_px=petzval.principal_point_px)
-    for row, wall in zip(axes, walls, strict=True):
+    facing = wall_range_m(optics, petzval.origin.pixels, distance_m=1.0)
+    for row, capture, range_m, wall in zip(axes, petzval.origin.captures, ranges_m, quality.walls, strict=True):
+        name = Path(capture).name
         flat = wall_range_m(optics, petzval.origin.pixels, distance_m=wall.distance_m, slopes=wall.slopes)
-        facing = wall_range_m(optics, petzval.origin.pixels, distance_m=1.0)
-        _section(row[0], wall, petzval, flat, facing)
-        _radial(row[1], wall, petzval, flat)
+        _section(row[0], name, range_m, petzval, flat, facing)
+        _radial(row[1], name, range_m, petzval, flat)
     save(figure, path, dpi=110)
 
 
-def _section(axes: Axes, wall: WallSection, petzval: PetzvalCalibration, flat: Float, facing: Float) -> None:
+def _section(axes: Axes, name: str, range_m: Float, petzval: PetzvalCalibration, flat: Float, facing: Float) -> None:
     middle = round(petzval.principal_point_px[1])
     rows = slice(max(middle - ROWS // 2, 0), middle + ROWS // 2 + 1)
     columns = np.arange(flat.shape[1])
-    measured, corrected = wall.range_m, wall.range_m - petzval.range_offset_m
-    for values, label, colour in ((measured, "before", "tab:red"), (corrected, "after", "tab:blue")):
-        axes.plot(columns, _middle((values / facing)[rows]), ".", markersize=3, color=colour, label=label)
+    corrected = range_m - petzval.range_offset_m
+    for values, label, colour in ((range_m, "before", "tab:red"), (corrected, "after", "tab:blue")):
+        medians = [_median(column) for column in (values / facing)[rows].T]
+        axes.plot(columns, medians, ".", markersize=3, color=colour, label=label)
     axes.plot(columns, (flat / facing)[middle], color="black", linewidth=1, label="flat wall, as fitted")
-    axes.set(
-        xlabel="column, px",
-        ylabel="planar depth, m",
-    )
-    axes.set_title(f"{drawable(wall.name)}: rows {rows.start} to {rows.stop - 1}", parse_math=False)
-    axes.legend(fontsize=8, loc="upper left", bbox_to_anchor=(1.01, 1.0), borderaxespad=0.0)
-    axes.grid(alpha=0.3)
+    axes.set(xlabel="column, px", ylabel="planar depth, m")
+    _finish(axes, f"{name}: rows {rows.start} to {rows.stop - 1}")
 
 
-def _radial(axes: Axes, wall: WallSection, petzval: PetzvalCalibration, flat: Float) -> None:
+def _radial(axes: Axes, name: str, range_m: Float, petzval: PetzvalCalibration, flat: Float) -> None:
     rho = np.sqrt(squared_field_radius(petzval.origin.pixels, petzval.principal_point_px))
     edges = np.linspace(0.0, float(rho.max()), 41)
     place = np.digitize(rho.ravel(), edges[1:-1])
     centres = 0.5 * (edges[1:] + edges[:-1])
-    before = 100 * (wall.range_m - flat)
+    before = 100 * (range_m - flat)
     after = before - 100 * petzval.range_offset_m
     for values, label, colour in ((before, "before", "tab:red"), (after, "after", "tab:blue")):
         medians = [_median(values.ravel()[place == index]) for index in range(centres.size)]
         axes.plot(centres, medians, "o", markersize=3.5, color=colour, label=f"{label}, median of a ring")
     curve = 100 * (petzval.k2_m * centres**2 + petzval.k4_m * centres**4)
     axes.plot(centres, curve, color="black", linewidth=1, label="k2 ρ² + k4 ρ⁴")
-    axes.set(
-        xlabel="ρ, distance from the principal point over half the diagonal",
-        ylabel="range − flat wall, cm",
-    )
-    axes.set_title(drawable(wall.name), parse_math=False)
-    axes.legend(fontsize=8, loc="upper left", bbox_to_anchor=(1.01, 1.0), borderaxespad=0.0)
+    axes.set(xlabel="ρ, distance from the principal point over half the diagonal", ylabel="range − flat wall, cm")
+    _finish(axes, name)
+
+
+def _finish(axes: Axes, title: str) -> None:
+    axes.set_title(drawable(title), parse_math=False)
+    legend_beside(axes)
     axes.grid(alpha=0.3)
-
-
-def _middle(rows: Float) -> Float:
-    """Return the median of each column of (rows, X), NaN where there is none."""
-    return np.array([_median(column) for column in rows.T])
 
 
 def _median(values: Float) -> float:

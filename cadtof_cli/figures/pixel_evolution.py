@@ -1,12 +1,14 @@
 """One recording of a pixel, as in the paper's Fig. 2: arrivals, voltages, phase."""
 
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
+from cadtof_cli.figures.canvas import Figure
+from cadtof_cli.figures.text import legend_beside
 from cadtof_cli.simulation.pixel.mix import Condition
 from cadtof_cli.simulation.pixel.pixel import Evolution
 
@@ -19,27 +21,21 @@ DOTS_PER_INCH = 120
 
 def draw_evolution(recording: Evolution, condition: Condition, folder: Path, /) -> None:
     """Draw one recording into a folder: `histogram.png`, `voltages.png` and `phase.png`."""
-    plots: dict[str, tuple[str, Callable[[Axes], None]]] = {
-        "histogram": (
-            "When the photons of a recording arrive",
-            lambda axes: plot_histogram(axes, recording, condition),
-        ),
-        "voltages": ("How the voltages settle", lambda axes: plot_voltages(axes, recording)),
-        "phase": (
-            "How the phase of the first phasor settles",
-            lambda axes: plot_phase(axes, recording, condition),
-        ),
+    plots: dict[str, tuple[str, Callable[[Axes, Evolution], None]]] = {
+        "histogram": ("When the photons of a recording arrive", partial(plot_histogram, condition=condition)),
+        "voltages": ("How the voltages settle", plot_voltages),
+        "phase": ("How the phase of the first phasor settles", partial(plot_phase, condition=condition)),
     }
     for name, (title, plot) in plots.items():
         figure = Figure(figsize=(7.6, 3.6), dpi=DOTS_PER_INCH, layout="constrained")
         axes = figure.subplots()
         axes.set_title(title, fontsize=11)
-        plot(axes)
+        plot(axes, recording)
         figure.savefig(folder / f"{name}.png")
 
 
 def plot_histogram(
-    axes: Axes, recording: Evolution, condition: Condition, /, *, harmonics: tuple[int, ...] = (1,)
+    axes: Axes, recording: Evolution, /, condition: Condition, *, harmonics: tuple[int, ...] = (1,)
 ) -> None:
     """Plot arrivals, and the modulation of some harmonics, on the given axes."""
     width = recording.period_ns / len(recording.bin_ns)
@@ -55,7 +51,7 @@ def plot_histogram(
             label = f"{channel}, {recording.period_ns / harmonic:g} ns"
             wave.plot(recording.bin_ns, value, color=colour, lw=0.8, ls=style, label=label)
     wave.set(ylim=(-3.2, 1.2), yticks=[])
-    _legend(axes, wave)
+    legend_beside(axes, wave)
 
 
 def plot_voltages(axes: Axes, recording: Evolution, /) -> None:
@@ -64,10 +60,10 @@ def plot_voltages(axes: Axes, recording: Evolution, /) -> None:
     axes.plot(thousands, 1e3 * recording.voltages_v[0], color=DIRECT_COLOUR, lw=0.9, label="SC1")
     axes.plot(thousands, 1e3 * recording.voltages_v[1], color=MPI_COLOUR, lw=0.9, label="SC2")
     axes.set(xlim=(0, thousands[-1]), xlabel="photons sampled (thousands)", ylabel="voltage (mV)")
-    _legend(axes)
+    legend_beside(axes)
 
 
-def plot_phase(axes: Axes, recording: Evolution, condition: Condition, /) -> None:
+def plot_phase(axes: Axes, recording: Evolution, /, condition: Condition) -> None:
     """Plot the phase after each photon on the given axes."""
     thousands = recording.photons / 1e3
     direct_deg = 360.0 * condition.direct_ns / recording.period_ns
@@ -82,11 +78,4 @@ def plot_phase(axes: Axes, recording: Evolution, condition: Condition, /) -> Non
         xlabel="photons sampled (thousands)",
         ylabel="phase (°)",
     )
-    _legend(axes)
-
-
-def _legend(axes: Axes, *others: Axes) -> None:
-    """Add a legend beside the curves of axes, and of others over them."""
-    found = [one.get_legend_handles_labels() for one in (axes, *others)]
-    handles, labels = ([item for part in parts for item in part] for parts in zip(*found, strict=True))
-    axes.legend(handles, labels, loc="upper left", bbox_to_anchor=(1.01, 1.0), borderaxespad=0.0, fontsize=8)
+    legend_beside(axes)

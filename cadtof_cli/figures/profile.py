@@ -1,16 +1,16 @@
 """A cross-section of maps, as in the paper's Figs. 4(c) and 5(d): runs overlaid, with their predicted scatter."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from cadtof_cli.arrays import Float
+from cadtof_cli.figures.canvas import Figure
 from cadtof_cli.figures.kinds import save
-from cadtof_cli.figures.text import drawable, shortened, within
+from cadtof_cli.figures.text import drawable, legend_beside, shortened, within
 from cadtof_cli.maps.layers import error_unit
 from cadtof_cli.maps.profile import Curve, Profile
 
@@ -37,17 +37,12 @@ def draw_profile(profile: Profile, path: Path, /) -> None:
         _errors(panels[1], profile, profile.truth)
     panels[-1].set_xlabel(f"{profile.axis}, px")
     panels[0].set_xlim(profile.along.min() - 0.5, profile.along.max() + 0.5)
-    handles, labels = panels[0].get_legend_handles_labels()
-    panels[0].legend(handles, labels, fontsize=8, loc="upper left", bbox_to_anchor=(1.01, 1.0), borderaxespad=0.0)
+    legend_beside(panels[0])
     save(figure, path, dpi=DOTS_PER_INCH)
 
 
 def _values(axes: Axes, profile: Profile) -> None:
-    for name, first, colour in _first_phasors(profile):
-        axes.plot(profile.along, first, **_DASHED, color=colour, label=name)
-    for curve, name, colour in _named(profile):
-        _band(axes, profile.along, curve.values, curve.sigma, colour, f"{name}: ± 1 σ, predicted")
-        axes.plot(profile.along, curve.values, lw=1.3, **_points(curve.values), color=colour, label=name)
+    _curves(axes, profile, lambda values: values, 1.0)
     if profile.truth is not None:
         axes.plot(profile.along, profile.truth, lw=1.0, color=TRUTH_COLOUR, label="truth", zorder=1.9)
     what = profile.depth if profile.layer.endswith(".depth") else profile.layer
@@ -57,15 +52,23 @@ def _values(axes: Axes, profile: Profile) -> None:
 
 def _errors(axes: Axes, profile: Profile, truth: Float) -> None:
     factor, unit = error_unit(profile.unit)
-    for _, first, colour in _first_phasors(profile):
-        axes.plot(profile.along, factor * (first - truth), **_DASHED, color=colour)
-    for curve, _, colour in _named(profile):
-        error = factor * (curve.values - truth)
-        _band(axes, profile.along, error, None if curve.sigma is None else factor * curve.sigma, colour, None)
-        axes.plot(profile.along, error, lw=1.3, **_points(error), color=colour)
+    _curves(axes, profile, lambda values: factor * (values - truth), factor)
     axes.axhline(0.0, color=TRUTH_COLOUR, lw=0.8, zorder=1.9)
     axes.set_ylabel(f"error, {unit or '1'}")
     _to_lines(axes)
+
+
+def _curves(axes: Axes, profile: Profile, shown: Callable[[Float], Float], factor: float) -> None:
+    """Draw what is shown of first phasors and of runs, these in bands of their sigma times a factor."""
+    for name, first, colour in _first_phasors(profile):
+        axes.plot(profile.along, shown(first), **_DASHED, color=colour, label=name)
+    for curve, name, colour in _named(profile):
+        values = shown(curve.values)
+        if curve.sigma is not None:
+            low, high = values - factor * curve.sigma, values + factor * curve.sigma
+            label = f"{name}: ± 1 σ, predicted"
+            axes.fill_between(profile.along, low, high, color=colour, alpha=0.2, lw=0, label=label)
+        axes.plot(profile.along, values, lw=1.3, **_points(values), color=colour, label=name)
 
 
 _DASHED: dict[str, Any] = {"lw": 1.0, "ls": (0, (4, 2)), "alpha": 0.8}
@@ -101,8 +104,3 @@ def _to_lines(axes: Axes) -> None:
         margin = 0.06 * float(np.ptp(finite)) + 1e-6
         axes.set_ylim(float(finite.min()) - margin, float(finite.max()) + margin)
     axes.grid(alpha=0.25)
-
-
-def _band(axes: Axes, along: Float, values: Float, sigma: Float | None, colour: str, label: str | None) -> None:
-    if sigma is not None:
-        axes.fill_between(along, values - sigma, values + sigma, color=colour, alpha=0.2, lw=0, label=label)

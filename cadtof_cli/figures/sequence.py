@@ -5,15 +5,14 @@ import io
 import itertools
 import math
 from collections.abc import Collection, Iterable, Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import matplotlib as mpl
 import numpy as np
 from matplotlib.colors import to_rgb
-from matplotlib.figure import Figure
 
 from cadtof_cli.errors import SettingsError
+from cadtof_cli.figures.canvas import Figure
 from cadtof_cli.figures.kinds import save
 from cadtof_cli.figures.page import Block, Image, Scaled, add_bar, add_legend, page_figure
 from cadtof_cli.figures.pixel_classes import PixelClass
@@ -27,14 +26,6 @@ PER_INCH = 100
 
 _SHEET_WIDTH, _LEAST_THUMB, _MOST_THUMB = 1800, 48, 320
 _NAME_HEIGHT, _SPACE, _TOP, _RIGHT, _BOTTOM = 15, 6, 44, 92, 34
-
-
-@dataclass(frozen=True, eq=False)
-class Thumbnail:
-    """A frame's picture, small, and its name; None where it could not be read."""
-
-    name: str
-    image: Image | None
 
 
 def thumbnail_size(count: int, shape: tuple[int, int], /) -> tuple[int, int]:
@@ -55,7 +46,7 @@ def fitted(image: Image, size: tuple[int, int], /) -> Image:
 
 
 def draw_sheet(
-    thumbnails: Sequence[Thumbnail],
+    thumbnails: Sequence[tuple[str, Image | None]],
     scale: Block,
     path: Path,
     /,
@@ -64,29 +55,32 @@ def draw_sheet(
     size: tuple[int, int],
     kinds: Collection[PixelClass],
 ) -> None:
-    """Draw thumbnails of a size (width, height) with their names in rows, one bar of colours, and the legend of `kinds`."""
+    """Draw frames, their names and pictures of a size (width, height), in rows, one bar of colours, and the legend of `kinds`.
+
+    A picture is None where the frame could not be read.
+    """
     width, height = size
     pitch = max(width, 64) + _SPACE
     columns = max(1, min(len(thumbnails), (_SHEET_WIDTH + _SPACE) // pitch))
     rows = math.ceil(len(thumbnails) / columns)
     sheet: Image = np.full((rows * (height + _NAME_HEIGHT), columns * pitch, 4), 255, np.uint8)
     places = [divmod(number, columns) for number in range(len(thumbnails))]
-    for thumbnail, (row, column) in zip(thumbnails, places, strict=True):
+    for (_, image), (row, column) in zip(thumbnails, places, strict=True):
         top, left = row * (height + _NAME_HEIGHT), column * pitch
-        if thumbnail.image is not None:
-            sheet[top : top + height, left : left + width] = thumbnail.image
+        if image is not None:
+            sheet[top : top + height, left : left + width] = image
     page_width, page_height = max(sheet.shape[1], 320) + 2 * _SPACE + _RIGHT, sheet.shape[0] + _TOP + _BOTTOM
     figure = Figure(figsize=(page_width / PER_INCH, page_height / PER_INCH), dpi=PER_INCH)
     figure.figimage(sheet, _SPACE, _BOTTOM, origin="upper")
     heading = within(title, page_width / PER_INCH - 0.2, size=11)
     figure.text(0.5, 1 - 20 / page_height, heading, ha="center", va="center", fontsize=11, parse_math=False)
-    for thumbnail, (row, column) in zip(thumbnails, places, strict=True):
+    for (name, image), (row, column) in zip(thumbnails, places, strict=True):
         x = (_SPACE + column * pitch + width / 2) / page_width
         below = _TOP + row * (height + _NAME_HEIGHT) + height
         y = 1 - (below + _NAME_HEIGHT / 2) / page_height
-        name = within(thumbnail.name, pitch / PER_INCH, size=6.5)
-        figure.text(x, y, name, ha="center", va="center", fontsize=6.5, parse_math=False)
-        if thumbnail.image is None:
+        short = within(name, pitch / PER_INCH, size=6.5)
+        figure.text(x, y, short, ha="center", va="center", fontsize=6.5, parse_math=False)
+        if image is None:
             y = 1 - (below - height / 2) / page_height
             figure.text(x, y, "cannot\nbe drawn", ha="center", va="center", fontsize=7, color="#b00020")
     if isinstance(scale, Scaled):
@@ -97,16 +91,8 @@ def draw_sheet(
     save(figure, path, dpi=PER_INCH)
 
 
-@dataclass(frozen=True, eq=False)
-class FilmFrame:
-    """A frame of a film: its title and its block, of the same size and scale in all frames."""
-
-    title: str
-    block: Block
-
-
 def draw_film(
-    frames: Iterable[FilmFrame],
+    frames: Iterable[tuple[str, Block]],
     path: Path,
     /,
     *,
@@ -117,7 +103,7 @@ def draw_film(
     """Draw frames one after the other as GIF or MP4; nothing moves between them but what they show.
 
     Args:
-        frames: drawn as they come, in the memory of one (of all, for GIF).
+        frames: titles and blocks, these of the same size and scale; drawn as they come, in the memory of one (of all, for GIF).
         path: file to write.
         per_second: how many are shown in a second.
         panel_width: in pixels of the film.
@@ -131,7 +117,7 @@ def draw_film(
     pictures = _pictures(itertools.chain((first,), waiting), panel_width, kinds)
     with atomic_write(path) as temporary:
         if path.suffix.lower() == ".gif":
-            _write_gif(pictures, temporary, _palette(first.block), per_second)
+            _write_gif(pictures, temporary, _palette(first[1]), per_second)
         else:
             _write_mp4(pictures, temporary, per_second)
 
@@ -145,16 +131,18 @@ def require_film(path: Path, /, *, overwrite: bool) -> None:
         )
 
 
-def _pictures(frames: Iterable[FilmFrame], panel_width: float, kinds: Collection[PixelClass]) -> Iterator[Image]:
+def _pictures(
+    frames: Iterable[tuple[str, Block]], panel_width: float, kinds: Collection[PixelClass]
+) -> Iterator[Image]:
     """Yield the frames as pictures (Y, X, 3): the first drawn whole, in the others only what changes."""
     figure: Figure | None = None
-    for frame in frames:
+    for title, block in frames:
         if figure is None:
-            figure = page_figure(((frame.block,),), title=frame.title, kinds=kinds, panel_width=panel_width)
+            figure = page_figure(((block,),), title=title, kinds=kinds, panel_width=panel_width)
             room = figure.get_figwidth() - 0.2
         else:
-            figure.texts[0].set_text(within(frame.title, room, size=11))
-            figure.axes[0].images[0].set_data(frame.block.painted(frame.block.panels[0]))
+            figure.texts[0].set_text(within(title, room, size=11))
+            figure.axes[0].images[0].set_data(block.painted(block.panels[0]))
         drawn = io.BytesIO()
         figure.savefig(drawn, format="rgba", dpi=PER_INCH)
         height = int(figure.bbox.height * PER_INCH / figure.dpi)

@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import Colormap, LogNorm, Normalize, TwoSlopeNorm
-from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
 
 from cadtof_cli.arrays import Float
+from cadtof_cli.figures.canvas import Figure
 
 Table = Sequence[Mapping[str, float]]
 

@@ -1,8 +1,9 @@
-"""Text that matplotlib can draw, whatever a file is called."""
+"""Text that matplotlib can draw, whatever a file is called, and legends."""
 
 from functools import cache
 
 from matplotlib import font_manager
+from matplotlib.axes import Axes
 from matplotlib.textpath import TextPath
 
 
@@ -39,3 +40,10 @@ def within(text: str, inches: float, /, *, size: float) -> str:
     # as letters, whatever it means as mathematics
     wide = TextPath((0, 0), text.replace("$", "S"), size=size).get_extents().width / 72 if text.strip() else 0.0
     return text if wide <= inches else shortened(text, int(len(text) * inches / wide))
+
+
+def legend_beside(axes: Axes, /, *others: Axes) -> None:
+    """Add a legend at the right of axes, of their curves and of those of others over them."""
+    found = [one.get_legend_handles_labels() for one in (axes, *others)]
+    handles, labels = ([item for part in parts for item in part] for parts in zip(*found, strict=True))
+    axes.legend(handles, labels, loc="upper left", bbox_to_anchor=(1.01, 1.0), borderaxespad=0.0, fontsize=8)

@@ -216,6 +216,10 @@ def detect_format(path: Path, /, *, raw: bool = False) -> Format:
         finally:
             os.close(descriptor)
     known = next((one for one in FORMATS if head.startswith(one.magics)), None)
+    if known is None and head.startswith(b"MATLAB "):
+        from cadtof_cli.files.matlab import matlab_refusal
+
+        raise matlab_refusal(path, head)
     if known is None:
         found = f"first bytes {head[:4].hex(' ')}" if head else "an empty file"
         titles = ", ".join(one.title for one in FORMATS if one.magics)

@@ -9,12 +9,12 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from xxhash import xxh3_128
 
 from cadtof_cli import __version__
 from cadtof_cli.arrays import Float32, Status
 from cadtof_cli.errors import FrameError, OutputError
 from cadtof_cli.files.atomic import PartialFile, atomic_write, not_written
-from cadtof_cli.files.digest import Digest, file_digest
 from cadtof_cli.files.formats import MAP_SUFFIXES, detect_format, format_by_suffix
 from cadtof_cli.files.system import BLOCK_BYTES
 from cadtof_cli.records import dataclass
@@ -28,6 +28,11 @@ SOURCE = "source"
 """The fact that names the recorded frame: the only one that differs from frame to frame."""
 
 _STATUS_LIMIT = 2**32
+
+Digest = xxh3_128
+"""What bytes are added to piece by piece, fast enough for every frame and its maps: it finds accidents, not forgeries."""
+
+_CHUNK_BYTES = 2**22
 
 _MAP_LAYER = rf"(direct|mpi)\.\w+|confidence|{STATUS}"
 
@@ -107,6 +112,20 @@ def is_map_layer(name: str, /) -> bool:
     return re.fullmatch(_MAP_LAYER, name) is not None
 
 
+def file_digest(path: Path, /) -> str:
+    """Return the digest of a file's bytes, a few megabytes at a time.
+
+    Raises:
+        OSError: it cannot be read.
+    """
+    digest = Digest()
+    with path.open("rb", buffering=0) as file:
+        # a map may be large: never all of it in memory
+        while piece := file.read(_CHUNK_BYTES):
+            digest.update(piece)
+    return digest.hexdigest()
+
+
 def stage_maps(
     path: Path, maps: DepthMaps, /, *, header: MapHeader = NO_FACTS, token: str = ""
 ) -> tuple[PartialFile, str]:
@@ -148,9 +167,9 @@ def write_maps(path: Path, maps: DepthMaps, /, *, header: MapHeader = NO_FACTS) 
 
 
 def read_layers(path: Path, /) -> dict[str, NDArray[Any]]:
-    """Return the layers of a map or truth file by name, (Y, X) each, as they are stored.
+    """Return the layers of a map or truth file by name, (Y, X) each, as they are stored, and the status as uint32 bits.
 
-    Layers are the channels of an EXR file's first part, or the named channels of an OME-TIFF.
+    Layers are the channels of an EXR file's first part, or the named channels of an OME-TIFF, which holds the bits as floats.
 
     Raises:
         FrameError: the file cannot be read, is damaged, or its layers have no names, or its status is no bits.
@@ -160,9 +179,11 @@ def read_layers(path: Path, /) -> dict[str, NDArray[Any]]:
         raise FrameError(f"{path}: found {kind.title}, expected a format of named maps")
     layers = kind.layers().read_layers(path)
     status = layers.get(STATUS)
-    if status is not None and not (np.isfinite(status) & (status >= 0) & (status < _STATUS_LIMIT)).all():
+    if status is None:
+        return layers
+    if not (np.isfinite(status) & (status >= 0) & (status < _STATUS_LIMIT)).all():
         raise FrameError(f"{path}: damaged maps: their status holds numbers that are no bits")
-    return layers
+    return layers | {STATUS: status.astype(np.uint32, copy=False)}
 
 
 def read_facts(path: Path, /) -> dict[str, str]:

@@ -19,7 +19,12 @@ def open_frames(path: Path, layout: FrameLayout, /) -> AbstractContextManager[Fr
     Raises:
         FrameError: nothing says its shape, the size of the file is another, or its planes do not make up whole frames.
     """
-    return open_array(path, _mapped(path, layout), layout)
+    array = _mapped(path, layout)
+    assert layout.raw is not None
+    read = f"numpy.fromfile(PATH, {layout.raw.dtype!r}, offset={layout.raw.offset_bytes})"
+    # MATLAB writes the first axis first
+    mended_by = f"numpy.save(NPY, {read}.reshape({array.shape}, order='C'){{}}), or order='F' for a dump of MATLAB,"
+    return open_array(path, array, layout, mended_by=mended_by)
 
 
 def read_plane(path: Path, layout: FrameLayout, /) -> Stored:

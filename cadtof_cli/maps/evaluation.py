@@ -93,17 +93,36 @@ class ErrorTally:
         )
 
 
-def depth_errors(
-    depth_m: NDArray[np.floating],
-    truth_m: NDArray[np.floating],
-    /,
-    *,
-    sigma_m: NDArray[np.floating] | None = None,
-) -> DepthErrors:
-    """Return the errors of one frame's depths against its truth, (Y, X) each in m."""
-    tally = ErrorTally()
-    tally.add(depth_m, truth_m, sigma_m=sigma_m)
-    return tally.summary()
+@dataclass(frozen=True)
+class Evaluation:
+    """Errors of the direct depth, and of the first phasor's where the recorded frames of all maps are still there."""
+
+    frames: int
+    direct: DepthErrors
+    first_phasor: DepthErrors | None
+
+
+class EvaluationTally:
+    """Counts the errors of maps, and of what the first phasor alone would have said, map by map."""
+
+    def __init__(self) -> None:
+        self._direct, self._first = ErrorTally(), ErrorTally()
+        self._frames = self._compared = 0
+
+    def add(
+        self, direct_m: Float, truth_m: Float, /, *, sigma_m: NDArray[np.floating] | None, first_phasor_m: Float | None
+    ) -> None:
+        """Add a map's direct depths and the first phasor's, None where its frame is gone, against the truth; (Y, X) each in m."""
+        self._frames += 1
+        self._direct.add(direct_m, truth_m, sigma_m=sigma_m)
+        if first_phasor_m is not None:
+            self._compared += 1
+            self._first.add(first_phasor_m, truth_m)
+
+    def summary(self) -> Evaluation:
+        """Return the errors so far."""
+        first = self._first.summary() if self._compared == self._frames else None
+        return Evaluation(self._frames, self._direct.summary(), first)
 
 
 @dataclass(frozen=True, eq=False)

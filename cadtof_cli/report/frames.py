@@ -79,9 +79,7 @@ def embedded_frame(planes: Planes, /, *, step: int) -> EmbeddedFrame:
 
 
 def _coded(name: str, plane: NDArray[Any]) -> tuple[NDArray[np.uint16], EmbeddedLayer]:
-    codes, scale = (
-        coded_bits(plane.astype(np.uint32)) if name == STATUS else coded_values(plane, is_depth=is_depth(name))
-    )
+    codes, scale = coded_bits(plane) if name == STATUS else coded_values(plane, is_depth=is_depth(name))
     return codes, EmbeddedLayer(name, unit_of(name), scale)
 
 

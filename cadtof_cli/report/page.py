@@ -4,7 +4,7 @@ import hashlib
 import json
 from base64 import b64encode
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
 from string import Template
@@ -14,7 +14,7 @@ from cadtof_cli import __version__
 from cadtof_cli.capture.metadata import Optics
 from cadtof_cli.files.atomic import atomic_write
 from cadtof_cli.optics import principal_point
-from cadtof_cli.report.colours import palette
+from cadtof_cli.report.colours import Limits, palette
 from cadtof_cli.report.frames import EmbeddedFrame
 from cadtof_cli.report.markup import EMPTY, Markup, element, joined, printable, text
 from cadtof_cli.report.sections import PageText, embedded_section, failures, frame_list, frame_table, settings, summary
@@ -54,25 +54,23 @@ class ShownFrame:
         return {"focal_length_px": self.optics.focal_length_px, "column": column, "row": row}
 
 
-@dataclass(frozen=True)
-class Page:
-    """All that a page shows.
+def write_page(
+    path: Path,
+    page: PageText,
+    /,
+    *,
+    frames: Sequence[ShownFrame],
+    truth: Sequence[EmbeddedFrame],
+    limits: Mapping[str, Limits],
+) -> None:
+    """Write a page, whole or not at all.
 
-    Attributes:
-        text: what it says in words and tables.
+    Args:
+        path: file to write.
+        page: what it says in words and tables.
         frames: that the viewer shows.
         truth: of each capture at the steps of its frames, if known.
-        limits: of each layer over the run, in its unit: 1 % and 99 % of the values, the lowest and the highest.
-    """
-
-    text: PageText
-    frames: Sequence[ShownFrame] = ()
-    truth: Sequence[EmbeddedFrame] = ()
-    limits: Mapping[str, tuple[float, float, float, float]] = field(default_factory=dict)
-
-
-def write_page(path: Path, page: Page, /) -> None:
-    """Write a page, whole or not at all.
+        limits: of each layer over the run, in its unit.
 
     Raises:
         OutputError: the file cannot be written.
@@ -81,16 +79,16 @@ def write_page(path: Path, page: Page, /) -> None:
     markup = Template(_file("page.html")).substitute(
         policy=text(_policy(style, script)),
         version=text(__version__),
-        title=text(page.text.title),
-        subtitle=text(page.text.subtitle),
-        summary=summary(page.text),
-        failures=failures(page.text),
-        strip=frame_list(page.text),
-        settings=settings(page.text),
-        table=frame_table(page.text),
-        embedded=embedded_section(page.text, [frame.embedded for frame in page.frames]),
-        run=_data(json.dumps(_document(page), allow_nan=False, separators=(",", ":"))),
-        data=_payloads(page),
+        title=text(page.title),
+        subtitle=text(page.subtitle),
+        summary=summary(page),
+        failures=failures(page),
+        strip=frame_list(page),
+        settings=settings(page),
+        table=frame_table(page),
+        embedded=embedded_section(page, [frame.embedded for frame in frames]),
+        run=_data(json.dumps(_document(frames, truth, limits), allow_nan=False, separators=(",", ":"))),
+        data=_payloads(frames, truth),
         style=style,
         script=script,
     )
@@ -113,7 +111,9 @@ def _policy(style: str, script: str) -> str:
     )
 
 
-def _document(page: Page) -> dict[str, Any]:
+def _document(
+    frames: Sequence[ShownFrame], truth: Sequence[EmbeddedFrame], limits: Mapping[str, Limits]
+) -> dict[str, Any]:
     """Return what the scripts have to know, but for the maps."""
     colours = palette()
     bits = [
@@ -121,9 +121,9 @@ def _document(page: Page) -> dict[str, Any]:
         for bit, meaning in MEANING.items()
     ]
     return {
-        "frames": [frame.as_json(number) for number, frame in enumerate(page.frames)],
-        "truth": [{"data": f"truth-{number}", **one.as_json()} for number, one in enumerate(page.truth)],
-        "limits": {name: list(values) for name, values in page.limits.items()},
+        "frames": [frame.as_json(number) for number, frame in enumerate(frames)],
+        "truth": [{"data": f"truth-{number}", **one.as_json()} for number, one in enumerate(truth)],
+        "limits": {name: list(values) for name, values in limits.items()},
         "bits": bits,
         "palette": {name: colours[name] for name in ("sequential", "diverging", "no_answer")},
     }
@@ -134,9 +134,9 @@ def _data(source: str) -> Markup:
     return Markup(source.replace("&", "\\u0026").replace("<", "\\u003c").replace(">", "\\u003e"))
 
 
-def _payloads(page: Page) -> Markup:
-    named = [(f"frame-{number}", frame.embedded) for number, frame in enumerate(page.frames)]
-    named += [(f"truth-{number}", one) for number, one in enumerate(page.truth)]
+def _payloads(frames: Sequence[ShownFrame], truth: Sequence[EmbeddedFrame]) -> Markup:
+    named = [(f"frame-{number}", frame.embedded) for number, frame in enumerate(frames)]
+    named += [(f"truth-{number}", one) for number, one in enumerate(truth)]
     if not named:
         return EMPTY
     return joined(element("script", Markup(one.data), type="text/plain", id=name) for name, one in named)

@@ -45,9 +45,6 @@ def resolve_paths(
     Raises:
         SettingsError: the harmonics cannot tell as many paths apart as the settings ask for.
     """
-    settings.check_harmonics(noise.harmonics)
-    if response is not None:
-        settings.check_response(noise.harmonics)
     room = import_module(f"cadtof_cli.resolver.{settings.room(noise.harmonics, sine=response is None)}.solver")
     # of a sine, the tail comes first, and a solver is for the few pixels that it leaves
     before, after = (tail, None) if response is None else (None, tail)

@@ -116,16 +116,34 @@ class ResolverSettings:
         return free and self.mpi_model != "discrete" and harmonics[:2] == (1, 2)
 
     def room(self, harmonics: tuple[int, ...], /, *, sine: bool) -> str:
-        """Return the room of the resolver whose module `solver` answers."""
-        if not sine:
-            return "response"
-        if self.solver == "lm" and self.max_paths == 2:
-            return "paper"
-        return "two_path" if self.in_closed_form(harmonics) else "likelihood"
+        """Return the room of the resolver whose module `solver` answers; `sine`: whether the channel pairs answer with one.
 
-    def in_closed_form(self, harmonics: tuple[int, ...], /) -> bool:
-        """Whether a capture with these harmonics needs no iteration."""
-        return harmonics == (1, 2) and self.solver != "lm"
+        Raises:
+            SettingsError: there are fewer harmonics than paths; or two that are not 1 and 2, which two paths fit in several ways;
+                or others than 1 and 2, or `lm`, where the channel pairs answer with more than a sine.
+        """
+        found = f"found harmonics {', '.join(map(str, harmonics))}"
+        if self.max_paths > len(harmonics):
+            raise SettingsError(
+                f"modulation.periods_ns: {found} of the first period; {self.max_paths} paths need at least {self.max_paths} "
+                "periods: lower --paths or --order, or use --solver one-path"
+            )
+        if self.max_paths == 2 and len(harmonics) == 2 and harmonics != (1, 2):
+            raise SettingsError(
+                f"modulation.periods_ns: {found} of the first period; with two periods, two paths have a unique solution only if "
+                "the second period is half of the first, such as [40.0, 20.0]: record a third period, or use --solver one-path"
+            )
+        in_closed_form = harmonics == (1, 2) and self.solver != "lm"
+        if sine:
+            by_search = "paper" if self.solver == "lm" and self.max_paths == 2 else "likelihood"
+            return "two_path" if in_closed_form else by_search
+        if not in_closed_form:
+            raise SettingsError(
+                "the waveform or calibrated response is not a pure sine, which can be resolved for periods T1 and T1/2, "
+                f"with --solver two-path or one-path and at most two paths; {found}, "
+                f"--solver {self.solver}, --paths {self.paths}"
+            )
+        return "response"
 
     def seconds_per_pixel(self, harmonics: int, /) -> float:
         """Return about how long a core takes for a pixel, by what `scripts/benchmark_solvers.py` measures."""
@@ -134,35 +152,3 @@ class ResolverSettings:
         if self.max_paths > 2:
             return SECONDS_BY_MANY_PATHS
         return SECONDS_IN_CLOSED_FORM if harmonics == 2 else SECONDS_BY_LIKELIHOOD
-
-    def check_harmonics(self, harmonics: tuple[int, ...], /) -> None:
-        """Make sure that the recorded harmonics can tell the paths apart.
-
-        Raises:
-            SettingsError: there are fewer harmonics than paths; or two that are not 1 and 2, which two paths fit in
-                several ways.
-        """
-        found = f"modulation.periods_ns: found harmonics {', '.join(map(str, harmonics))} of the first period"
-        if self.max_paths > len(harmonics):
-            raise SettingsError(
-                f"{found}; {self.max_paths} paths need at least {self.max_paths} periods: "
-                "lower --paths or --order, or use --solver one-path"
-            )
-        if self.max_paths == 2 and len(harmonics) == 2 and harmonics != (1, 2):
-            raise SettingsError(
-                f"{found}; with two periods, two paths have a unique solution only if the second period is half of the first, "
-                "such as [40.0, 20.0]: record a third period, or use --solver one-path"
-            )
-
-    def check_response(self, harmonics: tuple[int, ...], /) -> None:
-        """Make sure that paths can be resolved where the channel pairs answer with more than a sine.
-
-        Raises:
-            SettingsError: for other harmonics than 1 and 2, `lm`, or more than two paths there is no such solver.
-        """
-        if not self.in_closed_form(harmonics) or self.max_paths > 2:
-            raise SettingsError(
-                "the waveform or calibrated response is not a pure sine, which can be resolved for periods T1 and T1/2, "
-                f"with --solver two-path or one-path and at most two paths; found harmonics {', '.join(map(str, harmonics))}, "
-                f"--solver {self.solver}, --paths {self.paths}"
-            )

@@ -15,7 +15,7 @@ from cadtof_cli.files.documents import write_rows
 from cadtof_cli.simulation.pixel.averaging import Averaging
 from cadtof_cli.simulation.pixel.mix import Condition
 from cadtof_cli.simulation.pixel.pixel import PixelModel, evolution
-from cadtof_cli.workflows.simulate.simulate import simulate_pixel
+from cadtof_cli.workflows.simulate.simulate import simulate_trials
 from cadtof_cli.workflows.simulate.sweep import SweepCell, SweepSettings, rows, sweep, table_text
 from cadtof_cli.workflows.simulate.trials import Trials
 from paper.effort import SEED, Effort
@@ -61,7 +61,7 @@ def figure_2(effort: Effort) -> Figure2:
         trials = Trials(
             condition=condition, model=PIXEL, runs=effort.pixel_runs, photon_by_photon=True, seed=SEED, stream=column
         )
-        outcome = simulate_pixel(trials, workers=Workers(jobs=effort.jobs))
+        (outcome,) = simulate_trials((trials,), workers=Workers(jobs=effort.jobs))
         errors.append(math.degrees(outcome.phase_bias_rad))
         uncertainties.append(math.degrees(outcome.phase_std_rad) / math.sqrt(effort.pixel_runs))
     figure.savefig(effort.out / "fig2.png")

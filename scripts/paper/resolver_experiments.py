@@ -19,7 +19,7 @@ from cadtof_cli.simulation.pixel.averaging import Averaging
 from cadtof_cli.simulation.pixel.mix import Condition
 from cadtof_cli.simulation.pixel.pixel import PixelModel, evolution
 from cadtof_cli.workflows.simulate.outcome import TrialsSummary, summary
-from cadtof_cli.workflows.simulate.simulate import simulate_pixel
+from cadtof_cli.workflows.simulate.simulate import simulate_trials
 from cadtof_cli.workflows.simulate.sweep import SweepCell, SweepSettings, rows, sweep, table_text
 from cadtof_cli.workflows.simulate.trials import Recordings, Trials, recordings
 from paper.effort import SEED, Effort
@@ -103,8 +103,8 @@ def table_1(effort: Effort) -> list[Table1Row]:
         found = Recordings.joined([recordings(exact, runs) for runs in exact.blocks])
         scatter[name] = found.times_ns
         write_rows(effort.out / f"fig7{name}.csv", ("direct_ns", "second_ns"), scatter[name].T)
-        photons = simulate_pixel(by_photons, workers=Workers(jobs=effort.jobs))
-        paper_way = simulate_pixel(as_the_paper(exact))
+        (photons,) = simulate_trials((by_photons,), workers=Workers(jobs=effort.jobs))
+        (paper_way,) = simulate_trials((as_the_paper(exact),))
         made.append(Table1Row(name, summary(exact, found), paper_way, photons, effort.photon_length))
     draw_figure_7(scatter, effort.out)
     _write_table_1(effort, made)
@@ -196,7 +196,8 @@ def draw_figures_8_and_9(
 def _over_seeds(base: Trials, ratio: float) -> list[float]:
     """Return the second path's standard deviation at ASR 6 and n_av 1e3, the paper's way, for every seed."""
     worst = replace(base, condition=replace(base.condition, asr=6.0, mpi_ratio=ratio), model=pixel(1.0e3))
-    return [simulate_pixel(replace(as_the_paper(worst), seed=seed)).second.std_ns for seed in SEEDS]
+    by_seed = [replace(as_the_paper(worst), seed=seed) for seed in SEEDS]
+    return [outcome.second.std_ns for outcome in simulate_trials(by_seed)]
 
 
 def extremes(

@@ -83,8 +83,9 @@ def test_files_that_follow_each_other_share_their_capture(tmp_path: Path) -> Non
     here = _touch(tmp_path / "a", "x_2.tif", "x_1.tif")
     there = _touch(tmp_path / "b", "y.exr")
     (tmp_path / "b" / "capture.toml").write_text("[voltage]\nzero_counts = 3.0\n")
-    captures = find_captures([*here, *there, here[0], here[0]])
-    assert [_names(capture) for capture in captures] == [["x_2", "x_1"], ["y"], ["x_2"]]
+    later = _touch(tmp_path / "a", "x_3.tif")
+    captures = find_captures([*here, *there, here[0], *later, here[0]])
+    assert [_names(capture) for capture in captures] == [["x_2", "x_1"], ["y"], ["x_3"]]
     assert [capture.source.metadata.voltage.zero_counts for capture in captures] == [None, 3.0, None]
 
 
@@ -94,9 +95,11 @@ def test_what_a_shell_makes_of_a_star(tmp_path: Path) -> None:
     assert _names(capture) == ["frame_0", "frame_1"]
 
 
-def test_a_folder_and_a_file_in_it_are_two_captures(tmp_path: Path) -> None:
-    (path,) = _touch(tmp_path, "frame.tif")
-    assert len(find_captures([tmp_path, path])) == 2
+def test_a_folder_and_a_file_in_it_are_one_capture(tmp_path: Path) -> None:
+    path, _ = _touch(tmp_path, "frame_0.tif", "frame_1.tif")
+    for inputs in ([tmp_path, path], [path, tmp_path], [tmp_path, path, tmp_path]):
+        (capture,) = find_captures(inputs)
+        assert _names(capture) == ["frame_0", "frame_1"]
 
 
 @pytest.mark.parametrize(

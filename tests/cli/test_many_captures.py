@@ -73,6 +73,35 @@ def test_however_a_shell_names_them(command: str, tree: Path) -> None:
     assert _maps(tree / "out") == MIRRORED
 
 
+@pytest.mark.parametrize(
+    "inputs",
+    [
+        "-r rec rec/a",
+        "rec/a -r rec rec/b",
+        "rec/a rec/b/* rec/a",
+        "rec/a/frame_0.tif rec/b/one rec/a $PWD/rec/b/two rec/x/../b/two",
+        "rec/a/frame_0.tif rec/b/*/*.tif rec/b/../a/frame_0.tif",
+    ],
+)
+def test_what_is_named_twice_is_resolved_once(inputs: str, tree: Path) -> None:
+    (tree / "rec" / "x").mkdir()
+    done = shell(f"cadtof resolve {inputs} -o out -j 1 --json", tree)
+    assert done.status == 0, done.err
+    assert _maps(tree / "out") == MIRRORED
+    assert len(done.out.splitlines()) == len(MIRRORED)
+    assert "resolved 3 of 3 frames" in done.err
+    assert shell(f"cadtof resolve {inputs} -o out -j 1 --resume", tree).status == 0
+
+
+def test_of_files_named_twice_each_counts_once(tmp_path: Path) -> None:
+    record(tmp_path / "a", frames=3)
+    record(tmp_path / "b")
+    done = shell("cadtof resolve a/frame_0.tif b/frame_0.tif a/frame_1.tif a/frame_0.tif -o out -j 1 --json", tmp_path)
+    assert done.status == 0, done.err
+    sources = [json.loads(line)["source"] for line in done.out.splitlines()]
+    assert sources == ["a/frame_0.tif", "b/frame_0.tif", "a/frame_1.tif"]
+
+
 def test_names_with_new_lines_arrive_with_zero_bytes(tmp_path: Path) -> None:
     capture = record(tmp_path / "cap\nture")
     capture.files[0].rename(capture.folder / "frame\n0.tif")

@@ -1,6 +1,7 @@
 """Every picture that a command draws: nothing cut off, nothing on top of curves, axes labelled, any name, no file replaced."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,10 +12,10 @@ from matplotlib.figure import Figure
 from matplotlib.transforms import BboxBase
 
 from cadtof_cli.calibration.parts import Origin
-from cadtof_cli.calibration.petzval import PetzvalCalibration
+from cadtof_cli.calibration.petzval import PetzvalCalibration, WallFit
 from cadtof_cli.calibration.store import save_part
 from cadtof_cli.capture.metadata import CaptureMetadata, Optics
-from cadtof_cli.figures.petzval import WallSection, draw_petzval
+from cadtof_cli.figures.petzval import draw_petzval
 from cadtof_cli.optics import wall_range_m
 from tests.support.calibrations import PETZVAL_QUALITY, made_up_calibration
 from tests.support.captures import record, write_exr, write_frame
@@ -101,11 +102,11 @@ def test_pictures_of_simulations_are_whole(figures: list[Figure], tmp_path: Path
 
 
 def test_the_picture_of_walls_is_whole(figures: list[Figure], tmp_path: Path) -> None:
-    origin = Origin(captures=("made up",), frames=1, pixels=(24, 32), periods_ns=(40.0, 20.0), waveform="sine")
-    petzval = PetzvalCalibration(origin, 0.05, -0.03, (15.0, 11.0), PETZVAL_QUALITY)
+    origin = Origin(captures=("wall", HOSTILE), frames=2, pixels=(24, 32), periods_ns=(40.0, 20.0), waveform="sine")
+    wall = WallFit(2.0, 0.0, True, (0.0, 0.0), 0.01, 0.001, 0.001, 768)
+    petzval = PetzvalCalibration(origin, 0.05, -0.03, (15.0, 11.0), replace(PETZVAL_QUALITY, walls=(wall, wall)))
     flat = wall_range_m(Optics(focal_length_px=28.0, principal_point_px=(15.0, 11.0)), (24, 32), distance_m=2.0)
-    walls = [WallSection(name, flat + petzval.range_offset_m, 2.0, (0.0, 0.0)) for name in ("wall", HOSTILE)]
-    draw_petzval(walls, petzval, tmp_path / "a.png")
+    draw_petzval([flat + petzval.range_offset_m] * 2, petzval, tmp_path / "a.png")
     (figure,) = figures
     _require_whole(figure)
     # a row a wall: along the middle row, and over ρ; a fit of the very wall leaves nothing

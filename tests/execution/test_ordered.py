@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from cadtof_cli.execution.ordered import START_METHODS, StartMethod, WorkerDied, Workers, run_ordered
-from cadtof_cli.execution.outcome import Later, finishing
+from cadtof_cli.execution.outcome import Later, Work, finishing
 from cadtof_cli.execution.pool import TASKS_PER_WORKER
 
 pytestmark = pytest.mark.filterwarnings("ignore:This process.*is multi-threaded, use of fork:DeprecationWarning")
@@ -18,6 +18,10 @@ pytestmark = pytest.mark.filterwarnings("ignore:This process.*is multi-threaded,
 
 def square(number: int) -> int:
     return number * number
+
+
+def half_later(number: int) -> Later[float]:
+    return Later(lambda: 0.5 * number)
 
 
 def first_is_slow(number: int) -> int:
@@ -234,6 +238,24 @@ def test_fewer_or_more_workers_than_cores_may_be_moved() -> None:
     workers = Workers(jobs=len(cores) + 1, start_method="fork")
     outcomes = run_ordered(cores_of_worker, range(10), workers=workers)
     assert all(not isinstance(outcome.result, WorkerDied) and outcome.result[1] == cores for outcome in outcomes)
+
+
+@pytest.mark.parametrize("allowed", [0, 1])
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_a_system_that_allows_no_more_threads(jobs: int, allowed: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As under `ulimit -u` or `ulimit -v`: results are finished by the threads that there are, or without any."""
+    start, started = threading.Thread.start, list[threading.Thread]()
+
+    def refused(thread: threading.Thread) -> None:
+        if len(started) >= allowed:
+            raise RuntimeError("can't start new thread")
+        started.append(thread)
+        start(thread)
+
+    monkeypatch.setattr(threading.Thread, "start", refused)
+    half: Work[int, float] = half_later
+    outcomes = run_ordered(half, range(20), workers=Workers(jobs=jobs, start_method="fork"))
+    assert [outcome.result for outcome in outcomes] == [0.5 * task for task in range(20)]
 
 
 def test_a_signal_before_a_thread_is_started_is_what_ends_the_run(monkeypatch: pytest.MonkeyPatch) -> None:

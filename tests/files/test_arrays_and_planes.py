@@ -7,9 +7,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+import scipy.io
 
 from cadtof_cli.arrays import Stored
+from cadtof_cli.capture.discovery import find_captures
 from cadtof_cli.capture.frames import FrameSource, open_frames
+from cadtof_cli.errors import CaptureError
 from cadtof_cli.files.frames import FrameLayout, NotAFrameError, RawLayout
 from tests.files.forms import known_frame
 from tests.files.refusals import message, message_of
@@ -50,7 +53,11 @@ def test_npy_stack(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("harmonics", [2, 3])
 @pytest.mark.parametrize(
-    "axes", ["YXHC", "YXCH", "HYXC", "CYXH", "HCTYX", "TYXHC", "YXHCT", "CHTYX", "YXP", "TYXP", "PTYX"]
+    "axes",
+    [
+        *("YXHC", "YXCH", "HYXC", "CYXH", "HCTYX", "TYXHC", "YXHCT", "CHTYX", "YXP", "TYXP", "PTYX"),
+        *("XYHC", "XYCH", "HXYC", "TXYCH", "XYP", "TXYP"),
+    ],
 )
 def test_npy_of_other_axes_is_refused_with_the_call_that_mends_it(axes: str, harmonics: int, tmp_path: Path) -> None:
     layout, path = FrameLayout(tuple(range(1, harmonics + 1))), tmp_path / "frame.npy"
@@ -70,6 +77,52 @@ def test_npy_of_other_axes_is_refused_with_the_call_that_mends_it(axes: str, har
     stack = FrameLayout(layout.harmonics, 3) if "T" in axes and "P" in axes else layout
     expected = recorded.reshape(-1, harmonics, 2, 37, 53)[-1]
     np.testing.assert_array_equal(_read(path, stack, index=2 if "T" in axes else 0), expected)
+
+
+def test_columns_come_first_only_where_there_are_more_of_them(tmp_path: Path) -> None:
+    np.save(tmp_path / "landscape.npy", np.zeros((37, 53, 2, 2), "u2"))
+    assert "X Y" not in message(tmp_path / "landscape.npy")
+    np.save(tmp_path / "portrait.npy", np.zeros((53, 37, 2, 2), "u2"))
+    told = message(tmp_path / "portrait.npy")
+    assert re.findall("axes are ([A-Z ]+),", told) == ["X Y H C", "X Y C H", "Y X H C", "Y X C H"]
+
+
+@pytest.mark.parametrize("axes", ["YXCH", "YXHC", "HCYX"])
+def test_a_matlab_file_is_refused_with_the_call_that_saves_its_array(axes: str, tmp_path: Path) -> None:
+    recorded, path = known_frame("u2"), tmp_path / "it's.mat"
+    arranged = recorded.transpose(["HCYX".index(axis) for axis in axes])
+    scipy.io.savemat(path, {"about": "a frame", "gain": 2.0, "F1": arranged})
+    told = message(path)
+    assert told.startswith(f"{path}: found a MATLAB file, expected its array in one of ours: ")
+    ways = dict(re.findall(r"if its axes are ([A-Z ]+), (numpy\.save\(.*?\)) mends it", told))
+    as_it_is = re.findall(r"ours: (numpy\.save\(.*?\)), with axes \[T\] H C Y X", told)
+    assert len(ways) + len(as_it_is) == (1 if axes == "HCYX" else 2)
+    eval(ways.get(" ".join(axes)) or as_it_is[0], {"numpy": np, "scipy": scipy})
+    np.testing.assert_array_equal(_read(tmp_path / "it's.npy"), recorded)
+
+
+def test_matlab_files_that_cannot_be_looked_into(tmp_path: Path) -> None:
+    path = tmp_path / "a.mat"
+    scipy.io.savemat(path, {"dark": 1.0, "plane": np.zeros((37, 53))})
+    assert "none in it has three axes or more" in message(path)
+    path.write_bytes(path.read_bytes()[:140])
+    assert message(path) == f"{path}: cannot be read: could not read bytes"
+    path.write_bytes(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(512) + b"\x89HDF\r\n\x1a\n")
+    assert f"h5py.File({str(path)!r})['NAME'][()].swapaxes(-1, -2)" in message(path)
+    with pytest.raises(CaptureError, match=r"found a\.mat; `cadtof info .*a\.mat` says how to save an array of MATLAB"):
+        find_captures([tmp_path])
+
+
+def test_a_dump_of_matlab_is_refused_with_the_call_that_mends_it(tmp_path: Path) -> None:
+    recorded, path = known_frame("u2"), tmp_path / "frame.raw"
+    path.write_bytes(b"head" + recorded.transpose(2, 3, 1, 0).tobytes(order="F"))
+    told = message(path, FrameLayout((1, 2), raw=RawLayout("uint16", (37, 53, 2, 2), 4)))
+    (call,) = re.findall(
+        r"if its axes are Y X C H, (numpy\.save\(.*?\)), or order='F' for a dump of MATLAB, mends it", told
+    )
+    names = {"numpy": np, "PATH": path, "NPY": tmp_path / "frame.npy"}
+    eval(call.replace("order='C'", "order='F'"), names)
+    np.testing.assert_array_equal(_read(tmp_path / "frame.npy"), recorded)
 
 
 def test_npy_that_is_no_frame(tmp_path: Path) -> None:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from cadtof_cli.maps.evaluation import DepthErrors, ErrorTally, depth_errors
+from cadtof_cli.maps.evaluation import DepthErrors, ErrorTally, EvaluationTally
 
 
 def test_the_figures_are_those_of_all_errors_of_all_frames() -> None:
@@ -63,12 +63,18 @@ def test_no_shares_without_a_standard_deviation() -> None:
     assert (tally.summary().within_1_sigma, tally.summary().within_2_sigma) == (None, None)
 
 
-def test_one_frame_is_a_tally_of_one() -> None:
+def test_the_first_phasor_is_judged_where_every_map_has_it() -> None:
     rng = np.random.default_rng(3)
     truth, sigma = rng.uniform(1.0, 2.0, (5, 7)), np.full((5, 7), 0.01)
-    depth = truth + 0.01 * rng.normal(size=truth.shape) + 0.003
-    tally = ErrorTally()
-    tally.add(depth, truth, sigma_m=sigma)
-    assert depth_errors(depth, truth, sigma_m=sigma) == tally.summary()
-    assert depth_errors(depth, truth).bias_cm == pytest.approx(100.0 * (depth - truth).mean())
-    assert depth_errors(depth, truth).within_1_sigma is None
+    depth, alone = truth + 0.01 * rng.normal(size=truth.shape) + 0.003, truth + 0.5
+    tally, direct = EvaluationTally(), ErrorTally()
+    for frames in (1, 2):
+        tally.add(depth, truth, sigma_m=sigma, first_phasor_m=alone)
+        direct.add(depth, truth, sigma_m=sigma)
+        found = tally.summary()
+        assert (found.frames, found.direct) == (frames, direct.summary())
+        assert found.first_phasor is not None
+        assert found.first_phasor.bias_cm == pytest.approx(50.0)
+        assert found.first_phasor.within_1_sigma is None
+    tally.add(depth, truth, sigma_m=None, first_phasor_m=None)
+    assert (tally.summary().frames, tally.summary().first_phasor) == (3, None)

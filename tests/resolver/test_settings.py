@@ -69,19 +69,21 @@ def test_the_most_paths_that_a_pixel_may_get(options: dict[str, Any], most: int)
 
 
 @pytest.mark.parametrize(
-    ("options", "harmonics", "closed"),
+    ("options", "harmonics", "room"),
     [
-        ({}, (1, 2), True),
-        ({"solver": "one-path"}, (1, 2), True),
-        ({"solver": "lm"}, (1, 2), False),
-        ({}, (1, 3), False),
-        ({}, (1, 2, 3), False),
+        ({}, (1, 2), "two_path"),
+        ({"solver": "one-path"}, (1, 2), "two_path"),
+        ({"solver": "lm"}, (1, 2), "paper"),
+        ({"solver": "lm"}, (1, 2, 3), "paper"),
+        ({"solver": "lm", "order": "1"}, (1, 2), "likelihood"),
+        ({"order": "1"}, (1, 3), "likelihood"),
+        ({}, (1, 2, 3), "likelihood"),
     ],
 )
 def test_the_closed_form_is_for_the_fundamental_and_half_of_it(
-    options: dict[str, Any], harmonics: tuple[int, ...], closed: bool
+    options: dict[str, Any], harmonics: tuple[int, ...], room: str
 ) -> None:
-    assert ResolverSettings(**options).in_closed_form(harmonics) == closed
+    assert ResolverSettings(**options).room(harmonics, sine=True) == room
 
 
 @pytest.mark.parametrize(
@@ -106,10 +108,10 @@ def test_harmonics_that_cannot_tell_the_paths_apart_are_refused(
 ) -> None:
     settings = ResolverSettings(**options)
     if words is None:
-        settings.check_harmonics(harmonics)
+        settings.room(harmonics, sine=True)
         return
     with pytest.raises(SettingsError, match=words):
-        settings.check_harmonics(harmonics)
+        settings.room(harmonics, sine=True)
 
 
 @pytest.mark.parametrize(
@@ -119,7 +121,7 @@ def test_harmonics_that_cannot_tell_the_paths_apart_are_refused(
         ({"solver": "one-path"}, (1, 2), True),
         ({"solver": "lm"}, (1, 2), False),
         ({}, (1, 2, 3), False),
-        ({"paths": 3}, (1, 2), False),
+        ({"paths": 3}, (1, 2, 3), False),
     ],
 )
 def test_a_response_that_is_no_sine_is_resolved_in_few_ways(
@@ -127,10 +129,10 @@ def test_a_response_that_is_no_sine_is_resolved_in_few_ways(
 ) -> None:
     settings = ResolverSettings(**options)
     if possible:
-        settings.check_response(harmonics)
+        assert settings.room(harmonics, sine=False) == "response"
         return
     with pytest.raises(SettingsError, match="waveform or calibrated response is not a pure sine"):
-        settings.check_response(harmonics)
+        settings.room(harmonics, sine=False)
 
 
 def test_the_slower_ways_are_expected_to_take_longer() -> None:

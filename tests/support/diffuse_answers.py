@@ -1,15 +1,16 @@
 """The prediction run on a frame, as tests ask for it."""
 
-from dataclasses import fields
+from dataclasses import fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from cadtof_cli.resolver.diffuse.choice import DiffuseChoice, patch_kinds
 from cadtof_cli.resolver.diffuse.grid import View, assumed_view, patch_grid, sampled_pixels
-from cadtof_cli.resolver.diffuse.light import sampled_light
+from cadtof_cli.resolver.diffuse.light import patch_means, sampled_light
 from cadtof_cli.resolver.diffuse.pixels import diffuse_pixels
 from cadtof_cli.resolver.diffuse.predict import diffuse_model
-from cadtof_cli.resolver.diffuse.records import DiffuseChoice, DiffuseModel, DiffusePixels
+from cadtof_cli.resolver.diffuse.records import DiffuseModel, DiffusePixels
 from cadtof_cli.resolver.diffuse.settings import DiffuseSettings
 from cadtof_cli.resolver.settings import MpiModel
 from tests.support.diffuse_frames import T1_NS, F, Z, variance
@@ -25,7 +26,7 @@ def model_of(
     model: MpiModel = "auto",
     harmonics: tuple[int, ...] | None = None,
     n_av: float = 1e5,
-    samples: F | None = None,
+    samples: float = 1.0,
     range_offset_m: F | None = None,
 ) -> DiffuseModel | DiffuseChoice:
     """The model of a frame (H, Y, X), or the choice against it."""
@@ -35,14 +36,27 @@ def model_of(
     sampled = sampled_pixels(height, width)
     use = (np.ones((height, width), bool) if usable is None else usable)[sampled]
     grid = patch_grid(height, width, view or assumed_view(height, width))
-    return diffuse_model(
-        sampled_light(phasors[:, *sampled], use, grid, harmonics=harmonics),
+    light = sampled_light(phasors[:, *sampled], use, grid, harmonics=harmonics)
+    settings, noise = (
+        DiffuseSettings(model=model, period_ns=T1_NS, harmonics=harmonics),
+        np.full(len(phasors), variance(n_av)),
+    )
+    means = patch_means(light, light.seen, variance=noise[0] / samples, harmonics=harmonics)
+    kinds = patch_kinds(means, noise / samples, sampled=len(light.seen), settings=settings)
+    choice = DiffuseChoice(kinds.reason, int(kinds.lit.sum()), kinds.separate_share)
+    if kinds.reason != "tail":
+        return choice
+    found = diffuse_model(
+        light,
+        means,
+        kinds,
         grid=grid,
-        variances=(variance(n_av),) * len(phasors),
-        settings=DiffuseSettings(model=model, period_ns=T1_NS, harmonics=harmonics),
+        variances=tuple(noise.tolist()),
+        settings=settings,
         samples=samples,
         range_offset_m=range_offset_m,
     )
+    return replace(choice, reason=found) if isinstance(found, str) else found
 
 
 def predicted(phasors: Z, model: DiffuseModel, *, usable: B | None = None, step: int | None = None) -> DiffusePixels:

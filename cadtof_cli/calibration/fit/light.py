@@ -65,7 +65,7 @@ def light_seen(volts: Float, /, *, harmonics: tuple[int, ...], amplitude_v: floa
     usual = _usual(phasors)
     if usual.sum() < LEAST_PIXELS:
         return LightSeen(0.0, 0.0)
-    phasors = np.where(usual, phasors, np.nan)
+    phasors = np.where(usual, phasors, complex(np.nan, np.nan))
     common = [complex(np.nanmedian(one.real), np.nanmedian(one.imag)) for one in phasors]
     law = max(_law_share(one, harmonics) for one in (phasors, _block_medians(phasors)))
     return LightSeen(law, float(min(map(abs, common))) / amplitude_v)

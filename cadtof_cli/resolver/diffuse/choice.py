@@ -76,6 +76,39 @@ class PatchKinds:
     mpi_probability: float = 1.0
 
 
+@dataclass(frozen=True)
+class RoomNumbers:
+    """The frame's state as medians over its patches, and their scatter (half the way from the 16th to the 84th percentile).
+
+    `albedo` s, `beside` b, `later` u, `unseen` v, `decay_ns` τ and `start_ns` t; each (median, scatter).
+    """
+
+    albedo: tuple[float, float]
+    beside: tuple[float, float]
+    later: tuple[float, float]
+    unseen: tuple[float, float]
+    decay_ns: tuple[float, float]
+    start_ns: tuple[float, float]
+
+
+@dataclass(frozen=True)
+class DiffuseChoice:
+    """Which model a frame got and why: `patches` with light, the share of them with separate paths, the room's numbers, and how
+    many patches something covers that lets light through.
+    """
+
+    reason: Reason
+    patches: int
+    separate_share: float
+    room: RoomNumbers | None = None
+    through_patches: int = 0
+
+    @property
+    def taken(self) -> Literal["discrete", "diffuse"]:
+        """The model."""
+        return "diffuse" if self.reason == "tail" else "discrete"
+
+
 def patch_kinds(
     means: PatchMeans, variances: Float, /, *, sampled: int, settings: DiffuseSettings, kernel: str = NUMPY
 ) -> PatchKinds:

@@ -1,13 +1,11 @@
 """A frame's diffuse MPI: which model it gets, and the coarse one that its pixels are answered from."""
 
-from dataclasses import replace
-
 import numpy as np
 
 from cadtof_cli.arrays import Bool, Complex, Float, Float32
 from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.diffuse.beyond import surfaces_beyond, surfaces_guessed
-from cadtof_cli.resolver.diffuse.choice import LEAST_PATCHES, PatchKinds, patch_kinds, tail_fits
+from cadtof_cli.resolver.diffuse.choice import LEAST_PATCHES, DiffuseChoice, PatchKinds, Reason, RoomNumbers, tail_fits
 from cadtof_cli.resolver.diffuse.coarse import Beside, coarse_planes, patch_posterior
 from cadtof_cli.resolver.diffuse.grid import PatchGrid
 from cadtof_cli.resolver.diffuse.leaning import Leaning, left_rad, missed_share, view_numbers
@@ -19,14 +17,7 @@ from cadtof_cli.resolver.diffuse.planes import PatchPlanes, patch_planes
 from cadtof_cli.resolver.diffuse.prior import pattern
 from cadtof_cli.resolver.diffuse.quantiles import median, quantiles
 from cadtof_cli.resolver.diffuse.radiosity import interreflections, light_of
-from cadtof_cli.resolver.diffuse.records import (
-    DiffuseChoice,
-    DiffuseModel,
-    RoomNumbers,
-    SeenThrough,
-    Tails,
-    range_from_phase,
-)
+from cadtof_cli.resolver.diffuse.records import DiffuseModel, SeenThrough, Tails, range_from_phase
 from cadtof_cli.resolver.diffuse.settings import DiffuseSettings
 from cadtof_cli.resolver.diffuse.tail import TailModel
 from cadtof_cli.resolver.diffuse.through import seen_through, typical_tail
@@ -61,41 +52,38 @@ class _Frame:
 
 def diffuse_model(
     light: PatchLight,
+    means: PatchMeans,
+    kinds: PatchKinds,
     /,
     *,
     grid: PatchGrid,
     variances: tuple[float, ...],
     settings: DiffuseSettings,
-    samples: Float | None = None,
+    samples: float = 1.0,
     range_offset_m: Float | None = None,
     kernel: str = NUMPY,
-) -> DiffuseModel | DiffuseChoice:
-    """Return the model of a frame, or only the choice where it is left to separate paths; inputs are not changed.
+) -> DiffuseModel | Reason:
+    """Return the model of a frame, or why it is left to separate paths after all; inputs are not changed.
 
     Args:
         light: of the frame's sampled pixels, whose phasors are normalised by the modulation amplitude, corrected for the pulse,
             and those of a sine; those without an answer (saturated, hot, without signal) are not seen.
+        means: of all that is seen of each patch.
+        kinds: of the patches, a tail.
         grid: how the frame is cut.
         variances: noise of one channel of each harmonic, in squared units of the phasors, of one recorded pixel.
         settings: which model is asked for, and the harmonics' periods.
-        samples: over how many recorded pixels each phasor is a mean, (Y, X); None: 1.
+        samples: over how many recorded pixels most phasors are a mean.
         range_offset_m: what is added to the range of every pixel (field curvature), (Y, X); None for nothing.
         kernel: of `available_kernels`, all of which give the same bits.
     """
-    per_pixel = 1.0 if samples is None else float(np.median(samples))
     offset = 0.0 if range_offset_m is None else grid.samples(range_offset_m).astype(np.float32)
-    frame = _Frame(grid, settings, np.array(variances) / per_pixel, offset, kernel)
-    means = patch_means(light, light.seen, variance=frame.variances[0], harmonics=settings.harmonics, kernel=kernel)
-    kinds = patch_kinds(means, frame.variances, sampled=len(light.seen), settings=settings, kernel=kernel)
-    choice = DiffuseChoice(kinds.reason, int(kinds.lit.sum()), kinds.separate_share)
-    if kinds.reason != "tail":
-        return choice
+    frame = _Frame(grid, settings, np.array(variances) / samples, offset, kernel)
     planes = _planes(light, means, frame)
     valid: Bool = planes.found & kinds.lit
     if valid.sum() < LEAST_PATCHES:
-        return replace(choice, reason="few patches with light")
-    model = _model(light, planes, valid, kinds, frame, variances, range_offset_m)
-    return replace(choice, reason="no tail fits") if model is None else model
+        return "few patches with light"
+    return _model(light, planes, valid, kinds, frame, variances, range_offset_m) or "no tail fits"
 
 
 def _model(

@@ -1,10 +1,11 @@
-"""Exact mean and covariance of a pixel's voltages for any photon mix, and draws from them.
+"""Exact mean and covariance of a pixel's voltages for any photon mix, draws from them, and how well they can tell path times.
 
 A photon at time t samples both channels at once, and the exponentially weighted moving average of Eq. (1) adds up
 independent samples with weights w_i. So the voltages have the mean of one sample and Σ w_i² of its covariance, which
 is 1/(2 n_av − 1) once the average has settled. Moments m_k of the arrival times give both.
 """
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -143,3 +144,40 @@ def phase_precision_of_mix_rad(mix: PhotonMix, modulation: Modulation, /, *, var
     c, s = statistics.means_v[0]
     first, both, second = statistics.covariances_v2[0]
     return np.asarray(np.sqrt(s * s * first - 2.0 * c * s * both + c * c * second) / (c * c + s * s))
+
+
+def time_bounds_ns(mix: PhotonMix, modulation: Modulation, /, *, variance_gain: float) -> Float:
+    """Return the bound of each path's time in ns, (P,), when amplitudes and times of all paths are unknown.
+
+    Voltages are Gaussian with the exact covariance C of this mix, and J holds the derivatives of their means by
+    amplitudes and times: the bound is the root of the diagonal of (Σ_h Jᵀ C⁻¹ J)⁻¹ (Kay, Estimation Theory, 1993,
+    section 3.9, without what little the covariance itself tells). Infinite where paths coincide, NaN for paths
+    without photons, which are no unknowns. The mix is without pixel axes, `variance_gain` Σ w_i² of the averaging.
+    """
+    covariances = voltage_statistics(mix, modulation, variance_gain=variance_gain).covariances_v2
+    present = np.flatnonzero(mix.photons > 0)
+    information = np.zeros((2 * len(present), 2 * len(present)))
+    for harmonic, (first, both, second) in zip(modulation.harmonics, covariances, strict=True):
+        slopes = modulation.amplitude_v * _slopes(mix, modulation, harmonic)[:, present].reshape(-1)
+        jacobian = np.stack([slopes.real, slopes.imag])
+        information += jacobian.T @ np.linalg.solve(np.array([[first, both], [both, second]]), jacobian)
+    bounds = np.full(len(mix.photons), np.nan)
+    bounds[present] = np.inf
+    if np.linalg.cond(information) < 1e14:
+        bounds[present] = np.sqrt(np.diag(np.linalg.inv(information))[len(present) :])
+    return bounds
+
+
+def _slopes(mix: PhotonMix, modulation: Modulation, harmonic: int) -> Complex:
+    """Return the derivatives of the mean SC1 + i·SC2 by each path's share and by its time, (2, P), in units of A."""
+    radians_per_ns = 2.0 * math.pi / mix.period_ns
+    by_share = np.zeros(mix.photons.shape, dtype=np.complex128)
+    by_time = np.zeros_like(by_share)
+    largest = highest_order((harmonic,), modulation.waveform, mix.spread_rad) // harmonic
+    for n, coefficient in phasor_series(modulation.waveform, largest):
+        order = n * harmonic
+        response = coefficient * math.exp(-((order * mix.spread_rad) ** 2) / 2.0)
+        term = response * np.exp(1j * order * radians_per_ns * mix.delays_ns)
+        by_share += term
+        by_time += mix.shares() * 1j * order * radians_per_ns * term
+    return np.stack([by_share, by_time])

@@ -52,13 +52,9 @@ class Wall:
         right, down = (math.radians(tilt) for tilt in self.tilt_deg)
         across, along = _unit(1.0, 0.0, -math.tan(right)), _unit(0.0, 1.0, -math.tan(down))
         normal = np.cross(across, along)
-        level = np.cross(normal / np.linalg.norm(normal), across)
-        wall = Surface(
-            origin_m=(0.0, 0.0, self.distance_m),
-            across=across,
-            along=(float(level[0]), float(level[1]), float(level[2])),
-            albedo=self.albedo,
-        )
+        x, y, z = np.cross(normal / np.linalg.norm(normal), across).tolist()
+        middle = (0.0, 0.0, self.distance_m)
+        wall = Surface(origin_m=middle, across=across, along=(x, y, z), albedo=self.albedo)
         return light_from_bounces(hits((wall,), camera.rays(rows)), (), self.albedo, self.distance_m, self.asr)
 
 

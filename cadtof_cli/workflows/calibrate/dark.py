@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from cadtof_cli.calibration.dark import DEFECT_MEANING, Defect, fit_dark
+from cadtof_cli.calibration.dark import DEFECT_MEANING, fit_dark
 from cadtof_cli.calibration.fit.light import light_seen
 from cadtof_cli.capture.frames import Capture
 from cadtof_cli.errors import CaptureError, SettingsError
@@ -33,11 +33,8 @@ def calibrate_dark(
     _require_dark(capture, mean)
     dark = fit_dark(mean, origin=averaged.origin)
     counts = dark.defect_counts()
-    findings = tuple(
-        f"{counts[bit.name.lower()]} pixels with {DEFECT_MEANING[bit]}"
-        for bit in Defect
-        if bit.name and counts[bit.name.lower()]
-    )
+    known = zip(counts.values(), DEFECT_MEANING.values(), strict=True)
+    findings = tuple(f"{count} pixels with {meaning}" for count, meaning in known if count)
     if mean.frames < 2:
         findings += ("one frame only: no noise was measured, and noisy or dead pixels were not looked for",)
     bad = int(dark.hot.sum())

@@ -62,7 +62,9 @@ def calibrate_petzval(
     )
     if plot is None:
         return report
-    _draw(walls, petzval, plot)
+    from cadtof_cli.figures.petzval import draw_petzval
+
+    draw_petzval([wall.range_m for wall in walls], petzval, plot)
     return replace(report, written=(*report.written, str(plot)))
 
 
@@ -108,13 +110,3 @@ def _with_shared_uncertainty(petzval: PetzvalCalibration, stderr_m: tuple[float,
     quality, (k2, k4) = petzval.quality, stderr_m
     k2_stderr_m, k4_stderr_m = float(np.hypot(quality.k2_stderr_m, k2)), float(np.hypot(quality.k4_stderr_m, k4))
     return replace(petzval, quality=replace(quality, k2_stderr_m=k2_stderr_m, k4_stderr_m=k4_stderr_m))
-
-
-def _draw(walls: Sequence[WallRanges], petzval: PetzvalCalibration, path: Path) -> None:
-    from cadtof_cli.figures.petzval import WallSection, draw_petzval
-
-    sections = [
-        WallSection(Path(name).name, wall.range_m, fit.distance_m, fit.slopes)
-        for name, wall, fit in zip(petzval.origin.captures, walls, petzval.quality.walls, strict=True)
-    ]
-    draw_petzval(sections, petzval, path)

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from cadtof_cli.arrays import Status
 from cadtof_cli.errors import CaptureError, SettingsError
 from cadtof_cli.files.maps import STATUS, read_layers
 from cadtof_cli.frame_plan import DEPTH_IN_WORDS
@@ -84,11 +85,10 @@ class FramePair:
         """Layers of values that both have."""
         return tuple(name for name in self.first if name in self.second and name != STATUS)
 
-    def status(self) -> tuple[NDArray[np.uint32], NDArray[np.uint32]] | None:
+    def status(self) -> tuple[Status, Status] | None:
         """Return the status bits of both; None where one has none."""
-        if STATUS not in self.first or STATUS not in self.second:
-            return None
-        return self.first[STATUS].astype(np.uint32), self.second[STATUS].astype(np.uint32)
+        one, other = self.first.get(STATUS), self.second.get(STATUS)
+        return None if one is None or other is None else (one, other)
 
 
 class MapPairs:
@@ -205,8 +205,8 @@ def draw_worst(pairs: MapPairs, found: Comparison, out: Path, /) -> None:
     Raises:
         CadtofError: the maps cannot be read, or the picture cannot be written.
     """
-    from cadtof_cli.figures.comparison import draw_comparison
     from cadtof_cli.figures.layers import Shown
+    from cadtof_cli.figures.maps import draw_comparison
 
     pair = pairs.pair(found.worst[0].frame)
     named = [name for name in (DIRECT_DEPTH, MPI_DEPTH) if name in pair.shared] or list(pair.shared[:2])

@@ -1,5 +1,6 @@
 """`cadtof evaluate`: the maps of a run against truth, beside what the first phasor alone would have said; and over time."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
@@ -12,30 +13,12 @@ from cadtof_cli.files.atomic import atomic_write, require_new
 from cadtof_cli.files.documents import csv_text
 from cadtof_cli.files.formats import EXR, format_by_suffix
 from cadtof_cli.files.maps import read_layers, write_layers
-from cadtof_cli.maps.evaluation import DepthErrors, ErrorTally, SequenceTally, depth_errors
+from cadtof_cli.maps.evaluation import DepthErrors, Evaluation, EvaluationTally, SequenceTally
 from cadtof_cli.maps.layers import DIRECT_DEPTH, DIRECT_SIGMA, MPI_DEPTH
 from cadtof_cli.workflows.inspect.first_phasors import first_phasors
 from cadtof_cli.workflows.inspect.layers import Truth, layer_of, require_same_size
 from cadtof_cli.workflows.progress import Progress
 from cadtof_cli.workflows.run_folder import read_run
-
-
-@dataclass(frozen=True)
-class Evaluation:
-    """Errors of the direct depth, and of the first phasor's where the recorded frames are still there."""
-
-    frames: int
-    direct: DepthErrors
-    first_phasor: DepthErrors | None
-
-
-@dataclass(frozen=True)
-class FrameErrors:
-    """Errors of one frame, by the name of its map; None where its recorded frame is not there."""
-
-    frame: str
-    direct: DepthErrors
-    first_phasor: DepthErrors | None
 
 
 @dataclass(frozen=True)
@@ -72,44 +55,30 @@ def evaluate_maps(
     known = Truth(truth, run)
     known.tell_of_captures(files, progress.say)
     recorded = first_phasors(run, progress.say)
-    direct, first = ErrorTally(), ErrorTally()
-    lines: list[FrameErrors] = []
-    compared = 0
+    whole, lines = EvaluationTally(), dict[str, Evaluation]()
     progress.advance(0, total=len(files))
     for path in files:
         layers = read_layers(path)
         depth = layer_of(layers, DIRECT_DEPTH, path).astype(np.float64)
         expected = known.depth(path, depth)
-        alone = recorded.depth(path, depth)
-        direct.add(depth, expected, sigma_m=layers.get(DIRECT_SIGMA))
-        if alone is not None:
-            first.add(alone, expected)
-            compared += 1
+        alone, of_frame = recorded.depth(path, depth), EvaluationTally()
+        for tally in (whole, of_frame) if table is not None else (whole,):
+            tally.add(depth, expected, sigma_m=layers.get(DIRECT_SIGMA), first_phasor_m=alone)
         if table is not None:
-            lines.append(
-                FrameErrors(
-                    run.name(path),
-                    depth_errors(depth, expected, sigma_m=layers.get(DIRECT_SIGMA)),
-                    None if alone is None else depth_errors(alone, expected),
-                )
-            )
+            lines[run.name(path)] = of_frame.summary()
         progress.advance()
     if table is not None:
         _write_table(table, lines)
-    return Evaluation(len(files), direct.summary(), first.summary() if compared == len(files) else None)
+    return whole.summary()
 
 
-def _write_table(path: Path, lines: list[FrameErrors]) -> None:
+def _write_table(path: Path, lines: Mapping[str, Evaluation]) -> None:
     """Write a line for each frame: its name, then the figures of the direct path and of the first phasor."""
     names = [field.name for field in fields(DepthErrors)]
     none = dict.fromkeys(names)
     rows = (
-        (
-            line.frame,
-            *vars(line.direct).values(),
-            *(none if line.first_phasor is None else vars(line.first_phasor)).values(),
-        )
-        for line in lines
+        (name, *vars(line.direct).values(), *(vars(line.first_phasor) if line.first_phasor else none).values())
+        for name, line in lines.items()
     )
     with atomic_write(path) as temporary:
         text = csv_text(("frame", *names, *(f"first_phasor_{name}" for name in names)), rows)

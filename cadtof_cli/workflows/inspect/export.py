@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cadtof_cli.arrays import Float
 from cadtof_cli.capture.metadata import Optics
 from cadtof_cli.errors import SettingsError
 from cadtof_cli.files.atomic import atomic_write, require_new
@@ -40,16 +41,22 @@ class ExportSettings(GivenOptics):
 
 @dataclass(frozen=True)
 class _Map:
-    """A map to be exported, with its optics and the kind of its depths."""
+    """A map to be exported, with its optics; `name` is its layer of depths, and `kind` what those are."""
 
     path: Path
     layers: Layers
-    depth: DepthKind
+    name: str
+    kind: DepthKind
     optics: Optics
 
     def layer(self, name: str) -> NDArray[Any]:
         """Return a layer; raises CaptureError where there is none."""
         return layer_of(self.layers, name, self.path)
+
+    @property
+    def depth(self) -> Float:
+        """The depths, float64 (Y, X)."""
+        return self.layer(self.name).astype(np.float64)
 
 
 def export_maps(
@@ -77,25 +84,18 @@ def export_maps(
         require_new(output, overwrite=overwrite)
     progress.advance(0, total=len(found))
     for (run, file), output in zip(found, outputs, strict=True):
-        one = _Map(file, _layers(file), settings.depth or run.depth_kind, settings.optics(run, file))
-        write(one, output, settings)
+        kind, optics = settings.depth or run.depth_kind, settings.optics(run, file)
+        write(_Map(file, read_layers(file), settings.layer, kind, optics), output)
         progress.advance()
     return tuple(outputs)
 
 
-def _layers(file: Path) -> Layers:
-    """Return the layers of a file, its status bits as the whole numbers that a TIFF holds as floats."""
-    layers = read_layers(file)
-    return layers | {STATUS: layers[STATUS].astype(np.uint32)} if STATUS in layers else layers
-
-
-def _points(one: _Map, settings: ExportSettings) -> dict[str, NDArray[Any]]:
-    """Return the points of the pixels that have an answer: x right, y down, z forward from the camera, in m."""
-    depth = one.layer(settings.layer).astype(np.float64)
-    path = settings.layer.removesuffix(".depth")
+def _write_points(one: _Map, output: Path) -> None:
+    """Write the points of the pixels that have an answer: x right, y down, z forward from the camera, in m."""
+    depth, path = one.depth, one.name.removesuffix(".depth")
     rows, columns = depth.shape
     right, down = ray_slopes(one.optics, (rows, columns))
-    forward = depth if one.depth == "z" else depth * planar_per_range(one.optics, (rows, columns))
+    forward = depth if one.kind == "z" else depth * planar_per_range(one.optics, (rows, columns))
     planes = {
         "x": forward * right,
         "y": forward * down,
@@ -105,36 +105,28 @@ def _points(one: _Map, settings: ExportSettings) -> dict[str, NDArray[Any]]:
     }
     known = np.isfinite(depth)
     points = {name: plane[known].astype(np.float32) for name, plane in planes.items()}
-    return points | {STATUS: one.layer(STATUS)[known]}
+    comment = f"cadtof: {one.name} of {one.path.name}, metres; amplitude V, sigma m"
+    write_points(output, points | {STATUS: one.layer(STATUS)[known]}, comment=comment)
 
 
-def _write_points(one: _Map, output: Path, settings: ExportSettings) -> None:
-    comment = f"cadtof: {settings.layer} of {one.path.name}, metres; amplitude V, sigma m"
-    write_points(output, _points(one, settings), comment=comment)
-
-
-def _write_png(one: _Map, output: Path, settings: ExportSettings) -> None:
+def _write_png(one: _Map, output: Path) -> None:
     """Write millimetres; 0 where there is no answer, or one that does not fit into 16 bits."""
-    depth = one.layer(settings.layer).astype(np.float64)
-    mm = np.rint(1000.0 * np.nan_to_num(depth, nan=0.0, posinf=0.0, neginf=0.0))
+    mm = np.rint(1000.0 * np.nan_to_num(one.depth, nan=0.0, posinf=0.0, neginf=0.0))
     plane = np.where((mm > 0) & (mm <= MOST_MM), mm, 0).astype(np.uint16)
-    write_grey_png(
-        output, plane, texts={"Description": f"{settings.layer} in mm, {DEPTH_IN_WORDS[one.depth]}; 0: no answer"}
-    )
+    about = f"{one.name} in mm, {DEPTH_IN_WORDS[one.kind]}; 0: no answer"
+    write_grey_png(output, plane, texts={"Description": about})
 
 
-def _write_npz(one: _Map, output: Path, settings: ExportSettings) -> None:
+def _write_npz(one: _Map, output: Path) -> None:
     """Write all layers by name."""
-    del settings
     arrays: dict[str, Any] = dict(one.layers)
     with atomic_write(output) as temporary, temporary.open("wb") as file:
         # until numpy 2.2 a keyword that says what may be pickled would be one more array
         np.savez_compressed(file, **arrays)
 
 
-def _write_csv(one: _Map, output: Path, settings: ExportSettings) -> None:
+def _write_csv(one: _Map, output: Path) -> None:
     """Write a line for each pixel: column, row, and every layer; nothing where there is no answer."""
-    del settings
     rows, columns = next(iter(one.layers.values())).shape
     y, x = np.divmod(np.arange(rows * columns), columns)
     texts = [x.astype(str), y.astype(str), *(_texts(plane) for plane in one.layers.values())]
@@ -152,7 +144,7 @@ def _texts(plane: NDArray[Any]) -> NDArray[np.str_]:
     return texts
 
 
-WRITERS: dict[str, Callable[[_Map, Path, ExportSettings], None]] = {
+WRITERS: dict[str, Callable[[_Map, Path], None]] = {
     ".ply": _write_points,
     ".pcd": _write_points,
     ".png": _write_png,

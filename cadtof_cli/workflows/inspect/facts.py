@@ -3,7 +3,7 @@
 import math
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -145,24 +145,21 @@ def facts_of_maps(path: Path, /) -> MapFacts:
             facts.problems.append(str(error))
     if not files:
         facts.problems.append(f"{path}: found no maps")
-    for index, file in enumerate(files):
+    for file in files:
         try:
             layers = read_layers(file)
-            if index == 0:
+            if file == files[0]:
                 facts.about = read_facts(file)
+                _describe(facts, layers)
         except CadtofError as error:
             facts.problems.append(str(error))
-            continue
-        if index == 0:
-            _describe(facts, layers)
     return facts
 
 
 def _describe(facts: MapFacts, layers: Mapping[str, NDArray[Any]]) -> None:
     for name, values in layers.items():
         if name == STATUS:
-            bits = values.astype(np.uint32)
-            facts.status = {str(bit.name).lower(): float(np.mean((bits & bit) != 0)) for bit in StatusBit}
+            facts.status = {str(bit.name).lower(): float(np.mean((values & bit) != 0)) for bit in StatusBit}
             continue
         facts.pixels = (values.shape[0], values.shape[1])
         finite = values[np.isfinite(values)]
@@ -197,17 +194,8 @@ def facts_of_calibration(path: Path, /) -> CalibrationFacts:
     facts.digest = calibration.digest
     facts.problems += calibration.stale()
     for part in calibration.parts:
-        origin = part.origin
-        height, width = origin.pixels
-        facts.parts[part.kind] = {
-            "digest": calibration.digests[part.kind],
-            "captures": list(origin.captures),
-            "frames": origin.frames,
-            "pixels": [width, height],
-            "periods_ns": list(origin.periods_ns),
-            "waveform": origin.waveform,
-            "created": origin.created,
-            "version": origin.version,
-            **plain(part.tables()),
-        }
+        origin = asdict(part.origin)
+        del origin["used"]
+        known = {"digest": calibration.digests[part.kind], **origin, "pixels": origin["pixels"][::-1]}
+        facts.parts[part.kind] = plain(known | part.tables())
     return facts

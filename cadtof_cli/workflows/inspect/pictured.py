@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -47,11 +48,11 @@ def pictured(inputs: Sequence[Path], /) -> Iterator[Pictured]:
             run = read_run(path)
             for file in run.require_maps():
                 name = run.name(file) if len(inputs) == 1 or path.is_dir() else f"{file.parent.name}/{file.stem}"
-                yield Pictured(name, _MapReader(run, file), DIRECT_DEPTH, run, file)
+                yield Pictured(name, partial(_map, run, file), DIRECT_DEPTH, run, file)
             continue
         for capture in find_placed_captures([path], recursive=path.is_dir())[0]:
             for source in single_frames(capture):
-                yield Pictured(source.name, _FrameReader(capture, source), LIGHT)
+                yield Pictured(source.name, partial(_frame, capture, source), LIGHT)
 
 
 def _holds_maps(path: Path) -> bool:
@@ -72,41 +73,28 @@ def _is_of_layers(path: Path) -> bool:
     return any(map(is_map_layer, layers)) or not any(".SC" in name.upper() for name in layers)
 
 
-@dataclass(frozen=True)
-class _MapReader:
-    """Reads a map, or any file of named layers."""
-
-    run: Run
-    file: Path
-
-    def __call__(self) -> Shown:
-        title, depth = f"{self.file.parent.name}/{self.file.name}", DEPTH_IN_WORDS[self.run.depth_kind]
-        return Shown.of(title, read_layers(self.file), depth=depth)
+def _map(run: Run, file: Path) -> Shown:
+    """Read a map, or any file of named layers."""
+    return Shown.of(f"{file.parent.name}/{file.name}", read_layers(file), depth=DEPTH_IN_WORDS[run.depth_kind])
 
 
-@dataclass(frozen=True)
-class _FrameReader:
-    """Reads a recorded frame: volts, or what is stored where nothing says how many volts that is; amplitudes and phases."""
-
-    capture: Capture
-    source: FrameSource
-
-    def __call__(self) -> Shown:
-        with open_frames(self.source, self.capture.layout) as frames:
-            stored = frames.read(self.source.index or 0)
-        metadata = self.capture.source.metadata
-        try:
-            values, unit = volts_from_stored(stored, metadata.voltage), "V"
-        except SettingsError:
-            values, unit = stored.astype(np.float64), "counts"
-        saturated = saturated_pixels(stored, metadata.voltage.saturated_counts)
-        values[..., saturated] = np.nan
-        layers: dict[str, NDArray[Any]] = {}
-        for harmonic, (cosine, sine) in zip(metadata.modulation.harmonics, values, strict=True):
-            layers |= {f"H{harmonic}.SC1": cosine, f"H{harmonic}.SC2": sine}
-            if unit == "V":
-                phase = np.mod(np.arctan2(sine, cosine), 2.0 * np.pi)
-                layers |= {f"H{harmonic}.amplitude": np.hypot(cosine, sine), f"H{harmonic}.phase": phase}
-        units = {name: "rad" if name.endswith(".phase") else unit for name in layers}
-        bits = np.where(saturated, np.uint32(StatusBit.SATURATED), np.uint32(0))
-        return Shown(f"{self.source}: as recorded", layers, units, bits)
+def _frame(capture: Capture, source: FrameSource) -> Shown:
+    """Read a recorded frame: volts, or what is stored where nothing says how many volts that is; amplitudes and phases."""
+    with open_frames(source, capture.layout) as frames:
+        stored = frames.read(source.index or 0)
+    metadata = capture.source.metadata
+    try:
+        values, unit = volts_from_stored(stored, metadata.voltage), "V"
+    except SettingsError:
+        values, unit = stored.astype(np.float64), "counts"
+    saturated = saturated_pixels(stored, metadata.voltage.saturated_counts)
+    values[..., saturated] = np.nan
+    layers: dict[str, NDArray[Any]] = {}
+    for harmonic, (cosine, sine) in zip(metadata.modulation.harmonics, values, strict=True):
+        layers |= {f"H{harmonic}.SC1": cosine, f"H{harmonic}.SC2": sine}
+        if unit == "V":
+            phase = np.mod(np.arctan2(sine, cosine), 2.0 * np.pi)
+            layers |= {f"H{harmonic}.amplitude": np.hypot(cosine, sine), f"H{harmonic}.phase": phase}
+    units = {name: "rad" if name.endswith(".phase") else unit for name in layers}
+    bits = np.where(saturated, np.uint32(StatusBit.SATURATED), np.uint32(0))
+    return Shown(f"{source}: as recorded", layers, units, bits)

@@ -19,7 +19,7 @@ from cadtof_cli.phasors.frame_mean import FrameMean
 from cadtof_cli.phasors.noise import NoiseModel
 from cadtof_cli.phasors.voltages import volts_per_count
 from cadtof_cli.pipeline import joined_parts, prepare_frame, resolve_pixels
-from cadtof_cli.resolver.diffuse.records import DiffuseChoice
+from cadtof_cli.resolver.diffuse.choice import DiffuseChoice
 from cadtof_cli.resolver.status import StatusBit, describe_status
 from cadtof_cli.units import metres_per_radian
 from cadtof_cli.workflows.progress import Progress

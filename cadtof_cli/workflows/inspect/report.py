@@ -4,19 +4,19 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from cadtof_cli.arrays import Float
+from cadtof_cli.arrays import Float, Float32
 from cadtof_cli.errors import CadtofError, FrameError, OutputError, SettingsError
 from cadtof_cli.files.atomic import require_new
 from cadtof_cli.files.maps import STATUS, read_layers
-from cadtof_cli.maps.evaluation import DepthErrors, ErrorTally
+from cadtof_cli.maps.evaluation import DepthErrors, EvaluationTally
 from cadtof_cli.maps.layers import DIRECT_DEPTH, DIRECT_SIGMA
 from cadtof_cli.records import setting
 from cadtof_cli.report.colours import LayerLimits, small_plane
 from cadtof_cli.report.frames import FIRST_PHASOR, TRUTH, EmbeddedFrame, Planes, Shares, embedded_frame, planned_shares
-from cadtof_cli.report.page import Page, ShownFrame, write_page
+from cadtof_cli.report.page import ShownFrame, write_page
 from cadtof_cli.workflows.inspect.first_phasors import FirstPhasors, first_phasors
 from cadtof_cli.workflows.inspect.layers import GivenOptics, Truth
-from cadtof_cli.workflows.inspect.report_text import MapOfFrame, page_text
+from cadtof_cli.workflows.inspect.report_text import page_text
 from cadtof_cli.workflows.progress import Progress
 from cadtof_cli.workflows.run_folder import Run, read_run
 
@@ -86,7 +86,8 @@ def write_report(maps: Path, out: Path, /, *, settings: ReportSettings, progress
         problems=gathered.problems,
         errors=gathered.errors(),
     )
-    write_page(out, Page(text, gathered.shown, list(gathered.truths.values()), gathered.limits.known()))
+    truths, limits = list(gathered.truths.values()), gathered.limits.known()
+    write_page(out, text, frames=gathered.shown, truth=truths, limits=limits)
 
 
 @dataclass(frozen=True)
@@ -130,19 +131,16 @@ class _Gathered:
 
     shown: list[ShownFrame] = field(default_factory=list)
     truths: dict[tuple[Path, int], EmbeddedFrame] = field(default_factory=dict)
-    maps: dict[Path, MapOfFrame] = field(default_factory=dict)
+    maps: dict[Path, Float32] = field(default_factory=dict)
     problems: dict[Path, str] = field(default_factory=dict)
     limits: LayerLimits = field(default_factory=LayerLimits)
-    direct: ErrorTally = field(default_factory=ErrorTally)
-    first: ErrorTally = field(default_factory=ErrorTally)
+    against_truth: EvaluationTally = field(default_factory=EvaluationTally)
 
     def errors(self) -> Mapping[str, DepthErrors]:
         """Return the errors against truth by what they are of; the first phasor's only where every map has one."""
-        if not self.truths:
-            return {}
-        errors = {"direct path": self.direct.summary()}
-        complete = bool(self.maps) and all(one.first_phasor for one in self.maps.values())
-        return {"first phasor": self.first.summary(), **errors} if complete else errors
+        found = self.against_truth.summary()
+        errors = {"first phasor": found.first_phasor, "direct path": found.direct} if found.frames else {}
+        return {name: one for name, one in errors.items() if one is not None}
 
     def add(self, reader: _Reader, frame: _Frame, shares: Shares) -> None:
         """Add a frame."""
@@ -151,8 +149,7 @@ class _Gathered:
         truth = self._add_truth(frame, embedded.step)
         optics = reader.settings.optics(reader.run, file)
         self.shown.append(ShownFrame(reader.run.name(file), embedded, optics, reader.run.depth_kind, truth))
-        small = small_plane(planes[DIRECT_DEPTH], longest_px=shares.thumbnail_px)
-        self.maps[file] = MapOfFrame(number, small, FIRST_PHASOR in planes)
+        self.maps[file] = small_plane(planes[DIRECT_DEPTH], longest_px=shares.thumbnail_px)
         for layer, plane in planes.items():
             if layer != STATUS:
                 self.limits.add(layer, plane)
@@ -162,9 +159,8 @@ class _Gathered:
         planes, truth_m = frame.planes, frame.truth_m
         if frame.truth_file is None or truth_m is None:
             return None
-        self.direct.add(planes[DIRECT_DEPTH], truth_m, sigma_m=planes.get(DIRECT_SIGMA))
-        if FIRST_PHASOR in planes:
-            self.first.add(planes[FIRST_PHASOR], truth_m)
+        first, sigma = planes.get(FIRST_PHASOR), planes.get(DIRECT_SIGMA)
+        self.against_truth.add(planes[DIRECT_DEPTH], truth_m, sigma_m=sigma, first_phasor_m=first)
         key = frame.truth_file, step
         if key not in self.truths:
             self.truths[key] = embedded_frame({TRUTH: truth_m}, step=step)

@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -23,20 +23,11 @@ _PIXELS = {
 """What pixels are counted by in a frame's line, in words."""
 
 
-@dataclass(frozen=True)
-class MapOfFrame:
-    """A frame's maps on the page: their number in the viewer, a small map of depths, and whether the first phasor is shown."""
-
-    number: int
-    depth_m: Float32
-    first_phasor: bool
-
-
 def page_text(
     run: Run,
     /,
     *,
-    maps: Mapping[Path, MapOfFrame],
+    maps: Mapping[Path, Float32],
     depth_limits_m: tuple[float, float],
     problems: Mapping[Path, str],
     errors: Mapping[str, DepthErrors],
@@ -45,13 +36,16 @@ def page_text(
 
     Args:
         run: whose page it is.
-        maps: those that the page shows.
+        maps: small maps of the depths of those that the page shows, in the order of the viewer.
         depth_limits_m: least and largest depth of the colours of their thumbnails.
         problems: why the others cannot be read.
         errors: against truth, by what they are of.
     """
     reports = _reports_of(run)
-    shown = {file: _shown(run.name(file), one, depth_limits_m) for file, one in maps.items()}
+    shown = {
+        file: _shown(run.name(file), number, depth_m, depth_limits_m)
+        for number, (file, depth_m) in enumerate(maps.items())
+    }
     lines = tuple(_lines(run, reports, shown, problems))
     totals = RunTotals()
     for report in reports:
@@ -94,10 +88,10 @@ def _lines(
         yield line
 
 
-def _shown(name: str, one: MapOfFrame, limits_m: tuple[float, float]) -> FrameLine:
-    """Return a frame's line with its place in the viewer and its thumbnail."""
-    height, width = one.depth_m.shape
-    return FrameLine(name, number=one.number, thumbnail=thumbnail(one.depth_m, limits_m), size=(width, height))
+def _shown(name: str, number: int, depth_m: Float32, limits_m: tuple[float, float]) -> FrameLine:
+    """Return a frame's line with its number in the viewer and its thumbnail."""
+    height, width = depth_m.shape
+    return FrameLine(name, number=number, thumbnail=thumbnail(depth_m, limits_m), size=(width, height))
 
 
 def _subtitle(record: Mapping[str, Any], run: Run) -> str:

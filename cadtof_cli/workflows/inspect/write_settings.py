@@ -65,23 +65,17 @@ def _lines(facts: CaptureFacts) -> Iterator[str]:
 
 
 def _line(key: Key, value: Any, origin: str, seen: tuple[Any, str] | None) -> str:
-    if origin != DEFAULT_ORIGIN:
-        return f"{_one_line(key.name, _written(key, value))}  # {key.about}"
-    if seen is not None:
-        sure, why = key.table == "layout", seen[1]
-        return f"{'' if sure else '# '}{_one_line(key.name, _written(key, seen[0]))}  # {key.about}; {why}"
-    if key.default is not None:
-        return f"# {_one_line(key.name, key.default)}  # {key.about}; the value of the paper, used by default"
-    return f"# {_one_line(key.name, _EXAMPLES[key.path])}  # {key.about}; an example"
-
-
-def _one_line(name: str, value: Any) -> str:
-    """Return a key with its value as a line that may be commented out."""
-    return " ".join(f"{name} = {toml_value(value)}".split()).replace("[ ", "[").replace(", ]", "]")
-
-
-def _written(key: Key, value: Any) -> Any:
-    return dict(value) if key.kind == "numbers by name" else value
+    """Return the line of a key, in one piece that can be commented out, as it is where its value is only a guess."""
+    sure, why = True, ""
+    if origin == DEFAULT_ORIGIN and seen is not None:
+        sure, value, why = key.table == "layout", seen[0], f"; {seen[1]}"
+    elif origin == DEFAULT_ORIGIN and key.default is not None:
+        sure, value, why = False, key.default, "; the value of the paper, used by default"
+    elif origin == DEFAULT_ORIGIN:
+        sure, value, why = False, _EXAMPLES[key.path], "; an example"
+    shown = toml_value(dict(value) if key.kind == "numbers by name" else value)
+    in_one = " ".join(shown.split()).replace("[ ", "[").replace(", ]", "]")
+    return f"{'' if sure else '# '}{key.name} = {in_one}  # {key.about}{why}"
 
 
 def _seen(facts: CaptureFacts) -> dict[str, tuple[Any, str]]:

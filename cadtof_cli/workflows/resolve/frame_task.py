@@ -7,15 +7,16 @@ from functools import partial, wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
+import numpy as np
+
 from cadtof_cli.arrays import Stored
 from cadtof_cli.capture.frames import FrameSource, read_stored
 from cadtof_cli.errors import CadtofError, FrameError, PlaceError
 from cadtof_cli.execution.outcome import Later
 from cadtof_cli.execution.workers import keep_freed_memory
 from cadtof_cli.files.atomic import PartialFile
-from cadtof_cli.files.digest import Digest, content_digest, file_digest
 from cadtof_cli.files.frames import FrameLayout, NotAFrameError
-from cadtof_cli.files.maps import DepthMaps, stage_maps
+from cadtof_cli.files.maps import DepthMaps, Digest, file_digest, stage_maps
 from cadtof_cli.frame_plan import FramePlan
 from cadtof_cli.phasors.frame_mean import FrameMean, frame_mean
 from cadtof_cli.phasors.plausible import implausible
@@ -110,6 +111,13 @@ class Recording:
     digest: str
     files: tuple[SourceFile, ...] | None
     left_out: str | None = None
+
+
+def content_digest(values: Stored, /) -> str:
+    """Return a digest of an array's type, shape and values, 32 hexadecimal digits."""
+    digest = Digest(np.ascontiguousarray(values).data)
+    digest.update(f"{values.dtype.str}{values.shape}".encode())
+    return digest.hexdigest()
 
 
 def reported(work: Callable[..., Result], /) -> Callable[..., Result | FrameReport]:

@@ -122,8 +122,6 @@ def require_own_places(captures: Sequence[Capture], out: Path, /) -> None:
         if name in names:
             frames = (frame for capture in captures for frame in capture.frames if frame.name == name)
             first, second = (frame.paths[0] for frame in itertools.islice(frames, 2))
-            if first == second:
-                raise OutputError(f"{first} is among the inputs twice; give each frame once")
             raise OutputError(
                 f"{first} and {second} would both be written as {out}/{name}; "
                 "resolve them into folders of their own, one command each"

@@ -49,7 +49,7 @@ class FrameReport:
         seconds: that it took.
         one_path, two_paths, more_paths, invalid: pixels.
         files: that it was read from; None where one of them is missing.
-        digest: of the values that were read, see `files/digest.py`.
+        digest: of the values that were read, see `files/maps.py`.
         output_bytes: size of its maps' file.
         output_digest: digest of that file's bytes.
         line: the frame's line, where that is not this report: of maps that an earlier run made and this one kept.
@@ -143,11 +143,8 @@ class RunTotals:
         setattr(self, report.status, getattr(self, report.status) + 1)
         if report.status == "skipped":
             self.already_there += report.is_already_there
-        self.one_path += report.one_path or 0
-        self.two_paths += report.two_paths or 0
-        self.more_paths += report.more_paths or 0
-        self.diffuse += report.diffuse or 0
-        self.invalid += report.invalid or 0
+        for kind in ("one_path", "two_paths", "more_paths", "diffuse", "invalid"):
+            setattr(self, kind, getattr(self, kind) + (getattr(report, kind) or 0))
         self.diffuse_frames += bool(report.diffuse)
 
 

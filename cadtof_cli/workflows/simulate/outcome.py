@@ -6,9 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from cadtof_cli.arrays import Float
-from cadtof_cli.simulation.pixel.bounds import time_bounds_ns
 from cadtof_cli.simulation.pixel.mix import Condition
-from cadtof_cli.simulation.pixel.statistics import averaging_gain, confidence_model_v
+from cadtof_cli.simulation.pixel.statistics import averaging_gain, confidence_model_v, time_bounds_ns
 from cadtof_cli.workflows.simulate.trials import Recordings, Trials, noise_length
 
 SUCCESS_NS = 1.0

@@ -1,8 +1,8 @@
-"""Simulate a pixel at one condition: many runs, their statistics, and pictures of one recording."""
+"""Simulate a pixel at one condition or several: many runs, their statistics, and pictures of one recording."""
 
 import json
+from collections.abc import Sequence
 from dataclasses import asdict
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -17,12 +17,18 @@ from cadtof_cli.workflows.simulate.outcome import PathSummary, TrialsSummary, su
 from cadtof_cli.workflows.simulate.trials import EVOLUTION_KEY, Recordings, Trials, recordings
 
 
-def simulate_pixel(trials: Trials, /, *, workers: Workers = ALONE, progress: Progress = NO_PROGRESS) -> TrialsSummary:
-    """Run the trials, block by block in parallel, and sum them up; a step is a block."""
-    work = partial(recordings, trials)
-    progress.advance(0, total=len(trials.blocks))
-    blocks = results(work, trials.blocks, workers=workers, progress=progress)
-    return summary(trials, Recordings.joined(list(blocks)))
+def simulate_trials(
+    every: Sequence[Trials], /, *, workers: Workers = ALONE, progress: Progress = NO_PROGRESS
+) -> list[TrialsSummary]:
+    """Run all trials, the blocks of all of them in parallel, and sum each up; a step is a block."""
+    work = [(trials, block) for trials in every for block in trials.blocks]
+    progress.advance(0, total=len(work))
+    made = results(_run, work, workers=workers, progress=progress)
+    return [summary(trials, Recordings.joined([next(made) for _ in trials.blocks])) for trials in every]
+
+
+def _run(task: tuple[Trials, range]) -> Recordings:
+    return recordings(*task)
 
 
 def json_report(trials: Trials, outcome: TrialsSummary, /) -> dict[str, Any]:

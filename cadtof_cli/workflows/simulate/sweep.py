@@ -2,7 +2,7 @@
 
 import itertools
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from cadtof_cli.execution.ordered import ALONE, Workers
@@ -10,10 +10,10 @@ from cadtof_cli.files.atomic import atomic_write, new_folder, require_absent
 from cadtof_cli.files.documents import csv_text
 from cadtof_cli.simulation.pixel.mix import require
 from cadtof_cli.simulation.pixel.statistics import averaging_gain, phase_precision_of_mix_rad
-from cadtof_cli.workflows.progress import NO_PROGRESS, Progress, results
-from cadtof_cli.workflows.simulate.outcome import PathSummary, TrialsSummary, summary
-from cadtof_cli.workflows.simulate.simulate import named_paths
-from cadtof_cli.workflows.simulate.trials import Recordings, Trials, noise_length, recordings
+from cadtof_cli.workflows.progress import NO_PROGRESS, Progress
+from cadtof_cli.workflows.simulate.outcome import TrialsSummary
+from cadtof_cli.workflows.simulate.simulate import named_paths, simulate_trials
+from cadtof_cli.workflows.simulate.trials import Trials, noise_length
 
 MOST_CELLS = 100_000
 
@@ -60,31 +60,12 @@ class SweepCell:
 def sweep(settings: SweepSettings, /, *, workers: Workers = ALONE, progress: Progress = NO_PROGRESS) -> list[SweepCell]:
     """Simulate every cell; blocks of runs of all cells are shared among processes."""
     cells = list(settings.cells())
-    work = [(cell, block) for cell in cells for block in cell.blocks]
-    progress.advance(0, total=len(work))
-    made = results(_run, work, workers=workers, progress=progress)
-    return [SweepCell(cell, summary(cell, Recordings.joined([next(made) for _ in cell.blocks]))) for cell in cells]
-
-
-def _run(task: tuple[Trials, range]) -> Recordings:
-    return recordings(*task)
-
-
-_PATH_COLUMNS = tuple(item.name for item in fields(PathSummary))
-
-
-def columns(cells: list[SweepCell], /) -> tuple[str, ...]:
-    """Return the columns of the table: a row is a condition, and what does not exist is empty."""
-    return (
-        *("asr", "mpi_ratio", "integration_length", "runs"),
-        *(f"{path}_{name}" for path in named_paths(cells[0].outcome) for name in _PATH_COLUMNS),
-        *("confidence_v", "confidence_model_v", "phase_std_rad", "phase_model_std_rad", "phase_bias_rad"),
-        *("impossible", "steps_per_start"),
-    )
+    outcomes = simulate_trials(cells, workers=workers, progress=progress)
+    return [SweepCell(trials, outcome) for trials, outcome in zip(cells, outcomes, strict=True)]
 
 
 def rows(cells: Iterable[SweepCell], /) -> Iterator[dict[str, float]]:
-    """Return the table, by column, a row a cell."""
+    """Yield the rows of the table, each by column: a row is a condition, and what does not exist is NaN."""
     for cell in cells:
         trials, outcome = cell.trials, cell.outcome
         length = trials.model.averaging.integration_length
@@ -95,7 +76,7 @@ def rows(cells: Iterable[SweepCell], /) -> Iterator[dict[str, float]]:
             "runs": trials.runs,
         }
         for name, path in named_paths(outcome).items():
-            values |= {f"{name}_{column}": getattr(path, column) for column in _PATH_COLUMNS}
+            values |= {f"{name}_{column}": value for column, value in vars(path).items()}
         mix = trials.condition.mix(trials.period_ns).jittered(trials.model.jitter_ns)
         gain = averaging_gain(noise_length(trials.model))
         precision = phase_precision_of_mix_rad(mix, trials.model.modulation, variance_gain=gain)
@@ -112,8 +93,8 @@ def rows(cells: Iterable[SweepCell], /) -> Iterator[dict[str, float]]:
 
 def table_text(cells: list[SweepCell], /) -> str:
     """Return the table as CSV, seven digits each."""
-    names = columns(cells)
-    return csv_text(names, ([row[name] for name in names] for row in rows(cells)), digits=7)
+    table = list(rows(cells))
+    return csv_text(table[0], (row.values() for row in table), digits=7)
 
 
 def write_table_file(cells: list[SweepCell], path: Path, /) -> None:

@@ -70,7 +70,7 @@ class Trials:
         require(self.runs >= 2, "runs", self.runs, "2 or more")
         require(self.seed >= 0, "seed", self.seed, "0 or more")
         self.condition.mix(self.period_ns)
-        self.resolver.check_harmonics(self.model.modulation.harmonics)
+        self.resolver.room(self.model.modulation.harmonics, sine=True)
         if self.model.dead_time_ns > 0 and not self.photon_by_photon:
             raise SettingsError("dead time: found without photons, expected photon by photon, where it has an effect")
 

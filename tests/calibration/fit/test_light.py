@@ -166,3 +166,23 @@ def test_one_half_of_the_array_foretells_the_other(axis: str, other: float, foll
     volts = _light(0.09, _phases())
     volts[1] *= np.where(x < WIDTH // 2 if axis == "left and right" else y < HEIGHT // 2, 1.0, other)
     assert _seen(volts).follows_law is follows
+
+
+@pytest.mark.parametrize(("pixels", "found"), [(11, False), (12, True)])
+def test_blocks_of_half_their_pixels_are_asked(pixels: int, found: bool) -> None:
+    """Light under the noise of pixels, so many of which are sound in each block of 5 × 5: blocks alone would tell it."""
+    rng = np.random.default_rng(10)
+    y, x = np.mgrid[:120, :160] / 120.0
+    volts = rng.normal(scale=0.018, size=(2, 2, 120, 160)) + _light(0.06, np.asarray(1.0 + 1.6 * x**2 - 0.5 * y))
+    order = rng.random((24, 32, 25)).argsort(axis=2).reshape(24, 32, 5, 5).transpose(0, 2, 1, 3).reshape(120, 160)
+    volts[..., order >= pixels] = np.nan
+    assert _seen(volts).follows_law is found
+
+
+@pytest.mark.parametrize("share", [0.1, 0.6])
+def test_pixels_that_are_left_out_take_nothing_from_the_level(share: float) -> None:
+    """Light at one phase, whose imaginary part is the larger; of most pixels nothing may be known."""
+    rng = np.random.default_rng(12)
+    volts = _light(0.09, np.full((HEIGHT, WIDTH), 1.2)) + rng.normal(scale=2e-3, size=(2, 2, HEIGHT, WIDTH))
+    volts[..., rng.random((HEIGHT, WIDTH)) < share] = np.nan
+    assert _seen(volts).level == pytest.approx(0.8 * 0.09 / AMPLITUDE_V, rel=0.01)

@@ -367,3 +367,15 @@ def test_a_wide_lens_sees_a_wall_from_one_end_of_the_unambiguous_range_to_the_ot
     found = fitted(*walls, optics=replace(OPTICS, focal_length_px=focal_px))
     assert found.quality.walls[0].distance_m == pytest.approx(distance_m, abs=2e-3)
     assert max(deviations(found)) < 3.0
+
+
+def test_what_lies_half_the_unambiguous_range_behind_a_wall_is_not_wall() -> None:
+    """A tenth of the pixels; only whole unambiguous ranges are no difference."""
+    wall = measured_wall(1.0, seed=1)
+    ranges = wall.range_m.copy()
+    behind = np.random.default_rng(11).random(PIXELS) < 0.1
+    ranges[behind] += 0.5 * RANGE_M
+    quality = fitted(WallRanges(ranges, wall.sigma_m, None)).quality
+    assert quality.walls[0].pixels == pytest.approx((~behind).sum(), rel=2e-3)
+    ranges[behind] += 0.5 * RANGE_M
+    assert fitted(WallRanges(ranges, wall.sigma_m, None)).quality.walls[0].pixels > 0.999 * behind.size

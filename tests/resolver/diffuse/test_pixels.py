@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from cadtof_cli.resolver.diffuse.choice import DiffuseChoice
 from cadtof_cli.resolver.diffuse.coarse import CoarsePlanes, needed_entries
 from cadtof_cli.resolver.diffuse.grid import View, patch_grid
 from cadtof_cli.resolver.diffuse.pixels import diffuse_pixels
-from cadtof_cli.resolver.diffuse.records import DiffuseChoice, DiffuseModel, DiffusePixels
+from cadtof_cli.resolver.diffuse.records import DiffuseModel, DiffusePixels
 from cadtof_cli.resolver.diffuse.settings import DiffuseSettings
 from cadtof_cli.resolver.diffuse.upsampling import upsampler
 from tests.support.diffuse_frames import M_PER_RAD, F, Z

@@ -5,9 +5,10 @@ import pytest
 
 from cadtof_cli.arrays import Float32
 from cadtof_cli.errors import SettingsError
+from cadtof_cli.resolver.diffuse.choice import DiffuseChoice
 from cadtof_cli.resolver.diffuse.pixels import diffuse_pixels
 from cadtof_cli.resolver.diffuse.predict import two_path_lag
-from cadtof_cli.resolver.diffuse.records import DiffuseChoice, DiffuseModel
+from cadtof_cli.resolver.diffuse.records import DiffuseModel
 from cadtof_cli.resolver.diffuse.settings import DiffuseSettings
 from tests.support.diffuse_answers import answers, model_of, predicted
 from tests.support.diffuse_frames import (
@@ -224,7 +225,7 @@ def test_frames_of_noise_alone_are_left_alone() -> None:
 
 def test_the_answer_of_a_mean_of_pixels_is_more_certain_where_noise_is_most_of_the_error() -> None:
     p = phasors_of(wall_range(), n_av=5e2)
-    one, many = (model_of(p, n_av=5e2, samples=np.full((48, 64), n), model="diffuse") for n in (1.0, 25.0))
+    one, many = (model_of(p, n_av=5e2, samples=n, model="diffuse") for n in (1.0, 25.0))
     assert isinstance(one, DiffuseModel)
     assert isinstance(many, DiffuseModel)
     flat = p.reshape(2, -1)

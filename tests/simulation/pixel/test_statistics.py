@@ -10,7 +10,6 @@ import pytest
 from cadtof_cli.capture.metadata import Modulation, Waveform
 from cadtof_cli.errors import SettingsError
 from cadtof_cli.simulation.pixel.averaging import Averaging
-from cadtof_cli.simulation.pixel.bounds import time_bounds_ns
 from cadtof_cli.simulation.pixel.mix import Condition, PhotonMix
 from cadtof_cli.simulation.pixel.pixel import PixelModel, pixel_weights, record_pixel
 from cadtof_cli.simulation.pixel.statistics import (
@@ -20,6 +19,7 @@ from cadtof_cli.simulation.pixel.statistics import (
     draw_voltages,
     phase_precision_of_mix_rad,
     sample_mean,
+    time_bounds_ns,
     voltage_statistics,
 )
 

@@ -1,0 +1,43 @@
+"""MATLAB's files, which hold arrays of any names and orders of axes: not read, but how to save one so that it is, is told."""
+
+from pathlib import Path
+
+import scipy.io
+
+from cadtof_cli.errors import FrameError
+from cadtof_cli.files.array_axes import transpositions
+from cadtof_cli.files.reading import damage_as_frame_error
+
+MAGICS = (b"MATLAB 5.0 MAT-f", b"MATLAB 7.3 MAT-f")
+
+_HARMONICS = (2, 3, 4)
+_LEAST_AXES = 3
+
+
+def matlab_refusal(path: Path, head: bytes, /) -> FrameError:
+    """Return the error that says how an array of a MATLAB file becomes a frame.
+
+    Args:
+        path: the file.
+        head: its first bytes, as in `MAGICS`.
+    """
+    saved = repr(str(path.with_suffix(".npy")))
+    if head.startswith(MAGICS[1]):
+        how = (
+            f"numpy.save({saved}, h5py.File({str(path)!r})['NAME'][()].swapaxes(-1, -2)) saves what MATLAB calls"
+            " NAME(row, column, channel, harmonic)"
+        )
+    else:
+        how = _saving(path, saved)
+    return FrameError(f"{path}: found a MATLAB file, expected its array in one of ours: {how}")
+
+
+def _saving(path: Path, saved: str) -> str:
+    """Return how to save the first array of a file that may be a frame."""
+    with damage_as_frame_error(path, "MATLAB"):
+        arrays = [(name, shape) for name, shape, _ in scipy.io.whosmat(path) if len(shape) >= _LEAST_AXES]
+    for name, shape in arrays:
+        call = f"numpy.save({saved}, scipy.io.loadmat({str(path)!r})[{name!r}]{{}})"
+        ways = (transpositions(call, shape, harmonics) for harmonics in _HARMONICS)
+        return next(filter(None, ways), f"{call.format('')}, with axes [T] H C Y X")
+    return "none in it has three axes or more, as harmonics, channels, rows and columns are"

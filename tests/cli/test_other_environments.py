@@ -1,0 +1,116 @@
+"""What a user's environment may be, locales, settings of Python, folders that are missing or full of traps: maps are the same."""
+
+import os
+import subprocess
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+
+import pytest
+
+from cadtof_cli.cli import COMMANDS
+from cadtof_cli.execution.ordered import START_METHODS
+from tests.support.captures import record
+from tests.support.run_cadtof import ENVIRONMENT, PROGRAM, Finished
+
+TRAPS = ("click", "json", "numpy", "pathlib", "random", "runpy", "tempfile", "tifffile", "types")
+"""Modules that files in a folder may be called like; most are imported before a program's first line."""
+
+ENVIRONMENTS = {
+    "a decimal comma, a narrow terminal that can do nothing, no threads": {
+        "LC_ALL": "de_DE.UTF-8", "TERM": "dumb", "COLUMNS": "1", "NO_COLOR": "1", "OMP_NUM_THREADS": "many",
+    },
+    "an I that is no i, an encoding that lacks letters": {"LC_ALL": "tr_TR.UTF-8", "PYTHONIOENCODING": "ascii:strict"},
+    "no UTF-8, no time zone": {
+        "LC_ALL": "POSIX", "PYTHONCOERCECLOCALE": "0", "PYTHONUTF8": "0", "TZ": "Nowhere/Bad:17",
+    },
+    "no home, no temporary folder, a locale that is not there": {
+        "HOME": "/nowhere", "TMPDIR": "/nowhere", "XDG_CACHE_HOME": "/nowhere", "LC_ALL": "xx_YY.UTF-8",
+    },
+    "Python without asserts and docstrings": {"PYTHONOPTIMIZE": "2", "PYTHONHASHSEED": "random"},
+    "Python's development mode": {"PYTHONDEVMODE": "1", "PYTHONMALLOC": "debug"},
+}  # fmt: skip
+
+
+def _run(
+    *arguments: object, cwd: Path, program: tuple[str, ...] = PROGRAM, environment: Mapping[str, str] | None = None
+) -> Finished:
+    """Run `cadtof` in a folder, in an environment of which nothing is known but what is given."""
+    plain = {"PATH": os.environ["PATH"], "PYTHONPATH": ENVIRONMENT["PYTHONPATH"], **(environment or {})}
+    command = [*program, *map(str, arguments)]
+    done = subprocess.run(command, env=plain, cwd=cwd, capture_output=True, text=True, timeout=120, check=False)
+    return Finished(done.returncode, done.stdout, done.stderr)
+
+
+@pytest.fixture(scope="module")
+def capture(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("Aufnahme größer ı")
+    return record(folder / "cap", frames=2).folder
+
+
+@pytest.fixture(scope="module")
+def maps(capture: Path, tmp_path_factory: pytest.TempPathFactory) -> list[bytes]:
+    here = tmp_path_factory.mktemp("usual")
+    assert _run("resolve", capture, "-o", "out", "-j", 1, "-q", cwd=here) == Finished(0, "", "")
+    return _maps(here / "out")
+
+
+def _maps(out: Path) -> list[bytes]:
+    return [path.read_bytes() for path in sorted(out.glob("*.tif"))]
+
+
+@pytest.mark.parametrize("name", ENVIRONMENTS)
+def test_an_environment_changes_nothing(name: str, capture: Path, maps: list[bytes], tmp_path: Path) -> None:
+    done = _run("resolve", capture, "-o", tmp_path / "ö", "-j", 2, cwd=tmp_path, environment=ENVIRONMENTS[name])
+    assert done.status == 0, done.err
+    assert done.err.startswith("resolved 2 of 2 frames in ")
+    assert done.err.count("\n") == 1
+    assert _maps(tmp_path / "ö") == maps
+
+
+SETTINGS = """
+backend: QtAgg
+text.usetex: True
+font.family: nonsense
+font.size: 30
+axes.grid: True
+figure.facecolor: red
+image.origin: lower
+savefig.bbox: tight
+savefig.dpi: 30
+"""
+
+
+def test_pictures_do_not_follow_the_settings_of_other_plots(capture: Path, tmp_path: Path) -> None:
+    (tmp_path / "matplotlibrc").write_text(SETTINGS)
+    (tmp_path / "elsewhere").mkdir()
+    frame = capture / "frame_0.tif"
+    for command in (("preview", frame, "-o"), ("inspect", frame, "--pixel", "3,3", "-o")):
+        for folder, backend in ((tmp_path, {"MPLBACKEND": "nonsense"}), (tmp_path / "elsewhere", {})):
+            done = _run(*command, "picture.png", cwd=folder, environment=backend)
+            assert (done.status, done.err) == (0, "")
+        assert (tmp_path / "picture.png").read_bytes() == (tmp_path / "elsewhere" / "picture.png").read_bytes()
+        (tmp_path / "picture.png").unlink()
+        (tmp_path / "elsewhere" / "picture.png").unlink()
+
+
+@pytest.mark.parametrize("command", ["resolve", "calibrate"])
+def test_help_without_docstrings_says_what_a_command_does(command: str, tmp_path: Path) -> None:
+    done = _run(command, "--help", cwd=tmp_path, environment={"PYTHONOPTIMIZE": "2", "COLUMNS": "200"})
+    assert (done.status, done.err) == (0, "")
+    assert COMMANDS[command] in done.out
+
+
+@pytest.mark.parametrize("start", START_METHODS)
+def test_files_that_are_called_like_modules(start: str, capture: Path, maps: list[bytes], tmp_path: Path) -> None:
+    """Processes that start for us import nothing from the folder that a user is in."""
+    trapped, script = tmp_path / "trapped", tmp_path / "cadtof"
+    trapped.mkdir()
+    for name in TRAPS:
+        (trapped / f"{name}.py").write_text(f"raise SystemExit('imported {name}')")
+    # as what pip installs, and unlike `python -m`, which looks into the current folder itself
+    script.write_text('from cadtof_cli.cli import main\nif __name__ == "__main__":\n    main()\n')
+    arguments = ("resolve", capture, "-o", tmp_path / "out", "-j", 2, "-q", "--start-method", start)
+    done = _run(*arguments, cwd=trapped, program=(sys.executable, str(script)))
+    assert done == Finished(0, "", "")
+    assert _maps(tmp_path / "out") == maps
