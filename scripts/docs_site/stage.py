@@ -16,7 +16,7 @@ OF_README = {
 """Pages that are sections of the README, by name: title and headings. The index is what stands above them."""
 
 CHAPTERS = {
-    "Begin": ("tour", "capture", "commands/index", "troubleshooting", "glossary"),
+    "Begin": ("tour", "install", "capture", "commands/index", "troubleshooting", "glossary"),
     "Use": (
         "looking",
         "report",
