@@ -1,6 +1,7 @@
 """One recording of a pixel, as in the paper's Fig. 2: arrivals, voltages, phase."""
 
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -20,27 +21,21 @@ DOTS_PER_INCH = 120
 
 def draw_evolution(recording: Evolution, condition: Condition, folder: Path, /) -> None:
     """Draw one recording into a folder: `histogram.png`, `voltages.png` and `phase.png`."""
-    plots: dict[str, tuple[str, Callable[[Axes], None]]] = {
-        "histogram": (
-            "When the photons of a recording arrive",
-            lambda axes: plot_histogram(axes, recording, condition),
-        ),
-        "voltages": ("How the voltages settle", lambda axes: plot_voltages(axes, recording)),
-        "phase": (
-            "How the phase of the first phasor settles",
-            lambda axes: plot_phase(axes, recording, condition),
-        ),
+    plots: dict[str, tuple[str, Callable[[Axes, Evolution], None]]] = {
+        "histogram": ("When the photons of a recording arrive", partial(plot_histogram, condition=condition)),
+        "voltages": ("How the voltages settle", plot_voltages),
+        "phase": ("How the phase of the first phasor settles", partial(plot_phase, condition=condition)),
     }
     for name, (title, plot) in plots.items():
         figure = Figure(figsize=(7.6, 3.6), dpi=DOTS_PER_INCH, layout="constrained")
         axes = figure.subplots()
         axes.set_title(title, fontsize=11)
-        plot(axes)
+        plot(axes, recording)
         figure.savefig(folder / f"{name}.png")
 
 
 def plot_histogram(
-    axes: Axes, recording: Evolution, condition: Condition, /, *, harmonics: tuple[int, ...] = (1,)
+    axes: Axes, recording: Evolution, /, condition: Condition, *, harmonics: tuple[int, ...] = (1,)
 ) -> None:
     """Plot arrivals, and the modulation of some harmonics, on the given axes."""
     width = recording.period_ns / len(recording.bin_ns)
@@ -68,7 +63,7 @@ def plot_voltages(axes: Axes, recording: Evolution, /) -> None:
     legend_beside(axes)
 
 
-def plot_phase(axes: Axes, recording: Evolution, condition: Condition, /) -> None:
+def plot_phase(axes: Axes, recording: Evolution, /, condition: Condition) -> None:
     """Plot the phase after each photon on the given axes."""
     thousands = recording.photons / 1e3
     direct_deg = 360.0 * condition.direct_ns / recording.period_ns

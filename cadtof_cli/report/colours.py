@@ -79,12 +79,8 @@ class LayerLimits:
         low, high = np.quantile(values, (0.01, 0.99))
         found = (float(low), float(high), float(values.min()), float(values.max()))
         before = self._known.get(name, found)
-        self._known[name] = (
-            min(before[0], found[0]),
-            max(before[1], found[1]),
-            min(before[2], found[2]),
-            max(before[3], found[3]),
-        )
+        low, high, lowest, highest = zip(before, found, strict=True)
+        self._known[name] = min(low), max(high), min(lowest), max(highest)
 
     def known(self) -> Mapping[str, Limits]:
         """Return the limits of each layer that has a value somewhere."""

@@ -191,33 +191,22 @@ def embedded_section(page: PageText, frames: Sequence[EmbeddedFrame], /) -> Mark
 
 
 def _held(step: int, count: int) -> str:
-    pixels = (
-        "all pixels"
-        if step == 1
-        else f"every {step}th row and column"
-        if step > 3
-        else f"every {_ORDINAL[step]} row and column"
-    )
-    return f"{pixels} of {count}"
-
-
-_ORDINAL = {2: "second", 3: "third"}
+    kept = {1: "all pixels", 2: "every second row and column", 3: "every third row and column"}
+    return f"{kept.get(step, f'every {step}th row and column')} of {count}"
 
 
 def _loss(layers: Sequence[EmbeddedLayer]) -> tuple[str, str]:
     """Return the largest rounding of a layer in any frame, and which kind of steps it has."""
     if layers[0].scale.kind == "table":
         return "none", "bits"
-    absolute = max((layer.scale.loss for layer in layers if layer.scale.kind == "linear"), default=None)
-    relative = max((layer.scale.loss for layer in layers if layer.scale.kind == "log"), default=None)
-    told = []
-    if absolute is not None:
-        told.append(_with_unit(absolute, layers[0].unit))
-    if relative is not None:
-        told.append(f"{100.0 * relative:.2g} % of the value")
-    return ", or ".join(
-        told
-    ), "even" if relative is None else "of the logarithm" if absolute is None else "even, or of the logarithm"
+    told, steps = [], []
+    if even := [layer.scale.loss for layer in layers if layer.scale.kind == "linear"]:
+        told.append(_with_unit(max(even), layers[0].unit))
+        steps.append("even")
+    if uneven := [layer.scale.loss for layer in layers if layer.scale.kind == "log"]:
+        told.append(f"{100.0 * max(uneven):.2g} % of the value")
+        steps.append("of the logarithm")
+    return ", or ".join(told), ", or ".join(steps)
 
 
 def _with_unit(value: float, unit: str) -> str:

@@ -7,8 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cadtof_cli.arrays import Bool, Float, Index
-from cadtof_cli.calibration.fit.flatness import blocks
-from cadtof_cli.calibration.fit.robust import RobustFit, robust_fit
+from cadtof_cli.calibration.fit.robust import RobustFit, blocks, robust_fit
 from cadtof_cli.calibration.parts import Origin
 from cadtof_cli.calibration.petzval import PetzvalCalibration, PetzvalQuality, WallFit
 from cadtof_cli.capture.metadata import Optics

@@ -7,9 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from cadtof_cli.arrays import Bool, Complex, Float
-from cadtof_cli.calibration.fit.flatness import shape_rms
 from cadtof_cli.calibration.fit.pixels import Observations, PixelFit, fit_pixels
-from cadtof_cli.calibration.fit.robust import RobustFit, robust_fit
+from cadtof_cli.calibration.fit.robust import RobustFit, robust_fit, shape_rms
 from cadtof_cli.calibration.fit.terms import TermFit, fit_terms
 from cadtof_cli.calibration.parts import Origin
 from cadtof_cli.calibration.response import ResponseCalibration, ResponseQuality

@@ -145,16 +145,14 @@ def facts_of_maps(path: Path, /) -> MapFacts:
             facts.problems.append(str(error))
     if not files:
         facts.problems.append(f"{path}: found no maps")
-    for index, file in enumerate(files):
+    for file in files:
         try:
             layers = read_layers(file)
-            if index == 0:
+            if file == files[0]:
                 facts.about = read_facts(file)
+                _describe(facts, layers)
         except CadtofError as error:
             facts.problems.append(str(error))
-            continue
-        if index == 0:
-            _describe(facts, layers)
     return facts
 
 

@@ -1,6 +1,7 @@
 """`cadtof preview`: one picture of a frame, or a film or a sheet of many."""
 
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -95,7 +96,8 @@ def _one(one: Pictured, out: Path, settings: PreviewSettings, progress: Progress
     """Draw one frame: one of its layers, or all of it."""
     shown = one.read()
     if settings.layer is not None or settings.limits is not None or settings.colours is not None:
-        draw_layer(_block(one, shown, settings), shown, out)
+        name = _layer_name(one, shown, settings)
+        draw_layer(block_of(shown, name, limits=settings.limits, colours=settings.colours), shown, out)
     elif one.run is None or one.file is None:
         draw = draw_recorded if "H1.phase" in shown.layers else draw_all_layers
         draw(shown, out)
@@ -118,10 +120,6 @@ def _layer_name(one: Pictured, shown: Shown, settings: PreviewSettings) -> str:
     if name not in shown.layers:
         raise SettingsError(f"--layer: found {name!r}, expected one of {', '.join(shown.layers)}: {shown.title}")
     return name
-
-
-def _block(one: Pictured, shown: Shown, settings: PreviewSettings) -> Block:
-    return block_of(shown, _layer_name(one, shown, settings), limits=settings.limits, colours=settings.colours)
 
 
 @dataclass
@@ -160,9 +158,18 @@ def _common_scale(found: Sequence[Pictured], settings: PreviewSettings, progress
     return _Scale(layer, settings.limits or limits, settings.colours or colours, kinds, shape)
 
 
-def _same_scale(one: Pictured, scale: _Scale, settings: PreviewSettings) -> Block:
-    shown = one.read()
-    return block_of(shown, _layer_name(one, shown, settings), limits=scale.limits, colours=scale.colours)
+def _blocks(
+    found: Sequence[Pictured], scale: _Scale, settings: PreviewSettings, progress: Progress
+) -> Iterator[tuple[str, Block | None]]:
+    """Yield each frame's name and its layer on the scale of all; None where it cannot be drawn."""
+    for one in found:
+        progress.advance()
+        block = None
+        with suppress(CadtofError):
+            shown = one.read()
+            name = _layer_name(one, shown, settings)
+            block = block_of(shown, name, limits=scale.limits, colours=scale.colours)
+        yield one.name, block
 
 
 def _sheet(found: Sequence[Pictured], out: Path, settings: PreviewSettings, progress: Progress, *, title: str) -> None:
@@ -172,17 +179,11 @@ def _sheet(found: Sequence[Pictured], out: Path, settings: PreviewSettings, prog
     size = thumbnail_size(len(found), scale.shape)
     thumbnails: list[tuple[str, Image | None]] = []
     bar: Block | None = None
-    for one in found:
-        progress.advance()
-        try:
-            block = _same_scale(one, scale, settings)
-        except CadtofError:
-            thumbnails.append((one.name, None))
-            continue
-        bar, last = bar or block, block
-        thumbnails.append((one.name, fitted(block.painted(block.panels[0]), size)))
+    for name, block in _blocks(found, scale, settings, progress):
+        bar = bar or block
+        thumbnails.append((name, None if block is None else fitted(block.painted(block.panels[0]), size)))
     assert bar is not None
-    heading = f"{title}: {scale.layer}{f' ({last.unit})' if last.unit else ''}, {len(found)} frames"
+    heading = f"{title}: {scale.layer}{f' ({bar.unit})' if bar.unit else ''}, {len(found)} frames"
     draw_sheet(thumbnails, bar, out, title=heading, size=size, kinds=scale.kinds)
 
 
@@ -194,16 +195,13 @@ def _film(found: Sequence[Pictured], out: Path, settings: PreviewSettings, progr
     scale = _common_scale(found, settings, progress)
 
     def frames() -> Iterator[tuple[str, Block]]:
-        for number, one in enumerate(found, start=1):
-            progress.advance()
-            try:
-                block = _same_scale(one, scale, settings)
-            except CadtofError:
+        for number, (name, block) in enumerate(_blocks(found, scale, settings, progress), start=1):
+            if block is None:
                 continue
             if block.panels[0].values.shape != scale.shape:
-                progress.say(f"left out: {one.name} has another size than the first frame")
+                progress.say(f"left out: {name} has another size than the first frame")
                 continue
-            yield f"{one.name}  ({number} of {len(found)})", block
+            yield f"{name}  ({number} of {len(found)})", block
 
     width = magnified_width(scale.shape, _FILM_PIXELS)
     draw_film(frames(), out, per_second=settings.frames_per_second, panel_width=width, kinds=scale.kinds)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from cadtof_cli.calibration.fit.flatness import blocks, shape_rms
+from cadtof_cli.calibration.fit.robust import blocks, shape_rms
 
 
 def test_a_block_has_the_median_of_its_pixels() -> None:
