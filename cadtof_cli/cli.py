@@ -50,6 +50,8 @@ PROGRAM = "cadtof"
 COMPLETE = "_CADTOF_COMPLETE"
 """Environment variable by which a shell asks how a line may go on (docs/shells.md)."""
 
+_CUT_OFF = "Python has kept bytecode that is cut off, as by a full disk"
+
 INTERRUPTED = 130
 BROKEN_PIPE = 141
 
@@ -174,8 +176,10 @@ def _message_and_status(error: Exception) -> tuple[str, int]:
         case OSError():
             return f"Error: {error.filename}: {error.strerror or error}", 1
         case _:
-            message = f"Error: unexpected {type(error).__name__}: {error}"
-            return f"{message}\nRun `cadtof --debug …` and report it.", 1
+            advice = "Run `cadtof --debug …` and report it."
+            if "marshal data" in str(error):
+                advice = f"{_CUT_OFF}: remove the folders __pycache__ where cadtof and what it needs are installed"
+            return f"Error: unexpected {type(error).__name__}: {error}\n{advice}", 1
 
 
 def _forget(stream: TextIO) -> None:

@@ -101,6 +101,20 @@ def test_help_without_docstrings_says_what_a_command_does(command: str, tmp_path
     assert COMMANDS[command] in done.out
 
 
+def test_bytecode_that_a_full_disk_cut_off(capture: Path, tmp_path: Path) -> None:
+    """Python before 3.14 keeps it, and fails from then on."""
+    environment = {"PYTHONPYCACHEPREFIX": str(tmp_path)}
+    assert _run("info", capture, cwd=tmp_path, environment=environment).status == 0
+    (cached,) = tmp_path.rglob("cadtof_cli/commands/info.*.pyc")
+    cached.write_bytes(cached.read_bytes()[:100])
+    done = _run("info", capture, cwd=tmp_path, environment=environment)
+    assert (done.status, done.out) == (1, "")
+    assert done.err.endswith("where cadtof and what it needs are installed\n")
+    assert "Python has kept bytecode that is cut off, as by a full disk: remove the folders __pycache__" in done.err
+    cached.unlink()
+    assert _run("info", capture, cwd=tmp_path, environment=environment).status == 0
+
+
 @pytest.mark.parametrize("start", START_METHODS)
 def test_files_that_are_called_like_modules(start: str, capture: Path, maps: list[bytes], tmp_path: Path) -> None:
     """Processes that start for us import nothing from the folder that a user is in."""

@@ -196,10 +196,17 @@ def written(task: FrameTask, resolved: ResolvedFrame, recording: Recording, /, *
 
 @reported
 def _kept(
-    task: FrameTask, file: PartialFile, reason: str | None, known: Mapping[str, Any], /, *, began: float
+    task: FrameTask,
+    file: PartialFile,
+    reason: str | None,
+    known: Mapping[str, Any],
+    let_go: Callable[[], None],
+    /,
+    *,
+    began: float,
 ) -> FrameReport:
-    """Wait for a frame's maps to be on the disk."""
-    size = file.commit()
+    """Wait for a frame's maps to be on the disk; say when they are no longer held in memory."""
+    size = file.commit(let_go)
     return task.report("ok", reason, time.monotonic() - began, output_bytes=size, **known)
 
 

@@ -79,4 +79,4 @@ def _written(task: FrameTask, first: FramePart, found: Sequence[DepthMaps], *, b
     assert isinstance(first.pixels, FramePixels)
     assert first.recording is not None
     resolved = joined_parts(first.pixels, found)
-    return written(task, resolved, first.recording, began=began).wait()
+    return written(task, resolved, first.recording, began=began).wait(lambda: None)
