@@ -38,7 +38,7 @@ INLINE void choose_answers(Group *restrict g, const Frame *restrict frame, const
         g->phase[1][i] = phase2;
         g->sigma[0][i] = deviation;
         g->sigma[1][i] = deviation2;
-        g->refusal[i] = g->refusal[i] + bits;
+        g->refusal[i] = first ? bits : g->refusal[i] + bits;
     }
 }
 
@@ -169,16 +169,22 @@ INLINE void resolve_pixels(const Frame *restrict frame, int64_t start, int64_t s
     Group group, *g = &group;
     const int plain = !frame->tail && !frame->samples && !frame->own, one_scale = !frame->metres && !frame->shift;
     const double least = least_answered(frame), certain = certain_misfit(frame);
+    int64_t ahead = -1; /* where the group begins whose phasors are loaded before its turn */
     memset(g, 0, sizeof group);
     for (int m; start < stop; start += m) {
         m = frame->tail ? in_group(frame->tail, start, stop) : stop - start < GROUP ? (int)(stop - start) : GROUP;
         fetch(frame, start + 2 * GROUP);
         int answered = m == GROUP && plain && is_sound(frame, start);
         if (answered) {
-            load_sound(g, frame, start);
+            if (ahead != start) {
+                load_sound(g, frame, start);
+                EACH_PIXEL begin_inverse(g, i);
+                EACH_PIXEL end_inverse(g, i);
+            }
             answered = all_answered(g, frame, least);
         }
         if (!answered) {
+            ahead = -1;
             load(g, frame, start, m);
             if (!frame->tail) fundamental_frame(g);
             screen(g, frame);
@@ -194,7 +200,9 @@ INLINE void resolve_pixels(const Frame *restrict frame, int64_t start, int64_t s
                 if (g->ones) one_path(g, frame);
                 next = g->pairs && !pairs_first ? PAIRS : DONE;
             } else {
-                two_paths(g);
+                ahead = answered && stop - start >= 2 * GROUP ? start + GROUP : -1;
+                if (ahead >= 0) load_sound(g, frame, ahead);
+                two_paths(g, 1);
                 phases_and_sigmas(g, frame);
                 if (pairs_first && g->ones) g->ones = is_rivalled(g, frame, certain);
                 next = pairs_first ? ONES : DONE;
@@ -249,7 +257,7 @@ INLINE void decompose_pixels(const double *restrict first, const double *restric
         fundamental_frame(g);
         EACH_PIXEL g->single[i] = is_single(g->u[i], g->d2[i]) ? 1.0 : 0.0;
         g->singles = any(g->single);
-        two_paths(g);
+        two_paths(g, 0);
         phases(g);
         const double *plane[DECOMPOSED_PLANES] = {g->a, g->b, g->cos_m, g->sin_m, g->cos_half, g->sin_half, g->single, g->x, g->y};
         for (int p = 0; p < DECOMPOSED_PLANES; p++)

@@ -72,6 +72,7 @@ typedef struct {
 typedef struct {
     _Alignas(64) Row re1;                                /* rows start where lines of the cache do: none is read as two halves */
     Row im1, re2, im2, unsound, samples, root;           /* phasors; 1 where there must be no answer; samples, their root */
+    Row power, inverse;                                  /* |p1|^2 and 1/|p1|, of the next group while this one is worked on */
     Row u, pr, pi, cos, sin, d2;                             /* FundamentalFrame */
     Row confidence, refusal, answered, single, may;      /* bits that refuse an answer; is, may be one path */
     Row one_amplitude, one_phase, one_sigma, fall_off;   /* OnePath; its doubt */

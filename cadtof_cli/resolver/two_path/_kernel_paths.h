@@ -89,32 +89,36 @@ INLINE double one_path_limit(const Frame *restrict frame) {
     return frame->order == ORDER_ONE ? INFINITY : frame->order == ORDER_TWO ? -1.0 : limit;
 }
 
+/* closed_form.py: fundamental_frame; |p1|^2 and 1/|p1|, the latter in two steps. */
+INLINE void begin_inverse(Group *restrict g, int i) {
+    double re1 = g->re1[i], im1 = g->im1[i];
+    g->power[i] = re1 * re1 + im1 * im1;
+    g->inverse[i] = rough_inverse_root(g->power[i]);
+}
+
+INLINE void end_inverse(Group *restrict g, int i) { g->inverse[i] = nearer_inverse_root(g->power[i], g->inverse[i]); }
+
 /* All of fundamental_frame, screen and choose_pixels where it is plain that every pixel of a group gets an answer and none is
  * single: whether it is. `least` is |p1|^2 from which one is an answer's, whatever p2; with |p1|^2 up to 16, |d| is far from
- * rounding, and up to 1e50 it leaves the power finite. */
+ * rounding, and both so small leave all that follows finite. |p1|^2 and its inverse root are known already. */
 INLINE int all_answered(Group *restrict g, const Frame *restrict frame, double least) {
-    enum { MAY_BE_ONE = 1, IS_PAIR = 2, IS_DOUBTFUL = 4 };
     const double limit = one_path_limit(frame);
-    int64_t found = 0;
+    int64_t ones = 0, doubtful = 0;
     EACH_PIXEL {
-        double re1 = g->re1[i], im1 = g->im1[i];
-        g->t1[i] = re1 * re1 + im1 * im1;
-        g->t2[i] = inverse_root(g->t1[i]);
-    }
-    EACH_PIXEL {
-        double re1 = g->re1[i], im1 = g->im1[i], power = g->t1[i], inverse = g->t2[i];
+        double re1 = g->re1[i], im1 = g->im1[i], power = g->power[i], inverse = g->inverse[i];
         Turned t = turned(g->re2[i], g->im2[i], power * inverse, re1 * inverse, im1 * inverse);
-        int may = t.d2 <= limit, plain = (power >= least) & (power <= 16.0) & (t.d2 >= 0x1p-95) & (t.d2 <= 1e9);
-        found |= !plain ? IS_DOUBTFUL : may ? MAY_BE_ONE : IS_PAIR;
+        int may = t.d2 <= limit, plain = (power >= least) & (t.d2 >= 0x1p-95) & (power + t.d2 <= 16.0);
+        doubtful |= !plain;
+        ones += may;
         put(g, i, t);
         g->may[i] = may ? 1.0 : 0.0;
         g->confidence[i] = t.u;
         g->refusal[i] = 0.0;
     }
     g->singles = 0;
-    g->ones = (found & MAY_BE_ONE) != 0;
-    g->pairs = (found & IS_PAIR) != 0;
-    return !(found & IS_DOUBTFUL);
+    g->ones = ones > 0;
+    g->pairs = ones < GROUP;
+    return !doubtful;
 }
 
 INLINE double least_answered(const Frame *restrict frame) {
@@ -254,8 +258,9 @@ INLINE void one_path(Group *restrict g, const Frame *restrict frame) {
 }
 
 /* closed_form.py: _excess, one of its steps. H in t3. */
-INLINE void excess_step(Group *restrict g) {
+INLINE void excess_step(Group *restrict g, const int ahead) {
     EACH_PIXEL {
+        if (ahead) end_inverse(g, i);
         double u = g->u[i], linear = g->t2[i], h = g->t3[i];
         double value = ((h + 3.0 * u) * h + linear) * h - g->t1[i];
         double slope = (h + (u + u)) * (3.0 * h) + linear, half_curvature = 3.0 * (h + u);
@@ -264,22 +269,24 @@ INLINE void excess_step(Group *restrict g) {
     }
 }
 
-/* closed_form.py: _excess. H in t3. */
-INLINE void excess(Group *restrict g) {
+/* closed_form.py: _excess. H in t3. Three quotients, one after the other, keep a processor waiting: it works on 1/|p1| meanwhile, where
+ * the phasors of the next group are there already (`ahead`). */
+INLINE void excess(Group *restrict g, const int ahead) {
     EACH_PIXEL {
+        if (ahead) begin_inverse(g, i);
         double u = g->u[i], dr = u - g->pr[i], d2 = g->d2[i], modulus = d2 * rough_inverse_root(d2);
         g->t1[i] = u * d2;
         g->t2[i] = 2.0 * (u * dr) - d2;
         g->t3[i] = (modulus + 2.17 * u) * d2 / ((4.06 * modulus + 2.06 * dr) * u + d2);
     }
     /* not a loop: compilers would turn it inside out */
-    excess_step(g);
-    excess_step(g);
+    excess_step(g, ahead);
+    excess_step(g, 0);
 }
 
 /* closed_form.py: two_paths */
-INLINE void two_paths(Group *restrict g) {
-    excess(g);
+INLINE void two_paths(Group *restrict g, const int ahead) {
+    excess(g, ahead);
     EACH_PIXEL {
         double u = g->u[i], dr = u - g->pr[i], h = g->t3[i], p0 = u + h, product = (p0 + u) * h;
         double re = p0 * dr - u * h, double_square = product + fabs(re);
