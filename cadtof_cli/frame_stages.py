@@ -131,7 +131,7 @@ def kernel_of_frame(
     most, more = most_volts(noise, stages.depth.amplitude_v)
     tail = None
     if model is not None:
-        from cadtof_cli.resolver.diffuse.compiled import tail_buffers
+        from cadtof_cli.resolver.diffuse.pixels import tail_buffers
 
         tail = tail_buffers(model.block(block))
     scales = KernelScales(

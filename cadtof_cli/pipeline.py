@@ -171,21 +171,20 @@ def _fill_by_blocks(
 def _fill_by_kernel(maps: DepthMaps, pixels: FramePixels, plan: FramePlan, stages: FrameStages, kernel: str) -> None:
     """Fill the maps of prepared pixels from their stored values in one go: what the blocks of `resolve_pixels` do in numpy."""
     status, samples = maps.status.reshape(-1), pixels.noise.samples
+    common = int(StatusBit.CALIBRATED) if plan.calibration is not None else 0
+    bits: int | None = common
     # what was recorded, the kernel looks at itself
-    if stages.correction.hot is None and pixels.pooled is None:
-        status.fill(0)
-    else:
-        status[:] = stages.status(pixels, saturated=pixels.pooled is not None)
-    if plan.calibration is not None:
-        status |= np.uint32(StatusBit.CALIBRATED)
-    if samples is not None:
-        status |= (samples > 1.0) * np.uint32(StatusBit.POOLED)
+    if stages.correction.hot is not None or samples is not None:
+        status[:] = stages.status(pixels, saturated=pixels.pooled is not None) | np.uint32(common)
+        if samples is not None:
+            status |= (samples > 1.0) * np.uint32(StatusBit.POOLED)
+        bits = None
     own = pixels.tail is not None or samples is not None
     make = kernel_of_frame if own else kernel_of_frames
     source = pixels.stored if pixels.pooled is None else pixels.pooled
     values = maps.pages[:-1].reshape(len(maps.names), -1)
     make(stages, pixels.first, status.size, pixels.noise, source.dtype, kernel, pixels.tail).fill(
-        source, layers=values[: len(ALWAYS)], status=status
+        source, layers=values[: len(ALWAYS)], status=status, bits=bits
     )
     if len(values) > len(ALWAYS):
         values[len(ALWAYS) :] = 1.0 if samples is None else samples

@@ -12,7 +12,7 @@ import numpy as np
 from benchmark_kernel import diffuse_rows, kernel_rows, recorded, triangle_rows
 from numpy.typing import NDArray
 from scipy.optimize import leastsq
-from speed.against import CASES, against
+from speed.against import CASES, MEMORY, against
 from speed.measure import ROOT, Row, least_seconds
 from speed.runs import end_to_end, memory, start_up
 
@@ -30,7 +30,7 @@ def main() -> None:
     """Print a table of rows, as they are measured."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument(
-        "parts", nargs="*", help=f"of {', '.join(PARTS)}; with --against of {', '.join(CASES)}; default: all"
+        "parts", nargs="*", help=f"of {', '.join(PARTS)}; with --against of {', '.join(COMPARED)}; default: all"
     )
     parser.add_argument("--against", metavar="REF", help="hold this working tree against a commit, run by run")
     parser.add_argument("--repeats", type=int, default=3, help="turns that are taken; the least of each side counts")
@@ -38,7 +38,7 @@ def main() -> None:
     parser.add_argument("--place", type=Path, help="folder that the runs write below; default: that of temporary files")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the rows there, too")
     arguments = parser.parse_args()
-    known = CASES if arguments.against else PARTS
+    known = COMPARED if arguments.against else PARTS
     unknown = [name for name in arguments.parts if name not in known]
     if unknown:
         parser.error(f"parts: found {', '.join(unknown)}, expected some of {', '.join(known)}")
@@ -59,7 +59,7 @@ def _rows(arguments: argparse.Namespace) -> Iterator[Row]:
 
 
 def _against(arguments: argparse.Namespace, place: Path) -> Iterator[Row]:
-    yield from against(arguments.against, place, arguments.repeats, cases=arguments.parts or list(CASES))
+    yield from against(arguments.against, place, arguments.repeats, cases=arguments.parts or COMPARED)
 
 
 # --- the paper's way -------------------------------------------------------------------------------------------------
@@ -137,6 +137,8 @@ def _end_to_end(arguments: argparse.Namespace, place: Path) -> Iterator[Row]:
     yield from end_to_end(place, arguments.repeats, 200)
     yield from end_to_end(place, max(arguments.repeats - 1, 1), 1000)
 
+
+COMPARED = [*CASES, MEMORY]
 
 PARTS: dict[str, Callable[[Any, Path], Iterator[Row]]] = {
     "closed-form": closed_form,

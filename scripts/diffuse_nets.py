@@ -1,15 +1,17 @@
 """What a net in a room does to the prediction, and the prediction to a net.
 
 `python scripts/diffuse_nets.py ROOM... --without FOLDER` takes captures of `scripts/render_rooms.py --net-fill S`, and the same
-rooms without a net in FOLDER, which tell where the net is; `python scripts/diffuse_nets.py ROOM...` hangs a net of its own
-before the middle of captures without one (60 % of the light of its pixels, as far before the wall as each row says, without MPI
-of its own). Median errors in cm.
+rooms without a net in FOLDER, which tell where the net is; and says what the same prediction gives that looks for no nets.
+`python scripts/diffuse_nets.py ROOM...` hangs a net of its own before the middle of captures without one (60 % of the light of
+its pixels, as far before the wall as each row says, without MPI of its own). Median errors in cm.
 """
 
 import argparse
 from collections.abc import Sequence
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
+from unittest.mock import patch
 
 import numpy as np
 from diffuse_accuracy import F
@@ -23,6 +25,7 @@ from cadtof_cli.frame_plan import FramePlan, MapSettings
 from cadtof_cli.maps.layers import DIRECT_DEPTH, DIRECT_SIGMA
 from cadtof_cli.phasors.response import pulse_response
 from cadtof_cli.pipeline import resolve_frame
+from cadtof_cli.resolver.diffuse import predict
 from cadtof_cli.resolver.settings import MpiModel, ResolverSettings
 from cadtof_cli.units import C_M_PER_NS, metres_per_radian
 
@@ -43,12 +46,16 @@ HEADS = "net: two paths | as taken; share within 1, 2 sigma | elsewhere: two pat
 
 @dataclass(frozen=True)
 class Row:
-    """Errors of a frame in cm, in the pixels of a net and elsewhere, of two paths and as taken."""
+    """Errors of a frame in cm, in the pixels of a net and elsewhere, of two paths and as taken.
+
+    `unsearched` are those of the same prediction where nets are not looked for, in the same two places.
+    """
 
     net: tuple[float, float]
     elsewhere: tuple[float, float]
     within: tuple[float, float]
     found: int
+    unsearched: tuple[float, float]
 
     def line(self) -> str:
         """The cells of a table."""
@@ -88,15 +95,26 @@ def rendered(capture: Capture, without: Path) -> Row:
 def together(rows: Sequence[Row]) -> None:
     """Print what all rooms say together."""
     two, taken = (np.array([row.net[i] for row in rows]) for i in (0, 1))
+    unsearched, rest_unsearched = (np.array([row.unsearched[i] for row in rows]) for i in (0, 1))
     rest = np.array([row.elsewhere[1] for row in rows])
-    found = sum(row.found > 0 for row in rows)
-    means = (float(np.exp(np.mean(np.log(errors)))) for errors in (two, taken, rest))
+    found = np.array([row.found > 0 for row in rows])
     print(
-        "\n{} rooms, a net found in {}: geometric means of the medians: net, two paths {:.2f} cm, as taken {:.2f} cm; "
-        "elsewhere {:.2f} cm; nets taken better than by two paths: {}".format(
-            len(rows), found, *means, int((taken < two).sum())
-        )
+        f"\n{len(rows)} rooms, a net found in {found.sum()}; geometric means of the medians, cm\n"
+        f"net: two paths {_mean(two):.2f}, as taken {_mean(taken):.2f}, not looked for {_mean(unsearched):.2f}; "
+        f"as taken better than two paths in {np.count_nonzero(taken < two)}\n"
+        f"elsewhere: as taken {_mean(rest):.2f}, not looked for {_mean(rest_unsearched):.2f}"
     )
+    if found.any():
+        one, more = np.median([row.within for row in rows if row.found], axis=0)
+        print(
+            f"nets found: two paths {_mean(two[found]):.2f}, as taken {_mean(taken[found]):.2f}; share within 1, 2 sigma, "
+            f"median {one:.2f}, {more:.2f}; better than not looked for in {np.count_nonzero((taken < unsearched)[found])}"
+        )
+
+
+def _mean(errors: F) -> float:
+    """Return the geometric mean."""
+    return float(np.exp(np.mean(np.log(errors))))
 
 
 def with_net(capture: Capture, delay_ns: float) -> Row | None:
@@ -130,31 +148,39 @@ def behind_net(volts: F, metadata: CaptureMetadata, net_m: F, covered: B) -> F:
 def _row(volts: F, metadata: CaptureMetadata, range_m: F, covered: B) -> Row:
     errors: list[F] = []
     found = 0
-    models: Sequence[MpiModel] = ("discrete", "auto")
-    for model in models:
+    models: Sequence[tuple[MpiModel, AbstractContextManager[object]]] = (
+        ("discrete", nullcontext()),
+        ("auto", patch.object(predict, "seen_through", lambda *_, **__: None)),
+        ("auto", nullcontext()),
+    )
+    for model, search in models:
         settings = MapSettings(resolver=ResolverSettings(mpi_model=model))
-        frame = resolve_frame(volts, plan=FramePlan(metadata=metadata, settings=settings))
+        with search:
+            frame = resolve_frame(volts, plan=FramePlan(metadata=metadata, settings=settings))
         errors.append(np.abs(frame.maps.layer(DIRECT_DEPTH) - range_m))
         sigma = frame.maps.layer(DIRECT_SIGMA)
         found = frame.mpi.through_patches if frame.mpi else 0
-    score = np.asarray(errors[1] / sigma, np.float64)[covered]
+    score = np.asarray(errors[-1] / sigma, np.float64)[covered]
     net, elsewhere = ([100 * float(np.nanmedian(error[where])) for error in errors] for where in (covered, ~covered))
     return Row(
-        (net[0], net[1]),
-        (elsewhere[0], elsewhere[1]),
+        (net[0], net[2]),
+        (elsewhere[0], elsewhere[2]),
         (float(np.mean(score < 1.0)), float(np.mean(score < 2.0))),
         found,
+        (net[1], elsewhere[1]),
     )
 
 
 def _median(rows: Sequence[Row]) -> Row:
     """Return the medians over rows."""
-    net, elsewhere, within = (
+    net, elsewhere, within, unsearched = (
         tuple(float(value) for value in np.median([getattr(row, name) for row in rows], axis=0))
-        for name in ("net", "elsewhere", "within")
+        for name in ("net", "elsewhere", "within", "unsearched")
     )
     found = int(np.median([row.found for row in rows]))
-    return Row((net[0], net[1]), (elsewhere[0], elsewhere[1]), (within[0], within[1]), found)
+    return Row(
+        (net[0], net[1]), (elsewhere[0], elsewhere[1]), (within[0], within[1]), found, (unsearched[0], unsearched[1])
+    )
 
 
 def capture_truth(folder: Path) -> F:

@@ -42,3 +42,13 @@ def test_the_least_confidence_is_counted_in_amplitudes_of_the_modulation() -> No
     metadata = CaptureMetadata(modulation=Modulation(amplitude_v=0.25))
     assert FramePlan(metadata=metadata, settings=MapSettings(min_confidence_v=0.05)).resolver.min_confidence == 0.2
     assert FramePlan(metadata=metadata).resolver.min_confidence is None
+
+
+def test_plans_of_the_same_values_are_one_to_a_cache_and_others_are_not() -> None:
+    def plan(focal_px: float) -> FramePlan:
+        return FramePlan(
+            metadata=CaptureMetadata(optics=Optics(focal_length_px=focal_px)), settings=MapSettings(pool=3)
+        )
+
+    one, same, other = plan(28.0), plan(28.0), plan(29.0)
+    assert len({one, same, other}) == len({one.metadata, same.metadata, other.metadata}) == 2

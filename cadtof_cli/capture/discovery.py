@@ -77,7 +77,7 @@ def find_captures(
         if found is None:
             raise _no_frames(root, source, named)
         captures.append((found, is_whole))
-    return tuple(_each_once(captures))
+    return tuple(_each_once(captures) if len(captures) > 1 else (one for one, _ in captures))
 
 
 def _each_once(captures: Sequence[tuple[Capture, bool]]) -> Iterator[Capture]:

@@ -2,7 +2,7 @@
 
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import field
 from queue import Empty, SimpleQueue
 from typing import Any, Generic, TypeVar, cast
@@ -36,10 +36,12 @@ class Later(Generic[Result]):
     """What a task's function returns where nothing but waiting is left, as for a disk: `wait` waits, and gives the result.
 
     That is done in a thread while the next task is computed: what a `Future` is, in a tenth of its calls, as every frame has one.
-    Once the result is `there`, `error` is what was raised in its place, if anything was.
+    `wait` is told what to call as soon as it has let go of what it holds much memory for. Once the result is `there`, `error` is
+    what was raised in its place, if anything was.
     """
 
-    wait: Callable[[], Result]
+    wait: Callable[[Callable[[], None]], Result]
+    let_go: Callable[[], None] = lambda: None
     there: bool = False
     error: Exception | None = None
     _found: SimpleQueue[Result | None] = field(default_factory=SimpleQueue)
@@ -47,10 +49,12 @@ class Later(Generic[Result]):
     def finish(self) -> "Later[Result]":
         """Wait, and keep the result or what is raised in its place, but nothing of what it was made from."""
         found = None
-        try:
-            found = self.wait()
-        except Exception as error:  # noqa: BLE001  (it is raised where the result is asked for)
-            self.error = error
+        with ExitStack() as held:
+            held.callback(self.let_go)
+            try:
+                found = self.wait(held.close)
+            except Exception as error:  # noqa: BLE001  (it is raised where the result is asked for)
+                self.error = error
         del self.wait
         self.there = True
         self._found.put(found)
@@ -71,6 +75,9 @@ Work = Callable[[Task], Result | Later[Result]]
 LATER_AT_ONCE = 4
 """Results of one process that may be waited for at once: a disk takes several files in about the time of one."""
 
+HELD_AT_ONCE = 2
+"""Of those, as many may hold much memory, such as maps that are still to be written: more do not make the disk faster."""
+
 
 @dataclass(eq=False)
 class Finisher:
@@ -82,11 +89,14 @@ class Finisher:
     then: Callable[[], None]
     waiting: SimpleQueue[Later[Any] | None] = field(default_factory=SimpleQueue)
     threads: list[threading.Thread] = field(default_factory=list)
+    room: threading.Semaphore = field(default_factory=lambda: threading.Semaphore(HELD_AT_ONCE))
 
     def begin(self, result: Result | Later[Result], /) -> Later[Result]:
-        """Return where the result will be; one that needs no waiting is there."""
+        """Return where the result will be; one that needs no waiting is there. While too many hold much memory, this waits."""
         if not isinstance(result, Later):
-            return Later(lambda: result).finish()
+            return Later(lambda _: result).finish()
+        self.room.acquire()
+        result.let_go = self.room.release
         self.waiting.put(result)
         if len(self.threads) < LATER_AT_ONCE and not self._start_thread() and not self.threads:
             self.waiting.get()
@@ -105,7 +115,7 @@ class Finisher:
 
     def attempt(self, function: Work[Task, Result], task: Task, /) -> Later[Result]:
         """Do a task; return where its result will be, or the exception that it raised."""
-        found = Later(lambda: function(task)).finish()
+        found = Later(lambda _: function(task)).finish()
         return cast("Later[Result]", found) if found.error else self.begin(found.result())
 
     def _work(self) -> None:

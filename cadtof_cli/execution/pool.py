@@ -34,7 +34,7 @@ Each time that this process runs, it may take the place of a worker, and the cac
 
 TASKS_IN_MEAN = 8
 
-NOW_AND_THEN_S, NOW_AND_THEN_TASKS = 0.003, 4
+NOW_AND_THEN_S, NOW_AND_THEN_TASKS = 0.01, 4
 """After how long workers with short tasks are looked after again, or after how many of their tasks, if that is sooner."""
 
 AHEAD, SHORT_AHEAD = 2, 8

@@ -3,7 +3,7 @@
 import errno
 import json
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
@@ -52,8 +52,11 @@ class PartialFile:
         except OSError as error:
             raise not_written(path, error) from error
 
-    def commit(self) -> int:
+    def commit(self, let_go: Callable[[], None] = lambda: None, /) -> int:
         """Sync the file to the disk, rename it to `path`, and return its size in bytes; this waits, and hardly computes.
+
+        Args:
+            let_go: called when the parts are written, and kept no longer.
 
         Raises:
             OutputError: that fails, and the file is discarded; PlaceError: another file would fail too.
@@ -64,6 +67,7 @@ class PartialFile:
             if self.parts:
                 write_parts(self._descriptor, self.parts)
                 self.parts = ()
+            let_go()
             found = os.fstat(self._descriptor)
             if not found.st_size or not os.path.samestat(found, os.lstat(self.temporary)):
                 raise OSError("nothing was written")

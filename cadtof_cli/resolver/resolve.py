@@ -60,21 +60,24 @@ def resolve_paths(
         answered = status == 0
         predicted = None
         if before is not None:
+            from cadtof_cli.resolver.diffuse.pixels import diffuse_pixels
+
             usable = answered if through is None else answered & ~through.where
-            predicted = _predicted(phasors, before, usable, noise, kernel)
+            predicted = diffuse_pixels(phasors, tail=before, usable=usable, samples=noise.samples, kernel=kernel)
             answered &= ~predicted.answered
             if not answered.any():
                 bits = status | predicted.answered * np.uint32(StatusBit.DIFFUSE_MPI)
                 return _resolved(_of_tail(predicted), confidence, bits, noise)
         fit = fewest_paths(solver or start(), answered, settings=settings, noise=noise)
         if after is not None and response is not None:
+            from cadtof_cli.resolver.diffuse.pixels import diffuse_pixels
             from cadtof_cli.resolver.response.as_sine import phasors_of_sine
 
             sine = phasors_of_sine(phasors, fit.paths, response=response)
             free, through = _freed(sine, after, kernel)
             usable = answered if through is None else answered & ~through.where
             _put_freed(fit, free, answered & ~usable, settings, noise)
-            predicted = _predicted(sine, after, usable, noise, kernel)
+            predicted = diffuse_pixels(sine, tail=after, usable=usable, samples=noise.samples, kernel=kernel)
         bits = _bits(fit, searched=response is not None)
         if not answered.all():
             bits = np.where(answered, bits, status)
@@ -121,16 +124,6 @@ def screened(
         return found, modulus
     unsound = status | ~np.isfinite(power) * np.uint32(StatusBit.NOT_FINITE)
     return np.where(sound, found, unsound), np.where(sound, modulus, np.nan)
-
-
-def _predicted(phasors: Complex, tail: "DiffuseBlock", usable: Bool, noise: NoiseModel, kernel: str) -> "DiffusePixels":
-    """Return what the tail says of the pixels, by numpy or by its compiled twin."""
-    from cadtof_cli.resolver.diffuse.compiled import compiled_pixels, runs_compiled
-    from cadtof_cli.resolver.diffuse.pixels import diffuse_pixels
-
-    if runs_compiled(tail.model, kernel):
-        return compiled_pixels(phasors, tail=tail, usable=usable, samples=noise.samples, kernel=kernel)
-    return diffuse_pixels(phasors, tail=tail, usable=usable, samples=noise.samples)
 
 
 def _put_freed(fit: Fit, free: Complex, where: Bool, settings: ResolverSettings, noise: NoiseModel) -> None:

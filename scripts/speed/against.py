@@ -4,13 +4,16 @@ import os
 import shutil
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 from speed.measure import ENVIRONMENT, ROOT, Row, capture_of, in_turns, resolve
+from speed.runs import peak
 
 MPI_MODEL = "--mpi-model"
+
+DISCRETE = (MPI_MODEL, "discrete")
 
 
 @dataclass(frozen=True)
@@ -27,17 +30,20 @@ class Case:
 THREE_HARMONICS = ("--periods-ns", "40,20,13.3333333333")
 
 CASES = {
-    "two paths": Case((MPI_MODEL, "discrete"), 100),
-    "two paths by numpy": Case((MPI_MODEL, "discrete"), 20, asked="≤ 2", environment=(("CADTOF_KERNEL", "numpy"),)),
+    "two paths": Case(DISCRETE, 100),
+    "two paths by numpy": Case(DISCRETE, 20, asked="≤ 2", environment=(("CADTOF_KERNEL", "numpy"),)),
     "diffuse MPI": Case((), 10),
-    "triangle waves": Case((MPI_MODEL, "discrete", "--waveform", "triangle"), 6, asked="≤ 1"),
-    "likelihood, three harmonics": Case((MPI_MODEL, "discrete"), 4, THREE_HARMONICS, asked="≤ 0.33"),
-    "three paths": Case((MPI_MODEL, "discrete", "--paths", "3"), 2, THREE_HARMONICS, asked="≤ 0.33"),
-    "lm": Case((MPI_MODEL, "discrete", "--solver", "lm"), 4, asked="≤ 0.33"),
-    "lm, three harmonics": Case((MPI_MODEL, "discrete", "--solver", "lm"), 1, THREE_HARMONICS),
-    "pooling 3 × 3": Case((MPI_MODEL, "discrete", "--pool", "3"), 12, asked="≤ 0.33"),
-    "pooling 5 × 5": Case((MPI_MODEL, "discrete", "--pool", "5"), 6, asked="≤ 0.33"),
+    "triangle waves": Case((*DISCRETE, "--waveform", "triangle"), 6, asked="≤ 1"),
+    "likelihood, three harmonics": Case(DISCRETE, 4, THREE_HARMONICS, asked="≤ 0.33"),
+    "three paths": Case((*DISCRETE, "--paths", "3"), 2, THREE_HARMONICS, asked="≤ 0.33"),
+    "lm": Case((*DISCRETE, "--solver", "lm"), 4, asked="≤ 0.33"),
+    "lm, three harmonics": Case((*DISCRETE, "--solver", "lm"), 1, THREE_HARMONICS),
+    "pooling 3 × 3": Case((*DISCRETE, "--pool", "3"), 12, asked="≤ 0.33"),
+    "pooling 5 × 5": Case((*DISCRETE, "--pool", "5"), 6, asked="≤ 0.33"),
 }
+
+
+MEMORY, MEMORY_FRAMES = "memory", 300
 
 
 def against(reference: str, place: Path, repeats: int, *, cases: list[str]) -> Iterator[Row]:
@@ -46,6 +52,9 @@ def against(reference: str, place: Path, repeats: int, *, cases: list[str]) -> I
     known = {name: _help(tree) for name, tree in trees.items()}
     out = place / "out"
     for what in cases:
+        if what == MEMORY:
+            yield _memory(reference, place, {name: _understood(DISCRETE, told) for name, told in known.items()}, trees)
+            continue
         case = CASES[what]
         captures = [_capture(case, place / f"{what} {count}", count) for count in (1, 1 + case.frames)]
         commands = {}
@@ -66,6 +75,17 @@ def against(reference: str, place: Path, repeats: int, *, cases: list[str]) -> I
         yield Row(f"{what}: CPU time per frame over that of {reference}", case.asked, measured, (ratio,))
         ratio = start["this"] / start["that"]
         yield Row("… of a run of one frame", None, f"{ratio:.2f}", (ratio,))
+
+
+def _memory(reference: str, place: Path, options: Mapping[str, list[str]], trees: Mapping[str, Path]) -> Row:
+    """Return the row of peak memory, of two jobs with all their processes."""
+    capture, out = capture_of(place / MEMORY, MEMORY_FRAMES), place / "out"
+    this, that = (
+        peak(resolve(capture, out, *options[name], "-j", "2", environment={"PYTHONPATH": str(tree)}))
+        for name, tree in trees.items()
+    )
+    what = f"peak memory of the process tree, two jobs, {MEMORY_FRAMES} frames, over that of {reference}"
+    return Row(what, "≤ 1", f"{this / that:.2f} ({this / 1e6:.0f} and {that / 1e6:.0f} MB)", (this / that, this, that))
 
 
 def _installed(reference: str, place: Path) -> Path:

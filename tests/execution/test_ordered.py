@@ -4,13 +4,14 @@ import os
 import signal
 import threading
 import time
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 
-from cadtof_cli.execution.ordered import START_METHODS, StartMethod, WorkerDied, Workers, run_ordered
-from cadtof_cli.execution.outcome import Later, Work, finishing
+from cadtof_cli.execution.ordered import ALONE, START_METHODS, StartMethod, WorkerDied, Workers, run_ordered
+from cadtof_cli.execution.outcome import HELD_AT_ONCE, LATER_AT_ONCE, Later, Work, finishing
 from cadtof_cli.execution.pool import TASKS_PER_WORKER
 
 pytestmark = pytest.mark.filterwarnings("ignore:This process.*is multi-threaded, use of fork:DeprecationWarning")
@@ -21,7 +22,7 @@ def square(number: int) -> int:
 
 
 def half_later(number: int) -> Later[float]:
-    return Later(lambda: 0.5 * number)
+    return Later(lambda _: 0.5 * number)
 
 
 def first_is_slow(number: int) -> int:
@@ -143,7 +144,7 @@ def waits_for_the_next(task: tuple[int, Path]) -> int | Later[int]:
     if number % 2:
         return number
 
-    def finish() -> int:
+    def finish(let_go: Callable[[], None]) -> int:
         deadline = time.monotonic() + 20
         while number < 8 and not (folder / str(number + 1)).exists():
             assert time.monotonic() < deadline
@@ -164,8 +165,36 @@ def test_what_only_waits_is_done_while_the_next_task_is(jobs: int, tmp_path: Pat
         next(outcomes)
 
 
+def test_few_hold_their_memory_while_more_are_waited_for() -> None:
+    """As many as may, and the one that is computed: of results that take long to be written, and longer to be kept."""
+    lock, counts, most = threading.Lock(), Counter[str](), Counter[str]()
+
+    def count(what: str, change: int) -> None:
+        with lock:
+            counts[what] += change
+            most[what] = max(most[what], counts[what])
+
+    def slow(number: int) -> int | Later[int]:
+        count("held", 1)
+
+        def finish(let_go: Callable[[], None]) -> int:
+            count("waited for", 1)
+            time.sleep(0.01)
+            count("held", -1)
+            if number % 3:
+                let_go()
+                time.sleep(0.05)
+            count("waited for", -1)
+            return number
+
+        return Later(finish)
+
+    assert [outcome.result for outcome in run_ordered(slow, range(30), workers=ALONE)] == list(range(30))
+    assert most == {"held": HELD_AT_ONCE + 1, "waited for": LATER_AT_ONCE}
+
+
 def dies_while_it_waits(number: int) -> int | Later[int]:
-    def finish() -> int:
+    def finish(let_go: Callable[[], None]) -> int:
         if number == 3:
             os._exit(1)
         return number
@@ -179,7 +208,7 @@ def test_a_process_that_dies_while_it_waits_costs_no_other_task() -> None:
 
 
 def hangs_while_it_waits(number: int) -> int | Later[int]:
-    def finish() -> int:
+    def finish(let_go: Callable[[], None]) -> int:
         if number == 3:
             time.sleep(1000)
         return number
@@ -264,7 +293,7 @@ def test_a_signal_before_a_thread_is_started_is_what_ends_the_run(monkeypatch: p
 
     def begun() -> Later[int]:
         with finishing() as finisher:
-            return finisher.begin(Later(lambda: 9))
+            return finisher.begin(Later(lambda _: 9))
 
     monkeypatch.setattr(threading.Thread, "start", interrupted)
     with pytest.raises(KeyboardInterrupt):

@@ -11,7 +11,9 @@ from cadtof_cli.resolver.diffuse.leaning import Leaning
 from cadtof_cli.resolver.diffuse.noise import Entry
 from cadtof_cli.resolver.diffuse.patch_fit import PatchFit
 from cadtof_cli.resolver.diffuse.prior import MEAN, WITHIN_PATCH
+from cadtof_cli.resolver.diffuse.quantiles import median
 from cadtof_cli.resolver.diffuse.tail import residuals
+from cadtof_cli.resolver.diffuse.walls import over_neighbours
 
 BESIDE_MORE = 0.3
 """By how much the light of surfaces beside the view exceeds what its continued border sends, as a share of that, where a patch
@@ -52,6 +54,16 @@ them, and the mean over the frame counts."""
 LARGEST_SURPRISE = 1.0
 """χ² of a patch from which that mean grows no more with two harmonics: that the data are missed is known then, and by how much
 says nothing of the lag."""
+
+STANDING_OUT, LARGEST_LOCAL = 3.0, 20.0
+"""Mean χ² of a patch and its neighbours from which they show something that the rest of the room does not, such as a net close to
+its wall; and from which it counts no more, so that no patch alone makes that of its neighbours."""
+
+STANDING_OUT_OF_MANY = 4.0
+"""The same over the median of the frame: where all patches are missed, none stands out."""
+
+UNEXPECTED = 12.0
+"""How the variance of such patches grows with what χ² is more than that, over their posterior variance."""
 
 LAG_ERROR = (0.0, 0.05)
 """Standard deviation of the lag, as a share of it, that all patches have in common."""
@@ -149,6 +161,8 @@ def coarse_planes(
         0.0 if leaning is None else leaning.left_rad,
     )
     left[1, 1] = left[1, 1] + sum(part**2 for part in shared)
+    if leaning is not None:
+        left[1, 1] = left[1, 1] + UNEXPECTED * _standing_out(posterior.chi_squared, valid) * posterior.covariance[1, 1]
     rows = [*values, *(spread[entry] for entry in entries), left[1, 1], _mpi_variance(values, spread, left)]
     held = np.array(rows)
     planes = np.empty((len(held), *valid.shape), np.float32)
@@ -163,6 +177,15 @@ def _surprise(posterior: Conditioned, *, common: bool) -> Float:
     variance = posterior.covariance[1, 1]
     mean: Float = np.mean(variance * np.minimum(posterior.chi_squared, LARGEST_SURPRISE)) / variance
     return mean
+
+
+def _standing_out(chi_squared: Float, valid: Bool) -> Float:
+    """Return by how much χ² of n valid patches, (rows, columns), and their neighbours is more than rooms have, (n,)."""
+    local = np.zeros(valid.shape)
+    local[valid] = np.minimum(chi_squared, LARGEST_LOCAL)
+    mean = over_neighbours(local)[valid] / over_neighbours(valid.astype(np.float64))[valid]
+    usual = max(STANDING_OUT, STANDING_OUT_OF_MANY * float(median(chi_squared)))
+    return np.maximum(mean - usual, 0.0)
 
 
 def _mpi_variance(values: Float, spread: Float, left: dict[Entry, Float]) -> Float:

@@ -1,19 +1,21 @@
 """A pixel's answer: its own data through its patches' linear model of the tail.
 
 Every pixel alone, by the same operations wherever it stands, so that blocks of any size give the same bits; and in single
-precision from the data on, whose rounding is a thousandth of their noise. `_tail.h` is the compiled twin.
+precision from the data on, whose rounding is a thousandth of their noise. `_tail.h` is the compiled twin, and this its front.
 """
 
 import numpy as np
 
 from cadtof_cli.arrays import Bool, Complex, Float, Float32
 from cadtof_cli.records import dataclass
+from cadtof_cli.resolver.diffuse.compiled_fit import compiled_fits
 from cadtof_cli.resolver.diffuse.condition import conditioned
 from cadtof_cli.resolver.diffuse.elementary import exponential, logarithm, phase_of, rotor
 from cadtof_cli.resolver.diffuse.light import LARGEST_AMPLITUDE
 from cadtof_cli.resolver.diffuse.noise import noise_covariance
 from cadtof_cli.resolver.diffuse.records import DiffuseBlock, DiffuseModel, DiffusePixels
 from cadtof_cli.resolver.diffuse.tail import residuals
+from cadtof_cli.resolver.two_path.kernel import NUMPY, Buffers, extension
 
 FULL_TURN = 2.0 * np.pi
 
@@ -44,7 +46,7 @@ class PixelData:
 
 
 def diffuse_pixels(
-    phasors: Complex, /, *, tail: DiffuseBlock, usable: Bool, samples: Float | None = None
+    phasors: Complex, /, *, tail: DiffuseBlock, usable: Bool, samples: Float | None = None, kernel: str = NUMPY
 ) -> DiffusePixels:
     """Return the answers of the pixels that a block of a frame's model is for; inputs are not changed.
 
@@ -53,8 +55,11 @@ def diffuse_pixels(
         tail: the frame's model, and which of its pixels these are.
         usable: (n,); the others get NaN.
         samples: over how many recorded pixels each phasor is a mean, (n,); None: 1.
+        kernel: of `available_kernels`, all of which give the same bits.
     """
     model, pixels = tail.model, tail.pixels
+    if compiled_fits(len(model.settings.harmonics), kernel):
+        return _by_kernel(phasors, tail, usable, samples, kernel)
     with np.errstate(over="ignore"):
         square = phasors.real**2 + phasors.imag**2
     answered = usable & (square < LARGEST_AMPLITUDE**2).all(axis=0) & (square[0] > 0.0)
@@ -79,6 +84,39 @@ def diffuse_pixels(
     if not every:
         answer.clear(~answered)
     return answer
+
+
+def _by_kernel(phasors: Complex, tail: DiffuseBlock, usable: Bool, samples: Float | None, kernel: str) -> DiffusePixels:
+    answered, rows = np.empty(usable.size, np.bool_), np.empty((7, usable.size), np.float32)
+    given = [None if one is None else np.ascontiguousarray(one) for one in (phasors, usable, samples)]
+    extension().answer_tail(kernel, 0, usable.size, *given, answered, rows, *tail_buffers(tail))
+    return DiffusePixels(tail.model.separate_variance, answered, *rows)
+
+
+def tail_buffers(tail: DiffuseBlock, /) -> Buffers:
+    """Return the model of a frame for a stretch of its pixels as the compiled twin takes it."""
+    compiled, model = extension(), tail.model
+    up, settings = model.upsampler, model.settings
+    height, width = up.grid.height, up.grid.width
+    rows, columns = up.range_m.shape
+    sizes = {"first": tail.pixels.start, "height": height, "width": width, "side": up.grid.side, "left": up.first}
+    sizes |= {"rows": rows, "columns": columns, "harmonics": len(settings.harmonics)}
+    constants = {"separate_variance": model.separate_variance, "metres": settings.m_per_rad}
+    constants |= {"nearest_m": settings.nearest_m, "nearest_rad": settings.nearest_m / settings.m_per_rad}
+    offset = model.range_offset_m
+    return (
+        np.array([sizes[name] for name in compiled.tail_sizes()], np.int64),
+        np.array([constants[name] for name in compiled.tail_constants()]),
+        np.array(settings.harmonics, np.int64),
+        np.array(model.variances),
+        np.ascontiguousarray(up.planes),
+        np.ascontiguousarray(up.range_m),
+        up.down,
+        up.right,
+        np.asarray(up.above(np.arange(height)), np.int64),
+        np.ascontiguousarray(model.separate) if model.separate.any() else None,
+        None if offset is None else np.ascontiguousarray(offset, np.float64),
+    )
 
 
 def _direct(seen: PixelData, shrink: Float32, lag: Float32, variance: Float32) -> tuple[Float32, Float32, Float32]:

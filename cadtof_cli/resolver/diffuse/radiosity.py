@@ -7,10 +7,9 @@ from numpy.typing import NDArray
 
 from cadtof_cli.arrays import Complex, Float, Float32
 from cadtof_cli.records import dataclass
-from cadtof_cli.resolver.diffuse.compiled_radiosity import compiled_form_factors, compiled_kernel
 from cadtof_cli.resolver.diffuse.planes import Surfaces
 from cadtof_cli.resolver.diffuse.quantiles import median
-from cadtof_cli.resolver.two_path.kernel import NUMPY
+from cadtof_cli.resolver.two_path.kernel import NUMPY, extension
 
 LATER_ALBEDO = 0.65
 """Mean albedo inside the later bounces, whose sum it makes finite; their strength is free in the fit."""
@@ -121,10 +120,11 @@ def _gathered(kernel: NDArray[T], light: NDArray[T]) -> NDArray[T]:
 def _kernel(form: Float32, albedo: Float32, phase_rad: Float32, kernel: str) -> tuple[Complex64, Complex64]:
     """Return K_ij of the fundamental, from form factors, the sources' albedos and the phases of the way; and exp(i·phase)."""
     cos, sin = np.cos(phase_rad), np.sin(phase_rad)
-    if kernel != NUMPY:
-        return compiled_kernel(form, albedo, cos, sin, kernel=kernel)
-    lit = form * albedo
     matrix, turn = np.empty(form.shape, np.complex64), np.empty(form.shape, np.complex64)
+    if kernel != NUMPY:
+        extension().light_kernel(kernel, form, albedo, cos, sin, matrix, turn)
+        return matrix, turn
+    lit = form * albedo
     matrix.real, matrix.imag, turn.real, turn.imag = lit * cos, lit * sin, cos, sin
     return matrix, turn
 
@@ -150,7 +150,9 @@ def _form_factors(onto: Surfaces, sources: Surfaces, rad_per_m: float, kernel: s
     r2 = _inner_products(ends, np.concatenate([lit_points[:3], lit_square, lit_points[3:]]))
     area = sources.area_m2.astype(np.float32)
     if kernel != NUMPY:
-        return compiled_form_factors(form, facing, r2, area, rad_per_m=rad_per_m, kernel=kernel)
+        # in place of what it is given
+        extension().form_factors(kernel, rad_per_m, facing, area, form, r2)
+        return form, r2
     for over_plane in (form, facing):
         np.maximum(over_plane, 0.0, out=over_plane)
     form *= facing

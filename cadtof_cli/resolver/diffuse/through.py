@@ -34,6 +34,10 @@ LEAST_LEFT = 0.2
 """Least amplitude of the farther paths over that of the wall where it is seen freely, the median over such patches: in rendered
 rooms, .3 to .8 of it is left behind a net. What a tail makes believe has less, but for a few rooms, which it hardly harms."""
 
+LARGEST_COVER = 0.4
+"""Share of the patches that may be covered at the most: a wall is known to be behind by what is seen of it beside. Nets that were
+rendered or hung cover up to a quarter."""
+
 BESIDE_SHARE = 0.15
 """The same of the farther path in a patch beside such ones, whatever its farther path ends on."""
 
@@ -173,6 +177,8 @@ def seen_through(
     lag_rad = float(np.angle(tails.far[0]))
     more = valid & (paths.near_share > NEAR_SHARE) & (paths.near_share < 1.0 - BESIDE_SHARE) & (apart_ns > APART_NS[0])
     found = _grown(found, more, near_m)
+    if found.sum() > LARGEST_COVER * valid.sum():
+        return None
     variance = (OFF_SHARE * off_rad) ** 2 + (LAG_SHARE * lag_rad) ** 2
     return SeenThrough(found, _with_surroundings(near_m, found), tails, variance)
 

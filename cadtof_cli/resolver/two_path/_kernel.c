@@ -123,7 +123,7 @@ static enum type type_of(const Py_buffer *view) {
 /* --- stored values -> maps ----------------------------------------------------------------------------------------------- */
 
 typedef struct {
-    int order, returns;
+    int order, returns, bits;
     Part part;
 } Asked;
 
@@ -132,6 +132,7 @@ static PyObject *resolve_checked(const Level *level, const void *options, const 
     const int64_t pixels = values_in(&view[STATUS]);
     if (asked->order < ORDER_AUTO || asked->order > ORDER_TWO || asked->returns < RETURN_FIRST || asked->returns > RETURN_LAST)
         return PyErr_Format(PyExc_ValueError, "found order %d and returns %d, expected 0, 1 or 2 each", asked->order, asked->returns);
+    if (asked->bits < -1) return PyErr_Format(PyExc_ValueError, "found bits %d, expected -1 or more", asked->bits);
     if (!is_part(&asked->part, pixels) || !fit_frame(view, pixels)) return NULL;
     const int through = has_tail(&view[OF_TAIL]);
     Tail tail;
@@ -151,6 +152,7 @@ static PyObject *resolve_checked(const Level *level, const void *options, const 
         .status = view[STATUS].buf,
         .pixels = pixels,
         .type = type_of(&view[STORED]),
+        .bits = asked->bits,
         .order = (enum order)asked->order,
         .returns = (enum returns)asked->returns,
     };
@@ -163,8 +165,8 @@ static PyObject *resolve_checked(const Level *level, const void *options, const 
 static PyObject *resolve(PyObject *module, PyObject *arguments) {
     (void)module;
     Asked asked = {0};
-    return with_buffers(arguments, BUFFER, BUFFERS, resolve_checked, &asked, "iinn", &asked.order, &asked.returns, &asked.part.start,
-                        &asked.part.stop);
+    return with_buffers(arguments, BUFFER, BUFFERS, resolve_checked, &asked, "iiinn", &asked.order, &asked.returns, &asked.bits,
+                        &asked.part.start, &asked.part.stop);
 }
 
 static PyObject *count_checked(const Level *level, const void *none, const Py_buffer *status) {
@@ -208,7 +210,7 @@ LIST_OF(tail_constants, TAIL_CONSTANTS)
 
 static PyMethodDef METHODS[] = {
     {"resolve", resolve, METH_VARARGS,
-     "resolve(level, order, returns, start, stop, constants, stored, own, other, constant, samples, metres, shift, layers, "
+     "resolve(level, order, returns, bits, start, stop, constants, stored, own, other, constant, samples, metres, shift, layers, "
      "status, tail...)\n\n"
      "Fill layers and status of the pixels from start up to stop. Everybody but the tests calls it through kernel.py."},
     {"count_status", count_status, METH_VARARGS,

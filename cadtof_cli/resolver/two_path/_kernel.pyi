@@ -4,6 +4,7 @@ def resolve(
     level: str,
     order: int,
     returns: int,
+    bits: int,
     start: int,
     stop: int,
     constants: Buffer,

@@ -5,8 +5,8 @@
 INLINE double bits_of_one(double fall_off) { return fall_off > 1.0 ? (double)(ONE_PATH + ILL_CONDITIONED) : (double)ONE_PATH; }
 
 /* returns.py: _pair; order.py: worth_another, _kept; resolve.py: _bits. Where `ones` is 0, no pixel of the group may have one path. */
-INLINE void choose_answers(Group *restrict g, const Frame *restrict frame, const int ones) {
-    const int strongest = frame->returns == RETURN_STRONGEST, last = frame->returns == RETURN_LAST;
+INLINE void choose_answers(Group *restrict g, const Frame *restrict frame, const int ones, const int first) {
+    const int strongest = !first && frame->returns == RETURN_STRONGEST, last = !first && frame->returns == RETURN_LAST;
     const double ratio = strongest ? 1.0 : frame->constants->return_ratio;
     EACH_PIXEL {
         double a = g->a[i], b = g->b[i], x = g->x[i], y = g->y[i], sigma_x = g->sigma_x[i], sigma_y = g->sigma_y[i], lead = y - x;
@@ -31,7 +31,7 @@ INLINE void choose_answers(Group *restrict g, const Frame *restrict frame, const
             double one_path = bits_of_one(g->fall_off[i]);
             bits = fabs(amplitude) <= DBL_MAX ? one_path : 0.0;
         }
-        bits = fabs(amplitude2) <= DBL_MAX ? (double)TWO_PATHS + g->doubtful[i] : bits;
+        bits = first || fabs(amplitude2) <= DBL_MAX ? (double)TWO_PATHS + g->doubtful[i] : bits;
         g->amplitude[0][i] = amplitude;
         g->amplitude[1][i] = amplitude2;
         g->phase[0][i] = phase;
@@ -40,6 +40,36 @@ INLINE void choose_answers(Group *restrict g, const Frame *restrict frame, const
         g->sigma[1][i] = deviation2;
         g->refusal[i] = g->refusal[i] + bits;
     }
+}
+
+/* |d|^2 above which one path leaves a misfit beyond the limit for certain, where |d| <= |p1|/8; see is_rivalled. */
+INLINE double certain_misfit(const Frame *restrict frame) {
+    const Constants *k = frame->constants;
+    const double more1 = fabs(k->doubled1), more2 = fabs(k->doubled2), most = 4.0 * (k->dark1 + more1) + k->dark2 + more2;
+    const double across = k->doubled1 >= 0.0 && k->doubled2 >= 0.0 ? 4.0 * k->dark1 + k->dark2 : most;
+    const double variance = at_least(across, k->dark1 + more1 + k->dark2 + more2);
+    return k->dark1 > more1 && k->dark2 > more2 ? 1.2 * k->misfit_limit * variance : INFINITY;
+}
+
+/* Whether any pixel of a group that has two paths may have one instead; where it is plain that one path leaves too much, and that
+ * both of two lie farther from it than they scatter, order.py has no use for the one.
+ *
+ * Let |p1| = u and arg p1 = 0, p2 = pr + i pi with phase f, and |d| = |u - p2| <= u/8, so that |f| < 0.144. one_path.py: _start
+ * takes a phase t between 0 and f/2. Its misfits along and across, A and P, are the parts of d exp(-2it) up to 0.07 |d|, so
+ * chi^2 >= 0.86 |d|^2 over the larger variance. And tan t is within 0.01 of side/top, side = 2w pi and top = u + 4w pr, so a path at x
+ * is farther from it than sqrt(2) sigma where |sin x - cos x side/top| - 0.012 |side/top| > 1.43 sigma. */
+INLINE int is_rivalled(const Group *restrict g, const Frame *restrict frame, double certain) {
+    const double weight = frame->constants->weight;
+    int64_t found = 0;
+    EACH_PIXEL {
+        double u = g->u[i], cos = g->cos[i], sin = g->sin[i], top = u + 4.0 * weight * g->pr[i], side = 2.0 * weight * g->pi[i];
+        double re = top * cos - side * sin, im = top * sin + side * cos, cos_m = g->cos_m[i], sin_m = g->sin_m[i];
+        double even = (sin_m * re - cos_m * im) * g->cos_half[i], odd = (cos_m * re + sin_m * im) * g->sin_half[i];
+        double doubt = 0.012 * fabs(side), scatter = 1.43 * top, d2 = g->d2[i];
+        int far = (fabs(even + odd) - doubt > scatter * g->sigma_x[i]) & (fabs(even - odd) - doubt > scatter * g->sigma_y[i]);
+        found |= (g->may[i] > 0.0) & !(far & (d2 > certain) & (64.0 * d2 <= u * u));
+    }
+    return found != 0;
 }
 
 /* The same where no pixel of a group needs two paths: who is answered has one, ... */
@@ -66,12 +96,14 @@ INLINE int is_unexplained(double amplitude, double confidence, double bits) {
 }
 
 /* depth.py: clear_impossible. What is compared is what is written, in float; few groups hold a pixel that may be beyond, or that has
- * no answer, whose NaN is not below anything either. */
-INLINE void clear_impossible(Group *restrict g, const Frame *restrict frame) {
+ * no answer, whose NaN is not below anything either. Where all have two paths, t1 still holds p0 of two_paths: their sum, and not less
+ * than the confidence. */
+INLINE void clear_impossible(Group *restrict g, const Frame *restrict frame, const int all_pairs) {
     const Constants *k = frame->constants;
     const double volts = k->volts, nearly = k->most_volts / volts * (1.0 - 1e-6);
     int64_t beyond = 0;
-    EACH_PIXEL {
+    if (all_pairs) EACH_PIXEL beyond |= !(g->t1[i] <= nearly);
+    else EACH_PIXEL {
         double a = g->amplitude[0][i], b = g->amplitude[1][i], total = at_least(a, 0.0) + (b > 0.0 ? b : 0.0);
         beyond |= !((total <= nearly) & (g->confidence[i] <= nearly));
     }
@@ -135,8 +167,8 @@ INLINE void put_tail(Group *restrict g, const Frame *restrict frame) {
 /* Every pixel from `start` up to `stop`. */
 INLINE void resolve_pixels(const Frame *restrict frame, int64_t start, int64_t stop) {
     Group group, *g = &group;
-    const int plain = !frame->tail && !frame->samples && !frame->own;
-    const double least = least_answered(frame);
+    const int plain = !frame->tail && !frame->samples && !frame->own, one_scale = !frame->metres && !frame->shift;
+    const double least = least_answered(frame), certain = certain_misfit(frame);
     memset(g, 0, sizeof group);
     for (int m; start < stop; start += m) {
         m = frame->tail ? in_group(frame->tail, start, stop) : stop - start < GROUP ? (int)(stop - start) : GROUP;
@@ -154,18 +186,30 @@ INLINE void resolve_pixels(const Frame *restrict frame, int64_t start, int64_t s
             if (frame->tail && any(g->answered)) fundamental_frame(g);
             choose_pixels(g, frame);
         }
-        if (g->ones) one_path(g, frame);
-        if (g->pairs) {
-            two_paths(g);
-            two_path_sigmas(g, frame);
-            phases(g);
-            if (g->ones) choose_answers(g, frame, 1);
-            else choose_answers(g, frame, 0);
-        } else if (g->ones) answer_one(g);
+        /* most pixels that are known to have two paths need no look at one */
+        const int pairs_first = answered && g->pairs;
+        enum { ONES, PAIRS, DONE } next = pairs_first ? PAIRS : ONES;
+        while (next != DONE) {
+            if (next == ONES) {
+                if (g->ones) one_path(g, frame);
+                next = g->pairs && !pairs_first ? PAIRS : DONE;
+            } else {
+                two_paths(g);
+                phases_and_sigmas(g, frame);
+                if (pairs_first && g->ones) g->ones = is_rivalled(g, frame, certain);
+                next = pairs_first ? ONES : DONE;
+            }
+        }
+        if (g->pairs && g->ones) choose_answers(g, frame, 1, 0);
+        else if (g->pairs && answered && frame->returns == RETURN_FIRST) choose_answers(g, frame, 0, 1);
+        else if (g->pairs) choose_answers(g, frame, 0, 0);
+        else if (g->ones) answer_one(g);
         else answer_none(g);
         if (frame->tail) put_tail(g, frame);
-        clear_impossible(g, frame);
-        store(g, frame, start, m);
+        if (answered && g->pairs && !g->ones) clear_impossible(g, frame, 1);
+        else clear_impossible(g, frame, 0);
+        if (answered && one_scale && !g->cleared) store(g, frame, start, GROUP, 1, 0);
+        else store(g, frame, start, m, 0, !answered);
     }
 }
 

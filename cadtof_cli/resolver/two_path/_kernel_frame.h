@@ -61,7 +61,8 @@ typedef struct {
     const double *shift;     /* radians to take from every phase */
     const Tail *tail;        /* the frame's diffuse MPI; NULL: there is none */
     float *layers;           /* LAYERS planes */
-    uint32_t *status;        /* in: bits known before; out: all */
+    uint32_t *status;        /* in, where `bits` are none: bits known before; out: all */
+    int32_t bits;            /* known before, of every pixel; -1: none are */
     int64_t pixels;
     enum type type;
     enum order order;
@@ -101,35 +102,48 @@ INLINE void fetch(const Frame *restrict frame, int64_t start) {
 /* A limit of saturation for whole numbers; NaN, which is none, becomes one that no 16 bits reach. */
 INLINE int32_t whole(double limit) { return limit > -1e9 ? limit < 1e9 ? (int32_t)floor(limit) : 1000000000 : -1000000000; }
 
-/* Whether none of a whole group's pixels is saturated, or has a bit that refuses an answer. */
-#define SATURATES(TYPE, WIDE, LOW, HIGH, LEAST, MOST) \
+/* Whether a pixel of a whole group lies below `below` or above `above`, which any pixel does where no TYPE reaches them. */
+#define IS_BEYOND(TYPE, LEAST, MOST, BELOW, ABOVE) \
     { \
         const TYPE *stored = (const TYPE *)frame->stored + start; \
+        if (BELOW > MOST || ABOVE < LEAST) return 0; \
+        const TYPE low = BELOW < LEAST ? LEAST : (TYPE)BELOW, high = ABOVE > MOST ? MOST : (TYPE)ABOVE; \
+        TYPE beyond = 0; \
         EACH_PIXEL { \
-            WIDE least = MOST, most = LEAST; \
+            TYPE least = MOST, most = LEAST; \
             for (int c = 0; c < 4; c++) { \
-                const WIDE value = stored[c * n + i]; \
+                const TYPE value = stored[c * n + i]; \
                 least = value < least ? value : least; \
                 most = value > most ? value : most; \
             } \
-            beyond |= (least <= LOW) | (most >= HIGH); \
+            beyond |= (least < low) | (most > high); \
         } \
+        return !beyond; \
     }
 
+/* Whether none of a whole group's pixels is saturated, or has a bit that refuses an answer. */
 INLINE int is_sound(const Frame *restrict frame, int64_t start) {
     const double low = frame->constants->saturated_low, high = frame->constants->saturated_high;
     const float low_f = (float)low, high_f = (float)high;
-    const int32_t low_i = whole(low), high_i = -whole(-high);
+    const int32_t below = whole(low) + 1, above = -whole(-high) - 1;
     const int64_t n = frame->pixels;
     uint32_t known = 0;
-    int32_t beyond = 0;
-    EACH_PIXEL known |= frame->status[start + i];
+    if (frame->bits >= 0) known = (uint32_t)frame->bits;
+    else EACH_PIXEL known |= frame->status[start + i];
     if (known & (SATURATED | NOT_FINITE | HOT_PIXEL)) return 0;
-    switch (frame->type) {
-    case UINT16: SATURATES(uint16_t, int32_t, low_i, high_i, 0, UINT16_MAX) break;
-    case INT16: SATURATES(int16_t, int32_t, low_i, high_i, INT16_MIN, INT16_MAX) break;
-    case FLOAT32: SATURATES(float, float, low_f, high_f, -INFINITY, INFINITY) break;
-    default: return 0;
+    if (frame->type == UINT16) IS_BEYOND(uint16_t, 0, UINT16_MAX, below, above)
+    if (frame->type == INT16) IS_BEYOND(int16_t, INT16_MIN, INT16_MAX, below, above)
+    if (frame->type != FLOAT32) return 0;
+    const float *stored = (const float *)frame->stored + start;
+    int32_t beyond = 0;
+    EACH_PIXEL {
+        float least = INFINITY, most = -INFINITY;
+        for (int c = 0; c < 4; c++) {
+            const float value = stored[c * n + i];
+            least = value < least ? value : least;
+            most = value > most ? value : most;
+        }
+        beyond |= (least <= low_f) | (most >= high_f);
     }
     return !beyond;
 }
@@ -178,7 +192,9 @@ INLINE void load(Group *restrict g, const Frame *restrict frame, int64_t start, 
         }
     }
     const uint32_t none = SATURATED | NOT_FINITE | HOT_PIXEL;
-    const uint32_t *status = frame->status + start;
+    uint32_t *status = frame->status + start;
+    if (frame->bits >= 0)
+        for (int i = 0; i < m; i++) status[i] = (uint32_t)frame->bits;
     if (m == GROUP) EACH_PIXEL g->unsound[i] = status[i] & none ? 1.0 : 0.0;
     else EACH_PIXEL g->unsound[i] = status[i < m ? i : 0] & none ? 1.0 : 0.0;
     EACH_PIXEL {
@@ -207,15 +223,16 @@ INLINE void load(Group *restrict g, const Frame *restrict frame, int64_t start, 
     }
 }
 
-/* depth.py: write_block. NaN is written as the one quiet NaN without a sign. */
-INLINE float written(double value, double scale) {
+/* depth.py: write_block. NaN is written as the one quiet NaN without a sign, which `finite` values are already where they are none. */
+INLINE float written(double value, double scale, int finite) {
     const float out = (float)(value * scale);
-    return out == out ? out : NAN;
+    return finite || out == out ? out : NAN;
 }
 
-INLINE void store_layer(const double *restrict values, const double *restrict scale, float *restrict to, int m) {
-    if (m == GROUP) EACH_PIXEL to[i] = written(values[i], scale[i]);
-    else for (int i = 0; i < m; i++) to[i] = written(values[i], scale[i]);
+INLINE void store_layer(const double *restrict values, const double *restrict scale, float *restrict to, int m, int finite) {
+    if (finite) EACH_PIXEL to[i] = written(values[i], scale[i], 1);
+    else if (m == GROUP) EACH_PIXEL to[i] = written(values[i], scale[i], 0);
+    else for (int i = 0; i < m; i++) to[i] = written(values[i], scale[i], 0);
 }
 
 INLINE void store_none(float *restrict to, int m) {
@@ -223,7 +240,9 @@ INLINE void store_none(float *restrict to, int m) {
     else for (int i = 0; i < m; i++) to[i] = NAN;
 }
 
-INLINE void store(Group *restrict g, const Frame *restrict frame, int64_t start, int m) {
+/* `finite`: whether all answers of a whole group are, where they are not NAN itself, and so are their scales. `loaded`: by load, or
+ * by load_sound, which leaves status alone. */
+INLINE void store(Group *restrict g, const Frame *restrict frame, int64_t start, int m, int finite, int loaded) {
     const double volts = frame->constants->volts;
     const int64_t n = frame->pixels;
     float *layers = frame->layers + start;
@@ -239,15 +258,16 @@ INLINE void store(Group *restrict g, const Frame *restrict frame, int64_t start,
     else EACH_PIXEL g->t2[i] = frame->constants->metres;
     EACH_PIXEL g->t3[i] = volts;
     for (int path = 0; path < 1 + g->pairs; path++) {
-        store_layer(g->phase[path], g->t2, layers + path * n, m);
-        store_layer(g->amplitude[path], g->t3, layers + (2 + path) * n, m);
-        store_layer(g->sigma[path], g->t2, layers + (4 + path) * n, m);
+        store_layer(g->phase[path], g->t2, layers + path * n, m, finite);
+        store_layer(g->amplitude[path], g->t3, layers + (2 + path) * n, m, finite);
+        store_layer(g->sigma[path], g->t2, layers + (4 + path) * n, m, 0);
     }
     if (!g->pairs)
         for (int layer = 1; layer < 6; layer += 2) store_none(layers + layer * n, m);
-    store_layer(g->confidence, g->t3, layers + 6 * n, m);
+    store_layer(g->confidence, g->t3, layers + 6 * n, m, finite);
     uint32_t *restrict status = frame->status + start;
-    if (m == GROUP) EACH_PIXEL status[i] |= (uint32_t)(int32_t)g->refusal[i];
+    if (!loaded && frame->bits >= 0) EACH_PIXEL status[i] = (uint32_t)(frame->bits | (int32_t)g->refusal[i]);
+    else if (m == GROUP) EACH_PIXEL status[i] |= (uint32_t)(int32_t)g->refusal[i];
     else for (int i = 0; i < m; i++) status[i] |= (uint32_t)(int32_t)g->refusal[i];
     if (g->cleared)
         for (int i = 0; i < m; i++)

@@ -12,10 +12,12 @@ INLINE double rough_inverse_root(double x) {
     return y * (1.876598 - square * (1.2521 - square * 0.375502));
 }
 
-INLINE double inverse_root(double x) {
-    double y = rough_inverse_root(x), rest = 1.0 - x * y * y;
+INLINE double nearer_inverse_root(double x, double y) {
+    double rest = 1.0 - x * y * y;
     return y + y * rest * (0.5 + rest * (0.375 + rest * 0.3125));
 }
+
+INLINE double inverse_root(double x) { return nearer_inverse_root(x, rough_inverse_root(x)); }
 
 INLINE double inverse_root_or_none(double x) { return x < DBL_MIN ? 0.0 : inverse_root(x); }
 
@@ -102,7 +104,7 @@ INLINE int all_answered(Group *restrict g, const Frame *restrict frame, double l
     EACH_PIXEL {
         double re1 = g->re1[i], im1 = g->im1[i], power = g->t1[i], inverse = g->t2[i];
         Turned t = turned(g->re2[i], g->im2[i], power * inverse, re1 * inverse, im1 * inverse);
-        int may = t.d2 <= limit, plain = (power >= least) & (power <= 16.0) & (t.d2 >= 0x1p-95) & (t.d2 <= 1e100);
+        int may = t.d2 <= limit, plain = (power >= least) & (power <= 16.0) & (t.d2 >= 0x1p-95) & (t.d2 <= 1e9);
         found |= !plain ? IS_DOUBTFUL : may ? MAY_BE_ONE : IS_PAIR;
         put(g, i, t);
         g->may[i] = may ? 1.0 : 0.0;
@@ -279,26 +281,33 @@ INLINE void excess(Group *restrict g) {
 INLINE void two_paths(Group *restrict g) {
     excess(g);
     EACH_PIXEL {
-        double u = g->u[i], pi = g->pi[i], dr = u - g->pr[i], h = g->t3[i];
-        double p0 = u + h, product = (p0 + u) * h, re = p0 * dr - u * h, im = p0 * pi;
-        double double_square = product + fabs(re), norm = inverse_root(2.0 * product * double_square);
-        double large = double_square * norm, small = im * norm;
-        double cos_m = re >= 0.0 ? large : small, sin_m = re >= 0.0 ? small : large;
+        double u = g->u[i], dr = u - g->pr[i], h = g->t3[i], p0 = u + h, product = (p0 + u) * h;
+        double re = p0 * dr - u * h, double_square = product + fabs(re);
         g->t1[i] = p0;
-        g->cos_m[i] = cos_m;
-        g->sin_m[i] = sin_m;
-        g->cos_half[i] = ((h + dr) * cos_m + pi * sin_m) * u * (norm * large);
+        g->t2[i] = re;
+        g->t3[i] = h + dr;
+        g->t4[i] = double_square;
+        g->t5[i] = 2.0 * product * double_square;
+        g->a[i] = rough_inverse_root(g->t5[i]);
     }
     EACH_PIXEL {
-        double u = g->u[i], p0 = g->t1[i], cos = g->cos[i], sin = g->sin[i];
-        double cos_m = g->cos_m[i], sin_m = g->sin_m[i], cos_half = g->cos_half[i];
-        double square = at_least((1.0 - cos_half) * (1.0 + cos_half), 1e-300), inverse = inverse_root(square);
-        double split = at_least(at_most(sin_m * u * inverse, p0), -p0);
+        double pi = g->pi[i], re = g->t2[i], norm = nearer_inverse_root(g->t5[i], g->a[i]);
+        double large = g->t4[i] * norm, small = g->t1[i] * pi * norm;
+        double cos_m = re >= 0.0 ? large : small, sin_m = re >= 0.0 ? small : large;
+        double cos_half = (g->t3[i] * cos_m + pi * sin_m) * g->u[i] * (norm * large);
+        g->cos_m[i] = cos_m;
+        g->sin_m[i] = sin_m;
+        g->cos_half[i] = cos_half;
+        g->t2[i] = at_least((1.0 - cos_half) * (1.0 + cos_half), 1e-300);
+    }
+    EACH_PIXEL {
+        double u = g->u[i], p0 = g->t1[i], cos = g->cos[i], sin = g->sin[i], cos_m = g->cos_m[i], sin_m = g->sin_m[i];
+        double inverse = inverse_root(g->t2[i]), split = at_least(at_most(sin_m * u * inverse, p0), -p0);
         g->a[i] = 0.5 * (p0 + split);
         g->b[i] = 0.5 * (p0 - split);
         g->cos_m[i] = cos_m * cos + sin_m * sin;
         g->sin_m[i] = cos_m * sin - sin_m * cos;
-        g->sin_half[i] = square * inverse;
+        g->sin_half[i] = g->t2[i] * inverse;
     }
     if (g->singles) EACH_PIXEL {
         int single = g->single[i] > 0.0;
@@ -310,6 +319,17 @@ INLINE void two_paths(Group *restrict g) {
         g->sin_half[i] = single ? 0.0 : g->sin_half[i];
     }
 }
+
+/* closed_form.py: TwoPaths.phases, one pixel's */
+INLINE void put_phases(Group *restrict g, int i) {
+    double mean = phase_of(g->cos_m[i], g->sin_m[i]), half = phase_above(g->cos_half[i], g->sin_half[i]);
+    double x = mean + half, y = mean - half;
+    y = y < 0.0 ? y + FULL_TURN : y;
+    g->x[i] = x >= FULL_TURN ? x - FULL_TURN : x;
+    g->y[i] = y >= FULL_TURN ? 0.0 : y;
+}
+
+INLINE void phases(Group *restrict g) { EACH_PIXEL put_phases(g, i); }
 
 /* uncertainty.py: two_path_sigmas, in float as there */
 typedef struct {
@@ -323,7 +343,8 @@ INLINE double sigma(float strength, float rival, VarianceTerms t) {
     return (double)(sqrtf(variance) / (strength * t.scale));
 }
 
-INLINE void two_path_sigmas(Group *restrict g, const Frame *restrict frame) {
+/* Phases, too: roots and quotients keep a processor waiting, which works on those meanwhile. */
+INLINE void phases_and_sigmas(Group *restrict g, const Frame *restrict frame) {
     const Constants *k = frame->constants;
     const float alone0 = (float)k->alone0, alone1 = (float)k->alone1, alone2 = (float)k->alone2;
     const float own0 = (float)k->own0, own1 = (float)k->own1, own2 = (float)k->own2, own3 = (float)k->own3;
@@ -341,6 +362,7 @@ INLINE void two_path_sigmas(Group *restrict g, const Frame *restrict frame) {
         };
         g->sigma_x[i] = sigma(a, b, t);
         g->sigma_y[i] = sigma(b, a, t);
+        put_phases(g, i);
     }
     EACH_PIXEL {
         /* doubt, the larger over 0.5 * sin_half, is above 1 just where this is, in floating point too */
@@ -353,17 +375,5 @@ INLINE void two_path_sigmas(Group *restrict g, const Frame *restrict frame) {
         g->doubtful[i] = most / (0.5 * g->sin_half[i]) / g->root[i] > 1.0 ? (double)ILL_CONDITIONED : 0.0;
         g->sigma_x[i] = g->sigma_x[i] / g->root[i];
         g->sigma_y[i] = g->sigma_y[i] / g->root[i];
-    }
-}
-
-/* closed_form.py: TwoPaths.phases */
-INLINE void phases(Group *restrict g) {
-    EACH_PIXEL g->t1[i] = phase_of(g->cos_m[i], g->sin_m[i]);
-    EACH_PIXEL g->t2[i] = phase_above(g->cos_half[i], g->sin_half[i]);
-    EACH_PIXEL {
-        double x = g->t1[i] + g->t2[i], y = g->t1[i] - g->t2[i];
-        y = y < 0.0 ? y + FULL_TURN : y;
-        g->x[i] = x >= FULL_TURN ? x - FULL_TURN : x;
-        g->y[i] = y >= FULL_TURN ? 0.0 : y;
     }
 }

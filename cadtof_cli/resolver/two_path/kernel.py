@@ -150,13 +150,14 @@ class FrameKernel:
         light = (metres, scales.volts, scales.most_volts, scales.noise_volts)
         self._constants = _constants(settings, noise.each, scales.phasor_map, limits, source_type, light)
 
-    def fill(self, stored: Stored, /, *, layers: Float32, status: Status) -> None:
+    def fill(self, stored: Stored, /, *, layers: Float32, status: Status, bits: int | None = None) -> None:
         """Fill `layers` and `status` of the pixels from their stored values.
 
         Args:
             stored: values of harmonics 1 and 2 as a file holds them, (2, 2, n); or phasors, complex128 (2, n).
             layers: float32 (7, n): depth, amplitude and sigma of the direct path and the MPI's each, and confidence.
             status: (n,), with the bits that are known already: of those saturated, not finite and hot pixel mean no answer.
+            bits: those that are known of all pixels; whatever `status` holds is of no matter then.
 
         Raises:
             ValueError: an array has the wrong shape or layout, or there is no such kernel.
@@ -172,7 +173,16 @@ class FrameKernel:
             values = np.require(values, requirements=_NEIGHBOURS)
         # what is written may not be copied: the extension takes nothing but neighbours
         self._compiled.resolve(
-            *self._options, 0, status.size, self._constants, values, *self._arrays, layers, status, *self._tail
+            *self._options,
+            -1 if bits is None else bits,
+            0,
+            status.size,
+            self._constants,
+            values,
+            *self._arrays,
+            layers,
+            status,
+            *self._tail,
         )
 
 

@@ -1,8 +1,9 @@
 """One recorded frame → one file of maps: the unit of work that goes to a worker process."""
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from functools import partial, wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -13,6 +14,7 @@ from cadtof_cli.capture.frames import FrameSource, read_stored
 from cadtof_cli.errors import CadtofError, FrameError, PlaceError
 from cadtof_cli.execution.outcome import Later
 from cadtof_cli.execution.workers import keep_freed_memory
+from cadtof_cli.files.atomic import PartialFile
 from cadtof_cli.files.frames import FrameLayout, NotAFrameError
 from cadtof_cli.files.maps import DepthMaps, Digest, file_digest, stage_maps
 from cadtof_cli.frame_plan import FramePlan
@@ -118,48 +120,49 @@ def content_digest(values: Stored, /) -> str:
     return digest.hexdigest()
 
 
-def resolve_file(task: FrameTask, /) -> FrameReport | Later[FrameReport]:
-    """Read, resolve and write one frame; that its maps are on the disk is waited for later.
+def reported(work: Callable[..., Result], /) -> Callable[..., Result | FrameReport]:
+    """Return work on a task that never raises: whatever is wrong with the frame becomes its report.
 
-    Whatever is wrong with it becomes a report, never an exception.
+    It is told when the work on the frame `began`, which is now where nobody says it.
     """
+
+    @wraps(work)
+    def attempted(task: FrameTask, /, *arguments: Any, began: float | None = None) -> Result | FrameReport:
+        began = time.monotonic() if began is None else began
+        status: FrameStatus = "failed"
+        failed: CadtofError
+        try:
+            return work(task, *arguments, began=began)
+        except NotAFrameError as error:
+            status, failed = "skipped", error
+        except CadtofError as error:
+            failed = error
+        except MemoryError:
+            failed = FrameError("not enough memory for a frame of this size: try fewer --jobs")
+        except Exception as error:  # noqa: BLE001  (one frame's surprise must not cost the others)
+            failed = FrameError(f"unexpected {type(error).__name__}: {error}; please report it with the frame")
+        note = None
+        if task.resume and isinstance(failed, FrameError) and task.output.is_file():
+            # they are of a frame that there is no longer
+            task.output.unlink()
+            note = f"{task.output}: removed, as the frame that it was made from cannot be resolved any more"
+        seconds = time.monotonic() - began
+        return task.report(
+            status, str(failed), seconds, files=task.files(), note=note, stops=isinstance(failed, PlaceError)
+        )
+
+    return attempted
+
+
+@reported
+def resolve_file(task: FrameTask, /, *, began: float) -> FrameReport | Later[FrameReport]:
+    """Read, resolve and write one frame; that its maps are on the disk is waited for later."""
     keep_freed_memory()
-    began = time.monotonic()
-
-    def resolve() -> "FrameReport | Later[FrameReport]":
-        kept = kept_maps(task, began=began) if task.resume else None
-        if kept is not None:
-            return kept
-        frame, recording = read_frame(task)
-        resolved = resolve_frame(frame, plan=task.plan, calibration=task.calibration())
-        return written(task, resolved, recording, began=began)
-
-    return attempted(task, resolve, began=began)
-
-
-def attempted(task: FrameTask, work: Callable[[], Result], /, *, began: float) -> Result | FrameReport:
-    """Return what `work` on a frame returns, or a report of what kept it from returning."""
-    status: FrameStatus = "failed"
-    failed: CadtofError
-    try:
-        return work()
-    except NotAFrameError as error:
-        status, failed = "skipped", error
-    except CadtofError as error:
-        failed = error
-    except MemoryError:
-        failed = FrameError("not enough memory for a frame of this size: try fewer --jobs")
-    except Exception as error:  # noqa: BLE001  (one frame's surprise must not cost the others)
-        failed = FrameError(f"unexpected {type(error).__name__}: {error}; please report it with the frame")
-    note = None
-    if task.resume and isinstance(failed, FrameError) and task.output.is_file():
-        # they are of a frame that there is no longer
-        task.output.unlink()
-        note = f"{task.output}: removed, as the frame that it was made from cannot be resolved any more"
-    seconds = time.monotonic() - began
-    return task.report(
-        status, str(failed), seconds, files=task.files(), note=note, stops=isinstance(failed, PlaceError)
-    )
+    if task.resume and (kept := kept_maps(task, began=began)):
+        return kept
+    frame, recording = read_frame(task)
+    resolved = resolve_frame(frame, plan=task.plan, calibration=task.calibration())
+    return written(task, resolved, recording, began=began)
 
 
 def written(task: FrameTask, resolved: ResolvedFrame, recording: Recording, /, *, began: float) -> Later[FrameReport]:
@@ -177,25 +180,34 @@ def written(task: FrameTask, resolved: ResolvedFrame, recording: Recording, /, *
     if resolved.noise.estimated:
         reasons.append(f"noise estimated from the frame: integration_length {resolved.noise.integration_length:.4g}")
 
-    def keep() -> FrameReport:
-        size = file.commit()
-        return task.report(
-            "ok",
-            "; ".join(reasons) or None,
-            time.monotonic() - began,
-            one_path=counts.one_path,
-            two_paths=counts.two_paths,
-            more_paths=counts.more_paths if task.plan.settings.resolver.max_paths > 2 else None,
-            diffuse=counts.diffuse,
-            invalid=counts.invalid,
-            files=recording.files,
-            digest=recording.digest,
-            output_bytes=size,
-            output_digest=output_digest,
-            note=note,
-        )
+    known = {
+        "one_path": counts.one_path,
+        "two_paths": counts.two_paths,
+        "more_paths": counts.more_paths if task.plan.settings.resolver.max_paths > 2 else None,
+        "diffuse": counts.diffuse,
+        "invalid": counts.invalid,
+        "files": recording.files,
+        "digest": recording.digest,
+        "output_digest": output_digest,
+        "note": note,
+    }
+    return Later(partial(_kept, task, file, "; ".join(reasons) or None, known, began=began))
 
-    return Later(lambda: attempted(task, keep, began=began))
+
+@reported
+def _kept(
+    task: FrameTask,
+    file: PartialFile,
+    reason: str | None,
+    known: Mapping[str, Any],
+    let_go: Callable[[], None],
+    /,
+    *,
+    began: float,
+) -> FrameReport:
+    """Wait for a frame's maps to be on the disk; say when they are no longer held in memory."""
+    size = file.commit(let_go)
+    return task.report("ok", reason, time.monotonic() - began, output_bytes=size, **known)
 
 
 def answered_maps(resolved: ResolvedFrame, plan: FramePlan, /, *, source: object) -> tuple[DepthMaps, StatusCounts]:

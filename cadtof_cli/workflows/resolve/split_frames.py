@@ -1,8 +1,7 @@
 """A slow frame's pixels, spread over processes: it is read, prepared and written here, its parts are resolved by workers."""
 
 import itertools
-import time
-from collections.abc import Generator, Iterable, Iterator
+from collections.abc import Generator, Iterable, Iterator, Sequence
 from contextlib import closing
 
 from cadtof_cli.execution.ordered import Outcome, WorkerDied, Workers, run_ordered
@@ -11,7 +10,7 @@ from cadtof_cli.files.maps import DepthMaps
 from cadtof_cli.frame_pixels import FramePixels
 from cadtof_cli.pipeline import joined_parts, prepare_frame, resolve_pixels
 from cadtof_cli.records import dataclass
-from cadtof_cli.workflows.resolve.frame_task import FrameTask, Recording, attempted, kept_maps, read_frame, written
+from cadtof_cli.workflows.resolve.frame_task import FrameTask, Recording, kept_maps, read_frame, reported, written
 from cadtof_cli.workflows.resolve.record import FrameReport
 
 
@@ -27,14 +26,12 @@ class FramePart:
 def resolve_part(part: FramePart, /) -> DepthMaps | FrameReport:
     """Resolve a part of a frame's pixels. Whatever is wrong with it becomes a report, never an exception."""
     keep_freed_memory()
-    pixels, task = part.pixels, part.task
-    if isinstance(pixels, FrameReport):
-        return pixels
-    return attempted(
-        task,
-        lambda: resolve_pixels(pixels, plan=task.plan, calibration=task.calibration()),
-        began=time.monotonic(),
-    )
+    return part.pixels if isinstance(part.pixels, FrameReport) else _resolved(part.task, part.pixels)
+
+
+@reported
+def _resolved(task: FrameTask, pixels: FramePixels, *, began: float) -> DepthMaps:  # a part has no time of its own
+    return resolve_pixels(pixels, plan=task.plan, calibration=task.calibration())
 
 
 def resolve_split(
@@ -50,35 +47,36 @@ def resolve_split(
 
 
 def _parts(task: FrameTask, count: int) -> Iterator[FramePart]:
-    """Yield the parts of a frame after all that couples its pixels has been done, once."""
-
-    began = time.monotonic()
-
-    def prepared() -> FrameReport | list[FramePart]:
-        kept = kept_maps(task, began=began) if task.resume else None
-        if kept is not None:
-            return kept
-        frame, recording = read_frame(task)
-        pixels = prepare_frame(frame, plan=task.plan, calibration=task.calibration())
-        return [FramePart(task, part, recording) for part in pixels.parts(count)]
-
-    parts = attempted(task, prepared, began=began)
+    """Yield the parts of a frame, or as many times why it has none."""
+    parts = _prepared(task, count)
     yield from [FramePart(task, parts, None)] * count if isinstance(parts, FrameReport) else parts
+
+
+@reported
+def _prepared(task: FrameTask, count: int, *, began: float) -> FrameReport | list[FramePart]:
+    """Return the parts of a frame after all that couples its pixels has been done, once."""
+    if task.resume and (kept := kept_maps(task, began=began)):
+        return kept
+    frame, recording = read_frame(task)
+    pixels = prepare_frame(frame, plan=task.plan, calibration=task.calibration())
+    return [FramePart(task, part, recording) for part in pixels.parts(count)]
 
 
 def _whole(frame: list[Outcome[FramePart, DepthMaps | FrameReport]]) -> Outcome[FrameTask, FrameReport]:
     """Write the maps that a frame's parts make up, or report what went wrong with the first that has none."""
-    began, first = time.monotonic(), frame[0].task
+    task = frame[0].task.task
     found: list[DepthMaps] = []
     for outcome in frame:
         if isinstance(outcome.result, FrameReport | WorkerDied):
-            return Outcome(first.task, outcome.result)
+            return Outcome(task, outcome.result)
         found.append(outcome.result)
+    return Outcome(task, _written(task, frame[0].task, found))
 
-    def write() -> FrameReport:
-        assert isinstance(first.pixels, FramePixels)
-        assert first.recording is not None
-        resolved = joined_parts(first.pixels, found)
-        return written(first.task, resolved, first.recording, began=began).wait()
 
-    return Outcome(first.task, attempted(first.task, write, began=began))
+@reported
+def _written(task: FrameTask, first: FramePart, found: Sequence[DepthMaps], *, began: float) -> FrameReport:
+    """Write the maps that a frame's parts make up, of which the first knows what all were read from."""
+    assert isinstance(first.pixels, FramePixels)
+    assert first.recording is not None
+    resolved = joined_parts(first.pixels, found)
+    return written(task, resolved, first.recording, began=began).wait(lambda: None)

@@ -111,6 +111,62 @@ def test_a_misfit_of_one_and_more_says_the_same() -> None:
     assert_allclose(variances[1], variances[0], rtol=1e-6)
 
 
+def misses(chi_squared: F, leaning: Leaning | None = STRAIGHT) -> F:
+    """What patches of this misfit, (rows, columns), leave to their pixels, over a posterior variance of .01."""
+    count, data = chi_squared.size, 2 if leaning else 4
+    values = np.full((data + 2, count), -0.1)
+    square = (data + 2, data + 2, count)
+    known = PatchFit(
+        np.zeros(6),
+        np.zeros((6, 6)),
+        np.zeros((6, count)),
+        values,
+        values,
+        np.zeros(square),
+        np.zeros((6, *square[1:])),
+    )
+    zero = np.zeros(count)
+    nothing = Beside(zero, zero, zero, zero, zero + 0.5, zero + 0.7)
+    left = {(i, j): np.full(count, 0.01 if i == j else 0.0) for i in range(2) for j in range(i + 1)}
+    posterior = Conditioned((np.zeros(count), np.zeros(count)), left, chi_squared.ravel())
+    every = np.ones(chi_squared.shape, np.bool_)
+    return np.asarray(coarse_planes(known, posterior, nothing, every, leaning).planes[-2] / 0.01, np.float64)
+
+
+def test_patches_side_by_side_that_are_missed_by_far_more_than_the_others_are_less_sure() -> None:
+    """By twelve times what their χ² is over three."""
+    chi_squared = np.full((7, 8), 0.5)
+    usual = misses(chi_squared)
+    chi_squared[2:5, 2:5] = 10.0
+    found = misses(chi_squared)
+    elsewhere = found[0, 7]
+    assert_allclose(elsewhere, 2.5 * (9 * 1.0 + 47 * 0.5) / 56, rtol=1e-5)
+    assert_allclose(found[3, 3] - elsewhere, 12.0 * 7.0, rtol=1e-5)
+    assert_allclose(found[2, 2] - elsewhere, 12.0 * ((4 * 10.0 + 5 * 0.5) / 9 - 3.0), rtol=1e-5)
+    assert_allclose(usual, 2.5 * 0.5, rtol=1e-5)
+
+
+def test_one_patch_alone_makes_its_neighbours_no_less_sure() -> None:
+    chi_squared = np.full((7, 8), 0.5)
+    chi_squared[3, 3] = 1e6
+    found = misses(chi_squared)
+    assert_allclose(found, found[0, 0], rtol=1e-6)
+
+
+def test_where_all_patches_are_missed_none_stands_out() -> None:
+    chi_squared = np.full((7, 8), 4.0)
+    chi_squared[2:5, 2:5] = 15.0
+    found = misses(chi_squared)
+    assert_allclose(found, found[0, 0], rtol=1e-6)
+
+
+def test_three_harmonics_say_it_patch_by_patch() -> None:
+    chi_squared = np.full((7, 8), 0.5)
+    chi_squared[2:5, 2:5] = 10.0
+    found = misses(chi_squared, None)
+    assert_allclose(found[3, 3] - found[0, 0], 0.1 * 9.5, rtol=1e-4)
+
+
 def test_what_views_like_this_one_miss_is_added_in_proportion_to_the_lag() -> None:
     known = fit()
     without, found = planes(known, beside()), planes(known, beside(), Leaning(0.07, 0.02))

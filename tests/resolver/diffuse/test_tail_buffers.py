@@ -90,7 +90,7 @@ def resolve(compiled: ModuleType, tail: Any) -> None:
     layers, status = np.zeros((7, PIXELS), np.float32), np.zeros(PIXELS, np.uint32)
     stored, constants = np.full((4, PIXELS), 0.1), np.ones(len(compiled.constant_names()))
     given = tail.values() if isinstance(tail, dict) else tail
-    compiled.resolve(compiled.levels()[0], 0, 0, 0, PIXELS, constants, stored, *(None,) * 6, layers, status, *given)
+    compiled.resolve(compiled.levels()[0], 0, 0, -1, 0, PIXELS, constants, stored, *(None,) * 6, layers, status, *given)
 
 
 @pytest.mark.parametrize("harmonics", PLANES)

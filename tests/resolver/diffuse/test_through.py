@@ -78,6 +78,18 @@ def test_a_net_before_a_wall_is_seen_as_a_net(delay_ns: float, share: float, har
     assert np.median(np.abs(behind - WALL[covered])) < 0.1
 
 
+def test_a_net_that_is_not_seen_close_to_its_wall_is_less_sure() -> None:
+    """A tail does not fit it, whichever it is, and patch beside patch says so."""
+    phasors, range_m, covered = before_wall(5.0, 0.7)
+    found = resolved(phasors)
+    assert found.mpi is not None
+    assert found.mpi.through_patches == 0
+    error, sigma_cm = error_cm(found, range_m), 100 * found.maps.layer(DIRECT_SIGMA)
+    assert np.median(error[covered]) > 4.0
+    assert (error <= 2 * sigma_cm)[covered].mean() > 0.9
+    assert np.median(sigma_cm[~covered]) < 4.0
+
+
 def of_a_triangle(phasors: Z) -> Z:
     """What triangle waves of two periods record of light with these phasors 1, 2, …: (8/π²)·Σ m_kh/k² over k = 1, −3, 5, −7."""
 

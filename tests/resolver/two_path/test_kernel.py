@@ -91,6 +91,24 @@ def test_hard_pixels_have_the_same_bits(name: str, order: str, returns: Return) 
         assert_same_bits(volts.astype(np.float32), plan_of(order=order, returns=returns))
 
 
+@pytest.mark.parametrize("false_alarm", [0.5, 0.01, 1e-6])
+@pytest.mark.parametrize("integration_length", [1e3, 1e5])
+def test_pixels_that_one_path_may_do_for_have_the_same_bits(false_alarm: float, integration_length: float) -> None:
+    # sorted by how much, but for the one pixel in 32 that has two paths for certain
+    rng, n = np.random.default_rng(5), 32 * 640
+    a, x, apart = 10 ** rng.uniform(-1.0, -0.2, n), rng.uniform(0, 2 * np.pi, n), rng.uniform(-np.pi, np.pi, n)
+    b = a * 10 ** rng.uniform(-2.5, 0, n)
+    harmonics = [a * np.exp(1j * h * x) + b * np.exp(1j * h * (x + apart)) for h in (1, 2)]
+    beside = np.abs(np.abs(harmonics[0]) - harmonics[1] * np.exp(-2j * np.angle(harmonics[0])))
+    order = np.argsort(beside * rng.uniform(0.97, 1.03, n))
+    order = np.column_stack([order[-n // 32 :], order[: -n // 32].reshape(-1, 31)]).ravel()
+    planes = np.stack([part[order] for phasor in harmonics for part in (phasor.real, phasor.imag)])
+    metadata = CaptureMetadata(pixel=Pixel(integration_length=integration_length))
+    volts = (planes * metadata.modulation.amplitude_v).astype(np.float32)
+    maps = assert_same_bits(frame(volts, 32), plan_of(metadata, false_alarm=false_alarm, mpi_model="discrete"))
+    assert min(np.count_nonzero(maps.status & bit) for bit in (8, 16)) > n // 20
+
+
 @pytest.mark.parametrize("name", HARD)
 @pytest.mark.parametrize(
     "options",

@@ -39,9 +39,9 @@ def buffers(compiled: ModuleType, pixels: int = PIXELS) -> dict[str, Any]:
 
 def run(compiled: ModuleType, given: dict[str, Any], **options: Any) -> None:
     level = options.get("level", compiled.levels()[0])
-    order, returns = options.get("order", 0), options.get("returns", 0)
+    order, returns, bits = (options.get(name, usual) for name, usual in (("order", 0), ("returns", 0), ("bits", -1)))
     start, stop = options.get("start", 0), options.get("stop", np.size(given["status"]))
-    compiled.resolve(level, order, returns, start, stop, *given.values())
+    compiled.resolve(level, order, returns, bits, start, stop, *given.values())
 
 
 def test_buffers_that_fit_are_filled_by_every_instruction_set(compiled: ModuleType) -> None:
@@ -51,6 +51,31 @@ def test_buffers_that_fit_are_filled_by_every_instruction_set(compiled: ModuleTy
         run(compiled, given, level=level)
         assert not (given["layers"] == -7.0).any()
         assert (given["status"] >= 1).all()
+
+
+def voltages(compiled: ModuleType, sort: str) -> dict[str, Any]:
+    """Return buffers that fit: voltages of a camera whose pixels share everything, with paths in nearly all of them."""
+    usual = dict.fromkeys(compiled.constant_names(), 1.0)
+    usual |= {f"gain{part}": 1e-4 for part in range(1, 5)} | {f"offset{part}": -1.0 for part in range(1, 5)}
+    usual |= {"saturated_low": 0.0, "saturated_high": 16383.0}
+    usual |= {"least_power": 0.01, "least_modulus": 0.01, "misfit_limit": 0.0, "most_volts": np.inf}
+    stored = np.random.default_rng(0).integers(5000, 15000, (4, PIXELS)).astype(sort)
+    found = buffers(compiled) | dict.fromkeys(("own", "other", "constant", "samples", "metres", "shift"))
+    return found | {"constants": np.array(list(usual.values())), "stored": stored}
+
+
+@pytest.mark.parametrize("bits", [0, 64, 256, 1 << 20])
+@pytest.mark.parametrize("sort", ["u2", "f4", "f8"])
+def test_bits_of_all_pixels_are_those_of_each(compiled: ModuleType, bits: int, sort: str) -> None:
+    for level in compiled.levels():
+        own, alike = voltages(compiled, sort), voltages(compiled, sort)
+        own["status"][:], alike["status"][:] = bits, 1 << 21
+        run(compiled, own, level=level)
+        run(compiled, alike, level=level, bits=bits, stop=PIXELS - 1)
+        np.testing.assert_array_equal(alike["status"][:, :-1], own["status"][:, :-1])
+        np.testing.assert_array_equal(alike["layers"][:, :-1], own["layers"][:, :-1])
+        assert alike["status"][0, -1] == 1 << 21
+        assert (own["status"] & 16).any() == (bits != 256)
 
 
 def test_only_the_asked_pixels_are_written(compiled: ModuleType) -> None:
@@ -151,18 +176,20 @@ def test_a_part_of_an_affine_map_is_refused(compiled: ModuleType) -> None:
         {"order": 3},
         {"returns": -1},
         {"returns": 3},
+        {"bits": -2},
+        {"bits": 2**31},
         {"level": "mmx"},
         {"level": ""},
     ],
 )
 def test_options_out_of_range_are_refused(compiled: ModuleType, options: dict[str, Any]) -> None:
-    with pytest.raises(ValueError, match="expected"):
+    with pytest.raises((ValueError, OverflowError), match=r"expected|greater"):
         run(compiled, buffers(compiled), **options)
 
 
 def test_too_few_arguments_are_refused(compiled: ModuleType) -> None:
     with pytest.raises(TypeError):
-        compiled.resolve(compiled.levels()[0], 0, 0, 0, 0)
+        compiled.resolve(compiled.levels()[0], 0, 0, -1, 0, 0)
 
 
 @pytest.mark.parametrize("arguments", [(), ("",), (None,) * 3, (1,) * 12, ("",) * 40, ("\0", *(0,) * 11)])

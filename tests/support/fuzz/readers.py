@@ -104,7 +104,7 @@ def read_frame(path: Path, layout: FrameLayout = _LAYOUT, others: tuple[Path, ..
     task = FrameTask((source,), layout, FramePlan(metadata=_METADATA), None, path.parent / "frame_out.tif")
     report = resolve_file(task)
     if isinstance(report, Later):
-        report = report.wait()
+        report = report.wait(lambda: None)
     if "unexpected" in str(report.reason):
         raise SurpriseError(str(report.reason))
 
