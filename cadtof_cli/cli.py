@@ -11,13 +11,13 @@ import signal
 import sys
 from collections.abc import Sequence
 from types import FrameType
-from typing import NoReturn, TextIO
+from typing import NoReturn
 
 import click
 
 from cadtof_cli import __version__
 from cadtof_cli.commands.help import HelpContext, example
-from cadtof_cli.commands.terminal import prepare_streams, tell
+from cadtof_cli.commands.terminal import forget, prepare_streams, tell
 from cadtof_cli.errors import CadtofError, OutputError
 
 COMMANDS = {
@@ -132,14 +132,14 @@ def main() -> NoReturn:
         sys.exit(INTERRUPTED)
     except BrokenPipeError:
         # as a program ends that SIGPIPE ends
-        _forget(sys.stdout)
+        forget(sys.stdout)
         sys.exit(BROKEN_PIPE)
     except Exception as error:
         if debug and not isinstance(error, click.ClickException):
             raise
         message, status = _message_and_status(error)
         tell(message, err=True)
-        _forget(sys.stdout)
+        forget(sys.stdout)
         sys.exit(status)
 
 
@@ -182,18 +182,12 @@ def _message_and_status(error: Exception) -> tuple[str, int]:
             return f"Error: unexpected {type(error).__name__}: {error}\n{advice}", 1
 
 
-def _forget(stream: TextIO) -> None:
-    """Discard what a stream could not take: Python would try to write it again at exit."""
-    with contextlib.suppress(OSError, ValueError):
-        os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
-
-
 def _let_go_of_stderr() -> None:
     """Keep the exit status where stderr, on a full disk for instance, could not take everything."""
     try:
         sys.stderr.flush()
     except (OSError, ValueError):
-        _forget(sys.stderr)
+        forget(sys.stderr)
 
 
 def _terminate(number: int, _frame: FrameType | None) -> NoReturn:

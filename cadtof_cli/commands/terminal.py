@@ -9,7 +9,7 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, nullcontext, suppress
 from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TextIO
 
 import click
 
@@ -39,9 +39,19 @@ def tell(text: object, /, *, err: bool = False, above: "RichProgress | None" = N
     except BrokenPipeError:
         if not err:
             raise
+        forget(sys.stderr)
     except OSError as error:
         if not err:
             raise OutputError(f"standard output: cannot be written: {error.strerror}") from error
+        forget(sys.stderr)
+
+
+def forget(stream: TextIO, /) -> None:
+    """Discard what a stream could not take: Python would try to write it again at exit, and before it forks a process."""
+    with suppress(OSError, ValueError):
+        null = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(null, stream.fileno())
+        os.close(null)
 
 
 def prepare_streams() -> None:

@@ -62,9 +62,10 @@ def _maps(out: Path) -> list[bytes]:
 @pytest.mark.parametrize("name", ENVIRONMENTS)
 def test_an_environment_changes_nothing(name: str, capture: Path, maps: list[bytes], tmp_path: Path) -> None:
     done = _run("resolve", capture, "-o", tmp_path / "ö", "-j", 2, cwd=tmp_path, environment=ENVIRONMENTS[name])
-    assert done.status == 0, done.err
-    assert done.err.startswith("resolved 2 of 2 frames in ")
-    assert done.err.count("\n") == 1
+    assert (done.status, done.out) == (0, "")
+    # what is compiled, and what is not, differs from machine to machine
+    said = [line for line in done.err.splitlines() if "kernel" not in line]
+    assert [line.partition(" in ")[0] for line in said] == ["resolved 2 of 2 frames"]
     assert _maps(tmp_path / "ö") == maps
 
 

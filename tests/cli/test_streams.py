@@ -82,6 +82,16 @@ def test_stderr_that_takes_nothing(place: str, tmp_path: Path) -> None:
     assert _shell(f'"$@" {place}', "resolve", tmp_path / "nowhere", "-o", out).status == 2
 
 
+def test_notes_that_stderr_cannot_take_do_not_keep_workers_from_starting(tmp_path: Path) -> None:
+    """Python writes what is left in its buffers before it forks."""
+    capture = record(tmp_path / "capture", frames=4)
+    (capture.folder / "capture.toml").write_text("[voltage]\nzero_counts = 8192.0\nvolts_per_count = 6.0e-5\n")
+    arguments = ("resolve", capture.folder, "-o", tmp_path / "out", "-j", 2, "--json")
+    done = _shell('"$@" 2>/dev/full', *arguments)
+    assert done.status == 0
+    assert [json.loads(line)["status"] for line in done.out.splitlines()] == ["ok"] * 4
+
+
 def test_letters_that_an_encoding_lacks_are_shown_by_their_number(tmp_path: Path) -> None:
     capture = str(record(tmp_path / "capture").folder)
     command = [*PROGRAM, "inspect", capture, "--pixel", "3,3", "--mpi-model", "discrete"]
