@@ -68,5 +68,5 @@ def test_without_a_terminal_there_is_no_bar(tmp_path: Path) -> None:
     done = program("resolve", capture.folder, "-o", tmp_path / "out", "-j", 2)
     assert done.out == ""
     # where nothing is compiled, a note says so first
-    assert [line for line in done.err.splitlines() if "kernel" not in line][0].startswith("resolved 3 of 3 frames in ")
+    assert next(line for line in done.err.splitlines() if "kernel" not in line).startswith("resolved 3 of 3 frames in ")
     assert not any(sign in done.err for sign in ("\x1b", "━", "resolving"))
