@@ -46,8 +46,7 @@ class _Answers:
                 while self._begun and self._begun[0].there:
                     self._tell(self._begun.popleft())
                 self._change.notify()
-        except BaseException:  # noqa: BLE001
-            # what cannot be sent would be waited for
+        except BaseException:  # noqa: BLE001  (what cannot be sent would be waited for)
             os._exit(1)
 
     def _tell(self, result: Later[Any]) -> None:

@@ -18,7 +18,7 @@ from cadtof_cli.errors import SettingsError
 from cadtof_cli.phasors.noise import LEAST_SHARE, HarmonicNoise, NoiseModel, chi_squared_threshold
 from cadtof_cli.phasors.voltages import PhasorMap
 from cadtof_cli.records import dataclass
-from cadtof_cli.resolver.settings import ResolverSettings
+from cadtof_cli.resolver.settings import ORDERS, RETURNS, ResolverSettings
 from cadtof_cli.resolver.status import StatusCounts
 from cadtof_cli.resolver.status import count_status as status_counts
 from cadtof_cli.resolver.two_path.uncertainty import misfit_spread, variance_terms
@@ -35,9 +35,6 @@ STORED_TYPES = (np.uint16, np.int16, np.float32, np.float64, np.complex128)
 
 _NEIGHBOURS: tuple[Literal["C", "A"], ...] = ("C", "A")
 """What numpy makes of an array whose values are to be neighbours in memory, aligned: itself, where they are."""
-
-_ORDERS = {"auto": 0, "1": 1, "2": 2}
-_RETURNS = {"first": 0, "strongest": 1, "last": 2}
 
 
 @cache
@@ -128,7 +125,7 @@ class FrameKernel:
         kernel: str | None = None,
     ) -> None:
         self._tail, self._source_type, self._compiled = scales.tail or (), source_type, extension()
-        self._options = (kernel or chosen_kernel(), _ORDERS[_order(settings)], _RETURNS[settings.returns])
+        self._options = (kernel or chosen_kernel(), ORDERS.index(_order(settings)), RETURNS.index(settings.returns))
         self._shapes = (2, count) if scales.phasor_map is None else (2, 2, count), (7, count), (count,)
         own, other, constant = _own_maps(scales.phasor_map)
         arrays = {

@@ -289,7 +289,7 @@ class _Reading:
             self._reader.read(self._here, content)
         except CadtofError:
             self._refused += 1
-        except Exception:  # noqa: BLE001
+        except Exception:  # noqa: BLE001  (any that is not one of ours is what is looked for)
             self._find(number, "exception", traceback.format_exc()[-3000:])
         took_s = time.process_time() - began
         if took_s > self._longest_s:
