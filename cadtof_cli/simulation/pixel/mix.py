@@ -6,20 +6,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cadtof_cli.arrays import Complex, Float
-from cadtof_cli.errors import SettingsError
+from cadtof_cli.errors import require
 from cadtof_cli.records import setting
 from cadtof_cli.units import C_M_PER_NS, FWHM_PER_SIGMA
-
-
-def require(holds: bool, name: str, found: object, expected: str) -> None:
-    """Raise a SettingsError that names the setting, unless the condition holds."""
-    if not holds:
-        raise SettingsError(f"{name}: found {found}, expected {expected}")
-
-
-def finite_at_least(value: float, least: float) -> bool:
-    """Return whether a setting is a finite number of at least `least`."""
-    return math.isfinite(value) and value >= least
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,9 +35,9 @@ class PhotonMix:
         require(bool(np.all(np.isfinite(self.photons) & (self.photons >= 0))), "photons", "others", "finite, 0 or more")
         require(bool(np.all(np.isfinite(self.ambient) & (self.ambient >= 0))), "ambient", "others", "finite, 0 or more")
         require(self.delays_ns.shape == self.photons.shape, "delays", self.delays_ns.shape, f"{self.photons.shape}")
-        require(finite_at_least(self.period_ns, 1e-6), "period", f"{self.period_ns:g} ns", "a time above 0")
-        require(finite_at_least(self.fwhm_ns, 0), "pulse width", f"{self.fwhm_ns:g} ns", "a time of 0 or more")
-        require(finite_at_least(self.jitter_ns, 0), "jitter", f"{self.jitter_ns:g} ns", "a time of 0 or more")
+        require(1e-6 <= self.period_ns < math.inf, "period", f"{self.period_ns:g} ns", "a time above 0")
+        require(0 <= self.fwhm_ns < math.inf, "pulse width", f"{self.fwhm_ns:g} ns", "a time of 0 or more")
+        require(0 <= self.jitter_ns < math.inf, "jitter", f"{self.jitter_ns:g} ns", "a time of 0 or more")
         require(bool(np.all(self.total > 0)), "photons", "a pixel without any", "some light in every pixel")
 
     @property
@@ -103,11 +92,11 @@ class Condition:
     further: tuple[tuple[float, float], ...] = ()
 
     def __post_init__(self) -> None:
-        require(finite_at_least(self.asr, 0), "ASR", f"{self.asr:g}", "a ratio of 0 or more")
-        require(finite_at_least(self.mpi_ratio, 0), "MPI ratio", f"{self.mpi_ratio:g}", "a ratio of 0 or more")
-        require(finite_at_least(self.fwhm_ns, 0), "pulse width", f"{self.fwhm_ns:g} ns", "0 ns or more")
+        require(0 <= self.asr < math.inf, "ASR", f"{self.asr:g}", "a ratio of 0 or more")
+        require(0 <= self.mpi_ratio < math.inf, "MPI ratio", f"{self.mpi_ratio:g}", "a ratio of 0 or more")
+        require(0 <= self.fwhm_ns < math.inf, "pulse width", f"{self.fwhm_ns:g} ns", "0 ns or more")
         for ratio, _ in self.further:
-            require(finite_at_least(ratio, 0), "path", f"a ratio of {ratio:g}", "a ratio of 0 or more")
+            require(0 <= ratio < math.inf, "path", f"a ratio of {ratio:g}", "a ratio of 0 or more")
 
     @property
     def ratios(self) -> tuple[float, ...]:

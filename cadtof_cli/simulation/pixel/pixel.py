@@ -10,11 +10,11 @@ import numpy as np
 
 from cadtof_cli.arrays import Float, Float32
 from cadtof_cli.capture.metadata import Modulation
-from cadtof_cli.errors import SettingsError
+from cadtof_cli.errors import SettingsError, require
 from cadtof_cli.records import setting
 from cadtof_cli.simulation.pixel.arrivals import draw_detections, draw_phases
 from cadtof_cli.simulation.pixel.averaging import Averaging
-from cadtof_cli.simulation.pixel.mix import AT_REST, Motion, PhotonMix, finite_at_least, require
+from cadtof_cli.simulation.pixel.mix import AT_REST, Motion, PhotonMix
 from cadtof_cli.simulation.pixel.waveforms import sampled_pair
 
 PHOTONS_PER_LENGTH = 12.5
@@ -69,9 +69,9 @@ class PixelModel:
             f"{self.dead_time_ns:g} ns",
             f"0 to less than one cycle of {period:g} ns",
         )
-        require(finite_at_least(self.jitter_ns, 0), "jitter", f"{self.jitter_ns:g} ns", "0 ns or more")
-        require(finite_at_least(self.sample_noise_v, 0), "sample noise", f"{self.sample_noise_v:g} V", "0 V or more")
-        require(finite_at_least(self.gain_mismatch, -1), "gain mismatch", self.gain_mismatch, "-1 or more")
+        require(0 <= self.jitter_ns < math.inf, "jitter", f"{self.jitter_ns:g} ns", "0 ns or more")
+        require(0 <= self.sample_noise_v < math.inf, "sample noise", f"{self.sample_noise_v:g} V", "0 V or more")
+        require(-1 <= self.gain_mismatch < math.inf, "gain mismatch", self.gain_mismatch, "-1 or more")
         require(all(map(math.isfinite, self.offsets_v)), "offsets", self.offsets_v, "two finite voltages")
         if self.dead_time_ns > 0 and self.averaging.stages.drive == "switched":
             raise SettingsError("dead time: found with switched stages, expected --stages dc")
