@@ -19,15 +19,16 @@ OFFSET_LIMIT = 8.0
 """Robust standard deviations beyond which an offset is an outlier: Gaussian offsets reach 5.5 in a megapixel."""
 
 ROUNDING = 8.0 * float(np.finfo(np.float32).eps)
-"""Share of the other pixels' offset, …"""
+"""Where there is no noise: share of the median offset that rounding may move an offset by."""
 
 ROUNDING_V = 1e-12
-"""… and volts, that an offset may differ from theirs by, where there is no noise: rounding."""
+"""The same in volts, for a median offset near 0."""
 
 NOISE_FALSE_ALARM = 1e-9
 """Probability that a sound pixel's noise is taken for an outlier by chance; it must also differ by `NOISE_RATIO`."""
 
 NOISE_RATIO = 2.0
+"""Least ratio of the noise of an outlier to that of the other pixels, or the other way round."""
 
 
 class Defect(IntFlag):

@@ -25,7 +25,7 @@ LEAST_TERM = 2e-4
 """… and large enough to matter: 0.2 mm."""
 
 PASSES = 4
-
+"""Times that terms are chosen and fitted, each time without the outliers of the last."""
 
 OUTLIER = 5.0
 """Robust standard deviations of a pixel's misfit beyond which it is left out."""

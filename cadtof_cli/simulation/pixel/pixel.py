@@ -24,7 +24,7 @@ FORGOTTEN_LENGTHS = 40.0
 """Photons older than this many n_av weigh less than rounding and are not drawn."""
 
 BINS = 128
-"""Of the histogram of an evolution."""
+"""Bins of the histogram of arrival times in an evolution."""
 
 MOST_ROWS = 1000
 """Rows of an evolution that are kept; a picture shows no more."""

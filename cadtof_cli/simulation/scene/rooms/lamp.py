@@ -18,7 +18,8 @@ LIGHT_RAYS = 131_072
 """Rays that leave the lamp."""
 
 EVENNESS = 8.0
-"""Density by which connections to later light are weighed, times the room's area. Paths bring what is nearer."""
+"""Density that stands for that of the points which light reaches after other surfaces, times the room's area. A smaller one would
+count more light from points nearby, whose light traced paths find better."""
 
 MOST_BOUNCES = 64
 """Where light is given up at the latest; at a mean albedo of 0.8, 10⁻⁶ of it is beyond."""
