@@ -187,7 +187,8 @@ def _standing_out(chi_squared: Float, valid: Bool) -> Float:
     local[valid] = np.minimum(chi_squared, LARGEST_LOCAL)
     total, count = over_neighbours(np.array([local, valid]))[:, valid]
     usual = max(STANDING_OUT, STANDING_OUT_OF_MANY * float(median(chi_squared)))
-    return np.maximum(total / count - usual, 0.0)
+    more: Float = np.maximum(total / count - usual, 0.0)
+    return more
 
 
 def _mpi_variance(values: Float, spread: Float, left: dict[Entry, Float]) -> Float:

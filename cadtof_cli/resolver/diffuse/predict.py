@@ -179,9 +179,7 @@ def _seen_through(
     )
 
 
-def _beside(
-    fit: PatchFit, tail: TailModel, seen: Surfaces, guessed: Surfaces, frame: _Frame, share: float
-) -> Beside:
+def _beside(fit: PatchFit, tail: TailModel, seen: Surfaces, guessed: Surfaces, frame: _Frame, share: float) -> Beside:
     """Return the lags by light that the view does not show; that of guessed walls counts where a patch faces little that is
     known, and where there is little MPI, less of it is early light that the fit does not see.
     """
