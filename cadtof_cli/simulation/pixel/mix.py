@@ -10,6 +10,14 @@ from cadtof_cli.errors import require
 from cadtof_cli.records import setting
 from cadtof_cli.units import C_M_PER_NS, FWHM_PER_SIGMA
 
+MOST_RATIO = 1e12
+"""Photons over those of the laser: beyond, rounding is larger than its light."""
+
+
+def require_ratio(value: float, name: str, found: str) -> None:
+    """Raise a SettingsError that names the setting, unless it is a ratio of photons from which voltages can be told."""
+    require(0 <= value <= MOST_RATIO, name, found, f"a ratio from 0 to {MOST_RATIO:g}")
+
 
 @dataclass(frozen=True, kw_only=True)
 class PhotonMix:
@@ -93,11 +101,11 @@ class Condition:
     further: tuple[tuple[float, float], ...] = ()
 
     def __post_init__(self) -> None:
-        require(0 <= self.asr < math.inf, "ASR", f"{self.asr:g}", "a ratio of 0 or more")
-        require(0 <= self.mpi_ratio < math.inf, "MPI ratio", f"{self.mpi_ratio:g}", "a ratio of 0 or more")
+        require_ratio(self.asr, "ASR", f"{self.asr:g}")
+        require_ratio(self.mpi_ratio, "MPI ratio", f"{self.mpi_ratio:g}")
         require(0 <= self.fwhm_ns < math.inf, "pulse width", f"{self.fwhm_ns:g} ns", "0 ns or more")
         for ratio, _ in self.further:
-            require(0 <= ratio < math.inf, "path", f"a ratio of {ratio:g}", "a ratio of 0 or more")
+            require_ratio(ratio, "path", f"a ratio of {ratio:g}")
 
     @property
     def ratios(self) -> tuple[float, ...]:

@@ -41,6 +41,7 @@ class PreviewSettings:
         found, known = ",".join(f"{one:g}" for one in ends), get_args(ColourScale)
         require(rises, "--range", found, "a least and a larger value such as 0.5,3")
         require(self.colours in {None, *known}, "--cmap", repr(self.colours), f"one of {', '.join(known)}")
+        require(self.frame is None or self.frame >= 0, "--frame", self.frame, "0 or more")
         rate = self.frames_per_second
         require(0.1 <= rate <= 50.0, "--fps", f"{rate:g}", "0.1 to 50 frames a second")
         if self.truth is not None and (self.layer is not None or self.limits or self.colours):

@@ -8,6 +8,7 @@ import math
 from dataclasses import dataclass
 
 from cadtof_cli.errors import require
+from cadtof_cli.simulation.pixel.mix import require_ratio
 from cadtof_cli.simulation.scene.camera import Camera
 from cadtof_cli.simulation.scene.light import Light
 from cadtof_cli.simulation.scene.rooms.room import light_in_room
@@ -38,7 +39,7 @@ class CornellBox:
     tracing_seed: int = 0
 
     def __post_init__(self) -> None:
-        require(0 <= self.asr < math.inf, "ASR", f"{self.asr:g}", "0 or more")
+        require_ratio(self.asr, "ASR", f"{self.asr:g}")
         require(1 <= self.light_paths <= 100_000, "light paths", self.light_paths, "1 to 100000")
 
     @property
