@@ -6,8 +6,8 @@ import numpy as np
 
 from cadtof_cli.arrays import Float
 from cadtof_cli.capture.metadata import CaptureMetadata
-from cadtof_cli.errors import SettingsError
-from cadtof_cli.simulation.pixel.mix import AT_REST, Motion, PhotonMix, require
+from cadtof_cli.errors import SettingsError, require
+from cadtof_cli.simulation.pixel.mix import AT_REST, Motion, PhotonMix
 from cadtof_cli.simulation.pixel.statistics import VoltageStatistics, averaging_gain, draw_voltages, voltage_statistics
 from cadtof_cli.simulation.scene.camera import Camera
 from cadtof_cli.simulation.scene.light import Scene
