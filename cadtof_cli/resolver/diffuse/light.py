@@ -5,9 +5,8 @@
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
-from cadtof_cli.arrays import Bool, Complex, Float, Float32, Index, Stored, sealed
+from cadtof_cli.arrays import Bool, Complex, Complex64, Float, Float32, Index, Stored, sealed
 from cadtof_cli.phasors.noise import NoiseModel, chi_squared_threshold
 from cadtof_cli.phasors.voltages import PhasorMap
 from cadtof_cli.records import dataclass
@@ -22,9 +21,6 @@ LARGEST_AMPLITUDE = 1e3
 
 TINY = 1e-30
 """Keeps empty patches from dividing by zero; they are never used."""
-
-
-Complex64 = NDArray[np.complex64]
 
 
 @dataclass(frozen=True, eq=False)

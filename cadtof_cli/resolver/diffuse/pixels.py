@@ -13,7 +13,7 @@ from cadtof_cli.resolver.diffuse.condition import conditioned
 from cadtof_cli.resolver.diffuse.elementary import exponential, logarithm, phase_of, rotor, within_a_turn
 from cadtof_cli.resolver.diffuse.light import LARGEST_AMPLITUDE
 from cadtof_cli.resolver.diffuse.noise import noise_covariance
-from cadtof_cli.resolver.diffuse.records import DiffuseBlock, DiffuseModel, DiffusePixels
+from cadtof_cli.resolver.diffuse.records import NEAREST_M, DiffuseBlock, DiffuseModel, DiffusePixels
 from cadtof_cli.resolver.diffuse.tail import residuals
 from cadtof_cli.resolver.two_path.kernel import NUMPY, Buffers, extension
 
@@ -28,9 +28,6 @@ LEAST_SHARE = 0.05
 
 UNKNOWN_PHASE_RAD = np.pi / np.sqrt(3.0)
 """Standard deviation of a phase of which nothing is known."""
-
-NEAREST_M = 0.05
-"""Least range: the range of a pixel with the phase 0."""
 
 
 @dataclass(frozen=True, eq=False)

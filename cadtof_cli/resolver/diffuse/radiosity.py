@@ -5,7 +5,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from cadtof_cli.arrays import Complex, Float, Float32
+from cadtof_cli.arrays import Complex, Complex64, Float, Float32
 from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.diffuse.planes import Surfaces
 from cadtof_cli.resolver.diffuse.quantiles import median
@@ -22,8 +22,6 @@ ALBEDO_RANGE = (0.1, 4.0)
 
 NEAREST_M2 = 1e-6
 """Least squared distance of two patches."""
-
-Complex64 = NDArray[np.complex64]
 
 T = TypeVar("T", np.float32, np.complex64)
 

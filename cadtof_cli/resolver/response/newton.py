@@ -72,8 +72,7 @@ class Equations:
         enough = np.maximum(np.float32(TOLERANCE**2) / samples, np.float32(ROUNDING**2) * power)
         return Equations(response, pixels, np.concatenate(observed), enough, weights)
 
-    def chosen(self, some: Bool | Index) -> "Equations":
-        """Return those of some of the pixels."""
+    def __getitem__(self, some: Bool | Index) -> "Equations":
         return replace(self, pixels=self.pixels[some], observed=self.observed[:, some], enough=self.enough[some])
 
     def fields(self, values: Float32, row: int, stage: int) -> "Fields":
@@ -127,7 +126,7 @@ def search(equations: Equations, start: Float32, /, *, steps: int, stage: int = 
         if count == steps or not remaining:
             break
         if remaining < STILL_WORTH * where.size:
-            where, equations, misfit = where[going], equations.chosen(going), misfit[going]
+            where, equations, misfit = where[going], equations[going], misfit[going]
             trial, values, step = trial[:, going], values[:, going], step[:, going]
             going = going[going]
     found.put(where[going], SearchState(values[:, going], misfit[going], np.zeros(remaining, np.bool_)))
