@@ -17,8 +17,8 @@ from cadtof_cli.calibration.parts import PART_KINDS, Origin, PartKind
 from cadtof_cli.calibration.petzval import PetzvalCalibration
 from cadtof_cli.calibration.response import ResponseCalibration
 from cadtof_cli.capture.metadata import CaptureMetadata
-from cadtof_cli.errors import FrameError, MetadataError, OutputError
-from cadtof_cli.files.atomic import atomic_write, make_folder
+from cadtof_cli.errors import FrameError, MetadataError
+from cadtof_cli.files.atomic import atomic_write, make_folder, require_new
 from cadtof_cli.files.maps import read_layers, write_layers
 from cadtof_cli.files.reading import is_folder
 from cadtof_cli.files.toml import read_toml, toml_from_tables
@@ -88,9 +88,9 @@ def save_part(folder: Path, part: Part, /, *, overwrite: bool = False) -> tuple[
     Raises:
         OutputError: the part is there already and `overwrite` is not set, or the folder cannot be written.
     """
-    require_absent(folder, part.kind, overwrite=overwrite)
-    make_folder(folder)
     path, maps = folder / f"{part.kind}.toml", part.maps()
+    require_new(path, overwrite=overwrite)
+    make_folder(folder)
     written = [path]
     if maps:
         written.append(folder / f"{part.kind}.exr")
@@ -102,19 +102,6 @@ def save_part(folder: Path, part: Part, /, *, overwrite: bool = False) -> tuple[
     with atomic_write(path) as temporary:
         temporary.write_text(toml_from_tables(document, comments=comments), encoding="utf-8")
     return tuple(written)
-
-
-def require_absent(folder: Path, kind: PartKind, /, *, overwrite: bool) -> None:
-    """Refuse to replace a part, before any work is done for it.
-
-    Raises:
-        OutputError: it is there already, and `overwrite` is not set.
-    """
-    path = folder / f"{kind}.toml"
-    if os.path.lexists(path) and not overwrite:
-        raise OutputError(
-            f"{path}: already exists; add --overwrite to replace this part, or choose another folder with -o"
-        )
 
 
 def load_calibration(folder: Path, /) -> Calibration:

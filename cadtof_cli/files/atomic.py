@@ -177,7 +177,7 @@ def require_new(path: Path, /, *, overwrite: bool) -> None:
         OutputError: something is there already, and `overwrite` is not set.
     """
     if os.path.lexists(path) and not overwrite:
-        raise OutputError(f"{path}: already exists; add --overwrite to replace it, or choose another file")
+        raise OutputError(f"{path}: already exists; add --overwrite to replace it, or choose another place")
 
 
 def require_absent(path: Path, /) -> None:

@@ -40,9 +40,9 @@ class PhotonMix:
     jitter_ns: float = 0.0
 
     def __post_init__(self) -> None:
-        for name, counts in (("photons", self.photons), ("ambient", self.ambient)):
-            countable = bool(np.all((counts >= 0) & np.isfinite(counts)))
-            require(countable, name, "one below 0, infinite or NaN", "finite numbers of 0 or more")
+        wrong = "one below 0, infinite or NaN"
+        require(bool(np.all((self.photons >= 0) & (self.photons < np.inf))), "photons", wrong, "finite, 0 or more")
+        require(bool(np.all((self.ambient >= 0) & (self.ambient < np.inf))), "ambient", wrong, "finite, 0 or more")
         require(self.delays_ns.shape == self.photons.shape, "delays", self.delays_ns.shape, f"{self.photons.shape}")
         require(1e-6 <= self.period_ns < math.inf, "period", f"{self.period_ns:g} ns", "a time above 0")
         require(0 <= self.fwhm_ns < math.inf, "pulse width", f"{self.fwhm_ns:g} ns", "a time of 0 or more")

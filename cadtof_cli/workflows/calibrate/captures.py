@@ -8,11 +8,12 @@ from typing import Any
 
 from cadtof_cli.arrays import Stored
 from cadtof_cli.calibration.parts import PART_KINDS, Origin, PartKind
-from cadtof_cli.calibration.store import Calibration, Part, digest_of, load_calibration, require_absent, save_part
+from cadtof_cli.calibration.store import Calibration, Part, digest_of, load_calibration, save_part
 from cadtof_cli.capture.discovery import find_captures
 from cadtof_cli.capture.frames import Capture, read_stored, single_frames
 from cadtof_cli.capture.metadata import CaptureMetadata, Target
 from cadtof_cli.errors import FrameError, SettingsError
+from cadtof_cli.files.atomic import require_new
 from cadtof_cli.phasors.frame_mean import FrameMean, mean_volts
 from cadtof_cli.phasors.plausible import implausible
 from cadtof_cli.workflows.progress import Progress
@@ -77,7 +78,7 @@ def averaged_captures(
         CadtofError: the part is there already, an input or its metadata is at fault, a frame cannot be read, or the captures
             were not recorded by one camera with one setting, that of the earlier parts.
     """
-    require_absent(settings.out, kind, overwrite=settings.overwrite)
+    require_new(settings.out / f"{kind}.toml", overwrite=settings.overwrite)
     captures = find_captures(inputs, overrides=overrides, settings_file=settings.settings_file)
     captures = _at_distances(captures, settings.distances_m) if settings.distances_m else captures
     _require_same_modulation(captures)
