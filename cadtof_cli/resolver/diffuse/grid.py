@@ -1,7 +1,7 @@
 """Rays, and the patches that a frame is cut into."""
 
 import math
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
@@ -59,6 +59,12 @@ class PatchGrid:
     slope: Float
     place: Float
     ray: Float
+
+    @cached_property
+    def even(self) -> Float:
+        """Return what changes evenly over the view: 1, X and Y of the patches' middles, and 1/cos, (rows, columns, 4)."""
+        one = np.ones_like(self.slope[0])
+        return sealed(np.stack([one, *self.slope, 1.0 / self.ray[2]], axis=-1))
 
     def samples(self, image: NDArray[Any], /) -> NDArray[Any]:
         """Return the sampled pixels of images (…, Y, X) by patch, (…, n, rows, columns); 0 or False outside the frame."""
