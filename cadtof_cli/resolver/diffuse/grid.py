@@ -66,6 +66,12 @@ class PatchGrid:
         one = np.ones_like(self.slope[0])
         return sealed(np.stack([one, *self.slope, 1.0 / self.ray[2]], axis=-1))
 
+    @cached_property
+    def powers(self) -> Float:
+        """Return 1, x, y, x², y² and xy of where the sampled pixels lie about the middle of their patch, (6, n)."""
+        x, y = self.place
+        return sealed(np.stack([np.ones_like(x), x, y, x * x, y * y, x * y]))
+
     def samples(self, image: NDArray[Any], /) -> NDArray[Any]:
         """Return the sampled pixels of images (…, Y, X) by patch, (…, n, rows, columns); 0 or False outside the frame."""
         rows, columns = sampled_pixels(self.height, self.width)
