@@ -242,7 +242,7 @@ def _with_predicted_mpi(pixels: FramePixels, stages: FrameStages, prediction: Pr
     samples = 1.0 if noise.samples is None else float(np.median(noise.samples))
     variances = tuple(one.dark_variance for one in noise.each)
     means = patch_means(light, light.seen, variance=variances[0] / samples, harmonics=asked.harmonics, kernel=kernel)
-    kinds = patch_kinds(means, np.array(variances) / samples, sampled=len(light.seen), settings=asked, kernel=kernel)
+    kinds = patch_kinds(means, np.array(variances) / samples, grid=prediction.grid, settings=asked, kernel=kernel)
     choice = DiffuseChoice(kinds.reason, int(kinds.lit.sum()), kinds.separate_share)
     if choice.reason != "tail":
         return replace(pixels, choice=choice)
