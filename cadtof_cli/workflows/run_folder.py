@@ -3,7 +3,8 @@
 import operator
 import os
 from collections.abc import Callable, Mapping, Sequence
-from functools import partial
+from contextlib import suppress
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
@@ -12,15 +13,18 @@ from cadtof_cli.capture.discovery import OUTPUT_FILES, find_placed_captures
 from cadtof_cli.capture.frames import Capture, FrameSource, frame_names, single_frames
 from cadtof_cli.capture.metadata import Optics
 from cadtof_cli.capture.toml import FILE_NAME as CAPTURE_FILE
-from cadtof_cli.errors import CadtofError, CaptureError, SettingsError
+from cadtof_cli.errors import CadtofError, CaptureError, FrameError, SettingsError
 from cadtof_cli.files.formats import MAP_SUFFIXES
+from cadtof_cli.files.maps import read_facts
 from cadtof_cli.files.reading import is_folder, real_path
-from cadtof_cli.frame_plan import CalibrationUse, DepthKind
+from cadtof_cli.frame_plan import DEPTH_IN_WORDS, CalibrationUse, DepthKind
 from cadtof_cli.records import dataclass
 from cadtof_cli.workflows.resolve.record import FRAMES_FILE, RUN_FILE, FrameReport, read_record, report_of
 
 RecordedFrames = Mapping[str, tuple[Capture, tuple[FrameSource, ...]]]
 """Recorded frames and their captures, by the name of the map that was made from them: several where it is of their mean."""
+
+_DEPTH_BY_WORDS = {words: kind for kind, words in DEPTH_IN_WORDS.items()}
 
 
 @dataclass(frozen=True)
@@ -60,8 +64,20 @@ class Run:
 
     @property
     def depth_kind(self) -> DepthKind:
-        """What the depths of the maps are: ranges, where no record says otherwise."""
-        return "z" if self.record is not None and self.record["arguments"].get("depth") == "z" else "range"
+        """What the depths of the maps are: ranges, where nothing says otherwise."""
+        return self.said_depth or "range"
+
+    @cached_property
+    def said_depth(self) -> DepthKind | None:
+        """What the depths of the maps are, as the run's record says or, without one, the header of the first map that says it."""
+        if self.record is not None:
+            return "z" if self.record["arguments"].get("depth") == "z" else "range"
+        for file in self.files:
+            with suppress(FrameError):
+                words = read_facts(file).get("depth")
+                if words in _DEPTH_BY_WORDS:
+                    return _DEPTH_BY_WORDS[words]
+        return None
 
     def optics(self, file: Path, /) -> Optics:
         """Return the optics that the capture of a map was recorded with, as the run's record has them; unknown without one.

@@ -69,7 +69,8 @@ class PixelModel:
             f"{self.dead_time_ns:g} ns",
             f"0 to less than one cycle of {period:g} ns",
         )
-        require(finite_at_least(self.jitter_ns, 0), "jitter", f"{self.jitter_ns:g} ns", "0 ns or more")
+        shortest = min(self.modulation.periods_ns)
+        require(0 <= self.jitter_ns < shortest, "jitter", f"{self.jitter_ns:g} ns", f"0 to less than {shortest:g} ns")
         require(finite_at_least(self.sample_noise_v, 0), "sample noise", f"{self.sample_noise_v:g} V", "0 V or more")
         require(finite_at_least(self.gain_mismatch, -1), "gain mismatch", self.gain_mismatch, "-1 or more")
         require(all(map(math.isfinite, self.offsets_v)), "offsets", self.offsets_v, "two finite voltages")
