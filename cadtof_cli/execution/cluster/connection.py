@@ -110,18 +110,17 @@ class Connection:
             self._client.cancel(futures)
 
     def news(self) -> list[News]:
-        """Wait for news, and return all there is.
+        """Wait for news, `LISTEN_S` at most, and return all there is.
 
         Raises:
             ClusterError: the scheduler is lost.
         """
         heard: list[WorkerJoined | WorkerLost | int] = []
-        while not heard:
-            self._compare_workers()
-            with suppress(queue.Empty):
-                heard.append(self._news.get(timeout=LISTEN_S))
-                while True:
-                    heard.append(self._news.get_nowait())
+        self._compare_workers()
+        with suppress(queue.Empty):
+            heard.append(self._news.get(timeout=LISTEN_S))
+            while True:
+                heard.append(self._news.get_nowait())
         return [news for one in heard for news in self._understood(one)]
 
     def close(self) -> None:
