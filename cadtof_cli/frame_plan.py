@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 DepthKind = Literal["range", "z"]
 
-MOST_POOLED = 99
+MOST_POOLED = 255
 """Side of the square of neighbours: the time of pooling grows with its square, to minutes per frame."""
 
 MOST_AVERAGED = 1_000_000

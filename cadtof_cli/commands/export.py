@@ -5,7 +5,7 @@ from pathlib import Path
 import click
 
 from cadtof_cli.commands.help import example
-from cadtof_cli.commands.options import RecordOptions, refuse_given
+from cadtof_cli.commands.options import RecordOptions, note_given
 from cadtof_cli.commands.terminal import progress_bar, tell
 from cadtof_cli.workflows.inspect.export import OPTICS_FREE, WHOLE, ExportSettings, export_maps
 
@@ -41,9 +41,9 @@ def export(*, maps: tuple[Path, ...], out: Path, settings: ExportSettings, overw
     """
     kind = out.suffix.lower()
     if kind in WHOLE:
-        refuse_given({"layer", "depth"}, f"with {kind}")
+        note_given({"layer", "depth"}, f"with {kind}")
     if kind in OPTICS_FREE:
-        refuse_given({"focal_length_px", "principal_point_px"}, f"with {kind}")
+        note_given({"focal_length_px", "principal_point_px"}, f"with {kind}")
     with progress_bar("exporting", "maps", quiet=False) as bar:
         outputs = export_maps(maps, out, settings=settings, progress=bar, overwrite=overwrite)
     for output in outputs:

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from cadtof_cli.commands.options import Decorator, RecordOptions, declared_options, refuse_given
+from cadtof_cli.commands.options import Decorator, RecordOptions, declared_options, note_given
 from cadtof_cli.frame_plan import MapSettings
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.workflows.resolve.settings import ResolveSettings
@@ -17,9 +17,11 @@ def path_options(*without: str) -> RecordOptions:
     def settings(**given: Any) -> ResolverSettings:
         made = ResolverSettings(**given)
         if made.solver != "lm":
-            refuse_given({"starts", "seed"}.intersection(given), f"with --solver {made.solver}")
+            note_given({"starts", "seed"}.intersection(given), f"with --solver {made.solver}")
+        if not made.may_be_diffuse((1, 2)) and made.mpi_model == "diffuse":
+            note_given({"mpi_model"}, "with --solver, --order, --paths or --return that ask for separate paths")
         if made.returns == "strongest":
-            refuse_given({"min_return_ratio"}, "with --return strongest")
+            note_given({"min_return_ratio"}, "with --return strongest")
         return made
 
     return RecordOptions("resolver", settings, *own)

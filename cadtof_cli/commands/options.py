@@ -201,6 +201,14 @@ def given_options(names: Collection[str], /) -> Iterator[str]:
             yield param.opts[-1]
 
 
+def note_given(names: Collection[str], where: str, /) -> None:
+    """Say on stderr which of these options were typed `where` (such as "with --solver two-path") they change nothing."""
+    if click.get_current_context().params.get("quiet"):
+        return
+    for option in given_options(names):
+        tell(f"{option}: found {where}, where it has no effect", err=True)
+
+
 def refuse_given(names: Collection[str], where: str, /) -> None:
     """Raise SettingsError if any of these options was typed, `where` (such as "with --scene card") it changes nothing."""
     for option in given_options(names):

@@ -5,7 +5,7 @@ from pathlib import Path
 import click
 
 from cadtof_cli.commands.help import example
-from cadtof_cli.commands.options import RecordOptions, refuse_given
+from cadtof_cli.commands.options import RecordOptions, note_given
 from cadtof_cli.commands.terminal import progress_bar, tell
 from cadtof_cli.workflows.inspect.preview_settings import PreviewSettings
 
@@ -39,9 +39,9 @@ def preview(*, inputs: tuple[Path, ...], out: Path, settings: PreviewSettings) -
     from cadtof_cli.workflows.inspect.preview import preview as draw
 
     if out.suffix.lower() not in FILMS:
-        refuse_given({"frames_per_second"}, f"with {out.suffix}")
+        note_given({"frames_per_second"}, f"with {out.suffix}")
     if settings.layer == STATUS:
-        refuse_given({"limits", "colours"}, f"with --layer {STATUS}")
+        note_given({"limits", "colours"}, f"with --layer {STATUS}")
     with progress_bar("drawing", "frames", quiet=False) as bar:
         draw(inputs, out, settings=settings, progress=bar)
     tell(out)

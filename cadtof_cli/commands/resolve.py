@@ -18,7 +18,7 @@ from cadtof_cli.commands.options import (
     capture_options,
     declared_options,
     jobs_option,
-    refuse_given,
+    note_given,
     setting_option,
     settings_option,
 )
@@ -111,9 +111,9 @@ def resolve(
     from cadtof_cli.workflows.resolve.resolve import resolve_captures
 
     if STDIN not in inputs:
-        refuse_given({"null"}, f"without {STDIN} as INPUT")
+        note_given({"null"}, f"without {STDIN} as INPUT")
     if settings.workers.scheduler != LOCAL:
-        refuse_given({"jobs", "start_method"}, "with --scheduler, whose workers are started elsewhere")
+        note_given({"jobs", "start_method"}, "with --scheduler, whose workers are started elsewhere")
     paths = arriving_paths(inputs, separator=b"\0" if null else b"\n")
     with progress_bar("resolving", "frames", quiet=quiet, log=log) as bar:
         totals = resolve_captures(

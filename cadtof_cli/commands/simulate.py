@@ -11,8 +11,8 @@ from cadtof_cli.commands.options import refuse_given
 from cadtof_cli.commands.scene_options import LightOptions, SceneOptions, light_options, not_of_scene, scene_options
 from cadtof_cli.commands.simulation_options import (
     TrialOptions,
+    note_unused,
     quiet_option,
-    refuse_unused,
     trial_options,
     workers_option,
 )
@@ -95,12 +95,12 @@ def simulate(
     """
     if scene == "pixel":
         refuse_given(scene_options.names(), "with --scene pixel (the default)")
-        refuse_unused(trial, followed=out is not None)
+        note_unused(trial, followed=out is not None)
         trials = trial.of(light.condition(trial.fwhm_ns), trial.averaging(light.integration_length))
         _simulate_pixel(trials, out, workers, quiet=quiet, as_json=as_json)
         return
     refuse_given(PIXEL_ONLY | not_of_scene(scene), f"with --scene {scene}")
-    refuse_unused(trial)
+    note_unused(trial)
     if out is None:
         raise SettingsError(f"--scene {scene}: found no -o, expected -o DIR, the folder of the capture")
     seed = trial.trials["seed"]

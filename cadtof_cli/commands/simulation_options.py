@@ -13,7 +13,7 @@ from cadtof_cli.commands.options import (
     declared_options,
     given_options,
     jobs_option,
-    refuse_given,
+    note_given,
     setting_option,
 )
 from cadtof_cli.commands.values import FURTHER_PATH, NumberTuple
@@ -119,11 +119,11 @@ trial_options = RecordOptions(
 )
 
 
-def refuse_unused(trial: TrialOptions, /, *, followed: bool = False) -> None:
-    """Raise SettingsError for what was typed and changes nothing; `followed`: a recording is followed from photon to photon."""
+def note_unused(trial: TrialOptions, /, *, followed: bool = False) -> None:
+    """Say on stderr what was typed and changes nothing; `followed`: a recording is followed from photon to photon."""
     if trial.stages.drive == "dc":
-        refuse_given({"f1_hz", "f2_hz"}, "with --stages dc")
+        note_given({"f1_hz", "f2_hz"}, "with --stages dc")
         if not (followed or trial.trials["photon_by_photon"]):
-            refuse_given({"cycles", "photons_per_cycle"}, "without --photons")
+            note_given({"cycles", "photons_per_cycle"}, "without --photons")
     if not any(given_options({"speed_m_s"})):
-        refuse_given({"frame_rate_hz"}, "without --speed")
+        note_given({"frame_rate_hz"}, "without --speed")

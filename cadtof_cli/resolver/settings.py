@@ -92,11 +92,6 @@ class ResolverSettings:
                 raise SettingsError(f"{option}: found {number}, expected {floor} or more")
         if self.solver == "lm" and self.paths > 2:
             raise SettingsError(f"--solver lm finds two paths, not --paths {self.paths}: use --solver two-path")
-        if self.mpi_model == "diffuse" and not self._leaves_the_model_free:
-            raise SettingsError(
-                "--mpi-model diffuse: found with another --solver or --order, --paths above 2 or --return last, which resolve "
-                "separate paths; leave one out"
-            )
         most = 1 if self.solver == "one-path" else self.paths
         orders = ("auto", *map(str, range(1, most + 1)))
         if self.order not in orders:
@@ -112,16 +107,13 @@ class ResolverSettings:
             return int(self.order)
         return 1 if self.solver == "one-path" else self.paths
 
-    @property
-    def _leaves_the_model_free(self) -> bool:
-        return (self.solver, self.paths, self.order) == ("two-path", 2, "auto") and self.returns != "last"
-
     def may_be_diffuse(self, harmonics: tuple[int, ...], /) -> bool:
         """Whether a frame's MPI may be taken for diffuse: not where another solver, order or return is asked for.
 
         A tail is predicted from harmonics 1 and 2, and more of them where there are.
         """
-        return self._leaves_the_model_free and self.mpi_model != "discrete" and harmonics[:2] == (1, 2)
+        free = (self.solver, self.paths, self.order) == ("two-path", 2, "auto") and self.returns != "last"
+        return free and self.mpi_model != "discrete" and harmonics[:2] == (1, 2)
 
     def room(self, harmonics: tuple[int, ...], /, *, sine: bool) -> str:
         """Return the room of the resolver whose module `solver` answers; `sine`: whether the channel pairs answer with one.

@@ -16,7 +16,7 @@ from cadtof_cli.capture.toml import FILE_NAME as CAPTURE_FILE
 from cadtof_cli.errors import CadtofError, CaptureError, FrameError, SettingsError
 from cadtof_cli.files.formats import MAP_SUFFIXES
 from cadtof_cli.files.maps import read_facts
-from cadtof_cli.files.reading import is_folder
+from cadtof_cli.files.reading import is_folder, real_path
 from cadtof_cli.frame_plan import DEPTH_IN_WORDS, CalibrationUse, DepthKind
 from cadtof_cli.records import dataclass
 from cadtof_cli.workflows.resolve.record import FRAMES_FILE, RUN_FILE, FrameReport, read_record, report_of
@@ -201,17 +201,31 @@ def map_files(maps: Path, /) -> tuple[Path, ...]:
     """Return a run's map files in the order of their names, those in folders below it last; or the one file.
 
     An empty folder that is called like a map stands for one, which fails by its name.
+
+    Raises:
+        CaptureError: a folder cannot be listed.
     """
-    if not is_folder(maps):
-        return (maps,)
+    return _map_files(maps, set()) if is_folder(maps) else (maps,)
+
+
+def _map_files(folder: Path, seen: set[str]) -> tuple[Path, ...]:
+    """Return the map files in a folder and below it but for folders that were `seen`: links may lead in a circle."""
+    seen.add(real_path(folder))
     files, below = list[Path](), list[Path]()
-    for path in sorted(path for path in maps.iterdir() if not path.name.startswith(".")):
-        inside = [one.name for one in path.iterdir()] if is_folder(path) else []
+    for path in _listed(folder):
+        inside = [one.name for one in _listed(path)] if is_folder(path) else []
         if path.suffix in MAP_SUFFIXES and not inside:
             files.append(path)
         elif inside and OUTPUT_FILES.isdisjoint(inside):
             below.append(path)
-    return (*files, *(file for folder in below for file in map_files(folder)))
+    return (*files, *(file for one in below if real_path(one) not in seen for file in _map_files(one, seen)))
+
+
+def _listed(folder: Path) -> list[Path]:
+    try:
+        return sorted(path for path in folder.iterdir() if not path.name.startswith("."))
+    except OSError as error:
+        raise CaptureError(f"{folder}: cannot be listed: {error.strerror}") from error
 
 
 def require_valid_record(record: Mapping[str, Any]) -> Mapping[str, Any]:

@@ -71,9 +71,9 @@ class FreedPaths:
 def typical_tail(values: Float, harmonics: tuple[int, ...], /) -> Complex:
     """Return the median H_h, (H,), of patches with the model's values (data + 2, n), in the order of `tail.free_of_direct`."""
     middle, count = median(values), len(harmonics) - 1
-    size = np.append(0.0, middle[:count]) + middle[-2]
-    phase = np.append(0.0, middle[count : 2 * count]) + np.array(harmonics) * middle[-1]
-    tail: Complex = np.exp(size + 1j * phase)
+    logarithm = middle[-2] + 1j * middle[-1] * np.array(harmonics)
+    logarithm[1:] += middle[:count] + 1j * middle[count : 2 * count]
+    tail: Complex = np.exp(logarithm)
     return tail
 
 

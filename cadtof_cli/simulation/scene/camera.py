@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from cadtof_cli.arrays import Float
 from cadtof_cli.capture.metadata import Optics, Voltage
-from cadtof_cli.optics import curvature_m, principal_point, ray_slopes
+from cadtof_cli.optics import curvature_m, ray_slopes
 from cadtof_cli.records import setting
 from cadtof_cli.simulation.pixel.mix import finite_at_least, require
 from cadtof_cli.units import C_M_PER_NS
@@ -84,7 +84,7 @@ class Camera:
     def curvature_delay_ns(self, rows: slice) -> Float:
         """Return the delay that field curvature adds to every path, (Y, X): 2(k2 ρ² + k4 ρ⁴)/c."""
         pixels = (self.height, self.width)
-        added_m = curvature_m(pixels, principal_point(self.optics, pixels), self.petzval_m)
+        added_m = curvature_m(pixels, self.optics.principal_point(pixels), self.petzval_m)
         return np.asarray(2.0 / C_M_PER_NS * added_m[rows])
 
     def fixed_delays_ns(self, seed: int) -> Float:
