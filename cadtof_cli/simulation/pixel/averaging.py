@@ -5,7 +5,7 @@ Every way of averaging is linear, so it is known by its weights: the voltage rea
 
 import math
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from cadtof_cli.records import setting
 
 StageDrive = Literal["dc", "switched"]
 
-STAGE_DRIVES: tuple[StageDrive, ...] = ("dc", "switched")
+STAGE_DRIVES: tuple[StageDrive, ...] = get_args(StageDrive)
 
 BOLTZMANN_J_PER_K = 1.380649e-23
 
