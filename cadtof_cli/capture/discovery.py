@@ -7,7 +7,6 @@ import functools
 import itertools
 import os
 import stat
-from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -82,21 +81,19 @@ def find_captures(
 
 def _each_once(captures: Sequence[tuple[Capture, bool]]) -> Iterator[Capture]:
     """Yield captures, of which each tells whether it is a whole folder, without frames that another one has."""
-    roots = [absolute(one.root) for one, _ in captures]
-    first_whole = {root: place for place, root in reversed(list(enumerate(roots))) if captures[place][1]}
-    times, seen = Counter(roots), dict[Path, set[tuple[Path, ...]]]()
-    for place, (root, (capture, _)) in enumerate(zip(roots, captures, strict=True)):
-        if times[root] == 1 or first_whole.get(root) == place:
-            yield capture
-        if times[root] == 1 or root in first_whole:
+    whole = {absolute(one.root): one for one, is_whole in reversed(captures) if is_whole}
+    seen = set[tuple[Path, ...]]()
+    for capture, _ in captures:
+        root = absolute(capture.root)
+        if root in whole:
+            if whole[root] is capture:
+                yield capture
             continue
-        before = seen.setdefault(root, set())
-        files = [tuple(path.relative_to(capture.root) for path in frame.paths) for frame in capture.frames]
-        if before.isdisjoint(files):
-            yield capture
-        elif frames := [frame for frame, its in zip(capture.frames, files, strict=True) if its not in before]:
-            yield replace(capture, frames=frames)
-        before.update(files)
+        files = [(root, *(path.relative_to(capture.root) for path in frame.paths)) for frame in capture.frames]
+        frames = [frame for frame, its in zip(capture.frames, files, strict=True) if its not in seen]
+        seen.update(files)
+        if frames:
+            yield replace(capture, frames=frames) if len(frames) < len(files) else capture
 
 
 def find_placed_captures(
