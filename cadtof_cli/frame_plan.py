@@ -108,6 +108,12 @@ class FramePlan:
             known_focal_length(self.metadata.optics)
         resolver.room(modulation.harmonics, sine=modulation.waveform == "sine")
 
+    def __hash__(self) -> int:
+        """Return a hash of a few values that tell plans apart: it is asked for with every frame."""
+        return hash(
+            (self.metadata.pixel.integration_length, self.settings.pool, self.settings.depth, self.block_pixels)
+        )
+
     @cached_property
     def resolver(self) -> ResolverSettings:
         """The settings of the resolver, with the least confidence in units of the phasors."""

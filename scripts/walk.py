@@ -1,7 +1,8 @@
 """How far a command's work has to walk: files, functions and records of the package that it meets, counted by tracing.
 
 scripts/walk [resolve | petzval] [--list] runs the command on a small capture, in one process, from the click command to the
-written file, in all threads; and once more with two frames: what is called more often then is what a frame meets, the rest is done once a run.
+written file, and watches all threads; and once more with two frames: what is called more often then is what a frame meets, the
+rest is done once a run.
 Each run is watched when it is done once more in the same process. With --first it is watched at once: what a process works out
 for all runs is met too, such as the header of the first frame, what the kernel needs to know and what noise there is.
 """
