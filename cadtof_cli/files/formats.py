@@ -12,8 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
 from cadtof_cli.errors import FrameError
-from cadtof_cli.files.reading import damage_as_frame_error, require_regular
-from cadtof_cli.files.system import READ_FLAGS
+from cadtof_cli.files.reading import damage_as_frame_error, open_regular
 from cadtof_cli.records import dataclass
 
 if TYPE_CHECKING:
@@ -211,9 +210,7 @@ def detect_format(path: Path, /, *, raw: bool = False) -> Format:
     if raw and format_by_suffix(path) is RAW:
         return RAW
     with damage_as_frame_error(path, "file"):
-        require_regular(path)
-        # which does not wait even if a FIFO takes its place between these two lines
-        descriptor = os.open(path, READ_FLAGS)
+        descriptor = open_regular(path)
         try:
             head = os.read(descriptor, _HEAD_BYTES)
         finally:

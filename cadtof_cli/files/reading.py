@@ -59,6 +59,17 @@ def require_regular(path: Path, /) -> os.stat_result:
     return state
 
 
+def open_regular(path: Path, /) -> int:
+    """Return a descriptor of a regular file, to be read.
+
+    Raises:
+        OSError: there is none, or it cannot be opened.
+    """
+    require_regular(path)
+    # READ_FLAGS: does not wait even if a FIFO takes its place between these two lines
+    return os.open(path, READ_FLAGS)
+
+
 def read_text(path: Path, /, *, encoding: str = "utf-8", most_bytes: int | None = MOST_TEXT_BYTES) -> str:
     """Return the text in a regular file.
 

@@ -99,7 +99,7 @@ class TiffImages:
                     self._divide(series)
                 self.names = names_of_planes(self._tiff, series, self.labels, self.sizes)
                 if voltages:
-                    require_voltages(path, page, self.names)
+                    require_voltages(path, self._tiff.pages, self.names)
                 require_plausible_size(path, page.nbytes, self._tiff.filehandle.size)
             opened.pop_all()
 

@@ -31,10 +31,13 @@ def surfaces_beyond(surfaces: Surfaces, valid: Bool, grid: PatchGrid, /) -> Surf
     return pieces.surfaces(distance, normal)[np.isfinite(distance)]
 
 
-def surfaces_guessed(surfaces: Surfaces, valid: Bool, grid: PatchGrid, /) -> Surfaces:
-    """Return pieces around the view, (n,), of walls that it does not show, where they stand before what is continued."""
+def surfaces_guessed(surfaces: Surfaces, valid: Bool, grid: PatchGrid, /, *, seen: Surfaces) -> Surfaces:
+    """Return pieces around the view, (n,), of walls that it does not show, where they stand before what is continued.
+
+    `seen`, (n,), are the surfaces of valid patches.
+    """
     pieces = _pieces(grid)
-    distance, normal = unseen_walls(surfaces[valid]).meet(pieces.ray)
+    distance, normal = unseen_walls(seen).meet(pieces.ray)
     first = (distance < _continued(pieces, surfaces, valid)[0]) & (-(normal * pieces.ray).sum(0) > LEAST_COSINE)
     return pieces.surfaces(distance, normal)[first]
 

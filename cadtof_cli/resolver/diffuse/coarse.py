@@ -110,6 +110,8 @@ class CoarsePlanes:
         Means and covariances of the tail go with the probability p. That the tail is there or not is the same for all pixels,
         with a variance of p·(1 − p) times the square of its lag.
         """
+        if probability == 1.0:
+            return self
         planes = self.planes * np.float32(probability)
         planes[-2] += np.float32(probability * (1.0 - probability)) * self.planes[self.data + 1] ** 2
         planes[-1] = self.planes[-1] / np.float32(probability)
@@ -165,9 +167,9 @@ def coarse_planes(
         left[1, 1] = left[1, 1] + UNEXPECTED * _standing_out(posterior.chi_squared, valid) * posterior.covariance[1, 1]
     rows = [*values, *(spread[entry] for entry in entries), left[1, 1], _mpi_variance(values, spread, left)]
     held = np.array(rows)
-    planes = np.empty((len(held), *valid.shape), np.float32)
-    planes[:], planes[:, valid] = held.mean(axis=1)[:, None, None], held
-    return CoarsePlanes(planes, count, entries)
+    planes = np.empty((len(held), valid.size), np.float32)
+    planes[:], planes[:, np.flatnonzero(valid)] = held.mean(axis=1)[:, None], held
+    return CoarsePlanes(planes.reshape(-1, *valid.shape), count, entries)
 
 
 def _surprise(posterior: Conditioned, *, common: bool) -> Float:
@@ -183,9 +185,10 @@ def _standing_out(chi_squared: Float, valid: Bool) -> Float:
     """Return by how much χ² of n valid patches, (rows, columns), and their neighbours is more than rooms have, (n,)."""
     local = np.zeros(valid.shape)
     local[valid] = np.minimum(chi_squared, LARGEST_LOCAL)
-    mean = over_neighbours(local)[valid] / over_neighbours(valid.astype(np.float64))[valid]
+    total, count = over_neighbours(np.array([local, valid]))[:, valid]
     usual = max(STANDING_OUT, STANDING_OUT_OF_MANY * float(median(chi_squared)))
-    return np.maximum(mean - usual, 0.0)
+    more: Float = np.maximum(total / count - usual, 0.0)
+    return more
 
 
 def _mpi_variance(values: Float, spread: Float, left: dict[Entry, Float]) -> Float:

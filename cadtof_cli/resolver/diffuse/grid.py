@@ -1,7 +1,7 @@
 """Rays, and the patches that a frame is cut into."""
 
 import math
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
@@ -59,6 +59,12 @@ class PatchGrid:
     slope: Float
     place: Float
     ray: Float
+
+    @cached_property
+    def powers(self) -> Float:
+        """Return 1, x, y, x², y² and xy of where the sampled pixels lie about the middle of their patch, (6, n)."""
+        x, y = self.place
+        return sealed(np.stack([np.ones_like(x), x, y, x * x, y * y, x * y]))
 
     def samples(self, image: NDArray[Any], /) -> NDArray[Any]:
         """Return the sampled pixels of images (…, Y, X) by patch, (…, n, rows, columns); 0 or False outside the frame."""

@@ -1,22 +1,20 @@
 """Which way two harmonics lean: by which share of itself a fitted lag is too small on average in views like this one.
 
 Early light hardly changes the ratio of two harmonics, but the lag; how much of it there is depends on what kind of room a view
-shows, and the fit does not know kinds of rooms. So rooms seen from near came out too near, those of which nothing near is seen
-too far; and so on for what else a view shows. The slopes are those of a regression over 294 rendered rooms. What is left no
+shows, and the fit does not know kinds of rooms: alone, it puts rooms seen from near too near, and those of which nothing near is
+seen too far; and so on for what else a view shows. The slopes are those of a regression over 294 rendered rooms. What is left no
 number of a view was found to tell. Three harmonics see early light.
 """
-
-from dataclasses import fields
 
 import numpy as np
 
 from cadtof_cli.arrays import Float
 from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.diffuse.planes import Surfaces
+from cadtof_cli.resolver.diffuse.quantiles import median
 
 NEAREST, FARTHEST = 0.1, 0.9
 """Shares of the patches below which the nearest and the farthest range of a view lie."""
-
 
 LEAST_CONTRAST = 0.05
 """Scatter of the logarithms of the patches' amplitudes below which a view is of one even surface, and no room: all rooms have
@@ -89,17 +87,15 @@ class Leaning:
 def missed_share(view: ViewNumbers, /) -> float:
     """Return the share of the lag that is missed on average in such views."""
     share = MEAN
-    for field in fields(ViewNumbers):
-        value, middle, slope, least, most = (
-            float(getattr(numbers, field.name)) for numbers in (view, MIDDLE, SLOPES, LEAST, MOST)
-        )
+    rows = (vars(numbers).values() for numbers in (view, MIDDLE, SLOPES, LEAST, MOST))
+    for value, middle, slope, least, most in zip(*rows, strict=True):
         share += slope * min(max(value - middle, least), most)
     return share * min(max(view.more / ENOUGH_MORE, 0.0), 1.0)
 
 
 def left_rad(lag_rad: Float, two_path_rad: Float, /, *, rad_per_ns: float) -> float:
     """Return the standard deviation of what is left of the lag that n patches have, (n,), and two paths would."""
-    more_ns = abs(float(np.median(lag_rad - two_path_rad))) / rad_per_ns
+    more_ns = abs(float(median(lag_rad - two_path_rad))) / rad_per_ns
     return rad_per_ns * LEFT_NS * more_ns / (more_ns + ENOUGH_NS)
 
 
@@ -116,7 +112,7 @@ def view_numbers(
         seen_rad: how much of them is put down to surfaces in the view, (n,).
         two_path_rad: what two paths make of them, (n,).
     """
-    lag, contrast = float(np.median(lag_rad)), float(np.std(np.log(amplitude)))
+    lag, contrast = float(median(lag_rad)), float(np.std(np.log(amplitude)))
     if lag <= 0.0 or contrast < LEAST_CONTRAST:
         return None
     ordered = np.sort(surfaces.range_m)
@@ -125,10 +121,10 @@ def view_numbers(
     return ViewNumbers(
         near=float(np.log(nearest)),
         contrast=float(np.log(contrast)),
-        more=float(np.median(lag_rad - two_path_rad)) / lag,
+        more=float(median(lag_rad - two_path_rad)) / lag,
         deep=float(np.log(farthest / nearest)),
         facing=float(np.linalg.eigvalsh(among)[-1]),
         albedo=float(room[0]),
-        seen=float(np.median(seen_rad)) / lag,
+        seen=float(median(seen_rad)) / lag,
         decay=float(room[4]),
     )

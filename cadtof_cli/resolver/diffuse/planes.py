@@ -65,7 +65,7 @@ def _median(inverse: Float32, seen: Bool) -> Float32:
     """Return the (upper) median over the seen pixels of every patch; 1 where there are none."""
     place = np.minimum(seen.sum(0) // 2, len(seen) - 1)
     ordered = np.sort(np.ascontiguousarray(inverse.reshape(len(inverse), -1).T))
-    median = np.take_along_axis(ordered, place.reshape(-1, 1), axis=1).reshape(place.shape)
+    median = ordered[np.arange(place.size), place.ravel()].reshape(place.shape)
     found: Float32 = np.where(np.isfinite(median), median, np.float32(1.0))
     return found
 
@@ -76,8 +76,7 @@ def _normals(off: Float, counted: Float, grid: PatchGrid) -> Float:
     `off` is 0 where not `counted`, (n, rows, columns) each. Within its patch, a sample has the same place in all of them, so
     that the sums over all patches are products with a few common vectors.
     """
-    x, y = grid.place
-    powers, shape = np.stack([np.ones_like(x), x, y, x * x, y * y, x * y]), (-1, *counted.shape[1:])
+    powers, shape = grid.powers, (-1, *counted.shape[1:])
     count, x, y, xx, yy, xy = (powers @ counted.reshape(len(counted), -1)).reshape(shape)
     share = 1.0 / np.maximum(count, 1.0)
     z, xz, yz = (powers[:3] @ off.reshape(len(off), -1)).reshape(shape) * share

@@ -13,11 +13,11 @@ from cadtof_cli.resolver.diffuse.light import PatchLight, PatchMeans, patch_mean
 from cadtof_cli.resolver.diffuse.model_error import model_error, mpi_share
 from cadtof_cli.resolver.diffuse.noise import noise_covariance
 from cadtof_cli.resolver.diffuse.patch_fit import PatchFit, fitted_patches
-from cadtof_cli.resolver.diffuse.planes import PatchPlanes, patch_planes
+from cadtof_cli.resolver.diffuse.planes import PatchPlanes, Surfaces, patch_planes
 from cadtof_cli.resolver.diffuse.prior import pattern
 from cadtof_cli.resolver.diffuse.quantiles import median, quantiles
 from cadtof_cli.resolver.diffuse.radiosity import interreflections, light_of
-from cadtof_cli.resolver.diffuse.records import DiffuseModel, SeenThrough, Tails, range_from_phase
+from cadtof_cli.resolver.diffuse.records import NEAREST_M, DiffuseModel, SeenThrough, Tails, range_from_phase
 from cadtof_cli.resolver.diffuse.settings import DiffuseSettings
 from cadtof_cli.resolver.diffuse.tail import TailModel
 from cadtof_cli.resolver.diffuse.through import seen_through, typical_tail
@@ -34,9 +34,6 @@ walls at right angles holds most of the early light, one of a single wall nothin
 
 UNHEARD = 1e6
 """By how much the noise of patches with two surfaces is raised, so that they say nothing of the room."""
-
-NEAREST_M = 0.05
-"""Least range of a sampled pixel."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,8 +100,9 @@ def _model(
         harmonics=frame.settings.harmonics,
         kernel=frame.kernel,
     )
-    ratios, amplitude = means.ratios[:, valid], means.amplitude[valid]
-    tail, rule = _tail(planes, valid, amplitude, frame)
+    ratios, amplitude, seen = means.ratios[:, valid], means.amplitude[valid], planes.surfaces[valid]
+    tail = _tail(seen, surfaces_beyond(planes.surfaces, valid, frame.grid), amplitude, frame)
+    rule = pattern(tail.light.direct)
     data = np.concatenate([np.log(np.maximum(np.abs(ratios), 1e-9)), np.angle(ratios)])
     error = _error(ratios, amplitude, means.pixels[valid], frame)
     known, auto = frame.grid.view.known, frame.settings.model == "auto"
@@ -121,14 +119,15 @@ def _model(
     posterior = patch_posterior(data, error, fit)
     if auto and not tail_fits(posterior.chi_squared[heard], len(data)):
         return None
-    beside = _beside(fit, tail, planes, valid, frame, mpi_share(ratios))
+    guessed = surfaces_guessed(planes.surfaces, valid, frame.grid, seen=seen)
+    beside = _beside(fit, tail, seen, guessed, frame, mpi_share(ratios))
     two_path_rad = two_path_lag(ratios[0], kernel=frame.kernel)
     leaning = None
     if len(ratios) == 1:
         lag_rad, two_rad = fit.posterior[-1, heard], two_path_rad[heard]
         view = view_numbers(
             fit.room,
-            planes.surfaces[valid][heard],
+            seen if through is None else seen[heard],
             amplitude[heard],
             lag_rad=lag_rad,
             seen_rad=beside.seen_rad[heard],
@@ -177,19 +176,14 @@ def _seen_through(
     )
 
 
-def _beside(fit: PatchFit, tail: TailModel, planes: PatchPlanes, valid: Bool, frame: _Frame, share: float) -> Beside:
+def _beside(fit: PatchFit, tail: TailModel, seen: Surfaces, guessed: Surfaces, frame: _Frame, share: float) -> Beside:
     """Return the lags by light that the view does not show; that of guessed walls counts where a patch faces little that is
     known, and where there is little MPI, less of it is early light that the fit does not see.
     """
-    guessed = light_of(
-        surfaces_guessed(planes.surfaces, valid, frame.grid),
-        planes.surfaces[valid],
-        rad_per_m=frame.settings.rad_per_m,
-        kernel=frame.kernel,
-    )
+    light = light_of(guessed, seen, rad_per_m=frame.settings.rad_per_m, kernel=frame.kernel)
     open_share = tail.light.open_share
-    seen, continued, unseen, would_be = tail.lag_parts(fit.state, open_share**GUESSED_POWER * guessed)
-    return Beside(seen, continued, share * unseen, share * would_be, open_share, planes.surfaces[valid].cosine)
+    shown, continued, unseen, would_be = tail.lag_parts(fit.state, open_share**GUESSED_POWER * light)
+    return Beside(shown, continued, share * unseen, share * would_be, open_share, seen.cosine)
 
 
 def two_path_lag(ratio: Complex, /, *, kernel: str = NUMPY) -> Float:
@@ -210,19 +204,17 @@ def _planes(light: PatchLight, means: PatchMeans, frame: _Frame) -> PatchPlanes:
     return patch_planes(np.maximum(range_m, np.float32(NEAREST_M)), light.seen, frame.grid)
 
 
-def _tail(planes: PatchPlanes, valid: Bool, amplitude: Float, frame: _Frame) -> tuple[TailModel, Float]:
-    """Return the model of the valid patches, and how their states differ by rule."""
-    seen = planes.surfaces[valid]
+def _tail(seen: Surfaces, beyond: Surfaces, amplitude: Float, frame: _Frame) -> TailModel:
+    """Return the model of the patches that these surfaces are of."""
     light = interreflections(
         seen,
-        surfaces_beyond(planes.surfaces, valid, frame.grid),
+        beyond,
         amplitude,
         harmonics=frame.settings.harmonics,
         rad_per_m=frame.settings.rad_per_m,
         kernel=frame.kernel,
     )
-    model = TailModel(light, frame.settings.harmonics, frame.settings.rad_per_ns, frame.kernel)
-    return model, pattern(light.direct)
+    return TailModel(light, frame.settings.harmonics, frame.settings.rad_per_ns, frame.kernel)
 
 
 def _error(ratios: Complex, amplitude: Float, pixels: Float, frame: _Frame) -> Float:

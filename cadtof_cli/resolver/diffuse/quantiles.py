@@ -6,12 +6,12 @@ from cadtof_cli.arrays import Float
 
 
 def quantiles(values: Float, shares: tuple[float, ...], /) -> Float:
-    """Return quantiles of rows (…, n), one row each, (shares, …)."""
+    """Return quantiles of rows, (n,) or (rows, n), one row each, (shares, …)."""
     ordered, place = np.sort(values), np.array(shares) * (values.shape[-1] - 1)
     before = place.astype(np.intp)
     after = np.minimum(before + 1, values.shape[-1] - 1)
     found: Float = ordered[..., before] + (place - before) * (ordered[..., after] - ordered[..., before])
-    return np.moveaxis(found, -1, 0)
+    return found.T
 
 
 def median(values: Float, /) -> Float:

@@ -5,7 +5,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from cadtof_cli.arrays import Complex, Float, Float32
+from cadtof_cli.arrays import Complex, Complex64, Float, Float32
 from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.diffuse.planes import Surfaces
 from cadtof_cli.resolver.diffuse.quantiles import median
@@ -23,7 +23,8 @@ ALBEDO_RANGE = (0.1, 4.0)
 NEAREST_M2 = 1e-6
 """Least squared distance of two patches."""
 
-Complex64 = NDArray[np.complex64]
+MOST_AT_ONCE = 4000
+"""Entries of a matrix that are multiplied at once: of more, the order of sums may depend on how many threads share them."""
 
 T = TypeVar("T", np.float32, np.complex64)
 
@@ -112,8 +113,14 @@ def _bounces(kernel: Complex64, arrival: Complex, count: int) -> tuple[Complex64
 
 
 def _gathered(kernel: NDArray[T], light: NDArray[T]) -> NDArray[T]:
-    """Return kernel @ light as one inner product a row: the bits of a whole one depend on how many threads share it."""
-    gathered: NDArray[T] = np.matmul(kernel[:, None, :], light[:, None])[:, 0, 0]
+    """Return kernel @ light, a few rows at a time."""
+    count, sources = kernel.shape
+    rows = max(1, MOST_AT_ONCE // max(1, sources))
+    groups, left = divmod(count, rows)
+    gathered, rest = np.empty(count, kernel.dtype), slice(count - left, count)
+    together = kernel[: rest.start].reshape(groups, rows, sources)
+    np.matmul(together, light, out=gathered[: rest.start].reshape(groups, rows))
+    np.matmul(kernel[rest], light, out=gathered[rest])
     return gathered
 
 

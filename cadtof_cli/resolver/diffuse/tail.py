@@ -77,32 +77,29 @@ class TailModel:
         else:
             total, jacobian = self._slopes(natural, cos, sin)
         re, im, power = total
-        values = free_of_direct(0.5 * np.log(power), np.arctan2(im, re), self._harmonic)
-        phases = phase_data(self.data)
-        values[phases] = wrapped(values[phases])
-        return values, jacobian
+        return free_of_direct(0.5 * np.log(power), np.arctan2(im, re), self._harmonic), jacobian
 
     def lag_parts(self, state: Float, guessed: Complex, /) -> tuple[Float, Float, Float, Float]:
         """Return how much of arg H_1 is due to surfaces in the view, beside it and unseen, and would be to guessed ones.
 
         In rad, (n,) each, at a state (6, n); `guessed`, (n,), is the light of the last as `Interreflections.beyond` has it.
         """
-        natural, phase = np.exp(state[:5]), self._rad_per_ns * state[5]
-        seen, beyond, later, unseen, _ = self._terms(natural, np.cos(phase), np.sin(phase))
-        re, im = (seen + beyond + later + unseen)[:, 0]
-        re = re + 1.0
-        would_be = natural[0] * natural[1] * _parts(guessed)
-        shown, beside, behind, would = (
-            (y * re - x * im) / (re * re + im * im) for x, y in (seen[:, 0], beyond[:, 0], unseen[:, 0], would_be)
-        )
+        s, b, u, v, decay = np.exp(state[:5])
+        light, turn = self.light, 1j * self.rad_per_ns
+        seen, beyond, later = s * light.seen[0], s * b * light.beyond[0], s * s * u * light.later[0]
+        unseen = self._onset[0] * v * decay * np.exp(turn * state[5]) / (1.0 - turn * decay)
+        inverse = 1.0 / (1.0 + seen + beyond + later + unseen)
+        shown, beside, behind, would = ((part * inverse).imag for part in (seen, beyond, unseen, s * b * guessed))
         return shown, beside, behind, would
 
-    def _terms(self, natural: Float, cos: Float, sin: Float) -> tuple[Float, Float, Float, Float, Float]:
-        """Return the four terms of H_h in the order above, and 1/(1 − ihωτ); real and imaginary parts, (2, H, n) each.
+    def _slopes(self, natural: Float, cos: Float, sin: Float) -> tuple[Float, Float]:
+        """Return the real and imaginary part and the square of H_h, (3, H, n), and the Jacobian of the values.
 
+        In real numbers, whose every operation is rounded alone: numpy's products of complex ones differ from machine to machine.
         `natural`, (5, n), is s, b, u, v and τ; `cos` and `sin`, (H, n), those of hωt.
         """
         s, b, u, v, decay = natural
+        # 1/(1 − ihωτ)
         turns = self._rad_per_ns * decay
         held = np.empty((2, *cos.shape))
         np.divide(1.0, 1.0 + turns * turns, out=held[0])
@@ -111,14 +108,7 @@ class TailModel:
         start[0], start[1] = cos, sin
         unseen = _product(self._onset * (v * decay) * start, held)
         seen, beyond, later = self._light
-        return s * seen, (s * b) * beyond, (s * s * u) * later, unseen, held
-
-    def _slopes(self, natural: Float, cos: Float, sin: Float) -> tuple[Float, Float]:
-        """Return the real and imaginary part and the square of H_h, (3, H, n), and the Jacobian of the values.
-
-        In real numbers, whose every operation is rounded alone: numpy's products of complex ones differ from machine to machine.
-        """
-        seen, beyond, later, unseen, held = self._terms(natural, cos, sin)
+        seen, beyond, later = s * seen, (s * b) * beyond, (s * s * u) * later
         answer = np.empty((3, *cos.shape))
         total, power = answer[:2], answer[2]
         np.add(seen + beyond + later, unseen, out=total)

@@ -14,6 +14,7 @@ from cadtof_cli.resolver.diffuse.quantiles import median
 from cadtof_cli.resolver.diffuse.records import SeenThrough, Tails, range_from_phase
 from cadtof_cli.resolver.diffuse.settings import DiffuseSettings
 from cadtof_cli.resolver.diffuse.walls import ON_PLANE, over_neighbours, walls_behind
+from cadtof_cli.resolver.paths import FULL_TURN
 from cadtof_cli.resolver.two_path.closed_form import TwoPaths
 from cadtof_cli.resolver.two_path.decomposition import decomposed
 from cadtof_cli.resolver.two_path.kernel import NUMPY
@@ -51,8 +52,6 @@ OFF_SHARE, LAG_SHARE = 0.7, 0.2
 """Standard deviation of the nearer path's phase, as a share of what the farther ones miss the walls by, and of the lag that the
 tail brings: both are wrong by the same tail."""
 
-FULL_TURN = 2.0 * np.pi
-
 
 @dataclass(frozen=True, eq=False)
 class FreedPaths:
@@ -71,9 +70,9 @@ class FreedPaths:
 def typical_tail(values: Float, harmonics: tuple[int, ...], /) -> Complex:
     """Return the median H_h, (H,), of patches with the model's values (data + 2, n), in the order of `tail.free_of_direct`."""
     middle, count = median(values), len(harmonics) - 1
-    size = np.append(0.0, middle[:count]) + middle[-2]
-    phase = np.append(0.0, middle[count : 2 * count]) + np.array(harmonics) * middle[-1]
-    tail: Complex = np.exp(size + 1j * phase)
+    logarithm = middle[-2] + 1j * middle[-1] * np.array(harmonics)
+    logarithm[1:] += middle[:count] + 1j * middle[count : 2 * count]
+    tail: Complex = np.exp(logarithm)
     return tail
 
 
@@ -212,13 +211,7 @@ class _Walls:
         """Return the walls that the patches `among` see."""
         walls = walls_behind(range_m, among, grid)
         on_wall = among & (np.abs(walls - range_m) < ON_PLANE * range_m)
-        count = on_wall.sum(axis=(1, 2))
-        ordered = np.sort(np.where(on_wall, amplitude, np.inf).reshape(len(walls), among.size), axis=1)
-        low, high = (
-            np.take_along_axis(ordered, place[:, None], 1)[:, 0]
-            for place in (np.maximum(count - 1, 0) // 2, count // 2)
-        )
-        return cls(walls, 0.5 * (low + high))
+        return cls(walls, np.array([median(amplitude[these]) if these.any() else np.inf for these in on_wall]))
 
     def nearest(self, range_m: Float, /) -> tuple[Float, Float]:
         """Return the amplitude of the wall nearest to these ranges, (rows, columns), and how far that is from them."""

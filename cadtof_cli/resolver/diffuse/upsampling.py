@@ -147,16 +147,18 @@ def upsampler(planes: Float32, range_m: Float, valid: Bool, grid: PatchGrid, /) 
     """Make planes (plane, rows, columns) ready for pixels; ranges, (rows, columns), count where valid."""
     there = np.where(valid, range_m, NOWHERE_M).astype(np.float32)
     rows, columns, down, right = _stretches(grid)
-    stretched, ranges = (held.take(rows, axis=-2).take(columns, axis=-1) for held in (planes, there))
+    stretched, ranges = (
+        np.repeat(held[..., rows, :].take(columns, axis=-1), grid.side, axis=-1) for held in (planes, there)
+    )
     return Upsampler(grid, stretched, ranges, down, right)
 
 
 @lru_cache(maxsize=4)
 def _stretches(grid: PatchGrid) -> tuple[Index, Index, Float32, Float32]:
-    """Return which rows and columns of patches `Upsampler` holds, in order, and how far pixels lie between them."""
+    """Return which rows and columns of patches an `Upsampler` begins with, in order, and how far pixels lie between them."""
     rows, columns = (np.r_[0, 0:count, count - 1] for count in (grid.rows, grid.columns))
     down, right = (_shares(extent, grid.side) for extent in (grid.height, grid.width))
-    return sealed((rows, np.repeat(columns, grid.side), down, right))
+    return sealed((rows, columns, down, right))
 
 
 def _shares(extent: int, side: int) -> Float32:

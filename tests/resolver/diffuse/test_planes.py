@@ -82,7 +82,7 @@ def test_pieces_beyond_the_view_lie_on_the_wall_that_goes_on_there() -> None:
 def test_walls_that_are_not_seen_are_guessed_before_the_one_that_is() -> None:
     """At right angles to it, and outside the view."""
     found = planes_of(tilted())
-    pieces = surfaces_guessed(found.surfaces, found.found, grid())
+    pieces = surfaces_guessed(found.surfaces, found.found, grid(), seen=found.surfaces[found.found])
     assert len(pieces.range_m) > 10
     np.testing.assert_allclose((pieces.normal * NORMAL[:, None]).sum(0), 0.0, atol=0.02)
     point = pieces.ray * pieces.range_m
