@@ -7,6 +7,7 @@ import functools
 import itertools
 import os
 import stat
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -82,18 +83,17 @@ def find_captures(
 def _each_once(captures: Sequence[tuple[Capture, bool]]) -> Iterator[Capture]:
     """Yield captures, of which each tells whether it is a whole folder, without frames that another one has."""
     whole = {absolute(one.root): one for one, is_whole in reversed(captures) if is_whole}
-    seen = set[tuple[Path, ...]]()
+    times, seen = Counter(absolute(one.root) for one, _ in captures), set[tuple[Path, ...]]()
     for capture, _ in captures:
         root = absolute(capture.root)
-        if root in whole:
-            if whole[root] is capture:
-                yield capture
-            continue
-        files = [(root, *(path.relative_to(capture.root) for path in frame.paths)) for frame in capture.frames]
-        frames = [frame for frame, its in zip(capture.frames, files, strict=True) if its not in seen]
-        seen.update(files)
-        if frames:
-            yield replace(capture, frames=frames) if len(frames) < len(files) else capture
+        if times[root] == 1 or whole.get(root) is capture:
+            yield capture
+        elif root not in whole:
+            files = [(root, *(path.relative_to(capture.root) for path in frame.paths)) for frame in capture.frames]
+            frames = [frame for frame, its in zip(capture.frames, files, strict=True) if its not in seen]
+            seen.update(files)
+            if frames:
+                yield replace(capture, frames=frames) if len(frames) < len(files) else capture
 
 
 def find_placed_captures(
