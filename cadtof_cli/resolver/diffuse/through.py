@@ -136,7 +136,7 @@ def _at_harmonics(path: tuple[Float, Float, Float], harmonics: tuple[int, ...]) 
 
 def seen_through(
     phasors: Complex,
-    range_m: Float,
+    lag_rad: Float,
     valid: Bool,
     tails: Tails,
     /,
@@ -149,7 +149,7 @@ def seen_through(
 
     Args:
         phasors: of the patches, (H, rows, columns).
-        range_m: of their surfaces where a tail is all their MPI, (rows, columns).
+        lag_rad: of those that count, (n,), where a tail is all their MPI.
         valid: patches that count, (rows, columns).
         tails: those that are typical of what is near, and of what may lie behind it.
         grid: where the patches lie.
@@ -162,6 +162,9 @@ def seen_through(
     two &= (apart_ns > APART_NS[0]) & (apart_ns < APART_NS[1])
     if not _side_by_side(two):
         return None
+    phase_rad = np.angle(phasors[0])
+    phase_rad[valid] -= lag_rad
+    range_m = range_from_phase(phase_rad, settings)
     near_m = range_from_phase(paths.near_rad, settings)
     far_m = near_m + paths.later_rad * settings.m_per_rad
     seen = _Walls.of(range_m, np.abs(phasors[0] / tails.far[0]), valid & ~two, grid)
@@ -230,6 +233,8 @@ class _Walls:
 
 def _side_by_side(patches: Bool) -> list[tuple[Index, ...]]:
     """Return (rows, columns) of those of the patches that lie side by side, corners included, with enough others, by group."""
+    if np.count_nonzero(patches) < LEAST_PATCHES:
+        return []
     waiting = {(int(row), int(column)) for row, column in np.argwhere(patches)}
     groups = []
     while waiting:
