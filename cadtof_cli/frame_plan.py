@@ -20,6 +20,12 @@ if TYPE_CHECKING:
 
 DepthKind = Literal["range", "z"]
 
+MOST_POOLED = 255
+"""Side of the square of neighbours: the time of pooling grows with its square, to minutes per frame."""
+
+MOST_AVERAGED = 1_000_000
+"""Frames: days of recording."""
+
 DEPTH_IN_WORDS: dict[DepthKind, str] = {"range": "radial range", "z": "planar depth z"}
 
 
@@ -50,10 +56,12 @@ class MapSettings:
     def __post_init__(self) -> None:
         if self.depth not in DEPTH_IN_WORDS:
             raise SettingsError(f"--depth: found {self.depth!r}, expected one of {', '.join(DEPTH_IN_WORDS)}")
-        if self.pool < 1 or self.pool % 2 == 0:
-            raise SettingsError(f"--pool: found {self.pool}, expected an odd number of pixels such as 3 or 5")
-        if self.average < 1:
-            raise SettingsError(f"--average: found {self.average}, expected 1 frame or more")
+        if self.pool not in range(1, MOST_POOLED + 1, 2):
+            raise SettingsError(
+                f"--pool: found {self.pool}, expected an odd number of pixels such as 3 or 5, at most {MOST_POOLED}"
+            )
+        if not 1 <= self.average <= MOST_AVERAGED:
+            raise SettingsError(f"--average: found {self.average}, expected 1 to {MOST_AVERAGED} frames")
         x0, y0, x1, y1 = self.roi or (0, 0, 1, 1)
         if not (0 <= x0 < x1 and 0 <= y0 < y1):
             raise SettingsError(

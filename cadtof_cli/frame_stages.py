@@ -11,7 +11,7 @@ from cadtof_cli.frame_pixels import EVERY, FramePixels, Where
 from cadtof_cli.frame_plan import FramePlan
 from cadtof_cli.maps.depth import DepthScale, most_volts
 from cadtof_cli.maps.layers import Layer
-from cadtof_cli.optics import LampBeside, planar_per_range, principal_point
+from cadtof_cli.optics import LampBeside, planar_per_range
 from cadtof_cli.phasors.noise import NoiseModel, noise_model
 from cadtof_cli.phasors.voltages import phasors_from_stored, saturated_pixels
 from cadtof_cli.records import dataclass
@@ -111,7 +111,7 @@ def _prediction(metadata: "CaptureMetadata", size: tuple[int, int], resolver: Re
 
     modulation, optics = metadata.modulation, metadata.optics
     focal = optics.focal_length_px
-    view = View(focal, principal_point(optics, size)) if focal else assumed_view(*size)
+    view = View(focal, optics.principal_point(size)) if focal else assumed_view(*size)
     period_ns = modulation.periods_ns[0]
     asked = DiffuseSettings(model=resolver.mpi_model, period_ns=period_ns, harmonics=modulation.harmonics)
     return Prediction(patch_grid(*size, view), asked)

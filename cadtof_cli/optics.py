@@ -24,11 +24,6 @@ def known_focal_length(optics: Optics, /) -> float:
     return optics.focal_length_px
 
 
-def principal_point(optics: Optics, pixels: tuple[int, int], /) -> tuple[float, float]:
-    """Return the column and row where the optical axis meets the array: its middle, where they are not given."""
-    return optics.principal_point_px or ((pixels[1] - 1) / 2.0, (pixels[0] - 1) / 2.0)
-
-
 def ray_slopes(optics: Optics, pixels: tuple[int, int], /) -> tuple[Float, Float]:
     """Return X = (x − cx)/f, shape (1, X), and Y = (y − cy)/f, shape (Y, 1), of every pixel's ray.
 
@@ -36,7 +31,7 @@ def ray_slopes(optics: Optics, pixels: tuple[int, int], /) -> tuple[Float, Float
         SettingsError: the focal length is unknown.
     """
     focal_length_px = known_focal_length(optics)
-    cx, cy = principal_point(optics, pixels)
+    cx, cy = optics.principal_point(pixels)
     x = (np.arange(pixels[1], dtype=np.float64)[np.newaxis, :] - cx) / focal_length_px
     y = (np.arange(pixels[0], dtype=np.float64)[:, np.newaxis] - cy) / focal_length_px
     return x, y

@@ -1,6 +1,7 @@
 """The Python interface returns the same bits as the command writes, and importing the package loads nothing until it is used."""
 
 import logging
+import re
 import subprocess
 import sys
 from collections.abc import Sequence
@@ -224,6 +225,49 @@ def test_masked_values_are_not_taken_for_numbers() -> None:
     values = np.ma.masked_greater(np.full((2, 2, 4, 4), 0.1), 0.05)
     with pytest.raises(FrameError, match="frame: found masked values"):
         Frame.from_array(values)
+
+
+WRONG_KINDS: list[tuple[dict[str, Any], str]] = [
+    ({"roi": (1, 2, 3)}, "found roi=(1, 2, 3), expected 4 whole numbers"),
+    ({"roi": (1.5, 2, 3, 4)}, "found roi=(1.5, 2, 3, 4), expected 4 whole numbers"),
+    ({"pool": "3"}, "found pool='3', expected a whole number"),
+    ({"paths": 2.0}, "found paths=2.0, expected a whole number"),
+    ({"starts": True, "solver": "lm"}, "found starts=True, expected a whole number"),
+    ({"false_alarm": None}, "found false_alarm=None, expected a number"),
+    ({"min_confidence_v": "x"}, "found min_confidence_v='x', expected a number"),
+]
+
+
+@pytest.mark.parametrize(("options", "told"), WRONG_KINDS)
+def test_an_option_of_another_kind_is_named(options: dict[str, Any], told: str) -> None:
+    frame = Frame(np.zeros((2, 2, 4, 6), np.float32))
+    with pytest.raises(SettingsError, match=f"^resolve: {re.escape(told)}$"):
+        resolve(frame, **options)
+
+
+def test_numbers_of_numpy_are_numbers(tmp_path: Path) -> None:
+    """What is computed with numpy goes in as it comes out: settings, regions, what `capture.toml` holds."""
+    frame = next(read_frames(record(tmp_path / "capture").folder))
+    known = frame.metadata
+    settings = {
+        "modulation.periods_ns": np.array(known.modulation.periods_ns),
+        "pixel.integration_length": np.float32(1e5),
+        "voltage.zero_counts": np.int64(8192),
+        "voltage.volts_per_count": np.float64(known.voltage.volts_per_count or 0.0),
+    }
+    made = Frame.from_array(frame.stored, settings)
+    assert made.metadata.modulation.periods_ns == known.modulation.periods_ns
+    assert made.metadata.voltage.zero_counts == 8192.0
+    corners: Any = np.array([1, 2, 5, 6])
+    assert resolve(made, roi=corners, pool=int(np.int32(3)), min_confidence_v=0).shape == (4, 4)
+    card = simulate_scene("card", camera={"width": np.int64(8), "height": 6}, seed=int(np.int8(3)))
+    assert repr(card.frames[0]) == "<Frame frame_0000 of 8 × 6 pixels: 2 harmonics, uint16>"
+
+
+@pytest.mark.parametrize("frames", [0, slice(-1, None), slice(0, 10**30), slice(0.0, 1.0)])
+def test_frames_are_counted_from_0(frames: Any) -> None:
+    with pytest.raises(SettingsError, match=r"^read_frames: found frames=.*, expected a slice from 0 on, such as"):
+        next(read_frames(CORNER, frames=frames))
 
 
 def test_options_are_the_fields_of_the_records() -> None:

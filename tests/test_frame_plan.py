@@ -29,7 +29,7 @@ def test_what_is_just_possible_reaches_the_plan(options: dict[str, Any]) -> None
         ({"min_confidence_v": float("inf")}, "--min-confidence: found inf"),
         ({"pool": 2}, "--pool: found 2, expected an odd number of pixels"),
         ({"pool": -1}, "--pool: found -1"),
-        ({"average": 0}, "--average: found 0, expected 1 frame or more"),
+        ({"average": 0}, "--average: found 0, expected 1 to 1000000 frames"),
         ({"depth": "y"}, "--depth: found 'y', expected one of range, z"),
     ],
 )

@@ -3,6 +3,7 @@
 import difflib
 import logging
 import os
+import sys
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import partial
@@ -61,6 +62,10 @@ class Frame:
     def __str__(self) -> str:
         return self.source or self.name
 
+    def __repr__(self) -> str:
+        harmonics, _, height, width = self.stored.shape
+        return f"<Frame {self} of {width} × {height} pixels: {harmonics} harmonics, {self.stored.dtype}>"
+
     @classmethod
     def from_array(
         cls,
@@ -71,7 +76,7 @@ class Frame:
         settings_file: Place | None = None,
         name: str = "frame",
     ) -> "Frame":
-        """Return a frame of values that are in memory already, such as those of a camera's own driver.
+        """Return a frame of values that are in memory already, such as those of a camera's own driver; they are not copied.
 
         Args:
             stored: (H, 2, Y, X): harmonics in the order of the periods, SC1 and SC2, rows, columns. Floats are volts, unless
@@ -91,7 +96,11 @@ class Frame:
             )
         path = None if settings_file is None else Path(settings_file)
         known = load_metadata(path, _overrides(metadata)).metadata
-        return cls(np.ascontiguousarray(stored), known, name)
+        try:
+            values = np.ascontiguousarray(stored)
+        except ValueError as error:
+            raise FrameError(f"{name}: found no array of numbers: {error}") from error
+        return cls(values, known, name)
 
 
 def read_frames(
@@ -117,6 +126,8 @@ def read_frames(
     """
     if not all(map(os.fspath, inputs)) or not inputs:
         raise CaptureError(f"read_frames: found {inputs}, expected capture folders or frames")
+    if frames is not None and not (isinstance(frames, slice) and _counts_from_0(frames)):
+        raise SettingsError(f"read_frames: found frames={frames!r}, expected a slice from 0 on, such as slice(10, 20)")
     # one path is found in whatever was recorded; what `resolve` is asked for is checked there
     settings = ResolveSettings(
         out=Path(os.devnull),
@@ -140,10 +151,19 @@ def read_frames(
             yield Frame(stored, plan.plan.metadata, source.name, source_name(source))
 
 
+def _counts_from_0(frames: slice) -> bool:
+    parts = (frames.start, frames.stop, frames.step)
+    return all(part is None or (isinstance(part, int) and 0 <= part <= sys.maxsize) for part in parts)
+
+
 def _overrides(metadata: Mapping[str, Any] | None) -> dict[str, Any]:
     for name in metadata or {}:
         if name not in KEYS:
             meant = [key for key in KEYS if key.endswith(f".{name}")] or difflib.get_close_matches(str(name), KEYS, n=1)
             named = meant or sorted(KEYS)[:3]
             raise SettingsError(f"metadata: found {name!r}, expected keys such as {', '.join(named)}, …")
-    return dict(metadata or {})
+    # as `capture.toml` would hold them
+    return {
+        name: value.tolist() if isinstance(value, np.generic | np.ndarray) else value
+        for name, value in (metadata or {}).items()
+    }

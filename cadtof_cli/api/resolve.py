@@ -4,10 +4,11 @@ import os
 from collections.abc import Iterable, Sequence
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, TypedDict, Unpack
+from typing import TypedDict, Unpack
 
 from cadtof_cli.api.frames import Frame
 from cadtof_cli.api.maps import Maps
+from cadtof_cli.api.values import as_declared
 from cadtof_cli.arrays import Stored
 from cadtof_cli.calibration.store import Calibration, load_calibration
 from cadtof_cli.errors import FrameError, SettingsError
@@ -102,7 +103,7 @@ def _settings(options: ResolveOptions, *, average: int) -> MapSettings:
     if unknown:
         allowed = ", ".join(("calibration", *ResolveOptions.__annotations__))
         raise SettingsError(f"resolve: found the option {', '.join(sorted(unknown))}, expected some of {allowed}")
-    given: dict[str, Any] = dict(options)
+    given = as_declared(dict(options), ResolveOptions.__annotations__, of="resolve")
     if "order" in given:
         given["order"] = str(given["order"])
     resolver = ResolverSettings(**{name: value for name, value in given.items() if name in of_resolver})

@@ -2,12 +2,13 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, get_type_hints
 
 import numpy as np
 
 from cadtof_cli.api.frames import Frame
 from cadtof_cli.api.maps import Maps
+from cadtof_cli.api.values import as_declared
 from cadtof_cli.capture.metadata import InvalidValueError, Modulation, Pulse
 from cadtof_cli.errors import SettingsError
 from cadtof_cli.simulation.scene.camera import Camera
@@ -85,6 +86,6 @@ def _record(kind: Any, given: Mapping[str, Any]) -> Any:
         allowed = ", ".join(kind.__dataclass_fields__)
         raise SettingsError(f"{kind.__name__}: found {', '.join(sorted(unknown))}, expected some of {allowed}")
     try:
-        return kind(**{name: tuple(value) if isinstance(value, list) else value for name, value in given.items()})
+        return kind(**as_declared(given, get_type_hints(kind), of=kind.__name__))
     except InvalidValueError as error:
         raise SettingsError(str(error)) from error

@@ -7,7 +7,7 @@ import numpy as np
 
 from cadtof_cli.arrays import Bool, Float
 from cadtof_cli.capture.metadata import CaptureMetadata
-from cadtof_cli.optics import curvature_m, principal_point
+from cadtof_cli.optics import curvature_m
 from cadtof_cli.phasors.response import HarmonicResponse, ideal_response
 from cadtof_cli.phasors.voltages import PhasorMap, ideal_phasor_map, pixel_phasor_map
 from cadtof_cli.records import dataclass
@@ -85,6 +85,6 @@ def _range_offset_m(calibration: "Calibration", metadata: CaptureMetadata, pixel
     if calibration.petzval is not None:
         return calibration.petzval.range_offset_m.ravel()
     if calibration.response is not None and any(calibration.response.field_curvature_m):
-        point = principal_point(metadata.optics, pixels)
+        point = metadata.optics.principal_point(pixels)
         return curvature_m(pixels, point, calibration.response.field_curvature_m).ravel()
     return None

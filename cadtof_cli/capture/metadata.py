@@ -182,6 +182,10 @@ class Optics(Table):
         Check(lambda offset: len(offset) == 3 and max(map(abs, offset)) <= 10.0, "three numbers from -10 to 10"),
     )
 
+    def principal_point(self, pixels: tuple[int, int], /) -> tuple[float, float]:
+        """Return the principal point, column and row, in an array (Y, X): its middle, where none is given."""
+        return self.principal_point_px or ((pixels[1] - 1) / 2.0, (pixels[0] - 1) / 2.0)
+
 
 @dataclass(frozen=True, kw_only=True)
 class Target(Table):

@@ -1,6 +1,7 @@
 """`cadtof evaluate`."""
 
 import json
+import math
 from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
@@ -71,6 +72,8 @@ def evaluate(
       1  the median error is larger than --max-median, or a map cannot be read
       2  wrong usage, or nothing to evaluate
     """
+    if max_median is not None and math.isnan(max_median):
+        raise click.UsageError("--max-median: found nan, expected centimetres, 0 or more")
     if truth is None and (over_time is None or table is not None or max_median is not None):
         raise click.UsageError(
             "--truth is missing: expected a file with the layer direct.depth (only --over-time needs none)"

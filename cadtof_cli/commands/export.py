@@ -5,9 +5,9 @@ from pathlib import Path
 import click
 
 from cadtof_cli.commands.help import example
-from cadtof_cli.commands.options import RecordOptions
+from cadtof_cli.commands.options import RecordOptions, note_given
 from cadtof_cli.commands.terminal import progress_bar, tell
-from cadtof_cli.workflows.inspect.export import ExportSettings, export_maps
+from cadtof_cli.workflows.inspect.export import OPTICS_FREE, WHOLE, ExportSettings, export_maps
 
 
 @click.command(
@@ -39,6 +39,11 @@ def export(*, maps: tuple[Path, ...], out: Path, settings: ExportSettings, overw
     PNG       16 bits, depth in millimetres, 0 where there is no answer
     NPZ, CSV  all layers
     """
+    kind = out.suffix.lower()
+    if kind in WHOLE:
+        note_given({"layer", "depth"}, f"with {kind}")
+    if kind in OPTICS_FREE:
+        note_given({"focal_length_px", "principal_point_px"}, f"with {kind}")
     with progress_bar("exporting", "maps", quiet=False) as bar:
         outputs = export_maps(maps, out, settings=settings, progress=bar, overwrite=overwrite)
     for output in outputs:

@@ -15,6 +15,7 @@ from cadtof_cli.commands.options import (
     capture_options,
     input_paths,
     jobs_option,
+    refuse_given,
     settings_option,
 )
 from cadtof_cli.commands.terminal import progress_bar, tell
@@ -72,6 +73,8 @@ def info(
         CalibrationFacts: ("calibration", _calibration_lines),
     }
 
+    if not write_settings:
+        refuse_given({"out", "overwrite"}, "without --write-settings")
     with progress_bar("reading", "frames", quiet=False) as bar:
         found = look_into(
             input_paths(inputs),

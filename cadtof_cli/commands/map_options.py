@@ -2,21 +2,35 @@
 
 from typing import Any
 
-from cadtof_cli.commands.options import Decorator, RecordOptions, declared_options
+from cadtof_cli.commands.options import Decorator, RecordOptions, declared_options, note_given
 from cadtof_cli.frame_plan import MapSettings
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.workflows.resolve.settings import ResolveSettings
 
 _RESOLVER, _MAPS = declared_options(ResolverSettings), declared_options(MapSettings)
 
-PATH_OPTIONS = tuple(option for name, option in _RESOLVER.items() if name not in {"mpi_model", "seed"})
-"""How the phasors of a pixel become its paths: of recorded pixels and of simulated ones."""
+
+def path_options(*without: str) -> RecordOptions:
+    """Return the options that decide how phasors become paths, but for some; they arrive as `resolver`."""
+    own = (option for name, option in _RESOLVER.items() if name not in without)
+
+    def settings(**given: Any) -> ResolverSettings:
+        made = ResolverSettings(**given)
+        if made.solver != "lm":
+            note_given({"starts", "seed"}.intersection(given), f"with --solver {made.solver}")
+        if not made.may_be_diffuse((1, 2)) and made.mpi_model == "diffuse":
+            note_given({"mpi_model"}, "with --solver, --order, --paths or --return that ask for separate paths")
+        if made.returns == "strongest":
+            note_given({"min_return_ratio"}, "with --return strongest")
+        return made
+
+    return RecordOptions("resolver", settings, *own)
 
 
 def map_options(*without: str) -> RecordOptions:
     """Return the options that decide what maps are, but for some; they arrive as `maps`."""
     own = (option for name, option in _MAPS.items() if name not in without)
-    return RecordOptions("maps", MapSettings, RecordOptions("resolver", ResolverSettings), *own)
+    return RecordOptions("maps", MapSettings, path_options(), *own)
 
 
 def calibration_option() -> Decorator[Any]:

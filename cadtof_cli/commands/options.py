@@ -3,18 +3,20 @@
 import functools
 import itertools
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import MISSING, fields
 from pathlib import Path
 from types import NoneType
 from typing import Any, Literal, TypeVar, cast, get_args, get_origin, get_type_hints
 
 import click
+from click.core import ParameterSource
 
 from cadtof_cli.capture.metadata import KEYS, Key, Kind
 from cadtof_cli.commands.help import HelpContext
 from cadtof_cli.commands.terminal import tell
 from cadtof_cli.commands.values import FRAME_RANGE, NAMES, NUMBERED_NAMES, NUMBERS, RECTANGLE, NumberTuple, ParamType
+from cadtof_cli.errors import SettingsError
 from cadtof_cli.execution.cores import available_cores
 from cadtof_cli.execution.ordered import JOBS_PER_CORE, Workers
 
@@ -146,9 +148,11 @@ def _type_of(hint: Any) -> ParamType:
 
 def _as_typed(default: Any) -> Any:
     """Return a default as it would be typed."""
-    if default is MISSING:
-        return None
-    return ",".join(f"{item:g}" for item in default) if isinstance(default, tuple) else default
+    if isinstance(default, tuple):
+        return ",".join(f"{item:g}" for item in default)
+    if isinstance(default, float):
+        return f"{default:.15g}"
+    return None if default is MISSING else default
 
 
 class RecordOptions:
@@ -189,6 +193,28 @@ def declared_options(record: Any, /) -> dict[str, Decorator[Any]]:
     """Return the options of the fields of a settings record that `records.setting` has declared, by name, inherited ones last."""
     ordered = sorted(fields(record), key=lambda one: one.name not in record.__annotations__)
     return {one.name: setting_option(record, one.name, **one.metadata) for one in ordered if "help" in one.metadata}
+
+
+def given_options(names: Collection[str], /) -> Iterator[str]:
+    """Yield which of the options, by their parameters' names, were typed, the way that the help writes them."""
+    context = click.get_current_context()
+    for param in context.command.params:
+        if param.name in names and context.get_parameter_source(param.name) == ParameterSource.COMMANDLINE:
+            yield param.opts[-1]
+
+
+def note_given(names: Collection[str], where: str, /) -> None:
+    """Say on stderr which of these options were typed `where` (such as "with --solver two-path") they change nothing."""
+    if click.get_current_context().params.get("quiet"):
+        return
+    for option in given_options(names):
+        tell(f"{option}: found {where}, where it has no effect", err=True)
+
+
+def refuse_given(names: Collection[str], where: str, /) -> None:
+    """Raise SettingsError if any of these options was typed, `where` (such as "with --scene card") it changes nothing."""
+    for option in given_options(names):
+        raise SettingsError(f"{option}: found {where}, where it has no effect; leave it out")
 
 
 class SectionedCommand(click.Command):

@@ -5,7 +5,7 @@ from pathlib import Path
 import click
 
 from cadtof_cli.commands.help import example
-from cadtof_cli.commands.options import RecordOptions
+from cadtof_cli.commands.options import RecordOptions, note_given
 from cadtof_cli.commands.terminal import progress_bar, tell
 from cadtof_cli.workflows.inspect.preview_settings import PreviewSettings
 
@@ -34,8 +34,14 @@ def preview(*, inputs: tuple[Path, ...], out: Path, settings: PreviewSettings) -
     Several frames are drawn as a sheet of thumbnails with one colour scale, or as a film if -o is a GIF or MP4 (MP4 needs the
     extra `video`).
     """
+    from cadtof_cli.figures.sequence import FILMS
+    from cadtof_cli.files.maps import STATUS
     from cadtof_cli.workflows.inspect.preview import preview as draw
 
+    if out.suffix.lower() not in FILMS:
+        note_given({"frames_per_second"}, f"with {out.suffix}")
+    if settings.layer == STATUS:
+        note_given({"limits", "colours"}, f"with --layer {STATUS}")
     with progress_bar("drawing", "frames", quiet=False) as bar:
         draw(inputs, out, settings=settings, progress=bar)
     tell(out)

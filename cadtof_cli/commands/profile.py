@@ -5,8 +5,9 @@ from pathlib import Path
 import click
 
 from cadtof_cli.commands.help import example
-from cadtof_cli.commands.options import RecordOptions
+from cadtof_cli.commands.options import RecordOptions, note_given
 from cadtof_cli.commands.terminal import Bar, tell
+from cadtof_cli.maps.layers import DIRECT_DEPTH
 from cadtof_cli.workflows.inspect.profile import ProfileSettings, profile_table, read_profile, write_profile
 
 
@@ -38,6 +39,8 @@ def profile(
     MAPS are map files or folders that `cadtof resolve` wrote; one map of each folder is shown. All have the same size in pixels
     and are drawn into one picture.
     """
+    if settings.layer != DIRECT_DEPTH:
+        note_given({"first_phasor"}, f"with --layer {settings.layer}")
     found = read_profile(maps, settings=settings, truth=truth, progress=Bar())
     if out is None:
         tell(profile_table(found).rstrip("\n"))

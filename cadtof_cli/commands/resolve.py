@@ -18,11 +18,12 @@ from cadtof_cli.commands.options import (
     capture_options,
     declared_options,
     jobs_option,
+    note_given,
     setting_option,
     settings_option,
 )
 from cadtof_cli.commands.terminal import progress_bar, tell
-from cadtof_cli.execution.ordered import Workers
+from cadtof_cli.execution.ordered import LOCAL, Workers
 from cadtof_cli.workflows.resolve.settings import ResolveSettings
 
 if TYPE_CHECKING:
@@ -109,6 +110,10 @@ def resolve(
     """
     from cadtof_cli.workflows.resolve.resolve import resolve_captures
 
+    if STDIN not in inputs:
+        note_given({"null"}, f"without {STDIN} as INPUT")
+    if settings.workers.scheduler != LOCAL:
+        note_given({"jobs", "start_method"}, "with --scheduler, whose workers are started elsewhere")
     paths = arriving_paths(inputs, separator=b"\0" if null else b"\n")
     with progress_bar("resolving", "frames", quiet=quiet, log=log) as bar:
         totals = resolve_captures(
@@ -122,7 +127,8 @@ def resolve(
         summary = _dry_summary(totals, settings.out) if settings.dry_run else _summary(totals, settings)
         if bar.log:
             bar.log.note(summary)
-    if not quiet:
+    # where no frame says why, a run that ends with 1 does
+    if not quiet or not totals.frames:
         tell(summary, err=True)
     return 0 if totals.ok + totals.already_there and not totals.failed else 1
 

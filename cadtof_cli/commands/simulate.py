@@ -7,11 +7,12 @@ import click
 
 from cadtof_cli.capture.metadata import Pulse
 from cadtof_cli.commands.help import example
+from cadtof_cli.commands.options import refuse_given
 from cadtof_cli.commands.scene_options import LightOptions, SceneOptions, light_options, not_of_scene, scene_options
 from cadtof_cli.commands.simulation_options import (
     TrialOptions,
+    note_unused,
     quiet_option,
-    refuse_options,
     trial_options,
     workers_option,
 )
@@ -67,10 +68,7 @@ PIXEL_ONLY = {"as_json", "second_ns", "further", *trial_options.names()}.differe
 @quiet_option
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object on stdout instead of the table.")
 @scene_options
-@click.pass_context
 def simulate(
-    context: click.Context,
-    /,
     *,
     scene: str,
     out: Path | None,
@@ -96,11 +94,13 @@ def simulate(
       130  interrupted
     """
     if scene == "pixel":
-        refuse_options(context, scene_options.names(), "pixel (the default)")
+        refuse_given(scene_options.names(), "with --scene pixel (the default)")
+        note_unused(trial, followed=out is not None)
         trials = trial.of(light.condition(trial.fwhm_ns), trial.averaging(light.integration_length))
         _simulate_pixel(trials, out, workers, quiet=quiet, as_json=as_json)
         return
-    refuse_options(context, PIXEL_ONLY | not_of_scene(scene), scene)
+    refuse_given(PIXEL_ONLY | not_of_scene(scene), f"with --scene {scene}")
+    note_unused(trial)
     if out is None:
         raise SettingsError(f"--scene {scene}: found no -o, expected -o DIR, the folder of the capture")
     seed = trial.trials["seed"]

@@ -1,19 +1,24 @@
 """Options that `cadtof simulate` and `cadtof sweep` share: the pixel, how it is recorded, and how it is resolved."""
 
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import click
-from click.core import ParameterSource
 
 from cadtof_cli.capture.metadata import Modulation, Pulse
-from cadtof_cli.commands.map_options import PATH_OPTIONS
-from cadtof_cli.commands.options import RecordOptions, declared_options, jobs_option, setting_option
+from cadtof_cli.commands.map_options import path_options
+from cadtof_cli.commands.options import (
+    RecordOptions,
+    declared_options,
+    given_options,
+    jobs_option,
+    note_given,
+    setting_option,
+)
 from cadtof_cli.commands.values import FURTHER_PATH, NumberTuple
 from cadtof_cli.errors import SettingsError
 from cadtof_cli.execution.ordered import Workers
-from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.simulation.pixel.averaging import Averaging, Capacitors, Stages
 from cadtof_cli.simulation.pixel.mix import Condition, Motion
 from cadtof_cli.simulation.pixel.pixel import PixelModel
@@ -90,7 +95,7 @@ trial_options = RecordOptions(
     RecordOptions(
         "trials",
         dict,
-        RecordOptions("resolver", ResolverSettings, *PATH_OPTIONS),
+        path_options("mpi_model", "seed"),
         *declared_options(Trials).values(),
     ),
     RecordOptions(
@@ -114,8 +119,11 @@ trial_options = RecordOptions(
 )
 
 
-def refuse_options(context: click.Context, names: Collection[str], scene: str, /) -> None:
-    """Raise SettingsError if any of these options, which a scene or the pixel does not take, was given on the command line."""
-    for param in context.command.params:
-        if param.name in names and context.get_parameter_source(param.name) == ParameterSource.COMMANDLINE:
-            raise SettingsError(f"{param.opts[-1]}: found with --scene {scene}, which does not use it; leave it out")
+def note_unused(trial: TrialOptions, /, *, followed: bool = False) -> None:
+    """Say on stderr what was typed and changes nothing; `followed`: a recording is followed from photon to photon."""
+    if trial.stages.drive == "dc":
+        note_given({"f1_hz", "f2_hz"}, "with --stages dc")
+        if not (followed or trial.trials["photon_by_photon"]):
+            note_given({"cycles", "photons_per_cycle"}, "without --photons")
+    if not any(given_options({"speed_m_s"})):
+        note_given({"frame_rate_hz"}, "without --speed")

@@ -9,6 +9,7 @@ from cadtof_cli.commands.options import setting_option
 from cadtof_cli.commands.simulation_options import (
     TrialOptions,
     further_option,
+    note_unused,
     quiet_option,
     trial_options,
     workers_option,
@@ -75,6 +76,7 @@ def sweep(
       2    wrong usage or settings, or OUT exists
       130  interrupted
     """
+    note_unused(trial)
     lengths = grid_from_text(integration_length or "log:1e3:1e5:5", name="--integration-length")
     asrs, ratios = grid_from_text(asr, name="--asr"), grid_from_text(mpi, name="--mpi")
     averaging = trial.averaging(None if integration_length is None and trial.capacitors else lengths[0])

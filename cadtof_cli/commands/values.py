@@ -1,6 +1,7 @@
 """Values of options as they are typed: numbers, names, frames, pixels, paths of light, grids."""
 
 import math
+import sys
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
@@ -49,8 +50,9 @@ def _parted(text: str, separator: str, kind: Callable[[str], Any], count: int) -
 
 def _frames(text: str) -> slice:
     first, colon, last = text.partition(":")
-    start = int(first or 0)
-    stop = start + 1 if not colon else int(last) if last else None
+    # no capture has more frames than numpy can count
+    start, end = (min(int(part or 0), sys.maxsize - 1) for part in (first, last))
+    stop = start + 1 if not colon else end if last else None
     if start < 0 or (stop is not None and stop <= start):
         raise ValueError("no such frames")
     return slice(start, stop)

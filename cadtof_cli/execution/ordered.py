@@ -31,6 +31,9 @@ LOCAL = "local"
 
 _SCHEDULER = r"tcp://[^\s/:]+:\d+|tcp://\[[0-9a-fA-F:]+\]:\d+"
 
+LONGEST_S = 1e8
+"""Years; the clocks of systems end somewhere beyond."""
+
 JOBS_PER_CORE = 4
 """Users get no more processes than that a core: each takes memory, and none makes the work faster."""
 
@@ -58,8 +61,10 @@ class Workers:
             raise SettingsError(
                 f"--start-method: found {self.start_method}, which this system does not have; expected {', '.join(START_METHODS)}"
             )
-        if self.task_timeout_s is not None and not self.task_timeout_s > 0:
-            raise SettingsError(f"--frame-timeout: found {self.task_timeout_s:g}, expected seconds above 0")
+        if self.task_timeout_s is not None and not 0 < self.task_timeout_s <= LONGEST_S:
+            raise SettingsError(
+                f"--frame-timeout: found {self.task_timeout_s:g}, expected seconds above 0, at most {LONGEST_S:g}"
+            )
         if self.scheduler != LOCAL and not re.fullmatch(_SCHEDULER, self.scheduler):
             raise SettingsError(f"--scheduler: found {self.scheduler!r}, expected local or tcp://HOST:PORT")
         if self.scheduler != LOCAL and self.task_timeout_s is not None:

@@ -1,20 +1,27 @@
 """Frames in one array, mapped into memory from a file."""
 
+import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cadtof_cli.arrays import Stored
 from cadtof_cli.errors import FrameError
 from cadtof_cli.files.array_axes import transpositions
 from cadtof_cli.files.frames import CHANNELS, SAMPLE_TYPES, FrameLayout, Frames, shape_text
 from cadtof_cli.files.plane_table import plane_table
+from cadtof_cli.files.reading import damage_as_frame_error, open_regular
+from cadtof_cli.files.system import read_parts
+
+Mapped = np.memmap[Any, np.dtype[Any]]
 
 
 @contextmanager
-def open_array(path: Path, array: Stored, layout: FrameLayout, /, *, mended_by: str | None = None) -> Iterator[Frames]:
+def open_array(path: Path, array: Mapped, layout: FrameLayout, /, *, mended_by: str | None = None) -> Iterator[Frames]:
     """Yield the frames of an array whose last axes are Y and X, read one by one from a file that is mapped into memory.
 
     Parameters:
@@ -37,16 +44,15 @@ def open_array(path: Path, array: Stored, layout: FrameLayout, /, *, mended_by: 
         raise FrameError(
             f"{path}: found an array of {_size_text(array.shape)}, expected axes [T] H C Y X, rows and columns last; {ways}"
         ) from None
-    planes, dtype = array.reshape(-1, *array.shape[-2:]), array.dtype.newbyteorder("=")
     shape = (len(layout.harmonics), CHANNELS, *array.shape[-2:])
 
     def read(index: int = 0, /) -> Stored:
-        return np.ascontiguousarray(planes[table[index].ravel()], dtype).reshape(shape)
+        return _planes(path, array, table[index].ravel()).reshape(shape)
 
-    yield Frames(len(table), shape, dtype, read)
+    yield Frames(len(table), shape, array.dtype.newbyteorder("="), read)
 
 
-def single_plane(path: Path, array: Stored, /) -> Stored:
+def single_plane(path: Path, array: Mapped, /) -> Stored:
     """Return the one plane of an array, shape (Y, X), native byte order.
 
     Raises:
@@ -55,7 +61,29 @@ def single_plane(path: Path, array: Stored, /) -> Stored:
     require_planes(path, array)
     if array.size != array.shape[-2] * array.shape[-1]:
         raise FrameError(f"{path}: found an array of {_size_text(array.shape)}, expected a single plane")
-    return np.ascontiguousarray(array.reshape(array.shape[-2:]), array.dtype.newbyteorder("="))
+    plane: Stored = _planes(path, array, np.zeros(1, np.intp))[0]
+    return plane
+
+
+def _planes(path: Path, array: Mapped, indices: NDArray[np.intp]) -> Stored:
+    """Return planes by their place in the file, native byte order, shape (n, Y, X), C-contiguous.
+
+    They are read, not looked at in the memory that the file is mapped into: where it was cut off since, or its disk fails, the
+    system would end the process.
+    """
+    in_order = array.flags.c_contiguous
+    size = array.shape[-2] * array.shape[-1]
+    found = np.empty((indices.size, size) if in_order else (1, array.size), array.dtype)
+    begins = indices * size if in_order else (0,)
+    with damage_as_frame_error(path, "array"), os.fdopen(open_regular(path), "rb", buffering=0) as file:
+        for begin, part in zip(begins, found, strict=True):
+            file.seek(array.offset + int(begin) * array.itemsize)
+            if not read_parts(file.fileno(), [part.view(np.uint8).data]):
+                raise FrameError(f"{path}: was cut off or replaced while it was read; expected a complete file")
+    if not in_order:
+        # the first axis varies fastest
+        found = found.reshape(array.shape, order="F").reshape(-1, size)[indices]
+    return np.ascontiguousarray(found.reshape(-1, *array.shape[-2:]), array.dtype.newbyteorder("="))
 
 
 def require_planes(path: Path, array: Stored, /) -> None:

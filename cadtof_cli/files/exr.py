@@ -57,6 +57,13 @@ class ExrPart(NamedPart):
     shape: tuple[int, int]
     subsampled: tuple[str, ...]
     deep: bool
+    origin: tuple[int, int]
+    tile: tuple[int, int]
+
+    @property
+    def pixels_in_memory(self) -> int:
+        """Pixels that the library makes room for: those of the image, and of one whole tile, which may be larger."""
+        return math.prod(self.shape) + math.prod(self.tile)
 
 
 def read_parts(path: Path, /) -> list[ExrPart]:
@@ -68,7 +75,7 @@ def read_parts(path: Path, /) -> list[ExrPart]:
     file = _opened(path, header_only=True)
     with damage_as_frame_error(path, "EXR"):
         parts = [_part(file.header(index)) for index in range(len(file.parts))]
-        promised = sum(math.prod(part.shape) * len(part.channels) * _SAMPLE_BYTES for part in parts)
+        promised = sum(part.pixels_in_memory * len(part.channels) * _SAMPLE_BYTES for part in parts)
         require_plausible_size(path, promised, path.stat().st_size)
     return parts
 
@@ -99,13 +106,15 @@ def lossy_compression(path: Path, dtype: np.dtype[Any], /) -> str | None:
 def _part(header: dict[str, Any]) -> ExrPart:
     low, high = header["dataWindow"]
     width, height = (int(high[axis]) - int(low[axis]) + 1 for axis in (0, 1))
-    channels = header["channels"]
+    channels, tiles = header["channels"], header.get("tiles")
     return ExrPart(
         name=header.get("name", ""),
         channels=tuple(channel.name for channel in channels),
         shape=(height, width),
         subsampled=tuple(channel.name for channel in channels if (channel.xSampling, channel.ySampling) != (1, 1)),
         deep=header.get("type") in (OpenEXR.deepscanline, OpenEXR.deeptile),
+        origin=(int(low[0]), int(low[1])),
+        tile=(tiles.ySize, tiles.xSize) if tiles else (0, 0),
     )
 
 
@@ -208,7 +217,7 @@ def _planes(path: Path, parts: Sequence[ExrPart], places: Sequence[Place]) -> St
 
 def _common_shape(path: Path, parts: Sequence[ExrPart], places: Sequence[Place]) -> tuple[int, int]:
     """Return height and width of all the planes, after checking that they are plain images of one size."""
-    shape = parts[places[0].part].shape
+    shape, origin = parts[places[0].part].shape, parts[places[0].part].origin
     for place in places:
         part = parts[place.part]
         if part.deep or place.channel in part.subsampled:
@@ -218,6 +227,11 @@ def _common_shape(path: Path, parts: Sequence[ExrPart], places: Sequence[Place])
             raise FrameError(
                 f"{path}: {place.channel} of part {part.name!r} is {part.shape[1]} × {part.shape[0]} pixels,"
                 f" expected {shape[1]} × {shape[0]} as {places[0].channel} of the first part"
+            )
+        if part.origin != origin:
+            raise FrameError(
+                f"{path}: {place.channel} of part {part.name!r} begins at pixel {part.origin[0]}, {part.origin[1]} (its data"
+                f" window), expected {origin[0]}, {origin[1]} as {places[0].channel} of the first part"
             )
     return shape
 

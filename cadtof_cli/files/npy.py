@@ -7,9 +7,12 @@ import numpy as np
 
 from cadtof_cli.arrays import Stored
 from cadtof_cli.errors import FrameError
-from cadtof_cli.files.array_frames import open_array, single_plane
+from cadtof_cli.files.array_frames import Mapped, open_array, single_plane
 from cadtof_cli.files.frames import FrameLayout, Frames
 from cadtof_cli.files.reading import damage_as_frame_error
+
+_LONGEST_HEADER = 1000
+"""Bytes of a header that says type and shape; it is parsed in a time that grows with their square."""
 
 
 def open_frames(path: Path, layout: FrameLayout, /) -> AbstractContextManager[Frames]:
@@ -26,10 +29,10 @@ def read_plane(path: Path, _layout: FrameLayout, /) -> Stored:
     return single_plane(path, _mapped(path))
 
 
-def _mapped(path: Path) -> Stored:
+def _mapped(path: Path) -> Mapped:
     with damage_as_frame_error(path, "NPY"):
         try:
-            array: Stored = np.load(path, mmap_mode="r", allow_pickle=False)
+            array: Mapped = np.load(path, mmap_mode="r", allow_pickle=False, max_header_size=_LONGEST_HEADER)
         except ValueError as error:
             if "Python objects" not in str(error):
                 raise

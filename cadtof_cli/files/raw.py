@@ -8,7 +8,7 @@ import numpy as np
 
 from cadtof_cli.arrays import Stored
 from cadtof_cli.errors import FrameError
-from cadtof_cli.files.array_frames import open_array, single_plane
+from cadtof_cli.files.array_frames import Mapped, open_array, single_plane
 from cadtof_cli.files.frames import FrameLayout, Frames
 from cadtof_cli.files.reading import damage_as_frame_error, require_regular
 
@@ -32,7 +32,7 @@ def read_plane(path: Path, layout: FrameLayout, /) -> Stored:
     return single_plane(path, _mapped(path, layout))
 
 
-def _mapped(path: Path, layout: FrameLayout) -> Stored:
+def _mapped(path: Path, layout: FrameLayout) -> Mapped:
     raw = layout.raw
     if raw is None:
         raise FrameError(f"{path}: a raw dump does not say what it holds: give dtype and shape under [layout.raw]")
@@ -47,5 +47,5 @@ def _mapped(path: Path, layout: FrameLayout) -> Stored:
                 f" {raw.offset_bytes:,} bytes (layout.raw), or a whole multiple for a stack"
             )
         shape = raw.shape if times == 1 else (times, *raw.shape)
-        mapped: Stored = np.memmap(path, dtype, "r", raw.offset_bytes, shape)
+        mapped: Mapped = np.memmap(path, dtype, "r", raw.offset_bytes, shape)
         return mapped

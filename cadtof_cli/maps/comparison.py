@@ -40,8 +40,10 @@ class MagnitudeTally:
         self._counts: NDArray[np.int64] | None = None
 
     def add(self, values: NDArray[np.floating], /) -> None:
-        """Add values of any sign; those that are not finite do not count."""
-        found = np.abs(values[np.isfinite(values)]).astype(np.float32)
+        """Add values of any sign; those that are not finite, or more than a float32 can hold, do not count."""
+        with np.errstate(over="ignore"):
+            found = np.abs(values).astype(np.float32)
+        found = found[np.isfinite(found)]
         if not found.size:
             return
         self._size += found.size

@@ -13,7 +13,6 @@ from typing import Any
 from cadtof_cli import __version__
 from cadtof_cli.capture.metadata import Optics
 from cadtof_cli.files.atomic import atomic_write
-from cadtof_cli.optics import principal_point
 from cadtof_cli.report.colours import Limits, palette
 from cadtof_cli.report.frames import EmbeddedFrame
 from cadtof_cli.report.markup import EMPTY, Markup, element, joined, printable, text
@@ -50,7 +49,7 @@ class ShownFrame:
     def _optics(self) -> dict[str, float] | None:
         if self.optics.focal_length_px is None:
             return None
-        column, row = principal_point(self.optics, self.embedded.shape)
+        column, row = self.optics.principal_point(self.embedded.shape)
         return {"focal_length_px": self.optics.focal_length_px, "column": column, "row": row}
 
 

@@ -3,7 +3,8 @@
 import operator
 import os
 from collections.abc import Callable, Mapping, Sequence
-from functools import partial
+from contextlib import suppress
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
@@ -12,15 +13,18 @@ from cadtof_cli.capture.discovery import OUTPUT_FILES, find_placed_captures
 from cadtof_cli.capture.frames import Capture, FrameSource, frame_names, single_frames
 from cadtof_cli.capture.metadata import Optics
 from cadtof_cli.capture.toml import FILE_NAME as CAPTURE_FILE
-from cadtof_cli.errors import CadtofError, CaptureError, SettingsError
+from cadtof_cli.errors import CadtofError, CaptureError, FrameError, SettingsError
 from cadtof_cli.files.formats import MAP_SUFFIXES
-from cadtof_cli.files.reading import is_folder
-from cadtof_cli.frame_plan import CalibrationUse, DepthKind
+from cadtof_cli.files.maps import read_facts
+from cadtof_cli.files.reading import is_folder, real_path
+from cadtof_cli.frame_plan import DEPTH_IN_WORDS, CalibrationUse, DepthKind
 from cadtof_cli.records import dataclass
 from cadtof_cli.workflows.resolve.record import FRAMES_FILE, RUN_FILE, FrameReport, read_record, report_of
 
 RecordedFrames = Mapping[str, tuple[Capture, tuple[FrameSource, ...]]]
 """Recorded frames and their captures, by the name of the map that was made from them: several where it is of their mean."""
+
+_DEPTH_BY_WORDS = {words: kind for kind, words in DEPTH_IN_WORDS.items()}
 
 
 @dataclass(frozen=True)
@@ -60,8 +64,20 @@ class Run:
 
     @property
     def depth_kind(self) -> DepthKind:
-        """What the depths of the maps are: ranges, where no record says otherwise."""
-        return "z" if self.record is not None and self.record["arguments"].get("depth") == "z" else "range"
+        """What the depths of the maps are: ranges, where nothing says otherwise."""
+        return self.said_depth or "range"
+
+    @cached_property
+    def said_depth(self) -> DepthKind | None:
+        """What the depths of the maps are, as the run's record says or, without one, the header of the first map that says it."""
+        if self.record is not None:
+            return "z" if self.record["arguments"].get("depth") == "z" else "range"
+        for file in self.files:
+            with suppress(FrameError):
+                words = read_facts(file).get("depth")
+                if words in _DEPTH_BY_WORDS:
+                    return _DEPTH_BY_WORDS[words]
+        return None
 
     def optics(self, file: Path, /) -> Optics:
         """Return the optics that the capture of a map was recorded with, as the run's record has them; unknown without one.
@@ -185,17 +201,31 @@ def map_files(maps: Path, /) -> tuple[Path, ...]:
     """Return a run's map files in the order of their names, those in folders below it last; or the one file.
 
     An empty folder that is called like a map stands for one, which fails by its name.
+
+    Raises:
+        CaptureError: a folder cannot be listed.
     """
-    if not is_folder(maps):
-        return (maps,)
+    return _map_files(maps, set()) if is_folder(maps) else (maps,)
+
+
+def _map_files(folder: Path, seen: set[str]) -> tuple[Path, ...]:
+    """Return the map files in a folder and below it but for folders that were `seen`: links may lead in a circle."""
+    seen.add(real_path(folder))
     files, below = list[Path](), list[Path]()
-    for path in sorted(path for path in maps.iterdir() if not path.name.startswith(".")):
-        inside = [one.name for one in path.iterdir()] if is_folder(path) else []
+    for path in _listed(folder):
+        inside = [one.name for one in _listed(path)] if is_folder(path) else []
         if path.suffix in MAP_SUFFIXES and not inside:
             files.append(path)
         elif inside and OUTPUT_FILES.isdisjoint(inside):
             below.append(path)
-    return (*files, *(file for folder in below for file in map_files(folder)))
+    return (*files, *(file for one in below if real_path(one) not in seen for file in _map_files(one, seen)))
+
+
+def _listed(folder: Path) -> list[Path]:
+    try:
+        return sorted(path for path in folder.iterdir() if not path.name.startswith("."))
+    except OSError as error:
+        raise CaptureError(f"{folder}: cannot be listed: {error.strerror}") from error
 
 
 def require_valid_record(record: Mapping[str, Any]) -> Mapping[str, Any]:

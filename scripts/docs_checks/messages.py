@@ -23,7 +23,7 @@ REASONS = frozenset(
 )
 """Functions that return the words of a message rather than raise it."""
 
-CHECKS = {"require": 1, "_require": 1, "_require_finite": 0}
+CHECKS = {"require": 1, "require_ratio": 1, "_require": 1, "_require_finite": 0}
 """Functions that raise “NAME: found …, expected …” where something does not hold; and which argument is the name."""
 
 _PASSED_ON = frozenset({f"{HOLE}: found {HOLE}, expected {HOLE}", f"{HOLE} is not {HOLE}"})

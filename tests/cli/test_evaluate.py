@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from cadtof_cli.files.maps import DepthMaps, write_maps
 from tests.support.captures import VOLTS_PER_COUNT, ZERO_COUNTS, layers_of, record, write_exr, write_frame
 from tests.support.forward import AMPLITUDE_V, C_M_PER_NS, T1_NS, Light, depth_m, step_frame, step_truth
-from tests.support.run_cadtof import cadtof
+from tests.support.run_cadtof import cadtof, program
 
 KEYS = ["median_cm", "p90_cm", "rmse_cm", "bias_cm", "valid", "within_1_sigma", "within_2_sigma"]
 
@@ -133,6 +133,9 @@ def test_recordings_that_are_gone_cost_only_the_first_phasor(tmp_path: Path) -> 
     done = cadtof("evaluate", out, "--truth", truth, "--json")
     assert "the recorded frames are not where they were, so the first phasor is not evaluated" in done.err
     assert (done.status, json.loads(done.out)["first_phasor"]) == (0, None)
+    record_of_run = (out / "run.json").read_text()
+    (out / "run.json").write_text(record_of_run.replace('"captures"', '"ceptures"'))
+    assert cadtof("evaluate", out, "--truth", truth).status == 0
     for content in ("{", "[]", '{"arguments": 3}', None):
         if content is None:
             (out / "run.json").unlink()
@@ -144,6 +147,28 @@ def test_recordings_that_are_gone_cost_only_the_first_phasor(tmp_path: Path) -> 
         assert done.err.startswith(why)
         assert done.err.endswith(", so the first phasor is not evaluated\n")
         assert "direct path" in done.out
+
+
+def test_links_in_a_circle_among_maps(tmp_path: Path) -> None:
+    """Two of them lead to 2⁴⁰ folders, before the system finds that there are too many links."""
+    capture, out = record(tmp_path / "capture"), tmp_path / "out"
+    assert cadtof("resolve", capture.folder, "-o", out, "-j", 1).status == 0
+    truth = _truth(tmp_path / "truth.exr")
+    for name in "ab":
+        (out / name).symlink_to(".")
+    done = cadtof("evaluate", out, "--truth", truth, "--json")
+    assert (done.status, json.loads(done.out)["frames"]) == (0, 1)
+
+
+def test_values_that_float32_does_not_hold(tmp_path: Path) -> None:
+    """A NaN that signals, a depth of 1e300 m."""
+    capture, out = record(tmp_path / "capture"), tmp_path / "out"
+    assert cadtof("resolve", capture.folder, "-o", out, "-j", 1).status == 0
+    truth = np.full((24, 32), 1.0, np.float32)
+    truth.view(np.uint32)[0, 0] = 0x7F800001
+    write_exr(tmp_path / "truth.exr", {"direct.depth": truth})
+    done = program("evaluate", out, "--truth", tmp_path / "truth.exr")
+    assert (done.status, done.err) == (0, "")
 
 
 def test_maps_without_an_answer(tmp_path: Path) -> None:

@@ -139,8 +139,8 @@ def test_capacitors_and_switched_stages_are_simulated() -> None:
 
 
 BAD_INPUT = [
-    (("--asr", "-1"), "ASR: found -1, expected a ratio of 0 or more"),
-    (("--mpi", "-0.3"), "MPI ratio: found -0.3, expected a ratio of 0 or more"),
+    (("--asr", "-1"), "ASR: found -1, expected a ratio from 0 to 1e+12"),
+    (("--mpi", "-0.3"), "MPI ratio: found -0.3, expected a ratio from 0 to 1e+12"),
     (("--photons", "--dead-time", "41"), "dead time: found 41 ns, expected 0 to less than one cycle of 40 ns"),
     (("--dead-time", "10"), "dead time: found without photons"),
     (("--second", "45"), "second: found 45 ns, a separation of 40 ns, expected a time after the direct 5 ns"),
@@ -155,10 +155,10 @@ BAD_INPUT = [
     (("--stages", "switched"), "stages: found switched stages without capacitors"),
     (("--temperature", "300"), "--temperature: found without --capacitors"),
     (("--offsets", "1"), "--offsets: found 1, expected 2 values"),
-    (("--frames", "3"), "--frames: found with --scene pixel (the default), which does not use it"),
+    (("--frames", "3"), "--frames: found with --scene pixel (the default), where it has no effect"),
     (("--scene", "wall"), "--scene wall: found no -o, expected -o DIR"),
-    (("--scene", "wall", "--runs", "10", "-o", "x"), "--runs: found with --scene wall, which does not use it"),
-    (("--scene", "wall", "--mpi", "0.3", "-o", "x"), "--mpi: found with --scene wall, which does not use it"),
+    (("--scene", "wall", "--runs", "10", "-o", "x"), "--runs: found with --scene wall, where it has no effect"),
+    (("--scene", "wall", "--mpi", "0.3", "-o", "x"), "--mpi: found with --scene wall, where it has no effect"),
     (("--scene", "wall", "--tilt", "3", "-o", "x"), "--tilt: found 1, expected 2 values"),
     (("--scene", "wall", "--distance", "5.9", "-o", "x"), "expected less than the unambiguous range of 5.996 m"),
     (("--scene", "corner", "--albedo", "2", "-o", "x"), "albedo: found 2, expected above 0, at most 1"),
@@ -173,22 +173,25 @@ BAD_INPUT = [
         ("--scene", "room", "--lamp-offset", "0,0,-2", "-o", "x"),
         "lamp offset: found (0.0, 0.0, -2.0), expected 0.3 m or less",
     ),
-    (("--scene", "room", "--distance", "2", "-o", "x"), "--distance: found with --scene room, which does not use it"),
-    (("--scene", "wall", "--furniture", "2", "-o", "x"), "--furniture: found with --scene wall, which does not"),
-    (("--light-paths", "9"), "--light-paths: found with --scene pixel (the default), which does not use it"),
+    (("--scene", "room", "--distance", "2", "-o", "x"), "--distance: found with --scene room, where it has no effect"),
+    (
+        ("--scene", "wall", "--furniture", "2", "-o", "x"),
+        "--furniture: found with --scene wall, where it has no effect",
+    ),
+    (("--light-paths", "9"), "--light-paths: found with --scene pixel (the default), where it has no effect"),
     (("--speed", "nan"), "speed: found nan m/s, expected a finite speed"),
     (("--frame-rate", "0"), "frame rate: found 0 Hz, expected a rate above 0"),
     (("--path", "0.2"), "'0.2' is not a ratio and a time in ns such as 0.2@27"),
     (("--path", "0.2@3"), "path: found 3 ns, a separation of -2 ns, expected a time after the direct 5 ns"),
-    (("--path", "-1@20"), "path: found a ratio of -1, expected a ratio of 0 or more"),
+    (("--path", "-1@20"), "path: found a ratio of -1, expected a ratio from 0 to 1e+12"),
     (("--paths", "3"), "3 paths need at least 3 periods"),
     (("--solver", "lm", "--paths", "3"), "--solver lm finds two paths, not --paths 3"),
     (
         ("--periods", "40,10"),
         "with two periods, two paths have a unique solution only if the second period is half of the first",
     ),
-    (("--scene", "wall", "--solver", "lm", "-o", "x"), "--solver: found with --scene wall, which does not use it"),
-    (("--scene", "wall", "--wrapped", "-o", "x"), "--wrapped: found with --scene wall, which does not use it"),
+    (("--scene", "wall", "--solver", "lm", "-o", "x"), "--solver: found with --scene wall, where it has no effect"),
+    (("--scene", "wall", "--wrapped", "-o", "x"), "--wrapped: found with --scene wall, where it has no effect"),
 ]
 
 

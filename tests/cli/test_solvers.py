@@ -122,7 +122,7 @@ def test_a_lone_frame_that_cannot_be_read_fails_once(tmp_path: Path, monkeypatch
     [
         ((1, 2), ("--pool", 4), "--pool: found 4, expected an odd number of pixels such as 3 or 5"),
         ((1, 2), ("--pool", -1), "--pool: found -1"),
-        ((1, 2), ("--average", 0), "--average: found 0, expected 1 frame or more"),
+        ((1, 2), ("--average", 0), "--average: found 0, expected 1 to 1000000 frames"),
         ((1, 2), ("--paths", 3), "3 paths need at least 3 periods: lower --paths or --order, or use --solver one-path"),
         ((1, 2), ("--paths", 0), "--paths: found 0, expected 1 or more"),
         ((1, 2), ("--starts", 0), "--starts: found 0, expected 1 or more"),

@@ -18,7 +18,7 @@ def test_messages_are_found_in_the_source() -> None:
     found = {message.text for message in messages(PACKAGE)}
     assert len(found) > 250
     # one of each way in which a message comes about
-    assert "--pool: found …, expected an odd number of pixels such as 3 or 5" in found
+    assert "--pool: found …, expected an odd number of pixels such as 3 or 5, at most …" in found
     assert "tilt: found …, expected angles below 60°" in found
     assert "they look like millivolts: give --volts-per-count 0.001" in found
     assert any(text.startswith("the worker process died twice") for text in found)

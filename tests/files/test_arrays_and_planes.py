@@ -1,9 +1,11 @@
 """NPY files, PNG planes and raw dumps, written by numpy, OpenCV, Pillow, scikit-image, imageio, GDAL and ImageMagick."""
 
 import re
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import pytest
@@ -162,6 +164,47 @@ def test_raw_stack(tmp_path: Path) -> None:
     with open_frames(FrameSource("stack", (tmp_path / "stack.bin",)), layout) as frames:
         assert frames.count == 3
         np.testing.assert_array_equal(frames.read(1), recorded[1])
+
+
+_CUT_OFF_WHILE_IT_IS_READ = """
+import os, sys
+from pathlib import Path
+from cadtof_cli.capture.frames import FrameSource, open_frames
+from cadtof_cli.errors import FrameError
+from cadtof_cli.files.frames import FrameLayout, RawLayout
+path = Path(sys.argv[1])
+with open_frames(FrameSource("frame", (path,)), FrameLayout((1, 2), raw=RawLayout("uint16", (2, 2, 37, 53)))) as frames:
+    os.truncate(path, 9000)
+    try:
+        frames.read()
+    except FrameError as error:
+        print(error)
+"""
+
+
+@pytest.mark.parametrize("order", ["C", "F"])
+@pytest.mark.parametrize("name", ["frame.npy", "frame.raw"])
+def test_a_file_that_is_cut_off_while_it_is_read(name: str, order: Literal["C", "F"], tmp_path: Path) -> None:
+    """A process that looks into memory that a file is mapped into, and no longer has, is ended by the system."""
+    path, recorded = tmp_path / name, np.array(known_frame("u2"), order=order)
+    if name.endswith(".npy"):
+        np.save(path, recorded)
+    else:
+        recorded.tofile(path)
+    command = [sys.executable, "-c", _CUT_OFF_WHILE_IT_IS_READ, str(path)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout == f"{path}: was cut off or replaced while it was read; expected a complete file\n"
+
+
+def test_a_header_longer_than_any_array_of_numbers_needs(tmp_path: Path) -> None:
+    """Python takes four seconds to find that these brackets are never closed."""
+    path = tmp_path / "frame.npy"
+    np.save(path, known_frame("u2"))
+    content = path.read_bytes()
+    header = content[10:128].rstrip().replace(b"(2,", b"[" * 8000).ljust(9_990)
+    path.write_bytes(content[:8] + len(header).to_bytes(2, "little") + header + content[128:])
+    assert message(path).startswith(f"{path}: damaged NPY: Header info length")
 
 
 def _opencv(path: Path, plane: Stored) -> None:

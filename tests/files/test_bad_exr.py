@@ -44,6 +44,33 @@ def test_exr_parts_of_different_sizes(tmp_path: Path) -> None:
     assert "SC1 of part 'H2' is 8 × 5 pixels, expected 7 × 5" in message(path)
 
 
+def test_exr_parts_that_show_different_pixels(tmp_path: Path) -> None:
+    path = tmp_path / "frame.exr"
+    parts = [
+        OpenEXR.Part(
+            {"dataWindow": (np.array((x, 3), "i4"), np.array((x + 6, 7), "i4"))},
+            {"SC1": np.zeros((5, 7), "f4"), "SC2": np.zeros((5, 7), "f4")},
+            name,
+        )
+        for x, name in ((1, "H1"), (2, "H2"))
+    ]
+    OpenEXR.File(parts, num_threads=0).write(str(path))
+    assert "SC1 of part 'H2' begins at pixel 2, 3 (its data window), expected 1, 3 as SC1" in message(path)
+
+
+def test_a_tile_larger_than_any_file(tmp_path: Path) -> None:
+    """The library makes room for a whole tile: this one takes gigabytes."""
+    tile = OpenEXR.TileDescription()
+    tile.xSize, tile.ySize = 32, 64
+    header = {"type": OpenEXR.tiledimage, "tiles": tile}
+    path = write_exr(tmp_path / "frame.exr", channels_of(known_frame("f4")), **header)
+    content = bytearray(path.read_bytes())
+    tiles = content.index(b"tiledesc\0") + 9 + 4
+    content[tiles + 4 : tiles + 8] = (2**24 + 32).to_bytes(4, "little")
+    path.write_bytes(content)
+    assert "damaged header: promises 8,5" in message(path)
+
+
 def test_exr_channels_of_different_types(tmp_path: Path) -> None:
     channels = channels_of(known_frame("f4"))
     channels["H2.SC2"] = channels["H2.SC2"].astype("f2")

@@ -12,6 +12,7 @@ import pytest
 import tifffile
 
 from cadtof_cli.capture.frames import open_frames
+from cadtof_cli.errors import FrameError
 from cadtof_cli.files.frames import FrameLayout, NotAFrameError
 from tests.files.forms import known_frame, plane_files, planes_of, tiff
 from tests.files.refusals import LAYOUT, message, message_of, write_exr, write_pages
@@ -83,6 +84,25 @@ def test_pages_that_differ(tmp_path: Path) -> None:
             writer.write(np.zeros((5, width), "u2"), metadata=None, photometric="minisblack")
     told = message(path)
     assert "found different pages (3 of 7 × 5 uint16; 1 of 8 × 5 uint16)" in told
+
+
+@pytest.mark.parametrize(
+    ("options", "found"),
+    [
+        ({"extratags": [(274, 3, 1, 4, True)]}, "found orientation 4"),
+        ({"photometric": "miniswhite"}, "found min-is-white pages"),
+        ({"photometric": 32844}, "holds a colour picture (LogL)"),
+    ],
+)
+@pytest.mark.parametrize("odd", [0, 3])
+def test_one_page_that_is_stored_in_another_way(odd: int, options: dict[str, Any], found: str, tmp_path: Path) -> None:
+    path = tmp_path / "frame.tif"
+    with tifffile.TiffWriter(path) as writer:
+        for place in range(4):
+            changed = options if place == odd else {}
+            writer.write(np.zeros((5, 7), "u2"), **{"photometric": "minisblack", "metadata": None, **changed})
+    kind = NotAFrameError if "photometric" in options and "Log" in found else FrameError
+    assert found in message(path, kind=kind)
 
 
 @pytest.mark.parametrize("dtype", ["i1", "i8", "c8"])

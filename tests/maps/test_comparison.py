@@ -24,6 +24,12 @@ def test_quantiles_of_magnitudes(exact: int, within: float) -> None:
     assert found.max_abs == pytest.approx(sizes.max(), rel=1e-7)
 
 
+def test_values_beyond_float32_do_not_count() -> None:
+    tally = MagnitudeTally()
+    tally.add(np.array([1.5, -1e39, 1e300]))
+    assert vars(tally.summary()) == dict.fromkeys(("median_abs", "p90_abs", "max_abs"), 1.5)
+
+
 @pytest.mark.parametrize("sizes", [(5, 5), (1, 9), (10,), (3, 0, 7)])
 def test_as_many_values_as_are_kept_have_exact_quantiles_and_one_more_has_not(sizes: tuple[int, ...]) -> None:
     """Of values from 1 to 2 with bins as wide as a part in 4096: 1.3 lies in no bin's middle."""

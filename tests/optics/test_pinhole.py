@@ -5,7 +5,7 @@ import pytest
 
 from cadtof_cli.capture.metadata import Optics
 from cadtof_cli.errors import SettingsError
-from cadtof_cli.optics import planar_per_range, principal_point, ray_slopes
+from cadtof_cli.optics import planar_per_range, ray_slopes
 
 FOCAL = Optics(focal_length_px=3.0)
 
@@ -34,5 +34,5 @@ def test_without_a_focal_length_there_are_no_rays() -> None:
 
 
 def test_a_principal_point_that_is_not_given_is_the_middle_as_column_and_row() -> None:
-    assert principal_point(Optics(), (6, 9)) == (4.0, 2.5)
-    assert principal_point(Optics(principal_point_px=(1.0, 2.0)), (6, 9)) == (1.0, 2.0)
+    assert Optics().principal_point((6, 9)) == (4.0, 2.5)
+    assert Optics(principal_point_px=(1.0, 2.0)).principal_point((6, 9)) == (1.0, 2.0)

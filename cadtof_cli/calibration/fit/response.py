@@ -14,7 +14,7 @@ from cadtof_cli.calibration.parts import Origin
 from cadtof_cli.calibration.response import ResponseCalibration, ResponseQuality
 from cadtof_cli.capture.metadata import CaptureMetadata
 from cadtof_cli.errors import SettingsError
-from cadtof_cli.optics import curvature_m, principal_point, squared_field_radius, wall_range_m
+from cadtof_cli.optics import curvature_m, squared_field_radius, wall_range_m
 from cadtof_cli.phasors.response import HarmonicResponse, ideal_response
 from cadtof_cli.units import metres_per_radian
 
@@ -134,7 +134,7 @@ def _without_curvature(
     A lens delays all harmonics alike, as does a delay of the pixel; what the two have in common is told apart by its
     shape, a polynomial in the distance from the principal point.
     """
-    point = principal_point(metadata.optics, origin.pixels)
+    point = metadata.optics.principal_point(origin.pixels)
     squared = squared_field_radius(origin.pixels, point).ravel()[usable]
     harmonics = np.array(origin.harmonics, np.float64)[:, np.newaxis]
     centred = np.angle(np.exp(1j * pixels.phase) / _mean_rotor(pixels.phase)[:, np.newaxis])

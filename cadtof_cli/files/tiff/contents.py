@@ -1,6 +1,7 @@
 """Checks that the pages of a TIFF are voltages: no pictures in colour, no inverted or turned images, no maps."""
 
-from collections.abc import Iterable
+import itertools
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import tifffile
@@ -14,7 +15,9 @@ _ORIENTATION = 274
 
 _MIN_IS_WHITE, _RGB = 0, 2
 
-_COLOURS = {_RGB: "RGB", 3: "a palette", 5: "CMYK", 6: "YCbCr", 8: "CIELAB", 9: "ICCLAB", 10: "ITULAB"}
+_COLOURS = {
+    _RGB: "RGB", 3: "a palette", 5: "CMYK", 6: "YCbCr", 8: "CIELAB", 9: "ICCLAB", 10: "ITULAB", 32844: "LogL", 32845: "LogLUV"
+}  # fmt: skip
 """Photometric interpretations that are pictures."""
 
 _CONTIGUOUS = 1
@@ -24,14 +27,19 @@ _OPACITY = frozenset({1, 2})
 
 _MASK_OR_REDUCED = 4 | 1
 
+_LOOKED_INTO = 64
+"""Pages that are checked one by one; a file of more is a stack, whose pages are alike."""
+
 
 def is_plain_page(page: tifffile.TiffPage | tifffile.TiffFrame, /) -> bool:
     """Tell whether a page is an image in full size, not a mask or one of a pyramid's smaller copies."""
     return page.keyframe is None or not page.keyframe.subfiletype & _MASK_OR_REDUCED
 
 
-def require_voltages(path: Path, page: tifffile.TiffPage, names: Iterable[str], /) -> None:
-    """Make sure that pages like this one, whose planes have these names, may hold voltages.
+def require_voltages(
+    path: Path, pages: Iterable[tifffile.TiffPage | tifffile.TiffFrame], names: Sequence[str], /
+) -> None:
+    """Make sure that the pages of a file, whose planes have these names, may hold voltages.
 
     Raises:
         NotAFrameError: they are maps, or a colour picture. One whose samples are named as voltages is none.
@@ -40,16 +48,26 @@ def require_voltages(path: Path, page: tifffile.TiffPage, names: Iterable[str], 
     layers = list(dict.fromkeys(filter(is_map_layer, names)))
     if layers:
         raise NotAFrameError(f"{path}: holds maps ({', '.join(layers)}), expected voltages")
+    named = any(map(plane_label, names))
+    for page in itertools.islice(pages, _LOOKED_INTO):
+        if isinstance(page, tifffile.TiffPage) or not page.is_virtual:
+            whole = page if isinstance(page, tifffile.TiffPage) else page.aspage()
+            if is_plain_page(whole):
+                _require_stored_plainly(path, whole, named=named)
+
+
+def _require_stored_plainly(path: Path, page: tifffile.TiffPage, *, named: bool) -> None:
+    """Make sure that a page is no picture in colour, unless its planes are `named`, and neither inverted nor turned."""
     photometric, samples = int(page.photometric), page.samplesperpixel
     # what is given four planes, and not told that they are no colours, stores them apart as RGBA
     apart = photometric == _RGB and page.planarconfig != _CONTIGUOUS and samples > 3
-    if photometric in _COLOURS and not apart and not any(map(plane_label, names)):
+    if photometric in _COLOURS and not apart and not named:
         alpha = "A" if photometric == _RGB and samples == 4 else ""
         raise NotAFrameError(
             f"{path}: holds a colour picture ({_COLOURS[photometric]}{alpha}), expected voltages; software that stores"
             " four channels as RGBA may swap them: write a page for each, or name them H1.SC1, H1.SC2, …"
         )
-    if photometric not in _COLOURS and not _OPACITY.isdisjoint(page.extrasamples) and not any(map(plane_label, names)):
+    if photometric not in _COLOURS and not _OPACITY.isdisjoint(page.extrasamples) and not named:
         raise NotAFrameError(
             f"{path}: holds grey and opacity, {samples} samples a pixel, expected voltages; write a page for each plane,"
             " or name them H1.SC1, H1.SC2, …"

@@ -93,12 +93,16 @@ def read_plane(path: Path, _layout: FrameLayout, /) -> Stored:
 
 
 def write_frame(path: Path, stored: Stored, /, *, layout: FrameLayout, compress: bool) -> None:
-    """Write a frame, shape (H, C, Y, X), one page per plane; its axes are said as H C Y X."""
+    """Write a frame, shape (H, C, Y, X), one page per plane; its axes are said as H C Y X.
+
+    With axes, tifffile would put several planes of one column into a page: there the order of the pages says it.
+    """
+    columns = stored.shape[-1]
     with codes_of_the_system(path, stored.nbytes):
         tifffile.imwrite(
             path,
-            stored,
+            stored if columns > 1 else stored.reshape(-1, *stored.shape[-2:]),
             photometric="minisblack",
-            metadata={"axes": "HCYX"},
+            metadata={"axes": "HCYX"} if columns > 1 else None,
             compression="zlib" if compress else None,
         )

@@ -105,7 +105,7 @@ class TiffImages:
             self._divide(series)
         self.names = names_of_planes(self._tiff, series, self.labels, self.sizes)
         if self._are_voltages:
-            require_voltages(self.path, page, self.names)
+            require_voltages(self.path, self._tiff.pages, self.names)
         require_plausible_size(self.path, page.nbytes, self._tiff.filehandle.size)
 
     def _divide(self, series: Sequence[tifffile.TiffPageSeries]) -> None:

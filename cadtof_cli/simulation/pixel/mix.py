@@ -10,6 +10,9 @@ from cadtof_cli.errors import SettingsError
 from cadtof_cli.records import setting
 from cadtof_cli.units import C_M_PER_NS, FWHM_PER_SIGMA
 
+MOST_RATIO = 1e12
+"""Photons over those of the laser: beyond, rounding is larger than its light."""
+
 
 def require(holds: bool, name: str, found: object, expected: str) -> None:
     """Raise a SettingsError that names the setting, unless the condition holds."""
@@ -20,6 +23,11 @@ def require(holds: bool, name: str, found: object, expected: str) -> None:
 def finite_at_least(value: float, least: float) -> bool:
     """Return whether a setting is a finite number of at least `least`."""
     return math.isfinite(value) and value >= least
+
+
+def require_ratio(value: float, name: str, found: str) -> None:
+    """Raise a SettingsError that names the setting, unless it is a ratio of photons from which voltages can be told."""
+    require(finite_at_least(value, 0) and value <= MOST_RATIO, name, found, f"a ratio from 0 to {MOST_RATIO:g}")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -103,11 +111,11 @@ class Condition:
     further: tuple[tuple[float, float], ...] = ()
 
     def __post_init__(self) -> None:
-        require(finite_at_least(self.asr, 0), "ASR", f"{self.asr:g}", "a ratio of 0 or more")
-        require(finite_at_least(self.mpi_ratio, 0), "MPI ratio", f"{self.mpi_ratio:g}", "a ratio of 0 or more")
+        require_ratio(self.asr, "ASR", f"{self.asr:g}")
+        require_ratio(self.mpi_ratio, "MPI ratio", f"{self.mpi_ratio:g}")
         require(finite_at_least(self.fwhm_ns, 0), "pulse width", f"{self.fwhm_ns:g} ns", "0 ns or more")
         for ratio, _ in self.further:
-            require(finite_at_least(ratio, 0), "path", f"a ratio of {ratio:g}", "a ratio of 0 or more")
+            require_ratio(ratio, "path", f"a ratio of {ratio:g}")
 
     @property
     def ratios(self) -> tuple[float, ...]:

@@ -48,15 +48,11 @@ class PixelModel:
     averaging: Averaging
     photons_per_cycle: int = setting(5, "Photons per laser cycle.")
     cycles: int | None = setting(None, "Laser cycles per harmonic.  [default: those of 12.5 n_av photons]")
-    dead_time_ns: float = setting(0.0, "Dead time of the SPAD; with --photons.", show_default=False)
-    jitter_ns: float = setting(0.0, "Timing jitter of the SPAD, one standard deviation.", show_default=False)
-    sample_noise_v: float = setting(0.0, "Noise of every sample, one standard deviation.", show_default=False)
-    gain_mismatch: float = setting(
-        0.0, "Relative gain error of SC2: gain of SC2 over gain of SC1, minus 1.", show_default=False
-    )
-    offsets_v: tuple[float, float] = setting(
-        (0.0, 0.0), "Offsets of SC1 and SC2 in V.", metavar="V,V", show_default=False
-    )
+    dead_time_ns: float = setting(0.0, "Dead time of the SPAD; with --photons.")
+    jitter_ns: float = setting(0.0, "Timing jitter of the SPAD, one standard deviation.")
+    sample_noise_v: float = setting(0.0, "Noise of every sample, one standard deviation.")
+    gain_mismatch: float = setting(0.0, "Relative gain error of SC2: gain of SC2 over gain of SC1, minus 1.")
+    offsets_v: tuple[float, float] = setting((0.0, 0.0), "Offsets of SC1 and SC2 in V.", metavar="V,V")
     motion: Motion = AT_REST
 
     def __post_init__(self) -> None:
@@ -69,7 +65,8 @@ class PixelModel:
             f"{self.dead_time_ns:g} ns",
             f"0 to less than one cycle of {period:g} ns",
         )
-        require(finite_at_least(self.jitter_ns, 0), "jitter", f"{self.jitter_ns:g} ns", "0 ns or more")
+        shortest = min(self.modulation.periods_ns)
+        require(0 <= self.jitter_ns < shortest, "jitter", f"{self.jitter_ns:g} ns", f"0 to less than {shortest:g} ns")
         require(finite_at_least(self.sample_noise_v, 0), "sample noise", f"{self.sample_noise_v:g} V", "0 V or more")
         require(finite_at_least(self.gain_mismatch, -1), "gain mismatch", self.gain_mismatch, "-1 or more")
         require(all(map(math.isfinite, self.offsets_v)), "offsets", self.offsets_v, "two finite voltages")

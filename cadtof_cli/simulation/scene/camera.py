@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from cadtof_cli.arrays import Float
 from cadtof_cli.capture.metadata import Optics, Voltage
-from cadtof_cli.optics import curvature_m, principal_point, ray_slopes
+from cadtof_cli.optics import curvature_m, ray_slopes
 from cadtof_cli.records import setting
 from cadtof_cli.simulation.pixel.mix import finite_at_least, require
 from cadtof_cli.units import C_M_PER_NS
@@ -37,18 +37,12 @@ class Camera:
     width: int = setting(320, "Columns of the frames.")
     height: int = setting(240, "Rows of the frames.")
     focal_length_px: float | None = None
-    petzval_m: tuple[float, float] = setting(
-        (0.0, 0.0), "Field curvature k2,k4 of the lens.  [default: 0,0]", metavar="M,M", show_default=False
-    )
+    petzval_m: tuple[float, float] = setting((0.0, 0.0), "Field curvature k2,k4 of the lens.", metavar="M,M")
     bits: int = 14
     volts_per_count: float = 6.0e-5
     zero_counts: float = 8192.0
-    dark_offset_v: float = setting(
-        0.0, "Standard deviation of the offset from pixel to pixel.  [default: 0]", show_default=False
-    )
-    fixed_delay_ns: float = setting(
-        0.0, "Standard deviation of the delay from pixel to pixel.  [default: 0]", show_default=False
-    )
+    dark_offset_v: float = setting(0.0, "Standard deviation of the offset from pixel to pixel.")
+    fixed_delay_ns: float = setting(0.0, "Standard deviation of the delay from pixel to pixel.")
 
     def __post_init__(self) -> None:
         for name, pixels in (("width", self.width), ("height", self.height)):
@@ -84,7 +78,7 @@ class Camera:
     def curvature_delay_ns(self, rows: slice) -> Float:
         """Return the delay that field curvature adds to every path, (Y, X): 2(k2 ρ² + k4 ρ⁴)/c."""
         pixels = (self.height, self.width)
-        added_m = curvature_m(pixels, principal_point(self.optics, pixels), self.petzval_m)
+        added_m = curvature_m(pixels, self.optics.principal_point(pixels), self.petzval_m)
         return np.asarray(2.0 / C_M_PER_NS * added_m[rows])
 
     def fixed_delays_ns(self, seed: int) -> Float:

@@ -7,7 +7,7 @@ import numpy as np
 from cadtof_cli.arrays import Float
 from cadtof_cli.capture.metadata import CaptureMetadata
 from cadtof_cli.errors import SettingsError
-from cadtof_cli.simulation.pixel.mix import AT_REST, Motion, PhotonMix
+from cadtof_cli.simulation.pixel.mix import AT_REST, Motion, PhotonMix, require
 from cadtof_cli.simulation.pixel.statistics import VoltageStatistics, averaging_gain, draw_voltages, voltage_statistics
 from cadtof_cli.simulation.scene.camera import Camera
 from cadtof_cli.simulation.scene.light import Light, Scene
@@ -33,6 +33,9 @@ class Exposure:
     metadata: CaptureMetadata
     seed: int = 0
     motion: Motion = AT_REST
+
+    def __post_init__(self) -> None:
+        require(self.seed >= 0, "seed", self.seed, "0 or more")
 
     @property
     def integration_length(self) -> float:

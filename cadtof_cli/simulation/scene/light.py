@@ -9,7 +9,7 @@ from typing import Protocol
 import numpy as np
 
 from cadtof_cli.arrays import Float
-from cadtof_cli.simulation.pixel.mix import finite_at_least, require
+from cadtof_cli.simulation.pixel.mix import finite_at_least, require, require_ratio
 from cadtof_cli.simulation.scene.camera import Camera
 from cadtof_cli.simulation.scene.geometry import Bounce, Hits
 from cadtof_cli.units import C_M_PER_NS
@@ -88,4 +88,4 @@ def check_common(distance_m: float, albedo: float, asr: float) -> None:
     """Raise SettingsError for a distance, albedo or ASR that is impossible in every scene."""
     require(finite_at_least(distance_m, 0.01), "distance", f"{distance_m:g} m", "0.01 m or more")
     require(0 < albedo <= 1, "albedo", f"{albedo:g}", "above 0, at most 1")
-    require(finite_at_least(asr, 0), "ASR", f"{asr:g}", "0 or more")
+    require_ratio(asr, "ASR", f"{asr:g}")

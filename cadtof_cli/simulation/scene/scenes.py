@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cadtof_cli.simulation.pixel.mix import finite_at_least, require
+from cadtof_cli.simulation.pixel.mix import finite_at_least, require, require_ratio
 from cadtof_cli.simulation.scene.camera import Camera
 from cadtof_cli.simulation.scene.geometry import (
     Bounce,
@@ -79,7 +79,8 @@ class Card:
     def __post_init__(self) -> None:
         check_common(self.distance_m, 1.0, self.asr)
         require(all(finite_at_least(s, 0) for s in self.separations_ns), "separations", self.separations_ns, "≥ 0 ns")
-        require(all(finite_at_least(r, 0) for r in self.mpi_ratios), "MPI ratios", self.mpi_ratios, "0 or more")
+        for ratio in self.mpi_ratios:
+            require_ratio(ratio, "MPI ratios", f"{ratio:g}")
 
     @property
     def summary(self) -> str:
@@ -201,7 +202,7 @@ class InterReflection:
     def __post_init__(self) -> None:
         check_common(self.distance_m, self.albedo, self.asr)
         require(self.wall_m > self.distance_m, "wall", f"{self.wall_m:g} m", f"more than {self.distance_m:g} m")
-        require(finite_at_least(self.mpi_ratio, 0), "MPI ratio", self.mpi_ratio, "0 or more")
+        require_ratio(self.mpi_ratio, "MPI ratio", f"{self.mpi_ratio:g}")
         require(all(extent > 0 for extent in self.panel_m), "panel", self.panel_m, "lengths above 0 m")
         require(finite_at_least(self.reflector_m, 0.5), "reflector", f"{self.reflector_m:g} m", "0.5 m or more")
 

@@ -21,7 +21,7 @@ from cadtof_cli.optics import planar_per_range, ray_slopes
 from cadtof_cli.records import setting
 from cadtof_cli.workflows.inspect.layers import GivenOptics, Layers, layer_of
 from cadtof_cli.workflows.progress import Progress
-from cadtof_cli.workflows.run_folder import read_run
+from cadtof_cli.workflows.run_folder import Run, read_run
 
 MOST_MM = 65535
 """Farthest depth that 16 bits of millimetres hold."""
@@ -32,7 +32,7 @@ class ExportSettings(GivenOptics):
     """What a user can choose, besides the optics."""
 
     layer: str = setting(DIRECT_DEPTH, "Layer of the depths for point clouds and images.", metavar="NAME")
-    depth: DepthKind | None = setting(None, "Kind of the depths.  [default: from run.json, else range]")
+    depth: DepthKind | None = setting(None, "Kind of the depths.  [default: from the maps, else range]")
 
     def __post_init__(self) -> None:
         if not self.layer.endswith(".depth"):
@@ -84,10 +84,21 @@ def export_maps(
         require_new(output, overwrite=overwrite)
     progress.advance(0, total=len(found))
     for (run, file), output in zip(found, outputs, strict=True):
-        kind, optics = settings.depth or run.depth_kind, settings.optics(run, file)
+        kind, optics = _kind(run, settings), settings.optics(run, file)
         write(_Map(file, read_layers(file), settings.layer, kind, optics), output)
         progress.advance()
     return tuple(outputs)
+
+
+def _kind(run: Run, settings: ExportSettings) -> DepthKind:
+    """Return what the depths of maps are, as the user says where they do not; raises SettingsError where both say different."""
+    if settings.depth is None:
+        return run.depth_kind
+    if run.said_depth not in {None, settings.depth}:
+        raise SettingsError(
+            f"--depth: found {settings.depth}, expected {run.said_depth}: {run.maps} holds {DEPTH_IN_WORDS[run.depth_kind]}"
+        )
+    return settings.depth
 
 
 def _write_points(one: _Map, output: Path) -> None:
@@ -152,3 +163,9 @@ WRITERS: dict[str, Callable[[_Map, Path], None]] = {
     ".csv": _write_csv,
 }
 """What writes a map, by the ending of the file."""
+
+WHOLE = (".npz", ".csv")
+"""Files of all layers."""
+
+OPTICS_FREE = (".png", *WHOLE)
+"""Files without points in space."""

@@ -30,13 +30,13 @@ class GivenOptics:
     focal_length_px: float | None = setting(
         None,
         "Focal length in pixels, for point clouds.  [default: from run.json]",
-        option="--focal-length-px",
+        option="--focal-length-px --focal-length",
         metavar="F",
     )
     principal_point_px: tuple[float, float] | None = setting(
         None,
         "Column and row of the optical axis.  [default: from run.json, else the centre]",
-        option="--principal-point-px",
+        option="--principal-point-px --principal-point",
         metavar="X,Y",
     )
 
@@ -62,7 +62,9 @@ def direct_depth(path: Path, /) -> Float:
     Raises:
         CadtofError: the file cannot be read or has no such layer.
     """
-    return layer_of(read_layers(path), DIRECT_DEPTH, path).astype(np.float64)
+    with np.errstate(invalid="ignore"):
+        # a NaN may be of the kind that tells when it is converted
+        return layer_of(read_layers(path), DIRECT_DEPTH, path).astype(np.float64)
 
 
 @dataclass(frozen=True)
@@ -118,7 +120,7 @@ class Truth:
 
     def tell_of_captures(self, files: Sequence[Path], say: Callable[[str], None], /) -> None:
         """Say so where one file is to hold for the maps of several captures."""
-        captures = len(self.run.record["captures"]) if self.run.record else 1
+        captures = len(self.run.record.get("captures", [])) if self.run.record else 1
         if captures > 1 and len(files) > 1 and not is_folder(self.given):
             say(
                 f"{self.given}: the frames of {captures} captures are held against it alone; a folder may hold a truth for"

@@ -42,6 +42,8 @@ class PreviewSettings:
             raise SettingsError(f"--range: found {found}, expected a least and a larger value such as 0.5,3")
         if self.colours is not None and self.colours not in get_args(ColourScale):
             raise SettingsError(f"--cmap: found {self.colours!r}, expected one of {', '.join(get_args(ColourScale))}")
+        if self.frame is not None and self.frame < 0:
+            raise SettingsError(f"--frame: found {self.frame}, expected 0 or more")
         if not 0.1 <= self.frames_per_second <= 50.0:
             raise SettingsError(f"--fps: found {self.frames_per_second:g}, expected 0.1 to 50 frames a second")
         if self.truth is not None and (self.layer is not None or self.limits or self.colours):

@@ -44,6 +44,8 @@ class ProfileSettings:
     )
 
     def __post_init__(self) -> None:
+        if self.frame < 0:
+            raise SettingsError(f"--frame: found {self.frame}, expected 0 or more")
         given = [one for one in (self.row, self.column, self.line) if one is not None]
         if len(given) != 1:
             raise SettingsError(f"found {len(given)} of --row, --column and --line, expected one of them")

@@ -64,8 +64,8 @@ def write_report(maps: Path, out: Path, /, *, settings: ReportSettings, progress
     A map that cannot be read is told on the page, and does not keep the others from it.
 
     Raises:
-        CadtofError: there is neither a map nor a record, the truth cannot be read or is of another size, or the page cannot be
-            written.
+        CadtofError: there is neither a map that can be read nor a record, the truth cannot be read or is of another size, or the
+            page cannot be written.
     """
     if out.suffix.lower() not in SUFFIXES:
         raise OutputError(f"{out}: found the suffix {out.suffix!r}, expected {' or '.join(SUFFIXES)}")
@@ -79,6 +79,8 @@ def write_report(maps: Path, out: Path, /, *, settings: ReportSettings, progress
         truth.tell_of_captures(run.files, progress.say)
     reader = _Reader(run, settings, truth, first_phasors(run, progress.say))
     gathered = _gathered(reader, progress)
+    if run.record is None and not gathered.shown:
+        raise FrameError(next(iter(gathered.problems.values())))
     text = page_text(
         run,
         maps=gathered.maps,

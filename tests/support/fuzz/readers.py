@@ -4,6 +4,7 @@ import contextlib
 import io
 import json
 import os
+import re
 import shutil
 import sys
 import tomllib
@@ -206,6 +207,9 @@ def _options(place: Path, content: bytes) -> None:
     shutil.rmtree(place / "new", ignore_errors=True)
     # what would take long, start processes, or listen, as it was asked to
     if any(word in {"-j", "--jobs", "--scheduler", "--start-method", "--frame-timeout"} for word in words[:1]):
+        return
+    if any(re.fullmatch(r"/+|.*/\.\.", word) for word in words):
+        # all folders of this machine
         return
     with contextlib.suppress(ValueError, IndexError):
         words[words.index("-j") + 1] = "1"

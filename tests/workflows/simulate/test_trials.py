@@ -152,8 +152,8 @@ def test_switched_stages_are_known_by_their_effective_length() -> None:
     ("change", "message"),
     [
         ({"further": ((0.2, 3.0),)}, "path: found 3 ns, a separation of -2 ns, expected a time after the direct 5 ns"),
-        ({"asr": -1.0}, "ASR: found -1, expected a ratio of 0 or more"),
-        ({"mpi_ratio": -0.1}, "MPI ratio: found -0.1, expected a ratio of 0 or more"),
+        ({"asr": -1.0}, "ASR: found -1, expected a ratio from 0 to"),
+        ({"mpi_ratio": -0.1}, "MPI ratio: found -0.1, expected a ratio from 0 to"),
         ({"direct_ns": 40.0}, "direct: found 40 ns, expected 0 to less than 40 ns"),
         ({"second_ns": 5.0}, "second: found 5 ns, a separation of 0 ns, expected a time after the direct 5 ns"),
         ({"second_ns": 41.0}, "second: found 41 ns, a separation of 36 ns"),

@@ -7,7 +7,7 @@ measurements are in units of a millimetre and a 553 mm box. Albedos are grey val
 import math
 from dataclasses import dataclass
 
-from cadtof_cli.simulation.pixel.mix import finite_at_least, require
+from cadtof_cli.simulation.pixel.mix import require, require_ratio
 from cadtof_cli.simulation.scene.camera import Camera
 from cadtof_cli.simulation.scene.light import Light
 from cadtof_cli.simulation.scene.rooms.room import light_in_room
@@ -38,7 +38,7 @@ class CornellBox:
     tracing_seed: int = 0
 
     def __post_init__(self) -> None:
-        require(finite_at_least(self.asr, 0), "ASR", f"{self.asr:g}", "0 or more")
+        require_ratio(self.asr, "ASR", f"{self.asr:g}")
         require(1 <= self.light_paths <= 100_000, "light paths", self.light_paths, "1 to 100000")
 
     @property

@@ -7,7 +7,7 @@ from functools import lru_cache
 import numpy as np
 
 from cadtof_cli.arrays import Float
-from cadtof_cli.simulation.pixel.mix import finite_at_least, require
+from cadtof_cli.simulation.pixel.mix import require, require_ratio
 from cadtof_cli.simulation.scene.camera import Camera
 from cadtof_cli.simulation.scene.geometry import Vector
 from cadtof_cli.simulation.scene.light import Light
@@ -56,7 +56,7 @@ class RandomRoom:
         require(albedo is None or 0 < albedo <= 0.95, "albedo", albedo, "above 0, at most 0.95")
         require(math.hypot(*self.lamp_offset_m) <= 0.3, "lamp offset", self.lamp_offset_m, "0.3 m or less")
         require(beam is None or 1 <= beam <= 180, "beam", beam, "1° to 180°")
-        require(finite_at_least(self.asr, 0), "ASR", f"{self.asr:g}", "0 or more")
+        require_ratio(self.asr, "ASR", f"{self.asr:g}")
         require(1 <= self.light_paths <= 100_000, "light paths", self.light_paths, "1 to 100000")
         fill, distance = self.net_fill, self.net_distance_m
         require(fill is None or 0 < fill < 1, "net fill", fill, "a share above 0 and below 1")

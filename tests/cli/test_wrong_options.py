@@ -1,0 +1,160 @@
+"""Options that change nothing beside the others are told, and values that nothing can be done with are refused."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.support.captures import layers_of, record
+from tests.support.run_cadtof import cadtof
+
+FOCAL = ("--focal-length", "28")
+
+
+@pytest.fixture(scope="module")
+def capture(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return record(tmp_path_factory.mktemp("wrong") / "capture").folder
+
+
+@pytest.fixture(scope="module")
+def maps(capture: Path) -> Path:
+    folder = capture.parent / "maps"
+    assert cadtof("resolve", capture, "-o", folder, "-j", 1, "-q").status == 0
+    return folder
+
+
+WITHOUT_EFFECT = [
+    ("resolve CAPTURE --starts 5", "--starts: found with --solver two-path"),
+    ("resolve CAPTURE --solver one-path --seed 5", "--seed: found with --solver one-path"),
+    ("inspect CAPTURE --pixel 1,1 --seed 5", "--seed: found with --solver two-path"),
+    ("simulate --starts 5", "--starts: found with --solver two-path"),
+    (
+        "resolve CAPTURE --mpi-model diffuse --solver lm",
+        "--mpi-model: found with --solver, --order, --paths or --return",
+    ),
+    ("sweep --asr 5 --mpi 0 --runs 2 --starts 5", "--starts: found with --solver two-path"),
+    ("resolve CAPTURE --return strongest --min-return-ratio .2", "--min-return-ratio: found with --return strongest"),
+    ("resolve CAPTURE --null", "--null: found without - as INPUT"),
+    ("resolve CAPTURE --scheduler tcp://127.0.0.1:9 --jobs 2", "--jobs: found with --scheduler"),
+    ("resolve CAPTURE --scheduler tcp://127.0.0.1:9 --start-method spawn", "--start-method: found with --scheduler"),
+    ("export MAPS -o a.npz --layer mpi.depth", "--layer: found with .npz"),
+    ("export MAPS -o a.csv --depth range", "--depth: found with .csv"),
+    ("export MAPS -o a.png --focal-length 300", "--focal-length: found with .png"),
+    ("preview MAPS -o a.png --fps 5", "--fps: found with .png"),
+    ("preview MAPS -o a.png --layer status --range 0,1", "--range: found with --layer status"),
+    ("profile MAPS --row 1 --layer mpi.depth --first-phasor", "--first-phasor: found with --layer mpi.depth"),
+    ("simulate --f1-hz 5", "--f1: found with --stages dc"),
+    ("simulate --cycles 10", "--cycles: found without --photons"),
+    ("sweep --asr 5 --mpi 0 --runs 2 --photons-per-cycle 10", "--photons-per-cycle: found without --photons"),
+    ("simulate --frame-rate 60", "--frame-rate: found without --speed"),
+    ("simulate --scene wall -o new --frame-rate 60", "--frame-rate: found without --speed"),
+]
+
+
+def _run(line: str, capture: Path, maps: Path) -> tuple[int, str, str]:
+    words = {"CAPTURE": str(capture), "MAPS": str(maps)}
+    arguments = [words.get(word, word) for word in line.split()]
+    if arguments[0] == "resolve":
+        arguments += ["-o", "new_maps"]
+    done = cadtof(*arguments)
+    return done.status, done.out, done.err
+
+
+@pytest.mark.parametrize(("line", "message"), WITHOUT_EFFECT)
+def test_what_changes_nothing_is_told(
+    line: str, message: str, capture: Path, maps: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whoever types an option expects something of it; scripts that give the same options to every run go on."""
+    monkeypatch.chdir(tmp_path)
+    status, _, err = _run(line, capture, maps)
+    assert status == (2 if "--scheduler" in line else 0)
+    told = err.splitlines()[0]
+    assert told.startswith(message)
+    assert told.endswith(", where it has no effect")
+
+
+def test_quiet_runs_do_not_tell(capture: Path, tmp_path: Path) -> None:
+    done = cadtof("resolve", capture, "-o", tmp_path / "maps", "-j", 1, "-q", "--starts", 5)
+    assert (done.status, done.err) == (0, "")
+
+
+def test_info_writes_no_file_but_settings(capture: Path, tmp_path: Path) -> None:
+    """Whoever asks for a file would take what is there for it."""
+    done = cadtof("info", capture, "-o", tmp_path / "new.toml")
+    assert done.status == 2
+    assert done.err.startswith("Error: --out: found without --write-settings, where it has no effect; leave it out")
+    assert not list(tmp_path.iterdir())
+
+
+IMPOSSIBLE = [
+    ("resolve CAPTURE --pool 257", "--pool: found 257, expected an odd number of pixels such as 3 or 5, at most 255"),
+    (f"resolve CAPTURE --average {10**20}", "--average: found 100000000000000000000, expected 1 to 1000000 frames"),
+    ("resolve CAPTURE --frame-timeout inf", "--frame-timeout: found inf, expected seconds above 0, at most 1e+08"),
+    ("resolve CAPTURE --frame-timeout 1e300", "--frame-timeout: found 1e+300, expected seconds above 0"),
+    ("evaluate MAPS --truth MAPS --max-median nan", "--max-median: found nan, expected centimetres, 0 or more"),
+    ("export MAPS -o a.ply --depth z", "--depth: found z, expected range: "),
+    ("preview MAPS -o a.png --frame -1", "--frame: found -1, expected 0 or more"),
+    ("profile MAPS --row 1 --frame -1", "--frame: found -1, expected 0 or more"),
+    ("simulate --asr 1e300", "ASR: found 1e+300, expected a ratio from 0 to 1e+12"),
+    ("simulate --mpi 1e300", "MPI ratio: found 1e+300, expected a ratio from 0 to 1e+12"),
+    ("simulate --scene card --asr 1e300 -o new", "ASR: found 1e+300, expected a ratio from 0 to 1e+12"),
+    ("simulate --jitter 1e9", "jitter: found 1e+09 ns, expected 0 to less than 20 ns"),
+    ("simulate --scene wall --seed -1 -o new", "seed: found -1, expected 0 or more"),
+    ("report CAPTURE -o a.html", "CAPTURE/"),
+]
+
+
+@pytest.mark.parametrize(("line", "message"), IMPOSSIBLE)
+def test_values_that_nothing_can_be_done_with(
+    line: str, message: str, capture: Path, maps: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    status, out, err = _run(line, capture, maps)
+    assert (status, out) == (1 if line.startswith("report") else 2, "")
+    assert message.replace("CAPTURE", str(capture)) in err
+    assert "unexpected" not in err
+    assert not list(tmp_path.iterdir())
+
+
+def test_frames_beyond_any_capture_are_none(capture: Path, tmp_path: Path) -> None:
+    """`0:10…0` means all, `10…0:` none, however many digits there are; what ends with 1 says why, with --quiet too."""
+    everything = cadtof("resolve", capture, "-o", tmp_path / "all", "-j", 1, "-q", "--frames", f"0:{10**30}")
+    assert (everything.status, everything.err) == (0, "")
+    nothing = cadtof("resolve", capture, "-o", tmp_path / "none", "-j", 1, "-q", "--frames", f"{10**30}:")
+    assert nothing.status == 1
+    assert nothing.err == "no frame was resolved: there is none in the --frames of any capture\n"
+
+
+def test_a_map_says_itself_that_its_depths_are_planar(capture: Path, tmp_path: Path) -> None:
+    """A map that was copied out of its run's folder still holds z depth: it is not held against ranges, nor drawn as one."""
+    assert cadtof("resolve", capture, "-o", tmp_path / "run", "-j", 1, "-q", "--depth", "z", *FOCAL).status == 0
+    (tmp_path / "alone").mkdir()
+    (inside,) = (tmp_path / "run").glob("frame_*")
+    alone = inside.rename(tmp_path / "alone" / inside.name)
+    refused = cadtof("evaluate", alone, "--truth", alone)
+    assert refused.status == 2
+    assert "holds z depth, and truth is radial range" in refused.err
+    cloud = tmp_path / "alone.ply"
+    assert cadtof("export", alone, "-o", cloud, *FOCAL).status == 0
+    body = cloud.read_bytes().split(b"end_header\n", 1)[1]
+    depth = layers_of(alone)["direct.depth"]
+    point = np.dtype([(name, "<f4") for name in ("x", "y", "z", "amplitude", "sigma")] + [("status", "<u4")])
+    forward = np.frombuffer(body, point)["z"]
+    np.testing.assert_array_equal(forward, depth[np.isfinite(depth)])
+    contradicted = cadtof("export", alone, "-o", tmp_path / "no.ply", *FOCAL, "--depth", "range")
+    assert contradicted.status == 2
+    assert "--depth: found range, expected z" in contradicted.err
+
+
+@pytest.mark.parametrize("width", [1, 2])
+@pytest.mark.parametrize("height", [1, 5])
+@pytest.mark.parametrize("form", ["tif", "exr"])
+def test_frames_of_one_column_or_row(width: int, height: int, form: str, tmp_path: Path) -> None:
+    """What `simulate` records, `resolve` reads, however few pixels it has."""
+    size = ("--distance", 1, "--width", width, "--height", height, "--format", form)
+    assert cadtof("simulate", "--scene", "wall", *size, "-q", "-o", tmp_path / "wall").status == 0
+    assert cadtof("resolve", tmp_path / "wall", "-o", tmp_path / "maps", "-j", 1, "-q").status == 0
+    depth = layers_of(next((tmp_path / "maps").glob("frame_*")))["direct.depth"]
+    truth = layers_of(tmp_path / "wall" / "truth.exr")["direct.depth"]
+    assert depth.shape == truth.shape == (height, width)
+    assert np.abs(depth - truth).max() < 0.1
