@@ -78,7 +78,8 @@ def interreflections(
         arrival = _direct_light(both, h * rad_per_m)
         for bounce, onto in zip(light, _bounces(matrix, arrival, count), strict=True):
             np.divide(onto[:count], arrival[:count], out=bounce[row])
-    return Interreflections(*light, seen.cosine / seen.range_m**2, open_share)
+    second, outside, later = light
+    return Interreflections(second, outside, later, seen.cosine / seen.range_m**2, open_share)
 
 
 def light_of(sources: Surfaces, onto: Surfaces, /, *, rad_per_m: float, kernel: str = NUMPY) -> Complex:

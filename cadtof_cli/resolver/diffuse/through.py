@@ -176,12 +176,12 @@ def seen_through(
     if not found.any():
         return None
     off_rad = float(np.median(missed[found])) / settings.m_per_rad
-    lag_rad = float(np.angle(tails.far[0]))
+    typical_rad = float(np.angle(tails.far[0]))
     more = valid & (paths.near_share > NEAR_SHARE) & (paths.near_share < 1.0 - BESIDE_SHARE) & (apart_ns > APART_NS[0])
     found = _grown(found, more, near_m)
     if found.sum() > LARGEST_COVER * valid.sum():
         return None
-    variance = (OFF_SHARE * off_rad) ** 2 + (LAG_SHARE * lag_rad) ** 2
+    variance = (OFF_SHARE * off_rad) ** 2 + (LAG_SHARE * typical_rad) ** 2
     return SeenThrough(found, _with_surroundings(near_m, found), tails, variance)
 
 
