@@ -42,8 +42,8 @@ if TYPE_CHECKING:
     from cadtof_cli.resolver.diffuse.grid import PatchGrid
     from cadtof_cli.resolver.diffuse.light import PatchLight
 
-BLOCK_PIXELS = 19200
-"""Pixels a block, a quarter of a QVGA frame: enough that the cost of calling numpy hardly counts, and no more, so that memory
+BLOCK_PIXELS = 38400
+"""Pixels a block, half a QVGA frame: enough that the cost of calling numpy hardly counts, and no more, so that memory
 stays small however large the frames are."""
 
 SEARCHED_BLOCK_PIXELS = 32768
