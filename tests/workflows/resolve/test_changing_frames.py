@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from cadtof_cli.arrays import Stored
-from cadtof_cli.workflows.resolve import frame_task
+from cadtof_cli.capture.frames import read_stored
 from tests.support.captures import record, write_frame
 from tests.support.forward import step_frame
 from tests.support.run_cadtof import Finished, cadtof
@@ -23,15 +23,15 @@ def _resolve(capture: Path, out: Path, *options: object) -> Finished:
 
 def _after_each_read(monkeypatch: pytest.MonkeyPatch, change: Callable[[int], None]) -> None:
     """Have something happen when a frame has been read, and before that is known."""
-    read, times = frame_task.read_stored, [0]
+    times = [0]
 
     def reading(*arguments: Any, **more: Any) -> Stored:
-        stored = read(*arguments, **more)
+        stored = read_stored(*arguments, **more)
         times[0] += 1
         change(times[0])
         return stored
 
-    monkeypatch.setattr(frame_task, "read_stored", reading)
+    monkeypatch.setattr("cadtof_cli.workflows.resolve.frame_task.read_stored", reading)
 
 
 def _write_another(file: Path, seed: int) -> None:
