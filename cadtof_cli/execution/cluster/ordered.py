@@ -38,9 +38,6 @@ ANSWER_S = 10
 """How long a run waits for the first answers of all workers that are there: one that is frozen, or paused for its memory, is
 there and does nothing."""
 
-QUESTION = f"__import__({surroundings.__module__!r}, fromlist=['']).{surroundings.__name__}(folder, probe)"
-"""What a worker is asked first. It comes as text: a worker without this package would end when it cannot unpack the function."""
-
 
 class Cluster(Protocol):
     """What is asked of a connection."""
@@ -227,7 +224,7 @@ class ClusterRun(Generic[Task, Result]):
                 case WorkerJoined(worker):
                     work = next(self._numbers)
                     self._asked[work] = worker
-                    self._cluster.submit(work, worker, eval, QUESTION, {"folder": self._folder, "probe": self._probe})
+                    self._cluster.submit(work, worker, surroundings, self._folder, self._probe)
                 case WorkerLost(worker, expected):
                     self._worker_lost(worker, expected=expected)
                 case Finished(work) if work in self._asked:

@@ -13,7 +13,7 @@ from cadtof_cli.errors import ClusterError
 from cadtof_cli.execution.cluster import ordered
 from cadtof_cli.execution.cluster.connection import Finished, News, WorkerJoined, WorkerLost
 from cadtof_cli.execution.cluster.ordered import BATCHES_PER_WORKER, MOST_IN_BATCH, SHORT_S, TASKS_AHEAD, ClusterRun
-from cadtof_cli.execution.cluster.worker import BatchResult, Raised, Surroundings, run_batch
+from cadtof_cli.execution.cluster.worker import BatchResult, Raised, Surroundings, run_batch, surroundings
 from cadtof_cli.execution.ordered import Outcome, WorkerDied
 
 OURS = Surroundings("3.11.2", "0.1.0", "abc", None)
@@ -69,7 +69,7 @@ class PretendedCluster:
         if not busy:
             return [self.join()]
         work, function, arguments = self.waiting[worker][0]
-        if function is not run_batch:
+        if function is surroundings:
             self.waiting[worker].pop(0)
             return [Finished(work, self.different.get(worker, OURS))]
         tasks: list[int] = arguments[1]
@@ -161,9 +161,9 @@ def test_while_one_task_is_slow_others_go_on_but_not_without_end() -> None:
             done = sum(len(tasks) for _, tasks in self.batches)
             for worker, waiting in self.waiting.items():
                 for place, (work, function, arguments) in enumerate(waiting):
-                    if function is not run_batch or 0 not in arguments[1] or done > TASKS_AHEAD * 0.9:
+                    if function is surroundings or 0 not in arguments[1] or done > TASKS_AHEAD * 0.9:
                         waiting.pop(place)
-                        if function is not run_batch:
+                        if function is surroundings:
                             return [Finished(work, OURS)]
                         self.batches.append((worker, arguments[1]))
                         return [Finished(work, BatchResult(tuple(arguments[1]), 1e-3 * len(arguments[1])))]
