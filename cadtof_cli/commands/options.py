@@ -148,9 +148,11 @@ def _type_of(hint: Any) -> ParamType:
 
 def _as_typed(default: Any) -> Any:
     """Return a default as it would be typed."""
-    if default is MISSING:
-        return None
-    return ",".join(f"{item:g}" for item in default) if isinstance(default, tuple) else default
+    if isinstance(default, tuple):
+        return ",".join(f"{item:g}" for item in default)
+    if isinstance(default, float):
+        return f"{default:.15g}"
+    return None if default is MISSING else default
 
 
 class RecordOptions:

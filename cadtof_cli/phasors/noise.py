@@ -16,7 +16,6 @@ from cadtof_cli.records import dataclass
 MAD_PER_SIGMA = 0.6744897501960817
 """Median absolute deviation of a Gaussian over its standard deviation."""
 
-
 _WAVE_NOISE: dict[Waveform, tuple[float, float]] = {
     "sine": (1.0, 1.0),
     "triangle": (8.0 / math.pi**2 * math.sqrt(1.5), 3.0 * (2.0 / math.pi**2 + 4.0 / math.pi**3)),
@@ -47,18 +46,22 @@ class HarmonicNoise:
     floor: float
 
     @cached_property
+    def ambient_variance(self) -> float:
+        """Variance a channel by photons of ambient light alone."""
+        return 0.5 * self.averaging / self.pulse**2
+
+    @cached_property
     def dark_variance(self) -> float:
         """Variance a channel where only ambient light arrives: the most that there can be."""
-        return 0.5 * self.averaging / self.pulse**2 + self.floor
+        return self.ambient_variance + self.floor
 
     def one_path_variances(self, amplitude: Float | Float32, /) -> tuple[Any, Any]:
         """Return the variances along and across the phasor of a single path of the given amplitude, (n,) each of its type."""
         share: Any = np.clip(amplitude, 0.0, 1.0)
-        scale = 0.5 * self.averaging / self.pulse**2
-        doubled = (scale * self.pulse_double) * share
-        across = (scale + self.floor) - doubled
-        along = (scale + self.floor) + doubled - self.averaging * share * share
-        return np.maximum(along, LEAST_SHARE * scale), across
+        doubled = (self.ambient_variance * self.pulse_double) * share
+        across = self.dark_variance - doubled
+        along = self.dark_variance + doubled - self.averaging * share * share
+        return np.maximum(along, LEAST_SHARE * self.ambient_variance), across
 
     def covariance(self, phasor: Rotor, doubled: Rotor, /) -> tuple[Float, Float, Float]:
         """Return the covariance's entries re·re, re·im and im·im, (n,) each, for light whose phasors at h and 2h are given.
@@ -76,8 +79,8 @@ class HarmonicNoise:
     @property
     def covariance_terms(self) -> tuple[float, float, float]:
         """Variance without light, and what light at 2h and at h changes in it."""
-        scale = 0.5 * self.averaging / self.pulse**2
-        return (1.0 + LEAST_SHARE) * scale + self.floor, scale * self.pulse_double, self.averaging
+        ambient = self.ambient_variance
+        return (1.0 + LEAST_SHARE) * ambient + self.floor, ambient * self.pulse_double, self.averaging
 
 
 @dataclass(frozen=True, eq=False)

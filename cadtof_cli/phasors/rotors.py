@@ -18,9 +18,8 @@ Rotor: TypeAlias = tuple[Float, Float]
 def unit_rotor(re: Float, im: Float, /) -> tuple[Float, Rotor]:
     """Return modulus and direction of re + i·im; the direction of 0 is 1."""
     modulus = np.sqrt(re * re + im * im)
-    zero = modulus == 0.0
-    scale = 1.0 / (modulus + zero)
-    return modulus, (re * scale + zero, im * scale)
+    scale = 1.0 / np.maximum(modulus, np.finfo(np.float64).tiny)
+    return modulus, (re * scale + (modulus == 0.0), im * scale)
 
 
 def product(a: Rotor, b: Rotor, /) -> Rotor:

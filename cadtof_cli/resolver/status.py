@@ -85,13 +85,9 @@ def why_no_answer(status: Status, /) -> str:
         StatusBit.IMPOSSIBLE,
     )
     shares = {bit: float(np.mean((status & bit) != 0)) for bit in bits}
-    found = [f"{share:.1%} {describe_status(int(bit))[0]}" for bit, share in shares.items() if share]
-    hint = (
-        ""
-        if not shares[StatusBit.LOW_CONFIDENCE]
-        else ("; if light was there, look at integration_length, --min-confidence and --false-alarm")
-    )
-    return f"no pixel has an answer ({', '.join(found)}){hint}"
+    found = [f"{share:.1%} {bit_words(bit)}" for bit, share in shares.items() if share]
+    hint = "; if light was there, look at integration_length, --min-confidence and --false-alarm"
+    return f"no pixel has an answer ({', '.join(found)}){hint if shares[StatusBit.LOW_CONFIDENCE] else ''}"
 
 
 def bit_words(bit: StatusBit, /) -> str:

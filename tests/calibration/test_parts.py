@@ -142,6 +142,7 @@ def test_the_digest_tells_every_change_and_no_other(tmp_path: Path) -> None:
     assert digest_of(dark()) != digest_of(dark(used={"x": "y"}))
     assert len(digest_of(dark())) == 16
     assert Calibration(dark=dark()).digest != Calibration(petzval=petzval()).digest
+    assert len(Calibration(dark=dark()).digest) == 16
     save_part(tmp_path, dark())
     save_part(tmp_path, petzval())
     found = load_calibration(tmp_path)

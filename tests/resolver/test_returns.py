@@ -54,3 +54,15 @@ def test_an_echo_of_the_strongest_is_weak_and_half_a_turn_ahead(ratio: float, le
     ]
     expected = [5.0, 5.0 - lead + 2 * np.pi, 5.5] if echo else [5.0 - lead, 5.0, 5.5]
     np.testing.assert_allclose(found, expected)
+
+
+@pytest.mark.parametrize("weaker", [0, 1])
+@pytest.mark.parametrize(("ratio", "direct"), [(0.5, 0.5), (0.5000001, 1.0)])
+def test_a_return_of_just_the_least_share_is_strong_enough(weaker: int, ratio: float, direct: float) -> None:
+    """The weaker of the two comes first."""
+    amplitude, phase = np.full((3, 1), np.nan), np.full((3, 1), np.nan)
+    amplitude[weaker], amplitude[1 - weaker], phase[weaker], phase[1 - weaker] = 0.5, 1.0, 1.0, 2.0
+    settings = ResolverSettings(min_return_ratio=ratio)
+    for paths in (2, 3):
+        found = direct_first(paths_of(amplitude[:paths], phase[:paths]), settings)
+        assert found.amplitude[0] == direct

@@ -76,7 +76,7 @@ INLINE float phase_of_f(float cos, float sin) {
 /* tail.py: wrapped */
 INLINE float wrapped(float phase) { return phase - 6.283185307179586f * rintf(phase / 6.283185307179586f); }
 
-/* pixels.py: _within_a_turn */
+/* elementary.py: within_a_turn */
 INLINE float within_a_turn(float phase) {
     const float inside = phase + (phase < 0.0f ? 6.283185307179586f : 0.0f);
     return inside - (inside >= 6.283185307179586f ? 6.283185307179586f : 0.0f);

@@ -48,7 +48,6 @@ SEEN_SHARE = 0.1
 NOISE_MARGIN = 7.0
 """Three standard deviations of arg q_2 in σ/|p1| of a pixel: its variance is 1 + 4 times that of a phase; √5 · 3."""
 
-
 LARGEST_MISFIT = 3.0
 """Median over the patches of χ² per datum, against what the frame expects of them, above which no tail explains it: at most 2
 with three harmonics in rendered rooms, and 3.6 to 40 where there are strong second paths after 6 to 11 ns. The two data of two

@@ -107,6 +107,13 @@ def phase_of(cos: Float32, sin: Float32, /) -> Float32:
     return signed
 
 
+def within_a_turn(phase: Float32, /) -> Float32:
+    """Return phases between −2π and 4π brought to [0, 2π)."""
+    turn = np.float32(2.0 * np.pi)
+    inside = phase + (phase < 0.0) * turn
+    return np.asarray(inside - (inside >= turn) * turn, np.float32)
+
+
 def _series(coefficients: Sequence[float], z: Array) -> Array:
     """Return Σ_k coefficients[k]·z^k by Horner's rule."""
     last, before, *others = reversed(coefficients)

@@ -1,8 +1,8 @@
 """Which way two harmonics lean: by which share of itself a fitted lag is too small on average in views like this one.
 
 Early light hardly changes the ratio of two harmonics, but the lag; how much of it there is depends on what kind of room a view
-shows, and the fit does not know kinds of rooms. So rooms seen from near came out too near, those of which nothing near is seen
-too far; and so on for what else a view shows. The slopes are those of a regression over 294 rendered rooms. What is left no
+shows, and the fit does not know kinds of rooms: alone, it puts rooms seen from near too near, and those of which nothing near is
+seen too far; and so on for what else a view shows. The slopes are those of a regression over 294 rendered rooms. What is left no
 number of a view was found to tell. Three harmonics see early light.
 """
 
@@ -15,7 +15,6 @@ from cadtof_cli.resolver.diffuse.quantiles import median
 
 NEAREST, FARTHEST = 0.1, 0.9
 """Shares of the patches below which the nearest and the farthest range of a view lie."""
-
 
 LEAST_CONTRAST = 0.05
 """Scatter of the logarithms of the patches' amplitudes below which a view is of one even surface, and no room: all rooms have

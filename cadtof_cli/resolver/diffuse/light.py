@@ -5,9 +5,8 @@
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
-from cadtof_cli.arrays import Bool, Complex, Float, Float32, Index, Stored, sealed
+from cadtof_cli.arrays import Bool, Complex, Complex64, Float, Float32, Index, Stored, sealed
 from cadtof_cli.phasors.noise import NoiseModel, chi_squared_threshold
 from cadtof_cli.phasors.voltages import PhasorMap
 from cadtof_cli.records import dataclass
@@ -22,9 +21,6 @@ LARGEST_AMPLITUDE = 1e3
 
 TINY = 1e-30
 """Keeps empty patches from dividing by zero; they are never used."""
-
-
-Complex64 = NDArray[np.complex64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,7 +131,7 @@ def patch_light(samples: Complex | Complex64, seen: Bool, /, *, harmonics: tuple
 
 def compiled_light(stored: Stored, look: Look, grid: PatchGrid, /, *, kernel: str) -> PatchLight:
     """Return the light of a frame's stored values (H, 2, n), with the bits that numpy gives it."""
-    places = _places(grid)
+    places = sample_places(grid)
     weighted = np.empty((1 + 2 * len(stored), *places.shape), np.float32)
     phase_rad, seen = np.empty(places.shape, np.float32), np.empty(places.shape, np.bool_)
     extension().look_at_samples(
@@ -163,7 +159,7 @@ def compiled_light(stored: Stored, look: Look, grid: PatchGrid, /, *, kernel: st
 
 
 @lru_cache(maxsize=4)
-def _places(grid: PatchGrid) -> Index:
+def sample_places(grid: PatchGrid, /) -> Index:
     """Return where the samples of every patch stand in the frame, flat, (n, rows, columns); −1 outside."""
     size = (grid.height, grid.width)
     return sealed(np.ascontiguousarray(grid.samples(np.arange(1, 1 + grid.height * grid.width).reshape(size)) - 1))

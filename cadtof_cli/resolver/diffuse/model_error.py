@@ -23,7 +23,6 @@ LAG_WITH_DATA = {1: (-0.5, -0.2), 2: (0.25, -0.45, -0.7, 0.1)}
 UNIT = 0.02**2
 """Of those covariances."""
 
-
 FULL_MPI = 0.06
 """Median |q_2 − 1| of a frame's patches from which errors are as large as that: where there is less MPI, less can be wrong of it.
 Nine of ten rendered rooms have more."""

@@ -40,8 +40,8 @@ class PatchSteps:
             state: (6, n).
         """
         seen, noise = self._of_data(jacobian)
-        linear = residuals(self.data, values[: len(self.data)]) + _weighted((state - self.pattern)[:, None], seen)
-        scatter = _weighted((self.within[:, None, None] * seen)[:, :, None], seen[:, None]) + noise
+        linear = residuals(self.data, values[: len(self.data)]) + _total((state - self.pattern)[:, None] * seen)
+        scatter = _total((self.within[:, None, None] * seen)[:, :, None] * seen[:, None]) + noise
         return whitened(scatter, _with(seen.swapaxes(0, 1), linear)), linear
 
     def moved(self, state: Float, linear: Float, jacobian: Float, room: Float, spread: Float, /) -> Float:
@@ -55,9 +55,9 @@ class PatchSteps:
             spread: covariance of a patch's state before its own data are seen, (6, 6).
         """
         seen, noise = self._of_data(jacobian)
-        missed = residuals(linear, _weighted(room[:, None, None], seen))
+        missed = residuals(linear, _total(room[:, None, None] * seen))
         white = whitened(_scatter(spread, seen) + noise, _with(seen.swapaxes(0, 1), missed))
-        pull = _weighted(white[:, :-1], white[:, -1:])
+        pull = _total(white[:, :-1] * white[:, -1:])
         change = room[:, None] + self.pattern - state + _times(spread, pull)
         return state + np.maximum(np.minimum(change, LARGEST_STEP), -LARGEST_STEP)
 
@@ -68,11 +68,11 @@ class PatchSteps:
         their covariance before, without noise, (data + 2, data + 2, n).
         """
         count = len(self.data)
-        expected = values + _weighted((room[:, None] + self.pattern - state)[:, None], jacobian)
+        expected = values + _total((room[:, None] + self.pattern - state)[:, None] * jacobian)
         covariance = _scatter(spread, jacobian)
         joint = covariance[:count] + self.error[:count]
         white = whitened(joint[:, :count].copy(), _with(joint, residuals(self.data, expected[:count])))
-        return expected, expected + _weighted(white[:, :-1], white[:, -1:]), covariance
+        return expected, expected + _total(white[:, :-1] * white[:, -1:]), covariance
 
     def _of_data(self, jacobian: Float) -> tuple[Float, Float]:
         """Return what Jacobians and errors are of the data."""
@@ -102,15 +102,15 @@ def _with(vectors: Float, last: Float) -> Float:
 
 def _scatter(spread: Float, jacobian: Float) -> Float:
     """Return the covariance (k, k, n) of values with these Jacobians, (6, k, n), of states that scatter so, (6, 6)."""
-    return _weighted(_times(spread, jacobian)[:, :, None], jacobian[:, None])
+    return _total(_times(spread, jacobian)[:, :, None] * jacobian[:, None])
 
 
 def _times(matrix: Float, vectors: Float) -> Float:
     """Return a symmetric matrix (6, 6) times vectors (6, …)."""
-    return _weighted(matrix.reshape(6, 6, *(1 for _ in vectors.shape[1:])), vectors[:, None])
+    return _total(matrix.reshape(6, 6, *(1 for _ in vectors.shape[1:])) * vectors[:, None])
 
 
-def _weighted(weights: Float, terms: Float) -> Float:
-    """Return Σ_j weights_j·terms_j: along the first axis, numpy adds one after the other."""
-    total: Float = (weights * terms).sum(axis=0)
+def _total(terms: Float) -> Float:
+    """Return the sum over the first axis, along which numpy adds one after the other."""
+    total: Float = terms.sum(axis=0)
     return total

@@ -10,14 +10,12 @@ from cadtof_cli.arrays import Bool, Complex, Float, Float32
 from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.diffuse.compiled_fit import compiled_fits
 from cadtof_cli.resolver.diffuse.condition import conditioned
-from cadtof_cli.resolver.diffuse.elementary import exponential, logarithm, phase_of, rotor
+from cadtof_cli.resolver.diffuse.elementary import exponential, logarithm, phase_of, rotor, within_a_turn
 from cadtof_cli.resolver.diffuse.light import LARGEST_AMPLITUDE
 from cadtof_cli.resolver.diffuse.noise import noise_covariance
-from cadtof_cli.resolver.diffuse.records import DiffuseBlock, DiffuseModel, DiffusePixels
+from cadtof_cli.resolver.diffuse.records import NEAREST_M, DiffuseBlock, DiffuseModel, DiffusePixels
 from cadtof_cli.resolver.diffuse.tail import residuals
 from cadtof_cli.resolver.two_path.kernel import NUMPY, Buffers, extension
-
-FULL_TURN = 2.0 * np.pi
 
 LEAST_AMPLITUDE = 0.1
 """Least |p_1| in standard deviations of its noise that the noise of its data is taken for; fainter pixels have no answer."""
@@ -30,9 +28,6 @@ LEAST_SHARE = 0.05
 
 UNKNOWN_PHASE_RAD = np.pi / np.sqrt(3.0)
 """Standard deviation of a phase of which nothing is known."""
-
-NEAREST_M = 0.05
-"""Least range: the range of a pixel with the phase 0."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,7 +116,7 @@ def tail_buffers(tail: DiffuseBlock, /) -> Buffers:
 
 def _direct(seen: PixelData, shrink: Float32, lag: Float32, variance: Float32) -> tuple[Float32, Float32, Float32]:
     """Return amplitude, phase and sigma of p_1/H_1; `shrink` is 1/|H_1|."""
-    return seen.amplitude * shrink, _within_a_turn(seen.phase_rad - lag), np.sqrt(variance)
+    return seen.amplitude * shrink, within_a_turn(seen.phase_rad - lag), np.sqrt(variance)
 
 
 def _mpi(
@@ -133,7 +128,7 @@ def _mpi(
     sigma = np.sqrt(np.maximum(variance, 0.0) + seen.relative_noise[0])
     return (
         seen.amplitude * np.sqrt(re * re + im * im),
-        direct_rad + _within_a_turn(phase_of(re, im) + lag),
+        direct_rad + within_a_turn(phase_of(re, im) + lag),
         np.minimum(sigma, np.float32(UNKNOWN_PHASE_RAD)),
     )
 
@@ -152,13 +147,6 @@ def _pixel_data(phasors: Complex, square: Float, model: DiffuseModel, samples: F
         data[count + i] = phases[i + 1] - np.float32(h) * phases[0]
         relative.append((variances[i + 1] / further).astype(np.float32))
     return PixelData(np.sqrt(square[0]).astype(np.float32), phases[0], data, relative)
-
-
-def _within_a_turn(phase: Float32, /) -> Float32:
-    """Return phases between −2π and 4π brought to [0, 2π)."""
-    turn = np.float32(FULL_TURN)
-    inside = phase + (phase < 0.0) * turn
-    return np.asarray(inside - (inside >= turn) * turn, np.float32)
 
 
 def _first_range(phase_rad: Float32, model: DiffuseModel, pixels: slice) -> Float32:

@@ -17,7 +17,7 @@ from cadtof_cli.resolver.diffuse.planes import PatchPlanes, Surfaces, patch_plan
 from cadtof_cli.resolver.diffuse.prior import pattern
 from cadtof_cli.resolver.diffuse.quantiles import median, quantiles
 from cadtof_cli.resolver.diffuse.radiosity import interreflections, light_of
-from cadtof_cli.resolver.diffuse.records import DiffuseModel, SeenThrough, Tails, range_from_phase
+from cadtof_cli.resolver.diffuse.records import NEAREST_M, DiffuseModel, SeenThrough, Tails, range_from_phase
 from cadtof_cli.resolver.diffuse.settings import DiffuseSettings
 from cadtof_cli.resolver.diffuse.tail import TailModel
 from cadtof_cli.resolver.diffuse.through import seen_through, typical_tail
@@ -34,9 +34,6 @@ walls at right angles holds most of the early light, one of a single wall nothin
 
 UNHEARD = 1e6
 """By how much the noise of patches with two surfaces is raised, so that they say nothing of the room."""
-
-NEAREST_M = 0.05
-"""Least range of a sampled pixel."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,7 +5,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from cadtof_cli.arrays import Complex, Float, Float32
+from cadtof_cli.arrays import Complex, Complex64, Float, Float32
 from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.diffuse.planes import Surfaces
 from cadtof_cli.resolver.diffuse.quantiles import median
@@ -25,8 +25,6 @@ NEAREST_M2 = 1e-6
 
 MOST_AT_ONCE = 4000
 """Entries of a matrix that are multiplied at once: of more, the order of sums may depend on how many threads share them."""
-
-Complex64 = NDArray[np.complex64]
 
 T = TypeVar("T", np.float32, np.complex64)
 

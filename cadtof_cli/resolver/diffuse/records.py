@@ -12,6 +12,9 @@ from cadtof_cli.resolver.diffuse.settings import DiffuseSettings
 from cadtof_cli.resolver.diffuse.tail import Values
 from cadtof_cli.resolver.diffuse.upsampling import Upsampler
 
+NEAREST_M = 0.05
+"""Least range that a pixel is taken to have: with the phase 0 it would have none."""
+
 
 @dataclass(frozen=True, eq=False)
 class Tails:

@@ -77,10 +77,7 @@ class TailModel:
         else:
             total, jacobian = self._slopes(natural, cos, sin)
         re, im, power = total
-        values = free_of_direct(0.5 * np.log(power), np.arctan2(im, re), self._harmonic)
-        phases = phase_data(self.data)
-        values[phases] = wrapped(values[phases])
-        return values, jacobian
+        return free_of_direct(0.5 * np.log(power), np.arctan2(im, re), self._harmonic), jacobian
 
     def lag_parts(self, state: Float, guessed: Complex, /) -> tuple[Float, Float, Float, Float]:
         """Return how much of arg H_1 is due to surfaces in the view, beside it and unseen, and would be to guessed ones.

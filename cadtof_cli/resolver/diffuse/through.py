@@ -14,6 +14,7 @@ from cadtof_cli.resolver.diffuse.quantiles import median
 from cadtof_cli.resolver.diffuse.records import SeenThrough, Tails, range_from_phase
 from cadtof_cli.resolver.diffuse.settings import DiffuseSettings
 from cadtof_cli.resolver.diffuse.walls import ON_PLANE, over_neighbours, walls_behind
+from cadtof_cli.resolver.paths import FULL_TURN
 from cadtof_cli.resolver.two_path.closed_form import TwoPaths
 from cadtof_cli.resolver.two_path.decomposition import decomposed
 from cadtof_cli.resolver.two_path.kernel import NUMPY
@@ -50,8 +51,6 @@ STEPS = 3
 OFF_SHARE, LAG_SHARE = 0.7, 0.2
 """Standard deviation of the nearer path's phase, as a share of what the farther ones miss the walls by, and of the lag that the
 tail brings: both are wrong by the same tail."""
-
-FULL_TURN = 2.0 * np.pi
 
 
 @dataclass(frozen=True, eq=False)
@@ -212,13 +211,7 @@ class _Walls:
         """Return the walls that the patches `among` see."""
         walls = walls_behind(range_m, among, grid)
         on_wall = among & (np.abs(walls - range_m) < ON_PLANE * range_m)
-        count = on_wall.sum(axis=(1, 2))
-        ordered = np.sort(np.where(on_wall, amplitude, np.inf).reshape(len(walls), among.size), axis=1)
-        low, high = (
-            np.take_along_axis(ordered, place[:, None], 1)[:, 0]
-            for place in (np.maximum(count - 1, 0) // 2, count // 2)
-        )
-        return cls(walls, 0.5 * (low + high))
+        return cls(walls, np.array([median(amplitude[these]) if these.any() else np.inf for these in on_wall]))
 
     def nearest(self, range_m: Float, /) -> tuple[Float, Float]:
         """Return the amplitude of the wall nearest to these ranges, (rows, columns), and how far that is from them."""

@@ -43,10 +43,10 @@ def freed_pixels(
     grid = model.upsampler.grid
     place = np.arange(tail.pixels.start, tail.pixels.start + phasors.shape[1])
     net_m = through.near_m[place // grid.width // grid.side, place % grid.width // grid.side]
-    there = np.flatnonzero(np.isfinite(net_m))
+    there = np.isfinite(net_m)
     where = np.zeros(len(place), np.bool_)
     free, size = phasors.copy(), np.ones(len(place))
-    if there.size:
+    if there.any():
         seen, net_m = phasors[:, there], net_m[there]
         paths = freed_paths(seen, through.tails, kernel=kernel)
         near_m = range_from_phase(paths.near_rad, model.settings)

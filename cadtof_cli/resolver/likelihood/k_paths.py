@@ -133,8 +133,8 @@ def most_likely(measured: Measured, found: Mixture, /, *, noise: NoiseModel) -> 
 
 def _fall_off(measured: Measured, path: Mixture, noise: NoiseModel) -> Float:
     """Return by how much the phasors fall off along one path with h², over what noise leaves there, squared, with its sign."""
-    (amplitude,) = path.amplitude
-    rotors = powers((path.cos[0], path.sin[0]), measured.harmonics)
+    (amplitude,), (rotor,) = path.amplitude, zip(path.cos, path.sin, strict=True)
+    rotors = powers(rotor, measured.harmonics)
     weights = [1.0 / one.one_path_variances(amplitude)[0] for one in noise.each]
     squares = [float(h * h) for h in measured.harmonics]
     mean = sum(w * h2 for w, h2 in zip(weights, squares, strict=True)) / sum(weights)

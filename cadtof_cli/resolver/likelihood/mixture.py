@@ -83,6 +83,14 @@ class Measured:
         return Measured(self.harmonics, self.re - re, self.im - im)
 
 
+def moved_paths(points: Float, steps: Float, /) -> Float:
+    """Return points (3·K, n) after steps (2·K, n), amplitudes along the paths first, then across them."""
+    paths = Mixture.of_points(points)
+    along, across = np.split(steps, 2)
+    amplitude, turn = unit_rotor(paths.amplitude + along, across)
+    return Mixture(amplitude, *product((paths.cos, paths.sin), turn)).points
+
+
 @dataclass(frozen=True)
 class WhiteFit:
     """The fit with the noise of ambient light alone: one weight a harmonic, the same in every direction."""
@@ -113,9 +121,7 @@ class WhiteFit:
                     matrix[entry(k + i, j)] -= quadrature
         return Linearised(matrix, gradient, cost)
 
-    def moved(self, points: Float, steps: Float, /) -> Float:
-        """Return the paths after a step along and across."""
-        return moved_paths(points, steps)
+    moved = staticmethod(moved_paths)
 
     def planes(self, points: Float, /) -> Planes:
         """Return them for the compiled search."""
@@ -174,9 +180,7 @@ class WeightedFit:
                 matrix[rows] += weighted_re[i] * slopes_re[: i + 1] + weighted_im[i] * slopes_im[: i + 1]
         return Linearised(matrix, gradient, cost)
 
-    def moved(self, points: Float, steps: Float, /) -> Float:
-        """Return the paths after a step along and across."""
-        return moved_paths(points, steps)
+    moved = staticmethod(moved_paths)
 
     def planes(self, points: Float, /) -> Planes:
         """Return them for the compiled search."""
@@ -185,14 +189,6 @@ class WeightedFit:
 
     def __getitem__(self, chosen: Index, /) -> Self:
         return type(self)(self.measured[chosen], self.weights[:, :, chosen])
-
-
-def moved_paths(points: Float, steps: Float, /) -> Float:
-    """Return points (3·K, n) after steps (2·K, n), amplitudes along the paths first, then across them."""
-    paths = Mixture.of_points(points)
-    along, across = np.split(steps, 2)
-    amplitude, turn = unit_rotor(paths.amplitude + along, across)
-    return Mixture(amplitude, *product((paths.cos, paths.sin), turn)).points
 
 
 def _summed(parts: Float) -> Float:

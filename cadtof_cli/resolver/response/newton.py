@@ -65,17 +65,14 @@ class Equations:
     @staticmethod
     def of(response: ResponseBlock, phasors: Complex, pixels: Index, noise: NoiseModel) -> "Equations":
         """Return the equations of some of the pixels of phasors (2, n)."""
-        observed = np.stack([part[pixels] for parts in response.observed(phasors) for part in parts])
+        observed = [(re[pixels], im[pixels]) for re, im in response.observed(phasors)]
         weights = tuple(np.float32(1.0 / harmonic.dark_variance) for harmonic in noise.each)
-        power = np.zeros(pixels.size, np.float32)
-        for row, weight in enumerate(weights):
-            power += weight * (observed[2 * row] ** 2 + observed[2 * row + 1] ** 2)
+        power = sum(weight * (re**2 + im**2) for weight, (re, im) in zip(weights, observed, strict=True))
         samples = np.float32(1.0) if noise.samples is None else noise.samples[pixels].astype(np.float32)
         enough = np.maximum(np.float32(TOLERANCE**2) / samples, np.float32(ROUNDING**2) * power)
-        return Equations(response, pixels, observed, enough, weights)
+        return Equations(response, pixels, np.concatenate(observed), enough, weights)
 
-    def chosen(self, some: Bool | Index) -> "Equations":
-        """Return those of some of the pixels."""
+    def __getitem__(self, some: Bool | Index) -> "Equations":
         return replace(self, pixels=self.pixels[some], observed=self.observed[:, some], enough=self.enough[some])
 
     def fields(self, values: Float32, row: int, stage: int) -> "Fields":
@@ -129,7 +126,7 @@ def search(equations: Equations, start: Float32, /, *, steps: int, stage: int = 
         if count == steps or not remaining:
             break
         if remaining < STILL_WORTH * where.size:
-            where, equations, misfit = where[going], equations.chosen(going), misfit[going]
+            where, equations, misfit = where[going], equations[going], misfit[going]
             trial, values, step = trial[:, going], values[:, going], step[:, going]
             going = going[going]
     found.put(where[going], SearchState(values[:, going], misfit[going], np.zeros(remaining, np.bool_)))

@@ -49,7 +49,7 @@ def two_paths_of_response(
     found = searched(equations, _values(start, pixels), steps=MOST_STEPS)
     again = np.flatnonzero(~found.done)
     if again.size:
-        led = _led_by_stages(equations.chosen(again), phasors[:, pixels[again]])
+        led = _led_by_stages(equations[again], phasors[:, pixels[again]])
         better = led.misfit < found.misfit[again]
         found.put(again[better], SearchState(led.values[:, better], led.misfit[better], led.done[better]))
     converged[pixels] = found.done
@@ -73,15 +73,12 @@ def _values(paths: TwoPaths, pixels: Index | slice) -> Float32:
 
 def _with(paths: TwoPaths, pixels: Index, values: Float32) -> TwoPaths:
     """Return the paths with a, x, b, y of some pixels replaced."""
-    x, y = values[1].astype(np.float64), values[3].astype(np.float64)
+    a, x, b, y = values.astype(np.float64)
     half = 0.5 * ((x - y) % FULL_TURN)
-    refined = (values[0], values[2], np.cos(y + half), np.sin(y + half), np.cos(half), np.sin(half))
-    planes = (paths.a, paths.b, paths.cos_mean, paths.sin_mean, paths.cos_half, paths.sin_half)
-    changed = [plane.copy() for plane in planes]
-    for plane, new in zip(changed, refined, strict=True):
-        plane[pixels] = new
-    a, b, cos_mean, sin_mean, cos_half, sin_half = changed
-    return TwoPaths(np.stack((a, b)), cos_mean, sin_mean, cos_half, sin_half, paths.single)
+    planes = np.stack([*paths.amplitude, paths.cos_mean, paths.sin_mean, paths.cos_half, paths.sin_half])
+    planes[:, pixels] = a, b, np.cos(y + half), np.sin(y + half), np.cos(half), np.sin(half)
+    cos_mean, sin_mean, cos_half, sin_half = planes[2:]
+    return TwoPaths(planes[:2], cos_mean, sin_mean, cos_half, sin_half, paths.single)
 
 
 def _sine_part(alone: OnePath, phasors: Complex, response: ResponseBlock) -> Complex:

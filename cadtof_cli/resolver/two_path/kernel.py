@@ -207,13 +207,12 @@ def shared_constants(settings: ResolverSettings, each: tuple[HarmonicNoise, ...]
     for name, factors in (("alone", terms.alone), ("own", terms.own), ("other", terms.other)):
         constants |= {f"{name}{power}": factor for power, factor in enumerate(factors)}
     for h, harmonic in enumerate(each, start=1):
-        light = 0.5 * harmonic.averaging / harmonic.pulse**2
         constants |= {
             f"per_variance{h}": 1.0 / harmonic.dark_variance,
             f"dark{h}": harmonic.dark_variance,
-            f"doubled{h}": light * harmonic.pulse_double,
+            f"doubled{h}": harmonic.ambient_variance * harmonic.pulse_double,
             f"averaging{h}": harmonic.averaging,
-            f"least{h}": LEAST_SHARE * light,
+            f"least{h}": LEAST_SHARE * harmonic.ambient_variance,
         }
     return constants
 

@@ -48,15 +48,11 @@ class PixelModel:
     averaging: Averaging
     photons_per_cycle: int = setting(5, "Photons per laser cycle.")
     cycles: int | None = setting(None, "Laser cycles per harmonic.  [default: those of 12.5 n_av photons]")
-    dead_time_ns: float = setting(0.0, "Dead time of the SPAD; with --photons.", show_default=False)
-    jitter_ns: float = setting(0.0, "Timing jitter of the SPAD, one standard deviation.", show_default=False)
-    sample_noise_v: float = setting(0.0, "Noise of every sample, one standard deviation.", show_default=False)
-    gain_mismatch: float = setting(
-        0.0, "Relative gain error of SC2: gain of SC2 over gain of SC1, minus 1.", show_default=False
-    )
-    offsets_v: tuple[float, float] = setting(
-        (0.0, 0.0), "Offsets of SC1 and SC2 in V.", metavar="V,V", show_default=False
-    )
+    dead_time_ns: float = setting(0.0, "Dead time of the SPAD; with --photons.")
+    jitter_ns: float = setting(0.0, "Timing jitter of the SPAD, one standard deviation.")
+    sample_noise_v: float = setting(0.0, "Noise of every sample, one standard deviation.")
+    gain_mismatch: float = setting(0.0, "Relative gain error of SC2: gain of SC2 over gain of SC1, minus 1.")
+    offsets_v: tuple[float, float] = setting((0.0, 0.0), "Offsets of SC1 and SC2 in V.", metavar="V,V")
     motion: Motion = AT_REST
 
     def __post_init__(self) -> None:

@@ -37,18 +37,12 @@ class Camera:
     width: int = setting(320, "Columns of the frames.")
     height: int = setting(240, "Rows of the frames.")
     focal_length_px: float | None = None
-    petzval_m: tuple[float, float] = setting(
-        (0.0, 0.0), "Field curvature k2,k4 of the lens.  [default: 0,0]", metavar="M,M", show_default=False
-    )
+    petzval_m: tuple[float, float] = setting((0.0, 0.0), "Field curvature k2,k4 of the lens.", metavar="M,M")
     bits: int = 14
     volts_per_count: float = 6.0e-5
     zero_counts: float = 8192.0
-    dark_offset_v: float = setting(
-        0.0, "Standard deviation of the offset from pixel to pixel.  [default: 0]", show_default=False
-    )
-    fixed_delay_ns: float = setting(
-        0.0, "Standard deviation of the delay from pixel to pixel.  [default: 0]", show_default=False
-    )
+    dark_offset_v: float = setting(0.0, "Standard deviation of the offset from pixel to pixel.")
+    fixed_delay_ns: float = setting(0.0, "Standard deviation of the delay from pixel to pixel.")
 
     def __post_init__(self) -> None:
         for name, pixels in (("width", self.width), ("height", self.height)):

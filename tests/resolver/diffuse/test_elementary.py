@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from cadtof_cli.arrays import Float32
-from cadtof_cli.resolver.diffuse.elementary import exponential, logarithm, phase_of, rotor
+from cadtof_cli.resolver.diffuse.elementary import exponential, logarithm, phase_of, rotor, within_a_turn
 
 COUNT = 20001
 
@@ -51,6 +51,14 @@ def test_the_phase_is_right_to_single_precision_in_every_direction() -> None:
 def test_the_axes_have_their_phases_and_nothing_has_none() -> None:
     cos, sin = (np.array(parts, np.float32) for parts in ([0.0, 1.0, 0.0, -1.0, 0.0], [0.0, 0.0, 1.0, 0.0, -1.0]))
     np.testing.assert_allclose(phase_of(cos, sin), [0.0, 0.0, 0.5 * math.pi, math.pi, -0.5 * math.pi], atol=1e-6)
+
+
+def test_phases_are_brought_within_a_turn_whose_end_is_its_beginning() -> None:
+    """Also by so little below 0 that single precision has no number for what is left of a turn."""
+    x = np.concatenate([floats(-6.28, 12.56), np.array([-1e-9, 0.0, 2.0 * math.pi], np.float32)])
+    found = within_a_turn(x)
+    assert ((found >= 0.0) & (found < np.float32(2.0 * math.pi))).all()
+    np.testing.assert_allclose(np.exp(1j * found.astype(np.float64)), np.exp(1j * x.astype(np.float64)), atol=2e-6)
 
 
 def test_nan_stays_nan() -> None:

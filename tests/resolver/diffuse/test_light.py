@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from cadtof_cli.resolver.diffuse.light import is_light, patch_light, patch_means
+from cadtof_cli.resolver.diffuse.grid import View, patch_grid
+from cadtof_cli.resolver.diffuse.light import is_light, patch_light, patch_means, sample_places
 
 HARMONICS = (1, 2, 4)
 
@@ -77,3 +78,12 @@ def test_light_is_below_a_thousand_in_every_part_of_every_harmonic(
 
 def test_a_harmonic_that_has_gone_is_light_and_a_fundamental_that_has_gone_is_not() -> None:
     assert is_light(np.array([[0.1, 0.0], [0.0, 0.1]], complex)).tolist() == [True, False]
+
+
+@pytest.mark.parametrize("size", [(48, 64), (50, 70), (240, 320)])
+def test_samples_stand_at_their_places_in_the_frame_and_none_outside(size: tuple[int, int]) -> None:
+    grid = patch_grid(*size, View(100.0, (30.5, 17.25)))
+    image = np.random.default_rng(2).uniform(1.0, 2.0, size)
+    places, samples = sample_places(grid), grid.samples(image)
+    assert_allclose(np.where(places < 0, 0.0, image.ravel()[places]), samples, rtol=0.0)
+    assert ((places == -1) == (samples == 0.0)).all()

@@ -41,12 +41,13 @@ def looked_at(
     share: Float | float = 0.5,
     delay_ns: float = 8.0,
     off_m: Float | float = 0.0,
-    light: float = 1.0,
+    light: Float | float = 1.0,
     valid: Bool | None = None,
 ) -> SeenThrough | None:
     """Patches of the wall, and of a net so much before it.
 
-    `off_m` is how far behind the wall the farther paths end, `light` how much more light there is than from the wall alone.
+    `off_m` is how far behind the wall the farther paths end, `light` how much more light there is than from the wall alone: one
+    number is that of the net.
     """
     far_m = wall_m() + off_m
     near, later = far_m / M_PER_RAD - delay_ns * OMEGA, delay_ns * OMEGA
@@ -54,7 +55,7 @@ def looked_at(
     phasors: Complex = np.stack(
         [
             0.3
-            * np.where(net, light, 1.0)
+            * (np.where(net, light, 1.0) if isinstance(light, float) else light)
             * (
                 weight * np.exp(1j * h * near)
                 + (1.0 - weight) * np.exp(1j * h * np.where(net, near + later, wall_m() / M_PER_RAD))
@@ -73,7 +74,7 @@ def found_by(
     share: Float | float = 0.5,
     delay_ns: float = 8.0,
     off_m: Float | float = 0.0,
-    light: float = 1.0,
+    light: Float | float = 1.0,
 ) -> Bool:
     seen = looked_at(net, share=share, delay_ns=delay_ns, off_m=off_m, light=light)
     return np.zeros(net.shape, bool) if seen is None else seen.found
@@ -197,3 +198,11 @@ def test_paths_with_tails_of_their_own_are_freed_of_them(harmonics: tuple[int, .
 def test_a_net_before_all_that_is_seen_has_no_wall_behind_it() -> None:
     """Every patch has two paths: no patch is left that walls could go through."""
     assert looked_at(np.ones(grid().ray.shape[1:], bool)) is None
+
+
+@pytest.mark.parametrize(("light", "found", "others"), [(0.38, False, 0.2), (0.42, True, 5.0)])
+def test_what_a_wall_gives_is_the_median_of_its_patches(light: float, found: bool, others: float) -> None:
+    """Some that are much darker or brighter than most of it, such as pictures, change nothing."""
+    net, lit = rectangle(4, 6), np.ones(grid().ray.shape[1:])
+    lit[:3] = others
+    np.testing.assert_array_equal(found_by(net, light=np.where(net, light, lit)), net & found)

@@ -181,3 +181,15 @@ def test_paths_of_the_same_phase_cannot_be_told_apart_at_all() -> None:
     with np.errstate(divide="ignore"):
         fit = LikelyPaths(same, np.full((2, 1000), 1e-3), none, np.ones(1000, np.bool_)).fit()
     assert (fit.doubt > 1e4).all()
+
+
+def test_a_path_without_an_amplitude_is_none_and_comes_last() -> None:
+    """Of two pixels, the first path of the first is nothing; those of the second are both there, in the order found."""
+    amplitude, phase = np.array([[0.0, 0.2], [1.0, 0.9]]), np.array([[2.0, 2.0], [1.0, 3.0]])
+    found = LikelyPaths(
+        Found(amplitude, np.cos(phase), np.sin(phase)), np.full((2, 2), 0.01), np.zeros(2), np.ones(2, np.bool_)
+    )
+    paths = found.fit().paths
+    assert_allclose(paths.amplitude, [[1.0, 0.2], [np.nan, 0.9]])
+    assert_allclose(paths.phase_rad, [[1.0, 2.0], [np.nan, 3.0]], atol=1e-6)
+    assert_allclose(paths.sigma_rad, [[0.01, 0.01], [np.nan, 0.01]])

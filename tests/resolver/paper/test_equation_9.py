@@ -9,7 +9,7 @@ from scipy.optimize import leastsq
 
 from cadtof_cli.arrays import Float
 from cadtof_cli.resolver.likelihood.levenberg_marquardt import Linearised
-from cadtof_cli.resolver.paper.equation_9 import EliminatedPath
+from cadtof_cli.resolver.paper.equation_9 import EliminatedPath, rotors_of
 from cadtof_cli.resolver.paper.records import RandomStarts
 from cadtof_cli.resolver.paper.search import DAMPED
 from cadtof_cli.resolver.paper.solver import TwoShares, steps_of_starts, two_shares
@@ -187,3 +187,12 @@ def test_a_step_that_betters_nothing_is_not_taken() -> None:
     start = np.array([[0.3, 0.7], [0.1, -0.4]])
     end, _ = DAMPED.descended(Plain((2,), ()), start)
     np.testing.assert_array_equal(end.points, start)
+
+
+@pytest.mark.parametrize("z", [0j, 1 + 0j, 1j, -1 + 0j, 2 + 0j, 1 + 1j, 0.3 - 0.4j])
+def test_both_shares_have_a_direction_and_that_of_none_is_one(z: complex) -> None:
+    here, there = rotors_of(np.array([z.real]), np.array([z.imag]))
+    for share, (modulus, (cos, sin)) in ((z, here), (1 - z, there)):
+        expected = share / abs(share) if share else 1.0
+        np.testing.assert_allclose(modulus, abs(share), rtol=1e-15)
+        np.testing.assert_allclose(cos + 1j * sin, expected, rtol=1e-15)

@@ -213,3 +213,22 @@ def test_one_path_of_a_triangle_is_in_doubt_in_a_tenth_of_pixels_and_where_a_sec
     )
     assert ((clean.status & StatusBit.ILL_CONDITIONED) > 0).mean() == pytest.approx(0.1, abs=0.02)
     assert ((close.status & (StatusBit.ILL_CONDITIONED | StatusBit.TWO_PATHS)) > 0).mean() > 0.8
+
+
+def test_where_two_paths_are_asked_for_of_one_there_is_the_one() -> None:
+    """Phasors that are those of one path to the bit."""
+    metadata = CaptureMetadata(modulation=Modulation(waveform="triangle"))
+    model = response_block(ideal_response(metadata), None)
+    phasors = np.asarray(0.3 * np.exp(1j * np.array([[1], [2]]) * np.linspace(0.1, 6.2, 50)), np.complex128)
+    one, two = (
+        resolve_paths(
+            phasors,
+            status=np.zeros(50, np.uint32),
+            settings=ResolverSettings(order=order),
+            noise=noise_model(metadata, integration_length=1e5, quantised=False),
+            response=model.block(slice(None)),
+        )
+        for order in ("1", "2")
+    )
+    np.testing.assert_allclose(two.paths.amplitude[0], one.paths.amplitude[0], rtol=1e-3)
+    np.testing.assert_allclose(two.paths.phase_rad[0], one.paths.phase_rad[0], atol=1e-3)

@@ -161,7 +161,7 @@ def test_a_search_of_some_pixels_is_that_of_each_alone() -> None:
     off[::2] = np.maximum(off[::2], np.float32(0.02))
     whole = search(equations(p), off, steps=5)
     some = np.arange(0, PIXELS, 7)
-    alone = search(equations(p).chosen(some), off[:, some], steps=5)
+    alone = search(equations(p)[some], off[:, some], steps=5)
     np.testing.assert_array_equal(whole.values[:, some], alone.values)
     np.testing.assert_array_equal(whole.done[some], alone.done)
     state = SearchState.of(off)

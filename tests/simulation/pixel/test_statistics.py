@@ -185,3 +185,12 @@ def test_gains_and_noise_of_samples_go_where_the_average_puts_them() -> None:
     np.testing.assert_allclose(found.means_v, 0.8 * settled.means_v)
     more = found.covariances_v2 / 0.01 - settled.covariances_v2
     np.testing.assert_allclose(more, [[0.05**2, 0.0, 0.05**2]] * 2, atol=1e-12)
+
+
+def test_photons_that_all_come_at_the_same_moment_bring_the_same_samples() -> None:
+    """Each of them says the same: voltages do not scatter, but for what their covariances are rounded by."""
+    for moment in np.linspace(0.0, 39.0, 200):
+        light = Condition(asr=0.0, direct_ns=float(moment), second_ns=39.9, mpi_ratio=0.0, fwhm_ns=0.0).mix(40.0)
+        exact = voltage_statistics(light, Modulation(), variance_gain=1.0)
+        drawn = draw_voltages(exact, np.random.default_rng(1), draws=20)
+        np.testing.assert_allclose(drawn, np.broadcast_to(exact.means_v, drawn.shape), atol=1e-7)

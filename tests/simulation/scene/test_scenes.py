@@ -16,8 +16,9 @@ from cadtof_cli.simulation.scene.geometry import (
     bounce_by_patches,
     cosine_directions,
     hits,
+    irradiance,
 )
-from cadtof_cli.simulation.scene.light import Scene
+from cadtof_cli.simulation.scene.light import Light, Scene
 from cadtof_cli.simulation.scene.scenes import SCENES, Card, Corner, InterReflection, Wall
 
 C_M_PER_NS = 0.299792458
@@ -353,3 +354,18 @@ def test_the_upper_sixth_of_a_card_is_clean_to_the_nearest_row(height: int, clea
     ratio = Card(clean_share=1 / 6).light(Camera(width=4, height=height), slice(None)).truth(1.0)["mpi.ratio"]
     assert (ratio[:clean] == 0.0).all()
     assert (ratio[clean:] > 0.0).all()
+
+
+def test_light_falls_on_the_front_of_a_surface_and_not_on_its_back() -> None:
+    points = np.array([[0.0], [0.0], [2.0]])
+    facing = np.array([[0.0], [0.0], [-1.0]])
+    assert irradiance(points, facing)[0] == pytest.approx(1 / 4)
+    assert irradiance(points, -facing)[0] == 0.0
+    assert irradiance(np.full((3, 1), np.nan), facing)[0] == 0.0
+
+
+def test_a_pixel_that_no_light_reaches_has_no_amplitude() -> None:
+    dark = Light(delays_ns=np.zeros((2, 1, 1)), photons=np.zeros((2, 1, 1)), ambient=np.zeros((1, 1)))
+    truth = dark.truth(0.2746)
+    assert (truth["direct.amplitude"][0, 0], truth["mpi.amplitude"][0, 0]) == (0.0, 0.0)
+    assert np.isnan([truth[name][0, 0] for name in ("direct.depth", "mpi.depth", "mpi.ratio", "mpi.delay")]).all()

@@ -56,8 +56,8 @@ class Lamp:
 
     def emitted(self, count: int, /) -> Float32:
         """Return evenly spread directions of its light, (3, count); any run of neighbours is spread evenly too."""
-        theta = np.linspace(0.0, min(self.beam_rad + EDGE_RAD, math.pi), 4096)
-        share = np.concatenate([[0.0], np.cumsum(self._per_angle((theta[1:] + theta[:-1]) / 2))])
+        theta, light = self._by_angle()
+        share = np.concatenate([[0.0], np.cumsum(light)])
         first, second = lattice(count)
         angle, turn = np.interp(first * share[-1], share, theta), 2.0 * np.pi * second
         local = np.stack([np.sin(angle) * np.cos(turn), np.sin(angle) * np.sin(turn), np.cos(angle)])
@@ -66,12 +66,14 @@ class Lamp:
     @property
     def flux(self) -> float:
         """All of its light, in units of the light on a square metre at a distance of 1 m."""
+        theta, light = self._by_angle()
+        return float(light.sum() * (theta[1] - theta[0]))
+
+    def _by_angle(self) -> tuple[Float, Float]:
+        """Return angles to the axis in even steps, (n + 1,), and the light per angle between them, (n,)."""
         theta = np.linspace(0.0, min(self.beam_rad + EDGE_RAD, math.pi), 4096)
         middles = (theta[1:] + theta[:-1]) / 2
-        return float(self._per_angle(middles).sum() * (theta[1] - theta[0]))
-
-    def _per_angle(self, theta: Float) -> Float:
-        return 2.0 * np.pi * np.sin(theta) * self._profile(theta)
+        return theta, 2.0 * np.pi * np.sin(middles) * self._profile(middles)
 
     def _ways(self, points_m: Float32) -> Float32:
         return points_m - np.asarray(self.position_m, np.float32)[:, None]

@@ -183,7 +183,7 @@ def _patches(size_m: Vector, generator: np.random.Generator) -> tuple[tuple[Patc
         patches.append(Patch(face=face, low_m=(0.0, 0.0, 0.0), high_m=size_m, albedo=0.0))
     elif chance < 0.5:
         words.append(f"open door {FACES[face]}")
-        x, z = (float(generator.uniform(0.0, max(length - 0.9, 0.01))) for length in (width, depth))
+        x, z = (float(generator.uniform(0.0, length - 0.9)) for length in (width, depth))
         low, high = (x, height - 2.0, z), (x + 0.9, height, z + 0.9)
         patches.append(Patch(face=face, low_m=low, high_m=high, albedo=0.0))
     elif chance < 0.7:

@@ -251,7 +251,7 @@ class Interior:
         local = np.stack([cosine * x + sine * z, y, cosine * z - sine * x])
         depth = np.abs(local) / halves[:, solid]
         axis = np.argmax(depth, axis=0)
-        side = np.take_along_axis(local, axis[None], axis=0)[0] > 0
+        (side,) = np.take_along_axis(local, axis[None], axis=0) > 0
         sign = np.where(side != (solid == 0), 1, -1).astype(np.float32)
         nx, ny, nz = (np.where(axis == a, sign, np.float32(0)) for a in range(3))
         normals = np.stack([cosine * nx - sine * nz, ny, sine * nx + cosine * nz])

@@ -243,3 +243,11 @@ def test_rays_that_miss_a_solid_by_a_centimetre_are_not_followed_to_it(origin: t
     assert len(ball.followed) == 2
     for followed in ball.followed:
         assert ((missed < 0.5) & (along > 0.0)).sum() <= followed <= ((missed < 0.51) & (along > 0.0)).sum()
+
+
+def test_a_ray_that_touches_a_ball_meets_it() -> None:
+    ball = Ball(centre_m=(0.0, 0.0, 2.0), radius_m=0.5)
+    ahead = np.array([[0.0], [0.0], [1.0]], np.float32)
+    touching, missing = (np.array([[x], [0.0], [0.0]], np.float32) for x in (0.5, 0.5001))
+    assert ball.entry(touching, ahead)[0] == 2.0
+    assert ball.entry(missing, ahead)[0] == math.inf
