@@ -160,3 +160,9 @@ def test_frames_of_one_column_or_row(width: int, height: int, form: str, tmp_pat
     truth = layers_of(tmp_path / "wall" / "truth.exr")["direct.depth"]
     assert depth.shape == truth.shape == (height, width)
     assert np.abs(depth - truth).max() < 0.1
+
+
+def test_a_run_without_maps_names_no_place_for_them(capture: Path, tmp_path: Path) -> None:
+    done = cadtof("resolve", capture, "-o", tmp_path / "out", "-j", 1, "--min-confidence", 1e9)
+    assert done.status == 1
+    assert done.err.endswith(f"s; 1 failed, see {tmp_path / 'out' / 'frames.jsonl'}\n")
