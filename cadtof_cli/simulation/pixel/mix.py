@@ -156,7 +156,7 @@ class Motion:
     )
     frame_rate_hz: float = setting(
         30.0,
-        "Frames per second; a frame's time is shared equally by its harmonics.",
+        "Frames per second, with --speed; a frame's time is shared equally by its harmonics.",
         option="--frame-rate",
         metavar="HZ",
     )
