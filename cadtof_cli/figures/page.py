@@ -44,12 +44,13 @@ class Panel:
 
 @dataclass(frozen=True, eq=False)
 class Scaled:
-    """Panels that are compared: one unit, one scale, one bar of colours."""
+    """Panels that are compared: one unit, one scale, one bar of colours; `ends` says in words what the bar's two ends mean."""
 
     panels: tuple[Panel, ...]
     unit: str
     colours: str
     limits: tuple[float, float]
+    ends: tuple[str, ...] = ()
 
     def painted(self, panel: Panel, /) -> Image:
         """Return a panel's colours, (Y, X, 4)."""
@@ -241,6 +242,8 @@ def add_bar(figure: Figure, block: Scaled, place: tuple[float, float, float, flo
     mappable = ScalarMappable(Normalize(low, high), mpl.colormaps[block.colours])
     ticks = MaxNLocator(max(2, min(8, int(length / 28))))
     bar = figure.colorbar(mappable, cax=figure.add_axes(place), extend=extend, extendfrac=0.03, ticks=ticks)
+    if block.ends:
+        bar.set_ticks(block.limits, labels=block.ends)
     bar.ax.tick_params(labelsize=7, length=2.5)
     bar.set_label(block.unit.rpartition(", ")[2], fontsize=8, labelpad=2)
 

@@ -70,8 +70,8 @@ class Stages:
     """
 
     drive: StageDrive = setting("dc", "How the stages ST1 and ST2 are driven.", option="--stages")
-    f1_hz: float = setting(1.0e6, "Switching rate of ST1.")
-    f2_hz: float = setting(1.0e4, "Switching rate of ST2.")
+    f1_hz: float = setting(1.0e6, "Switching rate of ST1; with --stages switched.")
+    f2_hz: float = setting(1.0e4, "Switching rate of ST2; with --stages switched.")
 
     def __post_init__(self) -> None:
         require(self.drive in STAGE_DRIVES, "stages", self.drive, " or ".join(STAGE_DRIVES))

@@ -19,6 +19,10 @@ def require_ratio(value: float, name: str, found: str) -> None:
     require(0 <= value <= MOST_RATIO, name, found, f"a ratio from 0 to {MOST_RATIO:g}")
 
 
+def _countable(counts: Float) -> bool:
+    return bool(np.all((counts >= 0) & np.isfinite(counts)))
+
+
 @dataclass(frozen=True, kw_only=True)
 class PhotonMix:
     """Photons by origin, for one pixel or for a block of them. Only the proportions of photons matter.
@@ -40,9 +44,8 @@ class PhotonMix:
     jitter_ns: float = 0.0
 
     def __post_init__(self) -> None:
-        wrong = "one below 0, infinite or NaN"
-        require(bool(np.all((self.photons >= 0) & (self.photons < np.inf))), "photons", wrong, "finite, 0 or more")
-        require(bool(np.all((self.ambient >= 0) & (self.ambient < np.inf))), "ambient", wrong, "finite, 0 or more")
+        require(_countable(self.photons), "photons", "one below 0, infinite or NaN", "finite numbers of 0 or more")
+        require(_countable(self.ambient), "ambient", "one below 0, infinite or NaN", "finite numbers of 0 or more")
         require(self.delays_ns.shape == self.photons.shape, "delays", self.delays_ns.shape, f"{self.photons.shape}")
         require(1e-6 <= self.period_ns < math.inf, "period", f"{self.period_ns:g} ns", "a time above 0")
         require(0 <= self.fwhm_ns < math.inf, "pulse width", f"{self.fwhm_ns:g} ns", "a time of 0 or more")
@@ -153,7 +156,7 @@ class Motion:
     )
     frame_rate_hz: float = setting(
         30.0,
-        "Frames per second; a frame's time is shared equally by its harmonics.",
+        "Frames per second, with --speed; a frame's time is shared equally by its harmonics.",
         option="--frame-rate",
         metavar="HZ",
     )

@@ -46,8 +46,10 @@ class PixelModel:
 
     modulation: Modulation = field(default_factory=Modulation)
     averaging: Averaging
-    photons_per_cycle: int = setting(5, "Photons per laser cycle.")
-    cycles: int | None = setting(None, "Laser cycles per harmonic.  [default: those of 12.5 n_av photons]")
+    photons_per_cycle: int = setting(5, "Photons per laser cycle; with --photons.")
+    cycles: int | None = setting(
+        None, "Laser cycles per harmonic; with --photons.  [default: those of 12.5 n_av photons]"
+    )
     dead_time_ns: float = setting(0.0, "Dead time of the SPAD; with --photons.")
     jitter_ns: float = setting(0.0, "Timing jitter of the SPAD, one standard deviation.")
     sample_noise_v: float = setting(0.0, "Noise of every sample, one standard deviation.")
