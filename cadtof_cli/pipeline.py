@@ -42,8 +42,8 @@ if TYPE_CHECKING:
     from cadtof_cli.resolver.diffuse.grid import PatchGrid
     from cadtof_cli.resolver.diffuse.light import PatchLight
 
-BLOCK_PIXELS = 19200
-"""Pixels a block, a quarter of a QVGA frame: enough that the cost of calling numpy hardly counts, and no more, so that memory
+BLOCK_PIXELS = 38400
+"""Pixels a block, half a QVGA frame: enough that the cost of calling numpy hardly counts, and no more, so that memory
 stays small however large the frames are."""
 
 SEARCHED_BLOCK_PIXELS = 32768
@@ -126,7 +126,7 @@ def resolve_pixels(
     """
     stages = frame_stages(plan, calibration, pixels.dtype, pixels.size)
     kernel = kernel or chosen_kernel()
-    maps = DepthMaps.empty(stages.names, (1, pixels.stored.shape[2]))
+    maps = DepthMaps.empty(tuple([layer.name for layer in stages.layers]), (1, pixels.stored.shape[2]))
     in_kernel = stages.room == "two_path" and stages.resolver.paths <= 2
     if kernel != NUMPY and in_kernel and (pixels.tail is None or pixels.tail.through is None):
         _fill_by_kernel(maps, pixels, plan, stages, kernel)
