@@ -26,6 +26,7 @@ PAGES = (ROOT / "README.md", ROOT / "SECURITY.md", *sorted(DOCS.rglob("*.md")))
 OTHERS = frozenset(
     {
         *(
+            "--harmonics",
             "--keep",
             "--cost",
             "--scipy-pixels",

@@ -1,0 +1,203 @@
+"""Which frames of two true paths `--mpi-model auto` takes for tails, and what that costs: each has two paths in every pixel.
+
+`python scripts/second_paths.py cards` takes 292 frames of the scenes `card` and `inter-reflection`,
+`python scripts/second_paths.py drawn --seed 95000` 324 frames of panes, patterns, steps and mirrors whose geometry is drawn. It
+prints a row per kind of scene: frames, how many are taken for tails, and the medians of their median errors in cm, as taken and
+by two paths. Frames that are left to two paths must be those of `--mpi-model discrete` to the bit; it fails where one is not.
+"""
+
+import argparse
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Pixel
+from cadtof_cli.frame_plan import FramePlan, MapSettings
+from cadtof_cli.maps.layers import DIRECT_DEPTH
+from cadtof_cli.pipeline import ResolvedFrame, resolve_frame
+from cadtof_cli.resolver.settings import MpiModel, ResolverSettings
+from cadtof_cli.simulation.pixel.statistics import VoltageStatistics, averaging_gain
+from cadtof_cli.simulation.scene.camera import Camera
+from cadtof_cli.simulation.scene.exposure import Band, Exposure, frame_voltages
+from cadtof_cli.simulation.scene.light import Light, Scene
+from cadtof_cli.simulation.scene.scenes import Card, InterReflection
+from cadtof_cli.units import C_M_PER_NS
+from cadtof_cli.workflows.simulate.record import expose
+
+F = NDArray[np.float64]
+
+PERIODS_NS = (40.0, 20.0, 40.0 / 3.0)
+
+LENGTHS = {"cards": (2e3, 1e5, 1e6), "drawn": (3e3, 5e4, 5e5)}
+"""Integration lengths of two harmonics, which three share."""
+
+KINDS = ("pane", "pane, pattern", "same delay", "slanted", "steps", "ball", "part", "from the side", "weak first")
+"""What is drawn: a pane before a wall; with a pattern on the wall; a second path that is as much later everywhere; whose share
+and delay slant; before boxes; before a ball; in a part of the view; from a mirror at the side; a weak pane before a strong wall.
+"""
+
+FARTHEST_M = 5.8
+
+
+@dataclass(frozen=True, kw_only=True)
+class Drawn:
+    """Two true paths in every pixel, of one of `KINDS`; their ranges and shares are drawn by the seed."""
+
+    kind: str
+    seed: int
+    share: float
+    asr: float = 2.0
+
+    @property
+    def summary(self) -> str:
+        """One sentence about the scene."""
+        return f"two paths, {self.kind}, share {self.share:g}"
+
+    def light(self, camera: Camera, rows: slice, /) -> Light:
+        """Return two paths a pixel."""
+        y, x = np.mgrid[: camera.height, : camera.width].astype(float)
+        focal = camera.focal_length_px or float(camera.width)
+        across, down = (x - 0.5 * (camera.width - 1)) / focal, (y - 0.5 * (camera.height - 1)) / focal
+        near, far, share = (one[rows] for one in self.paths(across, down))
+        photons = np.full(near.shape, 0.5) if self.kind == "weak first" else (near.mean() / near) ** 2
+        delays = np.stack([np.minimum(near, FARTHEST_M), np.minimum(near, FARTHEST_M) + far - near]) * 2.0 / C_M_PER_NS
+        return Light(
+            delays_ns=delays, photons=photons * np.stack([np.ones_like(share), share]), ambient=0 * near + self.asr
+        )
+
+    def paths(self, across: F, down: F) -> tuple[F, F, F]:
+        """Return the ranges of both paths, m, and the second's share of the light."""
+        rng = np.random.default_rng(self.seed)
+        tilt, distance = rng.uniform(-0.3, 0.3, 2), rng.uniform(1.0, 2.2)
+        near, later = plane(across, down, distance, tilt), rng.uniform(0.7, 1.7)
+        share, other = np.full(across.shape, self.share), rng.uniform(-0.8, 0.8, (2, 2))
+        far, slanted = near + later, 0.4 * across
+        match self.kind:
+            case "pane" | "pane, pattern":
+                far = plane(across, down, distance + later, tilt + 0.2 * other[0])
+            case "slanted":
+                share = share * np.clip(1.0 + 1.7 * (other[1, 0] * across + other[1, 1] * down), 0.05, None)
+                far = far + other[0, 0] * across + other[0, 1] * down
+            case "steps":
+                for left, top, depth in rng.uniform((-0.5, -0.35, 0.1), (0.3, 0.2, 0.4), (5, 3)):
+                    box = (across > left) & (across < left + 0.2) & (down > top) & (down < top + 0.15)
+                    near = np.where(box, near - depth, near)
+                far = near + later
+            case "ball":
+                ball = np.hypot(across - 0.1, down) < 0.2
+                near = np.where(ball, near - 0.4, near)
+                far, share = near + np.where(ball, later, 0.8 * later) + slanted, share * np.where(ball, 1.4, 1.0)
+            case "part":
+                far, share = far + slanted, np.where(across > other[0, 0] * 0.2 - 0.1, share, 0.0)
+            case "from the side":
+                seen = np.stack([across, down, np.ones_like(across)]) * (near / np.sqrt(1 + across**2 + down**2))
+                mirror = np.array([later, 0.3, 0.4 * distance])[:, None, None]
+                way = np.linalg.norm(seen - mirror, axis=0)
+                far = 0.5 * (near + way + float(np.linalg.norm(mirror))) + 0.2
+                share = share * (way.mean() / way) ** 2
+            case "weak first":
+                far, share = near + 1.2 + 0.3 * later, 1.0 / share
+        if self.kind in ("pane, pattern", "same delay"):
+            share = share * pattern(across, down, rng)
+        return near, far, share
+
+
+def plane(across: F, down: F, distance_m: float, tilt: F) -> F:
+    """Return the ranges of a plane."""
+    return np.asarray(distance_m * np.sqrt(1 + across**2 + down**2) / (1 + tilt[0] * across + tilt[1] * down))
+
+
+def pattern(across: F, down: F, rng: np.random.Generator) -> F:
+    """Return a pattern of six waves, whose logarithm scatters by .5."""
+    waves = rng.normal(size=(6, 2)) * 8.0
+    turns = rng.uniform(0.0, 2.0 * np.pi, 6)
+    total = sum(np.sin(a * across + b * down + turn) for (a, b), turn in zip(waves, turns, strict=True))
+    return np.asarray(np.exp(0.5 * np.asarray(total) / np.sqrt(3.0)))
+
+
+def cards() -> Iterator[tuple[str, Scene, Camera, tuple[float, ...]]]:
+    """Return the scenes of `simulate` that have two true paths."""
+    camera, lengths = Camera(width=160, height=120), LENGTHS["cards"]
+    for share in (0.005, 0.01, 0.02, 0.03, 0.05, 0.1, 0.2, 0.5):
+        for distance in (0.75, 2.0, 4.0):
+            for delays in ((3.0, 20.0), (3.0, 9.0), (5.0, 12.0), (9.0, 16.0)):
+                scene = Card(distance_m=distance, separations_ns=delays, mpi_ratios=(share, share))
+                yield "card of one share", scene, camera, lengths if distance == 2.0 else (1e5,)
+    for shares in ((0.005, 0.03), (0.01, 0.1), (0.05, 0.6)):
+        for clean in (0.0, 1 / 6):
+            yield "card of all shares", Card(mpi_ratios=shares, clean_share=clean), camera, lengths
+    for delay in (4.0, 6.0, 8.0, 11.0, 14.0):
+        for share in (0.02, 0.1):
+            scene = Card(distance_m=1.5, separations_ns=(delay, delay), mpi_ratios=(share, share), clean_share=0.0)
+            yield "one share, one delay", scene, camera, lengths
+    for share in (0.005, 0.01, 0.02, 0.033, 0.05, 0.1, 0.3):
+        for reflector in (1.0, 2.0, 3.0, 5.0):
+            yield "inter-reflection", InterReflection(mpi_ratio=share, reflector_m=reflector), camera, lengths
+
+
+def drawn(seed: int) -> Iterator[tuple[str, Scene, Camera, tuple[float, ...]]]:
+    """Return scenes of every kind, with four shares in three sizes of frames and views."""
+    for kind in KINDS:
+        for share in (0.02, 0.05, 0.1, 0.25):
+            for (width, height), lens in (((160, 120), 0.72), ((320, 240), 0.875), ((100, 130), 1.3)):
+                camera = Camera(width=width, height=height, focal_length_px=lens * width)
+                yield kind, Drawn(kind=kind, seed=seed, share=share), camera, LENGTHS["drawn"]
+                seed += 1
+
+
+def recordings(
+    scene: Scene, camera: Camera, lengths: tuple[float, ...], harmonics: int, seed: int
+) -> Iterator[tuple[F, F, CaptureMetadata]]:
+    """Return volts of a frame and its true ranges for every integration length: light is followed once."""
+    metadata = CaptureMetadata(
+        modulation=Modulation(periods_ns=PERIODS_NS[:harmonics]),
+        pixel=Pixel(integration_length=1e5),
+        optics=camera.optics,
+    )
+    usual = Exposure(scene=scene, camera=camera, metadata=metadata, seed=seed)
+    whole = expose(usual)
+    for length in lengths:
+        each = float(round(length * 2 / harmonics))
+        gain = averaging_gain(each) / averaging_gain(usual.integration_length)
+        noisy = VoltageStatistics(whole.voltages.means_v, gain * whole.voltages.covariances_v2)
+        shown = replace(usual, metadata=replace(metadata, pixel=Pixel(integration_length=each)))
+        yield frame_voltages(shown, Band(noisy, whole.truth), 0), whole.truth[DIRECT_DEPTH], shown.metadata
+
+
+def resolved(volts: F, metadata: CaptureMetadata, model: MpiModel) -> ResolvedFrame:
+    """Return the maps of a frame by one model."""
+    settings = MapSettings(resolver=ResolverSettings(mpi_model=model))
+    return resolve_frame(volts, plan=FramePlan(metadata=metadata, settings=settings))
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("frames", choices=("cards", "drawn"), help="which scenes")
+    parser.add_argument("--harmonics", type=int, default=2, choices=(2, 3))
+    parser.add_argument("--seed", type=int, default=3, help="of noise, and of what is drawn")
+    chosen = parser.parse_args()
+    scenes = cards() if chosen.frames == "cards" else drawn(chosen.seed)
+    counts: dict[str, int] = {}
+    tails: dict[str, list[tuple[float, float]]] = {}
+    for kind, scene, camera, lengths in scenes:
+        for volts, truth_m, metadata in recordings(scene, camera, lengths, chosen.harmonics, chosen.seed):
+            taken, two = (resolved(volts, metadata, model) for model in ("auto", "discrete"))
+            counts[kind] = counts.get(kind, 0) + 1
+            if taken.mpi is not None and taken.mpi.taken == "diffuse":
+                errors = (100 * np.nanmedian(abs(one.maps.layer(DIRECT_DEPTH) - truth_m)) for one in (taken, two))
+                tails.setdefault(kind, []).append((float(next(errors)), float(next(errors))))
+            elif taken.maps.values.tobytes() != two.maps.values.tobytes():
+                raise SystemExit(f"{kind}: found other maps than those of two paths, expected the same bits")
+    print("| scene | frames | taken for tails | error as taken, by two paths, cm |\n|---|---|---|---|")
+    for kind, count in counts.items():
+        found = np.array(tails.get(kind, []))
+        cell = f"{np.median(found[:, 0]):.2f}, {np.median(found[:, 1]):.2f}" if found.size else ""
+        print(f"| {kind} | {count} | {len(found)} | {cell} |")
+    print(f"| together | {sum(counts.values())} | {sum(map(len, tails.values()))} | |")
+
+
+if __name__ == "__main__":
+    main()
