@@ -158,13 +158,11 @@ def _seen_through(
     Where patches that were not `heard`, (n,), are taken for what is near, it gets the tail that is typical of them, and what is
     behind that of the others; else both get that of the frame.
     """
-    lag = np.zeros(valid.shape)
-    lag[valid] = fit.posterior[-1]
     far = typical_tail(fit.posterior if heard is None else fit.posterior[:, heard], frame.settings.harmonics)
     near = far if heard is None else typical_tail(fit.posterior[:, ~heard], frame.settings.harmonics)
     return seen_through(
         phasors,
-        range_from_phase(np.angle(phasors[0]) - lag, frame.settings),
+        fit.posterior[-1],
         valid,
         Tails(near, far, frame.settings.harmonics),
         grid=frame.grid,
