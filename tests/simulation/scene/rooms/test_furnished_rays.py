@@ -251,3 +251,17 @@ def test_a_ray_that_touches_a_ball_meets_it() -> None:
     touching, missing = (np.array([[x], [0.0], [0.0]], np.float32) for x in (0.5, 0.5001))
     assert ball.entry(touching, ahead)[0] == 2.0
     assert ball.entry(missing, ahead)[0] == math.inf
+
+
+def test_a_solid_is_met_as_itself_whichever_neighbours_it_has() -> None:
+    """One that stands alone, then three beside each other: rays from above onto each of them."""
+    places, albedos = ((0.5, 0.5), (3.0, 4.0), (3.3, 4.0), (3.6, 4.0)), (0.2, 0.4, 0.6, 0.8)
+    boxes = tuple(
+        Box(centre_m=(x, 2.4, z), half_m=(0.1, 0.1, 0.1), albedo=albedo)
+        for (x, z), albedo in zip(places, albedos, strict=True)
+    )
+    starts = np.array([(x, 1.0, z) for x, z in places], np.float32).T
+    down = np.repeat(np.array([[0.0], [1.0], [0.0]], np.float32), len(places), axis=1)
+    met = Interior(size_m=SIZE, albedos=WALLS, boxes=boxes).meet(starts, down)
+    assert_allclose(met.albedo, albedos)
+    assert (met.surface // 8).tolist() == [1, 2, 3, 4]
