@@ -166,8 +166,7 @@ def seen_through(
     range_m = range_from_phase(phase_rad, settings)
     near_m = range_from_phase(paths.near_rad, settings)
     far_m = near_m + paths.later_rad * settings.m_per_rad
-    seen = _Walls.of(range_m, np.abs(phasors[0] / tails.far[0]), valid & ~two, grid)
-    wall, missed = seen.nearest(far_m)
+    wall, missed = _nearest_wall(far_m, range_m, np.abs(phasors[0] / tails.far[0]), valid & ~two, grid)
     with np.errstate(invalid="ignore"):
         left = paths.far_amplitude / wall
     found = np.zeros_like(two)
@@ -202,26 +201,18 @@ def _grown(found: Bool, more: Bool, near_m: Float) -> Bool:
         found = grown
 
 
-@dataclass(frozen=True, eq=False)
-class _Walls:
-    """Walls by their ranges, (n, rows, columns), and the amplitude of their direct light where they are seen freely, (n,)."""
+def _nearest_wall(far_m: Float, range_m: Float, amplitude: Float, among: Bool, grid: PatchGrid) -> tuple[Float, Float]:
+    """Return how bright the wall nearest to each range `far_m` is where it is seen freely, by `among`, and how far it is off.
 
-    range_m: Float
-    amplitude: Float
-
-    @classmethod
-    def of(cls, range_m: Float, amplitude: Float, among: Bool, grid: PatchGrid, /) -> "_Walls":
-        """Return the walls that the patches `among` see."""
-        walls = walls_behind(range_m, among, grid)
-        on_wall = among & (np.abs(walls - range_m) < ON_PLANE * range_m)
-        return cls(walls, np.array([median(amplitude[these]) if these.any() else np.inf for these in on_wall]))
-
-    def nearest(self, range_m: Float, /) -> tuple[Float, Float]:
-        """Return the amplitude of the wall nearest to these ranges, (rows, columns), and how far that is from them."""
-        if not self.amplitude.size:
-            return np.full(range_m.shape, np.inf), np.full(range_m.shape, np.inf)
-        off = np.abs(self.range_m - range_m)
-        return self.amplitude[off.argmin(axis=0)], off.min(axis=0)
+    All are (rows, columns); infinite where the patches `among` see no wall.
+    """
+    walls = walls_behind(range_m, among, grid)
+    if not len(walls):
+        return np.full(far_m.shape, np.inf), np.full(far_m.shape, np.inf)
+    on_wall = among & (np.abs(walls - range_m) < ON_PLANE * range_m)
+    bright = np.array([median(amplitude[these]) if these.any() else np.inf for these in on_wall])
+    off = np.abs(walls - far_m)
+    return bright[off.argmin(axis=0)], off.min(axis=0)
 
 
 def _side_by_side(patches: Bool) -> list[tuple[Index, ...]]:
