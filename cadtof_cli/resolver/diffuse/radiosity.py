@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from cadtof_cli.arrays import Complex, Complex64, Float, Float32
 from cadtof_cli.records import dataclass
+from cadtof_cli.resolver.diffuse.elementary import rotor
 from cadtof_cli.resolver.diffuse.planes import Surfaces
 from cadtof_cli.resolver.diffuse.quantiles import median
 from cadtof_cli.resolver.two_path.kernel import NUMPY, extension
@@ -22,6 +23,9 @@ ALBEDO_RANGE = (0.1, 4.0)
 
 NEAREST_M2 = 1e-6
 """Least squared distance of two patches."""
+
+ROWS_AT_ONCE = 60
+"""Rows of a matrix whose rotors numpy works out at once: few enough to stay in a processor's cache."""
 
 MOST_AT_ONCE = 4000
 """Entries of a matrix that are multiplied at once: of more, the order of sums may depend on how many threads share them."""
@@ -64,12 +68,10 @@ def interreflections(
     """
     count = len(seen.range_m)
     both = _joined(seen, beyond)
-    form, phase_rad = _form_factors(both, both, rad_per_m, kernel)
-    form.ravel()[:: len(form) + 1] = 0.0
+    albedo = _relative_albedo(seen, amplitude, len(beyond.range_m))
+    form, matrix, turn = _kernel(both, both, albedo, rad_per_m, kernel)
     faced = _gathered(form[:count], np.ones(len(form), np.float32)).astype(np.float64)
     open_share = np.minimum(np.maximum(1.0 - faced, 0.0), 1.0)
-    albedo = _relative_albedo(seen, amplitude, len(beyond.range_m))
-    matrix, turn = _kernel(form, albedo, phase_rad, kernel)
     light, power = np.empty((3, len(harmonics), count), np.complex128), 1
     for row, h in enumerate(harmonics):
         for _ in range(power, h):
@@ -84,9 +86,7 @@ def interreflections(
 
 def light_of(sources: Surfaces, onto: Surfaces, /, *, rad_per_m: float, kernel: str = NUMPY) -> Complex:
     """Return the light that surfaces (n,) get from lit sources of unit albedo in one bounce, over their direct light, (n,)."""
-    form, phase_rad = _form_factors(onto, sources, rad_per_m, kernel)
-    albedo = np.ones(len(sources.range_m), np.float32)
-    matrix, _ = _kernel(form, albedo, phase_rad, kernel)
+    _, matrix, _ = _kernel(onto, sources, np.ones(len(sources.range_m), np.float32), rad_per_m, kernel)
     light = _gathered(matrix, _direct_light(sources, rad_per_m).astype(np.complex64))
     return np.asarray(light / _direct_light(onto, rad_per_m), np.complex128)
 
@@ -125,18 +125,6 @@ def _gathered(kernel: NDArray[T], light: NDArray[T]) -> NDArray[T]:
     return gathered
 
 
-def _kernel(form: Float32, albedo: Float32, phase_rad: Float32, kernel: str) -> tuple[Complex64, Complex64]:
-    """Return K_ij of the fundamental, from form factors, the sources' albedos and the phases of the way; and exp(i·phase)."""
-    cos, sin = np.cos(phase_rad), np.sin(phase_rad)
-    matrix, turn = np.empty(form.shape, np.complex64), np.empty(form.shape, np.complex64)
-    if kernel != NUMPY:
-        extension().light_kernel(kernel, form, albedo, cos, sin, matrix, turn)
-        return matrix, turn
-    lit = form * albedo
-    matrix.real, matrix.imag, turn.real, turn.imag = lit * cos, lit * sin, cos, sin
-    return matrix, turn
-
-
 def _relative_albedo(seen: Surfaces, amplitude: Float, beyond: int) -> Float32:
     """Return albedos over their mean by area, float32; those beyond the view are taken as the mean."""
     albedo = amplitude * seen.range_m**2 / seen.cosine
@@ -146,21 +134,26 @@ def _relative_albedo(seen: Surfaces, amplitude: Float, beyond: int) -> Float32:
     return np.concatenate([albedo, np.ones(beyond)], dtype=np.float32)
 
 
-def _form_factors(onto: Surfaces, sources: Surfaces, rad_per_m: float, kernel: str) -> tuple[Float32, Float32]:
-    """Return the form factors F_ij, from source j to i, and the phases of the way between, float32 (onto, sources) each.
+def _kernel(
+    onto: Surfaces, sources: Surfaces, albedo: Float32, rad_per_m: float, kernel: str
+) -> tuple[Float32, Complex64, Complex64]:
+    """Return form factors F_ij, from source j to i, K_ij of the fundamental, and exp(iω r_ij/c), (onto, sources) each.
 
     A point over a plane, and squared distances, are inner products of vectors with a few more components.
     """
     points, planes, square = _points_and_planes(onto)
     lit_points, lit_planes, lit_square = _points_and_planes(sources)
     form, facing = _inner_products(planes, lit_points), _inner_products(points, lit_planes)
+    if onto is sources:
+        # of itself, a surface sees nothing
+        form.ravel()[:: len(form) + 1] = 0.0
     ends = np.concatenate([-2.0 * points[:3], points[3:], square])
     r2 = _inner_products(ends, np.concatenate([lit_points[:3], lit_square, lit_points[3:]]))
     area = sources.area_m2.astype(np.float32)
+    matrix, turn = np.empty(form.shape, np.complex64), np.empty(form.shape, np.complex64)
     if kernel != NUMPY:
-        # in place of what it is given
-        extension().form_factors(kernel, rad_per_m, facing, area, form, r2)
-        return form, r2
+        extension().light_kernel(kernel, rad_per_m, facing, r2, area, albedo, form, matrix, turn)
+        return form, matrix, turn
     for over_plane in (form, facing):
         np.maximum(over_plane, 0.0, out=over_plane)
     form *= facing
@@ -170,9 +163,13 @@ def _form_factors(onto: Surfaces, sources: Surfaces, rad_per_m: float, kernel: s
     reach += area
     reach *= r2
     form /= reach
-    phase_rad = np.sqrt(r2, out=r2)
-    phase_rad *= np.float32(rad_per_m)
-    return form, phase_rad
+    for row in range(0, len(form), ROWS_AT_ONCE):
+        these = slice(row, row + ROWS_AT_ONCE)
+        cos, sin = rotor(np.sqrt(r2[these]) * np.float32(rad_per_m))
+        sent = form[these] * albedo
+        turn.real[these], turn.imag[these] = cos, sin
+        matrix.real[these], matrix.imag[these] = sent * cos, sent * sin
+    return form, matrix, turn
 
 
 def _points_and_planes(of: Surfaces) -> tuple[Float32, Float32, Float32]:

@@ -29,8 +29,7 @@ typedef struct {
     void (*search)(const Search *search);
     void (*slopes)(const Slopes *slopes);
     void (*step)(const Steps *steps);
-    void (*form_factors)(const Pairs *pairs);
-    void (*kernel)(const LightKernel *kernel);
+    void (*kernel)(const Pairs *pairs);
     void (*look)(const Sampled *sampled);
     void (*sum)(const Sums *sums);
     void (*count)(const uint32_t *status, int64_t pixels, int64_t counts[4]);
@@ -48,16 +47,15 @@ typedef struct {
     attributes static void search_##name(const Search *search) { search_pixels(search); } \
     attributes static void slopes_##name(const Slopes *slopes) { slopes_of_patches(slopes); } \
     attributes static void step_##name(const Steps *steps) { step_of_patches(steps); } \
-    attributes static void form_factors_##name(const Pairs *pairs) { form_factors_of(pairs); } \
-    attributes static void kernel_##name(const LightKernel *kernel) { kernel_of(kernel); } \
+    attributes static void kernel_##name(const Pairs *pairs) { kernel_of(pairs); } \
     attributes static void look_##name(const Sampled *sampled) { look_at_samples(sampled); } \
     attributes static void sum_##name(const Sums *sums) { sum_patches(sums); } \
     attributes static void count_##name(const uint32_t *status, int64_t pixels, int64_t counts[4]) { \
         count_pixels(status, pixels, counts); \
     }
 #define FUNCTIONS_OF(name) \
-    resolve_##name, answer_##name, decompose_##name, search_##name, slopes_##name, step_##name, form_factors_##name, kernel_##name, \
-        look_##name, sum_##name, count_##name
+    resolve_##name, answer_##name, decompose_##name, search_##name, slopes_##name, step_##name, kernel_##name, look_##name, \
+        sum_##name, count_##name
 #define LISTED(name, attributes, supported) {#name, FUNCTIONS_OF(name), supported},
 FOR_EACH_LEVEL(FUNCTIONS)
 static const Level LEVELS[] = {FOR_EACH_LEVEL(LISTED)};
@@ -227,12 +225,9 @@ static PyMethodDef METHODS[] = {
     {"step_patches", step_patches, METH_VARARGS,
      "step_patches(level, step, data, error, within, pattern, values, slopes, state, linear data, room, spread, answers...)\n\n"
      "Fill the answers of a step. Everybody but the tests calls it through diffuse/compiled_fit.py."},
-    {"form_factors", form_factors, METH_VARARGS,
-     "form_factors(level, rad per m, facing, area, form factors, phases)\n\n"
-     "Make form factors and phases of what they are made of. Everybody but the tests calls it through diffuse/radiosity.py."},
     {"light_kernel", light_kernel, METH_VARARGS,
-     "light_kernel(level, form factors, albedo, cosines, sines, kernel, rotors)\n\n"
-     "Fill kernel and rotors. Everybody but the tests calls it through diffuse/radiosity.py."},
+     "light_kernel(level, rad per m, facing, squares, area, albedo, form factors, kernel, rotors)\n\n"
+     "Fill kernel and rotors, and make form factors of heights over planes. Everybody but the tests calls it through diffuse/radiosity.py."},
     {"look_at_samples", look_at, METH_VARARGS,
      "look_at_samples(level, constants, numbers, per variance, places, stored, own, other, constant, hot, samples, weighted, phases, "
      "seen)\n\n"
