@@ -1,6 +1,7 @@
 """Runs on a real scheduler with real workers: the same files as here, and nothing lost whoever is lost."""
 
 import contextlib
+import http.server
 import json
 import os
 import re
@@ -17,6 +18,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from cadtof_cli.errors import SettingsError
+from cadtof_cli.execution.cluster import connection
 from tests.support.captures import TOML, write_frame
 from tests.support.cluster import LocalCluster, local_cluster, require_dask
 from tests.support.forward import step_frame
@@ -289,6 +292,19 @@ def test_what_is_no_address_is_refused(given: str, capture: Path, tmp_path: Path
     done = run("resolve", "room", "-o", tmp_path / "out", "--scheduler", given, cwd=capture.parent)
     assert done.status == 2
     assert done.err == f"Error: --scheduler: found {given!r}, expected local or tcp://HOST:PORT\n"
+
+
+def test_somebody_else_at_that_port_is_no_scheduler(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Such as the dashboard, one port beside: dask's client waits for ever for what it has to say."""
+    require_dask()
+    monkeypatch.setattr(connection, "CONNECT_S", 0.5)
+    with http.server.HTTPServer(("127.0.0.1", 0), http.server.BaseHTTPRequestHandler) as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        try:
+            with pytest.raises(SettingsError, match=r"no dask scheduler answers there \(timed out\)"):
+                connection.Connection(f"tcp://127.0.0.1:{server.server_port}")
+        finally:
+            server.shutdown()
 
 
 def test_where_no_scheduler_answers_nothing_is_begun(capture: Path, tmp_path: Path) -> None:

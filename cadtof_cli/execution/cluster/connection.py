@@ -89,8 +89,11 @@ class Connection:
         self._workers: set[str] = set()
         try:
             host, _, port = address.removeprefix("tcp://").rpartition(":")
-            # dask would try again and again where nobody listens
-            socket.create_connection((host.strip("[]"), int(port)), timeout=CONNECT_S).close()
+            # dask would try again and again where nobody listens, and wait for ever where somebody else does; a scheduler
+            # speaks first, a dashboard does not
+            with socket.create_connection((host.strip("[]"), int(port)), timeout=CONNECT_S) as line:
+                if not line.recv(1):
+                    raise ConnectionResetError("whoever listens there hangs up")
             with warnings.catch_warnings(record=True) as told:
                 warnings.simplefilter("always")
                 self._client = Client(address, timeout=CONNECT_S, set_as_default=False, name="cadtof")
