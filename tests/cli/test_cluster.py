@@ -294,6 +294,35 @@ def test_what_is_no_address_is_refused(given: str, capture: Path, tmp_path: Path
     assert done.err == f"Error: --scheduler: found {given!r}, expected local or tcp://HOST:PORT\n"
 
 
+def test_a_result_that_does_not_come_is_asked_for_again(cluster: LocalCluster, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As where a worker is frozen for longer than it is waited for, or a laptop sleeps."""
+    from distributed import Future
+
+    result, asked = Future.result, set[str]()
+
+    def late(future: Any, timeout: float) -> Any:
+        if future.key not in asked:
+            asked.add(future.key)
+            raise TimeoutError
+        return result(future, timeout)
+
+    monkeypatch.setattr(Future, "result", late)
+    line = connection.Connection(cluster.address)
+    try:
+        until = time.monotonic() + 30
+        found: list[connection.News] = []
+        while not any(isinstance(one, connection.WorkerJoined) for one in found):
+            found = line.news()
+        (worker, *_) = [one.worker for one in found if isinstance(one, connection.WorkerJoined)]
+        line.submit(0, worker, os.getpid)
+        while not (ended := [one for one in found if isinstance(one, connection.Finished)]):
+            assert time.monotonic() < until
+            found = line.news()
+    finally:
+        line.close()
+    assert ended[0].result in {process.pid for process in cluster.workers}
+
+
 def test_somebody_else_at_that_port_is_no_scheduler(monkeypatch: pytest.MonkeyPatch) -> None:
     """Such as the dashboard, one port beside: dask's client waits for ever for what it has to say."""
     require_dask()

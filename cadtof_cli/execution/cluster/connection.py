@@ -20,7 +20,7 @@ CONNECT_S = 10
 """Longest wait for a scheduler to answer."""
 
 GATHER_S = 5
-"""Longest wait for a result that lies on a worker: when that is lost, there is none."""
+"""Longest wait for a result that lies on a worker, before other news is looked at: when that is lost, there is none."""
 
 LISTEN_S = 1
 """How often the connection is looked at while there is no news."""
@@ -165,7 +165,8 @@ class Connection:
             yield from self._ended(heard, future)
 
     def _ended(self, work: int, future: Any) -> Iterator[Finished]:
-        """Yield what work has ended with; nothing where that went down with its worker, which there is other news of."""
+        """Yield what work has ended with; nothing yet where that does not come, and nothing where it went down with its worker,
+        which there is other news of."""
         try:
             if future.status == "finished":
                 result = future.result(timeout=GATHER_S)
@@ -179,7 +180,8 @@ class Connection:
             elif future.status == "cancelled":
                 raise self._lost()
         except TimeoutError:
-            return
+            # a worker, or this machine, may have been frozen; where the worker is lost, news of that comes first
+            self._news.put(work)
         except CancelledError as error:
             raise self._lost() from error
 
