@@ -50,6 +50,9 @@ PROGRAM = "cadtof"
 COMPLETE = "_CADTOF_COMPLETE"
 """Environment variable by which a shell asks how a line may go on (docs/shells.md)."""
 
+_OUTPUTS = frozenset({"-o", "--out", "--csv", "--log", "--plot"})
+"""Options that name what is written."""
+
 _CUT_OFF = "Python has kept bytecode that is cut off, as by a full disk"
 
 INTERRUPTED = 130
@@ -149,6 +152,8 @@ def main() -> NoReturn:
 def _require_words(arguments: Sequence[str]) -> None:
     """Make sure that no argument is empty: as a path it would mean the current folder, whatever variable it was to come from.
 
+    Nor is anything to be written into a file called `-`, which stands for stdout elsewhere.
+
     Raises:
         click.UsageError: one is.
     """
@@ -157,6 +162,10 @@ def _require_words(arguments: Sequence[str]) -> None:
             raise click.UsageError(
                 f"{argument.rstrip('=') or f'after {before}'}: found nothing, expected a path or a value: is a variable of"
                 " the shell not set?"
+            )
+        if argument == "-" and before in _OUTPUTS:
+            raise click.UsageError(
+                f"{before}: found -, expected a name; what can go to stdout goes there without {before}"
             )
 
 

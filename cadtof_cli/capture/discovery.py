@@ -14,10 +14,11 @@ from pathlib import Path
 from typing import Any
 
 from cadtof_cli.capture.frames import Capture, FrameFileList, FrameSource, natural_key
+from cadtof_cli.capture.metadata import Layout
 from cadtof_cli.capture.planes import grouped_planes
 from cadtof_cli.capture.toml import FILE_NAME, MetadataSource, load_metadata
 from cadtof_cli.errors import CaptureError
-from cadtof_cli.files.formats import FRAME_SUFFIXES, frame_suffixes
+from cadtof_cli.files.formats import FRAME_SUFFIXES, RAW, frame_suffixes
 from cadtof_cli.files.reading import is_folder
 
 OUTPUT_FILES = frozenset({"run.json", "dark.toml", "response.toml", "petzval.toml"})
@@ -82,21 +83,18 @@ def find_captures(
 
 def _each_once(captures: Sequence[tuple[Capture, bool]]) -> Iterator[Capture]:
     """Yield captures, of which each tells whether it is a whole folder, without frames that another one has."""
-    roots = [absolute(one.root) for one, _ in captures]
-    first_whole = {root: place for place, root in reversed(list(enumerate(roots))) if captures[place][1]}
-    times, seen = Counter(roots), dict[Path, set[tuple[Path, ...]]]()
-    for place, (root, (capture, _)) in enumerate(zip(roots, captures, strict=True)):
-        if times[root] == 1 or first_whole.get(root) == place:
+    whole = {absolute(one.root): one for one, is_whole in reversed(captures) if is_whole}
+    times, seen = Counter(absolute(one.root) for one, _ in captures), set[tuple[Path, ...]]()
+    for capture, _ in captures:
+        root = absolute(capture.root)
+        if times[root] == 1 or whole.get(root) is capture:
             yield capture
-        if times[root] == 1 or root in first_whole:
-            continue
-        before = seen.setdefault(root, set())
-        files = [tuple(path.relative_to(capture.root) for path in frame.paths) for frame in capture.frames]
-        if before.isdisjoint(files):
-            yield capture
-        elif frames := [frame for frame, its in zip(capture.frames, files, strict=True) if its not in before]:
-            yield replace(capture, frames=frames)
-        before.update(files)
+        elif root not in whole:
+            files = [(root, *(path.relative_to(capture.root) for path in frame.paths)) for frame in capture.frames]
+            frames = [frame for frame, its in zip(capture.frames, files, strict=True) if its not in seen]
+            seen.update(files)
+            if frames:
+                yield replace(capture, frames=frames) if len(frames) < len(files) else capture
 
 
 def find_placed_captures(
@@ -259,9 +257,19 @@ def _no_frames(root: Path, source: MetadataSource, among: Sequence[str] | None =
     if among is None:
         entries = _entries(root, pattern)
         among = [name for name, is_dir in entries if not is_dir or name.lower().endswith(FRAME_SUFFIXES)]
-    of_matlab = next((name for name in among if name.lower().endswith(".mat")), None)
-    hint = f"; `cadtof info {root / of_matlab}` says how to save an array of MATLAB" if of_matlab else ""
+    hint = _what_is_missing(root, source.metadata.layout, {Path(name).suffix.lower(): name for name in among})
     return CaptureError(f"{root}: no frames: looked for {looked_for}, found {_first_names(among)}{hint}")
+
+
+def _what_is_missing(root: Path, layout: Layout, by_suffix: Mapping[str, str]) -> str:
+    """Return what has to be said or done before files of some suffixes are frames; the names are examples of them."""
+    if of_matlab := by_suffix.get(".mat"):
+        return f"; `cadtof info {root / of_matlab}` says how to save an array of MATLAB"
+    if layout.raw_dtype is None and (dump := next(filter(None, map(by_suffix.get, RAW.suffixes)), None)):
+        return f"; what dumps such as {dump} hold is said by --raw-dtype and --raw-shape, or [layout.raw]"
+    if layout.pattern is None and ".png" in by_suffix:
+        return "; a PNG holds one plane, and --pattern says how the planes of a frame are named"
+    return ""
 
 
 def _expected_names(pattern: str | None) -> str:

@@ -147,7 +147,7 @@ def _map_lines(facts: Any) -> Iterator[str]:
             yield _row(name, f"{figures}, {layer.valid:.1%} of pixels")
     for name, share in facts.status.items():
         if share:
-            yield _row(f"status: {name.replace('_', ' ')}", f"{share:.2%} of pixels")
+            yield _row(f"status: {name.replace('_', ' ').replace('mpi', 'MPI')}", f"{share:.2%} of pixels")
     for name, text in facts.about.items():
         yield _row(name, text)
     if facts.run is not None:

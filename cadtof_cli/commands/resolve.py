@@ -168,4 +168,4 @@ def _summary(totals: "RunTotals", settings: ResolveSettings) -> str:
     for count, what in ((totals.failed, "failed"), (skipped, "skipped")):
         if count:
             line += f"; {count} {what}, see {out / 'frames.jsonl'}"
-    return f"{line}; maps in {out}"
+    return f"{line}; maps in {out}" if totals.ok + totals.already_there else line

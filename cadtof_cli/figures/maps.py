@@ -83,7 +83,7 @@ def draw_comparison(one: Shown, other: Shown, names: Sequence[str], path: Path, 
         rows.append(
             [
                 Classes.of(**{"A: paths": one.status, "B: paths": other.status}),
-                Scaled((Panel("status differs", changed),), "1: in some bit", "magma", (0.0, 1.0)),
+                Scaled((Panel("status differs", changed),), "in some bit", "magma", (0.0, 1.0), ("no", "yes")),
             ]
         )
     draw_page(rows, path, title=title)

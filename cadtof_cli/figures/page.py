@@ -21,7 +21,7 @@ from cadtof_cli.arrays import Status
 from cadtof_cli.figures.canvas import Figure
 from cadtof_cli.figures.kinds import save
 from cadtof_cli.figures.pixel_classes import NO_VALUE, PixelClass, classes_of
-from cadtof_cli.figures.text import within
+from cadtof_cli.figures.text import add_title
 
 Image = NDArray[np.uint8]
 
@@ -44,12 +44,13 @@ class Panel:
 
 @dataclass(frozen=True, eq=False)
 class Scaled:
-    """Panels that are compared: one unit, one scale, one bar of colours."""
+    """Panels that are compared: one unit, one scale, one bar of colours; `ends` says in words what the bar's two ends mean."""
 
     panels: tuple[Panel, ...]
     unit: str
     colours: str
     limits: tuple[float, float]
+    ends: tuple[str, ...] = ()
 
     def painted(self, panel: Panel, /) -> Image:
         """Return a panel's colours, (Y, X, 4)."""
@@ -177,9 +178,7 @@ def page_figure(
     height = max(cell.top for cell in cells) + panel_height + _BOTTOM + legend
     page = _Page(width, height, panel_width, panel_height, framed)
     figure = Figure(figsize=(width / 100, height / 100))
-    x, y, _, _ = page.place(width / 2, _TOP / 2 - 2, 0, 0)
-    heading = within(title, (width - 20) / 100, size=11)
-    figure.text(x, y, heading, ha="center", va="center", fontsize=11, parse_math=False)
+    add_title(figure, title, below=(_TOP / 2 - 2) / 100)
     for cell in cells:
         _draw(figure, cell, page)
         if cell.closes and isinstance(cell.block, Scaled):
@@ -243,6 +242,8 @@ def add_bar(figure: Figure, block: Scaled, place: tuple[float, float, float, flo
     mappable = ScalarMappable(Normalize(low, high), mpl.colormaps[block.colours])
     ticks = MaxNLocator(max(2, min(8, int(length / 28))))
     bar = figure.colorbar(mappable, cax=figure.add_axes(place), extend=extend, extendfrac=0.03, ticks=ticks)
+    if block.ends:
+        bar.set_ticks(block.limits, labels=block.ends)
     bar.ax.tick_params(labelsize=7, length=2.5)
     bar.set_label(block.unit.rpartition(", ")[2], fontsize=8, labelpad=2)
 

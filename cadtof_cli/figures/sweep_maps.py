@@ -114,6 +114,7 @@ def _write_numbers(axes: Axes, values: Float, colours: Colormap, norm: Normalize
             red, green, blue, _ = colours(norm(value))
             ink = "black" if 0.3 * red + 0.59 * green + 0.11 * blue > 0.5 else "white"
             shown = f"{value:{digits}}".rstrip(".").replace("-0.000", "0.000").replace("+0.000", "0.000")
-            axes.text(
-                column, row, shown.replace("-", "\N{MINUS SIGN}"), ha="center", va="center", fontsize=7, color=ink
-            )
+        else:
+            # no run found this path
+            shown, ink = "none", "black"
+        axes.text(column, row, shown.replace("-", "\N{MINUS SIGN}"), ha="center", va="center", fontsize=7, color=ink)

@@ -67,7 +67,7 @@ class ResolverSettings:
     )
     returns: Return = setting("first", "Which path to report as the direct one.", option="--return")
     min_return_ratio: float = setting(
-        0.1, "Smallest amplitude of a direct path, relative to the strongest path.", metavar="R"
+        0.1, "Smallest amplitude of a first or last return, relative to the strongest path.", metavar="R"
     )
     min_confidence: float | None = None
 

@@ -107,7 +107,15 @@ def test_a_folder_and_a_file_in_it_are_one_capture(tmp_path: Path) -> None:
     [
         ((), "found nothing"),
         (("truth.exr", "notes.txt"), "found notes.txt, truth.exr"),
-        (tuple(f"{i}.png" for i in range(12)), "found 0.png, 1.png, 2.png, 3.png, 4.png and 7 more"),
+        (
+            tuple(f"{i}.png" for i in range(12)),
+            "found 0.png, 1.png, 2.png, 3.png, 4.png and 7 more; a PNG holds one plane, and --pattern says how the planes of a "
+            "frame are named",
+        ),
+        (
+            ("a.RAW", "b.txt"),
+            "found a.RAW, b.txt; what dumps such as a.RAW hold is said by --raw-dtype and --raw-shape, or [layout.raw]",
+        ),
     ],
 )
 def test_empty_folder_says_what_it_holds(names: tuple[str, ...], found: str, tmp_path: Path) -> None:

@@ -99,6 +99,8 @@ IMPOSSIBLE = [
     ("simulate --mpi 1e300", "MPI ratio: found 1e+300, expected a ratio from 0 to 1e+12"),
     ("simulate --scene card --asr 1e300 -o new", "ASR: found 1e+300, expected a ratio from 0 to 1e+12"),
     ("simulate --jitter 1e9", "jitter: found 1e+09 ns, expected 0 to less than 20 ns"),
+    ("sweep -o -", "-o: found -, expected a name; what can go to stdout goes there without -o"),
+    ("evaluate MAPS --truth MAPS --csv -", "--csv: found -, expected a name"),
     ("simulate --scene wall --seed -1 -o new", "seed: found -1, expected 0 or more"),
     ("report CAPTURE -o a.html", "CAPTURE/"),
 ]
@@ -158,3 +160,9 @@ def test_frames_of_one_column_or_row(width: int, height: int, form: str, tmp_pat
     truth = layers_of(tmp_path / "wall" / "truth.exr")["direct.depth"]
     assert depth.shape == truth.shape == (height, width)
     assert np.abs(depth - truth).max() < 0.1
+
+
+def test_a_run_without_maps_names_no_place_for_them(capture: Path, tmp_path: Path) -> None:
+    done = cadtof("resolve", capture, "-o", tmp_path / "out", "-j", 1, "--min-confidence", 1e9)
+    assert done.status == 1
+    assert done.err.endswith(f"s; 1 failed, see {tmp_path / 'out' / 'frames.jsonl'}\n")
