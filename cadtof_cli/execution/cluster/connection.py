@@ -35,6 +35,9 @@ _CALL = "(lambda function, arguments: function(*arguments))(*__import__('pickle'
 """What a worker does: text and bytes, as functions of a package that is not there would end a worker, and fail at the scheduler,
 which need not have it."""
 
+_LIBRARIES = ("distributed", "tornado")
+"""What logs tracebacks where a connection is lost; we say that ourselves."""
+
 
 @dataclass(frozen=True)
 class WorkerJoined:
@@ -81,7 +84,9 @@ class Connection:
             raise SettingsError(
                 f"--scheduler {address}: needs the extra cluster: pip install 'cadtof[cluster]'"
             ) from error
-        logging.getLogger("distributed").setLevel(logging.CRITICAL)
+        for name in [name for name in logging.root.manager.loggerDict if name.partition(".")[0] in _LIBRARIES]:
+            # dask has given some of them levels of their own
+            logging.getLogger(name).setLevel(logging.CRITICAL)
         self.address = address
         self._run = uuid4().hex[:8]
         self._news: queue.SimpleQueue[WorkerJoined | WorkerLost | int] = queue.SimpleQueue()
@@ -179,8 +184,8 @@ class Connection:
                     yield Finished(work, None, error)
             elif future.status == "cancelled":
                 raise self._lost()
-        except TimeoutError:
-            # a worker, or this machine, may have been frozen; where the worker is lost, news of that comes first
+        except OSError:
+            # too late, as a worker or this machine was frozen, or cut off; where one is lost, other news says so
             self._news.put(work)
         except CancelledError as error:
             raise self._lost() from error
