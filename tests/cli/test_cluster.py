@@ -1,6 +1,7 @@
 """Runs on a real scheduler with real workers: the same files as here, and nothing lost whoever is lost."""
 
 import contextlib
+import http.server
 import json
 import os
 import re
@@ -17,6 +18,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from cadtof_cli.errors import SettingsError
+from cadtof_cli.execution.cluster import connection
 from tests.support.captures import TOML, write_frame
 from tests.support.cluster import LocalCluster, local_cluster, require_dask
 from tests.support.forward import step_frame
@@ -197,18 +200,21 @@ def test_a_worker_is_killed_and_one_is_added(capture: Path, here: dict[str, Any]
         assert contents(tmp_path / "out") == here
 
 
-def test_the_scheduler_is_lost_and_resume_finishes(capture: Path, here: dict[str, Any], tmp_path: Path) -> None:
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM])
+def test_the_scheduler_is_lost_and_resume_finishes(
+    number: signal.Signals, capture: Path, here: dict[str, Any], tmp_path: Path
+) -> None:
     require_dask()
     with local_cluster(tmp_path / "cluster", workers=1) as cluster:
         slow(cluster.workers[0])
-        with running(
-            "resolve", "room", "-o", tmp_path / "out", "--scheduler", cluster.address, cwd=capture.parent
-        ) as process:
-            cluster.scheduler.kill()
+        address = cluster.address
+        with running("resolve", "room", "-o", tmp_path / "out", "--scheduler", address, cwd=capture.parent) as process:
+            cluster.scheduler.send_signal(number)
             _, err = process.communicate(timeout=60)
         assert process.returncode == 1
+        assert "Traceback" not in err
         assert err.splitlines()[-1] == (
-            f"Error: the scheduler at {cluster.address} is lost; what is finished is kept, go on with --resume when it is back"
+            f"Error: the scheduler at {address} is lost; what is finished is kept, go on with --resume when it is back"
         )
     left = contents(tmp_path / "out")
     assert left["finished"] is False
@@ -289,6 +295,48 @@ def test_what_is_no_address_is_refused(given: str, capture: Path, tmp_path: Path
     done = run("resolve", "room", "-o", tmp_path / "out", "--scheduler", given, cwd=capture.parent)
     assert done.status == 2
     assert done.err == f"Error: --scheduler: found {given!r}, expected local or tcp://HOST:PORT\n"
+
+
+def test_a_result_that_does_not_come_is_asked_for_again(cluster: LocalCluster, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As where a worker is frozen for longer than it is waited for, or a laptop sleeps."""
+    from distributed import Future
+
+    result, asked = Future.result, set[str]()
+
+    def late(future: Any, timeout: float) -> Any:
+        if future.key not in asked:
+            asked.add(future.key)
+            raise TimeoutError
+        return result(future, timeout)
+
+    monkeypatch.setattr(Future, "result", late)
+    line = connection.Connection(cluster.address)
+    try:
+        until = time.monotonic() + 30
+        found: list[connection.News] = []
+        while not any(isinstance(one, connection.WorkerJoined) for one in found):
+            found = line.news()
+        (worker, *_) = [one.worker for one in found if isinstance(one, connection.WorkerJoined)]
+        line.submit(0, worker, os.getpid)
+        while not (ended := [one for one in found if isinstance(one, connection.Finished)]):
+            assert time.monotonic() < until
+            found = line.news()
+    finally:
+        line.close()
+    assert ended[0].result in {process.pid for process in cluster.workers}
+
+
+def test_somebody_else_at_that_port_is_no_scheduler(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Such as the dashboard, one port beside: dask's client waits for ever for what it has to say."""
+    require_dask()
+    monkeypatch.setattr(connection, "CONNECT_S", 0.5)
+    with http.server.HTTPServer(("127.0.0.1", 0), http.server.BaseHTTPRequestHandler) as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        try:
+            with pytest.raises(SettingsError, match=r"no dask scheduler answers there \(timed out\)"):
+                connection.Connection(f"tcp://127.0.0.1:{server.server_port}")
+        finally:
+            server.shutdown()
 
 
 def test_where_no_scheduler_answers_nothing_is_begun(capture: Path, tmp_path: Path) -> None:

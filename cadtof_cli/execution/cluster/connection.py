@@ -20,7 +20,7 @@ CONNECT_S = 10
 """Longest wait for a scheduler to answer."""
 
 GATHER_S = 5
-"""Longest wait for a result that lies on a worker: when that is lost, there is none."""
+"""Longest wait for a result that lies on a worker, before other news is looked at: when that is lost, there is none."""
 
 LISTEN_S = 1
 """How often the connection is looked at while there is no news."""
@@ -34,6 +34,9 @@ STOP_S = 10
 _CALL = "(lambda function, arguments: function(*arguments))(*__import__('pickle').loads(packed))"
 """What a worker does: text and bytes, as functions of a package that is not there would end a worker, and fail at the scheduler,
 which need not have it."""
+
+_LIBRARIES = ("distributed", "tornado")
+"""What logs tracebacks where a connection is lost; we say that ourselves."""
 
 
 @dataclass(frozen=True)
@@ -81,7 +84,9 @@ class Connection:
             raise SettingsError(
                 f"--scheduler {address}: needs the extra cluster: pip install 'cadtof[cluster]'"
             ) from error
-        logging.getLogger("distributed").setLevel(logging.CRITICAL)
+        for name in [name for name in logging.root.manager.loggerDict if name.partition(".")[0] in _LIBRARIES]:
+            # dask has given some of them levels of their own
+            logging.getLogger(name).setLevel(logging.CRITICAL)
         self.address = address
         self._run = uuid4().hex[:8]
         self._news: queue.SimpleQueue[WorkerJoined | WorkerLost | int] = queue.SimpleQueue()
@@ -89,8 +94,11 @@ class Connection:
         self._workers: set[str] = set()
         try:
             host, _, port = address.removeprefix("tcp://").rpartition(":")
-            # dask would try again and again where nobody listens
-            socket.create_connection((host.strip("[]"), int(port)), timeout=CONNECT_S).close()
+            # dask would try again and again where nobody listens, and wait for ever where somebody else does; a scheduler
+            # speaks first, a dashboard does not
+            with socket.create_connection((host.strip("[]"), int(port)), timeout=CONNECT_S) as line:
+                if not line.recv(1):
+                    raise ConnectionResetError("whoever listens there hangs up")
             with warnings.catch_warnings(record=True) as told:
                 warnings.simplefilter("always")
                 self._client = Client(address, timeout=CONNECT_S, set_as_default=False, name="cadtof")
@@ -162,7 +170,8 @@ class Connection:
             yield from self._ended(heard, future)
 
     def _ended(self, work: int, future: Any) -> Iterator[Finished]:
-        """Yield what work has ended with; nothing where that went down with its worker, which there is other news of."""
+        """Yield what work has ended with; nothing yet where that does not come, and nothing where it went down with its worker,
+        which there is other news of."""
         try:
             if future.status == "finished":
                 result = future.result(timeout=GATHER_S)
@@ -175,8 +184,9 @@ class Connection:
                     yield Finished(work, None, error)
             elif future.status == "cancelled":
                 raise self._lost()
-        except TimeoutError:
-            return
+        except OSError:
+            # too late, as a worker or this machine was frozen, or cut off; where one is lost, other news says so
+            self._news.put(work)
         except CancelledError as error:
             raise self._lost() from error
 
