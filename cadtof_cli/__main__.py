@@ -1,6 +1,17 @@
-"""`python -m cadtof_cli`, the same as `cadtof`."""
+"""`cadtof`, and `python -m cadtof_cli`."""
 
-from cadtof_cli.cli import main
+import signal
+from typing import NoReturn
+
+
+def main() -> NoReturn:
+    """Run the command line. Ctrl-C while that is imported, before anything is begun, ends it without a traceback."""
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+        signal.signal(signal.SIGINT, signal.SIG_DFL)
+    from cadtof_cli import cli
+
+    cli.main()
+
 
 if __name__ == "__main__":
     main()

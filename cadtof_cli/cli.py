@@ -117,6 +117,9 @@ def main() -> NoReturn:
         # nohup has SIGHUP ignored, and that is to stay
         if signal.getsignal(number) is not signal.SIG_IGN:
             signal.signal(number, _terminate)
+    if signal.getsignal(signal.SIGINT) is signal.SIG_DFL:
+        # from here on it is answered, see `__main__.py`
+        signal.signal(signal.SIGINT, signal.default_int_handler)
     debug = "--debug" in sys.argv[1:2]
     if instruction := os.environ.get(COMPLETE):
         from click.shell_completion import shell_complete

@@ -11,6 +11,12 @@ class SettingsError(CadtofError):
     """An option, or a combination of options, that cannot be carried out."""
 
 
+def require(holds: bool, name: str, found: object, expected: str) -> None:
+    """Raise a SettingsError that names a setting, unless what must hold of it does."""
+    if not holds:
+        raise SettingsError(f"{name}: found {found}, expected {expected}")
+
+
 class MetadataError(CadtofError):
     """A `capture.toml` or `calibration` file, or a key in it, that is missing, malformed or impossible."""
 

@@ -1,6 +1,6 @@
 """What every frame of one plan, type and size shares: how stored values become phasors, paths and maps."""
 
-from functools import cached_property, lru_cache
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -17,7 +17,7 @@ from cadtof_cli.phasors.voltages import phasors_from_stored, saturated_pixels
 from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.resolver.status import StatusBit
-from cadtof_cli.resolver.two_path.kernel import FrameKernel, KernelScales, saturation
+from cadtof_cli.resolver.two_path.kernel import FrameKernel, KernelScales
 from cadtof_cli.units import metres_per_radian
 
 if TYPE_CHECKING:
@@ -52,11 +52,6 @@ class FrameStages:
     layers: tuple[Layer, ...]
     noise: NoiseModel | None
     prediction: Prediction | None
-
-    @cached_property
-    def names(self) -> tuple[str, ...]:
-        """The names of the layers."""
-        return tuple(layer.name for layer in self.layers)
 
     def phasors(self, pixels: FramePixels, chosen: Where = EVERY) -> Complex:
         """Return the phasors of pixels or some of them, (H, n): pooled, or from what was stored."""
@@ -155,13 +150,12 @@ kernel_of_frames = lru_cache(maxsize=4)(kernel_of_frame)
 
 def look_at_frame(stages: FrameStages, noise: NoiseModel, stored: np.dtype[np.generic], kernel: str) -> "Look | None":
     """Return what the kernel looks at recorded pixels with; None where numpy has to."""
-    from cadtof_cli.resolver.diffuse.light import Look, compiled_looks
+    from cadtof_cli.resolver.diffuse.light import Look
 
-    correction = stages.correction
-    if correction.response is not None or not compiled_looks(stored, len(noise.each), kernel):
+    own, saturated = stages.correction, stages.saturated_counts
+    if own.response is not None:
         return None
-    limits = saturation(stages.saturated_counts, stored)
-    return Look.of(stages.resolver, noise, correction.phasor_map, limits, correction.hot)
+    return Look.of(stages.resolver, noise, own.phasor_map, saturated, own.hot, stored=stored, kernel=kernel)
 
 
 look_at_frames = lru_cache(maxsize=4)(look_at_frame)

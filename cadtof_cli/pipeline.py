@@ -42,8 +42,8 @@ if TYPE_CHECKING:
     from cadtof_cli.resolver.diffuse.grid import PatchGrid
     from cadtof_cli.resolver.diffuse.light import PatchLight
 
-BLOCK_PIXELS = 19200
-"""Pixels a block, a quarter of a QVGA frame: enough that the cost of calling numpy hardly counts, and no more, so that memory
+BLOCK_PIXELS = 38400
+"""Pixels a block, half a QVGA frame: enough that the cost of calling numpy hardly counts, and no more, so that memory
 stays small however large the frames are."""
 
 SEARCHED_BLOCK_PIXELS = 32768
@@ -126,7 +126,7 @@ def resolve_pixels(
     """
     stages = frame_stages(plan, calibration, pixels.dtype, pixels.size)
     kernel = kernel or chosen_kernel()
-    maps = DepthMaps.empty(stages.names, (1, pixels.stored.shape[2]))
+    maps = DepthMaps.empty(tuple([layer.name for layer in stages.layers]), (1, pixels.stored.shape[2]))
     in_kernel = stages.room == "two_path" and stages.resolver.paths <= 2
     if kernel != NUMPY and in_kernel and (pixels.tail is None or pixels.tail.through is None):
         _fill_by_kernel(maps, pixels, plan, stages, kernel)
@@ -242,7 +242,7 @@ def _with_predicted_mpi(pixels: FramePixels, stages: FrameStages, prediction: Pr
     samples = 1.0 if noise.samples is None else float(np.median(noise.samples))
     variances = tuple(one.dark_variance for one in noise.each)
     means = patch_means(light, light.seen, variance=variances[0] / samples, harmonics=asked.harmonics, kernel=kernel)
-    kinds = patch_kinds(means, np.array(variances) / samples, sampled=len(light.seen), settings=asked, kernel=kernel)
+    kinds = patch_kinds(means, np.array(variances) / samples, grid=prediction.grid, settings=asked, kernel=kernel)
     choice = DiffuseChoice(kinds.reason, int(kinds.lit.sum()), kinds.separate_share)
     if choice.reason != "tail":
         return replace(pixels, choice=choice)

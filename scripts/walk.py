@@ -1,7 +1,8 @@
 """How far a command's work has to walk: files, functions and records of the package that it meets, counted by tracing.
 
 scripts/walk [resolve | petzval] [--list] runs the command on a small capture, in one process, from the click command to the
-written file; and once more with two frames: what is called more often then is what a frame meets, the rest is done once a run.
+written file, and watches all threads; and once more with two frames: what is called more often then is what a frame meets, the
+rest is done once a run.
 Each run is watched when it is done once more in the same process. With --first it is watched at once: what a process works out
 for all runs is met too, such as the header of the first frame, what the kernel needs to know and what noise there is.
 """
@@ -13,6 +14,7 @@ import shlex
 import subprocess
 import sys
 import tempfile
+import threading
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
@@ -153,7 +155,10 @@ def _walked(argv: list[str], package: Path, *, first: bool = False) -> Walk:
     for words in (argv,) if first else (argv, [*argv, "--overwrite"]):
         sys.argv = words
         with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
-            sys.setprofile(walk if first or words is not argv else None)
+            watching = walk if first or words is not argv else None
+            # what waits for the disk runs in threads
+            threading.setprofile(watching)
+            sys.setprofile(watching)
             try:
                 cadtof()
             except SystemExit as ended:

@@ -10,7 +10,7 @@ from cadtof_cli.api.frames import Frame
 from cadtof_cli.api.maps import Maps
 from cadtof_cli.api.values import as_declared
 from cadtof_cli.capture.metadata import InvalidValueError, Modulation, Pulse
-from cadtof_cli.errors import SettingsError
+from cadtof_cli.errors import SettingsError, require
 from cadtof_cli.simulation.scene.camera import Camera
 from cadtof_cli.simulation.scene.scenes import SCENES
 from cadtof_cli.workflows.simulate.record import RecordSettings, expose, frames_of, scene_exposure
@@ -57,8 +57,7 @@ def simulate_scene(
     Raises:
         SettingsError: a scene, field or value that there is not.
     """
-    if name not in SCENES:
-        raise SettingsError(f"simulate_scene: found {name!r}, expected one of {', '.join(SCENES)}")
+    require(name in SCENES, "simulate_scene", repr(name), f"one of {', '.join(SCENES)}")
     given = {"seed": seed, **scene} if "seed" in SCENES[name].__dataclass_fields__ else scene
     exposure = scene_exposure(
         _record(SCENES[name], given),
@@ -82,9 +81,7 @@ def simulate_scene(
 def _record(kind: Any, given: Mapping[str, Any]) -> Any:
     """Return a settings record of some fields."""
     unknown = given.keys() - kind.__dataclass_fields__.keys()
-    if unknown:
-        allowed = ", ".join(kind.__dataclass_fields__)
-        raise SettingsError(f"{kind.__name__}: found {', '.join(sorted(unknown))}, expected some of {allowed}")
+    require(not unknown, kind.__name__, ", ".join(sorted(unknown)), f"some of {', '.join(kind.__dataclass_fields__)}")
     try:
         return kind(**as_declared(given, get_type_hints(kind), of=kind.__name__))
     except InvalidValueError as error:

@@ -1,1 +1,1 @@
-"""Dark, response and Petzval calibration: fit, apply, its exact inverse, store."""
+"""What is wrong with a camera, in three parts (dark, response, Petzval): measured, stored, applied to frames."""

@@ -10,24 +10,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cadtof_cli.arrays import Bool, Float, Float32, sealed
+from cadtof_cli.calibration.fit.robust import centre_and_spread
 from cadtof_cli.calibration.parts import Maps, Origin, PartKind, Tables, named_planes, plane_names, stacked
 from cadtof_cli.files.frames import CHANNELS
 from cadtof_cli.phasors.frame_mean import FrameMean, median_variance_ratio
-from cadtof_cli.phasors.noise import MAD_PER_SIGMA
 
 OFFSET_LIMIT = 8.0
 """Robust standard deviations beyond which an offset is an outlier: Gaussian offsets reach 5.5 in a megapixel."""
 
 ROUNDING = 8.0 * float(np.finfo(np.float32).eps)
-"""Share of the other pixels' offset, …"""
+"""Where there is no noise: share of the median offset that rounding may move an offset by."""
 
 ROUNDING_V = 1e-12
-"""… and volts, that an offset may differ from theirs by, where there is no noise: rounding."""
+"""The same in volts, for a median offset near 0."""
 
 NOISE_FALSE_ALARM = 1e-9
 """Probability that a sound pixel's noise is taken for an outlier by chance; it must also differ by `NOISE_RATIO`."""
 
 NOISE_RATIO = 2.0
+"""Least ratio of the noise of an outlier to that of the other pixels, or the other way round."""
 
 
 class Defect(IntFlag):
@@ -126,8 +127,7 @@ def fit_dark(mean: FrameMean, /, *, origin: Origin) -> DarkCalibration:
     defects = np.zeros(mean.pixels, np.uint32)
     defects[~mean.sound] |= np.uint32(Defect.NOT_FINITE)
     for offset, variance in zip(_planes(mean.stored), _planes(variances), strict=True):
-        centre = float(np.nanmedian(offset))
-        spread = float(np.nanmedian(np.abs(offset - centre))) / MAD_PER_SIGMA
+        centre, spread = centre_and_spread(offset)
         most = max(OFFSET_LIMIT * spread, ROUNDING * abs(centre), ROUNDING_V)
         defects[np.abs(offset - centre) > most] |= np.uint32(Defect.OFFSET)
         if mean.frames > 1:

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +14,7 @@ from cadtof_cli.errors import MetadataError, SettingsError
 
 PartKind = Literal["dark", "response", "petzval"]
 
-PART_KINDS: tuple[PartKind, ...] = ("dark", "response", "petzval")
+PART_KINDS: tuple[PartKind, ...] = get_args(PartKind)
 """In the order in which they are measured and applied."""
 
 Tables = Mapping[str, Mapping[str, Any]]

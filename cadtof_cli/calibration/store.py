@@ -35,7 +35,7 @@ _TYPES: Mapping[PartKind, type[Part]] = {
 
 @dataclass(frozen=True, eq=False)
 class Calibration:
-    """The parts of a calibration folder, None where one is missing, with the digest of each that is there."""
+    """The parts of a calibration folder; None where one is missing."""
 
     dark: DarkCalibration | None = None
     response: ResponseCalibration | None = None

@@ -83,21 +83,18 @@ def find_captures(
 
 def _each_once(captures: Sequence[tuple[Capture, bool]]) -> Iterator[Capture]:
     """Yield captures, of which each tells whether it is a whole folder, without frames that another one has."""
-    roots = [absolute(one.root) for one, _ in captures]
-    first_whole = {root: place for place, root in reversed(list(enumerate(roots))) if captures[place][1]}
-    times, seen = Counter(roots), dict[Path, set[tuple[Path, ...]]]()
-    for place, (root, (capture, _)) in enumerate(zip(roots, captures, strict=True)):
-        if times[root] == 1 or first_whole.get(root) == place:
+    whole = {absolute(one.root): one for one, is_whole in reversed(captures) if is_whole}
+    times, seen = Counter(absolute(one.root) for one, _ in captures), set[tuple[Path, ...]]()
+    for capture, _ in captures:
+        root = absolute(capture.root)
+        if times[root] == 1 or whole.get(root) is capture:
             yield capture
-        if times[root] == 1 or root in first_whole:
-            continue
-        before = seen.setdefault(root, set())
-        files = [tuple(path.relative_to(capture.root) for path in frame.paths) for frame in capture.frames]
-        if before.isdisjoint(files):
-            yield capture
-        elif frames := [frame for frame, its in zip(capture.frames, files, strict=True) if its not in before]:
-            yield replace(capture, frames=frames)
-        before.update(files)
+        elif root not in whole:
+            files = [(root, *(path.relative_to(capture.root) for path in frame.paths)) for frame in capture.frames]
+            frames = [frame for frame, its in zip(capture.frames, files, strict=True) if its not in seen]
+            seen.update(files)
+            if frames:
+                yield replace(capture, frames=frames) if len(frames) < len(files) else capture
 
 
 def find_placed_captures(

@@ -5,7 +5,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import field, fields
 from functools import cached_property
-from typing import Any, Literal, cast
+from typing import Any, Literal, cast, get_args
 
 from cadtof_cli.capture.checks import COUNT, LENGTH, PERIOD, POSITIVE, SCALE, VOLTS, Check, above, each, shortened
 from cadtof_cli.errors import MetadataError
@@ -16,7 +16,7 @@ Waveform = Literal["sine", "triangle"]
 
 Kind = Literal["number", "whole number", "numbers", "whole numbers", "pair", "text", "names", "numbers by name"]
 
-WAVEFORMS: tuple[Waveform, ...] = ("sine", "triangle")
+WAVEFORMS: tuple[Waveform, ...] = get_args(Waveform)
 
 HIGHEST_HARMONIC = 1000
 

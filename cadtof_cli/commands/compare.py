@@ -10,6 +10,7 @@ import click
 
 from cadtof_cli.commands.help import example
 from cadtof_cli.commands.terminal import progress_bar, tell
+from cadtof_cli.units import counted
 
 if TYPE_CHECKING:
     from cadtof_cli.workflows.inspect.compare import Comparison, FrameDifference
@@ -60,8 +61,7 @@ def _lines(found: "Comparison") -> Iterator[str]:
     """Yield the table."""
     from cadtof_cli.maps.layers import layer_unit
 
-    counted = f"{found.frames} frame{'' if found.frames == 1 else 's'}"
-    yield f"{'|A − B|':26}{'median':>12}{'90 %':>12}{'largest':>12}   ({counted})"
+    yield f"{'|A − B|':26}{'median':>12}{'90 %':>12}{'largest':>12}   ({counted(found.frames, 'frame')})"
     for name, layer in found.layers.items():
         figures = (layer.median_abs, layer.p90_abs, layer.max_abs)
         row = f"{_named(name, layer_unit(name)):26}{''.join(f'{_number(figure):>12}' for figure in figures)}"

@@ -98,20 +98,17 @@ class Finisher:
         self.room.acquire()
         result.let_go = self.room.release
         self.waiting.put(result)
-        if len(self.threads) < LATER_AT_ONCE and not self._start_thread() and not self.threads:
+        if len(self.threads) < LATER_AT_ONCE:
+            self.threads.append(threading.Thread(target=self._work))
+            try:
+                self.threads[-1].start()
+            except RuntimeError:
+                # the system allows no more
+                self.threads.pop()
+        if not self.threads:
             self.waiting.get()
             result.finish()
         return result
-
-    def _start_thread(self) -> bool:
-        """Start a thread; return whether the system allows one more."""
-        self.threads.append(threading.Thread(target=self._work))
-        try:
-            self.threads[-1].start()
-        except RuntimeError:
-            self.threads.pop()
-            return False
-        return True
 
     def attempt(self, function: Work[Task, Result], task: Task, /) -> Later[Result]:
         """Do a task; return where its result will be, or the exception that it raised."""

@@ -21,7 +21,7 @@ from cadtof_cli.arrays import Status
 from cadtof_cli.figures.canvas import Figure
 from cadtof_cli.figures.kinds import save
 from cadtof_cli.figures.pixel_classes import NO_VALUE, PixelClass, classes_of
-from cadtof_cli.figures.text import within
+from cadtof_cli.figures.text import add_title
 
 Image = NDArray[np.uint8]
 
@@ -178,9 +178,7 @@ def page_figure(
     height = max(cell.top for cell in cells) + panel_height + _BOTTOM + legend
     page = _Page(width, height, panel_width, panel_height, framed)
     figure = Figure(figsize=(width / 100, height / 100))
-    x, y, _, _ = page.place(width / 2, _TOP / 2 - 2, 0, 0)
-    heading = within(title, (width - 20) / 100, size=11)
-    figure.text(x, y, heading, ha="center", va="center", fontsize=11, parse_math=False)
+    add_title(figure, title, below=(_TOP / 2 - 2) / 100)
     for cell in cells:
         _draw(figure, cell, page)
         if cell.closes and isinstance(cell.block, Scaled):

@@ -11,7 +11,7 @@ from cadtof_cli.arrays import Float
 from cadtof_cli.figures.canvas import Figure
 from cadtof_cli.figures.kinds import save
 from cadtof_cli.figures.pixel_evolution import DIRECT_COLOUR, DOTS_PER_INCH, MEASURED_COLOUR, MPI_COLOUR
-from cadtof_cli.figures.text import within
+from cadtof_cli.figures.text import add_title
 from cadtof_cli.one_pixel import PixelEvidence
 from cadtof_cli.resolver.status import StatusBit
 
@@ -34,8 +34,7 @@ def draw_phasors(evidence: PixelEvidence, path: Path, /, *, title: str) -> None:
     harmonics = evidence.noise.harmonics
     width, height = _LEFT + len(harmonics) * (_SIDE + _GAP), _TOP + _SIDE + _BOTTOM
     figure = Figure(figsize=(width, height))
-    heading = within(title, width - 0.3, size=10)
-    figure.text(0.5, 1 - 0.2 / height, heading, fontsize=10, ha="center", va="center", parse_math=False)
+    add_title(figure, title, below=0.2, size=10)
     for row, harmonic in enumerate(harmonics):
         left = _LEFT + row * (_SIDE + _GAP)
         axes = figure.add_axes((left / width, _BOTTOM / height, _SIDE / width, _SIDE / height))

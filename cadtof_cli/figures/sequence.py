@@ -16,7 +16,7 @@ from cadtof_cli.figures.canvas import Figure
 from cadtof_cli.figures.kinds import save
 from cadtof_cli.figures.page import Block, Image, Scaled, add_bar, add_legend, page_figure
 from cadtof_cli.figures.pixel_classes import PixelClass
-from cadtof_cli.figures.text import within
+from cadtof_cli.figures.text import add_title, within
 from cadtof_cli.files.atomic import atomic_write, require_new
 
 FILMS = (".gif", ".mp4")
@@ -72,8 +72,7 @@ def draw_sheet(
     page_width, page_height = max(sheet.shape[1], 320) + 2 * _SPACE + _RIGHT, sheet.shape[0] + _TOP + _BOTTOM
     figure = Figure(figsize=(page_width / PER_INCH, page_height / PER_INCH), dpi=PER_INCH)
     figure.figimage(sheet, _SPACE, _BOTTOM, origin="upper")
-    heading = within(title, page_width / PER_INCH - 0.2, size=11)
-    figure.text(0.5, 1 - 20 / page_height, heading, ha="center", va="center", fontsize=11, parse_math=False)
+    add_title(figure, title, below=20 / PER_INCH)
     for (name, image), (row, column) in zip(thumbnails, places, strict=True):
         x = (_SPACE + column * pitch + width / 2) / page_width
         below = _TOP + row * (height + _NAME_HEIGHT) + height

@@ -1,10 +1,12 @@
-"""Text that matplotlib can draw, whatever a file is called, and legends."""
+"""Text that matplotlib can draw, whatever a file is called: titles and legends."""
 
 from functools import cache
 
 from matplotlib import font_manager
 from matplotlib.axes import Axes
 from matplotlib.textpath import TextPath
+
+from cadtof_cli.figures.canvas import Figure
 
 
 @cache
@@ -40,6 +42,13 @@ def within(text: str, inches: float, /, *, size: float) -> str:
     # as letters, whatever it means as mathematics
     wide = TextPath((0, 0), text.replace("$", "S"), size=size).get_extents().width / 72 if text.strip() else 0.0
     return text if wide <= inches else shortened(text, int(len(text) * inches / wide))
+
+
+def add_title(figure: Figure, title: str, /, *, below: float, size: float = 11) -> None:
+    """Add a title across a figure, its middle so many inches below the top."""
+    width, height = figure.get_size_inches()
+    told = within(title, width - 0.2, size=size)
+    figure.text(0.5, 1 - below / height, told, ha="center", va="center", fontsize=size, parse_math=False)
 
 
 def legend_beside(axes: Axes, /, *others: Axes) -> None:

@@ -164,8 +164,11 @@ def make_folder(path: Path, /) -> None:
     probe = path / f".cadtof.{os.urandom(8).hex()}{PARTIAL_SUFFIX}"
     try:
         path.mkdir(parents=True, exist_ok=True)
-        os.close(os.open(probe, CREATE_FLAGS))
-        probe.unlink()
+        descriptor = os.open(probe, CREATE_FLAGS)
+        try:
+            os.close(descriptor)
+        finally:
+            probe.unlink()
     except OSError as error:
         raise OutputError(f"{path}: expected a folder that can be written into: {error.strerror}") from error
 

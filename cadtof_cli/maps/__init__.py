@@ -1,1 +1,1 @@
-"""Paths → depth maps; EXR and TIFF writers."""
+"""Paths → depth maps; how maps differ from truth and from each other."""

@@ -60,7 +60,7 @@ Limits = tuple[float, float, float, float]
 """1 % and 99 % of the values, the lowest and the highest."""
 
 MOST_PIXELS = 20_000
-"""Of a plane; more of them would not move the ends of the colours."""
+"""Pixels of a layer that its limits are found from, evenly spread over it: more would hardly change them."""
 
 
 class LayerLimits:

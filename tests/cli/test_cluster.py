@@ -254,6 +254,36 @@ def test_another_version_on_a_worker_is_named(capture: Path, tmp_path: Path) -> 
     assert list((tmp_path / "out").iterdir()) == []
 
 
+@pytest.fixture
+def without_cadtof(tmp_path: Path) -> Path:
+    """Where Python finds that this package is not installed."""
+    package = tmp_path / "without" / "cadtof_cli"
+    package.mkdir(parents=True)
+    (package / "__init__.py").write_text("raise ImportError('not installed here')\n")
+    return package.parent
+
+
+def test_workers_without_cadtof_are_named_and_live(capture: Path, without_cadtof: Path, tmp_path: Path) -> None:
+    """One that is sent a function of a package that it lacks would end, and be started again, without end."""
+    require_dask()
+    with local_cluster(tmp_path / "cluster", workers=0) as cluster:
+        cluster.add_workers(python_path=without_cadtof)
+        done = run("resolve", "room", "-o", tmp_path / "out", "--scheduler", cluster.address, cwd=capture.parent)
+        assert cluster.workers[0].poll() is None
+    assert done.status == 1
+    assert re.search(r"Error: worker tcp://\S+ cannot run cadtof: ImportError: not installed here\n", done.err)
+
+
+def test_the_scheduler_needs_no_cadtof(
+    capture: Path, here: dict[str, Any], without_cadtof: Path, tmp_path: Path
+) -> None:
+    require_dask()
+    with local_cluster(tmp_path / "cluster", workers=1, python_path=without_cadtof) as cluster:
+        done = run("resolve", "room", "-o", tmp_path / "out", "--scheduler", cluster.address, cwd=capture.parent)
+    assert done.status == 0, done.err
+    assert contents(tmp_path / "out") == here
+
+
 @pytest.mark.parametrize("given", ["tcp://", "localhost:8786", "tcp://x:y", "http://127.0.0.1:8786"])
 def test_what_is_no_address_is_refused(given: str, capture: Path, tmp_path: Path) -> None:
     done = run("resolve", "room", "-o", tmp_path / "out", "--scheduler", given, cwd=capture.parent)

@@ -240,6 +240,15 @@ def test_a_worker_that_hangs_costs_no_frame(capture: Path, map_bytes: bytes, tmp
     assert _sound(out, map_bytes) == FRAMES
 
 
+def test_ctrl_c_while_modules_are_imported(tmp_path: Path) -> None:
+    """Python would show where it was, twenty lines of its own and of libraries."""
+    (tmp_path / "click.py").write_text("import os, signal, time\nos.kill(os.getpid(), signal.SIGINT)\ntime.sleep(9)\n")
+    command = [sys.executable, "-m", "cadtof_cli", "--version"]
+    environment = {**ENVIRONMENT, "PYTHONPATH": f"{tmp_path}:{ENVIRONMENT['PYTHONPATH']}"}
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout, done.stderr) == (-signal.SIGINT, "", "")
+
+
 def test_nohup_is_respected(capture: Path, map_bytes: bytes, tmp_path: Path) -> None:
     out = tmp_path / "out"
     with _running("-c", _UNHANGABLE, *_PROGRAM, "resolve", capture, "-o", out, "-j", 2, command=_PYTHON) as run:

@@ -295,6 +295,16 @@ def test_records_that_say_nonsense(tmp_path: Path) -> None:
         assert "not the record of a run" in done.err
 
 
+@pytest.mark.parametrize("output", ["", ".", "/"])
+def test_lines_that_name_no_file(output: str, tmp_path: Path) -> None:
+    capture, out = record(tmp_path / "A"), tmp_path / "out"
+    assert _resolve(capture.folder, "-o", out).status == 0
+    line = json.loads((out / "frames.jsonl").read_text())
+    (out / "frames.jsonl").write_text(json.dumps({**line, "output": output}) + "\n")
+    assert cadtof("report", out, "-o", tmp_path / "page.html").err == ""
+    assert "not the record of a run" in _resolve(capture.folder, "-o", out, "--resume").err
+
+
 def test_places_that_are_no_place(tmp_path: Path) -> None:
     capture = record(tmp_path / "A")
     closed = tmp_path / "closed"

@@ -33,6 +33,8 @@ SCENES: dict[str, Scene] = {
     "weak first": Card(distance_m=1.0, separations_ns=(9.0, 12.0), mpi_ratios=(2.5, 3.0), clean_share=0.0),
     "one share": Card(distance_m=2.0, separations_ns=(9.0, 16.0), mpi_ratios=(0.2, 0.2)),
     "weak second": Card(mpi_ratios=(0.02, 0.02)),
+    "one share and delay": Card(distance_m=1.5, separations_ns=(8.0, 8.0), mpi_ratios=(0.1, 0.1), clean_share=0.0),
+    "weak ramp": Card(mpi_ratios=(0.005, 0.03)),
     "wall": Wall(distance_m=2.0),
     "corner": Corner(),
     "room": RandomRoom(seed=5, light_paths=48),
@@ -98,8 +100,13 @@ def test_every_pixel_with_light_has_a_depth_and_a_sigma(name: str, model: MpiMod
 
 
 WITHOUT_TAIL = [
-    *((name, length) for name in ("card", "weak first", "one share", "wall") for length in LENGTHS),
+    *(
+        (name, length)
+        for name in ("card", "weak first", "one share", "one share and delay", "wall")
+        for length in LENGTHS
+    ),
     *(("weak second", length) for length in LENGTHS[1:]),
+    ("weak ramp", LENGTHS[2]),
 ]
 """At the least light, a second path of a fiftieth of the direct one is hardly seen."""
 

@@ -2,6 +2,7 @@
 
 import errno
 import json
+import os
 import re
 from collections.abc import Iterator
 from pathlib import Path
@@ -100,6 +101,21 @@ def test_json_can_be_read_back(tmp_path: Path) -> None:
 def test_a_folder_is_made_with_its_parents(tmp_path: Path) -> None:
     make_folder(tmp_path / "a" / "b")
     assert list((tmp_path / "a" / "b").iterdir()) == []
+
+
+def test_a_folder_whose_disk_tells_on_closing_that_it_took_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    close = os.close
+
+    def failing(descriptor: int) -> None:
+        close(descriptor)
+        raise OSError(errno.ESTALE, "Stale file handle")
+
+    monkeypatch.setattr(os, "close", failing)
+    with pytest.raises(OutputError, match="expected a folder that can be written into: Stale file handle"):
+        make_folder(tmp_path / "out")
+    assert list((tmp_path / "out").iterdir()) == []
 
 
 @pytest.fixture

@@ -141,8 +141,8 @@ IMPOSSIBLE: list[tuple[Make, str]] = [
     (lambda: mix(jitter_ns=-1e-9), "jitter: found -1e-09 ns"),
     (lambda: mix(fwhm_ns=-1e-9), "pulse width: found -1e-09 ns"),
     (lambda: mix(period_ns=9e-7), "period: found 9e-07 ns"),
-    (lambda: mix(photons=np.array([math.inf])), "photons: found others, expected finite"),
-    (lambda: mix(ambient=np.array(math.nan)), "ambient: found others"),
+    (lambda: mix(photons=np.array([math.inf])), "photons: found one below 0, infinite or NaN, expected finite"),
+    (lambda: mix(ambient=np.array(math.nan)), "ambient: found one below 0, infinite or NaN"),
     (lambda: mix(delays_ns=np.array([1.0, 2.0])), "delays: found"),
 ]
 

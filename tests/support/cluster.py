@@ -69,12 +69,14 @@ class LocalCluster:
 
 
 @contextmanager
-def local_cluster(folder: Path, *, workers: int, preload: str | None = None) -> Iterator[LocalCluster]:
-    """Yield a scheduler with workers; all end on leaving."""
+def local_cluster(
+    folder: Path, *, workers: int, preload: str | None = None, python_path: Path = ROOT
+) -> Iterator[LocalCluster]:
+    """Yield a scheduler, which finds modules below `python_path` first, with workers; all end on leaving."""
     folder.mkdir(parents=True, exist_ok=True)
     said, file = folder / "scheduler.txt", folder / "scheduler.json"
     command = ("scheduler", "--host", HERE, "--port", "0", "--no-dashboard", "--scheduler-file", str(file))
-    cluster = LocalCluster(folder, preload, _started(folder, said, *command))
+    cluster = LocalCluster(folder, preload, _started(folder, said, *command, python_path=python_path))
     try:
         _wait_for(cluster.scheduler, said, "Scheduler at")
         # the scheduler says so before the file is whole

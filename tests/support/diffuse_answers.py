@@ -5,7 +5,7 @@ from dataclasses import fields, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from cadtof_cli.resolver.diffuse.choice import DiffuseChoice, patch_kinds
+from cadtof_cli.resolver.diffuse.choice import SEPARATE_SHARE, DiffuseChoice, patch_kinds
 from cadtof_cli.resolver.diffuse.grid import View, assumed_view, patch_grid, sampled_pixels
 from cadtof_cli.resolver.diffuse.light import patch_means, sampled_light
 from cadtof_cli.resolver.diffuse.pixels import diffuse_pixels
@@ -28,8 +28,13 @@ def model_of(
     n_av: float = 1e5,
     samples: float = 1.0,
     range_offset_m: F | None = None,
+    second_paths: bool = False,
 ) -> DiffuseModel | DiffuseChoice:
-    """The model of a frame (H, Y, X), or the choice against it."""
+    """The model of a frame (H, Y, X), or the choice against it.
+
+    Tails of tests are mostly the same all over the view, as those of rooms never are but second paths may be: with
+    `second_paths` frames are left to these, as in the pipeline, without it only those with separate patches are.
+    """
     height, width = phasors.shape[1:]
     view = None if focal_px is None else View(focal_px, ((width - 1) / 2, (height - 1) / 2))
     harmonics = harmonics or tuple(range(1, len(phasors) + 1))
@@ -42,7 +47,9 @@ def model_of(
         np.full(len(phasors), variance(n_av)),
     )
     means = patch_means(light, light.seen, variance=noise[0] / samples, harmonics=harmonics)
-    kinds = patch_kinds(means, noise / samples, sampled=len(light.seen), settings=settings)
+    kinds = patch_kinds(means, noise / samples, grid=grid, settings=settings)
+    if not second_paths and kinds.separate_share <= SEPARATE_SHARE and kinds.reason == "separate paths":
+        kinds = replace(kinds, reason="tail")
     choice = DiffuseChoice(kinds.reason, int(kinds.lit.sum()), kinds.separate_share)
     if kinds.reason != "tail":
         return choice

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cadtof_cli.arrays import Bool, Complex, Float
-from cadtof_cli.phasors.noise import MAD_PER_SIGMA
+from cadtof_cli.calibration.fit.robust import centre_and_spread
 
 OUTLIER = 6.0
 """Robust standard deviations from the median of its plane beyond which a pixel is left out."""
@@ -77,8 +77,7 @@ def _usual(phasors: Complex) -> Bool:
     for plane in (*phasors.real, *phasors.imag):
         if not usual.any():
             break
-        centre = np.median(plane[usual])
-        spread = float(np.median(np.abs(plane[usual] - centre))) / MAD_PER_SIGMA
+        centre, spread = centre_and_spread(plane[usual])
         with np.errstate(invalid="ignore"):
             usual &= np.abs(plane - centre) <= OUTLIER * max(spread, float(np.finfo(np.float32).eps))
     return np.asarray(usual)

@@ -64,7 +64,8 @@ def fit_response(targets: Sequence[TargetMean], /, *, metadata: CaptureMetadata,
         SettingsError: too few pixels see every target; or the targets are no flat walls that face the camera.
     """
     known_optics = metadata.optics.focal_length_px is not None
-    ranges = np.stack([_range(metadata, origin.pixels, target.distance_m) for target in targets])
+    per_metre = wall_range_m(metadata.optics, origin.pixels, distance_m=1.0) if known_optics else np.ones(origin.pixels)
+    ranges = np.stack([target.distance_m * per_metre for target in targets])
     phase = ranges.reshape(len(targets), -1) / metres_per_radian(origin.periods_ns[0])
     volts = np.stack([target.volts.reshape(len(origin.harmonics), -1) for target in targets])
     noise = np.stack([target.noise_v for target in targets])
@@ -93,12 +94,6 @@ def fit_response(targets: Sequence[TargetMean], /, *, metadata: CaptureMetadata,
         )
     quality = _quality(pixels, terms, tuple(distances), errors, tuple(findings))
     return _calibration(pixels, own, terms, ideal, usable, curvature, quality, origin)
-
-
-def _range(metadata: CaptureMetadata, pixels: tuple[int, int], distance_m: float) -> Float:
-    if metadata.optics.focal_length_px is None:
-        return np.full(pixels, distance_m)
-    return wall_range_m(metadata.optics, pixels, distance_m=distance_m)
 
 
 def _usable(volts: Complex, noise: Float) -> Bool:

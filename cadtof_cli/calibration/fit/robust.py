@@ -87,6 +87,12 @@ def robust_fit(
     return RobustFit(parameters, covariance, residual, kept, scale, condition)
 
 
+def centre_and_spread(values: Float, /) -> tuple[float, float]:
+    """Return the median of values of any shape, and their standard deviation by the median distance from it; NaN do not count."""
+    centre = float(np.nanmedian(values))
+    return centre, float(np.nanmedian(np.abs(values - centre))) / MAD_PER_SIGMA
+
+
 def _weighted(residual: Float) -> tuple[float, Float]:
     """Return the robust standard deviation of residuals, and their weights by it."""
     scale = max(float(np.median(np.abs(residual))) / MAD_PER_SIGMA, float(np.finfo(np.float64).eps))

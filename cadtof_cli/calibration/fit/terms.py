@@ -7,8 +7,7 @@ import numpy as np
 
 from cadtof_cli.arrays import Bool, Float, Index
 from cadtof_cli.calibration.fit.pixels import Observations, PixelFit, Terms, fit_pixels, series, two_way
-from cadtof_cli.calibration.fit.robust import scaled_inverse
-from cadtof_cli.phasors.noise import MAD_PER_SIGMA
+from cadtof_cli.calibration.fit.robust import centre_and_spread, scaled_inverse
 
 CANDIDATES = (-1, 0, -3, 5, 3)
 """Orders k that are tried besides 1: imbalance, offset, and the harmonics of waveforms between sine and triangle."""
@@ -26,7 +25,7 @@ LEAST_TERM = 2e-4
 """… and large enough to matter: 0.2 mm."""
 
 PASSES = 4
-
+"""Times that terms are chosen and fitted, each time without the outliers of the last."""
 
 OUTLIER = 5.0
 """Robust standard deviations of a pixel's misfit beyond which it is left out."""
@@ -111,8 +110,7 @@ def _taken(changes: Terms, errors: Float, k: int) -> str:
 
 def _without_outliers(misfit: Float) -> Bool:
     root = np.sqrt(misfit)
-    centre = np.median(root)
-    spread = np.median(np.abs(root - centre)) / MAD_PER_SIGMA
+    centre, spread = centre_and_spread(root)
     return np.asarray(root <= centre + OUTLIER * spread)
 
 

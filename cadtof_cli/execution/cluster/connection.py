@@ -1,6 +1,7 @@
 """A connection to a dask scheduler, the one place that knows dask: work goes to workers by name, news of them comes back."""
 
 import logging
+import pickle
 import queue
 import socket
 import time
@@ -29,6 +30,10 @@ COMPARE_S = 5
 
 STOP_S = 10
 """Longest wait for workers to finish what they are at when a run is stopped."""
+
+_CALL = "(lambda function, arguments: function(*arguments))(*__import__('pickle').loads(packed))"
+"""What a worker does: text and bytes, as functions of a package that is not there would end a worker, and fail at the scheduler,
+which need not have it."""
 
 
 @dataclass(frozen=True)
@@ -97,11 +102,13 @@ class Connection:
 
     def submit(self, work: int, worker: str, function: Callable[..., Any], /, *arguments: Any) -> None:
         """Have a worker call a function; news of it comes under the number `work`."""
-        future = self._client.submit(
-            function, *arguments, key=f"{function.__name__}-{self._run}-{work}", pure=False, workers=[worker]
-        )
-        self._futures[work] = future
+        future = self._futures[work] = self._submitted(str(work), worker, function, *arguments)
         future.add_done_callback(lambda _: self._news.put(work))
+
+    def _submitted(self, work: str, worker: str, function: Callable[..., Any], /, *arguments: Any) -> Any:
+        """Return the future of a call on a worker."""
+        key, packed = f"{function.__name__}-{self._run}-{work}", pickle.dumps((function, arguments))
+        return self._client.submit(eval, _CALL, {"packed": packed}, key=key, pure=False, workers=[worker])
 
     def forget(self, works: Iterable[int], /) -> None:
         """Take work back, wherever it is; there will be no news of it."""
@@ -110,18 +117,17 @@ class Connection:
             self._client.cancel(futures)
 
     def news(self) -> list[News]:
-        """Wait for news, and return all there is.
+        """Wait for news, `LISTEN_S` at most, and return all there is.
 
         Raises:
             ClusterError: the scheduler is lost.
         """
         heard: list[WorkerJoined | WorkerLost | int] = []
-        while not heard:
-            self._compare_workers()
-            with suppress(queue.Empty):
-                heard.append(self._news.get(timeout=LISTEN_S))
-                while True:
-                    heard.append(self._news.get_nowait())
+        self._compare_workers()
+        with suppress(queue.Empty):
+            heard.append(self._news.get(timeout=LISTEN_S))
+            while True:
+                heard.append(self._news.get_nowait())
         return [news for one in heard for news in self._understood(one)]
 
     def close(self) -> None:
@@ -192,11 +198,8 @@ class Connection:
 
     def _wait_until_idle(self) -> None:
         """Send every worker something that it can only do when it is at nothing else, and wait for it."""
-        key, until = f"{wait_until_idle.__name__}-{self._run}", time.monotonic() + STOP_S
-        sent = [
-            self._client.submit(wait_until_idle, key=f"{key}-{number}", pure=False, workers=[worker])
-            for number, worker in enumerate(self._workers)
-        ]
+        until = time.monotonic() + STOP_S
+        sent = [self._submitted(f"end-{place}", worker, wait_until_idle) for place, worker in enumerate(self._workers)]
         for future in sent:
             future.result(timeout=max(until - time.monotonic(), 0.01))
 

@@ -3,6 +3,7 @@
 import itertools
 import math
 import statistics
+import time
 from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator
 from dataclasses import dataclass, field
@@ -33,6 +34,11 @@ TASKS_AHEAD = 10_000
 minutes, the others go on. Results are small."""
 
 
+ANSWER_S = 10
+"""How long a run waits for the first answers of all workers that are there: one that is frozen, or paused for its memory, is
+there and does nothing."""
+
+
 class Cluster(Protocol):
     """What is asked of a connection."""
 
@@ -45,7 +51,7 @@ class Cluster(Protocol):
         """Take work back."""
 
     def news(self) -> list[News]:
-        """Wait for news, and return all there is."""
+        """Wait for news, a second or so at most, and return all there is."""
 
     def close(self) -> None:
         """Take back all work and disconnect."""
@@ -133,16 +139,19 @@ class ClusterRun(Generic[Task, Result]):
         self._told_to_wait = False
 
     def welcome_workers(self) -> None:
-        """Ask all workers that are there what they run, and wait for their answers.
+        """Ask all workers that are there what they run, and wait for their answers, for a while.
 
         Raises:
             ClusterError: some would not make the same results; all of those are named.
         """
+        until = time.monotonic() + ANSWER_S
         self._take_news()
-        while self._asked:
+        while self._asked and time.monotonic() < until:
             self._take_news()
         if self._unfit:
             raise ClusterError("; ".join(sorted(self._unfit)))
+        for worker in self._asked.values():
+            self._say(f"warning: worker {worker} has not answered for {ANSWER_S} s: it gets no frames until it does")
 
     def outcomes(self) -> Generator[Outcome[Task, Result], None, None]:
         """Yield the outcome of every task, in order; exceptions of the function are raised here."""

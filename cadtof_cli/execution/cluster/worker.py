@@ -1,11 +1,12 @@
 """What runs on a worker of a cluster: batches of tasks, one at a time, from the folder that the run was started in."""
 
 import hashlib
+import os
 import platform
 import threading
 import time
-from collections.abc import Sequence
-from contextlib import chdir
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -79,12 +80,27 @@ def surroundings(folder: Path, probe: Path | None, /) -> Surroundings:
 
 def run_batch(function: Work[Task, Result], tasks: Sequence[Task], folder: Path, /) -> BatchResult[Result]:
     """Run function(task) for every task from a folder, as where relative paths start; exceptions become results."""
-    with _ONE_AT_A_TIME, chdir(folder):
+    with _ONE_AT_A_TIME, _in_folder(folder):
         began = time.monotonic()
         with finishing() as finisher:
             begun = [finisher.attempt(function, task) for task in tasks]
         results = [Raised(one.error) if one.error else one.result() for one in begun]
         return BatchResult(tuple(results), time.monotonic() - began)
+
+
+@contextmanager
+def _in_folder(folder: Path) -> Iterator[None]:
+    """Have relative paths start from a folder; the one that the worker was started in may be gone."""
+    before = None
+    with suppress(OSError):
+        before = Path.cwd()
+    os.chdir(folder)
+    try:
+        yield
+    finally:
+        if before is not None:
+            with suppress(OSError):
+                os.chdir(before)
 
 
 def wait_until_idle() -> None:

@@ -84,29 +84,24 @@ class TiffImages:
 
     def __init__(self, path: Path, *, voltages: bool = True) -> None:
         self.path = path
-        self._are_voltages = voltages
         with contextlib.ExitStack() as opened:
             with reading_tiff(path):
                 self._tiff = opened.enter_context(tifffile.TiffFile(path))
                 require_sound_chain(path, self._tiff.filehandle.fileno(), self._tiff.filehandle.size)
-                self._arrange()
+                series = alike_series(path, self._tiff)
+                page = series[0].keyframe
+                self.dtype: np.dtype[Any] = np.dtype(page.dtype).newbyteorder("=")
+                self._page_shape: tuple[int, ...] = page.shape
+                self._scattered = ScatteredPlanes(path, series) if is_scattered(series[0]) else None
+                if self._scattered is not None:
+                    self.labels, self.sizes, self.plane_shape = self._scattered.described
+                else:
+                    self._divide(series)
+                self.names = names_of_planes(self._tiff, series, self.labels, self.sizes)
+                if voltages:
+                    require_voltages(path, self._tiff.pages, self.names)
+                require_plausible_size(path, page.nbytes, self._tiff.filehandle.size)
             opened.pop_all()
-
-    def _arrange(self) -> None:
-        """Find where each image lies and how its samples are laid out."""
-        series = alike_series(self.path, self._tiff)
-        page = series[0].keyframe
-        self.dtype: np.dtype[Any] = np.dtype(page.dtype).newbyteorder("=")
-        self._page_shape: tuple[int, ...] = page.shape
-        self._scattered = ScatteredPlanes(self.path, series) if is_scattered(series[0]) else None
-        if self._scattered is not None:
-            self.labels, self.sizes, self.plane_shape = self._scattered.described
-        else:
-            self._divide(series)
-        self.names = names_of_planes(self._tiff, series, self.labels, self.sizes)
-        if self._are_voltages:
-            require_voltages(self.path, self._tiff.pages, self.names)
-        require_plausible_size(self.path, page.nbytes, self._tiff.filehandle.size)
 
     def _divide(self, series: Sequence[tifffile.TiffPageSeries]) -> None:
         """Find the images of a file whose pages are planes, or hold planes as samples of their pixels."""

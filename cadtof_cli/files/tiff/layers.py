@@ -116,12 +116,8 @@ def _gdal_xml(name: str, unit: str, facts: Mapping[str, str]) -> str:
     for key, text in (("description", name), ("unittype", unit)):
         if text:
             ElementTree.SubElement(root, "Item", {"name": key.upper(), "sample": "0", "role": key}).text = text
-    return _ascii(ElementTree.tostring(root, encoding="unicode"))
-
-
-def _ascii(xml: str) -> str:
-    """Return XML in ASCII, as texts in TIFF are, with other characters as references."""
-    return xml.encode("ascii", "xmlcharrefreplace").decode("ascii")
+    # texts in TIFF are ASCII, and so is what comes without an encoding: other characters are references
+    return ElementTree.tostring(root).decode()
 
 
 def ome_xml(names: Sequence[str], /, *, size: tuple[int, ...], header: MapHeader) -> str:
@@ -156,8 +152,8 @@ def ome_xml(names: Sequence[str], /, *, size: tuple[int, ...], header: MapHeader
         for name, text in said.items():
             ElementTree.SubElement(value, "M", {"K": name}).text = text
     # the serialiser escapes ">" wherever else it stands; without the blanks our files keep the bytes they had
-    text = ElementTree.tostring(root, encoding="unicode").replace(" />", "/>")
-    return f'<?xml version="1.0" encoding="UTF-8"?>{_ascii(text)}'
+    text = ElementTree.tostring(root).decode().replace(" />", "/>")
+    return f'<?xml version="1.0" encoding="UTF-8"?>{text}'
 
 
 def read_facts(path: Path, /) -> dict[str, str]:

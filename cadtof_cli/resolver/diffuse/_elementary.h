@@ -19,6 +19,13 @@ INLINE float within_f(float value, float most) {
     return value < most ? value : most;
 }
 
+/* elementary.py: _odd, of an x with the square z and the series in it. */
+INLINE float odd(float series, float z, float x) { return series * z * x + x; }
+
+INLINE float negated(float x, uint32_t sign) { return float_of((int32_t)((uint32_t)bits_of(x) ^ sign)); }
+
+INLINE uint32_t sign_of(float x) { return (uint32_t)bits_of(x) & 0x80000000u; }
+
 INLINE float logarithm(float x) {
     const int32_t bits = bits_of(x), power = (int32_t)((uint32_t)bits - 0x3f3504f3u) >> 23;
     const float mantissa = float_of((int32_t)((uint32_t)bits - ((uint32_t)power << 23)));
@@ -26,7 +33,7 @@ INLINE float logarithm(float x) {
     float series = 0.147902f;
     series = series * z + 0.19994386f;
     series = series * z + 0.33333343f;
-    const float half = s + s * z * series;
+    const float half = odd(series, z, s);
     return n * 0.693359375f + (n * -0.00021219444f + (half + half));
 }
 
@@ -37,40 +44,38 @@ INLINE float exponential(float x) {
     series = series * r + 0.041666556f;
     series = series * r + 0.16666578f;
     series = series * r + 0.5f;
-    const float mantissa = r + r * r * series + 1.0f;
+    const float mantissa = series * (r * r) + r + 1.0f;
     return mantissa * float_of((int32_t)((uint32_t)((int32_t)n + 127) << 23));
 }
 
 INLINE void rotor(float phase, float *cos, float *sin) {
-    const float n = rintf(within_f(phase, 1e4f) * 0.6366197723675814f);
-    const float r = phase - n * 1.5703125f - n * 0.00048375130f - n * 7.5497900e-08f, z = r * r;
-    float sines = -0.0001958789f, cosines = 2.4547942e-05f;
-    sines = sines * z + 0.008332748f;
-    sines = sines * z + -0.16666664f;
-    cosines = cosines * z + -0.0013888302f;
-    cosines = cosines * z + 0.041666664f;
-    const float s = r + r * z * sines, c = z * z * cosines - 0.5f * z + 1.0f;
-    const int32_t quadrant = (int32_t)n & 3;
-    const float x = quadrant & 1 ? s : c, y = quadrant & 1 ? c : s;
-    *cos = (quadrant + 1) & 2 ? -x : x;
-    *sin = quadrant > 1 ? -y : y;
+    const float n = rintf(within_f(phase, 1e4f) * 0.3183098861837907f);
+    const float r = phase - n * 3.140625f - n * 0.00096765359f, z = r * r;
+    float sines = 2.6347564e-06f, cosines = -2.6546067e-07f;
+    sines = sines * z + -0.0001982274f;
+    sines = sines * z + 0.0083332425f;
+    sines = sines * z + -0.16666666f;
+    cosines = cosines * z + 2.4786083e-05f;
+    cosines = cosines * z + -0.0013888812f;
+    cosines = cosines * z + 0.041666668f;
+    const uint32_t odd_turn = (uint32_t)(int32_t)n << 31;
+    *cos = negated(cosines * (z * z) - 0.5f * z + 1.0f, odd_turn);
+    *sin = negated(odd(sines, z, r), odd_turn);
 }
 
 INLINE float phase_of_f(float cos, float sin) {
     const float x = fabsf(cos), y = fabsf(sin);
-    const float tangent = (y > x ? x : y) / at_least_f(y > x ? y : x, FLT_MIN), z = tangent * tangent;
-    float series = 0.0038667389f;
-    series = series * z + -0.020026747f;
+    const float tangent = (y - x) / at_least_f(x + y, FLT_MIN), z = tangent * tangent;
+    float series = 0.0038677573f;
+    series = series * z + -0.020027727f;
     series = series * z + 0.04891432f;
     series = series * z + -0.08009682f;
-    series = series * z + 0.10865759f;
+    series = series * z + 0.108657576f;
     series = series * z + -0.14257045f;
-    series = series * z + 0.19998682f;
-    series = series * z + -0.33333322f;
-    float phase = tangent + tangent * z * series;
-    phase = y > x ? 1.5707963267948966f - phase : phase;
-    phase = cos < 0.0f ? 3.141592653589793f - phase : phase;
-    return sin < 0.0f ? -phase : phase;
+    series = series * z + 0.19998683f;
+    series = series * z + -0.3333333f;
+    const float from_diagonal = 0.7853981633974483f - odd(series, z, tangent);
+    return negated(1.5707963267948966f - negated(from_diagonal, sign_of(cos)), sign_of(sin));
 }
 
 /* tail.py: wrapped */

@@ -16,6 +16,12 @@ typedef struct {
     int own_pixels;
 } Sampled;
 
+/* A plane of a map at samples that stand at `at`; NULL: it is the same for all. */
+INLINE void map_at(double *restrict row, const double *restrict plane, const int64_t *restrict at) {
+    if (at) EACH_PIXEL row[i] = plane[at[i]];
+    else EACH_PIXEL row[i] = plane[0];
+}
+
 #define GATHER(TYPE) { const TYPE *stored = (const TYPE *)all->stored + c * all->pixels; EACH_PIXEL value[c][i] = (double)stored[at[i]]; }
 
 INLINE void look_at_group(const Sampled *restrict all, int64_t start, int m, int harmonics) {
@@ -41,15 +47,19 @@ INLINE void look_at_group(const Sampled *restrict all, int64_t start, int m, int
         seen[i] = (least <= all->saturated_low) | (most >= all->saturated_high) ? 0.0 : seen[i];
     }
     for (int h = 0; h < harmonics; h++) {
-        Row part[2];
+        Row part[2], map;
         for (int k = 0; k < 2; k++) {
             const int64_t plane = (2 * h + k) * (all->own_pixels ? all->pixels : 1);
-            for (int i = 0; i < GROUP; i++) {
-                const int64_t own = plane + (all->own_pixels ? at[i] : 0);
-                double phasor = value[2 * h + k][i] * all->own[own];
-                if (all->other) phasor += value[2 * h + 1 - k][i] * all->other[own];
-                if (all->constant) phasor += all->constant[own];
-                part[k][i] = phasor;
+            const int64_t *places = all->own_pixels ? at : NULL;
+            map_at(map, all->own + plane, places);
+            EACH_PIXEL part[k][i] = value[2 * h + k][i] * map[i];
+            if (all->other) {
+                map_at(map, all->other + plane, places);
+                EACH_PIXEL part[k][i] += value[2 * h + 1 - k][i] * map[i];
+            }
+            if (all->constant) {
+                map_at(map, all->constant + plane, places);
+                EACH_PIXEL part[k][i] += map[i];
             }
         }
         const double per_variance = all->per_variance[h];

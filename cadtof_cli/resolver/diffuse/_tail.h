@@ -40,7 +40,8 @@ typedef struct {
 
 /* One pixel a column. re, im, answered and samples come in. */
 typedef struct {
-    Row re[MOST_HARMONICS], im[MOST_HARMONICS], square[MOST_HARMONICS], answered, samples;
+    Row re[MOST_HARMONICS], im[MOST_HARMONICS], answered, samples;
+    FloatRow part[MOST_HARMONICS][2], square[MOST_HARMONICS];  /* re and im of who is answered, and their squares' sum */
     FloatRow plane[MOST_PLANES];                 /* of the pixel; then what the data leave of them */
     FloatRow data[MOST_DATA], relative[MOST_HARMONICS], moved[MOST_DATA + 2];
     FloatRow weight[4], right, range_m;
@@ -68,11 +69,13 @@ INLINE int planes_of(int data) { return entry(data, data + 1, data + 1) + 3; }
 /* pixels.py: diffuse_pixels, who is answered */
 INLINE void choose(TailGroup *restrict g, const Tail *restrict tail, int64_t pixel, int m, int harmonics) {
     for (int h = 0; h < harmonics; h++) EACH_PIXEL {
-        const double square = g->re[h][i] * g->re[h][i] + g->im[h][i] * g->im[h][i];
-        g->answered[i] = square < 1e3 * 1e3 ? g->answered[i] : 0.0;
+        const float re = (float)g->re[h][i], im = (float)g->im[h][i], square = re * re + im * im;
+        g->answered[i] = square < 1e3f * 1e3f ? g->answered[i] : 0.0;
+        g->part[h][0][i] = re;
+        g->part[h][1][i] = im;
         g->square[h][i] = square;
     }
-    EACH_PIXEL g->answered[i] = g->square[0][i] > 0.0 ? g->answered[i] : 0.0;
+    EACH_PIXEL g->answered[i] = g->square[0][i] > 0.0f ? g->answered[i] : 0.0;
     if (tail->separate) {
         const int64_t side = tail->sizes->side, y = pixel / tail->sizes->width, x = pixel % tail->sizes->width;
         const uint8_t *separate = tail->separate + y / side * ((tail->sizes->width + side - 1) / side);
@@ -80,34 +83,40 @@ INLINE void choose(TailGroup *restrict g, const Tail *restrict tail, int64_t pix
     }
     for (int h = 0; h < harmonics; h++) EACH_PIXEL {
         const double answered = g->answered[i];
-        g->re[h][i] = answered > 0.0 ? g->re[h][i] : 1.0;
-        g->im[h][i] = answered > 0.0 ? g->im[h][i] : 0.0;
-        g->square[h][i] = answered > 0.0 ? g->square[h][i] : 1.0;
+        g->part[h][0][i] = answered > 0.0 ? g->part[h][0][i] : 1.0f;
+        g->part[h][1][i] = answered > 0.0 ? g->part[h][1][i] : 0.0f;
+        g->square[h][i] = answered > 0.0 ? g->square[h][i] : 1.0f;
     }
+}
+
+/* The noise of a pixel's phasors of a harmonic: of one recorded pixel, or of the mean of some. */
+INLINE void noise_of(float *restrict variance, const TailGroup *restrict g, double of_one, int pooled) {
+    if (pooled) EACH_PIXEL variance[i] = (float)(of_one / g->samples[i]);
+    else EACH_PIXEL variance[i] = (float)of_one;
 }
 
 /* pixels.py: _pixel_data */
 INLINE void look(TailGroup *restrict g, const Tail *restrict tail, int pooled, int harmonics) {
     const int count = harmonics - 1;
-    const double *variance = tail->variance;
-    EACH_PIXEL g->amplitude[i] = (float)sqrt(g->square[0][i]);
+    FloatRow variance;
+    noise_of(variance, g, tail->variance[0], pooled);
+    EACH_PIXEL g->amplitude[i] = sqrtf(g->square[0][i]);
     EACH_PIXEL {
-        const double of_one = pooled ? variance[0] / g->samples[i] : variance[0];
-        g->square[0][i] = at_least(g->square[0][i], 0.1 * 0.1 * of_one);
-        g->relative[0][i] = (float)(of_one / g->square[0][i]);
+        g->square[0][i] = at_least_f(g->square[0][i], 0.01f * variance[i]);
+        g->relative[0][i] = variance[i] / g->square[0][i];
     }
-    EACH_PIXEL g->phase_rad[i] = phase_of_f((float)g->re[0][i], (float)g->im[0][i]);
+    EACH_PIXEL g->phase_rad[i] = phase_of_f(g->part[0][0][i], g->part[0][1][i]);
     for (int h = 1; h < harmonics; h++) {
         float *restrict size = g->data[h - 1], *restrict phase = g->data[count + h - 1];
         const float number = (float)tail->number[h];
+        noise_of(variance, g, tail->variance[h], pooled);
         EACH_PIXEL {
-            const double of_one = pooled ? variance[h] / g->samples[i] : variance[h];
-            const double further = at_least(g->square[h][i], of_one);
-            size[i] = (float)(further / g->square[0][i]);
-            g->relative[h][i] = (float)(of_one / further);
+            const float further = at_least_f(g->square[h][i], variance[i]);
+            size[i] = further / g->square[0][i];
+            g->relative[h][i] = variance[i] / further;
         }
         EACH_PIXEL size[i] = 0.5f * logarithm(size[i]);
-        EACH_PIXEL phase[i] = phase_of_f((float)g->re[h][i], (float)g->im[h][i]) - number * g->phase_rad[i];
+        EACH_PIXEL phase[i] = phase_of_f(g->part[h][0][i], g->part[h][1][i]) - number * g->phase_rad[i];
     }
 }
 

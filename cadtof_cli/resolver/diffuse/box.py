@@ -58,7 +58,7 @@ def unseen_walls(seen: Surfaces, /) -> Box:
     facing = -(outward @ seen.normal) > FACING
     farthest = np.sort(along, axis=1)[:, int(FARTHEST_SHARE * (along.shape[1] - 1))]
     on_wall = facing & (np.abs(along - farthest[:, None]) < ON_WALL * np.maximum(farthest, NEAREST_M)[:, None])
-    shown = on_wall.mean(1) > SEEN_SHARE
+    shown = on_wall.sum(1) > SEEN_SHARE * on_wall.shape[1]
     return Box(outward, np.where(shown, np.inf, np.maximum(np.maximum(farthest, 0.0) + BEHIND_M, NEAREST_M)))
 
 
@@ -74,15 +74,16 @@ def _axes(normal: Float) -> Float:
     first = _mean_direction(normal, most, alike[most])
     upright = (np.abs(first @ normal) < UPRIGHT).astype(np.float32)
     others = (alike @ upright) * upright
-    if others.max() > LEAST_SHARE * len(alike):
-        second = _mean_direction(normal, others.argmax(), alike[others.argmax()] * upright)
+    most = others.argmax()
+    if others[most] > LEAST_SHARE * len(alike):
+        second = _mean_direction(normal, most, alike[most] * upright)
     else:
         second = np.array([1.0, 0.0, 0.0]) if abs(first[0]) < PARALLEL else np.array([0.0, 0.0, 1.0])
     second = second - (second * first).sum() * first
     second /= np.sqrt((second * second).sum())
     # numpy's own product of vectors takes ten times as long
-    x, y = [1, 2, 0], [2, 0, 1]
-    return np.stack([first, second, first[x] * second[y] - first[y] * second[x]])
+    (a, b, c), (d, e, f) = first, second
+    return np.array([first, second, [b * f - c * e, c * d - a * f, a * e - b * d]])
 
 
 def _mean_direction(normal: Float, most: np.intp, alike: Float32) -> Float:

@@ -11,9 +11,18 @@ import numpy as np
 
 from cadtof_cli.arrays import Bool, Float
 from cadtof_cli.records import dataclass
+from cadtof_cli.resolver.diffuse.even_paths import View, are_even
+from cadtof_cli.resolver.diffuse.grid import PatchGrid
 from cadtof_cli.resolver.diffuse.light import PatchMeans
 from cadtof_cli.resolver.diffuse.quantiles import median
-from cadtof_cli.resolver.diffuse.second_paths import PatchData, are_two_paths, median_of_noise
+from cadtof_cli.resolver.diffuse.second_paths import (
+    PatchData,
+    SecondPaths,
+    foretelling,
+    foretells,
+    has_one_share,
+    median_of_noise,
+)
 from cadtof_cli.resolver.diffuse.settings import DiffuseSettings
 from cadtof_cli.resolver.two_path.kernel import NUMPY
 
@@ -110,15 +119,21 @@ class DiffuseChoice:
 
 
 def patch_kinds(
-    means: PatchMeans, variances: Float, /, *, sampled: int, settings: DiffuseSettings, kernel: str = NUMPY
+    means: PatchMeans,
+    variances: Float,
+    /,
+    *,
+    grid: PatchGrid,
+    settings: DiffuseSettings,
+    kernel: str = NUMPY,
 ) -> PatchKinds:
-    """Look at the mean light of every patch; `variances` are those of a channel of each harmonic.
+    """Look at the mean light of every patch of a grid; `variances` are those of a channel of each harmonic.
 
     With `settings.model` `diffuse`, nothing but too little light speaks against a tail. `kernel` is of `available_kernels`.
     """
     sigma = float(np.sqrt(variances[0]))
     # enough of a patch's pixels are lit enough
-    lit: Bool = (means.amplitude > SEEN_SNR * sigma) & (means.pixels > SEEN_SHARE * sampled)
+    lit: Bool = (means.amplitude > SEEN_SNR * sigma) & (means.pixels > SEEN_SHARE * grid.place.shape[1])
     if lit.sum() < LEAST_PATCHES:
         return PatchKinds(lit, np.zeros_like(lit), 0.0, "few patches with light")
     misfits = misfits_without_mpi(means, lit, variances, harmonics=settings.harmonics)
@@ -134,10 +149,22 @@ def patch_kinds(
     elif misfit < LEAST_MISFIT or _is_noise_in_half(misfits):
         reason = "no MPI to be seen"
     elif are_two_paths(
-        PatchData.of(means, lit, variances, settings.harmonics), rad_per_ns=settings.rad_per_ns, kernel=kernel
+        PatchData.of(means, lit, variances, settings.harmonics),
+        View(grid.even[lit], lit, settings.rad_per_ns),
+        kernel=kernel,
     ):
         reason = "separate paths"
     return PatchKinds(lit, separate, share, reason, likely)
+
+
+def are_two_paths(data: PatchData, view: View, /, *, kernel: str = NUMPY) -> bool:
+    """Return whether patches have two true paths each: of one share, or as further harmonics tell, or else evenness."""
+    with np.errstate(all="ignore"):
+        # of one path alone, the other has no delay
+        found = SecondPaths.of(data, kernel=kernel)
+        if has_one_share(found, rad_per_ns=view.rad_per_ns):
+            return True
+        return foretells(found, data) if foretelling(data) else are_even(found, data, view)
 
 
 def tail_fits(chi_squared: Float, data: int, /) -> bool:

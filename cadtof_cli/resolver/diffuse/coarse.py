@@ -12,7 +12,7 @@ from cadtof_cli.resolver.diffuse.noise import Entry
 from cadtof_cli.resolver.diffuse.patch_fit import PatchFit
 from cadtof_cli.resolver.diffuse.prior import MEAN, WITHIN_PATCH
 from cadtof_cli.resolver.diffuse.quantiles import median
-from cadtof_cli.resolver.diffuse.tail import residuals
+from cadtof_cli.resolver.diffuse.tail import phase_data, residuals, wrapped
 from cadtof_cli.resolver.diffuse.walls import over_neighbours
 
 BESIDE_MORE = 0.3
@@ -142,7 +142,9 @@ def coarse_planes(
     `leaning` is what two harmonics miss in such views, None with more of them.
     """
     values, count = fit.posterior.copy(), len(fit.posterior)
-    entries = needed_entries(count - 2)
+    entries, phases = needed_entries(count - 2), phase_data(count - 2)
+    # a turn more of one patch would be a phase of another direction half the way to the next
+    values[phases] = wrapped(values[phases])
     further = (count - 2) // 2
     more = min(further, 2) - 1
     lag = values[-1].copy()

@@ -117,7 +117,7 @@ def view_numbers(
         return None
     ordered = np.sort(surfaces.range_m)
     nearest, farthest = (float(ordered[int(share * (ordered.size - 1))]) for share in (NEAREST, FARTHEST))
-    among = (surfaces.normal[:, None] * surfaces.normal).mean(axis=2)
+    among = surfaces.normal @ surfaces.normal.T / ordered.size
     return ViewNumbers(
         near=float(np.log(nearest)),
         contrast=float(np.log(contrast)),

@@ -14,7 +14,7 @@ from cadtof_cli.resolver.diffuse.compiled_fit import MOST_HARMONICS
 from cadtof_cli.resolver.diffuse.elementary import phase_of
 from cadtof_cli.resolver.diffuse.grid import PatchGrid
 from cadtof_cli.resolver.settings import ResolverSettings
-from cadtof_cli.resolver.two_path.kernel import NUMPY, STORED_TYPES, extension
+from cadtof_cli.resolver.two_path.kernel import NUMPY, STORED_TYPES, extension, saturation
 
 LARGEST_AMPLITUDE = 1e3
 """Largest |p_h| of light, whose phasors are 1 at most: what lies beyond is damage, and would drown a patch."""
@@ -77,19 +77,20 @@ class Look:
         settings: ResolverSettings,
         noise: NoiseModel,
         phasor_map: PhasorMap,
-        saturated: tuple[float, float],
+        saturated_counts: tuple[float, float] | None,
         hot: Bool | None,
         /,
-    ) -> "Look":
-        """Return what a frame with that noise is looked at with."""
+        *,
+        stored: np.dtype[np.generic],
+        kernel: str,
+    ) -> "Look | None":
+        """Return what a kernel looks at a frame with that noise and type with; None where only numpy can look at it."""
+        if kernel == NUMPY or stored not in STORED_TYPES[:-1] or len(noise.each) > MOST_HARMONICS:
+            return None
+        saturated = saturation(saturated_counts, stored)
         least, variances = settings.min_confidence, tuple(one.dark_variance for one in noise.each)
         power = chi_squared_threshold(settings.false_alarm, pairs=len(noise.each)) if least is None else 0.0
         return cls(phasor_map, saturated, power, least or 0.0, variances, noise.harmonics, hot, noise.samples)
-
-
-def compiled_looks(stored: np.dtype[np.generic], harmonics: int, kernel: str, /) -> bool:
-    """Return whether the kernel of that name can look at stored values of a type, of so many harmonics."""
-    return kernel != NUMPY and stored in STORED_TYPES[:-1] and harmonics <= MOST_HARMONICS
 
 
 def is_light(phasors: Complex | Complex64, /) -> Bool:

@@ -56,14 +56,15 @@ def diffuse_pixels(
     if compiled_fits(len(model.settings.harmonics), kernel):
         return _by_kernel(phasors, tail, usable, samples, kernel)
     with np.errstate(over="ignore"):
-        square = phasors.real**2 + phasors.imag**2
+        re, im = phasors.real.astype(np.float32), phasors.imag.astype(np.float32)
+        square = re * re + im * im
     answered = usable & (square < LARGEST_AMPLITUDE**2).all(axis=0) & (square[0] > 0.0)
     if model.separate.any():
         answered &= ~model.is_separate(pixels)
     every = bool(answered.all())
     if not every:
-        phasors, square = np.where(answered, phasors, 1.0), np.where(answered, square, 1.0)
-    seen = _pixel_data(phasors, square, model, samples)
+        re, im, square = (np.where(answered, part, np.float32(one)) for part, one in ((re, 1), (im, 0), (square, 1)))
+    seen = _pixel_data(phase_of(re, im), square, model, samples)
     planes = model.upsampler.joint(pixels, _first_range(seen.phase_rad, model, pixels))
     count = model.coarse.data
     means, entries = planes[: count + 2], dict(zip(model.coarse.entries, planes[count + 2 :], strict=False))
@@ -133,20 +134,20 @@ def _mpi(
     )
 
 
-def _pixel_data(phasors: Complex, square: Float, model: DiffuseModel, samples: Float | None) -> PixelData:
-    """Return what phasors (H, n) and their squared amplitudes say of the tail."""
-    variances = [v if samples is None else v / samples for v in model.variances]
-    phases = [phase_of(p.real.astype(np.float32), p.imag.astype(np.float32)) for p in phasors]
-    first = np.maximum(square[0], LEAST_AMPLITUDE**2 * variances[0])
-    relative = [(variances[0] / first).astype(np.float32)]
-    count = len(phasors) - 1
+def _pixel_data(phases: Float32, square: Float32, model: DiffuseModel, samples: Float | None) -> PixelData:
+    """Return what the phases and squared amplitudes of phasors, (H, n), say of the tail."""
+    over = 1.0 if samples is None else samples
+    variances = [np.asarray(variance / over, np.float32) for variance in model.variances]
+    first = np.maximum(square[0], np.float32(LEAST_AMPLITUDE**2) * variances[0])
+    relative = [variances[0] / first]
+    count = len(phases) - 1
     data = np.empty((2 * count, first.size), np.float32)
     for i, h in enumerate(model.settings.harmonics[1:]):
-        further = np.maximum(square[i + 1], LEAST_HARMONIC**2 * variances[i + 1])
-        data[i] = 0.5 * logarithm((further / first).astype(np.float32))
+        further = np.maximum(square[i + 1], np.float32(LEAST_HARMONIC**2) * variances[i + 1])
+        data[i] = np.float32(0.5) * logarithm(further / first)
         data[count + i] = phases[i + 1] - np.float32(h) * phases[0]
-        relative.append((variances[i + 1] / further).astype(np.float32))
-    return PixelData(np.sqrt(square[0]).astype(np.float32), phases[0], data, relative)
+        relative.append(variances[i + 1] / further)
+    return PixelData(np.sqrt(square[0]), phases[0], data, relative)
 
 
 def _first_range(phase_rad: Float32, model: DiffuseModel, pixels: slice) -> Float32:

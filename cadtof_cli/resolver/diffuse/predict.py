@@ -124,19 +124,16 @@ def _model(
     two_path_rad = two_path_lag(ratios[0], kernel=frame.kernel)
     leaning = None
     if len(ratios) == 1:
-        lag_rad, two_rad = fit.posterior[-1, heard], two_path_rad[heard]
         view = view_numbers(
             fit.room,
             seen if through is None else seen[heard],
             amplitude[heard],
-            lag_rad=lag_rad,
+            lag_rad=fit.posterior[-1, heard],
             seen_rad=beside.seen_rad[heard],
-            two_path_rad=two_rad,
+            two_path_rad=two_path_rad[heard],
         )
-        leaning = Leaning(
-            0.0 if view is None else missed_share(view),
-            left_rad(lag_rad, two_rad, rad_per_ns=frame.settings.rad_per_ns),
-        )
+        left = left_rad(fit.posterior[-1, heard], two_path_rad[heard], rad_per_ns=frame.settings.rad_per_ns)
+        leaning = Leaning(0.0 if view is None else missed_share(view), left)
     coarse = coarse_planes(fit, posterior, beside, valid, leaning).if_likely(kinds.mpi_probability)
     covered = 0 if through is None else int(through.found.sum())
     gap = (coarse.planes[coarse.data + 1][valid] - two_path_rad)[heard]
@@ -161,13 +158,11 @@ def _seen_through(
     Where patches that were not `heard`, (n,), are taken for what is near, it gets the tail that is typical of them, and what is
     behind that of the others; else both get that of the frame.
     """
-    lag = np.zeros(valid.shape)
-    lag[valid] = fit.posterior[-1]
     far = typical_tail(fit.posterior if heard is None else fit.posterior[:, heard], frame.settings.harmonics)
     near = far if heard is None else typical_tail(fit.posterior[:, ~heard], frame.settings.harmonics)
     return seen_through(
         phasors,
-        range_from_phase(np.angle(phasors[0]) - lag, frame.settings),
+        fit.posterior[-1],
         valid,
         Tails(near, far, frame.settings.harmonics),
         grid=frame.grid,

@@ -70,14 +70,15 @@ def interreflections(
     open_share = np.minimum(np.maximum(1.0 - faced, 0.0), 1.0)
     albedo = _relative_albedo(seen, amplitude, len(beyond.range_m))
     matrix, turn = _kernel(form, albedo, phase_rad, kernel)
-    bounces, power = [], 1
-    for h in harmonics:
+    light, power = np.empty((3, len(harmonics), count), np.complex128), 1
+    for row, h in enumerate(harmonics):
         for _ in range(power, h):
             matrix *= turn
         power = h
         arrival = _direct_light(both, h * rad_per_m)
-        bounces.append(np.array(_bounces(matrix, arrival, count))[:, :count] / arrival[:count])
-    second, outside, later = np.stack(bounces, axis=1)
+        for bounce, onto in zip(light, _bounces(matrix, arrival, count), strict=True):
+            np.divide(onto[:count], arrival[:count], out=bounce[row])
+    second, outside, later = light
     return Interreflections(second, outside, later, seen.cosine / seen.range_m**2, open_share)
 
 
@@ -142,7 +143,7 @@ def _relative_albedo(seen: Surfaces, amplitude: Float, beyond: int) -> Float32:
     least, largest = ALBEDO_RANGE
     albedo = np.minimum(np.maximum(albedo / median(albedo), least), largest)
     albedo *= seen.area_m2.sum() / (albedo * seen.area_m2).sum()
-    return np.append(albedo, np.ones(beyond)).astype(np.float32)
+    return np.concatenate([albedo, np.ones(beyond)], dtype=np.float32)
 
 
 def _form_factors(onto: Surfaces, sources: Surfaces, rad_per_m: float, kernel: str) -> tuple[Float32, Float32]:
@@ -192,9 +193,9 @@ def _inner_products(first: Float32, second: Float32) -> Float32:
 
 def _joined(first: Surfaces, second: Surfaces) -> Surfaces:
     return Surfaces(
-        np.append(first.range_m, second.range_m),
-        np.append(first.normal, second.normal, axis=1),
-        np.append(first.ray, second.ray, axis=1),
-        np.append(first.cosine, second.cosine),
-        np.append(first.area_m2, second.area_m2),
+        np.concatenate([first.range_m, second.range_m]),
+        np.concatenate([first.normal, second.normal], axis=1),
+        np.concatenate([first.ray, second.ray], axis=1),
+        np.concatenate([first.cosine, second.cosine]),
+        np.concatenate([first.area_m2, second.area_m2]),
     )

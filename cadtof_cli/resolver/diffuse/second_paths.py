@@ -4,11 +4,12 @@ A second path that comes by a mirror, a pane or the lens has the same share of t
 In a room, both follow from where a surface lies. And two paths foretell a third harmonic, which those of a tail miss.
 """
 
-from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from cadtof_cli.arrays import Bool, Complex, Float
+from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.diffuse.light import PatchMeans
 from cadtof_cli.resolver.diffuse.noise import noise_covariance
 from cadtof_cli.resolver.diffuse.quantiles import median, quantiles
@@ -71,57 +72,78 @@ class PatchData:
 class SecondPaths:
     """The weaker paths of n patches: ln of their amplitude over the stronger ones', and how much later they come, rad, (n,) each.
 
-    `slopes`, (2, 2, n), says how ln|q_2| and arg q_2 follow from the two.
+    `by_data`, (2, 2, n), says how both follow from ln|q_2| and arg q_2; `noise`, (2, n), are their variances by noise.
     """
 
     strength: Float
     later_rad: Float
-    slopes: Float
+    by_data: Float
+    noise: Float
 
     @classmethod
-    def of(cls, ratio: Complex, /, *, kernel: str = NUMPY) -> "SecondPaths":
+    def of(cls, data: PatchData, /, *, kernel: str = NUMPY) -> "SecondPaths":
         """Return those that q_2, (n,), is of; `kernel` is of `available_kernels`, all of which give the same bits."""
+        ratio = data.ratios[0]
         paths = decomposed(np.ones_like(ratio), ratio, kernel=kernel)
-        x, y = paths.phases()
-        strength = -np.abs(np.log(paths.a / paths.b))
-        later: Float = wrapped(np.where(paths.a >= paths.b, y - x, x - y))
-        return cls(strength, later, _of_two_paths(strength, later, 2)[1])
+        share = np.minimum(paths.a, paths.b) / np.maximum(paths.a, paths.b)
+        half = np.arctan2(np.where(paths.a >= paths.b, -paths.sin_half, paths.sin_half), paths.cos_half)
+        later = wrapped(2.0 * half)
+        slopes = of_two_paths(share, later, 2)[1]
+        slopes[:, 0] *= share
+        by_data = _inverse(slopes)
+        return cls(np.log(share), later, by_data, (by_data**2 * data.noise(0, 0)).sum(axis=1))
+
+    @cached_property
+    def known(self) -> Bool:
+        """Return whose share is known well enough to tell how shares scatter, (n,); none where they are too few for that."""
+        known: Bool = self.noise[0] < WELL_KNOWN**2
+        return known & (np.count_nonzero(known) >= LEAST_KNOWN)
+
+    @cached_property
+    def strength_scatter(self) -> "Scatter":
+        """Return how ln of the share scatters between the patches that know it."""
+        return Scatter.of(self.strength[self.known], self.noise[0, self.known])
+
+    @cached_property
+    def delay_scatter(self) -> "Scatter":
+        """Return how delays scatter between them, rad."""
+        return Scatter.of(self.later_rad[self.known], self.noise[1, self.known])
 
 
-def are_two_paths(data: PatchData, /, *, rad_per_ns: float, kernel: str = NUMPY) -> bool:
-    """Return whether patches have two true paths each; ω of the fundamental is given in rad/ns."""
-    with np.errstate(all="ignore"):
-        # of one path alone, the other has no delay
-        found = SecondPaths.of(data.ratios[0], kernel=kernel)
-        return has_one_share(found, data, rad_per_ns=rad_per_ns) or foretells(found, data)
+@dataclass(frozen=True)
+class Scatter:
+    """The variance of numbers besides that of their noise: at the least and at the most, with certainty."""
+
+    least: float
+    most: float
+
+    @classmethod
+    def of(cls, values: Float, noise: Float, /) -> "Scatter":
+        """Return that of values, (n,), of which noise has the given variances, (n,)."""
+        low, high = quantiles(values, (0.25, 0.75))
+        variance, by_noise = float((high - low) / QUARTILES) ** 2, float(median(noise))
+        unsure = CERTAINTY * UNSURE / float(np.sqrt(values.size))
+        return cls(max(variance - (1.0 + unsure) * by_noise, 0.0), max(variance - by_noise, 0.0) + unsure * by_noise)
 
 
-def has_one_share(found: SecondPaths, data: PatchData, /, *, rad_per_ns: float) -> bool:
+def has_one_share(found: SecondPaths, /, *, rad_per_ns: float) -> bool:
     """Return whether second paths have the same share of the light at different delays."""
-    by_data = _inverse(found.slopes)
-    strength_noise, delay_noise = (by_data**2 * data.noise(0, 0)).sum(axis=1)
-    known = strength_noise < WELL_KNOWN**2
-    count = int(known.sum())
-    if count < LEAST_KNOWN:
+    if not found.known.any():
         return False
-    strength, delay = (_variance(values[known]) for values in (found.strength, found.later_rad))
-    by_noise, delay_by_noise = (float(median(values[known])) for values in (strength_noise, delay_noise))
-    unsure = CERTAINTY * UNSURE / float(np.sqrt(count))
-    most = max(strength - by_noise, 0.0) + unsure * by_noise
-    least = delay - (1.0 + unsure) * delay_by_noise
-    return most * rad_per_ns**2 < SAME_PER_NS**2 * least
+    return found.strength_scatter.most * rad_per_ns**2 < SAME_PER_NS**2 * found.delay_scatter.least
+
+
+def foretelling(data: PatchData, /) -> bool:
+    """Return whether there are further harmonics, and so much of MPI is seen that they tell two paths from a tail."""
+    first, second = data.relative[:2]
+    seen = np.abs(data.ratios[0] - 1.0) / np.sqrt(2.5 * first + second)
+    return len(data.ratios) > 1 and float(median(seen)) >= FORETOLD_SNR
 
 
 def foretells(found: SecondPaths, data: PatchData, /) -> bool:
-    """Return whether the second paths say, but for noise, what q_h of further harmonics is, where MPI is well seen."""
-    first, second = data.relative[:2]
-    seen = np.abs(data.ratios[0] - 1.0) / np.sqrt(2.5 * first + second)
-    further = len(data.ratios) - 1
-    if not further or float(median(seen)) < FORETOLD_SNR:
-        return False
-    by_data = _inverse(found.slopes)
-    chi_squared = sum(_missed(found, by_data, data, row) for row in range(1, further + 1))
-    return float(median(np.asarray(chi_squared))) < FORETOLD * median_of_noise(2 * further)
+    """Return whether the second paths say, but for noise, what q_h of further harmonics is."""
+    chi_squared = sum(_missed(found, data, row) for row in range(1, len(data.ratios)))
+    return float(median(np.asarray(chi_squared))) < FORETOLD * median_of_noise(2 * len(data.ratios) - 2)
 
 
 def median_of_noise(numbers: int, /) -> float:
@@ -129,12 +151,14 @@ def median_of_noise(numbers: int, /) -> float:
     return numbers * (1.0 - 2.0 / (9.0 * numbers)) ** 3
 
 
-def _missed(found: SecondPaths, by_data: Float, data: PatchData, row: int) -> Float:
+def _missed(found: SecondPaths, data: PatchData, row: int) -> Float:
     """Return χ², (n,), of what the ratios in a row differ by from what the second paths make of them."""
-    expected, slopes = _of_two_paths(found.strength, found.later_rad, data.harmonics[row + 1])
+    share = np.exp(found.strength)
+    expected, slopes = of_two_paths(share, found.later_rad, data.harmonics[row + 1])
+    slopes[:, 0] *= share
     ratio = data.ratios[row]
     off = np.stack([np.log(np.abs(ratio)) - expected[0], wrapped(np.angle(ratio) - expected[1])])
-    follows = np.einsum("ikn,kjn->ijn", slopes, by_data)
+    follows = np.einsum("ikn,kjn->ijn", slopes, found.by_data)
     shared = follows * data.noise(row, 0)
     covariance = np.einsum("ikn,kn,jkn->ijn", follows, data.noise(0, 0), follows) - shared - shared.swapaxes(0, 1)
     covariance[(0, 1), (0, 1)] += data.noise(row, row)
@@ -142,16 +166,23 @@ def _missed(found: SecondPaths, by_data: Float, data: PatchData, row: int) -> Fl
     return missed
 
 
-def _of_two_paths(strength: Float, later_rad: Float, h: int) -> tuple[Float, Float]:
-    """Return ln|q_h| and arg q_h of two paths, (2, n), and their slopes along both of these, (2, 2, n)."""
-    share = np.exp(strength)
-    first, further = (share * np.exp(1j * k * later_rad) for k in (1, h))
-    slopes = np.empty((2, 2, strength.size))
-    for column, (turn, more) in enumerate(((1.0, 1.0), (1j, 1j * h))):
-        of_first, of_further = turn * first / (1.0 + first), more * further / (1.0 + further)
-        slopes[0, column], slopes[1, column] = of_further.real - of_first.real, of_further.imag - h * of_first.imag
-    one, other = np.log(1.0 + first), np.log(1.0 + further)
-    return np.stack([other.real - one.real, other.imag - h * one.imag]), slopes
+def of_two_paths(share: Float, later_rad: Float, h: int, /) -> tuple[Float, Float]:
+    """Return ln|q_h| and arg q_h of two paths, (2, n), and their slopes along the second's share and delay, (2, 2, n)."""
+    found, slopes = np.zeros((2, share.size)), np.zeros((2, 2, share.size))
+    for k, of_size, of_phase in ((1, -1.0, -float(h)), (h, 1.0, 1.0)):
+        turn = k * later_rad
+        cos, sin = np.cos(turn), np.sin(turn)
+        re, im = 1.0 + share * cos, share * sin
+        square = re * re + im * im
+        # exp(ikθ) over 1 + share·exp(ikθ)
+        along, across, by_delay = (cos + share) / square, sin / square, share * k
+        found[0] += of_size * 0.5 * np.log(square)
+        found[1] += of_phase * np.arctan2(im, re)
+        slopes[0, 0] += of_size * along
+        slopes[1, 0] += of_phase * across
+        slopes[0, 1] -= of_size * by_delay * across
+        slopes[1, 1] += of_phase * by_delay * along
+    return found, slopes
 
 
 def _inverse(matrices: Float) -> Float:
@@ -159,9 +190,3 @@ def _inverse(matrices: Float) -> Float:
     (a, b), (c, d) = matrices
     inverse: Float = np.array([[d, -b], [-c, a]]) / (a * d - b * c)
     return inverse
-
-
-def _variance(values: Float) -> float:
-    """Return the variance that the quartiles of normal numbers tell."""
-    low, high = quantiles(values, (0.25, 0.75))
-    return float((high - low) / QUARTILES) ** 2

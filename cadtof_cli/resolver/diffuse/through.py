@@ -135,7 +135,7 @@ def _at_harmonics(path: tuple[Float, Float, Float], harmonics: tuple[int, ...]) 
 
 def seen_through(
     phasors: Complex,
-    range_m: Float,
+    lag_rad: Float,
     valid: Bool,
     tails: Tails,
     /,
@@ -148,7 +148,7 @@ def seen_through(
 
     Args:
         phasors: of the patches, (H, rows, columns).
-        range_m: of their surfaces where a tail is all their MPI, (rows, columns).
+        lag_rad: of those that count, (n,), where a tail is all their MPI.
         valid: patches that count, (rows, columns).
         tails: those that are typical of what is near, and of what may lie behind it.
         grid: where the patches lie.
@@ -161,10 +161,12 @@ def seen_through(
     two &= (apart_ns > APART_NS[0]) & (apart_ns < APART_NS[1])
     if not _side_by_side(two):
         return None
+    phase_rad = np.angle(phasors[0])
+    phase_rad[valid] -= lag_rad
+    range_m = range_from_phase(phase_rad, settings)
     near_m = range_from_phase(paths.near_rad, settings)
     far_m = near_m + paths.later_rad * settings.m_per_rad
-    seen = _Walls.of(range_m, np.abs(phasors[0] / tails.far[0]), valid & ~two, grid)
-    wall, missed = seen.nearest(far_m)
+    wall, missed = _nearest_wall(far_m, range_m, np.abs(phasors[0] / tails.far[0]), valid & ~two, grid)
     with np.errstate(invalid="ignore"):
         left = paths.far_amplitude / wall
     found = np.zeros_like(two)
@@ -173,12 +175,12 @@ def seen_through(
     if not found.any():
         return None
     off_rad = float(np.median(missed[found])) / settings.m_per_rad
-    lag_rad = float(np.angle(tails.far[0]))
+    typical_rad = float(np.angle(tails.far[0]))
     more = valid & (paths.near_share > NEAR_SHARE) & (paths.near_share < 1.0 - BESIDE_SHARE) & (apart_ns > APART_NS[0])
     found = _grown(found, more, near_m)
     if found.sum() > LARGEST_COVER * valid.sum():
         return None
-    variance = (OFF_SHARE * off_rad) ** 2 + (LAG_SHARE * lag_rad) ** 2
+    variance = (OFF_SHARE * off_rad) ** 2 + (LAG_SHARE * typical_rad) ** 2
     return SeenThrough(found, _with_surroundings(near_m, found), tails, variance)
 
 
@@ -199,30 +201,24 @@ def _grown(found: Bool, more: Bool, near_m: Float) -> Bool:
         found = grown
 
 
-@dataclass(frozen=True, eq=False)
-class _Walls:
-    """Walls by their ranges, (n, rows, columns), and the amplitude of their direct light where they are seen freely, (n,)."""
+def _nearest_wall(far_m: Float, range_m: Float, amplitude: Float, among: Bool, grid: PatchGrid) -> tuple[Float, Float]:
+    """Return how bright the wall nearest to each range `far_m` is where it is seen freely, by `among`, and how far it is off.
 
-    range_m: Float
-    amplitude: Float
-
-    @classmethod
-    def of(cls, range_m: Float, amplitude: Float, among: Bool, grid: PatchGrid, /) -> "_Walls":
-        """Return the walls that the patches `among` see."""
-        walls = walls_behind(range_m, among, grid)
-        on_wall = among & (np.abs(walls - range_m) < ON_PLANE * range_m)
-        return cls(walls, np.array([median(amplitude[these]) if these.any() else np.inf for these in on_wall]))
-
-    def nearest(self, range_m: Float, /) -> tuple[Float, Float]:
-        """Return the amplitude of the wall nearest to these ranges, (rows, columns), and how far that is from them."""
-        if not self.amplitude.size:
-            return np.full(range_m.shape, np.inf), np.full(range_m.shape, np.inf)
-        off = np.abs(self.range_m - range_m)
-        return self.amplitude[off.argmin(axis=0)], off.min(axis=0)
+    All are (rows, columns); infinite where the patches `among` see no wall.
+    """
+    walls = walls_behind(range_m, among, grid)
+    if not len(walls):
+        return np.full(far_m.shape, np.inf), np.full(far_m.shape, np.inf)
+    on_wall = among & (np.abs(walls - range_m) < ON_PLANE * range_m)
+    bright = np.array([median(amplitude[these]) if these.any() else np.inf for these in on_wall])
+    off = np.abs(walls - far_m)
+    return bright[off.argmin(axis=0)], off.min(axis=0)
 
 
 def _side_by_side(patches: Bool) -> list[tuple[Index, ...]]:
     """Return (rows, columns) of those of the patches that lie side by side, corners included, with enough others, by group."""
+    if np.count_nonzero(patches) < LEAST_PATCHES:
+        return []
     waiting = {(int(row), int(column)) for row, column in np.argwhere(patches)}
     groups = []
     while waiting:

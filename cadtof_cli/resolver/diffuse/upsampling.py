@@ -75,11 +75,11 @@ class Upsampler:
             weights = self._weights(band, range_m[band.pixels].reshape(band.shape))
             *others, last = self._corners(self.planes, band)
             # the last patch's planes and what the others differ by: fewer passes over many planes than four products
-            total = (others[0] - last) * weights[0]
+            total = np.multiply(others[0] - last, weights[0], out=found[:, band.pixels].reshape(-1, *band.shape))
             term = np.empty_like(total)
             for weight, values in zip(weights[1:], others[1:], strict=True):
                 total += np.multiply(values - last, weight, out=term)
-            found[:, band.pixels] = np.add(total, last, out=total).reshape(len(found), -1)
+            total += last
         return found
 
     def bands(self, pixels: slice, /) -> tuple[Band, ...]:
@@ -90,23 +90,20 @@ class Upsampler:
         """Return which row of `planes` lies above (or at) the middle of a row of pixels."""
         return _above(row, self.grid.side)
 
-    def _weights(self, band: Band, range_m: Float32) -> list[Float32]:
-        """Return the shares of the upper left, upper right and lower left patch, (rows, columns) each; the rest is the last's."""
+    def _weights(self, band: Band, range_m: Float32) -> Float32:
+        """Return the shares of the upper left, upper right and lower left patch, (3, rows, columns); the rest is the last's."""
         down, right = self._shares(band)
-        scale = 1.0 / (np.float32(SAME_SURFACE) * range_m)
-        weights: list[Float32] = [
-            v * u + np.float32(EVEN_WEIGHT) for v in (1.0 - down, down) for u in (1.0 - right, right)
-        ]
-        for weight, there in zip(weights, self._corners(self.range_m, band), strict=True):
-            # in place, step by step: an array for each result takes longer than its arithmetic
-            apart = there - range_m
-            apart *= scale
-            apart *= apart
-            apart += 1.0
-            apart *= apart
-            weight /= apart
-        share = 1.0 / (weights[0] + weights[1] + weights[2] + weights[3])
-        return [weight * share for weight in weights[:3]]
+        near = np.array([1.0 - down, down])[:, None] * np.array([1.0 - right, right])[:, None]
+        near += np.float32(EVEN_WEIGHT)
+        weights: Float32 = near.reshape(4, *band.shape)
+        apart = np.array(self._corners(self.range_m, band)) - range_m
+        apart *= 1.0 / (np.float32(SAME_SURFACE) * range_m)
+        apart *= apart
+        apart += 1.0
+        apart *= apart
+        weights /= apart
+        weights[:3] *= 1.0 / (weights[0] + weights[1] + weights[2] + weights[3])
+        return weights[:3]
 
     def _shares(self, band: Band) -> tuple[Float32, Float32]:
         """Return how far the pixels lie on the way from the upper to the lower patch, (rows, 1), and to the right one."""

@@ -33,12 +33,6 @@ class Planes:
     im: Float
     weights: Float
 
-    @property
-    def fits(self) -> bool:
-        """Whether there is room for them."""
-        known = 0 < len(self.harmonics) <= MOST_ROWS and max(self.harmonics) <= MOST_HARMONIC
-        return known and 0 < self.paths <= MOST_PATHS
-
 
 @dataclass(frozen=True)
 class Minimum:
@@ -51,8 +45,10 @@ class Minimum:
     steps: Index
 
 
-def compiled_search() -> ModuleType | None:
-    """Return the extension module, or None where it was not built."""
+def compiled_search(harmonics: tuple[int, ...], /, *, paths: int) -> ModuleType | None:
+    """Return the extension module; None where it was not built, or has no room for so many paths of these harmonics."""
+    if not (0 < len(harmonics) <= MOST_ROWS and max(harmonics) <= MOST_HARMONIC and 0 < paths <= MOST_PATHS):
+        return None
     try:
         from cadtof_cli.resolver.likelihood import _search
     except ImportError:
@@ -72,8 +68,8 @@ def compiled_ends(
     kernel: str,
 ) -> Minimum | None:
     """Minimise n problems from their starts, (P, n); None where numpy has to. See `LevenbergMarquardt` for the options."""
-    compiled = compiled_search()
-    if compiled is None or not planes.fits:
+    compiled = compiled_search(planes.harmonics, paths=planes.paths)
+    if compiled is None:
         return None
     count, size = starts.shape[1], 2 * planes.paths
     ends = Minimum(
@@ -107,8 +103,9 @@ def compiled_weights(points: Float, /, *, harmonics: tuple[int, ...], noise: Flo
 
     `noise`, (N, 3), is level, double and averaging of each harmonic (`HarmonicNoise.covariance_terms`).
     """
-    compiled, paths = compiled_search(), len(points) // 3
-    if compiled is None or not Planes(WEIGHTED, paths, harmonics, points, points, points).fits:
+    paths = len(points) // 3
+    compiled = compiled_search(harmonics, paths=paths)
+    if compiled is None:
         return None
     weights = np.empty((3, len(harmonics), points.shape[1]))
     compiled.weigh(kernel, paths, np.array(harmonics, np.int64), noise, np.ascontiguousarray(points), weights)
@@ -134,14 +131,16 @@ class Scanned:
         return cls(np.empty(count, np.intp), np.empty(count, np.intp), np.empty(count), np.empty(count))
 
 
-def compiled_scan(factors: Float, lags: Float, re: Float, im: Float, /, *, pairs: bool, kernel: str) -> Scanned | None:
+def compiled_scan(
+    factors: Float, lags: Float, re: Float, im: Float, /, *, harmonics: tuple[int, ...], pairs: bool, kernel: str
+) -> Scanned | None:
     """Scan a grid for phasors in parts, (N, n); None where numpy has to.
 
     `factors`, (places, N, 2), are a harmonic's weight times cosine and sine at each delay; `lags`, (places/2, 3), are
     ρ, −2ρ and 1/(1 − ρ²) of each lag from 1 on.
     """
-    compiled, (places, rows) = compiled_search(), factors.shape[:2]
-    if compiled is None or rows > MOST_ROWS or places > 8 * MOST_HARMONIC:
+    compiled, (places, rows) = compiled_search(harmonics, paths=1 + pairs), factors.shape[:2]
+    if compiled is None:
         return None
     found, planes = Scanned.empty(re.shape[1]), (np.ascontiguousarray(part) for part in (factors, lags, re, im))
     compiled.scan(kernel, rows, places, pairs, *planes, found.first, found.lag, found.peak, found.other)

@@ -29,13 +29,13 @@ class Likelihood:
     def fit(self, count: int, pixels: Bool, /, *, limit: Float | float | None) -> tuple[Index, Fit]:
         """Fit any number of paths (see `Solver`)."""
         chosen: Index = np.flatnonzero(pixels)
-        limits = np.full(chosen.size, np.inf) if limit is None else np.broadcast_to(limit, pixels.shape)[chosen]
-        if limit is not None:
-            more = surely_more_paths(self.measured[chosen], count, limits=limits, noise=self.noise)
-            chosen, limits = chosen[~more], limits[~more]
-        found, misfit = found_paths(self.measured[chosen], count, noise=self.noise[chosen])
-        if limit is not None:
-            maybe = np.flatnonzero(misfit <= SURELY_MORE * limits)
+        if limit is None:
+            found, _ = found_paths(self.measured[chosen], count, noise=self.noise[chosen])
+        else:
+            most = np.broadcast_to(SURELY_MORE * limit, pixels.shape)
+            chosen = chosen[~surely_more_paths(self.measured[chosen], count, most=most[chosen], noise=self.noise)]
+            found, misfit = found_paths(self.measured[chosen], count, noise=self.noise[chosen])
+            maybe = np.flatnonzero(misfit <= most[chosen])
             chosen, found = chosen[maybe], found[maybe]
         return chosen, most_likely(self.measured[chosen], found, noise=self.noise[chosen]).fit()
 
@@ -48,15 +48,15 @@ def solver(
     return Likelihood(phasors, noise)
 
 
-def surely_more_paths(measured: Measured, count: int, /, *, limits: Float, noise: NoiseModel) -> Bool:
-    """Return where the first two harmonics alone leave more than the limits of one path, without a search.
+def surely_more_paths(measured: Measured, count: int, /, *, most: Float, noise: NoiseModel) -> Bool:
+    """Return where one path leaves more than `most` of the first two harmonics alone, (n,), without a search.
 
     What all harmonics leave is no less than what two do. The fit is that of `one_path` without a step, exact to first order in
     the noise, for which `SURELY_MORE` leaves room.
     """
     if count > 1 or measured.harmonics[:2] != (1, 2):
-        return np.zeros(limits.size, np.bool_)
+        return np.zeros(most.size, np.bool_)
     first, second = (measured.re[row] + 1j * measured.im[row] for row in (0, 1))
     fit = one_path(fundamental_frame(first, second), noise=replace(noise, each=noise.each[:2]), steps=0)
-    more: Bool = fit.chi_squared > SURELY_MORE * limits
+    more: Bool = fit.chi_squared > most
     return more

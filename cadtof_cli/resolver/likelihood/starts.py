@@ -63,10 +63,11 @@ def best_pair(measured: Measured, /, *, weights: Sequence[float]) -> Mixture:
 
 def scanned(measured: Measured, /, *, weights: Sequence[float], pairs: bool, kernel: str | None = None) -> Scanned:
     """Return the path, or the pair, of the grid that explains most; whatever `kernel` runs gives the same bits."""
-    factors, lags = _factors(measured.harmonics, tuple(weights)), _lags(measured.harmonics, tuple(weights))
+    harmonics = measured.harmonics
+    factors, lags = _factors(harmonics, tuple(weights)), _lags(harmonics, tuple(weights))
     kernel = kernel or chosen_kernel()
     if kernel != NUMPY:
-        found = compiled_scan(factors, lags, measured.re, measured.im, pairs=pairs, kernel=kernel)
+        found = compiled_scan(factors, lags, measured.re, measured.im, harmonics=harmonics, pairs=pairs, kernel=kernel)
         if found is not None:
             return found
     found, count = Scanned.empty(measured.re.shape[1]), measured.re.shape[1]

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cadtof_cli.arrays import Float, Index
-from cadtof_cli.resolver.likelihood.compiled import MOST_HARMONIC, MOST_ROWS, compiled_search
+from cadtof_cli.resolver.likelihood.compiled import compiled_search
 from cadtof_cli.resolver.likelihood.levenberg_marquardt import Descent, State
 from cadtof_cli.resolver.likelihood.normal_equations import LEAST_PIVOT
 from cadtof_cli.resolver.paper.equation_9 import EliminatedPath
@@ -106,8 +106,8 @@ def compiled_best_ends(
     kernel: str,
 ) -> Ends | None:
     """Return what `best_ends` does, or None where numpy has to."""
-    compiled, harmonics = compiled_search(), equations.harmonics
-    if compiled is None or not numbers or len(harmonics) > MOST_ROWS or max(harmonics) > MOST_HARMONIC:
+    compiled = compiled_search(equations.harmonics, paths=2)
+    if compiled is None or not numbers:
         return None
     count = places.size
     found = Ends(np.empty((2, count)), np.empty(count), np.empty(count, np.bool_), np.empty(count, np.intp))
@@ -120,7 +120,7 @@ def compiled_best_ends(
         stopping.relative,
         stopping.absolute,
         stopping.first_damping,
-        np.array(harmonics, np.int64),
+        np.array(equations.harmonics, np.int64),
         *(np.stack(parts) for parts in zip(*equations.right, strict=True)),
         np.ascontiguousarray(places),
         found.z,

@@ -151,14 +151,17 @@ INLINE void put_tail(Group *restrict g, const Frame *restrict frame) {
     const double variance = frame->tail->constants->separate_variance;
     if (!g->pairs) EACH_PIXEL g->phase[1][i] = g->sigma[1][i] = NAN;
     g->pairs = 1;
+    int64_t others = 0;
+    EACH_PIXEL others |= !(g->predicted[i] > 0.0);
     for (int path = 0; path < 2; path++) {
+        if (others) EACH_PIXEL g->sigma[path][i] = sqrt(g->sigma[path][i] * g->sigma[path][i] + variance);
         EACH_PIXEL {
-            const double predicted = g->predicted[i], sigma = sqrt(g->sigma[path][i] * g->sigma[path][i] + variance);
+            const double predicted = g->predicted[i];
             const float amplitude = path ? t->mpi[0][i] : t->direct[0][i], phase = path ? t->mpi[1][i] : t->direct[1][i];
             const float deviation = path ? t->mpi[2][i] : t->direct[2][i];
             g->amplitude[path][i] = predicted > 0.0 ? (double)amplitude : g->amplitude[path][i];
             g->phase[path][i] = predicted > 0.0 ? (double)phase : g->phase[path][i];
-            g->sigma[path][i] = predicted > 0.0 ? (double)deviation : sigma;
+            g->sigma[path][i] = predicted > 0.0 ? (double)deviation : g->sigma[path][i];
         }
     }
     EACH_PIXEL g->refusal[i] = g->predicted[i] > 0.0 ? (double)DIFFUSE_MPI : g->refusal[i];
@@ -167,14 +170,15 @@ INLINE void put_tail(Group *restrict g, const Frame *restrict frame) {
 /* Every pixel from `start` up to `stop`. */
 INLINE void resolve_pixels(const Frame *restrict frame, int64_t start, int64_t stop) {
     Group group, *g = &group;
-    const int plain = !frame->tail && !frame->samples && !frame->own, one_scale = !frame->metres && !frame->shift;
+    const int plain = !frame->samples && !frame->own, one_scale = !frame->metres && !frame->shift;
     const double least = least_answered(frame), certain = certain_misfit(frame);
     int64_t ahead = -1; /* where the group begins whose phasors are loaded before its turn */
     memset(g, 0, sizeof group);
     for (int m; start < stop; start += m) {
         m = frame->tail ? in_group(frame->tail, start, stop) : stop - start < GROUP ? (int)(stop - start) : GROUP;
         fetch(frame, start + 2 * GROUP);
-        int answered = m == GROUP && plain && is_sound(frame, start);
+        const int sound = m == GROUP && plain && is_sound(frame, start);
+        int answered = sound && !frame->tail, loaded = 0;
         if (answered) {
             if (ahead != start) {
                 load_sound(g, frame, start);
@@ -185,7 +189,12 @@ INLINE void resolve_pixels(const Frame *restrict frame, int64_t start, int64_t s
         }
         if (!answered) {
             ahead = -1;
-            load(g, frame, start, m);
+            loaded = !(sound && frame->tail);
+            if (loaded) load(g, frame, start, m);
+            else {
+                load_sound(g, frame, start);
+                EACH_PIXEL g->unsound[i] = g->refusal[i] = 0.0;
+            }
             if (!frame->tail) fundamental_frame(g);
             screen(g, frame);
             if (frame->tail) predict(g, frame, start, m);
@@ -217,7 +226,7 @@ INLINE void resolve_pixels(const Frame *restrict frame, int64_t start, int64_t s
         if (answered && g->pairs && !g->ones) clear_impossible(g, frame, 1);
         else clear_impossible(g, frame, 0);
         if (answered && one_scale && !g->cleared) store(g, frame, start, GROUP, 1, 0);
-        else store(g, frame, start, m, 0, !answered);
+        else store(g, frame, start, m, 0, loaded);
     }
 }
 

@@ -3,21 +3,19 @@
 Every way of averaging is linear, so it is known by its weights: the voltage read after n photons is Σ w_i V_m,i.
 """
 
-import itertools
 import math
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 
 from cadtof_cli.arrays import Float
-from cadtof_cli.errors import SettingsError
+from cadtof_cli.errors import SettingsError, require
 from cadtof_cli.records import setting
-from cadtof_cli.simulation.pixel.mix import finite_at_least, require
 
 StageDrive = Literal["dc", "switched"]
 
-STAGE_DRIVES: tuple[StageDrive, ...] = ("dc", "switched")
+STAGE_DRIVES: tuple[StageDrive, ...] = get_args(StageDrive)
 
 BOLTZMANN_J_PER_K = 1.380649e-23
 
@@ -37,7 +35,7 @@ class Capacitors:
 
     def __post_init__(self) -> None:
         require(len(self.values_ff) == 12, "capacitors", f"{len(self.values_ff)} values", "12: C1 to C12 in fF")
-        require(all(finite_at_least(c, 1e-9) for c in self.values_ff), "capacitors", self.values_ff, "all above 0 fF")
+        require(all(1e-9 <= c < math.inf for c in self.values_ff), "capacitors", self.values_ff, "all above 0 fF")
         first, second = ((c[0] + sum(c[1:])) / c[0] for c in self.nodes_ff)
         if abs(first - second) > _SAME_LENGTH * first:
             raise SettingsError(
@@ -78,7 +76,7 @@ class Stages:
     def __post_init__(self) -> None:
         require(self.drive in STAGE_DRIVES, "stages", self.drive, " or ".join(STAGE_DRIVES))
         for name, value in (("F1", self.f1_hz), ("F2", self.f2_hz)):
-            require(finite_at_least(value, 1e-3), name, f"{value:g} Hz", "a frequency above 0")
+            require(1e-3 <= value < math.inf, name, f"{value:g} Hz", "a frequency above 0")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -145,7 +143,8 @@ def cascade_weights(nodes_ff: tuple[float, ...], ticks: list[tuple[int, int]], p
     keep = first / (sampling + first)
     share1 = (sampling + first) / (sampling + first + second)
     share2 = second / (second + third)
-    fall = keep ** np.arange(max((b - a for a, b in _spans(ticks, photons)), default=0), dtype=np.float64)
+    between = np.diff([0, *(before for before, _ in ticks), photons])
+    fall = keep ** np.arange(between.max(), dtype=np.float64)
     weights = np.zeros(photons)
     on_first, on_second, on_third = 0.0, 0.0, 1.0
     stop = photons
@@ -162,8 +161,3 @@ def cascade_weights(nodes_ff: tuple[float, ...], ticks: list[tuple[int, int]], p
             both = on_second + on_third
             on_second, on_third = share2 * both, (1.0 - share2) * both
     return weights
-
-
-def _spans(ticks: list[tuple[int, int]], photons: int) -> list[tuple[int, int]]:
-    edges = [0, *(before for before, _ in ticks), photons]
-    return list(itertools.pairwise(edges))

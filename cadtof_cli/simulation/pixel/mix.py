@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cadtof_cli.arrays import Complex, Float
-from cadtof_cli.errors import SettingsError
+from cadtof_cli.errors import require
 from cadtof_cli.records import setting
 from cadtof_cli.units import C_M_PER_NS, FWHM_PER_SIGMA
 
@@ -14,20 +14,13 @@ MOST_RATIO = 1e12
 """Photons over those of the laser: beyond, rounding is larger than its light."""
 
 
-def require(holds: bool, name: str, found: object, expected: str) -> None:
-    """Raise a SettingsError that names the setting, unless the condition holds."""
-    if not holds:
-        raise SettingsError(f"{name}: found {found}, expected {expected}")
-
-
-def finite_at_least(value: float, least: float) -> bool:
-    """Return whether a setting is a finite number of at least `least`."""
-    return math.isfinite(value) and value >= least
-
-
 def require_ratio(value: float, name: str, found: str) -> None:
     """Raise a SettingsError that names the setting, unless it is a ratio of photons from which voltages can be told."""
-    require(finite_at_least(value, 0) and value <= MOST_RATIO, name, found, f"a ratio from 0 to {MOST_RATIO:g}")
+    require(0 <= value <= MOST_RATIO, name, found, f"a ratio from 0 to {MOST_RATIO:g}")
+
+
+def _countable(counts: Float) -> bool:
+    return bool(np.all((counts >= 0) & np.isfinite(counts)))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,12 +44,12 @@ class PhotonMix:
     jitter_ns: float = 0.0
 
     def __post_init__(self) -> None:
-        require(bool(np.all(np.isfinite(self.photons) & (self.photons >= 0))), "photons", "others", "finite, 0 or more")
-        require(bool(np.all(np.isfinite(self.ambient) & (self.ambient >= 0))), "ambient", "others", "finite, 0 or more")
+        require(_countable(self.photons), "photons", "one below 0, infinite or NaN", "finite numbers of 0 or more")
+        require(_countable(self.ambient), "ambient", "one below 0, infinite or NaN", "finite numbers of 0 or more")
         require(self.delays_ns.shape == self.photons.shape, "delays", self.delays_ns.shape, f"{self.photons.shape}")
-        require(finite_at_least(self.period_ns, 1e-6), "period", f"{self.period_ns:g} ns", "a time above 0")
-        require(finite_at_least(self.fwhm_ns, 0), "pulse width", f"{self.fwhm_ns:g} ns", "a time of 0 or more")
-        require(finite_at_least(self.jitter_ns, 0), "jitter", f"{self.jitter_ns:g} ns", "a time of 0 or more")
+        require(1e-6 <= self.period_ns < math.inf, "period", f"{self.period_ns:g} ns", "a time above 0")
+        require(0 <= self.fwhm_ns < math.inf, "pulse width", f"{self.fwhm_ns:g} ns", "a time of 0 or more")
+        require(0 <= self.jitter_ns < math.inf, "jitter", f"{self.jitter_ns:g} ns", "a time of 0 or more")
         require(bool(np.all(self.total > 0)), "photons", "a pixel without any", "some light in every pixel")
 
     @property
@@ -113,7 +106,7 @@ class Condition:
     def __post_init__(self) -> None:
         require_ratio(self.asr, "ASR", f"{self.asr:g}")
         require_ratio(self.mpi_ratio, "MPI ratio", f"{self.mpi_ratio:g}")
-        require(finite_at_least(self.fwhm_ns, 0), "pulse width", f"{self.fwhm_ns:g} ns", "0 ns or more")
+        require(0 <= self.fwhm_ns < math.inf, "pulse width", f"{self.fwhm_ns:g} ns", "0 ns or more")
         for ratio, _ in self.further:
             require_ratio(ratio, "path", f"a ratio of {ratio:g}")
 

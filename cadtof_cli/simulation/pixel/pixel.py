@@ -10,11 +10,11 @@ import numpy as np
 
 from cadtof_cli.arrays import Float, Float32
 from cadtof_cli.capture.metadata import Modulation
-from cadtof_cli.errors import SettingsError
+from cadtof_cli.errors import SettingsError, require
 from cadtof_cli.records import setting
 from cadtof_cli.simulation.pixel.arrivals import draw_detections, draw_phases
 from cadtof_cli.simulation.pixel.averaging import Averaging
-from cadtof_cli.simulation.pixel.mix import AT_REST, Motion, PhotonMix, finite_at_least, require
+from cadtof_cli.simulation.pixel.mix import AT_REST, Motion, PhotonMix
 from cadtof_cli.simulation.pixel.waveforms import sampled_pair
 
 PHOTONS_PER_LENGTH = 12.5
@@ -24,7 +24,7 @@ FORGOTTEN_LENGTHS = 40.0
 """Photons older than this many n_av weigh less than rounding and are not drawn."""
 
 BINS = 128
-"""Of the histogram of an evolution."""
+"""Bins of the histogram of arrival times in an evolution."""
 
 MOST_ROWS = 1000
 """Rows of an evolution that are kept; a picture shows no more."""
@@ -69,8 +69,8 @@ class PixelModel:
         )
         shortest = min(self.modulation.periods_ns)
         require(0 <= self.jitter_ns < shortest, "jitter", f"{self.jitter_ns:g} ns", f"0 to less than {shortest:g} ns")
-        require(finite_at_least(self.sample_noise_v, 0), "sample noise", f"{self.sample_noise_v:g} V", "0 V or more")
-        require(finite_at_least(self.gain_mismatch, -1), "gain mismatch", self.gain_mismatch, "-1 or more")
+        require(0 <= self.sample_noise_v < math.inf, "sample noise", f"{self.sample_noise_v:g} V", "0 V or more")
+        require(-1 <= self.gain_mismatch < math.inf, "gain mismatch", self.gain_mismatch, "-1 or more")
         require(all(map(math.isfinite, self.offsets_v)), "offsets", self.offsets_v, "two finite voltages")
         if self.dead_time_ns > 0 and self.averaging.stages.drive == "switched":
             raise SettingsError("dead time: found with switched stages, expected --stages dc")

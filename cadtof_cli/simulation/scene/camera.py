@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 
 from cadtof_cli.arrays import Float
 from cadtof_cli.capture.metadata import Optics, Voltage
+from cadtof_cli.errors import require
 from cadtof_cli.optics import curvature_m, ray_slopes
 from cadtof_cli.records import setting
-from cadtof_cli.simulation.pixel.mix import finite_at_least, require
 from cadtof_cli.units import C_M_PER_NS
 
 FOCAL_LENGTH_PER_WIDTH = 0.875
@@ -48,12 +48,12 @@ class Camera:
         for name, pixels in (("width", self.width), ("height", self.height)):
             require(1 <= pixels <= 16384, name, f"{pixels} pixels", "1 to 16384 pixels")
         focal = self.focal_length_px
-        require(focal is None or finite_at_least(focal, 1.0), "focal length", f"{focal} px", "1 px or more")
+        require(focal is None or 1.0 <= focal < math.inf, "focal length", f"{focal} px", "1 px or more")
         require(all(map(math.isfinite, self.petzval_m)), "Petzval curvature", self.petzval_m, "two finite numbers")
         require(1 <= self.bits <= 16, "converter", f"{self.bits} bits", "1 to 16 bits")
-        require(finite_at_least(self.volts_per_count, 1e-12), "volts a count", self.volts_per_count, "a value above 0")
-        require(finite_at_least(self.dark_offset_v, 0.0), "dark offsets", f"{self.dark_offset_v} V", "0 V or more")
-        require(finite_at_least(self.fixed_delay_ns, 0.0), "fixed pattern", f"{self.fixed_delay_ns} ns", "0 ns or more")
+        require(1e-12 <= self.volts_per_count < math.inf, "volts a count", self.volts_per_count, "a value above 0")
+        require(0.0 <= self.dark_offset_v < math.inf, "dark offsets", f"{self.dark_offset_v} V", "0 V or more")
+        require(0.0 <= self.fixed_delay_ns < math.inf, "fixed pattern", f"{self.fixed_delay_ns} ns", "0 ns or more")
 
     @property
     def optics(self) -> Optics:

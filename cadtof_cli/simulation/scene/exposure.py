@@ -6,11 +6,11 @@ import numpy as np
 
 from cadtof_cli.arrays import Float
 from cadtof_cli.capture.metadata import CaptureMetadata
-from cadtof_cli.errors import SettingsError
-from cadtof_cli.simulation.pixel.mix import AT_REST, Motion, PhotonMix, require
+from cadtof_cli.errors import SettingsError, require
+from cadtof_cli.simulation.pixel.mix import AT_REST, Motion, PhotonMix
 from cadtof_cli.simulation.pixel.statistics import VoltageStatistics, averaging_gain, draw_voltages, voltage_statistics
 from cadtof_cli.simulation.scene.camera import Camera
-from cadtof_cli.simulation.scene.light import Light, Scene
+from cadtof_cli.simulation.scene.light import Scene
 from cadtof_cli.units import unambiguous_range_m
 
 BAND_ROWS = 8
@@ -72,20 +72,16 @@ def expose_band(exposure: Exposure, rows: slice, /) -> Band:
     shift = camera.curvature_delay_ns(rows)
     if camera.fixed_delay_ns > 0:
         shift = shift + camera.fixed_delays_ns(exposure.seed)[rows]
-    mix = _mix(light, shift, exposure)
+    mix = PhotonMix(
+        delays_ns=light.delays_ns + shift,
+        photons=light.photons,
+        ambient=light.ambient,
+        period_ns=modulation.periods_ns[0],
+        fwhm_ns=exposure.metadata.pulse.fwhm_ns,
+    )
     gain = averaging_gain(exposure.integration_length)
     voltages = voltage_statistics(mix, modulation, variance_gain=gain, motion=exposure.motion)
     return Band(voltages, truth)
-
-
-def _mix(light: Light, shift_ns: Float, exposure: Exposure) -> PhotonMix:
-    return PhotonMix(
-        delays_ns=light.delays_ns + shift_ns,
-        photons=light.photons,
-        ambient=light.ambient,
-        period_ns=exposure.metadata.modulation.periods_ns[0],
-        fwhm_ns=exposure.metadata.pulse.fwhm_ns,
-    )
 
 
 def _check_range(depth_m: Float, limit_m: float) -> None:

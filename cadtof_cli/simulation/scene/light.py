@@ -3,13 +3,15 @@
 A scene answers for a band of rows at a time, and a band never depends on another, so bands can be made anywhere.
 """
 
+import math
 from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 
 from cadtof_cli.arrays import Float
-from cadtof_cli.simulation.pixel.mix import finite_at_least, require, require_ratio
+from cadtof_cli.errors import require
+from cadtof_cli.simulation.pixel.mix import require_ratio
 from cadtof_cli.simulation.scene.camera import Camera
 from cadtof_cli.simulation.scene.geometry import Bounce, Hits
 from cadtof_cli.units import C_M_PER_NS
@@ -86,6 +88,6 @@ def light_from_bounces(seen: Hits, bounces: tuple[Bounce, ...], albedo: float, d
 
 def check_common(distance_m: float, albedo: float, asr: float) -> None:
     """Raise SettingsError for a distance, albedo or ASR that is impossible in every scene."""
-    require(finite_at_least(distance_m, 0.01), "distance", f"{distance_m:g} m", "0.01 m or more")
+    require(0.01 <= distance_m < math.inf, "distance", f"{distance_m:g} m", "0.01 m or more")
     require(0 < albedo <= 1, "albedo", f"{albedo:g}", "above 0, at most 1")
     require_ratio(asr, "ASR", f"{asr:g}")

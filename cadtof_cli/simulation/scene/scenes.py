@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cadtof_cli.simulation.pixel.mix import finite_at_least, require, require_ratio
+from cadtof_cli.errors import require
+from cadtof_cli.simulation.pixel.mix import require_ratio
 from cadtof_cli.simulation.scene.camera import Camera
 from cadtof_cli.simulation.scene.geometry import (
     Bounce,
@@ -78,7 +79,7 @@ class Card:
 
     def __post_init__(self) -> None:
         check_common(self.distance_m, 1.0, self.asr)
-        require(all(finite_at_least(s, 0) for s in self.separations_ns), "separations", self.separations_ns, "≥ 0 ns")
+        require(all(0 <= s < math.inf for s in self.separations_ns), "separations", self.separations_ns, "≥ 0 ns")
         for ratio in self.mpi_ratios:
             require_ratio(ratio, "MPI ratios", f"{ratio:g}")
 
@@ -204,7 +205,7 @@ class InterReflection:
         require(self.wall_m > self.distance_m, "wall", f"{self.wall_m:g} m", f"more than {self.distance_m:g} m")
         require_ratio(self.mpi_ratio, "MPI ratio", f"{self.mpi_ratio:g}")
         require(all(extent > 0 for extent in self.panel_m), "panel", self.panel_m, "lengths above 0 m")
-        require(finite_at_least(self.reflector_m, 0.5), "reflector", f"{self.reflector_m:g} m", "0.5 m or more")
+        require(0.5 <= self.reflector_m < math.inf, "reflector", f"{self.reflector_m:g} m", "0.5 m or more")
 
     @property
     def summary(self) -> str:

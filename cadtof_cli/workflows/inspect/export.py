@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from cadtof_cli.arrays import Float
 from cadtof_cli.capture.metadata import Optics
-from cadtof_cli.errors import SettingsError
+from cadtof_cli.errors import SettingsError, require
 from cadtof_cli.files.atomic import atomic_write, require_new
 from cadtof_cli.files.maps import STATUS, read_layers
 from cadtof_cli.files.png import write_grey_png
@@ -35,8 +35,8 @@ class ExportSettings(GivenOptics):
     depth: DepthKind | None = setting(None, "Kind of the depths.  [default: from the maps, else range]")
 
     def __post_init__(self) -> None:
-        if not self.layer.endswith(".depth"):
-            raise SettingsError(f"--layer: found {self.layer!r}, expected a layer of depths such as direct.depth")
+        is_depth = self.layer.endswith(".depth")
+        require(is_depth, "--layer", repr(self.layer), "a layer of depths such as direct.depth")
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from cadtof_cli.capture.discovery import find_captures
-from cadtof_cli.errors import CaptureError, SettingsError
+from cadtof_cli.errors import CaptureError, SettingsError, require
 from cadtof_cli.files.documents import plain
 from cadtof_cli.files.maps import STATUS, DepthMaps
 from cadtof_cli.frame_plan import FramePlan
@@ -70,10 +70,8 @@ def inspect_pixel(
     pixels = prepare_frame(stored, plan=plan, calibration=calibration)
     height, width = pixels.size
     x, y = pixel
-    if not (0 <= x < width and 0 <= y < height):
-        raise SettingsError(
-            f"--pixel: found {x},{y}, expected a column 0 … {width - 1} and a row 0 … {height - 1} of {source}"
-        )
+    expected = f"a column 0 … {width - 1} and a row 0 … {height - 1} of {source}"
+    require(0 <= x < width and 0 <= y < height, "--pixel", f"{x},{y}", expected)
     resolved = joined_parts(pixels, [resolve_pixels(pixels, plan=plan, calibration=calibration)])
     evidence = pixel_evidence(pixels, y * width + x, plan=plan, calibration=calibration)
     recorded = stored.stored if isinstance(stored, FrameMean) else stored

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cadtof_cli.calibration.store import load_calibration
-from cadtof_cli.errors import CadtofError, CaptureError, SettingsError
+from cadtof_cli.errors import CadtofError, CaptureError, SettingsError, require
 from cadtof_cli.figures.calibration import draw_calibration
 from cadtof_cli.figures.kinds import require_picture
 from cadtof_cli.figures.layers import (
@@ -66,8 +66,7 @@ def preview(inputs: Sequence[Path], out: Path, /, *, settings: PreviewSettings, 
         return
     found = list(pictured(inputs))
     if settings.frame is not None:
-        if settings.frame >= len(found):
-            raise SettingsError(f"--frame: found {settings.frame}, expected 0 … {len(found) - 1}")
+        require(settings.frame < len(found), "--frame", settings.frame, f"0 … {len(found) - 1}")
         found = [found[settings.frame]]
     if not found:
         raise CaptureError(f"{inputs[0]}: found no frames and no maps")
@@ -117,8 +116,7 @@ def _one(one: Pictured, out: Path, settings: PreviewSettings, progress: Progress
 def _layer_name(one: Pictured, shown: Shown, settings: PreviewSettings) -> str:
     """Return the layer that is drawn where only one is: the chosen one, or the first of the leading ones that the frame has."""
     name = settings.layer or (one.layer if one.layer in shown.layers else next(iter(shown.layers)))
-    if name not in shown.layers:
-        raise SettingsError(f"--layer: found {name!r}, expected one of {', '.join(shown.layers)}: {shown.title}")
+    require(name in shown.layers, "--layer", repr(name), f"one of {', '.join(shown.layers)}: {shown.title}")
     return name
 
 

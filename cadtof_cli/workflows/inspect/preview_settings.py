@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, get_args
 
-from cadtof_cli.errors import SettingsError
+from cadtof_cli.errors import SettingsError, require
 from cadtof_cli.records import setting
 
 ColourScale = Literal["viridis", "plasma", "magma", "inferno", "RdBu_r", "twilight"]
@@ -37,15 +37,13 @@ class PreviewSettings:
 
     def __post_init__(self) -> None:
         ends = self.limits or (0.0, 1.0)
-        if len(ends) != 2 or not all(map(math.isfinite, ends)) or ends[0] >= ends[1]:
-            found = ",".join(f"{one:g}" for one in ends)
-            raise SettingsError(f"--range: found {found}, expected a least and a larger value such as 0.5,3")
-        if self.colours is not None and self.colours not in get_args(ColourScale):
-            raise SettingsError(f"--cmap: found {self.colours!r}, expected one of {', '.join(get_args(ColourScale))}")
-        if self.frame is not None and self.frame < 0:
-            raise SettingsError(f"--frame: found {self.frame}, expected 0 or more")
-        if not 0.1 <= self.frames_per_second <= 50.0:
-            raise SettingsError(f"--fps: found {self.frames_per_second:g}, expected 0.1 to 50 frames a second")
+        rises = len(ends) == 2 and all(map(math.isfinite, ends)) and ends[0] < ends[1]
+        found, known = ",".join(f"{one:g}" for one in ends), get_args(ColourScale)
+        require(rises, "--range", found, "a least and a larger value such as 0.5,3")
+        require(self.colours in {None, *known}, "--cmap", repr(self.colours), f"one of {', '.join(known)}")
+        require(self.frame is None or self.frame >= 0, "--frame", self.frame, "0 or more")
+        rate = self.frames_per_second
+        require(0.1 <= rate <= 50.0, "--fps", f"{rate:g}", "0.1 to 50 frames a second")
         if self.truth is not None and (self.layer is not None or self.limits or self.colours):
             raise SettingsError("--truth draws the errors of a whole frame: without --layer, --range and --cmap")
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cadtof_cli.arrays import Float, Index
-from cadtof_cli.errors import SettingsError
+from cadtof_cli.errors import SettingsError, require
 from cadtof_cli.files.atomic import atomic_write, require_new
 from cadtof_cli.files.documents import csv_text
 from cadtof_cli.files.maps import read_layers
@@ -131,10 +131,8 @@ def read_profile(
 
 def _chosen(run: Run, settings: ProfileSettings) -> Path:
     files = run.require_maps()
-    if settings.frame >= len(files):
-        raise SettingsError(
-            f"--frame: found {settings.frame}, expected 0 … {len(files) - 1}: {run.maps} has {len(files)} maps"
-        )
+    expected = f"0 … {len(files) - 1}: {run.maps} has {len(files)} maps"
+    require(settings.frame < len(files), "--frame", settings.frame, expected)
     return files[settings.frame]
 
 

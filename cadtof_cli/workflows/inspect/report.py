@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from cadtof_cli.arrays import Float, Float32
-from cadtof_cli.errors import CadtofError, FrameError, OutputError, SettingsError
+from cadtof_cli.errors import CadtofError, FrameError, OutputError, require
 from cadtof_cli.files.atomic import require_new
 from cadtof_cli.files.maps import STATUS, read_layers
 from cadtof_cli.maps.evaluation import DepthErrors, EvaluationTally
@@ -52,10 +52,8 @@ class ReportSettings(GivenOptics):
     overwrite: bool = setting(False, "Replace the page if it exists.")
 
     def __post_init__(self) -> None:
-        if not self.max_size_mb >= 1.0:
-            raise SettingsError(f"--max-size-mb: found {self.max_size_mb:g}, expected 1 or more")
-        if self.full_frames is not None and self.full_frames < 0:
-            raise SettingsError(f"--full-frames: found {self.full_frames}, expected 0 or more")
+        require(self.max_size_mb >= 1.0, "--max-size-mb", f"{self.max_size_mb:g}", "1 or more")
+        require(self.full_frames is None or self.full_frames >= 0, "--full-frames", self.full_frames, "0 or more")
 
 
 def write_report(maps: Path, out: Path, /, *, settings: ReportSettings, progress: Progress) -> None:

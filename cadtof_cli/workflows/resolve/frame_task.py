@@ -31,6 +31,9 @@ if TYPE_CHECKING:
 
 Result = TypeVar("Result")
 
+MOST_READS = 3
+"""How often a frame is read whose files change meanwhile."""
+
 
 @dataclass(frozen=True)
 class FrameTask:
@@ -278,10 +281,12 @@ def _touched_since(task: FrameTask) -> bool:
 def read_frame(task: FrameTask, /) -> tuple[Stored | FrameMean, Recording]:
     """Read a task's frame, or the mean of those of its frames that can be read, and what that was read from.
 
+    Files that change meanwhile are read again, so that no frame is half of what was there and half of what came.
+
     Raises:
-        FrameError: none of them can be read, or has the size of most.
+        FrameError: none of them can be read, or has the size of most; or they change and change.
     """
-    files, metadata = task.files(), task.plan.metadata
+    metadata = task.plan.metadata
     errors: list[FrameError] = []
     digests: list[str] = []
 
@@ -302,8 +307,25 @@ def read_frame(task: FrameTask, /) -> tuple[Stored | FrameMean, Recording]:
             digests.append(content_digest(stored))
             yield stored
 
-    if len(task.sources) == 1:
-        return next(readable()), Recording(digests[0], files)
-    mean = frame_mean(readable(), saturated_counts=metadata.voltage.saturated_counts)
-    left_out = f"{len(errors)} of {len(task.sources)} frames left out of the mean: {errors[0]}" if errors else None
-    return mean, Recording(Digest(",".join(digests).encode()).hexdigest(), files, left_out)
+    frame: Stored | FrameMean
+    before = None
+    for _ in range(MOST_READS):
+        files = task.files()
+        errors.clear()
+        digests.clear()
+        if len(task.sources) == 1:
+            frame = next(readable())
+            recording = Recording(digests[0], files)
+        else:
+            frame = frame_mean(readable(), saturated_counts=metadata.voltage.saturated_counts)
+            left_out = (
+                f"{len(errors)} of {len(task.sources)} frames left out of the mean: {errors[0]}" if errors else None
+            )
+            recording = Recording(Digest(",".join(digests).encode()).hexdigest(), files, left_out)
+        # a stack that grows has the same frames all the same
+        if task.files() == files or recording.digest == before:
+            return frame, recording
+        before = recording.digest
+    raise FrameError(
+        f"{task.sources[0]}: changed while it was read, {MOST_READS} times; expected a file that is complete"
+    )

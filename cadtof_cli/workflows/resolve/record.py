@@ -85,6 +85,7 @@ class FrameReport:
             and self.status in get_args(FrameStatus)
             and isinstance(self.seconds, int | float)
             and all(isinstance(text, str | None) for text in texts)
+            and (self.output is None or Path(self.output).name != "")
             and all(isinstance(count, int | None) for count in counts)
         )
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from cadtof_cli.arrays import Bool, Complex, Float, Float32, sealed
 from cadtof_cli.capture.metadata import CaptureMetadata, Pixel, Pulse
-from cadtof_cli.errors import SettingsError
+from cadtof_cli.errors import SettingsError, require
 from cadtof_cli.maps.depth import beyond_light
 from cadtof_cli.phasors.noise import noise_model
 from cadtof_cli.phasors.voltages import ideal_phasor_map, phasors_from_stored
@@ -19,7 +19,7 @@ from cadtof_cli.resolver.paper.solver import steps_of_starts
 from cadtof_cli.resolver.resolve import resolve_paths
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.simulation.pixel.averaging import effective_length
-from cadtof_cli.simulation.pixel.mix import Condition, require
+from cadtof_cli.simulation.pixel.mix import Condition
 from cadtof_cli.simulation.pixel.pixel import PixelModel, pixel_weights, record_pixel
 from cadtof_cli.simulation.pixel.statistics import averaging_gain, draw_voltages, voltage_statistics
 

@@ -10,9 +10,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cadtof_cli.errors import ClusterError
+from cadtof_cli.execution.cluster import ordered
 from cadtof_cli.execution.cluster.connection import Finished, News, WorkerJoined, WorkerLost
 from cadtof_cli.execution.cluster.ordered import BATCHES_PER_WORKER, MOST_IN_BATCH, SHORT_S, TASKS_AHEAD, ClusterRun
-from cadtof_cli.execution.cluster.worker import BatchResult, Raised, Surroundings, surroundings
+from cadtof_cli.execution.cluster.worker import BatchResult, Raised, Surroundings, run_batch, surroundings
 from cadtof_cli.execution.ordered import Outcome, WorkerDied
 
 OURS = Surroundings("3.11.2", "0.1.0", "abc", None)
@@ -180,6 +181,34 @@ def test_an_exception_is_raised_in_its_turn() -> None:
     with pytest.raises(ZeroDivisionError, match="seven"):
         next(outcomes)
     assert cluster.closed
+
+
+def test_a_worker_that_never_answers_keeps_nobody_waiting(monkeypatch: pytest.MonkeyPatch) -> None:
+    class FirstIsFrozen(PretendedCluster):
+        def news(self) -> list[News]:
+            if self.joined < 2:
+                return [self.join(), self.join()]
+            others = {worker: waiting for worker, waiting in self.waiting.items() if worker != "tcp://127.0.0.1:10001"}
+            if not any(others.values()):
+                return []
+            everybody, self.waiting = self.waiting, others
+            found = super().news()
+            self.waiting = everybody
+            return found
+
+    said: list[str] = []
+    monkeypatch.setattr(ordered, "ANSWER_S", 0.2)
+    run = cluster_run(FirstIsFrozen(0), iter(range(3)), said=said)
+    run.welcome_workers()
+    assert [outcome.result for outcome in run.outcomes()] == [0, 1, 4]
+    assert said == ["warning: worker tcp://127.0.0.1:10001 has not answered for 0.2 s: it gets no frames until it does"]
+
+
+def test_a_worker_whose_own_folder_is_gone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "gone").mkdir()
+    monkeypatch.chdir(tmp_path / "gone")
+    (tmp_path / "gone").rmdir()
+    assert run_batch(square, [2, 3], tmp_path).results == (4, 9)
 
 
 def test_workers_that_differ_at_the_start_are_all_named() -> None:

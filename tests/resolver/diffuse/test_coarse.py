@@ -69,6 +69,16 @@ def test_valid_patches_keep_their_means_and_the_others_get_theirs() -> None:
         assert_allclose(plane[~VALID], expected.mean(), rtol=1e-6)
 
 
+def test_a_turn_more_of_a_phase_is_the_same_phase() -> None:
+    """Pixels between two patches get what lies between their phases."""
+    known = fit(data=4)
+    turned = known.posterior.copy()
+    turned[2, 1] += 2.0 * np.pi
+    turned[3, 2] -= 4.0 * np.pi
+    ours, same = (planes(one, beside()).planes for one in (replace(known, posterior=turned), known))
+    assert_allclose(ours, same, atol=1e-6)
+
+
 def test_a_pixel_needs_all_of_its_data_and_what_ties_the_targets_to_them() -> None:
     assert needed_entries(2) == ((0, 0), (1, 0), (1, 1), (2, 0), (2, 1), (3, 0), (3, 1), (3, 3))
 

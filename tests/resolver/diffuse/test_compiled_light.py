@@ -16,13 +16,12 @@ from cadtof_cli.resolver.diffuse.light import (
     Look,
     PatchLight,
     compiled_light,
-    compiled_looks,
     patch_means,
     sampled_light,
 )
 from cadtof_cli.resolver.resolve import screened
 from cadtof_cli.resolver.settings import ResolverSettings
-from cadtof_cli.resolver.two_path.kernel import NUMPY, available_kernels, saturation
+from cadtof_cli.resolver.two_path.kernel import NUMPY, available_kernels
 
 pytestmark = pytest.mark.usefixtures("compiled")
 
@@ -94,7 +93,8 @@ def test_the_first_look_has_the_same_bits(
         noise = replace(noise, samples=rng.integers(1, 9, pixels).astype(np.float64))
     hot = rng.random(pixels) < 0.1 if own else None
     each = phasor_map(len(harmonics), pixels if own else None)
-    look = Look.of(settings, noise, each, saturation(LIMITS, stored.dtype), hot)
+    look = Look.of(settings, noise, each, LIMITS, hot, stored=stored.dtype, kernel=KERNELS[0])
+    assert look is not None
     expected = by_numpy(stored, look, noise, settings, grid)
     assert pixels == 1 or 0.1 < expected.seen.mean() < 0.95
     for kernel in KERNELS:
@@ -110,11 +110,17 @@ def test_the_first_look_has_the_same_bits(
 
 
 def test_phasors_and_more_harmonics_than_there_is_room_for_are_left_to_numpy() -> None:
-    assert compiled_looks(np.dtype(np.uint16), 2, KERNELS[0])
-    assert not compiled_looks(np.dtype(np.uint16), 2, NUMPY)
-    assert not compiled_looks(np.dtype(complex), 2, KERNELS[0])
-    assert not compiled_looks(np.dtype(np.uint8), 2, KERNELS[0])
-    assert not compiled_looks(np.dtype(float), MOST_HARMONICS + 1, KERNELS[0])
+    def looks(dtype: Any, harmonics: int, kernel: str) -> bool:
+        noise, each = noise_of(tuple(range(1, harmonics + 1))), phasor_map(harmonics, None)
+        look = Look.of(ResolverSettings(), noise, each, LIMITS, None, stored=np.dtype(dtype), kernel=kernel)
+        return look is not None
+
+    assert looks(np.uint16, 2, KERNELS[0])
+    assert looks(float, MOST_HARMONICS, KERNELS[0])
+    assert not looks(np.uint16, 2, NUMPY)
+    assert not looks(complex, 2, KERNELS[0])
+    assert not looks(np.uint8, 2, KERNELS[0])
+    assert not looks(float, MOST_HARMONICS + 1, KERNELS[0])
 
 
 # --- buffers that do not fit ------------------------------------------------------------------------------------------

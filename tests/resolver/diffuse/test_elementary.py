@@ -48,9 +48,11 @@ def test_the_phase_is_right_to_single_precision_in_every_direction() -> None:
         np.testing.assert_allclose(phase_of(cos, sin), expected, atol=3e-7)
 
 
-def test_the_axes_have_their_phases_and_nothing_has_none() -> None:
-    cos, sin = (np.array(parts, np.float32) for parts in ([0.0, 1.0, 0.0, -1.0, 0.0], [0.0, 0.0, 1.0, 0.0, -1.0]))
-    np.testing.assert_allclose(phase_of(cos, sin), [0.0, 0.0, 0.5 * math.pi, math.pi, -0.5 * math.pi], atol=1e-6)
+def test_the_axes_have_their_phases_exactly() -> None:
+    """A pixel at the very start of the range must not come out at its end."""
+    cos, sin = (np.array(parts, np.float32) for parts in ([1.0, 1e-3, 0.0, -1.0, 0.0], [0.0, 0.0, 1.0, 0.0, -1.0]))
+    expected = np.array([0.0, 0.0, 0.5 * math.pi, math.pi, -0.5 * math.pi])
+    np.testing.assert_array_equal(phase_of(cos, sin), expected.astype(np.float32))
 
 
 def test_phases_are_brought_within_a_turn_whose_end_is_its_beginning() -> None:

@@ -1,5 +1,7 @@
 """Which patches count, and what a frame of them gets: each limit of `choice` from both sides."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -13,6 +15,7 @@ from cadtof_cli.resolver.diffuse.choice import (
     separate_patches,
     tail_fits,
 )
+from cadtof_cli.resolver.diffuse.grid import assumed_view, patch_grid
 from cadtof_cli.resolver.diffuse.light import PatchMeans
 from cadtof_cli.resolver.diffuse.settings import DiffuseSettings
 from cadtof_cli.resolver.settings import MpiModel
@@ -31,9 +34,13 @@ def frame(ratios: list[complex], *, third: complex = 0.7) -> PatchMeans:
     return PatchMeans(ratio, 0.2 * one, 64.0 * one, 0.0 * one)
 
 
-def kinds(means: PatchMeans, model: MpiModel = "auto", *, sampled: int = 64) -> PatchKinds:
+def kinds(means: PatchMeans, model: MpiModel = "auto") -> PatchKinds:
     settings = DiffuseSettings(model=model, period_ns=40.0, harmonics=(1, 2, 3))
-    return patch_kinds(means, VARIANCES, sampled=sampled, settings=settings)
+    columns = means.amplitude.size
+    grid = replace(
+        patch_grid(240, 320, assumed_view(240, 320)), slope=np.zeros((2, 1, columns)), ray=np.ones((3, 1, columns))
+    )
+    return patch_kinds(means, VARIANCES, grid=grid, settings=settings)
 
 
 def test_a_room_with_a_tail_gets_one() -> None:
@@ -119,8 +126,7 @@ def test_the_misfit_is_the_mean_over_lit_patches_alone() -> None:
 def test_a_patch_counts_with_light_in_a_tenth_of_its_pixels_and_three_times_its_noise() -> None:
     amplitude, pixels = np.array([0.0031, 0.0029, 0.2, 0.2]), np.array([64.0, 64.0, 6.0, 7.0])
     means = PatchMeans(np.ones((1, 4), complex), amplitude, pixels, np.zeros(4))
-    for sampled in (64, 60):
-        assert kinds(means, sampled=sampled).lit.tolist() == [True, False, False, True]
+    assert kinds(means).lit.tolist() == [True, False, False, True]
     least = PatchMeans(np.ones((1, 1), complex), np.array([3 * SIGMA]), np.array([64.0]), np.zeros(1))
     assert kinds(least).lit.tolist() == [False]
 

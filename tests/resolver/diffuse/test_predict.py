@@ -117,17 +117,21 @@ def test_with_three_harmonics_strong_further_paths_are_told_from_a_tail(
         h: 0.6 * np.exp(1j * h * OMEGA * delay_ns) + third * np.exp(1j * h * OMEGA * (delay_ns + 3.0))
         for h in (1, 2, 3)
     }
-    found = model_of(phasors_of(wall_range(96, 128, 120.0), mpi, harmonics=(1, 2, 3)), focal_px=120.0)
+    p = phasors_of(wall_range(96, 128, 120.0), mpi, harmonics=(1, 2, 3))
+    found = model_of(p, focal_px=120.0, second_paths=True)
     assert isinstance(found, DiffuseChoice)
     assert found.reason == reason
 
 
-def weak_paths(share: float, harmonics: tuple[int, ...], more: float, n_av: float) -> DiffuseChoice | DiffuseModel:
+def weak_paths(
+    share: float, harmonics: tuple[int, ...], more: float, n_av: float, *, uneven_ns: float = 0.0
+) -> DiffuseChoice | DiffuseModel:
     """A frame whose second path has that share of the light, 3 to 20 ns late from left to right, and more of it down."""
     delay_ns, down = np.linspace(3.0, 20.0, 192), np.linspace(0.0, more, 144)[:, None]
+    delay_ns = delay_ns + uneven_ns * np.sin(7.0 * down)
     second: dict[int, Z] = {h: np.asarray(share * np.exp(down + 1j * h * OMEGA * delay_ns)) for h in harmonics}
     p = phasors_of(wall_range(144, 192, 180.0, 0.8), second, harmonics=harmonics, n_av=n_av)
-    return model_of(p, focal_px=180.0, n_av=n_av)
+    return model_of(p, focal_px=180.0, n_av=n_av, second_paths=True)
 
 
 @pytest.mark.parametrize("harmonics", [(1, 2), (1, 2, 3)])
@@ -140,9 +144,11 @@ def test_second_paths_of_one_share_are_no_tail(share: float, harmonics: tuple[in
 
 
 def test_second_paths_of_all_shares_and_delays_are_no_tail() -> None:
-    found = weak_paths(0.05, (1, 2), 1.4, 1e5)
-    assert isinstance(found, DiffuseChoice)
-    assert (found.taken, found.reason) == ("discrete", "no tail fits")
+    """By even delays, where they are even; else since no tail comes near all of them."""
+    for uneven_ns, reason in ((0.0, "separate paths"), (1.5, "no tail fits")):
+        found = weak_paths(0.05, (1, 2), 1.4, 1e5, uneven_ns=uneven_ns)
+        assert isinstance(found, DiffuseChoice)
+        assert (found.taken, found.reason) == ("discrete", reason)
 
 
 def test_a_few_separate_patches_leave_their_pixels_and_no_others() -> None:

@@ -65,7 +65,8 @@ def looked_at(
         ]
     )
     every = np.ones(net.shape, bool) if valid is None else valid
-    return seen_through(phasors, np.where(net, 1.0, wall_m()), every, TAILS, grid=grid(), settings=SETTINGS)
+    lag_rad = np.angle(phasors[0]) - np.where(net, 1.0, wall_m()) / M_PER_RAD
+    return seen_through(phasors, lag_rad[every], every, TAILS, grid=grid(), settings=SETTINGS)
 
 
 def found_by(
@@ -162,7 +163,7 @@ def test_ranges_go_one_patch_beyond_the_net_and_phases_are_as_unsure_as_walls_ar
 def test_without_light_nothing_is_seen() -> None:
     nothing = np.zeros((3, *grid().ray.shape[1:]), complex)
     none = np.zeros(grid().ray.shape[1:], bool)
-    assert seen_through(nothing, wall_m(), none, TAILS, grid=grid(), settings=SETTINGS) is None
+    assert seen_through(nothing, np.empty(0), none, TAILS, grid=grid(), settings=SETTINGS) is None
 
 
 def test_the_typical_tail_is_that_of_the_median_values() -> None:

@@ -25,6 +25,9 @@ FWHM_NS = 1.7
 
 TAIL = Tail(0.25, 3.0, 9.0)
 
+UNEVEN: F = 1.0 + 0.3 * np.sin(np.arange(WIDTH) / 9.0) * np.cos(np.arange(HEIGHT) / 11.0)[:, None]
+"""How much of it there is over the view: what is the same everywhere may be a second path."""
+
 
 def before_wall(delay_ns: float, share: float, *, harmonics: int = 2) -> tuple[Z, F, B]:
     """Phasors of a wall with a tail and a net before its middle; their ranges; where the net is."""
@@ -118,7 +121,7 @@ def test_a_net_is_seen_by_triangle_waves_too() -> None:
 
 
 def test_without_a_net_nothing_is_seen_through() -> None:
-    phasors = phasors_of(WALL, {h: TAIL.phasor(h) for h in (1, 2)})
+    phasors = phasors_of(WALL, {h: np.asarray(UNEVEN * TAIL.phasor(h), np.complex128) for h in (1, 2)})
     found = resolved(phasors)
     assert found.mpi is not None
     assert found.mpi.through_patches == 0
@@ -129,7 +132,9 @@ def test_without_a_net_nothing_is_seen_through() -> None:
 def test_amplitudes_of_a_tail_are_those_of_the_wall_and_of_the_rest(harmonics: int) -> None:
     """A quarter of the modulation is direct light; MPI is so much of it as the tail's phasor is long."""
     numbers = tuple(range(1, harmonics + 1))
-    found = resolved(phasors_of(WALL, {h: TAIL.phasor(h) for h in numbers}, harmonics=numbers)).maps
+    found = resolved(
+        phasors_of(WALL, {h: np.asarray(UNEVEN * TAIL.phasor(h), np.complex128) for h in numbers}, harmonics=numbers)
+    ).maps
     assert np.median(found.layer("direct.amplitude")) == pytest.approx(0.25, rel=0.1)
     assert np.median(found.layer("mpi.amplitude")) == pytest.approx(0.25 * abs(TAIL.phasor(1)), rel=0.3)
     direct = found.layer("direct.amplitude") * np.exp(1j * found.layer(DIRECT_DEPTH) / M_PER_RAD)

@@ -114,7 +114,11 @@ def test_a_scan_is_handed_over_with_its_grid(pairs: bool, monkeypatch: pytest.Mo
     np.testing.assert_allclose(factors, np.stack([waves.real, waves.imag], axis=-1), atol=1e-12)
     rho = (waves.real[1:17] / sum(weights)).sum(axis=1)
     np.testing.assert_allclose(lags, np.stack([rho, -2.0 * rho, 1.0 / (1.0 - rho**2)], axis=1), atol=1e-12)
-    assert (re is seen.re, im is seen.im, options) == (True, True, {"pairs": pairs, "kernel": ELSEWHERE})
+    assert (re is seen.re, im is seen.im, options) == (
+        True,
+        True,
+        {"harmonics": HARMONICS, "pairs": pairs, "kernel": ELSEWHERE},
+    )
     monkeypatch.setattr(starts, "compiled_scan", Twin(None))
     ours, numpy_s = (starts.scanned(seen, weights=weights, pairs=pairs, kernel=one) for one in (ELSEWHERE, NUMPY))
     np.testing.assert_array_equal(ours.first, numpy_s.first)

@@ -53,7 +53,7 @@ class Lattice:
         return np.asarray(np.maximum(1.0 - np.abs(pixels - middles) / (self.step * (self.reach + 0.5)), 0.0))
 
 
-def gathered(lattice: Lattice, rows: range, seen: Faces, places: Index, faces: Faces, /) -> "csr_array":
+def neighbour_weights(lattice: Lattice, rows: range, seen: Faces, places: Index, faces: Faces, /) -> "csr_array":
     """Return the weight of each sample for each pixel of the rows, (Y·X, samples); all 0 where none is on its face.
 
     `seen` is what the pixels see, `faces` what the samples are on, and `places`, (samples,), the number of each sample's place,

@@ -7,7 +7,8 @@ measurements are in units of a millimetre and a 553 mm box. Albedos are grey val
 import math
 from dataclasses import dataclass
 
-from cadtof_cli.simulation.pixel.mix import require, require_ratio
+from cadtof_cli.errors import require
+from cadtof_cli.simulation.pixel.mix import require_ratio
 from cadtof_cli.simulation.scene.camera import Camera
 from cadtof_cli.simulation.scene.light import Light
 from cadtof_cli.simulation.scene.rooms.room import light_in_room

@@ -10,7 +10,7 @@ _R2 = (0.7548776662466927, 0.5698402909980532)
 """Steps of the two-dimensional lattice with the smallest gaps (Roberts 2018): 1/g and 1/g², g³ = g + 1."""
 
 
-def lattice(count: int, /) -> tuple[Float, Float]:
+def evenly_spread_pairs(count: int, /) -> tuple[Float, Float]:
     """Return `count` evenly spread pairs of numbers in [0, 1); any run of neighbours is spread evenly too."""
     steps = np.arange(1, count + 1)
     return np.mod(_R2[0] * steps, 1.0), np.mod(_R2[1] * steps, 1.0)
@@ -22,7 +22,7 @@ def cosine_weighted(first: Float32, second: Float32, /) -> Float32:
     return np.stack([sine * np.cos(turn), sine * np.sin(turn), np.sqrt(np.maximum(1 - first, np.float32(1e-7)))])
 
 
-def about(normals: Float32, local: Float32, /) -> Float32:
+def directions_about(normals: Float32, local: Float32, /) -> Float32:
     """Return directions that are given about z, (3, n), about unit normals, (3, n) (Duff et al. 2017)."""
     x, y, z = normals
     u, v, w = local

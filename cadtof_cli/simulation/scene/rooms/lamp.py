@@ -7,7 +7,7 @@ import numpy as np
 
 from cadtof_cli.arrays import Float, Float32, Index
 from cadtof_cli.simulation.scene.geometry import Vector
-from cadtof_cli.simulation.scene.rooms.directions import about, cosine_weighted, lattice
+from cadtof_cli.simulation.scene.rooms.directions import cosine_weighted, directions_about, evenly_spread_pairs
 from cadtof_cli.simulation.scene.rooms.solids import MARGIN_M, Interior
 
 EDGE_RAD = math.radians(10.0)
@@ -18,7 +18,8 @@ LIGHT_RAYS = 131_072
 """Rays that leave the lamp."""
 
 EVENNESS = 8.0
-"""Density by which connections to later light are weighed, times the room's area. Paths bring what is nearer."""
+"""Density that stands for that of the points which light reaches after other surfaces, times the room's area. A smaller one would
+count more light from points nearby, whose light traced paths find better."""
 
 MOST_BOUNCES = 64
 """Where light is given up at the latest; at a mean albedo of 0.8, 10⁻⁶ of it is beyond."""
@@ -58,10 +59,12 @@ class Lamp:
         """Return evenly spread directions of its light, (3, count); any run of neighbours is spread evenly too."""
         theta, light = self._by_angle()
         share = np.concatenate([[0.0], np.cumsum(light)])
-        first, second = lattice(count)
+        first, second = evenly_spread_pairs(count)
         angle, turn = np.interp(first * share[-1], share, theta), 2.0 * np.pi * second
         local = np.stack([np.sin(angle) * np.cos(turn), np.sin(angle) * np.sin(turn), np.cos(angle)])
-        return about(np.repeat(np.asarray(self.axis, np.float32)[:, None], count, axis=1), local.astype(np.float32))
+        return directions_about(
+            np.repeat(np.asarray(self.axis, np.float32)[:, None], count, axis=1), local.astype(np.float32)
+        )
 
     @property
     def flux(self) -> float:
@@ -140,7 +143,7 @@ def lamp_light(interior: Interior, lamp: Lamp, generator: np.random.Generator, /
             break
         numbers, normals = numbers[onward], met.normals[:, onward]
         draws = generator.random((2, len(onward)), dtype=np.float32)
-        directions = about(normals, cosine_weighted(draws[0], draws[1]))
+        directions = directions_about(normals, cosine_weighted(draws[0], draws[1]))
         met = interior.meet(met.points_m[:, onward] + np.float32(MARGIN_M) * normals, directions)
         lengths = lengths[onward] + met.lengths_m
         later.append((met.points_m, met.normals, met.albedo, lengths, numbers))

@@ -7,7 +7,8 @@ from functools import lru_cache
 import numpy as np
 
 from cadtof_cli.arrays import Float
-from cadtof_cli.simulation.pixel.mix import require, require_ratio
+from cadtof_cli.errors import require
+from cadtof_cli.simulation.pixel.mix import require_ratio
 from cadtof_cli.simulation.scene.camera import Camera
 from cadtof_cli.simulation.scene.geometry import Vector
 from cadtof_cli.simulation.scene.light import Light

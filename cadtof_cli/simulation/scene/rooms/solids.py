@@ -5,14 +5,14 @@ Lambertian. Rays are float32, since their number decides how long a rendering ta
 """
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cadtof_cli.arrays import Bool, Float32, Index
-from cadtof_cli.simulation.pixel.mix import require
+from cadtof_cli.errors import require
 from cadtof_cli.simulation.scene.geometry import Vector
 
 FACES = ("left", "right", "ceiling", "floor", "near", "far")
@@ -181,7 +181,7 @@ class Interior:
     albedos: tuple[float, float, float, float, float, float]
     patches: tuple[Patch, ...] = ()
     boxes: tuple[Box, ...] = ()
-    balls: tuple[Ball, ...] = field(default=())
+    balls: tuple[Ball, ...] = ()
 
     def __post_init__(self) -> None:
         require(all(0 < size < 1000 for size in self.size_m), "room", self.size_m, "lengths above 0 m")

@@ -11,7 +11,7 @@ from functools import lru_cache
 import numpy as np
 
 from cadtof_cli.arrays import Float, Float32, sealed
-from cadtof_cli.simulation.scene.rooms.averages import Faces, Lattice, gathered, means_of_cells
+from cadtof_cli.simulation.scene.rooms.averages import Faces, Lattice, means_of_cells, neighbour_weights
 from cadtof_cli.simulation.scene.rooms.lamp import Lamp, LampLight, lamp_light
 from cadtof_cli.simulation.scene.rooms.solids import Interior, Meetings
 from cadtof_cli.simulation.scene.rooms.tracing import Transients, transients
@@ -67,9 +67,9 @@ def indirect_light(view: View, seen: Meetings, rows: range, /) -> Float:
     cells = coarse.rows(rows)
     wide = [traced_row(view, row) for row in range(CELL * cells.start, CELL * cells.stop) if row <= last]
     traced = _together(near)
-    by_pixels = gathered(fine, rows, faces, np.arange(len(traced.surface)), traced)
+    by_pixels = neighbour_weights(fine, rows, faces, np.arange(len(traced.surface)), traced)
     means, places, means_faces = means_of_cells(_together(wide), fine.across, CELL)
-    by_cells = gathered(coarse, rows, faces, places, means_faces)
+    by_cells = neighbour_weights(coarse, rows, faces, places, means_faces)
     light = np.stack(
         [
             by_pixels @ np.concatenate([row.light.once[part] for row in near])

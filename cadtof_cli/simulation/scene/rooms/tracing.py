@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cadtof_cli.arrays import Float, Float32, Index
-from cadtof_cli.simulation.scene.rooms.directions import about, cosine_weighted, lattice
+from cadtof_cli.simulation.scene.rooms.directions import cosine_weighted, directions_about, evenly_spread_pairs
 from cadtof_cli.simulation.scene.rooms.lamp import MOST_BOUNCES, Lamp, LampLight, LightPoints
 from cadtof_cli.simulation.scene.rooms.solids import MARGIN_M, Interior
 from cadtof_cli.units import C_M_PER_NS
@@ -67,7 +67,7 @@ def transients(
     count = points_m.shape[1]
     pixels, numbers = np.repeat(np.arange(count), paths), np.tile(np.arange(paths), count)
     ends = _Ends(pixels, numbers, points_m[:, pixels], normals[:, pixels], -lamp.distances_m(points_m)[pixels])
-    first, second = (np.mod(generator.random((count, 1)) + part, 1.0).ravel() for part in lattice(paths))
+    first, second = (np.mod(generator.random((count, 1)) + part, 1.0).ravel() for part in evenly_spread_pairs(paths))
     once, later = np.zeros((2, count * BINS)), np.zeros((2, count * BINS))
     for bounce in range(MOST_BOUNCES):
         ours = once if bounce == 0 else later
@@ -113,7 +113,7 @@ def _continued(
     generator: np.random.Generator,
 ) -> _Ends:
     """Follow the paths to the next surface, add the lamp's light there, and return those that go on."""
-    directions = about(ends.normals, local)
+    directions = directions_about(ends.normals, local)
     met = interior.meet(ends.points_m + np.float32(MARGIN_M) * ends.normals, directions)
     lengths = ends.lengths_m + met.lengths_m
     density = _path_density(-(directions * met.normals).sum(axis=0), local[2], met.lengths_m)

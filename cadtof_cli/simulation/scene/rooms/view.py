@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cadtof_cli.arrays import Float, Float32
-from cadtof_cli.simulation.pixel.mix import require
+from cadtof_cli.errors import require
 from cadtof_cli.simulation.scene.camera import Camera
 from cadtof_cli.simulation.scene.geometry import Vector
 from cadtof_cli.simulation.scene.rooms.lamp import Lamp

@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from cadtof_cli.arrays import Float, Float32
-from cadtof_cli.simulation.scene.rooms.averages import Faces, Lattice, gathered, means_of_cells
+from cadtof_cli.simulation.scene.rooms.averages import Faces, Lattice, means_of_cells, neighbour_weights
 
 WIDTH, STEP, REACH = 11, 2, 1
 
@@ -35,7 +35,7 @@ def test_a_pixel_gets_its_neighbours_on_its_own_face_by_nearness_and_likeness(
     assert list(lines) == list(range(max(rows.start // step - reach, 0), (rows.stop - 1) // step + reach + 1))
     count = len(lines) * across
     samples, seen = bent(count, rng), bent(len(rows) * WIDTH, rng)
-    found = gathered(lattice, rows, seen, np.arange(count), samples).toarray()
+    found = neighbour_weights(lattice, rows, seen, np.arange(count), samples).toarray()
     for pixel in range(len(rows) * WIDTH):
         y, x = rows.start + pixel // WIDTH, pixel % WIDTH
         weights = np.zeros(count)
@@ -54,7 +54,7 @@ def test_a_pixel_with_no_neighbour_on_its_face_gets_nothing() -> None:
     count = len(lattice.rows(range(4))) * lattice.across
     samples, seen = bent(count, rng, surfaces=1), bent(4 * WIDTH, rng, surfaces=1)
     seen.surface[5] = 7
-    sums = gathered(lattice, range(4), seen, np.arange(count), samples).sum(axis=1)
+    sums = neighbour_weights(lattice, range(4), seen, np.arange(count), samples).sum(axis=1)
     assert sums[5] == 0.0
     assert_allclose(np.delete(sums, 5), 1.0)
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from cadtof_cli.simulation.scene.rooms.directions import cosine_weighted, lattice
+from cadtof_cli.simulation.scene.rooms.directions import cosine_weighted, evenly_spread_pairs
 from cadtof_cli.simulation.scene.rooms.lamp import Lamp, LampLight, lamp_light
 from cadtof_cli.simulation.scene.rooms.solids import Interior
 
@@ -65,7 +65,7 @@ def test_a_black_room_gives_nothing_on() -> None:
 
 def test_pairs_are_spread_evenly_from_wherever_one_begins() -> None:
     for part in (slice(0, 400), slice(137, 537)):
-        first, second = (values[part] for values in lattice(600))
+        first, second = (values[part] for values in evenly_spread_pairs(600))
         counts, _, _ = np.histogram2d(first, second, bins=5, range=[[0.0, 1.0], [0.0, 1.0]])
         assert np.abs(counts - 16.0).max() <= 4.0
         assert ((first >= 0.0) & (first < 1.0) & (second >= 0.0) & (second < 1.0)).all()
@@ -73,7 +73,7 @@ def test_pairs_are_spread_evenly_from_wherever_one_begins() -> None:
 
 def test_directions_about_a_normal_have_the_density_of_the_cosine() -> None:
     """Mean cosine 2/3, mean of its square 1/2, and no direction across is favoured."""
-    first, second = (values.astype(np.float32) for values in lattice(20_000))
+    first, second = (values.astype(np.float32) for values in evenly_spread_pairs(20_000))
     x, y, z = cosine_weighted(first, second).astype(np.float64)
     assert_allclose(x * x + y * y + z * z, 1.0, atol=1e-5)
     assert z.min() > 0.0

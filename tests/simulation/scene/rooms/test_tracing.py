@@ -8,7 +8,7 @@ import pytest
 from cadtof_cli.arrays import Float, Float32
 from cadtof_cli.simulation.scene.geometry import Hits, Surface, bounce_by_patches
 from cadtof_cli.simulation.scene.rooms import lamp as lamps
-from cadtof_cli.simulation.scene.rooms.directions import about
+from cadtof_cli.simulation.scene.rooms.directions import directions_about
 from cadtof_cli.simulation.scene.rooms.lamp import Lamp, lamp_light
 from cadtof_cli.simulation.scene.rooms.solids import Box, Interior
 from cadtof_cli.simulation.scene.rooms.tracing import Transients, bin_numbers, transients
@@ -117,11 +117,11 @@ def test_directions_about_a_normal_are_turned_and_nothing_else() -> None:
     normals, local = (rng.normal(size=(3, 500)) for _ in range(2))
     normals[:, :2] = [[0.0, 0.0], [0.0, 0.0], [1.0, -1.0]]
     normals, local = (vectors / np.linalg.norm(vectors, axis=0) for vectors in (normals, local))
-    found = about(normals.astype(np.float32), local.astype(np.float32))
+    found = directions_about(normals.astype(np.float32), local.astype(np.float32))
     np.testing.assert_allclose((found * normals).sum(axis=0), local[2], atol=1e-5)
     np.testing.assert_allclose(np.linalg.norm(found, axis=0), 1.0, atol=1e-5)
     for normal in normals.T[:10]:
-        same = about(np.repeat(normal[:, None], 500, axis=1).astype(np.float32), local.astype(np.float32))
+        same = directions_about(np.repeat(normal[:, None], 500, axis=1).astype(np.float32), local.astype(np.float32))
         np.testing.assert_allclose(same.T @ same, local.T @ local, atol=1e-5)
 
 

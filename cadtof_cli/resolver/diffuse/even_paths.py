@@ -1,0 +1,190 @@
+"""Second paths that change evenly over the view, as those of a mirror, a pane or the lens do; a tail's delays never do.
+
+What a patch's q_2 says of a second path, if there is one, is its share of the light and its delay. Where light goes by one even
+surface, delays lie evenly over the view, on a + b·X + c·Y + d/cos, whatever the shares; in rooms they follow from many surfaces.
+Where noise hides each patch's delay, all patches together tell: two paths of even share and delay explain them, but for noise.
+"""
+
+import numpy as np
+
+from cadtof_cli.arrays import Bool, Float
+from cadtof_cli.records import dataclass
+from cadtof_cli.resolver.diffuse.quantiles import median
+from cadtof_cli.resolver.diffuse.second_paths import (
+    PatchData,
+    Scatter,
+    SecondPaths,
+    median_of_noise,
+    of_two_paths,
+)
+from cadtof_cli.resolver.diffuse.tail import wrapped
+
+EVEN_NS = 0.1
+"""Scatter of delays about what is even over the view, in ns for every unit that the logarithm of the share scatters by, below
+which they are even: .2 and more in 518 rendered rooms and in corners, at any light."""
+
+ALLOWED = (0.012, 0.04)
+"""How far two true paths may be from evenness: ln of their share, and ns. The least uneven of 518 rooms has .03 and .13."""
+
+IN_ROOMS = (0.1, 0.2)
+"""The scatter of ln of the share and of the delay, ns, that nearly all rooms have more of: typical are .45 and 1."""
+
+EXPLAINED = 1.1
+"""Median χ² of patches, over that of noise, up to which even second paths explain them: .6 to 1.05 where they are there. Of one
+share, they leave 1.2 and more in 1555 frames of rooms, at integration lengths of 2e3 and more."""
+
+ALIKE = 0.12
+"""Largest mean product of what neighbours are missed by, over the noise: up to .11 on cards, and .14 and more in corners and
+rooms whose tail noise hides from each patch, with second paths of one share."""
+
+VISIBLE = (0.1, 5.0)
+"""Least χ² that the scatter in rooms would bring, for that to say something: with second paths of one share; and with even
+shares, which come near the least uneven rooms, so that these must be told, too."""
+
+STEPS = 5
+"""Gauss–Newton steps; most patches are near the answer from the beginning."""
+
+ROBUST_STEPS = 2
+"""Steps of the linear fit, which weigh what is far off less each time."""
+
+FARTHEST = 3.0
+"""Standard deviations of noise from which a patch is not compared with its neighbours."""
+
+FAR_OFF = 6.0
+"""χ² over that of noise from which a patch weighs less: edges, and surfaces without a second path."""
+
+TINY = 1e-300
+"""Keeps what fits to the bit from dividing by zero."""
+
+COLUMNS = 3
+"""How many of the view's columns, 1, X, Y and 1/cos, make what is even where noise is large."""
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """What is even over n patches, `columns`, (n, 4): 1, the slopes X and Y of their rays, and 1/cos, by which all ranges grow
+    that lie on a plane across the view. `lit`, (rows, columns), says where in the frame they are, `rad_per_ns` is ω of the
+    fundamental.
+    """
+
+    columns: Float
+    lit: Bool
+    rad_per_ns: float
+
+
+@dataclass(frozen=True, eq=False)
+class _Explained:
+    """How well even second paths explain patches: median χ² over that of noise, what the scatter in rooms would add to it, and
+    the mean product of what neighbours are missed by.
+    """
+
+    misfit: float
+    visible: float
+    alike: float
+
+    def beyond_doubt(self, visible: float, /) -> bool:
+        """Return whether there are such second paths, where so much would be seen of a tail."""
+        return self.visible >= visible and self.misfit <= EXPLAINED and self.alike <= ALIKE
+
+
+def are_even(found: SecondPaths, data: PatchData, view: View, /) -> bool:
+    """Return whether second paths lie evenly over the view, each by itself or all together."""
+    known = found.known
+    if known.any():
+        columns, noise = view.columns[known], found.noise[1, known]
+        delays = found.later_rad[known]
+        uneven = Scatter.of(delays - columns @ _even_part(delays, noise, columns), noise)
+        if uneven.most < (EVEN_NS * view.rad_per_ns) ** 2 * found.strength_scatter.least:
+            return True
+        if uneven.least > (ALLOWED[1] * view.rad_per_ns) ** 2:
+            return False
+    return _explain(found, data, view)
+
+
+def _explain(found: SecondPaths, data: PatchData, view: View) -> bool:
+    """Return whether second paths of even shares and delays, or of one share, explain all patches together."""
+    even = _explained(found, data, view, COLUMNS)
+    # one share is even, too
+    if not even.misfit <= EXPLAINED:
+        return False
+    return even.beyond_doubt(VISIBLE[1]) or _explained(found, data, view, 1).beyond_doubt(VISIBLE[0])
+
+
+def _explained(found: SecondPaths, data: PatchData, view: View, share_columns: int) -> _Explained:
+    """Return how well second paths explain all patches' q_2 whose share is of so many of the view's columns."""
+    noise, observed = data.noise(0, 0), np.stack([np.log(np.abs(data.ratios[0])), np.angle(data.ratios[0])])
+    share, later_rad = _fitted(found, observed, noise, view.columns[:, :share_columns], view.columns[:, :COLUMNS])
+    off, slopes = _off(observed, share, later_rad)
+    by_each = (slopes * np.stack([np.abs(share), np.full_like(share, view.rad_per_ns)])) ** 2
+    noise = noise + np.einsum("ikn,k->in", by_each, np.square(ALLOWED))
+    in_rooms = (np.einsum("ikn,k->in", by_each, np.square(IN_ROOMS)) / noise).sum(axis=0)
+    # some surfaces of the view may be without a second path
+    alone = (observed * observed / noise).sum(axis=0) < (off * off / noise).sum(axis=0)
+    missed = np.where(alone, observed, off) / np.sqrt(noise)
+    misfit = float(median((missed * missed).sum(axis=0))) / median_of_noise(2)
+    return _Explained(misfit, float(median(in_rooms)), _alike(missed, view.lit))
+
+
+def _fitted(found: SecondPaths, observed: Float, noise: Float, shares: Float, delays: Float) -> tuple[Float, Float]:
+    """Return the share and the delay, rad, of every patch by a fit of the given columns to ln|q_2| and arg q_2, (2, n)."""
+    split = shares.shape[1]
+    state = _begin(found, shares, delays)
+    for _ in range(STEPS):
+        off, slopes = _off(observed, shares @ state[:split], delays @ state[split:])
+        chi_squared = (off * off / noise).sum(axis=0)
+        far = FAR_OFF * float(median(chi_squared)) / median_of_noise(2)
+        weight = (1.0 / (1.0 + chi_squared / far) ** 2) / noise
+        columns = np.concatenate([slopes[:, 0, :, None] * shares, slopes[:, 1, :, None] * delays], axis=2)
+        state = state + _solved(columns.reshape(-1, state.size), weight.ravel(), off.ravel())
+    return shares @ state[:split], delays @ state[split:]
+
+
+def _alike(missed: Float, lit: Bool) -> float:
+    """Return the mean product of what neighbours are missed by, over its noise, (2, n): 0 but for what is left of a tail.
+
+    What is missed by far is another surface, whose patches are alike in any case.
+    """
+    near: Bool = np.zeros(lit.shape, np.bool_)
+    near[lit] = (np.abs(missed) < FARTHEST).all(axis=0)
+    image = np.zeros((len(missed), *lit.shape))
+    image[:, near] = missed[:, near[lit]]
+    pairs = int((near[1:] & near[:-1]).sum() + (near[:, 1:] & near[:, :-1]).sum())
+    products = (image[:, 1:] * image[:, :-1]).sum() + (image[:, :, 1:] * image[:, :, :-1]).sum()
+    return float(products) / (len(missed) * max(pairs, 1))
+
+
+def _begin(found: SecondPaths, shares: Float, delays: Float) -> Float:
+    """Return where the fit begins: what is even of the second paths that patches have, each by itself."""
+    strength_noise, delay_noise = found.noise
+    seen = np.isfinite(found.strength) & np.isfinite(delay_noise) & (strength_noise < 1.0)
+    if int(seen.sum()) < shares.shape[1] + delays.shape[1]:
+        return np.full(shares.shape[1] + delays.shape[1], np.nan)
+    share = _even_part(np.exp(found.strength[seen]), strength_noise[seen], shares[seen])
+    return np.concatenate([share, _even_part(found.later_rad[seen], delay_noise[seen], delays[seen])])
+
+
+def _off(observed: Float, share: Float, later_rad: Float) -> tuple[Float, Float]:
+    """Return what ln|q_2| and arg q_2, (2, n), differ by from those of two paths, and their slopes along share and delay."""
+    expected, slopes = of_two_paths(share, later_rad, 2)
+    off = observed - expected
+    off[1] = wrapped(off[1])
+    return off, slopes
+
+
+def _even_part(values: Float, variance: Float, columns: Float) -> Float:
+    """Return the factors of columns, (n, m), whose sum comes near values, (n,), whatever a few of them are."""
+    noise = np.maximum(variance, float(median(variance)) / 9.0)
+    weight = 1.0 / noise
+    factors = _solved(columns, weight, values)
+    for _ in range(ROBUST_STEPS):
+        squared = (values - columns @ factors) ** 2
+        factors = _solved(columns, weight / (1.0 + squared / (4.0 * float(median(squared)) + TINY)), values)
+    return factors
+
+
+def _solved(columns: Float, weight: Float, values: Float) -> Float:
+    """Return the factors of columns, (n, m), of least weighted squares to values, (n,)."""
+    weighted = columns.T * weight
+    normal = weighted @ columns
+    normal[np.diag_indices_from(normal)] += 1e-12 * np.trace(normal) + TINY
+    return np.asarray(np.linalg.solve(normal, weighted @ values))

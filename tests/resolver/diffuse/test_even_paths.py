@@ -1,0 +1,147 @@
+"""Second paths that change evenly over the view are told from tails, whose shares and delays never do, whatever hides them."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from cadtof_cli.arrays import Bool, Complex, Float
+from cadtof_cli.resolver.diffuse.choice import are_two_paths
+from cadtof_cli.resolver.diffuse.even_paths import View, are_even
+from cadtof_cli.resolver.diffuse.light import PatchMeans
+from cadtof_cli.resolver.diffuse.second_paths import PatchData, SecondPaths, has_one_share, of_two_paths
+from tests.support.diffuse_frames import OMEGA, F, Tail
+
+ROWS, COLUMNS = 15, 20
+
+DOWN, ACROSS = (
+    side.ravel()
+    for side in np.meshgrid(np.linspace(-0.43, 0.43, ROWS), np.linspace(-0.57, 0.57, COLUMNS), indexing="ij")
+)
+"""Slopes of the patches' rays, Y and X."""
+
+COUNT = ROWS * COLUMNS
+
+SLANT: Float = np.sqrt(1.0 + ACROSS**2 + DOWN**2)
+
+LIT: Bool = np.ones((ROWS, COLUMNS), np.bool_)
+
+VIEW = View(np.stack([np.ones(COUNT), ACROSS, DOWN, SLANT], axis=1), LIT, OMEGA)
+
+
+def patches(*mpi: Complex, sigma: float, seed: int = 0) -> PatchData:
+    """Patches of 64 pixels of amplitude .2 whose MPI over direct light at every harmonic is given, with noise."""
+    rng, each = np.random.default_rng(seed), sigma / (0.2 * 8.0)
+    noise = each * (rng.normal(size=(len(mpi), COUNT)) + 1j * rng.normal(size=(len(mpi), COUNT)))
+    phasors = 1.0 + np.stack(mpi) + noise
+    turn = np.conj(phasors[0]) / np.abs(phasors[0])
+    ratios = np.stack([p / np.abs(phasors[0]) * turn**h for h, p in enumerate(phasors[1:], start=2)])
+    amplitude = 0.2 * np.abs(phasors[0])
+    shape = LIT.shape
+    means = PatchMeans(ratios.reshape(-1, *shape), amplitude.reshape(shape), np.full(shape, 64.0), np.zeros(shape))
+    return PatchData.of(means, LIT, np.full(len(mpi), sigma**2), tuple(range(1, len(mpi) + 1)))
+
+
+def second(share: float | F, later_ns: float | F, sigma: float, *, harmonics: int = 2, seed: int = 0) -> PatchData:
+    """Patches of two paths."""
+    turn: Complex = np.exp(1j * OMEGA * np.broadcast_to(later_ns, COUNT))
+    return patches(*(share * turn**h for h in range(1, harmonics + 1)), sigma=sigma, seed=seed)
+
+
+def even(data: PatchData) -> bool:
+    with np.errstate(all="ignore"):
+        return are_even(SecondPaths.of(data), data, VIEW)
+
+
+def room(uneven: float, sigma: float, *, strength: float = 0.25, seed: int = 0) -> PatchData:
+    """A tail that is stronger and earlier where surfaces meet: in two edges of the view and in its middle."""
+    near = np.exp(-6.0 * np.abs(ACROSS + 0.1)) + np.exp(-5.0 * np.abs(DOWN - 0.25))
+    tails = [Tail(strength * float(np.exp(uneven * x)), 4.0 - 2.0 * uneven * float(x), 8.0) for x in near]
+    mpi = [np.array([tail.phasor(h) for tail in tails]) for h in (1, 2)]
+    return patches(*mpi, sigma=sigma, seed=seed)
+
+
+@pytest.mark.parametrize("h", [2, 3])
+def test_slopes_are_those_of_what_two_paths_show(h: int) -> None:
+    rng, step = np.random.default_rng(1), 1e-6
+    share, later = rng.uniform(0.0, 0.9, 50), rng.uniform(-2.5, 2.5, 50)
+    found, slopes = of_two_paths(share, later, h)
+    first, further = (1.0 + share * np.exp(1j * k * later) for k in (1, h))
+    ratio = further / np.abs(first) * (np.conj(first) / np.abs(first)) ** h
+    assert_allclose(np.exp(found[0]), np.abs(ratio))
+    assert_allclose(np.exp(1j * found[1]), ratio / np.abs(ratio))
+    by_share = (of_two_paths(share + step, later, h)[0] - found) / step
+    by_delay = (of_two_paths(share, later + step, h)[0] - found) / step
+    assert_allclose(slopes, np.stack([by_share, by_delay], axis=1), atol=2e-4)
+
+
+@pytest.mark.parametrize("sigma", [1e-4, 1e-3, 5e-3])
+@pytest.mark.parametrize(("share", "later_ns"), [(0.1, 6.0), (0.1, 11.0), (0.3, 8.0)])
+def test_one_share_at_one_delay_is_two_paths(share: float, later_ns: float, sigma: float) -> None:
+    data = second(share, later_ns, sigma)
+    assert even(data)
+    assert are_two_paths(data, VIEW)
+    with np.errstate(all="ignore"):
+        assert not has_one_share(SecondPaths.of(data), rad_per_ns=OMEGA)
+
+
+def test_weak_shares_that_grow_evenly_are_two_paths_at_delays_that_do() -> None:
+    """From .005 to .03 down, 3 to 20 ns late across: the card of `simulate` with weak MPI."""
+    share, later = 0.0175 + 0.0125 * DOWN / 0.43, 11.5 + 8.5 * ACROSS / 0.57
+    for seed in range(5):
+        assert even(second(share, later, 1e-3, seed=seed))
+
+
+@pytest.mark.parametrize("later_ns", [9.0 * SLANT, 9.0 + 4.0 * ACROSS, 6.0 + 3.0 * SLANT - 2.0 * DOWN])
+def test_delays_on_an_even_surface_are_two_paths_whatever_the_shares(later_ns: F) -> None:
+    """A pane before a wall with a pattern: delays are those of two planes, what the wall sends back is any."""
+    share = 0.15 * np.exp(0.5 * np.random.default_rng(7).normal(size=COUNT))
+    assert even(second(share, later_ns, 5e-4))
+    uneven = later_ns + 0.3 * np.random.default_rng(8).normal(size=COUNT)
+    assert not even(second(share, uneven, 5e-4))
+
+
+@pytest.mark.parametrize("sigma", [1e-4, 1e-3, 3e-3, 1e-2])
+@pytest.mark.parametrize("uneven", [0.2, 0.5, 1.0])
+def test_tails_that_follow_surfaces_are_not_even(uneven: float, sigma: float) -> None:
+    for seed in range(5):
+        assert not even(room(uneven, sigma, seed=seed))
+
+
+def test_noise_that_hides_everything_is_no_second_path() -> None:
+    """A share that is as far from none as from any says nothing, and a tail that is hidden as well is not told from it."""
+    for seed in range(5):
+        assert not even(room(0.5, 0.2, seed=seed))
+        assert not even(second(0.005, 9.0, 1e-2, seed=seed))
+
+
+def test_a_fifth_of_the_view_may_be_without_a_second_path_and_a_piece_have_another() -> None:
+    """The noise of shares is 11 % of them, too much for single patches to tell that they are the same."""
+    share = np.where(DOWN < -0.26, 0.0, 0.05)
+    assert even(second(share, 8.0, 2e-3))
+    share = np.where((DOWN < -0.2) & (ACROSS < -0.4), 0.2, 0.05)
+    assert 0.03 < np.mean(share == 0.2) < 0.08
+    assert even(second(share, 8.0, 2e-3))
+
+
+def test_what_is_left_alike_in_neighbours_is_a_tail_where_each_patch_hides_it() -> None:
+    """Shares that wave over the view by a seventh, under noise of the same size: χ² hardly tells, neighbours do."""
+    wave = 1.0 + 0.25 * np.sin(12.0 * ACROSS) * np.sin(12.0 * DOWN)
+    for seed in range(5):
+        assert even(second(0.05, 8.0, 5e-3, seed=seed))
+        assert not even(second(0.05 * wave, 8.0, 5e-3, seed=seed))
+
+
+def test_a_third_harmonic_that_is_not_foretold_speaks_against_two_paths_however_even() -> None:
+    tail = Tail(0.3, 3.0, 9.0)
+    mpi = [np.full(COUNT, tail.phasor(h)) for h in (1, 2, 3)]
+    assert are_two_paths(patches(*mpi[:2], sigma=1e-3), VIEW)
+    assert not are_two_paths(patches(*mpi, sigma=1e-3), VIEW)
+    assert are_two_paths(second(0.1, 8.0, 1e-3, harmonics=3), VIEW)
+
+
+def test_few_patches_and_light_without_mpi_or_noise_do_no_harm() -> None:
+    nothing = np.zeros(COUNT, np.complex128)
+    for sigma in (0.0, 1e-3):
+        with np.errstate(all="ignore"):
+            assert not are_two_paths(patches(nothing, nothing, sigma=sigma), VIEW)
+            assert are_two_paths(second(0.1, 8.0, sigma), VIEW) == (sigma > 0.0)
