@@ -49,9 +49,14 @@ class Run:
         """Return the name of a map: its path from the run's folder, without suffix."""
         return file.relative_to(self.folder).with_suffix("").as_posix()
 
+    @property
+    def roi(self) -> Sequence[int] | None:
+        """What the maps show of the recorded frames: columns X0 ≤ x < X1 and rows Y0 ≤ y < Y1; None: all of them."""
+        return None if self.record is None else self.record["arguments"].get("roi")
+
     def cropped(self, plane: Float, /) -> Float:
         """Return of a plane of a whole frame what the maps show: the pixels of `--roi`."""
-        roi = self.record and self.record["arguments"].get("roi")
+        roi = self.roi
         if not roi or plane.shape == (roi[3] - roi[1], roi[2] - roi[0]):
             return plane
         return plane[roi[1] : roi[3], roi[0] : roi[2]]
@@ -80,7 +85,7 @@ class Run:
         return None
 
     def optics(self, file: Path, /) -> Optics:
-        """Return the optics that the capture of a map was recorded with, as the run's record has them; unknown without one.
+        """Return the optics of the recorded frame of a map, as the run's record has them; unknown without one.
 
         Maps lie below the run's folder as their captures lie below the folder that they share.
         """

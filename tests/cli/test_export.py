@@ -43,6 +43,33 @@ def _maps(folder: Path, *options: object, frames: int = 1) -> Path:
     return folder / "out"
 
 
+@pytest.mark.parametrize("depth", ["range", "z"])
+def test_a_part_of_the_pixels_stays_in_its_place(depth: str, tmp_path: Path) -> None:
+    """Points of the maps of a --roi lie where those of whole maps lie, not about an axis through their middle."""
+    options = ("-o", tmp_path / "out", "-j", 1, "-q", "--mpi-model", "discrete", "--depth", depth, "--overwrite")
+    capture = record(tmp_path / "capture").folder
+    places = []
+    for part in ((), ("--roi", "3,2,9,8")):
+        assert cadtof("resolve", capture, *options, *part).status == 0
+        cloud = _ply(_exported(tmp_path / f"{len(part)}.ply", tmp_path / "out"))
+        places.append({tuple(point) for point in np.stack([cloud[name] for name in "xyz"], axis=1).tolist()})
+    whole, part_of_it = places
+    assert 0 < len(part_of_it) <= 36
+    assert part_of_it < whole
+
+
+def test_the_axis_of_a_part_of_the_pixels_must_be_known(tmp_path: Path) -> None:
+    """Without a principal point it is the frame's centre, which the maps of a part do not show."""
+    capture = record(tmp_path / "capture", form="exr").folder
+    options = ("-j", 1, "-q", "--focal-length", 28)
+    assert cadtof("resolve", capture, "-o", tmp_path / "out", "--roi", "3,2,9,8", *options).status == 0
+    refused = cadtof("export", tmp_path / "out", "-o", tmp_path / "a.ply")
+    assert refused.status == 2
+    assert "its optics are unknown: give --focal-length-px, and for maps of a --roi --principal-point-px" in refused.err
+    _exported(tmp_path / "a.ply", tmp_path / "out", "--principal-point", "12,8")
+    _exported(tmp_path / "a.png", tmp_path / "out")
+
+
 @pytest.mark.parametrize("ending", READERS)
 def test_a_wall_stays_a_wall(ending: str, tmp_path: Path) -> None:
     """A wall 3 m away, tilted by 20° and 10°: its plane, fitted to the points in the other library, lies and leans as it did."""
@@ -210,7 +237,7 @@ def test_what_cannot_be_exported(tmp_path: Path) -> None:
             "--layer: found 'confidence', expected a layer of depths",
         ),
         ((out, "-o", tmp_path / "a.ply", "--layer", "path3.depth"), "expected path3.depth"),
-        ((tmp_path / "lone.exr", "-o", tmp_path / "a.ply"), "the optics are unknown"),
+        ((tmp_path / "lone.exr", "-o", tmp_path / "a.ply"), "its optics are unknown"),
         ((out, "-o", tmp_path / "a.ply", "--focal-length-px", "0"), "optics.focal_length_px"),
         (
             (out, "-o", tmp_path / "a.ply", "--principal-point-px", "1,2,3"),

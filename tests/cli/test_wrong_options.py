@@ -166,3 +166,13 @@ def test_a_run_without_maps_names_no_place_for_them(capture: Path, tmp_path: Pat
     done = cadtof("resolve", capture, "-o", tmp_path / "out", "-j", 1, "--min-confidence", 1e9)
     assert done.status == 1
     assert done.err.endswith(f"s; 1 failed, see {tmp_path / 'out' / 'frames.jsonl'}\n")
+
+
+def test_different_parts_of_the_pixels_are_not_compared(capture: Path, tmp_path: Path) -> None:
+    """Two parts of one size are of other pixels all the same."""
+    for name, roi in (("a", "0,0,6,5"), ("b", "2,1,8,6")):
+        assert cadtof("resolve", capture, "-o", tmp_path / name, "-j", 1, "-q", "--roi", roi).status == 0
+    refused = cadtof("compare", tmp_path / "a", tmp_path / "b")
+    assert refused.status == 2
+    assert "shows pixels 0,0,6,5 and " in refused.err
+    assert refused.err.endswith(" 2,1,8,6: resolve both with the same --roi\n")

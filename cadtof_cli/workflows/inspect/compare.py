@@ -96,7 +96,7 @@ class MapPairs:
 
     Raises:
         CaptureError: there are no maps in one of them, or they share no frame.
-        SettingsError: one holds radial range and the other planar depth.
+        SettingsError: one holds radial range and the other planar depth, or they show different parts of the pixels.
     """
 
     def __init__(self, first: Path, second: Path, /) -> None:
@@ -105,6 +105,11 @@ class MapPairs:
             raise SettingsError(
                 f"{first} holds {DEPTH_IN_WORDS[self.a.depth_kind]} and {second} {DEPTH_IN_WORDS[self.b.depth_kind]}: "
                 "resolve both with the same --depth"
+            )
+        if self.a.roi and self.b.roi and [*self.a.roi] != [*self.b.roi]:
+            parts = [",".join(map(str, roi)) for roi in (self.a.roi, self.b.roi)]
+            raise SettingsError(
+                f"{first} shows pixels {parts[0]} and {second} {parts[1]}: resolve both with the same --roi"
             )
         one, other = ({run.name(file): file for file in run.require_maps()} for run in (self.a, self.b))
         shared = [name for name in one if name in other]

@@ -104,6 +104,11 @@ def _kind(run: Run, settings: ExportSettings) -> DepthKind:
 def _write_points(one: _Map, output: Path) -> None:
     """Write the points of the pixels that have an answer: x right, y down, z forward from the camera, in m."""
     depth, path = one.depth, one.name.removesuffix(".depth")
+    if one.optics.focal_length_px is None:
+        raise SettingsError(
+            f"{one.path}: its optics are unknown: give --focal-length-px, and for maps of a --roi --principal-point-px, counted "
+            "from the corner of the maps"
+        )
     rows, columns = depth.shape
     right, down = ray_slopes(one.optics, (rows, columns))
     forward = depth if one.kind == "z" else depth * planar_per_range(one.optics, (rows, columns))

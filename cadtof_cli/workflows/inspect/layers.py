@@ -41,12 +41,18 @@ class GivenOptics:
     )
 
     def optics(self, run: Run, file: Path, /) -> Optics:
-        """Return the optics of a map: those that the user gave, or else those of the run."""
+        """Return the optics of a map, whose pixels count from its own corner: those that the user gave, or else those of the run.
+
+        Without a principal point it is the centre of the recorded frame. Where that is, nothing says for the maps of a part of
+        the pixels: their optics are unknown then.
+        """
         known, focal, point = run.optics(file), self.focal_length_px, self.principal_point_px
-        return Optics(
-            focal_length_px=known.focal_length_px if focal is None else focal,
-            principal_point_px=known.principal_point_px if point is None else point,
-        )
+        if point is None and known.principal_point_px is not None:
+            left, top = (run.roi or (0, 0))[:2]
+            point = known.principal_point_px[0] - left, known.principal_point_px[1] - top
+        if point is None and run.roi:
+            return Optics()
+        return Optics(focal_length_px=known.focal_length_px if focal is None else focal, principal_point_px=point)
 
 
 def layer_of(layers: Layers, name: str, path: Path, /) -> NDArray[Any]:
