@@ -32,6 +32,7 @@ OTHERS = frozenset(
             "--scipy-pixels",
             "--card",
             "--named",
+            "--room",
             "--list",
             "--first",
             "--write",
