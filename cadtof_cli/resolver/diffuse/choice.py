@@ -32,9 +32,10 @@ LARGEST_LEAD_RAD = 0.1
 LARGEST_RATIO = 1.2
 """Largest |q_2| of a tail: below 1 for one that decays; strong light from one far wall reaches 1.15."""
 
-SEPARATE_SHARE = 0.15
-"""Share of separate patches above which a whole frame is taken as two paths: .14 at the most in 444 of 445 rendered rooms,
-but .19 in one; .15 to .51 on true ones, least where one far panel sends weak light."""
+SEPARATE_SHARE = 0.2
+"""Share of separate patches above which a whole frame is taken as two paths: .14 at the most in 473 of 475 rendered rooms, .17
+and .19 in the others; up to .51 on true ones. Those below are told by `are_two_paths`: no frame of `scripts/second_paths.py` needs
+less than this."""
 
 LEAST_PATCHES = 64
 """Patches with light below which there is no room to predict from: a view of 32 × 32 pixels, or a fifth of a larger one."""

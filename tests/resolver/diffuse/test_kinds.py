@@ -54,12 +54,12 @@ def test_sixty_four_patches_with_light_make_a_room() -> None:
     assert not kinds(frame([TAIL] * 63)).separate.any()
 
 
-def test_up_to_fifteen_in_a_hundred_patches_may_be_separate() -> None:
+def test_up_to_twenty_in_a_hundred_patches_may_be_separate() -> None:
     early = np.exp(0.5j)
-    within, beyond = (kinds(frame([early] * count + [TAIL] * (100 - count))) for count in (15, 16))
-    assert (within.reason, within.separate_share) == ("tail", 0.15)
-    assert (beyond.reason, beyond.separate_share) == ("separate paths", 0.16)
-    assert within.separate.sum() == 15
+    within, beyond = (kinds(frame([early] * count + [TAIL] * (100 - count))) for count in (20, 21))
+    assert (within.reason, within.separate_share) == ("tail", 0.2)
+    assert (beyond.reason, beyond.separate_share) == ("separate paths", 0.21)
+    assert within.separate.sum() == 20
     told = kinds(frame([early] * 100), "diffuse")
     assert (told.reason, told.separate_share) == ("tail", 0.0)
 
