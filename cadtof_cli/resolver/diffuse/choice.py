@@ -34,8 +34,8 @@ LARGEST_RATIO = 1.2
 
 SEPARATE_SHARE = 0.2
 """Share of separate patches above which a whole frame is taken as two paths: .14 at the most in 473 of 475 rendered rooms, .17
-and .19 in the others; up to .51 on true ones. Those below are told by `are_two_paths`: no frame of `scripts/second_paths.py` needs
-less than this."""
+and .19 in the others; up to .51 on true ones. Those below are told by `are_two_paths`: no frame of `scripts/second_paths.py`
+needs less than this."""
 
 LEAST_PATCHES = 64
 """Patches with light below which there is no room to predict from: a view of 32 × 32 pixels, or a fifth of a larger one."""
