@@ -241,7 +241,7 @@ class CaptureOption(click.Option):
     """An option that overrides one key of `capture.toml`."""
 
 
-def capture_options(*without: str) -> Decorator[Any]:
+def capture_options(*without: str) -> RecordOptions:
     """Return a decorator that adds an option for every key of `capture.toml`; they arrive by dotted key, as `overrides`.
 
     Args:

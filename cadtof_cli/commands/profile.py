@@ -41,6 +41,8 @@ def profile(
     """
     if settings.layer != DIRECT_DEPTH:
         note_given({"first_phasor"}, f"with --layer {settings.layer}")
+    if out is None:
+        note_given({"overwrite"}, "without -o")
     found = read_profile(maps, settings=settings, truth=truth, progress=Bar())
     if out is None:
         tell(profile_table(found).rstrip("\n"))

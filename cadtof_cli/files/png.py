@@ -17,7 +17,7 @@ from cadtof_cli.errors import FrameError
 from cadtof_cli.files.atomic import atomic_write
 from cadtof_cli.files.frames import FrameLayout, Frames, NotAFrameError
 from cadtof_cli.files.library_output import library_output
-from cadtof_cli.files.reading import damage_as_frame_error, require_plausible_size
+from cadtof_cli.files.reading import damage_as_frame_error, read_bytes, require_plausible_size
 
 _SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _HEADER = struct.Struct(">8xI4sIIBB")
@@ -34,7 +34,8 @@ def open_frames(path: Path, layout: FrameLayout, /) -> AbstractContextManager[Fr
     Raises:
         NotAFrameError: always; the message says how planes become frames.
     """
-    height, width, bits = _size(path, path.read_bytes()[: _HEADER.size])
+    with damage_as_frame_error(path, "PNG"):
+        height, width, bits = _size(path, read_bytes(path))
     raise NotAFrameError(
         f"{path}: holds one plane of {width} × {height}, {bits} bits; expected {layout.planes} planes per frame: one PNG each,"
         ' and their names in [layout] pattern, such as "{frame}_h{harmonic}_sc{channel}.png"'
@@ -51,7 +52,7 @@ def read_plane(path: Path, _layout: FrameLayout, /) -> Stored:
     import imagecodecs
 
     with damage_as_frame_error(path, "PNG"):
-        content = path.read_bytes()
+        content = read_bytes(path)
         height, width, bits = _size(path, content)
         require_plausible_size(path, height * width * 2, len(content))
         with library_output() as printed:

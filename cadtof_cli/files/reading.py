@@ -16,6 +16,8 @@ from cadtof_cli.files.system import READ_FLAGS
 MOST_TEXT_BYTES = 2**22
 """Larger than any text that people write; what is read into memory as a whole should not be without end."""
 
+_PIECE_BYTES = 2**22
+
 _KINDS = {
     stat.S_IFIFO: "a FIFO",
     stat.S_IFSOCK: "a socket",
@@ -82,6 +84,27 @@ def read_text(path: Path, /, *, encoding: str = "utf-8", most_bytes: int | None 
         raise OSError(errno.EFBIG, f"found {size:,} bytes, expected {most_bytes:,} or fewer", str(path))
     with os.fdopen(os.open(path, READ_FLAGS), "r", encoding=encoding) as file:
         return file.read()
+
+
+def read_bytes(path: Path, /) -> bytes:
+    """Return what a regular file holds.
+
+    Raises:
+        OSError: there is none, or it cannot be read.
+    """
+    with os.fdopen(open_regular(path), "rb") as file:
+        return file.read()
+
+
+def read_through(path: Path, /) -> None:
+    """Read a regular file to its end and keep nothing: the system says what a library has not handed on.
+
+    Raises:
+        OSError: there is none, or it cannot be opened or read: no more files may be open, a disk or network fails.
+    """
+    with os.fdopen(open_regular(path), "rb", buffering=0) as file:
+        while file.read(_PIECE_BYTES):
+            pass
 
 
 PLAUSIBLE_BYTES = 2**26
