@@ -92,6 +92,7 @@ class TiffImages:
                 page = series[0].keyframe
                 self.dtype: np.dtype[Any] = np.dtype(page.dtype).newbyteorder("=")
                 self._page_shape: tuple[int, ...] = page.shape
+                self._described_beside = series[0].kind == "ndtiff"
                 self._scattered = ScatteredPlanes(path, series) if is_scattered(series[0]) else None
                 if self._scattered is not None:
                     self.labels, self.sizes, self.plane_shape = self._scattered.described
@@ -144,9 +145,12 @@ class TiffImages:
         return np.ascontiguousarray(stored[place, samples])
 
     def envelope(self, indices: NDArray[np.intp], /) -> Envelope | None:
-        """Return what stands around planes; None where they do not lie in one run, in this order and native byte order."""
+        """Return what stands around planes; None where they do not lie in one run, in this order and native byte order.
+
+        Nor where another file says which they are: of files that differ in their pixels alone it may say something else.
+        """
         native = self.dtype.newbyteorder(self._tiff.byteorder) == self.dtype
-        plain = self._scattered is None and self._samples == 1
+        plain = self._scattered is None and self._samples == 1 and not self._described_beside
         start = self._start_of_run(indices.tolist()) if native and plain else None
         size = indices.size * math.prod(self.plane_shape) * self.dtype.itemsize
         return None if start is None else Envelope.of(self._tiff.filehandle, start, size)
