@@ -19,7 +19,7 @@ from cadtof_cli.files.frames import CHANNELS, FrameLayout, Frames, shape_text
 from cadtof_cli.files.library_output import library_output
 from cadtof_cli.files.maps import SOFTWARE, STATUS, DepthMaps, MapHeader
 from cadtof_cli.files.named_planes import NamedPart, Place, voltage_places
-from cadtof_cli.files.reading import damage_as_frame_error, read_through, require_plausible_size
+from cadtof_cli.files.reading import damage_as_frame_error, in_brief, read_through, require_plausible_size
 from cadtof_cli.files.system import codes_of_the_system
 from cadtof_cli.records import dataclass
 
@@ -153,7 +153,7 @@ def _opened(path: Path, *, header_only: bool) -> Any:
         if said:
             read_through(path)
     if said:
-        words = "; ".join(line.removeprefix(f"{path}: ").removeprefix("Warning: ") for line in dict.fromkeys(said))
+        words = in_brief(line.removeprefix(f"{path}: ").removeprefix("Warning: ") for line in said)
         raise FrameError(f"{path}: damaged EXR: {words}; expected a complete file, try copying it again")
     if not file.parts:
         raise FrameError(f"{path}: damaged EXR: found no parts, expected at least one")

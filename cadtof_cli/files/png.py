@@ -17,7 +17,7 @@ from cadtof_cli.errors import FrameError
 from cadtof_cli.files.atomic import atomic_write
 from cadtof_cli.files.frames import FrameLayout, Frames, NotAFrameError
 from cadtof_cli.files.library_output import library_output
-from cadtof_cli.files.reading import damage_as_frame_error, read_bytes, require_plausible_size
+from cadtof_cli.files.reading import damage_as_frame_error, in_brief, read_bytes, require_plausible_size
 
 _SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _HEADER = struct.Struct(">8xI4sIIBB")
@@ -59,7 +59,7 @@ def read_plane(path: Path, _layout: FrameLayout, /) -> Stored:
             plane: Stored = imagecodecs.png_decode(content)
     said = [line for line in printed if _HARMLESS not in line]
     if said:
-        raise FrameError(f"{path}: damaged PNG: {'; '.join(said)}; expected a complete file, try copying it again")
+        raise FrameError(f"{path}: damaged PNG: {in_brief(said)}; expected a complete file, try copying it again")
     if plane.shape != (height, width) or plane.dtype != np.dtype(f"u{bits // 8}"):
         raise FrameError(
             f"{path}: damaged PNG: found {plane.shape} {plane.dtype}, its header promises {height}, {width}"

@@ -6,7 +6,7 @@ import errno
 import os
 import stat
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -113,6 +113,16 @@ PLAUSIBLE_RATIO = 4096
 deflate reaches a ratio of 1,032, and a frame of a megapixel holds 16 to 32 MB."""
 
 
+_MOST_LETTERS = 300
+
+
+def in_brief(remarks: Iterable[object], /) -> str:
+    """Return the first of the remarks that a library makes on a damaged file, and how many others there are, often thousands."""
+    first, *others = dict.fromkeys(map(str, remarks))
+    told = first if len(first) <= _MOST_LETTERS else f"{first[:_MOST_LETTERS]} …"
+    return f"{told} (and {len(others)} remarks more)" if others else told
+
+
 @contextmanager
 def damage_as_frame_error(path: Path, kind: str) -> Iterator[None]:
     """Turn what reading raises into a FrameError; wrap the calls of a reading library, never a caller's work.
@@ -136,7 +146,7 @@ def damage_as_frame_error(path: Path, kind: str) -> Iterator[None]:
             f"{path}: damaged {kind}: it contains a name that is not UTF-8; expected a complete file"
         ) from error
     except Exception as error:
-        words = str(error) or f"the library stopped with {type(error).__name__}"
+        words = in_brief([str(error) or f"the library stopped with {type(error).__name__}"])
         raise FrameError(f"{path}: damaged {kind}: {words}; expected a complete file, try copying it again") from error
 
 

@@ -68,9 +68,7 @@ def direct_depth(path: Path, /) -> Float:
     Raises:
         CadtofError: the file cannot be read or has no such layer.
     """
-    with np.errstate(invalid="ignore"):
-        # a NaN may be of the kind that tells when it is converted
-        return layer_of(read_layers(path), DIRECT_DEPTH, path).astype(np.float64)
+    return layer_of(read_layers(path), DIRECT_DEPTH, path).astype(np.float64)
 
 
 @dataclass(frozen=True)
