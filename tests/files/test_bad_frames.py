@@ -133,12 +133,13 @@ def test_tiff_whose_pixels_come_last_and_end_early(tmp_path: Path) -> None:
 
 
 def test_a_width_that_is_no_whole_number(tmp_path: Path) -> None:
-    path = write_pages(tmp_path / "frame.tif", planes_of(known_frame("u2")))
-    content = bytearray(path.read_bytes())
+    samples = np.stack(planes_of(known_frame("u2")), axis=-1)
+    path = write_pages(tmp_path / "frame.tif", samples, planarconfig="contig", compression="zlib")
     with tifffile.TiffFile(path) as tiff:
-        for page in tiff.pages:
-            # its type, its count and its value
-            struct.pack_into("<HIf", content, page.aspage().tags[256].offset + 2, 11, 1, 53.0)
+        width = tiff.pages.first.tags[256].offset
+    content = bytearray(path.read_bytes())
+    # its type, its count and its value
+    struct.pack_into("<HIf", content, width + 2, 11, 1, 5e-39)
     path.write_bytes(content)
     assert "damaged TIFF: 'float' object cannot be interpreted as an integer" in message(path)
 
