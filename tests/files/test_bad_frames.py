@@ -133,7 +133,7 @@ def test_tiff_whose_pixels_come_last_and_end_early(tmp_path: Path) -> None:
 
 
 def test_a_width_that_is_no_whole_number(tmp_path: Path) -> None:
-    samples = np.stack(planes_of(known_frame("u2")), axis=-1)
+    samples = np.moveaxis(planes_of(known_frame("u2")), 0, -1)
     path = write_pages(tmp_path / "frame.tif", samples, planarconfig="contig", compression="zlib")
     with tifffile.TiffFile(path) as tiff:
         width = tiff.pages.first.tags[256].offset
