@@ -78,7 +78,7 @@ def test_that_no_more_files_may_be_open_is_no_damage(spare: int, tmp_path: Path)
     resource = pytest.importorskip("resource")
     limits, held = resource.getrlimit(resource.RLIMIT_NOFILE), list[int]()
     try:
-        resource.setrlimit(resource.RLIMIT_NOFILE, (min(256, limits[0]), limits[1]))
+        resource.setrlimit(resource.RLIMIT_NOFILE, (min(4096, limits[0]), limits[1]))
         with contextlib.suppress(OSError):
             while True:
                 held.append(os.dup(0))
