@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from cadtof_cli import __version__
 from cadtof_cli.arrays import Float32, Status
 from cadtof_cli.files.system import BLOCK_BYTES
 from cadtof_cli.records import dataclass
+from cadtof_cli.version import __version__
 
 STATUS = "status"
 

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 
-from cadtof_cli import __version__
 from cadtof_cli.arrays import Float
 from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Optics, Pixel, Pulse, Target, Voltage
 from cadtof_cli.capture.toml import FILE_NAME, toml_text
@@ -23,6 +22,7 @@ from cadtof_cli.simulation.scene.camera import Camera
 from cadtof_cli.simulation.scene.exposure import Band, Exposure, band_rows, expose_band, frame_voltages, joined
 from cadtof_cli.simulation.scene.light import Scene
 from cadtof_cli.simulation.scene.scenes import Wall
+from cadtof_cli.version import __version__
 from cadtof_cli.workflows.progress import NO_PROGRESS, Progress, results
 
 
