@@ -132,7 +132,8 @@ def resolve_pixels(
         _fill_by_kernel(maps, pixels, plan, stages, kernel)
     else:
         _fill_by_blocks(maps, pixels, plan, stages, kernel, calibrated=calibration is not None)
-        clear_impossible(maps, noise=pixels.noise, amplitude_v=plan.metadata.modulation.amplitude_v)
+        longest = stages.correction.response.longest if stages.correction.response else 1.0
+        clear_impossible(maps, noise=pixels.noise, amplitude_v=stages.depth.amplitude_v, longest=longest)
     if stages.depth.lamp is not None:
         stages.depth.measure_from_camera(maps, pixels.first)
     if pixels.without_noise:
