@@ -29,7 +29,7 @@ from cadtof_cli.frame_stages import (
 from cadtof_cli.maps.depth import clear_impossible, clear_pixels, write_block
 from cadtof_cli.maps.layers import ALWAYS
 from cadtof_cli.phasors.frame_mean import FrameMean
-from cadtof_cli.phasors.noise import NoiseModel, estimated_integration_length, noise_model
+from cadtof_cli.phasors.noise import NoiseModel, estimated_integration_length, most_integration, noise_model
 from cadtof_cli.phasors.plausible import is_without_noise
 from cadtof_cli.phasors.voltages import saturated_pixels
 from cadtof_cli.records import dataclass
@@ -48,9 +48,6 @@ stays small however large the frames are."""
 
 SEARCHED_BLOCK_PIXELS = 32768
 """Pixels a block where paths are searched or refined: the last steps are for a few, and cost the same for any block."""
-
-MOST_INTEGRATION = 1e12
-"""Integration length of a frame without any noise: that of float32 rounding, so that every threshold stays finite."""
 
 
 @dataclass(frozen=True)
@@ -209,7 +206,7 @@ def _estimated_noise(pixels: FramePixels, plan: FramePlan, stages: FrameStages) 
         )
     if pixels.noise.samples is not None:
         estimate /= float(np.median(pixels.noise.samples))
-    length = min(estimate, MOST_INTEGRATION)
+    length = min(estimate, most_integration(plan.metadata, quantised=pixels.dtype.kind in "iu"))
     return noise_model(plan.metadata, integration_length=length, quantised=False, estimated=True)
 
 
