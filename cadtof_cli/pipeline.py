@@ -205,7 +205,8 @@ def _estimated_noise(pixels: FramePixels, plan: FramePlan, stages: FrameStages) 
             "saturated; set integration_length under [pixel] in capture.toml, or --integration-length"
         )
     if pixels.noise.samples is not None:
-        estimate /= float(np.median(pixels.noise.samples))
+        # 1/(2·n_av − 1) of one recording is so many times that of the mean
+        estimate = 0.5 * (1.0 + (2.0 * estimate - 1.0) / float(np.median(pixels.noise.samples)))
     length = min(estimate, most_integration(plan.metadata, quantised=pixels.dtype.kind in "iu"))
     return noise_model(plan.metadata, integration_length=length, quantised=False, estimated=True)
 

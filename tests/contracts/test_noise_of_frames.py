@@ -108,6 +108,14 @@ def test_an_unknown_noise_is_that_of_one_frame_however_many_are_averaged() -> No
     assert np.median(resolved.maps.layer("direct.sigma")) == pytest.approx(scatter, rel=0.1)
 
 
+def test_frames_of_noise_alone_have_some_integration_length_however_many_are_averaged() -> None:
+    """Nothing is averaged in what no pixel recorded: an n_av of 1, whose ninth is none."""
+    volts = np.random.default_rng(1).normal(0.0, AMPLITUDE_V, (2, 2, *SHAPE))
+    plan = FramePlan(metadata=CaptureMetadata(), settings=MapSettings(average=9))
+    resolved = resolve_frame(FrameMean(volts, np.full(SHAPE, 9.0), volts.dtype), plan=plan)
+    assert 0.5 < resolved.noise.integration_length < 1.0
+
+
 def test_the_one_path_of_a_frame_of_two_is_the_most_likely_one() -> None:
     """Of all phases, that with the largest w1·Re(p1·exp(−ix)) + w2·Re(p2·exp(−2ix)), however badly one path fits."""
     lights = [Light(0.5, 0.8, 5.0, second) for second in np.linspace(7.0, 18.0, 16)]
