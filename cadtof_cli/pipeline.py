@@ -295,10 +295,10 @@ def _as_of_a_sine(pixels: FramePixels, chosen: Index, stages: FrameStages, kerne
         status, _ = screened(
             np.sqrt(powers[0]), powers, stages.status(pixels, chosen), settings=stages.resolver, noise=noise
         )
-    if stages.correction.response is not None:
-        response = stages.correction.response.block(chosen, kernel=kernel)
-        found = resolve_paths(phasors, status=status, settings=stages.resolver, noise=noise, response=response)
-        from cadtof_cli.resolver.response.as_sine import phasors_of_sine
+        if stages.correction.response is not None:
+            from cadtof_cli.resolver.response.as_sine import phasors_of_sine
 
-        phasors = phasors_of_sine(phasors, found.paths, response=response)
+            response = stages.correction.response.block(chosen, kernel=kernel)
+            found = resolve_paths(phasors, status=status, settings=stages.resolver, noise=noise, response=response)
+            phasors = phasors_of_sine(phasors, found.paths, response=response)
     return phasors, np.asarray(status == 0)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Pixel, Pulse, Voltage
+from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Pixel, Pulse, Voltage, Waveform
 from cadtof_cli.files.maps import DepthMaps
 from cadtof_cli.frame_plan import FramePlan, MapSettings
 from cadtof_cli.phasors.frame_mean import FrameMean
@@ -114,6 +114,16 @@ def test_a_triangle_that_is_sampled_near_its_peaks_is_possible(order: str) -> No
     assert np.isfinite(maps.layer("direct.depth")).all()
     assert maps.layer("confidence").max() > 1.05 * AMPLITUDE_V
     assert_impossible(resolved(2.0 * stored, metadata=metadata, order=order, mpi_model="discrete"))
+
+
+@pytest.mark.parametrize("waveform", ["sine", "triangle"])
+def test_a_value_beyond_single_precision_costs_its_own_pixel_and_warns_of_nothing(waveform: Waveform) -> None:
+    """Where MPI may be diffuse, the frame is looked at before any pixel is resolved."""
+    stored = voltages(TWO)
+    stored[0, 1, 2, 3] = 1e300
+    metadata = CaptureMetadata(modulation=Modulation(waveform=waveform), pixel=Pixel(integration_length=1e5))
+    maps = resolved(stored, metadata=metadata)
+    assert np.argwhere(np.isnan(maps.layer("direct.depth"))).tolist() == [[2, 3]]
 
 
 def test_means_may_exceed_the_modulation_by_less() -> None:
