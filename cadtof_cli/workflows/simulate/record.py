@@ -12,7 +12,7 @@ from cadtof_cli.arrays import Float
 from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Optics, Pixel, Pulse, Target, Voltage
 from cadtof_cli.capture.toml import FILE_NAME, toml_text
 from cadtof_cli.errors import require
-from cadtof_cli.execution.ordered import ALONE, Workers
+from cadtof_cli.execution.workers import ALONE, Workers
 from cadtof_cli.files.atomic import new_folder
 from cadtof_cli.files.formats import FRAME_FORMATS, format_by_name
 from cadtof_cli.files.frames import FrameLayout
