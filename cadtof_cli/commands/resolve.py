@@ -154,12 +154,11 @@ def _summary(totals: "RunTotals", settings: ResolveSettings) -> str:
     pixels = totals.one_path + totals.two_paths + totals.more_paths + totals.diffuse + totals.invalid
     line = f"resolved {totals.ok} of {totals.frames} frames in {totals.seconds:.1f} s"
     if totals.ok:
-        more = f"{totals.more_paths / pixels:.1%} of pixels have more than two paths, " if totals.more_paths else ""
-        more += f"{totals.diffuse / pixels:.1%} of pixels have diffuse MPI, " if totals.diffuse else ""
-        line += (
-            f" ({totals.ok / totals.seconds:.0f} frames/s): {more}{totals.two_paths / pixels:.1%} of pixels have two paths, "
-            f"{totals.one_path / pixels:.1%} one, {totals.invalid / pixels:.1%} no answer"
-        )
+        rare = {"more than two paths": totals.more_paths, "diffuse MPI": totals.diffuse}
+        usual = {"two paths": totals.two_paths, "one path": totals.one_path, "no answer": totals.invalid}
+        counts = {what: count for what, count in rare.items() if count} | usual
+        shares = ", ".join(f"{count / pixels:.1%} {what}" for what, count in counts.items())
+        line += f" ({totals.ok / totals.seconds:.0f} frames/s); pixels: {shares}"
     skipped = totals.skipped - totals.already_there
     if totals.already_there == totals.frames:
         line = f"already there: the maps of all {totals.frames} frames"
