@@ -8,10 +8,10 @@ from typing import Any
 
 import click
 
-from cadtof_cli.commands.help import example
+from cadtof_cli.commands.help import SectionedCommand, example
 from cadtof_cli.commands.options import (
+    CAPTURE_HEADING,
     RecordOptions,
-    SectionedCommand,
     capture_options,
     input_paths,
     jobs_option,
@@ -22,7 +22,7 @@ from cadtof_cli.commands.terminal import progress_bar, tell
 from cadtof_cli.execution.workers import Workers
 
 
-@click.command(cls=SectionedCommand, epilog=example("cadtof info sample_data/corner"))
+@click.command(cls=SectionedCommand, headings=CAPTURE_HEADING, epilog=example("cadtof info sample_data/corner"))
 @click.argument("inputs", nargs=-1, required=True, metavar="INPUT...")
 @RecordOptions("workers", Workers, jobs_option("Processes that read frames"))
 @click.option("-r", "--recursive", is_flag=True, help="Also search all folders below each INPUT.")

@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from cadtof_cli.commands.help import example
-from cadtof_cli.commands.map_options import map_options
+from cadtof_cli.commands.help import SectionedCommand, example
+from cadtof_cli.commands.map_options import MAP_HEADING, map_options
 from cadtof_cli.commands.options import (
+    CAPTURE_HEADING,
     STDIN,
     RecordOptions,
-    SectionedCommand,
     arriving_paths,
     capture_options,
     declared_options,
@@ -35,6 +35,11 @@ _worker = partial(setting_option, Workers)
 
 @click.command(
     cls=SectionedCommand,
+    headings={
+        **MAP_HEADING,
+        "Worker options": ("jobs", "start_method", "task_timeout_s", "scheduler"),
+        **CAPTURE_HEADING,
+    },
     epilog=example(
         "cadtof resolve sample_data/corner -o maps",
         "cadtof resolve --recursive sample_data -o all --depth z --json",

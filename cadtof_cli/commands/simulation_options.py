@@ -88,6 +88,11 @@ quiet_option = click.option("-q", "--quiet", is_flag=True, help="Do not show a p
 
 workers_option = RecordOptions("workers", Workers, jobs_option("Worker processes"))
 
+_path_options = path_options("mpi_model", "seed")
+
+RESOLVING = (*_path_options.names(), "pulse_correction", "wrapped")
+"""Options that decide how the recordings of a pixel are resolved."""
+
 trial_options = RecordOptions(
     "trial",
     TrialOptions,
@@ -95,7 +100,7 @@ trial_options = RecordOptions(
     RecordOptions(
         "trials",
         dict,
-        path_options("mpi_model", "seed"),
+        _path_options,
         *declared_options(Trials).values(),
     ),
     RecordOptions(

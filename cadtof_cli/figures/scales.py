@@ -34,8 +34,9 @@ def signed_limits(*differences: NDArray[np.floating], share: float = 90.0) -> tu
 
 
 def limits_of(values: NDArray[np.floating]) -> tuple[float, float]:
-    """Return the range that all but the outermost half per cent of the finite values lie in, a little widened; about one value, if
-    all are the same but for rounding, a tenth of it either way.
+    """Return the range that all but the outermost half per cent of the finite values lie in, a little widened.
+
+    Where all are the same but for rounding, it reaches a tenth of the value to either side of it.
     """
     finite = values[np.isfinite(values)]
     if not finite.size:
