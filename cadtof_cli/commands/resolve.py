@@ -24,6 +24,7 @@ from cadtof_cli.commands.options import (
 )
 from cadtof_cli.commands.terminal import progress_bar, tell
 from cadtof_cli.execution.workers import LOCAL, Workers
+from cadtof_cli.units import per_second
 from cadtof_cli.workflows.resolve.settings import ResolveSettings
 
 if TYPE_CHECKING:
@@ -163,7 +164,7 @@ def _summary(totals: "RunTotals", settings: ResolveSettings) -> str:
         usual = {"two paths": totals.two_paths, "one path": totals.one_path, "no answer": totals.invalid}
         counts = {what: count for what, count in rare.items() if count} | usual
         shares = ", ".join(f"{count / pixels:.1%} {what}" for what, count in counts.items())
-        line += f" ({totals.ok / totals.seconds:.0f} frames/s); pixels: {shares}"
+        line += f" ({per_second(totals.ok, totals.seconds)} frames/s); pixels: {shares}"
     skipped = totals.skipped - totals.already_there
     if totals.already_there == totals.frames:
         line = f"already there: the maps of all {totals.frames} frames"
