@@ -29,6 +29,14 @@ STDIN = "-"
 _UNITS = {"-ns": "NS", "-v": "V", "-px": "PX", "-m": "M", "-deg": "DEG", "-hz": "HZ"}
 """Ends of names of options that say a unit, and what stands for such a value in the help."""
 
+_METAVARS = {
+    "modulation.periods_ns": "NS,NS…",
+    "modulation.waveform": "sine|triangle",
+    "voltage.saturated_counts": "LOW,HIGH",
+    "optics.principal_point_px": "X,Y",
+    "optics.lamp_offset_m": "M,M,M",
+}
+"""What stands for the value of a key in the help, where its kind and unit do not say it."""
 
 _TYPES: dict[Any, ParamType] = {
     bool: click.BOOL,
@@ -53,12 +61,16 @@ def _names_of(option: str) -> tuple[str, ...]:
 
 
 def metavar_of(name: str, kind: ParamType, /) -> str | None:
-    """Return what stands for the value of an option in the help: its unit, N for whole numbers, X for others; else None."""
+    """Return what stands for the value of an option in the help: its unit, N for whole numbers, X for others; else None.
+
+    Of several numbers it stands there as often as there are some.
+    """
     if kind is click.INT:
         return "N"
-    if kind is not click.FLOAT:
-        return None
-    return next((unit for end, unit in _UNITS.items() if name.endswith(end)), "X")
+    unit = next((unit for end, unit in _UNITS.items() if name.endswith(end)), "X")
+    if isinstance(kind, NumberTuple):
+        return f"{unit},{unit}…" if kind.count is None else ",".join([unit] * kind.count)
+    return unit if kind is click.FLOAT else None
 
 
 def setting_option(
@@ -243,7 +255,7 @@ def _capture_option(key: Key) -> Decorator[Any]:
     default = "" if key.default is None else f"  [if not given: {_as_typed(key.default)}, the paper's]"
     about = f"{key.path}: {key.about}.{default}"
     kind = types[key.kind]
-    metavar = metavar_of(key.option, kind)
+    metavar = _METAVARS.get(key.path) or metavar_of(key.option, kind)
     names = _names_of(key.option)
     return click.option(*names, f"capture_{key.name}", type=kind, metavar=metavar, help=about)
 

@@ -119,7 +119,12 @@ trial_options = RecordOptions(
         metavar="K",
         help="Temperature: adds the kTC noise of C1; with --capacitors.",
     ),
-    click.option("--capacitors", type=NumberTuple(), help="Capacitors C1 to C12 of Fig. 1 in fF; they determine n_av."),
+    click.option(
+        "--capacitors",
+        type=NumberTuple(),
+        metavar="FF,FF…",
+        help="Capacitors C1 to C12 of Fig. 1 in fF; they determine n_av.",
+    ),
     RecordOptions("stages", Stages),
 )
 

@@ -125,3 +125,21 @@ def test_an_option_that_is_mistyped() -> None:
     done = cadtof("resolve", "somewhere", "-o", "out", "--recusive")
     assert done.status == 2
     assert "--recursive" in done.err
+
+
+@pytest.mark.parametrize(
+    ("words", "line"),
+    [
+        ("resolve", "--periods-ns, --periods NS,NS…"),
+        ("resolve", "--waveform sine|triangle"),
+        ("resolve", "--saturated-counts LOW,HIGH"),
+        ("info", "--principal-point-px, --principal-point X,Y"),
+        ("info", "--lamp-offset-m, --lamp-offset M,M,M"),
+        ("simulate", "--lamp-offset-m, --lamp-offset M,M,M"),
+        ("simulate", "--petzval-m, --petzval M,M"),
+        ("sweep", "--offsets-v, --offsets V,V"),
+        ("report", "--focal-length-px, --focal-length PX"),
+    ],
+)
+def test_what_stands_for_a_value_is_its_unit_as_often_as_it_is_asked_for(words: str, line: str) -> None:
+    assert re.search(rf"^  {re.escape(line)}( |$)", cadtof(words, "--help").out, re.MULTILINE)
