@@ -16,7 +16,7 @@ from cadtof_cli.execution.workers import ALONE, Workers
 from cadtof_cli.files.atomic import new_folder
 from cadtof_cli.files.formats import FRAME_FORMATS, format_by_name
 from cadtof_cli.files.frames import FrameLayout
-from cadtof_cli.files.maps import write_layers
+from cadtof_cli.files.layers import write_layers
 from cadtof_cli.records import setting
 from cadtof_cli.simulation.pixel.mix import AT_REST, Motion
 from cadtof_cli.simulation.scene.camera import Camera
