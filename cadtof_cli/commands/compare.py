@@ -10,6 +10,7 @@ import click
 
 from cadtof_cli.commands.help import example
 from cadtof_cli.commands.terminal import progress_bar, tell
+from cadtof_cli.commands.values import PATH
 from cadtof_cli.units import counted, first_of
 
 if TYPE_CHECKING:
@@ -24,15 +25,10 @@ if TYPE_CHECKING:
         "cadtof compare maps sample_data/corner/truth.exr",
     )
 )
-@click.argument("first", type=click.Path(path_type=Path), metavar="A")
-@click.argument("second", type=click.Path(path_type=Path), metavar="B")
+@click.argument("first", type=PATH, metavar="A")
+@click.argument("second", type=PATH, metavar="B")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object on stdout instead of the table.")
-@click.option(
-    "-o",
-    "--out",
-    type=click.Path(path_type=Path),
-    help="Draw the frame that differs most: .png, .pdf, .svg or .jpg.",
-)
+@click.option("-o", "--out", type=PATH, help="Draw the frame that differs most: .png, .pdf, .svg or .jpg.")
 @click.option("--overwrite", is_flag=True, help="Replace the picture if it exists.")
 def compare(*, first: Path, second: Path, as_json: bool, out: Path | None, overwrite: bool) -> None:
     """Show what differs between two runs, or between a run and truth, layer by layer and bit by bit.

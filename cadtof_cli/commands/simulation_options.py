@@ -92,12 +92,7 @@ trial_options = RecordOptions(
     "trial",
     TrialOptions,
     RecordOptions("motion", Motion),
-    RecordOptions(
-        "trials",
-        dict,
-        path_options("mpi_model", "seed"),
-        *declared_options(Trials).values(),
-    ),
+    RecordOptions("trials", dict, path_options("mpi_model", "seed"), *declared_options(Trials).values()),
     RecordOptions(
         "modulation",
         Modulation,
