@@ -104,9 +104,6 @@ class MapHeader:
         return MapHeader(self.units, {**self.facts, SOURCE: source})
 
 
-NO_FACTS = MapHeader()
-
-
 def is_map_layer(name: str, /) -> bool:
     """Tell whether a channel of this name belongs to a map, not to a frame."""
     return re.fullmatch(_MAP_LAYER, name) is not None
@@ -126,9 +123,7 @@ def file_digest(path: Path, /) -> str:
     return digest.hexdigest()
 
 
-def stage_maps(
-    path: Path, maps: DepthMaps, /, *, header: MapHeader = NO_FACTS, token: str = ""
-) -> tuple[PartialFile, str]:
+def stage_maps(path: Path, maps: DepthMaps, /, *, header: MapHeader, token: str) -> tuple[PartialFile, str]:
     """Write maps under a temporary name, in the format that `path` ends with; return that file and the digest of its bytes.
 
     The file is still to be committed or discarded: committing waits for the disk, and something else can be done meanwhile.
@@ -154,16 +149,6 @@ def stage_maps(
     except BaseException:
         partial.discard()
         raise
-
-
-def write_maps(path: Path, maps: DepthMaps, /, *, header: MapHeader = NO_FACTS) -> None:
-    """Write maps in the format that `path` ends with; the file appears whole or not at all.
-
-    Raises:
-        OutputError: the file cannot be written, for lack of space or permission.
-    """
-    partial, _ = stage_maps(path, maps, header=header)
-    partial.commit()
 
 
 def read_layers(path: Path, /) -> dict[str, NDArray[Any]]:

@@ -8,7 +8,8 @@ import pytest
 import tifffile
 
 from cadtof_cli.errors import FrameError
-from cadtof_cli.files.maps import DepthMaps, read_layers, write_maps
+from cadtof_cli.files.maps import DepthMaps, read_layers
+from tests.support.captures import write_maps
 
 SHAPE = (20, 30)
 

@@ -23,8 +23,9 @@ from cadtof_cli.files.formats import (
     map_format,
 )
 from cadtof_cli.files.frames import FrameLayout
-from cadtof_cli.files.maps import DepthMaps, read_layers, write_layers, write_maps
+from cadtof_cli.files.maps import DepthMaps, read_layers, write_layers
 from tests.files.forms import known_frame
+from tests.support.captures import write_maps
 
 LAYOUT = FrameLayout((1, 2))
 
