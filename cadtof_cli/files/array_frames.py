@@ -119,8 +119,8 @@ def transpositions(call: str, shape: Sequence[int], harmonics: int, /) -> str:
     found = [
         (axes, tuple(axes.index(axis) for axis in ours))
         for ours in _OURS.get(len(shape), ())
-        for axes in _orders(ours)
-        if all(map(may_be, axes, shape))
+        for axes in map("".join, itertools.permutations(ours))
+        if ("YX" in axes or "XY" in axes) and all(map(may_be, axes, shape))
     ]
     if any(order == tuple(range(len(shape))) for _, order in found):
         return ""
@@ -132,7 +132,3 @@ def transpositions(call: str, shape: Sequence[int], harmonics: int, /) -> str:
         f"if its axes are {' '.join(axes).replace('P', planes)}, {call.format(f'.transpose{order}')} mends it"
         for axes, order in columns_first[:_NAMED] + rows_first[:_NAMED]
     )
-
-
-def _orders(ours: str) -> Iterator[str]:
-    return (axes for axes in map("".join, itertools.permutations(ours)) if "YX" in axes or "XY" in axes)
