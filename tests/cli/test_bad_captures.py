@@ -201,18 +201,6 @@ def test_one_bad_frame_of_many_fails_alone(
     assert f"wrong: {bad}" in told_by_info.err
 
 
-def test_a_channel_that_is_missing_is_named(tmp_path: Path) -> None:
-    capture = record(tmp_path / "capture", form="exr")
-    planes = dict(zip(PLANE_NAMES, _planes(capture.files[0]).astype(np.float32), strict=True))
-    for missing in PLANE_NAMES:
-        write_exr(capture.files[0], {name: plane for name, plane in planes.items() if name != missing})
-        done = cadtof("resolve", capture.folder, "-o", tmp_path / "out", "-j", 1, "--overwrite")
-        assert done.status == 1
-        (complaint,) = (line for line in done.err.splitlines() if line.startswith("failed: "))
-        assert complaint.startswith(f"failed: {capture.files[0]}: ")
-        assert missing in complaint
-
-
 def test_a_frame_of_saturated_pixels_has_no_answer(tmp_path: Path) -> None:
     capture = record(tmp_path / "capture", frames=2)
     write_pages(capture.files[0], np.full((4, 24, 32), 16383, np.uint16))
