@@ -20,6 +20,7 @@ from cadtof_cli.commands.options import (
     settings_option,
 )
 from cadtof_cli.commands.terminal import progress_bar, tell
+from cadtof_cli.commands.values import PATH
 from cadtof_cli.units import counted
 from cadtof_cli.workflows.calibrate.captures import CalibrateReport, CalibrateSettings
 from cadtof_cli.workflows.calibrate.dark import calibrate_dark
@@ -107,10 +108,7 @@ def _step(*more: Decorator[Any]) -> Decorator[Any]:
             CalibrateSettings,
             settings_option(),
             setting_option(
-                CalibrateSettings,
-                "out",
-                "Calibration folder; this part is added to it.",
-                option="-o --out",
+                CalibrateSettings, "out", "Calibration folder; this part is added to it.", option="-o --out"
             ),
             setting_option(CalibrateSettings, "overwrite", "Replace this part if the folder already has it."),
             *more,
@@ -160,10 +158,7 @@ def response(step: _Step) -> None:
 )
 @_step(_distance)
 @click.option(
-    "--plot",
-    type=click.Path(path_type=Path),
-    metavar="PNG",
-    help="Draw cross-sections of the walls before and after the correction.",
+    "--plot", type=PATH, metavar="PNG", help="Draw cross-sections of the walls before and after the correction."
 )
 def petzval(step: _Step, plot: Path | None) -> None:
     """Measure the field curvature k2 ρ² + k4 ρ⁴ of the lens from one or more flat walls, one capture each.

@@ -11,13 +11,12 @@ import click
 
 from cadtof_cli.commands.help import example
 from cadtof_cli.commands.terminal import progress_bar, tell
+from cadtof_cli.commands.values import PATH
 from cadtof_cli.units import counted
 
 if TYPE_CHECKING:
     from cadtof_cli.maps.evaluation import Evaluation
     from cadtof_cli.workflows.inspect.evaluate import Scatter
-
-_FILE = click.Path(path_type=Path)
 
 
 @click.command(
@@ -27,10 +26,10 @@ _FILE = click.Path(path_type=Path)
         "cadtof evaluate maps --truth sample_data/corner/truth.exr --max-median 2",
     )
 )
-@click.argument("maps", type=_FILE, metavar="OUT")
+@click.argument("maps", type=PATH, metavar="OUT")
 @click.option(
     "--truth",
-    type=_FILE,
+    type=PATH,
     help="File of the true depths: a layer direct.depth in metres. Or a folder with such a file, truth.exr, for each capture, "
     "in the same tree as OUT.",
 )
@@ -41,10 +40,10 @@ _FILE = click.Path(path_type=Path)
     metavar="CM",
     help="End with exit status 1 if the median error of the direct depth is larger than CM centimetres, or if there is none.",
 )
-@click.option("--csv", "table", type=_FILE, metavar="FILE", help="Write a CSV file with one line per frame.")
+@click.option("--csv", "table", type=PATH, metavar="FILE", help="Write a CSV file with one line per frame.")
 @click.option(
     "--over-time",
-    type=_FILE,
+    type=PATH,
     metavar="EXR",
     help="Write maps of the mean and standard deviation of the depths of each pixel over the frames; needs no truth.",
 )

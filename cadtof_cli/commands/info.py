@@ -19,6 +19,7 @@ from cadtof_cli.commands.options import (
     settings_option,
 )
 from cadtof_cli.commands.terminal import progress_bar, tell
+from cadtof_cli.commands.values import PATH
 from cadtof_cli.execution.workers import Workers
 
 
@@ -35,7 +36,7 @@ from cadtof_cli.execution.workers import Workers
 @click.option(
     "-o",
     "--out",
-    type=click.Path(path_type=Path),
+    type=PATH,
     metavar="FILE",
     help="File for --write-settings.  [default: capture.toml in the capture's folder]",
 )

@@ -14,7 +14,16 @@ from click.core import ParameterSource
 
 from cadtof_cli.capture.metadata import KEYS, Key, Kind
 from cadtof_cli.commands.terminal import tell
-from cadtof_cli.commands.values import FRAME_RANGE, NAMES, NUMBERED_NAMES, NUMBERS, RECTANGLE, NumberTuple, ParamType
+from cadtof_cli.commands.values import (
+    FRAME_RANGE,
+    NAMES,
+    NUMBERED_NAMES,
+    NUMBERS,
+    PATH,
+    RECTANGLE,
+    NumberTuple,
+    ParamType,
+)
 from cadtof_cli.errors import SettingsError
 from cadtof_cli.execution.cores import available_cores
 from cadtof_cli.execution.workers import JOBS_PER_CORE, Workers
@@ -44,7 +53,7 @@ _TYPES: dict[Any, ParamType] = {
     float: click.FLOAT,
     str: click.STRING,
     slice: FRAME_RANGE,
-    Path: click.Path(path_type=Path),
+    Path: PATH,
     tuple[int, int, int, int]: RECTANGLE,
 }
 

@@ -18,6 +18,7 @@ from cadtof_cli.commands.simulation_options import (
     workers_option,
 )
 from cadtof_cli.commands.terminal import progress_bar, tell
+from cadtof_cli.commands.values import PATH
 from cadtof_cli.errors import SettingsError
 from cadtof_cli.execution.workers import Workers
 from cadtof_cli.files.atomic import require_absent
@@ -64,10 +65,7 @@ PIXEL_ONLY = {"as_json", "second_ns", "further", *trial_options.names()}.differe
     help="What to simulate: a single pixel, or a scene.",
 )
 @click.option(
-    "-o",
-    "--out",
-    type=click.Path(path_type=Path),
-    help="New folder: for pictures and CSV of a pixel, or for the capture of a scene.",
+    "-o", "--out", type=PATH, help="New folder: for pictures and CSV of a pixel, or for the capture of a scene."
 )
 @light_options
 @trial_options

@@ -97,12 +97,7 @@ trial_options = RecordOptions(
     "trial",
     TrialOptions,
     RecordOptions("motion", Motion),
-    RecordOptions(
-        "trials",
-        dict,
-        _path_options,
-        *declared_options(Trials).values(),
-    ),
+    RecordOptions("trials", dict, _path_options, *declared_options(Trials).values()),
     RecordOptions(
         "modulation",
         Modulation,

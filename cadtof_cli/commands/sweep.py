@@ -16,7 +16,7 @@ from cadtof_cli.commands.simulation_options import (
     workers_option,
 )
 from cadtof_cli.commands.terminal import progress_bar, tell
-from cadtof_cli.commands.values import grid_from_text
+from cadtof_cli.commands.values import PATH, grid_from_text
 from cadtof_cli.execution.workers import Workers
 from cadtof_cli.files.atomic import require_absent
 from cadtof_cli.simulation.pixel.mix import Condition
@@ -48,10 +48,8 @@ GRID = "GRID"
     metavar=GRID,
     help="Integration lengths n_av of Eq. (1), per harmonic.  [default: log:1e3:1e5:5]",
 )
-@click.option("-o", "--out", type=click.Path(path_type=Path), help="New CSV file.  [default: stdout]")
-@click.option(
-    "--plot", type=click.Path(path_type=Path), help="New folder for pictures like Figs. 3, 8 and 9 of the paper."
-)
+@click.option("-o", "--out", type=PATH, help="New CSV file.  [default: stdout]")
+@click.option("--plot", type=PATH, help="New folder for pictures like Figs. 3, 8 and 9 of the paper.")
 @setting_option(Condition, "direct_ns", "Arrival time of the direct path.", option="--direct")
 @setting_option(Condition, "second_ns", "Arrival time of the MPI.", option="--second")
 @further_option

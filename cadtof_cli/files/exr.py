@@ -60,11 +60,6 @@ class ExrPart(NamedPart):
     origin: tuple[int, int]
     tile: tuple[int, int]
 
-    @property
-    def pixels_in_memory(self) -> int:
-        """Pixels that the library makes room for: those of the image, and of one whole tile, which may be larger."""
-        return math.prod(self.shape) + math.prod(self.tile)
-
 
 def read_parts(path: Path, /) -> list[ExrPart]:
     """Return what the headers of a file say, without its pixels.
@@ -75,16 +70,10 @@ def read_parts(path: Path, /) -> list[ExrPart]:
     file = _opened(path, header_only=True)
     with damage_as_frame_error(path, "EXR"):
         parts = [_part(file.header(index)) for index in range(len(file.parts))]
-        promised = sum(part.pixels_in_memory * len(part.channels) * _SAMPLE_BYTES for part in parts)
-        require_plausible_size(path, promised, path.stat().st_size)
+        # the library makes room for the image, and for one whole tile, which may be larger
+        samples = sum((math.prod(part.shape) + math.prod(part.tile)) * len(part.channels) for part in parts)
+        require_plausible_size(path, samples * _SAMPLE_BYTES, path.stat().st_size)
     return parts
-
-
-def read_texts(path: Path, /) -> dict[str, str]:
-    """Return the attributes of a file's first part that are text."""
-    file = _opened(path, header_only=True)
-    with damage_as_frame_error(path, "EXR"):
-        return {name: value for name, value in file.header(0).items() if isinstance(value, str)}
 
 
 def lossy_compression(path: Path, dtype: np.dtype[Any], /) -> str | None:
@@ -249,8 +238,11 @@ def write_maps(path: Path, maps: DepthMaps, /, *, header: MapHeader) -> Sequence
 
 
 def read_facts(path: Path, /) -> dict[str, str]:
-    """Return what the attributes of a file say about its maps."""
-    facts = {name.removeprefix(_PREFIX): text for name, text in read_texts(path).items() if name.startswith(_PREFIX)}
+    """Return what the attributes of a file's first part say about its maps."""
+    file = _opened(path, header_only=True)
+    with damage_as_frame_error(path, "EXR"):
+        texts = {name: value for name, value in file.header(0).items() if isinstance(value, str)}
+    facts = {name.removeprefix(_PREFIX): text for name, text in texts.items() if name.startswith(_PREFIX)}
     return {name: text for name, text in facts.items() if not name.startswith("unit.")}
 
 

@@ -35,7 +35,7 @@ def file_digest(path: Path, /) -> str:
     return digest.hexdigest()
 
 
-def stage_maps(path: Path, maps: DepthMaps, /, *, header: MapHeader, token: str = "") -> tuple[PartialFile, str]:
+def stage_maps(path: Path, maps: DepthMaps, /, *, header: MapHeader, token: str) -> tuple[PartialFile, str]:
     """Write maps under a temporary name, in the format that `path` ends with; return that file and the digest of its bytes.
 
     The file is still to be committed or discarded: committing waits for the disk, and something else can be done meanwhile.

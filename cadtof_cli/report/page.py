@@ -11,7 +11,7 @@ from string import Template
 from typing import Any
 
 from cadtof_cli.capture.metadata import Optics
-from cadtof_cli.files.atomic import atomic_write
+from cadtof_cli.files.atomic import write_text
 from cadtof_cli.report.colours import Limits, palette
 from cadtof_cli.report.frames import EmbeddedFrame
 from cadtof_cli.report.markup import EMPTY, Markup, element, joined, printable, text
@@ -101,8 +101,7 @@ def write_page(
         style=style,
         script=script,
     )
-    with atomic_write(path) as temporary:
-        temporary.write_text(markup, encoding="utf-8")
+    write_text(path, markup)
 
 
 def _file(name: str) -> str:

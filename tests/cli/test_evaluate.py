@@ -12,9 +12,8 @@ import tifffile
 from numpy.typing import NDArray
 
 from cadtof_cli.files.maps import DepthMaps
-from tests.support.captures import VOLTS_PER_COUNT, ZERO_COUNTS, layers_of, record, write_exr, write_frame
+from tests.support.captures import VOLTS_PER_COUNT, ZERO_COUNTS, layers_of, record, write_exr, write_frame, write_maps
 from tests.support.forward import AMPLITUDE_V, C_M_PER_NS, T1_NS, Light, depth_m, step_frame, step_truth
-from tests.support.maps import write_maps
 from tests.support.run_cadtof import cadtof, program
 
 KEYS = ["median_cm", "p90_cm", "rmse_cm", "bias_cm", "valid", "within_1_sigma", "within_2_sigma"]
@@ -88,22 +87,6 @@ def test_the_first_phasor_of_a_far_wall_lies_in_the_far_half_of_the_range(tmp_pa
     found = json.loads(cadtof("evaluate", out, "--truth", tmp_path / "truth.exr", "--json").out)
     assert found["first_phasor"]["rmse_cm"] < 1.0
     assert found["direct"]["rmse_cm"] < 1.0
-
-
-def test_recordings_are_found_from_anywhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The record of a run holds its inputs as they were typed, and where that was."""
-    record(tmp_path / "place" / "capture")
-    truth, elsewhere = _truth(tmp_path / "truth.exr"), tmp_path / "elsewhere"
-    elsewhere.mkdir()
-    monkeypatch.chdir(tmp_path / "place")
-    assert cadtof("resolve", "capture", "-o", tmp_path / "out", "-j", 1).status == 0
-    arguments = json.loads((tmp_path / "out" / "run.json").read_text())["arguments"]
-    assert arguments["inputs"] == ["capture"]
-    assert arguments["absolute_inputs"] == [str(tmp_path / "place" / "capture")]
-    monkeypatch.chdir(elsewhere)
-    done = cadtof("evaluate", tmp_path / "out", "--truth", truth, "--json")
-    assert (done.status, done.err) == (0, "")
-    assert json.loads(done.out)["first_phasor"]["valid"] == 1.0
 
 
 def test_one_map_and_its_table(tmp_path: Path) -> None:

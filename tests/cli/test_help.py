@@ -87,7 +87,7 @@ def test_what_differs_from_scene_to_scene_has_a_default_for_each() -> None:
             assert told[1] == ("random" if default is None else f"{default:g}")
 
 
-def test_the_program_lists_itsevery_command() -> None:
+def test_the_program_lists_its_commands() -> None:
     done = cadtof("--help")
     assert (done.status, done.err) == (0, "")
     listed = re.findall(r"^  (\w+) +\S.*$", done.out.partition("Commands:")[2], re.MULTILINE)
@@ -98,11 +98,6 @@ def test_the_program_lists_itsevery_command() -> None:
 @pytest.mark.parametrize("name", COMMANDS)
 def test_the_readme_knows_the_command(name: str) -> None:
     assert f"cadtof {name}" in (ROOT / "README.md").read_text(encoding="utf-8")
-
-
-def test_every_module_of_commands_is_a_command_or_serves_them() -> None:
-    modules = {path.stem for path in (ROOT / "cadtof_cli" / "commands").glob("*.py")} - {"__init__"}
-    assert set(COMMANDS) <= modules
 
 
 def test_a_command_that_does_not_exist() -> None:

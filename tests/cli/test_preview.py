@@ -216,15 +216,12 @@ def test_a_sheet_of_thumbnails_on_one_scale(tmp_path: Path) -> None:
 
 
 def test_a_film_with_a_scale_that_stays(tmp_path: Path) -> None:
-    """Opened by Pillow and by OpenCV (an MP4 loses a little of its colours)."""
+    """Opened by Pillow."""
     maps = _sequence(tmp_path / "maps", 5)
-    for name in ("a.gif", "a.mp4"):
-        if name == "a.mp4" and importlib.util.find_spec("imageio_ffmpeg") is None:
-            continue
-        arguments = ("preview", maps, "-o", tmp_path / name, "--range", "1,3", "--fps", 5)
-        done = cadtof(*arguments)
-        assert (done.status, done.out, done.err) == (0, f"{tmp_path / name}\n", "")
-        assert "already exists" in cadtof(*arguments).err
+    arguments = ("preview", maps, "-o", tmp_path / "a.gif", "--range", "1,3", "--fps", 5)
+    done = cadtof(*arguments)
+    assert (done.status, done.out, done.err) == (0, f"{tmp_path / 'a.gif'}\n", "")
+    assert "already exists" in cadtof(*arguments).err
     with Image.open(tmp_path / "a.gif") as film:
         assert film.info["duration"] == 200
         size = film.size
@@ -238,9 +235,9 @@ def test_a_film_with_a_scale_that_stays(tmp_path: Path) -> None:
 
 
 def test_an_mp4_opened_by_opencv(tmp_path: Path) -> None:
+    """An MP4 loses a little of its colours."""
     needed_module("imageio_ffmpeg")
     cv2 = needed_module("cv2")
-
     maps = _sequence(tmp_path / "maps", 5)
     assert cadtof("preview", maps, "-o", tmp_path / "a.mp4", "--range", "1,3").status == 0
     film = cv2.VideoCapture(str(tmp_path / "a.mp4"))

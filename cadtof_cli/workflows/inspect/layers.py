@@ -59,12 +59,8 @@ def layer_of(layers: Layers, name: str, path: Path, /) -> NDArray[Any]:
     return layers[name]
 
 
-def direct_depth(path: Path, /) -> Float:
-    """Return the direct depth in a map or truth file, float64 (Y, X) in m.
-
-    Raises:
-        CadtofError: the file cannot be read or has no such layer.
-    """
+def _direct_depth(path: Path) -> Float:
+    """Return the direct depth in a map or truth file, float64 (Y, X) in m."""
     with np.errstate(invalid="ignore"):
         # a NaN may be of the kind that tells when it is converted
         return layer_of(read_layers(path), DIRECT_DEPTH, path).astype(np.float64)
@@ -81,7 +77,7 @@ class Truth:
 
     given: Path
     run: Run
-    _read: Callable[[Path], Float] = field(default_factory=lambda: lru_cache(maxsize=1)(direct_depth), repr=False)
+    _read: Callable[[Path], Float] = field(default_factory=lambda: lru_cache(maxsize=1)(_direct_depth), repr=False)
 
     def __post_init__(self) -> None:
         """Make sure that the maps can be held against truth; raises SettingsError where they hold z depth."""

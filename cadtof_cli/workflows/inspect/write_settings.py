@@ -6,7 +6,7 @@ from typing import Any
 
 from cadtof_cli.capture.metadata import KEYS, Key
 from cadtof_cli.capture.toml import DEFAULT_ORIGIN, FILE_NAME
-from cadtof_cli.files.atomic import atomic_write, require_new
+from cadtof_cli.files.atomic import require_new, write_text
 from cadtof_cli.files.toml import toml_value
 from cadtof_cli.units import counted
 from cadtof_cli.workflows.inspect.info import CaptureFacts
@@ -45,9 +45,7 @@ def write_settings(facts: CaptureFacts, /, *, out: Path | None, overwrite: bool)
     """
     path = out or Path(facts.root) / FILE_NAME
     require_new(path, overwrite=overwrite)
-    text = "\n".join(_lines(facts)) + "\n"
-    with atomic_write(path) as temporary:
-        temporary.write_text(text, encoding="utf-8")
+    write_text(path, "\n".join(_lines(facts)) + "\n")
     return path
 
 
