@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from cadtof_cli.commands.help import example
+from cadtof_cli.commands.options import note_given
 from cadtof_cli.commands.terminal import progress_bar, tell
 from cadtof_cli.commands.values import PATH
 from cadtof_cli.units import counted
@@ -77,6 +78,8 @@ def evaluate(
         raise click.UsageError(
             "--truth is missing: expected a file with the layer direct.depth (only --over-time needs none)"
         )
+    if table is None and over_time is None:
+        note_given({"overwrite"}, "without --csv and --over-time")
     from cadtof_cli.workflows.inspect.evaluate import evaluate_maps, scatter_over_time
 
     evaluation, found = None, dict[str, Any]()

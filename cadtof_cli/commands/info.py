@@ -15,6 +15,7 @@ from cadtof_cli.commands.options import (
     capture_options,
     input_paths,
     jobs_option,
+    note_given,
     refuse_given,
     settings_option,
 )
@@ -88,8 +89,11 @@ def info(
     for facts in found:
         kind, lines = shown[type(facts)]
         tell(json.dumps({"kind": kind, **asdict(facts)}) if as_json else "\n".join(lines(facts)))
+    captures = [facts for facts in found if isinstance(facts, CaptureFacts)]
+    if not captures:
+        note_given({*capture_options().names(), "settings_file"}, "without a capture as INPUT")
     if write_settings:
-        _write_settings([facts for facts in found if isinstance(facts, CaptureFacts)], out, overwrite=overwrite)
+        _write_settings(captures, out, overwrite=overwrite)
     problems = [problem for facts in found for problem in facts.problems]
     for problem in problems:
         tell(f"wrong: {problem}", err=True)
@@ -99,8 +103,8 @@ def info(
 def _write_settings(found: Sequence[Any], out: Path | None, *, overwrite: bool) -> None:
     from cadtof_cli.workflows.inspect.write_settings import write_settings
 
-    if len(found) != 1 and out is not None:
-        raise click.UsageError(f"--out: found {len(found)} captures, expected one to write the settings of")
+    if not found or (len(found) > 1 and out is not None):
+        raise click.UsageError(f"--write-settings: found {len(found)} captures, expected one to write the settings of")
     for facts in found:
         path = write_settings(facts, out=out, overwrite=overwrite)
         tell(f"wrote {path}: complete it by hand", err=True)

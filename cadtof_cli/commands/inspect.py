@@ -9,7 +9,7 @@ import click
 
 from cadtof_cli.commands.help import SectionedCommand, example
 from cadtof_cli.commands.map_options import MAP_HEADING, calibration_option, map_options
-from cadtof_cli.commands.options import CAPTURE_HEADING, capture_options, settings_option
+from cadtof_cli.commands.options import CAPTURE_HEADING, capture_options, note_given, settings_option
 from cadtof_cli.commands.terminal import Bar, tell
 from cadtof_cli.commands.values import PATH, PIXEL_PLACE
 from cadtof_cli.frame_plan import MapSettings
@@ -76,6 +76,8 @@ def inspect(
         from cadtof_cli.figures.kinds import require_picture
 
         require_picture(out, overwrite=overwrite)
+    else:
+        note_given({"overwrite"}, "without -o")
     from cadtof_cli.workflows.resolve.settings import ResolveSettings
 
     settings = ResolveSettings(out=Path(), maps=maps, calibration=calibration, settings_file=settings_file)

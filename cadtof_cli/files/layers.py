@@ -74,13 +74,23 @@ def read_layers(path: Path, /) -> dict[str, NDArray[Any]]:
     kind = detect_format(path)
     if kind.layers is None:
         raise FrameError(f"{path}: found {kind.title}, expected a format of named maps")
-    layers = kind.layers().read_layers(path)
+    layers = {name: _with_quiet_nans(layer) for name, layer in kind.layers().read_layers(path).items()}
     status = layers.get(STATUS)
     if status is None:
         return layers
     if not (np.isfinite(status) & (status >= 0) & (status < _STATUS_LIMIT)).all():
         raise FrameError(f"{path}: damaged maps: their status holds numbers that are no bits")
     return layers | {STATUS: status.astype(np.uint32, copy=False)}
+
+
+def _with_quiet_nans(layer: NDArray[Any]) -> NDArray[Any]:
+    """Return a layer without NaNs of the kind that raise a warning wherever they are converted."""
+    if layer.dtype.kind != "f":
+        return layer
+    with np.errstate(invalid="ignore"):
+        # by one, not plus zero: that turns −0 into 0
+        quiet: NDArray[Any] = layer * layer.dtype.type(1)
+    return quiet
 
 
 def read_facts(path: Path, /) -> dict[str, str]:

@@ -31,6 +31,17 @@ def test_a_file_that_ends_too_early_gives_no_layers(suffix: str, kept: float, tm
         read_layers(path)
 
 
+@pytest.mark.parametrize("suffix", [".exr", ".tif"])
+def test_a_nan_that_signals_is_one_like_others(suffix: str, tmp_path: Path) -> None:
+    pages = np.full((2, *SHAPE), -0.0, np.float32)
+    pages.view(np.uint32)[0, 0, 0] = 0x7F800001
+    write_maps(tmp_path / f"maps{suffix}", DepthMaps(("direct.depth",), pages, np.full(SHAPE, 8, np.uint32)))
+    # a warning is an error in tests
+    depth = read_layers(tmp_path / f"maps{suffix}")["direct.depth"].astype(np.float64)
+    assert np.flatnonzero(np.isnan(depth)).tolist() == [0]
+    assert np.signbit(depth[0, 1:]).all()
+
+
 def test_channels_named_as_colours_are_layers_like_others(tmp_path: Path) -> None:
     planes = {name: np.full(SHAPE, index, np.float32) for index, name in enumerate(("R", "G", "B", "depth"))}
     OpenEXR.File({"type": OpenEXR.scanlineimage}, dict(planes)).write(str(tmp_path / "colours.exr"))

@@ -18,7 +18,7 @@ from cadtof_cli.maps.profile import Curve, Profile
 from cadtof_cli.optics import planar_per_range
 from cadtof_cli.records import setting
 from cadtof_cli.workflows.inspect.first_phasors import first_phasors
-from cadtof_cli.workflows.inspect.layers import layer_of, require_same_size
+from cadtof_cli.workflows.inspect.layers import layer_of, require_same_pixels, require_same_size
 from cadtof_cli.workflows.progress import Progress
 from cadtof_cli.workflows.run_folder import Run, read_run
 
@@ -90,13 +90,16 @@ def read_profile(
         progress: told of what is left out.
 
     Raises:
-        CadtofError: maps or truth cannot be read, lack the layer or differ in size; or some are range and some planar.
+        CadtofError: maps or truth cannot be read, lack the layer or differ in size; some are range and some planar; or they
+            show other pixels.
     """
     runs = [read_run(path) for path in maps]
     if len({run.depth_kind for run in runs}) > 1:
         raise SettingsError(
             "some of the maps hold planar depth and some radial range: resolve all with the same --depth"
         )
+    for run in runs[1:]:
+        require_same_pixels(runs[0], run)
     files = [_chosen(run, settings) for run in runs]
     found: list[Curve] = []
     size: tuple[int, ...] = ()
