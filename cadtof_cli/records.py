@@ -29,7 +29,9 @@ else:
         cls = dataclasses.dataclass(cls, init=False, eq=False, repr=False, **options)
         asked = [item for item in dataclasses.fields(cls) if item.init]
         cls._asked = tuple((item.name, item.default, item.default_factory) for item in asked)
+        cls._names = tuple(item.name for item in asked)
         cls._placed = tuple(item.name for item in asked if not item.kw_only)
+        cls._checks = hasattr(cls, "__post_init__")
         shared = {"__init__": _init, "__signature__": _Signature(), "__repr__": _told}
         if frozen:
             shared |= {"__setattr__": _keep, "__delattr__": _keep}
@@ -42,25 +44,32 @@ else:
         return cls
 
     def _init(self, /, *values, **named):
-        kind, state = type(self), self.__dict__
-        given = dict(zip(kind._placed, values, strict=False), **named) if values else named
-        unknown = len(values) + len(named)
+        kind = type(self)
+        if named or not len(values) == len(kind._placed) == len(kind._names):
+            values = _values(kind, values, named)
+        # most are made from all their values in order
+        self.__dict__.update(zip(kind._names, values, strict=True))
+        if kind._checks:
+            self.__post_init__()
+
+    def _values(kind, values, named):
+        """Return what the fields of a new one hold, in their order."""
+        given = dict(zip(kind._placed, values, strict=False), **named)
+        found, unknown = [], len(values) + len(named)
         for name, default, make in kind._asked:
             if name in given:
-                state[name] = given[name]
+                found.append(given[name])
                 unknown -= 1
             elif default is not MISSING:
-                state[name] = default
+                found.append(default)
             elif make is not MISSING:
-                state[name] = make()
+                found.append(make())
             else:
-                unknown = -1
                 break
-        if unknown:
+        if unknown or len(found) < len(kind._asked):
             # says what is wrong
             _of_the_library(kind)(*values, **named)
-        if hasattr(kind, "__post_init__"):
-            self.__post_init__()
+        return found
 
     def _of_the_library(kind):
         """Return a class with the same fields that the library makes: for what is seldom asked for."""
