@@ -19,7 +19,7 @@ from cadtof_cli.commands.options import (
     settings_option,
 )
 from cadtof_cli.commands.terminal import progress_bar, tell
-from cadtof_cli.execution.ordered import Workers
+from cadtof_cli.execution.workers import Workers
 
 
 @click.command(cls=SectionedCommand, epilog=example("cadtof info sample_data/corner"))

@@ -18,7 +18,7 @@ from cadtof_cli.commands.terminal import tell
 from cadtof_cli.commands.values import FRAME_RANGE, NAMES, NUMBERED_NAMES, NUMBERS, RECTANGLE, NumberTuple, ParamType
 from cadtof_cli.errors import SettingsError
 from cadtof_cli.execution.cores import available_cores
-from cadtof_cli.execution.ordered import JOBS_PER_CORE, Workers
+from cadtof_cli.execution.workers import JOBS_PER_CORE, Workers
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 

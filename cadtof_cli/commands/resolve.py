@@ -23,7 +23,7 @@ from cadtof_cli.commands.options import (
     settings_option,
 )
 from cadtof_cli.commands.terminal import progress_bar, tell
-from cadtof_cli.execution.ordered import LOCAL, Workers
+from cadtof_cli.execution.workers import LOCAL, Workers
 from cadtof_cli.workflows.resolve.settings import ResolveSettings
 
 if TYPE_CHECKING:

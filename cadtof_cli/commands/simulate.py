@@ -18,7 +18,7 @@ from cadtof_cli.commands.simulation_options import (
 )
 from cadtof_cli.commands.terminal import progress_bar, tell
 from cadtof_cli.errors import SettingsError
-from cadtof_cli.execution.ordered import Workers
+from cadtof_cli.execution.workers import Workers
 from cadtof_cli.files.atomic import require_absent
 from cadtof_cli.files.formats import format_by_name
 from cadtof_cli.simulation.scene.scenes import SCENES

@@ -18,7 +18,7 @@ from cadtof_cli.commands.options import (
 )
 from cadtof_cli.commands.values import FURTHER_PATH, NumberTuple
 from cadtof_cli.errors import SettingsError
-from cadtof_cli.execution.ordered import Workers
+from cadtof_cli.execution.workers import Workers
 from cadtof_cli.simulation.pixel.averaging import Averaging, Capacitors, Stages
 from cadtof_cli.simulation.pixel.mix import Condition, Motion
 from cadtof_cli.simulation.pixel.pixel import PixelModel

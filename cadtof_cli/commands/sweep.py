@@ -16,7 +16,7 @@ from cadtof_cli.commands.simulation_options import (
 )
 from cadtof_cli.commands.terminal import progress_bar, tell
 from cadtof_cli.commands.values import grid_from_text
-from cadtof_cli.execution.ordered import Workers
+from cadtof_cli.execution.workers import Workers
 from cadtof_cli.files.atomic import require_absent
 from cadtof_cli.simulation.pixel.mix import Condition
 from cadtof_cli.workflows.simulate import sweep as workflow

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from cadtof_cli.errors import require
-from cadtof_cli.execution.ordered import ALONE, Workers
+from cadtof_cli.execution.workers import ALONE, Workers
 from cadtof_cli.files.atomic import atomic_write, new_folder, require_absent
 from cadtof_cli.files.documents import csv_text
 from cadtof_cli.simulation.pixel.statistics import averaging_gain, phase_precision_of_mix_rad
