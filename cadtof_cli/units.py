@@ -14,6 +14,12 @@ def counted(number: int, noun: str, /) -> str:
     return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
 
 
+def per_second(number: int, seconds: float, /) -> str:
+    """Return how many things there are in a second, with two digits or more, such as '212', '12' and '0.35'."""
+    rate = number / seconds
+    return f"{rate:.0f}" if rate >= 10.0 else f"{rate:.2g}"
+
+
 def unambiguous_range_m(period_ns: float) -> float:
     """Return the range after which the fundamental's phase repeats, c·T1/2, in metres."""
     return C_M_PER_NS * period_ns / 2.0

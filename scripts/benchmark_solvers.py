@@ -19,8 +19,8 @@ from cadtof_cli.files.layers import read_layers
 from cadtof_cli.frame_plan import FramePlan, MapSettings
 from cadtof_cli.maps.layers import DIRECT_DEPTH
 from cadtof_cli.pipeline import resolve_frame
-from cadtof_cli.resolver.paper.records import RandomStarts
 from cadtof_cli.resolver.paper.solver import TwoShares, two_shares
+from cadtof_cli.resolver.paper.starts import RandomStarts
 from cadtof_cli.resolver.paths import ResolvedPaths
 from cadtof_cli.resolver.resolve import resolve_paths
 from cadtof_cli.resolver.settings import ResolverSettings

@@ -11,6 +11,7 @@ import tifffile
 from numpy.typing import NDArray
 
 from cadtof_cli.resolver.two_path.kernel import NUMPY, chosen_kernel
+from cadtof_cli.units import per_second
 from tests.support.captures import (
     PLANE_NAMES,
     TOML,
@@ -377,3 +378,10 @@ def test_infinite_pixels_do_not_upset_the_estimate_of_the_noise(tmp_path: Path) 
     line = json.loads(done.out)
     assert line["invalid"] == 3
     assert float(line["reason"].rpartition(" ")[2]) == pytest.approx(1e5, rel=0.25)
+
+
+@pytest.mark.parametrize(
+    ("frames", "seconds", "told"), [(424, 2.0, "212"), (99, 10.0, "9.9"), (3, 8.5, "0.35"), (1, 3600.0, "0.00028")]
+)
+def test_a_slow_run_is_not_said_to_stand_still(frames: int, seconds: float, told: str) -> None:
+    assert per_second(frames, seconds) == told

@@ -30,13 +30,10 @@ class GivenOptics:
     focal_length_px: float | None = setting(
         None,
         "Focal length in pixels, for point clouds.  [default: from run.json]",
-        option="--focal-length-px --focal-length",
-        metavar="F",
     )
     principal_point_px: tuple[float, float] | None = setting(
         None,
         "Column and row of the optical axis.  [default: from run.json, else the centre]",
-        option="--principal-point-px --principal-point",
         metavar="X,Y",
     )
 

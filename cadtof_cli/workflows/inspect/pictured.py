@@ -76,7 +76,7 @@ def _is_of_layers(path: Path) -> bool:
 
 def _map(run: Run, file: Path) -> Shown:
     """Read a map, or any file of named layers."""
-    return Shown.of(f"{file.parent.name}/{file.name}", read_layers(file), depth=DEPTH_IN_WORDS[run.depth_kind])
+    return Shown.of(str(Path(file.parent.name, file.name)), read_layers(file), depth=DEPTH_IN_WORDS[run.depth_kind])
 
 
 def _frame(capture: Capture, source: FrameSource) -> Shown:
