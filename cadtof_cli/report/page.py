@@ -10,7 +10,6 @@ from pathlib import Path
 from string import Template
 from typing import Any
 
-from cadtof_cli import __version__
 from cadtof_cli.capture.metadata import Optics
 from cadtof_cli.files.atomic import atomic_write
 from cadtof_cli.report.colours import Limits, palette
@@ -18,6 +17,7 @@ from cadtof_cli.report.frames import EmbeddedFrame
 from cadtof_cli.report.markup import EMPTY, Markup, element, joined, printable, text
 from cadtof_cli.report.sections import PageText, embedded_section, failures, frame_list, frame_table, settings, summary
 from cadtof_cli.resolver.status import MEANING, bit_words
+from cadtof_cli.version import __version__
 
 SCRIPTS = ("decode.js", "colours.js", "map.js", "scale.js", "profile.js", "cloud.js", "panels.js", "main.js")
 """In the order in which they use each other."""

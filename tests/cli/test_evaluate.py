@@ -11,9 +11,10 @@ import pytest
 import tifffile
 from numpy.typing import NDArray
 
-from cadtof_cli.files.maps import DepthMaps, write_maps
+from cadtof_cli.files.maps import DepthMaps
 from tests.support.captures import VOLTS_PER_COUNT, ZERO_COUNTS, layers_of, record, write_exr, write_frame
 from tests.support.forward import AMPLITUDE_V, C_M_PER_NS, T1_NS, Light, depth_m, step_frame, step_truth
+from tests.support.maps import write_maps
 from tests.support.run_cadtof import cadtof, program
 
 KEYS = ["median_cm", "p90_cm", "rmse_cm", "bias_cm", "valid", "within_1_sigma", "within_2_sigma"]

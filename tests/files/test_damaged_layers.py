@@ -8,7 +8,9 @@ import pytest
 import tifffile
 
 from cadtof_cli.errors import FrameError
-from cadtof_cli.files.maps import DepthMaps, read_layers, write_maps
+from cadtof_cli.files.layers import read_layers
+from cadtof_cli.files.maps import DepthMaps
+from tests.support.maps import write_maps
 
 SHAPE = (20, 30)
 

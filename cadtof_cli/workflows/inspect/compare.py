@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 
 from cadtof_cli.arrays import Status
 from cadtof_cli.errors import CaptureError, SettingsError
-from cadtof_cli.files.maps import STATUS, read_layers
+from cadtof_cli.files.layers import read_layers
+from cadtof_cli.files.maps import STATUS
 from cadtof_cli.frame_plan import DEPTH_IN_WORDS
 from cadtof_cli.maps.comparison import (
     BitChange,

@@ -11,7 +11,7 @@ from cadtof_cli.arrays import Float, Index
 from cadtof_cli.errors import SettingsError, require
 from cadtof_cli.files.atomic import atomic_write, require_new
 from cadtof_cli.files.documents import csv_text
-from cadtof_cli.files.maps import read_layers
+from cadtof_cli.files.layers import read_layers
 from cadtof_cli.frame_plan import DEPTH_IN_WORDS
 from cadtof_cli.maps.layers import DIRECT_DEPTH, layer_unit
 from cadtof_cli.maps.profile import Curve, Profile
