@@ -47,7 +47,8 @@ def response_sigmas(amplitude: Float, phase_rad: Float, /, *, response: Response
 def _covariances(strengths: Array, phases: Array, noise: NoiseModel) -> list[tuple[Array, Array, Array]]:
     """Return the covariance's entries of each harmonic for light of two paths."""
     rotors = powers((np.cos(phases), np.sin(phases)), (1, 2, 4))
-    light = [((strengths * cos).sum(axis=0), (strengths * sin).sum(axis=0)) for cos, sin in rotors]
+    a, b = strengths
+    light = [(a * cos[0] + b * cos[1], a * sin[0] + b * sin[1]) for cos, sin in rotors]
     return [one.covariance(light[row], light[row + 1]) for row, one in enumerate(noise.each)]
 
 

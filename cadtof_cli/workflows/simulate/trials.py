@@ -166,11 +166,11 @@ def noise_length(model: PixelModel, /) -> float:
 
 
 def resolved(trials: Trials, voltages_v: Float, /, *, first: int = 0) -> Recordings:
-    """Resolve the voltages of runs, (runs, H, 2), of which the first has the number `first`."""
+    """Resolve the voltages of runs, (runs, H, 2), of which the first has the number `first`: for sines, whatever they are of."""
     model, settings = trials.model, replace(trials.resolver, seed=trials.seed)
     length = noise_length(model)
     metadata = CaptureMetadata(
-        modulation=model.modulation,
+        modulation=replace(model.modulation, waveform="sine"),
         pixel=Pixel(integration_length=length),
         pulse=Pulse(fwhm_ns=trials.condition.fwhm_ns if trials.pulse_correction else 0.0),
     )
