@@ -32,11 +32,15 @@ def library_output() -> Iterator[list[str]]:
     Lines that other threads print meanwhile, such as a progress bar, are passed on.
     """
     said: list[str] = []
-    with _lock:
+    with _lock, contextlib.ExitStack() as opened:
         printed = io.StringIO()
         unprinted: dict[int, bytes] = {}
         single_thread = threading.active_count() == 1
-        kept = {descriptor: (_unnamed_file(), os.dup(descriptor)) for descriptor in filter(_is_open, _DESCRIPTORS)}
+        kept: dict[int, tuple[int, int]] = {}
+        for descriptor in filter(_is_open, _DESCRIPTORS):
+            # none is left open where no more may be
+            file = _closed_with(opened, _unnamed_file())
+            kept[descriptor] = file, _closed_with(opened, os.dup(descriptor))
         flush_c_streams()
         try:
             for descriptor, (file, _) in kept.items():
@@ -48,13 +52,16 @@ def library_output() -> Iterator[list[str]]:
             for descriptor, (file, before) in kept.items():
                 os.dup2(before, descriptor)
                 unprinted[descriptor] = read_at(file, os.fstat(file).st_size, 0)
-                os.close(before)
-                os.close(file)
             if any(unprinted.values()) or printed.tell():
                 out, err = (unprinted.get(descriptor, b"").decode(errors="replace") for descriptor in _DESCRIPTORS)
                 _separate(
                     said, printed.getvalue() + out, err, single_thread=single_thread and threading.active_count() == 1
                 )
+
+
+def _closed_with(opened: contextlib.ExitStack, descriptor: int) -> int:
+    opened.callback(os.close, descriptor)
+    return descriptor
 
 
 def _is_open(descriptor: int) -> bool:

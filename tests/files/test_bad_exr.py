@@ -3,6 +3,7 @@
 import contextlib
 import os
 import sys
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,7 @@ from cadtof_cli.files.exr import read_parts
 from cadtof_cli.files.frames import NotAFrameError
 from tests.files.forms import channels_of, known_frame
 from tests.files.refusals import message, write_exr
+from tests.support.needed import needed_module
 
 
 def test_maps_in_an_exr_are_not_a_frame(tmp_path: Path) -> None:
@@ -73,27 +75,41 @@ def test_exr_that_shows_a_part_of_a_picture(tmp_path: Path) -> None:
     assert "H1.SC1 begins at pixel 2, 3 (its data window) of a picture that begins at 0, 0 (its display window)" in told
 
 
-@pytest.mark.parametrize("spare", range(8))
-def test_that_no_more_files_may_be_open_is_no_damage(spare: int, tmp_path: Path) -> None:
-    path = write_exr(tmp_path / "frame.exr", channels_of(known_frame("f4")))
-    resource = pytest.importorskip("resource")
+@pytest.fixture
+def few_files() -> Iterator[Callable[[], list[int]]]:
+    """Few files may be open; what is handed over opens as many as may be, and returns their descriptors."""
+    resource = needed_module("resource")
     limits, held = resource.getrlimit(resource.RLIMIT_NOFILE), list[int]()
-    try:
-        resource.setrlimit(resource.RLIMIT_NOFILE, (min(4096, limits[0]), limits[1]))
+
+    def taken() -> list[int]:
         with contextlib.suppress(OSError):
             while True:
                 held.append(os.dup(0))
-        for descriptor in (held.pop() for _ in range(spare)):
-            os.close(descriptor)
-        with contextlib.suppress(FrameError):
-            read_parts(path)
-            return
-        told = message(path)
-    finally:
-        resource.setrlimit(resource.RLIMIT_NOFILE, limits)
-        for descriptor in held:
-            os.close(descriptor)
-    assert told == f"{path}: cannot be read: Too many open files"
+        return held
+
+    resource.setrlimit(resource.RLIMIT_NOFILE, (min(4096, limits[0]), limits[1]))
+    yield taken
+    resource.setrlimit(resource.RLIMIT_NOFILE, limits)
+    for descriptor in held:
+        os.close(descriptor)
+
+
+@pytest.mark.parametrize("spare", range(8))
+def test_that_no_more_files_may_be_open_is_no_damage(
+    spare: int, few_files: Callable[[], list[int]], tmp_path: Path
+) -> None:
+    path = write_exr(tmp_path / "frame.exr", channels_of(known_frame("f4")))
+    held = few_files()
+    for descriptor in (held.pop() for _ in range(spare)):
+        os.close(descriptor)
+    before, told = len(held), None
+    try:
+        read_parts(path)
+    except FrameError as error:
+        told = str(error)
+    assert len(few_files()) - before == spare
+    assert told in {None, f"{path}: cannot be read: Too many open files"}
+    assert told or spare > 2
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="the system has no file that cannot be read")
