@@ -15,6 +15,12 @@ def counted(number: int, noun: str, /) -> str:
     return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
 
 
+def per_second(number: int, seconds: float, /) -> str:
+    """Return how many things there are in a second, with two digits or more, such as '212', '12' and '0.35'."""
+    rate = number / seconds
+    return f"{rate:.0f}" if rate >= 10.0 else f"{rate:.2g}"
+
+
 def first_of(names: Sequence[str], most: int, /) -> str:
     """Return so many names at most, and how many more there are."""
     more = len(names) - most

@@ -8,9 +8,9 @@ from typing import Any, Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from cadtof_cli import __version__
 from cadtof_cli.capture.metadata import WAVEFORMS, CaptureMetadata, Waveform
 from cadtof_cli.errors import MetadataError, SettingsError
+from cadtof_cli.version import __version__
 
 PartKind = Literal["dark", "response", "petzval"]
 

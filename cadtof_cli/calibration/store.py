@@ -19,7 +19,7 @@ from cadtof_cli.calibration.response import ResponseCalibration
 from cadtof_cli.capture.metadata import CaptureMetadata
 from cadtof_cli.errors import FrameError, MetadataError
 from cadtof_cli.files.atomic import make_folder, require_new, write_text
-from cadtof_cli.files.maps import read_layers, write_layers
+from cadtof_cli.files.layers import read_layers, write_layers
 from cadtof_cli.files.reading import is_folder
 from cadtof_cli.files.toml import read_toml, toml_from_tables
 

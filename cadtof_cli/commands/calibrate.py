@@ -9,11 +9,11 @@ from typing import Any
 import click
 
 from cadtof_cli.calibration.parts import PART_KINDS
-from cadtof_cli.commands.help import example
+from cadtof_cli.commands.help import SectionedCommand, example
 from cadtof_cli.commands.options import (
+    CAPTURE_HEADING,
     Decorator,
     RecordOptions,
-    SectionedCommand,
     capture_options,
     input_paths,
     setting_option,
@@ -121,6 +121,7 @@ def _step(*more: Decorator[Any]) -> Decorator[Any]:
 
 @calibrate.command(
     cls=SectionedCommand,
+    headings=CAPTURE_HEADING,
     short_help="Measure offsets, noise and bad pixels, from frames with the lens covered.",
     epilog=example(_COVERED, "cadtof calibrate dark covered -o camera"),
 )
@@ -132,6 +133,7 @@ def dark(step: _Step) -> None:
 
 @calibrate.command(
     cls=SectionedCommand,
+    headings=CAPTURE_HEADING,
     short_help="Measure channel response, and phase and gain of each pixel, from flat targets.",
     epilog=example(*_TARGETS, "cadtof calibrate response wall_1m wall_2m wall_3m -o camera"),
 )
@@ -147,6 +149,7 @@ def response(step: _Step) -> None:
 
 @calibrate.command(
     cls=SectionedCommand,
+    headings=CAPTURE_HEADING,
     short_help="Measure field curvature of the lens, from flat walls.",
     epilog=example(
         f"cadtof simulate --scene wall --petzval 0.05,0.01 {_SMALL} --frames 5 -o curved",

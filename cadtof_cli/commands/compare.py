@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 from cadtof_cli.commands.help import example
+from cadtof_cli.commands.options import note_given
 from cadtof_cli.commands.terminal import progress_bar, tell
 from cadtof_cli.commands.values import PATH
 from cadtof_cli.units import counted, first_of
@@ -43,6 +44,8 @@ def compare(*, first: Path, second: Path, as_json: bool, out: Path | None, overw
         from cadtof_cli.figures.kinds import require_picture
 
         require_picture(out, overwrite=overwrite)
+    else:
+        note_given({"overwrite"}, "without -o")
     with progress_bar("comparing", "frames", quiet=False) as bar:
         pairs = MapPairs(first, second)
         found = compare_maps(pairs, progress=bar)

@@ -7,9 +7,9 @@ from typing import Any
 
 import click
 
-from cadtof_cli.commands.help import example
-from cadtof_cli.commands.map_options import calibration_option, map_options
-from cadtof_cli.commands.options import SectionedCommand, capture_options, settings_option
+from cadtof_cli.commands.help import SectionedCommand, example
+from cadtof_cli.commands.map_options import MAP_HEADING, calibration_option, map_options
+from cadtof_cli.commands.options import CAPTURE_HEADING, capture_options, note_given, settings_option
 from cadtof_cli.commands.terminal import Bar, tell
 from cadtof_cli.commands.values import PATH, PIXEL_PLACE
 from cadtof_cli.frame_plan import MapSettings
@@ -30,6 +30,7 @@ _ROOM = {
 
 @click.command(
     cls=SectionedCommand,
+    headings={**MAP_HEADING, **CAPTURE_HEADING},
     epilog=example("cadtof inspect sample_data/corner/frame_0000.tif --pixel 60,60 -o phasors.png"),
 )
 @click.argument("frame", type=PATH, metavar="FRAME")
@@ -75,6 +76,8 @@ def inspect(
         from cadtof_cli.figures.kinds import require_picture
 
         require_picture(out, overwrite=overwrite)
+    else:
+        note_given({"overwrite"}, "without -o")
     from cadtof_cli.workflows.resolve.settings import ResolveSettings
 
     settings = ResolveSettings(out=Path(), maps=maps, calibration=calibration, settings_file=settings_file)

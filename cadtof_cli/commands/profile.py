@@ -33,11 +33,13 @@ def profile(
 ) -> None:
     """Show the cross-section of maps along a line, with ± 1 predicted sigma, the first phasor and truth.
 
-    MAPS are map files or folders that `cadtof resolve` wrote; one map of each folder is shown. All have the same size in pixels
-    and are drawn into one picture.
+    MAPS are map files or folders that `cadtof resolve` wrote; one map of each folder is shown. All show the same pixels of
+    their frames, and are drawn into one picture.
     """
     if settings.layer != DIRECT_DEPTH:
         note_given({"first_phasor"}, f"with --layer {settings.layer}")
+    if out is None:
+        note_given({"overwrite"}, "without -o")
     found = read_profile(maps, settings=settings, truth=truth, progress=Bar())
     if out is None:
         tell(profile_table(found).rstrip("\n"))

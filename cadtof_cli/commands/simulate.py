@@ -6,10 +6,11 @@ from pathlib import Path
 import click
 
 from cadtof_cli.capture.metadata import Pulse
-from cadtof_cli.commands.help import example
+from cadtof_cli.commands.help import SectionedCommand, example
 from cadtof_cli.commands.options import refuse_given
 from cadtof_cli.commands.scene_options import LightOptions, SceneOptions, light_options, not_of_scene, scene_options
 from cadtof_cli.commands.simulation_options import (
+    RESOLVING,
     TrialOptions,
     note_unused,
     quiet_option,
@@ -45,10 +46,16 @@ PIXEL_ONLY = {"as_json", "second_ns", "further", *trial_options.names()}.differe
 
 
 @click.command(
+    cls=SectionedCommand,
+    headings={
+        "Options without --scene": {"direct_ns", *PIXEL_ONLY} - {*RESOLVING},
+        "Resolving without --scene": RESOLVING,
+        "Options with --scene": scene_options.names(),
+    },
     epilog=example(
         "cadtof simulate --asr 5 --mpi 0.3 --second 11 --seed 1",
         "cadtof simulate --scene corner --width 80 --height 60 -o corner",
-    )
+    ),
 )
 @click.option(
     "--scene",

@@ -4,9 +4,10 @@ from pathlib import Path
 
 import click
 
-from cadtof_cli.commands.help import example
+from cadtof_cli.commands.help import SectionedCommand, example
 from cadtof_cli.commands.options import setting_option
 from cadtof_cli.commands.simulation_options import (
+    RESOLVING,
     TrialOptions,
     further_option,
     note_unused,
@@ -24,7 +25,14 @@ from cadtof_cli.workflows.simulate import sweep as workflow
 GRID = "GRID"
 
 
-@click.command(epilog=example("cadtof sweep --asr 1:5:3 --mpi 0,0.3 --integration-length 1e4 -o sweep.csv"))
+@click.command(
+    cls=SectionedCommand,
+    headings={
+        "Pixel options": {*trial_options.names()} - {"runs", "seed", *RESOLVING},
+        "Resolving options": RESOLVING,
+    },
+    epilog=example("cadtof sweep --asr 1:5:3 --mpi 0,0.3 --integration-length 1e4 -o sweep.csv"),
+)
 @click.option(
     "--asr",
     metavar=GRID,

@@ -19,7 +19,7 @@ from cadtof_cli.files.frames import CHANNELS, FrameLayout, Frames, shape_text
 from cadtof_cli.files.library_output import library_output
 from cadtof_cli.files.maps import SOFTWARE, STATUS, DepthMaps, MapHeader
 from cadtof_cli.files.named_planes import NamedPart, Place, voltage_places
-from cadtof_cli.files.reading import damage_as_frame_error, require_plausible_size
+from cadtof_cli.files.reading import damage_as_frame_error, in_brief, read_through, require_plausible_size
 from cadtof_cli.files.system import codes_of_the_system
 from cadtof_cli.records import dataclass
 
@@ -52,12 +52,16 @@ _SAMPLE_BYTES = 4
 
 @dataclass(frozen=True)
 class ExrPart(NamedPart):
-    """One part, as its header describes it."""
+    """One part, as its header describes it.
+
+    `origin` is where its pixels begin, and `picture` where that begins which they are a part of.
+    """
 
     shape: tuple[int, int]
     subsampled: tuple[str, ...]
     deep: bool
     origin: tuple[int, int]
+    picture: tuple[int, int]
     tile: tuple[int, int]
 
 
@@ -93,7 +97,7 @@ def lossy_compression(path: Path, dtype: np.dtype[Any], /) -> str | None:
 
 
 def _part(header: dict[str, Any]) -> ExrPart:
-    low, high = header["dataWindow"]
+    (low, high), (whole, _) = header["dataWindow"], header["displayWindow"]
     width, height = (int(high[axis]) - int(low[axis]) + 1 for axis in (0, 1))
     channels, tiles = header["channels"], header.get("tiles")
     return ExrPart(
@@ -103,6 +107,7 @@ def _part(header: dict[str, Any]) -> ExrPart:
         subsampled=tuple(channel.name for channel in channels if (channel.xSampling, channel.ySampling) != (1, 1)),
         deep=header.get("type") in (OpenEXR.deepscanline, OpenEXR.deeptile),
         origin=(int(low[0]), int(low[1])),
+        picture=(int(whole[0]), int(whole[1])),
         tile=(tiles.ySize, tiles.xSize) if tiles else (0, 0),
     )
 
@@ -125,11 +130,19 @@ def open_pixels(path: Path, places: Sequence[tuple[int, str]], /) -> Iterator[li
 
 
 def _opened(path: Path, *, header_only: bool) -> Any:
-    with damage_as_frame_error(path, "EXR"), library_output() as said:
-        # no threads of the library's own: its pool does not survive a fork
-        file = OpenEXR.File(str(path), separate_channels=True, header_only=header_only, num_threads=0)
+    with damage_as_frame_error(path, "EXR"):
+        with library_output() as said:
+            try:
+                # no threads of the library's own: its pool does not survive a fork
+                file = OpenEXR.File(str(path), separate_channels=True, header_only=header_only, num_threads=0)
+            except Exception:
+                # it says the same of a damaged file and of one that cannot be opened while so many are
+                read_through(path)
+                raise
+        if said:
+            read_through(path)
     if said:
-        words = "; ".join(line.removeprefix(f"{path}: ").removeprefix("Warning: ") for line in dict.fromkeys(said))
+        words = in_brief(line.removeprefix(f"{path}: ").removeprefix("Warning: ") for line in said)
         raise FrameError(f"{path}: damaged EXR: {words}; expected a complete file, try copying it again")
     if not file.parts:
         raise FrameError(f"{path}: damaged EXR: found no parts, expected at least one")
@@ -222,6 +235,13 @@ def _common_shape(path: Path, parts: Sequence[ExrPart], places: Sequence[Place])
                 f"{path}: {place.channel} of part {part.name!r} begins at pixel {part.origin[0]}, {part.origin[1]} (its data"
                 f" window), expected {origin[0]}, {origin[1]} as {places[0].channel} of the first part"
             )
+    picture = parts[places[0].part].picture
+    if origin != picture:
+        raise FrameError(
+            f"{path}: {places[0].channel} begins at pixel {origin[0]}, {origin[1]} (its data window) of a picture that begins at"
+            f" {picture[0]}, {picture[1]} (its display window), expected the same for both: principal_point_px counts from the"
+            " first pixel that is stored; write the frame with one window for both"
+        )
     return shape
 
 

@@ -1,4 +1,4 @@
-"""What the libraries of OpenEXR and PNG print, caught before it reaches the terminal.
+"""What the libraries of OpenEXR, PNG and JPEG XR print, caught before it reaches the terminal.
 
 On damaged files they write to file descriptors 1 and 2 from C++ and to `sys.stdout` from a Python binding, and may then hand back
 fewer parts, or wrong pixels, as if nothing had happened. What they print is the only sign.
@@ -18,7 +18,7 @@ from cadtof_cli.files.system import flush_c_streams, read_at
 _DESCRIPTORS = (1, 2)
 """Standard output, on which a pipeline reads our JSON, and standard error."""
 
-_LIBRARY_LINES = re.compile(r"EXR|ojph|^Warning: |^PNG ", re.IGNORECASE)
+_LIBRARY_LINES = re.compile(r"EXR|ojph|^Warning: |^PNG |WMPTag", re.IGNORECASE)
 """The libraries' own, and those of OpenJPH, by which one reads HTJ2K."""
 
 _lock = threading.Lock()

@@ -15,8 +15,8 @@ from cadtof_cli.capture.metadata import Optics
 from cadtof_cli.capture.toml import FILE_NAME as CAPTURE_FILE
 from cadtof_cli.errors import CadtofError, CaptureError, FrameError, SettingsError
 from cadtof_cli.files.formats import MAP_SUFFIXES
-from cadtof_cli.files.maps import read_facts
-from cadtof_cli.files.reading import is_folder, real_path
+from cadtof_cli.files.layers import read_facts
+from cadtof_cli.files.reading import is_folder, read_bytes, real_path
 from cadtof_cli.frame_plan import DEPTH_IN_WORDS, CalibrationUse, DepthKind
 from cadtof_cli.records import dataclass
 from cadtof_cli.workflows.resolve.record import FRAMES_FILE, RUN_FILE, FrameReport, read_record, report_of
@@ -98,11 +98,18 @@ class Run:
         return Optics()
 
     def reports(self) -> tuple[FrameReport, ...]:
-        """Return the lines of `frames.jsonl`, those that can be read; nothing where there is no such file."""
+        """Return the lines of `frames.jsonl`, those that are sound; nothing where there is no such file.
+
+        Raises:
+            CaptureError: it cannot be read.
+        """
+        path = self.folder / FRAMES_FILE
         try:
-            lines = (self.folder / FRAMES_FILE).read_bytes().splitlines()
-        except OSError:
+            lines = read_bytes(path).splitlines()
+        except FileNotFoundError:
             return ()
+        except OSError as error:
+            raise CaptureError(f"{path}: cannot be read: {error.strerror}") from error
         return tuple(report for report in map(report_of, lines) if report is not None)
 
     def map_of(self, report: FrameReport, /) -> Path | None:

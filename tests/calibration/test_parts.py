@@ -19,7 +19,7 @@ from cadtof_cli.calibration.response import ResponseCalibration
 from cadtof_cli.calibration.store import Calibration, cached_calibration, digest_of, load_calibration, save_part
 from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Voltage
 from cadtof_cli.errors import MetadataError, OutputError, SettingsError
-from cadtof_cli.files.maps import read_layers
+from cadtof_cli.files.layers import read_layers
 from cadtof_cli.phasors.response import HarmonicResponse
 from tests.support.calibrations import PETZVAL_QUALITY, RESPONSE_QUALITY
 

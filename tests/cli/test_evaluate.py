@@ -94,9 +94,11 @@ def test_one_map_and_its_table(tmp_path: Path) -> None:
     assert cadtof("resolve", capture.folder, "-o", out, "-j", 1).status == 0
     done = cadtof("evaluate", out / "frame_1.tif", "--truth", _truth(tmp_path / "truth.exr"))
     assert (done.status, done.err) == (0, "")
-    title, first, direct = done.out.splitlines()
+    title, first, direct, about = done.out.splitlines()
     assert "median" in title
-    assert "1 frame)" in title
+    assert about.startswith("1 frame; ")
+    # a terminal has 80 columns where nobody has made it wider
+    assert len(title) == len(first) == len(direct) < 80
     error = 100 * (_first_phasor_m(capture.files[1]) - step_truth())
     assert first.startswith("first phasor")
     assert float(first.split()[3]) == pytest.approx(np.quantile(np.abs(error), 0.9), abs=0.02)
@@ -222,6 +224,14 @@ def test_a_gate_a_table_of_frames_and_maps_over_time(tmp_path: Path) -> None:
     assert (done.status, done.out.startswith("over 4 frames: direct depth scatters by ")) == (0, True)
     done = cadtof("evaluate", out)
     assert (done.status, "--truth is missing" in done.err) == (2, True)
+
+
+def test_of_one_frame_nothing_is_said_to_scatter(tmp_path: Path) -> None:
+    capture, out = record(tmp_path / "capture"), tmp_path / "out"
+    assert cadtof("resolve", capture.folder, "-o", out, "-j", 1, "-q").status == 0
+    done = cadtof("evaluate", out, "--over-time", tmp_path / "scatter.exr")
+    assert (done.status, done.err) == (0, "")
+    assert done.out.startswith("over 1 frame: no pixel has two depths that could scatter; predicted ")
 
 
 def test_a_gate_is_shut_where_nothing_has_an_answer(tmp_path: Path) -> None:

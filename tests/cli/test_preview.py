@@ -13,6 +13,7 @@ from PIL import Image, ImageSequence
 
 from cadtof_cli.calibration.store import save_part
 from cadtof_cli.capture.metadata import CaptureMetadata
+from cadtof_cli.figures.scales import limits_of
 from tests.support.calibrations import made_up_calibration
 from tests.support.captures import Form, layers_of, record, write_exr, write_frame
 from tests.support.forward import step_frame, step_truth
@@ -147,6 +148,22 @@ def test_recorded_frames_truth_and_other_layers(tmp_path: Path) -> None:
         words = set(re.findall(r"<!-- (.*?) -->", (tmp_path / f"{name}.svg").read_text()))
         shortened = {word for word in told if "as recorded" in word and word not in words}
         assert told - shortened <= words
+
+
+@pytest.mark.parametrize("value", [0.0, 1.0, -2.5e-3])
+def test_a_layer_that_is_the_same_everywhere_has_a_scale_about_its_value(
+    value: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    write_exr(Path("even.exr"), {"Y": np.full((24, 32), value, np.float32)})
+    assert cadtof("preview", "even.exr", "-o", "a.svg").status == 0
+    words = re.findall(r"<!-- (.*?) -->", Path("a.svg").read_text())
+    # the file's name, without a folder before it
+    assert "even.exr" in words
+    # numbers along the bar, none of them with an offset or a power of ten beside it
+    assert not [word for word in words if re.search(r"\de[+−-]|\+1", word)]
+    low, high = limits_of(np.full((24, 32), value))
+    assert low < value < high
 
 
 def test_counts_are_drawn_where_nothing_says_how_many_volts_they_are(tmp_path: Path) -> None:

@@ -11,6 +11,7 @@ import tifffile
 from numpy.typing import NDArray
 
 from cadtof_cli.resolver.two_path.kernel import NUMPY, chosen_kernel
+from cadtof_cli.units import per_second
 from tests.support.captures import (
     PLANE_NAMES,
     TOML,
@@ -368,3 +369,10 @@ def _bad_pixels_are_marked(layers: dict[str, NDArray[Any]], form: Form) -> None:
     for name in LAYERS[:-1]:
         assert np.isnan(layers[name][bad]).all()
     assert np.median(np.abs(layers["direct.depth"] - step_truth())[~bad]) < 0.01
+
+
+@pytest.mark.parametrize(
+    ("frames", "seconds", "told"), [(424, 2.0, "212"), (99, 10.0, "9.9"), (3, 8.5, "0.35"), (1, 3600.0, "0.00028")]
+)
+def test_a_slow_run_is_not_said_to_stand_still(frames: int, seconds: float, told: str) -> None:
+    assert per_second(frames, seconds) == told

@@ -75,6 +75,16 @@ def test_a_folder_that_is_gone_from_under_us(tmp_path: Path) -> None:
     assert _shell(f"cd {tmp_path}; {script}", "--version").status == 0
 
 
+@pytest.mark.parametrize("most", range(6, 13, 2))
+def test_that_no_more_files_may_be_open_is_said(most: int, tmp_path: Path) -> None:
+    capture = record(tmp_path / "capture", frames=2).folder
+    done = _shell(f'ulimit -n {most}; "$@"', "resolve", capture, "-o", tmp_path / "out", "-j", 2)
+    assert done.status in {1, 2}
+    assert "Too many open files" in done.err
+    assert "standard output" not in done.err
+    assert "unexpected" not in done.err
+
+
 @pytest.mark.parametrize("place", ["2>&-", "2>/dev/full"])
 def test_stderr_that_takes_nothing(place: str, tmp_path: Path) -> None:
     capture, out = record(tmp_path / "capture", frames=2), tmp_path / "out"

@@ -1,6 +1,6 @@
 """Every form in which a frame may be recorded, written from an array that the test made."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -113,6 +113,22 @@ def exr_at(left: int, top: int) -> Writer:
     return write
 
 
+def exr_planes(names: Sequence[str]) -> Writer:
+    """Return a writer of an EXR file with a part for each plane, of these names and in their order, whose one channel is Y."""
+
+    def write(path: Path, frame: Stored) -> FrameSource:
+        file = path.with_suffix(".exr")
+        channels = channels_of(frame)
+        parts = [
+            OpenEXR.Part({"type": OpenEXR.scanlineimage}, {"Y": channels[name.upper().replace("_", ".")]}, name)
+            for name in names
+        ]
+        OpenEXR.File(parts, num_threads=0).write(str(file))
+        return FrameSource(path.name, (file,))
+
+    return write
+
+
 def exr_parts(names: Mapping[str, tuple[str, str]]) -> Writer:
     """Return a writer of an EXR file with a part for each harmonic; `names` maps a part to its two channels."""
 
@@ -199,6 +215,7 @@ EXR_FORMS = [
     Form("offset-window", exr_at(-7, 11), "f4"),
     Form("parts", exr_parts({"H1": ("SC1", "SC2"), "h2": ("sc1", "sc2")}), "f4"),
     Form("parts-full-names", exr_parts({"a": ("H1.SC1", "H1.SC2"), "b": ("H2.SC1", "H2.SC2")}), "f2"),
+    Form("parts-of-a-plane", exr_planes(("H2.SC2", "H1.SC1", "h2_sc1", "H1.SC2")), "f4"),
     Form("parts-counted", exr_parts({"first": ("SC1", "SC2"), "second": ("SC1", "SC2")}), "u4"),
 ]
 

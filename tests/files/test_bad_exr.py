@@ -1,11 +1,16 @@
 """An EXR file that is no frame, or a damaged one, says what was found in it and what was expected."""
 
+import contextlib
+import os
+import sys
 from pathlib import Path
 
 import numpy as np
 import OpenEXR
 import pytest
 
+from cadtof_cli.errors import FrameError
+from cadtof_cli.files.exr import read_parts
 from cadtof_cli.files.frames import NotAFrameError
 from tests.files.forms import channels_of, known_frame
 from tests.files.refusals import message, write_exr
@@ -57,6 +62,45 @@ def test_exr_parts_that_show_different_pixels(tmp_path: Path) -> None:
     ]
     OpenEXR.File(parts, num_threads=0).write(str(path))
     assert "SC1 of part 'H2' begins at pixel 2, 3 (its data window), expected 1, 3 as SC1" in message(path)
+
+
+def test_exr_that_shows_a_part_of_a_picture(tmp_path: Path) -> None:
+    """Its principal point would be counted from another pixel than the picture's."""
+    low, high = np.array((2, 3), "i4"), np.array((54, 39), "i4")
+    windows = {"dataWindow": (low, high), "displayWindow": (np.zeros(2, "i4"), high)}
+    path = write_exr(tmp_path / "frame.exr", channels_of(known_frame("f4")), **windows)
+    told = message(path)
+    assert "H1.SC1 begins at pixel 2, 3 (its data window) of a picture that begins at 0, 0 (its display window)" in told
+
+
+@pytest.mark.parametrize("spare", range(8))
+def test_that_no_more_files_may_be_open_is_no_damage(spare: int, tmp_path: Path) -> None:
+    path = write_exr(tmp_path / "frame.exr", channels_of(known_frame("f4")))
+    resource = pytest.importorskip("resource")
+    limits, held = resource.getrlimit(resource.RLIMIT_NOFILE), list[int]()
+    try:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (min(4096, limits[0]), limits[1]))
+        with contextlib.suppress(OSError):
+            while True:
+                held.append(os.dup(0))
+        for descriptor in (held.pop() for _ in range(spare)):
+            os.close(descriptor)
+        with contextlib.suppress(FrameError):
+            read_parts(path)
+            return
+        told = message(path)
+    finally:
+        resource.setrlimit(resource.RLIMIT_NOFILE, limits)
+        for descriptor in held:
+            os.close(descriptor)
+    assert told == f"{path}: cannot be read: Too many open files"
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="the system has no file that cannot be read")
+def test_a_disk_that_fails_is_no_damage() -> None:
+    # nothing lies at the first address of a process's memory: reading there fails as on a disk
+    with pytest.raises(FrameError, match="/proc/self/mem: cannot be read: Input/output error"):
+        read_parts(Path("/proc/self/mem"))
 
 
 def test_a_tile_larger_than_any_file(tmp_path: Path) -> None:

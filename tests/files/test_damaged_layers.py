@@ -8,7 +8,8 @@ import pytest
 import tifffile
 
 from cadtof_cli.errors import FrameError
-from cadtof_cli.files.maps import DepthMaps, read_layers
+from cadtof_cli.files.layers import read_layers
+from cadtof_cli.files.maps import DepthMaps
 from tests.support.captures import write_maps
 
 SHAPE = (20, 30)
@@ -28,6 +29,17 @@ def test_a_file_that_ends_too_early_gives_no_layers(suffix: str, kept: float, tm
     path.write_bytes(whole[: int(kept * len(whole))])
     with pytest.raises(FrameError, match=path.name):
         read_layers(path)
+
+
+@pytest.mark.parametrize("suffix", [".exr", ".tif"])
+def test_a_nan_that_signals_is_one_like_others(suffix: str, tmp_path: Path) -> None:
+    pages = np.full((2, *SHAPE), -0.0, np.float32)
+    pages.view(np.uint32)[0, 0, 0] = 0x7F800001
+    write_maps(tmp_path / f"maps{suffix}", DepthMaps(("direct.depth",), pages, np.full(SHAPE, 8, np.uint32)))
+    # a warning is an error in tests
+    depth = read_layers(tmp_path / f"maps{suffix}")["direct.depth"].astype(np.float64)
+    assert np.flatnonzero(np.isnan(depth)).tolist() == [0]
+    assert np.signbit(depth[0, 1:]).all()
 
 
 def test_channels_named_as_colours_are_layers_like_others(tmp_path: Path) -> None:

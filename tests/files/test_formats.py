@@ -23,7 +23,8 @@ from cadtof_cli.files.formats import (
     map_format,
 )
 from cadtof_cli.files.frames import FrameLayout
-from cadtof_cli.files.maps import DepthMaps, read_layers, write_layers
+from cadtof_cli.files.layers import read_layers, write_layers
+from cadtof_cli.files.maps import DepthMaps
 from tests.files.forms import known_frame
 from tests.support.captures import write_maps
 

@@ -257,6 +257,8 @@ def test_the_ends_of_the_colours_can_be_dragged_and_typed(shown: Shown) -> None:
     assert (_canvas(browser) != before).any()
     browser.press("#scale-low", "ARROW_RIGHT")
     assert browser.run(ends)[0] > low
+    browser.click("#scale-fit")
+    assert browser.run(ends) == pytest.approx(np.quantile(layers[0], (0.005, 0.995)), abs=2e-3)
     browser.click("#scale-reset")
     assert browser.run(ends) == [low, high]
     np.testing.assert_array_equal(_canvas(browser), before)

@@ -9,6 +9,7 @@ import tifffile
 
 from cadtof_cli.errors import FrameError
 from cadtof_cli.files.frames import SAMPLE_TYPES
+from cadtof_cli.files.reading import in_brief
 from cadtof_cli.files.system import read_at
 
 MAX_TAGS = 4096
@@ -143,7 +144,7 @@ def _require_known_compression(path: Path, page: tifffile.TiffPage) -> None:
         tifffile.TIFF.DECOMPRESSORS[page.compression]
     except KeyError as error:
         raise FrameError(
-            f"{path}: its compression cannot be read here ({error.args[0]}); expected none, deflate, LZW or Zstandard:"
+            f"{path}: its compression cannot be read here ({in_brief(error.args)}); expected none, deflate, LZW or Zstandard:"
             " rewrite it, such as by tiffcp -c zip"
         ) from error
 

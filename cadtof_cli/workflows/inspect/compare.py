@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 
 from cadtof_cli.arrays import Status
 from cadtof_cli.errors import CaptureError, SettingsError
-from cadtof_cli.files.maps import STATUS, read_layers
+from cadtof_cli.files.layers import read_layers
+from cadtof_cli.files.maps import STATUS
 from cadtof_cli.frame_plan import DEPTH_IN_WORDS
 from cadtof_cli.maps.comparison import (
     BitChange,
@@ -20,7 +21,7 @@ from cadtof_cli.maps.comparison import (
 )
 from cadtof_cli.maps.layers import DIRECT_DEPTH, MPI_DEPTH
 from cadtof_cli.resolver.status import bit_words
-from cadtof_cli.workflows.inspect.layers import Layers, require_same_size
+from cadtof_cli.workflows.inspect.layers import Layers, require_same_pixels, require_same_size
 from cadtof_cli.workflows.progress import Progress
 from cadtof_cli.workflows.run_folder import read_run
 
@@ -106,11 +107,8 @@ class MapPairs:
                 f"{first} holds {DEPTH_IN_WORDS[self.a.depth_kind]} and {second} {DEPTH_IN_WORDS[self.b.depth_kind]}: "
                 "resolve both with the same --depth"
             )
-        if self.a.roi and self.b.roi and [*self.a.roi] != [*self.b.roi]:
-            parts = [",".join(map(str, roi)) for roi in (self.a.roi, self.b.roi)]
-            raise SettingsError(
-                f"{first} shows pixels {parts[0]} and {second} {parts[1]}: resolve both with the same --roi"
-            )
+        if self.a.roi and self.b.roi:
+            require_same_pixels(self.a, self.b)
         one, other = ({run.name(file): file for file in run.require_maps()} for run in (self.a, self.b))
         shared = [name for name in one if name in other]
         self.files = {name: (one[name], other[name]) for name in shared}

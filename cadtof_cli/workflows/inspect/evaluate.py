@@ -12,7 +12,7 @@ from cadtof_cli.errors import OutputError
 from cadtof_cli.files.atomic import require_new, write_text
 from cadtof_cli.files.documents import csv_text
 from cadtof_cli.files.formats import EXR, format_by_suffix
-from cadtof_cli.files.maps import read_layers, write_layers
+from cadtof_cli.files.layers import read_layers, write_layers
 from cadtof_cli.maps.evaluation import DepthErrors, Evaluation, EvaluationTally, SequenceTally
 from cadtof_cli.maps.layers import DIRECT_DEPTH, DIRECT_SIGMA, MPI_DEPTH
 from cadtof_cli.workflows.inspect.first_phasors import first_phasors

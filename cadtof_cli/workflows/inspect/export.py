@@ -12,7 +12,8 @@ from cadtof_cli.arrays import Float
 from cadtof_cli.capture.metadata import Optics
 from cadtof_cli.errors import SettingsError, require
 from cadtof_cli.files.atomic import atomic_write, require_new, write_text
-from cadtof_cli.files.maps import STATUS, read_layers
+from cadtof_cli.files.layers import read_layers
+from cadtof_cli.files.maps import STATUS
 from cadtof_cli.files.png import write_grey_png
 from cadtof_cli.files.point_cloud import write_points
 from cadtof_cli.frame_plan import DEPTH_IN_WORDS, DepthKind

@@ -14,7 +14,8 @@ from cadtof_cli.capture.frames import Capture, FrameSource, open_frames, single_
 from cadtof_cli.capture.toml import FILE_NAME as CAPTURE_FILE
 from cadtof_cli.errors import CadtofError, SettingsError
 from cadtof_cli.figures.layers import Shown
-from cadtof_cli.files.maps import is_map_layer, read_layers
+from cadtof_cli.files.layers import read_layers
+from cadtof_cli.files.maps import is_map_layer
 from cadtof_cli.frame_plan import DEPTH_IN_WORDS
 from cadtof_cli.maps.layers import DIRECT_DEPTH
 from cadtof_cli.phasors.voltages import saturated_pixels, volts_from_stored
@@ -75,7 +76,7 @@ def _is_of_layers(path: Path) -> bool:
 
 def _read_map(run: Run, file: Path) -> Shown:
     """Read a map, or any file of named layers."""
-    return Shown.of(f"{file.parent.name}/{file.name}", read_layers(file), depth=DEPTH_IN_WORDS[run.depth_kind])
+    return Shown.of(str(Path(file.parent.name, file.name)), read_layers(file), depth=DEPTH_IN_WORDS[run.depth_kind])
 
 
 def _read_frame(capture: Capture, source: FrameSource) -> Shown:

@@ -7,7 +7,8 @@ from pathlib import Path
 from cadtof_cli.arrays import Float, Float32
 from cadtof_cli.errors import CadtofError, FrameError, OutputError, require
 from cadtof_cli.files.atomic import require_new
-from cadtof_cli.files.maps import STATUS, read_layers
+from cadtof_cli.files.layers import read_layers
+from cadtof_cli.files.maps import STATUS
 from cadtof_cli.maps.evaluation import DepthErrors, EvaluationTally
 from cadtof_cli.maps.layers import DIRECT_DEPTH, DIRECT_SIGMA
 from cadtof_cli.records import setting

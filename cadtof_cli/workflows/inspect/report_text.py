@@ -135,7 +135,8 @@ def _settings(record: Mapping[str, Any]) -> Iterator[tuple[str, Sequence[tuple[s
     for number, capture in enumerate(record.get("captures", []), start=1):
         origins = _table(capture, "origins")
         known = {"root": capture.get("root"), "files": capture.get("files")} | _flat(_table(capture, "metadata"))
-        rows = [(name, _plain(value), str(origins.get(name, ""))) for name, value in known.items()]
+        # keys that nobody has set say nothing
+        rows = [(name, _plain(value), str(origins.get(name, ""))) for name, value in known.items() if value is not None]
         yield f"Capture {number}: {capture.get('root')}", rows
     calibration = _table(record, "calibration")
     if calibration:
@@ -160,7 +161,7 @@ def _flat(tables: Mapping[str, Any], /, *, above: str = "") -> dict[str, Any]:
 
 def _plain(value: Any) -> str:
     """Return a value of the record as people read it."""
-    if value is None:
+    if value is None or value == {}:
         return "–"
     if isinstance(value, bool):
         return "yes" if value else "no"

@@ -14,8 +14,8 @@ from cadtof_cli.maps.depth import beyond_light
 from cadtof_cli.phasors.noise import noise_model
 from cadtof_cli.phasors.voltages import ideal_phasor_map, phasors_from_stored
 from cadtof_cli.records import setting
-from cadtof_cli.resolver.paper.records import RandomStarts
 from cadtof_cli.resolver.paper.solver import steps_of_starts
+from cadtof_cli.resolver.paper.starts import RandomStarts
 from cadtof_cli.resolver.resolve import resolve_paths
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.simulation.pixel.averaging import effective_length
