@@ -52,16 +52,12 @@ _SAMPLE_BYTES = 4
 
 @dataclass(frozen=True)
 class ExrPart(NamedPart):
-    """One part, as its header describes it.
-
-    `origin` is where its pixels begin, and `picture` where that begins which they are a part of.
-    """
+    """One part, as its header describes it."""
 
     shape: tuple[int, int]
     subsampled: tuple[str, ...]
     deep: bool
     origin: tuple[int, int]
-    picture: tuple[int, int]
     tile: tuple[int, int]
 
 
@@ -97,7 +93,7 @@ def lossy_compression(path: Path, dtype: np.dtype[Any], /) -> str | None:
 
 
 def _part(header: dict[str, Any]) -> ExrPart:
-    (low, high), (whole, _) = header["dataWindow"], header["displayWindow"]
+    low, high = header["dataWindow"]
     width, height = (int(high[axis]) - int(low[axis]) + 1 for axis in (0, 1))
     channels, tiles = header["channels"], header.get("tiles")
     return ExrPart(
@@ -107,7 +103,6 @@ def _part(header: dict[str, Any]) -> ExrPart:
         subsampled=tuple(channel.name for channel in channels if (channel.xSampling, channel.ySampling) != (1, 1)),
         deep=header.get("type") in (OpenEXR.deepscanline, OpenEXR.deeptile),
         origin=(int(low[0]), int(low[1])),
-        picture=(int(whole[0]), int(whole[1])),
         tile=(tiles.ySize, tiles.xSize) if tiles else (0, 0),
     )
 
@@ -235,13 +230,6 @@ def _common_shape(path: Path, parts: Sequence[ExrPart], places: Sequence[Place])
                 f"{path}: {place.channel} of part {part.name!r} begins at pixel {part.origin[0]}, {part.origin[1]} (its data"
                 f" window), expected {origin[0]}, {origin[1]} as {places[0].channel} of the first part"
             )
-    picture = parts[places[0].part].picture
-    if origin != picture:
-        raise FrameError(
-            f"{path}: {places[0].channel} begins at pixel {origin[0]}, {origin[1]} (its data window) of a picture that begins at"
-            f" {picture[0]}, {picture[1]} (its display window), expected the same for both: principal_point_px counts from the"
-            " first pixel that is stored; write the frame with one window for both"
-        )
     return shape
 
 

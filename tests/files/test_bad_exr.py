@@ -66,15 +66,6 @@ def test_exr_parts_that_show_different_pixels(tmp_path: Path) -> None:
     assert "SC1 of part 'H2' begins at pixel 2, 3 (its data window), expected 1, 3 as SC1" in message(path)
 
 
-def test_exr_that_shows_a_part_of_a_picture(tmp_path: Path) -> None:
-    """Its principal point would be counted from another pixel than the picture's."""
-    low, high = np.array((2, 3), "i4"), np.array((54, 39), "i4")
-    windows = {"dataWindow": (low, high), "displayWindow": (np.zeros(2, "i4"), high)}
-    path = write_exr(tmp_path / "frame.exr", channels_of(known_frame("f4")), **windows)
-    told = message(path)
-    assert "H1.SC1 begins at pixel 2, 3 (its data window) of a picture that begins at 0, 0 (its display window)" in told
-
-
 @pytest.fixture
 def few_files() -> Iterator[Callable[[], list[int]]]:
     """Few files may be open; what is handed over opens as many as may be, and returns their descriptors."""
