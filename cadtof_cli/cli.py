@@ -2,6 +2,7 @@
 
 import atexit
 import contextlib
+import errno
 import gc
 import importlib
 import io
@@ -184,6 +185,8 @@ def _message_and_status(error: Exception) -> tuple[str, int]:
             told = f"standard output: cannot be written: {error.strerror or error}"
             if isinstance(error, FileNotFoundError):
                 told = "the folder that cadtof was started in is gone; go into one that is there"
+            elif error.errno in {errno.EMFILE, errno.ENFILE}:
+                told = f"{error.strerror}: allow more open files (ulimit -n)"
             return f"Error: {told}", OutputError.exit_status
         case OSError():
             return f"Error: {error.filename}: {error.strerror or error}", 1

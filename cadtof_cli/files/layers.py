@@ -35,7 +35,7 @@ def file_digest(path: Path, /) -> str:
     return digest.hexdigest()
 
 
-def stage_maps(path: Path, maps: DepthMaps, /, *, header: MapHeader, token: str = "") -> tuple[PartialFile, str]:
+def stage_maps(path: Path, maps: DepthMaps, /, *, header: MapHeader, token: str) -> tuple[PartialFile, str]:
     """Write maps under a temporary name, in the format that `path` ends with; return that file and the digest of its bytes.
 
     The file is still to be committed or discarded: committing waits for the disk, and something else can be done meanwhile.
@@ -74,13 +74,23 @@ def read_layers(path: Path, /) -> dict[str, NDArray[Any]]:
     kind = detect_format(path)
     if kind.layers is None:
         raise FrameError(f"{path}: found {kind.title}, expected a format of named maps")
-    layers = kind.layers().read_layers(path)
+    layers = {name: _with_quiet_nans(layer) for name, layer in kind.layers().read_layers(path).items()}
     status = layers.get(STATUS)
     if status is None:
         return layers
     if not (np.isfinite(status) & (status >= 0) & (status < _STATUS_LIMIT)).all():
         raise FrameError(f"{path}: damaged maps: their status holds numbers that are no bits")
     return layers | {STATUS: status.astype(np.uint32, copy=False)}
+
+
+def _with_quiet_nans(layer: NDArray[Any]) -> NDArray[Any]:
+    """Return a layer without NaNs of the kind that raise a warning wherever they are converted."""
+    if layer.dtype.kind != "f":
+        return layer
+    with np.errstate(invalid="ignore"):
+        # by one, not plus zero: that turns −0 into 0
+        quiet: NDArray[Any] = layer * layer.dtype.type(1)
+    return quiet
 
 
 def read_facts(path: Path, /) -> dict[str, str]:

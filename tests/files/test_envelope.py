@@ -18,7 +18,7 @@ from cadtof_cli.files.layers import read_layers
 from cadtof_cli.files.maps import DepthMaps, MapHeader
 from cadtof_cli.files.system import BLOCK_BYTES
 from cadtof_cli.files.tiff import layers
-from tests.support.maps import write_maps
+from tests.support.captures import write_maps
 
 LAYOUT = FrameLayout(harmonics=(1, 2))
 

@@ -13,7 +13,7 @@ from cadtof_cli.files.layers import read_layers
 from cadtof_cli.files.maps import DepthMaps
 from cadtof_cli.maps.layers import wanted_layers
 from tests.conftest import Tool
-from tests.support.maps import write_maps
+from tests.support.captures import write_maps
 
 NAMES = (
     *("direct.depth", "mpi.depth", "direct.amplitude", "mpi.amplitude", "direct.sigma", "mpi.sigma"),

@@ -49,11 +49,11 @@ def pictured(inputs: Sequence[Path], /) -> Iterator[Pictured]:
             run = read_run(path)
             for file in run.require_maps():
                 name = run.name(file) if len(inputs) == 1 or path.is_dir() else f"{file.parent.name}/{file.stem}"
-                yield Pictured(name, partial(_map, run, file), DIRECT_DEPTH, run, file)
+                yield Pictured(name, partial(_read_map, run, file), DIRECT_DEPTH, run, file)
             continue
         for capture in find_placed_captures([path], recursive=path.is_dir())[0]:
             for source in single_frames(capture):
-                yield Pictured(source.name, partial(_frame, capture, source), LIGHT)
+                yield Pictured(source.name, partial(_read_frame, capture, source), LIGHT)
 
 
 def _holds_maps(path: Path) -> bool:
@@ -74,12 +74,12 @@ def _is_of_layers(path: Path) -> bool:
     return any(map(is_map_layer, layers)) or not any(".SC" in name.upper() for name in layers)
 
 
-def _map(run: Run, file: Path) -> Shown:
+def _read_map(run: Run, file: Path) -> Shown:
     """Read a map, or any file of named layers."""
-    return Shown.of(f"{file.parent.name}/{file.name}", read_layers(file), depth=DEPTH_IN_WORDS[run.depth_kind])
+    return Shown.of(str(Path(file.parent.name, file.name)), read_layers(file), depth=DEPTH_IN_WORDS[run.depth_kind])
 
 
-def _frame(capture: Capture, source: FrameSource) -> Shown:
+def _read_frame(capture: Capture, source: FrameSource) -> Shown:
     """Read a recorded frame: volts, or what is stored where nothing says how many volts that is; amplitudes and phases."""
     with open_frames(source, capture.layout) as frames:
         stored = frames.read(source.index or 0)

@@ -256,11 +256,8 @@ def pooling_notes(plans: Sequence[CapturePlan], settings: ResolveSettings, /) ->
     maps = sum(one.expected_maps(settings) for one in plans)
     seconds = pooling / max(min(settings.workers.jobs, maps), 1)
     if seconds > _SLOW_RUN_S:
-        yield f"--pool {settings.maps.pool}: {counted(maps, 'frame')} will take about {_duration(seconds)}"
-
-
-def _duration(seconds: float) -> str:
-    return f"{seconds:.0f} s" if seconds < 100 else f"{seconds / 60:.0f} min"
+        told = f"{seconds:.0f} s" if seconds < 100 else f"{seconds / 60:.0f} min"
+        yield f"--pool {settings.maps.pool}: {counted(maps, 'frame')} will take about {told}"
 
 
 def use_calibration(folder: Path, captures: Sequence[Capture], /) -> AppliedCalibration:
