@@ -16,10 +16,10 @@ from typing import NoReturn
 
 import click
 
-from cadtof_cli import __version__
 from cadtof_cli.commands.help import HelpContext, example
 from cadtof_cli.commands.terminal import forget, prepare_streams, tell
 from cadtof_cli.errors import CadtofError, OutputError
+from cadtof_cli.version import __version__
 
 COMMANDS = {
     "resolve": "Resolve recorded frames into depth maps without multi-path interference.",

@@ -115,15 +115,17 @@ class _Pool(Generic[Task, Result]):
     def attend(self) -> None:
         """Wait until a worker has answered, was lost or has taken too long, and hand out what waits."""
         if self._task_s < SHORT_S:
-            time.sleep(min(NOW_AND_THEN_S, NOW_AND_THEN_TASKS * self._task_s))
-        limit, left = self._limit_s, None
+            # who has nothing left to compute, as at the end, is waited for
+            left = min(map(_Worker.left, self._workers), default=0)
+            time.sleep(min(NOW_AND_THEN_S, min(left, NOW_AND_THEN_TASKS) * self._task_s))
+        limit, left_s = self._limit_s, None
         if limit is not None:
             since = min(worker.since for worker in self._workers if worker.jobs)
-            left = max(0.0, since + limit - time.monotonic())
-        while ready := self._incoming.ready(left):
+            left_s = max(0.0, since + limit - time.monotonic())
+        while ready := self._incoming.ready(left_s):
             for worker in ready:
                 self._receive(worker)
-            left = 0.0
+            left_s = 0.0
         if limit is not None:
             for worker in tuple(self._workers):
                 late = worker.jobs and time.monotonic() >= worker.since + limit

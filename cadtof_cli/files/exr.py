@@ -52,22 +52,13 @@ _SAMPLE_BYTES = 4
 
 @dataclass(frozen=True)
 class ExrPart(NamedPart):
-    """One part, as its header describes it.
-
-    `origin` is where its pixels begin, and `picture` where that begins which they are a part of.
-    """
+    """One part, as its header describes it."""
 
     shape: tuple[int, int]
     subsampled: tuple[str, ...]
     deep: bool
     origin: tuple[int, int]
-    picture: tuple[int, int]
     tile: tuple[int, int]
-
-    @property
-    def pixels_in_memory(self) -> int:
-        """Pixels that the library makes room for: those of the image, and of one whole tile, which may be larger."""
-        return math.prod(self.shape) + math.prod(self.tile)
 
 
 def read_parts(path: Path, /) -> list[ExrPart]:
@@ -79,16 +70,10 @@ def read_parts(path: Path, /) -> list[ExrPart]:
     file = _opened(path, header_only=True)
     with damage_as_frame_error(path, "EXR"):
         parts = [_part(file.header(index)) for index in range(len(file.parts))]
-        promised = sum(part.pixels_in_memory * len(part.channels) * _SAMPLE_BYTES for part in parts)
-        require_plausible_size(path, promised, path.stat().st_size)
+        # the library makes room for the image, and for one whole tile, which may be larger
+        samples = sum((math.prod(part.shape) + math.prod(part.tile)) * len(part.channels) for part in parts)
+        require_plausible_size(path, samples * _SAMPLE_BYTES, path.stat().st_size)
     return parts
-
-
-def read_texts(path: Path, /) -> dict[str, str]:
-    """Return the attributes of a file's first part that are text."""
-    file = _opened(path, header_only=True)
-    with damage_as_frame_error(path, "EXR"):
-        return {name: value for name, value in file.header(0).items() if isinstance(value, str)}
 
 
 def lossy_compression(path: Path, dtype: np.dtype[Any], /) -> str | None:
@@ -108,7 +93,7 @@ def lossy_compression(path: Path, dtype: np.dtype[Any], /) -> str | None:
 
 
 def _part(header: dict[str, Any]) -> ExrPart:
-    (low, high), (whole, _) = header["dataWindow"], header["displayWindow"]
+    low, high = header["dataWindow"]
     width, height = (int(high[axis]) - int(low[axis]) + 1 for axis in (0, 1))
     channels, tiles = header["channels"], header.get("tiles")
     return ExrPart(
@@ -118,7 +103,6 @@ def _part(header: dict[str, Any]) -> ExrPart:
         subsampled=tuple(channel.name for channel in channels if (channel.xSampling, channel.ySampling) != (1, 1)),
         deep=header.get("type") in (OpenEXR.deepscanline, OpenEXR.deeptile),
         origin=(int(low[0]), int(low[1])),
-        picture=(int(whole[0]), int(whole[1])),
         tile=(tiles.ySize, tiles.xSize) if tiles else (0, 0),
     )
 
@@ -246,13 +230,6 @@ def _common_shape(path: Path, parts: Sequence[ExrPart], places: Sequence[Place])
                 f"{path}: {place.channel} of part {part.name!r} begins at pixel {part.origin[0]}, {part.origin[1]} (its data"
                 f" window), expected {origin[0]}, {origin[1]} as {places[0].channel} of the first part"
             )
-    picture = parts[places[0].part].picture
-    if origin != picture:
-        raise FrameError(
-            f"{path}: {places[0].channel} begins at pixel {origin[0]}, {origin[1]} (its data window) of a picture that begins at"
-            f" {picture[0]}, {picture[1]} (its display window), expected the same for both: principal_point_px counts from the"
-            " first pixel that is stored; write the frame with one window for both"
-        )
     return shape
 
 
@@ -269,8 +246,11 @@ def write_maps(path: Path, maps: DepthMaps, /, *, header: MapHeader) -> Sequence
 
 
 def read_facts(path: Path, /) -> dict[str, str]:
-    """Return what the attributes of a file say about its maps."""
-    facts = {name.removeprefix(_PREFIX): text for name, text in read_texts(path).items() if name.startswith(_PREFIX)}
+    """Return what the attributes of a file's first part say about its maps."""
+    file = _opened(path, header_only=True)
+    with damage_as_frame_error(path, "EXR"):
+        texts = {name: value for name, value in file.header(0).items() if isinstance(value, str)}
+    facts = {name.removeprefix(_PREFIX): text for name, text in texts.items() if name.startswith(_PREFIX)}
     return {name: text for name, text in facts.items() if not name.startswith("unit.")}
 
 

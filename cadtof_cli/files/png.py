@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 from cadtof_cli.arrays import Stored
 from cadtof_cli.errors import FrameError
 from cadtof_cli.files.atomic import atomic_write
+from cadtof_cli.files.formats import PNG
 from cadtof_cli.files.frames import FrameLayout, Frames, NotAFrameError
 from cadtof_cli.files.library_output import library_output
 from cadtof_cli.files.reading import damage_as_frame_error, in_brief, read_bytes, require_plausible_size
 
-_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _HEADER = struct.Struct(">8xI4sIIBB")
 _GREY, _INDEXED = 0, 3
 _LAST_CHUNK = b"IEND"
@@ -133,7 +133,7 @@ def _png_bytes(pixels: tuple[int, int], /, *, depth: int, kind: int, chunks: Ite
         chunks: what stands between header and end.
     """
     header = struct.pack(">IIBBBBB", *pixels, depth, kind, 0, 0, 0)
-    return _SIGNATURE + b"".join(_chunk(*one) for one in ((b"IHDR", header), *chunks, (b"IEND", b"")))
+    return PNG.magics[0] + b"".join(_chunk(*one) for one in ((b"IHDR", header), *chunks, (b"IEND", b"")))
 
 
 def _chunk(kind: bytes, content: bytes) -> bytes:

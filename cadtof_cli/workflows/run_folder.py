@@ -15,7 +15,7 @@ from cadtof_cli.capture.metadata import KEYS, Optics, converted
 from cadtof_cli.capture.toml import FILE_NAME as CAPTURE_FILE
 from cadtof_cli.errors import CadtofError, CaptureError, FrameError, MetadataError, SettingsError
 from cadtof_cli.files.formats import MAP_SUFFIXES
-from cadtof_cli.files.maps import read_facts
+from cadtof_cli.files.layers import read_facts
 from cadtof_cli.files.reading import is_folder, read_bytes, real_path
 from cadtof_cli.frame_plan import DEPTH_IN_WORDS, CalibrationUse, DepthKind
 from cadtof_cli.records import dataclass

@@ -21,11 +21,13 @@ def _shell(script: str, *arguments: object) -> Finished:
 
 @pytest.mark.parametrize("jobs", [1, 2])
 def test_a_reader_that_goes_away_ends_us_like_any_program(jobs: int, tmp_path: Path) -> None:
-    capture = record(tmp_path / "capture", frames=40)
+    capture, out = record(tmp_path / "capture", frames=40), tmp_path / "out"
     script = '"$@" | (read -r line; echo "$line"); exit ${PIPESTATUS[0]}'
-    done = _shell(script, "resolve", capture.folder, "-o", tmp_path / "out", "-j", jobs, "-q", "--json")
+    done = _shell(script, "resolve", capture.folder, "-o", out, "-j", jobs, "-q", "--json")
     assert (done.status, done.err) == (141, "")
-    assert json.loads(done.out)["status"] == "ok"
+    first = json.loads(done.out)
+    assert (first["status"], first["source"]) == ("ok", str(capture.files[0]))
+    assert not list(out.glob(".*"))
 
 
 @pytest.mark.parametrize("arguments", [("--help",), ("resolve", "--help"), ("info", "{capture}"), ("--version",)])

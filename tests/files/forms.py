@@ -102,13 +102,14 @@ def exr(**header: Any) -> Writer:
     return write
 
 
-def exr_at(left: int, top: int) -> Writer:
-    """Return a writer of an EXR file whose data window does not begin at the origin."""
+def exr_at(left: int, top: int, *, cropped: bool = False) -> Writer:
+    """Return a writer of an EXR file whose data window does not begin at the origin, where its picture may begin all the same."""
 
     def write(path: Path, frame: Stored) -> FrameSource:
         high = (left + frame.shape[3] - 1, top + frame.shape[2] - 1)
         window = (np.array((left, top), np.int32), np.array(high, np.int32))
-        return exr(dataWindow=window, displayWindow=window)(path, frame)
+        shown = (np.zeros(2, np.int32), window[1]) if cropped else window
+        return exr(dataWindow=window, displayWindow=shown)(path, frame)
 
     return write
 
@@ -213,6 +214,7 @@ EXR_FORMS = [
     Form("pxr24-half", exr(compression=OpenEXR.PXR24_COMPRESSION), "f2"),
     Form("tiled", exr(type=OpenEXR.tiledimage, tiles=OpenEXR.TileDescription()), "f4"),
     Form("offset-window", exr_at(-7, 11), "f4"),
+    Form("cropped", exr_at(7, 11, cropped=True), "f4"),
     Form("parts", exr_parts({"H1": ("SC1", "SC2"), "h2": ("sc1", "sc2")}), "f4"),
     Form("parts-full-names", exr_parts({"a": ("H1.SC1", "H1.SC2"), "b": ("H2.SC1", "H2.SC2")}), "f2"),
     Form("parts-of-a-plane", exr_planes(("H2.SC2", "H1.SC1", "h2_sc1", "H1.SC2")), "f4"),

@@ -227,12 +227,6 @@ def test_what_tifffile_only_remarks_is_damage_here(tmp_path: Path, caplog: pytes
     assert caplog.messages == ["to another user of tifffile"]
 
 
-def test_a_plane_that_is_missing(tmp_path: Path) -> None:
-    source = plane_files(".tif")(tmp_path / "frame", known_frame("u2"))
-    source.paths[3].unlink()
-    assert message_of(source) == f"{source.paths[3]}: no such file, expected H2.SC2 of frame frame there"
-
-
 def test_a_plane_of_another_size(tmp_path: Path) -> None:
     source = plane_files(".tif")(tmp_path / "frame", known_frame("u2"))
     tifffile.imwrite(source.paths[2], np.zeros((5, 7), "u2"))

@@ -15,8 +15,8 @@ from cadtof_cli.files.system import read_at
 MAX_TAGS = 4096
 """The limit of tifffile; a page with more is damaged."""
 
-_LOOKED_INTO = 64
-"""Pages whose tags are checked one by one; a file of more is a stack, whose pages are alike."""
+LOOKED_INTO = 64
+"""Pages that are checked one by one; a file of more is a stack, whose pages are alike."""
 
 Page = tifffile.TiffPage | tifffile.TiffFrame
 
@@ -71,7 +71,7 @@ def require_sound_chain(path: Path, descriptor: int, size: int) -> None:
                 f"{path}: damaged or truncated TIFF: page {len(seen)} should begin at byte {offset:,},"
                 f" found no page there in a file of {size:,} bytes"
             )
-        if len(seen) < _LOOKED_INTO:
+        if len(seen) < LOOKED_INTO:
             _require_values_within(path, len(seen), form, read_at(descriptor, end - begin, begin), size)
         seen.add(offset)
         (offset,) = form.link.unpack(read_at(descriptor, form.link.size, end))

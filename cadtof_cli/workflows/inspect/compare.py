@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 
 from cadtof_cli.arrays import Status
 from cadtof_cli.errors import CaptureError, SettingsError
-from cadtof_cli.files.maps import STATUS, read_layers
+from cadtof_cli.files.layers import read_layers
+from cadtof_cli.files.maps import STATUS
 from cadtof_cli.frame_plan import DEPTH_IN_WORDS
 from cadtof_cli.maps.comparison import (
     BitChange,
@@ -161,7 +162,8 @@ def compare_maps(pairs: MapPairs, /, *, progress: Progress) -> Comparison:
     found.layers = {name: tally.summary() for name, tally in tallies.items()}
     found.only_a["frames"], found.only_b["frames"] = pairs.only
     found.worst_by = _leading(tuple(found.layers))
-    found.worst = sorted(frames, key=_badness, reverse=True)[:WORST]
+    frames.sort(key=lambda one: (one.p90_abs or 0.0, one.max_abs or 0.0, one.status_changed or 0), reverse=True)
+    found.worst = frames[:WORST]
     return found
 
 
@@ -195,10 +197,6 @@ def _frame_difference(pair: FramePair) -> FrameDifference:
         tally.add(difference(pair.first[layer], pair.second[layer]))
     summary = tally.summary()
     return FrameDifference(pair.name, summary.p90_abs, summary.max_abs, None if bits is None else changed_pixels(*bits))
-
-
-def _badness(frame: FrameDifference) -> tuple[float, float, int]:
-    return frame.p90_abs or 0.0, frame.max_abs or 0.0, frame.status_changed or 0
 
 
 def draw_worst(pairs: MapPairs, found: Comparison, out: Path, /) -> None:

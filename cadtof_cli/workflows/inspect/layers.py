@@ -13,7 +13,7 @@ from cadtof_cli.arrays import Float
 from cadtof_cli.capture.metadata import Optics
 from cadtof_cli.errors import CaptureError, SettingsError
 from cadtof_cli.files.formats import MAP_SUFFIXES
-from cadtof_cli.files.maps import read_layers
+from cadtof_cli.files.layers import read_layers
 from cadtof_cli.files.reading import is_folder
 from cadtof_cli.maps.layers import DIRECT_DEPTH
 from cadtof_cli.records import setting
@@ -30,13 +30,10 @@ class GivenOptics:
     focal_length_px: float | None = setting(
         None,
         "Focal length in pixels, for point clouds.  [default: from run.json]",
-        option="--focal-length-px --focal-length",
-        metavar="F",
     )
     principal_point_px: tuple[float, float] | None = setting(
         None,
         "Column and row of the optical axis.  [default: from run.json, else the centre]",
-        option="--principal-point-px --principal-point",
         metavar="X,Y",
     )
 
@@ -62,12 +59,8 @@ def layer_of(layers: Layers, name: str, path: Path, /) -> NDArray[Any]:
     return layers[name]
 
 
-def direct_depth(path: Path, /) -> Float:
-    """Return the direct depth in a map or truth file, float64 (Y, X) in m.
-
-    Raises:
-        CadtofError: the file cannot be read or has no such layer.
-    """
+def _direct_depth(path: Path) -> Float:
+    """Return the direct depth in a map or truth file, float64 (Y, X) in m."""
     return layer_of(read_layers(path), DIRECT_DEPTH, path).astype(np.float64)
 
 
@@ -82,7 +75,7 @@ class Truth:
 
     given: Path
     run: Run
-    _read: Callable[[Path], Float] = field(default_factory=lambda: lru_cache(maxsize=1)(direct_depth), repr=False)
+    _read: Callable[[Path], Float] = field(default_factory=lambda: lru_cache(maxsize=1)(_direct_depth), repr=False)
 
     def __post_init__(self) -> None:
         """Make sure that the maps can be held against truth; raises SettingsError where they hold z depth."""

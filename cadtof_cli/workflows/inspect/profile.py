@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from cadtof_cli.arrays import Float, Index
 from cadtof_cli.errors import SettingsError, require
-from cadtof_cli.files.atomic import atomic_write, require_new
+from cadtof_cli.files.atomic import require_new, write_text
 from cadtof_cli.files.documents import csv_text
-from cadtof_cli.files.maps import read_layers
+from cadtof_cli.files.layers import read_layers
 from cadtof_cli.frame_plan import DEPTH_IN_WORDS
 from cadtof_cli.maps.layers import DIRECT_DEPTH, layer_unit
 from cadtof_cli.maps.profile import Curve, Profile
@@ -180,8 +180,7 @@ def write_profile(profile: Profile, out: Path, /, *, overwrite: bool) -> None:
     """
     if out.suffix.lower() == TABLE:
         require_new(out, overwrite=overwrite)
-        with atomic_write(out) as temporary:
-            temporary.write_text(profile_table(profile), encoding="utf-8")
+        write_text(out, profile_table(profile))
         return
     from cadtof_cli.figures.kinds import require_picture
     from cadtof_cli.figures.profile import draw_profile
