@@ -74,7 +74,7 @@ def _require_sound_chunks(path: Path, content: memoryview) -> None:
 
     The library would find that too; but each failure costs it memory, and thousands of them in one process abort it.
     """
-    place = len(_SIGNATURE)
+    place = len(PNG.magics[0])
     while content[place + 4 : place + 8] != _LAST_CHUNK:
         end = place + int.from_bytes(content[place : place + 4]) + 12
         if end > len(content):
