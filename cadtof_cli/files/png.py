@@ -22,6 +22,7 @@ from cadtof_cli.files.reading import damage_as_frame_error, in_brief, read_bytes
 
 _HEADER = struct.Struct(">8xI4sIIBB")
 _GREY, _INDEXED = 0, 3
+_LAST_CHUNK = b"IEND"
 _HARMLESS = "Interlace handling"
 """The library remarks on every interlaced picture, and decodes it."""
 
@@ -55,6 +56,7 @@ def read_plane(path: Path, _layout: FrameLayout, /) -> Stored:
         content = read_bytes(path)
         height, width, bits = _size(path, content)
         require_plausible_size(path, height * width * 2, len(content))
+        _require_sound_chunks(path, memoryview(content))
         with library_output() as printed:
             plane: Stored = imagecodecs.png_decode(content)
     said = [line for line in printed if _HARMLESS not in line]
@@ -65,6 +67,21 @@ def read_plane(path: Path, _layout: FrameLayout, /) -> Stored:
             f"{path}: damaged PNG: found {plane.shape} {plane.dtype}, its header promises {height}, {width}"
         )
     return plane
+
+
+def _require_sound_chunks(path: Path, content: memoryview) -> None:
+    """Make sure that all chunks of a file are there, and have the check sums that they say.
+
+    The library would find that too; but each failure costs it memory, and thousands of them in one process abort it.
+    """
+    place = len(PNG.magics[0])
+    while content[place + 4 : place + 8] != _LAST_CHUNK:
+        end = place + int.from_bytes(content[place : place + 4]) + 12
+        if end > len(content):
+            raise FrameError(f"{path}: truncated PNG: reaches to byte {end:,}, found a file of {len(content):,} bytes")
+        if zlib.crc32(content[place + 4 : end - 4]) != int.from_bytes(content[end - 4 : end]):
+            raise FrameError(f"{path}: damaged PNG: bytes {place:,} to {end:,} do not have their check sum")
+        place = end
 
 
 def _size(path: Path, content: bytes) -> tuple[int, int, int]:
