@@ -6,13 +6,13 @@ imported when one of them is first asked for, so importing the package costs not
 
 from typing import TYPE_CHECKING, Any
 
+from cadtof_cli.version import __version__ as __version__
+
 if TYPE_CHECKING:
     from cadtof_cli.api.frames import Frame, read_frames
     from cadtof_cli.api.maps import Maps, read_maps
     from cadtof_cli.api.resolve import resolve
     from cadtof_cli.api.scenes import SimulatedCapture, simulate_scene
-
-__version__ = "0.1.0"
 
 __all__ = ["Frame", "Maps", "SimulatedCapture", "read_frames", "read_maps", "resolve", "simulate_scene"]
 

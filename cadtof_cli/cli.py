@@ -2,6 +2,7 @@
 
 import atexit
 import contextlib
+import errno
 import gc
 import importlib
 import io
@@ -15,10 +16,10 @@ from typing import NoReturn
 
 import click
 
-from cadtof_cli import __version__
 from cadtof_cli.commands.help import HelpContext, example
 from cadtof_cli.commands.terminal import forget, prepare_streams, tell
 from cadtof_cli.errors import CadtofError, OutputError
+from cadtof_cli.version import __version__
 
 COMMANDS = {
     "resolve": "Resolve recorded frames into depth maps without multi-path interference.",
@@ -184,6 +185,8 @@ def _message_and_status(error: Exception) -> tuple[str, int]:
             told = f"standard output: cannot be written: {error.strerror or error}"
             if isinstance(error, FileNotFoundError):
                 told = "the folder that cadtof was started in is gone; go into one that is there"
+            elif error.errno in {errno.EMFILE, errno.ENFILE}:
+                told = f"{error.strerror}: allow more open files (ulimit -n)"
             return f"Error: {told}", OutputError.exit_status
         case OSError():
             return f"Error: {error.filename}: {error.strerror or error}", 1

@@ -29,7 +29,7 @@ from cadtof_cli.frame_stages import (
 from cadtof_cli.maps.depth import clear_impossible, clear_pixels, write_block
 from cadtof_cli.maps.layers import ALWAYS
 from cadtof_cli.phasors.frame_mean import FrameMean
-from cadtof_cli.phasors.noise import NoiseModel, estimated_integration_length, noise_model
+from cadtof_cli.phasors.noise import NoiseModel, estimated_integration_length, most_integration, noise_model
 from cadtof_cli.phasors.plausible import is_without_noise
 from cadtof_cli.phasors.voltages import saturated_pixels
 from cadtof_cli.records import dataclass
@@ -48,9 +48,6 @@ stays small however large the frames are."""
 
 SEARCHED_BLOCK_PIXELS = 32768
 """Pixels a block where paths are searched or refined: the last steps are for a few, and cost the same for any block."""
-
-MOST_INTEGRATION = 1e12
-"""Integration length of a frame without any noise: that of float32 rounding, so that every threshold stays finite."""
 
 
 @dataclass(frozen=True)
@@ -132,7 +129,8 @@ def resolve_pixels(
         _fill_by_kernel(maps, pixels, plan, stages, kernel)
     else:
         _fill_by_blocks(maps, pixels, plan, stages, kernel, calibrated=calibration is not None)
-        clear_impossible(maps, noise=pixels.noise, amplitude_v=plan.metadata.modulation.amplitude_v)
+        longest = stages.correction.response.longest if stages.correction.response else 1.0
+        clear_impossible(maps, noise=pixels.noise, amplitude_v=stages.depth.amplitude_v, longest=longest)
     if stages.depth.lamp is not None:
         stages.depth.measure_from_camera(maps, pixels.first)
     if pixels.without_noise:
@@ -207,8 +205,9 @@ def _estimated_noise(pixels: FramePixels, plan: FramePlan, stages: FrameStages) 
             "saturated; set integration_length under [pixel] in capture.toml, or --integration-length"
         )
     if pixels.noise.samples is not None:
-        estimate /= float(np.median(pixels.noise.samples))
-    length = min(estimate, MOST_INTEGRATION)
+        # 1/(2·n_av − 1) of one recording is so many times that of the mean
+        estimate = 0.5 * (1.0 + (2.0 * estimate - 1.0) / float(np.median(pixels.noise.samples)))
+    length = min(estimate, most_integration(plan.metadata, quantised=pixels.dtype.kind in "iu"))
     return noise_model(plan.metadata, integration_length=length, quantised=False, estimated=True)
 
 
@@ -296,10 +295,10 @@ def _as_of_a_sine(pixels: FramePixels, chosen: Index, stages: FrameStages, kerne
         status, _ = screened(
             np.sqrt(powers[0]), powers, stages.status(pixels, chosen), settings=stages.resolver, noise=noise
         )
-    if stages.correction.response is not None:
-        response = stages.correction.response.block(chosen, kernel=kernel)
-        found = resolve_paths(phasors, status=status, settings=stages.resolver, noise=noise, response=response)
-        from cadtof_cli.resolver.response.as_sine import phasors_of_sine
+        if stages.correction.response is not None:
+            from cadtof_cli.resolver.response.as_sine import phasors_of_sine
 
-        phasors = phasors_of_sine(phasors, found.paths, response=response)
+            response = stages.correction.response.block(chosen, kernel=kernel)
+            found = resolve_paths(phasors, status=status, settings=stages.resolver, noise=noise, response=response)
+            phasors = phasors_of_sine(phasors, found.paths, response=response)
     return phasors, np.asarray(status == 0)

@@ -1,8 +1,8 @@
 """Records: `dataclass` as the standard library has it, but for the time that it takes before anything is done.
 
-Until Python 3.13 the library compiles six functions for every frozen class when its module is imported, a tenth of the time of a
-run of one frame. Here it compiles one; what is the same for all classes is written once. Modules that every run loads take theirs
-from here, and nobody who reads or uses a record sees a difference.
+Until Python 3.13 the library compiles up to six functions for every class when its module is imported, a tenth of the time of a
+run of one frame and more. Here it compiles none: all classes share theirs. Modules that every run loads take theirs from here,
+and nobody who reads or uses a record sees a difference.
 """
 
 import sys
@@ -13,33 +13,75 @@ if TYPE_CHECKING or sys.version_info >= (3, 13):
     from dataclasses import dataclass
 else:
     import dataclasses
+    import inspect
+    from copy import copy
+    from dataclasses import MISSING
     from operator import attrgetter
 
     def dataclass(cls=None, /, *, frozen=False, eq=True, slots=False, **options):
         """Return a class, or what makes one, as `dataclasses.dataclass` does."""
-        if not frozen or slots:
-            return dataclasses.dataclass(cls, frozen=frozen, eq=eq, slots=slots, **options)
-        return (lambda one: _record(one, eq, options)) if cls is None else _record(cls, eq, options)
+        if slots:
+            return dataclasses.dataclass(cls, frozen=frozen, eq=eq, slots=True, **options)
+        return (lambda one: _record(one, frozen, eq, options)) if cls is None else _record(cls, frozen, eq, options)
 
-    def _record(cls, eq, options):
+    def _record(cls, frozen, eq, options):
         own = set(vars(cls))
-        cls = dataclasses.dataclass(cls, eq=False, repr=False, **options)
-        shared = {"__setattr__": _set_once, "__delattr__": _keep, "__repr__": _told}
+        cls = dataclasses.dataclass(cls, init=False, eq=False, repr=False, **options)
+        asked = [item for item in dataclasses.fields(cls) if item.init]
+        cls._asked = tuple((item.name, item.default, item.default_factory) for item in asked)
+        cls._names = tuple(item.name for item in asked)
+        cls._placed = tuple(item.name for item in asked if not item.kw_only)
+        cls._checks = hasattr(cls, "__post_init__")
+        shared = {"__init__": _init, "__signature__": _Signature(), "__repr__": _told}
+        if frozen:
+            shared |= {"__setattr__": _keep, "__delattr__": _keep}
         if eq:
             names = [item.name for item in dataclasses.fields(cls) if item.compare]
             cls._compared = staticmethod(attrgetter(*names) if names else lambda _: ())
-            shared |= {"__eq__": _is_equal, "__hash__": _hash}
+            shared |= {"__eq__": _is_equal, "__hash__": _hash if frozen else None}
         for name in shared.keys() - own:
             setattr(cls, name, shared[name])
         return cls
 
-    def _set_once(self, name, value):
-        if name in self.__dict__ or name not in self.__dataclass_fields__:
-            raise dataclasses.FrozenInstanceError(f"cannot assign to field {name!r}")
-        self.__dict__[name] = value
+    def _init(self, /, *values, **named):
+        kind = type(self)
+        if named or not len(values) == len(kind._placed) == len(kind._names):
+            values = _values(kind, values, named)
+        # most are made from all their values in order
+        self.__dict__.update(zip(kind._names, values, strict=True))
+        if kind._checks:
+            self.__post_init__()
 
-    def _keep(self, name):
-        raise dataclasses.FrozenInstanceError(f"cannot delete field {name!r}")
+    def _values(kind, values, named):
+        """Return what the fields of a new one hold, in their order."""
+        given = dict(zip(kind._placed, values, strict=False), **named)
+        found, unknown = [], len(values) + len(named)
+        for name, default, make in kind._asked:
+            if name in given:
+                found.append(given[name])
+                unknown -= 1
+            elif default is not MISSING:
+                found.append(default)
+            elif make is not MISSING:
+                found.append(make())
+            else:
+                break
+        if unknown or len(found) < len(kind._asked):
+            # says what is wrong
+            _of_the_library(kind)(*values, **named)
+        return found
+
+    def _of_the_library(kind):
+        """Return a class with the same fields that the library makes: for what is seldom asked for."""
+        items = [(item.name, item.type, copy(item)) for item in dataclasses.fields(kind)]
+        return dataclasses.make_dataclass(kind.__qualname__, items)
+
+    class _Signature:
+        def __get__(self, _one, kind):
+            return inspect.signature(_of_the_library(kind))
+
+    def _keep(self, name, *_value):
+        raise dataclasses.FrozenInstanceError(f"cannot change field {name!r}")
 
     def _told(self):
         told = (f"{item.name}={getattr(self, item.name)!r}" for item in dataclasses.fields(self) if item.repr)

@@ -1,6 +1,7 @@
-"""Units and conversions between them: times in ns, lengths in m, phases in rad, voltages in V; and numbers of things in words."""
+"""Units and conversions between them: times in ns, lengths in m, phases in rad, voltages in V; and numbers in words."""
 
 import math
+from collections.abc import Sequence
 
 C_M_PER_NS = 0.299792458
 """Speed of light in vacuum."""
@@ -12,6 +13,18 @@ FWHM_PER_SIGMA = 2.0 * math.sqrt(2.0 * math.log(2.0))
 def counted(number: int, noun: str, /) -> str:
     """Return how many things there are in words, such as '1 frame' and '2 frames'."""
     return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
+
+
+def per_second(number: int, seconds: float, /) -> str:
+    """Return how many things there are in a second, with two digits or more, such as '212', '12' and '0.35'."""
+    rate = number / seconds
+    return f"{rate:.0f}" if rate >= 10.0 else f"{rate:.2g}"
+
+
+def first_of(names: Sequence[str], most: int, /) -> str:
+    """Return so many names at most, and how many more there are."""
+    more = len(names) - most
+    return ", ".join(names[:most]) + (f" and {more} more" if more > 0 else "")
 
 
 def unambiguous_range_m(period_ns: float) -> float:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from cadtof_cli.capture.discovery import find_captures
 from cadtof_cli.capture.frames import Capture, open_frames, single_frames
 from cadtof_cli.capture.metadata import CaptureMetadata
-from cadtof_cli.files.maps import read_layers
+from cadtof_cli.files.layers import read_layers
 from cadtof_cli.frame_plan import FramePlan, MapSettings
 from cadtof_cli.maps.layers import DIRECT_DEPTH
 from cadtof_cli.phasors.noise import noise_model

@@ -14,7 +14,7 @@ from speed.measure import Row, least_seconds
 from cadtof_cli.arrays import Stored
 from cadtof_cli.capture.discovery import find_captures
 from cadtof_cli.capture.frames import open_frames
-from cadtof_cli.execution.workers import keep_freed_memory
+from cadtof_cli.execution.memory import keep_freed_memory
 from cadtof_cli.frame_plan import FramePlan, MapSettings
 from cadtof_cli.pipeline import prepare_frame, resolve_frame, resolve_pixels
 from cadtof_cli.resolver.settings import MpiModel, ResolverSettings

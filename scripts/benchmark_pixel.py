@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 
 from cadtof_cli.arrays import Float, Float32
-from cadtof_cli.execution.ordered import Workers
+from cadtof_cli.execution.workers import Workers
 from cadtof_cli.simulation.pixel.averaging import Averaging
 from cadtof_cli.simulation.pixel.mix import Condition, PhotonMix
 from cadtof_cli.simulation.pixel.pixel import CHUNK, PixelModel, pixel_weights, record_pixel

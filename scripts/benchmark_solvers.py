@@ -14,13 +14,13 @@ from scipy.optimize import leastsq
 
 from cadtof_cli.capture.discovery import find_captures
 from cadtof_cli.capture.frames import open_frames
-from cadtof_cli.execution.workers import keep_freed_memory
-from cadtof_cli.files.maps import read_layers
+from cadtof_cli.execution.memory import keep_freed_memory
+from cadtof_cli.files.layers import read_layers
 from cadtof_cli.frame_plan import FramePlan, MapSettings
 from cadtof_cli.maps.layers import DIRECT_DEPTH
 from cadtof_cli.pipeline import resolve_frame
-from cadtof_cli.resolver.paper.records import RandomStarts
 from cadtof_cli.resolver.paper.solver import TwoShares, two_shares
+from cadtof_cli.resolver.paper.starts import RandomStarts
 from cadtof_cli.resolver.paths import ResolvedPaths
 from cadtof_cli.resolver.resolve import resolve_paths
 from cadtof_cli.resolver.settings import ResolverSettings

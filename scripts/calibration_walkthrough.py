@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from cadtof_cli.calibration.store import load_calibration
 from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Optics, Pixel, Target, Waveform
 from cadtof_cli.capture.toml import toml_text
-from cadtof_cli.files.maps import read_layers, write_layers
+from cadtof_cli.files.layers import read_layers, write_layers
 from cadtof_cli.maps.layers import DIRECT_DEPTH
 from cadtof_cli.resolver.status import StatusBit
 from cadtof_cli.units import C_M_PER_NS

@@ -16,7 +16,8 @@ import psutil
 from cadtof_cli.capture.discovery import find_captures
 from cadtof_cli.capture.frames import single_frames
 from cadtof_cli.execution.cluster import ordered
-from cadtof_cli.execution.ordered import Workers, run_ordered
+from cadtof_cli.execution.ordered import run_ordered
+from cadtof_cli.execution.workers import Workers
 from cadtof_cli.frame_plan import FramePlan, MapSettings
 from cadtof_cli.workflows.resolve.frame_task import FrameTask
 from cadtof_cli.workflows.resolve.record import FrameReport

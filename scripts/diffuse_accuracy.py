@@ -17,7 +17,7 @@ from cadtof_cli.capture.frames import Capture, open_frames, single_frames
 from cadtof_cli.capture.metadata import CaptureMetadata, Pixel
 from cadtof_cli.figures.page import Panel, Scaled, draw_page
 from cadtof_cli.figures.scales import ERRORS, SIGMAS
-from cadtof_cli.files.maps import read_layers
+from cadtof_cli.files.layers import read_layers
 from cadtof_cli.frame_plan import FramePlan, MapSettings
 from cadtof_cli.maps.layers import DIRECT_DEPTH, DIRECT_SIGMA
 from cadtof_cli.phasors.noise import noise_model

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from cadtof_cli.capture.discovery import find_captures
 from cadtof_cli.capture.frames import Capture, open_frames, single_frames
-from cadtof_cli.files.maps import read_layers
+from cadtof_cli.files.layers import read_layers
 from cadtof_cli.frame_plan import FramePlan
 from cadtof_cli.maps.layers import DIRECT_DEPTH, DIRECT_SIGMA
 from cadtof_cli.workflows.inspect.first_phasors import first_phasor_depth

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from cadtof_cli.capture.discovery import find_captures
 from cadtof_cli.capture.frames import Capture
 from cadtof_cli.capture.metadata import Voltage
-from cadtof_cli.files.maps import read_layers
+from cadtof_cli.files.layers import read_layers
 from cadtof_cli.frame_plan import FramePlan, MapSettings
 from cadtof_cli.maps.layers import DIRECT_DEPTH, DIRECT_SIGMA
 from cadtof_cli.phasors.response import pulse_response

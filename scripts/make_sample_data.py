@@ -9,7 +9,7 @@ import tempfile
 from pathlib import Path
 
 from cadtof_cli.capture.metadata import CaptureMetadata, Pixel, Target, Voltage
-from cadtof_cli.execution.ordered import Workers
+from cadtof_cli.execution.workers import Workers
 from cadtof_cli.simulation.scene.camera import Camera
 from cadtof_cli.simulation.scene.exposure import Exposure
 from cadtof_cli.simulation.scene.light import Scene

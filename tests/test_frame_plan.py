@@ -7,6 +7,7 @@ import pytest
 from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Optics
 from cadtof_cli.errors import SettingsError
 from cadtof_cli.frame_plan import FramePlan, MapSettings
+from cadtof_cli.resolver.settings import ResolverSettings
 
 
 def test_what_nobody_chooses() -> None:
@@ -27,6 +28,7 @@ def test_what_is_just_possible_reaches_the_plan(options: dict[str, Any]) -> None
     [
         ({"min_confidence_v": -1e-9}, "--min-confidence: found -1e-09, expected a voltage"),
         ({"min_confidence_v": float("inf")}, "--min-confidence: found inf"),
+        ({"min_confidence_v": float("nan")}, "--min-confidence: found nan"),
         ({"pool": 2}, "--pool: found 2, expected an odd number of pixels"),
         ({"pool": -1}, "--pool: found -1"),
         ({"average": 0}, "--average: found 0, expected 1 to 1000000 frames"),
@@ -36,6 +38,13 @@ def test_what_is_just_possible_reaches_the_plan(options: dict[str, Any]) -> None
 def test_what_is_just_impossible_is_refused(options: dict[str, Any], words: str) -> None:
     with pytest.raises(SettingsError, match=words):
         MapSettings(**options)
+
+
+def test_a_plan_refuses_what_its_capture_cannot_give() -> None:
+    with pytest.raises(SettingsError, match="optics are unknown"):
+        FramePlan(metadata=CaptureMetadata(), settings=MapSettings(depth="z"))
+    with pytest.raises(SettingsError, match="3 paths need at least 3 periods"):
+        FramePlan(metadata=CaptureMetadata(), settings=MapSettings(resolver=ResolverSettings(paths=3)))
 
 
 def test_the_least_confidence_is_counted_in_amplitudes_of_the_modulation() -> None:

@@ -14,13 +14,14 @@ from tests.support.run_cadtof import ENVIRONMENT
 
 PACKAGE = Path(__file__).parents[1] / "cadtof_cli"
 
-ANYBODY = {"errors", "units", "arrays", "records", "cadtof_cli"}
+ANYBODY = {"errors", "units", "arrays", "records", "version"}
 
 ALLOWED: dict[str, set[str]] = {
     "errors": set(),
     "units": set(),
     "arrays": set(),
     "records": set(),
+    "version": set(),
     "execution": set(),
     "files": set(),
     "capture": {"files"},

@@ -1,19 +1,16 @@
-"""A frame prepared once and resolved in parts has the bits of a frame resolved whole; plans refuse what cannot be."""
+"""A frame prepared once and resolved in parts has the bits of a frame resolved whole."""
 
 import pickle
-from typing import Any
 
 import numpy as np
 import pytest
 
 from cadtof_cli.capture.metadata import CaptureMetadata, Optics, Pixel
-from cadtof_cli.errors import SettingsError
 from cadtof_cli.frame_plan import FramePlan, MapSettings
 from cadtof_cli.frame_stages import frame_stages
 from cadtof_cli.phasors.frame_mean import frame_mean
 from cadtof_cli.pipeline import joined_parts, prepare_frame, resolve_frame, resolve_pixels
 from cadtof_cli.resolver.diffuse.grid import View, patch_grid
-from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.resolver.status import StatusBit
 from tests.support.forward import step_frame
 
@@ -72,25 +69,3 @@ def test_the_least_confidence_is_in_volts() -> None:
     low = (resolve_frame(frame, plan=plan).maps.status & StatusBit.LOW_CONFIDENCE) > 0
     pulse = np.exp(-((2 * np.pi * 1.7 / 2.354820045 / 40.0) ** 2) / 2)  # confidence is corrected for it
     np.testing.assert_array_equal(low, confidence_v / pulse < least)
-
-
-@pytest.mark.parametrize(
-    ("settings", "words"),
-    [
-        ({"min_confidence_v": float("nan")}, "--min-confidence: found nan, expected a voltage"),
-        ({"min_confidence_v": -1.0}, "--min-confidence: found -1.0"),
-        ({"pool": 4}, "--pool: found 4, expected an odd number"),
-        ({"average": 0}, "--average: found 0"),
-        ({"depth": "x"}, "--depth: found 'x', expected one of range, z"),
-    ],
-)
-def test_impossible_settings_are_refused(settings: dict[str, Any], words: str) -> None:
-    with pytest.raises(SettingsError, match=words):
-        MapSettings(**settings)
-
-
-def test_a_plan_refuses_what_its_capture_cannot_give() -> None:
-    with pytest.raises(SettingsError, match="optics are unknown"):
-        FramePlan(metadata=CaptureMetadata(), settings=MapSettings(depth="z"))
-    with pytest.raises(SettingsError, match="3 paths need at least 3 periods"):
-        FramePlan(metadata=CaptureMetadata(), settings=MapSettings(resolver=ResolverSettings(paths=3)))

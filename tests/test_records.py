@@ -1,6 +1,7 @@
 """Records behave as the standard library's: held against its own `dataclass`, over the same classes."""
 
 import dataclasses
+import inspect
 import pickle
 import subprocess
 import sys
@@ -8,7 +9,7 @@ from collections.abc import Callable
 from dataclasses import FrozenInstanceError, asdict, astuple, field, fields, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import pytest
 
@@ -110,6 +111,57 @@ def test_nothing_in_them_changes(name: str) -> None:
             classes[1](-1)
         with pytest.raises(TypeError):
             classes[2](1)
+
+
+def test_what_they_are_made_of_is_asked_for_in_the_same_way() -> None:
+    wrong: list[tuple[tuple[Any, ...], dict[str, Any]]] = [
+        ((), {}),
+        ((), {"c": "c"}),
+        ((1, 2, 3, 4, 5, 6), {}),
+        ((1,), {"a": 1}),
+        ((1,), {"new": 1}),
+        ((), {"a": 1, "new": 1}),
+    ]
+    for ours, library in zip(OURS, LIBRARY, strict=True):
+        assert str(inspect.signature(ours)) == str(inspect.signature(library))
+        for places, names in wrong:
+            assert _complaint(ours, *places, **names) == _complaint(library, *places, **names)
+
+
+def _complaint(kind: type[Any], /, *places: Any, **names: Any) -> str | None:
+    """What is said of arguments that are wrong, with the class's own name in front; None where nothing is."""
+    try:
+        kind(*places, **names)
+    except TypeError as error:
+        return str(error)
+    return None
+
+
+def counting(decorator: Callable[..., Any]) -> type[Any]:
+    @decorator
+    class Counting:
+        a: int
+        b: list[int] = field(default_factory=list)
+        c: int = field(default=3, init=False)
+        d: str = field(init=False)
+
+        def __post_init__(self) -> None:
+            self.d = str(self.a)
+
+    return cast("type[Any]", Counting)
+
+
+def test_those_that_change_are_like_the_library_s_too() -> None:
+    ours, library = counting(records.dataclass), counting(dataclasses.dataclass)
+    assert str(inspect.signature(ours)) == str(inspect.signature(library))
+    for kind in (ours, library):
+        one, other = kind(1), kind(a=1)
+        assert one == other
+        assert repr(one).endswith("Counting(a=1, b=[], c=3, d='1')")
+        one.b.append(2)
+        other.c += 1
+        assert (one.b, other.b, one.c, other.c, one == other) == ([2], [], 3, 4, False)
+        assert kind.__hash__ is None
 
 
 @records.dataclass(frozen=True)

@@ -18,7 +18,7 @@ from cadtof_cli.capture.frames import frame_names
 from cadtof_cli.capture.metadata import KEYS, CaptureMetadata
 from cadtof_cli.capture.toml import load_metadata
 from cadtof_cli.errors import CaptureError, FrameError, SettingsError
-from cadtof_cli.files.array_axes import transpositions
+from cadtof_cli.files.array_frames import transpositions
 from cadtof_cli.files.frames import CHANNELS, SAMPLE_TYPES
 from cadtof_cli.frame_plan import MapSettings
 from cadtof_cli.resolver.settings import ResolverSettings

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from cadtof_cli.arrays import Status
 from cadtof_cli.errors import CaptureError, SettingsError
-from cadtof_cli.files.maps import STATUS, read_facts, read_layers
+from cadtof_cli.files.layers import read_facts, read_layers
+from cadtof_cli.files.maps import STATUS
 from cadtof_cli.maps.layers import layer_unit
 from cadtof_cli.resolver.status import StatusBit
 from cadtof_cli.workflows.run_folder import read_run

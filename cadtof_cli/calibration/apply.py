@@ -48,7 +48,7 @@ def frame_correction(
     """
     ideal = ideal_response(metadata)
     if calibration is None:
-        return FrameCorrection(ideal_phasor_map(metadata, dtype), refined_by(ideal, None))
+        return FrameCorrection(ideal_phasor_map(metadata, dtype), tabulated_responses(ideal, None))
     calibration.require_match(metadata, pixels)
     dark, response = calibration.dark, calibration.response
     responses = response.responses if response else ideal
@@ -65,13 +65,13 @@ def frame_correction(
     )
     return FrameCorrection(
         phasor_map,
-        refined_by(responses, phase),
+        tabulated_responses(responses, phase),
         dark.hot.ravel() if dark is not None and dark.hot.any() else None,
         _range_offset_m(calibration, metadata, pixels),
     )
 
 
-def refined_by(responses: Sequence[HarmonicResponse], phase_rad: Float | None) -> "ResponseBlock | None":
+def tabulated_responses(responses: Sequence[HarmonicResponse], phase_rad: Float | None) -> "ResponseBlock | None":
     """Return the responses, tabulated; None where they have no terms but k = ±1, which are inverted before paths are resolved."""
     if all(response.linear for response in responses):
         return None

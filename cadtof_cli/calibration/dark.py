@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from cadtof_cli.arrays import Bool, Float, Float32, sealed
 from cadtof_cli.calibration.fit.robust import centre_and_spread
-from cadtof_cli.calibration.parts import Maps, Origin, PartKind, Tables, named_planes, plane_names, stacked
+from cadtof_cli.calibration.parts import Maps, Origin, PartKind, Tables, named_planes, stacked
 from cadtof_cli.files.frames import CHANNELS
 from cadtof_cli.phasors.frame_mean import FrameMean, median_variance_ratio
 
@@ -99,7 +99,7 @@ class DarkCalibration:
 
     def tables(self) -> dict[str, dict[str, Any]]:
         """Return fit quality and counts of defects."""
-        return {"quality": dict(self.quality()), "defects": dict(self.defect_counts())}
+        return {"quality": self.quality(), "defects": self.defect_counts()}
 
     def maps(self) -> dict[str, NDArray[Any]]:
         """Return offsets and noise per channel, and the defects."""
@@ -111,9 +111,7 @@ class DarkCalibration:
     def from_stored(cls, origin: Origin, tables: Tables, maps: Maps) -> Self:
         """Build the calibration from its maps, with the figures of its tables."""
         shape = (len(origin.harmonics), CHANNELS, *origin.pixels)
-        offset, noise = (
-            stacked(maps, plane_names(what, origin.harmonics, CHANNELS)).reshape(shape) for what in ("offset", "noise")
-        )
+        offset, noise = (stacked(maps, what, origin.harmonics, CHANNELS).reshape(shape) for what in ("offset", "noise"))
         return cls(origin, offset, noise, np.asarray(maps["defects"], np.uint32), dict(tables["quality"]))
 
 

@@ -8,9 +8,9 @@ from typing import Any, Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from cadtof_cli import __version__
 from cadtof_cli.capture.metadata import WAVEFORMS, CaptureMetadata, Waveform
 from cadtof_cli.errors import MetadataError, SettingsError
+from cadtof_cli.version import __version__
 
 PartKind = Literal["dark", "response", "petzval"]
 
@@ -82,7 +82,7 @@ class Origin:
                 )
 
 
-def plane_names(what: str, harmonics: tuple[int, ...], channels: int = 0) -> list[str]:
+def _plane_names(what: str, harmonics: tuple[int, ...], channels: int) -> list[str]:
     """Return map names such as `phase.H1`, or `offset.H1.SC1` with channels."""
     names = [f"{what}.H{h}" for h in harmonics]
     return [f"{name}.SC{c}" for name in names for c in range(1, channels + 1)] if channels else names
@@ -92,11 +92,12 @@ def named_planes(
     what: str, values: NDArray[Any], harmonics: tuple[int, ...], channels: int = 0
 ) -> dict[str, NDArray[Any]]:
     """Return the planes of values, (H, Y, X) or (H, channels, Y, X), by their names."""
-    return dict(zip(plane_names(what, harmonics, channels), values.reshape(-1, *values.shape[-2:]), strict=True))
+    return dict(zip(_plane_names(what, harmonics, channels), values.reshape(-1, *values.shape[-2:]), strict=True))
 
 
-def stacked(maps: Maps, names: list[str]) -> NDArray[np.float32]:
-    """Return the named maps as one float32 array, (len(names), Y, X)."""
+def stacked(maps: Maps, what: str, harmonics: tuple[int, ...], channels: int = 0) -> NDArray[np.float32]:
+    """Return the maps that `named_planes` has named as one float32 array, (H·channels, Y, X)."""
+    names = _plane_names(what, harmonics, channels)
     missing = [name for name in names if name not in maps]
     if missing:
         raise MetadataError(f"no map named {missing[0]}, found {', '.join(sorted(maps))}")

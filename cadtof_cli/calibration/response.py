@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cadtof_cli.arrays import Float32, sealed
-from cadtof_cli.calibration.parts import Maps, Origin, PartKind, Tables, named_planes, plane_names, stacked
+from cadtof_cli.calibration.parts import Maps, Origin, PartKind, Tables, named_planes, stacked
 from cadtof_cli.phasors.response import HarmonicResponse
 
 
@@ -91,8 +91,8 @@ class ResponseCalibration:
                 HarmonicResponse(h, tuple((int(k), complex(re, im)) for k, re, im in tables[f"harmonic_{h}"]["terms"]))
                 for h in origin.harmonics
             ),
-            stacked(maps, plane_names("phase", origin.harmonics)),
-            stacked(maps, plane_names("gain", origin.harmonics)),
+            stacked(maps, "phase", origin.harmonics),
+            stacked(maps, "gain", origin.harmonics),
             (float(curved["k2_m"]), float(curved["k4_m"])),
             ResponseQuality(
                 tuple(quality["distances_m"]),

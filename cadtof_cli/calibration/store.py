@@ -18,8 +18,8 @@ from cadtof_cli.calibration.petzval import PetzvalCalibration
 from cadtof_cli.calibration.response import ResponseCalibration
 from cadtof_cli.capture.metadata import CaptureMetadata
 from cadtof_cli.errors import FrameError, MetadataError
-from cadtof_cli.files.atomic import atomic_write, make_folder, require_new
-from cadtof_cli.files.maps import read_layers, write_layers
+from cadtof_cli.files.atomic import make_folder, require_new, write_text
+from cadtof_cli.files.layers import read_layers, write_layers
 from cadtof_cli.files.reading import is_folder
 from cadtof_cli.files.toml import read_toml, toml_from_tables
 
@@ -99,8 +99,7 @@ def save_part(folder: Path, part: Part, /, *, overwrite: bool = False) -> tuple[
     document["part"]["digest"] = digest_of(part)
     made = f"cadtof {part.kind} calibration; made by a program and checked by its digest, so not to be changed by hand"
     comments = [made, f"its maps are in {part.kind}.exr"] if maps else [made]
-    with atomic_write(path) as temporary:
-        temporary.write_text(toml_from_tables(document, comments=comments), encoding="utf-8")
+    write_text(path, toml_from_tables(document, comments=comments))
     return tuple(written)
 
 

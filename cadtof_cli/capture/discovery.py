@@ -20,12 +20,12 @@ from cadtof_cli.capture.toml import FILE_NAME, MetadataSource, load_metadata
 from cadtof_cli.errors import CaptureError
 from cadtof_cli.files.formats import FRAME_SUFFIXES, RAW, frame_suffixes
 from cadtof_cli.files.reading import is_folder
+from cadtof_cli.units import first_of
 
 OUTPUT_FILES = frozenset({"run.json", "dark.toml", "response.toml", "petzval.toml"})
 """Files that make a folder one of maps, or a calibration: nothing in or below it is a recorded frame."""
 
 _TRUTH = "truth"
-_NAMES_IN_MESSAGE = 5
 
 
 def find_captures(
@@ -279,11 +279,7 @@ def _expected_names(pattern: str | None) -> str:
 
 
 def _first_names(names: Iterable[str]) -> str:
-    listed = sorted(names, key=natural_key)
-    if not listed:
-        return "nothing"
-    more = len(listed) - _NAMES_IN_MESSAGE
-    return ", ".join(listed[:_NAMES_IN_MESSAGE]) + (f" and {more} more" if more > 0 else "")
+    return first_of(sorted(names, key=natural_key), 5) or "nothing"
 
 
 def _require_different_names(root: Path, frames: Sequence[FrameSource]) -> None:

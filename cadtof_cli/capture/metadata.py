@@ -267,6 +267,10 @@ class CaptureMetadata:
         raw = self.layout.raw_dtype
         if (raw is None) != (self.layout.raw_shape is None):
             raise InvalidValueError("layout.raw_dtype", raw, "dtype and shape of raw dumps, both or none")
+        for name, needs in (("channel", "pattern"), ("harmonic", "pattern"), ("raw_offset_bytes", "raw_dtype")):
+            found = getattr(self.layout, name)
+            if found is not None and getattr(self.layout, needs) is None:
+                raise InvalidValueError(f"layout.{name}", found, f"layout.{needs} beside it")
 
     def __hash__(self) -> int:
         """Return a hash of a few values that tell captures apart: it is asked for with every frame."""

@@ -9,17 +9,18 @@ from typing import Any
 import click
 
 from cadtof_cli.calibration.parts import PART_KINDS
-from cadtof_cli.commands.help import example
+from cadtof_cli.commands.help import SectionedCommand, example
 from cadtof_cli.commands.options import (
+    CAPTURE_HEADING,
     Decorator,
     RecordOptions,
-    SectionedCommand,
     capture_options,
     input_paths,
     setting_option,
     settings_option,
 )
 from cadtof_cli.commands.terminal import progress_bar, tell
+from cadtof_cli.commands.values import PATH
 from cadtof_cli.units import counted
 from cadtof_cli.workflows.calibrate.captures import CalibrateReport, CalibrateSettings
 from cadtof_cli.workflows.calibrate.dark import calibrate_dark
@@ -107,10 +108,7 @@ def _step(*more: Decorator[Any]) -> Decorator[Any]:
             CalibrateSettings,
             settings_option(),
             setting_option(
-                CalibrateSettings,
-                "out",
-                "Calibration folder; this part is added to it.",
-                option="-o --out",
+                CalibrateSettings, "out", "Calibration folder; this part is added to it.", option="-o --out"
             ),
             setting_option(CalibrateSettings, "overwrite", "Replace this part if the folder already has it."),
             *more,
@@ -123,6 +121,7 @@ def _step(*more: Decorator[Any]) -> Decorator[Any]:
 
 @calibrate.command(
     cls=SectionedCommand,
+    headings=CAPTURE_HEADING,
     short_help="Measure offsets, noise and bad pixels, from frames with the lens covered.",
     epilog=example(_COVERED, "cadtof calibrate dark covered -o camera"),
 )
@@ -134,6 +133,7 @@ def dark(step: _Step) -> None:
 
 @calibrate.command(
     cls=SectionedCommand,
+    headings=CAPTURE_HEADING,
     short_help="Measure channel response, and phase and gain of each pixel, from flat targets.",
     epilog=example(*_TARGETS, "cadtof calibrate response wall_1m wall_2m wall_3m -o camera"),
 )
@@ -149,6 +149,7 @@ def response(step: _Step) -> None:
 
 @calibrate.command(
     cls=SectionedCommand,
+    headings=CAPTURE_HEADING,
     short_help="Measure field curvature of the lens, from flat walls.",
     epilog=example(
         f"cadtof simulate --scene wall --petzval 0.05,0.01 {_SMALL} --frames 5 -o curved",
@@ -157,10 +158,7 @@ def response(step: _Step) -> None:
 )
 @_step(_distance)
 @click.option(
-    "--plot",
-    type=click.Path(path_type=Path),
-    metavar="PNG",
-    help="Draw cross-sections of the walls before and after the correction.",
+    "--plot", type=PATH, metavar="PNG", help="Draw cross-sections of the walls before and after the correction."
 )
 def petzval(step: _Step, plot: Path | None) -> None:
     """Measure the field curvature k2 ρ² + k4 ρ⁴ of the lens from one or more flat walls, one capture each.

@@ -9,8 +9,10 @@ from typing import TYPE_CHECKING
 import click
 
 from cadtof_cli.commands.help import example
+from cadtof_cli.commands.options import note_given
 from cadtof_cli.commands.terminal import progress_bar, tell
-from cadtof_cli.units import counted
+from cadtof_cli.commands.values import PATH
+from cadtof_cli.units import counted, first_of
 
 if TYPE_CHECKING:
     from cadtof_cli.workflows.inspect.compare import Comparison, FrameDifference
@@ -24,15 +26,10 @@ if TYPE_CHECKING:
         "cadtof compare maps sample_data/corner/truth.exr",
     )
 )
-@click.argument("first", type=click.Path(path_type=Path), metavar="A")
-@click.argument("second", type=click.Path(path_type=Path), metavar="B")
+@click.argument("first", type=PATH, metavar="A")
+@click.argument("second", type=PATH, metavar="B")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object on stdout instead of the table.")
-@click.option(
-    "-o",
-    "--out",
-    type=click.Path(path_type=Path),
-    help="Draw the frame that differs most: .png, .pdf, .svg or .jpg.",
-)
+@click.option("-o", "--out", type=PATH, help="Draw the frame that differs most: .png, .pdf, .svg or .jpg.")
 @click.option("--overwrite", is_flag=True, help="Replace the picture if it exists.")
 def compare(*, first: Path, second: Path, as_json: bool, out: Path | None, overwrite: bool) -> None:
     """Show what differs between two runs, or between a run and truth, layer by layer and bit by bit.
@@ -47,6 +44,8 @@ def compare(*, first: Path, second: Path, as_json: bool, out: Path | None, overw
         from cadtof_cli.figures.kinds import require_picture
 
         require_picture(out, overwrite=overwrite)
+    else:
+        note_given({"overwrite"}, "without -o")
     with progress_bar("comparing", "frames", quiet=False) as bar:
         pairs = MapPairs(first, second)
         found = compare_maps(pairs, progress=bar)
@@ -63,8 +62,9 @@ def _lines(found: "Comparison") -> Iterator[str]:
 
     yield f"{'|A − B|':26}{'median':>12}{'90 %':>12}{'largest':>12}   ({counted(found.frames, 'frame')})"
     for name, layer in found.layers.items():
-        figures = (layer.median_abs, layer.p90_abs, layer.max_abs)
-        row = f"{_named(name, layer_unit(name)):26}{''.join(f'{_number(figure):>12}' for figure in figures)}"
+        unit, figures = layer_unit(name), (layer.median_abs, layer.p90_abs, layer.max_abs)
+        title = f"{name}, {unit}" if unit else name
+        row = f"{title:26}{''.join(f'{_number(figure):>12}' for figure in figures)}"
         one_sided = found.answers.get(name)
         yield f"{row}   {one_sided.only_a} pixels only in A, {one_sided.only_b} only in B" if one_sided else row
     if found.status_changed is not None:
@@ -74,8 +74,7 @@ def _lines(found: "Comparison") -> Iterator[str]:
     for which, only in (("A", found.only_a), ("B", found.only_b)):
         for what, names in only.items():
             if names:
-                more = f" and {len(names) - 4} more" if len(names) > 4 else ""
-                yield f"only {which} has the {what} {', '.join(names[:4])}{more}"
+                yield f"only {which} has the {what} {first_of(names, 4)}"
     if found.frames > 1 and found.worst_by:
         unit = layer_unit(found.worst_by)
         yield f"frames that differ most, by 90 % of {found.worst_by}:"
@@ -85,10 +84,6 @@ def _lines(found: "Comparison") -> Iterator[str]:
 def _worst(frame: "FrameDifference", unit: str) -> str:
     bits = "" if frame.status_changed is None else f", status of {frame.status_changed} pixels"
     return f"  {frame.frame}: {_number(frame.p90_abs)} {unit}, at most {_number(frame.max_abs)} {unit}{bits}"
-
-
-def _named(name: str, unit: str) -> str:
-    return f"{name}, {unit}" if unit else name
 
 
 def _number(value: float | None) -> str:

@@ -10,14 +10,14 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from cadtof_cli.commands.help import example
+from cadtof_cli.commands.options import note_given
 from cadtof_cli.commands.terminal import progress_bar, tell
+from cadtof_cli.commands.values import PATH
 from cadtof_cli.units import counted
 
 if TYPE_CHECKING:
     from cadtof_cli.maps.evaluation import Evaluation
     from cadtof_cli.workflows.inspect.evaluate import Scatter
-
-_FILE = click.Path(path_type=Path)
 
 
 @click.command(
@@ -27,10 +27,10 @@ _FILE = click.Path(path_type=Path)
         "cadtof evaluate maps --truth sample_data/corner/truth.exr --max-median 2",
     )
 )
-@click.argument("maps", type=_FILE, metavar="OUT")
+@click.argument("maps", type=PATH, metavar="OUT")
 @click.option(
     "--truth",
-    type=_FILE,
+    type=PATH,
     help="File of the true depths: a layer direct.depth in metres. Or a folder with such a file, truth.exr, for each capture, "
     "in the same tree as OUT.",
 )
@@ -41,10 +41,10 @@ _FILE = click.Path(path_type=Path)
     metavar="CM",
     help="End with exit status 1 if the median error of the direct depth is larger than CM centimetres, or if there is none.",
 )
-@click.option("--csv", "table", type=_FILE, metavar="FILE", help="Write a CSV file with one line per frame.")
+@click.option("--csv", "table", type=PATH, metavar="FILE", help="Write a CSV file with one line per frame.")
 @click.option(
     "--over-time",
-    type=_FILE,
+    type=PATH,
     metavar="EXR",
     help="Write maps of the mean and standard deviation of the depths of each pixel over the frames; needs no truth.",
 )
@@ -78,6 +78,8 @@ def evaluate(
         raise click.UsageError(
             "--truth is missing: expected a file with the layer direct.depth (only --over-time needs none)"
         )
+    if table is None and over_time is None:
+        note_given({"overwrite"}, "without --csv and --over-time")
     from cadtof_cli.workflows.inspect.evaluate import evaluate_maps, scatter_over_time
 
     evaluation, found = None, dict[str, Any]()
@@ -106,16 +108,15 @@ def _fails(evaluation: "Evaluation", max_median: float) -> bool:
 def _table(evaluation: "Evaluation") -> Iterator[str]:
     from cadtof_cli.maps.evaluation import ERROR_TITLES
 
-    titles = "".join(f"{title:>10}" for title in ERROR_TITLES)
-    yield f"{'error, cm':14}{titles}   (median and 90 % of |error|; {counted(evaluation.frames, 'frame')})"
+    yield f"{'error, cm':14}{''.join(f'{title:>9}' for title in ERROR_TITLES)}"
     for title, errors in (("first phasor", evaluation.first_phasor), ("direct path", evaluation.direct)):
         if errors is not None:
-            yield f"{title:14}{''.join(f'{shown:>10}' for shown in errors.in_words)}"
+            yield f"{title:14}{''.join(f'{shown:>9}' for shown in errors.in_words)}"
+    yield f"{counted(evaluation.frames, 'frame')}; median and 90 % are those of |error|"
 
 
 def _scatter_line(scatter: "Scatter", path: Path) -> str:
-    std, sigma = (
-        "–" if value is None else f"{value:.2f} cm" for value in (scatter.median_std_cm, scatter.median_sigma_cm)
-    )
-    frames = counted(scatter.frames, "frame")
-    return f"over {frames}: direct depth scatters by {std} at the median pixel, predicted {sigma}; {path}"
+    frames, std = counted(scatter.frames, "frame"), scatter.median_std_cm
+    sigma = "–" if scatter.median_sigma_cm is None else f"{scatter.median_sigma_cm:.2f} cm"
+    seen = "no pixel has two depths that could scatter" if std is None else f"direct depth scatters by {std:.2f} cm"
+    return f"over {frames}: {seen}; predicted {sigma} at the median pixel; {path}"

@@ -7,6 +7,7 @@ import click
 from cadtof_cli.commands.help import example
 from cadtof_cli.commands.options import RecordOptions, note_given
 from cadtof_cli.commands.terminal import progress_bar, tell
+from cadtof_cli.commands.values import PATH
 from cadtof_cli.workflows.inspect.export import OPTICS_FREE, WHOLE, ExportSettings, export_maps
 
 
@@ -17,12 +18,12 @@ from cadtof_cli.workflows.inspect.export import OPTICS_FREE, WHOLE, ExportSettin
         "cadtof export maps -o corner.png --layer mpi.depth",
     )
 )
-@click.argument("maps", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="MAPS...")
+@click.argument("maps", nargs=-1, required=True, type=PATH, metavar="MAPS...")
 @click.option(
     "-o",
     "--out",
     required=True,
-    type=click.Path(path_type=Path),
+    type=PATH,
     metavar="OUT.ply|.pcd|.png|.npz|.csv",
     help="File to write. With several maps, one file per map is written: the name of the map is added to the name of OUT.",
 )

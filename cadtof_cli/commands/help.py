@@ -1,9 +1,10 @@
-"""Help: the examples that it ends with, and narrow terminals, where two columns would leave no room for words.
+"""Help: headings of options, examples at its end, and narrow terminals, where two columns would leave no room for words.
 
 tests/cli/test_examples.py runs all examples, line by line, beside sample_data.
 """
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable, Mapping
+from typing import Any
 
 import click
 
@@ -39,6 +40,36 @@ class HelpContext(click.Context):
     """The context of a command whose help fits narrow terminals."""
 
     formatter_class = _Formatter
+
+
+class SectionedCommand(click.Command):
+    """A command whose help shows some options under headings of their own.
+
+    Args:
+        headings: names of parameters by the heading that their options stand under; the others stand under "Options".
+    """
+
+    context_class = HelpContext
+
+    def __init__(self, *args: Any, headings: Mapping[str, Collection[str]], **more: Any) -> None:
+        super().__init__(*args, **more)
+        self._headings = headings
+
+    def sections(self, params: Iterable[click.Parameter], /) -> dict[str, list[click.Option]]:
+        """Return the options among some parameters by their headings, in the order of these."""
+        found: dict[str, list[click.Option]] = {title: [] for title in ("Options", *self._headings)}
+        for param in params:
+            # arguments are described above the options; the newest click lists them here too, without help
+            if isinstance(param, click.Option):
+                own = (title for title, names in self._headings.items() if param.name in names)
+                found[next(own, "Options")].append(param)
+        return {title: options for title, options in found.items() if options}
+
+    def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write the options below their headings."""
+        for title, options in self.sections(self.get_params(ctx)).items():
+            with formatter.section(title):
+                formatter.write_dl([record for one in options if (record := one.get_help_record(ctx))])
 
 
 def example(*lines: str) -> str:

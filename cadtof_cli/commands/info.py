@@ -8,21 +8,23 @@ from typing import Any
 
 import click
 
-from cadtof_cli.commands.help import example
+from cadtof_cli.commands.help import SectionedCommand, example
 from cadtof_cli.commands.options import (
+    CAPTURE_HEADING,
     RecordOptions,
-    SectionedCommand,
     capture_options,
     input_paths,
     jobs_option,
+    note_given,
     refuse_given,
     settings_option,
 )
 from cadtof_cli.commands.terminal import progress_bar, tell
-from cadtof_cli.execution.ordered import Workers
+from cadtof_cli.commands.values import PATH
+from cadtof_cli.execution.workers import Workers
 
 
-@click.command(cls=SectionedCommand, epilog=example("cadtof info sample_data/corner"))
+@click.command(cls=SectionedCommand, headings=CAPTURE_HEADING, epilog=example("cadtof info sample_data/corner"))
 @click.argument("inputs", nargs=-1, required=True, metavar="INPUT...")
 @RecordOptions("workers", Workers, jobs_option("Processes that read frames"))
 @click.option("-r", "--recursive", is_flag=True, help="Also search all folders below each INPUT.")
@@ -35,7 +37,7 @@ from cadtof_cli.execution.ordered import Workers
 @click.option(
     "-o",
     "--out",
-    type=click.Path(path_type=Path),
+    type=PATH,
     metavar="FILE",
     help="File for --write-settings.  [default: capture.toml in the capture's folder]",
 )
@@ -87,8 +89,11 @@ def info(
     for facts in found:
         kind, lines = shown[type(facts)]
         tell(json.dumps({"kind": kind, **asdict(facts)}) if as_json else "\n".join(lines(facts)))
+    captures = [facts for facts in found if isinstance(facts, CaptureFacts)]
+    if not captures:
+        note_given({*capture_options().names(), "settings_file"}, "without a capture as INPUT")
     if write_settings:
-        _write_settings([facts for facts in found if isinstance(facts, CaptureFacts)], out, overwrite=overwrite)
+        _write_settings(captures, out, overwrite=overwrite)
     problems = [problem for facts in found for problem in facts.problems]
     for problem in problems:
         tell(f"wrong: {problem}", err=True)
@@ -98,8 +103,8 @@ def info(
 def _write_settings(found: Sequence[Any], out: Path | None, *, overwrite: bool) -> None:
     from cadtof_cli.workflows.inspect.write_settings import write_settings
 
-    if len(found) != 1 and out is not None:
-        raise click.UsageError(f"--out: found {len(found)} captures, expected one to write the settings of")
+    if not found or (len(found) > 1 and out is not None):
+        raise click.UsageError(f"--write-settings: found {len(found)} captures, expected one to write the settings of")
     for facts in found:
         path = write_settings(facts, out=out, overwrite=overwrite)
         tell(f"wrote {path}: complete it by hand", err=True)
@@ -136,6 +141,8 @@ def _capture_lines(facts: Any) -> Iterator[str]:
 
 
 def _map_lines(facts: Any) -> Iterator[str]:
+    from cadtof_cli.resolver.status import StatusBit, bit_words
+
     yield facts.path
     yield _row("maps", f"{facts.files}" + (f" of {facts.pixels[1]} × {facts.pixels[0]} pixels" if facts.pixels else ""))
     for name, layer in facts.layers.items():
@@ -147,7 +154,7 @@ def _map_lines(facts: Any) -> Iterator[str]:
             yield _row(name, f"{figures}, {layer.valid:.1%} of pixels")
     for name, share in facts.status.items():
         if share:
-            yield _row(f"status: {name.replace('_', ' ').replace('mpi', 'MPI')}", f"{share:.2%} of pixels")
+            yield _row(f"status: {bit_words(StatusBit[name.upper()])}", f"{share:.2%} of pixels")
     for name, text in facts.about.items():
         yield _row(name, text)
     if facts.run is not None:
@@ -167,17 +174,24 @@ def _run_text(run: Mapping[str, Any]) -> str:
 
 def _calibration_lines(facts: Any) -> Iterator[str]:
     yield facts.path
-    yield _row("calibration", f"digest {facts.digest}" if facts.digest else "cannot be read")
+    rows = [("calibration", f"digest {facts.digest}" if facts.digest else "cannot be read")]
     for kind, part in facts.parts.items():
         for name, value in part.items():
-            if isinstance(value, dict):
-                yield from (_row(f"{kind}.{name}.{inner}", _value(entry)) for inner, entry in value.items())
-            else:
-                yield _row(f"{kind}.{name}", _value(value))
+            for inner, entry in value.items() if isinstance(value, dict) else (("", value),):
+                first, *more = _texts(entry)
+                rows += [(".".join(filter(None, (kind, name, inner))), first), *(("", text) for text in more)]
+    width = max(len(name) for name, _ in rows) + 2
+    yield from (_row(name, text, width) for name, text in rows)
 
 
-def _row(name: str, text: str) -> str:
-    return f"  {name:28}{text}"
+def _texts(value: Any) -> list[str]:
+    """Return what stands beneath each other for a value: every text of a list has a line of its own."""
+    texts = isinstance(value, list) and value and all(isinstance(entry, str) for entry in value)
+    return list(value) if texts else [_value(value)]
+
+
+def _row(name: str, text: str, width: int = 28) -> str:
+    return f"  {name:{width}}{text}"
 
 
 def _value(value: Any) -> str:
@@ -185,4 +199,6 @@ def _value(value: Any) -> str:
         return ", ".join(f"{name} {_value(entry)}" for name, entry in value.items()) or "none"
     if isinstance(value, list | tuple):
         return ", ".join(map(_value, value)) or "none"
+    if isinstance(value, bool):
+        return "yes" if value else "no"
     return f"{value:g}" if isinstance(value, float) else str(value)

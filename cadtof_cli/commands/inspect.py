@@ -7,11 +7,11 @@ from typing import Any
 
 import click
 
-from cadtof_cli.commands.help import example
-from cadtof_cli.commands.map_options import calibration_option, map_options
-from cadtof_cli.commands.options import SectionedCommand, capture_options, settings_option
+from cadtof_cli.commands.help import SectionedCommand, example
+from cadtof_cli.commands.map_options import MAP_HEADING, calibration_option, map_options
+from cadtof_cli.commands.options import CAPTURE_HEADING, capture_options, note_given, settings_option
 from cadtof_cli.commands.terminal import Bar, tell
-from cadtof_cli.commands.values import PIXEL_PLACE
+from cadtof_cli.commands.values import PATH, PIXEL_PLACE
 from cadtof_cli.frame_plan import MapSettings
 from cadtof_cli.maps.layers import layer_unit
 
@@ -30,9 +30,10 @@ _ROOM = {
 
 @click.command(
     cls=SectionedCommand,
+    headings={**MAP_HEADING, **CAPTURE_HEADING},
     epilog=example("cadtof inspect sample_data/corner/frame_0000.tif --pixel 60,60 -o phasors.png"),
 )
-@click.argument("frame", type=click.Path(path_type=Path), metavar="FRAME")
+@click.argument("frame", type=PATH, metavar="FRAME")
 @click.option("--pixel", required=True, type=PIXEL_PLACE, help="Column and row of the pixel; 0,0 is the top left.")
 @click.option(
     "--frame",
@@ -43,9 +44,7 @@ _ROOM = {
     help="Which frame, if FRAME is a stack or a folder; 0 is the first.",
 )
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object on stdout instead of the table.")
-@click.option(
-    "-o", "--out", type=click.Path(path_type=Path), help="Also draw the phasors of the pixel: .png, .svg, .pdf or .jpg."
-)
+@click.option("-o", "--out", type=PATH, help="Also draw the phasors of the pixel: .png, .svg, .pdf or .jpg.")
 @click.option("--overwrite", is_flag=True, help="Replace the picture if it exists.")
 @settings_option()
 @map_options("roi")
@@ -77,6 +76,8 @@ def inspect(
         from cadtof_cli.figures.kinds import require_picture
 
         require_picture(out, overwrite=overwrite)
+    else:
+        note_given({"overwrite"}, "without -o")
     from cadtof_cli.workflows.resolve.settings import ResolveSettings
 
     settings = ResolveSettings(out=Path(), maps=maps, calibration=calibration, settings_file=settings_file)

@@ -33,6 +33,10 @@ def map_options(*without: str) -> RecordOptions:
     return RecordOptions("maps", MapSettings, path_options(), *own)
 
 
+MAP_HEADING = {"Resolving options": ("calibration", *map_options().names())}
+"""Which options stand under which heading in the help of commands that take these."""
+
+
 def calibration_option() -> Decorator[Any]:
     """Return the option that names a calibration."""
     return declared_options(ResolveSettings)["calibration"]

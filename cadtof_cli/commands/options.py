@@ -13,12 +13,20 @@ import click
 from click.core import ParameterSource
 
 from cadtof_cli.capture.metadata import KEYS, Key, Kind
-from cadtof_cli.commands.help import HelpContext
 from cadtof_cli.commands.terminal import tell
-from cadtof_cli.commands.values import FRAME_RANGE, NAMES, NUMBERED_NAMES, NUMBERS, RECTANGLE, NumberTuple, ParamType
+from cadtof_cli.commands.values import (
+    FRAME_RANGE,
+    NAMES,
+    NUMBERED_NAMES,
+    NUMBERS,
+    PATH,
+    RECTANGLE,
+    NumberTuple,
+    ParamType,
+)
 from cadtof_cli.errors import SettingsError
 from cadtof_cli.execution.cores import available_cores
-from cadtof_cli.execution.ordered import JOBS_PER_CORE, Workers
+from cadtof_cli.execution.workers import JOBS_PER_CORE, Workers
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -27,11 +35,17 @@ Decorator = Callable[[Function], Function]
 STDIN = "-"
 """Stands for paths on stdin."""
 
-CAPTURE_SECTION = "Capture options (each overrides a key of capture.toml)"
-
 _UNITS = {"-ns": "NS", "-v": "V", "-px": "PX", "-m": "M", "-deg": "DEG", "-hz": "HZ"}
 """Ends of names of options that say a unit, and what stands for such a value in the help."""
 
+_METAVARS = {
+    "modulation.periods_ns": "NS,NS…",
+    "modulation.waveform": "sine|triangle",
+    "voltage.saturated_counts": "LOW,HIGH",
+    "optics.principal_point_px": "X,Y",
+    "optics.lamp_offset_m": "M,M,M",
+}
+"""What stands for the value of a key in the help, where its kind and unit do not say it."""
 
 _TYPES: dict[Any, ParamType] = {
     bool: click.BOOL,
@@ -39,7 +53,7 @@ _TYPES: dict[Any, ParamType] = {
     float: click.FLOAT,
     str: click.STRING,
     slice: FRAME_RANGE,
-    Path: click.Path(path_type=Path),
+    Path: PATH,
     tuple[int, int, int, int]: RECTANGLE,
 }
 
@@ -56,12 +70,16 @@ def _names_of(option: str) -> tuple[str, ...]:
 
 
 def metavar_of(name: str, kind: ParamType, /) -> str | None:
-    """Return what stands for the value of an option in the help: its unit, N for whole numbers, X for others; else None."""
+    """Return what stands for the value of an option in the help: its unit, N for whole numbers, X for others; else None.
+
+    Of several numbers it stands there as often as there are some.
+    """
     if kind is click.INT:
         return "N"
-    if kind is not click.FLOAT:
-        return None
-    return next((unit for end, unit in _UNITS.items() if name.endswith(end)), "X")
+    unit = next((unit for end, unit in _UNITS.items() if name.endswith(end)), "X")
+    if isinstance(kind, NumberTuple):
+        return f"{unit},{unit}…" if kind.count is None else ",".join([unit] * kind.count)
+    return unit if kind is click.FLOAT else None
 
 
 def setting_option(
@@ -217,31 +235,7 @@ def refuse_given(names: Collection[str], where: str, /) -> None:
         raise SettingsError(f"{option}: found {where}, where it has no effect; leave it out")
 
 
-class SectionedCommand(click.Command):
-    """A command whose help shows the options that override `capture.toml` apart from its own."""
-
-    context_class = HelpContext
-
-    def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write the command's own options, then the capture options."""
-        own: list[tuple[str, str]] = []
-        capture: list[tuple[str, str]] = []
-        for param in self.get_params(ctx):
-            # arguments are described above the options; the newest click lists them here too, without help
-            record = param.get_help_record(ctx) if isinstance(param, click.Option) else None
-            if record is not None:
-                (capture if isinstance(param, CaptureOption) else own).append(record)
-        for title, records in (("Options", own), (CAPTURE_SECTION, capture)):
-            if records:
-                with formatter.section(title):
-                    formatter.write_dl(records)
-
-
-class CaptureOption(click.Option):
-    """An option that overrides one key of `capture.toml`."""
-
-
-def capture_options(*without: str) -> Decorator[Any]:
+def capture_options(*without: str) -> RecordOptions:
     """Return a decorator that adds an option for every key of `capture.toml`; they arrive by dotted key, as `overrides`.
 
     Args:
@@ -270,9 +264,13 @@ def _capture_option(key: Key) -> Decorator[Any]:
     default = "" if key.default is None else f"  [if not given: {_as_typed(key.default)}, the paper's]"
     about = f"{key.path}: {key.about}.{default}"
     kind = types[key.kind]
-    metavar = metavar_of(key.option, kind)
+    metavar = _METAVARS.get(key.path) or metavar_of(key.option, kind)
     names = _names_of(key.option)
-    return click.option(*names, f"capture_{key.name}", cls=CaptureOption, type=kind, metavar=metavar, help=about)
+    return click.option(*names, f"capture_{key.name}", type=kind, metavar=metavar, help=about)
+
+
+CAPTURE_HEADING = {"Capture options (each overrides a key of capture.toml)": capture_options().names()}
+"""Which options stand under which heading in the help of commands that take these."""
 
 
 def settings_option() -> Decorator[Any]:

@@ -7,6 +7,7 @@ import click
 from cadtof_cli.commands.help import example
 from cadtof_cli.commands.options import RecordOptions, note_given
 from cadtof_cli.commands.terminal import progress_bar, tell
+from cadtof_cli.commands.values import PATH
 from cadtof_cli.workflows.inspect.preview_settings import PreviewSettings
 
 
@@ -18,13 +19,9 @@ from cadtof_cli.workflows.inspect.preview_settings import PreviewSettings
         "cadtof preview sample_data/corner/frame_0000.tif -o recorded.png",
     )
 )
-@click.argument("inputs", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="MAPS...")
+@click.argument("inputs", nargs=-1, required=True, type=PATH, metavar="MAPS...")
 @click.option(
-    "-o",
-    "--out",
-    required=True,
-    type=click.Path(path_type=Path),
-    help="Picture (.png, .pdf, .svg, .jpg) or film (.gif, .mp4) to write.",
+    "-o", "--out", required=True, type=PATH, help="Picture (.png, .pdf, .svg, .jpg) or film (.gif, .mp4) to write."
 )
 @RecordOptions("settings", PreviewSettings)
 def preview(*, inputs: tuple[Path, ...], out: Path, settings: PreviewSettings) -> None:

@@ -7,6 +7,7 @@ import click
 from cadtof_cli.commands.help import example
 from cadtof_cli.commands.options import RecordOptions, note_given
 from cadtof_cli.commands.terminal import Bar, tell
+from cadtof_cli.commands.values import PATH
 from cadtof_cli.maps.layers import DIRECT_DEPTH
 from cadtof_cli.workflows.inspect.profile import ProfileSettings, profile_table, read_profile, write_profile
 
@@ -17,17 +18,13 @@ from cadtof_cli.workflows.inspect.profile import ProfileSettings, profile_table,
         "cadtof profile maps --row 120 --truth sample_data/corner/truth.exr -o profile.png",
     )
 )
-@click.argument("maps", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="MAPS...")
+@click.argument("maps", nargs=-1, required=True, type=PATH, metavar="MAPS...")
 @RecordOptions("settings", ProfileSettings)
-@click.option(
-    "--truth",
-    type=click.Path(path_type=Path),
-    help="File with the true values of the layer; they and the errors are drawn too.",
-)
+@click.option("--truth", type=PATH, help="File with the true values of the layer; they and the errors are drawn too.")
 @click.option(
     "-o",
     "--out",
-    type=click.Path(path_type=Path),
+    type=PATH,
     help="Picture (.png, .svg, .pdf, .jpg) or table (.csv) to write.  [default: a table on stdout]",
 )
 @click.option("--overwrite", is_flag=True, help="Replace the file if it exists.")
@@ -36,11 +33,13 @@ def profile(
 ) -> None:
     """Show the cross-section of maps along a line, with ± 1 predicted sigma, the first phasor and truth.
 
-    MAPS are map files or folders that `cadtof resolve` wrote; one map of each folder is shown. All have the same size in pixels
-    and are drawn into one picture.
+    MAPS are map files or folders that `cadtof resolve` wrote; one map of each folder is shown. All show the same pixels of
+    their frames, and are drawn into one picture.
     """
     if settings.layer != DIRECT_DEPTH:
         note_given({"first_phasor"}, f"with --layer {settings.layer}")
+    if out is None:
+        note_given({"overwrite"}, "without -o")
     found = read_profile(maps, settings=settings, truth=truth, progress=Bar())
     if out is None:
         tell(profile_table(found).rstrip("\n"))

@@ -7,6 +7,7 @@ import click
 from cadtof_cli.commands.help import example
 from cadtof_cli.commands.options import RecordOptions
 from cadtof_cli.commands.terminal import progress_bar, tell
+from cadtof_cli.commands.values import PATH
 from cadtof_cli.workflows.inspect.report import ReportSettings, write_report
 
 
@@ -16,8 +17,8 @@ from cadtof_cli.workflows.inspect.report import ReportSettings, write_report
         "cadtof report maps -o report.html --truth sample_data/corner/truth.exr",
     )
 )
-@click.argument("maps", type=click.Path(path_type=Path), metavar="OUT")
-@click.option("-o", "--out", required=True, type=click.Path(path_type=Path), metavar="PAGE.html", help="Page to write.")
+@click.argument("maps", type=PATH, metavar="OUT")
+@click.option("-o", "--out", required=True, type=PATH, metavar="PAGE.html", help="Page to write.")
 @RecordOptions("settings", ReportSettings)
 def report(maps: Path, out: Path, settings: ReportSettings) -> None:
     """Write an HTML page about a run: one file that needs no network and no other file.

@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from cadtof_cli.commands.help import example
-from cadtof_cli.commands.map_options import map_options
+from cadtof_cli.commands.help import SectionedCommand, example
+from cadtof_cli.commands.map_options import MAP_HEADING, map_options
 from cadtof_cli.commands.options import (
+    CAPTURE_HEADING,
     STDIN,
     RecordOptions,
-    SectionedCommand,
     arriving_paths,
     capture_options,
     declared_options,
@@ -23,7 +23,8 @@ from cadtof_cli.commands.options import (
     settings_option,
 )
 from cadtof_cli.commands.terminal import progress_bar, tell
-from cadtof_cli.execution.ordered import LOCAL, Workers
+from cadtof_cli.execution.workers import LOCAL, Workers
+from cadtof_cli.units import per_second
 from cadtof_cli.workflows.resolve.settings import ResolveSettings
 
 if TYPE_CHECKING:
@@ -35,6 +36,11 @@ _worker = partial(setting_option, Workers)
 
 @click.command(
     cls=SectionedCommand,
+    headings={
+        **MAP_HEADING,
+        "Worker options": ("jobs", "start_method", "task_timeout_s", "scheduler"),
+        **CAPTURE_HEADING,
+    },
     epilog=example(
         "cadtof resolve sample_data/corner -o maps",
         "cadtof resolve --recursive sample_data -o all --depth z --json",
@@ -154,12 +160,11 @@ def _summary(totals: "RunTotals", settings: ResolveSettings) -> str:
     pixels = totals.one_path + totals.two_paths + totals.more_paths + totals.diffuse + totals.invalid
     line = f"resolved {totals.ok} of {totals.frames} frames in {totals.seconds:.1f} s"
     if totals.ok:
-        more = f"{totals.more_paths / pixels:.1%} of pixels have more than two paths, " if totals.more_paths else ""
-        more += f"{totals.diffuse / pixels:.1%} of pixels have diffuse MPI, " if totals.diffuse else ""
-        line += (
-            f" ({totals.ok / totals.seconds:.0f} frames/s): {more}{totals.two_paths / pixels:.1%} of pixels have two paths, "
-            f"{totals.one_path / pixels:.1%} one, {totals.invalid / pixels:.1%} no answer"
-        )
+        rare = {"more than two paths": totals.more_paths, "diffuse MPI": totals.diffuse}
+        usual = {"two paths": totals.two_paths, "one path": totals.one_path, "no answer": totals.invalid}
+        counts = {what: count for what, count in rare.items() if count} | usual
+        shares = ", ".join(f"{count / pixels:.1%} {what}" for what, count in counts.items())
+        line += f" ({per_second(totals.ok, totals.seconds)} frames/s); pixels: {shares}"
     skipped = totals.skipped - totals.already_there
     if totals.already_there == totals.frames:
         line = f"already there: the maps of all {totals.frames} frames"

@@ -6,10 +6,11 @@ from pathlib import Path
 import click
 
 from cadtof_cli.capture.metadata import Pulse
-from cadtof_cli.commands.help import example
+from cadtof_cli.commands.help import SectionedCommand, example
 from cadtof_cli.commands.options import refuse_given
 from cadtof_cli.commands.scene_options import LightOptions, SceneOptions, light_options, not_of_scene, scene_options
 from cadtof_cli.commands.simulation_options import (
+    RESOLVING,
     TrialOptions,
     note_unused,
     quiet_option,
@@ -17,8 +18,9 @@ from cadtof_cli.commands.simulation_options import (
     workers_option,
 )
 from cadtof_cli.commands.terminal import progress_bar, tell
+from cadtof_cli.commands.values import PATH
 from cadtof_cli.errors import SettingsError
-from cadtof_cli.execution.ordered import Workers
+from cadtof_cli.execution.workers import Workers
 from cadtof_cli.files.atomic import require_absent
 from cadtof_cli.files.formats import format_by_name
 from cadtof_cli.simulation.scene.scenes import SCENES
@@ -44,10 +46,16 @@ PIXEL_ONLY = {"as_json", "second_ns", "further", *trial_options.names()}.differe
 
 
 @click.command(
+    cls=SectionedCommand,
+    headings={
+        "Options without --scene": {"direct_ns", *PIXEL_ONLY} - {*RESOLVING},
+        "Resolving without --scene": RESOLVING,
+        "Options with --scene": scene_options.names(),
+    },
     epilog=example(
         "cadtof simulate --asr 5 --mpi 0.3 --second 11 --seed 1",
         "cadtof simulate --scene corner --width 80 --height 60 -o corner",
-    )
+    ),
 )
 @click.option(
     "--scene",
@@ -57,10 +65,7 @@ PIXEL_ONLY = {"as_json", "second_ns", "further", *trial_options.names()}.differe
     help="What to simulate: a single pixel, or a scene.",
 )
 @click.option(
-    "-o",
-    "--out",
-    type=click.Path(path_type=Path),
-    help="New folder: for pictures and CSV of a pixel, or for the capture of a scene.",
+    "-o", "--out", type=PATH, help="New folder: for pictures and CSV of a pixel, or for the capture of a scene."
 )
 @light_options
 @trial_options

@@ -18,7 +18,7 @@ from cadtof_cli.commands.options import (
 )
 from cadtof_cli.commands.values import FURTHER_PATH, NumberTuple
 from cadtof_cli.errors import SettingsError
-from cadtof_cli.execution.ordered import Workers
+from cadtof_cli.execution.workers import Workers
 from cadtof_cli.simulation.pixel.averaging import Averaging, Capacitors, Stages
 from cadtof_cli.simulation.pixel.mix import Condition, Motion
 from cadtof_cli.simulation.pixel.pixel import PixelModel
@@ -88,16 +88,16 @@ quiet_option = click.option("-q", "--quiet", is_flag=True, help="Do not show a p
 
 workers_option = RecordOptions("workers", Workers, jobs_option("Worker processes"))
 
+_path_options = path_options("mpi_model", "seed")
+
+RESOLVING = (*_path_options.names(), "pulse_correction", "wrapped")
+"""Options that decide how the recordings of a pixel are resolved."""
+
 trial_options = RecordOptions(
     "trial",
     TrialOptions,
     RecordOptions("motion", Motion),
-    RecordOptions(
-        "trials",
-        dict,
-        path_options("mpi_model", "seed"),
-        *declared_options(Trials).values(),
-    ),
+    RecordOptions("trials", dict, _path_options, *declared_options(Trials).values()),
     RecordOptions(
         "modulation",
         Modulation,
@@ -114,7 +114,12 @@ trial_options = RecordOptions(
         metavar="K",
         help="Temperature: adds the kTC noise of C1; with --capacitors.",
     ),
-    click.option("--capacitors", type=NumberTuple(), help="Capacitors C1 to C12 of Fig. 1 in fF; they determine n_av."),
+    click.option(
+        "--capacitors",
+        type=NumberTuple(),
+        metavar="FF,FF…",
+        help="Capacitors C1 to C12 of Fig. 1 in fF; they determine n_av.",
+    ),
     RecordOptions("stages", Stages),
 )
 

@@ -4,9 +4,10 @@ from pathlib import Path
 
 import click
 
-from cadtof_cli.commands.help import example
+from cadtof_cli.commands.help import SectionedCommand, example
 from cadtof_cli.commands.options import setting_option
 from cadtof_cli.commands.simulation_options import (
+    RESOLVING,
     TrialOptions,
     further_option,
     note_unused,
@@ -15,8 +16,8 @@ from cadtof_cli.commands.simulation_options import (
     workers_option,
 )
 from cadtof_cli.commands.terminal import progress_bar, tell
-from cadtof_cli.commands.values import grid_from_text
-from cadtof_cli.execution.ordered import Workers
+from cadtof_cli.commands.values import PATH, grid_from_text
+from cadtof_cli.execution.workers import Workers
 from cadtof_cli.files.atomic import require_absent
 from cadtof_cli.simulation.pixel.mix import Condition
 from cadtof_cli.workflows.simulate import sweep as workflow
@@ -24,7 +25,14 @@ from cadtof_cli.workflows.simulate import sweep as workflow
 GRID = "GRID"
 
 
-@click.command(epilog=example("cadtof sweep --asr 1:5:3 --mpi 0,0.3 --integration-length 1e4 -o sweep.csv"))
+@click.command(
+    cls=SectionedCommand,
+    headings={
+        "Pixel options": {*trial_options.names()} - {"runs", "seed", *RESOLVING},
+        "Resolving options": RESOLVING,
+    },
+    epilog=example("cadtof sweep --asr 1:5:3 --mpi 0,0.3 --integration-length 1e4 -o sweep.csv"),
+)
 @click.option(
     "--asr",
     metavar=GRID,
@@ -40,10 +48,8 @@ GRID = "GRID"
     metavar=GRID,
     help="Integration lengths n_av of Eq. (1), per harmonic.  [default: log:1e3:1e5:5]",
 )
-@click.option("-o", "--out", type=click.Path(path_type=Path), help="New CSV file.  [default: stdout]")
-@click.option(
-    "--plot", type=click.Path(path_type=Path), help="New folder for pictures like Figs. 3, 8 and 9 of the paper."
-)
+@click.option("-o", "--out", type=PATH, help="New CSV file.  [default: stdout]")
+@click.option("--plot", type=PATH, help="New folder for pictures like Figs. 3, 8 and 9 of the paper.")
 @setting_option(Condition, "direct_ns", "Arrival time of the direct path.", option="--direct")
 @setting_option(Condition, "second_ns", "Arrival time of the MPI.", option="--second")
 @further_option

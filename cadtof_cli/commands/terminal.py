@@ -9,7 +9,7 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, nullcontext, suppress
 from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, TextIO
+from typing import TYPE_CHECKING, Any, TextIO, cast
 
 import click
 
@@ -123,6 +123,34 @@ class Bar:
             tell(message, err=True, above=self.drawn)
 
 
+class _Terminal:
+    """A stream that a bar is drawn on: a terminal that goes away takes the bar with it, and nothing else."""
+
+    def __init__(self, stream: TextIO, /) -> None:
+        self._stream = stream
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._stream, name)
+
+    def write(self, text: str) -> int:
+        """Write what can be written."""
+        with self._forgetting():
+            self._stream.write(text)
+        return len(text)
+
+    def flush(self) -> None:
+        """Write what was kept back."""
+        with self._forgetting():
+            self._stream.flush()
+
+    @contextmanager
+    def _forgetting(self) -> Iterator[None]:
+        try:
+            yield
+        except OSError:
+            forget(self._stream)
+
+
 _WITHOUT_CURSOR = ("dumb", "unknown")
 """Terminals on which nothing can be drawn anew."""
 
@@ -200,7 +228,8 @@ def _drawn(description: str, unit: str) -> Iterator["RichProgress"]:
             return tuple(shown)
 
     # Without a refresh thread: a process that has threads must not fork workers.
-    with OneLine(*columns, console=Console(stderr=True), auto_refresh=False) as progress:
+    console = Console(file=cast("TextIO", _Terminal(sys.stderr)))
+    with OneLine(*columns, console=console, auto_refresh=False) as progress:
         progress.add_task(description, total=None)
         try:
             yield progress

@@ -3,6 +3,7 @@
 import math
 import sys
 from collections.abc import Callable
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -19,6 +20,10 @@ MOST_VALUES = 10_000
 """Of a grid."""
 
 _FORMS = "1,2,5 or start:stop:n or log:start:stop:n"
+
+
+PATH = click.Path(path_type=Path)
+"""A file or folder, there or not."""
 
 
 class Typed(ParamType):

@@ -1,80 +1,15 @@
 """Tasks → results in the order of the tasks, on one core or many, with a bounded number of tasks in flight."""
 
-import os
-import re
-import sys
 from collections import deque
 from collections.abc import Callable, Generator, Iterable, Sequence
-from dataclasses import field
 from pathlib import Path
-from typing import Literal, TypeVar
+from typing import TypeVar
 
-from cadtof_cli.errors import SettingsError
-from cadtof_cli.execution.cores import available_cores
-from cadtof_cli.execution.outcome import LATER_AT_ONCE, Later, Outcome, Work, WorkerDied, finishing
-from cadtof_cli.records import dataclass
-
-__all__ = ["Outcome", "WorkerDied", "Workers", "run_ordered"]
+from cadtof_cli.execution.outcome import LATER_AT_ONCE, Later, Outcome, Work, finishing
+from cadtof_cli.execution.workers import LOCAL, Workers
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
-
-StartMethod = Literal["fork", "spawn", "forkserver"]
-
-START_METHODS: tuple[StartMethod, ...] = ("fork", "spawn", "forkserver") if hasattr(os, "fork") else ("spawn",)
-"""Those of this system."""
-
-START_METHOD: StartMethod = "fork" if sys.platform == "linux" and hasattr(os, "fork") else "spawn"
-"""The usual one: `fork` is safe before any thread runs, and starts in milliseconds."""
-
-LOCAL = "local"
-
-_SCHEDULER = r"tcp://[^\s/:]+:\d+|tcp://\[[0-9a-fA-F:]+\]:\d+"
-
-LONGEST_S = 1e8
-"""Years; the clocks of systems end somewhere beyond."""
-
-JOBS_PER_CORE = 4
-"""Users get no more processes than that a core: each takes memory, and none makes the work faster."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Workers:
-    """What work is done by.
-
-    Attributes:
-        jobs: processes; 1 is this one alone.
-        start_method: how other processes start.
-        task_timeout_s: after how long a task's process is ended; None: it takes the time that it takes.
-        scheduler: `local`, or the address of a dask scheduler whose workers do the work instead.
-    """
-
-    jobs: int = field(default_factory=available_cores)
-    start_method: StartMethod = START_METHOD
-    task_timeout_s: float | None = None
-    scheduler: str = LOCAL
-
-    def __post_init__(self) -> None:
-        if self.jobs < 1:
-            raise SettingsError(f"--jobs: found {self.jobs}, expected 1 or more")
-        if self.start_method not in START_METHODS:
-            raise SettingsError(
-                f"--start-method: found {self.start_method}, which this system does not have; expected {', '.join(START_METHODS)}"
-            )
-        if self.task_timeout_s is not None and not 0 < self.task_timeout_s <= LONGEST_S:
-            raise SettingsError(
-                f"--frame-timeout: found {self.task_timeout_s:g}, expected seconds above 0, at most {LONGEST_S:g}"
-            )
-        if self.scheduler != LOCAL and not re.fullmatch(_SCHEDULER, self.scheduler):
-            raise SettingsError(f"--scheduler: found {self.scheduler!r}, expected local or tcp://HOST:PORT")
-        if self.scheduler != LOCAL and self.task_timeout_s is not None:
-            raise SettingsError(
-                "--frame-timeout holds for processes of this machine; leave out --scheduler, or the limit"
-            )
-
-
-ALONE = Workers(jobs=1)
-"""This process."""
 
 
 def run_ordered(

@@ -15,13 +15,12 @@ from cadtof_cli.errors import WorkersError
 from cadtof_cli.execution.messages import Incoming, Said, TaskMessages, answer_of
 from cadtof_cli.execution.outcome import LATER_AT_ONCE, Outcome, Work, WorkerDied
 from cadtof_cli.execution.serve import serve
-from cadtof_cli.execution.workers import cores_for, current_folder_left_out, signals_held_back
+from cadtof_cli.execution.starting import cores_for, current_folder_left_out, signals_held_back
+from cadtof_cli.execution.workers import Workers
 from cadtof_cli.records import dataclass
 
 if TYPE_CHECKING:
     from multiprocessing.context import SpawnContext
-
-    from cadtof_cli.execution.ordered import Workers
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
@@ -95,7 +94,7 @@ class _Worker(Generic[Task, Result]):
 class _Pool(Generic[Task, Result]):
     """Workers, started as tasks come, and the jobs that wait for one."""
 
-    def __init__(self, function: Work[Task, Result], workers: "Workers", shared: Sequence[object]) -> None:
+    def __init__(self, function: Work[Task, Result], workers: Workers, shared: Sequence[object]) -> None:
         self._function, self._messages = function, TaskMessages(shared)
         self._most, self._limit_s = workers.jobs, workers.task_timeout_s
         self._cores = cores_for(self._most)
@@ -116,15 +115,17 @@ class _Pool(Generic[Task, Result]):
     def attend(self) -> None:
         """Wait until a worker has answered, was lost or has taken too long, and hand out what waits."""
         if self._task_s < SHORT_S:
-            time.sleep(min(NOW_AND_THEN_S, NOW_AND_THEN_TASKS * self._task_s))
-        limit, left = self._limit_s, None
+            # who has nothing left to compute, as at the end, is waited for
+            left = min(map(_Worker.left, self._workers), default=0)
+            time.sleep(min(NOW_AND_THEN_S, min(left, NOW_AND_THEN_TASKS) * self._task_s))
+        limit, left_s = self._limit_s, None
         if limit is not None:
             since = min(worker.since for worker in self._workers if worker.jobs)
-            left = max(0.0, since + limit - time.monotonic())
-        while ready := self._incoming.ready(left):
+            left_s = max(0.0, since + limit - time.monotonic())
+        while ready := self._incoming.ready(left_s):
             for worker in ready:
                 self._receive(worker)
-            left = 0.0
+            left_s = 0.0
         if limit is not None:
             for worker in tuple(self._workers):
                 late = worker.jobs and time.monotonic() >= worker.since + limit
@@ -262,7 +263,7 @@ class _Pool(Generic[Task, Result]):
 
 
 def run_in_pool(
-    function: Work[Task, Result], tasks: Iterable[Task], /, *, workers: "Workers", shared: Sequence[object] = ()
+    function: Work[Task, Result], tasks: Iterable[Task], /, *, workers: Workers, shared: Sequence[object] = ()
 ) -> Generator[Outcome[Task, Result], None, None]:
     """Yield the outcome of function(task) for every task, in the order of the tasks, from processes of their own."""
     waiting, most = iter(tasks), workers.jobs * TASKS_PER_WORKER
@@ -287,7 +288,7 @@ def run_in_pool(
 
 
 @contextmanager
-def _pool(function: Work[Task, Result], workers: "Workers", shared: Sequence[object]) -> Iterator[_Pool[Task, Result]]:
+def _pool(function: Work[Task, Result], workers: Workers, shared: Sequence[object]) -> Iterator[_Pool[Task, Result]]:
     pool = _Pool(function, workers, shared)
     try:
         yield pool

@@ -8,7 +8,7 @@ from typing import Any
 
 from cadtof_cli.execution.messages import Said, TaskMessages, answer_message
 from cadtof_cli.execution.outcome import LATER_AT_ONCE, Later, Work, finishing
-from cadtof_cli.execution.workers import begin_worker
+from cadtof_cli.execution.starting import begin_worker
 
 
 class _Answers:

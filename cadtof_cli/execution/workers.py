@@ -1,119 +1,68 @@
-"""Worker processes that end with their parent, never answer Ctrl-C themselves, and keep the memory they have freed."""
+"""What work is done by: processes of this machine, or the workers of a dask scheduler."""
 
-import gc
 import os
-import signal
+import re
 import sys
-import threading
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
-from functools import cache
-from typing import TYPE_CHECKING
+from dataclasses import field
+from typing import Literal
 
-if TYPE_CHECKING:
-    from multiprocessing.connection import Connection
+from cadtof_cli.errors import SettingsError
+from cadtof_cli.execution.cores import available_cores
+from cadtof_cli.records import dataclass
 
-KEPT_BYTES = 16 * 2**20
+StartMethod = Literal["fork", "spawn", "forkserver"]
 
-HANGUP: signal.Signals | None = getattr(signal, "SIGHUP", None)
-"""What a terminal that goes away sends; None where the system knows nothing of it, as on Windows."""
+START_METHODS: tuple[StartMethod, ...] = ("fork", "spawn", "forkserver") if hasattr(os, "fork") else ("spawn",)
+"""Those of this system."""
 
-_HELD_BACK = (signal.SIGINT, signal.SIGTERM) + ((HANGUP,) if HANGUP else ())
+START_METHOD: StartMethod = "fork" if sys.platform == "linux" and hasattr(os, "fork") else "spawn"
+"""The usual one: `fork` is safe before any thread runs, and starts in milliseconds."""
 
-_PR_SET_PDEATHSIG = 1
+LOCAL = "local"
 
-_SAFE_PATH = "PYTHONSAFEPATH"
+_SCHEDULER = r"tcp://[^\s/:]+:\d+|tcp://\[[0-9a-fA-F:]+\]:\d+"
+
+LONGEST_S = 1e8
+"""Years; the clocks of systems end somewhere beyond."""
+
+JOBS_PER_CORE = 4
+"""Users get no more processes than that a core: each takes memory, and none makes the work faster."""
 
 
-def cores_for(processes: int, /) -> tuple[int, ...]:
-    """Return a core for each of so many processes, where that is one for every core there is; else none.
+@dataclass(frozen=True, kw_only=True)
+class Workers:
+    """What work is done by.
 
-    A system moves processes from core to core, each time away from what the caches of one hold, where threads that wait for disks
-    wake up between them. Where all cores are taken, nothing is gained by that; where some are not, it may be needed.
+    Attributes:
+        jobs: processes; 1 is this one alone.
+        start_method: how other processes start.
+        task_timeout_s: after how long a task's process is ended; None: it takes the time that it takes.
+        scheduler: `local`, or the address of a dask scheduler whose workers do the work instead.
     """
-    cores = tuple(sorted(os.sched_getaffinity(0))) if hasattr(os, "sched_getaffinity") else ()
-    return cores if len(cores) == processes else ()
+
+    jobs: int = field(default_factory=available_cores)
+    start_method: StartMethod = START_METHOD
+    task_timeout_s: float | None = None
+    scheduler: str = LOCAL
+
+    def __post_init__(self) -> None:
+        if self.jobs < 1:
+            raise SettingsError(f"--jobs: found {self.jobs}, expected 1 or more")
+        if self.start_method not in START_METHODS:
+            raise SettingsError(
+                f"--start-method: found {self.start_method}, which this system does not have; expected {', '.join(START_METHODS)}"
+            )
+        if self.task_timeout_s is not None and not 0 < self.task_timeout_s <= LONGEST_S:
+            raise SettingsError(
+                f"--frame-timeout: found {self.task_timeout_s:g}, expected seconds above 0, at most {LONGEST_S:g}"
+            )
+        if self.scheduler != LOCAL and not re.fullmatch(_SCHEDULER, self.scheduler):
+            raise SettingsError(f"--scheduler: found {self.scheduler!r}, expected local or tcp://HOST:PORT")
+        if self.scheduler != LOCAL and self.task_timeout_s is not None:
+            raise SettingsError(
+                "--frame-timeout holds for processes of this machine; leave out --scheduler, or the limit"
+            )
 
 
-@contextmanager
-def signals_held_back() -> Iterator[None]:
-    """Put off what ends us while processes may start: until it has come to `begin_worker`, one would answer like its parent.
-
-    Where signals cannot be put off, as on Windows, nothing is.
-    """
-    if not hasattr(signal, "pthread_sigmask"):
-        yield
-        return
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, _HELD_BACK)
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
-
-
-@contextmanager
-def current_folder_left_out() -> Iterator[None]:
-    """Let processes that start import nothing from the current folder, where a file may be called like a module of Python's."""
-    before = os.environ.get(_SAFE_PATH)
-    os.environ[_SAFE_PATH] = "1"
-    try:
-        yield
-    finally:
-        if before is None:
-            del os.environ[_SAFE_PATH]
-        else:
-            os.environ[_SAFE_PATH] = before
-
-
-def begin_worker(listening: "Connection", held: "Connection", core: int | None, /) -> None:
-    """Prepare a worker: Ctrl-C and a terminal that goes away are the parent's to handle; SIGTERM, and the parent's end, end it.
-
-    Args:
-        listening: the end of a pipe that gives way when the parent ends.
-        held: the parent's end of it, of which a forked worker has a copy.
-        core: that it stays on; None: it may be moved.
-    """
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    if HANGUP:
-        signal.signal(HANGUP, signal.SIG_IGN)
-    signal.signal(signal.SIGTERM, signal.SIG_DFL)
-    if hasattr(signal, "pthread_sigmask"):
-        signal.pthread_sigmask(signal.SIG_UNBLOCK, _HELD_BACK)
-    held.close()
-    if core is not None and hasattr(os, "sched_setaffinity"):
-        with suppress(OSError):
-            # it may have been taken away from us
-            os.sched_setaffinity(0, {core})
-    if sys.platform == "linux":
-        import ctypes
-
-        # even where it is stopped
-        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
-    with suppress(RuntimeError):
-        # the system may allow no more threads
-        threading.Thread(target=_end_with_parent, args=(listening,), daemon=True).start()
-    # what was here before the fork stays shared with the parent: nobody writes marks into it
-    gc.freeze()
-
-
-def _end_with_parent(listening: "Connection") -> None:
-    try:
-        listening.recv_bytes()
-    except (EOFError, OSError):
-        os._exit(1)
-
-
-@cache
-def keep_freed_memory() -> None:
-    """Let the C library keep the memory of temporary arrays for the next ones; called again, it does nothing.
-
-    A block's arrays are just large enough that glibc asks the system for fresh pages for each and returns them at once: over a
-    thousand page faults per frame, a third of the time. It learns otherwise when one larger array is freed: from then on, arrays
-    up to that size come from memory that it keeps, and up to twice that much of it. The second array already does, and numpy asks
-    Linux for huge pages for arrays of its size, which the smaller ones after it lie in then: a write past the page cache looks up
-    each page that it is from. No page of the two is touched.
-    """
-    import numpy as np
-
-    for _ in range(2):
-        np.empty(KEPT_BYTES, np.uint8)
+ALONE = Workers(jobs=1)
+"""This process."""

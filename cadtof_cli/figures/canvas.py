@@ -1,8 +1,63 @@
-"""Figures in the style of matplotlib itself: a user's `matplotlibrc` may ask for other sizes, or for a LaTeX that is missing."""
+"""Figures to draw on, in the style of matplotlib itself: a user's `matplotlibrc` may ask for other sizes, or for a LaTeX that is
+missing; and text that they can show, whatever a file is called: titles and legends."""
+
+from functools import cache
 
 import matplotlib as mpl
+from matplotlib import font_manager
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.textpath import TextPath
 
 mpl.rcdefaults()
 
-__all__ = ["Figure"]
+__all__ = ["Figure", "add_title", "drawable", "legend_beside", "shortened", "within"]
+
+
+@cache
+def _drawn_characters() -> frozenset[int]:
+    """Return the characters that the font of pictures has."""
+    font = font_manager.get_font(font_manager.findfont(font_manager.FontProperties()))
+    return frozenset(font.get_charmap())
+
+
+def drawable(text: str, /) -> str:
+    """Return a text with what the font lacks escaped; give it with `parse_math=False`, since names may hold `$`."""
+    return "".join(
+        sign
+        if ord(sign) in _drawn_characters()
+        else repr(sign)[1:-1]
+        if not sign.isprintable()
+        else f"\\u{{{ord(sign):x}}}"
+        for sign in text
+    )
+
+
+def shortened(text: str, length: int, /) -> str:
+    """Return a text of at most `length` signs, the middle left out where it is longer: names tell most at their ends."""
+    if len(text) <= length:
+        return text
+    keep = max(length - 1, 2)
+    return f"{text[: keep // 2]}…{text[-(keep - keep // 2) :]}"
+
+
+def within(text: str, inches: float, /, *, size: float) -> str:
+    """Return a text that a picture can show, the middle left out where it would be wider than so many inches at a font size."""
+    text = drawable(text)
+    # as letters, whatever it means as mathematics
+    wide = TextPath((0, 0), text.replace("$", "S"), size=size).get_extents().width / 72 if text.strip() else 0.0
+    return text if wide <= inches else shortened(text, int(len(text) * inches / wide))
+
+
+def add_title(figure: Figure, title: str, /, *, below: float, size: float = 11) -> None:
+    """Add a title across a figure, its middle so many inches below the top."""
+    width, height = figure.get_size_inches()
+    told = within(title, width - 0.2, size=size)
+    figure.text(0.5, 1 - below / height, told, ha="center", va="center", fontsize=size, parse_math=False)
+
+
+def legend_beside(axes: Axes, /, *others: Axes) -> None:
+    """Add a legend at the right of axes, of their curves and of those of others over them."""
+    found = [one.get_legend_handles_labels() for one in (axes, *others)]
+    handles, labels = ([item for part in parts for item in part] for parts in zip(*found, strict=True))
+    axes.legend(handles, labels, loc="upper left", bbox_to_anchor=(1.01, 1.0), borderaxespad=0.0, fontsize=8)

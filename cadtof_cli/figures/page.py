@@ -18,10 +18,9 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from cadtof_cli.arrays import Status
-from cadtof_cli.figures.canvas import Figure
+from cadtof_cli.figures.canvas import Figure, add_title
 from cadtof_cli.figures.kinds import save
 from cadtof_cli.figures.pixel_classes import NO_VALUE, PixelClass, classes_of
-from cadtof_cli.figures.text import add_title
 
 Image = NDArray[np.uint8]
 

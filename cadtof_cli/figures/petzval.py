@@ -9,9 +9,8 @@ from matplotlib.axes import Axes
 from cadtof_cli.arrays import Float
 from cadtof_cli.calibration.petzval import PetzvalCalibration
 from cadtof_cli.capture.metadata import Optics
-from cadtof_cli.figures.canvas import Figure
+from cadtof_cli.figures.canvas import Figure, drawable, legend_beside
 from cadtof_cli.figures.kinds import save
-from cadtof_cli.figures.text import drawable, legend_beside
 from cadtof_cli.optics import squared_field_radius, wall_range_m
 
 ROWS = 5

@@ -8,10 +8,9 @@ from matplotlib.axes import Axes
 from matplotlib.patches import Ellipse
 
 from cadtof_cli.arrays import Float
-from cadtof_cli.figures.canvas import Figure
+from cadtof_cli.figures.canvas import Figure, add_title
 from cadtof_cli.figures.kinds import save
 from cadtof_cli.figures.pixel_evolution import DIRECT_COLOUR, DOTS_PER_INCH, MEASURED_COLOUR, MPI_COLOUR
-from cadtof_cli.figures.text import add_title
 from cadtof_cli.one_pixel import PixelEvidence
 from cadtof_cli.resolver.status import StatusBit
 

@@ -7,8 +7,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.axes import Axes
 
-from cadtof_cli.figures.canvas import Figure
-from cadtof_cli.figures.text import legend_beside
+from cadtof_cli.figures.canvas import Figure, legend_beside
 from cadtof_cli.simulation.pixel.mix import Condition
 from cadtof_cli.simulation.pixel.pixel import Evolution
 

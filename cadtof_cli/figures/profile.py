@@ -8,9 +8,8 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from cadtof_cli.arrays import Float
-from cadtof_cli.figures.canvas import Figure
+from cadtof_cli.figures.canvas import Figure, drawable, legend_beside, shortened, within
 from cadtof_cli.figures.kinds import save
-from cadtof_cli.figures.text import drawable, legend_beside, shortened, within
 from cadtof_cli.maps.layers import error_unit
 from cadtof_cli.maps.profile import Curve, Profile
 

@@ -34,10 +34,14 @@ def signed_limits(*differences: NDArray[np.floating], share: float = 90.0) -> tu
 
 
 def limits_of(values: NDArray[np.floating]) -> tuple[float, float]:
-    """Return the range that all but the outermost half per cent of the finite values lie in, a little widened."""
+    """Return the range that all but the outermost half per cent of the finite values lie in, a little widened.
+
+    Where all are the same but for rounding, it reaches a tenth of the value to either side of it.
+    """
     finite = values[np.isfinite(values)]
     if not finite.size:
         return 0.0, 1.0
     low, high = np.percentile(finite, (0.5, 99.5))
-    margin = 0.02 * (high - low) + 1e-6
+    size = max(abs(low), abs(high))
+    margin = 0.02 * (high - low) + 1e-6 if high - low > 1e-6 * size else 0.1 * size or 1.0
     return float(low - margin), float(high + margin)

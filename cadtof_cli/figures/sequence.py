@@ -12,11 +12,10 @@ import numpy as np
 from matplotlib.colors import to_rgb
 
 from cadtof_cli.errors import SettingsError
-from cadtof_cli.figures.canvas import Figure
+from cadtof_cli.figures.canvas import Figure, add_title, within
 from cadtof_cli.figures.kinds import save
 from cadtof_cli.figures.page import Block, Image, Scaled, add_bar, add_legend, page_figure
 from cadtof_cli.figures.pixel_classes import PixelClass
-from cadtof_cli.figures.text import add_title, within
 from cadtof_cli.files.atomic import atomic_write, require_new
 
 FILMS = (".gif", ".mp4")

@@ -1,5 +1,6 @@
-"""Frames in one array, mapped into memory from a file."""
+"""Frames in one array: mapped into memory from a file; and the call of numpy that puts axes right which are in another order."""
 
+import itertools
 import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -11,13 +12,18 @@ from numpy.typing import NDArray
 
 from cadtof_cli.arrays import Stored
 from cadtof_cli.errors import FrameError
-from cadtof_cli.files.array_axes import transpositions
 from cadtof_cli.files.frames import CHANNELS, SAMPLE_TYPES, FrameLayout, Frames, shape_text
 from cadtof_cli.files.plane_table import plane_table
 from cadtof_cli.files.reading import damage_as_frame_error, open_regular
 from cadtof_cli.files.system import read_parts
 
 Mapped = np.memmap[Any, np.dtype[Any]]
+
+_OURS = {3: ("PYX",), 4: ("HCYX", "TPYX"), 5: ("THCYX",)}
+"""Orders of axes that are read, by how many there are: T frame, H harmonic, C channel, P harmonic and channel as one."""
+
+_NAMED = 2
+"""Orders that are told of, rows first and columns first: with two harmonics nothing tells their axis from the channels'."""
 
 
 @contextmanager
@@ -96,3 +102,33 @@ def require_planes(path: Path, array: Stored, /) -> None:
 
 def _size_text(shape: Sequence[int]) -> str:
     return " × ".join(map(str, shape)) or "one value"
+
+
+def transpositions(call: str, shape: Sequence[int], harmonics: int, /) -> str:
+    """Return the calls that bring an array into our order of axes, for the orders that it may have by its shape.
+
+    Empty where it may be in our order, or has the shape of no frame. Rows and columns follow each other, and are more than
+    the planes of a frame; where there would be more rows than columns, columns may come first, as in what MATLAB stored. `call`
+    is one of Python, with `{}` where the array is transposed.
+    """
+    lengths = {"H": harmonics, "C": CHANNELS, "P": CHANNELS * harmonics}
+
+    def may_be(axis: str, size: int) -> bool:
+        return size == lengths[axis] if axis in lengths else size > lengths["P"] or axis == "T"
+
+    found = [
+        (axes, tuple(axes.index(axis) for axis in ours))
+        for ours in _OURS.get(len(shape), ())
+        for axes in map("".join, itertools.permutations(ours))
+        if ("YX" in axes or "XY" in axes) and all(map(may_be, axes, shape))
+    ]
+    if any(order == tuple(range(len(shape))) for _, order in found):
+        return ""
+    found.sort(key=lambda one: -one[0].index("X"))
+    columns_first = [one for one in found if "XY" in one[0] and shape[one[0].index("X")] > shape[one[0].index("Y")]]
+    rows_first = [one for one in found if "YX" in one[0]]
+    planes = str(lengths["P"])
+    return "; ".join(
+        f"if its axes are {' '.join(axes).replace('P', planes)}, {call.format(f'.transpose{order}')} mends it"
+        for axes, order in columns_first[:_NAMED] + rows_first[:_NAMED]
+    )

@@ -149,10 +149,21 @@ def remove_partial_files(folder: Path, /, *, token: str) -> None:
             leftover.unlink(missing_ok=True)
 
 
+def write_text(path: Path, text: str, /) -> None:
+    """Write a text, whole or not at all; its lines end the same on every system.
+
+    Raises:
+        OutputError: the file cannot be written; PlaceError: another would fail too.
+    """
+    content = memoryview(text.encode())
+    partial = PartialFile(path)
+    partial.parts = [content]
+    partial.commit()
+
+
 def write_json(path: Path, document: Mapping[str, Any], /) -> None:
     """Write a JSON document, readable by people, whole or not at all."""
-    with atomic_write(path) as temporary:
-        temporary.write_text(json.dumps(document, indent=2, default=str) + "\n", encoding="utf-8")
+    write_text(path, json.dumps(document, indent=2, default=str) + "\n")
 
 
 def make_folder(path: Path, /) -> None:

@@ -19,7 +19,7 @@ from cadtof_cli.files.frames import CHANNELS, FrameLayout, Frames, shape_text
 from cadtof_cli.files.library_output import library_output
 from cadtof_cli.files.maps import SOFTWARE, STATUS, DepthMaps, MapHeader
 from cadtof_cli.files.named_planes import NamedPart, Place, voltage_places
-from cadtof_cli.files.reading import damage_as_frame_error, require_plausible_size
+from cadtof_cli.files.reading import damage_as_frame_error, in_brief, read_through, require_plausible_size
 from cadtof_cli.files.system import codes_of_the_system
 from cadtof_cli.records import dataclass
 
@@ -60,11 +60,6 @@ class ExrPart(NamedPart):
     origin: tuple[int, int]
     tile: tuple[int, int]
 
-    @property
-    def pixels_in_memory(self) -> int:
-        """Pixels that the library makes room for: those of the image, and of one whole tile, which may be larger."""
-        return math.prod(self.shape) + math.prod(self.tile)
-
 
 def read_parts(path: Path, /) -> list[ExrPart]:
     """Return what the headers of a file say, without its pixels.
@@ -75,16 +70,10 @@ def read_parts(path: Path, /) -> list[ExrPart]:
     file = _opened(path, header_only=True)
     with damage_as_frame_error(path, "EXR"):
         parts = [_part(file.header(index)) for index in range(len(file.parts))]
-        promised = sum(part.pixels_in_memory * len(part.channels) * _SAMPLE_BYTES for part in parts)
-        require_plausible_size(path, promised, path.stat().st_size)
+        # the library makes room for the image, and for one whole tile, which may be larger
+        samples = sum((math.prod(part.shape) + math.prod(part.tile)) * len(part.channels) for part in parts)
+        require_plausible_size(path, samples * _SAMPLE_BYTES, path.stat().st_size)
     return parts
-
-
-def read_texts(path: Path, /) -> dict[str, str]:
-    """Return the attributes of a file's first part that are text."""
-    file = _opened(path, header_only=True)
-    with damage_as_frame_error(path, "EXR"):
-        return {name: value for name, value in file.header(0).items() if isinstance(value, str)}
 
 
 def lossy_compression(path: Path, dtype: np.dtype[Any], /) -> str | None:
@@ -136,11 +125,19 @@ def open_pixels(path: Path, places: Sequence[tuple[int, str]], /) -> Iterator[li
 
 
 def _opened(path: Path, *, header_only: bool) -> Any:
-    with damage_as_frame_error(path, "EXR"), library_output() as said:
-        # no threads of the library's own: its pool does not survive a fork
-        file = OpenEXR.File(str(path), separate_channels=True, header_only=header_only, num_threads=0)
+    with damage_as_frame_error(path, "EXR"):
+        with library_output() as said:
+            try:
+                # no threads of the library's own: its pool does not survive a fork
+                file = OpenEXR.File(str(path), separate_channels=True, header_only=header_only, num_threads=0)
+            except Exception:
+                # it says the same of a damaged file and of one that cannot be opened while so many are
+                read_through(path)
+                raise
+        if said:
+            read_through(path)
     if said:
-        words = "; ".join(line.removeprefix(f"{path}: ").removeprefix("Warning: ") for line in dict.fromkeys(said))
+        words = in_brief(line.removeprefix(f"{path}: ").removeprefix("Warning: ") for line in said)
         raise FrameError(f"{path}: damaged EXR: {words}; expected a complete file, try copying it again")
     if not file.parts:
         raise FrameError(f"{path}: damaged EXR: found no parts, expected at least one")
@@ -249,8 +246,11 @@ def write_maps(path: Path, maps: DepthMaps, /, *, header: MapHeader) -> Sequence
 
 
 def read_facts(path: Path, /) -> dict[str, str]:
-    """Return what the attributes of a file say about its maps."""
-    facts = {name.removeprefix(_PREFIX): text for name, text in read_texts(path).items() if name.startswith(_PREFIX)}
+    """Return what the attributes of a file's first part say about its maps."""
+    file = _opened(path, header_only=True)
+    with damage_as_frame_error(path, "EXR"):
+        texts = {name: value for name, value in file.header(0).items() if isinstance(value, str)}
+    facts = {name.removeprefix(_PREFIX): text for name, text in texts.items() if name.startswith(_PREFIX)}
     return {name: text for name, text in facts.items() if not name.startswith("unit.")}
 
 

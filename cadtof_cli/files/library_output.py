@@ -1,4 +1,4 @@
-"""What the libraries of OpenEXR and PNG print, caught before it reaches the terminal.
+"""What the libraries of OpenEXR, PNG and JPEG XR print, caught before it reaches the terminal.
 
 On damaged files they write to file descriptors 1 and 2 from C++ and to `sys.stdout` from a Python binding, and may then hand back
 fewer parts, or wrong pixels, as if nothing had happened. What they print is the only sign.
@@ -18,7 +18,7 @@ from cadtof_cli.files.system import flush_c_streams, read_at
 _DESCRIPTORS = (1, 2)
 """Standard output, on which a pipeline reads our JSON, and standard error."""
 
-_LIBRARY_LINES = re.compile(r"EXR|ojph|^Warning: |^PNG ", re.IGNORECASE)
+_LIBRARY_LINES = re.compile(r"EXR|ojph|^Warning: |^PNG |WMPTag", re.IGNORECASE)
 """The libraries' own, and those of OpenJPH, by which one reads HTJ2K."""
 
 _lock = threading.Lock()
@@ -32,11 +32,15 @@ def library_output() -> Iterator[list[str]]:
     Lines that other threads print meanwhile, such as a progress bar, are passed on.
     """
     said: list[str] = []
-    with _lock:
+    with _lock, contextlib.ExitStack() as opened:
         printed = io.StringIO()
         unprinted: dict[int, bytes] = {}
         single_thread = threading.active_count() == 1
-        kept = {descriptor: (_unnamed_file(), os.dup(descriptor)) for descriptor in filter(_is_open, _DESCRIPTORS)}
+        kept: dict[int, tuple[int, int]] = {}
+        for descriptor in filter(_is_open, _DESCRIPTORS):
+            # none is left open where no more may be
+            file = _closed_with(opened, _unnamed_file())
+            kept[descriptor] = file, _closed_with(opened, os.dup(descriptor))
         flush_c_streams()
         try:
             for descriptor, (file, _) in kept.items():
@@ -48,13 +52,16 @@ def library_output() -> Iterator[list[str]]:
             for descriptor, (file, before) in kept.items():
                 os.dup2(before, descriptor)
                 unprinted[descriptor] = read_at(file, os.fstat(file).st_size, 0)
-                os.close(before)
-                os.close(file)
             if any(unprinted.values()) or printed.tell():
                 out, err = (unprinted.get(descriptor, b"").decode(errors="replace") for descriptor in _DESCRIPTORS)
                 _separate(
                     said, printed.getvalue() + out, err, single_thread=single_thread and threading.active_count() == 1
                 )
+
+
+def _closed_with(opened: contextlib.ExitStack, descriptor: int) -> int:
+    opened.callback(os.close, descriptor)
+    return descriptor
 
 
 def _is_open(descriptor: int) -> bool:

@@ -5,7 +5,7 @@ from pathlib import Path
 import scipy.io
 
 from cadtof_cli.errors import FrameError
-from cadtof_cli.files.array_axes import transpositions
+from cadtof_cli.files.array_frames import transpositions
 from cadtof_cli.files.reading import damage_as_frame_error
 
 MAGICS = (b"MATLAB 5.0 MAT-f", b"MATLAB 7.3 MAT-f")

@@ -125,7 +125,7 @@ def voltage_places(parts: Sequence[NamedPart], layout: FrameLayout, *, where: st
     """Return the places of a frame's planes in the order H1.SC1, H1.SC2, H2.SC1, …
 
     A channel says its harmonic itself (H2.SC1), or its part does (a part H2 with SC1 and SC2), or else the parts count
-    as harmonics in their order.
+    as harmonics in their order. The only channel of a part H2.SC1 may be called anything.
 
     Raises:
         NotAFrameError: no channel holds a voltage.
@@ -152,7 +152,7 @@ def _labelled(parts: Sequence[NamedPart], layout: FrameLayout, where: str) -> di
     found: dict[tuple[int, int], Place] = {}
     for index, part in enumerate(parts):
         for name in part.channels:
-            label = plane_label(name)
+            label = _label(part, name)
             if label is None or label.channel is None:
                 continue
             plane = label.harmonic or by_part[index], label.channel
@@ -160,6 +160,13 @@ def _labelled(parts: Sequence[NamedPart], layout: FrameLayout, where: str) -> di
                 raise FrameError(f"{where}: found {plane_name(*plane)} twice, expected it once")
             found[plane] = Place(index, name)
     return found
+
+
+def _label(part: NamedPart, channel: str) -> PlaneLabel | None:
+    """Return what the name of a channel says of its plane, or that of its part, where that says all and holds no other."""
+    label, of_part = plane_label(channel), plane_label(part.name)
+    alone = len(part.channels) == 1 and of_part is not None and None not in of_part
+    return of_part if label is None and alone else label
 
 
 def _part_labels(parts: Sequence[NamedPart], layout: FrameLayout, where: str) -> dict[int, int]:

@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 from cadtof_cli.arrays import Stored
 from cadtof_cli.errors import FrameError
 from cadtof_cli.files.atomic import atomic_write
+from cadtof_cli.files.formats import PNG
 from cadtof_cli.files.frames import FrameLayout, Frames, NotAFrameError
 from cadtof_cli.files.library_output import library_output
-from cadtof_cli.files.reading import damage_as_frame_error, require_plausible_size
+from cadtof_cli.files.reading import damage_as_frame_error, in_brief, read_bytes, require_plausible_size
 
-_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _HEADER = struct.Struct(">8xI4sIIBB")
 _GREY, _INDEXED = 0, 3
 _HARMLESS = "Interlace handling"
@@ -34,7 +34,8 @@ def open_frames(path: Path, layout: FrameLayout, /) -> AbstractContextManager[Fr
     Raises:
         NotAFrameError: always; the message says how planes become frames.
     """
-    height, width, bits = _size(path, path.read_bytes()[: _HEADER.size])
+    with damage_as_frame_error(path, "PNG"):
+        height, width, bits = _size(path, read_bytes(path))
     raise NotAFrameError(
         f"{path}: holds one plane of {width} × {height}, {bits} bits; expected {layout.planes} planes per frame: one PNG each,"
         ' and their names in [layout] pattern, such as "{frame}_h{harmonic}_sc{channel}.png"'
@@ -51,14 +52,14 @@ def read_plane(path: Path, _layout: FrameLayout, /) -> Stored:
     import imagecodecs
 
     with damage_as_frame_error(path, "PNG"):
-        content = path.read_bytes()
+        content = read_bytes(path)
         height, width, bits = _size(path, content)
         require_plausible_size(path, height * width * 2, len(content))
         with library_output() as printed:
             plane: Stored = imagecodecs.png_decode(content)
     said = [line for line in printed if _HARMLESS not in line]
     if said:
-        raise FrameError(f"{path}: damaged PNG: {'; '.join(said)}; expected a complete file, try copying it again")
+        raise FrameError(f"{path}: damaged PNG: {in_brief(said)}; expected a complete file, try copying it again")
     if plane.shape != (height, width) or plane.dtype != np.dtype(f"u{bits // 8}"):
         raise FrameError(
             f"{path}: damaged PNG: found {plane.shape} {plane.dtype}, its header promises {height}, {width}"
@@ -115,7 +116,7 @@ def _png_bytes(pixels: tuple[int, int], /, *, depth: int, kind: int, chunks: Ite
         chunks: what stands between header and end.
     """
     header = struct.pack(">IIBBBBB", *pixels, depth, kind, 0, 0, 0)
-    return _SIGNATURE + b"".join(_chunk(*one) for one in ((b"IHDR", header), *chunks, (b"IEND", b"")))
+    return PNG.magics[0] + b"".join(_chunk(*one) for one in ((b"IHDR", header), *chunks, (b"IEND", b"")))
 
 
 def _chunk(kind: bytes, content: bytes) -> bytes:

@@ -6,7 +6,7 @@ import errno
 import os
 import stat
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -15,6 +15,8 @@ from cadtof_cli.files.system import READ_FLAGS
 
 MOST_TEXT_BYTES = 2**22
 """Larger than any text that people write; what is read into memory as a whole should not be without end."""
+
+_PIECE_BYTES = 2**22
 
 _KINDS = {
     stat.S_IFIFO: "a FIFO",
@@ -84,10 +86,41 @@ def read_text(path: Path, /, *, encoding: str = "utf-8", most_bytes: int | None 
         return file.read()
 
 
+def read_bytes(path: Path, /) -> bytes:
+    """Return what a regular file holds.
+
+    Raises:
+        OSError: there is none, or it cannot be read.
+    """
+    with os.fdopen(open_regular(path), "rb") as file:
+        return file.read()
+
+
+def read_through(path: Path, /) -> None:
+    """Read a regular file to its end and keep nothing: the system says what a library has not handed on.
+
+    Raises:
+        OSError: there is none, or it cannot be opened or read: no more files may be open, a disk or network fails.
+    """
+    with os.fdopen(open_regular(path), "rb", buffering=0) as file:
+        while file.read(_PIECE_BYTES):
+            pass
+
+
 PLAUSIBLE_BYTES = 2**26
 PLAUSIBLE_RATIO = 4096
 """A header may promise this many bytes, or this many times the size of its file. More is a flipped bit, not a picture:
 deflate reaches a ratio of 1,032, and a frame of a megapixel holds 16 to 32 MB."""
+
+
+_MOST_LETTERS = 300
+
+
+def in_brief(remarks: Iterable[object], /) -> str:
+    """Return the first of the remarks that a library makes on a damaged file, and how many others there are, often thousands."""
+    first, *others = dict.fromkeys(map(str, remarks))
+    told = first if len(first) <= _MOST_LETTERS else f"{first[:_MOST_LETTERS]} …"
+    return f"{told} (and {len(others)} remarks more)" if others else told
 
 
 @contextmanager
@@ -113,7 +146,7 @@ def damage_as_frame_error(path: Path, kind: str) -> Iterator[None]:
             f"{path}: damaged {kind}: it contains a name that is not UTF-8; expected a complete file"
         ) from error
     except Exception as error:
-        words = str(error) or f"the library stopped with {type(error).__name__}"
+        words = in_brief([str(error) or f"the library stopped with {type(error).__name__}"])
         raise FrameError(f"{path}: damaged {kind}: {words}; expected a complete file, try copying it again") from error
 
 

@@ -81,29 +81,22 @@ def write_parts(descriptor: int, parts: Sequence[memoryview], /) -> None:
     """
     place = 0
     for part in parts:
-        written = _written_directly(descriptor, part, place)
+        written, whole = 0, part.nbytes - part.nbytes % BLOCK_BYTES
+        if whole >= _LEAST_DIRECT_BYTES and place % BLOCK_BYTES == 0 and hasattr(os, "O_DIRECT"):
+            fcntl = _fcntl()
+            try:
+                fcntl.fcntl(descriptor, fcntl.F_SETFL, os.O_DIRECT)
+                while written < whole:
+                    written += os.write(descriptor, part[written:whole])
+            except OSError as error:
+                # the file system cannot, or not from there in memory
+                if error.errno not in {errno.EINVAL, errno.EOPNOTSUPP}:
+                    raise
+            finally:
+                fcntl.fcntl(descriptor, fcntl.F_SETFL, 0)
         while written < part.nbytes:
             written += os.write(descriptor, part[written:])
         place += part.nbytes
-
-
-def _written_directly(descriptor: int, part: memoryview, place: int) -> int:
-    """Write the whole blocks of a part past the page cache, where that is possible and worth it; return how many bytes."""
-    whole = part.nbytes - part.nbytes % BLOCK_BYTES
-    if whole < _LEAST_DIRECT_BYTES or place % BLOCK_BYTES or not hasattr(os, "O_DIRECT"):
-        return 0
-    fcntl, written = _fcntl(), 0
-    try:
-        fcntl.fcntl(descriptor, fcntl.F_SETFL, os.O_DIRECT)
-        while written < whole:
-            written += os.write(descriptor, part[written:whole])
-    except OSError as error:
-        # the file system cannot, or not from there in memory
-        if error.errno not in {errno.EINVAL, errno.EOPNOTSUPP}:
-            raise
-    finally:
-        fcntl.fcntl(descriptor, fcntl.F_SETFL, 0)
-    return written
 
 
 @contextmanager

@@ -97,23 +97,28 @@ def beyond_light(
     *,
     noise: NoiseModel,
     amplitude_v: float = 1.0,
+    longest: float = 1.0,
 ) -> Bool:
-    """Return where paths, K of (n,), or the first phasor, (n,), hold more light than there can be."""
+    """Return where paths, K of (n,), or the first phasor, (n,), hold more light than there can be.
+
+    `longest` is the length of the longest first phasor that a path of amplitude 1 gives: 1.23 at the peaks of a triangle.
+    """
     one, volts = most_volts(noise, amplitude_v)
     most: Float | float = one if noise.samples is None else one + volts / np.sqrt(noise.samples)
     with np.errstate(invalid="ignore", over="ignore"):
         total = np.fmax(amplitudes[0], np.float32(0.0))
         for values in amplitudes[1:]:
             total = np.fmax(values, np.float32(0.0)) + total
-        beyond: Bool = (total > most) | (confidence > most)
+        beyond: Bool = (total > most) | (confidence > most * longest)
     return beyond
 
 
-def clear_impossible(maps: DepthMaps, /, *, noise: NoiseModel, amplitude_v: float) -> None:
+def clear_impossible(maps: DepthMaps, /, *, noise: NoiseModel, amplitude_v: float, longest: float = 1.0) -> None:
     """Set `IMPOSSIBLE`, and NaN in every layer that follows from the phasors, where the paths hold more light than there can be.
 
-    The paths' amplitudes are shares of all light, so their sum is at most the modulation's amplitude, and so is the confidence.
-    A phasor of 1e50 has no paths in floating point: a pixel without an answer and without a reason is impossible, too.
+    The paths' amplitudes are shares of all light, so their sum is at most the modulation's amplitude, and the confidence at most
+    `longest` times that (see `beyond_light`). A phasor of 1e50 has no paths in floating point: a pixel without an answer and
+    without a reason is impossible, too.
     Every pixel is looked at alone, in the values that are written, so that whatever resolved it decides the same.
     """
     amplitudes = [maps.layer(name).reshape(-1) for name in maps.names if name.endswith(".amplitude")]
@@ -123,7 +128,9 @@ def clear_impossible(maps: DepthMaps, /, *, noise: NoiseModel, amplitude_v: floa
         # sums over a whole frame of many megapixels would take as much as its maps
         here = slice(start, min(start + _BLOCK_PIXELS, confidence.size))
         of_block = [values[here] for values in amplitudes]
-        impossible[here] = beyond_light(of_block, confidence[here], noise=noise[here], amplitude_v=amplitude_v)
+        impossible[here] = beyond_light(
+            of_block, confidence[here], noise=noise[here], amplitude_v=amplitude_v, longest=longest
+        )
         impossible[here] |= np.isnan(amplitudes[0][here]) & ((status[here] & ~_KEPT) == 0)
     if impossible.any():
         clear_pixels(maps, impossible)

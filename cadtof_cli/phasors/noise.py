@@ -31,6 +31,10 @@ LEAST_SHARE = 1e-3
 """Least variance along a phasor, as a share of the dark one: without ambient light it falls to rounding error."""
 
 
+MOST_INTEGRATION = 1e12
+"""Integration length of a frame without any noise: that of float32 rounding, so that every threshold stays finite."""
+
+
 @dataclass(frozen=True)
 class HarmonicNoise:
     """Noise of one harmonic's phasor, in units of the modulation amplitude.
@@ -131,6 +135,16 @@ def noise_model(
         integration_length,
         estimated,
     )
+
+
+def most_integration(metadata: CaptureMetadata, /, *, quantised: bool) -> float:
+    """Return the n_av beyond which rounding, of counts where values are `quantised`, is more than all other noise.
+
+    Longer ones are not seen in a frame: where neighbours hold the same counts, it is rounding that makes them do so.
+    """
+    rounding = noise_model(metadata, integration_length=MOST_INTEGRATION, quantised=quantised)
+    averaging = max(2.0 * one.floor * one.pulse**2 for one in rounding.each)
+    return min(0.5 * (1.0 + 1.0 / averaging), MOST_INTEGRATION) if averaging else MOST_INTEGRATION
 
 
 @np.errstate(invalid="ignore", over="ignore")

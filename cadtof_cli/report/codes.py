@@ -89,16 +89,14 @@ def coded_bits(status: NDArray[Any], /) -> tuple[Codes, Scale]:
     return codes, Scale("table", values=tuple(int(value) for value in values))
 
 
-def packed(planes: Sequence[Codes], /) -> bytes:
-    """Return planes of codes as one deflated stream: of each the differences along it, high bytes first, then low bytes."""
+def packed(planes: Sequence[Codes], /) -> str:
+    """Return planes of codes as text that stands in a page: base64 of one deflated stream.
+
+    It holds, of each plane, the differences along it, high bytes first, then low bytes.
+    """
     pieces = []
     for plane in planes:
         flat = plane.reshape(-1)
         differences = np.diff(flat, prepend=np.uint16(0))
         pieces += [(differences >> 8).astype(np.uint8).tobytes(), (differences & 255).astype(np.uint8).tobytes()]
-    return zlib.compress(b"".join(pieces), 6)
-
-
-def as_text(packed_bytes: bytes, /) -> str:
-    """Return bytes as text that stands in a page: base64."""
-    return base64.b64encode(packed_bytes).decode("ascii")
+    return base64.b64encode(zlib.compress(b"".join(pieces), 6)).decode("ascii")

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from cadtof_cli.files.maps import STATUS
 from cadtof_cli.maps.layers import layer_unit
-from cadtof_cli.report.codes import Scale, as_text, coded_bits, coded_values, packed
+from cadtof_cli.report.codes import Scale, coded_bits, coded_values, packed
 
 FIRST_PHASOR = "first phasor"
 TRUTH = "truth"
@@ -54,16 +54,6 @@ class EmbeddedFrame:
         return {"height": self.shape[0], "width": self.shape[1], "step": self.step, "layers": layers}
 
 
-def unit_of(name: str, /) -> str:
-    """Return the unit of a layer in a page."""
-    return "m" if is_depth(name) else layer_unit(name)
-
-
-def is_depth(name: str, /) -> bool:
-    """Tell whether a layer of a page holds depths."""
-    return name in {FIRST_PHASOR, TRUTH} or name.endswith(".depth")
-
-
 def sampled(plane: NDArray[Any], step: int, /) -> NDArray[Any]:
     """Return every step-th pixel of a plane (Y, X) in both directions, the first half a step from the edge."""
     row, column = (min(step // 2, (size - 1) // 2) for size in plane.shape)
@@ -75,12 +65,13 @@ def embedded_frame(planes: Planes, /, *, step: int) -> EmbeddedFrame:
     coded = [_coded(name, sampled(plane, step)) for name, plane in planes.items()]
     shape = next(iter(planes.values())).shape
     layers = tuple(layer for _, layer in coded)
-    return EmbeddedFrame((shape[0], shape[1]), step, layers, as_text(packed([codes for codes, _ in coded])))
+    return EmbeddedFrame((shape[0], shape[1]), step, layers, packed([codes for codes, _ in coded]))
 
 
 def _coded(name: str, plane: NDArray[Any]) -> tuple[NDArray[np.uint16], EmbeddedLayer]:
-    codes, scale = coded_bits(plane) if name == STATUS else coded_values(plane, is_depth=is_depth(name))
-    return codes, EmbeddedLayer(name, unit_of(name), scale)
+    depth = name in {FIRST_PHASOR, TRUTH} or name.endswith(".depth")
+    codes, scale = coded_bits(plane) if name == STATUS else coded_values(plane, is_depth=depth)
+    return codes, EmbeddedLayer(name, "m" if depth else layer_unit(name), scale)
 
 
 @dataclass(frozen=True)

@@ -48,7 +48,13 @@ def _attribute(name: str, value: object) -> str:
 
 
 def table(
-    head: Sequence[str], rows: Iterable[Sequence[object]], /, *, caption: str, numbers: Iterable[int] = ()
+    head: Sequence[str],
+    rows: Iterable[Sequence[object]],
+    /,
+    *,
+    caption: str,
+    numbers: Iterable[int] = (),
+    folded: bool = False,
 ) -> Markup:
     """Return a table that scrolls by itself where it is wider than the page; the first column names the row.
 
@@ -57,6 +63,7 @@ def table(
         rows: texts and markup.
         caption: what the table holds.
         numbers: columns of numbers.
+        folded: whether the caption alone is seen until it is asked for more.
     """
     kinds = ["number" if column in frozenset(numbers) else None for column in range(len(head))]
     titles = (element("th", title, scope="col", class_=kind) for title, kind in zip(head, kinds, strict=True))
@@ -71,4 +78,5 @@ def table(
     body = element("table", element("thead", element("tr", *titles)), element("tbody", *lines), aria_label=caption)
     # outside, so that the caption stays where the table scrolls
     title = element("h3", caption, class_="caption")
-    return joined((title, element("div", body, class_="wide", tabindex=0, role="region", aria_label=caption)))
+    scrolling = element("div", body, class_="wide", tabindex=0, role="region", aria_label=caption)
+    return element("details", element("summary", title), scrolling) if folded else joined((title, scrolling))

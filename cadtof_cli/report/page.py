@@ -10,14 +10,23 @@ from pathlib import Path
 from string import Template
 from typing import Any
 
-from cadtof_cli import __version__
 from cadtof_cli.capture.metadata import Optics
-from cadtof_cli.files.atomic import atomic_write
+from cadtof_cli.files.atomic import write_text
 from cadtof_cli.report.colours import Limits, palette
 from cadtof_cli.report.frames import EmbeddedFrame
 from cadtof_cli.report.markup import EMPTY, Markup, element, joined, printable, text
-from cadtof_cli.report.sections import PageText, embedded_section, failures, frame_list, frame_table, settings, summary
+from cadtof_cli.report.sections import (
+    PageText,
+    embedded_section,
+    failures,
+    frame_list,
+    frame_table,
+    settings,
+    status_words,
+    summary,
+)
 from cadtof_cli.resolver.status import MEANING, bit_words
+from cadtof_cli.version import __version__
 
 SCRIPTS = ("decode.js", "colours.js", "map.js", "scale.js", "profile.js", "cloud.js", "panels.js", "main.js")
 """In the order in which they use each other."""
@@ -83,6 +92,7 @@ def write_page(
         summary=summary(page),
         failures=failures(page),
         strip=frame_list(page),
+        words=status_words(),
         settings=settings(page),
         table=frame_table(page),
         embedded=embedded_section(page, [frame.embedded for frame in frames]),
@@ -91,8 +101,7 @@ def write_page(
         style=style,
         script=script,
     )
-    with atomic_write(path) as temporary:
-        temporary.write_text(markup, encoding="utf-8")
+    write_text(path, markup)
 
 
 def _file(name: str) -> str:
@@ -116,7 +125,12 @@ def _document(
     """Return what the scripts have to know, but for the maps."""
     colours = palette()
     bits = [
-        {"name": bit_words(bit), "value": int(bit), "meaning": meaning, "colour": colours["status"][bit.name]}
+        {
+            "name": bit_words(bit),
+            "value": int(bit),
+            "meaning": meaning.replace("`", ""),
+            "colour": colours["status"][bit.name],
+        }
         for bit, meaning in MEANING.items()
     ]
     return {

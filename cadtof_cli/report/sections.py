@@ -7,9 +7,13 @@ from pathlib import PurePosixPath
 from cadtof_cli.maps.evaluation import ERROR_TITLES, DepthErrors
 from cadtof_cli.report.frames import EmbeddedFrame, EmbeddedLayer
 from cadtof_cli.report.markup import EMPTY, Markup, element, joined, table
+from cadtof_cli.resolver.status import MEANING, bit_words
 from cadtof_cli.units import counted
 
 BAR_WIDTH, BAR_HEIGHT = 1000, 18
+
+_UNFOLDED = 3
+"""Tables of settings that are open: those of a run of one capture, with its calibration."""
 
 
 @dataclass(frozen=True)
@@ -129,8 +133,11 @@ def _thumbnail(frame: FrameLine) -> Markup:
         return element("li", element("div", mark, label, class_="lost", title=frame.reason))
     width, height = frame.size
     picture = element("img", src=frame.thumbnail, width=width, height=height, alt="", loading="lazy", decoding="async")
-    label = element("span", element("bdi", frame.name))
-    return element("li", element("button", picture, label, type="button", data_frame=frame.number, title=frame.name))
+    path = PurePosixPath(frame.name)
+    # frames of several captures are often called alike: the folder has a line of its own
+    lines = ([str(path.parent)] if path.name != frame.name else []) + [path.name]
+    labels = [element("span", element("bdi", line)) for line in lines]
+    return element("li", element("button", picture, *labels, type="button", data_frame=frame.number, title=frame.name))
 
 
 def frame_table(page: PageText, /) -> Markup:
@@ -156,16 +163,26 @@ def _count(frame: FrameLine, kind: str) -> str:
 
 
 def settings(page: PageText, /) -> Markup:
-    """Return the settings of the run, of its captures and of its calibration."""
-    tables = [_setting_table(caption, rows) for caption, rows in page.settings.items()]
+    """Return the settings of the run, of its captures and of its calibration; all but the first folded where there are many."""
+    many = len(page.settings) > _UNFOLDED
+    tables = [
+        _setting_table(caption, rows, folded=many and number > 0)
+        for number, (caption, rows) in enumerate(page.settings.items())
+    ]
     return joined(element("div", one, class_="settings") for one in tables)
 
 
-def _setting_table(caption: str, rows: Sequence[tuple[str, str, str]]) -> Markup:
+def _setting_table(caption: str, rows: Sequence[tuple[str, str, str]], *, folded: bool) -> Markup:
     """Return a table of settings, with the column of where they come from only where that is known."""
     if any(origin for _, _, origin in rows):
-        return table(("setting", "value", "from"), rows, caption=caption)
-    return table(("setting", "value"), [row[:2] for row in rows], caption=caption)
+        return table(("setting", "value", "from"), rows, caption=caption, folded=folded)
+    return table(("setting", "value"), [row[:2] for row in rows], caption=caption, folded=folded)
+
+
+def status_words() -> Markup:
+    """Return what each status bit means."""
+    entries = ((element("dt", bit_words(bit)), element("dd", said.replace("`", ""))) for bit, said in MEANING.items())
+    return joined(piece for entry in entries for piece in entry)
 
 
 def embedded_section(page: PageText, frames: Sequence[EmbeddedFrame], /) -> Markup:

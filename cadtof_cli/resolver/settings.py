@@ -57,7 +57,6 @@ class ResolverSettings:
     seed: int = setting(
         0,
         "Seed of the random starts of --solver lm. A pixel's starts depend on the seed and its position only.",
-        metavar="S",
     )
     false_alarm: float = setting(
         0.01,

@@ -92,9 +92,10 @@ def why_no_answer(status: Status, /) -> str:
 
 def bit_words(bit: StatusBit, /) -> str:
     """Return the name of a bit in words, such as 'diffuse MPI'."""
-    return str(bit.name).lower().replace("_", " ").replace("mpi", "MPI")
+    words = str(bit.name).lower().replace("_", " ")
+    return words.replace("mpi", "MPI").replace("ill ", "ill-")
 
 
 def describe_status(value: int) -> tuple[str, ...]:
-    """Return the names of the bits that are set, such as ('two paths', 'ill conditioned')."""
+    """Return the names of the bits that are set, such as ('two paths', 'ill-conditioned')."""
     return tuple(bit_words(bit) for bit in StatusBit if value & bit)

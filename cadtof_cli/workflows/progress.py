@@ -5,7 +5,9 @@ from dataclasses import replace
 from typing import Protocol, TypeVar
 
 from cadtof_cli.errors import CadtofError
-from cadtof_cli.execution.ordered import WorkerDied, Workers, run_ordered
+from cadtof_cli.execution.ordered import run_ordered
+from cadtof_cli.execution.outcome import WorkerDied
+from cadtof_cli.execution.workers import Workers
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")

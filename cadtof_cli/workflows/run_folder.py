@@ -11,12 +11,12 @@ from typing import Any
 from cadtof_cli.arrays import Float
 from cadtof_cli.capture.discovery import OUTPUT_FILES, find_placed_captures
 from cadtof_cli.capture.frames import Capture, FrameSource, frame_names, single_frames
-from cadtof_cli.capture.metadata import Optics
+from cadtof_cli.capture.metadata import KEYS, Optics, converted
 from cadtof_cli.capture.toml import FILE_NAME as CAPTURE_FILE
-from cadtof_cli.errors import CadtofError, CaptureError, FrameError, SettingsError
+from cadtof_cli.errors import CadtofError, CaptureError, FrameError, MetadataError, SettingsError
 from cadtof_cli.files.formats import MAP_SUFFIXES
-from cadtof_cli.files.maps import read_facts
-from cadtof_cli.files.reading import is_folder, real_path
+from cadtof_cli.files.layers import read_facts
+from cadtof_cli.files.reading import is_folder, read_bytes, real_path
 from cadtof_cli.frame_plan import DEPTH_IN_WORDS, CalibrationUse, DepthKind
 from cadtof_cli.records import dataclass
 from cadtof_cli.workflows.resolve.record import FRAMES_FILE, RUN_FILE, FrameReport, read_record, report_of
@@ -98,11 +98,18 @@ class Run:
         return Optics()
 
     def reports(self) -> tuple[FrameReport, ...]:
-        """Return the lines of `frames.jsonl`, those that can be read; nothing where there is no such file."""
+        """Return the lines of `frames.jsonl`, those that are sound; nothing where there is no such file.
+
+        Raises:
+            CaptureError: it cannot be read.
+        """
+        path = self.folder / FRAMES_FILE
         try:
-            lines = (self.folder / FRAMES_FILE).read_bytes().splitlines()
-        except OSError:
+            lines = read_bytes(path).splitlines()
+        except FileNotFoundError:
             return ()
+        except OSError as error:
+            raise CaptureError(f"{path}: cannot be read: {error.strerror}") from error
         return tuple(report for report in map(report_of, lines) if report is not None)
 
     def map_of(self, report: FrameReport, /) -> Path | None:
@@ -193,7 +200,7 @@ def read_run(maps: Path, /) -> Run:
         return Run(maps, files, folder, require_valid_record(read_record(folder)))
     except OSError as error:
         raise CaptureError(f"{path}: cannot be read: {error.strerror or error}") from error
-    except (ValueError, LookupError, TypeError, AttributeError) as error:
+    except (ValueError, LookupError, TypeError, AttributeError, MetadataError) as error:
         return Run(maps, files, folder, None, f"{path}: not the record of a run ({error})")
 
 
@@ -237,7 +244,7 @@ def require_valid_record(record: Mapping[str, Any]) -> Mapping[str, Any]:
     """Return what a `run.json` holds, after a check of what other commands read from it: it may come from anywhere.
 
     Raises:
-        ValueError, LookupError, TypeError, AttributeError: it is something else.
+        ValueError, LookupError, TypeError, AttributeError, MetadataError: it is something else.
     """
     arguments = record["arguments"]
     if not arguments.keys() >= {"inputs", "overrides"}:
@@ -255,5 +262,5 @@ def require_valid_record(record: Mapping[str, Any]) -> Mapping[str, Any]:
 
 def _optics_of(capture: Mapping[str, Any]) -> Optics:
     known = capture["metadata"]["optics"]
-    point = known["principal_point_px"] and tuple(map(float, known["principal_point_px"]))
-    return Optics(focal_length_px=known["focal_length_px"], principal_point_px=point)
+    names = [name for name in ("focal_length_px", "principal_point_px") if known[name] is not None]
+    return Optics(**{name: converted(KEYS[f"optics.{name}"].kind, known[name]) for name in names})

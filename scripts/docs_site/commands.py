@@ -9,8 +9,7 @@ import click
 from man_pages import contexts
 
 from cadtof_cli.cli import COMMANDS
-from cadtof_cli.commands.help import example_lines
-from cadtof_cli.commands.options import CAPTURE_SECTION, CaptureOption
+from cadtof_cli.commands.help import SectionedCommand, example_lines
 
 
 def write_command_pages(folder: Path, /) -> list[str]:
@@ -50,11 +49,8 @@ def _page(context: click.Context) -> str:
     parts.append(f"```text\n{context.command_path} {' '.join(command.collect_usage_pieces(context))}\n```")
     if isinstance(command, click.Group):
         parts.append(_steps(context, command))
-    options = [param for param in command.params if isinstance(param, click.Option)]
-    own = [option for option in options if not isinstance(option, CaptureOption)]
-    for title, some in (("Options", own), (CAPTURE_SECTION, [one for one in options if one not in own])):
-        if some:
-            parts += [f"## {title}", *_options(context, some)]
+    for title, options in _sections(command).items():
+        parts += [f"## {title}", *_options(context, options)]
     lines = example_lines(command.epilog)
     parts += ["## Example" if len(lines) == 1 else "## Examples", f"```text\n{chr(10).join(lines)}\n```"]
     return "\n\n".join(parts) + "\n"
@@ -68,6 +64,13 @@ def _steps(context: click.Context, group: click.Group) -> str:
         page = f"{context.command_path} {name}".replace(" ", "-")
         rows.append(f"| [`{context.command_path} {name}`]({page}.md) | {_plain(below.get_short_help_str(limit=200))} |")
     return "| step | what it does |\n|---|---|\n" + "\n".join(rows)
+
+
+def _sections(command: click.Command) -> dict[str, list[click.Option]]:
+    if isinstance(command, SectionedCommand):
+        return command.sections(command.params)
+    options = [param for param in command.params if isinstance(param, click.Option)]
+    return {"Options": options} if options else {}
 
 
 def _options(context: click.Context, options: list[click.Option]) -> Iterator[str]:

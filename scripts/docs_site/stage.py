@@ -29,7 +29,7 @@ CHAPTERS = {
         "python",
         "shells",
     ),
-    "Understand": ("physics", "simulation", "paper/README", "architecture"),
+    "Understand": ("physics", "simulation", "paper/README", "speed", "architecture"),
     "Limits": ("limits/README", "limits/separation", "limits/false_alarm", "limits/motion", "limits/stages"),
 }
 """Chapters of the site with their pages; a page of docs that is in none stands under “More”."""

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from cadtof_cli.execution.ordered import Workers
+from cadtof_cli.execution.workers import Workers
 from cadtof_cli.figures.pixel_evolution import plot_histogram, plot_phase, plot_voltages
 from cadtof_cli.files.documents import write_rows
 from cadtof_cli.simulation.pixel.averaging import Averaging

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
 
-from cadtof_cli.execution.ordered import Workers
+from cadtof_cli.execution.workers import Workers
 from cadtof_cli.figures.pixel_evolution import DIRECT_COLOUR, MPI_COLOUR, plot_histogram
 from cadtof_cli.figures.sweep_maps import draw_path_maps
 from cadtof_cli.files.documents import write_rows

@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 
 from cadtof_cli.arrays import Float
 from cadtof_cli.capture.metadata import CaptureMetadata, Pixel
-from cadtof_cli.execution.ordered import Workers
+from cadtof_cli.execution.workers import Workers
 from cadtof_cli.files.documents import write_rows
 from cadtof_cli.frame_plan import FramePlan, MapSettings
 from cadtof_cli.maps.layers import DIRECT_DEPTH

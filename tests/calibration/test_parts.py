@@ -13,13 +13,13 @@ import pytest
 
 from cadtof_cli.calibration.apply import frame_correction
 from cadtof_cli.calibration.dark import DarkCalibration
-from cadtof_cli.calibration.parts import Origin, plane_names, stacked
+from cadtof_cli.calibration.parts import Origin, named_planes, stacked
 from cadtof_cli.calibration.petzval import PetzvalCalibration, PetzvalQuality, WallFit
 from cadtof_cli.calibration.response import ResponseCalibration
 from cadtof_cli.calibration.store import Calibration, cached_calibration, digest_of, load_calibration, save_part
 from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Voltage
 from cadtof_cli.errors import MetadataError, OutputError, SettingsError
-from cadtof_cli.files.maps import read_layers
+from cadtof_cli.files.layers import read_layers
 from cadtof_cli.phasors.response import HarmonicResponse
 from tests.support.calibrations import PETZVAL_QUALITY, RESPONSE_QUALITY
 
@@ -72,12 +72,14 @@ def test_an_origin_of_one_frame_of_one_pixel_can_be() -> None:
 
 
 def test_planes_are_named_and_stacked_in_order() -> None:
-    assert plane_names("phase", (1, 2)) == ["phase.H1", "phase.H2"]
-    assert plane_names("offset", (1, 3), 2) == ["offset.H1.SC1", "offset.H1.SC2", "offset.H3.SC1", "offset.H3.SC2"]
-    maps = {"a": np.ones(SHAPE), "b": np.full(SHAPE, 2.0)}
-    np.testing.assert_array_equal(stacked(maps, ["b", "a"])[:, 0, 0], [2.0, 1.0])
-    with pytest.raises(MetadataError, match="no map named c, found a, b"):
-        stacked(maps, ["a", "c"])
+    planes = np.arange(24.0).reshape(2, 2, 2, 3)
+    assert list(named_planes("phase", planes[0], (1, 2))) == ["phase.H1", "phase.H2"]
+    maps = named_planes("offset", planes, (1, 3), 2)
+    assert list(maps) == ["offset.H1.SC1", "offset.H1.SC2", "offset.H3.SC1", "offset.H3.SC2"]
+    np.testing.assert_array_equal(maps["offset.H3.SC1"], planes[1, 0])
+    np.testing.assert_array_equal(stacked(dict(reversed(maps.items())), "offset", (1, 3), 2), planes.reshape(4, 2, 3))
+    with pytest.raises(MetadataError, match=r"no map named b.H2, found b.H1"):
+        stacked({"b.H1": planes[0, 0]}, "b", (1, 2))
 
 
 def test_maps_of_a_part_cannot_be_changed() -> None:

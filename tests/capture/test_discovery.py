@@ -7,7 +7,7 @@ import pytest
 
 from cadtof_cli.capture.discovery import find_captures
 from cadtof_cli.capture.frames import Capture, FrameSource, open_frames
-from cadtof_cli.errors import CaptureError, FrameError, MetadataError
+from cadtof_cli.errors import CaptureError, FrameError
 from tests.files.forms import known_frame, planes_of, tiff
 
 PATTERN = "{frame}_h{harmonic}_sc{channel}.tif"
@@ -126,12 +126,6 @@ def test_empty_folder_says_what_it_holds(names: tuple[str, ...], found: str, tmp
     )
 
 
-def test_input_that_does_not_exist(tmp_path: Path) -> None:
-    assert _message(tmp_path / "nowhere") == (
-        f"{tmp_path / 'nowhere'}: no such file or folder; expected a capture folder or a frame"
-    )
-
-
 def test_no_permission_to_list(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def refuse(_: Path) -> None:
         raise PermissionError(13, "Permission denied")
@@ -143,13 +137,6 @@ def test_no_permission_to_list(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
 def test_two_frames_of_one_name(tmp_path: Path) -> None:
     _touch(tmp_path, "frame.exr", "frame.tif")
     assert "frame.exr and frame.tif would both be written as frame" in _message(tmp_path)
-
-
-def test_metadata_that_is_wrong(tmp_path: Path) -> None:
-    _touch(tmp_path, "frame.tif")
-    (tmp_path / "capture.toml").write_text("[layout]\npattern = 'plane.tif'\n")
-    with pytest.raises(MetadataError, match=r"layout\.pattern: found 'plane\.tif', expected a file name with"):
-        find_captures([tmp_path])
 
 
 def _planes(folder: Path, harmonics: tuple[int, ...], frames: tuple[str, ...] = ("a_2", "a_10")) -> None:

@@ -1,7 +1,6 @@
 """What is wrong with a capture is told with what was found, what was expected and where, and costs only what it must."""
 
 import json
-import shutil
 from collections.abc import Callable
 from pathlib import Path
 
@@ -202,18 +201,6 @@ def test_one_bad_frame_of_many_fails_alone(
     assert f"wrong: {bad}" in told_by_info.err
 
 
-def test_a_channel_that_is_missing_is_named(tmp_path: Path) -> None:
-    capture = record(tmp_path / "capture", form="exr")
-    planes = dict(zip(PLANE_NAMES, _planes(capture.files[0]).astype(np.float32), strict=True))
-    for missing in PLANE_NAMES:
-        write_exr(capture.files[0], {name: plane for name, plane in planes.items() if name != missing})
-        done = cadtof("resolve", capture.folder, "-o", tmp_path / "out", "-j", 1, "--overwrite")
-        assert done.status == 1
-        (complaint,) = (line for line in done.err.splitlines() if line.startswith("failed: "))
-        assert complaint.startswith(f"failed: {capture.files[0]}: ")
-        assert missing in complaint
-
-
 def test_a_frame_of_saturated_pixels_has_no_answer(tmp_path: Path) -> None:
     capture = record(tmp_path / "capture", frames=2)
     write_pages(capture.files[0], np.full((4, 24, 32), 16383, np.uint16))
@@ -270,15 +257,6 @@ def test_files_that_may_not_be_read(tmp_path: Path) -> None:
         capture.folder.chmod(0o755)
     told = f"Error: {capture.folder}: no permission to list this folder; expected one that can be read\n"
     assert (done.status, done.out, done.err) == (2, "", told)
-
-
-def test_two_frames_of_one_name(tmp_path: Path) -> None:
-    a, b = record(tmp_path / "a"), record(tmp_path / "b", seed=1)
-    shutil.copy(b.files[0], a.folder / "frame_0.tiff")
-    done = cadtof("resolve", a.folder, "-o", tmp_path / "out", "-j", 1)
-    assert done.status == 2
-    assert "frame_0.tif and frame_0.tiff would both be written as frame_0" in done.err
-    assert not (tmp_path / "out").exists()
 
 
 def test_names_that_are_no_text(tmp_path: Path) -> None:

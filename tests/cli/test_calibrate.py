@@ -1,6 +1,7 @@
 """`cadtof calibrate` and `resolve --calibration`: what a user sees when something does not fit."""
 
 import json
+import shutil
 import tomllib
 from pathlib import Path
 
@@ -99,47 +100,28 @@ def test_resolve_applies_says_and_records_the_calibration(campaign: Campaign, ca
     assert record["digest"]
 
 
-def test_a_calibration_of_another_array_is_refused(calibrated: Path, tmp_path: Path) -> None:
-    other = camera(pixels=(24, 32))
-    frames = write(tmp_path / "other", other, card(other, count=1, seed=3))
-    done = cadtof("resolve", frames, "-o", tmp_path / "maps", "--calibration", calibrated)
-    assert done.status == 2
-    assert "does not belong" in done.err
-    assert "32 × 24 pixels" in done.err
-    assert "80 × 60 pixels" in done.err
-    assert not (tmp_path / "maps" / "run.json").exists()
-
-
-def test_a_calibration_of_another_waveform_is_refused(campaign: Campaign, calibrated: Path, tmp_path: Path) -> None:
-    frames = write(tmp_path / "card", campaign.seen, card(campaign.seen, count=1, seed=3))
-    done = cadtof("resolve", frames, "-o", tmp_path / "m", "--calibration", calibrated, "--waveform", "triangle")
-    assert done.status == 2
-    assert "waveform" in done.err
-
-
-@pytest.mark.parametrize(("part", "damage"), [("dark.toml", "[what"), ("petzval.toml", "k2_m = 'much'")])
-def test_a_damaged_folder_is_named(
-    campaign: Campaign, calibrated: Path, tmp_path: Path, part: str, damage: str
+def test_what_does_not_fit_is_refused_before_anything_is_written(
+    campaign: Campaign, calibrated: Path, tmp_path: Path
 ) -> None:
-    broken = tmp_path / "broken"
-    broken.mkdir()
-    for path in calibrated.iterdir():
-        (broken / path.name).write_bytes(path.read_bytes())
-    (broken / part).write_text(damage)
     frames = write(tmp_path / "card", campaign.seen, card(campaign.seen, count=1, seed=3))
-    done = cadtof("resolve", frames, "-o", tmp_path / "m", "--calibration", broken)
-    assert done.status == 2
-    assert part in done.err
-    assert "Traceback" not in done.err
-
-
-def test_no_folder_and_no_part_are_said(campaign: Campaign, tmp_path: Path) -> None:
-    frames = write(tmp_path / "card", campaign.seen, card(campaign.seen, count=1, seed=3))
+    other = camera(pixels=(24, 32))
+    small = write(tmp_path / "other", other, card(other, count=1, seed=3))
     (tmp_path / "empty").mkdir()
-    for folder in ("nowhere", "empty"):
-        done = cadtof("resolve", frames, "-o", tmp_path / "m", "--calibration", tmp_path / folder)
-        assert done.status == 2
-        assert folder in done.err
+    for part, damage in (("dark.toml", "[what"), ("petzval.toml", "k2_m = 'much'")):
+        shutil.copytree(calibrated, tmp_path / part)
+        (tmp_path / part / part).write_text(damage)
+    for folder, capture, told in (
+        (calibrated, (small,), "does not belong to this capture: size is 32 × 24 pixels there and 80 × 60 pixels"),
+        (calibrated, (frames, "--waveform", "triangle"), "waveform is triangle there and sine in the calibration"),
+        (tmp_path / "dark.toml", (frames,), "dark.toml: not valid TOML"),
+        (tmp_path / "petzval.toml", (frames,), "petzval.toml: not a petzval calibration"),
+        (tmp_path / "nowhere", (frames,), "nowhere: no such folder"),
+        (tmp_path / "empty", (frames,), "empty: no calibration in it"),
+    ):
+        done = cadtof("resolve", *capture, "-o", tmp_path / "maps", "--calibration", folder)
+        assert (done.status, done.out) == (2, "")
+        assert told in done.err
+    assert not (tmp_path / "maps").exists()
 
 
 def test_a_response_needs_to_know_the_distance(campaign: Campaign, tmp_path: Path) -> None:

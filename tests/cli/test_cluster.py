@@ -248,8 +248,7 @@ def test_another_version_on_a_worker_is_named(capture: Path, tmp_path: Path) -> 
     require_dask()
     package = tmp_path / "other" / "cadtof_cli"
     shutil.copytree(ROOT / "cadtof_cli", package, ignore=shutil.ignore_patterns("__pycache__"))
-    with (package / "__init__.py").open("a") as about:
-        about.write('\n__version__ = "0.0.1"\n')
+    (package / "version.py").write_text('__version__ = "0.0.1"\n')
     with local_cluster(tmp_path / "cluster", workers=1) as cluster:
         cluster.add_workers(python_path=package.parent)
         arguments = ("resolve", "room", "-o", tmp_path / "out", "--scheduler", cluster.address)

@@ -12,7 +12,7 @@ import tifffile
 
 from cadtof_cli.capture.planes import layout_of_names
 from tests.support.captures import layers_of, record
-from tests.support.run_cadtof import ENVIRONMENT, PROGRAM, cadtof
+from tests.support.run_cadtof import ENVIRONMENT, PROGRAM
 from tests.support.shell import shell
 from tests.support.terminal import on_terminal
 
@@ -133,29 +133,6 @@ def test_a_log_holds_what_is_said(here: Path) -> None:
     assert "failed: cap/frame_1.tif" in lines[1]
     assert "resolved 2 of 3 frames" in lines[2]
     assert "ended by CaptureError: gone: no such file" in lines[-1]
-
-
-@pytest.mark.parametrize(
-    ("suffix", "magic"), [("png", b"\x89PNG"), ("jpg", b"\xff\xd8\xff"), ("pdf", b"%PDF"), ("svg", b"<?xml")]
-)
-def test_pictures_of_the_kind_that_was_asked_for(suffix: str, magic: bytes, here: Path) -> None:
-    assert shell("cadtof resolve cap -o out -j 1", here).status == 0
-    done = cadtof("preview", here / "out", "-o", here / f"a.{suffix}")
-    assert done.status == 0, done.err
-    before = (here / f"a.{suffix}").read_bytes()
-    assert before.startswith(magic)
-    done = cadtof("preview", here / "out", "-o", here / f"a.{suffix}")
-    assert done.status != 0
-    assert "already exists; add --overwrite" in done.err
-    assert (here / f"a.{suffix}").read_bytes() == before
-    assert cadtof("preview", here / "out", "-o", here / f"a.{suffix}", "--overwrite").status == 0
-
-
-def test_a_picture_of_another_kind_is_refused(here: Path) -> None:
-    assert shell("cadtof resolve cap -o out -j 1", here).status == 0
-    done = shell("cadtof preview out -o a.bmp", here)
-    assert done.status != 0
-    assert "found the suffix '.bmp', expected one of .png, .pdf, .svg, .jpg" in done.err
 
 
 def test_evaluated_and_drawn_from_anywhere_and_after_a_move(here: Path) -> None:

@@ -28,6 +28,36 @@ def test_a_command_has_help(words: str) -> None:
         assert option.opts[0] in done.out
 
 
+@pytest.mark.parametrize(
+    ("words", "option", "heading"),
+    [
+        ("resolve", "--recursive", "Options"),
+        ("resolve", "--calibration", "Resolving options"),
+        ("resolve", "--pool", "Resolving options"),
+        ("resolve", "--scheduler", "Worker options"),
+        ("resolve", "--fwhm-ns", "Capture options (each overrides a key of capture.toml)"),
+        ("calibrate dark", "--raw-shape", "Capture options (each overrides a key of capture.toml)"),
+        ("inspect", "--roi", None),
+        ("inspect", "--depth", "Resolving options"),
+        ("simulate", "--periods-ns", "Options"),
+        ("simulate", "--direct", "Options without --scene"),
+        ("simulate", "--order", "Resolving without --scene"),
+        ("simulate", "--albedo", "Options with --scene"),
+        ("sweep", "--runs", "Options"),
+        ("sweep", "--jitter-ns", "Pixel options"),
+        ("sweep", "--wrapped", "Resolving options"),
+    ],
+)
+def test_an_option_stands_under_its_heading(words: str, option: str, heading: str | None) -> None:
+    sections = re.split(r"^(\S.*):\n", cadtof(*words.split(), "--help").out, flags=re.MULTILINE)
+    found = [
+        title
+        for title, text in zip(sections[1::2], sections[2::2], strict=True)
+        if re.search(rf"^  (-\w, )?{option}\b", text, re.MULTILINE)
+    ]
+    assert found == ([] if heading is None else [heading])
+
+
 @pytest.mark.parametrize("words", every_command())
 def test_a_default_is_told_once(words: str) -> None:
     context = click.Context(every_command()[words], info_name=words)
@@ -57,7 +87,7 @@ def test_what_differs_from_scene_to_scene_has_a_default_for_each() -> None:
             assert told[1] == ("random" if default is None else f"{default:g}")
 
 
-def test_the_program_lists_itsevery_command() -> None:
+def test_the_program_lists_its_commands() -> None:
     done = cadtof("--help")
     assert (done.status, done.err) == (0, "")
     listed = re.findall(r"^  (\w+) +\S.*$", done.out.partition("Commands:")[2], re.MULTILINE)
@@ -68,11 +98,6 @@ def test_the_program_lists_itsevery_command() -> None:
 @pytest.mark.parametrize("name", COMMANDS)
 def test_the_readme_knows_the_command(name: str) -> None:
     assert f"cadtof {name}" in (ROOT / "README.md").read_text(encoding="utf-8")
-
-
-def test_every_module_of_commands_is_a_command_or_serves_them() -> None:
-    modules = {path.stem for path in (ROOT / "cadtof_cli" / "commands").glob("*.py")} - {"__init__"}
-    assert set(COMMANDS) <= modules
 
 
 def test_a_command_that_does_not_exist() -> None:
@@ -95,3 +120,21 @@ def test_an_option_that_is_mistyped() -> None:
     done = cadtof("resolve", "somewhere", "-o", "out", "--recusive")
     assert done.status == 2
     assert "--recursive" in done.err
+
+
+@pytest.mark.parametrize(
+    ("words", "line"),
+    [
+        ("resolve", "--periods-ns, --periods NS,NS…"),
+        ("resolve", "--waveform sine|triangle"),
+        ("resolve", "--saturated-counts LOW,HIGH"),
+        ("info", "--principal-point-px, --principal-point X,Y"),
+        ("info", "--lamp-offset-m, --lamp-offset M,M,M"),
+        ("simulate", "--lamp-offset-m, --lamp-offset M,M,M"),
+        ("simulate", "--petzval-m, --petzval M,M"),
+        ("sweep", "--offsets-v, --offsets V,V"),
+        ("report", "--focal-length-px, --focal-length PX"),
+    ],
+)
+def test_what_stands_for_a_value_is_its_unit_as_often_as_it_is_asked_for(words: str, line: str) -> None:
+    assert re.search(rf"^  {re.escape(line)}( |$)", cadtof(words, "--help").out, re.MULTILINE)

@@ -1,6 +1,7 @@
 """`cadtof info`: what captures and maps hold, where values came from, and what is wrong."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -8,6 +9,9 @@ import numpy as np
 import pytest
 import tifffile
 
+from cadtof_cli.calibration.store import save_part
+from cadtof_cli.capture.metadata import CaptureMetadata
+from tests.support.calibrations import made_up_calibration
 from tests.support.captures import PLANE_NAMES, Form, layers_of, record, write_exr, write_pages
 from tests.support.forward import AMPLITUDE_V, C_M_PER_NS, step_frame, step_truth
 from tests.support.run_cadtof import cadtof
@@ -157,3 +161,21 @@ def test_damaged_maps_and_records(tmp_path: Path) -> None:
     record_told, map_told = done.err.splitlines()
     assert record_told.startswith(f"wrong: {out / 'run.json'}: not the record of a run (")
     assert map_told.startswith(f"wrong: {out / 'frame_1.tif'}: damaged or truncated TIFF")
+
+
+def test_a_calibration_has_a_line_for_each_value_and_each_finding(tmp_path: Path) -> None:
+    folder, findings = tmp_path / "camera", ("one, and more", "another")
+    response = made_up_calibration(CaptureMetadata(), (24, 32), ("response",)).response
+    assert response is not None
+    save_part(folder, replace(response, quality=replace(response.quality, findings=findings)))
+    done = cadtof("info", folder)
+    assert (done.status, done.err) == (0, "")
+    head, *lines = done.out.splitlines()
+    assert head == str(folder)
+    # names end two columns or more before what stands beside them, however long they are
+    column = lines[0].index("digest")
+    assert all(line[column - 2 : column] == "  " and line[column] != " " for line in lines)
+    assert "response.quality.phase_stderr_rad" in [line[:column].strip() for line in lines]
+    first = next(place for place, line in enumerate(lines) if "response.quality.findings" in line)
+    assert tuple(line[column:] for line in lines[first : first + 2]) == findings
+    assert not lines[first + 1][:column].strip()

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 import tifffile
 
-from cadtof_cli.files.maps import write_layers
+from cadtof_cli.files.layers import write_layers
 from tests.support.captures import TOML, layers_of, record, write_frame
 from tests.support.forward import step_frame
 from tests.support.needed import needed_program

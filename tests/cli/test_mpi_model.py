@@ -38,7 +38,7 @@ def test_a_corner_s_mpi_is_taken_for_diffuse_and_counted(tmp_path: Path) -> None
     assert run["arguments"]["mpi_model"] == "auto"
     assert (run["totals"]["diffuse"], run["totals"]["diffuse_frames"]) == (status.size, 1)
     assert run["status_bits"]["DIFFUSE_MPI"] == DIFFUSE
-    assert "100.0% of pixels have diffuse MPI" in done.err
+    assert "pixels: 100.0% diffuse MPI, 0.0% two paths, 0.0% one path, 0.0% no answer;" in done.err
     discrete, _ = maps_of("corner", tmp_path / "discrete", "--mpi-model", "discrete")
     assert median_error_cm("corner", layers) < median_error_cm("corner", discrete)
     for name in ("direct.depth", "mpi.depth", "direct.amplitude", "mpi.amplitude", "direct.sigma", "mpi.sigma"):

@@ -75,6 +75,7 @@ REFUSED: list[tuple[str, tuple[str, ...]]] = [
             "export out -o new.npz",
         ),
     ),
+    ("out/frames.jsonl", ("report out -o new.html",)),
 ]
 
 

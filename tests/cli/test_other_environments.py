@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from cadtof_cli.cli import COMMANDS
-from cadtof_cli.execution.ordered import START_METHODS
+from cadtof_cli.execution.workers import START_METHODS
 from tests.support.captures import record
 from tests.support.run_cadtof import ENVIRONMENT, PROGRAM, Finished
 

@@ -255,14 +255,3 @@ def test_a_disk_that_is_read_only(small_disk: Path, tmp_path: Path) -> None:
     done = cadtof("resolve", capture.folder, "-o", out, "-j", 1)
     _refused(done, f"{out}: expected a folder that can be written into: Read-only file system")
     assert not out.exists()
-
-
-def test_a_reader_that_goes_away_is_no_error(tmp_path: Path) -> None:
-    capture = record(tmp_path / "capture", frames=40)
-    for jobs in (1, 2):
-        out = tmp_path / f"out{jobs}"
-        shell = f'"$@" --json -j {jobs} | head -n 1'
-        done = program("resolve", capture.folder, "-o", out, "-q", before=("bash", "-c", shell, "bash"))
-        assert (done.status, done.err) == (0, "")
-        assert json.loads(done.out)["source"] == str(capture.files[0])
-        assert not list(out.glob(".*"))

@@ -163,14 +163,25 @@ def _overlap(box: BboxBase, other: BboxBase) -> bool:
     return bool(min(box.x1, other.x1) - max(box.x0, other.x0) > 1 and min(box.y1, other.y1) - max(box.y0, other.y0) > 1)
 
 
-@pytest.mark.parametrize("command", ["preview of maps", "compare", "profile", "inspect"])
-def test_nothing_is_replaced_and_only_pictures_are_written(command: str, place: Path, tmp_path: Path) -> None:
-    there = tmp_path / "a.svg"
+@pytest.mark.parametrize(
+    ("command", "kind", "magic"),
+    [
+        ("preview of maps", "svg", b"<?xml"),
+        ("preview of maps", "jpg", b"\xff\xd8\xff"),
+        ("compare", "jpeg", b"\xff\xd8\xff"),
+        ("profile", "pdf", b"%PDF"),
+        ("inspect", "png", b"\x89PNG"),
+    ],
+)
+def test_nothing_is_replaced_and_only_pictures_are_written(
+    command: str, kind: str, magic: bytes, place: Path, tmp_path: Path
+) -> None:
+    there = tmp_path / f"a.{kind}"
     there.write_text("mine")
     done = cadtof(*_typed(place, command), "-o", there)
     assert (done.status, "already exists; add --overwrite" in done.err) == (2, True)
     assert there.read_text() == "mine"
     assert cadtof(*_typed(place, command), "-o", there, "--overwrite").status == 0
-    assert there.read_text(encoding="utf-8").startswith("<?xml")
+    assert there.read_bytes().startswith(magic)
     done = cadtof(*_typed(place, command), "-o", tmp_path / "a.bmp")
     assert (done.status, "found the suffix '.bmp', expected one of .png" in done.err) == (2, True)

@@ -96,6 +96,20 @@ def test_planar_truth_for_planar_maps(runs: tuple[Path, Path], tmp_path: Path) -
     assert (done.status, "resolve all with the same --depth" in done.err) == (2, True)
 
 
+def test_maps_of_other_pixels_are_not_drawn_together(runs: tuple[Path, Path], tmp_path: Path) -> None:
+    """They have one size, and nothing in the picture would tell that they show different parts of a frame."""
+    capture = runs[0].parent / "capture"
+    for roi in ("0,0,16,12", "16,12,32,24"):
+        assert cadtof("resolve", capture, "-o", tmp_path / roi, "-j", 1, "-q", "--roi", roi).status == 0
+    done = cadtof("profile", tmp_path / "0,0,16,12", tmp_path / "16,12,32,24", "--row", 1)
+    assert (done.status, done.out) == (2, "")
+    assert "0,0,16,12 shows pixels 0,0,16,12 and " in done.err
+    assert "16,12,32,24: resolve both with the same --roi" in done.err
+    for roi, status in (("0,0,32,24", 0), ("1,1,32,24", 2)):
+        assert cadtof("resolve", capture, "-o", tmp_path / roi, "-j", 1, "-q", "--roi", roi).status == 0
+        assert cadtof("profile", runs[0], tmp_path / roi, "--row", 1).status == status
+
+
 def test_what_cannot_be_drawn(runs: tuple[Path, Path], tmp_path: Path) -> None:
     write_exr(tmp_path / "small.exr", {"direct.depth": np.ones((3, 4), np.float32)})
     for arguments, told in (

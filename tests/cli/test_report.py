@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from cadtof_cli.resolver.status import MEANING, bit_words
 from tests.support.captures import record, write_exr
 from tests.support.forward import step_truth
 from tests.support.run_cadtof import ROOT, cadtof
@@ -85,6 +86,28 @@ def test_a_page_says_what_the_run_says(tmp_path: Path) -> None:
             f"{errors['median_cm']:.2f}{errors['p90_cm']:.2f}{errors['rmse_cm']:.2f}{errors['bias_cm']:.2f}"
             in page.text
         )
+
+
+def test_frames_of_several_captures_are_told_apart_and_their_settings_folded(tmp_path: Path) -> None:
+    names = ("friday", "monday", "tuesday")
+    for name in names:
+        record(tmp_path / "week" / name)
+    assert cadtof("resolve", "-r", tmp_path / "week", "-o", tmp_path / "out", "-j", 1, "-q").status == 0
+    _page(tmp_path / "out")
+    source = (tmp_path / "page.html").read_text(encoding="utf-8")
+    strip, settings = (source.partition(f'id="{part}"')[2].partition("</section>")[0] for part in ("strip", "settings"))
+    strip = strip.partition("</ol>")[0]
+    assert re.findall("<bdi>(.*?)</bdi>", strip) == [line for name in names for line in (name, "frame_0")]
+    assert re.findall("<summary><h3[^>]*>Capture (\\d): ", settings) == ["1", "2", "3"]
+    # what nobody has set has no line
+    assert "modulation.periods_ns" in settings
+    assert "layout.pattern" not in settings
+
+
+def test_the_words_on_a_page_are_explained_on_it(tmp_path: Path) -> None:
+    said = _page(_run(tmp_path)).text.partition("Status bits: what became of a pixel")[2]
+    for bit, meaning in MEANING.items():
+        assert f"{bit_words(bit)}{meaning.replace('`', '')}" in said
 
 
 def test_the_policy_lets_its_own_script_run_and_nothing_else(tmp_path: Path) -> None:

@@ -337,3 +337,25 @@ def test_a_name_with_nul_on_stdin(tmp_path: Path) -> None:
     done = program("resolve", "-", "-o", tmp_path / "out", stdin=f"{capture.files[0]}\0x\n")
     assert done.status == 2
     assert "unexpected" not in done.err
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("principal_point_px", [1.0]),
+        ("principal_point_px", [1, 2, 3]),
+        ("principal_point_px", "16,12"),
+        ("principal_point_px", [float("inf"), 0]),
+        ("focal_length_px", [28]),
+        ("focal_length_px", -28),
+    ],
+)
+def test_optics_of_a_record_that_no_camera_has(key: str, value: object, tmp_path: Path) -> None:
+    capture, out = record(tmp_path / "A"), tmp_path / "out"
+    assert _resolve(capture.folder, "-o", out, "--focal-length", 28).status == 0
+    run = json.loads((out / "run.json").read_text())
+    run["captures"][0]["metadata"]["optics"][key] = value
+    (out / "run.json").write_text(json.dumps(run))
+    done = cadtof("export", out, "-o", tmp_path / "out.ply")
+    assert (done.status, "its optics are unknown" in done.err) == (2, True)
+    assert cadtof("export", out, "-o", tmp_path / "out.ply", "--focal-length", 28).status == 0

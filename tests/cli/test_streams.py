@@ -21,11 +21,13 @@ def _shell(script: str, *arguments: object) -> Finished:
 
 @pytest.mark.parametrize("jobs", [1, 2])
 def test_a_reader_that_goes_away_ends_us_like_any_program(jobs: int, tmp_path: Path) -> None:
-    capture = record(tmp_path / "capture", frames=40)
+    capture, out = record(tmp_path / "capture", frames=40), tmp_path / "out"
     script = '"$@" | (read -r line; echo "$line"); exit ${PIPESTATUS[0]}'
-    done = _shell(script, "resolve", capture.folder, "-o", tmp_path / "out", "-j", jobs, "-q", "--json")
+    done = _shell(script, "resolve", capture.folder, "-o", out, "-j", jobs, "-q", "--json")
     assert (done.status, done.err) == (141, "")
-    assert json.loads(done.out)["status"] == "ok"
+    first = json.loads(done.out)
+    assert (first["status"], first["source"]) == ("ok", str(capture.files[0]))
+    assert not list(out.glob(".*"))
 
 
 @pytest.mark.parametrize("arguments", [("--help",), ("resolve", "--help"), ("info", "{capture}"), ("--version",)])
@@ -71,6 +73,16 @@ def test_a_folder_that_is_gone_from_under_us(tmp_path: Path) -> None:
     told = "Error: the folder that cadtof was started in is gone; go into one that is there\n"
     assert (done.status, done.err) == (2, told)
     assert _shell(f"cd {tmp_path}; {script}", "--version").status == 0
+
+
+@pytest.mark.parametrize("most", range(6, 13, 2))
+def test_that_no_more_files_may_be_open_is_said(most: int, tmp_path: Path) -> None:
+    capture = record(tmp_path / "capture", frames=2).folder
+    done = _shell(f'ulimit -n {most}; "$@"', "resolve", capture, "-o", tmp_path / "out", "-j", 2)
+    assert done.status in {1, 2}
+    assert "Too many open files" in done.err
+    assert "standard output" not in done.err
+    assert "unexpected" not in done.err
 
 
 @pytest.mark.parametrize("place", ["2>&-", "2>/dev/full"])

@@ -1,12 +1,15 @@
 """Progress is drawn where a person looks, on a terminal, and nowhere else."""
 
+import os
+import pty
 import re
+import subprocess
 from pathlib import Path
 
 import pytest
 
 from tests.support.captures import record
-from tests.support.run_cadtof import program
+from tests.support.run_cadtof import ENVIRONMENT, PROGRAM, program
 from tests.support.terminal import on_terminal
 
 
@@ -42,6 +45,21 @@ def test_a_terminal_that_cannot_move_its_cursor_gets_lines(tmp_path: Path) -> No
     _, shown = on_terminal("resolve", capture.folder, "-o", tmp_path / "out", TERM="dumb")
     assert "\x1b" not in shown
     assert "resolved 4 of 4" in shown
+
+
+def test_a_terminal_that_goes_away_hinders_nobody(tmp_path: Path) -> None:
+    """As where its window is closed and the command was told to stay: `disown`, `setsid`."""
+    ours, theirs = pty.openpty()
+    words = ("simulate", "--scene", "corner", "--width", 64, "--height", 48, "--frames", 30, "-o", tmp_path / "out")
+    command = [*PROGRAM, *map(str, words)]
+    process = subprocess.Popen(command, env={**ENVIRONMENT, "TERM": "xterm"}, stdout=subprocess.DEVNULL, stderr=theirs)
+    os.close(theirs)
+    shown = b""
+    while "━".encode() not in shown:
+        shown += os.read(ours, 4096)
+    os.close(ours)
+    assert process.wait(60) == 0
+    assert len(list((tmp_path / "out").glob("frame_*"))) == 30
 
 
 def test_an_error_at_the_beginning_leaves_no_bar(tmp_path: Path) -> None:

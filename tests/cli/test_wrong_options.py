@@ -1,5 +1,6 @@
 """Options that change nothing beside the others are told, and values that nothing can be done with are refused."""
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -43,6 +44,12 @@ WITHOUT_EFFECT = [
     ("preview MAPS -o a.png --fps 5", "--fps: found with .png"),
     ("preview MAPS -o a.png --layer status --range 0,1", "--range: found with --layer status"),
     ("profile MAPS --row 1 --layer mpi.depth --first-phasor", "--first-phasor: found with --layer mpi.depth"),
+    ("profile MAPS --row 1 --overwrite", "--overwrite: found without -o"),
+    ("inspect CAPTURE --pixel 1,1 --overwrite", "--overwrite: found without -o"),
+    ("compare MAPS MAPS --overwrite", "--overwrite: found without -o"),
+    ("evaluate MAPS --truth MAPS/frame_0.tif --overwrite", "--overwrite: found without --csv and --over-time"),
+    ("info MAPS --periods-ns 40,20", "--periods: found without a capture as INPUT"),
+    ("info MAPS --settings CAPTURE/capture.toml", "--settings: found without a capture as INPUT"),
     ("simulate --f1-hz 5", "--f1: found with --stages dc"),
     ("simulate --cycles 10", "--cycles: found without --photons"),
     ("sweep --asr 5 --mpi 0 --runs 2 --photons-per-cycle 10", "--photons-per-cycle: found without --photons"),
@@ -53,7 +60,7 @@ WITHOUT_EFFECT = [
 
 def _run(line: str, capture: Path, maps: Path) -> tuple[int, str, str]:
     words = {"CAPTURE": str(capture), "MAPS": str(maps)}
-    arguments = [words.get(word, word) for word in line.split()]
+    arguments = [re.sub("CAPTURE|MAPS", lambda one: words[one[0]], word) for word in line.split()]
     if arguments[0] == "resolve":
         arguments += ["-o", "new_maps"]
     done = cadtof(*arguments)
@@ -86,7 +93,19 @@ def test_info_writes_no_file_but_settings(capture: Path, tmp_path: Path) -> None
     assert not list(tmp_path.iterdir())
 
 
+def test_info_writes_settings_of_captures_alone(maps: Path) -> None:
+    done = cadtof("info", maps, "--write-settings")
+    assert done.status == 2
+    assert "--write-settings: found 0 captures, expected one to write the settings of" in done.err
+
+
 IMPOSSIBLE = [
+    ("resolve CAPTURE --channel A,B", "--channel: layout.channel: found ('A', 'B'), expected layout.pattern beside it"),
+    ("resolve CAPTURE --harmonic a=1,b=2", "--harmonic: layout.harmonic: found"),
+    (
+        "info CAPTURE --raw-offset-bytes 4",
+        "--raw-offset-bytes: layout.raw_offset_bytes: found 4, expected layout.raw_dtype",
+    ),
     ("resolve CAPTURE --pool 257", "--pool: found 257, expected an odd number of pixels such as 3 or 5, at most 255"),
     (f"resolve CAPTURE --average {10**20}", "--average: found 100000000000000000000, expected 1 to 1000000 frames"),
     ("resolve CAPTURE --frame-timeout inf", "--frame-timeout: found inf, expected seconds above 0, at most 1e+08"),

@@ -171,11 +171,3 @@ def test_maps_in_place_of_frames(recorded: Path, tmp_path: Path) -> None:
     done = cadtof("resolve", tmp_path / "maps", "-o", tmp_path / "again", "--jobs", "1")
     assert done.status == 1
     assert f"skipped: {tmp_path / 'maps' / 'frame_0.tif'}: holds maps (direct.depth," in done.err
-
-
-def test_one_that_is_no_frame_among_frames(recorded: Path, tmp_path: Path) -> None:
-    write_exr(recorded.parent / "picture.exr", {name: np.zeros((24, 32), "f4") for name in "RGB"})
-    done = cadtof("resolve", recorded.parent, "-o", tmp_path / "maps", "--jobs", "1")
-    assert done.status == 0
-    assert "skipped: " in done.err
-    assert "a colour picture" in done.err

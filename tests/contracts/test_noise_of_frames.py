@@ -46,6 +46,21 @@ def test_whole_numbers_are_noisier_by_their_rounding_and_sigma_says_so() -> None
     assert np.median(sigmas) > 1.4 * np.median(exact.maps.layer("direct.sigma"))
 
 
+def test_where_rounding_hides_all_noise_and_nobody_gave_the_length_sigma_is_that_of_rounding() -> None:
+    """Neighbours hold the same counts and differ by nothing, which would make it a ten thousandth of the error."""
+    count_v = 0.01
+    metadata = CaptureMetadata(voltage=Voltage(zero_counts=200.0, volts_per_count=count_v))
+    plan = FramePlan(metadata=metadata, settings=MapSettings(resolver=ResolverSettings(order="1")))
+    errors, sigmas = [], []
+    for delay in np.linspace(4.0, 16.0, 60):
+        left, right = (recorded_v(Light(2.0, direct_ns=each), n_av=1e6) for each in (delay, 20.0))
+        volts = np.concatenate([left[..., :25], right[..., 25:]], axis=-1)
+        maps = resolve_frame(np.rint(volts / count_v + 200.0).astype(np.uint16), plan=plan).maps
+        errors.append((maps.layer("direct.depth") - depth_m(delay))[:, :25])
+        sigmas.append(maps.layer("direct.sigma")[:, :25])
+    assert np.median(sigmas) == pytest.approx(float(np.sqrt(np.mean(np.square(errors)))), rel=0.3)
+
+
 @pytest.mark.parametrize("waveform", ["sine", "triangle"])
 @pytest.mark.parametrize("order", ["auto", "1", "2"])
 def test_a_mean_of_frames_is_resolved_as_a_frame_of_as_many_times_the_length(waveform: Waveform, order: str) -> None:
@@ -91,6 +106,14 @@ def test_an_unknown_noise_is_that_of_one_frame_however_many_are_averaged() -> No
     assert resolved.noise.integration_length == pytest.approx(1e4, rel=0.1)
     scatter = (resolved.maps.layer("direct.depth") - depth_m(5.0)).std()
     assert np.median(resolved.maps.layer("direct.sigma")) == pytest.approx(scatter, rel=0.1)
+
+
+def test_frames_of_noise_alone_have_some_integration_length_however_many_are_averaged() -> None:
+    """Nothing is averaged in what no pixel recorded: an n_av of 1, whose ninth is none."""
+    volts = np.random.default_rng(1).normal(0.0, AMPLITUDE_V, (2, 2, *SHAPE))
+    plan = FramePlan(metadata=CaptureMetadata(), settings=MapSettings(average=9))
+    resolved = resolve_frame(FrameMean(volts, np.full(SHAPE, 9.0), volts.dtype), plan=plan)
+    assert 0.5 < resolved.noise.integration_length < 1.0
 
 
 def test_the_one_path_of_a_frame_of_two_is_the_most_likely_one() -> None:

@@ -10,9 +10,10 @@ from pathlib import Path
 
 import pytest
 
-from cadtof_cli.execution.ordered import ALONE, START_METHODS, StartMethod, WorkerDied, Workers, run_ordered
-from cadtof_cli.execution.outcome import HELD_AT_ONCE, LATER_AT_ONCE, Later, Work, finishing
+from cadtof_cli.execution.ordered import run_ordered
+from cadtof_cli.execution.outcome import HELD_AT_ONCE, LATER_AT_ONCE, Later, Work, WorkerDied, finishing
 from cadtof_cli.execution.pool import TASKS_PER_WORKER
+from cadtof_cli.execution.workers import ALONE, START_METHODS, StartMethod, Workers
 
 pytestmark = pytest.mark.filterwarnings("ignore:This process.*is multi-threaded, use of fork:DeprecationWarning")
 

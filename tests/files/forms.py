@@ -1,6 +1,6 @@
 """Every form in which a frame may be recorded, written from an array that the test made."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -102,13 +102,30 @@ def exr(**header: Any) -> Writer:
     return write
 
 
-def exr_at(left: int, top: int) -> Writer:
-    """Return a writer of an EXR file whose data window does not begin at the origin."""
+def exr_at(left: int, top: int, *, cropped: bool = False) -> Writer:
+    """Return a writer of an EXR file whose data window does not begin at the origin, where its picture may begin all the same."""
 
     def write(path: Path, frame: Stored) -> FrameSource:
         high = (left + frame.shape[3] - 1, top + frame.shape[2] - 1)
         window = (np.array((left, top), np.int32), np.array(high, np.int32))
-        return exr(dataWindow=window, displayWindow=window)(path, frame)
+        shown = (np.zeros(2, np.int32), window[1]) if cropped else window
+        return exr(dataWindow=window, displayWindow=shown)(path, frame)
+
+    return write
+
+
+def exr_planes(names: Sequence[str]) -> Writer:
+    """Return a writer of an EXR file with a part for each plane, of these names and in their order, whose one channel is Y."""
+
+    def write(path: Path, frame: Stored) -> FrameSource:
+        file = path.with_suffix(".exr")
+        channels = channels_of(frame)
+        parts = [
+            OpenEXR.Part({"type": OpenEXR.scanlineimage}, {"Y": channels[name.upper().replace("_", ".")]}, name)
+            for name in names
+        ]
+        OpenEXR.File(parts, num_threads=0).write(str(file))
+        return FrameSource(path.name, (file,))
 
     return write
 
@@ -197,8 +214,10 @@ EXR_FORMS = [
     Form("pxr24-half", exr(compression=OpenEXR.PXR24_COMPRESSION), "f2"),
     Form("tiled", exr(type=OpenEXR.tiledimage, tiles=OpenEXR.TileDescription()), "f4"),
     Form("offset-window", exr_at(-7, 11), "f4"),
+    Form("cropped", exr_at(7, 11, cropped=True), "f4"),
     Form("parts", exr_parts({"H1": ("SC1", "SC2"), "h2": ("sc1", "sc2")}), "f4"),
     Form("parts-full-names", exr_parts({"a": ("H1.SC1", "H1.SC2"), "b": ("H2.SC1", "H2.SC2")}), "f2"),
+    Form("parts-of-a-plane", exr_planes(("H2.SC2", "H1.SC1", "h2_sc1", "H1.SC2")), "f4"),
     Form("parts-counted", exr_parts({"first": ("SC1", "SC2"), "second": ("SC1", "SC2")}), "u4"),
 ]
 

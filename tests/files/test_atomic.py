@@ -10,7 +10,15 @@ from pathlib import Path
 import pytest
 
 from cadtof_cli.errors import OutputError, PlaceError
-from cadtof_cli.files.atomic import PartialFile, atomic_write, make_folder, new_folder, remove_partial_files, write_json
+from cadtof_cli.files.atomic import (
+    PartialFile,
+    atomic_write,
+    make_folder,
+    new_folder,
+    remove_partial_files,
+    write_json,
+    write_text,
+)
 from cadtof_cli.files.system import codes_of_the_system
 from tests.support.needed import needed_module
 
@@ -91,6 +99,13 @@ def test_only_partial_files_with_the_token_are_removed(tmp_path: Path) -> None:
     assert sorted(path.name for path in tmp_path.iterdir()) == sorted(names[1:])
     remove_partial_files(tmp_path, token="*")
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a.one.partial", "a.tif"]
+
+
+def test_a_text_keeps_its_line_ends_and_replaces_what_was_there(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text("longer than what comes")
+    write_text(tmp_path / "a.csv", "µ\n1\r\n")
+    assert (tmp_path / "a.csv").read_bytes() == b"\xc2\xb5\n1\r\n"
+    assert [path.name for path in tmp_path.iterdir()] == ["a.csv"]
 
 
 def test_json_can_be_read_back(tmp_path: Path) -> None:

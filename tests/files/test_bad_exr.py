@@ -1,14 +1,21 @@
 """An EXR file that is no frame, or a damaged one, says what was found in it and what was expected."""
 
+import contextlib
+import os
+import sys
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
 import OpenEXR
 import pytest
 
+from cadtof_cli.errors import FrameError
+from cadtof_cli.files.exr import read_parts
 from cadtof_cli.files.frames import NotAFrameError
 from tests.files.forms import channels_of, known_frame
 from tests.files.refusals import message, write_exr
+from tests.support.needed import needed_module
 
 
 def test_maps_in_an_exr_are_not_a_frame(tmp_path: Path) -> None:
@@ -17,11 +24,12 @@ def test_maps_in_an_exr_are_not_a_frame(tmp_path: Path) -> None:
     assert told.startswith(f"{path}: holds the channels direct.depth, expected voltages H1.SC1, H1.SC2")
 
 
-def test_exr_that_lacks_a_harmonic_or_channel(tmp_path: Path) -> None:
+@pytest.mark.parametrize("missing", ["H1.SC1", "H1.SC2", "H2.SC1", "H2.SC2"])
+def test_exr_that_lacks_a_harmonic_or_channel(missing: str, tmp_path: Path) -> None:
     channels = channels_of(known_frame("f4"))
-    del channels["H2.SC1"]
+    del channels[missing]
     told = message(write_exr(tmp_path / "frame.exr", channels))
-    assert "no channel H2.SC1; found H1.SC1, H1.SC2, H2.SC2, expected H1.SC1, H1.SC2, H2.SC1, H2.SC2" in told
+    assert f"no channel {missing}; found {', '.join(channels)}, expected H1.SC1, H1.SC2, H2.SC1, H2.SC2" in told
 
 
 def test_exr_with_the_wrong_number_of_parts(tmp_path: Path) -> None:
@@ -56,6 +64,50 @@ def test_exr_parts_that_show_different_pixels(tmp_path: Path) -> None:
     ]
     OpenEXR.File(parts, num_threads=0).write(str(path))
     assert "SC1 of part 'H2' begins at pixel 2, 3 (its data window), expected 1, 3 as SC1" in message(path)
+
+
+@pytest.fixture
+def few_files() -> Iterator[Callable[[], list[int]]]:
+    """Few files may be open; what is handed over opens as many as may be, and returns their descriptors."""
+    resource = needed_module("resource")
+    limits, held = resource.getrlimit(resource.RLIMIT_NOFILE), list[int]()
+
+    def taken() -> list[int]:
+        with contextlib.suppress(OSError):
+            while True:
+                held.append(os.dup(0))
+        return held
+
+    resource.setrlimit(resource.RLIMIT_NOFILE, (min(4096, limits[0]), limits[1]))
+    yield taken
+    resource.setrlimit(resource.RLIMIT_NOFILE, limits)
+    for descriptor in held:
+        os.close(descriptor)
+
+
+@pytest.mark.parametrize("spare", range(8))
+def test_that_no_more_files_may_be_open_is_no_damage(
+    spare: int, few_files: Callable[[], list[int]], tmp_path: Path
+) -> None:
+    path = write_exr(tmp_path / "frame.exr", channels_of(known_frame("f4")))
+    held = few_files()
+    for descriptor in (held.pop() for _ in range(spare)):
+        os.close(descriptor)
+    before, told = len(held), None
+    try:
+        read_parts(path)
+    except FrameError as error:
+        told = str(error)
+    assert len(few_files()) - before == spare
+    assert told in {None, f"{path}: cannot be read: Too many open files"}
+    assert told or spare > 2
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="the system has no file that cannot be read")
+def test_a_disk_that_fails_is_no_damage() -> None:
+    # nothing lies at the first address of a process's memory: reading there fails as on a disk
+    with pytest.raises(FrameError, match="/proc/self/mem: cannot be read: Input/output error"):
+        read_parts(Path("/proc/self/mem"))
 
 
 def test_a_tile_larger_than_any_file(tmp_path: Path) -> None:

@@ -14,6 +14,7 @@ import tifffile
 from cadtof_cli.capture.frames import open_frames
 from cadtof_cli.errors import FrameError
 from cadtof_cli.files.frames import FrameLayout, NotAFrameError
+from cadtof_cli.files.reading import in_brief
 from tests.files.forms import known_frame, plane_files, planes_of, tiff
 from tests.files.refusals import LAYOUT, message, message_of, write_exr, write_pages
 
@@ -131,6 +132,43 @@ def test_tiff_whose_pixels_come_last_and_end_early(tmp_path: Path) -> None:
     assert f"truncated TIFF: 4 pages reach to byte {size:,}, found a file of {size - 1:,} bytes" in message(path)
 
 
+def test_a_width_that_is_no_whole_number(tmp_path: Path) -> None:
+    samples = np.moveaxis(planes_of(known_frame("u2")), 0, -1)
+    path = write_pages(tmp_path / "frame.tif", samples, planarconfig="contig", compression="zlib")
+    with tifffile.TiffFile(path) as tiff:
+        width = tiff.pages.first.tags[256].offset
+    content = bytearray(path.read_bytes())
+    # its type, its count and its value
+    struct.pack_into("<HIf", content, width + 2, 11, 1, 5e-39)
+    path.write_bytes(content)
+    assert "damaged TIFF: 'float' object cannot be interpreted as an integer" in message(path)
+
+
+def test_what_a_decoder_prints_is_damage(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    path = write_pages(tmp_path / "frame.tif", planes_of(known_frame("u2")), compression="jpegxr")
+    with tifffile.TiffFile(path) as tiff:
+        (begin, *_) = tiff.pages.first.dataoffsets
+    content = bytearray(path.read_bytes())
+    # its fifth tag, of a resolution that nobody needs, is one that the library does not know
+    (tags,) = struct.unpack_from("<I", content, begin + 4)
+    struct.pack_into("<H", content, begin + tags + 2 + 4 * 12, 1)
+    path.write_bytes(content)
+    assert "damaged TIFF: Unrecognized WMPTag: 1(0x1)" in message(path)
+    assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize(
+    ("remarks", "told"),
+    [
+        (["no strip", "no strip"], "no strip"),
+        (["no strip", "no tile", "no tag"], "no strip (and 2 remarks more)"),
+        ([KeyError("x" * 10_000)], f"'{'x' * 299} …"),
+    ],
+)
+def test_a_message_is_short_however_much_a_library_says(remarks: list[object], told: str) -> None:
+    assert in_brief(remarks) == told
+
+
 def test_pages_in_a_circle(tmp_path: Path) -> None:
     path = write_pages(tmp_path / "frame.tif", np.zeros((4, 5, 7), "u2"))
     with tifffile.TiffFile(path) as file:
@@ -187,12 +225,6 @@ def test_what_tifffile_only_remarks_is_damage_here(tmp_path: Path, caplog: pytes
     assert caplog.records == []
     logging.getLogger("tifffile").error("to another user of tifffile")
     assert caplog.messages == ["to another user of tifffile"]
-
-
-def test_a_plane_that_is_missing(tmp_path: Path) -> None:
-    source = plane_files(".tif")(tmp_path / "frame", known_frame("u2"))
-    source.paths[3].unlink()
-    assert message_of(source) == f"{source.paths[3]}: no such file, expected H2.SC2 of frame frame there"
 
 
 def test_a_plane_of_another_size(tmp_path: Path) -> None:

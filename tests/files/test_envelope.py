@@ -14,9 +14,11 @@ from numpy.typing import NDArray
 from cadtof_cli.capture.frames import FrameSource, open_frames
 from cadtof_cli.errors import FrameError
 from cadtof_cli.files.frames import FrameLayout
-from cadtof_cli.files.maps import DepthMaps, MapHeader, read_layers, write_maps
+from cadtof_cli.files.layers import read_layers
+from cadtof_cli.files.maps import DepthMaps, MapHeader
 from cadtof_cli.files.system import BLOCK_BYTES
 from cadtof_cli.files.tiff import layers
+from tests.support.captures import write_maps
 
 LAYOUT = FrameLayout(harmonics=(1, 2))
 

@@ -10,7 +10,7 @@ import OpenEXR
 import pytest
 import tifffile
 
-from cadtof_cli.errors import FrameError, OutputError
+from cadtof_cli.errors import OutputError
 from cadtof_cli.files.formats import (
     FORMATS,
     FRAME_FORMATS,
@@ -23,8 +23,10 @@ from cadtof_cli.files.formats import (
     map_format,
 )
 from cadtof_cli.files.frames import FrameLayout
-from cadtof_cli.files.maps import DepthMaps, read_layers, write_layers, write_maps
+from cadtof_cli.files.layers import read_layers, write_layers
+from cadtof_cli.files.maps import DepthMaps
 from tests.files.forms import known_frame
+from tests.support.captures import write_maps
 
 LAYOUT = FrameLayout((1, 2))
 
@@ -120,12 +122,6 @@ def test_layers_are_written_without_loss_unless_told_otherwise(tmp_path: Path) -
 def test_layers_into_a_folder_that_is_not_there(tmp_path: Path) -> None:
     with pytest.raises(OutputError, match=r"gone/a\.exr: cannot be written: "):
         write_layers(tmp_path / "gone/a.exr", {"a": np.zeros((2, 3), np.float32)})
-
-
-def test_a_tiff_without_names_has_no_layers(tmp_path: Path) -> None:
-    tifffile.imwrite(tmp_path / "a.tif", np.zeros((2, 5, 7), "f4"), photometric="minisblack")
-    with pytest.raises(FrameError, match="found 2 pages, expected an OME-TIFF of maps with a name for each"):
-        read_layers(tmp_path / "a.tif")
 
 
 @pytest.mark.parametrize(

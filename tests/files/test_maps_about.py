@@ -8,7 +8,7 @@ import OpenEXR
 import pytest
 import tifffile
 
-from cadtof_cli import __version__
+from cadtof_cli.version import __version__
 from tests.conftest import Tool
 from tests.support.captures import layers_of, record
 from tests.support.run_cadtof import cadtof

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 import tifffile
 
-from cadtof_cli.files.maps import MapHeader, read_layers
+from cadtof_cli.files.layers import read_layers
+from cadtof_cli.files.maps import MapHeader
 from cadtof_cli.files.tiff.layers import ome_xml
 from cadtof_cli.files.tiff.names import channel_names
 from tests.files.refusals import message

@@ -9,9 +9,11 @@ import pytest
 import tifffile
 from numpy.typing import NDArray
 
-from cadtof_cli.files.maps import DepthMaps, read_layers, write_maps
+from cadtof_cli.files.layers import read_layers
+from cadtof_cli.files.maps import DepthMaps
 from cadtof_cli.maps.layers import wanted_layers
 from tests.conftest import Tool
+from tests.support.captures import write_maps
 
 NAMES = (
     *("direct.depth", "mpi.depth", "direct.amplitude", "mpi.amplitude", "direct.sigma", "mpi.sigma"),

@@ -217,7 +217,7 @@ def test_what_not_every_system_has_is_asked_for_in_one_place() -> None:
         if re.search(POSIX_ALONE, re.sub(r'"""[\s\S]*?"""|#.*', "", path.read_text()))
     }
     # signals are not files; a worker's death with its parent is Linux's
-    assert asking == {"files/system.py", "execution/workers.py", "cli.py"}
+    assert asking == {"files/system.py", "execution/starting.py", "cli.py"}
 
 
 _IMPORT_ALL = """

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from cadtof_cli.capture.metadata import CaptureMetadata, Pixel, Pulse, Voltage
+from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Pixel, Pulse, Voltage, Waveform
 from cadtof_cli.files.maps import DepthMaps
 from cadtof_cli.frame_plan import FramePlan, MapSettings
 from cadtof_cli.phasors.frame_mean import FrameMean
@@ -98,6 +98,32 @@ def test_light_without_any_ambient_is_possible(light: Mixture, n_av: float, orde
     metadata = recorded((1, 2), n_av=n_av)
     maps = resolved(voltages(light, n_av=n_av, rows=50), metadata=metadata, order=order, mpi_model="discrete")
     assert not (maps.status & StatusBit.IMPOSSIBLE).any()
+
+
+@pytest.mark.parametrize("order", ["auto", "1", "2"])
+def test_a_triangle_that_is_sampled_near_its_peaks_is_possible(order: str) -> None:
+    """All light comes at one instant, but for a tenth of ambient light: there the fundamental is 8/π² of what is recorded."""
+    metadata = CaptureMetadata(
+        modulation=Modulation(waveform="triangle"), pixel=Pixel(integration_length=1e5), pulse=Pulse(fwhm_ns=0.0)
+    )
+    turns = np.linspace(0.0, 1.0, 5 * WIDTH, endpoint=False)
+    first = np.abs(np.mod(np.outer((1.0, 2.0), turns), 1.0) - 0.5) * 4.0 - 1.0
+    second = np.abs(np.mod(np.outer((1.0, 2.0), turns) - 0.25, 1.0) - 0.5) * 4.0 - 1.0
+    stored = AMPLITUDE_V / 1.1 * np.stack((first, second), axis=1).reshape(2, 2, 5, WIDTH)
+    maps = resolved(stored, metadata=metadata, order=order, mpi_model="discrete")
+    assert np.isfinite(maps.layer("direct.depth")).all()
+    assert maps.layer("confidence").max() > 1.05 * AMPLITUDE_V
+    assert_impossible(resolved(2.0 * stored, metadata=metadata, order=order, mpi_model="discrete"))
+
+
+@pytest.mark.parametrize("waveform", ["sine", "triangle"])
+def test_a_value_beyond_single_precision_costs_its_own_pixel_and_warns_of_nothing(waveform: Waveform) -> None:
+    """Where MPI may be diffuse, the frame is looked at before any pixel is resolved."""
+    stored = voltages(TWO)
+    stored[0, 1, 2, 3] = 1e300
+    metadata = CaptureMetadata(modulation=Modulation(waveform=waveform), pixel=Pixel(integration_length=1e5))
+    maps = resolved(stored, metadata=metadata)
+    assert np.argwhere(np.isnan(maps.layer("direct.depth"))).tolist() == [[2, 3]]
 
 
 def test_means_may_exceed_the_modulation_by_less() -> None:

@@ -68,8 +68,8 @@ def test_the_typical_noise_is_that_of_one_frame(frames: int) -> None:
 
 
 def test_one_frame_has_no_noise_to_tell() -> None:
-    mean = mean_of(np.ones((1, *SHAPE)))
-    np.testing.assert_array_equal(mean.frame_noise(), [0.0, 0.0])
+    mean = mean_of(np.ones((1, 3, *SHAPE[1:])))
+    np.testing.assert_array_equal(mean.frame_noise(), [0.0, 0.0, 0.0])
     np.testing.assert_array_equal(mean.variance, 0.0)
 
 

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from numpy.typing import NDArray
 
-from cadtof_cli.report.codes import Codes, Scale, as_text, coded_bits, coded_values, packed
+from cadtof_cli.report.codes import Codes, Scale, coded_bits, coded_values, packed
 
 PLANES = arrays(
     np.float32,
@@ -77,7 +77,7 @@ def test_more_bits_than_codes_are_refused() -> None:
 
 @given(arrays(np.uint16, (2, 4, 6)))
 def test_packed_planes_come_back(planes: Codes) -> None:
-    data = zlib.decompress(base64.b64decode(as_text(packed(list(planes)))))
+    data = zlib.decompress(base64.b64decode(packed(list(planes))))
     assert len(data) == 2 * planes.size
     for number, plane in enumerate(planes):
         high, low = (np.frombuffer(data, np.uint8, 24, 48 * number + start).astype(np.uint16) for start in (0, 24))

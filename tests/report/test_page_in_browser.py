@@ -72,37 +72,43 @@ def shown(browser: Browser, written: tuple[Path, tuple[Layers, ...]]) -> Shown:
     return Shown(page, browser, frames)
 
 
-def _readout(browser: Browser) -> dict[str, str]:
+def _pixel_said(browser: Browser) -> dict[str, float | str]:
+    """What the page says of a pixel, by the title of each row; but for the first phasor, which no file holds."""
     rows = browser.run(
         "return [...document.querySelectorAll('#readout tbody tr')].map(row => [...row.cells].map(one => one.textContent))"
     )
-    return dict(rows)
+    said = {name: text if name == "status" else _number(text) for name, text in rows if "first phasor" not in name}
+    return {"pixel": browser.find("#readout-title").text, **said}
 
 
-def _number(shown: str) -> tuple[float, float]:
-    """A value as it is shown, and half of its last digit, in m or V."""
-    if shown == "no answer":
-        return np.nan, 0.0
-    digits, unit = shown.replace("−", "-").split(" ")
-    scale = 1e-3 if unit in {"mm", "mV"} else 1.0
-    behind = len(digits.partition(".")[2])
-    return float(digits) * scale, 0.5 * 10.0**-behind * scale
+def _number(text: str) -> float:
+    """A value as it is shown, in m or V."""
+    if text == "no answer":
+        return np.nan
+    digits, unit = text.replace("−", "-").split(" ")
+    return float(digits) * (1e-3 if unit in {"mm", "mV"} else 1.0)
 
 
-def _require_pixel(shown: Shown, frame: int, x: int, y: int) -> None:
-    """Make sure that the readout holds the values of the file at a pixel, within the rounding."""
-    assert shown.browser.find("#readout-title").text == f"Pixel {x}, {y}"
-    readout = _readout(shown.browser)
-    layers = shown.frames[frame]
-    assert set(layers) <= set(readout)
-    for name, plane in layers.items():
-        if name != "status":
-            found, digit = _number(readout[name])
-            np.testing.assert_allclose(found, plane[y, x], rtol=0, atol=digit + 1.5 * shown.loss(name), err_msg=name)
-    assert readout["status"] == {8: "one path", 16: "two paths"}[int(layers["status"][y, x])]
-    error, digit = _number(readout["error"])
-    wanted = layers["direct.depth"][y, x] - step_truth()[y, x]
-    assert error == pytest.approx(wanted, abs=digit + 1.5 * shown.loss("direct.depth") + 1e-6)
+def _pixel_held(shown: Shown, frame: int, x: int, y: int) -> dict[str, Any]:
+    """What the files hold of it, as far as steps of each layer can, and five digits of m, V, mm or mV, four behind the point."""
+    layers, truth = dict(shown.frames[frame]), step_truth()
+    status = {8: "one path", 16: "two paths"}[int(layers.pop("status")[y, x])]
+    values = {name: float(plane[y, x]) for name, plane in layers.items()} | {"truth": truth[y, x]}
+    values["error"] = values["direct.depth"] - values["truth"]
+    losses = {name: shown.loss(name) for name in layers} | {"truth": 1e-6, "error": shown.loss("direct.depth") + 1e-6}
+    digits = {name: 5e-5 * max(abs(value), 1.0 if abs(value) > 0.09 else 1e-3) for name, value in values.items()}
+    held = {
+        name: pytest.approx(value, rel=0, abs=1.5 * losses[name] + digits[name], nan_ok=True)
+        for name, value in values.items()
+    }
+    return {"pixel": f"Pixel {x}, {y}", **held, "status": status}
+
+
+def _show_layer(browser: Browser, name: str) -> None:
+    browser.run(
+        "const one = document.querySelector('#layer'); one.value = arguments[0]; one.dispatchEvent(new Event('change'))",
+        name,
+    )
 
 
 def _place(x: int, y: int) -> tuple[float, float]:
@@ -157,23 +163,23 @@ def test_scripts_and_markup_from_elsewhere_are_refused(shown: Shown) -> None:
 def test_pointing_at_a_pixel_shows_the_values_of_the_file(shown: Shown) -> None:
     for x, y in ((0, 0), (31, 23), (3, 20), (20, 5)):
         shown.browser.point("#map", _place(x, y))
-        _require_pixel(shown, 0, x, y)
+        assert _pixel_said(shown.browser) == _pixel_held(shown, 0, x, y)
 
 
 def test_keys_move_the_pixel_and_change_the_frame(shown: Shown) -> None:
     shown.browser.point("#map", _place(10, 10))
     shown.browser.press("#map", "ARROW_RIGHT", "ARROW_RIGHT", "ARROW_UP")
-    _require_pixel(shown, 0, 12, 9)
+    assert _pixel_said(shown.browser) == _pixel_held(shown, 0, 12, 9)
     assert "Column 12, row 9: direct.depth" in shown.browser.find("#said").get_attribute("textContent")
     shown.browser.press("#map", "ENTER", "ARROW_DOWN", "ARROW_DOWN", "ENTER", "ARROW_UP", "ARROW_UP")
     assert shown.browser.find("#profile-title").text == "Profile from pixel 12, 9 to 12, 11"
     shown.browser.press("#map", "PAGE_DOWN")
     shown.browser.wait("return document.querySelector('#frame-name').textContent.includes('frame_1')")
-    _require_pixel(shown, 1, 12, 9)
+    assert _pixel_said(shown.browser) == _pixel_held(shown, 1, 12, 9)
     shown.browser.press("#strip li:first-child button", "END")
     shown.browser.driver.switch_to.active_element.send_keys("\n")
     shown.browser.wait("return document.querySelector('#frame-name').textContent.includes('frame_3')")
-    _require_pixel(shown, 2, 12, 9)
+    assert _pixel_said(shown.browser) == _pixel_held(shown, 2, 12, 9)
 
 
 def test_a_dragged_line_is_a_profile_of_the_file(shown: Shown) -> None:
@@ -197,9 +203,6 @@ def test_a_dragged_line_is_a_profile_of_the_file(shown: Shown) -> None:
 
 def test_layers_switch_and_share_colours_where_they_are_compared(shown: Shown) -> None:
     browser = shown.browser
-    chosen = (
-        "const one = document.querySelector('#layer'); one.value = arguments[0]; one.dispatchEvent(new Event('change'))"
-    )
     names = [option.text for option in browser.all("#layer option")]
     assert names == [
         *(name for name in shown.frames[0] if name != "status"),
@@ -210,7 +213,7 @@ def test_layers_switch_and_share_colours_where_they_are_compared(shown: Shown) -
     ]
     pictures, ends = {}, {}
     for name in names:
-        browser.run(chosen, name)
+        _show_layer(browser, name)
         pictures[name] = _canvas(browser)
         ends[name] = browser.find("#low-text").text, browser.find("#high-text").text
     assert ends["direct.depth"] == ends["first phasor"] == ends["truth"] != ends["confidence"]
@@ -226,13 +229,10 @@ def test_layers_switch_and_share_colours_where_they_are_compared(shown: Shown) -
 def test_the_slider_lays_the_first_phasor_over_the_left(shown: Shown) -> None:
     browser = shown.browser
     resolved = _canvas(browser)
-    chosen = (
-        "const one = document.querySelector('#layer'); one.value = arguments[0]; one.dispatchEvent(new Event('change'))"
-    )
-    browser.run(chosen, "first phasor")
+    _show_layer(browser, "first phasor")
     phasor = _canvas(browser)
     assert (resolved[:10, 16:] != phasor[:10, 16:]).any()
-    browser.run(chosen, "direct.depth")
+    _show_layer(browser, "direct.depth")
     browser.click("#compare")
     browser.press("#split", *["ARROW_RIGHT"] * 25)
     both = _canvas(browser)
@@ -257,6 +257,8 @@ def test_the_ends_of_the_colours_can_be_dragged_and_typed(shown: Shown) -> None:
     assert (_canvas(browser) != before).any()
     browser.press("#scale-low", "ARROW_RIGHT")
     assert browser.run(ends)[0] > low
+    browser.click("#scale-fit")
+    assert browser.run(ends) == pytest.approx(np.quantile(layers[0], (0.005, 0.995)), abs=2e-3)
     browser.click("#scale-reset")
     assert browser.run(ends) == [low, high]
     np.testing.assert_array_equal(_canvas(browser), before)
@@ -302,7 +304,7 @@ def test_it_fits_any_screen_in_light_and_dark(shown: Shown, width: int, dark: bo
     lightness = sum(map(int, background.strip("rgb()").split(","))) / 3
     assert lightness < 60 if dark else lightness > 200
     browser.point("#map", _place(20, 5))
-    _require_pixel(shown, 0, 20, 5)
+    assert _pixel_said(shown.browser) == _pixel_held(shown, 0, 20, 5)
     assert browser.picture("#map").shape[1] <= width
 
 
@@ -364,8 +366,7 @@ def test_a_frame_of_which_every_other_pixel_is_held(
     assert told.endswith("of 640 × 480 pixels.")
     browser.point("#map", (0.3, 0.7))
     x, y = map(int, browser.find("#readout-title").text.removeprefix("Pixel ").split(", "))
-    found, digit = _number(_readout(browser)["direct.depth"])
-    assert found == pytest.approx(layers["direct.depth"][y, x], abs=digit + 1e-4)
+    assert _pixel_said(browser)["direct.depth"] == pytest.approx(layers["direct.depth"][y, x], abs=1.5e-4)
     assert abs(x / 640 - 0.3) < 0.02
     assert abs(y / 480 - 0.7) < 0.02
     assert json.loads(browser.run("return document.querySelector('#run').textContent"))["truth"] == []

@@ -242,6 +242,6 @@ def test_impossible_settings_are_refused(options: dict[str, Any], words: str) ->
 def test_the_registry_of_status_bits_is_whole() -> None:
     assert set(MEANING) == set(StatusBit)
     assert all(bit & (bit - 1) == 0 for bit in StatusBit)
-    assert describe_status(StatusBit.TWO_PATHS | StatusBit.ILL_CONDITIONED) == ("two paths", "ill conditioned")
+    assert describe_status(StatusBit.TWO_PATHS | StatusBit.ILL_CONDITIONED) == ("two paths", "ill-conditioned")
     counts = count_status(np.array([8, 16, 48, 1, 4], np.uint32))
     assert (counts.one_path, counts.two_paths, counts.invalid) == (1, 2, 2)

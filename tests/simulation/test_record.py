@@ -11,7 +11,7 @@ import tifffile
 from cadtof_cli.capture.metadata import CaptureMetadata, Pixel
 from cadtof_cli.capture.toml import load_metadata
 from cadtof_cli.errors import OutputError, SettingsError
-from cadtof_cli.execution.ordered import Workers
+from cadtof_cli.execution.workers import Workers
 from cadtof_cli.simulation.scene.camera import Camera
 from cadtof_cli.simulation.scene.exposure import Exposure
 from cadtof_cli.simulation.scene.light import Scene

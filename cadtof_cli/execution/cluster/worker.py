@@ -12,8 +12,8 @@ from functools import cache
 from pathlib import Path
 from typing import Generic, TypeVar
 
-import cadtof_cli
 from cadtof_cli.execution.outcome import Work, finishing
+from cadtof_cli.version import __version__
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
@@ -75,7 +75,7 @@ def surroundings(folder: Path, probe: Path | None, /) -> Surroundings:
         seen = hashlib.sha256((folder / probe).read_bytes()).hexdigest() if probe else None
     except OSError:
         seen = None
-    return Surroundings(platform.python_version(), cadtof_cli.__version__, _code(), seen)
+    return Surroundings(platform.python_version(), __version__, _code(), seen)
 
 
 def run_batch(function: Work[Task, Result], tasks: Sequence[Task], folder: Path, /) -> BatchResult[Result]:
@@ -112,7 +112,7 @@ def wait_until_idle() -> None:
 @cache
 def _code() -> str:
     """Return a short digest of the package's source."""
-    package = Path(cadtof_cli.__file__).parent
+    package = Path(__file__).parents[2]
     digest = hashlib.sha256()
     for path in sorted(package.rglob("*.py")):
         digest.update(f"{path.relative_to(package)}\0".encode() + path.read_bytes())

@@ -10,6 +10,7 @@ from cadtof_cli.errors import FrameError
 from cadtof_cli.files.frames import NotAFrameError
 from cadtof_cli.files.maps import is_map_layer
 from cadtof_cli.files.named_planes import plane_label
+from cadtof_cli.files.tiff.pages import LOOKED_INTO, Page
 
 _ORIENTATION = 274
 
@@ -27,18 +28,13 @@ _OPACITY = frozenset({1, 2})
 
 _MASK_OR_REDUCED = 4 | 1
 
-_LOOKED_INTO = 64
-"""Pages that are checked one by one; a file of more is a stack, whose pages are alike."""
 
-
-def is_plain_page(page: tifffile.TiffPage | tifffile.TiffFrame, /) -> bool:
+def is_plain_page(page: Page, /) -> bool:
     """Tell whether a page is an image in full size, not a mask or one of a pyramid's smaller copies."""
     return page.keyframe is None or not page.keyframe.subfiletype & _MASK_OR_REDUCED
 
 
-def require_voltages(
-    path: Path, pages: Iterable[tifffile.TiffPage | tifffile.TiffFrame], names: Sequence[str], /
-) -> None:
+def require_voltages(path: Path, pages: Iterable[Page], names: Sequence[str], /) -> None:
     """Make sure that the pages of a file, whose planes have these names, may hold voltages.
 
     Raises:
@@ -49,7 +45,7 @@ def require_voltages(
     if layers:
         raise NotAFrameError(f"{path}: holds maps ({', '.join(layers)}), expected voltages")
     named = any(map(plane_label, names))
-    for page in itertools.islice(pages, _LOOKED_INTO):
+    for page in itertools.islice(pages, LOOKED_INTO):
         if isinstance(page, tifffile.TiffPage) or not page.is_virtual:
             whole = page if isinstance(page, tifffile.TiffPage) else page.aspage()
             if is_plain_page(whole):

@@ -3,6 +3,7 @@
 import contextlib
 import logging
 import math
+import operator
 import re
 import threading
 from collections.abc import Iterator, Sequence
@@ -16,7 +17,8 @@ from numpy.typing import NDArray
 from cadtof_cli.arrays import Stored
 from cadtof_cli.errors import FrameError
 from cadtof_cli.files.frames import shape_text
-from cadtof_cli.files.reading import damage_as_frame_error, require_plausible_size
+from cadtof_cli.files.library_output import library_output
+from cadtof_cli.files.reading import damage_as_frame_error, in_brief, require_plausible_size
 from cadtof_cli.files.tiff.contents import require_voltages
 from cadtof_cli.files.tiff.envelope import Envelope
 from cadtof_cli.files.tiff.names import names_of_planes
@@ -28,6 +30,9 @@ from cadtof_cli.files.tiff.series import (
     is_scattered,
     sound_items,
 )
+
+_PRINTING = frozenset({22610, 34933, 34934})
+"""Compressions whose libraries print what they make of a damaged page: JPEG XR and PNG."""
 
 _PRIVATE_TAG_MESSAGE = r"TiffTag (?:3[3-9]\d{3}|[4-9]\d{4})\b"
 """A message about a private tag of some maker."""
@@ -65,7 +70,7 @@ def reading_tiff(path: Path) -> Iterator[None]:
         with damage_as_frame_error(path, "TIFF"):
             yield
             if errors:
-                raise FrameError(f"{path}: damaged TIFF: {'; '.join(errors)}")
+                raise FrameError(f"{path}: damaged TIFF: {in_brief(errors)}")
     finally:
         _remarks.kept.errors = None
 
@@ -91,7 +96,10 @@ class TiffImages:
                 series = alike_series(path, self._tiff)
                 page = series[0].keyframe
                 self.dtype: np.dtype[Any] = np.dtype(page.dtype).newbyteorder("=")
-                self._page_shape: tuple[int, ...] = page.shape
+                # tifffile takes any number for a size
+                self._page_shape = tuple(map(operator.index, page.shape))
+                self._is_printing = page.compression in _PRINTING
+                self._described_beside = series[0].kind == "ndtiff"
                 self._scattered = ScatteredPlanes(path, series) if is_scattered(series[0]) else None
                 if self._scattered is not None:
                     self.labels, self.sizes, self.plane_shape = self._scattered.described
@@ -132,7 +140,7 @@ class TiffImages:
     def planes(self, indices: NDArray[np.intp], /) -> Stored:
         """Return planes by their place in the file, in native byte order, shape (n, Y, X), C-contiguous."""
         if self._scattered is not None:
-            with reading_tiff(self.path):
+            with self._decoding():
                 return self._scattered.planes(indices)
         if self._samples == 1:
             return self._images(indices.tolist())
@@ -144,9 +152,12 @@ class TiffImages:
         return np.ascontiguousarray(stored[place, samples])
 
     def envelope(self, indices: NDArray[np.intp], /) -> Envelope | None:
-        """Return what stands around planes; None where they do not lie in one run, in this order and native byte order."""
+        """Return what stands around planes; None where they do not lie in one run, in this order and native byte order.
+
+        Nor where another file says which they are: of files that differ in their pixels alone it may say something else.
+        """
         native = self.dtype.newbyteorder(self._tiff.byteorder) == self.dtype
-        plain = self._scattered is None and self._samples == 1
+        plain = self._scattered is None and self._samples == 1 and not self._described_beside
         start = self._start_of_run(indices.tolist()) if native and plain else None
         size = indices.size * math.prod(self.plane_shape) * self.dtype.itemsize
         return None if start is None else Envelope.of(self._tiff.filehandle, start, size)
@@ -158,6 +169,18 @@ class TiffImages:
         in_a_run = range(first, first + size * len(indices), size)
         return first if all(self._items[index] == at for index, at in zip(indices, in_a_run, strict=True)) else None
 
+    @contextlib.contextmanager
+    def _decoding(self) -> Iterator[None]:
+        """Turn what is raised, logged or printed while pages are decoded into a FrameError."""
+        with reading_tiff(self.path):
+            if not self._is_printing:
+                yield
+                return
+            with library_output() as said:
+                yield
+            if said:
+                raise FrameError(f"{self.path}: damaged TIFF: {in_brief(said)}")
+
     def _images(self, indices: Sequence[int]) -> Stored:
         """Return some of the file's images, shape (n, *page shape)."""
         size = len(indices) * math.prod(self._page_shape) * self.dtype.itemsize
@@ -167,7 +190,7 @@ class TiffImages:
         items, parts = (
             ([self._items[index] for index in indices], whole) if start is None else ([start], whole[np.newaxis])
         )
-        with reading_tiff(self.path):
+        with self._decoding():
             for item, part in zip(items, parts, strict=True):
                 if isinstance(item, int):
                     stored_type = self.dtype.newbyteorder(self._tiff.byteorder)

@@ -46,10 +46,10 @@ _last = _LastWritten()
 
 
 def write_maps(path: Path, maps: DepthMaps, /, *, header: MapHeader) -> Sequence[memoryview]:
-    """Write the maps to `path`, or return the parts of the file; no date and no random identifier goes in.
+    """Write the maps to `path`, which is empty, or return the parts of the file; no date and no random identifier goes in.
 
     Files of maps with the same names and size differ in their pixels, and in the name of the recorded frame, alone: tifffile
-    makes the first of them.
+    makes what is around them, once.
     """
     maps.pages[-1] = maps.status
     others = {name: text for name, text in header.facts.items() if name != SOURCE}

@@ -2,11 +2,13 @@
 
 import math
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 import tifffile
 
 from cadtof_cli.files.named_planes import plane_label, says_a_channel
+from cadtof_cli.files.tiff.ndtiff import index_names
 
 _DESCRIPTION = 270
 _PAGE_NAME = 285
@@ -31,13 +33,13 @@ def names_of_planes(
         return _bands(first, samples)
     if samples > 1:
         return ()
+    if series[0].kind == "ndtiff":
+        return index_names(Path(tiff.filehandle.path), list(series[0]))
     labels = (tiff.imagej_metadata or {}).get("Labels", ()) if tiff.is_imagej else ()
     if len(labels) == images:
         # ImageJ adds lines about the image that a slice came from
         return tuple(str(label).partition("\n")[0] for label in labels)
-    if not _page_name(first):
-        return ()
-    names = tuple(_page_name(page) for one in series for page in one)
+    names = tuple(_page_name(page) for one in series for page in one) if _page_name(first) else ()
     return names if len(names) == images else ()
 
 

@@ -9,13 +9,14 @@ import tifffile
 
 from cadtof_cli.errors import FrameError
 from cadtof_cli.files.frames import SAMPLE_TYPES
+from cadtof_cli.files.reading import in_brief
 from cadtof_cli.files.system import read_at
 
 MAX_TAGS = 4096
 """The limit of tifffile; a page with more is damaged."""
 
-_LOOKED_INTO = 64
-"""Pages whose tags are checked one by one; a file of more is a stack, whose pages are alike."""
+LOOKED_INTO = 64
+"""Pages that are checked one by one; a file of more is a stack, whose pages are alike."""
 
 Page = tifffile.TiffPage | tifffile.TiffFrame
 
@@ -70,7 +71,7 @@ def require_sound_chain(path: Path, descriptor: int, size: int) -> None:
                 f"{path}: damaged or truncated TIFF: page {len(seen)} should begin at byte {offset:,},"
                 f" found no page there in a file of {size:,} bytes"
             )
-        if len(seen) < _LOOKED_INTO:
+        if len(seen) < LOOKED_INTO:
             _require_values_within(path, len(seen), form, read_at(descriptor, end - begin, begin), size)
         seen.add(offset)
         (offset,) = form.link.unpack(read_at(descriptor, form.link.size, end))
@@ -143,7 +144,7 @@ def _require_known_compression(path: Path, page: tifffile.TiffPage) -> None:
         tifffile.TIFF.DECOMPRESSORS[page.compression]
     except KeyError as error:
         raise FrameError(
-            f"{path}: its compression cannot be read here ({error.args[0]}); expected none, deflate, LZW or Zstandard:"
+            f"{path}: its compression cannot be read here ({in_brief(error.args)}); expected none, deflate, LZW or Zstandard:"
             " rewrite it, such as by tiffcp -c zip"
         ) from error
 

@@ -16,6 +16,7 @@ from cadtof_cli.errors import FrameError
 from cadtof_cli.files.frames import shape_text
 from cadtof_cli.files.reading import require_plausible_size
 from cadtof_cli.files.tiff.contents import is_plain_page
+from cadtof_cli.files.tiff.ndtiff import require_sound_index
 from cadtof_cli.files.tiff.pages import Page, lies_in_one_run, require_sound_keyframe, require_sound_page
 
 Item = int | Page
@@ -31,6 +32,7 @@ def alike_series(path: Path, tiff: tifffile.TiffFile, /) -> list[tifffile.TiffPa
     first = tiff.pages.first
     if "<OME" in first.description and not tiff.is_ome:
         raise FrameError(f"{path}: damaged TIFF: its OME metadata breaks off, so the order of its planes is not known")
+    require_sound_index(path, tiff)
     series = [one for one in _series(tiff) if is_plain_page(one.keyframe)]
     if not series or not math.prod(series[0].shape):
         raise FrameError(f"{path}: found no image, expected pages of voltages")

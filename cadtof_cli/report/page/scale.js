@@ -38,6 +38,16 @@ function moveEnd(frame, name, end, value) {
   chosenRanges.set(rangeKey(name), range);
 }
 
+// Colours for the values of one frame, where those of the run have others too.
+function fitToFrame(frame, name) {
+  const { values } = frame.layers.get(name);
+  const ends = isError(name) ? [-1, 1].map((sign) => sign * quantile(values.map(Math.abs), 0.98)) : [0.005, 0.995].map((share) => quantile(values, share));
+  if (Number.isNaN(ends[0])) return;
+  chosenRanges.delete(rangeKey(name));
+  moveEnd(frame, name, "low", ends[0]);
+  moveEnd(frame, name, "high", ends[1]);
+}
+
 function onScale(shown, changed) {
   for (const end of ["low", "high"]) {
     const handle = handles[end];
@@ -62,6 +72,11 @@ function onScale(shown, changed) {
       else move(({ lowest, highest }, range) => range[end] + (steps * (highest - lowest)) / 100);
     });
   }
+  byId("scale-fit").addEventListener("click", () => {
+    const { frame, layer } = shown();
+    fitToFrame(frame, layer);
+    changed();
+  });
   byId("scale-reset").addEventListener("click", () => {
     chosenRanges.delete(rangeKey(shown().layer));
     changed();

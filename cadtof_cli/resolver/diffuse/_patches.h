@@ -27,7 +27,7 @@ INLINE void give(double *restrict to, const double *restrict row, int m) {
 /* tail.py: wrapped */
 INLINE double wrapped_d(double phase) { return phase - FULL_TURN * rint(phase / FULL_TURN); }
 
-/* --- tail.py: TailModel._terms, _slopes ----------------------------------------------------------------------------------- */
+/* --- tail.py: TailModel._slopes ------------------------------------------------------------------------------------------- */
 
 typedef struct {
     const double *number, *rad_per_ns, *onset;      /* of each harmonic */

@@ -307,12 +307,12 @@ typedef struct {
     int64_t pixels;
 } TailAnswers;
 
-/* Every pixel from `start` up to `stop`. */
-INLINE void answer_pixels(const TailAnswers *restrict all, int64_t start, int64_t stop) {
+INLINE void answer_pixels(const TailAnswers *restrict all) {
     TailGroup group, *g = &group;
     memset(g, 0, sizeof group);
-    for (int m; start < stop; start += m) {
-        m = in_group(all->tail, start, stop);
+    int m;
+    for (int64_t start = 0; start < all->pixels; start += m) {
+        m = in_group(all->tail, start, all->pixels);
         for (int64_t h = 0; h < all->tail->sizes->harmonics; h++) {
             const double *phasor = all->phasors + 2 * (h * all->pixels + start);
             for (int i = 0; i < GROUP; i++) {

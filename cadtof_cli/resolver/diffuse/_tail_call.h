@@ -5,12 +5,12 @@ static const Wanted ANSWER_BUFFER[ANSWER_BUFFERS] = {
     {"answers", "f ", 0, 0, 1}, TAIL_WANTED(0),
 };
 
-static PyObject *answer_checked(const Level *level, const void *options, const Py_buffer *view) {
-    const Part *part = options;
+static PyObject *answer_checked(const Level *level, const void *none, const Py_buffer *view) {
+    (void)none;
     const int64_t pixels = values_in(&view[ANSWERED]);
     int64_t expected[ANSWER_BUFFERS] = {0, pixels, pixels, pixels, TAIL_ANSWERS * pixels};
     Tail tail;
-    if (!is_part(part, pixels) || !expect_tail(&view[ANSWER_TAIL], pixels, &expected[ANSWER_TAIL])) return NULL;
+    if (!are_pixels(pixels) || !expect_tail(&view[ANSWER_TAIL], pixels, &expected[ANSWER_TAIL])) return NULL;
     expected[PHASORS_IN] = expected[ANSWER_TAIL + NUMBERS] * pixels;
     if (!fit_call(ANSWER_BUFFER, view, ANSWER_BUFFERS, expected) || !make_tail(&tail, &view[ANSWER_TAIL])) return NULL;
     const TailAnswers answers = {
@@ -23,13 +23,12 @@ static PyObject *answer_checked(const Level *level, const void *options, const P
         .pixels = pixels,
     };
     Py_BEGIN_ALLOW_THREADS
-    level->answer(&answers, part->start, part->stop);
+    level->answer(&answers);
     Py_END_ALLOW_THREADS
     Py_RETURN_NONE;
 }
 
 static PyObject *answer_tail(PyObject *module, PyObject *arguments) {
     (void)module;
-    Part part = {0};
-    return with_buffers(arguments, ANSWER_BUFFER, ANSWER_BUFFERS, answer_checked, &part, "nn", &part.start, &part.stop);
+    return with_buffers(arguments, ANSWER_BUFFER, ANSWER_BUFFERS, answer_checked, NULL, "");
 }

@@ -98,10 +98,10 @@ def are_even(found: SecondPaths, data: PatchData, view: View, /) -> bool:
             return True
         if uneven.least > (ALLOWED[1] * view.rad_per_ns) ** 2:
             return False
-    return _explain(found, data, view)
+    return _are_even_together(found, data, view)
 
 
-def _explain(found: SecondPaths, data: PatchData, view: View) -> bool:
+def _are_even_together(found: SecondPaths, data: PatchData, view: View) -> bool:
     """Return whether second paths of even shares and delays, or of one share, explain all patches together."""
     even = _explained(found, data, view, COLUMNS)
     # one share is even, too

@@ -85,7 +85,7 @@ def diffuse_pixels(
 def _by_kernel(phasors: Complex, tail: DiffuseBlock, usable: Bool, samples: Float | None, kernel: str) -> DiffusePixels:
     answered, rows = np.empty(usable.size, np.bool_), np.empty((7, usable.size), np.float32)
     given = [None if one is None else np.ascontiguousarray(one) for one in (phasors, usable, samples)]
-    extension().answer_tail(kernel, 0, usable.size, *given, answered, rows, *tail_buffers(tail))
+    extension().answer_tail(kernel, *given, answered, rows, *tail_buffers(tail))
     return DiffusePixels(tail.model.separate_variance, answered, *rows)
 
 

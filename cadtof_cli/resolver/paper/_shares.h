@@ -53,7 +53,7 @@ static KERNEL_INLINE inline void share_move(const double *moves, double *here, c
     }
 }
 
-/* search.py: _step; z of lanes that are fresh stays. */
+/* search.py: MisfitDamped.step; z of lanes that are fresh stays. */
 static KERNEL_INLINE inline void share_step(const ShareSearch *search, Shares *at) {
     const ShareLinear *now = &at->now;
     const double relative = search->relative, absolute = search->absolute;

@@ -10,12 +10,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cadtof_cli.arrays import Float, Index
+from cadtof_cli.arrays import Bool, Float, Index
 from cadtof_cli.resolver.likelihood.compiled import compiled_search
 from cadtof_cli.resolver.likelihood.levenberg_marquardt import Descent, State
 from cadtof_cli.resolver.likelihood.normal_equations import LEAST_PIVOT
 from cadtof_cli.resolver.paper.equation_9 import EliminatedPath
-from cadtof_cli.resolver.paper.records import Ends, RandomStarts
+from cadtof_cli.resolver.paper.starts import RandomStarts
 from cadtof_cli.resolver.two_path.kernel import NUMPY, chosen_kernel
 
 EASED, MORE, FURTHER = 0.3, 2.0, 4.0
@@ -57,6 +57,19 @@ class MisfitDamped(Descent):
 
 
 DAMPED = MisfitDamped()
+
+
+@dataclass(frozen=True)
+class Ends:
+    """Where the searches of n pixels ended.
+
+    Re z and Im z, (2, n), the cost there, (n,), which of them converged, and after how many steps.
+    """
+
+    z: Float
+    cost: Float
+    converged: Bool
+    steps: Index
 
 
 def best_ends(

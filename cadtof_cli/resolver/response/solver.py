@@ -4,12 +4,13 @@ import numpy as np
 
 from cadtof_cli.arrays import Bool, Complex, Float, Index
 from cadtof_cli.phasors.noise import NoiseModel
-from cadtof_cli.resolver.paths import Fit
+from cadtof_cli.resolver.paths import Fit, Paths
 from cadtof_cli.resolver.response.one_path import one_path_of_response
 from cadtof_cli.resolver.response.table import ResponseBlock
 from cadtof_cli.resolver.response.two_paths import two_paths_of_response
+from cadtof_cli.resolver.response.uncertainty import response_sigmas
 from cadtof_cli.resolver.settings import ResolverSettings
-from cadtof_cli.resolver.two_path.closed_form import fundamental_frame, is_single
+from cadtof_cli.resolver.two_path.closed_form import TwoPaths, fundamental_frame, is_single
 from cadtof_cli.resolver.two_path.one_path import OnePath, one_path
 from cadtof_cli.resolver.two_path.solver import fit_of_two
 
@@ -48,11 +49,22 @@ class FullResponse:
         two, converged = two_paths_of_response(
             self._alone, self._phasors, pixels & ~single, response=self._response, noise=self._noise
         )
-        fit = fit_of_two(two, converged, noise=self._noise)
+        fit = fit_of_two(self._with_sigmas(two, np.flatnonzero(pixels & ~single)), two.sin_half, converged)
         if single.any():
             at = np.flatnonzero(single)
             fit[at] = self._alone.fit()[at]
         return slice(None), fit
+
+    def _with_sigmas(self, two: TwoPaths, pixels: Index) -> Paths:
+        """Return two paths with the standard deviations of some pixels; infinite in the others."""
+        phase_rad, sigma_rad = two.phases(), np.full(two.amplitude.shape, np.inf)
+        sigma_rad[:, pixels] = response_sigmas(
+            two.amplitude[:, pixels],
+            phase_rad[:, pixels],
+            response=self._response.block(pixels),
+            noise=self._noise,
+        )
+        return Paths(two.amplitude, phase_rad, sigma_rad)
 
 
 def solver(

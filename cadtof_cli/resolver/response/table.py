@@ -76,6 +76,12 @@ class ResponseBlock:
     rotors: Complex | None
     kernel: str = NUMPY
 
+    @cached_property
+    def longest(self) -> float:
+        """Length of the longest first phasor that a path of amplitude 1 gives."""
+        re, im, _, _ = self.stages[-1][0].planes
+        return float(np.hypot(re, im).max())
+
     def block(self, pixels: Pixels, /, *, kernel: str = NUMPY) -> "ResponseBlock":
         """Return the response for some of the pixels, and what is to search there."""
         if self.phase_rad is None or self.rotors is None:

@@ -23,8 +23,8 @@
 
 typedef struct {
     const char *name;
-    void (*resolve)(const Frame *frame, int64_t start, int64_t stop);
-    void (*answer)(const TailAnswers *answers, int64_t start, int64_t stop);
+    void (*resolve)(const Frame *frame);
+    void (*answer)(const TailAnswers *answers);
     void (*decompose)(const double *first, const double *second, double *paths, int64_t pixels);
     void (*search)(const Search *search);
     void (*slopes)(const Slopes *slopes);
@@ -37,10 +37,8 @@ typedef struct {
 } Level;
 
 #define FUNCTIONS(name, attributes, supported) \
-    attributes static void resolve_##name(const Frame *frame, int64_t start, int64_t stop) { resolve_pixels(frame, start, stop); } \
-    attributes static void answer_##name(const TailAnswers *answers, int64_t start, int64_t stop) { \
-        answer_pixels(answers, start, stop); \
-    } \
+    attributes static void resolve_##name(const Frame *frame) { resolve_pixels(frame); } \
+    attributes static void answer_##name(const TailAnswers *answers) { answer_pixels(answers); } \
     attributes static void decompose_##name(const double *first, const double *second, double *paths, int64_t pixels) { \
         decompose_pixels(first, second, paths, pixels); \
     } \
@@ -72,21 +70,12 @@ static const Wanted BUFFER[BUFFERS] = {
     {"layers", "f ", 0, 0, 1},    {"status", "I L ", 4, 0, 1},        TAIL_WANTED(1),
 };
 
-/* Pixels from `start` up to `stop`. */
-typedef struct {
-    Py_ssize_t start, stop;
-} Part;
-
-/* Whether a part is one of `pixels` pixels; or set an error. */
-static int is_part(const Part *part, int64_t pixels) {
-    if (pixels > PY_SSIZE_T_MAX / 128) PyErr_SetString(PyExc_ValueError, "found too many pixels, expected fewer");
-    else if (part->start < 0 || part->start > part->stop || part->stop > pixels)
-        PyErr_Format(PyExc_ValueError, "found pixels %zd to %zd, expected some of %lld", part->start, part->stop, (long long)pixels);
-    else return 1;
+/* Whether there may be so many pixels; or set an error. */
+static int are_pixels(int64_t pixels) {
+    if (pixels <= PY_SSIZE_T_MAX / 128) return 1;
+    PyErr_SetString(PyExc_ValueError, "found too many pixels, expected fewer");
     return 0;
 }
-
-static int are_pixels(int64_t pixels) { return is_part(&(Part){0, (Py_ssize_t)pixels}, pixels); }
 
 /* Whether there is a tail: any buffer of one. */
 static int has_tail(const Py_buffer *view) {
@@ -122,7 +111,6 @@ static enum type type_of(const Py_buffer *view) {
 
 typedef struct {
     int order, returns, bits;
-    Part part;
 } Asked;
 
 static PyObject *resolve_checked(const Level *level, const void *options, const Py_buffer *view) {
@@ -131,7 +119,7 @@ static PyObject *resolve_checked(const Level *level, const void *options, const 
     if (asked->order < ORDER_AUTO || asked->order > ORDER_TWO || asked->returns < RETURN_FIRST || asked->returns > RETURN_LAST)
         return PyErr_Format(PyExc_ValueError, "found order %d and returns %d, expected 0, 1 or 2 each", asked->order, asked->returns);
     if (asked->bits < -1) return PyErr_Format(PyExc_ValueError, "found bits %d, expected -1 or more", asked->bits);
-    if (!is_part(&asked->part, pixels) || !fit_frame(view, pixels)) return NULL;
+    if (!are_pixels(pixels) || !fit_frame(view, pixels)) return NULL;
     const int through = has_tail(&view[OF_TAIL]);
     Tail tail;
     if (through && !make_tail(&tail, &view[OF_TAIL])) return NULL;
@@ -155,7 +143,7 @@ static PyObject *resolve_checked(const Level *level, const void *options, const 
         .returns = (enum returns)asked->returns,
     };
     Py_BEGIN_ALLOW_THREADS
-    level->resolve(&frame, asked->part.start, asked->part.stop);
+    level->resolve(&frame);
     Py_END_ALLOW_THREADS
     Py_RETURN_NONE;
 }
@@ -163,8 +151,7 @@ static PyObject *resolve_checked(const Level *level, const void *options, const 
 static PyObject *resolve(PyObject *module, PyObject *arguments) {
     (void)module;
     Asked asked = {0};
-    return with_buffers(arguments, BUFFER, BUFFERS, resolve_checked, &asked, "iiinn", &asked.order, &asked.returns, &asked.bits,
-                        &asked.part.start, &asked.part.stop);
+    return with_buffers(arguments, BUFFER, BUFFERS, resolve_checked, &asked, "iii", &asked.order, &asked.returns, &asked.bits);
 }
 
 static PyObject *count_checked(const Level *level, const void *none, const Py_buffer *status) {
@@ -208,14 +195,13 @@ LIST_OF(tail_constants, TAIL_CONSTANTS)
 
 static PyMethodDef METHODS[] = {
     {"resolve", resolve, METH_VARARGS,
-     "resolve(level, order, returns, bits, start, stop, constants, stored, own, other, constant, samples, metres, shift, layers, "
-     "status, tail...)\n\n"
-     "Fill layers and status of the pixels from start up to stop. Everybody but the tests calls it through kernel.py."},
+     "resolve(level, order, returns, bits, constants, stored, own, other, constant, samples, metres, shift, layers, status, tail...)\n\n"
+     "Fill layers and status. Everybody but the tests calls it through kernel.py."},
     {"count_status", count_status, METH_VARARGS,
      "count_status(level, status)\n\nReturn how many pixels have one path, two paths, more, and diffuse MPI."},
     {"answer_tail", answer_tail, METH_VARARGS,
-     "answer_tail(level, start, stop, phasors, usable, samples, answered, answers, tail...)\n\n"
-     "Fill answered and answers of the pixels from start up to stop. Everybody but the tests calls it through diffuse/pixels.py."},
+     "answer_tail(level, phasors, usable, samples, answered, answers, tail...)\n\n"
+     "Fill answered and answers. Everybody but the tests calls it through diffuse/pixels.py."},
     {"decompose", decompose, METH_VARARGS,
      "decompose(level, first phasors, second phasors, paths)\n\n"
      "Fill paths. Everybody but the tests calls it through decomposition.py."},

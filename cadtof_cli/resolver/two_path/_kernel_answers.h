@@ -4,7 +4,7 @@
 /* Bits of one path, in doubt where its harmonics fall off by more than noise lets them. */
 INLINE double bits_of_one(double fall_off) { return fall_off > 1.0 ? (double)(ONE_PATH + ILL_CONDITIONED) : (double)ONE_PATH; }
 
-/* returns.py: _pair; order.py: worth_another, _kept; resolve.py: _bits. Where `ones` is 0, no pixel of the group may have one path. */
+/* returns.py: _pair; order.py: worth_another, _fewer_where_enough; resolve.py: _bits. Where `ones` is 0, no pixel of the group may have one path. */
 INLINE void choose_answers(Group *restrict g, const Frame *restrict frame, const int ones, const int first) {
     const int strongest = !first && frame->returns == RETURN_STRONGEST, last = !first && frame->returns == RETURN_LAST;
     const double ratio = strongest ? 1.0 : frame->constants->return_ratio;
@@ -167,14 +167,16 @@ INLINE void put_tail(Group *restrict g, const Frame *restrict frame) {
     EACH_PIXEL g->refusal[i] = g->predicted[i] > 0.0 ? (double)DIFFUSE_MPI : g->refusal[i];
 }
 
-/* Every pixel from `start` up to `stop`. */
-INLINE void resolve_pixels(const Frame *restrict frame, int64_t start, int64_t stop) {
+/* Every pixel of a frame. */
+INLINE void resolve_pixels(const Frame *restrict frame) {
+    const int64_t stop = frame->pixels;
     Group group, *g = &group;
     const int plain = !frame->samples && !frame->own, one_scale = !frame->metres && !frame->shift;
     const double least = least_answered(frame), certain = certain_misfit(frame);
     int64_t ahead = -1; /* where the group begins whose phasors are loaded before its turn */
     memset(g, 0, sizeof group);
-    for (int m; start < stop; start += m) {
+    int m;
+    for (int64_t start = 0; start < stop; start += m) {
         m = frame->tail ? in_group(frame->tail, start, stop) : stop - start < GROUP ? (int)(stop - start) : GROUP;
         fetch(frame, start + 2 * GROUP);
         const int sound = m == GROUP && plain && is_sound(frame, start);

@@ -172,8 +172,6 @@ class FrameKernel:
         self._compiled.resolve(
             *self._options,
             -1 if bits is None else bits,
-            0,
-            status.size,
             self._constants,
             values,
             *self._arrays,

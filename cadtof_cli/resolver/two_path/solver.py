@@ -6,7 +6,7 @@ from cadtof_cli.arrays import Bool, Complex, Float, Index
 from cadtof_cli.phasors.noise import NoiseModel
 from cadtof_cli.resolver.paths import CLOSE_ENOUGH, Fit, Paths
 from cadtof_cli.resolver.settings import ResolverSettings
-from cadtof_cli.resolver.two_path.closed_form import FundamentalFrame, TwoPaths, fundamental_frame, two_paths
+from cadtof_cli.resolver.two_path.closed_form import FundamentalFrame, fundamental_frame, two_paths
 from cadtof_cli.resolver.two_path.one_path import one_path
 from cadtof_cli.resolver.two_path.uncertainty import misfit_spread, two_path_sigmas
 
@@ -41,7 +41,8 @@ class ClosedForm:
         chosen: Index | slice = slice(None) if everywhere else np.flatnonzero(pixels)
         frame = self._frame if everywhere else self._frame[chosen]
         two = two_paths(frame)
-        fit = fit_of_two(two, np.ones(two.single.size, np.bool_), noise=self._noise)
+        paths = Paths(two.amplitude, two.phases(), two_path_sigmas(two, noise=self._noise))
+        fit = fit_of_two(paths, two.sin_half, np.ones(two.single.size, np.bool_))
         if two.single.any():
             single = np.flatnonzero(two.single)
             fit[single] = one_path(frame[single], noise=self._noise, steps=ORDER_TEST_STEPS).fit()
@@ -56,11 +57,13 @@ def solver(
     return ClosedForm(phasors, noise)
 
 
-def fit_of_two(two: TwoPaths, converged: Bool, /, *, noise: NoiseModel) -> Fit:
-    """Return two paths, which leave nothing of their phasors, as what a solver gives."""
-    sigma = two_path_sigmas(two, noise=noise)
-    doubt = np.maximum(*sigma) / (CLOSE_ENOUGH * two.sin_half)
-    return Fit(Paths(two.amplitude, two.phases(), sigma), np.zeros(doubt.size), converged, doubt)
+def fit_of_two(paths: Paths, sin_half: Float, converged: Bool, /) -> Fit:
+    """Return two paths, which leave nothing of their phasors, as what a solver gives.
+
+    `sin_half`, (n,), is the sine of half their distance, `converged`, (n,), where they are the answer.
+    """
+    doubt = np.maximum(*paths.sigma_rad) / (CLOSE_ENOUGH * sin_half)
+    return Fit(paths, np.zeros(doubt.size), converged, doubt)
 
 
 def may_be_one_path(frame: FundamentalFrame, limit: Float | float, /, *, noise: NoiseModel) -> Bool:

@@ -54,7 +54,7 @@ class PixelModel:
     jitter_ns: float = setting(0.0, "Timing jitter of the SPAD, one standard deviation.")
     sample_noise_v: float = setting(0.0, "Noise of every sample, one standard deviation.")
     gain_mismatch: float = setting(0.0, "Relative gain error of SC2: gain of SC2 over gain of SC1, minus 1.")
-    offsets_v: tuple[float, float] = setting((0.0, 0.0), "Offsets of SC1 and SC2 in V.", metavar="V,V")
+    offsets_v: tuple[float, float] = setting((0.0, 0.0), "Offsets of SC1 and SC2 in V.")
     motion: Motion = AT_REST
 
     def __post_init__(self) -> None:

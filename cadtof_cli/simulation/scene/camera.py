@@ -37,7 +37,7 @@ class Camera:
     width: int = setting(320, "Columns of the frames.")
     height: int = setting(240, "Rows of the frames.")
     focal_length_px: float | None = None
-    petzval_m: tuple[float, float] = setting((0.0, 0.0), "Field curvature k2,k4 of the lens.", metavar="M,M")
+    petzval_m: tuple[float, float] = setting((0.0, 0.0), "Field curvature k2,k4 of the lens.")
     bits: int = 14
     volts_per_count: float = 6.0e-5
     zero_counts: float = 8192.0

@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 
 from cadtof_cli.arrays import Status
 from cadtof_cli.errors import CaptureError, SettingsError
-from cadtof_cli.files.maps import STATUS, read_layers
+from cadtof_cli.files.layers import read_layers
+from cadtof_cli.files.maps import STATUS
 from cadtof_cli.frame_plan import DEPTH_IN_WORDS
 from cadtof_cli.maps.comparison import (
     BitChange,
@@ -20,7 +21,7 @@ from cadtof_cli.maps.comparison import (
 )
 from cadtof_cli.maps.layers import DIRECT_DEPTH, MPI_DEPTH
 from cadtof_cli.resolver.status import bit_words
-from cadtof_cli.workflows.inspect.layers import Layers, require_same_size
+from cadtof_cli.workflows.inspect.layers import Layers, require_same_pixels, require_same_size
 from cadtof_cli.workflows.progress import Progress
 from cadtof_cli.workflows.run_folder import read_run
 
@@ -106,11 +107,8 @@ class MapPairs:
                 f"{first} holds {DEPTH_IN_WORDS[self.a.depth_kind]} and {second} {DEPTH_IN_WORDS[self.b.depth_kind]}: "
                 "resolve both with the same --depth"
             )
-        if self.a.roi and self.b.roi and [*self.a.roi] != [*self.b.roi]:
-            parts = [",".join(map(str, roi)) for roi in (self.a.roi, self.b.roi)]
-            raise SettingsError(
-                f"{first} shows pixels {parts[0]} and {second} {parts[1]}: resolve both with the same --roi"
-            )
+        if self.a.roi and self.b.roi:
+            require_same_pixels(self.a, self.b)
         one, other = ({run.name(file): file for file in run.require_maps()} for run in (self.a, self.b))
         shared = [name for name in one if name in other]
         self.files = {name: (one[name], other[name]) for name in shared}
@@ -164,7 +162,8 @@ def compare_maps(pairs: MapPairs, /, *, progress: Progress) -> Comparison:
     found.layers = {name: tally.summary() for name, tally in tallies.items()}
     found.only_a["frames"], found.only_b["frames"] = pairs.only
     found.worst_by = _leading(tuple(found.layers))
-    found.worst = sorted(frames, key=_badness, reverse=True)[:WORST]
+    frames.sort(key=lambda one: (one.p90_abs or 0.0, one.max_abs or 0.0, one.status_changed or 0), reverse=True)
+    found.worst = frames[:WORST]
     return found
 
 
@@ -198,10 +197,6 @@ def _frame_difference(pair: FramePair) -> FrameDifference:
         tally.add(difference(pair.first[layer], pair.second[layer]))
     summary = tally.summary()
     return FrameDifference(pair.name, summary.p90_abs, summary.max_abs, None if bits is None else changed_pixels(*bits))
-
-
-def _badness(frame: FrameDifference) -> tuple[float, float, int]:
-    return frame.p90_abs or 0.0, frame.max_abs or 0.0, frame.status_changed or 0
 
 
 def draw_worst(pairs: MapPairs, found: Comparison, out: Path, /) -> None:

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cadtof_cli.errors import OutputError
-from cadtof_cli.files.atomic import atomic_write, require_new
+from cadtof_cli.files.atomic import require_new, write_text
 from cadtof_cli.files.documents import csv_text
 from cadtof_cli.files.formats import EXR, format_by_suffix
-from cadtof_cli.files.maps import read_layers, write_layers
+from cadtof_cli.files.layers import read_layers, write_layers
 from cadtof_cli.maps.evaluation import DepthErrors, Evaluation, EvaluationTally, SequenceTally
 from cadtof_cli.maps.layers import DIRECT_DEPTH, DIRECT_SIGMA, MPI_DEPTH
 from cadtof_cli.workflows.inspect.first_phasors import first_phasors
@@ -80,9 +80,7 @@ def _write_table(path: Path, lines: Mapping[str, Evaluation]) -> None:
         (name, *vars(line.direct).values(), *(vars(line.first_phasor) if line.first_phasor else none).values())
         for name, line in lines.items()
     )
-    with atomic_write(path) as temporary:
-        text = csv_text(("frame", *names, *(f"first_phasor_{name}" for name in names)), rows)
-        temporary.write_text(text, encoding="utf-8", newline="")
+    write_text(path, csv_text(("frame", *names, *(f"first_phasor_{name}" for name in names)), rows))
 
 
 def scatter_over_time(maps: Path, out: Path, /, *, progress: Progress, overwrite: bool) -> Scatter:

@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 from cadtof_cli.arrays import Float
 from cadtof_cli.capture.metadata import Optics
 from cadtof_cli.errors import SettingsError, require
-from cadtof_cli.files.atomic import atomic_write, require_new
-from cadtof_cli.files.maps import STATUS, read_layers
+from cadtof_cli.files.atomic import atomic_write, require_new, write_text
+from cadtof_cli.files.layers import read_layers
+from cadtof_cli.files.maps import STATUS
 from cadtof_cli.files.png import write_grey_png
 from cadtof_cli.files.point_cloud import write_points
 from cadtof_cli.frame_plan import DEPTH_IN_WORDS, DepthKind
@@ -147,8 +148,7 @@ def _write_csv(one: _Map, output: Path) -> None:
     y, x = np.divmod(np.arange(rows * columns), columns)
     texts = [x.astype(str), y.astype(str), *(_texts(plane) for plane in one.layers.values())]
     lines = [",".join(("x", "y", *one.layers)), *map(",".join, zip(*texts, strict=True))]
-    with atomic_write(output) as temporary:
-        temporary.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    write_text(output, "\n".join(lines) + "\n")
 
 
 def _texts(plane: NDArray[Any]) -> NDArray[np.str_]:

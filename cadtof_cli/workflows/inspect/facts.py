@@ -20,7 +20,8 @@ from cadtof_cli.errors import CadtofError, CaptureError
 from cadtof_cli.files.documents import plain
 from cadtof_cli.files.formats import MAP_SUFFIXES, detect_format
 from cadtof_cli.files.frames import FrameLayout, NotAFrameError
-from cadtof_cli.files.maps import STATUS, read_facts, read_layers
+from cadtof_cli.files.layers import read_facts, read_layers
+from cadtof_cli.files.maps import STATUS
 from cadtof_cli.files.reading import is_folder
 from cadtof_cli.maps.layers import DIRECT_DEPTH, layer_unit
 from cadtof_cli.phasors.noise import estimated_integration_length

@@ -15,7 +15,9 @@ from cadtof_cli.capture.frames import Capture, lossy_compression, single_frames
 from cadtof_cli.capture.metadata import KEYS, Layout
 from cadtof_cli.capture.planes import guessed_layout, hint_of_planes
 from cadtof_cli.errors import CadtofError
-from cadtof_cli.execution.ordered import WorkerDied, Workers, run_ordered
+from cadtof_cli.execution.ordered import run_ordered
+from cadtof_cli.execution.outcome import WorkerDied
+from cadtof_cli.execution.workers import Workers
 from cadtof_cli.frame_plan import FramePlan
 from cadtof_cli.phasors.voltages import volts_per_count
 from cadtof_cli.units import unambiguous_range_m

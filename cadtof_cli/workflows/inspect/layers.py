@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from cadtof_cli.arrays import Float
 from cadtof_cli.capture.metadata import Optics
-from cadtof_cli.errors import CaptureError
+from cadtof_cli.errors import CaptureError, SettingsError
 from cadtof_cli.files.formats import MAP_SUFFIXES
-from cadtof_cli.files.maps import read_layers
+from cadtof_cli.files.layers import read_layers
 from cadtof_cli.files.reading import is_folder
 from cadtof_cli.maps.layers import DIRECT_DEPTH
 from cadtof_cli.records import setting
@@ -30,13 +30,10 @@ class GivenOptics:
     focal_length_px: float | None = setting(
         None,
         "Focal length in pixels, for point clouds.  [default: from run.json]",
-        option="--focal-length-px --focal-length",
-        metavar="F",
     )
     principal_point_px: tuple[float, float] | None = setting(
         None,
         "Column and row of the optical axis.  [default: from run.json, else the centre]",
-        option="--principal-point-px --principal-point",
         metavar="X,Y",
     )
 
@@ -62,15 +59,9 @@ def layer_of(layers: Layers, name: str, path: Path, /) -> NDArray[Any]:
     return layers[name]
 
 
-def direct_depth(path: Path, /) -> Float:
-    """Return the direct depth in a map or truth file, float64 (Y, X) in m.
-
-    Raises:
-        CadtofError: the file cannot be read or has no such layer.
-    """
-    with np.errstate(invalid="ignore"):
-        # a NaN may be of the kind that tells when it is converted
-        return layer_of(read_layers(path), DIRECT_DEPTH, path).astype(np.float64)
+def _direct_depth(path: Path) -> Float:
+    """Return the direct depth in a map or truth file, float64 (Y, X) in m."""
+    return layer_of(read_layers(path), DIRECT_DEPTH, path).astype(np.float64)
 
 
 @dataclass(frozen=True)
@@ -84,7 +75,7 @@ class Truth:
 
     given: Path
     run: Run
-    _read: Callable[[Path], Float] = field(default_factory=lambda: lru_cache(maxsize=1)(direct_depth), repr=False)
+    _read: Callable[[Path], Float] = field(default_factory=lambda: lru_cache(maxsize=1)(_direct_depth), repr=False)
 
     def __post_init__(self) -> None:
         """Make sure that the maps can be held against truth; raises SettingsError where they hold z depth."""
@@ -132,6 +123,23 @@ class Truth:
                 f"{self.given}: the frames of {captures} captures are held against it alone; a folder may hold a truth for"
                 " each"
             )
+
+
+def require_same_pixels(run: Run, other: Run, /) -> None:
+    """Make sure that maps of one size, of two runs, show the same part of the recorded frames, as far as their records tell.
+
+    Raises:
+        SettingsError: they show other parts.
+    """
+    if run.record is None or other.record is None:
+        return
+    # without --roi they begin at the frame's corner, and as maps of one size they end there too
+    first, second = (tuple(one.roi) if one.roi else (0, 0) for one in (run, other))
+    if first[: len(second)] != second[: len(first)]:
+        parts = [",".join(map(str, one.roi)) if one.roi else "of whole frames" for one in (run, other)]
+        raise SettingsError(
+            f"{run.maps} shows pixels {parts[0]} and {other.maps} {parts[1]}: resolve both with the same --roi"
+        )
 
 
 def require_same_size(plane: NDArray[Any], expected: tuple[int, ...], path: Path, other: Path, /) -> None:

@@ -14,7 +14,8 @@ from cadtof_cli.capture.frames import Capture, FrameSource, open_frames, single_
 from cadtof_cli.capture.toml import FILE_NAME as CAPTURE_FILE
 from cadtof_cli.errors import CadtofError, SettingsError
 from cadtof_cli.figures.layers import Shown
-from cadtof_cli.files.maps import is_map_layer, read_layers
+from cadtof_cli.files.layers import read_layers
+from cadtof_cli.files.maps import is_map_layer
 from cadtof_cli.frame_plan import DEPTH_IN_WORDS
 from cadtof_cli.maps.layers import DIRECT_DEPTH
 from cadtof_cli.phasors.voltages import saturated_pixels, volts_from_stored
@@ -48,11 +49,11 @@ def pictured(inputs: Sequence[Path], /) -> Iterator[Pictured]:
             run = read_run(path)
             for file in run.require_maps():
                 name = run.name(file) if len(inputs) == 1 or path.is_dir() else f"{file.parent.name}/{file.stem}"
-                yield Pictured(name, partial(_map, run, file), DIRECT_DEPTH, run, file)
+                yield Pictured(name, partial(_read_map, run, file), DIRECT_DEPTH, run, file)
             continue
         for capture in find_placed_captures([path], recursive=path.is_dir())[0]:
             for source in single_frames(capture):
-                yield Pictured(source.name, partial(_frame, capture, source), LIGHT)
+                yield Pictured(source.name, partial(_read_frame, capture, source), LIGHT)
 
 
 def _holds_maps(path: Path) -> bool:
@@ -73,12 +74,12 @@ def _is_of_layers(path: Path) -> bool:
     return any(map(is_map_layer, layers)) or not any(".SC" in name.upper() for name in layers)
 
 
-def _map(run: Run, file: Path) -> Shown:
+def _read_map(run: Run, file: Path) -> Shown:
     """Read a map, or any file of named layers."""
-    return Shown.of(f"{file.parent.name}/{file.name}", read_layers(file), depth=DEPTH_IN_WORDS[run.depth_kind])
+    return Shown.of(str(Path(file.parent.name, file.name)), read_layers(file), depth=DEPTH_IN_WORDS[run.depth_kind])
 
 
-def _frame(capture: Capture, source: FrameSource) -> Shown:
+def _read_frame(capture: Capture, source: FrameSource) -> Shown:
     """Read a recorded frame: volts, or what is stored where nothing says how many volts that is; amplitudes and phases."""
     with open_frames(source, capture.layout) as frames:
         stored = frames.read(source.index or 0)

@@ -16,7 +16,6 @@ from cadtof_cli.frame_plan import FramePlan
 from cadtof_cli.maps.layers import DIRECT_DEPTH
 from cadtof_cli.one_pixel import OrderTest, PixelEvidence, pixel_evidence
 from cadtof_cli.phasors.frame_mean import FrameMean
-from cadtof_cli.phasors.noise import NoiseModel
 from cadtof_cli.phasors.voltages import volts_per_count
 from cadtof_cli.pipeline import joined_parts, prepare_frame, resolve_pixels
 from cadtof_cli.resolver.diffuse.choice import DiffuseChoice
@@ -83,12 +82,12 @@ def inspect_pixel(
         "pixel": [x, y],
         "voltages_v": volts.tolist(),
         "phasors": [[float(p.real), float(p.imag)] for p in evidence.phasors],
-        "noise": _noise(evidence.noise, evidence, plan),
+        "noise": _noise(evidence, plan),
         "one_path": None if evidence.one is None else asdict(evidence.one[0]) | {"chi_squared": evidence.one[1]},
         "two_paths": dict(zip(("direct", "mpi"), map(asdict, evidence.two), strict=True)) if evidence.two else None,
         "order_test": _order_test(evidence.test, status),
         "diffuse": _diffuse(resolved.mpi, evidence, plan, status),
-        "chosen": _chosen(resolved.maps, x, y),
+        "chosen": {name: float(resolved.maps.layer(name)[y, x]) for name in resolved.maps.names} | {STATUS: status},
         "status": list(describe_status(status)),
         "neighbours_m": _neighbours(resolved.maps, x, y),
     }
@@ -114,8 +113,8 @@ def _task(
     return task, str(task.sources[0])
 
 
-def _noise(noise: NoiseModel, evidence: PixelEvidence, plan: FramePlan) -> dict[str, Any]:
-    volts = plan.metadata.modulation.amplitude_v
+def _noise(evidence: PixelEvidence, plan: FramePlan) -> dict[str, Any]:
+    noise, volts = evidence.noise, plan.metadata.modulation.amplitude_v
     return {
         "integration_length": noise.integration_length,
         "estimated": noise.estimated,
@@ -166,14 +165,9 @@ def _diffuse(
     return found
 
 
-def _chosen(maps: DepthMaps, x: int, y: int) -> dict[str, float | int]:
-    """Return what a map file says of the pixel, layer by layer."""
-    layers: dict[str, float | int] = {name: float(maps.layer(name)[y, x]) for name in maps.names}
-    return layers | {STATUS: int(maps.status[y, x])}
-
-
 def _neighbours(maps: DepthMaps, x: int, y: int) -> list[list[float]]:
     """Return the direct depths around the pixel, rows from the top; NaN beyond the frame's edge too."""
     around = np.pad(maps.layer(DIRECT_DEPTH), NEIGHBOURS, constant_values=np.nan)
     side = 2 * NEIGHBOURS + 1
-    return [[float(value) for value in row] for row in around[y : y + side, x : x + side]]
+    values: list[list[float]] = around[y : y + side, x : x + side].tolist()
+    return values

@@ -78,7 +78,7 @@ def preview(inputs: Sequence[Path], out: Path, /, *, settings: PreviewSettings, 
     elif len(found) > 1:
         _sheet(found, out, settings, progress, title=" ".join(path.name or str(path) for path in inputs))
     else:
-        _one(found[0], out, settings, progress)
+        _figure(found[0], out, settings, progress)
 
 
 def _draw_calibration(folder: Path, out: Path, settings: PreviewSettings) -> None:
@@ -91,7 +91,7 @@ def _draw_calibration(folder: Path, out: Path, settings: PreviewSettings) -> Non
     draw_calibration(calibration, out, title=f"calibration {folder.absolute().name}: {parts}")
 
 
-def _one(one: Pictured, out: Path, settings: PreviewSettings, progress: Progress) -> None:
+def _figure(one: Pictured, out: Path, settings: PreviewSettings, progress: Progress) -> None:
     """Draw one frame: one of its layers, or all of it."""
     shown = one.read()
     if settings.layer is not None or settings.limits is not None or settings.colours is not None:

@@ -9,16 +9,16 @@ from numpy.typing import NDArray
 
 from cadtof_cli.arrays import Float, Index
 from cadtof_cli.errors import SettingsError, require
-from cadtof_cli.files.atomic import atomic_write, require_new
+from cadtof_cli.files.atomic import require_new, write_text
 from cadtof_cli.files.documents import csv_text
-from cadtof_cli.files.maps import read_layers
+from cadtof_cli.files.layers import read_layers
 from cadtof_cli.frame_plan import DEPTH_IN_WORDS
 from cadtof_cli.maps.layers import DIRECT_DEPTH, layer_unit
 from cadtof_cli.maps.profile import Curve, Profile
 from cadtof_cli.optics import planar_per_range
 from cadtof_cli.records import setting
 from cadtof_cli.workflows.inspect.first_phasors import first_phasors
-from cadtof_cli.workflows.inspect.layers import layer_of, require_same_size
+from cadtof_cli.workflows.inspect.layers import layer_of, require_same_pixels, require_same_size
 from cadtof_cli.workflows.progress import Progress
 from cadtof_cli.workflows.run_folder import Run, read_run
 
@@ -90,13 +90,16 @@ def read_profile(
         progress: told of what is left out.
 
     Raises:
-        CadtofError: maps or truth cannot be read, lack the layer or differ in size; or some are range and some planar.
+        CadtofError: maps or truth cannot be read, lack the layer or differ in size; some are range and some planar; or they
+            show other pixels.
     """
     runs = [read_run(path) for path in maps]
     if len({run.depth_kind for run in runs}) > 1:
         raise SettingsError(
             "some of the maps hold planar depth and some radial range: resolve all with the same --depth"
         )
+    for run in runs[1:]:
+        require_same_pixels(runs[0], run)
     files = [_chosen(run, settings) for run in runs]
     found: list[Curve] = []
     size: tuple[int, ...] = ()
@@ -177,8 +180,7 @@ def write_profile(profile: Profile, out: Path, /, *, overwrite: bool) -> None:
     """
     if out.suffix.lower() == TABLE:
         require_new(out, overwrite=overwrite)
-        with atomic_write(out) as temporary:
-            temporary.write_text(profile_table(profile), encoding="utf-8")
+        write_text(out, profile_table(profile))
         return
     from cadtof_cli.figures.kinds import require_picture
     from cadtof_cli.figures.profile import draw_profile

@@ -7,7 +7,8 @@ from pathlib import Path
 from cadtof_cli.arrays import Float, Float32
 from cadtof_cli.errors import CadtofError, FrameError, OutputError, require
 from cadtof_cli.files.atomic import require_new
-from cadtof_cli.files.maps import STATUS, read_layers
+from cadtof_cli.files.layers import read_layers
+from cadtof_cli.files.maps import STATUS
 from cadtof_cli.maps.evaluation import DepthErrors, EvaluationTally
 from cadtof_cli.maps.layers import DIRECT_DEPTH, DIRECT_SIGMA
 from cadtof_cli.records import setting
@@ -171,30 +172,22 @@ def _gathered(reader: _Reader, progress: Progress) -> _Gathered:
     gathered = _Gathered()
     files = reader.run.files
     progress.advance(0, total=len(files))
-    samples = list(_read(reader, _spread(files), _Gathered()))
+    places = sorted({0, len(files) // 2, len(files) - 1}) if files else ()
+    samples = list(_read(reader, [files[place] for place in places], _Gathered()))
     if not samples:
         list(_read(reader, files, gathered))
         return gathered
     room = BYTES_PER_MB * reader.settings.max_size_mb - _BESIDE_MAPS - _PER_FRAME * len(files)
-    planes = [_shown_planes(one, samples) for one in samples]
+    planes = [one.planes for one in samples]
+    if len({one.truth_file for one in samples}) > 1:
+        # only truths that differ take room for each frame
+        planes = [one.planes if one.truth_m is None else {**one.planes, TRUTH: one.truth_m} for one in samples]
     shares = planned_shares(planes, len(files), limit_bytes=max(room, 0.0), whole=reader.settings.full_frames)
     del samples, planes
     for frame in _read(reader, files, gathered):
         gathered.add(reader, frame, shares)
         progress.advance()
     return gathered
-
-
-def _shown_planes(frame: _Frame, among: Sequence[_Frame]) -> Planes:
-    """Return what takes room on a page for a frame: truth too, where frames have different ones."""
-    if frame.truth_m is None or len({one.truth_file for one in among}) == 1:
-        return frame.planes
-    return {**frame.planes, TRUTH: frame.truth_m}
-
-
-def _spread(files: Sequence[Path]) -> Sequence[Path]:
-    """Return the first, the middle and the last of the files."""
-    return [files[place] for place in sorted({0, len(files) // 2, len(files) - 1})] if files else []
 
 
 def _read(reader: _Reader, files: Sequence[Path], gathered: _Gathered) -> Iterator[_Frame]:

@@ -41,9 +41,16 @@ def page_text(
         problems: why the others cannot be read.
         errors: against truth, by what they are of.
     """
-    reports = _reports_of(run)
+    reports: Sequence[FrameReport] = run.reports()
+    if run.maps.is_file():
+        reports = [report for report in reports if run.map_of(report) in run.files]
     shown = {
-        file: _shown(run.name(file), number, depth_m, depth_limits_m)
+        file: FrameLine(
+            run.name(file),
+            number=number,
+            thumbnail=thumbnail(depth_m, depth_limits_m),
+            size=(depth_m.shape[1], depth_m.shape[0]),
+        )
         for number, (file, depth_m) in enumerate(maps.items())
     }
     lines = tuple(_lines(run, reports, shown, problems))
@@ -63,12 +70,6 @@ def page_text(
     )
 
 
-def _reports_of(run: Run) -> Sequence[FrameReport]:
-    """Return the lines of the run's frames; of one map alone its own."""
-    reports = run.reports()
-    return [report for report in reports if run.map_of(report) in run.files] if run.maps.is_file() else reports
-
-
 def _lines(
     run: Run, reports: Sequence[FrameReport], shown: Mapping[Path, FrameLine], problems: Mapping[Path, str]
 ) -> Iterator[FrameLine]:
@@ -86,12 +87,6 @@ def _lines(
         if file is not None and file not in shown:
             line = replace(line, status="failed", reason=problems.get(file, "its maps are gone"))
         yield line
-
-
-def _shown(name: str, number: int, depth_m: Float32, limits_m: tuple[float, float]) -> FrameLine:
-    """Return a frame's line with its number in the viewer and its thumbnail."""
-    height, width = depth_m.shape
-    return FrameLine(name, number=number, thumbnail=thumbnail(depth_m, limits_m), size=(width, height))
 
 
 def _subtitle(record: Mapping[str, Any], run: Run) -> str:
@@ -140,7 +135,8 @@ def _settings(record: Mapping[str, Any]) -> Iterator[tuple[str, Sequence[tuple[s
     for number, capture in enumerate(record.get("captures", []), start=1):
         origins = _table(capture, "origins")
         known = {"root": capture.get("root"), "files": capture.get("files")} | _flat(_table(capture, "metadata"))
-        rows = [(name, _plain(value), str(origins.get(name, ""))) for name, value in known.items()]
+        # keys that nobody has set say nothing
+        rows = [(name, _plain(value), str(origins.get(name, ""))) for name, value in known.items() if value is not None]
         yield f"Capture {number}: {capture.get('root')}", rows
     calibration = _table(record, "calibration")
     if calibration:
@@ -165,7 +161,7 @@ def _flat(tables: Mapping[str, Any], /, *, above: str = "") -> dict[str, Any]:
 
 def _plain(value: Any) -> str:
     """Return a value of the record as people read it."""
-    if value is None:
+    if value is None or value == {}:
         return "–"
     if isinstance(value, bool):
         return "yes" if value else "no"

@@ -6,8 +6,9 @@ from typing import Any
 
 from cadtof_cli.capture.metadata import KEYS, Key
 from cadtof_cli.capture.toml import DEFAULT_ORIGIN, FILE_NAME
-from cadtof_cli.files.atomic import atomic_write, require_new
+from cadtof_cli.files.atomic import require_new, write_text
 from cadtof_cli.files.toml import toml_value
+from cadtof_cli.units import counted
 from cadtof_cli.workflows.inspect.info import CaptureFacts
 
 _EXAMPLES: Mapping[str, Any] = {
@@ -44,16 +45,14 @@ def write_settings(facts: CaptureFacts, /, *, out: Path | None, overwrite: bool)
     """
     path = out or Path(facts.root) / FILE_NAME
     require_new(path, overwrite=overwrite)
-    text = "\n".join(_lines(facts)) + "\n"
-    with atomic_write(path) as temporary:
-        temporary.write_text(text, encoding="utf-8")
+    write_text(path, "\n".join(_lines(facts)) + "\n")
     return path
 
 
 def _lines(facts: CaptureFacts) -> Iterator[str]:
     kinds = ", ".join((*facts.containers, *facts.types)) or "none could be read"
     size = f", {facts.shape[3]} × {facts.shape[2]} pixels" if facts.shape else ""
-    yield f"# Written by `cadtof info --write-settings` after a look at {facts.frames} frames ({kinds}{size})."
+    yield f"# Written by `cadtof info --write-settings` after a look at {counted(facts.frames, 'frame')} ({kinds}{size})."
     yield "# Lines that begin with # have no effect: complete those that you know, and remove their #."
     seen, table = _seen(facts), ""
     for key in KEYS.values():

@@ -12,11 +12,12 @@ import numpy as np
 from cadtof_cli.arrays import Stored
 from cadtof_cli.capture.frames import FrameSource, read_stored
 from cadtof_cli.errors import CadtofError, FrameError, PlaceError
+from cadtof_cli.execution.memory import keep_freed_memory
 from cadtof_cli.execution.outcome import Later
-from cadtof_cli.execution.workers import keep_freed_memory
 from cadtof_cli.files.atomic import PartialFile
 from cadtof_cli.files.frames import FrameLayout, NotAFrameError
-from cadtof_cli.files.maps import DepthMaps, Digest, file_digest, stage_maps
+from cadtof_cli.files.layers import Digest, file_digest, stage_maps
+from cadtof_cli.files.maps import DepthMaps
 from cadtof_cli.frame_plan import FramePlan
 from cadtof_cli.phasors.frame_mean import FrameMean, frame_mean
 from cadtof_cli.phasors.plausible import implausible

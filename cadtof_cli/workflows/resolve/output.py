@@ -19,6 +19,7 @@ from cadtof_cli.files.atomic import remove_partial_files, writing
 from cadtof_cli.files.formats import MAP_FORMATS
 from cadtof_cli.files.reading import real_path
 from cadtof_cli.files.system import OPEN_OR_CREATE_FLAGS, read_at, remove_and_close, sync_folder, try_lock
+from cadtof_cli.units import first_of
 from cadtof_cli.workflows.resolve.record import FRAMES_FILE, RUN_FILE, read_record
 from cadtof_cli.workflows.resolve.settings import ResolveSettings
 
@@ -161,13 +162,9 @@ def require_nothing_replaced(out: Path, captures: Sequence[Capture], /) -> None:
     """Raise OutputError where a run would replace files."""
     if there := _existing_outputs(out, captures):
         raise OutputError(
-            f"{out}: {_first_names(there)} would be replaced; add --overwrite to replace, --resume to go on where a run "
+            f"{out}: {first_of(there, 3)} would be replaced; add --overwrite to replace, --resume to go on where a run "
             "stopped, or choose another folder with -o"
         )
-
-
-def _first_names(names: Sequence[str]) -> str:
-    return f"{', '.join(names[:3])}{f' and {len(names) - 3} more' if len(names) > 3 else ''}"
 
 
 def _existing_outputs(out: Path, captures: Sequence[Capture]) -> list[str]:
@@ -185,7 +182,7 @@ def _require_same_run(out: Path, document: Mapping[str, Any], there: Sequence[st
     path = out / RUN_FILE
     if not os.path.lexists(path):
         raise OutputError(
-            f"{out}: cannot resume: found {_first_names(there)} and no {RUN_FILE}, so nothing tells what was resolved and how; "
+            f"{out}: cannot resume: found {first_of(there, 3)} and no {RUN_FILE}, so nothing tells what was resolved and how; "
             "add --overwrite, or choose another folder with -o"
         )
     try:

@@ -9,7 +9,6 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from cadtof_cli import __version__
 from cadtof_cli.capture.frames import Capture, FrameSource, file_size, lossy_compression, open_frames, single_frames
 from cadtof_cli.errors import CaptureError, FrameError, SettingsError
 from cadtof_cli.files.formats import map_format
@@ -21,6 +20,7 @@ from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.status import MEANING
 from cadtof_cli.resolver.two_path.kernel import chosen_kernel
 from cadtof_cli.units import counted
+from cadtof_cli.version import __version__
 from cadtof_cli.workflows.resolve.frame_task import FrameTask
 from cadtof_cli.workflows.resolve.record import FrameReport
 from cadtof_cli.workflows.resolve.settings import ResolveSettings
@@ -256,11 +256,8 @@ def pooling_notes(plans: Sequence[CapturePlan], settings: ResolveSettings, /) ->
     maps = sum(one.expected_maps(settings) for one in plans)
     seconds = pooling / max(min(settings.workers.jobs, maps), 1)
     if seconds > _SLOW_RUN_S:
-        yield f"--pool {settings.maps.pool}: {counted(maps, 'frame')} will take about {_duration(seconds)}"
-
-
-def _duration(seconds: float) -> str:
-    return f"{seconds:.0f} s" if seconds < 100 else f"{seconds / 60:.0f} min"
+        told = f"{seconds:.0f} s" if seconds < 100 else f"{seconds / 60:.0f} min"
+        yield f"--pool {settings.maps.pool}: {counted(maps, 'frame')} will take about {told}"
 
 
 def use_calibration(folder: Path, captures: Sequence[Capture], /) -> AppliedCalibration:

@@ -15,7 +15,9 @@ from typing import TYPE_CHECKING, Any
 from cadtof_cli.capture.discovery import find_placed_captures
 from cadtof_cli.capture.frames import Capture, frame_names
 from cadtof_cli.errors import RunStoppedError
-from cadtof_cli.execution.ordered import LOCAL, Outcome, WorkerDied, run_ordered
+from cadtof_cli.execution.ordered import run_ordered
+from cadtof_cli.execution.outcome import Outcome, WorkerDied
+from cadtof_cli.execution.workers import LOCAL
 from cadtof_cli.files.atomic import PARTIAL_SUFFIX, make_folder, remove_partial_files, writing
 from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.two_path.kernel import NUMPY, numpy_note

@@ -4,7 +4,7 @@ from dataclasses import MISSING, field
 from pathlib import Path
 
 from cadtof_cli.errors import SettingsError
-from cadtof_cli.execution.ordered import Workers
+from cadtof_cli.execution.workers import Workers
 from cadtof_cli.files.formats import AS_INPUT, MAP_FORMATS
 from cadtof_cli.frame_plan import MapSettings
 from cadtof_cli.records import dataclass, setting

@@ -4,8 +4,10 @@ import itertools
 from collections.abc import Generator, Iterable, Iterator, Sequence
 from contextlib import closing
 
-from cadtof_cli.execution.ordered import Outcome, WorkerDied, Workers, run_ordered
-from cadtof_cli.execution.workers import keep_freed_memory
+from cadtof_cli.execution.memory import keep_freed_memory
+from cadtof_cli.execution.ordered import run_ordered
+from cadtof_cli.execution.outcome import Outcome, WorkerDied
+from cadtof_cli.execution.workers import Workers
 from cadtof_cli.files.maps import DepthMaps
 from cadtof_cli.frame_pixels import FramePixels
 from cadtof_cli.pipeline import joined_parts, prepare_frame, resolve_pixels

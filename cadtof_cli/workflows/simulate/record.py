@@ -7,22 +7,22 @@ from pathlib import Path
 
 import numpy as np
 
-from cadtof_cli import __version__
 from cadtof_cli.arrays import Float
 from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Optics, Pixel, Pulse, Target, Voltage
 from cadtof_cli.capture.toml import FILE_NAME, toml_text
 from cadtof_cli.errors import require
-from cadtof_cli.execution.ordered import ALONE, Workers
+from cadtof_cli.execution.workers import ALONE, Workers
 from cadtof_cli.files.atomic import new_folder
 from cadtof_cli.files.formats import FRAME_FORMATS, format_by_name
 from cadtof_cli.files.frames import FrameLayout
-from cadtof_cli.files.maps import write_layers
+from cadtof_cli.files.layers import write_layers
 from cadtof_cli.records import setting
 from cadtof_cli.simulation.pixel.mix import AT_REST, Motion
 from cadtof_cli.simulation.scene.camera import Camera
 from cadtof_cli.simulation.scene.exposure import Band, Exposure, band_rows, expose_band, frame_voltages, joined
 from cadtof_cli.simulation.scene.light import Scene
 from cadtof_cli.simulation.scene.scenes import Wall
+from cadtof_cli.version import __version__
 from cadtof_cli.workflows.progress import NO_PROGRESS, Progress, results
 
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from cadtof_cli.execution.ordered import ALONE, Workers
+from cadtof_cli.execution.workers import ALONE, Workers
 from cadtof_cli.files.atomic import new_folder
 from cadtof_cli.files.documents import plain, write_rows
 from cadtof_cli.simulation.pixel.pixel import evolution

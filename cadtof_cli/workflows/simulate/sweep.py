@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from cadtof_cli.errors import require
-from cadtof_cli.execution.ordered import ALONE, Workers
-from cadtof_cli.files.atomic import atomic_write, new_folder, require_absent
+from cadtof_cli.execution.workers import ALONE, Workers
+from cadtof_cli.files.atomic import new_folder, require_absent, write_text
 from cadtof_cli.files.documents import csv_text
 from cadtof_cli.simulation.pixel.statistics import averaging_gain, phase_precision_of_mix_rad
 from cadtof_cli.workflows.progress import NO_PROGRESS, Progress
@@ -100,8 +100,7 @@ def table_text(cells: list[SweepCell], /) -> str:
 def write_table_file(cells: list[SweepCell], path: Path, /) -> None:
     """Write the table to a new file; raises OutputError where one is, or where it cannot be written."""
     require_absent(path)
-    with atomic_write(path) as temporary:
-        temporary.write_text(table_text(cells), encoding="utf-8", newline="")
+    write_text(path, table_text(cells))
 
 
 def draw_sweep(cells: list[SweepCell], folder: Path, /) -> None:

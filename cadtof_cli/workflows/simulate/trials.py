@@ -14,8 +14,8 @@ from cadtof_cli.maps.depth import beyond_light
 from cadtof_cli.phasors.noise import noise_model
 from cadtof_cli.phasors.voltages import ideal_phasor_map, phasors_from_stored
 from cadtof_cli.records import setting
-from cadtof_cli.resolver.paper.records import RandomStarts
 from cadtof_cli.resolver.paper.solver import steps_of_starts
+from cadtof_cli.resolver.paper.starts import RandomStarts
 from cadtof_cli.resolver.resolve import resolve_paths
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.simulation.pixel.averaging import effective_length
@@ -166,11 +166,11 @@ def noise_length(model: PixelModel, /) -> float:
 
 
 def resolved(trials: Trials, voltages_v: Float, /, *, first: int = 0) -> Recordings:
-    """Resolve the voltages of runs, (runs, H, 2), of which the first has the number `first`."""
+    """Resolve the voltages of runs, (runs, H, 2), of which the first has the number `first`: for sines, whatever they are of."""
     model, settings = trials.model, replace(trials.resolver, seed=trials.seed)
     length = noise_length(model)
     metadata = CaptureMetadata(
-        modulation=model.modulation,
+        modulation=replace(model.modulation, waveform="sine"),
         pixel=Pixel(integration_length=length),
         pulse=Pulse(fwhm_ns=trials.condition.fwhm_ns if trials.pulse_correction else 0.0),
     )

@@ -14,7 +14,7 @@ from cadtof_cli.execution.cluster import ordered
 from cadtof_cli.execution.cluster.connection import Finished, News, WorkerJoined, WorkerLost
 from cadtof_cli.execution.cluster.ordered import BATCHES_PER_WORKER, MOST_IN_BATCH, SHORT_S, TASKS_AHEAD, ClusterRun
 from cadtof_cli.execution.cluster.worker import BatchResult, Raised, Surroundings, run_batch, surroundings
-from cadtof_cli.execution.ordered import Outcome, WorkerDied
+from cadtof_cli.execution.outcome import Outcome, WorkerDied
 
 OURS = Surroundings("3.11.2", "0.1.0", "abc", None)
 

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cadtof_cli.calibration.apply import refined_by
+from cadtof_cli.calibration.apply import tabulated_responses
 from cadtof_cli.capture.metadata import CaptureMetadata, Modulation
 from cadtof_cli.frame_plan import FramePlan, MapSettings
 from cadtof_cli.phasors.noise import noise_model
@@ -64,7 +64,7 @@ def test_a_block_of_pixels_has_the_phases_of_these_pixels(stretch: slice) -> Non
 
 def test_a_response_of_main_and_mirror_leaves_nothing_to_refine() -> None:
     responses = [HarmonicResponse(h, ((1, 0.9 + 0.1j), (-1, 0.02j))) for h in (1, 2)]
-    assert refined_by(responses, None) is None
+    assert tabulated_responses(responses, None) is None
 
 
 def test_two_paths_that_are_beyond_all_numbers_are_called_two_all_the_same() -> None:

@@ -71,6 +71,18 @@ def test_direct_path_without_mpi_is_as_sharp_as_two_harmonics_of_one_path_allow(
     assert math.isnan(found.second.within_1ns)
 
 
+@pytest.mark.parametrize("direct_ns", [0.1, 5.0, 9.9])
+def test_triangles_are_resolved_as_what_takes_them_for_sines_resolves_them(direct_ns: float) -> None:
+    """Near their peaks, too, where the light is more than the modulation's fundamental."""
+    model = PixelModel(averaging=Averaging(integration_length=1e5), modulation=Modulation(waveform="triangle"))
+    wanted = trials(condition=Condition(asr=0.05, mpi_ratio=0.0, direct_ns=direct_ns), model=model, runs=200)
+    found = Recordings.joined([recordings(wanted, runs) for runs in wanted.blocks])
+    assert not found.impossible.any()
+    assert np.isfinite(found.times_ns[0]).all()
+    sines = replace(wanted, model=replace(model, modulation=Modulation()))
+    np.testing.assert_array_equal(resolved(sines, found.voltages_v).times_ns, found.times_ns)
+
+
 @pytest.mark.parametrize("direct_ns", [0.0, 0.02, 20.0, 39.98])
 def test_times_at_the_ends_of_the_period_are_no_errors_of_a_period(direct_ns: float) -> None:
     """At 3 of n_av a thousand, half the runs fall on the other side of the period's end."""

@@ -1,25 +1,11 @@
-"""Where the search of Eq. (9) begins, at random, and what it finds."""
+"""Where the search of Eq. (9) begins, at random."""
 
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
-from cadtof_cli.arrays import Bool, Float, Index
-
-
-@dataclass(frozen=True)
-class Ends:
-    """Where the searches of n pixels ended.
-
-    Re z and Im z, (2, n), the cost there, (n,), which of them converged, and after how many steps.
-    """
-
-    z: Float
-    cost: Float
-    converged: Bool
-    steps: Index
-
+from cadtof_cli.arrays import Float, Index
 
 HALF_SIDE = 3.0
 """Half the side of the square around z = 1/2, the point that swapping the paths leaves, that starts are spread over."""

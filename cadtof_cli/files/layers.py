@@ -1,0 +1,123 @@
+"""Files of named layers in any format: maps, truth and calibration."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from xxhash import xxh3_128
+
+from cadtof_cli.errors import FrameError, OutputError
+from cadtof_cli.files.atomic import PartialFile, atomic_write, not_written
+from cadtof_cli.files.formats import MAP_SUFFIXES, detect_format, format_by_suffix
+from cadtof_cli.files.maps import STATUS, DepthMaps, MapHeader
+
+Digest = xxh3_128
+"""What bytes are added to piece by piece, fast enough for every frame and its maps: it finds accidents, not forgeries."""
+
+_CHUNK_BYTES = 2**22
+
+_STATUS_LIMIT = 2**32
+
+
+def file_digest(path: Path, /) -> str:
+    """Return the digest of a file's bytes, a few megabytes at a time.
+
+    Raises:
+        OSError: it cannot be read.
+    """
+    digest = Digest()
+    with path.open("rb", buffering=0) as file:
+        # a map may be large: never all of it in memory
+        while piece := file.read(_CHUNK_BYTES):
+            digest.update(piece)
+    return digest.hexdigest()
+
+
+def stage_maps(path: Path, maps: DepthMaps, /, *, header: MapHeader, token: str) -> tuple[PartialFile, str]:
+    """Write maps under a temporary name, in the format that `path` ends with; return that file and the digest of its bytes.
+
+    The file is still to be committed or discarded: committing waits for the disk, and something else can be done meanwhile.
+
+    Raises:
+        OutputError: the file cannot be written, for lack of space or permission.
+    """
+    kind = format_by_suffix(path)
+    if kind is None or kind.layers is None:
+        raise OutputError(f"{path}: found the suffix {path.suffix!r}, expected one of {', '.join(MAP_SUFFIXES)}")
+    partial = PartialFile(path, token=token)
+    try:
+        parts = kind.layers().write_maps(partial.temporary, maps, header=header)
+        if not parts:
+            return partial, file_digest(partial.temporary)
+        partial.parts, digest = parts, Digest()
+        for part in parts:
+            digest.update(part)
+        return partial, digest.hexdigest()
+    except OSError as error:
+        partial.discard()
+        raise not_written(path, error, size=maps.pages.nbytes) from error
+    except BaseException:
+        partial.discard()
+        raise
+
+
+def read_layers(path: Path, /) -> dict[str, NDArray[Any]]:
+    """Return the layers of a map or truth file by name, (Y, X) each, as they are stored, and the status as uint32 bits.
+
+    Layers are the channels of an EXR file's first part, or the named channels of an OME-TIFF, which holds the bits as floats.
+
+    Raises:
+        FrameError: the file cannot be read, is damaged, or its layers have no names, or its status is no bits.
+    """
+    kind = detect_format(path)
+    if kind.layers is None:
+        raise FrameError(f"{path}: found {kind.title}, expected a format of named maps")
+    layers = {name: _with_quiet_nans(layer) for name, layer in kind.layers().read_layers(path).items()}
+    status = layers.get(STATUS)
+    if status is None:
+        return layers
+    if not (np.isfinite(status) & (status >= 0) & (status < _STATUS_LIMIT)).all():
+        raise FrameError(f"{path}: damaged maps: their status holds numbers that are no bits")
+    return layers | {STATUS: status.astype(np.uint32, copy=False)}
+
+
+def _with_quiet_nans(layer: NDArray[Any]) -> NDArray[Any]:
+    """Return a layer without NaNs of the kind that raise a warning wherever they are converted."""
+    if layer.dtype.kind != "f":
+        return layer
+    with np.errstate(invalid="ignore"):
+        # by one, not plus zero: that turns −0 into 0
+        quiet: NDArray[Any] = layer * layer.dtype.type(1)
+    return quiet
+
+
+def read_facts(path: Path, /) -> dict[str, str]:
+    """Return the facts in the header of a map file, such as the kind of depth and the recorded frame; nothing where it has none.
+
+    Raises:
+        FrameError: the file cannot be read, or is damaged.
+    """
+    kind = detect_format(path)
+    return kind.layers().read_facts(path) if kind.layers else {}
+
+
+def write_layers(path: Path, layers: Mapping[str, NDArray[Any]], /, *, lossy: bool = False) -> None:
+    """Write (Y, X) layers as channels of one EXR file, which appears whole or not at all.
+
+    Args:
+        path: the file to be written.
+        layers: by name, half, float32 or uint32.
+        lossy: rounded to 16 bits of mantissa by PXR24 compression. That is 0.06 mm at 4 to 8 m, and a quarter of the bytes
+            that lossless compression needs for smooth maps.
+
+    Raises:
+        OutputError: the file cannot be written.
+    """
+    from cadtof_cli.files.exr import write_exr
+
+    if lossy:
+        layers = {name: layer.astype(np.float32) for name, layer in layers.items()}
+    with atomic_write(path) as temporary:
+        write_exr(temporary, layers, compression="pxr24" if lossy else "zip")
