@@ -24,7 +24,7 @@ from cadtof_cli.capture.toml import FILE_NAME, toml_text
 from cadtof_cli.files.atomic import new_folder
 from cadtof_cli.files.formats import format_by_name
 from cadtof_cli.files.frames import FrameLayout
-from cadtof_cli.files.maps import write_layers
+from cadtof_cli.files.layers import write_layers
 from cadtof_cli.simulation.pixel.statistics import (
     VoltageStatistics,
     averaging_gain,
