@@ -27,6 +27,8 @@ OTHERS = frozenset(
     {
         *(
             "--harmonics",
+            "--even-lamp",
+            "--samples",
             "--keep",
             "--cost",
             "--scipy-pixels",

@@ -168,11 +168,16 @@ def are_two_paths(data: PatchData, view: View, /, *, kernel: str = NUMPY) -> boo
         return foretells(found, data) if foretelling(data) else are_even(found, data, view)
 
 
-def tail_fits(chi_squared: Float, data: int, /) -> bool:
-    """Return whether a tail explains a frame whose patches, (n,), leave these χ² of so many data each."""
-    if float(np.mean(chi_squared > UNEXPLAINED[data > 2] * data)) > UNEXPLAINED_SHARE[data > 2]:
+def tail_fits(chi_squared: Float, by_two_paths: Float, data: int, /) -> bool:
+    """Return whether a tail explains a frame whose patches, (n,), leave these χ² of so many data each.
+
+    `by_two_paths`, (n,), is what two paths leave of the data that follow those of q_2, none with two harmonics. A patch that they
+    explain no better than a tail does says nothing for them.
+    """
+    if data > 2 and float(median(chi_squared)) > LARGEST_MISFIT * data:
         return False
-    return data == 2 or float(median(chi_squared)) <= LARGEST_MISFIT * data
+    unexplained = (chi_squared > UNEXPLAINED[data > 2] * data) & (by_two_paths * data <= chi_squared * (data - 2))
+    return float(np.mean(unexplained)) <= UNEXPLAINED_SHARE[data > 2]
 
 
 def misfits_without_mpi(means: PatchMeans, lit: Bool, variances: Float, /, *, harmonics: tuple[int, ...]) -> Float:

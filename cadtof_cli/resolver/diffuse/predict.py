@@ -1,11 +1,20 @@
 """A frame's diffuse MPI: which model it gets, and the coarse one that its pixels are answered from."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from cadtof_cli.arrays import Bool, Complex, Float, Float32
 from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.diffuse.beyond import surfaces_beyond, surfaces_guessed
-from cadtof_cli.resolver.diffuse.choice import LEAST_PATCHES, DiffuseChoice, PatchKinds, Reason, RoomNumbers, tail_fits
+from cadtof_cli.resolver.diffuse.choice import (
+    LEAST_PATCHES,
+    DiffuseChoice,
+    PatchKinds,
+    Reason,
+    RoomNumbers,
+    tail_fits,
+)
 from cadtof_cli.resolver.diffuse.coarse import Beside, coarse_planes, patch_posterior
 from cadtof_cli.resolver.diffuse.grid import PatchGrid
 from cadtof_cli.resolver.diffuse.leaning import Leaning, left_rad, missed_share, view_numbers
@@ -18,6 +27,7 @@ from cadtof_cli.resolver.diffuse.prior import pattern
 from cadtof_cli.resolver.diffuse.quantiles import median, quantiles
 from cadtof_cli.resolver.diffuse.radiosity import interreflections, light_of
 from cadtof_cli.resolver.diffuse.records import NEAREST_M, DiffuseModel, SeenThrough, Tails, range_from_phase
+from cadtof_cli.resolver.diffuse.second_paths import PatchData, SecondPaths, missed
 from cadtof_cli.resolver.diffuse.settings import DiffuseSettings
 from cadtof_cli.resolver.diffuse.tail import TailModel
 from cadtof_cli.resolver.diffuse.through import seen_through, typical_tail
@@ -117,7 +127,8 @@ def _model(
         again = (_seen_through(phasors, valid, fit, frame, own) for own in (heard, None))
         through = max(filter(None, again), key=lambda one: one.found.sum(), default=through)
     posterior = patch_posterior(data, error, fit)
-    if auto and not tail_fits(posterior.chi_squared[heard], len(data)):
+    by_two_paths = _missed_by_two_paths(means, valid, frame)
+    if auto and not tail_fits(posterior.chi_squared[heard], by_two_paths[heard], len(data)):
         return None
     guessed = surfaces_guessed(planes.surfaces, valid, frame.grid, seen=seen)
     beside = _beside(fit, tail, seen, guessed, frame, mpi_share(ratios))
@@ -148,6 +159,14 @@ def _model(
         range_offset_m,
         through,
     )
+
+
+def _missed_by_two_paths(means: PatchMeans, valid: Bool, frame: _Frame) -> Float:
+    """Return χ², (n,), of what further harmonics differ by from what two paths foretell, with the errors that a tail may have."""
+    patches = PatchData.of(means, valid, frame.variances, frame.settings.harmonics)
+    tolerated = np.diag(model_error(patches.ratios))[:-2].reshape(2, -1)
+    with np.errstate(all="ignore"):
+        return missed(SecondPaths.of(patches, kernel=frame.kernel), replace(patches, tolerated=tolerated))
 
 
 def _seen_through(

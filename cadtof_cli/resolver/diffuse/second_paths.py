@@ -46,11 +46,15 @@ FORETOLD_SNR = 5.0
 
 @dataclass(frozen=True, eq=False)
 class PatchData:
-    """What n patches show: q_h, (H − 1, n), and σ²/|p_h|² of every harmonic, (H, n), so numbered."""
+    """What n patches show: q_h, (H − 1, n), and σ²/|p_h|² of every harmonic, (H, n), so numbered.
+
+    `tolerated`, (2, H − 1), are variances of ln|q_h| and arg q_h besides noise: what a model may get wrong.
+    """
 
     ratios: Complex
     relative: Float
     harmonics: tuple[int, ...]
+    tolerated: Float | None = None
 
     @classmethod
     def of(cls, means: PatchMeans, lit: Bool, variances: Float, harmonics: tuple[int, ...], /) -> "PatchData":
@@ -65,7 +69,10 @@ class PatchData:
         """Return the covariance of two ln|q_h|, and of their arg q_h, (2, n); which of the ratios they are is given."""
         entries = noise_covariance(list(self.relative), harmonics=self.harmonics)
         count = len(self.ratios)
-        return np.stack([entries[first, second], entries[count + first, count + second]])
+        noise = np.stack([entries[first, second], entries[count + first, count + second]])
+        if first == second and self.tolerated is not None:
+            noise += self.tolerated[:, first, None]
+        return noise
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,8 +149,15 @@ def foretelling(data: PatchData, /) -> bool:
 
 def foretells(found: SecondPaths, data: PatchData, /) -> bool:
     """Return whether the second paths say, but for noise, what q_h of further harmonics is."""
-    chi_squared = sum(_missed(found, data, row) for row in range(1, len(data.ratios)))
-    return float(median(np.asarray(chi_squared))) < FORETOLD * median_of_noise(2 * len(data.ratios) - 2)
+    return float(median(missed(found, data))) < FORETOLD * median_of_noise(2 * len(data.ratios) - 2)
+
+
+def missed(found: SecondPaths, data: PatchData, /) -> Float:
+    """Return χ², (n,), of what q_h of further harmonics, two numbers each, differ by from what the second paths make of them."""
+    chi_squared = np.zeros(len(data.ratios[0]))
+    for row in range(1, len(data.ratios)):
+        chi_squared += _missed(found, data, row)
+    return chi_squared
 
 
 def median_of_noise(numbers: int, /) -> float:

@@ -150,14 +150,22 @@ def test_a_lead_of_a_tenth_and_a_ratio_of_six_fifths_are_the_most_of_a_tail(rati
 
 
 def test_a_tail_fits_up_to_three_times_the_expected_misfit_in_half_of_the_patches() -> None:
-    assert tail_fits(np.array([1.0] * 4 + [12.0] * 4), 4)
-    assert not tail_fits(np.array([1.0] * 4 + [12.1] * 5), 4)
-    assert tail_fits(np.array([9.9]), 2)
-    assert not tail_fits(np.array([19.0]), 6)
+    for by_two_paths in (0.0, 1e6):
+        assert tail_fits(np.array([1.0] * 4 + [12.0] * 4), np.full(8, by_two_paths), 4)
+        assert not tail_fits(np.array([1.0] * 4 + [12.1] * 5), np.full(9, by_two_paths), 4)
+        assert tail_fits(np.array([9.9]), np.zeros(1), 2)
+        assert not tail_fits(np.array([19.0]), np.full(1, by_two_paths), 6)
 
 
 @pytest.mark.parametrize(("data", "limit", "most"), [(2, 10.0, 6), (4, 5.0, 16), (6, 5.0, 16)])
 def test_no_tail_fits_where_too_many_patches_are_unexplained(data: int, limit: float, most: int) -> None:
     for count in (most, most + 1):
         chi_squared = np.array([limit * data + 0.1] * count + [limit * data] * 10 + [0.1] * (90 - count))
-        assert tail_fits(chi_squared, data) is (count == most)
+        assert tail_fits(chi_squared, np.zeros(100), data) is (count == most)
+
+
+def test_patches_that_two_paths_explain_no_better_speak_for_no_model() -> None:
+    """A tail leaves 50 a datum of a third of the patches; two paths may leave that of each datum that follows q_2."""
+    unexplained = np.array([200.0] * 30 + [0.1] * 70)
+    assert not tail_fits(unexplained, np.array([100.0] * 30 + [1e6] * 70), 4)
+    assert tail_fits(unexplained, np.array([100.1] * 30 + [0.0] * 70), 4)

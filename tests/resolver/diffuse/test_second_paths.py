@@ -1,5 +1,7 @@
 """Frames of two true paths, by their physics, are told from those with a tail, and rooms' tails are not taken for them."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -13,6 +15,7 @@ from cadtof_cli.resolver.diffuse.second_paths import (
     foretells,
     has_one_share,
     median_of_noise,
+    missed,
 )
 from cadtof_cli.resolver.two_path.kernel import available_kernels
 from tests.support.diffuse_frames import OMEGA, F, Tail
@@ -164,6 +167,16 @@ def test_misses_of_what_is_foretold_are_those_of_noise() -> None:
         assert third_is_foretold(patches)
         worse = PatchData(patches.ratios, patches.relative / 1.6, patches.harmonics)
         assert not third_is_foretold(worse)
+
+
+def test_errors_of_a_model_are_tolerated_besides_noise() -> None:
+    """.1 rad of the third harmonic is far more than noise; with a tolerance of .1 rad, no more than one of its two data."""
+    patches = data(*second(0.1, 9.0, 3), noisy=False)
+    off = replace(patches, ratios=patches.ratios * np.array([[1.0], [np.exp(0.1j)]]))
+    tolerated = np.array([[0.0, 0.0], [0.0, 0.1**2]])
+    assert missed(found(patches), patches).max() < 1e-6
+    assert missed(found(off), off).min() > 100.0
+    assert_allclose(missed(found(off), replace(off, tolerated=tolerated)), 1.0, atol=0.05)
 
 
 @pytest.mark.parametrize("numbers", [2, 4, 8])

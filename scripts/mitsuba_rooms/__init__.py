@@ -1,0 +1,5 @@
+"""Rooms that another program renders, Mitsuba with mitransient: furniture, materials, rooms, and their light over time."""
+
+import mitsuba
+
+mitsuba.set_variant("llvm_ad_mono")
