@@ -20,8 +20,7 @@ from cadtof_cli.execution.ordered import run_ordered
 from cadtof_cli.execution.workers import Workers
 from cadtof_cli.frame_plan import FramePlan, MapSettings
 from cadtof_cli.workflows.resolve.frame_task import FrameTask
-from cadtof_cli.workflows.resolve.record import FrameReport
-from tests.support.cluster import LocalCluster, local_cluster
+from tests.support.cluster import LocalCluster, local_cluster, no_work
 
 ROOT = Path(__file__).resolve().parent.parent
 SAMPLE = ROOT / "sample_data" / "corner"
@@ -58,11 +57,6 @@ def main() -> None:
 
 
 # --- cost per task ---------------------------------------------------------------------------------------------------
-
-
-def no_work(task: FrameTask) -> FrameReport:
-    """Answer as a frame's task does, at once."""
-    return task.report("ok", None, 0.123456, one_path=12345, two_paths=64455, invalid=0)
 
 
 def _projection(cluster: LocalCluster, counts: list[int]) -> None:

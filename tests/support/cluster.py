@@ -10,6 +10,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from cadtof_cli.workflows.resolve.frame_task import FrameTask
+from cadtof_cli.workflows.resolve.record import FrameReport
 from tests.support.needed import needed_module
 from tests.support.run_cadtof import ROOT
 
@@ -25,6 +27,11 @@ ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
 os.execv(sys.argv[1], sys.argv[1:])
 """
 """However the tests end, nothing that they have started outlives them."""
+
+
+def no_work(task: FrameTask) -> FrameReport:
+    """Answer as a frame's task does, at once; it is here that workers find it."""
+    return task.report("ok", None, 0.123456, one_path=12345, two_paths=64455, invalid=0)
 
 
 def require_dask() -> None:
