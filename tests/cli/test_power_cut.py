@@ -38,13 +38,16 @@ def _environment(layer: Path, memory: Path) -> dict[str, str]:
     return {**ENVIRONMENT, "LD_PRELOAD": str(layer), "POWER_CUT": str(memory)}
 
 
+def _synchronised(out: Path, memory: Path) -> dict[str, int]:
+    """Return the inodes of a folder's files by the names that were synchronised."""
+    kept = memory / f"{out.stat().st_ino}.names"
+    lines = kept.read_text().splitlines() if kept.exists() else []
+    return {name: int(inode) for inode, name in (line.split(" ", 1) for line in lines)}
+
+
 def _left(out: Path, memory: Path, *, names_too: bool) -> None:
     """Make of a folder what the disk still has of it: of every file what was synchronised, under the names that were, or all."""
-    names = {path.name: path.stat().st_ino for path in out.iterdir()}
-    if names_too:
-        kept = memory / f"{out.stat().st_ino}.names"
-        lines = kept.read_text().splitlines() if kept.exists() else []
-        names = {name: int(inode) for inode, name in (line.split(" ", 1) for line in lines)}
+    names = _synchronised(out, memory) if names_too else {path.name: path.stat().st_ino for path in out.iterdir()}
     contents = {name: memory / str(inode) for name, inode in names.items()}
     left = {name: file.read_bytes() if file.exists() else b"" for name, file in contents.items()}
     shutil.rmtree(out)
@@ -77,20 +80,22 @@ for name, synchronised in (("kept", True), ("lost", False), ("half", True)):
 def test_power_is_lost(share: float, names_too: bool, layer: Path, tmp_path: Path) -> None:
     capture, out, fresh = record(tmp_path / "A", frames=12), tmp_path / "out", tmp_path / "fresh"
     assert program("resolve", capture.folder, "-o", fresh, "-j", 2).status == 0
-    memory = tmp_path / "memory"
+    whole, memory = maps_of(fresh), tmp_path / "memory"
     command = [*PROGRAM, "resolve", str(capture.folder), "-o", str(out), "-j", "2", "-q"]
     process = subprocess.Popen(command, env=_environment(layer, memory), start_new_session=True)
     deadline = time.monotonic() + 60
-    while len(list(out.glob("*.tif")) if out.exists() else ()) <= share * 12 and process.poll() is None:
+    while process.poll() is None:
         assert time.monotonic() < deadline
+        names = _synchronised(out, memory) if names_too and out.exists() else [path.name for path in out.glob("*")]
+        if sum(name in whole for name in names) > share * 12:
+            break
         time.sleep(0.002)
     os.killpg(process.pid, signal.SIGKILL)
     process.wait()
     _left(out, memory, names_too=names_too)
-    whole = maps_of(fresh)
-    there = maps_of(out)
-    assert there or not share
-    assert all(content == whole[name] for name, content in there.items())
+    left = maps_of(out)
+    assert left
+    assert all(content == whole[name] for name, content in left.items())
     json.loads((out / "run.json").read_text())
     assert program("resolve", capture.folder, "-o", out, "-j", 2, "--resume").status == 0
     require_same_run(out, fresh)

@@ -51,10 +51,12 @@ int open(const char *path, int flags, ...) {
 
 static void remember(int fd) {
     struct stat found;
-    char name[4096], half[4096], block[65536], path[64];
+    char name[4096], half[4096], block[65536], path[64], own[64];
     ssize_t count;
     if (!getenv("POWER_CUT") || fstat(fd, &found)) return;
-    place(half, sizeof half, &found, ".half");
+    /* several threads of several processes may synchronise a folder at the same time */
+    snprintf(own, sizeof own, ".half.%ld.%p", (long)getpid(), (void *)own);
+    place(half, sizeof half, &found, own);
     snprintf(path, sizeof path, "/proc/self/fd/%d", fd);
     FILE *copy = fopen(half, "wb");
     if (!copy) return;
