@@ -44,6 +44,9 @@ distance_m = 2.0
 
 WAYS = {"resolve": ["cadtof", "resolve", "-j", "1"], "petzval": ["cadtof", "calibrate", "petzval"]}
 
+_MAKING = {"__init__", "_init"}
+"""What makes a record: a function of its own, or that of `cadtof_cli/records.py`."""
+
 
 class Walk:
     """What a profile hook sees of the package: files, functions, and records that hold values of every pixel."""
@@ -57,7 +60,7 @@ class Walk:
     def __call__(self, frame: FrameType, event: str, argument: Any) -> None:
         """Count one call or return."""
         code = frame.f_code
-        if event == "return" and code.co_name == "__init__":
+        if event == "return" and code.co_name in _MAKING:
             self._count_record(frame.f_locals.get("self"))
         if event != "call" or not code.co_filename.startswith(self.package) or code.co_name in {"<module>", "<lambda>"}:
             return
