@@ -3,8 +3,8 @@ import math
 import numpy as np
 import pytest
 
-from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Pixel, Voltage
-from cadtof_cli.phasors.noise import estimated_integration_length, noise_model
+from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Pixel, Pulse, Voltage, Waveform
+from cadtof_cli.phasors.noise import estimated_integration_length, most_integration, noise_model
 from tests.support.forward import Light, phasors_of, step_frame
 
 
@@ -65,6 +65,20 @@ def test_the_integration_length_is_found_in_a_frame_with_an_edge_and_outliers(n_
     p[:, rng.random((120, 160)) < 0.05] = np.nan
     p[:, rng.random((120, 160)) < 0.01] = 40.0
     assert estimated_integration_length(p) == pytest.approx(n_av, rel=0.12)
+
+
+@pytest.mark.parametrize("waveform", ["sine", "triangle"])
+def test_of_the_longest_length_that_counts_show_the_noise_is_that_of_rounding(waveform: Waveform) -> None:
+    """Whatever a long pulse leaves of the harmonics."""
+    metadata = CaptureMetadata(
+        modulation=Modulation(waveform=waveform),
+        pulse=Pulse(fwhm_ns=6.3),
+        voltage=Voltage(zero_counts=0.0, volts_per_count=1e-3),
+    )
+    longest = most_integration(metadata, quantised=True)
+    for one in noise_model(metadata, integration_length=longest, quantised=True).each:
+        assert one.ambient_variance == pytest.approx(one.floor, rel=1e-6)
+    assert most_integration(metadata, quantised=False) == 1e12
 
 
 def test_a_slope_is_not_noise() -> None:
