@@ -127,9 +127,10 @@ def _model(
         again = (_seen_through(phasors, valid, fit, frame, own) for own in (heard, None))
         through = max(filter(None, again), key=lambda one: one.found.sum(), default=through)
     posterior = patch_posterior(data, error, fit)
-    by_two_paths = _missed_by_two_paths(means, valid, frame)
-    if auto and not tail_fits(posterior.chi_squared[heard], by_two_paths[heard], len(data)):
-        return None
+    if auto:
+        by_two_paths = _missed_by_two_paths(means, valid, frame)
+        if not tail_fits(posterior.chi_squared[heard], by_two_paths[heard], len(data)):
+            return None
     guessed = surfaces_guessed(planes.surfaces, valid, frame.grid, seen=seen)
     beside = _beside(fit, tail, seen, guessed, frame, mpi_share(ratios))
     two_path_rad = two_path_lag(ratios[0], kernel=frame.kernel)
@@ -163,6 +164,9 @@ def _model(
 
 def _missed_by_two_paths(means: PatchMeans, valid: Bool, frame: _Frame) -> Float:
     """Return χ², (n,), of what further harmonics differ by from what two paths foretell, with the errors that a tail may have."""
+    if len(frame.settings.harmonics) == 2:
+        # there are none
+        return np.zeros(np.count_nonzero(valid))
     patches = PatchData.of(means, valid, frame.variances, frame.settings.harmonics)
     tolerated = np.diag(model_error(patches.ratios))[:-2].reshape(2, -1)
     with np.errstate(all="ignore"):
