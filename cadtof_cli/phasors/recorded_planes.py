@@ -20,6 +20,9 @@ FEWEST = 64
 SCATTER_STEPS = 2.0
 """By how many steps of whole numbers neighbours differ in the middle, where no plane of a frame can hold one value."""
 
+_FEW_VALUES = 8
+"""Values in a plane, such as that of saturated pixels, up to which another may hold the same in the same places."""
+
 _HEAD = 16
 """Pixels that tell of nearly all planes that they are recordings."""
 
@@ -39,11 +42,13 @@ _MORE = 4.0
 """… where that is so many times the share that does as the planes are read."""
 
 _ORDERS: Mapping[str, Callable[[Stored], Stored]] = {
-    "with SC1 and SC2 swapped": lambda planes: planes[:, ::-1],
-    "with the harmonics in the opposite order": lambda planes: planes[::-1],
-    "with SC1 of all harmonics before SC2": lambda planes: planes.reshape(2, len(planes), -1).swapaxes(0, 1),
+    "with SC1 and SC2 swapped": lambda frame: frame[:, ::-1],
+    "with the harmonics in the opposite order": lambda frame: frame[::-1],
+    "with SC1 of all harmonics before SC2": lambda frame: frame.reshape(2, len(frame), -1).swapaxes(0, 1),
+    "interleaved line by line": lambda frame: np.moveaxis(frame.reshape(frame.shape[2], -1, frame.shape[3]), 1, 0),
+    "interleaved pixel by pixel": lambda frame: frame.reshape(-1, 2 * len(frame)).T,
 }
-"""What else planes, (H, 2, n), may be, in words, and how that is put right."""
+"""What else the values of a frame, (H, 2, Y, X), may be, in words, and how planes of H.SC1 and H.SC2 in turn are made of them."""
 
 
 def no_recording(planes: Stored, harmonics: tuple[int, ...], /) -> str | None:
@@ -57,7 +62,7 @@ def no_recording(planes: Stored, harmonics: tuple[int, ...], /) -> str | None:
     names = _names(harmonics)
     constant = [bool((row == row[0]).all()) for row in rows]
     for name, other in combinations(range(len(rows)), 2):
-        if not constant[name] and np.array_equal(rows[name], rows[other]):
+        if np.array_equal(rows[name], rows[other]) and np.unique(rows[name]).size > _FEW_VALUES:
             return (
                 f"{names[other]} holds the same values as {names[name]} in every pixel, as no two recordings do: it was "
                 "written twice, or its buffer was not filled"
@@ -69,7 +74,7 @@ def no_recording(planes: Stored, harmonics: tuple[int, ...], /) -> str | None:
 
 
 def mistaken_order(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
-    """Return what the planes of a frame, (H, 2, …), are likely to be in place of what they are read as; None where all is well.
+    """Return what the planes of a frame, (H, 2, Y, X), likely are in place of what they are read as; None where all is well.
 
     NaN and saturated pixels are left out. Phases that a camera adds to a harmonic, and only a calibration takes out, look like
     such a mistake too.
@@ -77,28 +82,29 @@ def mistaken_order(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
     Raises:
         SettingsError: see `volts_per_count`.
     """
-    planes = stored.reshape(*stored.shape[:2], -1)
-    some = planes[:, :, :: max(1, planes.shape[2] // _LOOKED_AT)]
-    some = some[:, :, sound_pixels(some, metadata.voltage.saturated_counts)]
-    harmonics = metadata.modulation.harmonics
-    if len(harmonics) < 2 or some.shape[2] < FEWEST:
+    harmonics, saturated = metadata.modulation.harmonics, metadata.voltage.saturated_counts
+    if len(harmonics) < 2:
         return None
 
-    def share(planes: Stored, sign: float = 1.0) -> float:
+    def share(frame: Stored, sign: float = 1.0) -> float:
+        planes = frame.reshape(*stored.shape[:2], -1)[:, :, :: max(1, stored[0, 0].size // _LOOKED_AT)]
+        planes = planes[:, :, sound_pixels(planes, saturated)]
+        if planes.shape[2] < FEWEST:
+            return 0.0
         phasors = phasors_from_stored(planes, ideal_phasor_map(metadata, stored.dtype))
         return float(_like_one_path(sign * phasors, harmonics).mean())
 
-    as_read = share(some)
+    as_read = share(stored)
     if _MORE * as_read >= 1.0:
         return None
-    shares = {words: share(order(some)) for words, order in _ORDERS.items()}
-    shares["with the opposite sign"] = share(some, -1.0)
+    shares = {words: share(order(stored)) for words, order in _ORDERS.items()}
+    shares["with the opposite sign"] = share(stored, -1.0)
     likely = max(shares, key=lambda words: shares[words])
     if shares[likely] <= max(_MOST, _MORE * as_read):
         return None
     return (
         f"only {as_read:.0%} of the pixels have phases as light has them, and {shares[likely]:.0%} would {likely}: are the "
-        f"planes {', '.join(_names(harmonics))}, in this order, and their signs right?"
+        f"planes {', '.join(_names(harmonics))}, one after the other, and their signs right?"
     )
 
 

@@ -26,7 +26,7 @@ def test_swapped_channels_are_said_once(recorded: Recorded, tmp_path: Path, capl
     assert done.status == 0
     (said,) = (line for line in done.err.splitlines() if "phases as light" in line)
     assert said.startswith(f"warning: {recorded.folder}: only ")
-    assert "would with SC1 and SC2 swapped: are the planes H1.SC1, H1.SC2, H2.SC1, H2.SC2, in this order" in said
+    assert "would with SC1 and SC2 swapped: are the planes H1.SC1, H1.SC2, H2.SC1, H2.SC2, one after the other" in said
     told = cadtof("info", recorded.folder, "--jobs", "1")
     assert told.status == 1
     assert "would with SC1 and SC2 swapped" in told.err

@@ -34,8 +34,10 @@ def counts(volts: Planes) -> NDArray[np.uint16]:
 def said(
     stored: NDArray[np.generic], periods_ns: tuple[float, ...] = TWO, voltage: Voltage | None = None
 ) -> str | None:
+    """What is said of pixels, (H, 2, n), in rows of 50."""
     modulation = Modulation(periods_ns=periods_ns, amplitude_v=AMPLITUDE_V)
-    return mistaken_order(stored, CaptureMetadata(modulation=modulation, voltage=voltage or Voltage()))
+    frame = stored.reshape(*stored.shape[:2], -1, 50)
+    return mistaken_order(frame, CaptureMetadata(modulation=modulation, voltage=voltage or Voltage()))
 
 
 @pytest.mark.parametrize("periods_ns", [TWO, THREE])
@@ -66,6 +68,15 @@ def test_channels_and_harmonics_in_another_order(periods_ns: tuple[float, ...]) 
     assert "with the harmonics in the opposite order" in str(said(volts[::-1], periods_ns))
     channel_first = volts.swapaxes(0, 1).reshape(volts.shape)
     assert "with SC1 of all harmonics before SC2" in str(said(channel_first, periods_ns))
+
+
+@pytest.mark.parametrize("periods_ns", [TWO, THREE])
+def test_planes_that_are_interleaved(periods_ns: tuple[float, ...]) -> None:
+    volts = light(periods_ns)
+    planes = volts.reshape(2 * len(periods_ns), -1, 50)
+    by_line, by_pixel = (np.moveaxis(planes, 0, axis).reshape(volts.shape) for axis in (1, 2))
+    assert "would interleaved line by line: are the planes" in str(said(by_line, periods_ns))
+    assert "would interleaved pixel by pixel: are the planes" in str(said(by_pixel, periods_ns))
 
 
 @pytest.mark.parametrize("signs", [((-1, -1), (-1, -1)), ((-1, 1), (-1, 1)), ((1, 1), (-1, -1))])
@@ -102,6 +113,14 @@ def test_a_plane_that_is_there_twice(copied: int, onto: int, names: str) -> None
     assert str(no_recording(stored, (1, 2, 3))).startswith(f"{names} in every pixel")
     planes[onto, -1] += 1
     assert no_recording(stored, (1, 2, 3)) is None
+
+
+def test_planes_that_are_saturated_in_all_pixels_but_a_few_may_agree() -> None:
+    stored = np.full((2, 2, 500), 16383, np.uint16)
+    stored[..., :7] = np.arange(8000, 8007)
+    assert no_recording(stored, (1, 2)) is None
+    stored[..., 7] = 8007
+    assert no_recording(stored, (1, 2)) is not None
 
 
 def test_a_plane_that_is_one_value_while_others_scatter() -> None:
