@@ -15,10 +15,10 @@ from typing import Any
 from cadtof_cli.capture.frames import Capture, frame_names
 from cadtof_cli.capture.toml import FILE_NAME as CAPTURE_FILE
 from cadtof_cli.errors import OutputError
-from cadtof_cli.files.atomic import remove_partial_files, writing
+from cadtof_cli.files.atomic import remove_partial_files
 from cadtof_cli.files.formats import MAP_FORMATS
 from cadtof_cli.files.reading import real_path
-from cadtof_cli.files.system import OPEN_OR_CREATE_FLAGS, read_at, remove_and_close, sync_folder, try_lock
+from cadtof_cli.files.system import OPEN_OR_CREATE_FLAGS, read_at, remove_and_close, try_lock
 from cadtof_cli.units import first_of
 from cadtof_cli.workflows.resolve.record import FRAMES_FILE, RUN_FILE, read_record
 from cadtof_cli.workflows.resolve.settings import ResolveSettings
@@ -142,16 +142,11 @@ def prepare_output(
             another one.
     """
     there: list[str] = []
-    if settings.overwrite:
-        # its lines do not describe the maps to come, but would be taken for theirs
-        with writing(out / FRAMES_FILE):
-            (out / FRAMES_FILE).unlink(missing_ok=True)
-            sync_folder(out)
-    elif settings.resume:
+    if settings.resume:
         there = _existing_outputs(out, captures)
         if there:
             _require_same_run(out, document, there, arriving=arriving)
-    else:
+    elif not settings.overwrite:
         require_nothing_replaced(out, captures)
         return False
     remove_partial_files(out, token="*")

@@ -15,8 +15,9 @@ from typing import Any, BinaryIO, Literal, get_args
 
 from cadtof_cli.errors import OutputError
 from cadtof_cli.files.atomic import atomic_write, not_written, write_json, writing
-from cadtof_cli.files.reading import read_text
-from cadtof_cli.files.system import OPEN_OR_CREATE_FLAGS, read_at
+from cadtof_cli.files.formats import MAP_SUFFIXES
+from cadtof_cli.files.reading import read_text, real_path
+from cadtof_cli.files.system import OPEN_OR_CREATE_FLAGS, read_at, sync_folder
 from cadtof_cli.records import dataclass
 
 RUN_FILE = "run.json"
@@ -273,6 +274,43 @@ class RunRecorder:
         self.lines.close()
         self.lines = copy
         self.say(f"{self.path}: was removed or replaced while frames were resolved; written anew")
+
+
+def remove_run(out: Path, /) -> None:
+    """Remove the maps of an earlier run and its `frames.jsonl`: what the next run does not make anew would be taken for its own.
+
+    Only files in the folder that are as their lines say are removed; what nothing is recorded of stays.
+
+    Raises:
+        OutputError: something cannot be removed.
+    """
+    path, called = out / FRAMES_FILE, out
+    with suppress(OSError, ValueError, KeyError, TypeError):
+        called = Path(read_record(out)["arguments"]["out"])
+    with writing(path):
+        if path.is_file() and not path.is_symlink():
+            with path.open("rb") as lines:
+                for report in map(report_of, lines):
+                    if (
+                        report
+                        and report.output
+                        and _is_map_of(out, place := out / _place_in(called, Path(report.output)), report)
+                    ):
+                        place.unlink()
+        path.unlink(missing_ok=True)
+        sync_folder(out)
+
+
+def _is_map_of(out: Path, place: Path, report: FrameReport) -> bool:
+    """Return whether the file that lies at a place is the map that a line speaks of, and no link leads out of the folder."""
+    try:
+        found = place.lstat()
+    except (OSError, ValueError):
+        return False
+    inside = Path(real_path(place.parent)).is_relative_to(real_path(out))
+    return (
+        inside and stat.S_ISREG(found.st_mode) and place.suffix in MAP_SUFFIXES and found.st_size == report.output_bytes
+    )
 
 
 def _place_in(out: Path, output: Path) -> str:

@@ -33,7 +33,14 @@ from cadtof_cli.workflows.resolve.plans import (
     run_document,
     use_calibration,
 )
-from cadtof_cli.workflows.resolve.record import ALREADY_THERE, FrameReport, RunRecorder, RunTotals, recorded_run
+from cadtof_cli.workflows.resolve.record import (
+    ALREADY_THERE,
+    FrameReport,
+    RunRecorder,
+    RunTotals,
+    recorded_run,
+    remove_run,
+)
 from cadtof_cli.workflows.resolve.settings import ResolveSettings
 
 if TYPE_CHECKING:
@@ -105,6 +112,8 @@ def resolve_captures(
             run = _Run(settings, progress, on_frame, token)
             # a cluster that does not answer is found before anything is written
             first = run.outcomes(plans, partial(frame_names, captures))
+            if settings.overwrite:
+                remove_run(settings.out)
             with recorded_run(settings.out, document, resume=resumed, say=progress.say) as run.record:
                 batches: Iterable[Outcomes] = [first]
                 if arriving is not None:
