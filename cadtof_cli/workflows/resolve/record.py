@@ -15,9 +15,8 @@ from typing import Any, BinaryIO, Literal, get_args
 
 from cadtof_cli.errors import OutputError
 from cadtof_cli.files.atomic import atomic_write, not_written, write_json, writing
-from cadtof_cli.files.formats import MAP_SUFFIXES
-from cadtof_cli.files.reading import read_text, real_path
-from cadtof_cli.files.system import OPEN_OR_CREATE_FLAGS, read_at, sync_folder
+from cadtof_cli.files.reading import read_text
+from cadtof_cli.files.system import OPEN_OR_CREATE_FLAGS, read_at
 from cadtof_cli.records import dataclass
 
 RUN_FILE = "run.json"
@@ -217,7 +216,7 @@ class RunRecorder:
 
     def _known_place(self, output: str | None) -> int | None:
         """Return where the earlier run's line about a frame begins, by the place of its maps; None where there is none."""
-        return self._before.get(_place_in(self.path.parent, Path(output or "")))
+        return self._before.get(place_in(self.path.parent, Path(output or "")))
 
     def finish(self, seconds: float, /) -> None:
         """Complete both files; the totals are those of all frames, whichever run resolved them."""
@@ -245,7 +244,7 @@ class RunRecorder:
                 if report is None:
                     raise OutputError(f"{self.path}: not the record of a run, so it cannot be resumed ({line[:40]!r})")
                 if report.output is not None:
-                    self._before[_place_in(out, Path(report.output))] = end
+                    self._before[place_in(out, Path(report.output))] = end
                 end += len(line)
             self.lines.truncate(end)
 
@@ -276,44 +275,7 @@ class RunRecorder:
         self.say(f"{self.path}: was removed or replaced while frames were resolved; written anew")
 
 
-def remove_run(out: Path, /) -> None:
-    """Remove the maps of an earlier run and its `frames.jsonl`: what the next run does not make anew would be taken for its own.
-
-    Only files in the folder that are as their lines say are removed; what nothing is recorded of stays.
-
-    Raises:
-        OutputError: something cannot be removed.
-    """
-    path, called = out / FRAMES_FILE, out
-    with suppress(OSError, ValueError, KeyError, TypeError):
-        called = Path(read_record(out)["arguments"]["out"])
-    with writing(path):
-        if path.is_file() and not path.is_symlink():
-            with path.open("rb") as lines:
-                for report in map(report_of, lines):
-                    if (
-                        report
-                        and report.output
-                        and _is_map_of(out, place := out / _place_in(called, Path(report.output)), report)
-                    ):
-                        place.unlink()
-        path.unlink(missing_ok=True)
-        sync_folder(out)
-
-
-def _is_map_of(out: Path, place: Path, report: FrameReport) -> bool:
-    """Return whether the file that lies at a place is the map that a line speaks of, and no link leads out of the folder."""
-    try:
-        found = place.lstat()
-    except (OSError, ValueError):
-        return False
-    inside = Path(real_path(place.parent)).is_relative_to(real_path(out))
-    return (
-        inside and stat.S_ISREG(found.st_mode) and place.suffix in MAP_SUFFIXES and found.st_size == report.output_bytes
-    )
-
-
-def _place_in(out: Path, output: Path) -> str:
+def place_in(out: Path, output: Path, /) -> str:
     """Return where maps lie in a run's folder, whatever that was called."""
     return str(output.relative_to(out)) if output.is_relative_to(out) else output.name
 

@@ -24,7 +24,13 @@ from cadtof_cli.resolver.two_path.kernel import NUMPY, numpy_note
 from cadtof_cli.units import counted
 from cadtof_cli.workflows.progress import NO_PROGRESS, Progress
 from cadtof_cli.workflows.resolve.frame_task import FrameTask, resolve_file
-from cadtof_cli.workflows.resolve.output import locked, prepare_output, require_nothing_replaced, require_own_places
+from cadtof_cli.workflows.resolve.output import (
+    locked,
+    prepare_output,
+    remove_run,
+    require_nothing_replaced,
+    require_own_places,
+)
 from cadtof_cli.workflows.resolve.plans import (
     CapturePlan,
     plan_captures,
@@ -33,14 +39,7 @@ from cadtof_cli.workflows.resolve.plans import (
     run_document,
     use_calibration,
 )
-from cadtof_cli.workflows.resolve.record import (
-    ALREADY_THERE,
-    FrameReport,
-    RunRecorder,
-    RunTotals,
-    recorded_run,
-    remove_run,
-)
+from cadtof_cli.workflows.resolve.record import ALREADY_THERE, FrameReport, RunRecorder, RunTotals, recorded_run
 from cadtof_cli.workflows.resolve.settings import ResolveSettings
 
 if TYPE_CHECKING:
