@@ -11,6 +11,7 @@ import numpy as np
 
 from cadtof_cli.arrays import Float, Stored
 from cadtof_cli.capture.metadata import CaptureMetadata, Voltage
+from cadtof_cli.errors import FrameError
 from cadtof_cli.phasors.noise import NoiseModel
 from cadtof_cli.phasors.recorded_planes import no_recording
 from cadtof_cli.phasors.voltages import sound_pixels, volts_per_count
@@ -89,6 +90,12 @@ def implausible(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
         f"{found}, which would be voltages up to {largest:.4g} V, beyond modulation.amplitude_v = {amplitude:g} V: "
         f"{_likely_cause(found, voltage, amplitude)}"
     )
+
+
+def require_plausible(stored: Stored, metadata: CaptureMetadata, /, *, of: object) -> None:
+    """Raise FrameError, which names the frame that stored values are `of`, where these cannot be voltages."""
+    if wrong := implausible(stored, metadata):
+        raise FrameError(f"{of}: {wrong}")
 
 
 def is_without_noise(stored: Stored, noise: NoiseModel, /) -> bool:

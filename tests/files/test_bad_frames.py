@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import imagecodecs
 import numpy as np
 import pytest
 import tifffile
@@ -154,6 +155,9 @@ def test_what_a_decoder_prints_is_damage(tmp_path: Path, capfd: pytest.CaptureFi
     (tags,) = struct.unpack_from("<I", content, begin + 4)
     struct.pack_into("<H", content, begin + tags + 2 + 4 * 12, 1)
     path.write_bytes(content)
+    imagecodecs.jpegxr_decode(content[begin:])
+    if "Unrecognized WMPTag" not in capfd.readouterr().err:
+        pytest.skip("this version of the decoder takes any tag for known, and prints nothing")
     assert "damaged TIFF: Unrecognized WMPTag: 1(0x1)" in message(path)
     assert capfd.readouterr() == ("", "")
 
