@@ -157,13 +157,13 @@ def _likely_cause(found: _Range, voltage: Voltage, amplitude_v: float) -> str:
 
 
 def _shifted_or_scaled(found: _Range, voltage: Voltage, amplitude_v: float) -> str | None:
-    """Return what a program did to values that do not lie around `zero_counts`; None where they do."""
+    """Return what a program did to values that do not lie around `zero_counts`; None where they do, whatever a step is."""
     zero, step = voltage.zero, abs(voltage.volts_per_count or 1.0)
 
     def around_zero(middle: float) -> bool:
         return abs(middle - zero) * step < amplitude_v
 
-    if around_zero(found.middle):
+    if around_zero(found.middle) or found.low <= zero <= found.high:
         return None
     if zero == 0.0:
         return f"nothing says which stored value is 0 V: give --zero-counts (their middle is {found.middle:.6g})"

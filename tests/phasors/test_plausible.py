@@ -80,6 +80,12 @@ def test_saturated_and_nan_pixels_are_left_out() -> None:
             Voltage(zero_counts=ZERO, volts_per_count=0.01),
             "mend --volts-per-count, --zero-counts or --amplitude-v",
         ),
+        (
+            # in µV; the middle of a scene is not the zero
+            counts(),
+            Voltage(zero_counts=ZERO + 700.0, volts_per_count=60.0),
+            "mend --volts-per-count, --zero-counts or --amplitude-v",
+        ),
         (volts().astype(np.float32), COUNTS, "look like volts already: leave out zero_counts"),
         ((counts() / 65535.0).astype(np.float32), COUNTS, "; or scaled to 0 … 1, as ImageMagick writes floats"),
         (
