@@ -15,6 +15,11 @@ def counted(number: int, noun: str, /) -> str:
     return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
 
 
+def size_text(pixels: Sequence[int], /) -> str:
+    """Return the size of an array, (Y, X), as people say it: columns × rows."""
+    return f"{pixels[1]} × {pixels[0]}"
+
+
 def per_second(number: int, seconds: float, /) -> str:
     """Return how many things there are in a second, with two digits or more, such as '212', '12' and '0.35'."""
     rate = number / seconds

@@ -12,6 +12,8 @@ HOLE = "…"
 REASONS = frozenset(
     {
         "implausible",
+        "no_recording",
+        "mistaken_order",
         "_all_saturated",
         "_likely_cause",
         "_shifted_or_scaled",

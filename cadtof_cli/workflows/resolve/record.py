@@ -47,9 +47,9 @@ class FrameReport:
         status: what has become of it.
         reason: why, or what there is to know besides.
         seconds: that it took.
-        one_path, two_paths, more_paths, invalid: pixels.
+        one_path, two_paths, more_paths, diffuse, invalid: pixels.
         files: that it was read from; None where one of them is missing.
-        digest: of the values that were read, see `files/maps.py`.
+        digest: of the values that were read, see `content_digest`.
         output_bytes: size of its maps' file.
         output_digest: digest of that file's bytes.
         line: the frame's line, where that is not this report: of maps that an earlier run made and this one kept.
