@@ -152,13 +152,13 @@ def plan_captures(
         of_one = max(typical.bytes / typical.frames, 1.0) if typical.frames > 1 else None
         if settings.maps.roi:
             settings.maps.require_roi_within(typical.pixels, of=str(capture.root))
-        _require_plausible(capture, typical.source)
+        _require_voltages(capture, typical.source)
         lossy = None if typical.is_plain else lossy_compression(typical.source, capture.layout, typical.dtype)
         plans.append(CapturePlan(capture, plan, typical.pixels, of_one, lossy))
     return plans
 
 
-def _require_plausible(capture: Capture, typical: FrameSource) -> None:
+def _require_voltages(capture: Capture, typical: FrameSource) -> None:
     """Make sure that stored values can be voltages, by a typical frame; where they cannot, by the first, middle and last too.
 
     Raises:
