@@ -159,6 +159,20 @@ def test_resume_does_what_is_missing(tmp_path: Path) -> None:
     ]
 
 
+def test_resume_takes_the_same_frames_or_more(tmp_path: Path) -> None:
+    capture, out = record(tmp_path / "capture", frames=5), tmp_path / "out"
+    resolve = ("resolve", capture.folder, "-o", out, "-j", 1)
+    assert cadtof(*resolve, "--frames", "1:3").status == 0
+    before = _files(out)
+    for fewer in ("2:3", "1:2", "2:", "0:2", "4:5"):
+        refused = cadtof(*resolve, "--resume", "--frames", fewer)
+        _refused(refused, f"{out / 'run.json'}: cannot resume: --frames leaves out some that the earlier run took")
+        assert _files(out) == before
+    for more in (("--frames", "1:4"), ("--frames", "0:4"), ("--frames", "0:"), ()):
+        assert cadtof(*resolve, "--resume", *more).status == 0
+    assert len(_lines(out)) == 5
+
+
 def test_resume_in_an_empty_folder_is_a_run(tmp_path: Path) -> None:
     capture, out = record(tmp_path / "capture", frames=2), tmp_path / "out"
     assert cadtof("resolve", capture.folder, "-o", out, "-j", 1, "--resume").status == 0

@@ -3,6 +3,7 @@
 import contextlib
 import itertools
 import json
+import math
 import os
 import platform
 import re
@@ -217,10 +218,16 @@ def _require_same_run(out: Path, document: Mapping[str, Any], there: Sequence[st
         before = _what_decides_maps(earlier)
         # lines of frames are found by it
         Path(earlier["arguments"]["out"])
+        frames, frames_now = (_range_of_frames(one["arguments"].get("frames")) for one in (earlier, document))
     except OSError as error:
         raise OutputError(f"{path}: cannot be read: {error.strerror or error}") from error
     except (ValueError, KeyError, TypeError, AttributeError) as error:
         raise OutputError(f"{path}: not the record of a run, so it cannot be resumed ({error})") from error
+    # the lines of others would be lost, while their maps stay
+    if frames_now[0] > frames[0] or frames_now[1] < frames[1]:
+        raise OutputError(
+            f"{path}: cannot resume: --frames leaves out some that the earlier run took; give the same or more, or --overwrite"
+        )
     now = _what_decides_maps(json.loads(json.dumps(document, default=str)))
     if arriving:
         del now[_INPUTS], now[_FOLDERS]
@@ -231,6 +238,12 @@ def _require_same_run(out: Path, document: Mapping[str, Any], there: Sequence[st
                 f"{path}: cannot resume: {name} was {before.get(name)!r} and is {value!r} now; "
                 "give the same options, or --overwrite"
             )
+
+
+def _range_of_frames(chosen: Sequence[int | None] | None) -> tuple[float, float]:
+    """Return the first and the end of the frames that `--frames` takes; None: all."""
+    first, end = chosen or (None, None)
+    return float(first or 0), math.inf if end is None else float(end)
 
 
 def _what_decides_maps(document: Mapping[str, Any]) -> dict[str, Any]:
