@@ -51,7 +51,7 @@ setup() {
         PATH="$venv/bin:$PATH"
         return
     fi
-    if command -v uv >/dev/null 2>&1; then
+    if uv --version >/dev/null 2>&1; then
         [ -x "$venv/bin/python" ] || uv venv --quiet --python '>=3.11' "$venv" || fail "uv could not make $venv"
         find_compiler uv pip install --quiet --python "$venv/bin/python"
         uv pip install --quiet --python "$venv/bin/python" ${constraints[@]+"${constraints[@]}"} --editable "$root$extras" || fail "uv could not install cadtof"
