@@ -104,7 +104,7 @@ def mistaken_order(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
         return None
     return (
         f"only {as_read:.0%} of the pixels have phases as light has them, and {shares[likely]:.0%} would {likely}: are the "
-        f"planes {', '.join(_names(harmonics))}, one after the other, and their signs right? If so, calibrate the camera"
+        f"planes {', '.join(_names(harmonics))}, one after the other, and their signs right?"
     )
 
 

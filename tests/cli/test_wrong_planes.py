@@ -9,6 +9,7 @@ import tifffile
 from cadtof_cli import read_frames
 from tests.support.captures import Recorded, record, write_pages
 from tests.support.run_cadtof import cadtof
+from tests.support.wrong_targets import CASES, calibrated
 
 
 @pytest.fixture
@@ -53,3 +54,17 @@ def test_a_harmonic_that_was_not_recorded(tmp_path: Path) -> None:
     done = cadtof("resolve", recorded.folder, "-o", tmp_path / "maps", "--jobs", "1")
     assert done.status == 1
     assert "frame_0.tif: H2.SC1 holds 8192 in every pixel, and other planes scatter: it was not recorded" in done.err
+
+
+def test_a_response_of_swapped_channels_is_doubted(tmp_path: Path) -> None:
+    """At one distance the phases of a camera explain them, and its field would curve the other way."""
+    case = CASES["response: wall at 1 distance"]
+    sound = calibrated(case, tmp_path, 4)
+    assert (sound.status, "phases as light" in sound.err) == (0, False)
+    (folder,) = {file.parent for file in tmp_path.glob("*/*.tif") if "dark" not in file.parent.name}
+    for file in folder.glob("*.tif"):
+        write_pages(file, tifffile.imread(file).reshape(4, *tifffile.imread(file).shape[-2:])[[1, 0, 3, 2]])
+    done = cadtof("calibrate", "response", folder, "-o", tmp_path / "camera", "--overwrite")
+    (said,) = (line for line in done.err.splitlines() if "phases as light" in line)
+    assert said.startswith(f"warning: {folder}: only ")
+    assert "with SC1 and SC2 swapped" in said

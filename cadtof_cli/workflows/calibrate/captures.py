@@ -16,6 +16,7 @@ from cadtof_cli.errors import SettingsError
 from cadtof_cli.files.atomic import require_new
 from cadtof_cli.phasors.frame_mean import FrameMean, mean_volts
 from cadtof_cli.phasors.plausible import require_plausible
+from cadtof_cli.phasors.recorded_planes import mistaken_order
 from cadtof_cli.units import size_text
 from cadtof_cli.workflows.progress import Progress
 
@@ -88,7 +89,8 @@ def averaged_captures(
     for capture in captures:
         if taken := capture.source.defaults_in_words():
             progress.say(f"{capture.root}: {taken}")
-        mean = mean_volts(_frames(capture, progress), voltage=capture.source.metadata.voltage)
+        frames = _frames(capture, progress, has_light=kind == "response")
+        mean = mean_volts(frames, voltage=capture.source.metadata.voltage)
         first, expected = averaged[0] if averaged else (capture, mean)
         if mean.pixels != expected.pixels:
             here, there = size_text(mean.pixels), size_text(expected.pixels)
@@ -107,11 +109,15 @@ def averaged_captures(
     return Averaged(averaged, earlier, origin)
 
 
-def _frames(capture: Capture, progress: Progress) -> Iterator[Stored]:
+def _frames(capture: Capture, progress: Progress, *, has_light: bool) -> Iterator[Stored]:
+    """Yield the frames of a capture; say of the first, if it has light, where its planes are hardly what they are read as."""
     size = capture.typical.pixels if capture.typical else None
     for source in single_frames(capture):
         stored = read_stored(source, capture.layout, size=size)
         require_plausible(stored, capture.source.metadata, of=source)
+        if has_light and (mistaken := mistaken_order(stored, capture.source.metadata)):
+            progress.say(f"warning: {capture.root}: {mistaken}")
+        has_light = False
         yield stored
         progress.advance()
 
