@@ -7,7 +7,7 @@ pixel alone, block by block. A frame split over processes is prepared once, and 
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -41,6 +41,7 @@ if TYPE_CHECKING:
     from cadtof_cli.resolver.diffuse.choice import DiffuseChoice
     from cadtof_cli.resolver.diffuse.grid import PatchGrid
     from cadtof_cli.resolver.diffuse.light import PatchLight
+    from cadtof_cli.resolver.diffuse.records import DiffuseModel
 
 BLOCK_PIXELS = 38400
 """Pixels a block, half a QVGA frame: enough that the cost of calling numpy hardly counts, and no more, so that memory
@@ -48,6 +49,11 @@ stays small however large the frames are."""
 
 SEARCHED_BLOCK_PIXELS = 32768
 """Pixels a block where paths are searched or refined: the last steps are for a few, and cost the same for any block."""
+
+
+FREEING_ROUNDS = 3
+"""How often the tail is predicted again from phasors that the last prediction freed of the other terms of a response: rooms
+change no more after one, a corner that fills the view after four by less than a tenth."""
 
 
 @dataclass(frozen=True)
@@ -240,7 +246,8 @@ def _with_predicted_mpi(pixels: FramePixels, stages: FrameStages, prediction: Pr
         light = compiled_light(pixels.stored, look, prediction.grid, kernel=kernel)
     samples = 1.0 if noise.samples is None else float(np.median(noise.samples))
     variances = tuple(one.dark_variance for one in noise.each)
-    means = patch_means(light, light.seen, variance=variances[0] / samples, harmonics=asked.harmonics, kernel=kernel)
+    means_of = partial(patch_means, variance=variances[0] / samples, harmonics=asked.harmonics, kernel=kernel)
+    means = means_of(light, light.seen)
     kinds = patch_kinds(means, np.array(variances) / samples, grid=prediction.grid, settings=asked, kernel=kernel)
     choice = DiffuseChoice(kinds.reason, int(kinds.lit.sum()), kinds.separate_share)
     if choice.reason != "tail":
@@ -249,10 +256,8 @@ def _with_predicted_mpi(pixels: FramePixels, stages: FrameStages, prediction: Pr
     from cadtof_cli.resolver.diffuse.predict import diffuse_model
 
     offset = stages.depth.range_offset_m
-    found = diffuse_model(
-        light,
-        means,
-        kinds,
+    predicted = partial(
+        diffuse_model,
         grid=prediction.grid,
         variances=variances,
         settings=asked,
@@ -260,17 +265,29 @@ def _with_predicted_mpi(pixels: FramePixels, stages: FrameStages, prediction: Pr
         range_offset_m=None if offset is None else -offset.reshape(pixels.size),
         kernel=kernel,
     )
+    found = predicted(light, means, kinds)
+    for _ in range(0 if asked.further is None else FREEING_ROUNDS):
+        if isinstance(found, str):
+            break
+        light = _sampled_light(pixels, stages, prediction.grid, kernel, found)
+        found = predicted(light, means_of(light, light.seen), kinds)
     if isinstance(found, str):
         return replace(pixels, choice=replace(choice, reason=found))
     return replace(pixels, choice=found.choice, tail=found)
 
 
-def _sampled_light(pixels: FramePixels, stages: FrameStages, grid: "PatchGrid", kernel: str) -> "PatchLight":
-    """Return the light of the pixels that a frame is looked at by, by numpy."""
+def _sampled_light(
+    pixels: FramePixels,
+    stages: FrameStages,
+    grid: "PatchGrid",
+    kernel: str,
+    model: "DiffuseModel | None" = None,
+) -> "PatchLight":
+    """Return the light of the pixels that a frame is looked at by, by numpy, freed of other terms by a model or by two paths."""
     from cadtof_cli.resolver.diffuse.light import sampled_light
 
     chosen = _sampled(pixels.size)
-    phasors, usable = _as_of_a_sine(pixels, chosen.ravel(), stages, kernel)
+    phasors, usable = _as_of_a_sine(pixels, chosen.ravel(), stages, kernel, model)
     return sampled_light(
         phasors.reshape(-1, *chosen.shape), usable.reshape(chosen.shape), grid, harmonics=pixels.noise.harmonics
     )
@@ -284,7 +301,9 @@ def _sampled(size: tuple[int, int]) -> Index:
     return sealed(np.arange(size[0] * size[1]).reshape(size)[sampled_pixels(*size)].copy())
 
 
-def _as_of_a_sine(pixels: FramePixels, chosen: Index, stages: FrameStages, kernel: str) -> tuple[Complex, Bool]:
+def _as_of_a_sine(
+    pixels: FramePixels, chosen: Index, stages: FrameStages, kernel: str, model: "DiffuseModel | None"
+) -> tuple[Complex, Bool]:
     """Return the phasors of chosen pixels of a frame as a sine would have them, (H, n), and which have an answer, (n,)."""
     from cadtof_cli.resolver.resolve import resolve_paths, screened
 
@@ -295,10 +314,16 @@ def _as_of_a_sine(pixels: FramePixels, chosen: Index, stages: FrameStages, kerne
         status, _ = screened(
             np.sqrt(powers[0]), powers, stages.status(pixels, chosen), settings=stages.resolver, noise=noise
         )
-        if stages.correction.response is not None:
+        response = (
+            None if stages.correction.response is None else stages.correction.response.block(chosen, kernel=kernel)
+        )
+        if response is not None and model is not None:
+            from cadtof_cli.resolver.diffuse.other_terms import freed_of_other_terms
+
+            phasors, _ = freed_of_other_terms(phasors, model.tails_of_patches(chosen), response=response)
+        elif response is not None:
             from cadtof_cli.resolver.response.as_sine import phasors_of_sine
 
-            response = stages.correction.response.block(chosen, kernel=kernel)
             found = resolve_paths(phasors, status=status, settings=stages.resolver, noise=noise, response=response)
             phasors = phasors_of_sine(phasors, found.paths, response=response)
     return phasors, np.asarray(status == 0)

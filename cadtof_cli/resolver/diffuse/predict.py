@@ -15,7 +15,7 @@ from cadtof_cli.resolver.diffuse.choice import (
     RoomNumbers,
     tail_fits,
 )
-from cadtof_cli.resolver.diffuse.coarse import Beside, coarse_planes, patch_posterior
+from cadtof_cli.resolver.diffuse.coarse import Beside, CoarsePlanes, coarse_planes, patch_posterior
 from cadtof_cli.resolver.diffuse.grid import PatchGrid
 from cadtof_cli.resolver.diffuse.leaning import Leaning, left_rad, missed_share, view_numbers
 from cadtof_cli.resolver.diffuse.light import PatchLight, PatchMeans, patch_means, patch_phasors
@@ -26,7 +26,14 @@ from cadtof_cli.resolver.diffuse.planes import PatchPlanes, Surfaces, patch_plan
 from cadtof_cli.resolver.diffuse.prior import pattern
 from cadtof_cli.resolver.diffuse.quantiles import median, quantiles
 from cadtof_cli.resolver.diffuse.radiosity import interreflections, light_of
-from cadtof_cli.resolver.diffuse.records import NEAREST_M, DiffuseModel, SeenThrough, Tails, range_from_phase
+from cadtof_cli.resolver.diffuse.records import (
+    NEAREST_M,
+    DiffuseModel,
+    FurtherTails,
+    SeenThrough,
+    Tails,
+    range_from_phase,
+)
 from cadtof_cli.resolver.diffuse.second_paths import PatchData, SecondPaths, missed
 from cadtof_cli.resolver.diffuse.settings import DiffuseSettings
 from cadtof_cli.resolver.diffuse.tail import TailModel
@@ -111,7 +118,7 @@ def _model(
         kernel=frame.kernel,
     )
     ratios, amplitude, seen = means.ratios[:, valid], means.amplitude[valid], planes.surfaces[valid]
-    tail = _tail(seen, surfaces_beyond(planes.surfaces, valid, frame.grid), amplitude, frame)
+    tail, further = _tails(seen, surfaces_beyond(planes.surfaces, valid, frame.grid), amplitude, frame)
     rule = pattern(tail.light.direct)
     data = np.concatenate([np.log(np.maximum(np.abs(ratios), 1e-9)), np.angle(ratios)])
     error = _error(ratios, amplitude, means.pixels[valid], frame)
@@ -159,6 +166,7 @@ def _model(
         float(median(gap**2)),
         range_offset_m,
         through,
+        None if further is None else _further_tails(further, fit, coarse, planes, valid, frame),
     )
 
 
@@ -222,17 +230,31 @@ def _planes(light: PatchLight, means: PatchMeans, frame: _Frame) -> PatchPlanes:
     return patch_planes(np.maximum(range_m, np.float32(NEAREST_M)), light.seen, frame.grid)
 
 
-def _tail(seen: Surfaces, beyond: Surfaces, amplitude: Float, frame: _Frame) -> TailModel:
-    """Return the model of the patches that these surfaces are of."""
+def _tails(seen: Surfaces, beyond: Surfaces, amplitude: Float, frame: _Frame) -> tuple[TailModel, TailModel | None]:
+    """Return the model of the patches that these surfaces are of, and that at further harmonics, None for a sine."""
+    asked = frame.settings
+    harmonics = tuple(sorted({*asked.harmonics, *(asked.further or ())}))
     light = interreflections(
-        seen,
-        beyond,
-        amplitude,
-        harmonics=frame.settings.harmonics,
-        rad_per_m=frame.settings.rad_per_m,
-        kernel=frame.kernel,
+        seen, beyond, amplitude, harmonics=harmonics, rad_per_m=asked.rad_per_m, kernel=frame.kernel
     )
-    return TailModel(light, frame.settings.harmonics, frame.settings.rad_per_ns, frame.kernel)
+
+    def model(some: tuple[int, ...]) -> TailModel:
+        return TailModel(light.at([harmonics.index(h) for h in some]), some, asked.rad_per_ns, frame.kernel)
+
+    return model(asked.harmonics), None if asked.further is None else model(asked.further)
+
+
+def _further_tails(
+    tail: TailModel, fit: PatchFit, coarse: CoarsePlanes, planes: PatchPlanes, valid: Bool, frame: _Frame
+) -> FurtherTails:
+    """Return the tail at further harmonics in the state that was fitted; patches that are not valid get the mean."""
+    held = np.empty((2 + 2 * len(tail.harmonics), *valid.shape), np.float32)
+    held[:2] = coarse.planes[coarse.data : coarse.data + 2]
+    if tail.harmonics:
+        light = tail.light_at(fit.state).reshape(len(held) - 2, -1)
+        held[2:] = light.mean(axis=1)[:, None, None]
+        held[2:, valid] = light
+    return FurtherTails(tail.harmonics, held, upsampler(held, planes.surfaces.range_m, valid, frame.grid))
 
 
 def _error(ratios: Complex, amplitude: Float, pixels: Float, frame: _Frame) -> Float:
