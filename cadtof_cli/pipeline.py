@@ -7,12 +7,12 @@ pixel alone, block by block. A frame split over processes is prepared once, and 
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import lru_cache, partial
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cadtof_cli.arrays import Bool, Complex, Index, Stored, sealed
+from cadtof_cli.arrays import Stored
 from cadtof_cli.errors import FrameError
 from cadtof_cli.files.maps import DepthMaps
 from cadtof_cli.frame_pixels import FramePixels
@@ -38,10 +38,8 @@ from cadtof_cli.resolver.two_path.kernel import NUMPY, chosen_kernel
 
 if TYPE_CHECKING:
     from cadtof_cli.calibration.store import Calibration
+    from cadtof_cli.frame_samples import FrameSamples
     from cadtof_cli.resolver.diffuse.choice import DiffuseChoice
-    from cadtof_cli.resolver.diffuse.grid import PatchGrid
-    from cadtof_cli.resolver.diffuse.light import PatchLight
-    from cadtof_cli.resolver.diffuse.records import DiffuseModel
 
 BLOCK_PIXELS = 38400
 """Pixels a block, half a QVGA frame: enough that the cost of calling numpy hardly counts, and no more, so that memory
@@ -234,14 +232,17 @@ def _pooled(pixels: FramePixels, stages: FrameStages, *, window: int) -> FramePi
 
 def _with_predicted_mpi(pixels: FramePixels, stages: FrameStages, prediction: Prediction, kernel: str) -> FramePixels:
     """Choose a frame's model of MPI and, where that is diffuse, predict it from the frame's own geometry."""
+    from cadtof_cli.frame_samples import frame_samples
     from cadtof_cli.resolver.diffuse.choice import DiffuseChoice, patch_kinds
     from cadtof_cli.resolver.diffuse.light import compiled_light, patch_means
 
     noise, asked = pixels.noise, prediction.settings
     look_at = look_at_frames if noise.samples is None else look_at_frame
     look = look_at(stages, noise, pixels.stored.dtype, kernel) if pixels.pooled is None else None
+    looked_at: FrameSamples | None = None
     if look is None:
-        light = _sampled_light(pixels, stages, prediction.grid, kernel)
+        looked_at = frame_samples(pixels, stages, prediction.grid, kernel=kernel)
+        light = looked_at.light()
     else:
         light = compiled_light(pixels.stored, look, prediction.grid, kernel=kernel)
     samples = 1.0 if noise.samples is None else float(np.median(noise.samples))
@@ -266,64 +267,11 @@ def _with_predicted_mpi(pixels: FramePixels, stages: FrameStages, prediction: Pr
         kernel=kernel,
     )
     found = predicted(light, means, kinds)
-    for _ in range(0 if asked.further is None else FREEING_ROUNDS):
-        if isinstance(found, str):
-            break
-        light = _sampled_light(pixels, stages, prediction.grid, kernel, found)
-        found = predicted(light, means_of(light, light.seen), kinds)
+    if looked_at is not None and looked_at.response is not None:
+        for _ in range(FREEING_ROUNDS):
+            if not isinstance(found, str):
+                light = looked_at.light(found)
+                found = predicted(light, means_of(light, light.seen), kinds)
     if isinstance(found, str):
         return replace(pixels, choice=replace(choice, reason=found))
     return replace(pixels, choice=found.choice, tail=found)
-
-
-def _sampled_light(
-    pixels: FramePixels,
-    stages: FrameStages,
-    grid: "PatchGrid",
-    kernel: str,
-    model: "DiffuseModel | None" = None,
-) -> "PatchLight":
-    """Return the light of the pixels that a frame is looked at by, by numpy, freed of other terms by a model or by two paths."""
-    from cadtof_cli.resolver.diffuse.light import sampled_light
-
-    chosen = _sampled(pixels.size)
-    phasors, usable = _as_of_a_sine(pixels, chosen.ravel(), stages, kernel, model)
-    return sampled_light(
-        phasors.reshape(-1, *chosen.shape), usable.reshape(chosen.shape), grid, harmonics=pixels.noise.harmonics
-    )
-
-
-@lru_cache(maxsize=4)
-def _sampled(size: tuple[int, int]) -> Index:
-    """Return the flat indices of the pixels that a frame is looked at by, (rows, columns)."""
-    from cadtof_cli.resolver.diffuse.grid import sampled_pixels
-
-    return sealed(np.arange(size[0] * size[1]).reshape(size)[sampled_pixels(*size)].copy())
-
-
-def _as_of_a_sine(
-    pixels: FramePixels, chosen: Index, stages: FrameStages, kernel: str, model: "DiffuseModel | None"
-) -> tuple[Complex, Bool]:
-    """Return the phasors of chosen pixels of a frame as a sine would have them, (H, n), and which have an answer, (n,)."""
-    from cadtof_cli.resolver.resolve import resolve_paths, screened
-
-    phasors, noise = stages.phasors(pixels, chosen), pixels.noise[chosen]
-    with np.errstate(over="ignore", invalid="ignore"):
-        # values that no camera stores, and NaN, are what the screening finds
-        powers = [phasor.real**2 + phasor.imag**2 for phasor in phasors]
-        status, _ = screened(
-            np.sqrt(powers[0]), powers, stages.status(pixels, chosen), settings=stages.resolver, noise=noise
-        )
-        response = (
-            None if stages.correction.response is None else stages.correction.response.block(chosen, kernel=kernel)
-        )
-        if response is not None and model is not None:
-            from cadtof_cli.resolver.diffuse.other_terms import freed_of_other_terms
-
-            phasors, _ = freed_of_other_terms(phasors, model.tails_of_patches(chosen), response=response)
-        elif response is not None:
-            from cadtof_cli.resolver.response.as_sine import phasors_of_sine
-
-            found = resolve_paths(phasors, status=status, settings=stages.resolver, noise=noise, response=response)
-            phasors = phasors_of_sine(phasors, found.paths, response=response)
-    return phasors, np.asarray(status == 0)
