@@ -46,9 +46,14 @@ class _Seen:
     sine: Parts
 
 
-def harmonics_seen(response: "ResponseBlock", /) -> tuple[int, ...]:
-    """Return at which multiples of the fundamental the other terms of a response see a tail, in order."""
-    return tuple(sorted({abs(k) * table.harmonic for table in response.stages[-1] for k in _orders(table)}))
+def harmonics_seen(response: "ResponseBlock", /) -> tuple[tuple[int, float], ...]:
+    """Return at which multiples of the fundamental the other terms of a response see a tail, in order, and the largest |c_hk|."""
+    seen: dict[int, float] = {}
+    for table in response.stages[-1]:
+        for k, share in _orders(table).items():
+            multiple = abs(k) * table.harmonic
+            seen[multiple] = max(abs(share), seen.get(multiple, 0.0))
+    return tuple(sorted(seen.items()))
 
 
 def freed_of_other_terms(

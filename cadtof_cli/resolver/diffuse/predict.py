@@ -49,6 +49,10 @@ GUESSED_POWER = 4
 """Power of the share of what a patch faces that is unknown, with which the light of guessed walls counts: a view that shows
 walls at right angles holds most of the early light, one of a single wall nothing of it."""
 
+FURTHER_ERROR = 0.5
+"""Standard deviation of the tail at a harmonic that only other terms of a response see, as a share of it: early light hardly
+changes the ratios of the harmonics that are fitted, but is all that is left of a tail at those."""
+
 UNHEARD = 1e6
 """By how much the noise of patches with two surfaces is raised, so that they say nothing of the room."""
 
@@ -154,6 +158,9 @@ def _model(
         left = left_rad(fit.posterior[-1, heard], two_path_rad[heard], rad_per_ns=frame.settings.rad_per_ns)
         leaning = Leaning(0.0 if view is None else missed_share(view), left)
     coarse = coarse_planes(fit, posterior, beside, valid, leaning).if_likely(kinds.mpi_probability)
+    tails = None if further is None else _further_tails(further, fit, coarse, planes, valid, frame)
+    if tails is not None:
+        coarse = coarse.less_sure(_mistaken(tails, frame.settings))
     covered = 0 if through is None else int(through.found.sum())
     gap = (coarse.planes[coarse.data + 1][valid] - two_path_rad)[heard]
     return DiffuseModel(
@@ -166,7 +173,7 @@ def _model(
         float(median(gap**2)),
         range_offset_m,
         through,
-        None if further is None else _further_tails(further, fit, coarse, planes, valid, frame),
+        tails,
     )
 
 
@@ -233,7 +240,8 @@ def _planes(light: PatchLight, means: PatchMeans, frame: _Frame) -> PatchPlanes:
 def _tails(seen: Surfaces, beyond: Surfaces, amplitude: Float, frame: _Frame) -> tuple[TailModel, TailModel | None]:
     """Return the model of the patches that these surfaces are of, and that at further harmonics, None for a sine."""
     asked = frame.settings
-    harmonics = tuple(sorted({*asked.harmonics, *(asked.further or ())}))
+    further = tuple(h for h, _ in asked.further or ())
+    harmonics = tuple(sorted({*asked.harmonics, *further}))
     light = interreflections(
         seen, beyond, amplitude, harmonics=harmonics, rad_per_m=asked.rad_per_m, kernel=frame.kernel
     )
@@ -241,7 +249,7 @@ def _tails(seen: Surfaces, beyond: Surfaces, amplitude: Float, frame: _Frame) ->
     def model(some: tuple[int, ...]) -> TailModel:
         return TailModel(light.at([harmonics.index(h) for h in some]), some, asked.rad_per_ns, frame.kernel)
 
-    return model(asked.harmonics), None if asked.further is None else model(asked.further)
+    return model(asked.harmonics), None if asked.further is None else model(further)
 
 
 def _further_tails(
@@ -255,6 +263,15 @@ def _further_tails(
         held[2:] = light.mean(axis=1)[:, None, None]
         held[2:, valid] = light
     return FurtherTails(tail.harmonics, held, upsampler(held, planes.surfaces.range_m, valid, frame.grid))
+
+
+def _mistaken(tails: FurtherTails, settings: DiffuseSettings) -> Float32:
+    """Return the variance of the direct phase, rad², (rows, columns), by what the tail is wrong by where other terms see it."""
+    count, variance = len(tails.harmonics), np.zeros(tails.planes.shape[1:], np.float32)
+    parts = zip(tails.planes[2 : 2 + count], tails.planes[2 + count :], strict=True)
+    for (_, share), (re, im) in zip(settings.further or (), parts, strict=True):
+        variance += np.float32((FURTHER_ERROR * share) ** 2) * ((re - 1.0) ** 2 + im * im)
+    return variance
 
 
 def _error(ratios: Complex, amplitude: Float, pixels: Float, frame: _Frame) -> Float:
