@@ -51,7 +51,7 @@ SEARCHED_BLOCK_PIXELS = 32768
 
 FREEING_ROUNDS = 3
 """How often the tail is predicted again from phasors that the last prediction freed of the other terms of a response: rooms
-change no more after one, a corner that fills the view after four by less than a tenth."""
+change no more after one, and a corner that fills the view by a tenth after these."""
 
 
 @dataclass(frozen=True)

@@ -147,16 +147,8 @@ def _model(
     two_path_rad = two_path_lag(ratios[0], kernel=frame.kernel)
     leaning = None
     if len(ratios) == 1:
-        view = view_numbers(
-            fit.room,
-            seen if through is None else seen[heard],
-            amplitude[heard],
-            lag_rad=fit.posterior[-1, heard],
-            seen_rad=beside.seen_rad[heard],
-            two_path_rad=two_path_rad[heard],
-        )
-        left = left_rad(fit.posterior[-1, heard], two_path_rad[heard], rad_per_ns=frame.settings.rad_per_ns)
-        leaning = Leaning(0.0 if view is None else missed_share(view), left)
+        view = seen if through is None else seen[heard]
+        leaning = _leaning(fit, view, amplitude, beside.seen_rad, two_path_rad, heard, frame)
     coarse = coarse_planes(fit, posterior, beside, valid, leaning).if_likely(kinds.mpi_probability)
     tails = None if further is None else _further_tails(further, fit, coarse, planes, valid, frame)
     if tails is not None:
@@ -175,6 +167,18 @@ def _model(
         through,
         tails,
     )
+
+
+def _leaning(
+    fit: PatchFit, view: Surfaces, amplitude: Float, seen_rad: Float, two_path_rad: Float, heard: Bool, frame: _Frame
+) -> Leaning:
+    """Return which way two harmonics lean, by what the patches that are `heard`, whose surfaces are `view`, show."""
+    lag_rad, two_path_rad = fit.posterior[-1, heard], two_path_rad[heard]
+    numbers = view_numbers(
+        fit.room, view, amplitude[heard], lag_rad=lag_rad, seen_rad=seen_rad[heard], two_path_rad=two_path_rad
+    )
+    left = left_rad(lag_rad, two_path_rad, rad_per_ns=frame.settings.rad_per_ns)
+    return Leaning(0.0 if numbers is None else missed_share(numbers), left)
 
 
 def _missed_by_two_paths(means: PatchMeans, valid: Bool, frame: _Frame) -> Float:
