@@ -13,6 +13,7 @@ from cadtof_cli.capture.metadata import CaptureMetadata
 from cadtof_cli.errors import SettingsError
 from cadtof_cli.records import dataclass, setting
 from cadtof_cli.resolver.settings import ResolverSettings
+from cadtof_cli.units import size_text
 
 if TYPE_CHECKING:
     from cadtof_cli.files.maps import MapHeader
@@ -75,9 +76,7 @@ class MapSettings:
         """Raise SettingsError where the region of interest leaves the (Y, X) pixels of a frame or capture of that name."""
         if self.roi and (self.roi[2] > pixels[1] or self.roi[3] > pixels[0]):
             found = ",".join(map(str, self.roi))
-            raise SettingsError(
-                f"--roi: found {found}, expected it inside the {pixels[1]} × {pixels[0]} pixels of {of}"
-            )
+            raise SettingsError(f"--roi: found {found}, expected it inside the {size_text(pixels)} pixels of {of}")
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,6 @@
 
 import math
 from dataclasses import dataclass, replace
-from importlib import import_module
 
 import numpy as np
 
@@ -16,9 +15,9 @@ from cadtof_cli.maps.layers import LayerSource
 from cadtof_cli.phasors.noise import NoiseModel, chi_squared_threshold
 from cadtof_cli.resolver.diffuse.records import DiffuseModel
 from cadtof_cli.resolver.diffuse.through_pixels import freed_pixels
-from cadtof_cli.resolver.order import Solver, with_direct_first, worth_another
+from cadtof_cli.resolver.order import with_direct_first, worth_another
 from cadtof_cli.resolver.paths import Fit, Paths, ResolvedPaths
-from cadtof_cli.resolver.resolve import resolve_paths
+from cadtof_cli.resolver.resolve import resolve_paths, solver_for
 from cadtof_cli.resolver.status import StatusBit
 
 
@@ -134,11 +133,11 @@ def _fit(
         if count > settings.max_paths:
             solver_name = "two-path" if settings.solver == "one-path" else settings.solver
             settings = replace(settings, solver=solver_name, order="auto", paths=max(count, settings.paths))
-        room = import_module(f"cadtof_cli.resolver.{settings.room(harmonics, sine=response is None)}.solver")
+        make_solver = solver_for(settings, harmonics, sine=response is None)
     except SettingsError:
         return None
     with np.errstate(all="ignore"):
-        solver: Solver = room.solver(
+        solver = make_solver(
             phasors,
             noise=pixel.noise,
             settings=settings,

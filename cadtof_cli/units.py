@@ -1,4 +1,4 @@
-"""Units and conversions between them: times in ns, lengths in m, phases in rad, voltages in V; and numbers in words."""
+"""Units and conversions between them: times in ns, lengths in m, phases in rad, voltages in V; numbers and texts for people."""
 
 import math
 from collections.abc import Sequence
@@ -15,10 +15,23 @@ def counted(number: int, noun: str, /) -> str:
     return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
 
 
+def size_text(pixels: Sequence[int], /) -> str:
+    """Return the size of an array, (Y, X), as people say it: columns × rows."""
+    return f"{pixels[1]} × {pixels[0]}"
+
+
 def per_second(number: int, seconds: float, /) -> str:
     """Return how many things there are in a second, with two digits or more, such as '212', '12' and '0.35'."""
     rate = number / seconds
     return f"{rate:.0f}" if rate >= 10.0 else f"{rate:.2g}"
+
+
+def shortened(text: str, most: int, /) -> str:
+    """Return a text of at most so many signs, the middle left out where it is longer: names tell most at their ends."""
+    if len(text) <= most:
+        return text
+    keep = max(most - 1, 2)
+    return f"{text[: keep // 2]}…{text[-(keep - keep // 2) :]}"
 
 
 def first_of(names: Sequence[str], most: int, /) -> str:

@@ -111,7 +111,7 @@ def table_1() -> None:
 def noisy(
     rng: np.random.Generator, runs: int, n_av: float, asr: float, mpi: float, direct_ns: float, second_ns: float
 ) -> Iterator[C]:
-    """Yield pulse-corrected phasors of both harmonics with the exact covariance of the average (PHYSICS)."""
+    """Yield pulse-corrected phasors of both harmonics with the exact covariance of the average (docs/physics.md)."""
 
     def moment(k: int) -> complex:
         turns = np.exp(2j * np.pi * k * np.array([direct_ns, second_ns]) / T1_NS)

@@ -112,7 +112,7 @@ def with_less_light(
 ) -> tuple[NDArray[np.generic], CaptureMetadata]:
     """Return a frame of counts, (H, 2, Y, X), with noise added until it has that of a shorter integration length.
 
-    Noise along and across each phasor is as that of a single path with its amplitude (PHYSICS, the covariance of Eq. 1).
+    Noise along and across each phasor is as that of a single path with its amplitude (docs/physics.md, the covariance of Eq. 1).
     """
     length, recorded = float(round(integration_length * 2 / len(stored))), metadata.pixel.integration_length or 0.0
     if length >= recorded:

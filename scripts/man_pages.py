@@ -1,6 +1,7 @@
 """Man pages of every command, from its help by click-man: `python scripts/man_pages.py FOLDER`. setup.py puts them into wheels.
 
-Added is what click-man leaves out: the example at the end, paragraphs that stay as they are, text that roff takes for its own.
+Added is what click-man leaves out: headings among the options, the example at the end, paragraphs that stay as they are, and
+text that roff takes for its own.
 """
 
 import re
@@ -14,6 +15,7 @@ from click_man.man import ManPage
 
 from cadtof_cli import __version__
 from cadtof_cli.cli import COMMANDS, cli
+from cadtof_cli.commands.help import SectionedCommand
 
 _NO_DATE = ""
 """The same source gives the same pages."""
@@ -62,12 +64,31 @@ def man_page(context: click.Context, /) -> str:
     )
     page.description = _described(help_text)
     page.synopsis = " ".join(command.collect_usage_pieces(context))
-    records = (param.get_help_record(context) for param in command.params if isinstance(param, click.Option))
-    page.options = [(option, _filled(about)) for option, about in filter(None, records)]
+    page.options = _options(context)
     page.commands = list(_commands(context))
     # pages of commands in a group are named with - between
     text = str(page).replace(f"See \\fB{name}-", f"See \\fB{name.replace(' ', '-')}-")
     return f"{text}{_example(command.epilog or '')}{_see_also(context)}"
+
+
+def option_sections(command: click.Command, /) -> dict[str, list[click.Option]]:
+    """Return the options of a command by the headings that its help shows them under."""
+    if isinstance(command, SectionedCommand):
+        return command.sections(command.params)
+    options = [param for param in command.params if isinstance(param, click.Option)]
+    return {"Options": options} if options else {}
+
+
+def _options(context: click.Context) -> list[tuple[str, str]]:
+    """Return the options and what they do; what stands before a further heading ends with that, as click-man knows none."""
+    found: list[tuple[str, str]] = []
+    for title, options in option_sections(context.command).items():
+        if found:
+            option, about = found[-1]
+            found[-1] = option, f"{about}\n.SS {title}"
+        records = filter(None, (one.get_help_record(context) for one in options))
+        found += [(option, _filled(about)) for option, about in records]
+    return found
 
 
 def _commands(context: click.Context) -> Iterator[tuple[str, str]]:

@@ -151,14 +151,14 @@ def _tell(name: str, walk: Walk, met: list[str], listed: bool) -> None:
 
 
 def _walked(argv: list[str], package: Path, *, first: bool = False) -> Walk:
-    """Run the command line twice, and watch the second time, or only once, and watch that."""
+    """Watch the command line, which ends with its OUT: after a run into another place, unless it is to be the `first`."""
     from cadtof_cli.cli import main as cadtof
 
     walk = Walk(package)
-    for words in (argv,) if first else (argv, [*argv, "--overwrite"]):
+    for words in (argv,) if first else ([*argv[:-1], f"{argv[-1]}-before"], argv):
         sys.argv = words
         with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
-            watching = walk if first or words is not argv else None
+            watching = walk if words is argv else None
             # what waits for the disk runs in threads
             threading.setprofile(watching)
             sys.setprofile(watching)

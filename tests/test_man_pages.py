@@ -9,6 +9,7 @@ from pathlib import Path
 import click
 import pytest
 
+from cadtof_cli.commands.help import SectionedCommand
 from tests.support.commands import every_command
 from tests.support.needed import needed_module, needed_program
 from tests.support.run_cadtof import ENVIRONMENT, ROOT
@@ -71,6 +72,10 @@ def test_a_page_says_what_the_help_says(pages: dict[str, str], words: str) -> No
     assert sections[-2:] == ["EXAMPLES", "SEE ALSO"]
     for option in (param for param in command.params if isinstance(param, click.Option)):
         assert option.opts[0] in page
+    if isinstance(command, SectionedCommand):
+        # the others stand under OPTIONS, as in the help
+        shown = [title for title in command.sections(command.params) if title != "Options"]
+        assert re.findall(r"(?m)^\.SS (.+)$", page) == shown
     assert "\b" not in page
     for line in str(command.epilog).splitlines()[2:]:
         assert line.strip() in page

@@ -15,7 +15,7 @@ from cadtof_cli.errors import FrameError, SettingsError
 from cadtof_cli.files.maps import STATUS
 from cadtof_cli.frame_plan import CalibrationUse, DepthKind, FramePlan, MapSettings
 from cadtof_cli.phasors.frame_mean import FrameMean, frame_mean
-from cadtof_cli.phasors.plausible import implausible
+from cadtof_cli.phasors.plausible import require_plausible
 from cadtof_cli.pipeline import resolve_frame
 from cadtof_cli.resolver.settings import MpiModel, ResolverSettings, Return, Solver
 from cadtof_cli.workflows.resolve.frame_task import answered_maps
@@ -117,9 +117,7 @@ def _recorded(frames: Sequence[Frame]) -> Stored | FrameMean:
     for one in frames:
         if one.stored.shape != first.stored.shape or one.metadata != first.metadata:
             raise FrameError(f"{one}: differs in size or metadata from {first}, expected frames of one capture")
-        wrong = implausible(one.stored, one.metadata)
-        if wrong is not None:
-            raise FrameError(f"{one}: {wrong}")
+        require_plausible(one.stored, one.metadata, of=one)
     if len(frames) == 1:
         return first.stored
     return frame_mean((one.stored for one in frames), saturated_counts=first.metadata.voltage.saturated_counts)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from cadtof_cli.capture.metadata import WAVEFORMS, CaptureMetadata, Waveform
 from cadtof_cli.errors import MetadataError, SettingsError
+from cadtof_cli.units import size_text
 from cadtof_cli.version import __version__
 
 PartKind = Literal["dark", "response", "petzval"]
@@ -71,8 +72,7 @@ class Origin:
             ("waveform", modulation.waveform, self.waveform),
         ]
         if pixels is not None:
-            there, here = ("{1} × {0} pixels".format(*size) for size in (pixels, self.pixels))
-            checks.append(("size", there, here))
+            checks.append(("size", f"{size_text(pixels)} pixels", f"{size_text(self.pixels)} pixels"))
         for name, found, expected in checks:
             if found != expected:
                 raise SettingsError(

@@ -4,14 +4,8 @@ import math
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-_MOST_LETTERS = 200
+MOST_LETTERS = 200
 """Letters of a value that a message shows."""
-
-
-def shortened(found: object, /) -> str:
-    """Return a value as Python writes it, without its middle where it is too long for a message."""
-    text = repr(found)
-    return text if len(text) <= _MOST_LETTERS else f"{text[: _MOST_LETTERS // 2]} … {text[-_MOST_LETTERS // 2 :]}"
 
 
 class Check(NamedTuple):

@@ -27,6 +27,16 @@ OUTPUT_FILES = frozenset({"run.json", "dark.toml", "response.toml", "petzval.tom
 
 _TRUTH = "truth"
 
+_MISNAMED = (
+    "Capture.toml",
+    "CAPTURE.TOML",
+    "capture.TOML",
+    "capture.toml.txt",
+    "Capture.toml.txt",
+    "capture.toml.toml",
+)
+"""What editors and other systems make of the name of settings."""
+
 
 def find_captures(
     inputs: Sequence[Path],
@@ -133,11 +143,20 @@ def absolute(path: Path, /) -> Path:
 
 
 def nearest_settings(folder: Path, /) -> Path | None:
-    """Return the `capture.toml` that holds for a folder: its own, else that of the nearest folder above; None: there is none."""
+    """Return the `capture.toml` that holds for a folder: its own, else that of the nearest folder above; None: there is none.
+
+    Raises:
+        CaptureError: the folder has one that is not called so, which would be passed over.
+    """
     own = folder / FILE_NAME
     # a file in a folder without permission counts as missing; a broken link counts as there, and fails when it is read
     if os.path.lexists(own):
         return own
+    for name in _MISNAMED:
+        if os.path.lexists(folder / name):
+            raise CaptureError(
+                f"{folder / name}: found settings of this name, expected {FILE_NAME}: rename it, or give --settings"
+            )
     above = (parent / FILE_NAME for parent in absolute(folder).parents)
     return next((path for path in above if os.access(path, os.R_OK)), None)
 

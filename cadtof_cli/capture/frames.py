@@ -20,6 +20,7 @@ from cadtof_cli.errors import FrameError
 from cadtof_cli.files.formats import detect_format, format_by_suffix
 from cadtof_cli.files.frames import CHANNELS, FrameLayout, Frames, RawLayout, shape_text
 from cadtof_cli.records import dataclass
+from cadtof_cli.units import size_text
 
 _SIZES_COMPARED, _FILES_OPENED = 1000, 15
 """How many of a capture's files, spread evenly over it, are looked at for the size that most have, and for what they hold."""
@@ -223,7 +224,7 @@ def read_stored(source: FrameSource, layout: FrameLayout, /, *, size: tuple[int,
         stored = frames.read(source.index or 0)
     found = stored.shape[2:]
     if size is not None and found != size:
-        here, there = ("{1} × {0}".format(*pixels) for pixels in (found, size))
+        here, there = size_text(found), size_text(size)
         raise FrameError(f"{source}: found {here} pixels, expected {there} as most frames of the capture have")
     return stored
 

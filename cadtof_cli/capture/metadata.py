@@ -7,10 +7,10 @@ from dataclasses import field, fields
 from functools import cached_property
 from typing import Any, Literal, cast, get_args
 
-from cadtof_cli.capture.checks import COUNT, LENGTH, PERIOD, POSITIVE, SCALE, VOLTS, Check, above, each, shortened
+from cadtof_cli.capture.checks import COUNT, LENGTH, MOST_LETTERS, PERIOD, POSITIVE, SCALE, VOLTS, Check, above, each
 from cadtof_cli.errors import MetadataError
 from cadtof_cli.records import dataclass
-from cadtof_cli.units import FWHM_PER_SIGMA
+from cadtof_cli.units import FWHM_PER_SIGMA, shortened
 
 Waveform = Literal["sine", "triangle"]
 
@@ -39,7 +39,7 @@ class InvalidValueError(MetadataError):
 
     def __str__(self) -> str:
         place = f"{self.where}: " if self.where else ""
-        return f"{place}{self.key}: found {shortened(self.found)}, expected {self.expected}"
+        return f"{place}{self.key}: found {shortened(repr(self.found), MOST_LETTERS)}, expected {self.expected}"
 
 
 def _key(kind: Kind, about: str, default: Any = None, *checks: Check) -> Any:

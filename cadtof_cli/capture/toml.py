@@ -4,11 +4,12 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from cadtof_cli.capture.checks import shortened
+from cadtof_cli.capture.checks import MOST_LETTERS
 from cadtof_cli.capture.metadata import KEYS, TABLES, CaptureMetadata, InvalidValueError, converted
 from cadtof_cli.errors import MetadataError
 from cadtof_cli.files.toml import read_toml, toml_from_tables
 from cadtof_cli.records import dataclass
+from cadtof_cli.units import shortened
 
 FILE_NAME = "capture.toml"
 
@@ -68,7 +69,9 @@ def _flat(document: dict[str, Any], path: Path) -> dict[str, Any]:
         if table not in TABLES:
             raise MetadataError(_unknown(f"{path}: unknown table [{table}]", table, list(TABLES)))
         if not isinstance(content, dict):
-            raise MetadataError(f"{path}: {table}: found {shortened(content)}, expected a table [{table}]")
+            raise MetadataError(
+                f"{path}: {table}: found {shortened(repr(content), MOST_LETTERS)}, expected a table [{table}]"
+            )
         given: dict[str, Any] = {}
         for name, value in content.items():
             if isinstance(value, dict) and f"{table}.{name}" not in KEYS:

@@ -22,6 +22,7 @@ from cadtof_cli.commands.options import (
 from cadtof_cli.commands.terminal import progress_bar, tell
 from cadtof_cli.commands.values import PATH
 from cadtof_cli.execution.workers import Workers
+from cadtof_cli.units import size_text
 
 
 @click.command(cls=SectionedCommand, headings=CAPTURE_HEADING, epilog=example("cadtof info sample_data/corner"))
@@ -144,7 +145,7 @@ def _map_lines(facts: Any) -> Iterator[str]:
     from cadtof_cli.resolver.status import StatusBit, bit_words
 
     yield facts.path
-    yield _row("maps", f"{facts.files}" + (f" of {facts.pixels[1]} × {facts.pixels[0]} pixels" if facts.pixels else ""))
+    yield _row("maps", f"{facts.files}" + (f" of {size_text(facts.pixels)} pixels" if facts.pixels else ""))
     for name, layer in facts.layers.items():
         if layer.median is None:
             yield _row(name, "no answers")

@@ -9,9 +9,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.textpath import TextPath
 
+from cadtof_cli.units import shortened
+
 mpl.rcdefaults()
 
-__all__ = ["Figure", "add_title", "drawable", "legend_beside", "shortened", "within"]
+__all__ = ["Figure", "add_title", "drawable", "legend_beside", "within"]
 
 
 @cache
@@ -31,14 +33,6 @@ def drawable(text: str, /) -> str:
         else f"\\u{{{ord(sign):x}}}"
         for sign in text
     )
-
-
-def shortened(text: str, length: int, /) -> str:
-    """Return a text of at most `length` signs, the middle left out where it is longer: names tell most at their ends."""
-    if len(text) <= length:
-        return text
-    keep = max(length - 1, 2)
-    return f"{text[: keep // 2]}…{text[-(keep - keep // 2) :]}"
 
 
 def within(text: str, inches: float, /, *, size: float) -> str:

@@ -8,10 +8,11 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from cadtof_cli.arrays import Float
-from cadtof_cli.figures.canvas import Figure, drawable, legend_beside, shortened, within
+from cadtof_cli.figures.canvas import Figure, drawable, legend_beside, within
 from cadtof_cli.figures.kinds import save
 from cadtof_cli.maps.layers import error_unit
 from cadtof_cli.maps.profile import Curve, Profile
+from cadtof_cli.units import shortened
 
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
 """Of runs, in their order: Okabe and Ito's, told apart by the colour-blind."""

@@ -22,6 +22,7 @@ from cadtof_cli.files.named_planes import NamedPart, Place, voltage_places
 from cadtof_cli.files.reading import damage_as_frame_error, in_brief, read_through, require_plausible_size
 from cadtof_cli.files.system import codes_of_the_system
 from cadtof_cli.records import dataclass
+from cadtof_cli.units import size_text
 
 Compression = Literal["none", "zip", "pxr24"]
 
@@ -222,8 +223,8 @@ def _common_shape(path: Path, parts: Sequence[ExrPart], places: Sequence[Place])
             raise FrameError(f"{path}: {place.channel} is {found}, expected one value a pixel")
         if part.shape != shape:
             raise FrameError(
-                f"{path}: {place.channel} of part {part.name!r} is {part.shape[1]} × {part.shape[0]} pixels,"
-                f" expected {shape[1]} × {shape[0]} as {places[0].channel} of the first part"
+                f"{path}: {place.channel} of part {part.name!r} is {size_text(part.shape)} pixels,"
+                f" expected {size_text(shape)} as {places[0].channel} of the first part"
             )
         if part.origin != origin:
             raise FrameError(

@@ -37,8 +37,8 @@ class FrameReader(Protocol):
         """Return the one plane of a file, shape (Y, X), native byte order."""
 
 
-class FrameFiles(FrameReader, Protocol):
-    """How frames of a format are read, and how a simulated camera records them."""
+class FrameWriter(Protocol):
+    """How a simulated camera records frames in a format."""
 
     def write_frame(self, path: Path, stored: "Stored", /, *, layout: "FrameLayout", compress: bool) -> None:
         """Write one frame, shape (H, C, Y, X), without loss."""
@@ -93,7 +93,7 @@ class Format:
     frames: Callable[[], FrameReader]
     whole: bool = True
     layers: Callable[[], LayerFiles] | None = None
-    recording: Callable[[], FrameFiles] | None = None
+    recording: Callable[[], FrameWriter] | None = None
     counts: bool = False
     compressions: Callable[[], Compressions] | None = None
 

@@ -9,10 +9,10 @@ import numpy as np
 from cadtof_cli.arrays import Stored
 from cadtof_cli.errors import FrameError
 from cadtof_cli.records import dataclass
+from cadtof_cli.units import size_text
 
 CHANNELS = 2
 """SC1, the cosine, and SC2, the sine."""
-
 
 SAMPLE_TYPES = ("float16", "float32", "float64", "int16", "int32", "uint16", "uint32", "uint8")
 """Types that a frame may be recorded in."""
@@ -111,4 +111,4 @@ def harmonic_labels(harmonics: tuple[int, ...], found: Collection[int]) -> tuple
 
 def shape_text(shape: tuple[int, ...], dtype: np.dtype[Any]) -> str:
     """Return an image's size for a message, such as `320 × 240 uint16`, from a shape that ends in Y, X."""
-    return f"{shape[-1]} × {shape[-2]} {dtype.name}"
+    return f"{size_text(shape[-2:])} {dtype.name}"

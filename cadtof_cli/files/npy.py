@@ -1,15 +1,17 @@
 """Frames and planes in NPY files; the array is mapped into memory, so that a frame of a stack costs a frame."""
 
+import os
 from contextlib import AbstractContextManager
 from pathlib import Path
 
 import numpy as np
+from numpy.lib.format import MAGIC_PREFIX
 
 from cadtof_cli.arrays import Stored
 from cadtof_cli.errors import FrameError
 from cadtof_cli.files.array_frames import Mapped, open_array, single_plane
 from cadtof_cli.files.frames import FrameLayout, Frames
-from cadtof_cli.files.reading import damage_as_frame_error
+from cadtof_cli.files.reading import damage_as_frame_error, open_regular
 
 _LONGEST_HEADER = 1000
 """Bytes of a header that says type and shape; it is parsed in a time that grows with their square."""
@@ -40,4 +42,10 @@ def _mapped(path: Path) -> Mapped:
                 f"{path}: found an array of Python objects, expected one of numbers: save it with its dtype, such as by"
                 " numpy.save(PATH, numpy.asarray(FRAME, numpy.float32))"
             ) from error
+        with os.fdopen(open_regular(path), "rb") as file:
+            file.seek(array.offset + array.nbytes)
+            if file.read(len(MAGIC_PREFIX)) == MAGIC_PREFIX:
+                raise FrameError(
+                    f"{path}: found several arrays, one after the other, expected one: numpy.save(PATH, numpy.stack(FRAMES))"
+                )
         return array

@@ -1,4 +1,4 @@
-"""Which plane of a TIFF is which: from names, and the axes that a file declares, to frame, harmonic and channel."""
+"""Which plane of a file is which: from names, and the axes that a file declares, to frame, harmonic and channel."""
 
 import math
 from collections.abc import Sequence

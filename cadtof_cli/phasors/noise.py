@@ -115,7 +115,7 @@ def noise_model(
     """Return the noise of a capture's phasors at an integration length n_av.
 
     The covariance of harmonic h is [[(1+Re m_2h)/2 − c², Im m_2h/2 − cs], [·, (1−Re m_2h)/2 − s²]]/(2·n_av − 1) with
-    c + is = m_h (PHYSICS); `quantised` adds a count's rounding error, 1/12 count².
+    c + is = m_h (docs/physics.md); `quantised` adds a count's rounding error, 1/12 count².
     """
     modulation, voltage = metadata.modulation, metadata.voltage
     step = (voltage.volts_per_count or 0.0) / modulation.amplitude_v if quantised else 0.0

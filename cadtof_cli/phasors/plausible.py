@@ -11,7 +11,9 @@ import numpy as np
 
 from cadtof_cli.arrays import Float, Stored
 from cadtof_cli.capture.metadata import CaptureMetadata, Voltage
+from cadtof_cli.errors import FrameError
 from cadtof_cli.phasors.noise import NoiseModel
+from cadtof_cli.phasors.recorded_planes import no_recording
 from cadtof_cli.phasors.voltages import sound_pixels, volts_per_count
 from cadtof_cli.records import dataclass
 
@@ -56,7 +58,7 @@ class _Range:
 def implausible(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
     """Return why stored values, (H, 2, …), cannot be the voltages that the metadata make of them; None where they can.
 
-    NaN and saturated pixels are left out.
+    A plane that cannot have been recorded is among the reasons. NaN and saturated pixels are left out.
 
     Raises:
         SettingsError: see `volts_per_count`.
@@ -64,6 +66,8 @@ def implausible(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
     planes = stored.reshape(*stored.shape[:2], -1)
     some = planes[:, :, :: max(1, planes.shape[2] // LOOKED_AT)]
     kind, voltage, together = stored.dtype, metadata.voltage, np.ascontiguousarray(some)
+    if missing := no_recording(together, metadata.modulation.harmonics):
+        return missing
     longest, least, largest = _limits(metadata, kind)
     # the usual case, told at a glance; a comparison with NaN is false
     if (
@@ -86,6 +90,12 @@ def implausible(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
         f"{found}, which would be voltages up to {largest:.4g} V, beyond modulation.amplitude_v = {amplitude:g} V: "
         f"{_likely_cause(found, voltage, amplitude)}"
     )
+
+
+def require_plausible(stored: Stored, metadata: CaptureMetadata, /, *, of: object) -> None:
+    """Raise FrameError, which names the frame that stored values are `of`, where these cannot be voltages."""
+    if wrong := implausible(stored, metadata):
+        raise FrameError(f"{of}: {wrong}")
 
 
 def is_without_noise(stored: Stored, noise: NoiseModel, /) -> bool:
@@ -147,13 +157,13 @@ def _likely_cause(found: _Range, voltage: Voltage, amplitude_v: float) -> str:
 
 
 def _shifted_or_scaled(found: _Range, voltage: Voltage, amplitude_v: float) -> str | None:
-    """Return what a program did to values that do not lie around `zero_counts`; None where they do."""
+    """Return what a program did to values that do not lie around `zero_counts`; None where they do, whatever a step is."""
     zero, step = voltage.zero, abs(voltage.volts_per_count or 1.0)
 
     def around_zero(middle: float) -> bool:
         return abs(middle - zero) * step < amplitude_v
 
-    if around_zero(found.middle):
+    if around_zero(found.middle) or found.low <= zero <= found.high:
         return None
     if zero == 0.0:
         return f"nothing says which stored value is 0 V: give --zero-counts (their middle is {found.middle:.6g})"

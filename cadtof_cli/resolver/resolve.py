@@ -1,6 +1,6 @@
 """Phasors of a block of pixels → the paths of every pixel: the stage between `phasors/` and `maps/`, and the one driver in it."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from importlib import import_module
 from typing import TYPE_CHECKING
@@ -45,13 +45,13 @@ def resolve_paths(
     Raises:
         SettingsError: the harmonics cannot tell as many paths apart as the settings ask for.
     """
-    room = import_module(f"cadtof_cli.resolver.{settings.room(noise.harmonics, sine=response is None)}.solver")
+    make_solver = solver_for(settings, noise.harmonics, sine=response is None)
     # the tail comes first, and a solver is for the few pixels that it leaves; but what shows a net is light as a sine has it
     early = tail is None or response is None or tail.model.through is None
     before, after = (tail, None) if early else (None, tail)
     with np.errstate(all="ignore"):
         free, through = _freed(phasors, before, kernel)
-        start = partial(room.solver, free, noise=noise, settings=settings, response=response, first=first)
+        start = partial(make_solver, free, noise=noise, settings=settings, response=response, first=first)
         solver: Solver | None = start() if before is None else None
         powers = list(free.real**2 + free.imag**2) if solver is None else solver.powers
         modulus = np.sqrt(powers[0]) if solver is None else solver.modulus
@@ -104,6 +104,13 @@ def _predicted(
     return diffuse_pixels(phasors, tail=tail, usable=usable, samples=samples, kernel=kernel)
 
 
+def solver_for(settings: ResolverSettings, harmonics: tuple[int, ...], /, *, sine: bool) -> Callable[..., Solver]:
+    """Return what makes a solver, of the room that the settings ask for; raises SettingsError, see `ResolverSettings.room`."""
+    made: Callable[..., Solver]
+    made = import_module(f"cadtof_cli.resolver.{settings.room(harmonics, sine=sine)}.solver").solver
+    return made
+
+
 def _freed(phasors: Complex, tail: "DiffuseBlock | None", kernel: str) -> "tuple[Complex, ThroughPixels | None]":
     """Return phasors freed of tails where pixels see through something, and where; those that were given without a tail."""
     if tail is None:
@@ -145,9 +152,10 @@ def _put_freed(fit: Fit, free: Complex, where: Bool, settings: ResolverSettings,
     """Write two paths from phasors that are those of a sine, free of tails, where they are wanted."""
     chosen = np.flatnonzero(where)
     if chosen.size:
-        two_path = import_module("cadtof_cli.resolver.two_path.solver")
-        solver: Solver = two_path.solver(free[:, chosen], noise=noise, settings=settings, response=None, first=0)
-        _, two = solver.fit(2, np.ones(chosen.size, np.bool_), limit=None)
+        from cadtof_cli.resolver.two_path.solver import solver
+
+        closed_form = solver(free[:, chosen], noise=noise, settings=settings, response=None, first=0)
+        _, two = closed_form.fit(2, np.ones(chosen.size, np.bool_), limit=None)
         fit[chosen] = with_direct_first(two, settings, noise[chosen], slice(None))
 
 

@@ -1,6 +1,6 @@
 """What a user can choose about resolving; one frozen record that checks itself."""
 
-from typing import Literal
+from typing import Literal, get_args
 
 from cadtof_cli.errors import SettingsError
 from cadtof_cli.records import dataclass, setting
@@ -9,12 +9,12 @@ Solver = Literal["two-path", "one-path", "lm"]
 Return = Literal["first", "strongest", "last"]
 MpiModel = Literal["auto", "discrete", "diffuse"]
 
-SOLVERS: tuple[Solver, ...] = ("two-path", "one-path", "lm")
+SOLVERS: tuple[Solver, ...] = get_args(Solver)
 ORDERS: tuple[str, ...] = ("auto", "1", "2")
 """What `order` may be with two paths; with more, numbers up to theirs."""
 
-RETURNS: tuple[Return, ...] = ("first", "strongest", "last")
-MPI_MODELS: tuple[MpiModel, ...] = ("auto", "discrete", "diffuse")
+RETURNS: tuple[Return, ...] = get_args(Return)
+MPI_MODELS: tuple[MpiModel, ...] = get_args(MpiModel)
 
 SECONDS_IN_CLOSED_FORM = 2e-7
 SECONDS_BY_LIKELIHOOD = 4e-6

@@ -86,7 +86,7 @@ def why_no_answer(status: Status, /) -> str:
     )
     shares = {bit: float(np.mean((status & bit) != 0)) for bit in bits}
     found = [f"{share:.1%} {bit_words(bit)}" for bit, share in shares.items() if share]
-    hint = "; if light was there, look at integration_length, --min-confidence and --false-alarm"
+    hint = "; if light was there, look at integration_length, amplitude_v, --min-confidence and --false-alarm"
     return f"no pixel has an answer ({', '.join(found)}){hint if shares[StatusBit.LOW_CONFIDENCE] else ''}"
 
 

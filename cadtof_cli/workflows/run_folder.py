@@ -24,6 +24,9 @@ from cadtof_cli.workflows.resolve.record import FRAMES_FILE, RUN_FILE, FrameRepo
 RecordedFrames = Mapping[str, tuple[Capture, tuple[FrameSource, ...]]]
 """Recorded frames and their captures, by the name of the map that was made from them: several where it is of their mean."""
 
+NOT_EVALUATED = "so the first phasor is not evaluated"
+"""How notes end on recorded frames that are not known, or not what they were."""
+
 _DEPTH_BY_WORDS = {words: kind for kind, words in DEPTH_IN_WORDS.items()}
 
 
@@ -155,7 +158,7 @@ class Run:
     def recorded_frames(self, say: Callable[[str], None], /) -> RecordedFrames:
         """Return the frames that the maps were made from; nothing, and a note, where they are not known or gone."""
         if self.record is None:
-            say(f"{self.no_record}, so the first phasor is not evaluated")
+            say(f"{self.no_record}, {NOT_EVALUATED}")
             return {}
         arguments = self.record["arguments"]
         try:
@@ -169,7 +172,7 @@ class Run:
             )
             return _by_map(captures, slice(*(arguments.get("frames") or (None,))), int(arguments.get("average", 1)))
         except (CadtofError, LookupError, TypeError, ValueError, AttributeError) as error:
-            say(f"the recorded frames are not where they were, so the first phasor is not evaluated: {error}")
+            say(f"the recorded frames are not where they were, {NOT_EVALUATED}: {error}")
             return {}
 
 

@@ -12,6 +12,9 @@ HOLE = "…"
 REASONS = frozenset(
     {
         "implausible",
+        "no_recording",
+        "mistaken_order",
+        "doubtful_optics",
         "_all_saturated",
         "_likely_cause",
         "_shifted_or_scaled",

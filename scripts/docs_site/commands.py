@@ -6,10 +6,10 @@ from inspect import cleandoc
 from pathlib import Path
 
 import click
-from man_pages import contexts
+from man_pages import contexts, option_sections
 
 from cadtof_cli.cli import COMMANDS
-from cadtof_cli.commands.help import SectionedCommand, example_lines
+from cadtof_cli.commands.help import example_lines
 
 
 def write_command_pages(folder: Path, /) -> list[str]:
@@ -49,7 +49,7 @@ def _page(context: click.Context) -> str:
     parts.append(f"```text\n{context.command_path} {' '.join(command.collect_usage_pieces(context))}\n```")
     if isinstance(command, click.Group):
         parts.append(_steps(context, command))
-    for title, options in _sections(command).items():
+    for title, options in option_sections(command).items():
         parts += [f"## {title}", *_options(context, options)]
     lines = example_lines(command.epilog)
     parts += ["## Example" if len(lines) == 1 else "## Examples", f"```text\n{chr(10).join(lines)}\n```"]
@@ -64,13 +64,6 @@ def _steps(context: click.Context, group: click.Group) -> str:
         page = f"{context.command_path} {name}".replace(" ", "-")
         rows.append(f"| [`{context.command_path} {name}`]({page}.md) | {_plain(below.get_short_help_str(limit=200))} |")
     return "| step | what it does |\n|---|---|\n" + "\n".join(rows)
-
-
-def _sections(command: click.Command) -> dict[str, list[click.Option]]:
-    if isinstance(command, SectionedCommand):
-        return command.sections(command.params)
-    options = [param for param in command.params if isinstance(param, click.Option)]
-    return {"Options": options} if options else {}
 
 
 def _options(context: click.Context, options: list[click.Option]) -> Iterator[str]:

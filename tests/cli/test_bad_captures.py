@@ -272,3 +272,27 @@ def test_names_that_are_no_text(tmp_path: Path) -> None:
 def test_debug_shows_where_an_error_arose(tmp_path: Path) -> None:
     with pytest.raises(Exception, match="no such file or folder"):
         cadtof("--debug", "resolve", tmp_path / "gone", "-o", tmp_path / "out")
+
+
+@pytest.mark.parametrize("name", ["Capture.toml", "capture.toml.txt"])
+def test_settings_that_are_not_called_so_are_not_passed_over(name: str, tmp_path: Path) -> None:
+    capture, above = record(tmp_path / "capture"), tmp_path / "capture.toml"
+    settings = (capture.folder / "capture.toml").rename(capture.folder / name)
+    above.write_text(TOML["tif"])
+    done = cadtof("resolve", capture.folder, "-o", tmp_path / "out", "-j", 1)
+    assert done.status == 2
+    assert f"{settings}: found settings of this name, expected capture.toml: rename it, or give --settings" in done.err
+    assert cadtof("resolve", capture.folder, "-o", tmp_path / "out", "-j", 1, "--settings", settings).status == 0
+    (capture.folder / "capture.toml").write_text(TOML["tif"])
+    assert cadtof("info", capture.folder, "-j", 1).status == 0
+
+
+def test_optics_that_are_not_in_pixels_are_doubted(tmp_path: Path) -> None:
+    capture = record(tmp_path / "capture", toml=TOML["tif"].replace("focal_length_px = 28.0", "focal_length_px = 4.2"))
+    said = f"{capture.folder}: optics.focal_length_px = 4.2 is a view of 151° across: is it in mm?"
+    done = cadtof("resolve", capture.folder, "-o", tmp_path / "out", "-j", 1)
+    assert done.status == 0
+    assert f"warning: {said}" in done.err
+    told = cadtof("info", capture.folder, "-j", 1)
+    assert told.status == 1
+    assert f"wrong: {said}" in told.err

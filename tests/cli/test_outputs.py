@@ -78,6 +78,36 @@ def test_nothing_is_replaced_unasked(tmp_path: Path) -> None:
     assert all(after[name] != before[name] for name in before)
 
 
+def test_nothing_of_the_run_that_is_overwritten_stays(tmp_path: Path) -> None:
+    """Maps of frames that are not resolved again, fail now, or come in another format would be taken for those of the new run."""
+    capture, out = record(tmp_path / "capture", frames=4), tmp_path / "out"
+    assert cadtof("resolve", capture.folder, "-o", out, "-j", 1).status == 0
+    moved = out.rename(tmp_path / "moved")
+    capture.files[3].write_bytes(b"II*")
+    again = ("resolve", capture.folder, "-o", moved, "-j", 1, "--overwrite", "--frames", "1:4", "--format", "exr")
+    assert cadtof(*again, "--dry-run").status == 0
+    assert len(_files(moved)) == 6
+    assert cadtof(*again).status == 1
+    assert sorted(_files(moved)) == ["frame_1.exr", "frame_2.exr", "frames.jsonl", "run.json"]
+
+
+def test_what_only_looks_like_a_map_of_the_earlier_run_stays(tmp_path: Path) -> None:
+    capture, out, mine = record(tmp_path / "capture"), tmp_path / "out", tmp_path / "mine"
+    assert cadtof("resolve", capture.folder, "-o", out, "-j", 1).status == 0
+    (line,) = (out / "frames.jsonl").read_text().splitlines()
+    mine.mkdir()
+    (out / "below").symlink_to(mine)
+    of_others = [mine / "a.tif", mine / "b.tif", out / "longer.tif", out / "notes.txt"]
+    for path in of_others:
+        path.write_bytes((out / "frame_0.tif").read_bytes() + b"." * path.match("longer.tif"))
+    called = json.dumps(str(out / "frame_0.tif"))
+    for place in ("../mine/a.tif", "below/b.tif", "longer.tif", "notes.txt", "gone.tif", "x\0.tif"):
+        with (out / "frames.jsonl").open("a") as lines:
+            lines.write(line.replace(called, json.dumps(f"{out}/{place}")) + "\n")
+    assert cadtof("resolve", capture.folder, "-o", out, "-j", 1, "--overwrite").status == 0
+    assert all(path.exists() for path in of_others)
+
+
 def test_a_map_of_a_stack_is_not_replaced_either(tmp_path: Path) -> None:
     capture, out = record(tmp_path / "capture"), tmp_path / "out"
     out.mkdir()
@@ -127,6 +157,20 @@ def test_resume_does_what_is_missing(tmp_path: Path) -> None:
     assert [(Path(str(line["source"])).name, line["status"]) for line in _lines(out)] == [
         (f"frame_{index}.tif", "ok") for index in range(5)
     ]
+
+
+def test_resume_takes_the_same_frames_or_more(tmp_path: Path) -> None:
+    capture, out = record(tmp_path / "capture", frames=5), tmp_path / "out"
+    resolve = ("resolve", capture.folder, "-o", out, "-j", 1)
+    assert cadtof(*resolve, "--frames", "1:3").status == 0
+    before = _files(out)
+    for fewer in ("2:3", "1:2", "2:", "0:2", "4:5"):
+        refused = cadtof(*resolve, "--resume", "--frames", fewer)
+        _refused(refused, f"{out / 'run.json'}: cannot resume: --frames leaves out some that the earlier run took")
+        assert _files(out) == before
+    for more in (("--frames", "1:4"), ("--frames", "0:4"), ("--frames", "0:"), ()):
+        assert cadtof(*resolve, "--resume", *more).status == 0
+    assert len(_lines(out)) == 5
 
 
 def test_resume_in_an_empty_folder_is_a_run(tmp_path: Path) -> None:

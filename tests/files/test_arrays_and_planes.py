@@ -13,7 +13,7 @@ import scipy.io
 
 from cadtof_cli.arrays import Stored
 from cadtof_cli.capture.discovery import find_captures
-from cadtof_cli.capture.frames import FrameSource, open_frames
+from cadtof_cli.capture.frames import FrameSource, open_frames, read_stored
 from cadtof_cli.errors import CaptureError
 from cadtof_cli.files.frames import FrameLayout, NotAFrameError, RawLayout
 from tests.files.forms import known_frame
@@ -127,6 +127,21 @@ def test_a_dump_of_matlab_is_refused_with_the_call_that_mends_it(tmp_path: Path)
     np.testing.assert_array_equal(_read(tmp_path / "frame.npy"), recorded)
 
 
+def test_arrays_that_were_saved_one_after_the_other_are_not_lost(tmp_path: Path) -> None:
+    path = tmp_path / "frame.npy"
+    with path.open("wb") as file:
+        for _ in range(3):
+            np.save(file, known_frame("u2"))
+    assert message(path) == (
+        f"{path}: found several arrays, one after the other, expected one: numpy.save(PATH, numpy.stack(FRAMES))"
+    )
+    np.save(path, known_frame("u2"))
+    with path.open("ab") as file:
+        # as a device that writes whole blocks leaves
+        file.write(bytes(100))
+    np.testing.assert_array_equal(read_stored(FrameSource("frame", (path,)), LAYOUT), known_frame("u2"))
+
+
 def test_npy_that_is_no_frame(tmp_path: Path) -> None:
     path = tmp_path / "frame.npy"
     np.save(path, np.array([{"not": "numbers"}], object), allow_pickle=True)
@@ -169,7 +184,7 @@ def test_raw_stack(tmp_path: Path) -> None:
 _CUT_OFF_WHILE_IT_IS_READ = """
 import os, sys
 from pathlib import Path
-from cadtof_cli.capture.frames import FrameSource, open_frames
+from cadtof_cli.capture.frames import FrameSource, open_frames, read_stored
 from cadtof_cli.errors import FrameError
 from cadtof_cli.files.frames import FrameLayout, RawLayout
 path = Path(sys.argv[1])

@@ -4,6 +4,7 @@ import builtins
 import logging
 import struct
 import sys
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -218,13 +219,44 @@ def test_opacity_is_no_voltage(pages: int, samples: int, tmp_path: Path) -> None
     )
 
 
-def test_what_tifffile_only_remarks_is_damage_here(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
-    path = write_pages(
-        tmp_path / "frame.tif", planes_of(known_frame("u2")), planarconfig="separate", compression="zlib"
-    )
+def _of_an_unknown_planar_configuration(path: Path) -> Path:
+    write_pages(path, planes_of(known_frame("u2")), planarconfig="separate", compression="zlib")
     content = bytearray(path.read_bytes())
     content[content.index(struct.pack("<HHI", 284, 3, 1)) + 8] = 128
     path.write_bytes(content)
+    return path
+
+
+@pytest.fixture
+def tifffile_log() -> Iterator[logging.Logger]:
+    log = logging.getLogger("tifffile")
+    before, disabled = log.level, logging.root.manager.disable
+    yield log
+    log.disabled = False
+    log.setLevel(before)
+    logging.disable(disabled)
+
+
+@pytest.mark.parametrize(
+    "silence",
+    [
+        lambda log: log.setLevel(logging.CRITICAL + 1),
+        lambda _: logging.disable(logging.CRITICAL),
+        lambda log: setattr(log, "disabled", True),
+    ],
+    ids=["its level", "all logging", "by a configuration of logging"],
+)
+def test_what_tifffile_remarks_is_damage_even_where_a_program_has_silenced_it(
+    silence: Callable[[logging.Logger], object], tmp_path: Path, tifffile_log: logging.Logger
+) -> None:
+    path = _of_an_unknown_planar_configuration(tmp_path / "frame.tif")
+    silence(tifffile_log)
+    assert "incorrect StripByteCounts count (4 != 1)" in message(path)
+    assert not tifffile_log.isEnabledFor(logging.ERROR)
+
+
+def test_what_tifffile_only_remarks_is_damage_here(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    path = _of_an_unknown_planar_configuration(tmp_path / "frame.tif")
     assert "incorrect StripByteCounts count (4 != 1)" in message(path)
     assert caplog.records == []
     logging.getLogger("tifffile").error("to another user of tifffile")

@@ -5,7 +5,7 @@ import pytest
 
 from cadtof_cli.capture.metadata import Optics
 from cadtof_cli.errors import SettingsError
-from cadtof_cli.optics import planar_per_range, ray_slopes
+from cadtof_cli.optics import doubtful_optics, planar_per_range, ray_slopes
 
 FOCAL = Optics(focal_length_px=3.0)
 
@@ -36,3 +36,24 @@ def test_without_a_focal_length_there_are_no_rays() -> None:
 def test_a_principal_point_that_is_not_given_is_the_middle_as_column_and_row() -> None:
     assert Optics().principal_point((6, 9)) == (4.0, 2.5)
     assert Optics(principal_point_px=(1.0, 2.0)).principal_point((6, 9)) == (1.0, 2.0)
+
+
+@pytest.mark.parametrize(
+    ("optics", "told"),
+    [
+        (Optics(), None),
+        (Optics(focal_length_px=280.0, principal_point_px=(159.5, 119.5)), None),
+        (Optics(focal_length_px=59.0), None),
+        (Optics(focal_length_px=4.2), "optics.focal_length_px = 4.2 is a view of 177° across: is it in mm?"),
+        (Optics(principal_point_px=(0.5, 0.5)), "optics.principal_point_px = 0.5, 0.5 is a corner: is it a share"),
+        (Optics(principal_point_px=(-20.0, 119.5)), None),
+    ],
+)
+def test_lenses_that_are_hardly_given_in_pixels(optics: Optics, told: str | None) -> None:
+    """A pinhole of 59 pixels sees 320 of them at 2·atan(160/59) = 139.5°."""
+    found = doubtful_optics(optics, (240, 320))
+    assert found is None if told is None else str(found).startswith(told)
+
+
+def test_a_few_pixels_may_have_their_middle_in_the_first() -> None:
+    assert doubtful_optics(Optics(principal_point_px=(0.5, 0.5)), (2, 2)) is None

@@ -80,6 +80,12 @@ def test_saturated_and_nan_pixels_are_left_out() -> None:
             Voltage(zero_counts=ZERO, volts_per_count=0.01),
             "mend --volts-per-count, --zero-counts or --amplitude-v",
         ),
+        (
+            # in µV; the middle of a scene is not the zero
+            counts(),
+            Voltage(zero_counts=ZERO + 700.0, volts_per_count=60.0),
+            "mend --volts-per-count, --zero-counts or --amplitude-v",
+        ),
         (volts().astype(np.float32), COUNTS, "look like volts already: leave out zero_counts"),
         ((counts() / 65535.0).astype(np.float32), COUNTS, "; or scaled to 0 … 1, as ImageMagick writes floats"),
         (
@@ -125,8 +131,8 @@ def test_a_frame_that_is_saturated_everywhere_says_why() -> None:
 
 
 def test_the_range_is_that_of_all_but_the_outermost_percent() -> None:
-    stored = np.tile(np.linspace(1.0, 3.0, 2001), (2, 2, 1))
-    told = said(stored)
+    values = np.linspace(1.0, 3.0, 2001)
+    told = said(np.stack([np.roll(values, shift) for shift in range(4)]).reshape(2, 2, -1))
     assert told is not None
     assert "stored values (float64) lie between 1.02 and 2.98" in told
 

@@ -120,7 +120,7 @@ def test_order_1_and_the_one_path_solver_are_the_same_and_never_find_two() -> No
 def test_light_of_one_path_is_called_two_in_a_third_of_the_share_asked_for(
     false_alarm: float, size: int, direct_ns: float
 ) -> None:
-    """The misfit alone does so in all of it; of these about a third move the direct path enough (PHYSICS: .3 to .6)."""
+    """The misfit alone does so in all of it; of these about a third move the direct path enough (.3 to .6)."""
     p = phasors_of(Light(2.0, direct_ns=direct_ns).voltages(np.random.default_rng(3), 1e5, size))
     share = np.mean(resolve(p, false_alarm=false_alarm).status & StatusBit.TWO_PATHS != 0)
     assert 0.27 * false_alarm < share < 0.48 * false_alarm

@@ -1,4 +1,4 @@
-"""A forward model of the pixel for tests, written from PHYSICS and apart from the package: paths → noisy voltages."""
+"""A forward model of the pixel for tests, written from docs/physics.md and apart from the package: paths → noisy voltages."""
 
 from dataclasses import dataclass
 

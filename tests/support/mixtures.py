@@ -1,4 +1,4 @@
-"""K paths on N harmonics for tests, written from PHYSICS and apart from the package: phasors, their noise, and its bound."""
+"""K paths on N harmonics for tests, written from docs/physics.md apart from the package: phasors, their noise, and its bound."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

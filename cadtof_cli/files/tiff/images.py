@@ -38,27 +38,30 @@ _PRIVATE_TAG_MESSAGE = r"TiffTag (?:3[3-9]\d{3}|[4-9]\d{4})\b"
 """A message about a private tag of some maker."""
 
 
-class _LogFilter(logging.Filter):
+class _Remarks:
     """Keeps what tifffile logs while one of our threads reads, so that none of it reaches the terminal.
 
     tifffile logs an error and goes on with a guess, such as fewer strips or a plainer order of pages; for depth a guess
-    is damage.
+    is damage. So the logger's own methods are taken, not a filter: programs often silence that logger, or all.
     """
 
-    def __init__(self) -> None:
-        super().__init__()
+    def __init__(self, log: logging.Logger) -> None:
         self.kept = threading.local()
+        self._is_enabled_for, self._handle = log.isEnabledFor, log.handle
+        vars(log).update(isEnabledFor=self._is_wanted, handle=self._keep)
 
-    def filter(self, record: logging.LogRecord) -> bool:
+    def _is_wanted(self, level: int) -> bool:
+        return getattr(self.kept, "errors", None) is not None or self._is_enabled_for(level)
+
+    def _keep(self, record: logging.LogRecord) -> None:
         errors: list[str] | None = getattr(self.kept, "errors", None)
-        remark = record.getMessage()
-        if errors is not None and record.levelno >= logging.ERROR and not re.search(_PRIVATE_TAG_MESSAGE, remark):
-            errors.append(remark)
-        return errors is None
+        if errors is None:
+            self._handle(record)
+        elif record.levelno >= logging.ERROR and not re.search(_PRIVATE_TAG_MESSAGE, record.getMessage()):
+            errors.append(record.getMessage())
 
 
-_remarks = _LogFilter()
-logging.getLogger("tifffile").addFilter(_remarks)
+_remarks = _Remarks(logging.getLogger("tifffile"))
 
 
 @contextlib.contextmanager

@@ -1,6 +1,8 @@
 /* Logarithm, exponential, rotor and phase in single precision: the operations of elementary.py, in their order. */
 #include "../two_path/_kernel_group.h"
 
+#define FULL_TURN_F ((float)FULL_TURN)
+
 INLINE float float_of(int32_t bits) {
     float value;
     memcpy(&value, &bits, sizeof value);
@@ -79,10 +81,10 @@ INLINE float phase_of_f(float cos, float sin) {
 }
 
 /* tail.py: wrapped */
-INLINE float wrapped(float phase) { return phase - 6.283185307179586f * rintf(phase / 6.283185307179586f); }
+INLINE float wrapped(float phase) { return phase - FULL_TURN_F * rintf(phase / FULL_TURN_F); }
 
 /* elementary.py: within_a_turn */
 INLINE float within_a_turn(float phase) {
-    const float inside = phase + (phase < 0.0f ? 6.283185307179586f : 0.0f);
-    return inside - (inside >= 6.283185307179586f ? 6.283185307179586f : 0.0f);
+    const float inside = phase + (phase < 0.0f ? FULL_TURN_F : 0.0f);
+    return inside - (inside >= FULL_TURN_F ? FULL_TURN_F : 0.0f);
 }

@@ -1,3 +1,5 @@
+#define NEAREST_M2 1e-6f /* radiosity.py */
+
 /* What radiosity.py works out for every pair of surfaces: the operations of _kernel, in their order. */
 typedef struct {
     const float *facing, *square, *area, *albedo; /* onto x sources, but areas and albedos: of the sources */
@@ -15,8 +17,8 @@ INLINE void kernel_of_group(const Pairs *restrict all, int64_t start, int64_t so
     FROM(r2, all->square + start);
     FROM(area, all->area + source);
     FROM(albedo, all->albedo + source);
-    EACH_PIXEL r2[i] = at_least_f(r2[i], 1e-6f);
-    EACH_PIXEL over[i] = at_least_f(over[i], 0.0f) * at_least_f(facing[i], 0.0f) * area[i] / ((r2[i] * 3.141592653589793f + area[i]) * r2[i]);
+    EACH_PIXEL r2[i] = at_least_f(r2[i], NEAREST_M2);
+    EACH_PIXEL over[i] = at_least_f(over[i], 0.0f) * at_least_f(facing[i], 0.0f) * area[i] / ((r2[i] * (float)PI + area[i]) * r2[i]);
     EACH_PIXEL rotor(sqrtf(r2[i]) * all->rad_per_m, &cos[i], &sin[i]);
     float *restrict kernel = all->kernel + 2 * start, *restrict turn = all->turn + 2 * start;
     for (int i = 0; i < m; i++) {

@@ -69,7 +69,7 @@ INLINE void look_at_group(const Sampled *restrict all, int64_t start, int m, int
             power[i] = h ? power[i] + square * per_variance : square * per_variance;
             re[h][i] = (float)part[0][i];
             im[h][i] = (float)part[1][i];
-            seen[i] = fabsf(re[h][i]) < 1e3f && fabsf(im[h][i]) < 1e3f ? seen[i] : 0.0;
+            seen[i] = fabsf(re[h][i]) < LARGEST_AMPLITUDE && fabsf(im[h][i]) < LARGEST_AMPLITUDE ? seen[i] : 0.0;
         }
     }
     if (all->samples) EACH_PIXEL power[i] = power[i] * all->samples[at[i]];

@@ -11,6 +11,15 @@
 #define MOST_DATA (2 * (MOST_HARMONICS - 1))
 #define MOST_PLANES (MOST_DATA + 2 + MOST_DATA * (MOST_DATA + 1) / 2 + 2 * MOST_DATA + 1 + 2)
 
+/* The constants of the modules named beside them, which say what each is for. */
+#define LARGEST_AMPLITUDE 1e3f              /* light.py */
+#define LEAST_AMPLITUDE_SQUARE 0.01f        /* pixels.py: LEAST_AMPLITUDE; LEAST_HARMONIC is 1 */
+#define LEAST_SHARE 0.05f
+#define UNKNOWN_PHASE_RAD 1.8137993642342178f
+#define NEAREST_M 0.05f                     /* records.py */
+#define SAME_SURFACE 0.1f                   /* planes.py */
+#define EVEN_WEIGHT 1e-3f                   /* upsampling.py */
+
 /* How the planes over the patches lie in memory, and the frame over them. `first` is the place of the first pixel in the frame. */
 #define TAIL_SIZES(X) X(first) X(height) X(width) X(side) X(left) X(rows) X(columns) X(harmonics)
 /* What all pixels share: variance that the tail adds where paths are separate, metres of a radian, the nearest range and its phase. */
@@ -70,7 +79,7 @@ INLINE int planes_of(int data) { return entry(data, data + 1, data + 1) + 3; }
 INLINE void choose(TailGroup *restrict g, const Tail *restrict tail, int64_t pixel, int m, int harmonics) {
     for (int h = 0; h < harmonics; h++) EACH_PIXEL {
         const float re = (float)g->re[h][i], im = (float)g->im[h][i], square = re * re + im * im;
-        g->answered[i] = square < 1e3f * 1e3f ? g->answered[i] : 0.0;
+        g->answered[i] = square < LARGEST_AMPLITUDE * LARGEST_AMPLITUDE ? g->answered[i] : 0.0;
         g->part[h][0][i] = re;
         g->part[h][1][i] = im;
         g->square[h][i] = square;
@@ -102,7 +111,7 @@ INLINE void look(TailGroup *restrict g, const Tail *restrict tail, int pooled, i
     noise_of(variance, g, tail->variance[0], pooled);
     EACH_PIXEL g->amplitude[i] = sqrtf(g->square[0][i]);
     EACH_PIXEL {
-        g->square[0][i] = at_least_f(g->square[0][i], 0.01f * variance[i]);
+        g->square[0][i] = at_least_f(g->square[0][i], LEAST_AMPLITUDE_SQUARE * variance[i]);
         g->relative[0][i] = variance[i] / g->square[0][i];
     }
     EACH_PIXEL g->phase_rad[i] = phase_of_f(g->part[0][0][i], g->part[0][1][i]);
@@ -137,9 +146,9 @@ INLINE void first_range(TailGroup *restrict g, const Tail *restrict tail, int64_
     EACH_PIXEL {
         const float right = g->right[i], upper = a[i] + right * (b[i] - a[i]);
         const float lag = upper + down * (c[i] + right * (d[i] - c[i]) - upper);
-        const float turns = (g->phase_rad[i] - lag - nearest_rad) / 6.283185307179586f;
-        const float range_m = nearest_m + (turns - floorf(turns)) * 6.283185307179586f * metres + offset[i];
-        g->range_m[i] = at_least_f(range_m, 0.05f);
+        const float turns = (g->phase_rad[i] - lag - nearest_rad) / FULL_TURN_F;
+        const float range_m = nearest_m + (turns - floorf(turns)) * FULL_TURN_F * metres + offset[i];
+        g->range_m[i] = at_least_f(range_m, NEAREST_M);
     }
 }
 
@@ -154,8 +163,9 @@ INLINE void weigh(TailGroup *restrict g, const Tail *restrict tail, int64_t pixe
         FROM(there, upper_left + corner / 2 * sizes->columns + corner % 2 * sizes->side);
         EACH_PIXEL {
             const float u = corner % 2 ? g->right[i] : 1.0f - g->right[i];
-            const float apart = (there[i] - g->range_m[i]) * (1.0f / (0.1f * g->range_m[i])), nearness = apart * apart + 1.0f;
-            weight[i] = (v * u + 1e-3f) / (nearness * nearness);
+            const float apart = (there[i] - g->range_m[i]) * (1.0f / (SAME_SURFACE * g->range_m[i]));
+            const float nearness = apart * apart + 1.0f;
+            weight[i] = (v * u + EVEN_WEIGHT) / (nearness * nearness);
         }
     }
     EACH_PIXEL {
@@ -248,7 +258,7 @@ INLINE void answer(TailGroup *restrict g, int harmonics) {
     const int data = data_of(harmonics), last = planes_of(data) - 1;
     const float *restrict of_lag = g->plane[entry(data, data + 1, data + 1)];
     EACH_PIXEL {
-        const float variance = at_least_f(of_lag[i], 0.05f * g->relative[0][i]) + g->plane[last - 1][i];
+        const float variance = at_least_f(of_lag[i], LEAST_SHARE * g->relative[0][i]) + g->plane[last - 1][i];
         g->shrink[i] = exponential(-(g->plane[data][i] + -g->moved[data][i]));
         g->lag[i] = g->plane[data + 1][i] + -g->moved[data + 1][i];
         g->direct[0][i] = g->amplitude[i] * g->shrink[i];
@@ -261,7 +271,7 @@ INLINE void answer(TailGroup *restrict g, int harmonics) {
         const float sigma = sqrtf(at_least_f(g->plane[last][i], 0.0f) + g->relative[0][i]);
         g->mpi[0][i] = g->amplitude[i] * sqrtf(re * re + im * im);
         g->mpi[1][i] = g->direct[1][i] + within_a_turn(phase_of_f(re, im) + g->lag[i]);
-        g->mpi[2][i] = at_most_f(sigma, 1.8137993642342178f);
+        g->mpi[2][i] = at_most_f(sigma, UNKNOWN_PHASE_RAD);
     }
 }
 

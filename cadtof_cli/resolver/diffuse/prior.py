@@ -1,6 +1,6 @@
 """What rooms are like before their data are seen: the state's mean, its spread between rooms, and its pattern within one.
 
-The components are those of `tail.STATE`. The numbers are medians and spreads over a dozen rendered rooms, and
+The components are those of `tail.STATE`. The numbers are those with which the depths of rendered rooms came out best, and
 hold for rooms that were rendered afterwards.
 """
 

@@ -11,7 +11,7 @@ from cadtof_cli.resolver.two_path.kernel import NUMPY
 LEAST_SHARE = 0.1
 """Least share of either path in a pixel's light: below, it may be what the typical tail is wrong by."""
 
-SAME_NET = 0.1
+OF_NET = 0.1
 """Relative difference of range within which a pixel belongs to the net of its patch."""
 
 
@@ -51,7 +51,7 @@ def freed_pixels(
         paths = freed_paths(seen, through.tails, kernel=kernel)
         near_m = range_from_phase(paths.near_rad, model.settings)
         two = (paths.near_share > LEAST_SHARE) & (paths.near_share < 1.0 - LEAST_SHARE)
-        two &= np.abs(near_m - net_m) < SAME_NET * net_m
+        two &= np.abs(near_m - net_m) < OF_NET * net_m
         where[there] = two
         free[:, there] = np.where(two, paths.phasors, seen)
         size[there] = np.abs(seen[0]) / np.abs(free[0, there])

@@ -61,15 +61,13 @@ class TwoShares:
     converged: Bool
 
 
-def two_shares(
-    phasors: Complex, /, *, harmonics: tuple[int, ...], places: Index, starts: RandomStarts, kernel: str | None = None
-) -> TwoShares:
+def two_shares(phasors: Complex, /, *, harmonics: tuple[int, ...], places: Index, starts: RandomStarts) -> TwoShares:
     """Solve Eq. (9) for every pixel of phasors, complex128 (N, n), at its place in the frame, (n,), and keep the best end.
 
     A pixel whose first phasor is 0 has no q_j: it gets NaN, and is not converged. One start is tried after the other: a pixel
     that has met its equations to rounding error, which no start can better, tries no more.
     """
-    found = best_ends(EliminatedPath.of_phasors(phasors, harmonics=harmonics), places, starts, kernel=kernel)
+    found = best_ends(EliminatedPath.of_phasors(phasors, harmonics=harmonics), places, starts)
     return TwoShares(_paths(found.z, *first_rotor(phasors)), found.cost, found.converged)
 
 

@@ -3,7 +3,7 @@
 By Carathéodory's theorem any pair of phasors (p1, p2) has exactly one decomposition p_h = a·exp(i h x) + b·exp(i h y)
 with a, b ≥ 0 (Pisarenko's; Peters et al. 2015, doi:10.1145/2816795.2818103, use it for transient imaging). With p0 = a + b
 the Toeplitz matrix of (p0, p1, p2) is singular, which makes p0 the root of a cubic and exp(ix), exp(iy) the roots of a
-quadratic. The evaluation below keeps its digits where b → 0, x → y and p1 → 0; derivation and notation follow PHYSICS.
+quadratic. The evaluation below keeps its digits where b → 0, x → y and p1 → 0; derivation and notation follow docs/physics.md.
 """
 
 from functools import cached_property

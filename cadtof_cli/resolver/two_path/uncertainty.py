@@ -22,7 +22,7 @@ def two_path_sigmas(paths: "TwoPaths", /, *, noise: NoiseModel) -> Float:
 
         α = (−(1+c)s,  1+c+c²)/((1−c)(2+c)),   β = ((1+c)s,  ½−c−c²)/((1−c)(2+c))
 
-    For white noise that is the Cramér–Rao bound of PHYSICS, (σ/a)·√(13+20c+12c²)/(2(1−c)(2+c)). Here q_h has the covariance
+    For white noise that is the Cramér–Rao bound, (σ/a)·√(13+20c+12c²)/(2(1−c)(2+c)). Here q_h has the covariance
     that the averaging leaves for this mix of light, E|q|² = ε(1/r_h² − |z_h|²) and E q² = ε(r_2h·z_2h/r_h² − z_h²) with
     z_k = a + b·exp(ikD) and ε = 1/(2·n_av − 1). Multiplied out,
 

@@ -12,10 +12,11 @@ from cadtof_cli.calibration.store import Calibration, Part, digest_of, load_cali
 from cadtof_cli.capture.discovery import find_captures
 from cadtof_cli.capture.frames import Capture, read_stored, single_frames
 from cadtof_cli.capture.metadata import CaptureMetadata, Target
-from cadtof_cli.errors import FrameError, SettingsError
+from cadtof_cli.errors import SettingsError
 from cadtof_cli.files.atomic import require_new
 from cadtof_cli.phasors.frame_mean import FrameMean, mean_volts
-from cadtof_cli.phasors.plausible import implausible
+from cadtof_cli.phasors.plausible import require_plausible
+from cadtof_cli.units import size_text
 from cadtof_cli.workflows.progress import Progress
 
 
@@ -90,7 +91,7 @@ def averaged_captures(
         mean = mean_volts(_frames(capture, progress), voltage=capture.source.metadata.voltage)
         first, expected = averaged[0] if averaged else (capture, mean)
         if mean.pixels != expected.pixels:
-            here, there = ("{1} × {0}".format(*one.pixels) for one in (mean, expected))
+            here, there = size_text(mean.pixels), size_text(expected.pixels)
             raise SettingsError(f"{capture.root}: found {here} pixels, expected {there} as in {first.root}")
         averaged.append((capture, mean))
     metadata, pixels = captures[0].source.metadata, averaged[0][1].pixels
@@ -110,9 +111,7 @@ def _frames(capture: Capture, progress: Progress) -> Iterator[Stored]:
     size = capture.typical.pixels if capture.typical else None
     for source in single_frames(capture):
         stored = read_stored(source, capture.layout, size=size)
-        wrong = implausible(stored, capture.source.metadata)
-        if wrong is not None:
-            raise FrameError(f"{source}: {wrong}")
+        require_plausible(stored, capture.source.metadata, of=source)
         yield stored
         progress.advance()
 

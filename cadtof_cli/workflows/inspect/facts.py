@@ -26,6 +26,7 @@ from cadtof_cli.files.reading import is_folder
 from cadtof_cli.maps.layers import DIRECT_DEPTH, layer_unit
 from cadtof_cli.phasors.noise import estimated_integration_length
 from cadtof_cli.phasors.plausible import implausible
+from cadtof_cli.phasors.recorded_planes import mistaken_order
 from cadtof_cli.phasors.voltages import ideal_phasor_map, phasors_from_stored, saturated_pixels
 from cadtof_cli.resolver.status import StatusBit
 from cadtof_cli.workflows.run_folder import is_run_folder, map_files, read_run
@@ -34,7 +35,7 @@ from cadtof_cli.workflows.run_folder import is_run_folder, map_files, read_run
 @dataclass(frozen=True)
 class FrameFacts:
     """What a frame holds: the range of stored values a plane, shares of bad pixels, the n_av that its noise shows, and
-    why its values cannot be voltages of the capture."""
+    why its values cannot be voltages of the capture, or its planes are hardly those that they are read as."""
 
     problem: str | None = None
     skipped: bool = False
@@ -92,7 +93,7 @@ def _facts(stored: Stored, container: str, layout: FrameLayout, metadata: Captur
         saturated=float(saturated.mean()),
         not_finite=float(bad.mean()),
         integration_length_seen=estimated_integration_length(phasors.reshape(-1, *stored.shape[2:])),
-        implausible=implausible(stored, metadata),
+        implausible=implausible(stored, metadata) or mistaken_order(stored, metadata),
     )
 
 

@@ -24,9 +24,7 @@ from cadtof_cli.pipeline import prepare_frame
 from cadtof_cli.resolver.response.as_sine import first_phase
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.workflows.resolve.frame_task import FrameTask, read_frame
-from cadtof_cli.workflows.run_folder import Run
-
-NOT_EVALUATED = "so the first phasor is not evaluated"
+from cadtof_cli.workflows.run_folder import NOT_EVALUATED, Run
 
 
 def first_phasor_depth(

@@ -17,6 +17,7 @@ from cadtof_cli.files.layers import read_layers
 from cadtof_cli.files.reading import is_folder
 from cadtof_cli.maps.layers import DIRECT_DEPTH
 from cadtof_cli.records import setting
+from cadtof_cli.units import size_text
 from cadtof_cli.workflows.run_folder import Run
 
 Layers = Mapping[str, NDArray[Any]]
@@ -145,5 +146,6 @@ def require_same_pixels(run: Run, other: Run, /) -> None:
 def require_same_size(plane: NDArray[Any], expected: tuple[int, ...], path: Path, other: Path, /) -> None:
     """Make sure that a plane read from `path` has the size, (Y, X), of the one in another file."""
     if plane.shape != expected:
-        found, wanted = ("{1} × {0}".format(*shape) for shape in (plane.shape, expected))
-        raise CaptureError(f"{path}: found {found} pixels, expected {wanted} as in {other}")
+        raise CaptureError(
+            f"{path}: found {size_text(plane.shape)} pixels, expected {size_text(expected)} as in {other}"
+        )

@@ -16,7 +16,7 @@ from cadtof_cli.report.colours import LayerLimits, small_plane
 from cadtof_cli.report.frames import FIRST_PHASOR, TRUTH, EmbeddedFrame, Planes, Shares, embedded_frame, planned_shares
 from cadtof_cli.report.page import ShownFrame, write_page
 from cadtof_cli.workflows.inspect.first_phasors import FirstPhasors, first_phasors
-from cadtof_cli.workflows.inspect.layers import GivenOptics, Truth
+from cadtof_cli.workflows.inspect.layers import GivenOptics, Truth, layer_of
 from cadtof_cli.workflows.inspect.report_text import page_text
 from cadtof_cli.workflows.progress import Progress
 from cadtof_cli.workflows.run_folder import Run, read_run
@@ -119,9 +119,7 @@ class _Reader:
     def planes(self, file: Path, /) -> Planes:
         """Return a map's layers, and the first phasor's depth where the recorded frame is there and can be compared."""
         layers = {name: plane for name, plane in read_layers(file).items() if plane.ndim == 2}
-        if DIRECT_DEPTH not in layers:
-            raise FrameError(f"{file}: found layers {', '.join(layers)}; expected {DIRECT_DEPTH}")
-        first = self.recorded.depth(file, layers[DIRECT_DEPTH])
+        first = self.recorded.depth(file, layer_of(layers, DIRECT_DEPTH, file))
         status = {STATUS: layers.pop(STATUS)} if STATUS in layers else {}
         return layers | ({} if first is None else {FIRST_PHASOR: first}) | status
 

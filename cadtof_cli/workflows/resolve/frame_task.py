@@ -20,7 +20,7 @@ from cadtof_cli.files.layers import Digest, file_digest, stage_maps
 from cadtof_cli.files.maps import DepthMaps
 from cadtof_cli.frame_plan import FramePlan
 from cadtof_cli.phasors.frame_mean import FrameMean, frame_mean
-from cadtof_cli.phasors.plausible import implausible
+from cadtof_cli.phasors.plausible import require_plausible
 from cadtof_cli.pipeline import ResolvedFrame, resolve_frame
 from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.status import StatusCounts, why_no_answer
@@ -295,8 +295,7 @@ def read_frame(task: FrameTask, /) -> tuple[Stored | FrameMean, Recording]:
         for source in task.sources:
             try:
                 stored = read_stored(source, task.layout, size=task.pixels)
-                if wrong := implausible(stored, metadata):
-                    raise FrameError(f"{source}: {wrong}")
+                require_plausible(stored, metadata, of=source)
             except FrameError as error:
                 if len(task.sources) == 1:
                     raise

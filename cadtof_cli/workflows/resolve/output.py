@@ -3,9 +3,11 @@
 import contextlib
 import itertools
 import json
+import math
 import os
 import platform
 import re
+import stat
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from datetime import UTC, datetime
@@ -16,11 +18,11 @@ from cadtof_cli.capture.frames import Capture, frame_names
 from cadtof_cli.capture.toml import FILE_NAME as CAPTURE_FILE
 from cadtof_cli.errors import OutputError
 from cadtof_cli.files.atomic import remove_partial_files, writing
-from cadtof_cli.files.formats import MAP_FORMATS
+from cadtof_cli.files.formats import MAP_FORMATS, MAP_SUFFIXES
 from cadtof_cli.files.reading import real_path
 from cadtof_cli.files.system import OPEN_OR_CREATE_FLAGS, read_at, remove_and_close, sync_folder, try_lock
 from cadtof_cli.units import first_of
-from cadtof_cli.workflows.resolve.record import FRAMES_FILE, RUN_FILE, read_record
+from cadtof_cli.workflows.resolve.record import FRAMES_FILE, RUN_FILE, FrameReport, place_in, read_record, report_of
 from cadtof_cli.workflows.resolve.settings import ResolveSettings
 
 LOCK_FILE = ".cadtof.lock"
@@ -142,16 +144,11 @@ def prepare_output(
             another one.
     """
     there: list[str] = []
-    if settings.overwrite:
-        # its lines do not describe the maps to come, but would be taken for theirs
-        with writing(out / FRAMES_FILE):
-            (out / FRAMES_FILE).unlink(missing_ok=True)
-            sync_folder(out)
-    elif settings.resume:
+    if settings.resume:
         there = _existing_outputs(out, captures)
         if there:
             _require_same_run(out, document, there, arriving=arriving)
-    else:
+    elif not settings.overwrite:
         require_nothing_replaced(out, captures)
         return False
     remove_partial_files(out, token="*")
@@ -178,6 +175,37 @@ def _existing_outputs(out: Path, captures: Sequence[Capture]) -> list[str]:
     return [file for file in there if file in replaced or file in {RUN_FILE, FRAMES_FILE}]
 
 
+def remove_run(out: Path, /) -> None:
+    """Remove the maps of an earlier run and its `frames.jsonl`: what the next run does not make anew would be taken for its own.
+
+    Only files in the folder that are as their lines say are removed; what nothing is recorded of stays.
+
+    Raises:
+        OutputError: something cannot be removed.
+    """
+    path, called = out / FRAMES_FILE, out
+    with contextlib.suppress(OSError, ValueError, KeyError, TypeError):
+        called = Path(read_record(out)["arguments"]["out"])
+    with writing(path):
+        if path.is_file() and not path.is_symlink():
+            with path.open("rb") as lines:
+                for report in map(report_of, lines):
+                    if report and report.output:
+                        _remove_map(out, out / place_in(called, Path(report.output)), report)
+        path.unlink(missing_ok=True)
+        sync_folder(out)
+
+
+def _remove_map(out: Path, place: Path, report: FrameReport) -> None:
+    """Remove the map that a line speaks of, if that is what lies there, and no link leads out of the folder."""
+    with contextlib.suppress(FileNotFoundError, NotADirectoryError, ValueError):
+        found = place.lstat()
+        inside = Path(real_path(place.parent)).is_relative_to(real_path(out))
+        is_map = place.suffix in MAP_SUFFIXES and stat.S_ISREG(found.st_mode)
+        if inside and is_map and found.st_size == report.output_bytes:
+            place.unlink()
+
+
 def _require_same_run(out: Path, document: Mapping[str, Any], there: Sequence[str], *, arriving: bool) -> None:
     path = out / RUN_FILE
     if not os.path.lexists(path):
@@ -190,10 +218,16 @@ def _require_same_run(out: Path, document: Mapping[str, Any], there: Sequence[st
         before = _what_decides_maps(earlier)
         # lines of frames are found by it
         Path(earlier["arguments"]["out"])
+        frames, frames_now = (_range_of_frames(one["arguments"].get("frames")) for one in (earlier, document))
     except OSError as error:
         raise OutputError(f"{path}: cannot be read: {error.strerror or error}") from error
     except (ValueError, KeyError, TypeError, AttributeError) as error:
         raise OutputError(f"{path}: not the record of a run, so it cannot be resumed ({error})") from error
+    # the lines of others would be lost, while their maps stay
+    if frames_now[0] > frames[0] or frames_now[1] < frames[1]:
+        raise OutputError(
+            f"{path}: cannot resume: --frames leaves out some that the earlier run took; give the same or more, or --overwrite"
+        )
     now = _what_decides_maps(json.loads(json.dumps(document, default=str)))
     if arriving:
         del now[_INPUTS], now[_FOLDERS]
@@ -204,6 +238,12 @@ def _require_same_run(out: Path, document: Mapping[str, Any], there: Sequence[st
                 f"{path}: cannot resume: {name} was {before.get(name)!r} and is {value!r} now; "
                 "give the same options, or --overwrite"
             )
+
+
+def _range_of_frames(chosen: Sequence[int | None] | None) -> tuple[float, float]:
+    """Return the first and the end of the frames that `--frames` takes; None: all."""
+    first, end = chosen or (None, None)
+    return float(first or 0), math.inf if end is None else float(end)
 
 
 def _what_decides_maps(document: Mapping[str, Any]) -> dict[str, Any]:

@@ -9,13 +9,16 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from cadtof_cli.arrays import Stored
 from cadtof_cli.capture.frames import Capture, FrameSource, file_size, lossy_compression, open_frames, single_frames
 from cadtof_cli.errors import CaptureError, FrameError, SettingsError
 from cadtof_cli.files.formats import map_format
 from cadtof_cli.files.reading import real_path
 from cadtof_cli.frame_plan import CalibrationUse, FramePlan
+from cadtof_cli.optics import doubtful_optics
 from cadtof_cli.phasors.noise import noise_model
 from cadtof_cli.phasors.plausible import implausible
+from cadtof_cli.phasors.recorded_planes import mistaken_order
 from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.status import MEANING
 from cadtof_cli.resolver.two_path.kernel import chosen_kernel
@@ -51,6 +54,7 @@ class CapturePlan:
         pixels: (Y, X) of most of the frames; None where no file can be opened.
         stack_frame_bytes: bytes that a frame takes in a stack; None where files hold one each.
         lossy_compression: what its files are compressed by, where that changes values.
+        mistaken_order: what its planes are likely to be in place of what they are read as.
     """
 
     capture: Capture
@@ -58,6 +62,7 @@ class CapturePlan:
     pixels: tuple[int, int] | None
     stack_frame_bytes: float | None = None
     lossy_compression: str | None = None
+    mistaken_order: str | None = None
 
     def expected_maps(self, settings: ResolveSettings, /) -> int:
         """Return how many maps there will be, as far as it can be told from one file and the sizes of the others."""
@@ -122,6 +127,10 @@ class CapturePlan:
                 f"warning: {root}: recorded with lossy compression ({self.lossy_compression}), which changes voltages and so"
                 " depths; record without compression, or with a lossless one: deflate, LZW, Zstandard; in EXR ZIP or PIZ"
             )
+        if self.mistaken_order is not None:
+            yield f"warning: {root}: {self.mistaken_order}"
+        if self.pixels is not None and (doubt := doubtful_optics(source.metadata.optics, self.pixels)):
+            yield f"warning: {root}: {doubt}"
         resolver, harmonics = self.plan.settings.resolver, source.metadata.modulation.harmonics
         if resolver.may_be_diffuse(harmonics) and source.metadata.optics.focal_length_px is None:
             yield f"{root}: optics.focal_length_px is not given, so diffuse MPI is predicted for a view of 60° across"
@@ -152,14 +161,16 @@ def plan_captures(
         of_one = max(typical.bytes / typical.frames, 1.0) if typical.frames > 1 else None
         if settings.maps.roi:
             settings.maps.require_roi_within(typical.pixels, of=str(capture.root))
-        _require_plausible(capture, typical.source)
+        stored = _plausible_frame(capture, typical.source)
         lossy = None if typical.is_plain else lossy_compression(typical.source, capture.layout, typical.dtype)
-        plans.append(CapturePlan(capture, plan, typical.pixels, of_one, lossy))
+        # a calibrated camera is known to be read rightly
+        mistaken = mistaken_order(stored, plan.metadata) if use is None and stored is not None else None
+        plans.append(CapturePlan(capture, plan, typical.pixels, of_one, lossy, mistaken))
     return plans
 
 
-def _require_plausible(capture: Capture, typical: FrameSource) -> None:
-    """Make sure that stored values can be voltages, by a typical frame; where they cannot, by the first, middle and last too.
+def _plausible_frame(capture: Capture, typical: FrameSource) -> Stored | None:
+    """Return a frame whose stored values can be voltages: the typical one, or else the first, middle or last; None: none is read.
 
     Raises:
         SettingsError: they are integers, and nothing says how many volts a count is.
@@ -169,16 +180,18 @@ def _require_plausible(capture: Capture, typical: FrameSource) -> None:
     for source in dict.fromkeys((typical, *(capture.frames[place] for place in (0, len(capture.frames) // 2, -1)))):
         try:
             with open_frames(source, capture.layout) as frames:
-                found = implausible(frames.read(), capture.source.metadata)
+                stored = frames.read()
+                found = implausible(stored, capture.source.metadata)
         except FrameError:
             continue
         except SettingsError as error:
             raise SettingsError(f"{capture.root}: {error}") from error
         if found is None:
-            return
+            return stored
         wrong.append(f"{source}: {found}")
     if wrong:
         raise FrameError(wrong[0])
+    return None
 
 
 def run_document(

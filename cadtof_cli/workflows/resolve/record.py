@@ -47,9 +47,9 @@ class FrameReport:
         status: what has become of it.
         reason: why, or what there is to know besides.
         seconds: that it took.
-        one_path, two_paths, more_paths, invalid: pixels.
+        one_path, two_paths, more_paths, diffuse, invalid: pixels.
         files: that it was read from; None where one of them is missing.
-        digest: of the values that were read, see `files/maps.py`.
+        digest: of the values that were read, see `content_digest`.
         output_bytes: size of its maps' file.
         output_digest: digest of that file's bytes.
         line: the frame's line, where that is not this report: of maps that an earlier run made and this one kept.
@@ -216,7 +216,7 @@ class RunRecorder:
 
     def _known_place(self, output: str | None) -> int | None:
         """Return where the earlier run's line about a frame begins, by the place of its maps; None where there is none."""
-        return self._before.get(_place_in(self.path.parent, Path(output or "")))
+        return self._before.get(place_in(self.path.parent, Path(output or "")))
 
     def finish(self, seconds: float, /) -> None:
         """Complete both files; the totals are those of all frames, whichever run resolved them."""
@@ -244,7 +244,7 @@ class RunRecorder:
                 if report is None:
                     raise OutputError(f"{self.path}: not the record of a run, so it cannot be resumed ({line[:40]!r})")
                 if report.output is not None:
-                    self._before[_place_in(out, Path(report.output))] = end
+                    self._before[place_in(out, Path(report.output))] = end
                 end += len(line)
             self.lines.truncate(end)
 
@@ -275,7 +275,7 @@ class RunRecorder:
         self.say(f"{self.path}: was removed or replaced while frames were resolved; written anew")
 
 
-def _place_in(out: Path, output: Path) -> str:
+def place_in(out: Path, output: Path, /) -> str:
     """Return where maps lie in a run's folder, whatever that was called."""
     return str(output.relative_to(out)) if output.is_relative_to(out) else output.name
 

@@ -24,7 +24,13 @@ from cadtof_cli.resolver.two_path.kernel import NUMPY, numpy_note
 from cadtof_cli.units import counted
 from cadtof_cli.workflows.progress import NO_PROGRESS, Progress
 from cadtof_cli.workflows.resolve.frame_task import FrameTask, resolve_file
-from cadtof_cli.workflows.resolve.output import locked, prepare_output, require_nothing_replaced, require_own_places
+from cadtof_cli.workflows.resolve.output import (
+    locked,
+    prepare_output,
+    remove_run,
+    require_nothing_replaced,
+    require_own_places,
+)
 from cadtof_cli.workflows.resolve.plans import (
     CapturePlan,
     plan_captures,
@@ -105,6 +111,8 @@ def resolve_captures(
             run = _Run(settings, progress, on_frame, token)
             # a cluster that does not answer is found before anything is written
             first = run.outcomes(plans, partial(frame_names, captures))
+            if settings.overwrite:
+                remove_run(settings.out)
             with recorded_run(settings.out, document, resume=resumed, say=progress.say) as run.record:
                 batches: Iterable[Outcomes] = [first]
                 if arriving is not None:

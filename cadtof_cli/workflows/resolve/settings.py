@@ -42,7 +42,7 @@ class ResolveSettings:
         choices=FORMAT_CHOICES,
     )
     workers: Workers = field(default_factory=Workers)
-    overwrite: bool = setting(False, "Replace the files of an earlier run.")
+    overwrite: bool = setting(False, "Replace an earlier run in OUT, all of its maps.")
     resume: bool = setting(
         False, "Continue an earlier run with the same options: keep its maps, make the missing and changed ones."
     )

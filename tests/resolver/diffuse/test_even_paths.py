@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from cadtof_cli.arrays import Bool, Complex, Float
+from cadtof_cli.arrays import Complex, Float
 from cadtof_cli.resolver.diffuse.choice import are_two_paths
 from cadtof_cli.resolver.diffuse.even_paths import View, are_even
-from cadtof_cli.resolver.diffuse.light import PatchMeans
 from cadtof_cli.resolver.diffuse.second_paths import PatchData, SecondPaths, has_one_share, of_two_paths
 from tests.support.diffuse_frames import OMEGA, F, Tail
+from tests.support.diffuse_patches import LIT, PATCHES, patch_data
 
-ROWS, COLUMNS = 15, 20
+ROWS, COLUMNS = PATCHES
 
 DOWN, ACROSS = (
     side.ravel()
@@ -23,28 +23,13 @@ COUNT = ROWS * COLUMNS
 
 SLANT: Float = np.sqrt(1.0 + ACROSS**2 + DOWN**2)
 
-LIT: Bool = np.ones((ROWS, COLUMNS), np.bool_)
-
 VIEW = View(np.stack([np.ones(COUNT), ACROSS, DOWN, SLANT], axis=1), LIT, OMEGA)
-
-
-def patches(*mpi: Complex, sigma: float, seed: int = 0) -> PatchData:
-    """Patches of 64 pixels of amplitude .2 whose MPI over direct light at every harmonic is given, with noise."""
-    rng, each = np.random.default_rng(seed), sigma / (0.2 * 8.0)
-    noise = each * (rng.normal(size=(len(mpi), COUNT)) + 1j * rng.normal(size=(len(mpi), COUNT)))
-    phasors = 1.0 + np.stack(mpi) + noise
-    turn = np.conj(phasors[0]) / np.abs(phasors[0])
-    ratios = np.stack([p / np.abs(phasors[0]) * turn**h for h, p in enumerate(phasors[1:], start=2)])
-    amplitude = 0.2 * np.abs(phasors[0])
-    shape = LIT.shape
-    means = PatchMeans(ratios.reshape(-1, *shape), amplitude.reshape(shape), np.full(shape, 64.0), np.zeros(shape))
-    return PatchData.of(means, LIT, np.full(len(mpi), sigma**2), tuple(range(1, len(mpi) + 1)))
 
 
 def second(share: float | F, later_ns: float | F, sigma: float, *, harmonics: int = 2, seed: int = 0) -> PatchData:
     """Patches of two paths."""
     turn: Complex = np.exp(1j * OMEGA * np.broadcast_to(later_ns, COUNT))
-    return patches(*(share * turn**h for h in range(1, harmonics + 1)), sigma=sigma, seed=seed)
+    return patch_data(*(share * turn**h for h in range(1, harmonics + 1)), sigma=sigma, seed=seed)
 
 
 def even(data: PatchData) -> bool:
@@ -57,7 +42,7 @@ def room(uneven: float, sigma: float, *, strength: float = 0.25, seed: int = 0) 
     near = np.exp(-6.0 * np.abs(ACROSS + 0.1)) + np.exp(-5.0 * np.abs(DOWN - 0.25))
     tails = [Tail(strength * float(np.exp(uneven * x)), 4.0 - 2.0 * uneven * float(x), 8.0) for x in near]
     mpi = [np.array([tail.phasor(h) for tail in tails]) for h in (1, 2)]
-    return patches(*mpi, sigma=sigma, seed=seed)
+    return patch_data(*mpi, sigma=sigma, seed=seed)
 
 
 @pytest.mark.parametrize("h", [2, 3])
@@ -134,8 +119,8 @@ def test_what_is_left_alike_in_neighbours_is_a_tail_where_each_patch_hides_it() 
 def test_a_third_harmonic_that_is_not_foretold_speaks_against_two_paths_however_even() -> None:
     tail = Tail(0.3, 3.0, 9.0)
     mpi = [np.full(COUNT, tail.phasor(h)) for h in (1, 2, 3)]
-    assert are_two_paths(patches(*mpi[:2], sigma=1e-3), VIEW)
-    assert not are_two_paths(patches(*mpi, sigma=1e-3), VIEW)
+    assert are_two_paths(patch_data(*mpi[:2], sigma=1e-3), VIEW)
+    assert not are_two_paths(patch_data(*mpi, sigma=1e-3), VIEW)
     assert are_two_paths(second(0.1, 8.0, 1e-3, harmonics=3), VIEW)
 
 
@@ -143,5 +128,5 @@ def test_few_patches_and_light_without_mpi_or_noise_do_no_harm() -> None:
     nothing = np.zeros(COUNT, np.complex128)
     for sigma in (0.0, 1e-3):
         with np.errstate(all="ignore"):
-            assert not are_two_paths(patches(nothing, nothing, sigma=sigma), VIEW)
+            assert not are_two_paths(patch_data(nothing, nothing, sigma=sigma), VIEW)
             assert are_two_paths(second(0.1, 8.0, sigma), VIEW) == (sigma > 0.0)

@@ -1,13 +1,14 @@
 """Frames of two true paths, by their physics, are told from those with a tail, and rooms' tails are not taken for them."""
 
+import math
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from cadtof_cli.arrays import Bool, Complex, Float
-from cadtof_cli.resolver.diffuse.light import PatchMeans
+from cadtof_cli.arrays import Complex, Float
 from cadtof_cli.resolver.diffuse.second_paths import (
     PatchData,
     SecondPaths,
@@ -19,27 +20,15 @@ from cadtof_cli.resolver.diffuse.second_paths import (
 )
 from cadtof_cli.resolver.two_path.kernel import available_kernels
 from tests.support.diffuse_frames import OMEGA, F, Tail
+from tests.support.diffuse_patches import PATCHES, patch_data
 
 SIGMA = 1e-3
 
-COUNT = 300
+data = partial(patch_data, sigma=SIGMA)
 
-LIT: Bool = np.ones((15, 20), np.bool_)
+COUNT = math.prod(PATCHES)
 
 LATER = np.linspace(3.0, 18.0, COUNT)
-
-
-def data(*mpi: Complex, sigma: float = SIGMA, noisy: bool = True, seed: int = 0) -> PatchData:
-    """Patches of 64 pixels of amplitude .2 whose MPI over direct light at every harmonic is given."""
-    rng, each = np.random.default_rng(seed), sigma / (0.2 * 8.0)
-    noise = each * (rng.normal(size=(len(mpi), COUNT)) + 1j * rng.normal(size=(len(mpi), COUNT)))
-    phasors = 1.0 + np.stack(mpi) + (noise if noisy else 0.0)
-    turn = np.conj(phasors[0]) / np.abs(phasors[0])
-    ratios = np.stack([p / np.abs(phasors[0]) * turn**h for h, p in enumerate(phasors[1:], start=2)])
-    amplitude = 0.2 * np.abs(phasors[0])
-    shape = LIT.shape
-    means = PatchMeans(ratios.reshape(-1, *shape), amplitude.reshape(shape), np.full(shape, 64.0), np.zeros(shape))
-    return PatchData.of(means, LIT, np.full(len(mpi), sigma**2), tuple(range(1, len(mpi) + 1)))
 
 
 def second(share: float | F, later_ns: float | F, harmonics: int = 2) -> list[Complex]:

@@ -107,7 +107,7 @@ def test_a_mean_is_resolved_as_a_recording_of_all_its_photons(
 def test_one_path_is_taken_for_two_in_a_third_of_the_share_asked_for_and_at_no_cost(
     harmonics: tuple[int, ...], false_alarm: float
 ) -> None:
-    """The misfit alone does so in all of it; of these about a third move the direct path enough (PHYSICS: .3 to .6)."""
+    """The misfit alone does so in all of it; of these about a third move the direct path enough (.3 to .6)."""
     drawn = Mixture((1.0,), (5.0,)).phasors(harmonics, n_av=1e5, size=4 * RUNS, rng=np.random.default_rng(9))
     tested = resolved(drawn, harmonics, 1e5, ResolverSettings(false_alarm=false_alarm))
     assert 0.25 * false_alarm < np.mean((tested.status & StatusBit.TWO_PATHS) > 0) < 0.6 * false_alarm

@@ -10,7 +10,7 @@ from cadtof_cli.resolver.two_path.closed_form import TwoPaths, fundamental_frame
 from cadtof_cli.resolver.two_path.uncertainty import two_path_sigmas
 from tests.support.forward import Light, ns_from_rad, phasors_of
 
-# ASR 5, MPI ratio 0.3, n_av 1e5: second path, then the Cramér–Rao bounds of PHYSICS and the paper's figures, ns
+# ASR 5, MPI ratio 0.3, n_av 1e5: second path, then the Cramér–Rao bounds of docs/physics.md and the paper's figures, ns
 TABLE_1 = [
     (16.0, (0.049, 0.165), (0.05, 0.16)),
     (25.0, (0.032, 0.107), (0.03, 0.12)),

@@ -119,7 +119,7 @@ def test_phase_precision_of_one_path_is_that_of_any_mix() -> None:
 
 
 def test_bound_is_that_of_table_1() -> None:
-    """PHYSICS, from the Fisher information derived independently: .049/.165, .032/.107, .157/.510 ns."""
+    """From the Fisher information, derived independently: .049/.165, .032/.107, .157/.510 ns."""
     for second, expected in ((16.0, (0.049, 0.165)), (25.0, (0.032, 0.107)), (11.0, (0.157, 0.510))):
         bounds = time_bounds_ns(paper_mix(5.0, second_ns=second), Modulation(), variance_gain=averaging_gain(1e5))
         np.testing.assert_allclose(bounds, expected, atol=6e-4)

@@ -208,7 +208,7 @@ THREE = PixelModel(modulation=Modulation(periods_ns=(40.0, 20.0, 13.3333)), aver
 
 
 def test_three_harmonics_reach_their_bound_which_is_below_that_of_two() -> None:
-    """At 6 ns and the same light a harmonic, three harmonics are worth much more than a half of variance (PHYSICS: 2.9)."""
+    """At 6 ns and the same light a harmonic, three harmonics are worth much more than a half of variance (2.9)."""
     light = Condition(asr=5.0, mpi_ratio=0.3, second_ns=11.0)
     three, two = (
         outcome(trials(condition=light, model=THREE, runs=2000)),

@@ -21,6 +21,9 @@ SIZE_M = 2.765
 STAND_OFF_M = 1.6
 """From the camera to the open side."""
 
+BLOCK_WIDTH_M = 0.825
+"""Of both blocks, along both sides."""
+
 WHITE, RED, GREEN = 0.75, 0.6, 0.35
 
 
@@ -60,7 +63,7 @@ class CornellBox:
                 size_m=(SIZE_M, SIZE_M, depth),
                 albedos=(RED, GREEN, WHITE, WHITE, 0.0, WHITE),
                 patches=before,
-                boxes=(_block(1.85, 0.84, 0.825, 0.825, 0.29), _block(0.93, 1.76, 1.65, 0.825, -0.30)),
+                boxes=(_block(1.85, 0.84, 0.825, 0.29), _block(0.93, 1.76, 1.65, -0.30)),
             ),
             position_m=(SIZE_M / 2, SIZE_M / 2, 0.05),
             yaw_rad=0.0,
@@ -75,11 +78,11 @@ class CornellBox:
         return light_in_room(view, rows, asr=self.asr)
 
 
-def _block(x_m: float, z_m: float, height_m: float, width_m: float, turn_rad: float) -> Box:
+def _block(x_m: float, z_m: float, height_m: float, turn_rad: float) -> Box:
     """Return a white block on the floor of the box; z counts from the open side."""
     return Box(
         centre_m=(x_m, SIZE_M - height_m / 2, STAND_OFF_M + z_m),
-        half_m=(width_m / 2, height_m / 2, width_m / 2),
+        half_m=(BLOCK_WIDTH_M / 2, height_m / 2, BLOCK_WIDTH_M / 2),
         turn_rad=turn_rad,
         albedo=WHITE,
     )

@@ -1,0 +1,55 @@
+"""Planes that were written in another order are said once for a capture; planes that were not recorded fail their frame alone."""
+
+import logging
+from pathlib import Path
+
+import pytest
+import tifffile
+
+from cadtof_cli import read_frames
+from tests.support.captures import Recorded, record, write_pages
+from tests.support.run_cadtof import cadtof
+
+
+@pytest.fixture
+def recorded(tmp_path: Path) -> Recorded:
+    return record(tmp_path / "capture", frames=3)
+
+
+def test_swapped_channels_are_said_once(recorded: Recorded, tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    sound = cadtof("resolve", recorded.folder, "-o", tmp_path / "sound", "--jobs", "1")
+    assert "phases as light" not in sound.err
+    assert cadtof("info", recorded.folder, "--jobs", "1").status == 0
+    for file in recorded.files:
+        write_pages(file, tifffile.imread(file)[[1, 0, 3, 2]])
+    done = cadtof("resolve", recorded.folder, "-o", tmp_path / "maps", "--jobs", "1")
+    assert done.status == 0
+    (said,) = (line for line in done.err.splitlines() if "phases as light" in line)
+    assert said.startswith(f"warning: {recorded.folder}: only ")
+    assert "would with SC1 and SC2 swapped: are the planes H1.SC1, H1.SC2, H2.SC1, H2.SC2, one after the other" in said
+    told = cadtof("info", recorded.folder, "--jobs", "1")
+    assert told.status == 1
+    assert "would with SC1 and SC2 swapped" in told.err
+    assert "(and 2 frames more)" in told.err
+    with caplog.at_level(logging.WARNING, "cadtof_cli"):
+        list(read_frames(recorded.folder))
+    assert "would with SC1 and SC2 swapped" in caplog.text
+
+
+def test_a_harmonic_that_is_there_twice_fails_its_frame_alone(recorded: Recorded, tmp_path: Path) -> None:
+    broken = recorded.files[1]
+    write_pages(broken, tifffile.imread(broken)[[0, 1, 0, 1]])
+    done = cadtof("resolve", recorded.folder, "-o", tmp_path / "maps", "--jobs", "1")
+    assert done.status == 1
+    assert f"failed: {broken}: H2.SC1 holds the same values as H1.SC1 in every pixel" in done.err
+    assert sorted(path.name for path in (tmp_path / "maps").glob("*.tif")) == ["frame_0.tif", "frame_2.tif"]
+
+
+def test_a_harmonic_that_was_not_recorded(tmp_path: Path) -> None:
+    recorded = record(tmp_path / "capture")
+    pages = tifffile.imread(recorded.files[0])
+    pages[2:] = 8192
+    write_pages(recorded.files[0], pages)
+    done = cadtof("resolve", recorded.folder, "-o", tmp_path / "maps", "--jobs", "1")
+    assert done.status == 1
+    assert "frame_0.tif: H2.SC1 holds 8192 in every pixel, and other planes scatter: it was not recorded" in done.err

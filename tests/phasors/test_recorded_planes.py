@@ -1,0 +1,157 @@
+"""Frames whose light is known, with planes that were copied, left out, or written in another order or with another sign."""
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Voltage
+from cadtof_cli.phasors.recorded_planes import FEWEST, mistaken_order, no_recording
+
+AMPLITUDE_V = 0.2746
+COUNTS = Voltage(zero_counts=8192.0, volts_per_count=6e-5, saturated_counts=(0.0, 16383.0))
+TWO, THREE = (40.0, 20.0), (40.0, 20.0, 40.0 / 3.0)
+
+Planes = NDArray[np.float64]
+
+
+def light(
+    periods_ns: tuple[float, ...] = TWO, *, mpi: float = 0.2, delay_ns: float = 8.0, pixels: int = 2000, seed: int = 1
+) -> Planes:
+    """Voltages, (H, 2, n), of surfaces between 1 and 5 m with a second path, by Eq. (5), with noise of .4 mV."""
+    rng = np.random.default_rng(seed)
+    first = rng.uniform(1.0, 5.0, pixels) * 2.0 / 0.299792458
+    times = np.stack([first, first + delay_ns])[:, np.newaxis]
+    shares = np.array([1.0, mpi])[:, np.newaxis, np.newaxis]
+    phasors = 0.3 * (shares * np.exp(2j * np.pi * times / np.array(periods_ns)[:, np.newaxis])).sum(axis=0)
+    volts = AMPLITUDE_V * np.stack([phasors.real, phasors.imag], axis=1)
+    return volts + rng.normal(0.0, 4e-4, volts.shape)
+
+
+def counts(volts: Planes) -> NDArray[np.uint16]:
+    return np.rint(volts / 6e-5 + 8192.0).astype(np.uint16)
+
+
+def said(
+    stored: NDArray[np.generic], periods_ns: tuple[float, ...] = TWO, voltage: Voltage | None = None
+) -> str | None:
+    """What is said of pixels, (H, 2, n), in rows of 50."""
+    modulation = Modulation(periods_ns=periods_ns, amplitude_v=AMPLITUDE_V)
+    frame = stored.reshape(*stored.shape[:2], -1, 50)
+    return mistaken_order(frame, CaptureMetadata(modulation=modulation, voltage=voltage or Voltage()))
+
+
+@pytest.mark.parametrize("periods_ns", [TWO, THREE])
+def test_light_as_it_is_recorded(periods_ns: tuple[float, ...]) -> None:
+    volts = light(periods_ns)
+    assert said(volts, periods_ns) is None
+    assert no_recording(volts, (1, 2, 3)) is None
+
+
+@pytest.mark.parametrize("mpi", [0.0, 0.5, 0.8, 1.0, 2.0])
+@pytest.mark.parametrize("delay_ns", [2.0, 5.0, 10.0, 16.0])
+def test_however_strong_the_second_path_is(mpi: float, delay_ns: float) -> None:
+    assert said(light(mpi=mpi, delay_ns=delay_ns)) is None
+
+
+def test_two_paths_alike_in_every_pixel_a_third_of_a_period_apart_are_the_one_light_that_misleads() -> None:
+    assert "with the opposite sign" in str(said(light(mpi=1.0, delay_ns=40.0 / 3.0)))
+
+
+def test_noise_alone_has_no_order() -> None:
+    assert said(np.random.default_rng(2).normal(0.0, 4e-4, (2, 2, 4000))) is None
+
+
+@pytest.mark.parametrize("periods_ns", [TWO, THREE])
+def test_channels_and_harmonics_in_another_order(periods_ns: tuple[float, ...]) -> None:
+    volts = light(periods_ns)
+    assert "with SC1 and SC2 swapped: are the planes H1.SC1, H1.SC2" in str(said(volts[:, ::-1], periods_ns))
+    assert "with the harmonics in the opposite order" in str(said(volts[::-1], periods_ns))
+    channel_first = volts.swapaxes(0, 1).reshape(volts.shape)
+    assert "with SC1 of all harmonics before SC2" in str(said(channel_first, periods_ns))
+
+
+@pytest.mark.parametrize("periods_ns", [TWO, THREE])
+def test_planes_that_are_interleaved(periods_ns: tuple[float, ...]) -> None:
+    volts = light(periods_ns)
+    planes = volts.reshape(2 * len(periods_ns), -1, 50)
+    by_line, by_pixel = (np.moveaxis(planes, 0, axis).reshape(volts.shape) for axis in (1, 2))
+    assert "would interleaved line by line: are the planes" in str(said(by_line, periods_ns))
+    assert "would interleaved pixel by pixel: are the planes" in str(said(by_pixel, periods_ns))
+
+
+@pytest.mark.parametrize("signs", [((-1, -1), (-1, -1)), ((-1, 1), (-1, 1)), ((1, 1), (-1, -1))])
+def test_signs(signs: tuple[tuple[int, int], ...]) -> None:
+    assert "with the opposite sign" in str(said(light() * np.array(signs)[..., np.newaxis]))
+
+
+def test_counts_and_pixels_that_say_nothing() -> None:
+    stored = counts(light()[:, ::-1])
+    told = said(stored, voltage=COUNTS)
+    assert told is not None
+    assert told.startswith(
+        "only 0% of the pixels have phases as light has them, and 100% would with SC1 and SC2 swapped"
+    )
+    stored[0, 0, FEWEST - 1 :] = 16383
+    assert said(stored, voltage=COUNTS) is None
+    volts = light()[:, ::-1].copy()
+    volts[1, 1, ::2] = np.nan
+    assert said(volts) == told
+
+
+def test_one_harmonic_says_nothing_of_an_order() -> None:
+    assert said(light((40.0,))[:, ::-1], (40.0,)) is None
+
+
+@pytest.mark.parametrize(
+    ("copied", "onto", "names"),
+    [(0, 1, "H1.SC2 holds the same values as H1.SC1"), (1, 5, "H3.SC2 holds the same values as H1.SC2")],
+)
+def test_a_plane_that_is_there_twice(copied: int, onto: int, names: str) -> None:
+    stored = counts(light(THREE))
+    planes = stored.reshape(6, -1)
+    planes[onto] = planes[copied]
+    assert str(no_recording(stored, (1, 2, 3))).startswith(f"{names} in every pixel")
+    planes[onto, -1] += 1
+    assert no_recording(stored, (1, 2, 3)) is None
+
+
+def test_planes_that_are_saturated_in_all_pixels_but_a_few_may_agree() -> None:
+    stored = np.full((2, 2, 500), 16383, np.uint16)
+    stored[..., :7] = np.arange(8000, 8007)
+    assert no_recording(stored, (1, 2)) is None
+    stored[..., 7] = 8007
+    assert no_recording(stored, (1, 2)) is not None
+
+
+def test_a_plane_that_is_one_value_while_others_scatter() -> None:
+    stored = counts(light())
+    stored[1, 0] = 8192
+    assert (
+        no_recording(stored, (1, 3))
+        == "H3.SC1 holds 8192 in every pixel, and other planes scatter: it was not recorded"
+    )
+    stored[1, 0, -1] = 8193
+    assert no_recording(stored, (1, 3)) is None
+    volts = light()
+    volts[0, 1] = 0.0
+    assert "H1.SC2 holds 0 in every pixel" in str(no_recording(volts, (1, 2)))
+
+
+def test_steps_that_are_wider_than_the_noise_may_hide_it() -> None:
+    """A wall at one distance, in counts of 8 bits."""
+    rng = np.random.default_rng(3)
+    stored = np.rint(rng.normal(128.0, 0.2, (2, 2, 500))).astype(np.uint8)
+    stored[0, 0] = 128
+    assert no_recording(stored, (1, 2)) is None
+
+
+def test_planes_that_are_all_of_one_value_are_not_told_apart() -> None:
+    """That such a frame has no answer, its noise decides: see `is_without_noise`."""
+    assert no_recording(np.full((2, 2, 500), 8192, np.uint16), (1, 2)) is None
+    assert no_recording(np.full((2, 2, 500), np.nan), (1, 2)) is None
+
+
+def test_a_few_pixels_may_agree() -> None:
+    stored = counts(light(pixels=FEWEST - 1))
+    stored[1] = stored[0]
+    assert no_recording(stored, (1, 2)) is None

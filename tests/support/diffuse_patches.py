@@ -1,0 +1,28 @@
+"""Patches of a frame, made from what their light holds besides the direct path."""
+
+import math
+
+import numpy as np
+
+from cadtof_cli.arrays import Bool, Complex
+from cadtof_cli.resolver.diffuse.light import PatchMeans
+from cadtof_cli.resolver.diffuse.second_paths import PatchData
+
+PATCHES = (15, 20)
+"""Rows and columns."""
+
+LIT: Bool = np.ones(PATCHES, np.bool_)
+
+
+def patch_data(*mpi: Complex, sigma: float, noisy: bool = True, seed: int = 0) -> PatchData:
+    """Patches of 64 pixels of amplitude .2 whose MPI over direct light at every harmonic is given, (n,), with noise."""
+    rng, each, count = np.random.default_rng(seed), sigma / (0.2 * 8.0), math.prod(PATCHES)
+    noise = each * (rng.normal(size=(len(mpi), count)) + 1j * rng.normal(size=(len(mpi), count)))
+    phasors = 1.0 + np.stack(mpi) + (noise if noisy else 0.0)
+    turn = np.conj(phasors[0]) / np.abs(phasors[0])
+    ratios = np.stack([p / np.abs(phasors[0]) * turn**h for h, p in enumerate(phasors[1:], start=2)])
+    amplitude = 0.2 * np.abs(phasors[0])
+    means = PatchMeans(
+        ratios.reshape(-1, *PATCHES), amplitude.reshape(PATCHES), np.full(PATCHES, 64.0), np.zeros(PATCHES)
+    )
+    return PatchData.of(means, LIT, np.full(len(mpi), sigma**2), tuple(range(1, len(mpi) + 1)))
