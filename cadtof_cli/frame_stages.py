@@ -95,12 +95,14 @@ def frame_stages(
     if n_av is not None:
         noise = noise_model(metadata, integration_length=n_av, quantised=dtype.kind in "iu")
     may_be_diffuse = resolver.may_be_diffuse(metadata.modulation.harmonics)
-    prediction = _prediction(metadata, size, resolver) if may_be_diffuse else None
+    prediction = _prediction(metadata, size, resolver, correction) if may_be_diffuse else None
     saturated = metadata.voltage.saturated_counts
     return sealed(FrameStages(saturated, correction, depth, resolver, room, plan.layers, noise, prediction))
 
 
-def _prediction(metadata: "CaptureMetadata", size: tuple[int, int], resolver: ResolverSettings) -> Prediction:
+def _prediction(
+    metadata: "CaptureMetadata", size: tuple[int, int], resolver: ResolverSettings, correction: FrameCorrection
+) -> Prediction:
     from cadtof_cli.resolver.diffuse.grid import View, assumed_view, patch_grid
     from cadtof_cli.resolver.diffuse.settings import DiffuseSettings
 
@@ -108,7 +110,14 @@ def _prediction(metadata: "CaptureMetadata", size: tuple[int, int], resolver: Re
     focal = optics.focal_length_px
     view = View(focal, optics.principal_point(size)) if focal else assumed_view(*size)
     period_ns = modulation.periods_ns[0]
-    asked = DiffuseSettings(model=resolver.mpi_model, period_ns=period_ns, harmonics=modulation.harmonics)
+    further = None
+    if correction.response is not None:
+        from cadtof_cli.resolver.diffuse.other_terms import harmonics_seen
+
+        further = harmonics_seen(correction.response)
+    asked = DiffuseSettings(
+        model=resolver.mpi_model, period_ns=period_ns, harmonics=modulation.harmonics, further=further
+    )
     return Prediction(patch_grid(*size, view), asked)
 
 

@@ -7,12 +7,12 @@ pixel alone, block by block. A frame split over processes is prepared once, and 
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import lru_cache
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cadtof_cli.arrays import Bool, Complex, Index, Stored, sealed
+from cadtof_cli.arrays import Stored
 from cadtof_cli.errors import FrameError
 from cadtof_cli.files.maps import DepthMaps
 from cadtof_cli.frame_pixels import FramePixels
@@ -38,9 +38,8 @@ from cadtof_cli.resolver.two_path.kernel import NUMPY, chosen_kernel
 
 if TYPE_CHECKING:
     from cadtof_cli.calibration.store import Calibration
+    from cadtof_cli.frame_samples import FrameSamples
     from cadtof_cli.resolver.diffuse.choice import DiffuseChoice
-    from cadtof_cli.resolver.diffuse.grid import PatchGrid
-    from cadtof_cli.resolver.diffuse.light import PatchLight
 
 BLOCK_PIXELS = 38400
 """Pixels a block, half a QVGA frame: enough that the cost of calling numpy hardly counts, and no more, so that memory
@@ -48,6 +47,11 @@ stays small however large the frames are."""
 
 SEARCHED_BLOCK_PIXELS = 32768
 """Pixels a block where paths are searched or refined: the last steps are for a few, and cost the same for any block."""
+
+
+FREEING_ROUNDS = 3
+"""How often the tail is predicted again from phasors that the last prediction freed of the other terms of a response: rooms
+change no more after one, and a corner that fills the view by a tenth after these."""
 
 
 @dataclass(frozen=True)
@@ -228,19 +232,23 @@ def _pooled(pixels: FramePixels, stages: FrameStages, *, window: int) -> FramePi
 
 def _with_predicted_mpi(pixels: FramePixels, stages: FrameStages, prediction: Prediction, kernel: str) -> FramePixels:
     """Choose a frame's model of MPI and, where that is diffuse, predict it from the frame's own geometry."""
+    from cadtof_cli.frame_samples import frame_samples
     from cadtof_cli.resolver.diffuse.choice import DiffuseChoice, patch_kinds
     from cadtof_cli.resolver.diffuse.light import compiled_light, patch_means
 
     noise, asked = pixels.noise, prediction.settings
     look_at = look_at_frames if noise.samples is None else look_at_frame
     look = look_at(stages, noise, pixels.stored.dtype, kernel) if pixels.pooled is None else None
+    looked_at: FrameSamples | None = None
     if look is None:
-        light = _sampled_light(pixels, stages, prediction.grid, kernel)
+        looked_at = frame_samples(pixels, stages, prediction.grid, kernel=kernel)
+        light = looked_at.light()
     else:
         light = compiled_light(pixels.stored, look, prediction.grid, kernel=kernel)
     samples = 1.0 if noise.samples is None else float(np.median(noise.samples))
     variances = tuple(one.dark_variance for one in noise.each)
-    means = patch_means(light, light.seen, variance=variances[0] / samples, harmonics=asked.harmonics, kernel=kernel)
+    means_of = partial(patch_means, variance=variances[0] / samples, harmonics=asked.harmonics, kernel=kernel)
+    means = means_of(light, light.seen)
     kinds = patch_kinds(means, np.array(variances) / samples, grid=prediction.grid, settings=asked, kernel=kernel)
     choice = DiffuseChoice(kinds.reason, int(kinds.lit.sum()), kinds.separate_share)
     if choice.reason != "tail":
@@ -249,10 +257,8 @@ def _with_predicted_mpi(pixels: FramePixels, stages: FrameStages, prediction: Pr
     from cadtof_cli.resolver.diffuse.predict import diffuse_model
 
     offset = stages.depth.range_offset_m
-    found = diffuse_model(
-        light,
-        means,
-        kinds,
+    predicted = partial(
+        diffuse_model,
         grid=prediction.grid,
         variances=variances,
         settings=asked,
@@ -260,45 +266,12 @@ def _with_predicted_mpi(pixels: FramePixels, stages: FrameStages, prediction: Pr
         range_offset_m=None if offset is None else -offset.reshape(pixels.size),
         kernel=kernel,
     )
+    found = predicted(light, means, kinds)
+    if looked_at is not None and looked_at.response is not None:
+        for _ in range(FREEING_ROUNDS):
+            if not isinstance(found, str):
+                light = looked_at.light(found)
+                found = predicted(light, means_of(light, light.seen), kinds)
     if isinstance(found, str):
         return replace(pixels, choice=replace(choice, reason=found))
     return replace(pixels, choice=found.choice, tail=found)
-
-
-def _sampled_light(pixels: FramePixels, stages: FrameStages, grid: "PatchGrid", kernel: str) -> "PatchLight":
-    """Return the light of the pixels that a frame is looked at by, by numpy."""
-    from cadtof_cli.resolver.diffuse.light import sampled_light
-
-    chosen = _sampled(pixels.size)
-    phasors, usable = _as_of_a_sine(pixels, chosen.ravel(), stages, kernel)
-    return sampled_light(
-        phasors.reshape(-1, *chosen.shape), usable.reshape(chosen.shape), grid, harmonics=pixels.noise.harmonics
-    )
-
-
-@lru_cache(maxsize=4)
-def _sampled(size: tuple[int, int]) -> Index:
-    """Return the flat indices of the pixels that a frame is looked at by, (rows, columns)."""
-    from cadtof_cli.resolver.diffuse.grid import sampled_pixels
-
-    return sealed(np.arange(size[0] * size[1]).reshape(size)[sampled_pixels(*size)].copy())
-
-
-def _as_of_a_sine(pixels: FramePixels, chosen: Index, stages: FrameStages, kernel: str) -> tuple[Complex, Bool]:
-    """Return the phasors of chosen pixels of a frame as a sine would have them, (H, n), and which have an answer, (n,)."""
-    from cadtof_cli.resolver.resolve import resolve_paths, screened
-
-    phasors, noise = stages.phasors(pixels, chosen), pixels.noise[chosen]
-    with np.errstate(over="ignore", invalid="ignore"):
-        # values that no camera stores, and NaN, are what the screening finds
-        powers = [phasor.real**2 + phasor.imag**2 for phasor in phasors]
-        status, _ = screened(
-            np.sqrt(powers[0]), powers, stages.status(pixels, chosen), settings=stages.resolver, noise=noise
-        )
-        if stages.correction.response is not None:
-            from cadtof_cli.resolver.response.as_sine import phasors_of_sine
-
-            response = stages.correction.response.block(chosen, kernel=kernel)
-            found = resolve_paths(phasors, status=status, settings=stages.resolver, noise=noise, response=response)
-            phasors = phasors_of_sine(phasors, found.paths, response=response)
-    return phasors, np.asarray(status == 0)

@@ -35,10 +35,12 @@ def main() -> None:
     parser.add_argument("--light-paths", type=int, default=128, help="from every fourth pixel")
     parser.add_argument("--tracing-seed", type=int, default=0, help="of the light paths alone")
     parser.add_argument("--lamp-offset-m", default="0,0,0", help="from camera to lamp: right, down, forward")
+    parser.add_argument("--waveform", default="sine", choices=("sine", "triangle"), help="of the modulation")
     parser.add_argument("--net-fill", type=float, help="share of light that a net in the middle of the view sends back")
     parser.add_argument("--width", type=int, default=320, help="columns; rows are three quarters of it")
     chosen = parser.parse_args()
     periods = tuple(float(period) for period in chosen.periods_ns.split(","))
+    modulation = Modulation(periods_ns=periods, waveform=chosen.waveform)
     right, down, forward = (float(part) for part in chosen.lamp_offset_m.split(","))
     first, _, last = chosen.seeds.partition("-")
     for seed in range(int(first), int(last or first) + 1):
@@ -52,15 +54,15 @@ def main() -> None:
                 tracing_seed=chosen.tracing_seed,
                 net_fill=chosen.net_fill,
             )
-            _render(_exposure(scene, periods, chosen.integration_length, chosen.width), folders)
+            _render(_exposure(scene, modulation, chosen.integration_length, chosen.width), folders)
 
 
-def _exposure(scene: RandomRoom, periods_ns: tuple[float, ...], integration_length: float, width: int) -> Exposure:
+def _exposure(scene: RandomRoom, modulation: Modulation, integration_length: float, width: int) -> Exposure:
     share = np.random.default_rng(np.random.SeedSequence(scene.seed, spawn_key=(9,))).uniform(*FOCAL_PER_WIDTH)
     camera = Camera(width=width, height=width * 3 // 4, focal_length_px=round(share * width, 1))
     metadata = CaptureMetadata(
-        modulation=Modulation(periods_ns=periods_ns),
-        pixel=Pixel(integration_length=float(round(integration_length * 2 / len(periods_ns)))),
+        modulation=modulation,
+        pixel=Pixel(integration_length=float(round(integration_length * 2 / len(modulation.periods_ns)))),
         optics=replace(camera.optics, lamp_offset_m=scene.lamp_offset_m if any(scene.lamp_offset_m) else None),
         voltage=camera.voltage,
     )
@@ -83,7 +85,7 @@ def _first_harmonics(exposure: Exposure, traced: Band, harmonics: int) -> tuple[
     gain = averaging_gain(length) / averaging_gain(exposure.integration_length)
     fewer = replace(
         metadata,
-        modulation=Modulation(periods_ns=metadata.modulation.periods_ns[:harmonics]),
+        modulation=replace(metadata.modulation, periods_ns=metadata.modulation.periods_ns[:harmonics]),
         pixel=Pixel(integration_length=length),
     )
     voltages = traced.voltages

@@ -46,8 +46,9 @@ def resolve_paths(
         SettingsError: the harmonics cannot tell as many paths apart as the settings ask for.
     """
     make_solver = solver_for(settings, noise.harmonics, sine=response is None)
-    # of a sine, the tail comes first, and a solver is for the few pixels that it leaves
-    before, after = (tail, None) if response is None else (None, tail)
+    # the tail comes first, and a solver is for the few pixels that it leaves; but what shows a net is light as a sine has it
+    early = tail is None or response is None or tail.model.through is None
+    before, after = (tail, None) if early else (None, tail)
     with np.errstate(all="ignore"):
         free, through = _freed(phasors, before, kernel)
         start = partial(make_solver, free, noise=noise, settings=settings, response=response, first=first)
@@ -60,24 +61,21 @@ def resolve_paths(
         answered = status == 0
         predicted = None
         if before is not None:
-            from cadtof_cli.resolver.diffuse.pixels import diffuse_pixels
-
             usable = answered if through is None else answered & ~through.where
-            predicted = diffuse_pixels(phasors, tail=before, usable=usable, samples=noise.samples, kernel=kernel)
+            predicted = _predicted(phasors, before, usable, noise, response, kernel)
             answered &= ~predicted.answered
             if not answered.any():
                 bits = status | predicted.answered * np.uint32(StatusBit.DIFFUSE_MPI)
                 return _resolved(_of_tail(predicted), confidence, bits, noise)
         fit = fewest_paths(solver or start(), answered, settings=settings, noise=noise)
         if after is not None and response is not None:
-            from cadtof_cli.resolver.diffuse.pixels import diffuse_pixels
             from cadtof_cli.resolver.response.as_sine import phasors_of_sine
 
             sine = phasors_of_sine(phasors, fit.paths, response=response)
             free, through = _freed(sine, after, kernel)
             usable = answered if through is None else answered & ~through.where
             _put_freed(fit, free, answered & ~usable, settings, noise)
-            predicted = diffuse_pixels(sine, tail=after, usable=usable, samples=noise.samples, kernel=kernel)
+            predicted = _predicted(phasors, after, usable, noise, response, kernel)
         bits = _bits(fit, searched=response is not None)
         if not answered.all():
             bits = np.where(answered, bits, status)
@@ -87,6 +85,23 @@ def resolve_paths(
             _put_tail(fit, predicted, through)
             bits = np.where(predicted.answered, np.uint32(StatusBit.DIFFUSE_MPI), bits)
     return _resolved(fit, confidence, bits, noise)
+
+
+def _predicted(
+    phasors: Complex,
+    tail: "DiffuseBlock",
+    usable: Bool,
+    noise: NoiseModel,
+    response: "ResponseBlock | None",
+    kernel: str,
+) -> "DiffusePixels":
+    """Return the answers of the usable pixels through the tail."""
+    from cadtof_cli.resolver.diffuse.pixels import diffuse_pixels, pixels_of_sine
+
+    samples = noise.samples
+    if response is not None:
+        phasors, samples = pixels_of_sine(phasors, tail=tail, response=response, samples=samples)
+    return diffuse_pixels(phasors, tail=tail, usable=usable, samples=samples, kernel=kernel)
 
 
 def solver_for(settings: ResolverSettings, harmonics: tuple[int, ...], /, *, sine: bool) -> Callable[..., Solver]:

@@ -104,6 +104,12 @@ class CoarsePlanes:
         """How many of the values are data."""
         return self.values - 2
 
+    def less_sure(self, variance: Float32, /) -> "CoarsePlanes":
+        """Return the same with more variance of arg H_1 that a patch leaves to all its pixels, (rows, columns)."""
+        planes = self.planes.copy()
+        planes[-2] += variance
+        return replace(self, planes=planes)
+
     def if_likely(self, probability: float, /) -> "CoarsePlanes":
         """Return what is expected where a tail is there with that probability, and else nothing is behind the direct light.
 

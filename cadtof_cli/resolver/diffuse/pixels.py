@@ -4,6 +4,8 @@ Every pixel alone, by the same operations wherever it stands, so that blocks of 
 precision from the data on, whose rounding is a thousandth of their noise. `_tail.h` is the compiled twin, and this its front.
 """
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from cadtof_cli.arrays import Bool, Complex, Float, Float32
@@ -13,9 +15,14 @@ from cadtof_cli.resolver.diffuse.condition import conditioned
 from cadtof_cli.resolver.diffuse.elementary import exponential, logarithm, phase_of, rotor, within_a_turn
 from cadtof_cli.resolver.diffuse.light import LARGEST_AMPLITUDE
 from cadtof_cli.resolver.diffuse.noise import noise_covariance
-from cadtof_cli.resolver.diffuse.records import NEAREST_M, DiffuseBlock, DiffuseModel, DiffusePixels
+from cadtof_cli.resolver.diffuse.other_terms import freed_of_other_terms
+from cadtof_cli.resolver.diffuse.records import NEAREST_M, DiffuseBlock, DiffuseModel, DiffusePixels, PixelTails
 from cadtof_cli.resolver.diffuse.tail import residuals
+from cadtof_cli.resolver.response.as_sine import first_phase
 from cadtof_cli.resolver.two_path.kernel import NUMPY, Buffers, extension
+
+if TYPE_CHECKING:
+    from cadtof_cli.resolver.response.table import ResponseBlock
 
 LEAST_AMPLITUDE = 0.1
 """Least |p_1| in standard deviations of its noise that the noise of its data is taken for; fainter pixels have no answer."""
@@ -80,6 +87,20 @@ def diffuse_pixels(
     if not every:
         answer.clear(~answered)
     return answer
+
+
+def pixels_of_sine(
+    phasors: Complex, /, *, tail: DiffuseBlock, response: "ResponseBlock", samples: Float | None = None
+) -> tuple[Complex, Float]:
+    """Return what a sine would have recorded of pixels (H, n), and of how many recorded pixels each then has the noise, (n,)."""
+    model = tail.model
+    if model.further is None:
+        raise ValueError("the model was made for a sine")
+    alone = first_phase(phasors[0], response=response).astype(np.float32)
+    planes = model.further.upsampler.joint(tail.pixels, _first_range(alone, model, tail.pixels))
+    tails = PixelTails.of(planes, model.further.harmonics)
+    sine, more = freed_of_other_terms(phasors, tails, response=response)
+    return sine, (1.0 if samples is None else samples) / more.astype(np.float64)
 
 
 def _by_kernel(phasors: Complex, tail: DiffuseBlock, usable: Bool, samples: Float | None, kernel: str) -> DiffusePixels:
@@ -150,7 +171,7 @@ def _pixel_data(phases: Float32, square: Float32, model: DiffuseModel, samples: 
     return PixelData(np.sqrt(square[0]), phases[0], data, relative)
 
 
-def _first_range(phase_rad: Float32, model: DiffuseModel, pixels: slice) -> Float32:
+def _first_range(phase_rad: Float32, model: DiffuseModel, pixels: slice, /) -> Float32:
     """Return the ranges of pixels by the lag of the nearest patches: good enough to tell surfaces apart."""
     lag = model.upsampler.linear(model.coarse.data + 1, pixels)
     range_m = model.range_m(phase_rad - lag) + model.range_offset(pixels)

@@ -15,7 +15,7 @@ from cadtof_cli.resolver.diffuse.choice import (
     RoomNumbers,
     tail_fits,
 )
-from cadtof_cli.resolver.diffuse.coarse import Beside, coarse_planes, patch_posterior
+from cadtof_cli.resolver.diffuse.coarse import Beside, CoarsePlanes, coarse_planes, patch_posterior
 from cadtof_cli.resolver.diffuse.grid import PatchGrid
 from cadtof_cli.resolver.diffuse.leaning import Leaning, left_rad, missed_share, view_numbers
 from cadtof_cli.resolver.diffuse.light import PatchLight, PatchMeans, patch_means, patch_phasors
@@ -26,7 +26,14 @@ from cadtof_cli.resolver.diffuse.planes import PatchPlanes, Surfaces, patch_plan
 from cadtof_cli.resolver.diffuse.prior import pattern
 from cadtof_cli.resolver.diffuse.quantiles import median, quantiles
 from cadtof_cli.resolver.diffuse.radiosity import interreflections, light_of
-from cadtof_cli.resolver.diffuse.records import NEAREST_M, DiffuseModel, SeenThrough, Tails, range_from_phase
+from cadtof_cli.resolver.diffuse.records import (
+    NEAREST_M,
+    DiffuseModel,
+    FurtherTails,
+    SeenThrough,
+    Tails,
+    range_from_phase,
+)
 from cadtof_cli.resolver.diffuse.second_paths import PatchData, SecondPaths, missed
 from cadtof_cli.resolver.diffuse.settings import DiffuseSettings
 from cadtof_cli.resolver.diffuse.tail import TailModel
@@ -41,6 +48,10 @@ LEAST_RATIO = 0.05
 GUESSED_POWER = 4
 """Power of the share of what a patch faces that is unknown, with which the light of guessed walls counts: a view that shows
 walls at right angles holds most of the early light, one of a single wall nothing of it."""
+
+FURTHER_ERROR = 0.5
+"""Standard deviation of the tail at a harmonic that only other terms of a response see, as a share of it: early light hardly
+changes the ratios of the harmonics that are fitted, but is all that is left of a tail at those."""
 
 UNHEARD = 1e6
 """By how much the noise of patches with two surfaces is raised, so that they say nothing of the room."""
@@ -111,7 +122,7 @@ def _model(
         kernel=frame.kernel,
     )
     ratios, amplitude, seen = means.ratios[:, valid], means.amplitude[valid], planes.surfaces[valid]
-    tail = _tail(seen, surfaces_beyond(planes.surfaces, valid, frame.grid), amplitude, frame)
+    tail, further = _tails(seen, surfaces_beyond(planes.surfaces, valid, frame.grid), amplitude, frame)
     rule = pattern(tail.light.direct)
     data = np.concatenate([np.log(np.maximum(np.abs(ratios), 1e-9)), np.angle(ratios)])
     error = _error(ratios, amplitude, means.pixels[valid], frame)
@@ -136,17 +147,12 @@ def _model(
     two_path_rad = two_path_lag(ratios[0], kernel=frame.kernel)
     leaning = None
     if len(ratios) == 1:
-        view = view_numbers(
-            fit.room,
-            seen if through is None else seen[heard],
-            amplitude[heard],
-            lag_rad=fit.posterior[-1, heard],
-            seen_rad=beside.seen_rad[heard],
-            two_path_rad=two_path_rad[heard],
-        )
-        left = left_rad(fit.posterior[-1, heard], two_path_rad[heard], rad_per_ns=frame.settings.rad_per_ns)
-        leaning = Leaning(0.0 if view is None else missed_share(view), left)
+        view = seen if through is None else seen[heard]
+        leaning = _leaning(fit, view, amplitude, beside.seen_rad, two_path_rad, heard, frame)
     coarse = coarse_planes(fit, posterior, beside, valid, leaning).if_likely(kinds.mpi_probability)
+    tails = None if further is None else _further_tails(further, fit, coarse, planes, valid, frame)
+    if tails is not None:
+        coarse = coarse.less_sure(_mistaken(tails, frame.settings))
     covered = 0 if through is None else int(through.found.sum())
     gap = (coarse.planes[coarse.data + 1][valid] - two_path_rad)[heard]
     return DiffuseModel(
@@ -159,7 +165,20 @@ def _model(
         float(median(gap**2)),
         range_offset_m,
         through,
+        tails,
     )
+
+
+def _leaning(
+    fit: PatchFit, view: Surfaces, amplitude: Float, seen_rad: Float, two_path_rad: Float, heard: Bool, frame: _Frame
+) -> Leaning:
+    """Return which way two harmonics lean, by what the patches that are `heard`, whose surfaces are `view`, show."""
+    lag_rad, two_path_rad = fit.posterior[-1, heard], two_path_rad[heard]
+    numbers = view_numbers(
+        fit.room, view, amplitude[heard], lag_rad=lag_rad, seen_rad=seen_rad[heard], two_path_rad=two_path_rad
+    )
+    left = left_rad(lag_rad, two_path_rad, rad_per_ns=frame.settings.rad_per_ns)
+    return Leaning(0.0 if numbers is None else missed_share(numbers), left)
 
 
 def _missed_by_two_paths(means: PatchMeans, valid: Bool, frame: _Frame) -> Float:
@@ -222,17 +241,41 @@ def _planes(light: PatchLight, means: PatchMeans, frame: _Frame) -> PatchPlanes:
     return patch_planes(np.maximum(range_m, np.float32(NEAREST_M)), light.seen, frame.grid)
 
 
-def _tail(seen: Surfaces, beyond: Surfaces, amplitude: Float, frame: _Frame) -> TailModel:
-    """Return the model of the patches that these surfaces are of."""
+def _tails(seen: Surfaces, beyond: Surfaces, amplitude: Float, frame: _Frame) -> tuple[TailModel, TailModel | None]:
+    """Return the model of the patches that these surfaces are of, and that at further harmonics, None for a sine."""
+    asked = frame.settings
+    further = tuple(h for h, _ in asked.further or ())
+    harmonics = tuple(sorted({*asked.harmonics, *further}))
     light = interreflections(
-        seen,
-        beyond,
-        amplitude,
-        harmonics=frame.settings.harmonics,
-        rad_per_m=frame.settings.rad_per_m,
-        kernel=frame.kernel,
+        seen, beyond, amplitude, harmonics=harmonics, rad_per_m=asked.rad_per_m, kernel=frame.kernel
     )
-    return TailModel(light, frame.settings.harmonics, frame.settings.rad_per_ns, frame.kernel)
+
+    def model(some: tuple[int, ...]) -> TailModel:
+        return TailModel(light.at([harmonics.index(h) for h in some]), some, asked.rad_per_ns, frame.kernel)
+
+    return model(asked.harmonics), None if asked.further is None else model(further)
+
+
+def _further_tails(
+    tail: TailModel, fit: PatchFit, coarse: CoarsePlanes, planes: PatchPlanes, valid: Bool, frame: _Frame
+) -> FurtherTails:
+    """Return the tail at further harmonics in the state that was fitted; patches that are not valid get the mean."""
+    held = np.empty((2 + 2 * len(tail.harmonics), *valid.shape), np.float32)
+    held[:2] = coarse.planes[coarse.data : coarse.data + 2]
+    if tail.harmonics:
+        light = tail.light_at(fit.state).reshape(len(held) - 2, -1)
+        held[2:] = light.mean(axis=1)[:, None, None]
+        held[2:, valid] = light
+    return FurtherTails(tail.harmonics, held, upsampler(held, planes.surfaces.range_m, valid, frame.grid))
+
+
+def _mistaken(tails: FurtherTails, settings: DiffuseSettings) -> Float32:
+    """Return the variance of the direct phase, rad², (rows, columns), by what the tail is wrong by where other terms see it."""
+    count, variance = len(tails.harmonics), np.zeros(tails.planes.shape[1:], np.float32)
+    parts = zip(tails.planes[2 : 2 + count], tails.planes[2 + count :], strict=True)
+    for (_, share), (re, im) in zip(settings.further or (), parts, strict=True):
+        variance += np.float32((FURTHER_ERROR * share) ** 2) * ((re - 1.0) ** 2 + im * im)
+    return variance
 
 
 def _error(ratios: Complex, amplitude: Float, pixels: Float, frame: _Frame) -> Float:

@@ -1,5 +1,6 @@
 """Light between the patches: how much each gets from all others, after one bounce and after more, and how late."""
 
+from dataclasses import replace
 from typing import TypeVar
 
 import numpy as np
@@ -47,6 +48,10 @@ class Interreflections:
     later: Complex
     direct: Float
     open_share: Float
+
+    def at(self, rows: list[int], /) -> "Interreflections":
+        """Return the same of some of the harmonics."""
+        return replace(self, seen=self.seen[rows], beyond=self.beyond[rows], later=self.later[rows])
 
 
 def interreflections(

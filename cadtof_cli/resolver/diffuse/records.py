@@ -1,10 +1,11 @@
 """What the prediction gives: the frame's model, the answers of pixels, and the numbers behind them."""
 
 from dataclasses import fields
+from typing import Any
 
 import numpy as np
 
-from cadtof_cli.arrays import Bool, Complex, Float, Float32
+from cadtof_cli.arrays import Bool, Complex, Float, Float32, Index
 from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.diffuse.choice import DiffuseChoice
 from cadtof_cli.resolver.diffuse.coarse import CoarsePlanes
@@ -42,6 +43,38 @@ class SeenThrough:
     variance: float
 
 
+Parts = tuple[Any, Any]
+"""Real and imaginary part, float32 (n,) each: numpy's products of complex numbers differ from machine to machine."""
+
+
+@dataclass(frozen=True, eq=False)
+class PixelTails:
+    """The tail of n pixels: ln|H_1| and arg H_1, (n,), and H_m of so numbered further harmonics."""
+
+    size: Float32
+    lag_rad: Float32
+    further: dict[int, Parts]
+
+    @classmethod
+    def of(cls, planes: Float32, harmonics: tuple[int, ...], /) -> "PixelTails":
+        """Return what planes (2 + 2·M, n) hold: ln|H_1|, arg H_1, then the real, then the imaginary parts of H_m."""
+        size, lag, *parts = planes
+        count = len(harmonics)
+        return cls(size, lag, dict(zip(harmonics, zip(parts[:count], parts[count:], strict=True), strict=True)))
+
+
+@dataclass(frozen=True, eq=False)
+class FurtherTails:
+    """ln|H_1|, arg H_1, then the real, then the imaginary parts of H_m of patches, for so numbered further harmonics.
+
+    `planes`, float32 (2 + 2·M, rows, columns), are those that `upsampler` brings to the pixels.
+    """
+
+    harmonics: tuple[int, ...]
+    planes: Float32
+    upsampler: Upsampler
+
+
 @dataclass(frozen=True, eq=False)
 class DiffuseModel:
     """The coarse model of a whole frame, from which each pixel is answered.
@@ -56,6 +89,7 @@ class DiffuseModel:
         separate_variance: variance in rad² that the room's tail adds to those pixels' direct phase.
         range_offset_m: what is added to every pixel's range, (Y, X); None for nothing.
         through: what lets light through; None where nothing does.
+        further: the tail at further harmonics, which the other terms of a response see; None for a sine.
     """
 
     settings: DiffuseSettings
@@ -67,10 +101,23 @@ class DiffuseModel:
     separate_variance: float
     range_offset_m: Float | None = None
     through: SeenThrough | None = None
+    further: FurtherTails | None = None
 
     def block(self, pixels: slice, /) -> "DiffuseBlock":
         """Return the model for a stretch of the frame's pixels, flat indices row by row."""
         return DiffuseBlock(self, pixels)
+
+    def tails_of_patches(self, pixels: Index, /) -> PixelTails:
+        """Return the tail of pixels, flat indices, as that of the patch that each lies in, for a model of further harmonics."""
+        if self.further is None:
+            raise ValueError("the model was made for a sine")
+        row, column = self._patch(pixels)
+        return PixelTails.of(self.further.planes[:, row, column], self.further.harmonics)
+
+    def of_paths(self, pixels: Index, /) -> Bool:
+        """Return which pixels, flat indices, lie in patches whose light is more than what the tail goes with, (n,)."""
+        found = self.separate if self.through is None else self.separate | self.through.found
+        return np.asarray(found[self._patch(pixels)])
 
     def range_m(self, phase_rad: Values, /) -> Values:
         """Return the range of a fundamental phase."""
@@ -82,9 +129,12 @@ class DiffuseModel:
 
     def is_separate(self, pixels: slice, /) -> Bool:
         """Return which of a stretch of pixels lie in patches with separate paths, (n,)."""
-        row, column = np.divmod(np.arange(pixels.start, pixels.stop), self.upsampler.grid.width)
-        found: Bool = self.separate[row // self.upsampler.grid.side, column // self.upsampler.grid.side]
-        return found
+        return np.asarray(self.separate[self._patch(np.arange(pixels.start, pixels.stop))])
+
+    def _patch(self, pixels: Index) -> tuple[Index, Index]:
+        """Return the row and the column of the patch that each pixel lies in, flat indices."""
+        row, column = np.divmod(pixels, self.upsampler.grid.width)
+        return row // self.upsampler.grid.side, column // self.upsampler.grid.side
 
 
 @dataclass(frozen=True, eq=False)

@@ -79,6 +79,12 @@ class TailModel:
         re, im, power = total
         return free_of_direct(0.5 * np.log(power), np.arctan2(im, re), self._harmonic), jacobian
 
+    def light_at(self, state: Float, /) -> Float:
+        """Return the real and imaginary parts of H_h at a state (6, n), (2, H, n)."""
+        phase = self._rad_per_ns * state[5]
+        answer, _ = self._slopes(np.exp(state[:5]), np.cos(phase), np.sin(phase))
+        return answer[:2]
+
     def lag_parts(self, state: Float, guessed: Complex, /) -> tuple[Float, Float, Float, Float]:
         """Return how much of arg H_1 is due to surfaces in the view, beside it and unseen, and would be to guessed ones.
 

@@ -1,7 +1,7 @@
 """What a pure sine would have recorded: the phase of a single path, and phasors freed of the other terms of their response.
 
 The other terms depend on when light arrives, in another way than a sine's does. They are small, and those of paths that fit the
-phasors are nearly those of the light: for a tail, its part in them is a ninth of a third harmonic in which little of it is left.
+phasors are nearly those of the light: near enough to begin with where it is a tail, whose prediction then says more.
 """
 
 import numpy as np

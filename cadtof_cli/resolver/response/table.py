@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 
 from cadtof_cli.arrays import Complex, Float, Float32, Index
-from cadtof_cli.phasors.response import HarmonicResponse
+from cadtof_cli.phasors.response import NEGLIGIBLE_TERM, HarmonicResponse
 from cadtof_cli.resolver.two_path.kernel import NUMPY
 
 ENTRIES = 1 << 14
@@ -48,6 +48,15 @@ class ResponseTable:
     def entries(self) -> Float32:
         """The same by entries, (ENTRIES, 4): what a look-up needs lies together."""
         return np.ascontiguousarray(self.planes.T)
+
+    @cached_property
+    def other_terms(self) -> dict[int, complex]:
+        """c_k of f(θ) = exp(iθ) + Σ_k c_k·exp(ikθ) by order k, those that are not negligible."""
+        # rounded: the last bits of a transform are not the same on every machine
+        series = np.round(np.fft.fft(self.planes[0].astype(np.float64) + 1j * self.planes[1]) / ENTRIES, 6)
+        orders = np.flatnonzero(np.abs(series) > NEGLIGIBLE_TERM)
+        signed = np.where(orders < ENTRIES // 2, orders, orders - ENTRIES)
+        return {int(k): complex(series[k]) for k in signed if k != 1}
 
     def at(self, theta: Float32, /) -> Answer:
         """Return the answer at phases θ = h·x of any size, in rad; NaN gives NaN."""

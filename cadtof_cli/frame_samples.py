@@ -1,0 +1,83 @@
+"""The pixels that a frame's MPI is looked at by, and what a sine would have recorded of them."""
+
+from functools import lru_cache
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from cadtof_cli.arrays import Bool, Complex, Index, sealed
+from cadtof_cli.frame_pixels import FramePixels
+from cadtof_cli.frame_stages import FrameStages
+from cadtof_cli.records import dataclass
+from cadtof_cli.resolver.diffuse.grid import PatchGrid, sampled_pixels
+from cadtof_cli.resolver.diffuse.light import PatchLight, sampled_light
+from cadtof_cli.resolver.resolve import resolve_paths, screened
+
+if TYPE_CHECKING:
+    from cadtof_cli.resolver.diffuse.records import DiffuseModel
+    from cadtof_cli.resolver.response.table import ResponseBlock
+
+
+@dataclass(frozen=True, eq=False)
+class FrameSamples:
+    """Some of a frame's pixels, on its grid of patches.
+
+    Attributes:
+        places: where they lie in the frame, flat, (rows, columns).
+        recorded: their phasors, (H, n).
+        of_paths: what a sine would have recorded of the paths that fit them, (H, n).
+        usable: which have an answer, (n,).
+        response: of their channel pairs; None for a sine.
+        harmonics: their numbers.
+        grid: of the frame.
+    """
+
+    places: Index
+    recorded: Complex
+    of_paths: Complex
+    usable: Bool
+    response: "ResponseBlock | None"
+    harmonics: tuple[int, ...]
+    grid: PatchGrid
+
+    def light(self, tail: "DiffuseModel | None" = None, /) -> PatchLight:
+        """Return the light of the patches, freed of the response's other terms as far as is known: by paths, or by a tail."""
+        phasors = self.of_paths
+        if tail is not None and self.response is not None:
+            from cadtof_cli.resolver.diffuse.other_terms import freed_of_other_terms
+
+            places = self.places.ravel()
+            with np.errstate(all="ignore"):
+                of_tail, _ = freed_of_other_terms(self.recorded, tail.tails_of_patches(places), response=self.response)
+            phasors = np.where(tail.of_paths(places), phasors, of_tail)
+        shape = self.places.shape
+        return sampled_light(
+            phasors.reshape(-1, *shape), self.usable.reshape(shape), self.grid, harmonics=self.harmonics
+        )
+
+
+def frame_samples(pixels: FramePixels, stages: FrameStages, grid: PatchGrid, /, *, kernel: str) -> FrameSamples:
+    """Return the pixels that a frame is looked at by, by numpy but for a search for paths."""
+    places = _sampled(pixels.size)
+    chosen = places.ravel()
+    phasors, noise, response = stages.phasors(pixels, chosen), pixels.noise[chosen], stages.correction.response
+    of_paths = phasors
+    with np.errstate(over="ignore", invalid="ignore"):
+        # values that no camera stores, and NaN, are what the screening finds
+        powers = [phasor.real**2 + phasor.imag**2 for phasor in phasors]
+        status, _ = screened(
+            np.sqrt(powers[0]), powers, stages.status(pixels, chosen), settings=stages.resolver, noise=noise
+        )
+        if response is not None:
+            from cadtof_cli.resolver.response.as_sine import phasors_of_sine
+
+            response = response.block(chosen, kernel=kernel)
+            found = resolve_paths(phasors, status=status, settings=stages.resolver, noise=noise, response=response)
+            of_paths = phasors_of_sine(phasors, found.paths, response=response)
+    return FrameSamples(places, phasors, of_paths, np.asarray(status == 0), response, noise.harmonics, grid)
+
+
+@lru_cache(maxsize=4)
+def _sampled(size: tuple[int, int]) -> Index:
+    """Return the flat indices of the pixels that a frame is looked at by, (rows, columns)."""
+    return sealed(np.arange(size[0] * size[1]).reshape(size)[sampled_pixels(*size)].copy())

@@ -1,0 +1,143 @@
+"""Direct light and its tail under a response that is no pure sine: what its other terms make of both.
+
+Term k of harmonic h sees light at k·h times the fundamental. With direct light a·exp(ix), over which that light is H_kh,
+
+    p_h = a·Σ_k c_hk·H_kh·exp(ikθ_h)        θ_h = hx and the pixel's own phase; c_h1 = 1; H_−m is the conjugate of H_m
+
+Where the tail is predicted, a and x are all that is unknown, and p_1 alone says what they are; the other terms of every harmonic
+follow from them. So no path has to be fitted to the noise of a pixel, nor to a tail, which is none.
+"""
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from cadtof_cli.arrays import Complex, Float32
+from cadtof_cli.records import dataclass
+from cadtof_cli.resolver.diffuse.elementary import exponential, phase_of, rotor
+from cadtof_cli.resolver.diffuse.records import Parts, PixelTails
+from cadtof_cli.resolver.response.as_sine import first_phase
+
+if TYPE_CHECKING:
+    from cadtof_cli.resolver.response.table import ResponseBlock, ResponseTable
+
+LEAST_TERM = 0.03
+"""Least |c_hk| of terms that are taken to see a tail: what weaker ones see is taken for direct light, within .5 cm."""
+
+HIGHEST = 9
+"""Highest multiple of the fundamental at which a tail is predicted: little of it is left beyond."""
+
+STEPS = 3
+"""Newton steps for the direct phase: from that of a single path less the lag, they leave less than the noise of any frame."""
+
+LARGEST_TURN = 0.5
+"""Most that a step may turn the direct phase, rad: half the way between neighbouring extremes of a triangle's slope."""
+
+LEAST_SLOPE = 0.2
+"""Least slope of arg p_1 over the direct phase that is reckoned with; it is .6 to 1.3 for a triangle without a tail."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Seen:
+    """Σ_k c_hk·H_kh·exp(ikθ) of n pixels without its sine's part, its derivative by x, and that sine's exp(iθ)."""
+
+    value: Parts
+    slope: Parts
+    sine: Parts
+
+
+def harmonics_seen(response: "ResponseBlock", /) -> tuple[tuple[int, float], ...]:
+    """Return at which multiples of the fundamental the other terms of a response see a tail, in order, and the largest |c_hk|."""
+    seen: dict[int, float] = {}
+    for table in response.stages[-1]:
+        for k, share in _orders(table).items():
+            multiple = abs(k) * table.harmonic
+            seen[multiple] = max(abs(share), seen.get(multiple, 0.0))
+    return tuple(sorted(seen.items()))
+
+
+def freed_of_other_terms(
+    phasors: Complex, tails: PixelTails, /, *, response: "ResponseBlock"
+) -> tuple[Complex, Float32]:
+    """Return what a sine would have recorded, complex128 (H, n), and by how much the noise of its phase exceeds a sine's.
+
+    The latter is a ratio of variances of the direct phase, (n,). NaN stays NaN.
+
+    Args:
+        phasors: (H, n), of the same pixels as the response.
+        tails: predicted for them.
+        response: of the channel pairs.
+    """
+    first_re, first_im = rotor(tails.lag_rad)
+    strength = exponential(tails.size)
+    first = strength * first_re, strength * first_im
+    observed = response.observed(phasors)
+    phase = (first_phase(phasors[0], response=response) - tails.lag_rad).astype(np.float32)
+    for step in range(STEPS + 1):
+        seen = _seen(0, phase, tails, response)
+        total = _plus(seen.value, _times(first, seen.sine))
+        # of H_1·exp(ix), the derivative by x
+        turning = _times(first, seen.sine)
+        slope = _over(_plus(seen.slope, (-turning[1], turning[0])), total)
+        turn = np.maximum(slope[1], np.float32(LEAST_SLOPE))
+        if step < STEPS:
+            left = phase_of(*_over(observed[0], total)) / turn
+            phase = phase + np.fmin(np.fmax(left, np.float32(-LARGEST_TURN)), np.float32(LARGEST_TURN))
+    power = _power(total)
+    amplitude = np.sqrt(_power(observed[0]) / power)
+    sine = np.empty(phasors.shape, np.complex128)
+    for row, (re, im) in enumerate(observed):
+        if row == 0:
+            of_sine = _times(first, seen.sine)
+            re, im = amplitude * of_sine[0], amplitude * of_sine[1]
+        else:
+            other = _seen(row, phase, tails, response).value
+            re, im = re - amplitude * other[0], im - amplitude * other[1]
+        sine.real[row], sine.imag[row] = response.turned_back(row, re, im)
+    return sine, strength * strength / (power * turn * turn)
+
+
+def _seen(row: int, phase: Float32, tails: PixelTails, response: "ResponseBlock") -> _Seen:
+    """Return what one harmonic sees of direct light of phase x and amplitude 1, and of its tail."""
+    everywhere, table = slice(None), response.stages[-1][row]
+    theta, harmonic = response.theta(row, phase, everywhere), table.harmonic
+    direct, sine = response.at(row, phase, everywhere), rotor(theta)
+    speed = np.float32(harmonic)
+    value = direct.re - sine[0], direct.im - sine[1]
+    slope = direct.slope_re + speed * sine[1], direct.slope_im - speed * sine[0]
+    for k, share in _orders(table).items():
+        light_re, light_im = tails.further[abs(k) * harmonic]
+        tail = light_re - np.float32(1.0), light_im if k > 0 else -light_im
+        term = _times(_times(rotor(np.float32(k) * theta), tail), (np.float32(share.real), np.float32(share.imag)))
+        value = _plus(value, term)
+        slope = _plus(slope, (-np.float32(k * harmonic) * term[1], np.float32(k * harmonic) * term[0]))
+    return _Seen(value, slope, sine)
+
+
+def _orders(table: "ResponseTable") -> dict[int, complex]:
+    """Return the terms k of a harmonic that see a tail, and their shares c_hk."""
+    return {
+        k: share
+        for k, share in table.other_terms.items()
+        if abs(share) >= LEAST_TERM and 0 < abs(k) * table.harmonic <= HIGHEST
+    }
+
+
+def _plus(first: Parts, second: Parts) -> Parts:
+    return first[0] + second[0], first[1] + second[1]
+
+
+def _times(first: Parts, second: Parts) -> Parts:
+    (a, b), (c, d) = first, second
+    return a * c - b * d, a * d + b * c
+
+
+def _over(first: Parts, second: Parts) -> Parts:
+    """Return the quotient of complex numbers."""
+    power = _power(second)
+    re, im = _times(first, (second[0], -second[1]))
+    return re / power, im / power
+
+
+def _power(z: Parts) -> Any:
+    return z[0] * z[0] + z[1] * z[1]

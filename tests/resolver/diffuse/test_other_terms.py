@@ -1,0 +1,117 @@
+"""What other terms of a response make of direct light and its tail, against sums over the terms written from the physics."""
+
+import numpy as np
+import pytest
+
+from cadtof_cli.capture.metadata import CaptureMetadata, Modulation
+from cadtof_cli.phasors.response import HarmonicResponse, ideal_response
+from cadtof_cli.resolver.diffuse.other_terms import freed_of_other_terms, harmonics_seen
+from cadtof_cli.resolver.diffuse.records import PixelTails
+from cadtof_cli.resolver.response.table import ResponseBlock, response_block
+from tests.support.diffuse_frames import F, Tail, Z
+
+TRIANGLE = ideal_response(CaptureMetadata(modulation=Modulation(waveform="triangle")))
+
+CALIBRATED = (
+    HarmonicResponse(1, ((1, 0.97 + 0.05j), (-1, 0.03j), (2, 0.05 - 0.03j), (-3, 0.06 + 0j))),
+    HarmonicResponse(2, ((1, 0.9 + 0j), (2, 0.04j), (3, 0.05 + 0j))),
+)
+
+RESPONSES = pytest.mark.parametrize("responses", [TRIANGLE, CALIBRATED], ids=["triangle", "calibrated"])
+
+PIXELS = 400
+
+Responses = tuple[HarmonicResponse, ...]
+
+
+def light() -> tuple[F, F]:
+    """Amplitudes and phases of direct light."""
+    return np.linspace(0.05, 0.3, PIXELS), np.linspace(0, 4 * np.pi, PIXELS)
+
+
+def own_phases() -> F:
+    return np.random.default_rng(3).normal(0, 0.1, (2, PIXELS))
+
+
+def recorded(responses: Responses, own: F, tail: Tail) -> tuple[Z, Z]:
+    """What a response records of direct light and its tail, and what a sine would have."""
+    amplitude, phase = light()
+    seen, of_sine = np.zeros((2, PIXELS), complex), np.zeros((2, PIXELS), complex)
+    for row, response in enumerate(responses):
+        h = response.harmonic
+        volts = np.zeros(PIXELS, complex)
+        for k, share in response.terms:
+            m = abs(k) * h
+            brought = 1 + (tail.phasor(m) if k > 0 else np.conj(tail.phasor(m)))
+            volts += share * amplitude * brought * np.exp(1j * k * (h * phase + own[row]))
+        seen[row] = response.without_mirror(volts) * np.exp(-1j * own[row])
+        of_sine[row] = amplitude * (1 + tail.phasor(h)) * np.exp(1j * h * phase)
+    return seen, of_sine
+
+
+def predicted(block: ResponseBlock, tail: Tail) -> PixelTails:
+    """The same tail in every pixel."""
+
+    def everywhere(x: float) -> np.ndarray[tuple[int], np.dtype[np.float32]]:
+        return np.full(PIXELS, x, np.float32)
+
+    first = 1 + tail.phasor(1)
+    further = {m: 1 + tail.phasor(m) for m, _ in harmonics_seen(block)}
+    parts = {m: (everywhere(z.real), everywhere(z.imag)) for m, z in further.items()}
+    return PixelTails(everywhere(np.log(abs(first))), everywhere(np.angle(first)), parts)
+
+
+@RESPONSES
+@pytest.mark.parametrize("tail", [Tail(), Tail(strength=0.6, start_ns=1.0, decay_ns=4.0), Tail(strength=0.0)])
+def test_direct_light_and_a_known_tail_become_those_of_a_sine(responses: Responses, tail: Tail) -> None:
+    own = own_phases()
+    seen, of_sine = recorded(responses, own, tail)
+    block = response_block(responses, own)
+    found, _ = freed_of_other_terms(seen, predicted(block, tail), response=block)
+    relative = np.abs(found - of_sine) / np.abs(of_sine)
+    assert np.abs(seen - of_sine).max() > 0.02
+    # weak and high terms are taken to see direct light alone
+    assert relative.max() < (1e-5 if tail.strength == 0.0 else 0.03)
+    phase = np.angle(found[0] / of_sine[0])
+    assert np.abs(phase).max() < 0.01
+
+
+@RESPONSES
+def test_the_noise_of_the_phase_is_as_foretold(responses: Responses) -> None:
+    own, tail = own_phases(), Tail()
+    seen, _ = recorded(responses, own, tail)
+    block = response_block(responses, own)
+    tails = predicted(block, tail)
+    still, more = freed_of_other_terms(seen, tails, response=block)
+    rng, sigma = np.random.default_rng(1), 1e-4
+    trials = []
+    for _ in range(300):
+        noise = sigma * (rng.normal(size=seen.shape) + 1j * rng.normal(size=seen.shape))
+        found, _ = freed_of_other_terms(seen + noise, tails, response=block)
+        trials.append(np.angle(found[0] / still[0]))
+    foretold = more * sigma**2 / np.abs(still[0]) ** 2
+    ratio = np.var(trials, axis=0) / foretold
+    assert 0.9 < ratio.mean() < 1.1
+    assert ratio.max() < 1.5
+    assert more.max() / more.min() > 1.5
+
+
+@pytest.mark.filterwarnings("ignore:invalid value")
+def test_what_is_not_known_of_a_pixel_stays_unknown_and_others_do_not_feel_it() -> None:
+    own, tail = own_phases(), Tail()
+    seen, _ = recorded(TRIANGLE, own, tail)
+    block = response_block(TRIANGLE, own)
+    whole, _ = freed_of_other_terms(seen, predicted(block, tail), response=block)
+    holed = seen.copy()
+    holed[0, 5] = np.nan
+    found, more = freed_of_other_terms(holed, predicted(block, tail), response=block)
+    assert np.isnan(found[:, 5]).all()
+    assert np.isnan(more[5])
+    np.testing.assert_array_equal(np.delete(found, 5, axis=1), np.delete(whole, 5, axis=1))
+
+
+def test_terms_are_seen_at_multiples_of_their_own_harmonic() -> None:
+    seen = dict(harmonics_seen(response_block(TRIANGLE, None)))
+    assert list(seen) == [3, 5, 6]
+    assert seen[3] == pytest.approx(1 / 9, rel=0.1)
+    assert seen[5] == pytest.approx(1 / 25, rel=0.2)
