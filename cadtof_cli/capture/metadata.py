@@ -227,7 +227,7 @@ class Layout(Table):
     )
     raw_dtype: str | None = _key(
         "text",
-        "data type of raw dumps, such as uint16 or >u2 (in TOML: [layout.raw] dtype)",
+        "data type of raw dumps, such as uint16 or >u2",
         None,
         Check(_is_sample_type, "a type such as uint16, >u2 or float32"),
     )

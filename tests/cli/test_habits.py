@@ -4,6 +4,7 @@ import json
 import re
 import shutil
 import subprocess
+import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -224,6 +225,15 @@ def test_info_writes_settings_to_be_completed(here: Path) -> None:
         == 0
     )
     assert shell("cadtof resolve cap -o third -j 1", here).status == 0
+
+
+def test_info_writes_what_raw_dumps_hold_into_the_table_of_theirs(here: Path) -> None:
+    stored = np.full((2, 2, 4, 5), 9000, np.uint16)
+    stored.tofile(here / "dump.raw")
+    shell("cadtof info dump.raw --raw-dtype uint16 --raw-shape 2,2,4,5 --write-settings -o capture.toml", here)
+    settings = tomllib.loads((here / "capture.toml").read_text())
+    assert settings["layout"] == {"raw": {"dtype": "uint16", "shape": [2, 2, 4, 5]}}
+    assert "2 harmonics × 2 channels × 4 × 5" in shell("cadtof info dump.raw", here).out
 
 
 def test_frames_that_are_not_there(here: Path) -> None:

@@ -56,11 +56,16 @@ def _lines(facts: CaptureFacts) -> Iterator[str]:
     yield "# Lines that begin with # have no effect: complete those that you know, and remove their #."
     seen, table = _seen(facts), ""
     for key in KEYS.values():
-        if key.table != table:
-            table = key.table
+        if table != (table := _place(key)[0]):
             yield f"\n[{table}]"
         entry = facts.metadata[key.path]
         yield _line(key, entry["value"], entry["from"], seen.get(key.path))
+
+
+def _place(key: Key) -> tuple[str, str]:
+    """Return the table of a key and its name there; what raw dumps hold has a table of its own."""
+    name = key.name.removeprefix("raw_")
+    return (key.table, name) if name == key.name else (f"{key.table}.raw", name)
 
 
 def _line(key: Key, value: Any, origin: str, seen: tuple[Any, str] | None) -> str:
@@ -74,7 +79,7 @@ def _line(key: Key, value: Any, origin: str, seen: tuple[Any, str] | None) -> st
         sure, value, why = False, _EXAMPLES[key.path], "; an example"
     shown = toml_value(dict(value) if key.kind == "numbers by name" else value)
     in_one = " ".join(shown.split()).replace("[ ", "[").replace(", ]", "]")
-    return f"{'' if sure else '# '}{key.name} = {in_one}  # {key.about}{why}"
+    return f"{'' if sure else '# '}{_place(key)[1]} = {in_one}  # {key.about}{why}"
 
 
 def _seen(facts: CaptureFacts) -> dict[str, tuple[Any, str]]:
