@@ -13,8 +13,9 @@ from cadtof_cli.workflows.inspect.info import CaptureFacts
 
 _EXAMPLES: Mapping[str, Any] = {
     "pixel.integration_length": 100000.0,
+    "voltage.zero_counts": 8192.0,
     "voltage.volts_per_count": 6.0e-5,
-    "voltage.saturated_counts": (0, 65535),
+    "voltage.saturated_counts": (0, 16383),
     "optics.focal_length_px": 280.0,
     "optics.principal_point_px": (159.5, 119.5),
     "optics.lamp_offset_m": (0.03, 0.0, 0.0),
