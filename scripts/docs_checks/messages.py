@@ -14,7 +14,7 @@ REASONS = frozenset(
         "implausible",
         "no_recording",
         "mistaken_order",
-        "doubtful_optics",
+        "doubt",
         "_all_saturated",
         "_likely_cause",
         "_shifted_or_scaled",
