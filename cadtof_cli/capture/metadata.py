@@ -273,10 +273,6 @@ class CaptureMetadata:
             if found is not None and getattr(self.layout, needs) is None:
                 raise InvalidValueError(f"layout.{name}", found, f"layout.{needs} beside it")
 
-    def __hash__(self) -> int:
-        """Return a hash of a few values that tell captures apart: it is asked for with every frame."""
-        return hash((self.modulation.periods_ns, self.pixel.integration_length, self.voltage.zero_counts))
-
 
 OPTIONS_OF_OTHER_NAME = {"layout.frames": "--stack-frames"}
 """--frames chooses among a capture's frames."""

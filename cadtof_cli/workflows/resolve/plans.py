@@ -16,8 +16,7 @@ from cadtof_cli.files.formats import map_format
 from cadtof_cli.files.reading import real_path
 from cadtof_cli.frame_plan import CalibrationUse, FramePlan
 from cadtof_cli.phasors.noise import noise_model
-from cadtof_cli.phasors.plausible import implausible
-from cadtof_cli.phasors.recorded_planes import mistaken_order
+from cadtof_cli.phasors.plausible import implausible, mistaken_order
 from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.status import MEANING
 from cadtof_cli.resolver.two_path.kernel import chosen_kernel
