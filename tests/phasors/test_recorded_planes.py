@@ -5,7 +5,7 @@ import pytest
 from numpy.typing import NDArray
 
 from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Voltage
-from cadtof_cli.phasors.recorded_planes import FEWEST, mistaken_order, no_recording
+from cadtof_cli.phasors.plausible import FEWEST, mistaken_order, no_recording
 
 AMPLITUDE_V = 0.2746
 COUNTS = Voltage(zero_counts=8192.0, volts_per_count=6e-5, saturated_counts=(0.0, 16383.0))
