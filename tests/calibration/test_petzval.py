@@ -392,10 +392,10 @@ def test_walls_that_do_not_tell_a_long_focal_length_are_refused_or_it_is_positiv
     walls = [
         measured_wall(distance, seed=10 * seed + index, focal_px=5000.0) for index, distance in enumerate((1.0, 3.0))
     ]
-    try:
-        found = fitted(*walls, optics=Optics())
-    except SettingsError as error:
-        assert "focal_length_px" in str(error)
-    else:
-        assert found.quality.focal_length_px > 0.0
-        assert np.isfinite([wall.slopes for wall in found.quality.walls]).all()
+    if seed in {0, 1}:
+        with pytest.raises(SettingsError, match=r"do not tell the focal length: .* set focal_length_px"):
+            fitted(*walls, optics=Optics())
+        return
+    found = fitted(*walls, optics=Optics())
+    assert found.quality.focal_length_px > 0.0
+    assert np.isfinite([wall.slopes for wall in found.quality.walls]).all()
