@@ -33,7 +33,7 @@ def drawn(light: Mixture, harmonics: Sequence[int], n_av: float, *, pixels: int,
 
 def errors_cm(found: ResolvedPaths, light: Mixture) -> F:
     """Errors of the direct depth."""
-    error: F = CM_PER_RAD * np.angle(np.exp(1j * (found.direct.phase_rad - light.phases[0])))
+    error: F = CM_PER_RAD * np.angle(np.exp(1j * (found.paths[0].phase_rad - light.phases[0])))
     return error
 
 
