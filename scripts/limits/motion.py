@@ -102,10 +102,8 @@ def draw(groups: Sequence[tuple[Key, list[Moved]]], path: Path) -> None:
         speeds = [max(one.speed_m_s, 0.03) for one in some]
         error.plot(speeds, [one.rmse_cm for one in some], style, color=colour, label=label)
         share.plot(speeds, [one.two for one in some], style, color=colour)
-    error.set(
-        xscale="log", yscale="log", xlabel="speed (m/s); leftmost: at rest", ylabel="RMSE of the direct depth (cm)"
-    )
-    share.set(xscale="log", xlabel="speed (m/s); leftmost: at rest", ylabel="share found as two paths")
+    error.set(xscale="log", yscale="log", xlabel="speed, m/s; leftmost: at rest", ylabel="RMSE of the direct depth, cm")
+    share.set(xscale="log", xlabel="speed, m/s; leftmost: at rest", ylabel="share found as two paths")
     for axes in (error, share):
         axes.grid(alpha=0.3)
     figure.legend(*error.get_legend_handles_labels(), loc="outside right center", fontsize=8)

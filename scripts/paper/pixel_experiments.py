@@ -185,7 +185,7 @@ def draw_figure_3(table: Sequence[Mapping[str, float]], out: Path) -> None:
             lw=1,
             color=colour,
         )
-    for axis, name in zip(axes, ("confidence (mV)", "phase precision (°)", "phase error (°)"), strict=True):
+    for axis, name in zip(axes, ("confidence, mV", "phase precision, °", "phase error, °"), strict=True):
         axis.set(xlabel="ambient-to-signal ratio", ylabel=name)
         axis.grid(alpha=0.3)
     figure.legend(*axes[0].get_legend_handles_labels(), loc="outside right center", fontsize=8)
