@@ -13,8 +13,8 @@ from cadtof_cli.capture.frames import Capture, open_frames, single_frames
 from cadtof_cli.capture.metadata import CaptureMetadata
 from cadtof_cli.files.layers import read_layers
 from cadtof_cli.frame_plan import FramePlan, MapSettings
-from cadtof_cli.maps.layers import DIRECT_DEPTH
-from cadtof_cli.phasors.noise import noise_model
+from cadtof_cli.maps.layers import DIRECT_DEPTH, DIRECT_SIGMA
+from cadtof_cli.phasors.noise import MAD_PER_SIGMA, noise_model
 from cadtof_cli.phasors.response import pulse_response
 from cadtof_cli.pipeline import resolve_frame
 from cadtof_cli.resolver.settings import ResolverSettings
@@ -141,11 +141,11 @@ def depth_errors(capture: Capture) -> None:
         error = maps.layer(DIRECT_DEPTH) - truth
         first.append(100 * (first_phasor_depth(stored, plan=plan) - truth))
         direct.append(100 * error)
-        scores.append(error / maps.layer("direct.sigma"))
+        scores.append(error / maps.layer(DIRECT_SIGMA))
     first_cm, direct_cm, score = (
         np.concatenate([e[np.isfinite(e)] for e in errors]) for errors in (first, direct, scores)
     )
-    spread = np.median(np.abs(score)) / 0.6745
+    spread = np.median(np.abs(score)) / MAD_PER_SIGMA
     print(
         f"| {capture.root.name} | {np.median(abs(first_cm)):.2f} | {np.median(abs(direct_cm)):.2f} "
         f"| {np.sqrt(np.mean(direct_cm**2)):.2f} | {1 / spread:.2f} |"
