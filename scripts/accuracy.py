@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cadtof_cli.capture.discovery import find_captures
-from cadtof_cli.capture.frames import Capture, open_frames, single_frames
+from cadtof_cli.capture.frames import Capture, read_stored, single_frames
 from cadtof_cli.capture.metadata import CaptureMetadata
 from cadtof_cli.files.layers import read_layers
 from cadtof_cli.frame_plan import FramePlan, MapSettings
@@ -135,8 +135,7 @@ def depth_errors(capture: Capture) -> None:
     plan = FramePlan(metadata=capture.source.metadata)
     first, direct, scores = [], [], []
     for source in single_frames(capture):
-        with open_frames(source, capture.layout) as frames:
-            stored = frames.read(source.index or 0)
+        stored = read_stored(source, capture.layout)
         maps = resolve_frame(stored, plan=plan).maps
         error = maps.layer(DIRECT_DEPTH) - truth
         first.append(100 * (first_phasor_depth(stored, plan=plan) - truth))
@@ -160,8 +159,7 @@ def rows_without_mpi(capture: Capture) -> None:
     errors: dict[str, list[F]] = {"auto": [], "one": []}
     false = []
     for source in single_frames(capture):
-        with open_frames(source, capture.layout) as frames:
-            stored = frames.read(source.index or 0)
+        stored = read_stored(source, capture.layout)
         auto = resolve_frame(stored, plan=plan).maps
         errors["auto"].append(auto.layer(DIRECT_DEPTH)[:TOP_ROWS] - truth)
         errors["one"].append(resolve_frame(stored, plan=alone).maps.layer(DIRECT_DEPTH)[:TOP_ROWS] - truth)

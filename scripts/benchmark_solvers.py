@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.optimize import leastsq
 
 from cadtof_cli.capture.discovery import find_captures
-from cadtof_cli.capture.frames import open_frames
+from cadtof_cli.capture.frames import read_stored
 from cadtof_cli.execution.memory import keep_freed_memory
 from cadtof_cli.files.layers import read_layers
 from cadtof_cli.frame_plan import FramePlan, MapSettings
@@ -26,6 +26,7 @@ from cadtof_cli.resolver.resolve import resolve_paths
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.resolver.two_path.closed_form import fundamental_frame, two_paths
 from cadtof_cli.resolver.two_path.kernel import NUMPY
+from cadtof_cli.units import C_M_PER_NS
 from tests.support.mixtures import C, F, Mixture, noise_of, recorded
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -233,8 +234,7 @@ def paths(pixels: int) -> None:
 def pooling(card: Path) -> None:
     table(f"{card}, body of the card", "direct RMSE, cm", "of that without pooling (5 × 5: ≤ 0.35)")
     capture = find_captures([card])[0]
-    with open_frames(capture.frames[0], capture.layout) as frames:
-        stored = frames.read(0)
+    stored = read_stored(capture.frames[0], capture.layout)
     truth = read_layers(card / "truth.exr")[DIRECT_DEPTH][40:]
     alone = 0.0
     for window in (1, 3, 5, 7):
@@ -251,7 +251,7 @@ def pooling(card: Path) -> None:
 def _smeared_columns(window: int) -> int:
     """Return the columns, of 20 on each side of a step of 30 cm, whose median direct depth is off by more than a tenth of it."""
     rng = np.random.default_rng(3)
-    harmonics, n_av, height, width, metres = (1, 2), 1e5, 60, 40, 0.299792458 / 2.0
+    harmonics, n_av, height, width, metres = (1, 2), 1e5, 60, 40, C_M_PER_NS / 2.0
     delays = (8.0, 8.0 + 0.3 / metres)
     halves = []
     for delay in delays:
@@ -260,7 +260,7 @@ def _smeared_columns(window: int) -> int:
         drawn *= np.array([[light.pulse(h)] for h in harmonics])
         halves.append(np.stack((drawn.real, drawn.imag), axis=1).reshape(2, 2, height, width // 2))
     plan = FramePlan(metadata=recorded(harmonics, n_av=n_av), settings=MapSettings(pool=window))
-    maps = resolve_frame(0.2746 * np.concatenate(halves, axis=3), plan=plan).maps
+    maps = resolve_frame(plan.metadata.modulation.amplitude_v * np.concatenate(halves, axis=3), plan=plan).maps
     truth = metres * np.repeat(delays, width // 2)
     return int((np.abs(np.median(maps.layer(DIRECT_DEPTH), axis=0) - truth) > 0.03).sum())
 
@@ -303,8 +303,9 @@ def _frame(
     n_av = 1e5
     drawn = light.phasors(harmonics, n_av=n_av, size=QVGA, rng=np.random.default_rng(4))
     drawn *= np.array([[light.pulse(h)] for h in harmonics])
-    stored = 0.2746 * np.stack((drawn.real, drawn.imag), axis=1).reshape(len(harmonics), 2, 240, 320)
     plan = FramePlan(metadata=recorded(harmonics, n_av=n_av), settings=MapSettings(resolver=settings, pool=pool))
+    stored = np.stack((drawn.real, drawn.imag), axis=1).reshape(len(harmonics), 2, 240, 320)
+    stored *= plan.metadata.modulation.amplitude_v
     return lambda: resolve_frame(stored.astype(np.float32), plan=plan, kernel=kernel)
 
 

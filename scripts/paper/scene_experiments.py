@@ -17,7 +17,7 @@ from cadtof_cli.simulation.scene.camera import Camera
 from cadtof_cli.simulation.scene.exposure import Band, Exposure, frame_voltages
 from cadtof_cli.simulation.scene.light import Scene
 from cadtof_cli.simulation.scene.scenes import Corner, InterReflection
-from cadtof_cli.units import unambiguous_range_m
+from cadtof_cli.workflows.inspect.first_phasors import first_phasor_depth
 from cadtof_cli.workflows.simulate.record import expose
 from paper.effort import SEED, Effort
 
@@ -67,9 +67,7 @@ def _frame(exposure: Exposure, whole: Band, index: int) -> tuple[Float, Float, F
     )
     found = [resolve_frame(counts, plan=plan) for plan in plans]
     direct, discrete = (one.maps.layer(DIRECT_DEPTH).astype(np.float64) for one in found)
-    volts = (counts[0].astype(np.float64) - exposure.camera.zero_counts) * exposure.camera.volts_per_count
-    turns = np.mod(np.arctan2(volts[1], volts[0]) / (2 * np.pi), 1.0)
-    first = turns * unambiguous_range_m(exposure.metadata.modulation.periods_ns[0])
+    first = first_phasor_depth(counts, plan=plans[0])
     return first, direct, discrete, found[0].mpi.taken if found[0].mpi else "discrete"
 
 
