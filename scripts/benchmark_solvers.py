@@ -17,7 +17,8 @@ from cadtof_cli.capture.frames import read_stored
 from cadtof_cli.execution.memory import keep_freed_memory
 from cadtof_cli.files.layers import read_layers
 from cadtof_cli.frame_plan import FramePlan, MapSettings
-from cadtof_cli.maps.layers import DIRECT_DEPTH
+from cadtof_cli.maps.layers import DIRECT_DEPTH, DIRECT_SIGMA
+from cadtof_cli.phasors.noise import MAD_PER_SIGMA
 from cadtof_cli.pipeline import resolve_frame
 from cadtof_cli.resolver.paper.solver import TwoShares, two_shares
 from cadtof_cli.resolver.paper.starts import RandomStarts
@@ -29,7 +30,11 @@ from cadtof_cli.resolver.two_path.kernel import NUMPY
 from cadtof_cli.units import C_M_PER_NS
 from tests.support.mixtures import C, F, Mixture, noise_of, recorded
 
-ROOT = Path(__file__).resolve().parent.parent
+CARD = Path(__file__).resolve().parent.parent / "sample_data" / "card"
+
+CLEAN_ROWS = 40
+"""Rows at the top of the card that have no MPI."""
+
 QVGA = 320 * 240
 NS_PER_RAD = 40.0 / (2.0 * np.pi)
 SEEDS = 20
@@ -231,21 +236,25 @@ def paths(pixels: int) -> None:
 # --- pooling ---------------------------------------------------------------------------------------------------------
 
 
-def pooling(card: Path) -> None:
-    table(f"{card}, body of the card", "direct RMSE, cm", "of that without pooling (5 × 5: ≤ 0.35)")
-    capture = find_captures([card])[0]
+def pooling() -> None:
+    """What pooling does to the card below its clean rows, and beside an edge."""
+    table("the card", "direct RMSE, cm", "of that without pooling (5 × 5: ≤ 0.35)", "true errors over sigma")
+    (capture,) = find_captures([CARD])
     stored = read_stored(capture.frames[0], capture.layout)
-    truth = read_layers(card / "truth.exr")[DIRECT_DEPTH][40:]
+    truth = read_layers(CARD / "truth.exr")[DIRECT_DEPTH][CLEAN_ROWS:]
     alone = 0.0
     for window in (1, 3, 5, 7):
         plan = FramePlan(metadata=capture.source.metadata, settings=MapSettings(pool=window))
-        error = resolve_frame(stored, plan=plan).maps.layer(DIRECT_DEPTH)[40:] - truth
-        rmse = 100.0 * float(np.sqrt(np.nanmean(error.astype(np.float64) ** 2)))
+        maps = resolve_frame(stored, plan=plan).maps
+        error, sigma = (maps.layer(name)[CLEAN_ROWS:].astype(np.float64) for name in (DIRECT_DEPTH, DIRECT_SIGMA))
+        error -= truth
+        rmse = 100.0 * float(np.sqrt(np.nanmean(error**2)))
         alone = alone or rmse
-        row(f"{window} × {window}", f"{rmse:.3f}", f"{rmse / alone:.3f}")
+        spread = float(np.nanmedian(np.abs(error / sigma))) / MAD_PER_SIGMA
+        row(f"{window} × {window}", f"{rmse:.3f}", f"{rmse / alone:.3f}", f"{spread:.2f}")
     table("step of 30 cm, ASR 2, MPI 0.3, n_av 1e5", "columns beside the edge off by > 3 cm")
     for window in (1, 5, 7):
-        row(f"{window} × {window}", _smeared_columns(window))
+        row(f"beside a step, {window} × {window}", _smeared_columns(window))
 
 
 def _smeared_columns(window: int) -> int:
@@ -310,18 +319,11 @@ def _frame(
 
 
 def main() -> None:
-    shared = ROOT.parent / "shared" / "captures" / "card"
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("parts", nargs="*", help="of lm, starts, harmonics, paths, pooling, speed; default: all")
     parser.add_argument("--pixels", type=int, default=4000, help="drawn for each row of the accuracy tables")
     parser.add_argument("--scipy-pixels", type=int, default=4000, help="that scipy solves too, 2 ms each")
     parser.add_argument("--repeats", type=int, default=5, help="of every frame timed; the fastest counts")
-    parser.add_argument(
-        "--card",
-        type=Path,
-        default=shared if shared.exists() else ROOT / "sample_data" / "card",
-        help="a capture of the card, with truth.exr",
-    )
     arguments = parser.parse_args()
     keep_freed_memory()
     parts: dict[str, Callable[[], None]] = {
@@ -329,7 +331,7 @@ def main() -> None:
         "starts": lambda: starts(arguments.pixels),
         "harmonics": lambda: harmonics(arguments.pixels),
         "paths": lambda: paths(arguments.pixels),
-        "pooling": lambda: pooling(arguments.card),
+        "pooling": pooling,
         "speed": lambda: speed(arguments.repeats),
     }
     for name in arguments.parts or parts:
