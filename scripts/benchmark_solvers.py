@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import leastsq
+from speed.paper_way import paper_way
 
 from cadtof_cli.capture.discovery import find_captures
 from cadtof_cli.capture.frames import read_stored
@@ -74,20 +74,6 @@ def resolved(phasors: C, harmonics: tuple[int, ...], n_av: float, settings: Reso
 # --- lm against scipy ------------------------------------------------------------------------------------------------
 
 
-def paper_way(p1: complex, p2: complex, starts: C) -> C:
-    """Eq. (9) by MINPACK's Levenberg–Marquardt from every start, the best kept: α and β."""
-    q = p2 * abs(p1) / p1**2
-
-    def residual(z: NDArray[np.float64]) -> tuple[float, float]:
-        first, second = complex(*z), 1.0 - complex(*z)
-        rest = q - first * first / abs(first) - second * second / abs(second)
-        return rest.real, rest.imag
-
-    ends = [leastsq(residual, (start.real, start.imag))[0] for start in starts]
-    z = complex(*min(ends, key=lambda end: float(np.hypot(*residual(end)))))
-    return np.array([z * p1, (1.0 - z) * p1])
-
-
 def wrong(found: NDArray[Any], truth: NDArray[Any]) -> int:
     """Pixels in which a path is not the closed form's, whichever is called the first."""
     error = np.minimum(np.abs(found - truth).max(axis=0), np.abs(found[::-1] - truth).max(axis=0))
@@ -115,7 +101,7 @@ def lm(pixels: int) -> None:
     )
     starts = RandomStarts(10, 0)
     drawn = [starts.of(np.arange(pixels), number) for number in range(starts.count)]
-    each = np.stack([re + 1j * im for re, im in drawn], axis=1)
+    each = np.moveaxis(np.array(drawn), 2, 0)
     rng = np.random.default_rng(0)
     for light in (Mixture((1.0, 0.3), (5.0, 16.0)), Mixture((1.0, 0.1), (5.0, 11.0)), Mixture((1.0,), (5.0,))):
         phasors = light.phasors((1, 2), n_av=1e5, size=pixels, rng=rng)
