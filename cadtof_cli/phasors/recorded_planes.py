@@ -12,7 +12,7 @@ import numpy as np
 
 from cadtof_cli.arrays import Bool, Complex, Stored
 from cadtof_cli.capture.metadata import CaptureMetadata
-from cadtof_cli.phasors.voltages import ideal_phasor_map, phasors_from_stored, sound_pixels
+from cadtof_cli.phasors.voltages import sound_pixels, volts_from_stored
 
 FEWEST = 64
 """Pixels from which on they say something about a frame."""
@@ -82,17 +82,17 @@ def mistaken_order(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
     Raises:
         SettingsError: see `volts_per_count`.
     """
-    harmonics, saturated = metadata.modulation.harmonics, metadata.voltage.saturated_counts
+    harmonics, voltage = metadata.modulation.harmonics, metadata.voltage
     if len(harmonics) < 2:
         return None
 
     def share(frame: Stored, sign: float = 1.0) -> float:
         planes = frame.reshape(*stored.shape[:2], -1)[:, :, :: max(1, stored[0, 0].size // _LOOKED_AT)]
-        planes = planes[:, :, sound_pixels(planes, saturated)]
+        planes = planes[:, :, sound_pixels(planes, voltage.saturated_counts)]
         if planes.shape[2] < FEWEST:
             return 0.0
-        phasors = phasors_from_stored(planes, ideal_phasor_map(metadata, stored.dtype))
-        return float(_like_one_path(sign * phasors, harmonics).mean())
+        volts = sign * volts_from_stored(planes, voltage)
+        return float(_like_one_path(volts[:, 0] + 1j * volts[:, 1], harmonics).mean())
 
     as_read = share(stored)
     if _MORE * as_read >= 1.0:
