@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from cadtof_cli.arrays import Bool, Float, Float32, sealed
 from cadtof_cli.calibration.fit.robust import centre_and_spread
 from cadtof_cli.calibration.parts import Maps, Origin, PartKind, Tables, named_planes, stacked
+from cadtof_cli.errors import SettingsError
 from cadtof_cli.files.frames import CHANNELS
 from cadtof_cli.phasors.frame_mean import FrameMean, median_variance_ratio
 
@@ -120,7 +121,14 @@ def fit_dark(mean: FrameMean, /, *, origin: Origin) -> DarkCalibration:
 
     A pixel is an outlier where its offset lies `OFFSET_LIMIT` robust standard deviations from the median of its plane, or
     its noise is outside what χ² allows around the plane's median variance. With one frame there is no noise to judge by.
+
+    Raises:
+        SettingsError: no pixel is sound in every frame.
     """
+    if not mean.sound.any():
+        raise SettingsError(
+            "dark frames: found no pixel that is finite and not saturated in all of them, expected most pixels"
+        )
     variances = np.zeros_like(mean.stored) if mean.variance is None else mean.variance
     defects = np.zeros(mean.pixels, np.uint32)
     defects[~mean.sound] |= np.uint32(Defect.NOT_FINITE)

@@ -90,9 +90,11 @@ def mean_volts(frames: Iterable[Stored], /, *, voltage: Voltage) -> FrameMean:
         if volts.shape != mean.shape:
             raise SettingsError(f"found a frame of shape {volts.shape} (H C Y X), expected {mean.shape}")
         sound &= sound_pixels(stored, voltage.saturated_counts)
-        change = volts - mean
-        mean += change / count
-        squares += change * (volts - mean)
+        # an infinite value makes NaN here: its pixel is not sound
+        with np.errstate(over="ignore", invalid="ignore"):
+            change = volts - mean
+            mean += change / count
+            squares += change * (volts - mean)
     if not count:
         raise ValueError("the mean of no frames")
     variance = squares / max(count - 1, 1)

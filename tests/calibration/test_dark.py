@@ -164,3 +164,17 @@ def test_rounding_is_no_outlier_where_there_is_no_noise(centre_v: float, off_v: 
     frames = np.full((3, *SHAPE), centre_v)
     frames[:, 0, 0, 4, 5] += off_v
     assert dark_of(frames).hot.sum() == outlier
+
+
+def test_an_infinite_value_marks_its_pixel_and_no_other() -> None:
+    frames = frames_v(5)
+    frames[2, 1, 0, 12, 34] = np.inf
+    dark = dark_of(frames)
+    assert np.argwhere(dark.hot).tolist() == [[12, 34]]
+    assert dark.defects[12, 34] == Defect.NOT_FINITE
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_frames_without_a_sound_pixel_are_refused(value: float) -> None:
+    with pytest.raises(SettingsError, match="no pixel"):
+        dark_of(np.full((3, *SHAPE), value))
