@@ -180,10 +180,11 @@ def _names(harmonics: tuple[int, ...]) -> list[str]:
 
 def _scatters(rows: Stored) -> bool:
     """Return whether neighbours differ in some plane, (planes, n), by more than rounding hides."""
-    steps = np.abs(np.diff(rows.astype(np.float64), axis=1))
-    finite = steps[np.isfinite(steps).all(axis=1)]
     least = SCATTER_STEPS if rows.dtype.kind in "iu" else 0.0
-    return bool(finite.size) and float(np.median(finite, axis=1).max()) > least
+    with np.errstate(invalid="ignore"):
+        steps = np.abs(np.diff(rows.astype(np.float64), axis=1))
+    known = (row[np.isfinite(row)] for row in steps)
+    return any(float(np.median(row)) > least for row in known if row.size)
 
 
 def is_without_noise(stored: Stored, noise: NoiseModel, /) -> bool:

@@ -135,6 +135,8 @@ def test_a_plane_that_is_one_value_while_others_scatter() -> None:
     volts = light()
     volts[0, 1] = 0.0
     assert "H1.SC2 holds 0 in every pixel" in str(no_recording(volts, (1, 2)))
+    volts[:, 0, 30], volts[1, 1, 7:9] = np.nan, np.inf
+    assert "H1.SC2 holds 0 in every pixel" in str(no_recording(volts, (1, 2)))
 
 
 def test_steps_that_are_wider_than_the_noise_may_hide_it() -> None:
