@@ -228,7 +228,7 @@ class Layout(Table):
     )
     raw_dtype: str | None = _key(
         "text",
-        "data type of raw dumps, such as uint16 or >u2 (in TOML: [layout.raw] dtype)",
+        "data type of raw dumps, such as uint16 or >u2",
         None,
         SAMPLE_TYPE,
     )

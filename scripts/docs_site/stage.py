@@ -12,6 +12,7 @@ DOCS = ROOT / "docs"
 OF_README = {
     "tour": ("Tour", ("Two commands", "Five minutes")),
     "capture": ("Captures and maps", ("The capture format", "What comes out")),
+    "accuracy": ("Accuracy and limits", ("How it works", "Accuracy", "Speed", "Limits")),
 }
 """Pages that are sections of the README, by name: title and headings. The index is what stands above them."""
 
@@ -29,7 +30,7 @@ CHAPTERS = {
         "python",
         "shells",
     ),
-    "Understand": ("physics", "simulation", "paper/README", "speed", "architecture"),
+    "Understand": ("accuracy", "physics", "simulation", "paper/README", "speed", "architecture"),
     "Limits": ("limits/README", "limits/separation", "limits/false_alarm", "limits/motion", "limits/stages"),
 }
 """Chapters of the site with their pages; a page of docs that is in none stands under “More”."""
@@ -108,6 +109,8 @@ def _relinked(text: str, folder: Path, homes: dict[str, str], *, from_readme: bo
 
     def moved(match: re.Match[str]) -> str:
         words, target = match.groups()
+        if words.endswith(".md]"):
+            words = "[]"  # becomes the title of that page
         path, _, heading = target.partition("#")
         if "://" in target or not path:
             return match.group(0)
@@ -121,7 +124,8 @@ def _relinked(text: str, folder: Path, homes: dict[str, str], *, from_readme: bo
         if there == ROOT / "SECURITY.md":
             return f"{words}(security.md)"
         if DOCS not in there.parents:
-            return words.strip("![]") if words.startswith("[`") else f"`{words.strip('![]')}`"
+            named = match.group(1).strip("![]")
+            return named if named.startswith("`") else f"`{named}`"
         return f"{words}({target.removeprefix('docs/') if from_readme else target})"
 
     # every other piece is code
@@ -138,9 +142,7 @@ def _contents(folder: Path) -> str:
         "\n".join((f"```{{toctree}}\n:caption: {name}\n:hidden:", *map(_entry, pages), "```"))
         for name, pages in chapters.items()
     ]
-    first = (
-        "[Tour](tour.md) · [Commands](commands/index.md) · [Python](python.md) · [Troubleshooting](troubleshooting.md)"
-    )
+    first = "[Tour](tour.md) · [Commands](commands/index.md) · [Accuracy and limits](accuracy.md)"
     return f"\n{first}\n\n" + "\n\n".join(trees) + "\n"
 
 

@@ -216,6 +216,7 @@ def test_a_gate_a_table_of_frames_and_maps_over_time(tmp_path: Path) -> None:
     np.testing.assert_allclose(layers["direct.mean"], depths.mean(axis=0), rtol=1e-6)
     np.testing.assert_allclose(layers["direct.std"], depths.std(axis=0, ddof=1), rtol=1e-4)
     assert (layers["direct.frames"] == 4).all()
+    assert json.loads(cadtof("info", scatter, "--json").out)["layers"]["direct.std"]["unit"] == "m"
     over = json.loads(done.out)["over_time"]
     assert over["median_std_cm"] == pytest.approx(100 * np.median(depths.std(axis=0, ddof=1)), rel=1e-4)
     done = cadtof("evaluate", out, "--over-time", scatter)

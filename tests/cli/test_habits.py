@@ -4,6 +4,7 @@ import json
 import re
 import shutil
 import subprocess
+import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -227,6 +228,33 @@ def test_info_writes_settings_to_be_completed(here: Path) -> None:
         == 0
     )
     assert shell("cadtof resolve cap -o third -j 1", here).status == 0
+
+
+def test_info_writes_settings_of_volts_and_of_planes_that_nothing_names(here: Path) -> None:
+    pages = tifffile.imread(here / "cap" / "frame_0.tif").reshape(4, 24, 32)
+    (here / "volts").mkdir()
+    np.save(here / "volts" / "frame.npy", np.zeros((4, 24, 32), np.float32))
+    (here / "planes").mkdir()
+    for page, name in zip(pages, ("25MHz_SC1", "25MHz_SC2", "50MHz_SC1", "50MHz_SC2"), strict=True):
+        tifffile.imwrite(here / "planes" / f"rec001_{name}.tif", page)
+    for folder, layout in (
+        ("volts", {}),
+        ("planes", {"pattern": "rec001_{harmonic}MHz_SC{channel}.tif", "harmonic": {"25": 1, "50": 2}}),
+    ):
+        done = shell(f"cadtof info {folder} --write-settings", here)
+        assert f"wrote {folder}/capture.toml" in done.err, done.err
+        text = (here / folder / "capture.toml").read_text()
+        assert "# zero_counts = 8192.0  #" in text
+        assert tomllib.loads(text)["layout"] == {**layout, "raw": {}}
+
+
+def test_info_writes_what_raw_dumps_hold_into_the_table_of_theirs(here: Path) -> None:
+    stored = np.full((2, 2, 4, 5), 9000, np.uint16)
+    stored.tofile(here / "dump.raw")
+    shell("cadtof info dump.raw --raw-dtype uint16 --raw-shape 2,2,4,5 --write-settings -o capture.toml", here)
+    settings = tomllib.loads((here / "capture.toml").read_text())
+    assert settings["layout"] == {"raw": {"dtype": "uint16", "shape": [2, 2, 4, 5]}}
+    assert "2 harmonics × 2 channels × 4 × 5" in shell("cadtof info dump.raw", here).out
 
 
 def test_frames_that_are_not_there(here: Path) -> None:

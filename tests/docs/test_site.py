@@ -31,7 +31,22 @@ def test_every_page_is_in_the_contents(site: Path) -> None:
     for page in sorted((ROOT / "docs").rglob("*.md")):
         name = page.relative_to(ROOT / "docs").with_suffix(".html").as_posix()
         assert f'href="{name}"' in sidebar, f"{name} is in no chapter"
-    assert {f"{page}.html" for page in ("tour", "capture", "security")} <= set(re.findall(r'href="([^"#]+)"', sidebar))
+    assert {f"{page}.html" for page in ("tour", "capture", "accuracy", "security")} <= set(
+        re.findall(r'href="([^"#]+)"', sidebar)
+    )
+
+
+def test_every_section_of_the_readme_is_on_the_site(site: Path) -> None:
+    pages = "".join(
+        (site / f"{page}.html").read_text() for page in ("index", "tour", "capture", "accuracy", "commands/index")
+    )
+    for heading in re.findall(r"(?m)^## (.+)$", (ROOT / "README.md").read_text()):
+        assert f">{heading}<" in pages, heading
+
+
+def test_links_between_pages_show_titles_not_names_of_files(site: Path) -> None:
+    for page in site.rglob("*.html"):
+        assert not re.search(r'<span class="[^"]*doc">[^<]*\.md<', page.read_text()), page.name
 
 
 @pytest.mark.parametrize("words", every_command())

@@ -21,9 +21,9 @@ from cadtof_cli.files.documents import plain
 from cadtof_cli.files.formats import MAP_SUFFIXES, detect_format
 from cadtof_cli.files.frames import FrameLayout, NotAFrameError
 from cadtof_cli.files.layers import read_facts, read_layers
-from cadtof_cli.files.maps import STATUS
+from cadtof_cli.files.maps import STATUS, is_map_layer
 from cadtof_cli.files.reading import is_folder
-from cadtof_cli.maps.layers import DIRECT_DEPTH, layer_unit
+from cadtof_cli.maps.layers import layer_unit
 from cadtof_cli.phasors.noise import estimated_integration_length
 from cadtof_cli.phasors.plausible import implausible, mistaken_order
 from cadtof_cli.phasors.voltages import ideal_phasor_map, phasors_from_stored, saturated_pixels
@@ -123,12 +123,12 @@ class MapFacts:
 
 
 def is_map(path: Path, /) -> bool:
-    """Tell whether a file, or the first image of a folder without a capture.toml, is a map or truth."""
+    """Tell whether a file, or the first image of a folder without a capture.toml, has layers of maps, as truth has too."""
     try:
         if path.is_dir() and not (path / CAPTURE_FILE).exists():
             inside = (one for one in path.iterdir() if one.suffix in MAP_SUFFIXES and one.is_file())
             path = min(inside, default=path)
-        return path.suffix.lower() in MAP_SUFFIXES and path.is_file() and DIRECT_DEPTH in read_layers(path)
+        return path.suffix.lower() in MAP_SUFFIXES and path.is_file() and any(map(is_map_layer, read_layers(path)))
     except (CadtofError, OSError):
         return False
 

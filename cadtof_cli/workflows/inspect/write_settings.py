@@ -13,8 +13,9 @@ from cadtof_cli.workflows.inspect.info import CaptureFacts
 
 _EXAMPLES: Mapping[str, Any] = {
     "pixel.integration_length": 100000.0,
+    "voltage.zero_counts": 8192.0,
     "voltage.volts_per_count": 6.0e-5,
-    "voltage.saturated_counts": (0, 65535),
+    "voltage.saturated_counts": (0, 16383),
     "optics.focal_length_px": 280.0,
     "optics.principal_point_px": (159.5, 119.5),
     "optics.lamp_offset_m": (0.03, 0.0, 0.0),
@@ -56,11 +57,16 @@ def _lines(facts: CaptureFacts) -> Iterator[str]:
     yield "# Lines that begin with # have no effect: complete those that you know, and remove their #."
     seen, table = _seen(facts), ""
     for key in KEYS.values():
-        if key.table != table:
-            table = key.table
+        if table != (table := _place(key)[0]):
             yield f"\n[{table}]"
         entry = facts.metadata[key.path]
         yield _line(key, entry["value"], entry["from"], seen.get(key.path))
+
+
+def _place(key: Key) -> tuple[str, str]:
+    """Return the table of a key and its name there; what raw dumps hold has a table of its own."""
+    name = key.name.removeprefix("raw_")
+    return (key.table, name) if name == key.name else (f"{key.table}.raw", name)
 
 
 def _line(key: Key, value: Any, origin: str, seen: tuple[Any, str] | None) -> str:
@@ -74,7 +80,7 @@ def _line(key: Key, value: Any, origin: str, seen: tuple[Any, str] | None) -> st
         sure, value, why = False, _EXAMPLES[key.path], "; an example"
     shown = toml_value(dict(value) if key.kind == "numbers by name" else value)
     in_one = " ".join(shown.split()).replace("[ ", "[").replace(", ]", "]")
-    return f"{'' if sure else '# '}{key.name} = {in_one}  # {key.about}{why}"
+    return f"{'' if sure else '# '}{_place(key)[1]} = {in_one}  # {key.about}{why}"
 
 
 def _seen(facts: CaptureFacts) -> dict[str, tuple[Any, str]]:
