@@ -28,6 +28,9 @@ ROUNDING_V = 1e-12
 NOISE_FALSE_ALARM = 1e-9
 """Probability that a sound pixel's noise is taken for an outlier by chance; it must also differ by `NOISE_RATIO`."""
 
+MOST_ALIKE = 0.1
+"""Sound channels of a whole array that may hold the same count in all frames by chance, where those that do are called dead."""
+
 NOISE_RATIO = 2.0
 """Least ratio of the noise of an outlier to that of the other pixels, or the other way round."""
 
@@ -158,7 +161,7 @@ def tells_dead(mean: FrameMean, /) -> bool:
         return True
     sigma = max(float(mean.frame_noise().min()), mean.step)
     alike = (mean.step / (sigma * math.sqrt(2.0 * math.pi))) ** (mean.frames - 1) / math.sqrt(mean.frames)
-    return alike <= NOISE_FALSE_ALARM
+    return alike * mean.stored.size <= MOST_ALIKE
 
 
 def _planes(values: Float) -> Float:
