@@ -167,8 +167,9 @@ def _numbers(
 def _order_test(one: Fit, two: Fit, plan: FramePlan, noise: NoiseModel, metres: Float | float) -> OrderTest:
     direct, single = two.paths[0], one.paths[0]
     lead = np.abs(direct.phase_rad - single.phase_rad)
-    cost = 2.0 * (np.square(direct.sigma_rad) - np.square(single.sigma_rad))
     with np.errstate(invalid="ignore"):
+        # of no light at all, both are infinite
+        cost = 2.0 * (np.square(direct.sigma_rad) - np.square(single.sigma_rad))
         moved, needed = np.minimum(lead, 2.0 * np.pi - lead) * metres, np.sqrt(cost) * metres
         worth = bool(worth_another(direct, single)[0])
     threshold = chi_squared_threshold(plan.resolver.false_alarm, pairs=len(noise.harmonics) - 1)

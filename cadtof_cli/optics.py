@@ -3,20 +3,12 @@
 Sizes of arrays are (Y, X).
 """
 
-import math
-
 import numpy as np
 
 from cadtof_cli.arrays import Float
 from cadtof_cli.capture.metadata import Optics
 from cadtof_cli.errors import SettingsError
 from cadtof_cli.records import dataclass
-
-WIDEST_VIEW_DEG = 140.0
-"""Angle of view beyond which no lens is a pinhole."""
-
-_LARGE = 16
-"""Pixels across from which on a principal point in the first of them is hardly meant."""
 
 
 def known_focal_length(optics: Optics, /) -> float:
@@ -118,13 +110,3 @@ class LampBeside:
         with np.errstate(divide="ignore", invalid="ignore"):
             ranges = (half_way_m * half_way_m - self.distance_m**2) / (half_way_m - self.along_m[pixels])
         return np.where(half_way_m <= self.distance_m, 0.0, ranges)
-
-
-def doubtful_optics(optics: Optics, pixels: tuple[int, int], /) -> str | None:
-    """Return which value of a lens is hardly in pixels, for an array (Y, X); None where all may be."""
-    across, focal, point = max(pixels), optics.focal_length_px, optics.principal_point_px
-    if focal is not None and (view_deg := 2.0 * math.degrees(math.atan(across / 2.0 / focal))) > WIDEST_VIEW_DEG:
-        return f"optics.focal_length_px = {focal:g} is a view of {view_deg:.0f}° across: is it in mm?"
-    if point is not None and across > _LARGE and max(point) <= 1.0:
-        return f"optics.principal_point_px = {point[0]:g}, {point[1]:g} is a corner: is it a share of width and height?"
-    return None

@@ -20,12 +20,6 @@ def size_text(pixels: Sequence[int], /) -> str:
     return f"{pixels[1]} × {pixels[0]}"
 
 
-def per_second(number: int, seconds: float, /) -> str:
-    """Return how many things there are in a second, with two digits or more, such as '212', '12' and '0.35'."""
-    rate = number / seconds
-    return f"{rate:.0f}" if rate >= 10.0 else f"{rate:.2g}"
-
-
 def shortened(text: str, most: int, /) -> str:
     """Return a text of at most so many signs, the middle left out where it is longer: names tell most at their ends."""
     if len(text) <= most:

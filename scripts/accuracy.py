@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cadtof_cli.capture.discovery import find_captures
-from cadtof_cli.capture.frames import Capture, open_frames, single_frames
+from cadtof_cli.capture.frames import Capture, read_stored, single_frames
 from cadtof_cli.capture.metadata import CaptureMetadata
 from cadtof_cli.files.layers import read_layers
 from cadtof_cli.frame_plan import FramePlan, MapSettings
-from cadtof_cli.maps.layers import DIRECT_DEPTH
-from cadtof_cli.phasors.noise import noise_model
+from cadtof_cli.maps.layers import DIRECT_DEPTH, DIRECT_SIGMA
+from cadtof_cli.phasors.noise import MAD_PER_SIGMA, noise_model
 from cadtof_cli.phasors.response import pulse_response
 from cadtof_cli.pipeline import resolve_frame
 from cadtof_cli.resolver.settings import ResolverSettings
@@ -135,17 +135,16 @@ def depth_errors(capture: Capture) -> None:
     plan = FramePlan(metadata=capture.source.metadata)
     first, direct, scores = [], [], []
     for source in single_frames(capture):
-        with open_frames(source, capture.layout) as frames:
-            stored = frames.read(source.index or 0)
+        stored = read_stored(source, capture.layout)
         maps = resolve_frame(stored, plan=plan).maps
         error = maps.layer(DIRECT_DEPTH) - truth
         first.append(100 * (first_phasor_depth(stored, plan=plan) - truth))
         direct.append(100 * error)
-        scores.append(error / maps.layer("direct.sigma"))
+        scores.append(error / maps.layer(DIRECT_SIGMA))
     first_cm, direct_cm, score = (
         np.concatenate([e[np.isfinite(e)] for e in errors]) for errors in (first, direct, scores)
     )
-    spread = np.median(np.abs(score)) / 0.6745
+    spread = np.median(np.abs(score)) / MAD_PER_SIGMA
     print(
         f"| {capture.root.name} | {np.median(abs(first_cm)):.2f} | {np.median(abs(direct_cm)):.2f} "
         f"| {np.sqrt(np.mean(direct_cm**2)):.2f} | {1 / spread:.2f} |"
@@ -160,8 +159,7 @@ def rows_without_mpi(capture: Capture) -> None:
     errors: dict[str, list[F]] = {"auto": [], "one": []}
     false = []
     for source in single_frames(capture):
-        with open_frames(source, capture.layout) as frames:
-            stored = frames.read(source.index or 0)
+        stored = read_stored(source, capture.layout)
         auto = resolve_frame(stored, plan=plan).maps
         errors["auto"].append(auto.layer(DIRECT_DEPTH)[:TOP_ROWS] - truth)
         errors["one"].append(resolve_frame(stored, plan=alone).maps.layer(DIRECT_DEPTH)[:TOP_ROWS] - truth)

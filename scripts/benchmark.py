@@ -10,10 +10,9 @@ from typing import Any
 
 import numpy as np
 from benchmark_kernel import diffuse_rows, kernel_rows, recorded, triangle_rows
-from numpy.typing import NDArray
-from scipy.optimize import leastsq
 from speed.against import CASES, MEMORY, against
 from speed.measure import ROOT, Row, least_seconds
+from speed.paper_way import paper_way
 from speed.runs import end_to_end, memory, start_up
 
 from cadtof_cli.execution.memory import keep_freed_memory
@@ -60,26 +59,6 @@ def _rows(arguments: argparse.Namespace) -> Iterator[Row]:
 
 def _against(arguments: argparse.Namespace, place: Path) -> Iterator[Row]:
     yield from against(arguments.against, place, arguments.repeats, cases=arguments.parts or COMPARED)
-
-
-# --- the paper's way -------------------------------------------------------------------------------------------------
-
-
-def paper_way(p1: complex, p2: complex, starts: NDArray[np.float64]) -> tuple[complex, complex]:
-    """Eq. (9) by Levenberg–Marquardt from each start, (n, 2), the best kept: the two paths as complex amplitudes."""
-    q2 = p2 * abs(p1) / p1**2
-
-    def misfit(z: NDArray[np.float64]) -> tuple[float, float]:
-        a, b = complex(z[0], z[1]), complex(1 - z[0], -z[1])
-        left = (a * a / abs(a) if a else 0) + (b * b / abs(b) if b else 0) - q2
-        return left.real, left.imag
-
-    solutions = []
-    for start in starts:
-        z, *_ = leastsq(misfit, start)
-        solutions.append((float(np.hypot(*misfit(z))), complex(*z)))
-    z = min(solutions, key=lambda pair: pair[0])[1]
-    return p1 * z, p1 * (1 - z)
 
 
 def _each(work: Callable[..., Any], of: Sequence[tuple[Any, ...]]) -> list[Any]:

@@ -13,7 +13,7 @@ from speed.measure import Row, least_seconds
 
 from cadtof_cli.arrays import Stored
 from cadtof_cli.capture.discovery import find_captures
-from cadtof_cli.capture.frames import open_frames
+from cadtof_cli.capture.frames import read_stored
 from cadtof_cli.execution.memory import keep_freed_memory
 from cadtof_cli.frame_plan import FramePlan, MapSettings
 from cadtof_cli.pipeline import prepare_frame, resolve_frame, resolve_pixels
@@ -112,9 +112,10 @@ def _frame_rows(what: str, stored: Stored, plan: FramePlan, repeats: int) -> Ite
 def recorded(folder: Path, mpi_model: MpiModel = "discrete") -> tuple[Stored, FramePlan]:
     """Return the first frame of a capture, and what to do with it."""
     capture = find_captures([folder], overrides={})[0]
-    with open_frames(capture.frames[0], capture.layout) as frames:
-        settings = MapSettings(resolver=ResolverSettings(mpi_model=mpi_model))
-        return frames.read(0), FramePlan(metadata=capture.source.metadata, settings=settings)
+    plan = FramePlan(
+        metadata=capture.source.metadata, settings=MapSettings(resolver=ResolverSettings(mpi_model=mpi_model))
+    )
+    return read_stored(capture.frames[0], capture.layout), plan
 
 
 def differing(stored: Stored, plan: FramePlan, kernel: str) -> int:

@@ -10,14 +10,15 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import leastsq
+from speed.paper_way import paper_way
 
 from cadtof_cli.capture.discovery import find_captures
-from cadtof_cli.capture.frames import open_frames
+from cadtof_cli.capture.frames import read_stored
 from cadtof_cli.execution.memory import keep_freed_memory
 from cadtof_cli.files.layers import read_layers
 from cadtof_cli.frame_plan import FramePlan, MapSettings
-from cadtof_cli.maps.layers import DIRECT_DEPTH
+from cadtof_cli.maps.layers import DIRECT_DEPTH, DIRECT_SIGMA
+from cadtof_cli.phasors.noise import MAD_PER_SIGMA
 from cadtof_cli.pipeline import resolve_frame
 from cadtof_cli.resolver.paper.solver import TwoShares, two_shares
 from cadtof_cli.resolver.paper.starts import RandomStarts
@@ -26,9 +27,14 @@ from cadtof_cli.resolver.resolve import resolve_paths
 from cadtof_cli.resolver.settings import ResolverSettings
 from cadtof_cli.resolver.two_path.closed_form import fundamental_frame, two_paths
 from cadtof_cli.resolver.two_path.kernel import NUMPY
+from cadtof_cli.units import C_M_PER_NS
 from tests.support.mixtures import C, F, Mixture, noise_of, recorded
 
-ROOT = Path(__file__).resolve().parent.parent
+CARD = Path(__file__).resolve().parent.parent / "sample_data" / "card"
+
+CLEAN_ROWS = 40
+"""Rows at the top of the card that have no MPI."""
+
 QVGA = 320 * 240
 NS_PER_RAD = 40.0 / (2.0 * np.pi)
 SEEDS = 20
@@ -68,20 +74,6 @@ def resolved(phasors: C, harmonics: tuple[int, ...], n_av: float, settings: Reso
 # --- lm against scipy ------------------------------------------------------------------------------------------------
 
 
-def paper_way(p1: complex, p2: complex, starts: C) -> C:
-    """Eq. (9) by MINPACK's Levenberg–Marquardt from every start, the best kept: α and β."""
-    q = p2 * abs(p1) / p1**2
-
-    def residual(z: NDArray[np.float64]) -> tuple[float, float]:
-        first, second = complex(*z), 1.0 - complex(*z)
-        rest = q - first * first / abs(first) - second * second / abs(second)
-        return rest.real, rest.imag
-
-    ends = [leastsq(residual, (start.real, start.imag))[0] for start in starts]
-    z = complex(*min(ends, key=lambda end: float(np.hypot(*residual(end)))))
-    return np.array([z * p1, (1.0 - z) * p1])
-
-
 def wrong(found: NDArray[Any], truth: NDArray[Any]) -> int:
     """Pixels in which a path is not the closed form's, whichever is called the first."""
     error = np.minimum(np.abs(found - truth).max(axis=0), np.abs(found[::-1] - truth).max(axis=0))
@@ -109,7 +101,7 @@ def lm(pixels: int) -> None:
     )
     starts = RandomStarts(10, 0)
     drawn = [starts.of(np.arange(pixels), number) for number in range(starts.count)]
-    each = np.stack([re + 1j * im for re, im in drawn], axis=1)
+    each = np.moveaxis(np.array(drawn), 2, 0)
     rng = np.random.default_rng(0)
     for light in (Mixture((1.0, 0.3), (5.0, 16.0)), Mixture((1.0, 0.1), (5.0, 11.0)), Mixture((1.0,), (5.0,))):
         phasors = light.phasors((1, 2), n_av=1e5, size=pixels, rng=rng)
@@ -230,28 +222,31 @@ def paths(pixels: int) -> None:
 # --- pooling ---------------------------------------------------------------------------------------------------------
 
 
-def pooling(card: Path) -> None:
-    table(f"{card}, body of the card", "direct RMSE, cm", "of that without pooling (5 × 5: ≤ 0.35)")
-    capture = find_captures([card])[0]
-    with open_frames(capture.frames[0], capture.layout) as frames:
-        stored = frames.read(0)
-    truth = read_layers(card / "truth.exr")[DIRECT_DEPTH][40:]
+def pooling() -> None:
+    """What pooling does to the card below its clean rows, and beside an edge."""
+    table("the card", "direct RMSE, cm", "of that without pooling (5 × 5: ≤ 0.35)", "true errors over sigma")
+    (capture,) = find_captures([CARD])
+    stored = read_stored(capture.frames[0], capture.layout)
+    truth = read_layers(CARD / "truth.exr")[DIRECT_DEPTH][CLEAN_ROWS:]
     alone = 0.0
     for window in (1, 3, 5, 7):
         plan = FramePlan(metadata=capture.source.metadata, settings=MapSettings(pool=window))
-        error = resolve_frame(stored, plan=plan).maps.layer(DIRECT_DEPTH)[40:] - truth
-        rmse = 100.0 * float(np.sqrt(np.nanmean(error.astype(np.float64) ** 2)))
+        maps = resolve_frame(stored, plan=plan).maps
+        error, sigma = (maps.layer(name)[CLEAN_ROWS:].astype(np.float64) for name in (DIRECT_DEPTH, DIRECT_SIGMA))
+        error -= truth
+        rmse = 100.0 * float(np.sqrt(np.nanmean(error**2)))
         alone = alone or rmse
-        row(f"{window} × {window}", f"{rmse:.3f}", f"{rmse / alone:.3f}")
+        spread = float(np.nanmedian(np.abs(error / sigma))) / MAD_PER_SIGMA
+        row(f"{window} × {window}", f"{rmse:.3f}", f"{rmse / alone:.3f}", f"{spread:.2f}")
     table("step of 30 cm, ASR 2, MPI 0.3, n_av 1e5", "columns beside the edge off by > 3 cm")
     for window in (1, 5, 7):
-        row(f"{window} × {window}", _smeared_columns(window))
+        row(f"beside a step, {window} × {window}", _smeared_columns(window))
 
 
 def _smeared_columns(window: int) -> int:
     """Return the columns, of 20 on each side of a step of 30 cm, whose median direct depth is off by more than a tenth of it."""
     rng = np.random.default_rng(3)
-    harmonics, n_av, height, width, metres = (1, 2), 1e5, 60, 40, 0.299792458 / 2.0
+    harmonics, n_av, height, width, metres = (1, 2), 1e5, 60, 40, C_M_PER_NS / 2.0
     delays = (8.0, 8.0 + 0.3 / metres)
     halves = []
     for delay in delays:
@@ -260,7 +255,7 @@ def _smeared_columns(window: int) -> int:
         drawn *= np.array([[light.pulse(h)] for h in harmonics])
         halves.append(np.stack((drawn.real, drawn.imag), axis=1).reshape(2, 2, height, width // 2))
     plan = FramePlan(metadata=recorded(harmonics, n_av=n_av), settings=MapSettings(pool=window))
-    maps = resolve_frame(0.2746 * np.concatenate(halves, axis=3), plan=plan).maps
+    maps = resolve_frame(plan.metadata.modulation.amplitude_v * np.concatenate(halves, axis=3), plan=plan).maps
     truth = metres * np.repeat(delays, width // 2)
     return int((np.abs(np.median(maps.layer(DIRECT_DEPTH), axis=0) - truth) > 0.03).sum())
 
@@ -303,24 +298,18 @@ def _frame(
     n_av = 1e5
     drawn = light.phasors(harmonics, n_av=n_av, size=QVGA, rng=np.random.default_rng(4))
     drawn *= np.array([[light.pulse(h)] for h in harmonics])
-    stored = 0.2746 * np.stack((drawn.real, drawn.imag), axis=1).reshape(len(harmonics), 2, 240, 320)
     plan = FramePlan(metadata=recorded(harmonics, n_av=n_av), settings=MapSettings(resolver=settings, pool=pool))
+    stored = np.stack((drawn.real, drawn.imag), axis=1).reshape(len(harmonics), 2, 240, 320)
+    stored *= plan.metadata.modulation.amplitude_v
     return lambda: resolve_frame(stored.astype(np.float32), plan=plan, kernel=kernel)
 
 
 def main() -> None:
-    shared = ROOT.parent / "shared" / "captures" / "card"
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("parts", nargs="*", help="of lm, starts, harmonics, paths, pooling, speed; default: all")
     parser.add_argument("--pixels", type=int, default=4000, help="drawn for each row of the accuracy tables")
     parser.add_argument("--scipy-pixels", type=int, default=4000, help="that scipy solves too, 2 ms each")
     parser.add_argument("--repeats", type=int, default=5, help="of every frame timed; the fastest counts")
-    parser.add_argument(
-        "--card",
-        type=Path,
-        default=shared if shared.exists() else ROOT / "sample_data" / "card",
-        help="a capture of the card, with truth.exr",
-    )
     arguments = parser.parse_args()
     keep_freed_memory()
     parts: dict[str, Callable[[], None]] = {
@@ -328,7 +317,7 @@ def main() -> None:
         "starts": lambda: starts(arguments.pixels),
         "harmonics": lambda: harmonics(arguments.pixels),
         "paths": lambda: paths(arguments.pixels),
-        "pooling": lambda: pooling(arguments.card),
+        "pooling": pooling,
         "speed": lambda: speed(arguments.repeats),
     }
     for name in arguments.parts or parts:

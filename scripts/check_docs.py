@@ -32,7 +32,6 @@ OTHERS = frozenset(
             "--keep",
             "--cost",
             "--scipy-pixels",
-            "--card",
             "--named",
             "--room",
             "--list",

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cadtof_cli.capture.discovery import find_captures
-from cadtof_cli.capture.frames import Capture, open_frames, single_frames
+from cadtof_cli.capture.frames import Capture, read_stored, single_frames
 from cadtof_cli.capture.metadata import CaptureMetadata, Pixel
 from cadtof_cli.figures.page import Panel, Scaled, draw_page
 from cadtof_cli.figures.scales import ERRORS, SIGMAS
@@ -23,6 +23,7 @@ from cadtof_cli.maps.layers import DIRECT_DEPTH, DIRECT_SIGMA
 from cadtof_cli.phasors.noise import noise_model
 from cadtof_cli.pipeline import ResolvedFrame, resolve_frame
 from cadtof_cli.resolver.settings import MpiModel, ResolverSettings
+from cadtof_cli.resolver.status import StatusBit
 from cadtof_cli.workflows.inspect.first_phasors import first_phasor_depth
 
 F = NDArray[np.float64]
@@ -90,8 +91,7 @@ def measured(capture: Capture, model: MpiModel, integration_length: float | None
     truth = read_layers(capture.root / "truth.exr")[DIRECT_DEPTH].astype(np.float64)
     first, two, taken, score, status = [], [], [], [], []
     for source in single_frames(capture):
-        with open_frames(source, capture.layout) as frames:
-            stored, metadata = frames.read(source.index or 0), capture.source.metadata
+        stored, metadata = read_stored(source, capture.layout), capture.source.metadata
         if integration_length is not None:
             stored, metadata = with_less_light(stored, metadata, integration_length)
         found, discrete = (resolved(stored, metadata, name).maps for name in (model, "discrete"))
@@ -100,7 +100,7 @@ def measured(capture: Capture, model: MpiModel, integration_length: float | None
         two.append(100 * (discrete.layer(DIRECT_DEPTH) - truth))
         taken.append(100 * error)
         score.append(np.abs(error / found.layer(DIRECT_SIGMA)))
-        status.append((found.status & 2048) > 0)
+        status.append((found.status & StatusBit.DIFFUSE_MPI) > 0)
     scores = np.concatenate(score)[np.isfinite(np.concatenate(score))]
     within = float(np.mean(scores < 1.0)), float(np.mean(scores < 2.0))
     diffuse = float(np.mean(status))
@@ -159,8 +159,7 @@ def draw(capture: Capture, path: Path) -> None:
     """Draw the errors of a capture's first frame, before and after, and the sigma that goes with them."""
     truth = read_layers(capture.root / "truth.exr")[DIRECT_DEPTH].astype(np.float64)
     source = next(iter(single_frames(capture)))
-    with open_frames(source, capture.layout) as frames:
-        stored = frames.read(source.index or 0)
+    stored = read_stored(source, capture.layout)
     auto, discrete = (resolved(stored, capture.source.metadata, model).maps for model in ("auto", "discrete"))
     depths = {
         "first phasor": first_phasor_depth(stored, plan=FramePlan(metadata=capture.source.metadata)),

@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from cadtof_cli.capture.discovery import find_captures
-from cadtof_cli.capture.frames import Capture, open_frames, single_frames
+from cadtof_cli.capture.frames import Capture, read_stored, single_frames
 from cadtof_cli.files.layers import read_layers
 from cadtof_cli.frame_plan import FramePlan
 from cadtof_cli.maps.layers import DIRECT_DEPTH, DIRECT_SIGMA
@@ -71,8 +71,7 @@ def measured(capture: Capture) -> Room:
     """Resolve the one frame of a room."""
     truth = read_layers(capture.root / "truth.exr")[DIRECT_DEPTH].astype(np.float64)
     source = next(iter(single_frames(capture)))
-    with open_frames(source, capture.layout) as frames:
-        stored = frames.read(source.index or 0)
+    stored = read_stored(source, capture.layout)
     maps = resolved(stored, capture.source.metadata, "auto").maps
     first = first_phasor_depth(stored, plan=FramePlan(metadata=capture.source.metadata))
     depth = maps.layer(DIRECT_DEPTH).astype(np.float64)

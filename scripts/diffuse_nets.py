@@ -18,12 +18,13 @@ from diffuse_accuracy import F
 from numpy.typing import NDArray
 
 from cadtof_cli.capture.discovery import find_captures
-from cadtof_cli.capture.frames import Capture, open_frames, single_frames
+from cadtof_cli.capture.frames import Capture, read_stored, single_frames
 from cadtof_cli.capture.metadata import CaptureMetadata, Voltage
 from cadtof_cli.files.layers import read_layers
 from cadtof_cli.frame_plan import FramePlan, MapSettings
 from cadtof_cli.maps.layers import DIRECT_DEPTH, DIRECT_SIGMA
 from cadtof_cli.phasors.response import pulse_response
+from cadtof_cli.phasors.voltages import volts_from_stored
 from cadtof_cli.pipeline import resolve_frame
 from cadtof_cli.resolver.diffuse import predict
 from cadtof_cli.resolver.settings import MpiModel, ResolverSettings
@@ -191,10 +192,7 @@ def capture_truth(folder: Path) -> F:
 def capture_volts(capture: Capture) -> F:
     """Return the first frame of a capture in V, (H, 2, Y, X)."""
     source, voltage = next(iter(single_frames(capture))), capture.source.metadata.voltage
-    with open_frames(source, capture.layout) as frames:
-        stored = frames.read(source.index or 0)
-    volts: F = (stored.astype(np.float64) - (voltage.zero_counts or 0.0)) * (voltage.volts_per_count or 1.0)
-    return volts
+    return volts_from_stored(read_stored(source, capture.layout), voltage)
 
 
 if __name__ == "__main__":

@@ -79,12 +79,11 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("old", help="folder of a checkout, or a git revision")
     parser.add_argument("new", help="the same")
-    parser.add_argument("--captures", nargs="*", type=Path, help="default: sample_data/* and ../shared/captures/*")
+    parser.add_argument("--captures", nargs="*", type=Path, help="folders of captures; default: sample_data/*")
     parser.add_argument("--cases", nargs="*", help="names of cases; default: all")
     parser.add_argument("--new-options", default="", help="options that NEW's resolve gets besides")
     arguments = parser.parse_args()
-    folders = [*(ROOT / "sample_data").iterdir(), *(ROOT.parent / "shared" / "captures").glob("*")]
-    captures = arguments.captures or sorted(folder for folder in folders if (folder / "capture.toml").exists())
+    captures = arguments.captures or sorted(settings.parent for settings in ROOT.glob("sample_data/*/capture.toml"))
     different = compared = 0
     with ExitStack() as stack:
         place = Path(stack.enter_context(tempfile.TemporaryDirectory()))

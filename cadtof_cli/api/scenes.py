@@ -9,7 +9,8 @@ import numpy as np
 from cadtof_cli.api.frames import Frame
 from cadtof_cli.api.maps import Maps
 from cadtof_cli.api.values import as_declared
-from cadtof_cli.capture.metadata import InvalidValueError, Modulation, Pulse
+from cadtof_cli.capture.checks import InvalidValueError
+from cadtof_cli.capture.metadata import Modulation, Pulse
 from cadtof_cli.errors import SettingsError, require
 from cadtof_cli.simulation.scene.camera import Camera
 from cadtof_cli.simulation.scene.scenes import SCENES

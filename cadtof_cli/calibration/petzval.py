@@ -195,11 +195,9 @@ def fit_petzval(walls: Sequence[WallRanges], /, *, optics: Optics, origin: Origi
     """Return the curvature that all walls share, by weighted least squares in which outliers have no weight.
 
     Raises:
-        SettingsError: a wall has too few pixels with a single path; or there are no optics and no two walls at distances
-            that differ enough for the focal length to be fitted too; or what was seen is no wall.
+        SettingsError: a wall has too few pixels with a single path; or there are no optics, and the walls do not tell the
+            focal length, as where no two are at distances that differ enough; or what was seen is no wall.
     """
-    if optics.focal_length_px is None:
-        _require_distinct(walls)
     usable = [np.isfinite(wall.range_m) & np.isfinite(wall.sigma_m) & (wall.sigma_m > 0.0) for wall in walls]
     for index, good in enumerate(usable):
         if good.sum() < LEAST_PIXELS:
@@ -208,8 +206,15 @@ def fit_petzval(walls: Sequence[WallRanges], /, *, optics: Optics, origin: Origi
                 f"least {LEAST_PIXELS}: is it a flat wall without multi-path interference, and the dark and response "
                 "calibration in the folder?"
             )
+    if optics.focal_length_px is None:
+        _require_distinct(walls)
     problem = _problem(usable, walls, optics, origin)
     fit = robust_fit(problem.residuals, problem.start, free=problem.free)
+    if not fit.parameters[2] > 0.0:
+        raise SettingsError(
+            "the optics are unknown, and the walls do not tell the focal length: the view is too narrow, or they are not flat: "
+            "set focal_length_px under [optics] in capture.toml, or --focal-length-px"
+        )
     _require_walls(problem, fit, usable, origin)
     curved = np.arange(fit.parameters.size) < 2
     without = replace(problem, free=problem.free & ~curved)
@@ -280,7 +285,6 @@ def _quality(problem: _Problem, fit: RobustFit, flat: RobustFit) -> PetzvalQuali
     after, before = fit.residual * sigma, flat.residual * sigma
     errors = np.sqrt(np.diag(fit.covariance))
     correlation = fit.covariance / np.maximum(np.outer(errors, errors), np.finfo(np.float64).tiny)
-    q = float(fit.parameters[2])
     return PetzvalQuality(
         k2_stderr_m=float(errors[0]),
         k4_stderr_m=float(errors[1]),
@@ -288,7 +292,7 @@ def _quality(problem: _Problem, fit: RobustFit, flat: RobustFit) -> PetzvalQuali
         rms_after_m=_rms(after[kept]),
         noise_rms_m=_rms(sigma[kept]),
         correlation=float(np.abs(correlation[:2, 2:]).max(initial=0.0)),
-        focal_length_px=float(problem.half_diagonal / np.sqrt(q)) if q > 0.0 else float("nan"),
+        focal_length_px=float(problem.half_diagonal / np.sqrt(fit.parameters[2])),
         focal_length_known=not problem.free[2],
         walls=tuple(_wall_fit(problem, index, fit, flat) for index in range(len(fit.parameters[3::3]))),
     )
@@ -297,7 +301,7 @@ def _quality(problem: _Problem, fit: RobustFit, flat: RobustFit) -> PetzvalQuali
 def _wall_fit(problem: _Problem, index: int, fit: RobustFit, flat: RobustFit) -> WallFit:
     place, here = 3 + 3 * index, (fit.weights > 0.0) & (problem.wall == index)
     distance, alpha, beta = fit.parameters[place : place + 3]
-    lean, sigma = np.sqrt(max(fit.parameters[2], 0.0)), problem.sigma_m[here]
+    lean, sigma = np.sqrt(fit.parameters[2]), problem.sigma_m[here]
     return WallFit(
         distance_m=float(distance),
         distance_stderr_m=float(np.sqrt(fit.covariance[place, place])),

@@ -4,8 +4,23 @@ import math
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
+from cadtof_cli.errors import MetadataError
+from cadtof_cli.units import shortened
+
 MOST_LETTERS = 200
 """Letters of a value that a message shows."""
+
+
+class InvalidValueError(MetadataError):
+    """A value that a key cannot have. `where` is the file or option that it came from, filled in by the caller that knows it."""
+
+    def __init__(self, key: str, found: object, expected: str, where: str = "") -> None:
+        super().__init__(key, found, expected, where)
+        self.key, self.found, self.expected, self.where = key, found, expected, where
+
+    def __str__(self) -> str:
+        place = f"{self.where}: " if self.where else ""
+        return f"{place}{self.key}: found {shortened(repr(self.found), MOST_LETTERS)}, expected {self.expected}"
 
 
 class Check(NamedTuple):
@@ -41,3 +56,22 @@ def each(check: Check, /) -> Check:
         check.expected,
         lambda values: next(value for value in values if not check.holds(value)),
     )
+
+
+def _is_sample_type(dtype: str) -> bool:
+    # imported here: options that are only printed do not need numpy
+    from cadtof_cli.files.frames import is_sample_type
+
+    return is_sample_type(dtype)
+
+
+def _names_planes(pattern: str) -> bool:
+    frame, harmonic, channel = (pattern.count(part) for part in ("{frame}", "{harmonic}", "{channel}"))
+    return harmonic == channel == 1 and frame <= 1 and not pattern.startswith("/")
+
+
+SAMPLE_TYPE = Check(_is_sample_type, "a type such as uint16, >u2 or float32")
+
+PLANE_PATTERN = Check(
+    _names_planes, "a file name with {frame}, {harmonic} and {channel} once each; a lone frame needs no {frame}"
+)

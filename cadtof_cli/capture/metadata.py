@@ -7,10 +7,22 @@ from dataclasses import field, fields
 from functools import cached_property
 from typing import Any, Literal, cast, get_args
 
-from cadtof_cli.capture.checks import COUNT, LENGTH, MOST_LETTERS, PERIOD, POSITIVE, SCALE, VOLTS, Check, above, each
-from cadtof_cli.errors import MetadataError
+from cadtof_cli.capture.checks import (
+    COUNT,
+    LENGTH,
+    PERIOD,
+    PLANE_PATTERN,
+    POSITIVE,
+    SAMPLE_TYPE,
+    SCALE,
+    VOLTS,
+    Check,
+    InvalidValueError,
+    above,
+    each,
+)
 from cadtof_cli.records import dataclass
-from cadtof_cli.units import FWHM_PER_SIGMA, shortened
+from cadtof_cli.units import FWHM_PER_SIGMA
 
 Waveform = Literal["sine", "triangle"]
 
@@ -26,20 +38,14 @@ LEAST_MODULATION = 1e-6
 _BEYOND_FLOAT = 2**1023
 """From here on there are whole numbers that no float holds."""
 
+WIDEST_VIEW_DEG = 140.0
+"""Angle of view beyond which no lens is a pinhole."""
+
+LARGE_ARRAY = 16
+"""Pixels across from which on a principal point in the first of them is hardly meant."""
+
 HARMONIC_TOLERANCE = 5e-4
 """How far periods_ns[0] / period may be from a whole number, relative; recorded periods are rounded decimals."""
-
-
-class InvalidValueError(MetadataError):
-    """A value that a key cannot have. `where` is the file or option that it came from, filled in by the caller that knows it."""
-
-    def __init__(self, key: str, found: object, expected: str, where: str = "") -> None:
-        super().__init__(key, found, expected, where)
-        self.key, self.found, self.expected, self.where = key, found, expected, where
-
-    def __str__(self) -> str:
-        place = f"{self.where}: " if self.where else ""
-        return f"{place}{self.key}: found {shortened(repr(self.found), MOST_LETTERS)}, expected {self.expected}"
 
 
 def _key(kind: Kind, about: str, default: Any = None, *checks: Check) -> Any:
@@ -51,18 +57,6 @@ def _are_harmonics(periods: tuple[float, ...]) -> bool:
     ratios = [periods[0] / period for period in periods]
     whole = all(abs(ratio - round(ratio)) <= HARMONIC_TOLERANCE * ratio for ratio in ratios)
     return whole and all(a < b for a, b in itertools.pairwise(ratios)) and ratios[-1] <= HIGHEST_HARMONIC
-
-
-def _is_sample_type(dtype: str) -> bool:
-    # imported here: options that are only printed do not need numpy
-    from cadtof_cli.files.frames import is_sample_type
-
-    return is_sample_type(dtype)
-
-
-def _names_planes(pattern: str) -> bool:
-    frame, harmonic, channel = (pattern.count(part) for part in ("{frame}", "{harmonic}", "{channel}"))
-    return harmonic == channel == 1 and frame <= 1 and not pattern.startswith("/")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -186,6 +180,15 @@ class Optics(Table):
         """Return the principal point, column and row, in an array (Y, X): its middle, where none is given."""
         return self.principal_point_px or ((pixels[1] - 1) / 2.0, (pixels[0] - 1) / 2.0)
 
+    def doubt(self, pixels: tuple[int, int], /) -> str | None:
+        """Return which value is hardly in pixels, for an array (Y, X); None where all may be."""
+        across, focal, point = max(pixels), self.focal_length_px, self.principal_point_px
+        if focal is not None and (view_deg := 2.0 * math.degrees(math.atan(across / 2.0 / focal))) > WIDEST_VIEW_DEG:
+            return f"optics.focal_length_px = {focal:g} is a view of {view_deg:.0f}° across: is it in mm?"
+        if point is not None and across > LARGE_ARRAY and max(point) <= 1.0:
+            return f"optics.principal_point_px = {point[0]:g}, {point[1]:g} is a corner: is it a share of width and height?"
+        return None
+
 
 @dataclass(frozen=True, kw_only=True)
 class Target(Table):
@@ -204,9 +207,7 @@ class Layout(Table):
         "text",
         "file name of one plane, such as {frame}_h{harmonic}_sc{channel}.tif",
         None,
-        Check(
-            _names_planes, "a file name with {frame}, {harmonic} and {channel} once each; a lone frame needs no {frame}"
-        ),
+        PLANE_PATTERN,
     )
     channel: tuple[str, str] | None = _key(
         "names",
@@ -229,7 +230,7 @@ class Layout(Table):
         "text",
         "data type of raw dumps, such as uint16 or >u2",
         None,
-        Check(_is_sample_type, "a type such as uint16, >u2 or float32"),
+        SAMPLE_TYPE,
     )
     raw_shape: tuple[int, ...] | None = _key(
         "whole numbers",
@@ -271,10 +272,6 @@ class CaptureMetadata:
             found = getattr(self.layout, name)
             if found is not None and getattr(self.layout, needs) is None:
                 raise InvalidValueError(f"layout.{name}", found, f"layout.{needs} beside it")
-
-    def __hash__(self) -> int:
-        """Return a hash of a few values that tell captures apart: it is asked for with every frame."""
-        return hash((self.modulation.periods_ns, self.pixel.integration_length, self.voltage.zero_counts))
 
 
 OPTIONS_OF_OTHER_NAME = {"layout.frames": "--stack-frames"}

@@ -5,8 +5,9 @@ import re
 from collections.abc import Collection, Iterable, Sequence
 from pathlib import Path
 
+from cadtof_cli.capture.checks import InvalidValueError
 from cadtof_cli.capture.frames import Capture, FrameSource, natural_key
-from cadtof_cli.capture.metadata import InvalidValueError, Layout
+from cadtof_cli.capture.metadata import Layout
 from cadtof_cli.errors import FrameError
 from cadtof_cli.files.formats import detect_format
 from cadtof_cli.files.frames import CHANNELS, harmonic_labels

@@ -24,7 +24,6 @@ from cadtof_cli.commands.options import (
 )
 from cadtof_cli.commands.terminal import progress_bar, tell
 from cadtof_cli.execution.workers import LOCAL, Workers
-from cadtof_cli.units import per_second
 from cadtof_cli.workflows.resolve.settings import ResolveSettings
 
 if TYPE_CHECKING:
@@ -174,3 +173,9 @@ def _summary(totals: "RunTotals", settings: ResolveSettings) -> str:
         if count:
             line += f"; {count} {what}, see {out / 'frames.jsonl'}"
     return f"{line}; maps in {out}" if totals.ok + totals.already_there else line
+
+
+def per_second(number: int, seconds: float, /) -> str:
+    """Return how many things there are in a second, with two digits or more, such as '212', '12' and '0.35'."""
+    rate = number / seconds
+    return f"{rate:.0f}" if rate >= 10.0 else f"{rate:.2g}"

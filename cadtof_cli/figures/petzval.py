@@ -18,7 +18,7 @@ ROWS = 5
 
 
 def draw_petzval(ranges_m: Sequence[Float], petzval: PetzvalCalibration, path: Path, /) -> None:
-    """Draw, a wall a row, its planar depth along the row of the principal point, and the deviation from flat in all pixels.
+    """Draw, a wall a row, its planar depth along the row next to the principal point, and the deviation from flat in all pixels.
 
     The walls are those of the calibration, as they were measured: the range of each in m, (Y, X).
     """
@@ -43,8 +43,9 @@ def draw_petzval(ranges_m: Sequence[Float], petzval: PetzvalCalibration, path: P
 
 
 def _section(axes: Axes, name: str, range_m: Float, petzval: PetzvalCalibration, flat: Float, facing: Float) -> None:
-    middle = round(petzval.principal_point_px[1])
-    rows = slice(max(middle - ROWS // 2, 0), middle + ROWS // 2 + 1)
+    height = len(flat)
+    middle = min(max(round(petzval.principal_point_px[1]), 0), height - 1)
+    rows = slice(max(middle - ROWS // 2, 0), min(middle + ROWS // 2 + 1, height))
     columns = np.arange(flat.shape[1])
     corrected = range_m - petzval.range_offset_m
     for values, label, colour in ((range_m, "before", "tab:red"), (corrected, "after", "tab:blue")):

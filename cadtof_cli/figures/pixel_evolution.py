@@ -42,7 +42,7 @@ def plot_histogram(
     axes.axvline(condition.direct_ns, color=DIRECT_COLOUR, lw=1.2, label=f"direct, {condition.direct_ns:g} ns")
     if condition.mpi_ratio > 0:
         axes.axvline(condition.second_ns, color=MPI_COLOUR, lw=1.2, label=f"MPI, {condition.second_ns:g} ns")
-    axes.set(xlim=(0, recording.period_ns), xlabel="arrival time (ns)", ylabel="photons per bin")
+    axes.set(xlim=(0, recording.period_ns), xlabel="arrival time, ns", ylabel="photons per bin")
     wave = axes.twinx()
     for harmonic, colour in zip(harmonics, (MEASURED_COLOUR, OTHER_COLOUR), strict=False):
         turn = 2.0 * np.pi * harmonic * recording.bin_ns / recording.period_ns
@@ -58,7 +58,7 @@ def plot_voltages(axes: Axes, recording: Evolution, /) -> None:
     thousands = recording.photons / 1e3
     axes.plot(thousands, 1e3 * recording.voltages_v[0], color=DIRECT_COLOUR, lw=0.9, label="SC1")
     axes.plot(thousands, 1e3 * recording.voltages_v[1], color=MPI_COLOUR, lw=0.9, label="SC2")
-    axes.set(xlim=(0, thousands[-1]), xlabel="photons sampled (thousands)", ylabel="voltage (mV)")
+    axes.set(xlim=(0, thousands[-1]), xlabel="photons sampled (thousands)", ylabel="voltage, mV")
     legend_beside(axes)
 
 
@@ -75,6 +75,6 @@ def plot_phase(axes: Axes, recording: Evolution, /, condition: Condition) -> Non
         xlim=(0, thousands[-1]),
         ylim=(direct_deg + min(settled, 0) - 20, direct_deg + max(settled, 0) + 20),
         xlabel="photons sampled (thousands)",
-        ylabel="phase (°)",
+        ylabel="phase, °",
     )
     legend_beside(axes)

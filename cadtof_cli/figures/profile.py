@@ -73,6 +73,9 @@ def _curves(axes: Axes, profile: Profile, shown: Callable[[Float], Float], facto
 
 _DASHED: dict[str, Any] = {"lw": 1.0, "ls": (0, (4, 2)), "alpha": 0.8}
 
+_FEW = 40
+"""Pixels along a line below which each is a point of the curve."""
+
 
 def _named(profile: Profile) -> Iterator[tuple[Curve, str, str]]:
     """Yield each curve with the name that a legend can show, and its colour."""
@@ -91,9 +94,9 @@ def _first_phasors(profile: Profile) -> Iterator[tuple[str, Float, str]]:
 
 def _points(values: Float) -> dict[str, Any]:
     """Return points for a curve where a pixel stands alone, which no line would show."""
-    known = np.isfinite(values)
-    alone = known & ~np.roll(known, 1) & ~np.roll(known, -1)
-    return {"marker": ".", "markersize": 3.0} if alone.any() or known.size < 40 else {}
+    known = np.pad(np.isfinite(values), 1)
+    alone = known[1:-1] & ~known[:-2] & ~known[2:]
+    return {"marker": ".", "markersize": 3.0} if alone.any() or values.size < _FEW else {}
 
 
 def _to_lines(axes: Axes) -> None:

@@ -60,9 +60,9 @@ def draw_confidence(table: Table, path: Path, /) -> None:
     for axes, (column, model, scale, label) in zip(
         figure.subplots(1, 3),
         (
-            ("confidence_v", "confidence_model_v", 1e3, "confidence (mV)"),
-            ("phase_std_rad", "phase_model_std_rad", 180.0 / np.pi, "phase precision (°)"),
-            ("phase_bias_rad", None, 180.0 / np.pi, "phase error (°)"),
+            ("confidence_v", "confidence_model_v", 1e3, "confidence, mV"),
+            ("phase_std_rad", "phase_model_std_rad", 180.0 / np.pi, "phase precision, °"),
+            ("phase_bias_rad", None, 180.0 / np.pi, "phase error, °"),
         ),
         strict=True,
     ):

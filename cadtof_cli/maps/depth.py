@@ -8,7 +8,7 @@ import numpy as np
 
 from cadtof_cli.arrays import Bool, Float, Float32
 from cadtof_cli.files.maps import DepthMaps
-from cadtof_cli.maps.layers import CONFIDENCE, DIRECT_DEPTH, Layer, LayerSource
+from cadtof_cli.maps.layers import CONFIDENCE, DIRECT_DEPTH, EFFECTIVE_PIXELS, Layer, LayerSource
 from cadtof_cli.phasors.noise import NoiseModel
 from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.status import StatusBit
@@ -139,7 +139,7 @@ def clear_impossible(maps: DepthMaps, /, *, noise: NoiseModel, amplitude_v: floa
 def clear_pixels(maps: DepthMaps, impossible: Bool, /) -> None:
     """Set `IMPOSSIBLE` in some pixels, (n,), and NaN in every layer that follows from their phasors."""
     for name in maps.names:
-        if name != "effective_pixels":
+        if name != EFFECTIVE_PIXELS:
             np.copyto(maps.layer(name).reshape(-1), np.nan, where=impossible)
     status = maps.status.reshape(-1)
     np.copyto(status, (status & _KEPT) | np.uint32(StatusBit.IMPOSSIBLE), where=impossible)

@@ -65,7 +65,7 @@ class ErrorTally:
         """
         known = np.isfinite(truth_m)
         self._with_truth += int(np.count_nonzero(known))
-        error: Float = 100.0 * (depth_m.astype(np.float64) - truth_m)[known]
+        error: Float = 100.0 * (depth_m[known].astype(np.float64) - truth_m[known])
         answered = np.isfinite(error)
         error = error[answered]
         if sigma_m is not None:
@@ -155,9 +155,9 @@ class SequenceTally:
         """Add a map, (Y, X), and the standard deviations that were predicted for it; NaN where there is no answer."""
         known = np.isfinite(values)
         self._count += known
-        step = np.where(known, values.astype(np.float64) - self._mean, 0.0)
+        step = np.where(known, values - self._mean, 0.0)
         self._mean += step / np.maximum(self._count, 1.0)
-        self._squares += np.where(known, step * (values.astype(np.float64) - self._mean), 0.0)
+        self._squares += step * np.where(known, values - self._mean, 0.0)
         self._variances += np.where(known, np.nan if sigma is None else np.square(sigma.astype(np.float64)), 0.0)
 
     def summary(self) -> OverTime:

@@ -17,6 +17,7 @@ MPI_DEPTH = "mpi.depth"
 DIRECT_AMPLITUDE = "direct.amplitude"
 DIRECT_SIGMA = "direct.sigma"
 CONFIDENCE = "confidence"
+EFFECTIVE_PIXELS = "effective_pixels"
 
 Factors = tuple[Float | float, Float | float]
 """Two factors whose product is the value of a layer."""
@@ -92,9 +93,8 @@ ALWAYS = (
 _SEARCHED = Layer("chi_squared", "", lambda source: (source.resolved.chi_squared, 1.0))
 """What the paths leave over the noise."""
 
-_AVERAGED = Layer("effective_pixels", "", lambda source: (source.samples, 1.0))
+_AVERAGED = Layer(EFFECTIVE_PIXELS, "", lambda source: (source.samples, 1.0))
 """Over how many recorded pixels each has been averaged."""
-
 
 _UNITS_BESIDE_MAPS = {"mean": "m", "std": "m", "delay": "ns"}
 """Units of quantities of truth, and over the frames of a run."""

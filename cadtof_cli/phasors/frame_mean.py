@@ -7,7 +7,7 @@ import numpy as np
 from cadtof_cli.arrays import Bool, Float, Stored
 from cadtof_cli.capture.metadata import Voltage
 from cadtof_cli.errors import SettingsError
-from cadtof_cli.phasors.voltages import sound_pixels, volts_from_stored
+from cadtof_cli.phasors.voltages import sound_pixels, volts_from_stored, volts_per_count
 from cadtof_cli.records import dataclass
 
 
@@ -18,9 +18,10 @@ class FrameMean:
     Attributes:
         stored: the mean, (H, 2, Y, X).
         samples: over how many frames each pixel's mean is, float64 (Y, X); None: as `frames` says.
-        dtype: of the values as they were recorded.
+        dtype: of the values as they were recorded; float64 where the mean is in V.
         frames: how many frames there were.
         variance: sample variance of one frame about the mean, float64 (H, 2, Y, X); None: not measured.
+        step: between the values that a frame can hold, in the unit of the mean; 0 where they may be any.
     """
 
     stored: Stored
@@ -28,6 +29,7 @@ class FrameMean:
     dtype: np.dtype[np.generic]
     frames: int = 1
     variance: Float | None = None
+    step: float = 0.0
 
     @property
     def pixels(self) -> tuple[int, int]:
@@ -82,18 +84,21 @@ def mean_volts(frames: Iterable[Stored], /, *, voltage: Voltage) -> FrameMean:
     Raises:
         SettingsError: sizes of frames differ, or nothing says how many volts one count stands for.
     """
-    count = 0
+    count, step = 0, 0.0
     for count, stored in enumerate(frames, start=1):
         volts = volts_from_stored(stored, voltage)
         if count == 1:
+            step = volts_per_count(voltage, stored.dtype) if stored.dtype.kind in "iu" else 0.0
             mean, squares, sound = np.zeros(volts.shape), np.zeros(volts.shape), np.ones(volts.shape[2:], np.bool_)
         if volts.shape != mean.shape:
             raise SettingsError(f"found a frame of shape {volts.shape} (H C Y X), expected {mean.shape}")
         sound &= sound_pixels(stored, voltage.saturated_counts)
-        change = volts - mean
-        mean += change / count
-        squares += change * (volts - mean)
+        # an infinite value makes NaN here: its pixel is not sound
+        with np.errstate(over="ignore", invalid="ignore"):
+            change = volts - mean
+            mean += change / count
+            squares += change * (volts - mean)
     if not count:
         raise ValueError("the mean of no frames")
     variance = squares / max(count - 1, 1)
-    return FrameMean(np.where(sound, mean, np.nan), None, mean.dtype, count, variance)
+    return FrameMean(np.where(sound, mean, np.nan), None, mean.dtype, count, variance, step)

@@ -1,58 +1,67 @@
-"""Whether stored values can be voltages of the capture that its metadata describe, and what is likely wrong where they cannot.
+"""Whether what a frame holds can be a recording of the capture that its metadata describe: values, planes, and their order.
 
 No light gives a phasor longer than the modulation amplitude: SC1² + SC2² ≤ amplitude_v², but for noise and offsets. Counts taken
 for volts, a zero or a unit that is missing, or values that a program has scaled, are beyond that by far.
+
+No two recordings are the same, and none holds one value while others scatter: noise sees to that. And light of one path at the
+phase x has the phases x, 2x, … at the harmonics 1, 2, …, and one amplitude. Paths that mix shift both, but hardly ever in nearly
+all pixels of a frame; planes that were written in another order do that.
 """
 
 import math
-from functools import lru_cache
+from collections.abc import Callable, Mapping
+from itertools import combinations
 
 import numpy as np
 
-from cadtof_cli.arrays import Float, Stored
-from cadtof_cli.capture.metadata import CaptureMetadata, Voltage
+from cadtof_cli.arrays import Stored
+from cadtof_cli.capture.metadata import CaptureMetadata
 from cadtof_cli.errors import FrameError
+from cadtof_cli.phasors.causes import LONGEST, all_saturated, likely_cause, range_of
 from cadtof_cli.phasors.noise import NoiseModel
-from cadtof_cli.phasors.recorded_planes import no_recording
-from cadtof_cli.phasors.voltages import sound_pixels, volts_per_count
-from cadtof_cli.records import dataclass
-
-LONGEST = 1.35
-"""Length of a phasor, over the modulation amplitude, that offsets of its channels may bring about; noise comes on top."""
-
-TOO_MANY = 0.25
-"""Share of sound pixels beyond that which is not the doing of a few bad ones."""
-
-FEWEST = 16
-"""Pixels from which on their holding the same is no accident."""
+from cadtof_cli.phasors.voltages import sound_pixels, volts_from_stored, volts_per_count
 
 LOOKED_AT = 4096
 """Pixels that a frame is judged by, spread evenly over it."""
 
-_MILLIVOLTS = (50.0, 1500.0)
-"""Largest value over the modulation amplitude, where a unit of a thousandth is likely."""
+FEWEST_ALIKE = 16
+"""Pixels from which on their holding the same is no accident."""
 
-_FULL_SCALE, _BYTE = 65535.0, 255.0
+FEWEST = 64
+"""Pixels from which on planes say something about a frame."""
 
+TOO_MANY = 0.25
+"""Share of sound pixels with a phasor that is too long which is not the doing of a few bad ones."""
 
-@dataclass(frozen=True)
-class _Range:
-    """Stored values of the pixels that were looked at: type, least, middle and largest, without the outermost percent,
-    and whether all are whole numbers."""
+SCATTER_STEPS = 2.0
+"""By how many steps of whole numbers neighbours differ in the middle, where no plane of a frame can hold one value."""
 
-    dtype: np.dtype[np.generic]
-    low: float
-    middle: float
-    high: float
-    whole: bool
+_FEW_VALUES = 8
+"""Values in a plane, such as that of saturated pixels, up to which another may hold the same in the same places."""
 
-    @property
-    def largest(self) -> float:
-        """Largest magnitude."""
-        return max(-self.low, self.high)
+_HEAD = 16
+"""Pixels that tell of nearly all planes that they are recordings."""
 
-    def __str__(self) -> str:
-        return f"stored values ({self.dtype}) lie between {self.low:.6g} and {self.high:.6g}"
+_NEAR_RAD = 0.45
+"""How far the phase of a harmonic may be from what the fundamental promises, where most of the light is of one path."""
+
+_NEAR_RATIO = 1.6
+"""How far its amplitude may be from that of the fundamental."""
+
+_MOST = 0.4
+"""Share of pixels that look like one path, from which on another order of the planes is likely, …"""
+
+_MORE = 4.0
+"""… where that is so many times the share that does as the planes are read."""
+
+_ORDERS: Mapping[str, Callable[[Stored], Stored]] = {
+    "with SC1 and SC2 swapped": lambda frame: frame[:, ::-1],
+    "with the harmonics in the opposite order": lambda frame: frame[::-1],
+    "with SC1 of all harmonics before SC2": lambda frame: frame.reshape(2, len(frame), -1).swapaxes(0, 1),
+    "interleaved line by line": lambda frame: np.moveaxis(frame.reshape(frame.shape[2], -1, frame.shape[3]), 1, 0),
+    "interleaved pixel by pixel": lambda frame: frame.reshape(-1, 2 * len(frame)).T,
+}
+"""What else the values of a frame, (H, 2, Y, X), may be, in words, and how planes of H.SC1 and H.SC2 in turn are made of them."""
 
 
 def implausible(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
@@ -77,18 +86,18 @@ def implausible(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
         return None
     sound = sound_pixels(some, voltage.saturated_counts)
     if not sound.any():
-        return _all_saturated(planes, metadata, kind)
+        return all_saturated(planes, metadata, kind)
     values = some[:, :, sound].astype(np.float64)
     volts = (values - voltage.zero) * volts_per_count(voltage, kind)
     amplitude = metadata.modulation.amplitude_v
     beyond = np.hypot(volts[:, 0], volts[:, 1]) > longest
     if beyond.mean(axis=1).max() <= TOO_MANY:
         return None
-    found = _range_of(values, kind)
+    found = range_of(values, kind)
     largest = float(np.quantile(np.abs(volts), 0.99))
     return (
         f"{found}, which would be voltages up to {largest:.4g} V, beyond modulation.amplitude_v = {amplitude:g} V: "
-        f"{_likely_cause(found, voltage, amplitude)}"
+        f"{likely_cause(found, voltage, amplitude)}"
     )
 
 
@@ -98,6 +107,86 @@ def require_plausible(stored: Stored, metadata: CaptureMetadata, /, *, of: objec
         raise FrameError(f"{of}: {wrong}")
 
 
+def no_recording(planes: Stored, harmonics: tuple[int, ...], /) -> str | None:
+    """Return which plane of a frame's pixels, (H, 2, n), cannot have been recorded; None where all can."""
+    rows = planes.reshape(-1, planes.shape[2])
+    heads = [row.tobytes() for row in rows[:, :_HEAD]]
+    one_value = [head == head[: rows.itemsize] * _HEAD for head in heads]
+    # of nearly all frames, this tells
+    if rows.shape[1] < FEWEST or (len(set(heads)) == len(heads) and not any(one_value)):
+        return None
+    names = _names(harmonics)
+    constant = [bool((row == row[0]).all()) for row in rows]
+    for name, other in combinations(range(len(rows)), 2):
+        if np.array_equal(rows[name], rows[other]) and np.unique(rows[name]).size > _FEW_VALUES:
+            return (
+                f"{names[other]} holds the same values as {names[name]} in every pixel, as no two recordings do: it was "
+                "written twice, or its buffer was not filled"
+            )
+    if any(constant) and _scatters(rows):
+        place = constant.index(True)
+        return f"{names[place]} holds {rows[place, 0]:g} in every pixel, and other planes scatter: it was not recorded"
+    return None
+
+
+def mistaken_order(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
+    """Return what the planes of a frame, (H, 2, Y, X), likely are in place of what they are read as; None where all is well.
+
+    NaN and saturated pixels are left out. Phases that a camera adds to a harmonic, and only a calibration takes out, look like
+    such a mistake too.
+
+    Raises:
+        SettingsError: see `volts_per_count`.
+    """
+    if len(stored) < 2:
+        return None
+    as_read = _share_of_one_path(stored, metadata)
+    if _MORE * as_read >= 1.0:
+        return None
+    shares = {
+        words: _share_of_one_path(order(stored).reshape(stored.shape), metadata) for words, order in _ORDERS.items()
+    }
+    shares["with the opposite sign"] = _share_of_one_path(stored, metadata, sign=-1.0)
+    likely = max(shares, key=lambda words: shares[words])
+    if shares[likely] <= max(_MOST, _MORE * as_read):
+        return None
+    return (
+        f"only {as_read:.0%} of the pixels have phases as light has them, and {shares[likely]:.0%} would {likely}: are the "
+        f"planes {', '.join(_names(metadata.modulation.harmonics))}, one after the other, and their signs right?"
+    )
+
+
+def _share_of_one_path(stored: Stored, metadata: CaptureMetadata, *, sign: float = 1.0) -> float:
+    """Return the share of the pixels of a frame, (H, 2, Y, X), that have about the phases and amplitudes of a single path.
+
+    By the first two harmonics: on further ones paths that mix shift the phases more, and say less. 0 where too few are sound.
+    """
+    planes = stored.reshape(*stored.shape[:2], -1)
+    some = planes[:, :, :: max(1, planes.shape[2] // LOOKED_AT)]
+    sound = some[:2, :, sound_pixels(some, metadata.voltage.saturated_counts)]
+    if sound.shape[2] < FEWEST:
+        return 0.0
+    volts = sign * volts_from_stored(sound, metadata.voltage)
+    first, second = volts[:, 0] + 1j * volts[:, 1]
+    length, other = np.abs(first), np.abs(second)
+    alike = (length < _NEAR_RATIO * other) & (other < _NEAR_RATIO * length)
+    alike &= np.abs(np.angle(second * np.conj(first) ** metadata.modulation.harmonics[1])) < _NEAR_RAD
+    return float(alike.mean())
+
+
+def _names(harmonics: tuple[int, ...]) -> list[str]:
+    return [f"H{harmonic}.SC{channel}" for harmonic in harmonics for channel in (1, 2)]
+
+
+def _scatters(rows: Stored) -> bool:
+    """Return whether neighbours differ in some plane, (planes, n), by more than rounding hides."""
+    least = SCATTER_STEPS if rows.dtype.kind in "iu" else 0.0
+    with np.errstate(invalid="ignore"):
+        steps = np.abs(np.diff(rows.astype(np.float64), axis=1))
+    known = (row[np.isfinite(row)] for row in steps)
+    return any(float(np.median(row)) > least for row in known if row.size)
+
+
 def is_without_noise(stored: Stored, noise: NoiseModel, /) -> bool:
     """Return whether all pixels, (H, 2, n), hold the same values, where noise makes that impossible.
 
@@ -105,13 +194,12 @@ def is_without_noise(stored: Stored, noise: NoiseModel, /) -> bool:
     """
     count = stored.shape[2]
     # of nearly all frames, two values tell
-    if count < FEWEST or stored[0, 0, 0] != stored[0, 0, 1] or not (stored == stored[:, :, :1]).all():
+    if count < FEWEST_ALIKE or stored[0, 0, 0] != stored[0, 0, 1] or not (stored == stored[:, :, :1]).all():
         return False
     # a step is √12 of its rounding error, whose variance is the floor: light alone has three times that, or more
     return all(one.dark_variance > 4.0 * one.floor for one in noise.each)
 
 
-@lru_cache(maxsize=4)
 def _limits(metadata: CaptureMetadata, dtype: np.dtype[np.generic]) -> tuple[float, float, float]:
     """Return the longest phasor that there can be, in V, and the two stored values between which none is longer or saturated."""
     n_av, voltage = metadata.pixel.integration_length, metadata.voltage
@@ -121,64 +209,3 @@ def _limits(metadata: CaptureMetadata, dtype: np.dtype[np.generic]) -> tuple[flo
     most = longest / math.sqrt(2.0) / abs(volts_per_count(voltage, dtype))
     low, high = voltage.saturated_counts or (-math.inf, math.inf)
     return longest, max(voltage.zero - most, low), min(voltage.zero + most, high)
-
-
-def _range_of(values: Float, dtype: np.dtype[np.generic]) -> _Range:
-    low, middle, high = (float(value) for value in np.quantile(values, (0.01, 0.5, 0.99)))
-    return _Range(dtype, low, middle, high, whole=bool((values == np.rint(values)).all()))
-
-
-def _all_saturated(planes: Stored, metadata: CaptureMetadata, dtype: np.dtype[np.generic]) -> str | None:
-    voltage = metadata.voltage
-    finite = planes[np.isfinite(planes)].astype(np.float64)
-    if voltage.saturated_counts is None or not finite.size or sound_pixels(planes, voltage.saturated_counts).any():
-        return None
-    found, (low, high) = _range_of(finite, dtype), voltage.saturated_counts
-    # a pixel that has had too much light, or none, stops at a limit; what lies beyond it was never such a count
-    beyond = found.low < low or found.high > high
-    cause = _shifted_or_scaled(found, voltage, metadata.modulation.amplitude_v) if beyond else None
-    return f"every pixel is saturated: {found}, and saturated_counts = [{low:g}, {high:g}]" + (
-        f": {cause}" if cause else ""
-    )
-
-
-def _likely_cause(found: _Range, voltage: Voltage, amplitude_v: float) -> str:
-    """Return what has probably happened, and the options that mend it."""
-    if voltage.volts_per_count is None:
-        low, high = _MILLIVOLTS
-        if found.whole:
-            return (
-                f"they look like counts: give --volts-per-count, and --zero-counts (their middle is {found.middle:.6g})"
-            )
-        if low < found.largest / amplitude_v < high:
-            return "they look like millivolts: give --volts-per-count 0.001"
-        return "give --volts-per-count, how many volts a stored step of 1 is, and --zero-counts; or mend --amplitude-v"
-    return _shifted_or_scaled(found, voltage, amplitude_v) or "mend --volts-per-count, --zero-counts or --amplitude-v"
-
-
-def _shifted_or_scaled(found: _Range, voltage: Voltage, amplitude_v: float) -> str | None:
-    """Return what a program did to values that do not lie around `zero_counts`; None where they do, whatever a step is."""
-    zero, step = voltage.zero, abs(voltage.volts_per_count or 1.0)
-
-    def around_zero(middle: float) -> bool:
-        return abs(middle - zero) * step < amplitude_v
-
-    if around_zero(found.middle) or found.low <= zero <= found.high:
-        return None
-    if zero == 0.0:
-        return f"nothing says which stored value is 0 V: give --zero-counts (their middle is {found.middle:.6g})"
-    what_now = "or give --zero-counts and --volts-per-count for what they are now"
-    scaled = f"scaled to 0 … 1, as ImageMagick writes floats: keep whole numbers, {what_now}"
-    if found.dtype.kind == "f" and found.largest <= LONGEST * amplitude_v:
-        likely = "like volts already: leave out zero_counts, volts_per_count and saturated_counts"
-        if found.low >= 0.0 and around_zero(found.middle * _FULL_SCALE):
-            likely += f"; or {scaled}"
-    elif found.dtype.kind == "f" and found.low >= 0.0 and around_zero(found.middle * _FULL_SCALE):
-        likely = scaled
-    elif found.largest <= _BYTE and around_zero(found.middle * _FULL_SCALE / _BYTE):
-        likely = f"scaled to 8 bits, as ImageMagick does with -depth 8: keep 16 bits, {what_now}"
-    elif found.largest * step <= LONGEST * amplitude_v:
-        likely = "like counts with the zero taken out: give --zero-counts 0, and saturated_counts to match"
-    else:
-        return f"zero_counts = {zero:g} is far from them: give --zero-counts (their middle is {found.middle:.6g})"
-    return f"zero_counts = {zero:g} is far from them; they look {likely}"

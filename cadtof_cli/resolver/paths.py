@@ -127,13 +127,3 @@ class ResolvedPaths:
     confidence: Float
     status: Status
     chi_squared: Float
-
-    @property
-    def direct(self) -> Paths:
-        """The direct path, (n,) each."""
-        return self.paths[0]
-
-    @property
-    def mpi(self) -> Paths:
-        """The path of the MPI, (n,) each."""
-        return self.paths[1]

@@ -52,6 +52,7 @@ TABLES = (
     Table("docs/formats.md", "Lossy compression", "scripts/lossy_compressions.py", slow=True),
     Table("docs/solvers.md", "More harmonics", "scripts/benchmark_solvers.py harmonics", slow=True),
     Table("docs/solvers.md", "The paper's solver", "scripts/benchmark_solvers.py starts", rows="%, .*%", slow=True),
+    Table("docs/solvers.md", "Pooling", "scripts/benchmark_solvers.py pooling", rows=r"× \d \|"),
     Table("docs/solvers.md", "Three paths", "scripts/benchmark_solvers.py paths", slow=True),
 )
 """Which rows of the documentation which script prints. Residuals are of the last bits, which differ between machines."""

@@ -9,11 +9,12 @@ import numpy as np
 from cadtof_cli.resolver.paths import ResolvedPaths
 from cadtof_cli.resolver.resolve import resolve_paths
 from cadtof_cli.resolver.settings import ResolverSettings
+from cadtof_cli.units import metres_per_radian
 from tests.support.mixtures import C, F, Mixture, noise_of
 
 SEEDS = 20
 
-CM_PER_RAD = 100.0 * 0.299792458 / 2.0 * 40.0 / (2.0 * np.pi)
+CM_PER_RAD = 100.0 * metres_per_radian(40.0)
 """Depth of a phase of the fundamental of 40 ns."""
 
 
@@ -33,7 +34,7 @@ def drawn(light: Mixture, harmonics: Sequence[int], n_av: float, *, pixels: int,
 
 def errors_cm(found: ResolvedPaths, light: Mixture) -> F:
     """Errors of the direct depth."""
-    error: F = CM_PER_RAD * np.angle(np.exp(1j * (found.direct.phase_rad - light.phases[0])))
+    error: F = CM_PER_RAD * np.angle(np.exp(1j * (found.paths[0].phase_rad - light.phases[0])))
     return error
 
 

@@ -96,16 +96,13 @@ def draw(groups: Sequence[tuple[Key, list[Moved]]], path: Path) -> None:
     """Draw RMSE and share of two paths over the speed."""
     figure = Figure(figsize=(13, 4.8), dpi=110, layout="constrained")
     error, share = figure.subplots(1, 2)
-    for index, ((harmonics, ratio, asr, n_av), some) in enumerate(groups):
-        style, colour = ("-", "--")[harmonics - 2], f"C{index % (len(RATIOS) * len(NOISE))}"
-        label = f"{harmonics} harmonics, {f'MPI {ratio:g}' if ratio else 'no MPI'}, ASR {asr:g}, n_av {power(n_av)}"
+    for index, (key, some) in enumerate(groups):
+        style, colour = ("-", "--")[key[0] - 2], f"C{index % (len(RATIOS) * len(NOISE))}"
         speeds = [max(one.speed_m_s, 0.03) for one in some]
-        error.plot(speeds, [one.rmse_cm for one in some], style, color=colour, label=label)
+        error.plot(speeds, [one.rmse_cm for one in some], style, color=colour, label=_named(key))
         share.plot(speeds, [one.two for one in some], style, color=colour)
-    error.set(
-        xscale="log", yscale="log", xlabel="speed (m/s); leftmost: at rest", ylabel="RMSE of the direct depth (cm)"
-    )
-    share.set(xscale="log", xlabel="speed (m/s); leftmost: at rest", ylabel="share found as two paths")
+    error.set(xscale="log", yscale="log", xlabel="speed, m/s; leftmost: at rest", ylabel="RMSE of the direct depth, cm")
+    share.set(xscale="log", xlabel="speed, m/s; leftmost: at rest", ylabel="share found as two paths")
     for axes in (error, share):
         axes.grid(alpha=0.3)
     figure.legend(*error.get_legend_handles_labels(), loc="outside right center", fontsize=8)

@@ -55,7 +55,7 @@ def draw(cells: list[Cell], path: Path) -> None:
 
 
 def _titled(axes: Axes, title: str, label: str) -> None:
-    axes.set(title=title, xlabel="separation (ns)", ylabel=label, xscale="log")
+    axes.set(title=title, xlabel="separation, ns", ylabel=label, xscale="log")
     ticks = (1, 2, 3, 5, 8, 11, 16, 20)
     axes.set_xticks(ticks, map(str, ticks))
     axes.minorticks_off()

@@ -75,7 +75,7 @@ def measured(
         for chance in (0.001, 0.1)
     )
     better = min(rms(error_one), rms(error_two))
-    sigma = CM_PER_RAD * found.direct.sigma_rad
+    sigma = CM_PER_RAD * found.paths[0].sigma_rad
     beyond = np.abs(error) > 3.0 * sigma
     doubtful = (found.status & StatusBit.ILL_CONDITIONED) > 0
     over = [

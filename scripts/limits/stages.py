@@ -158,9 +158,9 @@ def draw(found: list[Ripple], shown: tuple[Way, Way, Way], path: Path) -> None:
         left.plot(
             [one.frequency_hz for one in found], [getattr(one, column) for one in found], "o-", ms=3, color=f"C{index}"
         )
-    weights.set(xlim=(0.0, 1.0), yscale="log", ylim=(1e-2, 1e2), xlabel="age of a photon (ms)", ylabel="weight (1/ms)")
+    weights.set(xlim=(0.0, 1.0), yscale="log", ylim=(1e-2, 1e2), xlabel="age of a photon, ms", ylabel="weight, 1/ms")
     left.set(
-        xscale="log", yscale="log", xlabel="frequency of the ripple (Hz)", ylabel="r.m.s. read of an amplitude of 1"
+        xscale="log", yscale="log", xlabel="frequency of the ripple, Hz", ylabel="r.m.s. read of an amplitude of 1"
     )
     for axes in (weights, left):
         axes.grid(alpha=0.3)

@@ -119,13 +119,14 @@ Ours without MPI is with the order test, {10 * effort.resolver_runs} solves a ce
 |---|---|---|---|
 {chr(10).join(_seeds(maps, *given) for given in WORST)}
 
-Steps of a start of Levenberg–Marquardt, all ten counted (paper: 20 on average): {_steps(maps)}.
+Steps of a start of Levenberg–Marquardt, all ten counted (paper: 20 on average):
+{_steps(maps)}.
 """
     ]
     for figure, ratio, path, paper in RANGES:
         light = f"MPI/laser {ratio:g}" if ratio else "no MPI"
         bias = (extremes(cells, ratio, path, "bias_ns")[1] for cells in (maps.as_the_paper, maps.ours))
-        eight = " (the paper's Fig. 8: as low as 0.1)" if path == "direct" else ""
+        eight = "\n(the paper's Fig. 8: as low as 0.1)" if path == "direct" else ""
         told = "largest bias {:.3f} as the paper, {:.3f} ours".format(*bias)
         parts.append(
             f"""**Fig. {figure}: std of the {path} path, {light}.** Paper: {paper}; {told}{eight}.

@@ -118,7 +118,7 @@ def _scenes(four: Figure4, five: Figure5, effort: Effort) -> str:
 |---|---|---|
 | without the second object | 335 cm | {four.without_cm:.1f} cm |
 | with it, first phasor | around 333 cm | {four.with_cm:.1f} cm |
-| with it, resolved as the frame says: MPI diffuse | not tried | {four.resolved_cm:.1f} cm |
+| with it, resolved as each frame says: MPI {four.taken} | not tried | {four.resolved_cm:.1f} cm |
 | with it, resolved with `--mpi-model discrete` | not tried | {four.discrete_cm:.1f} cm |
 
 Light that goes by way of another object travels farther, so it should make the panel look farther. It looks nearer, as the
@@ -127,7 +127,7 @@ nearer than the panel and reaches its pixels inside the camera. We take the firs
 from the target": a reflector 5 m to the side, whose light is 24 ns late at the middle of the panel, with 0.033 of the direct
 photons. **Both numbers were tuned until the first phasor came out at 333 cm**: the paper gives neither distance nor strength,
 so this figure shows that such a scene can be, not that the paper's was it. What was not tuned is what resolving makes of it.
-Here the MPI is one late path, but the frame looks like a room to `--mpi-model auto`, and its tail is not what this light is.
+Here the MPI is one late path, and no frame is taken for one with a tail: the last two lines are the same.
 The distance bends across the panel by field curvature, as in Fig. 4(c).
 
 ## Fig. 5: corner
@@ -140,7 +140,7 @@ directions a pixel. {effort.frames} frames at n_av 1e5.
 | error of planar depth | median | 90 % | bias | angle of the corner (true {five.opening_deg[0]:.1f}°) |
 |---|---|---|---|---|
 | first phasor, as the paper measured | {first} |
-| resolved as each frame says: MPI diffuse | {resolved} |
+| resolved as each frame says: MPI {five.taken} | {resolved} |
 | resolved with `--mpi-model discrete` | {discrete} |
 
 The paper says that the bounces make the path *shorter* than the geometry. A bounced path is longer; what its Fig. 5(d)

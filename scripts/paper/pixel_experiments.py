@@ -46,7 +46,9 @@ def figure_2(effort: Effort) -> Figure2:
     grid = figure.subplots(3, 2)
     errors, uncertainties = [], []
     for column, condition in enumerate(FIG_2):
-        recording = evolution(PIXEL, condition.mix(40.0), np.random.default_rng([SEED, column]))
+        recording = evolution(
+            PIXEL, condition.mix(PIXEL.modulation.periods_ns[0]), np.random.default_rng([SEED, column])
+        )
         plot_histogram(grid[0, column], recording, condition)
         plot_voltages(grid[1, column], recording)
         plot_phase(grid[2, column], recording, condition)
@@ -148,11 +150,11 @@ def _precision(cell: SweepCell) -> Precision:
 
 def _single_path(condition: Condition) -> tuple[float, float]:
     """Return the one-path model's confidence in V and precision in rad, where MPI counts as signal."""
-    asr = condition.asr / (1.0 + condition.mpi_ratio)
-    spread = condition.mix(40.0).spread_rad
+    asr, modulation = condition.asr / (1.0 + condition.mpi_ratio), PIXEL.modulation
+    spread = condition.mix(modulation.periods_ns[0]).spread_rad
     first, second = math.exp(-(spread**2) / 2), math.exp(-2 * spread**2)
     across = (1 - second / (1 + asr)) / 2 / (2 * PIXEL.averaging.integration_length - 1)
-    return 0.2746 * first / (1 + asr), math.sqrt(across) * (1 + asr) / first
+    return modulation.amplitude_v * first / (1 + asr), math.sqrt(across) * (1 + asr) / first
 
 
 def read_table(path: Path) -> list[dict[str, float]]:
@@ -185,7 +187,7 @@ def draw_figure_3(table: Sequence[Mapping[str, float]], out: Path) -> None:
             lw=1,
             color=colour,
         )
-    for axis, name in zip(axes, ("confidence (mV)", "phase precision (°)", "phase error (°)"), strict=True):
+    for axis, name in zip(axes, ("confidence, mV", "phase precision, °", "phase error, °"), strict=True):
         axis.set(xlabel="ambient-to-signal ratio", ylabel=name)
         axis.grid(alpha=0.3)
     figure.legend(*axes[0].get_legend_handles_labels(), loc="outside right center", fontsize=8)

@@ -121,7 +121,7 @@ def draw_figure_7(scatter: Mapping[str, NDArray[np.float64]], out: Path) -> None
         region = Rectangle((4.0, second_ns - 1.0), 2.0, 2.0, fill=False, color=MPI_COLOUR, label="truth ± 1 ns")
         axes.add_patch(region)
         axes.set(xlim=(3.5, 6.5), ylim=(second_ns - 2.5, second_ns + 2.5), aspect="auto")
-        axes.set(xlabel="first peak (ns)", ylabel="second peak (ns)", title=f"({name}) 5 and {second_ns:g} ns")
+        axes.set(xlabel="first peak, ns", ylabel="second peak, ns", title=f"({name}) 5 and {second_ns:g} ns")
         axes.grid(alpha=0.3)
     figure.legend(*axes.get_legend_handles_labels(), loc="outside right center", fontsize=8)
     figure.savefig(out / "fig7.png")

@@ -17,6 +17,7 @@ from cadtof_cli.simulation.scene.camera import Camera
 from cadtof_cli.simulation.scene.exposure import Band, Exposure, frame_voltages
 from cadtof_cli.simulation.scene.light import Scene
 from cadtof_cli.simulation.scene.scenes import Corner, InterReflection
+from cadtof_cli.workflows.inspect.first_phasors import first_phasor_depth
 from cadtof_cli.workflows.simulate.record import expose
 from paper.effort import SEED, Effort
 
@@ -36,12 +37,14 @@ class Recorded:
         first_m: (T, Y, X) range from the first phasor alone.
         direct_m: (T, Y, X) range of the resolved direct path, by default: MPI is what each frame says.
         discrete_m: the same where MPI is separate paths.
+        taken: what the frames say, `diffuse` or `discrete`.
     """
 
     truth_m: Float
     first_m: Float
     direct_m: Float
     discrete_m: Float
+    taken: str
 
 
 def recorded(scene: Scene, effort: Effort, *, camera: Camera | None = None) -> Recorded:
@@ -51,31 +54,33 @@ def recorded(scene: Scene, effort: Effort, *, camera: Camera | None = None) -> R
     exposure = Exposure(scene=scene, camera=camera, metadata=metadata, seed=SEED)
     whole = expose(exposure, workers=Workers(jobs=effort.jobs))
     frames = [_frame(exposure, whole, index) for index in range(effort.frames)]
-    first, direct, discrete = (np.stack(maps) for maps in zip(*frames, strict=True))
-    return Recorded(whole.truth["direct.depth"], first, direct, discrete)
+    first, direct, discrete = (np.stack(maps) for maps in list(zip(*frames, strict=True))[:3])
+    taken = " or ".join(sorted({frame[3] for frame in frames}))
+    return Recorded(whole.truth["direct.depth"], first, direct, discrete, taken)
 
 
-def _frame(exposure: Exposure, whole: Band, index: int) -> tuple[Float, Float, Float]:
+def _frame(exposure: Exposure, whole: Band, index: int) -> tuple[Float, Float, Float, str]:
     counts = exposure.camera.counts_from_voltages(frame_voltages(exposure, whole, index))
     plans = (
         FramePlan(metadata=exposure.metadata),
         FramePlan(metadata=exposure.metadata, settings=MapSettings(resolver=ResolverSettings(mpi_model="discrete"))),
     )
-    direct, discrete = (resolve_frame(counts, plan=plan).maps.layer(DIRECT_DEPTH).astype(np.float64) for plan in plans)
-    volts = (counts[0].astype(np.float64) - exposure.camera.zero_counts) * exposure.camera.volts_per_count
-    turns = np.mod(np.arctan2(volts[1], volts[0]) / (2 * np.pi), 1.0)
-    reach = 0.299792458 * exposure.metadata.modulation.periods_ns[0] / 2.0
-    return turns * reach, direct, discrete
+    found = [resolve_frame(counts, plan=plan) for plan in plans]
+    direct, discrete = (one.maps.layer(DIRECT_DEPTH).astype(np.float64) for one in found)
+    first = first_phasor_depth(counts, plan=plans[0])
+    return first, direct, discrete, found[0].mpi.taken if found[0].mpi else "discrete"
 
 
 @dataclass(frozen=True)
 class Figure4:
-    """Distance of the panel's middle, in cm: without and with the second object, and with it resolved, both ways."""
+    """Distance of the panel's middle, in cm: without and with the second object, and with it resolved, both ways; and what its
+    MPI is by default."""
 
     without_cm: float
     with_cm: float
     resolved_cm: float
     discrete_cm: float
+    taken: str
 
 
 def figure_4(effort: Effort) -> Figure4:
@@ -93,18 +98,18 @@ def figure_4(effort: Effort) -> Figure4:
     lines = {
         "without the second object": profile(without.first_m),
         "with it, first phasor": profile(with_object.first_m),
-        "with it, resolved: MPI diffuse, by default": profile(with_object.direct_m),
+        f"with it, resolved: MPI {with_object.taken}, by default": profile(with_object.direct_m),
         "with it, resolved: MPI discrete": profile(with_object.discrete_m),
     }
     figure = Figure(figsize=(13.5, 4.4), dpi=110, layout="constrained")
     image, axes = figure.subplots(1, 2, width_ratios=(1, 1.3))
     shown = image.imshow(100 * (with_object.first_m - without.first_m).mean(axis=0), vmin=-3, vmax=3, cmap="RdBu_r")
-    figure.colorbar(shown, ax=image, label="change by the second object (cm)", shrink=0.75)
-    image.set(xlabel="column (px)", ylabel="row (px)", title="first phasor")
+    figure.colorbar(shown, ax=image, label="change by the second object, cm", shrink=0.75)
+    image.set(xlabel="column, px", ylabel="row, px", title="first phasor")
     image.axhline(ROW, color="black", lw=0.6)
     for (label, line), colour in zip(lines.items(), ("black", MEASURED, DIRECT, DISCRETE), strict=True):
         axes.plot(columns, line, color=colour, lw=1.2, label=label)
-    axes.set(xlabel="column (px)", ylabel="planar distance (cm)", title="profile across the panel; bent by the lens")
+    axes.set(xlabel="column, px", ylabel="planar distance, cm", title="profile across the panel; bent by the lens")
     axes.legend(loc="upper left", bbox_to_anchor=(1.01, 1.0), borderaxespad=0.0, fontsize=8)
     axes.grid(alpha=0.3)
     figure.savefig(effort.out / "fig4.png")
@@ -114,19 +119,21 @@ def figure_4(effort: Effort) -> Figure4:
         zip(columns, *lines.values(), strict=True),
     )
     middle = np.abs(columns - 159.5) < 12
-    return Figure4(*(float(np.mean(line[middle])) for line in lines.values()))
+    without_cm, with_cm, resolved_cm, discrete_cm = (float(np.mean(line[middle])) for line in lines.values())
+    return Figure4(without_cm, with_cm, resolved_cm, discrete_cm, with_object.taken)
 
 
 @dataclass(frozen=True)
 class Figure5:
-    """Depth error of the corner in cm: first phasor, resolved, and resolved with MPI discrete; angles in degrees.
+    """Depth error of the corner in cm: first phasor, resolved by default, and resolved with MPI discrete; angles in degrees.
 
-    `spread_cm` are median and 90 % of its magnitude; the first angle is the true one.
+    `spread_cm` are median and 90 % of its magnitude; the first angle is the true one; `taken` is what MPI is by default.
     """
 
     spread_cm: tuple[tuple[float, float], ...]
     bias_cm: tuple[float, ...]
     opening_deg: tuple[float, ...]
+    taken: str
 
 
 def figure_5(effort: Effort) -> Figure5:
@@ -139,7 +146,7 @@ def figure_5(effort: Effort) -> Figure5:
     truth = corner.truth_m * planar
     found = [depth * planar for depth in (corner.first_m, corner.direct_m, corner.discrete_m)]
     lines = [np.nanmedian(truth[rows], axis=0), *(np.nanmedian(depth[:, rows], axis=(0, 1)) for depth in found)]
-    _draw_corner(effort, lines, found[0][0], found[1][0])
+    _draw_corner(effort, lines, found[0][0], found[1][0], taken=corner.taken)
     write_rows(
         effort.out / "fig5.csv",
         ("column_px", "truth_m", "first_phasor_m", "resolved_m", "resolved_discrete_m"),
@@ -152,7 +159,7 @@ def figure_5(effort: Effort) -> Figure5:
 
     biases = (float(100 * np.nanmedian(depth - truth)) for depth in found)
     angles = (_opening_deg(rays[0, ROW], line) for line in lines)
-    return Figure5(tuple(map(spread, found)), tuple(biases), tuple(angles))
+    return Figure5(tuple(map(spread, found)), tuple(biases), tuple(angles), corner.taken)
 
 
 def _opening_deg(sides: Float, depth_m: Float) -> float:
@@ -165,22 +172,22 @@ def _opening_deg(sides: Float, depth_m: Float) -> float:
     return float(180.0 - np.degrees(np.arctan(slopes[0]) - np.arctan(slopes[1])))
 
 
-def _draw_corner(effort: Effort, lines: list[Float], first: Float, direct: Float) -> None:
+def _draw_corner(effort: Effort, lines: list[Float], first: Float, direct: Float, *, taken: str) -> None:
     figure = Figure(figsize=(16.5, 4.2), dpi=110, layout="constrained")
     before, after, axes = figure.subplots(1, 3, width_ratios=(1, 1, 1.4))
     for image, depth, title in ((before, first, "first phasor"), (after, direct, "resolved, one frame")):
         shown = image.imshow(depth, vmin=1.25, vmax=2.05, cmap="viridis")
         image.axhline(ROW, color="white", lw=0.6)
-        image.set(title=title, xlabel="column (px)", ylabel="row (px)")
-    figure.colorbar(shown, ax=(before, after), label="planar depth (m)", shrink=0.75)
+        image.set(title=title, xlabel="column, px", ylabel="row, px")
+    figure.colorbar(shown, ax=(before, after), label="planar depth, m", shrink=0.75)
     for line, colour, label in zip(
         lines,
         (TRUTH, MEASURED, DIRECT, DISCRETE),
-        ("true", "first phasor, as measured", "resolved: MPI diffuse, by default", "resolved: MPI discrete"),
+        ("true", "first phasor, as measured", f"resolved: MPI {taken}, by default", "resolved: MPI discrete"),
         strict=True,
     ):
         axes.plot(line, color=colour, lw=1.3, label=label)
-    axes.set(xlabel="column (px)", ylabel="planar depth (m)", title=f"cross-section, {effort.frames} frames")
+    axes.set(xlabel="column, px", ylabel="planar depth, m", title=f"cross-section, {effort.frames} frames")
     axes.legend(loc="upper left", bbox_to_anchor=(1.01, 1.0), borderaxespad=0.0, fontsize=8)
     axes.grid(alpha=0.3)
     figure.savefig(effort.out / "fig5.png")

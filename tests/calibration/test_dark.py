@@ -1,10 +1,12 @@
 """Offsets, noise and bad pixels from frames whose truth is drawn here."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from cadtof_cli.calibration.dark import DarkCalibration, Defect, fit_dark
+from cadtof_cli.calibration.dark import DarkCalibration, Defect, fit_dark, tells_dead
 from cadtof_cli.calibration.parts import Origin
 from cadtof_cli.capture.metadata import Voltage
 from cadtof_cli.errors import SettingsError
@@ -22,7 +24,7 @@ def frames_v(count: int, *, seed: int = 1) -> NDArray[np.float64]:
     return offsets_v() + np.random.default_rng(seed).normal(0.0, NOISE_V, (count, *SHAPE))
 
 
-def mean_of(frames: NDArray[np.float64], voltage: Voltage | None = None) -> FrameMean:
+def mean_of(frames: NDArray[Any], voltage: Voltage | None = None) -> FrameMean:
     return mean_volts(frames, voltage=voltage or Voltage())
 
 
@@ -164,3 +166,45 @@ def test_rounding_is_no_outlier_where_there_is_no_noise(centre_v: float, off_v: 
     frames = np.full((3, *SHAPE), centre_v)
     frames[:, 0, 0, 4, 5] += off_v
     assert dark_of(frames).hot.sum() == outlier
+
+
+def test_an_infinite_value_marks_its_pixel_and_no_other() -> None:
+    frames = frames_v(5)
+    frames[2, 1, 0, 12, 34] = np.inf
+    dark = dark_of(frames)
+    assert np.argwhere(dark.hot).tolist() == [[12, 34]]
+    assert dark.defects[12, 34] == Defect.NOT_FINITE
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_frames_without_a_sound_pixel_are_refused(value: float) -> None:
+    with pytest.raises(SettingsError, match="no pixel"):
+        dark_of(np.full((3, *SHAPE), value))
+
+
+def counts_of(frames: NDArray[np.float64]) -> NDArray[np.uint16]:
+    """Return voltages as counts of which NOISE_V are nine."""
+    return np.rint(8192.0 + frames / (NOISE_V / 9.0)).astype(np.uint16)
+
+
+VOLTAGE = Voltage(volts_per_count=NOISE_V / 9.0, zero_counts=8192.0)
+
+
+@pytest.mark.parametrize("count", [2, 3, 4, 20])
+def test_that_few_frames_hold_the_same_count_by_chance_makes_no_pixel_dead(count: int) -> None:
+    mean = mean_of(counts_of(frames_v(count)), VOLTAGE)
+    assert mean.variance is not None
+    assert (mean.variance == 0.0).any() == (count < 4)
+    origin = Origin(captures=("dark",), frames=count, pixels=SHAPE[2:], periods_ns=(40.0, 20.0), waveform="sine")
+    assert not fit_dark(mean, origin=origin).hot.any()
+
+
+@pytest.mark.parametrize(("count", "told"), [(4, False), (5, True)])
+def test_a_count_that_never_changes_is_dead_from_where_chance_does_not_make_it_so(count: int, told: bool) -> None:
+    """Nine counts of noise: n frames agree by chance with (1/(9·√(2π)))^(n − 1)/√n, in .2 of 4800 channels at 4, in .008 at 5."""
+    frames = frames_v(count)
+    frames[:, 1, 0, 12, 34] = frames[0, 1, 0, 12, 34]
+    mean = mean_of(counts_of(frames), VOLTAGE)
+    origin = Origin(captures=("dark",), frames=count, pixels=SHAPE[2:], periods_ns=(40.0, 20.0), waveform="sine")
+    assert fit_dark(mean, origin=origin).hot.sum() == told
+    assert tells_dead(mean) == told

@@ -378,3 +378,24 @@ def test_what_lies_half_the_unambiguous_range_behind_a_wall_is_not_wall() -> Non
     assert quality.walls[0].pixels == pytest.approx((~behind).sum(), rel=2e-3)
     ranges[behind] += 0.5 * RANGE_M
     assert fitted(WallRanges(ranges, wall.sigma_m, None)).quality.walls[0].pixels > 0.999 * behind.size
+
+
+def test_without_optics_a_wall_without_any_answer_is_refused_by_its_name() -> None:
+    nothing = WallRanges(np.full(PIXELS, np.nan), np.full(PIXELS, np.nan), None)
+    with pytest.raises(SettingsError, match=r"wall 2 \(wall_1\): found 0 pixels"):
+        fitted(measured_wall(1.0, seed=1), nothing, optics=Optics())
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_walls_that_do_not_tell_a_long_focal_length_are_refused_or_it_is_positive(seed: int) -> None:
+    """Through a lens of so narrow a view a wall's range hardly depends on the pixel: less than noise."""
+    walls = [
+        measured_wall(distance, seed=10 * seed + index, focal_px=5000.0) for index, distance in enumerate((1.0, 3.0))
+    ]
+    if seed in {0, 1}:
+        with pytest.raises(SettingsError, match=r"do not tell the focal length: .* set focal_length_px"):
+            fitted(*walls, optics=Optics())
+        return
+    found = fitted(*walls, optics=Optics())
+    assert found.quality.focal_length_px > 0.0
+    assert np.isfinite([wall.slopes for wall in found.quality.walls]).all()

@@ -120,6 +120,9 @@ def test_a_dry_run_tells_and_writes_nothing(here: Path) -> None:
     assert "would be replaced" in done.err
     done = shell("cadtof resolve cap -o out --dry-run --resume --json", here)
     assert [json.loads(line)["status"] for line in done.out.splitlines()] == ["skipped", "skipped", "ok"]
+    done = shell("cadtof resolve cap -o out --dry-run --resume --order 1", here)
+    assert done.status == 2
+    assert "cannot resume: order was 'auto' and is '1' now" in done.err
 
 
 def test_a_log_holds_what_is_said(here: Path) -> None:

@@ -189,6 +189,10 @@ def test_a_pixel_without_an_answer_still_shows_what_there_is(tmp_path: Path) -> 
     assert (found["status"], found["one_path"], found["two_paths"]) == (["not finite"], None, None)
     assert found["voltages_v"][0][1] is None
     assert (tmp_path / "nan.png").stat().st_size > 1000
+    volts[:, :, 2, 3] = 0.0
+    write_frame(tmp_path / "nan" / "a.exr", volts)
+    found = _inspected(tmp_path / "nan" / "a.exr", 3, 2)
+    assert (found["status"], found["chosen"]["direct.depth"]) == (["low confidence"], None)
 
 
 def test_the_table_says_the_same(tmp_path: Path) -> None:

@@ -16,6 +16,8 @@ from cadtof_cli.calibration.petzval import PetzvalCalibration, WallFit
 from cadtof_cli.calibration.store import save_part
 from cadtof_cli.capture.metadata import CaptureMetadata, Optics
 from cadtof_cli.figures.petzval import draw_petzval
+from cadtof_cli.figures.profile import draw_profile
+from cadtof_cli.maps.profile import Curve, Profile
 from cadtof_cli.optics import wall_range_m
 from tests.support.calibrations import PETZVAL_QUALITY, made_up_calibration
 from tests.support.captures import record, write_exr, write_frame
@@ -117,6 +119,30 @@ def test_the_picture_of_walls_is_whole(figures: list[Figure], tmp_path: Path) ->
         medians = np.asarray(after.get_ydata(), np.float64)
         np.testing.assert_allclose(medians[np.isfinite(medians)], 0.0, atol=1e-9)
         assert np.ptp(np.asarray(curve.get_ydata(), np.float64)) > 1.0
+
+
+@pytest.mark.parametrize(("row", "shown"), [(40.0, "rows 21 to 23"), (-7.0, "rows 0 to 2")])
+def test_walls_of_a_part_of_an_array_are_drawn_next_to_a_principal_point_beside_it(
+    row: float, shown: str, figures: list[Figure], tmp_path: Path
+) -> None:
+    origin = Origin(captures=("wall",), frames=1, pixels=(24, 32), periods_ns=(40.0, 20.0), waveform="sine")
+    wall = WallFit(2.0, 0.0, True, (0.0, 0.0), 0.01, 0.001, 0.001, 768)
+    petzval = PetzvalCalibration(origin, 0.05, -0.03, (15.0, row), replace(PETZVAL_QUALITY, walls=(wall,)))
+    draw_petzval([petzval.range_offset_m + 2.0], petzval, tmp_path / "a.png")
+    assert figures[0].axes[0].get_title() == f"wall: {shown}"
+
+
+@pytest.mark.parametrize("alone", [0, 30, 59])
+def test_a_pixel_alone_on_a_line_is_drawn_as_a_point(alone: int, figures: list[Figure], tmp_path: Path) -> None:
+    """A line joins neighbours; the first and the last pixel are no neighbours."""
+    values = np.ones(60)
+    values[[place for place in (alone - 1, alone + 1) if 0 <= place < 60]] = np.nan
+    for curve in (np.ones(60), values):
+        line = np.arange(60), np.zeros(60, np.intp)
+        profile = Profile("direct.depth", "m", "row 0", "column", line[1], line[0], "range", (Curve("a", curve),), None)
+        draw_profile(profile, tmp_path / "a.png")
+    whole, broken = (figure.axes[0].get_lines()[0].get_marker() for figure in figures)
+    assert (whole, broken) == ("None", ".")
 
 
 def _require_whole(figure: Figure) -> None:

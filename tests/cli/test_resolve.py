@@ -10,8 +10,8 @@ import pytest
 import tifffile
 from numpy.typing import NDArray
 
+from cadtof_cli.commands.resolve import per_second
 from cadtof_cli.resolver.two_path.kernel import NUMPY, chosen_kernel
-from cadtof_cli.units import per_second
 from tests.support.captures import (
     PLANE_NAMES,
     TOML,

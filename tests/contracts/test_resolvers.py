@@ -135,14 +135,14 @@ def test_paths_that_cancel_in_the_fundamental_are_found_where_the_second_harmoni
 def test_one_path_is_found(resolver: Resolver, delay: float) -> None:
     problem = Mixture((1.0,), (delay,))
     resolved = resolver(problem.exact(resolver.harmonics))
-    away = np.angle(np.exp(1j * (resolved.direct.phase_rad - problem.phases)))
+    away = np.angle(np.exp(1j * (resolved.paths[0].phase_rad - problem.phases)))
     if resolver.settings.order == "2":  # asked for two, with noise for the second: the paths may share the light
-        strong = resolved.direct.amplitude > 0.5 * problem.shares
+        strong = resolved.paths[0].amplitude > 0.5 * problem.shares
         assert not strong.any() or np.abs(away[strong]).max() < 0.01
         return
     assert np.abs(away).max() < 1e-6
-    np.testing.assert_allclose(resolved.direct.amplitude, problem.shares, rtol=1e-5)
-    assert np.isnan(resolved.mpi.phase_rad[0])
+    np.testing.assert_allclose(resolved.paths[0].amplitude, problem.shares, rtol=1e-5)
+    assert np.isnan(resolved.paths[1].phase_rad[0])
     assert resolved.status[0] == StatusBit.ONE_PATH
 
 
@@ -203,8 +203,8 @@ def test_two_paths_are_ill_conditioned_where_a_sigma_exceeds_a_quarter_of_their_
     drawn = [light.phasors(resolver.harmonics, n_av=3e3, size=6, rng=rng) for light in lights]
     found = resolver(np.concatenate(drawn, axis=1), n_av=3e3)
     two = (found.status & StatusBit.TWO_PATHS) > 0
-    half = np.abs(np.sin(0.5 * (found.mpi.phase_rad - found.direct.phase_rad)))[two]
-    ratio = np.maximum(found.direct.sigma_rad, found.mpi.sigma_rad)[two] / half
+    half = np.abs(np.sin(0.5 * (found.paths[1].phase_rad - found.paths[0].phase_rad)))[two]
+    ratio = np.maximum(found.paths[0].sigma_rad, found.paths[1].sigma_rad)[two] / half
     flagged = (found.status[two] & StatusBit.ILL_CONDITIONED) > 0
     np.testing.assert_array_equal(flagged[ratio > 0.501], True)
     np.testing.assert_array_equal(flagged[ratio < 0.499], False)

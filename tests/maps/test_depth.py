@@ -49,7 +49,7 @@ def written(
 def test_depth_amplitude_and_sigma_in_metres_and_volts_in_the_block_alone() -> None:
     paths = drawn()
     maps = written(paths, start=5)
-    for name, one in (("direct", paths.direct), ("mpi", paths.mpi)):
+    for name, one in (("direct", paths.paths[0]), ("mpi", paths.paths[1])):
         for what, values in (
             ("depth", one.phase_rad * METRES),
             ("amplitude", one.amplitude * VOLTS),

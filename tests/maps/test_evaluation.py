@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from cadtof_cli.maps.evaluation import DepthErrors, ErrorTally, EvaluationTally
+from cadtof_cli.maps.evaluation import DepthErrors, ErrorTally, EvaluationTally, SequenceTally
 
 
 def test_the_figures_are_those_of_all_errors_of_all_frames() -> None:
@@ -78,3 +78,19 @@ def test_the_first_phasor_is_judged_where_every_map_has_it() -> None:
         assert found.first_phasor.within_1_sigma is None
     tally.add(depth, truth, sigma_m=None, first_phasor_m=None)
     assert (tally.summary().frames, tally.summary().first_phasor) == (3, None)
+
+
+def test_what_is_not_finite_counts_for_nothing() -> None:
+    tally = ErrorTally()
+    tally.add(np.array([np.inf, np.inf, 1.0]), np.array([np.inf, 1.0, 1.0]))
+    assert tally.summary() == DepthErrors(0.0, 0.0, 0.0, 0.0, 0.5)
+
+
+def test_over_time_what_is_not_finite_is_no_answer() -> None:
+    tally = SequenceTally((3,))
+    for frame in ([np.inf, 1.0, np.nan], [np.inf, 3.0, np.nan], [2.0, np.nan, np.nan]):
+        tally.add(np.array(frame), None)
+    over = tally.summary()
+    np.testing.assert_array_equal(over.frames, [1.0, 2.0, 0.0])
+    np.testing.assert_array_equal(over.mean, np.array([2.0, 2.0, np.nan], np.float32))
+    np.testing.assert_array_equal(over.std, np.array([np.nan, np.sqrt(2.0), np.nan], np.float32))

@@ -5,7 +5,7 @@ import pytest
 
 from cadtof_cli.capture.metadata import Optics
 from cadtof_cli.errors import SettingsError
-from cadtof_cli.optics import doubtful_optics, planar_per_range, ray_slopes
+from cadtof_cli.optics import planar_per_range, ray_slopes
 
 FOCAL = Optics(focal_length_px=3.0)
 
@@ -51,9 +51,9 @@ def test_a_principal_point_that_is_not_given_is_the_middle_as_column_and_row() -
 )
 def test_lenses_that_are_hardly_given_in_pixels(optics: Optics, told: str | None) -> None:
     """A pinhole of 59 pixels sees 320 of them at 2·atan(160/59) = 139.5°."""
-    found = doubtful_optics(optics, (240, 320))
+    found = optics.doubt((240, 320))
     assert found is None if told is None else str(found).startswith(told)
 
 
 def test_a_few_pixels_may_have_their_middle_in_the_first() -> None:
-    assert doubtful_optics(Optics(principal_point_px=(0.5, 0.5)), (2, 2)) is None
+    assert Optics(principal_point_px=(0.5, 0.5)).doubt((2, 2)) is None

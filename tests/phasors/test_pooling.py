@@ -62,17 +62,17 @@ def test_uniform_light_loses_noise_by_the_number_of_pixels(window: int) -> None:
     assert pooled.samples[inside].mean() == pytest.approx(window**2, rel=0.02)
     assert pooled.samples[0, 0] <= (window // 2 + 1) ** 2
     found = resolve(pooled)
-    depth = found.direct.phase_rad.reshape(HEIGHT, WIDTH)[inside]
+    depth = found.paths[0].phase_rad.reshape(HEIGHT, WIDTH)[inside]
     alone = light.bound_ns(HARMONICS, N_AV)[0] * 2 * np.pi / 40.0
     assert depth.std() < 1.25 * alone / window
-    assert np.median(found.direct.sigma_rad) == pytest.approx(alone / window, rel=0.1)
+    assert np.median(found.paths[0].sigma_rad) == pytest.approx(alone / window, rel=0.1)
     assert (found.status & StatusBit.POOLED).all()
 
 
 def test_a_step_of_30_cm_stays_as_sharp_as_it_was() -> None:
     near = Mixture((1.0, 0.3), (8.0, 16.0), asr=2.0)
     far = Mixture((1.0, 0.3), (8.0 + 2 * 0.3 / 0.299792458, 18.0), asr=2.0)
-    depth = M_PER_RAD * resolve(pool(frame(near, far))).direct.phase_rad.reshape(HEIGHT, WIDTH)
+    depth = M_PER_RAD * resolve(pool(frame(near, far))).paths[0].phase_rad.reshape(HEIGHT, WIDTH)
     truth = M_PER_RAD * np.where(np.arange(WIDTH) < WIDTH // 2, near.phases[0], far.phases[0])
     edge = slice(WIDTH // 2 - 3, WIDTH // 2 + 3)
     assert np.abs(depth - truth)[:, edge].max() < 0.03

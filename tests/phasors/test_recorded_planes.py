@@ -5,7 +5,7 @@ import pytest
 from numpy.typing import NDArray
 
 from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Voltage
-from cadtof_cli.phasors.recorded_planes import FEWEST, mistaken_order, no_recording
+from cadtof_cli.phasors.plausible import FEWEST, mistaken_order, no_recording
 
 AMPLITUDE_V = 0.2746
 COUNTS = Voltage(zero_counts=8192.0, volts_per_count=6e-5, saturated_counts=(0.0, 16383.0))
@@ -134,6 +134,8 @@ def test_a_plane_that_is_one_value_while_others_scatter() -> None:
     assert no_recording(stored, (1, 3)) is None
     volts = light()
     volts[0, 1] = 0.0
+    assert "H1.SC2 holds 0 in every pixel" in str(no_recording(volts, (1, 2)))
+    volts[:, 0, 30], volts[1, 1, 7:9] = np.nan, np.inf
     assert "H1.SC2 holds 0 in every pixel" in str(no_recording(volts, (1, 2)))
 
 

@@ -137,8 +137,8 @@ class _System:
                     column = np.zeros(pixels.left.shape, np.complex128)
                     column[:, row] = unit * answer
                     parts = (_centred(column.real, pixels.weights), self._imaginary(column.imag, pixels.weights))
-                    columns.append((np.stack(parts) * roots).ravel().astype(np.float32))
-        matrix = np.stack(columns).astype(np.float64)
+                    columns.append((np.stack(parts) * roots).ravel())
+        matrix = np.stack(columns)
         self._normal = matrix @ matrix.T
         self._side = matrix @ (left * roots).ravel()
         self._power = float(((left * roots) ** 2).sum())

@@ -11,7 +11,7 @@ import numpy as np
 
 from cadtof_cli.arrays import Bool, Float
 from cadtof_cli.records import dataclass
-from cadtof_cli.resolver.diffuse.even_paths import View, are_even
+from cadtof_cli.resolver.diffuse.even_paths import PatchPlaces, are_even
 from cadtof_cli.resolver.diffuse.grid import PatchGrid
 from cadtof_cli.resolver.diffuse.light import PatchMeans
 from cadtof_cli.resolver.diffuse.quantiles import median
@@ -151,21 +151,21 @@ def patch_kinds(
         reason = "no MPI to be seen"
     elif are_two_paths(
         PatchData.of(means, lit, variances, settings.harmonics),
-        View(grid.even[lit], lit, settings.rad_per_ns),
+        PatchPlaces(grid.even[lit], lit, settings.rad_per_ns),
         kernel=kernel,
     ):
         reason = "separate paths"
     return PatchKinds(lit, separate, share, reason, likely)
 
 
-def are_two_paths(data: PatchData, view: View, /, *, kernel: str = NUMPY) -> bool:
+def are_two_paths(data: PatchData, places: PatchPlaces, /, *, kernel: str = NUMPY) -> bool:
     """Return whether patches have two true paths each: of one share, or as further harmonics tell, or else evenness."""
     with np.errstate(all="ignore"):
         # of one path alone, the other has no delay
         found = SecondPaths.of(data, kernel=kernel)
-        if has_one_share(found, rad_per_ns=view.rad_per_ns):
+        if has_one_share(found, rad_per_ns=places.rad_per_ns):
             return True
-        return foretells(found, data) if foretelling(data) else are_even(found, data, view)
+        return foretells(found, data) if foretelling(data) else are_even(found, data, places)
 
 
 def tail_fits(chi_squared: Float, by_two_paths: Float, data: int, /) -> bool:

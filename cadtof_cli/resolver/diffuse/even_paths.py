@@ -61,10 +61,11 @@ COLUMNS = 3
 
 
 @dataclass(frozen=True, eq=False)
-class View:
-    """What is even over n patches, `columns`, (n, 4): 1, the slopes X and Y of their rays, and 1/cos, by which all ranges grow
-    that lie on a plane across the view. `lit`, (rows, columns), says where in the frame they are, `rad_per_ns` is ω of the
-    fundamental.
+class PatchPlaces:
+    """Where n patches lie, and the fundamental's ω, `rad_per_ns`.
+
+    `columns`, (n, 4), is what is even over the view there: 1, the slopes X and Y of their rays, and 1/cos, by which all ranges
+    grow that lie on a plane across the view. `lit`, (rows, columns), says where in the frame they are.
     """
 
     columns: Float
@@ -87,42 +88,42 @@ class _Explained:
         return self.visible >= visible and self.misfit <= EXPLAINED and self.alike <= ALIKE
 
 
-def are_even(found: SecondPaths, data: PatchData, view: View, /) -> bool:
+def are_even(found: SecondPaths, data: PatchData, places: PatchPlaces, /) -> bool:
     """Return whether second paths lie evenly over the view, each by itself or all together."""
     known = found.known
     if known.any():
-        columns, noise = view.columns[known], found.noise[1, known]
+        columns, noise = places.columns[known], found.noise[1, known]
         delays = found.later_rad[known]
         uneven = Scatter.of(delays - columns @ _even_part(delays, noise, columns), noise)
-        if uneven.most < (EVEN_NS * view.rad_per_ns) ** 2 * found.strength_scatter.least:
+        if uneven.most < (EVEN_NS * places.rad_per_ns) ** 2 * found.strength_scatter.least:
             return True
-        if uneven.least > (ALLOWED[1] * view.rad_per_ns) ** 2:
+        if uneven.least > (ALLOWED[1] * places.rad_per_ns) ** 2:
             return False
-    return _are_even_together(found, data, view)
+    return _are_even_together(found, data, places)
 
 
-def _are_even_together(found: SecondPaths, data: PatchData, view: View) -> bool:
+def _are_even_together(found: SecondPaths, data: PatchData, places: PatchPlaces) -> bool:
     """Return whether second paths of even shares and delays, or of one share, explain all patches together."""
-    even = _explained(found, data, view, COLUMNS)
+    even = _explained(found, data, places, COLUMNS)
     # one share is even, too
     if not even.misfit <= EXPLAINED:
         return False
-    return even.beyond_doubt(VISIBLE[1]) or _explained(found, data, view, 1).beyond_doubt(VISIBLE[0])
+    return even.beyond_doubt(VISIBLE[1]) or _explained(found, data, places, 1).beyond_doubt(VISIBLE[0])
 
 
-def _explained(found: SecondPaths, data: PatchData, view: View, share_columns: int) -> _Explained:
+def _explained(found: SecondPaths, data: PatchData, places: PatchPlaces, share_columns: int) -> _Explained:
     """Return how well second paths explain all patches' q_2 whose share is of so many of the view's columns."""
     noise, observed = data.noise(0, 0), np.stack([np.log(np.abs(data.ratios[0])), np.angle(data.ratios[0])])
-    share, later_rad = _fitted(found, observed, noise, view.columns[:, :share_columns], view.columns[:, :COLUMNS])
+    share, later_rad = _fitted(found, observed, noise, places.columns[:, :share_columns], places.columns[:, :COLUMNS])
     off, slopes = _off(observed, share, later_rad)
-    by_each = (slopes * np.stack([np.abs(share), np.full_like(share, view.rad_per_ns)])) ** 2
+    by_each = (slopes * np.stack([np.abs(share), np.full_like(share, places.rad_per_ns)])) ** 2
     noise = noise + np.einsum("ikn,k->in", by_each, np.square(ALLOWED))
     in_rooms = (np.einsum("ikn,k->in", by_each, np.square(IN_ROOMS)) / noise).sum(axis=0)
     # some surfaces of the view may be without a second path
     alone = (observed * observed / noise).sum(axis=0) < (off * off / noise).sum(axis=0)
     missed = np.where(alone, observed, off) / np.sqrt(noise)
     misfit = float(median((missed * missed).sum(axis=0))) / median_of_noise(2)
-    return _Explained(misfit, float(median(in_rooms)), _alike(missed, view.lit))
+    return _Explained(misfit, float(median(in_rooms)), _alike(missed, places.lit))
 
 
 def _fitted(found: SecondPaths, observed: Float, noise: Float, shares: Float, delays: Float) -> tuple[Float, Float]:

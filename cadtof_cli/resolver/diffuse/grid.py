@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cadtof_cli.arrays import Float, Float32, sealed
+from cadtof_cli.arrays import Float, Float32, Index, sealed
 from cadtof_cli.records import dataclass
 
 PATCHES = 300
@@ -71,6 +71,11 @@ class PatchGrid:
         """Return 1, x, y, x², y² and xy of where the sampled pixels lie about the middle of their patch, (6, n)."""
         x, y = self.place
         return sealed(np.stack([np.ones_like(x), x, y, x * x, y * y, x * y]))
+
+    def patch_of(self, pixels: Index, /) -> tuple[Index, Index]:
+        """Return the row and the column of the patch that each pixel lies in, flat indices."""
+        row, column = np.divmod(pixels, self.width)
+        return row // self.side, column // self.side
 
     def samples(self, image: NDArray[Any], /) -> NDArray[Any]:
         """Return the sampled pixels of images (…, Y, X) by patch, (…, n, rows, columns); 0 or False outside the frame."""

@@ -63,7 +63,7 @@ def patch_planes(range_m: Float | Float32, seen: Bool, grid: PatchGrid, /) -> Pa
 
 def _median(inverse: Float32, seen: Bool) -> Float32:
     """Return the (upper) median over the seen pixels of every patch; 1 where there are none."""
-    place = np.minimum(seen.sum(0) // 2, len(seen) - 1)
+    place = seen.sum(0) // 2
     ordered = np.sort(np.ascontiguousarray(inverse.reshape(len(inverse), -1).T))
     median = ordered[np.arange(place.size), place.ravel()].reshape(place.shape)
     found: Float32 = np.where(np.isfinite(median), median, np.float32(1.0))

@@ -53,6 +53,9 @@ FURTHER_ERROR = 0.5
 """Standard deviation of the tail at a harmonic that only other terms of a response see, as a share of it: early light hardly
 changes the ratios of the harmonics that are fitted, but is all that is left of a tail at those."""
 
+NO_RATIO = 1e-9
+"""|q_h| below which its logarithm is of no interest: it must be finite."""
+
 UNHEARD = 1e6
 """By how much the noise of patches with two surfaces is raised, so that they say nothing of the room."""
 
@@ -124,7 +127,7 @@ def _model(
     ratios, amplitude, seen = means.ratios[:, valid], means.amplitude[valid], planes.surfaces[valid]
     tail, further = _tails(seen, surfaces_beyond(planes.surfaces, valid, frame.grid), amplitude, frame)
     rule = pattern(tail.light.direct)
-    data = np.concatenate([np.log(np.maximum(np.abs(ratios), 1e-9)), np.angle(ratios)])
+    data = np.concatenate([np.log(np.maximum(np.abs(ratios), NO_RATIO)), np.angle(ratios)])
     error = _error(ratios, amplitude, means.pixels[valid], frame)
     known, auto = frame.grid.view.known, frame.settings.model == "auto"
     fit = fitted_patches(data, error, tail, rule, known_optics=known, kernel=frame.kernel)

@@ -111,13 +111,13 @@ class DiffuseModel:
         """Return the tail of pixels, flat indices, as that of the patch that each lies in, for a model of further harmonics."""
         if self.further is None:
             raise ValueError("the model was made for a sine")
-        row, column = self._patch(pixels)
+        row, column = self.upsampler.grid.patch_of(pixels)
         return PixelTails.of(self.further.planes[:, row, column], self.further.harmonics)
 
     def of_paths(self, pixels: Index, /) -> Bool:
         """Return which pixels, flat indices, lie in patches whose light is more than what the tail goes with, (n,)."""
         found = self.separate if self.through is None else self.separate | self.through.found
-        return np.asarray(found[self._patch(pixels)])
+        return np.asarray(found[self.upsampler.grid.patch_of(pixels)])
 
     def range_m(self, phase_rad: Values, /) -> Values:
         """Return the range of a fundamental phase."""
@@ -129,12 +129,7 @@ class DiffuseModel:
 
     def is_separate(self, pixels: slice, /) -> Bool:
         """Return which of a stretch of pixels lie in patches with separate paths, (n,)."""
-        return np.asarray(self.separate[self._patch(np.arange(pixels.start, pixels.stop))])
-
-    def _patch(self, pixels: Index) -> tuple[Index, Index]:
-        """Return the row and the column of the patch that each pixel lies in, flat indices."""
-        row, column = np.divmod(pixels, self.upsampler.grid.width)
-        return row // self.upsampler.grid.side, column // self.upsampler.grid.side
+        return np.asarray(self.separate[self.upsampler.grid.patch_of(np.arange(pixels.start, pixels.stop))])
 
 
 @dataclass(frozen=True, eq=False)

@@ -40,12 +40,11 @@ def freed_pixels(
     model, through = tail.model, tail.model.through
     if through is None:
         return phasors, None
-    grid = model.upsampler.grid
-    place = np.arange(tail.pixels.start, tail.pixels.start + phasors.shape[1])
-    net_m = through.near_m[place // grid.width // grid.side, place % grid.width // grid.side]
+    count = phasors.shape[1]
+    net_m = through.near_m[model.upsampler.grid.patch_of(tail.pixels.start + np.arange(count))]
     there = np.isfinite(net_m)
-    where = np.zeros(len(place), np.bool_)
-    free, size = phasors.copy(), np.ones(len(place))
+    where = np.zeros(count, np.bool_)
+    free, size = phasors.copy(), np.ones(count)
     if there.any():
         seen, net_m = phasors[:, there], net_m[there]
         paths = freed_paths(seen, through.tails, kernel=kernel)

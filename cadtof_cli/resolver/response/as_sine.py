@@ -41,10 +41,7 @@ def first_phase(phasor: Complex, /, *, response: ResponseBlock | None) -> Float:
     with np.errstate(invalid="ignore"):
         if response is None:
             return np.asarray(np.mod(np.angle(phasor), FULL_TURN))
-        table = response.stages[-1][0].planes
-        theta = FULL_TURN / ENTRIES * np.arange(ENTRIES + 1)
-        answered = np.angle(table[0].astype(np.float64) + 1j * table[1])
-        answered = np.unwrap(np.append(answered, answered[0]))
+        answered, theta = response.stages[-1][0].phases, FULL_TURN / ENTRIES * np.arange(ENTRIES + 1)
         own = 0.0 if response.phase_rad is None else response.phase_rad[0].astype(np.float64)
         seen = np.angle(phasor) + own
         # a turn of θ is a turn of the answer, which begins anywhere

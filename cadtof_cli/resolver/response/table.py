@@ -6,7 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
-from cadtof_cli.arrays import Complex, Float, Float32, Index
+from cadtof_cli.arrays import Complex, Float, Float32, Index, sealed
 from cadtof_cli.phasors.response import NEGLIGIBLE_TERM, HarmonicResponse
 from cadtof_cli.resolver.two_path.kernel import NUMPY
 
@@ -57,6 +57,12 @@ class ResponseTable:
         orders = np.flatnonzero(np.abs(series) > NEGLIGIBLE_TERM)
         signed = np.where(orders < ENTRIES // 2, orders, orders - ENTRIES)
         return {int(k): complex(series[k]) for k in signed if k != 1}
+
+    @cached_property
+    def phases(self) -> Float:
+        """The phase of f at every entry and after a turn, without jumps, float64 (ENTRIES + 1,)."""
+        phases = np.angle(self.planes[0].astype(np.float64) + 1j * self.planes[1])
+        return sealed(np.unwrap(np.append(phases, phases[0])))
 
     def at(self, theta: Float32, /) -> Answer:
         """Return the answer at phases θ = h·x of any size, in rad; NaN gives NaN."""

@@ -26,7 +26,7 @@ def draw_phases(mix: PhotonMix, generator: np.random.Generator, /, *, count: int
     last = len(shares) - 1
     for path, limit in enumerate(ambient + np.cumsum(shares)[:-1]):
         if path == 0:
-            arrival += np.where(origin < np.float32(limit), centres[0], centres[min(1, last)])
+            arrival += np.where(origin < np.float32(limit), centres[0], centres[1])
         else:
             arrival += (origin >= np.float32(limit)) * (centres[path + 1] - centres[path])
     if last == 0:

@@ -103,6 +103,9 @@ class Averaging:
         """Return the weights of the samples of SC1 and of SC2 in the voltages read last, (2, photons).
 
         Eq. (1) from 0 V gives w_i = (1/n_av)(1 − 1/n_av)^(N − i).
+
+        Raises:
+            SettingsError: the stages switch too seldom for any sample to reach the last one.
         """
         if self.capacitors is None or self.stages.drive == "dc":
             decay = math.log1p(-1.0 / self.integration_length)
@@ -111,6 +114,11 @@ class Averaging:
         first, second = self.capacitors.nodes_ff
         ticks = stage_ticks(self.stages, photons, photon_rate_hz)
         weights = cascade_weights(first, ticks, photons)
+        if not weights.any():
+            raise SettingsError(
+                f"stages: found no sample that reaches ST2 within {photons} photons, expected that F1 and then F2 switch before: "
+                "give more --cycles, or a higher --f1 and --f2"
+            )
         return np.stack([weights, weights if second == first else cascade_weights(second, ticks, photons)])
 
 

@@ -74,7 +74,7 @@ def mean_square(waveform: Waveform) -> float:
 
 
 def triangle(phases_rad: Real, /) -> Real:
-    """Return the triangle wave with the zeros and peaks of a cosine, at the given phases (≥ 0), which it overwrites."""
+    """Return the triangle wave with the zeros and peaks of a cosine, at the given phases, which it overwrites."""
     turns = np.multiply(phases_rad, 2.0 / math.pi, out=phases_rad)
     np.remainder(turns, 4.0, out=turns)
     np.subtract(turns, 2.0, out=turns)
@@ -83,7 +83,7 @@ def triangle(phases_rad: Real, /) -> Real:
 
 
 def sampled_pair(waveform: Waveform, phases_rad: Real, /) -> tuple[Real, Real]:
-    """Return the samples of SC1 and SC2 in units of A at phases ≥ 0 of the harmonic, (n,), which are overwritten."""
+    """Return the samples of SC1 and SC2 in units of A at phases of the harmonic, (n,), which are overwritten."""
     if waveform == "sine":
         return np.cos(phases_rad), np.sin(phases_rad, out=phases_rad)
     first = triangle(phases_rad.copy())

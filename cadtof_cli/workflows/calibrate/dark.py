@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from cadtof_cli.calibration.dark import DEFECT_MEANING, fit_dark
+from cadtof_cli.calibration.dark import DEFECT_MEANING, fit_dark, tells_dead
 from cadtof_cli.calibration.fit.light import light_seen
 from cadtof_cli.capture.frames import Capture
 from cadtof_cli.errors import CaptureError, SettingsError
@@ -37,6 +37,10 @@ def calibrate_dark(
     findings = tuple(f"{count} pixels with {meaning}" for count, meaning in known if count)
     if mean.frames < 2:
         findings += ("one frame only: no noise was measured, and noisy or dead pixels were not looked for",)
+    elif not tells_dead(mean):
+        findings += (
+            f"{mean.frames} frames only: sound pixels may hold the same count in all by chance; dead ones were not looked for",
+        )
     bad = int(dark.hot.sum())
     return save_with_report(dark, settings, {**dark.quality(), "bad_pixels": bad, "defects": counts}, findings)
 

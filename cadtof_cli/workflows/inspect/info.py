@@ -19,7 +19,6 @@ from cadtof_cli.execution.ordered import run_ordered
 from cadtof_cli.execution.outcome import WorkerDied
 from cadtof_cli.execution.workers import Workers
 from cadtof_cli.frame_plan import FramePlan
-from cadtof_cli.optics import doubtful_optics
 from cadtof_cli.phasors.voltages import volts_per_count
 from cadtof_cli.units import unambiguous_range_m
 from cadtof_cli.workflows.inspect.facts import (
@@ -142,7 +141,7 @@ def _capture_facts(capture: Capture, workers: Workers, progress: Progress) -> Ca
     if implausible:
         more = f" (and {len(implausible) - 1} frames more)" if len(implausible) > 1 else ""
         facts.problems.append(f"{implausible[0]}{more}")
-    if pixels and (doubt := doubtful_optics(metadata.optics, pixels)):
+    if pixels and (doubt := metadata.optics.doubt(pixels)):
         facts.problems.append(f"{capture.root}: {doubt}")
     n_av = metadata.pixel.integration_length or facts.integration_length_seen
     if n_av is not None:

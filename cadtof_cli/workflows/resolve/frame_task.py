@@ -287,9 +287,27 @@ def read_frame(task: FrameTask, /) -> tuple[Stored | FrameMean, Recording]:
     Raises:
         FrameError: none of them can be read, or has the size of most; or they change and change.
     """
+    frame: Stored | FrameMean
+    source, before = task.sources[0], None
+    for _ in range(MOST_READS):
+        files = task.files()
+        if len(task.sources) > 1:
+            frame, recording = _read_mean(task, files)
+        else:
+            frame = read_stored(source, task.layout, size=task.pixels)
+            require_plausible(frame, task.plan.metadata, of=source)
+            recording = Recording(content_digest(frame), files)
+        # a stack that grows has the same frames all the same
+        if task.files() == files or recording.digest == before:
+            return frame, recording
+        before = recording.digest
+    raise FrameError(f"{source}: changed while it was read, {MOST_READS} times; expected a file that is complete")
+
+
+def _read_mean(task: FrameTask, files: tuple[SourceFile, ...] | None) -> tuple[FrameMean, Recording]:
+    """Read the frames of a task that can be read; return their mean, and what that was read from."""
     metadata = task.plan.metadata
-    errors: list[FrameError] = []
-    digests: list[str] = []
+    digests, errors = list[str](), list[FrameError]()
 
     def readable() -> Iterator[Stored]:
         for source in task.sources:
@@ -297,35 +315,14 @@ def read_frame(task: FrameTask, /) -> tuple[Stored | FrameMean, Recording]:
                 stored = read_stored(source, task.layout, size=task.pixels)
                 require_plausible(stored, metadata, of=source)
             except FrameError as error:
-                if len(task.sources) == 1:
-                    raise
                 errors.append(error)
                 digests.append("")
-                if len(errors) == len(task.sources):
-                    raise errors[0] from None
                 continue
             digests.append(content_digest(stored))
             yield stored
+        if len(errors) == len(task.sources):
+            raise errors[0]
 
-    frame: Stored | FrameMean
-    before = None
-    for _ in range(MOST_READS):
-        files = task.files()
-        errors.clear()
-        digests.clear()
-        if len(task.sources) == 1:
-            frame = next(readable())
-            recording = Recording(digests[0], files)
-        else:
-            frame = frame_mean(readable(), saturated_counts=metadata.voltage.saturated_counts)
-            left_out = (
-                f"{len(errors)} of {len(task.sources)} frames left out of the mean: {errors[0]}" if errors else None
-            )
-            recording = Recording(Digest(",".join(digests).encode()).hexdigest(), files, left_out)
-        # a stack that grows has the same frames all the same
-        if task.files() == files or recording.digest == before:
-            return frame, recording
-        before = recording.digest
-    raise FrameError(
-        f"{task.sources[0]}: changed while it was read, {MOST_READS} times; expected a file that is complete"
-    )
+    mean = frame_mean(readable(), saturated_counts=metadata.voltage.saturated_counts)
+    left_out = f"{len(errors)} of {len(task.sources)} frames left out of the mean: {errors[0]}" if errors else None
+    return mean, Recording(Digest(",".join(digests).encode()).hexdigest(), files, left_out)

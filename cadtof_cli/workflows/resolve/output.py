@@ -17,7 +17,7 @@ from typing import Any
 from cadtof_cli.capture.frames import Capture, frame_names
 from cadtof_cli.capture.toml import FILE_NAME as CAPTURE_FILE
 from cadtof_cli.errors import OutputError
-from cadtof_cli.files.atomic import remove_partial_files, writing
+from cadtof_cli.files.atomic import writing
 from cadtof_cli.files.formats import MAP_FORMATS, MAP_SUFFIXES
 from cadtof_cli.files.reading import real_path
 from cadtof_cli.files.system import OPEN_OR_CREATE_FLAGS, read_at, remove_and_close, sync_folder, try_lock
@@ -132,10 +132,10 @@ def require_own_places(captures: Sequence[Capture], out: Path, /) -> None:
         names.add(name)
 
 
-def prepare_output(
-    out: Path, captures: Sequence[Capture], document: Mapping[str, Any], /, *, settings: ResolveSettings, arriving: bool
+def continues_earlier_run(
+    captures: Sequence[Capture], document: Mapping[str, Any], /, *, settings: ResolveSettings, arriving: bool
 ) -> bool:
-    """Prepare the run's folder, whose lock is held, without losing files; return whether this run continues an earlier one.
+    """Return whether a run goes on with an earlier one in its folder, after making sure that it loses no files; changes nothing.
 
     With inputs still `arriving`, only those that are there can be compared.
 
@@ -143,25 +143,16 @@ def prepare_output(
         OutputError: the folder holds files of a run, and neither `overwrite` nor `resume` is set; or the run to be resumed was
             another one.
     """
-    there: list[str] = []
-    if settings.resume:
-        there = _existing_outputs(out, captures)
-        if there:
-            _require_same_run(out, document, there, arriving=arriving)
-    elif not settings.overwrite:
-        require_nothing_replaced(out, captures)
-        return False
-    remove_partial_files(out, token="*")
-    return bool(there)
-
-
-def require_nothing_replaced(out: Path, captures: Sequence[Capture], /) -> None:
-    """Raise OutputError where a run would replace files."""
-    if there := _existing_outputs(out, captures):
+    out = settings.out
+    there = [] if settings.overwrite else _existing_outputs(out, captures)
+    if there and not settings.resume:
         raise OutputError(
             f"{out}: {first_of(there, 3)} would be replaced; add --overwrite to replace, --resume to go on where a run "
             "stopped, or choose another folder with -o"
         )
+    if there:
+        _require_same_run(out, document, there, arriving=arriving)
+    return bool(there)
 
 
 def _existing_outputs(out: Path, captures: Sequence[Capture]) -> list[str]:

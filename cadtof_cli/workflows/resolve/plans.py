@@ -15,10 +15,8 @@ from cadtof_cli.errors import CaptureError, FrameError, SettingsError
 from cadtof_cli.files.formats import map_format
 from cadtof_cli.files.reading import real_path
 from cadtof_cli.frame_plan import CalibrationUse, FramePlan
-from cadtof_cli.optics import doubtful_optics
 from cadtof_cli.phasors.noise import noise_model
-from cadtof_cli.phasors.plausible import implausible
-from cadtof_cli.phasors.recorded_planes import mistaken_order
+from cadtof_cli.phasors.plausible import implausible, mistaken_order
 from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.status import MEANING
 from cadtof_cli.resolver.two_path.kernel import chosen_kernel
@@ -129,7 +127,7 @@ class CapturePlan:
             )
         if self.mistaken_order is not None:
             yield f"warning: {root}: {self.mistaken_order}"
-        if self.pixels is not None and (doubt := doubtful_optics(source.metadata.optics, self.pixels)):
+        if self.pixels is not None and (doubt := source.metadata.optics.doubt(self.pixels)):
             yield f"warning: {root}: {doubt}"
         resolver, harmonics = self.plan.settings.resolver, source.metadata.modulation.harmonics
         if resolver.may_be_diffuse(harmonics) and source.metadata.optics.focal_length_px is None:

@@ -25,10 +25,9 @@ from cadtof_cli.units import counted
 from cadtof_cli.workflows.progress import NO_PROGRESS, Progress
 from cadtof_cli.workflows.resolve.frame_task import FrameTask, resolve_file
 from cadtof_cli.workflows.resolve.output import (
+    continues_earlier_run,
     locked,
-    prepare_output,
     remove_run,
-    require_nothing_replaced,
     require_own_places,
 )
 from cadtof_cli.workflows.resolve.plans import (
@@ -94,12 +93,16 @@ def resolve_captures(
     calibration = use_calibration(settings.calibration, captures) if settings.calibration else None
     plans = plan_captures(captures, settings, calibration)
     require_own_places(captures, settings.out)
-    if settings.dry_run:
-        return _dry_run(plans, settings, captures, on_frame)
     document = run_document(inputs, overrides, settings, plans, calibration)
+    resumes = partial(continues_earlier_run, captures, document, settings=settings, arriving=arriving is not None)
+    if settings.dry_run:
+        resumes()
+        return _dry_run(plans, settings, captures, on_frame)
     make_folder(settings.out)
     with locked(settings.out):
-        resumed = prepare_output(settings.out, captures, document, settings=settings, arriving=arriving is not None)
+        resumed = resumes()
+        if settings.overwrite or settings.resume:
+            remove_partial_files(settings.out, token="*")
         notes = [note for one in plans for note in one.notes()]
         notes += calibration.notes if calibration else ()
         notes += [numpy_note()] if document["kernel"] == NUMPY else []
@@ -131,8 +134,6 @@ def _dry_run(
     on_frame: Callable[[FrameReport], None],
 ) -> RunTotals:
     """Tell of every file that would be written, after the checks of a run; nothing is."""
-    if not (settings.overwrite or settings.resume):
-        require_nothing_replaced(settings.out, captures)
     totals = RunTotals()
     for one in plans:
         for task in one.tasks(settings, taken=partial(frame_names, captures)):

@@ -123,6 +123,19 @@ def test_phasors_and_more_harmonics_than_there_is_room_for_are_left_to_numpy() -
     assert not looks(float, MOST_HARMONICS + 1, KERNELS[0])
 
 
+@pytest.mark.parametrize("harmonics", [MOST_HARMONICS, MOST_HARMONICS + 1])
+def test_means_of_as_many_harmonics_as_there_is_room_for_and_of_more(harmonics: int) -> None:
+    rng, numbers = np.random.default_rng(3), tuple(range(1, harmonics + 1))
+    seen = rng.random((9, 2, 3)) < 0.8
+    weighted = rng.uniform(0.1, 1.0, (1 + 2 * harmonics, *seen.shape)).astype(np.float32)
+    light = PatchLight(seen, weighted[0], weighted)
+    expected = patch_means(light, seen, variance=1e-4, harmonics=numbers)
+    for kernel in KERNELS:
+        found = patch_means(light, seen, variance=1e-4, harmonics=numbers, kernel=kernel)
+        for name in ("ratios", "amplitude", "pixels", "phase_rad"):
+            np.testing.assert_array_equal(getattr(found, name), getattr(expected, name))
+
+
 # --- buffers that do not fit ------------------------------------------------------------------------------------------
 
 PIXELS, SAMPLES = 40, 36

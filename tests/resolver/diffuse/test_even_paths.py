@@ -6,7 +6,7 @@ from numpy.testing import assert_allclose
 
 from cadtof_cli.arrays import Complex, Float
 from cadtof_cli.resolver.diffuse.choice import are_two_paths
-from cadtof_cli.resolver.diffuse.even_paths import View, are_even
+from cadtof_cli.resolver.diffuse.even_paths import PatchPlaces, are_even
 from cadtof_cli.resolver.diffuse.second_paths import PatchData, SecondPaths, has_one_share, of_two_paths
 from tests.support.diffuse_frames import OMEGA, F, Tail
 from tests.support.diffuse_patches import LIT, PATCHES, patch_data
@@ -23,7 +23,7 @@ COUNT = ROWS * COLUMNS
 
 SLANT: Float = np.sqrt(1.0 + ACROSS**2 + DOWN**2)
 
-VIEW = View(np.stack([np.ones(COUNT), ACROSS, DOWN, SLANT], axis=1), LIT, OMEGA)
+PLACES = PatchPlaces(np.stack([np.ones(COUNT), ACROSS, DOWN, SLANT], axis=1), LIT, OMEGA)
 
 
 def second(share: float | F, later_ns: float | F, sigma: float, *, harmonics: int = 2, seed: int = 0) -> PatchData:
@@ -34,7 +34,7 @@ def second(share: float | F, later_ns: float | F, sigma: float, *, harmonics: in
 
 def even(data: PatchData) -> bool:
     with np.errstate(all="ignore"):
-        return are_even(SecondPaths.of(data), data, VIEW)
+        return are_even(SecondPaths.of(data), data, PLACES)
 
 
 def room(uneven: float, sigma: float, *, strength: float = 0.25, seed: int = 0) -> PatchData:
@@ -64,7 +64,7 @@ def test_slopes_are_those_of_what_two_paths_show(h: int) -> None:
 def test_one_share_at_one_delay_is_two_paths(share: float, later_ns: float, sigma: float) -> None:
     data = second(share, later_ns, sigma)
     assert even(data)
-    assert are_two_paths(data, VIEW)
+    assert are_two_paths(data, PLACES)
     with np.errstate(all="ignore"):
         assert not has_one_share(SecondPaths.of(data), rad_per_ns=OMEGA)
 
@@ -119,14 +119,14 @@ def test_what_is_left_alike_in_neighbours_is_a_tail_where_each_patch_hides_it() 
 def test_a_third_harmonic_that_is_not_foretold_speaks_against_two_paths_however_even() -> None:
     tail = Tail(0.3, 3.0, 9.0)
     mpi = [np.full(COUNT, tail.phasor(h)) for h in (1, 2, 3)]
-    assert are_two_paths(patch_data(*mpi[:2], sigma=1e-3), VIEW)
-    assert not are_two_paths(patch_data(*mpi, sigma=1e-3), VIEW)
-    assert are_two_paths(second(0.1, 8.0, 1e-3, harmonics=3), VIEW)
+    assert are_two_paths(patch_data(*mpi[:2], sigma=1e-3), PLACES)
+    assert not are_two_paths(patch_data(*mpi, sigma=1e-3), PLACES)
+    assert are_two_paths(second(0.1, 8.0, 1e-3, harmonics=3), PLACES)
 
 
 def test_few_patches_and_light_without_mpi_or_noise_do_no_harm() -> None:
     nothing = np.zeros(COUNT, np.complex128)
     for sigma in (0.0, 1e-3):
         with np.errstate(all="ignore"):
-            assert not are_two_paths(patch_data(nothing, nothing, sigma=sigma), VIEW)
-            assert are_two_paths(second(0.1, 8.0, sigma), VIEW) == (sigma > 0.0)
+            assert not are_two_paths(patch_data(nothing, nothing, sigma=sigma), PLACES)
+            assert are_two_paths(second(0.1, 8.0, sigma), PLACES) == (sigma > 0.0)

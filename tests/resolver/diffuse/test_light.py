@@ -59,6 +59,13 @@ def test_noise_makes_ratios_neither_smaller_nor_larger(amplitude: float, sigma: 
     assert (np.abs(freed - 1.0) < 0.05 * np.abs(biased.ratios - 1.0) + 15.0 * across / amplitude / np.sqrt(count)).all()
 
 
+@pytest.mark.parametrize("amplitude", [1.02, 1.3])
+def test_light_beyond_the_full_amplitude_has_no_noise_to_be_freed_of(amplitude: float) -> None:
+    light = patch_light(np.full((3, 4), amplitude, complex), np.ones(4, bool), harmonics=(1, 2, 3))
+    means = patch_means(light, np.ones(4, bool), variance=0.01, harmonics=(1, 2, 3))
+    assert_allclose(means.ratios, [1.0, 1.0], rtol=1e-6)
+
+
 @pytest.mark.parametrize("variance", [0.0, 1e-4])
 def test_patches_without_pixels_have_no_amplitude_and_finite_ratios(variance: float) -> None:
     light = patch_light(np.full((2, 4), np.nan + 0j), np.zeros(4, bool), harmonics=(1, 2))

@@ -112,7 +112,7 @@ def test_one_path_is_taken_for_two_in_a_third_of_the_share_asked_for_and_at_no_c
     tested = resolved(drawn, harmonics, 1e5, ResolverSettings(false_alarm=false_alarm))
     assert 0.25 * false_alarm < np.mean((tested.status & StatusBit.TWO_PATHS) > 0) < 0.6 * false_alarm
     known = resolved(drawn, harmonics, 1e5, ResolverSettings(order="1"))
-    assert tested.direct.phase_rad.std() / known.direct.phase_rad.std() < 1.05
+    assert tested.paths[0].phase_rad.std() / known.paths[0].phase_rad.std() < 1.05
 
 
 def test_two_paths_are_taken_for_three_in_a_third_of_the_share_asked_for_and_at_little_cost() -> None:
@@ -121,7 +121,7 @@ def test_two_paths_are_taken_for_three_in_a_third_of_the_share_asked_for_and_at_
     assert 0.22 * 0.05 < np.mean((tested.status & StatusBit.MORE_PATHS) > 0) < 0.6 * 0.05
     assert np.mean((tested.status & StatusBit.TWO_PATHS) > 0) > 0.94
     known = resolved(drawn, (1, 2, 3), 1e5)
-    assert tested.direct.phase_rad.std() / known.direct.phase_rad.std() < 1.1
+    assert tested.paths[0].phase_rad.std() / known.paths[0].phase_rad.std() < 1.1
 
 
 @pytest.mark.parametrize(

@@ -89,6 +89,13 @@ def test_switching_averages_longer_than_the_capacitors_alone() -> None:
     assert effective_length(weights) > 60.0
 
 
+@pytest.mark.parametrize(("f1_hz", "f2_hz"), [(RATE_HZ / 125, RATE_HZ / 500), (RATE_HZ / 500, RATE_HZ / 125)])
+def test_stages_that_switch_too_seldom_for_any_sample_are_refused(f1_hz: float, f2_hz: float) -> None:
+    with pytest.raises(SettingsError, match="no sample that reaches ST2 within 400 photons"):
+        switched(f1_hz, f2_hz)
+    assert switched(f1_hz, f2_hz, photons=1000).sum() > 0.0
+
+
 def test_effective_length_of_equation_1_is_its_integration_length() -> None:
     weights = Averaging(integration_length=60.0).weights(4000, photon_rate_hz=RATE_HZ)[0]
     assert effective_length(weights) == pytest.approx(60.0, rel=1e-9)

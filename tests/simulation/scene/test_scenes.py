@@ -88,6 +88,14 @@ def test_cosine_directions_have_the_density_of_a_flat_receiver() -> None:
     assert (z < x).mean() == pytest.approx((1 - math.cos(math.radians(45))) / 2, abs=2e-3)
 
 
+def test_no_two_cosine_directions_lie_close_together() -> None:
+    """Seen from above, each has a share π/n of a disc to itself: a square of that area is 1.77/√n wide."""
+    x, y, _ = cosine_directions(1000)
+    apart = np.hypot(x[:, np.newaxis] - x, y[:, np.newaxis] - y)
+    np.fill_diagonal(apart, np.inf)
+    assert apart.min() > 1.5 / math.sqrt(1000)
+
+
 def test_two_ways_of_integrating_a_bounce_agree() -> None:
     """Directions from the point and patches of the other surface are independent sums of the same integral."""
     left, right = Corner(extents_m=(0.6, 0.8)).surfaces()
@@ -220,6 +228,7 @@ def test_a_scene_just_within_a_short_range_is_not() -> None:
 def test_the_reflector_is_a_square_of_one_and_a_half_metres_at_the_side() -> None:
     panel, wall, reflector = InterReflection().surfaces()
     assert (panel.origin_m, wall.origin_m) == ((0.0, 0.0, 3.35), (0.0, 0.0, 4.2))
+    assert (panel.albedo, wall.albedo) == (0.8, 0.4)
     assert panel.extents_m == (-0.75, 0.75, -0.9, 0.9)
     assert reflector.origin_m == pytest.approx((5.0, 0.0, 0.45 * 3.35))
     assert reflector.extents_m == (-0.75, 0.75, -0.75, 0.75)

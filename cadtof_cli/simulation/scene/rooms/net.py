@@ -10,10 +10,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cadtof_cli.simulation.scene.camera import Camera
 from cadtof_cli.simulation.scene.light import Light
 from cadtof_cli.simulation.scene.rooms.solids import Box
-from cadtof_cli.simulation.scene.rooms.view import Room, View
+from cadtof_cli.simulation.scene.rooms.view import LOOKING, Room, View
 
 SEED_KEY = 7
 """Branch of the seed that a net is drawn from, so that the room is the same with and without."""
@@ -28,11 +27,12 @@ DRAWN_ASIDE_RAD = math.radians(8.0)
 """How far its middle is to the side of the view's at most."""
 
 DRAWN_ALBEDO = (0.4, 0.9)
+"""Of its threads."""
 
 HALF_THICKNESS_M = 0.002
 
-LOOKING = Camera(width=40, height=30, focal_length_px=29.0)
-"""The camera that tells how far away what lies behind is."""
+NEARER_NS = 1e-3
+"""How much sooner than that of what it hides a panel's direct light is at least; rounding is far less."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,7 +50,7 @@ class Net:
 
     def mixed(self, panel: Light, room: Light, /) -> Light:
         """Return light on pixels from that in the room with the whole panel and in the room without."""
-        hidden = panel.delays_ns[0] < room.delays_ns[0] - 1e-3
+        hidden = panel.delays_ns[0] < room.delays_ns[0] - NEARER_NS
         threads, holes = self.fill, 1.0 - self.fill
         direct = threads * panel.photons[0] + np.where(hidden, 0.0, holes * room.photons[0])
         behind = np.where(hidden, holes * room.photons[0], 0.0)

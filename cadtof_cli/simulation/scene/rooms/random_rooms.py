@@ -6,11 +6,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cadtof_cli.errors import SettingsError
-from cadtof_cli.simulation.scene.camera import Camera
 from cadtof_cli.simulation.scene.geometry import Vector
 from cadtof_cli.simulation.scene.rooms.furniture import random_piece
 from cadtof_cli.simulation.scene.rooms.solids import FACES, Ball, Box, Interior, Patch
-from cadtof_cli.simulation.scene.rooms.view import Room, View
+from cadtof_cli.simulation.scene.rooms.view import LOOKING, Room, View
 
 MOST_FURNITURE = 12
 """Pieces that may be asked for; 0 to 8 are drawn."""
@@ -25,9 +24,6 @@ LIGHT_LOST = 0.3
 
 TRIES = 400
 """Rooms drawn for a seed until one fits; most fit among the first ten."""
-
-LOOKING = Camera(width=40, height=30, focal_length_px=29.0)
-"""The camera that decides whether a room fits: 69° across, wider than the usual one."""
 
 KINDS = {"room": 0.5, "corner": 0.2, "corridor": 0.15, "closet": 0.15}
 """Kinds of room, and how often each is drawn."""

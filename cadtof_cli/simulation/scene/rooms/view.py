@@ -12,6 +12,9 @@ from cadtof_cli.simulation.scene.geometry import Vector
 from cadtof_cli.simulation.scene.rooms.lamp import Lamp
 from cadtof_cli.simulation.scene.rooms.solids import Interior, Meetings
 
+LOOKING = Camera(width=40, height=30, focal_length_px=29.0)
+"""The camera that looks at a room before it is rendered: few pixels, and 69° across, wider than the usual one."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Room:

@@ -1,0 +1,17 @@
+"""Where the pixels of a cross-section lie."""
+
+import numpy as np
+import pytest
+
+from cadtof_cli.maps.profile import Profile
+
+
+@pytest.mark.parametrize(
+    ("rows", "columns", "along"),
+    [([7, 7, 7], [3, 4, 5], [0, 1, 2]), ([9, 8, 7], [3, 3, 3], [0, 1, 2]), ([1, 4, 9], [2, 6, 8], [0, 5, 10])],
+)
+def test_distances_are_from_the_first_pixel_whatever_way_the_line_runs(
+    rows: list[int], columns: list[int], along: list[float]
+) -> None:
+    line = Profile("direct.depth", "m", "", "along the line", np.array(rows), np.array(columns), "", (), None)
+    np.testing.assert_allclose(line.along, along)
