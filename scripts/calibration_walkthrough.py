@@ -82,6 +82,7 @@ def main() -> None:
             diary = Diary(Path(place), quiet=True)
             walk(diary, Path(pictures))
             print(f"  resolve with every calibration over without, one core (asked: 2.5 at most): {cost(diary):.2f}")
+            print(f"  triangle waves over the same frames taken for sines, one core: {triangle_cost(diary):.1f}")
         return
     out.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory() as place:

@@ -104,4 +104,4 @@ def test_the_image_installs_what_is_here() -> None:
     ]
     assert [step[0] for step in steps] == ["FROM", "RUN", "COPY", "RUN", "WORKDIR"]
     assert "-c /cadtof/constraints.txt" in steps[3][1]
-    assert "[cluster,codecs]" in steps[3][1]
+    assert "[cluster]" in steps[3][1]

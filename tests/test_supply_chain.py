@@ -73,6 +73,18 @@ def test_what_is_required_has_a_range_and_a_pinned_version_in_it() -> None:
         assert requirement.specifier.contains(pinned[_plain(requirement.name)]), requirement
 
 
+def test_every_extra_that_is_asked_for_is_there() -> None:
+    """Pip installs the rest and only warns of one that is not."""
+    pages = [ROOT / "README.md", ROOT / ".ci" / "run", *(ROOT / "docs").rglob("*"), *(ROOT / "scripts").glob("*")]
+    texts = (page.read_text(encoding="utf-8", errors="ignore") for page in pages if page.is_file())
+    asked = {found for text in texts for found in re.findall(r"""(?:cadtof|['"]\.|setup ")\[([\w,-]+)\]""", text)}
+    assert {one for extras in asked for one in extras.split(",")} == PROJECT["optional-dependencies"].keys() - {"docs"}
+
+
+def test_what_is_cited_is_this_version() -> None:
+    assert yaml.safe_load((ROOT / "CITATION.cff").read_text())["version"] == PROJECT["version"]
+
+
 def test_the_scripts_install_what_is_pinned() -> None:
     setup = (ROOT / "scripts" / "setup.sh").read_text()
     assert '--constraint "$root/constraints.txt"' in setup

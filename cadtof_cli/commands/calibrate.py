@@ -173,7 +173,7 @@ def _dark_lines(figures: Mapping[str, Any]) -> list[str]:
     return [
         f"offsets: {1000 * figures['offset_mean_v']:.2f} mV on average, {1000 * figures['offset_std_v']:.2f} mV from pixel to "
         f"pixel, each known to {1000 * figures['offset_stderr_v']:.3f} mV",
-        f"noise of one frame: {1000 * figures['noise_v']:.3f} mV a channel",
+        f"noise of one frame: {1000 * figures['noise_v']:.3f} mV per channel",
         f"bad pixels: {figures['bad_pixels']}",
     ]
 

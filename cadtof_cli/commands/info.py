@@ -127,7 +127,7 @@ def _capture_lines(facts: Any) -> Iterator[str]:
             yield _row(key, "unknown: the noise is estimated from each frame")
     yield _row("unambiguous range", f"{facts.unambiguous_range_m:.3f} m")
     if facts.noise_mv is not None:
-        yield _row("noise", f"{facts.noise_mv:.3f} mV a channel, at most, by the integration length")
+        yield _row("noise", f"{facts.noise_mv:.3f} mV per channel, at most, by the integration length")
     if facts.integration_length_seen is not None:
         yield _row(
             "seen in a frame",

@@ -128,7 +128,9 @@ _scene = RecordOptions(
         metavar="DEG",
         help="Half angle of the lamp's beam (room).  [default: random]",
     ),
-    number_option("light_paths", click.INT, "Light paths traced from every fourth pixel (room).  [default: 256]"),
+    number_option(
+        "light_paths", click.INT, "Light paths traced from every fourth pixel (room, cornell).  [default: 256]"
+    ),
     number_option(
         "net_fill", click.FLOAT, "Share of the light that a net in the room reflects (room).  [default: no net]"
     ),

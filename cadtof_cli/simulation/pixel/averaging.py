@@ -69,7 +69,9 @@ class Stages:
             each shares its charge with the stage before at that rate.
     """
 
-    drive: StageDrive = setting("dc", "How the stages ST1 and ST2 are driven.", option="--stages")
+    drive: StageDrive = setting(
+        "dc", "How the stages ST1 and ST2 are driven; switched: with --capacitors.", option="--stages"
+    )
     f1_hz: float = setting(1.0e6, "Switching rate of ST1; with --stages switched.")
     f2_hz: float = setting(1.0e4, "Switching rate of ST2; with --stages switched.")
 
