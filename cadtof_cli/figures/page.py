@@ -26,9 +26,17 @@ Image = NDArray[np.uint8]
 
 DOTS_PER_INCH = 130
 
+LEGEND_ENTRY = 190
+"""Width of an entry of the legend."""
+
 _AREA, _WIDEST, _TALLEST, _NARROWEST = 88_000.0, 760.0, 900.0, 122.0
+"""Of a panel: its area, as far as neither side is longer than the next two, and the least that its titles take across."""
+
 _GAP, _BAR, _LEFT, _TOP, _TITLE, _BOTTOM, _LEGEND_ROW = 14.0, 80.0, 58.0, 40.0, 42.0, 44.0, 24.0
+"""Between panels; for a bar of colours; left of all; for the page's title; for a panel's; below all; for a row of the legend."""
+
 _WIDE, _TALL = 2.2, 0.6
+"""Width over height from which on all panels stand below each other, and below which they stand beside each other."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,7 +180,7 @@ def page_figure(
         shown.update(*(cell.block.shown(cell.panel) for cell in cells))
     named = [one for one in PixelClass if one in shown]
     width = max(cell.left for cell in cells) + max(panel_width + _BAR, _NARROWEST)
-    columns = max(1, min(len(named), int(width // 190)))
+    columns = max(1, min(len(named), int(width // LEGEND_ENTRY)))
     legend = _LEGEND_ROW * math.ceil(len(named) / columns) if named else 0.0
     height = max(cell.top for cell in cells) + panel_height + _BOTTOM + legend
     page = _Page(width, height, panel_width, panel_height, framed)

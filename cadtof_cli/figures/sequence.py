@@ -14,7 +14,7 @@ from matplotlib.colors import to_rgb
 from cadtof_cli.errors import SettingsError
 from cadtof_cli.figures.canvas import Figure, add_title, within
 from cadtof_cli.figures.kinds import save
-from cadtof_cli.figures.page import Block, Image, Scaled, add_bar, add_legend, page_figure
+from cadtof_cli.figures.page import LEGEND_ENTRY, Block, Image, Scaled, add_bar, add_legend, page_figure
 from cadtof_cli.figures.pixel_classes import PixelClass
 from cadtof_cli.files.atomic import atomic_write, require_new
 
@@ -85,7 +85,7 @@ def draw_sheet(
         length = min(sheet.shape[0], 500)
         left, bottom = (page_width - _RIGHT + 4) / page_width, 1 - (_TOP + length) / page_height
         add_bar(figure, scale, (left, bottom, 12 / page_width, length / page_height), length=length)
-    add_legend(figure, [one for one in PixelClass if one in kinds], columns=max(1, page_width // 190))
+    add_legend(figure, [one for one in PixelClass if one in kinds], columns=max(1, page_width // LEGEND_ENTRY))
     save(figure, path, dpi=PER_INCH)
 
 

@@ -26,8 +26,10 @@ UNKNOWN_SHARE = 0.01
 """Share that a camera's modulation amplitude may be off by as it is stated, with a few digits."""
 
 _BLOCK_PIXELS = 2**18
+"""Pixels whose amplitudes are added up at a time: sums over a frame of many megapixels would take as much as its maps."""
 
 _KEPT = np.uint32(StatusBit.CALIBRATED | StatusBit.POOLED)
+"""Bits that say nothing of a pixel's answer."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,7 +127,6 @@ def clear_impossible(maps: DepthMaps, /, *, noise: NoiseModel, amplitude_v: floa
     confidence, status = maps.layer(CONFIDENCE).reshape(-1), maps.status.reshape(-1)
     impossible = np.empty(confidence.size, np.bool_)
     for start in range(0, confidence.size, _BLOCK_PIXELS):
-        # sums over a whole frame of many megapixels would take as much as its maps
         here = slice(start, min(start + _BLOCK_PIXELS, confidence.size))
         of_block = [values[here] for values in amplitudes]
         impossible[here] = beyond_light(

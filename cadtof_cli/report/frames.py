@@ -123,7 +123,7 @@ def planned_shares(samples: Sequence[Planes], frames: int, /, *, limit_bytes: fl
     sizes = [(px, frames * _thumbnail_bytes(samples, px)) for px in THUMBNAIL_PX]
     thumbnail_px, taken = next((one for one in sizes if one[1] < THUMBNAIL_SHARE * limit_bytes), sizes[-1])
     room, full_bytes = limit_bytes - taken, _bytes_at(samples, 1)
-    count = frames if frames * full_bytes <= room else int(0.5 * room / full_bytes)
+    count = frames if frames * full_bytes <= room else max(0, int(0.5 * room / full_bytes))
     count = min(frames, count if whole is None else whole)
     most = max(1, max(max(next(iter(planes.values())).shape) for planes in samples) // MOST_STEPS)
     left, others = room - count * full_bytes, frames - count

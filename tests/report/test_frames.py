@@ -50,5 +50,10 @@ def test_as_many_whole_frames_as_are_asked_for() -> None:
     assert planned_shares([_planes()], 3, limit_bytes=2 * MB, whole=0).whole == set()
 
 
+def test_where_thumbnails_alone_take_more_than_there_is_no_frame_is_whole() -> None:
+    shares = planned_shares([_planes()], 20_000, limit_bytes=0.0, whole=None)
+    assert (shares.whole, shares.step, shares.thumbnail_px) == (frozenset(), 20, 20)
+
+
 def test_thumbnails_shrink_where_there_are_many() -> None:
     assert planned_shares([_planes()], 5000, limit_bytes=25 * MB, whole=None).thumbnail_px < 80

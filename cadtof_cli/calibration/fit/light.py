@@ -17,6 +17,7 @@ OUTLIER = 6.0
 """Robust standard deviations from the median of its plane beyond which a pixel is left out."""
 
 LEAST_PIXELS = 200
+"""Usual pixels from which on anything is said: fewer tell neither the law of light nor what they have in common."""
 
 LEAST_KNOWN = 50
 """Pixels or blocks that the test of the law needs."""

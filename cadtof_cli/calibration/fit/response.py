@@ -31,6 +31,7 @@ TERM_PIXELS = 6_000
 """Pixels that the terms are fitted to, spread over the array; the maps take all."""
 
 CURVATURE_SIGNIFICANCE = 4.0
+"""Standard errors that k2 or k4 must be large for field curvature to be taken out of the phases."""
 
 LARGEST_RESIDUAL = 1.5
 """What may be left over the noise before the user is warned."""
