@@ -1,6 +1,6 @@
 """The accuracy of cadtof: the closed form's residuals, Table 1 of the paper, and captures with truth."""
 
-import sys
+import argparse
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -32,14 +32,15 @@ F = NDArray[np.float64]
 
 
 def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("captures", nargs="*", type=Path, help="default: those of sample_data")
+    arguments = parser.parse_args()
     with np.errstate(all="ignore"):
         closed_form()
         table_1()
         print("\n| capture | first phasor, median cm | direct, median cm | direct, RMSE cm | σ predicted / seen |")
         print("|---|---|---|---|---|")
-        folders = [Path(name) for name in sys.argv[1:]] or sorted(
-            p for p in (ROOT / "sample_data").iterdir() if p.is_dir()
-        )
+        folders = arguments.captures or sorted(p for p in (ROOT / "sample_data").iterdir() if p.is_dir())
         captures = [find_captures([folder])[0] for folder in folders]
         for capture in captures:
             depth_errors(capture)

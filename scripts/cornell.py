@@ -1,5 +1,6 @@
 """A box in the manner of Cornell's, simulated and resolved: `python scripts/cornell.py` prints its rows of docs/diffuse.md."""
 
+import argparse
 import tempfile
 from pathlib import Path
 
@@ -23,6 +24,7 @@ INTEGRATION_LENGTH = 2e5
 
 def main() -> None:
     """Record what `cadtof simulate --scene cornell` does, with two and with three harmonics, and print the errors."""
+    argparse.ArgumentParser(description=__doc__).parse_args()
     for name, periods_ns in PERIODS_NS.items():
         print(recorded(periods_ns).line().replace("| cornell |", f"| {name} |", 1), flush=True)
 

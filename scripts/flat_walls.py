@@ -1,5 +1,6 @@
 """What it costs to take a wall without MPI for a room: `python scripts/flat_walls.py` prints the rows of docs/diffuse.md."""
 
+import argparse
 from dataclasses import replace
 
 import numpy as np
@@ -22,6 +23,7 @@ DISTANCES_M = (1.0, 2.0, 3.5)
 
 def main() -> None:
     """Print a row per integration length: one path, and a tail that is forced on the wall."""
+    argparse.ArgumentParser(description=__doc__).parse_args()
     print("| wall without MPI, n_av | one path, cm | `--mpi-model diffuse`, cm | ratio |")
     print("|---|---|---|---|")
     walls = [(wall, expose(wall)) for wall in map(exposure, DISTANCES_M)]

@@ -3,6 +3,7 @@
 A frame of sample_data is written without and with each compression, read and resolved: what depths move by is its doing alone.
 """
 
+import argparse
 import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -94,6 +95,7 @@ WAYS = (
 
 def main() -> None:
     """Print the table."""
+    argparse.ArgumentParser(description=__doc__).parse_args()
     print(
         "| compression | of | voltages move by, mV RMS | "
         + " | ".join(f"`{one}`: depths move by, mm" for one in SCENES)

@@ -4,8 +4,8 @@ Added is what click-man leaves out: headings among the options, the example at t
 text that roff takes for its own.
 """
 
+import argparse
 import re
-import sys
 from collections.abc import Iterator
 from inspect import cleandoc
 from pathlib import Path
@@ -23,7 +23,9 @@ _NO_DATE = ""
 
 def main() -> None:
     """Write the pages into the folder that is named."""
-    write_man_pages(Path(sys.argv[1]))
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("folder", type=Path, help="where the pages go, made if need be")
+    write_man_pages(parser.parse_args().folder)
 
 
 def write_man_pages(folder: Path, /) -> list[Path]:

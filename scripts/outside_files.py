@@ -1,5 +1,6 @@
 """Writes a frame by every program in tests/outside, reads it, and puts the table into docs/formats.md."""
 
+import argparse
 import importlib.metadata
 import subprocess
 import sys
@@ -56,6 +57,7 @@ def versions() -> str:
 
 def main() -> int:
     """Try all cases and write the table; the exit status is 1 where one is not as it should be."""
+    argparse.ArgumentParser(description=__doc__).parse_args()
     warnings.simplefilter("ignore")
     rows = [row(case) for case in CASES]
     read = sum(case.refused is None for case in CASES)
