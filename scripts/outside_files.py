@@ -5,6 +5,7 @@ import importlib.metadata
 import subprocess
 import sys
 import tempfile
+import textwrap
 import warnings
 from itertools import groupby
 from pathlib import Path
@@ -14,6 +15,9 @@ from tests.outside.matrix import CASES, tried
 
 PAGE = Path(__file__).parents[1] / "docs" / "formats.md"
 BEGIN, END = "<!-- table: scripts/outside_files -->\n", "<!-- end of table -->\n"
+
+LINE = 140
+"""Letters on a line of the page, at most."""
 
 PACKAGES = (
     "tifffile",
@@ -62,10 +66,13 @@ def main() -> int:
     rows = [row(case) for case in CASES]
     read = sum(case.refused is None for case in CASES)
     counts = ", ".join(f"{writer} {len(list(cases))}" for writer, cases in groupby(CASES, key=lambda case: case.writer))
-    text = [
+    said = (
         f"{len(CASES)} files or sets of files: {read} to be read bit for bit, {len(CASES) - read} to be refused with the reason;"
-        f" {sum(good for _, good in rows)} came out so. By writer: {counts}.\n\n",
-        f"Tried with {versions()}.\n\n",
+        f" {sum(good for _, good in rows)} came out so. By writer: {counts}.",
+        f"Tried with {versions()}.",
+    )
+    text = [
+        *(f"{textwrap.fill(one, LINE)}\n\n" for one in said),
         "| writer | file | cadtof |\n|---|---|---|\n",
         *(f"{line}\n" for line, _ in rows),
     ]

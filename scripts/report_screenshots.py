@@ -1,5 +1,6 @@
 """The pictures of docs/report.md: the page of a run of sample frames in a browser, on a wide screen, on a phone, and compared."""
 
+import argparse
 import io
 import subprocess
 import sys
@@ -17,6 +18,7 @@ DOCS = ROOT / "docs"
 
 def main() -> None:
     """Record captures with a broken frame, resolve them, write their pages, and take the pictures."""
+    argparse.ArgumentParser(description=__doc__).parse_args()
     with tempfile.TemporaryDirectory() as temporary:
         corner = recorded_page(Path(temporary) / "corner", "corner", "auto")
         card = recorded_page(Path(temporary) / "card", "card", "discrete")

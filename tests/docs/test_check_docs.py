@@ -60,6 +60,15 @@ def test_the_first_page_of_all() -> None:
     assert PAGES[0].name == "README.md"
 
 
+def test_a_script_that_is_asked_for_help_does_nothing_else() -> None:
+    """One of them writes a page of docs, another its pictures."""
+    mains = {
+        path.name: path.read_text() for path in (ROOT / "scripts").glob("*.py") if "\ndef main(" in path.read_text()
+    }
+    assert len(mains) > 20
+    assert not [name for name, text in mains.items() if "parse_args(" not in text and "parse_known_args(" not in text]
+
+
 def test_the_commands_of_the_readme(tmp_path: Path) -> None:
     wrong = list(check_commands(ROOT / "README.md", ROOT, tmp_path, slow=False))
     assert not wrong, "\n".join(wrong)
