@@ -6,8 +6,8 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cadtof_cli.arrays import Complex, Float
 from cadtof_cli.capture.discovery import find_captures
 from cadtof_cli.capture.frames import Capture, read_stored, single_frames
 from cadtof_cli.capture.metadata import CaptureMetadata
@@ -27,23 +27,17 @@ ROOT = Path(__file__).resolve().parent.parent
 T1_NS = 40.0
 TOP_ROWS = 40
 
-C = NDArray[np.complex128]
-F = NDArray[np.float64]
-
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument(
-        "captures", nargs="*", type=Path, help="folders with truth.exr; those of sample_data if none is named"
-    )
-    folders: list[Path] = parser.parse_args().captures or sorted(
-        path for path in (ROOT / "sample_data").iterdir() if path.is_dir()
-    )
+    parser.add_argument("captures", nargs="*", type=Path, help="default: those of sample_data")
+    arguments = parser.parse_args()
     with np.errstate(all="ignore"):
         closed_form()
         table_1()
         print("\n| capture | first phasor, median cm | direct, median cm | direct, RMSE cm | σ predicted / seen |")
         print("|---|---|---|---|---|")
+        folders = arguments.captures or sorted(p for p in (ROOT / "sample_data").iterdir() if p.is_dir())
         captures = [find_captures([folder])[0] for folder in folders]
         for capture in captures:
             depth_errors(capture)
@@ -58,7 +52,7 @@ def closed_form() -> None:
     phases = rng.uniform(0, 2 * np.pi, (2, n))
     a, b = rng.random((2, n))
     near = 10.0 ** rng.uniform(-16, 0, n)
-    cases: dict[str, tuple[C, C]] = {
+    cases: dict[str, tuple[Complex, Complex]] = {
         "random paths": paths_to_phasors(a, phases[0], b, phases[1]),
         "arbitrary phasors": (normal(rng, n), normal(rng, n)),
         "b → 0": paths_to_phasors(a, phases[0], near, phases[1]),
@@ -76,16 +70,16 @@ def closed_form() -> None:
         print(f"| {name} | {residual.max():.1e} | {min(found.a.min(), found.b.min()):.1e} |")
 
 
-def normal(rng: np.random.Generator, n: int) -> C:
-    values: C = rng.normal(size=n) + 1j * rng.normal(size=n)
+def normal(rng: np.random.Generator, n: int) -> Complex:
+    values: Complex = rng.normal(size=n) + 1j * rng.normal(size=n)
     return values
 
 
-def paths_to_phasors(a: F, x: F, b: F, y: F) -> tuple[C, C]:
+def paths_to_phasors(a: Float, x: Float, b: Float, y: Float) -> tuple[Complex, Complex]:
     return a * np.exp(1j * x) + b * np.exp(1j * y), a * np.exp(2j * x) + b * np.exp(2j * y)
 
 
-def rotors(paths: TwoPaths) -> tuple[C, C]:
+def rotors(paths: TwoPaths) -> tuple[Complex, Complex]:
     return paths.cos_x + 1j * paths.sin_x, paths.cos_y + 1j * paths.sin_y
 
 
@@ -114,7 +108,7 @@ def table_1() -> None:
 
 def noisy(
     rng: np.random.Generator, runs: int, n_av: float, asr: float, mpi: float, direct_ns: float, second_ns: float
-) -> Iterator[C]:
+) -> Iterator[Complex]:
     """Yield pulse-corrected phasors of both harmonics with the exact covariance of the average (docs/physics.md)."""
 
     def moment(k: int) -> complex:
@@ -160,7 +154,7 @@ def rows_without_mpi(capture: Capture) -> None:
     truth = read_layers(capture.root / "truth.exr")[DIRECT_DEPTH][:TOP_ROWS].astype(np.float64)
     plan = FramePlan(metadata=capture.source.metadata)
     alone = replace(plan, settings=MapSettings(resolver=ResolverSettings(solver="one-path")))
-    errors: dict[str, list[F]] = {"auto": [], "one": []}
+    errors: dict[str, list[Float]] = {"auto": [], "one": []}
     false = []
     for source in single_frames(capture):
         stored = read_stored(source, capture.layout)

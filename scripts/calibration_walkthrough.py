@@ -13,6 +13,7 @@ import numpy as np
 import tifffile
 from numpy.typing import NDArray
 
+from cadtof_cli.arrays import Float
 from cadtof_cli.calibration.store import load_calibration
 from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Optics, Pixel, Target, Waveform
 from cadtof_cli.capture.toml import toml_text
@@ -243,7 +244,7 @@ def wall(
 
 def card(
     seen: DefectiveCamera, *, count: int, seed: int, separations_ns: tuple[float, float] = (3.0, 20.0)
-) -> tuple[list[NDArray[np.uint16]], NDArray[np.float64]]:
+) -> tuple[list[NDArray[np.uint16]], Float]:
     """Return frames of the two-path card (ASR 2, direct path at 0.75 m, top rows without MPI) and its direct range."""
     separation = np.broadcast_to(np.linspace(*separations_ns, PIXELS[1]), PIXELS)
     ratio = np.broadcast_to(np.linspace(0.05, 0.6, PIXELS[0])[:, np.newaxis], PIXELS).copy()

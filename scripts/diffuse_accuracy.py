@@ -10,8 +10,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cadtof_cli.arrays import Float, Stored
 from cadtof_cli.capture.discovery import find_captures
 from cadtof_cli.capture.frames import Capture, read_stored, single_frames
 from cadtof_cli.capture.metadata import CaptureMetadata, Pixel
@@ -25,8 +25,6 @@ from cadtof_cli.pipeline import ResolvedFrame, resolve_frame
 from cadtof_cli.resolver.settings import MpiModel, ResolverSettings
 from cadtof_cli.resolver.status import StatusBit
 from cadtof_cli.workflows.inspect.first_phasors import first_phasor_depth
-
-F = NDArray[np.float64]
 
 SHARES = (0.55, 0.95)
 """Share of true errors within one predicted sigma that is called true: 0.68 where errors are Gaussian."""
@@ -43,9 +41,9 @@ class Row:
     """Errors of a capture in cm, and the share of them within 1 and 2 sigma."""
 
     name: str
-    first: F
-    two_paths: F
-    taken: F
+    first: Float
+    two_paths: Float
+    taken: Float
     within: tuple[float, float]
     diffuse: float
 
@@ -108,8 +106,8 @@ def measured(capture: Capture, model: MpiModel, integration_length: float | None
 
 
 def with_less_light(
-    stored: NDArray[np.generic], metadata: CaptureMetadata, integration_length: float
-) -> tuple[NDArray[np.generic], CaptureMetadata]:
+    stored: Stored, metadata: CaptureMetadata, integration_length: float
+) -> tuple[Stored, CaptureMetadata]:
     """Return a frame of counts, (H, 2, Y, X), with noise added until it has that of a shorter integration length.
 
     Noise along and across each phasor is as that of a single path with its amplitude (docs/physics.md, the covariance of Eq. 1).
@@ -136,7 +134,7 @@ def with_less_light(
     return noisy, replace(metadata, pixel=Pixel(integration_length=length))
 
 
-def resolved(stored: NDArray[np.generic], metadata: CaptureMetadata, model: MpiModel) -> ResolvedFrame:
+def resolved(stored: Stored, metadata: CaptureMetadata, model: MpiModel) -> ResolvedFrame:
     """Return the maps of a frame by one model."""
     settings = MapSettings(resolver=ResolverSettings(mpi_model=model))
     return resolve_frame(stored, plan=FramePlan(metadata=metadata, settings=settings))

@@ -14,16 +14,14 @@ import numpy as np
 from diffuse_accuracy import SHARES, resolved
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from cadtof_cli.arrays import Float
 from cadtof_cli.capture.discovery import find_captures
 from cadtof_cli.capture.frames import Capture, read_stored, single_frames
 from cadtof_cli.files.layers import read_layers
 from cadtof_cli.frame_plan import FramePlan
 from cadtof_cli.maps.layers import DIRECT_DEPTH, DIRECT_SIGMA
 from cadtof_cli.workflows.inspect.first_phasors import first_phasor_depth
-
-F = NDArray[np.float64]
 
 PATCH = 8
 """Side of a patch in frames of 160 × 120 pixels."""
@@ -39,9 +37,9 @@ class Room:
 
     name: str
     harmonics: int
-    rendered: F
-    predicted: F
-    scores: F
+    rendered: Float
+    predicted: Float
+    scores: Float
 
     @property
     def seed(self) -> str:
@@ -101,7 +99,7 @@ def tails(rooms: Sequence[Room]) -> Figure:
     return figure
 
 
-def by_patch(image: F) -> F:
+def by_patch(image: Float) -> Float:
     """Return the medians of patches, without those that have no light."""
     rows, columns = (size // PATCH for size in image.shape)
     cut = image[: rows * PATCH, : columns * PATCH].reshape(rows, PATCH, columns, PATCH).swapaxes(1, 2)

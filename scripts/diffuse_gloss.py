@@ -11,10 +11,9 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from diffuse_accuracy import F
 from diffuse_nets import capture_truth, capture_volts
-from numpy.typing import NDArray
 
+from cadtof_cli.arrays import Float, Float32
 from cadtof_cli.capture.discovery import find_captures
 from cadtof_cli.capture.frames import Capture
 from cadtof_cli.capture.metadata import Voltage
@@ -73,7 +72,7 @@ def row(capture: Capture, share: float) -> tuple[float, float, float, float, flo
             left = pulse_response(h, fwhm_ns=fwhm_ns, period_ns=periods[0])
             light = share * left * amplitude * (ratios * turn).mean(axis=0)
             plane[0], plane[1] = plane[0] + light.real, plane[1] + light.imag
-    errors: list[F] = []
+    errors: list[Float] = []
     models: tuple[MpiModel, ...] = ("discrete", "auto")
     for model in models:
         settings = MapSettings(resolver=ResolverSettings(mpi_model=model))
@@ -86,7 +85,7 @@ def row(capture: Capture, share: float) -> tuple[float, float, float, float, flo
     return two, taken, float(np.mean(score[np.isfinite(score)] < 1.0)), tail, net
 
 
-def mirrored(capture: Capture) -> tuple[F, F]:
+def mirrored(capture: Capture) -> tuple[Float, Float]:
     """Return direct light on what the surface of each pixel mirrors, over that of its own, and when it arrives, (RAYS, Y, X)."""
     found = re.search(r"room_(\d+)", capture.root.name)
     optics, shape = capture.source.metadata.optics, capture_truth(capture.root).shape
@@ -104,7 +103,7 @@ def mirrored(capture: Capture) -> tuple[F, F]:
     ratios, delays = np.zeros((RAYS, direct.size)), np.zeros((RAYS, direct.size))
     generator = np.random.default_rng(0)
     for ray in range(RAYS):
-        turned: NDArray[np.float32] = (mirror + LOBE_RAD * generator.normal(size=mirror.shape)).astype(np.float32)
+        turned: Float32 = (mirror + LOBE_RAD * generator.normal(size=mirror.shape)).astype(np.float32)
         turned /= np.linalg.norm(turned, axis=0)
         there = view.room.interior.meet(seen.points_m + np.float32(START_M) * seen.normals, turned)
         outward = (turned * seen.normals).sum(axis=0) > 0

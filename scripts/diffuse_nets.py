@@ -14,9 +14,8 @@ from pathlib import Path
 from unittest.mock import patch
 
 import numpy as np
-from diffuse_accuracy import F
-from numpy.typing import NDArray
 
+from cadtof_cli.arrays import Bool, Float
 from cadtof_cli.capture.discovery import find_captures
 from cadtof_cli.capture.frames import Capture, read_stored, single_frames
 from cadtof_cli.capture.metadata import CaptureMetadata, Voltage
@@ -29,8 +28,6 @@ from cadtof_cli.pipeline import resolve_frame
 from cadtof_cli.resolver.diffuse import predict
 from cadtof_cli.resolver.settings import MpiModel, ResolverSettings
 from cadtof_cli.units import C_M_PER_NS, metres_per_radian
-
-B = NDArray[np.bool_]
 
 DELAYS_NS = (4.0, 6.0, 9.0, 12.0, 14.0)
 
@@ -113,7 +110,7 @@ def together(rows: Sequence[Row]) -> None:
         )
 
 
-def _mean(errors: F) -> float:
+def _mean(errors: Float) -> float:
     """Return the geometric mean."""
     return float(np.exp(np.mean(np.log(errors))))
 
@@ -133,7 +130,7 @@ def with_net(capture: Capture, delay_ns: float) -> Row | None:
     return _row(volts, metadata, np.where(covered, net_m, truth), covered)
 
 
-def behind_net(volts: F, metadata: CaptureMetadata, net_m: F, covered: B) -> F:
+def behind_net(volts: Float, metadata: CaptureMetadata, net_m: Float, covered: Bool) -> Float:
     """Return the volts of a frame whose covered pixels get most of their light from a net."""
     phasors = volts[:, 0] + 1j * volts[:, 1]
     fwhm_ns, period_ns = metadata.pulse.fwhm_ns, metadata.modulation.periods_ns[0]
@@ -146,8 +143,8 @@ def behind_net(volts: F, metadata: CaptureMetadata, net_m: F, covered: B) -> F:
     return np.stack([phasors.real, phasors.imag], axis=1)
 
 
-def _row(volts: F, metadata: CaptureMetadata, range_m: F, covered: B) -> Row:
-    errors: list[F] = []
+def _row(volts: Float, metadata: CaptureMetadata, range_m: Float, covered: Bool) -> Row:
+    errors: list[Float] = []
     found = 0
     models: Sequence[tuple[MpiModel, AbstractContextManager[object]]] = (
         ("discrete", nullcontext()),
@@ -184,12 +181,12 @@ def _median(rows: Sequence[Row]) -> Row:
     )
 
 
-def capture_truth(folder: Path) -> F:
+def capture_truth(folder: Path) -> Float:
     """Return the true ranges of a capture, m."""
     return read_layers(folder / "truth.exr")[DIRECT_DEPTH].astype(np.float64)
 
 
-def capture_volts(capture: Capture) -> F:
+def capture_volts(capture: Capture) -> Float:
     """Return the first frame of a capture in V, (H, 2, Y, X)."""
     source, voltage = next(iter(single_frames(capture))), capture.source.metadata.voltage
     return volts_from_stored(read_stored(source, capture.layout), voltage)

@@ -95,7 +95,7 @@ WAYS = (
 
 def main() -> None:
     """Print the table."""
-    argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter).parse_args()
+    argparse.ArgumentParser(description=__doc__).parse_args()
     print(
         "| compression | of | voltages move by, mV RMS | "
         + " | ".join(f"`{one}`: depths move by, mm" for one in SCENES)

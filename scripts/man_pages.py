@@ -23,8 +23,8 @@ _NO_DATE = ""
 
 def main() -> None:
     """Write the pages into the folder that is named."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("folder", type=Path, help="is made if need be")
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("folder", type=Path, help="where the pages go, made if need be")
     write_man_pages(parser.parse_args().folder)
 
 

@@ -106,7 +106,7 @@ def _write(
     seed: int,
 ) -> None:
     """Write a capture of one frame, with the noise of its integration length."""
-    voltages_v = draw_voltages(_statistics(light, ambient, metadata), np.random.default_rng(seed))[0]
+    voltages_v = draw_voltages(_statistics(light, ambient, metadata), np.random.default_rng(seed), draws=1)[0]
     modulation, files = metadata.modulation, format_by_name("tif").recording
     assert files is not None
     with new_folder(folder) as scratch:

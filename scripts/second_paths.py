@@ -11,8 +11,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cadtof_cli.arrays import Float
 from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Pixel
 from cadtof_cli.frame_plan import FramePlan, MapSettings
 from cadtof_cli.maps.layers import DIRECT_DEPTH
@@ -25,8 +25,6 @@ from cadtof_cli.simulation.scene.light import Light, Scene
 from cadtof_cli.simulation.scene.scenes import Card, InterReflection
 from cadtof_cli.units import C_M_PER_NS
 from cadtof_cli.workflows.simulate.record import expose
-
-F = NDArray[np.float64]
 
 PERIODS_NS = (40.0, 20.0, 40.0 / 3.0)
 
@@ -67,7 +65,7 @@ class Drawn:
             delays_ns=delays, photons=photons * np.stack([np.ones_like(share), share]), ambient=0 * near + self.asr
         )
 
-    def paths(self, across: F, down: F) -> tuple[F, F, F]:
+    def paths(self, across: Float, down: Float) -> tuple[Float, Float, Float]:
         """Return the ranges of both paths, m, and the second's share of the light."""
         rng = np.random.default_rng(self.seed)
         tilt, distance = rng.uniform(-0.3, 0.3, 2), rng.uniform(1.0, 2.2)
@@ -104,12 +102,12 @@ class Drawn:
         return near, far, share
 
 
-def plane(across: F, down: F, distance_m: float, tilt: F) -> F:
+def plane(across: Float, down: Float, distance_m: float, tilt: Float) -> Float:
     """Return the ranges of a plane."""
     return np.asarray(distance_m * np.sqrt(1 + across**2 + down**2) / (1 + tilt[0] * across + tilt[1] * down))
 
 
-def pattern(across: F, down: F, rng: np.random.Generator) -> F:
+def pattern(across: Float, down: Float, rng: np.random.Generator) -> Float:
     """Return a pattern of six waves, whose logarithm scatters by .5."""
     waves = rng.normal(size=(6, 2)) * 8.0
     turns = rng.uniform(0.0, 2.0 * np.pi, 6)
@@ -149,7 +147,7 @@ def drawn(seed: int) -> Iterator[tuple[str, Scene, Camera, tuple[float, ...]]]:
 
 def recordings(
     scene: Scene, camera: Camera, lengths: tuple[float, ...], harmonics: int, seed: int
-) -> Iterator[tuple[F, F, CaptureMetadata]]:
+) -> Iterator[tuple[Float, Float, CaptureMetadata]]:
     """Return volts of a frame and its true ranges for every integration length: light is followed once."""
     metadata = CaptureMetadata(
         modulation=Modulation(periods_ns=PERIODS_NS[:harmonics]),
@@ -166,7 +164,7 @@ def recordings(
         yield frame_voltages(shown, Band(noisy, whole.truth), 0), whole.truth[DIRECT_DEPTH], shown.metadata
 
 
-def resolved(volts: F, metadata: CaptureMetadata, model: MpiModel) -> ResolvedFrame:
+def resolved(volts: Float, metadata: CaptureMetadata, model: MpiModel) -> ResolvedFrame:
     """Return the maps of a frame by one model."""
     settings = MapSettings(resolver=ResolverSettings(mpi_model=model))
     return resolve_frame(volts, plan=FramePlan(metadata=metadata, settings=settings))

@@ -5,18 +5,18 @@ from collections.abc import Callable
 import numpy as np
 import scene_synthesizer
 import trimesh
-from numpy.typing import NDArray
 from scene_synthesizer import procedural_assets, procedural_scenes
 from trimesh.creation import box, capsule, icosphere
 
-F = NDArray[np.float64]
+from cadtof_cli.arrays import Float
+
 Parts = dict[str, trimesh.Trimesh]
 """Meshes by name, which says which part of what they are."""
 
 KITCHENS = ("single_wall", "galley", "l_shaped", "u_shaped", "peninsula", "island")
 UP = (0.0, 0.0, 1.0)
 
-rotation_matrix: Callable[..., F] = trimesh.transformations.rotation_matrix
+rotation_matrix: Callable[..., Float] = trimesh.transformations.rotation_matrix
 """By so many radians about an axis."""
 
 
@@ -53,7 +53,7 @@ def placed(parts: Parts, turn_rad: float, at_m: tuple[float, float, float]) -> P
     return parts
 
 
-def bounds(parts: Parts) -> tuple[F, F]:
+def bounds(parts: Parts) -> tuple[Float, Float]:
     """Return the lowest and highest corner of all parts."""
     low = np.min([mesh.bounds[0] for mesh in parts.values()], axis=0)
     return low, np.max([mesh.bounds[1] for mesh in parts.values()], axis=0)

@@ -7,9 +7,8 @@ from typing import Any
 import mitransient
 import mitsuba as mi
 import numpy as np
-from numpy.typing import NDArray
 
-from cadtof_cli.arrays import Complex, Float
+from cadtof_cli.arrays import Bool, Complex, Float
 from cadtof_cli.units import C_M_PER_NS
 from mitsuba_rooms.materials import Plugin
 from mitsuba_rooms.stage import Stage
@@ -73,7 +72,7 @@ def scene_of(stage: Stage, view: View) -> Any:
     return mi.load_dict({**scene, **stage.shapes})
 
 
-def seen(scene: Any, view: View, step: int = 1) -> tuple[Float, NDArray[np.bool_]]:
+def seen(scene: Any, view: View, step: int = 1) -> tuple[Float, Bool]:
     """Return the range at the centres of pixels, NaN where there is nothing, and which of what they see scatters light."""
     rows, columns = (np.arange(0.5, size, step) / size for size in view.shape)
     y, x = np.meshgrid(rows, columns, indexing="ij")

@@ -23,7 +23,7 @@ import pytest
 from mutation.calls import Calls, Chosen, Watch
 from mutation.mutants import PACKAGE, Mutant, mutated
 from mutation.reach import reaches
-from mutation.session import NOT_PUT_IN, Request, Session, ended, limit
+from mutation.session import NOT_PUT_IN, TOOL_FAILED, Request, Session, ended, limit
 
 LEFT_BEHIND = (".git", ".venv*", "out", "__pycache__", ".*_cache", ".hypothesis", "build", "dist")
 
@@ -125,10 +125,10 @@ class Bench:
             rank = {file: number for number, file in enumerate(files)}
             ordered = sorted((test for test in self._calls.tests if test in tests), key=lambda test: rank[_file(test)])
             code, by_itself = self._waiting.tried(Request(mutant, source, tuple(ordered), patience_s))
-            if code != NOT_PUT_IN:
+            if code not in {NOT_PUT_IN, TOOL_FAILED}:
                 return code, by_itself
         code, by_itself = self._run(files, patience_s, Chosen(tests))
-        if code in USAGE_ERRORS:
+        if code in {*USAGE_ERRORS, TOOL_FAILED}:
             raise SystemExit(f"pytest could not run {' '.join(files)}:\n{self._log.read_text()[-4000:]}")
         return code, by_itself
 
@@ -223,7 +223,7 @@ class Bench:
         return ended(child, patience_s)
 
     def _be_pytest(self, files: list[str], patience_s: float, plugin: Watch | Chosen | None) -> NoReturn:
-        code = 99
+        code = TOOL_FAILED
         try:
             limit(patience_s)
             log = os.open(self._log, os.O_WRONLY | os.O_CREAT | os.O_TRUNC)

@@ -29,6 +29,9 @@ from mutation.mutants import PACKAGE, Mutant, mutated_module
 NOT_PUT_IN = 98
 """Exit code where a change cannot be put into functions that are there already."""
 
+TOOL_FAILED = 97
+"""Exit code where something other than a test failed, which says nothing of a mutant."""
+
 MEMORY_BYTES = 6 * 2**30
 
 WAITS = 20
@@ -112,7 +115,7 @@ def ended(child: int, patience_s: float, /) -> tuple[int, bool]:
 
 
 def _wait_for_requests(tree: Path, options: Sequence[str], log: Path, connection: Connection) -> NoReturn:
-    code = 99
+    code = TOOL_FAILED
     try:
         target = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
         for stream in (1, 2):
@@ -150,7 +153,7 @@ class _Waiting:
         return True
 
     def _run(self, session: pytest.Session, items: list[pytest.Item], request: Request) -> NoReturn:
-        code = 97
+        code = TOOL_FAILED
         try:
             limit(request.patience_s)
             put_in(self._tree / request.mutant.path, mutated_module(request.source, request.mutant))

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
-from numpy.typing import NDArray
 
+from cadtof_cli.arrays import Float
 from cadtof_cli.execution.workers import Workers
 from cadtof_cli.figures.pixel_evolution import DIRECT_COLOUR, MPI_COLOUR, plot_histogram
 from cadtof_cli.figures.sweep_maps import draw_path_maps
@@ -111,7 +111,7 @@ def table_1(effort: Effort) -> list[Table1Row]:
     return made
 
 
-def draw_figure_7(scatter: Mapping[str, NDArray[np.float64]], out: Path) -> None:
+def draw_figure_7(scatter: Mapping[str, Float], out: Path) -> None:
     """Draw first and second peaks, (2, n) in ns, of each condition of Table 1, and the paper's success region about the truth."""
     figure = Figure(figsize=(13, 4.2), dpi=110, layout="constrained")
     for axes, (name, times) in zip(figure.subplots(1, len(scatter)), scatter.items(), strict=True):

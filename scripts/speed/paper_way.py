@@ -1,15 +1,16 @@
 """The paper's solver by scipy: what ours are measured against."""
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import leastsq
 
+from cadtof_cli.arrays import Float
 
-def paper_way(p1: complex, p2: complex, starts: NDArray[np.float64]) -> tuple[complex, complex]:
+
+def paper_way(p1: complex, p2: complex, starts: Float) -> tuple[complex, complex]:
     """Eq. (9) by MINPACK's Levenberg–Marquardt from each start, (n, 2), the best kept: the two paths as complex amplitudes."""
     q2 = p2 * abs(p1) / p1**2
 
-    def misfit(z: NDArray[np.float64]) -> tuple[float, float]:
+    def misfit(z: Float) -> tuple[float, float]:
         a, b = complex(z[0], z[1]), complex(1 - z[0], -z[1])
         left = (a * a / abs(a) if a else 0) + (b * b / abs(b) if b else 0) - q2
         return left.real, left.imag

@@ -110,7 +110,7 @@ def _later(moments: Complex, turns: float) -> Complex:
     return later
 
 
-def draw_voltages(statistics: VoltageStatistics, generator: np.random.Generator, /, *, draws: int = 1) -> Float:
+def draw_voltages(statistics: VoltageStatistics, generator: np.random.Generator, /, *, draws: int) -> Float:
     """Return independent voltages in V, (draws, H, 2, *pixels), with the given means and covariances."""
     variance, covariance, second = np.moveaxis(statistics.covariances_v2, 1, 0)
     first_scale = np.sqrt(np.maximum(variance, 0.0))

@@ -111,5 +111,5 @@ def frame_voltages(exposure: Exposure, whole: Band, index: int, /, *, offsets_v:
     forgets what it held.
     """
     generator = np.random.default_rng(np.random.SeedSequence(exposure.seed, spawn_key=(_FRAME_KEY, index)))
-    voltages: Float = draw_voltages(whole.voltages, generator)[0]
+    voltages: Float = draw_voltages(whole.voltages, generator, draws=1)[0]
     return voltages if offsets_v is None else voltages + offsets_v

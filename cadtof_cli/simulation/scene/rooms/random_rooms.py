@@ -144,7 +144,6 @@ def _room(
     width, height, depth = draft.size_m
     boxes, balls = solids
     patches, words = _patches(draft.size_m, generator)
-    words.insert(0, f"{kind} of {width:.2f} × {depth:.2f} × {height:.2f} m")
     return Room(
         interior=Interior(
             size_m=draft.size_m, albedos=_face_albedos(generator), patches=patches, boxes=boxes, balls=balls
@@ -153,7 +152,7 @@ def _room(
         yaw_rad=draft.yaw_rad,
         pitch_rad=draft.pitch_rad,
         beam_rad=math.radians(beam_deg),
-        summary=", ".join(words),
+        summary=", ".join((f"{kind} of {width:.2f} × {depth:.2f} × {height:.2f} m", *words)),
     )
 
 

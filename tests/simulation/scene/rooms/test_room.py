@@ -64,6 +64,7 @@ def test_rooms_of_many_seeds_can_be_looked_at() -> None:
         assert 1.2 <= width <= 7.0
         assert 1.5 <= depth <= 7.0
         assert 2.3 <= height <= 3.2
+        assert scene.room.summary.split(", ")[0].endswith(f" of {width:.2f} × {depth:.2f} × {height:.2f} m")
         sizes.add((width, height, depth))
     assert len(sizes) == 40
 
