@@ -39,7 +39,7 @@ def main() -> None:
             f"{1e9 * ours / photons:5.1f} ns each, {ours / plain:.2f} of numpy (asked: 3 at most)"
         )
     frame = VoltageStatistics(np.zeros((2, 2, 240, 320)), np.full((2, 3, 240, 320), [[[[1.0]], [[0.5]], [[1.0]]]]))
-    drawn = _best(lambda: draw_voltages(frame, np.random.default_rng(1)))
+    drawn = _best(lambda: draw_voltages(frame, np.random.default_rng(1), draws=1))
     print(f"voltages of a frame by statistics: {1e9 * drawn / frame.means_v.size:.1f} ns each")
     if not arguments.quick:
         jobs = len(os.sched_getaffinity(0))
