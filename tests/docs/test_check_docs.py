@@ -21,7 +21,7 @@ Nothing measured here, in 3 harmonics.
 
 It takes 1.5 ns, `2.5 ns` in code.
 
-    $ cadtof --version
+    $ cadtof --version  # which one
     cadtof, version …
 
 <!-- slow -->
@@ -84,7 +84,7 @@ def test_sections_and_prose(page: Path) -> None:
 
 def test_commands_with_what_they_print(page: Path) -> None:
     first, second = commands(page)
-    assert (first.words, first.printed, first.slow) == ("cadtof --version", "cadtof, version …\n", False)
+    assert (first.words, first.printed, first.slow) == ("cadtof --version  # which one", "cadtof, version …\n", False)
     assert (second.words, second.slow) == ("cadtof info nowhere", True)
 
 
