@@ -1,4 +1,4 @@
-"""Measure the pixel photon by photon: photons a second, beside plain numpy cos and sin of as many float64 values."""
+"""Measure the pixel photon by photon, beside plain numpy cos and sin of as many float64 values, and by its statistics."""
 
 import argparse
 import os
@@ -13,6 +13,7 @@ from cadtof_cli.execution.workers import Workers
 from cadtof_cli.simulation.pixel.averaging import Averaging
 from cadtof_cli.simulation.pixel.mix import Condition, PhotonMix
 from cadtof_cli.simulation.pixel.pixel import CHUNK, PixelModel, pixel_weights, record_pixel
+from cadtof_cli.simulation.pixel.statistics import VoltageStatistics, draw_voltages
 from cadtof_cli.workflows.simulate.simulate import simulate_trials
 from cadtof_cli.workflows.simulate.trials import Trials
 
@@ -20,7 +21,7 @@ REPEATS = 5
 
 
 def main() -> None:
-    """Print a table of both times, and the time of a whole condition of Table 1."""
+    """Print the times of a photon and of a voltage, and that of a whole condition of Table 1."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--quick", action="store_true", help="without the whole condition")
     arguments = parser.parse_args()
@@ -37,6 +38,9 @@ def main() -> None:
             f"photons, ASR {asr:g}, MPI {mpi_ratio:3g}:      {photons / ours / 1e6:7.1f} M/s, "
             f"{1e9 * ours / photons:5.1f} ns each, {ours / plain:.2f} of numpy (asked: 3 at most)"
         )
+    frame = VoltageStatistics(np.zeros((2, 2, 240, 320)), np.full((2, 3, 240, 320), [[[[1.0]], [[0.5]], [[1.0]]]]))
+    drawn = _best(lambda: draw_voltages(frame, np.random.default_rng(1), draws=1))
+    print(f"voltages of a frame by statistics: {1e9 * drawn / frame.means_v.size:.1f} ns each")
     if not arguments.quick:
         jobs = len(os.sched_getaffinity(0))
         trials = Trials(condition=Condition(asr=5.0, mpi_ratio=0.3), model=model, photon_by_photon=True)
