@@ -227,3 +227,16 @@ def test_a_part_makes_its_folder_and_is_not_replaced_unless_that_is_asked_for(tm
     found = load_calibration(folder).petzval
     assert found is not None
     assert found.k2_m == 0.07
+
+
+@pytest.mark.parametrize(
+    ("periods_ns", "matches"),
+    [((40.0, 13.33), True), ((40.0, 13.333333), True), ((40.0, 20.0), False), ((41.0, 13.6666), False)],
+)
+def test_a_period_is_the_harmonic_that_it_rounds_to(periods_ns: tuple[float, ...], matches: bool) -> None:
+    metadata, part = CaptureMetadata(modulation=Modulation(periods_ns=periods_ns)), origin(periods_ns=(40.0, 13.3333))
+    if matches:
+        part.require_match(metadata, SHAPE, kind="dark")
+        return
+    with pytest.raises(SettingsError, match="does not belong to this capture: periods_ns is"):
+        part.require_match(metadata, SHAPE, kind="dark")
