@@ -97,7 +97,7 @@ WAYS = (
 def main() -> None:
     """Print the table."""
     argparse.ArgumentParser(description=__doc__).parse_args()
-    # that what is compressed with loss is so
+    # the table says it, and each capture would
     logging.getLogger("cadtof_cli").setLevel(logging.ERROR)
     print(
         "| compression | of | voltages move by, mV RMS | "
