@@ -53,7 +53,7 @@ OTHERS = frozenset(
 
 @dataclass(frozen=True)
 class Form:
-    """How much is run: everything, or what takes no longer than a minute together."""
+    """How much is run: everything, or what takes no longer than two minutes together."""
 
     full: bool
 
@@ -121,7 +121,9 @@ def main() -> None:
     )
     parser.add_argument("checks", nargs="*", metavar="CHECK", help="which; all if none is named")
     parser.add_argument(
-        "--full", action="store_true", help="also what takes long: tables of an hour, the calibration page"
+        "--full",
+        action="store_true",
+        help="also what takes long: rooms and boxes that are rendered, the calibration page",
     )
     parser.add_argument("--write", action="store_true", help="store what the notebook shows, instead of checking it")
     asked = parser.parse_args()

@@ -4,6 +4,7 @@ A frame of sample_data is written without and with each compression, read and re
 """
 
 import argparse
+import logging
 import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -96,6 +97,8 @@ WAYS = (
 def main() -> None:
     """Print the table."""
     argparse.ArgumentParser(description=__doc__).parse_args()
+    # that what is compressed with loss is so
+    logging.getLogger("cadtof_cli").setLevel(logging.ERROR)
     print(
         "| compression | of | voltages move by, mV RMS | "
         + " | ".join(f"`{one}`: depths move by, mm" for one in SCENES)

@@ -25,7 +25,7 @@ def check_commands(page: Path, root: Path, folder: Path, /, *, slow: bool) -> It
     for command in commands(page):
         if command.slow and not slow:
             continue
-        program, *arguments = shlex.split(command.words)
+        program, *arguments = shlex.split(command.words, comments=True)
         if program != "cadtof":
             yield f"{page.name}: $ {command.words}: only `cadtof` is run here"
             continue

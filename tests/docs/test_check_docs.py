@@ -1,5 +1,6 @@
 """What `scripts/check_docs` sees of pages that say what is not so; and what of ours costs little to check."""
 
+import re
 from pathlib import Path
 
 import pytest
@@ -9,6 +10,8 @@ from docs_checks.numbers import stale_options, unsourced
 from docs_checks.pages import commands, sections
 from docs_checks.tables import Table, check_table
 
+from cadtof_cli.capture.metadata import KEYS
+from cadtof_cli.capture.toml import load_metadata
 from tests.support.needed import needed_module
 from tests.support.run_cadtof import ROOT
 
@@ -21,7 +24,7 @@ Nothing measured here, in 3 harmonics.
 
 It takes 1.5 ns, `2.5 ns` in code.
 
-    $ cadtof --version
+    $ cadtof --version  # which one
     cadtof, version …
 
 <!-- slow -->
@@ -69,6 +72,17 @@ def test_a_script_that_is_asked_for_help_does_nothing_else() -> None:
     assert not [name for name, text in mains.items() if "parse_args(" not in text and "parse_known_args(" not in text]
 
 
+def test_the_settings_of_the_readme_can_be_copied_and_are_all_there(tmp_path: Path) -> None:
+    settings = (ROOT / "README.md").read_text().partition("```toml\n")[2].partition("```")[0]
+    assert set(re.findall(r"(?m)^(?:# )?(\w+) =", settings)) == {
+        key.name for key in KEYS.values() if not key.name.startswith("raw_")
+    }
+    (tmp_path / "capture.toml").write_text(settings)
+    found = load_metadata(tmp_path / "capture.toml").metadata
+    corner = load_metadata(ROOT / "sample_data" / "corner" / "capture.toml").metadata
+    assert found == corner
+
+
 def test_the_commands_of_the_readme(tmp_path: Path) -> None:
     wrong = list(check_commands(ROOT / "README.md", ROOT, tmp_path, slow=False))
     assert not wrong, "\n".join(wrong)
@@ -84,7 +98,7 @@ def test_sections_and_prose(page: Path) -> None:
 
 def test_commands_with_what_they_print(page: Path) -> None:
     first, second = commands(page)
-    assert (first.words, first.printed, first.slow) == ("cadtof --version", "cadtof, version …\n", False)
+    assert (first.words, first.printed, first.slow) == ("cadtof --version  # which one", "cadtof, version …\n", False)
     assert (second.words, second.slow) == ("cadtof info nowhere", True)
 
 

@@ -11,6 +11,7 @@ from cadtof_cli.files.layers import read_layers
 from cadtof_cli.files.maps import MapHeader
 from cadtof_cli.files.tiff.layers import ome_xml
 from cadtof_cli.files.tiff.names import channel_names
+from cadtof_cli.version import __version__
 from tests.files.refusals import message
 
 HEADER = MapHeader()
@@ -30,7 +31,8 @@ WRITTEN_BY_0_1_0 = (
 
 
 def test_the_description_of_maps_is_that_of_earlier_versions() -> None:
-    assert ome_xml(("direct.depth", "status"), size=(240, 320), header=HEADER) == WRITTEN_BY_0_1_0
+    expected = WRITTEN_BY_0_1_0.replace("cadtof 0.1.0", f"cadtof {__version__}")
+    assert ome_xml(("direct.depth", "status"), size=(240, 320), header=HEADER) == expected
 
 
 def test_names_that_need_escaping_come_back() -> None:
