@@ -1,11 +1,11 @@
 """The pixels that a frame's MPI is looked at by, and what a sine would have recorded of them."""
 
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cadtof_cli.arrays import Bool, Complex, Index, sealed
+from cadtof_cli.arrays import Bool, Complex, Float, Index, sealed
 from cadtof_cli.frame_pixels import FramePixels
 from cadtof_cli.frame_stages import FrameStages
 from cadtof_cli.records import dataclass
@@ -48,12 +48,21 @@ class FrameSamples:
 
             places = self.places.ravel()
             with np.errstate(all="ignore"):
-                of_tail, _ = freed_of_other_terms(self.recorded, tail.tails_of_patches(places), response=self.response)
+                of_tail, _ = freed_of_other_terms(
+                    self.recorded, tail.tails_of_patches(places), response=self.response, alone_rad=self._alone_rad
+                )
             phasors = np.where(tail.of_paths(places), phasors, of_tail)
         shape = self.places.shape
         return sampled_light(
             phasors.reshape(-1, *shape), self.usable.reshape(shape), self.grid, harmonics=self.harmonics
         )
+
+    @cached_property
+    def _alone_rad(self) -> Float:
+        """The phases of a single path, (n,), which every prediction of the tail begins with."""
+        from cadtof_cli.resolver.response.as_sine import first_phase
+
+        return first_phase(self.recorded[0], response=self.response)
 
 
 def frame_samples(pixels: FramePixels, stages: FrameStages, grid: PatchGrid, /, *, kernel: str) -> FrameSamples:

@@ -88,12 +88,14 @@ def diffuse_rows(repeats: int) -> Iterator[Row]:
 
 
 def triangle_rows(place: Path, repeats: int) -> Iterator[Row]:
-    """Measure a frame of triangle waves, most of whose pixels have two paths, by every kernel and numpy."""
+    """Measure a frame of triangle waves, with two paths in most pixels and with diffuse MPI, by every kernel and numpy."""
     folder = place / "triangle"
     program = Path(sys.executable).with_name("cadtof")
     command = [str(program), "simulate", "--scene", "corner", "--waveform", "triangle", "-o", str(folder)]
     subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
     yield from _frame_rows("triangle waves, corner", *recorded(folder), repeats)
+    diffuse = recorded(folder, mpi_model="auto")
+    yield from _frame_rows("triangle waves with diffuse MPI, corner", *diffuse, repeats)
 
 
 def _frame_rows(what: str, stored: Stored, plan: FramePlan, repeats: int) -> Iterator[Row]:

@@ -34,6 +34,7 @@ CASES = {
     "two paths by numpy": Case(DISCRETE, 20, asked="≤ 2", environment=(("CADTOF_KERNEL", "numpy"),)),
     "diffuse MPI": Case((), 10),
     "triangle waves": Case((*DISCRETE, "--waveform", "triangle"), 6, asked="≤ 1"),
+    "triangle waves, diffuse MPI": Case((), 6, ("--waveform", "triangle")),
     "likelihood, three harmonics": Case(DISCRETE, 4, THREE_HARMONICS, asked="≤ 0.33"),
     "three paths": Case((*DISCRETE, "--paths", "3"), 2, THREE_HARMONICS, asked="≤ 0.33"),
     "lm": Case((*DISCRETE, "--solver", "lm"), 4, asked="≤ 0.33"),
@@ -116,7 +117,7 @@ def _understood(options: tuple[str, ...], help_text: str) -> list[str]:
 def _capture(case: Case, folder: Path, frames: int) -> Path:
     if not case.scene:
         return capture_of(folder, frames)
-    sample = folder.with_name("three harmonics")
+    sample = folder.with_name(" ".join(case.scene))
     if not sample.exists():
         words = [sys.executable, "-m", "cadtof_cli", "simulate", "--scene", "corner", "-o", str(sample), *case.scene]
         subprocess.run(words, env={**ENVIRONMENT, "PYTHONPATH": str(ROOT)}, check=True, capture_output=True)

@@ -12,11 +12,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cadtof_cli.arrays import Complex, Float32
+from cadtof_cli.arrays import Complex, Float, Float32
 from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.diffuse.elementary import exponential, phase_of, rotor
 from cadtof_cli.resolver.diffuse.records import Parts, PixelTails
-from cadtof_cli.resolver.response.as_sine import first_phase
 
 if TYPE_CHECKING:
     from cadtof_cli.resolver.response.table import ResponseBlock, ResponseTable
@@ -57,7 +56,7 @@ def harmonics_seen(response: "ResponseBlock", /) -> tuple[tuple[int, float], ...
 
 
 def freed_of_other_terms(
-    phasors: Complex, tails: PixelTails, /, *, response: "ResponseBlock"
+    phasors: Complex, tails: PixelTails, /, *, response: "ResponseBlock", alone_rad: Float
 ) -> tuple[Complex, Float32]:
     """Return what a sine would have recorded, complex128 (H, n), and by how much the noise of its phase exceeds a sine's.
 
@@ -67,18 +66,19 @@ def freed_of_other_terms(
         phasors: (H, n), of the same pixels as the response.
         tails: predicted for them.
         response: of the channel pairs.
+        alone_rad: the phases of a single path, `response.as_sine.first_phase` of the first phasors, (n,).
     """
     first_re, first_im = rotor(tails.lag_rad)
     strength = exponential(tails.size)
     first = strength * first_re, strength * first_im
     observed = response.observed(phasors)
-    phase = (first_phase(phasors[0], response=response) - tails.lag_rad).astype(np.float32)
+    phase = (alone_rad - tails.lag_rad).astype(np.float32)
     for step in range(STEPS + 1):
         seen = _seen(0, phase, tails, response)
-        total = _plus(seen.value, _times(first, seen.sine))
+        of_sine = _times(first, seen.sine)
+        total = _plus(seen.value, of_sine)
         # of H_1·exp(ix), the derivative by x
-        turning = _times(first, seen.sine)
-        slope = _over(_plus(seen.slope, (-turning[1], turning[0])), total)
+        slope = _over(_plus(seen.slope, (-of_sine[1], of_sine[0])), total)
         turn = np.maximum(slope[1], np.float32(LEAST_SLOPE))
         if step < STEPS:
             left = phase_of(*_over(observed[0], total)) / turn
@@ -88,7 +88,6 @@ def freed_of_other_terms(
     sine = np.empty(phasors.shape, np.complex128)
     for row, (re, im) in enumerate(observed):
         if row == 0:
-            of_sine = _times(first, seen.sine)
             re, im = amplitude * of_sine[0], amplitude * of_sine[1]
         else:
             other = _seen(row, phase, tails, response).value

@@ -96,10 +96,10 @@ def pixels_of_sine(
     model = tail.model
     if model.further is None:
         raise ValueError("the model was made for a sine")
-    alone = first_phase(phasors[0], response=response).astype(np.float32)
-    planes = model.further.upsampler.joint(tail.pixels, _first_range(alone, model, tail.pixels))
+    alone = first_phase(phasors[0], response=response)
+    planes = model.further.upsampler.joint(tail.pixels, _first_range(alone.astype(np.float32), model, tail.pixels))
     tails = PixelTails.of(planes, model.further.harmonics)
-    sine, more = freed_of_other_terms(phasors, tails, response=response)
+    sine, more = freed_of_other_terms(phasors, tails, response=response, alone_rad=alone)
     return sine, (1.0 if samples is None else samples) / more.astype(np.float64)
 
 

@@ -7,6 +7,7 @@ from cadtof_cli.capture.metadata import CaptureMetadata, Modulation
 from cadtof_cli.phasors.response import HarmonicResponse, ideal_response
 from cadtof_cli.resolver.diffuse.other_terms import freed_of_other_terms, harmonics_seen
 from cadtof_cli.resolver.diffuse.records import PixelTails
+from cadtof_cli.resolver.response.as_sine import first_phase
 from cadtof_cli.resolver.response.table import ResponseBlock, response_block
 from tests.support.diffuse_frames import F, Tail, Z
 
@@ -61,13 +62,19 @@ def predicted(block: ResponseBlock, tail: Tail) -> PixelTails:
     return PixelTails(everywhere(np.log(abs(first))), everywhere(np.angle(first)), parts)
 
 
+def freed(seen: Z, tails: PixelTails, block: ResponseBlock) -> tuple[Z, F]:
+    """What a sine would have recorded, and how much noisier its phase is."""
+    sine, more = freed_of_other_terms(seen, tails, response=block, alone_rad=first_phase(seen[0], response=block))
+    return sine, more.astype(np.float64)
+
+
 @RESPONSES
 @pytest.mark.parametrize("tail", [Tail(), Tail(strength=0.6, start_ns=1.0, decay_ns=4.0), Tail(strength=0.0)])
 def test_direct_light_and_a_known_tail_become_those_of_a_sine(responses: Responses, tail: Tail) -> None:
     own = own_phases()
     seen, of_sine = recorded(responses, own, tail)
     block = response_block(responses, own)
-    found, _ = freed_of_other_terms(seen, predicted(block, tail), response=block)
+    found, _ = freed(seen, predicted(block, tail), block)
     relative = np.abs(found - of_sine) / np.abs(of_sine)
     assert np.abs(seen - of_sine).max() > 0.02
     # weak and high terms are taken to see direct light alone
@@ -82,12 +89,12 @@ def test_the_noise_of_the_phase_is_as_foretold(responses: Responses) -> None:
     seen, _ = recorded(responses, own, tail)
     block = response_block(responses, own)
     tails = predicted(block, tail)
-    still, more = freed_of_other_terms(seen, tails, response=block)
+    still, more = freed(seen, tails, block)
     rng, sigma = np.random.default_rng(1), 1e-4
     trials = []
     for _ in range(300):
         noise = sigma * (rng.normal(size=seen.shape) + 1j * rng.normal(size=seen.shape))
-        found, _ = freed_of_other_terms(seen + noise, tails, response=block)
+        found, _ = freed(seen + noise, tails, block)
         trials.append(np.angle(found[0] / still[0]))
     foretold = more * sigma**2 / np.abs(still[0]) ** 2
     ratio = np.var(trials, axis=0) / foretold
@@ -101,10 +108,10 @@ def test_what_is_not_known_of_a_pixel_stays_unknown_and_others_do_not_feel_it() 
     own, tail = own_phases(), Tail()
     seen, _ = recorded(TRIANGLE, own, tail)
     block = response_block(TRIANGLE, own)
-    whole, _ = freed_of_other_terms(seen, predicted(block, tail), response=block)
+    whole, _ = freed(seen, predicted(block, tail), block)
     holed = seen.copy()
     holed[0, 5] = np.nan
-    found, more = freed_of_other_terms(holed, predicted(block, tail), response=block)
+    found, more = freed(holed, predicted(block, tail), block)
     assert np.isnan(found[:, 5]).all()
     assert np.isnan(more[5])
     np.testing.assert_array_equal(np.delete(found, 5, axis=1), np.delete(whole, 5, axis=1))
