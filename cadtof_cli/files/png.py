@@ -22,7 +22,9 @@ from cadtof_cli.files.reading import damage_as_frame_error, in_brief, read_bytes
 
 _HEADER = struct.Struct(">8xI4sIIBB")
 _GREY, _INDEXED = 0, 3
-_LAST_CHUNK = b"IEND"
+_EXIF, _LAST_CHUNK = b"eXIf", b"IEND"
+_ORIENTATION = 274
+_TURNED = range(2, 9)
 _HARMLESS = "Interlace handling"
 """The library remarks on every interlaced picture, and decodes it."""
 
@@ -70,7 +72,7 @@ def read_plane(path: Path, _layout: FrameLayout, /) -> Stored:
 
 
 def _require_sound_chunks(path: Path, content: memoryview) -> None:
-    """Make sure that all chunks of a file are there, and have the check sums that they say.
+    """Make sure that all chunks of a file are there, have the check sums that they say, and none says it is turned.
 
     The library would find that too; but each failure costs it memory, and thousands of them in one process abort it.
     """
@@ -81,7 +83,23 @@ def _require_sound_chunks(path: Path, content: memoryview) -> None:
             raise FrameError(f"{path}: truncated PNG: reaches to byte {end:,}, found a file of {len(content):,} bytes")
         if zlib.crc32(content[place + 4 : end - 4]) != int.from_bytes(content[end - 4 : end]):
             raise FrameError(f"{path}: damaged PNG: bytes {place:,} to {end:,} do not have their check sum")
+        if content[place + 4 : place + 8] == _EXIF:
+            _require_first_row_on_top(path, bytes(content[place + 8 : end - 4]))
         place = end
+
+
+def _require_first_row_on_top(path: Path, exif: bytes) -> None:
+    """Refuse a plane whose Exif, laid out as the first page of a TIFF, says that a viewer has to turn it."""
+
+    def number(place: int, size: int) -> int:
+        return int.from_bytes(exif[place : place + size], "little" if exif[:2] == b"II" else "big")
+
+    begin = number(4, 4)
+    for tag in range(begin + 2, begin + 2 + 12 * number(begin, 2), 12):
+        if number(tag, 2) == _ORIENTATION and number(tag + 8, 2) in _TURNED:
+            raise FrameError(
+                f"{path}: found orientation {number(tag + 8, 2)}, so rows or columns are turned; expected 1, the first row on top"
+            )
 
 
 def _size(path: Path, content: bytes) -> tuple[int, int, int]:

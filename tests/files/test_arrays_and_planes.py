@@ -274,6 +274,34 @@ def test_png_that_holds_no_plane(tmp_path: Path) -> None:
     assert "damaged PNG: found 12 bytes, expected a header" in message_of(source)
 
 
+@pytest.mark.parametrize("orientation", range(1, 9))
+def test_a_png_whose_exif_says_that_it_is_turned(orientation: int, tmp_path: Path) -> None:
+    """As TIFF's are: libraries decode the rows as they lie, so depth would stand in the wrong pixels, without a word."""
+    from PIL import Image
+
+    path, (plane, *_) = tmp_path / "plane.png", known_frame("u2").reshape(4, 37, 53)
+    exif = Image.Exif()
+    exif[271], exif[274] = "a camera", orientation
+    Image.fromarray(plane).save(path, exif=exif)
+    source = FrameSource("frame", (path,) * 4)
+    if orientation > 1:
+        assert message_of(source).startswith(f"{path}: found orientation {orientation}, so rows or columns are turned")
+    else:
+        with open_frames(source, LAYOUT) as frames:
+            np.testing.assert_array_equal(frames.read()[0, 0], plane)
+
+
+@pytest.mark.parametrize("exif", [b"II*\0", b"MM\0*\xff\xff\xff\xff", b"MM\0*\0\0\0\x08\xff\xff\x01\x12", b"a text"])
+def test_a_png_whose_exif_says_nothing_is_read(exif: bytes, tmp_path: Path) -> None:
+    """Its check sum is right, so the plane is what was written, whatever became of the Exif."""
+    from PIL import Image
+
+    path, (plane, *_) = tmp_path / "plane.png", known_frame("u2").reshape(4, 37, 53)
+    Image.fromarray(plane).save(path, exif=exif)
+    with open_frames(FrameSource("frame", (path,) * 4), LAYOUT) as frames:
+        np.testing.assert_array_equal(frames.read()[0, 0], plane)
+
+
 def test_every_byte_of_a_png_is_checked(tmp_path: Path) -> None:
     """By us: the library is left with memory that is lost after each failure, and after some thousands of them it aborts."""
     path = tmp_path / "plane.png"
