@@ -4,12 +4,14 @@ import re
 import subprocess
 import tomllib
 from collections.abc import Iterator
+from importlib.metadata import distributions
 from pathlib import Path
 from typing import Any
 
 import pytest
 import yaml
 from packaging.requirements import Requirement
+from packaging.specifiers import SpecifierSet
 from packaging.version import Version
 
 from tests.support.needed import miss
@@ -71,6 +73,14 @@ def test_what_is_required_has_a_range_and_a_pinned_version_in_it() -> None:
     for requirement in requirements():
         assert requirement.specifier, requirement
         assert requirement.specifier.contains(pinned[_plain(requirement.name)]), requirement
+
+
+def test_what_is_pinned_installs_with_the_oldest_python() -> None:
+    """Debian 12 has Python 3.11.2, where pip tries every version there is before it says that one needs 3.11.5."""
+    oldest, pinned = f"{PROJECT['requires-python'].removeprefix('>=')}.0", constraints()
+    for here in distributions():
+        if pinned.get(_plain(here.name)) == Version(here.version) and "Requires-Python" in here.metadata:
+            assert SpecifierSet(here.metadata["Requires-Python"]).contains(oldest), here.name
 
 
 def test_every_extra_that_is_asked_for_is_there() -> None:

@@ -13,6 +13,7 @@ import pytest
 
 from tests.support.captures import record
 from tests.support.needed import miss
+from tests.support.processes import session_is_over
 from tests.support.run_cadtof import ENVIRONMENT, PROGRAM, program
 from tests.support.runs import maps_of, require_same_run
 
@@ -92,6 +93,8 @@ def test_power_is_lost(share: float, names_too: bool, layer: Path, tmp_path: Pat
         time.sleep(0.002)
     os.killpg(process.pid, signal.SIGKILL)
     process.wait()
+    # a worker may be in the middle of giving a file its name
+    assert session_is_over(process.pid, 60)
     _left(out, memory, names_too=names_too)
     left = maps_of(out)
     assert left

@@ -19,6 +19,7 @@ import pytest
 from cadtof_cli.execution.cores import available_cores
 from tests.support.captures import TOML, write_frame
 from tests.support.forward import step_frame
+from tests.support.processes import nobody_left
 from tests.support.run_cadtof import ENVIRONMENT, program
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="processes are found by /proc")
@@ -99,20 +100,6 @@ def _running(*arguments: object, command: tuple[str, ...] = _PROGRAM) -> Iterato
         process.communicate()
 
 
-def _alive(pid: int) -> bool:
-    try:
-        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] not in "ZX"
-    except (FileNotFoundError, ProcessLookupError):
-        return False
-
-
-def _nobody_left(pids: list[int], within: float) -> bool:
-    until = time.monotonic() + within
-    while any(map(_alive, pids)) and time.monotonic() < until:
-        time.sleep(0.02)
-    return not any(map(_alive, pids))
-
-
 def _unnamed(path: Path) -> bytes:
     """Bytes of a map without the name of the frame that it is of, which its header tells; all names have one length."""
     return path.read_bytes().replace(path.stem.encode(), b"")
@@ -163,7 +150,7 @@ def test_a_run_that_is_stopped(
         found, err = _ended(run)
     said = re.fullmatch(told, err)
     assert (found, said is not None) == (status, True), err
-    assert _nobody_left(workers, 0)
+    assert nobody_left(workers, 0)
     maps = _sound(out, map_bytes)
     assert 1 <= maps < FRAMES
     assert said is None or all(int(count) <= maps for count in said.groups())
@@ -182,7 +169,7 @@ def test_a_run_that_is_killed_leaves_no_worker_and_can_be_resumed(
             run.process.kill()
             # where processes are spawned, Python's own resource tracker has a word about the kill
             assert _ended(run)[0] == -signal.SIGKILL
-            assert _nobody_left(workers, 10)
+            assert nobody_left(workers, 10)
     (out / ".frame_0119.tif.1234abcd.partial").write_bytes(map_bytes[:100])
     done = program("resolve", capture, "-o", out, "-j", 2, "--resume")
     assert done.status == 0
@@ -218,7 +205,7 @@ def test_a_stopped_worker_keeps_nobody_waiting(number: signal.Signals, capture: 
         run.process.send_signal(number)
         assert _ended(run)[0] == 128 + number
         assert time.monotonic() - began < 5
-        assert _nobody_left(workers, 0)
+        assert nobody_left(workers, 0)
 
 
 def test_a_stopped_worker_ends_with_its_parent(capture: Path, tmp_path: Path) -> None:
@@ -227,7 +214,7 @@ def test_a_stopped_worker_ends_with_its_parent(capture: Path, tmp_path: Path) ->
         for worker in workers:
             os.kill(worker, signal.SIGSTOP)
         run.process.kill()
-        assert _nobody_left(workers, 10)
+        assert nobody_left(workers, 10)
 
 
 def test_a_worker_that_hangs_costs_no_frame(capture: Path, map_bytes: bytes, tmp_path: Path) -> None:
