@@ -44,6 +44,19 @@ frame_task.read_frame = read_frame
 """
 """Put into workers when they start: a frame that kills them, as one that is too large for their memory does."""
 
+_UNHURRIED = """
+import os, time
+from cadtof_cli.workflows.resolve import frame_task
+read = frame_task.read_frame
+def read_frame(task):
+    until = time.monotonic() + 0.5
+    while task.sources[0].name > "frame_0009" and not os.path.exists(os.environ["HURRY"]) and time.monotonic() < until:
+        time.sleep(0.01)
+    return read(task)
+frame_task.read_frame = read_frame
+"""
+"""Put into workers when they start: a run of theirs is still going on when something happens, until it is told to hurry."""
+
 
 @pytest.fixture(scope="module")
 def capture(tmp_path_factory: pytest.TempPathFactory) -> Path:
@@ -135,9 +148,16 @@ def contents(out: Path) -> dict[str, Any]:
     return {"maps": maps, "lines": lines, "totals": totals, "finished": record["finished"], "others": others}
 
 
-def slow(process: "subprocess.Popen[bytes]") -> None:
-    """Leave a worker little of the processor, so that a run on it is still going on when something happens."""
-    os.setpriority(os.PRIO_PROCESS, process.pid, 19)
+@contextlib.contextmanager
+def cluster_with(module: str, folder: Path, *, workers: int, tell: str) -> Iterator[tuple[LocalCluster, Path]]:
+    """Yield workers that import a module of the test's when they start, and a file that it is told of by a variable."""
+    (folder / "with").mkdir()
+    (folder / "with" / "preloaded.py").write_text(module)
+    with pytest.MonkeyPatch.context() as environment:
+        environment.setenv(tell, str(folder / "told"))
+        environment.setenv("PYTHONPATH", f"{ROOT}{os.pathsep}{folder / 'with'}")
+        with local_cluster(folder / "cluster", workers=workers, preload="preloaded") as cluster:
+            yield cluster, folder / "told"
 
 
 def test_the_same_files_as_here(cluster: LocalCluster, capture: Path, here: dict[str, Any], tmp_path: Path) -> None:
@@ -165,35 +185,36 @@ def test_a_frame_that_cannot_be_read_fails_alone_and_says_the_same(
     assert contents(tmp_path / "out_1") == contents(tmp_path / "out_0")
 
 
-def test_ctrl_c_cancels_and_resume_finishes(
-    cluster: LocalCluster, capture: Path, here: dict[str, Any], tmp_path: Path
-) -> None:
-    arguments = ("resolve", "room", "-o", tmp_path / "out", "--scheduler", cluster.address)
-    with running(*arguments, cwd=capture.parent) as process:
-        process.send_signal(signal.SIGINT)
-        _, err = process.communicate(timeout=60)
-    assert process.returncode == 130
-    assert re.fullmatch(r"interrupted: \d+ of \d+ frames are resolved; .* --resume goes on", err.splitlines()[-1])
-    left = contents(tmp_path / "out")
-    assert left["finished"] is False
-    assert left["others"] == {"run.json", "frames.jsonl"}
-    # nobody goes on writing
-    time.sleep(0.5)
-    assert contents(tmp_path / "out")["maps"] == left["maps"]
-    assert run(*arguments, "--resume", cwd=capture.parent).status == 0
+def test_ctrl_c_cancels_and_resume_finishes(capture: Path, here: dict[str, Any], tmp_path: Path) -> None:
+    require_dask()
+    with cluster_with(_UNHURRIED, tmp_path, workers=2, tell="HURRY") as (cluster, hurry):
+        arguments = ("resolve", "room", "-o", tmp_path / "out", "--scheduler", cluster.address)
+        with running(*arguments, cwd=capture.parent) as process:
+            process.send_signal(signal.SIGINT)
+            _, err = process.communicate(timeout=60)
+        assert process.returncode == 130
+        assert re.fullmatch(r"interrupted: \d+ of \d+ frames are resolved; .* --resume goes on", err.splitlines()[-1])
+        left = contents(tmp_path / "out")
+        assert left["finished"] is False
+        assert left["others"] == {"run.json", "frames.jsonl"}
+        # nobody goes on writing
+        hurry.touch()
+        time.sleep(1.0)
+        assert contents(tmp_path / "out")["maps"] == left["maps"]
+        assert run(*arguments, "--resume", cwd=capture.parent).status == 0
     assert contents(tmp_path / "out")["maps"] == here["maps"]
 
 
 def test_a_worker_is_killed_and_one_is_added(capture: Path, here: dict[str, Any], tmp_path: Path) -> None:
     require_dask()
-    with local_cluster(tmp_path / "cluster", workers=1) as cluster:
-        slow(cluster.workers[0])
+    with cluster_with(_UNHURRIED, tmp_path, workers=1, tell="HURRY") as (cluster, hurry):
         arguments = ("resolve", "room", "-o", tmp_path / "out", "--scheduler", cluster.address)
         with running(*arguments, cwd=capture.parent) as process:
             cluster.workers[0].kill()
             waits = f"waiting for workers at {cluster.address}"
             assert waits in said_until(process, waits)
             assert process.poll() is None, "there was nobody to finish the run"
+            hurry.touch()
             cluster.add_workers()
             _, err = process.communicate(timeout=120)
         assert process.returncode == 0, err
@@ -205,8 +226,7 @@ def test_the_scheduler_is_lost_and_resume_finishes(
     number: signal.Signals, capture: Path, here: dict[str, Any], tmp_path: Path
 ) -> None:
     require_dask()
-    with local_cluster(tmp_path / "cluster", workers=1) as cluster:
-        slow(cluster.workers[0])
+    with cluster_with(_UNHURRIED, tmp_path, workers=1, tell="HURRY") as (cluster, _):
         address = cluster.address
         with running("resolve", "room", "-o", tmp_path / "out", "--scheduler", address, cwd=capture.parent) as process:
             cluster.scheduler.send_signal(number)
@@ -224,17 +244,11 @@ def test_the_scheduler_is_lost_and_resume_finishes(
     assert contents(tmp_path / "out")["maps"] == here["maps"]
 
 
-def test_a_frame_that_kills_workers_twice_fails_alone(
-    capture: Path, here: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_frame_that_kills_workers_twice_fails_alone(capture: Path, here: dict[str, Any], tmp_path: Path) -> None:
     require_dask()
-    (tmp_path / "with").mkdir()
-    (tmp_path / "with" / "deadly.py").write_text(_DEADLY)
-    monkeypatch.setenv("DEATHS", str(tmp_path / "deaths"))
-    monkeypatch.setenv("PYTHONPATH", f"{ROOT}{os.pathsep}{tmp_path / 'with'}")
-    with local_cluster(tmp_path / "cluster", workers=3, preload="deadly") as cluster:
+    with cluster_with(_DEADLY, tmp_path, workers=3, tell="DEATHS") as (cluster, deaths):
         done = run("resolve", "room", "-o", tmp_path / "out", "--scheduler", cluster.address, cwd=capture.parent)
-    assert (tmp_path / "deaths").read_text() == "xx"
+    assert deaths.read_text() == "xx"
     assert done.status == 1
     found = contents(tmp_path / "out")
     failed = [line for line in found["lines"] if line["status"] != "ok"]

@@ -251,9 +251,10 @@ class ClusterRun(Generic[Task, Result]):
                 entry.ended = Raised(news.error)
         else:
             done: BatchResult[Result] = news.result
-            for entry, result in zip(batch.entries, done.results, strict=True):
+            for entry, result in zip(batch.entries, done.results, strict=False):
                 entry.ended = result if isinstance(result, Raised) else Outcome(entry.task, result)
-            self._seconds.append(done.seconds / len(batch.entries))
+            self._again.extendleft(reversed(batch.entries[len(done.results) :]))
+            self._seconds.append(done.seconds / len(done.results))
         self._with_room[worker.name] = worker
 
     def _worker_lost(self, name: str, *, expected: bool) -> None:

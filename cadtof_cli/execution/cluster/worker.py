@@ -12,11 +12,15 @@ from functools import cache
 from pathlib import Path
 from typing import Generic, TypeVar
 
-from cadtof_cli.execution.outcome import Work, finishing
+from cadtof_cli.execution.outcome import Later, Work, finishing
 from cadtof_cli.version import __version__
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
+
+LONGEST_BATCH_S = 1.0
+"""After so long a worker begins no further task of a batch: tasks can become slow, as where a disk stalls, and a run that is
+stopped waits for what workers are at."""
 
 _ONE_AT_A_TIME = threading.Lock()
 """The folder that relative paths start from is the whole process's, so tasks of two runs must not be done at once."""
@@ -31,7 +35,7 @@ class Raised:
 
 @dataclass(frozen=True)
 class BatchResult(Generic[Result]):
-    """What became of the tasks of a batch, in their order, and how long they took together."""
+    """What became of the first tasks of a batch, in their order, and how long they took together; the others were not begun."""
 
     results: tuple[Result | Raised, ...]
     seconds: float
@@ -79,11 +83,18 @@ def surroundings(folder: Path, probe: Path | None, /) -> Surroundings:
 
 
 def run_batch(function: Work[Task, Result], tasks: Sequence[Task], folder: Path, /) -> BatchResult[Result]:
-    """Run function(task) for every task from a folder, as where relative paths start; exceptions become results."""
+    """Run function(task) for tasks, in turn, from a folder, as where relative paths start; exceptions become results.
+
+    The first is done however long it takes, the others as long as the batch has not taken `LONGEST_BATCH_S`.
+    """
     with _ONE_AT_A_TIME, _in_folder(folder):
         began = time.monotonic()
         with finishing() as finisher:
-            begun = [finisher.attempt(function, task) for task in tasks]
+            begun: list[Later[Result]] = []
+            for task in tasks:
+                if begun and time.monotonic() - began > LONGEST_BATCH_S:
+                    break
+                begun.append(finisher.attempt(function, task))
         results = [Raised(one.error) if one.error else one.result() for one in begun]
         return BatchResult(tuple(results), time.monotonic() - began)
 

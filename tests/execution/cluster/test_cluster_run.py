@@ -78,8 +78,9 @@ class PretendedCluster:
             self.deaths[task] = self.deaths.get(task, 0) + 1
             return [self.lose(worker, expected=False)]
         self.waiting[worker].pop(0)
-        results = tuple(_done(arguments[0], task) for task in tasks)
-        return [Finished(work, BatchResult(results, self.seconds * len(tasks)))]
+        begun = self.rng.randint(1, len(tasks)) if "time" in self.losses else len(tasks)
+        results = tuple(_done(arguments[0], task) for task in tasks[:begun])
+        return [Finished(work, BatchResult(results, self.seconds * begun))]
 
 
 def _done(function: Callable[[int], int], task: int) -> int | Raised:
@@ -112,7 +113,7 @@ def cluster_run(
 @settings(max_examples=150)
 @given(
     st.integers(0, 2**32), st.integers(0, 60), st.frozensets(st.integers(0, 59), max_size=4),
-    st.frozensets(st.sampled_from(["join", "leave"])), st.sampled_from([SHORT_S / 30, 1.0]),
+    st.frozensets(st.sampled_from(["join", "leave", "time"])), st.sampled_from([SHORT_S / 30, 1.0]),
 )  # fmt: skip
 def test_every_task_has_one_outcome_in_order(
     seed: int, count: int, deadly: frozenset[int], losses: frozenset[str], seconds: float
@@ -209,6 +210,11 @@ def test_a_worker_whose_own_folder_is_gone(tmp_path: Path, monkeypatch: pytest.M
     monkeypatch.chdir(tmp_path / "gone")
     (tmp_path / "gone").rmdir()
     assert run_batch(square, [2, 3], tmp_path).results == (4, 9)
+
+
+def test_a_batch_whose_tasks_have_become_slow_is_cut_short(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("cadtof_cli.execution.cluster.worker.LONGEST_BATCH_S", 0.0)
+    assert run_batch(square, [2, 3], tmp_path).results == (4,)
 
 
 def test_workers_that_differ_at_the_start_are_all_named() -> None:
