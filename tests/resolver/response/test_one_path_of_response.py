@@ -103,6 +103,16 @@ def test_the_fall_off_is_the_chi_squared_of_the_second_harmonic_s_length(misfit:
     assert (np.sign(found.fall_off) == np.sign(misfit)).all()
 
 
+def test_chi_squared_is_that_after_the_last_step() -> None:
+    _, phase, p = drawn(1e4, own=False)
+    start = OnePath(
+        np.full(PIXELS, 0.25), np.cos(phase + 0.02), np.sin(phase + 0.02), *(np.ones(PIXELS) for _ in range(3))
+    )
+    block = response_block(RESPONSES, None).block(slice(None))
+    after = [one_path_of_response(start, p, response=block, noise=noise_of(1e4), steps=n).chi_squared for n in (1, 6)]
+    assert_allclose(after[0], after[1], rtol=0.2, atol=0.2)
+
+
 def test_nan_stays_nan_and_a_rotor_s_angle_is_within_half_a_turn() -> None:
     _, _, p = drawn(1e5, own=False)
     p[0, 3] = np.nan

@@ -1,4 +1,5 @@
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,6 +9,7 @@ from cadtof_cli.capture.metadata import CaptureMetadata
 from cadtof_cli.phasors.noise import NoiseModel, chi_squared_threshold, noise_model
 from cadtof_cli.resolver.two_path.closed_form import fundamental_frame
 from cadtof_cli.resolver.two_path.one_path import OnePath, one_path
+from cadtof_cli.resolver.two_path.solver import may_be_one_path
 from tests.support.forward import Light, phasors_of
 
 
@@ -59,6 +61,20 @@ def test_the_likelihood_is_that_of_the_best_of_all_phases() -> None:
     best = ((p1 * grid).real + weight * (p2 * grid**2).real).max(axis=0)
     assert np.max((best - reached) / (1 + strength)) < 2e-4  # near antipodal phasors two maxima are all but equal
     assert np.mean((best - reached) / (1 + strength) > 1e-5) < 2e-3
+
+
+@pytest.mark.parametrize("second_floor", [0.0, 1e-3])
+def test_no_pixel_that_one_path_fits_is_passed_over(second_floor: float) -> None:
+    """Even where one harmonic has much more noise than the other."""
+    p = phasors_of(Light(5.0).voltages(np.random.default_rng(2), 1e5, 20_000))
+    first, second = noise_of(1e5).each
+    noise = replace(noise_of(1e5), each=(first, replace(second, floor=second_floor)))
+    p[1] += np.random.default_rng(3).normal(0.0, math.sqrt(second_floor), (2, 20_000)).T @ np.array([1.0, 1j])
+    frame = fundamental_frame(p[0], p[1])
+    fits = one_path(frame, noise=noise, steps=6).chi_squared
+    for limit in (2.0, 9.2, 20.0):
+        may = may_be_one_path(frame, limit, noise=noise)
+        assert may[fits <= limit].all()
 
 
 @pytest.mark.parametrize("amplitude", [1e-3, 0.2, 1.0])
