@@ -84,7 +84,7 @@ def mean_volts(frames: Iterable[Stored], /, *, voltage: Voltage) -> FrameMean:
     Raises:
         SettingsError: sizes of frames differ, or nothing says how many volts one count stands for.
     """
-    count, step = 0, 0.0
+    count = 0
     for count, stored in enumerate(frames, start=1):
         volts = volts_from_stored(stored, voltage)
         if count == 1:

@@ -6,7 +6,7 @@ from numpy.testing import assert_allclose
 
 from cadtof_cli.resolver.likelihood.mixture import Measured
 from cadtof_cli.resolver.likelihood.solver import Likelihood
-from cadtof_cli.resolver.likelihood.starts import best_pair, strongest_path
+from cadtof_cli.resolver.likelihood.starts import best_pair, exact_start, strongest_path
 from tests.support.forward import T1_NS
 from tests.support.mixtures import Mixture, noise_of
 
@@ -29,6 +29,17 @@ def test_the_best_pair_of_two_on_the_grid_is_these_two() -> None:
     found = best_pair(Measured.of_phasors(problem.exact(HARMONICS), harmonics=HARMONICS), weights=(5.0, 2.0, 1.0))
     assert_allclose(found.amplitude[:, 0], np.array([1.0, 0.5]) / 3.0, rtol=1e-9)
     assert_allclose(np.angle(found.cos + 1j * found.sin)[:, 0], 2 * np.pi * np.array([3, 11]) / STEPS, atol=1e-9)
+
+
+def test_three_paths_begin_where_the_first_three_harmonics_have_them_exactly() -> None:
+    harmonics, times_ns = (1, 2, 3, 5), np.array([4.0, 9.0, 21.0])
+    problem = Mixture((1.0, 0.6, 0.3), tuple(times_ns), asr=1.1)
+    found = exact_start(Measured.of_phasors(problem.exact(harmonics), harmonics=harmonics), paths=3)
+    assert found is not None
+    order = np.argsort(-found.amplitude[:, 0])
+    assert_allclose(found.amplitude[order, 0], np.array([1.0, 0.6, 0.3]) / 3.0, rtol=1e-6)
+    turn = (found.cos + 1j * found.sin)[order, 0]
+    assert_allclose(turn, np.exp(2j * np.pi * times_ns / T1_NS), atol=1e-6)
 
 
 def test_the_confidence_is_the_length_of_the_fundamental_and_every_harmonic_has_its_power() -> None:
