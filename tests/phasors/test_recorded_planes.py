@@ -1,11 +1,16 @@
 """Frames whose light is known, with planes that were copied, left out, or written in another order or with another sign."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from cadtof_cli import read_frames
 from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Voltage
 from cadtof_cli.phasors.plausible import FEWEST, mistaken_order, no_recording
+
+SAMPLES = Path(__file__).parents[2] / "sample_data"
 
 AMPLITUDE_V = 0.2746
 COUNTS = Voltage(zero_counts=8192.0, volts_per_count=6e-5, saturated_counts=(0.0, 16383.0))
@@ -68,6 +73,17 @@ def test_channels_and_harmonics_in_another_order(periods_ns: tuple[float, ...]) 
     assert "with the harmonics in the opposite order" in str(said(volts[::-1], periods_ns))
     channel_first = volts.swapaxes(0, 1).reshape(volts.shape)
     assert "with SC1 of all harmonics before SC2" in str(said(channel_first, periods_ns))
+
+
+@pytest.mark.parametrize("scene", ["card", "corner", "inter-reflection", "room", "wall"])
+def test_scenes_of_few_depths_in_another_order(scene: str) -> None:
+    """By chance, some of the pixels look like light of one path all the same."""
+    (frame,) = read_frames(SAMPLES / scene)
+    stored, channel_first = frame.stored, frame.stored.swapaxes(0, 1).copy()
+    assert mistaken_order(stored, frame.metadata) is None
+    assert "with SC1 and SC2 swapped" in str(mistaken_order(stored[:, ::-1], frame.metadata))
+    assert "with the harmonics in the opposite order" in str(mistaken_order(stored[::-1], frame.metadata))
+    assert "with SC1 of all harmonics before SC2" in str(mistaken_order(channel_first, frame.metadata))
 
 
 @pytest.mark.parametrize("periods_ns", [TWO, THREE])
