@@ -33,7 +33,8 @@ class StoredRange:
         return max(-self.low, self.high)
 
     def __str__(self) -> str:
-        return f"stored values ({self.dtype}) lie between {self.low:.6g} and {self.high:.6g}"
+        form = ".0f" if self.whole else ".6g"
+        return f"stored values ({self.dtype}) lie between {self.low:{form}} and {self.high:{form}}"
 
 
 def range_of(values: Float, dtype: np.dtype[np.generic], /) -> StoredRange:
