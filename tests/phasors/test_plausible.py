@@ -5,6 +5,7 @@ import pytest
 from numpy.typing import NDArray
 
 from cadtof_cli.capture.metadata import CaptureMetadata, Modulation, Pixel, Voltage
+from cadtof_cli.phasors.causes import range_of
 from cadtof_cli.phasors.noise import noise_model
 from cadtof_cli.phasors.plausible import implausible, is_without_noise
 
@@ -212,3 +213,11 @@ def test_bytes_that_reach_their_end_were_scaled_to_eight_bits_too() -> None:
     told = said(stored, Voltage(zero_counts=32896.0, volts_per_count=STEP))
     assert told is not None
     assert "scaled to 8 bits" in told
+
+
+@pytest.mark.parametrize(
+    ("values", "told"),
+    [(np.arange(51.0), "int16) lie between 0 and 50"), (np.arange(51.0) / 4, "int16) lie between 0.125 and 12.375")],
+)
+def test_whole_numbers_are_told_as_such(values: NDArray[np.float64], told: str) -> None:
+    assert str(range_of(values, np.dtype(np.int16))).endswith(told)
