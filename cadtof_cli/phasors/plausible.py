@@ -6,6 +6,8 @@ for volts, a zero or a unit that is missing, or values that a program has scaled
 No two recordings are the same, and none holds one value while others scatter: noise sees to that. And light of one path at the
 phase x has the phases x, 2x, … at the harmonics 1, 2, …, and one amplitude. Paths that mix shift both, but hardly ever in nearly
 all pixels of a frame; planes that were written in another order do that.
+
+Noise spreads the outermost values as it does all others: where many pixels hold the very same one, a converter has cut them off.
 """
 
 import math
@@ -57,6 +59,12 @@ the largest is 2; scenes of few depths, read in a wrong order, have 18 and more.
 
 _SURE = 0.98
 """Largest share whose odds count: a few pixels have no light of one path for other reasons."""
+
+_PILED_UP = 8
+"""How many times as often as the next one the outermost value is there, where values are cut off at it, …"""
+
+_NOISE_STEPS = 0.5
+"""… unless neighbours differ by no more steps of whole numbers than that in the middle, and the noise spreads no values."""
 
 _ORDERS: Mapping[str, Callable[[Stored], Stored]] = {
     "with SC1 and SC2 swapped": lambda frame: frame[:, ::-1],
@@ -127,10 +135,17 @@ def no_recording(planes: Stored, harmonics: tuple[int, ...], /) -> str | None:
                 f"{names[other]} holds the same values as {names[name]} in every pixel, as no two recordings do: it was "
                 "written twice, or its buffer was not filled"
             )
-    if any(constant) and _scatters(rows):
+    if any(constant) and _scatters(rows, SCATTER_STEPS):
         place = constant.index(True)
         return f"{names[place]} holds {rows[place, 0]:g} in every pixel, and other planes scatter: it was not recorded"
     return None
+
+
+def doubts(stored: Stored, metadata: CaptureMetadata, /, *, of_order: bool = True) -> tuple[str, ...]:
+    """Return what a frame's values, (H, 2, Y, X), or planes, where that is asked, are likely to be in place of what they are
+    taken for. Raises SettingsError: see `volts_per_count`."""
+    mistaken = mistaken_order(stored, metadata) if of_order else None
+    return tuple(doubt for doubt in (mistaken, cut_off(stored, metadata)) if doubt)
 
 
 def mistaken_order(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
@@ -161,6 +176,28 @@ def mistaken_order(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
     )
 
 
+def cut_off(stored: Stored, metadata: CaptureMetadata, /) -> str | None:
+    """Return at which stored value those of a frame, (H, 2, Y, X), are likely cut off, though no limit of the metadata says so;
+    None where they are not."""
+    planes = stored.reshape(*stored.shape[:2], -1)
+    some = planes[:, :, :: max(1, planes.shape[2] // (4 * LOOKED_AT))]
+    values = some[:, :, sound_pixels(some, metadata.voltage.saturated_counts)]
+    if values.shape[2] < FEWEST:
+        return None
+    for name, outermost in (("least", np.min), ("largest", np.max)):
+        there = values == outermost(values)
+        pixels = np.count_nonzero(there.any(axis=(0, 1)))
+        if pixels >= FEWEST and not there.all() and _scatters(values.reshape(-1, values.shape[2]), _NOISE_STEPS):
+            following = outermost(values[~there])
+            if np.count_nonzero(there) > _PILED_UP * np.count_nonzero(values == following):
+                return (
+                    f"{pixels / values.shape[2]:.1%} of the pixels hold {outermost(values):g}, the {name} stored value: if the "
+                    "camera or a program cuts values off there, they are saturated: set saturated_counts under [voltage] in "
+                    "capture.toml, or --saturated-counts"
+                )
+    return None
+
+
 def _share_of_one_path(stored: Stored, metadata: CaptureMetadata, *, sign: float = 1.0) -> float:
     """Return the share of the pixels of a frame, (H, 2, Y, X), that have about the phases and amplitudes of a single path.
 
@@ -188,9 +225,9 @@ def _names(harmonics: tuple[int, ...]) -> list[str]:
     return [f"H{harmonic}.SC{channel}" for harmonic in harmonics for channel in (1, 2)]
 
 
-def _scatters(rows: Stored) -> bool:
-    """Return whether neighbours differ in some plane, (planes, n), by more than rounding hides."""
-    least = SCATTER_STEPS if rows.dtype.kind in "iu" else 0.0
+def _scatters(rows: Stored, steps_of_whole_numbers: float) -> bool:
+    """Return whether neighbours in some plane, (planes, n), differ in the middle by more than so many steps, if there are any."""
+    least = steps_of_whole_numbers if rows.dtype.kind in "iu" else 0.0
     with np.errstate(invalid="ignore"):
         steps = np.abs(np.diff(rows.astype(np.float64), axis=1))
     known = (row[np.isfinite(row)] for row in steps)

@@ -55,6 +55,22 @@ def test_unsigned_counts_need_their_zero(recorded: Path, tmp_path: Path) -> None
     assert "give --zero-counts (their middle is 8" in told.err
 
 
+def test_values_that_are_cut_off_are_told_until_a_limit_is_known(recorded: Path, tmp_path: Path) -> None:
+    pages = tifffile.imread(recorded)
+    limit = int(np.quantile(pages, 0.9))
+    folder = _capture(tmp_path / "cut", np.minimum(pages, limit), toml=TOML["tif"])
+    said = f" of the pixels hold {limit}, the largest stored value: if the camera or a program cuts values off there"
+    done = cadtof("resolve", folder, "-o", tmp_path / "maps", "--jobs", "1")
+    assert done.status == 0
+    assert [line.startswith(f"warning: {folder}: ") for line in done.err.splitlines() if said in line] == [True]
+    dark = cadtof("calibrate", "dark", folder, "-o", tmp_path / "camera")
+    assert said in dark.err
+    assert cadtof("info", folder).status == 1
+    mended = ("--saturated-counts", f"0,{limit}")
+    assert cadtof("info", folder, *mended).status == 0
+    assert said not in cadtof("resolve", folder, "-o", tmp_path / "mended", "--jobs", "1", *mended).err
+
+
 def test_eight_bits_out_of_imagemagick(recorded: Path, tmp_path: Path, tool: Tool) -> None:
     folder = tmp_path / "magick"
     folder.mkdir()

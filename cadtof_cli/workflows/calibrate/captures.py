@@ -15,7 +15,7 @@ from cadtof_cli.capture.metadata import CaptureMetadata, Target
 from cadtof_cli.errors import SettingsError
 from cadtof_cli.files.atomic import require_new
 from cadtof_cli.phasors.frame_mean import FrameMean, mean_volts
-from cadtof_cli.phasors.plausible import mistaken_order, require_plausible
+from cadtof_cli.phasors.plausible import doubts, require_plausible
 from cadtof_cli.units import size_text
 from cadtof_cli.workflows.progress import Progress
 
@@ -109,14 +109,14 @@ def averaged_captures(
 
 
 def _frames(capture: Capture, progress: Progress, *, has_light: bool) -> Iterator[Stored]:
-    """Yield the frames of a capture; say of the first, if it has light, where its planes are hardly what they are read as."""
+    """Yield the frames of a capture; say of the first what is doubtful, the order of its planes too if it has light."""
     size = capture.typical.pixels if capture.typical else None
-    for source in single_frames(capture):
+    metadata = capture.source.metadata
+    for number, source in enumerate(single_frames(capture)):
         stored = read_stored(source, capture.layout, size=size)
-        require_plausible(stored, capture.source.metadata, of=source)
-        if has_light and (mistaken := mistaken_order(stored, capture.source.metadata)):
-            progress.say(f"warning: {capture.root}: {mistaken}")
-        has_light = False
+        require_plausible(stored, metadata, of=source)
+        for doubt in doubts(stored, metadata, of_order=has_light) if number == 0 else ():
+            progress.say(f"warning: {capture.root}: {doubt}")
         yield stored
         progress.advance()
 

@@ -25,7 +25,7 @@ from cadtof_cli.files.maps import STATUS, is_map_layer
 from cadtof_cli.files.reading import is_folder
 from cadtof_cli.maps.layers import layer_unit
 from cadtof_cli.phasors.noise import estimated_integration_length
-from cadtof_cli.phasors.plausible import implausible, mistaken_order
+from cadtof_cli.phasors.plausible import doubts, implausible
 from cadtof_cli.phasors.voltages import ideal_phasor_map, phasors_from_stored, saturated_pixels
 from cadtof_cli.resolver.status import StatusBit
 from cadtof_cli.workflows.run_folder import is_run_folder, map_files, read_run
@@ -92,7 +92,7 @@ def _facts(stored: Stored, container: str, layout: FrameLayout, metadata: Captur
         saturated=float(saturated.mean()),
         not_finite=float(bad.mean()),
         integration_length_seen=estimated_integration_length(phasors.reshape(-1, *stored.shape[2:])),
-        implausible=implausible(stored, metadata) or mistaken_order(stored, metadata),
+        implausible=implausible(stored, metadata) or "; ".join(doubts(stored, metadata)) or None,
     )
 
 

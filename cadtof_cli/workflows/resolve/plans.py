@@ -16,7 +16,7 @@ from cadtof_cli.files.formats import map_format
 from cadtof_cli.files.reading import real_path
 from cadtof_cli.frame_plan import CalibrationUse, FramePlan
 from cadtof_cli.phasors.noise import noise_model
-from cadtof_cli.phasors.plausible import implausible, mistaken_order
+from cadtof_cli.phasors.plausible import doubts, implausible
 from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.status import MEANING
 from cadtof_cli.resolver.two_path.kernel import chosen_kernel
@@ -52,7 +52,7 @@ class CapturePlan:
         pixels: (Y, X) of most of the frames; None where no file can be opened.
         stack_frame_bytes: bytes that a frame takes in a stack; None where files hold one each.
         lossy_compression: what its files are compressed by, where that changes values.
-        mistaken_order: what its planes are likely to be in place of what they are read as.
+        doubts: what its values or planes are likely to be in place of what they are taken for.
     """
 
     capture: Capture
@@ -60,7 +60,7 @@ class CapturePlan:
     pixels: tuple[int, int] | None
     stack_frame_bytes: float | None = None
     lossy_compression: str | None = None
-    mistaken_order: str | None = None
+    doubts: tuple[str, ...] = ()
 
     def expected_maps(self, settings: ResolveSettings, /) -> int:
         """Return how many maps there will be, as far as it can be told from one file and the sizes of the others."""
@@ -125,9 +125,8 @@ class CapturePlan:
                 f"warning: {root}: recorded with lossy compression ({self.lossy_compression}), which changes voltages and so"
                 " depths; record without compression, or with a lossless one: deflate, LZW, Zstandard; in EXR ZIP or PIZ"
             )
-        if self.mistaken_order is not None:
-            yield f"warning: {root}: {self.mistaken_order}"
-        if self.pixels is not None and (doubt := source.metadata.optics.doubt(self.pixels)):
+        of_optics = source.metadata.optics.doubt(self.pixels) if self.pixels is not None else None
+        for doubt in (*self.doubts, *filter(None, [of_optics])):
             yield f"warning: {root}: {doubt}"
         resolver, harmonics = self.plan.settings.resolver, source.metadata.modulation.harmonics
         if resolver.may_be_diffuse(harmonics) and source.metadata.optics.focal_length_px is None:
@@ -161,9 +160,9 @@ def plan_captures(
             settings.maps.require_roi_within(typical.pixels, of=str(capture.root))
         stored = _plausible_frame(capture, typical.source)
         lossy = None if typical.is_plain else lossy_compression(typical.source, capture.layout, typical.dtype)
-        # a calibrated camera is known to be read rightly
-        mistaken = mistaken_order(stored, plan.metadata) if use is None and stored is not None else None
-        plans.append(CapturePlan(capture, plan, typical.pixels, of_one, lossy, mistaken))
+        # the planes of a calibrated camera are known to be read rightly
+        doubtful = () if stored is None else doubts(stored, plan.metadata, of_order=use is None)
+        plans.append(CapturePlan(capture, plan, typical.pixels, of_one, lossy, doubtful))
     return plans
 
 
