@@ -33,8 +33,8 @@ from cadtof_cli.phasors.noise import NoiseModel, estimated_integration_length, m
 from cadtof_cli.phasors.plausible import is_without_noise
 from cadtof_cli.phasors.voltages import saturated_pixels
 from cadtof_cli.records import dataclass
+from cadtof_cli.resolver.kernels import NUMPY, chosen_kernel
 from cadtof_cli.resolver.status import StatusBit, has_answer
-from cadtof_cli.resolver.two_path.kernel import NUMPY, chosen_kernel
 
 if TYPE_CHECKING:
     from cadtof_cli.calibration.store import Calibration

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from cadtof_cli.arrays import Complex, Float
 from cadtof_cli.records import dataclass
-from cadtof_cli.resolver.two_path.kernel import NUMPY, extension
+from cadtof_cli.resolver.kernels import NUMPY, extension
 
 MOST_HARMONICS = 8
 """Harmonics that the compiled twins have room for; numpy has for any."""

@@ -13,8 +13,9 @@ from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.diffuse.compiled_fit import compiled_fits
 from cadtof_cli.resolver.diffuse.elementary import phase_of
 from cadtof_cli.resolver.diffuse.grid import PatchGrid
+from cadtof_cli.resolver.kernels import NUMPY, extension
 from cadtof_cli.resolver.settings import ResolverSettings
-from cadtof_cli.resolver.two_path.kernel import NUMPY, STORED_TYPES, extension, saturation
+from cadtof_cli.resolver.two_path.kernel import STORED_TYPES, saturation
 
 LARGEST_AMPLITUDE = 1e3
 """Largest |p_h| of light, whose phasors are 1 at most: what lies beyond is damage, and would drown a patch."""

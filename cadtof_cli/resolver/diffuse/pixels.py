@@ -18,8 +18,9 @@ from cadtof_cli.resolver.diffuse.noise import noise_covariance
 from cadtof_cli.resolver.diffuse.other_terms import freed_of_other_terms
 from cadtof_cli.resolver.diffuse.records import NEAREST_M, DiffuseBlock, DiffuseModel, DiffusePixels, PixelTails
 from cadtof_cli.resolver.diffuse.tail import residuals
+from cadtof_cli.resolver.kernels import NUMPY, extension
 from cadtof_cli.resolver.response.as_sine import first_phase
-from cadtof_cli.resolver.two_path.kernel import NUMPY, Buffers, extension
+from cadtof_cli.resolver.two_path.kernel import Buffers
 
 if TYPE_CHECKING:
     from cadtof_cli.resolver.response.table import ResponseBlock

@@ -11,7 +11,7 @@ from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.diffuse.elementary import rotor
 from cadtof_cli.resolver.diffuse.planes import Surfaces
 from cadtof_cli.resolver.diffuse.quantiles import median
-from cadtof_cli.resolver.two_path.kernel import NUMPY, extension
+from cadtof_cli.resolver.kernels import NUMPY, extension
 
 LATER_ALBEDO = 0.65
 """Mean albedo inside the later bounces, whose sum it makes finite; their strength is free in the fit."""

@@ -14,8 +14,8 @@ from cadtof_cli.resolver.diffuse.light import PatchMeans
 from cadtof_cli.resolver.diffuse.noise import noise_covariance
 from cadtof_cli.resolver.diffuse.quantiles import median, quantiles
 from cadtof_cli.resolver.diffuse.tail import wrapped
+from cadtof_cli.resolver.kernels import NUMPY
 from cadtof_cli.resolver.two_path.decomposition import decomposed
-from cadtof_cli.resolver.two_path.kernel import NUMPY
 
 SAME_PER_NS = 0.05
 """Scatter of the logarithm of the second paths' share of light, for every ns that their delays scatter by, below which it is the

@@ -21,7 +21,7 @@ from cadtof_cli.arrays import Complex, Float, Float32
 from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.diffuse.compiled_fit import compiled_fits, compiled_slopes
 from cadtof_cli.resolver.diffuse.radiosity import Interreflections
-from cadtof_cli.resolver.two_path.kernel import NUMPY
+from cadtof_cli.resolver.kernels import NUMPY
 
 Values = TypeVar("Values", Float, Float32)
 """float64 for patches, float32 for pixels."""

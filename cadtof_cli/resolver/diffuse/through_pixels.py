@@ -6,7 +6,7 @@ from cadtof_cli.arrays import Bool, Complex, Float
 from cadtof_cli.records import dataclass
 from cadtof_cli.resolver.diffuse.records import DiffuseBlock, range_from_phase
 from cadtof_cli.resolver.diffuse.through import freed_paths
-from cadtof_cli.resolver.two_path.kernel import NUMPY
+from cadtof_cli.resolver.kernels import NUMPY
 
 LEAST_SHARE = 0.1
 """Least share of either path in a pixel's light: below, it may be what the typical tail is wrong by."""

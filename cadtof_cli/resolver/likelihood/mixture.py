@@ -12,10 +12,10 @@ import numpy as np
 from cadtof_cli.arrays import Complex, Float, Index
 from cadtof_cli.phasors.noise import NoiseModel
 from cadtof_cli.phasors.rotors import Rotor, powers, product, unit_rotor
+from cadtof_cli.resolver.kernels import NUMPY, chosen_kernel
 from cadtof_cli.resolver.likelihood.compiled import WEIGHTED, WHITE, Planes, compiled_weights
 from cadtof_cli.resolver.likelihood.levenberg_marquardt import Linearised
 from cadtof_cli.resolver.likelihood.normal_equations import entry
-from cadtof_cli.resolver.two_path.kernel import NUMPY, chosen_kernel
 
 
 @dataclass(frozen=True)

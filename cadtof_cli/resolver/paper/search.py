@@ -11,12 +11,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from cadtof_cli.arrays import Bool, Float, Index
+from cadtof_cli.resolver.kernels import NUMPY, chosen_kernel
 from cadtof_cli.resolver.likelihood.compiled import compiled_search
 from cadtof_cli.resolver.likelihood.levenberg_marquardt import Descent, State
 from cadtof_cli.resolver.likelihood.normal_equations import LEAST_PIVOT
 from cadtof_cli.resolver.paper.equation_9 import EliminatedPath
 from cadtof_cli.resolver.paper.starts import RandomStarts
-from cadtof_cli.resolver.two_path.kernel import NUMPY, chosen_kernel
 
 EASED, MORE, FURTHER = 0.3, 2.0, 4.0
 """What becomes of the damping where a step lowers the cost as promised, by much less, and not at all."""

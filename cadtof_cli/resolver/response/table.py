@@ -8,7 +8,7 @@ import numpy as np
 
 from cadtof_cli.arrays import Complex, Float, Float32, Index, sealed
 from cadtof_cli.phasors.response import NEGLIGIBLE_TERM, HarmonicResponse
-from cadtof_cli.resolver.two_path.kernel import NUMPY
+from cadtof_cli.resolver.kernels import NUMPY
 
 ENTRIES = 1 << 14
 """Entries a turn. Linear interpolation is then wrong by less than 1e-7 of the amplitude for a triangle."""

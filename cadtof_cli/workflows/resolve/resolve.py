@@ -20,7 +20,7 @@ from cadtof_cli.execution.outcome import Outcome, WorkerDied
 from cadtof_cli.execution.workers import LOCAL
 from cadtof_cli.files.atomic import PARTIAL_SUFFIX, make_folder, remove_partial_files, writing
 from cadtof_cli.records import dataclass
-from cadtof_cli.resolver.two_path.kernel import NUMPY, numpy_note
+from cadtof_cli.resolver.kernels import NUMPY, numpy_note
 from cadtof_cli.units import counted
 from cadtof_cli.workflows.progress import NO_PROGRESS, Progress
 from cadtof_cli.workflows.resolve.frame_task import FrameTask, resolve_file

@@ -14,7 +14,7 @@ from cadtof_cli.resolver.diffuse.patch_steps import PatchSteps
 from cadtof_cli.resolver.diffuse.prior import MEAN
 from cadtof_cli.resolver.diffuse.radiosity import Interreflections
 from cadtof_cli.resolver.diffuse.tail import TailModel
-from cadtof_cli.resolver.two_path.kernel import NUMPY, available_kernels
+from cadtof_cli.resolver.kernels import NUMPY, available_kernels
 from tests.support.diffuse_frames import OMEGA, F
 
 pytestmark = pytest.mark.usefixtures("compiled")

@@ -8,7 +8,7 @@ import pytest
 
 from cadtof_cli.resolver.diffuse.planes import Surfaces
 from cadtof_cli.resolver.diffuse.radiosity import interreflections, light_of
-from cadtof_cli.resolver.two_path.kernel import NUMPY, available_kernels
+from cadtof_cli.resolver.kernels import NUMPY, available_kernels
 
 pytestmark = pytest.mark.usefixtures("compiled")
 
