@@ -5,9 +5,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cadtof_cli.arrays import Complex, Status, Stored, sealed
+from cadtof_cli.arrays import Complex, SomePixels, Status, Stored, sealed
 from cadtof_cli.calibration.apply import FrameCorrection, frame_correction
-from cadtof_cli.frame_pixels import EVERY, FramePixels, Where
+from cadtof_cli.frame_pixels import EVERY, FramePixels
 from cadtof_cli.frame_plan import FramePlan
 from cadtof_cli.maps.depth import DepthScale, most_volts
 from cadtof_cli.maps.layers import Layer
@@ -53,13 +53,13 @@ class FrameStages:
     noise: NoiseModel | None
     prediction: Prediction | None
 
-    def phasors(self, pixels: FramePixels, chosen: Where = EVERY) -> Complex:
+    def phasors(self, pixels: FramePixels, chosen: SomePixels = EVERY) -> Complex:
         """Return the phasors of pixels or some of them, (H, n): pooled, or from what was stored."""
         if pixels.pooled is not None:
             return _some(pixels.pooled, chosen)
         return phasors_from_stored(_some(pixels.stored, chosen), self.correction.phasor_map[pixels.places(chosen)])
 
-    def status(self, pixels: FramePixels, chosen: Where = EVERY, *, saturated: bool = True) -> Status:
+    def status(self, pixels: FramePixels, chosen: SomePixels = EVERY, *, saturated: bool = True) -> Status:
         """Return the bits of pixels or some of them that get no answer whatever they hold, (n,): hot; saturated if asked for."""
         hot = self.correction.hot
         bits = np.uint32(0) if hot is None else hot[pixels.places(chosen)] * np.uint32(StatusBit.HOT_PIXEL)
@@ -69,7 +69,7 @@ class FrameStages:
         return np.asarray(bits, np.uint32)
 
 
-def _some(planes: Stored, chosen: Where) -> Stored:
+def _some(planes: Stored, chosen: SomePixels) -> Stored:
     """Return some pixels of planes, (…, n), each plane's as neighbours."""
     return planes[..., chosen] if isinstance(chosen, slice) else planes.take(chosen, axis=-1)
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from cadtof_cli.arrays import Complex, Float, Float32, Index
+from cadtof_cli.arrays import Complex, Float, Float32, SomePixels
 from cadtof_cli.capture.metadata import CaptureMetadata, Waveform
 from cadtof_cli.phasors.response import ideal_response, pulse_response
 from cadtof_cli.phasors.rotors import Rotor
@@ -100,7 +100,7 @@ class NoiseModel:
     estimated: bool
     samples: Float | None = None
 
-    def __getitem__(self, pixels: slice | Index, /) -> "NoiseModel":
+    def __getitem__(self, pixels: SomePixels, /) -> "NoiseModel":
         return self if self.samples is None else replace(self, samples=self.samples[pixels])
 
     @cached_property

@@ -1,7 +1,7 @@
 """Which kernels can run here: the compiled one, a function for each kind of processor, and numpy. All give the same bits.
 
-The extension module holds the compiled twins of `two_path/`, `response/` and `diffuse/`. It is built where a C compiler is at hand
-when cadtof is installed. Where none is, numpy does the same operations.
+The extension module holds the compiled twins of `two_path/`, `response/` and `diffuse/`. It is built where a C compiler is at
+hand when cadtof is installed. Where none is, numpy does the same operations.
 """
 
 import os

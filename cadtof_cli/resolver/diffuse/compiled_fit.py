@@ -13,8 +13,8 @@ MOST_HARMONICS = 8
 """Harmonics that the compiled twins have room for; numpy has for any."""
 
 
-def compiled_fits(harmonics: int, kernel: str, /) -> bool:
-    """Return whether the kernel of that name works with so many harmonics."""
+def is_compiled_for(harmonics: int, kernel: str, /) -> bool:
+    """Return whether a kernel, of `available_kernels`, has compiled twins for so many harmonics: numpy has none."""
     return kernel != NUMPY and harmonics <= MOST_HARMONICS
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from cadtof_cli.arrays import Bool, Complex, Float, Float32
 from cadtof_cli.records import dataclass
-from cadtof_cli.resolver.diffuse.compiled_fit import compiled_fits
+from cadtof_cli.resolver.diffuse.compiled_fit import is_compiled_for
 from cadtof_cli.resolver.diffuse.condition import conditioned
 from cadtof_cli.resolver.diffuse.elementary import exponential, logarithm, phase_of, rotor, within_a_turn
 from cadtof_cli.resolver.diffuse.light import LARGEST_AMPLITUDE
@@ -61,7 +61,7 @@ def diffuse_pixels(
         kernel: of `available_kernels`, all of which give the same bits.
     """
     model, pixels = tail.model, tail.pixels
-    if compiled_fits(len(model.settings.harmonics), kernel):
+    if is_compiled_for(len(model.settings.harmonics), kernel):
         return _by_kernel(phasors, tail, usable, samples, kernel)
     with np.errstate(over="ignore"):
         re, im = phasors.real.astype(np.float32), phasors.imag.astype(np.float32)

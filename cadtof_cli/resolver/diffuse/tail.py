@@ -19,7 +19,7 @@ import numpy as np
 
 from cadtof_cli.arrays import Complex, Float, Float32
 from cadtof_cli.records import dataclass
-from cadtof_cli.resolver.diffuse.compiled_fit import compiled_fits, compiled_slopes
+from cadtof_cli.resolver.diffuse.compiled_fit import compiled_slopes, is_compiled_for
 from cadtof_cli.resolver.diffuse.radiosity import Interreflections
 from cadtof_cli.resolver.kernels import NUMPY
 
@@ -68,7 +68,7 @@ class TailModel:
         """Return the values at a state (6, n), (data + 2, n), and their Jacobian, (6, data + 2, n)."""
         phase = self._rad_per_ns * state[5]
         natural, cos, sin = np.exp(state[:5]), np.cos(phase), np.sin(phase)
-        if compiled_fits(len(self.harmonics), self.kernel):
+        if is_compiled_for(len(self.harmonics), self.kernel):
             total, jacobian = compiled_slopes(
                 (natural, cos, sin, self.light.seen, self.light.beyond, self.light.later),
                 (self._harmonic, self._rad_per_ns, self._onset),
