@@ -95,11 +95,11 @@ def pixels_of_sine(
 ) -> tuple[Complex, Float]:
     """Return what a sine would have recorded of pixels (H, n), and of how many recorded pixels each then has the noise, (n,)."""
     model = tail.model
-    if model.further is None:
+    if model.terms is None:
         raise ValueError("the model was made for a sine")
     alone = first_phase(phasors[0], response=response)
-    planes = model.further.upsampler.joint(tail.pixels, _first_range(alone.astype(np.float32), model, tail.pixels))
-    tails = PixelTails.of(planes, model.further.harmonics)
+    planes = model.terms.upsampler.joint(tail.pixels, _first_range(alone.astype(np.float32), model, tail.pixels))
+    tails = PixelTails.of(planes, model.terms.harmonics)
     sine, more = freed_of_other_terms(phasors, tails, response=response, alone_rad=alone)
     return sine, (1.0 if samples is None else samples) / more.astype(np.float64)
 
