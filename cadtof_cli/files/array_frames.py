@@ -30,7 +30,7 @@ _NAMED = 2
 def open_array(path: Path, array: Mapped, layout: FrameLayout, /, *, mended_by: str | None = None) -> Iterator[Frames]:
     """Yield the frames of an array whose last axes are Y and X, read one by one from a file that is mapped into memory.
 
-    Parameters:
+    Args:
         path: the file, for messages.
         array: shape (…, Y, X); the axes before come in the order [frame,] harmonic, channel, the last two perhaps as one.
         layout: harmonics of the capture, and frames of a stack where the metadata says it.

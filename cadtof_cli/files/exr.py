@@ -163,7 +163,7 @@ def write_exr(path: Path, channels: Mapping[str, NDArray[Any]], /, *, compressio
 def open_frames(path: Path, layout: FrameLayout, /) -> Iterator[Frames]:
     """Read the frame in one EXR file, all of it on opening.
 
-    Parameters:
+    Args:
         path: an EXR file, scan line or tiled, of any compression that the OpenEXR library reads; of a pyramid the
             full resolution is taken.
         layout: harmonics of the capture.

@@ -35,7 +35,7 @@ class RawLayout:
 class FrameLayout:
     """What the metadata says of how files are laid out.
 
-    Parameters:
+    Attributes:
         harmonics: harmonic numbers h in rising order, such as (1, 2).
         frames: frames in each stack (`[layout] frames`); None where files say it themselves.
         raw: what raw dumps hold; None where nothing says it.

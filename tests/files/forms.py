@@ -22,7 +22,7 @@ PLANE_NAMES = ("H1.SC1", "H1.SC2", "H2.SC1", "H2.SC2")
 class Form:
     """One way to record a frame.
 
-    Parameters:
+    Attributes:
         name: for the test's name.
         write: writes an array (H, C, Y, X) near a path without suffix.
         dtype: type of the stored values.

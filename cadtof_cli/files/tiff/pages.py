@@ -112,7 +112,7 @@ def require_sound_page(path: Path, page: Page, keyframe: tifffile.TiffPage, file
 def require_sound_keyframe(path: Path, page: tifffile.TiffPage, *, stored_bytes: int) -> None:
     """Check what the page that describes a series says of its samples against the bytes it says they take.
 
-    Parameters:
+    Args:
         path: the file, for messages.
         page: first page of the series.
         stored_bytes: bytes that the page's strips take if they are not compressed: those of the page, or of the
