@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 
 from cadtof_cli.arrays import Float
-from cadtof_cli.calibration.petzval import PetzvalCalibration, WallRanges, fit_petzval
+from cadtof_cli.calibration.fit.petzval import WallRanges, fit_petzval
+from cadtof_cli.calibration.petzval import PetzvalCalibration
 from cadtof_cli.calibration.store import Calibration
 from cadtof_cli.capture.frames import Capture
 from cadtof_cli.capture.metadata import Modulation, Voltage
