@@ -284,7 +284,7 @@ class TypicalFile:
 
 
 def _opened(sources: Iterable[FrameSource], layout: FrameLayout) -> Iterator[TypicalFile]:
-    """Yield what each file holds that can be opened."""
+    """Yield, for each file that can be opened, what it holds."""
     for source in sources:
         try:
             with open_frames(source, layout) as frames:

@@ -93,7 +93,11 @@ def _planes(path: Path, array: Mapped, indices: NDArray[np.intp]) -> Stored:
 
 
 def require_planes(path: Path, array: Stored, /) -> None:
-    """Make sure that an array has planes of a type that we read."""
+    """Make sure that an array has planes of a type that we read.
+
+    Raises:
+        FrameError: it has none, or of another type.
+    """
     if array.dtype.name not in SAMPLE_TYPES:
         raise FrameError(f"{path}: found values of type {array.dtype}, expected one of {', '.join(SAMPLE_TYPES)}")
     if array.ndim < 2 or not array.size:

@@ -146,7 +146,11 @@ def _opened(path: Path, *, header_only: bool) -> Any:
 
 
 def write_exr(path: Path, channels: Mapping[str, NDArray[Any]], /, *, compression: Compression, **header: str) -> None:
-    """Write (Y, X) channels, float16, float32 or uint32, as one part of scan lines; OSError where that fails."""
+    """Write (Y, X) channels, float16, float32 or uint32, as one part of scan lines.
+
+    Raises:
+        OSError: that fails.
+    """
     planes = {name: np.ascontiguousarray(plane) for name, plane in channels.items()}
     described = {"compression": _COMPRESSIONS[compression], "type": OpenEXR.scanlineimage, **header}
     with codes_of_the_system(path, sum(plane.nbytes for plane in planes.values())):

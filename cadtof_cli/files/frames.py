@@ -84,7 +84,7 @@ class Frames:
 
 
 def is_sample_type(dtype: str, /) -> bool:
-    """Tell whether numpy's name of a type, of any byte order, is one that a frame may be recorded in."""
+    """Return whether numpy's name of a type, of any byte order, is one that a frame may be recorded in."""
     try:
         return np.dtype(dtype).name in SAMPLE_TYPES
     except (TypeError, ValueError, SyntaxError):

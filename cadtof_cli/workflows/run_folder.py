@@ -123,7 +123,11 @@ class Run:
         return self.folder / place_in(called, Path(report.output))
 
     def require_range_depth(self) -> None:
-        """Make sure that the maps can be held against truth, which is radial range."""
+        """Make sure that the maps can be held against truth, which is radial range.
+
+        Raises:
+            SettingsError: they hold z depth.
+        """
         if self.depth_kind == "z":
             raise SettingsError(
                 f"{self.maps}: holds z depth, and truth is radial range; resolve with --depth range to evaluate"

@@ -106,7 +106,7 @@ def _weighted(residual: Float) -> tuple[float, Float]:
 
 
 def _inverse(normal: Float) -> tuple[Float, float]:
-    """Return what `scaled_inverse` does of a normal matrix that determines the parameters."""
+    """Return the inverse and the condition number of a normal matrix, see `scaled_inverse`, if it determines the parameters."""
     if not (np.diag(normal) > 0.0).all():
         raise SettingsError("the observations do not determine all parameters: a wall or distance has no usable pixels")
     inverse, condition = scaled_inverse(normal, most=HIGHEST_CONDITION)

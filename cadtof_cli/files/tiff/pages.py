@@ -150,7 +150,7 @@ def _require_known_compression(path: Path, page: tifffile.TiffPage) -> None:
 
 
 def lies_in_one_run(page: Page, keyframe: tifffile.TiffPage) -> bool:
-    """Tell whether a page's pixels follow each other in the file as they do in memory."""
+    """Return whether a page's pixels follow each other in the file as they do in memory."""
     if not keyframe.is_final:
         return False
     ends = [offset + count for offset, count in zip(page.dataoffsets, page.databytecounts, strict=False)]

@@ -93,7 +93,11 @@ def diffuse_pixels(
 def pixels_of_sine(
     phasors: Complex, /, *, tail: DiffuseBlock, response: "ResponseBlock", samples: Float | None = None
 ) -> tuple[Complex, Float]:
-    """Return what a sine would have recorded of pixels (H, n), and of how many recorded pixels each then has the noise, (n,)."""
+    """Return what a sine would have recorded of pixels (H, n), and of how many recorded pixels each then has the noise, (n,).
+
+    Raises:
+        ValueError: the model was made for a sine.
+    """
     model = tail.model
     if model.terms is None:
         raise ValueError("the model was made for a sine")

@@ -62,7 +62,7 @@ UNHEARD = 1e6
 
 @dataclass(frozen=True, eq=False)
 class _Frame:
-    """What a frame is looked at with: its grid, settings, noise, the offsets of its sampled ranges, and what works it out."""
+    """What is known of a frame besides its light: grid, settings, noise, offsets of the sampled ranges, and which kernel runs."""
 
     grid: PatchGrid
     settings: DiffuseSettings

@@ -50,7 +50,7 @@ class Interreflections:
     open_share: Float
 
     def at(self, rows: list[int], /) -> "Interreflections":
-        """Return the same of some of the harmonics."""
+        """Return the light at some of the harmonics, by their rows."""
         return replace(self, seen=self.seen[rows], beyond=self.beyond[rows], later=self.later[rows])
 
 

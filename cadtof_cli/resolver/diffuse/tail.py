@@ -56,12 +56,12 @@ class TailModel:
 
     @cached_property
     def _rad_per_ns(self) -> Float:
-        """Return hω of every harmonic, (H, 1)."""
+        """hω of every harmonic, (H, 1), in rad/ns."""
         return self._harmonic * self.rad_per_ns
 
     @cached_property
     def _onset(self) -> Float:
-        """Return by how much it weakens unseen light that it sets in slowly, over τ0, (H, 1)."""
+        """How much unseen light is weaker because it sets in slowly, over τ0, (H, 1)."""
         return np.exp(-0.5 * (self._rad_per_ns * ONSET_NS) ** 2) / REFERENCE_DECAY_NS
 
     def values(self, state: Float, /) -> tuple[Float, Float]:

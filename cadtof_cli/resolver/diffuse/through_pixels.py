@@ -26,7 +26,7 @@ class ThroughPixels:
     own_variance: float
 
     def variance(self, others: float, /) -> Float:
-        """Return that variance, (n,), where that of the other pixels is given."""
+        """Return the variance of the direct phases besides noise, (n,), rad²: `others` where pixels see through nothing."""
         return np.where(self.where, self.own_variance, others)
 
 

@@ -48,7 +48,7 @@ class Compilable(Problem, Protocol):
     """Problems that the compiled search may know."""
 
     def planes(self, points: Float, /) -> Planes | None:
-        """Return them for the compiled search from such points; None: it knows no such problems."""
+        """Return the problems as the compiled search takes them, from points, (P, n); None: it knows no such problems."""
 
 
 @dataclass(frozen=True)

@@ -73,7 +73,7 @@ class Measured:
         return Measured(self.harmonics, self.re[:, chosen], self.im[:, chosen])
 
     def rest(self, row: int, amplitude: Float, rotor: Rotor, /) -> Rotor:
-        """Return what paths whose rotors at the harmonic of a row are given leave of its phasor, (n,) each."""
+        """Return what is left of the phasor in a row, (n,) each, without paths of these amplitudes and rotors at its harmonic."""
         cos, sin = rotor
         return self.re[row] - _summed(amplitude * cos), self.im[row] - _summed(amplitude * sin)
 
@@ -124,7 +124,7 @@ class WhiteFit:
     moved = staticmethod(moved_paths)
 
     def planes(self, points: Float, /) -> Planes:
-        """Return them for the compiled search."""
+        """Return the problems as the compiled search takes them, from points, (3·K, n)."""
         one, weights = self.measured, np.array(self.weights)
         return Planes(WHITE, len(points) // 3, one.harmonics, one.re, one.im, weights)
 
@@ -183,7 +183,7 @@ class WeightedFit:
     moved = staticmethod(moved_paths)
 
     def planes(self, points: Float, /) -> Planes:
-        """Return them for the compiled search."""
+        """Return the problems as the compiled search takes them, from points, (3·K, n)."""
         one = self.measured
         return Planes(WEIGHTED, len(points) // 3, one.harmonics, one.re, one.im, self.weights)
 

@@ -123,7 +123,7 @@ class MapFacts:
 
 
 def is_map(path: Path, /) -> bool:
-    """Tell whether a file, or the first image of a folder without a capture.toml, has layers of maps, as truth has too."""
+    """Return whether a file, or the first image of a folder without a capture.toml, has layers of maps, as truth has too."""
     try:
         if path.is_dir() and not (path / CAPTURE_FILE).exists():
             inside = (one for one in path.iterdir() if one.suffix in MAP_SUFFIXES and one.is_file())
@@ -180,7 +180,7 @@ class CalibrationFacts:
 
 
 def is_calibration_folder(path: Path, /) -> bool:
-    """Tell whether a folder is one that `cadtof calibrate` wrote."""
+    """Return whether a folder is one that `cadtof calibrate` wrote."""
     return is_folder(path) and any(os.path.lexists(path / f"{kind}.toml") for kind in PART_KINDS)
 
 

@@ -1,4 +1,4 @@
-"""`cadtof resolve`: captures in, one map file a frame out, with a record of the run beside them."""
+"""`cadtof resolve`: captures in, one file of maps per frame out, with a record of the run beside them."""
 
 import itertools
 import math
@@ -72,9 +72,9 @@ def resolve_captures(
 
     Args:
         inputs: folders of frames, and single files.
-        arriving: more of them, in batches that come while the run goes on.
         settings: what to do.
         overrides: values by dotted key that replace those of `capture.toml`.
+        arriving: more inputs, in batches that come while the run goes on.
         progress: a step is a file of maps.
         on_frame: called with every report, in the order of the inputs whatever the number of processes.
 
@@ -222,7 +222,11 @@ class _Run:
         return totals
 
     def report(self, report: FrameReport) -> None:
-        """Record, count and show what has become of a frame."""
+        """Record, count and show what has become of a frame.
+
+        Raises:
+            RunStoppedError: the output folder takes no more maps.
+        """
         self.totals.add(report)
         if report.note is not None:
             why = report.note.rpartition(": ")[2]
