@@ -42,11 +42,11 @@ if TYPE_CHECKING:
     from cadtof_cli.resolver.diffuse.choice import DiffuseChoice
 
 BLOCK_PIXELS = 38400
-"""Pixels a block, half a QVGA frame: enough that the cost of calling numpy hardly counts, and no more, so that memory
+"""Pixels per block, half a QVGA frame: enough that the cost of calling numpy hardly counts, and no more, so that memory
 stays small however large the frames are."""
 
 SEARCHED_BLOCK_PIXELS = 32768
-"""Pixels a block where paths are searched or refined: the last steps are for a few, and cost the same for any block."""
+"""Pixels per block where paths are searched or refined: the last steps are for a few, and cost the same for any block."""
 
 
 FREEING_ROUNDS = 3

@@ -149,7 +149,7 @@ def exr_parts(names: Mapping[str, tuple[str, str]]) -> Writer:
 
 
 def plane_files(suffix: str, **options: Any) -> Writer:
-    """Return a writer of one file a plane."""
+    """Return a writer of one file per plane."""
 
     def write(path: Path, frame: Stored) -> FrameSource:
         files = tuple(path.with_name(f"{path.name}_{name}{suffix}") for name in PLANE_NAMES)

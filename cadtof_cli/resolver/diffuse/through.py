@@ -103,7 +103,7 @@ def freed_paths(phasors: Complex, tails: Tails, /, *, kernel: str = NUMPY) -> Fr
 
 
 def _times(phasors: Complex, factors: Complex) -> Complex:
-    """Return phasors (H, n) times a factor a harmonic, in real numbers: the same bits wherever a pixel stands."""
+    """Return phasors (H, n) times one factor per harmonic, in real numbers: the same bits wherever a pixel stands."""
     product = np.empty_like(phasors)
     for out, p, factor in zip(product, phasors, factors, strict=True):
         out.real, out.imag = p.real * factor.real - p.imag * factor.imag, p.real * factor.imag + p.imag * factor.real

@@ -93,7 +93,7 @@ def moved_paths(points: Float, steps: Float, /) -> Float:
 
 @dataclass(frozen=True)
 class WhiteFit:
-    """The fit with the noise of ambient light alone: one weight a harmonic, the same in every direction."""
+    """The fit with the noise of ambient light alone: one weight per harmonic, the same in every direction."""
 
     measured: Measured
     weights: tuple[float, ...]

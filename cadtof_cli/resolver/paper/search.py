@@ -1,4 +1,4 @@
-"""Levenberg–Marquardt for Eq. (9): two unknowns a pixel, from one start after the other until none can better what was found.
+"""Levenberg–Marquardt for Eq. (9): two unknowns per pixel, from one start after the other until none can better what was found.
 
 The damping is a multiple of the misfit √cost (Fan and Yuan 2005, doi:10.1007/s00607-004-0083-1). The Jacobian vanishes on all
 real z in (0, 1), in proportion to the distance from there, and the misfit of light that one path nearly explains is of the order

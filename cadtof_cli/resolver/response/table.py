@@ -11,7 +11,7 @@ from cadtof_cli.phasors.response import NEGLIGIBLE_TERM, HarmonicResponse
 from cadtof_cli.resolver.kernels import NUMPY
 
 ENTRIES = 1 << 14
-"""Entries a turn. Linear interpolation is then wrong by less than 1e-7 of the amplitude for a triangle."""
+"""Entries per turn. Linear interpolation is then wrong by less than 1e-7 of the amplitude for a triangle."""
 
 STAGES = (0.5, 0.7, 0.87, 1.0)
 """Shares of the higher terms on the way from a sine to the response, for pixels that do not converge at once: closer towards

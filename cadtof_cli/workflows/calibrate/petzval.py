@@ -93,7 +93,7 @@ def _wall(capture: Capture, mean: FrameMean, folder: Path, earlier: Calibration 
 def _calibration_noise_m(earlier: Calibration, amplitude_v: Float, modulation: Modulation) -> Float:
     """Return the standard deviation in m, (Y, X), that noise of the dark and response maps brings into each pixel's range.
 
-    The maps' phase errors a harmonic are independent, and the range is their mean weighted by what each harmonic tells; one
+    The maps' phase errors at the harmonics are independent, and the range is their mean weighted by what each harmonic tells; one
     without any error, where no map was applied or a map is of one frame, tells all.
     """
     dark = earlier.dark.quality()["offset_stderr_v"] if earlier.dark else 0.0

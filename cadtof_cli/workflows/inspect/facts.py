@@ -33,7 +33,7 @@ from cadtof_cli.workflows.run_folder import is_run_folder, map_files, read_run
 
 @dataclass(frozen=True)
 class FrameFacts:
-    """What a frame holds: the range of stored values a plane, shares of bad pixels, the n_av that its noise shows, and
+    """What a frame holds: the range of stored values of each plane, shares of bad pixels, the n_av that its noise shows, and
     why its values cannot be voltages of the capture, or its planes are hardly those that they are read as."""
 
     problem: str | None = None
