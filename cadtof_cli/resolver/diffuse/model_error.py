@@ -24,19 +24,23 @@ UNIT = 0.02**2
 """Of those covariances."""
 
 FULL_MPI = 0.06
-"""Median |q_2 − 1| of a frame's patches from which errors are as large as that: where there is less MPI, less can be wrong of it.
-Nine of ten rendered rooms have more."""
+"""|q_2 − 1| of a patch, or in the median of a frame's, from which errors are as large as that: where there is less MPI, less can
+be wrong of it. Nine of ten rendered rooms have more in the median."""
 
 LEAST_SHARE = 0.02
 """Least share of these errors: no lens is without stray light."""
 
 
 def model_error(ratios: Complex, /) -> Float:
-    """Return the covariance of the errors of a frame's values, (2·further + 2,) * 2, in the order of `tail.free_of_direct`.
+    """Return the covariance of the errors of patches' values, (2·further + 2, 2·further + 2, n), in the order of
+    `tail.free_of_direct`.
 
-    `ratios`, (further, n), are the q_h of its patches. The error of arg H_1 is what those of the data say of it.
+    `ratios`, (further, n), are the q_h of all patches of a frame. Errors go with the MPI of the frame, or with that of the patch
+    where it has more: a frame with little of it may show dim surfaces that get most of their light from others. The error of arg
+    H_1 is what those of the data say of it.
     """
-    error: Float = full_error(len(ratios)) * mpi_share(ratios) ** 2
+    shares = np.clip(np.abs(ratios[0] - 1.0) / FULL_MPI, mpi_share(ratios), 1.0)
+    error: Float = full_error(len(ratios))[..., None] * shares**2
     return error
 
 

@@ -190,7 +190,7 @@ def _missed_by_two_paths(means: PatchMeans, valid: Bool, frame: _Frame) -> Float
         # there are none
         return np.zeros(np.count_nonzero(valid))
     patches = PatchData.of(means, valid, frame.variances, frame.settings.harmonics)
-    tolerated = np.diag(model_error(patches.ratios))[:-2].reshape(2, -1)
+    tolerated = np.diagonal(model_error(patches.ratios)).T[:-2].reshape(2, *patches.ratios.shape)
     with np.errstate(all="ignore"):
         return missed(SecondPaths.of(patches, kernel=frame.kernel), replace(patches, tolerated=tolerated))
 
@@ -286,8 +286,7 @@ def _error(ratios: Complex, amplitude: Float, pixels: Float, frame: _Frame) -> F
     strength = np.concatenate([np.ones((1, ratios.shape[1])), np.maximum(np.abs(ratios), LEAST_RATIO)]) * amplitude
     relative = frame.variances[:, None] / (strength**2 * pixels)
     count = 2 * len(ratios)
-    covariance = np.empty((count + 2, count + 2, ratios.shape[1]))
-    covariance[:] = model_error(ratios)[..., None]
+    covariance = model_error(ratios)
     for (i, j), value in noise_covariance(list(relative), harmonics=frame.settings.harmonics).items():
         if i < count:
             covariance[i, j] += value

@@ -48,7 +48,7 @@ FORETOLD_SNR = 5.0
 class PatchData:
     """What n patches show: q_h, (H − 1, n), and σ²/|p_h|² of every harmonic, (H, n), so numbered.
 
-    `tolerated`, (2, H − 1), are variances of ln|q_h| and arg q_h besides noise: what a model may get wrong.
+    `tolerated`, (2, H − 1, n), are variances of ln|q_h| and arg q_h besides noise: what a model may get wrong.
     """
 
     ratios: Complex
@@ -71,7 +71,7 @@ class PatchData:
         count = len(self.ratios)
         noise = np.stack([entries[first, second], entries[count + first, count + second]])
         if first == second and self.tolerated is not None:
-            noise += self.tolerated[:, first, None]
+            noise += self.tolerated[:, first]
         return noise
 
 

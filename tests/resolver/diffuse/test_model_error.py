@@ -59,7 +59,15 @@ def test_harmonics_beyond_the_third_say_of_the_lag_what_the_third_says_for_them(
 def test_where_there_is_less_mpi_less_is_wrong_of_it(off: float, share: float) -> None:
     """Errors are those of light that is not there: they go with how far q_2 is off 1, from .06 down, and never quite end."""
     ratios = np.stack([1.0 - off * np.exp(1j * np.linspace(0, 3, 50)), np.full(50, 0.5)])
-    np.testing.assert_allclose(model_error(ratios), share**2 * full_error(2))
+    np.testing.assert_allclose(model_error(ratios), np.repeat(share**2 * full_error(2)[..., None], 50, axis=2))
+
+
+def test_errors_go_with_the_mpi_of_a_patch_that_has_more_than_the_frame() -> None:
+    """A dim wall that a bright ball lights is wrong by as much as in a room, where the rest of the view has hardly any MPI."""
+    off = np.array([0.006, 0.006, 0.006, 0.003, 0.03, 0.06, 0.9])
+    ratios = (1.0 + off * np.exp(2j))[None]
+    shares = np.array([0.1, 0.1, 0.1, 0.1, 0.5, 1.0, 1.0])
+    np.testing.assert_allclose(model_error(ratios), full_error(1)[..., None] * shares**2)
 
 
 def test_a_share_of_mpi_is_that_of_the_patch_in_the_middle() -> None:
