@@ -35,7 +35,9 @@ def _read(path: Path, layout: FrameLayout = LAYOUT, index: int = 0) -> Stored:
     [lambda f: f, lambda f: f.reshape(4, 37, 53), np.asfortranarray, lambda f: f[np.newaxis]],
     ids=["HCYX", "planes", "fortran", "THCYX"],
 )
-def test_npy_frames_of_any_type_and_arrangement_are_read(dtype: str, arrange: Callable[[Stored], Stored], tmp_path: Path) -> None:
+def test_npy_frames_of_any_type_and_arrangement_are_read(
+    dtype: str, arrange: Callable[[Stored], Stored], tmp_path: Path
+) -> None:
     recorded = known_frame(np.dtype(dtype).newbyteorder("="))
     np.save(tmp_path / "frame.npy", arrange(recorded.astype(dtype)))
     found = _read(tmp_path / "frame.npy")
@@ -251,7 +253,9 @@ def _gdal(path: Path, plane: Stored) -> None:
 @pytest.mark.parametrize("dtype", ["u2", "u1"])
 @pytest.mark.parametrize("write", [_opencv, _pillow, _skimage, _imageio, _gdal])
 @pytest.mark.filterwarnings("ignore")
-def test_png_planes_of_any_program_are_a_frame(write: Callable[[Path, Stored], None], dtype: str, tmp_path: Path) -> None:
+def test_png_planes_of_any_program_are_a_frame(
+    write: Callable[[Path, Stored], None], dtype: str, tmp_path: Path
+) -> None:
     recorded = known_frame(dtype)
     files = tuple(tmp_path / f"plane_{index}.png" for index in range(4))
     for file, plane in zip(files, recorded.reshape(4, 37, 53), strict=True):

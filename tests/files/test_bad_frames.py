@@ -63,7 +63,9 @@ def test_a_frame_that_may_not_be_read_is_told_by_name(tmp_path: Path, monkeypatc
         (10, 3, "found 10 pages of 7 × 5 uint16, expected 12: layout.frames = 3 frames"),
     ],
 )
-def test_a_wrong_number_of_pages_says_what_is_expected(pages: int, frames: int | None, expected: str, tmp_path: Path) -> None:
+def test_a_wrong_number_of_pages_says_what_is_expected(
+    pages: int, frames: int | None, expected: str, tmp_path: Path
+) -> None:
     path = write_pages(tmp_path / "frame.tif", np.zeros((pages, 5, 7), "u2"))
     told = message(path, FrameLayout((1, 2), frames))
     assert told.startswith(f"{path}: found {pages} pages")
